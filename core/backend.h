@@ -1,0 +1,89 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+
+#include "core/result.h"
+#include "core/types.h"
+
+namespace omentum {
+
+/// One decision for one environment. Discrete heads fill `branch` (x, y, z, gripper indices of the preset's action
+/// table); the Gaussian head fills `continuous`: increment in units of task.increment_m, clipped to [-1, 1] per axis,
+/// and jaw, closed when > 0.
+struct Action {
+  std::array<std::uint8_t, 4> branch{};
+  std::array<float, 4> continuous{};
+};
+
+/// What one decision brought. The reward belongs to the state before the motion (seed_task.md section 7).
+struct StepOutcome {
+  float reward = 0;
+  bool terminated = false;
+  bool truncated = false;
+  bool held_before = false;
+  bool grasp_lost = false;
+};
+
+/// Facts of the running episode, for evaluation and summaries. Positions in W [m].
+struct EpisodeFacts {
+  std::uint64_t episode = 0;
+  std::uint32_t episode_step = 0;
+  std::uint32_t episode_limit = 0;
+  bool held = false;
+  bool grasped_ever = false;
+  bool reached = false;  ///< held and within success_radius of p_T at some step
+  bool lost_ever = false;
+  float exposure = 0;    ///< of the present state, by the reward's samples
+  double episode_return = 0;
+  std::array<double, 3> start_position{};
+  std::array<double, 3> grasp_position{};
+  std::array<double, 3> tool_position{};
+};
+
+/// Which episode to begin.
+struct EpisodeStart {
+  std::uint64_t run_seed = 0;
+  std::uint32_t slot = 0;
+  std::uint64_t episode = 0;
+  std::uint32_t episode_limit = 0;  ///< 0 = task default
+  StartSet start_set = StartSet::kTraining;
+  std::uint32_t start_index = 0;
+};
+
+/// A set of `lanes()` environments that advance together: the seam behind which simulation, robot and replay are the
+/// same thing. Lane k's results never depend on other lanes. Not thread-safe: one thread drives a backend.
+/// Contract test: tests/contract/backend_contract.h.
+class Backend {
+ public:
+  virtual ~Backend() = default;
+
+  virtual int lanes() const = 0;
+  virtual int observation_size() const = 0;
+  virtual std::uint32_t state_format() const = 0;
+
+  /// Begins an episode; whatever the lane held before leaves no trace.
+  virtual void reset(int lane, const EpisodeStart& start) = 0;
+  /// Restores a state written by save(). Fails, changing nothing, on a state of another format or size.
+  virtual Result<void> load(int lane, std::span<const std::byte> state) = 0;
+  /// The whole state of one lane, canonical bytes (independent of lane count and position).
+  virtual Bytes save(int lane) const = 0;
+
+  /// Writes observation_size() raw values.
+  virtual void observe(int lane, std::span<float> observation) const = 0;
+  /// Advances every lane by one decision. Spans have lanes() entries.
+  virtual void step(std::span<const Action> actions, std::span<StepOutcome> outcomes) = 0;
+
+  virtual EpisodeFacts facts(int lane) const = 0;
+  /// Action of the hold script: jaw closed, straight towards p_T, then stay.
+  virtual Action hold_action(int lane) const = 0;
+  /// False once the state of the lane went non-finite; the other lanes are untouched.
+  virtual bool healthy(int lane) const = 0;
+  /// Particle positions in W [m], x y z interleaved; for frames of recordings.
+  virtual void positions(int lane, std::vector<float>& out) const = 0;
+  /// Solver substeps per decision, for step accounting.
+  virtual std::uint32_t ticks_per_step() const = 0;
+};
+
+}  // namespace omentum

@@ -1,0 +1,51 @@
+#include "core/hash.h"
+
+#include <nmmintrin.h>
+#include <openssl/evp.h>
+
+#include <cstring>
+
+#include "core/check.h"
+
+namespace omentum {
+
+std::uint64_t fnv1a64(std::span<const std::byte> bytes, std::uint64_t seed) {
+  std::uint64_t hash = seed;
+  for (const std::byte b : bytes) {
+    hash = (hash ^ static_cast<std::uint64_t>(b)) * 0x100000001b3ULL;
+  }
+  return hash;
+}
+
+std::uint64_t fnv1a64(std::string_view text, std::uint64_t seed) {
+  return fnv1a64(std::as_bytes(std::span(text.data(), text.size())), seed);
+}
+
+std::uint32_t crc32c(std::span<const std::byte> bytes, std::uint32_t seed) {
+  std::uint64_t crc = ~seed;
+  std::size_t i = 0;
+  for (; i + 8 <= bytes.size(); i += 8) {
+    std::uint64_t word = 0;
+    std::memcpy(&word, bytes.data() + i, 8);
+    crc = _mm_crc32_u64(crc, word);
+  }
+  auto crc32 = static_cast<std::uint32_t>(crc);
+  for (; i < bytes.size(); ++i) crc32 = _mm_crc32_u8(crc32, static_cast<std::uint8_t>(bytes[i]));
+  return ~crc32;
+}
+
+Sha256 sha256(std::span<const std::byte> bytes) {
+  Sha256 digest{};
+  unsigned int size = 0;
+  const int ok = EVP_Digest(bytes.data(), bytes.size(), digest.data(), &size, EVP_sha256(), nullptr);
+  OMENTUM_CHECK(ok == 1 && size == digest.size());
+  return digest;
+}
+
+std::string hex(std::span<const std::uint8_t> bytes) {
+  std::string text;
+  for (const std::uint8_t b : bytes) text += fmt::format("{:02x}", b);
+  return text;
+}
+
+}  // namespace omentum

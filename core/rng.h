@@ -1,0 +1,52 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+
+namespace omentum {
+
+/// Philox4x32-10 [Salmon11]: a pure function (counter, key) -> four words. No generator state exists anywhere.
+using PhiloxWords = std::array<std::uint32_t, 4>;
+
+constexpr PhiloxWords philox(PhiloxWords counter, std::array<std::uint32_t, 2> key) {
+  for (int round = 0; round < 10; ++round) {
+    const std::uint64_t product0 = std::uint64_t{0xD2511F53u} * counter[0];
+    const std::uint64_t product1 = std::uint64_t{0xCD9E8D57u} * counter[2];
+    counter = {static_cast<std::uint32_t>(product1 >> 32) ^ counter[1] ^ key[0],
+               static_cast<std::uint32_t>(product1),
+               static_cast<std::uint32_t>(product0 >> 32) ^ counter[3] ^ key[1],
+               static_cast<std::uint32_t>(product0)};
+    key[0] += 0x9E3779B9u;
+    key[1] += 0xBB67AE85u;
+  }
+  return counter;
+}
+
+/// What a draw is for; part of the counter. Values reach results: do not change.
+enum class Purpose : std::uint32_t {
+  kAction = 0,
+  kReset = 1,
+  kDynamics = 2,
+  kObservationNoise = 3,
+  kActuationNoise = 4,
+  kShuffle = 5,
+  kWeights = 6,
+  kEvaluation = 7,
+};
+
+/// Counter layout of learner.md section 4.3: key = run seed, counter = (slot, purpose 2^24 + draw, episode, step).
+constexpr PhiloxWords random_words(std::uint64_t run_seed, std::uint32_t slot, Purpose purpose, std::uint32_t draw,
+                                   std::uint64_t episode, std::uint32_t step) {
+  return philox({slot, (static_cast<std::uint32_t>(purpose) << 24) + draw, static_cast<std::uint32_t>(episode), step},
+                {static_cast<std::uint32_t>(run_seed), static_cast<std::uint32_t>(run_seed >> 32)});
+}
+
+/// Uniform in [0, 1) with 24 bits: exact in f32.
+constexpr float uniform_24(std::uint32_t word) { return static_cast<float>(word >> 8) * 0x1p-24f; }
+
+/// Uniform integer in [0, bound) from 32 random bits, multiply-shift (bias < bound / 2^32).
+constexpr std::uint32_t bounded(std::uint32_t word, std::uint32_t bound) {
+  return static_cast<std::uint32_t>((std::uint64_t{word} * bound) >> 32);
+}
+
+}  // namespace omentum

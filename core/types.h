@@ -1,0 +1,218 @@
+#pragma once
+
+// What travels between learner, workers and gateway, as plain values. core/wire.* maps these to the IDL types,
+// nothing else in the product knows the generated ones. Field meaning and limits: wire.md sections 2 and 3.3.
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "core/hash.h"
+
+namespace omentum {
+
+using Bytes = std::vector<std::byte>;
+
+/// Values reach the wire: do not change.
+enum class TaskKind : std::uint32_t { kRollout = 0, kEvaluate = 1, kReplay = 2 };
+
+/// Which fixed starts an evaluate task uses. Values reach the wire: do not change.
+enum class StartSet : std::uint32_t {
+  kTraining = 0,      ///< drawn from (run_seed, slot, episode)
+  kGrid = 1,          ///< scene.start_grid, the 100 cells
+  kRobotGrid = 2,     ///< scene.robot_grid, the 25 cells
+  kGraspLattice = 3,  ///< settled sheet, jaw closed on particle start_index, no policy: lift to p_T and hold
+};
+
+enum class Source : std::uint32_t { kSimulation = 0, kDvrk = 1, kReplay = 2 };
+
+/// Values reach the wire: do not change.
+enum class Outcome : std::uint8_t { kTargetReached = 0, kTruncated = 1, kGraspLost = 2, kSafetyStop = 3, kError = 4 };
+
+/// Bits of RolloutSegment::flags. Values reach the wire: do not change.
+namespace step_flag {
+inline constexpr std::uint8_t kTerminated = 1;
+inline constexpr std::uint8_t kTruncated = 2;
+inline constexpr std::uint8_t kFirst = 4;       ///< first step of an episode
+inline constexpr std::uint8_t kHeld = 8;        ///< tissue held before the step
+inline constexpr std::uint8_t kGraspLost = 16;  ///< tissue lost during the step
+inline constexpr std::uint8_t kScripted = 32;   ///< action chosen by the hold script, not by the policy
+}  // namespace step_flag
+
+/// A version of the policy: all parameters of actor and critic in the order of core/policy.h, and the observation
+/// normaliser that belongs to them.
+struct PolicyWeights {
+  std::uint32_t policy_id = 0;  ///< hash of the run name
+  std::uint32_t learner_epoch = 0;
+  std::uint64_t policy_version = 0;  ///< finished updates
+  Sha256 weights_hash{};             ///< of parameters and normaliser, canonical bytes
+  std::uint64_t layout_hash = 0;
+  std::uint64_t config_hash = 0;
+  std::vector<float> parameters;
+  std::vector<float> obs_mean;     ///< empty = not normalised
+  std::vector<float> obs_inv_std;  ///< same size as obs_mean
+  std::int64_t published_at_ns = 0;
+};
+
+/// One grant: a pure function call for some worker.
+struct RolloutTask {
+  std::uint32_t slot = 0;
+  std::uint64_t segment = 0;
+  std::uint32_t grant = 0;
+  std::uint32_t worker_id = 0;
+  std::uint32_t learner_epoch = 0;
+  std::uint64_t task_hash = 0;  ///< hash_task() below
+  std::uint64_t policy_version = 0;
+  Sha256 weights_hash{};
+  std::uint64_t config_hash = 0;
+  TaskKind kind = TaskKind::kRollout;
+  bool greedy = false;
+  StartSet start_set = StartSet::kTraining;
+  std::uint32_t start_index = 0;
+  std::uint32_t steps = 0;  ///< decisions to run; evaluate: upper limit, hold included
+  std::uint64_t run_seed = 0;
+  std::uint64_t episode = 0;
+  std::uint32_t episode_step = 0;
+  std::uint32_t episode_limit = 0;  ///< this episode is truncated after so many decisions; 0 = task default (stagger)
+  bool reset = false;               ///< start a fresh episode; start_state is empty
+  std::uint32_t state_format = 0;
+  std::uint64_t start_hash = 0;
+  Bytes start_state;
+  std::string scene_override;         ///< replay: text protobuf merged into the scene
+  std::vector<float> commands;        ///< replay: steps x 4 continuous values (dx, dy, dz in units of increment, jaw)
+  std::uint32_t frame_stride = 0;     ///< > 0: the segment carries tissue frames and state hashes
+  std::int64_t granted_at_ns = 0;
+};
+
+/// Result of a task: steps and end state. Arrays are row-major, first index the step.
+struct RolloutSegment {
+  std::uint32_t slot = 0;
+  std::uint64_t segment = 0;
+  std::uint32_t grant = 0;
+  std::uint32_t worker_id = 0;
+  std::uint32_t learner_epoch = 0;
+  std::uint64_t task_hash = 0;
+  std::uint64_t policy_version = 0;
+  std::uint64_t build_id = 0;
+  Source source = Source::kSimulation;
+  std::uint32_t steps = 0;
+  std::vector<float> observations;      ///< steps x O, raw
+  std::vector<std::uint8_t> actions;    ///< steps x 4, branch indices
+  std::vector<float> actions_continuous;///< steps x 4 with a Gaussian head, else empty
+  std::vector<std::uint16_t> masks;     ///< steps, bit per action; empty = no masking
+  std::vector<float> log_probs;         ///< steps, joint
+  std::vector<float> rewards;           ///< steps
+  std::vector<float> values;            ///< steps
+  std::vector<std::uint8_t> flags;      ///< steps, step_flag
+  std::vector<float> bootstrap_observation;  ///< O, after the last step
+  std::vector<float> final_observations;     ///< O per truncated episode inside the segment
+  std::vector<std::uint32_t> episode_end_step;
+  std::vector<double> episode_return;
+  std::vector<std::uint32_t> episode_length;
+  std::vector<std::uint8_t> episode_outcome;  ///< Outcome
+  std::vector<float> episode_exposure;        ///< at the end of the episode
+  std::vector<std::uint8_t> episode_grasped;  ///< 1 if tissue was held at any step of the episode
+  std::vector<float> episode_grasp_position;  ///< 3 per episode, first grasp in W [m]; NaN if none
+  std::vector<float> episode_start_position;  ///< 3 per episode, tool start in W [m]
+  std::uint64_t end_episode = 0;
+  std::uint32_t end_episode_step = 0;
+  std::uint32_t end_episode_limit = 0;
+  std::uint32_t state_format = 0;
+  std::uint64_t end_hash = 0;
+  Bytes end_state;
+  std::uint32_t failed = 0;     ///< 1: a lane went non-finite; steps counts the good ones
+  std::string failure;          ///< reason when failed
+  std::uint64_t physics_ticks = 0;  ///< solver substeps run
+  std::vector<std::uint64_t> state_hashes;            ///< steps, when frame_stride > 0
+  std::vector<float> frame_positions_in_world_m;      ///< frames x particles x 3
+  std::vector<float> tool_positions_in_world_m;       ///< steps x 3, when frame_stride > 0
+  std::vector<float> exposures;                       ///< steps, when frame_stride > 0
+  std::uint32_t payload_crc32c = 0;
+  std::int64_t compute_time_ns = 0;
+  std::int64_t wait_time_ns = 0;
+  std::int64_t granted_at_ns = 0;
+};
+
+enum class WorkerPhase : std::uint32_t { kStarting = 0, kIdle = 1, kCollecting = 2, kDraining = 3 };
+
+struct WorkerStatus {
+  std::uint32_t worker_id = 0;
+  std::string host;
+  std::string program_version;
+  std::uint32_t pid = 0;
+  std::uint64_t build_id = 0;
+  std::uint32_t lanes = 0;
+  WorkerPhase phase = WorkerPhase::kStarting;
+  std::uint32_t learner_epoch = 0;
+  std::uint64_t policy_version = 0;
+  std::uint64_t tasks_received = 0;
+  std::uint64_t tasks_declined_no_weights = 0;
+  std::uint64_t tasks_declined_config = 0;
+  std::uint64_t tasks_declined_state = 0;
+  std::uint64_t tasks_declined_epoch = 0;
+  std::uint64_t tasks_abandoned = 0;
+  std::uint64_t tasks_in_progress = 0;
+  std::uint64_t segments_published = 0;
+  std::uint64_t write_timeouts = 0;
+  std::uint64_t steps = 0;
+  double steps_per_s = 0;
+  double sim_time_fraction = 0;
+  std::uint64_t socket_receive_buffer_bytes = 0;
+  std::uint64_t rexmit_bytes = 0;
+  std::uint64_t throttle_count = 0;
+  std::uint64_t time_throttle_ns = 0;
+  std::vector<std::string> warnings;
+};
+
+enum class LearnerPhase : std::uint32_t { kWaiting = 0, kUpdating = 1, kSaving = 2, kEvaluating = 3, kPaused = 4, kDone = 5 };
+
+struct LearnerStatus {
+  std::string run_id;
+  std::uint32_t learner_epoch = 0;
+  std::uint64_t policy_version = 0;
+  std::uint64_t batch = 0;
+  LearnerPhase phase = LearnerPhase::kWaiting;
+  std::uint64_t granted = 0, regranted = 0, received = 0, admitted = 0, duplicate = 0, stale = 0, invalid = 0;
+  std::uint64_t cancelled = 0, foreign = 0, overflow = 0, outstanding = 0, audit_mismatch = 0;
+  std::uint32_t workers_alive = 0;
+  double oldest_task_age_s = 0;
+  std::uint64_t steps_total = 0;
+  double steps_per_s = 0, bytes_up_per_s = 0, bytes_down_per_s = 0;
+  double mean_return = 0, mean_length = 0, approx_kl = 0, entropy = 0, explained_variance = 0;
+  Sha256 weights_hash{};
+  std::vector<std::uint32_t> worker_ids;
+  std::vector<std::uint8_t> worker_phases;
+  std::vector<double> worker_steps_per_s;
+};
+
+struct EpisodeSummary {
+  Source source = Source::kSimulation;
+  std::uint32_t slot = 0;
+  std::uint64_t episode = 0;
+  std::uint64_t first_version = 0, last_version = 0;
+  std::uint32_t length_steps = 0;
+  double return_sum = 0, return_discounted = 0;
+  Outcome outcome = Outcome::kTruncated;
+  float exposure_fraction = 0;
+  std::array<double, 3> start_position_in_world_m{};
+  std::array<double, 3> grasp_position_in_world_m{};
+};
+
+struct RunManifest {
+  std::string run_id;
+  std::uint32_t learner_epoch = 0;
+  std::string config_text;  ///< resolved text protobuf
+  std::uint64_t config_hash = 0, layout_hash = 0, build_id = 0;
+  std::string git_revision;
+  std::uint64_t run_seed = 0;
+  std::uint32_t slots = 0, steps_per_segment = 0, lead = 0, state_format = 0;
+  std::vector<std::string> observation_names, action_names;
+};
+
+/// Identity of a task (wire.md 2.2): FNV-1a over the canonical little-endian bytes of everything that decides its
+/// result. Grant, worker, epoch and times are excluded.
+std::uint64_t hash_task(const RolloutTask& task);
+
+}  // namespace omentum
