@@ -50,6 +50,7 @@ struct EpisodeStart {
   std::uint32_t episode_limit = 0;  ///< 0 = task default
   StartSet start_set = StartSet::kTraining;
   std::uint32_t start_index = 0;
+  bool follows_episode = false;  ///< the lane just finished an episode of the same slot (matters to named defects only)
 };
 
 /// A set of `lanes()` environments that advance together: the seam behind which simulation, robot and replay are the
@@ -75,7 +76,12 @@ class Backend {
   /// Advances every lane by one decision. Spans have lanes() entries.
   virtual void step(std::span<const Action> actions, std::span<StepOutcome> outcomes) = 0;
 
+  /// All facts, the exposure of the present state included (that costs a projection of the surface).
   virtual EpisodeFacts facts(int lane) const = 0;
+  /// The same without the exposure: cheap, for every step.
+  virtual EpisodeFacts clock(int lane) const = 0;
+  /// The tool stands at p_T as near as the action table can bring it.
+  virtual bool at_target(int lane) const = 0;
   /// Action of the hold script: jaw closed, straight towards p_T, then stay.
   virtual Action hold_action(int lane) const = 0;
   /// False once the state of the lane went non-finite; the other lanes are untouched.

@@ -1,30 +1,64 @@
 #pragma once
 
 #include <array>
+#include <cstddef>
 #include <cstdint>
 #include <span>
 #include <string>
 #include <vector>
 
+#include "core/aligned.h"
+#include "core/rng.h"
 #include "core/types.h"
 #include "proto/config.pb.h"
 
 namespace omentum {
 
+/// Normalised observations are clipped to +- this (learner.md 5, row 19).
+inline constexpr float kObservationClip = 10.0F;
+
+/// Dimensions of the Gaussian head: three increments and the jaw.
+inline constexpr int kContinuousDimensions = 4;
+
 /// Shape of actor and critic: two separate networks O -> hidden -> hidden -> heads, and -> 1.
-/// With `continuous` the actor head is 4 means and 4 state-independent log standard deviations follow.
+/// With `continuous` the actor head is 4 means and 4 state-independent log standard deviations
+/// follow.
 struct PolicyShape {
   int observations = 0;
-  std::vector<int> branches;  ///< sizes of the discrete branches, e.g. 3 3 3 2; empty with `continuous`
+  std::vector<int>
+      branches;  ///< sizes of the discrete branches, e.g. 3 3 3 2; empty with `continuous`
   bool continuous = false;
   int hidden = 128;
   pb::Activation activation = pb::ACTIVATION_TANH;
   bool head_bias = true;
 
-  int logits() const;                ///< sum of branches, or 4
+  int logits() const;        ///< sum of branches (at most 16), or 4
+  int branch_count() const;  ///< branches, or 4: terms of the joint log-probability
   std::size_t parameter_count() const;
-  std::uint64_t layout_hash() const; ///< over every field above
+  std::uint64_t layout_hash() const;  ///< over every field above
 };
+
+/// Offsets of one network inside PolicyWeights::parameters. O observations, H hidden, L outputs.
+struct NetworkLayout {
+  int outputs = 0;
+  bool has_head_bias = true;
+  std::size_t weights1 = 0;   ///< O x H, row = input
+  std::size_t bias1 = 0;      ///< H
+  std::size_t weights2 = 0;   ///< H x H, row = input
+  std::size_t bias2 = 0;      ///< H
+  std::size_t head = 0;       ///< L x H, row = output
+  std::size_t head_bias = 0;  ///< L, absent without has_head_bias
+};
+
+/// The canonical order of all parameters: actor, log_std (4, Gaussian head only), critic. It
+/// reaches wire, disk and hashes: do not change without a new layout_hash.
+struct ParameterLayout {
+  NetworkLayout actor;
+  std::size_t log_std = 0;
+  NetworkLayout critic;
+  std::size_t count = 0;
+};
+ParameterLayout parameter_layout(const PolicyShape& shape);
 
 /// The random counter of one sampled action (learner.md 4.3).
 struct ActionCounter {
@@ -32,6 +66,7 @@ struct ActionCounter {
   std::uint32_t slot = 0;
   std::uint64_t episode = 0;
   std::uint32_t episode_step = 0;
+  Purpose purpose = Purpose::kAction;  ///< kEvaluation in evaluate tasks
 };
 
 /// What the policy decided for one environment.
@@ -42,34 +77,63 @@ struct Decision {
   float value = 0;
 };
 
-/// The behaviour policy: normaliser, actor, critic, sampling. One kernel for workers, learner and gateway, in panels
-/// of lanes with every output accumulated in ascending input order by fused multiply-add, so the result for one
-/// observation is bit-identical whatever batch it came in. Not thread-safe (scratch memory); make one per thread.
+/// The behaviour policy: normaliser, actor, critic, sampling. One kernel for workers, learner and
+/// gateway in which every output accumulates in ascending input order by fused multiply-add
+/// (core/gemm.h) and the head works on eight samples as lanes, so the result for one observation is
+/// bit-identical whatever batch it came in. No call allocates. Not thread-safe (scratch memory);
+/// make one per thread. Copies are independent.
 class Policy {
  public:
-  /// Aborts if weights.parameters.size() != shape.parameter_count().
+  /// Aborts if the sizes of `weights` do not fit `shape`; callers check layout_hash first.
   Policy(const PolicyShape& shape, PolicyWeights weights);
 
   const PolicyShape& shape() const { return shape_; }
   const PolicyWeights& weights() const { return weights_; }
 
-  /// Decides for n environments: observations n x O raw, one counter each. `greedy` takes the arg max (lowest index
-  /// wins a tie) or the mean. `masks` (n, bit per action in branch order, 1 = allowed) may be empty.
-  void act(std::span<const float> observations, std::span<const ActionCounter> counters, bool greedy,
-           std::span<const std::uint16_t> masks, std::span<Decision> decisions);
+  /// Decides for n environments: observations n x O raw, one counter each. `greedy` takes the arg
+  /// max (lowest index wins a tie) or the mean. `masks` (n, bit per action in branch order, 1 =
+  /// allowed) may be empty. Sampling: one random_words() call gives one word per branch; u =
+  /// uniform_24(word); the first action whose cumulative probability exceeds u, the last one takes
+  /// the remainder. Gaussian: mean + std times the normal quantile of (u + 2^-25).
+  void act(std::span<const float> observations, std::span<const ActionCounter> counters,
+           bool greedy, std::span<const std::uint16_t> masks, std::span<Decision> decisions);
 
-  /// Joint log-probability of given actions and the value, for the learner's integrity check and for replay:
-  /// the same bits that act() returned.
+  /// Joint log-probability of given actions and the value, for the learner's integrity check and
+  /// for replay: the same bits that act() returned. branches_taken: n x 4 (discrete head);
+  /// continuous_taken: n x 4 (Gaussian). `branch_log_probs`, n x 4, may be empty; unused branches
+  /// get 0; their ascending sum is the joint value.
   void evaluate(std::span<const float> observations, std::span<const std::uint8_t> branches_taken,
                 std::span<const float> continuous_taken, std::span<const std::uint16_t> masks,
-                std::span<float> log_probs, std::span<float> values);
+                std::span<float> log_probs, std::span<float> values,
+                std::span<float> branch_log_probs = {});
+
+  /// Values alone, for bootstrapping: the same bits that act() and evaluate() return.
+  void estimate(std::span<const float> observations, std::span<float> values);
 
  private:
-  void forward(const float* observations, int count);  ///< one panel of up to 8 observations -> logits_, values_
+  /// Weights of one network, packed for gemm().
+  struct Packed {
+    AlignedFloats weights1, bias1, weights2, bias2, head, head_bias;
+  };
+  /// Eight samples with the sample as the innermost index.
+  struct Panel;
+
+  Packed pack(const NetworkLayout& layout) const;
+  void forward(const Packed& network, int count, int output_columns, float* outputs);
+  void activate(float* values, int count) const;
+  const float* normalise(const float* observations, int count);
+  Panel load_panel(int first, int count, std::span<const std::uint16_t> masks, int offset) const;
+  void sample_discrete(Panel& panel, bool greedy) const;
+  void sample_gaussian(Panel& panel, bool greedy) const;
+  void score(Panel& panel) const;
 
   PolicyShape shape_;
   PolicyWeights weights_;
-  std::vector<float> scratch_;
+  int padded_hidden_ = 0;
+  Packed actor_, critic_;
+  std::array<float, 4> std_{}, inverse_std_{}, log_std_{};
+  const float* inputs_ = nullptr;  ///< of the block in work: normalised or the caller's
+  AlignedFloats normalised_, hidden1_, hidden2_, logits_, values_;
 };
 
 /// SHA-256 over parameters and normaliser in canonical little-endian bytes.
@@ -79,6 +143,7 @@ Sha256 hash_weights(std::span<const float> parameters, std::span<const float> ob
 /// Observation and action layout of a task configuration.
 PolicyShape policy_shape(const pb::Config& config);
 std::vector<std::string> observation_names(const pb::Task& task);
+/// One name per branch (or continuous dimension): x, y, z, gripper; jaw for the Gaussian head.
 std::vector<std::string> action_names(const pb::Task& task);
 
 }  // namespace omentum

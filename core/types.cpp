@@ -22,6 +22,8 @@ std::uint64_t hash_task(const RolloutTask& task) {
   add(task.episode);
   add(task.episode_step);
   add(task.episode_limit);
+  add(task.policy_steps);
+  add(task.hold_steps);
   add(static_cast<std::uint32_t>(task.reset));
   add(task.start_hash);
   hash = fnv1a64(task.scene_override, hash);

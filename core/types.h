@@ -76,6 +76,8 @@ struct RolloutTask {
   std::uint64_t episode = 0;
   std::uint32_t episode_step = 0;
   std::uint32_t episode_limit = 0;  ///< this episode is truncated after so many decisions; 0 = task default (stagger)
+  std::uint32_t policy_steps = 0;   ///< evaluate: the policy acts for at most so many decisions; then the task ends
+  std::uint32_t hold_steps = 0;     ///< evaluate: decisions of hold at p_T once reached
   bool reset = false;               ///< start a fresh episode; start_state is empty
   std::uint32_t state_format = 0;
   std::uint64_t start_hash = 0;

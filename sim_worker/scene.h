@@ -8,6 +8,7 @@
 #include <Eigen/Core>
 #include <Eigen/Geometry>
 
+#include "core/psm.h"
 #include "proto/scene.pb.h"
 #include "sim_worker/mesh.h"
 
@@ -67,5 +68,8 @@ struct Scene {
 /// Resolves a scene; relative mesh paths start at `directory`. Throws Error (one line) for anything that cannot be
 /// simulated: open mesh, lengths or gravity that do not fit metres, unreachable starts, no particles.
 Scene make_scene(const pb::Scene& config, const std::string& directory);
+
+/// Arm base, tool orientation and workspace of the scene, for limit_command().
+ToolMount scene_tool_mount(const Scene& scene);
 
 }  // namespace omentum

@@ -1,0 +1,167 @@
+// Speed of learning and of the behaviour policy on one core: thread CPU time, best of several
+// repetitions.
+//   ppo.us_per_sample_epoch   one minibatch step (forward, four-branch loss, backward, Adam,
+//   gradient norm, shuffle,
+//                             GAE and normaliser included) per sample, 14 observations, 2 x 128,
+//                             minibatch 256
+//   policy.us_per_row         act(): actor, critic, sampling, log-probability, per row at 16 rows
+//   machine.fma_peak_gflops   measured: independent fused multiply-adds, eight lanes
+// Peer: benchmarks/torch_ppo.py with the same shapes and loss.
+
+#include <fmt/core.h>
+#include <immintrin.h>
+#include <time.h>
+
+#include <algorithm>
+#include <functional>
+#include <string>
+
+#include "core/policy.h"
+#include "learner/ppo.h"
+
+namespace omentum {
+namespace {
+
+double seconds(clockid_t clock) {
+  timespec now{};
+  clock_gettime(clock, &now);
+  return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
+}
+
+/// Smallest time of `repetitions` calls [s].
+double best_time(int repetitions, clockid_t clock, const std::function<void()>& work) {
+  double best = 1e30;
+  for (int i = 0; i < repetitions; ++i) {
+    const double start = seconds(clock);
+    work();
+    best = std::min(best, seconds(clock) - start);
+  }
+  return best;
+}
+
+float noise(std::uint32_t i, std::uint32_t stream) {
+  return 2 * uniform_24(philox({i, stream, 0, 0}, {7, 7})[0]) - 1;
+}
+
+Batch make_batch(Policy& policy, int slots, int steps) {
+  const int width = policy.shape().observations;
+  std::vector<RolloutSegment> segments(static_cast<std::size_t>(slots));
+  std::uint32_t n = 0;
+  for (std::size_t slot = 0; slot < segments.size(); ++slot) {
+    RolloutSegment& s = segments[slot];
+    s.slot = static_cast<std::uint32_t>(slot);
+    s.steps = static_cast<std::uint32_t>(steps);
+    s.end_episode_step = s.steps;
+    for (int i = 0; i < steps * width; ++i) s.observations.push_back(noise(n++, 1));
+    s.bootstrap_observation.assign(static_cast<std::size_t>(width), 0.5F);
+    std::vector<ActionCounter> counters(s.steps);
+    for (std::uint32_t i = 0; i < s.steps; ++i) counters[i] = {1, s.slot, 0, i, Purpose::kAction};
+    std::vector<Decision> decisions(s.steps);
+    policy.act(s.observations, counters, false, {}, decisions);
+    for (const Decision& d : decisions) {
+      s.actions.insert(s.actions.end(), d.branch.begin(), d.branch.end());
+      s.log_probs.push_back(d.log_prob);
+      s.values.push_back(d.value);
+      s.rewards.push_back(noise(n++, 2));
+      s.flags.push_back(0);
+    }
+  }
+  Batch batch = assemble(segments, policy.shape());
+  complete_batch(policy, batch);
+  return batch;
+}
+
+double fma_peak_gflops() {
+  constexpr int kChains = 12;
+  constexpr int kTurns = 2'000'000;
+  __m256 sum[kChains];
+  for (int i = 0; i < kChains; ++i) sum[i] = _mm256_set1_ps(static_cast<float>(i));
+  const __m256 a = _mm256_set1_ps(0.999F), b = _mm256_set1_ps(0.001F);
+  const double time = best_time(5, CLOCK_THREAD_CPUTIME_ID, [&] {
+    for (int turn = 0; turn < kTurns; ++turn) {
+      for (int i = 0; i < kChains; ++i) {
+        sum[i] = _mm256_fmadd_ps(sum[i], a, b);
+        asm volatile("" : "+x"(sum[i]));
+      }
+    }
+  });
+  return 2.0 * 8 * kChains * kTurns / time * 1e-9;
+}
+
+pb::Config config_of(std::uint32_t minibatch, int slots) {
+  pb::Config config;
+  config.mutable_ppo()->set_minibatch(minibatch);
+  config.mutable_ppo()->set_epochs(3);
+  config.mutable_rollout()->set_slots(static_cast<std::uint32_t>(slots));
+  return config;
+}
+
+/// Multiply-adds of one sample, forward and backward, without the gradient of the inputs; times
+/// two.
+double flop_per_sample(const PolicyShape& shape) {
+  const double h = shape.hidden, o = shape.observations;
+  const auto network = [&](double outputs) {
+    return 2 * (2 * o * h + 3 * h * h + 3 * h * outputs);
+  };
+  return network(shape.logits()) + network(1);
+}
+
+int run() {
+  constexpr int kSlots = 32, kSteps = 320;
+  const double peak = fma_peak_gflops();
+  fmt::print("machine.fma_peak_gflops {:.1f} GFLOP/s\n", peak);
+  for (const std::uint32_t minibatch : {64u, 256u, 1024u}) {
+    for (const int threads : {1, 2}) {
+      const pb::Config config = config_of(minibatch, kSlots);
+      const PolicyShape shape = policy_shape(config);
+      Ppo ppo(config, shape, threads);
+      Policy policy(shape, ppo.weights());
+      const Batch batch = make_batch(policy, kSlots, kSteps);
+      const clockid_t clock = threads == 1 ? CLOCK_THREAD_CPUTIME_ID : CLOCK_MONOTONIC;
+      const double time = best_time(8, clock, [&] { ppo.update(batch); });
+      const double us = time * 1e6 / (3.0 * kSlots * kSteps);
+      const std::string suffix = (minibatch == 256 ? "" : fmt::format(".minibatch_{}", minibatch)) +
+                                 (threads == 1 ? "" : fmt::format(".threads_{}", threads));
+      const double gflops = flop_per_sample(shape) / us * 1e-3;
+      fmt::print(
+          "ppo.us_per_sample_epoch{} {:.3f} us   # {:.0f} GFLOP/s, {:.0f} % of the FMA peak of one "
+          "core\n",
+          suffix, us, gflops, 100 * gflops / peak);
+    }
+  }
+  const pb::Config config = config_of(256, kSlots);
+  const PolicyShape shape = policy_shape(config);
+  Ppo ppo(config, shape, 1);
+  Policy policy(shape, ppo.weights());
+  const Batch batch = make_batch(policy, kSlots, kSteps);
+  for (const std::size_t rows : {1u, 2u, 8u, 16u, 64u}) {
+    std::vector<Decision> decisions(rows);
+    std::vector<ActionCounter> counters(rows);
+    const std::span<const float> observations =
+        std::span(batch.observations).first(rows * static_cast<std::size_t>(shape.observations));
+    constexpr int kCalls = 2000;
+    const double time = best_time(10, CLOCK_THREAD_CPUTIME_ID, [&] {
+      for (int i = 0; i < kCalls; ++i) policy.act(observations, counters, false, {}, decisions);
+    });
+    fmt::print("policy.us_per_row{} {:.3f} us\n", rows == 16 ? "" : fmt::format(".rows_{}", rows),
+               time * 1e6 / kCalls / static_cast<double>(rows));
+    if (rows != 8 && rows != 16) continue;
+    std::vector<float> values(rows);
+    const double critic = best_time(10, CLOCK_THREAD_CPUTIME_ID, [&] {
+      for (int i = 0; i < kCalls; ++i) policy.estimate(observations, values);
+    });
+    fmt::print("policy.actor_us_per_row.rows_{} {:.3f} us   # act() without the critic\n", rows,
+               (time - critic) * 1e6 / kCalls / static_cast<double>(rows));
+  }
+  Batch checked = batch;
+  const double check =
+      best_time(5, CLOCK_THREAD_CPUTIME_ID, [&] { complete_batch(policy, checked); });
+  fmt::print("policy.check_us_per_step {:.3f} us\n",
+             check * 1e6 / static_cast<double>(batch.rows()));
+  return 0;
+}
+
+}  // namespace
+}  // namespace omentum
+
+int main() { return omentum::run(); }

@@ -1,0 +1,352 @@
+#include "core/config.h"
+
+#include <fmt/format.h>
+#include <google/protobuf/io/tokenizer.h>
+#include <google/protobuf/text_format.h>
+
+#include <algorithm>
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <limits>
+#include <sstream>
+
+#include "core/check.h"
+#include "core/hash.h"
+
+#ifndef OMENTUM_GIT_REVISION
+#define OMENTUM_GIT_REVISION "unknown"
+#endif
+
+namespace omentum {
+namespace {
+
+namespace protobuf = google::protobuf;
+using protobuf::FieldDescriptor;
+
+/// Keeps the first error with its place.
+class FirstError : public protobuf::io::ErrorCollector {
+ public:
+  explicit FirstError(std::string name) : name_(std::move(name)) {}
+  void AddError(int line, int column, const std::string& message) override {
+    if (text_.empty()) text_ = fmt::format("{}:{}:{}: {}", name_, line + 1, column + 1, message);
+  }
+  const std::string& text() const { return text_; }
+
+ private:
+  std::string name_;
+  std::string text_;
+};
+
+void merge_text(const std::string& name, const std::string& text, protobuf::Message& message) {
+  FirstError error(name);
+  protobuf::TextFormat::Parser parser;
+  parser.RecordErrorsTo(&error);
+  if (!parser.MergeFromString(text, &message)) {
+    throw_error("{}", error.text().empty() ? name + ": cannot be parsed" : error.text());
+  }
+}
+
+std::string read_file(const std::string& path) {
+  std::ifstream file(path, std::ios::binary);
+  if (!file) throw_error("{}: cannot be opened", path);
+  std::ostringstream text;
+  text << file.rdbuf();
+  return text.str();
+}
+
+/// Messages that always exist; all others only when the scene names them (a mesh, a box, a pose).
+bool always_present(const FieldDescriptor& field) {
+  static const char* const names[] = {"omentum.pb.Config.scene",      "omentum.pb.Config.task",
+                                      "omentum.pb.Config.grasp",      "omentum.pb.Config.defects",
+                                      "omentum.pb.Config.rollout",    "omentum.pb.Config.ppo",
+                                      "omentum.pb.Config.evaluation", "omentum.pb.Config.run",
+                                      "omentum.pb.Scene.tissue",      "omentum.pb.Scene.tool",
+                                      "omentum.pb.Scene.camera",      "omentum.pb.Tissue.cluster"};
+  return std::any_of(std::begin(names), std::end(names), [&](const char* n) { return field.full_name() == n; });
+}
+
+/// Writes every default explicitly, so that the printed configuration is complete.
+void fill_defaults(protobuf::Message& message) {
+  const auto* descriptor = message.GetDescriptor();
+  const auto* reflection = message.GetReflection();
+  for (int i = 0; i < descriptor->field_count(); ++i) {
+    const FieldDescriptor* field = descriptor->field(i);
+    if (field->is_repeated()) {
+      if (field->cpp_type() != FieldDescriptor::CPPTYPE_MESSAGE) continue;
+      for (int k = 0; k < reflection->FieldSize(message, field); ++k) {
+        fill_defaults(*reflection->MutableRepeatedMessage(&message, field, k));
+      }
+      continue;
+    }
+    if (field->cpp_type() == FieldDescriptor::CPPTYPE_MESSAGE) {
+      if (reflection->HasField(message, field) || always_present(*field)) {
+        fill_defaults(*reflection->MutableMessage(&message, field));
+      }
+      continue;
+    }
+    if (reflection->HasField(message, field) || field->containing_oneof() != nullptr) continue;
+    switch (field->cpp_type()) {
+      case FieldDescriptor::CPPTYPE_DOUBLE:
+        reflection->SetDouble(&message, field, field->default_value_double());
+        break;
+      case FieldDescriptor::CPPTYPE_UINT32:
+        reflection->SetUInt32(&message, field, field->default_value_uint32());
+        break;
+      case FieldDescriptor::CPPTYPE_UINT64:
+        reflection->SetUInt64(&message, field, field->default_value_uint64());
+        break;
+      case FieldDescriptor::CPPTYPE_BOOL:
+        reflection->SetBool(&message, field, field->default_value_bool());
+        break;
+      case FieldDescriptor::CPPTYPE_ENUM:
+        reflection->SetEnum(&message, field, field->default_value_enum());
+        break;
+      case FieldDescriptor::CPPTYPE_STRING:
+        reflection->SetString(&message, field, field->default_value_string());
+        break;
+      default:
+        OMENTUM_CHECK(false, "field type of {} is not used in configurations", field->full_name());
+    }
+  }
+}
+
+bool numeric_value(const protobuf::Message& message, const FieldDescriptor* field, double& value) {
+  const auto* reflection = message.GetReflection();
+  switch (field->cpp_type()) {
+    case FieldDescriptor::CPPTYPE_DOUBLE:
+      value = reflection->GetDouble(message, field);
+      return true;
+    case FieldDescriptor::CPPTYPE_UINT32:
+      value = reflection->GetUInt32(message, field);
+      return true;
+    case FieldDescriptor::CPPTYPE_UINT64:
+      value = static_cast<double>(reflection->GetUInt64(message, field));
+      return true;
+    default:
+      return false;
+  }
+}
+
+void check_finite_vector(const protobuf::Message& message, const std::string& path) {
+  const auto* vector = dynamic_cast<const pb::Vec3*>(&message);
+  if (vector == nullptr) return;
+  for (const double v : {vector->x(), vector->y(), vector->z()}) {
+    // 100 m: nothing in a scene is larger; a coordinate beyond it is a unit mistake or not a number.
+    if (!(v >= -100 && v <= 100)) throw_error("{}: component {}, allowed -100 ... 100", path, v);
+  }
+}
+
+void add_help(const protobuf::Descriptor* descriptor, const std::string& prefix, std::string& out) {
+  for (int i = 0; i < descriptor->field_count(); ++i) {
+    const FieldDescriptor* field = descriptor->field(i);
+    const std::string path = prefix.empty() ? field->name() : prefix + "." + field->name();
+    if (field->cpp_type() == FieldDescriptor::CPPTYPE_MESSAGE) {
+      const std::string& type = field->message_type()->name();
+      if (type != "Vec3" && type != "Pose") add_help(field->message_type(), path, out);
+      continue;
+    }
+    std::string line = "  " + path;
+    std::string value;
+    switch (field->cpp_type()) {
+      case FieldDescriptor::CPPTYPE_DOUBLE:
+        value = fmt::format("{}", field->default_value_double());
+        break;
+      case FieldDescriptor::CPPTYPE_UINT32:
+        value = fmt::format("{}", field->default_value_uint32());
+        break;
+      case FieldDescriptor::CPPTYPE_UINT64:
+        value = fmt::format("{}", field->default_value_uint64());
+        break;
+      case FieldDescriptor::CPPTYPE_BOOL:
+        value = field->default_value_bool() ? "true" : "false";
+        break;
+      case FieldDescriptor::CPPTYPE_ENUM:
+        value = field->default_value_enum()->name();
+        break;
+      default:
+        break;
+    }
+    if (!value.empty()) line += fmt::format(" = {}", value);
+    if (field->options().HasExtension(pb::knob)) {
+      const pb::Knob& knob = field->options().GetExtension(pb::knob);
+      if (knob.has_unit()) line += fmt::format(" {}", knob.unit());
+      if (knob.has_min() || knob.has_max()) line += fmt::format("  [{} ... {}]", knob.min(), knob.max());
+      if (knob.has_source()) line += fmt::format("  ({})", knob.source());
+      if (knob.has_help()) line += fmt::format("  {}", knob.help());
+    }
+    if (field->cpp_type() == FieldDescriptor::CPPTYPE_ENUM) {
+      line += "  one of:";
+      for (int k = 0; k < field->enum_type()->value_count(); ++k) line += " " + field->enum_type()->value(k)->name();
+    }
+    out += line + "\n";
+  }
+}
+
+std::string field_names(const protobuf::Descriptor* descriptor) {
+  std::string names;
+  for (int i = 0; i < descriptor->field_count(); ++i) names += (i == 0 ? "" : ", ") + descriptor->field(i)->name();
+  return names;
+}
+
+}  // namespace
+
+std::string deploy_dir() {
+  if (const char* given = std::getenv("OMENTUM_DEPLOY_DIR")) return given;  // NOLINT(concurrency-mt-unsafe)
+  std::error_code error;
+  std::filesystem::path folder = std::filesystem::read_symlink("/proc/self/exe", error).parent_path();
+  for (; folder.has_relative_path(); folder = folder.parent_path()) {
+    if (std::filesystem::exists(folder / "deploy" / "presets")) return (folder / "deploy").string();
+  }
+  throw_error("OMENTUM_DEPLOY_DIR: not set, and no folder deploy/presets above the executable");
+}
+
+std::vector<std::string> preset_names() {
+  std::vector<std::string> names;
+  for (const auto& entry : std::filesystem::directory_iterator(deploy_dir() + "/presets")) {
+    if (entry.path().extension() == ".txtpb") names.push_back(entry.path().stem().string());
+  }
+  std::sort(names.begin(), names.end());
+  return names;
+}
+
+pb::Config load_config(const std::string& preset, std::span<const std::string> overrides) {
+  const std::vector<std::string> names = preset_names();
+  if (std::find(names.begin(), names.end(), preset) == names.end()) {
+    throw_error("preset: {}, allowed: {}", preset, fmt::format("{}", fmt::join(names, ", ")));
+  }
+  pb::Config config;
+  const std::string preset_path = deploy_dir() + "/presets/" + preset + ".txtpb";
+  merge_text(preset_path, read_file(preset_path), config);
+  config.set_preset(preset);
+  for (const std::string& assignment : overrides) {
+    if (assignment.rfind("scene_file=", 0) == 0) apply_override(config, assignment);
+  }
+  if (!config.scene_file().empty()) {
+    const bool absolute = config.scene_file().front() == '/';
+    const std::string scene_path = absolute ? config.scene_file() : deploy_dir() + "/scenes/" + config.scene_file();
+    pb::Scene scene;
+    merge_text(scene_path, read_file(scene_path), scene);
+    scene.MergeFrom(config.scene());
+    *config.mutable_scene() = scene;
+  }
+  for (const std::string& assignment : overrides) apply_override(config, assignment);
+  fill_defaults(config);
+  check_knobs(config, "");
+  return config;
+}
+
+pb::Config parse_config(const std::string& name, const std::string& text) {
+  pb::Config config;
+  merge_text(name, text, config);
+  fill_defaults(config);
+  check_knobs(config, "");
+  return config;
+}
+
+std::string print_config(const pb::Config& config) {
+  protobuf::TextFormat::Printer printer;
+  std::string text;
+  OMENTUM_CHECK(printer.PrintToString(config, &text));
+  return text;
+}
+
+std::uint64_t config_hash(const pb::Config& config) {
+  pb::Config relevant = config;
+  relevant.clear_run();
+  relevant.clear_preset();
+  relevant.clear_scene_file();
+  relevant.clear_evaluation();
+  relevant.mutable_scene()->clear_name();
+  relevant.mutable_scene()->clear_source();
+  return fnv1a64(print_config(relevant));
+}
+
+void apply_override(pb::Config& config, const std::string& assignment) {
+  const std::size_t equals = assignment.find('=');
+  if (equals == std::string::npos || equals == 0) {
+    throw_error("--set {}: expected a.b=value", assignment);
+  }
+  const std::string path = assignment.substr(0, equals);
+  const std::string value = assignment.substr(equals + 1);
+  const protobuf::Descriptor* descriptor = pb::Config::descriptor();
+  std::string text;
+  std::string closing;
+  std::size_t start = 0;
+  while (true) {
+    const std::size_t dot = path.find('.', start);
+    const std::string name = path.substr(start, dot == std::string::npos ? dot : dot - start);
+    const FieldDescriptor* field = descriptor->FindFieldByName(name);
+    if (field == nullptr) {
+      throw_error("--set {}: {} has no field named \"{}\", allowed: {}", assignment, descriptor->name(), name,
+                  field_names(descriptor));
+    }
+    if (dot == std::string::npos) {
+      if (field->cpp_type() == FieldDescriptor::CPPTYPE_STRING) {
+        std::string quoted;
+        for (const char c : value) quoted += c == '"' || c == '\\' ? std::string{'\\', c} : std::string{c};
+        text += fmt::format("{}: \"{}\"", name, quoted);
+      } else if (field->cpp_type() == FieldDescriptor::CPPTYPE_MESSAGE) {
+        text += fmt::format("{} {}", name, value);
+      } else {
+        text += fmt::format("{}: {}", name, value);
+      }
+      break;
+    }
+    if (field->cpp_type() != FieldDescriptor::CPPTYPE_MESSAGE) {
+      throw_error("--set {}: {} has no parts", assignment, path.substr(0, dot));
+    }
+    if (field->is_repeated()) {
+      throw_error("--set {}: {} is a list; set a whole entry as {}={{ ... }}", assignment, name, path.substr(0, dot));
+    }
+    text += name + " { ";
+    closing += " }";
+    descriptor = field->message_type();
+    start = dot + 1;
+  }
+  merge_text("--set " + assignment, text + closing, config);
+}
+
+void check_knobs(const protobuf::Message& message, const std::string& prefix) {
+  check_finite_vector(message, prefix);
+  const auto* reflection = message.GetReflection();
+  std::vector<const FieldDescriptor*> fields;
+  reflection->ListFields(message, &fields);
+  for (const FieldDescriptor* field : fields) {
+    const std::string path = prefix.empty() ? field->name() : prefix + "." + field->name();
+    if (field->cpp_type() == FieldDescriptor::CPPTYPE_MESSAGE) {
+      if (!field->is_repeated()) {
+        check_knobs(reflection->GetMessage(message, field), path);
+        continue;
+      }
+      for (int i = 0; i < reflection->FieldSize(message, field); ++i) {
+        check_knobs(reflection->GetRepeatedMessage(message, field, i), fmt::format("{}[{}]", path, i));
+      }
+      continue;
+    }
+    double value = 0;
+    if (field->is_repeated() || !numeric_value(message, field, value)) continue;
+    if (field->options().HasExtension(pb::knob)) {
+      const pb::Knob& knob = field->options().GetExtension(pb::knob);
+      const double min = knob.has_min() ? knob.min() : std::numeric_limits<double>::lowest();
+      const double max = knob.has_max() ? knob.max() : std::numeric_limits<double>::max();
+      if (!(value >= min && value <= max)) {
+        throw_error("{}: {}{}{}, allowed {} ... {}", path, value, knob.has_unit() ? " " : "", knob.unit(), min, max);
+      }
+    } else if (!(value == value)) {
+      throw_error("{}: not a number", path);
+    }
+  }
+}
+
+std::string knob_help() {
+  std::string text = "Knobs, for --set a.b=value: name = default unit [range] (source) meaning\n";
+  add_help(pb::Config::descriptor(), "", text);
+  return text;
+}
+
+std::string git_revision() { return OMENTUM_GIT_REVISION; }
+
+std::uint64_t build_id() { return fnv1a64(std::string("gcc " __VERSION__ " ") + OMENTUM_GIT_REVISION); }
+
+}  // namespace omentum

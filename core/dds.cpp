@@ -1,0 +1,374 @@
+#include "core/dds.h"
+
+#include <dds/dds.h>
+#include <dds/ddsc/dds_statistics.h>
+#include <dds/ddsrt/log.h>
+
+#include <array>
+#include <map>
+#include <mutex>
+#include <utility>
+
+#include "core/check.h"
+#include "core/log.h"
+
+namespace omentum::dds {
+namespace {
+
+constexpr std::uint32_t kMaxDomain = 230;  // 7400 + 250 x domain must stay a port number
+
+// Cyclone reports the reason of a failed creation only through its log: keep the last error for our
+// message, and pass the rest on to our log.
+struct LastError {
+  std::mutex mutex;
+  std::string text;  // guarded by mutex
+};
+
+LastError& last_error() {
+  static LastError error;
+  return error;
+}
+
+void receive_log(void* /*unused*/, const dds_log_data_t* data) {
+  std::string text(data->message, data->size);
+  while (!text.empty() && text.back() == '\n') text.pop_back();
+  if ((data->priority & (DDS_LC_FATAL | DDS_LC_ERROR)) != 0) {
+    const std::lock_guard lock(last_error().mutex);
+    last_error().text = text;
+  } else {
+    log().warn("event=dds_message text=\"{}\"", text);
+  }
+}
+
+std::string take_last_error() {
+  const std::lock_guard lock(last_error().mutex);
+  return std::exchange(last_error().text, {});
+}
+
+// Domains of this process. A domain entity carries the configuration and is deleted with its last
+// participant.
+struct DomainRow {
+  Entity entity;
+  int users = 0;
+};
+struct DomainTable {
+  std::mutex mutex;
+  std::map<std::uint32_t, DomainRow> rows;  // guarded by mutex
+};
+DomainTable& domain_table() {
+  static DomainTable table;
+  return table;
+}
+
+std::shared_ptr<void> lease_domain(std::uint32_t domain, const std::string& uri) {
+  DomainTable& table = domain_table();
+  const std::lock_guard lock(table.mutex);
+  DomainRow& row = table.rows[domain];
+  if (row.users == 0) {
+    const dds_entity_t handle = dds_create_domain(domain, uri.c_str());
+    if (handle < 0) {
+      table.rows.erase(domain);
+      throw_error("DDS domain {}: {} {} (check CYCLONEDDS_URI)", domain, dds_strretcode(handle),
+                  take_last_error());
+    }
+    row.entity = Entity(handle, "create domain");
+  }
+  ++row.users;
+  return {nullptr, [domain](void*) {
+            DomainTable& rows = domain_table();
+            const std::lock_guard release_lock(rows.mutex);
+            const auto at = rows.rows.find(domain);
+            if (--at->second.users == 0) rows.rows.erase(at);
+          }};
+}
+
+dds_qos_t* qos_of(const Qos& qos) { return static_cast<dds_qos_t*>(qos.get()); }
+
+void set_common(dds_qos_t* q, const TopicSpec& spec) {
+  dds_qset_reliability(q, DDS_RELIABILITY_RELIABLE, spec.max_blocking_ns);
+  if (spec.history == History::kKeepAll) {
+    dds_qset_history(q, DDS_HISTORY_KEEP_ALL, 0);
+  } else {
+    dds_qset_history(q, DDS_HISTORY_KEEP_LAST, spec.depth);
+  }
+  const bool late = spec.durability == Durability::kTransientLocal;
+  dds_qset_durability(q, late ? DDS_DURABILITY_TRANSIENT_LOCAL : DDS_DURABILITY_VOLATILE);
+  if (late) {
+    dds_qset_durability_service(q, 0, DDS_HISTORY_KEEP_LAST, spec.service_depth,
+                                DDS_LENGTH_UNLIMITED, DDS_LENGTH_UNLIMITED, DDS_LENGTH_UNLIMITED);
+  }
+  dds_qset_ownership(q, DDS_OWNERSHIP_SHARED);
+  dds_qset_liveliness(q, DDS_LIVELINESS_AUTOMATIC, DDS_INFINITY);
+}
+
+// Partitions are a policy of publisher and subscriber, so each endpoint has its own.
+Entity make_group(const Participant& participant, const Qos::Use& use, bool publisher) {
+  dds_qos_t* q = dds_create_qos();
+  std::vector<const char*> names;
+  for (const std::string& partition : use.partitions) names.push_back(partition.c_str());
+  dds_qset_partition(q, static_cast<std::uint32_t>(names.size()), names.data());
+  const dds_entity_t handle = publisher ? dds_create_publisher(participant.handle(), q, nullptr)
+                                        : dds_create_subscriber(participant.handle(), q, nullptr);
+  dds_delete_qos(q);
+  return Entity(handle, fmt::format("create {} of {}", publisher ? "publisher" : "subscriber",
+                                    use.entity_name));
+}
+
+Failure failure_of(const std::string& operation, const std::string& topic, dds_return_t code) {
+  return Failure{fmt::format("{} {}: {}", operation, topic, dds_strretcode(code))};
+}
+
+}  // namespace
+
+Entity::Entity(std::int32_t handle, const std::string& operation) : handle_(handle) {
+  if (handle >= 0) return;
+  handle_ = 0;
+  throw_error("{}: {} {}", operation, dds_strretcode(handle), take_last_error());
+}
+
+Entity& Entity::operator=(Entity&& other) noexcept {
+  if (this != &other) {
+    close();
+    handle_ = std::exchange(other.handle_, 0);
+  }
+  return *this;
+}
+
+void Entity::close() noexcept {
+  if (handle_ > 0) dds_delete(handle_);  // already gone with its parent: nothing to do
+  handle_ = 0;
+}
+
+Qos::Qos() : qos_(dds_create_qos()) { OMENTUM_CHECK(qos_ != nullptr); }
+Qos::~Qos() { dds_delete_qos(static_cast<dds_qos_t*>(qos_)); }
+Qos::Qos(Qos&& other) noexcept : qos_(std::exchange(other.qos_, nullptr)) {}
+
+Qos Qos::topic(const TopicSpec& spec) {
+  Qos qos;
+  set_common(qos_of(qos), spec);
+  return qos;
+}
+
+Qos Qos::writer(const TopicSpec& spec, const Use& use) {
+  Qos qos = topic(spec);
+  if (spec.deadline_ns > 0) dds_qset_deadline(qos_of(qos), spec.deadline_ns);
+  // A crash must look different from leaving: only an explicit dispose() disposes.
+  dds_qset_writer_data_lifecycle(qos_of(qos), false);
+  dds_qset_entity_name(qos_of(qos), use.entity_name.c_str());
+  return qos;
+}
+
+Qos Qos::reader(const TopicSpec& spec, const Use& use) {
+  Qos qos = topic(spec);
+  if (use.best_effort) dds_qset_reliability(qos_of(qos), DDS_RELIABILITY_BEST_EFFORT, 0);
+  if (use.max_samples > 0) {
+    // Never max_instances: exceeding it blocks the receive thread for ever.
+    dds_qset_resource_limits(qos_of(qos), use.max_samples, DDS_LENGTH_UNLIMITED, use.max_samples);
+  }
+  dds_qset_entity_name(qos_of(qos), use.entity_name.c_str());
+  return qos;
+}
+
+Participant::Participant(std::uint32_t domain, const std::string& uri, const std::string& name)
+    : domain_(domain), name_(name) {
+  if (domain > kMaxDomain) {
+    throw_error("DDS domain {} is not in [0, {}]: port 7400 + 250 x domain would not exist", domain,
+                kMaxDomain);
+  }
+  static std::once_flag once;
+  std::call_once(once, [] { dds_set_log_sink(&receive_log, nullptr); });
+  domain_lease_ = lease_domain(domain, uri);
+  dds_qos_t* q = dds_create_qos();
+  dds_qset_entity_name(q, name.c_str());
+  const dds_entity_t handle = dds_create_participant(domain, q, nullptr);
+  dds_delete_qos(q);
+  if (handle < 0) {
+    throw_error(
+        "DDS domain {}: {} {} (port 7410 + 250 x domain + 2 x index taken? raise "
+        "MaxAutoParticipantIndex or choose another domain)",
+        domain, dds_strretcode(handle), take_last_error());
+  }
+  entity_ = Entity(handle, "create participant");
+}
+
+Topic::Topic(const Participant& participant, const TopicSpec& spec,
+             const dds_topic_descriptor& descriptor)
+    : spec_(&spec) {
+  const Qos qos = Qos::topic(spec);
+  entity_ =
+      Entity(dds_create_topic(participant.handle(), &descriptor, spec.name, qos_of(qos), nullptr),
+             fmt::format("create topic {}", spec.name));
+}
+
+Writer::Writer(const Participant& participant, const Topic& topic, const Qos::Use& use)
+    : publisher_(make_group(participant, use, true)), name_(topic.spec().name) {
+  const Qos qos = Qos::writer(topic.spec(), use);
+  entity_ = Entity(dds_create_writer(publisher_.handle(), topic.handle(), qos_of(qos), nullptr),
+                   fmt::format("create writer of {} as {}", name_, use.entity_name));
+}
+
+Result<void> Writer::write(const void* sample) {
+  const dds_return_t code = dds_write(entity_.handle(), sample);
+  timed_out_ = code == DDS_RETCODE_TIMEOUT;
+  if (code < 0) return failure_of("write", name_, code);
+  return {};
+}
+
+Result<void> Writer::dispose(const void* sample) {
+  const dds_return_t code = dds_dispose(entity_.handle(), sample);
+  if (code < 0) return failure_of("dispose", name_, code);
+  return {};
+}
+
+Result<void> Writer::unregister(const void* sample) {
+  const dds_return_t code = dds_unregister_instance(entity_.handle(), sample);
+  if (code < 0) return failure_of("unregister", name_, code);
+  return {};
+}
+
+int Writer::matched() const {
+  dds_publication_matched_status_t status{};
+  if (dds_get_publication_matched_status(entity_.handle(), &status) < 0) return 0;
+  return static_cast<int>(status.current_count);
+}
+
+WriterCounters Writer::counters() const {
+  WriterCounters counters;
+  const std::unique_ptr<dds_statistics, decltype(&dds_delete_statistics)> table(
+      dds_create_statistics(entity_.handle()), &dds_delete_statistics);
+  const auto value = [&table](const char* name) -> std::uint64_t {
+    const dds_stat_keyvalue* entry = dds_lookup_statistic(table.get(), name);
+    if (entry == nullptr) return 0;
+    return entry->kind == DDS_STAT_KIND_UINT32 ? entry->u.u32 : entry->u.u64;
+  };
+  counters.rexmit_bytes = value("rexmit_bytes");
+  counters.throttle_count = value("throttle_count");
+  counters.time_throttle_ns = value("time_throttle");
+  return counters;
+}
+
+bool Writer::wait_for_acknowledgments(std::int64_t timeout_ns) const {
+  return dds_wait_for_acks(entity_.handle(), timeout_ns) == DDS_RETCODE_OK;
+}
+
+Reader::Reader(const Participant& participant, const Topic& topic, const Qos::Use& use)
+    : subscriber_(make_group(participant, use, false)), name_(topic.spec().name) {
+  const Qos qos = Qos::reader(topic.spec(), use);
+  entity_ = Entity(dds_create_reader(subscriber_.handle(), topic.handle(), qos_of(qos), nullptr),
+                   fmt::format("create reader of {} as {}", name_, use.entity_name));
+  // Level-triggered, unlike the data-available status, which a partial take resets.
+  condition_ = Entity(dds_create_readcondition(entity_.handle(), DDS_ANY_STATE),
+                      fmt::format("create read condition of {}", name_));
+}
+
+Result<int> Reader::take(int limit, const std::function<void(const void*, const SampleInfo&)>& fn) {
+  constexpr int kBatch = 64;
+  int total = 0;
+  while (total < limit) {
+    std::array<void*, kBatch> samples{};  // null: Cyclone lends its own memory
+    std::array<dds_sample_info_t, kBatch> infos{};
+    const int wanted = std::min(kBatch, limit - total);
+    const dds_return_t count =
+        dds_take(entity_.handle(), samples.data(), infos.data(), static_cast<std::size_t>(wanted),
+                 static_cast<std::uint32_t>(wanted));
+    if (count < 0) return failure_of("take", name_, count);
+    if (count == 0) break;
+    struct Loan {
+      std::int32_t reader;
+      void** samples;
+      int count;
+      ~Loan() { dds_return_loan(reader, samples, count); }
+    } const loan{entity_.handle(), samples.data(), count};
+    for (int i = 0; i < count; ++i) {
+      const dds_sample_info_t& from = infos[static_cast<std::size_t>(i)];
+      SampleInfo info;
+      info.valid = from.valid_data;
+      info.state = from.instance_state == DDS_IST_ALIVE                ? InstanceState::kAlive
+                   : from.instance_state == DDS_IST_NOT_ALIVE_DISPOSED ? InstanceState::kDisposed
+                                                                       : InstanceState::kNoWriters;
+      info.sent_at_ns = from.source_timestamp;
+      info.writer = from.publication_handle;
+      fn(samples[static_cast<std::size_t>(i)], info);
+    }
+    total += count;
+    if (count < wanted) break;
+  }
+  return total;
+}
+
+int Reader::matched() const {
+  dds_subscription_matched_status_t status{};
+  if (dds_get_subscription_matched_status(entity_.handle(), &status) < 0) return 0;
+  return static_cast<int>(status.current_count);
+}
+
+std::uint64_t Reader::lost() const {
+  dds_sample_rejected_status_t rejected{};
+  dds_sample_lost_status_t lost{};
+  dds_get_sample_rejected_status(entity_.handle(), &rejected);
+  dds_get_sample_lost_status(entity_.handle(), &lost);
+  return std::uint64_t{rejected.total_count} + lost.total_count;
+}
+
+Waitset::Waitset(const Participant& participant)
+    : guard_(dds_create_guardcondition(participant.handle()), "create guard condition"),
+      waitset_(dds_create_waitset(participant.handle()), "create wait set") {
+  const dds_return_t code = dds_waitset_attach(waitset_.handle(), guard_.handle(), 0);
+  if (code < 0) throw_error("attach guard condition: {}", dds_strretcode(code));
+}
+
+void Waitset::attach(const Reader& reader) {
+  const dds_return_t code = dds_waitset_attach(waitset_.handle(), reader.condition(), 0);
+  if (code < 0) throw_error("attach reader: {}", dds_strretcode(code));
+}
+
+bool Waitset::wait(std::int64_t timeout_ns) {
+  const dds_return_t count = dds_waitset_wait(waitset_.handle(), nullptr, 0, timeout_ns);
+  bool woken = false;
+  dds_take_guardcondition(guard_.handle(), &woken);
+  return count > 0;
+}
+
+void Waitset::wake() { dds_set_guardcondition(guard_.handle(), true); }
+
+std::string describe_qos(std::int32_t handle) {
+  dds_qos_t* q = dds_create_qos();
+  const dds_return_t code = dds_get_qos(handle, q);
+  OMENTUM_CHECK(code == DDS_RETCODE_OK, "{}", dds_strretcode(code));
+  dds_reliability_kind_t reliability{};
+  dds_duration_t blocking = 0;
+  dds_history_kind_t history{};
+  std::int32_t depth = 0;
+  dds_durability_kind_t durability{};
+  dds_ownership_kind_t ownership{};
+  dds_duration_t deadline = DDS_INFINITY;
+  bool autodispose = true;
+  std::int32_t max_samples = 0;
+  std::int32_t max_instances = 0;
+  std::int32_t max_per_instance = 0;
+  dds_duration_t cleanup = 0;
+  dds_history_kind_t service_history{};
+  std::int32_t service_depth = 0;
+  dds_qget_reliability(q, &reliability, &blocking);
+  dds_qget_history(q, &history, &depth);
+  dds_qget_durability(q, &durability);
+  dds_qget_ownership(q, &ownership);
+  dds_qget_deadline(q, &deadline);
+  dds_qget_writer_data_lifecycle(q, &autodispose);
+  dds_qget_resource_limits(q, &max_samples, &max_instances, &max_per_instance);
+  dds_qget_durability_service(q, &cleanup, &service_history, &service_depth, nullptr, nullptr,
+                              nullptr);
+  dds_delete_qos(q);
+  return fmt::format(
+      "reliability={} blocking_ns={} history={} depth={} durability={} service_depth={} "
+      "ownership={} deadline_ns={} autodispose={} max_samples={} max_instances={} "
+      "max_samples_per_instance={}",
+      reliability == DDS_RELIABILITY_RELIABLE ? "reliable" : "best_effort", blocking,
+      history == DDS_HISTORY_KEEP_ALL ? "keep_all" : "keep_last", depth,
+      durability == DDS_DURABILITY_TRANSIENT_LOCAL ? "transient_local" : "volatile", service_depth,
+      ownership == DDS_OWNERSHIP_SHARED ? "shared" : "exclusive",
+      deadline == DDS_INFINITY ? 0 : deadline, autodispose, max_samples, max_instances,
+      max_per_instance);
+}
+
+}  // namespace omentum::dds

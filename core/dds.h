@@ -1,0 +1,194 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "core/result.h"
+#include "core/topics.h"
+
+struct dds_topic_descriptor;
+
+/// Thin ownership layer over the C API of Cyclone DDS 0.10.2 (wire.md section 12). core/dds.cpp is
+/// the only file of the product that includes the DDS API. Samples are untyped here; core/wire.h
+/// gives them types.
+///
+/// Creation errors throw Error with operation, topic and Cyclone's reason; write and take return
+/// Result. No listeners: they run on Cyclone's receive threads. Every object may be used from any
+/// thread, but one object from one thread at a time, except where a function says otherwise. Create
+/// participants after any fork.
+namespace omentum::dds {
+
+/// A DDS entity, deleted with this object. Declare participants before what is made from them.
+class Entity {
+ public:
+  Entity() = default;
+  /// Takes a handle or a negative return code; on the latter throws Error "<operation>: <reason>".
+  Entity(std::int32_t handle, const std::string& operation);
+  ~Entity() { close(); }
+  Entity(Entity&& other) noexcept : handle_(other.handle_) { other.handle_ = 0; }
+  Entity& operator=(Entity&& other) noexcept;
+  Entity(const Entity&) = delete;
+  Entity& operator=(const Entity&) = delete;
+
+  std::int32_t handle() const { return handle_; }
+  explicit operator bool() const { return handle_ > 0; }
+  /// Deletes now. A writer waits up to 1 s for samples that readers have not acknowledged.
+  void close() noexcept;
+
+ private:
+  std::int32_t handle_ = 0;
+};
+
+/// Quality of service of one endpoint, made from a row of the topic table.
+class Qos {
+ public:
+  /// What differs between uses of one topic.
+  struct Use {
+    std::vector<std::string> partitions;
+    std::string entity_name;       ///< shown by tools
+    std::int32_t max_samples = 0;  ///< reader of KEEP_ALL: the fuse; 0 = unlimited
+    bool best_effort = false;      ///< reader of a tool: a stopped one has no effect on writers
+  };
+  static Qos topic(const TopicSpec& spec);
+  static Qos writer(const TopicSpec& spec, const Use& use);
+  static Qos reader(const TopicSpec& spec, const Use& use);
+
+  ~Qos();
+  Qos(Qos&& other) noexcept;
+  Qos& operator=(Qos&&) = delete;
+  Qos(const Qos&) = delete;
+  Qos& operator=(const Qos&) = delete;
+  void* get() const { return qos_; }
+
+ private:
+  Qos();
+  void* qos_;  // owned dds_qos_t
+};
+
+/// Membership of this process in a domain. Participants of one process in the same domain share it;
+/// the configuration text of the first one counts. Throws Error for a domain outside 0 to 230, a
+/// bad configuration, or when no participant index is free.
+class Participant {
+ public:
+  Participant(const Participant&) = delete;
+  Participant& operator=(const Participant&) = delete;
+  /// `uri` as in CYCLONEDDS_URI: XML text or file:// addresses.
+  Participant(std::uint32_t domain, const std::string& uri, const std::string& name);
+
+  std::int32_t handle() const { return entity_.handle(); }
+  std::uint32_t domain() const { return domain_; }
+  const std::string& name() const { return name_; }
+
+ private:
+  std::shared_ptr<void> domain_lease_;  // outlives entity_
+  Entity entity_;
+  std::uint32_t domain_ = 0;
+  std::string name_;
+};
+
+/// Registered type and name. The descriptor is static data made by idlc.
+class Topic {
+ public:
+  Topic(const Participant& participant, const TopicSpec& spec,
+        const dds_topic_descriptor& descriptor);
+  std::int32_t handle() const { return entity_.handle(); }
+  const TopicSpec& spec() const { return *spec_; }
+
+ private:
+  Entity entity_;
+  const TopicSpec* spec_;
+};
+
+enum class InstanceState {
+  kAlive,
+  kDisposed,   ///< the writer left on purpose
+  kNoWriters,  ///< every writer crashed or became unreachable
+};
+
+/// What comes with a sample.
+struct SampleInfo {
+  bool valid = false;  ///< false: life-cycle only, the sample holds nothing but the key
+  InstanceState state = InstanceState::kAlive;
+  std::int64_t sent_at_ns = 0;  ///< writer's clock, since the epoch
+  std::uint64_t writer = 0;     ///< identity of the writer within this process
+};
+
+/// Counters of one writer, since creation.
+struct WriterCounters {
+  std::uint64_t rexmit_bytes = 0;
+  std::uint64_t throttle_count = 0;
+  std::uint64_t time_throttle_ns = 0;
+};
+
+class Writer {
+ public:
+  Writer(const Participant& participant, const Topic& topic, const Qos::Use& use);
+  /// Serialises before it returns: the sample's memory may be reused at once. Fails with
+  /// timed_out() true when readers did not acknowledge in time; nothing was stored then, and the
+  /// same sample may be written again.
+  [[nodiscard]] Result<void> write(const void* sample);
+  bool timed_out() const { return timed_out_; }
+  /// Announces that the instance of the sample's key left on purpose.
+  [[nodiscard]] Result<void> dispose(const void* sample);
+  /// Ends the instance without disposing it.
+  [[nodiscard]] Result<void> unregister(const void* sample);
+  /// Readers matched now.
+  int matched() const;
+  WriterCounters counters() const;
+  std::int32_t handle() const { return entity_.handle(); }
+  /// Blocks until every matched reader acknowledged, at most `timeout_ns`. Shut-down only: costs a
+  /// heartbeat period.
+  bool wait_for_acknowledgments(std::int64_t timeout_ns) const;
+
+ private:
+  Entity publisher_;
+  Entity entity_;
+  std::string name_;
+  bool timed_out_ = false;
+};
+
+class Reader {
+ public:
+  Reader(const Participant& participant, const Topic& topic, const Qos::Use& use);
+  /// Calls fn(sample, info) for up to `limit` samples and returns their number. Samples are on
+  /// loan: they live until fn returns and go back even when it throws.
+  [[nodiscard]] Result<int> take(
+      int limit, const std::function<void(const void* sample, const SampleInfo& info)>& fn);
+  int matched() const;
+  /// Samples refused or lost by the reader cache since creation; stays 0 while the fuse holds.
+  std::uint64_t lost() const;
+  std::int32_t handle() const { return entity_.handle(); }
+  std::int32_t condition() const { return condition_.handle(); }
+
+ private:
+  Entity subscriber_;
+  Entity entity_;
+  Entity condition_;
+  std::string name_;
+};
+
+/// Blocks a thread until one of some readers holds samples or another thread calls wake().
+class Waitset {
+ public:
+  explicit Waitset(const Participant& participant);
+  void attach(const Reader& reader);
+  /// True when something is there, false after the timeout. Level-triggered for readers; a wake()
+  /// is consumed.
+  bool wait(std::int64_t timeout_ns);
+  /// From any thread. Not from a signal handler.
+  void wake();
+
+ private:
+  Entity guard_;
+  Entity waitset_;
+};
+
+/// Effective policies of an endpoint as the middleware reports them, one "name=value" text; for
+/// tests and the doctor.
+std::string describe_qos(std::int32_t handle);
+
+}  // namespace omentum::dds

@@ -1,0 +1,351 @@
+#include "core/episode_recording.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <fstream>
+#include <iterator>
+
+#include <fmt/core.h>
+
+#include "core/mcap.h"
+#include "proto/foxglove.pb.h"
+#include "proto/recording.pb.h"
+
+namespace omentum {
+namespace {
+
+constexpr std::uint32_t kFormatVersion = 1;
+constexpr std::uint32_t kPointBytes = 12;
+// A recording is one episode of one process; these bound what a damaged header can ask for.
+constexpr std::uint32_t kMaxSteps = 1'000'000;
+constexpr std::uint32_t kMaxObservation = 1'000'000;
+
+std::uint64_t time_of(std::uint32_t step, const RecordingContext& context) {
+  return static_cast<std::uint64_t>(std::llround(step * context.control_period * 1e9));
+}
+
+void set_time(google::protobuf::Timestamp& stamp, std::uint64_t time_ns) {
+  stamp.set_seconds(static_cast<std::int64_t>(time_ns / 1'000'000'000));
+  stamp.set_nanos(static_cast<std::int32_t>(time_ns % 1'000'000'000));
+}
+
+
+std::size_t observation_size(const RolloutSegment& segment) {
+  return segment.steps > 0 ? segment.observations.size() / segment.steps : 0;
+}
+
+pb::EpisodeHeader make_header(const RolloutTask& task, const RolloutSegment& segment,
+                              const RecordingContext& context) {
+  pb::EpisodeHeader header;
+  header.set_format_version(kFormatVersion);
+  header.set_name(context.name);
+  header.set_config_text(context.config_text);
+  header.set_config_hash(context.config_hash);
+  header.set_git_revision(context.git_revision);
+  header.set_weights_hash(task.weights_hash.data(), task.weights_hash.size());
+  header.set_policy_version(task.policy_version);
+  header.set_kind(static_cast<std::uint32_t>(task.kind));
+  header.set_start_set(static_cast<std::uint32_t>(task.start_set));
+  header.set_start_index(task.start_index);
+  header.set_greedy(task.greedy);
+  header.set_run_seed(task.run_seed);
+  header.set_slot(task.slot);
+  header.set_episode(task.episode);
+  header.set_episode_step(task.episode_step);
+  header.set_episode_limit(task.episode_limit);
+  header.set_steps(segment.steps);
+  header.set_reset(task.reset);
+  header.set_state_format(task.state_format);
+  header.set_start_hash(task.start_hash);
+  if (!task.start_state.empty()) header.set_start_state(task.start_state.data(), task.start_state.size());
+  header.set_scene_override(task.scene_override);
+  header.set_source(static_cast<std::uint32_t>(segment.source));
+  header.set_control_period_s(context.control_period);
+  header.set_observation_size(static_cast<std::uint32_t>(observation_size(segment)));
+  header.set_particles(context.particles);
+  header.set_frame_stride(task.frame_stride);
+  header.set_build_id(segment.build_id);
+  return header;
+}
+
+pb::StepRecord make_step(const RolloutSegment& segment, std::uint32_t step) {
+  pb::StepRecord record;
+  record.set_step(step);
+  const std::size_t width = observation_size(segment);
+  for (std::size_t k = 0; k < width; ++k) record.add_observation(segment.observations[step * width + k]);
+  record.set_action(segment.actions.data() + std::size_t{4} * step, 4);
+  for (std::size_t k = 0; k < 4 && !segment.actions_continuous.empty(); ++k) {
+    record.add_action_continuous(segment.actions_continuous[std::size_t{4} * step + k]);
+  }
+  record.set_reward(segment.rewards[step]);
+  const std::uint8_t flags = segment.flags[step];
+  record.set_flags(flags);
+  record.set_held((flags & step_flag::kHeld) != 0);
+  if (step < segment.log_probs.size()) record.set_log_prob(segment.log_probs[step]);
+  if (step < segment.values.size()) record.set_value(segment.values[step]);
+  if (step < segment.masks.size()) record.set_mask(segment.masks[step]);
+  if (step < segment.state_hashes.size()) record.set_state_hash(segment.state_hashes[step]);
+  if (step < segment.exposures.size()) record.set_exposure(segment.exposures[step]);
+  for (std::size_t k = 0; k < 3 && !segment.tool_positions_in_world_m.empty(); ++k) {
+    record.add_tool_position_in_world_m(segment.tool_positions_in_world_m[std::size_t{3} * step + k]);
+  }
+  return record;
+}
+
+foxglove::PoseInFrame make_pose(const RolloutSegment& segment, std::uint32_t step, std::uint64_t time_ns) {
+  foxglove::PoseInFrame message;
+  set_time(*message.mutable_timestamp(), time_ns);
+  message.set_frame_id("W");
+  foxglove::Vector3& position = *message.mutable_pose()->mutable_position();
+  const float* p = segment.tool_positions_in_world_m.data() + std::size_t{3} * step;
+  position.set_x(static_cast<double>(p[0]));
+  position.set_y(static_cast<double>(p[1]));
+  position.set_z(static_cast<double>(p[2]));
+  // Viewers draw poses as an arrow along x; the shaft points down, which is a quarter turn about y.
+  message.mutable_pose()->mutable_orientation()->set_y(std::sqrt(0.5));
+  message.mutable_pose()->mutable_orientation()->set_w(std::sqrt(0.5));
+  return message;
+}
+
+foxglove::PointCloud make_cloud(const float* positions, std::uint32_t particles, std::uint64_t time_ns) {
+  foxglove::PointCloud cloud;
+  set_time(*cloud.mutable_timestamp(), time_ns);
+  cloud.set_frame_id("W");
+  cloud.mutable_pose()->mutable_orientation()->set_w(1);
+  cloud.set_point_stride(kPointBytes);
+  for (const auto& [name, offset] : {std::pair{"x", 0U}, {"y", 4U}, {"z", 8U}}) {
+    foxglove::PackedElementField& field = *cloud.add_fields();
+    field.set_name(name);
+    field.set_offset(offset);
+    field.set_type(foxglove::PackedElementField::FLOAT32);
+  }
+  cloud.set_data(positions, std::size_t{kPointBytes} * particles);
+  return cloud;
+}
+
+pb::EpisodeResult make_result(const RolloutSegment& segment) {
+  pb::EpisodeResult result;
+  if (!segment.episode_outcome.empty()) result.set_outcome(segment.episode_outcome[0]);
+  if (!segment.episode_return.empty()) result.set_return_sum(segment.episode_return[0]);
+  if (!segment.episode_length.empty()) result.set_length_steps(segment.episode_length[0]);
+  if (!segment.episode_exposure.empty()) result.set_exposure(segment.episode_exposure[0]);
+  if (!segment.episode_grasped.empty()) result.set_grasped(segment.episode_grasped[0] != 0);
+  for (std::size_t k = 0; k < std::min<std::size_t>(3, segment.episode_grasp_position.size()); ++k) {
+    result.add_grasp_position_in_world_m(segment.episode_grasp_position[k]);
+  }
+  for (std::size_t k = 0; k < std::min<std::size_t>(3, segment.episode_start_position.size()); ++k) {
+    result.add_start_position_in_world_m(segment.episode_start_position[k]);
+  }
+  result.set_end_hash(segment.end_hash);
+  if (!segment.failure.empty()) result.set_failure(segment.failure);
+  result.set_physics_ticks(segment.physics_ticks);
+  return result;
+}
+
+Result<void> check_sizes(const std::string& path, const RolloutSegment& segment, const RecordingContext& context) {
+  const std::size_t steps = segment.steps;
+  const auto fits = [&](std::size_t size, std::size_t per_step) { return size == 0 || size == steps * per_step; };
+  const bool good = segment.actions.size() == 4 * steps && segment.rewards.size() == steps &&
+                    segment.flags.size() == steps && (steps == 0 || segment.observations.size() % steps == 0) &&
+                    fits(segment.actions_continuous.size(), 4) && fits(segment.tool_positions_in_world_m.size(), 3);
+  if (!good) return Failure{fmt::format("{}: arrays of the segment do not fit its {} steps", path, steps)};
+  const std::size_t frame = std::size_t{3} * context.particles;
+  if (frame == 0 ? !segment.frame_positions_in_world_m.empty()
+                 : segment.frame_positions_in_world_m.size() % frame != 0) {
+    return Failure{fmt::format("{}: frames do not fit {} particles", path, context.particles)};
+  }
+  return {};
+}
+
+// ---------------------------------------------------------------------------------------------------------------
+// Reading
+
+void take_header(const pb::EpisodeHeader& header, EpisodeRecording& recording) {
+  RecordingContext& context = recording.context;
+  context.name = header.name();
+  context.config_text = header.config_text();
+  context.config_hash = header.config_hash();
+  context.git_revision = header.git_revision();
+  context.control_period = header.control_period_s();
+  context.particles = header.particles();
+  RolloutTask& task = recording.task;
+  std::memcpy(task.weights_hash.data(), header.weights_hash().data(),
+              std::min(task.weights_hash.size(), header.weights_hash().size()));
+  task.policy_version = header.policy_version();
+  task.config_hash = header.config_hash();
+  task.kind = static_cast<TaskKind>(header.kind());
+  task.start_set = static_cast<StartSet>(header.start_set());
+  task.start_index = header.start_index();
+  task.greedy = header.greedy();
+  task.run_seed = header.run_seed();
+  task.slot = header.slot();
+  task.episode = header.episode();
+  task.episode_step = header.episode_step();
+  task.episode_limit = header.episode_limit();
+  task.steps = header.steps();
+  task.reset = header.reset();
+  task.state_format = header.state_format();
+  task.start_hash = header.start_hash();
+  const auto* state = reinterpret_cast<const std::byte*>(header.start_state().data());
+  task.start_state.assign(state, state + header.start_state().size());
+  task.scene_override = header.scene_override();
+  task.frame_stride = header.frame_stride();
+  recording.segment.slot = header.slot();
+  recording.segment.policy_version = header.policy_version();
+  recording.segment.source = static_cast<Source>(header.source());
+  recording.segment.build_id = header.build_id();
+}
+
+/// Appends one step; false if it does not follow the steps before in number and shape.
+bool take_step(const pb::StepRecord& record, std::size_t width, RolloutSegment& segment) {
+  if (record.step() != segment.steps || record.observation_size() != static_cast<int>(width) ||
+      record.action().size() != 4) {
+    return false;
+  }
+  ++segment.steps;
+  segment.observations.insert(segment.observations.end(), record.observation().begin(), record.observation().end());
+  segment.actions.insert(segment.actions.end(), record.action().begin(), record.action().end());
+  if (record.action_continuous_size() == 4) {
+    segment.actions_continuous.insert(segment.actions_continuous.end(), record.action_continuous().begin(),
+                                      record.action_continuous().end());
+  }
+  segment.rewards.push_back(record.reward());
+  segment.flags.push_back(static_cast<std::uint8_t>(record.flags()));
+  if (record.has_log_prob()) segment.log_probs.push_back(record.log_prob());
+  if (record.has_value()) segment.values.push_back(record.value());
+  if (record.has_mask()) segment.masks.push_back(static_cast<std::uint16_t>(record.mask()));
+  if (record.has_state_hash()) segment.state_hashes.push_back(record.state_hash());
+  if (record.has_exposure()) segment.exposures.push_back(record.exposure());
+  if (record.tool_position_in_world_m_size() == 3) {
+    segment.tool_positions_in_world_m.insert(segment.tool_positions_in_world_m.end(),
+                                             record.tool_position_in_world_m().begin(),
+                                             record.tool_position_in_world_m().end());
+  }
+  return true;
+}
+
+bool take_cloud(const foxglove::PointCloud& cloud, std::uint32_t step, EpisodeRecording& recording) {
+  const std::size_t bytes = std::size_t{kPointBytes} * recording.context.particles;
+  if (bytes == 0 || cloud.data().size() != bytes || cloud.point_stride() != kPointBytes) return false;
+  std::vector<float>& positions = recording.segment.frame_positions_in_world_m;
+  const std::size_t before = positions.size();
+  positions.resize(before + bytes / sizeof(float));
+  std::memcpy(positions.data() + before, cloud.data().data(), bytes);
+  recording.frame_steps.push_back(step);
+  return true;
+}
+
+void take_result(const pb::EpisodeResult& result, RolloutSegment& segment) {
+  if (result.has_outcome()) segment.episode_outcome = {static_cast<std::uint8_t>(result.outcome())};
+  if (result.has_return_sum()) segment.episode_return = {result.return_sum()};
+  if (result.has_length_steps()) segment.episode_length = {result.length_steps()};
+  if (result.has_exposure()) segment.episode_exposure = {result.exposure()};
+  if (result.has_grasped()) segment.episode_grasped = {static_cast<std::uint8_t>(result.grasped() ? 1 : 0)};
+  segment.episode_grasp_position.assign(result.grasp_position_in_world_m().begin(),
+                                        result.grasp_position_in_world_m().end());
+  segment.episode_start_position.assign(result.start_position_in_world_m().begin(),
+                                        result.start_position_in_world_m().end());
+  segment.end_hash = result.end_hash();
+  segment.failure = result.failure();
+  segment.physics_ticks = result.physics_ticks();
+}
+
+Result<EpisodeRecording> take_content(const std::string& name, const McapContent& content) {
+  const auto headers = content.of_topic("/episode");
+  pb::EpisodeHeader header;
+  if (headers.empty() || !header.ParseFromString(headers.front()->data)) {
+    return Failure{fmt::format("{}: no episode header", name)};
+  }
+  if (header.format_version() != kFormatVersion) {
+    return Failure{fmt::format("{}: recording format {}, this program reads {}", name, header.format_version(),
+                               kFormatVersion)};
+  }
+  if (header.steps() > kMaxSteps || header.observation_size() > kMaxObservation) {
+    return Failure{fmt::format("{}: header asks for {} steps of {} values", name, header.steps(),
+                               header.observation_size())};
+  }
+  EpisodeRecording recording;
+  recording.complete = content.complete;
+  recording.problems = content.problems;
+  take_header(header, recording);
+  std::size_t bad = 0;
+  for (const McapMessage* message : content.of_topic("/step")) {
+    pb::StepRecord record;
+    const bool good = record.ParseFromString(message->data) &&
+                      take_step(record, header.observation_size(), recording.segment);
+    bad += good ? 0 : 1;
+  }
+  for (const McapMessage* message : content.of_topic("/tissue")) {
+    foxglove::PointCloud cloud;
+    const bool good = cloud.ParseFromString(message->data) && take_cloud(cloud, message->sequence, recording);
+    bad += good ? 0 : 1;
+  }
+  for (const McapMessage* message : content.of_topic("/result")) {
+    pb::EpisodeResult result;
+    if (result.ParseFromString(message->data)) {
+      take_result(result, recording.segment);
+    } else {
+      ++bad;
+    }
+  }
+  if (bad > 0) recording.problems.push_back(fmt::format("{} messages out of order or malformed, dropped", bad));
+  if (recording.segment.steps != header.steps()) {
+    recording.problems.push_back(
+        fmt::format("{} of {} steps are there", recording.segment.steps, header.steps()));
+  }
+  return recording;
+}
+
+}  // namespace
+
+Result<void> save_episode(const std::string& path, const RolloutTask& task, const RolloutSegment& segment,
+                          const RecordingContext& context) {
+  if (const Result<void> sizes = check_sizes(path, segment, context); !sizes) return Failure{sizes.error()};
+  std::ofstream file(path, std::ios::binary | std::ios::trunc);
+  if (!file) return Failure{fmt::format("{}: cannot be written", path)};
+  McapWriter writer(file);
+  const auto episode = writer.add_channel("/episode", *pb::EpisodeHeader::descriptor());
+  const auto step_channel = writer.add_channel("/step", *pb::StepRecord::descriptor());
+  const auto tool = writer.add_channel("/tool", *foxglove::PoseInFrame::descriptor());
+  const auto tissue = writer.add_channel("/tissue", *foxglove::PointCloud::descriptor());
+  const auto result = writer.add_channel("/result", *pb::EpisodeResult::descriptor());
+  writer.write(episode, 0, 0, make_header(task, segment, context));
+  const std::size_t frame = std::size_t{3} * context.particles;
+  const std::size_t frames = frame > 0 ? segment.frame_positions_in_world_m.size() / frame : 0;
+  const std::uint32_t stride = std::max(1U, task.frame_stride);
+  std::size_t next_frame = 0;
+  const auto write_frame = [&](std::uint32_t step) {
+    const std::uint64_t time_ns = time_of(step, context);
+    const float* positions = segment.frame_positions_in_world_m.data() + next_frame * frame;
+    writer.write(tissue, time_ns, step, make_cloud(positions, context.particles, time_ns));
+    ++next_frame;
+  };
+  for (std::uint32_t step = 0; step < segment.steps; ++step) {
+    if (next_frame < frames && step == next_frame * stride) write_frame(step);
+    const std::uint64_t time_ns = time_of(step, context);
+    writer.write(step_channel, time_ns, step, make_step(segment, step));
+    if (!segment.tool_positions_in_world_m.empty()) {
+      writer.write(tool, time_ns, step, make_pose(segment, step, time_ns));
+    }
+  }
+  if (next_frame < frames) write_frame(segment.steps);  // the state after the last step
+  writer.write(result, time_of(segment.steps, context), 0, make_result(segment));
+  const Result<void> finished = writer.finish();
+  file.close();
+  if (!finished || !file) return Failure{fmt::format("{}: writing failed", path)};
+  return {};
+}
+
+Result<EpisodeRecording> parse_episode(const std::string& name, const std::string& bytes) {
+  return take_content(name, read_mcap(bytes));
+}
+
+Result<EpisodeRecording> load_episode(const std::string& path) {
+  std::ifstream file(path, std::ios::binary);
+  if (!file) return Failure{fmt::format("{}: cannot be opened", path)};
+  const std::string bytes{std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>()};
+  return parse_episode(path, bytes);
+}
+
+}  // namespace omentum

@@ -1,0 +1,46 @@
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "core/result.h"
+#include "core/types.h"
+
+namespace omentum {
+
+/// What a recording carries beside task and segment, so that the file explains itself.
+struct RecordingContext {
+  std::string name;         ///< evaluation set, e.g. grid100_greedy
+  std::string config_text;  ///< resolved configuration
+  std::uint64_t config_hash = 0;
+  std::string git_revision;
+  double control_period = 0.02;  ///< time between decisions [s]
+  std::uint32_t particles = 0;   ///< of the tissue; 0 = no frames
+};
+
+/// One evaluation episode as recorded: the task that made it and the steps it brought. Frame f of
+/// segment.frame_positions_in_world_m is the tissue before step frame_steps[f].
+struct EpisodeRecording {
+  RecordingContext context;
+  RolloutTask task;
+  RolloutSegment segment;
+  std::vector<std::uint32_t> frame_steps;
+  bool complete = false;               ///< the file has its end; else what was there is here
+  std::vector<std::string> problems;   ///< one line each, of the MCAP reader or a message that does not parse
+};
+
+/// Writes the episode to an MCAP file (channels: proto/recording.proto), replacing it. Frames are taken to be
+/// task.frame_stride steps apart, beginning at step 0; the last one may lie after the last step. Fails, naming the
+/// path, if the arrays of the segment do not fit `steps`, or the disk does not take it.
+Result<void> save_episode(const std::string& path, const RolloutTask& task, const RolloutSegment& segment,
+                          const RecordingContext& context);
+
+/// Reads it back; save and load are inverse for every field that recording.proto names. A truncated file gives the
+/// steps of its whole chunks. Fails if there is no file or no episode header in it.
+Result<EpisodeRecording> load_episode(const std::string& path);
+
+/// As load_episode, from bytes; the entry of the fuzz target.
+Result<EpisodeRecording> parse_episode(const std::string& name, const std::string& bytes);
+
+}  // namespace omentum

@@ -1,0 +1,125 @@
+#include "core/gemm.h"
+
+#include <immintrin.h>
+
+#include "core/check.h"
+
+namespace omentum {
+
+namespace {
+
+/// Rows x (Vectors * 8) outputs in registers. Vectors are consecutive in memory within a panel and
+/// b_panel apart between panels. g++ keeps the accumulators in registers because both counts are
+/// constants.
+template <int Rows, int Vectors>
+inline __attribute__((always_inline)) void tile(int inner, const GemmOperands& o, const float* a,
+                                                const float* b, const float* init, float* c) {
+  __m256 sum[Rows][Vectors];
+  const auto column = [&](int v) { return (v / 2) * kPanel + (v % 2) * 8; };
+  for (int v = 0; v < Vectors; ++v) {
+    const __m256 start = init != nullptr ? _mm256_loadu_ps(init + column(v)) : _mm256_setzero_ps();
+    for (int r = 0; r < Rows; ++r) sum[r][v] = start;
+  }
+  for (int k = 0; k < inner; ++k) {
+    __m256 right[Vectors];
+    for (int v = 0; v < Vectors; ++v)
+      right[v] = _mm256_loadu_ps(b + (v / 2) * o.b_panel + (v % 2) * 8);
+    for (int r = 0; r < Rows; ++r) {
+      const __m256 left = _mm256_broadcast_ss(a + r * o.a_row);
+      for (int v = 0; v < Vectors; ++v) sum[r][v] = _mm256_fmadd_ps(left, right[v], sum[r][v]);
+    }
+    a += o.a_inner;
+    b += o.b_inner;
+  }
+  for (int r = 0; r < Rows; ++r) {
+    for (int v = 0; v < Vectors; ++v) _mm256_storeu_ps(c + r * o.c_row + column(v), sum[r][v]);
+  }
+}
+
+template <int Vectors>
+void row_group(int group, int inner, const GemmOperands& o, const float* a, const float* b,
+               const float* init, float* c) {
+  switch (group) {
+    case 1:
+      tile<1, Vectors>(inner, o, a, b, init, c);
+      break;
+    case 2:
+      tile<2, Vectors>(inner, o, a, b, init, c);
+      break;
+    case 3:
+      tile<3, Vectors>(inner, o, a, b, init, c);
+      break;
+    case 4:
+      tile<4, Vectors>(inner, o, a, b, init, c);
+      break;
+    case 5:
+      tile<5, Vectors>(inner, o, a, b, init, c);
+      break;
+    default:
+      tile<6, Vectors>(inner, o, a, b, init, c);
+      break;
+  }
+}
+
+/// All rows of one panel, in groups of nearly equal size of at most six.
+template <int Vectors>
+void panel(int rows, int inner, const GemmOperands& o, const float* b, const float* init,
+           float* c) {
+  const int groups = (rows + 5) / 6;
+  int row = 0;
+  for (int g = 0; g < groups; ++g) {
+    const int group = (rows - row) / (groups - g) + ((rows - row) % (groups - g) != 0 ? 1 : 0);
+    row_group<Vectors>(group, inner, o, o.a + row * o.a_row, b, init, c + row * o.c_row);
+    row += group;
+  }
+}
+
+}  // namespace
+
+void gemm(int rows, int columns, int inner, const GemmOperands& o) {
+  OMENTUM_DCHECK(columns % 8 == 0);
+  int column = 0;
+  const auto init_at = [&](int j) { return o.init != nullptr ? o.init + j : nullptr; };
+  const auto panel_at = [&](int j) { return o.b + (j / kPanel) * o.b_panel; };
+  // Few rows leave too few chains to hide the latency of the multiply-add: take several panels at
+  // once.
+  if (rows <= 3) {
+    for (; rows == 1 && column + 4 * kPanel <= columns; column += 4 * kPanel) {
+      tile<1, 8>(inner, o, o.a, panel_at(column), init_at(column), o.c + column);
+    }
+    for (; rows == 2 && column + 2 * kPanel <= columns; column += 2 * kPanel) {
+      tile<2, 4>(inner, o, o.a, panel_at(column), init_at(column), o.c + column);
+    }
+    for (; rows == 3 && column + 2 * kPanel <= columns; column += 2 * kPanel) {
+      tile<3, 4>(inner, o, o.a, panel_at(column), init_at(column), o.c + column);
+    }
+  }
+  for (; column + kPanel <= columns; column += kPanel) {
+    panel<2>(rows, inner, o, panel_at(column), init_at(column), o.c + column);
+  }
+  if (column < columns) panel<1>(rows, inner, o, panel_at(column), init_at(column), o.c + column);
+}
+
+void pack_panels(const float* source, int rows, int columns, std::ptrdiff_t leading,
+                 float* packed) {
+  for (int first = 0; first < columns; first += kPanel) {
+    for (int k = 0; k < rows; ++k) {
+      for (int j = 0; j < kPanel; ++j) {
+        *packed++ = first + j < columns ? source[k * leading + first + j] : 0.0F;
+      }
+    }
+  }
+}
+
+void pack_panels_transposed(const float* source, int rows, int columns, std::ptrdiff_t leading,
+                            float* packed) {
+  for (int first = 0; first < rows; first += kPanel) {
+    for (int k = 0; k < columns; ++k) {
+      for (int j = 0; j < kPanel; ++j) {
+        *packed++ = first + j < rows ? source[(first + j) * leading + k] : 0.0F;
+      }
+    }
+  }
+}
+
+}  // namespace omentum

@@ -1,0 +1,376 @@
+#include "core/policy.h"
+
+#include <algorithm>
+#include <bit>
+#include <utility>
+
+#include "core/activation.h"
+#include "core/check.h"
+#include "core/fp_mode.h"
+#include "core/gemm.h"
+
+namespace omentum {
+
+using lanes::Lane;
+
+namespace {
+
+constexpr int kBlock = 24;  // rows in work: four register groups of six and three panels of eight
+constexpr int kMaxLogits = 16;
+constexpr float kMaskedLogit = -1e8F;
+constexpr float kHalfLog2Pi = 0.918938533F;
+
+int branch_size(const PolicyShape& shape, int branch) {
+  return shape.branches[static_cast<std::size_t>(branch)];
+}
+
+}  // namespace
+
+struct Policy::Panel {
+  alignas(32) float logits[kMaxLogits][lanes::kWidth];  // masked
+  alignas(32) float uniform[4][lanes::kWidth];
+  alignas(32) std::int32_t branch[4][lanes::kWidth];
+  alignas(32) float continuous[4][lanes::kWidth];
+  alignas(32) float branch_log_prob[4][lanes::kWidth];
+  alignas(32) float log_prob[lanes::kWidth];
+};
+
+Policy::Policy(const PolicyShape& shape, PolicyWeights weights)
+    : shape_(shape), weights_(std::move(weights)), padded_hidden_(padded_columns(shape.hidden)) {
+  OMENTUM_CHECK(fp_mode_is_default());
+  const ParameterLayout layout = parameter_layout(shape_);
+  OMENTUM_CHECK(weights_.parameters.size() == layout.count, "{} parameters for a layout of {}",
+                weights_.parameters.size(), layout.count);
+  OMENTUM_CHECK(shape_.logits() >= 1 && shape_.logits() <= kMaxLogits &&
+                shape_.branch_count() <= 4);
+  OMENTUM_CHECK(weights_.obs_inv_std.size() == weights_.obs_mean.size());
+  OMENTUM_CHECK(weights_.obs_mean.empty() || std::ssize(weights_.obs_mean) == shape_.observations);
+  actor_ = pack(layout.actor);
+  critic_ = pack(layout.critic);
+  if (shape_.continuous) {
+    for (std::size_t d = 0; d < 4; ++d) {
+      log_std_[d] = weights_.parameters[layout.log_std + d];
+      std_[d] = lanes::exp(log_std_[d]);
+      inverse_std_[d] = lanes::exp(-log_std_[d]);
+    }
+  }
+  const auto rows = static_cast<std::size_t>(kBlock);
+  const auto hidden = static_cast<std::size_t>(padded_hidden_);
+  if (!weights_.obs_mean.empty())
+    normalised_.resize(rows * static_cast<std::size_t>(shape_.observations));
+  hidden1_.resize(rows * hidden);
+  hidden2_.resize(rows * hidden);
+  logits_.resize(rows * kPanel);
+  values_.resize(rows * 8);
+}
+
+Policy::Packed Policy::pack(const NetworkLayout& layout) const {
+  const int hidden = shape_.hidden;
+  const auto padded = static_cast<std::size_t>(padded_hidden_);
+  const auto observations = static_cast<std::size_t>(shape_.observations);
+  const float* p = weights_.parameters.data();
+  const auto copy = [&](std::size_t from, int count, std::size_t size) {
+    AlignedFloats values(size, 0.0F);
+    std::copy_n(p + from, count, values.begin());
+    return values;
+  };
+  Packed packed;
+  packed.weights1.resize(observations * padded);
+  pack_panels(p + layout.weights1, shape_.observations, hidden, hidden, packed.weights1.data());
+  packed.bias1 = copy(layout.bias1, hidden, padded);
+  packed.weights2.resize(static_cast<std::size_t>(hidden) * padded);
+  pack_panels(p + layout.weights2, hidden, hidden, hidden, packed.weights2.data());
+  packed.bias2 = copy(layout.bias2, hidden, padded);
+  packed.head.resize(static_cast<std::size_t>(hidden * kPanel));
+  pack_panels_transposed(p + layout.head, layout.outputs, hidden, hidden, packed.head.data());
+  packed.head_bias = copy(layout.head_bias, layout.has_head_bias ? layout.outputs : 0, kPanel);
+  return packed;
+}
+
+const float* Policy::normalise(const float* observations, int count) {
+  if (weights_.obs_mean.empty()) return observations;
+  const auto size = static_cast<std::size_t>(shape_.observations);
+  for (std::size_t row = 0; row < static_cast<std::size_t>(count); ++row) {
+    for (std::size_t i = 0; i < size; ++i) {
+      const float x =
+          (observations[row * size + i] - weights_.obs_mean[i]) * weights_.obs_inv_std[i];
+      const float above = x < -kObservationClip ? -kObservationClip : x;
+      normalised_[row * size + i] = above > kObservationClip ? kObservationClip : above;
+    }
+  }
+  return normalised_.data();
+}
+
+void Policy::activate(float* values, int count) const {
+  // Four independent evaluations per turn hide the latency of polynomial and division.
+  const int total = count * padded_hidden_;
+  const auto apply = [&](auto function) {
+    int i = 0;
+    for (; i + 32 <= total; i += 32) {
+      Lane y[4];
+      for (int j = 0; j < 4; ++j) y[j] = function(_mm256_load_ps(values + i + 8 * j));
+      for (int j = 0; j < 4; ++j) _mm256_store_ps(values + i + 8 * j, y[j]);
+    }
+    for (; i < total; i += 8) _mm256_store_ps(values + i, function(_mm256_load_ps(values + i)));
+  };
+  if (shape_.activation == pb::ACTIVATION_TANH) {
+    apply([](Lane x) { return lanes::tanh(x); });
+  } else {
+    apply([](Lane x) { return _mm256_mul_ps(x, lanes::sigmoid(x)); });
+  }
+}
+
+void Policy::forward(const Packed& network, int count, int output_columns, float* outputs) {
+  const int observations = shape_.observations;
+  const int hidden = shape_.hidden;
+  const int padded = padded_hidden_;
+  gemm(count, padded, observations,
+       {inputs_, observations, 1, network.weights1.data(), kPanel,
+        static_cast<std::ptrdiff_t>(observations) * kPanel, hidden1_.data(), padded,
+        network.bias1.data()});
+  activate(hidden1_.data(), count);
+  gemm(count, padded, hidden,
+       {hidden1_.data(), padded, 1, network.weights2.data(), kPanel,
+        static_cast<std::ptrdiff_t>(hidden) * kPanel, hidden2_.data(), padded,
+        network.bias2.data()});
+  activate(hidden2_.data(), count);
+  gemm(count, output_columns, hidden,
+       {hidden2_.data(), padded, 1, network.head.data(), kPanel,
+        static_cast<std::ptrdiff_t>(hidden) * kPanel, outputs, output_columns,
+        network.head_bias.data()});
+}
+
+Policy::Panel Policy::load_panel(int first, int count, std::span<const std::uint16_t> masks,
+                                 int offset) const {
+  Panel panel;
+  const int logits = shape_.logits();
+  for (int lane = 0; lane < lanes::kWidth; ++lane) {
+    const int row = first + (lane < count ? lane : 0);
+    const float* source = logits_.data() + row * kPanel;
+    for (int j = 0; j < logits; ++j) panel.logits[j][lane] = source[j];
+    if (masks.empty()) continue;
+    const unsigned int mask = masks[static_cast<std::size_t>(offset + row)];
+    for (int j = 0; j < logits; ++j) {
+      if ((mask >> j & 1u) == 0) panel.logits[j][lane] += kMaskedLogit;
+    }
+  }
+  return panel;
+}
+
+// Softmax by shifted exponentials e_i = exp(l_i - max), total = sum in ascending order. The draw
+// compares u total with the running sum, which needs no division; log p = (l - max) - log(total).
+void Policy::sample_discrete(Panel& panel, bool greedy) const {
+  int base = 0;
+  for (int b = 0; b < shape_.branch_count(); ++b) {
+    const int size = branch_size(shape_, b);
+    Lane best = _mm256_load_ps(panel.logits[base]);
+    __m256i chosen = _mm256_setzero_si256();
+    for (int j = 1; j < size; ++j) {
+      const Lane logit = _mm256_load_ps(panel.logits[base + j]);
+      const Lane better = lanes::less(best, logit);
+      best = lanes::select(better, logit, best);
+      if (greedy) {
+        chosen = _mm256_blendv_epi8(chosen, _mm256_set1_epi32(j), _mm256_castps_si256(better));
+      }
+    }
+    if (!greedy) {
+      Lane e[kMaxLogits];
+      Lane total = _mm256_setzero_ps();
+      for (int j = 0; j < size; ++j) {
+        e[j] = lanes::exp(_mm256_sub_ps(_mm256_load_ps(panel.logits[base + j]), best));
+        total = _mm256_add_ps(total, e[j]);
+      }
+      const Lane threshold = _mm256_mul_ps(_mm256_load_ps(panel.uniform[b]), total);
+      Lane sum = _mm256_setzero_ps();
+      for (int j = 0; j + 1 < size; ++j) {
+        sum = _mm256_add_ps(sum, e[j]);
+        // Not yet reached: the action is at least j + 1. Comparison is -1 where true.
+        const Lane behind = _mm256_cmp_ps(sum, threshold, _CMP_LE_OQ);
+        chosen = _mm256_sub_epi32(chosen, _mm256_castps_si256(behind));
+      }
+    }
+    _mm256_store_si256(reinterpret_cast<__m256i*>(panel.branch[b]), chosen);
+    base += size;
+  }
+}
+
+void Policy::sample_gaussian(Panel& panel, bool greedy) const {
+  for (std::size_t d = 0; d < 4; ++d) {
+    const Lane mean = _mm256_load_ps(panel.logits[d]);
+    Lane action = mean;
+    if (!greedy) {
+      // Centre of the cell of u; the last cell would round to 1.
+      const Lane p =
+          lanes::smaller(_mm256_add_ps(_mm256_load_ps(panel.uniform[d]), lanes::splat(0x1p-25F)),
+                         lanes::splat(1.0F - 0x1p-24F));
+      action = lanes::fma(lanes::normal_quantile(p), lanes::splat(std_[d]), mean);
+    }
+    _mm256_store_ps(panel.continuous[d], action);
+  }
+}
+
+void Policy::score(Panel& panel) const {
+  Lane joint = _mm256_setzero_ps();
+  int base = 0;
+  for (int b = 0; b < shape_.branch_count(); ++b) {
+    Lane log_prob;
+    if (shape_.continuous) {
+      const auto d = static_cast<std::size_t>(b);
+      const Lane z = _mm256_mul_ps(
+          _mm256_sub_ps(_mm256_load_ps(panel.continuous[b]), _mm256_load_ps(panel.logits[b])),
+          lanes::splat(inverse_std_[d]));
+      log_prob = lanes::fma(_mm256_mul_ps(z, z), lanes::splat(-0.5F),
+                            lanes::splat(-log_std_[d] - kHalfLog2Pi));
+    } else {
+      const int size = branch_size(shape_, b);
+      const __m256i chosen = _mm256_load_si256(reinterpret_cast<const __m256i*>(panel.branch[b]));
+      Lane best = _mm256_load_ps(panel.logits[base]);
+      Lane taken = best;
+      for (int j = 1; j < size; ++j) {
+        const Lane logit = _mm256_load_ps(panel.logits[base + j]);
+        best = lanes::larger(best, logit);
+        const __m256i here = _mm256_cmpeq_epi32(chosen, _mm256_set1_epi32(j));
+        taken = lanes::select(_mm256_castsi256_ps(here), logit, taken);
+      }
+      Lane total = _mm256_setzero_ps();
+      for (int j = 0; j < size; ++j) {
+        total = _mm256_add_ps(
+            total, lanes::exp(_mm256_sub_ps(_mm256_load_ps(panel.logits[base + j]), best)));
+      }
+      log_prob = _mm256_sub_ps(_mm256_sub_ps(taken, best), lanes::log(total));
+      base += size;
+    }
+    _mm256_store_ps(panel.branch_log_prob[b], log_prob);
+    joint = _mm256_add_ps(joint, log_prob);
+  }
+  _mm256_store_ps(panel.log_prob, joint);
+}
+
+void Policy::act(std::span<const float> observations, std::span<const ActionCounter> counters,
+                 bool greedy, std::span<const std::uint16_t> masks, std::span<Decision> decisions) {
+  const int total = static_cast<int>(decisions.size());
+  OMENTUM_CHECK(std::ssize(observations) ==
+                static_cast<std::ptrdiff_t>(total) * shape_.observations);
+  OMENTUM_CHECK(counters.size() == decisions.size() &&
+                (masks.empty() || masks.size() == decisions.size()));
+  const int branches = shape_.branch_count();
+  for (int start = 0; start < total; start += kBlock) {
+    const int rows = std::min(kBlock, total - start);
+    inputs_ = normalise(
+        observations.data() + static_cast<std::ptrdiff_t>(start) * shape_.observations, rows);
+    forward(actor_, rows, kPanel, logits_.data());
+    forward(critic_, rows, 8, values_.data());
+    for (int first = 0; first < rows; first += lanes::kWidth) {
+      const int count = std::min(lanes::kWidth, rows - first);
+      Panel panel = load_panel(first, count, masks, start);
+      for (int lane = 0; lane < lanes::kWidth && !greedy; ++lane) {
+        const ActionCounter& c =
+            counters[static_cast<std::size_t>(start + first + (lane < count ? lane : 0))];
+        const PhiloxWords words =
+            random_words(c.run_seed, c.slot, c.purpose, 0, c.episode, c.episode_step);
+        for (int b = 0; b < branches; ++b)
+          panel.uniform[b][lane] = uniform_24(words[static_cast<std::size_t>(b)]);
+      }
+      if (shape_.continuous) {
+        sample_gaussian(panel, greedy);
+      } else {
+        sample_discrete(panel, greedy);
+      }
+      score(panel);
+      for (int lane = 0; lane < count; ++lane) {
+        Decision& decision = decisions[static_cast<std::size_t>(start + first + lane)];
+        decision = Decision{};
+        for (int b = 0; b < branches; ++b) {
+          const auto i = static_cast<std::size_t>(b);
+          if (shape_.continuous) {
+            decision.continuous[i] = panel.continuous[b][lane];
+          } else {
+            decision.branch[i] = static_cast<std::uint8_t>(panel.branch[b][lane]);
+          }
+        }
+        decision.log_prob = panel.log_prob[lane];
+        decision.value = values_[static_cast<std::size_t>((first + lane) * 8)];
+      }
+    }
+  }
+}
+
+void Policy::evaluate(std::span<const float> observations,
+                      std::span<const std::uint8_t> branches_taken,
+                      std::span<const float> continuous_taken, std::span<const std::uint16_t> masks,
+                      std::span<float> log_probs, std::span<float> values,
+                      std::span<float> branch_log_probs) {
+  const int total = static_cast<int>(log_probs.size());
+  const std::size_t taken = shape_.continuous ? continuous_taken.size() : branches_taken.size();
+  OMENTUM_CHECK(std::ssize(observations) ==
+                static_cast<std::ptrdiff_t>(total) * shape_.observations);
+  OMENTUM_CHECK(taken == log_probs.size() * 4 && values.size() == log_probs.size());
+  OMENTUM_CHECK(masks.empty() || masks.size() == log_probs.size());
+  OMENTUM_CHECK(branch_log_probs.empty() || branch_log_probs.size() == log_probs.size() * 4);
+  const int branches = shape_.branch_count();
+  for (int start = 0; start < total; start += kBlock) {
+    const int rows = std::min(kBlock, total - start);
+    inputs_ = normalise(
+        observations.data() + static_cast<std::ptrdiff_t>(start) * shape_.observations, rows);
+    forward(actor_, rows, kPanel, logits_.data());
+    forward(critic_, rows, 8, values_.data());
+    for (int first = 0; first < rows; first += lanes::kWidth) {
+      const int count = std::min(lanes::kWidth, rows - first);
+      Panel panel = load_panel(first, count, masks, start);
+      for (int lane = 0; lane < lanes::kWidth; ++lane) {
+        const auto row = static_cast<std::size_t>(start + first + (lane < count ? lane : 0));
+        for (int b = 0; b < branches; ++b) {
+          const std::size_t i = row * 4 + static_cast<std::size_t>(b);
+          if (shape_.continuous) {
+            panel.continuous[b][lane] = continuous_taken[i];
+          } else {
+            panel.branch[b][lane] = branches_taken[i];
+          }
+        }
+      }
+      score(panel);
+      for (int lane = 0; lane < count; ++lane) {
+        const auto row = static_cast<std::size_t>(start + first + lane);
+        log_probs[row] = panel.log_prob[lane];
+        values[row] = values_[static_cast<std::size_t>((first + lane) * 8)];
+        if (branch_log_probs.empty()) continue;
+        for (int b = 0; b < 4; ++b) {
+          branch_log_probs[row * 4 + static_cast<std::size_t>(b)] =
+              b < branches ? panel.branch_log_prob[b][lane] : 0;
+        }
+      }
+    }
+  }
+}
+
+void Policy::estimate(std::span<const float> observations, std::span<float> values) {
+  const int total = static_cast<int>(values.size());
+  OMENTUM_CHECK(std::ssize(observations) ==
+                static_cast<std::ptrdiff_t>(total) * shape_.observations);
+  for (int start = 0; start < total; start += kBlock) {
+    const int rows = std::min(kBlock, total - start);
+    inputs_ = normalise(
+        observations.data() + static_cast<std::ptrdiff_t>(start) * shape_.observations, rows);
+    forward(critic_, rows, 8, values_.data());
+    for (int row = 0; row < rows; ++row) {
+      values[static_cast<std::size_t>(start + row)] = values_[static_cast<std::size_t>(row * 8)];
+    }
+  }
+}
+
+Sha256 hash_weights(std::span<const float> parameters, std::span<const float> obs_mean,
+                    std::span<const float> obs_inv_std) {
+  static_assert(std::endian::native == std::endian::little);
+  const std::array<std::uint64_t, 2> sizes = {parameters.size(), obs_mean.size()};
+  Bytes bytes;
+  const auto append = [&](std::span<const std::byte> piece) {
+    bytes.insert(bytes.end(), piece.begin(), piece.end());
+  };
+  append(std::as_bytes(std::span(sizes)));
+  append(bytes_of(parameters));
+  append(bytes_of(obs_mean));
+  append(bytes_of(obs_inv_std));
+  return sha256(bytes);
+}
+
+}  // namespace omentum

@@ -1,0 +1,276 @@
+#include "core/rollout.h"
+
+#include <chrono>
+#include <cmath>
+
+#include "core/check.h"
+#include "core/hash.h"
+
+namespace omentum {
+namespace {
+
+std::int64_t now_ns() {
+  return std::chrono::duration_cast<std::chrono::nanoseconds>(std::chrono::steady_clock::now().time_since_epoch())
+      .count();
+}
+
+/// What one lane is doing with its task.
+struct LaneRun {
+  bool done = false;        ///< no more steps are recorded
+  bool holding = false;     ///< evaluation: the hold script acts
+  std::uint32_t hold_left = 0;
+};
+
+EpisodeStart start_of(const RolloutTask& task) {
+  EpisodeStart start;
+  start.run_seed = task.run_seed;
+  start.slot = task.slot;
+  start.episode = task.episode;
+  start.episode_limit = task.episode_limit;
+  start.start_set = task.start_set;
+  start.start_index = task.start_index;
+  return start;
+}
+
+void fail(RolloutSegment& segment, LaneRun& run, const std::string& reason) {
+  segment.failed = 1;
+  segment.failure = reason;
+  run.done = true;
+}
+
+void close_episode(const Backend& backend, int lane, bool terminated, RolloutSegment& segment) {
+  const EpisodeFacts facts = backend.facts(lane);
+  segment.episode_end_step.push_back(segment.steps);
+  segment.episode_return.push_back(facts.episode_return);
+  segment.episode_length.push_back(facts.episode_step);
+  const Outcome outcome = facts.reached || terminated ? Outcome::kTargetReached
+                          : facts.lost_ever           ? Outcome::kGraspLost
+                                                      : Outcome::kTruncated;
+  segment.episode_outcome.push_back(static_cast<std::uint8_t>(outcome));
+  segment.episode_exposure.push_back(facts.exposure);
+  segment.episode_grasped.push_back(facts.grasped_ever ? 1 : 0);
+  for (std::size_t k = 0; k < 3; ++k) {
+    segment.episode_grasp_position.push_back(static_cast<float>(facts.grasp_position[k]));
+    segment.episode_start_position.push_back(static_cast<float>(facts.start_position[k]));
+  }
+}
+
+void record_frame(const Backend& backend, int lane, std::uint32_t stride, std::vector<float>& scratch,
+                  RolloutSegment& segment) {
+  const EpisodeFacts facts = backend.facts(lane);
+  segment.state_hashes.push_back(fnv1a64(backend.save(lane)));
+  segment.exposures.push_back(facts.exposure);
+  for (const double v : facts.tool_position) segment.tool_positions_in_world_m.push_back(static_cast<float>(v));
+  if ((segment.steps - 1) % stride != 0) return;
+  backend.positions(lane, scratch);
+  segment.frame_positions_in_world_m.insert(segment.frame_positions_in_world_m.end(), scratch.begin(), scratch.end());
+}
+
+/// Action of a replay task: four numbers per step, branch indices or continuous values as the preset has them.
+Action replayed_action(const RolloutTask& task, std::uint32_t step, bool continuous) {
+  Action action;
+  for (std::size_t k = 0; k < 4; ++k) {
+    const float value = task.commands[4 * static_cast<std::size_t>(step) + k];
+    if (continuous) {
+      action.continuous[k] = value;
+    } else {
+      action.branch[k] = static_cast<std::uint8_t>(value);
+    }
+  }
+  return action;
+}
+
+}  // namespace
+
+std::vector<RolloutSegment> run_rollout(Backend& backend, Policy& policy, std::span<const RolloutTask> tasks,
+                                        const std::function<bool()>& stop) {
+  const auto lanes = static_cast<std::size_t>(backend.lanes());
+  OMENTUM_CHECK(!tasks.empty() && tasks.size() <= lanes, "{} tasks for {} lanes", tasks.size(), lanes);
+  const auto width = static_cast<std::size_t>(backend.observation_size());
+  OMENTUM_CHECK(policy.shape().observations == backend.observation_size());
+  const bool continuous = policy.shape().continuous;
+  const std::int64_t began = now_ns();
+
+  std::vector<RolloutSegment> segments(tasks.size());
+  std::vector<LaneRun> runs(tasks.size());
+  std::uint32_t longest = 0;
+  for (std::size_t k = 0; k < tasks.size(); ++k) {
+    const RolloutTask& task = tasks[k];
+    RolloutSegment& segment = segments[k];
+    segment.slot = task.slot;
+    segment.segment = task.segment;
+    segment.grant = task.grant;
+    segment.worker_id = task.worker_id;
+    segment.learner_epoch = task.learner_epoch;
+    segment.task_hash = task.task_hash;
+    segment.policy_version = task.policy_version;
+    segment.source = task.kind == TaskKind::kReplay ? Source::kReplay : Source::kSimulation;
+    segment.granted_at_ns = task.granted_at_ns;
+    segment.state_format = backend.state_format();
+    longest = std::max(longest, task.steps);
+    if (task.kind == TaskKind::kReplay && task.commands.size() < 4 * static_cast<std::size_t>(task.steps)) {
+      fail(segment, runs[k], fmt::format("replay task with {} commands for {} steps", task.commands.size() / 4, task.steps));
+      continue;
+    }
+    if (task.reset) {
+      backend.reset(static_cast<int>(k), start_of(task));
+    } else {
+      const Result<void> loaded = backend.load(static_cast<int>(k), task.start_state);
+      if (!loaded) fail(segment, runs[k], loaded.error());
+    }
+    runs[k].holding = task.kind == TaskKind::kEvaluate && task.start_set == StartSet::kGraspLattice;
+    runs[k].hold_left = task.hold_steps;
+  }
+
+  std::vector<float> observations(tasks.size() * width);
+  std::vector<ActionCounter> counters(tasks.size());
+  std::vector<Decision> decisions(tasks.size());
+  std::vector<Action> actions(lanes);
+  std::vector<StepOutcome> outcomes(lanes);
+  std::vector<EpisodeFacts> before(tasks.size());
+  std::vector<float> scratch;
+  for (std::uint32_t step = 0; step < longest; ++step) {
+    if (stop && stop()) return {};
+    bool all_done = true;
+    for (const LaneRun& run : runs) all_done = all_done && run.done;
+    if (all_done) break;
+
+    for (std::size_t k = 0; k < tasks.size(); ++k) {
+      backend.observe(static_cast<int>(k), std::span(observations).subspan(k * width, width));
+      before[k] = backend.clock(static_cast<int>(k));
+      counters[k] = {tasks[k].run_seed, tasks[k].slot, before[k].episode, before[k].episode_step};
+    }
+    policy.act(observations, counters, tasks.front().greedy, {}, decisions);
+    for (std::size_t k = 0; k < tasks.size(); ++k) {
+      actions[k] = {decisions[k].branch, decisions[k].continuous};
+      if (runs[k].holding || runs[k].done) actions[k] = backend.hold_action(static_cast<int>(k));
+      if (tasks[k].kind == TaskKind::kReplay) actions[k] = replayed_action(tasks[k], step, continuous);
+    }
+    backend.step(actions, outcomes);
+
+    for (std::size_t k = 0; k < tasks.size(); ++k) {
+      const RolloutTask& task = tasks[k];
+      LaneRun& run = runs[k];
+      RolloutSegment& segment = segments[k];
+      const int lane = static_cast<int>(k);
+      if (run.done) continue;
+      if (!backend.healthy(lane)) {
+        fail(segment, run, fmt::format("state not finite at step {} of episode {}", before[k].episode_step, before[k].episode));
+        continue;
+      }
+      const StepOutcome& outcome = outcomes[k];
+      const bool scripted = run.holding || task.kind == TaskKind::kReplay;
+      std::uint8_t flags = before[k].episode_step == 0 ? step_flag::kFirst : std::uint8_t{0};
+      flags |= outcome.terminated ? step_flag::kTerminated : 0;
+      flags |= outcome.truncated ? step_flag::kTruncated : 0;
+      flags |= outcome.held_before ? step_flag::kHeld : 0;
+      flags |= outcome.grasp_lost ? step_flag::kGraspLost : 0;
+      flags |= scripted ? step_flag::kScripted : 0;
+      const auto from = observations.begin() + static_cast<std::ptrdiff_t>(k * width);
+      segment.observations.insert(segment.observations.end(), from, from + static_cast<std::ptrdiff_t>(width));
+      segment.actions.insert(segment.actions.end(), actions[k].branch.begin(), actions[k].branch.end());
+      if (continuous) {
+        segment.actions_continuous.insert(segment.actions_continuous.end(), actions[k].continuous.begin(),
+                                          actions[k].continuous.end());
+      }
+      segment.log_probs.push_back(scripted ? 0.0F : decisions[k].log_prob);
+      segment.values.push_back(decisions[k].value);
+      segment.rewards.push_back(outcome.reward);
+      segment.flags.push_back(flags);
+      ++segment.steps;
+      segment.physics_ticks += backend.ticks_per_step();
+      if (task.frame_stride > 0) record_frame(backend, lane, task.frame_stride, scratch, segment);
+
+      if (task.kind == TaskKind::kRollout) {
+        if (outcome.truncated && !outcome.terminated) {
+          segment.final_observations.resize(segment.final_observations.size() + width);
+          backend.observe(lane, std::span(segment.final_observations).last(width));
+        }
+        if (outcome.terminated || outcome.truncated) {
+          close_episode(backend, lane, outcome.terminated, segment);
+          EpisodeStart next = start_of(task);
+          next.episode = before[k].episode + 1;
+          next.episode_limit = 0;
+          next.follows_episode = true;
+          backend.reset(lane, next);
+        }
+      } else if (task.kind == TaskKind::kEvaluate) {
+        const EpisodeFacts after = backend.clock(lane);
+        if (run.holding) {
+          // The hold counts from the arrival at p_T.
+          if (backend.at_target(lane)) {
+            if (run.hold_left == 0) {
+              run.done = true;
+            } else {
+              --run.hold_left;
+            }
+          }
+        } else if (after.reached || outcome.terminated) {
+          run.holding = true;
+        } else if (task.policy_steps > 0 && segment.steps >= task.policy_steps) {
+          run.done = true;  // the policy had its time and did not arrive
+        }
+      }
+      if (segment.steps >= task.steps) run.done = true;
+      if (run.done && task.kind != TaskKind::kRollout) close_episode(backend, lane, false, segment);
+    }
+  }
+
+  const std::int64_t spent = now_ns() - began;
+  for (std::size_t k = 0; k < tasks.size(); ++k) {
+    RolloutSegment& segment = segments[k];
+    const int lane = static_cast<int>(k);
+    segment.compute_time_ns = spent / static_cast<std::int64_t>(tasks.size());
+    if (segment.failed != 0) {
+      segment.payload_crc32c = segment_crc(segment);
+      continue;
+    }
+    segment.bootstrap_observation.resize(width);
+    backend.observe(lane, segment.bootstrap_observation);
+    const EpisodeFacts end = backend.clock(lane);
+    segment.end_episode = end.episode;
+    segment.end_episode_step = end.episode_step;
+    segment.end_episode_limit = end.episode_limit;
+    if (tasks[k].kind == TaskKind::kRollout) {
+      segment.end_state = backend.save(lane);
+      segment.end_hash = fnv1a64(segment.end_state);
+    }
+    segment.payload_crc32c = segment_crc(segment);
+  }
+  return segments;
+}
+
+std::uint32_t segment_crc(const RolloutSegment& s) {
+  std::uint32_t crc = 0;
+  const auto add = [&crc](const auto& values) { crc = crc32c(std::as_bytes(std::span(values)), crc); };
+  const std::array<std::uint64_t, 12> head = {s.slot,          s.segment,      s.task_hash,        s.policy_version,
+                                              s.steps,         s.end_episode,  s.end_episode_step, s.end_episode_limit,
+                                              s.state_format,  s.end_hash,     s.failed,           s.physics_ticks};
+  add(head);
+  add(s.observations);
+  add(s.actions);
+  add(s.actions_continuous);
+  add(s.masks);
+  add(s.log_probs);
+  add(s.rewards);
+  add(s.values);
+  add(s.flags);
+  add(s.bootstrap_observation);
+  add(s.final_observations);
+  add(s.episode_end_step);
+  add(s.episode_return);
+  add(s.episode_length);
+  add(s.episode_outcome);
+  add(s.episode_exposure);
+  add(s.episode_grasped);
+  add(s.episode_grasp_position);
+  add(s.episode_start_position);
+  add(s.end_state);
+  add(s.state_hashes);
+  add(s.frame_positions_in_world_m);
+  add(s.tool_positions_in_world_m);
+  add(s.exposures);
+  return crc;
+}
+
+}  // namespace omentum

@@ -1,0 +1,60 @@
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <string>
+#include <vector>
+
+namespace omentum {
+
+/// The topics that travel between the programs. Index into topics().
+enum class TopicId : std::uint32_t {
+  kPolicyWeights,
+  kRolloutTask,
+  kRolloutSegment,
+  kWorkerStatus,
+  kLearnerStatus,
+  kEpisodeSummary,
+  kRunManifest,
+};
+
+enum class History { kKeepLast, kKeepAll };
+enum class Durability { kVolatile, kTransientLocal };
+
+/// One row of the table of wire.md section 3.1: everything about a topic but its fields. Code,
+/// tests and the `topics` command read this table; nothing else in the product names a topic or a
+/// policy. All topics are RELIABLE with SHARED ownership and AUTOMATIC liveliness: other kinds
+/// would hide them from generic tools.
+struct TopicSpec {
+  TopicId id;
+  const char* name;
+  const char* type_name;  ///< in the IDL module; the registered name is omentum::v1::<type_name>
+  const char* key;        ///< for documentation; the IDL decides
+  History history;
+  int depth;  ///< of KEEP_LAST, both sides
+  Durability durability;
+  int service_depth;  ///< what a late joiner gets with TRANSIENT_LOCAL (durability_service, not
+                      ///< history)
+  std::int64_t max_blocking_ns;  ///< how long a write may wait; only KEEP_ALL writers ever do
+  std::int64_t deadline_ns;      ///< offered and requested; 0 = infinite
+  bool is_public;  ///< written into partitions "" and "<run>"; else into one worker's partition
+  const char* reason;
+};
+
+std::span<const TopicSpec> topics();
+const TopicSpec& topic_spec(TopicId id);
+
+/// Partitions a public topic is written into: "" for generic tools, which have no partition option,
+/// and the run.
+std::vector<std::string> public_partitions(const std::string& run);
+/// The partition our readers join.
+std::vector<std::string> run_partition(const std::string& run);
+/// Tasks of one worker: "<run>/w<worker_id>".
+std::vector<std::string> worker_partition(const std::string& run, std::uint32_t worker_id);
+
+/// Throws Error unless the name of a run can be a partition: 1 to 100 letters, digits, '_', '-',
+/// '.'; DDS would read
+/// '*', '?' and '[' as wildcards and '/' separates the worker part.
+void check_run_name(const std::string& run);
+
+}  // namespace omentum

@@ -1,0 +1,103 @@
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "core/dds.h"
+#include "core/result.h"
+#include "core/topics.h"
+#include "core/types.h"
+
+/// The bus in terms of core/types.h. core/wire.cpp is the only file that knows the types idlc
+/// generates; here they appear as an incomplete type. Records: PolicyWeights, RolloutTask,
+/// RolloutSegment, WorkerStatus, LearnerStatus, EpisodeSummary, RunManifest.
+///
+/// On the way out sequences borrow the memory of the record's vectors; nothing is copied before
+/// serialisation. On the way in every length, enumerator and relation between lengths is checked
+/// before anything is copied; what fails is counted in refused() and dropped, never handed to the
+/// caller.
+namespace omentum {
+
+/// Topic of a record: topic_of<RolloutTask>() and so on.
+template <typename Record>
+TopicId topic_of();
+
+/// Checks of a record that came from outside, whatever carried it: lengths against `steps`,
+/// enumerators, bounds of the IDL. Used on the way in and, for lengths the IDL cannot carry, on the
+/// way out. One line naming the field.
+template <typename Record>
+Result<void> check_record(const Record& record);
+
+/// A sample as received. With info.valid false only the key fields of `record` are set.
+template <typename Record>
+struct Arrival {
+  Record record;
+  dds::SampleInfo info;
+};
+
+/// One writer of a topic. One thread at a time.
+template <typename Record>
+class BusWriter {
+ public:
+  /// Throws Error. `partitions` from core/topics.h; `name` is shown by tools.
+  BusWriter(const dds::Participant& participant, std::vector<std::string> partitions,
+            const std::string& name);
+  ~BusWriter();
+  BusWriter(BusWriter&&) noexcept;
+  BusWriter& operator=(BusWriter&&) noexcept;
+
+  /// Returns when the record is serialised. A failure with timed_out() may be retried with the same
+  /// record.
+  [[nodiscard]] Result<void> write(const Record& record);
+  bool timed_out() const;
+  /// Announces that the instance with the key of `record` left on purpose.
+  [[nodiscard]] Result<void> dispose(const Record& record);
+  int matched() const;
+  dds::WriterCounters counters() const;
+  bool wait_for_acknowledgments(std::int64_t timeout_ns) const;
+  std::int32_t handle() const;
+
+ private:
+  struct Endpoint;
+  std::unique_ptr<Endpoint> endpoint_;
+};
+
+/// One reader of a topic. One thread at a time.
+template <typename Record>
+class BusReader {
+ public:
+  struct Options {
+    std::int32_t max_samples = 0;  ///< fuse of a KEEP_ALL reader; 0 = unlimited
+    bool best_effort = false;      ///< for tools
+  };
+  /// Throws Error.
+  BusReader(const dds::Participant& participant, std::vector<std::string> partitions,
+            const std::string& name, Options options = {});
+  ~BusReader();
+  BusReader(BusReader&&) noexcept;
+  BusReader& operator=(BusReader&&) noexcept;
+
+  /// Hands up to `limit` arrivals to fn and returns how many were taken, refused ones included.
+  [[nodiscard]] Result<int> take(int limit, const std::function<void(Arrival<Record>&&)>& fn);
+  /// Samples that arrived but failed the checks, since creation; and why the last one did.
+  std::uint64_t refused() const;
+  const std::string& last_refusal() const;
+  /// Samples lost or rejected by the middleware's cache.
+  std::uint64_t lost() const;
+  int matched() const;
+  const dds::Reader& raw() const;
+
+ private:
+  struct Endpoint;
+  std::unique_ptr<Endpoint> endpoint_;
+};
+
+/// Serialised size estimate of the bulk records, for the bytes-per-second counters.
+std::size_t wire_bytes(const RolloutSegment& segment);
+std::size_t wire_bytes(const RolloutTask& task);
+std::size_t wire_bytes(const PolicyWeights& weights);
+
+}  // namespace omentum

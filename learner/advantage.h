@@ -1,0 +1,41 @@
+#pragma once
+
+#include <cstdint>
+#include <span>
+
+#include "learner/batch.h"
+
+namespace omentum {
+
+struct AdvantageSettings {
+  double gamma = 0.99;
+  double lambda = 0.95;
+  std::uint32_t time_horizon =
+      0;  ///< cut and bootstrap every so many steps of an episode; 0 = never
+  bool bootstrap_truncation =
+      true;  ///< false treats truncation as termination (the classic mistake, for study)
+};
+
+/// Generalised advantage estimation [Schulman16] over a completed batch. `rewards` (n) may be the
+/// scaled ones. Writes advantages and returns = advantage + value, n each; sums in double,
+/// backwards in time.
+///
+///   last step of the segment   next value = V(bootstrap observation)
+///   terminated                 next value = 0, nothing flows back over the end
+///   truncated                  next value = V(final observation), nothing flows back over the end
+///   time horizon               next value = V(next observation), nothing flows back over the cut
+void estimate_advantages(const Batch& batch, std::span<const float> rewards,
+                         const AdvantageSettings& settings, std::span<float> advantages,
+                         std::span<float> returns);
+
+/// Mean and deviation of some advantages, chosen by index; all of them when `indices` is empty. In
+/// double, in order.
+struct MeanDeviation {
+  double mean = 0;
+  double deviation = 0;
+};
+/// `population` divides by n, otherwise by n - 1.
+MeanDeviation mean_deviation(std::span<const float> values, std::span<const std::uint32_t> indices,
+                             bool population);
+
+}  // namespace omentum

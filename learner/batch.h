@@ -1,0 +1,68 @@
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "core/policy.h"
+#include "core/result.h"
+#include "core/types.h"
+
+namespace omentum {
+
+/// E segments of T steps in (slot, step) order: row = slot rank * T + step. Content and order never
+/// depend on arrival. Arrays over all n = E T rows unless said otherwise.
+struct Batch {
+  int slots = 0;                               ///< E
+  int steps = 0;                               ///< T
+  int observation_size = 0;                    ///< O
+  std::vector<std::uint32_t> slot_ids;         ///< E, ascending
+  std::vector<std::uint64_t> policy_versions;  ///< E, the weights each segment was collected with
+  std::vector<float> observations;             ///< n x O, raw
+  std::vector<std::uint8_t> branches;          ///< n x 4
+  std::vector<float> continuous;               ///< n x 4, Gaussian head only
+  std::vector<std::uint16_t> masks;            ///< n, or empty
+  std::vector<float> log_probs;                ///< joint, of the behaviour policy
+  std::vector<float> rewards;
+  std::vector<float> values;  ///< of the behaviour policy
+  std::vector<std::uint8_t> flags;
+  std::vector<std::uint32_t> episode_step;    ///< decisions of the episode before this one
+  std::vector<float> bootstrap_observations;  ///< E x O, after the last step
+  std::vector<float> final_observations;      ///< F x O, one per truncated step in row order
+  std::vector<std::int32_t> final_index;      ///< n, row of final_observations or -1
+
+  // Filled by complete_batch().
+  std::vector<float> branch_log_probs;  ///< n x 4, of the behaviour policy
+  std::vector<float> bootstrap_values;  ///< E
+  std::vector<float> final_values;      ///< F
+
+  std::size_t rows() const {
+    return static_cast<std::size_t>(slots) * static_cast<std::size_t>(steps);
+  }
+};
+
+/// Checks everything a sender could get wrong: identity against the outstanding task, lengths of
+/// all arrays, finite numbers, range of actions and flags, order of episode ends. A segment that
+/// passes can be assembled and learned from without any further check. (The CRC is checked where
+/// the bytes arrive.)
+Result<void> check_segment(const RolloutSegment& segment, const PolicyShape& shape,
+                           const RolloutTask& task);
+
+/// Joins segments that passed check_segment(), all of the same number of steps, one per slot, in
+/// any order.
+Batch assemble(std::span<const RolloutSegment> segments, const PolicyShape& shape);
+
+/// Result of recomputing the log-probabilities and values of a batch.
+struct LogProbCheck {
+  double largest_log_prob_difference = 0;  ///< must be exactly 0 (learner.md 4.4)
+  double largest_value_difference = 0;     ///< must be exactly 0
+  std::uint32_t slot = 0;                  ///< where the first difference is
+  std::uint32_t step = 0;
+};
+
+/// Recomputes log-probabilities and values with the behaviour weights, compares them bit for bit
+/// with what travelled, and fills in what travels not: log-probabilities per branch, values of
+/// bootstrap and final observations. NaN counts as an infinite difference.
+LogProbCheck complete_batch(Policy& behaviour, Batch& batch);
+
+}  // namespace omentum

@@ -1,0 +1,456 @@
+#include "learner/bus.h"
+
+#include <pthread.h>
+
+#include <algorithm>
+#include <chrono>
+
+#include "core/check.h"
+#include "core/hash.h"
+#include "core/log.h"
+
+namespace omentum {
+namespace {
+
+constexpr std::int64_t kMs = 1'000'000;
+constexpr std::int64_t kStatusPeriodNs = 500 * kMs;
+constexpr std::int64_t kSilentNs = 2'000 * kMs;  // deadline of worker status, wire.md 3.1
+constexpr std::int64_t kRetireNs = 5'000 * kMs;  // a dead worker's reader is gone after the lease
+constexpr std::int64_t kRatePeriodNs = 1'000 * kMs;
+constexpr std::int64_t kReportPeriodNs = 100 * kMs;  // ledger into the status
+constexpr std::int64_t kMatchPollNs = 5 * kMs;
+constexpr std::size_t kLeastRing = 64;
+
+std::int64_t wall_now_ns() {
+  return std::chrono::duration_cast<std::chrono::nanoseconds>(
+             std::chrono::system_clock::now().time_since_epoch())
+      .count();
+}
+
+// Runs in the member initialisers: nothing may be created for a run that cannot have a partition.
+LearnerBusOptions checked(LearnerBusOptions options) {
+  check_run_name(options.run);
+  OMENTUM_CHECK(options.slots >= 1);
+  return options;
+}
+
+}  // namespace
+
+std::int64_t steady_now_ns() {
+  return std::chrono::duration_cast<std::chrono::nanoseconds>(
+             std::chrono::steady_clock::now().time_since_epoch())
+      .count();
+}
+
+LearnerBus::LearnerBus(const LearnerBusOptions& options)
+    : options_(checked(options)),
+      policy_id_(static_cast<std::uint32_t>(fnv1a64(options_.run))),
+      ring_capacity_(std::max<std::size_t>(kLeastRing, std::size_t{4} * options_.slots)),
+      participant_(options_.domain, options_.profile.uri, "omentum-learner"),
+      manifest_writer_(participant_, public_partitions(options_.run), "learner-manifest"),
+      weights_writer_(participant_, public_partitions(options_.run), "learner-weights"),
+      summary_writer_(participant_, public_partitions(options_.run), "learner-summary"),
+      status_writer_(participant_, public_partitions(options_.run), "learner-status"),
+      segment_reader_(participant_, run_partition(options_.run), "learner-segments",
+                      {.max_samples = static_cast<std::int32_t>(ring_capacity_)}),
+      worker_reader_(participant_, run_partition(options_.run), "learner-workers"),
+      learner_reader_(participant_, run_partition(options_.run), "learner-epochs"),
+      waitset_(participant_) {
+  status_.run_id = options_.run;
+  status_.learner_epoch = options_.learner_epoch;
+  waitset_.attach(segment_reader_.raw());
+  waitset_.attach(worker_reader_.raw());
+  waitset_.attach(learner_reader_.raw());
+  drain_thread_ = std::jthread([this](const std::stop_token& stop) { drain(stop); });
+}
+
+LearnerBus::~LearnerBus() {
+  drain_thread_.request_stop();
+  waitset_.wake();
+  drain_thread_.join();
+}
+
+// -------------------------------------------------------------------------------------- publishing
+
+Result<void> LearnerBus::publish_manifest(RunManifest manifest) {
+  if (superseded()) return {};
+  manifest.run_id = options_.run;
+  manifest.learner_epoch = options_.learner_epoch;
+  return manifest_writer_.write(manifest);
+}
+
+Result<void> LearnerBus::publish_weights(PolicyWeights weights) {
+  if (superseded()) return {};
+  weights.policy_id = policy_id_;
+  weights.learner_epoch = options_.learner_epoch;
+  weights.published_at_ns = wall_now_ns();
+  const std::size_t bytes = wire_bytes(weights);
+  {
+    const std::lock_guard lock(mutex_);
+    statistics_.bytes_down += bytes * statistics_.workers_alive;
+  }
+  return weights_writer_.write(weights);
+}
+
+Result<void> LearnerBus::publish_summary(const EpisodeSummary& summary) {
+  if (superseded()) return {};
+  return summary_writer_.write(summary);
+}
+
+void LearnerBus::set_status(const LearnerStatus& status) {
+  const std::lock_guard lock(mutex_);
+  const LearnerStatus old = std::exchange(status_, status);
+  status_.run_id = options_.run;
+  status_.learner_epoch = options_.learner_epoch;
+  status_.granted = old.granted;
+  status_.regranted = old.regranted;
+  status_.received = old.received;
+  status_.admitted = old.admitted;
+  status_.duplicate = old.duplicate;
+  status_.stale = old.stale;
+  status_.invalid = old.invalid;
+  status_.cancelled = old.cancelled;
+  status_.foreign = old.foreign;
+  status_.overflow = old.overflow;
+  status_.outstanding = old.outstanding;
+  status_.audit_mismatch = old.audit_mismatch;
+  status_.oldest_task_age_s = old.oldest_task_age_s;
+  status_.bytes_up_per_s = old.bytes_up_per_s;
+  status_.bytes_down_per_s = old.bytes_down_per_s;
+  if (old.phase != status_.phase) {
+    status_urgent_ = true;
+    waitset_.wake();
+  }
+}
+
+void LearnerBus::report_book(const TaskBook& book, std::int64_t now_ns) {
+  if (now_ns - reported_ns_ < kReportPeriodNs) return;
+  reported_ns_ = now_ns;
+  const Ledger ledger = book.ledger();
+  const double age = book.oldest_task_age_s(now_ns);
+  const std::lock_guard lock(mutex_);
+  status_.granted = ledger.granted;
+  status_.regranted = ledger.regranted;
+  status_.received = ledger.received;
+  status_.admitted = ledger.admitted;
+  status_.duplicate = ledger.duplicate;
+  status_.stale = ledger.stale;
+  status_.invalid = ledger.invalid;
+  status_.cancelled = ledger.cancelled;
+  status_.foreign = ledger.foreign;
+  status_.overflow = ledger.overflow;
+  status_.outstanding = ledger.outstanding;
+  status_.audit_mismatch = ledger.audit_mismatch;
+  status_.oldest_task_age_s = age;
+}
+
+// ------------------------------------------------------------------------------------ drain thread
+
+void LearnerBus::drain(const std::stop_token& stop) {
+  pthread_setname_np(pthread_self(), "bus-drain");
+  while (!stop.stop_requested()) {
+    const std::int64_t now = steady_now_ns();
+    send_status(now);
+    waitset_.wait(
+        std::max(kMs, std::min(kStatusPeriodNs, status_sent_ns_ + kStatusPeriodNs - now)));
+    drain_segments();
+    drain_worker_status();
+    drain_learner_status();
+  }
+}
+
+void LearnerBus::drain_segments() {
+  // Never stops taking: a full reader would stall every topic of this process (wire.md 5.1).
+  const Result<int> taken =
+      segment_reader_.take(static_cast<int>(kLeastRing), [this](Arrival<RolloutSegment>&& arrival) {
+        if (!arrival.info.valid) return;
+        const std::size_t bytes = wire_bytes(arrival.record);
+        const std::lock_guard lock(mutex_);
+        ++statistics_.segments;
+        statistics_.bytes_up += bytes;
+        if (ring_.size() >= ring_capacity_) {
+          overflown_.emplace_back(arrival.record.slot, arrival.record.task_hash);
+        } else {
+          ring_.push_back(std::move(arrival.record));
+          statistics_.ring_high = std::max<std::uint64_t>(statistics_.ring_high, ring_.size());
+        }
+      });
+  if (!taken) log().error("event=take_failed reason=\"{}\"", taken.error());
+  bool wake = false;
+  {
+    const std::lock_guard lock(mutex_);
+    const std::uint64_t lost = segment_reader_.lost();
+    if (lost > statistics_.lost) log().error("event=segments_lost total={}", lost);
+    if (segment_reader_.refused() > statistics_.refused) {
+      log().warn("event=segment_refused total={} reason=\"{}\"", segment_reader_.refused(),
+                 segment_reader_.last_refusal());
+      wake = true;
+    }
+    statistics_.lost = lost;
+    statistics_.refused = segment_reader_.refused();
+    wake = wake || !ring_.empty() || !overflown_.empty();
+  }
+  if (wake) something_.notify_all();
+}
+
+void LearnerBus::drain_worker_status() {
+  bool changed = false;
+  const Result<int> taken =
+      worker_reader_.take(1024, [this, &changed](Arrival<WorkerStatus>&& arrival) {
+        const std::lock_guard lock(mutex_);
+        Seen& seen = seen_[arrival.record.worker_id];
+        const bool alive = arrival.info.valid && arrival.info.state == dds::InstanceState::kAlive;
+        if (alive) {
+          if (seen.alive && seen.writer != arrival.info.writer) {
+            ++statistics_.id_conflicts;
+            log().warn("event=worker_refused worker={} reason=\"id has a live writer\"",
+                       arrival.record.worker_id);
+            return;
+          }
+          if (!seen.alive) ++statistics_.workers_alive;
+          seen.status = std::move(arrival.record);
+          seen.writer = arrival.info.writer;
+          seen.at_ns = steady_now_ns();
+        } else if (seen.alive) {
+          --statistics_.workers_alive;
+          seen.crashed = arrival.info.state != dds::InstanceState::kDisposed;
+          ++(seen.crashed ? statistics_.worker_crashes : statistics_.worker_leaves);
+        }
+        seen.alive = alive;
+        seen.changed = true;
+        workers_changed_ = true;
+        changed = true;
+      });
+  if (!taken) log().error("event=take_failed reason=\"{}\"", taken.error());
+  if (changed) something_.notify_all();
+}
+
+void LearnerBus::drain_learner_status() {
+  const Result<int> taken = learner_reader_.take(256, [this](Arrival<LearnerStatus>&& arrival) {
+    if (!arrival.info.valid || arrival.record.run_id != options_.run) return;
+    const std::uint32_t epoch = arrival.record.learner_epoch;
+    if (epoch <= options_.learner_epoch || epoch <= highest_epoch_.load()) return;
+    highest_epoch_.store(epoch);
+    superseded_.store(true);
+    log().error("event=superseded run={} epoch={} by_epoch={}", options_.run,
+                options_.learner_epoch, epoch);
+    something_.notify_all();
+  });
+  if (!taken) log().error("event=take_failed reason=\"{}\"", taken.error());
+}
+
+void LearnerBus::send_status(std::int64_t now_ns) {
+  if (superseded()) {
+    status_sent_ns_ = now_ns;
+    return;
+  }
+  LearnerStatus status;
+  {
+    const std::lock_guard lock(mutex_);
+    if (!status_urgent_ && now_ns - status_sent_ns_ < kStatusPeriodNs) return;
+    status_urgent_ = false;
+    if (now_ns - rate_from_ns_ >= kRatePeriodNs) {
+      const double seconds = static_cast<double>(now_ns - rate_from_ns_) * 1e-9;
+      status_.bytes_up_per_s = static_cast<double>(statistics_.bytes_up - rate_bytes_up_) / seconds;
+      status_.bytes_down_per_s =
+          static_cast<double>(statistics_.bytes_down - rate_bytes_down_) / seconds;
+      rate_from_ns_ = now_ns;
+      rate_bytes_up_ = statistics_.bytes_up;
+      rate_bytes_down_ = statistics_.bytes_down;
+    }
+    status_.workers_alive = statistics_.workers_alive;
+    status_.worker_ids.clear();
+    status_.worker_phases.clear();
+    status_.worker_steps_per_s.clear();
+    for (const auto& [id, seen] : seen_) {
+      if (!seen.alive) continue;
+      status_.worker_ids.push_back(id);
+      status_.worker_phases.push_back(static_cast<std::uint8_t>(seen.status.phase));
+      status_.worker_steps_per_s.push_back(seen.status.steps_per_s);
+    }
+    status = status_;
+  }
+  status_sent_ns_ = now_ns;
+  const Result<void> ok = status_writer_.write(status);
+  if (!ok) log().warn("event=status_not_sent reason=\"{}\"", ok.error());
+}
+
+// ---------------------------------------------------------------------------------- learner thread
+
+bool LearnerBus::wait(std::int64_t timeout_ns) {
+  // Matching of a new worker's task writer is not an event here: look again soon.
+  const bool matching = std::any_of(served_.begin(), served_.end(),
+                                    [](const auto& entry) { return !entry.second.joined; });
+  if (matching) timeout_ns = std::min(timeout_ns, kMatchPollNs);
+  std::unique_lock lock(mutex_);
+  return something_.wait_for(lock, std::chrono::nanoseconds(timeout_ns), [this] {
+    return !ring_.empty() || !overflown_.empty() || workers_changed_ || superseded();
+  });
+}
+
+ServeReport LearnerBus::serve(TaskBook& book, std::int64_t now_ns) {
+  std::deque<RolloutSegment> segments;
+  std::vector<std::pair<std::uint32_t, std::uint64_t>> overflown;
+  std::vector<std::pair<std::uint32_t, Seen>> changed;
+  std::uint64_t refused = 0;
+  {
+    const std::lock_guard lock(mutex_);
+    segments.swap(ring_);
+    overflown.swap(overflown_);
+    refused = statistics_.refused;
+    if (std::exchange(workers_changed_, false)) {
+      for (auto& [id, seen] : seen_) {
+        if (!std::exchange(seen.changed, false)) continue;
+        changed.emplace_back(id, seen);
+      }
+      // Gone workers were copied just now and never come back under the same identity.
+      std::erase_if(seen_, [](const auto& entry) { return !entry.second.alive; });
+    }
+  }
+  ServeReport report;
+  for (RolloutSegment& segment : segments) {
+    ++report.received;
+    if (book.receive(std::move(segment), now_ns) == Verdict::kAdmitted) ++report.admitted;
+  }
+  for (const auto& [slot, hash] : overflown) book.overflowed(slot, hash);
+  if (refused > refused_told_) book.refused(refused - std::exchange(refused_told_, refused));
+  for (const auto& [id, seen] : changed) follow_worker(book, id, seen);
+
+  for (auto& [id, served] : served_) {
+    if (!served.joined && served.last.lanes > 0 && served.last.phase != WorkerPhase::kStarting &&
+        served.last.phase != WorkerPhase::kDraining && served.writer->matched() > 0) {
+      served.joined = true;
+      book.worker_joined(id, served.last.lanes);
+      log().info("event=worker_joined worker={} host={} pid={} lanes={}", id, served.last.host,
+                 served.last.pid, served.last.lanes);
+    }
+  }
+  if (now_ns - reported_ns_ >= kReportPeriodNs) {
+    const std::lock_guard lock(mutex_);
+    for (auto& [id, served] : served_) {
+      const auto seen = seen_.find(id);
+      const bool silent = seen != seen_.end() && steady_now_ns() - seen->second.at_ns > kSilentNs;
+      if (silent != served.silent) {
+        served.silent = silent;
+        book.worker_silent(id, silent);
+        log().warn("event=worker_{} worker={}", silent ? "silent" : "speaks_again", id);
+      }
+    }
+  }
+  std::erase_if(retired_, [now = steady_now_ns()](const auto& entry) {
+    return entry.first->matched() == 0 || now > entry.second;
+  });
+  if (!superseded()) write_grants(book, now_ns, report);
+  report_book(book, now_ns);
+  return report;
+}
+
+void LearnerBus::follow_worker(TaskBook& book, std::uint32_t id, const Seen& seen) {
+  const auto found = served_.find(id);
+  if (!seen.alive) {
+    if (found == served_.end()) return;
+    log().info("event=worker_{} worker={} host={}", seen.crashed ? "lost" : "left", id,
+               found->second.last.host);
+    book.worker_left(id);
+    retire(std::move(found->second.writer));
+    served_.erase(found);
+    return;
+  }
+  if (found == served_.end()) {
+    Served served;
+    served.writer = std::make_unique<BusWriter<RolloutTask>>(
+        participant_, worker_partition(options_.run, id), fmt::format("learner-tasks-w{}", id));
+    served.last = seen.status;
+    served_.emplace(id, std::move(served));
+    return;
+  }
+  Served& served = found->second;
+  const WorkerStatus before = std::exchange(served.last, seen.status);
+  if (!served.joined) return;
+  follow_declines(book, id, before, seen.status);
+  if (served.last.phase == WorkerPhase::kDraining || served.last.lanes != before.lanes) {
+    // Leaving, or another width after a new manifest: what it held is granted again.
+    book.worker_left(id);
+    served.joined = false;
+  }
+}
+
+void LearnerBus::follow_declines(TaskBook& book, std::uint32_t id, const WorkerStatus& before,
+                                 const WorkerStatus& after) {
+  const bool config = after.tasks_declined_config > before.tasks_declined_config;
+  const bool state = after.tasks_declined_state > before.tasks_declined_state;
+  const bool weights = after.tasks_declined_no_weights > before.tasks_declined_no_weights;
+  const bool epoch = after.tasks_declined_epoch > before.tasks_declined_epoch;
+  if (!config && !state && !weights && !epoch) return;
+  book.worker_declined(id, config || state);
+  log().warn("event=worker_declined worker={} host={} reason={} for_good={} said=\"{}\"", id,
+             after.host,
+             config    ? "config"
+             : state   ? "state"
+             : weights ? "no_weights"
+                       : "epoch",
+             config || state, after.warnings.empty() ? "" : after.warnings.back());
+}
+
+void LearnerBus::retire(std::unique_ptr<BusWriter<RolloutTask>> writer) {
+  // Deleting a writer waits for readers that have not acknowledged; a dead one never will.
+  retired_.emplace_back(std::move(writer), steady_now_ns() + kRetireNs);
+}
+
+void LearnerBus::write_grants(TaskBook& book, std::int64_t now_ns, ServeReport& report) {
+  std::uint64_t bytes = 0;
+  std::uint64_t undelivered = 0;
+  for (const RolloutTask& task : book.grant(now_ns)) {
+    const auto served = served_.find(task.worker_id);
+    const Result<void> ok = served == served_.end() ? Result<void>(Failure{"worker is unknown"})
+                                                    : served->second.writer->write(task);
+    if (!ok) {
+      book.undelivered(task);
+      ++undelivered;
+      log().warn("event=task_not_written worker={} slot={} reason=\"{}\"", task.worker_id,
+                 task.slot, ok.error());
+      continue;
+    }
+    ++report.granted;
+    bytes += wire_bytes(task);
+    if (options_.profile.task_spacing_ns > 0) {
+      // Pacing, not synchronisation: the receiver's socket buffer is smaller than the burst.
+      std::this_thread::sleep_for(std::chrono::nanoseconds(options_.profile.task_spacing_ns));
+    }
+  }
+  if (bytes == 0 && undelivered == 0) return;
+  const std::lock_guard lock(mutex_);
+  statistics_.bytes_down += bytes;
+  statistics_.undelivered += undelivered;
+}
+
+bool LearnerBus::finish(std::int64_t timeout_ns) {
+  std::unique_lock lock(mutex_);
+  status_.phase = LearnerPhase::kDone;
+  status_urgent_ = true;
+  waitset_.wake();
+  return something_.wait_for(lock, std::chrono::nanoseconds(timeout_ns),
+                             [this] { return statistics_.workers_alive == 0 || superseded(); });
+}
+
+BusStatistics LearnerBus::statistics() const {
+  const std::lock_guard lock(mutex_);
+  return statistics_;
+}
+
+std::vector<WorkerStatus> LearnerBus::worker_statuses() const {
+  const std::lock_guard lock(mutex_);
+  std::vector<WorkerStatus> statuses;
+  for (const auto& [id, seen] : seen_) {
+    if (seen.alive) statuses.push_back(seen.status);
+  }
+  return statuses;
+}
+
+std::uint32_t LearnerBus::workers_ready() const {
+  std::uint32_t ready = 0;
+  for (const auto& [id, served] : served_) ready += served.joined && !served.silent ? 1 : 0;
+  return ready;
+}
+
+}  // namespace omentum

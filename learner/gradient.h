@@ -1,0 +1,95 @@
+#pragma once
+
+#include <cstdint>
+#include <span>
+
+#include "core/aligned.h"
+#include "learner/batch.h"
+#include "learner/loss.h"
+#include "learner/training_layout.h"
+
+namespace omentum {
+
+/// Weights of one minibatch step in the forms the products want; shared read-only by all threads.
+class PackedWeights {
+ public:
+  PackedWeights(const PolicyShape& shape, const TrainingLayout& layout);
+
+  /// Repacks from `parameters` (training layout), which must outlive the next use.
+  void pack(std::span<const float> parameters);
+
+  struct Network {
+    AlignedFloats weights1;             // panels
+    AlignedFloats weights2;             // panels
+    AlignedFloats weights2_transposed;  // panels of the transpose
+    AlignedFloats head;                 // panels of the transpose: hidden x outputs
+    AlignedFloats head_bias;            // 16, zero without bias
+  };
+  const Network& actor() const { return actor_; }
+  const Network& critic() const { return critic_; }
+  const GaussianHead& gaussian() const { return gaussian_; }
+  const float* parameters() const { return parameters_; }
+
+ private:
+  void pack_network(const NetworkLayout& blocks, Network& network) const;
+
+  PolicyShape shape_;
+  const TrainingLayout& layout_;
+  Network actor_, critic_;
+  GaussianHead gaussian_;
+  const float* parameters_ = nullptr;
+};
+
+/// What a minibatch is made of. Arrays are over the whole batch; `rows` picks and orders the
+/// samples.
+struct MinibatchView {
+  const Batch* batch = nullptr;
+  std::span<const float> inputs;  ///< n x O, normalised
+  std::span<const float> advantages;
+  double advantage_mean = 0;   ///< subtracted
+  double advantage_scale = 1;  ///< then multiplied
+  std::span<const float> returns;
+  std::span<const std::uint32_t> rows;
+};
+
+/// Forward, loss and backward of one chunk of up to 64 samples: the training kernel. Activations
+/// are row-major with a padded leading dimension, all products go through core/gemm.h, so a chunk's
+/// gradient depends on its samples and the weights alone. Not thread-safe (workspace): one per
+/// thread.
+class ChunkGradient {
+ public:
+  ChunkGradient(const PolicyShape& shape, const TrainingLayout& layout);
+
+  /// Overwrites `gradient` (training layout) with the gradient of samples [first, first + count) of
+  /// the minibatch.
+  LossSums operator()(const PackedWeights& weights, const LossSettings& settings,
+                      const MinibatchView& minibatch, int first, int count,
+                      std::span<float> gradient);
+
+ private:
+  struct Activations {
+    AlignedFloats y1, y2;  // 64 x leading
+    AlignedFloats s1, s2;  // swish only: derivative
+  };
+  void gather(const MinibatchView& minibatch, int first, int count);
+  void forward(const PackedWeights::Network& weights, const NetworkLayout& blocks,
+               const float* parameters, int count, Activations& a, int columns, float* outputs);
+  void backward(const PackedWeights::Network& weights, const NetworkLayout& blocks,
+                const float* parameters, int count, const Activations& a, int columns,
+                const float* output_gradient, float* gradient);
+  void activate(float* values, float* slopes, int count) const;
+  void differentiate(float* gradient, const float* outputs, const float* slopes, int count,
+                     float* bias_gradient) const;
+
+  PolicyShape shape_;
+  const TrainingLayout& layout_;
+  Loss loss_;
+  int leading_ = 0;
+  LossInputs inputs_{};
+  AlignedFloats x_;  // 64 x O
+  Activations actor_, critic_;
+  AlignedFloats d1_, d2_;  // 64 x leading
+  AlignedFloats logits_, values_, logit_gradient_, value_gradient_;
+};
+
+}  // namespace omentum

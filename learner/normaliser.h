@@ -1,0 +1,69 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "learner/batch.h"
+
+namespace omentum {
+
+/// Count, mean and sum of squared deviations per dimension, merged batch by batch in double
+/// [Chan83]: merging A then B equals one pass over both up to rounding. Order matters for the last
+/// bits, so callers pass slot/step order.
+class RunningMoments {
+ public:
+  explicit RunningMoments(int dimensions);
+
+  /// Merges rows x dimensions values.
+  void merge(std::span<const float> values);
+  void merge(std::span<const double> values);
+
+  double count() const { return count_; }
+  const std::vector<double>& mean() const { return mean_; }
+  /// Sums of squared deviations.
+  const std::vector<double>& squares() const { return squares_; }
+  /// Population variance; 1 while nothing was seen.
+  double variance(std::size_t dimension) const;
+  /// For loading: sizes must match.
+  void restore(double count, std::vector<double> mean, std::vector<double> squares);
+
+ private:
+  template <typename T>
+  void merge_rows(std::span<const T> values);
+
+  double count_ = 0;
+  std::vector<double> mean_;
+  std::vector<double> squares_;
+};
+
+/// What ships with the weights: mean and 1 / sqrt(variance + 1e-8) in f32.
+struct FrozenNormaliser {
+  std::vector<float> mean;
+  std::vector<float> inverse_deviation;
+};
+FrozenNormaliser freeze(const RunningMoments& moments);
+
+/// Optional reward scaling: rewards divided by the running deviation of the discounted return,
+/// clipped to +-10.
+class RewardScaler {
+ public:
+  RewardScaler(int slots, double gamma);
+
+  /// Continues each slot's discounted return through the batch, merges all of them in slot/step
+  /// order, then writes the scaled rewards (n).
+  void scale(const Batch& batch, std::span<float> scaled);
+
+  const RunningMoments& moments() const { return moments_; }
+  const std::vector<double>& discounted() const { return discounted_; }
+  /// For loading: `discounted` has one entry per slot.
+  void restore(RunningMoments moments, std::vector<double> discounted);
+
+ private:
+  double gamma_ = 0;
+  RunningMoments moments_;
+  std::vector<double> discounted_;  ///< per slot, up to now
+};
+
+}  // namespace omentum

@@ -1,0 +1,116 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "core/aligned.h"
+#include "core/policy.h"
+#include "core/result.h"
+#include "learner/adam.h"
+#include "learner/batch.h"
+#include "learner/gradient.h"
+#include "learner/normaliser.h"
+#include "learner/thread_pool.h"
+#include "learner/training_layout.h"
+#include "proto/checkpoint.pb.h"
+#include "proto/config.pb.h"
+
+namespace omentum {
+
+/// What one update did. Losses are means over all samples of all minibatches that were used.
+struct UpdateStats {
+  std::uint64_t version = 0;  ///< of the weights it produced
+  double learning_rate = 0, clip = 0, entropy_coefficient = 0;
+  double policy_loss = 0, value_loss = 0;
+  double entropy = 0;  ///< sum over branches
+  std::array<double, 4> branch_entropy{};
+  std::array<double, 4> branch_kl{};
+  double approx_kl = 0, old_approx_kl = 0;  ///< k3 and k1 estimators
+  double approx_kl_max = 0;                 ///< largest minibatch mean
+  double clip_fraction = 0;
+  double explained_variance = 0;  ///< of the behaviour values against the returns
+  double gradient_norm = 0;       ///< mean over minibatches, before clipping
+  double ratio_mean = 0, ratio_min = 0, ratio_max = 0;
+  double adam_max_second_moment = 0;
+  double value_delta = 0;                     ///< mean |new - behaviour value|
+  std::uint32_t minibatches = 0, epochs = 0;  ///< done; fewer with target_kl
+  bool stopped_by_kl = false;
+};
+
+/// PPO on complete batches (learner.md section 5), every detail behind its switch of pb::Ppo. Owns
+/// parameters, Adam, normaliser and schedule position; no random state (counters only). One thread
+/// calls it; `threads` - 1 helpers are started once. Results do not depend on `threads`: chunks of
+/// 64 samples, fixed summation tree, elementwise Adam.
+///
+///   Ppo ppo(config, policy_shape(config), threads);
+///   loop: complete_batch(behaviour, batch); ppo.update(batch, serve); publish(ppo.weights());
+class Ppo {
+ public:
+  Ppo(const pb::Config& config, const PolicyShape& shape, int threads);
+  ~Ppo();
+  Ppo(const Ppo&) = delete;
+  Ppo& operator=(const Ppo&) = delete;
+
+  const PolicyShape& shape() const { return shape_; }
+  std::uint64_t version() const { return updates_; }
+  std::uint64_t steps_total() const { return steps_total_; }
+
+  /// Parameters, frozen normaliser, version, weights_hash and layout_hash; the caller adds
+  /// policy_id, learner_epoch, config_hash and published_at_ns.
+  PolicyWeights weights() const;
+
+  /// Learns from a batch that went through complete_batch(). `between_minibatches` is called on the
+  /// calling thread after every minibatch (serve_workers); it must not touch this object. May be
+  /// empty.
+  UpdateStats update(const Batch& batch, const std::function<void()>& between_minibatches = {});
+
+  /// The whole optimiser state. load() fails, changing nothing, when sizes or layout do not fit.
+  void save(pb::PpoState& state) const;
+  Result<void> load(const pb::PpoState& state);
+
+  /// Takes parameters and frozen normaliser of another run (`--initialize-from`); optimiser and
+  /// counters start fresh.
+  Result<void> initialise_from(const pb::PpoState& state);
+
+ private:
+  struct Schedule {
+    double learning_rate, clip, entropy;
+  };
+  Schedule schedule() const;
+  void prepare(const Batch& batch);
+  LossSettings loss_settings(const Schedule& now, std::size_t samples) const;
+  LossSums minibatch_step(const Batch& batch, std::span<const std::uint32_t> rows,
+                          const Schedule& now, double& norm);
+  void compute_chunks(const MinibatchView& minibatch, const LossSettings& settings);
+  void reduce_range(std::size_t first_block, std::size_t last_block, std::size_t chunks);
+  void refresh_normaliser();
+
+  pb::Ppo settings_;
+  std::uint64_t run_seed_ = 0, max_steps_ = 0;
+  PolicyShape shape_;
+  TrainingLayout layout_;
+  std::unique_ptr<ThreadPool> pool_;
+
+  AlignedFloats parameters_;  // training layout
+  Adam adam_;
+  RunningMoments observation_moments_;
+  RewardScaler reward_scaler_;
+  FrozenNormaliser normaliser_;  // empty vectors = off
+  std::uint64_t updates_ = 0, steps_total_ = 0;
+  double adaptive_rate_ = 0;
+
+  // Work of one update.
+  PackedWeights packed_;
+  std::vector<std::unique_ptr<ChunkGradient>> kernels_;  // per thread
+  std::vector<AlignedFloats> chunk_gradients_;
+  std::vector<LossSums> chunk_sums_;
+  std::vector<double> block_squares_;
+  std::vector<float> inputs_, rewards_, advantages_, returns_;
+};
+
+}  // namespace omentum

@@ -1,0 +1,717 @@
+#include "learner/task_book.h"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "core/check.h"
+#include "core/hash.h"
+
+namespace omentum {
+namespace {
+
+constexpr std::size_t kWorkerHistory = 32;  // results per worker in the age rule
+constexpr std::size_t kBookHistory = 256;   // results in the straggler rule
+constexpr std::size_t kKnownVersions = 64;  // announced weights remembered
+constexpr double kAgeFactor = 4;            // x p95 of the worker, wire.md 4.2
+constexpr double kStragglerShare = 0.9;     // of the batch admitted, wire.md 4.2
+constexpr double kStragglerFactor = 1.5;    // x median: younger tasks are just on their way
+constexpr double kStragglerFloorNs = 20e6;  // below this a second grant costs more than it saves
+constexpr double kMaxSuspectNs = 60e9;
+constexpr std::uint64_t kInvalidToBar = 3;  // invalid results in a row
+
+double quantile(const std::deque<double>& values, double share) {
+  if (values.empty()) return 0;
+  std::vector<double> sorted(values.begin(), values.end());
+  const auto rank = static_cast<std::ptrdiff_t>(share * static_cast<double>(sorted.size() - 1));
+  std::nth_element(sorted.begin(), sorted.begin() + rank, sorted.end());
+  return sorted[static_cast<std::size_t>(rank)];
+}
+
+void remember(std::deque<double>& values, double value, std::size_t limit) {
+  values.push_back(value);
+  if (values.size() > limit) values.pop_front();
+}
+
+bool finite(std::span<const float> values) {
+  return std::all_of(values.begin(), values.end(), [](float v) { return std::isfinite(v); });
+}
+
+// The same tasks are audited whatever happens to the workers.
+bool chosen_for_audit(std::uint64_t task_hash, double rate) {
+  const std::uint64_t mixed = task_hash * 0x9e3779b97f4a7c15ULL;  // 2^64 / golden ratio
+  return static_cast<double>(mixed >> 11) * 0x1p-53 < rate;
+}
+
+}  // namespace
+
+// ------------------------------------------------------------------------------------ start,
+// resume
+
+TaskBook::TaskBook(TaskBookConfig config) : config_(std::move(config)) {
+  check_config();
+  slots_.resize(config_.slots);
+  const std::uint64_t episode = config_.episode_decisions;
+  for (std::uint64_t s = 0; s < config_.slots; ++s) {
+    SlotStart start;
+    if (config_.stagger) {
+      start.episode_limit =
+          static_cast<std::uint32_t>((episode * (s + 1) + config_.slots - 1) / config_.slots);
+    }
+    slots_[s].starts.push_back(std::move(start));
+  }
+}
+
+TaskBook::TaskBook(TaskBookConfig config, const SlotTable& table) : config_(std::move(config)) {
+  check_config();
+  if (table.slots.size() != config_.slots) {
+    throw_error("checkpoint has {} slots, the configuration {}", table.slots.size(), config_.slots);
+  }
+  batch_ = table.batch;
+  ledger_ = table.ledger;
+  slots_.resize(config_.slots);
+  for (std::size_t s = 0; s < slots_.size(); ++s) {
+    const SlotStart& start = table.slots[s];
+    if (start.segment != batch_ || start.reset != start.state.empty()) {
+      throw_error("checkpoint: slot {} starts segment {} of batch {}", s, start.segment, batch_);
+    }
+    slots_[s].starts.push_back(start);
+  }
+}
+
+void TaskBook::check_config() const {
+  OMENTUM_CHECK(config_.slots >= 1 && config_.slots < kEvaluationSlot && config_.steps >= 1);
+  OMENTUM_CHECK(config_.lead <= 1 && config_.episode_decisions >= 1);
+}
+
+void TaskBook::announce_weights(std::uint64_t version, const Sha256& hash) {
+  versions_[version] = hash;
+  if (versions_.size() > kKnownVersions) versions_.erase(versions_.begin());
+  open_jobs();
+}
+
+// ---------------------------------------------------------------------------------------------
+// jobs
+
+template <typename Fn>
+void TaskBook::for_each_job(Fn&& fn) {
+  for (Slot& slot : slots_) {
+    if (slot.job.open) fn(slot.job);
+  }
+  for (Evaluation& evaluation : evaluations_) {
+    if (evaluation.job.open) fn(evaluation.job);
+  }
+}
+
+template <typename Fn>
+void TaskBook::for_each_job(Fn&& fn) const {
+  const_cast<TaskBook*>(this)->for_each_job([&fn](const Job& job) { fn(job); });
+}
+
+TaskBook::Job* TaskBook::find_job(std::uint32_t slot) {
+  if (slot < slots_.size()) return &slots_[slot].job;
+  if (slot >= kEvaluationSlot && slot - kEvaluationSlot < evaluations_.size()) {
+    return &evaluations_[slot - kEvaluationSlot].job;
+  }
+  return nullptr;
+}
+
+void TaskBook::open_jobs() {
+  for (std::uint32_t s = 0; s < slots_.size(); ++s) {
+    if (!slots_[s].job.open) open_job(s);
+  }
+}
+
+void TaskBook::open_job(std::uint32_t slot) {
+  const SlotStart& start = slots_[slot].starts.back();
+  if (config_.batches > 0 && start.segment >= config_.batches) return;
+  const std::uint64_t version =
+      start.segment >= config_.lead ? start.segment - config_.lead : std::uint64_t{0};
+  const auto weights = versions_.find(version);
+  if (weights == versions_.end()) return;
+
+  Job job;
+  job.open = true;
+  RolloutTask& task = job.task;
+  task.slot = slot;
+  task.segment = start.segment;
+  task.learner_epoch = config_.learner_epoch;
+  task.policy_version = version;
+  task.weights_hash = weights->second;
+  task.config_hash = config_.config_hash;
+  task.steps = config_.steps;
+  task.run_seed = config_.run_seed;
+  task.episode = start.episode;
+  task.episode_step = start.episode_step;
+  task.episode_limit = start.episode_limit;
+  task.reset = start.reset;
+  task.state_format = config_.state_format;
+  task.start_hash = start.hash;  // the state itself is added when the grant is written
+  task.task_hash = hash_task(task);
+  job.audit = chosen_for_audit(task.task_hash, config_.audit_rate);
+  slots_[slot].job = std::move(job);
+}
+
+void TaskBook::advance(std::uint32_t slot, RolloutSegment segment) {
+  Slot& row = slots_[slot];
+  SlotStart next;
+  next.segment = segment.segment + 1;
+  next.episode = segment.end_episode;
+  next.episode_step = segment.end_episode_step;
+  next.episode_limit = segment.end_episode_limit;
+  next.reset = segment.end_state.empty();
+  next.hash = next.reset ? 0 : segment.end_hash;
+  next.state = segment.end_state;
+  row.starts.push_back(std::move(next));
+  row.done.push_back(std::move(segment));
+  if (row.done.size() == 1) ++admitted_in_batch_;
+  open_job(slot);
+}
+
+void TaskBook::skip_episode(std::uint32_t slot, const RolloutSegment& segment) {
+  SlotStart& start = slots_[slot].starts.back();
+  SlotStart fresh;
+  fresh.segment = start.segment;
+  fresh.episode = start.episode + segment.episode_end_step.size() + 1;
+  start = std::move(fresh);
+  open_job(slot);
+}
+
+// ------------------------------------------------------------------------------------------
+// workers
+
+void TaskBook::worker_joined(std::uint32_t worker_id, std::uint32_t lanes) {
+  drop_worker_grants(worker_id);  // a second life under the same id remembers nothing
+  Worker worker;
+  worker.lanes = std::max(lanes, std::uint32_t{1});
+  workers_[worker_id] = std::move(worker);
+}
+
+void TaskBook::worker_left(std::uint32_t worker_id) {
+  drop_worker_grants(worker_id);
+  workers_.erase(worker_id);
+}
+
+void TaskBook::worker_declined(std::uint32_t worker_id, bool for_good) {
+  drop_worker_grants(worker_id);
+  const auto worker = workers_.find(worker_id);
+  if (worker != workers_.end() && for_good) worker->second.barred = true;
+}
+
+void TaskBook::worker_silent(std::uint32_t worker_id, bool silent) {
+  const auto worker = workers_.find(worker_id);
+  if (worker != workers_.end()) worker->second.silent = silent;
+}
+
+void TaskBook::lapse(Job& /*job*/, Grant& grant) {
+  if (grant.lapsed) return;
+  grant.lapsed = true;
+  const auto worker = workers_.find(grant.worker_id);
+  if (worker != workers_.end() && worker->second.live > 0) --worker->second.live;
+}
+
+void TaskBook::drop_worker_grants(std::uint32_t worker_id) {
+  for_each_job([this, worker_id](Job& job) {
+    for (Grant& grant : job.grants) {
+      if (grant.worker_id == worker_id) lapse(job, grant);
+    }
+  });
+}
+
+// ------------------------------------------------------------------------------------------
+// granting
+
+double TaskBook::age_limit_ns(const Job& job, const Grant& grant) const {
+  const auto worker = workers_.find(grant.worker_id);
+  double per_step = worker == workers_.end() ? 0 : worker->second.ns_per_step_p95;
+  if (per_step == 0) per_step = quantile(ns_per_step_, 0.95);
+  const auto least = static_cast<double>(config_.min_task_age_ns);
+  double limit = per_step == 0 ? static_cast<double>(config_.first_task_age_ns)
+                               : std::max(least, kAgeFactor * per_step * job.task.steps);
+  // A task that was granted often is a slow task: be more patient every time.
+  const int repeats = static_cast<int>(std::min(grant.number, std::uint32_t{6}));
+  return std::ldexp(limit, repeats);
+}
+
+void TaskBook::mark_overdue(std::int64_t now_ns) {
+  for_each_job([this, now_ns](Job& job) {
+    for (Grant& grant : job.grants) {
+      const auto age = static_cast<double>(now_ns - grant.at_ns);
+      if (grant.lapsed || grant.overdue || age < static_cast<double>(config_.min_task_age_ns)) {
+        continue;
+      }
+      const double limit = age_limit_ns(job, grant);
+      if (age <= limit) continue;
+      grant.overdue = true;
+      const auto found = workers_.find(grant.worker_id);
+      if (found == workers_.end() || found->second.suspect_until_ns > now_ns) continue;
+      Worker& worker = found->second;
+      const double span =
+          std::min(kMaxSuspectNs, std::max(limit, 2 * static_cast<double>(worker.suspect_span_ns)));
+      worker.suspect_span_ns = static_cast<std::int64_t>(span);
+      worker.suspect_until_ns = now_ns + worker.suspect_span_ns;
+    }
+  });
+}
+
+TaskBook::Need TaskBook::need_of(const Job& job, std::int64_t now_ns) const {
+  std::size_t live = 0;
+  bool all_overdue = true;
+  double oldest = 0;
+  for (const Grant& grant : job.grants) {
+    if (grant.lapsed) continue;
+    ++live;
+    all_overdue = all_overdue && grant.overdue;
+    oldest = std::max(oldest, static_cast<double>(now_ns - grant.at_ns));
+  }
+  if (live == 0) return Need::kFirst;
+  if (all_overdue) return Need::kOverdue;
+  if (live > 1) return Need::kNone;
+  if (job.audit && job.granted == 1) return Need::kAudit;
+  if (job.task.slot >= kEvaluationSlot || job.task.segment != batch_) return Need::kNone;
+  const bool late_phase = admitted_in_batch_ >= kStragglerShare * config_.slots;
+  const double young =
+      std::max(kStragglerFloorNs, kStragglerFactor * ns_per_step_median_ * job.task.steps);
+  const bool straggles = late_phase && ns_per_step_median_ > 0 && oldest > young;
+  return straggles ? Need::kStraggler : Need::kNone;
+}
+
+std::optional<std::uint32_t> TaskBook::choose_worker(const Job& job, Need need,
+                                                     std::int64_t now_ns) const {
+  const auto holds = [&job](std::uint32_t id) {
+    return std::any_of(job.grants.begin(), job.grants.end(),
+                       [id](const Grant& grant) { return !grant.lapsed && grant.worker_id == id; });
+  };
+  std::optional<std::uint32_t> best;
+  std::optional<std::uint32_t> best_suspect;
+  bool others = false;  // is there anyone else at all?
+  const auto better = [this](std::uint32_t id, const std::optional<std::uint32_t>& than) {
+    if (!than) return true;
+    const Worker& a = workers_.at(id);
+    const Worker& b = workers_.at(*than);
+    return std::uint64_t{a.live} * b.lanes < std::uint64_t{b.live} * a.lanes;
+  };
+  for (const auto& [id, worker] : workers_) {
+    if (worker.barred || worker.silent || holds(id)) continue;
+    const bool suspect = worker.suspect_until_ns > now_ns;
+    others = others || !suspect;
+    const bool spare = need == Need::kAudit || need == Need::kStraggler;
+    if (worker.live >= (spare ? worker.lanes : credits(worker))) continue;
+    std::optional<std::uint32_t>& place = suspect ? best_suspect : best;
+    if (better(id, place)) place = id;
+  }
+  if (best) return best;
+  if (need == Need::kFirst) return others ? std::nullopt : best_suspect;
+  if (need != Need::kOverdue || others) return std::nullopt;
+  if (best_suspect) return best_suspect;
+  // Nobody else: after twice the limit the same worker gets it again, in case it never arrived.
+  for (const Grant& grant : job.grants) {
+    const auto worker = workers_.find(grant.worker_id);
+    if (grant.lapsed || worker == workers_.end()) continue;
+    if (worker->second.barred || worker->second.silent) continue;
+    if (static_cast<double>(now_ns - grant.at_ns) > 2 * age_limit_ns(job, grant)) {
+      return grant.worker_id;
+    }
+  }
+  return std::nullopt;
+}
+
+RolloutTask TaskBook::write_grant(Job& job, std::uint32_t worker_id, std::int64_t now_ns) {
+  // At most two live grants; a worker holds a task once (its reader keeps one sample per slot).
+  const auto live = [&job] {
+    return std::count_if(job.grants.begin(), job.grants.end(),
+                         [](const Grant& grant) { return !grant.lapsed; });
+  };
+  for (Grant& grant : job.grants) {
+    if (!grant.lapsed && (grant.worker_id == worker_id || live() >= 2)) lapse(job, grant);
+  }
+  const auto lapsed = std::find_if(job.grants.begin(), job.grants.end(),
+                                   [](const Grant& grant) { return grant.lapsed; });
+  if (lapsed != job.grants.end()) {
+    job.grants.erase(lapsed);
+    ++ledger_.regranted;
+  }
+  job.grants.push_back({.worker_id = worker_id, .number = job.granted, .at_ns = now_ns});
+  ++workers_.at(worker_id).live;
+  ++ledger_.granted;
+
+  RolloutTask task = job.task;
+  task.worker_id = worker_id;
+  task.grant = job.granted++;
+  task.granted_at_ns = now_ns;
+  if (task.slot < slots_.size()) task.start_state = slots_[task.slot].starts.back().state;
+  return task;
+}
+
+std::vector<RolloutTask> TaskBook::grant(std::int64_t now_ns) {
+  mark_overdue(now_ns);
+  std::vector<std::pair<Job*, Need>> wanted;
+  for_each_job([&](Job& job) {
+    const Need need = need_of(job, now_ns);
+    if (need != Need::kNone) wanted.emplace_back(&job, need);
+  });
+  // Evaluation last, then by segment and slot; for_each_job already yields slots in order.
+  std::stable_sort(wanted.begin(), wanted.end(), [](const auto& a, const auto& b) {
+    const auto key = [](const auto& entry) {
+      const RolloutTask& task = entry.first->task;
+      return std::pair(task.slot >= kEvaluationSlot, task.segment);
+    };
+    return key(a) < key(b);
+  });
+  std::vector<RolloutTask> tasks;
+  for (auto& [job, need] : wanted) {
+    const std::optional<std::uint32_t> worker = choose_worker(*job, need, now_ns);
+    if (worker) tasks.push_back(write_grant(*job, *worker, now_ns));
+  }
+  // An audited task is granted a second time at once.
+  for (auto& [job, need] : wanted) {
+    if (need != Need::kFirst || need_of(*job, now_ns) != Need::kAudit) continue;
+    const std::optional<std::uint32_t> worker = choose_worker(*job, Need::kAudit, now_ns);
+    if (worker) tasks.push_back(write_grant(*job, *worker, now_ns));
+  }
+  std::stable_sort(tasks.begin(), tasks.end(), [](const RolloutTask& a, const RolloutTask& b) {
+    return a.worker_id < b.worker_id;
+  });
+  return tasks;
+}
+
+void TaskBook::undelivered(const RolloutTask& task) {
+  Job* job = find_job(task.slot);
+  if (job == nullptr || !job->open || job->task.task_hash != task.task_hash) return;
+  for (Grant& grant : job->grants) {
+    if (grant.number == task.grant) lapse(*job, grant);
+  }
+}
+
+// -----------------------------------------------------------------------------------------
+// admission
+
+Result<void> TaskBook::check_segment(const RolloutTask& task, const RolloutSegment& s) const {
+  const auto bad = [](const std::string& text) { return Failure{text}; };
+  const std::size_t n = s.steps;
+  const std::size_t o = config_.observation_size;
+  const bool exact = task.kind == TaskKind::kRollout && s.failed == 0;
+  if (exact ? n != task.steps : n > task.steps) {
+    return bad(fmt::format("steps: {} of {}", n, task.steps));
+  }
+  if (s.policy_version != task.policy_version) return bad("policy_version");
+  if (s.segment != task.segment) return bad("segment number");
+  if (s.observations.size() != n * o) return bad("observations: length");
+  if (s.bootstrap_observation.size() != o && s.failed == 0) return bad("bootstrap: length");
+  if (s.log_probs.size() != n || s.rewards.size() != n || s.values.size() != n ||
+      s.flags.size() != n) {
+    return bad("steps: lengths differ");
+  }
+  if (exact && s.masks.size() != (config_.masking ? n : 0)) return bad("masks: length");
+  if (s.final_observations.size() > o * s.episode_end_step.size() ||
+      (o > 0 && s.final_observations.size() % o != 0)) {
+    return bad("final_observations: length");
+  }
+  if (!finite(s.observations) || !finite(s.log_probs) || !finite(s.rewards) || !finite(s.values) ||
+      !finite(s.bootstrap_observation) || !finite(s.final_observations) ||
+      !finite(s.actions_continuous)) {
+    return bad("not finite");
+  }
+  constexpr std::uint8_t kAllFlags = 2 * step_flag::kScripted - 1;
+  for (const std::uint8_t flags : s.flags) {
+    if (flags > kAllFlags) return bad("flags: out of range");
+  }
+  if (task.kind != TaskKind::kRollout) {
+    // Replayed commands and scripts act as they like.
+  } else if (config_.branches.empty()) {
+    if (s.actions_continuous.size() != 4 * n) return bad("actions_continuous: length");
+  } else {
+    if (s.actions.size() != 4 * n) return bad("actions: length");
+    for (std::size_t i = 0; i < n; ++i) {
+      if ((s.flags[i] & step_flag::kScripted) != 0) continue;
+      for (std::size_t b = 0; b < std::min<std::size_t>(4, config_.branches.size()); ++b) {
+        if (s.actions[4 * i + b] >= config_.branches[b]) return bad("actions: out of range");
+      }
+    }
+  }
+  if (exact && s.state_format != config_.state_format) return bad("state_format");
+  if (exact && s.end_state.empty() && s.end_episode_step != 0) return bad("end_state: empty");
+  if (!s.end_state.empty() && fnv1a64(s.end_state) != s.end_hash) return bad("end_hash");
+  if (config_.segment_crc && config_.segment_crc(s) != s.payload_crc32c) return bad("CRC");
+  return {};
+}
+
+Verdict TaskBook::refuse(Job& job, const RolloutSegment& segment, const std::string& reason) {
+  ++ledger_.invalid;
+  last_refusal_ = fmt::format("slot={} segment={} worker={} build={:016x}: {}", segment.slot,
+                              segment.segment, segment.worker_id, segment.build_id, reason);
+  for (Grant& grant : job.grants) {
+    if (grant.worker_id == segment.worker_id) lapse(job, grant);
+  }
+  const auto worker = workers_.find(segment.worker_id);
+  if (worker != workers_.end()) {
+    ++worker->second.invalid;
+    if (++worker->second.invalid_in_row >= kInvalidToBar) worker->second.barred = true;
+  }
+  return Verdict::kInvalid;
+}
+
+Verdict TaskBook::repeat(const Admitted& first, const RolloutSegment& segment) {
+  // A free audit of purity. The CRC is computed where possible: a broken copy is not a difference
+  // of the worker.
+  const bool intact =
+      !config_.segment_crc || config_.segment_crc(segment) == segment.payload_crc32c;
+  if (!intact) {
+    ++ledger_.invalid;
+    last_refusal_ = fmt::format("slot={} segment={} worker={}: CRC of a duplicate", segment.slot,
+                                segment.segment, segment.worker_id);
+    return Verdict::kInvalid;
+  }
+  ++ledger_.duplicate;
+  if (first.end_hash != segment.end_hash || first.crc != segment.payload_crc32c) {
+    ++ledger_.audit_mismatch;
+  }
+  return Verdict::kDuplicate;
+}
+
+void TaskBook::settle(Job& job, const RolloutSegment& segment, std::int64_t now_ns, bool admitted) {
+  auto own = std::find_if(job.grants.begin(), job.grants.end(), [&segment](const Grant& grant) {
+    return grant.worker_id == segment.worker_id && grant.number == segment.grant;
+  });
+  if (own != job.grants.end()) {
+    const auto worker = workers_.find(segment.worker_id);
+    const auto turnaround = static_cast<double>(std::max<std::int64_t>(now_ns - own->at_ns, 1));
+    const double per_step = turnaround / job.task.steps;
+    remember(ns_per_step_, per_step, kBookHistory);
+    ns_per_step_median_ = quantile(ns_per_step_, 0.5);
+    if (worker != workers_.end()) {
+      Worker& row = worker->second;
+      remember(row.turnaround_ns, turnaround, kWorkerHistory);
+      remember(row.ns_per_step, per_step, kWorkerHistory);
+      row.ns_per_step_p95 = quantile(row.ns_per_step, 0.95);
+      row.invalid_in_row = 0;
+    }
+  }
+  // A result of an earlier life or of a lapsed grant uses up any grant of the task.
+  ledger_.cancelled += job.grants.size();
+  if (admitted) {
+    ++ledger_.admitted;
+    if (job.grants.empty()) {
+      ++ledger_.granted;  // granted in an earlier life of the learner
+    } else {
+      --ledger_.cancelled;
+    }
+  }
+  for (Grant& grant : job.grants) lapse(job, grant);
+  job.grants.clear();
+  job.open = false;
+}
+
+Verdict TaskBook::receive(RolloutSegment segment, std::int64_t now_ns) {
+  ++ledger_.received;
+  if (segment.source != Source::kSimulation || segment.slot >= kForeignSlot) {
+    ++ledger_.foreign;
+    return Verdict::kForeign;
+  }
+  if (const auto worker = workers_.find(segment.worker_id); worker != workers_.end()) {
+    worker->second.suspect_until_ns = 0;
+    worker->second.suspect_span_ns = 0;
+  }
+  Job* job = find_job(segment.slot);
+  if (job == nullptr || !job->open || job->task.task_hash != segment.task_hash) {
+    if (segment.slot < slots_.size()) {
+      for (const Admitted& first : slots_[segment.slot].recent) {
+        if (first.task_hash == segment.task_hash && first.task_hash != 0) {
+          return repeat(first, segment);
+        }
+      }
+    } else if (job != nullptr) {
+      const Admitted& first = evaluations_[segment.slot - kEvaluationSlot].admitted;
+      if (first.task_hash == segment.task_hash && first.task_hash != 0) {
+        return repeat(first, segment);
+      }
+    }
+    ++ledger_.stale;
+    return Verdict::kStale;
+  }
+  if (const Result<void> ok = check_segment(job->task, segment); !ok) {
+    return refuse(*job, segment, ok.error());
+  }
+
+  const Admitted record{segment.task_hash, segment.end_hash, segment.payload_crc32c};
+  if (segment.slot >= kEvaluationSlot) {
+    settle(*job, segment, now_ns, true);
+    ++ledger_.evaluated;
+    Evaluation& evaluation = evaluations_[segment.slot - kEvaluationSlot];
+    evaluation.admitted = record;
+    evaluation.result = std::move(segment);
+    return Verdict::kAdmitted;
+  }
+  Slot& slot = slots_[segment.slot];
+  slot.recent[slot.recent_next++ % slot.recent.size()] = record;
+  settle(*job, segment, now_ns, segment.failed == 0);
+  if (segment.failed != 0) {
+    ++ledger_.invalid;
+    ++ledger_.failed;
+    last_failure_ =
+        fmt::format("slot={} segment={} episode={} worker={}: {}", segment.slot, segment.segment,
+                    segment.end_episode, segment.worker_id, segment.failure);
+    skip_episode(segment.slot, segment);
+    return Verdict::kInvalid;
+  }
+  const std::uint32_t at = segment.slot;
+  advance(at, std::move(segment));
+  return Verdict::kAdmitted;
+}
+
+void TaskBook::overflowed(std::uint32_t slot, std::uint64_t task_hash) {
+  ++ledger_.received;
+  ++ledger_.overflow;
+  Job* job = find_job(slot);
+  if (job == nullptr || !job->open || job->task.task_hash != task_hash) return;
+  for (Grant& grant : job->grants) lapse(*job, grant);
+}
+
+void TaskBook::refused(std::uint64_t count) {
+  ledger_.received += count;
+  ledger_.invalid += count;
+}
+
+// -------------------------------------------------------------------------------------------
+// batches
+
+std::vector<RolloutSegment> TaskBook::take_batch() {
+  OMENTUM_CHECK(batch_complete(), "batch {}: {} of {}", batch_, admitted_in_batch_, config_.slots);
+  std::vector<RolloutSegment> segments;
+  segments.reserve(slots_.size());
+  for (Slot& slot : slots_) {
+    segments.push_back(std::move(slot.done.front()));
+    slot.done.pop_front();
+    slot.starts.pop_front();
+    if (slot.done.empty()) --admitted_in_batch_;
+  }
+  ++batch_;
+  open_jobs();
+  return segments;
+}
+
+void TaskBook::evaluate(std::span<const EvaluationTask> tasks) {
+  OMENTUM_CHECK(evaluations_.empty() && !tasks.empty());
+  OMENTUM_CHECK(tasks.size() < kForeignSlot - kEvaluationSlot);
+  for (std::uint32_t i = 0; i < tasks.size(); ++i) {
+    const EvaluationTask& from = tasks[i];
+    const auto weights = versions_.find(from.policy_version);
+    OMENTUM_CHECK(weights != versions_.end(), "weights {} not announced", from.policy_version);
+    Evaluation evaluation;
+    evaluation.job.open = true;
+    RolloutTask& task = evaluation.job.task;
+    task.slot = kEvaluationSlot + i;
+    task.segment = evaluation_round_;
+    task.learner_epoch = config_.learner_epoch;
+    task.policy_version = from.policy_version;
+    task.weights_hash = weights->second;
+    task.config_hash = config_.config_hash;
+    task.kind = from.kind;
+    task.greedy = from.greedy;
+    task.start_set = from.start_set;
+    task.start_index = from.start_index;
+    task.steps = from.steps;
+    task.run_seed = config_.run_seed;
+    task.reset = true;
+    task.state_format = config_.state_format;
+    task.scene_override = from.scene_override;
+    task.commands = from.commands;
+    task.frame_stride = from.frame_stride;
+    task.task_hash = hash_task(task);
+    evaluations_.push_back(std::move(evaluation));
+  }
+  ++evaluation_round_;
+}
+
+bool TaskBook::evaluation_complete() const {
+  return !evaluations_.empty() &&
+         std::all_of(evaluations_.begin(), evaluations_.end(),
+                     [](const Evaluation& e) { return e.result.has_value(); });
+}
+
+std::vector<RolloutSegment> TaskBook::take_evaluation() {
+  OMENTUM_CHECK(evaluation_complete());
+  std::vector<RolloutSegment> results;
+  results.reserve(evaluations_.size());
+  for (Evaluation& evaluation : evaluations_) results.push_back(std::move(*evaluation.result));
+  evaluations_.clear();
+  return results;
+}
+
+// ------------------------------------------------------------------------------------------
+// accounts
+
+Ledger TaskBook::ledger() const {
+  Ledger ledger = ledger_;
+  ledger.outstanding = 0;
+  for_each_job([&ledger](const Job& job) { ledger.outstanding += job.grants.size(); });
+  return ledger;
+}
+
+Result<void> TaskBook::check_balance() const {
+  const Ledger l = ledger();
+  std::uint64_t stored = 0;
+  for (const Slot& slot : slots_) stored += slot.done.size();
+  const std::uint64_t received =
+      l.admitted + l.duplicate + l.stale + l.invalid + l.foreign + l.overflow;
+  const std::uint64_t granted = l.admitted + l.outstanding + l.cancelled + l.regranted;
+  const std::uint64_t admitted = batch_ * config_.slots + stored + l.evaluated;
+  if (l.received != received) {
+    return Failure{fmt::format(
+        "ledger: received {} is not admitted {} + duplicate {} + stale {} + "
+        "invalid {} + foreign {} + overflow {}",
+        l.received, l.admitted, l.duplicate, l.stale, l.invalid, l.foreign, l.overflow)};
+  }
+  if (l.granted != granted) {
+    return Failure{fmt::format(
+        "ledger: granted {} is not admitted {} + outstanding {} + cancelled {} + regranted {}",
+        l.granted, l.admitted, l.outstanding, l.cancelled, l.regranted)};
+  }
+  if (l.admitted != admitted) {
+    return Failure{
+        fmt::format("ledger: admitted {} is not {} x {} batches + {} in the next + {} evaluated",
+                    l.admitted, config_.slots, batch_, stored, l.evaluated)};
+  }
+  return {};
+}
+
+SlotTable TaskBook::table() const {
+  SlotTable table;
+  table.batch = batch_;
+  table.ledger = ledger();
+  std::uint64_t stored = 0;
+  for (const Slot& slot : slots_) {
+    table.slots.push_back(slot.starts.front());
+    stored += slot.done.size();
+  }
+  // After a crash now these results are gone and will be collected again.
+  table.ledger.admitted -= stored;
+  table.ledger.stale += stored;
+  table.ledger.cancelled += stored + table.ledger.outstanding;
+  table.ledger.outstanding = 0;
+  return table;
+}
+
+double TaskBook::oldest_task_age_s(std::int64_t now_ns) const {
+  std::int64_t oldest = now_ns;
+  for_each_job([&oldest](const Job& job) {
+    for (const Grant& grant : job.grants) oldest = std::min(oldest, grant.at_ns);
+  });
+  return static_cast<double>(now_ns - oldest) * 1e-9;
+}
+
+std::vector<WorkerView> TaskBook::workers() const {
+  std::vector<WorkerView> views;
+  for (const auto& [id, worker] : workers_) {
+    views.push_back({.worker_id = id,
+                     .lanes = worker.lanes,
+                     .live = worker.live,
+                     .turnaround_p50_s = quantile(worker.turnaround_ns, 0.5) * 1e-9,
+                     .turnaround_p95_s = quantile(worker.turnaround_ns, 0.95) * 1e-9,
+                     .invalid = worker.invalid,
+                     .barred = worker.barred});
+  }
+  return views;
+}
+
+}  // namespace omentum

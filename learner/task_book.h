@@ -1,0 +1,275 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <deque>
+#include <functional>
+#include <map>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "core/result.h"
+#include "core/types.h"
+
+namespace omentum {
+
+/// Evaluation and replay tasks use slots from here on; they never enter a batch.
+inline constexpr std::uint32_t kEvaluationSlot = std::uint32_t{1} << 30;
+/// Slots of the gateway's own segments.
+inline constexpr std::uint32_t kForeignSlot = std::uint32_t{1} << 31;
+
+/// What a book needs to know about its run. All but the last group is part of the configuration
+/// hash.
+struct TaskBookConfig {
+  std::uint64_t run_seed = 0;
+  std::uint64_t config_hash = 0;
+  std::uint32_t learner_epoch = 0;
+  std::uint32_t slots = 1;              ///< E
+  std::uint32_t steps = 1;              ///< T, decisions per segment
+  std::uint32_t lead = 0;               ///< 0 or 1
+  std::uint32_t episode_decisions = 1;  ///< length of an episode, for the stagger
+  bool stagger = true;
+  std::uint64_t batches = 0;  ///< tasks beyond this many batches are not granted; 0 = no end
+
+  // Shape of a segment, for the checks at admission.
+  std::uint32_t state_format = 0;
+  std::uint32_t observation_size = 0;
+  std::vector<std::uint32_t> branches;  ///< sizes; empty with a Gaussian head
+  bool masking = false;
+  /// segment_crc() of core/rollout.h; empty = the CRC is not checked.
+  std::function<std::uint32_t(const RolloutSegment&)> segment_crc;
+
+  // How, not what: never changes a result.
+  double audit_rate = 0;                            ///< share of tasks granted twice and compared
+  std::int64_t min_task_age_ns = 1'000'000'000;     ///< no task is given up earlier
+  std::int64_t first_task_age_ns = 15'000'000'000;  ///< limit while no segment time is known
+};
+
+/// Counters of wire.md section 4.4. Every grant ends in exactly one of admitted, cancelled,
+/// regranted, and every segment in exactly one of admitted, duplicate, stale, invalid, foreign,
+/// overflow.
+struct Ledger {
+  std::uint64_t granted = 0;    ///< grants written, re-grants and audits included
+  std::uint64_t regranted = 0;  ///< grants given up and replaced by another
+  std::uint64_t received = 0;
+  std::uint64_t admitted = 0;  ///< evaluated ones included
+  std::uint64_t duplicate = 0;
+  std::uint64_t stale = 0;
+  std::uint64_t invalid = 0;
+  std::uint64_t foreign = 0;
+  std::uint64_t overflow = 0;
+  std::uint64_t cancelled =
+      0;  ///< grants no longer wanted: another one of the task was admitted first
+  std::uint64_t outstanding = 0;  ///< grants alive now
+  std::uint64_t evaluated = 0;    ///< admitted results of evaluation tasks
+  std::uint64_t failed = 0;  ///< valid segments reporting a diverged lane; they count as invalid
+  std::uint64_t audit_mismatch =
+      0;  ///< two results of one task that differ: impure worker, memory, mixed builds
+};
+
+/// Where a slot begins its next segment.
+struct SlotStart {
+  std::uint64_t segment = 0;
+  std::uint64_t episode = 0;
+  std::uint32_t episode_step = 0;
+  std::uint32_t episode_limit = 0;
+  bool reset = true;  ///< a fresh episode; no state
+  std::uint64_t hash = 0;
+  Bytes state;
+};
+
+/// What a checkpoint keeps of a book: the boundary of the batch that is not complete yet. A book
+/// made from it grants the same tasks again, hash for hash, and ends with the same batches.
+struct SlotTable {
+  std::uint64_t batch = 0;  ///< next batch to complete
+  std::vector<SlotStart> slots;
+  Ledger ledger;  ///< as after a crash at this moment: nothing outstanding, no partial batch
+};
+
+/// One task outside the batches.
+struct EvaluationTask {
+  TaskKind kind = TaskKind::kEvaluate;
+  StartSet start_set = StartSet::kGrid;
+  std::uint32_t start_index = 0;
+  bool greedy = true;
+  std::uint64_t policy_version = 0;  ///< must be announced
+  std::uint32_t steps = 0;           ///< upper limit, hold included
+  std::uint32_t frame_stride = 0;
+  std::string scene_override;   ///< replay
+  std::vector<float> commands;  ///< replay
+};
+
+enum class Verdict { kAdmitted, kDuplicate, kStale, kInvalid, kForeign };
+
+/// One worker as the book sees it.
+struct WorkerView {
+  std::uint32_t worker_id = 0;
+  std::uint32_t lanes = 0;
+  std::uint32_t live = 0;       ///< grants it holds
+  double turnaround_p50_s = 0;  ///< grant to result, recent
+  double turnaround_p95_s = 0;
+  std::uint64_t invalid = 0;
+  bool barred = false;  ///< gets nothing any more
+};
+
+/// Decides what is granted to whom and what counts (learner.md sections 2 and 3, wire.md
+/// sections 2.2, 4.2, 4.4). Pure logic: no DDS, no clock, no thread; time comes in as nanoseconds
+/// of any steady clock and never reaches a result. The content of the batches depends on the
+/// configuration and the announced weights only, not on workers or on the order, loss or repetition
+/// of anything.
+///
+/// Batch k is E segments with number k, one per slot. It is collected with weights v(k) = k with
+/// lead 0, max(k - 1, 0) with lead 1; a slot gets its segment k when its own segment k - 1 is
+/// admitted and weights v(k) are announced.
+///
+/// Failed segments (a lane went non-finite; the same on every worker) are not admitted: the slot
+/// drops that episode and runs the same segment number again from a fresh one. See failures().
+class TaskBook {
+ public:
+  /// A new run.
+  explicit TaskBook(TaskBookConfig config);
+  /// Continues from a checkpoint. Throws Error when the table does not fit the configuration.
+  TaskBook(TaskBookConfig config, const SlotTable& table);
+
+  /// Weights that workers can get now. After a resume with lead 1 announce batch - 1 and batch.
+  void announce_weights(std::uint64_t version, const Sha256& hash);
+  /// Moves the end of the run; see TaskBookConfig::batches.
+  void set_batch_limit(std::uint64_t batches) { config_.batches = batches; }
+
+  // Workers. Ids are arbitrary; unknown ones are ignored.
+  void worker_joined(std::uint32_t worker_id, std::uint32_t lanes);
+  /// Gone, on purpose or not: its tasks are granted again at once.
+  void worker_left(std::uint32_t worker_id);
+  /// It declined tasks: they are granted again, elsewhere if `for_good`.
+  void worker_declined(std::uint32_t worker_id, bool for_good);
+  /// Silent: it gets nothing new until it speaks again. Its tasks are left to the age rule.
+  void worker_silent(std::uint32_t worker_id, bool silent);
+
+  /// Tasks to write now, grouped by worker (RolloutTask::worker_id), oldest batch first. Counted as
+  /// granted: a caller that cannot write one reports it with undelivered().
+  std::vector<RolloutTask> grant(std::int64_t now_ns);
+  void undelivered(const RolloutTask& task);
+
+  /// Judges one segment. Admitted ones are kept.
+  Verdict receive(RolloutSegment segment, std::int64_t now_ns);
+  /// Counts a segment that was dropped because the ring was full; its task is granted again.
+  void overflowed(std::uint32_t slot, std::uint64_t task_hash);
+  /// Counts segments the wire layer refused.
+  void refused(std::uint64_t count);
+  /// Why the last invalid segment was refused; empty if none.
+  const std::string& last_refusal() const { return last_refusal_; }
+
+  /// Number of the batch being collected.
+  std::uint64_t batch() const { return batch_; }
+  std::uint32_t admitted_in_batch() const { return admitted_in_batch_; }
+  bool batch_complete() const { return admitted_in_batch_ == config_.slots; }
+  /// E segments in slot order; the next batch begins. Precondition: batch_complete().
+  std::vector<RolloutSegment> take_batch();
+
+  /// Adds tasks outside the batches; at most one list at a time.
+  void evaluate(std::span<const EvaluationTask> tasks);
+  bool evaluating() const { return !evaluations_.empty(); }
+  bool evaluation_complete() const;
+  /// Results in the order of the list, failed ones included. Precondition: evaluation_complete().
+  std::vector<RolloutSegment> take_evaluation();
+
+  /// For a checkpoint; call between an update and the next take_batch().
+  SlotTable table() const;
+  Ledger ledger() const;
+  /// The equations of wire.md 4.4; names the one that does not hold.
+  Result<void> check_balance() const;
+  double oldest_task_age_s(std::int64_t now_ns) const;
+  std::vector<WorkerView> workers() const;
+  /// Diverged lanes since the start or resume, and the last reason.
+  std::uint64_t failures() const { return ledger_.failed; }
+  const std::string& last_failure() const { return last_failure_; }
+
+ private:
+  struct Grant {
+    std::uint32_t worker_id = 0;
+    std::uint32_t number = 0;
+    std::int64_t at_ns = 0;
+    bool lapsed = false;   ///< given up; counted as regranted when the replacement is written
+    bool overdue = false;  ///< older than its limit
+  };
+  // One task until its result is admitted. At most two grants are not lapsed.
+  struct Job {
+    bool open = false;
+    RolloutTask task;
+    std::vector<Grant> grants;
+    std::uint32_t granted = 0;
+    bool audit = false;
+  };
+  struct Admitted {
+    std::uint64_t task_hash = 0, end_hash = 0;
+    std::uint32_t crc = 0;
+  };
+  struct Slot {
+    std::deque<SlotStart>
+        starts;  ///< of segments batch_, batch_ + 1, ...; the last is not admitted yet
+    std::deque<RolloutSegment> done;   ///< of segments batch_, ...; one less than starts
+    std::array<Admitted, 4> recent{};  ///< ring of results, to tell duplicates from strangers
+    std::size_t recent_next = 0;
+    Job job;
+  };
+  struct Evaluation {
+    Job job;
+    std::optional<RolloutSegment> result;
+    Admitted admitted;
+  };
+  struct Worker {
+    std::uint32_t lanes = 0;
+    std::uint32_t live = 0;
+    std::deque<double> turnaround_ns;  ///< recent, newest last
+    std::deque<double> ns_per_step;    ///< the same divided by the steps asked for
+    double ns_per_step_p95 = 0;        ///< 0 = unknown
+    std::uint64_t invalid = 0, invalid_in_row = 0;
+    std::int64_t suspect_until_ns = 0;
+    std::int64_t suspect_span_ns = 0;
+    bool silent = false;
+    bool barred = false;
+  };
+
+  void check_config() const;
+  void open_jobs();
+  void open_job(std::uint32_t slot);
+  void advance(std::uint32_t slot, RolloutSegment segment);
+  void skip_episode(std::uint32_t slot, const RolloutSegment& segment);
+  Job* find_job(std::uint32_t slot);
+  template <typename Fn>
+  void for_each_job(Fn&& fn);
+  template <typename Fn>
+  void for_each_job(Fn&& fn) const;
+
+  std::uint32_t credits(const Worker& worker) const { return worker.lanes * (1 + config_.lead); }
+  double age_limit_ns(const Job& job, const Grant& grant) const;
+  void mark_overdue(std::int64_t now_ns);
+  enum class Need { kNone, kFirst, kAudit, kOverdue, kStraggler };
+  Need need_of(const Job& job, std::int64_t now_ns) const;
+  std::optional<std::uint32_t> choose_worker(const Job& job, Need need, std::int64_t now_ns) const;
+  RolloutTask write_grant(Job& job, std::uint32_t worker_id, std::int64_t now_ns);
+  void lapse(Job& job, Grant& grant);
+  void drop_worker_grants(std::uint32_t worker_id);
+
+  Result<void> check_segment(const RolloutTask& task, const RolloutSegment& segment) const;
+  Verdict refuse(Job& job, const RolloutSegment& segment, const std::string& reason);
+  void settle(Job& job, const RolloutSegment& segment, std::int64_t now_ns, bool admitted);
+  Verdict repeat(const Admitted& first, const RolloutSegment& segment);
+
+  TaskBookConfig config_;
+  std::uint64_t batch_ = 0;
+  std::vector<Slot> slots_;
+  std::uint32_t admitted_in_batch_ = 0;  ///< slots with a result for batch_
+  std::vector<Evaluation> evaluations_;
+  std::uint64_t evaluation_round_ = 0;
+  std::map<std::uint64_t, Sha256> versions_;
+  std::map<std::uint32_t, Worker> workers_;
+  std::deque<double> ns_per_step_;  ///< of all workers, recent
+  double ns_per_step_median_ = 0;   ///< 0 = unknown
+  Ledger ledger_;                   ///< outstanding is derived
+  std::string last_refusal_, last_failure_;
+};
+
+}  // namespace omentum

@@ -1,0 +1,31 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <string>
+#include <vector>
+
+namespace omentum {
+
+/// Pixels of one byte per channel, top row first.
+struct Image {
+  int width = 0, height = 0;
+  int channels = 0;                  ///< 3 = red, green, blue; 1 = object id
+  std::vector<std::uint8_t> pixels;  ///< channels * (x + width * y)
+
+  std::size_t offset(int x, int y) const {
+    return static_cast<std::size_t>(channels) *
+           (static_cast<std::size_t>(x) + static_cast<std::size_t>(width) * static_cast<std::size_t>(y));
+  }
+};
+
+/// PNG file content of an image of 1 (grey) or 3 channels; the same image gives the same bytes on one machine.
+std::string encode_png(const Image& image);
+
+/// Throws Error if the file cannot be written.
+void write_png(const std::string& path, const Image& image);
+
+/// An id image in distinct colours, for looking at.
+Image colour_ids(const Image& ids);
+
+}  // namespace omentum

@@ -1,0 +1,496 @@
+// The lane kernel of the cluster model: included by kernel_*.cpp after lanes.h, one translation unit per width.
+// Everything except the exported table is in an unnamed namespace (lanes.h says why).
+//
+// Per substep (tissue.md section 4):
+//   predict      v <- (v + g h)(1 - damping h),   x* = x + v h
+//   match        c = mean x*,  A = sum (x* - c) r0^T,  one warm rotation step [Mueller16] -> R
+//   apply        x*_i += s (mean over clusters of (c + R r0_i) - x*_i),  then contact and friction
+//   finish       v = (x* - x) / h,   x = x*
+// The corrections are gathered per particle from the clusters instead of scattered per cluster: one pass less over
+// the particles, and the same sums in the same order at every width.
+
+namespace {
+
+using omentum::KernelArgs;
+using omentum::KernelShape;
+using omentum::ShapeKind;
+using Args = KernelArgs<Real>;
+
+constexpr Bits kAllLanes = kLanes == 16 ? 0xFFFFU : (1U << kLanes) - 1U;
+
+struct Rotation {
+  Lane3 column[3];
+};
+
+/// Rotation matrix of a unit quaternion (x, y, z, w).
+inline Rotation to_rotation(const Lane q[4]) {
+  const Lane one = splat(Real{1});
+  const Lane x2 = q[0] + q[0];
+  const Lane y2 = q[1] + q[1];
+  const Lane z2 = q[2] + q[2];
+  const Lane xx = q[0] * x2;
+  const Lane yy = q[1] * y2;
+  const Lane zz = q[2] * z2;
+  const Lane xy = q[0] * y2;
+  const Lane xz = q[0] * z2;
+  const Lane yz = q[1] * z2;
+  const Lane wx = q[3] * x2;
+  const Lane wy = q[3] * y2;
+  const Lane wz = q[3] * z2;
+  return {{{one - (yy + zz), xy + wz, xz - wy}, {xy - wz, one - (xx + zz), yz + wx}, {xz + wy, yz - wx, one - (xx + yy)}}};
+}
+
+/// One step of the rotation extraction of [Mueller16]: omega = sum R_k x A_k / (|sum R_k . A_k| + eps). The update
+/// turns by 2 atan(|omega|/2) instead of |omega|: same fixed point, no trigonometry, never more than half a turn.
+inline void turn_towards(Lane q[4], const Rotation& r, const Lane3 a[3], bool planar) {
+  Lane3 omega = cross(r.column[0], a[0]) + cross(r.column[1], a[1]);
+  Lane scale = dot(r.column[0], a[0]) + dot(r.column[1], a[1]);
+  if (!planar) {
+    omega = omega + cross(r.column[2], a[2]);
+    scale = scale + dot(r.column[2], a[2]);
+  }
+  // eps 1e-12 m^2: far below the second moment of any cluster that has an extent (1e-6 m^2 and up).
+  const Lane half = splat(Real{0.5}) / (abs(scale) + splat(static_cast<Real>(1e-12)));
+  const Lane3 w = half * omega;
+  // q <- normalise((w, 1) q)
+  const Lane nx = fma(w.y, q[2], fnma(w.z, q[1], fma(w.x, q[3], q[0])));
+  const Lane ny = fma(w.z, q[0], fnma(w.x, q[2], fma(w.y, q[3], q[1])));
+  const Lane nz = fma(w.x, q[1], fnma(w.y, q[0], fma(w.z, q[3], q[2])));
+  const Lane nw = fnma(w.z, q[2], fnma(w.y, q[1], fnma(w.x, q[0], q[3])));
+  const Lane norm2 = fma(nw, nw, fma(nz, nz, fma(ny, ny, nx * nx)));
+  const Lane inverse = splat(Real{1}) / sqrt(norm2);
+  q[0] = nx * inverse;
+  q[1] = ny * inverse;
+  q[2] = nz * inverse;
+  q[3] = nw * inverse;
+}
+
+inline Lane3 rotate(const Rotation& r, Lane3 v, bool planar) {
+  Lane3 result = fma(v.x, r.column[0], v.y * r.column[1]);
+  if (!planar) result = fma(v.z, r.column[2], result);
+  return result;
+}
+
+template <bool kPlanar, bool kPlastic>
+void match_clusters_as(const Args& args) {
+  for (int c = 0; c < args.clusters; ++c) {
+    const int begin = args.cluster_begin[c];
+    const int end = args.cluster_begin[c + 1];
+    const Lane zero = splat(Real{0});
+    Lane3 sum{zero, zero, zero};
+    Lane3 a[3] = {sum, sum, sum};
+    Lane3 rest_sum = sum;
+    for (int m = begin; m < end; ++m) {
+      const Lane3 x = load3(args.xs + 3 * kLanes * args.cluster_member[m]);
+      const Lane3 r0 = kPlastic ? load3(args.plastic_rest + 3 * kLanes * m) : splat3(args.rest + 3 * m);
+      sum = sum + x;
+      a[0] = fma(r0.x, x, a[0]);
+      a[1] = fma(r0.y, x, a[1]);
+      if constexpr (!kPlanar) a[2] = fma(r0.z, x, a[2]);
+      if constexpr (kPlastic) rest_sum = rest_sum + r0;
+    }
+    if constexpr (!kPlastic) rest_sum = splat3(args.rest_sum + 3 * c);
+    const Lane inverse_count = splat(Real{1} / static_cast<Real>(end - begin));
+    const Lane3 centre = inverse_count * sum;
+    // sum (x - c) r0^T = sum x r0^T - c (sum r0)^T; the second part is rounding (or plastic drift) only.
+    a[0] = fma(zero - rest_sum.x, centre, a[0]);
+    a[1] = fma(zero - rest_sum.y, centre, a[1]);
+    if constexpr (!kPlanar) a[2] = fma(zero - rest_sum.z, centre, a[2]);
+
+    Real* const q_memory = args.q + 4 * kLanes * c;
+    Lane q[4] = {load(q_memory), load(q_memory + kLanes), load(q_memory + 2 * kLanes), load(q_memory + 3 * kLanes)};
+    Rotation r = to_rotation(q);
+    for (int k = 0; k < args.rotation_iterations; ++k) {
+      turn_towards(q, r, a, kPlanar);
+      r = to_rotation(q);
+    }
+    for (int k = 0; k < 4; ++k) store(q_memory + k * kLanes, q[k]);
+
+    Lane weight = splat(args.cluster_weight[c]);
+    if constexpr (kPlastic) {
+      // Rest shape absorbs `creep` of the deformation in the lanes where some member's *squared* distance to its goal
+      // exceeds the threshold, and the goal acts with (1 - creep) there.
+      Lane worst = zero;
+      for (int m = begin; m < end; ++m) {
+        const Lane3 x = load3(args.xs + 3 * kLanes * args.cluster_member[m]);
+        const Lane3 miss = centre + rotate(r, load3(args.plastic_rest + 3 * kLanes * m), false) - x;
+        worst = max(worst, dot(miss, miss));
+      }
+      const Mask yields = splat(args.plastic_threshold) < worst;
+      if (to_bits(yields) != 0) {
+        const Lane creep = select(yields, splat(args.plastic_creep), zero);
+        for (int m = begin; m < end; ++m) {
+          const Lane3 d = load3(args.xs + 3 * kLanes * args.cluster_member[m]) - centre;
+          Real* const memory = args.plastic_rest + 3 * kLanes * m;
+          const Lane3 r0 = load3(memory);
+          const Lane3 now{dot(r.column[0], d), dot(r.column[1], d), dot(r.column[2], d)};
+          store3(memory, fma(creep, now - r0, r0));
+        }
+        weight = weight * (splat(Real{1}) - creep);
+      }
+    }
+
+    Real* const goal = args.goal + 13 * kLanes * c;
+    store3(goal, weight * centre);
+    for (int k = 0; k < 3; ++k) {
+      store3(goal + (3 + 3 * k) * kLanes, weight * r.column[k]);
+    }
+    store(goal + 12 * kLanes, weight);
+  }
+}
+
+void match_clusters(const Args& args) {
+  if (args.plastic_rest != nullptr) {
+    match_clusters_as<false, true>(args);
+  } else if (args.planar) {
+    match_clusters_as<true, false>(args);
+  } else {
+    match_clusters_as<false, false>(args);
+  }
+}
+
+// ---------------------------------------------------------------------------------------------------------------------
+// Contact: distance phi and outward normal n of each shape, W frame.
+
+struct Surface {
+  Lane phi;
+  Lane3 normal;
+};
+
+inline Lane3 to_shape_frame(const KernelShape<Real>& s, Lane3 d) {
+  return {fma(splat(s.rotation[2]), d.z, fma(splat(s.rotation[1]), d.y, splat(s.rotation[0]) * d.x)),
+          fma(splat(s.rotation[5]), d.z, fma(splat(s.rotation[4]), d.y, splat(s.rotation[3]) * d.x)),
+          fma(splat(s.rotation[8]), d.z, fma(splat(s.rotation[7]), d.y, splat(s.rotation[6]) * d.x))};
+}
+
+inline Lane3 to_world_frame(const KernelShape<Real>& s, Lane3 d) {
+  return {fma(splat(s.rotation[6]), d.z, fma(splat(s.rotation[3]), d.y, splat(s.rotation[0]) * d.x)),
+          fma(splat(s.rotation[7]), d.z, fma(splat(s.rotation[4]), d.y, splat(s.rotation[1]) * d.x)),
+          fma(splat(s.rotation[8]), d.z, fma(splat(s.rotation[5]), d.y, splat(s.rotation[2]) * d.x))};
+}
+
+inline Lane inverse_length(Lane3 d) {
+  // 1e-30 m^2 keeps the centre of a sphere finite; there the normal is zero and nothing moves.
+  return splat(Real{1}) / sqrt(max(dot(d, d), splat(static_cast<Real>(1e-30))));
+}
+
+/// Trilinear distance in one lane; outside the grid: far away.
+inline void sdf_lane(const KernelShape<Real>& s, const Real p[3], Real out[4]) {
+  out[0] = Real{1};
+  out[1] = out[2] = out[3] = Real{0};
+  std::int32_t cell[3];
+  Real f[3];
+  for (int k = 0; k < 3; ++k) {
+    const Real u = (p[k] - s.sdf_origin[k]) / s.sdf_pitch;
+    if (!(u >= Real{0}) || !(u < static_cast<Real>(s.sdf_count[k] - 1))) return;
+    cell[k] = static_cast<std::int32_t>(u);
+    f[k] = u - static_cast<Real>(cell[k]);
+  }
+  Real corner[2][2][2];
+  for (int i = 0; i < 2; ++i) {
+    for (int j = 0; j < 2; ++j) {
+      for (int k = 0; k < 2; ++k) {
+        const std::int32_t index =
+            cell[0] + i + s.sdf_count[0] * (cell[1] + j + s.sdf_count[1] * (cell[2] + k));
+        corner[i][j][k] = static_cast<Real>(s.sdf[index]);
+      }
+    }
+  }
+  const auto mix = [](Real a, Real b, Real t) { return a + t * (b - a); };
+  const auto plane = [&](int i) {
+    return mix(mix(corner[i][0][0], corner[i][0][1], f[2]), mix(corner[i][1][0], corner[i][1][1], f[2]), f[1]);
+  };
+  const auto row = [&](int j) {
+    return mix(mix(corner[0][j][0], corner[0][j][1], f[2]), mix(corner[1][j][0], corner[1][j][1], f[2]), f[0]);
+  };
+  const auto layer = [&](int k) {
+    return mix(mix(corner[0][0][k], corner[0][1][k], f[1]), mix(corner[1][0][k], corner[1][1][k], f[1]), f[0]);
+  };
+  out[0] = mix(plane(0), plane(1), f[0]);
+  out[1] = plane(1) - plane(0);
+  out[2] = row(1) - row(0);
+  out[3] = layer(1) - layer(0);
+}
+
+inline Surface distance_to(const Args& args, const KernelShape<Real>& s, Lane3 x) {
+  const Lane zero = splat(Real{0});
+  const Lane one = splat(Real{1});
+  if (s.kind == ShapeKind::kCapsule) {
+    const Lane3 axis = splat3(s.axis);
+    const Lane3 d = x - load3(args.capsule);
+    const Lane t = min(max(dot(d, axis), zero), splat(s.length));
+    const Lane3 radial = fma(zero - t, axis, d);
+    const Lane inverse = inverse_length(radial);
+    return {fma(dot(radial, radial), inverse, zero - splat(s.size[0])), inverse * radial};
+  }
+  const Lane3 d = x - splat3(s.origin);
+  if (s.kind == ShapeKind::kSphere) {
+    const Lane inverse = inverse_length(d);
+    return {fma(dot(d, d), inverse, zero - splat(s.size[0])), inverse * d};
+  }
+  if (s.kind == ShapeKind::kHalfSpace) {
+    const Lane3 normal{splat(s.rotation[6]), splat(s.rotation[7]), splat(s.rotation[8])};
+    return {dot(d, normal), normal};
+  }
+  const Lane3 local = to_shape_frame(s, d);
+  if (s.kind == ShapeKind::kEllipsoid) {
+    // First-order distance f / |grad f| of f = |p/a| - 1 scaled: phi = k0 (k0 - 1) / k1, k0 = |p/a|, k1 = |p/a^2|.
+    const Lane3 u{local.x / splat(s.size[0]), local.y / splat(s.size[1]), local.z / splat(s.size[2])};
+    const Lane3 w{u.x / splat(s.size[0]), u.y / splat(s.size[1]), u.z / splat(s.size[2])};
+    const Lane k0 = sqrt(dot(u, u));
+    const Lane inverse_k1 = inverse_length(w);
+    return {k0 * (k0 - one) * inverse_k1, to_world_frame(s, inverse_k1 * w)};
+  }
+  if (s.kind == ShapeKind::kBox) {
+    const Lane3 half = splat3(s.size);
+    const Lane3 q{abs(local.x) - half.x, abs(local.y) - half.y, abs(local.z) - half.z};
+    const Lane3 outside{max(q.x, zero), max(q.y, zero), max(q.z, zero)};
+    const Lane inside = min(max(q.x, max(q.y, q.z)), zero);
+    const Mask is_inside = inside < zero;
+    const Mask x_face = both(q.y < q.x, q.z < q.x);
+    const Mask y_face = q.z < q.y;
+    const Lane3 face{select(x_face, one, zero), select(x_face, zero, select(y_face, one, zero)),
+                     select(x_face, zero, select(y_face, zero, one))};
+    const Lane inverse = inverse_length(outside);
+    Lane3 n = select(is_inside, face, inverse * outside);
+    n = {select(local.x < zero, zero - n.x, n.x), select(local.y < zero, zero - n.y, n.y),
+         select(local.z < zero, zero - n.z, n.z)};
+    return {fma(dot(outside, outside), inverse, inside), to_world_frame(s, n)};
+  }
+  // kSdf: a table look-up lane by lane.
+  Real p[3 * kLanes];
+  Real found[4 * kLanes];
+  store3(p, local);
+  for (int lane = 0; lane < kLanes; ++lane) {
+    const Real point[3] = {p[lane], p[lane + kLanes], p[lane + 2 * kLanes]};
+    Real out[4];
+    sdf_lane(s, point, out);
+    for (int k = 0; k < 4; ++k) found[lane + k * kLanes] = out[k];
+  }
+  const Lane3 gradient{load(found + kLanes), load(found + 2 * kLanes), load(found + 3 * kLanes)};
+  return {load(found), to_world_frame(s, inverse_length(gradient) * gradient)};
+}
+
+/// Lanes in which the particle may reach the shape within this control step: conservative and per lane, so that a
+/// lane's result never depends on its neighbours.
+inline Mask may_reach(const Args& args, const KernelShape<Real>& s, Lane3 x, Lane reach) {
+  if (s.kind == ShapeKind::kHalfSpace) {
+    const Lane3 d = x - splat3(s.origin);
+    const Lane3 normal{splat(s.rotation[6]), splat(s.rotation[7]), splat(s.rotation[8])};
+    return dot(d, normal) < reach;
+  }
+  if (s.kind == ShapeKind::kCapsule) {
+    const Lane3 axis = splat3(s.axis);
+    const Lane3 d = x - load3(args.capsule);
+    const Lane t = min(max(dot(d, axis), splat(Real{0})), splat(s.length));
+    const Lane3 radial = fma(splat(Real{0}) - t, axis, d);
+    const Lane limit = reach + splat(s.size[0]) + load(args.capsule_sweep);
+    return dot(radial, radial) < limit * limit;
+  }
+  const Lane3 d = x - splat3(s.origin);
+  if (s.kind == ShapeKind::kEllipsoid) {
+    // The ellipsoid grown by `reach` lies inside semi-axes a + reach.
+    const Lane3 local = to_shape_frame(s, d);
+    const Lane3 u{local.x / (splat(s.size[0]) + reach), local.y / (splat(s.size[1]) + reach),
+                  local.z / (splat(s.size[2]) + reach)};
+    return dot(u, u) < splat(Real{1.5});
+  }
+  const Lane limit = reach + splat(s.bound_radius);
+  return dot(d, d) < limit * limit;
+}
+
+void find_candidates(const Args& args) {
+  const Lane3 g = load3(args.gravity);
+  const Lane step = splat(args.step_s);
+  const Lane fall = step * sqrt(dot(g, g));
+  for (int i = 0; i < args.particles; ++i) {
+    const Lane3 x = load3(args.x + 3 * kLanes * i);
+    const Lane3 v = load3(args.v + 3 * kLanes * i);
+    const Lane reach = fma(step, sqrt(dot(v, v)) + fall, splat(args.margin + args.particle_radius));
+    Bits any = 0;
+    for (int k = 0; k < args.shapes; ++k) {
+      const Bits bits = to_bits(may_reach(args, args.shape[k], x, reach)) & args.free_mask[i];
+      args.candidates[i * omentum::kMaxShapes + k] = bits;
+      any |= bits != 0 ? 1U << k : 0U;
+    }
+    args.candidate_any[i] = any;
+  }
+}
+
+/// Non-penetration at the particle radius, then Coulomb friction on the slip since the substep began.
+inline Lane3 resolve_contact(const Args& args, int i, Lane3 xs) {
+  const Lane3 x = load3(args.x + 3 * kLanes * i);
+  const Lane zero = splat(Real{0});
+  for (int k = 0; k < args.shapes; ++k) {
+    if ((args.candidate_any[i] >> k & 1U) == 0) continue;
+    const KernelShape<Real>& shape = args.shape[k];
+    const Surface surface = distance_to(args, shape, xs);
+    const Lane depth = splat(args.particle_radius) - surface.phi;
+    const Mask touches = both(zero < depth, to_mask(args.candidates[i * omentum::kMaxShapes + k]));
+    if (to_bits(touches) == 0) continue;
+    const Lane3 pushed = fma(depth, surface.normal, xs);
+    Lane3 slip = pushed - x;
+    if (shape.kind == ShapeKind::kCapsule) slip = slip - load3(args.capsule_motion);
+    const Lane along = dot(slip, surface.normal);
+    const Lane3 tangent = fma(zero - along, surface.normal, slip);
+    const Lane t2 = dot(tangent, tangent);
+    const Lane stick = load(args.static_friction) * depth;
+    const Lane slide = load(args.dynamic_friction) * depth;
+    const Lane part = select(t2 < stick * stick, splat(Real{1}), min(slide / sqrt(t2), splat(Real{1})));
+    xs = select(touches, fma(zero - part, tangent, pushed), xs);
+  }
+  return xs;
+}
+
+// ---------------------------------------------------------------------------------------------------------------------
+
+void predict(const Args& args) {
+  const Lane h = splat(args.h);
+  const Lane keep = load(args.keep);
+  const Lane3 gh = h * load3(args.gravity);
+  const Lane limit = splat(args.max_speed);
+  const Lane limit2 = limit * limit;
+  for (int i = 0; i < args.particles; ++i) {
+    const Lane3 x = load3(args.x + 3 * kLanes * i);
+    if (args.free_mask[i] == 0) {
+      store3(args.xs + 3 * kLanes * i, x);
+      continue;
+    }
+    Lane3 v = keep * (load3(args.v + 3 * kLanes * i) + gh);
+    const Lane speed2 = dot(v, v);
+    const Mask fast = limit2 < speed2;
+    if (to_bits(fast) != 0) v = select(fast, limit / sqrt(speed2) * v, v);
+    store3(args.xs + 3 * kLanes * i, select(to_mask(args.free_mask[i]), fma(h, v, x), x));
+  }
+}
+
+template <bool kPlanar, bool kPlastic, bool kExtra>
+void apply_as(const Args& args) {
+  const Lane s = load(args.stiffness);
+  const Lane zero = splat(Real{0});
+  const bool wants_force = args.held_force != nullptr;
+  for (int i = 0; i < args.particles; ++i) {
+    const Bits free = args.free_mask[i];
+    const Bits held = wants_force ? args.held_mask[i] : 0U;
+    if ((free | held) == 0) continue;
+    const Lane3 xs = load3(args.xs + 3 * kLanes * i);
+    Lane3 goals{zero, zero, zero};
+    Lane weight = splat(args.particle_weight[i]);
+    if constexpr (kPlastic) weight = zero;
+    for (int m = args.particle_begin[i]; m < args.particle_begin[i + 1]; ++m) {
+      const Real* const goal = args.goal + 13 * kLanes * args.particle_cluster[m];
+      const Lane3 r0 = kPlastic ? load3(args.plastic_rest + 3 * kLanes * args.particle_membership[m])
+                                : splat3(args.particle_rest + 3 * m);
+      goals = goals + load3(goal);
+      goals = fma(r0.x, load3(goal + 3 * kLanes), goals);
+      goals = fma(r0.y, load3(goal + 6 * kLanes), goals);
+      if constexpr (!kPlanar) goals = fma(r0.z, load3(goal + 9 * kLanes), goals);
+      if constexpr (kPlastic) weight = weight + load(goal + 12 * kLanes);
+    }
+    Lane3 correction = s * fma(zero - weight, xs, goals);
+    if constexpr (kExtra) {
+      const Real* const extra = args.extra + 4 * kLanes * i;
+      const Lane count = load(extra + 3 * kLanes) + splat(static_cast<Real>(args.particle_begin[i + 1] -
+                                                                            args.particle_begin[i]));
+      correction = correction + load3(extra);
+      correction = splat(Real{1}) / max(count, splat(Real{1})) * correction;
+    } else {
+      correction = splat(args.particle_scale[i]) * correction;
+    }
+    if (held != 0) {
+      const Mask is_held = to_mask(held);
+      const Lane3 force = load3(args.held_force);
+      store3(args.held_force, select(is_held, force + correction, force));
+    }
+    Lane3 moved = xs + correction;
+    if (args.candidate_any[i] != 0) moved = resolve_contact(args, i, moved);
+    store3(args.xs + 3 * kLanes * i, select(to_mask(free), moved, xs));
+  }
+}
+
+void apply_corrections(const Args& args) {
+  if (args.plastic_rest != nullptr) {
+    args.extra != nullptr ? apply_as<false, true, true>(args) : apply_as<false, true, false>(args);
+  } else if (args.planar) {
+    args.extra != nullptr ? apply_as<true, false, true>(args) : apply_as<true, false, false>(args);
+  } else {
+    args.extra != nullptr ? apply_as<false, false, true>(args) : apply_as<false, false, false>(args);
+  }
+}
+
+void finish_substep(const Args& args) {
+  const Lane inverse_h = splat(Real{1} / args.h);
+  for (int i = 0; i < 3 * args.particles; ++i) {
+    const Lane x = load(args.x + kLanes * i);
+    const Lane xs = load(args.xs + kLanes * i);
+    store(args.v + kLanes * i, (xs - x) * inverse_h);
+    store(args.x + kLanes * i, xs);
+  }
+}
+
+void nearest_particle(const omentum::NearestArgs<Real>& args) {
+  const Lane3 point = load3(args.point);
+  Lane best = splat(static_cast<Real>(1e30));
+  Lane best_index = splat(Real{0});
+  for (int i = 0; i < args.particles; ++i) {
+    const Lane3 d = load3(args.x + 3 * kLanes * i) - point;
+    const Lane d2 = dot(d, d);
+    const Mask nearer = d2 < best;
+    best = select(nearer, d2, best);
+    best_index = select(nearer, splat(static_cast<Real>(i)), best_index);
+  }
+  store(args.distance2, best);
+  store(args.index, best_index);
+}
+
+void skin_surface(const omentum::SkinArgs<Real>& args) {
+  const Lane zero = splat(Real{0});
+  for (int v = 0; v < args.vertices; ++v) {
+    Lane3 position{zero, zero, zero};
+    for (int k = 0; k < 4; ++k) {
+      const int c = args.cluster[4 * v + k];
+      const Real* const goal = args.goal + 13 * kLanes * c;
+      const Lane weight = splat(args.weight[4 * v + k] / args.cluster_weight[c]);
+      const Lane3 offset = splat3(args.offset + 3 * (4 * v + k));
+      Lane3 p = load3(goal);
+      p = fma(offset.x, load3(goal + 3 * kLanes), p);
+      p = fma(offset.y, load3(goal + 6 * kLanes), p);
+      p = fma(offset.z, load3(goal + 9 * kLanes), p);
+      position = fma(weight, p, position);
+    }
+    store3(args.position + 3 * kLanes * v, position);
+  }
+}
+
+void project_surface(const omentum::ProjectArgs<Real>& args) {
+  const Lane3 origin = splat3(args.origin);
+  const Real* const r = args.rotation;
+  for (int v = 0; v < args.vertices; ++v) {
+    const Lane3 d = load3(args.position + 3 * kLanes * v) - origin;
+    const Lane depth = fma(splat(-r[8]), d.z, fma(splat(-r[7]), d.y, splat(-r[6]) * d.x));
+    const Lane inverse = splat(Real{1}) / max(depth, splat(static_cast<Real>(1e-4)));
+    const Lane u = fma(splat(r[2]), d.z, fma(splat(r[1]), d.y, splat(r[0]) * d.x));
+    const Lane w = fma(splat(r[5]), d.z, fma(splat(r[4]), d.y, splat(r[3]) * d.x));
+    store3(args.projected + 3 * kLanes * v, {u * inverse, w * inverse, depth});
+  }
+  const Lane u_min = splat(args.window[0]);
+  const Lane u_max = splat(args.window[1]);
+  const Lane v_min = splat(args.window[2]);
+  const Lane v_max = splat(args.window[3]);
+  for (int t = 0; t < args.triangles; ++t) {
+    const Real* const a = args.projected + 3 * kLanes * args.triangle[3 * t];
+    const Real* const b = args.projected + 3 * kLanes * args.triangle[3 * t + 1];
+    const Real* const c = args.projected + 3 * kLanes * args.triangle[3 * t + 2];
+    const Lane au = load(a);
+    const Lane bu = load(b);
+    const Lane cu = load(c);
+    const Lane av = load(a + kLanes);
+    const Lane bv = load(b + kLanes);
+    const Lane cv = load(c + kLanes);
+    const Mask u_meets = both(min(au, min(bu, cu)) < u_max, u_min < max(au, max(bu, cu)));
+    const Mask v_meets = both(min(av, min(bv, cv)) < v_max, v_min < max(av, max(bv, cv)));
+    args.overlap[t] = to_bits(both(u_meets, v_meets)) & args.lanes_wanted & kAllLanes;
+  }
+}
+
+}  // namespace

@@ -1,0 +1,22 @@
+#include <cstddef>
+#include <cstdint>
+#include <string>
+
+#include "core/check.h"
+#include "sim_worker/mesh.h"
+
+// Any bytes give a mesh or an Error, under every reader: nothing else may leave parse_mesh.
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size);
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  const std::string content(reinterpret_cast<const char*>(data), size);
+  for (const char* name : {"fuzz", "fuzz.obj", "fuzz.stl"}) {
+    try {
+      omentum::TriangleMesh mesh = omentum::parse_mesh(name, content, 1);
+      omentum::require_closed(name, mesh);
+      if (!(omentum::signed_volume(mesh) > 0)) __builtin_trap();
+    } catch (const omentum::Error&) {
+    }
+  }
+  return 0;
+}

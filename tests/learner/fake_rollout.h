@@ -1,0 +1,83 @@
+#pragma once
+
+#include <cstring>
+
+#include "core/hash.h"
+#include "core/types.h"
+
+namespace omentum::test {
+
+inline constexpr std::uint32_t kFakeObservation = 3;
+
+/// CRC of the fields a fake rollout fills: enough to see any flipped bit in them.
+inline std::uint32_t fake_crc(const RolloutSegment& s) {
+  std::uint32_t crc = crc32c(std::as_bytes(std::span(s.observations)));
+  crc = crc32c(std::as_bytes(std::span(s.actions)), crc);
+  crc = crc32c(std::as_bytes(std::span(s.rewards)), crc);
+  return crc32c(s.end_state, crc);
+}
+
+/// A pure function of the task and nothing else: a counter environment whose episodes last
+/// `episode` steps and whose state is 16 bytes plus padding up to `state_bytes`.
+inline RolloutSegment fake_rollout(const RolloutTask& task, std::uint32_t episode = 50,
+                                   std::size_t state_bytes = 16) {
+  RolloutSegment s;
+  s.slot = task.slot;
+  s.segment = task.segment;
+  s.grant = task.grant;
+  s.worker_id = task.worker_id;
+  s.learner_epoch = task.learner_epoch;
+  s.task_hash = task.task_hash;
+  s.policy_version = task.policy_version;
+  s.granted_at_ns = task.granted_at_ns;
+  s.state_format = task.state_format;
+  s.steps = task.steps;
+  std::uint64_t state = 0;
+  if (task.reset) {
+    state = fnv1a64(std::as_bytes(std::span(&task.run_seed, 1))) + task.slot * 1000 + task.episode;
+  } else {
+    std::memcpy(&state, task.start_state.data(), sizeof state);
+  }
+  std::uint64_t number = task.episode;
+  std::uint32_t step = task.episode_step;
+  std::uint32_t limit = task.episode_limit == 0 ? episode : task.episode_limit;
+  for (std::uint32_t i = 0; i < task.steps; ++i) {
+    std::uint8_t flags = step == 0 ? step_flag::kFirst : std::uint8_t{0};
+    state = state * 6364136223846793005ULL + task.weights_hash[0] + 1;
+    for (std::uint32_t o = 0; o < kFakeObservation; ++o) {
+      s.observations.push_back(static_cast<float>((state >> (8 * o)) & 0xff));
+    }
+    for (int b = 0; b < 4; ++b) s.actions.push_back(static_cast<std::uint8_t>((state >> b) & 1));
+    s.log_probs.push_back(-1.0f);
+    s.values.push_back(0.5f);
+    s.rewards.push_back(static_cast<float>(state >> 56));
+    if (++step == limit) {
+      flags |= step_flag::kTruncated;
+      for (std::uint32_t o = 0; o < kFakeObservation; ++o) s.final_observations.push_back(1);
+      s.episode_end_step.push_back(i);
+      s.episode_return.push_back(1);
+      s.episode_length.push_back(step);
+      s.episode_outcome.push_back(static_cast<std::uint8_t>(Outcome::kTruncated));
+      s.episode_exposure.push_back(0);
+      s.episode_grasped.push_back(0);
+      s.episode_grasp_position.insert(s.episode_grasp_position.end(), 3, 0.0f);
+      s.episode_start_position.insert(s.episode_start_position.end(), 3, 0.0f);
+      step = 0;
+      limit = episode;
+      ++number;
+      state += number;
+    }
+    s.flags.push_back(flags);
+  }
+  s.bootstrap_observation.assign(kFakeObservation, 2.0f);
+  s.end_episode = number;
+  s.end_episode_step = step;
+  s.end_episode_limit = limit;
+  s.end_state.assign(std::max(state_bytes, sizeof state), std::byte{7});
+  std::memcpy(s.end_state.data(), &state, sizeof state);
+  s.end_hash = fnv1a64(s.end_state);
+  s.payload_crc32c = fake_crc(s);
+  return s;
+}
+
+}  // namespace omentum::test

@@ -1,0 +1,36 @@
+// Writes the seeds of tests/fuzz/corpus/mcap/. Usage: make_mcap_corpus <folder>
+
+#include <cstdio>
+#include <fstream>
+#include <iterator>
+#include <sstream>
+#include <string>
+
+#include <fmt/core.h>
+
+#include "core/mcap.h"
+#include "tests/support/episode_fixture.h"
+
+int main(int count, char** arguments) {
+  if (count != 2) {
+    fmt::print(stderr, "usage: make_mcap_corpus <folder>\n");
+    return 2;
+  }
+  const std::string folder = arguments[1];
+  const auto write = [&](const std::string& name, const std::string& bytes) {
+    std::ofstream(folder + "/" + name, std::ios::binary) << bytes;
+  };
+  for (const bool zstd : {false, true}) {
+    std::ostringstream out;
+    omentum::McapWriter writer(out, zstd ? omentum::McapCompression::kZstd : omentum::McapCompression::kNone, 64);
+    const auto channel = writer.add_channel("/note", "json");
+    writer.write_metadata("run", {{"name", "corpus"}});
+    for (std::uint32_t k = 0; k < 3; ++k) writer.write_bytes(channel, k, k, "{\"k\": 1}");
+    if (!writer.finish()) return 2;
+    write(zstd ? "zstd.mcap" : "plain.mcap", out.str());
+    write(zstd ? "zstd_cut.mcap" : "plain_cut.mcap", out.str().substr(0, out.str().size() / 2));
+  }
+  const omentum::EpisodeRecording made = omentum::test::make_episode(2, 2, 1);
+  if (!omentum::save_episode(folder + "/episode.mcap", made.task, made.segment, made.context)) return 2;
+  return 0;
+}
