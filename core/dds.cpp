@@ -303,11 +303,15 @@ int Reader::matched() const {
 }
 
 std::uint64_t Reader::lost() const {
-  dds_sample_rejected_status_t rejected{};
   dds_sample_lost_status_t lost{};
-  dds_get_sample_rejected_status(entity_.handle(), &rejected);
   dds_get_sample_lost_status(entity_.handle(), &lost);
-  return std::uint64_t{rejected.total_count} + lost.total_count;
+  return lost.total_count;
+}
+
+std::uint64_t Reader::rejected() const {
+  dds_sample_rejected_status_t rejected{};
+  dds_get_sample_rejected_status(entity_.handle(), &rejected);
+  return rejected.total_count;
 }
 
 Waitset::Waitset(const Participant& participant)

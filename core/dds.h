@@ -159,8 +159,10 @@ class Reader {
   [[nodiscard]] Result<int> take(
       int limit, const std::function<void(const void* sample, const SampleInfo& info)>& fn);
   int matched() const;
-  /// Samples refused or lost by the reader cache since creation; stays 0 while the fuse holds.
+  /// Samples the middleware gave up since creation.
   std::uint64_t lost() const;
+  /// Times the cache was full: the sample is delivered again later, but until then this process receives nothing else.
+  std::uint64_t rejected() const;
   std::int32_t handle() const { return entity_.handle(); }
   std::int32_t condition() const { return condition_.handle(); }
 

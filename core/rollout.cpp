@@ -49,21 +49,27 @@ void close_episode(const Backend& backend, int lane, bool terminated, RolloutSeg
   segment.episode_outcome.push_back(static_cast<std::uint8_t>(outcome));
   segment.episode_exposure.push_back(facts.exposure);
   segment.episode_grasped.push_back(facts.grasped_ever ? 1 : 0);
+  segment.episode_held.push_back(facts.held ? 1 : 0);
   for (std::size_t k = 0; k < 3; ++k) {
     segment.episode_grasp_position.push_back(static_cast<float>(facts.grasp_position[k]));
     segment.episode_start_position.push_back(static_cast<float>(facts.start_position[k]));
   }
 }
 
+/// The tissue before this step, every `stride` steps.
 void record_frame(const Backend& backend, int lane, std::uint32_t stride, std::vector<float>& scratch,
                   RolloutSegment& segment) {
+  if (stride == 0 || segment.steps % stride != 0) return;
+  backend.positions(lane, scratch);
+  segment.frame_positions_in_world_m.insert(segment.frame_positions_in_world_m.end(), scratch.begin(), scratch.end());
+}
+
+/// What proves a replay: hash of the whole state after the step, beside where the tool is and what the camera sees.
+void record_step(const Backend& backend, int lane, RolloutSegment& segment) {
   const EpisodeFacts facts = backend.facts(lane);
   segment.state_hashes.push_back(fnv1a64(backend.save(lane)));
   segment.exposures.push_back(facts.exposure);
   for (const double v : facts.tool_position) segment.tool_positions_in_world_m.push_back(static_cast<float>(v));
-  if ((segment.steps - 1) % stride != 0) return;
-  backend.positions(lane, scratch);
-  segment.frame_positions_in_world_m.insert(segment.frame_positions_in_world_m.end(), scratch.begin(), scratch.end());
 }
 
 /// Action of a replay task: four numbers per step, branch indices or continuous values as the preset has them.
@@ -138,12 +144,14 @@ std::vector<RolloutSegment> run_rollout(Backend& backend, Policy& policy, std::s
     for (std::size_t k = 0; k < tasks.size(); ++k) {
       backend.observe(static_cast<int>(k), std::span(observations).subspan(k * width, width));
       before[k] = backend.clock(static_cast<int>(k));
-      counters[k] = {tasks[k].run_seed, tasks[k].slot, before[k].episode, before[k].episode_step};
+      const Purpose purpose = tasks[k].kind == TaskKind::kRollout ? Purpose::kAction : Purpose::kEvaluation;
+      counters[k] = {tasks[k].run_seed, tasks[k].slot, before[k].episode, before[k].episode_step, purpose};
     }
     policy.act(observations, counters, tasks.front().greedy, {}, decisions);
     for (std::size_t k = 0; k < tasks.size(); ++k) {
       actions[k] = {decisions[k].branch, decisions[k].continuous};
       if (runs[k].holding || runs[k].done) actions[k] = backend.hold_action(static_cast<int>(k));
+      if (!runs[k].done) record_frame(backend, static_cast<int>(k), tasks[k].frame_stride, scratch, segments[k]);
       if (tasks[k].kind == TaskKind::kReplay) actions[k] = replayed_action(tasks[k], step, continuous);
     }
     backend.step(actions, outcomes);
@@ -179,7 +187,7 @@ std::vector<RolloutSegment> run_rollout(Backend& backend, Policy& policy, std::s
       segment.flags.push_back(flags);
       ++segment.steps;
       segment.physics_ticks += backend.ticks_per_step();
-      if (task.frame_stride > 0) record_frame(backend, lane, task.frame_stride, scratch, segment);
+      if (task.frame_stride > 0) record_step(backend, lane, segment);
 
       if (task.kind == TaskKind::kRollout) {
         if (outcome.truncated && !outcome.terminated) {
@@ -212,7 +220,10 @@ std::vector<RolloutSegment> run_rollout(Backend& backend, Policy& policy, std::s
         }
       }
       if (segment.steps >= task.steps) run.done = true;
-      if (run.done && task.kind != TaskKind::kRollout) close_episode(backend, lane, false, segment);
+      if (run.done && task.kind != TaskKind::kRollout) {
+        record_frame(backend, lane, task.frame_stride, scratch, segment);
+        close_episode(backend, lane, false, segment);
+      }
     }
   }
 
@@ -263,6 +274,7 @@ std::uint32_t segment_crc(const RolloutSegment& s) {
   add(s.episode_outcome);
   add(s.episode_exposure);
   add(s.episode_grasped);
+  add(s.episode_held);
   add(s.episode_grasp_position);
   add(s.episode_start_position);
   add(s.end_state);

@@ -116,6 +116,7 @@ struct RolloutSegment {
   std::vector<std::uint8_t> episode_outcome;  ///< Outcome
   std::vector<float> episode_exposure;        ///< at the end of the episode
   std::vector<std::uint8_t> episode_grasped;  ///< 1 if tissue was held at any step of the episode
+  std::vector<std::uint8_t> episode_held;     ///< 1 if tissue was held at the episode's end
   std::vector<float> episode_grasp_position;  ///< 3 per episode, first grasp in W [m]; NaN if none
   std::vector<float> episode_start_position;  ///< 3 per episode, tool start in W [m]
   std::uint64_t end_episode = 0;

@@ -202,6 +202,8 @@ void fields(G& g, C& c, V& v) {
   v.text(g.scene_override, c.scene_override, "scene_override");
   v.sequence(g.commands, c.commands, omentum_v1_MAX_STEP_VALUES, "commands");
   v.value(g.frame_stride, c.frame_stride, "frame_stride");
+  v.value(g.policy_steps, c.policy_steps, "policy_steps");
+  v.value(g.hold_steps, c.hold_steps, "hold_steps");
   v.value(g.granted_at_ns, c.granted_at_ns, "granted_at_ns");
 }
 
@@ -237,6 +239,7 @@ void fields(G& g, C& c, V& v) {
   v.sequence(g.episode_outcome, c.episode_outcome, omentum_v1_MAX_EPISODES, "episode_outcome");
   v.sequence(g.episode_exposure, c.episode_exposure, omentum_v1_MAX_EPISODES, "episode_exposure");
   v.sequence(g.episode_grasped, c.episode_grasped, omentum_v1_MAX_EPISODES, "episode_grasped");
+  v.sequence(g.episode_held, c.episode_held, omentum_v1_MAX_EPISODES, "episode_held");
   v.sequence(g.episode_grasp_position_in_world_m, c.episode_grasp_position,
              omentum_v1_MAX_STEP_VALUES, "episode_grasp_position");
   v.sequence(g.episode_start_position_in_world_m, c.episode_start_position,
@@ -489,7 +492,9 @@ Result<void> check_record(const RolloutSegment& s) {
   const std::size_t episodes = s.episode_end_step.size();
   Lengths lengths;
   lengths.require(n <= omentum_v1_MAX_STEPS, "steps: out of range")
-      .equal(s.observations.size(), n * observation, "observations")
+      .require(s.failed != 0 ? n == 0 || s.observations.size() % n == 0
+                             : s.observations.size() == n * observation,
+               "observations: length")
       .none_or(s.actions.size(), 4 * n, "actions")
       .none_or(s.actions_continuous.size(), 4 * n, "actions_continuous")
       .require(!s.actions.empty() || !s.actions_continuous.empty() || n == 0, "actions: none")
@@ -503,13 +508,15 @@ Result<void> check_record(const RolloutSegment& s) {
       .equal(s.episode_outcome.size(), episodes, "episode_outcome")
       .equal(s.episode_exposure.size(), episodes, "episode_exposure")
       .equal(s.episode_grasped.size(), episodes, "episode_grasped")
+      .equal(s.episode_held.size(), episodes, "episode_held")
       .equal(s.episode_grasp_position.size(), 3 * episodes, "episode_grasp_position")
       .equal(s.episode_start_position.size(), 3 * episodes, "episode_start_position")
       .none_or(s.state_hashes.size(), n, "state_hashes")
       .none_or(s.tool_positions_in_world_m.size(), 3 * n, "tool_positions_in_world_m")
       .none_or(s.exposures.size(), n, "exposures")
       .require(s.failed <= 1, "failed: out of range");
-  lengths.require(s.final_observations.empty() ||
+  // A failed segment ends without an observation.
+  lengths.require(s.final_observations.empty() || s.failed != 0 ||
                       (observation > 0 && s.final_observations.size() % observation == 0),
                   "final_observations: not a multiple of the observation");
   for (std::size_t i = 0; i < std::min(episodes, s.episode_outcome.size()); ++i) {
@@ -660,6 +667,10 @@ const std::string& BusReader<Record>::last_refusal() const {
 template <typename Record>
 std::uint64_t BusReader<Record>::lost() const {
   return endpoint_->reader.lost();
+}
+template <typename Record>
+std::uint64_t BusReader<Record>::rejected() const {
+  return endpoint_->reader.rejected();
 }
 template <typename Record>
 int BusReader<Record>::matched() const {

@@ -85,8 +85,9 @@ class BusReader {
   /// Samples that arrived but failed the checks, since creation; and why the last one did.
   std::uint64_t refused() const;
   const std::string& last_refusal() const;
-  /// Samples lost or rejected by the middleware's cache.
+  /// See dds::Reader.
   std::uint64_t lost() const;
+  std::uint64_t rejected() const;
   int matched() const;
   const dds::Reader& raw() const;
 

@@ -58,7 +58,7 @@ Result<void> check_lengths(const RolloutSegment& s, const PolicyShape& shape) {
       {"observations", s.observations.size(), steps * observations},
       {"actions", s.actions.size(), steps * 4},
       {"actions_continuous", s.actions_continuous.size(), shape.continuous ? steps * 4 : 0},
-      {"masks", s.masks.size(), s.masks.empty() ? 0 : steps},
+      {"masks", s.masks.size(), s.masks.empty() || shape.continuous ? 0 : steps},
       {"log_probs", s.log_probs.size(), steps},
       {"rewards", s.rewards.size(), steps},
       {"values", s.values.size(), steps},
@@ -69,6 +69,7 @@ Result<void> check_lengths(const RolloutSegment& s, const PolicyShape& shape) {
       {"episode_outcome", s.episode_outcome.size(), episodes},
       {"episode_exposure", s.episode_exposure.size(), episodes},
       {"episode_grasped", s.episode_grasped.size(), episodes},
+      {"episode_held", s.episode_held.size(), episodes},
       {"episode_grasp_position", s.episode_grasp_position.size(), 3 * episodes},
       {"episode_start_position", s.episode_start_position.size(), 3 * episodes},
   };

@@ -180,7 +180,11 @@ void LearnerBus::drain_segments() {
   {
     const std::lock_guard lock(mutex_);
     const std::uint64_t lost = segment_reader_.lost();
+    const std::uint64_t fuse = segment_reader_.rejected();
     if (lost > statistics_.lost) log().error("event=segments_lost total={}", lost);
+    // Only somebody who writes without tasks can do this. Once is news, more is a flood.
+    if (fuse > 0 && statistics_.fuse == 0) log().error("event=segment_reader_full flood=true");
+    statistics_.fuse = fuse;
     if (segment_reader_.refused() > statistics_.refused) {
       log().warn("event=segment_refused total={} reason=\"{}\"", segment_reader_.refused(),
                  segment_reader_.last_refusal());
@@ -366,6 +370,10 @@ void LearnerBus::follow_worker(TaskBook& book, std::uint32_t id, const Seen& see
   }
   Served& served = found->second;
   const WorkerStatus before = std::exchange(served.last, seen.status);
+  if (!seen.status.warnings.empty() && seen.status.warnings != before.warnings) {
+    log().warn("event=worker_warning worker={} host={} text=\"{}\"", id, seen.status.host,
+               seen.status.warnings.back());
+  }
   if (!served.joined) return;
   follow_declines(book, id, before, seen.status);
   if (served.last.phase == WorkerPhase::kDraining || served.last.lanes != before.lanes) {

@@ -402,7 +402,7 @@ Result<void> TaskBook::check_segment(const RolloutTask& task, const RolloutSegme
       s.flags.size() != n) {
     return bad("steps: lengths differ");
   }
-  if (exact && s.masks.size() != (config_.masking ? n : 0)) return bad("masks: length");
+  if (!s.masks.empty() && !(config_.masking && s.masks.size() == n)) return bad("masks: length");
   if (s.final_observations.size() > o * s.episode_end_step.size() ||
       (o > 0 && s.final_observations.size() % o != 0)) {
     return bad("final_observations: length");
@@ -611,6 +611,9 @@ void TaskBook::evaluate(std::span<const EvaluationTask> tasks) {
     task.start_set = from.start_set;
     task.start_index = from.start_index;
     task.steps = from.steps;
+    task.policy_steps = from.policy_steps;
+    task.hold_steps = from.hold_steps;
+    task.episode_limit = from.steps;
     task.run_seed = config_.run_seed;
     task.reset = true;
     task.state_format = config_.state_format;

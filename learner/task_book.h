@@ -96,6 +96,8 @@ struct EvaluationTask {
   bool greedy = true;
   std::uint64_t policy_version = 0;  ///< must be announced
   std::uint32_t steps = 0;           ///< upper limit, hold included
+  std::uint32_t policy_steps = 0;  ///< the policy acts for at most so many
+  std::uint32_t hold_steps = 0;    ///< at p_T, after arrival
   std::uint32_t frame_stride = 0;
   std::string scene_override;   ///< replay
   std::vector<float> commands;  ///< replay

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <array>
 #include <chrono>
+#include <tuple>
 #include <utility>
 
 #include "core/check.h"
@@ -311,8 +312,9 @@ std::vector<BusWorker::Pending> BusWorker::next_group(std::int64_t now) {
   std::size_t count = 0;
   for (const Pending& p : pending_) count += key(p.task) == key(first->task) ? 1 : 0;
   if (count < lanes) {
-    const auto gap = std::clamp(static_cast<std::int64_t>(kGatherShare * group_ns_), kLeastGatherNs,
-                                kMostGatherNs);
+    const auto gap =
+        std::clamp(static_cast<std::int64_t>(kGatherShare * static_cast<double>(group_ns_)),
+                   kLeastGatherNs, kMostGatherNs);
     const std::int64_t until = std::min(last_arrival_ns_ + gap, first->at_ns + kMostHolds * gap);
     if (now < until) {
       hold_until_ns_ = until;
@@ -379,7 +381,6 @@ void BusWorker::run_group(std::vector<Pending> group, const std::function<bool()
       return stop() || done_;
     });
   } catch (const Error& error) {  // a scene override that cannot be built
-    setup_error_ = tasks.front().scene_override.empty() ? error.what() : setup_error_;
     for (const RolloutTask& task : tasks) decline(task, Check::kConfig);
     warn(error.what());
     running_ = 0;
@@ -400,6 +401,7 @@ void BusWorker::run_group(std::vector<Pending> group, const std::function<bool()
     // Identity of this answer; none of it is part of the result or of its CRC.
     segment.grant = task.grant;
     segment.worker_id = status_.worker_id;
+    segment.build_id = options_.build_id;
     segment.learner_epoch = task.learner_epoch;
     segment.granted_at_ns = task.granted_at_ns;
     segment.wait_time_ns = begin - arrived[i];

@@ -265,7 +265,7 @@ double visible_share(const ExposureSamples& s, const std::vector<std::uint8_t>& 
 
 }  // namespace
 
-Exposure::Exposure(const Scene& scene, int reward_samples) : camera_(scene.camera) {
+ExposureEstimator::ExposureEstimator(const Scene& scene, int reward_samples) : camera_(scene.camera) {
   for (const Eigen::Vector3i& t : scene.tissue.surface_triangles) {
     for (int k = 0; k < 3; ++k) triangles_.push_back(t[k]);
   }
@@ -280,7 +280,7 @@ Exposure::Exposure(const Scene& scene, int reward_samples) : camera_(scene.camer
   shadowed_.resize(static_cast<std::size_t>(subset_.size()));
 }
 
-double Exposure::estimate(const ExposureSamples& samples, std::span<const float> positions) const {
+double ExposureEstimator::estimate(const ExposureSamples& samples, std::span<const float> positions) const {
   // The same float operations as the lane kernel, so that subset() equals of_lanes() bit for bit.
   const auto image_of = [&](std::int32_t vertex) -> ImagePoint {
     const auto* p = positions.data() + 3 * static_cast<std::size_t>(vertex);
@@ -310,11 +310,11 @@ double Exposure::estimate(const ExposureSamples& samples, std::span<const float>
   return visible_share(samples, shadowed);
 }
 
-double Exposure::full(std::span<const float> positions) const { return estimate(full_, positions); }
-double Exposure::subset(std::span<const float> positions) const { return estimate(subset_, positions); }
-double Exposure::seed_64px(std::span<const float> positions) const { return estimate(pixels_, positions); }
+double ExposureEstimator::full(std::span<const float> positions) const { return estimate(full_, positions); }
+double ExposureEstimator::subset(std::span<const float> positions) const { return estimate(subset_, positions); }
+double ExposureEstimator::seed_64px(std::span<const float> positions) const { return estimate(pixels_, positions); }
 
-void Exposure::of_lanes(Tissue<float>& tissue, std::uint32_t wanted, std::span<float> exposure) {
+void ExposureEstimator::of_lanes(Tissue<float>& tissue, std::uint32_t wanted, std::span<float> exposure) {
   if (wanted == 0) return;
   const int W = tissue.lanes();
   if (subset_.size() == 0) {

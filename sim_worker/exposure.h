@@ -23,12 +23,12 @@ struct ExposureSamples {
   int size() const { return static_cast<int>(u.size()); }
 };
 
-/// Exposure of the tumour: visible weight / weight visible without the sheet (seed_task.md section 10). The tool does
+/// ExposureEstimator of the tumour: visible weight / weight visible without the sheet (seed_task.md section 10). The tool does
 /// not shadow. No rendering. Rays from the camera are tested against the sheet's triangles.
-class Exposure {
+class ExposureEstimator {
  public:
   /// `reward_samples` is the size of the fixed stratified subset. Without a tumour every exposure is 0.
-  Exposure(const Scene& scene, int reward_samples);
+  ExposureEstimator(const Scene& scene, int reward_samples);
 
   /// Full estimate (>= 10,000 samples in view) for vertex positions x y z interleaved in W [m].
   double full(std::span<const float> surface_positions) const;

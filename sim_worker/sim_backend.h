@@ -117,7 +117,7 @@ class SimBackend : public Backend {
   int width_;
   std::vector<std::unique_ptr<Tissue<float>>> groups_;
   std::vector<Environment> environments_;
-  mutable Exposure exposure_;
+  mutable ExposureEstimator exposure_;
   ImageSource image_;
   bool exposure_every_step_;
   SimCounters counters_;

@@ -60,6 +60,7 @@ inline RolloutSegment fake_rollout(const RolloutTask& task, std::uint32_t episod
       s.episode_outcome.push_back(static_cast<std::uint8_t>(Outcome::kTruncated));
       s.episode_exposure.push_back(0);
       s.episode_grasped.push_back(0);
+      s.episode_held.push_back(0);
       s.episode_grasp_position.insert(s.episode_grasp_position.end(), 3, 0.0f);
       s.episode_start_position.insert(s.episode_start_position.end(), 3, 0.0f);
       step = 0;

@@ -41,7 +41,8 @@ void expect_balance(const TaskBook& book) {
   ASSERT_TRUE(ok) << ok.error();
 }
 
-// A whole run of `batches` batches with one perfect worker; returns a hash per batch over its content.
+// A whole run of `batches` batches with one perfect worker; returns a hash per batch over its
+// content.
 std::uint64_t content_hash(const std::vector<RolloutSegment>& batch) {
   std::uint64_t hash = kFnvOffset;
   for (std::uint32_t s = 0; s < batch.size(); ++s) {
@@ -70,7 +71,8 @@ std::vector<std::uint64_t> reference_run(TaskBookConfig config, int batches) {
   return hashes;
 }
 
-// ---------------------------------------------------------------------------------------- lead rules
+// ---------------------------------------------------------------------------------------- lead
+// rules
 
 TEST(TaskBook, Lead0GrantsOneSegmentPerSlotAndWaitsForWeights) {
   TaskBook book(small_config(0));
@@ -154,7 +156,8 @@ TEST(TaskBook, NothingIsGrantedBeyondTheLastBatch) {
   EXPECT_EQ(book.ledger().outstanding, 0u);
 }
 
-// ------------------------------------------------------------------------------------------- credits
+// -------------------------------------------------------------------------------------------
+// credits
 
 TEST(TaskBook, CreditsBoundWhatAWorkerHolds) {
   TaskBook lead0(small_config(0));
@@ -181,7 +184,8 @@ TEST(TaskBook, WorkIsSpreadOverTheWorkers) {
   EXPECT_EQ(share[2], 3);
 }
 
-// --------------------------------------------------------------------------------------------- ledger
+// ---------------------------------------------------------------------------------------------
+// ledger
 
 TEST(TaskBook, LateDuplicateIsDroppedAndDifferenceIsAnAuditMismatch) {
   TaskBook book(small_config(0));
@@ -291,7 +295,8 @@ TEST(TaskBook, ADivergedEpisodeIsSkippedTheSameWayForEveryWorker) {
   EXPECT_NE(next[0].task_hash, first.task_hash);
 }
 
-// ------------------------------------------------------------------------------------------ re-grants
+// ------------------------------------------------------------------------------------------
+// re-grants
 
 TEST(TaskBook, TasksOfADeadWorkerAreGrantedElsewhereAtOnce) {
   TaskBook book(small_config(0));
@@ -393,7 +398,8 @@ TEST(TaskBook, ADeclinedTaskGoesElsewhere) {
   expect_balance(book);
 }
 
-// ----------------------------------------------------------------------------------------- evaluation
+// -----------------------------------------------------------------------------------------
+// evaluation
 
 TEST(TaskBook, EvaluationResultsComeInOrderAndNeverEnterABatch) {
   TaskBook book(small_config(0));
@@ -423,7 +429,8 @@ TEST(TaskBook, EvaluationResultsComeInOrderAndNeverEnterABatch) {
   expect_balance(book);
 }
 
-// ---------------------------------------------------------------------------------------------- laws
+// ----------------------------------------------------------------------------------------------
+// laws
 
 // Workers that lose, delay, reorder, repeat, corrupt, die and come back.
 class Storm {

@@ -206,6 +206,7 @@ class Slots {
         static_cast<std::uint8_t>(truncated ? Outcome::kTruncated : Outcome::kGraspLost));
     segment.episode_exposure.push_back(0);
     segment.episode_grasped.push_back(0);
+    segment.episode_held.push_back(0);
     for (int i = 0; i < 3; ++i) {
       segment.episode_grasp_position.push_back(std::nanf(""));
       segment.episode_start_position.push_back(0);

@@ -1,0 +1,284 @@
+#include "learner/checkpoint.h"
+
+#include <fmt/core.h>
+
+#include <algorithm>
+#include <charconv>
+#include <cstring>
+#include <filesystem>
+#include <limits>
+#include <map>
+#include <sstream>
+#include <string_view>
+#include <system_error>
+#include <utility>
+
+#include "core/check.h"
+#include "core/hash.h"
+#include "core/policy.h"
+#include "learner/durable_file.h"
+
+namespace omentum {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+constexpr char kMagic[9] = "OMCKPT01";  // reaches disk: do not change
+constexpr std::size_t kHeader = 16;
+constexpr std::size_t kTrailer = 4;
+constexpr std::string_view kPrefix = "checkpoint-", kSuffix = ".pb";
+
+template <typename T>
+T read_number(std::span<const std::byte> bytes, std::size_t offset) {
+  T value{};
+  std::memcpy(&value, bytes.data() + offset, sizeof value);
+  return value;
+}
+
+std::optional<std::uint64_t> parse_number(std::string_view text) {
+  std::uint64_t number = 0;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), number);
+  if (error != std::errc() || end != text.data() + text.size() || text.empty()) return std::nullopt;
+  return number;
+}
+
+/// "a.b.c" -> values of a text protobuf, in order of appearance for repeated fields.
+std::map<std::string, std::vector<std::string>> flatten(const std::string& text) {
+  std::map<std::string, std::vector<std::string>> values;
+  std::vector<std::string> path;
+  std::istringstream lines(text);
+  for (std::string line; std::getline(lines, line);) {
+    const std::size_t first = line.find_first_not_of(' ');
+    if (first == std::string::npos || line[first] == '#') continue;
+    line.erase(0, first);
+    if (line == "}") {
+      if (!path.empty()) path.pop_back();
+    } else if (line.size() > 2 && line.ends_with('{')) {
+      path.push_back(line.substr(0, line.find_first_of(" {")));
+    } else if (const std::size_t colon = line.find(':'); colon != std::string::npos) {
+      std::string name;
+      for (const std::string& part : path) name += part + ".";
+      std::string value = line.substr(colon + 1);
+      value.erase(0, std::min(value.find_first_not_of(' '), value.size()));
+      values[name + line.substr(0, colon)].push_back(value);
+    }
+  }
+  return values;
+}
+
+std::string joined(const std::vector<std::string>& values) {
+  std::string text;
+  for (const std::string& value : values) text += (text.empty() ? "" : ", ") + value;
+  return text;
+}
+
+}  // namespace
+
+Bytes encode_checkpoint(const pb::Checkpoint& checkpoint) {
+  const std::string payload = checkpoint.SerializeAsString();
+  const std::uint64_t size = payload.size();
+  Bytes bytes(kHeader + payload.size() + kTrailer);
+  std::memcpy(bytes.data(), kMagic, 8);
+  std::memcpy(bytes.data() + 8, &size, 8);
+  std::memcpy(bytes.data() + kHeader, payload.data(), payload.size());
+  const std::uint32_t crc = crc32c(std::span(bytes).first(kHeader + payload.size()));
+  std::memcpy(bytes.data() + kHeader + payload.size(), &crc, kTrailer);
+  return bytes;
+}
+
+Result<pb::Checkpoint> decode_checkpoint(std::span<const std::byte> bytes) {
+  if (bytes.size() < kHeader + kTrailer) return Failure{fmt::format("only {} bytes", bytes.size())};
+  if (std::memcmp(bytes.data(), kMagic, 8) != 0)
+    return Failure{"not a checkpoint: no OMCKPT01 at the start"};
+  const auto size = read_number<std::uint64_t>(bytes, 8);
+  if (size != bytes.size() - kHeader - kTrailer) {
+    return Failure{fmt::format("truncated: {} bytes of payload instead of {}",
+                               bytes.size() - kHeader - kTrailer, size)};
+  }
+  const auto stored = read_number<std::uint32_t>(bytes, bytes.size() - kTrailer);
+  const std::uint32_t computed = crc32c(bytes.first(bytes.size() - kTrailer));
+  if (stored != computed)
+    return Failure{fmt::format("CRC {:08x} instead of {:08x}", computed, stored)};
+  if (size > static_cast<std::uint64_t>(std::numeric_limits<int>::max()))
+    return Failure{"larger than 2 GiB"};
+  pb::Checkpoint checkpoint;
+  if (!checkpoint.ParseFromArray(bytes.data() + kHeader, static_cast<int>(size))) {
+    return Failure{"payload is not a checkpoint message"};
+  }
+  if (checkpoint.format_version() != kCheckpointFormat) {
+    return Failure{fmt::format("format version {} instead of {}", checkpoint.format_version(),
+                               kCheckpointFormat)};
+  }
+  return checkpoint;
+}
+
+void to_disk(const PolicyWeights& weights, pb::Weights& disk) {
+  disk.Clear();
+  disk.set_policy_id(weights.policy_id);
+  disk.set_policy_version(weights.policy_version);
+  disk.set_layout_hash(weights.layout_hash);
+  disk.set_config_hash(weights.config_hash);
+  disk.set_weights_hash(weights.weights_hash.data(), weights.weights_hash.size());
+  disk.mutable_parameters()->Assign(weights.parameters.begin(), weights.parameters.end());
+  disk.mutable_obs_mean()->Assign(weights.obs_mean.begin(), weights.obs_mean.end());
+  disk.mutable_obs_inv_std()->Assign(weights.obs_inv_std.begin(), weights.obs_inv_std.end());
+}
+
+Result<PolicyWeights> from_disk(const pb::Weights& disk) {
+  PolicyWeights weights;
+  weights.policy_id = disk.policy_id();
+  weights.policy_version = disk.policy_version();
+  weights.layout_hash = disk.layout_hash();
+  weights.config_hash = disk.config_hash();
+  weights.parameters.assign(disk.parameters().begin(), disk.parameters().end());
+  weights.obs_mean.assign(disk.obs_mean().begin(), disk.obs_mean().end());
+  weights.obs_inv_std.assign(disk.obs_inv_std().begin(), disk.obs_inv_std().end());
+  weights.weights_hash = hash_weights(weights.parameters, weights.obs_mean, weights.obs_inv_std);
+  const std::string& stored = disk.weights_hash();
+  if (stored.size() != weights.weights_hash.size() ||
+      std::memcmp(stored.data(), weights.weights_hash.data(), stored.size()) != 0) {
+    return Failure{fmt::format("weights of version {} do not have the hash they were saved with",
+                               disk.policy_version())};
+  }
+  return weights;
+}
+
+CheckpointStore::CheckpointStore(std::string folder, std::vector<std::uint64_t> milestones)
+    : folder_(std::move(folder)), milestones_(std::move(milestones)) {
+  std::sort(milestones_.begin(), milestones_.end());
+  std::error_code error;
+  fs::create_directories(folder_, error);
+  if (error) throw_error("cannot create folder {}: {}", folder_, error.message());
+}
+
+std::string CheckpointStore::path_of(std::uint64_t updates) const {
+  return fmt::format("{}/{}{:08}{}", folder_, kPrefix, updates, kSuffix);
+}
+
+std::vector<std::uint64_t> CheckpointStore::present() const {
+  std::vector<std::uint64_t> numbers;
+  std::error_code error;
+  for (const fs::directory_entry& entry : fs::directory_iterator(folder_, error)) {
+    const std::string name = entry.path().filename().string();
+    if (!name.starts_with(kPrefix) || !name.ends_with(kSuffix)) continue;
+    const std::string_view middle = std::string_view(name).substr(
+        kPrefix.size(), name.size() - kPrefix.size() - kSuffix.size());
+    if (const std::optional<std::uint64_t> number = parse_number(middle))
+      numbers.push_back(*number);
+  }
+  std::sort(numbers.begin(), numbers.end());
+  return numbers;
+}
+
+Result<void> CheckpointStore::save(const pb::Checkpoint& checkpoint, const Save& what) {
+  OMENTUM_CHECK(checkpoint.format_version() == kCheckpointFormat);
+  const Bytes bytes = encode_checkpoint(checkpoint);
+  const std::uint64_t updates = checkpoint.ppo().updates();
+  if (Result<void> result = write_durably(path_of(updates), bytes); !result) return result;
+  if (what.best) {
+    if (Result<void> result = write_durably(folder_ + "/best.pb", bytes); !result) return result;
+  }
+  if (what.milestone) {
+    const std::string path = fmt::format("{}/milestone-{:010}.pb", folder_, *what.milestone);
+    if (Result<void> result = write_durably(path, bytes); !result) return result;
+  }
+  std::vector<std::uint64_t> numbers = present();
+  for (std::size_t i = 0; i + 2 < numbers.size(); ++i) {
+    std::error_code ignored;  // a file that cannot be removed only costs space
+    fs::remove(path_of(numbers[i]), ignored);
+  }
+  return {};
+}
+
+Result<std::optional<LoadedCheckpoint>> CheckpointStore::load_newest() const {
+  std::vector<std::uint64_t> numbers = present();
+  LoadedCheckpoint loaded;
+  while (!numbers.empty()) {
+    loaded.path = path_of(numbers.back());
+    numbers.pop_back();
+    Result<pb::Checkpoint> checkpoint = load_checkpoint(loaded.path);
+    if (checkpoint) {
+      loaded.checkpoint = std::move(checkpoint).value();
+      return std::optional<LoadedCheckpoint>(std::move(loaded));
+    }
+    ++loaded.skipped;
+    loaded.warnings.push_back(checkpoint.error());
+  }
+  if (loaded.skipped == 0) return std::optional<LoadedCheckpoint>();
+  std::string reasons;
+  for (const std::string& warning : loaded.warnings)
+    reasons += (reasons.empty() ? "" : "; ") + warning;
+  return Failure{fmt::format("no checkpoint of {} is readable: {}", folder_, reasons)};
+}
+
+std::optional<std::uint64_t> CheckpointStore::crossed_milestone(std::uint64_t before,
+                                                                std::uint64_t after) const {
+  std::optional<std::uint64_t> crossed;
+  for (const std::uint64_t milestone : milestones_) {
+    if (before < milestone && milestone <= after) crossed = milestone;
+  }
+  return crossed;
+}
+
+Result<pb::Checkpoint> load_checkpoint(const std::string& path) {
+  const Result<Bytes> bytes = read_whole(path);
+  if (!bytes) return Failure{bytes.error()};
+  Result<pb::Checkpoint> checkpoint = decode_checkpoint(bytes.value());
+  if (!checkpoint) return Failure{fmt::format("{}: {}", path, checkpoint.error())};
+  return checkpoint;
+}
+
+std::string config_difference(const std::string& old_text, const std::string& new_text) {
+  const auto before = flatten(old_text);
+  const auto after = flatten(new_text);
+  std::map<std::string, std::pair<std::string, std::string>> lines;
+  for (const auto& [path, values] : before) lines[path] = {joined(values), "(absent)"};
+  for (const auto& [path, values] : after) {
+    const auto found = lines.try_emplace(path, "(absent)", "").first;
+    found->second.second = joined(values);
+  }
+  std::string text;
+  for (const auto& [path, values] : lines) {
+    if (values.first == values.second || path.starts_with("run.")) continue;
+    text +=
+        fmt::format("{}{}: {} -> {}", text.empty() ? "" : "\n", path, values.first, values.second);
+  }
+  return text;
+}
+
+Result<void> check_same_config(const pb::Checkpoint& checkpoint, std::uint64_t config_hash,
+                               const std::string& config_text) {
+  if (checkpoint.config_hash() == config_hash) return {};
+  const std::string difference = config_difference(checkpoint.config_text(), config_text);
+  return Failure{
+      fmt::format("the checkpoint belongs to another configuration ({:016x}, now {:016x}):\n{}",
+                  checkpoint.config_hash(), config_hash,
+                  difference.empty() ? "(texts are equal: another version of the program wrote it)"
+                                     : difference)};
+}
+
+Result<std::uint32_t> next_learner_epoch(const std::string& folder) {
+  const std::string path = folder + "/learner_epoch";
+  std::uint64_t epoch = 0;
+  if (fs::exists(path)) {
+    const Result<Bytes> bytes = read_whole(path, 64);
+    if (!bytes) return Failure{bytes.error()};
+    std::string text;
+    for (const std::byte b : bytes.value()) text += static_cast<char>(b);
+    while (!text.empty() && text.back() == '\n') text.pop_back();
+    const std::optional<std::uint64_t> number = parse_number(text);
+    if (!number || *number >= std::numeric_limits<std::uint32_t>::max()) {
+      return Failure{fmt::format("{} does not hold a number", path)};
+    }
+    epoch = *number;
+  }
+  ++epoch;
+  const std::string text = fmt::format("{}\n", epoch);
+  if (Result<void> result = write_durably(path, std::as_bytes(std::span(text))); !result) {
+    return Failure{result.error()};
+  }
+  return static_cast<std::uint32_t>(epoch);
+}
+
+}  // namespace omentum

@@ -1,0 +1,83 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "core/result.h"
+#include "core/types.h"
+#include "proto/checkpoint.pb.h"
+
+namespace omentum {
+
+/// Format of pb::Checkpoint; other versions are refused.
+inline constexpr std::uint32_t kCheckpointFormat = 1;
+
+/// File = "OMCKPT01", u64 payload size, payload (pb::Checkpoint), u32 CRC-32C of everything before
+/// it; little-endian.
+Bytes encode_checkpoint(const pb::Checkpoint& checkpoint);
+/// Total over arbitrary bytes: any truncation or flipped bit is a failure with a reason.
+Result<pb::Checkpoint> decode_checkpoint(std::span<const std::byte> bytes);
+
+/// weights <-> disk. `learner_epoch` and times are of a session and do not travel.
+void to_disk(const PolicyWeights& weights, pb::Weights& disk);
+/// Recomputes the hash and fails when it differs from the stored one.
+Result<PolicyWeights> from_disk(const pb::Weights& disk);
+
+struct LoadedCheckpoint {
+  pb::Checkpoint checkpoint;
+  std::string path;
+  std::uint32_t skipped = 0;          ///< newer files that were corrupt
+  std::vector<std::string> warnings;  ///< one line per skipped file
+};
+
+/// The checkpoints of one run folder: checkpoint-<updates>.pb (the newest two), best.pb,
+/// milestone-<steps>.pb. Not thread-safe. The folder is created when missing.
+class CheckpointStore {
+ public:
+  /// Steps at which a copy is kept for good. Paper: 0.5, 2.0 and 3.0 M.
+  CheckpointStore(std::string folder, std::vector<std::uint64_t> milestones);
+
+  /// Durable write of checkpoint-<updates>.pb, then of best.pb and the milestone where asked for,
+  /// then removal of all but the newest two. A failure (full disk) leaves every older file in
+  /// place: warn, count, retry at the next update.
+  struct Save {
+    bool best = false;
+    std::optional<std::uint64_t> milestone;
+  };
+  Result<void> save(const pb::Checkpoint& checkpoint, const Save& what);
+
+  /// The newest good checkpoint; empty when the folder has none. Fails only when there are files
+  /// and all are bad.
+  Result<std::optional<LoadedCheckpoint>> load_newest() const;
+
+  /// The milestone that lies in (before, after], if any.
+  std::optional<std::uint64_t> crossed_milestone(std::uint64_t before, std::uint64_t after) const;
+
+ private:
+  /// Numbers of checkpoint-<updates>.pb, ascending.
+  std::vector<std::uint64_t> present() const;
+  std::string path_of(std::uint64_t updates) const;
+
+  std::string folder_;
+  std::vector<std::uint64_t> milestones_;
+};
+
+/// One checkpoint file by path (best.pb, --initialize-from, deploy).
+Result<pb::Checkpoint> load_checkpoint(const std::string& path);
+
+/// Refuses to resume with another configuration: a readable difference, one "path: old -> new" per
+/// line, without the `run` part that may differ.
+Result<void> check_same_config(const pb::Checkpoint& checkpoint, std::uint64_t config_hash,
+                               const std::string& config_text);
+/// The difference alone, from two text protobufs; empty when equal.
+std::string config_difference(const std::string& old_text, const std::string& new_text);
+
+/// Increments <folder>/learner_epoch durably and returns the new value; 1 in a fresh folder. Call
+/// before the first publication of a session.
+Result<std::uint32_t> next_learner_epoch(const std::string& folder);
+
+}  // namespace omentum

@@ -1,0 +1,147 @@
+#include "learner/evaluation.h"
+
+#include <algorithm>
+#include <cmath>
+#include <fstream>
+
+#include <fmt/format.h>
+
+#include "core/check.h"
+
+namespace omentum {
+namespace {
+
+/// Share of the best grasp's exposure that counts as exposed.
+constexpr double kExposedShare = 0.9;
+
+double decision_s(const pb::Config& config) {
+  return config.task().control_period_s() * config.task().action_repeat();
+}
+
+EvaluationSet make_set(const std::string& name, StartSet start_set, const pb::StartGrid& grid, bool greedy) {
+  EvaluationSet set;
+  set.rows = grid.rows();
+  set.columns = grid.columns();
+  set.starts = set.rows * set.columns;
+  set.name = fmt::format("{}{}_{}", name, set.starts, greedy ? "greedy" : "sampled");
+  set.start_set = start_set;
+  set.greedy = greedy;
+  set.record = greedy;
+  for (std::uint32_t i = 0; i < set.starts; ++i) set.start_indices.push_back(i);
+  return set;
+}
+
+}  // namespace
+
+std::vector<EvaluationSet> evaluation_sets(const pb::Config& config, std::uint32_t particles) {
+  std::vector<EvaluationSet> sets;
+  if (config.evaluation().grasp_lattice()) {
+    EvaluationSet lattice;
+    lattice.name = "grasp_lattice";
+    lattice.start_set = StartSet::kGraspLattice;
+    for (std::uint32_t i = 0; i < particles; i += config.evaluation().lattice_stride()) {
+      lattice.start_indices.push_back(i);
+    }
+    lattice.starts = static_cast<std::uint32_t>(lattice.start_indices.size());
+    sets.push_back(std::move(lattice));
+  }
+  for (const bool greedy : {true, false}) {
+    if (config.scene().has_start_grid()) {
+      sets.push_back(make_set("grid", StartSet::kGrid, config.scene().start_grid(), greedy));
+    }
+    if (config.scene().has_robot_grid()) {
+      sets.push_back(make_set("robot", StartSet::kRobotGrid, config.scene().robot_grid(), greedy));
+    }
+  }
+  return sets;
+}
+
+std::vector<EvaluationTask> evaluation_tasks(const pb::Config& config, const EvaluationSet& set,
+                                             std::uint64_t version) {
+  const pb::Task& task = config.task();
+  const auto hold = static_cast<std::uint32_t>(std::ceil(task.hold_s() / decision_s(config)));
+  const double stride = task.increment_m() * task.action_repeat();
+  const bool lattice = set.start_set == StartSet::kGraspLattice;
+  const pb::Scene& scene = config.scene();
+  // The longest way the hold script can have: across the workspace for a lattice grasp, the success radius otherwise.
+  const double longest = std::max({scene.workspace_max_m().x() - scene.workspace_min_m().x(),
+                                   scene.workspace_max_m().y() - scene.workspace_min_m().y(),
+                                   scene.workspace_max_m().z() - scene.workspace_min_m().z()});
+  const double way = lattice ? longest : std::max(task.success_radius_m(), task.end_distance_m());
+  std::vector<EvaluationTask> tasks;
+  for (const std::uint32_t index : set.start_indices) {
+    EvaluationTask t;
+    t.start_set = set.start_set;
+    t.start_index = index;
+    t.greedy = set.greedy;
+    t.policy_version = version;
+    t.policy_steps = lattice ? 0 : std::max(1U, task.episode_steps() / task.action_repeat());
+    t.hold_steps = hold;
+    t.steps = t.policy_steps + hold + static_cast<std::uint32_t>(std::ceil(way / stride)) + 2;
+    t.frame_stride = set.record ? config.evaluation().frame_stride() : 0;
+    tasks.push_back(t);
+  }
+  return tasks;
+}
+
+std::vector<EpisodeResult> judge(const EvaluationSet& set, std::span<const RolloutSegment> segments,
+                                 double best_exposure) {
+  OMENTUM_CHECK(segments.size() == set.start_indices.size());
+  std::vector<EpisodeResult> results;
+  for (std::size_t i = 0; i < segments.size(); ++i) {
+    const RolloutSegment& s = segments[i];
+    EpisodeResult r;
+    r.start_index = set.start_indices[i];
+    r.failed = s.failed != 0 || s.episode_outcome.empty();
+    if (r.failed) {
+      results.push_back(r);
+      continue;
+    }
+    const auto outcome = static_cast<Outcome>(s.episode_outcome.front());
+    r.reached = outcome == Outcome::kTargetReached;
+    r.lost = std::any_of(s.flags.begin(), s.flags.end(),
+                         [](std::uint8_t f) { return (f & step_flag::kGraspLost) != 0; });
+    r.held = s.episode_held.front() != 0;
+    r.grasp_held = s.episode_grasped.front() != 0 && !r.lost;
+    r.exposure = static_cast<double>(s.episode_exposure.front());
+    r.exposed = r.reached && r.held && best_exposure > 0 && r.exposure >= kExposedShare * best_exposure;
+    for (std::uint32_t k = 0; k < s.steps; ++k) {
+      if ((s.flags[k] & step_flag::kScripted) != 0) continue;
+      ++r.length;
+      r.episode_return += static_cast<double>(s.rewards[k]);
+    }
+    for (std::size_t k = 0; k < 3; ++k) {
+      r.start[k] = s.episode_start_position[k];
+      r.grasp[k] = s.episode_grasp_position[k];
+    }
+    results.push_back(r);
+  }
+  return results;
+}
+
+double best_lattice_exposure(std::span<const EpisodeResult> results) {
+  double best = 0;
+  for (const EpisodeResult& r : results) {
+    if (r.reached && r.held) best = std::max(best, r.exposure);
+  }
+  return best;
+}
+
+void write_evaluation_csv(const std::string& path, const EvaluationSet& set, std::span<const EpisodeResult> results,
+                          double best_exposure) {
+  std::ofstream file(path);
+  file << "index,row,column,start_x_m,start_y_m,start_z_m,greedy,reached,held,exposed,exposure,best_exposure,lost,"
+          "return,length,grasp_x_m,grasp_y_m,grasp_z_m,failed\n";
+  for (const EpisodeResult& r : results) {
+    const std::uint32_t columns = std::max(1U, set.columns);
+    file << fmt::format("{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{}\n", r.start_index,
+                        r.start_index / columns + 1, r.start_index % columns + 1, r.start[0], r.start[1], r.start[2],
+                        set.greedy ? 1 : 0, r.reached ? 1 : 0, r.held ? 1 : 0, r.exposed ? 1 : 0, r.exposure,
+                        best_exposure, r.lost ? 1 : 0, r.episode_return, r.length, r.grasp[0], r.grasp[1], r.grasp[2],
+                        r.failed ? 1 : 0);
+  }
+  file.flush();
+  if (!file) throw_error("{}: cannot be written", path);
+}
+
+}  // namespace omentum

@@ -1,0 +1,60 @@
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "core/types.h"
+#include "learner/task_book.h"
+#include "proto/config.pb.h"
+
+namespace omentum {
+
+/// One set of evaluation episodes: fixed starts that training never uses, run by the workers over the bus.
+struct EvaluationSet {
+  std::string name;  ///< grid100_greedy, grid100_sampled, robot25_greedy, robot25_sampled, grasp_lattice
+  StartSet start_set = StartSet::kGrid;
+  bool greedy = true;
+  bool record = false;  ///< tissue frames and an MCAP file per episode
+  std::uint32_t starts = 0;
+  std::uint32_t rows = 0, columns = 0;
+  std::vector<std::uint32_t> start_indices;
+};
+
+/// The sets of a configuration, the grasp lattice first: it gives the exposure that the others are judged by.
+/// `particles` is the number of tissue particles.
+std::vector<EvaluationSet> evaluation_sets(const pb::Config& config, std::uint32_t particles);
+
+/// Tasks of one set for weights of `version`: the policy acts until the target is reached or its episode is over, then
+/// the hold script stands at p_T for task.hold_s.
+std::vector<EvaluationTask> evaluation_tasks(const pb::Config& config, const EvaluationSet& set, std::uint64_t version);
+
+/// How one episode ended.
+struct EpisodeResult {
+  std::uint32_t start_index = 0;
+  bool reached = false;       ///< tissue held within success_radius of p_T at some step
+  bool held = false;          ///< at the end of the hold
+  bool grasp_held = false;    ///< tissue was grasped and never lost
+  bool lost = false;
+  bool exposed = false;       ///< exposure after the hold >= 90 % of the best grasp's
+  double exposure = 0;        ///< after the hold
+  double episode_return = 0;  ///< of the policy's steps
+  std::uint32_t length = 0;   ///< decisions until reached or ended, hold excluded
+  float start[3] = {0, 0, 0};
+  float grasp[3] = {0, 0, 0};  ///< NaN if nothing was grasped
+  bool failed = false;         ///< the simulation diverged
+};
+
+/// Reads results off the segments of a set, in its order; `best_exposure` <= 0 judges nothing exposed.
+std::vector<EpisodeResult> judge(const EvaluationSet& set, std::span<const RolloutSegment> segments,
+                                 double best_exposure);
+
+/// Largest exposure among lattice grasps that reached p_T and kept the tissue; 0 if none.
+double best_lattice_exposure(std::span<const EpisodeResult> results);
+
+/// evaluation/<name>.csv. Throws Error if it cannot be written.
+void write_evaluation_csv(const std::string& path, const EvaluationSet& set, std::span<const EpisodeResult> results,
+                          double best_exposure);
+
+}  // namespace omentum

@@ -1,0 +1,83 @@
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "core/policy.h"
+#include "learner/batch.h"
+#include "learner/bus.h"
+#include "learner/checkpoint.h"
+#include "learner/evaluation.h"
+#include "learner/metrics.h"
+#include "learner/ppo.h"
+#include "learner/summary.h"
+#include "learner/task_book.h"
+#include "proto/config.pb.h"
+
+namespace omentum {
+
+struct LearnerOptions {
+  std::string run_dir;      ///< runs/<name>; made if missing
+  bool restart = false;     ///< move an existing run aside
+  std::string initialise_from;  ///< run folder whose weights to start from
+  bool quiet = false;       ///< no progress lines on stdout
+};
+
+/// One training run: owns the task book, PPO, the bus and the run folder. `run()` is the whole story, top to bottom.
+/// A run folder with a checkpoint is continued bit for bit. One thread, plus the bus's drain thread and PPO's helpers.
+class Learner {
+ public:
+  /// Reads or makes the run folder. Throws Error: one line.
+  Learner(pb::Config config, LearnerOptions options);
+  ~Learner();
+
+  /// Trains to max_steps, evaluates, writes summary. Returns the exit code: 0 done, 130 stopped on request with a
+  /// resumable checkpoint, 1 on a failed integrity check or a newer learner.
+  int run(const std::function<bool()>& stop);
+
+ private:
+  struct Episodes;
+
+  void open_run_folder();
+  void restore();
+  void publish_weights(const PolicyWeights& weights);
+  bool collect_batch(const std::function<bool()>& stop);
+  bool check_batch(Batch& batch);
+  void count_episodes(std::span<const RolloutSegment> segments);
+  void report_update(const UpdateStats& stats);
+  void save_checkpoint(bool milestone);
+  bool evaluate(const std::function<bool()>& stop);
+  void say_phase(LearnerPhase phase);
+  double wall_s() const;
+  std::string progress_line() const;
+
+  pb::Config config_;
+  LearnerOptions options_;
+  std::uint64_t config_hash_ = 0;
+  PolicyShape shape_;
+  std::uint64_t updates_wanted_ = 0;
+  std::uint32_t epoch_ = 0;
+
+  std::unique_ptr<CheckpointStore> checkpoints_;
+  std::unique_ptr<Ppo> ppo_;
+  std::unique_ptr<TaskBook> book_;
+  std::unique_ptr<LearnerBus> bus_;
+  std::unique_ptr<MetricsWriter> metrics_;
+  std::unique_ptr<Episodes> episodes_;
+  PolicyWeights current_, previous_;  ///< v(k) and v(k-1)
+  std::unique_ptr<Policy> behaviour_;
+
+  std::uint64_t physics_ticks_ = 0;
+  double log_prob_check_max_ = 0;
+  double best_score_ = -1e300;
+  std::int64_t started_ns_ = 0, saved_ns_ = 0;
+  double wall_before_s_ = 0;
+  std::uint64_t steps_before_ = 0;  ///< of earlier sessions, for the rate
+  double time_wait_s_ = 0, time_check_s_ = 0, time_update_s_ = 0, time_publish_s_ = 0, time_save_s_ = 0;
+  double evaluation_s_ = 0;
+};
+
+}  // namespace omentum

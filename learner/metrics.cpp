@@ -1,0 +1,185 @@
+#include "learner/metrics.h"
+
+#include <fmt/core.h>
+
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <limits>
+#include <utility>
+
+#include "core/check.h"
+#include "learner/durable_file.h"
+#include "learner/json_writer.h"
+
+namespace omentum {
+
+namespace {
+
+/// `update` of a stored row: the number behind `prefix`; 0 when there is none (header).
+std::uint64_t update_of(std::string_view line, std::string_view prefix) {
+  if (!line.starts_with(prefix)) return 0;
+  line.remove_prefix(prefix.size());
+  std::uint64_t number = 0;
+  std::from_chars(line.data(), line.data() + line.size(), number);
+  return number;
+}
+
+/// Rewrites a row file without the rows after `last_update` and without a torn last line.
+void drop_rows_after(const std::string& path, std::uint64_t last_update, std::string_view prefix,
+                     const std::string& header) {
+  std::string kept = header;
+  if (last_update > 0 && std::filesystem::exists(path)) {
+    std::ifstream file(path);
+    std::string line;
+    while (std::getline(file, line) && !file.eof()) {
+      const std::uint64_t update = update_of(line, prefix);
+      if (update >= 1 && update <= last_update) kept += line + "\n";
+    }
+  }
+  if (const Result<void> result = write_durably(path, std::as_bytes(std::span(kept))); !result) {
+    throw_error("{}", result.error());
+  }
+}
+
+std::FILE* open_for_append(const std::string& path) {
+  std::FILE* file = std::fopen(path.c_str(), "ab");
+  if (file == nullptr) throw_error("cannot open {}", path);
+  return file;
+}
+
+std::string csv_header(const std::vector<std::string>& names) {
+  std::string header = "update,wall_time_s";
+  for (const std::string& name : names) header += "," + name;
+  return header + "\n";
+}
+
+Result<void> put(std::FILE* file, const std::string& text, const char* what) {
+  if (std::fwrite(text.data(), 1, text.size(), file) != text.size() || std::fflush(file) != 0) {
+    return Failure{fmt::format("cannot write {}", what)};
+  }
+  return {};
+}
+
+}  // namespace
+
+std::vector<std::string> metric_names(const std::vector<std::string>& branches) {
+  std::vector<std::string> names;
+  const auto group = [&](const std::string& prefix, const std::vector<std::string>& members) {
+    for (const std::string& member : members) names.push_back(prefix + "/" + member);
+  };
+  group("charts", {"episodic_return", "episodic_length", "SPS", "learning_rate", "steps_total",
+                   "physics_steps_total", "success_rate", "exposure_fraction"});
+  group("losses", {"policy_loss", "value_loss", "entropy"});
+  for (const std::string& branch : branches) names.push_back("losses/entropy_" + branch);
+  group("losses", {"approx_kl", "old_approx_kl", "approx_kl_max"});
+  for (const std::string& branch : branches) names.push_back("losses/kl_" + branch);
+  group("losses", {"clipfrac", "explained_variance", "grad_norm", "ratio_mean", "ratio_min",
+                   "ratio_max", "adam_max_second_moment", "value_delta"});
+  group("policy",
+        {"version", "lag_min", "lag_mean", "lag_max", "epsilon", "beta", "logp_check_max"});
+  group("ledger", {"granted", "regranted", "received", "admitted", "duplicate", "stale", "invalid",
+                   "cancelled", "outstanding", "audit_mismatch"});
+  group("workers", {"alive", "lanes", "steps_per_s", "sim_time_fraction", "wait_fraction",
+                    "segment_time_p50_s", "segment_time_p95_s", "lost_leases", "declined"});
+  group("wire", {"bytes_up_per_s", "bytes_down_per_s", "rexmit_bytes", "time_throttle_s",
+                 "weights_latency_p99_s", "fuse_level"});
+  group("time", {"wait_s", "check_s", "prepare_s", "update_s", "publish_s", "save_s"});
+  return names;
+}
+
+MetricsRow::MetricsRow(std::vector<std::string> branches)
+    : branches_(std::move(branches)), names_(metric_names(branches_)) {}
+
+void MetricsRow::set(std::string_view name, double value) {
+  OMENTUM_CHECK(std::find(names_.begin(), names_.end(), name) != names_.end(),
+                "no metric is called {}", name);
+  values_.insert_or_assign(std::string(name), value);
+}
+
+double MetricsRow::get(std::string_view name) const {
+  const auto found = values_.find(name);
+  return found == values_.end() ? std::numeric_limits<double>::quiet_NaN() : found->second;
+}
+
+void MetricsRow::set_update(const UpdateStats& stats) {
+  set("charts/learning_rate", stats.learning_rate);
+  set("losses/policy_loss", stats.policy_loss);
+  set("losses/value_loss", stats.value_loss);
+  set("losses/entropy", stats.entropy);
+  for (std::size_t b = 0; b < branches_.size(); ++b) {
+    set("losses/entropy_" + branches_[b], stats.branch_entropy[b]);
+    set("losses/kl_" + branches_[b], stats.branch_kl[b]);
+  }
+  set("losses/approx_kl", stats.approx_kl);
+  set("losses/old_approx_kl", stats.old_approx_kl);
+  set("losses/approx_kl_max", stats.approx_kl_max);
+  set("losses/clipfrac", stats.clip_fraction);
+  set("losses/explained_variance", stats.explained_variance);
+  set("losses/grad_norm", stats.gradient_norm);
+  set("losses/ratio_mean", stats.ratio_mean);
+  set("losses/ratio_min", stats.ratio_min);
+  set("losses/ratio_max", stats.ratio_max);
+  set("losses/adam_max_second_moment", stats.adam_max_second_moment);
+  set("losses/value_delta", stats.value_delta);
+  set("policy/version", static_cast<double>(stats.version));
+  set("policy/epsilon", stats.clip);
+  set("policy/beta", stats.entropy_coefficient);
+}
+
+std::vector<Scalar> MetricsRow::scalars() const {
+  std::vector<Scalar> scalars;
+  for (const std::string& name : names_) {
+    const auto found = values_.find(name);
+    if (found != values_.end()) scalars.emplace_back(*found);
+  }
+  return scalars;
+}
+
+MetricsWriter::MetricsWriter(const std::string& folder, const std::vector<std::string>& branches,
+                             std::uint64_t resume_update, bool mlagents_aliases)
+    : names_(metric_names(branches)), mlagents_aliases_(mlagents_aliases), tensorboard_(folder) {
+  const std::string csv = folder + "/metrics.csv", jsonl = folder + "/metrics.jsonl";
+  drop_rows_after(csv, resume_update, "", csv_header(names_));
+  drop_rows_after(jsonl, resume_update, "{\"update\":", "");
+  csv_.reset(open_for_append(csv));
+  jsonl_.reset(open_for_append(jsonl));
+}
+
+Result<void> MetricsWriter::write(std::uint64_t update, double wall_time_s, const MetricsRow& row) {
+  std::string line = fmt::format("{},{:.3f}", update, wall_time_s);
+  JsonWriter json(0);
+  json.begin_object().key("update").value(update).key("wall_time_s").value(wall_time_s);
+  for (const std::string& name : names_) {
+    const double value = row.get(name);
+    line += std::isfinite(value) ? fmt::format(",{}", value) : ",";
+    if (!std::isnan(value)) json.key(name).value(value);
+  }
+  json.end_object();
+
+  std::vector<Scalar> scalars = row.scalars();
+  if (mlagents_aliases_) {
+    const std::pair<const char*, const char*> aliases[] = {
+        {"Environment/Cumulative Reward", "charts/episodic_return"},
+        {"Environment/Episode Length", "charts/episodic_length"},
+        {"Losses/Policy Loss", "losses/policy_loss"},
+        {"Losses/Value Loss", "losses/value_loss"},
+        {"Policy/Learning Rate", "charts/learning_rate"},
+        {"Policy/Epsilon", "policy/epsilon"},
+        {"Policy/Beta", "policy/beta"},
+        {"Policy/Entropy", "losses/entropy"},
+    };
+    for (const auto& [alias, name] : aliases) scalars.emplace_back(alias, row.get(name));
+  }
+  const double steps = row.get("charts/steps_total");
+  const auto position =
+      static_cast<std::int64_t>(std::isfinite(steps) ? steps : static_cast<double>(update));
+  if (Result<void> result = put(csv_.get(), line + "\n", "metrics.csv"); !result) return result;
+  if (Result<void> result = put(jsonl_.get(), json.text() + "\n", "metrics.jsonl"); !result)
+    return result;
+  return tensorboard_.write(position, scalars);
+}
+
+}  // namespace omentum

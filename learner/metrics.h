@@ -1,0 +1,69 @@
+#pragma once
+
+#include <cstdint>
+#include <cstdio>
+#include <map>
+#include <memory>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "core/result.h"
+#include "learner/ppo.h"
+#include "learner/tensorboard.h"
+
+namespace omentum {
+
+/// All metric names in column order (learner.md section 13); `branches` (action_names()) gives
+/// entropy_<branch> and kl_<branch>.
+std::vector<std::string> metric_names(const std::vector<std::string>& branches);
+
+/// The numbers of one update, by name. set() of an unknown name aborts: the list above is the
+/// contract.
+class MetricsRow {
+ public:
+  explicit MetricsRow(std::vector<std::string> branches);
+
+  void set(std::string_view name, double value);
+  /// losses/*, policy/version, epsilon, beta and charts/learning_rate from an update.
+  void set_update(const UpdateStats& stats);
+
+  /// In column order, only those set.
+  std::vector<Scalar> scalars() const;
+  double get(std::string_view name) const;  ///< NaN when not set
+  const std::vector<std::string>& names() const { return names_; }
+
+ private:
+  std::vector<std::string> branches_;
+  std::vector<std::string> names_;
+  std::map<std::string, double, std::less<>> values_;
+};
+
+/// metrics.csv, metrics.jsonl and a TensorBoard event file of one run folder: one row per update,
+/// flushed per row. The CSV's first columns are `update` and `wall_time_s`; cells not set are
+/// empty.
+class MetricsWriter {
+ public:
+  /// Continues files of an earlier session: rows of updates after `resume_update` are dropped,
+  /// since the run repeats them. 0 starts afresh. Throws Error when files cannot be opened.
+  MetricsWriter(const std::string& folder, const std::vector<std::string>& branches,
+                std::uint64_t resume_update, bool mlagents_aliases);
+
+  /// A failure (full disk) is returned; training goes on.
+  Result<void> write(std::uint64_t update, double wall_time_s, const MetricsRow& row);
+
+  const std::string& tensorboard_path() const { return tensorboard_.path(); }
+
+ private:
+  struct Close {
+    void operator()(std::FILE* file) const { std::fclose(file); }
+  };
+  using File = std::unique_ptr<std::FILE, Close>;
+
+  std::vector<std::string> names_;
+  bool mlagents_aliases_ = false;
+  File csv_, jsonl_;
+  TensorboardWriter tensorboard_;
+};
+
+}  // namespace omentum

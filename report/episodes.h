@@ -1,0 +1,35 @@
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "core/episode_recording.h"
+#include "report/html.h"
+#include "report/run_folder.h"
+#include "sim_worker/scene.h"
+
+namespace omentum {
+
+/// A recorded evaluation episode with its row of the evaluation table.
+struct ShownEpisode {
+  std::string set;
+  EvaluationRow start;
+  EpisodeRecording recording;
+  std::string label() const;  ///< "start (8, 6): exposure 71 %"
+};
+
+/// The recordings of the report, best first: of the first run that has any, at most `limit`, among them the best and
+/// the worst by exposure at the end (greedy grid first). Unreadable ones become a line in `warnings`.
+std::vector<ShownEpisode> choose_episodes(const std::vector<RunFolder>& runs, std::size_t limit,
+                                          std::vector<std::string>& warnings);
+
+/// Pictures of the best and the worst episode (start, grasp, end of hold), exposure curves of all, and the replay.
+/// Without a scene there are curves only.
+Section make_episode_section(const std::vector<ShownEpisode>& episodes, const Scene* scene);
+Section make_replay_section(const std::vector<ShownEpisode>& episodes, const Scene* scene);
+
+/// Index of the recorded frame at which the tissue is first held, if it ever is.
+std::optional<std::size_t> grasp_frame(const EpisodeRecording& recording);
+
+}  // namespace omentum

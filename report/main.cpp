@@ -1,0 +1,71 @@
+// Turns the folder of a run, or of several seeds, into one self-contained report.html.
+
+#include <cstdio>
+#include <filesystem>
+#include <fstream>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <CLI/CLI.hpp>
+#include <fmt/core.h>
+
+#include "core/check.h"
+#include "core/config.h"
+#include "report/report.h"
+
+namespace {
+
+namespace fs = std::filesystem;
+using namespace omentum;  // NOLINT(google-build-using-namespace): a program of this very namespace
+
+/// Where the report of these folders goes by default: beside what it describes.
+std::string default_output(const std::vector<std::string>& folders) {
+  const fs::path first(folders.front());
+  const fs::path place = folders.size() == 1 ? first : fs::weakly_canonical(first).parent_path();
+  return (place / "report.html").string();
+}
+
+/// Scene of the first run that has a configuration; a report without pictures is better than none.
+std::optional<Scene> find_scene(const std::vector<RunFolder>& runs) {
+  for (const RunFolder& run : runs) {
+    if (run.config_text.empty()) continue;
+    try {
+      const pb::Config config = parse_config(run.path + "/config.txtpb", run.config_text);
+      return make_scene(config.scene(), deploy_dir() + "/scenes");
+    } catch (const Error& error) {
+      fmt::print(stderr, "report: no pictures: {}\n", error.what());
+    }
+  }
+  return std::nullopt;
+}
+
+void write_report(const std::vector<std::string>& folders, std::string output) {
+  const std::vector<RunFolder> runs = load_runs(folders);
+  const std::optional<Scene> scene = find_scene(runs);
+  const std::string html = make_report(runs, scene ? &*scene : nullptr);
+  if (output.empty()) output = default_output(folders);
+  std::ofstream file(output, std::ios::binary);
+  file << html;
+  file.close();
+  if (!file) throw_error("{}: cannot be written", output);
+  fmt::print("{}: {} run(s), {:.1f} MB\n", output, runs.size(), static_cast<double>(html.size()) / 1e6);
+}
+
+}  // namespace
+
+int main(int count, char** arguments) {
+  CLI::App app("Writes report.html of a run: learning curves, exposure and grasp grids, pictures, 3-D replay.");
+  std::vector<std::string> folders;
+  std::string output;
+  app.add_option("runs", folders, "run folders, seeds of one experiment; or one folder that holds them")->required();
+  app.add_option("-o,--output", output, "file to write (default: report.html in the folder, or beside the folders)");
+  CLI11_PARSE(app, count, arguments);
+  try {
+    write_report(folders, output);
+  } catch (const omentum::Error& error) {
+    fmt::print(stderr, "report: {}\n", error.what());
+    return 2;
+  }
+  return 0;
+}

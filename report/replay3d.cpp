@@ -1,0 +1,247 @@
+#include "report/replay3d.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <cstring>
+#include <iterator>
+#include <numbers>
+#include <span>
+
+#include <Eigen/Geometry>
+#include <fmt/core.h>
+
+#include "report/html.h"
+
+namespace omentum {
+namespace {
+
+constexpr std::size_t kMaxFrames = 120;
+constexpr double kBoardHeight = -0.0005;  // [m] a little under z = 0, so that bodies standing on it do not flicker
+
+const char* kind_of(pb::BodyRole role) {
+  switch (role) {
+    case pb::ROLE_TUMOUR:
+      return "tumour";
+    case pb::ROLE_OBSTACLE:
+      return "obstacle";
+    case pb::ROLE_BOARD:
+      return "board";
+    case pb::ROLE_ORGAN:
+      break;
+  }
+  return "organ";
+}
+
+/// Maps the box of the scene to int16 per axis.
+class Quantiser {
+ public:
+  explicit Quantiser(const Eigen::AlignedBox3d& box) : low_(box.min()), size_(box.sizes()) {}
+
+  void add(const Eigen::Vector3d& p) {
+    for (int axis = 0; axis < 3; ++axis) {
+      const double share = std::clamp((p[axis] - low_[axis]) / size_[axis], 0.0, 1.0);
+      const auto value = static_cast<std::int16_t>(std::lround(share * 65535) - 32768);
+      std::array<char, 2> raw{};
+      std::memcpy(raw.data(), &value, 2);
+      bytes_.append(raw.data(), 2);
+    }
+  }
+  void add(std::span<const float> positions) {
+    for (std::size_t k = 0; k + 2 < positions.size(); k += 3) {
+      add(Eigen::Vector3f(positions[k], positions[k + 1], positions[k + 2]).cast<double>());
+    }
+  }
+  /// What was added so far, as base64; starts anew.
+  std::string take() {
+    std::string text = base64(bytes_);
+    bytes_.clear();
+    return text;
+  }
+
+ private:
+  Eigen::Vector3d low_, size_;
+  std::string bytes_;
+};
+
+std::string json_string(const std::string& text) {
+  std::string out = "\"";
+  for (const char c : text) {
+    const auto byte = static_cast<unsigned char>(c);
+    if (c == '"' || c == '\\' || c == '<' || byte < 32) {
+      out += fmt::format("\\u{:04x}", byte);
+    } else {
+      out += c;
+    }
+  }
+  return out + "\"";
+}
+
+std::string json_triangles(const std::vector<Eigen::Vector3i>& triangles) {
+  std::string out = "[";
+  for (const Eigen::Vector3i& t : triangles) out += fmt::format("{}{},{},{}", out.size() > 1 ? "," : "", t[0], t[1], t[2]);
+  return out + "]";
+}
+
+/// The surface of a body in W with few enough triangles for a web page.
+TriangleMesh page_mesh(const RigidShape& body) {
+  TriangleMesh mesh;
+  switch (body.kind) {
+    case RigidShape::Kind::kSphere:
+    case RigidShape::Kind::kEllipsoid:
+      mesh = make_ellipsoid_mesh(body.size, 23, 36);
+      break;
+    case RigidShape::Kind::kBox:
+      mesh = make_box_mesh(body.size);
+      break;
+    case RigidShape::Kind::kMesh:
+      if (body.surface.vertices.size() <= 65535) mesh = body.surface;  // indices are 16 bits wide
+      break;
+    case RigidShape::Kind::kHalfSpace:
+      break;
+  }
+  for (Eigen::Vector3d& p : mesh.vertices) p = body.X_WS * p;
+  return mesh;
+}
+
+TriangleMesh board_mesh(const Scene& scene) {
+  const Eigen::Vector3d low = scene.workspace_min - Eigen::Vector3d::Constant(0.02);
+  const Eigen::Vector3d high = scene.workspace_max + Eigen::Vector3d::Constant(0.02);
+  TriangleMesh mesh;
+  constexpr int kCells = 12;  // small faces, so that the 2-D fallback can sort them by depth
+  for (int j = 0; j <= kCells; ++j) {
+    for (int i = 0; i <= kCells; ++i) {
+      mesh.vertices.emplace_back(low.x() + (high.x() - low.x()) * i / kCells,
+                                 low.y() + (high.y() - low.y()) * j / kCells, kBoardHeight);
+      if (i == kCells || j == kCells) continue;
+      const int k = i + (kCells + 1) * j;
+      mesh.triangles.emplace_back(k, k + 1, k + kCells + 2);
+      mesh.triangles.emplace_back(k, k + kCells + 2, k + kCells + 1);
+    }
+  }
+  return mesh;
+}
+
+/// Frames of an episode that are embedded: all, or evenly chosen with first and last.
+std::vector<std::size_t> chosen_frames(std::size_t count) {
+  std::vector<std::size_t> frames;
+  const std::size_t wanted = std::min(count, kMaxFrames);
+  for (std::size_t k = 0; k < wanted; ++k) {
+    frames.push_back(wanted > 1 ? k * (count - 1) / (wanted - 1) : 0);
+  }
+  return frames;
+}
+
+struct EpisodeText {
+  std::string json, block;
+};
+
+EpisodeText episode_text(const ReplayEpisode& episode, std::size_t number, Quantiser& quantiser) {
+  const RolloutSegment& segment = episode.recording->segment;
+  const std::size_t width = std::size_t{3} * episode.recording->context.particles;
+  std::string times, held, exposure;
+  std::string tools;
+  const std::vector<std::size_t> frames = chosen_frames(episode.recording->frame_steps.size());
+  for (const std::size_t frame : frames) {
+    const std::uint32_t step = episode.recording->frame_steps[frame];
+    const std::size_t at = std::min<std::size_t>(step, segment.steps > 0 ? segment.steps - 1 : 0);
+    const char* comma = times.empty() ? "" : ",";
+    times += fmt::format("{}{:.3f}", comma, step * episode.recording->context.control_period);
+    const bool holding = at < segment.flags.size() && (segment.flags[at] & step_flag::kHeld) != 0;
+    held += fmt::format("{}{}", comma, holding ? 1 : 0);
+    exposure += fmt::format("{}{:.4f}", comma, at < segment.exposures.size() ? segment.exposures[at] : 0.0F);
+    quantiser.add(std::span(segment.frame_positions_in_world_m).subspan(frame * width, width));
+  }
+  const std::string positions = quantiser.take();
+  for (const std::size_t frame : frames) {
+    const std::size_t at = std::min<std::size_t>(episode.recording->frame_steps[frame], segment.steps > 0 ? segment.steps - 1 : 0);
+    quantiser.add(std::span(segment.tool_positions_in_world_m).subspan(3 * at, 3));
+  }
+  EpisodeText text;
+  const std::string block = fmt::format("replay-block-{}", number);
+  text.json = fmt::format("{{\"label\":{},\"block\":\"{}\",\"times\":[{}],\"held\":[{}],\"exposure\":[{}],\"tool_data\":\"{}\"}}",
+                          json_string(episode.label), block, times, held, exposure, quantiser.take());
+  text.block = fmt::format("<script type=\"text/plain\" id=\"{}\">{}</script>\n", block, positions);
+  return text;
+}
+
+/// Everything that will be shown lies in this box [m, W].
+Eigen::AlignedBox3d extent_of(const std::vector<TriangleMesh>& meshes, const std::vector<ReplayEpisode>& episodes) {
+  Eigen::AlignedBox3d box;
+  for (const TriangleMesh& mesh : meshes) {
+    for (const Eigen::Vector3d& p : mesh.vertices) box.extend(p);
+  }
+  for (const ReplayEpisode& episode : episodes) {
+    const auto extend = [&](const std::vector<float>& positions) {
+      for (std::size_t k = 0; k + 2 < positions.size(); k += 3) {
+        const Eigen::Vector3f p(positions[k], positions[k + 1], positions[k + 2]);
+        if (p.allFinite()) box.extend(p.cast<double>());
+      }
+    };
+    extend(episode.recording->segment.frame_positions_in_world_m);
+    extend(episode.recording->segment.tool_positions_in_world_m);
+  }
+  return box;
+}
+
+bool can_show(const Scene& scene, const ReplayEpisode& episode) {
+  const EpisodeRecording& recording = *episode.recording;
+  return !recording.frame_steps.empty() && recording.segment.steps > 0 &&
+         recording.segment.tool_positions_in_world_m.size() == std::size_t{3} * recording.segment.steps &&
+         scene.tissue.surface_is_particles && recording.context.particles == scene.tissue.particles.size();
+}
+
+}  // namespace
+
+std::string make_replay_markup(const Scene& scene, const std::vector<ReplayEpisode>& all) {
+  std::vector<ReplayEpisode> episodes;
+  std::copy_if(all.begin(), all.end(), std::back_inserter(episodes),
+               [&](const ReplayEpisode& episode) { return can_show(scene, episode); });
+  if (episodes.empty() || scene.tissue.particles.size() > 65535) {
+    return "<p class=\"missing\">No recording with frames of this sheet: run the evaluation with recordings on.</p>\n";
+  }
+  std::vector<TriangleMesh> meshes{board_mesh(scene)};
+  std::vector<std::string> kinds{"board"};
+  for (const RigidShape& body : scene.bodies) {
+    TriangleMesh mesh = page_mesh(body);
+    if (mesh.triangles.empty()) continue;
+    meshes.push_back(std::move(mesh));
+    kinds.emplace_back(kind_of(body.role));
+  }
+  const Eigen::AlignedBox3d box = extent_of(meshes, episodes);
+  Quantiser quantiser(box);
+  std::string bodies;
+  for (std::size_t k = 0; k < meshes.size(); ++k) {
+    for (const Eigen::Vector3d& p : meshes[k].vertices) quantiser.add(p);
+    bodies += fmt::format("{}{{\"kind\":\"{}\",\"data\":\"{}\",\"triangles\":{}}}", k > 0 ? "," : "", kinds[k],
+                          quantiser.take(), json_triangles(meshes[k].triangles));
+  }
+  std::string json, blocks;
+  for (std::size_t k = 0; k < episodes.size(); ++k) {
+    const EpisodeText text = episode_text(episodes[k], k, quantiser);
+    json += (k > 0 ? "," : "") + text.json;
+    blocks += text.block;
+  }
+  const Eigen::Vector3d target = scene.tissue.X_WB.translation() + Eigen::Vector3d(0.012, -0.012, 0.012);
+  const double roll = scene.config.tool().roll_deg() * std::numbers::pi / 180;
+  std::string html = "<div class=\"replay\">\n";
+  for (int pane = 0; pane < (episodes.size() > 1 ? 2 : 1); ++pane) {
+    html += "<div class=\"pane\"><canvas></canvas><div class=\"over\"><select aria-label=\"episode\"></select>"
+            "<span class=\"state\"></span></div></div>\n";
+  }
+  html += "</div>\n<div class=\"controls\"><button id=\"replay-play\" type=\"button\">Play</button>"
+          "<input id=\"replay-time\" type=\"range\" min=\"0\" value=\"0\" aria-label=\"time\">"
+          "<span class=\"time\" id=\"replay-clock\"></span></div>\n"
+          "<p class=\"hint\">Drag to turn, wheel or pinch to zoom, double click to go back to the first view.</p>\n";
+  html += fmt::format(
+      "<script type=\"application/json\" id=\"replay-data\">{{\"low\":[{},{},{}],\"high\":[{},{},{}],\"particles\":{},"
+      "\"triangles\":{},\"bodies\":[{}],\"episodes\":[{}],\"target\":[{},{},{}],\"yaw\":1.05,\"pitch\":0.52,"
+      "\"distance\":0.36,\"roll\":{},\"speed\":2}}</script>\n",
+      box.min().x(), box.min().y(), box.min().z(), box.max().x(), box.max().y(), box.max().z(),
+      scene.tissue.particles.size(), json_triangles(scene.tissue.surface_triangles), bodies, json, target.x(), target.y(),
+      target.z(), roll);
+  return html + blocks;
+}
+
+}  // namespace omentum

@@ -1,0 +1,57 @@
+#include "report/report.h"
+
+#include <algorithm>
+#include <filesystem>
+
+#include <fmt/core.h>
+
+#include "core/check.h"
+#include "report/episodes.h"
+#include "report/html.h"
+#include "report/replay3d.h"
+#include "report/sections.h"
+
+namespace omentum {
+namespace {
+
+constexpr std::size_t kShownEpisodes = 12;
+
+std::string title_of(const std::vector<RunFolder>& runs) {
+  if (runs.size() == 1) return runs.front().name;
+  const std::filesystem::path parent = std::filesystem::weakly_canonical(runs.front().path).parent_path();
+  return fmt::format("{}: {} seeds", parent.filename().string(), runs.size());
+}
+
+std::string subtitle_of(const std::vector<RunFolder>& runs, const std::vector<ShownEpisode>& episodes) {
+  std::string text = "Soft-tissue retraction: learn to lift a fat sheet and expose the tumour under it.";
+  if (runs.size() > 1) {
+    text += " Runs:";
+    for (const RunFolder& run : runs) text += " " + run.name;
+    text += ".";
+  }
+  if (!episodes.empty()) {
+    const RecordingContext& context = episodes.front().recording.context;
+    text += fmt::format(" Revision {}, configuration {:016x}, policy version {}.", context.git_revision, context.config_hash,
+                        episodes.front().recording.task.policy_version);
+  }
+  return text;
+}
+
+}  // namespace
+
+std::string make_report(std::vector<RunFolder> runs, const Scene* scene) {
+  OMENTUM_CHECK(!runs.empty());
+  const std::vector<ShownEpisode> episodes = choose_episodes(runs, kShownEpisodes, runs.front().warnings);
+  std::vector<Section> sections;
+  sections.push_back(make_learning_section(runs));
+  sections.push_back(make_grid_section(runs));
+  sections.push_back(make_episode_section(episodes, scene));
+  sections.push_back(make_replay_section(episodes, scene));
+  sections.push_back(make_lattice_section(runs));
+  sections.push_back(make_robot_section(runs));
+  sections.push_back(make_numbers_section(runs));
+  sections.push_back(make_config_section(runs));
+  return make_page(title_of(runs), subtitle_of(runs, episodes), make_overview(runs), sections, replay_script());
+}
+
+}  // namespace omentum

@@ -1,0 +1,151 @@
+#include "report/run_folder.h"
+
+#include <algorithm>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+
+#include "core/check.h"
+
+namespace omentum {
+namespace {
+
+namespace fs = std::filesystem;
+
+int integer(double value) { return value >= -1e9 && value <= 1e9 ? static_cast<int>(value) : 0; }
+
+EvaluationSet make_set(const std::string& name, const CsvTable& table) {
+  EvaluationSet set;
+  set.name = name;
+  for (std::size_t k = 0; k < table.rows.size(); ++k) {
+    const auto number = [&](const char* column) { return table.number(k, column); };
+    const auto flag = [&](const char* column) { return number(column) > 0; };
+    EvaluationRow row;
+    row.index = integer(number("index"));
+    row.row = integer(number("row"));
+    row.column = integer(number("column"));
+    row.reached = flag("reached");
+    row.held = flag("held");
+    row.exposed = flag("exposed");
+    row.lost = flag("lost");
+    row.exposure = number("exposure");
+    row.best_exposure = number("best_exposure");
+    row.episode_return = number("return");
+    row.length = number("length");
+    row.grasp_x = number("grasp_x_m");
+    row.grasp_y = number("grasp_y_m");
+    row.grasp_z = number("grasp_z_m");
+    set.starts.push_back(row);
+  }
+  // Files count rows and columns from 1; one that counts from 0 is shifted.
+  int first_row = 1;
+  int first_column = 1;
+  for (const EvaluationRow& start : set.starts) {
+    first_row = std::min(first_row, start.row);
+    first_column = std::min(first_column, start.column);
+  }
+  for (EvaluationRow& start : set.starts) {
+    start.row += 1 - first_row;
+    start.column += 1 - first_column;
+    set.rows = std::max(set.rows, start.row);
+    set.columns = std::max(set.columns, start.column);
+  }
+  return set;
+}
+
+std::vector<LatticePoint> make_lattice(const CsvTable& table) {
+  std::vector<LatticePoint> points;
+  for (std::size_t k = 0; k < table.rows.size(); ++k) {
+    LatticePoint point;
+    point.particle = integer(table.number(k, "particle"));
+    point.x = table.number(k, "x_m");
+    point.y = table.number(k, "y_m");
+    point.z = table.number(k, "z_m");
+    point.exposure = table.number(k, "exposure");
+    point.reached = table.number(k, "reached") > 0;
+    points.push_back(point);
+  }
+  return points;
+}
+
+void load_evaluations(const fs::path& folder, RunFolder& run) {
+  std::error_code ignored;
+  for (const auto& entry : fs::directory_iterator(folder / "evaluation", ignored)) {
+    if (entry.path().extension() != ".csv") continue;
+    const Result<CsvTable> table = load_csv(entry.path().string());
+    if (!table) {
+      run.warnings.push_back(table.error());
+      continue;
+    }
+    const std::string name = entry.path().stem().string();
+    if (table.value().dropped > 0) {
+      run.warnings.push_back(fmt::format("evaluation/{}.csv: {} incomplete rows left out", name, table.value().dropped));
+    }
+    if (name == "grasp_lattice") {
+      run.lattice = make_lattice(table.value());
+    } else if (table.value().column("exposure") && table.value().column("row")) {
+      run.evaluations[name] = make_set(name, table.value());
+    }
+  }
+}
+
+}  // namespace
+
+RunFolder load_run(const std::string& path) {
+  const fs::path folder(path);
+  if (!fs::is_directory(folder)) throw_error("{}: no such folder", path);
+  RunFolder run;
+  run.path = path;
+  run.name = fs::weakly_canonical(folder).filename().string();
+  if (Result<CsvTable> table = load_csv((folder / "metrics.csv").string())) {
+    run.metrics = std::move(table).value();
+    if (run.metrics.dropped > 0) {
+      run.warnings.push_back(fmt::format("metrics.csv: {} incomplete rows left out", run.metrics.dropped));
+    }
+  } else {
+    run.warnings.push_back("no metrics.csv: no learning curves");
+  }
+  load_evaluations(folder, run);
+  if (const Result<CsvTable> table = load_csv((folder / "figures.csv").string())) {
+    const CsvTable& figures = table.value();
+    for (const auto& row : figures.rows) {
+      const auto cell = [&](const char* name) {
+        const auto column = figures.column(name);
+        return column ? row[*column] : std::string();
+      };
+      run.figures.push_back({cell("name"), cell("value"), cell("unit"), cell("command"), cell("machine")});
+    }
+  }
+  std::ifstream config(folder / "config.txtpb", std::ios::binary);
+  run.config_text.assign(std::istreambuf_iterator<char>(config), std::istreambuf_iterator<char>());
+  if (run.config_text.empty()) run.warnings.push_back("no config.txtpb: no pictures and no replay");
+  std::error_code ignored;
+  for (const auto& entry : fs::directory_iterator(folder / "recordings", ignored)) {
+    if (entry.path().extension() == ".mcap") run.recordings[entry.path().stem().string()] = entry.path().string();
+  }
+  return run;
+}
+
+std::vector<RunFolder> load_runs(const std::vector<std::string>& paths) {
+  std::vector<RunFolder> runs;
+  for (const std::string& path : paths) {
+    const fs::path folder(path);
+    if (!fs::is_directory(folder)) throw_error("{}: no such folder", path);
+    std::vector<std::string> seeds;
+    if (!fs::exists(folder / "metrics.csv")) {
+      for (const auto& entry : fs::directory_iterator(folder)) {
+        if (fs::exists(entry.path() / "metrics.csv")) seeds.push_back(entry.path().string());
+      }
+      std::sort(seeds.begin(), seeds.end());
+    }
+    if (seeds.empty()) seeds.push_back(path);
+    for (const std::string& seed : seeds) runs.push_back(load_run(seed));
+  }
+  const bool nothing = std::all_of(runs.begin(), runs.end(), [](const RunFolder& run) {
+    return run.metrics.rows.empty() && run.evaluations.empty() && run.recordings.empty();
+  });
+  if (nothing) throw_error("{}: neither metrics.csv nor evaluation nor recordings in it", paths.empty() ? "" : paths[0]);
+  return runs;
+}
+
+}  // namespace omentum

@@ -1,0 +1,64 @@
+#pragma once
+
+#include <map>
+#include <string>
+#include <vector>
+
+#include "report/csv.h"
+
+// What a run leaves on disk, as far as the report needs it (architecture.md section 5). Every file is optional: a
+// missing or damaged one becomes a line in `warnings`, and the report says so where its picture would be.
+//
+//   metrics.csv                    one row per update, columns named as TensorBoard tags
+//   evaluation/<set>.csv           one row per start: grid100_greedy, grid100_sampled, robot25_greedy, ...
+//   evaluation/grasp_lattice.csv   exposure by grasped particle
+//   recordings/<set>_<index>.mcap  episodes (core/episode_recording.h)
+//   config.txtpb                   resolved configuration
+//   figures.csv                    name, value, unit, command, machine
+
+namespace omentum {
+
+/// Outcome of one evaluation start.
+struct EvaluationRow {
+  int index = 0, row = 0, column = 0;  ///< row 1 at the anchored edge
+  bool reached = false, held = false, exposed = false, lost = false;
+  double exposure = 0, best_exposure = 0, episode_return = 0, length = 0;
+  double grasp_x = 0, grasp_y = 0, grasp_z = 0;  ///< first grasp in W [m], NaN if none
+};
+
+struct EvaluationSet {
+  std::string name;
+  std::vector<EvaluationRow> starts;
+  int rows = 0, columns = 0;  ///< extent of the grid
+};
+
+/// One particle of the grasp lattice: rest position in B [m] and what lifting it exposes.
+struct LatticePoint {
+  int particle = 0;
+  double x = 0, y = 0, z = 0, exposure = 0;
+  bool reached = false;
+};
+
+struct FigureRow {
+  std::string name, value, unit, command, machine;
+};
+
+struct RunFolder {
+  std::string path, name;
+  CsvTable metrics;
+  std::map<std::string, EvaluationSet> evaluations;  ///< by name, without the lattice
+  std::vector<LatticePoint> lattice;
+  std::vector<FigureRow> figures;
+  std::map<std::string, std::string> recordings;  ///< path by file name without ending
+  std::string config_text;
+  std::vector<std::string> warnings;
+};
+
+/// Reads one run. Throws Error if the folder does not exist.
+RunFolder load_run(const std::string& path);
+
+/// Reads every folder given; a folder without metrics.csv whose subfolders have one stands for those, in order of
+/// name. Throws Error if nothing is found.
+std::vector<RunFolder> load_runs(const std::vector<std::string>& paths);
+
+}  // namespace omentum

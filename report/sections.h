@@ -1,0 +1,38 @@
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "report/html.h"
+#include "report/run_folder.h"
+
+namespace omentum {
+
+/// Tiles under the title: the run in six numbers. Several runs are seeds of one experiment throughout.
+std::string make_overview(const std::vector<RunFolder>& runs);
+
+/// Learning curves over steps: mean and range over the seeds, the paper's milestones as dashed lines (figure 4).
+Section make_learning_section(const std::vector<RunFolder>& runs);
+
+/// Per evaluation set on the grid of starts: exposure (figure 5) and success, mean over the seeds.
+Section make_grid_section(const std::vector<RunFolder>& runs);
+
+/// The robot's 25 starts: held, lost on lifting, not held (figure 7).
+Section make_robot_section(const std::vector<RunFolder>& runs);
+
+/// Exposure by grasped particle, with the best point.
+Section make_lattice_section(const std::vector<RunFolder>& runs);
+
+/// Success and exposure of every set and seed with Wilson intervals, and figures.csv.
+Section make_numbers_section(const std::vector<RunFolder>& runs);
+
+/// The resolved configuration and what could not be read.
+Section make_config_section(const std::vector<RunFolder>& runs);
+
+/// "grid100_greedy" -> "100 starts, greedy policy".
+std::string describe_set(const std::string& name);
+
+/// Whether a set belongs to the robot's grid.
+bool is_robot_set(const std::string& name);
+
+}  // namespace omentum

@@ -1,0 +1,95 @@
+// The simulation worker: stateless executor of rollout tasks. See --help.
+#include <csignal>
+#include <cstdio>
+
+#include <CLI/CLI.hpp>
+
+#include "core/config.h"
+#include "core/dds_profile.h"
+#include "core/fp_mode.h"
+#include "core/log.h"
+#include "core/rollout.h"
+#include "sim_worker/bus_worker.h"
+#include "sim_worker/image_source.h"
+#include "sim_worker/sim_backend.h"
+
+namespace {
+
+volatile std::sig_atomic_t stop_requested = 0;
+void on_signal(int) { stop_requested = 1; }
+
+int run(int argc, char** argv) {
+  using namespace omentum;  // NOLINT(google-build-using-namespace)
+  CLI::App app{"Omentum simulation worker: takes rollout tasks from the bus, runs one environment per SIMD lane and "
+               "sends segments back. Waits for a learner of the same run name; may be started, stopped and killed at "
+               "any time."};
+  std::string run_name = "default";
+  unsigned domain = 0;
+  unsigned lanes = 0;
+  unsigned width = 0;
+  bool print_dds = false;
+  bool print_knobs = false;
+  app.add_option("--run", run_name, "Name of the run to work for")->capture_default_str();
+  app.add_option("--domain", domain, "DDS domain, 0 ... 230")->check(CLI::Range(0, 230))->capture_default_str();
+  app.add_option("--lanes", lanes, "Environments of this worker; 0 = one kernel width")->check(CLI::Range(0, 1024));
+  app.add_option("--lane-width", width, "Kernel width 1, 8 or 16; 0 = the widest this CPU runs");
+  app.add_flag("--print-dds-env", print_dds, "Print CYCLONEDDS_URI for other tools and exit");
+  app.add_flag("--knobs", print_knobs, "Print every knob of a run with unit, range, default and source, and exit");
+  app.footer("The learner decides the configuration; see learner --help. Exit codes: 0 stopped or run finished, 2 wrong input.");
+  CLI11_PARSE(app, argc, argv);
+  if (print_knobs) {
+    std::fputs(knob_help().c_str(), stdout);
+    return 0;
+  }
+  const Kernel<float>& kernel = choose_kernel(width);
+  if (lanes == 0) lanes = static_cast<unsigned>(kernel.lanes);
+  // State of the largest scene in use (4,353 particles, wire.md 2.3) and the weights of the largest preset.
+  constexpr std::size_t kStateBytes = 105000;
+  constexpr std::size_t kWeightBytes = 400000;
+  const DdsProfile profile = choose_dds_profile(worker_receive_bytes(lanes, kStateBytes, kWeightBytes));
+  if (print_dds) {
+    std::puts(dds_environment(profile).c_str());
+    return 0;
+  }
+  std::signal(SIGINT, on_signal);
+  std::signal(SIGTERM, on_signal);
+  OMENTUM_CHECK(fp_mode_is_default());
+
+  BusWorkerOptions options;
+  options.run = run_name;
+  options.domain = domain;
+  options.profile = profile;
+  options.build_id = build_id();
+  options.program_version = git_revision();
+  options.rollout = run_rollout;
+  options.make_setup = [&](const RunManifest& manifest, const std::string& scene_override) {
+    pb::Config config = parse_config("manifest of run " + manifest.run_id, manifest.config_text);
+    const std::uint64_t hash = config_hash(config);
+    if (!scene_override.empty()) apply_override(config, "scene={" + scene_override + "}");
+    const auto setup = make_sim_setup(config, deploy_dir() + "/scenes");
+    for (const std::string& warning : setup->warnings) log().warn("{}", warning);
+    WorkerSetup made;
+    made.backend = std::make_unique<SimBackend>(setup, static_cast<int>(lanes), width, make_image_source(*setup));
+    made.shape = policy_shape(config);
+    made.config_hash = hash;
+    return made;
+  };
+  log().info("run={} domain={} lanes={} kernel={} dds={} receive_buffer_bytes={}", run_name, domain, lanes, kernel.name,
+             profile.name, profile.receive_buffer_bytes);
+  BusWorker worker(std::move(options));
+  return worker.run([] { return stop_requested != 0; });
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  omentum::name_log("sim_worker");
+  try {
+    return run(argc, argv);
+  } catch (const omentum::Error& error) {
+    std::fprintf(stderr, "sim_worker: %s\n", error.what());
+  } catch (const std::exception& error) {
+    std::fprintf(stderr, "sim_worker: %s\n", error.what());
+  }
+  return 2;
+}
