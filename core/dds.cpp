@@ -45,6 +45,17 @@ std::string take_last_error() {
   return std::exchange(last_error().text, {});
 }
 
+[[noreturn]] void throw_join_error(std::uint32_t domain, dds_return_t code) {
+  const std::string reason = take_last_error();
+  const bool index = reason.find("participant index") != std::string::npos;
+  throw_error("DDS domain {}: {} ({}){}", domain, dds_strretcode(code),
+              reason.empty() ? "check CYCLONEDDS_URI" : reason,
+              index ? fmt::format(": every port {} + 2 x index is taken, raise "
+                                  "MaxAutoParticipantIndex or choose another domain",
+                                  7410 + 250 * domain)
+                    : "");
+}
+
 // Domains of this process. A domain entity carries the configuration and is deleted with its last
 // participant.
 struct DomainRow {
@@ -68,8 +79,7 @@ std::shared_ptr<void> lease_domain(std::uint32_t domain, const std::string& uri)
     const dds_entity_t handle = dds_create_domain(domain, uri.c_str());
     if (handle < 0) {
       table.rows.erase(domain);
-      throw_error("DDS domain {}: {} {} (check CYCLONEDDS_URI)", domain, dds_strretcode(handle),
-                  take_last_error());
+      throw_join_error(domain, handle);
     }
     row.entity = Entity(handle, "create domain");
   }
@@ -182,12 +192,7 @@ Participant::Participant(std::uint32_t domain, const std::string& uri, const std
   dds_qset_entity_name(q, name.c_str());
   const dds_entity_t handle = dds_create_participant(domain, q, nullptr);
   dds_delete_qos(q);
-  if (handle < 0) {
-    throw_error(
-        "DDS domain {}: {} {} (port 7410 + 250 x domain + 2 x index taken? raise "
-        "MaxAutoParticipantIndex or choose another domain)",
-        domain, dds_strretcode(handle), take_last_error());
-  }
+  if (handle < 0) throw_join_error(domain, handle);
   entity_ = Entity(handle, "create participant");
 }
 

@@ -1,12 +1,12 @@
 #include "core/episode_recording.h"
 
+#include <fmt/core.h>
+
 #include <algorithm>
 #include <cmath>
 #include <cstring>
 #include <fstream>
 #include <iterator>
-
-#include <fmt/core.h>
 
 #include "core/mcap.h"
 #include "proto/foxglove.pb.h"
@@ -29,7 +29,6 @@ void set_time(google::protobuf::Timestamp& stamp, std::uint64_t time_ns) {
   stamp.set_seconds(static_cast<std::int64_t>(time_ns / 1'000'000'000));
   stamp.set_nanos(static_cast<std::int32_t>(time_ns % 1'000'000'000));
 }
-
 
 std::size_t observation_size(const RolloutSegment& segment) {
   return segment.steps > 0 ? segment.observations.size() / segment.steps : 0;
@@ -58,7 +57,8 @@ pb::EpisodeHeader make_header(const RolloutTask& task, const RolloutSegment& seg
   header.set_reset(task.reset);
   header.set_state_format(task.state_format);
   header.set_start_hash(task.start_hash);
-  if (!task.start_state.empty()) header.set_start_state(task.start_state.data(), task.start_state.size());
+  if (!task.start_state.empty())
+    header.set_start_state(task.start_state.data(), task.start_state.size());
   header.set_scene_override(task.scene_override);
   header.set_source(static_cast<std::uint32_t>(segment.source));
   header.set_control_period_s(context.control_period);
@@ -73,7 +73,8 @@ pb::StepRecord make_step(const RolloutSegment& segment, std::uint32_t step) {
   pb::StepRecord record;
   record.set_step(step);
   const std::size_t width = observation_size(segment);
-  for (std::size_t k = 0; k < width; ++k) record.add_observation(segment.observations[step * width + k]);
+  for (std::size_t k = 0; k < width; ++k)
+    record.add_observation(segment.observations[step * width + k]);
   record.set_action(segment.actions.data() + std::size_t{4} * step, 4);
   for (std::size_t k = 0; k < 4 && !segment.actions_continuous.empty(); ++k) {
     record.add_action_continuous(segment.actions_continuous[std::size_t{4} * step + k]);
@@ -88,12 +89,14 @@ pb::StepRecord make_step(const RolloutSegment& segment, std::uint32_t step) {
   if (step < segment.state_hashes.size()) record.set_state_hash(segment.state_hashes[step]);
   if (step < segment.exposures.size()) record.set_exposure(segment.exposures[step]);
   for (std::size_t k = 0; k < 3 && !segment.tool_positions_in_world_m.empty(); ++k) {
-    record.add_tool_position_in_world_m(segment.tool_positions_in_world_m[std::size_t{3} * step + k]);
+    record.add_tool_position_in_world_m(
+        segment.tool_positions_in_world_m[std::size_t{3} * step + k]);
   }
   return record;
 }
 
-foxglove::PoseInFrame make_pose(const RolloutSegment& segment, std::uint32_t step, std::uint64_t time_ns) {
+foxglove::PoseInFrame make_pose(const RolloutSegment& segment, std::uint32_t step,
+                                std::uint64_t time_ns) {
   foxglove::PoseInFrame message;
   set_time(*message.mutable_timestamp(), time_ns);
   message.set_frame_id("W");
@@ -108,7 +111,8 @@ foxglove::PoseInFrame make_pose(const RolloutSegment& segment, std::uint32_t ste
   return message;
 }
 
-foxglove::PointCloud make_cloud(const float* positions, std::uint32_t particles, std::uint64_t time_ns) {
+foxglove::PointCloud make_cloud(const float* positions, std::uint32_t particles,
+                                std::uint64_t time_ns) {
   foxglove::PointCloud cloud;
   set_time(*cloud.mutable_timestamp(), time_ns);
   cloud.set_frame_id("W");
@@ -131,10 +135,12 @@ pb::EpisodeResult make_result(const RolloutSegment& segment) {
   if (!segment.episode_length.empty()) result.set_length_steps(segment.episode_length[0]);
   if (!segment.episode_exposure.empty()) result.set_exposure(segment.episode_exposure[0]);
   if (!segment.episode_grasped.empty()) result.set_grasped(segment.episode_grasped[0] != 0);
-  for (std::size_t k = 0; k < std::min<std::size_t>(3, segment.episode_grasp_position.size()); ++k) {
+  for (std::size_t k = 0; k < std::min<std::size_t>(3, segment.episode_grasp_position.size());
+       ++k) {
     result.add_grasp_position_in_world_m(segment.episode_grasp_position[k]);
   }
-  for (std::size_t k = 0; k < std::min<std::size_t>(3, segment.episode_start_position.size()); ++k) {
+  for (std::size_t k = 0; k < std::min<std::size_t>(3, segment.episode_start_position.size());
+       ++k) {
     result.add_start_position_in_world_m(segment.episode_start_position[k]);
   }
   result.set_end_hash(segment.end_hash);
@@ -143,13 +149,19 @@ pb::EpisodeResult make_result(const RolloutSegment& segment) {
   return result;
 }
 
-Result<void> check_sizes(const std::string& path, const RolloutSegment& segment, const RecordingContext& context) {
+Result<void> check_sizes(const std::string& path, const RolloutSegment& segment,
+                         const RecordingContext& context) {
   const std::size_t steps = segment.steps;
-  const auto fits = [&](std::size_t size, std::size_t per_step) { return size == 0 || size == steps * per_step; };
+  const auto fits = [&](std::size_t size, std::size_t per_step) {
+    return size == 0 || size == steps * per_step;
+  };
   const bool good = segment.actions.size() == 4 * steps && segment.rewards.size() == steps &&
-                    segment.flags.size() == steps && (steps == 0 || segment.observations.size() % steps == 0) &&
-                    fits(segment.actions_continuous.size(), 4) && fits(segment.tool_positions_in_world_m.size(), 3);
-  if (!good) return Failure{fmt::format("{}: arrays of the segment do not fit its {} steps", path, steps)};
+                    segment.flags.size() == steps &&
+                    (steps == 0 || segment.observations.size() % steps == 0) &&
+                    fits(segment.actions_continuous.size(), 4) &&
+                    fits(segment.tool_positions_in_world_m.size(), 3);
+  if (!good)
+    return Failure{fmt::format("{}: arrays of the segment do not fit its {} steps", path, steps)};
   const std::size_t frame = std::size_t{3} * context.particles;
   if (frame == 0 ? !segment.frame_positions_in_world_m.empty()
                  : segment.frame_positions_in_world_m.size() % frame != 0) {
@@ -204,10 +216,12 @@ bool take_step(const pb::StepRecord& record, std::size_t width, RolloutSegment& 
     return false;
   }
   ++segment.steps;
-  segment.observations.insert(segment.observations.end(), record.observation().begin(), record.observation().end());
+  segment.observations.insert(segment.observations.end(), record.observation().begin(),
+                              record.observation().end());
   segment.actions.insert(segment.actions.end(), record.action().begin(), record.action().end());
   if (record.action_continuous_size() == 4) {
-    segment.actions_continuous.insert(segment.actions_continuous.end(), record.action_continuous().begin(),
+    segment.actions_continuous.insert(segment.actions_continuous.end(),
+                                      record.action_continuous().begin(),
                                       record.action_continuous().end());
   }
   segment.rewards.push_back(record.reward());
@@ -225,9 +239,11 @@ bool take_step(const pb::StepRecord& record, std::size_t width, RolloutSegment& 
   return true;
 }
 
-bool take_cloud(const foxglove::PointCloud& cloud, std::uint32_t step, EpisodeRecording& recording) {
+bool take_cloud(const foxglove::PointCloud& cloud, std::uint32_t step,
+                EpisodeRecording& recording) {
   const std::size_t bytes = std::size_t{kPointBytes} * recording.context.particles;
-  if (bytes == 0 || cloud.data().size() != bytes || cloud.point_stride() != kPointBytes) return false;
+  if (bytes == 0 || cloud.data().size() != bytes || cloud.point_stride() != kPointBytes)
+    return false;
   std::vector<float>& positions = recording.segment.frame_positions_in_world_m;
   const std::size_t before = positions.size();
   positions.resize(before + bytes / sizeof(float));
@@ -241,7 +257,8 @@ void take_result(const pb::EpisodeResult& result, RolloutSegment& segment) {
   if (result.has_return_sum()) segment.episode_return = {result.return_sum()};
   if (result.has_length_steps()) segment.episode_length = {result.length_steps()};
   if (result.has_exposure()) segment.episode_exposure = {result.exposure()};
-  if (result.has_grasped()) segment.episode_grasped = {static_cast<std::uint8_t>(result.grasped() ? 1 : 0)};
+  if (result.has_grasped())
+    segment.episode_grasped = {static_cast<std::uint8_t>(result.grasped() ? 1 : 0)};
   segment.episode_grasp_position.assign(result.grasp_position_in_world_m().begin(),
                                         result.grasp_position_in_world_m().end());
   segment.episode_start_position.assign(result.start_position_in_world_m().begin(),
@@ -258,8 +275,8 @@ Result<EpisodeRecording> take_content(const std::string& name, const McapContent
     return Failure{fmt::format("{}: no episode header", name)};
   }
   if (header.format_version() != kFormatVersion) {
-    return Failure{fmt::format("{}: recording format {}, this program reads {}", name, header.format_version(),
-                               kFormatVersion)};
+    return Failure{fmt::format("{}: recording format {}, this program reads {}", name,
+                               header.format_version(), kFormatVersion)};
   }
   if (header.steps() > kMaxSteps || header.observation_size() > kMaxObservation) {
     return Failure{fmt::format("{}: header asks for {} steps of {} values", name, header.steps(),
@@ -278,7 +295,8 @@ Result<EpisodeRecording> take_content(const std::string& name, const McapContent
   }
   for (const McapMessage* message : content.of_topic("/tissue")) {
     foxglove::PointCloud cloud;
-    const bool good = cloud.ParseFromString(message->data) && take_cloud(cloud, message->sequence, recording);
+    const bool good =
+        cloud.ParseFromString(message->data) && take_cloud(cloud, message->sequence, recording);
     bad += good ? 0 : 1;
   }
   for (const McapMessage* message : content.of_topic("/result")) {
@@ -289,7 +307,9 @@ Result<EpisodeRecording> take_content(const std::string& name, const McapContent
       ++bad;
     }
   }
-  if (bad > 0) recording.problems.push_back(fmt::format("{} messages out of order or malformed, dropped", bad));
+  if (bad > 0)
+    recording.problems.push_back(
+        fmt::format("{} messages out of order or malformed, dropped", bad));
   if (recording.segment.steps != header.steps()) {
     recording.problems.push_back(
         fmt::format("{} of {} steps are there", recording.segment.steps, header.steps()));
@@ -299,9 +319,10 @@ Result<EpisodeRecording> take_content(const std::string& name, const McapContent
 
 }  // namespace
 
-Result<void> save_episode(const std::string& path, const RolloutTask& task, const RolloutSegment& segment,
-                          const RecordingContext& context) {
-  if (const Result<void> sizes = check_sizes(path, segment, context); !sizes) return Failure{sizes.error()};
+Result<void> save_episode(const std::string& path, const RolloutTask& task,
+                          const RolloutSegment& segment, const RecordingContext& context) {
+  if (const Result<void> sizes = check_sizes(path, segment, context); !sizes)
+    return Failure{sizes.error()};
   std::ofstream file(path, std::ios::binary | std::ios::trunc);
   if (!file) return Failure{fmt::format("{}: cannot be written", path)};
   McapWriter writer(file);

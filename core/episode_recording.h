@@ -26,18 +26,20 @@ struct EpisodeRecording {
   RolloutTask task;
   RolloutSegment segment;
   std::vector<std::uint32_t> frame_steps;
-  bool complete = false;               ///< the file has its end; else what was there is here
-  std::vector<std::string> problems;   ///< one line each, of the MCAP reader or a message that does not parse
+  bool complete = false;  ///< the file has its end; else what was there is here
+  std::vector<std::string>
+      problems;  ///< one line each, of the MCAP reader or a message that does not parse
 };
 
-/// Writes the episode to an MCAP file (channels: proto/recording.proto), replacing it. Frames are taken to be
-/// task.frame_stride steps apart, beginning at step 0; the last one may lie after the last step. Fails, naming the
-/// path, if the arrays of the segment do not fit `steps`, or the disk does not take it.
-Result<void> save_episode(const std::string& path, const RolloutTask& task, const RolloutSegment& segment,
-                          const RecordingContext& context);
+/// Writes the episode to an MCAP file (channels: proto/recording.proto), replacing it. Frames are
+/// taken to be task.frame_stride steps apart, beginning at step 0; the last one may lie after the
+/// last step. Fails, naming the path, if the arrays of the segment do not fit `steps`, or the disk
+/// does not take it.
+Result<void> save_episode(const std::string& path, const RolloutTask& task,
+                          const RolloutSegment& segment, const RecordingContext& context);
 
-/// Reads it back; save and load are inverse for every field that recording.proto names. A truncated file gives the
-/// steps of its whole chunks. Fails if there is no file or no episode header in it.
+/// Reads it back; save and load are inverse for every field that recording.proto names. A truncated
+/// file gives the steps of its whole chunks. Fails if there is no file or no episode header in it.
 Result<EpisodeRecording> load_episode(const std::string& path);
 
 /// As load_episode, from bytes; the entry of the fuzz target.

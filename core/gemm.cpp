@@ -76,7 +76,20 @@ void panel(int rows, int inner, const GemmOperands& o, const float* b, const flo
 
 }  // namespace
 
-void gemm(int rows, int columns, int inner, const GemmOperands& o) {
+bool gemm_has_avx512() {
+  static const bool has = __builtin_cpu_supports("avx512f") != 0;
+  return has;
+}
+
+void gemm(int rows, int columns, int inner, const GemmOperands& operands) {
+  if (gemm_has_avx512()) {
+    gemm_avx512(rows, columns, inner, operands);
+  } else {
+    gemm_avx2(rows, columns, inner, operands);
+  }
+}
+
+void gemm_avx2(int rows, int columns, int inner, const GemmOperands& o) {
   OMENTUM_DCHECK(columns % 8 == 0);
   int column = 0;
   const auto init_at = [&](int j) { return o.init != nullptr ? o.init + j : nullptr; };
@@ -103,20 +116,54 @@ void gemm(int rows, int columns, int inner, const GemmOperands& o) {
 void pack_panels(const float* source, int rows, int columns, std::ptrdiff_t leading,
                  float* packed) {
   for (int first = 0; first < columns; first += kPanel) {
-    for (int k = 0; k < rows; ++k) {
-      for (int j = 0; j < kPanel; ++j) {
-        *packed++ = first + j < columns ? source[k * leading + first + j] : 0.0F;
+    const int width = columns - first < kPanel ? columns - first : kPanel;
+    for (int k = 0; k < rows; ++k, packed += kPanel) {
+      const float* from = source + k * leading + first;
+      if (width == kPanel) {
+        _mm256_storeu_ps(packed, _mm256_loadu_ps(from));
+        _mm256_storeu_ps(packed + 8, _mm256_loadu_ps(from + 8));
+        continue;
       }
+      for (int j = 0; j < kPanel; ++j) packed[j] = j < width ? from[j] : 0.0F;
     }
   }
 }
 
+namespace {
+
+/// to[k * 16 + j] = from[j * leading + k] for j, k < 8.
+void transpose_8x8(const float* from, std::ptrdiff_t leading, float* to) {
+  __m256 row[8], pair[8], quad[8];
+  for (int j = 0; j < 8; ++j) row[j] = _mm256_loadu_ps(from + j * leading);
+  for (int j = 0; j < 8; j += 2) {
+    pair[j] = _mm256_unpacklo_ps(row[j], row[j + 1]);
+    pair[j + 1] = _mm256_unpackhi_ps(row[j], row[j + 1]);
+  }
+  for (int j = 0; j < 8; j += 4) {
+    quad[j] = _mm256_shuffle_ps(pair[j], pair[j + 2], 0x44);
+    quad[j + 1] = _mm256_shuffle_ps(pair[j], pair[j + 2], 0xEE);
+    quad[j + 2] = _mm256_shuffle_ps(pair[j + 1], pair[j + 3], 0x44);
+    quad[j + 3] = _mm256_shuffle_ps(pair[j + 1], pair[j + 3], 0xEE);
+  }
+  for (int k = 0; k < 4; ++k) {
+    _mm256_storeu_ps(to + k * kPanel, _mm256_permute2f128_ps(quad[k], quad[k + 4], 0x20));
+    _mm256_storeu_ps(to + (k + 4) * kPanel, _mm256_permute2f128_ps(quad[k], quad[k + 4], 0x31));
+  }
+}
+
+}  // namespace
+
 void pack_panels_transposed(const float* source, int rows, int columns, std::ptrdiff_t leading,
                             float* packed) {
   for (int first = 0; first < rows; first += kPanel) {
-    for (int k = 0; k < columns; ++k) {
+    int k = 0;
+    for (; rows - first >= kPanel && k + 8 <= columns; k += 8, packed += 8 * kPanel) {
+      transpose_8x8(source + first * leading + k, leading, packed);
+      transpose_8x8(source + (first + 8) * leading + k, leading, packed + 8);
+    }
+    for (; k < columns; ++k, packed += kPanel) {
       for (int j = 0; j < kPanel; ++j) {
-        *packed++ = first + j < rows ? source[(first + j) * leading + k] : 0.0F;
+        packed[j] = first + j < rows ? source[(first + j) * leading + k] : 0.0F;
       }
     }
   }

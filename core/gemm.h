@@ -37,7 +37,13 @@ struct GemmOperands {
   const float* init = nullptr;
 };
 
+/// Picks the widest kernel of this CPU; all kernels give the same bits (tests/core/gemm_test.cpp).
 void gemm(int rows, int columns, int inner, const GemmOperands& operands);
+
+/// The kernels by name, for the test and the benchmark. The second needs gemm_has_avx512().
+void gemm_avx2(int rows, int columns, int inner, const GemmOperands& operands);
+void gemm_avx512(int rows, int columns, int inner, const GemmOperands& operands);
+bool gemm_has_avx512();
 
 /// Packs the row-major rows x columns matrix for the B operand: panels of 16 columns, missing
 /// columns zero. `packed` has rows * padded_columns(columns) floats.

@@ -3,6 +3,7 @@
 #include <nmmintrin.h>
 #include <openssl/evp.h>
 
+#include <bit>
 #include <cstring>
 
 #include "core/check.h"
@@ -19,6 +20,27 @@ std::uint64_t fnv1a64(std::span<const std::byte> bytes, std::uint64_t seed) {
 
 std::uint64_t fnv1a64(std::string_view text, std::uint64_t seed) {
   return fnv1a64(std::as_bytes(std::span(text.data(), text.size())), seed);
+}
+
+std::uint64_t hash_state(std::span<const std::byte> bytes) {
+  constexpr std::uint64_t kOdd = 0x9e3779b97f4a7c15ULL;  // 2^64 / golden ratio
+  const auto mix = [](std::uint64_t hash, std::uint64_t word) {
+    return std::rotl((hash ^ word) * kOdd, 29);
+  };
+  std::array<std::uint64_t, 4> chain = {kFnvOffset, kFnvOffset + 1, kFnvOffset + 2, kFnvOffset + 3};
+  std::size_t i = 0;
+  for (; i + 32 <= bytes.size(); i += 32) {
+    std::array<std::uint64_t, 4> words{};
+    std::memcpy(words.data(), bytes.data() + i, 32);
+    for (std::size_t k = 0; k < 4; ++k) chain[k] = mix(chain[k], words[k]);
+  }
+  std::array<std::uint64_t, 4> tail{};
+  if (i < bytes.size()) std::memcpy(tail.data(), bytes.data() + i, bytes.size() - i);
+  for (std::size_t k = 0; k < 4; ++k) chain[k] = mix(chain[k], tail[k]);
+  std::uint64_t hash = mix(kFnvOffset, bytes.size());
+  for (const std::uint64_t part : chain) hash = mix(hash, part);
+  hash ^= hash >> 32;
+  return hash * kOdd;
 }
 
 std::uint32_t crc32c(std::span<const std::byte> bytes, std::uint32_t seed) {

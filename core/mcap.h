@@ -1,5 +1,7 @@
 #pragma once
 
+#include <google/protobuf/message.h>
+
 #include <cstddef>
 #include <cstdint>
 #include <map>
@@ -8,20 +10,20 @@
 #include <string_view>
 #include <vector>
 
-#include <google/protobuf/message.h>
-
 #include "core/result.h"
 
-// MCAP, the container of recordings (specification: mcap.dev/spec, version 0). What we use of it: protobuf channels
-// with embedded schemas, chunks with zstd and a CRC, message and chunk index, statistics, metadata. Files written here
-// open in Foxglove, PlotJuggler and the `mcap` tools; files of others are read as far as they use no lz4.
+// MCAP, the container of recordings (specification: mcap.dev/spec, version 0). What we use of it:
+// protobuf channels with embedded schemas, chunks with zstd and a CRC, message and chunk index,
+// statistics, metadata. Files written here open in Foxglove, PlotJuggler and the `mcap` tools;
+// files of others are read as far as they use no lz4.
 
 namespace omentum {
 
 enum class McapCompression { kNone, kZstd };
 
-/// Writes one file, front to back, so that a killed process leaves whole chunks that any reader can use. Times are
-/// nanoseconds of the log clock. Not thread-safe. The stream must outlive the writer and start at byte 0.
+/// Writes one file, front to back, so that a killed process leaves whole chunks that any reader can
+/// use. Times are nanoseconds of the log clock. Not thread-safe. The stream must outlive the writer
+/// and start at byte 0.
 class McapWriter {
  public:
   using ChannelId = std::uint16_t;
@@ -30,7 +32,8 @@ class McapWriter {
   explicit McapWriter(std::ostream& out, McapCompression compression = McapCompression::kZstd,
                       std::size_t chunk_bytes = std::size_t{1} << 20);
 
-  /// Declares a topic with messages of one protobuf type; the schema holds the type's file and all its imports.
+  /// Declares a topic with messages of one protobuf type; the schema holds the type's file and all
+  /// its imports.
   ChannelId add_channel(const std::string& topic, const google::protobuf::Descriptor& type,
                         const std::map<std::string, std::string>& metadata = {});
   /// Declares a topic without schema (`encoding` e.g. "json" or "").
@@ -38,15 +41,18 @@ class McapWriter {
 
   void write(ChannelId channel, std::uint64_t time_ns, std::uint32_t sequence,
              const google::protobuf::Message& message);
-  void write_bytes(ChannelId channel, std::uint64_t time_ns, std::uint32_t sequence, std::string_view data);
+  void write_bytes(ChannelId channel, std::uint64_t time_ns, std::uint32_t sequence,
+                   std::string_view data);
 
   /// Named key-value pairs, outside of chunks.
   void write_metadata(const std::string& name, const std::map<std::string, std::string>& entries);
 
-  /// Closes the open chunk and hands it to the stream; call it where a crash must not lose what came before.
+  /// Closes the open chunk and hands it to the stream; call it where a crash must not lose what
+  /// came before.
   void flush();
 
-  /// Writes the summary and the footer. Nothing may be written afterwards. Fails if the stream did at any time.
+  /// Writes the summary and the footer. Nothing may be written afterwards. Fails if the stream did
+  /// at any time.
   Result<void> finish();
 
  private:
@@ -68,10 +74,11 @@ class McapWriter {
   std::size_t chunk_bytes_;
   std::uint64_t position_ = 0;  ///< bytes written so far
   std::uint32_t data_crc_ = 0;  ///< of the bytes before DataEnd
-  std::vector<std::string> schema_records_, channel_records_;  ///< complete records, repeated in the summary
-  std::map<std::string, std::uint16_t> schema_ids_;            ///< by type name
-  std::string chunk_;                                          ///< records of the open chunk
-  std::map<ChannelId, std::string> index_;                     ///< message index entries of the open chunk
+  std::vector<std::string> schema_records_,
+      channel_records_;                              ///< complete records, repeated in the summary
+  std::map<std::string, std::uint16_t> schema_ids_;  ///< by type name
+  std::string chunk_;                                ///< records of the open chunk
+  std::map<ChannelId, std::string> index_;           ///< message index entries of the open chunk
   std::uint64_t chunk_start_ = 0, chunk_end_ = 0;
   std::vector<ChunkEntry> chunks_;
   std::vector<MetadataEntry> metadata_;
@@ -100,17 +107,19 @@ struct McapContent {
   std::map<std::uint16_t, McapChannel> channels;
   std::vector<McapMessage> messages;  ///< in file order
   std::map<std::string, std::map<std::string, std::string>> metadata;
-  std::size_t chunks = 0;           ///< read
-  std::size_t chunks_skipped = 0;   ///< truncated, damaged or in an unknown compression
-  bool complete = false;            ///< DataEnd, footer and closing magic are there
-  std::vector<std::string> problems;  ///< one line each, with the byte offset; empty = nothing wrong
+  std::size_t chunks = 0;          ///< read
+  std::size_t chunks_skipped = 0;  ///< truncated, damaged or in an unknown compression
+  bool complete = false;           ///< DataEnd, footer and closing magic are there
+  std::vector<std::string>
+      problems;  ///< one line each, with the byte offset; empty = nothing wrong
 
   /// Messages of one topic, in file order.
   std::vector<const McapMessage*> of_topic(std::string_view topic) const;
 };
 
-/// Reads the data section front to back and checks every CRC there is. Total: any bytes give a content, with problems
-/// listed; a truncated last chunk is reported, counted and skipped. Memory is bounded by 1 GiB of decompressed chunks.
+/// Reads the data section front to back and checks every CRC there is. Total: any bytes give a
+/// content, with problems listed; a truncated last chunk is reported, counted and skipped. Memory
+/// is bounded by 1 GiB of decompressed chunks.
 McapContent read_mcap(std::string_view bytes);
 
 /// Reads a file; the failure is that it cannot be opened, or is no MCAP file at all.

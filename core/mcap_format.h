@@ -6,7 +6,8 @@
 #include <string>
 #include <string_view>
 
-// Byte level of MCAP, shared by writer and reader: little-endian numbers, length-prefixed strings, records.
+// Byte level of MCAP, shared by writer and reader: little-endian numbers, length-prefixed strings,
+// records.
 
 namespace omentum::mcap {
 
@@ -60,8 +61,8 @@ inline std::string make_record(Opcode opcode, std::string_view content) {
   return record;
 }
 
-/// Takes values from the front of a view. Once a value does not fit, ok() is false and everything after reads as zero
-/// or empty, so callers check once at the end.
+/// Takes values from the front of a view. Once a value does not fit, ok() is false and everything
+/// after reads as zero or empty, so callers check once at the end.
 class ByteCursor {
  public:
   explicit ByteCursor(std::string_view bytes) : rest_(bytes) {}

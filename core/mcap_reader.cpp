@@ -1,11 +1,11 @@
+#include <fmt/core.h>
+#include <zlib.h>
+#include <zstd.h>
+
 #include <algorithm>
 #include <fstream>
 #include <iterator>
 #include <set>
-
-#include <fmt/core.h>
-#include <zlib.h>
-#include <zstd.h>
 
 #include "core/mcap.h"
 #include "core/mcap_format.h"
@@ -13,9 +13,11 @@
 namespace omentum {
 namespace {
 
-using namespace mcap;  // NOLINT(google-build-using-namespace): the byte level of this very file format
+using namespace mcap;  // NOLINT(google-build-using-namespace): the byte level of this very file
+                       // format
 
-constexpr std::uint64_t kMaxDecompressed = std::uint64_t{1} << 30;  // hostile input must not exhaust memory
+constexpr std::uint64_t kMaxDecompressed = std::uint64_t{1}
+                                           << 30;  // hostile input must not exhaust memory
 constexpr std::size_t kMaxProblems = 100;
 
 std::uint32_t crc32_of(std::string_view bytes) {
@@ -46,7 +48,8 @@ class Reader {
       if (!cursor.ok()) {
         const bool chunk = opcode == kChunk && !data_ended_;
         content_.chunks_skipped += chunk ? 1 : 0;
-        problem(at, fmt::format("file ends inside a {} of {} bytes", chunk ? "chunk" : "record", length));
+        problem(at, fmt::format("file ends inside a {} of {} bytes", chunk ? "chunk" : "record",
+                                length));
         break;
       }
       record(opcode, body, at);
@@ -58,7 +61,8 @@ class Reader {
 
  private:
   void problem(std::size_t at, const std::string& text) {
-    if (content_.problems.size() < kMaxProblems) content_.problems.push_back(fmt::format("byte {}: {}", at, text));
+    if (content_.problems.size() < kMaxProblems)
+      content_.problems.push_back(fmt::format("byte {}: {}", at, text));
   }
 
   /// A record outside of chunks.
@@ -89,7 +93,8 @@ class Reader {
         ByteCursor cursor(body);
         const auto crc = cursor.get<std::uint32_t>();
         if (!cursor.ok()) problem(at, "malformed end of data");
-        if (crc != 0 && crc != crc32_of(bytes_.substr(0, at))) problem(at, "CRC of the data section differs");
+        if (crc != 0 && crc != crc32_of(bytes_.substr(0, at)))
+          problem(at, "CRC of the data section differs");
         data_ended_ = true;
         summary_start_ = at + 9 + body.size();
         break;
@@ -134,16 +139,19 @@ class Reader {
       problem(at, "chunk skipped: " + why);
     };
     if (!cursor.ok()) return skip("malformed");
-    if (size > kMaxDecompressed - decompressed_) return skip(fmt::format("{} bytes decompressed, too many", size));
+    if (size > kMaxDecompressed - decompressed_)
+      return skip(fmt::format("{} bytes decompressed, too many", size));
     std::string unpacked;
     std::string_view records = packed;
     if (compression == "zstd") {
-      // The true size is known to zstd in most files; trusting it bounds what a lying `size` can allocate.
+      // The true size is known to zstd in most files; trusting it bounds what a lying `size` can
+      // allocate.
       const unsigned long long framed = ZSTD_getFrameContentSize(packed.data(), packed.size());
       if (framed == ZSTD_CONTENTSIZE_ERROR) return skip("not zstd");
       if (framed != ZSTD_CONTENTSIZE_UNKNOWN && framed != size) return skip("sizes disagree");
       unpacked.resize(static_cast<std::size_t>(size));
-      const std::size_t got = ZSTD_decompress(unpacked.data(), unpacked.size(), packed.data(), packed.size());
+      const std::size_t got =
+          ZSTD_decompress(unpacked.data(), unpacked.size(), packed.data(), packed.size());
       if (ZSTD_isError(got) != 0) return skip(ZSTD_getErrorName(got));
       if (got != size) return skip("sizes disagree");
       records = unpacked;
@@ -189,7 +197,8 @@ class Reader {
         channel.schema_encoding = schema->second.encoding;
         channel.schema_data = schema->second.data;
       } else if (channel.schema_id != 0) {
-        problem(at, fmt::format("channel {} refers to schema {}, which is missing", channel.id, channel.schema_id));
+        problem(at, fmt::format("channel {} refers to schema {}, which is missing", channel.id,
+                                channel.schema_id));
       }
       content_.channels.emplace(channel.id, std::move(channel));
     } else if (opcode == kMessage) {
@@ -200,7 +209,8 @@ class Reader {
       message.publish_time = cursor.get<std::uint64_t>();
       if (!cursor.ok()) return problem(at, "malformed message");
       if (!content_.channels.contains(message.channel)) {
-        return problem(at, fmt::format("message of channel {}, which is missing, dropped", message.channel));
+        return problem(
+            at, fmt::format("message of channel {}, which is missing, dropped", message.channel));
       }
       message.data = cursor.rest();
       content_.messages.push_back(std::move(message));

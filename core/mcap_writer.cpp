@@ -1,11 +1,11 @@
-#include <algorithm>
-#include <limits>
-#include <set>
-
 #include <google/protobuf/descriptor.h>
 #include <google/protobuf/descriptor.pb.h>
 #include <zlib.h>
 #include <zstd.h>
+
+#include <algorithm>
+#include <limits>
+#include <set>
 
 #include "core/check.h"
 #include "core/mcap.h"
@@ -14,7 +14,8 @@
 namespace omentum {
 namespace {
 
-using namespace mcap;  // NOLINT(google-build-using-namespace): the byte level of this very file format
+using namespace mcap;  // NOLINT(google-build-using-namespace): the byte level of this very file
+                       // format
 
 std::uint32_t crc32_of(std::string_view bytes, std::uint32_t start = 0) {
   return static_cast<std::uint32_t>(
@@ -33,8 +34,8 @@ constexpr int kZstdLevel = 3;
 
 std::string compress_zstd(const std::string& bytes) {
   std::string compressed(ZSTD_compressBound(bytes.size()), '\0');
-  const std::size_t size = ZSTD_compress(compressed.data(), compressed.size(), bytes.data(),
-                                         bytes.size(), kZstdLevel);
+  const std::size_t size =
+      ZSTD_compress(compressed.data(), compressed.size(), bytes.data(), bytes.size(), kZstdLevel);
   OMENTUM_CHECK(ZSTD_isError(size) == 0, "zstd: {}", ZSTD_getErrorName(size));
   compressed.resize(size);
   return compressed;
@@ -86,7 +87,8 @@ McapWriter::ChannelId McapWriter::add_channel(const std::string& topic,
   return id;
 }
 
-McapWriter::ChannelId McapWriter::add_channel(const std::string& topic, const std::string& encoding) {
+McapWriter::ChannelId McapWriter::add_channel(const std::string& topic,
+                                              const std::string& encoding) {
   const auto id = static_cast<ChannelId>(channel_records_.size() + 1);
   std::string channel;
   put(channel, id);

@@ -40,7 +40,7 @@ void fail(RolloutSegment& segment, LaneRun& run, const std::string& reason) {
 
 void close_episode(const Backend& backend, int lane, bool terminated, RolloutSegment& segment) {
   const EpisodeFacts facts = backend.facts(lane);
-  segment.episode_end_step.push_back(segment.steps);
+  segment.episode_end_step.push_back(segment.steps - 1);
   segment.episode_return.push_back(facts.episode_return);
   segment.episode_length.push_back(facts.episode_step);
   const Outcome outcome = facts.reached || terminated ? Outcome::kTargetReached
@@ -67,7 +67,7 @@ void record_frame(const Backend& backend, int lane, std::uint32_t stride, std::v
 /// What proves a replay: hash of the whole state after the step, beside where the tool is and what the camera sees.
 void record_step(const Backend& backend, int lane, RolloutSegment& segment) {
   const EpisodeFacts facts = backend.facts(lane);
-  segment.state_hashes.push_back(fnv1a64(backend.save(lane)));
+  segment.state_hashes.push_back(hash_state(backend.save(lane)));
   segment.exposures.push_back(facts.exposure);
   for (const double v : facts.tool_position) segment.tool_positions_in_world_m.push_back(static_cast<float>(v));
 }
@@ -244,7 +244,7 @@ std::vector<RolloutSegment> run_rollout(Backend& backend, Policy& policy, std::s
     segment.end_episode_limit = end.episode_limit;
     if (tasks[k].kind == TaskKind::kRollout) {
       segment.end_state = backend.save(lane);
-      segment.end_hash = fnv1a64(segment.end_state);
+      segment.end_hash = hash_state(segment.end_state);
     }
     segment.payload_crc32c = segment_crc(segment);
   }

@@ -15,6 +15,9 @@ namespace omentum {
 
 using Bytes = std::vector<std::byte>;
 
+/// Layout of the state bytes that SimBackend::save writes; raise it when they change. Reaches wire and disk.
+inline constexpr std::uint32_t kSimStateFormat = 1;
+
 /// Values reach the wire: do not change.
 enum class TaskKind : std::uint32_t { kRollout = 0, kEvaluate = 1, kReplay = 2 };
 

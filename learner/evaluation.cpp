@@ -33,27 +33,35 @@ EvaluationSet make_set(const std::string& name, StartSet start_set, const pb::St
 
 }  // namespace
 
-std::vector<EvaluationSet> evaluation_sets(const pb::Config& config, std::uint32_t particles) {
+std::vector<EvaluationSet> evaluation_sets(const pb::Config& config) {
   std::vector<EvaluationSet> sets;
-  if (config.evaluation().grasp_lattice()) {
+  const pb::Scene& scene = config.scene();
+  if (scene.has_start_grid()) sets.push_back(make_set("grid", StartSet::kGrid, scene.start_grid(), true));
+  if (config.evaluation().grasp_lattice() && !sets.empty()) {
     EvaluationSet lattice;
     lattice.name = "grasp_lattice";
     lattice.start_set = StartSet::kGraspLattice;
-    for (std::uint32_t i = 0; i < particles; i += config.evaluation().lattice_stride()) {
-      lattice.start_indices.push_back(i);
-    }
-    lattice.starts = static_cast<std::uint32_t>(lattice.start_indices.size());
     sets.push_back(std::move(lattice));
   }
+  if (scene.has_start_grid()) sets.push_back(make_set("grid", StartSet::kGrid, scene.start_grid(), false));
   for (const bool greedy : {true, false}) {
-    if (config.scene().has_start_grid()) {
-      sets.push_back(make_set("grid", StartSet::kGrid, config.scene().start_grid(), greedy));
-    }
-    if (config.scene().has_robot_grid()) {
-      sets.push_back(make_set("robot", StartSet::kRobotGrid, config.scene().robot_grid(), greedy));
-    }
+    if (scene.has_robot_grid()) sets.push_back(make_set("robot", StartSet::kRobotGrid, scene.robot_grid(), greedy));
   }
   return sets;
+}
+
+void fill_lattice(const pb::Config& config, std::uint32_t particles, EvaluationSet& set) {
+  for (std::uint32_t i = 0; i < particles; i += config.evaluation().lattice_stride()) set.start_indices.push_back(i);
+  set.starts = static_cast<std::uint32_t>(set.start_indices.size());
+}
+
+std::uint32_t particles_of(std::span<const RolloutSegment> segments, std::uint32_t frame_stride) {
+  for (const RolloutSegment& s : segments) {
+    if (s.failed != 0 || frame_stride == 0) continue;
+    const std::size_t frames = s.steps / frame_stride + 1;  // before every stride-th step and after the last
+    return static_cast<std::uint32_t>(s.frame_positions_in_world_m.size() / (3 * frames));
+  }
+  return 0;
 }
 
 std::vector<EvaluationTask> evaluation_tasks(const pb::Config& config, const EvaluationSet& set,
@@ -127,9 +135,26 @@ double best_lattice_exposure(std::span<const EpisodeResult> results) {
   return best;
 }
 
-void write_evaluation_csv(const std::string& path, const EvaluationSet& set, std::span<const EpisodeResult> results,
-                          double best_exposure) {
+void write_evaluation_csv(const std::string& path, const pb::Config& config, const EvaluationSet& set,
+                          std::span<const EpisodeResult> results, double best_exposure) {
   std::ofstream file(path);
+  if (set.start_set == StartSet::kGraspLattice) {
+    file << "particle,x_m,y_m,z_m,exposure,reached\n";
+    const pb::Tissue& tissue = config.scene().tissue();
+    for (const EpisodeResult& r : results) {
+      double p[3] = {static_cast<double>(r.start[0]), static_cast<double>(r.start[1]), static_cast<double>(r.start[2])};
+      if (tissue.has_grid()) {
+        const pb::GridMaker& grid = tissue.grid();
+        p[0] = (r.start_index / grid.count_y() - 0.5 * (grid.count_x() - 1)) * grid.pitch_m();
+        p[1] = (r.start_index % grid.count_y() - 0.5 * (grid.count_y() - 1)) * grid.pitch_m();
+        p[2] = 0;
+      }
+      file << fmt::format("{},{},{},{},{},{}\n", r.start_index, p[0], p[1], p[2], r.exposure, r.reached && r.held ? 1 : 0);
+    }
+    file.flush();
+    if (!file) throw_error("{}: cannot be written", path);
+    return;
+  }
   file << "index,row,column,start_x_m,start_y_m,start_z_m,greedy,reached,held,exposed,exposure,best_exposure,lost,"
           "return,length,grasp_x_m,grasp_y_m,grasp_z_m,failed\n";
   for (const EpisodeResult& r : results) {

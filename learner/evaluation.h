@@ -22,9 +22,15 @@ struct EvaluationSet {
   std::vector<std::uint32_t> start_indices;
 };
 
-/// The sets of a configuration, the grasp lattice first: it gives the exposure that the others are judged by.
-/// `particles` is the number of tissue particles.
-std::vector<EvaluationSet> evaluation_sets(const pb::Config& config, std::uint32_t particles);
+/// The sets of a configuration: the recorded grid first, then the grasp lattice (still without starts, see
+/// fill_lattice), which gives the exposure that all are judged by, then the others.
+std::vector<EvaluationSet> evaluation_sets(const pb::Config& config);
+
+/// One start per lattice_stride-th particle.
+void fill_lattice(const pb::Config& config, std::uint32_t particles, EvaluationSet& set);
+
+/// Tissue particles, from the frames of recorded segments; 0 if there are none.
+std::uint32_t particles_of(std::span<const RolloutSegment> segments, std::uint32_t frame_stride);
 
 /// Tasks of one set for weights of `version`: the policy acts until the target is reached or its episode is over, then
 /// the hold script stands at p_T for task.hold_s.
@@ -53,8 +59,9 @@ std::vector<EpisodeResult> judge(const EvaluationSet& set, std::span<const Rollo
 /// Largest exposure among lattice grasps that reached p_T and kept the tissue; 0 if none.
 double best_lattice_exposure(std::span<const EpisodeResult> results);
 
-/// evaluation/<name>.csv. Throws Error if it cannot be written.
-void write_evaluation_csv(const std::string& path, const EvaluationSet& set, std::span<const EpisodeResult> results,
-                          double best_exposure);
+/// evaluation/<name>.csv; for the lattice: particle, position (rest position in B for a grid, else where the tip grasped
+/// in W), exposure, reached. Throws Error if it cannot be written.
+void write_evaluation_csv(const std::string& path, const pb::Config& config, const EvaluationSet& set,
+                          std::span<const EpisodeResult> results, double best_exposure);
 
 }  // namespace omentum

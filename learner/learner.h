@@ -3,6 +3,8 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -48,11 +50,15 @@ class Learner {
   bool check_batch(Batch& batch);
   void count_episodes(std::span<const RolloutSegment> segments);
   void report_update(const UpdateStats& stats);
-  void save_checkpoint(bool milestone);
+  void save_checkpoint(std::optional<std::uint64_t> milestone);
+  void set_ledger(MetricsRow& row) const;
+  void set_workers(MetricsRow& row, const BusStatistics& bus) const;
+  bool run_evaluation_set(const EvaluationSet& set, const std::function<bool()>& stop,
+                          std::vector<RolloutSegment>& segments);
+  void record_evaluation(const EvaluationSet& set, std::span<const RolloutSegment> segments);
   bool evaluate(const std::function<bool()>& stop);
   void say_phase(LearnerPhase phase);
   double wall_s() const;
-  std::string progress_line() const;
 
   pb::Config config_;
   LearnerOptions options_;
@@ -68,7 +74,6 @@ class Learner {
   std::unique_ptr<MetricsWriter> metrics_;
   std::unique_ptr<Episodes> episodes_;
   PolicyWeights current_, previous_;  ///< v(k) and v(k-1)
-  std::unique_ptr<Policy> behaviour_;
 
   std::uint64_t physics_ticks_ = 0;
   double log_prob_check_max_ = 0;
@@ -77,7 +82,6 @@ class Learner {
   double wall_before_s_ = 0;
   std::uint64_t steps_before_ = 0;  ///< of earlier sessions, for the rate
   double time_wait_s_ = 0, time_check_s_ = 0, time_update_s_ = 0, time_publish_s_ = 0, time_save_s_ = 0;
-  double evaluation_s_ = 0;
 };
 
 }  // namespace omentum

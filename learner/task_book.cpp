@@ -431,7 +431,7 @@ Result<void> TaskBook::check_segment(const RolloutTask& task, const RolloutSegme
   }
   if (exact && s.state_format != config_.state_format) return bad("state_format");
   if (exact && s.end_state.empty() && s.end_episode_step != 0) return bad("end_state: empty");
-  if (!s.end_state.empty() && fnv1a64(s.end_state) != s.end_hash) return bad("end_hash");
+  if (!s.end_state.empty() && hash_state(s.end_state) != s.end_hash) return bad("end_hash");
   if (config_.segment_crc && config_.segment_crc(s) != s.payload_crc32c) return bad("CRC");
   return {};
 }

@@ -1,11 +1,11 @@
 #include "report/csv.h"
 
+#include <fmt/core.h>
+
 #include <charconv>
 #include <fstream>
 #include <iterator>
 #include <limits>
-
-#include <fmt/core.h>
 
 namespace omentum {
 
@@ -14,7 +14,8 @@ double parse_number(std::string_view text) {
   if (text == "false" || text == "no") return 0;
   double value = 0;
   const auto [end, code] = std::from_chars(text.data(), text.data() + text.size(), value);
-  if (code != std::errc() || end != text.data() + text.size()) return std::numeric_limits<double>::quiet_NaN();
+  if (code != std::errc() || end != text.data() + text.size())
+    return std::numeric_limits<double>::quiet_NaN();
   return value;
 }
 

@@ -10,11 +10,12 @@
 
 namespace omentum {
 
-/// A CSV file with a header line: columns of text. Quoted fields may hold commas, quotes and line ends.
+/// A CSV file with a header line: columns of text. Quoted fields may hold commas, quotes and line
+/// ends.
 struct CsvTable {
   std::vector<std::string> columns;
   std::vector<std::vector<std::string>> rows;  ///< each as long as `columns`
-  std::size_t dropped = 0;                     ///< rows of another length: a writer was stopped in the middle
+  std::size_t dropped = 0;  ///< rows of another length: a writer was stopped in the middle
 
   std::optional<std::size_t> column(std::string_view name) const;
   /// Numbers of a column; NaN for what is not a number. Empty if there is no such column.

@@ -1,13 +1,13 @@
 #include "report/episodes.h"
 
+#include <fmt/core.h>
+
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <limits>
 #include <numbers>
 #include <span>
-
-#include <Eigen/Geometry>
-#include <fmt/core.h>
 
 #include "report/plot.h"
 #include "report/replay3d.h"
@@ -18,8 +18,9 @@ namespace {
 
 constexpr int kPictureWidth = 560;
 constexpr int kPictureHeight = 420;
-constexpr double kPictureFov = 0.52;  // [rad] the endoscope's place, closer view than its 60 deg
-constexpr double kOpenJaw = 0.9;      // [rad] drawn opening of an open jaw; a closed one is drawn at 0.05
+constexpr double kPictureFov = 0.60;  // [rad] the endoscope's place, closer view than its 60 deg
+constexpr double kOpenJaw =
+    0.9;  // [rad] drawn opening of an open jaw; a closed one is drawn at 0.05
 
 struct Candidate {
   std::string set, path;
@@ -38,9 +39,13 @@ std::vector<Candidate> candidates_of(const RunFolder& run) {
   // A greedy grid is what the report is about; other sets only where there is none.
   const bool any_greedy = std::any_of(candidates.begin(), candidates.end(),
                                       [](const Candidate& c) { return c.set == "grid100_greedy"; });
-  if (any_greedy) std::erase_if(candidates, [](const Candidate& c) { return c.set != "grid100_greedy"; });
-  const auto rank = [](const Candidate& c) { return std::isfinite(c.start.exposure) ? c.start.exposure : -1.0; };
-  std::stable_sort(candidates.begin(), candidates.end(), [&](const Candidate& a, const Candidate& b) { return rank(a) > rank(b); });
+  if (any_greedy)
+    std::erase_if(candidates, [](const Candidate& c) { return c.set != "grid100_greedy"; });
+  const auto rank = [](const Candidate& c) {
+    return std::isfinite(c.start.exposure) ? c.start.exposure : -1.0;
+  };
+  std::stable_sort(candidates.begin(), candidates.end(),
+                   [&](const Candidate& a, const Candidate& b) { return rank(a) > rank(b); });
   return candidates;
 }
 
@@ -48,22 +53,25 @@ bool held_at(const RolloutSegment& segment, std::size_t step) {
   return step < segment.flags.size() && (segment.flags[step] & step_flag::kHeld) != 0;
 }
 
-/// Step index that exists for a frame recorded before `step`; the last frame may lie behind the last step.
+/// Step index that exists for a frame recorded before `step`; the last frame may lie behind the
+/// last step.
 std::size_t step_of(const EpisodeRecording& recording, std::size_t frame) {
   const std::uint32_t steps = recording.segment.steps;
   return std::min(recording.frame_steps[frame], steps > 0 ? steps - 1 : 0U);
 }
 
-std::string draw_picture(Camera& camera, const CameraPose& pose, const Scene& scene, const EpisodeRecording& recording,
-                         std::size_t frame) {
+std::string draw_picture(Camera& camera, const CameraPose& pose, const Scene& scene,
+                         const EpisodeRecording& recording, std::size_t frame) {
   const std::size_t width = std::size_t{3} * recording.context.particles;
   CameraFrame picture;
-  picture.tissue_vertices_W = std::span(recording.segment.frame_positions_in_world_m).subspan(frame * width, width);
+  picture.tissue_vertices_W =
+      std::span(recording.segment.frame_positions_in_world_m).subspan(frame * width, width);
   const std::size_t step = step_of(recording, frame);
   const std::vector<float>& tools = recording.segment.tool_positions_in_world_m;
   if (3 * step + 2 < tools.size()) {
     ToolPose tool;
-    tool.p_WT = Eigen::Vector3f(tools[3 * step], tools[3 * step + 1], tools[3 * step + 2]).cast<double>();
+    tool.p_WT =
+        Eigen::Vector3f(tools[3 * step], tools[3 * step + 1], tools[3 * step + 2]).cast<double>();
     tool.roll_rad = scene.config.tool().roll_deg() * std::numbers::pi / 180;
     tool.jaw_rad = held_at(recording.segment, step) ? 0.05 : kOpenJaw;
     picture.tool = tool;
@@ -71,8 +79,8 @@ std::string draw_picture(Camera& camera, const CameraPose& pose, const Scene& sc
   return base64(encode_png(camera.draw_shaded(picture, pose)));
 }
 
-std::string picture_row(Camera& camera, const CameraPose& pose, const Scene& scene, const ShownEpisode& episode,
-                        const std::string& title) {
+std::string picture_row(Camera& camera, const CameraPose& pose, const Scene& scene,
+                        const ShownEpisode& episode, const std::string& title) {
   const EpisodeRecording& recording = episode.recording;
   const std::size_t last = recording.frame_steps.size() - 1;
   const std::optional<std::size_t> grasp = grasp_frame(recording);
@@ -81,24 +89,32 @@ std::string picture_row(Camera& camera, const CameraPose& pose, const Scene& sce
     std::string caption;
   };
   const std::vector<Shot> shots = {
-      {0, "start"}, {grasp.value_or(last / 2), grasp ? "grasp" : "half-way: nothing is held"}, {last, "end"}};
+      {0, "start"},
+      {grasp.value_or(last / 2), grasp ? "grasp" : "half-way: nothing is held"},
+      {last, "end"}};
   std::string html = fmt::format("<div class=\"episode\"><h3>{}</h3>\n<div class=\"pictures\">\n",
                                  escape_html(title + " - " + episode.label()));
   for (const Shot& shot : shots) {
     const std::size_t step = step_of(recording, shot.frame);
-    const double exposure = step < recording.segment.exposures.size() ? static_cast<double>(recording.segment.exposures[step])
-                                                                      : std::numeric_limits<double>::quiet_NaN();
-    html += fmt::format("<figure><img alt=\"{0}\" width=\"{1}\" height=\"{2}\" src=\"data:image/png;base64,{3}\"><figcaption>{0}, {4:.1f} s{5}</figcaption></figure>\n",
-                        escape_html(shot.caption), kPictureWidth, kPictureHeight, draw_picture(camera, pose, scene, recording, shot.frame),
-                        recording.frame_steps[shot.frame] * recording.context.control_period,
-                        std::isfinite(exposure) ? fmt::format(", exposure {:.0f} %", 100 * exposure) : "");
+    const double exposure = step < recording.segment.exposures.size()
+                                ? static_cast<double>(recording.segment.exposures[step])
+                                : std::numeric_limits<double>::quiet_NaN();
+    html += fmt::format(
+        "<figure><img alt=\"{0}\" width=\"{1}\" height=\"{2}\" "
+        "src=\"data:image/png;base64,{3}\"><figcaption>{0}, {4:.1f} s{5}</figcaption></figure>\n",
+        escape_html(shot.caption), kPictureWidth, kPictureHeight,
+        draw_picture(camera, pose, scene, recording, shot.frame),
+        recording.frame_steps[shot.frame] * recording.context.control_period,
+        std::isfinite(exposure) ? fmt::format(", exposure {:.0f} %", 100 * exposure) : "");
   }
   return html + "</div></div>\n";
 }
 
 bool has_pictures(const Scene& scene, const ShownEpisode& episode) {
-  const std::size_t vertices = scene.tissue.surface_is_particles ? scene.tissue.particles.size() : 0;
-  return !episode.recording.frame_steps.empty() && episode.recording.context.particles == vertices && vertices > 0;
+  const std::size_t vertices =
+      scene.tissue.surface_is_particles ? scene.tissue.particles.size() : 0;
+  return !episode.recording.frame_steps.empty() &&
+         episode.recording.context.particles == vertices && vertices > 0;
 }
 
 std::string exposure_curves(const std::vector<ShownEpisode>& episodes) {
@@ -119,15 +135,25 @@ std::string exposure_curves(const std::vector<ShownEpisode>& episodes) {
     if (!series.x.empty()) chart.series.push_back(std::move(series));
   };
   for (std::size_t k = 1; k + 1 < episodes.size(); ++k) add(episodes[k], episodes[k].label(), 0);
-  if (episodes.size() > 1) add(episodes.back(), fmt::format("worst, start ({}, {})", episodes.back().start.row, episodes.back().start.column), 2);
-  if (!episodes.empty()) add(episodes.front(), fmt::format("best, start ({}, {})", episodes.front().start.row, episodes.front().start.column), 1);
-  return chart.series.empty() ? "" : "<div class=\"card\">" + draw_line_chart(chart) + "</div>\n";
+  if (episodes.size() > 1)
+    add(episodes.back(),
+        fmt::format("worst, start ({}, {})", episodes.back().start.row,
+                    episodes.back().start.column),
+        2);
+  if (!episodes.empty())
+    add(episodes.front(),
+        fmt::format("best, start ({}, {})", episodes.front().start.row,
+                    episodes.front().start.column),
+        1);
+  return chart.series.empty() ? ""
+                              : "<div class=\"card half\">" + draw_line_chart(chart) + "</div>\n";
 }
 
 }  // namespace
 
 std::string ShownEpisode::label() const {
-  return fmt::format("start ({}, {}): exposure {:.0f} %", start.row, start.column, 100 * start.exposure);
+  return fmt::format("start ({}, {}): exposure {:.0f} %", start.row, start.column,
+                     100 * start.exposure);
 }
 
 std::optional<std::size_t> grasp_frame(const EpisodeRecording& recording) {
@@ -137,20 +163,23 @@ std::optional<std::size_t> grasp_frame(const EpisodeRecording& recording) {
   return std::nullopt;
 }
 
-std::vector<ShownEpisode> choose_episodes(const std::vector<RunFolder>& runs, std::size_t limit, std::vector<std::string>& warnings) {
+std::vector<ShownEpisode> choose_episodes(const std::vector<RunFolder>& runs, std::size_t limit,
+                                          std::vector<std::string>& warnings) {
   std::vector<ShownEpisode> episodes;
   for (const RunFolder& run : runs) {
     const std::vector<Candidate> candidates = candidates_of(run);
     const std::size_t wanted = std::min(limit, candidates.size());
     for (std::size_t k = 0; k < wanted; ++k) {
       // Evenly through the ranking, best and worst included.
-      const Candidate& candidate = candidates[wanted > 1 ? k * (candidates.size() - 1) / (wanted - 1) : 0];
+      const Candidate& candidate =
+          candidates[wanted > 1 ? k * (candidates.size() - 1) / (wanted - 1) : 0];
       Result<EpisodeRecording> recording = load_episode(candidate.path);
       if (!recording) {
         warnings.push_back(recording.error());
         continue;
       }
-      for (const std::string& problem : recording.value().problems) warnings.push_back(candidate.path + ": " + problem);
+      for (const std::string& problem : recording.value().problems)
+        warnings.push_back(candidate.path + ": " + problem);
       episodes.push_back({candidate.set, candidate.start, std::move(recording).value()});
     }
     if (!episodes.empty()) break;
@@ -159,15 +188,20 @@ std::vector<ShownEpisode> choose_episodes(const std::vector<RunFolder>& runs, st
 }
 
 Section make_episode_section(const std::vector<ShownEpisode>& episodes, const Scene* scene) {
-  Section section{"episodes", "Episodes", "Recorded episodes of the evaluation, drawn from their frames by the simulated endoscope, closer than its own view.", ""};
+  Section section{"episodes", "Episodes",
+                  "Recorded episodes of the evaluation, drawn from their frames by the simulated "
+                  "endoscope, closer than its own view.",
+                  ""};
   if (episodes.empty()) {
     section.content = "<p class=\"missing\">No recordings.</p>\n";
     return section;
   }
   if (scene != nullptr && has_pictures(*scene, episodes.front())) {
     Camera camera(*scene, kPictureWidth, kPictureHeight);
-    const Eigen::Vector3d middle = scene->tissue.X_WB.translation() + Eigen::Vector3d(0.012, -0.006, 0.018);
-    const CameraPose pose = look_at(scene->camera.position, middle, scene->camera.R_WC.col(1), kPictureFov);
+    const Eigen::Vector3d middle =
+        scene->tissue.X_WB.translation() + Eigen::Vector3d(0.010, -0.002, 0.012);
+    const CameraPose pose =
+        look_at(scene->camera.position, middle, scene->camera.R_WC.col(1), kPictureFov);
     section.content += picture_row(camera, pose, *scene, episodes.front(), "Best");
     if (episodes.size() > 1 && has_pictures(*scene, episodes.back())) {
       section.content += picture_row(camera, pose, *scene, episodes.back(), "Worst");
@@ -178,16 +212,23 @@ Section make_episode_section(const std::vector<ShownEpisode>& episodes, const Sc
 }
 
 Section make_replay_section(const std::vector<ShownEpisode>& episodes, const Scene* scene) {
-  Section section{"replay", "Replay", "The best and the worst recorded episode side by side; others can be chosen. Simulated positions, not an animation.", ""};
+  Section section{"replay", "Replay",
+                  "The best and the worst recorded episode side by side; others can be chosen. "
+                  "Simulated positions, not an animation.",
+                  ""};
   if (scene == nullptr || episodes.empty()) {
-    section.content = "<p class=\"missing\">No recordings, or no configuration to draw the scene from.</p>\n";
+    section.content =
+        "<p class=\"missing\">No recordings, or no configuration to draw the scene from.</p>\n";
     return section;
   }
-  std::vector<ReplayEpisode> shown{{"best, " + episodes.front().label(), &episodes.front().recording}};
-  if (episodes.size() > 1) shown.push_back({"worst, " + episodes.back().label(), &episodes.back().recording});
+  std::vector<ReplayEpisode> shown{
+      {"best, " + episodes.front().label(), &episodes.front().recording}};
+  if (episodes.size() > 1)
+    shown.push_back({"worst, " + episodes.back().label(), &episodes.back().recording});
   // Two more from the middle: each costs up to 0.9 MB of the page.
   for (const std::size_t k : {episodes.size() / 3, 2 * episodes.size() / 3}) {
-    if (k > 0 && k + 1 < episodes.size()) shown.push_back({episodes[k].label(), &episodes[k].recording});
+    if (k > 0 && k + 1 < episodes.size())
+      shown.push_back({episodes[k].label(), &episodes[k].recording});
   }
   section.content = make_replay_markup(*scene, shown);
   return section;

@@ -19,13 +19,14 @@ struct ShownEpisode {
   std::string label() const;  ///< "start (8, 6): exposure 71 %"
 };
 
-/// The recordings of the report, best first: of the first run that has any, at most `limit`, among them the best and
-/// the worst by exposure at the end (greedy grid first). Unreadable ones become a line in `warnings`.
+/// The recordings of the report, best first: of the first run that has any, at most `limit`, among
+/// them the best and the worst by exposure at the end (greedy grid first). Unreadable ones become a
+/// line in `warnings`.
 std::vector<ShownEpisode> choose_episodes(const std::vector<RunFolder>& runs, std::size_t limit,
                                           std::vector<std::string>& warnings);
 
-/// Pictures of the best and the worst episode (start, grasp, end of hold), exposure curves of all, and the replay.
-/// Without a scene there are curves only.
+/// Pictures of the best and the worst episode (start, grasp, end of hold), exposure curves of all,
+/// and the replay. Without a scene there are curves only.
 Section make_episode_section(const std::vector<ShownEpisode>& episodes, const Scene* scene);
 Section make_replay_section(const std::vector<ShownEpisode>& episodes, const Scene* scene);
 

@@ -1,8 +1,8 @@
 #include "report/html.h"
 
-#include <cstdint>
-
 #include <fmt/core.h>
+
+#include <cstdint>
 
 namespace omentum {
 namespace {
@@ -44,10 +44,12 @@ h3 { font-size: 15px; margin: 0 0 8px; font-weight: 640; }
 .tile .value { font-size: 27px; font-weight: 640; letter-spacing: -0.02em; font-variant-numeric: tabular-nums; line-height: 1.2; }
 .tile .name { font-size: 13.5px; }
 .tile .note { font-size: 12.5px; color: var(--muted); }
+.row + h3 { margin-top: 28px; }
 .row { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 460px), 1fr)); gap: 20px; align-items: start; }
+.card.half { max-width: 640px; }
 .card { background: var(--card); border: 1px solid var(--rule); border-radius: 10px; padding: 18px 20px; box-shadow: var(--shadow); min-width: 0; }
 .missing { color: var(--muted); border: 1px dashed var(--rule); border-radius: 10px; padding: 14px 18px; font-size: 14.5px; }
-svg.plot { display: block; width: 100%; height: auto; max-height: 640px; font-family: inherit; }
+svg.plot { display: block; width: 100%; height: auto; font-family: inherit; }
 svg .title { font-size: 15px; font-weight: 640; fill: var(--ink); }
 svg .label, svg .note { font-size: 12px; fill: var(--muted); }
 svg .tick { font-size: 11.5px; fill: var(--muted); font-variant-numeric: tabular-nums; }
@@ -67,7 +69,7 @@ svg .best { fill: none; stroke: var(--mark); stroke-width: 2.5; }
 svg .bestnote { font-size: 13px; font-weight: 640; fill: var(--mark); paint-order: stroke; stroke: var(--card); stroke-width: 4px; stroke-linejoin: round; }
 .pictures { display: grid; grid-template-columns: repeat(3, 1fr); gap: 10px; }
 .pictures figure { margin: 0; }
-.pictures img { width: 100%; display: block; border-radius: 8px; background: #0e1013; }
+.pictures img { width: 100%; height: auto; display: block; border-radius: 8px; background: #0e1013; }
 .pictures figcaption { font-size: 13px; color: var(--muted); padding: 6px 2px 0; }
 .episode { margin: 0 0 26px; }
 table { border-collapse: collapse; width: 100%; font-size: 14.5px; }
@@ -128,7 +130,8 @@ std::string escape_html(std::string_view text) {
 }
 
 std::string base64(std::string_view bytes) {
-  constexpr std::string_view kAlphabet = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+  constexpr std::string_view kAlphabet =
+      "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
   std::string out;
   out.reserve((bytes.size() + 2) / 3 * 4);
   for (std::size_t k = 0; k < bytes.size(); k += 3) {
@@ -146,13 +149,16 @@ std::string base64(std::string_view bytes) {
 std::string make_tiles(const std::vector<Tile>& tiles) {
   std::string html = "<div class=\"tiles\">\n";
   for (const Tile& tile : tiles) {
-    html += fmt::format("<div class=\"tile\"><div class=\"value\">{}</div><div class=\"name\">{}</div><div class=\"note\">{}</div></div>\n",
-                        escape_html(tile.value), escape_html(tile.label), escape_html(tile.note));
+    html += fmt::format(
+        "<div class=\"tile\"><div class=\"value\">{}</div><div class=\"name\">{}</div><div "
+        "class=\"note\">{}</div></div>\n",
+        escape_html(tile.value), escape_html(tile.label), escape_html(tile.note));
   }
   return html + "</div>\n";
 }
 
-std::string make_table(const std::vector<std::vector<std::string>>& rows, const std::vector<std::size_t>& numeric) {
+std::string make_table(const std::vector<std::vector<std::string>>& rows,
+                       const std::vector<std::size_t>& numeric) {
   std::string html = "<div class=\"scroll\"><table>\n";
   for (std::size_t r = 0; r < rows.size(); ++r) {
     const char* tag = r == 0 ? "th" : "td";
@@ -160,15 +166,17 @@ std::string make_table(const std::vector<std::vector<std::string>>& rows, const 
     for (std::size_t c = 0; c < rows[r].size(); ++c) {
       bool number = false;
       for (const std::size_t column : numeric) number = number || column == c;
-      html += fmt::format("<{0}{1}>{2}</{0}>", tag, number ? " class=\"number\"" : "", escape_html(rows[r][c]));
+      html += fmt::format("<{0}{1}>{2}</{0}>", tag, number ? " class=\"number\"" : "",
+                          escape_html(rows[r][c]));
     }
     html += "</tr>\n";
   }
   return html + "</table></div>\n";
 }
 
-std::string make_page(const std::string& title, const std::string& subtitle, const std::string& tiles,
-                      const std::vector<Section>& sections, const std::string& script) {
+std::string make_page(const std::string& title, const std::string& subtitle,
+                      const std::string& tiles, const std::vector<Section>& sections,
+                      const std::string& script) {
   std::string html = fmt::format(
       "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n"
       "<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n"
@@ -180,11 +188,15 @@ std::string make_page(const std::string& title, const std::string& subtitle, con
   }
   html += "</nav>\n</header>\n<main>\n";
   for (const Section& section : sections) {
-    html += fmt::format("<section id=\"{}\">\n<h2>{}</h2>\n", section.id, escape_html(section.title));
-    if (!section.lead.empty()) html += fmt::format("<p class=\"lead\">{}</p>\n", escape_html(section.lead));
+    html +=
+        fmt::format("<section id=\"{}\">\n<h2>{}</h2>\n", section.id, escape_html(section.title));
+    if (!section.lead.empty())
+      html += fmt::format("<p class=\"lead\">{}</p>\n", escape_html(section.lead));
     html += section.content + "</section>\n";
   }
-  html += "</main>\n<footer>Made by the program <code>report</code> of Omentum. This file is complete in itself: it loads nothing from anywhere.</footer>\n";
+  html +=
+      "</main>\n<footer>Made by the program <code>report</code> of Omentum. This file is complete "
+      "in itself: it loads nothing from anywhere.</footer>\n";
   if (!script.empty()) html += "<script>\n" + script + "</script>\n";
   return html + "</body>\n</html>\n";
 }

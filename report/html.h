@@ -19,8 +19,10 @@ struct Tile {
 };
 std::string make_tiles(const std::vector<Tile>& tiles);
 
-/// A table; cells are text, the first row is the head. Columns listed in `numeric` are right-aligned.
-std::string make_table(const std::vector<std::vector<std::string>>& rows, const std::vector<std::size_t>& numeric);
+/// A table; cells are text, the first row is the head. Columns listed in `numeric` are
+/// right-aligned.
+std::string make_table(const std::vector<std::vector<std::string>>& rows,
+                       const std::vector<std::size_t>& numeric);
 
 /// A section with an anchor; `content` is markup.
 struct Section {
@@ -29,7 +31,8 @@ struct Section {
 };
 
 /// The whole document: style, header, contents, sections, script. Refers to nothing outside itself.
-std::string make_page(const std::string& title, const std::string& subtitle, const std::string& tiles,
-                      const std::vector<Section>& sections, const std::string& script);
+std::string make_page(const std::string& title, const std::string& subtitle,
+                      const std::string& tiles, const std::vector<Section>& sections,
+                      const std::string& script);
 
 }  // namespace omentum

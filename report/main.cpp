@@ -1,14 +1,14 @@
 // Turns the folder of a run, or of several seeds, into one self-contained report.html.
 
+#include <fmt/core.h>
+
+#include <CLI/CLI.hpp>
 #include <cstdio>
 #include <filesystem>
 #include <fstream>
 #include <optional>
 #include <string>
 #include <vector>
-
-#include <CLI/CLI.hpp>
-#include <fmt/core.h>
 
 #include "core/check.h"
 #include "core/config.h"
@@ -49,17 +49,23 @@ void write_report(const std::vector<std::string>& folders, std::string output) {
   file << html;
   file.close();
   if (!file) throw_error("{}: cannot be written", output);
-  fmt::print("{}: {} run(s), {:.1f} MB\n", output, runs.size(), static_cast<double>(html.size()) / 1e6);
+  fmt::print("{}: {} run(s), {:.1f} MB\n", output, runs.size(),
+             static_cast<double>(html.size()) / 1e6);
 }
 
 }  // namespace
 
 int main(int count, char** arguments) {
-  CLI::App app("Writes report.html of a run: learning curves, exposure and grasp grids, pictures, 3-D replay.");
+  CLI::App app(
+      "Writes report.html of a run: learning curves, exposure and grasp grids, pictures, 3-D "
+      "replay.");
   std::vector<std::string> folders;
   std::string output;
-  app.add_option("runs", folders, "run folders, seeds of one experiment; or one folder that holds them")->required();
-  app.add_option("-o,--output", output, "file to write (default: report.html in the folder, or beside the folders)");
+  app.add_option("runs", folders,
+                 "run folders, seeds of one experiment; or one folder that holds them")
+      ->required();
+  app.add_option("-o,--output", output,
+                 "file to write (default: report.html in the folder, or beside the folders)");
   CLI11_PARSE(app, count, arguments);
   try {
     write_report(folders, output);

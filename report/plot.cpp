@@ -1,11 +1,11 @@
 #include "report/plot.h"
 
+#include <fmt/core.h>
+
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <limits>
-
-#include <fmt/core.h>
 
 #include "report/html.h"
 
@@ -14,23 +14,29 @@ namespace {
 
 /// A linear axis on paper.
 struct Axis {
-  double low = 0, high = 1;    // values
-  double start = 0, end = 1;   // paper
+  double low = 0, high = 1;   // values
+  double start = 0, end = 1;  // paper
   double at(double value) const { return start + (value - low) / (high - low) * (end - start); }
 };
 
 std::string svg_open(double width, double height, const std::string& title) {
-  return fmt::format("<svg class=\"plot\" viewBox=\"0 0 {:.0f} {:.0f}\" role=\"img\" aria-label=\"{}\">\n", width, height,
-                     escape_html(title));
+  // At most a little larger than drawn, so that letters have one size all over the page.
+  return fmt::format(
+      "<svg class=\"plot\" viewBox=\"0 0 {0:.0f} {1:.0f}\" style=\"max-width:{2:.0f}px\" "
+      "role=\"img\" aria-label=\"{3}\">\n",
+      width, height, 1.12 * width, escape_html(title));
 }
 
-std::string text_at(double x, double y, const std::string& style, const std::string& text, const char* anchor = "start") {
-  return fmt::format("<text x=\"{:.1f}\" y=\"{:.1f}\" class=\"{}\" text-anchor=\"{}\">{}</text>\n", x, y, style, anchor,
-                     escape_html(text));
+std::string text_at(double x, double y, const std::string& style, const std::string& text,
+                    const char* anchor = "start") {
+  return fmt::format("<text x=\"{:.1f}\" y=\"{:.1f}\" class=\"{}\" text-anchor=\"{}\">{}</text>\n",
+                     x, y, style, anchor, escape_html(text));
 }
 
 std::string line_at(double x1, double y1, double x2, double y2, const char* style) {
-  return fmt::format("<line x1=\"{:.1f}\" y1=\"{:.1f}\" x2=\"{:.1f}\" y2=\"{:.1f}\" class=\"{}\"/>\n", x1, y1, x2, y2, style);
+  return fmt::format(
+      "<line x1=\"{:.1f}\" y1=\"{:.1f}\" x2=\"{:.1f}\" y2=\"{:.1f}\" class=\"{}\"/>\n", x1, y1, x2,
+      y2, style);
 }
 
 std::pair<double, double> range_of(const std::vector<const std::vector<double>*>& lists) {
@@ -44,11 +50,14 @@ std::pair<double, double> range_of(const std::vector<const std::vector<double>*>
     }
   }
   if (!(high >= low)) return {0, 1};
-  if (high == low) return {low - 0.5 * std::max(1.0, std::abs(low)), high + 0.5 * std::max(1.0, std::abs(high))};
+  if (high == low)
+    return {low - 0.5 * std::max(1.0, std::abs(low)), high + 0.5 * std::max(1.0, std::abs(high))};
   return {low, high};
 }
 
-std::string series_class(int colour) { return colour == 0 ? "company" : fmt::format("series s{}", colour); }
+std::string series_class(int colour) {
+  return colour == 0 ? "company" : fmt::format("series s{}", colour);
+}
 
 std::string draw_series(const PlotSeries& series, const Axis& x, const Axis& y) {
   std::string svg;
@@ -56,20 +65,26 @@ std::string draw_series(const PlotSeries& series, const Axis& x, const Axis& y) 
   if (series.low.size() >= count && series.high.size() >= count && count > 1) {
     std::string path;
     for (std::size_t k = 0; k < count; ++k) {
-      path += fmt::format("{}{:.1f},{:.1f}", k == 0 ? "M" : "L", x.at(series.x[k]), y.at(series.high[k]));
+      path += fmt::format("{}{:.1f},{:.1f}", k == 0 ? "M" : "L", x.at(series.x[k]),
+                          y.at(series.high[k]));
     }
-    for (std::size_t k = count; k-- > 0;) path += fmt::format("L{:.1f},{:.1f}", x.at(series.x[k]), y.at(series.low[k]));
+    for (std::size_t k = count; k-- > 0;)
+      path += fmt::format("L{:.1f},{:.1f}", x.at(series.x[k]), y.at(series.low[k]));
     svg += fmt::format("<path d=\"{}Z\" class=\"band b{}\"/>\n", path, series.colour);
   }
   std::string path;
   bool pen_down = false;
   for (std::size_t k = 0; k < count; ++k) {
     const bool good = std::isfinite(series.x[k]) && std::isfinite(series.y[k]);
-    if (good) path += fmt::format("{}{:.1f},{:.1f}", pen_down ? "L" : "M", x.at(series.x[k]), y.at(series.y[k]));
+    if (good)
+      path += fmt::format("{}{:.1f},{:.1f}", pen_down ? "L" : "M", x.at(series.x[k]),
+                          y.at(series.y[k]));
     pen_down = good;
   }
-  const std::string name = series.name.empty() ? "" : "<title>" + escape_html(series.name) + "</title>";
-  return svg + fmt::format("<path d=\"{}\" class=\"{}\">{}</path>\n", path, series_class(series.colour), name);
+  const std::string name =
+      series.name.empty() ? "" : "<title>" + escape_html(series.name) + "</title>";
+  return svg + fmt::format("<path d=\"{}\" class=\"{}\">{}</path>\n", path,
+                           series_class(series.colour), name);
 }
 
 std::string draw_legend(const std::vector<PlotSeries>& all, double left, double top) {
@@ -77,24 +92,30 @@ std::string draw_legend(const std::vector<PlotSeries>& all, double left, double 
   double x = left;
   for (const PlotSeries& series : all) {
     if (series.name.empty() || series.colour == 0) continue;
-    svg += fmt::format("<line x1=\"{:.1f}\" y1=\"{:.1f}\" x2=\"{:.1f}\" y2=\"{:.1f}\" class=\"{}\"/>\n", x, top - 4, x + 18,
-                       top - 4, series_class(series.colour));
+    svg += fmt::format(
+        "<line x1=\"{:.1f}\" y1=\"{:.1f}\" x2=\"{:.1f}\" y2=\"{:.1f}\" class=\"{}\"/>\n", x,
+        top - 4, x + 18, top - 4, series_class(series.colour));
     svg += text_at(x + 24, top, "label", series.name);
-    x += 24 + 6.6 * static_cast<double>(series.name.size()) + 18;  // 6.6 px: mean width of a letter at 12 px
+    x += 24 + 6.6 * static_cast<double>(series.name.size()) +
+         18;  // 6.6 px: mean width of a letter at 12 px
   }
   return svg;
 }
 
 /// The colour bar of a sequential scale, `height` long, upright.
-std::string draw_scale(double x, double top, double height, double low, double high, const std::string& label) {
+std::string draw_scale(double x, double top, double height, double low, double high,
+                       const std::string& label) {
   std::string svg;
   constexpr int kSteps = 32;
   for (int k = 0; k < kSteps; ++k) {
-    svg += fmt::format("<rect x=\"{:.1f}\" y=\"{:.2f}\" width=\"10\" height=\"{:.2f}\" fill=\"{}\"/>\n", x,
-                       top + height * (1 - double(k + 1) / kSteps), height / kSteps + 0.6, scale_colour((k + 0.5) / kSteps));
+    svg += fmt::format(
+        "<rect x=\"{:.1f}\" y=\"{:.2f}\" width=\"10\" height=\"{:.2f}\" fill=\"{}\"/>\n", x,
+        top + height * (1 - double(k + 1) / kSteps), height / kSteps + 0.6,
+        scale_colour((k + 0.5) / kSteps));
   }
   for (const double share : {0.0, 0.5, 1.0}) {
-    svg += text_at(x + 15, top + height * (1 - share) + 4, "tick", short_number(low + share * (high - low)));
+    svg += text_at(x + 15, top + height * (1 - share) + 4, "tick",
+                   short_number(low + share * (high - low)));
   }
   return svg + text_at(x + 10, top - 10, "tick", label, "end");
 }
@@ -112,23 +133,27 @@ std::string draw_grid_frame(const std::string& title, int rows, int columns, con
   svg += text_at(middle, 38, "label", top, "middle");
   svg += text_at(middle, kGridTop + rows * kCell + 18, "label", bottom, "middle");
   for (int c = 0; c < columns; ++c) {
-    svg += text_at(kGridLeft + (c + 0.5) * kCell, kGridTop - 6, "tick", std::to_string(c + 1), "middle");
+    svg += text_at(kGridLeft + (c + 0.5) * kCell, kGridTop - 6, "tick", std::to_string(c + 1),
+                   "middle");
   }
   for (int r = 0; r < rows; ++r) {
-    svg += text_at(kGridLeft - 8, kGridTop + (r + 0.5) * kCell + 4, "tick", std::to_string(r + 1), "end");
+    svg += text_at(kGridLeft - 8, kGridTop + (r + 0.5) * kCell + 4, "tick", std::to_string(r + 1),
+                   "end");
   }
   return svg;
 }
 
-std::string draw_cell(int row, int column, const std::string& fill, const std::string& ink, const std::string& text,
-                      const std::string& hover) {
+std::string draw_cell(int row, int column, const std::string& fill, const std::string& ink,
+                      const std::string& text, const std::string& hover) {
   const double x = kGridLeft + column * kCell;
   const double y = kGridTop + row * kCell;
   return fmt::format(
-      "<g><title>{}</title><rect x=\"{:.1f}\" y=\"{:.1f}\" width=\"{:.1f}\" height=\"{:.1f}\" rx=\"3\" fill=\"{}\"/>"
-      "<text x=\"{:.1f}\" y=\"{:.1f}\" class=\"cell\" text-anchor=\"middle\" fill=\"{}\">{}</text></g>\n",
-      escape_html(hover), x, y, kCell - kCellGap, kCell - kCellGap, fill, x + (kCell - kCellGap) / 2,
-      y + kCell / 2 + 3.5, ink, escape_html(text));
+      "<g><title>{}</title><rect x=\"{:.1f}\" y=\"{:.1f}\" width=\"{:.1f}\" height=\"{:.1f}\" "
+      "rx=\"3\" fill=\"{}\"/>"
+      "<text x=\"{:.1f}\" y=\"{:.1f}\" class=\"cell\" text-anchor=\"middle\" "
+      "fill=\"{}\">{}</text></g>\n",
+      escape_html(hover), x, y, kCell - kCellGap, kCell - kCellGap, fill,
+      x + (kCell - kCellGap) / 2, y + kCell / 2 + 3.5, ink, escape_html(text));
 }
 
 }  // namespace
@@ -162,21 +187,24 @@ std::string short_number(double value) {
 }
 
 std::string scale_colour(double share) {
-  // Light sand through teal to deep blue-green: lightness falls steadily, so the scale survives grey printing.
+  // Light sand through teal to deep blue-green: lightness falls steadily, so the scale survives
+  // grey printing.
   constexpr std::array<std::array<double, 3>, 5> kStops = {
       {{244, 240, 228}, {193, 221, 196}, {116, 187, 171}, {45, 136, 145}, {14, 76, 99}}};
-  const double place = std::clamp(std::isfinite(share) ? share : 0.0, 0.0, 1.0) * (kStops.size() - 1);
+  const double place =
+      std::clamp(std::isfinite(share) ? share : 0.0, 0.0, 1.0) * (kStops.size() - 1);
   const auto k = std::min(kStops.size() - 2, static_cast<std::size_t>(place));
   const double t = place - static_cast<double>(k);
   std::array<int, 3> rgb{};
-  for (std::size_t c = 0; c < 3; ++c) rgb[c] = static_cast<int>(std::lround(kStops[k][c] + t * (kStops[k + 1][c] - kStops[k][c])));
+  for (std::size_t c = 0; c < 3; ++c)
+    rgb[c] = static_cast<int>(std::lround(kStops[k][c] + t * (kStops[k + 1][c] - kStops[k][c])));
   return fmt::format("#{:02x}{:02x}{:02x}", rgb[0], rgb[1], rgb[2]);
 }
 
 std::string scale_ink(double share) { return share > 0.58 ? "#ffffff" : "#1d2a2e"; }
 
 std::string draw_line_chart(const LineChart& chart) {
-  constexpr double kWidth = 640, kHeight = 340;
+  constexpr double kWidth = 520, kHeight = 310;
   std::vector<const std::vector<double>*> xs, ys;
   for (const PlotSeries& series : chart.series) {
     xs.push_back(&series.x);
@@ -198,23 +226,29 @@ std::string draw_line_chart(const LineChart& chart) {
   svg += draw_legend(chart.series, x.start, 40);
   for (const double tick : y_ticks) {
     svg += line_at(x.start, y.at(tick), x.end, y.at(tick), "grid");
-    svg += text_at(x.start - 8, y.at(tick) + 4, "tick", chart.percent ? fmt::format("{:.3g} %", 100 * tick) : short_number(tick), "end");
+    svg += text_at(x.start - 8, y.at(tick) + 4, "tick",
+                   chart.percent ? fmt::format("{:.3g} %", 100 * tick) : short_number(tick), "end");
   }
-  for (const double tick : make_ticks(x_low, x_high, 6)) {
+  for (const double tick : make_ticks(x_low, x_high, 5)) {
     svg += line_at(x.at(tick), y.start, x.at(tick), y.start + 4, "axis");
     svg += text_at(x.at(tick), y.start + 18, "tick", short_number(tick), "middle");
   }
+  double note_y = y.end + 11;
   for (const PlotMilestone& milestone : chart.milestones) {
     if (milestone.x < x_low || milestone.x > x_high) continue;
     svg += line_at(x.at(milestone.x), y.start, x.at(milestone.x), y.end, "milestone");
     const bool left = x.at(milestone.x) > 0.8 * x.end;
-    svg += text_at(x.at(milestone.x) + (left ? -5 : 5), y.end + 11, "note", milestone.label, left ? "end" : "start");
+    svg += text_at(x.at(milestone.x) + (left ? -5 : 5), note_y, "note", milestone.label,
+                   left ? "end" : "start");
+    note_y = note_y > y.end + 20 ? y.end + 11 : note_y + 15;  // neighbours on two lines
   }
   svg += line_at(x.start, y.start, x.end, y.start, "axis");
   for (const PlotSeries& series : chart.series) svg += draw_series(series, x, y);
   svg += text_at((x.start + x.end) / 2, kHeight - 10, "label", chart.x_label, "middle");
-  svg += fmt::format("<text class=\"label\" text-anchor=\"middle\" transform=\"translate(12 {:.1f}) rotate(-90)\">{}</text>\n",
-                     (y.start + y.end) / 2, escape_html(chart.y_label));
+  svg += fmt::format(
+      "<text class=\"label\" text-anchor=\"middle\" transform=\"translate(12 {:.1f}) "
+      "rotate(-90)\">{}</text>\n",
+      (y.start + y.end) / 2, escape_html(chart.y_label));
   return svg + "</svg>\n";
 }
 
@@ -231,24 +265,29 @@ std::string draw_heat_map(const HeatMap& map) {
         continue;
       }
       const double share = (map.value[k] - map.low) / std::max(1e-12, map.high - map.low);
-      svg += draw_cell(r, c, scale_colour(share), scale_ink(share), k < map.text.size() ? map.text[k] : "",
+      svg += draw_cell(r, c, scale_colour(share), scale_ink(share),
+                       k < map.text.size() ? map.text[k] : "",
                        k < map.hover.size() ? map.hover[k] : "");
     }
   }
   for (const auto& [cell, note] : map.marks) {
     const double x = kGridLeft + cell % map.columns * kCell;
     const double y = kGridTop + cell / map.columns * kCell;
-    svg += fmt::format("<rect x=\"{:.1f}\" y=\"{:.1f}\" width=\"{:.1f}\" height=\"{:.1f}\" rx=\"4\" class=\"mark\"><title>{}</title></rect>\n",
-                       x - 1, y - 1, kCell, kCell, escape_html(note));
+    svg += fmt::format(
+        "<rect x=\"{:.1f}\" y=\"{:.1f}\" width=\"{:.1f}\" height=\"{:.1f}\" rx=\"4\" "
+        "class=\"mark\"><title>{}</title></rect>\n",
+        x - 1, y - 1, kCell, kCell, escape_html(note));
   }
-  svg += draw_scale(kGridLeft + map.columns * kCell + 14, kGridTop, map.rows * kCell - kCellGap, map.low, map.high, map.scale_label);
+  svg += draw_scale(kGridLeft + map.columns * kCell + 14, kGridTop, map.rows * kCell - kCellGap,
+                    map.low, map.high, map.scale_label);
   return svg + "</svg>\n";
 }
 
 std::string draw_category_map(const CategoryMap& map) {
   const double width = std::max(kGridLeft + map.columns * kCell + 10, 330.0);
   const double legend_top = kGridTop + map.rows * kCell + 44;
-  std::string svg = svg_open(width, legend_top + 22.0 * static_cast<double>(map.kinds.size()), map.title);
+  std::string svg =
+      svg_open(width, legend_top + 22.0 * static_cast<double>(map.kinds.size()), map.title);
   svg += draw_grid_frame(map.title, map.rows, map.columns, map.caption_top, map.caption_bottom);
   std::vector<int> counts(map.kinds.size(), 0);
   for (int r = 0; r < map.rows; ++r) {
@@ -261,13 +300,15 @@ std::string draw_category_map(const CategoryMap& map) {
       }
       const CategoryMap::Kind& shown = map.kinds[static_cast<std::size_t>(kind)];
       ++counts[static_cast<std::size_t>(kind)];
-      svg += draw_cell(r, c, shown.colour, shown.ink, shown.sign, k < map.hover.size() ? map.hover[k] : shown.name);
+      svg += draw_cell(r, c, shown.colour, shown.ink, shown.sign,
+                       k < map.hover.size() ? map.hover[k] : shown.name);
     }
   }
   for (std::size_t k = 0; k < map.kinds.size(); ++k) {
     const double y = legend_top + 22.0 * static_cast<double>(k);
-    svg += fmt::format("<rect x=\"{:.1f}\" y=\"{:.1f}\" width=\"14\" height=\"14\" rx=\"3\" fill=\"{}\"/>\n", kGridLeft, y - 11,
-                       map.kinds[k].colour);
+    svg += fmt::format(
+        "<rect x=\"{:.1f}\" y=\"{:.1f}\" width=\"14\" height=\"14\" rx=\"3\" fill=\"{}\"/>\n",
+        kGridLeft, y - 11, map.kinds[k].colour);
     svg += text_at(kGridLeft + 22, y, "label", fmt::format("{}: {}", map.kinds[k].name, counts[k]));
   }
   return svg + "</svg>\n";
@@ -278,7 +319,8 @@ std::string draw_plane_map(const PlaneMap& map) {
   auto [x_low, x_high] = range_of({&map.x});
   auto [y_low, y_high] = range_of({&map.y});
   const double half = map.cell / 2;
-  const double span = std::max(x_high - x_low, y_high - y_low) + map.cell;  // one scale for both axes
+  const double span =
+      std::max(x_high - x_low, y_high - y_low) + map.cell;  // one scale for both axes
   const double side = 380;
   const Axis x{x_low - half, x_low - half + span, 56, 56 + side};
   const Axis y = map.y_down ? Axis{y_low - half, y_low - half + span, 50, 50 + side}
@@ -287,10 +329,12 @@ std::string draw_plane_map(const PlaneMap& map) {
   const double edge = map.cell / span * side;
   for (std::size_t k = 0; k < map.value.size(); ++k) {
     const double share = (map.value[k] - map.low) / std::max(1e-12, map.high - map.low);
-    svg += fmt::format("<rect x=\"{:.1f}\" y=\"{:.1f}\" width=\"{:.2f}\" height=\"{:.2f}\" fill=\"{}\"><title>{}</title></rect>\n",
-                       x.at(map.x[k]) - edge / 2, y.at(map.y[k]) - edge / 2, edge - 0.6, edge - 0.6,
-                       std::isfinite(map.value[k]) ? scale_colour(share) : "var(--empty)",
-                       fmt::format("x {:.1f}, y {:.1f}: {:.1f} %", map.x[k], map.y[k], 100 * map.value[k]));
+    svg += fmt::format(
+        "<rect x=\"{:.1f}\" y=\"{:.1f}\" width=\"{:.2f}\" height=\"{:.2f}\" "
+        "fill=\"{}\"><title>{}</title></rect>\n",
+        x.at(map.x[k]) - edge / 2, y.at(map.y[k]) - edge / 2, edge - 0.6, edge - 0.6,
+        std::isfinite(map.value[k]) ? scale_colour(share) : "var(--empty)",
+        fmt::format("x {:.1f}, y {:.1f}: {:.1f} %", map.x[k], map.y[k], 100 * map.value[k]));
   }
   for (const double tick : make_ticks(x.low, x_high + half, 6)) {
     svg += text_at(x.at(tick), 50 + side + 16, "tick", short_number(tick), "middle");
@@ -303,11 +347,14 @@ std::string draw_plane_map(const PlaneMap& map) {
     const double by = y.at(map.y[*map.best]);
     svg += fmt::format("<circle cx=\"{:.1f}\" cy=\"{:.1f}\" r=\"9\" class=\"best\"/>\n", bx, by);
     const bool left = bx > x.start + 0.6 * side;
-    svg += text_at(bx + (left ? -14 : 14), by - 10, "bestnote", map.best_label, left ? "end" : "start");
+    svg += text_at(bx + (left ? -14 : 14), by - 10, "bestnote", map.best_label,
+                   left ? "end" : "start");
   }
   svg += text_at(x.start + side / 2, 50 + side + 38, "label", map.x_label, "middle");
-  svg += fmt::format("<text class=\"label\" text-anchor=\"middle\" transform=\"translate(12 {:.1f}) rotate(-90)\">{}</text>\n",
-                     50 + side / 2, escape_html(map.y_label));
+  svg += fmt::format(
+      "<text class=\"label\" text-anchor=\"middle\" transform=\"translate(12 {:.1f}) "
+      "rotate(-90)\">{}</text>\n",
+      50 + side / 2, escape_html(map.y_label));
   svg += draw_scale(56 + side + 16, 50, side, map.low, map.high, map.scale_label);
   return svg + "</svg>\n";
 }

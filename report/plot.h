@@ -5,17 +5,18 @@
 #include <utility>
 #include <vector>
 
-// Plots as inline SVG, written by our own code: no script, no font, no network. Colours are CSS variables of the page
-// (report/html.cpp), so plots follow its light and dark design. Every function returns one <svg> element that scales to
-// the width of its column. Values may be NaN: a gap in a line, an empty cell in a grid.
+// Plots as inline SVG, written by our own code: no script, no font, no network. Colours are CSS
+// variables of the page (report/html.cpp), so plots follow its light and dark design. Every
+// function returns one <svg> element that scales to the width of its column. Values may be NaN: a
+// gap in a line, an empty cell in a grid.
 
 namespace omentum {
 
 struct PlotSeries {
-  std::string name;                ///< in the legend; empty = not listed
+  std::string name;  ///< in the legend; empty = not listed
   std::vector<double> x, y;
-  std::vector<double> low, high;   ///< shaded range around y; empty = none
-  int colour = 1;                  ///< 1 .. 6, a series colour of the page; 0 = grey and thin, for company
+  std::vector<double> low, high;  ///< shaded range around y; empty = none
+  int colour = 1;  ///< 1 .. 6, a series colour of the page; 0 = grey and thin, for company
 };
 
 /// A value of x that deserves a dashed line with a note.
@@ -27,9 +28,9 @@ struct PlotMilestone {
 struct LineChart {
   std::string title, x_label, y_label;
   std::vector<PlotSeries> series;
-  std::vector<PlotMilestone> milestones;              ///< those outside the range are left out
-  std::optional<std::pair<double, double>> y_range;   ///< default: the values, rounded to ticks
-  bool percent = false;                               ///< y is a share; ticks in %
+  std::vector<PlotMilestone> milestones;             ///< those outside the range are left out
+  std::optional<std::pair<double, double>> y_range;  ///< default: the values, rounded to ticks
+  bool percent = false;                              ///< y is a share; ticks in %
 };
 std::string draw_line_chart(const LineChart& chart);
 
@@ -37,12 +38,13 @@ std::string draw_line_chart(const LineChart& chart);
 struct HeatMap {
   std::string title, caption_top, caption_bottom, column_label;
   int rows = 0, columns = 0;
-  std::vector<double> value;        ///< rows x columns, row by row; NaN = no such cell
-  std::vector<std::string> text;    ///< in the cell; empty = none
-  std::vector<std::string> hover;   ///< tool tip
-  double low = 0, high = 1;         ///< ends of the colour scale
-  std::string scale_label;          ///< beside the colour bar
-  std::vector<std::pair<int, std::string>> marks;  ///< cells to outline, with a note for the tool tip
+  std::vector<double> value;       ///< rows x columns, row by row; NaN = no such cell
+  std::vector<std::string> text;   ///< in the cell; empty = none
+  std::vector<std::string> hover;  ///< tool tip
+  double low = 0, high = 1;        ///< ends of the colour scale
+  std::string scale_label;         ///< beside the colour bar
+  std::vector<std::pair<int, std::string>>
+      marks;  ///< cells to outline, with a note for the tool tip
 };
 std::string draw_heat_map(const HeatMap& map);
 
@@ -55,7 +57,7 @@ struct CategoryMap {
   };
   std::string title, caption_top, caption_bottom;
   int rows = 0, columns = 0;
-  std::vector<int> kind;           ///< index into kinds, -1 = no such cell
+  std::vector<int> kind;  ///< index into kinds, -1 = no such cell
   std::vector<std::string> hover;
   std::vector<Kind> kinds;
 };
@@ -65,11 +67,11 @@ std::string draw_category_map(const CategoryMap& map);
 struct PlaneMap {
   std::string title, x_label, y_label, scale_label;
   std::vector<double> x, y, value;
-  double cell = 1;                 ///< edge of a square in the unit of x and y
+  double cell = 1;  ///< edge of a square in the unit of x and y
   double low = 0, high = 1;
   std::optional<std::size_t> best;
   std::string best_label;
-  bool y_down = false;             ///< y grows downwards
+  bool y_down = false;  ///< y grows downwards
 };
 std::string draw_plane_map(const PlaneMap& map);
 
@@ -79,7 +81,8 @@ std::vector<double> make_ticks(double low, double high, int wanted);
 /// 1500000 -> "1.5 M", 0.25 -> "0.25".
 std::string short_number(double value);
 
-/// Colour of a share in [0, 1] on the page's sequential scale, and a readable ink on it; as "#rrggbb".
+/// Colour of a share in [0, 1] on the page's sequential scale, and a readable ink on it; as
+/// "#rrggbb".
 std::string scale_colour(double share);
 std::string scale_ink(double share);
 

@@ -1,5 +1,8 @@
 #include "report/replay3d.h"
 
+#include <fmt/core.h>
+
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -9,16 +12,14 @@
 #include <numbers>
 #include <span>
 
-#include <Eigen/Geometry>
-#include <fmt/core.h>
-
 #include "report/html.h"
 
 namespace omentum {
 namespace {
 
 constexpr std::size_t kMaxFrames = 120;
-constexpr double kBoardHeight = -0.0005;  // [m] a little under z = 0, so that bodies standing on it do not flicker
+constexpr double kBoardHeight =
+    -0.0005;  // [m] a little under z = 0, so that bodies standing on it do not flicker
 
 const char* kind_of(pb::BodyRole role) {
   switch (role) {
@@ -80,7 +81,8 @@ std::string json_string(const std::string& text) {
 
 std::string json_triangles(const std::vector<Eigen::Vector3i>& triangles) {
   std::string out = "[";
-  for (const Eigen::Vector3i& t : triangles) out += fmt::format("{}{},{},{}", out.size() > 1 ? "," : "", t[0], t[1], t[2]);
+  for (const Eigen::Vector3i& t : triangles)
+    out += fmt::format("{}{},{},{}", out.size() > 1 ? "," : "", t[0], t[1], t[2]);
   return out + "]";
 }
 
@@ -150,24 +152,29 @@ EpisodeText episode_text(const ReplayEpisode& episode, std::size_t number, Quant
     times += fmt::format("{}{:.3f}", comma, step * episode.recording->context.control_period);
     const bool holding = at < segment.flags.size() && (segment.flags[at] & step_flag::kHeld) != 0;
     held += fmt::format("{}{}", comma, holding ? 1 : 0);
-    exposure += fmt::format("{}{:.4f}", comma, at < segment.exposures.size() ? segment.exposures[at] : 0.0F);
+    exposure += fmt::format("{}{:.4f}", comma,
+                            at < segment.exposures.size() ? segment.exposures[at] : 0.0F);
     quantiser.add(std::span(segment.frame_positions_in_world_m).subspan(frame * width, width));
   }
   const std::string positions = quantiser.take();
   for (const std::size_t frame : frames) {
-    const std::size_t at = std::min<std::size_t>(episode.recording->frame_steps[frame], segment.steps > 0 ? segment.steps - 1 : 0);
+    const std::size_t at = std::min<std::size_t>(episode.recording->frame_steps[frame],
+                                                 segment.steps > 0 ? segment.steps - 1 : 0);
     quantiser.add(std::span(segment.tool_positions_in_world_m).subspan(3 * at, 3));
   }
   EpisodeText text;
   const std::string block = fmt::format("replay-block-{}", number);
-  text.json = fmt::format("{{\"label\":{},\"block\":\"{}\",\"times\":[{}],\"held\":[{}],\"exposure\":[{}],\"tool_data\":\"{}\"}}",
-                          json_string(episode.label), block, times, held, exposure, quantiser.take());
+  text.json = fmt::format(
+      "{{\"label\":{},\"block\":\"{}\",\"times\":[{}],\"held\":[{}],\"exposure\":[{}],\"tool_"
+      "data\":\"{}\"}}",
+      json_string(episode.label), block, times, held, exposure, quantiser.take());
   text.block = fmt::format("<script type=\"text/plain\" id=\"{}\">{}</script>\n", block, positions);
   return text;
 }
 
 /// Everything that will be shown lies in this box [m, W].
-Eigen::AlignedBox3d extent_of(const std::vector<TriangleMesh>& meshes, const std::vector<ReplayEpisode>& episodes) {
+Eigen::AlignedBox3d extent_of(const std::vector<TriangleMesh>& meshes,
+                              const std::vector<ReplayEpisode>& episodes) {
   Eigen::AlignedBox3d box;
   for (const TriangleMesh& mesh : meshes) {
     for (const Eigen::Vector3d& p : mesh.vertices) box.extend(p);
@@ -188,8 +195,10 @@ Eigen::AlignedBox3d extent_of(const std::vector<TriangleMesh>& meshes, const std
 bool can_show(const Scene& scene, const ReplayEpisode& episode) {
   const EpisodeRecording& recording = *episode.recording;
   return !recording.frame_steps.empty() && recording.segment.steps > 0 &&
-         recording.segment.tool_positions_in_world_m.size() == std::size_t{3} * recording.segment.steps &&
-         scene.tissue.surface_is_particles && recording.context.particles == scene.tissue.particles.size();
+         recording.segment.tool_positions_in_world_m.size() ==
+             std::size_t{3} * recording.segment.steps &&
+         scene.tissue.surface_is_particles &&
+         recording.context.particles == scene.tissue.particles.size();
 }
 
 }  // namespace
@@ -199,7 +208,8 @@ std::string make_replay_markup(const Scene& scene, const std::vector<ReplayEpiso
   std::copy_if(all.begin(), all.end(), std::back_inserter(episodes),
                [&](const ReplayEpisode& episode) { return can_show(scene, episode); });
   if (episodes.empty() || scene.tissue.particles.size() > 65535) {
-    return "<p class=\"missing\">No recording with frames of this sheet: run the evaluation with recordings on.</p>\n";
+    return "<p class=\"missing\">No recording with frames of this sheet: run the evaluation with "
+           "recordings on.</p>\n";
   }
   std::vector<TriangleMesh> meshes{board_mesh(scene)};
   std::vector<std::string> kinds{"board"};
@@ -214,8 +224,9 @@ std::string make_replay_markup(const Scene& scene, const std::vector<ReplayEpiso
   std::string bodies;
   for (std::size_t k = 0; k < meshes.size(); ++k) {
     for (const Eigen::Vector3d& p : meshes[k].vertices) quantiser.add(p);
-    bodies += fmt::format("{}{{\"kind\":\"{}\",\"data\":\"{}\",\"triangles\":{}}}", k > 0 ? "," : "", kinds[k],
-                          quantiser.take(), json_triangles(meshes[k].triangles));
+    bodies +=
+        fmt::format("{}{{\"kind\":\"{}\",\"data\":\"{}\",\"triangles\":{}}}", k > 0 ? "," : "",
+                    kinds[k], quantiser.take(), json_triangles(meshes[k].triangles));
   }
   std::string json, blocks;
   for (std::size_t k = 0; k < episodes.size(); ++k) {
@@ -223,24 +234,31 @@ std::string make_replay_markup(const Scene& scene, const std::vector<ReplayEpiso
     json += (k > 0 ? "," : "") + text.json;
     blocks += text.block;
   }
-  const Eigen::Vector3d target = scene.tissue.X_WB.translation() + Eigen::Vector3d(0.012, -0.012, 0.012);
+  const Eigen::Vector3d target =
+      scene.tissue.X_WB.translation() + Eigen::Vector3d(0.012, -0.012, 0.012);
   const double roll = scene.config.tool().roll_deg() * std::numbers::pi / 180;
   std::string html = "<div class=\"replay\">\n";
   for (int pane = 0; pane < (episodes.size() > 1 ? 2 : 1); ++pane) {
-    html += "<div class=\"pane\"><canvas></canvas><div class=\"over\"><select aria-label=\"episode\"></select>"
-            "<span class=\"state\"></span></div></div>\n";
+    html +=
+        "<div class=\"pane\"><canvas></canvas><div class=\"over\"><select "
+        "aria-label=\"episode\"></select>"
+        "<span class=\"state\"></span></div></div>\n";
   }
-  html += "</div>\n<div class=\"controls\"><button id=\"replay-play\" type=\"button\">Play</button>"
-          "<input id=\"replay-time\" type=\"range\" min=\"0\" value=\"0\" aria-label=\"time\">"
-          "<span class=\"time\" id=\"replay-clock\"></span></div>\n"
-          "<p class=\"hint\">Drag to turn, wheel or pinch to zoom, double click to go back to the first view.</p>\n";
+  html +=
+      "</div>\n<div class=\"controls\"><button id=\"replay-play\" type=\"button\">Play</button>"
+      "<input id=\"replay-time\" type=\"range\" min=\"0\" value=\"0\" aria-label=\"time\">"
+      "<span class=\"time\" id=\"replay-clock\"></span></div>\n"
+      "<p class=\"hint\">Drag to turn, wheel or pinch to zoom, double click to go back to the "
+      "first view.</p>\n";
   html += fmt::format(
-      "<script type=\"application/json\" id=\"replay-data\">{{\"low\":[{},{},{}],\"high\":[{},{},{}],\"particles\":{},"
-      "\"triangles\":{},\"bodies\":[{}],\"episodes\":[{}],\"target\":[{},{},{}],\"yaw\":1.05,\"pitch\":0.52,"
+      "<script type=\"application/json\" "
+      "id=\"replay-data\">{{\"low\":[{},{},{}],\"high\":[{},{},{}],\"particles\":{},"
+      "\"triangles\":{},\"bodies\":[{}],\"episodes\":[{}],\"target\":[{},{},{}],\"yaw\":1.05,"
+      "\"pitch\":0.52,"
       "\"distance\":0.36,\"roll\":{},\"speed\":2}}</script>\n",
       box.min().x(), box.min().y(), box.min().z(), box.max().x(), box.max().y(), box.max().z(),
-      scene.tissue.particles.size(), json_triangles(scene.tissue.surface_triangles), bodies, json, target.x(), target.y(),
-      target.z(), roll);
+      scene.tissue.particles.size(), json_triangles(scene.tissue.surface_triangles), bodies, json,
+      target.x(), target.y(), target.z(), roll);
   return html + blocks;
 }
 

@@ -10,18 +10,19 @@ namespace omentum {
 
 /// An episode to show, with the words for its pane.
 struct ReplayEpisode {
-  std::string label;                    ///< e.g. "start (8, 6): exposure 71 %"
+  std::string label;  ///< e.g. "start (8, 6): exposure 71 %"
   const EpisodeRecording* recording = nullptr;
 };
 
-/// Markup of the 3-D replay: two panes side by side (the first two episodes; any can be chosen in each), one time
-/// slider for both, play and pause, orbit by drag, zoom by wheel or pinch. Positions are embedded as base64 int16 of
-/// 1/65535 of the scene's extent (about 5 um) and at most 120 frames per episode.
+/// Markup of the 3-D replay: two panes side by side (the first two episodes; any can be chosen in
+/// each), one time slider for both, play and pause, orbit by drag, zoom by wheel or pinch.
+/// Positions are embedded as base64 int16 of 1/65535 of the scene's extent (about 5 um) and at most
+/// 120 frames per episode.
 std::string make_replay_markup(const Scene& scene, const std::vector<ReplayEpisode>& episodes);
 
-/// The script behind it: plain JavaScript, WebGL with a 2-D canvas as fallback, no network. Opening the report with
-/// #selftest (or #selftest-2d for the fallback) moves the slider, compares the drawn pictures and writes
-/// "ok ..." or "failed ..." into data-selftest of the html element.
+/// The script behind it: plain JavaScript, WebGL with a 2-D canvas as fallback, no network. Opening
+/// the report with #selftest (or #selftest-2d for the fallback) moves the slider, compares the
+/// drawn pictures and writes "ok ..." or "failed ..." into data-selftest of the html element.
 std::string replay_script();
 
 }  // namespace omentum

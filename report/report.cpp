@@ -1,9 +1,9 @@
 #include "report/report.h"
 
+#include <fmt/core.h>
+
 #include <algorithm>
 #include <filesystem>
-
-#include <fmt/core.h>
 
 #include "core/check.h"
 #include "report/episodes.h"
@@ -18,12 +18,15 @@ constexpr std::size_t kShownEpisodes = 12;
 
 std::string title_of(const std::vector<RunFolder>& runs) {
   if (runs.size() == 1) return runs.front().name;
-  const std::filesystem::path parent = std::filesystem::weakly_canonical(runs.front().path).parent_path();
+  const std::filesystem::path parent =
+      std::filesystem::weakly_canonical(runs.front().path).parent_path();
   return fmt::format("{}: {} seeds", parent.filename().string(), runs.size());
 }
 
-std::string subtitle_of(const std::vector<RunFolder>& runs, const std::vector<ShownEpisode>& episodes) {
-  std::string text = "Soft-tissue retraction: learn to lift a fat sheet and expose the tumour under it.";
+std::string subtitle_of(const std::vector<RunFolder>& runs,
+                        const std::vector<ShownEpisode>& episodes) {
+  std::string text =
+      "Soft-tissue retraction: learn to lift a fat sheet and expose the tumour under it.";
   if (runs.size() > 1) {
     text += " Runs:";
     for (const RunFolder& run : runs) text += " " + run.name;
@@ -31,8 +34,9 @@ std::string subtitle_of(const std::vector<RunFolder>& runs, const std::vector<Sh
   }
   if (!episodes.empty()) {
     const RecordingContext& context = episodes.front().recording.context;
-    text += fmt::format(" Revision {}, configuration {:016x}, policy version {}.", context.git_revision, context.config_hash,
-                        episodes.front().recording.task.policy_version);
+    text +=
+        fmt::format(" Revision {}, configuration {:016x}, policy version {}.", context.git_revision,
+                    context.config_hash, episodes.front().recording.task.policy_version);
   }
   return text;
 }
@@ -41,7 +45,8 @@ std::string subtitle_of(const std::vector<RunFolder>& runs, const std::vector<Sh
 
 std::string make_report(std::vector<RunFolder> runs, const Scene* scene) {
   OMENTUM_CHECK(!runs.empty());
-  const std::vector<ShownEpisode> episodes = choose_episodes(runs, kShownEpisodes, runs.front().warnings);
+  const std::vector<ShownEpisode> episodes =
+      choose_episodes(runs, kShownEpisodes, runs.front().warnings);
   std::vector<Section> sections;
   sections.push_back(make_learning_section(runs));
   sections.push_back(make_grid_section(runs));
@@ -51,7 +56,8 @@ std::string make_report(std::vector<RunFolder> runs, const Scene* scene) {
   sections.push_back(make_robot_section(runs));
   sections.push_back(make_numbers_section(runs));
   sections.push_back(make_config_section(runs));
-  return make_page(title_of(runs), subtitle_of(runs, episodes), make_overview(runs), sections, replay_script());
+  return make_page(title_of(runs), subtitle_of(runs, episodes), make_overview(runs), sections,
+                   replay_script());
 }
 
 }  // namespace omentum

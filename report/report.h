@@ -8,8 +8,9 @@
 
 namespace omentum {
 
-/// The whole report of one run, or of several seeds of one experiment, as one HTML text that loads nothing. `scene` is
-/// that of the runs; null leaves out pictures and replay. The same input gives the same text.
+/// The whole report of one run, or of several seeds of one experiment, as one HTML text that loads
+/// nothing. `scene` is that of the runs; null leaves out pictures and replay. The same input gives
+/// the same text.
 std::string make_report(std::vector<RunFolder> runs, const Scene* scene);
 
 }  // namespace omentum

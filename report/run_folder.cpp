@@ -79,7 +79,8 @@ void load_evaluations(const fs::path& folder, RunFolder& run) {
     }
     const std::string name = entry.path().stem().string();
     if (table.value().dropped > 0) {
-      run.warnings.push_back(fmt::format("evaluation/{}.csv: {} incomplete rows left out", name, table.value().dropped));
+      run.warnings.push_back(fmt::format("evaluation/{}.csv: {} incomplete rows left out", name,
+                                         table.value().dropped));
     }
     if (name == "grasp_lattice") {
       run.lattice = make_lattice(table.value());
@@ -100,7 +101,8 @@ RunFolder load_run(const std::string& path) {
   if (Result<CsvTable> table = load_csv((folder / "metrics.csv").string())) {
     run.metrics = std::move(table).value();
     if (run.metrics.dropped > 0) {
-      run.warnings.push_back(fmt::format("metrics.csv: {} incomplete rows left out", run.metrics.dropped));
+      run.warnings.push_back(
+          fmt::format("metrics.csv: {} incomplete rows left out", run.metrics.dropped));
     }
   } else {
     run.warnings.push_back("no metrics.csv: no learning curves");
@@ -113,7 +115,8 @@ RunFolder load_run(const std::string& path) {
         const auto column = figures.column(name);
         return column ? row[*column] : std::string();
       };
-      run.figures.push_back({cell("name"), cell("value"), cell("unit"), cell("command"), cell("machine")});
+      run.figures.push_back(
+          {cell("name"), cell("value"), cell("unit"), cell("command"), cell("machine")});
     }
   }
   std::ifstream config(folder / "config.txtpb", std::ios::binary);
@@ -121,7 +124,8 @@ RunFolder load_run(const std::string& path) {
   if (run.config_text.empty()) run.warnings.push_back("no config.txtpb: no pictures and no replay");
   std::error_code ignored;
   for (const auto& entry : fs::directory_iterator(folder / "recordings", ignored)) {
-    if (entry.path().extension() == ".mcap") run.recordings[entry.path().stem().string()] = entry.path().string();
+    if (entry.path().extension() == ".mcap")
+      run.recordings[entry.path().stem().string()] = entry.path().string();
   }
   return run;
 }
@@ -144,7 +148,9 @@ std::vector<RunFolder> load_runs(const std::vector<std::string>& paths) {
   const bool nothing = std::all_of(runs.begin(), runs.end(), [](const RunFolder& run) {
     return run.metrics.rows.empty() && run.evaluations.empty() && run.recordings.empty();
   });
-  if (nothing) throw_error("{}: neither metrics.csv nor evaluation nor recordings in it", paths.empty() ? "" : paths[0]);
+  if (nothing)
+    throw_error("{}: neither metrics.csv nor evaluation nor recordings in it",
+                paths.empty() ? "" : paths[0]);
   return runs;
 }
 

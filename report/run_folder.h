@@ -6,12 +6,13 @@
 
 #include "report/csv.h"
 
-// What a run leaves on disk, as far as the report needs it (architecture.md section 5). Every file is optional: a
-// missing or damaged one becomes a line in `warnings`, and the report says so where its picture would be.
+// What a run leaves on disk, as far as the report needs it (architecture.md section 5). Every file
+// is optional: a missing or damaged one becomes a line in `warnings`, and the report says so where
+// its picture would be.
 //
 //   metrics.csv                    one row per update, columns named as TensorBoard tags
-//   evaluation/<set>.csv           one row per start: grid100_greedy, grid100_sampled, robot25_greedy, ...
-//   evaluation/grasp_lattice.csv   exposure by grasped particle
+//   evaluation/<set>.csv           one row per start: grid100_greedy, grid100_sampled,
+//   robot25_greedy, ... evaluation/grasp_lattice.csv   exposure by grasped particle
 //   recordings/<set>_<index>.mcap  episodes (core/episode_recording.h)
 //   config.txtpb                   resolved configuration
 //   figures.csv                    name, value, unit, command, machine
@@ -57,8 +58,8 @@ struct RunFolder {
 /// Reads one run. Throws Error if the folder does not exist.
 RunFolder load_run(const std::string& path);
 
-/// Reads every folder given; a folder without metrics.csv whose subfolders have one stands for those, in order of
-/// name. Throws Error if nothing is found.
+/// Reads every folder given; a folder without metrics.csv whose subfolders have one stands for
+/// those, in order of name. Throws Error if nothing is found.
 std::vector<RunFolder> load_runs(const std::vector<std::string>& paths);
 
 }  // namespace omentum

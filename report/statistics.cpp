@@ -13,7 +13,8 @@ Proportion wilson(int successes, int trials) {
   const double n = trials;
   p.share = successes / n;
   const double centre = (p.share + z * z / (2 * n)) / (1 + z * z / n);
-  const double half = z / (1 + z * z / n) * std::sqrt(p.share * (1 - p.share) / n + z * z / (4 * n * n));
+  const double half =
+      z / (1 + z * z / n) * std::sqrt(p.share * (1 - p.share) / n + z * z / (4 * n * n));
   p.low = std::max(0.0, centre - half);
   p.high = std::min(1.0, centre + half);
   return p;
@@ -39,7 +40,8 @@ Band band_of(const std::vector<Curve>& curves, int points) {
     Curve kept;
     for (std::size_t k = 0; k < std::min(curve.x.size(), curve.y.size()); ++k) {
       if (!std::isfinite(curve.x[k]) || !std::isfinite(curve.y[k])) continue;
-      if (!kept.x.empty() && curve.x[k] < kept.x.back()) continue;  // a resumed run repeats its last rows
+      if (!kept.x.empty() && curve.x[k] < kept.x.back())
+        continue;  // a resumed run repeats its last rows
       kept.x.push_back(curve.x[k]);
       kept.y.push_back(curve.y[k]);
     }

@@ -23,8 +23,8 @@ struct Curve {
   std::vector<double> x, y;
 };
 
-/// Mean, minimum and maximum over the curves at `points` equally spaced abscissae of the range that all curves cover,
-/// by linear interpolation. Empty if there is no such range.
+/// Mean, minimum and maximum over the curves at `points` equally spaced abscissae of the range that
+/// all curves cover, by linear interpolation. Empty if there is no such range.
 Band band_of(const std::vector<Curve>& curves, int points = 200);
 
 /// Centred moving average over `width` points (an odd number; 1 = unchanged).

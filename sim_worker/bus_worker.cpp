@@ -290,7 +290,12 @@ void BusWorker::decline_unfit(std::int64_t now_ns) {
       ++at;
       continue;
     }
-    decline(at->task, verdict);
+    if (verdict == Check::kNoWeights && !weights_.empty() &&
+        at->task.policy_version < weights_.front().policy_version) {
+      ++status_.tasks_abandoned;  // a second grant of a batch that is over: nobody waits for it
+    } else {
+      decline(at->task, verdict);
+    }
     at = pending_.erase(at);
   }
 }
@@ -359,7 +364,7 @@ void BusWorker::run_group(std::vector<Pending> group, const std::function<bool()
   std::vector<std::int64_t> arrived;
   for (Pending& pending : group) {
     RolloutTask& task = pending.task;
-    if (!task.reset && fnv1a64(task.start_state) != task.start_hash) {
+    if (!task.reset && hash_state(task.start_state) != task.start_hash) {
       decline(task, Check::kState);
       continue;
     }

@@ -1,18 +1,18 @@
 #include "sim_worker/camera.h"
 
-// libOSMesa exports every GL function it implements, so prototypes are linked directly and no loader is needed.
+// libOSMesa exports every GL function it implements, so prototypes are linked directly and no
+// loader is needed.
 #define GL_GLEXT_PROTOTYPES
 #include <GL/osmesa.h>
 // glext.h needs gl.h, which osmesa.h includes.
 #include <GL/glext.h>
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstddef>
 #include <numbers>
-
-#include <Eigen/Geometry>
 
 #include "core/check.h"
 #include "sim_worker/camera_shaders.h"
@@ -21,9 +21,9 @@
 namespace omentum {
 namespace {
 
-constexpr double kToolLength = 0.25;     // [m] of shaft drawn at least, so that its end is out of view
-constexpr double kPictureFar = 2.0;      // [m] far plane of shaded pictures
-constexpr double kPictureNear = 0.005;   // [m]
+constexpr double kToolLength = 0.25;  // [m] of shaft drawn at least, so that its end is out of view
+constexpr double kPictureFar = 2.0;   // [m] far plane of shaded pictures
+constexpr double kPictureNear = 0.005;             // [m]
 constexpr double kSeedFov = std::numbers::pi / 3;  // 60 deg
 constexpr int kSeedPixels = 64;
 
@@ -109,7 +109,8 @@ class Camera::Renderer {
       exposure_view.R_WC = aimed.R_WC;
     }
     triangles_ = scene.tissue.surface_triangles;
-    rest_ = scene.tissue.surface_is_particles ? scene.tissue.particles : scene.tissue.surface_vertices;
+    rest_ =
+        scene.tissue.surface_is_particles ? scene.tissue.particles : scene.tissue.surface_vertices;
     // A body sampled through its volume has a closed surface and needs no thickness in pictures.
     thickness_ = scene.tissue.surface_is_particles ? scene.tissue.thickness : 0;
     const pb::Tool& tool = scene.config.tool();
@@ -124,9 +125,11 @@ class Camera::Renderer {
       has_board = has_board || body.role == pb::ROLE_BOARD;
     }
     if (!has_board) {
-      RigidShape board;  // W is the centre of the calibration board, so the board is the plane z = 0
+      RigidShape
+          board;  // W is the centre of the calibration board, so the board is the plane z = 0
       board.kind = RigidShape::Kind::kHalfSpace;
-      add_body(make_body_surface(board, scene.workspace_min, scene.workspace_max), ObjectId::kBoard);
+      add_body(make_body_surface(board, scene.workspace_min, scene.workspace_max),
+               ObjectId::kBoard);
     }
     glGenVertexArrays(1, &moving_.array);
     glGenBuffers(1, &moving_.vertices);
@@ -137,7 +140,8 @@ class Camera::Renderer {
   Renderer(const Renderer&) = delete;
   Renderer& operator=(const Renderer&) = delete;
 
-  /// Draws into a target of w x h pixels and reads the first `channels` channels back, top row first.
+  /// Draws into a target of w x h pixels and reads the first `channels` channels back, top row
+  /// first.
   Image draw(const CameraFrame& frame, const CameraPose& pose, int w, int h, bool shaded) {
     const Binding binding(*this);
     bind_target(w, h);
@@ -163,9 +167,9 @@ class Camera::Renderer {
     glUniform1i(glGetUniformLocation(program_, "shaded"), shaded ? 1 : 0);
     for (const Body& body : bodies_) draw_buffers(body.buffers, body.count, body.id);
     if (!frame.tissue_vertices_W.empty()) {
-      draw_moving(make_tissue_surface(frame.tissue_vertices_W, rest_, triangles_,
-                                      shaded ? thickness_ : 0),
-                  ObjectId::kTissue);
+      draw_moving(
+          make_tissue_surface(frame.tissue_vertices_W, rest_, triangles_, shaded ? thickness_ : 0),
+          ObjectId::kTissue);
     }
     if (frame.tool) {
       draw_moving(make_tool_surface(*frame.tool, shaft_radius_, shaft_start_, kToolLength),
@@ -203,11 +207,17 @@ class Camera::Renderer {
   };
 
   void create_context() {
-    const std::array<int, 11> attributes = {OSMESA_FORMAT, OSMESA_RGBA,
-                                            OSMESA_PROFILE, OSMESA_CORE_PROFILE,
-                                            OSMESA_CONTEXT_MAJOR_VERSION, 3,
-                                            OSMESA_CONTEXT_MINOR_VERSION, 3,
-                                            0, 0, 0};
+    const std::array<int, 11> attributes = {OSMESA_FORMAT,
+                                            OSMESA_RGBA,
+                                            OSMESA_PROFILE,
+                                            OSMESA_CORE_PROFILE,
+                                            OSMESA_CONTEXT_MAJOR_VERSION,
+                                            3,
+                                            OSMESA_CONTEXT_MINOR_VERSION,
+                                            3,
+                                            0,
+                                            0,
+                                            0};
     context_ = OSMesaCreateContextAttribs(attributes.data(), nullptr);
     if (context_ == nullptr) throw_error("OSMesa offers no OpenGL 3.3 core context");
   }
@@ -297,7 +307,8 @@ class Camera::Renderer {
       for (int x = 0; x < w; ++x) {
         const std::size_t at = 4 * (static_cast<std::size_t>(x) +
                                     static_cast<std::size_t>(w) * static_cast<std::size_t>(y));
-        for (int c = 0; c < channels; ++c) image.pixels.push_back(raw[at + static_cast<std::size_t>(c)]);
+        for (int c = 0; c < channels; ++c)
+          image.pixels.push_back(raw[at + static_cast<std::size_t>(c)]);
       }
     }
     return image;
@@ -322,21 +333,25 @@ Camera::~Camera() = default;
 
 const CameraPose& Camera::endoscope() const { return renderer_->endoscope; }
 
-Image Camera::draw_shaded(const CameraFrame& frame) { return draw_shaded(frame, renderer_->endoscope); }
+Image Camera::draw_shaded(const CameraFrame& frame) {
+  return draw_shaded(frame, renderer_->endoscope);
+}
 
 Image Camera::draw_shaded(const CameraFrame& frame, const CameraPose& pose) {
   CameraPose wide = pose;
   wide.near_m = std::min(pose.near_m, kPictureNear);
   wide.far_m = std::max(pose.far_m, kPictureFar);
   const int n = renderer_->supersample;
-  const Image fine = renderer_->draw(frame, wide, n * renderer_->width, n * renderer_->height, true);
+  const Image fine =
+      renderer_->draw(frame, wide, n * renderer_->width, n * renderer_->height, true);
   Image image{renderer_->width, renderer_->height, 3, {}};
   image.pixels.reserve(fine.pixels.size() / static_cast<std::size_t>(n * n));
   for (int y = 0; y < image.height; ++y) {
     for (int x = 0; x < image.width; ++x) {
       for (std::size_t c = 0; c < 3; ++c) {
         int sum = 0;
-        for (int k = 0; k < n * n; ++k) sum += fine.pixels[fine.offset(n * x + k % n, n * y + k / n) + c];
+        for (int k = 0; k < n * n; ++k)
+          sum += fine.pixels[fine.offset(n * x + k % n, n * y + k / n) + c];
         image.pixels.push_back(static_cast<std::uint8_t>((sum + n * n / 2) / (n * n)));
       }
     }
@@ -355,7 +370,8 @@ Image Camera::draw_ids(const CameraFrame& frame, const CameraPose& pose, int wid
 Exposure Camera::exposure_from_image(const CameraFrame& frame) {
   const auto count = [&](const CameraFrame& shown) {
     const int n = renderer_->exposure_pixels;
-    return count_pixels(renderer_->draw(shown, renderer_->exposure_view, n, n, false), ObjectId::kTumour);
+    return count_pixels(renderer_->draw(shown, renderer_->exposure_view, n, n, false),
+                        ObjectId::kTumour);
   };
   CameraFrame without_tool = frame;
   without_tool.tool.reset();
@@ -370,7 +386,8 @@ Exposure Camera::exposure_seed_64px(const CameraFrame& frame) {
   CameraPose view = renderer_->endoscope;
   view.vertical_fov_rad = kSeedFov;
   const auto count = [&](const CameraFrame& shown) {
-    return count_pixels(renderer_->draw(shown, view, kSeedPixels, kSeedPixels, false), ObjectId::kTumour);
+    return count_pixels(renderer_->draw(shown, view, kSeedPixels, kSeedPixels, false),
+                        ObjectId::kTumour);
   };
   Exposure exposure;
   exposure.unoccluded = count(CameraFrame{});

@@ -1,11 +1,10 @@
 #pragma once
 
+#include <Eigen/Core>
 #include <memory>
 #include <optional>
 #include <span>
 #include <vector>
-
-#include <Eigen/Core>
 
 #include "sim_worker/image.h"
 #include "sim_worker/scene.h"
@@ -25,15 +24,15 @@ enum class ObjectId : std::uint8_t {
 
 /// The tool as drawn: two jaws that meet in T and a shaft behind them.
 struct ToolPose {
-  Eigen::Vector3d p_WT = Eigen::Vector3d::Zero();           ///< jaw tip [m]
+  Eigen::Vector3d p_WT = Eigen::Vector3d::Zero();            ///< jaw tip [m]
   Eigen::Vector3d shaft_axis_W = -Eigen::Vector3d::UnitZ();  ///< unit, from the shaft to the tip
   double roll_rad = 0;                                       ///< about the shaft axis
-  double jaw_rad = 0;                                        ///< full opening angle between the jaws
+  double jaw_rad = 0;  ///< full opening angle between the jaws
 };
 
 /// The moving things of one picture. `tissue_vertices_W` holds x y z [m] of every vertex that
-/// scene.tissue.surface_triangles refers to (the particles of a sheet); empty = no sheet. The span must stay valid
-/// during the call only.
+/// scene.tissue.surface_triangles refers to (the particles of a sheet); empty = no sheet. The span
+/// must stay valid during the call only.
 struct CameraFrame {
   std::span<const float> tissue_vertices_W;
   std::optional<ToolPose> tool;
@@ -48,17 +47,19 @@ struct Exposure {
   double fraction() const { return unoccluded > 0 ? double(visible) / unoccluded : 0; }
 };
 
-/// The simulated endoscope: an off-screen OpenGL renderer in software (OSMesa, llvmpipe), so pictures need neither a
-/// display nor a GPU. Two kinds of picture: `shaded` for people, `object ids` for counting and as an observation
-/// (no light, no antialiasing; equal between machines that run the same rasteriser).
+/// The simulated endoscope: an off-screen OpenGL renderer in software (OSMesa, llvmpipe), so
+/// pictures need neither a display nor a GPU. Two kinds of picture: `shaded` for people, `object
+/// ids` for counting and as an observation (no light, no antialiasing; equal between machines that
+/// run the same rasteriser).
 ///
-/// One Camera owns one OpenGL context. Thread rule: one thread at a time per Camera, and different Cameras may run in
-/// different threads; every call binds the context to the calling thread and releases it before returning. Copies
-/// what it needs from the scene, which may go away. Construction compiles shaders (about 0.1 s): keep the object.
+/// One Camera owns one OpenGL context. Thread rule: one thread at a time per Camera, and different
+/// Cameras may run in different threads; every call binds the context to the calling thread and
+/// releases it before returning. Copies what it needs from the scene, which may go away.
+/// Construction compiles shaders (about 0.1 s): keep the object.
 class Camera {
  public:
-  /// Pictures of width x height pixels, averaged over supersample^2 samples when shaded. Throws Error where OSMesa
-  /// offers no OpenGL 3.3 core context.
+  /// Pictures of width x height pixels, averaged over supersample^2 samples when shaded. Throws
+  /// Error where OSMesa offers no OpenGL 3.3 core context.
   Camera(const Scene& scene, int width, int height, int supersample = 3);
   ~Camera();
   Camera(const Camera&) = delete;
@@ -67,7 +68,8 @@ class Camera {
   /// The endoscope of the scene. Its aspect ratio is that of the image.
   const CameraPose& endoscope() const;
 
-  /// RGB picture from the endoscope or from another pose (near and far plane are widened as needed).
+  /// RGB picture from the endoscope or from another pose (near and far plane are widened as
+  /// needed).
   Image draw_shaded(const CameraFrame& frame);
   Image draw_shaded(const CameraFrame& frame, const CameraPose& pose);
 
@@ -78,7 +80,8 @@ class Camera {
   /// Exposure in the zoom view: endoscope position, field of view scene.exposure_fov_rad, square of
   /// scene.exposure_pixels, aimed at the tumour's centre. A pure function of the frame.
   Exposure exposure_from_image(const CameraFrame& frame);
-  /// The same share counted as the seed does: 60 deg, 64 x 64 pixels (the whole tumour is about 28 pixels).
+  /// The same share counted as the seed does: 60 deg, 64 x 64 pixels (the whole tumour is about 28
+  /// pixels).
   Exposure exposure_seed_64px(const CameraFrame& frame);
 
  private:

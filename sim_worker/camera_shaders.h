@@ -1,6 +1,7 @@
 #pragma once
 
-// GLSL 3.30 of the camera. One program draws everything; `mode` chooses between object ids and light.
+// GLSL 3.30 of the camera. One program draws everything; `mode` chooses between object ids and
+// light.
 
 namespace omentum {
 

@@ -1,11 +1,10 @@
 #include "sim_worker/camera_surfaces.h"
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <map>
 #include <utility>
-
-#include <Eigen/Geometry>
 
 #include "core/check.h"
 
@@ -18,8 +17,8 @@ constexpr double kSmoothAngleCosine = 0.766;  // 40 deg
 constexpr double kBoardMargin = 0.02;         // [m] of a half space drawn beyond the workspace
 constexpr double kJawLength = 0.0102;         // [m] needle driver: wrist yaw axis to tip
 
-/// Appends a mesh in W with one normal per corner: the area-weighted mean over the triangles of the corner that meet
-/// under less than 40 deg.
+/// Appends a mesh in W with one normal per corner: the area-weighted mean over the triangles of the
+/// corner that meet under less than 40 deg.
 void append_mesh(const TriangleMesh& mesh, const Eigen::Isometry3d& X_WS, DrawSurface& surface) {
   std::vector<Eigen::Vector3d> normals;
   std::vector<std::vector<std::size_t>> touching(mesh.vertices.size());
@@ -39,10 +38,9 @@ void append_mesh(const TriangleMesh& mesh, const Eigen::Isometry3d& X_WS, DrawSu
       }
       const Eigen::Vector3d normal = sum.norm() > 0 ? Eigen::Vector3d(sum.normalized()) : own;
       surface.indices.push_back(static_cast<std::uint32_t>(surface.vertices.size()));
-      surface.vertices.push_back(
-          {(X_WS * mesh.vertices[static_cast<std::size_t>(k)]).cast<float>(),
-           (X_WS.linear() * normal).cast<float>(),
-           mesh.vertices[static_cast<std::size_t>(k)].cast<float>()});
+      surface.vertices.push_back({(X_WS * mesh.vertices[static_cast<std::size_t>(k)]).cast<float>(),
+                                  (X_WS.linear() * normal).cast<float>(),
+                                  mesh.vertices[static_cast<std::size_t>(k)].cast<float>()});
     }
   }
 }
@@ -59,7 +57,9 @@ TriangleMesh make_plane_mesh(const Eigen::Isometry3d& X_WS, const Eigen::Vector3
   const Eigen::Vector3d low = box.min() - Eigen::Vector3d::Constant(kBoardMargin);
   const Eigen::Vector3d high = box.max() + Eigen::Vector3d::Constant(kBoardMargin);
   TriangleMesh mesh;
-  mesh.vertices = {{low.x(), low.y(), 0}, {high.x(), low.y(), 0}, {high.x(), high.y(), 0},
+  mesh.vertices = {{low.x(), low.y(), 0},
+                   {high.x(), low.y(), 0},
+                   {high.x(), high.y(), 0},
                    {low.x(), high.y(), 0}};
   mesh.triangles = {{0, 1, 2}, {0, 2, 3}};
   return mesh;
@@ -67,8 +67,10 @@ TriangleMesh make_plane_mesh(const Eigen::Isometry3d& X_WS, const Eigen::Vector3
 
 /// A cone stump with caps from p0 to p1; radii in two directions (x across, y along the opening).
 TriangleMesh make_jaw_mesh(const Eigen::Matrix3d& R, const Eigen::Vector3d& pivot) {
-  // Axes of R: x across, y towards the outside of the jaw, z along the jaw to the tip. The inner face is flat.
-  const double back = 0.0028;  // [m] half width and thickness at the pivot, a little thinner than the shaft
+  // Axes of R: x across, y towards the outside of the jaw, z along the jaw to the tip. The inner
+  // face is flat.
+  const double back =
+      0.0028;  // [m] half width and thickness at the pivot, a little thinner than the shaft
   const double front = 0.0012;
   TriangleMesh mesh;
   for (const auto& [z, size] : {std::pair{0.0, back}, std::pair{kJawLength, front}}) {
@@ -131,7 +133,8 @@ DrawSurface make_tissue_surface(std::span<const float> vertices_W,
     const Eigen::Vector3f area = (point(t[1]) - point(t[0])).cross(point(t[2]) - point(t[0]));
     for (const int k : t) normal[static_cast<std::size_t>(k)] += area;
   }
-  for (Eigen::Vector3f& n : normal) n = n.norm() > 0 ? Eigen::Vector3f(n.normalized()) : Eigen::Vector3f::UnitZ();
+  for (Eigen::Vector3f& n : normal)
+    n = n.norm() > 0 ? Eigen::Vector3f(n.normalized()) : Eigen::Vector3f::UnitZ();
   const float half = static_cast<float>(thickness / 2);
   const auto add_face = [&](float side) {
     const auto first = static_cast<std::uint32_t>(surface.vertices.size());
@@ -168,7 +171,8 @@ DrawSurface make_tissue_surface(std::span<const float> vertices_W,
       surface.vertices.push_back({point(b) + half * nb, outside, rb});
       surface.vertices.push_back({point(b) - half * nb, outside, rb});
       surface.vertices.push_back({point(a) - half * na, outside, ra});
-      for (const std::uint32_t corner : {0U, 3U, 2U, 0U, 2U, 1U}) surface.indices.push_back(first + corner);
+      for (const std::uint32_t corner : {0U, 3U, 2U, 0U, 2U, 1U})
+        surface.indices.push_back(first + corner);
     }
   }
   return surface;
@@ -192,11 +196,15 @@ DrawSurface make_tool_surface(const ToolPose& pose, double shaft_radius, double 
   append_mesh(make_capsule_mesh(pose.p_WT - (begin + shaft_length) * z, pose.p_WT - begin * z,
                                 shaft_radius, 32),
               identity, surface);
-  append_mesh(make_capsule_mesh(pivot, pivot - 0.004 * z, 0.7 * shaft_radius, 24), identity, surface);
+  append_mesh(make_capsule_mesh(pivot, pivot - 0.004 * z, 0.7 * shaft_radius, 24), identity,
+              surface);
   for (const int side : {1, -1}) {
     // Each jaw turns by half the angle about the x axis of the tool; side -1 is the mirror image.
-    Eigen::Matrix3d jaw = R * Eigen::AngleAxisd(-side * pose.jaw_rad / 2, Eigen::Vector3d::UnitX()).toRotationMatrix();
-    if (side < 0) jaw = jaw * Eigen::AngleAxisd(std::acos(-1.0), Eigen::Vector3d::UnitZ()).toRotationMatrix();
+    Eigen::Matrix3d jaw =
+        R *
+        Eigen::AngleAxisd(-side * pose.jaw_rad / 2, Eigen::Vector3d::UnitX()).toRotationMatrix();
+    if (side < 0)
+      jaw = jaw * Eigen::AngleAxisd(std::acos(-1.0), Eigen::Vector3d::UnitZ()).toRotationMatrix();
     append_mesh(make_jaw_mesh(jaw, pivot), identity, surface);
   }
   return surface;

@@ -1,9 +1,9 @@
 #include "sim_worker/image.h"
 
+#include <png.h>
+
 #include <array>
 #include <fstream>
-
-#include <png.h>
 
 #include "core/check.h"
 

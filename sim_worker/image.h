@@ -15,11 +15,13 @@ struct Image {
 
   std::size_t offset(int x, int y) const {
     return static_cast<std::size_t>(channels) *
-           (static_cast<std::size_t>(x) + static_cast<std::size_t>(width) * static_cast<std::size_t>(y));
+           (static_cast<std::size_t>(x) +
+            static_cast<std::size_t>(width) * static_cast<std::size_t>(y));
   }
 };
 
-/// PNG file content of an image of 1 (grey) or 3 channels; the same image gives the same bytes on one machine.
+/// PNG file content of an image of 1 (grey) or 3 channels; the same image gives the same bytes on
+/// one machine.
 std::string encode_png(const Image& image);
 
 /// Throws Error if the file cannot be written.

@@ -1,5 +1,6 @@
 #include "sim_worker/mesh.h"
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
 #include <charconv>
@@ -10,10 +11,6 @@
 #include <string_view>
 #include <tuple>
 #include <unordered_map>
-
-#include <Eigen/Geometry>
-
-#include <Eigen/Geometry>
 
 #include "core/check.h"
 
@@ -243,8 +240,8 @@ TriangleMesh parse_any(const std::string& name, std::string_view content) {
   return parse_obj(name, content);
 }
 
-/// Drops triangles with a repeated corner (they change neither surface nor closedness) and vertices that no triangle
-/// uses (they would change the extent).
+/// Drops triangles with a repeated corner (they change neither surface nor closedness) and vertices
+/// that no triangle uses (they would change the extent).
 void drop_unused(TriangleMesh& mesh) {
   std::erase_if(mesh.triangles, [](const Eigen::Vector3i& t) {
     return t[0] == t[1] || t[1] == t[2] || t[2] == t[0];
@@ -346,8 +343,9 @@ void require_closed(const std::string& name, TriangleMesh& mesh) {
   for (std::size_t k = 0; k < edges.size(); ++k) {
     const Edge& edge = edges[k];
     if (k > 0 && edges[k - 1].from == edge.from && edges[k - 1].to == edge.to) {
-      throw_error("{}: edge from {} to {} is used twice in the same direction by triangles {} and {}",
-                  name, at(edge.from), at(edge.to), edges[k - 1].triangle, edge.triangle);
+      throw_error(
+          "{}: edge from {} to {} is used twice in the same direction by triangles {} and {}", name,
+          at(edge.from), at(edge.to), edges[k - 1].triangle, edge.triangle);
     }
     const auto reverse = std::lower_bound(edges.begin(), edges.end(), Edge{edge.to, edge.from, 0});
     if (reverse == edges.end() || reverse->from != edge.to || reverse->to != edge.from) {

@@ -1,3 +1,4 @@
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -5,8 +6,6 @@
 #include <limits>
 #include <numbers>
 #include <numeric>
-
-#include <Eigen/Geometry>
 
 #include "core/check.h"
 #include "sim_worker/mesh.h"
@@ -21,11 +20,12 @@ const Eigen::Vector3d& corner(const TriangleMesh& mesh, const Eigen::Vector3i& t
 // ---------------------------------------------------------------------------------------------------------------
 // Inside or outside: signed crossings of a vertical line
 //
-// The winding number of a closed mesh at p is the number of triangles above p that the line through p parallel to z
-// leaves through, minus those it enters through. Whether the line passes left or right of an edge is decided once per
-// undirected edge (end points ordered by index), so both neighbours see the same answer and no crossing is lost or
-// counted twice; a line exactly through an edge is moved by an infinitely small (e, e^2). Triangles are sorted into a
-// grid of columns in x and y, so a point looks at a handful of them.
+// The winding number of a closed mesh at p is the number of triangles above p that the line through
+// p parallel to z leaves through, minus those it enters through. Whether the line passes left or
+// right of an edge is decided once per undirected edge (end points ordered by index), so both
+// neighbours see the same answer and no crossing is lost or counted twice; a line exactly through
+// an edge is moved by an infinitely small (e, e^2). Triangles are sorted into a grid of columns in
+// x and y, so a point looks at a handful of them.
 
 /// +1 if p lies left of the edge a -> b in the xy plane, -1 if right.
 int side_of_edge(const TriangleMesh& mesh, int a, int b, const Eigen::Vector3d& p) {
@@ -94,7 +94,8 @@ class ColumnGrid {
     }
   }
 
-  /// +1 where the vertical line leaves through the triangle (normal up), -1 where it enters, 0 where it misses.
+  /// +1 where the vertical line leaves through the triangle (normal up), -1 where it enters, 0
+  /// where it misses.
   int crossing_of(const Eigen::Vector3i& t, const Eigen::Vector3d& p) const {
     const int first = side_of_edge(mesh_, t[0], t[1], p);
     if (side_of_edge(mesh_, t[1], t[2], p) != first) return 0;
@@ -118,14 +119,15 @@ class ColumnGrid {
 // ---------------------------------------------------------------------------------------------------------------
 // Distance: tree of axis-aligned boxes
 
-/// Squared distance from p to the triangle (a, b, c): the projection if it falls inside, else the nearest edge.
+/// Squared distance from p to the triangle (a, b, c): the projection if it falls inside, else the
+/// nearest edge.
 double squared_distance_to_triangle(const Eigen::Vector3d& p, const Eigen::Vector3d& a,
                                     const Eigen::Vector3d& b, const Eigen::Vector3d& c) {
   const Eigen::Vector3d normal = (b - a).cross(c - a);
   const double area = normal.squaredNorm();
   if (area > 0) {
-    const bool inside = normal.cross(b - a).dot(p - a) >= 0 && normal.cross(c - b).dot(p - b) >= 0 &&
-                        normal.cross(a - c).dot(p - c) >= 0;
+    const bool inside = normal.cross(b - a).dot(p - a) >= 0 &&
+                        normal.cross(c - b).dot(p - b) >= 0 && normal.cross(a - c).dot(p - c) >= 0;
     if (inside) {
       const double height = normal.dot(p - a);
       return height * height / area;
@@ -182,7 +184,9 @@ class DistanceTree {
         return corner(mesh_, triangle, 0)[axis] + corner(mesh_, triangle, 1)[axis] +
                corner(mesh_, triangle, 2)[axis];
       };
-      const auto at = [&](std::size_t k) { return order_.begin() + static_cast<std::ptrdiff_t>(k); };
+      const auto at = [&](std::size_t k) {
+        return order_.begin() + static_cast<std::ptrdiff_t>(k);
+      };
       std::nth_element(at(first), at(middle), at(last),
                        [&](std::uint32_t a, std::uint32_t b) { return centre(a) < centre(b); });
       node.left = build(first, middle);
@@ -197,8 +201,9 @@ class DistanceTree {
     if (node.left == 0) {
       for (std::size_t k = node.first; k < node.last; ++k) {
         const Eigen::Vector3i& t = mesh_.triangles[order_[k]];
-        best = std::min(best, squared_distance_to_triangle(p, corner(mesh_, t, 0), corner(mesh_, t, 1),
-                                                           corner(mesh_, t, 2)));
+        best =
+            std::min(best, squared_distance_to_triangle(p, corner(mesh_, t, 0), corner(mesh_, t, 1),
+                                                        corner(mesh_, t, 2)));
       }
       return;
     }
@@ -238,8 +243,7 @@ double winding_number(const TriangleMesh& mesh, const Eigen::Vector3d& point) {
   return sum / (2 * std::numbers::pi);
 }
 
-std::vector<bool> points_inside(const TriangleMesh& mesh,
-                                std::span<const Eigen::Vector3d> points) {
+std::vector<bool> points_inside(const TriangleMesh& mesh, std::span<const Eigen::Vector3d> points) {
   std::vector<bool> inside(points.size(), false);
   if (mesh.triangles.empty()) return inside;
   const ColumnGrid columns(mesh);
@@ -271,7 +275,8 @@ SdfGrid make_sdf_grid(const TriangleMesh& mesh, int max_nodes, double margin) {
       for (int i = 0; i < grid.count.x(); ++i) {
         const Eigen::Vector3d node = grid.origin + grid.pitch * Eigen::Vector3d(i, j, k);
         const double distance = tree.distance(node, limit);
-        // A step of one pitch changes the distance by one pitch at most; the factor covers rounding.
+        // A step of one pitch changes the distance by one pitch at most; the factor covers
+        // rounding.
         limit = (distance + grid.pitch) * (1 + 1e-9);
         grid.value.push_back(static_cast<float>(columns.inside(node) ? -distance : distance));
       }

@@ -1,8 +1,7 @@
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <numbers>
-
-#include <Eigen/Geometry>
 
 #include "core/check.h"
 #include "sim_worker/mesh.h"

@@ -14,8 +14,6 @@ namespace {
 
 using Eigen::Vector3d;
 
-// Layout of the state bytes: raise it when Environment or Tissue::save changes. Values reach disk: do not reuse.
-constexpr std::uint32_t kStateFormat = 1;
 constexpr double kSettleTime = 3.0;  // [s] the sheet has come to rest on kidney and tumour (docs/results.md)
 
 Vector3d to_vector(const double* p) { return {p[0], p[1], p[2]}; }
@@ -121,7 +119,7 @@ int SimBackend::observation_size() const {
   }
 }
 
-std::uint32_t SimBackend::state_format() const { return kStateFormat; }
+std::uint32_t SimBackend::state_format() const { return kSimStateFormat; }
 
 std::uint32_t SimBackend::ticks_per_step() const {
   return setup_->config.task().action_repeat() * setup_->config.scene().tissue().cluster().substeps();

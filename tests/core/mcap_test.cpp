@@ -1,11 +1,11 @@
 #include "core/mcap.h"
 
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
 #include <filesystem>
 #include <fstream>
 #include <sstream>
-
-#include <gmock/gmock.h>
-#include <gtest/gtest.h>
 
 #include "core/episode_recording.h"
 #include "proto/foxglove.pb.h"
@@ -22,7 +22,8 @@ using testing::HasSubstr;
 const std::string kTests = OMENTUM_TESTS_DIR;
 
 std::string temp_path(const std::string& name) {
-  return (std::filesystem::path(testing::TempDir()) / (std::to_string(::getpid()) + "_" + name)).string();
+  return (std::filesystem::path(testing::TempDir()) / (std::to_string(::getpid()) + "_" + name))
+      .string();
 }
 
 std::string read_bytes(const std::string& path) {
@@ -43,7 +44,9 @@ std::string make_file(McapCompression compression, int messages = 12) {
     record.set_action("abcd");
     record.set_state_hash(0x0123456789abcdefULL * static_cast<std::uint64_t>(k + 1));
     writer.write(step, static_cast<std::uint64_t>(k) * 1000, static_cast<std::uint32_t>(k), record);
-    if (k % 3 == 0) writer.write_bytes(note, static_cast<std::uint64_t>(k) * 1000, 0, "{\"k\": 1, \"text\": \"hello hello\"}");
+    if (k % 3 == 0)
+      writer.write_bytes(note, static_cast<std::uint64_t>(k) * 1000, 0,
+                         "{\"k\": 1, \"text\": \"hello hello\"}");
     if (k % 4 == 3) writer.flush();
   }
   EXPECT_TRUE(writer.finish().has_value());
@@ -137,7 +140,8 @@ TEST(McapReader, DamagedChunkIsSkippedAndTheOthersStay) {
 TEST(McapReader, ChunkThatClaimsTooMuchIsSkipped) {
   std::string file = make_file(McapCompression::kZstd);
   const std::size_t zstd = file.find("zstd");
-  file[zstd - 4 - 4 - 3] = '\x7f';  // a high byte of uncompressed_size, before CRC and length of the name
+  file[zstd - 4 - 4 - 3] =
+      '\x7f';  // a high byte of uncompressed_size, before CRC and length of the name
   const McapContent content = read_mcap(file);
   EXPECT_GE(content.chunks_skipped, 1);
 }
@@ -196,7 +200,8 @@ TEST(EpisodeRecording, SaveAndLoadAreInverse) {
     EXPECT_EQ(episode.task.run_seed, made.task.run_seed);
     EXPECT_EQ(episode.task.episode, made.task.episode);
     EXPECT_EQ(episode.task.greedy, made.task.greedy);
-    // The task is identified by everything that decides its result; a recording must carry all of it.
+    // The task is identified by everything that decides its result; a recording must carry all of
+    // it.
     EXPECT_EQ(hash_task(episode.task), hash_task(made.task));
   }
 }
@@ -204,7 +209,8 @@ TEST(EpisodeRecording, SaveAndLoadAreInverse) {
 TEST(EpisodeRecording, RefusesArraysThatDoNotFit) {
   EpisodeRecording made = test::make_episode(10, 4);
   made.segment.rewards.pop_back();
-  const Result<void> saved = save_episode(temp_path("bad.mcap"), made.task, made.segment, made.context);
+  const Result<void> saved =
+      save_episode(temp_path("bad.mcap"), made.task, made.segment, made.context);
   ASSERT_FALSE(saved.has_value());
   EXPECT_THAT(saved.error(), HasSubstr("do not fit its 10 steps"));
 }

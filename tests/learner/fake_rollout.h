@@ -76,7 +76,7 @@ inline RolloutSegment fake_rollout(const RolloutTask& task, std::uint32_t episod
   s.end_episode_limit = limit;
   s.end_state.assign(std::max(state_bytes, sizeof state), std::byte{7});
   std::memcpy(s.end_state.data(), &state, sizeof state);
-  s.end_hash = fnv1a64(s.end_state);
+  s.end_hash = hash_state(s.end_state);
   s.payload_crc32c = fake_crc(s);
   return s;
 }

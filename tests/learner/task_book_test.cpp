@@ -197,7 +197,7 @@ TEST(TaskBook, LateDuplicateIsDroppedAndDifferenceIsAnAuditMismatch) {
   EXPECT_EQ(book.ledger().audit_mismatch, 0u);
   RolloutSegment other = fake_rollout(tasks[0]);
   other.end_state[9] ^= std::byte{1};
-  other.end_hash = fnv1a64(other.end_state);
+  other.end_hash = hash_state(other.end_state);
   other.payload_crc32c = test::fake_crc(other);
   EXPECT_EQ(book.receive(other, 3), Verdict::kDuplicate);
   EXPECT_EQ(book.ledger().audit_mismatch, 1u);

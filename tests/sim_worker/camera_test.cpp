@@ -1,9 +1,9 @@
 #include "sim_worker/camera.h"
 
+#include <gtest/gtest.h>
+
 #include <set>
 #include <thread>
-
-#include <gtest/gtest.h>
 
 #include "tests/support/paper_scene.h"
 
@@ -20,13 +20,14 @@ Scene scene_with_one_rectangle() {
   return scene;
 }
 
-/// A rectangle 60 mm in front of the tumour, across the line of sight, that covers the part of the view with
-/// x_C in [low, high] (in units of the tumour's radius as seen).
+/// A rectangle 60 mm in front of the tumour, across the line of sight, that covers the part of the
+/// view with x_C in [low, high] (in units of the tumour's radius as seen).
 std::vector<float> screen(const Scene& scene, double low, double high) {
   const Eigen::Vector3d& centre = scene.bodies[0].X_WS.translation();
   const Eigen::Vector3d to_camera = (scene.camera.position - centre).normalized();
   const double distance = (scene.camera.position - centre).norm();
-  const double radius = 0.0137 / std::sqrt(1 - std::pow(0.0137 / distance, 2)) * (distance - 0.06) / distance;
+  const double radius =
+      0.0137 / std::sqrt(1 - std::pow(0.0137 / distance, 2)) * (distance - 0.06) / distance;
   const CameraPose view = look_at(scene.camera.position, centre, scene.camera.R_WC.col(1), 1);
   const Eigen::Vector3d middle = centre + 0.06 * to_camera;
   std::vector<float> positions;
@@ -41,7 +42,8 @@ TEST(Exposure, UnoccludedTumourOfThePaperScene) {
   const Scene scene = make_paper_scene();
   Camera camera(scene, 320, 240);
   const Exposure zoom = camera.exposure_from_image({});
-  // Disc of radius 160 tan(asin(13.7 / 252.7)) / tan(3.88 deg) = 128.1 px; 0.5 % for edges and tessellation.
+  // Disc of radius 160 tan(asin(13.7 / 252.7)) / tan(3.88 deg) = 128.1 px; 0.5 % for edges and
+  // tessellation.
   EXPECT_NEAR(zoom.unoccluded, 51'400, 257);
   EXPECT_EQ(zoom.visible, zoom.unoccluded);
   EXPECT_EQ(zoom.fraction(), 1);
@@ -118,8 +120,8 @@ TEST(Camera, ObjectIdsTakeLegalValuesOnly) {
 TEST(Camera, UpIsUpAndRightIsRight) {
   const Scene scene = make_paper_scene();
   Camera camera(scene, 100, 100);
-  // The kidney is beyond the tumour as seen from the camera, so it stands above it in the image. +x_W is to the left:
-  // the camera looks along -y with z up.
+  // The kidney is beyond the tumour as seen from the camera, so it stands above it in the image.
+  // +x_W is to the left: the camera looks along -y with z up.
   const Image ids = camera.draw_ids({});
   double tumour_row = 0, tumour_column = 0, organ_row = 0;
   int tumour = 0, organ = 0;
@@ -140,7 +142,8 @@ TEST(Camera, UpIsUpAndRightIsRight) {
   int left = 0, right = 0;
   for (int y = 0; y < 100; ++y) {
     for (int x = 0; x < 100; ++x) {
-      if (with_tool.pixels[with_tool.offset(x, y)] == static_cast<int>(ObjectId::kTool)) ++(x < 50 ? left : right);
+      if (with_tool.pixels[with_tool.offset(x, y)] == static_cast<int>(ObjectId::kTool))
+        ++(x < 50 ? left : right);
     }
   }
   EXPECT_GT(left, 20);
@@ -153,7 +156,8 @@ TEST(Camera, ShadedPictureShowsTheTissueColours) {
   const Image picture = camera.draw_shaded({test::rest_positions(scene), {}});
   ASSERT_EQ(picture.pixels.size(), 96U * 72U * 3U);
   const std::size_t middle = picture.offset(55, 36);
-  EXPECT_GT(picture.pixels[middle], picture.pixels[middle + 2] + 40) << "fat is yellow: red above blue";
+  EXPECT_GT(picture.pixels[middle], picture.pixels[middle + 2] + 40)
+      << "fat is yellow: red above blue";
   const std::string png = encode_png(picture);
   EXPECT_EQ(png.substr(1, 3), "PNG");
 }

@@ -1,14 +1,14 @@
 #include "sim_worker/mesh.h"
 
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <Eigen/Geometry>
 #include <chrono>
 #include <cmath>
 #include <filesystem>
 #include <numbers>
 #include <random>
-
-#include <Eigen/Geometry>
-#include <gmock/gmock.h>
-#include <gtest/gtest.h>
 
 #include "core/check.h"
 #include "tests/support/fixtures.h"
@@ -39,7 +39,8 @@ TriangleMesh scaled(TriangleMesh mesh, double factor) {
   return mesh;
 }
 
-/// Distance by looking at every triangle, by least squares on each triangle: the oracle of the tree.
+/// Distance by looking at every triangle, by least squares on each triangle: the oracle of the
+/// tree.
 double brute_force_distance(const TriangleMesh& mesh, const Eigen::Vector3d& p) {
   double best = 1e300;
   for (const Eigen::Vector3i& t : mesh.triangles) {
@@ -53,9 +54,8 @@ double brute_force_distance(const TriangleMesh& mesh, const Eigen::Vector3d& p) 
     if (solution.minCoeff() >= 0 && solution.sum() <= 1) {
       best = std::min(best, (a + solution[0] * u + solution[1] * v - p).norm());
     }
-    for (const auto& [from, to] : {std::pair<Eigen::Vector3d, Eigen::Vector3d>{a, a + u},
-                                   {a + u, a + v},
-                                   {a + v, a}}) {
+    for (const auto& [from, to] :
+         {std::pair<Eigen::Vector3d, Eigen::Vector3d>{a, a + u}, {a + u, a + v}, {a + v, a}}) {
       const Eigen::Vector3d edge = to - from;
       const double s = std::clamp(edge.dot(p - from) / edge.squaredNorm(), 0.0, 1.0);
       best = std::min(best, (from + s * edge - p).norm());
@@ -77,8 +77,8 @@ TEST(Mesh, VolumesOfKnownShapes) {
 TEST(Mesh, TessellationsAreClosed) {
   for (TriangleMesh mesh :
        {make_box_mesh({1, 2, 3}), make_ellipsoid_mesh({1, 2, 3}, 7, 9),
-        make_capsule_mesh({0, 0, 0}, {1, 1, 1}, 0.2, 12), make_capsule_mesh({1, 0, 0}, {1, 0, 0}, 1, 3),
-        make_fat_pad_mm(), make_organ_mm()}) {
+        make_capsule_mesh({0, 0, 0}, {1, 1, 1}, 0.2, 12),
+        make_capsule_mesh({1, 0, 0}, {1, 0, 0}, 1, 3), make_fat_pad_mm(), make_organ_mm()}) {
     const TriangleMesh before = mesh;
     EXPECT_NO_THROW(require_closed("shape", mesh));
     EXPECT_EQ(mesh.triangles, before.triangles) << "was inside out";
@@ -126,20 +126,29 @@ TEST(Mesh, InsideOutIsTurned) {
 }
 
 TEST(Mesh, ErrorsNameFileAndLine) {
-  EXPECT_THAT(error_of("a.obj", "v 0 0 0\nv 0 x 0\n"), HasSubstr("a.obj:2: coordinate \"x\" is not a number"));
-  EXPECT_THAT(error_of("a.obj", "v 0 0 nan\n"), HasSubstr("a.obj:1: coordinate \"nan\" is not finite"));
+  EXPECT_THAT(error_of("a.obj", "v 0 0 0\nv 0 x 0\n"),
+              HasSubstr("a.obj:2: coordinate \"x\" is not a number"));
+  EXPECT_THAT(error_of("a.obj", "v 0 0 nan\n"),
+              HasSubstr("a.obj:1: coordinate \"nan\" is not finite"));
   EXPECT_THAT(error_of("a.obj", "v 0 0\n"), HasSubstr("a.obj:1: vertex with fewer than three"));
-  EXPECT_THAT(error_of("a.obj", "v 0 0 0\nf 1 2 3\n"), HasSubstr("a.obj:2: face corner \"2\" is outside the 1"));
-  EXPECT_THAT(error_of("a.obj", "v 0 0 0\nf 1 0 1\n"), HasSubstr("face corner \"0\" is not a vertex index"));
-  EXPECT_THAT(error_of("a.obj", "v 0 0 0\nf 1 1\n"), HasSubstr("a.obj:2: face with fewer than three"));
-  EXPECT_THAT(error_of("a.obj", "hello\n"), HasSubstr("a.obj:1: \"hello\" is not a line of an OBJ file"));
+  EXPECT_THAT(error_of("a.obj", "v 0 0 0\nf 1 2 3\n"),
+              HasSubstr("a.obj:2: face corner \"2\" is outside the 1"));
+  EXPECT_THAT(error_of("a.obj", "v 0 0 0\nf 1 0 1\n"),
+              HasSubstr("face corner \"0\" is not a vertex index"));
+  EXPECT_THAT(error_of("a.obj", "v 0 0 0\nf 1 1\n"),
+              HasSubstr("a.obj:2: face with fewer than three"));
+  EXPECT_THAT(error_of("a.obj", "hello\n"),
+              HasSubstr("a.obj:1: \"hello\" is not a line of an OBJ file"));
   EXPECT_THAT(error_of("a.obj", ""), HasSubstr("a.obj: file is empty"));
   EXPECT_THAT(error_of("a.obj", "v 0 0 0\n"), HasSubstr("a.obj: no triangles"));
-  EXPECT_THAT(error_of("a.stl", "short"), HasSubstr("a.stl: byte 5: file ends inside the STL header"));
+  EXPECT_THAT(error_of("a.stl", "short"),
+              HasSubstr("a.stl: byte 5: file ends inside the STL header"));
   const std::string stl = test::print_binary_stl(make_box_mesh({1, 1, 1}));
-  EXPECT_THAT(error_of("a.stl", stl.substr(0, 300)), HasSubstr("byte 300: file ends early, 12 triangles need 684"));
+  EXPECT_THAT(error_of("a.stl", stl.substr(0, 300)),
+              HasSubstr("byte 300: file ends early, 12 triangles need 684"));
   const std::string ascii = test::print_ascii_stl(make_box_mesh({1, 1, 1}));
-  EXPECT_THAT(error_of("a.stl", ascii.substr(0, ascii.find("endfacet"))), HasSubstr("file ends before endsolid"));
+  EXPECT_THAT(error_of("a.stl", ascii.substr(0, ascii.find("endfacet"))),
+              HasSubstr("file ends before endsolid"));
 }
 
 TEST(Mesh, WrongUnitIsRefused) {
@@ -153,25 +162,29 @@ TEST(Mesh, WrongUnitIsRefused) {
 TEST(Mesh, OpenAndTornSurfacesNameAnEdge) {
   TriangleMesh open = make_box_mesh({1, 1, 1});
   open.triangles.pop_back();
-  EXPECT_THAT(error_of("open.obj", test::print_obj(open, "")), HasSubstr("open.obj: not closed, triangle"));
+  EXPECT_THAT(error_of("open.obj", test::print_obj(open, "")),
+              HasSubstr("open.obj: not closed, triangle"));
   TriangleMesh torn = make_box_mesh({1, 1, 1});
   std::swap(torn.triangles[3][0], torn.triangles[3][1]);
   EXPECT_THAT(error_of("torn.obj", test::print_obj(torn, "")), HasSubstr("torn.obj: not closed"));
   TriangleMesh doubled = make_box_mesh({1, 1, 1});
   doubled.triangles.push_back(doubled.triangles.front());
-  EXPECT_THAT(error_of("twice.obj", test::print_obj(doubled, "")), HasSubstr("used twice in the same direction"));
+  EXPECT_THAT(error_of("twice.obj", test::print_obj(doubled, "")),
+              HasSubstr("used twice in the same direction"));
 }
 
 TEST(Mesh, InsideAgreesWithWindingNumber) {
   std::mt19937 random(1);
-  for (const TriangleMesh& mesh : {make_fat_pad_mm(), make_organ_mm(), make_box_mesh({20, 20, 20})}) {
+  for (const TriangleMesh& mesh :
+       {make_fat_pad_mm(), make_organ_mm(), make_box_mesh({20, 20, 20})}) {
     Eigen::AlignedBox3d box;
     for (const Eigen::Vector3d& p : mesh.vertices) box.extend(p);
     std::vector<Eigen::Vector3d> points;
     std::uniform_real_distribution<double> uniform(-0.05, 1.05);
     for (int k = 0; k < 2000; ++k) {
-      points.push_back(box.min() + Eigen::Vector3d(uniform(random), uniform(random), uniform(random))
-                                       .cwiseProduct(box.sizes()));
+      points.push_back(box.min() +
+                       Eigen::Vector3d(uniform(random), uniform(random), uniform(random))
+                           .cwiseProduct(box.sizes()));
     }
     // Lines exactly through vertices and edges, where a naive count fails; heights off the surface.
     for (std::size_t k = 0; k < mesh.vertices.size(); k += 3) {
@@ -181,7 +194,8 @@ TEST(Mesh, InsideAgreesWithWindingNumber) {
     }
     const std::vector<bool> inside = points_inside(mesh, points);
     for (std::size_t k = 0; k < points.size(); ++k) {
-      if (brute_force_distance(mesh, points[k]) < 1e-9) continue;  // on a vertical edge: either side
+      if (brute_force_distance(mesh, points[k]) < 1e-9)
+        continue;  // on a vertical edge: either side
       EXPECT_EQ(inside[k], winding_number(mesh, points[k]) > 0.5) << points[k].transpose();
     }
   }
@@ -189,7 +203,7 @@ TEST(Mesh, InsideAgreesWithWindingNumber) {
 
 TEST(Mesh, WindingNumberIsOneInsideAndZeroOutside) {
   const TriangleMesh mesh = make_organ_mm();
-  EXPECT_NEAR(winding_number(mesh, {0, 0, 0}), 1, 1e-12);     // sum of 1,024 angles in double
+  EXPECT_NEAR(winding_number(mesh, {0, 0, 0}), 1, 1e-12);  // sum of 1,024 angles in double
   EXPECT_NEAR(winding_number(mesh, {0, 0, 100}), 0, 1e-12);
 }
 
@@ -197,13 +211,15 @@ TEST(Mesh, HundredThousandPointsAreFast) {
   const TriangleMesh mesh = make_fat_pad_mm();
   std::vector<Eigen::Vector3d> points;
   for (int k = 0; k < 100'000; ++k) {
-    points.emplace_back(-30 + 84.0 * (k % 100) / 100, -38 + 62.0 * (k / 100 % 100) / 100, k / 10000);
+    points.emplace_back(-30 + 84.0 * (k % 100) / 100, -38 + 62.0 * (k / 100 % 100) / 100,
+                        k / 10000);
   }
   const auto start = std::chrono::steady_clock::now();
   const std::vector<bool> inside = points_inside(mesh, points);
   const std::chrono::duration<double> elapsed = std::chrono::steady_clock::now() - start;
   EXPECT_GT(std::count(inside.begin(), inside.end(), true), 10'000);
-  EXPECT_LT(elapsed.count(), 2.0);  // takes 0.02 s; a loaded machine under sanitizers is 50 x slower
+  EXPECT_LT(elapsed.count(),
+            2.0);  // takes 0.02 s; a loaded machine under sanitizers is 50 x slower
 }
 
 TEST(SdfGrid, IsTheExactDistanceAtTheNodes) {

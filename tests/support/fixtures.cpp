@@ -1,5 +1,8 @@
 #include "tests/support/fixtures.h"
 
+#include <fmt/core.h>
+
+#include <Eigen/Geometry>
 #include <array>
 #include <cmath>
 #include <cstdint>
@@ -8,9 +11,6 @@
 #include <iterator>
 #include <numbers>
 #include <stdexcept>
-
-#include <Eigen/Geometry>
-#include <fmt/core.h>
 
 namespace omentum::test {
 namespace {

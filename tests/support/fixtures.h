@@ -4,16 +4,18 @@
 
 #include "sim_worker/mesh.h"
 
-// Meshes made by our own formulas for tests. The files under tests/fixtures/ are printed from here by the program
-// make_fixtures; the test Fixtures.AreWhatTheGeneratorMakes compares the two.
+// Meshes made by our own formulas for tests. The files under tests/fixtures/ are printed from here
+// by the program make_fixtures; the test Fixtures.AreWhatTheGeneratorMakes compares the two.
 
 namespace omentum::test {
 
-/// A fat pad that is neither flat nor square nor centred: a lens with a lobed outline and a bent middle surface,
-/// about 80 x 60 mm and 6 mm thick, closed, 1,360 triangles, centre near (12, -7, 3) mm. In millimetres.
+/// A fat pad that is neither flat nor square nor centred: a lens with a lobed outline and a bent
+/// middle surface, about 80 x 60 mm and 6 mm thick, closed, 1,360 triangles, centre near (12, -7,
+/// 3) mm. In millimetres.
 TriangleMesh make_fat_pad_mm();
 
-/// An organ: an ellipsoid of 48 x 62 x 108 mm with a dent on one side, 1,024 triangles, centred. In millimetres.
+/// An organ: an ellipsoid of 48 x 62 x 108 mm with a dent on one side, 1,024 triangles, centred. In
+/// millimetres.
 TriangleMesh make_organ_mm();
 
 std::string print_obj(const TriangleMesh& mesh, const std::string& comment);

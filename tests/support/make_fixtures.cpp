@@ -1,9 +1,10 @@
-// Writes the meshes of tests/fixtures/ and the seeds of tests/fuzz/corpus/mesh/. Usage: make_fixtures <tests folder>
+// Writes the meshes of tests/fixtures/ and the seeds of tests/fuzz/corpus/mesh/. Usage:
+// make_fixtures <tests folder>
+
+#include <fmt/core.h>
 
 #include <cstdio>
 #include <string>
-
-#include <fmt/core.h>
 
 #include "tests/support/fixtures.h"
 
@@ -21,8 +22,9 @@ void write_mesh_corpus(const std::string& folder) {
   write_bytes(folder + "/nan.obj", "v 0 0 0\nv nan 1 0\nv 0 1 inf\nf 1 2 3\n");
   write_bytes(folder + "/huge.obj", "v 0 0 0\nv 1e300 0 0\nv 0 1e300 0\nf 1 2 3\n");
   write_bytes(folder + "/index.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 99999999999\n");
-  write_bytes(folder + "/polygon.obj",
-              "o quad\nv 0 0 0\nv .1 0 0\nv .1 .1 0\nv 0 .1 0\nvt 0 0\nvn 0 0 1\nf -4/1/1 -3//1 -2 -1\n");
+  write_bytes(
+      folder + "/polygon.obj",
+      "o quad\nv 0 0 0\nv .1 0 0\nv .1 .1 0\nv 0 .1 0\nvt 0 0\nvn 0 0 1\nf -4/1/1 -3//1 -2 -1\n");
   write_bytes(folder + "/empty.obj", "");
   write_bytes(folder + "/stl_truncated.stl", omentum::test::print_binary_stl(box).substr(0, 200));
   write_bytes(folder + "/stl_binary.stl", omentum::test::print_binary_stl(box));

@@ -1,12 +1,12 @@
 // Writes the seeds of tests/fuzz/corpus/mcap/. Usage: make_mcap_corpus <folder>
 
+#include <fmt/core.h>
+
 #include <cstdio>
 #include <fstream>
 #include <iterator>
 #include <sstream>
 #include <string>
-
-#include <fmt/core.h>
 
 #include "core/mcap.h"
 #include "tests/support/episode_fixture.h"
@@ -22,7 +22,8 @@ int main(int count, char** arguments) {
   };
   for (const bool zstd : {false, true}) {
     std::ostringstream out;
-    omentum::McapWriter writer(out, zstd ? omentum::McapCompression::kZstd : omentum::McapCompression::kNone, 64);
+    omentum::McapWriter writer(
+        out, zstd ? omentum::McapCompression::kZstd : omentum::McapCompression::kNone, 64);
     const auto channel = writer.add_channel("/note", "json");
     writer.write_metadata("run", {{"name", "corpus"}});
     for (std::uint32_t k = 0; k < 3; ++k) writer.write_bytes(channel, k, k, "{\"k\": 1}");
@@ -31,6 +32,7 @@ int main(int count, char** arguments) {
     write(zstd ? "zstd_cut.mcap" : "plain_cut.mcap", out.str().substr(0, out.str().size() / 2));
   }
   const omentum::EpisodeRecording made = omentum::test::make_episode(2, 2, 1);
-  if (!omentum::save_episode(folder + "/episode.mcap", made.task, made.segment, made.context)) return 2;
+  if (!omentum::save_episode(folder + "/episode.mcap", made.task, made.segment, made.context))
+    return 2;
   return 0;
 }

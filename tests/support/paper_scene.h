@@ -1,15 +1,15 @@
 #pragma once
 
-#include <numbers>
-
 #include <Eigen/Geometry>
+#include <numbers>
 
 #include "sim_worker/scene.h"
 
 namespace omentum::test {
 
-/// The scene of seed_task.md section 3 with the sheet of preset `omentum` (31 x 31 particles, pitch 3 mm), built from
-/// its numbers without the scene loader, so that camera and report tests do not depend on it.
+/// The scene of seed_task.md section 3 with the sheet of preset `omentum` (31 x 31 particles, pitch
+/// 3 mm), built from its numbers without the scene loader, so that camera and report tests do not
+/// depend on it.
 inline Scene make_paper_scene() {
   Scene scene;
   scene.gravity = {0, 0, -9.80665};
@@ -81,8 +81,9 @@ inline std::vector<float> rest_positions(const Scene& scene) {
   return positions;
 }
 
-/// A made-up lifted sheet: the point (grasp_x, grasp_y) of B [m] is pulled towards `goal`, its neighbourhood follows
-/// with a smooth weight. `share` runs from 0 (flat) to 1. For pictures and tests of the camera, not physics.
+/// A made-up lifted sheet: the point (grasp_x, grasp_y) of B [m] is pulled towards `goal`, its
+/// neighbourhood follows with a smooth weight. `share` runs from 0 (flat) to 1. For pictures and
+/// tests of the camera, not physics.
 inline std::vector<float> lifted_positions(const Scene& scene, double grasp_x, double grasp_y,
                                            const Eigen::Vector3d& goal, double share) {
   std::vector<float> positions;

@@ -1,0 +1,214 @@
+#include "learner/onnx_export.h"
+
+#include <fmt/core.h>
+#include <onnx/onnx_pb.h>
+
+#include <initializer_list>
+#include <span>
+
+#include "core/check.h"
+#include "core/hash.h"
+#include "learner/durable_file.h"
+
+namespace omentum {
+
+namespace {
+
+constexpr std::int64_t kOpset = 13;
+constexpr std::int64_t kIrVersion = 7;  // the one that belongs to opset 13
+
+/// Adds nodes and constants to a graph; names are those of the tensors they make.
+class GraphMaker {
+ public:
+  explicit GraphMaker(onnx::GraphProto& graph) : graph_(graph) {}
+
+  void constant(const std::string& name, std::span<const float> values,
+                std::initializer_list<std::int64_t> shape) {
+    onnx::TensorProto& tensor = *graph_.add_initializer();
+    tensor.set_name(name);
+    tensor.set_data_type(onnx::TensorProto_DataType_FLOAT);
+    for (const std::int64_t size : shape) tensor.add_dims(size);
+    tensor.set_raw_data(values.data(), values.size_bytes());  // little-endian, as ONNX wants
+  }
+
+  void constant(const std::string& name, std::span<const std::int64_t> values) {
+    onnx::TensorProto& tensor = *graph_.add_initializer();
+    tensor.set_name(name);
+    tensor.set_data_type(onnx::TensorProto_DataType_INT64);
+    tensor.add_dims(static_cast<std::int64_t>(values.size()));
+    tensor.set_raw_data(values.data(), values.size_bytes());
+  }
+
+  onnx::NodeProto& node(const char* type, const std::vector<std::string>& inputs,
+                        const std::vector<std::string>& outputs) {
+    onnx::NodeProto& made = *graph_.add_node();
+    made.set_op_type(type);
+    made.set_name(outputs.front() + "_" + type);
+    for (const std::string& input : inputs) made.add_input(input);
+    for (const std::string& output : outputs) made.add_output(output);
+    return made;
+  }
+
+  static void attribute(onnx::NodeProto& node, const char* name, std::int64_t value) {
+    onnx::AttributeProto& made = *node.add_attribute();
+    made.set_name(name);
+    made.set_type(onnx::AttributeProto_AttributeType_INT);
+    made.set_i(value);
+  }
+
+  static void describe(onnx::ValueInfoProto& info, const char* name, std::int64_t columns,
+                       int type) {
+    info.set_name(name);
+    auto& tensor = *info.mutable_type()->mutable_tensor_type();
+    tensor.set_elem_type(type);
+    tensor.mutable_shape()->add_dim()->set_dim_param("N");
+    tensor.mutable_shape()->add_dim()->set_dim_value(columns);
+  }
+
+ private:
+  onnx::GraphProto& graph_;
+};
+
+void add_activation(GraphMaker& maker, const PolicyShape& shape, const std::string& input,
+                    const std::string& output) {
+  if (shape.activation == pb::ACTIVATION_TANH) {
+    maker.node("Tanh", {input}, {output});
+    return;
+  }
+  maker.node("Sigmoid", {input}, {output + "_gate"});
+  maker.node("Mul", {input, output + "_gate"}, {output});
+}
+
+void add_network(GraphMaker& maker, const PolicyShape& shape, const NetworkLayout& net,
+                 const std::vector<float>& p, const std::string& name, const std::string& output) {
+  const auto hidden = static_cast<std::size_t>(shape.hidden);
+  const auto outputs = static_cast<std::size_t>(net.outputs);
+  const std::span<const float> all(p);
+  const std::int64_t h = shape.hidden, o = shape.observations, l = net.outputs;
+  maker.constant(name + "_weights1",
+                 all.subspan(net.weights1, static_cast<std::size_t>(o) * hidden), {o, h});
+  maker.constant(name + "_bias1", all.subspan(net.bias1, hidden), {h});
+  maker.constant(name + "_weights2", all.subspan(net.weights2, hidden * hidden), {h, h});
+  maker.constant(name + "_bias2", all.subspan(net.bias2, hidden), {h});
+  maker.constant(name + "_head", all.subspan(net.head, outputs * hidden), {l, h});
+  maker.node("Gemm", {"normalised", name + "_weights1", name + "_bias1"}, {name + "_sum1"});
+  add_activation(maker, shape, name + "_sum1", name + "_hidden1");
+  maker.node("Gemm", {name + "_hidden1", name + "_weights2", name + "_bias2"}, {name + "_sum2"});
+  add_activation(maker, shape, name + "_sum2", name + "_hidden2");
+  std::vector<std::string> inputs = {name + "_hidden2", name + "_head"};
+  if (net.has_head_bias) {
+    maker.constant(name + "_head_bias", all.subspan(net.head_bias, outputs), {l});
+    inputs.push_back(name + "_head_bias");
+  }
+  GraphMaker::attribute(maker.node("Gemm", inputs, {output}), "transB", 1);
+}
+
+void add_normaliser(GraphMaker& maker, const PolicyWeights& weights) {
+  if (weights.obs_mean.empty()) {
+    maker.node("Identity", {"observation"}, {"normalised"});
+    return;
+  }
+  const auto size = static_cast<std::int64_t>(weights.obs_mean.size());
+  const float low = -kObservationClip, high = kObservationClip;
+  maker.constant("observation_mean", weights.obs_mean, {size});
+  maker.constant("observation_inverse_deviation", weights.obs_inv_std, {size});
+  maker.constant("clip_low", std::span(&low, 1), {});
+  maker.constant("clip_high", std::span(&high, 1), {});
+  maker.node("Sub", {"observation", "observation_mean"}, {"centred"});
+  maker.node("Mul", {"centred", "observation_inverse_deviation"}, {"scaled"});
+  maker.node("Clip", {"scaled", "clip_low", "clip_high"}, {"normalised"});
+}
+
+void add_action(GraphMaker& maker, const PolicyShape& shape) {
+  if (shape.continuous) {
+    maker.node("Identity", {"logits"}, {"action"});
+    return;
+  }
+  std::vector<std::string> parts, choices;
+  std::vector<std::int64_t> sizes;
+  for (const int size : shape.branches) {
+    parts.push_back(fmt::format("branch{}", parts.size()));
+    sizes.push_back(size);
+  }
+  maker.constant("branch_sizes", sizes);
+  GraphMaker::attribute(maker.node("Split", {"logits", "branch_sizes"}, parts), "axis", 1);
+  for (const std::string& part : parts) {
+    choices.push_back(part + "_choice");
+    onnx::NodeProto& node = maker.node("ArgMax", {part}, {choices.back()});
+    GraphMaker::attribute(node, "axis", 1);
+    GraphMaker::attribute(node, "keepdims", 1);
+  }
+  // Unused branches are always 0.
+  while (choices.size() < 4) {
+    const std::string name = fmt::format("unused{}", choices.size());
+    maker.node("Sub", {choices.front(), choices.front()}, {name});
+    choices.push_back(name);
+  }
+  GraphMaker::attribute(maker.node("Concat", choices, {"action"}), "axis", 1);
+}
+
+std::string joined(const std::vector<std::string>& words) {
+  std::string text;
+  for (const std::string& word : words) text += (text.empty() ? "" : ",") + word;
+  return text;
+}
+
+}  // namespace
+
+std::string onnx_model(const PolicyShape& shape, const PolicyWeights& weights,
+                       const OnnxMetadata& metadata) {
+  const ParameterLayout layout = parameter_layout(shape);
+  OMENTUM_CHECK(weights.parameters.size() == layout.count);
+  onnx::ModelProto model;
+  model.set_ir_version(kIrVersion);
+  model.set_producer_name("omentum");
+  model.set_producer_version(metadata.git_revision);
+  model.set_model_version(static_cast<std::int64_t>(weights.policy_version));
+  onnx::OperatorSetIdProto& opset = *model.add_opset_import();
+  opset.set_domain("");
+  opset.set_version(kOpset);
+
+  onnx::GraphProto& graph = *model.mutable_graph();
+  graph.set_name("omentum_policy");
+  GraphMaker maker(graph);
+  add_normaliser(maker, weights);
+  add_network(maker, shape, layout.actor, weights.parameters, "actor", "logits");
+  add_network(maker, shape, layout.critic, weights.parameters, "critic", "value");
+  add_action(maker, shape);
+  GraphMaker::describe(*graph.add_input(), "observation", shape.observations,
+                       onnx::TensorProto_DataType_FLOAT);
+  GraphMaker::describe(*graph.add_output(), "logits", shape.logits(),
+                       onnx::TensorProto_DataType_FLOAT);
+  GraphMaker::describe(*graph.add_output(), "value", 1, onnx::TensorProto_DataType_FLOAT);
+  GraphMaker::describe(
+      *graph.add_output(), "action", 4,
+      shape.continuous ? onnx::TensorProto_DataType_FLOAT : onnx::TensorProto_DataType_INT64);
+
+  std::vector<std::string> branches;
+  for (const int size : shape.branches) branches.push_back(std::to_string(size));
+  const std::pair<const char*, std::string> entries[] = {
+      {"policy_version", std::to_string(weights.policy_version)},
+      {"weights_hash", hex(weights.weights_hash)},
+      {"config_hash", fmt::format("{:016x}", weights.config_hash)},
+      {"layout_hash", fmt::format("{:016x}", shape.layout_hash())},
+      {"git_revision", metadata.git_revision},
+      {"observation_names", joined(metadata.observation_names)},
+      {"observation_units", metadata.observation_units},
+      {"action_names", joined(metadata.action_names)},
+      {"branches", joined(branches)},
+  };
+  for (const auto& [key, value] : entries) {
+    onnx::StringStringEntryProto& entry = *model.add_metadata_props();
+    entry.set_key(key);
+    entry.set_value(value);
+  }
+  return model.SerializeAsString();
+}
+
+Result<void> export_onnx(const std::string& path, const PolicyShape& shape,
+                         const PolicyWeights& weights, const OnnxMetadata& metadata) {
+  const std::string model = onnx_model(shape, weights, metadata);
+  return write_durably(path, std::as_bytes(std::span(model)));
+}
+
+}  // namespace omentum

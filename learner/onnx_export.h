@@ -1,0 +1,37 @@
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "core/policy.h"
+#include "core/result.h"
+
+namespace omentum {
+
+/// What the file says about itself besides the network.
+struct OnnxMetadata {
+  std::vector<std::string> observation_names;
+  std::vector<std::string> action_names;
+  std::string git_revision;
+  std::string observation_units;  ///< frames and units of the observation, one line
+};
+
+/// The policy as an ONNX model, opset 13, serialised.
+///
+///   input   observation [N, O] float, raw
+///   outputs logits [N, L] float (means with the Gaussian head), value [N, 1] float,
+///           action: discrete [N, 4] int64, arg max per branch (unused branches 0); Gaussian [N, 4]
+///           float, the mean
+///   nodes   Sub, Mul, Clip (normaliser); per network Gemm, Tanh or Sigmoid + Mul, twice, Gemm;
+///   Split, ArgMax, Concat
+///
+/// Sums run in another order than core/policy.h, so values agree to f32 rounding, not to the bit.
+std::string onnx_model(const PolicyShape& shape, const PolicyWeights& weights,
+                       const OnnxMetadata& metadata);
+
+/// Durable write of onnx_model().
+Result<void> export_onnx(const std::string& path, const PolicyShape& shape,
+                         const PolicyWeights& weights, const OnnxMetadata& metadata);
+
+}  // namespace omentum

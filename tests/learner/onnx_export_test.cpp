@@ -1,0 +1,148 @@
+#include "learner/onnx_export.h"
+
+#include <gtest/gtest.h>
+#include <sys/wait.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+
+#include "core/rng.h"
+#include "learner/initialise.h"
+
+namespace omentum {
+namespace {
+
+namespace fs = std::filesystem;
+
+float noise(std::uint32_t i, std::uint32_t stream) {
+  return 2 * uniform_24(philox({i, stream, 0, 0}, {3, 9})[0]) - 1;
+}
+
+struct Case {
+  const char* name;
+  PolicyShape shape;
+  bool normalised;
+};
+
+class OnnxExport : public testing::TestWithParam<Case> {};
+
+/// Logits of the policy for one observation, read through the log-probabilities of all actions:
+/// only differences within a branch matter there, so compute them plainly instead.
+std::vector<double> plain_logits(const PolicyShape& shape, const PolicyWeights& weights,
+                                 const float* observation) {
+  const NetworkLayout net = parameter_layout(shape).actor;
+  const std::vector<float>& p = weights.parameters;
+  const auto hidden = static_cast<std::size_t>(shape.hidden);
+  std::vector<double> x;
+  for (std::size_t i = 0; i < static_cast<std::size_t>(shape.observations); ++i) {
+    double value = static_cast<double>(observation[i]);
+    if (!weights.obs_mean.empty()) {
+      value = (value - static_cast<double>(weights.obs_mean[i])) *
+              static_cast<double>(weights.obs_inv_std[i]);
+      value = std::clamp(value, -10.0, 10.0);
+    }
+    x.push_back(value);
+  }
+  for (const auto& [w, b] :
+       {std::pair{net.weights1, net.bias1}, std::pair{net.weights2, net.bias2}}) {
+    std::vector<double> y(hidden);
+    for (std::size_t j = 0; j < hidden; ++j) {
+      double sum = static_cast<double>(p[b + j]);
+      for (std::size_t k = 0; k < x.size(); ++k)
+        sum += x[k] * static_cast<double>(p[w + k * hidden + j]);
+      y[j] = shape.activation == pb::ACTIVATION_TANH ? std::tanh(sum) : sum / (1 + std::exp(-sum));
+    }
+    x = y;
+  }
+  std::vector<double> logits;
+  for (std::size_t o = 0; o < static_cast<std::size_t>(net.outputs); ++o) {
+    double sum = net.has_head_bias ? static_cast<double>(p[net.head_bias + o]) : 0;
+    for (std::size_t k = 0; k < hidden; ++k)
+      sum += x[k] * static_cast<double>(p[net.head + o * hidden + k]);
+    logits.push_back(sum);
+  }
+  return logits;
+}
+
+TEST_P(OnnxExport, IndependentReaderAgrees) {
+  const Case& c = GetParam();
+  const std::size_t rows = 50;
+  const auto width = static_cast<std::size_t>(c.shape.observations);
+  PolicyWeights weights;
+  weights.policy_version = 12;
+  weights.parameters = initial_parameters(c.shape, pb::Ppo(), 4);
+  for (std::size_t i = 0; i < weights.parameters.size(); ++i) {
+    weights.parameters[i] += 0.1F * noise(static_cast<std::uint32_t>(i), 1);
+  }
+  if (c.normalised) {
+    for (std::uint32_t i = 0; i < width; ++i) weights.obs_mean.push_back(noise(i, 2));
+    weights.obs_inv_std.assign(width, 8);  // large, so that some observations are clipped
+  }
+  Policy policy(c.shape, weights);
+  std::vector<float> observations(rows * width);
+  for (std::size_t i = 0; i < observations.size(); ++i)
+    observations[i] = 2 * noise(static_cast<std::uint32_t>(i), 3);
+  const std::vector<ActionCounter> counters(rows);
+  std::vector<Decision> decisions(rows);
+  policy.act(observations, counters, true, {}, decisions);
+
+  std::string folder = (fs::temp_directory_path() / "omentum_onnx_XXXXXX").string();
+  ASSERT_NE(::mkdtemp(folder.data()), nullptr);
+  const Result<void> written =
+      export_onnx(folder + "/policy.onnx", c.shape, weights, {{"a", "b"}, {"x"}, "rev", "W, m"});
+  ASSERT_TRUE(written.has_value()) << written.error();
+  {
+    std::ofstream expected(folder + "/expected.txt");
+    expected.precision(9);
+    expected << rows << ' ' << width << ' ' << c.shape.logits() << '\n';
+    for (std::size_t i = 0; i < rows; ++i) {
+      for (std::size_t k = 0; k < width; ++k) expected << observations[i * width + k] << ' ';
+      for (const double logit : plain_logits(c.shape, weights, observations.data() + i * width))
+        expected << logit << ' ';
+      expected << decisions[i].value;
+      for (std::size_t b = 0; b < 4; ++b) {
+        expected << ' '
+                 << (c.shape.continuous ? decisions[i].continuous[b]
+                                        : static_cast<float>(decisions[i].branch[b]));
+      }
+      expected << '\n';
+    }
+  }
+  // Debian's python3-onnx belongs to /usr/bin/python3, whatever else is first on the path.
+  const std::string python = fs::exists("/usr/bin/python3") ? "/usr/bin/python3" : "python3";
+  const std::string command = python + " " + OMENTUM_TESTS_DIR + "/learner/onnx_check.py " +
+                              folder + "/policy.onnx " + folder + "/expected.txt";
+  const int status = std::system(command.c_str());
+  fs::remove_all(folder);
+  ASSERT_TRUE(WIFEXITED(status));
+  if (WEXITSTATUS(status) == 77 || WEXITSTATUS(status) == 127)
+    GTEST_SKIP() << "python3-onnx is not installed";
+  EXPECT_EQ(WEXITSTATUS(status), 0);
+}
+
+std::vector<Case> cases() {
+  PolicyShape shape;
+  shape.observations = 14;
+  shape.branches = {3, 3, 3, 2};
+  PolicyShape paper = shape;
+  paper.activation = pb::ACTIVATION_SWISH;
+  paper.head_bias = false;
+  PolicyShape derived = shape;
+  derived.branches = {3, 3, 3};
+  PolicyShape gaussian = shape;
+  gaussian.branches.clear();
+  gaussian.continuous = true;
+  return {{"Omentum", shape, true},
+          {"Paper", paper, false},
+          {"Derived", derived, true},
+          {"Gaussian", gaussian, true}};
+}
+
+INSTANTIATE_TEST_SUITE_P(Shapes, OnnxExport, testing::ValuesIn(cases()),
+                         [](const testing::TestParamInfo<Case>& i) { return i.param.name; });
+
+}  // namespace
+}  // namespace omentum

@@ -1,0 +1,186 @@
+#include "report/report.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <regex>
+
+#include "core/check.h"
+#include "report/csv.h"
+#include "report/episodes.h"
+#include "report/html.h"
+#include "report/plot.h"
+#include "report/sections.h"
+#include "report/statistics.h"
+#include "tests/support/paper_scene.h"
+#include "tests/support/synthetic_run.h"
+
+namespace omentum {
+namespace {
+
+namespace fs = std::filesystem;
+using testing::HasSubstr;
+using testing::Not;
+
+/// Three made-up seeds in a folder that goes away with the test program.
+class ReportTest : public testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    folder_ =
+        (fs::path(testing::TempDir()) / ("report_test_" + std::to_string(::getpid()))).string();
+    for (int seed = 1; seed <= 3; ++seed)
+      test::write_synthetic_run(folder_ + "/seed" + std::to_string(seed), seed);
+  }
+  static void TearDownTestSuite() { fs::remove_all(folder_); }
+
+  static std::string folder_;
+};
+std::string ReportTest::folder_;
+
+TEST(Csv, QuotesCommasAndIncompleteRows) {
+  const CsvTable table = parse_csv("a,b\r\n1,\"x, \"\"y\"\"\"\n2,\n3\n");
+  ASSERT_EQ(table.columns, (std::vector<std::string>{"a", "b"}));
+  ASSERT_EQ(table.rows.size(), 2);
+  EXPECT_EQ(table.rows[0][1], "x, \"y\"");
+  EXPECT_EQ(table.dropped, 1);
+  EXPECT_EQ(table.number(1, "a"), 2);
+  EXPECT_TRUE(std::isnan(table.number(1, "b")));
+  EXPECT_TRUE(std::isnan(table.number(0, "none")));
+  EXPECT_EQ(parse_number("true"), 1);
+  EXPECT_TRUE(parse_csv("").columns.empty());
+}
+
+TEST(Csv, EveryPrefixIsATable) {
+  const std::string text = "a,b\n\"1,\n2\",3\n4,5\n";
+  for (std::size_t size = 0; size <= text.size(); ++size) {
+    for (const auto& row : parse_csv(std::string_view(text).substr(0, size)).rows)
+      EXPECT_EQ(row.size(), 2);
+  }
+}
+
+TEST(Wilson, KnownIntervals) {
+  // 100 of 100: [n / (n + z^2), 1]; 9 of 25 from the closed form.
+  const Proportion all = wilson(100, 100);
+  EXPECT_NEAR(all.low, 100 / (100 + 3.8414588), 1e-6);
+  EXPECT_DOUBLE_EQ(all.high, 1);
+  const Proportion some = wilson(9, 25);
+  EXPECT_NEAR(some.low, 0.2025, 5e-4);
+  EXPECT_NEAR(some.high, 0.5548, 5e-4);
+  EXPECT_EQ(wilson(0, 0).high, 1);
+}
+
+TEST(Band, IsMeanAndRangeOnTheCommonRange) {
+  const Band band = band_of({{{0, 10}, {0, 10}}, {{2, 12}, {4, 14}}}, 9);
+  EXPECT_DOUBLE_EQ(band.x.front(), 2);
+  EXPECT_DOUBLE_EQ(band.x.back(), 10);
+  EXPECT_DOUBLE_EQ(band.mean.front(), 3);  // 2 and 4
+  EXPECT_DOUBLE_EQ(band.low.back(), 10);
+  EXPECT_DOUBLE_EQ(band.high.back(), 12);
+  EXPECT_TRUE(band_of({{{0, 1}, {0, 0}}, {{2, 3}, {0, 0}}}).x.empty());
+  EXPECT_TRUE(band_of({}).x.empty());
+}
+
+TEST(Ticks, AreRoundAndCover) {
+  EXPECT_EQ(make_ticks(0, 1, 5), (std::vector<double>{0, 0.2, 0.4, 0.6000000000000001, 0.8, 1}));
+  EXPECT_EQ(make_ticks(3, 3, 5), (std::vector<double>{3}));
+  EXPECT_LT(make_ticks(-1e300, 1e300, 5).size(), 20);
+  EXPECT_EQ(short_number(3e6), "3 M");
+  EXPECT_EQ(short_number(500e3), "500 k");
+}
+
+TEST(Html, EscapesAndEncodes) {
+  EXPECT_EQ(escape_html("<a href=\"x\">&\x01"), "&lt;a href=&quot;x&quot;&gt;&amp;?");
+  EXPECT_EQ(base64(""), "");
+  EXPECT_EQ(base64("f"), "Zg==");
+  EXPECT_EQ(base64("fo"), "Zm8=");
+  EXPECT_EQ(base64("foobar"), "Zm9vYmFy");
+}
+
+TEST(Plot, GapsAndEmptyChartsAreDrawn) {
+  LineChart chart;
+  chart.title = "a < b";
+  EXPECT_THAT(draw_line_chart(chart), HasSubstr("a &lt; b"));
+  chart.series.push_back({"s", {0, 1, 2, 3}, {0, NAN, 1, 2}, {}, {}, 1});
+  const std::string svg = draw_line_chart(chart);
+  EXPECT_THAT(svg, Not(HasSubstr("nan")));
+  EXPECT_THAT(svg, HasSubstr("M"));
+  HeatMap map;
+  map.rows = map.columns = 2;
+  map.value = {0, 0.5, NAN, 1};
+  EXPECT_THAT(draw_heat_map(map), HasSubstr("not evaluated"));
+}
+
+TEST_F(ReportTest, FindsTheSeedsOfAFolder) {
+  const std::vector<RunFolder> runs = load_runs({folder_});
+  ASSERT_EQ(runs.size(), 3);
+  EXPECT_EQ(runs[0].name, "seed1");
+  EXPECT_EQ(runs[0].metrics.rows.size(), 293);
+  EXPECT_EQ(runs[0].evaluations.at("grid100_greedy").starts.size(), 100);
+  EXPECT_EQ(runs[0].evaluations.at("robot25_greedy").rows, 5);
+  EXPECT_EQ(runs[0].lattice.size(), 961);
+  EXPECT_EQ(runs[0].recordings.size(), 5);
+  EXPECT_EQ(runs[0].figures[0].command, "train.sh --set a=1,b=2");
+  EXPECT_THAT(runs[0].warnings, testing::IsEmpty());
+  EXPECT_EQ(load_runs({folder_ + "/seed1", folder_ + "/seed2"}).size(), 2);
+  EXPECT_THROW(load_runs({folder_ + "/none"}), Error);
+}
+
+TEST_F(ReportTest, ChoosesBestAndWorstRecording) {
+  const std::vector<RunFolder> runs = load_runs({folder_});
+  std::vector<std::string> warnings;
+  const std::vector<ShownEpisode> episodes = choose_episodes(runs, 3, warnings);
+  ASSERT_EQ(episodes.size(), 3);
+  EXPECT_EQ(episodes.front().start.index, 75);
+  EXPECT_EQ(episodes.back().start.index, 19);
+  EXPECT_EQ(grasp_frame(episodes.front().recording), 19);  // held from step 190, a frame every 10
+  EXPECT_THAT(warnings, testing::IsEmpty());
+}
+
+TEST_F(ReportTest, IsSelfContained) {
+  const Scene scene = test::make_paper_scene();
+  const std::string html = make_report(load_runs({folder_}), &scene);
+  EXPECT_THAT(html, Not(HasSubstr("http://")));
+  EXPECT_THAT(html, Not(HasSubstr("https://")));
+  EXPECT_THAT(html, Not(HasSubstr("@import")));
+  EXPECT_THAT(html, Not(HasSubstr("fetch(")));
+  EXPECT_THAT(html, Not(HasSubstr("XMLHttpRequest")));
+  const std::regex reference("(src|href)=\"([^\"]{0,20})");
+  for (std::sregex_iterator it(html.begin(), html.end(), reference), end; it != end; ++it) {
+    const std::string target = (*it)[2];
+    EXPECT_TRUE(target.rfind("data:", 0) == 0 || target.rfind('#', 0) == 0) << target;
+  }
+  EXPECT_EQ(html.find("<script>alert(1)"), std::string::npos) << "the configuration is text";
+  EXPECT_THAT(html, HasSubstr("300 / 300"));
+  EXPECT_THAT(html, HasSubstr("replay-block-3"));
+  EXPECT_LT(html.size(), 12'000'000);
+  EXPECT_EQ(html, make_report(load_runs({folder_}), &scene)) << "same input, same text";
+}
+
+TEST_F(ReportTest, WorksWithoutSceneAndWithHalfOfTheFiles) {
+  const std::string poor = folder_ + "/../poor_" + std::to_string(::getpid());
+  fs::create_directories(poor + "/evaluation");
+  std::ofstream(poor + "/metrics.csv") << "charts/steps_total,charts/episodic_return\n1,2\n3,";
+  std::ofstream(poor + "/evaluation/grid100_greedy.csv")
+      << "index,row,column,exposure,reached\n0,1,1,0.5,1\n7,99999,-5,nan,x\n";
+  const std::string html = make_report(load_runs({poor}), nullptr);
+  fs::remove_all(poor);
+  EXPECT_THAT(html, HasSubstr("No recordings"));
+  EXPECT_THAT(html, HasSubstr("No grasp lattice"));
+}
+
+TEST_F(ReportTest, DamagedRecordingBecomesAWarning) {
+  const std::string run = folder_ + "/../damaged_" + std::to_string(::getpid());
+  fs::copy(folder_ + "/seed1", run, fs::copy_options::recursive);
+  std::ofstream(run + "/recordings/grid100_greedy_75.mcap", std::ios::trunc) << "not a recording";
+  const Scene scene = test::make_paper_scene();
+  const std::string html = make_report(load_runs({run}), &scene);
+  fs::remove_all(run);
+  EXPECT_THAT(html, HasSubstr("no episode header"));
+  EXPECT_THAT(html, HasSubstr("Best - start (7, 5)"));
+}
+
+}  // namespace
+}  // namespace omentum
