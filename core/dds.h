@@ -161,7 +161,8 @@ class Reader {
   int matched() const;
   /// Samples the middleware gave up since creation.
   std::uint64_t lost() const;
-  /// Times the cache was full: the sample is delivered again later, but until then this process receives nothing else.
+  /// Times the cache was full: the sample is delivered again later, but until then this process
+  /// receives nothing else.
   std::uint64_t rejected() const;
   std::int32_t handle() const { return entity_.handle(); }
   std::int32_t condition() const { return condition_.handle(); }

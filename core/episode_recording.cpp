@@ -7,6 +7,7 @@
 #include <cstring>
 #include <fstream>
 #include <iterator>
+#include <limits>
 
 #include "core/mcap.h"
 #include "proto/foxglove.pb.h"
@@ -66,6 +67,10 @@ pb::EpisodeHeader make_header(const RolloutTask& task, const RolloutSegment& seg
   header.set_particles(context.particles);
   header.set_frame_stride(task.frame_stride);
   header.set_build_id(segment.build_id);
+  header.set_task_steps(task.steps);
+  header.set_policy_steps(task.policy_steps);
+  header.set_hold_steps(task.hold_steps);
+  header.set_segment(task.segment);
   return header;
 }
 
@@ -95,13 +100,11 @@ pb::StepRecord make_step(const RolloutSegment& segment, std::uint32_t step) {
   return record;
 }
 
-foxglove::PoseInFrame make_pose(const RolloutSegment& segment, std::uint32_t step,
-                                std::uint64_t time_ns) {
+foxglove::PoseInFrame make_pose(const float* p, std::uint64_t time_ns) {
   foxglove::PoseInFrame message;
   set_time(*message.mutable_timestamp(), time_ns);
   message.set_frame_id("W");
   foxglove::Vector3& position = *message.mutable_pose()->mutable_position();
-  const float* p = segment.tool_positions_in_world_m.data() + std::size_t{3} * step;
   position.set_x(static_cast<double>(p[0]));
   position.set_y(static_cast<double>(p[1]));
   position.set_z(static_cast<double>(p[2]));
@@ -143,6 +146,7 @@ pb::EpisodeResult make_result(const RolloutSegment& segment) {
        ++k) {
     result.add_start_position_in_world_m(segment.episode_start_position[k]);
   }
+  if (!segment.episode_held.empty()) result.set_held(segment.episode_held[0] != 0);
   result.set_end_hash(segment.end_hash);
   if (!segment.failure.empty()) result.set_failure(segment.failure);
   result.set_physics_ticks(segment.physics_ticks);
@@ -195,7 +199,10 @@ void take_header(const pb::EpisodeHeader& header, EpisodeRecording& recording) {
   task.episode = header.episode();
   task.episode_step = header.episode_step();
   task.episode_limit = header.episode_limit();
-  task.steps = header.steps();
+  task.steps = header.task_steps();
+  task.policy_steps = header.policy_steps();
+  task.hold_steps = header.hold_steps();
+  task.segment = header.segment();
   task.reset = header.reset();
   task.state_format = header.state_format();
   task.start_hash = header.start_hash();
@@ -204,6 +211,7 @@ void take_header(const pb::EpisodeHeader& header, EpisodeRecording& recording) {
   task.scene_override = header.scene_override();
   task.frame_stride = header.frame_stride();
   recording.segment.slot = header.slot();
+  recording.segment.segment = header.segment();
   recording.segment.policy_version = header.policy_version();
   recording.segment.source = static_cast<Source>(header.source());
   recording.segment.build_id = header.build_id();
@@ -263,6 +271,7 @@ void take_result(const pb::EpisodeResult& result, RolloutSegment& segment) {
                                         result.grasp_position_in_world_m().end());
   segment.episode_start_position.assign(result.start_position_in_world_m().begin(),
                                         result.start_position_in_world_m().end());
+  if (result.has_held()) segment.episode_held = {static_cast<std::uint8_t>(result.held() ? 1 : 0)};
   segment.end_hash = result.end_hash();
   segment.failure = result.failure();
   segment.physics_ticks = result.physics_ticks();
@@ -342,12 +351,17 @@ Result<void> save_episode(const std::string& path, const RolloutTask& task,
     writer.write(tissue, time_ns, step, make_cloud(positions, context.particles, time_ns));
     ++next_frame;
   };
+  const auto write_tool = [&](std::uint32_t steps_taken, const float* position) {
+    const std::uint64_t time_ns = time_of(steps_taken, context);
+    writer.write(tool, time_ns, steps_taken, make_pose(position, time_ns));
+  };
+  if (segment.episode_start_position.size() >= 3)
+    write_tool(0, segment.episode_start_position.data());
   for (std::uint32_t step = 0; step < segment.steps; ++step) {
     if (next_frame < frames && step == next_frame * stride) write_frame(step);
-    const std::uint64_t time_ns = time_of(step, context);
-    writer.write(step_channel, time_ns, step, make_step(segment, step));
+    writer.write(step_channel, time_of(step, context), step, make_step(segment, step));
     if (!segment.tool_positions_in_world_m.empty()) {
-      writer.write(tool, time_ns, step, make_pose(segment, step, time_ns));
+      write_tool(step + 1, segment.tool_positions_in_world_m.data() + std::size_t{3} * step);
     }
   }
   if (next_frame < frames) write_frame(segment.steps);  // the state after the last step
@@ -367,6 +381,38 @@ Result<EpisodeRecording> load_episode(const std::string& path) {
   if (!file) return Failure{fmt::format("{}: cannot be opened", path)};
   const std::string bytes{std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>()};
   return parse_episode(path, bytes);
+}
+
+FrameState frame_state(const EpisodeRecording& recording, std::size_t frame) {
+  const RolloutSegment& segment = recording.segment;
+  FrameState state;
+  state.step = recording.frame_steps[frame];
+  state.time = state.step * recording.context.control_period;
+  state.tool_position.fill(std::numeric_limits<float>::quiet_NaN());
+  state.exposure = std::numeric_limits<float>::quiet_NaN();
+  const std::size_t after =
+      std::min(state.step, segment.steps);  // steps whose result the frame shows
+  const std::vector<float>& tools = segment.tool_positions_in_world_m;
+  if (after > 0 && 3 * after <= tools.size()) {
+    std::copy_n(tools.data() + 3 * (after - 1), 3, state.tool_position.data());
+  } else if (after == 0 && segment.episode_start_position.size() >= 3) {
+    std::copy_n(segment.episode_start_position.data(), 3, state.tool_position.data());
+  } else if (tools.size() >= 3) {
+    std::copy_n(tools.data(), 3, state.tool_position.data());
+  }
+  if (!segment.exposures.empty()) {
+    state.exposure =
+        segment.exposures[std::min(after > 0 ? after - 1 : 0, segment.exposures.size() - 1)];
+  }
+  if (after < segment.flags.size()) {
+    state.held = (segment.flags[after] & step_flag::kHeld) != 0;
+  } else if (!segment.episode_held.empty()) {
+    state.held = segment.episode_held[0] != 0;
+  } else if (!segment.flags.empty()) {
+    const std::uint8_t last = segment.flags.back();
+    state.held = (last & step_flag::kHeld) != 0 && (last & step_flag::kGraspLost) == 0;
+  }
+  return state;
 }
 
 }  // namespace omentum

@@ -11,29 +11,41 @@ namespace omentum {
 
 namespace {
 
-/// Rows x (Panels * 16) outputs in registers. `mask` selects the columns of the last panel that
-/// exist.
+/// Rows x (Panels * 16) outputs in registers; the loops must be unrolled whole or the sums go
+/// through memory. `mask` selects the columns of the last panel that exist.
 template <int Rows, int Panels>
 inline __attribute__((always_inline)) void tile(int inner, const GemmOperands& o, const float* a,
                                                 const float* b, const float* init, float* c,
                                                 __mmask16 mask) {
   __m512 sum[Rows][Panels];
+#pragma GCC unroll 16
   for (int p = 0; p < Panels; ++p) {
     const __m512 start =
         init != nullptr ? _mm512_maskz_loadu_ps(mask, init + p * 16) : _mm512_setzero_ps();
+#pragma GCC unroll 16
     for (int r = 0; r < Rows; ++r) sum[r][p] = start;
   }
+  const std::ptrdiff_t stride = o.a_row, step = o.a_inner;
+  const float* from[4] = {a, a + 3 * stride, a + 6 * stride, a + 9 * stride};
   for (int k = 0; k < inner; ++k) {
     __m512 right[Panels];
+#pragma GCC unroll 16
     for (int p = 0; p < Panels; ++p) right[p] = _mm512_maskz_loadu_ps(mask, b + p * o.b_panel);
+      // Rows by threes from four pointers: three strides fit the address modes, twelve offsets do
+      // not fit the registers.
+#pragma GCC unroll 16
     for (int r = 0; r < Rows; ++r) {
-      const __m512 left = _mm512_set1_ps(a[r * o.a_row]);
+      const __m512 left = _mm512_set1_ps(from[r / 3][r % 3 * stride]);
+#pragma GCC unroll 16
       for (int p = 0; p < Panels; ++p) sum[r][p] = _mm512_fmadd_ps(left, right[p], sum[r][p]);
     }
-    a += o.a_inner;
+#pragma GCC unroll 16
+    for (int q = 0; q < (Rows + 2) / 3; ++q) from[q] += step;
     b += o.b_inner;
   }
+#pragma GCC unroll 16
   for (int r = 0; r < Rows; ++r) {
+#pragma GCC unroll 16
     for (int p = 0; p < Panels; ++p)
       _mm512_mask_storeu_ps(c + r * o.c_row + p * 16, mask, sum[r][p]);
   }

@@ -23,11 +23,14 @@ std::uint64_t fnv1a64(std::string_view text, std::uint64_t seed) {
 }
 
 std::uint64_t hash_state(std::span<const std::byte> bytes) {
-  constexpr std::uint64_t kOdd = 0x9e3779b97f4a7c15ULL;  // 2^64 / golden ratio
+  // The word is multiplied before it enters, so that no change of one word looks like a change of
+  // the next.
+  constexpr std::uint64_t kWord = 0x9e3779b97f4a7c15ULL;   // 2^64 / golden ratio
+  constexpr std::uint64_t kChain = 0xd1342543de82ef95ULL;  // multiplier of Steele and Vigna, 2021
   const auto mix = [](std::uint64_t hash, std::uint64_t word) {
-    return std::rotl((hash ^ word) * kOdd, 29);
+    return std::rotl(hash + word * kWord, 31) * kChain;
   };
-  std::array<std::uint64_t, 4> chain = {kFnvOffset, kFnvOffset + 1, kFnvOffset + 2, kFnvOffset + 3};
+  std::array<std::uint64_t, 4> chain = {1, 2, 3, 4};
   std::size_t i = 0;
   for (; i + 32 <= bytes.size(); i += 32) {
     std::array<std::uint64_t, 4> words{};
@@ -37,10 +40,10 @@ std::uint64_t hash_state(std::span<const std::byte> bytes) {
   std::array<std::uint64_t, 4> tail{};
   if (i < bytes.size()) std::memcpy(tail.data(), bytes.data() + i, bytes.size() - i);
   for (std::size_t k = 0; k < 4; ++k) chain[k] = mix(chain[k], tail[k]);
-  std::uint64_t hash = mix(kFnvOffset, bytes.size());
+  std::uint64_t hash = mix(0, bytes.size());
   for (const std::uint64_t part : chain) hash = mix(hash, part);
   hash ^= hash >> 32;
-  return hash * kOdd;
+  return hash * kWord;
 }
 
 std::uint32_t crc32c(std::span<const std::byte> bytes, std::uint32_t seed) {
@@ -59,7 +62,8 @@ std::uint32_t crc32c(std::span<const std::byte> bytes, std::uint32_t seed) {
 Sha256 sha256(std::span<const std::byte> bytes) {
   Sha256 digest{};
   unsigned int size = 0;
-  const int ok = EVP_Digest(bytes.data(), bytes.size(), digest.data(), &size, EVP_sha256(), nullptr);
+  const int ok =
+      EVP_Digest(bytes.data(), bytes.size(), digest.data(), &size, EVP_sha256(), nullptr);
   OMENTUM_CHECK(ok == 1 && size == digest.size());
   return digest;
 }

@@ -42,9 +42,9 @@ struct BusStatistics {
   std::uint64_t bytes_up = 0;    ///< segments
   std::uint64_t bytes_down = 0;  ///< tasks, and weights once per worker
   std::uint64_t refused = 0;     ///< samples the wire layer refused
-  std::uint64_t lost = 0;          ///< given up by the middleware
-  std::uint64_t fuse = 0;          ///< times the reader's cache was full: everything else had to wait
-  std::uint64_t ring_high = 0;    ///< largest fill of the ring
+  std::uint64_t lost = 0;        ///< given up by the middleware
+  std::uint64_t fuse = 0;        ///< times the reader's cache was full: everything else had to wait
+  std::uint64_t ring_high = 0;   ///< largest fill of the ring
   std::uint64_t undelivered = 0;  ///< task writes that failed
   std::uint64_t worker_crashes = 0;
   std::uint64_t worker_leaves = 0;

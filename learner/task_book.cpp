@@ -203,7 +203,7 @@ void TaskBook::worker_silent(std::uint32_t worker_id, bool silent) {
   if (worker != workers_.end()) worker->second.silent = silent;
 }
 
-void TaskBook::lapse(Job& /*job*/, Grant& grant) {
+void TaskBook::lapse(Grant& grant) {
   if (grant.lapsed) return;
   grant.lapsed = true;
   const auto worker = workers_.find(grant.worker_id);
@@ -213,7 +213,7 @@ void TaskBook::lapse(Job& /*job*/, Grant& grant) {
 void TaskBook::drop_worker_grants(std::uint32_t worker_id) {
   for_each_job([this, worker_id](Job& job) {
     for (Grant& grant : job.grants) {
-      if (grant.worker_id == worker_id) lapse(job, grant);
+      if (grant.worker_id == worker_id) lapse(grant);
     }
   });
 }
@@ -323,7 +323,7 @@ RolloutTask TaskBook::write_grant(Job& job, std::uint32_t worker_id, std::int64_
                          [](const Grant& grant) { return !grant.lapsed; });
   };
   for (Grant& grant : job.grants) {
-    if (!grant.lapsed && (grant.worker_id == worker_id || live() >= 2)) lapse(job, grant);
+    if (!grant.lapsed && (grant.worker_id == worker_id || live() >= 2)) lapse(grant);
   }
   const auto lapsed = std::find_if(job.grants.begin(), job.grants.end(),
                                    [](const Grant& grant) { return grant.lapsed; });
@@ -379,7 +379,7 @@ void TaskBook::undelivered(const RolloutTask& task) {
   Job* job = find_job(task.slot);
   if (job == nullptr || !job->open || job->task.task_hash != task.task_hash) return;
   for (Grant& grant : job->grants) {
-    if (grant.number == task.grant) lapse(*job, grant);
+    if (grant.number == task.grant) lapse(grant);
   }
 }
 
@@ -441,7 +441,7 @@ Verdict TaskBook::refuse(Job& job, const RolloutSegment& segment, const std::str
   last_refusal_ = fmt::format("slot={} segment={} worker={} build={:016x}: {}", segment.slot,
                               segment.segment, segment.worker_id, segment.build_id, reason);
   for (Grant& grant : job.grants) {
-    if (grant.worker_id == segment.worker_id) lapse(job, grant);
+    if (grant.worker_id == segment.worker_id) lapse(grant);
   }
   const auto worker = workers_.find(segment.worker_id);
   if (worker != workers_.end()) {
@@ -497,7 +497,7 @@ void TaskBook::settle(Job& job, const RolloutSegment& segment, std::int64_t now_
       --ledger_.cancelled;
     }
   }
-  for (Grant& grant : job.grants) lapse(job, grant);
+  for (Grant& grant : job.grants) lapse(grant);
   job.grants.clear();
   job.open = false;
 }
@@ -564,7 +564,7 @@ void TaskBook::overflowed(std::uint32_t slot, std::uint64_t task_hash) {
   ++ledger_.overflow;
   Job* job = find_job(slot);
   if (job == nullptr || !job->open || job->task.task_hash != task_hash) return;
-  for (Grant& grant : job->grants) lapse(*job, grant);
+  for (Grant& grant : job->grants) lapse(grant);
 }
 
 void TaskBook::refused(std::uint64_t count) {

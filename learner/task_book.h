@@ -96,8 +96,8 @@ struct EvaluationTask {
   bool greedy = true;
   std::uint64_t policy_version = 0;  ///< must be announced
   std::uint32_t steps = 0;           ///< upper limit, hold included
-  std::uint32_t policy_steps = 0;  ///< the policy acts for at most so many
-  std::uint32_t hold_steps = 0;    ///< at p_T, after arrival
+  std::uint32_t policy_steps = 0;    ///< the policy acts for at most so many
+  std::uint32_t hold_steps = 0;      ///< at p_T, after arrival
   std::uint32_t frame_stride = 0;
   std::string scene_override;   ///< replay
   std::vector<float> commands;  ///< replay
@@ -252,7 +252,7 @@ class TaskBook {
   Need need_of(const Job& job, std::int64_t now_ns) const;
   std::optional<std::uint32_t> choose_worker(const Job& job, Need need, std::int64_t now_ns) const;
   RolloutTask write_grant(Job& job, std::uint32_t worker_id, std::int64_t now_ns);
-  void lapse(Job& job, Grant& grant);
+  void lapse(Grant& grant);
   void drop_worker_grants(std::uint32_t worker_id);
 
   Result<void> check_segment(const RolloutTask& task, const RolloutSegment& segment) const;

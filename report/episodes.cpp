@@ -11,6 +11,7 @@
 
 #include "report/plot.h"
 #include "report/replay3d.h"
+#include "report/skin.h"
 #include "sim_worker/camera.h"
 
 namespace omentum {
@@ -49,38 +50,39 @@ std::vector<Candidate> candidates_of(const RunFolder& run) {
   return candidates;
 }
 
-bool held_at(const RolloutSegment& segment, std::size_t step) {
-  return step < segment.flags.size() && (segment.flags[step] & step_flag::kHeld) != 0;
-}
+/// A camera with what it needs to draw recorded frames.
+struct Studio {
+  Studio(const Scene& drawn, const Eigen::Vector3d& middle)
+      : scene(drawn),
+        camera(drawn, kPictureWidth, kPictureHeight),
+        pose(look_at(drawn.camera.position, middle, drawn.camera.R_WC.col(1), kPictureFov)),
+        skin(drawn.tissue) {}
 
-/// Step index that exists for a frame recorded before `step`; the last frame may lie behind the
-/// last step.
-std::size_t step_of(const EpisodeRecording& recording, std::size_t frame) {
-  const std::uint32_t steps = recording.segment.steps;
-  return std::min(recording.frame_steps[frame], steps > 0 ? steps - 1 : 0U);
-}
+  const Scene& scene;
+  Camera camera;
+  CameraPose pose;
+  SurfaceSkin skin;
+};
 
-std::string draw_picture(Camera& camera, const CameraPose& pose, const Scene& scene,
-                         const EpisodeRecording& recording, std::size_t frame) {
+std::string draw_picture(Studio& studio, const EpisodeRecording& recording, std::size_t frame) {
   const std::size_t width = std::size_t{3} * recording.context.particles;
+  const std::vector<float> vertices = studio.skin.apply(
+      std::span(recording.segment.frame_positions_in_world_m).subspan(frame * width, width));
   CameraFrame picture;
-  picture.tissue_vertices_W =
-      std::span(recording.segment.frame_positions_in_world_m).subspan(frame * width, width);
-  const std::size_t step = step_of(recording, frame);
-  const std::vector<float>& tools = recording.segment.tool_positions_in_world_m;
-  if (3 * step + 2 < tools.size()) {
+  picture.tissue_vertices_W = vertices;
+  const FrameState state = frame_state(recording, frame);
+  const Eigen::Vector3f tip = Eigen::Vector3f::Map(state.tool_position.data());
+  if (tip.allFinite()) {
     ToolPose tool;
-    tool.p_WT =
-        Eigen::Vector3f(tools[3 * step], tools[3 * step + 1], tools[3 * step + 2]).cast<double>();
-    tool.roll_rad = scene.config.tool().roll_deg() * std::numbers::pi / 180;
-    tool.jaw_rad = held_at(recording.segment, step) ? 0.05 : kOpenJaw;
+    tool.p_WT = tip.cast<double>();
+    tool.roll_rad = studio.scene.config.tool().roll_deg() * std::numbers::pi / 180;
+    tool.jaw_rad = state.held ? 0.05 : kOpenJaw;
     picture.tool = tool;
   }
-  return base64(encode_png(camera.draw_shaded(picture, pose)));
+  return base64(encode_png(studio.camera.draw_shaded(picture, studio.pose)));
 }
 
-std::string picture_row(Camera& camera, const CameraPose& pose, const Scene& scene,
-                        const ShownEpisode& episode, const std::string& title) {
+std::string picture_row(Studio& studio, const ShownEpisode& episode, const std::string& title) {
   const EpisodeRecording& recording = episode.recording;
   const std::size_t last = recording.frame_steps.size() - 1;
   const std::optional<std::size_t> grasp = grasp_frame(recording);
@@ -95,26 +97,21 @@ std::string picture_row(Camera& camera, const CameraPose& pose, const Scene& sce
   std::string html = fmt::format("<div class=\"episode\"><h3>{}</h3>\n<div class=\"pictures\">\n",
                                  escape_html(title + " - " + episode.label()));
   for (const Shot& shot : shots) {
-    const std::size_t step = step_of(recording, shot.frame);
-    const double exposure = step < recording.segment.exposures.size()
-                                ? static_cast<double>(recording.segment.exposures[step])
-                                : std::numeric_limits<double>::quiet_NaN();
+    const FrameState state = frame_state(recording, shot.frame);
+    const double exposure = static_cast<double>(state.exposure);
     html += fmt::format(
         "<figure><img alt=\"{0}\" width=\"{1}\" height=\"{2}\" "
         "src=\"data:image/png;base64,{3}\"><figcaption>{0}, {4:.1f} s{5}</figcaption></figure>\n",
         escape_html(shot.caption), kPictureWidth, kPictureHeight,
-        draw_picture(camera, pose, scene, recording, shot.frame),
-        recording.frame_steps[shot.frame] * recording.context.control_period,
+        draw_picture(studio, recording, shot.frame), state.time,
         std::isfinite(exposure) ? fmt::format(", exposure {:.0f} %", 100 * exposure) : "");
   }
   return html + "</div></div>\n";
 }
 
 bool has_pictures(const Scene& scene, const ShownEpisode& episode) {
-  const std::size_t vertices =
-      scene.tissue.surface_is_particles ? scene.tissue.particles.size() : 0;
-  return !episode.recording.frame_steps.empty() &&
-         episode.recording.context.particles == vertices && vertices > 0;
+  return !episode.recording.frame_steps.empty() && episode.recording.context.particles > 0 &&
+         episode.recording.context.particles == scene.tissue.particles.size();
 }
 
 std::string exposure_curves(const std::vector<ShownEpisode>& episodes) {
@@ -129,7 +126,7 @@ std::string exposure_curves(const std::vector<ShownEpisode>& episodes) {
     series.name = name;
     series.colour = colour;
     for (std::size_t step = 0; step < episode.recording.segment.exposures.size(); ++step) {
-      series.x.push_back(static_cast<double>(step) * episode.recording.context.control_period);
+      series.x.push_back(static_cast<double>(step + 1) * episode.recording.context.control_period);
       series.y.push_back(static_cast<double>(episode.recording.segment.exposures[step]));
     }
     if (!series.x.empty()) chart.series.push_back(std::move(series));
@@ -158,7 +155,7 @@ std::string ShownEpisode::label() const {
 
 std::optional<std::size_t> grasp_frame(const EpisodeRecording& recording) {
   for (std::size_t frame = 0; frame < recording.frame_steps.size(); ++frame) {
-    if (held_at(recording.segment, step_of(recording, frame))) return frame;
+    if (frame_state(recording, frame).held) return frame;
   }
   return std::nullopt;
 }
@@ -197,14 +194,10 @@ Section make_episode_section(const std::vector<ShownEpisode>& episodes, const Sc
     return section;
   }
   if (scene != nullptr && has_pictures(*scene, episodes.front())) {
-    Camera camera(*scene, kPictureWidth, kPictureHeight);
-    const Eigen::Vector3d middle =
-        scene->tissue.X_WB.translation() + Eigen::Vector3d(0.010, -0.002, 0.012);
-    const CameraPose pose =
-        look_at(scene->camera.position, middle, scene->camera.R_WC.col(1), kPictureFov);
-    section.content += picture_row(camera, pose, *scene, episodes.front(), "Best");
+    Studio studio(*scene, scene->tissue.X_WB.translation() + Eigen::Vector3d(0.010, -0.002, 0.012));
+    section.content += picture_row(studio, episodes.front(), "Best");
     if (episodes.size() > 1 && has_pictures(*scene, episodes.back())) {
-      section.content += picture_row(camera, pose, *scene, episodes.back(), "Worst");
+      section.content += picture_row(studio, episodes.back(), "Worst");
     }
   }
   section.content += exposure_curves(episodes);

@@ -220,7 +220,7 @@ std::string draw_line_chart(const LineChart& chart) {
     y_high += room;
   }
   const Axis x{x_low, x_high, 62, kWidth - 16};
-  const Axis y{y_low, y_high, kHeight - 50, 56};
+  const Axis y{y_low, y_high, kHeight - 50, 66};
   std::string svg = svg_open(kWidth, kHeight, chart.title);
   svg += text_at(0, 15, "title", chart.title);
   svg += draw_legend(chart.series, x.start, 40);
@@ -233,14 +233,11 @@ std::string draw_line_chart(const LineChart& chart) {
     svg += line_at(x.at(tick), y.start, x.at(tick), y.start + 4, "axis");
     svg += text_at(x.at(tick), y.start + 18, "tick", short_number(tick), "middle");
   }
-  double note_y = y.end + 11;
   for (const PlotMilestone& milestone : chart.milestones) {
     if (milestone.x < x_low || milestone.x > x_high) continue;
     svg += line_at(x.at(milestone.x), y.start, x.at(milestone.x), y.end, "milestone");
     const bool left = x.at(milestone.x) > 0.8 * x.end;
-    svg += text_at(x.at(milestone.x) + (left ? -5 : 5), note_y, "note", milestone.label,
-                   left ? "end" : "start");
-    note_y = note_y > y.end + 20 ? y.end + 11 : note_y + 15;  // neighbours on two lines
+    svg += text_at(x.at(milestone.x), y.end - 5, "note", milestone.label, left ? "end" : "middle");
   }
   svg += line_at(x.start, y.start, x.end, y.start, "axis");
   for (const PlotSeries& series : chart.series) svg += draw_series(series, x, y);

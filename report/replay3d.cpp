@@ -13,6 +13,7 @@
 #include <span>
 
 #include "report/html.h"
+#include "report/skin.h"
 
 namespace omentum {
 namespace {
@@ -42,7 +43,8 @@ class Quantiser {
 
   void add(const Eigen::Vector3d& p) {
     for (int axis = 0; axis < 3; ++axis) {
-      const double share = std::clamp((p[axis] - low_[axis]) / size_[axis], 0.0, 1.0);
+      const double place = (p[axis] - low_[axis]) / size_[axis];
+      const double share = std::isfinite(place) ? std::clamp(place, 0.0, 1.0) : 0;
       const auto value = static_cast<std::int16_t>(std::lround(share * 65535) - 32768);
       std::array<char, 2> raw{};
       std::memcpy(raw.data(), &value, 2);
@@ -139,29 +141,24 @@ struct EpisodeText {
   std::string json, block;
 };
 
-EpisodeText episode_text(const ReplayEpisode& episode, std::size_t number, Quantiser& quantiser) {
-  const RolloutSegment& segment = episode.recording->segment;
-  const std::size_t width = std::size_t{3} * episode.recording->context.particles;
+EpisodeText episode_text(const ReplayEpisode& episode, std::size_t number, const SurfaceSkin& skin,
+                         Quantiser& quantiser) {
+  const EpisodeRecording& recording = *episode.recording;
+  const std::size_t width = std::size_t{3} * recording.context.particles;
   std::string times, held, exposure;
-  std::string tools;
-  const std::vector<std::size_t> frames = chosen_frames(episode.recording->frame_steps.size());
+  const std::vector<std::size_t> frames = chosen_frames(recording.frame_steps.size());
   for (const std::size_t frame : frames) {
-    const std::uint32_t step = episode.recording->frame_steps[frame];
-    const std::size_t at = std::min<std::size_t>(step, segment.steps > 0 ? segment.steps - 1 : 0);
+    const FrameState state = frame_state(recording, frame);
     const char* comma = times.empty() ? "" : ",";
-    times += fmt::format("{}{:.3f}", comma, step * episode.recording->context.control_period);
-    const bool holding = at < segment.flags.size() && (segment.flags[at] & step_flag::kHeld) != 0;
-    held += fmt::format("{}{}", comma, holding ? 1 : 0);
-    exposure += fmt::format("{}{:.4f}", comma,
-                            at < segment.exposures.size() ? segment.exposures[at] : 0.0F);
-    quantiser.add(std::span(segment.frame_positions_in_world_m).subspan(frame * width, width));
+    times += fmt::format("{}{:.3f}", comma, state.time);
+    held += fmt::format("{}{}", comma, state.held ? 1 : 0);
+    exposure +=
+        fmt::format("{}{:.4f}", comma, std::isfinite(state.exposure) ? state.exposure : 0.0F);
+    quantiser.add(skin.apply(
+        std::span(recording.segment.frame_positions_in_world_m).subspan(frame * width, width)));
   }
   const std::string positions = quantiser.take();
-  for (const std::size_t frame : frames) {
-    const std::size_t at = std::min<std::size_t>(episode.recording->frame_steps[frame],
-                                                 segment.steps > 0 ? segment.steps - 1 : 0);
-    quantiser.add(std::span(segment.tool_positions_in_world_m).subspan(3 * at, 3));
-  }
+  for (const std::size_t frame : frames) quantiser.add(frame_state(recording, frame).tool_position);
   EpisodeText text;
   const std::string block = fmt::format("replay-block-{}", number);
   text.json = fmt::format(
@@ -197,7 +194,6 @@ bool can_show(const Scene& scene, const ReplayEpisode& episode) {
   return !recording.frame_steps.empty() && recording.segment.steps > 0 &&
          recording.segment.tool_positions_in_world_m.size() ==
              std::size_t{3} * recording.segment.steps &&
-         scene.tissue.surface_is_particles &&
          recording.context.particles == scene.tissue.particles.size();
 }
 
@@ -207,7 +203,7 @@ std::string make_replay_markup(const Scene& scene, const std::vector<ReplayEpiso
   std::vector<ReplayEpisode> episodes;
   std::copy_if(all.begin(), all.end(), std::back_inserter(episodes),
                [&](const ReplayEpisode& episode) { return can_show(scene, episode); });
-  if (episodes.empty() || scene.tissue.particles.size() > 65535) {
+  if (episodes.empty() || SurfaceSkin(scene.tissue).vertices() > 65535) {
     return "<p class=\"missing\">No recording with frames of this sheet: run the evaluation with "
            "recordings on.</p>\n";
   }
@@ -220,6 +216,7 @@ std::string make_replay_markup(const Scene& scene, const std::vector<ReplayEpiso
     kinds.emplace_back(kind_of(body.role));
   }
   const Eigen::AlignedBox3d box = extent_of(meshes, episodes);
+  const SurfaceSkin skin(scene.tissue);
   Quantiser quantiser(box);
   std::string bodies;
   for (std::size_t k = 0; k < meshes.size(); ++k) {
@@ -230,7 +227,7 @@ std::string make_replay_markup(const Scene& scene, const std::vector<ReplayEpiso
   }
   std::string json, blocks;
   for (std::size_t k = 0; k < episodes.size(); ++k) {
-    const EpisodeText text = episode_text(episodes[k], k, quantiser);
+    const EpisodeText text = episode_text(episodes[k], k, skin, quantiser);
     json += (k > 0 ? "," : "") + text.json;
     blocks += text.block;
   }
@@ -252,13 +249,13 @@ std::string make_replay_markup(const Scene& scene, const std::vector<ReplayEpiso
       "first view.</p>\n";
   html += fmt::format(
       "<script type=\"application/json\" "
-      "id=\"replay-data\">{{\"low\":[{},{},{}],\"high\":[{},{},{}],\"particles\":{},"
+      "id=\"replay-data\">{{\"low\":[{},{},{}],\"high\":[{},{},{}],\"vertices\":{},"
       "\"triangles\":{},\"bodies\":[{}],\"episodes\":[{}],\"target\":[{},{},{}],\"yaw\":1.05,"
       "\"pitch\":0.52,"
       "\"distance\":0.36,\"roll\":{},\"speed\":2}}</script>\n",
       box.min().x(), box.min().y(), box.min().z(), box.max().x(), box.max().y(), box.max().z(),
-      scene.tissue.particles.size(), json_triangles(scene.tissue.surface_triangles), bodies, json,
-      target.x(), target.y(), target.z(), roll);
+      skin.vertices(), json_triangles(scene.tissue.surface_triangles), bodies, json, target.x(),
+      target.y(), target.z(), roll);
   return html + blocks;
 }
 

@@ -42,7 +42,7 @@ constexpr const char* kScript = R"js("use strict";
     episode.positions = unpack(decode(document.getElementById(episode.block).textContent));
     episode.tools = unpack(decode(episode.tool_data));
   }
-  const stride = 3 * scene.particles;
+  const stride = 3 * scene.vertices;
 
   // ---- geometry -----------------------------------------------------------------------------------------------
   function normals_of(p, tri) {

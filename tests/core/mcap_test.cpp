@@ -170,6 +170,7 @@ void expect_equal(const RolloutSegment& a, const RolloutSegment& b) {
   EXPECT_EQ(a.episode_length, b.episode_length);
   EXPECT_EQ(a.episode_exposure, b.episode_exposure);
   EXPECT_EQ(a.episode_grasped, b.episode_grasped);
+  EXPECT_EQ(a.episode_held, b.episode_held);
   EXPECT_EQ(a.episode_grasp_position, b.episode_grasp_position);
   EXPECT_EQ(a.episode_start_position, b.episode_start_position);
   EXPECT_EQ(a.end_hash, b.end_hash);
@@ -204,6 +205,22 @@ TEST(EpisodeRecording, SaveAndLoadAreInverse) {
     // it.
     EXPECT_EQ(hash_task(episode.task), hash_task(made.task));
   }
+}
+
+TEST(EpisodeRecording, FrameStateIsWhatTheFrameShows) {
+  EpisodeRecording episode = test::make_episode(10, 4, 5);
+  EXPECT_EQ(frame_state(episode, 0).tool_position[1], 0.05F) << "the start of the tool";
+  const FrameState middle = frame_state(episode, 1);
+  EXPECT_EQ(middle.step, 5);
+  EXPECT_DOUBLE_EQ(middle.time, 0.1);
+  EXPECT_EQ(middle.tool_position[2], episode.segment.tool_positions_in_world_m[4 * 3 + 2])
+      << "after step 4";
+  EXPECT_EQ(middle.exposure, episode.segment.exposures[4]);
+  EXPECT_FALSE(middle.held);
+  const FrameState last = frame_state(episode, 2);
+  EXPECT_EQ(last.step, 10);
+  EXPECT_EQ(last.exposure, episode.segment.exposures[9]);
+  EXPECT_TRUE(last.held);
 }
 
 TEST(EpisodeRecording, RefusesArraysThatDoNotFit) {

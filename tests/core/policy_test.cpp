@@ -3,11 +3,29 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <atomic>
 #include <cmath>
+#include <cstdlib>
 #include <cstring>
+#include <new>
 #include <numeric>
 
 #include "core/activation.h"
+
+namespace {
+std::atomic<std::size_t> allocations{0};  // of this program, by the operators below
+}  // namespace
+
+// Not inlined: g++ would see malloc meet operator delete and warn.
+__attribute__((noinline)) void* operator new(std::size_t size) {
+  ++allocations;
+  if (void* memory = std::malloc(size == 0 ? 1 : size)) return memory;
+  throw std::bad_alloc();
+}
+__attribute__((noinline)) void operator delete(void* memory) noexcept { std::free(memory); }
+__attribute__((noinline)) void operator delete(void* memory, std::size_t) noexcept {
+  std::free(memory);
+}
 
 namespace omentum {
 namespace {
@@ -347,6 +365,23 @@ TEST(PolicySampling, DependsOnTheCounterAlone) {
   std::vector<Decision> decisions(2);
   policy.act(observations, counters, false, {}, decisions);
   EXPECT_TRUE(same(decisions[0], decisions[1]));
+}
+
+TEST(Policy, AllocatesNothing) {
+  for (const PolicyShape& shape : {discrete_shape(14, pb::ACTIVATION_TANH), gaussian_shape(14)}) {
+    Policy policy(shape, random_weights(shape));
+    const std::vector<float> observations = noise(50 * 14, 1, 1.0F);
+    const std::vector<ActionCounter> counters = counters_for(50);
+    const std::vector<std::uint8_t> branches(50 * 4, 0);
+    const std::vector<float> continuous(50 * 4, 0.0F);
+    std::vector<Decision> decisions(50);
+    std::vector<float> log_probs(50), values(50);
+    const std::size_t before = allocations;
+    policy.act(observations, counters, false, {}, decisions);
+    policy.evaluate(observations, branches, continuous, {}, log_probs, values);
+    policy.estimate(observations, values);
+    EXPECT_EQ(allocations, before);
+  }
 }
 
 TEST(HashWeights, SeesParametersAndNormaliser) {

@@ -2,7 +2,9 @@
 
 #include <gtest/gtest.h>
 
+#include <fstream>
 #include <set>
+#include <string>
 
 #include "core/check.h"
 #include "core/dds.h"
@@ -82,6 +84,30 @@ TEST(Topics, TheTableKeepsItsRules) {
     EXPECT_EQ(spec.is_public, spec.id != TopicId::kRolloutTask);
     EXPECT_EQ(spec.service_depth >= 1, spec.durability == Durability::kTransientLocal);
   }
+}
+
+// wire.md section 8: constructs that generic tools cannot decode, or that end compatible change.
+TEST(Idl, KeepsTheRulesThatGenericToolsNeed) {
+  std::ifstream file(std::string(OMENTUM_SOURCE_DIR) + "/idl/omentum.idl");
+  std::string before;
+  std::size_t structs = 0;
+  for (std::string line; std::getline(file, line);) {
+    const std::string code = line.substr(0, line.find("//"));
+    for (const std::string bad : {"bitmask", "@nested", "@final", "@value", "@external", "wstring",
+                                  "map<", "typedef", "union", "sequence<float>", "int8"}) {
+      EXPECT_EQ(code.find(bad), std::string::npos) << line;
+    }
+    if (code.find("sequence<") != std::string::npos) {
+      EXPECT_NE(code.find(','), std::string::npos) << "unbounded: " << line;
+    }
+    if (code.rfind("struct ", 0) == 0) {
+      ++structs;
+      const bool status = code.find("Status") != std::string::npos;
+      EXPECT_EQ(before, status ? "@topic @mutable" : "@topic @appendable") << line;
+    }
+    before = code;
+  }
+  EXPECT_EQ(structs, topics().size());
 }
 
 TEST(Topics, PartitionsSeparateRunsAndWorkers) {

@@ -269,10 +269,11 @@ TEST(BusLoop, AWorkerThatSendsGarbageIsCountedAndBarred) {
   FakeWorker spoiler = worker_in(domain, 4);
   spoiler.garbage = 1;
   WorkerThread bad(spoiler);
-  WorkerThread good(worker_in(domain, 4));
   loop.start();
+  ASSERT_TRUE(loop.serve_until([&] { return loop.book->ledger().invalid >= 3; }));
+  EXPECT_TRUE(loop.book->workers().at(0).barred);
+  WorkerThread good(worker_in(domain, 4));
   EXPECT_EQ(loop.collect(5), expected(loop_config(8, 0), 5));
-  EXPECT_GE(loop.book->ledger().invalid, 1u);
 }
 
 TEST(BusLoop, WorkersFollowTheHigherEpochAndTheOlderLearnerSeesIt) {

@@ -186,7 +186,7 @@ double reference_loss(const Case& c, const Problem& problem, const std::vector<d
   return sum / static_cast<double>(problem.rows.size());
 }
 
-// --------------------------------------------------------------------------------------------------------------
+// -----------------------------------------------------------------------------------------------
 
 class KernelGradient : public testing::TestWithParam<Case> {};
 

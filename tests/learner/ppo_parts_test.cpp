@@ -164,7 +164,7 @@ TEST(RewardScaler, DividesByTheDeviationOfTheDiscountedReturn) {
 }
 
 // --- Adam
-// -----------------------------------------------------------------------------------------------------
+// -----------------------------------------------------------------------------------------------
 
 TEST(Adam, BothFormsFollowTheirPapers) {
   for (const pb::AdamForm form : {pb::ADAM_TORCH, pb::ADAM_TENSORFLOW}) {
@@ -209,7 +209,7 @@ TEST(Adam, RangesGiveTheSameBits) {
 }
 
 // --- shuffle
-// --------------------------------------------------------------------------------------------------
+// -----------------------------------------------------------------------------------------------
 
 TEST(Shuffle, IsAPermutationOfItsArguments) {
   std::vector<std::uint32_t> rows = shuffled_rows(1, 2, 3, 1000);
@@ -306,7 +306,7 @@ TEST(Initialise, DependsOnTheSeed) {
 }
 
 // --- segments
-// -------------------------------------------------------------------------------------------------
+// -----------------------------------------------------------------------------------------------
 
 struct Collected {
   PolicyShape shape = shape_of(6, 32);

@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <Eigen/Geometry>
 #include <cmath>
 #include <filesystem>
 #include <fstream>
@@ -14,6 +15,7 @@
 #include "report/html.h"
 #include "report/plot.h"
 #include "report/sections.h"
+#include "report/skin.h"
 #include "report/statistics.h"
 #include "tests/support/paper_scene.h"
 #include "tests/support/synthetic_run.h"
@@ -111,6 +113,55 @@ TEST(Plot, GapsAndEmptyChartsAreDrawn) {
   map.rows = map.columns = 2;
   map.value = {0, 0.5, NAN, 1};
   EXPECT_THAT(draw_heat_map(map), HasSubstr("not evaluated"));
+}
+
+/// Tissue sampled in the committed fat pad, in B, particles 4 mm apart.
+TissueBody make_pad_tissue() {
+  TissueBody tissue;
+  const TriangleMesh pad =
+      load_closed_mesh(std::string(OMENTUM_TESTS_DIR) + "/fixtures/fat_pad.obj", 0.001);
+  tissue.surface_is_particles = false;
+  tissue.surface_vertices = pad.vertices;
+  tissue.surface_triangles = pad.triangles;
+  tissue.X_WB =
+      Eigen::Translation3d(-0.01, 0.05, 0.05) * Eigen::AngleAxisd(0.4, Eigen::Vector3d::UnitX());
+  std::vector<Eigen::Vector3d> grid;
+  for (int k = 0; k < 25 * 20 * 5; ++k) {
+    grid.emplace_back(-0.04 + 0.004 * (k % 25), -0.045 + 0.004 * (k / 25 % 20),
+                      -0.006 + 0.004 * (k / 500));
+  }
+  const std::vector<bool> inside = points_inside(pad, grid);
+  for (std::size_t k = 0; k < grid.size(); ++k) {
+    if (inside[k]) tissue.particles.push_back(grid[k]);
+  }
+  return tissue;
+}
+
+TEST(SurfaceSkin, FollowsTheParticlesOfAVolume) {
+  const TissueBody tissue = make_pad_tissue();
+  ASSERT_GT(tissue.particles.size(), 100);
+  const SurfaceSkin skin(tissue);
+  EXPECT_EQ(skin.vertices(), tissue.surface_vertices.size());
+  const Eigen::Vector3d shift(0.003, -0.002, 0.01);
+  std::vector<float> moved;
+  for (const Eigen::Vector3d& p_B : tissue.particles) {
+    const Eigen::Vector3d p = tissue.X_WB * p_B + shift;
+    for (const double value : p) moved.push_back(static_cast<float>(value));
+  }
+  const std::vector<float> vertices = skin.apply(moved);
+  for (std::size_t k = 0; k < tissue.surface_vertices.size(); ++k) {
+    const Eigen::Vector3d expected = tissue.X_WB * tissue.surface_vertices[k] + shift;
+    // 0.1 um: four float products of lengths below 0.1 m.
+    EXPECT_LT((Eigen::Vector3f::Map(vertices.data() + 3 * k).cast<double>() - expected).norm(),
+              1e-7);
+  }
+}
+
+TEST(SurfaceSkin, OfASheetIsTheParticles) {
+  const Scene scene = test::make_paper_scene();
+  const SurfaceSkin skin(scene.tissue);
+  const std::vector<float> positions = test::rest_positions(scene);
+  EXPECT_EQ(skin.apply(positions), positions);
 }
 
 TEST_F(ReportTest, FindsTheSeedsOfAFolder) {

@@ -25,7 +25,10 @@ inline EpisodeRecording make_episode(std::uint32_t steps, std::uint32_t particle
   task.slot = 3;
   task.episode = 11;
   task.episode_limit = steps;
-  task.steps = steps;
+  task.steps = steps + 9;
+  task.policy_steps = steps - 1;
+  task.hold_steps = 2;
+  task.segment = 5;
   task.reset = true;
   task.frame_stride = stride;
   task.policy_version = 293;
@@ -64,6 +67,7 @@ inline EpisodeRecording make_episode(std::uint32_t steps, std::uint32_t particle
   segment.episode_length = {steps};
   segment.episode_exposure = {0.75F};
   segment.episode_grasped = {1};
+  segment.episode_held = {1};
   segment.episode_grasp_position = {0.01F, 0.02F, 0.03F};
   segment.episode_start_position = {0.0F, 0.05F, 0.1F};
   segment.end_hash = 0xfeedULL;

@@ -73,7 +73,7 @@ std::string grid_csv(int rows, int columns, int first_row, int seed, bool robot)
           "{},{},{},{:.4f},{:.4f},0.1076,1,{},{},{},{:.4f},{:.4f},{},{:.2f},600,0.0121,{:.4f},0."
           "0312\n",
           (row - 1) * columns + column - 1, row, column, -0.0172 + (column - 5.5) * 0.008867,
-          0.0536 + (row - 5.5) * 0.008833, failed || lost ? 0 : 1, failed ? 0 : 1,
+          0.0536 + (row - 5.5) * 0.008833, failed || lost ? 0 : 1, failed || lost ? 0 : 1,
           exposure > 0.2 ? 1 : 0, failed || lost ? 0 : exposure, exposure, lost ? 1 : 0,
           -150 + 60 * exposure, 0.02 + 0.008 * row);
     }
