@@ -174,7 +174,7 @@ Result<void> check_sizes(const std::string& path, const RolloutSegment& segment,
   return {};
 }
 
-// ---------------------------------------------------------------------------------------------------------------
+// ------------------------------------------------------------------------------------------------
 // Reading
 
 void take_header(const pb::EpisodeHeader& header, EpisodeRecording& recording) {

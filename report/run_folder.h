@@ -22,9 +22,9 @@ namespace omentum {
 /// Outcome of one evaluation start.
 struct EvaluationRow {
   int index = 0, row = 0, column = 0;  ///< row 1 at the anchored edge
-  bool reached = false;  ///< target reached with tissue held, at some step
-  bool held = false;     ///< tissue held at the end
-  bool lost = false;     ///< tissue lost at some step
+  bool reached = false;                ///< target reached with tissue held, at some step
+  bool held = false;                   ///< tissue held at the end
+  bool lost = false;                   ///< tissue lost at some step
   bool exposed = false;
   double exposure = 0, best_exposure = 0, episode_return = 0, length = 0;
   double grasp_x = 0, grasp_y = 0, grasp_z = 0;  ///< first grasp in W [m], NaN if none

@@ -17,7 +17,7 @@ const Eigen::Vector3d& corner(const TriangleMesh& mesh, const Eigen::Vector3i& t
   return mesh.vertices[static_cast<std::size_t>(triangle[k])];
 }
 
-// ---------------------------------------------------------------------------------------------------------------
+// ------------------------------------------------------------------------------------------------
 // Inside or outside: signed crossings of a vertical line
 //
 // The winding number of a closed mesh at p is the number of triangles above p that the line through
@@ -116,7 +116,7 @@ class ColumnGrid {
   std::vector<std::vector<std::uint32_t>> columns_;
 };
 
-// ---------------------------------------------------------------------------------------------------------------
+// ------------------------------------------------------------------------------------------------
 // Distance: tree of axis-aligned boxes
 
 /// Squared distance from p to the triangle (a, b, c): the projection if it falls inside, else the

@@ -59,6 +59,8 @@ std::shared_ptr<const SimSetup> make_sim_setup(const pb::Config& config, const s
   setup->tissue = make_tissue_model(setup->scene, config.task().control_period_s(), setup->warnings);
   setup->mount = scene_tool_mount(setup->scene);
   setup->workspace_diagonal = (setup->scene.workspace_max - setup->scene.workspace_min).norm();
+  setup->exposure =
+      std::make_shared<ExposureEstimator>(setup->scene, static_cast<int>(config.task().exposure_samples()));
   const double speed = config.task().increment_m() / config.task().control_period_s();
   if (speed > 0.05 + 1e-9) {  // seed_task.md section 5: warn above 50 mm/s
     setup->warnings.push_back(
@@ -89,7 +91,7 @@ SimBackend::SimBackend(std::shared_ptr<const SimSetup> setup, int lanes, unsigne
     : setup_(std::move(setup)),
       width_(choose_kernel(lane_width).lanes),
       environments_(static_cast<std::size_t>(lanes)),
-      exposure_(setup_->scene, static_cast<int>(setup_->config.task().exposure_samples())),
+      exposure_(*setup_->exposure),
       image_(std::move(image)),
       exposure_every_step_(setup_->config.task().reward() == pb::REWARD_OMENTUM ||
                            setup_->config.task().observation() == pb::OBSERVATION_OMENTUM ||

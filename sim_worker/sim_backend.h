@@ -22,6 +22,7 @@ struct SimSetup {
   std::shared_ptr<const TissueModel> tissue;
   ToolMount mount;
   double workspace_diagonal = 1;  ///< L_ws [m]
+  std::shared_ptr<const ExposureEstimator> exposure;
   std::vector<std::string> warnings;
 };
 

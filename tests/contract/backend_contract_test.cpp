@@ -34,7 +34,7 @@ INSTANTIATE_TEST_SUITE_P(
                     sim_case("omentum_continuous", "omentum", {"task.action=ACTION_CONTINUOUS"}),
                     sim_case("omentum_plastic", "omentum",
                              {"scene.tissue.cluster.plastic_creep=0.1", "scene.tissue.cluster.plastic_threshold_m2=1e-8",
-                              "scene.tissue.cluster.self_collision=true"}),
+                              "scene.tissue.cluster.self_collision=true", "scene.tissue.grid.count_x=12"}),
                     sim_case("omentum_image", "omentum", {"task.observation=OBSERVATION_IMAGE", "task.image_size=16"})),
     [](const auto& param_info) { return param_info.param.name; });
 
