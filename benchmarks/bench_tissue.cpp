@@ -1,6 +1,6 @@
-// Environment steps per second of the cluster model on one core: robot, contact, grasp, observation, reward. One
-// environment step is one decision (20 ms simulated). Best of several chunks, thread CPU time; the end state hash
-// tells whether two figures are of the same physics.
+// Environment steps per second of the cluster model on one core: robot, contact, grasp,
+// observation, reward. One environment step is one decision (20 ms simulated). Best of several
+// chunks, thread CPU time; the end state hash tells whether two figures are of the same physics.
 #include <time.h>
 
 #include <algorithm>
@@ -20,8 +20,8 @@ double thread_seconds() {
   return static_cast<double>(t.tv_sec) + 1e-9 * static_cast<double>(t.tv_nsec);
 }
 
-/// Scripted lift with every part of a step at work: down to the sheet, close, up to p_T, hold; the lanes in different
-/// phases.
+/// Scripted lift with every part of a step at work: down to the sheet, close, up to p_T, hold; the
+/// lanes in different phases.
 void measure(const std::string& name, const omentum::pb::Config& config, unsigned width) {
   using namespace omentum;  // NOLINT
   const auto setup = make_sim_setup(config, deploy_dir() + "/scenes");
@@ -52,8 +52,10 @@ void measure(const std::string& name, const omentum::pb::Config& config, unsigne
         const auto k = static_cast<std::size_t>(lane);
         actions[k] = backend.hold_action(lane);
         if (lane % 2 == 0 && lanes > 1) {
-          const PhiloxWords words = philox({static_cast<std::uint32_t>(lane), static_cast<std::uint32_t>(step), 0, 0}, {0, 0});
-          for (std::size_t b = 0; b < 3; ++b) actions[k].branch[b] = static_cast<std::uint8_t>(bounded(words[b], 3));
+          const PhiloxWords words = philox(
+              {static_cast<std::uint32_t>(lane), static_cast<std::uint32_t>(step), 0, 0}, {0, 0});
+          for (std::size_t b = 0; b < 3; ++b)
+            actions[k].branch[b] = static_cast<std::uint8_t>(bounded(words[b], 3));
           actions[k].branch[3] = 1;
         }
         backend.observe(lane, observation);
@@ -68,9 +70,51 @@ void measure(const std::string& name, const omentum::pb::Config& config, unsigne
     held += backend.facts(lane).held ? 1 : 0;
   }
   std::printf("%s %.0f steps/s\n", name.c_str(), 1 / best);
-  std::fprintf(stderr, "# %s: %d lanes, %d particles, %zu memberships, %u ticks per step, %d lanes hold, %.2f us/step, hash %016lx\n",
-               name.c_str(), lanes, backend.tissue_of(0).particles(), setup->tissue->clusters.member.size(),
-               backend.ticks_per_step(), held, 1e6 * best, hash);
+  std::fprintf(stderr,
+               "# %s: %d lanes, %d particles, %zu memberships, %u ticks per step, %d lanes hold, "
+               "%.2f us/step, hash %016lx\n",
+               name.c_str(), lanes, backend.tissue_of(0).particles(),
+               setup->tissue->clusters.member.size(), backend.ticks_per_step(), held, 1e6 * best,
+               hash);
+}
+
+/// Cost of the reward's exposure alone: sheets lifted half way, every lane wanted.
+void measure_exposure(const omentum::pb::Config& config, unsigned width) {
+  using namespace omentum;  // NOLINT
+  const auto setup = make_sim_setup(config, deploy_dir() + "/scenes");
+  const int lanes = choose_kernel(width).lanes;
+  SimBackend backend(setup, lanes, width);
+  std::vector<Action> actions(static_cast<std::size_t>(lanes));
+  std::vector<StepOutcome> outcomes(actions.size());
+  for (int lane = 0; lane < lanes; ++lane) {
+    EpisodeStart start;
+    start.start_set = StartSet::kGraspLattice;
+    start.start_index = static_cast<std::uint32_t>(400 + 20 * lane);
+    start.episode_limit = 1U << 30;
+    backend.reset(lane, start);
+  }
+  for (int step = 0; step < 80; ++step) {
+    for (int lane = 0; lane < lanes; ++lane) {
+      actions[static_cast<std::size_t>(lane)] = backend.hold_action(lane);
+    }
+    backend.step(actions, outcomes);
+  }
+  ExposureEstimator estimator = *setup->exposure;
+  std::vector<float> exposures(static_cast<std::size_t>(lanes));
+  double best = 1e9;
+  constexpr int kChunk = 100;
+  for (int chunk = 0; chunk < 9; ++chunk) {
+    const double begin = thread_seconds();
+    for (int i = 0; i < kChunk; ++i) {
+      estimator.of_lanes(backend.tissue_of(0), (1U << lanes) - 1, exposures);
+    }
+    best = std::min(best, (thread_seconds() - begin) / (kChunk * lanes));
+  }
+  double mean = 0;
+  for (const float e : exposures) mean += static_cast<double>(e) / lanes;
+  std::printf("tissue.exposure.us_per_env_step %.2f us\n", 1e6 * best);
+  std::fprintf(stderr, "# exposure: %d lanes, %d samples, mean exposure %.3f\n", lanes,
+               estimator.subset_samples().size(), mean);
 }
 
 }  // namespace
@@ -78,13 +122,17 @@ void measure(const std::string& name, const omentum::pb::Config& config, unsigne
 int main(int argc, char** argv) {
   const unsigned width = argc > 1 ? static_cast<unsigned>(std::stoul(argv[1])) : 0;
   const std::vector<std::string> cluster_case = {
-      "scene.tissue.cluster.cluster_spacing_m=0.0127", "scene.tissue.cluster.cluster_radius_m=0.0095",
-      "scene.tissue.cluster.cluster_stiffness=0.361", "scene.tissue.cluster.orphan_policy=ORPHANS_ATTACH_NEAREST"};
+      "scene.tissue.cluster.cluster_spacing_m=0.0127",
+      "scene.tissue.cluster.cluster_radius_m=0.0095",
+      "scene.tissue.cluster.cluster_stiffness=0.361",
+      "scene.tissue.cluster.orphan_policy=ORPHANS_ATTACH_NEAREST"};
   try {
     measure("tissue.cluster.env_steps_per_s", omentum::load_config("omentum", cluster_case), width);
     measure("tissue.omentum.env_steps_per_s", omentum::load_config("omentum", {}), width);
     measure("tissue.paper.env_steps_per_s", omentum::load_config("paper", {}), width);
-    measure("tissue.paper_swapped.env_steps_per_s", omentum::load_config("paper_swapped", {}), width);
+    measure("tissue.paper_swapped.env_steps_per_s", omentum::load_config("paper_swapped", {}),
+            width);
+    measure_exposure(omentum::load_config("omentum", {}), width);
   } catch (const std::exception& error) {
     std::fprintf(stderr, "bench_tissue: %s\n", error.what());
     return 2;

@@ -9,15 +9,16 @@
 
 namespace omentum {
 
-/// One decision for one environment. Discrete heads fill `branch` (x, y, z, gripper indices of the preset's action
-/// table); the Gaussian head fills `continuous`: increment in units of task.increment_m, clipped to [-1, 1] per axis,
-/// and jaw, closed when > 0.
+/// One decision for one environment. Discrete heads fill `branch` (x, y, z, gripper indices of the
+/// preset's action table); the Gaussian head fills `continuous`: increment in units of
+/// task.increment_m, clipped to [-1, 1] per axis, and jaw, closed when > 0.
 struct Action {
   std::array<std::uint8_t, 4> branch{};
   std::array<float, 4> continuous{};
 };
 
-/// What one decision brought. The reward belongs to the state before the motion (seed_task.md section 7).
+/// What one decision brought. The reward belongs to the state before the motion (seed_task.md
+/// section 7).
 struct StepOutcome {
   float reward = 0;
   bool terminated = false;
@@ -35,7 +36,7 @@ struct EpisodeFacts {
   bool grasped_ever = false;
   bool reached = false;  ///< held and within success_radius of p_T at some step
   bool lost_ever = false;
-  float exposure = 0;    ///< of the present state, by the reward's samples
+  float exposure = 0;  ///< of the present state, by the reward's samples
   double episode_return = 0;
   std::array<double, 3> start_position{};
   std::array<double, 3> grasp_position{};
@@ -50,12 +51,13 @@ struct EpisodeStart {
   std::uint32_t episode_limit = 0;  ///< 0 = task default
   StartSet start_set = StartSet::kTraining;
   std::uint32_t start_index = 0;
-  bool follows_episode = false;  ///< the lane just finished an episode of the same slot (matters to named defects only)
+  bool follows_episode = false;  ///< the lane just finished an episode of the same slot (matters to
+                                 ///< named defects only)
 };
 
-/// A set of `lanes()` environments that advance together: the seam behind which simulation, robot and replay are the
-/// same thing. Lane k's results never depend on other lanes. Not thread-safe: one thread drives a backend.
-/// Contract test: tests/contract/backend_contract.h.
+/// A set of `lanes()` environments that advance together: the seam behind which simulation, robot
+/// and replay are the same thing. Lane k's results never depend on other lanes. Not thread-safe:
+/// one thread drives a backend. Contract test: tests/contract/backend_contract.h.
 class Backend {
  public:
   virtual ~Backend() = default;
@@ -66,7 +68,8 @@ class Backend {
 
   /// Begins an episode; whatever the lane held before leaves no trace.
   virtual void reset(int lane, const EpisodeStart& start) = 0;
-  /// Restores a state written by save(). Fails, changing nothing, on a state of another format or size.
+  /// Restores a state written by save(). Fails, changing nothing, on a state of another format or
+  /// size.
   virtual Result<void> load(int lane, std::span<const std::byte> state) = 0;
   /// The whole state of one lane, canonical bytes (independent of lane count and position).
   virtual Bytes save(int lane) const = 0;
@@ -76,7 +79,8 @@ class Backend {
   /// Advances every lane by one decision. Spans have lanes() entries.
   virtual void step(std::span<const Action> actions, std::span<StepOutcome> outcomes) = 0;
 
-  /// All facts, the exposure of the present state included (that costs a projection of the surface).
+  /// All facts, the exposure of the present state included (that costs a projection of the
+  /// surface).
   virtual EpisodeFacts facts(int lane) const = 0;
   /// The same without the exposure: cheap, for every step.
   virtual EpisodeFacts clock(int lane) const = 0;

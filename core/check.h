@@ -1,14 +1,14 @@
 #pragma once
 
+#include <fmt/core.h>
+
 #include <stdexcept>
 #include <string>
 
-#include <fmt/core.h>
-
 namespace omentum {
 
-/// The operator or the machine is at fault and the program cannot start: wrong knob, missing file, port taken.
-/// Thrown at start-up only, caught once in main(), printed as one line, exit code 2.
+/// The operator or the machine is at fault and the program cannot start: wrong knob, missing file,
+/// port taken. Thrown at start-up only, caught once in main(), printed as one line, exit code 2.
 class Error : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;
@@ -20,16 +20,17 @@ template <typename... Args>
 }
 
 /// Prints file, line, expression and message to stderr and aborts. Never returns.
-[[noreturn]] void check_failed(const char* file, int line, const char* expression, const std::string& message);
+[[noreturn]] void check_failed(const char* file, int line, const char* expression,
+                               const std::string& message);
 
 }  // namespace omentum
 
 /// A bug of ours: aborts with the expression and the values given. Always compiled in.
-#define OMENTUM_CHECK(condition, ...)                                                            \
-  do {                                                                                           \
-    if (!(condition)) {                                                                          \
-      ::omentum::check_failed(__FILE__, __LINE__, #condition, ::fmt::format("" __VA_ARGS__));    \
-    }                                                                                            \
+#define OMENTUM_CHECK(condition, ...)                                                         \
+  do {                                                                                        \
+    if (!(condition)) {                                                                       \
+      ::omentum::check_failed(__FILE__, __LINE__, #condition, ::fmt::format("" __VA_ARGS__)); \
+    }                                                                                         \
   } while (false)
 
 /// As OMENTUM_CHECK, in debug and sanitizer builds only: for inner loops.

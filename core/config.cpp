@@ -49,7 +49,7 @@ void merge_text(const std::string& name, const std::string& text, protobuf::Mess
 
 std::string read_file(const std::string& path) {
   std::ifstream file(path, std::ios::binary);
-  if (!file) throw_error("{}: cannot be opened", path);
+  if (!file || std::filesystem::is_directory(path)) throw_error("{}: cannot be opened", path);
   std::ostringstream text;
   text << file.rdbuf();
   return text.str();
@@ -57,13 +57,13 @@ std::string read_file(const std::string& path) {
 
 /// Messages that always exist; all others only when the scene names them (a mesh, a box, a pose).
 bool always_present(const FieldDescriptor& field) {
-  static const char* const names[] = {"omentum.pb.Config.scene",      "omentum.pb.Config.task",
-                                      "omentum.pb.Config.grasp",      "omentum.pb.Config.defects",
-                                      "omentum.pb.Config.rollout",    "omentum.pb.Config.ppo",
-                                      "omentum.pb.Config.evaluation", "omentum.pb.Config.run",
-                                      "omentum.pb.Scene.tissue",      "omentum.pb.Scene.tool",
-                                      "omentum.pb.Scene.camera",      "omentum.pb.Tissue.cluster"};
-  return std::any_of(std::begin(names), std::end(names), [&](const char* n) { return field.full_name() == n; });
+  static const char* const names[] = {
+      "omentum.pb.Config.scene",      "omentum.pb.Config.task",    "omentum.pb.Config.grasp",
+      "omentum.pb.Config.defects",    "omentum.pb.Config.rollout", "omentum.pb.Config.ppo",
+      "omentum.pb.Config.evaluation", "omentum.pb.Config.run",     "omentum.pb.Scene.tissue",
+      "omentum.pb.Scene.tool",        "omentum.pb.Scene.camera",   "omentum.pb.Tissue.cluster"};
+  return std::any_of(std::begin(names), std::end(names),
+                     [&](const char* n) { return field.full_name() == n; });
 }
 
 /// Writes every default explicitly, so that the printed configuration is complete.
@@ -132,7 +132,8 @@ void check_finite_vector(const protobuf::Message& message, const std::string& pa
   const auto* vector = dynamic_cast<const pb::Vec3*>(&message);
   if (vector == nullptr) return;
   for (const double v : {vector->x(), vector->y(), vector->z()}) {
-    // 100 m: nothing in a scene is larger; a coordinate beyond it is a unit mistake or not a number.
+    // 100 m: nothing in a scene is larger; a coordinate beyond it is a unit mistake or not a
+    // number.
     if (!(v >= -100 && v <= 100)) throw_error("{}: component {}, allowed -100 ... 100", path, v);
   }
 }
@@ -171,13 +172,15 @@ void add_help(const protobuf::Descriptor* descriptor, const std::string& prefix,
     if (field->options().HasExtension(pb::knob)) {
       const pb::Knob& knob = field->options().GetExtension(pb::knob);
       if (knob.has_unit()) line += fmt::format(" {}", knob.unit());
-      if (knob.has_min() || knob.has_max()) line += fmt::format("  [{} ... {}]", knob.min(), knob.max());
+      if (knob.has_min() || knob.has_max())
+        line += fmt::format("  [{} ... {}]", knob.min(), knob.max());
       if (knob.has_source()) line += fmt::format("  ({})", knob.source());
       if (knob.has_help()) line += fmt::format("  {}", knob.help());
     }
     if (field->cpp_type() == FieldDescriptor::CPPTYPE_ENUM) {
       line += "  one of:";
-      for (int k = 0; k < field->enum_type()->value_count(); ++k) line += " " + field->enum_type()->value(k)->name();
+      for (int k = 0; k < field->enum_type()->value_count(); ++k)
+        line += " " + field->enum_type()->value(k)->name();
     }
     out += line + "\n";
   }
@@ -185,16 +188,19 @@ void add_help(const protobuf::Descriptor* descriptor, const std::string& prefix,
 
 std::string field_names(const protobuf::Descriptor* descriptor) {
   std::string names;
-  for (int i = 0; i < descriptor->field_count(); ++i) names += (i == 0 ? "" : ", ") + descriptor->field(i)->name();
+  for (int i = 0; i < descriptor->field_count(); ++i)
+    names += (i == 0 ? "" : ", ") + descriptor->field(i)->name();
   return names;
 }
 
 }  // namespace
 
 std::string deploy_dir() {
-  if (const char* given = std::getenv("OMENTUM_DEPLOY_DIR")) return given;  // NOLINT(concurrency-mt-unsafe)
+  if (const char* given = std::getenv("OMENTUM_DEPLOY_DIR"))
+    return given;  // NOLINT(concurrency-mt-unsafe)
   std::error_code error;
-  std::filesystem::path folder = std::filesystem::read_symlink("/proc/self/exe", error).parent_path();
+  std::filesystem::path folder =
+      std::filesystem::read_symlink("/proc/self/exe", error).parent_path();
   for (; folder.has_relative_path(); folder = folder.parent_path()) {
     if (std::filesystem::exists(folder / "deploy" / "presets")) return (folder / "deploy").string();
   }
@@ -224,7 +230,8 @@ pb::Config load_config(const std::string& preset, std::span<const std::string> o
   }
   if (!config.scene_file().empty()) {
     const bool absolute = config.scene_file().front() == '/';
-    const std::string scene_path = absolute ? config.scene_file() : deploy_dir() + "/scenes/" + config.scene_file();
+    const std::string scene_path =
+        absolute ? config.scene_file() : deploy_dir() + "/scenes/" + config.scene_file();
     pb::Scene scene;
     merge_text(scene_path, read_file(scene_path), scene);
     scene.MergeFrom(config.scene());
@@ -278,13 +285,14 @@ void apply_override(pb::Config& config, const std::string& assignment) {
     const std::string name = path.substr(start, dot == std::string::npos ? dot : dot - start);
     const FieldDescriptor* field = descriptor->FindFieldByName(name);
     if (field == nullptr) {
-      throw_error("--set {}: {} has no field named \"{}\", allowed: {}", assignment, descriptor->name(), name,
-                  field_names(descriptor));
+      throw_error("--set {}: {} has no field named \"{}\", allowed: {}", assignment,
+                  descriptor->name(), name, field_names(descriptor));
     }
     if (dot == std::string::npos) {
       if (field->cpp_type() == FieldDescriptor::CPPTYPE_STRING) {
         std::string quoted;
-        for (const char c : value) quoted += c == '"' || c == '\\' ? std::string{'\\', c} : std::string{c};
+        for (const char c : value)
+          quoted += c == '"' || c == '\\' ? std::string{'\\', c} : std::string{c};
         text += fmt::format("{}: \"{}\"", name, quoted);
       } else if (field->cpp_type() == FieldDescriptor::CPPTYPE_MESSAGE) {
         text += fmt::format("{} {}", name, value);
@@ -297,7 +305,8 @@ void apply_override(pb::Config& config, const std::string& assignment) {
       throw_error("--set {}: {} has no parts", assignment, path.substr(0, dot));
     }
     if (field->is_repeated()) {
-      throw_error("--set {}: {} is a list; set a whole entry as {}={{ ... }}", assignment, name, path.substr(0, dot));
+      throw_error("--set {}: {} is a list; set a whole entry as {}={{ ... }}", assignment, name,
+                  path.substr(0, dot));
     }
     text += name + " { ";
     closing += " }";
@@ -320,7 +329,8 @@ void check_knobs(const protobuf::Message& message, const std::string& prefix) {
         continue;
       }
       for (int i = 0; i < reflection->FieldSize(message, field); ++i) {
-        check_knobs(reflection->GetRepeatedMessage(message, field, i), fmt::format("{}[{}]", path, i));
+        check_knobs(reflection->GetRepeatedMessage(message, field, i),
+                    fmt::format("{}[{}]", path, i));
       }
       continue;
     }
@@ -331,7 +341,8 @@ void check_knobs(const protobuf::Message& message, const std::string& prefix) {
       const double min = knob.has_min() ? knob.min() : std::numeric_limits<double>::lowest();
       const double max = knob.has_max() ? knob.max() : std::numeric_limits<double>::max();
       if (!(value >= min && value <= max)) {
-        throw_error("{}: {}{}{}, allowed {} ... {}", path, value, knob.has_unit() ? " " : "", knob.unit(), min, max);
+        throw_error("{}: {}{}{}, allowed {} ... {}", path, value, knob.has_unit() ? " " : "",
+                    knob.unit(), min, max);
       }
     } else if (!(value == value)) {
       throw_error("{}: not a number", path);
@@ -347,6 +358,8 @@ std::string knob_help() {
 
 std::string git_revision() { return OMENTUM_GIT_REVISION; }
 
-std::uint64_t build_id() { return fnv1a64(std::string("gcc " __VERSION__ " ") + OMENTUM_GIT_REVISION); }
+std::uint64_t build_id() {
+  return fnv1a64(std::string("gcc " __VERSION__ " ") + OMENTUM_GIT_REVISION);
+}
 
 }  // namespace omentum

@@ -15,9 +15,9 @@ std::string deploy_dir();
 /// Names of the presets in deploy_dir().
 std::vector<std::string> preset_names();
 
-/// Preset -> scene file -> overrides "a.b=c" in order; every knob checked. All defaults are filled in explicitly, so
-/// the result is the resolved configuration. Throws Error: one line with file:line:column or the knob, its value and
-/// the allowed range.
+/// Preset -> scene file -> overrides "a.b=c" in order; every knob checked. All defaults are filled
+/// in explicitly, so the result is the resolved configuration. Throws Error: one line with
+/// file:line:column or the knob, its value and the allowed range.
 pb::Config load_config(const std::string& preset, std::span<const std::string> overrides);
 
 /// As above from a resolved configuration text (a checkpoint, a manifest).
@@ -26,8 +26,8 @@ pb::Config parse_config(const std::string& name, const std::string& text);
 /// Deterministic text form; parse_config() of it gives the same message.
 std::string print_config(const pb::Config& config);
 
-/// FNV-1a of the printed configuration without its `run` part and without `preset`, `scene_file` and scene names:
-/// equal hashes mean equal weights.
+/// FNV-1a of the printed configuration without its `run` part and without `preset`, `scene_file`
+/// and scene names: equal hashes mean equal weights.
 std::uint64_t config_hash(const pb::Config& config);
 
 /// Applies one "a.b=c". Throws Error naming the path and what is allowed there.

@@ -1,14 +1,14 @@
 #pragma once
 
+#include <spdlog/logger.h>
+
 #include <memory>
 #include <string_view>
 
-#include <spdlog/logger.h>
-
 namespace omentum {
 
-/// The process logger: stderr, one event per line, key=value. Include this header from .cpp files only: it pulls
-/// spdlog in (2.8 s per translation unit). Never used inside step().
+/// The process logger: stderr, one event per line, key=value. Include this header from .cpp files
+/// only: it pulls spdlog in (2.8 s per translation unit). Never used inside step().
 spdlog::logger& log();
 
 /// Names the program in every line; call once at the start of main().

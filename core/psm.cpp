@@ -15,8 +15,8 @@ constexpr double kRemoteCentreLength = 0.4318;  // L_rcc [m]
 constexpr double kToolLength = 0.4162;          // L_tool [m]
 constexpr double kPitchToYaw = 0.0091;          // [m]
 
-/// One row of the modified DH table: RotX(alpha) TransX(a) RotZ(theta) TransZ(d), alpha a multiple of pi/2 whose sine
-/// and cosine are exact.
+/// One row of the modified DH table: RotX(alpha) TransX(a) RotZ(theta) TransZ(d), alpha a multiple
+/// of pi/2 whose sine and cosine are exact.
 struct Link {
   Matrix3d R;
   Vector3d p;
@@ -25,7 +25,8 @@ struct Link {
 Link make_link(double sin_alpha, double cos_alpha, double a, double theta, double d) {
   const auto [s, c] = trig::sin_cos(theta);
   Link link;
-  link.R << c, -s, 0, s * cos_alpha, c * cos_alpha, -sin_alpha, s * sin_alpha, c * sin_alpha, cos_alpha;
+  link.R << c, -s, 0, s * cos_alpha, c * cos_alpha, -sin_alpha, s * sin_alpha, c * sin_alpha,
+      cos_alpha;
   link.p = Vector3d(a, -sin_alpha * d, cos_alpha * d);
   return link;
 }
@@ -66,10 +67,13 @@ PsmPose psm_forward(const PsmJoints& q, double theta_offset) {
 }
 
 Result<PsmJoints> psm_inverse(const PsmPose& pose, double roll_near, double theta_offset) {
-  const double orthonormality = (pose.R.transpose() * pose.R - Matrix3d::Identity()).cwiseAbs().maxCoeff();
-  if (!(orthonormality < 1e-6)) return Failure{fmt::format("rotation is not orthonormal by {:.3g}", orthonormality)};
+  const double orthonormality =
+      (pose.R.transpose() * pose.R - Matrix3d::Identity()).cwiseAbs().maxCoeff();
+  if (!(orthonormality < 1e-6))
+    return Failure{fmt::format("rotation is not orthonormal by {:.3g}", orthonormality)};
   if (!(pose.p.norm() >= 1e-3)) {
-    return Failure{fmt::format("goal is {:.3g} m from the remote centre, allowed at least 0.001", pose.p.norm())};
+    return Failure{fmt::format("goal is {:.3g} m from the remote centre, allowed at least 0.001",
+                               pose.p.norm())};
   }
   const Vector3d z6 = -pose.R.col(0);
   const Vector3d in_plane = pose.p - pose.p.dot(z6) * z6;
@@ -102,13 +106,13 @@ Result<PsmJoints> psm_inverse(const PsmPose& pose, double roll_near, double thet
 std::string psm_limit_violation(const PsmJoints& q) {
   for (std::size_t i = 0; i < q.size(); ++i) {
     if (!(q[i] >= kPsmLimits[i].min && q[i] <= kPsmLimits[i].max)) {
-      return fmt::format("joint {} at {:.6g}, allowed {} ... {}", kPsmLimits[i].name, q[i], kPsmLimits[i].min,
-                         kPsmLimits[i].max);
+      return fmt::format("joint {} at {:.6g}, allowed {} ... {}", kPsmLimits[i].name, q[i],
+                         kPsmLimits[i].min, kPsmLimits[i].max);
     }
   }
   if (!(wrist_distance(q[2]) >= kPsmCannula)) {
-    return fmt::format("wrist-pitch axis {:.6g} m from the remote centre, allowed at least {}", wrist_distance(q[2]),
-                       kPsmCannula);
+    return fmt::format("wrist-pitch axis {:.6g} m from the remote centre, allowed at least {}",
+                       wrist_distance(q[2]), kPsmCannula);
   }
   return {};
 }
@@ -122,8 +126,8 @@ double psm_cannula_insertion(const PsmJoints& goal, double measured_insertion) {
 
 Vector3d ToolMount::jaw_direction() const { return R_WC.col(2); }
 
-ToolMount make_tool_mount(const Eigen::Isometry3d& X_WR, double roll, double tip_offset, const Vector3d& workspace_min,
-                          const Vector3d& workspace_max) {
+ToolMount make_tool_mount(const Eigen::Isometry3d& X_WR, double roll, double tip_offset,
+                          const Vector3d& workspace_min, const Vector3d& workspace_max) {
   ToolMount mount;
   mount.X_WR = X_WR;
   mount.tip_offset = tip_offset;
@@ -151,7 +155,8 @@ Result<PsmJoints> joints_for_tip(const ToolMount& mount, const Vector3d& p_WT) {
   return joints;
 }
 
-LimitedCommand limit_command(const ToolMount& mount, const Vector3d& previous_p_WT, const Vector3d& increment) {
+LimitedCommand limit_command(const ToolMount& mount, const Vector3d& previous_p_WT,
+                             const Vector3d& increment) {
   LimitedCommand result;
   Vector3d goal = previous_p_WT;
   for (int axis = 0; axis < 3; ++axis) {

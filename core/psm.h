@@ -1,18 +1,18 @@
 #pragma once
 
-#include <array>
-
 #include <Eigen/Core>
 #include <Eigen/Geometry>
+#include <array>
 
 #include "core/result.h"
 
 namespace omentum {
 
-/// Kinematics of the da Vinci PSM (classic) with a Large Needle Driver 400006, in double precision and with our own
-/// sine, cosine and arc tangent: the same bits on every machine. Frames: R remote centre of motion, C dVRK control
-/// point (wrist yaw axis), T jaw tip. Numbers and sources: dvrk.md section 6 (sawIntuitiveResearchKit
-/// share/kinematic/PSM.json, share/tool/LARGE_NEEDLE_DRIVER_400006.json).
+/// Kinematics of the da Vinci PSM (classic) with a Large Needle Driver 400006, in double precision
+/// and with our own sine, cosine and arc tangent: the same bits on every machine. Frames: R remote
+/// centre of motion, C dVRK control point (wrist yaw axis), T jaw tip. Numbers and sources: dvrk.md
+/// section 6 (sawIntuitiveResearchKit share/kinematic/PSM.json,
+/// share/tool/LARGE_NEEDLE_DRIVER_400006.json).
 
 /// yaw, pitch [rad], insertion [m], roll, wrist pitch, wrist yaw [rad].
 using PsmJoints = std::array<double, 6>;
@@ -27,10 +27,11 @@ inline constexpr double kPsmThetaOffset = 1.5708;
 
 PsmPose psm_forward(const PsmJoints& q, double theta_offset = kPsmThetaOffset);
 
-/// Closed form (dvrk.md 6.3), branch |wrist pitch| < 90 deg; roll is unwrapped towards `roll_near`. Fails on a pose
-/// nearer than 1 mm to the remote centre or a rotation that is not orthonormal to 1e-6. Joint limits are not judged:
-/// see psm_limit_violation().
-Result<PsmJoints> psm_inverse(const PsmPose& pose, double roll_near = 0, double theta_offset = kPsmThetaOffset);
+/// Closed form (dvrk.md 6.3), branch |wrist pitch| < 90 deg; roll is unwrapped towards `roll_near`.
+/// Fails on a pose nearer than 1 mm to the remote centre or a rotation that is not orthonormal to
+/// 1e-6. Joint limits are not judged: see psm_limit_violation().
+Result<PsmJoints> psm_inverse(const PsmPose& pose, double roll_near = 0,
+                              double theta_offset = kPsmThetaOffset);
 
 struct JointRange {
   const char* name;
@@ -42,30 +43,38 @@ extern const std::array<JointRange, 6> kPsmLimits;
 /// Distance of the wrist-pitch axis from the remote centre below which the robot refuses to go [m].
 inline constexpr double kPsmCannula = 0.045;
 
-/// Empty when the joints are inside their limits and the wrist-pitch axis is at least kPsmCannula from the remote
-/// centre; else which rule is broken and by how much.
+/// Empty when the joints are inside their limits and the wrist-pitch axis is at least kPsmCannula
+/// from the remote centre; else which rule is broken and by how much.
 std::string psm_limit_violation(const PsmJoints& q);
 
-/// q3 the robot would command for a goal nearer than the 45 mm rule allows, given its measured insertion.
+/// q3 the robot would command for a goal nearer than the 45 mm rule allows, given its measured
+/// insertion.
 double psm_cannula_insertion(const PsmJoints& goal, double measured_insertion);
 
-/// Where the arm stands and how the tool is held: constant orientation, as the paper does (P III-A).
+/// Where the arm stands and how the tool is held: constant orientation, as the paper does (P
+/// III-A).
 struct ToolMount {
   Eigen::Isometry3d X_WR = Eigen::Isometry3d::Identity();
-  Eigen::Matrix3d R_WC = Eigen::Matrix3d::Identity();  ///< constant orientation of the control point frame
-  double tip_offset = 0.0102;                          ///< |p_CT| along the jaw [m]
+  Eigen::Matrix3d R_WC =
+      Eigen::Matrix3d::Identity();  ///< constant orientation of the control point frame
+  double tip_offset = 0.0102;       ///< |p_CT| along the jaw [m]
   Eigen::Vector3d workspace_min = Eigen::Vector3d::Zero();  ///< box for the tip in W [m]
   Eigen::Vector3d workspace_max = Eigen::Vector3d::Zero();
 
   /// Direction of the jaw in W: from C to T.
   Eigen::Vector3d jaw_direction() const;
-  Eigen::Vector3d control_point(const Eigen::Vector3d& p_WT) const { return p_WT - tip_offset * jaw_direction(); }
-  Eigen::Vector3d tip(const Eigen::Vector3d& p_WC) const { return p_WC + tip_offset * jaw_direction(); }
+  Eigen::Vector3d control_point(const Eigen::Vector3d& p_WT) const {
+    return p_WT - tip_offset * jaw_direction();
+  }
+  Eigen::Vector3d tip(const Eigen::Vector3d& p_WC) const {
+    return p_WC + tip_offset * jaw_direction();
+  }
 };
 
 /// Tool pointing straight down -z_W, rolled about it [rad].
 ToolMount make_tool_mount(const Eigen::Isometry3d& X_WR, double roll, double tip_offset,
-                          const Eigen::Vector3d& workspace_min, const Eigen::Vector3d& workspace_max);
+                          const Eigen::Vector3d& workspace_min,
+                          const Eigen::Vector3d& workspace_max);
 
 /// Joints that bring the tip to p_WT, or why not (limits and 45 mm rule included).
 Result<PsmJoints> joints_for_tip(const ToolMount& mount, const Eigen::Vector3d& p_WT);
@@ -73,13 +82,13 @@ Result<PsmJoints> joints_for_tip(const ToolMount& mount, const Eigen::Vector3d& 
 /// What limit_command did with a command.
 struct LimitedCommand {
   Eigen::Vector3d p_WT = Eigen::Vector3d::Zero();  ///< the goal that is in force
-  int axes_dropped = 0;                            ///< axes that would have left the box and kept their value
-  bool unreachable = false;                        ///< no inverse inside the limits: the previous goal stays
+  int axes_dropped = 0;      ///< axes that would have left the box and kept their value
+  bool unreachable = false;  ///< no inverse inside the limits: the previous goal stays
 };
 
-/// The one limiter of every back end (seed_task.md section 3): an axis of the increment that would leave the workspace
-/// box keeps its value; a goal without an inverse inside joint limits and the 45 mm rule leaves the previous goal in
-/// force. Pure.
+/// The one limiter of every back end (seed_task.md section 3): an axis of the increment that would
+/// leave the workspace box keeps its value; a goal without an inverse inside joint limits and the
+/// 45 mm rule leaves the previous goal in force. Pure.
 LimitedCommand limit_command(const ToolMount& mount, const Eigen::Vector3d& previous_p_WT,
                              const Eigen::Vector3d& increment);
 

@@ -13,13 +13,13 @@ struct Failure {
   std::string message;
 };
 
-/// Value or failure of an operation that may fail at run time (short datagram, IK unreachable, corrupt chunk).
-/// Member names follow std::expected. value() on a failure is a bug and aborts.
+/// Value or failure of an operation that may fail at run time (short datagram, IK unreachable,
+/// corrupt chunk). Member names follow std::expected. value() on a failure is a bug and aborts.
 template <typename T>
 class [[nodiscard]] Result {
  public:
-  Result(T value) : content_(std::move(value)) {}              // NOLINT(google-explicit-constructor)
-  Result(Failure failure) : content_(std::move(failure)) {}    // NOLINT(google-explicit-constructor)
+  Result(T value) : content_(std::move(value)) {}            // NOLINT(google-explicit-constructor)
+  Result(Failure failure) : content_(std::move(failure)) {}  // NOLINT(google-explicit-constructor)
   bool has_value() const { return std::holds_alternative<T>(content_); }
   explicit operator bool() const { return has_value(); }
   const T& value() const& {

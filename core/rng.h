@@ -5,7 +5,8 @@
 
 namespace omentum {
 
-/// Philox4x32-10 [Salmon11]: a pure function (counter, key) -> four words. No generator state exists anywhere.
+/// Philox4x32-10 [Salmon11]: a pure function (counter, key) -> four words. No generator state
+/// exists anywhere.
 using PhiloxWords = std::array<std::uint32_t, 4>;
 
 constexpr PhiloxWords philox(PhiloxWords counter, std::array<std::uint32_t, 2> key) {
@@ -34,10 +35,12 @@ enum class Purpose : std::uint32_t {
   kEvaluation = 7,
 };
 
-/// Counter layout of learner.md section 4.3: key = run seed, counter = (slot, purpose 2^24 + draw, episode, step).
-constexpr PhiloxWords random_words(std::uint64_t run_seed, std::uint32_t slot, Purpose purpose, std::uint32_t draw,
-                                   std::uint64_t episode, std::uint32_t step) {
-  return philox({slot, (static_cast<std::uint32_t>(purpose) << 24) + draw, static_cast<std::uint32_t>(episode), step},
+/// Counter layout of learner.md section 4.3: key = run seed, counter = (slot, purpose 2^24 + draw,
+/// episode, step).
+constexpr PhiloxWords random_words(std::uint64_t run_seed, std::uint32_t slot, Purpose purpose,
+                                   std::uint32_t draw, std::uint64_t episode, std::uint32_t step) {
+  return philox({slot, (static_cast<std::uint32_t>(purpose) << 24) + draw,
+                 static_cast<std::uint32_t>(episode), step},
                 {static_cast<std::uint32_t>(run_seed), static_cast<std::uint32_t>(run_seed >> 32)});
 }
 

@@ -10,14 +10,15 @@ namespace omentum {
 namespace {
 
 std::int64_t now_ns() {
-  return std::chrono::duration_cast<std::chrono::nanoseconds>(std::chrono::steady_clock::now().time_since_epoch())
+  return std::chrono::duration_cast<std::chrono::nanoseconds>(
+             std::chrono::steady_clock::now().time_since_epoch())
       .count();
 }
 
 /// What one lane is doing with its task.
 struct LaneRun {
-  bool done = false;        ///< no more steps are recorded
-  bool holding = false;     ///< evaluation: the hold script acts
+  bool done = false;     ///< no more steps are recorded
+  bool holding = false;  ///< evaluation: the hold script acts
   std::uint32_t hold_left = 0;
 };
 
@@ -57,22 +58,26 @@ void close_episode(const Backend& backend, int lane, bool terminated, RolloutSeg
 }
 
 /// The tissue before this step, every `stride` steps.
-void record_frame(const Backend& backend, int lane, std::uint32_t stride, std::vector<float>& scratch,
-                  RolloutSegment& segment) {
+void record_frame(const Backend& backend, int lane, std::uint32_t stride,
+                  std::vector<float>& scratch, RolloutSegment& segment) {
   if (stride == 0 || segment.steps % stride != 0) return;
   backend.positions(lane, scratch);
-  segment.frame_positions_in_world_m.insert(segment.frame_positions_in_world_m.end(), scratch.begin(), scratch.end());
+  segment.frame_positions_in_world_m.insert(segment.frame_positions_in_world_m.end(),
+                                            scratch.begin(), scratch.end());
 }
 
-/// What proves a replay: hash of the whole state after the step, beside where the tool is and what the camera sees.
+/// What proves a replay: hash of the whole state after the step, beside where the tool is and what
+/// the camera sees.
 void record_step(const Backend& backend, int lane, RolloutSegment& segment) {
   const EpisodeFacts facts = backend.facts(lane);
   segment.state_hashes.push_back(hash_state(backend.save(lane)));
   segment.exposures.push_back(facts.exposure);
-  for (const double v : facts.tool_position) segment.tool_positions_in_world_m.push_back(static_cast<float>(v));
+  for (const double v : facts.tool_position)
+    segment.tool_positions_in_world_m.push_back(static_cast<float>(v));
 }
 
-/// Action of a replay task: four numbers per step, branch indices or continuous values as the preset has them.
+/// Action of a replay task: four numbers per step, branch indices or continuous values as the
+/// preset has them.
 Action replayed_action(const RolloutTask& task, std::uint32_t step, bool continuous) {
   Action action;
   for (std::size_t k = 0; k < 4; ++k) {
@@ -88,10 +93,12 @@ Action replayed_action(const RolloutTask& task, std::uint32_t step, bool continu
 
 }  // namespace
 
-std::vector<RolloutSegment> run_rollout(Backend& backend, Policy& policy, std::span<const RolloutTask> tasks,
+std::vector<RolloutSegment> run_rollout(Backend& backend, Policy& policy,
+                                        std::span<const RolloutTask> tasks,
                                         const std::function<bool()>& stop) {
   const auto lanes = static_cast<std::size_t>(backend.lanes());
-  OMENTUM_CHECK(!tasks.empty() && tasks.size() <= lanes, "{} tasks for {} lanes", tasks.size(), lanes);
+  OMENTUM_CHECK(!tasks.empty() && tasks.size() <= lanes, "{} tasks for {} lanes", tasks.size(),
+                lanes);
   const auto width = static_cast<std::size_t>(backend.observation_size());
   OMENTUM_CHECK(policy.shape().observations == backend.observation_size());
   const bool continuous = policy.shape().continuous;
@@ -114,8 +121,11 @@ std::vector<RolloutSegment> run_rollout(Backend& backend, Policy& policy, std::s
     segment.granted_at_ns = task.granted_at_ns;
     segment.state_format = backend.state_format();
     longest = std::max(longest, task.steps);
-    if (task.kind == TaskKind::kReplay && task.commands.size() < 4 * static_cast<std::size_t>(task.steps)) {
-      fail(segment, runs[k], fmt::format("replay task with {} commands for {} steps", task.commands.size() / 4, task.steps));
+    if (task.kind == TaskKind::kReplay &&
+        task.commands.size() < 4 * static_cast<std::size_t>(task.steps)) {
+      fail(segment, runs[k],
+           fmt::format("replay task with {} commands for {} steps", task.commands.size() / 4,
+                       task.steps));
       continue;
     }
     if (task.reset) {
@@ -144,15 +154,19 @@ std::vector<RolloutSegment> run_rollout(Backend& backend, Policy& policy, std::s
     for (std::size_t k = 0; k < tasks.size(); ++k) {
       backend.observe(static_cast<int>(k), std::span(observations).subspan(k * width, width));
       before[k] = backend.clock(static_cast<int>(k));
-      const Purpose purpose = tasks[k].kind == TaskKind::kRollout ? Purpose::kAction : Purpose::kEvaluation;
-      counters[k] = {tasks[k].run_seed, tasks[k].slot, before[k].episode, before[k].episode_step, purpose};
+      const Purpose purpose =
+          tasks[k].kind == TaskKind::kRollout ? Purpose::kAction : Purpose::kEvaluation;
+      counters[k] = {tasks[k].run_seed, tasks[k].slot, before[k].episode, before[k].episode_step,
+                     purpose};
     }
     policy.act(observations, counters, tasks.front().greedy, {}, decisions);
     for (std::size_t k = 0; k < tasks.size(); ++k) {
       actions[k] = {decisions[k].branch, decisions[k].continuous};
       if (runs[k].holding || runs[k].done) actions[k] = backend.hold_action(static_cast<int>(k));
-      if (!runs[k].done) record_frame(backend, static_cast<int>(k), tasks[k].frame_stride, scratch, segments[k]);
-      if (tasks[k].kind == TaskKind::kReplay) actions[k] = replayed_action(tasks[k], step, continuous);
+      if (!runs[k].done)
+        record_frame(backend, static_cast<int>(k), tasks[k].frame_stride, scratch, segments[k]);
+      if (tasks[k].kind == TaskKind::kReplay)
+        actions[k] = replayed_action(tasks[k], step, continuous);
     }
     backend.step(actions, outcomes);
 
@@ -163,7 +177,9 @@ std::vector<RolloutSegment> run_rollout(Backend& backend, Policy& policy, std::s
       const int lane = static_cast<int>(k);
       if (run.done) continue;
       if (!backend.healthy(lane)) {
-        fail(segment, run, fmt::format("state not finite at step {} of episode {}", before[k].episode_step, before[k].episode));
+        fail(segment, run,
+             fmt::format("state not finite at step {} of episode {}", before[k].episode_step,
+                         before[k].episode));
         continue;
       }
       const StepOutcome& outcome = outcomes[k];
@@ -175,10 +191,13 @@ std::vector<RolloutSegment> run_rollout(Backend& backend, Policy& policy, std::s
       flags |= outcome.grasp_lost ? step_flag::kGraspLost : 0;
       flags |= scripted ? step_flag::kScripted : 0;
       const auto from = observations.begin() + static_cast<std::ptrdiff_t>(k * width);
-      segment.observations.insert(segment.observations.end(), from, from + static_cast<std::ptrdiff_t>(width));
-      segment.actions.insert(segment.actions.end(), actions[k].branch.begin(), actions[k].branch.end());
+      segment.observations.insert(segment.observations.end(), from,
+                                  from + static_cast<std::ptrdiff_t>(width));
+      segment.actions.insert(segment.actions.end(), actions[k].branch.begin(),
+                             actions[k].branch.end());
       if (continuous) {
-        segment.actions_continuous.insert(segment.actions_continuous.end(), actions[k].continuous.begin(),
+        segment.actions_continuous.insert(segment.actions_continuous.end(),
+                                          actions[k].continuous.begin(),
                                           actions[k].continuous.end());
       }
       segment.log_probs.push_back(scripted ? 0.0F : decisions[k].log_prob);
@@ -253,10 +272,13 @@ std::vector<RolloutSegment> run_rollout(Backend& backend, Policy& policy, std::s
 
 std::uint32_t segment_crc(const RolloutSegment& s) {
   std::uint32_t crc = 0;
-  const auto add = [&crc](const auto& values) { crc = crc32c(std::as_bytes(std::span(values)), crc); };
-  const std::array<std::uint64_t, 12> head = {s.slot,          s.segment,      s.task_hash,        s.policy_version,
-                                              s.steps,         s.end_episode,  s.end_episode_step, s.end_episode_limit,
-                                              s.state_format,  s.end_hash,     s.failed,           s.physics_ticks};
+  const auto add = [&crc](const auto& values) {
+    crc = crc32c(std::as_bytes(std::span(values)), crc);
+  };
+  const std::array<std::uint64_t, 12> head = {
+      s.slot,         s.segment,     s.task_hash,        s.policy_version,
+      s.steps,        s.end_episode, s.end_episode_step, s.end_episode_limit,
+      s.state_format, s.end_hash,    s.failed,           s.physics_ticks};
   add(head);
   add(s.observations);
   add(s.actions);

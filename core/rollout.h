@@ -10,11 +10,13 @@
 
 namespace omentum {
 
-/// The one rollout loop. Runs `tasks` (at most backend.lanes(), all of the same policy version, kind and length) to
-/// their end and returns one segment per task in the same order. segment = run_task(policy, task): the result of a
-/// task does not depend on the other tasks, the backend's lane count, or anything outside the arguments.
-/// `stop` is polled once per step; when it turns true the loop returns an empty vector (nothing half-done).
-std::vector<RolloutSegment> run_rollout(Backend& backend, Policy& policy, std::span<const RolloutTask> tasks,
+/// The one rollout loop. Runs `tasks` (at most backend.lanes(), all of the same policy version,
+/// kind and length) to their end and returns one segment per task in the same order. segment =
+/// run_task(policy, task): the result of a task does not depend on the other tasks, the backend's
+/// lane count, or anything outside the arguments. `stop` is polled once per step; when it turns
+/// true the loop returns an empty vector (nothing half-done).
+std::vector<RolloutSegment> run_rollout(Backend& backend, Policy& policy,
+                                        std::span<const RolloutTask> tasks,
                                         const std::function<bool()>& stop);
 
 /// CRC-32C over the payload of a segment (everything but worker identity, grant and times).

@@ -5,7 +5,8 @@
 namespace omentum::trig {
 namespace {
 
-// pi/2 in three parts: the first two have 33 trailing zero bits, so k * part is exact for |k| < 2^20.
+// pi/2 in three parts: the first two have 33 trailing zero bits, so k * part is exact for |k| <
+// 2^20.
 constexpr double kHalfPi1 = 1.57079632673412561417e+00;
 constexpr double kHalfPi2 = 6.07710050630396597660e-11;
 constexpr double kHalfPi3 = 2.02226624879595063154e-21;

@@ -2,12 +2,14 @@
 
 namespace omentum::trig {
 
-/// sin, cos and atan2 in double precision from basic operations only, so that kinematics give the same bits on every
-/// machine (glibc picks its versions by CPU at load time). Own code because no library promises that.
+/// sin, cos and atan2 in double precision from basic operations only, so that kinematics give the
+/// same bits on every machine (glibc picks its versions by CPU at load time). Own code because no
+/// library promises that.
 ///
-/// sin_cos: argument reduced by pi/2 in three parts (Cody-Waite), minimax-like Taylor kernels on [-pi/4, pi/4];
-/// absolute error < 2.3e-16 for |x| <= 100. atan2: reduction to [0, tan(pi/16)] by a table of four angles and the
-/// odd series; error < 2.3e-16 of the quadrant, atan2(0, 0) = 0. Tests compare both with libm.
+/// sin_cos: argument reduced by pi/2 in three parts (Cody-Waite), minimax-like Taylor kernels on
+/// [-pi/4, pi/4]; absolute error < 2.3e-16 for |x| <= 100. atan2: reduction to [0, tan(pi/16)] by a
+/// table of four angles and the odd series; error < 2.3e-16 of the quadrant, atan2(0, 0) = 0. Tests
+/// compare both with libm.
 struct SinCos {
   double sin, cos;
 };

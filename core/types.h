@@ -1,7 +1,8 @@
 #pragma once
 
-// What travels between learner, workers and gateway, as plain values. core/wire.* maps these to the IDL types,
-// nothing else in the product knows the generated ones. Field meaning and limits: wire.md sections 2 and 3.3.
+// What travels between learner, workers and gateway, as plain values. core/wire.* maps these to the
+// IDL types, nothing else in the product knows the generated ones. Field meaning and limits:
+// wire.md sections 2 and 3.3.
 
 #include <array>
 #include <cstddef>
@@ -15,7 +16,8 @@ namespace omentum {
 
 using Bytes = std::vector<std::byte>;
 
-/// Layout of the state bytes that SimBackend::save writes; raise it when they change. Reaches wire and disk.
+/// Layout of the state bytes that SimBackend::save writes; raise it when they change. Reaches wire
+/// and disk.
 inline constexpr std::uint32_t kSimStateFormat = 1;
 
 /// Values reach the wire: do not change.
@@ -23,16 +25,23 @@ enum class TaskKind : std::uint32_t { kRollout = 0, kEvaluate = 1, kReplay = 2 }
 
 /// Which fixed starts an evaluate task uses. Values reach the wire: do not change.
 enum class StartSet : std::uint32_t {
-  kTraining = 0,      ///< drawn from (run_seed, slot, episode)
-  kGrid = 1,          ///< scene.start_grid, the 100 cells
-  kRobotGrid = 2,     ///< scene.robot_grid, the 25 cells
-  kGraspLattice = 3,  ///< settled sheet, jaw closed on particle start_index, no policy: lift to p_T and hold
+  kTraining = 0,   ///< drawn from (run_seed, slot, episode)
+  kGrid = 1,       ///< scene.start_grid, the 100 cells
+  kRobotGrid = 2,  ///< scene.robot_grid, the 25 cells
+  kGraspLattice =
+      3,  ///< settled sheet, jaw closed on particle start_index, no policy: lift to p_T and hold
 };
 
 enum class Source : std::uint32_t { kSimulation = 0, kDvrk = 1, kReplay = 2 };
 
 /// Values reach the wire: do not change.
-enum class Outcome : std::uint8_t { kTargetReached = 0, kTruncated = 1, kGraspLost = 2, kSafetyStop = 3, kError = 4 };
+enum class Outcome : std::uint8_t {
+  kTargetReached = 0,
+  kTruncated = 1,
+  kGraspLost = 2,
+  kSafetyStop = 3,
+  kError = 4
+};
 
 /// Bits of RolloutSegment::flags. Values reach the wire: do not change.
 namespace step_flag {
@@ -41,11 +50,12 @@ inline constexpr std::uint8_t kTruncated = 2;
 inline constexpr std::uint8_t kFirst = 4;       ///< first step of an episode
 inline constexpr std::uint8_t kHeld = 8;        ///< tissue held before the step
 inline constexpr std::uint8_t kGraspLost = 16;  ///< tissue lost during the step
-inline constexpr std::uint8_t kScripted = 32;   ///< action chosen by the hold script, not by the policy
+inline constexpr std::uint8_t kScripted =
+    32;  ///< action chosen by the hold script, not by the policy
 }  // namespace step_flag
 
-/// A version of the policy: all parameters of actor and critic in the order of core/policy.h, and the observation
-/// normaliser that belongs to them.
+/// A version of the policy: all parameters of actor and critic in the order of core/policy.h, and
+/// the observation normaliser that belongs to them.
 struct PolicyWeights {
   std::uint32_t policy_id = 0;  ///< hash of the run name
   std::uint32_t learner_epoch = 0;
@@ -78,16 +88,19 @@ struct RolloutTask {
   std::uint64_t run_seed = 0;
   std::uint64_t episode = 0;
   std::uint32_t episode_step = 0;
-  std::uint32_t episode_limit = 0;  ///< this episode is truncated after so many decisions; 0 = task default (stagger)
-  std::uint32_t policy_steps = 0;   ///< evaluate: the policy acts for at most so many decisions; then the task ends
-  std::uint32_t hold_steps = 0;     ///< evaluate: decisions of hold at p_T once reached
-  bool reset = false;               ///< start a fresh episode; start_state is empty
+  std::uint32_t episode_limit =
+      0;  ///< this episode is truncated after so many decisions; 0 = task default (stagger)
+  std::uint32_t policy_steps =
+      0;  ///< evaluate: the policy acts for at most so many decisions; then the task ends
+  std::uint32_t hold_steps = 0;  ///< evaluate: decisions of hold at p_T once reached
+  bool reset = false;            ///< start a fresh episode; start_state is empty
   std::uint32_t state_format = 0;
   std::uint64_t start_hash = 0;
   Bytes start_state;
-  std::string scene_override;         ///< replay: text protobuf merged into the scene
-  std::vector<float> commands;        ///< replay: steps x 4 continuous values (dx, dy, dz in units of increment, jaw)
-  std::uint32_t frame_stride = 0;     ///< > 0: the segment carries tissue frames and state hashes
+  std::string scene_override;  ///< replay: text protobuf merged into the scene
+  std::vector<float>
+      commands;  ///< replay: steps x 4 continuous values (dx, dy, dz in units of increment, jaw)
+  std::uint32_t frame_stride = 0;  ///< > 0: the segment carries tissue frames and state hashes
   std::int64_t granted_at_ns = 0;
 };
 
@@ -103,14 +116,14 @@ struct RolloutSegment {
   std::uint64_t build_id = 0;
   Source source = Source::kSimulation;
   std::uint32_t steps = 0;
-  std::vector<float> observations;      ///< steps x O, raw
-  std::vector<std::uint8_t> actions;    ///< steps x 4, branch indices
-  std::vector<float> actions_continuous;///< steps x 4 with a Gaussian head, else empty
-  std::vector<std::uint16_t> masks;     ///< steps, bit per action; empty = no masking
-  std::vector<float> log_probs;         ///< steps, joint
-  std::vector<float> rewards;           ///< steps
-  std::vector<float> values;            ///< steps
-  std::vector<std::uint8_t> flags;      ///< steps, step_flag
+  std::vector<float> observations;           ///< steps x O, raw
+  std::vector<std::uint8_t> actions;         ///< steps x 4, branch indices
+  std::vector<float> actions_continuous;     ///< steps x 4 with a Gaussian head, else empty
+  std::vector<std::uint16_t> masks;          ///< steps, bit per action; empty = no masking
+  std::vector<float> log_probs;              ///< steps, joint
+  std::vector<float> rewards;                ///< steps
+  std::vector<float> values;                 ///< steps
+  std::vector<std::uint8_t> flags;           ///< steps, step_flag
   std::vector<float> bootstrap_observation;  ///< O, after the last step
   std::vector<float> final_observations;     ///< O per truncated episode inside the segment
   std::vector<std::uint32_t> episode_end_step;
@@ -128,13 +141,13 @@ struct RolloutSegment {
   std::uint32_t state_format = 0;
   std::uint64_t end_hash = 0;
   Bytes end_state;
-  std::uint32_t failed = 0;     ///< 1: a lane went non-finite; steps counts the good ones
-  std::string failure;          ///< reason when failed
+  std::uint32_t failed = 0;         ///< 1: a lane went non-finite; steps counts the good ones
+  std::string failure;              ///< reason when failed
   std::uint64_t physics_ticks = 0;  ///< solver substeps run
-  std::vector<std::uint64_t> state_hashes;            ///< steps, when frame_stride > 0
-  std::vector<float> frame_positions_in_world_m;      ///< frames x particles x 3
-  std::vector<float> tool_positions_in_world_m;       ///< steps x 3, when frame_stride > 0
-  std::vector<float> exposures;                       ///< steps, when frame_stride > 0
+  std::vector<std::uint64_t> state_hashes;        ///< steps, when frame_stride > 0
+  std::vector<float> frame_positions_in_world_m;  ///< frames x particles x 3
+  std::vector<float> tool_positions_in_world_m;   ///< steps x 3, when frame_stride > 0
+  std::vector<float> exposures;                   ///< steps, when frame_stride > 0
   std::uint32_t payload_crc32c = 0;
   std::int64_t compute_time_ns = 0;
   std::int64_t wait_time_ns = 0;
@@ -172,7 +185,14 @@ struct WorkerStatus {
   std::vector<std::string> warnings;
 };
 
-enum class LearnerPhase : std::uint32_t { kWaiting = 0, kUpdating = 1, kSaving = 2, kEvaluating = 3, kPaused = 4, kDone = 5 };
+enum class LearnerPhase : std::uint32_t {
+  kWaiting = 0,
+  kUpdating = 1,
+  kSaving = 2,
+  kEvaluating = 3,
+  kPaused = 4,
+  kDone = 5
+};
 
 struct LearnerStatus {
   std::string run_id;
@@ -180,7 +200,8 @@ struct LearnerStatus {
   std::uint64_t policy_version = 0;
   std::uint64_t batch = 0;
   LearnerPhase phase = LearnerPhase::kWaiting;
-  std::uint64_t granted = 0, regranted = 0, received = 0, admitted = 0, duplicate = 0, stale = 0, invalid = 0;
+  std::uint64_t granted = 0, regranted = 0, received = 0, admitted = 0, duplicate = 0, stale = 0,
+                invalid = 0;
   std::uint64_t cancelled = 0, foreign = 0, overflow = 0, outstanding = 0, audit_mismatch = 0;
   std::uint32_t workers_alive = 0;
   double oldest_task_age_s = 0;
@@ -217,8 +238,8 @@ struct RunManifest {
   std::vector<std::string> observation_names, action_names;
 };
 
-/// Identity of a task (wire.md 2.2): FNV-1a over the canonical little-endian bytes of everything that decides its
-/// result. Grant, worker, epoch and times are excluded.
+/// Identity of a task (wire.md 2.2): FNV-1a over the canonical little-endian bytes of everything
+/// that decides its result. Grant, worker, epoch and times are excluded.
 std::uint64_t hash_task(const RolloutTask& task);
 
 }  // namespace omentum

@@ -1,10 +1,10 @@
 #include "learner/evaluation.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
 #include <fstream>
-
-#include <fmt/format.h>
 
 #include "core/check.h"
 
@@ -18,7 +18,8 @@ double decision_s(const pb::Config& config) {
   return config.task().control_period_s() * config.task().action_repeat();
 }
 
-EvaluationSet make_set(const std::string& name, StartSet start_set, const pb::StartGrid& grid, bool greedy) {
+EvaluationSet make_set(const std::string& name, StartSet start_set, const pb::StartGrid& grid,
+                       bool greedy) {
   EvaluationSet set;
   set.rows = grid.rows();
   set.columns = grid.columns();
@@ -36,29 +37,34 @@ EvaluationSet make_set(const std::string& name, StartSet start_set, const pb::St
 std::vector<EvaluationSet> evaluation_sets(const pb::Config& config) {
   std::vector<EvaluationSet> sets;
   const pb::Scene& scene = config.scene();
-  if (scene.has_start_grid()) sets.push_back(make_set("grid", StartSet::kGrid, scene.start_grid(), true));
+  if (scene.has_start_grid())
+    sets.push_back(make_set("grid", StartSet::kGrid, scene.start_grid(), true));
   if (config.evaluation().grasp_lattice() && !sets.empty()) {
     EvaluationSet lattice;
     lattice.name = "grasp_lattice";
     lattice.start_set = StartSet::kGraspLattice;
     sets.push_back(std::move(lattice));
   }
-  if (scene.has_start_grid()) sets.push_back(make_set("grid", StartSet::kGrid, scene.start_grid(), false));
+  if (scene.has_start_grid())
+    sets.push_back(make_set("grid", StartSet::kGrid, scene.start_grid(), false));
   for (const bool greedy : {true, false}) {
-    if (scene.has_robot_grid()) sets.push_back(make_set("robot", StartSet::kRobotGrid, scene.robot_grid(), greedy));
+    if (scene.has_robot_grid())
+      sets.push_back(make_set("robot", StartSet::kRobotGrid, scene.robot_grid(), greedy));
   }
   return sets;
 }
 
 void fill_lattice(const pb::Config& config, std::uint32_t particles, EvaluationSet& set) {
-  for (std::uint32_t i = 0; i < particles; i += config.evaluation().lattice_stride()) set.start_indices.push_back(i);
+  for (std::uint32_t i = 0; i < particles; i += config.evaluation().lattice_stride())
+    set.start_indices.push_back(i);
   set.starts = static_cast<std::uint32_t>(set.start_indices.size());
 }
 
 std::uint32_t particles_of(std::span<const RolloutSegment> segments, std::uint32_t frame_stride) {
   for (const RolloutSegment& s : segments) {
     if (s.failed != 0 || frame_stride == 0) continue;
-    const std::size_t frames = s.steps / frame_stride + 1;  // before every stride-th step and after the last
+    const std::size_t frames =
+        s.steps / frame_stride + 1;  // before every stride-th step and after the last
     return static_cast<std::uint32_t>(s.frame_positions_in_world_m.size() / (3 * frames));
   }
   return 0;
@@ -71,7 +77,8 @@ std::vector<EvaluationTask> evaluation_tasks(const pb::Config& config, const Eva
   const double stride = task.increment_m() * task.action_repeat();
   const bool lattice = set.start_set == StartSet::kGraspLattice;
   const pb::Scene& scene = config.scene();
-  // The longest way the hold script can have: across the workspace for a lattice grasp, the success radius otherwise.
+  // The longest way the hold script can have: across the workspace for a lattice grasp, the success
+  // radius otherwise.
   const double longest = std::max({scene.workspace_max_m().x() - scene.workspace_min_m().x(),
                                    scene.workspace_max_m().y() - scene.workspace_min_m().y(),
                                    scene.workspace_max_m().z() - scene.workspace_min_m().z()});
@@ -112,7 +119,8 @@ std::vector<EpisodeResult> judge(const EvaluationSet& set, std::span<const Rollo
     r.held = s.episode_held.front() != 0;
     r.grasp_held = s.episode_grasped.front() != 0 && !r.lost;
     r.exposure = static_cast<double>(s.episode_exposure.front());
-    r.exposed = r.reached && r.held && best_exposure > 0 && r.exposure >= kExposedShare * best_exposure;
+    r.exposed =
+        r.reached && r.held && best_exposure > 0 && r.exposure >= kExposedShare * best_exposure;
     for (std::uint32_t k = 0; k < s.steps; ++k) {
       if ((s.flags[k] & step_flag::kScripted) != 0) continue;
       ++r.length;
@@ -135,35 +143,40 @@ double best_lattice_exposure(std::span<const EpisodeResult> results) {
   return best;
 }
 
-void write_evaluation_csv(const std::string& path, const pb::Config& config, const EvaluationSet& set,
-                          std::span<const EpisodeResult> results, double best_exposure) {
+void write_evaluation_csv(const std::string& path, const pb::Config& config,
+                          const EvaluationSet& set, std::span<const EpisodeResult> results,
+                          double best_exposure) {
   std::ofstream file(path);
   if (set.start_set == StartSet::kGraspLattice) {
     file << "particle,x_m,y_m,z_m,exposure,reached\n";
     const pb::Tissue& tissue = config.scene().tissue();
     for (const EpisodeResult& r : results) {
-      double p[3] = {static_cast<double>(r.start[0]), static_cast<double>(r.start[1]), static_cast<double>(r.start[2])};
+      double p[3] = {static_cast<double>(r.start[0]), static_cast<double>(r.start[1]),
+                     static_cast<double>(r.start[2])};
       if (tissue.has_grid()) {
         const pb::GridMaker& grid = tissue.grid();
         p[0] = (r.start_index / grid.count_y() - 0.5 * (grid.count_x() - 1)) * grid.pitch_m();
         p[1] = (r.start_index % grid.count_y() - 0.5 * (grid.count_y() - 1)) * grid.pitch_m();
         p[2] = 0;
       }
-      file << fmt::format("{},{},{},{},{},{}\n", r.start_index, p[0], p[1], p[2], r.exposure, r.reached && r.held ? 1 : 0);
+      file << fmt::format("{},{},{},{},{},{}\n", r.start_index, p[0], p[1], p[2], r.exposure,
+                          r.reached && r.held ? 1 : 0);
     }
     file.flush();
     if (!file) throw_error("{}: cannot be written", path);
     return;
   }
-  file << "index,row,column,start_x_m,start_y_m,start_z_m,greedy,reached,held,exposed,exposure,best_exposure,lost,"
+  file << "index,row,column,start_x_m,start_y_m,start_z_m,greedy,reached,held,exposed,exposure,"
+          "best_exposure,lost,"
           "return,length,grasp_x_m,grasp_y_m,grasp_z_m,failed\n";
   for (const EpisodeResult& r : results) {
     const std::uint32_t columns = std::max(1U, set.columns);
     file << fmt::format("{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{}\n", r.start_index,
-                        r.start_index / columns + 1, r.start_index % columns + 1, r.start[0], r.start[1], r.start[2],
-                        set.greedy ? 1 : 0, r.reached ? 1 : 0, r.held ? 1 : 0, r.exposed ? 1 : 0, r.exposure,
-                        best_exposure, r.lost ? 1 : 0, r.episode_return, r.length, r.grasp[0], r.grasp[1], r.grasp[2],
-                        r.failed ? 1 : 0);
+                        r.start_index / columns + 1, r.start_index % columns + 1, r.start[0],
+                        r.start[1], r.start[2], set.greedy ? 1 : 0, r.reached ? 1 : 0,
+                        r.held ? 1 : 0, r.exposed ? 1 : 0, r.exposure, best_exposure,
+                        r.lost ? 1 : 0, r.episode_return, r.length, r.grasp[0], r.grasp[1],
+                        r.grasp[2], r.failed ? 1 : 0);
   }
   file.flush();
   if (!file) throw_error("{}: cannot be written", path);

@@ -11,9 +11,11 @@
 
 namespace omentum {
 
-/// One set of evaluation episodes: fixed starts that training never uses, run by the workers over the bus.
+/// One set of evaluation episodes: fixed starts that training never uses, run by the workers over
+/// the bus.
 struct EvaluationSet {
-  std::string name;  ///< grid100_greedy, grid100_sampled, robot25_greedy, robot25_sampled, grasp_lattice
+  std::string
+      name;  ///< grid100_greedy, grid100_sampled, robot25_greedy, robot25_sampled, grasp_lattice
   StartSet start_set = StartSet::kGrid;
   bool greedy = true;
   bool record = false;  ///< tissue frames and an MCAP file per episode
@@ -22,8 +24,8 @@ struct EvaluationSet {
   std::vector<std::uint32_t> start_indices;
 };
 
-/// The sets of a configuration: the recorded grid first, then the grasp lattice (still without starts, see
-/// fill_lattice), which gives the exposure that all are judged by, then the others.
+/// The sets of a configuration: the recorded grid first, then the grasp lattice (still without
+/// starts, see fill_lattice), which gives the exposure that all are judged by, then the others.
 std::vector<EvaluationSet> evaluation_sets(const pb::Config& config);
 
 /// One start per lattice_stride-th particle.
@@ -32,16 +34,17 @@ void fill_lattice(const pb::Config& config, std::uint32_t particles, EvaluationS
 /// Tissue particles, from the frames of recorded segments; 0 if there are none.
 std::uint32_t particles_of(std::span<const RolloutSegment> segments, std::uint32_t frame_stride);
 
-/// Tasks of one set for weights of `version`: the policy acts until the target is reached or its episode is over, then
-/// the hold script stands at p_T for task.hold_s.
-std::vector<EvaluationTask> evaluation_tasks(const pb::Config& config, const EvaluationSet& set, std::uint64_t version);
+/// Tasks of one set for weights of `version`: the policy acts until the target is reached or its
+/// episode is over, then the hold script stands at p_T for task.hold_s.
+std::vector<EvaluationTask> evaluation_tasks(const pb::Config& config, const EvaluationSet& set,
+                                             std::uint64_t version);
 
 /// How one episode ended.
 struct EpisodeResult {
   std::uint32_t start_index = 0;
-  bool reached = false;       ///< tissue held within success_radius of p_T at some step
-  bool held = false;          ///< at the end of the hold
-  bool grasp_held = false;    ///< tissue was grasped and never lost
+  bool reached = false;     ///< tissue held within success_radius of p_T at some step
+  bool held = false;        ///< at the end of the hold
+  bool grasp_held = false;  ///< tissue was grasped and never lost
   bool lost = false;
   bool exposed = false;       ///< exposure after the hold >= 90 % of the best grasp's
   double exposure = 0;        ///< after the hold
@@ -52,16 +55,18 @@ struct EpisodeResult {
   bool failed = false;         ///< the simulation diverged
 };
 
-/// Reads results off the segments of a set, in its order; `best_exposure` <= 0 judges nothing exposed.
+/// Reads results off the segments of a set, in its order; `best_exposure` <= 0 judges nothing
+/// exposed.
 std::vector<EpisodeResult> judge(const EvaluationSet& set, std::span<const RolloutSegment> segments,
                                  double best_exposure);
 
 /// Largest exposure among lattice grasps that reached p_T and kept the tissue; 0 if none.
 double best_lattice_exposure(std::span<const EpisodeResult> results);
 
-/// evaluation/<name>.csv; for the lattice: particle, position (rest position in B for a grid, else where the tip grasped
-/// in W), exposure, reached. Throws Error if it cannot be written.
-void write_evaluation_csv(const std::string& path, const pb::Config& config, const EvaluationSet& set,
-                          std::span<const EpisodeResult> results, double best_exposure);
+/// evaluation/<name>.csv; for the lattice: particle, position (rest position in B for a grid, else
+/// where the tip grasped in W), exposure, reached. Throws Error if it cannot be written.
+void write_evaluation_csv(const std::string& path, const pb::Config& config,
+                          const EvaluationSet& set, std::span<const EpisodeResult> results,
+                          double best_exposure);
 
 }  // namespace omentum

@@ -1,5 +1,7 @@
 #include "learner/learner.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <chrono>
 #include <cmath>
@@ -8,8 +10,6 @@
 #include <filesystem>
 #include <fstream>
 #include <thread>
-
-#include <fmt/format.h>
 
 #include "core/check.h"
 #include "core/config.h"
@@ -22,13 +22,23 @@
 namespace omentum {
 namespace {
 
-const std::vector<std::uint64_t> kMilestones = {500000, 2000000, 3000000};  // the paper's, steps (P VI-B)
+// A worker that refuses and another that does not yet speak differ by this [ns].
+constexpr std::int64_t kRefusalNs = 3'000'000'000;
+// Diverged lanes of one session: a lost episode now and then is no harm, a scene that explodes
+// never ends.
+constexpr std::uint64_t kMaxFailures = 1000;
 
-double seconds_since(std::int64_t begin_ns) { return 1e-9 * static_cast<double>(steady_now_ns() - begin_ns); }
+const std::vector<std::uint64_t> kMilestones = {500000, 2000000,
+                                                3000000};  // the paper's, steps (P VI-B)
+
+double seconds_since(std::int64_t begin_ns) {
+  return 1e-9 * static_cast<double>(steady_now_ns() - begin_ns);
+}
 
 std::string duration_text(double seconds) {
   const auto s = static_cast<long>(std::max(0.0, seconds));
-  return s >= 3600 ? fmt::format("{}:{:02}:{:02}", s / 3600, s / 60 % 60, s % 60) : fmt::format("{}:{:02}", s / 60, s % 60);
+  return s >= 3600 ? fmt::format("{}:{:02}:{:02}", s / 3600, s / 60 % 60, s % 60)
+                   : fmt::format("{}:{:02}", s / 60, s % 60);
 }
 
 void write_text(const std::string& path, const std::string& text) {
@@ -36,6 +46,13 @@ void write_text(const std::string& path, const std::string& text) {
   file << text;
   file.flush();
   if (!file) throw_error("{}: cannot be written", path);
+}
+
+std::string one_line(std::string text) {
+  for (std::size_t at = 0; (at = text.find('\n', at)) != std::string::npos;) {
+    text.replace(at, 1, at + 1 == text.size() ? "" : "; ");
+  }
+  return text;
 }
 
 void table_to_disk(const SlotTable& table, std::uint32_t state_format, pb::Checkpoint& disk) {
@@ -144,7 +161,8 @@ void Learner::open_run_folder() {
   namespace fs = std::filesystem;
   if (options_.restart && fs::exists(options_.run_dir)) {
     std::string aside;
-    for (int i = 1; aside.empty() || fs::exists(aside); ++i) aside = fmt::format("{}.old{}", options_.run_dir, i);
+    for (int i = 1; aside.empty() || fs::exists(aside); ++i)
+      aside = fmt::format("{}.old{}", options_.run_dir, i);
     fs::rename(options_.run_dir, aside);
     log().info("moved={} to={}", options_.run_dir, aside);
   }
@@ -172,7 +190,8 @@ void Learner::restore() {
   book.slots = rollout.slots();
   book.steps = rollout.steps_per_segment();
   book.lead = static_cast<std::uint32_t>(rollout.lead());
-  book.episode_decisions = std::max(1U, config_.task().episode_steps() / config_.task().action_repeat());
+  book.episode_decisions =
+      std::max(1U, config_.task().episode_steps() / config_.task().action_repeat());
   book.stagger = rollout.stagger();
   book.batches = updates_wanted_;
   book.state_format = kSimStateFormat;
@@ -184,6 +203,14 @@ void Learner::restore() {
 
   const Result<std::optional<LoadedCheckpoint>> found = checkpoints_->load_newest();
   if (!found) throw_error("{}", found.error());
+  if (found.value().has_value()) {
+    const Result<void> same =
+        check_same_config(found.value()->checkpoint, config_hash_, print_config(config_));
+    if (!same) {
+      throw_error("{}: holds a run of another configuration (--restart moves it aside): {}",
+                  options_.run_dir, one_line(same.error()));
+    }
+  }
   const Result<std::uint32_t> epoch = next_learner_epoch(options_.run_dir);
   if (!epoch) throw_error("{}", epoch.error());
   epoch_ = epoch.value();
@@ -192,11 +219,6 @@ void Learner::restore() {
     const LoadedCheckpoint& loaded = *found.value();
     for (const std::string& warning : loaded.warnings) log().warn("{}", warning);
     const pb::Checkpoint& saved = loaded.checkpoint;
-    const Result<void> same = check_same_config(saved, config_hash_, print_config(config_));
-    if (!same) {
-      throw_error("{}: holds a run of another configuration (--restart moves it aside):\n{}", options_.run_dir,
-                  same.error());
-    }
     const Result<void> taken = ppo_->load(saved.ppo());
     if (!taken) throw_error("{}: {}", loaded.path, taken.error());
     book_ = std::make_unique<TaskBook>(book, table_from_disk(saved));
@@ -210,7 +232,8 @@ void Learner::restore() {
     physics_ticks_ = saved.physics_steps_total();
     episodes_->total = saved.episodes_total();
     best_score_ = saved.best_score();
-    log().info("resumed={} steps={} update={} epoch={}", loaded.path, ppo_->steps_total(), ppo_->version(), epoch_);
+    log().info("resumed={} steps={} update={} epoch={}", loaded.path, ppo_->steps_total(),
+               ppo_->version(), epoch_);
   } else {
     if (!options_.initialise_from.empty()) {
       const Result<pb::Checkpoint> other = load_checkpoint(options_.initialise_from);
@@ -224,8 +247,9 @@ void Learner::restore() {
   current_ = ppo_->weights();
   current_.config_hash = config_hash_;
   write_text(options_.run_dir + "/config.txtpb", print_config(config_));
-  metrics_ = std::make_unique<MetricsWriter>(options_.run_dir, action_names(config_.task()), ppo_->version(),
-                                             config_.run().mlagents_metric_aliases());
+  metrics_ =
+      std::make_unique<MetricsWriter>(options_.run_dir, action_names(config_.task()),
+                                      ppo_->version(), config_.run().mlagents_metric_aliases());
 }
 
 // The whole run: collect a batch, check it, learn, publish, report, save; then evaluate.
@@ -253,10 +277,13 @@ int Learner::run(const std::function<bool()>& stop) {
   manifest.state_format = kSimStateFormat;
   manifest.observation_names = observation_names(config_.task());
   manifest.action_names = action_names(config_.task());
-  if (const Result<void> sent = bus_->publish_manifest(manifest); !sent) throw_error("manifest: {}", sent.error());
-  log().info("run={} epoch={} dds={} receive_buffer_bytes={} slots={} steps_per_segment={} lead={} updates={}",
-             options.run, epoch_, options.profile.name, options.profile.receive_buffer_bytes, options.slots,
-             manifest.steps_per_segment, manifest.lead, updates_wanted_);
+  if (const Result<void> sent = bus_->publish_manifest(manifest); !sent)
+    throw_error("manifest: {}", sent.error());
+  log().info(
+      "run={} epoch={} dds={} receive_buffer_bytes={} slots={} steps_per_segment={} lead={} "
+      "updates={}",
+      options.run, epoch_, options.profile.name, options.profile.receive_buffer_bytes,
+      options.slots, manifest.steps_per_segment, manifest.lead, updates_wanted_);
 
   if (manifest.lead == 1 && current_.policy_version > 0) publish_weights(previous_);
   publish_weights(current_);
@@ -265,12 +292,20 @@ int Learner::run(const std::function<bool()>& stop) {
   while (ppo_->version() < updates_wanted_) {
     if (!collect_batch(stop)) {
       if (bus_->superseded()) {
-        log().error("a learner with epoch {} serves run {}: this one stops", bus_->superseding_epoch(), options.run);
+        log().error("a learner with epoch {} serves run {}: this one stops",
+                    bus_->superseding_epoch(), options.run);
+        return 1;
+      }
+      if (book_->failures() > kMaxFailures) {
+        log().error("{} environments diverged, allowed {} in one session; the last one: {}",
+                    book_->failures(), kMaxFailures, book_->last_failure());
+        bus_->finish(std::int64_t{2'000'000'000});
         return 1;
       }
       save_checkpoint(std::nullopt);
       bus_->finish(std::int64_t{2'000'000'000});
-      log().info("stopped steps={} of={} resume with the same run name", ppo_->steps_total(), config_.rollout().max_steps());
+      log().info("stopped steps={} of={} resume with the same run name", ppo_->steps_total(),
+                 config_.rollout().max_steps());
       return 130;
     }
     const std::vector<RolloutSegment> segments = book_->take_batch();
@@ -282,7 +317,10 @@ int Learner::run(const std::function<bool()>& stop) {
 
     mark = steady_now_ns();
     say_phase(LearnerPhase::kUpdating);
-    const UpdateStats stats = ppo_->update(batch, [this] { bus_->serve(*book_, steady_now_ns()); });
+    const UpdateStats stats =
+        config_.run().updates()
+            ? ppo_->update(batch, [this] { bus_->serve(*book_, steady_now_ns()); })
+            : ppo_->skip_update(batch);
     time_update_s_ += seconds_since(mark);
 
     mark = steady_now_ns();
@@ -295,8 +333,10 @@ int Learner::run(const std::function<bool()>& stop) {
     report_update(stats);
 
     const bool last = ppo_->version() == updates_wanted_;
-    const auto milestone = checkpoints_->crossed_milestone(ppo_->steps_total() - batch.rows(), ppo_->steps_total());
-    if (last || milestone.has_value() || seconds_since(saved_ns_) >= config_.run().checkpoint_interval_s()) {
+    const auto milestone =
+        checkpoints_->crossed_milestone(ppo_->steps_total() - batch.rows(), ppo_->steps_total());
+    if (last || milestone.has_value() ||
+        seconds_since(saved_ns_) >= config_.run().checkpoint_interval_s()) {
       mark = steady_now_ns();
       save_checkpoint(milestone);
       time_save_s_ += seconds_since(mark);
@@ -307,32 +347,40 @@ int Learner::run(const std::function<bool()>& stop) {
   }
 
   const double train_s = wall_s();
-  log().info("trained steps={} wall_s={:.1f} weights={} wait_s={:.1f} check_s={:.1f} update_s={:.1f} publish_s={:.1f} "
-             "save_s={:.1f}",
-             ppo_->steps_total(), train_s, hex(current_.weights_hash), time_wait_s_, time_check_s_, time_update_s_,
-             time_publish_s_, time_save_s_);
+  log().info(
+      "trained steps={} wall_s={:.1f} weights={} wait_s={:.1f} check_s={:.1f} update_s={:.1f} "
+      "publish_s={:.1f} "
+      "save_s={:.1f}",
+      ppo_->steps_total(), train_s, hex(current_.weights_hash), time_wait_s_, time_check_s_,
+      time_update_s_, time_publish_s_, time_save_s_);
   OnnxMetadata metadata;
   metadata.observation_names = observation_names(config_.task());
   metadata.action_names = action_names(config_.task());
   metadata.git_revision = git_revision();
-  metadata.observation_units = "positions in W, -1 ... 1 over the workspace box; distances / workspace diagonal";
-  if (const Result<void> exported = export_onnx(options_.run_dir + "/policy.onnx", shape_, current_, metadata); !exported) {
+  metadata.observation_units =
+      "positions in W, -1 ... 1 over the workspace box; distances / workspace diagonal";
+  if (const Result<void> exported =
+          export_onnx(options_.run_dir + "/policy.onnx", shape_, current_, metadata);
+      !exported) {
     log().warn("policy.onnx: {}", exported.error());
   }
   const bool evaluated = evaluate(stop);
   const Ledger ledger = book_->ledger();
-  log().info("ledger granted={} regranted={} received={} admitted={} duplicate={} stale={} invalid={} foreign={} "
-             "overflow={} cancelled={} outstanding={} evaluated={} failed={} audit_mismatch={}",
-             ledger.granted, ledger.regranted, ledger.received, ledger.admitted, ledger.duplicate, ledger.stale,
-             ledger.invalid, ledger.foreign, ledger.overflow, ledger.cancelled, ledger.outstanding, ledger.evaluated,
-             ledger.failed, ledger.audit_mismatch);
+  log().info(
+      "ledger granted={} regranted={} received={} admitted={} duplicate={} stale={} invalid={} "
+      "foreign={} "
+      "overflow={} cancelled={} outstanding={} evaluated={} failed={} audit_mismatch={}",
+      ledger.granted, ledger.regranted, ledger.received, ledger.admitted, ledger.duplicate,
+      ledger.stale, ledger.invalid, ledger.foreign, ledger.overflow, ledger.cancelled,
+      ledger.outstanding, ledger.evaluated, ledger.failed, ledger.audit_mismatch);
   say_phase(LearnerPhase::kDone);
   bus_->finish(std::int64_t{5'000'000'000});
   return evaluated ? 0 : 130;
 }
 
 void Learner::publish_weights(const PolicyWeights& weights) {
-  if (const Result<void> sent = bus_->publish_weights(weights); !sent) log().warn("weights not sent: {}", sent.error());
+  if (const Result<void> sent = bus_->publish_weights(weights); !sent)
+    log().warn("weights not sent: {}", sent.error());
   book_->announce_weights(weights.policy_version, weights.weights_hash);
 }
 
@@ -340,12 +388,42 @@ bool Learner::collect_batch(const std::function<bool()>& stop) {
   const std::int64_t mark = steady_now_ns();
   say_phase(LearnerPhase::kWaiting);
   while (!book_->batch_complete()) {
-    if (stop() || bus_->superseded()) return false;
+    if (stop() || bus_->superseded() || book_->failures() > kMaxFailures) return false;
     bus_->serve(*book_, steady_now_ns());
-    if (!book_->batch_complete()) bus_->wait(std::int64_t{20'000'000});
+    if (book_->batch_complete()) break;
+    if (const std::optional<std::string> reason = refused_by_workers()) {
+      bus_->finish(std::int64_t{2'000'000'000});
+      throw_error("{}", one_line(*reason));
+    }
+    bus_->wait(std::int64_t{20'000'000});
   }
   time_wait_s_ += seconds_since(mark);
   return true;
+}
+
+// The scene is resolved by the workers. When this session has not one result and every worker of
+// this build that is there says that it cannot, the run will never begin: better to stop with their
+// reason.
+std::optional<std::string> Learner::refused_by_workers() {
+  std::optional<std::string> reason;
+  bool able = book_->ledger().received > 0 || bus_->workers_ready() > 0;
+  if (!able) {
+    for (const WorkerStatus& worker : bus_->worker_statuses()) {
+      if (worker.build_id != build_id()) continue;
+      const bool refuses = worker.learner_epoch == epoch_ && worker.lanes == 0 &&
+                           worker.phase == WorkerPhase::kStarting && !worker.warnings.empty();
+      able = able || !refuses;
+      if (refuses) reason = worker.warnings.back();
+    }
+  }
+  if (able || !reason) {
+    refused_since_ns_ = 0;
+    return std::nullopt;
+  }
+  const std::int64_t now = steady_now_ns();
+  if (refused_since_ns_ == 0) refused_since_ns_ = now;
+  if (now - refused_since_ns_ < kRefusalNs) return std::nullopt;
+  return reason;
 }
 
 bool Learner::check_batch(Batch& batch) {
@@ -354,18 +432,21 @@ bool Learner::check_batch(Batch& batch) {
   const bool lags = config_.rollout().lead() == pb::LEAD_1 && k > 0;
   const PolicyWeights& weights = lags ? previous_ : current_;
   for (const std::uint64_t version : batch.policy_versions) {
-    OMENTUM_CHECK(version == weights.policy_version, "batch {} with weights {} instead of {}", k, version,
-                  weights.policy_version);
+    OMENTUM_CHECK(version == weights.policy_version, "batch {} with weights {} instead of {}", k,
+                  version, weights.policy_version);
   }
+  if (!config_.run().updates()) return true;
   Policy behaviour(shape_, weights);
   const LogProbCheck check = complete_batch(behaviour, batch);
   log_prob_check_max_ = check.largest_log_prob_difference;
   if (!config_.ppo().check_log_probs()) return true;
   if (check.largest_log_prob_difference == 0 && check.largest_value_difference == 0) return true;
-  log().error("integrity: log-probability of slot {} step {} of batch {} differs by {:.9g} (value by {:.9g}) from the "
-              "weights {} it names; builds or machines compute differently",
-              check.slot, check.step, k, check.largest_log_prob_difference, check.largest_value_difference,
-              hex(weights.weights_hash));
+  log().error(
+      "integrity: log-probability of slot {} step {} of batch {} differs by {:.9g} (value by "
+      "{:.9g}) from the "
+      "weights {} it names; builds or machines compute differently",
+      check.slot, check.step, k, check.largest_log_prob_difference, check.largest_value_difference,
+      hex(weights.weights_hash));
   return false;
 }
 
@@ -393,10 +474,13 @@ void Learner::count_episodes(std::span<const RolloutSegment> segments) {
       summary.outcome = outcome;
       summary.exposure_fraction = s.episode_exposure[i];
       for (std::size_t k = 0; k < 3; ++k) {
-        summary.start_position_in_world_m[k] = static_cast<double>(s.episode_start_position[3 * i + k]);
-        summary.grasp_position_in_world_m[k] = static_cast<double>(s.episode_grasp_position[3 * i + k]);
+        summary.start_position_in_world_m[k] =
+            static_cast<double>(s.episode_start_position[3 * i + k]);
+        summary.grasp_position_in_world_m[k] =
+            static_cast<double>(s.episode_grasp_position[3 * i + k]);
       }
-      if (const Result<void> sent = bus_->publish_summary(summary); !sent) log().debug("summary: {}", sent.error());
+      if (const Result<void> sent = bus_->publish_summary(summary); !sent)
+        log().debug("summary: {}", sent.error());
     }
   }
 }
@@ -405,9 +489,12 @@ double Learner::wall_s() const { return wall_before_s_ + seconds_since(started_n
 
 void Learner::report_update(const UpdateStats& stats) {
   const double spent = seconds_since(started_ns_);
-  const double rate = static_cast<double>(ppo_->steps_total() - steps_before_) / std::max(spent, 1e-9);
-  const double left = static_cast<double>(config_.rollout().max_steps() - std::min(config_.rollout().max_steps(), ppo_->steps_total())) /
-                      std::max(rate, 1e-9);
+  const double rate =
+      static_cast<double>(ppo_->steps_total() - steps_before_) / std::max(spent, 1e-9);
+  const double left =
+      static_cast<double>(config_.rollout().max_steps() -
+                          std::min(config_.rollout().max_steps(), ppo_->steps_total())) /
+      std::max(rate, 1e-9);
   const Episodes& e = *episodes_;
   const double mean_return = e.mean([](const auto& o) { return o.return_sum; });
   const double mean_length = e.mean([](const auto& o) { return o.length; });
@@ -455,14 +542,17 @@ void Learner::report_update(const UpdateStats& stats) {
   bus_->set_status(status);
 
   if (options_.quiet) return;
-  std::printf("update %llu/%llu  steps %llu  %5.1f %%  %.0f steps/s  left %s  reward/step %.4f  exposure %.3f  success %.2f  "
-              "held %.2f  entropy %.3f  kl %.4f  clip %.3f  value_loss %.4f  workers %u  weights %s\n",
-              static_cast<unsigned long long>(stats.version), static_cast<unsigned long long>(updates_wanted_),
-              static_cast<unsigned long long>(ppo_->steps_total()),
-              100.0 * static_cast<double>(stats.version) / static_cast<double>(updates_wanted_), rate,
-              duration_text(left).c_str(), mean_length > 0 ? mean_return / mean_length : 0.0, exposure, success, held,
-              stats.entropy, stats.approx_kl, stats.clip_fraction, stats.value_loss, bus.workers_alive,
-              hex(current_.weights_hash).substr(0, 8).c_str());
+  std::printf(
+      "update %llu/%llu  steps %llu  %5.1f %%  %.0f steps/s  left %s  reward/step %.4f  exposure "
+      "%.3f  success %.2f  "
+      "held %.2f  entropy %.3f  kl %.4f  clip %.3f  value_loss %.4f  workers %u  weights %s\n",
+      static_cast<unsigned long long>(stats.version),
+      static_cast<unsigned long long>(updates_wanted_),
+      static_cast<unsigned long long>(ppo_->steps_total()),
+      100.0 * static_cast<double>(stats.version) / static_cast<double>(updates_wanted_), rate,
+      duration_text(left).c_str(), mean_length > 0 ? mean_return / mean_length : 0.0, exposure,
+      success, held, stats.entropy, stats.approx_kl, stats.clip_fraction, stats.value_loss,
+      bus.workers_alive, hex(current_.weights_hash).substr(0, 8).c_str());
   std::fflush(stdout);
 }
 
@@ -490,8 +580,8 @@ void Learner::set_workers(MetricsRow& row, const BusStatistics& bus) const {
     lanes += w.lanes;
     rate += w.steps_per_s;
     simulating += w.sim_time_fraction / static_cast<double>(workers.size());
-    declined += static_cast<double>(w.tasks_declined_config + w.tasks_declined_epoch + w.tasks_declined_no_weights +
-                                    w.tasks_declined_state);
+    declined += static_cast<double>(w.tasks_declined_config + w.tasks_declined_epoch +
+                                    w.tasks_declined_no_weights + w.tasks_declined_state);
   }
   row.set("workers/alive", bus.workers_alive);
   row.set("workers/lanes", lanes);
@@ -524,7 +614,8 @@ void Learner::save_checkpoint(std::optional<std::uint64_t> milestone) {
   what.milestone = milestone;
   if (what.best) best_score_ = score;
   checkpoint.set_best_score(best_score_);
-  // A full disk must not end the training: go on, the last good file is untouched, the next update tries again.
+  // A full disk must not end the training: go on, the last good file is untouched, the next update
+  // tries again.
   if (const Result<void> saved = checkpoints_->save(checkpoint, what); !saved) {
     log().warn("checkpoint: {}", saved.error());
   } else {
@@ -543,14 +634,15 @@ void Learner::say_phase(LearnerPhase phase) {
 }
 
 bool Learner::run_evaluation_set(const EvaluationSet& set, const std::function<bool()>& stop,
-                                 std::vector<RolloutSegment>& segments) {
+                                 Evaluated& result) {
   book_->evaluate(evaluation_tasks(config_, set, current_.policy_version));
   while (!book_->evaluation_complete()) {
     if (stop() || bus_->superseded()) return false;
     bus_->serve(*book_, steady_now_ns());
     if (!book_->evaluation_complete()) bus_->wait(std::int64_t{20'000'000});
   }
-  segments = book_->take_evaluation();
+  result.tasks = book_->granted_evaluation();
+  result.segments = book_->take_evaluation();
   return true;
 }
 
@@ -575,20 +667,23 @@ bool Learner::evaluate(const std::function<bool()>& stop) {
     std::filesystem::create_directories(options_.run_dir + "/recordings");
     double best_exposure = 0;
     std::vector<EvaluationSet> sets = evaluation_sets(config_);
-    std::vector<std::vector<RolloutSegment>> results(sets.size());
+    std::vector<Evaluated> results(sets.size());
     // The recorded set comes first: its frames tell how many particles the lattice has to try.
     for (std::size_t i = 0; i < sets.size(); ++i) {
       if (sets[i].start_set == StartSet::kGraspLattice) {
-        fill_lattice(config_, particles_of(results[0], config_.evaluation().frame_stride()), sets[i]);
+        fill_lattice(config_,
+                     particles_of(results[0].segments, config_.evaluation().frame_stride()),
+                     sets[i]);
       }
       if (sets[i].start_indices.empty()) continue;
       if (!run_evaluation_set(sets[i], stop, results[i])) return false;
-      if (sets[i].start_set == StartSet::kGraspLattice) best_exposure = best_lattice_exposure(judge(sets[i], results[i], 0));
+      if (sets[i].start_set == StartSet::kGraspLattice)
+        best_exposure = best_lattice_exposure(judge(sets[i], results[i].segments, 0));
     }
     for (std::size_t i = 0; i < sets.size(); ++i) {
       const EvaluationSet& set = sets[i];
       if (set.start_indices.empty()) continue;
-      const std::vector<EpisodeResult> judged = judge(set, results[i], best_exposure);
+      const std::vector<EpisodeResult> judged = judge(set, results[i].segments, best_exposure);
       write_evaluation_csv(folder + "/" + set.name + ".csv", config_, set, judged, best_exposure);
       EvaluationSummary entry;
       entry.name = set.name;
@@ -603,11 +698,13 @@ bool Learner::evaluate(const std::function<bool()>& stop) {
       entry.values["best_exposure"] = best_exposure;
       entry.values["failed"] = failed;
       if (!options_.quiet) {
-        std::printf("evaluation %-16s starts %3llu  target_reached %3llu  exposed %3llu  grasp_held %3llu  best_exposure %.3f\n",
-                    set.name.c_str(), static_cast<unsigned long long>(entry.starts),
-                    static_cast<unsigned long long>(entry.target_reached),
-                    static_cast<unsigned long long>(entry.exposed),
-                    static_cast<unsigned long long>(entry.grasp_held), best_exposure);
+        std::printf(
+            "evaluation %-16s starts %3llu  target_reached %3llu  exposed %3llu  grasp_held %3llu  "
+            "best_exposure %.3f\n",
+            set.name.c_str(), static_cast<unsigned long long>(entry.starts),
+            static_cast<unsigned long long>(entry.target_reached),
+            static_cast<unsigned long long>(entry.exposed),
+            static_cast<unsigned long long>(entry.grasp_held), best_exposure);
         std::fflush(stdout);
       }
       summary.evaluations.push_back(entry);
@@ -620,40 +717,28 @@ bool Learner::evaluate(const std::function<bool()>& stop) {
   summary.timings["publish"] = time_publish_s_;
   summary.timings["save"] = time_save_s_;
   summary.timings["evaluation"] = seconds_since(began);
-  if (const Result<void> written = write_summary(options_.run_dir + "/summary.json", summary); !written) {
+  if (const Result<void> written = write_summary(options_.run_dir + "/summary.json", summary);
+      !written) {
     throw_error("{}", written.error());
   }
   return true;
 }
 
-void Learner::record_evaluation(const EvaluationSet& set, std::span<const RolloutSegment> segments) {
+void Learner::record_evaluation(const EvaluationSet& set, const Evaluated& result) {
   RecordingContext context;
   context.name = set.name;
   context.config_text = print_config(config_);
   context.config_hash = config_hash_;
   context.git_revision = git_revision();
   context.control_period = config_.task().control_period_s() * config_.task().action_repeat();
-  const std::vector<EvaluationTask> tasks = evaluation_tasks(config_, set, current_.policy_version);
-  for (std::size_t i = 0; i < segments.size(); ++i) {
-    if (segments[i].failed != 0) continue;
-    RolloutTask task;
-    task.slot = segments[i].slot;
-    task.segment = segments[i].segment;
-    task.policy_version = current_.policy_version;
-    task.weights_hash = current_.weights_hash;
-    task.config_hash = config_hash_;
-    task.kind = TaskKind::kEvaluate;
-    task.greedy = set.greedy;
-    task.start_set = set.start_set;
-    task.start_index = tasks[i].start_index;
-    task.steps = segments[i].steps;
-    task.run_seed = config_.rollout().run_seed();
-    task.episode_limit = tasks[i].steps;
-    task.reset = true;
-    task.frame_stride = tasks[i].frame_stride;
-    context.particles = particles_of(segments.subspan(i, 1), task.frame_stride);
-    const std::string path = fmt::format("{}/recordings/{}_{}.mcap", options_.run_dir, set.name, tasks[i].start_index);
-    if (const Result<void> saved = save_episode(path, task, segments[i], context); !saved) {
+  for (std::size_t i = 0; i < result.segments.size(); ++i) {
+    const RolloutSegment& segment = result.segments[i];
+    const RolloutTask& task = result.tasks[i];
+    if (segment.failed != 0) continue;
+    context.particles = particles_of(std::span(&segment, 1), task.frame_stride);
+    const std::string path =
+        fmt::format("{}/recordings/{}_{}.mcap", options_.run_dir, set.name, task.start_index);
+    if (const Result<void> saved = save_episode(path, task, segment, context); !saved) {
       log().warn("recording: {}", saved.error());
     }
   }

@@ -22,31 +22,40 @@
 namespace omentum {
 
 struct LearnerOptions {
-  std::string run_dir;      ///< runs/<name>; made if missing
-  bool restart = false;     ///< move an existing run aside
+  std::string run_dir;          ///< runs/<name>; made if missing
+  bool restart = false;         ///< move an existing run aside
   std::string initialise_from;  ///< run folder whose weights to start from
-  bool quiet = false;       ///< no progress lines on stdout
+  bool quiet = false;           ///< no progress lines on stdout
 };
 
-/// One training run: owns the task book, PPO, the bus and the run folder. `run()` is the whole story, top to bottom.
-/// A run folder with a checkpoint is continued bit for bit. One thread, plus the bus's drain thread and PPO's helpers.
+/// One training run: owns the task book, PPO, the bus and the run folder. `run()` is the whole
+/// story, top to bottom. A run folder with a checkpoint is continued bit for bit. One thread, plus
+/// the bus's drain thread and PPO's helpers.
 class Learner {
  public:
   /// Reads or makes the run folder. Throws Error: one line.
   Learner(pb::Config config, LearnerOptions options);
   ~Learner();
 
-  /// Trains to max_steps, evaluates, writes summary. Returns the exit code: 0 done, 130 stopped on request with a
-  /// resumable checkpoint, 1 on a failed integrity check or a newer learner.
+  /// Trains to max_steps, evaluates, writes summary. Returns the exit code: 0 done, 130 stopped on
+  /// request with a resumable checkpoint, 1 on a failed integrity check, a newer learner or physics
+  /// that keeps diverging. Throws Error with the workers' reason when they cannot run the
+  /// configuration: the scene is resolved there.
   int run(const std::function<bool()>& stop);
 
  private:
   struct Episodes;
+  /// One evaluation set as it was granted and what came back, in its order.
+  struct Evaluated {
+    std::vector<RolloutTask> tasks;
+    std::vector<RolloutSegment> segments;
+  };
 
   void open_run_folder();
   void restore();
   void publish_weights(const PolicyWeights& weights);
   bool collect_batch(const std::function<bool()>& stop);
+  std::optional<std::string> refused_by_workers();
   bool check_batch(Batch& batch);
   void count_episodes(std::span<const RolloutSegment> segments);
   void report_update(const UpdateStats& stats);
@@ -54,8 +63,8 @@ class Learner {
   void set_ledger(MetricsRow& row) const;
   void set_workers(MetricsRow& row, const BusStatistics& bus) const;
   bool run_evaluation_set(const EvaluationSet& set, const std::function<bool()>& stop,
-                          std::vector<RolloutSegment>& segments);
-  void record_evaluation(const EvaluationSet& set, std::span<const RolloutSegment> segments);
+                          Evaluated& result);
+  void record_evaluation(const EvaluationSet& set, const Evaluated& result);
   bool evaluate(const std::function<bool()>& stop);
   void say_phase(LearnerPhase phase);
   double wall_s() const;
@@ -79,9 +88,11 @@ class Learner {
   double log_prob_check_max_ = 0;
   double best_score_ = -1e300;
   std::int64_t started_ns_ = 0, saved_ns_ = 0;
+  std::int64_t refused_since_ns_ = 0;  ///< every worker refuses the configuration; 0 = not so
   double wall_before_s_ = 0;
   std::uint64_t steps_before_ = 0;  ///< of earlier sessions, for the rate
-  double time_wait_s_ = 0, time_check_s_ = 0, time_update_s_ = 0, time_publish_s_ = 0, time_save_s_ = 0;
+  double time_wait_s_ = 0, time_check_s_ = 0, time_update_s_ = 0, time_publish_s_ = 0,
+         time_save_s_ = 0;
 };
 
 }  // namespace omentum

@@ -2,10 +2,10 @@
 #include <csignal>
 #include <cstdio>
 
-#include <CLI/CLI.hpp>
-
+#include "core/command_line.h"
 #include "core/config.h"
 #include "core/log.h"
+#include "core/topics.h"
 #include "learner/learner.h"
 
 namespace {
@@ -15,8 +15,10 @@ void on_signal(int) { stop_requested = 1; }
 
 int run(int argc, char** argv) {
   using namespace omentum;  // NOLINT(google-build-using-namespace)
-  CLI::App app{"Omentum learner: grants rollout tasks to simulation workers over DDS, learns with PPO, evaluates and "
-               "writes runs/<name>/. Start any number of sim_worker --run <name> beside it."};
+  CLI::App app{
+      "Omentum learner: grants rollout tasks to simulation workers over DDS, learns with PPO, "
+      "evaluates and "
+      "writes runs/<name>/. Start any number of sim_worker --run <name> beside it."};
   std::string preset = "omentum";
   std::string name;
   std::vector<std::string> overrides;
@@ -24,26 +26,34 @@ int run(int argc, char** argv) {
   bool dry_run = false;
   bool print_dds = false;
   app.add_option("--preset", preset, "One of deploy/presets")->capture_default_str();
-  app.add_option("--run", name, "Name of the run and of its folder under run.runs_dir; a run with a checkpoint is resumed");
-  app.add_option("--set", overrides, "Override a knob, a.b=value; may be repeated")->allow_extra_args(false);
+  app.add_option(
+      "--run", name,
+      "Name of the run and of its folder under run.runs_dir; a run with a checkpoint is resumed");
+  app.add_option("--set", overrides, "Override a knob, a.b=value; may be repeated")
+      ->allow_extra_args(false);
   app.add_flag("--restart", options.restart, "Move an existing run folder aside and start anew");
-  app.add_option("--initialise-from", options.initialise_from, "Checkpoint file whose weights to start from");
+  app.add_option("--initialise-from", options.initialise_from,
+                 "Checkpoint file whose weights to start from");
   app.add_flag("--quiet", options.quiet, "No progress lines");
   app.add_flag("--dry-run", dry_run, "Print the resolved configuration and its hash, and exit");
   app.add_flag("--print-dds-env", print_dds, "Print CYCLONEDDS_URI for other tools and exit");
   app.footer("\n" + knob_help() +
-             "\nExit codes: 0 done, 2 wrong input, 130 stopped with a resumable checkpoint, 1 integrity check failed.");
-  CLI11_PARSE(app, argc, argv);
+             "\nExit codes: 0 done, 2 wrong input, 130 stopped with a resumable checkpoint, 1 "
+             "integrity check failed, physics diverged or a newer learner serves the run.");
+  if (const std::optional<int> code = parse_command_line(app, argc, argv)) return *code;
   if (print_dds) {
     std::puts(dds_environment(choose_dds_profile(0)).c_str());
     return 0;
   }
   pb::Config config = load_config(preset, overrides);
   if (name.empty()) name = config.run().name().empty() ? preset : config.run().name();
-  if (name.find_first_of("/*,") != std::string::npos || name.front() == '.') {
-    throw_error("--run {}: allowed are names without / * , and without a leading dot", name);
-  }
+  check_run_name(name);
+  if (name.front() == '.') throw_error("run.name \"{}\": no leading dot", name);
   config.mutable_run()->set_name(name);
+  const std::uint32_t width = config.run().lane_width();
+  if (width != 0 && width != 1 && width != 8 && width != 16) {
+    throw_error("run.lane_width: {}, allowed: 0 (widest), 1, 8, 16", width);
+  }
   options.run_dir = config.run().runs_dir() + "/" + name;
   if (dry_run) {
     std::printf("%s# config_hash %016llx\n", print_config(config).c_str(),

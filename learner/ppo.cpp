@@ -307,6 +307,14 @@ UpdateStats Ppo::update(const Batch& batch, const std::function<void()>& between
   return stats;
 }
 
+UpdateStats Ppo::skip_update(const Batch& batch) {
+  ++updates_;
+  steps_total_ += batch.rows();
+  UpdateStats stats;
+  stats.version = updates_;
+  return stats;
+}
+
 void Ppo::save(pb::PpoState& state) const {
   state.Clear();
   state.set_updates(updates_);

@@ -69,6 +69,10 @@ class Ppo {
   /// empty.
   UpdateStats update(const Batch& batch, const std::function<void()>& between_minibatches = {});
 
+  /// Counts the batch and learns nothing: the next weights() are the same under a new version
+  /// (run.updates = false, benchmarks of collecting alone). The batch need not be completed.
+  UpdateStats skip_update(const Batch& batch);
+
   /// The whole optimiser state. load() fails, changing nothing, when sizes or layout do not fit.
   void save(pb::PpoState& state) const;
   Result<void> load(const pb::PpoState& state);

@@ -632,6 +632,12 @@ bool TaskBook::evaluation_complete() const {
                      [](const Evaluation& e) { return e.result.has_value(); });
 }
 
+std::vector<RolloutTask> TaskBook::granted_evaluation() const {
+  std::vector<RolloutTask> tasks;
+  for (const Evaluation& evaluation : evaluations_) tasks.push_back(evaluation.job.task);
+  return tasks;
+}
+
 std::vector<RolloutSegment> TaskBook::take_evaluation() {
   OMENTUM_CHECK(evaluation_complete());
   std::vector<RolloutSegment> results;

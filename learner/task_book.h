@@ -174,6 +174,8 @@ class TaskBook {
   void evaluate(std::span<const EvaluationTask> tasks);
   bool evaluating() const { return !evaluations_.empty(); }
   bool evaluation_complete() const;
+  /// The list as granted, in its order, without grant and worker; empty when nothing is evaluated.
+  std::vector<RolloutTask> granted_evaluation() const;
   /// Results in the order of the list, failed ones included. Precondition: evaluation_complete().
   std::vector<RolloutSegment> take_evaluation();
 

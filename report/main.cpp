@@ -40,10 +40,36 @@ std::optional<Scene> find_scene(const std::vector<RunFolder>& runs) {
   return std::nullopt;
 }
 
+/// The grasp study of the first run whose configuration has the grasp that can fail; kept as
+/// evaluation/grasp_study.csv beside the other results.
+std::vector<GraspStudyRow> run_grasp_study(const std::vector<RunFolder>& runs) {
+  for (const RunFolder& run : runs) {
+    if (run.config_text.empty()) continue;
+    try {
+      const pb::Config config = parse_config(run.path + "/config.txtpb", run.config_text);
+      if (!(config.grasp().jaw_open_deg() > 0)) continue;
+      fmt::print("report: grasp study over the robot's starts\n");
+      std::fflush(stdout);
+      const auto rows = study_grasps(*make_sim_setup(config, deploy_dir() + "/scenes"));
+      std::error_code ignored;  // a folder that cannot be made shows as the failed write below
+      fs::create_directories(run.path + "/evaluation", ignored);
+      std::ofstream file(run.path + "/evaluation/grasp_study.csv");
+      file << grasp_study_csv(rows);
+      file.close();
+      if (!file) throw_error("{}/evaluation/grasp_study.csv: cannot be written", run.path);
+      return rows;
+    } catch (const Error& error) {
+      fmt::print(stderr, "report: no grasp study: {}\n", error.what());
+    }
+  }
+  return {};
+}
+
 void write_report(const std::vector<std::string>& folders, std::string output) {
   const std::vector<RunFolder> runs = load_runs(folders);
   const std::optional<Scene> scene = find_scene(runs);
-  const std::string html = make_report(runs, scene ? &*scene : nullptr);
+  const std::vector<GraspStudyRow> study = run_grasp_study(runs);
+  const std::string html = make_report(runs, scene ? &*scene : nullptr, study);
   if (output.empty()) output = default_output(folders);
   std::ofstream file(output, std::ios::binary);
   file << html;

@@ -7,6 +7,7 @@
 
 #include "core/check.h"
 #include "report/episodes.h"
+#include "report/grasp_section.h"
 #include "report/html.h"
 #include "report/replay3d.h"
 #include "report/sections.h"
@@ -43,7 +44,8 @@ std::string subtitle_of(const std::vector<RunFolder>& runs,
 
 }  // namespace
 
-std::string make_report(std::vector<RunFolder> runs, const Scene* scene) {
+std::string make_report(std::vector<RunFolder> runs, const Scene* scene,
+                        const std::vector<GraspStudyRow>& grasp_study) {
   OMENTUM_CHECK(!runs.empty());
   const std::vector<ShownEpisode> episodes =
       choose_episodes(runs, kShownEpisodes, runs.front().warnings);
@@ -54,6 +56,7 @@ std::string make_report(std::vector<RunFolder> runs, const Scene* scene) {
   sections.push_back(make_replay_section(episodes, scene));
   sections.push_back(make_lattice_section(runs));
   sections.push_back(make_robot_section(runs));
+  if (!grasp_study.empty()) sections.push_back(make_grasp_section(grasp_study));
   sections.push_back(make_numbers_section(runs));
   sections.push_back(make_config_section(runs));
   return make_page(title_of(runs), subtitle_of(runs, episodes), make_overview(runs), sections,

@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "report/run_folder.h"
+#include "sim_worker/grasp_study.h"
 #include "sim_worker/scene.h"
 
 namespace omentum {
@@ -11,6 +12,7 @@ namespace omentum {
 /// The whole report of one run, or of several seeds of one experiment, as one HTML text that loads
 /// nothing. `scene` is that of the runs; null leaves out pictures and replay. The same input gives
 /// the same text.
-std::string make_report(std::vector<RunFolder> runs, const Scene* scene);
+std::string make_report(std::vector<RunFolder> runs, const Scene* scene,
+                        const std::vector<GraspStudyRow>& grasp_study = {});
 
 }  // namespace omentum

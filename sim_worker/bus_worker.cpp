@@ -133,6 +133,7 @@ void BusWorker::follow(std::uint32_t epoch) {
   learner_at_ns_ = 0;
   manifest_.reset();
   weights_.clear();
+  status_.warnings.clear();  // they were meant for an older learner
   // Tasks of the older learner; finished segments stay, they may still be wanted.
   status_.tasks_abandoned += pending_.size();
   pending_.clear();

@@ -1,13 +1,12 @@
 #include "sim_worker/cooker.h"
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <limits>
 #include <map>
 #include <numeric>
-
-#include <Eigen/Geometry>
 
 #include "core/check.h"
 #include "core/hash.h"
@@ -28,7 +27,8 @@ bool collinear(std::span<const Vector3d> particles, const std::vector<int>& comm
   const Vector3d ab = particles[static_cast<std::size_t>(common[1])] - a;
   for (std::size_t i = 2; i < common.size(); ++i) {
     const Vector3d ac = particles[static_cast<std::size_t>(common[i])] - a;
-    // 1e-6 of the product of lengths: well above rounding, well below a real corner of any sampling.
+    // 1e-6 of the product of lengths: well above rounding, well below a real corner of any
+    // sampling.
     if (ab.cross(ac).norm() > 1e-6 * ab.norm() * ac.norm()) return false;
   }
   return true;
@@ -47,9 +47,10 @@ int count_rigid_groups(std::span<const Vector3d> particles, const Clusters& clus
       std::vector<int> common;
       const auto* m = clusters.member.data();
       const auto& begin = clusters.begin;
-      std::set_intersection(m + begin[static_cast<std::size_t>(a)], m + begin[static_cast<std::size_t>(a) + 1],
-                            m + begin[static_cast<std::size_t>(b)], m + begin[static_cast<std::size_t>(b) + 1],
-                            std::back_inserter(common));
+      std::set_intersection(m + begin[static_cast<std::size_t>(a)],
+                            m + begin[static_cast<std::size_t>(a) + 1],
+                            m + begin[static_cast<std::size_t>(b)],
+                            m + begin[static_cast<std::size_t>(b) + 1], std::back_inserter(common));
       if (common.size() >= 3 && !collinear(particles, common)) {
         parent[static_cast<std::size_t>(root(a))] = root(b);
       }
@@ -60,13 +61,15 @@ int count_rigid_groups(std::span<const Vector3d> particles, const Clusters& clus
   return groups;
 }
 
-/// One cluster of the greedy cover: all it took (decides its centre) and the part nobody had taken before.
+/// One cluster of the greedy cover: all it took (decides its centre) and the part nobody had taken
+/// before.
 struct Cover {
   std::vector<int> taken;
   std::vector<int> fresh;
 };
 
-std::vector<Cover> greedy_cover(std::span<const Vector3d> particles, double spacing, double& margin) {
+std::vector<Cover> greedy_cover(std::span<const Vector3d> particles, double spacing,
+                                double& margin) {
   const int n = static_cast<int>(particles.size());
   std::vector<bool> used(particles.size(), false);
   std::vector<Cover> cover;
@@ -75,7 +78,8 @@ std::vector<Cover> greedy_cover(std::span<const Vector3d> particles, double spac
     Cover cluster;
     for (int i = 0; i < n; ++i) {
       const double distance =
-          (particles[static_cast<std::size_t>(i)] - particles[static_cast<std::size_t>(seed)]).norm();
+          (particles[static_cast<std::size_t>(i)] - particles[static_cast<std::size_t>(seed)])
+              .norm();
       margin = std::min(margin, std::fabs(distance - spacing));
       if (!(distance < spacing)) continue;
       cluster.taken.push_back(i);
@@ -110,7 +114,8 @@ Clusters cook_clusters(std::span<const Vector3d> particles, const pb::ClusterMod
   const int n = static_cast<int>(particles.size());
 
   std::vector<std::vector<int>> members;
-  for (const Cover& cluster : greedy_cover(particles, model.cluster_spacing_m(), result.tie_margin)) {
+  for (const Cover& cluster :
+       greedy_cover(particles, model.cluster_spacing_m(), result.tie_margin)) {
     const Vector3d centre = mean_of(particles, cluster.taken);
     std::vector<int> own = cluster.fresh;  // radius 0: a partition
     if (radius > 0) {
@@ -168,7 +173,8 @@ void require_no_orphans(const Clusters& clusters, const pb::ClusterModel& model)
     first += fmt::format(" {}", clusters.orphans[i]);
   }
   throw_error(
-      "tissue.cluster: cluster_spacing_m {} with cluster_radius_m {} leaves {} of the particles in no cluster "
+      "tissue.cluster: cluster_spacing_m {} with cluster_radius_m {} leaves {} of the particles in "
+      "no cluster "
       "(first:{}); allowed: 0 orphans, radius >= 1.2 x spacing is safe, or name orphan_policy "
       "ORPHANS_ATTACH_NEAREST",
       model.cluster_spacing_m(), model.cluster_radius_m(), clusters.orphans.size(), first);
@@ -198,12 +204,15 @@ std::vector<Vector3d> make_volume_particles(
   std::array<int, 3> count{};
   for (int axis = 0; axis < 3; ++axis) {
     // 1e-9: an extent that is a whole number of voxels up to rounding keeps its last voxel.
-    count[static_cast<std::size_t>(axis)] = static_cast<int>(std::floor(extent[axis] / voxel + 1e-9)) + 4;
+    count[static_cast<std::size_t>(axis)] =
+        static_cast<int>(std::floor(extent[axis] / voxel + 1e-9)) + 4;
   }
   const double cells = 1.0 * count[0] * count[1] * count[2];
   if (!(cells <= 2e7)) {
-    throw_error("tissue.volume.particle_spacing_m: {} with volume_sampling {} needs {:.3g} voxels, allowed at most 2e7",
-                maker.particle_spacing_m(), factor, cells);
+    throw_error(
+        "tissue.volume.particle_spacing_m: {} with volume_sampling {} needs {:.3g} voxels, allowed "
+        "at most 2e7",
+        maker.particle_spacing_m(), factor, cells);
   }
   // Samples in voxel units, so that distances that are whole voxels compare exactly.
   std::vector<Vector3d> units;
@@ -211,7 +220,8 @@ std::vector<Vector3d> make_volume_particles(
   for (int ix = 0; ix < count[0]; ++ix) {
     for (int iz = 0; iz < count[2]; ++iz) {
       for (int iy = 0; iy < count[1]; ++iy) {
-        const Vector3d unit(ix - 0.5 * (count[0] - 1), iy - 0.5 * (count[1] - 1), iz - 0.5 * (count[2] - 1));
+        const Vector3d unit(ix - 0.5 * (count[0] - 1), iy - 0.5 * (count[1] - 1),
+                            iz - 0.5 * (count[2] - 1));
         units.push_back(unit);
         points.push_back(centre + voxel * unit);
       }
@@ -227,11 +237,13 @@ std::vector<Vector3d> make_volume_particles(
 
   // Bins of one merge radius, so that a query looks at 27 of them.
   const auto cell_of = [factor](const Vector3d& u) {
-    return std::array<int, 3>{static_cast<int>(std::floor(u.x() / factor)), static_cast<int>(std::floor(u.y() / factor)),
+    return std::array<int, 3>{static_cast<int>(std::floor(u.x() / factor)),
+                              static_cast<int>(std::floor(u.y() / factor)),
                               static_cast<int>(std::floor(u.z() / factor))};
   };
   std::map<std::array<int, 3>, std::vector<int>> bins;
-  for (std::size_t i = 0; i < samples.size(); ++i) bins[cell_of(samples[i])].push_back(static_cast<int>(i));
+  for (std::size_t i = 0; i < samples.size(); ++i)
+    bins[cell_of(samples[i])].push_back(static_cast<int>(i));
 
   std::vector<bool> used(samples.size(), false);
   std::vector<Vector3d> particles;
@@ -245,7 +257,8 @@ std::vector<Vector3d> make_volume_particles(
           const auto bin = bins.find({cell[0] + dx, cell[1] + dy, cell[2] + dz});
           if (bin == bins.end()) continue;
           for (const int i : bin->second) {
-            if ((samples[static_cast<std::size_t>(i)] - samples[seed]).squaredNorm() < factor * factor) {
+            if ((samples[static_cast<std::size_t>(i)] - samples[seed]).squaredNorm() <
+                factor * factor) {
               taken.push_back(i);
             }
           }

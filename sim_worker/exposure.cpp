@@ -12,8 +12,9 @@ namespace {
 
 using Eigen::Vector3d;
 
-constexpr int kFullSamples = 40000;  // on the whole surface; a quarter to a half of them face the camera
-constexpr float kNear = 1e-4F;       // [m] nothing nearer to the camera casts a shadow
+constexpr int kFullSamples =
+    40000;                      // on the whole surface; a quarter to a half of them face the camera
+constexpr float kNear = 1e-4F;  // [m] nothing nearer to the camera casts a shadow
 
 /// A projected vertex: image coordinates and depth.
 struct ImagePoint {
@@ -24,7 +25,8 @@ ImagePoint project(const CameraPose& camera, const Vector3d& p) {
   const Vector3d c = camera.R_WC.transpose() * (p - camera.position);
   const double depth = -c.z();
   const double inverse = 1 / std::max(depth, static_cast<double>(kNear));
-  return {static_cast<float>(c.x() * inverse), static_cast<float>(c.y() * inverse), static_cast<float>(depth)};
+  return {static_cast<float>(c.x() * inverse), static_cast<float>(c.y() * inverse),
+          static_cast<float>(depth)};
 }
 
 int bin_index(float x, float min, float max, int bins) {
@@ -32,8 +34,10 @@ int bin_index(float x, float min, float max, int bins) {
   return std::clamp(static_cast<int>(share * static_cast<float>(bins)), 0, bins - 1);
 }
 
-/// Marks the samples that a triangle shadows: inside it in the image and farther than its plane there.
-void shadow(const ExposureSamples& s, ImagePoint a, ImagePoint b, ImagePoint c, std::vector<std::uint8_t>& shadowed) {
+/// Marks the samples that a triangle shadows: inside it in the image and farther than its plane
+/// there.
+void shadow(const ExposureSamples& s, ImagePoint a, ImagePoint b, ImagePoint c,
+            std::vector<std::uint8_t>& shadowed) {
   if (a.depth < kNear || b.depth < kNear || c.depth < kNear) return;
   const float u_low = std::min({a.u, b.u, c.u});
   const float u_high = std::max({a.u, b.u, c.u});
@@ -83,11 +87,13 @@ void arrange(ExposureSamples& s) {
   s.bins = std::max(1, static_cast<int>(std::sqrt(n / 4.0)));
   std::vector<int> bin(static_cast<std::size_t>(n));
   for (std::size_t i = 0; i < bin.size(); ++i) {
-    bin[i] = bin_index(s.v[i], s.v_min, s.v_max, s.bins) * s.bins + bin_index(s.u[i], s.u_min, s.u_max, s.bins);
+    bin[i] = bin_index(s.v[i], s.v_min, s.v_max, s.bins) * s.bins +
+             bin_index(s.u[i], s.u_min, s.u_max, s.bins);
   }
   std::vector<std::size_t> order(bin.size());
   std::iota(order.begin(), order.end(), std::size_t{0});
-  std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) { return bin[a] < bin[b]; });
+  std::stable_sort(order.begin(), order.end(),
+                   [&](std::size_t a, std::size_t b) { return bin[a] < bin[b]; });
   const auto permute = [&order](std::vector<float>& values) {
     std::vector<float> sorted;
     for (const std::size_t i : order) sorted.push_back(values[i]);
@@ -114,20 +120,22 @@ void keep(ExposureSamples& s, const std::vector<std::uint8_t>& drop) {
   arrange(s);
 }
 
-/// Removes samples behind organs (they count in neither numerator nor denominator) and, for a tumour that is not
-/// convex, behind the tumour itself.
+/// Removes samples behind organs (they count in neither numerator nor denominator) and, for a
+/// tumour that is not convex, behind the tumour itself.
 void drop_hidden(ExposureSamples& s, const Scene& scene) {
   std::vector<std::uint8_t> hidden(static_cast<std::size_t>(s.size()), 0);
   for (const RigidShape& body : scene.bodies) {
     if (body.role == pb::ROLE_BOARD || body.kind == RigidShape::Kind::kHalfSpace) continue;
     std::vector<ImagePoint> image;
-    for (const Vector3d& p : body.surface.vertices) image.push_back(project(scene.camera, body.X_WS * p));
+    for (const Vector3d& p : body.surface.vertices)
+      image.push_back(project(scene.camera, body.X_WS * p));
     for (const Eigen::Vector3i& t : body.surface.triangles) {
       ImagePoint a = image[static_cast<std::size_t>(t[0])];
       ImagePoint b = image[static_cast<std::size_t>(t[1])];
       ImagePoint c = image[static_cast<std::size_t>(t[2])];
       if (body.role == pb::ROLE_TUMOUR) {
-        // Only faces clearly nearer than the sample: pushed 1 mm away from the camera, they do not shadow themselves.
+        // Only faces clearly nearer than the sample: pushed 1 mm away from the camera, they do not
+        // shadow themselves.
         for (ImagePoint* q : {&a, &b, &c}) q->depth += 1e-3F;
       }
       shadow(s, a, b, c, hidden);
@@ -152,9 +160,9 @@ ExposureSamples sample_surface(const Scene& scene, const RigidShape& tumour) {
     // Stratified by area: one sample in each of kFullSamples equal pieces of the cumulative area.
     const PhiloxWords words = philox({i, 1, 0, 0}, {0, 0});
     const double where = (i + static_cast<double>(words[0]) * 0x1p-32) / kFullSamples * total;
-    const auto k = static_cast<std::size_t>(
-        std::min<std::ptrdiff_t>(std::upper_bound(cumulative.begin(), cumulative.end(), where) - cumulative.begin(),
-                                 static_cast<std::ptrdiff_t>(cumulative.size()) - 1));
+    const auto k = static_cast<std::size_t>(std::min<std::ptrdiff_t>(
+        std::upper_bound(cumulative.begin(), cumulative.end(), where) - cumulative.begin(),
+        static_cast<std::ptrdiff_t>(cumulative.size()) - 1));
     const Eigen::Vector3i& t = mesh.triangles[k];
     const Vector3d a = tumour.X_WS * mesh.vertices[static_cast<std::size_t>(t[0])];
     const Vector3d b = tumour.X_WS * mesh.vertices[static_cast<std::size_t>(t[1])];
@@ -179,8 +187,8 @@ ExposureSamples sample_surface(const Scene& scene, const RigidShape& tumour) {
   return s;
 }
 
-/// Equal-weight subset: walk the samples along a Z curve of the image and take one in every total / n of weight, so
-/// that the subset is stratified both over the image and by weight.
+/// Equal-weight subset: walk the samples along a Z curve of the image and take one in every total /
+/// n of weight, so that the subset is stratified both over the image and by weight.
 ExposureSamples choose_subset(const ExposureSamples& all, int n) {
   constexpr int kCells = 1024;
   const auto spread = [](std::uint32_t x) {
@@ -193,12 +201,14 @@ ExposureSamples choose_subset(const ExposureSamples& all, int n) {
   };
   std::vector<std::uint64_t> code;
   for (std::size_t i = 0; i < all.u.size(); ++i) {
-    code.push_back(spread(static_cast<std::uint32_t>(bin_index(all.u[i], all.u_min, all.u_max, kCells))) |
-                   spread(static_cast<std::uint32_t>(bin_index(all.v[i], all.v_min, all.v_max, kCells))) << 1);
+    code.push_back(
+        spread(static_cast<std::uint32_t>(bin_index(all.u[i], all.u_min, all.u_max, kCells))) |
+        spread(static_cast<std::uint32_t>(bin_index(all.v[i], all.v_min, all.v_max, kCells))) << 1);
   }
   std::vector<std::size_t> order(all.u.size());
   std::iota(order.begin(), order.end(), std::size_t{0});
-  std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) { return code[a] < code[b]; });
+  std::stable_sort(order.begin(), order.end(),
+                   [&](std::size_t a, std::size_t b) { return code[a] < code[b]; });
   ExposureSamples subset;
   double walked = 0;
   int taken = 0;
@@ -259,13 +269,15 @@ ExposureSamples sample_pixels(const Scene& scene, const RigidShape& tumour, int 
 double visible_share(const ExposureSamples& s, const std::vector<std::uint8_t>& shadowed) {
   if (!(s.total > 0)) return 0;
   double visible = 0;
-  for (std::size_t i = 0; i < s.weight.size(); ++i) visible += shadowed[i] != 0 ? 0.0 : static_cast<double>(s.weight[i]);
+  for (std::size_t i = 0; i < s.weight.size(); ++i)
+    visible += shadowed[i] != 0 ? 0.0 : static_cast<double>(s.weight[i]);
   return visible / s.total;
 }
 
 }  // namespace
 
-ExposureEstimator::ExposureEstimator(const Scene& scene, int reward_samples) : camera_(scene.camera) {
+ExposureEstimator::ExposureEstimator(const Scene& scene, int reward_samples)
+    : camera_(scene.camera) {
   for (const Eigen::Vector3i& t : scene.tissue.surface_triangles) {
     for (int k = 0; k < 3; ++k) triangles_.push_back(t[k]);
   }
@@ -280,7 +292,8 @@ ExposureEstimator::ExposureEstimator(const Scene& scene, int reward_samples) : c
   shadowed_.resize(static_cast<std::size_t>(subset_.size()));
 }
 
-double ExposureEstimator::estimate(const ExposureSamples& samples, std::span<const float> positions) const {
+double ExposureEstimator::estimate(const ExposureSamples& samples,
+                                   std::span<const float> positions) const {
   // The same float operations as the lane kernel, so that subset() equals of_lanes() bit for bit.
   const auto image_of = [&](std::int32_t vertex) -> ImagePoint {
     const auto* p = positions.data() + 3 * static_cast<std::size_t>(vertex);
@@ -304,17 +317,25 @@ double ExposureEstimator::estimate(const ExposureSamples& samples, std::span<con
   std::vector<std::uint8_t> shadowed(static_cast<std::size_t>(samples.size()), 0);
   if (samples.size() == 0) return 0;
   for (std::size_t t = 0; t + 2 < triangles_.size(); t += 3) {
-    shadow(samples, image[static_cast<std::size_t>(triangles_[t])], image[static_cast<std::size_t>(triangles_[t + 1])],
+    shadow(samples, image[static_cast<std::size_t>(triangles_[t])],
+           image[static_cast<std::size_t>(triangles_[t + 1])],
            image[static_cast<std::size_t>(triangles_[t + 2])], shadowed);
   }
   return visible_share(samples, shadowed);
 }
 
-double ExposureEstimator::full(std::span<const float> positions) const { return estimate(full_, positions); }
-double ExposureEstimator::subset(std::span<const float> positions) const { return estimate(subset_, positions); }
-double ExposureEstimator::seed_64px(std::span<const float> positions) const { return estimate(pixels_, positions); }
+double ExposureEstimator::full(std::span<const float> positions) const {
+  return estimate(full_, positions);
+}
+double ExposureEstimator::subset(std::span<const float> positions) const {
+  return estimate(subset_, positions);
+}
+double ExposureEstimator::seed_64px(std::span<const float> positions) const {
+  return estimate(pixels_, positions);
+}
 
-void ExposureEstimator::of_lanes(Tissue<float>& tissue, std::uint32_t wanted, std::span<float> exposure) {
+void ExposureEstimator::of_lanes(Tissue<float>& tissue, std::uint32_t wanted,
+                                 std::span<float> exposure) {
   if (wanted == 0) return;
   const int W = tissue.lanes();
   if (subset_.size() == 0) {
@@ -346,14 +367,16 @@ void ExposureEstimator::of_lanes(Tissue<float>& tissue, std::uint32_t wanted, st
     if ((wanted >> lane & 1U) == 0) continue;
     std::fill(shadowed_.begin(), shadowed_.end(), std::uint8_t{0});
     const auto image = [&](std::size_t corner) -> ImagePoint {
-      const float* p = projected_.data() + static_cast<std::size_t>(3 * W * triangles_[corner] + lane);
+      const float* p =
+          projected_.data() + static_cast<std::size_t>(3 * W * triangles_[corner] + lane);
       return {p[0], p[W], p[2 * W]};
     };
     for (std::size_t t = 0; t < overlap_.size(); ++t) {
       if ((overlap_[t] >> lane & 1U) == 0) continue;
       shadow(subset_, image(3 * t), image(3 * t + 1), image(3 * t + 2), shadowed_);
     }
-    exposure[static_cast<std::size_t>(lane)] = static_cast<float>(visible_share(subset_, shadowed_));
+    exposure[static_cast<std::size_t>(lane)] =
+        static_cast<float>(visible_share(subset_, shadowed_));
   }
 }
 

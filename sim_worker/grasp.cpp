@@ -35,6 +35,8 @@ double slip_speed(const pb::Grasp& grasp, double load) {
   return grasp.slip_rate_m_per_s_n() * std::max(0.0, load - grasp.slip_force_n());
 }
 
-bool slipped_out(const pb::Grasp& grasp, double slip) { return grasp.loss_slip_m() > 0 && slip >= grasp.loss_slip_m(); }
+bool slipped_out(const pb::Grasp& grasp, double slip) {
+  return grasp.loss_slip_m() > 0 && slip >= grasp.loss_slip_m();
+}
 
 }  // namespace omentum

@@ -4,8 +4,8 @@
 
 namespace omentum {
 
-/// The grasp that can fail (docs/grasp.md). Pure functions of the parameters and what the jaw meets; the plain grasp
-/// of the paper is the case with every extra parameter zero.
+/// The grasp that can fail (docs/grasp.md). Pure functions of the parameters and what the jaw
+/// meets; the plain grasp of the paper is the case with every extra parameter zero.
 enum class PinchResult { kHeld, kTooFar, kJawNotOpen, kBadApproach, kTooThin };
 
 /// What the jaw meets at the moment it is commanded to close on tissue.
@@ -16,7 +16,8 @@ struct PinchContact {
   double thickness = 0;     ///< of the tissue [m]
 };
 
-/// Angle at which both jaw faces touch tissue of the given thickness: 2 atan(thickness / 2 / jaw_length) [deg].
+/// Angle at which both jaw faces touch tissue of the given thickness: 2 atan(thickness / 2 /
+/// jaw_length) [deg].
 double jaw_contact_deg(const pb::Grasp& grasp, double thickness);
 
 /// Does a pinch take hold? Checks in the order of PinchResult.

@@ -4,13 +4,14 @@
 
 namespace omentum {
 
-/// Raw arguments of the lane kernel. Plain pointers and numbers only: the AVX-512 translation unit includes this file
-/// and must not emit shared inline code. Arrays "per lane" have the lane index fastest: particle vectors are
-/// [index][xyz][lane]. All positions in W [m].
+/// Raw arguments of the lane kernel. Plain pointers and numbers only: the AVX-512 translation unit
+/// includes this file and must not emit shared inline code. Arrays "per lane" have the lane index
+/// fastest: particle vectors are [index][xyz][lane]. All positions in W [m].
 
 enum class ShapeKind : std::int32_t { kSphere, kEllipsoid, kBox, kHalfSpace, kSdf, kCapsule };
 
-/// A rigid contact shape. The capsule is the tool: its axis starts at `capsule_from/to` of the step (per lane).
+/// A rigid contact shape. The capsule is the tool: its axis starts at `capsule_from/to` of the step
+/// (per lane).
 template <typename Real>
 struct KernelShape {
   ShapeKind kind;
@@ -19,7 +20,8 @@ struct KernelShape {
   Real size[3];       ///< radius, semi-axes or half extents
   Real axis[3];       ///< capsule: direction in W
   Real length;        ///< capsule
-  Real bound_radius;  ///< sphere around origin that holds the shape; ignored by half-space and capsule
+  Real bound_radius;  ///< sphere around origin that holds the shape; ignored by half-space and
+                      ///< capsule
   const float* sdf;   ///< kSdf: node values, x fastest
   std::int32_t sdf_count[3];
   Real sdf_origin[3];  ///< in the shape frame
@@ -30,7 +32,8 @@ inline constexpr int kMaxShapes = 12;
 
 template <typename Real>
 struct KernelArgs {
-  // Model, shared by all lanes. Clusters own memberships in order; particles list theirs in cluster order.
+  // Model, shared by all lanes. Clusters own memberships in order; particles list theirs in cluster
+  // order.
   std::int32_t particles;
   std::int32_t clusters;
   const std::int32_t* cluster_begin;
@@ -48,12 +51,12 @@ struct KernelArgs {
   std::int32_t rotation_iterations;
 
   // State and scratch, per lane.
-  Real* x;             ///< positions at the substep's start
+  Real* x;  ///< positions at the substep's start
   Real* v;
-  Real* xs;            ///< x*, being solved
-  Real* q;             ///< cluster rotations q_WB, [cluster][xyzw][lane], warm start of the next call
-  Real* goal;          ///< [cluster][c, R row-major, weight = 13][lane]
-  Real* plastic_rest;  ///< r0 per lane [membership][xyz][lane], or null
+  Real* xs;    ///< x*, being solved
+  Real* q;     ///< cluster rotations q_WB, [cluster][xyzw][lane], warm start of the next call
+  Real* goal;  ///< [cluster][c, R row-major, weight = 13][lane]
+  Real* plastic_rest;              ///< r0 per lane [membership][xyz][lane], or null
   const std::uint32_t* free_mask;  ///< per particle: lanes in which it moves by itself
   const std::uint32_t* held_mask;  ///< per particle: lanes in which the grasp holds it
   std::uint32_t* candidates;       ///< [particle][shape] lane masks
@@ -73,8 +76,8 @@ struct KernelArgs {
   Real particle_radius;
   Real plastic_threshold;
   Real plastic_creep;
-  Real step_s;   ///< control step, for the candidate margin
-  Real margin;   ///< constant part of the candidate margin [m]
+  Real step_s;  ///< control step, for the candidate margin
+  Real margin;  ///< constant part of the candidate margin [m]
 
   // Contact.
   std::int32_t shapes;
@@ -83,10 +86,12 @@ struct KernelArgs {
   const Real* capsule_motion;  ///< [xyz][lane] its motion in this substep
   const Real* capsule_sweep;   ///< [lane] length of its motion in the whole step
 
-  Real* held_force;  ///< [xyz][lane]: adds the correction the held particles refuse [m]; null = not wanted
+  Real* held_force;  ///< [xyz][lane]: adds the correction the held particles refuse [m]; null = not
+                     ///< wanted
 };
 
-/// Projection of the drawn surface into the exposure camera and search for triangles near the tumour.
+/// Projection of the drawn surface into the exposure camera and search for triangles near the
+/// tumour.
 template <typename Real>
 struct ProjectArgs {
   std::int32_t vertices;
@@ -107,7 +112,8 @@ struct SkinArgs {
   std::int32_t vertices;
   const std::int32_t* cluster;  ///< 4 per vertex
   const Real* weight;           ///< 4 per vertex, sum 1
-  const Real* offset;           ///< [vertex][4][xyz]: rest position relative to the cluster's rest mean, in B
+  const Real*
+      offset;  ///< [vertex][4][xyz]: rest position relative to the cluster's rest mean, in B
   const Real* goal;
   const Real* cluster_weight;
   Real* position;  ///< out [vertex][xyz][lane]
@@ -122,8 +128,9 @@ struct NearestArgs {
   Real* index;        ///< out [lane], exact integer
 };
 
-/// One implementation of the lane kernel: same source, different width. Every function is straight line code over
-/// particles or clusters; Tissue::step calls them in the order of tissue.md section 4.
+/// One implementation of the lane kernel: same source, different width. Every function is straight
+/// line code over particles or clusters; Tissue::step calls them in the order of tissue.md
+/// section 4.
 template <typename Real>
 struct Kernel {
   int lanes;

@@ -1,13 +1,14 @@
-// The lane kernel of the cluster model: included by kernel_*.cpp after lanes.h, one translation unit per width.
-// Everything except the exported table is in an unnamed namespace (lanes.h says why).
+// The lane kernel of the cluster model: included by kernel_*.cpp after lanes.h, one translation
+// unit per width. Everything except the exported table is in an unnamed namespace (lanes.h says
+// why).
 //
 // Per substep (tissue.md section 4):
 //   predict      v <- (v + g h)(1 - damping h),   x* = x + v h
 //   match        c = mean x*,  A = sum (x* - c) r0^T,  one warm rotation step [Mueller16] -> R
 //   apply        x*_i += s (mean over clusters of (c + R r0_i) - x*_i),  then contact and friction
 //   finish       v = (x* - x) / h,   x = x*
-// The corrections are gathered per particle from the clusters instead of scattered per cluster: one pass less over
-// the particles, and the same sums in the same order at every width.
+// The corrections are gathered per particle from the clusters instead of scattered per cluster: one
+// pass less over the particles, and the same sums in the same order at every width.
 
 namespace {
 
@@ -37,11 +38,14 @@ inline Rotation to_rotation(const Lane q[4]) {
   const Lane wx = q[3] * x2;
   const Lane wy = q[3] * y2;
   const Lane wz = q[3] * z2;
-  return {{{one - (yy + zz), xy + wz, xz - wy}, {xy - wz, one - (xx + zz), yz + wx}, {xz + wy, yz - wx, one - (xx + yy)}}};
+  return {{{one - (yy + zz), xy + wz, xz - wy},
+           {xy - wz, one - (xx + zz), yz + wx},
+           {xz + wy, yz - wx, one - (xx + yy)}}};
 }
 
-/// One step of the rotation extraction of [Mueller16]: omega = sum R_k x A_k / (|sum R_k . A_k| + eps). The update
-/// turns by 2 atan(|omega|/2) instead of |omega|: same fixed point, no trigonometry, never more than half a turn.
+/// One step of the rotation extraction of [Mueller16]: omega = sum R_k x A_k / (|sum R_k . A_k| +
+/// eps). The update turns by 2 atan(|omega|/2) instead of |omega|: same fixed point, no
+/// trigonometry, never more than half a turn.
 inline void turn_towards(Lane q[4], const Rotation& r, const Lane3 a[3], bool planar) {
   Lane3 omega = cross(r.column[0], a[0]) + cross(r.column[1], a[1]);
   Lane scale = dot(r.column[0], a[0]) + dot(r.column[1], a[1]);
@@ -82,7 +86,8 @@ void match_clusters_as(const Args& args) {
     Lane3 rest_sum = sum;
     for (int m = begin; m < end; ++m) {
       const Lane3 x = load3(args.xs + 3 * kLanes * args.cluster_member[m]);
-      const Lane3 r0 = kPlastic ? load3(args.plastic_rest + 3 * kLanes * m) : splat3(args.rest + 3 * m);
+      const Lane3 r0 =
+          kPlastic ? load3(args.plastic_rest + 3 * kLanes * m) : splat3(args.rest + 3 * m);
       sum = sum + x;
       a[0] = fma(r0.x, x, a[0]);
       a[1] = fma(r0.y, x, a[1]);
@@ -92,13 +97,15 @@ void match_clusters_as(const Args& args) {
     if constexpr (!kPlastic) rest_sum = splat3(args.rest_sum + 3 * c);
     const Lane inverse_count = splat(Real{1} / static_cast<Real>(end - begin));
     const Lane3 centre = inverse_count * sum;
-    // sum (x - c) r0^T = sum x r0^T - c (sum r0)^T; the second part is rounding (or plastic drift) only.
+    // sum (x - c) r0^T = sum x r0^T - c (sum r0)^T; the second part is rounding (or plastic drift)
+    // only.
     a[0] = fma(zero - rest_sum.x, centre, a[0]);
     a[1] = fma(zero - rest_sum.y, centre, a[1]);
     if constexpr (!kPlanar) a[2] = fma(zero - rest_sum.z, centre, a[2]);
 
     Real* const q_memory = args.q + 4 * kLanes * c;
-    Lane q[4] = {load(q_memory), load(q_memory + kLanes), load(q_memory + 2 * kLanes), load(q_memory + 3 * kLanes)};
+    Lane q[4] = {load(q_memory), load(q_memory + kLanes), load(q_memory + 2 * kLanes),
+                 load(q_memory + 3 * kLanes)};
     Rotation r = to_rotation(q);
     for (int k = 0; k < args.rotation_iterations; ++k) {
       turn_towards(q, r, a, kPlanar);
@@ -108,8 +115,8 @@ void match_clusters_as(const Args& args) {
 
     Lane weight = splat(args.cluster_weight[c]);
     if constexpr (kPlastic) {
-      // Rest shape absorbs `creep` of the deformation in the lanes where some member's *squared* distance to its goal
-      // exceeds the threshold, and the goal acts with (1 - creep) there.
+      // Rest shape absorbs `creep` of the deformation in the lanes where some member's *squared*
+      // distance to its goal exceeds the threshold, and the goal acts with (1 - creep) there.
       Lane worst = zero;
       for (int m = begin; m < end; ++m) {
         const Lane3 x = load3(args.xs + 3 * kLanes * args.cluster_member[m]);
@@ -158,15 +165,17 @@ struct Surface {
 };
 
 inline Lane3 to_shape_frame(const KernelShape<Real>& s, Lane3 d) {
-  return {fma(splat(s.rotation[2]), d.z, fma(splat(s.rotation[1]), d.y, splat(s.rotation[0]) * d.x)),
-          fma(splat(s.rotation[5]), d.z, fma(splat(s.rotation[4]), d.y, splat(s.rotation[3]) * d.x)),
-          fma(splat(s.rotation[8]), d.z, fma(splat(s.rotation[7]), d.y, splat(s.rotation[6]) * d.x))};
+  return {
+      fma(splat(s.rotation[2]), d.z, fma(splat(s.rotation[1]), d.y, splat(s.rotation[0]) * d.x)),
+      fma(splat(s.rotation[5]), d.z, fma(splat(s.rotation[4]), d.y, splat(s.rotation[3]) * d.x)),
+      fma(splat(s.rotation[8]), d.z, fma(splat(s.rotation[7]), d.y, splat(s.rotation[6]) * d.x))};
 }
 
 inline Lane3 to_world_frame(const KernelShape<Real>& s, Lane3 d) {
-  return {fma(splat(s.rotation[6]), d.z, fma(splat(s.rotation[3]), d.y, splat(s.rotation[0]) * d.x)),
-          fma(splat(s.rotation[7]), d.z, fma(splat(s.rotation[4]), d.y, splat(s.rotation[1]) * d.x)),
-          fma(splat(s.rotation[8]), d.z, fma(splat(s.rotation[5]), d.y, splat(s.rotation[2]) * d.x))};
+  return {
+      fma(splat(s.rotation[6]), d.z, fma(splat(s.rotation[3]), d.y, splat(s.rotation[0]) * d.x)),
+      fma(splat(s.rotation[7]), d.z, fma(splat(s.rotation[4]), d.y, splat(s.rotation[1]) * d.x)),
+      fma(splat(s.rotation[8]), d.z, fma(splat(s.rotation[5]), d.y, splat(s.rotation[2]) * d.x))};
 }
 
 inline Lane inverse_length(Lane3 d) {
@@ -198,13 +207,16 @@ inline void sdf_lane(const KernelShape<Real>& s, const Real p[3], Real out[4]) {
   }
   const auto mix = [](Real a, Real b, Real t) { return a + t * (b - a); };
   const auto plane = [&](int i) {
-    return mix(mix(corner[i][0][0], corner[i][0][1], f[2]), mix(corner[i][1][0], corner[i][1][1], f[2]), f[1]);
+    return mix(mix(corner[i][0][0], corner[i][0][1], f[2]),
+               mix(corner[i][1][0], corner[i][1][1], f[2]), f[1]);
   };
   const auto row = [&](int j) {
-    return mix(mix(corner[0][j][0], corner[0][j][1], f[2]), mix(corner[1][j][0], corner[1][j][1], f[2]), f[0]);
+    return mix(mix(corner[0][j][0], corner[0][j][1], f[2]),
+               mix(corner[1][j][0], corner[1][j][1], f[2]), f[0]);
   };
   const auto layer = [&](int k) {
-    return mix(mix(corner[0][0][k], corner[0][1][k], f[1]), mix(corner[1][0][k], corner[1][1][k], f[1]), f[0]);
+    return mix(mix(corner[0][0][k], corner[0][1][k], f[1]),
+               mix(corner[1][0][k], corner[1][1][k], f[1]), f[0]);
   };
   out[0] = mix(plane(0), plane(1), f[0]);
   out[1] = plane(1) - plane(0);
@@ -234,8 +246,10 @@ inline Surface distance_to(const Args& args, const KernelShape<Real>& s, Lane3 x
   }
   const Lane3 local = to_shape_frame(s, d);
   if (s.kind == ShapeKind::kEllipsoid) {
-    // First-order distance f / |grad f| of f = |p/a| - 1 scaled: phi = k0 (k0 - 1) / k1, k0 = |p/a|, k1 = |p/a^2|.
-    const Lane3 u{local.x / splat(s.size[0]), local.y / splat(s.size[1]), local.z / splat(s.size[2])};
+    // First-order distance f / |grad f| of f = |p/a| - 1 scaled: phi = k0 (k0 - 1) / k1, k0 =
+    // |p/a|, k1 = |p/a^2|.
+    const Lane3 u{local.x / splat(s.size[0]), local.y / splat(s.size[1]),
+                  local.z / splat(s.size[2])};
     const Lane3 w{u.x / splat(s.size[0]), u.y / splat(s.size[1]), u.z / splat(s.size[2])};
     const Lane k0 = sqrt(dot(u, u));
     const Lane inverse_k1 = inverse_length(w);
@@ -271,8 +285,8 @@ inline Surface distance_to(const Args& args, const KernelShape<Real>& s, Lane3 x
   return {load(found), to_world_frame(s, inverse_length(gradient) * gradient)};
 }
 
-/// Lanes in which the particle may reach the shape within this control step: conservative and per lane, so that a
-/// lane's result never depends on its neighbours.
+/// Lanes in which the particle may reach the shape within this control step: conservative and per
+/// lane, so that a lane's result never depends on its neighbours.
 inline Mask may_reach(const Args& args, const KernelShape<Real>& s, Lane3 x, Lane reach) {
   if (s.kind == ShapeKind::kHalfSpace) {
     const Lane3 d = x - splat3(s.origin);
@@ -317,7 +331,8 @@ void find_candidates(const Args& args) {
   }
 }
 
-/// Non-penetration at the particle radius, then Coulomb friction on the slip since the substep began.
+/// Non-penetration at the particle radius, then Coulomb friction on the slip since the substep
+/// began.
 inline Lane3 resolve_contact(const Args& args, int i, Lane3 xs) {
   const Lane3 x = load3(args.x + 3 * kLanes * i);
   const Lane zero = splat(Real{0});
@@ -336,7 +351,8 @@ inline Lane3 resolve_contact(const Args& args, int i, Lane3 xs) {
     const Lane t2 = dot(tangent, tangent);
     const Lane stick = load(args.static_friction) * depth;
     const Lane slide = load(args.dynamic_friction) * depth;
-    const Lane part = select(t2 < stick * stick, splat(Real{1}), min(slide / sqrt(t2), splat(Real{1})));
+    const Lane part =
+        select(t2 < stick * stick, splat(Real{1}), min(slide / sqrt(t2), splat(Real{1})));
     xs = select(touches, fma(zero - part, tangent, pushed), xs);
   }
   return xs;
@@ -379,8 +395,9 @@ void apply_as(const Args& args) {
     if constexpr (kPlastic) weight = zero;
     for (int m = args.particle_begin[i]; m < args.particle_begin[i + 1]; ++m) {
       const Real* const goal = args.goal + 13 * kLanes * args.particle_cluster[m];
-      const Lane3 r0 = kPlastic ? load3(args.plastic_rest + 3 * kLanes * args.particle_membership[m])
-                                : splat3(args.particle_rest + 3 * m);
+      const Lane3 r0 = kPlastic
+                           ? load3(args.plastic_rest + 3 * kLanes * args.particle_membership[m])
+                           : splat3(args.particle_rest + 3 * m);
       goals = goals + load3(goal);
       goals = fma(r0.x, load3(goal + 3 * kLanes), goals);
       goals = fma(r0.y, load3(goal + 6 * kLanes), goals);
@@ -390,8 +407,9 @@ void apply_as(const Args& args) {
     Lane3 correction = s * fma(zero - weight, xs, goals);
     if constexpr (kExtra) {
       const Real* const extra = args.extra + 4 * kLanes * i;
-      const Lane count = load(extra + 3 * kLanes) + splat(static_cast<Real>(args.particle_begin[i + 1] -
-                                                                            args.particle_begin[i]));
+      const Lane count =
+          load(extra + 3 * kLanes) +
+          splat(static_cast<Real>(args.particle_begin[i + 1] - args.particle_begin[i]));
       correction = correction + load3(extra);
       correction = splat(Real{1}) / max(count, splat(Real{1})) * correction;
     } else {
@@ -414,7 +432,8 @@ void apply_corrections(const Args& args) {
   } else if (args.planar) {
     args.extra != nullptr ? apply_as<true, false, true>(args) : apply_as<true, false, false>(args);
   } else {
-    args.extra != nullptr ? apply_as<false, false, true>(args) : apply_as<false, false, false>(args);
+    args.extra != nullptr ? apply_as<false, false, true>(args)
+                          : apply_as<false, false, false>(args);
   }
 }
 

@@ -8,5 +8,6 @@
 
 extern const omentum::Kernel<Real> omentum::kKernelF32x1;
 const omentum::Kernel<Real> omentum::kKernelF32x1 = {
-    kLanes,          "f32x1",          find_candidates,  predict,      match_clusters,
-    apply_corrections, finish_substep, nearest_particle, skin_surface, project_surface};
+    kLanes,         "f32x1",           find_candidates, predict,
+    match_clusters, apply_corrections, finish_substep,  nearest_particle,
+    skin_surface,   project_surface};

@@ -1,12 +1,14 @@
 // No include guard on purpose: this file is included once per kernel translation unit, after
 // OMENTUM_LANES (1, 8 or 16) and OMENTUM_REAL (float or double) are defined.
 //
-// The lane type: one environment per SIMD lane. The kernel (kernel.inl) reads as scalar code; the same source at 1, 8
-// and 16 lanes gives the same bits, because only operations with one defined result are used: + - * / sqrt fma,
-// comparison, select, bit operations. No rsqrt, no rcp, no libm, no horizontal operation (style.md section 11).
+// The lane type: one environment per SIMD lane. The kernel (kernel.inl) reads as scalar code; the
+// same source at 1, 8 and 16 lanes gives the same bits, because only operations with one defined
+// result are used: + - * / sqrt fma, comparison, select, bit operations. No rsqrt, no rcp, no libm,
+// no horizontal operation (style.md section 11).
 //
-// Everything is in an unnamed namespace: a template or inline function shared between a baseline and an AVX-512
-// object would be one weak symbol, and the linker could run 512-bit code on a machine without it.
+// Everything is in an unnamed namespace: a template or inline function shared between a baseline
+// and an AVX-512 object would be one weak symbol, and the linker could run 512-bit code on a
+// machine without it.
 
 #include <immintrin.h>
 
@@ -38,7 +40,9 @@ inline Lane fnma(Lane a, Lane b, Lane c) { return {_mm512_fnmadd_ps(a.v, b.v, c.
 inline Lane sqrt(Lane a) { return {_mm512_maskz_sqrt_ps(0xFFFF, a.v)}; }
 inline Lane abs(Lane a) { return {_mm512_abs_ps(a.v)}; }
 inline Mask operator<(Lane a, Lane b) { return _mm512_cmp_ps_mask(a.v, b.v, _CMP_LT_OQ); }
-inline Lane select(Mask m, Lane a, Lane b) { return {_mm512_mask_blend_ps(m, b.v, a.v)}; }  // m ? a : b
+inline Lane select(Mask m, Lane a, Lane b) {
+  return {_mm512_mask_blend_ps(m, b.v, a.v)};
+}  // m ? a : b
 inline Mask to_mask(Bits bits) { return static_cast<Mask>(bits); }
 inline Bits to_bits(Mask m) { return m; }
 inline Mask both(Mask a, Mask b) { return static_cast<Mask>(a & b); }
@@ -113,7 +117,9 @@ inline Lane3 splat3(const Real* p) { return {splat(p[0]), splat(p[1]), splat(p[2
 inline Lane3 operator+(Lane3 a, Lane3 b) { return {a.x + b.x, a.y + b.y, a.z + b.z}; }
 inline Lane3 operator-(Lane3 a, Lane3 b) { return {a.x - b.x, a.y - b.y, a.z - b.z}; }
 inline Lane3 operator*(Lane s, Lane3 a) { return {s * a.x, s * a.y, s * a.z}; }
-inline Lane3 fma(Lane s, Lane3 a, Lane3 c) { return {fma(s, a.x, c.x), fma(s, a.y, c.y), fma(s, a.z, c.z)}; }
+inline Lane3 fma(Lane s, Lane3 a, Lane3 c) {
+  return {fma(s, a.x, c.x), fma(s, a.y, c.y), fma(s, a.z, c.z)};
+}
 inline Lane dot(Lane3 a, Lane3 b) { return fma(a.z, b.z, fma(a.y, b.y, a.x * b.x)); }
 inline Lane3 cross(Lane3 a, Lane3 b) {
   return {fnma(a.z, b.y, a.y * b.z), fnma(a.x, b.z, a.z * b.x), fnma(a.y, b.x, a.x * b.y)};

@@ -1,16 +1,21 @@
 // The simulation worker: stateless executor of rollout tasks. See --help.
+#include <algorithm>
 #include <csignal>
 #include <cstdio>
+#include <filesystem>
+#include <fstream>
+#include <sstream>
 
-#include <CLI/CLI.hpp>
-
+#include "core/command_line.h"
 #include "core/config.h"
 #include "core/dds_profile.h"
 #include "core/fp_mode.h"
 #include "core/log.h"
 #include "core/rollout.h"
+#include "core/topics.h"
 #include "sim_worker/bus_worker.h"
 #include "sim_worker/image_source.h"
+#include "sim_worker/replay.h"
 #include "sim_worker/sim_backend.h"
 
 namespace {
@@ -18,35 +23,92 @@ namespace {
 volatile std::sig_atomic_t stop_requested = 0;
 void on_signal(int) { stop_requested = 1; }
 
+/// Everything a worker does with a configuration before the first task.
+int check(const std::string& path) {
+  using namespace omentum;  // NOLINT(google-build-using-namespace)
+  std::ifstream file(path, std::ios::binary);
+  std::ostringstream text;
+  if (file && !std::filesystem::is_directory(path)) text << file.rdbuf();
+  if (text.str().empty()) throw_error("--check-config {}: cannot be read", path);
+  const pb::Config config = parse_config(path, text.str());
+  const auto setup = make_sim_setup(config, deploy_dir() + "/scenes");
+  for (const std::string& warning : setup->warnings) log().warn("{}", warning);
+  std::printf("%s: config_hash=%016llx particles=%zu rigid_bodies=%zu observations=%d\n",
+              path.c_str(), static_cast<unsigned long long>(config_hash(config)),
+              setup->scene.tissue.particles.size(), setup->scene.bodies.size(),
+              policy_shape(config).observations);
+  return 0;
+}
+
+/// One line per recording. A bad file does not keep the others from being compared.
+int replay(const std::vector<std::string>& paths, unsigned width) {
+  using namespace omentum;  // NOLINT(google-build-using-namespace)
+  Replayer replayer(width);
+  int code = 0;
+  for (const std::string& path : paths) {
+    try {
+      const ReplayReport report = replayer.replay(path);
+      std::printf("%s: %s\n", path.c_str(), report.text.c_str());
+      code = std::max(code, !report.complete ? 2 : report.identical ? 0 : 1);
+    } catch (const Error& error) {
+      std::fprintf(stderr, "sim_worker: --replay %s\n", error.what());
+      code = 2;
+    }
+  }
+  return code;
+}
+
 int run(int argc, char** argv) {
   using namespace omentum;  // NOLINT(google-build-using-namespace)
-  CLI::App app{"Omentum simulation worker: takes rollout tasks from the bus, runs one environment per SIMD lane and "
-               "sends segments back. Waits for a learner of the same run name; may be started, stopped and killed at "
-               "any time."};
+  CLI::App app{
+      "Omentum simulation worker: takes rollout tasks from the bus, runs one environment per SIMD "
+      "lane and "
+      "sends segments back. Waits for a learner of the same run name; may be started, stopped and "
+      "killed at "
+      "any time."};
   std::string run_name = "default";
   unsigned domain = 0;
   unsigned lanes = 0;
   unsigned width = 0;
   bool print_dds = false;
   bool print_knobs = false;
+  std::string check_config;
+  std::vector<std::string> replays;
   app.add_option("--run", run_name, "Name of the run to work for")->capture_default_str();
-  app.add_option("--domain", domain, "DDS domain, 0 ... 230")->check(CLI::Range(0, 230))->capture_default_str();
-  app.add_option("--lanes", lanes, "Environments of this worker; 0 = one kernel width")->check(CLI::Range(0, 1024));
+  app.add_option("--domain", domain, "DDS domain, 0 ... 230")
+      ->check(CLI::Range(0, 230))
+      ->capture_default_str();
+  app.add_option("--lanes", lanes, "Environments of this worker; 0 = one kernel width")
+      ->check(CLI::Range(0, 1024));
   app.add_option("--lane-width", width, "Kernel width 1, 8 or 16; 0 = the widest this CPU runs");
+  app.add_option("--check-config", check_config,
+                 "Resolve this configuration (learner --dry-run prints one) as a worker would, and "
+                 "exit: 0, or 2 with the reason");
+  app.add_option("--replay", replays,
+                 "Run recordings (runs/<name>/recordings/*.mcap) again, compare every step, and "
+                 "exit: 0 identical, 1 different, 2 a bad file");
   app.add_flag("--print-dds-env", print_dds, "Print CYCLONEDDS_URI for other tools and exit");
-  app.add_flag("--knobs", print_knobs, "Print every knob of a run with unit, range, default and source, and exit");
-  app.footer("The learner decides the configuration; see learner --help. Exit codes: 0 stopped or run finished, 2 wrong input.");
-  CLI11_PARSE(app, argc, argv);
+  app.add_flag("--knobs", print_knobs,
+               "Print every knob of a run with unit, range, default and source, and exit");
+  app.footer(
+      "The learner decides the configuration; see learner --help. Exit codes: 0 stopped or run "
+      "finished, 1 a replay differs, 2 wrong input.");
+  if (const std::optional<int> code = parse_command_line(app, argc, argv)) return *code;
+  if (!check_config.empty()) return check(check_config);
+  if (!replays.empty()) return replay(replays, width == 0 ? 1 : width);
+  check_run_name(run_name);
   if (print_knobs) {
     std::fputs(knob_help().c_str(), stdout);
     return 0;
   }
   const Kernel<float>& kernel = choose_kernel(width);
   if (lanes == 0) lanes = static_cast<unsigned>(kernel.lanes);
-  // State of the largest scene in use (4,353 particles, wire.md 2.3) and the weights of the largest preset.
+  // State of the largest scene in use (4,353 particles, wire.md 2.3) and the weights of the largest
+  // preset.
   constexpr std::size_t kStateBytes = 105000;
   constexpr std::size_t kWeightBytes = 400000;
-  const DdsProfile profile = choose_dds_profile(worker_receive_bytes(lanes, kStateBytes, kWeightBytes));
+  const DdsProfile profile =
+      choose_dds_profile(worker_receive_bytes(lanes, kStateBytes, kWeightBytes));
   if (print_dds) {
     std::puts(dds_environment(profile).c_str());
     return 0;
@@ -69,13 +131,14 @@ int run(int argc, char** argv) {
     const auto setup = make_sim_setup(config, deploy_dir() + "/scenes");
     for (const std::string& warning : setup->warnings) log().warn("{}", warning);
     WorkerSetup made;
-    made.backend = std::make_unique<SimBackend>(setup, static_cast<int>(lanes), width, make_image_source(*setup));
+    made.backend = std::make_unique<SimBackend>(setup, static_cast<int>(lanes), width,
+                                                make_image_source(*setup));
     made.shape = policy_shape(config);
     made.config_hash = hash;
     return made;
   };
-  log().info("run={} domain={} lanes={} kernel={} dds={} receive_buffer_bytes={}", run_name, domain, lanes, kernel.name,
-             profile.name, profile.receive_buffer_bytes);
+  log().info("run={} domain={} lanes={} kernel={} dds={} receive_buffer_bytes={}", run_name, domain,
+             lanes, kernel.name, profile.name, profile.receive_buffer_bytes);
   BusWorker worker(std::move(options));
   return worker.run([] { return stop_requested != 0; });
 }

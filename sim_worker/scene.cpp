@@ -22,7 +22,8 @@ Eigen::Isometry3d to_pose(const pb::Pose& pose, const std::string& path) {
   Eigen::Isometry3d X = Eigen::Isometry3d::Identity();
   X.translation() = to_vector(pose.translation_m());
   if (!pose.has_x_axis() && !pose.has_y_axis() && !pose.has_z_axis()) return X;
-  if (!pose.has_x_axis() || !pose.has_y_axis()) throw_error("{}: give x_axis and y_axis, or no axis", path);
+  if (!pose.has_x_axis() || !pose.has_y_axis())
+    throw_error("{}: give x_axis and y_axis, or no axis", path);
   const Vector3d x_given = to_vector(pose.x_axis());
   const Vector3d y_given = to_vector(pose.y_axis());
   if (!(x_given.cross(y_given).norm() > 0.1 * x_given.norm() * y_given.norm())) {
@@ -36,10 +37,12 @@ Eigen::Isometry3d to_pose(const pb::Pose& pose, const std::string& path) {
   return X;
 }
 
-TriangleMesh load_scene_mesh(const pb::MeshFile& file, const std::string& directory, const std::string& path) {
+TriangleMesh load_scene_mesh(const pb::MeshFile& file, const std::string& directory,
+                             const std::string& path) {
   if (file.path().empty()) throw_error("{}.path: missing", path);
   const bool absolute = file.path().front() == '/';
-  TriangleMesh mesh = load_closed_mesh(absolute ? file.path() : directory + "/" + file.path(), file.unit_m());
+  TriangleMesh mesh =
+      load_closed_mesh(absolute ? file.path() : directory + "/" + file.path(), file.unit_m());
   Vector3d min = mesh.vertices.front();
   Vector3d max = min;
   for (const Vector3d& v : mesh.vertices) {
@@ -47,14 +50,17 @@ TriangleMesh load_scene_mesh(const pb::MeshFile& file, const std::string& direct
     max = max.cwiseMax(v);
   }
   const double extent = (max - min).maxCoeff();
-  // Organs and tissue patches: 2 mm to 1 m. Outside it the unit of the file is wrong by a power of ten.
+  // Organs and tissue patches: 2 mm to 1 m. Outside it the unit of the file is wrong by a power of
+  // ten.
   if (!(extent >= 0.002 && extent <= 1.0)) {
-    throw_error("{}.unit_m: {} makes {} m of {}, allowed 0.002 ... 1 m", path, file.unit_m(), extent, file.path());
+    throw_error("{}.unit_m: {} makes {} m of {}, allowed 0.002 ... 1 m", path, file.unit_m(),
+                extent, file.path());
   }
   return mesh;
 }
 
-RigidShape make_body(const pb::RigidBody& config, const std::string& directory, const std::string& path) {
+RigidShape make_body(const pb::RigidBody& config, const std::string& directory,
+                     const std::string& path) {
   RigidShape body;
   body.name = config.name();
   body.role = config.role();
@@ -69,8 +75,8 @@ RigidShape make_body(const pb::RigidBody& config, const std::string& directory, 
       body.kind = RigidShape::Kind::kEllipsoid;
       body.size = to_vector(config.ellipsoid_semi_axes_m());
       if (!(body.size.minCoeff() >= 1e-4 && body.size.maxCoeff() <= 10)) {
-        throw_error("{}.ellipsoid_semi_axes_m: {} ... {} m, allowed 0.0001 ... 10 m", path, body.size.minCoeff(),
-                    body.size.maxCoeff());
+        throw_error("{}.ellipsoid_semi_axes_m: {} ... {} m, allowed 0.0001 ... 10 m", path,
+                    body.size.minCoeff(), body.size.maxCoeff());
       }
       body.surface = make_ellipsoid_mesh(body.size, 48, 96);
       break;
@@ -78,14 +84,16 @@ RigidShape make_body(const pb::RigidBody& config, const std::string& directory, 
       body.kind = RigidShape::Kind::kBox;
       body.size = to_vector(config.box_half_extents_m());
       if (!(body.size.minCoeff() >= 1e-4)) {
-        throw_error("{}.box_half_extents_m: {} m, allowed at least 0.0001 m", path, body.size.minCoeff());
+        throw_error("{}.box_half_extents_m: {} m, allowed at least 0.0001 m", path,
+                    body.size.minCoeff());
       }
       body.surface = make_box_mesh(body.size);
       break;
     case pb::RigidBody::kHalfSpace: {
       body.kind = RigidShape::Kind::kHalfSpace;
       body.size = Vector3d(0.15, 0.15, 0);  // drawn as a board of this half extent
-      body.surface.vertices = {{-0.15, -0.15, 0}, {0.15, -0.15, 0}, {0.15, 0.15, 0}, {-0.15, 0.15, 0}};
+      body.surface.vertices = {
+          {-0.15, -0.15, 0}, {0.15, -0.15, 0}, {0.15, 0.15, 0}, {-0.15, 0.15, 0}};
       body.surface.triangles = {{0, 1, 2}, {0, 2, 3}};
       break;
     }
@@ -96,14 +104,17 @@ RigidShape make_body(const pb::RigidBody& config, const std::string& directory, 
       break;
     }
     case pb::RigidBody::SHAPE_NOT_SET:
-      throw_error("{}: no shape, allowed one of sphere_radius_m, ellipsoid_semi_axes_m, box_half_extents_m, "
-                  "half_space, mesh",
-                  path);
+      throw_error(
+          "{}: no shape, allowed one of sphere_radius_m, ellipsoid_semi_axes_m, "
+          "box_half_extents_m, "
+          "half_space, mesh",
+          path);
   }
   return body;
 }
 
-/// Area-weighted random points of a surface, from our counter-based generator (volume maker, surface sampling).
+/// Area-weighted random points of a surface, from our counter-based generator (volume maker,
+/// surface sampling).
 std::vector<Vector3d> sample_surface(const TriangleMesh& mesh, double surface_sampling) {
   std::vector<Vector3d> samples;
   if (!(surface_sampling > 0)) return samples;
@@ -121,9 +132,9 @@ std::vector<Vector3d> sample_surface(const TriangleMesh& mesh, double surface_sa
   for (std::uint32_t i = 0; i < count; ++i) {
     const PhiloxWords words = philox({i, 0, 0, 0}, {0, 0});
     const double where = static_cast<double>(words[0]) * 0x1p-32 * total;
-    const auto k = static_cast<std::size_t>(
-        std::min<std::ptrdiff_t>(std::upper_bound(cumulative.begin(), cumulative.end(), where) - cumulative.begin(),
-                                 static_cast<std::ptrdiff_t>(cumulative.size()) - 1));
+    const auto k = static_cast<std::size_t>(std::min<std::ptrdiff_t>(
+        std::upper_bound(cumulative.begin(), cumulative.end(), where) - cumulative.begin(),
+        static_cast<std::ptrdiff_t>(cumulative.size()) - 1));
     double u = static_cast<double>(words[1]) * 0x1p-32;
     double v = static_cast<double>(words[2]) * 0x1p-32;
     if (u + v > 1) {
@@ -156,13 +167,14 @@ void make_grid_tissue(const pb::GridMaker& grid, const pb::Tissue& config, Tissu
       }
     }
   }
-  const double area = static_cast<double>((grid.count_x() - 1) * (grid.count_y() - 1)) * grid.pitch_m() * grid.pitch_m();
+  const double area = static_cast<double>((grid.count_x() - 1) * (grid.count_y() - 1)) *
+                      grid.pitch_m() * grid.pitch_m();
   body.particle_mass = config.density_kg_per_m3() * config.thickness_m() * area /
                        static_cast<double>(body.particles.size());
 }
 
-void make_volume_tissue(const pb::VolumeMaker& maker, const std::string& directory, const pb::Tissue& config,
-                        TissueBody& body) {
+void make_volume_tissue(const pb::VolumeMaker& maker, const std::string& directory,
+                        const pb::Tissue& config, TissueBody& body) {
   TriangleMesh mesh;
   Vector3d min;
   Vector3d max;
@@ -177,19 +189,22 @@ void make_volume_tissue(const pb::VolumeMaker& maker, const std::string& directo
     inside = [&mesh](std::span<const Vector3d> points) { return points_inside(mesh, points); };
   } else if (maker.has_box_m()) {
     const Vector3d half = 0.5 * to_vector(maker.box_m());
-    if (!(half.minCoeff() >= 1e-4)) throw_error("scene.tissue.volume.box_m: an edge below 0.0002 m");
+    if (!(half.minCoeff() >= 1e-4))
+      throw_error("scene.tissue.volume.box_m: an edge below 0.0002 m");
     mesh = make_box_mesh(half);
     min = -half;
     max = half;
     inside = [half](std::span<const Vector3d> points) {
       std::vector<bool> result;
-      for (const Vector3d& p : points) result.push_back((p.cwiseAbs().array() < half.array()).all());
+      for (const Vector3d& p : points)
+        result.push_back((p.cwiseAbs().array() < half.array()).all());
       return result;
     };
   } else {
     throw_error("scene.tissue.volume: give box_m or mesh");
   }
-  body.particles = make_volume_particles(maker, min, max, inside, sample_surface(mesh, maker.surface_sampling()));
+  body.particles = make_volume_particles(maker, min, max, inside,
+                                         sample_surface(mesh, maker.surface_sampling()));
   if (body.particles.size() < 4) {
     throw_error("scene.tissue.volume.particle_spacing_m: {} makes {} particles, allowed at least 4",
                 maker.particle_spacing_m(), body.particles.size());
@@ -197,7 +212,8 @@ void make_volume_tissue(const pb::VolumeMaker& maker, const std::string& directo
   body.surface_is_particles = false;
   body.surface_vertices = mesh.vertices;
   body.surface_triangles = mesh.triangles;
-  body.particle_mass = config.density_kg_per_m3() * signed_volume(mesh) / static_cast<double>(body.particles.size());
+  body.particle_mass =
+      config.density_kg_per_m3() * signed_volume(mesh) / static_cast<double>(body.particles.size());
 }
 
 TissueBody make_tissue_body(const pb::Tissue& config, const std::string& directory) {
@@ -219,8 +235,8 @@ TissueBody make_tissue_body(const pb::Tissue& config, const std::string& directo
     fixed += body.fixed.back();
   }
   if (fixed == 0 || fixed == body.particles.size()) {
-    throw_error("scene.tissue.anchor_max_y_m: {} fixes {} of {} particles, allowed 1 ... {}", config.anchor_max_y_m(),
-                fixed, body.particles.size(), body.particles.size() - 1);
+    throw_error("scene.tissue.anchor_max_y_m: {} fixes {} of {} particles, allowed 1 ... {}",
+                config.anchor_max_y_m(), fixed, body.particles.size(), body.particles.size() - 1);
   }
   return body;
 }
@@ -230,8 +246,9 @@ std::vector<Vector3d> make_starts(const pb::StartGrid& grid) {
   const Vector3d centre = to_vector(grid.centre_m());
   for (unsigned row = 0; row < grid.rows(); ++row) {
     for (unsigned column = 0; column < grid.columns(); ++column) {
-      starts.push_back(centre + Vector3d((column - 0.5 * (grid.columns() - 1)) * grid.column_pitch_m(),
-                                         (row - 0.5 * (grid.rows() - 1)) * grid.row_pitch_m(), 0));
+      starts.push_back(centre +
+                       Vector3d((column - 0.5 * (grid.columns() - 1)) * grid.column_pitch_m(),
+                                (row - 0.5 * (grid.rows() - 1)) * grid.row_pitch_m(), 0));
     }
   }
   return starts;
@@ -240,16 +257,20 @@ std::vector<Vector3d> make_starts(const pb::StartGrid& grid) {
 /// The units guard (seed_task.md 12 row 1): a scale declared once, everything checked against it.
 void check_units(const Scene& scene, std::vector<std::string>& warnings) {
   const double g = scene.config.gravity_m_per_s2();
-  // 5 %: gravity on Earth varies by 0.5 %; anything farther off is meant otherwise or in another unit.
+  // 5 %: gravity on Earth varies by 0.5 %; anything farther off is meant otherwise or in another
+  // unit.
   if (std::fabs(g - kStandardGravity) > 0.05 * kStandardGravity) {
-    warnings.push_back(fmt::format("scene.gravity_m_per_s2: {} is not {} m/s^2; name a wanted deviation with "
-                                   "gravity_scale",
-                                   g, kStandardGravity));
+    warnings.push_back(
+        fmt::format("scene.gravity_m_per_s2: {} is not {} m/s^2; name a wanted deviation with "
+                    "gravity_scale",
+                    g, kStandardGravity));
   }
   const Vector3d extent = scene.workspace_max - scene.workspace_min;
   if (!(extent.minCoeff() >= 0.001 && extent.maxCoeff() <= 1.0)) {
-    throw_error("scene.workspace_m: extent {:.4g} ... {:.4g} m, allowed 0.001 ... 1 m: are the lengths in metres?",
-                extent.minCoeff(), extent.maxCoeff());
+    throw_error(
+        "scene.workspace_m: extent {:.4g} ... {:.4g} m, allowed 0.001 ... 1 m: are the lengths in "
+        "metres?",
+        extent.minCoeff(), extent.maxCoeff());
   }
   Vector3d min = scene.tissue.particles.front();
   Vector3d max = min;
@@ -259,7 +280,8 @@ void check_units(const Scene& scene, std::vector<std::string>& warnings) {
   }
   const double size = (max - min).maxCoeff();
   if (!(size >= 0.002 && size <= 1.0)) {
-    throw_error("scene.tissue: {:.4g} m across, allowed 0.002 ... 1 m: are the lengths in metres?", size);
+    throw_error("scene.tissue: {:.4g} m across, allowed 0.002 ... 1 m: are the lengths in metres?",
+                size);
   }
 }
 
@@ -271,9 +293,11 @@ Scene make_scene(const pb::Scene& config, const std::string& directory) {
   scene.gravity = Vector3d(0, 0, -config.gravity_m_per_s2() * config.gravity_scale());
   scene.tissue = make_tissue_body(config.tissue(), directory);
   for (int i = 0; i < config.rigid_body_size(); ++i) {
-    scene.bodies.push_back(make_body(config.rigid_body(i), directory, fmt::format("scene.rigid_body[{}]", i)));
+    scene.bodies.push_back(
+        make_body(config.rigid_body(i), directory, fmt::format("scene.rigid_body[{}]", i)));
     if (scene.bodies.back().role == pb::ROLE_TUMOUR) {
-      if (scene.tumour >= 0) throw_error("scene.rigid_body[{}].role: a second tumour, allowed one", i);
+      if (scene.tumour >= 0)
+        throw_error("scene.rigid_body[{}].role: a second tumour, allowed one", i);
       scene.tumour = i;
     }
   }
@@ -281,7 +305,8 @@ Scene make_scene(const pb::Scene& config, const std::string& directory) {
   scene.camera.position = to_vector(camera.position_m());
   const Vector3d axis = to_vector(camera.axis());
   const Vector3d up = to_vector(camera.up());
-  if (!(axis.cross(up).norm() > 1e-3)) throw_error("scene.camera: axis and up are parallel or zero");
+  if (!(axis.cross(up).norm() > 1e-3))
+    throw_error("scene.camera: axis and up are parallel or zero");
   scene.camera.R_WC.col(2) = -axis.normalized();
   scene.camera.R_WC.col(0) = axis.cross(up).normalized();
   scene.camera.R_WC.col(1) = scene.camera.R_WC.col(2).cross(scene.camera.R_WC.col(0));
@@ -306,12 +331,14 @@ Scene make_scene(const pb::Scene& config, const std::string& directory) {
   const auto require_reachable = [&](const Vector3d& p, const std::string& name) {
     for (int k = 0; k < 3; ++k) {
       if (!(p[k] >= scene.workspace_min[k] && p[k] <= scene.workspace_max[k])) {
-        throw_error("{}: coordinate {} is {} m, allowed {} ... {} m (workspace)", name, "xyz"[k], p[k],
-                    scene.workspace_min[k], scene.workspace_max[k]);
+        throw_error("{}: coordinate {} is {} m, allowed {} ... {} m (workspace)", name, "xyz"[k],
+                    p[k], scene.workspace_min[k], scene.workspace_max[k]);
       }
     }
     const Result<PsmJoints> joints = joints_for_tip(mount, p);
-    if (!joints) throw_error("{}: ({}, {}, {}) m is out of reach: {}", name, p.x(), p.y(), p.z(), joints.error());
+    if (!joints)
+      throw_error("{}: ({}, {}, {}) m is out of reach: {}", name, p.x(), p.y(), p.z(),
+                  joints.error());
   };
   require_reachable(scene.tool_start, "scene.tool_start_m");
   require_reachable(scene.target, "scene.target_m");
@@ -323,8 +350,8 @@ Scene make_scene(const pb::Scene& config, const std::string& directory) {
 ToolMount scene_tool_mount(const Scene& scene) {
   const pb::Tool& tool = scene.config.tool();
   constexpr double kDegree = 3.14159265358979323846 / 180;
-  return make_tool_mount(to_pose(tool.base(), "scene.tool.base"), tool.roll_deg() * kDegree, tool.tip_offset_m(),
-                         scene.workspace_min, scene.workspace_max);
+  return make_tool_mount(to_pose(tool.base(), "scene.tool.base"), tool.roll_deg() * kDegree,
+                         tool.tip_offset_m(), scene.workspace_min, scene.workspace_max);
 }
 
 }  // namespace omentum

@@ -1,12 +1,11 @@
 #pragma once
 
+#include <Eigen/Core>
+#include <Eigen/Geometry>
 #include <array>
 #include <memory>
 #include <string>
 #include <vector>
-
-#include <Eigen/Core>
-#include <Eigen/Geometry>
 
 #include "core/psm.h"
 #include "proto/scene.pb.h"
@@ -21,12 +20,14 @@ struct RigidShape {
   pb::BodyRole role = pb::ROLE_ORGAN;
   Kind kind = Kind::kSphere;
   Eigen::Isometry3d X_WS = Eigen::Isometry3d::Identity();  ///< pose of the shape in W
-  Eigen::Vector3d size = Eigen::Vector3d::Zero();  ///< radius in all three, semi-axes, or half extents [m]
-  TriangleMesh surface;                            ///< tessellation in the shape's own frame, for pictures
-  std::shared_ptr<const SdfGrid> sdf;              ///< kMesh only
+  Eigen::Vector3d size =
+      Eigen::Vector3d::Zero();         ///< radius in all three, semi-axes, or half extents [m]
+  TriangleMesh surface;                ///< tessellation in the shape's own frame, for pictures
+  std::shared_ptr<const SdfGrid> sdf;  ///< kMesh only
 };
 
-/// The deformable body before cooking: rest particles in B, which of them are fixed, and the surface to draw.
+/// The deformable body before cooking: rest particles in B, which of them are fixed, and the
+/// surface to draw.
 struct TissueBody {
   Eigen::Isometry3d X_WB = Eigen::Isometry3d::Identity();
   std::vector<Eigen::Vector3d> particles;  ///< p_B at rest [m]
@@ -34,8 +35,9 @@ struct TissueBody {
   double particle_mass = 0;                ///< [kg]
   double particle_radius = 0;              ///< collision distance [m]
   double thickness = 0;                    ///< of a single layer [m]
-  /// Triangles of the surface. With `surface_is_particles` the vertex indices are particle indices (a grid sheet);
-  /// otherwise `surface_vertices` (in B at rest) are skinned to clusters (sim_worker/tissue.h).
+  /// Triangles of the surface. With `surface_is_particles` the vertex indices are particle indices
+  /// (a grid sheet); otherwise `surface_vertices` (in B at rest) are skinned to clusters
+  /// (sim_worker/tissue.h).
   bool surface_is_particles = true;
   std::vector<Eigen::Vector3d> surface_vertices;
   std::vector<Eigen::Vector3i> surface_triangles;
@@ -49,15 +51,16 @@ struct CameraPose {
   double near_m = 0.03, far_m = 0.4;
 };
 
-/// The scene, resolved to plain numbers. Immutable after load and shared by all environments of a process.
+/// The scene, resolved to plain numbers. Immutable after load and shared by all environments of a
+/// process.
 struct Scene {
-  pb::Scene config;  ///< what it was made from
+  pb::Scene config;                                   ///< what it was made from
   Eigen::Vector3d gravity = Eigen::Vector3d::Zero();  ///< in W [m/s^2]
   TissueBody tissue;
   std::vector<RigidShape> bodies;
-  int tumour = -1;  ///< index into bodies
-  CameraPose camera;           ///< the endoscope
-  double exposure_fov_rad = 0; ///< zoom view of the exposure image
+  int tumour = -1;              ///< index into bodies
+  CameraPose camera;            ///< the endoscope
+  double exposure_fov_rad = 0;  ///< zoom view of the exposure image
   int exposure_pixels = 0;
   Eigen::Vector3d workspace_min, workspace_max;
   Eigen::Vector3d tool_start, target, tumour_point;  ///< p_0, p_T, q in W [m]
@@ -65,8 +68,9 @@ struct Scene {
   std::vector<std::string> warnings;  ///< units guard and cooker warnings, one line each
 };
 
-/// Resolves a scene; relative mesh paths start at `directory`. Throws Error (one line) for anything that cannot be
-/// simulated: open mesh, lengths or gravity that do not fit metres, unreachable starts, no particles.
+/// Resolves a scene; relative mesh paths start at `directory`. Throws Error (one line) for anything
+/// that cannot be simulated: open mesh, lengths or gravity that do not fit metres, unreachable
+/// starts, no particles.
 Scene make_scene(const pb::Scene& config, const std::string& directory);
 
 /// Arm base, tool orientation and workspace of the scene, for limit_command().

@@ -14,7 +14,8 @@ namespace {
 
 using Eigen::Vector3d;
 
-constexpr double kSettleTime = 3.0;  // [s] the sheet has come to rest on kidney and tumour (docs/results.md)
+constexpr double kSettleTime =
+    3.0;  // [s] the sheet has come to rest on kidney and tumour (docs/results.md)
 
 Vector3d to_vector(const double* p) { return {p[0], p[1], p[2]}; }
 
@@ -27,8 +28,8 @@ double uniform(std::uint32_t word, double min, double max) {
 }
 
 /// Index of a value -1, 0, +1 in the action table of a preset, and back.
-constexpr std::array<int, 3> kOrdered = {-1, 0, 1};   // index 0, 1, 2 -> -1, 0, +1
-constexpr std::array<int, 3> kDerived = {0, 1, -1};   // index 0, 1, 2 -> 0, +1, -1 (D1)
+constexpr std::array<int, 3> kOrdered = {-1, 0, 1};  // index 0, 1, 2 -> -1, 0, +1
+constexpr std::array<int, 3> kDerived = {0, 1, -1};  // index 0, 1, 2 -> 0, +1, -1 (D1)
 
 struct ActionTable {
   std::array<int, 3> axis;   ///< W axis of branch 0, 1, 2
@@ -47,47 +48,56 @@ ActionTable action_table(pb::ActionKind kind) {
   }
 }
 
-bool has_gripper(pb::ActionKind kind) { return kind == pb::ACTION_XYZ_GRIPPER || kind == pb::ACTION_CONTINUOUS; }
+bool has_gripper(pb::ActionKind kind) {
+  return kind == pb::ACTION_XYZ_GRIPPER || kind == pb::ACTION_CONTINUOUS;
+}
 
 }  // namespace
 
-std::shared_ptr<const SimSetup> make_sim_setup(const pb::Config& config, const std::string& directory) {
+std::shared_ptr<const SimSetup> make_sim_setup(const pb::Config& config,
+                                               const std::string& directory) {
   auto setup = std::make_shared<SimSetup>();
   setup->config = config;
   setup->scene = make_scene(config.scene(), directory);
   setup->warnings = setup->scene.warnings;
-  setup->tissue = make_tissue_model(setup->scene, config.task().control_period_s(), setup->warnings);
+  setup->tissue =
+      make_tissue_model(setup->scene, config.task().control_period_s(), setup->warnings);
   setup->mount = scene_tool_mount(setup->scene);
   setup->workspace_diagonal = (setup->scene.workspace_max - setup->scene.workspace_min).norm();
-  setup->exposure =
-      std::make_shared<ExposureEstimator>(setup->scene, static_cast<int>(config.task().exposure_samples()));
+  setup->exposure = std::make_shared<ExposureEstimator>(
+      setup->scene, static_cast<int>(config.task().exposure_samples()));
   const double speed = config.task().increment_m() / config.task().control_period_s();
   if (speed > 0.05 + 1e-9) {  // seed_task.md section 5: warn above 50 mm/s
     setup->warnings.push_back(
-        fmt::format("task.increment_m: {} m every {} s is {:.3g} m/s per axis, above 0.05 m/s", config.task().increment_m(),
-                    config.task().control_period_s(), speed));
+        fmt::format("task.increment_m: {} m every {} s is {:.3g} m/s per axis, above 0.05 m/s",
+                    config.task().increment_m(), config.task().control_period_s(), speed));
   }
   for (const pb::Randomise& r : config.randomise()) {
-    static const char* const names[] = {"tissue.stiffness_scale", "tissue.gravity_scale", "tissue.damping_scale",
-                                        "tissue.friction_scale",  "tissue.offset_x_m",    "tissue.offset_y_m",
+    static const char* const names[] = {"tissue.stiffness_scale", "tissue.gravity_scale",
+                                        "tissue.damping_scale",   "tissue.friction_scale",
+                                        "tissue.offset_x_m",      "tissue.offset_y_m",
                                         "tissue.offset_z_m"};
-    if (std::none_of(std::begin(names), std::end(names), [&](const char* n) { return r.parameter() == n; })) {
-      throw_error("randomise.parameter: {}, allowed: tissue.stiffness_scale, tissue.gravity_scale, "
-                  "tissue.damping_scale, tissue.friction_scale, tissue.offset_x_m, tissue.offset_y_m, "
-                  "tissue.offset_z_m",
-                  r.parameter());
+    if (std::none_of(std::begin(names), std::end(names),
+                     [&](const char* n) { return r.parameter() == n; })) {
+      throw_error(
+          "randomise.parameter: {}, allowed: tissue.stiffness_scale, tissue.gravity_scale, "
+          "tissue.damping_scale, tissue.friction_scale, tissue.offset_x_m, tissue.offset_y_m, "
+          "tissue.offset_z_m",
+          r.parameter());
     }
     const bool is_scale = r.parameter().find("scale") != std::string::npos;
     const double low = is_scale ? 0 : -0.02;
     const double high = is_scale ? 10 : 0.02;
     if (!(r.min() >= low && r.max() <= high && r.min() <= r.max())) {
-      throw_error("randomise {}: {} ... {}, allowed within {} ... {}", r.parameter(), r.min(), r.max(), low, high);
+      throw_error("randomise {}: {} ... {}, allowed within {} ... {}", r.parameter(), r.min(),
+                  r.max(), low, high);
     }
   }
   return setup;
 }
 
-SimBackend::SimBackend(std::shared_ptr<const SimSetup> setup, int lanes, unsigned lane_width, ImageSource image)
+SimBackend::SimBackend(std::shared_ptr<const SimSetup> setup, int lanes, unsigned lane_width,
+                       ImageSource image)
     : setup_(std::move(setup)),
       width_(choose_kernel(lane_width).lanes),
       environments_(static_cast<std::size_t>(lanes)),
@@ -124,22 +134,27 @@ int SimBackend::observation_size() const {
 std::uint32_t SimBackend::state_format() const { return kSimStateFormat; }
 
 std::uint32_t SimBackend::ticks_per_step() const {
-  return setup_->config.task().action_repeat() * setup_->config.scene().tissue().cluster().substeps();
+  return setup_->config.task().action_repeat() *
+         setup_->config.scene().tissue().cluster().substeps();
 }
 
 Vector3d SimBackend::start_of(const EpisodeStart& start) const {
   const Scene& scene = setup_->scene;
   const pb::Task& task = setup_->config.task();
   if (start.start_set == StartSet::kGrid || start.start_set == StartSet::kRobotGrid) {
-    const auto& starts = start.start_set == StartSet::kGrid ? scene.grid_starts : scene.robot_starts;
-    OMENTUM_CHECK(start.start_index < starts.size(), "start {} of {}", start.start_index, starts.size());
+    const auto& starts =
+        start.start_set == StartSet::kGrid ? scene.grid_starts : scene.robot_starts;
+    OMENTUM_CHECK(start.start_index < starts.size(), "start {} of {}", start.start_index,
+                  starts.size());
     return starts[start.start_index];
   }
-  if (start.start_set == StartSet::kGraspLattice || !task.random_start() || scene.grid_starts.empty()) {
+  if (start.start_set == StartSet::kGraspLattice || !task.random_start() ||
+      scene.grid_starts.empty()) {
     return scene.tool_start;
   }
-  // Training: uniform in the rectangle of the start grid, height +- range. A point out of the arm's reach is drawn
-  // again with the next draw number; the rectangle is reachable, so this ends at once in our scenes.
+  // Training: uniform in the rectangle of the start grid, height +- range. A point out of the arm's
+  // reach is drawn again with the next draw number; the rectangle is reachable, so this ends at
+  // once in our scenes.
   Vector3d min = scene.grid_starts.front();
   Vector3d max = min;
   for (const Vector3d& p : scene.grid_starts) {
@@ -148,7 +163,8 @@ Vector3d SimBackend::start_of(const EpisodeStart& start) const {
   }
   const double height = task.start_height_range_m();
   for (std::uint32_t draw = 0; draw < 64; ++draw) {
-    const PhiloxWords words = random_words(start.run_seed, start.slot, Purpose::kReset, draw, start.episode, 0);
+    const PhiloxWords words =
+        random_words(start.run_seed, start.slot, Purpose::kReset, draw, start.episode, 0);
     Vector3d p(uniform(words[0], min.x(), max.x()), uniform(words[1], min.y(), max.y()),
                uniform(words[2], min.z() - height, max.z() + height));
     p = p.cwiseMax(scene.workspace_min).cwiseMin(scene.workspace_max);
@@ -164,8 +180,8 @@ void SimBackend::draw_parameters(int lane) {
   const bool random = static_cast<StartSet>(e.start_set) == StartSet::kTraining;
   for (int i = 0; random && i < setup_->config.randomise_size(); ++i) {
     const pb::Randomise& r = setup_->config.randomise(i);
-    const PhiloxWords words =
-        random_words(e.run_seed, e.slot, Purpose::kDynamics, static_cast<std::uint32_t>(i), e.episode, 0);
+    const PhiloxWords words = random_words(e.run_seed, e.slot, Purpose::kDynamics,
+                                           static_cast<std::uint32_t>(i), e.episode, 0);
     const double value = uniform(words[0], r.min(), r.max());
     if (r.parameter() == "tissue.stiffness_scale") parameters.stiffness_scale = value;
     if (r.parameter() == "tissue.gravity_scale") parameters.gravity_scale = value;
@@ -183,7 +199,8 @@ void SimBackend::reset(int lane, const EpisodeStart& start) {
   Tissue<float>& tissue = tissue_of(lane);
   const int l = lane_in_group(lane);
   const pb::Defects& defects = setup_->config.defects();
-  // Named defects of the seed carry something of the last episode over; everything else starts from nothing.
+  // Named defects of the seed carry something of the last episode over; everything else starts from
+  // nothing.
   std::vector<Vector3d> old_velocities;
   std::vector<std::int32_t> old_patch;
   double pending_bonus = 0;
@@ -191,7 +208,8 @@ void SimBackend::reset(int lane, const EpisodeStart& start) {
     if (defects.reset_positions_only()) {
       for (int i = 0; i < tissue.particles(); ++i) old_velocities.push_back(tissue.velocity(l, i));
     }
-    if (defects.reset_patch_at_tool()) old_patch.assign(tissue.held(l).begin(), tissue.held(l).end());
+    if (defects.reset_patch_at_tool())
+      old_patch.assign(tissue.held(l).begin(), tissue.held(l).end());
     pending_bonus = environments_[static_cast<std::size_t>(lane)].pending_bonus;
   }
 
@@ -202,8 +220,9 @@ void SimBackend::reset(int lane, const EpisodeStart& start) {
   e.start_set = static_cast<std::uint32_t>(start.start_set);
   e.start_index = start.start_index;
   const pb::Task& task = setup_->config.task();
-  e.episode_limit = start.episode_limit != 0 ? start.episode_limit
-                                             : std::max(1U, task.episode_steps() / task.action_repeat());
+  e.episode_limit = start.episode_limit != 0
+                        ? start.episode_limit
+                        : std::max(1U, task.episode_steps() / task.action_repeat());
   const Vector3d tip = start_of(start);
   assign(e.tip, tip);
   assign(e.start_position, tip);
@@ -215,7 +234,8 @@ void SimBackend::reset(int lane, const EpisodeStart& start) {
   draw_parameters(lane);
 
   for (std::size_t i = 0; i < old_velocities.size(); ++i) {
-    if (setup_->scene.tissue.fixed[i] == 0) tissue.set_velocity(l, static_cast<int>(i), old_velocities[i]);
+    if (setup_->scene.tissue.fixed[i] == 0)
+      tissue.set_velocity(l, static_cast<int>(i), old_velocities[i]);
   }
   for (const std::int32_t i : old_patch) tissue.set_position(l, i, tip);
   if (start.start_set == StartSet::kGraspLattice) place_on_lattice(lane, start.start_index);
@@ -225,8 +245,9 @@ const Bytes& SimBackend::settled_state() const {
   if (!settled_.empty()) return settled_;
   // The sheet alone, tool at p_0, until it rests: one lane of a batch of its own.
   Tissue<float> tissue(setup_->tissue, choose_kernel(lane_width_));
-  const std::vector<ToolMotion> still(static_cast<std::size_t>(tissue.lanes()),
-                                      ToolMotion{setup_->scene.tool_start, setup_->scene.tool_start});
+  const std::vector<ToolMotion> still(
+      static_cast<std::size_t>(tissue.lanes()),
+      ToolMotion{setup_->scene.tool_start, setup_->scene.tool_start});
   const auto steps = static_cast<int>(std::ceil(kSettleTime / setup_->tissue->control_period));
   for (int i = 0; i < steps; ++i) tissue.step(still);
   tissue.save(0, settled_);
@@ -236,7 +257,8 @@ const Bytes& SimBackend::settled_state() const {
 void SimBackend::place_on_lattice(int lane, std::uint32_t particle) {
   Tissue<float>& tissue = tissue_of(lane);
   const int l = lane_in_group(lane);
-  OMENTUM_CHECK(particle < static_cast<std::uint32_t>(tissue.particles()), "lattice particle {}", particle);
+  OMENTUM_CHECK(particle < static_cast<std::uint32_t>(tissue.particles()), "lattice particle {}",
+                particle);
   const Result<std::size_t> loaded = tissue.load(l, settled_state());
   OMENTUM_CHECK(loaded.has_value(), "{}", loaded.has_value() ? "" : loaded.error());
   Environment& e = environments_[static_cast<std::size_t>(lane)];
@@ -248,8 +270,8 @@ void SimBackend::place_on_lattice(int lane, std::uint32_t particle) {
   e.jaw_closed = 1;
   e.jaw_deg = 0;
   e.jaw_was_open = 0;
-  // A point out of the arm's reach, or with nothing but fixed particles around, holds nothing: its exposure is that
-  // of the untouched sheet.
+  // A point out of the arm's reach, or with nothing but fixed particles around, holds nothing: its
+  // exposure is that of the untouched sheet.
   if (joints_for_tip(setup_->mount, tip)) attach(lane, static_cast<int>(particle));
 }
 
@@ -275,24 +297,37 @@ SimBackend::Command SimBackend::decode(const Action& action) const {
 
 bool SimBackend::is_held(int lane) const {
   const auto& tissue = *groups_[static_cast<std::size_t>(lane / width_)];
-  return !tissue.held(lane_in_group(lane)).empty() || environments_[static_cast<std::size_t>(lane)].holds_rigid != 0;
+  return !tissue.held(lane_in_group(lane)).empty() ||
+         environments_[static_cast<std::size_t>(lane)].holds_rigid != 0;
 }
 
-double SimBackend::reward_now(int lane) const {
+RewardState SimBackend::reward_state(int lane) const {
   const Environment& e = environments_[static_cast<std::size_t>(lane)];
   RewardState state;
   state.held = setup_->config.defects().reward_jaw_closed() ? e.jaw_closed != 0 : is_held(lane);
   state.distance_q = (to_vector(e.tip) - setup_->scene.tumour_point).norm();
   state.distance_target = (to_vector(e.tip) - setup_->scene.target).norm();
   state.workspace_diagonal = setup_->workspace_diagonal;
+  state.grasp_distance_q = e.grasp_distance_q;
   state.exposure = static_cast<double>(e.exposure);
-  return reward(setup_->config.task().reward(), state, setup_->config.task().exposure_weight());
+  return state;
+}
+
+double SimBackend::reward_now(int lane) const {
+  const pb::Task& task = setup_->config.task();
+  return reward(task.reward(), reward_state(lane), task.exposure_weight(), task.exposure_distance_m());
+}
+
+double SimBackend::potential_now(int lane) const {
+  const double weight = setup_->config.task().progress_per_m();
+  return weight > 0 ? progress_potential(reward_state(lane), weight) : 0;
 }
 
 double SimBackend::approach_deg(int lane, int particle) const {
   // Sheet normal at the particle: sum of the normals of its triangles.
   const TissueBody& body = setup_->scene.tissue;
-  if (!body.surface_is_particles) return 0;  // a volume has no sheet normal; its jaws take a fold from any side
+  if (!body.surface_is_particles)
+    return 0;  // a volume has no sheet normal; its jaws take a fold from any side
   const auto& tissue = *groups_[static_cast<std::size_t>(lane / width_)];
   const int l = lane_in_group(lane);
   Vector3d normal = Vector3d::Zero();
@@ -303,7 +338,8 @@ double SimBackend::approach_deg(int lane, int particle) const {
   }
   const double length = normal.norm();
   if (!(length > 0)) return 90;
-  const double cosine = std::min(1.0, std::fabs(normal.dot(setup_->mount.jaw_direction())) / length);
+  const double cosine =
+      std::min(1.0, std::fabs(normal.dot(setup_->mount.jaw_direction())) / length);
   return trig::atan2(std::sqrt(1 - cosine * cosine), cosine) * 180 / 3.14159265358979323846;
 }
 
@@ -325,6 +361,7 @@ void SimBackend::attach(int lane, int particle) {
   }
   tissue.hold(l, patch, offsets);
   e.slip = 0;
+  e.grasp_distance_q = (tip - setup_->scene.tumour_point).norm();
   if (!tissue.held(l).empty() && e.grasped_ever == 0) {
     e.grasped_ever = 1;
     assign(e.grasp_position, tip);
@@ -336,18 +373,23 @@ void SimBackend::release(int lane) {
   environments_[static_cast<std::size_t>(lane)].holds_rigid = 0;
 }
 
-void SimBackend::try_grasp(int lane, const Tissue<float>::Nearest& nearest) {
-  Environment& e = environments_[static_cast<std::size_t>(lane)];
+PinchResult SimBackend::judge(int lane, const Tissue<float>::Nearest& nearest) const {
   const pb::Grasp& grasp = setup_->config.grasp();
   PinchContact contact;
   contact.distance = nearest.distance;
-  contact.jaw_deg = e.jaw_deg;
+  contact.jaw_deg = environments_[static_cast<std::size_t>(lane)].jaw_deg;
   contact.thickness = setup_->scene.tissue.thickness;
   // The normal costs a walk over the triangles: only where tissue is in reach and the angle matters.
   if (grasp.max_approach_deg() > 0 && contact.distance < grasp.radius_m()) {
     contact.approach_deg = approach_deg(lane, nearest.particle);
   }
-  const PinchResult result = judge_pinch(grasp, contact);
+  return judge_pinch(grasp, contact);
+}
+
+void SimBackend::try_grasp(int lane, const Tissue<float>::Nearest& nearest) {
+  Environment& e = environments_[static_cast<std::size_t>(lane)];
+  const pb::Grasp& grasp = setup_->config.grasp();
+  const PinchResult result = judge(lane, nearest);
   ++counters_.pinches[static_cast<std::size_t>(result)];
   if (result == PinchResult::kHeld) {
     attach(lane, nearest.particle);
@@ -355,7 +397,8 @@ void SimBackend::try_grasp(int lane, const Tissue<float>::Nearest& nearest) {
   }
   if (setup_->config.defects().grasp_any_body() && result == PinchResult::kTooFar) {
     for (const RigidShape& body : setup_->scene.bodies) {
-      if (body.kind != RigidShape::Kind::kSphere && body.kind != RigidShape::Kind::kEllipsoid) continue;
+      if (body.kind != RigidShape::Kind::kSphere && body.kind != RigidShape::Kind::kEllipsoid)
+        continue;
       const Vector3d p = body.X_WS.inverse() * to_vector(e.tip);
       const double scaled = p.cwiseQuotient(body.size).norm();
       if (std::fabs(scaled - 1) * p.norm() / std::max(scaled, 1e-9) < grasp.radius_m()) {
@@ -367,7 +410,8 @@ void SimBackend::try_grasp(int lane, const Tissue<float>::Nearest& nearest) {
   }
 }
 
-void SimBackend::move_jaw_and_grasp(std::span<const Command> commands, std::vector<StepOutcome>& control) {
+void SimBackend::move_jaw_and_grasp(std::span<const Command> commands,
+                                    std::vector<StepOutcome>& control) {
   const pb::Grasp& grasp = setup_->config.grasp();
   const double dt = setup_->config.task().control_period_s();
   const bool has_angle = grasp.jaw_open_deg() > 0;
@@ -383,9 +427,10 @@ void SimBackend::move_jaw_and_grasp(std::span<const Command> commands, std::vect
       e.jaw_was_open = 1;
     }
     e.jaw_closed = closed ? 1 : 0;
-    // A jaw with an angle pinches once per closing: at the step that brings its faces onto the tissue. A jaw without
-    // one tries in every closed step (the paper's grasp).
-    const double contact_deg = has_angle ? jaw_contact_deg(grasp, setup_->scene.tissue.thickness) : 0;
+    // A jaw with an angle pinches once per closing: at the step that brings its faces onto the
+    // tissue. A jaw without one tries in every closed step (the paper's grasp).
+    const double contact_deg =
+        has_angle ? jaw_contact_deg(grasp, setup_->scene.tissue.thickness) : 0;
     const double next_deg = has_angle ? move_jaw(grasp, e.jaw_deg, closed, dt) : 0;
     const bool closes_now = !has_angle || (e.jaw_was_open != 0 && next_deg < contact_deg);
     if (closed && !is_held(lane) && closes_now) {
@@ -424,7 +469,8 @@ void SimBackend::slip_or_lose(int lane, StepOutcome& outcome) {
   Environment& e = environments_[static_cast<std::size_t>(lane)];
   const Vector3d force = tissue.held_force(l);
   const double load = force.norm();
-  const double slip = slip_speed(setup_->config.grasp(), load) * setup_->config.task().control_period_s();
+  const double slip =
+      slip_speed(setup_->config.grasp(), load) * setup_->config.task().control_period_s();
   if (!(slip > 0)) return;
   tissue.shift_held(l, slip / load * force);
   e.slip += slip;
@@ -436,7 +482,8 @@ void SimBackend::slip_or_lose(int lane, StepOutcome& outcome) {
   ++counters_.grasps_lost;
 }
 
-// One decision: action_repeat control periods of reward, jaw, limited motion, tissue, slip, exposure.
+// One decision: action_repeat control periods of reward, jaw, limited motion, tissue, slip,
+// exposure.
 void SimBackend::step(std::span<const Action> actions, std::span<StepOutcome> outcomes) {
   OMENTUM_CHECK(actions.size() == environments_.size() && outcomes.size() == environments_.size());
   const pb::Task& task = setup_->config.task();
@@ -449,14 +496,15 @@ void SimBackend::step(std::span<const Action> actions, std::span<StepOutcome> ou
     commands[k] = decode(actions[k]);
     outcomes[k] = {};
     outcomes[k].held_before = is_held(static_cast<int>(k));
-    rewards[k] += environments_[k].pending_bonus;
+    rewards[k] += environments_[k].pending_bonus - potential_now(static_cast<int>(k));
     environments_[k].pending_bonus = 0;
   }
   std::vector<ToolMotion> motion(groups_.size() * W);
   std::vector<float> exposures(W);
   for (std::uint32_t repeat = 0; repeat < task.action_repeat(); ++repeat) {
     for (int lane = 0; lane < lanes(); ++lane) {
-      if (ended[static_cast<std::size_t>(lane)] == 0) rewards[static_cast<std::size_t>(lane)] += reward_now(lane);
+      if (ended[static_cast<std::size_t>(lane)] == 0)
+        rewards[static_cast<std::size_t>(lane)] += reward_now(lane);
     }
     move_jaw_and_grasp(commands, control);
     for (std::size_t k = 0; k < environments_.size(); ++k) {
@@ -494,13 +542,15 @@ void SimBackend::step(std::span<const Action> actions, std::span<StepOutcome> ou
       if (ended[k] == 0 && task.end_distance_m() > 0 && held && distance < task.end_distance_m()) {
         ended[k] = 1;
         // D adds the bonus after the end signal, so it lands on the next episode: a named defect.
-        (setup_->config.defects().bonus_next_episode() ? e.pending_bonus : rewards[k]) += task.end_bonus();
+        (setup_->config.defects().bonus_next_episode() ? e.pending_bonus : rewards[k]) +=
+            task.end_bonus();
       }
     }
   }
   for (std::size_t k = 0; k < environments_.size(); ++k) {
     Environment& e = environments_[k];
     ++e.episode_step;
+    rewards[k] += potential_now(static_cast<int>(k));
     outcomes[k].reward = static_cast<float>(rewards[k]);
     e.episode_return += static_cast<double>(outcomes[k].reward);
     outcomes[k].terminated = ended[k] != 0;
@@ -526,10 +576,14 @@ void SimBackend::observe(int lane, std::span<float> observation) const {
       return;
     }
     for (int k = 0; k < 3; ++k) {
-      add(2 * (position[k] - scene.workspace_min[k]) / (scene.workspace_max[k] - scene.workspace_min[k]) - 1);
+      add(2 * (position[k] - scene.workspace_min[k]) /
+              (scene.workspace_max[k] - scene.workspace_min[k]) -
+          1);
     }
   };
-  const auto add_distance = [&](double distance) { add(raw ? 10 * distance : distance / setup_->workspace_diagonal); };
+  const auto add_distance = [&](double distance) {
+    add(raw ? 10 * distance : distance / setup_->workspace_diagonal);
+  };
   const bool held = is_held(lane);
   add(held ? 0 : 1);
   add_position(p);
@@ -544,7 +598,9 @@ void SimBackend::observe(int lane, std::span<float> observation) const {
   add_distance((p - scene.tumour_point).norm());
   add_distance((p - scene.target).norm());
   if (kind != pb::OBSERVATION_OMENTUM && kind != pb::OBSERVATION_IMAGE) return;
-  add(e.jaw_closed);
+  // How far the jaw is closed: its angle where it has one (a robot measures it), else the command.
+  const double open = setup_->config.grasp().jaw_open_deg();
+  add(open > 0 ? 1 - e.jaw_deg / open : static_cast<double>(e.jaw_closed));
   add(static_cast<double>(e.exposure));
   if (kind != pb::OBSERVATION_IMAGE) return;
   OMENTUM_CHECK(static_cast<bool>(image_), "observation OBSERVATION_IMAGE needs an image source");
@@ -574,7 +630,8 @@ EpisodeFacts SimBackend::clock(int lane) const {
 
 bool SimBackend::at_target(int lane) const {
   const pb::Task& task = setup_->config.task();
-  const Vector3d way = setup_->scene.target - to_vector(environments_[static_cast<std::size_t>(lane)].tip);
+  const Vector3d way =
+      setup_->scene.target - to_vector(environments_[static_cast<std::size_t>(lane)].tip);
   // Half a step and a rounding: what hold_action() leaves.
   return way.cwiseAbs().maxCoeff() <= 0.5 * task.increment_m() * task.action_repeat() + 1e-9;
 }
@@ -593,7 +650,8 @@ EpisodeFacts SimBackend::facts(int lane) const {
                        std::span(exposures).first(static_cast<std::size_t>(width_)));
     facts.exposure = exposures[static_cast<std::size_t>(lane_in_group(lane))];
   }
-  // The seed zeroes its counter each frame before the read at the frame's end: a reader in between sees nothing.
+  // The seed zeroes its counter each frame before the read at the frame's end: a reader in between
+  // sees nothing.
   if (defects.exposure_racy() && e.episode_step % 2 == 1) facts.exposure = 0;
   return facts;
 }
@@ -606,7 +664,8 @@ Action SimBackend::hold_action(int lane) const {
   Action action;
   if (task.action() == pb::ACTION_CONTINUOUS) {
     for (int k = 0; k < 3; ++k) {
-      action.continuous[static_cast<std::size_t>(k)] = static_cast<float>(std::clamp(way[k] / reach, -1.0, 1.0));
+      action.continuous[static_cast<std::size_t>(k)] =
+          static_cast<float>(std::clamp(way[k] / reach, -1.0, 1.0));
     }
     action.continuous[3] = 1;
     return action;
@@ -616,7 +675,8 @@ Action SimBackend::hold_action(int lane) const {
     const double distance = way[table.axis[b]];
     // Half a step: nearer than that, another step would only overshoot.
     const int wanted = distance > 0.5 * reach ? 1 : distance < -0.5 * reach ? -1 : 0;
-    const auto index = std::find(table.value.begin(), table.value.end(), wanted) - table.value.begin();
+    const auto index =
+        std::find(table.value.begin(), table.value.end(), wanted) - table.value.begin();
     action.branch[b] = static_cast<std::uint8_t>(index);
   }
   action.branch[3] = has_gripper(task.action()) ? 1 : 0;
@@ -656,18 +716,20 @@ Bytes SimBackend::save(int lane) const {
 
 Result<void> SimBackend::load(int lane, std::span<const std::byte> state) {
   if (state.size() < sizeof(Environment)) {
-    return Failure{fmt::format("environment state of {} bytes, needed more than {}", state.size(), sizeof(Environment))};
+    return Failure{fmt::format("environment state of {} bytes, needed more than {}", state.size(),
+                               sizeof(Environment))};
   }
   Environment e{};
   std::memcpy(&e, state.data(), sizeof e);
   for (int k = 0; k < 3; ++k) {
     // The tip never leaves the workspace; anything else is not a state of ours.
-    if (!(e.tip[k] >= setup_->scene.workspace_min[k] && e.tip[k] <= setup_->scene.workspace_max[k])) {
+    if (!(e.tip[k] >= setup_->scene.workspace_min[k] &&
+          e.tip[k] <= setup_->scene.workspace_max[k])) {
       return Failure{fmt::format("environment state has the tip at {} m on axis {}", e.tip[k], k)};
     }
   }
   if (!std::isfinite(e.jaw_deg) || !std::isfinite(e.slip) || !std::isfinite(e.episode_return) ||
-      !std::isfinite(e.pending_bonus) || !std::isfinite(e.exposure) || e.episode_limit == 0) {
+      !std::isfinite(e.pending_bonus) || !std::isfinite(e.grasp_distance_q) || !std::isfinite(e.exposure) || e.episode_limit == 0) {
     return Failure{"environment state holds a non-finite number or a zero episode limit"};
   }
   const Result<std::size_t> used =

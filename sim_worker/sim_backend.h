@@ -7,6 +7,7 @@
 
 #include "core/backend.h"
 #include "core/psm.h"
+#include "core/reward.h"
 #include "proto/config.pb.h"
 #include "sim_worker/exposure.h"
 #include "sim_worker/grasp.h"
@@ -27,24 +28,28 @@ struct SimSetup {
 };
 
 /// Resolves a configuration; `directory` is where relative mesh paths start. Throws Error.
-std::shared_ptr<const SimSetup> make_sim_setup(const pb::Config& config, const std::string& directory);
+std::shared_ptr<const SimSetup> make_sim_setup(const pb::Config& config,
+                                               const std::string& directory);
 
 /// Counters since construction, for status topics and tests.
 struct SimCounters {
-  std::uint64_t axes_dropped = 0;       ///< increments dropped at the workspace box
-  std::uint64_t goals_unreachable = 0;  ///< goals without an inverse
+  std::uint64_t axes_dropped = 0;          ///< increments dropped at the workspace box
+  std::uint64_t goals_unreachable = 0;     ///< goals without an inverse
   std::array<std::uint64_t, 5> pinches{};  ///< by PinchResult
   std::uint64_t grasps_lost = 0;
 };
 
-/// The simulation behind the Backend seam: PSM, grasp, tissue, exposure, reward. Lanes beyond one kernel width are
-/// further groups of lanes; no lane ever sees another.
+/// The simulation behind the Backend seam: PSM, grasp, tissue, exposure, reward. Lanes beyond one
+/// kernel width are further groups of lanes; no lane ever sees another.
 class SimBackend : public Backend {
  public:
-  /// Draws the image observation of one lane: surface vertices (x y z interleaved, W), tip, jaw angle -> floats.
-  using ImageSource = std::function<void(std::span<const float>, const Eigen::Vector3d&, double, std::span<float>)>;
+  /// Draws the image observation of one lane: surface vertices (x y z interleaved, W), tip, jaw
+  /// angle -> floats.
+  using ImageSource =
+      std::function<void(std::span<const float>, const Eigen::Vector3d&, double, std::span<float>)>;
 
-  SimBackend(std::shared_ptr<const SimSetup> setup, int lanes, unsigned lane_width = 0, ImageSource image = {});
+  SimBackend(std::shared_ptr<const SimSetup> setup, int lanes, unsigned lane_width = 0,
+             ImageSource image = {});
 
   int lanes() const override { return static_cast<int>(environments_.size()); }
   int observation_size() const override;
@@ -62,6 +67,9 @@ class SimBackend : public Backend {
   void positions(int lane, std::vector<float>& out) const override;
   std::uint32_t ticks_per_step() const override;
 
+  /// What a pinch on the given particle would come to now.
+  PinchResult judge(int lane, const Tissue<float>::Nearest& nearest) const;
+
   const SimCounters& counters() const { return counters_; }
   const SimSetup& setup() const { return *setup_; }
   /// Vertices of the drawn surface, x y z interleaved in W [m].
@@ -72,12 +80,14 @@ class SimBackend : public Backend {
   double jaw_deg(int lane) const { return environments_[static_cast<std::size_t>(lane)].jaw_deg; }
 
  private:
-  /// State of one environment beside its tissue; plain numbers, written to the state bytes as they stand.
+  /// State of one environment beside its tissue; plain numbers, written to the state bytes as they
+  /// stand.
   struct Environment {
-    double tip[3];      ///< p_WT [m]
+    double tip[3];  ///< p_WT [m]
     double jaw_deg;
-    double slip;        ///< accumulated [m]
+    double slip;  ///< accumulated [m]
     double pending_bonus;
+    double grasp_distance_q;  ///< |p - q| when the present grasp took hold [m]
     double episode_return;
     double start_position[3];
     double grasp_position[3];
@@ -88,10 +98,10 @@ class SimBackend : public Backend {
     std::uint32_t episode_limit;  ///< decisions
     std::uint32_t start_set;
     std::uint32_t start_index;
-    float exposure;               ///< while held, of the present state
-    std::uint8_t jaw_closed;      ///< command in force
-    std::uint8_t jaw_was_open;    ///< since the last pinch attempt the jaw was commanded open
-    std::uint8_t holds_rigid;     ///< named defect grasp_any_body
+    float exposure;             ///< while held, of the present state
+    std::uint8_t jaw_closed;    ///< command in force
+    std::uint8_t jaw_was_open;  ///< since the last pinch attempt the jaw was commanded open
+    std::uint8_t holds_rigid;   ///< named defect grasp_any_body
     std::uint8_t grasped_ever, reached, lost_ever;
     std::uint8_t unused[2];
   };
@@ -102,7 +112,9 @@ class SimBackend : public Backend {
   };
   Command decode(const Action& action) const;
   bool is_held(int lane) const;
+  RewardState reward_state(int lane) const;
   double reward_now(int lane) const;
+  double potential_now(int lane) const;
   void move_jaw_and_grasp(std::span<const Command> commands, std::vector<StepOutcome>& control);
   void try_grasp(int lane, const Tissue<float>::Nearest& nearest);
   void attach(int lane, int particle);
@@ -122,7 +134,8 @@ class SimBackend : public Backend {
   ImageSource image_;
   bool exposure_every_step_;
   SimCounters counters_;
-  mutable Bytes settled_;  ///< tissue state after settling without the tool; made at the first lattice task
+  mutable Bytes
+      settled_;  ///< tissue state after settling without the tool; made at the first lattice task
   unsigned lane_width_;
 };
 

@@ -57,7 +57,8 @@ KernelShape<Real> make_kernel_shape(const RigidShape& body) {
 
 void add_global_cluster(TissueModel& model) {
   const double weight = model.parameters.global_stiffness() / model.parameters.cluster_stiffness();
-  for (int i = 0; i < static_cast<int>(model.body.particles.size()); ++i) model.clusters.member.push_back(i);
+  for (int i = 0; i < static_cast<int>(model.body.particles.size()); ++i)
+    model.clusters.member.push_back(i);
   model.clusters.begin.push_back(static_cast<int>(model.clusters.member.size()));
   model.cluster_weight.push_back(weight);
 }
@@ -66,14 +67,16 @@ void add_global_cluster(TissueModel& model) {
 void set_rest_offsets(TissueModel& model) {
   for (int c = 0; c < model.clusters.count(); ++c) {
     const auto begin = static_cast<std::size_t>(model.clusters.begin[static_cast<std::size_t>(c)]);
-    const auto end = static_cast<std::size_t>(model.clusters.begin[static_cast<std::size_t>(c) + 1]);
+    const auto end =
+        static_cast<std::size_t>(model.clusters.begin[static_cast<std::size_t>(c) + 1]);
     Vector3d mean = Vector3d::Zero();
     for (std::size_t m = begin; m < end; ++m) {
       mean += model.body.particles[static_cast<std::size_t>(model.clusters.member[m])];
     }
     mean /= static_cast<double>(end - begin);
     for (std::size_t m = begin; m < end; ++m) {
-      model.rest.push_back(model.body.particles[static_cast<std::size_t>(model.clusters.member[m])] - mean);
+      model.rest.push_back(
+          model.body.particles[static_cast<std::size_t>(model.clusters.member[m])] - mean);
     }
   }
 }
@@ -92,7 +95,8 @@ void add_links(TissueModel& model) {
   }
 }
 
-/// Four nearest clusters per surface vertex, weight 1 / (dist^2 + 1e-4 m^2 scaled), normalised (tissue.md section 2).
+/// Four nearest clusters per surface vertex, weight 1 / (dist^2 + 1e-4 m^2 scaled), normalised
+/// (tissue.md section 2).
 void skin_surface(TissueModel& model) {
   const int clusters = model.clusters.count();
   OMENTUM_CHECK(clusters > 0);
@@ -101,15 +105,17 @@ void skin_surface(TissueModel& model) {
     const auto begin = model.clusters.begin[static_cast<std::size_t>(c)];
     const auto end = model.clusters.begin[static_cast<std::size_t>(c) + 1];
     for (int m = begin; m < end; ++m) {
-      mean[static_cast<std::size_t>(c)] +=
-          model.body.particles[static_cast<std::size_t>(model.clusters.member[static_cast<std::size_t>(m)])];
+      mean[static_cast<std::size_t>(c)] += model.body.particles[static_cast<std::size_t>(
+          model.clusters.member[static_cast<std::size_t>(m)])];
     }
     mean[static_cast<std::size_t>(c)] /= end - begin;
   }
   for (const Vector3d& vertex : model.body.surface_vertices) {
     std::vector<int> order(static_cast<std::size_t>(clusters));
     std::iota(order.begin(), order.end(), 0);
-    const auto distance2 = [&](int c) { return (vertex - mean[static_cast<std::size_t>(c)]).squaredNorm(); };
+    const auto distance2 = [&](int c) {
+      return (vertex - mean[static_cast<std::size_t>(c)]).squaredNorm();
+    };
     std::sort(order.begin(), order.end(), [&](int a, int b) {
       return distance2(a) != distance2(b) ? distance2(a) < distance2(b) : a < b;
     });
@@ -117,7 +123,8 @@ void skin_surface(TissueModel& model) {
     std::array<double, 4> weight{};
     for (std::size_t k = 0; k < 4; ++k) {
       const int c = order[std::min(k, order.size() - 1)];
-      weight[k] = k < order.size() ? 1.0 / (distance2(c) + 1e-8) : 0.0;  // 1e-8 m^2 = (0.1 mm)^2: finite at a centre
+      weight[k] = k < order.size() ? 1.0 / (distance2(c) + 1e-8)
+                                   : 0.0;  // 1e-8 m^2 = (0.1 mm)^2: finite at a centre
       total += weight[k];
     }
     for (std::size_t k = 0; k < 4; ++k) {
@@ -147,25 +154,29 @@ std::shared_ptr<const TissueModel> make_tissue_model(const Scene& scene, double 
   model->tool_start = tool.shaft_start_m() + tool.shaft_radius_m();
   model->tool_length = tool.shaft_length_m();
   if (scene.bodies.size() + 1 > kMaxShapes) {
-    throw_error("scene.rigid_body: {} bodies, allowed at most {}", scene.bodies.size(), kMaxShapes - 1);
+    throw_error("scene.rigid_body: {} bodies, allowed at most {}", scene.bodies.size(),
+                kMaxShapes - 1);
   }
 
   model->clusters = cook_clusters(model->body.particles, model->parameters);
   require_no_orphans(model->clusters, model->parameters);
   if (model->clusters.tie_margin < 0.1e-6) {
-    warnings.push_back(fmt::format("tissue.cluster: tie margin {:.3g} um is below 0.1 um: the last bit of a distance "
-                                   "decides the clusters",
-                                   model->clusters.tie_margin * 1e6));
+    warnings.push_back(fmt::format(
+        "tissue.cluster: tie margin {:.3g} um is below 0.1 um: the last bit of a distance "
+        "decides the clusters",
+        model->clusters.tie_margin * 1e6));
   }
   if (model->clusters.rigid_groups > 1) {
     warnings.push_back(
-        fmt::format("tissue.cluster: {} groups of clusters share fewer than 3 non-collinear particles and can part",
+        fmt::format("tissue.cluster: {} groups of clusters share fewer than 3 non-collinear "
+                    "particles and can part",
                     model->clusters.rigid_groups));
   }
   if (model->clusters.attached > 0) {
-    warnings.push_back(fmt::format("tissue.cluster: {} orphan particles attached to their nearest cluster "
-                                   "(orphan_policy ORPHANS_ATTACH_NEAREST)",
-                                   model->clusters.attached));
+    warnings.push_back(
+        fmt::format("tissue.cluster: {} orphan particles attached to their nearest cluster "
+                    "(orphan_policy ORPHANS_ATTACH_NEAREST)",
+                    model->clusters.attached));
   }
   model->cluster_weight.assign(static_cast<std::size_t>(model->clusters.count()), 1.0);
   if (model->parameters.global_stiffness() > 0 && model->parameters.cluster_stiffness() > 0) {
@@ -178,7 +189,8 @@ std::shared_ptr<const TissueModel> make_tissue_model(const Scene& scene, double 
 }
 
 const Kernel<float>& choose_kernel(unsigned width) {
-  const bool has_avx512 = __builtin_cpu_supports("avx512f") != 0 && __builtin_cpu_supports("avx512dq") != 0 &&
+  const bool has_avx512 = __builtin_cpu_supports("avx512f") != 0 &&
+                          __builtin_cpu_supports("avx512dq") != 0 &&
                           __builtin_cpu_supports("avx512vl") != 0;
   switch (width) {
     case 0:
@@ -188,7 +200,8 @@ const Kernel<float>& choose_kernel(unsigned width) {
     case 8:
       return kKernelF32x8;
     case 16:
-      if (!has_avx512) throw_error("run.lane_width: 16 needs a CPU with AVX-512, allowed here: 1, 8");
+      if (!has_avx512)
+        throw_error("run.lane_width: 16 needs a CPU with AVX-512, allowed here: 1, 8");
       return kKernelF32x16;
     default:
       throw_error("run.lane_width: {}, allowed: 0 (widest), 1, 8, 16", width);
@@ -216,10 +229,12 @@ Tissue<Real>::Tissue(std::shared_ptr<const TissueModel> model, const Kernel<Real
     const int end = model_->clusters.begin[static_cast<std::size_t>(c) + 1];
     for (int m = begin; m < end; ++m) {
       for (std::size_t k = 0; k < 3; ++k) sum[k] += rest_[3 * static_cast<std::size_t>(m) + k];
-      of_particle[static_cast<std::size_t>(model_->clusters.member[static_cast<std::size_t>(m)])].push_back({c, m});
+      of_particle[static_cast<std::size_t>(model_->clusters.member[static_cast<std::size_t>(m)])]
+          .push_back({c, m});
     }
     rest_sum_.insert(rest_sum_.end(), sum.begin(), sum.end());
-    cluster_weight_.push_back(static_cast<Real>(model_->cluster_weight[static_cast<std::size_t>(c)]));
+    cluster_weight_.push_back(
+        static_cast<Real>(model_->cluster_weight[static_cast<std::size_t>(c)]));
   }
   particle_begin_.push_back(0);
   const auto relaxation = static_cast<Real>(model_->parameters.relaxation());
@@ -228,12 +243,14 @@ Tissue<Real>::Tissue(std::shared_ptr<const TissueModel> model, const Kernel<Real
     for (const auto& [c, m] : list) {
       particle_cluster_.push_back(c);
       particle_membership_.push_back(m);
-      for (int k = 0; k < 3; ++k) particle_rest_.push_back(rest_[static_cast<std::size_t>(3 * m + k)]);
+      for (int k = 0; k < 3; ++k)
+        particle_rest_.push_back(rest_[static_cast<std::size_t>(3 * m + k)]);
       weight += cluster_weight_[static_cast<std::size_t>(c)];
     }
     particle_begin_.push_back(static_cast<std::int32_t>(particle_cluster_.size()));
     particle_weight_.push_back(weight);
-    particle_scale_.push_back(Real{1} / std::max(static_cast<Real>(list.size()) / relaxation, Real{1}));
+    particle_scale_.push_back(Real{1} /
+                              std::max(static_cast<Real>(list.size()) / relaxation, Real{1}));
   }
   for (const double r : model_->link_rest) link_rest_.push_back(static_cast<Real>(r));
 
@@ -241,7 +258,8 @@ Tissue<Real>::Tissue(std::shared_ptr<const TissueModel> model, const Kernel<Real
   q_.assign(static_cast<std::size_t>(4 * clusters) * W, Real{0});
   goal_.assign(static_cast<std::size_t>(13 * clusters) * W, Real{0});
   if (model_->parameters.plastic_creep() > 0) plastic_rest_.assign(rest_.size() * W, Real{0});
-  if (!model_->links.empty() || model_->parameters.self_collision()) extra_.assign(4 * count * W, Real{0});
+  if (!model_->links.empty() || model_->parameters.self_collision())
+    extra_.assign(4 * count * W, Real{0});
   free_mask_.assign(count, 0);
   held_mask_.assign(count, 0);
   candidates_.assign(count * kMaxShapes, 0);
@@ -300,10 +318,12 @@ Tissue<Real>::Tissue(std::shared_ptr<const TissueModel> model, const Kernel<Real
   args_.plastic_threshold = static_cast<Real>(model_->parameters.plastic_threshold_m2());
   args_.plastic_creep = static_cast<Real>(model_->parameters.plastic_creep());
   args_.step_s = static_cast<Real>(model_->control_period);
-  // 2 mm beyond what speed and gravity explain: the elastic corrections of one control step of the sheets in use.
+  // 2 mm beyond what speed and gravity explain: the elastic corrections of one control step of the
+  // sheets in use.
   args_.margin = static_cast<Real>(2e-3);
   args_.shapes = 0;
-  for (const RigidShape& body : model_->contact_bodies) args_.shape[args_.shapes++] = make_kernel_shape<Real>(body);
+  for (const RigidShape& body : model_->contact_bodies)
+    args_.shape[args_.shapes++] = make_kernel_shape<Real>(body);
   if (model_->tool_contact) {
     KernelShape<Real> tool{};
     tool.kind = ShapeKind::kCapsule;
@@ -326,7 +346,8 @@ template <typename Real>
 void Tissue<Real>::set_parameters(int lane, const LaneParameters& parameters) {
   const auto W = static_cast<std::size_t>(lanes());
   const auto l = static_cast<std::size_t>(lane);
-  const double k = std::min(1.0, model_->parameters.cluster_stiffness() * parameters.stiffness_scale);
+  const double k =
+      std::min(1.0, model_->parameters.cluster_stiffness() * parameters.stiffness_scale);
   const double damping = model_->parameters.damping_per_s() * parameters.damping_scale;
   stiffness_[l] = static_cast<Real>(k);
   keep_[l] = static_cast<Real>(1.0 - std::min(1.0, damping * model_->substep()));
@@ -353,15 +374,18 @@ void Tissue<Real>::reset(int lane, const Vector3d& offset) {
   const std::array<double, 4> q = {q_WB.x(), q_WB.y(), q_WB.z(), q_WB.w()};
   for (int c = 0; c < args_.clusters; ++c) {
     for (int k = 0; k < 4; ++k) {
-      q_[static_cast<std::size_t>((4 * c + k) * lanes() + lane)] = static_cast<Real>(q[static_cast<std::size_t>(k)]);
+      q_[static_cast<std::size_t>((4 * c + k) * lanes() + lane)] =
+          static_cast<Real>(q[static_cast<std::size_t>(k)]);
     }
   }
   if (!plastic_rest_.empty()) {
     for (std::size_t m = 0; m < rest_.size(); ++m) {
-      plastic_rest_[m * static_cast<std::size_t>(lanes()) + static_cast<std::size_t>(lane)] = rest_[m];
+      plastic_rest_[m * static_cast<std::size_t>(lanes()) + static_cast<std::size_t>(lane)] =
+          rest_[m];
     }
   }
-  for (int axis = 0; axis < 3; ++axis) held_force_[static_cast<std::size_t>(axis * lanes() + lane)] = Real{0};
+  for (int axis = 0; axis < 3; ++axis)
+    held_force_[static_cast<std::size_t>(axis * lanes() + lane)] = Real{0};
 }
 
 // One control step. The tool moves on a straight line over the substeps; held particles follow it.
@@ -373,7 +397,8 @@ void Tissue<Real>::step(std::span<const ToolMotion> motion) {
   const auto place_capsule = [&](double share) {
     for (int lane = 0; lane < lanes(); ++lane) {
       const ToolMotion& m = motion[static_cast<std::size_t>(lane)];
-      const Vector3d base = m.from + share * (m.to - m.from) + model_->tool_start * model_->shaft_axis;
+      const Vector3d base =
+          m.from + share * (m.to - m.from) + model_->tool_start * model_->shaft_axis;
       for (int axis = 0; axis < 3; ++axis) {
         const auto k = static_cast<std::size_t>(axis * lanes() + lane);
         capsule_[k] = static_cast<Real>(base[axis]);
@@ -424,7 +449,8 @@ void Tissue<Real>::place_held(std::span<const ToolMotion> motion, double share) 
 }
 
 template <typename Real>
-void Tissue<Real>::hold(int lane, std::span<const int> particles, std::span<const Vector3d> offsets) {
+void Tissue<Real>::hold(int lane, std::span<const int> particles,
+                        std::span<const Vector3d> offsets) {
   release(lane);
   Held& held = held_[static_cast<std::size_t>(lane)];
   const std::uint32_t bit = 1U << lane;
@@ -454,21 +480,24 @@ void Tissue<Real>::release(int lane) {
 template <typename Real>
 void Tissue<Real>::shift_held(int lane, const Vector3d& by) {
   for (auto& offset : held_[static_cast<std::size_t>(lane)].offsets) {
-    for (int axis = 0; axis < 3; ++axis) offset[static_cast<std::size_t>(axis)] += static_cast<Real>(by[axis]);
+    for (int axis = 0; axis < 3; ++axis)
+      offset[static_cast<std::size_t>(axis)] += static_cast<Real>(by[axis]);
   }
 }
 
 template <typename Real>
 Vector3d Tissue<Real>::held_force(int lane) const {
-  // Each refused correction d of a held particle is an impulse m d / h over h: force m d / h^2; its weight adds.
+  // Each refused correction d of a held particle is an impulse m d / h over h: force m d / h^2; its
+  // weight adds.
   const Held& held = held_[static_cast<std::size_t>(lane)];
   const double h = model_->substep();
   const double mass = model_->body.particle_mass;
   Vector3d force = Vector3d::Zero();
   for (int axis = 0; axis < 3; ++axis) {
     const auto k = static_cast<std::size_t>(axis * lanes() + lane);
-    force[axis] = mass * static_cast<double>(held_force_[k]) / (h * h) +
-                  mass * static_cast<double>(held.particles.size()) * static_cast<double>(gravity_[k]);
+    force[axis] =
+        mass * static_cast<double>(held_force_[k]) / (h * h) +
+        mass * static_cast<double>(held.particles.size()) * static_cast<double>(gravity_[k]);
   }
   return held.particles.empty() ? Vector3d::Zero() : force;
 }
@@ -477,14 +506,16 @@ template <typename Real>
 Vector3d Tissue<Real>::position(int lane, int particle) const {
   const auto k = static_cast<std::size_t>(3 * particle * lanes() + lane);
   const auto W = static_cast<std::size_t>(lanes());
-  return {static_cast<double>(x_[k]), static_cast<double>(x_[k + W]), static_cast<double>(x_[k + 2 * W])};
+  return {static_cast<double>(x_[k]), static_cast<double>(x_[k + W]),
+          static_cast<double>(x_[k + 2 * W])};
 }
 
 template <typename Real>
 Vector3d Tissue<Real>::velocity(int lane, int particle) const {
   const auto k = static_cast<std::size_t>(3 * particle * lanes() + lane);
   const auto W = static_cast<std::size_t>(lanes());
-  return {static_cast<double>(v_[k]), static_cast<double>(v_[k + W]), static_cast<double>(v_[k + 2 * W])};
+  return {static_cast<double>(v_[k]), static_cast<double>(v_[k + W]),
+          static_cast<double>(v_[k + 2 * W])};
 }
 
 template <typename Real>
@@ -498,7 +529,8 @@ void Tissue<Real>::set_velocity(int lane, int particle, const Vector3d& v) {
 }
 
 template <typename Real>
-void Tissue<Real>::find_nearest(std::span<const Vector3d> points, std::span<Nearest> nearest) const {
+void Tissue<Real>::find_nearest(std::span<const Vector3d> points,
+                                std::span<Nearest> nearest) const {
   constexpr std::size_t kMaxLanes = 16;
   const auto W = static_cast<std::size_t>(lanes());
   OMENTUM_CHECK(points.size() == W && nearest.size() == W && W <= kMaxLanes);
@@ -513,35 +545,38 @@ void Tissue<Real>::find_nearest(std::span<const Vector3d> points, std::span<Near
   NearestArgs<Real> args{particles(), x_.data(), point.data(), distance2.data(), index.data()};
   kernel_.nearest_particle(args);
   for (std::size_t lane = 0; lane < W; ++lane) {
-    nearest[lane] = {static_cast<int>(index[lane]), std::sqrt(static_cast<double>(distance2[lane]))};
+    nearest[lane] = {static_cast<int>(index[lane]),
+                     std::sqrt(static_cast<double>(distance2[lane]))};
   }
 }
 
 template <typename Real>
 int Tissue<Real>::surface_vertices() const {
-  return model_->body.surface_is_particles ? particles() : static_cast<int>(model_->body.surface_vertices.size());
+  return model_->body.surface_is_particles ? particles()
+                                           : static_cast<int>(model_->body.surface_vertices.size());
 }
 
 template <typename Real>
 const Real* Tissue<Real>::surface_positions() {
   if (model_->body.surface_is_particles) return x_.data();
-  const SkinArgs<Real> args{surface_vertices(),  model_->skin_cluster.data(), skin_weight_.data(),
-                            skin_offset_.data(), goal_.data(),                cluster_weight_.data(),
-                            surface_.data()};
+  const SkinArgs<Real> args{
+      surface_vertices(), model_->skin_cluster.data(), skin_weight_.data(), skin_offset_.data(),
+      goal_.data(),       cluster_weight_.data(),      surface_.data()};
   kernel_.skin_surface(args);
   return surface_.data();
 }
 
 template <typename Real>
 bool Tissue<Real>::healthy(int lane) const {
-  for (std::size_t k = static_cast<std::size_t>(lane); k < x_.size(); k += static_cast<std::size_t>(lanes())) {
+  for (std::size_t k = static_cast<std::size_t>(lane); k < x_.size();
+       k += static_cast<std::size_t>(lanes())) {
     if (!std::isfinite(x_[k]) || !std::isfinite(v_[k])) return false;
   }
   return true;
 }
 
-// Links: usual weighted projection times stiffness, both orders of the pair counted as FleX cooks them; a negative
-// stiffness only pulls (tether). Evaluated on x*, added to `extra` with the count.
+// Links: usual weighted projection times stiffness, both orders of the pair counted as FleX cooks
+// them; a negative stiffness only pulls (tether). Evaluated on x*, added to `extra` with the count.
 template <typename Real>
 void Tissue<Real>::accumulate_links() {
   const int W = lanes();
@@ -573,8 +608,9 @@ void Tissue<Real>::accumulate_links() {
   }
 }
 
-// Candidate pairs of this substep, per lane: nearer than one and a half rest distances now, farther apart than the rest
-// distance in the rest shape (the filter of the seed). Sorted cells, so the order of pairs is the same everywhere.
+// Candidate pairs of this substep, per lane: nearer than one and a half rest distances now, farther
+// apart than the rest distance in the rest shape (the filter of the seed). Sorted cells, so the
+// order of pairs is the same everywhere.
 template <typename Real>
 void Tissue<Real>::find_self_contacts() {
   const double rest = 2 * model_->body.particle_radius;
@@ -586,7 +622,9 @@ void Tissue<Real>::find_self_contacts() {
     struct Cell {
       std::array<std::int32_t, 3> key;
       std::int32_t particle;
-      bool operator<(const Cell& o) const { return key != o.key ? key < o.key : particle < o.particle; }
+      bool operator<(const Cell& o) const {
+        return key != o.key ? key < o.key : particle < o.particle;
+      }
     };
     std::vector<Cell> cells;
     cells.reserve(body.size());
@@ -606,15 +644,22 @@ void Tissue<Real>::find_self_contacts() {
       for (int dx = -1; dx <= 1; ++dx) {
         for (int dy = -1; dy <= 1; ++dy) {
           for (int dz = -1; dz <= 1; ++dz) {
-            const std::array<std::int32_t, 3> key = {cell.key[0] + dx, cell.key[1] + dy, cell.key[2] + dz};
-            for (auto other = std::lower_bound(cells.begin(), cells.end(), Cell{key, cell.particle + 1});
+            const std::array<std::int32_t, 3> key = {cell.key[0] + dx, cell.key[1] + dy,
+                                                     cell.key[2] + dz};
+            for (auto other =
+                     std::lower_bound(cells.begin(), cells.end(), Cell{key, cell.particle + 1});
                  other != cells.end() && other->key == key; ++other) {
-              const Vector3d d(static_cast<double>(at(xs_, cell.particle, 0, lane) - at(xs_, other->particle, 0, lane)),
-                               static_cast<double>(at(xs_, cell.particle, 1, lane) - at(xs_, other->particle, 1, lane)),
-                               static_cast<double>(at(xs_, cell.particle, 2, lane) - at(xs_, other->particle, 2, lane)));
+              const Vector3d d(static_cast<double>(at(xs_, cell.particle, 0, lane) -
+                                                   at(xs_, other->particle, 0, lane)),
+                               static_cast<double>(at(xs_, cell.particle, 1, lane) -
+                                                   at(xs_, other->particle, 1, lane)),
+                               static_cast<double>(at(xs_, cell.particle, 2, lane) -
+                                                   at(xs_, other->particle, 2, lane)));
               if (!(d.norm() < reach)) continue;
-              // 1 %: pairs that rest at the rest distance stay filtered whatever the rounding of the pitch.
-              if ((body[static_cast<std::size_t>(cell.particle)] - body[static_cast<std::size_t>(other->particle)])
+              // 1 %: pairs that rest at the rest distance stay filtered whatever the rounding of
+              // the pitch.
+              if ((body[static_cast<std::size_t>(cell.particle)] -
+                   body[static_cast<std::size_t>(other->particle)])
                       .norm() <= 1.01 * rest) {
                 continue;
               }
@@ -661,7 +706,8 @@ void Tissue<Real>::save(int lane, Bytes& out) const {
     out.insert(out.end(), bytes, bytes + size);
   };
   const auto add_lane = [&](const std::vector<Real>& values) {
-    for (std::size_t k = static_cast<std::size_t>(lane); k < values.size(); k += static_cast<std::size_t>(lanes())) {
+    for (std::size_t k = static_cast<std::size_t>(lane); k < values.size();
+         k += static_cast<std::size_t>(lanes())) {
       add(&values[k], sizeof(Real));
     }
   };
@@ -670,7 +716,8 @@ void Tissue<Real>::save(int lane, Bytes& out) const {
   add_lane(q_);
   add_lane(plastic_rest_);
   add_lane(held_force_);
-  for (const auto* p : {&stiffness_, &gravity_, &keep_, &static_friction_, &dynamic_friction_}) add_lane(*p);
+  for (const auto* p : {&stiffness_, &gravity_, &keep_, &static_friction_, &dynamic_friction_})
+    add_lane(*p);
   const Held& held = held_[static_cast<std::size_t>(lane)];
   const auto count = static_cast<std::uint32_t>(held.particles.size());
   add(&count, sizeof count);
@@ -680,19 +727,23 @@ void Tissue<Real>::save(int lane, Bytes& out) const {
 
 template <typename Real>
 Result<std::size_t> Tissue<Real>::load(int lane, std::span<const std::byte> state) {
-  const std::array<std::vector<Real>*, 10> arrays = {&x_,         &v_,       &q_,    &plastic_rest_,   &held_force_,
-                                                     &stiffness_, &gravity_, &keep_, &static_friction_, &dynamic_friction_};
+  const std::array<std::vector<Real>*, 10> arrays = {
+      &x_,         &v_,       &q_,    &plastic_rest_,    &held_force_,
+      &stiffness_, &gravity_, &keep_, &static_friction_, &dynamic_friction_};
   std::size_t reals = 0;
   for (const auto* a : arrays) reals += a->size() / static_cast<std::size_t>(lanes());
   const std::size_t fixed_size = reals * sizeof(Real) + sizeof(std::uint32_t);
   if (state.size() < fixed_size) {
-    return Failure{fmt::format("tissue state of {} bytes, needed at least {}", state.size(), fixed_size)};
+    return Failure{
+        fmt::format("tissue state of {} bytes, needed at least {}", state.size(), fixed_size)};
   }
   std::uint32_t count = 0;
   std::memcpy(&count, state.data() + reals * sizeof(Real), sizeof count);
-  const std::size_t total = fixed_size + std::size_t{count} * (sizeof(std::int32_t) + 3 * sizeof(Real));
+  const std::size_t total =
+      fixed_size + std::size_t{count} * (sizeof(std::int32_t) + 3 * sizeof(Real));
   if (count > static_cast<std::uint32_t>(particles()) || state.size() < total) {
-    return Failure{fmt::format("tissue state of {} bytes with {} held particles, needed {}", state.size(), count, total)};
+    return Failure{fmt::format("tissue state of {} bytes with {} held particles, needed {}",
+                               state.size(), count, total)};
   }
   std::vector<Real> values(reals);
   std::memcpy(values.data(), state.data(), reals * sizeof(Real));
@@ -707,20 +758,23 @@ Result<std::size_t> Tissue<Real>::load(int lane, std::span<const std::byte> stat
               count * sizeof(held.offsets[0]));
   for (const std::int32_t i : held.particles) {
     if (i < 0 || i >= particles() || model_->body.fixed[static_cast<std::size_t>(i)] != 0) {
-      return Failure{fmt::format("tissue state holds particle {}, not a free one of {}", i, particles())};
+      return Failure{
+          fmt::format("tissue state holds particle {}, not a free one of {}", i, particles())};
     }
   }
 
   release(lane);
   std::size_t next = 0;
   for (auto* a : arrays) {
-    for (std::size_t k = static_cast<std::size_t>(lane); k < a->size(); k += static_cast<std::size_t>(lanes())) {
+    for (std::size_t k = static_cast<std::size_t>(lane); k < a->size();
+         k += static_cast<std::size_t>(lanes())) {
       (*a)[k] = values[next++];
     }
   }
   const std::uint32_t bit = 1U << lane;
   for (int i = 0; i < particles(); ++i) {
-    if (model_->body.fixed[static_cast<std::size_t>(i)] == 0) free_mask_[static_cast<std::size_t>(i)] |= bit;
+    if (model_->body.fixed[static_cast<std::size_t>(i)] == 0)
+      free_mask_[static_cast<std::size_t>(i)] |= bit;
   }
   for (const std::int32_t i : held.particles) {
     free_mask_[static_cast<std::size_t>(i)] &= ~bit;

@@ -1,7 +1,8 @@
 #pragma once
 
-// What every Backend promises (core/backend.h). Instantiate for a new back end with a case that makes one with a
-// given number of lanes:  INSTANTIATE_TEST_SUITE_P(Mine, BackendContract, testing::Values(BackendCase{...}));
+// What every Backend promises (core/backend.h). Instantiate for a new back end with a case that
+// makes one with a given number of lanes:  INSTANTIATE_TEST_SUITE_P(Mine, BackendContract,
+// testing::Values(BackendCase{...}));
 
 #include <gtest/gtest.h>
 
@@ -49,7 +50,8 @@ inline void play(Backend& backend, std::uint32_t first, std::uint32_t from, std:
   std::vector<Action> actions(static_cast<std::size_t>(backend.lanes()));
   std::vector<StepOutcome> outcomes(actions.size());
   for (std::uint32_t step = from; step < from + steps; ++step) {
-    for (std::size_t k = 0; k < actions.size(); ++k) actions[k] = random_action(first + static_cast<std::uint32_t>(k), step);
+    for (std::size_t k = 0; k < actions.size(); ++k)
+      actions[k] = random_action(first + static_cast<std::uint32_t>(k), step);
     backend.step(actions, outcomes);
   }
 }
@@ -57,7 +59,8 @@ inline void play(Backend& backend, std::uint32_t first, std::uint32_t from, std:
 TEST_P(BackendContract, LaneEqualsARunAlone) {
   const auto many = GetParam().make(5);
   const auto one = GetParam().make(1);
-  for (int lane = 0; lane < 5; ++lane) many->reset(lane, training_start(static_cast<std::uint32_t>(lane)));
+  for (int lane = 0; lane < 5; ++lane)
+    many->reset(lane, training_start(static_cast<std::uint32_t>(lane)));
   play(*many, 0, 0, 40);
   for (int lane = 0; lane < 5; ++lane) {
     one->reset(0, training_start(static_cast<std::uint32_t>(lane)));
@@ -143,7 +146,8 @@ inline Policy make_policy(const PolicyShape& shape) {
   PolicyWeights weights;
   weights.parameters.resize(shape.parameter_count());
   for (std::size_t i = 0; i < weights.parameters.size(); ++i) {
-    weights.parameters[i] = 0.3F * (uniform_24(philox({static_cast<std::uint32_t>(i), 0, 0, 0}, {2, 3})[0]) - 0.5F);
+    weights.parameters[i] =
+        0.3F * (uniform_24(philox({static_cast<std::uint32_t>(i), 0, 0, 0}, {2, 3})[0]) - 0.5F);
   }
   return {shape, weights};
 }
@@ -197,8 +201,9 @@ TEST_P(BackendContract, ReplayOfRecordedActionsDerivesTheSameHashesAndRewards) {
   replay[0].kind = TaskKind::kReplay;
   replay[0].steps = recorded.steps;
   for (std::size_t i = 0; i < recorded.actions.size(); ++i) {
-    replay[0].commands.push_back(GetParam().shape.continuous ? recorded.actions_continuous[i]
-                                                             : static_cast<float>(recorded.actions[i]));
+    replay[0].commands.push_back(GetParam().shape.continuous
+                                     ? recorded.actions_continuous[i]
+                                     : static_cast<float>(recorded.actions[i]));
   }
   const auto other = GetParam().make(1);
   const RolloutSegment again = run_rollout(*other, policy, replay, {})[0];
@@ -212,7 +217,9 @@ TEST_P(BackendContract, StopLeavesNothingHalfDone) {
   Policy policy = make_policy(GetParam().shape);
   const auto backend = GetParam().make(1);
   int polled = 0;
-  EXPECT_TRUE(run_rollout(*backend, policy, make_tasks(1, 60), [&polled] { return ++polled > 10; }).empty());
+  EXPECT_TRUE(run_rollout(*backend, policy, make_tasks(1, 60), [&polled] {
+                return ++polled > 10;
+              }).empty());
 }
 
 }  // namespace omentum::test

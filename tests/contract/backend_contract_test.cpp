@@ -8,7 +8,8 @@
 namespace omentum::test {
 namespace {
 
-BackendCase sim_case(const std::string& name, const std::string& preset, const std::vector<std::string>& overrides = {}) {
+BackendCase sim_case(const std::string& name, const std::string& preset,
+                     const std::vector<std::string>& overrides = {}) {
   const pb::Config config = load_config(preset, overrides);
   const auto setup = make_sim_setup(config, deploy_dir() + "/scenes");
   const auto make = [setup](int lanes) {
@@ -26,16 +27,20 @@ BackendCase dummy_case() {
 
 INSTANTIATE_TEST_SUITE_P(
     All, BackendContract,
-    testing::Values(dummy_case(), sim_case("paper", "paper"), sim_case("omentum", "omentum"),
-                    // A short episode brings resets, a near start brings grasp and contact into the 40 ... 100 steps.
-                    sim_case("omentum_short", "omentum",
-                             {"task.episode_steps=23", "scene.start_grid.centre_m={ x: 0.005 y: 0.04 z: 0.05 }",
-                              "task.start_height_range_m=0.015"}),
-                    sim_case("omentum_continuous", "omentum", {"task.action=ACTION_CONTINUOUS"}),
-                    sim_case("omentum_plastic", "omentum",
-                             {"scene.tissue.cluster.plastic_creep=0.1", "scene.tissue.cluster.plastic_threshold_m2=1e-8",
-                              "scene.tissue.cluster.self_collision=true", "scene.tissue.grid.count_x=12"}),
-                    sim_case("omentum_image", "omentum", {"task.observation=OBSERVATION_IMAGE", "task.image_size=16"})),
+    testing::Values(
+        dummy_case(), sim_case("paper", "paper"), sim_case("omentum", "omentum"),
+        // A short episode brings resets, a near start brings grasp and contact into the 40 ... 100
+        // steps.
+        sim_case("omentum_short", "omentum",
+                 {"task.episode_steps=23", "scene.start_grid.centre_m={ x: 0.005 y: 0.04 z: 0.05 }",
+                  "task.start_height_range_m=0.015"}),
+        sim_case("omentum_continuous", "omentum", {"task.action=ACTION_CONTINUOUS"}),
+        sim_case("omentum_plastic", "omentum",
+                 {"scene.tissue.cluster.plastic_creep=0.1",
+                  "scene.tissue.cluster.plastic_threshold_m2=1e-8",
+                  "scene.tissue.cluster.self_collision=true", "scene.tissue.grid.count_x=12"}),
+        sim_case("omentum_image", "omentum",
+                 {"task.observation=OBSERVATION_IMAGE", "task.image_size=16"})),
     [](const auto& param_info) { return param_info.param.name; });
 
 }  // namespace

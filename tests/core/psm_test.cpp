@@ -31,7 +31,8 @@ TEST(Trig, AgreesWithLibm) {
     ASSERT_NEAR(sc.cos, std::cos(x), 2.3e-16) << x;
     const double y = uniform(w[1], -1, 1);
     const double z = uniform(w[2], -1, 1);
-    ASSERT_NEAR(trig::atan2(y, z), std::atan2(y, z), 9e-16) << y << " " << z;  // two units in the last place of pi
+    ASSERT_NEAR(trig::atan2(y, z), std::atan2(y, z), 9e-16)
+        << y << " " << z;  // two units in the last place of pi
   }
   EXPECT_EQ(trig::atan2(0, 0), 0);
   EXPECT_NEAR(trig::atan2(0, -1), kPi, 1e-15);
@@ -44,33 +45,34 @@ struct Vector {
   Matrix3d R;
 };
 
-Matrix3d rows(double a, double b, double c, double d, double e, double f, double g, double h, double i) {
+Matrix3d rows(double a, double b, double c, double d, double e, double f, double g, double h,
+              double i) {
   Matrix3d R;
   R << a, b, c, d, e, f, g, h, i;
   return R;
 }
 
 std::vector<Vector> table() {  // dvrk.md 6.2, h = 1.5708
-  return {
-      {{0, 0, .12, 0, 0, 0},
-       {0.000000416909, 0.000000450335, -0.113499999998},
-       rows(-0.000000000027, 1, 0, 0.999999999973, 0.000000000027, 0.000007346410, 0.000007346410, 0, -0.999999999973)},
-      {{.1, .1, .2, .1, .1, .1},
-       {0.019118203062, -0.020211917666, -0.191445703806},
-       rows(0.118622707878, 0.975318621830, 0.186231681212, 0.975121990995, -0.079055625162, -0.207092517510,
-            -0.187258526786, 0.206164482978, -0.960432428703)},
-      {{.5, -.3, .15, 1.2, -.7, .4},
-       {0.069239177812, 0.043804652963, -0.115343478463},
-       rows(0.291263251886, 0.085794387732, 0.952788035785, 0.074384606925, -0.994986094647, 0.066855079931,
-            0.953746637401, 0.051400335539, -0.296184667316)},
-      {{-.8, .6, .22, -2, 1.1, -1},
-       {-0.119689923109, -0.114957530441, -0.126525430403},
-       rows(-0.738550646235, -0.232947514081, 0.632675587192, -0.659003890471, 0.447534885083, -0.604505085982,
-            -0.142326439180, -0.863393295270, -0.484040496646)},
-      {{1.2, -.9, .08, 3, .3, 1.3},
-       {0.040266469602, 0.058911226894, -0.016061781848},
-       rows(0.910569611074, -0.381343565828, -0.159499430062, -0.356414852517, -0.919767265548, 0.164306512748,
-            -0.209359586105, -0.092764551568, -0.973428632042)}};
+  return {{{0, 0, .12, 0, 0, 0},
+           {0.000000416909, 0.000000450335, -0.113499999998},
+           rows(-0.000000000027, 1, 0, 0.999999999973, 0.000000000027, 0.000007346410,
+                0.000007346410, 0, -0.999999999973)},
+          {{.1, .1, .2, .1, .1, .1},
+           {0.019118203062, -0.020211917666, -0.191445703806},
+           rows(0.118622707878, 0.975318621830, 0.186231681212, 0.975121990995, -0.079055625162,
+                -0.207092517510, -0.187258526786, 0.206164482978, -0.960432428703)},
+          {{.5, -.3, .15, 1.2, -.7, .4},
+           {0.069239177812, 0.043804652963, -0.115343478463},
+           rows(0.291263251886, 0.085794387732, 0.952788035785, 0.074384606925, -0.994986094647,
+                0.066855079931, 0.953746637401, 0.051400335539, -0.296184667316)},
+          {{-.8, .6, .22, -2, 1.1, -1},
+           {-0.119689923109, -0.114957530441, -0.126525430403},
+           rows(-0.738550646235, -0.232947514081, 0.632675587192, -0.659003890471, 0.447534885083,
+                -0.604505085982, -0.142326439180, -0.863393295270, -0.484040496646)},
+          {{1.2, -.9, .08, 3, .3, 1.3},
+           {0.040266469602, 0.058911226894, -0.016061781848},
+           rows(0.910569611074, -0.381343565828, -0.159499430062, -0.356414852517, -0.919767265548,
+                0.164306512748, -0.209359586105, -0.092764551568, -0.973428632042)}};
 }
 
 TEST(Psm, ForwardReproducesTheTable) {
@@ -100,12 +102,14 @@ TEST(Psm, InverseUndoesForwardOnRandomPoses) {
     q[2] = uniform(a[2], 0.07, 0.235);
     const Result<PsmJoints> back = psm_inverse(psm_forward(q), q[3]);
     ASSERT_TRUE(back.has_value()) << back.error();
-    for (std::size_t k = 0; k < 6; ++k) ASSERT_NEAR(back.value()[k], q[k], 1e-12) << "joint " << k << " pose " << i;
+    for (std::size_t k = 0; k < 6; ++k)
+      ASSERT_NEAR(back.value()[k], q[k], 1e-12) << "joint " << k << " pose " << i;
   }
 }
 
 TEST(Psm, FortyFiveMillimetreRuleGivesTheRecordedInsertion) {
-  // dvrk.md 6.3: goal (0, 0, -0.02) with the rotation of q = 0 ends at q3 = 0.0606, tip z = -0.0541.
+  // dvrk.md 6.3: goal (0, 0, -0.02) with the rotation of q = 0 ends at q3 = 0.0606, tip z =
+  // -0.0541.
   PsmPose pose = psm_forward({0, 0, 0.12, 0, 0, 0}, kPi / 2);
   pose.p = Vector3d(0, 0, -0.02);
   const Result<PsmJoints> goal = psm_inverse(pose);
@@ -155,7 +159,8 @@ TEST(Psm, AllPublishedVectors) {
     const PsmPose pose = psm_forward(q);
     for (int k = 0; k < 3; ++k) EXPECT_NEAR(pose.p[k], v[static_cast<std::size_t>(6 + k)], 1e-12);
     for (int r = 0; r < 3; ++r) {
-      for (int c = 0; c < 3; ++c) EXPECT_NEAR(pose.R(r, c), v[static_cast<std::size_t>(9 + 3 * r + c)], 1e-12);
+      for (int c = 0; c < 3; ++c)
+        EXPECT_NEAR(pose.R(r, c), v[static_cast<std::size_t>(9 + 3 * r + c)], 1e-12);
     }
     const Result<PsmJoints> back = psm_inverse(pose, q[3]);
     ASSERT_TRUE(back.has_value());
@@ -168,7 +173,8 @@ TEST(Psm, AllPublishedVectors) {
 ToolMount test_mount() {
   Eigen::Isometry3d X_WR = Eigen::Isometry3d::Identity();
   X_WR.translation() = Vector3d(0.1427, 0, 0.1584);
-  return make_tool_mount(X_WR, 30 * kPi / 180, 0.0102, Vector3d(-0.0916, -0.0825, 0.001), Vector3d(0.0691, 0.1155, 0.119));
+  return make_tool_mount(X_WR, 30 * kPi / 180, 0.0102, Vector3d(-0.0916, -0.0825, 0.001),
+                         Vector3d(0.0691, 0.1155, 0.119));
 }
 
 TEST(ToolMount, TipLiesTheOffsetBelowTheControlPoint) {

@@ -55,7 +55,8 @@ SheetCase small_strain() {
   return c;
 }
 
-// Without damping the hanging sheet would swing for ever: settle with damping and correct by the law's own factor.
+// Without damping the hanging sheet would swing for ever: settle with damping and correct by the
+// law's own factor.
 double settled_modulus(SheetCase c, double damping = 5) {
   c.damping = damping;
   return effective_modulus(c, kKernelF64x1) * (1 - damping * 0.02 / c.substeps);
@@ -115,7 +116,8 @@ TEST_P(SagAnchors, FreeEdgeDropsAsMeasured) {
     double drop = 0;
     for (unsigned ix = 0; ix < 30; ++ix) {
       const int i = static_cast<int>(ix * 30 + 29);
-      drop += (c.X_WB * model->body.particles[static_cast<std::size_t>(i)]).z() - tissue.position(0, i).z();
+      drop += (c.X_WB * model->body.particles[static_cast<std::size_t>(i)]).z() -
+              tissue.position(0, i).z();
     }
     const double expected = gravity > 1 ? a.drop_earth_mm : a.drop_weak_mm;
     EXPECT_NEAR(1e3 * drop / 30, expected, 1.0) << "gravity " << gravity;
@@ -123,10 +125,14 @@ TEST_P(SagAnchors, FreeEdgeDropsAsMeasured) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Table5, SagAnchors,
-                         testing::Values(Anchor{0.0127, 0.0095, 0.1, 67.8, 48.4}, Anchor{0.0127, 0.0095, 0.361, 52.7, 44.0},
-                                         Anchor{0.0127, 0.0095, 0.9, 48.7, 37.1}, Anchor{0.0095, 0.0127, 0.1, 58.9, 47.6},
-                                         Anchor{0.0095, 0.0127, 0.361, 50.3, 41.2}, Anchor{0.0095, 0.0127, 0.9, 47.8, 29.5},
-                                         Anchor{0.00601, 0.00601, 0.1, 103, 51.9}, Anchor{0.00601, 0.00601, 0.361, 62.4, 46.7},
+                         testing::Values(Anchor{0.0127, 0.0095, 0.1, 67.8, 48.4},
+                                         Anchor{0.0127, 0.0095, 0.361, 52.7, 44.0},
+                                         Anchor{0.0127, 0.0095, 0.9, 48.7, 37.1},
+                                         Anchor{0.0095, 0.0127, 0.1, 58.9, 47.6},
+                                         Anchor{0.0095, 0.0127, 0.361, 50.3, 41.2},
+                                         Anchor{0.0095, 0.0127, 0.9, 47.8, 29.5},
+                                         Anchor{0.00601, 0.00601, 0.1, 103, 51.9},
+                                         Anchor{0.00601, 0.00601, 0.361, 62.4, 46.7},
                                          Anchor{0.00601, 0.00601, 0.9, 52.6, 44.0}));
 
 template <typename Real>
@@ -160,7 +166,8 @@ Flight<Real> fly(const Kernel<Real>& kernel, unsigned substeps, double spin) {
       angular += (tissue.position(0, i) - centre).cross(tissue.velocity(0, i) - momentum).z();
     }
   };
-  for (int i = 0; i < tissue.particles(); ++i) tissue.set_velocity(0, i, drift + omega.cross(tissue.position(0, i)));
+  for (int i = 0; i < tissue.particles(); ++i)
+    tissue.set_velocity(0, i, drift + omega.cross(tissue.position(0, i)));
   Flight<Real> flight;
   sums(flight.momentum_before, flight.angular_before);
   run_free(tissue, 1.0);
@@ -200,7 +207,8 @@ TEST(Tissue, RestStaysAtRestWithoutGravity) {
     worst_f32 = std::max(worst_f32, (single.position(0, i) - rest).norm());
     worst_f64 = std::max(worst_f64, (exact.position(0, i) - rest).norm());
   }
-  EXPECT_LT(worst_f32, 2e-6);   // rounding of 0.1 m in f32 is 7e-9 m; it adds up over the 20,000 corrections
+  EXPECT_LT(worst_f32,
+            2e-6);  // rounding of 0.1 m in f32 is 7e-9 m; it adds up over the 20,000 corrections
   EXPECT_LT(worst_f64, 1e-12);
 }
 
@@ -224,7 +232,8 @@ TEST(Cluster, FlatAndDegenerateRecover) {
         if (squeeze == 3 && i == 450) p = tissue.position(0, 451);
         // A hair off the exact degeneracy, from which no force leads away.
         const PhiloxWords words = philox({static_cast<std::uint32_t>(i), 0, 0, 0}, {1, 2});
-        for (int k = 0; k < 3; ++k) p[k] += 1e-5 * (static_cast<double>(words[static_cast<std::size_t>(k)]) * 0x1p-32 - 0.5);
+        for (int k = 0; k < 3; ++k)
+          p[k] += 1e-5 * (static_cast<double>(words[static_cast<std::size_t>(k)]) * 0x1p-32 - 0.5);
         tissue.set_position(0, i, p);
       }
     };
@@ -235,8 +244,10 @@ TEST(Cluster, FlatAndDegenerateRecover) {
     EXPECT_TRUE(exact.healthy(0)) << squeeze;
     EXPECT_TRUE(single.healthy(0)) << squeeze;
     double size = 0;
-    for (int i = 0; i < single.particles(); ++i) size = std::max(size, single.position(0, i).norm());
-    EXPECT_LT(size, 0.2) << squeeze;  // no explosion: the sheet is 62 mm from its centre to a corner
+    for (int i = 0; i < single.particles(); ++i)
+      size = std::max(size, single.position(0, i).norm());
+    EXPECT_LT(size, 0.2)
+        << squeeze;  // no explosion: the sheet is 62 mm from its centre to a corner
     if (squeeze == 3) {
       EXPECT_LT((single.position(0, 450) - model->body.particles[450]).norm(), 1e-4);
     }
@@ -244,8 +255,9 @@ TEST(Cluster, FlatAndDegenerateRecover) {
 }
 
 TEST(Cluster, PlasticityComparesSquare) {
-  // Pull a corner by 8 mm and let go. The corner misses its goal by less than 8 mm, so a threshold of (20 mm)^2 never
-  // yields and one of (0.05 mm)^2 does; were the threshold compared with the plain distance, 4e-4 would yield too.
+  // Pull a corner by 8 mm and let go. The corner misses its goal by less than 8 mm, so a threshold
+  // of (20 mm)^2 never yields and one of (0.05 mm)^2 does; were the threshold compared with the
+  // plain distance, 4e-4 would yield too.
   const auto offset_after = [](double threshold) {
     SheetCase c;
     c.gravity = 0;
@@ -262,7 +274,8 @@ TEST(Cluster, PlasticityComparesSquare) {
     tissue.hold(0, patch, offsets);
     for (int step = 0; step < 50; ++step) {
       const Vector3d lift(0, 0, 0.008);
-      const std::vector<ToolMotion> motion = {{rest + lift * (step / 50.0), rest + lift * ((step + 1) / 50.0)}};
+      const std::vector<ToolMotion> motion = {
+          {rest + lift * (step / 50.0), rest + lift * ((step + 1) / 50.0)}};
       tissue.step(motion);
     }
     tissue.release(0);
@@ -289,7 +302,8 @@ TEST(Cluster, OrphansFallAtG) {
 }
 
 TEST(Cluster, SelfCollisionKeepsParticlesApart) {
-  // Fold the free half over the fixed half and let it fall onto it: without self-collision it passes through.
+  // Fold the free half over the fixed half and let it fall onto it: without self-collision it
+  // passes through.
   const auto lowest = [](bool self_collision) {
     SheetCase c;
     c.spacing = 0.0095;
@@ -307,7 +321,9 @@ TEST(Cluster, SelfCollisionKeepsParticlesApart) {
     double low = 1;
     for (int i = 0; i < tissue.particles(); ++i) {
       const Vector3d p = tissue.position(0, i);
-      if (model->body.fixed[static_cast<std::size_t>(i)] == 0 && p.y() < -0.006 && std::fabs(p.x()) < 0.03) low = std::min(low, p.z());
+      if (model->body.fixed[static_cast<std::size_t>(i)] == 0 && p.y() < -0.006 &&
+          std::fabs(p.x()) < 0.03)
+        low = std::min(low, p.z());
     }
     return low;
   };
@@ -316,7 +332,8 @@ TEST(Cluster, SelfCollisionKeepsParticlesApart) {
 }
 
 TEST(Cluster, LinksHoldASheetOfAlmostNoClusterStiffness) {
-  // Links share the averaged Jacobi step with the clusters, so they stiffen only where those are soft.
+  // Links share the averaged Jacobi step with the clusters, so they stiffen only where those are
+  // soft.
   SheetCase c;
   c.gravity = 0.981;
   c.stiffness = 0.01;

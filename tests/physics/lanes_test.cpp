@@ -1,4 +1,5 @@
-// One source, three widths, one set of bits; and the single precision product against the double precision oracle.
+// One source, three widths, one set of bits; and the single precision product against the double
+// precision oracle.
 
 #include <gtest/gtest.h>
 
@@ -23,14 +24,16 @@ bool cpu_runs(unsigned width) {
   }
 }
 
-/// Lift task with grasp and contact; lane k starts its lift k steps later, so that lanes are in different phases.
-std::vector<std::uint64_t> lift_hashes(const std::shared_ptr<const SimSetup>& setup, int lanes, unsigned width, int steps,
-                                       const std::vector<int>& phases) {
+/// Lift task with grasp and contact; lane k starts its lift k steps later, so that lanes are in
+/// different phases.
+std::vector<std::uint64_t> lift_hashes(const std::shared_ptr<const SimSetup>& setup, int lanes,
+                                       unsigned width, int steps, const std::vector<int>& phases) {
   SimBackend backend(setup, lanes, width);
   for (int lane = 0; lane < lanes; ++lane) {
     EpisodeStart start;
     start.start_set = StartSet::kGraspLattice;
-    start.start_index = static_cast<std::uint32_t>(500 + 7 * phases[static_cast<std::size_t>(lane)]);
+    start.start_index =
+        static_cast<std::uint32_t>(500 + 7 * phases[static_cast<std::size_t>(lane)]);
     start.episode_limit = 100000;
     backend.reset(lane, start);
   }
@@ -62,7 +65,8 @@ TEST(Tissue, WidthsAgreeAndLaneEqualsBatchOfOne) {
     std::puts("16 lanes skipped: no AVX-512 on this CPU");
   }
   for (const int k : {0, 7, 13}) {
-    EXPECT_EQ(lift_hashes(setup, 1, 1, 1500, {k})[0], at8[static_cast<std::size_t>(k)]) << "lane " << k;
+    EXPECT_EQ(lift_hashes(setup, 1, 1, 1500, {k})[0], at8[static_cast<std::size_t>(k)])
+        << "lane " << k;
   }
 }
 
@@ -111,7 +115,8 @@ TEST(Oracle, LiftTaskInSinglePrecisionFollowsDoublePrecision) {
     Vector3d tip = grip;
     for (int step = 0; step < 750; ++step) {
       const Vector3d next = step < 160 ? Vector3d(tip + Vector3d(0, 0, 0.000375)) : tip;
-      std::vector<ToolMotion> motion(static_cast<std::size_t>(tissue.lanes()), ToolMotion{tip, next});
+      std::vector<ToolMotion> motion(static_cast<std::size_t>(tissue.lanes()),
+                                     ToolMotion{tip, next});
       tissue.step(motion);
       tip = next;
     }
@@ -121,12 +126,14 @@ TEST(Oracle, LiftTaskInSinglePrecisionFollowsDoublePrecision) {
   lift(single);
   lift(exact);
   double sum = 0;
-  for (int i = 0; i < single.particles(); ++i) sum += (single.position(0, i) - exact.position(0, i)).squaredNorm();
+  for (int i = 0; i < single.particles(); ++i)
+    sum += (single.position(0, i) - exact.position(0, i)).squaredNorm();
   EXPECT_LT(std::sqrt(sum / single.particles()), 0.05e-3);  // tissue.md section 13
 }
 
 TEST(Scene, OmentumSheetHasSixKilopascal) {
-  // seed_task.md 2.1: stiffness so that E_eff is 6 kPa; measured as extension of the sheet hanging in its plane.
+  // seed_task.md 2.1: stiffness so that E_eff is 6 kPa; measured as extension of the sheet hanging
+  // in its plane.
   const pb::Config config = load_config("omentum", {});
   const pb::ClusterModel& cluster = config.scene().tissue().cluster();
   test::SheetCase c;
@@ -138,7 +145,8 @@ TEST(Scene, OmentumSheetHasSixKilopascal) {
   c.substeps = cluster.substeps();
   c.iterations = cluster.iterations();
   c.gravity = 0.981;
-  c.X_WB.linear() = Eigen::AngleAxisd(-1.57079632679489661923, Vector3d::UnitX()).toRotationMatrix();
+  c.X_WB.linear() =
+      Eigen::AngleAxisd(-1.57079632679489661923, Vector3d::UnitX()).toRotationMatrix();
   const auto model = test::make_sheet_model(c);
   Tissue<double> tissue(model, kKernelF64x1);
   test::run_free(tissue, 8);

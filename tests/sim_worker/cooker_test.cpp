@@ -13,7 +13,8 @@ namespace {
 
 using Eigen::Vector3d;
 
-pb::ClusterModel make_model(double spacing_mm, double radius_mm, pb::OrphanPolicy policy = pb::ORPHANS_FREE) {
+pb::ClusterModel make_model(double spacing_mm, double radius_mm,
+                            pb::OrphanPolicy policy = pb::ORPHANS_FREE) {
   pb::ClusterModel model;
   model.set_cluster_spacing_m(spacing_mm * 1e-3);
   model.set_cluster_radius_m(radius_mm * 1e-3);
@@ -55,7 +56,8 @@ TEST(Cooker, ConformanceVectors) {  // tissue.md 3.3
     int smallest = 1 << 20;
     int largest = 0;
     for (int c = 0; c < clusters.count(); ++c) {
-      const int size = clusters.begin[static_cast<std::size_t>(c) + 1] - clusters.begin[static_cast<std::size_t>(c)];
+      const int size = clusters.begin[static_cast<std::size_t>(c) + 1] -
+                       clusters.begin[static_cast<std::size_t>(c)];
       smallest = std::min(smallest, size);
       largest = std::max(largest, size);
     }
@@ -129,7 +131,9 @@ TEST(Sampler, BoxVector) {  // tissue.md section 2; thickness along z_B here
   };
   const auto particles = make_volume_particles(maker, -half, half, inside, {});
   EXPECT_EQ(particles.size(), 2997U);
-  EXPECT_EQ(std::count_if(particles.begin(), particles.end(), [](const Vector3d& p) { return p.y() < -0.0401; }), 154);
+  EXPECT_EQ(std::count_if(particles.begin(), particles.end(),
+                          [](const Vector3d& p) { return p.y() < -0.0401; }),
+            154);
   Vector3d extent = Vector3d::Zero();
   for (const Vector3d& p : particles) extent = extent.cwiseMax(p.cwiseAbs());
   EXPECT_NEAR(extent.x(), 43.904e-3, 1e-6);

@@ -16,7 +16,8 @@ namespace {
 
 using Eigen::Vector3d;
 
-std::shared_ptr<const SimSetup> setup_of(const std::string& preset, const std::vector<std::string>& overrides = {}) {
+std::shared_ptr<const SimSetup> setup_of(const std::string& preset,
+                                         const std::vector<std::string>& overrides = {}) {
   return make_sim_setup(load_config(preset, overrides), deploy_dir() + "/scenes");
 }
 
@@ -81,7 +82,8 @@ TEST(Scene, OrphansOfPaperOptimumAreRefusedByNumber) {
 }
 
 TEST(Units, GravityGuard) {
-  EXPECT_THAT(setup_of("paper")->warnings, testing::Not(testing::Contains(testing::HasSubstr("gravity"))));
+  EXPECT_THAT(setup_of("paper")->warnings,
+              testing::Not(testing::Contains(testing::HasSubstr("gravity"))));
   EXPECT_THAT(setup_of("paper", {"scene.gravity_m_per_s2=0.981"})->warnings,
               testing::Contains(testing::HasSubstr("gravity_m_per_s2: 0.981")));
   const auto derived = setup_of("derived");
@@ -90,8 +92,10 @@ TEST(Units, GravityGuard) {
 }
 
 TEST(Units, SpeedGuardWarnsAboveFiftyMillimetresPerSecond) {
-  EXPECT_THAT(setup_of("derived")->warnings, testing::Contains(testing::HasSubstr("0.1 m/s per axis")));
-  EXPECT_THAT(setup_of("paper")->warnings, testing::Not(testing::Contains(testing::HasSubstr("m/s per axis"))));
+  EXPECT_THAT(setup_of("derived")->warnings,
+              testing::Contains(testing::HasSubstr("0.1 m/s per axis")));
+  EXPECT_THAT(setup_of("paper")->warnings,
+              testing::Not(testing::Contains(testing::HasSubstr("m/s per axis"))));
 }
 
 TEST(Reward, ReferenceValues) {  // seed_task.md section 7
@@ -102,7 +106,7 @@ TEST(Reward, ReferenceValues) {  // seed_task.md section 7
     s.distance_q = dq;
     s.distance_target = dt;
     s.workspace_diagonal = kDiagonal;
-    return reward(kind, s, 0.5);
+    return reward(kind, s, 0.5, 0.1);
   };
   EXPECT_NEAR(at(pb::REWARD_PAPER, false, 0.08877, 0), -0.65795, 2e-5);
   EXPECT_NEAR(at(pb::REWARD_DERIVED, false, 0.09666, 0), -0.67200, 1e-5);
@@ -116,7 +120,9 @@ TEST(Reward, BelongsToTheStateBeforeTheMotion) {
   SimBackend backend(setup_of("paper"), 1, 1);
   backend.reset(0, grid_start(0));
   const Vector3d p = tip(backend);
-  const double expected = -0.5 / backend.setup().workspace_diagonal * (p - backend.setup().scene.tumour_point).norm() - 0.5;
+  const double expected =
+      -0.5 / backend.setup().workspace_diagonal * (p - backend.setup().scene.tumour_point).norm() -
+      0.5;
   EXPECT_NEAR(step_one(backend, kDown).reward, expected, 1e-6);
 }
 
@@ -189,12 +195,14 @@ TEST(Observation, CompositionAndScaling) {
     EXPECT_NEAR(o[static_cast<std::size_t>(4 + k)], (scene.tumour_point[k] - middle) / half, 1e-6);
     EXPECT_NEAR(o[static_cast<std::size_t>(7 + k)], (scene.target[k] - middle) / half, 1e-6);
   }
-  EXPECT_NEAR(o[10], (tip(backend) - scene.tumour_point).norm() / backend.setup().workspace_diagonal, 1e-6);
-  EXPECT_NEAR(o[11], (tip(backend) - scene.target).norm() / backend.setup().workspace_diagonal, 1e-6);
+  EXPECT_NEAR(
+      o[10], (tip(backend) - scene.tumour_point).norm() / backend.setup().workspace_diagonal, 1e-6);
+  EXPECT_NEAR(o[11], (tip(backend) - scene.target).norm() / backend.setup().workspace_diagonal,
+              1e-6);
   EXPECT_EQ(o[12], 0);
   step_one(backend, {1, 1, 1, 1});
   backend.observe(0, o);
-  EXPECT_EQ(o[12], 1);
+  EXPECT_NEAR(o[12], 8.0 / 24.0, 1e-6);  // 400 deg/s for 20 ms of an opening of 24 deg
 
   SimBackend head(setup_of("derived_head"), 1, 1);
   head.reset(0, grid_start(0));
@@ -266,10 +274,18 @@ bool grasp_below(SimBackend& backend, double dx = 0, double dy = 0) {
   EpisodeStart start = grid_start(44);
   start.episode_limit = 100000;
   backend.reset(0, start);
-  for (int i = 0; i < 40; ++i) step_one(backend, {static_cast<std::uint8_t>(dx > 0 ? 2 : dx < 0 ? 0 : 1), static_cast<std::uint8_t>(dy > 0 ? 2 : dy < 0 ? 0 : 1), 1, 0});
+  for (int i = 0; i < 40; ++i)
+    step_one(backend, {static_cast<std::uint8_t>(dx > 0   ? 2
+                                                 : dx < 0 ? 0
+                                                          : 1),
+                       static_cast<std::uint8_t>(dy > 0   ? 2
+                                                 : dy < 0 ? 0
+                                                          : 1),
+                       1, 0});
   const bool paced = backend.setup().config.grasp().jaw_open_deg() > 0;
   for (int i = 0; i < 260; ++i) {
-    std::vector<Tissue<float>::Nearest> nearest(static_cast<std::size_t>(backend.tissue_of(0).lanes()));
+    std::vector<Tissue<float>::Nearest> nearest(
+        static_cast<std::size_t>(backend.tissue_of(0).lanes()));
     std::vector<Vector3d> points(nearest.size(), tip(backend));
     backend.tissue_of(0).find_nearest(points, nearest);
     if (nearest[0].distance < (paced ? 0.0014 : 0.002)) break;
@@ -318,7 +334,8 @@ TEST(Grasp, SheetOnlyUnlessTheDefectIsNamed) {
     EpisodeStart start;
     backend.reset(0, start);
     Tissue<float>& tissue = backend.tissue_of(0);
-    for (int i = 0; i < tissue.particles(); ++i) tissue.set_position(0, i, tissue.position(0, i) + Vector3d(0, 0, 0.3));
+    for (int i = 0; i < tissue.particles(); ++i)
+      tissue.set_position(0, i, tissue.position(0, i) + Vector3d(0, 0, 0.3));
     Bytes state = backend.save(0);
     const double pole[3] = {0.0109, 0.0361, 0.0192 + 0.0137 + 0.001};
     std::memcpy(state.data(), pole, sizeof pole);
@@ -357,11 +374,13 @@ TEST(Contact, SettledSheetDoesNotPenetrateTheOrgans) {
     if (scene.tissue.fixed[static_cast<std::size_t>(i)] != 0) continue;
     EXPECT_GT(p.z(), 0.0015 - 2e-4) << i;
     for (const RigidShape& body : scene.bodies) {
-      if (body.kind != RigidShape::Kind::kEllipsoid && body.kind != RigidShape::Kind::kSphere) continue;
+      if (body.kind != RigidShape::Kind::kEllipsoid && body.kind != RigidShape::Kind::kSphere)
+        continue;
       const Vector3d local = body.X_WS.inverse() * p;
       const double k0 = local.cwiseQuotient(body.size).norm();
       const double k1 = local.cwiseQuotient(body.size.cwiseProduct(body.size)).norm();
-      EXPECT_GT(k0 * (k0 - 1) / k1, 0.0015 - 3e-4) << body.name << " particle " << i;  // one substep of fall
+      EXPECT_GT(k0 * (k0 - 1) / k1, 0.0015 - 3e-4)
+          << body.name << " particle " << i;  // one substep of fall
     }
   }
 }
@@ -382,7 +401,8 @@ TEST(Reset, IsComplete) {
 }
 
 TEST(Reset, NamedDefectsCarryTheLastEpisodeOver) {
-  for (const char* defect : {"defects.reset_positions_only=true", "defects.reset_patch_at_tool=true"}) {
+  for (const char* defect :
+       {"defects.reset_positions_only=true", "defects.reset_patch_at_tool=true"}) {
     const auto setup = setup_of("paper", {defect});
     SimBackend fresh(setup, 1, 1);
     fresh.reset(0, grid_start(12));
@@ -400,7 +420,9 @@ TEST(Reset, NamedDefectsCarryTheLastEpisodeOver) {
 
 TEST(Bonus, BelongsToItsEpisodeUnlessTheDefectIsNamed) {
   const auto returns = [](const std::string& next_episode) {
-    SimBackend backend(setup_of("derived", {"defects.bonus_next_episode=" + next_episode, "grasp.radius_m=0.05"}), 1, 1);
+    SimBackend backend(
+        setup_of("derived", {"defects.bonus_next_episode=" + next_episode, "grasp.radius_m=0.05"}),
+        1, 1);
     EpisodeStart start = grid_start(44);
     start.episode_limit = 10000;
     backend.reset(0, start);
@@ -425,8 +447,9 @@ TEST(Bonus, BelongsToItsEpisodeUnlessTheDefectIsNamed) {
 }
 
 TEST(Randomise, DrawsAreReproducibleAndWithinRange) {
-  const auto setup = setup_of("omentum", {"randomise={ parameter: \"tissue.offset_x_m\" min: -0.002 max: 0.002 }",
-                                          "randomise={ parameter: \"tissue.stiffness_scale\" min: 0.5 max: 1.5 }"});
+  const auto setup = setup_of(
+      "omentum", {"randomise={ parameter: \"tissue.offset_x_m\" min: -0.002 max: 0.002 }",
+                  "randomise={ parameter: \"tissue.stiffness_scale\" min: 0.5 max: 1.5 }"});
   SimBackend a(setup, 1, 1);
   SimBackend b(setup, 8, 8);
   double low = 1;
@@ -439,18 +462,21 @@ TEST(Randomise, DrawsAreReproducibleAndWithinRange) {
     a.reset(0, start);
     b.reset(5, start);
     ASSERT_EQ(fnv1a64(a.save(0)), fnv1a64(b.save(5)));
-    const double x = a.tissue_of(0).position(0, 0).x() - (setup->scene.tissue.X_WB * setup->scene.tissue.particles[0]).x();
+    const double x = a.tissue_of(0).position(0, 0).x() -
+                     (setup->scene.tissue.X_WB * setup->scene.tissue.particles[0]).x();
     low = std::min(low, x);
     high = std::max(high, x);
   }
   EXPECT_GE(low, -0.00201);
   EXPECT_LE(high, 0.00201);
   EXPECT_GT(high - low, 0.003);
-  EXPECT_THROW(setup_of("omentum", {"randomise={ parameter: \"tissue.colour\" min: 0 max: 1 }"}), Error);
+  EXPECT_THROW(setup_of("omentum", {"randomise={ parameter: \"tissue.colour\" min: 0 max: 1 }"}),
+               Error);
 }
 
 TEST(BadInput, OneLineNamesKnobValueAndRange) {
-  const auto message = [](const std::string& preset, const std::vector<std::string>& overrides) -> std::string {
+  const auto message = [](const std::string& preset,
+                          const std::vector<std::string>& overrides) -> std::string {
     try {
       setup_of(preset, overrides);
     } catch (const Error& error) {
@@ -459,15 +485,22 @@ TEST(BadInput, OneLineNamesKnobValueAndRange) {
     return "accepted";
   };
   using testing::HasSubstr;
-  EXPECT_THAT(message("omentum", {"task.increment_m=5"}), testing::AllOf(HasSubstr("task.increment_m: 5 m"), HasSubstr("0.01")));
+  EXPECT_THAT(message("omentum", {"task.increment_m=5"}),
+              testing::AllOf(HasSubstr("task.increment_m: 5 m"), HasSubstr("0.01")));
   EXPECT_THAT(message("omentum", {"task.increment_m=nan"}), HasSubstr("task.increment_m: nan"));
-  EXPECT_THAT(message("omentum", {"task.incremnt_m=0.001"}), HasSubstr("no field named \"incremnt_m\""));
-  EXPECT_THAT(message("omentum", {"task.increment_m=fast"}), HasSubstr("--set task.increment_m=fast"));
+  EXPECT_THAT(message("omentum", {"task.incremnt_m=0.001"}),
+              HasSubstr("no field named \"incremnt_m\""));
+  EXPECT_THAT(message("omentum", {"task.increment_m=fast"}),
+              HasSubstr("--set task.increment_m=fast"));
   EXPECT_THAT(message("nothing", {}), HasSubstr("allowed: derived, derived_head, omentum"));
-  EXPECT_THAT(message("omentum", {"scene.target_m={ x: 3 y: 0 z: 0 }"}), HasSubstr("scene.target_m"));
-  EXPECT_THAT(message("omentum", {"scene.target_m={ x: 300 y: 0 z: 0 }"}), HasSubstr("-100 ... 100"));
-  EXPECT_THAT(message("omentum", {"scene.tissue.grid.pitch_m=0.09"}), HasSubstr("are the lengths in metres"));
-  EXPECT_THAT(message("omentum", {"scene.rigid_body={ mesh { path: \"none.obj\" } }"}), HasSubstr("none.obj"));
+  EXPECT_THAT(message("omentum", {"scene.target_m={ x: 3 y: 0 z: 0 }"}),
+              HasSubstr("scene.target_m"));
+  EXPECT_THAT(message("omentum", {"scene.target_m={ x: 300 y: 0 z: 0 }"}),
+              HasSubstr("-100 ... 100"));
+  EXPECT_THAT(message("omentum", {"scene.tissue.grid.pitch_m=0.09"}),
+              HasSubstr("are the lengths in metres"));
+  EXPECT_THAT(message("omentum", {"scene.rigid_body={ mesh { path: \"none.obj\" } }"}),
+              HasSubstr("none.obj"));
   EXPECT_THAT(message("omentum", {"scene.tissue.anchor_max_y_m=-1"}), HasSubstr("anchor_max_y_m"));
 }
 

@@ -56,7 +56,8 @@ inline Scene make_sheet_scene(const SheetCase& c) {
   scene.gravity = Eigen::Vector3d(0, 0, -c.gravity);
   scene.tissue.X_WB = c.X_WB;
   scene.tissue.particles = make_grid_particles(scene.config.tissue().grid());
-  for (const auto& p : scene.tissue.particles) scene.tissue.fixed.push_back(p.y() <= c.anchor_max_y + 1e-9 ? 1 : 0);
+  for (const auto& p : scene.tissue.particles)
+    scene.tissue.fixed.push_back(p.y() <= c.anchor_max_y + 1e-9 ? 1 : 0);
   scene.tissue.particle_radius = 0.0015;
   scene.tissue.thickness = 0.003;
   scene.tissue.particle_mass = 1000 * 0.003 * 0.003 * 0.003;
@@ -72,7 +73,8 @@ inline std::shared_ptr<const TissueModel> make_sheet_model(const SheetCase& c) {
 template <typename Real>
 void run_free(Tissue<Real>& tissue, double seconds) {
   const Eigen::Vector3d away(0, 0, 1);
-  const std::vector<ToolMotion> still(static_cast<std::size_t>(tissue.lanes()), ToolMotion{away, away});
+  const std::vector<ToolMotion> still(static_cast<std::size_t>(tissue.lanes()),
+                                      ToolMotion{away, away});
   const int steps = static_cast<int>(seconds / 0.02 + 0.5);
   for (int i = 0; i < steps; ++i) tissue.step(still);
 }

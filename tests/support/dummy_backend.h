@@ -1,7 +1,8 @@
 #pragma once
 
-// The smallest Backend: a point on a line that is rewarded for coming near zero. Tutorial, template for further back
-// ends, and stand-in for the simulation where a test is about the loop and not about tissue.
+// The smallest Backend: a point on a line that is rewarded for coming near zero. Tutorial, template
+// for further back ends, and stand-in for the simulation where a test is about the loop and not
+// about tissue.
 
 #include <cmath>
 #include <cstring>
@@ -27,7 +28,8 @@ class DummyBackend : public Backend {
 
   void reset(int lane, const EpisodeStart& start) override {
     State s{};
-    const PhiloxWords words = random_words(start.run_seed, start.slot, Purpose::kReset, 0, start.episode, 0);
+    const PhiloxWords words =
+        random_words(start.run_seed, start.slot, Purpose::kReset, 0, start.episode, 0);
     s.x = uniform_24(words[0]) * 2 - 1;
     s.start = s.x;
     s.episode = start.episode;
@@ -79,14 +81,18 @@ class DummyBackend : public Backend {
     facts.start_position[0] = static_cast<double>(s.start);
     return facts;
   }
-  bool at_target(int lane) const override { return std::fabs(lanes_[static_cast<std::size_t>(lane)].x) < 0.1F; }
+  bool at_target(int lane) const override {
+    return std::fabs(lanes_[static_cast<std::size_t>(lane)].x) < 0.1F;
+  }
   Action hold_action(int lane) const override {
     Action action;
     const float x = lanes_[static_cast<std::size_t>(lane)].x;
     action.branch = {static_cast<std::uint8_t>(x > 0.05F ? 0 : x < -0.05F ? 2 : 1), 1, 1, 1};
     return action;
   }
-  bool healthy(int lane) const override { return std::isfinite(lanes_[static_cast<std::size_t>(lane)].x); }
+  bool healthy(int lane) const override {
+    return std::isfinite(lanes_[static_cast<std::size_t>(lane)].x);
+  }
   void positions(int lane, std::vector<float>& out) const override {
     out = {lanes_[static_cast<std::size_t>(lane)].x, 0, 0};
   }

@@ -19,13 +19,20 @@ namespace omentum::test {
 /// A process started by a test; killed when the object goes.
 class Process {
  public:
-  /// Runs arguments[0] with the rest, environment inherited.
-  explicit Process(const std::vector<std::string>& arguments) {
+  /// Runs arguments[0] with the rest, environment inherited; output goes to files where named.
+  explicit Process(const std::vector<std::string>& arguments, const std::string& out = "",
+                   const std::string& err = "") {
     std::vector<char*> raw;
     for (const std::string& argument : arguments)
       raw.push_back(const_cast<char*>(argument.c_str()));
     raw.push_back(nullptr);
-    const int error = posix_spawn(&pid_, raw[0], nullptr, nullptr, raw.data(), environ);
+    posix_spawn_file_actions_t actions;
+    posix_spawn_file_actions_init(&actions);
+    constexpr int kFlags = O_CREAT | O_WRONLY | O_TRUNC;
+    if (!out.empty()) posix_spawn_file_actions_addopen(&actions, 1, out.c_str(), kFlags, 0644);
+    if (!err.empty()) posix_spawn_file_actions_addopen(&actions, 2, err.c_str(), kFlags, 0644);
+    const int error = posix_spawn(&pid_, raw[0], &actions, nullptr, raw.data(), environ);
+    posix_spawn_file_actions_destroy(&actions);
     EXPECT_EQ(error, 0) << arguments[0];
     if (error != 0) pid_ = -1;
   }

@@ -1,0 +1,213 @@
+#!/usr/bin/env bash
+# Prints figures of this machine, one line "name value unit" each, on stdout; everything else goes to stderr.
+# See --help. Compare figures of one machine only.
+set -uo pipefail
+
+root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
+bin=${OMENTUM_BIN:-$root/build/release/bin}
+
+usage() {
+  cat <<'TEXT'
+usage: benchmarks/run.sh [--steps N] [--save] [tissue] [ppo] [workers] [train] [camera]
+
+Figures of the groups named (default: tissue ppo workers train):
+  tissue    tissue.<scene>.env_steps_per_s: environment steps (20 ms simulated) per second of one core, all of a step
+  ppo       ppo.us_per_sample_epoch and, where python3 has torch, the same of ppo.torch_us_per_sample_epoch
+  workers   workers.speedup_2_over_1: collecting only, preset paper; two pinned workers against one, alternating
+  train     train.wall_3M_s (preset paper), train.omentum.wall_3M_s, train.small_buffer.wall_3M_s (preset paper with
+            socket buffers of 208 KiB): learner start to last checkpoint, two workers, no evaluation
+  camera    camera.* of bench_camera, where that program is built
+Options:
+  --steps N   shorter or longer training runs; the figures are then named by N instead of 3M
+  --save      also append to benchmarks/results/<cpu>-<n>core.csv with machine, commit and compiler
+Programs are those of build/release/bin (OMENTUM_BIN: another folder); deploy/setup.sh builds them.
+Exit codes: 0 done, 1 a figure could not be measured, 2 wrong option.
+TEXT
+}
+
+wrong() {
+  echo "run.sh: $1 (see --help)" >&2
+  exit 2
+}
+note() { echo "# $*" >&2; }
+
+steps=3000000 save=0 groups=()
+while (($#)); do
+  case $1 in
+    --steps) [[ ${2-} =~ ^[1-9][0-9]{3,10}$ ]] || wrong "--steps needs a number from 1000"; steps=$2; shift ;;
+    --save) save=1 ;;
+    -h | --help) usage; exit 0 ;;
+    tissue | ppo | workers | train | camera) groups+=("$1") ;;
+    *) wrong "unknown option or group $1" ;;
+  esac
+  shift
+done
+((${#groups[@]})) || groups=(tissue ppo workers train)
+
+scratch=$(mktemp -d) || exit 1
+failed=0 children=()
+# Ends what this script started, and waits for it.
+end_children() {
+  ((${#children[@]} == 0)) || kill -TERM "${children[@]}" 2>/dev/null
+  local pid
+  for pid in "${children[@]}"; do wait "$pid" 2>/dev/null; done
+  children=()
+}
+trap 'end_children; rm -rf "$scratch"' EXIT
+trap 'exit 130' INT TERM
+
+cpu=$(sed -n 's/^model name[^:]*: *//p' /proc/cpuinfo | head -n 1)
+cores=$(nproc)
+commit=$(git -C "$root" rev-parse --short=12 HEAD 2>/dev/null || echo unknown)
+[[ -z $(git -C "$root" status --porcelain --untracked-files=no 2>/dev/null) ]] || commit+=+
+compiler=$(c++ --version 2>/dev/null | head -n 1 | tr ',' ';')
+results=$root/benchmarks/results/$(tr -cs 'A-Za-z0-9' '_' <<<"${cpu:-unknown}" | sed 's/_*$//')-${cores}core.csv
+note "cpu=$cpu cores=$cores commit=$commit compiler=$compiler load=$(cut -d' ' -f1-3 /proc/loadavg)"
+
+# $1 name, $2 value, $3 unit.
+figure() {
+  echo "$1 $2 $3"
+  ((save)) || return 0
+  mkdir -p "${results%/*}"
+  [[ -s $results ]] || echo "date,commit,compiler,name,value,unit" >"$results"
+  echo "$(date -u +%FT%TZ),$commit,$compiler,$1,$2,$3" >>"$results"
+}
+# Passes the lines "name value unit" of a program on; what follows a # is a comment. $@ = command.
+figures_of() {
+  local name value unit rest status
+  "$@" >"$scratch/figures"
+  status=$?
+  while read -r name value unit rest; do
+    if [[ $name == '#'* ]]; then note "${name#'#'} $value $unit $rest"; continue; fi
+    [[ $name =~ ^[a-z0-9_.]+$ && $value =~ ^[0-9.e+-]+$ && -n $unit ]] || continue
+    figure "$name" "$value" "$unit"
+    [[ -z $rest ]] || note "$name ${rest#'# '}"
+  done <"$scratch/figures"
+  ((status == 0)) || broken "$1 ended with code $status"
+}
+broken() {
+  echo "run.sh: $1" >&2
+  failed=1
+}
+need() {
+  [[ -x $bin/$1 ]] && return 0
+  broken "$bin/$1 is missing: run deploy/setup.sh"
+  return 1
+}
+
+# A DDS domain whose ports nobody uses and whose lock is free, as in deploy/train.sh. Sets `domain`.
+choose_domain() {
+  local i
+  for ((i = 0; i < 90; ++i)); do
+    domain=$((1 + ($$ + i) % 90))
+    { exec {lock}>>"/tmp/omentum_test_domain_$domain"; } 2>/dev/null || continue
+    flock -n "$lock" && return
+    exec {lock}>&-
+  done
+  broken "no free DDS domain"
+  return 1
+}
+
+# One run of the learner and its workers. $1 = workers, $2 = run name, rest = learner options. The log is
+# $scratch/<name>.log. With two or more cores worker i sits on core i.
+run_system() {
+  local workers=$1 name=$2 i pin=() status
+  shift 2
+  choose_domain || return 1
+  "$bin/learner" --run "$name" --set "run.runs_dir=$scratch" --set "run.domain=$domain" --set evaluation.enabled=false \
+    "$@" >"$scratch/$name.log" 2>&1 &
+  local learner=$!
+  children=("$learner")
+  for ((i = 0; i < workers; ++i)); do
+    ((cores < 2)) || pin=(taskset -c "$((i % cores))")
+    "${pin[@]}" "$bin/sim_worker" --run "$name" --domain "$domain" >"$scratch/$name.worker$i.log" 2>&1 &
+    children+=($!)
+  done
+  wait "$learner"
+  status=$?
+  end_children
+  exec {lock}>&-
+  ((status == 0)) || broken "the learner of $name ended with code $status: $(tail -n 1 "$scratch/$name.log")"
+  return "$status"
+}
+
+bench_tissue() {
+  need bench_tissue || return
+  figures_of "$bin/bench_tissue"
+}
+
+bench_ppo() {
+  need bench_ppo || return
+  figures_of "$bin/bench_ppo"
+  if python3 -c 'import torch' 2>/dev/null; then
+    figures_of python3 "$root/benchmarks/torch_ppo.py"
+  else
+    note "torch is not installed: no ppo.torch_us_per_sample_epoch"
+  fi
+}
+
+bench_camera() {
+  need bench_camera || return
+  figures_of "$bin/bench_camera"
+}
+
+# $1 = figure, $2 = preset, rest = learner options.
+train_wall() {
+  local figure_name=$1 preset=$2 wall
+  shift 2
+  run_system 2 "train_$figure_name" --preset "$preset" --set "rollout.max_steps=$steps" "$@" || return
+  wall=$(sed -n 's/.*trained steps=.* wall_s=\([0-9.]*\).*/\1/p' "$scratch/train_$figure_name.log")
+  [[ -n $wall ]] || { broken "train_$figure_name: no wall_s in its log"; return; }
+  figure "$figure_name" "$wall" s
+  note "$figure_name: $(sed -n 's/.*trained \(steps=.*\)/\1/p' "$scratch/train_$figure_name.log")"
+}
+
+bench_train() {
+  need learner && need sim_worker || return
+  local size=$steps
+  ((steps % 1000000)) || size=$((steps / 1000000))M
+  train_wall "train.wall_${size}_s" paper
+  train_wall "train.omentum.wall_${size}_s" omentum
+  # What a machine with the kernel's default net.core.rmem_max gives a socket.
+  local small
+  small=$(sed 's/max="4MiB"/max="208KiB"/' "$root/deploy/dds/small-buffer.xml")
+  [[ $small == *208KiB* ]] || { broken "deploy/dds/small-buffer.xml has no receive buffer to limit"; return; }
+  CYCLONEDDS_URI=$small train_wall "train.small_buffer.wall_${size}_s" paper
+}
+
+# Steps per second of the second half of a collecting run: the start of the processes stays out.
+collect_rate() {
+  local workers=$1 name=$2 columns
+  run_system "$workers" "$name" --preset paper --set run.updates=false --set rollout.max_steps=400000 || return
+  columns=$(head -n 1 "$scratch/$name/metrics.csv")
+  awk -F, -v columns="$columns" '
+    NR == 1 { for (i = 1; i <= NF; ++i) { if ($i == "wall_time_s") wall = i; if ($i == "charts/steps_total") total = i } }
+    NR > 1 { at[NR] = $wall; steps[NR] = $total; last = NR }
+    END { half = int(last / 2); if (half < 2 || !wall || !total) exit 1
+          printf "%.0f", (steps[last] - steps[half]) / (at[last] - at[half]) }' "$scratch/$name/metrics.csv"
+}
+
+bench_workers() {
+  need learner && need sim_worker || return
+  if ((cores < 2)); then broken "workers: two cores are needed"; return; fi
+  local round rate one=0 two=0
+  for round in 1 2; do  # A/B/A/B, best of each
+    collect_rate 1 "one_$round" >"$scratch/rate" || { broken "workers: no rate with one"; return; }
+    rate=$(<"$scratch/rate")
+    note "one worker: $rate steps/s"
+    ((rate <= one)) || one=$rate
+    collect_rate 2 "two_$round" >"$scratch/rate" || { broken "workers: no rate with two"; return; }
+    rate=$(<"$scratch/rate")
+    note "two workers: $rate steps/s"
+    ((rate <= two)) || two=$rate
+  done
+  figure workers.steps_per_s_1 "$one" steps/s
+  figure workers.steps_per_s_2 "$two" steps/s
+  figure workers.speedup_2_over_1 "$(awk -v a="$one" -v b="$two" 'BEGIN { printf "%.3f", b / a }')" x
+}
+
+for group in "${groups[@]}"; do
+  note "$group"
+  "bench_$group"
+done
+exit "$failed"

@@ -1,0 +1,335 @@
+#!/usr/bin/env bash
+# Trains on this machine: set-up, build, learner and workers over loopback, evaluation, report. See --help.
+set -uo pipefail
+
+root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
+bin=${OMENTUM_BIN:-$root/build/release/bin}  # the tests name another build
+
+usage() {
+  cat <<'TEXT'
+usage: deploy/train.sh [--preset P] [--steps N] [--seeds K] [--workers W] [--run NAME] [--resume] [--set a.b=c]...
+
+Installs what is missing, builds, trains with one learner and W workers on this machine, evaluates, writes the report.
+  --preset P     one of deploy/presets (default omentum)
+  --steps N      environment steps of each run (default: the preset's rollout.max_steps)
+  --seeds K      K runs one after the other, seeds counted up from rollout.run_seed (default 1)
+  --workers W    simulation workers (default: run.workers of the preset, at most the cores)
+  --run NAME     run folder runs/NAME; with several seeds runs/NAME/seed1, ... (default: the preset's name)
+  --resume       continue runs/NAME; without it an existing runs/NAME is moved aside to runs/NAME.oldN
+  --set a.b=c    override a knob; may be repeated (learner --help lists every knob)
+  --no-setup     take build/release as it is
+Ctrl-C stops cleanly and leaves a run that --resume continues; a second one ends everything at once.
+Exit codes: 0 done, 1 failed, 2 wrong input, 130 stopped.
+TEXT
+}
+
+wrong() {
+  echo "train.sh: $1 (see --help)" >&2
+  exit 2
+}
+say() { echo "train: $*"; }
+
+preset=omentum steps='' seeds=1 workers='' name='' resume=0 setup=1
+sets=()
+while (($#)); do
+  option=$1
+  case $option in
+    --preset | --steps | --seeds | --workers | --run | --set)
+      (($# > 1)) || wrong "$option needs a value"
+      value=$2
+      shift
+      ;;
+    --*=*)
+      wrong "write ${option%%=*} VALUE, not $option"
+      ;;
+  esac
+  case $option in
+    --preset) preset=$value ;;
+    --steps) [[ $value =~ ^[1-9][0-9]{0,11}$ ]] || wrong "--steps $value: a number from 1 to 999999999999"; steps=$value ;;
+    --seeds) [[ $value =~ ^[1-9][0-9]{0,2}$ ]] || wrong "--seeds $value: a number from 1 to 999"; seeds=$value ;;
+    --workers) [[ $value =~ ^[1-9][0-9]{0,2}$ ]] || wrong "--workers $value: a number from 1 to 999"; workers=$value ;;
+    --run)
+      [[ $value =~ ^[A-Za-z0-9_+=-][A-Za-z0-9_+=.-]*$ ]] || wrong "--run $value: letters, digits and _ + = - ."
+      name=$value
+      ;;
+    --set) [[ $value == ?*=* ]] || wrong "--set $value: must read a.b=c"; sets+=("$value") ;;
+    --resume) resume=1 ;;
+    --no-setup) setup=0 ;;
+    -h | --help) usage; exit 0 ;;
+    *) wrong "unknown option $option" ;;
+  esac
+  shift
+done
+presets=("$root"/deploy/presets/*.txtpb)
+presets=("${presets[@]##*/}")
+presets=("${presets[@]%.txtpb}")
+[[ " ${presets[*]} " == *" $preset "* ]] || wrong "--preset $preset: one of ${presets[*]}"
+: "${name:=$preset}"
+
+# Last value of a knob among the --set options, else the default given.
+knob() {
+  local value=$2 assignment
+  for assignment in "${sets[@]}"; do [[ $assignment != "$1="* ]] || value=${assignment#*=}; done
+  echo "$value"
+}
+runs_dir=$(knob run.runs_dir "$root/runs")
+run_dir=$runs_dir/$name
+seed_base=$(knob rollout.run_seed 1)
+[[ $seed_base =~ ^[0-9]{1,18}$ ]] || wrong "--set rollout.run_seed=$seed_base: a number"
+domain=$(knob run.domain "")
+common=(--preset "$preset")
+for assignment in "${sets[@]}"; do common+=(--set "$assignment"); done
+[[ -z $steps ]] || common+=(--set "rollout.max_steps=$steps")
+
+now() { date +%s.%N; }
+since() { awk -v a="$1" -v b="$(now)" 'BEGIN { printf "%.1f", b - a }'; }
+add() { awk -v a="$1" -v b="$2" 'BEGIN { printf "%.1f", a + b }'; }
+
+scratch=$(mktemp -d) || exit 1
+learner_pid='' tee_pid='' supervisors=() stop=0 worker_failed=0
+
+# Asks everything that is still running to stop, then insists.
+stop_workers() {
+  local pid tries
+  ((${#supervisors[@]})) || return 0
+  kill -TERM "${supervisors[@]}" 2>/dev/null
+  for ((tries = 0; tries < 100; ++tries)); do
+    kill -0 "${supervisors[@]}" 2>/dev/null || break
+    sleep 0.1
+  done
+  for pid in "${supervisors[@]}"; do wait "$pid" 2>/dev/null; done
+  supervisors=()
+}
+finish() {
+  trap '' INT TERM HUP
+  if [[ -n $learner_pid ]] && kill -0 "$learner_pid" 2>/dev/null; then
+    kill -TERM "$learner_pid" 2>/dev/null
+    ((stop < 2)) || kill -KILL "$learner_pid" 2>/dev/null
+    wait "$learner_pid" 2>/dev/null
+  fi
+  stop_workers
+  [[ -z $tee_pid ]] || wait "$tee_pid" 2>/dev/null
+  rm -rf "$scratch"
+}
+trap finish EXIT
+on_signal() {
+  ((++stop))
+  if ((stop == 1)); then
+    echo
+    say "stopping: the learner saves its checkpoint (once more ends everything at once)"
+    [[ -z $learner_pid ]] || kill -TERM "$learner_pid" 2>/dev/null
+  else
+    [[ -z $learner_pid ]] || kill -KILL "$learner_pid" 2>/dev/null
+  fi
+}
+trap on_signal INT TERM HUP
+trap 'worker_failed=1; [[ -z $learner_pid ]] || kill -TERM "$learner_pid" 2>/dev/null' USR1
+
+resume_hint() {
+  local hint="deploy/train.sh --run $name --resume --preset $preset"
+  [[ -z $steps ]] || hint+=" --steps $steps"
+  ((seeds == 1)) || hint+=" --seeds $seeds"
+  [[ -z $workers ]] || hint+=" --workers $workers"
+  local assignment
+  for assignment in "${sets[@]}"; do hint+=" --set $(printf %q "$assignment")"; done
+  echo "$hint"
+}
+end_stopped() {
+  say "stopped; continue with: $(resume_hint)"
+  exit 130
+}
+fail() {
+  echo "train.sh: $1" >&2
+  exit "${2:-1}"
+}
+
+# Keeps one worker alive until this process is told to stop. $1 = number. A worker that cannot even start after
+# several tries tells the main process so.
+supervise_worker() {
+  local number=$1 pause=1 born code log=$folder/worker$1.log
+  trap 'trap "" TERM; kill -TERM $(jobs -p) 2>/dev/null; wait; exit 0' TERM
+  trap '' INT HUP
+  while true; do
+    born=$SECONDS
+    "$bin/sim_worker" --run "$name" --domain "$domain" "${worker_options[@]}" >>"$log" 2>&1 &
+    wait $! 2>/dev/null  # bash would tell of a killed child here
+    code=$?
+    if ((SECONDS - born >= 60)); then pause=1; fi
+    if ((code == 2 && pause > 4)); then
+      echo "train: worker $number cannot run: $(tail -n 1 "$log")"
+      kill -USR1 $$
+      return 1
+    fi
+    # A worker that left in peace belongs to a run that is over; the main process stops this one in a moment.
+    ((code != 0)) || pause=$((pause < 4 ? 4 : pause))
+    sleep "$pause" &
+    wait $!
+    echo "train: worker $number ended with code $code after $((SECONDS - born)) s and is started again (log: $log)"
+    pause=$((pause < 30 ? 2 * pause : 30))
+  done
+}
+
+# A DDS domain that nobody on this host uses: no socket on its ports and its lock is free. Sets `domain`.
+domain_in_use() {
+  awk -v low=$((7400 + 250 * $1)) -v high=$((7649 + 250 * $1)) '
+    function number(hex,   i, n) {
+      for (i = 1; i <= length(hex); ++i) n = 16 * n + index("0123456789ABCDEF", substr(hex, i, 1)) - 1
+      return n
+    }
+    FNR > 1 { split($2, at, ":"); port = number(at[2]); if (port >= low && port <= high) found = 1 }
+    END { exit !found }' /proc/net/udp
+}
+lock_domain() {
+  { exec {lock}>>"/tmp/omentum_test_domain_$1"; } 2>/dev/null || return 1
+  flock -n "$lock" && return 0
+  exec {lock}>&-
+  return 1
+}
+choose_domain() {
+  if [[ -n $domain ]]; then
+    [[ $domain =~ ^[0-9]{1,3}$ ]] && ((domain <= 230)) || wrong "--set run.domain=$domain: a number from 0 to 230"
+    ! domain_in_use "$domain" || fail "DDS domain $domain is in use on this host; leave run.domain out for a free one" 2
+    return
+  fi
+  local i
+  for ((i = 0; i < 90; ++i)); do
+    domain=$((1 + ($$ + i) % 90))
+    ! domain_in_use "$domain" && lock_domain "$domain" && return
+  done
+  fail "no free DDS domain among 1 ... 90"
+}
+
+# Value of a top-level or nested number in summary.json; $1 = file, $2 = key.
+from_summary() { tr -d '\n' <"$1" | sed -n "s/.*\"$2\": *\([-0-9.e+]*\).*/\1/p"; }
+evaluation_rows() {  # $1 = summary.json: name starts target_reached exposed grasp_held
+  tr -d '\n ' <"$1" | grep -o '{"name":"[^}]*}' |
+    sed -n 's/.*"name":"\([^"]*\)","starts":\([0-9]*\),"target_reached":\([0-9]*\),"exposed":\([0-9]*\),"grasp_held":\([0-9]*\).*/\1 \2 \3 \4 \5/p'
+}
+
+# Trains one seed into $folder; $@ = further learner options.
+train_one() {
+  local number status code
+  mkdir -p "$folder" || fail "$folder cannot be made"
+  rm -f "$scratch/out"
+  mkfifo "$scratch/out"
+  # Interrupts are ignored by tee: the learner still has to print that it has stopped.
+  tee -i -a "$folder/learner.log" <"$scratch/out" &
+  tee_pid=$!
+  "$bin/learner" "${common[@]}" --run "$name" --set "run.domain=$domain" "$@" >"$scratch/out" 2>&1 &
+  learner_pid=$!
+  for ((number = 1; number <= workers; ++number)); do
+    supervise_worker "$number" &
+    supervisors+=($!)
+  done
+  while true; do
+    wait "$learner_pid"
+    status=$?
+    kill -0 "$learner_pid" 2>/dev/null || break
+  done
+  if ((status > 128)); then  # perhaps a signal to this script ended the wait: ask for the learner's own code
+    wait "$learner_pid" 2>/dev/null
+    code=$?
+    ((code == 127)) || status=$code
+  fi
+  learner_pid=''
+  stop_workers
+  wait "$tee_pid" 2>/dev/null
+  tee_pid=''
+  return "$status"
+}
+
+setup_s=0 build_s=0
+if ((setup)); then
+  "$root/deploy/setup.sh" --no-tests --times "$scratch/times"
+  status=$?
+  if ((stop > 0)); then
+    say "stopped before the training began"
+    exit 130
+  fi
+  ((status == 0)) || fail "the set-up failed" "$status"
+  # shellcheck disable=SC1091  # two numbers, written by setup.sh
+  . "$scratch/times"
+fi
+for program in learner sim_worker report; do
+  [[ -x $bin/$program ]] || fail "$bin/$program is missing: run deploy/setup.sh"
+done
+
+# The resolved configuration; a wrong knob ends here, before anything is moved or started.
+"$bin/learner" "${common[@]}" --run "$name" --dry-run >"$scratch/config" 2>"$scratch/error" ||
+  fail "$(tail -n 1 "$scratch/error" | sed 's/^learner: //')" 2
+resolved() { sed -n "s/^ *$1: *\"\{0,1\}\([^\"]*\)\"\{0,1\}$/\1/p" "$scratch/config" | tail -n 1; }
+if [[ -z $workers ]]; then
+  workers=$(resolved workers)
+  cores=$(nproc)
+  ((workers <= cores)) || workers=$cores
+fi
+worker_options=()
+lanes=$(resolved lanes) width=$(resolved lane_width)
+((${lanes:-0} == 0)) || worker_options+=(--lanes "$lanes")
+((${width:-0} == 0)) || worker_options+=(--lane-width "$width")
+
+if ((resume)); then
+  [[ -d $run_dir ]] || fail "--resume: there is no $run_dir" 2
+elif [[ -e $run_dir ]]; then
+  for ((i = 1; ; ++i)); do [[ -e $run_dir.old$i ]] || break; done
+  mv "$run_dir" "$run_dir.old$i" || fail "$run_dir cannot be moved aside"
+  say "the earlier run is now $run_dir.old$i"
+fi
+
+choose_domain
+say "preset $preset, $(resolved max_steps) steps, $seeds seed(s), $workers worker(s), DDS domain $domain, folder $run_dir"
+training_s=0 evaluation_s=0 folders=()
+for ((seed = 1; seed <= seeds; ++seed)); do
+  if ((seeds == 1)); then
+    folder=$run_dir
+    options=(--set "run.runs_dir=$runs_dir")
+  else
+    # The learner names its folder after the run; the seeds are separate runs seedN inside runs/NAME.
+    folder=$run_dir/seed$seed
+    options=(--set "run.runs_dir=$run_dir" --set "rollout.run_seed=$((seed_base + seed - 1))")
+  fi
+  folders+=("$folder")
+  if ((resume)) && ((seeds > 1)) && [[ -s $folder/summary.json ]]; then
+    say "seed $seed is done already"
+    continue
+  fi
+  ((seeds == 1)) || say "seed $seed of $seeds"
+  session=$name
+  ((seeds == 1)) || name=seed$seed
+  train_one "${options[@]}"
+  status=$?
+  name=$session
+  ((worker_failed == 0)) || fail "the workers cannot run; see $folder/worker1.log"
+  if ((stop > 0 || status == 130)); then end_stopped; fi
+  if ((status != 0)); then
+    reason=$(grep -a '^learner: ' "$folder/learner.log" || tail -n 1 "$folder/learner.log")
+    fail "the learner ended with code $status: $(tail -n 1 <<<"${reason#learner: }")" $((status == 2 ? 2 : 1))
+  fi
+done
+
+began=$(now)
+report_line=$("$bin/report" "$run_dir" 2>&1)
+report_status=$?
+report_s=$(since "$began")
+grep "^report: " <<<"$report_line" >&2
+((stop == 0)) || end_stopped
+
+echo
+for folder in "${folders[@]}"; do
+  training_s=$(add "$training_s" "$(from_summary "$folder/summary.json" wall_s)")
+  evaluation_s=$(add "$evaluation_s" "$(from_summary "$folder/summary.json" evaluation)")
+done
+rows=$(for folder in "${folders[@]}"; do
+  while read -r set starts reached exposed held; do
+    printf '%-10s %-18s %7s %15s %8s %11s\n' "${folder##*/}" "$set" "$starts" "$reached" "$exposed" "$held"
+  done < <(evaluation_rows "$folder/summary.json")
+done)
+if [[ -n $rows ]]; then
+  printf '%-10s %-18s %7s %15s %8s %11s\n%s\n\n' run evaluation starts target_reached exposed grasp_held "$rows"
+fi
+printf 'set-up      %8s s\nbuild       %8s s\ntraining    %8s s\nevaluation  %8s s\nreport      %8s s\n' \
+  "$setup_s" "$build_s" "$training_s" "$evaluation_s" "$report_s"
+echo
+for folder in "${folders[@]}"; do say "run      $folder (summary.json, metrics.csv, policy.onnx, checkpoints, recordings)"; done
+((report_status == 0)) || fail "the report failed: $(tail -n 1 <<<"$report_line")"
+say "report   $run_dir/report.html"

@@ -1,0 +1,64 @@
+#include "report/grasp_section.h"
+
+#include <fmt/core.h>
+
+#include "report/plot.h"
+#include "report/section_parts.h"
+
+namespace omentum {
+namespace {
+
+/// In the units a person thinks in.
+double shown(const GraspStudyRow& r) {
+  if (r.unit == "m") return 1e3 * r.value;
+  if (r.unit == "m/s/N") return 1e3 * r.value;
+  return r.value;
+}
+
+std::string shown_unit(const std::string& unit) {
+  if (unit == "m") return "mm";
+  if (unit == "m/s/N") return "mm/s/N";
+  return unit;
+}
+
+}  // namespace
+
+Section make_grasp_section(const std::vector<GraspStudyRow>& rows) {
+  Section section;
+  section.id = "grasp-study";
+  section.title = "The grasp that can fail";
+  section.lead =
+      "A scripted grasp from every start of the robot grid, straight down, close, straight to the "
+      "target: share still held, and share lost on the way, against each parameter varied alone. "
+      "The dashed line is the value of this configuration.";
+  if (rows.empty()) {
+    section.content = missing("This configuration has no robot grid or no gripper action.");
+    return section;
+  }
+  std::string charts;
+  for (std::size_t i = 0; i < rows.size();) {
+    LineChart chart;
+    PlotSeries held{"held at the target", {}, {}, {}, {}, 1};
+    PlotSeries lost{"lost on the way", {}, {}, {}, {}, 2};
+    const std::string parameter = rows[i].parameter;
+    for (; i < rows.size() && rows[i].parameter == parameter; ++i) {
+      const GraspStudyRow& r = rows[i];
+      held.x.push_back(shown(r));
+      held.y.push_back(static_cast<double>(r.held) / r.starts);
+      lost.x.push_back(shown(r));
+      lost.y.push_back(static_cast<double>(r.lost) / r.starts);
+      if (r.shipped) chart.milestones.push_back({shown(r), fmt::format("{:.3g}", shown(r))});
+      chart.x_label = fmt::format("{} [{}]", parameter, shown_unit(r.unit));
+    }
+    chart.title = parameter;
+    chart.y_label = "share of starts";
+    chart.y_range = {0.0, 1.0};
+    chart.percent = true;
+    chart.series = {held, lost};
+    charts += card(draw_line_chart(chart));
+  }
+  section.content = row(charts);
+  return section;
+}
+
+}  // namespace omentum

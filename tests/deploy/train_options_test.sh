@@ -1,0 +1,37 @@
+#!/usr/bin/env bash
+# Wrong input of the commands: exit code 2 and one line that names what is wrong. Argument: repository root.
+set -uo pipefail
+root=$1
+failed=0
+refuses() {  # $1 = what the line must contain, rest = command
+  local want=$1 text status
+  shift
+  text=$("$@" 2>&1 >/dev/null)
+  status=$?
+  if ((status != 2)) || (($(wc -l <<<"$text") != 1)) || [[ $text != *"$want"* ]]; then
+    echo "${*#"$root"/}: code $status, expected 2 and one line with \"$want\", got: $text"
+    failed=1
+  fi
+}
+train=$root/deploy/train.sh
+refuses "unknown option --bogus" "$train" --bogus
+refuses "--steps needs a value" "$train" --steps
+refuses "--steps 0" "$train" --steps 0
+refuses "--steps 1e6" "$train" --steps 1e6
+refuses "--seeds -1" "$train" --seeds -1
+refuses "--workers none" "$train" --workers none
+refuses "--run ../x" "$train" --run ../x
+refuses "--set ppo.gamma" "$train" --set ppo.gamma
+refuses "paper_swapped" "$train" --preset nothing
+refuses "not --steps=3" "$train" --steps=3
+refuses "ppo.gamma" "$train" --no-setup --set ppo.gamma=7
+refuses "--resume: there is no" "$train" --no-setup --run no_such_run --resume
+refuses "run.domain: 900, allowed" "$train" --no-setup --run never --set run.domain=900 --set run.runs_dir="$(mktemp -d)"
+refuses "unknown option" "$root/deploy/setup.sh" --bogus
+refuses "--jobs" "$root/deploy/setup.sh" --jobs many
+refuses "unknown option or group" "$root/benchmarks/run.sh" everything
+for program in deploy/train.sh deploy/setup.sh benchmarks/run.sh tests/run.sh; do
+  "$root/$program" --help | grep -q . || { echo "$program --help is silent"; failed=1; }
+done
+((failed)) || echo "every wrong input is refused in one line"
+exit "$failed"

@@ -1,0 +1,215 @@
+// Wrong input ends before anything begins: exit code 2, one line that names what, where and the
+// allowed range, nothing half-written.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cstdlib>
+
+#include "tests/integration/programs.h"
+
+namespace omentum {
+namespace {
+
+using test::Finished;
+using test::operator+;
+using test::Process;
+using test::Programs;
+using test::Strings;
+using test::tiny_task;
+using testing::HasSubstr;
+
+const std::string kTests = OMENTUM_TESTS_DIR;
+
+Strings with_sets(Strings arguments, const Strings& sets) {
+  for (const std::string& set : sets) {
+    arguments.push_back("--set");
+    arguments.push_back(set);
+  }
+  return arguments;
+}
+
+void expect_refused(const Finished& finished, const Strings& parts) {
+  EXPECT_EQ(finished.code, 2) << finished.err;
+  EXPECT_EQ(test::lines_of(finished.err).size(), 1u) << finished.err;
+  for (const std::string& part : parts) EXPECT_THAT(finished.err, HasSubstr(part));
+}
+
+Strings files_in(const std::string& folder) {
+  Strings files;
+  std::error_code error;
+  for (const auto& entry : std::filesystem::recursive_directory_iterator(folder, error)) {
+    if (entry.is_regular_file()) files.push_back(entry.path().string());
+  }
+  return files;
+}
+
+class BadInput : public testing::Test {
+ protected:
+  /// The learner started like this is refused and leaves no file.
+  void expect_learner_refuses(const Strings& sets, const Strings& parts,
+                              const Strings& more = {"--run", "bad"}) {
+    const Strings runs = {"run.runs_dir=" + (programs_.folder() / "runs")};
+    const Finished finished =
+        programs_.finish(with_sets(Strings{OMENTUM_LEARNER} + more, runs + sets));
+    expect_refused(finished, parts);
+    EXPECT_TRUE(files_in(programs_.folder() / "runs").empty());
+  }
+  /// The worker's check refuses what the learner's dry run prints for these knobs.
+  void expect_scene_refused(const Strings& sets, const Strings& parts) {
+    const Finished dry = programs_.finish(with_sets({OMENTUM_LEARNER, "--dry-run"}, sets));
+    ASSERT_EQ(dry.code, 0) << dry.err;
+    const std::string path = programs_.folder() / "config.txtpb";
+    std::ofstream(path) << dry.out;
+    expect_refused(programs_.finish({OMENTUM_SIM_WORKER, "--check-config", path}), parts);
+  }
+
+  Programs programs_;
+};
+
+TEST_F(BadInput, KnobsAreRefusedByName) {
+  expect_learner_refuses({"task.nonsense=1"}, {"task.nonsense", "increment_m"});
+  expect_learner_refuses({"task.increment_m=1"},
+                         {"task.increment_m: 1 m", "allowed 1e-05 ... 0.01"});
+  expect_learner_refuses({"task.increment_m=nan"}, {"task.increment_m: nan", "allowed"});
+  expect_learner_refuses({"scene.target_m.x=nan"}, {"scene.target_m", "nan", "allowed"});
+  expect_learner_refuses({"task.reward=REWARD_FREE"}, {"task.reward", "REWARD_FREE"});
+  expect_learner_refuses({"task.increment_m"}, {"task.increment_m"});
+  expect_learner_refuses({"run.domain=999"}, {"run.domain: 999", "allowed 0 ... 230"});
+  expect_learner_refuses({"run.lane_width=3"}, {"run.lane_width: 3", "1, 8, 16"});
+}
+
+TEST_F(BadInput, CommandLinesAreRefusedByOption) {
+  expect_learner_refuses({}, {"preset", "nowhere", "omentum"}, {"--preset", "nowhere"});
+  for (const std::string run : {"a/b", "..", "", "a b", "a*"}) {
+    if (run.empty()) continue;
+    expect_learner_refuses({}, {"run.name", run}, {"--run", run});
+  }
+  expect_learner_refuses({}, {"--nonsense"}, {"--nonsense"});
+  const auto worker = [this](const Strings& more) {
+    return programs_.finish(Strings{OMENTUM_SIM_WORKER} + more);
+  };
+  expect_refused(worker({"--domain", "999"}), {"--domain", "999", "0", "230"});
+  expect_refused(worker({"--lanes", "100000"}), {"--lanes", "100000", "1024"});
+  expect_refused(worker({"--lane-width", "3"}), {"lane_width", "3", "1, 8, 16"});
+  expect_refused(worker({"--run", "a/b"}), {"run.name", "a/b"});
+  expect_refused(worker({"--check-config", programs_.folder() / "none"}), {"none"});
+}
+
+TEST_F(BadInput, ScenesAreRefusedByTheWorkersCheck) {
+  const std::string open = programs_.folder() / "open.obj";
+  std::ofstream(open) << "v 0 0 0\nv 0.1 0 0\nv 0 0.1 0\nv 0 0 0.1\nf 1 3 2\nf 1 2 4\nf 1 4 3\n";
+  const auto organ = [](const std::string& path) {
+    return R"(scene.rigid_body={ name: "organ" mesh { path: ")" + path + R"(" } })";
+  };
+  expect_scene_refused({organ("/nowhere/organ.stl")}, {"/nowhere/organ.stl"});
+  expect_scene_refused({organ(open)}, {"open.obj", "edge"});
+  expect_scene_refused({R"(scene.tissue.volume={ mesh { path: ")" + kTests +
+                        R"(/fixtures/fat_pad.obj" unit_m: 1 } })"},
+                       {"fat_pad.obj", "m"});
+  expect_scene_refused({"scene.tissue.cluster.cluster_spacing_m=0.0127",
+                        "scene.tissue.cluster.cluster_radius_m=0.0095"},
+                       {"orphan_policy", "particles"});
+  expect_scene_refused({"scene.tissue.grid.pitch_m=0.05"},
+                       {"scene.tissue", "metres", "0.002 ... 1"});
+  expect_scene_refused({"scene.target_m={ x: 0.5 }"},
+                       {"scene.target_m", "coordinate x", "0.5", "allowed -0.0916 ... 0.0691"});
+  expect_scene_refused({"scene.tool.base={ translation_m { x: 1 } }"},
+                       {"scene.tool_start_m", "out of reach"});
+  expect_scene_refused({"scene.tissue.anchor_max_y_m=-1"}, {"anchor_max_y_m", "0 of 961"});
+  Strings bodies;
+  for (int i = 0; i < 12; ++i) {
+    bodies.push_back(R"(scene.rigid_body={ name: "stone" sphere_radius_m: 0.001 })");
+  }
+  expect_scene_refused(bodies, {"scene.rigid_body", "15", "at most 11"});
+}
+
+TEST_F(BadInput, ASceneThatNoWorkerCanMakeStopsTheLearnerWithTheirReason) {
+  for (const std::string set :
+       {R"(scene.target_m={ x: 0.5 })",
+        R"(scene.rigid_body={ name: "organ" mesh { path: "/nowhere/organ.stl" } })"}) {
+    Process one = programs_.worker("bad");
+    Process two = programs_.worker("bad");
+    Process learner = programs_.learner("bad", tiny_task() + Strings{set});
+    EXPECT_EQ(learner.wait(test::kRunTime), 2);
+    Strings said;
+    for (const std::string& line : test::lines_of(test::read_text(programs_.err("bad")))) {
+      if (line.starts_with("learner: ")) said.push_back(line);
+    }
+    ASSERT_EQ(said.size(), 1u) << test::read_text(programs_.err("bad"));
+    const bool target = set.find("target") != std::string::npos;
+    EXPECT_THAT(said[0], HasSubstr(target ? "scene.target_m: coordinate x is 0.5 m, allowed"
+                                          : "/nowhere/organ.stl"));
+    EXPECT_TRUE(programs_.summary("bad").empty());
+    EXPECT_TRUE(files_in(programs_.run_dir("bad") + "/checkpoints").empty());
+    EXPECT_EQ(one.wait(std::chrono::seconds(20)), 0);
+    EXPECT_EQ(two.wait(std::chrono::seconds(20)), 0);
+  }
+  // The same name with a good scene is a new run, and a worker that refused serves it.
+  EXPECT_EQ(programs_.train("bad", tiny_task()).size(), 64u);
+}
+
+TEST_F(BadInput, AWorkerThatRefusedOneLearnerServesTheNext) {
+  Process worker = programs_.worker("later");
+  {
+    Process learner =
+        programs_.learner("later", tiny_task() + Strings{"scene.target_m={ x: 0.5 }"});
+    ASSERT_TRUE(test::eventually([&] {
+      return test::read_text(programs_.err("later")).find("coordinate x") != std::string::npos;
+    }));
+    learner.kill(SIGKILL);
+    ASSERT_EQ(learner.wait(test::kRunTime), 128 + SIGKILL);
+  }
+  Process learner = programs_.learner("later", tiny_task());
+  EXPECT_EQ(learner.wait(test::kRunTime), 0) << test::read_text(programs_.err("later"));
+  EXPECT_EQ(worker.wait(std::chrono::seconds(20)), 0);
+}
+
+TEST_F(BadInput, CheckpointsOfAnotherConfigurationOrTornOnesAreRefused) {
+  programs_.train("run", tiny_task() + Strings{"run.checkpoint_interval_s=0"});
+  const std::string epoch = test::read_text(programs_.run_dir("run") + "/learner_epoch");
+  const std::string config = test::read_text(programs_.run_dir("run") + "/config.txtpb");
+  Strings arguments = {OMENTUM_LEARNER, "--run", "run"};
+  const Strings runs = {"run.runs_dir=" + (programs_.folder() / "runs")};
+  expect_refused(
+      programs_.finish(with_sets(arguments, runs + tiny_task() + Strings{"ppo.hidden=24"})),
+      {"runs/run", "another configuration", "ppo.hidden: 16 -> 24", "--restart"});
+  int torn = 0;
+  for (const std::string& file : files_in(programs_.run_dir("run") + "/checkpoints")) {
+    std::filesystem::resize_file(file, std::filesystem::file_size(file) / 2);
+    ++torn;
+  }
+  EXPECT_GE(torn, 2);
+  expect_refused(programs_.finish(with_sets(arguments, runs + tiny_task())),
+                 {"runs/run/checkpoints", "truncated"});
+  EXPECT_EQ(test::read_text(programs_.run_dir("run") + "/learner_epoch"), epoch);
+  EXPECT_EQ(test::read_text(programs_.run_dir("run") + "/config.txtpb"), config);
+}
+
+TEST_F(BadInput, AFileInTheWayOfTheRunFolderIsNamed) {
+  std::filesystem::create_directories(programs_.folder() / "runs");
+  std::ofstream(programs_.folder() / "runs/bad") << "in the way";
+  const Strings runs = {"run.runs_dir=" + (programs_.folder() / "runs")};
+  expect_refused(programs_.finish(with_sets({OMENTUM_LEARNER, "--run", "bad"}, runs)),
+                 {"runs/bad", "directory"});
+  EXPECT_EQ(test::read_text(programs_.folder() / "runs/bad"), "in the way");
+}
+
+TEST_F(BadInput, ScenesThatCannotBeReadAreNamedWithLineAndColumn) {
+  // A deploy folder of our own.
+  const std::string deploy = programs_.folder() / "deploy";
+  std::filesystem::create_directories(deploy + "/presets");
+  std::filesystem::create_directories(deploy + "/scenes");
+  std::ofstream(deploy + "/presets/mine.txtpb") << "scene_file: \"mine.txtpb\"\n";
+  ASSERT_EQ(setenv("OMENTUM_DEPLOY_DIR", deploy.c_str(), 1), 0);
+  expect_learner_refuses({}, {"scenes/mine.txtpb", "cannot be opened"},
+                         {"--preset", "mine", "--run", "bad"});
+  std::ofstream(deploy + "/scenes/mine.txtpb") << "format_version: 1\ngravity: 9.8\n";
+  expect_learner_refuses({}, {"mine.txtpb:2:8", "gravity"}, {"--preset", "mine", "--run", "bad"});
+  std::filesystem::remove(deploy + "/scenes/mine.txtpb");
+  std::filesystem::create_directories(deploy + "/scenes/mine.txtpb");
+  expect_learner_refuses({}, {"mine.txtpb"}, {"--preset", "mine", "--run", "bad"});
+  unsetenv("OMENTUM_DEPLOY_DIR");
+}
+
+}  // namespace
+}  // namespace omentum

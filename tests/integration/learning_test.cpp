@@ -1,0 +1,207 @@
+// The programs learn, evaluate and record; recordings run again bit for bit.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+
+#include "core/episode_recording.h"
+#include "tests/integration/programs.h"
+
+namespace omentum {
+namespace {
+
+using test::Finished;
+using test::operator+;
+using test::Process;
+using test::Programs;
+using test::read_text;
+using test::Strings;
+using test::tiny_task;
+
+// Episodes of 60 steps of 2 mm, 88 mm above the tumour, the paper's reward: -0.5 - 0.5 distance / L
+// while nothing is held. A random walk stays where it is: 60 (-0.5 - 0.5 x 0.09 / 0.281) = -39.6.
+// The straight way down takes 45 steps: -30 - 60 x 0.5 x 0.09 / 0.281 x 0.375 = -33.6. The
+// threshold lies half way.
+TEST(Learning, TwoWorkersAndTheLearnerLearnToReach) {
+  Programs programs;
+  const Strings sets =
+      tiny_task() + Strings{"task.reward=REWARD_PAPER", "task.increment_m=0.002",
+                            "rollout.slots=16",         "rollout.steps_per_segment=120",
+                            "rollout.max_steps=60000",  "ppo.hidden=32",
+                            "ppo.minibatch=240",        "ppo.epochs=6",
+                            "ppo.learning_rate=0.002",  "ppo.entropy=0.001"};
+  programs.train("reach", sets, {{"--lanes", "8"}, {"--lanes", "8"}});
+  const double mean_return = std::stod(Programs::value(programs.summary("reach"), "mean_return"));
+  EXPECT_GT(mean_return, -36.6);
+  // It was not there from the start: the first update's episodes were a random walk.
+  const Strings rows = test::lines_of(read_text(programs.run_dir("reach") + "/metrics.csv"));
+  ASSERT_GT(rows.size(), 10u);
+  RecordProperty("mean_return_x100", static_cast<int>(100 * mean_return));
+}
+
+Strings cells(const std::string& line) {
+  Strings found;
+  std::istringstream in(line);
+  for (std::string cell; std::getline(in, cell, ',');) found.push_back(cell);
+  return found;
+}
+
+/// Column of a CSV by name, as text.
+Strings column(const std::string& csv, const std::string& name) {
+  const Strings lines = test::lines_of(csv);
+  const Strings head = cells(lines.at(0));
+  const auto at = std::find(head.begin(), head.end(), name) - head.begin();
+  EXPECT_LT(at, static_cast<std::ptrdiff_t>(head.size())) << name;
+  Strings values;
+  for (std::size_t i = 1; i < lines.size(); ++i) {
+    values.push_back(cells(lines[i]).at(static_cast<std::size_t>(at)));
+  }
+  return values;
+}
+
+class Evaluated : public testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    programs_ = std::make_unique<Programs>();
+    // Both grids of 2 x 2, a lattice of 12 grasps, short episodes; starts low enough to touch.
+    const Strings sets =
+        tiny_task() + Strings{"evaluation.enabled=true",
+                              "evaluation.lattice_stride=10",
+                              "task.hold_s=0.2",
+                              "scene.start_grid.rows=2",
+                              "scene.start_grid.columns=2",
+                              "scene.robot_grid.rows=2",
+                              "scene.robot_grid.columns=2",
+                              "scene.start_grid.centre_m={ x: -0.0172 y: 0.0536 z: 0.045 }"};
+    programs_->train("evaluated", sets, {{"--lanes", "4"}, {"--lanes", "2"}});
+  }
+  static void TearDownTestSuite() { programs_.reset(); }
+
+  static Strings recordings() {
+    Strings files;
+    for (const auto& entry :
+         std::filesystem::directory_iterator(programs_->run_dir("evaluated") + "/recordings")) {
+      files.push_back(entry.path().string());
+    }
+    std::sort(files.begin(), files.end());
+    return files;
+  }
+
+  static std::unique_ptr<Programs> programs_;
+};
+std::unique_ptr<Programs> Evaluated::programs_;
+
+TEST_F(Evaluated, RecordingsReplayIdenticallyAtEveryKernelWidth) {
+  const Strings files = recordings();
+  ASSERT_EQ(files.size(), 8u);
+  for (const std::string width : {"0", "8"}) {
+    const Finished replay =
+        programs_->finish(Strings{OMENTUM_SIM_WORKER, "--lane-width", width, "--replay"} + files);
+    EXPECT_EQ(replay.code, 0) << replay.out << replay.err;
+    const Strings lines = test::lines_of(replay.out);
+    ASSERT_EQ(lines.size(), files.size());
+    for (std::size_t i = 0; i < files.size(); ++i) {
+      const auto recording = load_episode(files[i]);
+      ASSERT_TRUE(recording) << recording.error();
+      EXPECT_EQ(lines[i],
+                files[i] + ": identical steps=" + std::to_string(recording.value().segment.steps));
+    }
+  }
+}
+
+TEST_F(Evaluated, RecordingsHoldTheTaskThatWasGranted) {
+  for (const std::string& file : recordings()) {
+    const auto recording = load_episode(file);
+    ASSERT_TRUE(recording) << recording.error();
+    const RolloutTask& task = recording.value().task;
+    EXPECT_EQ(task.kind, TaskKind::kEvaluate);
+    EXPECT_EQ(task.policy_steps, 60u);
+    EXPECT_EQ(task.hold_steps, 10u);
+    EXPECT_EQ(task.episode_limit, task.steps);
+    EXPECT_EQ(task.frame_stride, 10u);
+    EXPECT_GE(task.steps, recording.value().segment.steps);
+    EXPECT_EQ(task.state_format, kSimStateFormat);
+    EXPECT_FALSE(recording.value().segment.state_hashes.empty());
+  }
+}
+
+TEST_F(Evaluated, ADifferenceIsNamedByStepAndValue) {
+  const std::string file = recordings().front();
+  auto recording = load_episode(file);
+  ASSERT_TRUE(recording);
+  EpisodeRecording changed = recording.value();
+  changed.segment.rewards[7] += 0.5F;
+  const std::string path = programs_->folder() / "changed.mcap";
+  ASSERT_TRUE(save_episode(path, changed.task, changed.segment, changed.context));
+  const Finished replay = programs_->finish({OMENTUM_SIM_WORKER, "--replay", path, file});
+  EXPECT_EQ(replay.code, 1);
+  EXPECT_NE(replay.out.find("differs at step 7: reward recorded"), std::string::npos) << replay.out;
+  EXPECT_NE(replay.out.find(file + ": identical"), std::string::npos) << replay.out;
+
+  changed = recording.value();
+  changed.segment.actions[4 * 3] = 200;  // no branch has so many actions
+  ASSERT_TRUE(save_episode(path, changed.task, changed.segment, changed.context));
+  const Finished action = programs_->finish({OMENTUM_SIM_WORKER, "--replay", path});
+  EXPECT_EQ(action.code, 2);
+  EXPECT_NE(action.err.find("action 200 of step 3, allowed below 3"), std::string::npos)
+      << action.err;
+}
+
+TEST_F(Evaluated, ADamagedFileIsOneLineAndExitCode2) {
+  const std::string text = read_text(recordings().front());
+  const std::string path = programs_->folder() / "cut.mcap";
+  const auto write = [&path](const std::string& content) {
+    std::ofstream(path, std::ios::binary) << content;
+  };
+  write("no recording");
+  const Finished garbage = programs_->finish({OMENTUM_SIM_WORKER, "--replay", path});
+  EXPECT_EQ(garbage.code, 2);
+  EXPECT_EQ(test::lines_of(garbage.err).size(), 1u) << garbage.err;
+  EXPECT_NE(garbage.err.find(path), std::string::npos) << garbage.err;
+  write(text.substr(0, text.size() * 3 / 4));
+  EXPECT_EQ(programs_->finish({OMENTUM_SIM_WORKER, "--replay", path}).code, 2);
+  EXPECT_EQ(programs_->finish({OMENTUM_SIM_WORKER, "--replay", path + ".missing"}).code, 2);
+}
+
+TEST_F(Evaluated, TablesAndSummaryAgree) {
+  const std::string folder = programs_->run_dir("evaluated") + "/evaluation/";
+  const std::string summary = programs_->summary("evaluated");
+  const auto count = [](const Strings& values) {
+    return std::to_string(std::count(values.begin(), values.end(), "1"));
+  };
+  const std::string lattice = read_text(folder + "grasp_lattice.csv");
+  double best = 0;
+  const Strings exposure = column(lattice, "exposure");
+  const Strings reached = column(lattice, "reached");
+  for (std::size_t i = 0; i < exposure.size(); ++i) {
+    if (reached[i] == "1") best = std::max(best, std::stod(exposure[i]));
+  }
+  for (const std::string name :
+       {"grid4_greedy", "grid4_sampled", "robot4_greedy", "robot4_sampled"}) {
+    const std::string csv = read_text(folder + name + ".csv");
+    const std::size_t at = summary.find("\"" + name + "\"");
+    ASSERT_NE(at, std::string::npos) << name << summary;
+    const std::string entry = summary.substr(at);
+    EXPECT_EQ(Programs::value(entry, "starts"), std::to_string(column(csv, "index").size()));
+    EXPECT_EQ(Programs::value(entry, "target_reached"), count(column(csv, "reached")));
+    EXPECT_EQ(Programs::value(entry, "exposed"), count(column(csv, "exposed")));
+    EXPECT_EQ(Programs::value(entry, "failed"), count(column(csv, "failed")));
+    EXPECT_DOUBLE_EQ(std::stod(Programs::value(entry, "best_exposure")), best);
+    for (const std::string& value : column(csv, "best_exposure"))
+      EXPECT_DOUBLE_EQ(std::stod(value), best);
+  }
+  // A recording ends with the exposure and at the place that the table has.
+  for (const std::string& file : recordings()) {
+    const auto recording = load_episode(file);
+    ASSERT_TRUE(recording);
+    const std::string csv = read_text(folder + recording.value().context.name + ".csv");
+    const Strings index = column(csv, "index");
+    const auto row = static_cast<std::size_t>(
+        std::find(index.begin(), index.end(), std::to_string(recording.value().task.start_index)) -
+        index.begin());
+    ASSERT_LT(row, index.size());
+    EXPECT_EQ(std::stof(column(csv, "exposure")[row]), recording.value().segment.exposures.back());
+  }
+}
+
+}  // namespace
+}  // namespace omentum

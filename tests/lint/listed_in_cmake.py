@@ -1,0 +1,34 @@
+#!/usr/bin/env python3
+"""Every file under tests/ takes part: sources and scripts are named in a CMake list, headers are included, data is
+named by a test. Every .cpp of the packages is named in the list of its folder. Argument: repository root."""
+import pathlib
+import re
+import sys
+
+# Used by people or by the tool of the same name, not by a test.
+BY_HAND = {"tests/run.sh", "tests/lint/run_tidy.sh", "tests/support/tsan.supp"}
+
+
+def main():
+    root = pathlib.Path(sys.argv[1])
+    missing = []
+    for package in ("core", "sim_worker", "learner", "report", "benchmarks"):
+        lists = (root / package / "CMakeLists.txt").read_text()
+        missing += [f"{path.relative_to(root)} is not in {package}/CMakeLists.txt"
+                    for path in sorted((root / package).glob("*.cpp")) if not re.search(rf"\b{re.escape(path.name)}\b", lists)]
+    tests = [path for path in sorted((root / "tests").rglob("*")) if path.is_file() and "__pycache__" not in path.parts]
+    cmake = "\n".join(path.read_text() for path in tests if path.name == "CMakeLists.txt")
+    code = "\n".join(path.read_text() for path in tests if path.suffix in (".cpp", ".h", ".py", ".txt"))
+    for path in tests:
+        name = path.relative_to(root).as_posix()
+        if name in BY_HAND or path.name == "CMakeLists.txt" or "corpus" in path.parts:
+            continue
+        text = cmake if path.suffix in (".cpp", ".sh") or "lint" in path.parts else code
+        if not re.search(rf"(?<![\w.]){re.escape(path.name)}(?!\w)", text):
+            missing.append(f"{name} is used by no test")
+    print("\n".join(missing) or f"{len(tests)} files are in use")
+    return 1 if missing else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,137 @@
+// Any closed mesh may be tissue, organ, obstacle or tumour: the fixtures in each role.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "core/config.h"
+#include "sim_worker/sim_backend.h"
+#include "tests/support/fixtures.h"
+
+namespace omentum {
+namespace {
+
+using Eigen::Vector3d;
+
+const std::string kFixtures = std::string(OMENTUM_TESTS_DIR) + "/fixtures/";
+
+/// Preset omentum without its rigid bodies.
+pb::Config bare_config() {
+  pb::Config config = load_config("omentum", {});
+  config.mutable_scene()->clear_rigid_body();
+  return config;
+}
+
+void add_organ(pb::Config& config, pb::BodyRole role, double unit, const Vector3d& p) {
+  pb::RigidBody& body = *config.mutable_scene()->add_rigid_body();
+  body.set_name("mesh");
+  body.set_role(role);
+  body.mutable_mesh()->set_path(kFixtures + "organ.stl");
+  body.mutable_mesh()->set_unit_m(unit);
+  pb::Vec3& place = *body.mutable_pose()->mutable_translation_m();
+  place.set_x(p.x());
+  place.set_y(p.y());
+  place.set_z(p.z());
+}
+
+std::shared_ptr<const SimSetup> setup_of(const pb::Config& config) {
+  return make_sim_setup(config, deploy_dir() + "/scenes");
+}
+
+/// Positions of all free particles after some steps with the tool at rest above.
+std::vector<Vector3d> settle(const std::shared_ptr<const SimSetup>& setup, int steps) {
+  SimBackend backend(setup, 1, 1);
+  EpisodeStart start;
+  start.start_set = StartSet::kGrid;
+  start.episode_limit = 1U << 30;
+  backend.reset(0, start);
+  std::vector<Action> actions(1);
+  actions[0].branch = {1, 1, 1, 0};
+  std::vector<StepOutcome> outcomes(1);
+  for (int i = 0; i < steps; ++i) backend.step(actions, outcomes);
+  EXPECT_TRUE(backend.healthy(0));
+  std::vector<Vector3d> positions;
+  for (int i = 0; i < backend.tissue_of(0).particles(); ++i) {
+    if (setup->scene.tissue.fixed[static_cast<std::size_t>(i)] == 0) {
+      positions.push_back(backend.tissue_of(0).position(0, i));
+    }
+  }
+  return positions;
+}
+
+std::ptrdiff_t inside_organ(const TriangleMesh& organ, const Vector3d& place,
+                            std::vector<Vector3d> positions) {
+  for (Vector3d& p : positions) p -= place;
+  const std::vector<bool> inside = points_inside(organ, positions);
+  return std::count(inside.begin(), inside.end(), true);
+}
+
+TEST(MeshScene, AFatPadIsTissue) {
+  pb::Config config = bare_config();
+  pb::Tissue& tissue = *config.mutable_scene()->mutable_tissue();
+  pb::VolumeMaker& volume = *tissue.mutable_volume();
+  volume.mutable_mesh()->set_path(kFixtures + "fat_pad.obj");
+  volume.mutable_mesh()->set_unit_m(0.001);
+  volume.set_particle_spacing_m(0.004);
+  volume.set_volume_sampling(4);
+  tissue.set_anchor_max_y_m(-0.028);
+  const auto setup = setup_of(config);
+  const TissueBody& body = setup->scene.tissue;
+  const TriangleMesh pad = load_closed_mesh(kFixtures + "fat_pad.obj", 0.001);
+  EXPECT_GT(body.particles.size(), 100u);
+  EXPECT_LT(body.particles.size(), 1500u);
+  for (const Vector3d& p : body.particles) {
+    // Merged voxel centres: within a voxel of 1 mm of the inside.
+    EXPECT_GT(winding_number(pad, p - 0.001 * (p - Vector3d(0.012, -0.007, 0.003)).normalized()),
+              0.5)
+        << p.transpose();
+  }
+  const double mass = body.particle_mass * static_cast<double>(body.particles.size());
+  EXPECT_NEAR(mass, 1000 * signed_volume(pad), 1e-9 * mass);  // density x volume
+  EXPECT_EQ(body.surface_vertices.size(), pad.vertices.size());
+  // It sags on its anchor, stays finite and in one piece.
+  for (const Vector3d& p : settle(setup, 100)) {
+    ASSERT_TRUE(p.allFinite());
+    EXPECT_LT((p - body.X_WB * Vector3d(0.012, -0.007, 0.003)).norm(), 0.15);
+  }
+}
+
+class SolidRole : public testing::TestWithParam<pb::BodyRole> {};
+
+TEST_P(SolidRole, ParticlesStayOutOfTheMesh) {
+  const TriangleMesh organ = load_closed_mesh(kFixtures + "organ.stl", 0.0005);
+  // Under the middle of the sheet, which falls onto it.
+  const Vector3d place(-0.0172, 0.045, 0.005);
+  pb::Config config = bare_config();
+  const std::vector<Vector3d> without = settle(setup_of(config), 100);
+  EXPECT_GT(inside_organ(organ, place, without), 10) << "the sheet would not meet the organ";
+  add_organ(config, GetParam(), 0.0005, place);
+  const std::vector<Vector3d> with = settle(setup_of(config), 100);
+  EXPECT_EQ(inside_organ(organ, place, with), 0);
+}
+
+INSTANTIATE_TEST_SUITE_P(MeshScene, SolidRole,
+                         testing::Values(pb::ROLE_ORGAN, pb::ROLE_OBSTACLE, pb::ROLE_TUMOUR),
+                         [](const auto& role) { return pb::BodyRole_Name(role.param); });
+
+TEST(MeshScene, ATumourMeshGivesExposureSamples) {
+  pb::Config config = bare_config();
+  add_organ(config, pb::ROLE_TUMOUR, 0.00025, {0.0109, 0.0361, 0.0192});
+  const auto setup = setup_of(config);
+  const ExposureEstimator& exposure = *setup->exposure;
+  EXPECT_GE(exposure.full_samples().size(), 10'000);
+  EXPECT_EQ(exposure.subset_samples().size(), 256);
+  std::vector<float> sheet;
+  for (const Vector3d& p : setup->scene.tissue.particles) {
+    for (const double value : Vector3d(setup->scene.tissue.X_WB * p)) {
+      sheet.push_back(static_cast<float>(value));
+    }
+  }
+  EXPECT_LT(exposure.full(sheet), 0.2);                                // under the sheet
+  for (std::size_t i = 2; i < sheet.size(); i += 3) sheet[i] += 0.5F;  // behind the camera
+  EXPECT_EQ(exposure.full(sheet), 1);
+  EXPECT_EQ(exposure.subset(sheet), 1);
+}
+
+}  // namespace
+}  // namespace omentum
