@@ -196,8 +196,8 @@ std::string field_names(const protobuf::Descriptor* descriptor) {
 }  // namespace
 
 std::string deploy_dir() {
-  if (const char* given = std::getenv("OMENTUM_DEPLOY_DIR"))
-    return given;  // NOLINT(concurrency-mt-unsafe)
+  // NOLINTNEXTLINE(concurrency-mt-unsafe): read at start, before any thread is made
+  if (const char* given = std::getenv("OMENTUM_DEPLOY_DIR")) return given;
   std::error_code error;
   std::filesystem::path folder =
       std::filesystem::read_symlink("/proc/self/exe", error).parent_path();

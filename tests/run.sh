@@ -33,6 +33,9 @@ status=$?
 # <testsuite ... tests="N" failures="N" disabled="N" skipped="N" ...>, one attribute per line or not.
 count() { tr '\n' ' ' <"$results" | sed -n "s/.*<testsuite [^>]*[[:space:]]$1=\"\([0-9]*\)\".*/\1/p"; }
 tests=$(count tests) failed=$(count failures) skipped=$(($(count skipped) + $(count disabled)))
+# A test whose program is missing counts as skipped there; it has failed.
+lost=$(grep -c '<skipped message="Unable to find executable' "$results")
+failed=$((failed + lost)) skipped=$((skipped - lost))
 ((status == 0 || failed > 0)) || failed=1
 line="$((tests - failed - skipped)) passed, $failed failed"
 ((skipped == 0)) || line+=", $skipped skipped"

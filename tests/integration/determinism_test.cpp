@@ -62,9 +62,13 @@ TEST(SameWeights, WithDomainRandomisationForOneAndTwoWorkers) {
       Strings{R"(randomise={ parameter: "tissue.stiffness_scale" min: 0.5 max: 2 })",
               R"(randomise={ parameter: "tissue.gravity_scale" min: 0.5 max: 1.5 })",
               R"(randomise={ parameter: "tissue.offset_x_m" min: -0.002 max: 0.002 })",
-              // Down onto the sheet, so that the drawn parameters reach observation and reward.
-              "scene.start_grid.centre_m={ x: -0.0172 y: 0.0536 z: 0.055 }",
-              "task.increment_m=0.002"};
+              // At the sheet with a wide grasp, so that the drawn parameters reach observation and
+              // reward.
+              "scene.start_grid.centre_m={ x: -0.0172 y: 0.0536 z: 0.042 }",
+              "scene.start_grid.row_pitch_m=0.001", "scene.start_grid.column_pitch_m=0.001",
+              "task.start_height_range_m=0.002", "task.increment_m=0.002", "grasp.radius_m=0.01",
+              "grasp.patch_radius_m=0.01", "grasp.jaw_open_deg=0", "grasp.max_approach_deg=0",
+              "grasp.min_pinch_m=0"};
   const std::string hash = programs.train("one", sets, {{}});
   EXPECT_EQ(programs.train("two", sets, {lanes("2", "1"), lanes("3", "8")}), hash);
   Strings plain = sets;

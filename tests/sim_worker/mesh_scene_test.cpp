@@ -38,8 +38,9 @@ std::shared_ptr<const SimSetup> setup_of(const pb::Config& config) {
   return make_sim_setup(config, deploy_dir() + "/scenes");
 }
 
-/// Positions of all free particles after some steps with the tool at rest above.
-std::vector<Vector3d> settle(const std::shared_ptr<const SimSetup>& setup, int steps) {
+/// Steps the scene with the tool at rest above; `visit` gets the free particles after every step.
+template <typename Visit>
+void fall(const std::shared_ptr<const SimSetup>& setup, int steps, Visit&& visit) {
   SimBackend backend(setup, 1, 1);
   EpisodeStart start;
   start.start_set = StartSet::kGrid;
@@ -48,22 +49,30 @@ std::vector<Vector3d> settle(const std::shared_ptr<const SimSetup>& setup, int s
   std::vector<Action> actions(1);
   actions[0].branch = {1, 1, 1, 0};
   std::vector<StepOutcome> outcomes(1);
-  for (int i = 0; i < steps; ++i) backend.step(actions, outcomes);
-  EXPECT_TRUE(backend.healthy(0));
   std::vector<Vector3d> positions;
-  for (int i = 0; i < backend.tissue_of(0).particles(); ++i) {
-    if (setup->scene.tissue.fixed[static_cast<std::size_t>(i)] == 0) {
-      positions.push_back(backend.tissue_of(0).position(0, i));
+  for (int step = 0; step < steps; ++step) {
+    backend.step(actions, outcomes);
+    positions.clear();
+    for (int i = 0; i < backend.tissue_of(0).particles(); ++i) {
+      if (setup->scene.tissue.fixed[static_cast<std::size_t>(i)] == 0) {
+        positions.push_back(backend.tissue_of(0).position(0, i));
+      }
     }
+    visit(positions);
   }
-  return positions;
+  EXPECT_TRUE(backend.healthy(0));
 }
 
-std::ptrdiff_t inside_organ(const TriangleMesh& organ, const Vector3d& place,
-                            std::vector<Vector3d> positions) {
-  for (Vector3d& p : positions) p -= place;
-  const std::vector<bool> inside = points_inside(organ, positions);
-  return std::count(inside.begin(), inside.end(), true);
+/// Most particles that are inside the organ at once while the sheet falls past it.
+std::ptrdiff_t most_inside(const pb::Config& config, const TriangleMesh& organ,
+                           const Vector3d& place) {
+  std::ptrdiff_t most = 0;
+  fall(setup_of(config), 60, [&](std::vector<Vector3d> positions) {
+    for (Vector3d& p : positions) p -= place;
+    const std::vector<bool> inside = points_inside(organ, positions);
+    most = std::max(most, std::count(inside.begin(), inside.end(), true));
+  });
+  return most;
 }
 
 TEST(MeshScene, AFatPadIsTissue) {
@@ -90,10 +99,12 @@ TEST(MeshScene, AFatPadIsTissue) {
   EXPECT_NEAR(mass, 1000 * signed_volume(pad), 1e-9 * mass);  // density x volume
   EXPECT_EQ(body.surface_vertices.size(), pad.vertices.size());
   // It sags on its anchor, stays finite and in one piece.
-  for (const Vector3d& p : settle(setup, 100)) {
-    ASSERT_TRUE(p.allFinite());
-    EXPECT_LT((p - body.X_WB * Vector3d(0.012, -0.007, 0.003)).norm(), 0.15);
-  }
+  fall(setup, 100, [&](const std::vector<Vector3d>& positions) {
+    for (const Vector3d& p : positions) {
+      ASSERT_TRUE(p.allFinite());
+      EXPECT_LT((p - body.X_WB * Vector3d(0.012, -0.007, 0.003)).norm(), 0.15);
+    }
+  });
 }
 
 class SolidRole : public testing::TestWithParam<pb::BodyRole> {};
@@ -103,11 +114,9 @@ TEST_P(SolidRole, ParticlesStayOutOfTheMesh) {
   // Under the middle of the sheet, which falls onto it.
   const Vector3d place(-0.0172, 0.045, 0.005);
   pb::Config config = bare_config();
-  const std::vector<Vector3d> without = settle(setup_of(config), 100);
-  EXPECT_GT(inside_organ(organ, place, without), 10) << "the sheet would not meet the organ";
+  EXPECT_GT(most_inside(config, organ, place), 10) << "the sheet would not meet the organ";
   add_organ(config, GetParam(), 0.0005, place);
-  const std::vector<Vector3d> with = settle(setup_of(config), 100);
-  EXPECT_EQ(inside_organ(organ, place, with), 0);
+  EXPECT_EQ(most_inside(config, organ, place), 0);
 }
 
 INSTANTIATE_TEST_SUITE_P(MeshScene, SolidRole,
