@@ -63,6 +63,7 @@ commit=$(git -C "$root" rev-parse --short=12 HEAD 2>/dev/null || echo unknown)
 compiler=$(c++ --version 2>/dev/null | head -n 1 | tr ',' ';')
 results=$root/benchmarks/results/$(tr -cs 'A-Za-z0-9' '_' <<<"${cpu:-unknown}" | sed 's/_*$//')-${cores}core.csv
 note "cpu=$cpu cores=$cores commit=$commit compiler=$compiler load=$(cut -d' ' -f1-3 /proc/loadavg)"
+awk -v cores="$cores" '$1 > 0.5 * cores { exit 1 }' /proc/loadavg || note "other work runs on this machine: the figures will be too low"
 
 # $1 name, $2 value, $3 unit.
 figure() {

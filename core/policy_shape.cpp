@@ -46,8 +46,9 @@ std::vector<std::string> paper_names() {
 
 std::vector<std::string> omentum_names() {
   std::vector<std::string> names = paper_names();
-  names.emplace_back("jaw_command");
+  names.emplace_back("jaw_closed");
   names.emplace_back("exposure");
+  append_point(names, "grasp");
   return names;
 }
 

@@ -10,8 +10,8 @@ struct RewardState {
   double distance_q = 0;       ///< |p - q| [m]
   double distance_target = 0;  ///< |p - p_T| [m]
   double workspace_diagonal = 1;  ///< L_ws [m]
-  double grasp_distance_q = 0;  ///< |p - q| when tissue was taken hold of, while held [m]
-  double exposure = 0;          ///< 0 ... 1, while held
+  double grasp_distance_q = 0;    ///< |p - q| when tissue was taken hold of, while held [m]
+  double exposure = 0;            ///< 0 ... 1, while held
 };
 
 /// Reward of one control period; k = -0.5 / L_ws (P eq. 2 with the sign its text and figure 4
@@ -20,9 +20,10 @@ struct RewardState {
 ///   held, paper          k |p - p_T|                        in [-0.5, 0]
 ///   held, derived*       k |p - p_T| - 0.25                 in [-0.75, -0.25]
 ///   held, omentum        k |p - p_T| + w_e exposure max(0, 1 - |p - p_T| / d_e)     in [-0.5, w_e]
-/// Without the last factor (exposure_distance 0) a policy parks the patch where the tumour first shows, 85 mm from p_T:
-/// measured, docs/results.md.
-inline double reward(pb::RewardKind kind, const RewardState& s, double exposure_weight, double exposure_distance) {
+/// Without the last factor (exposure_distance 0) a policy parks the patch where the tumour first
+/// shows, 85 mm from p_T: measured, docs/results.md.
+inline double reward(pb::RewardKind kind, const RewardState& s, double exposure_weight,
+                     double exposure_distance) {
   const double k = -0.5 / s.workspace_diagonal;
   if (!s.held) return k * s.distance_q - 0.5;
   switch (kind) {

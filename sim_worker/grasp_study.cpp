@@ -10,9 +10,10 @@ namespace {
 
 using Eigen::Vector3d;
 
-constexpr double kCloseDistance = 0.0014;  // [m] inside every min_pinch of the sweep but the largest
-constexpr int kDescentSteps = 230;         // from the start height to the board
-constexpr int kCloseSteps = 12;            // the slowest jaw of the sweep closes within them
+constexpr double kCloseDistance =
+    0.0014;                         // [m] inside every min_pinch of the sweep but the largest
+constexpr int kDescentSteps = 230;  // from the start height to the board
+constexpr int kCloseSteps = 12;     // the slowest jaw of the sweep closes within them
 constexpr int kLiftSteps = 230;
 
 struct Sweep {
@@ -33,7 +34,8 @@ const std::vector<Sweep>& sweeps() {
   return all;
 }
 
-/// The slip law only shows where slip happens: its rate and its limit are varied with this load threshold [N].
+/// The slip law only shows where slip happens: its rate and its limit are varied with this load
+/// threshold [N].
 constexpr double kSlipForceOfSlipSweeps = 0.2;
 
 enum class Phase { kDescend, kClose, kLift };
@@ -50,7 +52,8 @@ void run_batch(SimBackend& backend, std::uint32_t first, std::uint32_t count, Gr
   std::vector<LaneScript> scripts(lanes);
   std::vector<Action> actions(lanes);
   std::vector<StepOutcome> outcomes(lanes);
-  std::vector<Tissue<float>::Nearest> nearest(static_cast<std::size_t>(backend.tissue_of(0).lanes()));
+  std::vector<Tissue<float>::Nearest> nearest(
+      static_cast<std::size_t>(backend.tissue_of(0).lanes()));
   std::vector<Vector3d> points(nearest.size(), Vector3d::Zero());
   for (std::size_t k = 0; k < lanes; ++k) {
     EpisodeStart start;
@@ -68,7 +71,8 @@ void run_batch(SimBackend& backend, std::uint32_t first, std::uint32_t count, Gr
     for (std::size_t k = 0; k < lanes; ++k) {
       LaneScript& s = scripts[k];
       const int lane = static_cast<int>(k);
-      if (s.phase == Phase::kDescend && (nearest[k].distance < kCloseDistance || ++s.steps > kDescentSteps)) {
+      if (s.phase == Phase::kDescend &&
+          (nearest[k].distance < kCloseDistance || ++s.steps > kDescentSteps)) {
         s = {Phase::kClose, 0, false, s.result};
         // Judged as the back end will judge it, so that each start has its cause.
         if (nearest[k].distance < kCloseDistance) s.result = backend.judge(lane, nearest[k]);
@@ -104,13 +108,15 @@ std::vector<GraspStudyRow> study_grasps(const SimSetup& setup) {
     const pb::Grasp& shipped = setup.config.grasp();
     std::vector<double> values = sweep.values;
     const double own = shipped.GetReflection()->GetDouble(shipped, field);
-    if (own > 0 && std::find(values.begin(), values.end(), own) == values.end()) values.push_back(own);
+    if (own > 0 && std::find(values.begin(), values.end(), own) == values.end())
+      values.push_back(own);
     std::sort(values.begin(), values.end());
     for (const double value : values) {
       auto varied = std::make_shared<SimSetup>(setup);
       pb::Grasp& grasp = *varied->config.mutable_grasp();
       const std::string name = sweep.parameter;
-      if (name == "slip_rate_m_per_s_n" || name == "loss_slip_m") grasp.set_slip_force_n(kSlipForceOfSlipSweeps);
+      if (name == "slip_rate_m_per_s_n" || name == "loss_slip_m")
+        grasp.set_slip_force_n(kSlipForceOfSlipSweeps);
       grasp.GetReflection()->SetDouble(&grasp, field, value);
       GraspStudyRow row;
       row.parameter = name;
@@ -131,10 +137,12 @@ std::vector<GraspStudyRow> study_grasps(const SimSetup& setup) {
 
 std::string grasp_study_csv(const std::vector<GraspStudyRow>& rows) {
   std::string text =
-      "parameter,unit,value,shipped,starts,held,lost,not_taken,too_far,jaw_not_open,bad_approach,too_thin\n";
+      "parameter,unit,value,shipped,starts,held,lost,not_taken,too_far,jaw_not_open,bad_approach,"
+      "too_thin\n";
   for (const GraspStudyRow& r : rows) {
-    text += fmt::format("{},{},{},{},{},{},{},{},{},{},{},{}\n", r.parameter, r.unit, r.value, r.shipped ? 1 : 0,
-                        r.starts, r.held, r.lost, r.not_taken, r.causes[1], r.causes[2], r.causes[3], r.causes[4]);
+    text += fmt::format("{},{},{},{},{},{},{},{},{},{},{},{}\n", r.parameter, r.unit, r.value,
+                        r.shipped ? 1 : 0, r.starts, r.held, r.lost, r.not_taken, r.causes[1],
+                        r.causes[2], r.causes[3], r.causes[4]);
   }
   return text;
 }

@@ -19,13 +19,14 @@ struct GraspStudyRow {
   int held = 0;       ///< tissue still held at p_T
   int lost = 0;       ///< taken hold of, slipped out on the way
   int not_taken = 0;  ///< the jaw closed without taking hold, or never met tissue
-  std::array<int, 5> causes{};  ///< starts by the result of their pinch (PinchResult); kTooFar = never met tissue
+  std::array<int, 5>
+      causes{};  ///< starts by the result of their pinch (PinchResult); kTooFar = never met tissue
 };
 
-/// Varies each parameter alone around the configuration and runs a scripted grasp from every start of the robot grid:
-/// straight down with the jaw open, close at 1.4 mm from the nearest particle, straight to p_T. The script stands in for
-/// the operator, so the figures are of the grasp, not of a policy. Empty without a robot grid. About 0.4 s per value on
-/// one core.
+/// Varies each parameter alone around the configuration and runs a scripted grasp from every start
+/// of the robot grid: straight down with the jaw open, close at 1.4 mm from the nearest particle,
+/// straight to p_T. The script stands in for the operator, so the figures are of the grasp, not of
+/// a policy. Empty without a robot grid. About 0.4 s per value on one core.
 std::vector<GraspStudyRow> study_grasps(const SimSetup& setup);
 
 /// parameter,unit,value,shipped,starts,held,lost,not_taken,too_far,jaw_not_open,bad_approach,too_thin

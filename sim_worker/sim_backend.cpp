@@ -121,10 +121,10 @@ int SimBackend::observation_size() const {
     case pb::OBSERVATION_DERIVED_HEAD:
       return 8;
     case pb::OBSERVATION_OMENTUM:
-      return 14;
+      return 17;
     case pb::OBSERVATION_IMAGE: {
       const int channels = task.image() == pb::IMAGE_SHADED ? 3 : 1;
-      return 14 + channels * static_cast<int>(task.image_size() * task.image_size());
+      return 17 + channels * static_cast<int>(task.image_size() * task.image_size());
     }
     default:
       return 12;
@@ -308,14 +308,15 @@ RewardState SimBackend::reward_state(int lane) const {
   state.distance_q = (to_vector(e.tip) - setup_->scene.tumour_point).norm();
   state.distance_target = (to_vector(e.tip) - setup_->scene.target).norm();
   state.workspace_diagonal = setup_->workspace_diagonal;
-  state.grasp_distance_q = e.grasp_distance_q;
+  state.grasp_distance_q = (to_vector(e.held_from) - setup_->scene.tumour_point).norm();
   state.exposure = static_cast<double>(e.exposure);
   return state;
 }
 
 double SimBackend::reward_now(int lane) const {
   const pb::Task& task = setup_->config.task();
-  return reward(task.reward(), reward_state(lane), task.exposure_weight(), task.exposure_distance_m());
+  return reward(task.reward(), reward_state(lane), task.exposure_weight(),
+                task.exposure_distance_m());
 }
 
 double SimBackend::potential_now(int lane) const {
@@ -361,7 +362,7 @@ void SimBackend::attach(int lane, int particle) {
   }
   tissue.hold(l, patch, offsets);
   e.slip = 0;
-  e.grasp_distance_q = (tip - setup_->scene.tumour_point).norm();
+  assign(e.held_from, tip);
   if (!tissue.held(l).empty() && e.grasped_ever == 0) {
     e.grasped_ever = 1;
     assign(e.grasp_position, tip);
@@ -379,7 +380,8 @@ PinchResult SimBackend::judge(int lane, const Tissue<float>::Nearest& nearest) c
   contact.distance = nearest.distance;
   contact.jaw_deg = environments_[static_cast<std::size_t>(lane)].jaw_deg;
   contact.thickness = setup_->scene.tissue.thickness;
-  // The normal costs a walk over the triangles: only where tissue is in reach and the angle matters.
+  // The normal costs a walk over the triangles: only where tissue is in reach and the angle
+  // matters.
   if (grasp.max_approach_deg() > 0 && contact.distance < grasp.radius_m()) {
     contact.approach_deg = approach_deg(lane, nearest.particle);
   }
@@ -602,6 +604,8 @@ void SimBackend::observe(int lane, std::span<float> observation) const {
   const double open = setup_->config.grasp().jaw_open_deg();
   add(open > 0 ? 1 - e.jaw_deg / open : static_cast<double>(e.jaw_closed));
   add(static_cast<double>(e.exposure));
+  // Where the sheet was taken hold of: without it the value of a held state cannot be told.
+  add_position(held ? to_vector(e.held_from) : p);
   if (kind != pb::OBSERVATION_IMAGE) return;
   OMENTUM_CHECK(static_cast<bool>(image_), "observation OBSERVATION_IMAGE needs an image source");
   std::vector<float> vertices;
@@ -729,7 +733,9 @@ Result<void> SimBackend::load(int lane, std::span<const std::byte> state) {
     }
   }
   if (!std::isfinite(e.jaw_deg) || !std::isfinite(e.slip) || !std::isfinite(e.episode_return) ||
-      !std::isfinite(e.pending_bonus) || !std::isfinite(e.grasp_distance_q) || !std::isfinite(e.exposure) || e.episode_limit == 0) {
+      !std::isfinite(e.pending_bonus) ||
+      !std::isfinite(e.held_from[0] + e.held_from[1] + e.held_from[2]) ||
+      !std::isfinite(e.exposure) || e.episode_limit == 0) {
     return Failure{"environment state holds a non-finite number or a zero episode limit"};
   }
   const Result<std::size_t> used =

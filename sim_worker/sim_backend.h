@@ -87,7 +87,7 @@ class SimBackend : public Backend {
     double jaw_deg;
     double slip;  ///< accumulated [m]
     double pending_bonus;
-    double grasp_distance_q;  ///< |p - q| when the present grasp took hold [m]
+    double held_from[3];  ///< tip when the present grasp took hold, p_WT [m]
     double episode_return;
     double start_position[3];
     double grasp_position[3];

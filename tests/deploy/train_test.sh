@@ -5,7 +5,7 @@ set -uo pipefail
 root=$1
 scratch=$(mktemp -d)
 trap 'rm -rf "$scratch"' EXIT
-small=(--no-setup --steps 3000 --workers 2 --set run.runs_dir="$scratch/runs" --set rollout.slots=16
+small=(--no-setup --preset paper --steps 3000 --workers 2 --set run.runs_dir="$scratch/runs" --set rollout.slots=16
   --set rollout.steps_per_segment=32 --set evaluation.enabled=false --set run.checkpoint_interval_s=0)
 
 die() {

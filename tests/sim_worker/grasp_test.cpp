@@ -24,7 +24,9 @@ TEST(Grasp, TableOfCauses) {
   const Row rows[] = {
       {"good pinch", {0.0010, open, 20, 0.003}, PinchResult::kHeld},
       {"no tissue in reach", {0.0021, open, 20, 0.003}, PinchResult::kTooFar},
-      {"jaw too far closed to take 3 mm between its faces", {0.0010, 10, 20, 0.003}, PinchResult::kJawNotOpen},
+      {"jaw too far closed to take 3 mm between its faces",
+       {0.0010, 10, 20, 0.003},
+       PinchResult::kJawNotOpen},
       {"along the sheet instead of onto it", {0.0010, open, 75, 0.003}, PinchResult::kBadApproach},
       {"only grazed", {0.0019, open, 20, 0.003}, PinchResult::kTooThin},
       {"thin tissue needs less opening", {0.0010, 10, 20, 0.001}, PinchResult::kHeld},
@@ -35,7 +37,8 @@ TEST(Grasp, TableOfCauses) {
 TEST(Grasp, ZeroParametersAreThePlainProximityGrasp) {
   const pb::Grasp plain = load_config("paper", {}).grasp();
   EXPECT_EQ(judge_pinch(plain, {0.00199, 0, 90, 0.003}), PinchResult::kHeld);
-  EXPECT_EQ(judge_pinch(plain, {0.002, 0, 0, 0.003}), PinchResult::kTooFar);  // strictly nearer than the radius
+  EXPECT_EQ(judge_pinch(plain, {0.002, 0, 0, 0.003}),
+            PinchResult::kTooFar);  // strictly nearer than the radius
   EXPECT_EQ(slip_speed(plain, 1e6), 0);
   EXPECT_FALSE(slipped_out(plain, 1.0));
 }
@@ -71,7 +74,8 @@ TEST(GraspStudy, EveryCauseOfFailureHappensAndEveryParameterMatters) {
     entry->second.first = std::min(entry->second.first, row.held);
     entry->second.second = std::max(entry->second.second, row.held);
   }
-  for (const PinchResult cause : {PinchResult::kHeld, PinchResult::kJawNotOpen, PinchResult::kBadApproach, PinchResult::kTooThin}) {
+  for (const PinchResult cause : {PinchResult::kHeld, PinchResult::kJawNotOpen,
+                                  PinchResult::kBadApproach, PinchResult::kTooThin}) {
     EXPECT_GT(causes[static_cast<std::size_t>(cause)], 0) << static_cast<int>(cause);
   }
   EXPECT_GT(lost, 0);

@@ -184,7 +184,7 @@ TEST(Workspace, DropsIncrement) {
 TEST(Observation, CompositionAndScaling) {
   SimBackend backend(setup_of("omentum"), 1, 1);
   backend.reset(0, grid_start(0));
-  std::vector<float> o(14);
+  std::vector<float> o(17);
   backend.observe(0, o);
   const Scene& scene = backend.setup().scene;
   EXPECT_EQ(o[0], 1);  // not held
