@@ -1,5 +1,6 @@
 #include "core/rollout.h"
 
+#include <algorithm>
 #include <chrono>
 #include <cmath>
 
@@ -126,6 +127,13 @@ std::vector<RolloutSegment> run_rollout(Backend& backend, Policy& policy,
       fail(segment, runs[k],
            fmt::format("replay task with {} commands for {} steps", task.commands.size() / 4,
                        task.steps));
+      continue;
+    }
+    const bool legal = std::all_of(task.commands.begin(), task.commands.end(), [&](float v) {
+      return continuous ? std::isfinite(v) : v == 0 || v == 1 || v == 2;
+    });
+    if (!legal) {
+      fail(segment, runs[k], "replay task with a command that is no action");
       continue;
     }
     if (task.reset) {
