@@ -14,30 +14,37 @@ struct RewardState {
   double exposure = 0;            ///< 0 ... 1, while held
 };
 
+/// Weights of REWARD_OMENTUM; zero leaves a term out.
+struct RewardWeights {
+  double exposure = 0;           ///< w_e
+  double exposure_distance = 0;  ///< d_e [m]; 0 = exposure counts everywhere
+  double grasp_distance = 0;     ///< w_g [1/m]
+};
+
 /// Reward of one control period; k = -0.5 / L_ws (P eq. 2 with the sign its text and figure 4
 /// demand).
 ///   not held             k |p - q| - 0.5                    in [-1, -0.5]
 ///   held, paper          k |p - p_T|                        in [-0.5, 0]
 ///   held, derived*       k |p - p_T| - 0.25                 in [-0.75, -0.25]
-///   held, omentum        k |p - p_T| + w_e exposure max(0, 1 - |p - p_T| / d_e)     in [-0.5, w_e]
-/// Without the last factor (exposure_distance 0) a policy parks the patch where the tumour first
-/// shows, 85 mm from p_T: measured, docs/results.md.
-inline double reward(pb::RewardKind kind, const RewardState& s, double exposure_weight,
-                     double exposure_distance) {
+///   held, omentum        k |p - p_T| - w_g |g - q| + w_e exposure max(0, 1 - |p - p_T| / d_e)
+/// Without d_e a policy parks the patch where the tumour first shows, 85 mm from p_T; without w_g
+/// it takes hold wherever it first meets the sheet, the flaw that P VI-B names. Both measured,
+/// docs/decisions/0009.
+inline double reward(pb::RewardKind kind, const RewardState& s, const RewardWeights& w) {
   const double k = -0.5 / s.workspace_diagonal;
   if (!s.held) return k * s.distance_q - 0.5;
+  const double held = k * s.distance_target;
   switch (kind) {
     case pb::REWARD_DERIVED:
     case pb::REWARD_DERIVED_HEAD:
-      return k * s.distance_target - 0.25;
-    case pb::REWARD_OMENTUM:
-      if (exposure_distance > 0) {
-        const double near = 1 - s.distance_target / exposure_distance;
-        return k * s.distance_target + exposure_weight * s.exposure * (near > 0 ? near : 0);
-      }
-      return k * s.distance_target + exposure_weight * s.exposure;
+      return held - 0.25;
+    case pb::REWARD_OMENTUM: {
+      const double near = w.exposure_distance > 0 ? 1 - s.distance_target / w.exposure_distance : 1;
+      return held - w.grasp_distance * s.grasp_distance_q +
+             w.exposure * s.exposure * (near > 0 ? near : 0);
+    }
     default:
-      return k * s.distance_target;
+      return held;
   }
 }
 

@@ -315,8 +315,9 @@ RewardState SimBackend::reward_state(int lane) const {
 
 double SimBackend::reward_now(int lane) const {
   const pb::Task& task = setup_->config.task();
-  return reward(task.reward(), reward_state(lane), task.exposure_weight(),
-                task.exposure_distance_m());
+  const RewardWeights weights{task.exposure_weight(), task.exposure_distance_m(),
+                              task.grasp_distance_per_m()};
+  return reward(task.reward(), reward_state(lane), weights);
 }
 
 double SimBackend::potential_now(int lane) const {

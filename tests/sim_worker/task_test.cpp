@@ -106,7 +106,7 @@ TEST(Reward, ReferenceValues) {  // seed_task.md section 7
     s.distance_q = dq;
     s.distance_target = dt;
     s.workspace_diagonal = kDiagonal;
-    return reward(kind, s, 0.5, 0.1);
+    return reward(kind, s, RewardWeights{0.5, 0.1, 0});
   };
   EXPECT_NEAR(at(pb::REWARD_PAPER, false, 0.08877, 0), -0.65795, 2e-5);
   EXPECT_NEAR(at(pb::REWARD_DERIVED, false, 0.09666, 0), -0.67200, 1e-5);
