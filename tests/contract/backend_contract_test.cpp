@@ -8,12 +8,15 @@
 namespace omentum::test {
 namespace {
 
+/// The setup is made when the first back end is: ctest runs one case per process, and every process
+/// lists them all.
 BackendCase sim_case(const std::string& name, const std::string& preset,
                      const std::vector<std::string>& overrides = {}) {
   const pb::Config config = load_config(preset, overrides);
-  const auto setup = make_sim_setup(config, deploy_dir() + "/scenes");
-  const auto make = [setup](int lanes) {
-    return std::make_unique<SimBackend>(setup, lanes, 0, make_image_source(*setup));
+  const auto setup = std::make_shared<std::shared_ptr<const SimSetup>>();
+  const auto make = [config, setup](int lanes) {
+    if (*setup == nullptr) *setup = make_sim_setup(config, deploy_dir() + "/scenes");
+    return std::make_unique<SimBackend>(*setup, lanes, 0, make_image_source(**setup));
   };
   return {name, make, policy_shape(config)};
 }
