@@ -272,7 +272,7 @@ void SimBackend::place_on_lattice(int lane, std::uint32_t particle) {
   e.jaw_was_open = 0;
   // A point out of the arm's reach, or with nothing but fixed particles around, holds nothing: its
   // exposure is that of the untouched sheet.
-  if (joints_for_tip(setup_->mount, tip)) attach(lane, static_cast<int>(particle));
+  if (joints_for_tip(setup_->mount, tip)) attach(lane);
 }
 
 SimBackend::Command SimBackend::decode(const Action& action) const {
@@ -345,8 +345,7 @@ double SimBackend::approach_deg(int lane, int particle) const {
   return trig::atan2(std::sqrt(1 - cosine * cosine), cosine) * 180 / 3.14159265358979323846;
 }
 
-void SimBackend::attach(int lane, int particle) {
-  (void)particle;
+void SimBackend::attach(int lane) {
   Environment& e = environments_[static_cast<std::size_t>(lane)];
   Tissue<float>& tissue = tissue_of(lane);
   const int l = lane_in_group(lane);
@@ -395,7 +394,7 @@ void SimBackend::try_grasp(int lane, const Tissue<float>::Nearest& nearest) {
   const PinchResult result = judge(lane, nearest);
   ++counters_.pinches[static_cast<std::size_t>(result)];
   if (result == PinchResult::kHeld) {
-    attach(lane, nearest.particle);
+    attach(lane);
     return;
   }
   if (setup_->config.defects().grasp_any_body() && result == PinchResult::kTooFar) {

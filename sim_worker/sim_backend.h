@@ -117,7 +117,7 @@ class SimBackend : public Backend {
   double potential_now(int lane) const;
   void move_jaw_and_grasp(std::span<const Command> commands, std::vector<StepOutcome>& control);
   void try_grasp(int lane, const Tissue<float>::Nearest& nearest);
-  void attach(int lane, int particle);
+  void attach(int lane);
   void slip_or_lose(int lane, StepOutcome& outcome);
   void release(int lane);
   double approach_deg(int lane, int particle) const;
