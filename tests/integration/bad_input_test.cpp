@@ -148,22 +148,6 @@ TEST_F(BadInput, ASceneThatNoWorkerCanMakeStopsTheLearnerWithTheirReason) {
   EXPECT_EQ(programs_.train("bad", tiny_task()).size(), 64u);
 }
 
-TEST_F(BadInput, AWorkerThatRefusedOneLearnerServesTheNext) {
-  Process worker = programs_.worker("later");
-  {
-    Process learner =
-        programs_.learner("later", tiny_task() + Strings{"scene.target_m={ x: 0.5 }"});
-    ASSERT_TRUE(test::eventually([&] {
-      return test::read_text(programs_.err("later")).find("coordinate x") != std::string::npos;
-    }));
-    learner.kill(SIGKILL);
-    ASSERT_EQ(learner.wait(test::kRunTime), 128 + SIGKILL);
-  }
-  Process learner = programs_.learner("later", tiny_task());
-  EXPECT_EQ(learner.wait(test::kRunTime), 0) << test::read_text(programs_.err("later"));
-  EXPECT_EQ(worker.wait(std::chrono::seconds(20)), 0);
-}
-
 TEST_F(BadInput, CheckpointsOfAnotherConfigurationOrTornOnesAreRefused) {
   programs_.train("run", tiny_task() + Strings{"run.checkpoint_interval_s=0"});
   const std::string epoch = test::read_text(programs_.run_dir("run") + "/learner_epoch");
