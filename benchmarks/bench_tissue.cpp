@@ -10,6 +10,7 @@
 
 #include "core/config.h"
 #include "core/rng.h"
+#include "sim_worker/cluster_tissue.h"
 #include "sim_worker/sim_backend.h"
 
 namespace {
@@ -74,8 +75,8 @@ void measure(const std::string& name, const omentum::pb::Config& config, unsigne
                "# %s: %d lanes, %d particles, %zu memberships, %u ticks per step, %d lanes hold, "
                "%.2f us/step, hash %016lx\n",
                name.c_str(), lanes, backend.tissue_of(0).particles(),
-               setup->tissue->clusters.member.size(), backend.ticks_per_step(), held, 1e6 * best,
-               hash);
+               dynamic_cast<const ClusterTissueModel&>(*setup->tissue).clusters.member.size(),
+               backend.ticks_per_step(), held, 1e6 * best, hash);
 }
 
 /// Cost of the reward's exposure alone: sheets lifted half way, every lane wanted.

@@ -49,6 +49,7 @@ std::vector<std::string> omentum_names() {
   names.emplace_back("jaw_closed");
   names.emplace_back("exposure");
   append_point(names, "grasp");
+  append_point(names, "near_goal");
   return names;
 }
 

@@ -49,14 +49,14 @@ inline double reward(pb::RewardKind kind, const RewardState& s, const RewardWeig
 }
 
 /// Potential whose difference over a step is added to the reward: -c |p - q| while free and
-/// c (0.2 m - |p - p_T| - |g - q|) while held, g being where tissue was taken hold of. A difference
-/// of potentials changes which way is learned first, not which policy is best [Ng99]; it gives a
-/// motion of half a millimetre a reward of its own, where the distances above change by 0.0009
-/// only. The last term keeps a grasp far from q from cancelling the way that was not travelled
-/// (P VI-B names that flaw of its reward). 0.2 m: above any |p - p_T| within reach, so that taking
-/// hold never lowers the potential.
+/// c (0.13 m - |p - p_T| - |g - q|) while held, g being where tissue was taken hold of. A
+/// difference of potentials changes which way is learned first, not which policy is best [Ng99]; it
+/// gives a motion of half a millimetre a reward of its own, where the distances above change by
+/// 0.0009 only. The last term keeps a grasp far from q from cancelling the way that was not
+/// travelled (P VI-B names that flaw of its reward). 0.2 m: above any |p - p_T| within reach, so
+/// that taking hold never lowers the potential.
 inline double progress_potential(const RewardState& s, double progress_per_m) {
-  return s.held ? progress_per_m * (0.2 - s.distance_target - s.grasp_distance_q)
+  return s.held ? progress_per_m * (0.13 - s.distance_target - s.grasp_distance_q)
                 : -progress_per_m * s.distance_q;
 }
 

@@ -10,7 +10,7 @@ enum class PinchResult { kHeld, kTooFar, kJawNotOpen, kBadApproach, kTooThin };
 
 /// What the jaw meets at the moment it is commanded to close on tissue.
 struct PinchContact {
-  double distance = 0;      ///< tip to the nearest sheet particle [m]
+  double distance = 0;      ///< tip to the sheet; for the plain grasp to its nearest particle [m]
   double jaw_deg = 0;       ///< present angle of the jaw
   double approach_deg = 0;  ///< between the jaw and the sheet's normal at that particle, 0 ... 90
   double thickness = 0;     ///< of the tissue [m]

@@ -52,8 +52,7 @@ void run_batch(SimBackend& backend, std::uint32_t first, std::uint32_t count, Gr
   std::vector<LaneScript> scripts(lanes);
   std::vector<Action> actions(lanes);
   std::vector<StepOutcome> outcomes(lanes);
-  std::vector<Tissue<float>::Nearest> nearest(
-      static_cast<std::size_t>(backend.tissue_of(0).lanes()));
+  std::vector<Nearest> nearest(static_cast<std::size_t>(backend.tissue_of(0).lanes()));
   std::vector<Vector3d> points(nearest.size(), Vector3d::Zero());
   for (std::size_t k = 0; k < lanes; ++k) {
     EpisodeStart start;

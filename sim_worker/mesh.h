@@ -61,6 +61,11 @@ TriangleMesh make_box_mesh(const Eigen::Vector3d& half_extents);
 TriangleMesh make_capsule_mesh(const Eigen::Vector3d& p0, const Eigen::Vector3d& p1, double radius,
                                int sectors);
 
+/// Squared distance from p to the triangle (a, b, c) [m^2]: to its projection if that falls inside,
+/// else to the nearest edge.
+double squared_distance_to_triangle(const Eigen::Vector3d& p, const Eigen::Vector3d& a,
+                                    const Eigen::Vector3d& b, const Eigen::Vector3d& c);
+
 /// Signed distance of a closed mesh on a regular grid, negative inside; trilinear between nodes.
 /// The hot path reads the raw arrays; outside the grid nothing is in contact (the margin exceeds
 /// any contact distance).

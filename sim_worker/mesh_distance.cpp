@@ -11,6 +11,27 @@
 #include "sim_worker/mesh.h"
 
 namespace omentum {
+double squared_distance_to_triangle(const Eigen::Vector3d& p, const Eigen::Vector3d& a,
+                                    const Eigen::Vector3d& b, const Eigen::Vector3d& c) {
+  const Eigen::Vector3d normal = (b - a).cross(c - a);
+  const double area = normal.squaredNorm();
+  if (area > 0) {
+    const bool inside = normal.cross(b - a).dot(p - a) >= 0 &&
+                        normal.cross(c - b).dot(p - b) >= 0 && normal.cross(a - c).dot(p - c) >= 0;
+    if (inside) {
+      const double height = normal.dot(p - a);
+      return height * height / area;
+    }
+  }
+  const auto to_segment = [&](const Eigen::Vector3d& from, const Eigen::Vector3d& to) {
+    const Eigen::Vector3d edge = to - from;
+    const double length = edge.squaredNorm();
+    const double along = length > 0 ? std::clamp(edge.dot(p - from) / length, 0.0, 1.0) : 0.0;
+    return (p - from - along * edge).squaredNorm();
+  };
+  return std::min({to_segment(a, b), to_segment(b, c), to_segment(c, a)});
+}
+
 namespace {
 
 const Eigen::Vector3d& corner(const TriangleMesh& mesh, const Eigen::Vector3i& triangle, int k) {
@@ -118,29 +139,6 @@ class ColumnGrid {
 
 // ------------------------------------------------------------------------------------------------
 // Distance: tree of axis-aligned boxes
-
-/// Squared distance from p to the triangle (a, b, c): the projection if it falls inside, else the
-/// nearest edge.
-double squared_distance_to_triangle(const Eigen::Vector3d& p, const Eigen::Vector3d& a,
-                                    const Eigen::Vector3d& b, const Eigen::Vector3d& c) {
-  const Eigen::Vector3d normal = (b - a).cross(c - a);
-  const double area = normal.squaredNorm();
-  if (area > 0) {
-    const bool inside = normal.cross(b - a).dot(p - a) >= 0 &&
-                        normal.cross(c - b).dot(p - b) >= 0 && normal.cross(a - c).dot(p - c) >= 0;
-    if (inside) {
-      const double height = normal.dot(p - a);
-      return height * height / area;
-    }
-  }
-  const auto to_segment = [&](const Eigen::Vector3d& from, const Eigen::Vector3d& to) {
-    const Eigen::Vector3d edge = to - from;
-    const double length = edge.squaredNorm();
-    const double along = length > 0 ? std::clamp(edge.dot(p - from) / length, 0.0, 1.0) : 0.0;
-    return (p - from - along * edge).squaredNorm();
-  };
-  return std::min({to_segment(a, b), to_segment(b, c), to_segment(c, a)});
-}
 
 class DistanceTree {
  public:

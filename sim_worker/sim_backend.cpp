@@ -17,6 +17,8 @@ using Eigen::Vector3d;
 constexpr double kSettleTime =
     3.0;  // [s] the sheet has come to rest on kidney and tumour (docs/results.md)
 
+constexpr double kNearRange = 0.005;  // [m] where the fine observation of the way left saturates
+
 Vector3d to_vector(const double* p) { return {p[0], p[1], p[2]}; }
 
 void assign(double* to, const Vector3d& from) {
@@ -110,7 +112,7 @@ SimBackend::SimBackend(std::shared_ptr<const SimSetup> setup, int lanes, unsigne
   OMENTUM_CHECK(lanes > 0);
   const Kernel<float>& kernel = choose_kernel(lane_width);
   for (int first = 0; first < lanes; first += width_) {
-    groups_.push_back(std::make_unique<Tissue<float>>(setup_->tissue, kernel));
+    groups_.push_back(setup_->tissue->make_tissue(kernel));
   }
   for (int lane = 0; lane < lanes; ++lane) reset(lane, {});
 }
@@ -121,10 +123,10 @@ int SimBackend::observation_size() const {
     case pb::OBSERVATION_DERIVED_HEAD:
       return 8;
     case pb::OBSERVATION_OMENTUM:
-      return 17;
+      return 20;
     case pb::OBSERVATION_IMAGE: {
       const int channels = task.image() == pb::IMAGE_SHADED ? 3 : 1;
-      return 17 + channels * static_cast<int>(task.image_size() * task.image_size());
+      return 20 + channels * static_cast<int>(task.image_size() * task.image_size());
     }
     default:
       return 12;
@@ -134,8 +136,7 @@ int SimBackend::observation_size() const {
 std::uint32_t SimBackend::state_format() const { return kSimStateFormat; }
 
 std::uint32_t SimBackend::ticks_per_step() const {
-  return setup_->config.task().action_repeat() *
-         setup_->config.scene().tissue().cluster().substeps();
+  return setup_->config.task().action_repeat() * setup_->tissue->substeps();
 }
 
 Vector3d SimBackend::start_of(const EpisodeStart& start) const {
@@ -244,13 +245,13 @@ void SimBackend::reset(int lane, const EpisodeStart& start) {
 const Bytes& SimBackend::settled_state() const {
   if (!settled_.empty()) return settled_;
   // The sheet alone, tool at p_0, until it rests: one lane of a batch of its own.
-  Tissue<float> tissue(setup_->tissue, choose_kernel(lane_width_));
+  const auto tissue = setup_->tissue->make_tissue(choose_kernel(lane_width_));
   const std::vector<ToolMotion> still(
-      static_cast<std::size_t>(tissue.lanes()),
+      static_cast<std::size_t>(tissue->lanes()),
       ToolMotion{setup_->scene.tool_start, setup_->scene.tool_start});
   const auto steps = static_cast<int>(std::ceil(kSettleTime / setup_->tissue->control_period));
-  for (int i = 0; i < steps; ++i) tissue.step(still);
-  tissue.save(0, settled_);
+  for (int i = 0; i < steps; ++i) tissue->step(still);
+  tissue->save(0, settled_);
   return settled_;
 }
 
@@ -345,22 +346,27 @@ double SimBackend::approach_deg(int lane, int particle) const {
   return trig::atan2(std::sqrt(1 - cosine * cosine), cosine) * 180 / 3.14159265358979323846;
 }
 
+double SimBackend::sheet_distance(int lane, const Nearest& nearest) const {
+  const auto& tissue = *groups_[static_cast<std::size_t>(lane / width_)];
+  const int l = lane_in_group(lane);
+  const Vector3d tip = to_vector(environments_[static_cast<std::size_t>(lane)].tip);
+  double squared = nearest.distance * nearest.distance;
+  for (const Eigen::Vector3i& t : setup_->scene.tissue.surface_triangles) {
+    if (t[0] != nearest.particle && t[1] != nearest.particle && t[2] != nearest.particle) continue;
+    squared = std::min(
+        squared, squared_distance_to_triangle(tip, tissue.position(l, t[0]),
+                                              tissue.position(l, t[1]), tissue.position(l, t[2])));
+  }
+  return std::sqrt(squared);
+}
+
 void SimBackend::attach(int lane) {
   Environment& e = environments_[static_cast<std::size_t>(lane)];
   Tissue<float>& tissue = tissue_of(lane);
   const int l = lane_in_group(lane);
   const Vector3d tip = to_vector(e.tip);
-  const double radius = setup_->config.grasp().patch_radius_m();
-  const bool collapse = setup_->config.defects().grasp_collapse_to_point();
-  std::vector<int> patch;
-  std::vector<Vector3d> offsets;
-  for (int i = 0; i < tissue.particles(); ++i) {
-    const Vector3d offset = tissue.position(l, i) - tip;
-    if (offset.norm() > radius) continue;
-    patch.push_back(i);
-    offsets.push_back(collapse ? Vector3d::Zero() : offset);
-  }
-  tissue.hold(l, patch, offsets);
+  tissue.hold(l, tip, setup_->config.grasp().patch_radius_m(),
+              setup_->config.defects().grasp_collapse_to_point());
   e.slip = 0;
   assign(e.held_from, tip);
   if (!tissue.held(l).empty() && e.grasped_ever == 0) {
@@ -374,10 +380,13 @@ void SimBackend::release(int lane) {
   environments_[static_cast<std::size_t>(lane)].holds_rigid = 0;
 }
 
-PinchResult SimBackend::judge(int lane, const Tissue<float>::Nearest& nearest) const {
+PinchResult SimBackend::judge(int lane, const Nearest& nearest) const {
   const pb::Grasp& grasp = setup_->config.grasp();
   PinchContact contact;
-  contact.distance = nearest.distance;
+  // A pinch takes the sheet between its particles as well; the plain grasp knows particles only.
+  contact.distance = grasp.min_pinch_m() > 0 && setup_->scene.tissue.surface_is_particles
+                         ? sheet_distance(lane, nearest)
+                         : nearest.distance;
   contact.jaw_deg = environments_[static_cast<std::size_t>(lane)].jaw_deg;
   contact.thickness = setup_->scene.tissue.thickness;
   // The normal costs a walk over the triangles: only where tissue is in reach and the angle
@@ -388,7 +397,7 @@ PinchResult SimBackend::judge(int lane, const Tissue<float>::Nearest& nearest) c
   return judge_pinch(grasp, contact);
 }
 
-void SimBackend::try_grasp(int lane, const Tissue<float>::Nearest& nearest) {
+void SimBackend::try_grasp(int lane, const Nearest& nearest) {
   Environment& e = environments_[static_cast<std::size_t>(lane)];
   const pb::Grasp& grasp = setup_->config.grasp();
   const PinchResult result = judge(lane, nearest);
@@ -446,7 +455,7 @@ void SimBackend::move_jaw_and_grasp(std::span<const Command> commands,
   const auto W = static_cast<std::size_t>(width_);
   for (std::size_t g = 0; g < groups_.size(); ++g) {
     std::vector<Vector3d> points(W, Vector3d::Zero());
-    std::vector<Tissue<float>::Nearest> nearest(W);
+    std::vector<Nearest> nearest(W);
     bool group_wants = false;
     for (std::size_t l = 0; l < W && g * W + l < environments_.size(); ++l) {
       points[l] = to_vector(environments_[g * W + l].tip);
@@ -606,6 +615,10 @@ void SimBackend::observe(int lane, std::span<float> observation) const {
   add(static_cast<double>(e.exposure));
   // Where the sheet was taken hold of: without it the value of a held state cannot be told.
   add_position(held ? to_vector(e.held_from) : p);
+  // The way that is left, fine: over the workspace's width a millimetre is 0.01 of an input, and
+  // greedy policies stood still 3 mm from p_T (docs/decisions/0009).
+  const Vector3d way = (held ? scene.target : scene.tumour_point) - p;
+  for (int k = 0; k < 3; ++k) add(std::clamp(way[k] / kNearRange, -1.0, 1.0));
   if (kind != pb::OBSERVATION_IMAGE) return;
   OMENTUM_CHECK(static_cast<bool>(image_), "observation OBSERVATION_IMAGE needs an image source");
   std::vector<float> vertices;

@@ -68,7 +68,7 @@ class SimBackend : public Backend {
   std::uint32_t ticks_per_step() const override;
 
   /// What a pinch on the given particle would come to now.
-  PinchResult judge(int lane, const Tissue<float>::Nearest& nearest) const;
+  PinchResult judge(int lane, const Nearest& nearest) const;
 
   const SimCounters& counters() const { return counters_; }
   const SimSetup& setup() const { return *setup_; }
@@ -116,11 +116,13 @@ class SimBackend : public Backend {
   double reward_now(int lane) const;
   double potential_now(int lane) const;
   void move_jaw_and_grasp(std::span<const Command> commands, std::vector<StepOutcome>& control);
-  void try_grasp(int lane, const Tissue<float>::Nearest& nearest);
+  void try_grasp(int lane, const Nearest& nearest);
   void attach(int lane);
   void slip_or_lose(int lane, StepOutcome& outcome);
   void release(int lane);
   double approach_deg(int lane, int particle) const;
+  /// Tip to the sheet: the triangles around the nearest particle [m].
+  double sheet_distance(int lane, const Nearest& nearest) const;
   void draw_parameters(int lane);
   Eigen::Vector3d start_of(const EpisodeStart& start) const;
   void place_on_lattice(int lane, std::uint32_t particle);

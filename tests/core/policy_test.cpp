@@ -149,11 +149,11 @@ TEST(PolicyShape, SizesOfThePresets) {
   EXPECT_EQ(observations(pb::OBSERVATION_PAPER), 12);
   EXPECT_EQ(observations(pb::OBSERVATION_DERIVED), 12);
   EXPECT_EQ(observations(pb::OBSERVATION_DERIVED_HEAD), 8);
-  EXPECT_EQ(observations(pb::OBSERVATION_OMENTUM), 17);
+  EXPECT_EQ(observations(pb::OBSERVATION_OMENTUM), 20);
   config.mutable_task()->set_image_size(16);
-  EXPECT_EQ(observations(pb::OBSERVATION_IMAGE), 17 + 256);
+  EXPECT_EQ(observations(pb::OBSERVATION_IMAGE), 20 + 256);
   config.mutable_task()->set_image(pb::IMAGE_SHADED);
-  EXPECT_EQ(observations(pb::OBSERVATION_IMAGE), 17 + 3 * 256);
+  EXPECT_EQ(observations(pb::OBSERVATION_IMAGE), 20 + 3 * 256);
   EXPECT_THAT(policy_shape(config).branches, testing::ElementsAre(3, 3, 3, 2));
   config.mutable_task()->set_action(pb::ACTION_DERIVED_HEAD);
   EXPECT_THAT(policy_shape(config).branches, testing::ElementsAre(3, 3, 3));

@@ -28,7 +28,7 @@ template <typename Real>
 double effective_modulus(SheetCase c, const Kernel<Real>& kernel, double seconds = 6) {
   c.X_WB = sloped(90);
   const auto model = make_sheet_model(c);
-  Tissue<Real> tissue(model, kernel);
+  ClusterTissue<Real> tissue(model, kernel);
   run_free(tissue, seconds);
   // Mean extension of the free row against rest; L from the anchored row to it.
   double extension = 0;
@@ -111,7 +111,7 @@ TEST_P(SagAnchors, FreeEdgeDropsAsMeasured) {
     c.gravity = gravity;
     c.X_WB = sloped(26.5);
     const auto model = make_sheet_model(c);
-    Tissue<double> tissue(model, kKernelF64x1);
+    ClusterTissue<double> tissue(model, kKernelF64x1);
     run_free(tissue, 10);
     double drop = 0;
     for (unsigned ix = 0; ix < 30; ++ix) {
@@ -151,7 +151,7 @@ Flight<Real> fly(const Kernel<Real>& kernel, unsigned substeps, double spin) {
   c.spacing = 0.0095;
   c.radius = 0.0127;
   c.anchor_max_y = -1;  // nothing fixed
-  Tissue<Real> tissue(make_sheet_model(c), kernel);
+  ClusterTissue<Real> tissue(make_sheet_model(c), kernel);
   const Vector3d omega(0, 0, spin);
   const Vector3d drift(0.5, 0.25, 0.1);
   const auto sums = [&](Vector3d& momentum, double& angular) {
@@ -196,8 +196,8 @@ TEST(Tissue, RestStaysAtRestWithoutGravity) {
   c.gravity = 0;
   c.X_WB = sloped(26.5);
   const auto model = make_sheet_model(c);
-  Tissue<float> single(model, kKernelF32x1);
-  Tissue<double> exact(model, kKernelF64x1);
+  ClusterTissue<float> single(model, kKernelF32x1);
+  ClusterTissue<double> exact(model, kKernelF64x1);
   run_free(single, 10);
   run_free(exact, 10);
   double worst_f32 = 0;
@@ -220,8 +220,8 @@ TEST(Cluster, FlatAndDegenerateRecover) {
     c.spacing = 0.0095;
     c.radius = 0.0127;
     const auto model = make_sheet_model(c);
-    Tissue<double> exact(model, kKernelF64x1);
-    Tissue<float> single(model, kKernelF32x1);
+    ClusterTissue<double> exact(model, kKernelF64x1);
+    ClusterTissue<float> single(model, kKernelF32x1);
     const auto spoil = [&](auto& tissue) {
       for (int i = 0; i < tissue.particles(); ++i) {
         if (model->body.fixed[static_cast<std::size_t>(i)] != 0) continue;
@@ -266,12 +266,10 @@ TEST(Cluster, PlasticityComparesSquare) {
     c.plastic_threshold = threshold;
     c.plastic_creep = 0.05;
     const auto model = make_sheet_model(c);
-    Tissue<double> tissue(model, kKernelF64x1);
+    ClusterTissue<double> tissue(model, kKernelF64x1);
     const int corner = 899;
     const Vector3d rest = tissue.position(0, corner);
-    const std::vector<int> patch = {corner};
-    const std::vector<Vector3d> offsets = {Vector3d::Zero()};
-    tissue.hold(0, patch, offsets);
+    tissue.hold(0, rest, 1e-6, false);
     for (int step = 0; step < 50; ++step) {
       const Vector3d lift(0, 0, 0.008);
       const std::vector<ToolMotion> motion = {
@@ -293,7 +291,7 @@ TEST(Cluster, OrphansFallAtG) {
   scene.config.mutable_tissue()->mutable_cluster()->set_orphan_policy(pb::ORPHANS_FREE);
   scene.config.mutable_tissue()->mutable_cluster()->set_damping_per_s(0);
   std::vector<std::string> warnings;
-  Tissue<double> tissue(make_tissue_model(scene, 0.02, warnings), kKernelF64x1);
+  ClusterTissue<double> tissue(make_cluster_model(scene, 0.02, warnings), kKernelF64x1);
   run_free(tissue, 0.5);
   for (const int orphan : {15, 48, 690}) {
     if (scene.tissue.fixed[static_cast<std::size_t>(orphan)] != 0) continue;
@@ -312,7 +310,7 @@ TEST(Cluster, SelfCollisionKeepsParticlesApart) {
     c.stiffness = 0.01;
     c.anchor_max_y = 0.0;  // the fixed half is a table
     const auto model = make_sheet_model(c);
-    Tissue<float> tissue(model, kKernelF32x1);
+    ClusterTissue<float> tissue(model, kKernelF32x1);
     for (int i = 0; i < tissue.particles(); ++i) {
       Vector3d p = tissue.position(0, i);
       if (p.y() > 0.006) tissue.set_position(0, i, {p.x(), 0.012 - p.y(), 0.004});
@@ -348,7 +346,7 @@ TEST(Cluster, GlobalStiffnessStiffensTheBody) {
   c.X_WB = sloped(26.5);
   const auto drop = [&c] {
     const auto model = make_sheet_model(c);
-    Tissue<double> tissue(model, kKernelF64x1);
+    ClusterTissue<double> tissue(model, kKernelF64x1);
     run_free(tissue, 3);
     return (c.X_WB * model->body.particles[899]).z() - tissue.position(0, 899).z();
   };

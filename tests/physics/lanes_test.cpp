@@ -81,8 +81,8 @@ TEST(Tissue, BatchCompositionIsIrrelevant) {
 TEST(Tissue, ADivergedLanePoisonsItselfOnly) {
   test::SheetCase c;
   const auto model = test::make_sheet_model(c);
-  Tissue<float> spoiled(model, kKernelF32x8);
-  Tissue<float> healthy(model, kKernelF32x8);
+  ClusterTissue<float> spoiled(model, kKernelF32x8);
+  ClusterTissue<float> healthy(model, kKernelF32x8);
   spoiled.set_velocity(3, 465, Vector3d(std::nan(""), 0, 0));
   test::run_free(spoiled, 1);
   test::run_free(healthy, 1);
@@ -104,14 +104,7 @@ TEST(Oracle, LiftTaskInSinglePrecisionFollowsDoublePrecision) {
   const auto lift = [&model](auto& tissue) {
     test::run_free(tissue, 5);
     const Vector3d grip = tissue.position(0, 15 * 30 + 28);
-    std::vector<int> patch;
-    std::vector<Vector3d> offsets;
-    for (int i = 0; i < tissue.particles(); ++i) {
-      if ((tissue.position(0, i) - grip).norm() > 0.005) continue;
-      patch.push_back(i);
-      offsets.push_back(tissue.position(0, i) - grip);
-    }
-    tissue.hold(0, patch, offsets);
+    tissue.hold(0, grip, 0.005, false);
     Vector3d tip = grip;
     for (int step = 0; step < 750; ++step) {
       const Vector3d next = step < 160 ? Vector3d(tip + Vector3d(0, 0, 0.000375)) : tip;
@@ -121,8 +114,8 @@ TEST(Oracle, LiftTaskInSinglePrecisionFollowsDoublePrecision) {
       tip = next;
     }
   };
-  Tissue<float> single(model, kKernelF32x1);
-  Tissue<double> exact(model, kKernelF64x1);
+  ClusterTissue<float> single(model, kKernelF32x1);
+  ClusterTissue<double> exact(model, kKernelF64x1);
   lift(single);
   lift(exact);
   double sum = 0;
@@ -148,7 +141,7 @@ TEST(Scene, OmentumSheetHasSixKilopascal) {
   c.X_WB.linear() =
       Eigen::AngleAxisd(-1.57079632679489661923, Vector3d::UnitX()).toRotationMatrix();
   const auto model = test::make_sheet_model(c);
-  Tissue<double> tissue(model, kKernelF64x1);
+  ClusterTissue<double> tissue(model, kKernelF64x1);
   test::run_free(tissue, 8);
   double extension = 0;
   for (int ix = 0; ix < 31; ++ix) extension += (-0.045 - tissue.position(0, ix * 31 + 30).z()) / 31;

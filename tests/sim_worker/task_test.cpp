@@ -9,6 +9,7 @@
 #include "core/config.h"
 #include "core/reward.h"
 #include "core/rng.h"
+#include "sim_worker/cluster_tissue.h"
 #include "sim_worker/sim_backend.h"
 
 namespace omentum {
@@ -45,6 +46,10 @@ Vector3d tip(const SimBackend& backend, int lane = 0) {
 constexpr std::array<std::uint8_t, 4> kStay = {1, 1, 1, 0};
 constexpr std::array<std::uint8_t, 4> kDown = {1, 1, 0, 0};
 
+const Clusters& clusters_of(const SimSetup& setup) {
+  return dynamic_cast<const ClusterTissueModel&>(*setup.tissue).clusters;
+}
+
 TEST(Scene, PaperHas900Particles) {
   const auto setup = setup_of("paper");
   const TissueBody& body = setup->scene.tissue;
@@ -52,14 +57,14 @@ TEST(Scene, PaperHas900Particles) {
   EXPECT_EQ(std::count(body.fixed.begin(), body.fixed.end(), 1), 60);
   EXPECT_NEAR(body.particles.front().x(), -0.0435, 1e-12);
   EXPECT_NEAR(body.particles.back().y(), 0.0435, 1e-12);
-  EXPECT_EQ(setup->tissue->clusters.attached, 8);
+  EXPECT_EQ(clusters_of(*setup).attached, 8);
 }
 
 TEST(Scene, OmentumHas961ParticlesAndNoOrphans) {
   const auto setup = setup_of("omentum");
   EXPECT_EQ(setup->scene.tissue.particles.size(), 961U);
   EXPECT_EQ(std::count(setup->scene.tissue.fixed.begin(), setup->scene.tissue.fixed.end(), 1), 62);
-  EXPECT_TRUE(setup->tissue->clusters.orphans.empty());
+  EXPECT_TRUE(clusters_of(*setup).orphans.empty());
 }
 
 TEST(Scene, DerivedSampling) {
@@ -284,8 +289,7 @@ bool grasp_below(SimBackend& backend, double dx = 0, double dy = 0) {
                        1, 0});
   const bool paced = backend.setup().config.grasp().jaw_open_deg() > 0;
   for (int i = 0; i < 260; ++i) {
-    std::vector<Tissue<float>::Nearest> nearest(
-        static_cast<std::size_t>(backend.tissue_of(0).lanes()));
+    std::vector<Nearest> nearest(static_cast<std::size_t>(backend.tissue_of(0).lanes()));
     std::vector<Vector3d> points(nearest.size(), tip(backend));
     backend.tissue_of(0).find_nearest(points, nearest);
     if (nearest[0].distance < (paced ? 0.0014 : 0.002)) break;
@@ -356,7 +360,7 @@ TEST(Contact, TipReachesTwoMillimetresFromTheSheetWithToolContactOn) {
   double nearest_ever = 1;
   for (int i = 0; i < 200; ++i) {
     step_one(backend, kDown);
-    std::vector<Tissue<float>::Nearest> nearest(1);
+    std::vector<Nearest> nearest(1);
     const std::vector<Vector3d> points = {tip(backend)};
     backend.tissue_of(0).find_nearest(points, nearest);
     nearest_ever = std::min(nearest_ever, nearest[0].distance);

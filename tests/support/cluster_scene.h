@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "sim_worker/tissue.h"
+#include "sim_worker/cluster_tissue.h"
 
 namespace omentum::test {
 
@@ -64,9 +64,9 @@ inline Scene make_sheet_scene(const SheetCase& c) {
   return scene;
 }
 
-inline std::shared_ptr<const TissueModel> make_sheet_model(const SheetCase& c) {
+inline std::shared_ptr<const ClusterTissueModel> make_sheet_model(const SheetCase& c) {
   std::vector<std::string> warnings;
-  return make_tissue_model(make_sheet_scene(c), 0.02, warnings);
+  return make_cluster_model(make_sheet_scene(c), 0.02, warnings);
 }
 
 /// Runs without a tool for some seconds.

@@ -1,0 +1,789 @@
+#include "sim_worker/cluster_tissue.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <numeric>
+
+#include "core/check.h"
+#include "core/hash.h"
+
+namespace omentum {
+namespace {
+
+using Eigen::Vector3d;
+
+template <typename Real>
+KernelShape<Real> make_kernel_shape(const RigidShape& body) {
+  KernelShape<Real> shape{};
+  const Eigen::Matrix3d R_SW = body.X_WS.linear().transpose();
+  for (int r = 0; r < 3; ++r) {
+    for (int c = 0; c < 3; ++c) shape.rotation[3 * r + c] = static_cast<Real>(R_SW(r, c));
+    shape.origin[r] = static_cast<Real>(body.X_WS.translation()[r]);
+    shape.size[r] = static_cast<Real>(body.size[r]);
+  }
+  shape.bound_radius = static_cast<Real>(body.size.norm());
+  switch (body.kind) {
+    case RigidShape::Kind::kSphere:
+      shape.kind = ShapeKind::kSphere;
+      shape.bound_radius = shape.size[0];
+      break;
+    case RigidShape::Kind::kEllipsoid:
+      shape.kind = ShapeKind::kEllipsoid;
+      break;
+    case RigidShape::Kind::kBox:
+      shape.kind = ShapeKind::kBox;
+      break;
+    case RigidShape::Kind::kHalfSpace:
+      shape.kind = ShapeKind::kHalfSpace;
+      break;
+    case RigidShape::Kind::kMesh: {
+      OMENTUM_CHECK(body.sdf != nullptr);
+      shape.kind = ShapeKind::kSdf;
+      shape.sdf = body.sdf->value.data();
+      shape.sdf_pitch = static_cast<Real>(body.sdf->pitch);
+      double bound = 0;
+      for (const Vector3d& v : body.surface.vertices) bound = std::max(bound, v.norm());
+      shape.bound_radius = static_cast<Real>(bound);
+      for (int k = 0; k < 3; ++k) {
+        shape.sdf_count[k] = body.sdf->count[k];
+        shape.sdf_origin[k] = static_cast<Real>(body.sdf->origin[k]);
+      }
+      break;
+    }
+  }
+  return shape;
+}
+
+void add_global_cluster(ClusterTissueModel& model) {
+  const double weight = model.parameters.global_stiffness() / model.parameters.cluster_stiffness();
+  for (int i = 0; i < static_cast<int>(model.body.particles.size()); ++i)
+    model.clusters.member.push_back(i);
+  model.clusters.begin.push_back(static_cast<int>(model.clusters.member.size()));
+  model.cluster_weight.push_back(weight);
+}
+
+/// Rest offsets relative to the mean of the final members (tissue.md 3.2 rule 3).
+void set_rest_offsets(ClusterTissueModel& model) {
+  for (int c = 0; c < model.clusters.count(); ++c) {
+    const auto begin = static_cast<std::size_t>(model.clusters.begin[static_cast<std::size_t>(c)]);
+    const auto end =
+        static_cast<std::size_t>(model.clusters.begin[static_cast<std::size_t>(c) + 1]);
+    Vector3d mean = Vector3d::Zero();
+    for (std::size_t m = begin; m < end; ++m) {
+      mean += model.body.particles[static_cast<std::size_t>(model.clusters.member[m])];
+    }
+    mean /= static_cast<double>(end - begin);
+    for (std::size_t m = begin; m < end; ++m) {
+      model.rest.push_back(
+          model.body.particles[static_cast<std::size_t>(model.clusters.member[m])] - mean);
+    }
+  }
+}
+
+void add_links(ClusterTissueModel& model) {
+  const double radius = model.parameters.link_radius_m();
+  const auto& p = model.body.particles;
+  for (std::size_t i = 0; i < p.size(); ++i) {
+    for (std::size_t j = i + 1; j < p.size(); ++j) {
+      const double distance = (p[i] - p[j]).norm();
+      if (distance < radius) {
+        model.links.push_back({static_cast<int>(i), static_cast<int>(j)});
+        model.link_rest.push_back(distance);
+      }
+    }
+  }
+}
+
+/// Four nearest clusters per surface vertex, weight 1 / (dist^2 + 1e-4 m^2 scaled), normalised
+/// (tissue.md section 2).
+void skin_surface(ClusterTissueModel& model) {
+  const int clusters = model.clusters.count();
+  OMENTUM_CHECK(clusters > 0);
+  std::vector<Vector3d> mean(static_cast<std::size_t>(clusters), Vector3d::Zero());
+  for (int c = 0; c < clusters; ++c) {
+    const auto begin = model.clusters.begin[static_cast<std::size_t>(c)];
+    const auto end = model.clusters.begin[static_cast<std::size_t>(c) + 1];
+    for (int m = begin; m < end; ++m) {
+      mean[static_cast<std::size_t>(c)] += model.body.particles[static_cast<std::size_t>(
+          model.clusters.member[static_cast<std::size_t>(m)])];
+    }
+    mean[static_cast<std::size_t>(c)] /= end - begin;
+  }
+  for (const Vector3d& vertex : model.body.surface_vertices) {
+    std::vector<int> order(static_cast<std::size_t>(clusters));
+    std::iota(order.begin(), order.end(), 0);
+    const auto distance2 = [&](int c) {
+      return (vertex - mean[static_cast<std::size_t>(c)]).squaredNorm();
+    };
+    std::sort(order.begin(), order.end(), [&](int a, int b) {
+      return distance2(a) != distance2(b) ? distance2(a) < distance2(b) : a < b;
+    });
+    double total = 0;
+    std::array<double, 4> weight{};
+    for (std::size_t k = 0; k < 4; ++k) {
+      const int c = order[std::min(k, order.size() - 1)];
+      weight[k] = k < order.size() ? 1.0 / (distance2(c) + 1e-8)
+                                   : 0.0;  // 1e-8 m^2 = (0.1 mm)^2: finite at a centre
+      total += weight[k];
+    }
+    for (std::size_t k = 0; k < 4; ++k) {
+      const int c = order[std::min(k, order.size() - 1)];
+      model.skin_cluster.push_back(c);
+      model.skin_weight.push_back(weight[k] / total);
+      model.skin_offset.push_back(vertex - mean[static_cast<std::size_t>(c)]);
+    }
+  }
+}
+
+}  // namespace
+
+std::shared_ptr<const ClusterTissueModel> make_cluster_model(const Scene& scene,
+                                                             double control_period,
+                                                             std::vector<std::string>& warnings) {
+  auto model = std::make_shared<ClusterTissueModel>();
+  model->body = scene.tissue;
+  model->parameters = scene.config.tissue().cluster();
+  model->control_period = control_period;
+  model->gravity = scene.gravity;
+  model->static_friction = scene.config.tissue().static_friction();
+  model->dynamic_friction = scene.config.tissue().dynamic_friction();
+  model->contact_bodies = scene.bodies;
+  const pb::Tool& tool = scene.config.tool();
+  model->tool_contact = tool.contact();
+  model->tool_radius = tool.shaft_radius_m();
+  model->tool_start = tool.shaft_start_m() + tool.shaft_radius_m();
+  model->tool_length = tool.shaft_length_m();
+  if (scene.bodies.size() + 1 > kMaxShapes) {
+    throw_error("scene.rigid_body: {} bodies, allowed at most {}", scene.bodies.size(),
+                kMaxShapes - 1);
+  }
+
+  model->clusters = cook_clusters(model->body.particles, model->parameters);
+  require_no_orphans(model->clusters, model->parameters);
+  if (model->clusters.tie_margin < 0.1e-6) {
+    warnings.push_back(fmt::format(
+        "tissue.cluster: tie margin {:.3g} um is below 0.1 um: the last bit of a distance "
+        "decides the clusters",
+        model->clusters.tie_margin * 1e6));
+  }
+  if (model->clusters.rigid_groups > 1) {
+    warnings.push_back(
+        fmt::format("tissue.cluster: {} groups of clusters share fewer than 3 non-collinear "
+                    "particles and can part",
+                    model->clusters.rigid_groups));
+  }
+  if (model->clusters.attached > 0) {
+    warnings.push_back(
+        fmt::format("tissue.cluster: {} orphan particles attached to their nearest cluster "
+                    "(orphan_policy ORPHANS_ATTACH_NEAREST)",
+                    model->clusters.attached));
+  }
+  model->cluster_weight.assign(static_cast<std::size_t>(model->clusters.count()), 1.0);
+  if (model->parameters.global_stiffness() > 0 && model->parameters.cluster_stiffness() > 0) {
+    add_global_cluster(*model);
+  }
+  set_rest_offsets(*model);
+  if (model->parameters.link_radius_m() > 0) add_links(*model);
+  if (!model->body.surface_is_particles) skin_surface(*model);
+  return model;
+}
+
+std::unique_ptr<Tissue<float>> ClusterTissueModel::make_tissue(const Kernel<float>& kernel) const {
+  return std::make_unique<ClusterTissue<float>>(shared_from_this(), kernel);
+}
+
+std::unique_ptr<Tissue<double>> ClusterTissueModel::make_tissue(
+    const Kernel<double>& kernel) const {
+  return std::make_unique<ClusterTissue<double>>(shared_from_this(), kernel);
+}
+
+template <typename Real>
+ClusterTissue<Real>::ClusterTissue(std::shared_ptr<const ClusterTissueModel> model,
+                                   const Kernel<Real>& kernel)
+    : model_(std::move(model)), kernel_(kernel) {
+  const int n = particles();
+  const int clusters = model_->clusters.count();
+  const auto W = static_cast<std::size_t>(kernel_.lanes);
+  const auto count = static_cast<std::size_t>(n);
+
+  // Membership lists, cluster side and particle side.
+  bool planar = model_->parameters.plastic_creep() == 0;
+  for (const Vector3d& r0 : model_->rest) {
+    planar = planar && r0.z() == 0;
+    for (int k = 0; k < 3; ++k) rest_.push_back(static_cast<Real>(r0[k]));
+  }
+  std::vector<std::vector<std::array<int, 2>>> of_particle(count);  // {cluster, membership}
+  for (int c = 0; c < clusters; ++c) {
+    std::array<Real, 3> sum{};
+    const int begin = model_->clusters.begin[static_cast<std::size_t>(c)];
+    const int end = model_->clusters.begin[static_cast<std::size_t>(c) + 1];
+    for (int m = begin; m < end; ++m) {
+      for (std::size_t k = 0; k < 3; ++k) sum[k] += rest_[3 * static_cast<std::size_t>(m) + k];
+      of_particle[static_cast<std::size_t>(model_->clusters.member[static_cast<std::size_t>(m)])]
+          .push_back({c, m});
+    }
+    rest_sum_.insert(rest_sum_.end(), sum.begin(), sum.end());
+    cluster_weight_.push_back(
+        static_cast<Real>(model_->cluster_weight[static_cast<std::size_t>(c)]));
+  }
+  particle_begin_.push_back(0);
+  const auto relaxation = static_cast<Real>(model_->parameters.relaxation());
+  for (const auto& list : of_particle) {
+    Real weight = 0;
+    for (const auto& [c, m] : list) {
+      particle_cluster_.push_back(c);
+      particle_membership_.push_back(m);
+      for (int k = 0; k < 3; ++k)
+        particle_rest_.push_back(rest_[static_cast<std::size_t>(3 * m + k)]);
+      weight += cluster_weight_[static_cast<std::size_t>(c)];
+    }
+    particle_begin_.push_back(static_cast<std::int32_t>(particle_cluster_.size()));
+    particle_weight_.push_back(weight);
+    particle_scale_.push_back(Real{1} /
+                              std::max(static_cast<Real>(list.size()) / relaxation, Real{1}));
+  }
+  for (const double r : model_->link_rest) link_rest_.push_back(static_cast<Real>(r));
+
+  for (auto* v : {&x_, &v_, &xs_}) v->assign(3 * count * W, Real{0});
+  q_.assign(static_cast<std::size_t>(4 * clusters) * W, Real{0});
+  goal_.assign(static_cast<std::size_t>(13 * clusters) * W, Real{0});
+  if (model_->parameters.plastic_creep() > 0) plastic_rest_.assign(rest_.size() * W, Real{0});
+  if (!model_->links.empty() || model_->parameters.self_collision())
+    extra_.assign(4 * count * W, Real{0});
+  free_mask_.assign(count, 0);
+  held_mask_.assign(count, 0);
+  candidates_.assign(count * kMaxShapes, 0);
+  candidate_any_.assign(count, 0);
+  held_.resize(W);
+  self_pairs_.resize(W);
+  held_force_.assign(3 * W, Real{0});
+  capsule_.assign(3 * W, Real{0});
+  capsule_motion_.assign(3 * W, Real{0});
+  capsule_sweep_.assign(W, Real{0});
+  stiffness_.assign(W, Real{0});
+  gravity_.assign(3 * W, Real{0});
+  keep_.assign(W, Real{0});
+  static_friction_.assign(W, Real{0});
+  dynamic_friction_.assign(W, Real{0});
+  for (const double w : model_->skin_weight) skin_weight_.push_back(static_cast<Real>(w));
+  for (const Vector3d& o : model_->skin_offset) {
+    for (int k = 0; k < 3; ++k) skin_offset_.push_back(static_cast<Real>(o[k]));
+  }
+  surface_.assign(3 * model_->body.surface_vertices.size() * W, Real{0});
+
+  args_.particles = n;
+  args_.clusters = clusters;
+  args_.cluster_begin = model_->clusters.begin.data();
+  args_.cluster_member = model_->clusters.member.data();
+  args_.rest = rest_.data();
+  args_.rest_sum = rest_sum_.data();
+  args_.cluster_weight = cluster_weight_.data();
+  args_.particle_begin = particle_begin_.data();
+  args_.particle_cluster = particle_cluster_.data();
+  args_.particle_membership = particle_membership_.data();
+  args_.particle_rest = particle_rest_.data();
+  args_.particle_weight = particle_weight_.data();
+  args_.particle_scale = particle_scale_.data();
+  args_.planar = planar;
+  args_.rotation_iterations = static_cast<std::int32_t>(model_->parameters.rotation_iterations());
+  args_.x = x_.data();
+  args_.v = v_.data();
+  args_.xs = xs_.data();
+  args_.q = q_.data();
+  args_.goal = goal_.data();
+  args_.plastic_rest = plastic_rest_.empty() ? nullptr : plastic_rest_.data();
+  args_.free_mask = free_mask_.data();
+  args_.held_mask = held_mask_.data();
+  args_.candidates = candidates_.data();
+  args_.candidate_any = candidate_any_.data();
+  args_.extra = extra_.empty() ? nullptr : extra_.data();
+  args_.stiffness = stiffness_.data();
+  args_.gravity = gravity_.data();
+  args_.keep = keep_.data();
+  args_.static_friction = static_friction_.data();
+  args_.dynamic_friction = dynamic_friction_.data();
+  args_.h = static_cast<Real>(model_->substep());
+  args_.max_speed = static_cast<Real>(model_->parameters.max_speed_m_per_s());
+  args_.particle_radius = static_cast<Real>(model_->body.particle_radius);
+  args_.plastic_threshold = static_cast<Real>(model_->parameters.plastic_threshold_m2());
+  args_.plastic_creep = static_cast<Real>(model_->parameters.plastic_creep());
+  args_.step_s = static_cast<Real>(model_->control_period);
+  // 2 mm beyond what speed and gravity explain: the elastic corrections of one control step of the
+  // sheets in use.
+  args_.margin = static_cast<Real>(2e-3);
+  args_.shapes = 0;
+  for (const RigidShape& body : model_->contact_bodies)
+    args_.shape[args_.shapes++] = make_kernel_shape<Real>(body);
+  if (model_->tool_contact) {
+    KernelShape<Real> tool{};
+    tool.kind = ShapeKind::kCapsule;
+    tool.size[0] = static_cast<Real>(model_->tool_radius);
+    tool.length = static_cast<Real>(model_->tool_length);
+    for (int k = 0; k < 3; ++k) tool.axis[k] = static_cast<Real>(model_->shaft_axis[k]);
+    args_.shape[args_.shapes++] = tool;
+  }
+  args_.capsule = capsule_.data();
+  args_.capsule_motion = capsule_motion_.data();
+  args_.capsule_sweep = capsule_sweep_.data();
+
+  for (int lane = 0; lane < lanes(); ++lane) {
+    set_parameters(lane, {});
+    reset(lane, Vector3d::Zero());
+  }
+}
+
+template <typename Real>
+void ClusterTissue<Real>::set_parameters(int lane, const LaneParameters& parameters) {
+  const auto W = static_cast<std::size_t>(lanes());
+  const auto l = static_cast<std::size_t>(lane);
+  const double k =
+      std::min(1.0, model_->parameters.cluster_stiffness() * parameters.stiffness_scale);
+  const double damping = model_->parameters.damping_per_s() * parameters.damping_scale;
+  stiffness_[l] = static_cast<Real>(k);
+  keep_[l] = static_cast<Real>(1.0 - std::min(1.0, damping * model_->substep()));
+  for (int axis = 0; axis < 3; ++axis) {
+    gravity_[static_cast<std::size_t>(axis) * W + l] =
+        static_cast<Real>(model_->gravity[axis] * parameters.gravity_scale);
+  }
+  static_friction_[l] = static_cast<Real>(model_->static_friction * parameters.friction_scale);
+  dynamic_friction_[l] = static_cast<Real>(model_->dynamic_friction * parameters.friction_scale);
+}
+
+template <typename Real>
+void ClusterTissue<Real>::reset(int lane, const Vector3d& offset) {
+  release(lane);
+  const std::uint32_t bit = 1U << lane;
+  for (int i = 0; i < particles(); ++i) {
+    const auto p = static_cast<std::size_t>(i);
+    const Vector3d p_W = model_->body.X_WB * model_->body.particles[p] + offset;
+    set_position(lane, i, p_W);
+    set_velocity(lane, i, Vector3d::Zero());
+    if (model_->body.fixed[p] == 0) free_mask_[p] |= bit;
+  }
+  const Eigen::Quaterniond q_WB(model_->body.X_WB.linear());
+  const std::array<double, 4> q = {q_WB.x(), q_WB.y(), q_WB.z(), q_WB.w()};
+  for (int c = 0; c < args_.clusters; ++c) {
+    for (int k = 0; k < 4; ++k) {
+      q_[static_cast<std::size_t>((4 * c + k) * lanes() + lane)] =
+          static_cast<Real>(q[static_cast<std::size_t>(k)]);
+    }
+  }
+  if (!plastic_rest_.empty()) {
+    for (std::size_t m = 0; m < rest_.size(); ++m) {
+      plastic_rest_[m * static_cast<std::size_t>(lanes()) + static_cast<std::size_t>(lane)] =
+          rest_[m];
+    }
+  }
+  for (int axis = 0; axis < 3; ++axis)
+    held_force_[static_cast<std::size_t>(axis * lanes() + lane)] = Real{0};
+}
+
+// One control step. The tool moves on a straight line over the substeps; held particles follow it.
+template <typename Real>
+void ClusterTissue<Real>::step(std::span<const ToolMotion> motion) {
+  OMENTUM_CHECK(static_cast<int>(motion.size()) == lanes());
+  const int substeps = static_cast<int>(model_->parameters.substeps());
+  const int iterations = static_cast<int>(model_->parameters.iterations());
+  const auto place_capsule = [&](double share) {
+    for (int lane = 0; lane < lanes(); ++lane) {
+      const ToolMotion& m = motion[static_cast<std::size_t>(lane)];
+      const Vector3d base =
+          m.from + share * (m.to - m.from) + model_->tool_start * model_->shaft_axis;
+      for (int axis = 0; axis < 3; ++axis) {
+        const auto k = static_cast<std::size_t>(axis * lanes() + lane);
+        capsule_[k] = static_cast<Real>(base[axis]);
+        capsule_motion_[k] = static_cast<Real>((m.to[axis] - m.from[axis]) / substeps);
+      }
+      capsule_sweep_[static_cast<std::size_t>(lane)] = static_cast<Real>((m.to - m.from).norm());
+    }
+  };
+
+  place_capsule(0);
+  kernel_.find_candidates(args_);
+  for (int substep = 0; substep < substeps; ++substep) {
+    const double share = (substep + 1.0) / substeps;
+    place_capsule(share);
+    kernel_.predict(args_);
+    place_held(motion, share);
+    const bool last = substep + 1 == substeps;
+    if (last) std::fill(held_force_.begin(), held_force_.end(), Real{0});
+    args_.held_force = last ? held_force_.data() : nullptr;
+    if (model_->parameters.self_collision()) find_self_contacts();
+    for (int iteration = 0; iteration < iterations; ++iteration) {
+      kernel_.match_clusters(args_);
+      if (args_.extra != nullptr) {
+        std::fill(extra_.begin(), extra_.end(), Real{0});
+        accumulate_links();
+        accumulate_self_contacts();
+      }
+      kernel_.apply_corrections(args_);
+    }
+    kernel_.finish_substep(args_);
+  }
+}
+
+template <typename Real>
+void ClusterTissue<Real>::place_held(std::span<const ToolMotion> motion, double share) {
+  for (int lane = 0; lane < lanes(); ++lane) {
+    const Held& held = held_[static_cast<std::size_t>(lane)];
+    if (held.particles.empty()) continue;
+    const ToolMotion& m = motion[static_cast<std::size_t>(lane)];
+    const Vector3d tip = m.from + share * (m.to - m.from);
+    for (std::size_t j = 0; j < held.particles.size(); ++j) {
+      for (int axis = 0; axis < 3; ++axis) {
+        at(xs_, held.particles[j], axis, lane) =
+            static_cast<Real>(tip[axis]) + held.offsets[j][static_cast<std::size_t>(axis)];
+      }
+    }
+  }
+}
+
+template <typename Real>
+void ClusterTissue<Real>::hold(int lane, const Vector3d& tip, double radius, bool collapse) {
+  release(lane);
+  Held& held = held_[static_cast<std::size_t>(lane)];
+  const std::uint32_t bit = 1U << lane;
+  for (int i = 0; i < particles(); ++i) {
+    const auto p = static_cast<std::size_t>(i);
+    const Vector3d offset = position(lane, i) - tip;
+    if (offset.norm() > radius || model_->body.fixed[p] != 0) continue;
+    held.particles.push_back(i);
+    const Vector3d kept = collapse ? Vector3d::Zero() : offset;
+    held.offsets.push_back(
+        {static_cast<Real>(kept.x()), static_cast<Real>(kept.y()), static_cast<Real>(kept.z())});
+    free_mask_[p] &= ~bit;
+    held_mask_[p] |= bit;
+  }
+}
+
+template <typename Real>
+void ClusterTissue<Real>::release(int lane) {
+  Held& held = held_[static_cast<std::size_t>(lane)];
+  const std::uint32_t bit = 1U << lane;
+  for (const std::int32_t i : held.particles) {
+    held_mask_[static_cast<std::size_t>(i)] &= ~bit;
+    free_mask_[static_cast<std::size_t>(i)] |= bit;
+  }
+  held.particles.clear();
+  held.offsets.clear();
+}
+
+template <typename Real>
+void ClusterTissue<Real>::shift_held(int lane, const Vector3d& by) {
+  for (auto& offset : held_[static_cast<std::size_t>(lane)].offsets) {
+    for (int axis = 0; axis < 3; ++axis)
+      offset[static_cast<std::size_t>(axis)] += static_cast<Real>(by[axis]);
+  }
+}
+
+template <typename Real>
+Vector3d ClusterTissue<Real>::held_force(int lane) const {
+  // Each refused correction d of a held particle is an impulse m d / h over h: force m d / h^2; its
+  // weight adds.
+  const Held& held = held_[static_cast<std::size_t>(lane)];
+  const double h = model_->substep();
+  const double mass = model_->body.particle_mass;
+  Vector3d force = Vector3d::Zero();
+  for (int axis = 0; axis < 3; ++axis) {
+    const auto k = static_cast<std::size_t>(axis * lanes() + lane);
+    force[axis] =
+        mass * static_cast<double>(held_force_[k]) / (h * h) +
+        mass * static_cast<double>(held.particles.size()) * static_cast<double>(gravity_[k]);
+  }
+  return held.particles.empty() ? Vector3d::Zero() : force;
+}
+
+template <typename Real>
+Vector3d ClusterTissue<Real>::position(int lane, int particle) const {
+  const auto k = static_cast<std::size_t>(3 * particle * lanes() + lane);
+  const auto W = static_cast<std::size_t>(lanes());
+  return {static_cast<double>(x_[k]), static_cast<double>(x_[k + W]),
+          static_cast<double>(x_[k + 2 * W])};
+}
+
+template <typename Real>
+Vector3d ClusterTissue<Real>::velocity(int lane, int particle) const {
+  const auto k = static_cast<std::size_t>(3 * particle * lanes() + lane);
+  const auto W = static_cast<std::size_t>(lanes());
+  return {static_cast<double>(v_[k]), static_cast<double>(v_[k + W]),
+          static_cast<double>(v_[k + 2 * W])};
+}
+
+template <typename Real>
+void ClusterTissue<Real>::set_position(int lane, int particle, const Vector3d& p) {
+  for (int axis = 0; axis < 3; ++axis) at(x_, particle, axis, lane) = static_cast<Real>(p[axis]);
+}
+
+template <typename Real>
+void ClusterTissue<Real>::set_velocity(int lane, int particle, const Vector3d& v) {
+  for (int axis = 0; axis < 3; ++axis) at(v_, particle, axis, lane) = static_cast<Real>(v[axis]);
+}
+
+template <typename Real>
+void ClusterTissue<Real>::find_nearest(std::span<const Vector3d> points,
+                                       std::span<Nearest> nearest) const {
+  constexpr std::size_t kMaxLanes = 16;
+  const auto W = static_cast<std::size_t>(lanes());
+  OMENTUM_CHECK(points.size() == W && nearest.size() == W && W <= kMaxLanes);
+  std::array<Real, 3 * kMaxLanes> point{};
+  std::array<Real, kMaxLanes> distance2{};
+  std::array<Real, kMaxLanes> index{};
+  for (std::size_t lane = 0; lane < W; ++lane) {
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      point[axis * W + lane] = static_cast<Real>(points[lane][static_cast<Eigen::Index>(axis)]);
+    }
+  }
+  NearestArgs<Real> args{particles(), x_.data(), point.data(), distance2.data(), index.data()};
+  kernel_.nearest_particle(args);
+  for (std::size_t lane = 0; lane < W; ++lane) {
+    nearest[lane] = {static_cast<int>(index[lane]),
+                     std::sqrt(static_cast<double>(distance2[lane]))};
+  }
+}
+
+template <typename Real>
+int ClusterTissue<Real>::surface_vertices() const {
+  return model_->body.surface_is_particles ? particles()
+                                           : static_cast<int>(model_->body.surface_vertices.size());
+}
+
+template <typename Real>
+const Real* ClusterTissue<Real>::surface_positions() {
+  if (model_->body.surface_is_particles) return x_.data();
+  const SkinArgs<Real> args{
+      surface_vertices(), model_->skin_cluster.data(), skin_weight_.data(), skin_offset_.data(),
+      goal_.data(),       cluster_weight_.data(),      surface_.data()};
+  kernel_.skin_surface(args);
+  return surface_.data();
+}
+
+template <typename Real>
+bool ClusterTissue<Real>::healthy(int lane) const {
+  for (std::size_t k = static_cast<std::size_t>(lane); k < x_.size();
+       k += static_cast<std::size_t>(lanes())) {
+    if (!std::isfinite(x_[k]) || !std::isfinite(v_[k])) return false;
+  }
+  return true;
+}
+
+// Links: usual weighted projection times stiffness, both orders of the pair counted as FleX cooks
+// them; a negative stiffness only pulls (tether). Evaluated on x*, added to `extra` with the count.
+template <typename Real>
+void ClusterTissue<Real>::accumulate_links() {
+  const int W = lanes();
+  const auto stiffness = static_cast<Real>(std::fabs(model_->parameters.link_stiffness()));
+  const bool one_sided = model_->parameters.link_stiffness() < 0;
+  for (std::size_t k = 0; k < model_->links.size(); ++k) {
+    const auto [i, j] = model_->links[k];
+    for (int lane = 0; lane < W; ++lane) {
+      const std::uint32_t bit = 1U << lane;
+      const Real wi = (free_mask_[static_cast<std::size_t>(i)] & bit) != 0 ? Real{1} : Real{0};
+      const Real wj = (free_mask_[static_cast<std::size_t>(j)] & bit) != 0 ? Real{1} : Real{0};
+      if (wi + wj == Real{0}) continue;
+      std::array<Real, 3> d{};
+      for (int axis = 0; axis < 3; ++axis) {
+        d[static_cast<std::size_t>(axis)] = at(xs_, i, axis, lane) - at(xs_, j, axis, lane);
+      }
+      const Real length = std::sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
+      const Real stretch = length - link_rest_[k];
+      if (!(length > Real{0}) || (one_sided && stretch < Real{0})) continue;
+      const Real scale = Real{2} * stiffness * stretch / ((wi + wj) * length);
+      for (int axis = 0; axis < 3; ++axis) {
+        const Real step = scale * d[static_cast<std::size_t>(axis)];
+        extra_[static_cast<std::size_t>((4 * i + axis) * W + lane)] -= wi * step;
+        extra_[static_cast<std::size_t>((4 * j + axis) * W + lane)] += wj * step;
+      }
+      extra_[static_cast<std::size_t>((4 * i + 3) * W + lane)] += Real{2};
+      extra_[static_cast<std::size_t>((4 * j + 3) * W + lane)] += Real{2};
+    }
+  }
+}
+
+// Candidate pairs of this substep, per lane: nearer than one and a half rest distances now, farther
+// apart than the rest distance in the rest shape (the filter of the seed). Sorted cells, so the
+// order of pairs is the same everywhere.
+template <typename Real>
+void ClusterTissue<Real>::find_self_contacts() {
+  const double rest = 2 * model_->body.particle_radius;
+  const double reach = 1.5 * rest;
+  const auto& body = model_->body.particles;
+  for (int lane = 0; lane < lanes(); ++lane) {
+    auto& pairs = self_pairs_[static_cast<std::size_t>(lane)];
+    pairs.clear();
+    struct Cell {
+      std::array<std::int32_t, 3> key;
+      std::int32_t particle;
+      bool operator<(const Cell& o) const {
+        return key != o.key ? key < o.key : particle < o.particle;
+      }
+    };
+    std::vector<Cell> cells;
+    cells.reserve(body.size());
+    const auto key_of = [&](int i) {
+      std::array<std::int32_t, 3> key{};
+      for (int axis = 0; axis < 3; ++axis) {
+        const double u = static_cast<double>(at(xs_, i, axis, lane)) / reach;
+        // A diverged lane has no neighbours; it is reported as failed after the step.
+        key[static_cast<std::size_t>(axis)] =
+            std::fabs(u) < 1e8 ? static_cast<std::int32_t>(std::floor(u)) : std::int32_t{1} << 30;
+      }
+      return key;
+    };
+    for (int i = 0; i < particles(); ++i) cells.push_back({key_of(i), i});
+    std::sort(cells.begin(), cells.end());
+    for (const Cell& cell : cells) {
+      for (int dx = -1; dx <= 1; ++dx) {
+        for (int dy = -1; dy <= 1; ++dy) {
+          for (int dz = -1; dz <= 1; ++dz) {
+            const std::array<std::int32_t, 3> key = {cell.key[0] + dx, cell.key[1] + dy,
+                                                     cell.key[2] + dz};
+            for (auto other =
+                     std::lower_bound(cells.begin(), cells.end(), Cell{key, cell.particle + 1});
+                 other != cells.end() && other->key == key; ++other) {
+              const Vector3d d(static_cast<double>(at(xs_, cell.particle, 0, lane) -
+                                                   at(xs_, other->particle, 0, lane)),
+                               static_cast<double>(at(xs_, cell.particle, 1, lane) -
+                                                   at(xs_, other->particle, 1, lane)),
+                               static_cast<double>(at(xs_, cell.particle, 2, lane) -
+                                                   at(xs_, other->particle, 2, lane)));
+              if (!(d.norm() < reach)) continue;
+              // 1 %: pairs that rest at the rest distance stay filtered whatever the rounding of
+              // the pitch.
+              if ((body[static_cast<std::size_t>(cell.particle)] -
+                   body[static_cast<std::size_t>(other->particle)])
+                      .norm() <= 1.01 * rest) {
+                continue;
+              }
+              pairs.push_back({cell.particle, other->particle});
+            }
+          }
+        }
+      }
+    }
+  }
+}
+
+template <typename Real>
+void ClusterTissue<Real>::accumulate_self_contacts() {
+  const int W = lanes();
+  const auto rest = static_cast<Real>(2 * model_->body.particle_radius);
+  for (int lane = 0; lane < W; ++lane) {
+    const std::uint32_t bit = 1U << lane;
+    for (const auto& [i, j] : self_pairs_[static_cast<std::size_t>(lane)]) {
+      const Real wi = (free_mask_[static_cast<std::size_t>(i)] & bit) != 0 ? Real{1} : Real{0};
+      const Real wj = (free_mask_[static_cast<std::size_t>(j)] & bit) != 0 ? Real{1} : Real{0};
+      std::array<Real, 3> d{};
+      for (int axis = 0; axis < 3; ++axis) {
+        d[static_cast<std::size_t>(axis)] = at(xs_, i, axis, lane) - at(xs_, j, axis, lane);
+      }
+      const Real length = std::sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
+      if (!(length < rest) || !(length > Real{0}) || wi + wj == Real{0}) continue;
+      const Real scale = (length - rest) / ((wi + wj) * length);
+      for (int axis = 0; axis < 3; ++axis) {
+        const Real step = scale * d[static_cast<std::size_t>(axis)];
+        extra_[static_cast<std::size_t>((4 * i + axis) * W + lane)] -= wi * step;
+        extra_[static_cast<std::size_t>((4 * j + axis) * W + lane)] += wj * step;
+      }
+      extra_[static_cast<std::size_t>((4 * i + 3) * W + lane)] += Real{1};
+      extra_[static_cast<std::size_t>((4 * j + 3) * W + lane)] += Real{1};
+    }
+  }
+}
+
+template <typename Real>
+void ClusterTissue<Real>::save(int lane, Bytes& out) const {
+  const auto add = [&out](const void* data, std::size_t size) {
+    const auto* bytes = static_cast<const std::byte*>(data);
+    out.insert(out.end(), bytes, bytes + size);
+  };
+  const auto add_lane = [&](const std::vector<Real>& values) {
+    for (std::size_t k = static_cast<std::size_t>(lane); k < values.size();
+         k += static_cast<std::size_t>(lanes())) {
+      add(&values[k], sizeof(Real));
+    }
+  };
+  add_lane(x_);
+  add_lane(v_);
+  add_lane(q_);
+  add_lane(plastic_rest_);
+  add_lane(held_force_);
+  for (const auto* p : {&stiffness_, &gravity_, &keep_, &static_friction_, &dynamic_friction_})
+    add_lane(*p);
+  const Held& held = held_[static_cast<std::size_t>(lane)];
+  const auto count = static_cast<std::uint32_t>(held.particles.size());
+  add(&count, sizeof count);
+  add(held.particles.data(), count * sizeof(std::int32_t));
+  add(held.offsets.data(), count * sizeof(held.offsets[0]));
+}
+
+template <typename Real>
+Result<std::size_t> ClusterTissue<Real>::load(int lane, std::span<const std::byte> state) {
+  const std::array<std::vector<Real>*, 10> arrays = {
+      &x_,         &v_,       &q_,    &plastic_rest_,    &held_force_,
+      &stiffness_, &gravity_, &keep_, &static_friction_, &dynamic_friction_};
+  std::size_t reals = 0;
+  for (const auto* a : arrays) reals += a->size() / static_cast<std::size_t>(lanes());
+  const std::size_t fixed_size = reals * sizeof(Real) + sizeof(std::uint32_t);
+  if (state.size() < fixed_size) {
+    return Failure{
+        fmt::format("tissue state of {} bytes, needed at least {}", state.size(), fixed_size)};
+  }
+  std::uint32_t count = 0;
+  std::memcpy(&count, state.data() + reals * sizeof(Real), sizeof count);
+  const std::size_t total =
+      fixed_size + std::size_t{count} * (sizeof(std::int32_t) + 3 * sizeof(Real));
+  if (count > static_cast<std::uint32_t>(particles()) || state.size() < total) {
+    return Failure{fmt::format("tissue state of {} bytes with {} held particles, needed {}",
+                               state.size(), count, total)};
+  }
+  std::vector<Real> values(reals);
+  std::memcpy(values.data(), state.data(), reals * sizeof(Real));
+  for (const Real v : values) {
+    if (!std::isfinite(v)) return Failure{"tissue state holds a non-finite number"};
+  }
+  Held held;
+  held.particles.resize(count);
+  held.offsets.resize(count);
+  std::memcpy(held.particles.data(), state.data() + fixed_size, count * sizeof(std::int32_t));
+  std::memcpy(held.offsets.data(), state.data() + fixed_size + count * sizeof(std::int32_t),
+              count * sizeof(held.offsets[0]));
+  for (const std::int32_t i : held.particles) {
+    if (i < 0 || i >= particles() || model_->body.fixed[static_cast<std::size_t>(i)] != 0) {
+      return Failure{
+          fmt::format("tissue state holds particle {}, not a free one of {}", i, particles())};
+    }
+  }
+
+  release(lane);
+  std::size_t next = 0;
+  for (auto* a : arrays) {
+    for (std::size_t k = static_cast<std::size_t>(lane); k < a->size();
+         k += static_cast<std::size_t>(lanes())) {
+      (*a)[k] = values[next++];
+    }
+  }
+  const std::uint32_t bit = 1U << lane;
+  for (int i = 0; i < particles(); ++i) {
+    if (model_->body.fixed[static_cast<std::size_t>(i)] == 0)
+      free_mask_[static_cast<std::size_t>(i)] |= bit;
+  }
+  for (const std::int32_t i : held.particles) {
+    free_mask_[static_cast<std::size_t>(i)] &= ~bit;
+    held_mask_[static_cast<std::size_t>(i)] |= bit;
+  }
+  held_[static_cast<std::size_t>(lane)] = std::move(held);
+  return total;
+}
+
+template <typename Real>
+std::uint64_t ClusterTissue<Real>::hash(int lane) const {
+  Bytes bytes;
+  save(lane, bytes);
+  return fnv1a64(bytes);
+}
+
+template class ClusterTissue<float>;
+template class ClusterTissue<double>;
+
+}  // namespace omentum
