@@ -55,6 +55,18 @@ struct EpisodeStart {
                                  ///< named defects only)
 };
 
+/// The episode that a task begins.
+inline EpisodeStart start_of(const RolloutTask& task) {
+  EpisodeStart start;
+  start.run_seed = task.run_seed;
+  start.slot = task.slot;
+  start.episode = task.episode;
+  start.episode_limit = task.episode_limit;
+  start.start_set = task.start_set;
+  start.start_index = task.start_index;
+  return start;
+}
+
 /// A set of `lanes()` environments that advance together: the seam behind which simulation, robot
 /// and replay are the same thing. Lane k's results never depend on other lanes. Not thread-safe:
 /// one thread drives a backend. Contract test: tests/contract/backend_contract.h.

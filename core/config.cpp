@@ -251,6 +251,19 @@ pb::Config parse_config(const std::string& name, const std::string& text) {
   return config;
 }
 
+pb::Scene load_scene(const std::string& path, std::span<const std::string> overrides) {
+  pb::Config config;
+  read_text_proto(path, *config.mutable_scene());
+  for (const std::string& assignment : overrides) apply_override(config, assignment);
+  fill_defaults(config);
+  check_knobs(config, "");
+  return config.scene();
+}
+
+void read_text_proto(const std::string& path, protobuf::Message& message) {
+  merge_text(path, read_file(path), message);
+}
+
 std::string print_config(const pb::Config& config) {
   protobuf::TextFormat::Printer printer;
   std::string text;

@@ -23,6 +23,12 @@ pb::Config load_config(const std::string& preset, std::span<const std::string> o
 /// As above from a resolved configuration text (a checkpoint, a manifest).
 pb::Config parse_config(const std::string& name, const std::string& text);
 
+/// A scene file by itself, with overrides "scene.a.b=c"; checked and filled in as in load_config.
+pb::Scene load_scene(const std::string& path, std::span<const std::string> overrides);
+
+/// Reads a protobuf text file over what `message` holds. Throws Error with file:line:column.
+void read_text_proto(const std::string& path, google::protobuf::Message& message);
+
 /// Deterministic text form; parse_config() of it gives the same message.
 std::string print_config(const pb::Config& config);
 

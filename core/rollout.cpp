@@ -23,17 +23,6 @@ struct LaneRun {
   std::uint32_t hold_left = 0;
 };
 
-EpisodeStart start_of(const RolloutTask& task) {
-  EpisodeStart start;
-  start.run_seed = task.run_seed;
-  start.slot = task.slot;
-  start.episode = task.episode;
-  start.episode_limit = task.episode_limit;
-  start.start_set = task.start_set;
-  start.start_index = task.start_index;
-  return start;
-}
-
 void fail(RolloutSegment& segment, LaneRun& run, const std::string& reason) {
   segment.failed = 1;
   segment.failure = reason;

@@ -140,42 +140,31 @@ class Camera::Renderer {
   Renderer(const Renderer&) = delete;
   Renderer& operator=(const Renderer&) = delete;
 
-  /// Draws into a target of w x h pixels and reads the first `channels` channels back, top row
-  /// first.
+  /// Draws into a target of w x h pixels and reads it back, top row first.
   Image draw(const CameraFrame& frame, const CameraPose& pose, int w, int h, bool shaded) {
     const Binding binding(*this);
-    bind_target(w, h);
-    glViewport(0, 0, w, h);
-    if (shaded) {
-      glClearColor(0.055F, 0.06F, 0.075F, 1);
-    } else {
-      glClearColor(0, 0, 0, 1);
-    }
-    glClear(GL_COLOR_BUFFER_BIT | GL_DEPTH_BUFFER_BIT);
-    glEnable(GL_DEPTH_TEST);
-    glDisable(GL_CULL_FACE);
-    glDisable(GL_DITHER);
-    glUseProgram(program_);
-    const Eigen::Matrix4f matrix = projection_from_world(pose, double(w) / h);
-    glUniformMatrix4fv(glGetUniformLocation(program_, "projection_from_world"), 1, GL_FALSE,
-                       matrix.data());
-    const Eigen::Vector3f eye = pose.position.cast<float>();
-    glUniform3fv(glGetUniformLocation(program_, "eye"), 1, eye.data());
-    const Eigen::Vector3f side =
-        (pose.R_WC * Eigen::Vector3d(-0.75, 0.65, 0.35)).normalized().cast<float>();
-    glUniform3fv(glGetUniformLocation(program_, "side_light"), 1, side.data());
-    glUniform1i(glGetUniformLocation(program_, "shaded"), shaded ? 1 : 0);
-    for (const Body& body : bodies_) draw_buffers(body.buffers, body.count, body.id);
-    if (!frame.tissue_vertices_W.empty()) {
-      draw_moving(
-          make_tissue_surface(frame.tissue_vertices_W, rest_, triangles_, shaded ? thickness_ : 0),
-          ObjectId::kTissue);
-    }
-    if (frame.tool) {
-      draw_moving(make_tool_surface(*frame.tool, shaft_radius_, shaft_start_, kToolLength),
-                  ObjectId::kTool);
-    }
+    render(frame, pose, w, h, shaded, shaded);
     return read_back(w, h, shaded ? 3 : 1);
+  }
+
+  DepthImage draw_depth(const CameraFrame& frame, const CameraPose& pose, int w, int h) {
+    const Binding binding(*this);
+    render(frame, pose, w, h, false, true);
+    DepthImage image{read_back(w, h, 1), {}};
+    std::vector<float> raw(static_cast<std::size_t>(w) * static_cast<std::size_t>(h));
+    glReadPixels(0, 0, w, h, GL_DEPTH_COMPONENT, GL_FLOAT, raw.data());
+    OMENTUM_CHECK(glGetError() == GL_NO_ERROR, "OpenGL error while reading depth");
+    const double near = pose.near_m;
+    const double far = pose.far_m;
+    for (int y = h - 1; y >= 0; --y) {  // OpenGL counts rows from the bottom
+      for (int x = 0; x < w; ++x) {
+        // Inverse of the third row of projection_from_world.
+        const double z = static_cast<double>(raw[static_cast<std::size_t>(x + w * y)]);
+        image.depth_m.push_back(z < 1 ? static_cast<float>(near * far / (far - z * (far - near)))
+                                      : 0.0F);
+      }
+    }
+    return image;
   }
 
   const int width, height, supersample;
@@ -205,6 +194,41 @@ class Camera::Renderer {
     Binding(const Binding&) = delete;
     Binding& operator=(const Binding&) = delete;
   };
+
+  void render(const CameraFrame& frame, const CameraPose& pose, int w, int h, bool shaded,
+              bool thick) {
+    bind_target(w, h);
+    glViewport(0, 0, w, h);
+    if (shaded) {
+      glClearColor(0.055F, 0.06F, 0.075F, 1);
+    } else {
+      glClearColor(0, 0, 0, 1);
+    }
+    glClear(GL_COLOR_BUFFER_BIT | GL_DEPTH_BUFFER_BIT);
+    glEnable(GL_DEPTH_TEST);
+    glDisable(GL_CULL_FACE);
+    glDisable(GL_DITHER);
+    glUseProgram(program_);
+    const Eigen::Matrix4f matrix = projection_from_world(pose, double(w) / h);
+    glUniformMatrix4fv(glGetUniformLocation(program_, "projection_from_world"), 1, GL_FALSE,
+                       matrix.data());
+    const Eigen::Vector3f eye = pose.position.cast<float>();
+    glUniform3fv(glGetUniformLocation(program_, "eye"), 1, eye.data());
+    const Eigen::Vector3f side =
+        (pose.R_WC * Eigen::Vector3d(-0.75, 0.65, 0.35)).normalized().cast<float>();
+    glUniform3fv(glGetUniformLocation(program_, "side_light"), 1, side.data());
+    glUniform1i(glGetUniformLocation(program_, "shaded"), shaded ? 1 : 0);
+    for (const Body& body : bodies_) draw_buffers(body.buffers, body.count, body.id);
+    if (!frame.tissue_vertices_W.empty()) {
+      draw_moving(
+          make_tissue_surface(frame.tissue_vertices_W, rest_, triangles_, thick ? thickness_ : 0),
+          ObjectId::kTissue);
+    }
+    if (frame.tool) {
+      draw_moving(make_tool_surface(*frame.tool, shaft_radius_, shaft_start_, kToolLength),
+                  ObjectId::kTool);
+    }
+  }
 
   void create_context() {
     const std::array<int, 11> attributes = {OSMESA_FORMAT,
@@ -365,6 +389,11 @@ Image Camera::draw_ids(const CameraFrame& frame) {
 
 Image Camera::draw_ids(const CameraFrame& frame, const CameraPose& pose, int width, int height) {
   return renderer_->draw(frame, pose, width, height, false);
+}
+
+DepthImage Camera::draw_depth(const CameraFrame& frame, const CameraPose& pose, int width,
+                              int height) {
+  return renderer_->draw_depth(frame, pose, width, height);
 }
 
 Exposure Camera::exposure_from_image(const CameraFrame& frame) {

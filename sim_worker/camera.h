@@ -47,6 +47,13 @@ struct Exposure {
   double fraction() const { return unoccluded > 0 ? double(visible) / unoccluded : 0; }
 };
 
+/// What a depth camera would measure without any error: per pixel, top row first, the distance
+/// along the optical axis to the drawn surface [m], 0 where there is none, and what was hit.
+struct DepthImage {
+  Image ids;
+  std::vector<float> depth_m;
+};
+
 /// The simulated endoscope: an off-screen OpenGL renderer in software (OSMesa, llvmpipe), so
 /// pictures need neither a display nor a GPU. Two kinds of picture: `shaded` for people, `object
 /// ids` for counting and as an observation (no light, no antialiasing; equal between machines that
@@ -76,6 +83,9 @@ class Camera {
   /// One byte per pixel, an ObjectId.
   Image draw_ids(const CameraFrame& frame);
   Image draw_ids(const CameraFrame& frame, const CameraPose& pose, int width, int height);
+
+  /// Depth and ids from a pose. A sheet has its thickness here.
+  DepthImage draw_depth(const CameraFrame& frame, const CameraPose& pose, int width, int height);
 
   /// Exposure in the zoom view: endoscope position, field of view scene.exposure_fov_rad, square of
   /// scene.exposure_pixels, aimed at the tumour's centre. A pure function of the frame.

@@ -63,17 +63,6 @@ void check_task(const std::string& name, const EpisodeRecording& recording, cons
   }
 }
 
-EpisodeStart start_of(const RolloutTask& task) {
-  EpisodeStart start;
-  start.run_seed = task.run_seed;
-  start.slot = task.slot;
-  start.episode = task.episode;
-  start.episode_limit = task.episode_limit;
-  start.start_set = task.start_set;
-  start.start_index = task.start_index;
-  return start;
-}
-
 }  // namespace
 
 void Replayer::prepare(const std::string& name, const EpisodeRecording& recording) {

@@ -8,11 +8,12 @@ ALLOWED = {
     "core": {"core", "proto"},
     "sim_worker": {"sim_worker", "core", "proto"},
     "learner": {"learner", "core", "proto"},
+    "mismatch": {"mismatch", "sim_worker", "core", "proto"},
     "report": {"report", "sim_worker", "core", "proto"},
     "benchmarks": {"benchmarks", "report", "sim_worker", "learner", "core", "proto"},
 }
 # Folders of the tests are named from the tests' own root as well.
-TESTS = {"tests", "support", "contract", "fuzz", "learner", "sim_worker", "report", "core", "proto", "benchmarks"}
+TESTS = {"tests", "support", "contract", "fuzz", "learner", "sim_worker", "report", "mismatch", "core", "proto", "benchmarks"}
 INCLUDE = re.compile(r'^\s*#\s*include\s*([<"])([^>"]+)[>"]')
 
 

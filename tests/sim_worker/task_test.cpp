@@ -189,7 +189,7 @@ TEST(Workspace, DropsIncrement) {
 TEST(Observation, CompositionAndScaling) {
   SimBackend backend(setup_of("omentum"), 1, 1);
   backend.reset(0, grid_start(0));
-  std::vector<float> o(17);
+  std::vector<float> o(20);
   backend.observe(0, o);
   const Scene& scene = backend.setup().scene;
   EXPECT_EQ(o[0], 1);  // not held
@@ -216,6 +216,20 @@ TEST(Observation, CompositionAndScaling) {
   EXPECT_NEAR(raw[1], 10 * tip(head).x(), 1e-6);  // Unity x, y, z = W x, z, y in units of 100 mm
   EXPECT_NEAR(raw[2], 10 * tip(head).z(), 1e-6);
   EXPECT_NEAR(raw[3], 10 * tip(head).y(), 1e-6);
+}
+
+TEST(Observation, OmentumSeesTheWayLeftWithinFiveMillimetres) {
+  // 2 mm beside q, 1 mm below it, far off in y: what counts near the goal fills the input range.
+  SimBackend backend(setup_of("omentum", {"task.random_start=false", "scene.tool_start_m.x=0.0174",
+                                          "scene.tool_start_m.y=0.0321",
+                                          "scene.tool_start_m.z=0.0226"}),
+                     1, 1);
+  backend.reset(0, {});
+  std::vector<float> seen(static_cast<std::size_t>(backend.observation_size()));
+  backend.observe(0, seen);
+  EXPECT_NEAR(seen[17], -0.4, 1e-6);
+  EXPECT_EQ(seen[18], 1.0F);
+  EXPECT_NEAR(seen[19], 0.2, 1e-6);
 }
 
 TEST(Grid, HundredDistinctStartsAtThePublishedPlaces) {
@@ -313,6 +327,27 @@ TEST(Grasp, PatchKeepsItsShapeAndMovesRigidly) {
   }
   // Held particles lie within the patch radius, and every free one within it is held.
   for (const Vector3d& offset : before) EXPECT_LE(offset.norm(), 0.005 + 0.0005);
+}
+
+TEST(Grasp, APinchTakesTheSheetBetweenItsParticles) {
+  // 1 mm above the middle of a cell of the flat sheet: 2.3 mm from every particle.
+  const auto holds = [](const std::string& pinch) {
+    const auto base = load_config("omentum", {});
+    const Scene scene = make_scene(base.scene(), deploy_dir() + "/scenes");
+    const Vector3d p_W = scene.tissue.X_WB * Vector3d(0.0015, 0.0015, 0.001);
+    SimBackend backend(setup_of("omentum", {"task.random_start=false", "scene.gravity_m_per_s2=0",
+                                            fmt::format("scene.tool_start_m.x={}", p_W.x()),
+                                            fmt::format("scene.tool_start_m.y={}", p_W.y()),
+                                            fmt::format("scene.tool_start_m.z={}", p_W.z()),
+                                            "grasp.min_pinch_m=" + pinch}),
+                       1, 1);
+    backend.reset(0, {});
+    for (int i = 0; i < 3; ++i) step_one(backend, {1, 1, 1, 1});
+    return backend.clock(0).held;
+  };
+  EXPECT_TRUE(holds("0.0003"));
+  EXPECT_FALSE(holds("0.0015")) << "1 mm of tissue lies between the jaws";
+  EXPECT_FALSE(holds("0")) << "the plain grasp knows particles only";
 }
 
 TEST(Grasp, CollapsesOnlyByNamedDefect) {

@@ -1,0 +1,113 @@
+#include "mismatch/recording_folder.h"
+
+#include <fmt/format.h>
+#include <google/protobuf/text_format.h>
+
+#include <bit>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+
+#include "core/check.h"
+
+namespace omentum {
+namespace {
+
+namespace fs = std::filesystem;
+static_assert(std::endian::native == std::endian::little, "PLY is written as it lies in memory");
+
+void write_file(const fs::path& path, const std::string& content) {
+  std::ofstream file(path, std::ios::binary);
+  file << content;
+  file.flush();
+  if (!file) throw_error("{}: cannot be written", path.string());
+}
+
+/// Nine digits: 1 nm over a metre, so that a file read back is the same to far below any floor.
+void add_vector(std::string& line, const Eigen::Vector3d& v) {
+  fmt::format_to(std::back_inserter(line), ",{:.9g},{:.9g},{:.9g}", v.x(), v.y(), v.z());
+}
+
+std::string tool_table(const ToolTrack& commands, const SimulatedRecording& recording) {
+  const bool jaw = !commands.jaw_rad.empty();
+  std::string text =
+      "t_s,tip_commanded_x_m,tip_commanded_y_m,tip_commanded_z_m,tip_measured_x_m,"
+      "tip_measured_y_m,tip_measured_z_m";
+  text += jaw ? ",jaw_commanded_rad\n" : "\n";
+  for (std::size_t i = 0; i < recording.time.size(); ++i) {
+    text += fmt::format("{:.9g}", recording.time[i]);
+    add_vector(text, commands.tip_at(recording.time[i]));
+    add_vector(text, recording.tip[i]);
+    if (jaw) text += fmt::format(",{:.9g}", commands.jaw_at(recording.time[i]));
+    text += '\n';
+  }
+  return text;
+}
+
+std::string force_table(const SimulatedRecording& recording) {
+  std::string text = "t_s,fx_N,fy_N,fz_N\n";
+  for (std::size_t i = 0; i < recording.time.size(); ++i) {
+    text += fmt::format("{:.9g}", recording.time[i]);
+    add_vector(text, recording.force[i]);
+    text += '\n';
+  }
+  return text;
+}
+
+std::string marker_table(const SimulatedRecording& recording) {
+  std::string text = "t_s";
+  for (std::size_t k = 0; k < recording.points.front().size(); ++k)
+    text += fmt::format(",marker{0}_x_m,marker{0}_y_m,marker{0}_z_m", k);
+  text += '\n';
+  for (std::size_t i = 0; i < recording.time.size(); ++i) {
+    text += fmt::format("{:.9g}", recording.time[i]);
+    for (const Eigen::Vector3d& p : recording.points[i]) add_vector(text, p);
+    text += '\n';
+  }
+  return text;
+}
+
+}  // namespace
+
+std::string encode_ply(const std::vector<Eigen::Vector3f>& points) {
+  std::string ply = fmt::format(
+      "ply\nformat binary_little_endian 1.0\ncomment metres, frame W\nelement vertex {}\n"
+      "property float x\nproperty float y\nproperty float z\nend_header\n",
+      points.size());
+  for (const Eigen::Vector3f& p : points)
+    ply.append(reinterpret_cast<const char*>(p.data()), 3 * sizeof(float));
+  return ply;
+}
+
+void write_recording(const std::string& folder, const pb::RecordingInfo& info,
+                     const ToolTrack& commands, const SimulatedRecording& recording,
+                     const CloudOf& cloud, std::size_t cloud_stride) {
+  if (fs::exists(folder) && !fs::is_empty(folder))
+    throw_error("{}: exists and is not empty", folder);
+  const fs::path unfinished = fs::path(folder).lexically_normal().string() + ".unfinished";
+  fs::remove_all(unfinished);
+  std::error_code failed;
+  fs::create_directories(unfinished, failed);
+  if (failed) throw_error("{}: cannot be made: {}", unfinished.string(), failed.message());
+  write_file(unfinished / "tool.csv", tool_table(commands, recording));
+  write_file(unfinished / "force.csv", force_table(recording));
+  write_file(unfinished / "markers.csv", marker_table(recording));
+  if (cloud_stride > 0) {
+    fs::create_directory(unfinished / "clouds");
+    std::string index = "t_s,file\n";
+    for (std::size_t i = 0; i < recording.time.size(); i += cloud_stride) {
+      const std::string name = fmt::format("clouds/{:06}.ply", i);
+      write_file(unfinished / name, encode_ply(cloud(i)));
+      index += fmt::format("{:.9g},{}\n", recording.time[i], name);
+    }
+    write_file(unfinished / "clouds.csv", index);
+  }
+  std::string text;
+  OMENTUM_CHECK(google::protobuf::TextFormat::PrintToString(info, &text));
+  write_file(unfinished / "recording.txtpb", text);
+  fs::remove(folder);
+  fs::rename(unfinished, folder, failed);
+  if (failed) throw_error("{}: cannot be made: {}", folder, failed.message());
+}
+
+}  // namespace omentum

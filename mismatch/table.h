@@ -1,0 +1,33 @@
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace omentum {
+
+/// A table of numbers with one header line, as recording folders hold them (formats/recording.md
+/// section 1): comma separated, no quotes. Columns are converted to SI by the suffix of their name
+/// (`_mm`, `_deg`, `_ms`, `_g`), which is then replaced by that of the SI unit.
+struct Table {
+  std::string path;
+  std::vector<std::string> names;
+  std::vector<std::vector<double>> columns;  ///< [column][row]
+
+  std::size_t rows() const { return columns.empty() ? 0 : columns.front().size(); }
+  /// Column of that name, if there is one.
+  const std::vector<double>* find(const std::string& name) const;
+  /// Column of that name; throws Error naming file and column.
+  const std::vector<double>& column(const std::string& name) const;
+};
+
+/// Throws Error, one line with file:line:column and what was expected there: no header, two columns
+/// of one name, a cell that is no finite number, a row of another length, an unknown unit suffix.
+Table parse_table(const std::string& path, const std::string& text);
+Table read_table(const std::string& path);
+
+/// Seconds of each row: the column `t_s`, strictly increasing, or rows at the nominal rate where
+/// there is no such column. Throws Error with file:line for time that does not increase.
+std::vector<double> table_times(const Table& table, double nominal_rate_hz);
+
+}  // namespace omentum

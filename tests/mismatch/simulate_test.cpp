@@ -1,0 +1,123 @@
+// Simulation of recorded commands and the folder it writes.
+
+#include "mismatch/simulate.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <filesystem>
+#include <fstream>
+#include <sstream>
+
+#include "core/check.h"
+#include "core/config.h"
+#include "mismatch/recording_folder.h"
+#include "mismatch/table.h"
+
+namespace omentum {
+namespace {
+
+using Eigen::Vector3d;
+namespace fs = std::filesystem;
+
+std::shared_ptr<const TissueModel> model_of(Scene& scene) {
+  scene = make_scene(load_scene(deploy_dir() + "/scenes/omentum.txtpb", {}), deploy_dir());
+  std::vector<std::string> warnings;
+  return make_tissue_model(scene, 0.02, warnings);
+}
+
+/// Grasps the flat sheet at a particle and lifts it 30 mm in 0.6 s, twice the speed cap of the task
+/// and beyond nothing.
+ToolTrack lift_track(const Vector3d& grip) {
+  ToolTrack track;
+  track.time = {0, 0.1, 0.7, 1};
+  const Vector3d up = grip + Vector3d(0, 0, 0.03);
+  track.p_WT = {grip, grip, up, up};
+  track.jaw_rad = {0.4, 0, 0, 0};
+  return track;
+}
+
+TEST(ToolTrack, TipIsLinearBetweenRowsAndJawIsAStep) {
+  const ToolTrack track = lift_track(Vector3d::Zero());
+  EXPECT_NEAR(track.tip_at(0.4).z(), 0.015, 1e-12);
+  EXPECT_EQ(track.tip_at(-1).z(), 0);
+  EXPECT_EQ(track.tip_at(9).z(), 0.03);
+  EXPECT_EQ(track.jaw_at(0.09), 0.4);
+  EXPECT_EQ(track.jaw_at(0.1), 0);
+}
+
+TEST(Simulate, HeldTissueFollowsTheCommandedTipWithoutAnySpeedCap) {
+  Scene scene;
+  const auto model = model_of(scene);
+  const int particle = 15 * 31 + 28;
+  const Vector3d grip = scene.tissue.X_WB * scene.tissue.particles[particle];
+  ToolTrack track = lift_track(grip);
+  track.jaw_rad = {0, 0, 0, 0};  // closed from the start: the sheet has no time to fall
+  const SimulatedRecording r = simulate_recording(*model, track, {});
+  ASSERT_EQ(r.time.size(), 51U);
+  EXPECT_EQ(r.missed_grasps, 0);
+  EXPECT_NEAR(r.time.back(), 1.0, 1e-12);
+  // The patch keeps its place at the tip.
+  const Vector3d offset = r.points[10][particle] - r.tip[10];
+  EXPECT_NEAR((r.points[35][particle] - r.tip[35] - offset).norm(), 0, 1e-9);
+  EXPECT_NEAR((r.tip[35] - grip).z(), 0.03, 1e-9);
+  EXPECT_GT(r.force.back().norm(), 0.01);
+  EXPECT_LT(r.force.back().z(), 0) << "the tissue pulls the tool down";
+}
+
+TEST(Simulate, AJawThatClosesOnNothingIsCounted) {
+  Scene scene;
+  const auto model = model_of(scene);
+  const SimulatedRecording r = simulate_recording(*model, lift_track(Vector3d(0, 0, 0.2)), {});
+  EXPECT_EQ(r.missed_grasps, 1);
+  EXPECT_EQ(r.force.back().norm(), 0);
+}
+
+TEST(Simulate, TheWrittenFolderIsARecordingWithTheSameCommands) {
+  Scene scene;
+  const auto model = model_of(scene);
+  const Vector3d grip = scene.tissue.X_WB * scene.tissue.particles[15 * 31 + 28];
+  const ToolTrack track = lift_track(grip);
+  const SimulatedRecording r = simulate_recording(*model, track, {});
+  const std::string folder = testing::TempDir() + "omentum_simulated_recording";
+  fs::remove_all(folder);
+  pb::RecordingInfo info;
+  info.set_name("lift");
+  const CloudOf cloud = [](std::size_t step) {
+    return std::vector<Eigen::Vector3f>(step + 1, Eigen::Vector3f(1, 2, 3));
+  };
+  write_recording(folder, info, track, r, cloud, 25);
+  const ToolTrack again = read_tool_track(folder, read_recording_info(folder), {});
+  ASSERT_EQ(again.time.size(), r.time.size());
+  for (std::size_t i = 0; i < r.time.size(); ++i) {
+    EXPECT_NEAR((again.p_WT[i] - r.tip[i]).norm(), 0, 1e-9) << i;
+    EXPECT_NEAR(again.jaw_rad[i], track.jaw_at(r.time[i]), 1e-9) << i;
+  }
+  const Table markers = read_table(folder + "/markers.csv");
+  EXPECT_EQ(markers.names.size(), 1 + 3 * 961U);
+  EXPECT_NEAR(markers.column("marker7_y_m").back(), r.points.back()[7].y(), 1e-9);
+  EXPECT_NEAR(read_table(folder + "/force.csv").column("fz_N").back(), r.force.back().z(), 1e-9);
+  // The header, then 12 bytes per point.
+  std::ifstream ply(folder + "/clouds/000025.ply", std::ios::binary);
+  std::stringstream content;
+  content << ply.rdbuf();
+  const std::size_t header = content.str().find("end_header\n") + 11;
+  EXPECT_EQ(content.str().size(), header + 12 * 26);
+  EXPECT_THROW(write_recording(folder, info, track, r, cloud, 0), Error) << "not empty";
+}
+
+TEST(RecordingInfo, UnknownFieldsAreNamedWithTheirPlace) {
+  const std::string folder = testing::TempDir() + "omentum_unknown_field";
+  fs::create_directories(folder);
+  std::ofstream(folder + "/recording.txtpb") << "name: \"a\"\ncolour: 3\n";
+  try {
+    read_recording_info(folder);
+    FAIL();
+  } catch (const Error& error) {
+    EXPECT_THAT(error.what(), testing::HasSubstr("recording.txtpb:2:"));
+    EXPECT_THAT(error.what(), testing::HasSubstr("colour"));
+  }
+}
+
+}  // namespace
+}  // namespace omentum
