@@ -62,7 +62,9 @@ int simulate(const SimulateOptions& options) {
     std::fprintf(stderr, "warning: %s\n", warning.c_str());
   const ToolTrack track = read_tool_track(options.commands, read_recording_info(options.commands),
                                           scene_tool_mount(scene));
-  const SimulatedRecording recording = simulate_recording(*model, track, options.grasp);
+  const SimulatedRecording recording =
+      simulate_recording(*model, Arm(scene.config.arm(), scene_tool_mount(scene), kControlPeriod),
+                         track, options.grasp);
   if (recording.missed_grasps > 0) {
     std::fprintf(stderr, "warning: the jaw closed %d times and held nothing\n",
                  recording.missed_grasps);

@@ -37,8 +37,26 @@ std::string tool_table(const ToolTrack& commands, const SimulatedRecording& reco
   for (std::size_t i = 0; i < recording.time.size(); ++i) {
     text += fmt::format("{:.9g}", recording.time[i]);
     add_vector(text, commands.tip_at(recording.time[i]));
-    add_vector(text, recording.tip[i]);
+    add_vector(text, recording.measured_tip[i]);
     if (jaw) text += fmt::format(",{:.9g}", commands.jaw_at(recording.time[i]));
+    text += '\n';
+  }
+  return text;
+}
+
+std::string joint_table(const SimulatedRecording& recording) {
+  std::string text = "t_s";
+  for (int j = 1; j <= 6; ++j) {
+    const char* unit = j == 3 ? "m" : "rad";
+    text += fmt::format(",q{0}_commanded_{1},q{0}_measured_{1},effort{0}_{2}", j, unit,
+                        j == 3 ? "N" : "Nm");
+  }
+  text += '\n';
+  for (std::size_t i = 0; i < recording.arm.size(); ++i) {
+    text += fmt::format("{:.9g}", recording.time[i]);
+    const ArmReport& r = recording.arm[i];
+    for (std::size_t j = 0; j < 6; ++j)
+      text += fmt::format(",{:.9g},{:.9g},{:.9g}", r.commanded[j], r.measured[j], r.effort[j]);
     text += '\n';
   }
   return text;
@@ -90,6 +108,7 @@ void write_recording(const std::string& folder, const pb::RecordingInfo& info,
   fs::create_directories(unfinished, failed);
   if (failed) throw_error("{}: cannot be made: {}", unfinished.string(), failed.message());
   write_file(unfinished / "tool.csv", tool_table(commands, recording));
+  if (!recording.arm.empty()) write_file(unfinished / "joints.csv", joint_table(recording));
   write_file(unfinished / "force.csv", force_table(recording));
   write_file(unfinished / "markers.csv", marker_table(recording));
   if (cloud_stride > 0) {

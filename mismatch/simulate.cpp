@@ -8,17 +8,24 @@ namespace omentum {
 
 using Eigen::Vector3d;
 
-SimulatedRecording simulate_recording(const TissueModel& model, const ToolTrack& track,
-                                      const GraspSettings& grasp) {
+SimulatedRecording simulate_recording(const TissueModel& model, const Arm& arm,
+                                      const ToolTrack& track, const GraspSettings& grasp) {
   const std::unique_ptr<Tissue<double>> tissue = model.make_tissue(kKernelF64x1);
   tissue->reset(0, Vector3d::Zero());
   const double period = model.control_period;
   const auto steps = static_cast<int>(std::ceil((track.end() - track.begin()) / period - 1e-9));
   SimulatedRecording result;
+  ArmState state{};
+  ArmReport report;
+  if (arm.active()) {
+    arm.reset(state, track.tip_at(track.begin()));
+    report = arm.step(state, track.tip_at(track.begin()), Vector3d::Zero());
+  }
   bool was_closed = false;
+  Vector3d tip = arm.active() ? Vector3d(Eigen::Map<const Vector3d>(state.p_WT_true))
+                              : track.tip_at(track.begin());
   for (int step = 0; step <= steps; ++step) {
     const double t = track.begin() + step * period;
-    const Vector3d tip = track.tip_at(t);
     // A recording without a jaw is one of tissue that is held all the time.
     const bool closed = track.jaw_rad.empty() || track.jaw_at(t) <= grasp.closed_rad;
     if (closed && !was_closed) {
@@ -30,14 +37,23 @@ SimulatedRecording simulate_recording(const TissueModel& model, const ToolTrack&
 
     result.time.push_back(t);
     result.tip.push_back(tip);
+    result.measured_tip.push_back(
+        arm.active() ? Vector3d(Eigen::Map<const Vector3d>(state.p_WT_measured)) : tip);
+    if (arm.active()) result.arm.push_back(report);
     result.force.push_back(tissue->held_force(0));
     std::vector<Vector3d>& points = result.points.emplace_back();
     for (int i = 0; i < tissue->particles(); ++i) points.push_back(tissue->position(0, i));
     const double* surface = tissue->surface_positions();
     result.surface.emplace_back(surface, surface + 3 * tissue->surface_vertices());
     if (step == steps) break;
-    const std::vector<ToolMotion> motion = {{tip, track.tip_at(t + period)}};
+    Vector3d next = track.tip_at(t + period);
+    if (arm.active()) {
+      report = arm.step(state, next, tissue->held_force(0));
+      next = Eigen::Map<const Vector3d>(state.p_WT_true);
+    }
+    const std::vector<ToolMotion> motion = {{tip, next}};
     tissue->step(motion);
+    tip = next;
     if (!tissue->healthy(0))
       throw_error("simulation: state not finite at {:.3f} s of the recording", t + period);
   }

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "mismatch/tool_track.h"
+#include "sim_worker/arm.h"
 #include "sim_worker/scene.h"
 #include "sim_worker/tissue.h"
 
@@ -21,7 +22,9 @@ struct GraspSettings {
 /// included.
 struct SimulatedRecording {
   std::vector<double> time;                          ///< [s], on the clock of the commands
-  std::vector<Eigen::Vector3d> tip;                  ///< p_WT executed [m]
+  std::vector<Eigen::Vector3d> tip;                  ///< true p_WT [m]
+  std::vector<Eigen::Vector3d> measured_tip;         ///< p_WT by the encoders [m]
+  std::vector<ArmReport> arm;                        ///< empty while the arm has no effects
   std::vector<Eigen::Vector3d> force;                ///< of the tissue on the tool, in W [N]
   std::vector<std::vector<Eigen::Vector3d>> points;  ///< every node, p_W [m]
   std::vector<std::vector<float>> surface;           ///< drawn surface, x y z interleaved, in W [m]
@@ -29,9 +32,10 @@ struct SimulatedRecording {
 };
 
 /// Runs the tissue of a scene under recorded tool commands: one environment, double precision, one
-/// control step per control_period. What was commanded is what is done: no workspace box, no speed
-/// cap, no arm. Throws Error when a number of the state is no longer finite, with the time.
-SimulatedRecording simulate_recording(const TissueModel& model, const ToolTrack& track,
-                                      const GraspSettings& grasp);
+/// control step per control_period. What was commanded is what is done, but for the effects of the
+/// arm: no workspace box, no speed cap. Throws Error when a number of the state is no longer
+/// finite, with the time.
+SimulatedRecording simulate_recording(const TissueModel& model, const Arm& arm,
+                                      const ToolTrack& track, const GraspSettings& grasp);
 
 }  // namespace omentum

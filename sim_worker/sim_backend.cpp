@@ -65,6 +65,8 @@ std::shared_ptr<const SimSetup> make_sim_setup(const pb::Config& config,
   setup->tissue =
       make_tissue_model(setup->scene, config.task().control_period_s(), setup->warnings);
   setup->mount = scene_tool_mount(setup->scene);
+  setup->arm = std::make_shared<Arm>(setup->scene.config.arm(), setup->mount,
+                                     config.task().control_period_s());
   setup->workspace_diagonal = (setup->scene.workspace_max - setup->scene.workspace_min).norm();
   setup->exposure = std::make_shared<ExposureEstimator>(
       setup->scene, static_cast<int>(config.task().exposure_samples()));
@@ -110,6 +112,7 @@ SimBackend::SimBackend(std::shared_ptr<const SimSetup> setup, int lanes, unsigne
                            setup_->config.task().observation() == pb::OBSERVATION_IMAGE),
       lane_width_(lane_width) {
   OMENTUM_CHECK(lanes > 0);
+  if (setup_->arm->active()) arms_.resize(environments_.size());
   const Kernel<float>& kernel = choose_kernel(lane_width);
   for (int first = 0; first < lanes; first += width_) {
     groups_.push_back(setup_->tissue->make_tissue(kernel));
@@ -232,6 +235,7 @@ void SimBackend::reset(int lane, const EpisodeStart& start) {
   e.jaw_was_open = 1;
   e.pending_bonus = pending_bonus;
   environments_[static_cast<std::size_t>(lane)] = e;
+  if (!arms_.empty()) setup_->arm->reset(arms_[static_cast<std::size_t>(lane)], tip);
   draw_parameters(lane);
 
   for (std::size_t i = 0; i < old_velocities.size(); ++i) {
@@ -268,6 +272,7 @@ void SimBackend::place_on_lattice(int lane, std::uint32_t particle) {
                            .cwiseMin(setup_->scene.workspace_max);
   assign(e.tip, tip);
   assign(e.start_position, tip);
+  if (!arms_.empty()) setup_->arm->reset(arms_[static_cast<std::size_t>(lane)], tip);
   e.jaw_closed = 1;
   e.jaw_deg = 0;
   e.jaw_was_open = 0;
@@ -296,6 +301,27 @@ SimBackend::Command SimBackend::decode(const Action& action) const {
   return command;
 }
 
+Vector3d SimBackend::tip_of(int lane) const {
+  const auto k = static_cast<std::size_t>(lane);
+  return to_vector(arms_.empty() ? environments_[k].tip : arms_[k].p_WT_true);
+}
+
+Vector3d SimBackend::measured_tip(int lane) const {
+  const auto k = static_cast<std::size_t>(lane);
+  return to_vector(arms_.empty() ? environments_[k].tip : arms_[k].p_WT_measured);
+}
+
+/// From commanded to true motion of the tips, with the load of the last step.
+void SimBackend::move_arms(std::vector<ToolMotion>& motion) {
+  for (std::size_t k = 0; k < arms_.size(); ++k) {
+    const int lane = static_cast<int>(k);
+    motion[k].from = tip_of(lane);
+    setup_->arm->step(arms_[k], to_vector(environments_[k].tip),
+                      tissue_of(lane).held_force(lane_in_group(lane)));
+    motion[k].to = tip_of(lane);
+  }
+}
+
 bool SimBackend::is_held(int lane) const {
   const auto& tissue = *groups_[static_cast<std::size_t>(lane / width_)];
   return !tissue.held(lane_in_group(lane)).empty() ||
@@ -306,8 +332,8 @@ RewardState SimBackend::reward_state(int lane) const {
   const Environment& e = environments_[static_cast<std::size_t>(lane)];
   RewardState state;
   state.held = setup_->config.defects().reward_jaw_closed() ? e.jaw_closed != 0 : is_held(lane);
-  state.distance_q = (to_vector(e.tip) - setup_->scene.tumour_point).norm();
-  state.distance_target = (to_vector(e.tip) - setup_->scene.target).norm();
+  state.distance_q = (tip_of(lane) - setup_->scene.tumour_point).norm();
+  state.distance_target = (tip_of(lane) - setup_->scene.target).norm();
   state.workspace_diagonal = setup_->workspace_diagonal;
   state.grasp_distance_q = (to_vector(e.held_from) - setup_->scene.tumour_point).norm();
   state.exposure = static_cast<double>(e.exposure);
@@ -349,7 +375,7 @@ double SimBackend::approach_deg(int lane, int particle) const {
 double SimBackend::sheet_distance(int lane, const Nearest& nearest) const {
   const auto& tissue = *groups_[static_cast<std::size_t>(lane / width_)];
   const int l = lane_in_group(lane);
-  const Vector3d tip = to_vector(environments_[static_cast<std::size_t>(lane)].tip);
+  const Vector3d tip = tip_of(lane);
   double squared = nearest.distance * nearest.distance;
   for (const Eigen::Vector3i& t : setup_->scene.tissue.surface_triangles) {
     if (t[0] != nearest.particle && t[1] != nearest.particle && t[2] != nearest.particle) continue;
@@ -364,7 +390,7 @@ void SimBackend::attach(int lane) {
   Environment& e = environments_[static_cast<std::size_t>(lane)];
   Tissue<float>& tissue = tissue_of(lane);
   const int l = lane_in_group(lane);
-  const Vector3d tip = to_vector(e.tip);
+  const Vector3d tip = tip_of(lane);
   tissue.hold(l, tip, setup_->config.grasp().patch_radius_m(),
               setup_->config.defects().grasp_collapse_to_point());
   e.slip = 0;
@@ -410,12 +436,12 @@ void SimBackend::try_grasp(int lane, const Nearest& nearest) {
     for (const RigidShape& body : setup_->scene.bodies) {
       if (body.kind != RigidShape::Kind::kSphere && body.kind != RigidShape::Kind::kEllipsoid)
         continue;
-      const Vector3d p = body.X_WS.inverse() * to_vector(e.tip);
+      const Vector3d p = body.X_WS.inverse() * tip_of(lane);
       const double scaled = p.cwiseQuotient(body.size).norm();
       if (std::fabs(scaled - 1) * p.norm() / std::max(scaled, 1e-9) < grasp.radius_m()) {
         e.holds_rigid = 1;
         e.grasped_ever = 1;
-        assign(e.grasp_position, to_vector(e.tip));
+        assign(e.grasp_position, tip_of(lane));
       }
     }
   }
@@ -458,7 +484,7 @@ void SimBackend::move_jaw_and_grasp(std::span<const Command> commands,
     std::vector<Nearest> nearest(W);
     bool group_wants = false;
     for (std::size_t l = 0; l < W && g * W + l < environments_.size(); ++l) {
-      points[l] = to_vector(environments_[g * W + l].tip);
+      points[l] = tip_of(static_cast<int>(g * W + l));
       group_wants = group_wants || wants[g * W + l] != 0;
     }
     if (!group_wants) continue;
@@ -527,6 +553,7 @@ void SimBackend::step(std::span<const Action> actions, std::span<StepOutcome> ou
       motion[k] = {from, limited.p_WT};
       assign(e.tip, limited.p_WT);
     }
+    move_arms(motion);
     for (std::size_t g = 0; g < groups_.size(); ++g) {
       groups_[g]->step(std::span(motion).subspan(g * W, W));
       std::uint32_t wanted = 0;
@@ -547,7 +574,7 @@ void SimBackend::step(std::span<const Action> actions, std::span<StepOutcome> ou
     }
     for (std::size_t k = 0; k < environments_.size(); ++k) {
       Environment& e = environments_[k];
-      const double distance = (to_vector(e.tip) - setup_->scene.target).norm();
+      const double distance = (tip_of(static_cast<int>(k)) - setup_->scene.target).norm();
       const bool held = is_held(static_cast<int>(k));
       if (held && distance < task.success_radius_m()) e.reached = 1;
       if (ended[k] == 0 && task.end_distance_m() > 0 && held && distance < task.end_distance_m()) {
@@ -575,7 +602,7 @@ void SimBackend::observe(int lane, std::span<float> observation) const {
   const Scene& scene = setup_->scene;
   const pb::ObservationKind kind = setup_->config.task().observation();
   const bool raw = kind == pb::OBSERVATION_DERIVED || kind == pb::OBSERVATION_DERIVED_HEAD;
-  const Vector3d p = to_vector(e.tip);
+  const Vector3d p = measured_tip(lane);
   std::size_t next = 0;
   const auto add = [&](double value) { observation[next++] = static_cast<float>(value); };
   const auto add_position = [&](const Vector3d& position) {
@@ -637,10 +664,11 @@ EpisodeFacts SimBackend::clock(int lane) const {
   facts.reached = e.reached != 0;
   facts.lost_ever = e.lost_ever != 0;
   facts.episode_return = e.episode_return;
+  const Vector3d tip = tip_of(lane);
   for (std::size_t k = 0; k < 3; ++k) {
     facts.start_position[k] = e.start_position[k];
     facts.grasp_position[k] = e.grasp_position[k];
-    facts.tool_position[k] = e.tip[k];
+    facts.tool_position[k] = tip[static_cast<Eigen::Index>(k)];
   }
   return facts;
 }
@@ -724,17 +752,27 @@ void SimBackend::surface(int lane, std::vector<float>& out) const {
   }
 }
 
+/// Bytes of a state before those of the tissue.
+std::size_t SimBackend::head_bytes() const {
+  return sizeof(Environment) + (arms_.empty() ? 0 : sizeof(ArmState));
+}
+
 Bytes SimBackend::save(int lane) const {
-  Bytes bytes(sizeof(Environment));
+  Bytes bytes(head_bytes());
   std::memcpy(bytes.data(), &environments_[static_cast<std::size_t>(lane)], sizeof(Environment));
+  if (!arms_.empty()) {
+    std::memcpy(bytes.data() + sizeof(Environment), &arms_[static_cast<std::size_t>(lane)],
+                sizeof(ArmState));
+  }
   groups_[static_cast<std::size_t>(lane / width_)]->save(lane_in_group(lane), bytes);
   return bytes;
 }
 
 Result<void> SimBackend::load(int lane, std::span<const std::byte> state) {
-  if (state.size() < sizeof(Environment)) {
-    return Failure{fmt::format("environment state of {} bytes, needed more than {}", state.size(),
-                               sizeof(Environment))};
+  const std::size_t head = head_bytes();
+  if (state.size() < head) {
+    return Failure{
+        fmt::format("environment state of {} bytes, needed more than {}", state.size(), head)};
   }
   Environment e{};
   std::memcpy(&e, state.data(), sizeof e);
@@ -751,9 +789,17 @@ Result<void> SimBackend::load(int lane, std::span<const std::byte> state) {
       !std::isfinite(e.exposure) || e.episode_limit == 0) {
     return Failure{"environment state holds a non-finite number or a zero episode limit"};
   }
-  const Result<std::size_t> used =
-      tissue_of(lane).load(lane_in_group(lane), state.subspan(sizeof(Environment)));
+  ArmState arm{};
+  if (!arms_.empty()) {
+    std::memcpy(&arm, state.data() + sizeof(Environment), sizeof arm);
+    std::array<double, sizeof(ArmState) / sizeof(double)> numbers{};
+    std::memcpy(numbers.data(), &arm, sizeof arm);
+    if (!std::all_of(numbers.begin(), numbers.end(), [](double v) { return std::isfinite(v); }))
+      return Failure{"arm state holds a non-finite number"};
+  }
+  const Result<std::size_t> used = tissue_of(lane).load(lane_in_group(lane), state.subspan(head));
   if (!used) return Failure{used.error()};
+  if (!arms_.empty()) arms_[static_cast<std::size_t>(lane)] = arm;
   environments_[static_cast<std::size_t>(lane)] = e;
   return {};
 }

@@ -9,6 +9,7 @@
 #include "core/psm.h"
 #include "core/reward.h"
 #include "proto/config.pb.h"
+#include "sim_worker/arm.h"
 #include "sim_worker/exposure.h"
 #include "sim_worker/grasp.h"
 #include "sim_worker/scene.h"
@@ -22,6 +23,7 @@ struct SimSetup {
   Scene scene;
   std::shared_ptr<const TissueModel> tissue;
   ToolMount mount;
+  std::shared_ptr<const Arm> arm;
   double workspace_diagonal = 1;  ///< L_ws [m]
   std::shared_ptr<const ExposureEstimator> exposure;
   std::vector<std::string> warnings;
@@ -83,7 +85,7 @@ class SimBackend : public Backend {
   /// State of one environment beside its tissue; plain numbers, written to the state bytes as they
   /// stand.
   struct Environment {
-    double tip[3];  ///< p_WT [m]
+    double tip[3];  ///< commanded, p_WT [m]; where the tip is unless the arm has effects
     double jaw_deg;
     double slip;  ///< accumulated [m]
     double pending_bonus;
@@ -111,6 +113,12 @@ class SimBackend : public Backend {
     bool closed = false;
   };
   Command decode(const Action& action) const;
+  /// Where the jaw tip is, p_WT [m].
+  Eigen::Vector3d tip_of(int lane) const;
+  /// Where the encoders say it is: what a robot can observe.
+  Eigen::Vector3d measured_tip(int lane) const;
+  std::size_t head_bytes() const;
+  void move_arms(std::vector<ToolMotion>& motion);
   bool is_held(int lane) const;
   RewardState reward_state(int lane) const;
   double reward_now(int lane) const;
@@ -132,6 +140,7 @@ class SimBackend : public Backend {
   int width_;
   std::vector<std::unique_ptr<Tissue<float>>> groups_;
   std::vector<Environment> environments_;
+  std::vector<ArmState> arms_;  ///< per environment; empty while the arm has no effects
   mutable ExposureEstimator exposure_;
   ImageSource image_;
   bool exposure_every_step_;

@@ -26,6 +26,8 @@ std::shared_ptr<const TissueModel> model_of(Scene& scene) {
   return make_tissue_model(scene, 0.02, warnings);
 }
 
+Arm nominal_arm(const Scene& scene) { return {scene.config.arm(), scene_tool_mount(scene), 0.02}; }
+
 /// Grasps the flat sheet at a particle and lifts it 30 mm in 0.6 s, twice the speed cap of the task
 /// and beyond nothing.
 ToolTrack lift_track(const Vector3d& grip) {
@@ -53,7 +55,7 @@ TEST(Simulate, HeldTissueFollowsTheCommandedTipWithoutAnySpeedCap) {
   const Vector3d grip = scene.tissue.X_WB * scene.tissue.particles[particle];
   ToolTrack track = lift_track(grip);
   track.jaw_rad = {0, 0, 0, 0};  // closed from the start: the sheet has no time to fall
-  const SimulatedRecording r = simulate_recording(*model, track, {});
+  const SimulatedRecording r = simulate_recording(*model, nominal_arm(scene), track, {});
   ASSERT_EQ(r.time.size(), 51U);
   EXPECT_EQ(r.missed_grasps, 0);
   EXPECT_NEAR(r.time.back(), 1.0, 1e-12);
@@ -68,9 +70,24 @@ TEST(Simulate, HeldTissueFollowsTheCommandedTipWithoutAnySpeedCap) {
 TEST(Simulate, AJawThatClosesOnNothingIsCounted) {
   Scene scene;
   const auto model = model_of(scene);
-  const SimulatedRecording r = simulate_recording(*model, lift_track(Vector3d(0, 0, 0.2)), {});
+  const SimulatedRecording r =
+      simulate_recording(*model, nominal_arm(scene), lift_track(Vector3d(0, 0, 0.2)), {});
   EXPECT_EQ(r.missed_grasps, 1);
   EXPECT_EQ(r.force.back().norm(), 0);
+}
+
+TEST(Simulate, ALongerToolThanBelievedHoldsTheTissueLowerThanTheEncodersSay) {
+  Scene scene;
+  const auto model = model_of(scene);
+  // A place of the sheet that the arm reaches: beside q of preset omentum.
+  const Vector3d grip(0.0154, 0.0521, 0.0236);
+  pb::ArmEffects effects;
+  effects.set_tool_length_offset_m(0.004);
+  const Arm arm(effects, scene_tool_mount(scene), 0.02);
+  const SimulatedRecording r = simulate_recording(*model, arm, lift_track(grip), {});
+  ASSERT_EQ(r.arm.size(), r.time.size());
+  for (std::size_t i = 0; i < r.time.size(); ++i)
+    EXPECT_NEAR(r.measured_tip[i].z() - r.tip[i].z(), 0.004, 1e-9) << i;
 }
 
 TEST(Simulate, TheWrittenFolderIsARecordingWithTheSameCommands) {
@@ -78,7 +95,7 @@ TEST(Simulate, TheWrittenFolderIsARecordingWithTheSameCommands) {
   const auto model = model_of(scene);
   const Vector3d grip = scene.tissue.X_WB * scene.tissue.particles[15 * 31 + 28];
   const ToolTrack track = lift_track(grip);
-  const SimulatedRecording r = simulate_recording(*model, track, {});
+  const SimulatedRecording r = simulate_recording(*model, nominal_arm(scene), track, {});
   const std::string folder = testing::TempDir() + "omentum_simulated_recording";
   fs::remove_all(folder);
   pb::RecordingInfo info;

@@ -220,16 +220,45 @@ TEST(Observation, CompositionAndScaling) {
 
 TEST(Observation, OmentumSeesTheWayLeftWithinFiveMillimetres) {
   // 2 mm beside q, 1 mm below it, far off in y: what counts near the goal fills the input range.
-  SimBackend backend(setup_of("omentum", {"task.random_start=false", "scene.tool_start_m.x=0.0174",
-                                          "scene.tool_start_m.y=0.0321",
-                                          "scene.tool_start_m.z=0.0226"}),
-                     1, 1);
+  SimBackend backend(
+      setup_of("omentum", {"task.random_start=false", "scene.tool_start_m.x=0.0174",
+                           "scene.tool_start_m.y=0.0321", "scene.tool_start_m.z=0.0226"}),
+      1, 1);
   backend.reset(0, {});
   std::vector<float> seen(static_cast<std::size_t>(backend.observation_size()));
   backend.observe(0, seen);
   EXPECT_NEAR(seen[17], -0.4, 1e-6);
   EXPECT_EQ(seen[18], 1.0F);
   EXPECT_NEAR(seen[19], 0.2, 1e-6);
+}
+
+TEST(ArmEffects, ThePolicySeesTheEncodersAndTheTissueMeetsTheTrueTip) {
+  const std::vector<std::string> effects = {"scene.arm.tool_length_offset_m=0.004",
+                                            "scene.arm.transport_delay_s=0.04"};
+  SimBackend backend(setup_of("omentum", effects), 1, 1);
+  SimBackend nominal(setup_of("omentum"), 1, 1);
+  backend.reset(0, grid_start(44));
+  nominal.reset(0, grid_start(44));
+  std::vector<float> seen(static_cast<std::size_t>(backend.observation_size()));
+  std::vector<float> expected(seen.size());
+  nominal.observe(0, expected);
+  backend.observe(0, seen);
+  for (std::size_t k = 1; k < 4; ++k) EXPECT_NEAR(seen[k], expected[k], 1e-6);
+  EXPECT_NEAR(tip(nominal).z() - tip(backend).z(), 0.004, 1e-9);
+  for (int i = 0; i < 10; ++i) step_one(backend, kDown);
+  for (int i = 0; i < 8; ++i) step_one(nominal, kDown);  // two steps of delay
+  EXPECT_NEAR(tip(nominal).z() - tip(backend).z(), 0.004, 1e-9);
+
+  // The memory of the effects travels with the state.
+  const Bytes state = backend.save(0);
+  SimBackend other(setup_of("omentum", effects), 3, 1);
+  ASSERT_TRUE(other.load(1, state).has_value());
+  for (int i = 0; i < 5; ++i) {
+    step_one(backend, {2, 1, 0, 1});
+    step_one(other, {2, 1, 0, 1});
+  }
+  EXPECT_EQ(backend.save(0), other.save(1));
+  EXPECT_FALSE(nominal.load(0, state).has_value()) << "a state with an arm's memory";
 }
 
 TEST(Grid, HundredDistinctStartsAtThePublishedPlaces) {
