@@ -58,8 +58,9 @@ std::vector<std::string> worker_partition(const std::string& run, std::uint32_t 
 
 void check_run_name(const std::string& run) {
   const std::string allowed = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-.";
-  if (run.empty() || run.size() > 100 || run.find_first_not_of(allowed) != std::string::npos) {
-    throw_error("run.name \"{}\": 1 to 100 letters, digits, '_', '-', '.'", run);
+  if (run.empty() || run.size() > 100 || run.find_first_not_of(allowed) != std::string::npos ||
+      run.front() == '-' || run.front() == '.') {
+    throw_error("run.name \"{}\": 1 to 100 of A-Z a-z 0-9 _ - . and neither - nor . first", run);
   }
 }
 

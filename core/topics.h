@@ -52,9 +52,9 @@ std::vector<std::string> run_partition(const std::string& run);
 /// Tasks of one worker: "<run>/w<worker_id>".
 std::vector<std::string> worker_partition(const std::string& run, std::uint32_t worker_id);
 
-/// Throws Error unless the name of a run can be a partition: 1 to 100 letters, digits, '_', '-',
-/// '.'; DDS would read
-/// '*', '?' and '[' as wildcards and '/' separates the worker part.
+/// Throws Error unless the name of a run can be a partition and a folder: 1 to 100 letters, digits,
+/// '_', '-', '.', the first neither '-' (an option) nor '.' (hidden); DDS would read '*', '?' and
+/// '[' as wildcards and '/' separates the worker part.
 void check_run_name(const std::string& run);
 
 }  // namespace omentum

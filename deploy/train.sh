@@ -49,7 +49,9 @@ while (($#)); do
     --seeds) [[ $value =~ ^[1-9][0-9]{0,2}$ ]] || wrong "--seeds $value: a number from 1 to 999"; seeds=$value ;;
     --workers) [[ $value =~ ^[1-9][0-9]{0,2}$ ]] || wrong "--workers $value: a number from 1 to 999"; workers=$value ;;
     --run)
-      [[ $value =~ ^[A-Za-z0-9_+=-][A-Za-z0-9_+=.-]*$ ]] || wrong "--run $value: letters, digits and _ + = - ."
+      # The rule of check_run_name() in core/topics.cpp.
+      [[ $value =~ ^[A-Za-z0-9_][A-Za-z0-9._-]{0,99}$ ]] ||
+        wrong "--run $value: 1 to 100 of A-Z a-z 0-9 _ - . and neither - nor . first"
       name=$value
       ;;
     --set) [[ $value == ?*=* ]] || wrong "--set $value: must read a.b=c"; sets+=("$value") ;;
@@ -88,16 +90,20 @@ add() { awk -v a="$1" -v b="$2" 'BEGIN { printf "%.1f", a + b }'; }
 scratch=$(mktemp -d) || exit 1
 learner_pid='' tee_pid='' supervisors=() stop=0 worker_failed=0
 
-# Asks everything that is still running to stop, then insists.
-stop_workers() {
-  local pid tries
-  ((${#supervisors[@]})) || return 0
-  kill -TERM "${supervisors[@]}" 2>/dev/null
-  for ((tries = 0; tries < 100; ++tries)); do
-    kill -0 "${supervisors[@]}" 2>/dev/null || break
+# Asks processes to stop until they are gone, after $1 tenths of a second with force; $2... = children of this shell.
+# Nothing here waits for ever for a process that missed a signal or cannot end.
+insist() {
+  local tries=$1 pid
+  shift
+  while kill -TERM "$@" 2>/dev/null; do
+    ((tries-- > 0)) || kill -KILL "$@" 2>/dev/null
     sleep 0.1
   done
-  for pid in "${supervisors[@]}"; do wait "$pid" 2>/dev/null; done
+  for pid in "$@"; do wait "$pid" 2>/dev/null; done
+}
+stop_workers() {
+  ((${#supervisors[@]})) || return 0
+  insist 200 "${supervisors[@]}"
   supervisors=()
 }
 finish() {
@@ -147,7 +153,7 @@ fail() {
 # several tries tells the main process so.
 supervise_worker() {
   local number=$1 pause=1 born code log=$folder/worker$1.log
-  trap 'trap "" TERM; kill -TERM $(jobs -p) 2>/dev/null; wait; exit 0' TERM
+  trap 'trap "" TERM; insist 100 $(jobs -p); exit 0' TERM
   trap '' INT HUP
   while true; do
     born=$SECONDS
@@ -210,13 +216,12 @@ evaluation_rows() {  # $1 = summary.json: name starts target_reached exposed gra
 train_one() {
   local number status code
   mkdir -p "$folder" || fail "$folder cannot be made"
-  rm -f "$scratch/out"
-  mkfifo "$scratch/out"
   # Interrupts are ignored by tee: the learner still has to print that it has stopped.
-  tee -i -a "$folder/learner.log" <"$scratch/out" &
+  exec {output}> >(exec tee -i -a "$folder/learner.log")
   tee_pid=$!
-  "$bin/learner" "${common[@]}" --run "$name" --set "run.domain=$domain" "$@" >"$scratch/out" 2>&1 &
+  "$bin/learner" "${common[@]}" --run "$name" --set "run.domain=$domain" "$@" >&"$output" 2>&1 &
   learner_pid=$!
+  exec {output}>&-
   for ((number = 1; number <= workers; ++number)); do
     supervise_worker "$number" &
     supervisors+=($!)
@@ -254,9 +259,11 @@ for program in learner sim_worker report; do
   [[ -x $bin/$program ]] || fail "$bin/$program is missing: run deploy/setup.sh"
 done
 
-# The resolved configuration; a wrong knob ends here, before anything is moved or started.
+# The resolved configuration; a wrong knob or scene ends here, before anything is moved or started.
 "$bin/learner" "${common[@]}" --run "$name" --dry-run >"$scratch/config" 2>"$scratch/error" ||
   fail "$(tail -n 1 "$scratch/error" | sed 's/^learner: //')" 2
+"$bin/sim_worker" --check-config "$scratch/config" >/dev/null 2>"$scratch/error" ||
+  fail "$(tail -n 1 "$scratch/error" | sed 's/^sim_worker: //')" 2
 resolved() { sed -n "s/^ *$1: *\"\{0,1\}\([^\"]*\)\"\{0,1\}$/\1/p" "$scratch/config" | tail -n 1; }
 if [[ -z $workers ]]; then
   workers=$(resolved workers)

@@ -48,7 +48,6 @@ int run(int argc, char** argv) {
   pb::Config config = load_config(preset, overrides);
   if (name.empty()) name = config.run().name().empty() ? preset : config.run().name();
   check_run_name(name);
-  if (name.front() == '.') throw_error("run.name \"{}\": no leading dot", name);
   config.mutable_run()->set_name(name);
   const std::uint32_t width = config.run().lane_width();
   if (width != 0 && width != 1 && width != 8 && width != 16) {

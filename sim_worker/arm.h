@@ -14,14 +14,14 @@ struct ArmState {
   static constexpr int kHistory = 16;
   double command[kHistory][3];  ///< commanded tips p_WT at the ends of the last control steps,
                                 ///< newest first [m]
-  double target[6];         ///< delayed command in joint space at the end of the last step
-  double droop[6];          ///< behind the servo's droop
-  double pole[2][6];        ///< behind each pole of the bandwidth
-  double motor[6];          ///< motor encoders, before the give under load
-  double disc[4];           ///< behind the play of the discs
-  double joint[6];          ///< behind the play of the joints
-  double p_WT_true[3];      ///< where the tip is [m]
-  double p_WT_measured[3];  ///< where the encoders say it is [m]
+  double target[6];             ///< delayed command in joint space at the end of the last step
+  double droop[6];              ///< behind the servo's droop
+  double pole[2][6];            ///< behind each pole of the bandwidth
+  double motor[6];              ///< motor encoders, before the give under load
+  double disc[4];               ///< behind the play of the discs
+  double joint[6];              ///< behind the play of the joints
+  double p_WT_true[3];          ///< where the tip is [m]
+  double p_WT_measured[3];      ///< where the encoders say it is [m]
 };
 
 /// What the robot reports of a step.

@@ -745,9 +745,11 @@ Result<std::size_t> ClusterTissue<Real>::load(int lane, std::span<const std::byt
   Held held;
   held.particles.resize(count);
   held.offsets.resize(count);
-  std::memcpy(held.particles.data(), state.data() + fixed_size, count * sizeof(std::int32_t));
-  std::memcpy(held.offsets.data(), state.data() + fixed_size + count * sizeof(std::int32_t),
-              count * sizeof(held.offsets[0]));
+  if (count > 0) {  // memcpy must not get the null pointer of an empty vector
+    std::memcpy(held.particles.data(), state.data() + fixed_size, count * sizeof(std::int32_t));
+    std::memcpy(held.offsets.data(), state.data() + fixed_size + count * sizeof(std::int32_t),
+                count * sizeof(held.offsets[0]));
+  }
   for (const std::int32_t i : held.particles) {
     if (i < 0 || i >= particles() || model_->body.fixed[static_cast<std::size_t>(i)] != 0) {
       return Failure{

@@ -116,12 +116,15 @@ TEST(Topics, PartitionsSeparateRunsAndWorkers) {
   EXPECT_EQ(worker_partition("r", 7), (std::vector<std::string>{"r/w7"}));
 }
 
-TEST(Topics, ARunNameThatIsAPatternIsRefused) {
-  for (const std::string bad : {"", "a/b", "a*", "a?", "[a]", "a b", "\xc3\xa4"}) {
+TEST(Topics, ARunNameThatIsAPatternAPathOrAnOptionIsRefused) {
+  for (const std::string bad :
+       {"", "a/b", "a*", "a?", "[a]", "a b", "\xc3\xa4", "-a", ".", "..", ".a", "a=b", "a+b"}) {
     EXPECT_THROW(check_run_name(bad), Error) << bad;
   }
   EXPECT_THROW(check_run_name(std::string(101, 'a')), Error);
-  EXPECT_NO_THROW(check_run_name("lift-01_b.2"));
+  for (const std::string good : {"lift-01_b.2", "7", "_a", "a-"}) {
+    EXPECT_NO_THROW(check_run_name(good)) << good;
+  }
 }
 
 }  // namespace

@@ -80,18 +80,19 @@ TEST_F(BadInput, KnobsAreRefusedByName) {
 
 TEST_F(BadInput, CommandLinesAreRefusedByOption) {
   expect_learner_refuses({}, {"preset", "nowhere", "omentum"}, {"--preset", "nowhere"});
-  for (const std::string run : {"a/b", "..", "", "a b", "a*"}) {
-    if (run.empty()) continue;
-    expect_learner_refuses({}, {"run.name", run}, {"--run", run});
-  }
-  expect_learner_refuses({}, {"--nonsense"}, {"--nonsense"});
   const auto worker = [this](const Strings& more) {
     return programs_.finish(Strings{OMENTUM_SIM_WORKER} + more);
   };
+  for (const std::string run : {"a/b", "..", ".a", "a b", "a*", "a=b"}) {
+    expect_learner_refuses({}, {"run.name", run, "A-Z a-z 0-9 _ - ."}, {"--run", run});
+    expect_refused(worker({"--run", run}), {"run.name", run, "A-Z a-z 0-9 _ - ."});
+  }
+  expect_learner_refuses({}, {"run.name", "\"-a\""}, {"--run=-a"});
+  expect_refused(worker({"--run=-a"}), {"run.name", "\"-a\""});
+  expect_learner_refuses({}, {"--nonsense"}, {"--nonsense"});
   expect_refused(worker({"--domain", "999"}), {"--domain", "999", "0", "230"});
   expect_refused(worker({"--lanes", "100000"}), {"--lanes", "100000", "1024"});
   expect_refused(worker({"--lane-width", "3"}), {"lane_width", "3", "1, 8, 16"});
-  expect_refused(worker({"--run", "a/b"}), {"run.name", "a/b"});
   expect_refused(worker({"--check-config", programs_.folder() / "none"}), {"none"});
 }
 
@@ -146,6 +147,24 @@ TEST_F(BadInput, ASceneThatNoWorkerCanMakeStopsTheLearnerWithTheirReason) {
   }
   // The same name with a good scene is a new run, and a worker that refused serves it.
   EXPECT_EQ(programs_.train("bad", tiny_task()).size(), 64u);
+}
+
+TEST_F(BadInput, AWorkerThatRefusedOneLearnerServesTheNext) {
+  Process worker = programs_.worker("later");
+  const std::string log = programs_.folder() / "later.worker0.err";
+  {
+    // Killed when the worker refuses: the learner itself gives up 3 s after it has heard of that,
+    // and would send the worker home.
+    Process learner =
+        programs_.learner("later", tiny_task() + Strings{"scene.target_m={ x: 0.5 }"});
+    ASSERT_TRUE(test::eventually(
+        [&] { return test::read_text(log).find("coordinate x") != std::string::npos; }));
+    learner.kill(SIGKILL);
+    ASSERT_EQ(learner.wait(test::kRunTime), 128 + SIGKILL);
+  }
+  Process learner = programs_.learner("later", tiny_task());
+  EXPECT_EQ(learner.wait(test::kRunTime), 0) << test::read_text(programs_.err("later"));
+  EXPECT_EQ(worker.wait(std::chrono::seconds(20)), 0) << test::read_text(log);
 }
 
 TEST_F(BadInput, CheckpointsOfAnotherConfigurationOrTornOnesAreRefused) {
