@@ -1,11 +1,18 @@
 #include "sim_worker/tissue.h"
 
 #include "sim_worker/cluster_tissue.h"
+#include "sim_worker/elastic_model.h"
+#include "sim_worker/reference_model.h"
 
 namespace omentum {
 
 std::shared_ptr<const TissueModel> make_tissue_model(const Scene& scene, double control_period,
                                                      std::vector<std::string>& warnings) {
+  if (scene.config.tissue().model() == pb::TISSUE_ELASTIC) {
+    return make_elastic_model(scene, control_period, warnings);
+  }
+  if (scene.config.tissue().model() == pb::TISSUE_REFERENCE)
+    return make_reference_model(scene, control_period, warnings);
   return make_cluster_model(scene, control_period, warnings);
 }
 

@@ -1,0 +1,132 @@
+#pragma once
+
+#include <cstdint>
+
+#include "sim_worker/kernel.h"
+
+namespace omentum {
+
+/// Raw arguments of the lane kernel of the elastic shell (tissue.md sections 6-9). Like kernel.h:
+/// plain pointers and numbers only, lane index fastest, node vectors are [node][xyz][lane], all
+/// positions in W [m]. Nodes form a grid, index = count_y ix + iy.
+
+/// Grasped nodes of one lane at most; a larger patch is an error, not a truncation.
+inline constexpr int kMaxPatch = 32;
+
+/// Columns of the Cholesky factor that are solved together share their rows below.
+inline constexpr int kMaxPanelWidth = 4;
+
+/// Up to kMaxPanelWidth neighbouring columns of L, stored dense: first a width x width block (lower
+/// triangle, reciprocal of the diagonal on the diagonal), then one row of `width` values per node
+/// below. Indices are nodes of the mesh, so that nothing has to be permuted.
+struct FactorPanel {
+  std::int32_t width;
+  std::int32_t node_begin;  ///< in ElasticArgs::panel_node: the columns, then the rows below
+  std::int32_t rows;        ///< below the block
+  std::int32_t value_begin;
+};
+
+template <typename Real>
+struct ElasticArgs {
+  // Mesh, shared by all lanes.
+  std::int32_t count_x, count_y;
+  std::int32_t nodes;
+  const std::uint8_t* fixed;       ///< per node, 1 = anchored
+  const Real* mass_over_step2;     ///< per node: m / (effective step)^2 [N/m]
+  const Real* mass;                ///< per node [kg]
+  const std::int32_t* bend_begin;  ///< per node, nodes + 1: row of the bending matrix
+  const std::int32_t* bend_node;
+  const Real* bend;     ///< off-diagonal entries, nominal stiffness [N/m]
+  Real inverse_pitch2;  ///< 1 / pitch^2 [1/m^2]
+  Real shear;           ///< 2 mu t a_T / pitch^2, nominal [N/m]
+  Real area;            ///< lambda t a_T / pitch^2, nominal [N/m]
+  bool second_order;    ///< BDF2 instead of backward Euler
+  Real effective_step;  ///< h, or 2 h / 3 for BDF2 [s]
+  Real inverse_step;    ///< 1 / effective step [1/s]
+  Real third;           ///< 1/3 of BDF2, rounded once
+  bool at_start;        ///< d is still the inertial displacement
+  bool has_contact;
+
+  // State and scratch, per lane.
+  Real* x;  ///< positions at the substep's start
+  Real* v;
+  Real* v_old;          ///< BDF2: velocity one substep earlier
+  Real* d_old;          ///< BDF2: displacement of the last substep
+  Real* d;              ///< displacement since the substep's start, being solved
+  Real* moved;          ///< x + d
+  Real* b;              ///< residual, then its solution
+  Real* contact_force;  ///< on each node [N]
+
+  // Parameters, per lane.
+  const Real* stiffness;  ///< E / nominal E
+  const Real* gravity;    ///< [xyz][lane]
+  const Real* keep;       ///< exp(-damping x effective step)
+  std::uint32_t lanes;    ///< which lanes a call may change
+
+  // Factor of one key.
+  const FactorPanel* panel;
+  std::int32_t panels;
+  const std::int32_t* panel_node;
+  const Real* panel_value;
+
+  // Grasp, per lane. Columns of lanes that hold less are zero.
+  std::int32_t patch_size;         ///< most nodes held by any lane
+  const std::int32_t* patch_node;  ///< [kMaxPatch][lane]
+  const Real* patch_target;        ///< [kMaxPatch][xyz][lane], in W [m]
+  const Real* patch_compliance;    ///< [kMaxPatch][lane] [m/N]
+  const Real* patch_inverse;       ///< (P^T A^-1 P + C)^-1 [kMaxPatch][kMaxPatch][lane] [N/m]
+  const Real* patch_response;      ///< A^-1 P [node][kMaxPatch][lane] [m/N]
+  Real* patch_force;               ///< lambda [kMaxPatch][xyz][lane] [N]
+
+  // Contact: nodes that may touch in some lane, and the inverse matrix A^-1 of one key.
+  std::int32_t contacts;
+  const std::int32_t* contact_node;
+  const Real* metric;            ///< off-diagonal of A of one key, entries as those of `bend`
+  const Real* metric_diagonal;   ///< per node
+  const Real* inverse;           ///< [node][node] [m/N]
+  Real* contact_place;           ///< scratch [contact][xyz][lane]: where it is now [m]
+  Real* contact_change;          ///< scratch [contact][xyz][lane]: change of its force [N]
+  std::uint32_t* contact_lanes;  ///< scratch per contact: lanes in which it has or wants a force
+  std::uint32_t* touching;       ///< scratch per node: lanes in which it touches
+  std::int32_t contact_listed;   ///< contacts that matter in some lane, ascending
+  const std::int32_t* contact_list;
+  const std::uint32_t* candidates;     ///< [node][shape] lane masks
+  const std::uint32_t* candidate_any;  ///< per node, bit per shape
+  Real contact_tolerance;              ///< motion of a node per sweep that counts as settled [m]
+  Real particle_radius;
+  std::int32_t shapes;
+  const KernelShape<Real>* shape;
+  const Real* capsule;  ///< [xyz][lane]
+  const Real* capsule_motion;
+  const Real* static_friction;
+  const Real* dynamic_friction;
+};
+
+/// One implementation of the elastic kernel: same source, different width. ElasticTissue::step
+/// calls them in the order of tissue.md section 7.
+template <typename Real>
+struct ElasticKernel {
+  int lanes;
+  void (*start_substep)(const ElasticArgs<Real>&);
+  void (*find_residual)(const ElasticArgs<Real>&);
+  void (*solve)(const ElasticArgs<Real>&);
+  void (*subtract_solution)(const ElasticArgs<Real>&);
+  void (*hold_patch)(const ElasticArgs<Real>&);
+  void (*load_contacts)(const ElasticArgs<Real>&);
+  /// Parts of the contact solver, for the listed contacts of args.lanes; they return the lanes
+  /// in which a force changed.
+  std::uint32_t (*guess_contact_forces)(const ElasticArgs<Real>&);
+  std::uint32_t (*sweep_contacts)(const ElasticArgs<Real>&, bool first, bool backwards);
+  /// Loads the right-hand side of the contact changes; returns the lanes that have one.
+  std::uint32_t (*load_contact_change)(const ElasticArgs<Real>&);
+  void (*drop_far_contacts)(const ElasticArgs<Real>&);
+  void (*finish_substep)(const ElasticArgs<Real>&);
+};
+
+/// Kernels by width. The 16-lane one may only be called on a CPU with AVX-512.
+extern const ElasticKernel<float> kElasticKernelF32x1;
+extern const ElasticKernel<float> kElasticKernelF32x8;
+extern const ElasticKernel<float> kElasticKernelF32x16;
+extern const ElasticKernel<double> kElasticKernelF64x1;
+
+}  // namespace omentum

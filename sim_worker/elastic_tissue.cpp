@@ -1,0 +1,750 @@
+#include "sim_worker/elastic_tissue.h"
+
+#include <Eigen/Cholesky>
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <numeric>
+
+#include "core/check.h"
+#include "core/hash.h"
+
+namespace omentum {
+namespace {
+
+using Eigen::Vector3d;
+
+// Contact forces of a substep: a lane is done when no node moves by more than this part of the
+// pitch in a sweep, or after so many rounds of a sweep up and one down; the next substep goes on
+// from there.
+constexpr int kMaxContactRounds = 8;
+constexpr double kContactTolerance = 5e-5;
+constexpr double kLeastCover = 1e-3;  // of a cell: a thinner hold is none
+
+const ElasticKernel<float>& elastic_kernel_for(const Kernel<float>& kernel) {
+  if (kernel.lanes == 16) return kElasticKernelF32x16;
+  return kernel.lanes == 8 ? kElasticKernelF32x8 : kElasticKernelF32x1;
+}
+
+const ElasticKernel<double>& elastic_kernel_for(const Kernel<double>&) {
+  return kElasticKernelF64x1;
+}
+
+template <typename Real>
+KernelShape<Real> make_kernel_shape(const RigidShape& body) {
+  KernelShape<Real> shape{};
+  const Eigen::Matrix3d R_SW = body.X_WS.linear().transpose();
+  for (int r = 0; r < 3; ++r) {
+    for (int c = 0; c < 3; ++c) shape.rotation[3 * r + c] = static_cast<Real>(R_SW(r, c));
+    shape.origin[r] = static_cast<Real>(body.X_WS.translation()[r]);
+    shape.size[r] = static_cast<Real>(body.size[r]);
+  }
+  shape.bound_radius = static_cast<Real>(body.size.norm());
+  switch (body.kind) {
+    case RigidShape::Kind::kSphere:
+      shape.kind = ShapeKind::kSphere;
+      shape.bound_radius = shape.size[0];
+      break;
+    case RigidShape::Kind::kEllipsoid:
+      shape.kind = ShapeKind::kEllipsoid;
+      break;
+    case RigidShape::Kind::kBox:
+      shape.kind = ShapeKind::kBox;
+      break;
+    case RigidShape::Kind::kHalfSpace:
+      shape.kind = ShapeKind::kHalfSpace;
+      break;
+    case RigidShape::Kind::kMesh: {
+      OMENTUM_CHECK(body.sdf != nullptr);
+      shape.kind = ShapeKind::kSdf;
+      shape.sdf = body.sdf->value.data();
+      shape.sdf_pitch = static_cast<Real>(body.sdf->pitch);
+      double bound = 0;
+      for (const Vector3d& v : body.surface.vertices) bound = std::max(bound, v.norm());
+      shape.bound_radius = static_cast<Real>(bound);
+      for (int k = 0; k < 3; ++k) {
+        shape.sdf_count[k] = body.sdf->count[k];
+        shape.sdf_origin[k] = static_cast<Real>(body.sdf->origin[k]);
+      }
+      break;
+    }
+  }
+  return shape;
+}
+
+template <typename Real>
+std::vector<Real> convert(const std::vector<double>& values) {
+  std::vector<Real> result;
+  result.reserve(values.size());
+  for (const double v : values) result.push_back(static_cast<Real>(v));
+  return result;
+}
+
+/// Limits of saved lane parameters: what a randomised scene may ask for, with room.
+bool usable(const LaneParameters& p) {
+  const auto within = [](double v, double min, double max) { return v >= min && v <= max; };
+  return within(p.stiffness_scale, 1e-3, 1e3) && within(p.gravity_scale, -100, 100) &&
+         within(p.damping_scale, 0, 1e3) && within(p.friction_scale, 0, 1e3);
+}
+
+}  // namespace
+
+template <typename Real>
+ElasticTissue<Real>::ElasticTissue(std::shared_ptr<const ElasticTissueModel> model,
+                                   const Kernel<Real>& kernel)
+    : model_(std::move(model)), kernel_(kernel), elastic_(elastic_kernel_for(kernel)) {
+  OMENTUM_CHECK(elastic_.lanes == kernel_.lanes);
+  const auto W = static_cast<std::size_t>(kernel_.lanes);
+  const auto n = static_cast<std::size_t>(model_->nodes());
+  const double step = model_->effective_step();
+  const bool second_order = model_->parameters.integrator() == pb::INTEGRATOR_BDF2;
+
+  mass_ = convert<Real>(model_->mass);
+  for (const double m : model_->mass) {
+    mass_over_step2_.push_back(static_cast<Real>(m / (step * step)));
+  }
+  bend_ = convert<Real>(model_->bending.value);
+
+  for (auto* v : {&x_, &v_, &d_, &moved_, &b_, &keep_b_, &contact_force_}) {
+    v->assign(3 * n * W, Real{0});
+  }
+  if (second_order) {
+    v_old_.assign(3 * n * W, Real{0});
+    d_old_.assign(3 * n * W, Real{0});
+  }
+  held_.resize(W);
+  constexpr auto kPatch = static_cast<std::size_t>(kMaxPatch);
+  patch_node_.assign(kPatch * W, 0);
+  patch_target_.assign(3 * kPatch * W, Real{0});
+  patch_compliance_.assign(kPatch * W, Real{0});
+  patch_inverse_.assign(kPatch * kPatch * W, Real{0});
+  patch_response_.assign(n * kPatch * W, Real{0});
+  patch_force_.assign(3 * kPatch * W, Real{0});
+  held_force_.assign(3 * W, Real{0});
+  parameters_.resize(W);
+  key_.assign(W, 0);
+  for (auto* v : {&stiffness_, &keep_, &static_friction_, &dynamic_friction_, &capsule_sweep_}) {
+    v->assign(W, Real{0});
+  }
+  for (auto* v : {&gravity_, &capsule_, &capsule_motion_}) v->assign(3 * W, Real{0});
+  free_mask_.assign(n, 0);
+  candidates_.assign(n * kMaxShapes, 0);
+  candidate_any_.assign(n, 0);
+  contact_change_.assign(3 * n * W, Real{0});
+  contact_place_.assign(3 * n * W, Real{0});
+  contact_lanes_.assign(n, 0);
+  touching_.assign(n, 0);
+
+  args_.count_x = model_->count_x;
+  args_.count_y = model_->count_y;
+  args_.nodes = model_->nodes();
+  args_.fixed = model_->body.fixed.data();
+  args_.mass = mass_.data();
+  args_.mass_over_step2 = mass_over_step2_.data();
+  args_.bend_begin = model_->bending.begin.data();
+  args_.bend_node = model_->bending.node.data();
+  args_.bend = bend_.data();
+  args_.inverse_pitch2 = static_cast<Real>(1 / (model_->pitch * model_->pitch));
+  args_.shear = static_cast<Real>(model_->shear);
+  args_.area = static_cast<Real>(model_->area);
+  args_.second_order = second_order;
+  args_.effective_step = static_cast<Real>(step);
+  args_.inverse_step = static_cast<Real>(1 / step);
+  args_.third = static_cast<Real>(1.0 / 3);
+  args_.has_contact = model_->has_contact();
+  args_.x = x_.data();
+  args_.v = v_.data();
+  args_.v_old = v_old_.data();
+  args_.d_old = d_old_.data();
+  args_.d = d_.data();
+  args_.moved = moved_.data();
+  args_.b = b_.data();
+  args_.contact_force = contact_force_.data();
+  args_.stiffness = stiffness_.data();
+  args_.gravity = gravity_.data();
+  args_.keep = keep_.data();
+  args_.patch_node = patch_node_.data();
+  args_.patch_target = patch_target_.data();
+  args_.patch_compliance = patch_compliance_.data();
+  args_.patch_inverse = patch_inverse_.data();
+  args_.patch_response = patch_response_.data();
+  args_.patch_force = patch_force_.data();
+  args_.contact_change = contact_change_.data();
+  args_.contact_place = contact_place_.data();
+  args_.touching = touching_.data();
+  args_.contact_lanes = contact_lanes_.data();
+  args_.contact_tolerance = static_cast<Real>(kContactTolerance * model_->pitch);
+  args_.candidates = candidates_.data();
+  args_.candidate_any = candidate_any_.data();
+  args_.particle_radius = static_cast<Real>(model_->body.particle_radius);
+  args_.capsule = capsule_.data();
+  args_.capsule_motion = capsule_motion_.data();
+  args_.static_friction = static_friction_.data();
+  args_.dynamic_friction = dynamic_friction_.data();
+
+  // The search for candidates is the cluster kernel's; it reads no more than this.
+  candidate_args_.particles = model_->nodes();
+  candidate_args_.x = x_.data();
+  candidate_args_.v = v_.data();
+  candidate_args_.free_mask = free_mask_.data();
+  candidate_args_.candidates = candidates_.data();
+  candidate_args_.candidate_any = candidate_any_.data();
+  candidate_args_.gravity = gravity_.data();
+  candidate_args_.particle_radius = args_.particle_radius;
+  candidate_args_.step_s = static_cast<Real>(model_->control_period);
+  // 2 mm beyond what speed and gravity explain: elastic motion of one control step.
+  candidate_args_.margin = static_cast<Real>(2e-3);
+  for (const RigidShape& body : model_->contact_bodies) {
+    candidate_args_.shape[candidate_args_.shapes++] = make_kernel_shape<Real>(body);
+  }
+  if (model_->tool_contact) {
+    KernelShape<Real> tool{};
+    tool.kind = ShapeKind::kCapsule;
+    tool.size[0] = static_cast<Real>(model_->tool_radius);
+    tool.length = static_cast<Real>(model_->tool_length);
+    for (int k = 0; k < 3; ++k) tool.axis[k] = static_cast<Real>(model_->shaft_axis[k]);
+    candidate_args_.shape[candidate_args_.shapes++] = tool;
+  }
+  candidate_args_.capsule = capsule_.data();
+  candidate_args_.capsule_sweep = capsule_sweep_.data();
+  args_.shapes = candidate_args_.shapes;
+  args_.shape = candidate_args_.shape;
+
+  for (int lane = 0; lane < lanes(); ++lane) {
+    set_parameters(lane, {});
+    reset(lane, Vector3d::Zero());
+  }
+}
+
+template <typename Real>
+const typename ElasticTissue<Real>::Factor& ElasticTissue<Real>::factor_of(int key) {
+  const auto found = factors_.find(key);
+  if (found != factors_.end()) return found->second;
+  Factor& factor = factors_[key];
+  factor.shared = model_->factor(key);
+  factor.value = convert<Real>(factor.shared->panel_value);
+  if (model_->has_contact()) {
+    factor.metric = convert<Real>(factor.shared->metric);
+    factor.metric_diagonal = convert<Real>(factor.shared->metric_diagonal);
+    const auto inverse = model_->inverse(key);
+    factor.inverse.resize(static_cast<std::size_t>(inverse->size()));
+    for (std::size_t k = 0; k < factor.inverse.size(); ++k) {
+      factor.inverse[k] = static_cast<Real>(inverse->data()[k]);
+    }
+  }
+  return factor;
+}
+
+template <typename Real>
+void ElasticTissue<Real>::group_lanes() {
+  groups_.clear();
+  std::map<int, std::uint32_t> lanes_of;
+  for (int lane = 0; lane < lanes(); ++lane) {
+    lanes_of[key_[static_cast<std::size_t>(lane)]] |= 1U << lane;
+  }
+  for (const auto& [key, mask] : lanes_of) groups_.push_back({&factor_of(key), mask});
+}
+
+template <typename Real>
+void ElasticTissue<Real>::set_parameters(int lane, const LaneParameters& parameters) {
+  OMENTUM_CHECK(usable(parameters), "stiffness {}, gravity {}, damping {}, friction {}",
+                parameters.stiffness_scale, parameters.gravity_scale, parameters.damping_scale,
+                parameters.friction_scale);
+  const auto W = static_cast<std::size_t>(lanes());
+  const auto l = static_cast<std::size_t>(lane);
+  parameters_[l] = parameters;
+  stiffness_[l] = static_cast<Real>(parameters.stiffness_scale);
+  const double damping = model_->material.damping_per_s() * parameters.damping_scale;
+  keep_[l] = static_cast<Real>(decay(damping * model_->effective_step()));
+  for (int axis = 0; axis < 3; ++axis) {
+    gravity_[static_cast<std::size_t>(axis) * W + l] =
+        static_cast<Real>(model_->gravity[axis] * parameters.gravity_scale);
+  }
+  static_friction_[l] = static_cast<Real>(model_->static_friction * parameters.friction_scale);
+  dynamic_friction_[l] = static_cast<Real>(model_->dynamic_friction * parameters.friction_scale);
+  key_[l] = ElasticTissueModel::factor_key(parameters.stiffness_scale);
+  group_lanes();
+  if (!held_[l].nodes.empty()) make_patch(lane);
+}
+
+template <typename Real>
+void ElasticTissue<Real>::reset(int lane, const Vector3d& offset) {
+  release(lane);
+  for (int i = 0; i < particles(); ++i) {
+    const auto p = static_cast<std::size_t>(i);
+    set_position(lane, i, model_->body.X_WB * model_->body.particles[p] + offset);
+    set_velocity(lane, i, Vector3d::Zero());
+    if (model_->body.fixed[p] == 0) free_mask_[p] |= 1U << lane;
+    for (int axis = 0; axis < 3; ++axis) contact_force_[index(i, axis, lane)] = Real{0};
+  }
+  for (int axis = 0; axis < 3; ++axis) held_force_[index(0, axis, lane)] = Real{0};
+}
+
+// One control step (tissue.md section 7). The tool moves on a straight line over the substeps.
+template <typename Real>
+void ElasticTissue<Real>::step(std::span<const ToolMotion> motion) {
+  OMENTUM_CHECK(static_cast<int>(motion.size()) == lanes());
+  const auto substeps = static_cast<int>(model_->parameters.substeps());
+  const auto iterations = static_cast<int>(model_->parameters.iterations());
+  if (args_.has_contact) find_contacts(motion);
+  for (int substep = 0; substep < substeps; ++substep) {
+    place_tool(motion, substep);
+    elastic_.start_substep(args_);
+    for (int iteration = 0; iteration < iterations; ++iteration) {
+      args_.at_start = iteration == 0;
+      iterate();
+    }
+    elastic_.finish_substep(args_);
+  }
+  for (int lane = 0; lane < lanes(); ++lane) {
+    for (int axis = 0; axis < 3; ++axis) {
+      Real sum = 0;
+      for (int k = 0; k < args_.patch_size; ++k) sum += patch_force_[index(k, axis, lane)];
+      held_force_[index(0, axis, lane)] = sum;
+    }
+  }
+}
+
+// Candidates of the whole step, once; forces of nodes that cannot touch any more are dropped.
+template <typename Real>
+void ElasticTissue<Real>::find_contacts(std::span<const ToolMotion> motion) {
+  for (int lane = 0; lane < lanes(); ++lane) {
+    const ToolMotion& m = motion[static_cast<std::size_t>(lane)];
+    const Vector3d base = m.from + model_->tool_start * model_->shaft_axis;
+    for (int axis = 0; axis < 3; ++axis) {
+      capsule_[index(0, axis, lane)] = static_cast<Real>(base[axis]);
+    }
+    capsule_sweep_[static_cast<std::size_t>(lane)] = static_cast<Real>((m.to - m.from).norm());
+  }
+  kernel_.find_candidates(candidate_args_);
+  elastic_.drop_far_contacts(args_);
+  contact_node_.clear();
+  for (int i = 0; i < particles(); ++i) {
+    if (candidate_any_[static_cast<std::size_t>(i)] != 0) contact_node_.push_back(i);
+  }
+  args_.contacts = static_cast<std::int32_t>(contact_node_.size());
+  args_.contact_node = contact_node_.data();
+}
+
+template <typename Real>
+void ElasticTissue<Real>::place_tool(std::span<const ToolMotion> motion, int substep) {
+  const auto substeps = static_cast<int>(model_->parameters.substeps());
+  const double share = (substep + 1.0) / substeps;
+  for (int lane = 0; lane < lanes(); ++lane) {
+    const ToolMotion& m = motion[static_cast<std::size_t>(lane)];
+    const Vector3d tip = m.from + share * (m.to - m.from);
+    const Vector3d base = tip + model_->tool_start * model_->shaft_axis;
+    const Held& held = held_[static_cast<std::size_t>(lane)];
+    for (int axis = 0; axis < 3; ++axis) {
+      capsule_[index(0, axis, lane)] = static_cast<Real>(base[axis]);
+      capsule_motion_[index(0, axis, lane)] =
+          static_cast<Real>((m.to[axis] - m.from[axis]) / substeps);
+      for (std::size_t k = 0; k < held.nodes.size(); ++k) {
+        patch_target_[index(static_cast<int>(k), axis, lane)] =
+            static_cast<Real>(tip[axis]) + held.offsets[k][static_cast<std::size_t>(axis)];
+      }
+    }
+  }
+}
+
+// One iteration: residual, solve, grasp, contact.
+template <typename Real>
+void ElasticTissue<Real>::iterate() {
+  elastic_.find_residual(args_);
+  solve_for(~0U);
+  if (held_lanes_ != 0) {
+    std::fill(patch_force_.begin(), patch_force_.end(), Real{0});
+    hold_for(held_lanes_);
+  }
+  if (args_.has_contact && args_.contacts > 0) resolve_contacts();
+}
+
+/// d -= A^-1 b in the given lanes, one solve per distinct factor.
+template <typename Real>
+void ElasticTissue<Real>::solve_for(std::uint32_t lanes) {
+  const bool several = groups_.size() > 1;
+  if (several) keep_b_ = b_;
+  bool first = true;
+  for (const KeyGroup& group : groups_) {
+    args_.lanes = group.lanes & lanes;
+    if (args_.lanes == 0) continue;
+    if (!first) b_ = keep_b_;
+    first = false;
+    args_.panel = group.factor->shared->panels.data();
+    args_.panels = static_cast<std::int32_t>(group.factor->shared->panels.size());
+    args_.panel_node = group.factor->shared->panel_node.data();
+    args_.panel_value = group.factor->value.data();
+    elastic_.solve(args_);
+    elastic_.subtract_solution(args_);
+  }
+}
+
+template <typename Real>
+void ElasticTissue<Real>::hold_for(std::uint32_t lanes) {
+  args_.lanes = lanes;
+  if (args_.lanes != 0) elastic_.hold_patch(args_);
+}
+
+// Changes of the contact forces (elastic_kernel.inl), then their effect on all nodes by one more
+// solve. A lane takes part until it is settled and then stays as it is, to the last bit.
+template <typename Real>
+void ElasticTissue<Real>::resolve_contacts() {
+  elastic_.load_contacts(args_);
+  // Runs one part for every factor key; returns the lanes in which something still moves.
+  const auto run = [this](std::uint32_t lanes, auto part) {
+    std::uint32_t moving = 0;
+    for (const KeyGroup& group : groups_) {
+      args_.lanes = group.lanes & lanes;
+      if (args_.lanes == 0) continue;
+      args_.metric = group.factor->metric.data();
+      args_.metric_diagonal = group.factor->metric_diagonal.data();
+      args_.inverse = group.factor->inverse.data();
+      moving |= part(args_);
+    }
+    return moving;
+  };
+  // Round 0 begins with a guess and asks every candidate; what matters in no lane is then left out.
+  contact_list_.resize(contact_node_.size());
+  std::iota(contact_list_.begin(), contact_list_.end(), 0);
+  std::uint32_t moving = ~0U;
+  for (int round = 0; round < kMaxContactRounds && moving != 0; ++round) {
+    const bool first = round == 0;
+    list_contacts();
+    if (first) run(moving, elastic_.guess_contact_forces);
+    for (const bool backwards : {false, true}) {
+      moving = run(moving, [&](const ElasticArgs<Real>& args) {
+        return elastic_.sweep_contacts(args, first && !backwards, backwards);
+      });
+    }
+  }
+  const std::uint32_t changed = elastic_.load_contact_change(args_);
+  if (changed == 0) return;
+  solve_for(changed);
+  hold_for(changed & held_lanes_);
+}
+
+template <typename Real>
+void ElasticTissue<Real>::list_contacts() {
+  std::erase_if(contact_list_, [this](std::int32_t c) {
+    return contact_lanes_[static_cast<std::size_t>(c)] == 0;
+  });
+  args_.contact_listed = static_cast<std::int32_t>(contact_list_.size());
+  args_.contact_list = contact_list_.data();
+}
+
+template <typename Real>
+void ElasticTissue<Real>::set_free(int lane, const Held& held, bool free) {
+  for (const std::int32_t i : held.nodes) {
+    std::uint32_t& mask = free_mask_[static_cast<std::size_t>(i)];
+    mask = free ? mask | 1U << lane : mask & ~(1U << lane);
+  }
+}
+
+template <typename Real>
+void ElasticTissue<Real>::hold(int lane, const Vector3d& tip, double radius, bool collapse) {
+  release(lane);
+  Held& held = held_[static_cast<std::size_t>(lane)];
+  for (int i = 0; i < particles(); ++i) {
+    if (model_->body.fixed[static_cast<std::size_t>(i)] != 0) continue;
+    const Vector3d offset = position(lane, i) - tip;
+    const double covered = (radius - offset.norm()) / model_->pitch + 0.5;
+    if (!(covered > kLeastCover)) continue;
+    const Vector3d kept = collapse ? Vector3d::Zero() : offset;
+    held.nodes.push_back(i);
+    held.offsets.push_back(
+        {static_cast<Real>(kept.x()), static_cast<Real>(kept.y()), static_cast<Real>(kept.z())});
+    held.weights.push_back(static_cast<Real>(std::min(1.0, covered)));
+  }
+  if (held.nodes.size() > static_cast<std::size_t>(kMaxPatch)) {
+    const std::size_t count = held.nodes.size();
+    held = {};
+    throw_error("grasp.patch_radius_m: {} takes {} nodes of the elastic sheet, allowed at most {}",
+                radius, count, kMaxPatch);
+  }
+  if (held.nodes.empty()) return;
+  set_free(lane, held, false);
+  make_patch(lane);
+}
+
+template <typename Real>
+void ElasticTissue<Real>::release(int lane) {
+  Held& held = held_[static_cast<std::size_t>(lane)];
+  if (held.nodes.empty()) return;
+  set_free(lane, held, true);
+  clear_patch(lane);
+  held = {};
+}
+
+// Response columns U = A^-1 P and the inverse of P^T U + C, in double, once per grasp.
+template <typename Real>
+void ElasticTissue<Real>::make_patch(int lane) {
+  clear_patch(lane);
+  const Held& held = held_[static_cast<std::size_t>(lane)];
+  const auto count = static_cast<int>(held.nodes.size());
+  const auto W = lanes();
+  Eigen::MatrixXd response = Eigen::MatrixXd::Zero(count, particles());
+  for (int k = 0; k < count; ++k) response(k, held.nodes[static_cast<std::size_t>(k)]) = 1;
+  factor_of(key_[static_cast<std::size_t>(lane)]).shared->solve(response);
+  Eigen::MatrixXd system(count, count);
+  for (int k = 0; k < count; ++k) {
+    const auto w = static_cast<double>(held.weights[static_cast<std::size_t>(k)]);
+    const double compliance = (1 - w) / (w * model_->grasp_stiffness);
+    for (int j = 0; j < count; ++j) {
+      system(j, k) = response(j, held.nodes[static_cast<std::size_t>(k)]);
+    }
+    system(k, k) += compliance;
+    patch_node_[static_cast<std::size_t>(k * W + lane)] = held.nodes[static_cast<std::size_t>(k)];
+    patch_compliance_[static_cast<std::size_t>(k * W + lane)] = static_cast<Real>(compliance);
+    for (int i = 0; i < particles(); ++i) {
+      patch_response_[static_cast<std::size_t>((i * kMaxPatch + k) * W + lane)] =
+          static_cast<Real>(response(k, i));
+    }
+  }
+  const Eigen::MatrixXd inverse = system.llt().solve(Eigen::MatrixXd::Identity(count, count));
+  for (int k = 0; k < count; ++k) {
+    for (int j = 0; j < count; ++j) {
+      patch_inverse_[static_cast<std::size_t>((k * kMaxPatch + j) * W + lane)] =
+          static_cast<Real>(inverse(k, j));
+    }
+  }
+  held_lanes_ |= 1U << lane;
+  args_.patch_size = std::max(args_.patch_size, count);
+}
+
+template <typename Real>
+void ElasticTissue<Real>::clear_patch(int lane) {
+  const auto W = static_cast<std::size_t>(lanes());
+  for (auto* array :
+       {&patch_target_, &patch_compliance_, &patch_inverse_, &patch_response_, &patch_force_}) {
+    for (std::size_t k = static_cast<std::size_t>(lane); k < array->size(); k += W) {
+      (*array)[k] = Real{0};
+    }
+  }
+  for (std::size_t k = static_cast<std::size_t>(lane); k < patch_node_.size(); k += W) {
+    patch_node_[k] = 0;
+  }
+  held_lanes_ &= ~(1U << lane);
+  args_.patch_size = 0;
+  for (int other = 0; other < lanes(); ++other) {
+    if ((held_lanes_ >> other & 1U) == 0) continue;
+    args_.patch_size = std::max(
+        args_.patch_size, static_cast<int>(held_[static_cast<std::size_t>(other)].nodes.size()));
+  }
+}
+
+template <typename Real>
+void ElasticTissue<Real>::shift_held(int lane, const Vector3d& by) {
+  for (auto& offset : held_[static_cast<std::size_t>(lane)].offsets) {
+    for (int axis = 0; axis < 3; ++axis) {
+      offset[static_cast<std::size_t>(axis)] += static_cast<Real>(by[axis]);
+    }
+  }
+}
+
+template <typename Real>
+Vector3d ElasticTissue<Real>::held_force(int lane) const {
+  if (held(lane).empty()) return Vector3d::Zero();
+  return {static_cast<double>(held_force_[index(0, 0, lane)]),
+          static_cast<double>(held_force_[index(0, 1, lane)]),
+          static_cast<double>(held_force_[index(0, 2, lane)])};
+}
+
+template <typename Real>
+Vector3d ElasticTissue<Real>::position(int lane, int particle) const {
+  return {static_cast<double>(x_[index(particle, 0, lane)]),
+          static_cast<double>(x_[index(particle, 1, lane)]),
+          static_cast<double>(x_[index(particle, 2, lane)])};
+}
+
+template <typename Real>
+Vector3d ElasticTissue<Real>::velocity(int lane, int particle) const {
+  return {static_cast<double>(v_[index(particle, 0, lane)]),
+          static_cast<double>(v_[index(particle, 1, lane)]),
+          static_cast<double>(v_[index(particle, 2, lane)])};
+}
+
+template <typename Real>
+void ElasticTissue<Real>::set_position(int lane, int particle, const Vector3d& p) {
+  for (int axis = 0; axis < 3; ++axis) x_[index(particle, axis, lane)] = static_cast<Real>(p[axis]);
+}
+
+// The history of BDF2 becomes that of a node which has always moved so. A fixed node stays at rest.
+template <typename Real>
+void ElasticTissue<Real>::set_velocity(int lane, int particle, const Vector3d& v) {
+  const bool fixed = model_->body.fixed[static_cast<std::size_t>(particle)] != 0;
+  for (int axis = 0; axis < 3; ++axis) {
+    const std::size_t k = index(particle, axis, lane);
+    v_[k] = fixed ? Real{0} : static_cast<Real>(v[axis]);
+    if (!args_.second_order) continue;
+    v_old_[k] = v_[k];
+    d_old_[k] = static_cast<Real>(model_->substep()) * v_[k];
+  }
+}
+
+template <typename Real>
+void ElasticTissue<Real>::find_nearest(std::span<const Vector3d> points,
+                                       std::span<Nearest> nearest) const {
+  constexpr std::size_t kMaxLanes = 16;
+  const auto W = static_cast<std::size_t>(lanes());
+  OMENTUM_CHECK(points.size() == W && nearest.size() == W && W <= kMaxLanes);
+  std::array<Real, 3 * kMaxLanes> point{};
+  std::array<Real, kMaxLanes> distance2{};
+  std::array<Real, kMaxLanes> found{};
+  for (std::size_t lane = 0; lane < W; ++lane) {
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      point[axis * W + lane] = static_cast<Real>(points[lane][static_cast<Eigen::Index>(axis)]);
+    }
+  }
+  kernel_.nearest_particle({particles(), x_.data(), point.data(), distance2.data(), found.data()});
+  for (std::size_t lane = 0; lane < W; ++lane) {
+    nearest[lane] = {static_cast<int>(found[lane]),
+                     std::sqrt(static_cast<double>(distance2[lane]))};
+  }
+}
+
+template <typename Real>
+bool ElasticTissue<Real>::healthy(int lane) const {
+  for (std::size_t k = static_cast<std::size_t>(lane); k < x_.size();
+       k += static_cast<std::size_t>(lanes())) {
+    if (!std::isfinite(x_[k]) || !std::isfinite(v_[k]) || !std::isfinite(contact_force_[k])) {
+      return false;
+    }
+  }
+  return true;
+}
+
+template <typename Real>
+Vector3d ElasticTissue<Real>::contact_force(int lane, int particle) const {
+  return {static_cast<double>(contact_force_[index(particle, 0, lane)]),
+          static_cast<double>(contact_force_[index(particle, 1, lane)]),
+          static_cast<double>(contact_force_[index(particle, 2, lane)])};
+}
+
+template <typename Real>
+std::vector<Vector3d> ElasticTissue<Real>::elastic_gradient(int lane) {
+  std::fill(d_.begin(), d_.end(), Real{0});
+  args_.at_start = true;
+  elastic_.find_residual(args_);
+  std::vector<Vector3d> gradient;
+  for (int i = 0; i < particles(); ++i) {
+    const auto p = static_cast<std::size_t>(i);
+    Vector3d force = Vector3d::Zero();
+    for (int axis = 0; axis < 3 && model_->body.fixed[p] == 0; ++axis) {
+      const auto g = static_cast<std::size_t>(axis * lanes() + lane);
+      force[axis] = static_cast<double>(b_[index(i, axis, lane)]) +
+                    static_cast<double>(contact_force_[index(i, axis, lane)]) +
+                    static_cast<double>(mass_[p] * gravity_[g]);
+    }
+    gradient.push_back(force);
+  }
+  return gradient;
+}
+
+// State of a lane: positions, velocities, history of BDF2, contact forces, force on the tool, the
+// lane parameters, then the grasp. What follows from these (factor, response of the patch) is made
+// again.
+template <typename Real>
+void ElasticTissue<Real>::save(int lane, Bytes& out) const {
+  const auto add = [&out](const void* data, std::size_t size) {
+    const auto* bytes = static_cast<const std::byte*>(data);
+    out.insert(out.end(), bytes, bytes + size);
+  };
+  for (const auto* values : {&x_, &v_, &v_old_, &d_old_, &contact_force_, &held_force_}) {
+    for (std::size_t k = static_cast<std::size_t>(lane); k < values->size();
+         k += static_cast<std::size_t>(lanes())) {
+      add(&(*values)[k], sizeof(Real));
+    }
+  }
+  const LaneParameters& p = parameters_[static_cast<std::size_t>(lane)];
+  for (const double value :
+       {p.stiffness_scale, p.gravity_scale, p.damping_scale, p.friction_scale}) {
+    add(&value, sizeof value);
+  }
+  const Held& held = held_[static_cast<std::size_t>(lane)];
+  const auto count = static_cast<std::uint32_t>(held.nodes.size());
+  add(&count, sizeof count);
+  add(held.nodes.data(), count * sizeof(std::int32_t));
+  add(held.offsets.data(), count * sizeof(held.offsets[0]));
+  add(held.weights.data(), count * sizeof(Real));
+}
+
+template <typename Real>
+Result<std::size_t> ElasticTissue<Real>::load(int lane, std::span<const std::byte> state) {
+  const std::array<std::vector<Real>*, 6> arrays = {
+      &x_, &v_, &v_old_, &d_old_, &contact_force_, &held_force_};
+  std::size_t reals = 0;
+  for (const auto* a : arrays) reals += a->size() / static_cast<std::size_t>(lanes());
+  std::array<double, 4> scales{};
+  std::uint32_t count = 0;
+  const std::size_t fixed_size = reals * sizeof(Real) + sizeof scales + sizeof count;
+  if (state.size() < fixed_size) {
+    return Failure{
+        fmt::format("tissue state of {} bytes, needed at least {}", state.size(), fixed_size)};
+  }
+  std::vector<Real> values(reals);
+  std::memcpy(values.data(), state.data(), reals * sizeof(Real));
+  std::memcpy(scales.data(), state.data() + reals * sizeof(Real), sizeof scales);
+  std::memcpy(&count, state.data() + fixed_size - sizeof count, sizeof count);
+  Held held;
+  const std::size_t entry = sizeof(std::int32_t) + sizeof(held.offsets[0]) + sizeof(Real);
+  if (count > static_cast<std::uint32_t>(kMaxPatch) || state.size() < fixed_size + count * entry) {
+    return Failure{fmt::format("tissue state of {} bytes with {} held nodes, allowed at most {}",
+                               state.size(), count, kMaxPatch)};
+  }
+  for (const Real v : values) {
+    if (!std::isfinite(v)) return Failure{"tissue state holds a non-finite number"};
+  }
+  const LaneParameters parameters{scales[0], scales[1], scales[2], scales[3]};
+  if (!usable(parameters)) return Failure{"tissue state holds lane parameters out of range"};
+  held.nodes.resize(count);
+  held.offsets.resize(count);
+  held.weights.resize(count);
+  if (count > 0) {  // memcpy must not get the null pointer of an empty vector
+    const std::byte* at = state.data() + fixed_size;
+    std::memcpy(held.nodes.data(), at, count * sizeof(std::int32_t));
+    at += count * sizeof(std::int32_t);
+    std::memcpy(held.offsets.data(), at, count * sizeof(held.offsets[0]));
+    at += count * sizeof(held.offsets[0]);
+    std::memcpy(held.weights.data(), at, count * sizeof(Real));
+  }
+  for (std::size_t k = 0; k < count; ++k) {
+    const std::int32_t i = held.nodes[k];
+    if (i < 0 || i >= particles() || model_->body.fixed[static_cast<std::size_t>(i)] != 0 ||
+        (k > 0 && i <= held.nodes[k - 1])) {
+      return Failure{
+          fmt::format("tissue state holds node {}, not a free one of {} in ascending "
+                      "order",
+                      i, particles())};
+    }
+    const auto& offset = held.offsets[k];
+    if (!(held.weights[k] > Real{0} && held.weights[k] <= Real{1}) || !std::isfinite(offset[0]) ||
+        !std::isfinite(offset[1]) || !std::isfinite(offset[2])) {
+      return Failure{fmt::format("tissue state holds node {} with a bad weight or offset", i)};
+    }
+  }
+
+  release(lane);
+  std::size_t next = 0;
+  for (auto* a : arrays) {
+    for (std::size_t k = static_cast<std::size_t>(lane); k < a->size();
+         k += static_cast<std::size_t>(lanes())) {
+      (*a)[k] = values[next++];
+    }
+  }
+  held_[static_cast<std::size_t>(lane)] = std::move(held);
+  set_free(lane, held_[static_cast<std::size_t>(lane)], false);
+  set_parameters(lane, parameters);
+  return fixed_size + count * entry;
+}
+
+template <typename Real>
+std::uint64_t ElasticTissue<Real>::hash(int lane) const {
+  Bytes bytes;
+  save(lane, bytes);
+  return fnv1a64(bytes);
+}
+
+template class ElasticTissue<float>;
+template class ElasticTissue<double>;
+
+}  // namespace omentum

@@ -1,0 +1,129 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <cstdint>
+#include <map>
+#include <memory>
+#include <span>
+#include <vector>
+
+#include "sim_worker/elastic_kernel.h"
+#include "sim_worker/elastic_model.h"
+#include "sim_worker/tissue.h"
+
+namespace omentum {
+
+/// The elastic shell in lanes; see Tissue. Lanes may differ in every LaneParameters field; lanes
+/// whose stiffness needs another factor share a batch and cost one more solve per distinct factor
+/// key.
+///
+/// Grasp: every free node whose cell of one pitch overlaps the disc of `radius` about the tip is
+/// held with the covered part of its cell as weight: fully covered nodes rigidly, partly covered
+/// ones by a spring grasp_stiffness w / (1 - w). The grasp so moves smoothly with the pinch point
+/// (tissue.md section 8). hold() throws Error for more than kMaxPatch nodes.
+template <typename Real>
+class ElasticTissue : public Tissue<Real> {
+ public:
+  ElasticTissue(std::shared_ptr<const ElasticTissueModel> model, const Kernel<Real>& kernel);
+
+  int lanes() const override { return kernel_.lanes; }
+  int particles() const override { return model_->nodes(); }
+  const Kernel<Real>& kernel() const override { return kernel_; }
+  const ElasticTissueModel& model() const { return *model_; }
+
+  void reset(int lane, const Eigen::Vector3d& offset) override;
+  void set_parameters(int lane, const LaneParameters& parameters) override;
+  void step(std::span<const ToolMotion> motion) override;
+  void hold(int lane, const Eigen::Vector3d& tip, double radius, bool collapse) override;
+  void release(int lane) override;
+  std::span<const std::int32_t> held(int lane) const override {
+    return held_[static_cast<std::size_t>(lane)].nodes;
+  }
+  void shift_held(int lane, const Eigen::Vector3d& by) override;
+  Eigen::Vector3d held_force(int lane) const override;
+  Eigen::Vector3d position(int lane, int particle) const override;
+  Eigen::Vector3d velocity(int lane, int particle) const override;
+  void set_position(int lane, int particle, const Eigen::Vector3d& p) override;
+  void set_velocity(int lane, int particle, const Eigen::Vector3d& v) override;
+  void find_nearest(std::span<const Eigen::Vector3d> points,
+                    std::span<Nearest> nearest) const override;
+  const Real* surface_positions() override { return x_.data(); }
+  int surface_vertices() const override { return particles(); }
+  bool healthy(int lane) const override;
+  void save(int lane, Bytes& out) const override;
+  Result<std::size_t> load(int lane, std::span<const std::byte> state) override;
+  std::uint64_t hash(int lane) const override;
+
+  /// Force of the surroundings on a node at the end of the last step, in W [N].
+  Eigen::Vector3d contact_force(int lane, int particle) const;
+  /// Gradient of the energy at the present positions, of all nodes [N]: what the solver uses. For
+  /// tests; fixed nodes are left out (zero).
+  std::vector<Eigen::Vector3d> elastic_gradient(int lane);
+
+ private:
+  struct Held {
+    std::vector<std::int32_t> nodes;
+    std::vector<std::array<Real, 3>> offsets;  ///< from the tip, in W
+    std::vector<Real> weights;                 ///< covered part of the cell, (0, 1]
+  };
+  /// One factor in the kernel's precision.
+  struct Factor {
+    std::shared_ptr<const ElasticFactor> shared;
+    std::vector<Real> value;
+    std::vector<Real> metric, metric_diagonal;
+    std::vector<Real> inverse;  ///< of contact, [node][node]; empty without contact
+  };
+  struct KeyGroup {
+    const Factor* factor = nullptr;
+    std::uint32_t lanes = 0;
+  };
+
+  std::size_t index(int i, int axis, int lane) const {
+    return static_cast<std::size_t>((3 * i + axis) * kernel_.lanes + lane);
+  }
+  const Factor& factor_of(int key);
+  void group_lanes();
+  void set_free(int lane, const Held& held, bool free);
+  void make_patch(int lane);
+  void clear_patch(int lane);
+  void find_contacts(std::span<const ToolMotion> motion);
+  void place_tool(std::span<const ToolMotion> motion, int substep);
+  void iterate();
+  void solve_for(std::uint32_t lanes);
+  void hold_for(std::uint32_t lanes);
+  void resolve_contacts();
+  void list_contacts();
+
+  std::shared_ptr<const ElasticTissueModel> model_;
+  const Kernel<Real>& kernel_;
+  const ElasticKernel<Real>& elastic_;
+  ElasticArgs<Real> args_{};
+  KernelArgs<Real> candidate_args_{};
+
+  // Model in the kernel's precision.
+  std::vector<Real> mass_, mass_over_step2_, bend_;
+  std::map<int, Factor> factors_;
+  std::vector<int> key_;  ///< per lane
+  std::vector<KeyGroup> groups_;
+
+  // State and scratch, per lane.
+  std::vector<Real> x_, v_, v_old_, d_old_, d_, moved_, b_, keep_b_, contact_force_;
+  std::vector<Held> held_;
+  std::uint32_t held_lanes_ = 0;
+  std::vector<std::int32_t> patch_node_;
+  std::vector<Real> patch_target_, patch_compliance_, patch_inverse_, patch_response_, patch_force_,
+      held_force_;
+  std::vector<LaneParameters> parameters_;
+  std::vector<Real> stiffness_, gravity_, keep_, static_friction_, dynamic_friction_;
+
+  // Contact.
+  std::vector<std::uint32_t> free_mask_, candidates_, candidate_any_, contact_lanes_, touching_;
+  std::vector<std::int32_t> contact_node_, contact_list_;
+  std::vector<Real> contact_place_, contact_change_, capsule_, capsule_motion_, capsule_sweep_;
+};
+
+extern template class ElasticTissue<float>;
+extern template class ElasticTissue<double>;
+
+}  // namespace omentum

@@ -1,0 +1,59 @@
+#pragma once
+
+#include <array>
+
+#include "sim_worker/elastic_law.h"
+
+namespace omentum {
+
+/// Brick with eight nodes and incompatible modes, four bricks at a time. At rest it is a box of
+/// edge lengths `size`, axes along B.
+///
+///   node a = ix + 2 iy + 4 iz, each 0 or 1 along its axis; local coordinates xi in [-1, 1]^3
+///   x(xi) = sum_a N_a(xi) x_a + sum_k (1 - xi_k^2) b_k
+///
+/// The three parabolas b_k (nine numbers, internal to the element) are the modes of Wilson in the
+/// finite-strain form of Simo and Armero (Q1/E9): with them bending is free of shear locking and,
+/// in thickness direction, of Poisson locking, so one element through a thin sheet is enough. Their
+/// gradients integrate to zero over the box, so every constant strain is exact (patch test). They
+/// are eliminated inside the element; they have no mass. Quadrature 2 x 2 x 2 Gauss points.
+constexpr int kHexNodes = 8;
+
+/// Where four bricks are.
+struct HexShape {
+  std::array<Pack, 24> x;      ///< nodes, [node][xyz] [m]
+  std::array<Pack, 9> bubble;  ///< b_k, [k][xyz] [m]
+  std::array<Pack, 3> size;    ///< edge lengths at rest [m]
+  Pack mu, lambda;             ///< [Pa]
+};
+
+/// First derivative of the elastic energy.
+struct HexForce {
+  Pack energy;                       ///< [J]
+  std::array<Pack, 24> force;        ///< d energy / d x, [node][xyz] [N]
+  std::array<Pack, 9> bubble_force;  ///< d energy / d b [N]
+};
+
+/// What elimination leaves behind to recover the parabolas: with H = L L^T the tangent of b,
+/// db = -L^-T (rhs + coupling dx).
+struct HexInner {
+  std::array<Pack, 45> factor;     ///< L, row by row; the diagonal holds 1 / L_rr
+  std::array<Pack, 216> coupling;  ///< L^-1 d2 energy / db dx, [9][24]
+  std::array<Pack, 9> rhs;         ///< L^-1 d energy / db
+};
+
+/// Second derivative with b eliminated: stiffness of the nodes alone.
+struct HexTangent {
+  /// Lower node blocks: block (a, b), a >= b, at 9 (a (a + 1) / 2 + b), row-major 3 x 3 [N/m].
+  std::array<Pack, 324> stiffness;
+  HexInner inner;
+};
+
+void hex_force(pb::ElasticLaw law, const HexShape& shape, HexForce& out);
+void hex_tangent(pb::ElasticLaw law, const HexShape& shape, HexTangent& out);
+
+/// Change of the parabolas that goes with a change of the nodes.
+void hex_recover(const HexInner& inner, const std::array<Pack, 24>& dx,
+                 std::array<Pack, 9>& dbubble);
+
+}  // namespace omentum

@@ -1,0 +1,63 @@
+#pragma once
+
+#include <immintrin.h>
+
+#include <cmath>
+
+namespace omentum {
+
+/// Four doubles side by side: the reference model treats four finite elements at a time. The
+/// functions below exist for double as well, so that one source serves tests with one sample.
+/// Comparisons are selects; a lane never sees its neighbours.
+struct Pack {
+  static constexpr int kLanes = 4;
+
+  Pack() : v(_mm256_setzero_pd()) {}
+  Pack(double s) : v(_mm256_set1_pd(s)) {}  // NOLINT(google-explicit-constructor)
+  explicit Pack(__m256d values) : v(values) {}
+
+  double lane(int k) const {
+    alignas(32) double values[kLanes];
+    _mm256_store_pd(values, v);
+    return values[k];
+  }
+  void set_lane(int k, double s) {
+    alignas(32) double values[kLanes];
+    _mm256_store_pd(values, v);
+    values[k] = s;
+    v = _mm256_load_pd(values);
+  }
+  void store(double* out) const { _mm256_storeu_pd(out, v); }
+
+  friend Pack operator+(Pack a, Pack b) { return Pack(_mm256_add_pd(a.v, b.v)); }
+  friend Pack operator-(Pack a, Pack b) { return Pack(_mm256_sub_pd(a.v, b.v)); }
+  friend Pack operator*(Pack a, Pack b) { return Pack(_mm256_mul_pd(a.v, b.v)); }
+  friend Pack operator/(Pack a, Pack b) { return Pack(_mm256_div_pd(a.v, b.v)); }
+  friend Pack operator-(Pack a) { return Pack(0.0) - a; }
+
+  __m256d v;
+};
+
+/// a b + c, rounded once.
+inline Pack fma(Pack a, Pack b, Pack c) { return Pack(_mm256_fmadd_pd(a.v, b.v, c.v)); }
+inline double fma(double a, double b, double c) { return std::fma(a, b, c); }
+
+inline Pack root(Pack a) { return Pack(_mm256_sqrt_pd(a.v)); }
+inline double root(double a) { return std::sqrt(a); }
+
+/// a < b ? b : a; a NaN stays.
+inline Pack at_least(Pack a, Pack b) {
+  return Pack(_mm256_blendv_pd(a.v, b.v, _mm256_cmp_pd(a.v, b.v, _CMP_LT_OQ)));
+}
+inline double at_least(double a, double b) { return a < b ? b : a; }
+
+/// Natural logarithm; NaN where a <= 0.
+inline double logarithm(double a) { return a > 0 ? std::log(a) : std::nan(""); }
+inline Pack logarithm(Pack a) {
+  alignas(32) double values[Pack::kLanes];
+  _mm256_store_pd(values, a.v);
+  for (double& value : values) value = logarithm(value);
+  return Pack(_mm256_load_pd(values));
+}
+
+}  // namespace omentum

@@ -1,0 +1,373 @@
+#include "sim_worker/reference_model.h"
+
+#include <algorithm>
+#include <cmath>
+#include <iterator>
+#include <map>
+
+#include "core/check.h"
+#include "core/trig.h"
+#include "sim_worker/reference_tissue.h"
+
+namespace omentum {
+namespace {
+
+using Eigen::Vector2d;
+using Eigen::Vector3d;
+
+constexpr double kPi = 3.14159265358979323846;
+// Two coordinates nearer than this are one grid line [m].
+constexpr double kSameLine = 1e-9;
+
+std::vector<double> even_lines(double from, double to, int count) {
+  std::vector<double> lines;
+  for (int k = 0; k <= count; ++k) lines.push_back(from + (to - from) * k / count);
+  return lines;
+}
+
+/// Somewhere along an axis where the solution has a kink [m].
+struct Kink {
+  double at = 0;
+  double reach = 0;  ///< over which cells grow to full size
+};
+
+/// Lines that crowd at kinks, with a line on each: cells there are a third of the largest. The rule
+/// is a density of lines, so that twice the count halves every cell (tissue.md 14, singular lines).
+/// A kink outside is ignored.
+std::vector<double> graded_lines(double from, double to, int count,
+                                 const std::vector<Kink>& kinks) {
+  const auto density = [&](double x) {
+    double value = 1;
+    for (const Kink& kink : kinks) {
+      const double u = (x - kink.at) / kink.reach;
+      value = std::max(value, 1 + 2 / (1 + u * u));
+    }
+    return value;
+  };
+  constexpr int kSamples = 4000;
+  std::vector<double> integral = {0};  // of the density, at even steps
+  const double step = (to - from) / kSamples;
+  for (int k = 0; k < kSamples; ++k)
+    integral.push_back(integral.back() + step * density(from + (k + 0.5) * step));
+  const auto line_number = [&](double x) {  // of `count` in all, fractional
+    const double t = (x - from) / step;
+    const int k = std::min(static_cast<int>(t), kSamples - 1);
+    return count * (integral[k] + (t - k) * (integral[k + 1] - integral[k])) / integral.back();
+  };
+  const auto place = [&](double number) {
+    const double wanted = number / count * integral.back();
+    const auto above = std::upper_bound(integral.begin() + 1, integral.end() - 1, wanted);
+    const auto k = static_cast<int>(above - integral.begin()) - 1;
+    return from + step * (k + (wanted - integral[k]) / (integral[k + 1] - integral[k]));
+  };
+  // Kinks inside get the nearest line of the even count; the lines between are spread evenly.
+  std::map<int, double> fixed = {{0, from}, {count, to}};
+  for (const Kink& kink : kinks) {
+    if (kink.at > from + kSameLine && kink.at < to - kSameLine)
+      fixed.try_emplace(static_cast<int>(std::lround(line_number(kink.at))), kink.at);
+  }
+  std::vector<double> lines;
+  for (auto next = std::next(fixed.begin()); next != fixed.end(); ++next) {
+    const auto last = std::prev(next);
+    const double low = line_number(last->second);
+    const double high = line_number(next->second);
+    const int cells = next->first - last->first;
+    lines.push_back(last->second);
+    for (int k = 1; k < cells; ++k) lines.push_back(place(low + (high - low) * k / cells));
+  }
+  lines.push_back(to);
+  return lines;
+}
+
+void make_lines(const Scene& scene, std::span<const PinchCircle> pinches,
+                ReferenceTissueModel& model) {
+  Vector3d min = model.body.particles.front();
+  Vector3d max = min;
+  bool any_fixed = false;
+  for (std::size_t i = 0; i < model.body.particles.size(); ++i) {
+    min = min.cwiseMin(model.body.particles[i]);
+    max = max.cwiseMax(model.body.particles[i]);
+    any_fixed = any_fixed || model.body.fixed[i] != 0;
+  }
+  const pb::ReferenceModel& n = model.numerics;
+  const double anchor = scene.config.tissue().anchor_max_y_m();
+  model.clamp_edge = any_fixed ? std::max(anchor, min.y()) : min.y();
+  std::array<std::vector<Kink>, 2> kinks;
+  constexpr double kClampReach = 0.1;  // of the free length
+  if (any_fixed) kinks[1].push_back({model.clamp_edge, kClampReach * (max.y() - model.clamp_edge)});
+  for (const PinchCircle& pinch : pinches) {
+    for (std::size_t axis = 0; axis < 2; ++axis) {
+      const double centre = pinch.centre[static_cast<Eigen::Index>(axis)];
+      kinks[axis].push_back({centre - pinch.radius, pinch.radius});
+      kinks[axis].push_back({centre + pinch.radius, pinch.radius});
+    }
+  }
+  model.lines[0] = graded_lines(min.x(), max.x(), static_cast<int>(n.elements_x()), kinks[0]);
+  model.lines[1] =
+      graded_lines(model.clamp_edge, max.y(), static_cast<int>(n.elements_y()), kinks[1]);
+  // The clamped strip is rigid: one row of elements, only so that its particles have a place.
+  if (model.clamp_edge > min.y() + kSameLine)
+    model.lines[1].insert(model.lines[1].begin(), min.y());
+  const double half = 0.5 * model.body.thickness;
+  model.lines[2] = even_lines(-half, half, static_cast<int>(n.elements_z()));
+  for (const double y : model.lines[1]) {
+    for (const double x : model.lines[0]) {
+      for (const double z : model.lines[2]) model.nodes.emplace_back(x, y, z);
+    }
+  }
+  model.unknown.assign(model.nodes.size(), 0);
+  for (std::size_t i = 0; i < model.nodes.size(); ++i) {
+    if (any_fixed && model.nodes[i].y() <= model.clamp_edge + kSameLine) model.unknown[i] = -1;
+  }
+}
+
+void make_elements(double density, ReferenceTissueModel& model) {
+  model.mass.assign(model.nodes.size(), 0);
+  const int nx = static_cast<int>(model.lines[0].size()) - 1;
+  const int ny = static_cast<int>(model.lines[1].size()) - 1;
+  const int nz = static_cast<int>(model.lines[2].size()) - 1;
+  std::vector<double> area(model.nodes.size(), 0.0);
+  for (int iy = 0; iy < ny; ++iy) {
+    for (int ix = 0; ix < nx; ++ix) {
+      for (int iz = 0; iz < nz; ++iz) {
+        ReferenceElement element;
+        for (int a = 0; a < 8; ++a)
+          element.node[a] = model.node_index(ix + (a & 1), iy + ((a >> 1) & 1), iz + (a >> 2));
+        element.size = model.nodes[element.node[7]] - model.nodes[element.node[0]];
+        for (const int node : element.node) model.mass[node] += density * element.size.prod() / 8;
+        for (int a = 0; a < 8; ++a) {
+          const bool lower = iz == 0 && a < 4;
+          const bool upper = iz == nz - 1 && a >= 4;
+          if (lower || upper) area[element.node[a]] += 0.25 * element.size.x() * element.size.y();
+        }
+        model.elements.push_back(element);
+      }
+    }
+  }
+  for (const double m : model.mass) model.total_mass += m;
+  for (int i = 0; i < static_cast<int>(area.size()); ++i) {
+    if (area[i] > 0 && model.unknown[i] >= 0) model.face_nodes.push_back({i, area[i]});
+  }
+}
+
+/// Numbers the unknowns line by line along the axis that gives the smaller bandwidth.
+void number_unknowns(ReferenceTissueModel& model) {
+  const int nx = static_cast<int>(model.lines[0].size());
+  const int ny = static_cast<int>(model.lines[1].size());
+  const int nz = static_cast<int>(model.lines[2].size());
+  const bool y_outer = nx <= ny;
+  for (int outer = 0; outer < (y_outer ? ny : nx); ++outer) {
+    for (int inner = 0; inner < (y_outer ? nx : ny); ++inner) {
+      for (int iz = 0; iz < nz; ++iz) {
+        const int node =
+            y_outer ? model.node_index(inner, outer, iz) : model.node_index(outer, inner, iz);
+        if (model.unknown[node] < 0) continue;
+        model.unknown[node] = model.unknowns;
+        model.unknowns += 3;
+      }
+    }
+  }
+  for (const ReferenceElement& element : model.elements) {
+    int low = model.unknowns;
+    int high = 0;
+    for (const int node : element.node) {
+      if (model.unknown[node] < 0) continue;
+      low = std::min(low, model.unknown[node]);
+      high = std::max(high, model.unknown[node] + 2);
+    }
+    model.bandwidth = std::max(model.bandwidth, high - low);
+  }
+}
+
+/// Cells of a row of grid lines that touch the coordinate: one, or two if it lies on a line.
+std::vector<int> cells_at(const std::vector<double>& lines, double value) {
+  std::vector<int> cells;
+  const int count = static_cast<int>(lines.size()) - 1;
+  for (int k = 0; k < count; ++k) {
+    if (value >= lines[k] - kSameLine && value <= lines[k + 1] + kSameLine) cells.push_back(k);
+  }
+  OMENTUM_CHECK(!cells.empty() && cells.size() <= 2, "coordinate {}", value);
+  return cells;
+}
+
+double local_coordinate(const std::vector<double>& lines, int cell, double value) {
+  const double t = 2 * (value - lines[cell]) / (lines[cell + 1] - lines[cell]) - 1;
+  return std::clamp(t, -1.0, 1.0);
+}
+
+/// How far a ray from `centre` runs inside the free sheet, `radius` at most [m].
+double ray_length(const ReferenceTissueModel& model, const Vector2d& centre,
+                  const Vector2d& direction, double radius) {
+  const Vector2d low(model.lines[0].front(), model.clamp_edge);
+  const Vector2d high(model.lines[0].back(), model.lines[1].back());
+  double length = radius;
+  for (int axis = 0; axis < 2; ++axis) {
+    if (direction[axis] > 1e-12)
+      length = std::min(length, (high[axis] - centre[axis]) / direction[axis]);
+    if (direction[axis] < -1e-12)
+      length = std::min(length, (low[axis] - centre[axis]) / direction[axis]);
+  }
+  return std::max(length, 0.0);
+}
+
+struct PatchPoint {
+  Vector2d p;  ///< x_B, y_B [m]
+  double weight;
+};
+
+/// Quadrature points of the patch; every point and weight is continuous in centre and radius.
+std::vector<PatchPoint> patch_points(const ReferenceTissueModel& model, const Vector2d& centre,
+                                     double radius) {
+  constexpr int kRays = 64;
+  // Gauss-Legendre on [0, 1], five points.
+  constexpr std::array<double, 5> kAt = {0.04691007703066800, 0.23076534494715845, 0.5,
+                                         0.76923465505284155, 0.95308992296933200};
+  constexpr std::array<double, 5> kWeight = {0.11846344252809454, 0.23931433524968324,
+                                             0.28444444444444444, 0.23931433524968324,
+                                             0.11846344252809454};
+  std::vector<PatchPoint> points;
+  double total = 0;
+  for (int ray = 0; ray < kRays; ++ray) {
+    const trig::SinCos angle = trig::sin_cos(2 * kPi * (ray + 0.5) / kRays);
+    const Vector2d direction(angle.cos, angle.sin);
+    const double length = ray_length(model, centre, direction, radius);
+    for (std::size_t k = 0; k < kAt.size(); ++k) {
+      const double rho = kAt[k] * length;
+      const double weight = kWeight[k] * length * rho;
+      points.push_back({centre + rho * direction, weight});
+      total += weight;
+    }
+  }
+  for (PatchPoint& point : points) point.weight /= total;
+  return points;
+}
+
+}  // namespace
+
+std::array<double, 8> hex_functions(const Vector3d& xi) {
+  std::array<double, 8> N{};
+  for (int a = 0; a < 8; ++a) {
+    N[a] = 0.125;
+    for (int axis = 0; axis < 3; ++axis)
+      N[a] *= ((a >> axis) & 1) != 0 ? 1 + xi[axis] : 1 - xi[axis];
+  }
+  return N;
+}
+
+BodyPoint ReferenceTissueModel::locate(const Vector3d& p_B) const {
+  BodyPoint point;
+  for (const int iy : cells_at(lines[1], p_B.y())) {
+    for (const int ix : cells_at(lines[0], p_B.x())) {
+      for (const int iz : cells_at(lines[2], p_B.z())) {
+        point.shares.push_back(
+            {element_index(ix, iy, iz),
+             {local_coordinate(lines[0], ix, p_B.x()), local_coordinate(lines[1], iy, p_B.y()),
+              local_coordinate(lines[2], iz, p_B.z())}});
+      }
+    }
+  }
+  return point;
+}
+
+GraspPatch ReferenceTissueModel::make_patch(const Vector2d& centre, double radius) const {
+  const std::vector<PatchPoint> points = patch_points(*this, centre, radius);
+  Vector2d mean = Vector2d::Zero();
+  for (const PatchPoint& point : points) mean += point.weight * point.p;
+
+  const double half = 0.5 * body.thickness;
+  const int layers = static_cast<int>(lines[2].size()) - 1;
+  std::map<int, Eigen::Vector4d> rows;  // by node, so that the order is that of the nodes
+  for (const PatchPoint& point : points) {
+    const int ix = cells_at(lines[0], point.p.x()).front();
+    const int iy = cells_at(lines[1], point.p.y()).front();
+    for (int iz = 0; iz < layers; ++iz) {
+      for (const double zeta : {-0.57735026918962576, 0.57735026918962576}) {  // Gauss
+        const Vector3d xi(local_coordinate(lines[0], ix, point.p.x()),
+                          local_coordinate(lines[1], iy, point.p.y()), zeta);
+        const double z = 0.5 * (lines[2][iz] * (1 - zeta) + lines[2][iz + 1] * (1 + zeta));
+        const Eigen::Vector4d row = point.weight / (2 * layers) *
+                                    Eigen::Vector4d(1, (point.p.x() - mean.x()) / radius,
+                                                    (point.p.y() - mean.y()) / radius, z / half);
+        const std::array<double, 8> N = hex_functions(xi);
+        const ReferenceElement& element = elements[element_index(ix, iy, iz)];
+        for (int a = 0; a < 8; ++a) {
+          rows.try_emplace(element.node[a], Eigen::Vector4d::Zero()).first->second += N[a] * row;
+        }
+      }
+    }
+  }
+  GraspPatch patch;
+  patch.weight.resize(static_cast<Eigen::Index>(rows.size()), GraspPatch::kRows);
+  for (const auto& [node, row] : rows) {
+    patch.weight.row(static_cast<Eigen::Index>(patch.node.size())) = row.transpose();
+    patch.node.push_back(node);
+  }
+  int nearest = -1;
+  double least = 0;
+  for (int i = 0; i < static_cast<int>(body.particles.size()); ++i) {
+    if (body.fixed[i] != 0) continue;
+    const double distance = (body.particles[i].head<2>() - centre).norm();
+    if (distance <= radius) patch.particles.push_back(i);
+    if (nearest < 0 || distance < least) {
+      nearest = i;
+      least = distance;
+    }
+  }
+  if (patch.particles.empty()) patch.particles.push_back(nearest);
+  return patch;
+}
+
+std::unique_ptr<Tissue<float>> ReferenceTissueModel::make_tissue(const Kernel<float>&) const {
+  throw_error(
+      "scene.tissue.model: TISSUE_REFERENCE runs in double precision, one environment, for "
+      "mismatch "
+      "only; allowed here: TISSUE_CLUSTER, TISSUE_ELASTIC");
+}
+
+std::unique_ptr<Tissue<double>> ReferenceTissueModel::make_tissue(
+    const Kernel<double>& kernel) const {
+  if (kernel.lanes != 1)
+    throw_error("scene.tissue.model: TISSUE_REFERENCE runs one environment, not {}", kernel.lanes);
+  return std::make_unique<ReferenceTissue>(shared_from_this());
+}
+
+std::shared_ptr<const ReferenceTissueModel> make_reference_model(
+    const Scene& scene, double control_period, std::vector<std::string>& warnings,
+    std::span<const PinchCircle> pinches) {
+  const pb::Tissue& config = scene.config.tissue();
+  if (!scene.tissue.surface_is_particles)
+    throw_error("scene.tissue.volume: TISSUE_REFERENCE takes a sheet, give grid");
+  auto model = std::make_shared<ReferenceTissueModel>();
+  model->body = scene.tissue;
+  model->control_period = control_period;
+  model->numerics = config.reference();
+  model->material = config.material();
+  model->lame = make_lame(config.material().young_modulus_pa(), config.material().poisson_ratio());
+  model->gravity = scene.gravity;
+  model->static_friction = config.static_friction();
+  model->dynamic_friction = config.dynamic_friction();
+  model->contact_bodies = scene.bodies;
+  const pb::Tool& tool = scene.config.tool();
+  model->tool_contact = tool.contact();
+  model->tool_radius = tool.shaft_radius_m();
+  model->tool_start = tool.shaft_start_m() + tool.shaft_radius_m();
+  model->tool_length = tool.shaft_length_m();
+  make_lines(scene, pinches, *model);
+  make_elements(config.density_kg_per_m3(), *model);
+  number_unknowns(*model);
+  for (std::size_t i = 0; i < model->body.particles.size(); ++i) {
+    model->particle_points.push_back(model->locate(model->body.particles[i]));
+    model->particle_points.back().fixed = model->body.fixed[i] != 0;
+  }
+  // 1 um: below anything that is measured.
+  const double lift = model->body.particle_radius - 0.5 * model->body.thickness;
+  if (!model->contact_bodies.empty() && std::fabs(lift) > 1e-6) {
+    warnings.push_back(fmt::format(
+        "tissue.particle_radius_m: {} m does not apply to TISSUE_REFERENCE, whose faces "
+        "lie thickness_m / 2 = {} m from the particles",
+        model->body.particle_radius, 0.5 * model->body.thickness));
+  }
+  return model;
+}
+
+}  // namespace omentum

@@ -1,0 +1,120 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "sim_worker/elastic_law.h"
+#include "sim_worker/tissue.h"
+
+namespace omentum {
+
+/// One brick of the mesh (sim_worker/hexahedron.h).
+struct ReferenceElement {
+  std::array<int, 8> node{};
+  Eigen::Vector3d size = Eigen::Vector3d::Zero();  ///< edge lengths at rest [m]
+};
+
+/// A point of the body as the elements around it see it. On a face between elements the parabolas
+/// of the neighbours differ, so the point is the mean over all elements that touch it.
+struct BodyPoint {
+  struct Share {
+    int element = 0;
+    Eigen::Vector3d xi = Eigen::Vector3d::Zero();  ///< local coordinates, each in [-1, 1]
+  };
+  std::vector<Share> shares;
+  bool fixed = false;  ///< clamped: follows the nodes only
+};
+
+/// Node of the lower or upper face, where contact acts.
+struct FaceNode {
+  int node = 0;
+  double area = 0;  ///< of the face that belongs to it [m^2]
+};
+
+/// What the jaws hold, as rows of constraints on the nodes: the mean position of the patch and its
+/// mean slopes along x_B, y_B and z_B, each times a length of the patch, so that every row is in
+/// metres. Row r of the patch is sum_k weight(k, r) x_node[k].
+struct GraspPatch {
+  static constexpr int kRows = 4;
+  std::vector<int> node;
+  Eigen::Matrix<double, Eigen::Dynamic, kRows> weight;
+  std::vector<std::int32_t> particles;  ///< grid particles in the patch, ascending, never empty
+};
+
+/// The converged solid: immutable half (tissue.md section 14). A sheet of the grid maker as a box
+/// of bricks: it spans the grid in x_B and y_B and is thickness_m thick, its mid-surface through
+/// the particles. The lower face therefore starts thickness_m / 2 below the particles;
+/// particle_radius_m does not apply. One grid line lies on the clamp edge y_B = anchor_max_y_m;
+/// material beyond it is rigid.
+struct ReferenceTissueModel : TissueModel, std::enable_shared_from_this<ReferenceTissueModel> {
+  /// Throws Error: double precision only.
+  std::unique_ptr<Tissue<float>> make_tissue(const Kernel<float>& kernel) const override;
+  /// Throws Error unless the kernel has one lane.
+  std::unique_ptr<Tissue<double>> make_tissue(const Kernel<double>& kernel) const override;
+  std::uint32_t substeps() const override { return numerics.substeps(); }
+
+  /// Patch of the circle around `centre` (x_B, y_B of the rest sheet [m]) as far as it is free
+  /// tissue, every part weighted by its area. Changes continuously with centre and radius. Where a
+  /// glued rigid pad would load its rim, this holds the mean: it gives way a little more, like a
+  /// rigid disc of 0.78 of the radius in plane (from the logarithmic field around a disc), but
+  /// converges faster with the mesh.
+  GraspPatch make_patch(const Eigen::Vector2d& centre, double radius) const;
+  BodyPoint locate(const Eigen::Vector3d& p_B) const;
+  int node_index(int ix, int iy, int iz) const {
+    const int nx = static_cast<int>(lines[0].size());
+    const int nz = static_cast<int>(lines[2].size());
+    return (iy * nx + ix) * nz + iz;
+  }
+  int element_index(int ix, int iy, int iz) const {
+    const int nx = static_cast<int>(lines[0].size()) - 1;
+    const int nz = static_cast<int>(lines[2].size()) - 1;
+    return (iy * nx + ix) * nz + iz;
+  }
+
+  pb::ReferenceModel numerics;
+  pb::Material material;
+  Lame lame;
+  Eigen::Vector3d gravity = Eigen::Vector3d::Zero();  ///< in W [m/s^2]
+  double static_friction = 0, dynamic_friction = 0;
+  std::vector<RigidShape> contact_bodies;
+  bool tool_contact = false;
+  double tool_radius = 0, tool_start = 0, tool_length = 0;  ///< capsule up the shaft [m]
+  Eigen::Vector3d shaft_axis = Eigen::Vector3d::UnitZ();    ///< from the tip up, in W
+  /// Of the jaws, per row of the patch [m/N]. The default gives way by 0.1 um at 0.1 N.
+  double grasp_compliance = 1e-6;
+
+  std::array<std::vector<double>, 3> lines;  ///< grid lines along x, y, z of B [m]
+  double clamp_edge = 0;                     ///< y_B of the clamp edge, or the lower end [m]
+  std::vector<Eigen::Vector3d> nodes;        ///< p_B at rest [m]
+  std::vector<double> mass;                  ///< lumped, per node [kg]
+  double total_mass = 0;                     ///< [kg]
+  std::vector<int> unknown;                  ///< first of three per node, -1 = clamped
+  int unknowns = 0;
+  int bandwidth = 0;  ///< of the stiffness matrix
+  std::vector<ReferenceElement> elements;
+  std::vector<FaceNode> face_nodes;
+  std::vector<BodyPoint> particle_points;  ///< of the grid particles
+};
+
+/// Where a recording pinches the sheet, known before the mesh is made: x_B and y_B at rest and the
+/// radius of the patch [m].
+struct PinchCircle {
+  Eigen::Vector2d centre = Eigen::Vector2d::Zero();
+  double radius = 0;
+};
+
+/// Meshes the scene's sheet; throws Error where the tissue is not a grid. Grid lines crowd at the
+/// clamp edge and at the sides of the squares around `pinches`, and lie on them.
+std::shared_ptr<const ReferenceTissueModel> make_reference_model(
+    const Scene& scene, double control_period, std::vector<std::string>& warnings,
+    std::span<const PinchCircle> pinches = {});
+
+/// Shape functions of the eight nodes at xi.
+std::array<double, 8> hex_functions(const Eigen::Vector3d& xi);
+
+}  // namespace omentum

@@ -1,0 +1,184 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "sim_worker/band_cholesky.h"
+#include "sim_worker/hexahedron.h"
+#include "sim_worker/reference_model.h"
+
+namespace omentum {
+
+/// The converged solid in motion (tissue.md section 14): one environment, double precision; see
+/// Tissue. The yardstick of the fast models and what `mismatch` compares recordings with.
+///
+/// Each implicit step (BDF2 started by backward Euler, or backward Euler) is solved by Newton's
+/// method with the exact tangent, a band Cholesky factor and a line search until the residual is
+/// newton_tolerance of the weight. A step that does not converge is done in two halves, five times
+/// at most; then the tissue is unhealthy, failure() says why, and step() does nothing until reset()
+/// or load().
+///
+///   M ((x - x~) / beta^2 - v~ / beta + damping (x - x~) / beta - g) + dPsi/dx
+///       + contact + friction + grasp = 0,         v = (x - x~) / beta
+///
+/// Contact acts at the nodes of the lower and upper face: a stiff spring per area that starts
+/// smoothly 2 um before touching; 2000 Pa, 68 times the weight of a 3 mm sheet, press 0.01 mm deep.
+/// Friction is Coulomb's, smooth below friction_slip_speed_m_per_s; static_friction holds at a node
+/// that was slower than this at the end of the last step, dynamic_friction otherwise.
+class ReferenceTissue : public Tissue<double> {
+ public:
+  explicit ReferenceTissue(std::shared_ptr<const ReferenceTissueModel> model);
+
+  int lanes() const override { return 1; }
+  int particles() const override { return static_cast<int>(model_->body.particles.size()); }
+  const Kernel<double>& kernel() const override { return kKernelF64x1; }
+  const ReferenceTissueModel& model() const { return *model_; }
+
+  void reset(int lane, const Eigen::Vector3d& offset) override;
+  void set_parameters(int lane, const LaneParameters& parameters) override;
+  void step(std::span<const ToolMotion> motion) override;
+  /// The patch is the circle of rest tissue around the point of the mid-surface nearest to the tip;
+  /// its radius is such that the sphere of `radius` around the tip goes through its rim. It moves
+  /// with the tip, neither turning nor deforming in the mean (GraspPatch). `collapse` pulls its
+  /// mean position onto the tip.
+  void hold(int lane, const Eigen::Vector3d& tip, double radius, bool collapse) override;
+  void release(int lane) override;
+  std::span<const std::int32_t> held(int lane) const override;
+  void shift_held(int lane, const Eigen::Vector3d& by) override;
+  Eigen::Vector3d held_force(int lane) const override;
+  Eigen::Vector3d position(int lane, int particle) const override;
+  /// The parabolas of the elements count as moving with the nodes.
+  Eigen::Vector3d velocity(int lane, int particle) const override;
+  /// Moves the nodes around the particle by the least that brings it to p; neighbours follow. Fixed
+  /// particles stay. For displacing a whole sheet use set_nodes().
+  void set_position(int lane, int particle, const Eigen::Vector3d& p) override;
+  void set_velocity(int lane, int particle, const Eigen::Vector3d& v) override;
+  void find_nearest(std::span<const Eigen::Vector3d> points,
+                    std::span<Nearest> nearest) const override;
+  const double* surface_positions() override;
+  int surface_vertices() const override { return particles(); }
+  bool healthy(int lane) const override;
+  void save(int lane, Bytes& out) const override;
+  Result<std::size_t> load(int lane, std::span<const std::byte> state) override;
+  std::uint64_t hash(int lane) const override;
+
+  /// Why the tissue is unhealthy; empty while it is not.
+  const std::string& failure() const { return failure_; }
+  /// Newton iterations since construction.
+  long newton_iterations() const { return newton_iterations_; }
+  /// Implicit steps since construction, halves of a step that did not converge included.
+  long implicit_steps() const { return implicit_steps_; }
+
+  /// Nodes of the mesh in W [m], [m/s]; order of ReferenceTissueModel::nodes.
+  const std::vector<Eigen::Vector3d>& node_positions() const { return state_.x; }
+  const std::vector<Eigen::Vector3d>& node_velocities() const { return state_.v; }
+  /// Gives every free node a new position and velocity; history and parabolas start anew.
+  void set_nodes(const std::function<Eigen::Vector3d(int node)>& position,
+                 const std::function<Eigen::Vector3d(int node)>& velocity);
+  /// Point of the body in W [m].
+  Eigen::Vector3d point(const BodyPoint& point) const;
+
+  struct Energy {
+    double kinetic = 0, elastic = 0, gravity = 0;  ///< [J]
+    double total() const { return kinetic + elastic + gravity; }
+  };
+  Energy energy() const;
+  /// Force of the rigid bodies on the tissue at the end of the last step, in W [N]: one entry per
+  /// body of the scene, the tool's shaft last where it can touch.
+  std::span<const Eigen::Vector3d> contact_forces() const { return contact_forces_; }
+  /// Deepest penetration of a face node into a body now [m], 0 if none.
+  double penetration() const;
+
+ private:
+  using Nodes = std::vector<Eigen::Vector3d>;
+  using Bubbles = std::vector<std::array<double, 9>>;  ///< per element, [axis][xyz] [m]
+  using Targets = Eigen::Matrix<double, 3, GraspPatch::kRows>;
+
+  struct State {
+    Nodes x, v;                ///< [m], [m/s]
+    Nodes x_before, v_before;  ///< at the end of the step before
+    double step_before = 0;    ///< its length [s]; 0 = no history
+    Bubbles bubble;
+  };
+  struct Grasp {
+    Eigen::Vector2d centre = Eigen::Vector2d::Zero();  ///< of the patch, x_B and y_B at rest [m]
+    double radius = 0;                                 ///< [m]
+    Targets offset = Targets::Zero();  ///< targets of the rows; the first is relative to the tip
+    GraspPatch patch;
+  };
+  /// One implicit step: constants of the integrator and where the tool is.
+  struct Terms {
+    double h = 0, beta = 0;  ///< [s]
+    Nodes x_tilde, v_tilde;
+    Targets target = Targets::Zero();
+    Eigen::Vector3d tip = Eigen::Vector3d::Zero();
+    Eigen::Vector3d tool_velocity = Eigen::Vector3d::Zero();
+  };
+  struct FrictionPoint {
+    int node = 0;
+    int body = 0;
+    Eigen::Vector3d normal, body_velocity;
+    double limit = 0;  ///< friction force that cannot be exceeded [N]
+  };
+  struct Residual {
+    double energy = 0;      ///< incremental potential [J]
+    double scale = 0;       ///< sum of the magnitudes of its terms [J]
+    Eigen::VectorXd force;  ///< its derivative at the unknowns [N]
+    Bubbles bubble_force;
+    double norm = 0;  ///< of everything [N]
+  };
+  struct Contact {
+    int node = 0, body = 0;
+    Eigen::Vector3d normal;
+    double force = 0, stiffness = 0, energy = 0;  ///< [N], [N/m], [J]
+  };
+
+  bool advance(const ToolMotion& motion, double from, double to, int depth);
+  Terms make_terms(const ToolMotion& motion, double from, double to) const;
+  bool solve(const Terms& terms);
+  void finish(const Terms& terms);
+  HexShape gather(std::size_t batch, const Nodes& x, const Bubbles& bubble) const;
+  void evaluate(const Terms& terms, const Nodes& x, const Bubbles& bubble, Residual& out) const;
+  bool newton_direction(const Terms& terms, const Residual& residual);
+  void assemble(const Terms& terms, double shift);
+  void add_block(int row, int column, const Eigen::Matrix3d& block);
+  void move_trial(const Terms& terms, double share, const Nodes& x, const Bubbles& bubble);
+  bool search_line(const Terms& terms, Residual& residual);
+  int bodies() const;
+  void find_contacts(const Terms& terms, const Nodes& x, std::vector<Contact>& contacts) const;
+  void update_friction(const Terms& terms, const Nodes& x);
+  static Eigen::Vector3d slip_velocity(const Terms& terms, const FrictionPoint& point,
+                                       const Eigen::Vector3d& x);
+  Targets patch_rows(const Nodes& x) const;
+  std::optional<std::pair<Eigen::Vector2d, double>> nearest_point(const Eigen::Vector3d& tip) const;
+  void move_particle(int particle, const Eigen::Vector3d& by, Nodes& field);
+  Grasp make_grasp(const Eigen::Vector2d& centre, double radius) const;
+  std::vector<double> pack_state() const;
+
+  std::shared_ptr<const ReferenceTissueModel> model_;
+  State state_;
+  LaneParameters parameters_;
+  std::optional<Grasp> grasp_;
+  Eigen::Vector3d held_force_ = Eigen::Vector3d::Zero();
+  std::vector<Eigen::Vector3d> contact_forces_;
+  std::string failure_;
+  long newton_iterations_ = 0, implicit_steps_ = 0;
+
+  // Scratch of one implicit step.
+  BandCholesky factor_;
+  std::vector<HexInner> inner_;  ///< per four elements
+  std::vector<FrictionPoint> friction_;
+  Nodes trial_x_;
+  Bubbles trial_bubble_;
+  Eigen::VectorXd direction_;
+  Bubbles bubble_direction_;
+  std::vector<double> surface_;
+};
+
+}  // namespace omentum

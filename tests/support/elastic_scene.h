@@ -1,0 +1,83 @@
+#pragma once
+
+// Elastic sheets for physics tests: nothing around them unless asked.
+
+#include <cmath>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "sim_worker/cooker.h"
+#include "sim_worker/elastic_tissue.h"
+#include "support/cluster_scene.h"
+
+namespace omentum::test {
+
+struct ElasticCase {
+  unsigned nx = 31, ny = 31;
+  double pitch = 0.003;
+  double young = 100e3, poisson = 0, damping = 5, bending_scale = 1;
+  double thickness = 0.003;
+  unsigned substeps = 5, iterations = 1;
+  pb::Integrator integrator = pb::INTEGRATOR_BACKWARD_EULER;
+  double gravity = 9.81;
+  Eigen::Isometry3d X_WB = Eigen::Isometry3d::Identity();
+  double anchor_max_y = -0.0449;  ///< the row at y_B = -45 mm
+  std::vector<RigidShape> bodies;
+  double static_friction = 0, dynamic_friction = 0;
+};
+
+/// A sphere for the sheet to lie on.
+inline RigidShape make_sphere(const Eigen::Vector3d& centre, double radius) {
+  RigidShape sphere;
+  sphere.kind = RigidShape::Kind::kSphere;
+  sphere.X_WS.translation() = centre;
+  sphere.size = Eigen::Vector3d::Constant(radius);
+  return sphere;
+}
+
+inline Scene make_elastic_scene(const ElasticCase& c) {
+  Scene scene;
+  pb::Tissue& tissue = *scene.config.mutable_tissue();
+  tissue.set_model(pb::TISSUE_ELASTIC);
+  tissue.mutable_grid()->set_count_x(c.nx);
+  tissue.mutable_grid()->set_count_y(c.ny);
+  tissue.mutable_grid()->set_pitch_m(c.pitch);
+  tissue.mutable_material()->set_young_modulus_pa(c.young);
+  tissue.mutable_material()->set_poisson_ratio(c.poisson);
+  tissue.mutable_material()->set_damping_per_s(c.damping);
+  tissue.mutable_material()->set_bending_scale(c.bending_scale);
+  tissue.mutable_elastic()->set_substeps(c.substeps);
+  tissue.mutable_elastic()->set_iterations(c.iterations);
+  tissue.mutable_elastic()->set_integrator(c.integrator);
+  tissue.set_static_friction(c.static_friction);
+  tissue.set_dynamic_friction(c.dynamic_friction);
+  scene.config.mutable_tool()->set_contact(false);
+  scene.gravity = Eigen::Vector3d(0, 0, -c.gravity);
+  scene.bodies = c.bodies;
+  scene.tissue.X_WB = c.X_WB;
+  scene.tissue.particles = make_grid_particles(tissue.grid());
+  for (const auto& p : scene.tissue.particles) {
+    scene.tissue.fixed.push_back(p.y() <= c.anchor_max_y ? 1 : 0);
+  }
+  scene.tissue.particle_radius = 0.0015;
+  scene.tissue.thickness = c.thickness;
+  return scene;
+}
+
+inline std::shared_ptr<const ElasticTissueModel> make_elastic_sheet(const ElasticCase& c) {
+  std::vector<std::string> warnings;
+  return make_elastic_model(make_elastic_scene(c), 0.02, warnings);
+}
+
+/// Root mean square distance of two states [m].
+template <typename A, typename B>
+double rms_distance(const A& a, int lane_a, const B& b, int lane_b) {
+  double sum = 0;
+  for (int i = 0; i < a.particles(); ++i) {
+    sum += (a.position(lane_a, i) - b.position(lane_b, i)).squaredNorm();
+  }
+  return std::sqrt(sum / a.particles());
+}
+
+}  // namespace omentum::test
