@@ -44,7 +44,7 @@ SimulatedRecording simulate_recording(const TissueModel& model, const Arm& arm,
     std::vector<Vector3d>& points = result.points.emplace_back();
     for (int i = 0; i < tissue->particles(); ++i) points.push_back(tissue->position(0, i));
     const double* surface = tissue->surface_positions();
-    result.surface.emplace_back(surface, surface + 3 * tissue->surface_vertices());
+    result.surface.emplace_back(surface, surface + 3L * tissue->surface_vertices());
     if (step == steps) break;
     Vector3d next = track.tip_at(t + period);
     if (arm.active()) {

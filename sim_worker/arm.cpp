@@ -103,7 +103,7 @@ Vector3d Arm::delayed(const ArmState& state) const {
   const double steps = effects_.transport_delay_s() / dt_;
   const int whole = std::min(static_cast<int>(steps), ArmState::kHistory - 2);
   const double share = steps - whole;
-  const Vector3d newer = to_vector(state.command[whole]);
+  Vector3d newer = to_vector(state.command[whole]);
   if (share == 0) return newer;
   return newer + share * (to_vector(state.command[whole + 1]) - newer);
 }
