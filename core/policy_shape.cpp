@@ -31,7 +31,7 @@ std::size_t lay_out(const PolicyShape& shape, int outputs, bool has_head_bias, s
 const std::vector<std::string> kAxes = {"x", "y", "z"};
 
 void append_point(std::vector<std::string>& names, const std::string& point) {
-  for (const std::string& axis : kAxes) names.push_back(point + "_" + axis);
+  for (const std::string& axis : kAxes) names.push_back(fmt::format("{}_{}", point, axis));
 }
 
 std::vector<std::string> paper_names() {

@@ -129,8 +129,8 @@ int run(int argc, char** argv) {
 int main(int argc, char** argv) {
   try {
     return run(argc, argv);
-  } catch (const omentum::Error& error) {
+  } catch (const std::exception& error) {
     std::fprintf(stderr, "mismatch: %s\n", error.what());
-    return 2;
   }
+  return 2;
 }
