@@ -1,5 +1,5 @@
-// Contact of points with rigid shapes, one environment per lane: included by elastic_kernel.inl
-// after lanes.h, in the same unnamed namespace style. Distance phi and outward normal n of each
+// Contact of points with rigid shapes, one environment per lane: included by kernel.inl and
+// elastic_kernel.inl after lanes.h, in the same unnamed namespace style. Distance phi and outward normal n of each
 // shape in W.
 
 namespace {
