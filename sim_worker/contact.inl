@@ -1,6 +1,6 @@
 // Contact of points with rigid shapes, one environment per lane: included by kernel.inl and
-// elastic_kernel.inl after lanes.h, in the same unnamed namespace style. Distance phi and outward normal n of each
-// shape in W.
+// elastic_kernel.inl after lanes.h, in the same unnamed namespace style. Distance phi and outward
+// normal n of each shape in W.
 
 namespace {
 
@@ -131,6 +131,34 @@ inline Surface distance_to(const KernelShape<Real>& s, const Real* capsule, Lane
   }
   const Lane3 gradient{load(found + kLanes), load(found + 2 * kLanes), load(found + 3 * kLanes)};
   return {load(found), to_world_frame(s, inverse_length(gradient) * gradient)};
+}
+
+/// Where a point goes when it may not enter a shape: non-penetration at the particle radius, then
+/// Coulomb friction on the slip since the substep began.
+template <typename Args>
+inline Lane3 push_out(const Args& args, int i, Lane3 p) {
+  const Lane3 x = load3(args.x + 3 * kLanes * i);
+  const Lane zero = splat(Real{0});
+  for (int k = 0; k < args.shapes; ++k) {
+    if ((args.candidate_any[i] >> k & 1U) == 0) continue;
+    const KernelShape<Real>& shape = args.shape[k];
+    const Surface surface = distance_to(shape, args.capsule, p);
+    const Lane depth = splat(args.particle_radius) - surface.phi;
+    const Mask touches = both(zero < depth, to_mask(args.candidates[i * omentum::kMaxShapes + k]));
+    if (to_bits(touches) == 0) continue;
+    const Lane3 pushed = fma(depth, surface.normal, p);
+    Lane3 slip = pushed - x;
+    if (shape.kind == ShapeKind::kCapsule) slip = slip - load3(args.capsule_motion);
+    const Lane along = dot(slip, surface.normal);
+    const Lane3 tangent = fma(zero - along, surface.normal, slip);
+    const Lane t2 = dot(tangent, tangent);
+    const Lane stick = load(args.static_friction) * depth;
+    const Lane slide = load(args.dynamic_friction) * depth;
+    const Lane part =
+        select(t2 < stick * stick, splat(Real{1}), min(slide / sqrt(t2), splat(Real{1})));
+    p = select(touches, fma(zero - part, tangent, pushed), p);
+  }
+  return p;
 }
 
 }  // namespace

@@ -292,33 +292,6 @@ void hold_patch(const Args& args) {
 // 9). Within a substep the forces are found by Gauss-Seidel on x_i = x_i(0) + sum_j A^-1_ij (change
 // of f_j).
 
-/// Where the node goes when it may not enter a shape: non-penetration at the particle radius, then
-/// Coulomb friction on the slip since the substep began.
-inline Lane3 push_out(const Args& args, int i, Lane3 p) {
-  const Lane3 x = load3(args.x + 3 * kLanes * i);
-  const Lane zero = splat(Real{0});
-  for (int k = 0; k < args.shapes; ++k) {
-    if ((args.candidate_any[i] >> k & 1U) == 0) continue;
-    const KernelShape<Real>& shape = args.shape[k];
-    const Surface surface = distance_to(shape, args.capsule, p);
-    const Lane depth = splat(args.particle_radius) - surface.phi;
-    const Mask touches = both(zero < depth, to_mask(args.candidates[i * omentum::kMaxShapes + k]));
-    if (to_bits(touches) == 0) continue;
-    const Lane3 pushed = fma(depth, surface.normal, p);
-    Lane3 slip = pushed - x;
-    if (shape.kind == ShapeKind::kCapsule) slip = slip - load3(args.capsule_motion);
-    const Lane along = dot(slip, surface.normal);
-    const Lane3 tangent = fma(zero - along, surface.normal, slip);
-    const Lane t2 = dot(tangent, tangent);
-    const Lane stick = load(args.static_friction) * depth;
-    const Lane slide = load(args.dynamic_friction) * depth;
-    const Lane part =
-        select(t2 < stick * stick, splat(Real{1}), min(slide / sqrt(t2), splat(Real{1})));
-    p = select(touches, fma(zero - part, tangent, pushed), p);
-  }
-  return p;
-}
-
 /// Positions of the candidates before any change of their forces.
 void load_contacts(const Args& args) {
   for (int c = 0; c < args.contacts; ++c) {

@@ -207,33 +207,6 @@ void find_candidates(const Args& args) {
   }
 }
 
-/// Non-penetration at the particle radius, then Coulomb friction on the slip since the substep
-/// began.
-inline Lane3 resolve_contact(const Args& args, int i, Lane3 xs) {
-  const Lane3 x = load3(args.x + 3 * kLanes * i);
-  const Lane zero = splat(Real{0});
-  for (int k = 0; k < args.shapes; ++k) {
-    if ((args.candidate_any[i] >> k & 1U) == 0) continue;
-    const KernelShape<Real>& shape = args.shape[k];
-    const Surface surface = distance_to(shape, args.capsule, xs);
-    const Lane depth = splat(args.particle_radius) - surface.phi;
-    const Mask touches = both(zero < depth, to_mask(args.candidates[i * omentum::kMaxShapes + k]));
-    if (to_bits(touches) == 0) continue;
-    const Lane3 pushed = fma(depth, surface.normal, xs);
-    Lane3 slip = pushed - x;
-    if (shape.kind == ShapeKind::kCapsule) slip = slip - load3(args.capsule_motion);
-    const Lane along = dot(slip, surface.normal);
-    const Lane3 tangent = fma(zero - along, surface.normal, slip);
-    const Lane t2 = dot(tangent, tangent);
-    const Lane stick = load(args.static_friction) * depth;
-    const Lane slide = load(args.dynamic_friction) * depth;
-    const Lane part =
-        select(t2 < stick * stick, splat(Real{1}), min(slide / sqrt(t2), splat(Real{1})));
-    xs = select(touches, fma(zero - part, tangent, pushed), xs);
-  }
-  return xs;
-}
-
 // ---------------------------------------------------------------------------------------------------------------------
 
 void predict(const Args& args) {
@@ -297,7 +270,7 @@ void apply_as(const Args& args) {
       store3(args.held_force, select(is_held, force + correction, force));
     }
     Lane3 moved = xs + correction;
-    if (args.candidate_any[i] != 0) moved = resolve_contact(args, i, moved);
+    if (args.candidate_any[i] != 0) moved = push_out(args, i, moved);
     store3(args.xs + 3 * kLanes * i, select(to_mask(free), moved, xs));
   }
 }
