@@ -656,7 +656,7 @@ void ClusterTissue<Real>::save(int lane, Bytes& out) const {
     const auto* bytes = static_cast<const std::byte*>(data);
     out.insert(out.end(), bytes, bytes + size);
   };
-  const auto add_lane = [&](const std::vector<Real>& values) {
+  const auto add_lane = [&](const AlignedVector<Real>& values) {
     for (std::size_t k = static_cast<std::size_t>(lane); k < values.size();
          k += static_cast<std::size_t>(lanes())) {
       add(&values[k], sizeof(Real));
@@ -678,7 +678,7 @@ void ClusterTissue<Real>::save(int lane, Bytes& out) const {
 
 template <typename Real>
 Result<std::size_t> ClusterTissue<Real>::load(int lane, std::span<const std::byte> state) {
-  const std::array<std::vector<Real>*, 10> arrays = {
+  const std::array<AlignedVector<Real>*, 10> arrays = {
       &x_,         &v_,       &q_,    &plastic_rest_,    &held_force_,
       &stiffness_, &gravity_, &keep_, &static_friction_, &dynamic_friction_};
   std::size_t reals = 0;
