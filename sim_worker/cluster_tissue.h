@@ -103,12 +103,12 @@ class ClusterTissue : public Tissue<Real> {
   KernelArgs<Real> args_{};
 
   // Model in the kernel's precision.
-  std::vector<Real> rest_, rest_sum_, cluster_weight_, particle_rest_, particle_weight_,
+  std::vector<Real> rest_, rest_sum_, cluster_weight_, particle_memberships_, particle_weight_,
       particle_scale_, link_rest_;
-  std::vector<std::int32_t> particle_begin_, particle_cluster_, particle_membership_;
+  std::vector<std::uint8_t> first_of_particle_;
 
   // State and scratch, per lane.
-  AlignedVector<Real> x_, v_, xs_, q_, goal_, plastic_rest_, extra_;
+  AlignedVector<Real> x_, v_, xs_, q_, goal_, pull_, plastic_rest_, extra_;
   std::vector<std::uint32_t> free_mask_, held_mask_, candidates_, candidate_any_;
   std::vector<Held> held_;
   AlignedVector<Real> held_force_, capsule_, capsule_motion_, capsule_sweep_;

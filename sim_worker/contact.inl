@@ -72,7 +72,8 @@ inline void sdf_lane(const KernelShape<Real>& s, const Real p[3], Real out[4]) {
   out[3] = layer(1) - layer(0);
 }
 
-/// kSdf: a table look-up lane by lane. Out of line, so that the shapes with a formula stay short enough to be inlined.
+/// kSdf: a table look-up lane by lane. Out of line, so that the shapes with a formula stay short
+/// enough to be inlined.
 [[gnu::noinline]] Surface distance_to_grid(const KernelShape<Real>& s, Lane3 local) {
   Real p[3 * kLanes];
   Real found[4 * kLanes];
