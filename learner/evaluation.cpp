@@ -155,7 +155,8 @@ void write_evaluation_csv(const std::string& path, const pb::Config& config,
                      static_cast<double>(r.start[2])};
       if (tissue.has_grid()) {
         const pb::GridMaker& grid = tissue.grid();
-        p[0] = (r.start_index / grid.count_y() - 0.5 * (grid.count_x() - 1)) * grid.pitch_m();
+        const std::uint32_t column = r.start_index / grid.count_y();
+        p[0] = (column - 0.5 * (grid.count_x() - 1)) * grid.pitch_m();
         p[1] = (r.start_index % grid.count_y() - 0.5 * (grid.count_y() - 1)) * grid.pitch_m();
         p[2] = 0;
       }

@@ -76,8 +76,8 @@ void ChunkGradient::gather(const MinibatchView& m, int first, int count) {
     // Rows behind the end repeat the first sample: finite numbers that nobody counts.
     const std::size_t row = m.rows[static_cast<std::size_t>(first + (i < count ? i : 0))];
     if (i < count)
-      std::copy_n(m.inputs.begin() + row * width, width,
-                  x_.begin() + static_cast<std::size_t>(i) * width);
+      std::copy_n(m.inputs.data() + row * width, width,
+                  x_.data() + static_cast<std::size_t>(i) * width);
     for (std::size_t b = 0; b < 4; ++b) {
       inputs_.branch[b][i] = batch.branches[row * 4 + b];
       inputs_.continuous[b][i] = shape_.continuous ? batch.continuous[row * 4 + b] : 0.0F;

@@ -68,7 +68,7 @@ Result<void> put(std::FILE* file, const std::string& text, const char* what) {
 std::vector<std::string> metric_names(const std::vector<std::string>& branches) {
   std::vector<std::string> names;
   const auto group = [&](const std::string& prefix, const std::vector<std::string>& members) {
-    for (const std::string& member : members) names.push_back(prefix + "/" + member);
+    for (const std::string& member : members) names.push_back(fmt::format("{}/{}", prefix, member));
   };
   group("charts", {"episodic_return", "episodic_length", "SPS", "learning_rate", "steps_total",
                    "physics_steps_total", "success_rate", "exposure_fraction"});

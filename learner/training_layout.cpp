@@ -45,13 +45,13 @@ void TrainingLayout::spread(std::span<const float> canonical, std::span<float> p
   OMENTUM_CHECK(padded.size() == padded_.count);
   std::fill(padded.begin(), padded.end(), 0.0F);
   for (const Run& run : runs_)
-    std::copy_n(canonical.begin() + run.canonical, run.size, padded.begin() + run.padded);
+    std::copy_n(canonical.data() + run.canonical, run.size, padded.data() + run.padded);
 }
 
 void TrainingLayout::collect(std::span<const float> padded, std::span<float> canonical) const {
   OMENTUM_CHECK(padded.size() == padded_.count);
   for (const Run& run : runs_)
-    std::copy_n(padded.begin() + run.padded, run.size, canonical.begin() + run.canonical);
+    std::copy_n(padded.data() + run.padded, run.size, canonical.data() + run.canonical);
 }
 
 }  // namespace omentum

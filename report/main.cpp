@@ -50,7 +50,7 @@ std::vector<GraspStudyRow> run_grasp_study(const std::vector<RunFolder>& runs) {
       if (!(config.grasp().jaw_open_deg() > 0)) continue;
       fmt::print("report: grasp study over the robot's starts\n");
       std::fflush(stdout);
-      const auto rows = study_grasps(*make_sim_setup(config, deploy_dir() + "/scenes"));
+      auto rows = study_grasps(*make_sim_setup(config, deploy_dir() + "/scenes"));
       std::error_code ignored;  // a folder that cannot be made shows as the failed write below
       fs::create_directories(run.path + "/evaluation", ignored);
       std::ofstream file(run.path + "/evaluation/grasp_study.csv");
@@ -92,10 +92,12 @@ int main(int count, char** arguments) {
       ->required();
   app.add_option("-o,--output", output,
                  "file to write (default: report.html in the folder, or beside the folders)");
-  CLI11_PARSE(app, count, arguments);
   try {
+    app.parse(count, arguments);
     write_report(folders, output);
-  } catch (const omentum::Error& error) {
+  } catch (const CLI::ParseError& error) {
+    return app.exit(error);
+  } catch (const std::exception& error) {
     fmt::print(stderr, "report: {}\n", error.what());
     return 2;
   }

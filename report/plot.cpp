@@ -268,8 +268,10 @@ std::string draw_heat_map(const HeatMap& map) {
     }
   }
   for (const auto& [cell, note] : map.marks) {
-    const double x = kGridLeft + cell % map.columns * kCell;
-    const double y = kGridTop + cell / map.columns * kCell;
+    const auto column = cell % map.columns;
+    const auto row = cell / map.columns;
+    const double x = kGridLeft + column * kCell;
+    const double y = kGridTop + row * kCell;
     svg += fmt::format(
         "<rect x=\"{:.1f}\" y=\"{:.1f}\" width=\"{:.1f}\" height=\"{:.1f}\" rx=\"4\" "
         "class=\"mark\"><title>{}</title></rect>\n",

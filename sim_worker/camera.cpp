@@ -294,7 +294,8 @@ class Camera::Renderer {
     for (GLuint location = 0; location < kOffsets.size(); ++location) {
       glEnableVertexAttribArray(location);
       glVertexAttribPointer(location, 3, GL_FLOAT, GL_FALSE, sizeof(DrawSurface::Vertex),
-                            reinterpret_cast<const void*>(kOffsets[location]));
+                            reinterpret_cast<const void*>(  // OpenGL's way to name an offset
+                                kOffsets[location]));       // NOLINT(performance-no-int-to-ptr)
     }
   }
 

@@ -23,7 +23,7 @@ Vector3d mean_of(std::span<const Vector3d> particles, std::span<const int> indic
 }
 
 bool collinear(std::span<const Vector3d> particles, const std::vector<int>& common) {
-  const Vector3d a = particles[static_cast<std::size_t>(common[0])];
+  const Vector3d& a = particles[static_cast<std::size_t>(common[0])];
   const Vector3d ab = particles[static_cast<std::size_t>(common[1])] - a;
   for (std::size_t i = 2; i < common.size(); ++i) {
     const Vector3d ac = particles[static_cast<std::size_t>(common[i])] - a;

@@ -1,6 +1,6 @@
 #include "sim_worker/elastic_model.h"
 
-#include <Eigen/SparseCholesky>
+#include <Eigen/SparseCore>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -137,8 +137,6 @@ std::vector<double> lumped_mass(const ElasticTissueModel& model, double density,
 double metric_modulus(const ElasticTissueModel& model) { return model.shear + 2 * model.area; }
 
 using SparseMatrix = Eigen::SparseMatrix<double>;
-using Cholesky = Eigen::SimplicialLLT<SparseMatrix, Eigen::Lower,
-                                      Eigen::AMDOrdering<SparseMatrix::StorageIndex>>;
 
 /// A on the free nodes; `free_index` is -1 for fixed nodes.
 SparseMatrix assemble(const ElasticTissueModel& model, double stiffness,
@@ -175,61 +173,6 @@ SparseMatrix assemble(const ElasticTissueModel& model, double stiffness,
   return matrix;
 }
 
-/// Rows below the diagonal of each column of L.
-std::vector<std::vector<int>> column_patterns(const SparseMatrix& l) {
-  std::vector<std::vector<int>> pattern(static_cast<std::size_t>(l.cols()));
-  for (int c = 0; c < l.cols(); ++c) {
-    for (SparseMatrix::InnerIterator it(l, c); it; ++it) {
-      if (it.row() > c) pattern[static_cast<std::size_t>(c)].push_back(static_cast<int>(it.row()));
-    }
-  }
-  return pattern;
-}
-
-/// Last column of the panel that begins at `first`: neighbours that follow each other in the
-/// elimination tree, as long as few zeros are stored.
-int last_of_panel(const std::vector<std::vector<int>>& pattern, int first) {
-  int last = first;
-  std::size_t entries = pattern[static_cast<std::size_t>(first)].size();
-  while (last + 1 - first < kMaxPanelWidth && last + 1 < static_cast<int>(pattern.size())) {
-    const auto& below = pattern[static_cast<std::size_t>(last)];
-    if (below.empty() || below.front() != last + 1) break;
-    const auto& next = pattern[static_cast<std::size_t>(last + 1)];
-    const std::size_t width = static_cast<std::size_t>(last + 2 - first);
-    const std::size_t dense = width * next.size() + width * (width - 1) / 2;
-    entries += next.size();
-    if (dense > entries + entries / 2) break;
-    ++last;
-  }
-  return last;
-}
-
-/// Stores L as dense panels whose rows and columns are node indices.
-ElasticFactor make_panels(const SparseMatrix& l, const std::vector<int>& node_of) {
-  ElasticFactor factor;
-  const auto pattern = column_patterns(l);
-  for (int first = 0; first < l.cols();) {
-    const int last = last_of_panel(pattern, first);
-    const auto& below = pattern[static_cast<std::size_t>(last)];
-    const int width = last - first + 1;
-    const auto rows = static_cast<int>(below.size());
-    factor.panels.push_back({width, static_cast<std::int32_t>(factor.panel_node.size()), rows,
-                             static_cast<std::int32_t>(factor.panel_value.size())});
-    std::vector<int> index;
-    for (int c = first; c <= last; ++c) index.push_back(c);
-    index.insert(index.end(), below.begin(), below.end());
-    for (const int row : index) {
-      factor.panel_node.push_back(node_of[static_cast<std::size_t>(row)]);
-      for (int c = first; c <= last; ++c) {
-        const double value = row < c ? 0.0 : l.coeff(row, c);
-        factor.panel_value.push_back(row == c ? 1 / value : value);
-      }
-    }
-    first = last + 1;
-  }
-  return factor;
-}
-
 ElasticFactor make_factor(const ElasticTissueModel& model, double stiffness) {
   std::vector<int> free_index;
   std::vector<int> free_node;
@@ -240,14 +183,7 @@ ElasticFactor make_factor(const ElasticTissueModel& model, double stiffness) {
   }
   const auto free_count = static_cast<int>(free_node.size());
   const SparseMatrix matrix = assemble(model, stiffness, free_index, free_count);
-  const Cholesky cholesky(matrix);
-  OMENTUM_CHECK(cholesky.info() == Eigen::Success);
-  std::vector<int> node_of(free_node.size());
-  for (int k = 0; k < free_count; ++k) {
-    node_of[static_cast<std::size_t>(cholesky.permutationP().indices()(k))] =
-        free_node[static_cast<std::size_t>(k)];
-  }
-  ElasticFactor factor = make_panels(SparseMatrix(cholesky.matrixL()), node_of);
+  ElasticFactor factor{factorize(matrix, free_node), {}, {}};
   const auto entry = [&](int i, int j) {
     const int row = free_index[static_cast<std::size_t>(i)];
     const int column = free_index[static_cast<std::size_t>(j)];
@@ -272,38 +208,6 @@ double decay(double x) {
   for (int k = 20; k >= 1; --k) value = 1 - y / k * value;
   for (int k = 0; k < 6; ++k) value *= value;
   return value;
-}
-
-void ElasticFactor::solve(Eigen::MatrixXd& b) const {
-  for (const FactorPanel& panel : panels) {
-    const std::int32_t* const node = panel_node.data() + panel.node_begin;
-    const double* value = panel_value.data() + panel.value_begin;
-    for (int k = 0; k < panel.width; ++k, value += panel.width) {
-      for (int j = 0; j < k; ++j) b.col(node[k]) -= value[j] * b.col(node[j]);
-      b.col(node[k]) *= value[k];
-    }
-    for (int r = 0; r < panel.rows; ++r, value += panel.width) {
-      for (int k = 0; k < panel.width; ++k) {
-        b.col(node[panel.width + r]) -= value[k] * b.col(node[k]);
-      }
-    }
-  }
-  for (auto panel = panels.rbegin(); panel != panels.rend(); ++panel) {
-    const std::int32_t* const node = panel_node.data() + panel->node_begin;
-    const double* const block = panel_value.data() + panel->value_begin;
-    const double* value = block + panel->width * panel->width;
-    for (int r = 0; r < panel->rows; ++r, value += panel->width) {
-      for (int k = 0; k < panel->width; ++k) {
-        b.col(node[k]) -= value[k] * b.col(node[panel->width + r]);
-      }
-    }
-    for (int k = panel->width - 1; k >= 0; --k) {
-      for (int j = k + 1; j < panel->width; ++j) {
-        b.col(node[k]) -= block[panel->width * j + k] * b.col(node[j]);
-      }
-      b.col(node[k]) *= block[panel->width * k + k];
-    }
-  }
 }
 
 double ElasticTissueModel::effective_step() const {
@@ -361,7 +265,7 @@ std::shared_ptr<const ElasticTissueModel> make_elastic_model(const Scene& scene,
                 pb::ElasticLaw_Name(tissue.material().law()));
   }
   if (!tissue.has_grid()) {
-    throw_error("scene.tissue.volume: a solid, allowed for the model elastic: grid");
+    throw_error("scene.tissue: no grid, allowed for the shell of the model elastic: grid");
   }
   if (scene.bodies.size() + 1 > kMaxShapes) {
     throw_error("scene.rigid_body: {} bodies, allowed at most {}", scene.bodies.size(),

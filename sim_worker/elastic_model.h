@@ -9,7 +9,7 @@
 #include <string>
 #include <vector>
 
-#include "sim_worker/elastic_kernel.h"
+#include "sim_worker/panel_cholesky.h"
 #include "sim_worker/tissue.h"
 
 namespace omentum {
@@ -24,15 +24,9 @@ struct NodeMatrix {
 
 /// Cholesky factor of A = M/h^2 + membrane metric + bending on the free nodes, shared by all lanes
 /// of one factor key (tissue.md section 7).
-struct ElasticFactor {
-  std::vector<FactorPanel> panels;
-  std::vector<std::int32_t> panel_node;
-  std::vector<double> panel_value;
+struct ElasticFactor : PanelFactor {
   std::vector<double> metric;  ///< off-diagonal of A, entries as those of the bending matrix
   std::vector<double> metric_diagonal;  ///< per node; of fixed nodes unused
-
-  /// Replaces every row of b (any x nodes) by A^-1 of it; fixed nodes are left alone.
-  void solve(Eigen::MatrixXd& b) const;
 };
 
 /// Immutable half of the elastic shell: corotated triangles on the grid sheet with alternating
@@ -82,7 +76,7 @@ struct ElasticTissueModel : TissueModel, std::enable_shared_from_this<ElasticTis
   mutable std::map<int, std::shared_ptr<const Eigen::MatrixXd>> inverses_;  // guarded by mutex_
 };
 
-/// Makes the shell of the scene's grid sheet. Throws Error for a volume, another law than corotated
+/// Makes the shell of the scene's grid sheet. Throws Error for another law than corotated
 /// or a mesh too large for contact.
 std::shared_ptr<const ElasticTissueModel> make_elastic_model(const Scene& scene,
                                                              double control_period,

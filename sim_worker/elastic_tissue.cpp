@@ -39,13 +39,6 @@ std::vector<Real> convert(const std::vector<double>& values) {
   return result;
 }
 
-/// Limits of saved lane parameters: what a randomised scene may ask for, with room.
-bool usable(const LaneParameters& p) {
-  const auto within = [](double v, double min, double max) { return v >= min && v <= max; };
-  return within(p.stiffness_scale, 1e-3, 1e3) && within(p.gravity_scale, -100, 100) &&
-         within(p.damping_scale, 0, 1e3) && within(p.friction_scale, 0, 1e3);
-}
-
 }  // namespace
 
 template <typename Real>

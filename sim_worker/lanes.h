@@ -18,8 +18,8 @@
 namespace {
 
 using Real = OMENTUM_REAL;
-constexpr int kLanes = OMENTUM_LANES;
-using Bits = std::uint32_t;  // bit k = lane k
+constexpr int kLanes = OMENTUM_LANES;  // NOLINT(misc-definitions-in-headers): one per kernel
+using Bits = std::uint32_t;            // bit k = lane k
 
 #if OMENTUM_LANES == 16
 

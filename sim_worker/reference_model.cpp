@@ -337,6 +337,11 @@ std::shared_ptr<const ReferenceTissueModel> make_reference_model(
   const pb::Tissue& config = scene.config.tissue();
   if (!scene.tissue.surface_is_particles)
     throw_error("scene.tissue.volume: TISSUE_REFERENCE takes a sheet, give grid");
+  if (config.material().law() == pb::LAW_STABLE_NEO_HOOKE) {
+    throw_error(
+        "scene.tissue.material.law: LAW_STABLE_NEO_HOOKE, allowed for TISSUE_REFERENCE: "
+        "LAW_COROTATED, LAW_NEO_HOOKE, LAW_ST_VENANT_KIRCHHOFF");
+  }
   auto model = std::make_shared<ReferenceTissueModel>();
   model->body = scene.tissue;
   model->control_period = control_period;

@@ -174,7 +174,7 @@ void make_grid_tissue(const pb::GridMaker& grid, const pb::Tissue& config, Tissu
 }
 
 void make_volume_tissue(const pb::VolumeMaker& maker, const std::string& directory,
-                        const pb::Tissue& config, TissueBody& body) {
+                        const pb::Tissue& config, TissueBody& body, SolidMesh& solid) {
   TriangleMesh mesh;
   Vector3d min;
   Vector3d max;
@@ -203,6 +203,14 @@ void make_volume_tissue(const pb::VolumeMaker& maker, const std::string& directo
   } else {
     throw_error("scene.tissue.volume: give box_m or mesh");
   }
+  if (config.model() == pb::TISSUE_ELASTIC) {
+    solid = fill_mesh(mesh, "scene.tissue.volume", maker.edge_length_m());
+    body.particles = solid.nodes;
+    body.surface_triangles = solid.surface;
+    body.particle_mass = config.density_kg_per_m3() * signed_volume(mesh) /
+                         static_cast<double>(body.particles.size());
+    return;
+  }
   body.particles = make_volume_particles(maker, min, max, inside,
                                          sample_surface(mesh, maker.surface_sampling()));
   if (body.particles.size() < 4) {
@@ -216,7 +224,8 @@ void make_volume_tissue(const pb::VolumeMaker& maker, const std::string& directo
       config.density_kg_per_m3() * signed_volume(mesh) / static_cast<double>(body.particles.size());
 }
 
-TissueBody make_tissue_body(const pb::Tissue& config, const std::string& directory) {
+TissueBody make_tissue_body(const pb::Tissue& config, const std::string& directory, bool supported,
+                            SolidMesh& solid) {
   TissueBody body;
   body.X_WB = to_pose(config.pose(), "scene.tissue.pose");
   body.particle_radius = config.particle_radius_m();
@@ -224,7 +233,7 @@ TissueBody make_tissue_body(const pb::Tissue& config, const std::string& directo
   if (config.has_grid()) {
     make_grid_tissue(config.grid(), config, body);
   } else if (config.has_volume()) {
-    make_volume_tissue(config.volume(), directory, config, body);
+    make_volume_tissue(config.volume(), directory, config, body, solid);
   } else {
     throw_error("scene.tissue: give grid or volume");
   }
@@ -234,9 +243,12 @@ TissueBody make_tissue_body(const pb::Tissue& config, const std::string& directo
     body.fixed.push_back(p.y() <= config.anchor_max_y_m() + 1e-9 ? 1 : 0);
     fixed += body.fixed.back();
   }
-  if (fixed == 0 || fixed == body.particles.size()) {
-    throw_error("scene.tissue.anchor_max_y_m: {} fixes {} of {} particles, allowed 1 ... {}",
-                config.anchor_max_y_m(), fixed, body.particles.size(), body.particles.size() - 1);
+  // An elastic solid may lie on something instead.
+  const std::size_t least = supported && !solid.nodes.empty() ? 0 : 1;
+  if (fixed < least || fixed == body.particles.size()) {
+    throw_error("scene.tissue.anchor_max_y_m: {} fixes {} of {} particles, allowed {} ... {}",
+                config.anchor_max_y_m(), fixed, body.particles.size(), least,
+                body.particles.size() - 1);
   }
   return body;
 }
@@ -291,7 +303,8 @@ Scene make_scene(const pb::Scene& config, const std::string& directory) {
   Scene scene;
   scene.config = config;
   scene.gravity = Vector3d(0, 0, -config.gravity_m_per_s2() * config.gravity_scale());
-  scene.tissue = make_tissue_body(config.tissue(), directory);
+  scene.tissue =
+      make_tissue_body(config.tissue(), directory, config.rigid_body_size() > 0, scene.solid);
   for (int i = 0; i < config.rigid_body_size(); ++i) {
     scene.bodies.push_back(
         make_body(config.rigid_body(i), directory, fmt::format("scene.rigid_body[{}]", i)));

@@ -10,6 +10,7 @@
 #include "core/psm.h"
 #include "proto/scene.pb.h"
 #include "sim_worker/mesh.h"
+#include "sim_worker/solid_mesh.h"
 
 namespace omentum {
 
@@ -57,6 +58,7 @@ struct Scene {
   pb::Scene config;                                   ///< what it was made from
   Eigen::Vector3d gravity = Eigen::Vector3d::Zero();  ///< in W [m/s^2]
   TissueBody tissue;
+  SolidMesh solid;  ///< of an elastic volume: its nodes are the particles; else empty
   std::vector<RigidShape> bodies;
   int tumour = -1;              ///< index into bodies
   CameraPose camera;            ///< the endoscope

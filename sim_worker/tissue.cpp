@@ -3,12 +3,20 @@
 #include "sim_worker/cluster_tissue.h"
 #include "sim_worker/elastic_model.h"
 #include "sim_worker/reference_model.h"
+#include "sim_worker/solid_model.h"
 
 namespace omentum {
+
+bool usable(const LaneParameters& p) {
+  const auto within = [](double v, double min, double max) { return v >= min && v <= max; };
+  return within(p.stiffness_scale, 1e-3, 1e3) && within(p.gravity_scale, -100, 100) &&
+         within(p.damping_scale, 0, 1e3) && within(p.friction_scale, 0, 1e3);
+}
 
 std::shared_ptr<const TissueModel> make_tissue_model(const Scene& scene, double control_period,
                                                      std::vector<std::string>& warnings) {
   if (scene.config.tissue().model() == pb::TISSUE_ELASTIC) {
+    if (scene.config.tissue().has_volume()) return make_solid_model(scene, control_period);
     return make_elastic_model(scene, control_period, warnings);
   }
   if (scene.config.tissue().model() == pb::TISSUE_REFERENCE)

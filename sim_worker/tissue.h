@@ -29,6 +29,10 @@ struct LaneParameters {
   double friction_scale = 1;
 };
 
+/// Limits of lane parameters: what a randomised scene may ask for, with room. Saved states are
+/// checked with it.
+bool usable(const LaneParameters& parameters);
+
 /// Nearest tissue point to a query.
 struct Nearest {
   int particle = 0;

@@ -1,4 +1,5 @@
 // Any closed mesh may be tissue, organ, obstacle or tumour: the fixtures in each role.
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -105,6 +106,57 @@ TEST(MeshScene, AFatPadIsTissue) {
       EXPECT_LT((p - body.X_WB * Vector3d(0.012, -0.007, 0.003)).norm(), 0.15);
     }
   });
+}
+
+/// The pad as an elastic solid that hangs on its rear end over an organ.
+pb::Config elastic_pad() {
+  pb::Config config = bare_config();
+  pb::Tissue& tissue = *config.mutable_scene()->mutable_tissue();
+  tissue.set_model(pb::TISSUE_ELASTIC);
+  tissue.mutable_material()->set_law(pb::LAW_STABLE_NEO_HOOKE);
+  tissue.mutable_material()->set_young_modulus_pa(5000);
+  tissue.mutable_volume()->mutable_mesh()->set_path(kFixtures + "fat_pad.obj");
+  tissue.mutable_volume()->mutable_mesh()->set_unit_m(0.001);
+  tissue.mutable_volume()->set_edge_length_m(0.012);
+  tissue.set_anchor_max_y_m(-0.028);
+  return config;
+}
+
+TEST(MeshScene, AFatPadIsAnElasticSolid) {
+  pb::Config config = elastic_pad();
+  add_organ(config, pb::ROLE_ORGAN, 0.0005, {-0.0172, 0.045, 0.005});
+  const auto setup = setup_of(config);
+  const TissueBody& body = setup->scene.tissue;
+  const TriangleMesh pad = load_closed_mesh(kFixtures + "fat_pad.obj", 0.001);
+  const double mass = body.particle_mass * static_cast<double>(body.particles.size());
+  EXPECT_NEAR(mass, 1000 * signed_volume(pad), 1e-9 * mass);
+  EXPECT_EQ(setup->scene.solid.nodes.size(), body.particles.size());
+  fall(setup, 25, [&](const std::vector<Vector3d>& positions) {
+    for (const Vector3d& p : positions) {
+      ASSERT_TRUE(p.allFinite());
+      EXPECT_LT((p - body.X_WB * Vector3d(0.012, -0.007, 0.003)).norm(), 0.1);
+    }
+  });
+}
+
+TEST(MeshScene, AnElasticSolidThatDoesNotFitIsRefusedInOneLine) {
+  const auto message = [](const pb::Config& config) -> std::string {
+    try {
+      setup_of(config);
+    } catch (const Error& error) {
+      return error.what();
+    }
+    return "accepted";
+  };
+  pb::Config config = elastic_pad();
+  config.mutable_scene()->mutable_tissue()->mutable_material()->set_law(pb::LAW_COROTATED);
+  EXPECT_THAT(message(config), testing::HasSubstr("LAW_STABLE_NEO_HOOKE"));
+  config = elastic_pad();
+  config.mutable_scene()->mutable_tissue()->set_model(pb::TISSUE_REFERENCE);
+  EXPECT_THAT(message(config), testing::HasSubstr("give grid"));
+  config = elastic_pad();
+  config.mutable_scene()->mutable_tissue()->set_anchor_max_y_m(-1);
+  EXPECT_THAT(message(config), testing::HasSubstr("anchor_max_y_m"));
 }
 
 class SolidRole : public testing::TestWithParam<pb::BodyRole> {};

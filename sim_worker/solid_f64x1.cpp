@@ -1,0 +1,12 @@
+#define OMENTUM_LANES 1
+#define OMENTUM_REAL double
+// clang-format off
+#include "sim_worker/solid_kernel.h"
+#include "sim_worker/lanes.h"
+#include "sim_worker/solid_kernel.inl"
+// clang-format on
+
+extern const omentum::SolidKernel<Real> omentum::kSolidKernelF64x1;
+const omentum::SolidKernel<Real> omentum::kSolidKernelF64x1 = {
+    kLanes,    start_substep, find_residual, find_reaction,  multiply_hessian,
+    keep_free, dot_product,   add_scaled,    turn_direction, finish_substep};

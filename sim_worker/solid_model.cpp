@@ -1,0 +1,202 @@
+#include "sim_worker/solid_model.h"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "core/check.h"
+#include "sim_worker/solid_tissue.h"
+
+namespace omentum {
+namespace {
+
+using Eigen::Matrix3d;
+using Eigen::Vector3d;
+using Tetrahedron = std::array<std::int32_t, 10>;
+
+// Integration points and edges: solid_kernel.inl.
+constexpr double kNear = 0.58541019662496845446;
+constexpr double kFar = 0.13819660112501051518;
+
+/// Gradients of the volume coordinates in the rows.
+Eigen::Matrix<double, 4, 3> corner_gradients(const SolidMesh& mesh, const Tetrahedron& t) {
+  const auto node = [&](std::size_t k) { return mesh.nodes[static_cast<std::size_t>(t[k])]; };
+  Matrix3d edges;
+  for (int k = 0; k < 3; ++k) edges.col(k) = node(static_cast<std::size_t>(k) + 1) - node(0);
+  const Matrix3d inverse = edges.inverse();
+  Eigen::Matrix<double, 4, 3> g;
+  g.bottomRows<3>() = inverse;
+  g.row(0) = -inverse.colwise().sum();
+  return g;
+}
+
+/// Gradients of the ten shape functions at integration point q in the rows.
+Eigen::Matrix<double, 10, 3> shape_gradients(const Eigen::Matrix<double, 4, 3>& g, int q) {
+  const auto share = [q](int a) { return a == q ? kNear : kFar; };
+  Eigen::Matrix<double, 10, 3> n;
+  for (int a = 0; a < 4; ++a) n.row(a) = (4 * share(a) - 1) * g.row(a);
+  for (int k = 0; k < 6; ++k) {
+    const int a = kSolidEdge[k][0];
+    const int b = kSolidEdge[k][1];
+    n.row(4 + k) = 4 * (share(a) * g.row(b) + share(b) * g.row(a));
+  }
+  return n;
+}
+
+Eigen::Matrix<double, 4, 3> gradients_of(const SolidTissueModel& model, std::size_t t) {
+  return Eigen::Map<const Eigen::Matrix<double, 4, 3, Eigen::RowMajor>>(&model.gradient[12 * t]);
+}
+
+void set_geometry(SolidTissueModel& model, double density) {
+  const std::size_t nodes = model.mesh.nodes.size();
+  model.mass.assign(nodes, 0.0);
+  for (const Tetrahedron& t : model.mesh.tetrahedra) {
+    const Eigen::Matrix<double, 4, 3> g = corner_gradients(model.mesh, t);
+    for (int a = 0; a < 4; ++a) {
+      for (int k = 0; k < 3; ++k) model.gradient.push_back(g(a, k));
+    }
+    const double volume = tetrahedron_volume(model.mesh, t);
+    model.volume.push_back(volume);
+    // Diagonal of the consistent mass matrix, scaled to the whole [Hinton76]: 1/36 and 4/27.
+    for (std::size_t k = 0; k < 10; ++k) {
+      model.mass[static_cast<std::size_t>(t[k])] +=
+          density * volume * (k < 4 ? 1.0 / 36 : 4.0 / 27);
+    }
+  }
+  model.on_surface.assign(nodes, 0);
+  for (const Eigen::Vector3i& triangle : model.mesh.surface) {
+    for (int k = 0; k < 3; ++k) model.on_surface[static_cast<std::size_t>(triangle[k])] = 1;
+  }
+}
+
+/// The preconditioner: inertia and a Laplace operator of the shear stiffness. The rotated shear
+/// part of the Hessian is as stiff, whatever the rotation; the few stiff volume modes are left to
+/// the conjugate gradients.
+void set_factor(SolidTissueModel& model, double shear_modulus) {
+  std::vector<int> row_of;
+  std::vector<int> free_node;
+  for (int i = 0; i < model.nodes(); ++i) {
+    const bool fixed = model.body.fixed[static_cast<std::size_t>(i)] != 0;
+    row_of.push_back(fixed ? -1 : static_cast<int>(free_node.size()));
+    if (!fixed) free_node.push_back(i);
+  }
+  const double step = model.effective_step();
+  model.diagonal.assign(model.mass.size(), 0.0);
+  std::vector<Eigen::Triplet<double>> entries;
+  const auto add = [&](int i, int j, double value) {
+    if (i == j) model.diagonal[static_cast<std::size_t>(i)] += value;
+    const int row = row_of[static_cast<std::size_t>(i)];
+    const int column = row_of[static_cast<std::size_t>(j)];
+    if (row >= 0 && column >= 0) entries.emplace_back(row, column, value);
+  };
+  for (int i = 0; i < model.nodes(); ++i) {
+    add(i, i, model.mass[static_cast<std::size_t>(i)] / (step * step));
+  }
+  for (std::size_t t = 0; t < model.volume.size(); ++t) {
+    const Tetrahedron& node = model.mesh.tetrahedra[t];
+    for (int q = 0; q < 4; ++q) {
+      const Eigen::Matrix<double, 10, 3> n = shape_gradients(gradients_of(model, t), q);
+      const Eigen::Matrix<double, 10, 10> k =
+          2 * shear_modulus * model.volume[t] / 4 * n * n.transpose();
+      for (int a = 0; a < 10; ++a) {
+        for (int b = 0; b < 10; ++b) {
+          add(node[static_cast<std::size_t>(a)], node[static_cast<std::size_t>(b)], k(a, b));
+        }
+      }
+    }
+  }
+  Eigen::SparseMatrix<double> matrix(static_cast<Eigen::Index>(free_node.size()),
+                                     static_cast<Eigen::Index>(free_node.size()));
+  matrix.setFromTriplets(entries.begin(), entries.end());
+  model.factor = factorize(matrix, free_node);
+}
+
+}  // namespace
+
+double SolidTissueModel::effective_step() const {
+  return parameters.integrator() == pb::INTEGRATOR_BDF2 ? 2 * substep() / 3 : substep();
+}
+
+std::shared_ptr<const SolidTissueModel> make_solid_model(const Scene& scene,
+                                                         double control_period) {
+  const pb::Tissue& tissue = scene.config.tissue();
+  if (tissue.material().law() != pb::LAW_STABLE_NEO_HOOKE) {
+    throw_error(
+        "scene.tissue.material.law: {}, allowed for a volume of the model elastic: "
+        "LAW_STABLE_NEO_HOOKE",
+        pb::ElasticLaw_Name(tissue.material().law()));
+  }
+  if (scene.bodies.size() + 1 > kMaxShapes) {
+    throw_error("scene.rigid_body: {} bodies, allowed at most {}", scene.bodies.size(),
+                kMaxShapes - 1);
+  }
+  auto model = std::make_shared<SolidTissueModel>();
+  model->body = scene.tissue;
+  model->mesh = scene.solid;
+  OMENTUM_CHECK(model->mesh.nodes.size() == model->body.particles.size());
+  model->control_period = control_period;
+  model->material = tissue.material();
+  model->parameters = tissue.elastic();
+  model->gravity = scene.gravity;
+  model->static_friction = tissue.static_friction();
+  model->dynamic_friction = tissue.dynamic_friction();
+  model->contact_bodies = scene.bodies;
+  const pb::Tool& tool = scene.config.tool();
+  model->tool_contact = tool.contact();
+  model->tool_radius = tool.shaft_radius_m();
+  model->tool_start = tool.shaft_start_m() + tool.shaft_radius_m();
+  model->tool_length = tool.shaft_length_m();
+
+  model->spacing = tissue.volume().edge_length_m() / 2;
+  const double e = model->material.young_modulus_pa();
+  const double nu = model->material.poisson_ratio();
+  const double shear = e / (2 * (1 + nu));
+  const double lame = e * nu / ((1 + nu) * (1 - 2 * nu));
+  // [Smith18, section 3.4]: small strain has the Lame constants of E and nu, and rest is at F = 1.
+  model->mu = 4.0 / 3 * shear;
+  // lambda of nu = 0.3 is 1.5 mu; what is beyond it acts on means (solid_kernel.inl).
+  const double local = std::min(lame, 1.5 * shear);
+  model->lambda = local + 5.0 / 6 * shear;
+  model->bulk = lame - local;
+  model->alpha = 1 + 0.75 * model->mu / model->lambda;
+  set_geometry(*model, tissue.density_kg_per_m3());
+  set_factor(*model, shear);
+  return model;
+}
+
+std::unique_ptr<Tissue<float>> SolidTissueModel::make_tissue(const Kernel<float>& kernel) const {
+  return std::make_unique<SolidTissue<float>>(shared_from_this(), kernel);
+}
+
+std::unique_ptr<Tissue<double>> SolidTissueModel::make_tissue(const Kernel<double>& kernel) const {
+  return std::make_unique<SolidTissue<double>>(shared_from_this(), kernel);
+}
+
+double solid_energy(const SolidTissueModel& model, std::span<const Vector3d> p) {
+  const auto density = [&](const Matrix3d& f) {
+    const double i = f.squaredNorm();
+    const double off = f.determinant() - model.alpha;
+    return model.mu / 2 * (i - 3) + model.lambda / 2 * off * off - model.mu / 2 * std::log(i + 1);
+  };
+  const double rest = density(Matrix3d::Identity());
+  double energy = 0;
+  for (std::size_t t = 0; t < model.volume.size(); ++t) {
+    double mean = 0;
+    for (int q = 0; q < 4; ++q) {
+      const Eigen::Matrix<double, 10, 3> n = shape_gradients(gradients_of(model, t), q);
+      Matrix3d f = Matrix3d::Zero();
+      for (int k = 0; k < 10; ++k) {
+        const auto node =
+            static_cast<std::size_t>(model.mesh.tetrahedra[t][static_cast<std::size_t>(k)]);
+        f += p[node] * n.row(k);
+      }
+      energy += model.volume[t] / 4 * (density(f) - rest);
+      mean += f.determinant() / 4;
+    }
+    energy += model.volume[t] * model.bulk / 2 * (mean - 1) * (mean - 1);
+  }
+  return energy;
+}
+
+}  // namespace omentum

@@ -1,0 +1,104 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <vector>
+
+#include "core/aligned.h"
+#include "sim_worker/solid_kernel.h"
+#include "sim_worker/solid_model.h"
+
+namespace omentum {
+
+/// A batch of elastic solids, one per SIMD lane (tissue.h has the contract).
+template <typename Real>
+class SolidTissue final : public Tissue<Real> {
+ public:
+  SolidTissue(std::shared_ptr<const SolidTissueModel> model, const Kernel<Real>& kernel);
+
+  int lanes() const override { return kernel_.lanes; }
+  int particles() const override { return args_.nodes; }
+  const Kernel<Real>& kernel() const override { return kernel_; }
+  const SolidTissueModel& model() const { return *model_; }
+
+  void reset(int lane, const Eigen::Vector3d& offset) override;
+  void set_parameters(int lane, const LaneParameters& parameters) override;
+  void step(std::span<const ToolMotion> motion) override;
+  void hold(int lane, const Eigen::Vector3d& tip, double radius, bool collapse) override;
+  void release(int lane) override;
+  std::span<const std::int32_t> held(int lane) const override {
+    return held_[static_cast<std::size_t>(lane)].nodes;
+  }
+  void shift_held(int lane, const Eigen::Vector3d& by) override;
+  Eigen::Vector3d held_force(int lane) const override;
+  Eigen::Vector3d position(int lane, int particle) const override;
+  Eigen::Vector3d velocity(int lane, int particle) const override;
+  void set_position(int lane, int particle, const Eigen::Vector3d& p) override;
+  void set_velocity(int lane, int particle, const Eigen::Vector3d& v) override;
+  void find_nearest(std::span<const Eigen::Vector3d> points,
+                    std::span<Nearest> nearest) const override;
+  const Real* surface_positions() override { return x_.data(); }
+  int surface_vertices() const override { return args_.nodes; }
+  bool healthy(int lane) const override;
+  void save(int lane, Bytes& out) const override;
+  Result<std::size_t> load(int lane, std::span<const std::byte> state) override;
+  std::uint64_t hash(int lane) const override;
+
+  /// Force of the shapes on a node at the end of the last step, in W [N].
+  Eigen::Vector3d contact_force(int lane, int particle) const;
+  /// Gradient of the elastic energy at the present positions, of all nodes [N]: what the solver
+  /// uses. For tests.
+  std::vector<Eigen::Vector3d> elastic_gradient(int lane);
+
+ private:
+  struct Held {
+    std::vector<std::int32_t> nodes;
+    std::vector<std::array<Real, 3>> offsets;  ///< from the tip, in W
+    std::vector<Real> weights;                 ///< covered part of the node's share, (0, 1]
+  };
+  /// One number per lane, as the kernel reads it.
+  struct alignas(64) PerLane : std::array<Real, 16> {};
+
+  std::size_t index(int i, int axis, int lane) const {
+    return static_cast<std::size_t>((3 * i + axis) * kernel_.lanes + lane);
+  }
+  void find_contacts(std::span<const ToolMotion> motion);
+  void place_tool(std::span<const ToolMotion> motion, int substep);
+  void solve_substep();
+  void find_residual(PerLane& size);
+  void find_newton_step(PerLane rz, std::uint32_t active);
+  void precondition();
+  void apply_hold(int lane);
+
+  std::shared_ptr<const SolidTissueModel> model_;
+  const Kernel<Real>& kernel_;
+  const SolidKernel<Real>& solid_;
+  const ElasticKernel<Real>& elastic_;
+  Real rest_energy_ = 0;  ///< residuals below it are rounding [J]
+  SolidArgs<Real> args_{};
+  ElasticArgs<Real> factor_args_{};    ///< of the triangular solves
+  KernelArgs<Real> candidate_args_{};  ///< of the search for contacts
+
+  // Model in the kernel's precision.
+  std::vector<std::int32_t> tetrahedron_;
+  std::vector<Real> gradient_, volume_, mass_, mass_over_step2_, contact_gain_, panel_value_;
+
+  // State and scratch, per lane.
+  AlignedVector<Real> x_, v_, v_old_, d_old_, d_, moved_, b_, step_, z_, p_, hp_;
+  AlignedVector<Real> contact_force_, contact_next_, contact_normal_, contact_slide_,
+      hold_stiffness_, hold_target_;
+  std::vector<std::uint32_t> touches_, free_mask_, contact_mask_, candidates_, candidate_any_;
+  std::vector<std::int32_t> contact_node_;
+  std::vector<Held> held_;
+  std::vector<LaneParameters> parameters_;
+  AlignedVector<Real> held_force_, stiffness_, gravity_, keep_, static_friction_, dynamic_friction_,
+      capsule_, capsule_motion_, capsule_sweep_;
+};
+
+extern template class SolidTissue<float>;
+extern template class SolidTissue<double>;
+
+}  // namespace omentum

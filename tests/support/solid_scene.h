@@ -1,0 +1,53 @@
+#pragma once
+
+// Elastic solids for physics tests: a box, nothing around it unless asked.
+
+#include <memory>
+#include <vector>
+
+#include "sim_worker/solid_tissue.h"
+
+namespace omentum::test {
+
+struct SolidCase {
+  Eigen::Vector3d size{0.01, 0.12, 0.01};  ///< [m], centred on B
+  double edge_length = 0.01;
+  double young = 15e6, poisson = 0.3, damping = 0, density = 1000;
+  unsigned substeps = 5;
+  pb::Integrator integrator = pb::INTEGRATOR_BACKWARD_EULER;
+  Eigen::Vector3d gravity{0, 0, -9.81};
+  Eigen::Isometry3d X_WB = Eigen::Isometry3d::Identity();
+  double anchor_max_y = -0.06 + 1e-9;  ///< the face at y_B = -60 mm
+  std::vector<RigidShape> bodies;
+  double static_friction = 0, dynamic_friction = 0;
+};
+
+inline std::shared_ptr<const SolidTissueModel> make_solid(const SolidCase& c) {
+  Scene scene;
+  pb::Tissue& tissue = *scene.config.mutable_tissue();
+  tissue.set_model(pb::TISSUE_ELASTIC);
+  tissue.mutable_volume()->set_edge_length_m(c.edge_length);
+  tissue.set_density_kg_per_m3(c.density);
+  tissue.mutable_material()->set_law(pb::LAW_STABLE_NEO_HOOKE);
+  tissue.mutable_material()->set_young_modulus_pa(c.young);
+  tissue.mutable_material()->set_poisson_ratio(c.poisson);
+  tissue.mutable_material()->set_damping_per_s(c.damping);
+  tissue.mutable_elastic()->set_substeps(c.substeps);
+  tissue.mutable_elastic()->set_integrator(c.integrator);
+  tissue.set_static_friction(c.static_friction);
+  tissue.set_dynamic_friction(c.dynamic_friction);
+  scene.config.mutable_tool()->set_contact(false);
+  scene.gravity = c.gravity;
+  scene.bodies = c.bodies;
+  scene.solid = fill_mesh(make_box_mesh(0.5 * c.size), "box", c.edge_length);
+  scene.tissue.X_WB = c.X_WB;
+  scene.tissue.particles = scene.solid.nodes;
+  scene.tissue.surface_triangles = scene.solid.surface;
+  for (const auto& p : scene.tissue.particles) {
+    scene.tissue.fixed.push_back(p.y() <= c.anchor_max_y ? 1 : 0);
+  }
+  scene.tissue.particle_radius = 0.0015;
+  return make_solid_model(scene, 0.02);
+}
+
+}  // namespace omentum::test
