@@ -2,6 +2,7 @@
 
 #include <cstdint>
 
+#include "sim_worker/elastic_effects.h"
 #include "sim_worker/kernel.h"
 
 namespace omentum {
@@ -32,14 +33,10 @@ struct ElasticArgs {
   std::int32_t count_x, count_y;
   std::int32_t nodes;
   const std::uint8_t* fixed;       ///< per node, 1 = anchored
-  const Real* mass_over_step2;     ///< per node: m / (effective step)^2 [N/m]
   const Real* mass;                ///< per node [kg]
   const std::int32_t* bend_begin;  ///< per node, nodes + 1: row of the bending matrix
   const std::int32_t* bend_node;
   const Real* bend;     ///< off-diagonal entries, nominal stiffness [N/m]
-  Real inverse_pitch2;  ///< 1 / pitch^2 [1/m^2]
-  Real shear;           ///< 2 mu t a_T / pitch^2, nominal [N/m]
-  Real area;            ///< lambda t a_T / pitch^2, nominal [N/m]
   bool second_order;    ///< BDF2 instead of backward Euler
   Real effective_step;  ///< h, or 2 h / 3 for BDF2 [s]
   Real inverse_step;    ///< 1 / effective step [1/s]
@@ -74,6 +71,7 @@ struct ElasticArgs {
   const std::int32_t* patch_node;  ///< [kMaxPatch][lane]
   const Real* patch_target;        ///< [kMaxPatch][xyz][lane], in W [m]
   const Real* patch_compliance;    ///< [kMaxPatch][lane] [m/N]
+  const Real* patch_give;          ///< [lane] of the jaws, the same for all nodes [m/N]
   const Real* patch_inverse;       ///< (P^T A^-1 P + C)^-1 [kMaxPatch][kMaxPatch][lane] [N/m]
   const Real* patch_response;      ///< A^-1 P [node][kMaxPatch][lane] [m/N]
   Real* patch_force;               ///< lambda [kMaxPatch][xyz][lane] [N]
@@ -100,6 +98,8 @@ struct ElasticArgs {
   const Real* capsule_motion;
   const Real* static_friction;
   const Real* dynamic_friction;
+
+  ElasticEffectArgs<Real> effects;
 };
 
 /// One implementation of the elastic kernel: same source, different width. ElasticTissue::step
@@ -120,6 +120,12 @@ struct ElasticKernel {
   /// Loads the right-hand side of the contact changes; returns the lanes that have one.
   std::uint32_t (*load_contact_change)(const ElasticArgs<Real>&);
   void (*drop_far_contacts)(const ElasticArgs<Real>&);
+  void (*remember_effects)(const ElasticArgs<Real>&);
+  /// Rounds of the solve with springs (elastic_effects.inl).
+  void (*start_springs)(const ElasticArgs<Real>&);
+  void (*take_answer)(const ElasticArgs<Real>&);
+  void (*advance_springs)(const ElasticArgs<Real>&, bool first);
+  void (*load_solution)(const ElasticArgs<Real>&);
   void (*finish_substep)(const ElasticArgs<Real>&);
 };
 

@@ -31,6 +31,12 @@ inline Bits nonzero(Lane3 a) {
          to_bits(a.z < zero) | to_bits(zero < a.z);
 }
 
+}  // namespace
+
+#include "sim_worker/elastic_effects.inl"
+
+namespace {
+
 /// Displacement of a node that nothing acts on. BDF2 carries two substeps of history.
 inline Lane3 inertial_displacement(const Args& args, int i) {
   const Lane step = splat(args.effective_step);
@@ -48,32 +54,47 @@ void start_substep(const Args& args) {
     const Lane3 d = args.fixed[i] != 0 ? zero3() : inertial_displacement(args, i);
     store3(args.d + 3 * kLanes * i, d);
   }
+  start_effects(args);
 }
 
 // ---------------------------------------------------------------------------------------------------------------------
 // Residual.
 
-/// Inertia, gravity, contact and bending of each node. Bending is a constant matrix whose rows sum
-/// to zero, so it acts on differences: what a node gets its neighbour loses, to the last bit.
+/// Bending is a constant matrix whose rows sum to zero, so it acts on differences: what a node gets
+/// its neighbour loses, to the last bit.
+inline Lane3 bending_gradient(const Args& args, int i) {
+  const Lane3 x = load3(args.moved + 3 * kLanes * i);
+  const Real* const lanes = args.effects.bend;
+  Lane3 bending = zero3();
+  for (int k = args.bend_begin[i]; k < args.bend_begin[i + 1]; ++k) {
+    const Lane3 to = load3(args.moved + 3 * kLanes * args.bend_node[k]) - x;
+    const Lane entry = lanes == nullptr ? splat(args.bend[k]) : load(lanes + kLanes * k);
+    bending = fma(entry, to, bending);
+  }
+  return bending;
+}
+
+/// Inertia, gravity, contact and bending of each node.
 void load_node_forces(const Args& args) {
   const Lane3 gravity = load3(args.gravity);
   const Lane stiffness = load(args.stiffness);
+  const Lane density = load(args.effects.density);
+  const Lane inverse_step2 = splat(args.inverse_step * args.inverse_step);
   for (int i = 0; i < args.nodes; ++i) {
     if (args.fixed[i] != 0) {
       store3(args.b + 3 * kLanes * i, zero3());
       continue;
     }
-    const Lane3 x = load3(args.moved + 3 * kLanes * i);
-    Lane3 bending = zero3();
-    for (int k = args.bend_begin[i]; k < args.bend_begin[i + 1]; ++k) {
-      const Lane3 to = load3(args.moved + 3 * kLanes * args.bend_node[k]) - x;
-      bending = fma(splat(args.bend[k]), to, bending);
-    }
-    Lane3 force = zero3() - splat(args.mass[i]) * gravity;
+    Lane3 bending = bending_gradient(args, i);
+    if (args.effects.prony != 0) bending = relaxed_bending(args, i, bending);
+    const Lane mass =
+        density *
+        (args.effects.mass == nullptr ? splat(args.mass[i]) : load(args.effects.mass + kLanes * i));
+    Lane3 force = zero3() - mass * gravity;
     if (args.has_contact) force = force - load3(args.contact_force + 3 * kLanes * i);
     if (!args.at_start) {
       const Lane3 d = load3(args.d + 3 * kLanes * i);
-      force = fma(splat(args.mass_over_step2[i]), d - inertial_displacement(args, i), force);
+      force = fma(mass * inverse_step2, d - inertial_displacement(args, i), force);
     }
     store3(args.b + 3 * kLanes * i, fma(stiffness, bending, force));
   }
@@ -83,36 +104,41 @@ struct EdgeForces {
   Lane3 x, y;
 };
 
-/// Forces along the two legs of a right triangle, from the legs themselves. With F = [e_x e_y] /
-/// pitch and F = R S:
+/// Stress of a right triangle from p, q, r. With F = [e_x e_y] / pitch and F = R S:
 ///   [p q; q r] = F^T F,  delta = det S,  tau = tr S,  S^-1 = [r + delta, -q; -q, p + delta] /
 ///   (delta tau) dPsi/dF = 2 mu (F - R) + lambda (tau - 2) R = F (2 mu - k S^-1),  k = 2 mu -
 ///   lambda (tau - 2)
-inline EdgeForces membrane(const Args& args, Lane3 ex, Lane3 ey, Lane shear, Lane area) {
-  const Lane scale = splat(args.inverse_pitch2);
-  const Lane p = scale * dot(ex, ex);
-  const Lane q = scale * dot(ex, ey);
-  const Lane r = scale * dot(ey, ey);
+inline Stress corotated_stress(Lane p, Lane q, Lane r, Lane shear, Lane area) {
   // 1e-20: a triangle squeezed to a line stays finite.
   const Lane delta = sqrt(max(fnma(q, q, p * r), splat(static_cast<Real>(1e-20))));
   const Lane two = splat(Real{2});
   const Lane tau = sqrt(fma(two, delta, p + r));
   const Lane k = fnma(area, tau - two, shear);
   const Lane s = k / (delta * tau);
-  const Lane xx = fnma(s, r + delta, shear);
-  const Lane xy = s * q;
-  const Lane yy = fnma(s, p + delta, shear);
-  return {fma(xx, ex, xy * ey), fma(xy, ex, yy * ey)};
+  return {fnma(s, r + delta, shear), s * q, fnma(s, p + delta, shear)};
+}
+
+/// Forces along the two legs of a right triangle, from the legs themselves.
+template <bool kEffects>
+inline EdgeForces membrane(const Args& args, Lane3 ex, Lane3 ey, Lane shear, Lane area,
+                           int triangle) {
+  const Lane scale = load(args.effects.inverse_pitch2);
+  const Lane p = scale * dot(ex, ex);
+  const Lane q = scale * dot(ex, ey);
+  const Lane r = scale * dot(ey, ey);
+  Stress s = corotated_stress(p, q, r, shear, area);
+  if (kEffects) s = add_effects(args, green_strain(p, q, r), shear, s, triangle);
+  return {fma(s.xx, ex, s.xy * ey), fma(s.xy, ex, s.yy * ey)};
 }
 
 /// Two triangles per cell, their diagonals alternating; every triangle has one leg along each axis.
 ///   e --xe-- c
 ///   ya      yb      even cells: (xa, yb) and (xe, ya);   odd cells: (xa, ya) and (xe, yb)
 ///   a --xa-- b
+template <bool kEffects>
 void add_membrane_forces(const Args& args) {
-  const Lane stiffness = load(args.stiffness);
-  const Lane shear = splat(args.shear) * stiffness;
-  const Lane area = splat(args.area) * stiffness;
+  Lane shear = load(args.effects.shear);
+  Lane area = load(args.effects.area);
   constexpr int kNode = 3 * kLanes;
   for (int ix = 0; ix + 1 < args.count_x; ++ix) {
     const int begin = args.count_y * ix;
@@ -123,6 +149,11 @@ void add_membrane_forces(const Args& args) {
     Lane3 force_a = load3(args.b + kNode * begin);
     Lane3 force_b = load3(args.b + kNode * next);
     for (int iy = 0; iy + 1 < args.count_y; ++iy) {
+      const int cell = (args.count_y - 1) * ix + iy;
+      if (kEffects && args.effects.cell != nullptr) {
+        shear = load(args.effects.cell + 2 * kLanes * cell);
+        area = load(args.effects.cell + 2 * kLanes * cell + kLanes);
+      }
       const Lane3 e = load3(args.moved + kNode * (begin + iy + 1));
       const Lane3 c = load3(args.moved + kNode * (next + iy + 1));
       const Lane3 xa = b - a;
@@ -130,8 +161,9 @@ void add_membrane_forces(const Args& args) {
       const Lane3 ya = e - a;
       const Lane3 yb = c - b;
       const bool even = (ix + iy) % 2 == 0;
-      const EdgeForces low = membrane(args, xa, even ? yb : ya, shear, area);
-      const EdgeForces high = membrane(args, xe, even ? ya : yb, shear, area);
+      const EdgeForces low = membrane<kEffects>(args, xa, even ? yb : ya, shear, area, 2 * cell);
+      const EdgeForces high =
+          membrane<kEffects>(args, xe, even ? ya : yb, shear, area, 2 * cell + 1);
       const Lane3 left = even ? high.y : low.y;
       const Lane3 right = even ? low.y : high.y;
       store3(args.b + kNode * (begin + iy), force_a - low.x - left);
@@ -152,7 +184,54 @@ void find_residual(const Args& args) {
     store3(args.moved + 3 * kLanes * i, moved);
   }
   load_node_forces(args);
-  add_membrane_forces(args);
+  if (args.effects.membrane) {
+    add_membrane_forces<true>(args);
+  } else {
+    add_membrane_forces<false>(args);
+  }
+  add_node_effects(args);
+}
+
+/// End of a substep, before finish_substep: what the effects remember.
+void remember_effects(const Args& args) {
+  const auto& fx = args.effects;
+  for (int i = 0; i < args.nodes; ++i) {
+    const Lane3 moved = load3(args.x + 3 * kLanes * i) + load3(args.d + 3 * kLanes * i);
+    store3(args.moved + 3 * kLanes * i, moved);
+  }
+  if (fx.bonds != 0) remember_bonds(args);
+  if ((fx.prony | fx.slider | fx.stiffening) == 0) return;
+  Lane shear = load(fx.shear);
+  Lane area = load(fx.area);
+  const Lane scale = load(fx.inverse_pitch2);
+  for (int ix = 0; ix + 1 < args.count_x; ++ix) {
+    for (int iy = 0; iy + 1 < args.count_y; ++iy) {
+      const int cell = (args.count_y - 1) * ix + iy;
+      if (fx.cell != nullptr) {
+        shear = load(fx.cell + 2 * kLanes * cell);
+        area = load(fx.cell + 2 * kLanes * cell + kLanes);
+      }
+      const int at = args.count_y * ix + iy;
+      const Lane3 a = load3(args.moved + 3 * kLanes * at);
+      const Lane3 e = load3(args.moved + 3 * kLanes * (at + 1));
+      const Lane3 b = load3(args.moved + 3 * kLanes * (at + args.count_y));
+      const Lane3 c = load3(args.moved + 3 * kLanes * (at + args.count_y + 1));
+      const bool even = (ix + iy) % 2 == 0;
+      for (int k = 0; k < 2; ++k) {
+        const Lane3 ex = k == 0 ? b - a : c - e;
+        const Lane3 ey = (k == 0) == even ? c - b : e - a;
+        const Lane p = scale * dot(ex, ex);
+        const Lane q = scale * dot(ex, ey);
+        const Lane r = scale * dot(ey, ey);
+        remember_triangle(args, green_strain(p, q, r), shear,
+                          corotated_stress(p, q, r, shear, area), 2 * cell + k);
+      }
+    }
+  }
+  if (fx.prony == 0) return;
+  for (int i = 0; i < args.nodes; ++i) {
+    if (args.fixed[i] == 0) remember_bending(args, i, bending_gradient(args, i));
+  }
 }
 
 // ---------------------------------------------------------------------------------------------------------------------
@@ -261,6 +340,15 @@ void hold_patch(const Args& args) {
         const Real off = (args.x[at] - args.patch_target[here]) + args.d[at];
         miss[here] = off - compliance * args.patch_force[here];
       }
+    }
+  }
+  for (int lane = 0; lane < kLanes; ++lane) {
+    const Real give = args.patch_give[lane];
+    for (int axis = 0; axis < 3 && give > Real{0}; ++axis) {
+      Real sum = 0;
+      for (int k = 0; k < args.patch_size; ++k)
+        sum += args.patch_force[(3 * k + axis) * kLanes + lane];
+      for (int k = 0; k < args.patch_size; ++k) miss[(3 * k + axis) * kLanes + lane] -= give * sum;
     }
   }
   Lane3 change[kMaxPatch];

@@ -20,7 +20,10 @@ using Eigen::Vector3d;
 // from there.
 constexpr int kMaxContactRounds = 8;
 constexpr double kContactTolerance = 5e-5;
-constexpr double kLeastCover = 1e-3;  // of a cell: a thinner hold is none
+// Rounds of conjugate gradients where tissue hangs on springs (effects adhesion and suction).
+constexpr int kSpringRounds = 8;
+constexpr std::uint32_t kEffectsFollow = 1U << 31;  // beside the count of held nodes in a state
+constexpr double kLeastCover = 1e-3;                // of a cell: a thinner hold is none
 
 const ElasticKernel<float>& elastic_kernel_for(const Kernel<float>& kernel) {
   if (kernel.lanes == 16) return kElasticKernelF32x16;
@@ -51,18 +54,18 @@ bool usable(const LaneParameters& p) {
 template <typename Real>
 ElasticTissue<Real>::ElasticTissue(std::shared_ptr<const ElasticTissueModel> model,
                                    const Kernel<Real>& kernel)
-    : model_(std::move(model)), kernel_(kernel), elastic_(elastic_kernel_for(kernel)) {
+    : model_(std::move(model)),
+      kernel_(kernel),
+      elastic_(elastic_kernel_for(kernel)),
+      effects_(model_, kernel.lanes) {
   OMENTUM_CHECK(elastic_.lanes == kernel_.lanes);
   const auto W = static_cast<std::size_t>(kernel_.lanes);
   const auto n = static_cast<std::size_t>(model_->nodes());
   const double step = model_->effective_step();
   const bool second_order = model_->parameters.integrator() == pb::INTEGRATOR_BDF2;
 
-  mass_ = convert<Real>(model_->mass);
-  for (const double m : model_->mass) {
-    mass_over_step2_.push_back(static_cast<Real>(m / (step * step)));
-  }
-  bend_ = convert<Real>(model_->bending.value);
+  mass_ = convert<Real>(model_->structure.mass);
+  bend_ = convert<Real>(model_->structure.bending.value);
 
   for (auto* v : {&x_, &v_, &d_, &moved_, &b_, &keep_b_, &contact_force_}) {
     v->assign(3 * n * W, Real{0});
@@ -81,6 +84,8 @@ ElasticTissue<Real>::ElasticTissue(std::shared_ptr<const ElasticTissueModel> mod
   patch_force_.assign(3 * kPatch * W, Real{0});
   held_force_.assign(3 * W, Real{0});
   parameters_.resize(W);
+  slipped_.assign(W, 0);
+  patch_give_.assign(W, Real{0});
   key_.assign(W, 0);
   for (auto* v : {&stiffness_, &keep_, &static_friction_, &dynamic_friction_, &capsule_sweep_}) {
     v->assign(W, Real{0});
@@ -99,13 +104,9 @@ ElasticTissue<Real>::ElasticTissue(std::shared_ptr<const ElasticTissueModel> mod
   args_.nodes = model_->nodes();
   args_.fixed = model_->body.fixed.data();
   args_.mass = mass_.data();
-  args_.mass_over_step2 = mass_over_step2_.data();
-  args_.bend_begin = model_->bending.begin.data();
-  args_.bend_node = model_->bending.node.data();
+  args_.bend_begin = model_->structure.bending.begin.data();
+  args_.bend_node = model_->structure.bending.node.data();
   args_.bend = bend_.data();
-  args_.inverse_pitch2 = static_cast<Real>(1 / (model_->pitch * model_->pitch));
-  args_.shear = static_cast<Real>(model_->shear);
-  args_.area = static_cast<Real>(model_->area);
   args_.second_order = second_order;
   args_.effective_step = static_cast<Real>(step);
   args_.inverse_step = static_cast<Real>(1 / step);
@@ -125,6 +126,7 @@ ElasticTissue<Real>::ElasticTissue(std::shared_ptr<const ElasticTissueModel> mod
   args_.patch_node = patch_node_.data();
   args_.patch_target = patch_target_.data();
   args_.patch_compliance = patch_compliance_.data();
+  args_.patch_give = patch_give_.data();
   args_.patch_inverse = patch_inverse_.data();
   args_.patch_response = patch_response_.data();
   args_.patch_force = patch_force_.data();
@@ -215,15 +217,46 @@ void ElasticTissue<Real>::set_parameters(int lane, const LaneParameters& paramet
   stiffness_[l] = static_cast<Real>(parameters.stiffness_scale);
   const double damping = model_->material.damping_per_s() * parameters.damping_scale;
   keep_[l] = static_cast<Real>(decay(damping * model_->effective_step()));
+  const EffectValues& effects = parameters.effects ? *parameters.effects : model_->effects;
+  const Vector3d gravity = tilted_gravity(effects, model_->gravity);
   for (int axis = 0; axis < 3; ++axis) {
     gravity_[static_cast<std::size_t>(axis) * W + l] =
-        static_cast<Real>(model_->gravity[axis] * parameters.gravity_scale);
+        static_cast<Real>(gravity[axis] * parameters.gravity_scale);
   }
-  static_friction_[l] = static_cast<Real>(model_->static_friction * parameters.friction_scale);
-  dynamic_friction_[l] = static_cast<Real>(model_->dynamic_friction * parameters.friction_scale);
-  key_[l] = ElasticTissueModel::factor_key(parameters.stiffness_scale);
+  const double friction = parameters.friction_scale * (1 + effects.friction_change);
+  static_friction_[l] = static_cast<Real>(model_->static_friction * friction);
+  dynamic_friction_[l] = static_cast<Real>(model_->dynamic_friction * friction);
+  patch_give_[l] = static_cast<Real>(effects.grasp_compliance);
+  effects_.set(lane, effects, parameters.stiffness_scale);
+  args_.effects = effects_.args();
+  update_key(lane);
+}
+
+template <typename Real>
+void ElasticTissue<Real>::update_key(int lane) {
+  const auto l = static_cast<std::size_t>(lane);
+  key_[l] = effects_.factor_key(lane);
   group_lanes();
   if (!held_[l].nodes.empty()) make_patch(lane);
+}
+
+/// Before a control step: factors that fit the tangents of the last one, and slip of the grasps.
+template <typename Real>
+void ElasticTissue<Real>::begin_effects() {
+  const std::uint32_t changed = effects_.begin_step();
+  for (int lane = 0; lane < lanes(); ++lane) {
+    if ((changed >> lane & 1U) != 0) update_key(lane);
+    const auto l = static_cast<std::size_t>(lane);
+    const EffectValues& effects = effects_.values(lane);
+    if (held_[l].nodes.empty() || !(effects.slip_speed > 0)) continue;
+    const Vector3d slip = slip_of(effects, held_force(lane), model_->control_period);
+    slipped_[l] += slip.norm();
+    if (effects.slip_loss > 0 && slipped_[l] > effects.slip_loss) {
+      release(lane);
+    } else {
+      shift_held(lane, slip);
+    }
+  }
 }
 
 template <typename Real>
@@ -237,6 +270,8 @@ void ElasticTissue<Real>::reset(int lane, const Vector3d& offset) {
     for (int axis = 0; axis < 3; ++axis) contact_force_[index(i, axis, lane)] = Real{0};
   }
   for (int axis = 0; axis < 3; ++axis) held_force_[index(0, axis, lane)] = Real{0};
+  effects_.reset(lane, offset);
+  update_key(lane);
 }
 
 // One control step (tissue.md section 7). The tool moves on a straight line over the substeps.
@@ -245,6 +280,7 @@ void ElasticTissue<Real>::step(std::span<const ToolMotion> motion) {
   OMENTUM_CHECK(static_cast<int>(motion.size()) == lanes());
   const auto substeps = static_cast<int>(model_->parameters.substeps());
   const auto iterations = static_cast<int>(model_->parameters.iterations());
+  begin_effects();
   if (args_.has_contact) find_contacts(motion);
   for (int substep = 0; substep < substeps; ++substep) {
     place_tool(motion, substep);
@@ -253,6 +289,7 @@ void ElasticTissue<Real>::step(std::span<const ToolMotion> motion) {
       args_.at_start = iteration == 0;
       iterate();
     }
+    elastic_.remember_effects(args_);
     elastic_.finish_substep(args_);
   }
   for (int lane = 0; lane < lanes(); ++lane) {
@@ -310,7 +347,11 @@ void ElasticTissue<Real>::place_tool(std::span<const ToolMotion> motion, int sub
 template <typename Real>
 void ElasticTissue<Real>::iterate() {
   elastic_.find_residual(args_);
-  solve_for(~0U);
+  if (effects_.has_springs()) {
+    solve_with_springs();
+  } else {
+    solve_for(~0U);
+  }
   if (held_lanes_ != 0) {
     std::fill(patch_force_.begin(), patch_force_.end(), Real{0});
     hold_for(held_lanes_);
@@ -336,6 +377,28 @@ void ElasticTissue<Real>::solve_for(std::uint32_t lanes) {
     elastic_.solve(args_);
     elastic_.subtract_solution(args_);
   }
+}
+
+/// d -= (A + D)^-1 b with the springs D of the effects (elastic_effects.inl).
+template <typename Real>
+void ElasticTissue<Real>::solve_with_springs() {
+  elastic_.start_springs(args_);
+  for (int round = 0; round < kSpringRounds; ++round) {
+    for (const KeyGroup& group : groups_) {
+      std::copy_n(args_.effects.rest, b_.size(), b_.begin());
+      args_.lanes = group.lanes;
+      args_.panel = group.factor->shared->panels.data();
+      args_.panels = static_cast<std::int32_t>(group.factor->shared->panels.size());
+      args_.panel_node = group.factor->shared->panel_node.data();
+      args_.panel_value = group.factor->value.data();
+      elastic_.solve(args_);
+      elastic_.take_answer(args_);
+    }
+    elastic_.advance_springs(args_, round == 0);
+  }
+  elastic_.load_solution(args_);
+  args_.lanes = ~0U;
+  elastic_.subtract_solution(args_);
 }
 
 template <typename Real>
@@ -403,12 +466,18 @@ template <typename Real>
 void ElasticTissue<Real>::hold(int lane, const Vector3d& tip, double radius, bool collapse) {
   release(lane);
   Held& held = held_[static_cast<std::size_t>(lane)];
+  const EffectValues& effects = effects_.values(lane);
+  const Vector3d beside =
+      model_->body.X_WB.linear() * Vector3d(effects.grasp_x, effects.grasp_y, 0);
+  const Eigen::Matrix3d turn = jaw_turn(effects, model_->shaft_axis);
+  radius += effects.grasp_radius;
   for (int i = 0; i < particles(); ++i) {
     if (model_->body.fixed[static_cast<std::size_t>(i)] != 0) continue;
     const Vector3d offset = position(lane, i) - tip;
-    const double covered = (radius - offset.norm()) / model_->pitch + 0.5;
+    const double covered = (radius - (offset - beside).norm()) / model_->pitch + 0.5;
     if (!(covered > kLeastCover)) continue;
-    const Vector3d kept = collapse ? Vector3d::Zero() : offset;
+    Vector3d kept = turn * offset;
+    if (collapse) kept.setZero();
     held.nodes.push_back(i);
     held.offsets.push_back(
         {static_cast<Real>(kept.x()), static_cast<Real>(kept.y()), static_cast<Real>(kept.z())});
@@ -428,6 +497,7 @@ void ElasticTissue<Real>::hold(int lane, const Vector3d& tip, double radius, boo
 template <typename Real>
 void ElasticTissue<Real>::release(int lane) {
   Held& held = held_[static_cast<std::size_t>(lane)];
+  slipped_[static_cast<std::size_t>(lane)] = 0;
   if (held.nodes.empty()) return;
   set_free(lane, held, true);
   clear_patch(lane);
@@ -452,6 +522,7 @@ void ElasticTissue<Real>::make_patch(int lane) {
       system(j, k) = response(j, held.nodes[static_cast<std::size_t>(k)]);
     }
     system(k, k) += compliance;
+    system.col(k).array() += effects_.values(lane).grasp_compliance;
     patch_node_[static_cast<std::size_t>(k * W + lane)] = held.nodes[static_cast<std::size_t>(k)];
     patch_compliance_[static_cast<std::size_t>(k * W + lane)] = static_cast<Real>(compliance);
     for (int i = 0; i < particles(); ++i) {
@@ -590,9 +661,14 @@ std::vector<Vector3d> ElasticTissue<Real>::elastic_gradient(int lane) {
     Vector3d force = Vector3d::Zero();
     for (int axis = 0; axis < 3 && model_->body.fixed[p] == 0; ++axis) {
       const auto g = static_cast<std::size_t>(axis * lanes() + lane);
+      const auto l = static_cast<std::size_t>(lane);
+      const Real mass = args_.effects.density[l] *
+                        (args_.effects.mass == nullptr
+                             ? mass_[p]
+                             : args_.effects.mass[p * static_cast<std::size_t>(lanes()) + l]);
       force[axis] = static_cast<double>(b_[index(i, axis, lane)]) +
                     static_cast<double>(contact_force_[index(i, axis, lane)]) +
-                    static_cast<double>(mass_[p] * gravity_[g]);
+                    static_cast<double>(mass * gravity_[g]);
     }
     gradient.push_back(force);
   }
@@ -621,10 +697,15 @@ void ElasticTissue<Real>::save(int lane, Bytes& out) const {
   }
   const Held& held = held_[static_cast<std::size_t>(lane)];
   const auto count = static_cast<std::uint32_t>(held.nodes.size());
-  add(&count, sizeof count);
+  const std::uint32_t word = count | (effects_.values(lane) == EffectValues{} ? 0 : kEffectsFollow);
+  add(&word, sizeof word);
   add(held.nodes.data(), count * sizeof(std::int32_t));
   add(held.offsets.data(), count * sizeof(held.offsets[0]));
   add(held.weights.data(), count * sizeof(Real));
+  if (!(effects_.values(lane) == EffectValues{})) {
+    add(&slipped_[static_cast<std::size_t>(lane)], sizeof(double));
+    effects_.save(lane, out);
+  }
 }
 
 template <typename Real>
@@ -644,6 +725,8 @@ Result<std::size_t> ElasticTissue<Real>::load(int lane, std::span<const std::byt
   std::memcpy(values.data(), state.data(), reals * sizeof(Real));
   std::memcpy(scales.data(), state.data() + reals * sizeof(Real), sizeof scales);
   std::memcpy(&count, state.data() + fixed_size - sizeof count, sizeof count);
+  const bool has_effects = (count & kEffectsFollow) != 0;
+  count &= ~kEffectsFollow;
   Held held;
   const std::size_t entry = sizeof(std::int32_t) + sizeof(held.offsets[0]) + sizeof(Real);
   if (count > static_cast<std::uint32_t>(kMaxPatch) || state.size() < fixed_size + count * entry) {
@@ -653,7 +736,7 @@ Result<std::size_t> ElasticTissue<Real>::load(int lane, std::span<const std::byt
   for (const Real v : values) {
     if (!std::isfinite(v)) return Failure{"tissue state holds a non-finite number"};
   }
-  const LaneParameters parameters{scales[0], scales[1], scales[2], scales[3]};
+  LaneParameters parameters{scales[0], scales[1], scales[2], scales[3], EffectValues{}};
   if (!usable(parameters)) return Failure{"tissue state holds lane parameters out of range"};
   held.nodes.resize(count);
   held.offsets.resize(count);
@@ -681,6 +764,21 @@ Result<std::size_t> ElasticTissue<Real>::load(int lane, std::span<const std::byt
       return Failure{fmt::format("tissue state holds node {} with a bad weight or offset", i)};
     }
   }
+  std::size_t used = fixed_size + count * entry;
+  double slipped = 0;
+  std::span<const std::byte> of_effects;
+  if (has_effects) {
+    if (state.size() < used + sizeof slipped) return Failure{"tissue state ends in its effects"};
+    std::memcpy(&slipped, state.data() + used, sizeof slipped);
+    if (!(slipped >= 0 && slipped <= 1)) return Failure{"tissue state holds a bad slip"};
+    used += sizeof slipped;
+    of_effects = state.subspan(used);
+    const Result<std::size_t> read = effects_.read(of_effects, *parameters.effects);
+    if (!read) return Failure{read.error()};
+    used += read.value();
+  } else if (model_->effects.moves_anchor()) {
+    return Failure{"tissue state without the effects of the anchor"};
+  }
 
   release(lane);
   std::size_t next = 0;
@@ -692,8 +790,11 @@ Result<std::size_t> ElasticTissue<Real>::load(int lane, std::span<const std::byt
   }
   held_[static_cast<std::size_t>(lane)] = std::move(held);
   set_free(lane, held_[static_cast<std::size_t>(lane)], false);
+  effects_.reset(lane, Vector3d::Zero());
   set_parameters(lane, parameters);
-  return fixed_size + count * entry;
+  slipped_[static_cast<std::size_t>(lane)] = slipped;
+  if (has_effects) effects_.load(lane, of_effects);
+  return used;
 }
 
 template <typename Real>

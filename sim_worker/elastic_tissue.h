@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "sim_worker/elastic_kernel.h"
+#include "sim_worker/elastic_lane_effects.h"
 #include "sim_worker/elastic_model.h"
 #include "sim_worker/tissue.h"
 
@@ -84,6 +85,9 @@ class ElasticTissue : public Tissue<Real> {
   }
   const Factor& factor_of(int key);
   void group_lanes();
+  void update_key(int lane);
+  void begin_effects();
+  void solve_with_springs();
   void set_free(int lane, const Held& held, bool free);
   void make_patch(int lane);
   void clear_patch(int lane);
@@ -102,7 +106,7 @@ class ElasticTissue : public Tissue<Real> {
   KernelArgs<Real> candidate_args_{};
 
   // Model in the kernel's precision.
-  std::vector<Real> mass_, mass_over_step2_, bend_;
+  std::vector<Real> mass_, bend_;
   std::map<int, Factor> factors_;
   std::vector<int> key_;  ///< per lane
   std::vector<KeyGroup> groups_;
@@ -115,6 +119,9 @@ class ElasticTissue : public Tissue<Real> {
   std::vector<Real> patch_target_, patch_compliance_, patch_inverse_, patch_response_, patch_force_,
       held_force_;
   std::vector<LaneParameters> parameters_;
+  ElasticLaneEffects<Real> effects_;
+  std::vector<double> slipped_;   ///< way of the patch out of the jaws [m]
+  std::vector<Real> patch_give_;  ///< of the jaws [m/N]
   std::vector<Real> stiffness_, gravity_, keep_, static_friction_, dynamic_friction_;
 
   // Contact.

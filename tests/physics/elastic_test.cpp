@@ -389,18 +389,18 @@ Flight fly(const Kernel<Real>& kernel, unsigned substeps) {
     tissue.set_velocity(0, i, drift + Vector3d(0, 0, 2).cross(tissue.position(0, i)));
   }
   double total = 0;
-  for (const double m : model->mass) total += m;
+  for (const double m : model->structure.mass) total += m;
   const auto sums = [&](Vector3d& momentum, double& angular) {
     Vector3d centre = Vector3d::Zero();
     momentum.setZero();
-    for (std::size_t i = 0; i < model->mass.size(); ++i) {
-      centre += model->mass[i] / total * tissue.position(0, static_cast<int>(i));
-      momentum += model->mass[i] / total * tissue.velocity(0, static_cast<int>(i));
+    for (std::size_t i = 0; i < model->structure.mass.size(); ++i) {
+      centre += model->structure.mass[i] / total * tissue.position(0, static_cast<int>(i));
+      momentum += model->structure.mass[i] / total * tissue.velocity(0, static_cast<int>(i));
     }
     angular = 0;
-    for (std::size_t i = 0; i < model->mass.size(); ++i) {
+    for (std::size_t i = 0; i < model->structure.mass.size(); ++i) {
       const int k = static_cast<int>(i);
-      angular += model->mass[i] *
+      angular += model->structure.mass[i] *
                  (tissue.position(0, k) - centre).cross(tissue.velocity(0, k) - momentum).z();
     }
   };
@@ -459,7 +459,7 @@ TEST(Elastic, NoEnergyIsGainedWithoutDamping) {
       std::vector<Vector3d> p;
       double energy = 0;
       for (int i = 0; i < tissue.particles(); ++i) {
-        const double m = model->mass[static_cast<std::size_t>(i)];
+        const double m = model->structure.mass[static_cast<std::size_t>(i)];
         p.push_back(tissue.position(0, i));
         energy += m * (0.5 * tissue.velocity(0, i).squaredNorm() + 9.81 * p.back().z());
       }
