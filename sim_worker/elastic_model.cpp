@@ -346,12 +346,14 @@ int ElasticTissueModel::factor_key(double stiffness_scale) {
 
 int ElasticTissueModel::factor_key(double stiffness_scale, const EffectValues& lane,
                                    const ElasticStructure& lane_structure, double peak) const {
+  // An effect may exceed the factor a little, as the step allows (up to 1.25): a small one then
+  // changes the solution smoothly, without a jump to another factor.
+  constexpr double kSlack = 1.12;
   double tangent = 1 + make_prony(lane, effective_step()).gains;
-  if (peak > 1) {  // in steps of two: a new factor key now and then, not in every step
-    double level = 2;
-    while (level < 1.25 * peak && level < 4096) level *= 2;
-    tangent *= level;
-  }
+  // In steps of two: a new factor now and then, not in every step.
+  double level = 1;
+  while (level * kSlack < peak && level < 4096) level *= 2;
+  tangent *= level;
   tangent += lane.slider_ratio;
   if (lane.fibre_ratio != effects.fibre_ratio || lane.fibre_angle != effects.fibre_angle) {
     tangent += lane.fibre_ratio;
@@ -383,8 +385,11 @@ int ElasticTissueModel::factor_key(double stiffness_scale, const EffectValues& l
           ? 1.0
           : *std::max_element(lane_structure.mass.begin(), lane_structure.mass.end()) /
                 *std::max_element(structure.mass.begin(), structure.mass.end());
-  return kDensityKeys * factor_key(std::max(1e-3, heavier * std::max(1.0, thicker))) +
-         factor_key(stiffness_scale * tangent * ratio);
+  const auto slack_key = [](double scale) {
+    return scale > 1 / kSlack && scale < kSlack ? 0 : factor_key(std::max(1e-3, scale));
+  };
+  return kDensityKeys * slack_key(heavier * std::max(1.0, thicker)) +
+         factor_key(stiffness_scale * std::max(1.0, tangent * ratio / kSlack));
 }
 
 std::shared_ptr<const ElasticFactor> ElasticTissueModel::factor(int key) const {

@@ -58,7 +58,7 @@ void ReferenceTissue::find_contacts(const Terms& terms, const Nodes& x,
       const Gap gap = body < rigid
                           ? rigid_gap(model_->contact_bodies[static_cast<std::size_t>(body)], p)
                           : capsule_gap(shaft, shaft_end, model_->tool_radius, p);
-      const Pressure pressure = contact_pressure(gap.distance);
+      const Pressure pressure = contact_pressure(gap.distance + model_->face_inset);
       if (!(pressure.force > 0)) continue;
       const double k = kContactStiffness * face.area;
       contacts.push_back({face.node, body, gap.normal, k * pressure.force, k * pressure.stiffness,
@@ -82,7 +82,8 @@ void ReferenceTissue::update_friction(const Terms& terms, const Nodes& x) {
     Vector3d v = state_.v[static_cast<std::size_t>(c.node)] - point.body_velocity;
     v -= v.dot(c.normal) * c.normal;
     const double mu = v.norm() > slip ? model_->dynamic_friction : model_->static_friction;
-    point.limit = mu * parameters_.friction_scale * c.force;
+    point.limit =
+        mu * parameters_.friction_scale * (1 + effects_.values().friction_change) * c.force;
     if (point.limit > 0) friction_.push_back(point);
   }
 }
@@ -157,7 +158,7 @@ double ReferenceTissue::penetration() const {
   for (const FaceNode& face : model_->face_nodes) {
     for (const RigidShape& body : model_->contact_bodies) {
       const Vector3d& p = state_.x[static_cast<std::size_t>(face.node)];
-      depth = std::max(depth, -rigid_gap(body, p).distance);
+      depth = std::max(depth, -rigid_gap(body, p).distance - model_->face_inset);
     }
   }
   return depth;

@@ -28,7 +28,7 @@ bool ReferenceEffects::bonds(const EffectValues& v) const {
   return v.adhesion > 0 || model_->effects.moves_anchor();
 }
 
-void ReferenceEffects::set(const EffectValues& v) {
+bool ReferenceEffects::fits(const EffectValues& v) const {
   EffectValues baked = v;
   const EffectValues& scene = model_->effects;
   baked.stiffening = scene.stiffening;
@@ -56,7 +56,11 @@ void ReferenceEffects::set(const EffectValues& v) {
   baked.jaw_roll = scene.jaw_roll;
   baked.jaw_tilt = scene.jaw_tilt;
   baked.air_drag = scene.air_drag;
-  if (!(baked == scene)) {
+  return baked == scene;
+}
+
+void ReferenceEffects::set(const EffectValues& v) {
+  if (!fits(v)) {
     throw_error(
         "tissue.effects: TISSUE_REFERENCE has effects of density, stiffness, shape and anchor in "
         "its mesh; allowed to differ from the scene's: the others");
@@ -129,15 +133,24 @@ void ReferenceEffects::begin(double h, const Nodes& x, const Nodes& v) {
   start_ = x;
   film_.assign(x.size(), 0);
   film_normal_.assign(x.size(), Vector3d::Zero());
+  const auto nearest_gap = [&](int node) {
+    Gap nearest{1, Vector3d::Zero()};
+    for (const RigidShape& body : model_->contact_bodies) {
+      const Gap gap = rigid_gap(body, x[static_cast<std::size_t>(node)]);
+      if (gap.distance < nearest.distance) nearest = gap;
+    }
+    return nearest;
+  };
+  const int layers = static_cast<int>(model_->lines[2].size()) - 1;
   for (const FaceNode& face : model_->face_nodes) {
     const auto i = static_cast<std::size_t>(face.node);
-    double nearest = 1;
-    for (const RigidShape& body : model_->contact_bodies) {
-      const Gap gap = rigid_gap(body, x[i]);
-      if (!(gap.distance < nearest)) continue;
-      nearest = gap.distance;
-      film_normal_[i] = gap.normal;
-    }
+    const bool lower = face.node % (layers + 1) == 0;
+    const Gap found = nearest_gap(face.node);
+    const double nearest = found.distance;
+    // The film is on the side of the sheet that looks at the body.
+    const double other = nearest_gap(face.node + (lower ? layers : -layers)).distance;
+    if (other < nearest || (other == nearest && !lower)) continue;
+    film_normal_[i] = found.normal;
     const double gap = std::max(0.0, nearest + model_->face_inset);
     const double part = values_.suction_reach / (values_.suction_reach + gap);
     film_[i] = values_.suction * face.area * part * part * part / h;
@@ -155,8 +168,8 @@ double ReferenceEffects::bond_stiffness(std::size_t i) const {
 }
 
 void ReferenceEffects::for_each_force(
-    const Nodes& x, const std::function<void(int, double, const Vector3d&, const Matrix3d&)>& fn)
-    const {
+    const Nodes& x,
+    const std::function<void(int, double, const Vector3d&, const Matrix3d&)>& fn) const {
   for (std::size_t i = 0; i < drag_.size(); ++i) {
     fn(static_cast<int>(i), -drag_[i].dot(x[i]), -drag_[i], Matrix3d::Zero());
   }

@@ -22,8 +22,10 @@ class ReferenceEffects {
   explicit ReferenceEffects(std::shared_ptr<const ReferenceTissueModel> model);
 
   const EffectValues& values() const { return values_; }
-  /// Throws Error where the values differ from the scene's in what is part of the mesh.
+  /// Throws Error where the values do not fit: they differ from the scene's in what is part of the
+  /// mesh.
   void set(const EffectValues& values);
+  bool fits(const EffectValues& values) const;
   void reset(const Eigen::Vector3d& offset);
 
   /// Start of an implicit step of length h: everything that is constant in it.
@@ -55,11 +57,11 @@ class ReferenceEffects {
   double step_ = 0;
   std::vector<HexEffects> material_;
   std::vector<HexMemory> memory_;
-  Nodes bond_place_;                 ///< [m]
-  std::vector<double> bond_longest_; ///< [m], -1 = no spring
-  Nodes start_;                      ///< positions at the start of the step
-  Nodes drag_;                       ///< force [N]
-  std::vector<double> film_;         ///< [N/m] of this step
+  Nodes bond_place_;                  ///< [m]
+  std::vector<double> bond_longest_;  ///< [m], -1 = no spring
+  Nodes start_;                       ///< positions at the start of the step
+  Nodes drag_;                        ///< force [N]
+  std::vector<double> film_;          ///< [N/m] of this step
   Nodes film_normal_;
 };
 

@@ -22,9 +22,29 @@ ReferenceTissue::Targets ReferenceTissue::patch_rows(const Nodes& x) const {
   return rows;
 }
 
+/// Of the rows of the patch [m/N]: the jaws' spring moves the patch, it does not turn or deform it.
+Eigen::Vector4d ReferenceTissue::grasp_compliances() const {
+  Eigen::Vector4d c = Eigen::Vector4d::Constant(model_->grasp_compliance);
+  c[0] += effects_.values().grasp_compliance;
+  return c;
+}
+
+/// Before a control step: the patch creeps out of the jaws.
+void ReferenceTissue::slip() {
+  const EffectValues& fx = effects_.values();
+  if (!grasp_ || !(fx.slip_speed > 0)) return;
+  const Vector3d way = slip_of(fx, held_force_, model_->control_period);
+  slipped_ += way.norm();
+  if (fx.slip_loss > 0 && slipped_ > fx.slip_loss) {
+    release(0);
+  } else {
+    shift_held(0, way);
+  }
+}
+
 void ReferenceTissue::add_grasp(const Terms& terms, const Nodes& x, Residual& out) const {
   const Targets miss = patch_rows(x) - terms.target;
-  const Targets force = miss / model_->grasp_compliance;
+  const Targets force = miss.array().rowwise() / grasp_compliances().transpose().array();
   out.count_energy(0.5 * miss.cwiseProduct(force).sum());
   const GraspPatch& patch = grasp_->patch;
   for (std::size_t k = 0; k < patch.node.size(); ++k)
@@ -51,7 +71,8 @@ void ReferenceTissue::constrain_direction() {
   }
   factor_.solve_lower(Y, std::min(top, model_->unknowns - 1));
   MatrixXd S = Y.transpose() * Y;
-  S.diagonal().array() += model_->grasp_compliance;
+  const Eigen::Vector4d compliances = grasp_compliances();
+  for (int k = 0; k < kColumns; ++k) S(k, k) += compliances[k / 3];
   const VectorXd multipliers = S.ldlt().solve(Y.transpose() * direction_);
   direction_ -= Y * multipliers;
 }
@@ -111,18 +132,24 @@ ReferenceTissue::Grasp ReferenceTissue::make_grasp(const Vector2d& centre, doubl
 
 void ReferenceTissue::hold(int, const Vector3d& tip, double radius, bool collapse) {
   release(0);
-  const auto nearest = nearest_point(tip);
+  const EffectValues& fx = effects_.values();
+  radius += fx.grasp_radius;
+  const auto nearest =
+      nearest_point(tip + model_->body.X_WB.linear() * Vector3d(fx.grasp_x, fx.grasp_y, 0));
   if (!nearest || !(nearest->second < radius)) return;
   const double patch_radius = std::sqrt(radius * radius - nearest->second * nearest->second);
   if (!(patch_radius > 1e-5)) return;  // [m]: the sphere only grazes the sheet
   grasp_ = make_grasp(nearest->first, patch_radius);
   grasp_->offset = patch_rows(state_.x);
   grasp_->offset.col(0) -= tip;
+  if (fx.jaw_roll != 0 || fx.jaw_tilt != 0)
+    grasp_->offset = jaw_turn(fx, model_->shaft_axis) * Targets(grasp_->offset);
   if (collapse) grasp_->offset.col(0).setZero();
 }
 
 void ReferenceTissue::release(int) {
   grasp_.reset();
+  slipped_ = 0;
   held_force_.setZero();
 }
 

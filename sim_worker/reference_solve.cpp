@@ -77,8 +77,11 @@ HexShape ReferenceTissue::gather(std::size_t batch, const Nodes& x, const Bubble
       values[lane] = element[lane]->size[axis];
     shape.size[axis] = load_pack(values);
   }
-  shape.mu = Pack(model_->lame.mu * parameters_.stiffness_scale);
-  shape.lambda = Pack(model_->lame.lambda * parameters_.stiffness_scale);
+  for (std::size_t lane = 0; lane < Pack::kLanes; ++lane) values[lane] = element[lane]->stiffness;
+  const Pack stiffness = load_pack(values);
+  shape.mu = Pack(model_->lame.mu * parameters_.stiffness_scale) * stiffness;
+  shape.lambda = Pack(model_->lame.lambda * parameters_.stiffness_scale) * stiffness;
+  shape.effects = effects_.of_batch(batch);
   return shape;
 }
 
@@ -120,7 +123,7 @@ void ReferenceTissue::evaluate(const Terms& terms, const Nodes& x, const Bubbles
   const double beta = terms.beta;
   const double damping = model_->material.damping_per_s() * parameters_.damping_scale;
   const double inertia = 1 / (beta * beta) + damping / beta;
-  const Vector3d g = parameters_.gravity_scale * model_->gravity;
+  const Vector3d& g = gravity_;
   for (std::size_t i = 0; i < x.size(); ++i) {
     if (model_->unknown[i] < 0) continue;
     const Vector3d d = x[i] - terms.x_tilde[i];
@@ -130,6 +133,11 @@ void ReferenceTissue::evaluate(const Terms& terms, const Nodes& x, const Bubbles
   }
 
   add_contact(terms, x, out);
+  effects_.for_each_force(x,
+                          [&](int node, double energy, const Vector3d& gradient, const Matrix3d&) {
+                            out.count_energy(energy);
+                            add_force(node, gradient, out);
+                          });
   if (grasp_) add_grasp(terms, x, out);
 
   double squares = out.force.squaredNorm();
@@ -193,6 +201,10 @@ void ReferenceTissue::assemble(const Terms& terms, double shift) {
     if (row >= 0) add_block(row, row, model_->mass[i] * inertia * Matrix3d::Identity());
   }
   add_contact_stiffness(terms);
+  effects_.for_each_force(trial_x_, [&](int node, double, const Vector3d&, const Matrix3d& block) {
+    const int row = model_->unknown[static_cast<std::size_t>(node)];
+    if (row >= 0) add_block(row, row, block);
+  });
 }
 
 /// Newton step of nodes and parabolas.

@@ -19,12 +19,15 @@ bool is_finite(const std::vector<Vector3d>& values) {
   return std::all_of(values.begin(), values.end(), [](const Vector3d& v) { return v.allFinite(); });
 }
 
+constexpr std::size_t kEffectValues = sizeof(EffectValues) / sizeof(double);
+
 }  // namespace
 
 ReferenceTissue::ReferenceTissue(std::shared_ptr<const ReferenceTissueModel> model)
-    : model_(std::move(model)), factor_(model_->unknowns, model_->bandwidth) {
+    : model_(std::move(model)), effects_(model_), factor_(model_->unknowns, model_->bandwidth) {
   inner_.resize((model_->elements.size() + Pack::kLanes - 1) / Pack::kLanes);
   direction_.setZero(model_->unknowns);
+  set_parameters(0, {});
   reset(0, Vector3d::Zero());
 }
 
@@ -40,15 +43,19 @@ void ReferenceTissue::reset(int, const Vector3d& offset) {
   state_.bubble.assign(model_->elements.size(), {});
   contact_forces_.assign(static_cast<std::size_t>(bodies()), Vector3d::Zero());
   held_force_.setZero();
+  effects_.reset(offset);
   failure_.clear();
 }
 
 void ReferenceTissue::set_parameters(int, const LaneParameters& parameters) {
+  effects_.set(parameters.effects ? *parameters.effects : model_->effects);
   parameters_ = parameters;
+  gravity_ = parameters_.gravity_scale * tilted_gravity(effects_.values(), model_->gravity);
 }
 
 void ReferenceTissue::step(std::span<const ToolMotion> motion) {
   OMENTUM_CHECK(motion.size() == 1);
+  slip();
   const int substeps = static_cast<int>(model_->substeps());
   for (int k = 0; k < substeps && failure_.empty(); ++k) {
     advance(motion[0], static_cast<double>(k) / substeps, (k + 1.0) / substeps, 0);
@@ -61,6 +68,7 @@ bool ReferenceTissue::advance(const ToolMotion& motion, double from, double to, 
   const State start = state_;
   const Terms terms = make_terms(motion, from, to);
   ++implicit_steps_;
+  effects_.begin(terms.h, state_.x, state_.v);
   if (solve(terms)) {
     finish(terms);
     return true;
@@ -114,8 +122,10 @@ void ReferenceTissue::finish(const Terms& terms) {
   }
   held_force_.setZero();
   if (grasp_) {
-    held_force_ = (patch_rows(state_.x) - terms.target).col(0) / model_->grasp_compliance;
+    held_force_ = (patch_rows(state_.x) - terms.target).col(0) / grasp_compliances()[0];
   }
+  effects_.remember(state_.x,
+                    [this](std::size_t batch) { return gather(batch, state_.x, state_.bubble); });
   collect_contact_forces(terms);
 }
 
@@ -238,7 +248,7 @@ ReferenceTissue::Energy ReferenceTissue::energy() const {
     for (std::size_t lane = 0; lane < count; ++lane)
       energy.elastic += hex.energy.lane(static_cast<int>(lane));
   }
-  const Vector3d g = parameters_.gravity_scale * model_->gravity;
+  const Vector3d g = gravity_;
   for (std::size_t i = 0; i < state_.x.size(); ++i) {
     energy.kinetic += 0.5 * model_->mass[i] * state_.v[i].squaredNorm();
     energy.gravity -= model_->mass[i] * g.dot(state_.x[i]);
@@ -249,8 +259,8 @@ ReferenceTissue::Energy ReferenceTissue::energy() const {
 // ---- saving -------------------------------------------------------------------------------------
 
 // Layout, all doubles: nodes x, v, x_before, v_before; step_before; parabolas; four lane
-// parameters; held force; contact forces; 1 if healthy; 1 if holding, then patch centre, radius and
-// the targets.
+// parameters; held force; contact forces; 1 if healthy; 1 if holding + 2 if there are effects; when
+// holding patch centre, radius and the targets; with effects their values, slip and memory.
 std::vector<double> ReferenceTissue::pack_state() const {
   std::vector<double> values;
   for (const Nodes* nodes : {&state_.x, &state_.v, &state_.x_before, &state_.v_before}) {
@@ -263,11 +273,18 @@ std::vector<double> ReferenceTissue::pack_state() const {
   values.insert(values.end(), held_force_.data(), held_force_.data() + 3);
   for (const Vector3d& f : contact_forces_) values.insert(values.end(), f.data(), f.data() + 3);
   values.push_back(failure_.empty() ? 1 : 0);
-  values.push_back(grasp_ ? 1 : 0);
+  const bool has_effects = !(effects_.values() == EffectValues{});
+  values.push_back((grasp_ ? 1 : 0) + (has_effects ? 2 : 0));
   if (grasp_) {
     values.insert(values.end(), {grasp_->centre.x(), grasp_->centre.y(), grasp_->radius});
     values.insert(values.end(), grasp_->offset.data(),
                   grasp_->offset.data() + grasp_->offset.size());
+  }
+  if (has_effects) {
+    const auto* first = reinterpret_cast<const double*>(&effects_.values());
+    values.insert(values.end(), first, first + kEffectValues);
+    values.push_back(slipped_);
+    effects_.save(values);
   }
   return values;
 }
@@ -289,20 +306,37 @@ Result<std::size_t> ReferenceTissue::load(int, std::span<const std::byte> state)
   }
   std::vector<double> values(base);
   std::memcpy(values.data(), state.data(), base * sizeof(double));
-  const bool holds = values.back() == 1;
-  if (holds) {
-    if (state.size() < (base + kGraspValues) * sizeof(double)) {
-      return Failure{fmt::format("reference tissue state of {} bytes with a grasp, needed {}",
-                                 state.size(), (base + kGraspValues) * sizeof(double))};
-    }
-    values.resize(base + kGraspValues);
+  const bool holds = values.back() == 1 || values.back() == 3;
+  const bool has_effects = values.back() == 2 || values.back() == 3;
+  const auto grow = [&](std::size_t by) {
+    if (state.size() < (values.size() + by) * sizeof(double)) return false;
+    values.resize(values.size() + by);
     std::memcpy(values.data(), state.data(), values.size() * sizeof(double));
+    return true;
+  };
+  if (holds && !grow(kGraspValues)) {
+    return Failure{fmt::format("reference tissue state of {} bytes with a grasp, needed {}",
+                               state.size(), (base + kGraspValues) * sizeof(double))};
   }
+  LaneParameters parameters;
+  parameters.effects = EffectValues{};
+  const std::size_t effects_at = values.size();
+  if (has_effects) {
+    if (!grow(kEffectValues + 1)) return Failure{"reference tissue state ends in its effects"};
+    std::memcpy(static_cast<void*>(&*parameters.effects), &values[effects_at], sizeof(EffectValues));
+    if (!usable(*parameters.effects, model_->material.poisson_ratio(), model_->body.particles))
+      return Failure{"reference tissue state holds effects out of range"};
+    if (!grow(effects_.saved_size(*parameters.effects)))
+      return Failure{"reference tissue state ends in the memory of its effects"};
+  }
+  if (!effects_.fits(*parameters.effects))
+    return Failure{"reference tissue state holds effects of another mesh"};
   for (const double v : values) {
     if (!std::isfinite(v)) return Failure{"reference tissue state holds a non-finite number"};
   }
   for (const std::size_t flag : {base - 2, base - 1}) {
-    if (values[flag] != 0 && values[flag] != 1)
+    const bool counts = flag == base - 1 && (values[flag] == 2 || values[flag] == 3);
+    if (values[flag] != 0 && values[flag] != 1 && !counts)
       return Failure{fmt::format("reference tissue state: flag is {}, allowed 0, 1", values[flag])};
   }
   if (!(values[12 * n] >= 0))
@@ -328,15 +362,21 @@ Result<std::size_t> ReferenceTissue::load(int, std::span<const std::byte> state)
   }
   take(&state_.step_before, 1);
   for (auto& b : state_.bubble) take(b.data(), b.size());
-  for (double* p : {&parameters_.stiffness_scale, &parameters_.gravity_scale,
-                    &parameters_.damping_scale, &parameters_.friction_scale}) {
+  for (double* p : {&parameters.stiffness_scale, &parameters.gravity_scale,
+                    &parameters.damping_scale, &parameters.friction_scale}) {
     take(p, 1);
+  }
+  set_parameters(0, parameters);
+  if (has_effects) {
+    slipped_ = values[effects_at + kEffectValues];
+    effects_.load(std::span(values).subspan(effects_at + kEffectValues + 1));
   }
   take(held_force_.data(), 3);
   for (Vector3d& f : contact_forces_) take(f.data(), 3);
   failure_ = *next == 1 ? "" : "the saved state had failed";
   next += 2;
   grasp_.reset();
+  if (!has_effects) slipped_ = 0;
   if (holds) {
     grasp_ = make_grasp({next[0], next[1]}, next[2]);
     next += 3;

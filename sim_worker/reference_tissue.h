@@ -11,6 +11,7 @@
 
 #include "sim_worker/band_cholesky.h"
 #include "sim_worker/hexahedron.h"
+#include "sim_worker/reference_effects.h"
 #include "sim_worker/reference_model.h"
 
 namespace omentum {
@@ -165,6 +166,8 @@ class ReferenceTissue : public Tissue<double> {
   static Eigen::Vector3d slip_velocity(const Terms& terms, const FrictionPoint& point,
                                        const Eigen::Vector3d& x);
   Targets patch_rows(const Nodes& x) const;
+  Eigen::Vector4d grasp_compliances() const;
+  void slip();
   void add_grasp(const Terms& terms, const Nodes& x, Residual& out) const;
   void constrain_direction();
   std::optional<std::pair<Eigen::Vector2d, double>> nearest_point(const Eigen::Vector3d& tip) const;
@@ -175,6 +178,9 @@ class ReferenceTissue : public Tissue<double> {
   std::shared_ptr<const ReferenceTissueModel> model_;
   State state_;
   LaneParameters parameters_;
+  ReferenceEffects effects_;
+  Eigen::Vector3d gravity_ = Eigen::Vector3d::Zero();  ///< of the lane, tilted [m/s^2]
+  double slipped_ = 0;                                 ///< way of the patch out of the jaws [m]
   std::optional<Grasp> grasp_;
   Eigen::Vector3d held_force_ = Eigen::Vector3d::Zero();
   std::vector<Eigen::Vector3d> contact_forces_;

@@ -12,6 +12,9 @@ namespace omentum {
 
 /// Branches of the Prony series at most: three of viscoelastic, three of structural_damping.
 inline constexpr int kMaxBranches = 6;
+/// What the cluster model can do; its stiffness is no material constant (mismatch.md 5.2).
+inline constexpr std::array<const char*, 4> kClusterEffects = {
+    "gravity_tilt_x_deg", "gravity_tilt_y_deg", "friction_change", "obstacle"};
 inline constexpr double kAirDensity = 1.2;  ///< [kg/m^3], dry, 20 C
 
 /// exp(-x) for x >= 0 by our own series: the same bits on every machine, unlike libm's.
