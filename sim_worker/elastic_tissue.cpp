@@ -249,7 +249,9 @@ void ElasticTissue<Real>::begin_effects() {
     const auto l = static_cast<std::size_t>(lane);
     const EffectValues& effects = effects_.values(lane);
     if (held_[l].nodes.empty() || !(effects.slip_speed > 0)) continue;
-    const Vector3d slip = slip_of(effects, held_force(lane), model_->control_period);
+    const Vector3d slip =
+        slip_of(effects, held_force(lane), model_->grasp_stiffness * parameters_[l].stiffness_scale,
+                model_->control_period);
     slipped_[l] += slip.norm();
     if (effects.slip_loss > 0 && slipped_[l] > effects.slip_loss) {
       release(lane);

@@ -33,7 +33,9 @@ Eigen::Vector4d ReferenceTissue::grasp_compliances() const {
 void ReferenceTissue::slip() {
   const EffectValues& fx = effects_.values();
   if (!grasp_ || !(fx.slip_speed > 0)) return;
-  const Vector3d way = slip_of(fx, held_force_, model_->control_period);
+  const Vector3d way =
+      slip_of(fx, held_force_, model_->material.young_modulus_pa() * model_->body.thickness,
+              model_->control_period);
   slipped_ += way.norm();
   if (fx.slip_loss > 0 && slipped_ > fx.slip_loss) {
     release(0);

@@ -275,10 +275,12 @@ Matrix3d jaw_turn(const EffectValues& effects, const Vector3d& shaft_axis) {
   return turn(effects.jaw_tilt, Vector3d::UnitX()) * turn(effects.jaw_roll, shaft_axis);
 }
 
-Vector3d slip_of(const EffectValues& effects, const Vector3d& force, double dt) {
+// F' = -stiffness v0 (F / Fs - 1) has the solution F - Fs ~ exp(-stiffness v0 t / Fs).
+Vector3d slip_of(const EffectValues& effects, const Vector3d& force, double stiffness, double dt) {
   const double size = force.norm();
   if (!(effects.slip_speed > 0) || !(size > effects.slip_force)) return Vector3d::Zero();
-  return effects.slip_speed * dt * (size / effects.slip_force - 1) / size * force;
+  const double share = 1 - decay(stiffness * effects.slip_speed * dt / effects.slip_force);
+  return share * (size - effects.slip_force) / stiffness / size * force;
 }
 
 PronyStep make_prony(const EffectValues& effects, double h) {

@@ -81,8 +81,10 @@ Eigen::Vector3d tilted_gravity(const EffectValues& effects, const Eigen::Vector3
 /// Turn of the held patch: roll about the shaft, then tilt about x_W.
 Eigen::Matrix3d jaw_turn(const EffectValues& effects, const Eigen::Vector3d& shaft_axis);
 
-/// Way that a held patch slips along the force F on the tool within dt [m].
-Eigen::Vector3d slip_of(const EffectValues& effects, const Eigen::Vector3d& force, double dt);
+/// Way that a held patch slips along the force F on the tool within dt [m], for tissue whose force
+/// falls by `stiffness` per way [N/m]: it does not overshoot the force at which slip ends.
+Eigen::Vector3d slip_of(const EffectValues& effects, const Eigen::Vector3d& force, double stiffness,
+                        double dt);
 
 /// The Prony branches over a step h:  H <- keep H + gain (S_new - S_old). Exact for S linear in
 /// time.

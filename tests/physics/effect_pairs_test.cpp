@@ -73,7 +73,8 @@ TEST_P(EveryEffect, AloneAndInPairsItStaysFiniteAndIsFelt) {
   }
   for (std::size_t a = 0; a < effects.size(); ++a) {
     for (std::size_t b = a + 1; b < effects.size(); ++b) {
-      if (std::string(effects[a].name) == "inclusion" && std::string(effects[b].name) == "soft_spot")
+      if (std::string(effects[a].name) == "inclusion" &&
+          std::string(effects[b].name) == "soft_spot")
         continue;  // one message
       const std::vector<Vector3d> both = run({&effects[a], &effects[b]});
       EXPECT_NE(both, alone[a]) << effects[a].name << " with " << effects[b].name;
@@ -108,17 +109,16 @@ TEST_P(EveryEffect, FiniteDifferencesAreSmooth) {
   for (const NamedEffect& effect : all_effects()) {
     const auto shape = [&](double amplitude) {
       EffectCase c = lift_case(effect.needs_board);
-      if (amplitude > 0) effect.set(c.effects, amplitude);
+      effect.set(c.effects, amplitude);
       const auto tissue = make_effect_tissue(c, GetParam());
       lift(*tissue, 0, 14);
       Eigen::VectorXd x(3 * tissue->particles());
       for (int i = 0; i < tissue->particles(); ++i) x.segment<3>(3 * i) = tissue->position(0, i);
       return x;
     };
-    const double a = 0.02;
-    const Eigen::VectorXd first = shape(a);
-    const Eigen::VectorXd second = shape(2 * a);
-    const Eigen::VectorXd third = shape(3 * a);
+    const Eigen::VectorXd first = shape(0.50);
+    const Eigen::VectorXd second = shape(0.51);
+    const Eigen::VectorXd third = shape(0.52);
     const double slope = (third - first).norm() / 2;
     const double bend = (third - 2 * second + first).norm();
     EXPECT_LT(bend, 0.15 * slope) << effect.name << ": " << slope << " m per step";
@@ -157,7 +157,9 @@ std::vector<std::uint64_t> run_lanes(const Kernel<Real>& kernel, const std::vect
       tissue->set_parameters(static_cast<int>(k), parameters);
       tissue->reset(static_cast<int>(k), Vector3d::Zero());
     }
-    const auto tip = [](int step) { return Vector3d(0.001, 0.0095, 0.0004 * std::max(0, step - 2)); };
+    const auto tip = [](int step) {
+      return Vector3d(0.001, 0.0095, 0.0004 * std::max(0, step - 2));
+    };
     for (int step = 0; step < 40; ++step) {
       for (std::size_t k = 0; k < count; ++k) {
         if (step == 2 + lanes[first + k] % 3)
@@ -206,10 +208,10 @@ TEST(EffectInput, WhatAModelCannotDoIsRefusedInOneLine) {
   };
   EffectCase c = lift_case(false);
   c.effects.mutable_anisotropy()->set_fibre_ratio(1);
-  EXPECT_THAT(message(c, pb::TISSUE_CLUSTER),
-              testing::AllOf(testing::StartsWith("scene.tissue.effects.anisotropy: "),
-                             testing::HasSubstr("TISSUE_CLUSTER"),
-                             testing::Not(testing::HasSubstr("\n"))));
+  EXPECT_THAT(
+      message(c, pb::TISSUE_CLUSTER),
+      testing::AllOf(testing::StartsWith("scene.tissue.effects.anisotropy: "),
+                     testing::HasSubstr("TISSUE_CLUSTER"), testing::Not(testing::HasSubstr("\n"))));
   c.effects.Clear();
   c.effects.mutable_adhesion()->set_stiffness_pa_per_m(1e5);
   for (const auto kind : {pb::TISSUE_ELASTIC, pb::TISSUE_REFERENCE})

@@ -67,7 +67,7 @@ class EffectLaw : public testing::TestWithParam<Model> {
     for (int k = 0; k < kSlices; ++k) {
       const double carried = kDensity * gravity * kLength * (k + 0.5) / kSlices;
       double low = 0.5;
-      double high = 3;
+      double high = 1.5;
       for (int i = 0; i < 60; ++i) {
         const double middle = 0.5 * (low + high);
         (stress(middle) < carried ? low : high) = middle;
@@ -131,7 +131,8 @@ TEST_P(EffectLaw, BendingChangeScalesThePlateAlone) {
   c.young = 50e3;
   const double bent = extension(c);
   c.effects.clear_bending_change();
-  EXPECT_NEAR(bent / extension(c), 1, 0.003);
+  // The shell's stencils act in the plane as well: on the change of strain from node to node.
+  EXPECT_NEAR(bent / extension(c), 1, 0.012);
 }
 
 TEST_P(EffectLaw, InclusionOverEverythingIsAnotherModulus) {
@@ -217,8 +218,8 @@ TEST_P(EffectLaw, FibresPullAlongThemselvesOnly) {
     const double e = 0.5 * (l * l - 1);
     return 0.5 * (e + std::sqrt(e * e + 1e-6) - 1e-3);
   };
-  const double expected = hanging(
-      [&](double l) { return c.young * (l - 1) + l * 1.5 * c.young * taut(l); });
+  const double expected =
+      hanging([&](double l) { return c.young * (l - 1) + l * 1.5 * c.young * taut(l); });
   EXPECT_NEAR(extension(c) / expected, 1, 0.005);
   c.effects.mutable_anisotropy()->set_angle_deg(0);
   const double across = hanging([&](double l) { return c.young * (l - 1); });
@@ -245,19 +246,24 @@ TEST_P(EffectLaw, ViscoelasticCreepsWithTheRetardationTime) {
 TEST_P(EffectLaw, PlasticSetStaysAfterUnloading) {
   EffectCase c = strip(100e3);
   c.effects.mutable_plastic_set()->set_modulus_ratio(0.5);
-  c.effects.mutable_plastic_set()->set_yield_strain(0.002);
+  c.effects.mutable_plastic_set()->set_yield_strain(0.005);
   const auto tissue = make(c);
-  rest(*tissue, 2);
-  LaneParameters unloaded;
-  unloaded.gravity_scale = 0;
-  tissue->set_parameters(0, unloaded);
-  rest(*tissue, 2);
+  const auto load = [&](double share) {  // slowly: a sudden load would swing to twice the strain
+    LaneParameters parameters;
+    parameters.gravity_scale = share;
+    tissue->set_parameters(0, parameters);
+    rest(*tissue, 0.06);
+  };
+  for (int k = 0; k <= 40; ++k) load(k / 40.0);
+  rest(*tissue, 1);
+  for (int k = 0; k <= 40; ++k) load(1 - k / 40.0);
+  rest(*tissue, 1);
   // Loaded: E e + Ep min(e, ey) = s; the slider sits at e - ey. Unloaded: E e + Ep (e - seat) = 0.
   double expected = 0;
   for (int k = 0; k < 1000; ++k) {
     const double s = kDensity * kGravity * kLength * (k + 0.5) / 1000;
-    const double e = (s - 0.5 * c.young * 0.002) / c.young;
-    if (e > 0.002) expected += 0.5 / 1.5 * (e - 0.002) * kLength / 1000;
+    const double e = (s - 0.5 * c.young * 0.005) / c.young;
+    if (e > 0.005) expected += 0.5 / 1.5 * (e - 0.005) * kLength / 1000;
   }
   EXPECT_NEAR((-0.045 - edge(c, *tissue).z()) / expected, 1, 0.03);
 }
@@ -289,8 +295,8 @@ TEST_P(EffectLaw, DetachedPieceHangsAndTheRestHolds) {
   c.effects.mutable_anchor()->set_free_to_m(0.5);
   const auto tissue = make(c);
   rest(*tissue, 2);
-  EXPECT_LT(tissue->position(0, 3 * 31).z(), -0.0452);  // outer corner of the free piece
-  EXPECT_NEAR(tissue->position(0, 0).z(), -0.045, 1e-6);
+  EXPECT_LT(tissue->position(0, 3 * 31).z(), 0.0448);  // outer corner of the free piece
+  EXPECT_NEAR(tissue->position(0, 0).z(), 0.045, 1e-6);
   c.effects.mutable_anchor()->set_free_from_m(-0.5);
   try {
     make(c);
@@ -392,7 +398,7 @@ TEST_P(EffectGrasp, SlipRelaxesTheForceAndLossLetsGo) {
 TEST_P(EffectGrasp, JawTurnsThePatch) {
   EffectCase c = sheet();
   const Vector3d tip(0, 0.006, 0);
-  const auto angle = [&] {
+  const auto angle = [&]() -> Vector3d {
     const auto tissue = make(c);
     tissue->hold(0, tip, 0.005, false);
     rest(*tissue, 1, tip);
@@ -426,8 +432,7 @@ class EffectContact : public EffectLaw {
   }
   static Vector3d centre(const Tissue<double>& tissue) {
     Vector3d sum = Vector3d::Zero();
-    for (int i = 0; i < tissue.particles(); ++i)
-      sum += tissue.position(0, i) / tissue.particles();
+    for (int i = 0; i < tissue.particles(); ++i) sum += tissue.position(0, i) / tissue.particles();
     return sum;
   }
   void turn_over(const EffectCase& c, Tissue<double>& tissue) const {
@@ -469,17 +474,18 @@ TEST_P(EffectContact, SuctionLetsGoAtTheSpeedOfItsFilm) {
   EffectCase c = tile();
   const double drag = 1e5;
   const double reach = 0.001;
+  const double gap = 5e-5;
+  c.bodies = {test::make_board(0.0015 + gap)};
   c.effects.mutable_suction()->set_drag_pa_s_per_m(drag);
   c.effects.mutable_suction()->set_reach_m(reach);
   const auto tissue = make(c);
-  rest(*tissue, 0.3);
-  const double start = centre(*tissue).z();
   turn_over(c, *tissue);
   rest(*tissue, 0.5);
-  // z' = (p / c) (1 + z / r)^3
-  const double u = 2 * kDensity * 0.003 * kGravity * 0.5 / (drag * reach);
-  const double expected = reach * (1 / std::sqrt(1 - u) - 1);
-  EXPECT_NEAR((centre(*tissue).z() - start) / expected, 1, 0.05);
+  // z' = (p / c) (1 + z / r)^3, z the gap
+  const double u =
+      std::pow(1 + gap / reach, -2) - 2 * kDensity * 0.003 * kGravity * 0.5 / (drag * reach);
+  const double expected = reach * (1 / std::sqrt(u) - 1) - gap;
+  EXPECT_NEAR(centre(*tissue).z() / expected, 1, 0.05);
 }
 
 TEST_P(EffectContact, FrictionHoldsOnASteeperSlope) {
@@ -503,9 +509,9 @@ TEST_P(EffectContact, FrictionHoldsOnASteeperSlope) {
 TEST_P(EffectContact, AirDragLimitsTheFall) {
   EffectCase c = tile();
   c.bodies.clear();
-  c.effects.set_air_drag(400);
+  c.effects.set_air_drag(40);
   const auto tissue = make(c);
-  const double limit = std::sqrt(2 * kDensity * 0.003 * kGravity / (kAirDensity * 400));
+  const double limit = std::sqrt(2 * kDensity * 0.003 * kGravity / (kAirDensity * 40));
   for (int k = 1; k <= 10; ++k) {
     rest(*tissue, 0.02);
     const double expected = limit * std::tanh(kGravity * 0.02 * k / limit);
@@ -537,7 +543,8 @@ TEST(Prony, StructuralDampingHasOneLossFactorOverTwoDecades) {
       in_phase += sum * std::sin(phase);
       across += sum * std::cos(phase);
     }
-    EXPECT_NEAR(across / (2.0 * cycle) / 0.1, 1, 0.2) << f;  // ripple of three branches a decade apart
+    EXPECT_NEAR(across / (2.0 * cycle) / 0.1, 1, 0.2)
+        << f;  // ripple of three branches a decade apart
     EXPECT_GT(in_phase, 0);
   }
 }

@@ -74,7 +74,8 @@ inline std::span<const NamedEffect> all_effects() {
        }},
       {"viscoelastic",
        [](E& e, double a) {
-         auto* branch = e.viscoelastic_size() > 0 ? e.mutable_viscoelastic(0) : e.add_viscoelastic();
+         auto* branch =
+             e.viscoelastic_size() > 0 ? e.mutable_viscoelastic(0) : e.add_viscoelastic();
          branch->set_share(0.5 * a);
          branch->set_time_s(0.3);
        }},
@@ -138,7 +139,7 @@ inline std::span<const NamedEffect> all_effects() {
       {"grasp_compliance", [](E& e, double a) { e.set_grasp_compliance_m_per_n(5e-3 * a); }},
       {"jaw_roll", [](E& e, double a) { e.set_jaw_roll_deg(10 * a); }},
       {"jaw_tilt", [](E& e, double a) { e.set_jaw_tilt_deg(10 * a); }},
-      {"air_drag", [](E& e, double a) { e.set_air_drag(100 * a); }},
+      {"air_drag", [](E& e, double a) { e.set_air_drag(50 * a); }},
   };
   return effects;
 }
@@ -159,11 +160,10 @@ inline EffectCase lift_case(bool board) {
 inline void lift(Tissue<double>& tissue, int from, int to, double radius = 0.0045) {
   const Eigen::Vector3d start(0.001, 0.0095, 0);
   const auto tip = [&](int step) {
-    const int moved = std::max(0, step - 2);
-    return Eigen::Vector3d(start + moved * Eigen::Vector3d(0.0001, -0.0001, 0.0005));
+    return Eigen::Vector3d(start + step * Eigen::Vector3d(0.0001, -0.0001, 0.0005));
   };
   for (int step = from; step < to; ++step) {
-    if (step == 2) tissue.hold(0, tip(step), radius, false);
+    if (step == 0) tissue.hold(0, tip(step), radius, false);
     const ToolMotion motion{tip(step), tip(step + 1)};
     tissue.step({&motion, 1});
   }
