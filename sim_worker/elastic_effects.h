@@ -60,7 +60,7 @@ struct ElasticEffectArgs {
   Real* bond_longest;  ///< [node][lane]: longest stretch so far [m], -1 = no spring
   Real* film_now;      ///< scratch [node][lane]: drag over step at the start of the substep [N/m]
   Real* film_normal;   ///< scratch [node][xyz][lane]
-  Real* peak;          ///< [lane]: largest tangent over nominal stiffness in this control step
+  Real* peak;          ///< [lane]: largest tangent over nominal stiffness in this substep
 
   // Scratch of the solve with springs, [node][xyz][lane] and [lane].
   Real *rest, *direction, *metric_direction, *solution, *answer, *last_product;

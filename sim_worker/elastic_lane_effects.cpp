@@ -269,7 +269,7 @@ void ElasticLaneEffects<Real>::reset(int lane, const Eigen::Vector3d& offset) {
 }
 
 template <typename Real>
-std::uint32_t ElasticLaneEffects<Real>::begin_step() {
+std::uint32_t ElasticLaneEffects<Real>::begin_substep() {
   std::uint32_t changed = 0;
   for (int lane = 0; lane < lanes_ && args_.stiffening != 0; ++lane) {
     if ((args_.stiffening >> lane & 1U) == 0) continue;

@@ -31,9 +31,9 @@ class ElasticLaneEffects {
   void set(int lane, const EffectValues& values, double stiffness_scale);
   /// Memory of a sheet that never moved, its rest shape shifted by `offset` [m].
   void reset(int lane, const Eigen::Vector3d& offset);
-  /// Before a control step: the tangent of the last one may ask for another factor. Returns the
+  /// Before a substep: the tangent of the last one may ask for another factor. Returns the
   /// lanes for which factor_key() has changed.
-  std::uint32_t begin_step();
+  std::uint32_t begin_substep();
 
   /// Effects that differ from none, then the memory of those that have one.
   void save(int lane, Bytes& out) const;

@@ -257,6 +257,11 @@ ElasticFactor make_panels(const SparseMatrix& l, const std::vector<int>& node_of
   return factor;
 }
 
+/// Stiffness of the step with memory over that without: Prony branches and slider.
+double memory_tangent(const EffectValues& effects, double step) {
+  return 1 + make_prony(effects, step).gains + effects.slider_ratio;
+}
+
 ElasticFactor make_factor(const ElasticTissueModel& model, double stiffness, double density) {
   std::vector<int> free_index;
   std::vector<int> free_node;
@@ -349,12 +354,12 @@ int ElasticTissueModel::factor_key(double stiffness_scale, const EffectValues& l
   // An effect may exceed the factor a little, as the step allows (up to 1.25): a small one then
   // changes the solution smoothly, without a jump to another factor.
   constexpr double kSlack = 1.12;
-  double tangent = 1 + make_prony(lane, effective_step()).gains;
+  double tangent =
+      memory_tangent(lane, effective_step()) / memory_tangent(effects, effective_step());
   // In steps of two: a new factor now and then, not in every step.
   double level = 1;
   while (level * kSlack < peak && level < 4096) level *= 2;
   tangent *= level;
-  tangent += lane.slider_ratio;
   if (lane.fibre_ratio != effects.fibre_ratio || lane.fibre_angle != effects.fibre_angle) {
     tangent += lane.fibre_ratio;
   }
@@ -406,7 +411,8 @@ std::shared_ptr<const ElasticFactor> ElasticTissueModel::factor(int key) const {
     for (; key > kDensityKeys / 2; key -= kDensityKeys) ++heavier;
     for (; key < -kDensityKeys / 2; key += kDensityKeys) --heavier;
     factor = std::make_shared<const ElasticFactor>(
-        make_factor(*this, value(key), (1 + effects.density_change) * value(heavier)));
+        make_factor(*this, value(key) * memory_tangent(effects, effective_step()),
+                    (1 + effects.density_change) * value(heavier)));
   }
   return factor;
 }

@@ -240,12 +240,10 @@ void ElasticTissue<Real>::update_key(int lane) {
   if (!held_[l].nodes.empty()) make_patch(lane);
 }
 
-/// Before a control step: factors that fit the tangents of the last one, and slip of the grasps.
+/// Before a control step: slip of the grasps.
 template <typename Real>
-void ElasticTissue<Real>::begin_effects() {
-  const std::uint32_t changed = effects_.begin_step();
+void ElasticTissue<Real>::slip_grasps() {
   for (int lane = 0; lane < lanes(); ++lane) {
-    if ((changed >> lane & 1U) != 0) update_key(lane);
     const auto l = static_cast<std::size_t>(lane);
     const EffectValues& effects = effects_.values(lane);
     if (held_[l].nodes.empty() || !(effects.slip_speed > 0)) continue;
@@ -282,9 +280,13 @@ void ElasticTissue<Real>::step(std::span<const ToolMotion> motion) {
   OMENTUM_CHECK(static_cast<int>(motion.size()) == lanes());
   const auto substeps = static_cast<int>(model_->parameters.substeps());
   const auto iterations = static_cast<int>(model_->parameters.iterations());
-  begin_effects();
+  slip_grasps();
   if (args_.has_contact) find_contacts(motion);
   for (int substep = 0; substep < substeps; ++substep) {
+    const std::uint32_t changed = effects_.begin_substep();
+    for (int lane = 0; lane < lanes() && changed != 0; ++lane) {
+      if ((changed >> lane & 1U) != 0) update_key(lane);
+    }
     place_tool(motion, substep);
     elastic_.start_substep(args_);
     for (int iteration = 0; iteration < iterations; ++iteration) {

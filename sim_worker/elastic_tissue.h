@@ -86,7 +86,7 @@ class ElasticTissue : public Tissue<Real> {
   const Factor& factor_of(int key);
   void group_lanes();
   void update_key(int lane);
-  void begin_effects();
+  void slip_grasps();
   void solve_with_springs();
   void set_free(int lane, const Held& held, bool free);
   void make_patch(int lane);

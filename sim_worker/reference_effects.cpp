@@ -105,7 +105,8 @@ void ReferenceEffects::reset(const Vector3d& offset) {
   }
 }
 
-void ReferenceEffects::begin(double h, const Nodes& x, const Nodes& v) {
+void ReferenceEffects::begin(double h, const Nodes& x, const Nodes& v, const Nodes& x_tilde,
+                             double beta) {
   step_ = h;
   const PronyStep prony = make_prony(values_, h);
   for (std::size_t b = 0; b < memory_.size() && prony.branches > 0; ++b) {
@@ -123,9 +124,10 @@ void ReferenceEffects::begin(double h, const Nodes& x, const Nodes& v) {
   }
   drag_.clear();
   if (values_.air_drag > 0) {
+    drag_origin_ = x_tilde;
     for (std::size_t i = 0; i < v.size(); ++i) {
-      drag_.push_back(-0.5 * values_.air_drag * kAirDensity * model_->node_area[i] * v[i].norm() *
-                      v[i]);
+      drag_.push_back(0.5 * values_.air_drag * kAirDensity * model_->node_area[i] * v[i].norm() /
+                      beta);
     }
   }
   film_.clear();
@@ -171,7 +173,9 @@ void ReferenceEffects::for_each_force(
     const Nodes& x,
     const std::function<void(int, double, const Vector3d&, const Matrix3d&)>& fn) const {
   for (std::size_t i = 0; i < drag_.size(); ++i) {
-    fn(static_cast<int>(i), -drag_[i].dot(x[i]), -drag_[i], Matrix3d::Zero());
+    const Vector3d d = x[i] - drag_origin_[i];
+    fn(static_cast<int>(i), 0.5 * drag_[i] * d.squaredNorm(), drag_[i] * d,
+       drag_[i] * Matrix3d::Identity());
   }
   for (std::size_t i = 0; i < bond_longest_.size(); ++i) {
     const double k = bond_stiffness(i);

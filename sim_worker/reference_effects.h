@@ -28,8 +28,8 @@ class ReferenceEffects {
   bool fits(const EffectValues& values) const;
   void reset(const Eigen::Vector3d& offset);
 
-  /// Start of an implicit step of length h: everything that is constant in it.
-  void begin(double h, const Nodes& x, const Nodes& v);
+  /// Start of an implicit step of length h, from x and v; in it velocity is (x - x_tilde) / beta.
+  void begin(double h, const Nodes& x, const Nodes& v, const Nodes& x_tilde, double beta);
   /// Of the material of a batch; null where there is none.
   const HexEffects* of_batch(std::size_t batch) const {
     return material_.empty() ? nullptr : &material_[batch];
@@ -60,8 +60,9 @@ class ReferenceEffects {
   Nodes bond_place_;                  ///< [m]
   std::vector<double> bond_longest_;  ///< [m], -1 = no spring
   Nodes start_;                       ///< positions at the start of the step
-  Nodes drag_;                        ///< force [N]
-  std::vector<double> film_;          ///< [N/m] of this step
+  Nodes drag_origin_;
+  std::vector<double> drag_;  ///< [N/m] of this step
+  std::vector<double> film_;  ///< [N/m] of this step
   Nodes film_normal_;
 };
 

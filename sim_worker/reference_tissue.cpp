@@ -68,7 +68,7 @@ bool ReferenceTissue::advance(const ToolMotion& motion, double from, double to, 
   const State start = state_;
   const Terms terms = make_terms(motion, from, to);
   ++implicit_steps_;
-  effects_.begin(terms.h, state_.x, state_.v);
+  effects_.begin(terms.h, state_.x, state_.v, terms.x_tilde, terms.beta);
   if (solve(terms)) {
     finish(terms);
     return true;
@@ -323,7 +323,8 @@ Result<std::size_t> ReferenceTissue::load(int, std::span<const std::byte> state)
   const std::size_t effects_at = values.size();
   if (has_effects) {
     if (!grow(kEffectValues + 1)) return Failure{"reference tissue state ends in its effects"};
-    std::memcpy(static_cast<void*>(&*parameters.effects), &values[effects_at], sizeof(EffectValues));
+    std::memcpy(static_cast<void*>(&*parameters.effects), &values[effects_at],
+                sizeof(EffectValues));
     if (!usable(*parameters.effects, model_->material.poisson_ratio(), model_->body.particles))
       return Failure{"reference tissue state holds effects out of range"};
     if (!grow(effects_.saved_size(*parameters.effects)))

@@ -308,7 +308,8 @@ double detached_share(const EffectValues& effects, double x, double half_width) 
   if (effects.anchor_free_from == effects.anchor_free_to) return 0;
   const double low = std::max(effects.anchor_free_from, x - half_width);
   const double high = std::min(effects.anchor_free_to, x + half_width);
-  return std::clamp((high - low) / (2 * half_width), 0.0, 1.0);
+  const double share = std::clamp((high - low) / (2 * half_width), 0.0, 1.0);
+  return share > 1 - 1e-9 ? 1 : share;  // rounding must not leave a thread
 }
 
 }  // namespace omentum

