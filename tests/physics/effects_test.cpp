@@ -513,10 +513,11 @@ TEST_P(EffectContact, AirDragLimitsTheFall) {
   c.effects.set_air_drag(40);
   const auto tissue = make(c);
   const double limit = std::sqrt(2 * kDensity * 0.003 * kGravity / (kAirDensity * 40));
+  // The drag of a step is that of the speed at its start: 5 % at 20 ms.
   for (int k = 1; k <= 10; ++k) {
     rest(*tissue, 0.02);
     const double expected = limit * std::tanh(kGravity * 0.02 * k / limit);
-    EXPECT_NEAR(-tissue->velocity(0, 0).z() / expected, 1, 0.04) << k;
+    EXPECT_NEAR(-tissue->velocity(0, 0).z() / expected, 1, 0.05) << k;
   }
 }
 
