@@ -78,18 +78,18 @@ struct ElasticArgs {
   const Real* patch_response;      ///< A^-1 P [node][kMaxPatch][lane] [m/N]
   Real* patch_force;               ///< lambda [kMaxPatch][xyz][lane] [N]
 
-  // Contact: nodes that may touch in some lane, and the inverse matrix A^-1 of one key.
-  std::int32_t contacts;
-  const std::int32_t* contact_node;
-  const Real* metric;            ///< off-diagonal of A of one key, entries as those of `bend`
-  const Real* metric_diagonal;   ///< per node
-  const Real* inverse;           ///< [node][node] [m/N]
-  Real* contact_place;           ///< scratch [contact][xyz][lane]: where it is now [m]
-  Real* contact_change;          ///< scratch [contact][xyz][lane]: change of its force [N]
-  std::uint32_t* contact_lanes;  ///< scratch per contact: lanes in which it has or wants a force
-  std::uint32_t* touching;       ///< scratch per node: lanes in which it touches
-  std::int32_t contact_listed;   ///< contacts that matter in some lane, ascending
-  const std::int32_t* contact_list;
+  // Contact: planes of nodes and shapes that may touch in some lane, by nodes.
+  const std::int32_t* plane_begin;  ///< per node, nodes + 1
+  const std::int32_t* plane_shape;
+  Real* plane;                      ///< scratch [plane][depth of x + d, normal xyz][lane] [m]
+  const std::uint32_t* free_mask;   ///< per node: lanes in which neither anchor nor grasp holds it
+  const Real* metric;               ///< off-diagonal of A at stiffness 1, entries as those of `bend`
+  const Real* metric_diagonal;      ///< per node, without the mass
+  const Real* key_stiffness;        ///< per lane: E of its factor / nominal E
+  Real* contact_motion;             ///< scratch [node][xyz][lane]: e [m]
+  Real* contact_way;                ///< scratch [node][xyz][lane]: onto the deepest plane, without slip [m]
+  Real* contact_before;             ///< scratch [node][xyz][lane]: forces before the change [N]
+  Real relax;
   const std::uint32_t* candidates;     ///< [node][shape] lane masks
   const std::uint32_t* candidate_any;  ///< per node, bit per shape
   Real contact_tolerance;              ///< motion of a node per sweep that counts as settled [m]
@@ -112,13 +112,12 @@ struct ElasticKernel {
   void (*solve)(const ElasticArgs<Real>&);
   void (*subtract_solution)(const ElasticArgs<Real>&);
   void (*hold_patch)(const ElasticArgs<Real>&);
-  void (*load_contacts)(const ElasticArgs<Real>&);
-  /// Parts of the contact solver, for the listed contacts of args.lanes; they return the lanes
-  /// in which a force changed.
-  std::uint32_t (*guess_contact_forces)(const ElasticArgs<Real>&);
-  std::uint32_t (*sweep_contacts)(const ElasticArgs<Real>&, bool first, bool backwards);
-  /// Loads the right-hand side of the contact changes; returns the lanes that have one.
+  void (*place_contacts)(const ElasticArgs<Real>&);
+  /// Parts of the contact solver for the lanes of args.lanes; they return lanes.
+  std::uint32_t (*unsettled_contacts)(const ElasticArgs<Real>&);
+  std::uint32_t (*sweep_contacts)(const ElasticArgs<Real>&, bool backwards);
   std::uint32_t (*load_contact_change)(const ElasticArgs<Real>&);
+  void (*take_contact_change)(const ElasticArgs<Real>&);
   void (*drop_far_contacts)(const ElasticArgs<Real>&);
   void (*finish_substep)(const ElasticArgs<Real>&);
 };

@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
-#include <numeric>
+#include <cstdlib>
 
 #include "core/check.h"
 #include "core/hash.h"
@@ -15,10 +15,6 @@ namespace {
 
 using Eigen::Vector3d;
 
-// Contact forces of a substep: a lane is done when no node moves by more than this part of the
-// pitch in a sweep, or after so many rounds of a sweep up and one down; the next substep goes on
-// from there.
-constexpr int kMaxContactRounds = 8;
 constexpr double kContactTolerance = 5e-5;
 constexpr double kLeastCover = 1e-3;  // of a cell: a thinner hold is none
 
@@ -64,7 +60,8 @@ ElasticTissue<Real>::ElasticTissue(std::shared_ptr<const ElasticTissueModel> mod
   }
   bend_ = convert<Real>(model_->bending.value);
 
-  for (auto* v : {&x_, &v_, &d_, &moved_, &b_, &keep_b_, &contact_force_}) {
+  for (auto* v : {&x_, &v_, &d_, &moved_, &b_, &keep_b_, &contact_force_, &contact_motion_, &contact_way_,
+                  &contact_before_}) {
     v->assign(3 * n * W, Real{0});
   }
   if (second_order) {
@@ -89,10 +86,10 @@ ElasticTissue<Real>::ElasticTissue(std::shared_ptr<const ElasticTissueModel> mod
   free_mask_.assign(n, 0);
   candidates_.assign(n * kMaxShapes, 0);
   candidate_any_.assign(n, 0);
-  contact_change_.assign(3 * n * W, Real{0});
-  contact_place_.assign(3 * n * W, Real{0});
-  contact_lanes_.assign(n, 0);
-  touching_.assign(n, 0);
+  plane_begin_.assign(n + 1, 0);
+  key_stiffness_.assign(W, Real{1});
+  metric_ = convert<Real>(model_->metric);
+  metric_diagonal_ = convert<Real>(model_->metric_diagonal);
 
   args_.count_x = model_->count_x;
   args_.count_y = model_->count_y;
@@ -128,11 +125,15 @@ ElasticTissue<Real>::ElasticTissue(std::shared_ptr<const ElasticTissueModel> mod
   args_.patch_inverse = patch_inverse_.data();
   args_.patch_response = patch_response_.data();
   args_.patch_force = patch_force_.data();
-  args_.contact_change = contact_change_.data();
-  args_.contact_place = contact_place_.data();
-  args_.touching = touching_.data();
-  args_.contact_lanes = contact_lanes_.data();
-  args_.contact_tolerance = static_cast<Real>(kContactTolerance * model_->pitch);
+  args_.plane_begin = plane_begin_.data();
+  args_.free_mask = free_mask_.data();
+  args_.metric = metric_.data();
+  args_.metric_diagonal = metric_diagonal_.data();
+  args_.key_stiffness = key_stiffness_.data();
+  args_.contact_motion = contact_motion_.data();
+  args_.contact_way = contact_way_.data();
+  args_.contact_before = contact_before_.data();
+  args_.contact_tolerance = static_cast<Real>((getenv("TOL") ? atof(getenv("TOL")) : 0.1) * 9.81);
   args_.candidates = candidates_.data();
   args_.candidate_any = candidate_any_.data();
   args_.particle_radius = static_cast<Real>(model_->body.particle_radius);
@@ -182,15 +183,6 @@ const typename ElasticTissue<Real>::Factor& ElasticTissue<Real>::factor_of(int k
   Factor& factor = factors_[key];
   factor.shared = model_->factor(key);
   factor.value = convert<Real>(factor.shared->panel_value);
-  if (model_->has_contact()) {
-    factor.metric = convert<Real>(factor.shared->metric);
-    factor.metric_diagonal = convert<Real>(factor.shared->metric_diagonal);
-    const auto inverse = model_->inverse(key);
-    factor.inverse.resize(static_cast<std::size_t>(inverse->size()));
-    for (std::size_t k = 0; k < factor.inverse.size(); ++k) {
-      factor.inverse[k] = static_cast<Real>(inverse->data()[k]);
-    }
-  }
   return factor;
 }
 
@@ -222,6 +214,7 @@ void ElasticTissue<Real>::set_parameters(int lane, const LaneParameters& paramet
   static_friction_[l] = static_cast<Real>(model_->static_friction * parameters.friction_scale);
   dynamic_friction_[l] = static_cast<Real>(model_->dynamic_friction * parameters.friction_scale);
   key_[l] = ElasticTissueModel::factor_key(parameters.stiffness_scale);
+  key_stiffness_[l] = static_cast<Real>(ElasticTissueModel::key_stiffness(key_[l]));
   group_lanes();
   if (!held_[l].nodes.empty()) make_patch(lane);
 }
@@ -277,12 +270,17 @@ void ElasticTissue<Real>::find_contacts(std::span<const ToolMotion> motion) {
   }
   kernel_.find_candidates(candidate_args_);
   elastic_.drop_far_contacts(args_);
-  contact_node_.clear();
-  for (int i = 0; i < particles(); ++i) {
-    if (candidate_any_[static_cast<std::size_t>(i)] != 0) contact_node_.push_back(i);
+  plane_shape_.clear();
+  for (std::size_t i = 0; i < candidate_any_.size(); ++i) {
+    for (int k = 0; k < args_.shapes; ++k) {
+      if ((candidate_any_[i] >> k & 1U) != 0) plane_shape_.push_back(k);
+    }
+    plane_begin_[i + 1] = static_cast<std::int32_t>(plane_shape_.size());
   }
-  args_.contacts = static_cast<std::int32_t>(contact_node_.size());
-  args_.contact_node = contact_node_.data();
+  const std::size_t values = 4 * plane_shape_.size() * static_cast<std::size_t>(lanes());
+  if (plane_.size() < values) plane_.resize(values);
+  args_.plane_shape = plane_shape_.data();
+  args_.plane = plane_.data();
 }
 
 template <typename Real>
@@ -310,17 +308,17 @@ void ElasticTissue<Real>::place_tool(std::span<const ToolMotion> motion, int sub
 template <typename Real>
 void ElasticTissue<Real>::iterate() {
   elastic_.find_residual(args_);
-  solve_for(~0U);
+  solve_for(~0U, elastic_.subtract_solution);
   if (held_lanes_ != 0) {
     std::fill(patch_force_.begin(), patch_force_.end(), Real{0});
     hold_for(held_lanes_);
   }
-  if (args_.has_contact && args_.contacts > 0) resolve_contacts();
+  if (args_.has_contact && !plane_shape_.empty()) resolve_contacts();
 }
 
 /// d -= A^-1 b in the given lanes, one solve per distinct factor.
 template <typename Real>
-void ElasticTissue<Real>::solve_for(std::uint32_t lanes) {
+void ElasticTissue<Real>::solve_for(std::uint32_t lanes, void (*take)(const ElasticArgs<Real>&)) {
   const bool several = groups_.size() > 1;
   if (several) keep_b_ = b_;
   bool first = true;
@@ -334,7 +332,7 @@ void ElasticTissue<Real>::solve_for(std::uint32_t lanes) {
     args_.panel_node = group.factor->shared->panel_node.data();
     args_.panel_value = group.factor->value.data();
     elastic_.solve(args_);
-    elastic_.subtract_solution(args_);
+    take(args_);
   }
 }
 
@@ -348,47 +346,27 @@ void ElasticTissue<Real>::hold_for(std::uint32_t lanes) {
 // solve. A lane takes part until it is settled and then stays as it is, to the last bit.
 template <typename Real>
 void ElasticTissue<Real>::resolve_contacts() {
-  elastic_.load_contacts(args_);
-  // Runs one part for every factor key; returns the lanes in which something still moves.
-  const auto run = [this](std::uint32_t lanes, auto part) {
-    std::uint32_t moving = 0;
-    for (const KeyGroup& group : groups_) {
-      args_.lanes = group.lanes & lanes;
-      if (args_.lanes == 0) continue;
-      args_.metric = group.factor->metric.data();
-      args_.metric_diagonal = group.factor->metric_diagonal.data();
-      args_.inverse = group.factor->inverse.data();
-      moving |= part(args_);
+  static const int passes = getenv("PASSES") ? atoi(getenv("PASSES")) : 2;
+  static const int sweeps = getenv("SWEEPS") ? atoi(getenv("SWEEPS")) : 8;
+  static const double relax = getenv("RELAX") ? atof(getenv("RELAX")) : 1.0;
+  args_.relax = static_cast<Real>(relax);
+  args_.lanes = ~0U;
+  for (int pass = 0; pass < passes; ++pass) {
+    elastic_.place_contacts(args_);
+    args_.lanes = elastic_.unsettled_contacts(args_);
+    if (args_.lanes == 0) return;
+    const std::uint32_t unsettled = args_.lanes;
+    for (int sweep = 0; sweep < sweeps && args_.lanes != 0; ++sweep) {
+      args_.lanes = elastic_.sweep_contacts(args_, sweep % 2 != 0);
     }
-    return moving;
-  };
-  // Round 0 begins with a guess and asks every candidate; what matters in no lane is then left out.
-  contact_list_.resize(contact_node_.size());
-  std::iota(contact_list_.begin(), contact_list_.end(), 0);
-  std::uint32_t moving = ~0U;
-  for (int round = 0; round < kMaxContactRounds && moving != 0; ++round) {
-    const bool first = round == 0;
-    list_contacts();
-    if (first) run(moving, elastic_.guess_contact_forces);
-    for (const bool backwards : {false, true}) {
-      moving = run(moving, [&](const ElasticArgs<Real>& args) {
-        return elastic_.sweep_contacts(args, first && !backwards, backwards);
-      });
-    }
+    args_.lanes = unsettled;
+    const std::uint32_t changed = elastic_.load_contact_change(args_);
+    if (changed == 0) return;
+    static const bool line = getenv("LINE") != nullptr;
+    solve_for(changed, line ? elastic_.take_contact_change : elastic_.subtract_solution);
+    hold_for(changed & held_lanes_);
+    args_.lanes = changed;
   }
-  const std::uint32_t changed = elastic_.load_contact_change(args_);
-  if (changed == 0) return;
-  solve_for(changed);
-  hold_for(changed & held_lanes_);
-}
-
-template <typename Real>
-void ElasticTissue<Real>::list_contacts() {
-  std::erase_if(contact_list_, [this](std::int32_t c) {
-    return contact_lanes_[static_cast<std::size_t>(c)] == 0;
-  });
-  args_.contact_listed = static_cast<std::int32_t>(contact_list_.size());
-  args_.contact_list = contact_list_.data();
 }
 
 template <typename Real>

@@ -71,8 +71,6 @@ class ElasticTissue : public Tissue<Real> {
   struct Factor {
     std::shared_ptr<const ElasticFactor> shared;
     std::vector<Real> value;
-    std::vector<Real> metric, metric_diagonal;
-    std::vector<Real> inverse;  ///< of contact, [node][node]; empty without contact
   };
   struct KeyGroup {
     const Factor* factor = nullptr;
@@ -90,10 +88,9 @@ class ElasticTissue : public Tissue<Real> {
   void find_contacts(std::span<const ToolMotion> motion);
   void place_tool(std::span<const ToolMotion> motion, int substep);
   void iterate();
-  void solve_for(std::uint32_t lanes);
+  void solve_for(std::uint32_t lanes, void (*take)(const ElasticArgs<Real>&));
   void hold_for(std::uint32_t lanes);
   void resolve_contacts();
-  void list_contacts();
 
   std::shared_ptr<const ElasticTissueModel> model_;
   const Kernel<Real>& kernel_;
@@ -118,9 +115,10 @@ class ElasticTissue : public Tissue<Real> {
   std::vector<Real> stiffness_, gravity_, keep_, static_friction_, dynamic_friction_;
 
   // Contact.
-  std::vector<std::uint32_t> free_mask_, candidates_, candidate_any_, contact_lanes_, touching_;
-  std::vector<std::int32_t> contact_node_, contact_list_;
-  std::vector<Real> contact_place_, contact_change_, capsule_, capsule_motion_, capsule_sweep_;
+  std::vector<std::uint32_t> free_mask_, candidates_, candidate_any_;
+  std::vector<std::int32_t> plane_begin_, plane_shape_;
+  std::vector<Real> plane_, metric_, metric_diagonal_, key_stiffness_, contact_motion_,
+      contact_way_, contact_before_, capsule_, capsule_motion_, capsule_sweep_;
 };
 
 extern template class ElasticTissue<float>;
