@@ -1,8 +1,8 @@
 // Contact of the elastic shell in lanes: included by elastic_*.cpp after elastic_kernel.inl.
 //
 // Each touching node has a force f with friction, kept from substep to substep and part of the
-// residual: at rest it balances the sheet exactly, whatever the step (docs/decisions/0012). After the
-// free solve has given d, forces f + df and a further displacement e are wanted with
+// residual: at rest it balances the sheet exactly, whatever the step (docs/decisions/0012). After
+// the free solve has given d, forces f + df and a further displacement e are wanted with
 //   A e = df,   no node behind the plane of a shape at x + d,   f + df within the friction cone.
 // Projected Gauss-Seidel on the sparse A finds df; an exact solve then gives e = A^-1 df, so that
 // momentum is kept whatever the sweeps have left.
@@ -10,12 +10,6 @@
 #include "sim_worker/contact.inl"
 
 namespace {
-
-inline Bits nonzero(Lane3 a) {
-  const Lane zero = splat(Real{0});
-  return to_bits(a.x < zero) | to_bits(zero < a.x) | to_bits(a.y < zero) | to_bits(zero < a.y) |
-         to_bits(a.z < zero) | to_bits(zero < a.z);
-}
 
 /// Planes of the shapes at the present place x + d of each node that may touch; e = 0.
 void place_contacts(const Args& args) {
@@ -37,26 +31,21 @@ void place_contacts(const Args& args) {
       const int shape = args.plane_shape[n];
       Lane3 slip = d;
       if (args.shape[shape].kind == ShapeKind::kCapsule) slip = slip - load3(args.capsule_motion);
-      const Mask deeper = both(deepest < depth, to_mask(args.candidates[i * omentum::kMaxShapes + shape]));
-      way = select(deeper, fma(depth + dot(slip, surface.normal), surface.normal, zero3() - slip), way);
+      const Mask deeper =
+          both(deepest < depth, to_mask(args.candidates[i * omentum::kMaxShapes + shape]));
+      way = select(deeper, fma(depth + dot(slip, surface.normal), surface.normal, zero3() - slip),
+                   way);
       deepest = select(deeper, depth, deepest);
     }
     store3(args.contact_way + k, way);
   }
 }
 
-/// Displacement and force of a node.
-struct ContactMove {
-  Lane3 motion, force;
-};
-
-/// Where node i goes by itself when its neighbours load it with `pull` [N], and the force that then
-/// keeps it out of the shapes.
-inline ContactMove move_node(const Args& args, int i, Lane own, Lane3 pull) {
+/// Where a node goes that would go to `free` by itself, when the planes of its shapes hold it back.
+inline Lane3 hold_back(const Args& args, int i, Lane3 free) {
   const Lane zero = splat(Real{0});
-  const Lane3 free = (zero - splat(Real{1}) / own) * (pull + load3(args.contact_before + 3 * kLanes * i));
-  Lane3 motion = free;
   const Lane3 from = zero3() - load3(args.d + 3 * kLanes * i);
+  Lane3 motion = free;
   for (int n = args.plane_begin[i]; n < args.plane_begin[i + 1]; ++n) {
     const Lane3 normal = load3(args.plane + 4 * kLanes * n + kLanes);
     const Lane depth = load(args.plane + 4 * kLanes * n) - dot(normal, motion);
@@ -65,75 +54,73 @@ inline ContactMove move_node(const Args& args, int i, Lane own, Lane3 pull) {
     if (to_bits(touches) == 0) continue;
     motion = select(touches, leave_shape(args, args.shape[k], depth, normal, motion, from), motion);
   }
-  return {motion, own * (motion - free)};
+  return motion;
 }
 
-inline Lane own_stiffness(const Args& args, int i, Lane stiffness) {
-  return fma(stiffness, splat(args.metric_diagonal[i]), splat(args.mass_over_step2[i]));
+/// Lanes in which a change of the force on node i matters.
+inline Bits matters(const Args& args, int i, Lane3 change) {
+  const Real tolerance = args.contact_tolerance * args.mass[i];
+  return to_bits(splat(tolerance * tolerance) < dot(change, change));
 }
 
-/// Lanes of args.lanes in which some contact wants to move by more than the tolerance.
+/// Lanes of args.lanes in which some contact wants another force.
 Bits unsettled_contacts(const Args& args) {
-  const Lane stiffness = load(args.key_stiffness);
   Bits lanes = 0;
   for (int i = 0; i < args.nodes; ++i) {
     const Bits asked = args.free_mask[i] & args.lanes & ~lanes;
     if (asked == 0 || args.plane_begin[i] == args.plane_begin[i + 1]) continue;
-    const Lane own = own_stiffness(args, i, stiffness);
-    const Lane3 load = own * move_node(args, i, own, zero3()).motion;
-    const Real tolerance = args.contact_tolerance * args.mass[i];
-    lanes |= to_bits(splat(tolerance * tolerance) < dot(load, load)) & asked;
+    const Lane own = load(args.own_stiffness + kLanes * i);
+    const Lane compliance = load(args.own_compliance + kLanes * i);
+    const Lane3 free = (splat(Real{0}) - compliance) * load3(args.contact_before + 3 * kLanes * i);
+    lanes |= matters(args, i, own * hold_back(args, i, free)) & asked;
   }
   return lanes;
 }
 
-/// One sweep over all nodes in the lanes args.lanes. Returns the lanes in which a contact has moved by
-/// more than the tolerance.
+/// One sweep over all nodes in the lanes args.lanes. Returns the lanes in which a contact force is
+/// still changing.
 Bits sweep_contacts(const Args& args, bool backwards) {
-  const Lane stiffness = load(args.key_stiffness);
+  const Lane stiffness = splat(Real{0}) - load(args.key_stiffness);
   Bits moving = 0;
   for (int n = 0; n < args.nodes; ++n) {
     const int i = backwards ? args.nodes - 1 - n : n;
     const Bits asked = args.free_mask[i] & args.lanes;
     if (asked == 0) continue;
-    Lane3 pull = zero3();
+    Lane3 sum = zero3();
     for (int m = args.bend_begin[i]; m < args.bend_begin[i + 1]; ++m) {
-      pull = fma(splat(args.metric[m]), load3(args.contact_motion + 3 * kLanes * args.bend_node[m]), pull);
+      const Lane3 e = load3(args.contact_motion + 3 * kLanes * args.bend_node[m]);
+      sum = fma(splat(args.metric[m]), e, sum);
     }
-    const Lane own = own_stiffness(args, i, stiffness);
-    const ContactMove next = move_node(args, i, own, stiffness * pull);
+    const Lane compliance = load(args.own_compliance + kLanes * i);
+    const Lane3 pull = stiffness * sum;
     Real* const memory = args.contact_motion + 3 * kLanes * i;
     const Lane3 before = load3(memory);
     if (args.plane_begin[i] == args.plane_begin[i + 1]) {
-      const Lane3 relaxed = fma(splat(args.relax), next.motion - before, before);
-      store3(memory, select(to_mask(asked), relaxed, before));
+      store3(memory, select(to_mask(asked), compliance * pull, before));
       continue;
     }
-    store3(memory, select(to_mask(asked), next.motion, before));
+    const Lane own = load(args.own_stiffness + kLanes * i);
+    const Lane3 free = compliance * (pull - load3(args.contact_before + 3 * kLanes * i));
+    const Lane3 next = hold_back(args, i, free);
+    store3(memory, select(to_mask(asked), next, before));
     Real* const force = args.contact_force + 3 * kLanes * i;
-    store3(force, select(to_mask(asked), next.force, load3(force)));
-    const Lane3 load = own * (next.motion - before);
-    const Real tolerance = args.contact_tolerance * args.mass[i];
-    moving |= to_bits(splat(tolerance * tolerance) < dot(load, load)) & asked;
+    store3(force, select(to_mask(asked), own * (next - free), load3(force)));
+    moving |= matters(args, i, own * (next - before)) & asked;
   }
   return moving;
 }
 
-/// Loads the right-hand side of the change of the forces; returns the lanes that have one.
-Bits load_contact_change(const Args& args) {
-  Bits lanes = 0;
+/// Right-hand side for the exact response to the change of the forces, negative.
+void load_contact_change(const Args& args) {
   for (int i = 0; i < args.nodes; ++i) {
     const int k = 3 * kLanes * i;
-    const Lane3 change = load3(args.contact_before + k) - load3(args.contact_force + k);
-    lanes |= nonzero(change);
-    store3(args.b + k, change);
+    store3(args.b + k, load3(args.contact_before + k) - load3(args.contact_force + k));
   }
-  return lanes;
 }
 
 /// With A^-1 times the (negative) change of forces in b: the share of the change that brings the
-/// contacts closest to where the sweeps wanted them, in the metric of A^-1; takes that share, in the
-/// lanes args.lanes.
+/// contacts closest to where the sweeps wanted them, in the metric of A^-1; takes that share, in
+/// the lanes args.lanes.
 void take_contact_change(const Args& args) {
   Lane wanted = splat(Real{0});
   Lane reached = splat(static_cast<Real>(1e-30));

@@ -11,7 +11,6 @@
 namespace {
 
 using omentum::FactorPanel;
-using omentum::kMaxPatch;
 using Args = omentum::ElasticArgs<Real>;
 
 inline Lane3 zero3() {
@@ -240,7 +239,6 @@ void subtract_solution(const Args& args) {
 
 void hold_patch(const Args& args) {
   const Mask lanes = to_mask(args.lanes);
-  Real miss[3 * kMaxPatch * kLanes];
   for (int k = 0; k < args.patch_size; ++k) {
     for (int lane = 0; lane < kLanes; ++lane) {
       const int node = args.patch_node[k * kLanes + lane];
@@ -249,28 +247,28 @@ void hold_patch(const Args& args) {
         const int at = (3 * node + axis) * kLanes + lane;
         const int here = (3 * k + axis) * kLanes + lane;
         const Real off = (args.x[at] - args.patch_target[here]) + args.d[at];
-        miss[here] = off - compliance * args.patch_force[here];
+        args.patch_miss[here] = off - compliance * args.patch_force[here];
       }
     }
   }
-  Lane3 change[kMaxPatch];
   for (int k = 0; k < args.patch_size; ++k) {
     Lane3 sum = zero3();
     for (int j = 0; j < args.patch_size; ++j) {
-      const Lane s = load(args.patch_inverse + (k * kMaxPatch + j) * kLanes);
-      sum = fma(s, load3(miss + 3 * kLanes * j), sum);
+      const Lane s = load(args.patch_inverse + (k * args.patch_room + j) * kLanes);
+      sum = fma(s, load3(args.patch_miss + 3 * kLanes * j), sum);
     }
-    change[k] = select(lanes, sum, zero3());
+    const Lane3 change = select(lanes, sum, zero3());
+    store3(args.patch_change + 3 * kLanes * k, change);
     Real* const force = args.patch_force + 3 * kLanes * k;
-    store3(force, load3(force) + change[k]);
+    store3(force, load3(force) + change);
   }
   for (int i = 0; i < args.nodes; ++i) {
     Real* const memory = args.d + 3 * kLanes * i;
     const Lane3 before = load3(memory);
     Lane3 d = before;
     for (int k = 0; k < args.patch_size; ++k) {
-      const Lane response = load(args.patch_response + (i * kMaxPatch + k) * kLanes);
-      d = fnma(response, change[k], d);
+      const Lane response = load(args.patch_response + (i * args.patch_room + k) * kLanes);
+      d = fnma(response, load3(args.patch_change + 3 * kLanes * k), d);
     }
     store3(memory, select(lanes, d, before));
   }

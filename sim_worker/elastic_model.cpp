@@ -266,8 +266,8 @@ void make_metric(ElasticTissueModel& model) {
   };
   for (int i = 0; i < model.nodes(); ++i) {
     const auto k = static_cast<std::size_t>(i);
-    model.metric_diagonal.push_back(
-        free.row[k] < 0 ? 0.0 : entry(i, i) - model.mass[k] * inverse_step2);
+    model.metric_diagonal.push_back(free.row[k] < 0 ? 0.0
+                                                    : entry(i, i) - model.mass[k] * inverse_step2);
     for (int m = model.bending.begin[k]; m < model.bending.begin[k + 1]; ++m) {
       model.metric.push_back(entry(i, model.bending.node[static_cast<std::size_t>(m)]));
     }

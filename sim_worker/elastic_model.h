@@ -50,8 +50,8 @@ struct ElasticTissueModel : TissueModel, std::enable_shared_from_this<ElasticTis
   /// A without its mass, at nominal E [N/m]: entries as those of `bending`, and the diagonal; zero
   /// at fixed nodes.
   std::vector<double> metric, metric_diagonal;
-  double shear = 0;              ///< 2 mu t a_T / pitch^2 [N/m], nominal E
-  double area = 0;               ///< lambda t a_T / pitch^2 [N/m], nominal E, plane stress
+  double shear = 0;  ///< 2 mu t a_T / pitch^2 [N/m], nominal E
+  double area = 0;   ///< lambda t a_T / pitch^2 [N/m], nominal E, plane stress
   /// Spring of a node that the jaw covers half [N/m]; infinite: all or nothing.
   double grasp_stiffness = 0;
   double static_friction = 0, dynamic_friction = 0;

@@ -21,7 +21,7 @@ namespace omentum {
 /// Grasp: every free node whose cell of one pitch overlaps the disc of `radius` about the tip is
 /// held with the covered part of its cell as weight: fully covered nodes rigidly, partly covered
 /// ones by a spring grasp_stiffness w / (1 - w). The grasp so moves smoothly with the pinch point
-/// (tissue.md section 8). hold() throws Error for more than kMaxPatch nodes.
+/// (tissue.md section 8).
 template <typename Real>
 class ElasticTissue : public Tissue<Real> {
  public:
@@ -83,8 +83,11 @@ class ElasticTissue : public Tissue<Real> {
   const Factor& factor_of(int key);
   void group_lanes();
   void set_free(int lane, const Held& held, bool free);
+  void make_room(int count);
   void make_patch(int lane);
   void clear_patch(int lane);
+  void prepare_contacts();
+  void set_contact_stiffness(int lane);
   void find_contacts(std::span<const ToolMotion> motion);
   void place_tool(std::span<const ToolMotion> motion, int substep);
   void iterate();
@@ -110,15 +113,15 @@ class ElasticTissue : public Tissue<Real> {
   std::uint32_t held_lanes_ = 0;
   std::vector<std::int32_t> patch_node_;
   std::vector<Real> patch_target_, patch_compliance_, patch_inverse_, patch_response_, patch_force_,
-      held_force_;
+      patch_miss_, patch_change_, held_force_;
   std::vector<LaneParameters> parameters_;
   std::vector<Real> stiffness_, gravity_, keep_, static_friction_, dynamic_friction_;
 
   // Contact.
   std::vector<std::uint32_t> free_mask_, candidates_, candidate_any_;
   std::vector<std::int32_t> plane_begin_, plane_shape_;
-  std::vector<Real> plane_, metric_, metric_diagonal_, key_stiffness_, contact_motion_,
-      contact_way_, contact_before_, capsule_, capsule_motion_, capsule_sweep_;
+  std::vector<Real> plane_, metric_, own_stiffness_, own_compliance_, key_stiffness_,
+      contact_motion_, contact_way_, contact_before_, capsule_, capsule_motion_, capsule_sweep_;
 };
 
 extern template class ElasticTissue<float>;
