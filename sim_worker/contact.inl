@@ -72,7 +72,24 @@ inline void sdf_lane(const KernelShape<Real>& s, const Real p[3], Real out[4]) {
   out[3] = layer(1) - layer(0);
 }
 
-inline Surface distance_to(const KernelShape<Real>& s, const Real* capsule, Lane3 x) {
+/// kSdf: a table look-up lane by lane. Out of line, so that the shapes with a formula stay short
+/// enough to be inlined.
+[[gnu::noinline]] Surface distance_to_grid(const KernelShape<Real>& s, Lane3 local) {
+  Real p[3 * kLanes];
+  Real found[4 * kLanes];
+  store3(p, local);
+  for (int lane = 0; lane < kLanes; ++lane) {
+    const Real point[3] = {p[lane], p[lane + kLanes], p[lane + 2 * kLanes]};
+    Real out[4];
+    sdf_lane(s, point, out);
+    for (int k = 0; k < 4; ++k) found[lane + k * kLanes] = out[k];
+  }
+  const Lane3 gradient{load(found + kLanes), load(found + 2 * kLanes), load(found + 3 * kLanes)};
+  return {load(found), to_world_frame(s, inverse_length(gradient) * gradient)};
+}
+
+[[gnu::always_inline]] inline Surface distance_to(const KernelShape<Real>& s, const Real* capsule,
+                                                  Lane3 x) {
   const Lane zero = splat(Real{0});
   const Lane one = splat(Real{1});
   if (s.kind == ShapeKind::kCapsule) {
@@ -119,18 +136,7 @@ inline Surface distance_to(const KernelShape<Real>& s, const Real* capsule, Lane
          select(local.z < zero, zero - n.z, n.z)};
     return {fma(dot(outside, outside), inverse, inside), to_world_frame(s, n)};
   }
-  // kSdf: a table look-up lane by lane.
-  Real p[3 * kLanes];
-  Real found[4 * kLanes];
-  store3(p, local);
-  for (int lane = 0; lane < kLanes; ++lane) {
-    const Real point[3] = {p[lane], p[lane + kLanes], p[lane + 2 * kLanes]};
-    Real out[4];
-    sdf_lane(s, point, out);
-    for (int k = 0; k < 4; ++k) found[lane + k * kLanes] = out[k];
-  }
-  const Lane3 gradient{load(found + kLanes), load(found + 2 * kLanes), load(found + 3 * kLanes)};
-  return {load(found), to_world_frame(s, inverse_length(gradient) * gradient)};
+  return distance_to_grid(s, local);
 }
 
 /// Where a point p that is `depth` > 0 deep in a shape goes: out along the normal, then Coulomb
