@@ -25,8 +25,8 @@ const ElasticKernel<double>& elastic_kernel_for(const Kernel<double>&) {
 }
 
 template <typename Real>
-std::vector<Real> convert(const std::vector<double>& values) {
-  std::vector<Real> result;
+AlignedVector<Real> convert(const std::vector<double>& values) {
+  AlignedVector<Real> result;
   result.reserve(values.size());
   for (const double v : values) result.push_back(static_cast<Real>(v));
   return result;
@@ -512,7 +512,7 @@ void ElasticTissue<Real>::save(int lane, Bytes& out) const {
 
 template <typename Real>
 Result<std::size_t> ElasticTissue<Real>::load(int lane, std::span<const std::byte> state) {
-  const std::array<std::vector<Real>*, 6> arrays = {
+  const std::array<AlignedVector<Real>*, 6> arrays = {
       &x_, &v_, &v_old_, &d_old_, &contact_force_, &held_force_};
   std::size_t reals = 0;
   for (const auto* a : arrays) reals += a->size() / static_cast<std::size_t>(lanes());

@@ -8,6 +8,7 @@
 #include <span>
 #include <vector>
 
+#include "core/aligned.h"
 #include "sim_worker/elastic_kernel.h"
 #include "sim_worker/elastic_model.h"
 #include "sim_worker/tissue.h"
@@ -70,7 +71,7 @@ class ElasticTissue : public Tissue<Real> {
   /// One factor in the kernel's precision.
   struct Factor {
     std::shared_ptr<const ElasticFactor> shared;
-    std::vector<Real> value;
+    AlignedVector<Real> value;
   };
   struct KeyGroup {
     const Factor* factor = nullptr;
@@ -102,25 +103,25 @@ class ElasticTissue : public Tissue<Real> {
   KernelArgs<Real> candidate_args_{};
 
   // Model in the kernel's precision.
-  std::vector<Real> mass_, mass_over_step2_, bend_;
+  AlignedVector<Real> mass_, mass_over_step2_, bend_;
   std::map<int, Factor> factors_;
   std::vector<int> key_;  ///< per lane
   std::vector<KeyGroup> groups_;
 
   // State and scratch, per lane.
-  std::vector<Real> x_, v_, v_old_, d_old_, d_, moved_, b_, keep_b_, contact_force_;
+  AlignedVector<Real> x_, v_, v_old_, d_old_, d_, moved_, b_, keep_b_, contact_force_;
   std::vector<Held> held_;
   std::uint32_t held_lanes_ = 0;
   std::vector<std::int32_t> patch_node_;
-  std::vector<Real> patch_target_, patch_compliance_, patch_inverse_, patch_response_, patch_force_,
-      patch_miss_, patch_change_, held_force_;
+  AlignedVector<Real> patch_target_, patch_compliance_, patch_inverse_, patch_response_,
+      patch_force_, patch_miss_, patch_change_, held_force_;
   std::vector<LaneParameters> parameters_;
-  std::vector<Real> stiffness_, gravity_, keep_, static_friction_, dynamic_friction_;
+  AlignedVector<Real> stiffness_, gravity_, keep_, static_friction_, dynamic_friction_;
 
   // Contact.
   std::vector<std::uint32_t> free_mask_, candidates_, candidate_any_;
   std::vector<std::int32_t> plane_begin_, plane_shape_;
-  std::vector<Real> plane_, metric_, own_stiffness_, own_compliance_, key_stiffness_,
+  AlignedVector<Real> plane_, metric_, own_stiffness_, own_compliance_, key_stiffness_,
       contact_motion_, contact_way_, contact_before_, capsule_, capsule_motion_, capsule_sweep_;
 };
 
