@@ -23,7 +23,11 @@ struct CacheLineAllocator {
   friend bool operator==(const CacheLineAllocator&, const CacheLineAllocator&) { return true; }
 };
 
-/// Floats on cache lines: scratch, packed weights, gradients.
-using AlignedFloats = std::vector<float, CacheLineAllocator<float>>;
+/// Numbers on cache lines: what vector code reads and writes.
+template <typename T>
+using AlignedVector = std::vector<T, CacheLineAllocator<T>>;
+
+/// Scratch, packed weights, gradients.
+using AlignedFloats = AlignedVector<float>;
 
 }  // namespace omentum

@@ -168,47 +168,38 @@ ClusterTissue<Real>::ClusterTissue(std::shared_ptr<const ClusterTissueModel> mod
   const auto W = static_cast<std::size_t>(kernel_.lanes);
   const auto count = static_cast<std::size_t>(n);
 
-  // Membership lists, cluster side and particle side.
   bool planar = model_->parameters.plastic_creep() == 0;
   for (const Vector3d& r0 : model_->rest) {
     planar = planar && r0.z() == 0;
     for (int k = 0; k < 3; ++k) rest_.push_back(static_cast<Real>(r0[k]));
   }
-  std::vector<std::vector<std::array<int, 2>>> of_particle(count);  // {cluster, membership}
+  particle_memberships_.assign(count, Real{0});
+  particle_weight_.assign(count, Real{0});
   for (int c = 0; c < clusters; ++c) {
     std::array<Real, 3> sum{};
+    const auto weight = static_cast<Real>(model_->cluster_weight[static_cast<std::size_t>(c)]);
     const int begin = model_->clusters.begin[static_cast<std::size_t>(c)];
     const int end = model_->clusters.begin[static_cast<std::size_t>(c) + 1];
     for (int m = begin; m < end; ++m) {
       for (std::size_t k = 0; k < 3; ++k) sum[k] += rest_[3 * static_cast<std::size_t>(m) + k];
-      of_particle[static_cast<std::size_t>(model_->clusters.member[static_cast<std::size_t>(m)])]
-          .push_back({c, m});
+      const auto i = static_cast<std::size_t>(model_->clusters.member[static_cast<std::size_t>(m)]);
+      first_of_particle_.push_back(particle_memberships_[i] == 0 ? 1 : 0);
+      particle_memberships_[i] += 1;
+      particle_weight_[i] += weight;
     }
     rest_sum_.insert(rest_sum_.end(), sum.begin(), sum.end());
-    cluster_weight_.push_back(
-        static_cast<Real>(model_->cluster_weight[static_cast<std::size_t>(c)]));
+    cluster_weight_.push_back(weight);
   }
-  particle_begin_.push_back(0);
   const auto relaxation = static_cast<Real>(model_->parameters.relaxation());
-  for (const auto& list : of_particle) {
-    Real weight = 0;
-    for (const auto& [c, m] : list) {
-      particle_cluster_.push_back(c);
-      particle_membership_.push_back(m);
-      for (int k = 0; k < 3; ++k)
-        particle_rest_.push_back(rest_[static_cast<std::size_t>(3 * m + k)]);
-      weight += cluster_weight_[static_cast<std::size_t>(c)];
-    }
-    particle_begin_.push_back(static_cast<std::int32_t>(particle_cluster_.size()));
-    particle_weight_.push_back(weight);
-    particle_scale_.push_back(Real{1} /
-                              std::max(static_cast<Real>(list.size()) / relaxation, Real{1}));
+  for (const Real memberships : particle_memberships_) {
+    particle_scale_.push_back(Real{1} / std::max(memberships / relaxation, Real{1}));
   }
   for (const double r : model_->link_rest) link_rest_.push_back(static_cast<Real>(r));
 
   for (auto* v : {&x_, &v_, &xs_}) v->assign(3 * count * W, Real{0});
   q_.assign(static_cast<std::size_t>(4 * clusters) * W, Real{0});
   goal_.assign(static_cast<std::size_t>(13 * clusters) * W, Real{0});
+  pull_.assign(4 * count * W, Real{0});
   if (model_->parameters.plastic_creep() > 0) plastic_rest_.assign(rest_.size() * W, Real{0});
   if (!model_->links.empty() || model_->parameters.self_collision())
     extra_.assign(4 * count * W, Real{0});
@@ -240,10 +231,8 @@ ClusterTissue<Real>::ClusterTissue(std::shared_ptr<const ClusterTissueModel> mod
   args_.rest = rest_.data();
   args_.rest_sum = rest_sum_.data();
   args_.cluster_weight = cluster_weight_.data();
-  args_.particle_begin = particle_begin_.data();
-  args_.particle_cluster = particle_cluster_.data();
-  args_.particle_membership = particle_membership_.data();
-  args_.particle_rest = particle_rest_.data();
+  args_.first_of_particle = first_of_particle_.data();
+  args_.particle_memberships = particle_memberships_.data();
   args_.particle_weight = particle_weight_.data();
   args_.particle_scale = particle_scale_.data();
   args_.planar = planar;
@@ -253,6 +242,7 @@ ClusterTissue<Real>::ClusterTissue(std::shared_ptr<const ClusterTissueModel> mod
   args_.xs = xs_.data();
   args_.q = q_.data();
   args_.goal = goal_.data();
+  args_.pull = pull_.data();
   args_.plastic_rest = plastic_rest_.empty() ? nullptr : plastic_rest_.data();
   args_.free_mask = free_mask_.data();
   args_.held_mask = held_mask_.data();
@@ -661,7 +651,7 @@ void ClusterTissue<Real>::save(int lane, Bytes& out) const {
     const auto* bytes = static_cast<const std::byte*>(data);
     out.insert(out.end(), bytes, bytes + size);
   };
-  const auto add_lane = [&](const std::vector<Real>& values) {
+  const auto add_lane = [&](const AlignedVector<Real>& values) {
     for (std::size_t k = static_cast<std::size_t>(lane); k < values.size();
          k += static_cast<std::size_t>(lanes())) {
       add(&values[k], sizeof(Real));
@@ -683,7 +673,7 @@ void ClusterTissue<Real>::save(int lane, Bytes& out) const {
 
 template <typename Real>
 Result<std::size_t> ClusterTissue<Real>::load(int lane, std::span<const std::byte> state) {
-  const std::array<std::vector<Real>*, 10> arrays = {
+  const std::array<AlignedVector<Real>*, 10> arrays = {
       &x_,         &v_,       &q_,    &plastic_rest_,    &held_force_,
       &stiffness_, &gravity_, &keep_, &static_friction_, &dynamic_friction_};
   std::size_t reals = 0;

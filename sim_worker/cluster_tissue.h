@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "core/aligned.h"
 #include "sim_worker/cooker.h"
 #include "sim_worker/tissue.h"
 
@@ -90,7 +91,7 @@ class ClusterTissue : public Tissue<Real> {
     std::vector<std::array<Real, 3>> offsets;  ///< from the tip, in W
   };
 
-  Real& at(std::vector<Real>& v, int i, int axis, int lane) const {
+  Real& at(AlignedVector<Real>& v, int i, int axis, int lane) const {
     return v[static_cast<std::size_t>((3 * i + axis) * kernel_.lanes + lane)];
   }
   void place_held(std::span<const ToolMotion> motion, double share);
@@ -103,22 +104,22 @@ class ClusterTissue : public Tissue<Real> {
   KernelArgs<Real> args_{};
 
   // Model in the kernel's precision.
-  std::vector<Real> rest_, rest_sum_, cluster_weight_, particle_rest_, particle_weight_,
+  std::vector<Real> rest_, rest_sum_, cluster_weight_, particle_memberships_, particle_weight_,
       particle_scale_, link_rest_;
-  std::vector<std::int32_t> particle_begin_, particle_cluster_, particle_membership_;
+  std::vector<std::uint8_t> first_of_particle_;
 
   // State and scratch, per lane.
-  std::vector<Real> x_, v_, xs_, q_, goal_, plastic_rest_, extra_;
+  AlignedVector<Real> x_, v_, xs_, q_, goal_, pull_, plastic_rest_, extra_;
   std::vector<std::uint32_t> free_mask_, held_mask_, candidates_, candidate_any_;
   std::vector<Held> held_;
-  std::vector<Real> held_force_, capsule_, capsule_motion_, capsule_sweep_;
-  std::vector<Real> stiffness_, gravity_, keep_, static_friction_, dynamic_friction_;
+  AlignedVector<Real> held_force_, capsule_, capsule_motion_, capsule_sweep_;
+  AlignedVector<Real> stiffness_, gravity_, keep_, static_friction_, dynamic_friction_;
 
   std::vector<std::vector<std::array<std::int32_t, 2>>>
       self_pairs_;  ///< per lane, this substep's candidates
 
   // Skinned surface.
-  std::vector<Real> skin_weight_, skin_offset_, surface_;
+  AlignedVector<Real> skin_weight_, skin_offset_, surface_;
 };
 
 extern template class ClusterTissue<float>;

@@ -72,7 +72,24 @@ inline void sdf_lane(const KernelShape<Real>& s, const Real p[3], Real out[4]) {
   out[3] = layer(1) - layer(0);
 }
 
-inline Surface distance_to(const KernelShape<Real>& s, const Real* capsule, Lane3 x) {
+/// kSdf: a table look-up lane by lane. Out of line, so that the shapes with a formula stay short
+/// enough to be inlined.
+[[gnu::noinline]] Surface distance_to_grid(const KernelShape<Real>& s, Lane3 local) {
+  Real p[3 * kLanes];
+  Real found[4 * kLanes];
+  store3(p, local);
+  for (int lane = 0; lane < kLanes; ++lane) {
+    const Real point[3] = {p[lane], p[lane + kLanes], p[lane + 2 * kLanes]};
+    Real out[4];
+    sdf_lane(s, point, out);
+    for (int k = 0; k < 4; ++k) found[lane + k * kLanes] = out[k];
+  }
+  const Lane3 gradient{load(found + kLanes), load(found + 2 * kLanes), load(found + 3 * kLanes)};
+  return {load(found), to_world_frame(s, inverse_length(gradient) * gradient)};
+}
+
+[[gnu::always_inline]] inline Surface distance_to(const KernelShape<Real>& s, const Real* capsule,
+                                                  Lane3 x) {
   const Lane zero = splat(Real{0});
   const Lane one = splat(Real{1});
   if (s.kind == ShapeKind::kCapsule) {
@@ -119,22 +136,29 @@ inline Surface distance_to(const KernelShape<Real>& s, const Real* capsule, Lane
          select(local.z < zero, zero - n.z, n.z)};
     return {fma(dot(outside, outside), inverse, inside), to_world_frame(s, n)};
   }
-  // kSdf: a table look-up lane by lane.
-  Real p[3 * kLanes];
-  Real found[4 * kLanes];
-  store3(p, local);
-  for (int lane = 0; lane < kLanes; ++lane) {
-    const Real point[3] = {p[lane], p[lane + kLanes], p[lane + 2 * kLanes]};
-    Real out[4];
-    sdf_lane(s, point, out);
-    for (int k = 0; k < 4; ++k) found[lane + k * kLanes] = out[k];
-  }
-  const Lane3 gradient{load(found + kLanes), load(found + 2 * kLanes), load(found + 3 * kLanes)};
-  return {load(found), to_world_frame(s, inverse_length(gradient) * gradient)};
+  return distance_to_grid(s, local);
 }
 
-/// Where a point goes when it may not enter a shape: non-penetration at the particle radius, then
-/// Coulomb friction on the slip since the substep began.
+/// Where a point p that is `depth` > 0 deep in a shape goes: out along the normal, then Coulomb
+/// friction on the slip since it was at `from`.
+template <typename Args>
+inline Lane3 leave_shape(const Args& args, const KernelShape<Real>& shape, Lane depth, Lane3 normal,
+                         Lane3 p, Lane3 from) {
+  const Lane zero = splat(Real{0});
+  const Lane3 pushed = fma(depth, normal, p);
+  Lane3 slip = pushed - from;
+  if (shape.kind == ShapeKind::kCapsule) slip = slip - load3(args.capsule_motion);
+  const Lane along = dot(slip, normal);
+  const Lane3 tangent = fma(zero - along, normal, slip);
+  const Lane t2 = dot(tangent, tangent);
+  const Lane stick = load(args.static_friction) * depth;
+  const Lane slide = load(args.dynamic_friction) * depth;
+  const Lane part =
+      select(t2 < stick * stick, splat(Real{1}), min(slide / sqrt(t2), splat(Real{1})));
+  return fma(zero - part, tangent, pushed);
+}
+
+/// Where a point goes when it may not enter any shape: non-penetration at the particle radius.
 template <typename Args>
 inline Lane3 push_out(const Args& args, int i, Lane3 p) {
   const Lane3 x = load3(args.x + 3 * kLanes * i);
@@ -146,17 +170,7 @@ inline Lane3 push_out(const Args& args, int i, Lane3 p) {
     const Lane depth = splat(args.particle_radius) - surface.phi;
     const Mask touches = both(zero < depth, to_mask(args.candidates[i * omentum::kMaxShapes + k]));
     if (to_bits(touches) == 0) continue;
-    const Lane3 pushed = fma(depth, surface.normal, p);
-    Lane3 slip = pushed - x;
-    if (shape.kind == ShapeKind::kCapsule) slip = slip - load3(args.capsule_motion);
-    const Lane along = dot(slip, surface.normal);
-    const Lane3 tangent = fma(zero - along, surface.normal, slip);
-    const Lane t2 = dot(tangent, tangent);
-    const Lane stick = load(args.static_friction) * depth;
-    const Lane slide = load(args.dynamic_friction) * depth;
-    const Lane part =
-        select(t2 < stick * stick, splat(Real{1}), min(slide / sqrt(t2), splat(Real{1})));
-    p = select(touches, fma(zero - part, tangent, pushed), p);
+    p = select(touches, leave_shape(args, shape, depth, surface.normal, p, x), p);
   }
   return p;
 }

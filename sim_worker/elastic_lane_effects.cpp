@@ -18,7 +18,7 @@ Real real(double v) {
 }
 
 template <typename Real>
-void ensure(std::vector<Real>& array, std::size_t size) {
+void ensure(AlignedVector<Real>& array, std::size_t size) {
   if (array.size() < size) array.resize(size, Real{0});
 }
 
@@ -316,7 +316,7 @@ void ElasticLaneEffects<Real>::save(int lane, Bytes& out) const {
   const EffectValues& v = values_[l];
   if (v == EffectValues{}) return;
   add(&v, sizeof v);
-  for_each_memory(v, [&](const std::vector<Real>& array, std::size_t count) {
+  for_each_memory(v, [&](const AlignedVector<Real>& array, std::size_t count) {
     for (std::size_t k = 0; k < count; ++k) {
       add(&array[k * static_cast<std::size_t>(lanes_) + l], sizeof(Real));
     }
@@ -339,11 +339,11 @@ Result<std::size_t> ElasticLaneEffects<Real>::read(std::span<const std::byte> st
     return Failure{"tissue state holds effects out of range"};
   }
   std::size_t reals = 0;
-  for_each_memory(v, [&](const std::vector<Real>&, std::size_t count) { reals += count; });
+  for_each_memory(v, [&](const AlignedVector<Real>&, std::size_t count) { reals += count; });
   if (state.size() < sizeof v + reals * sizeof(Real)) {
     return Failure{"tissue state ends in the memory of its effects"};
   }
-  std::vector<Real> memory(reals);
+  AlignedVector<Real> memory(reals);
   std::memcpy(memory.data(), state.data() + sizeof v, reals * sizeof(Real));
   if (!std::all_of(memory.begin(), memory.end(), [](Real r) { return std::isfinite(r); })) {
     return Failure{"tissue state holds a non-finite memory of an effect"};
@@ -355,8 +355,8 @@ template <typename Real>
 void ElasticLaneEffects<Real>::load(int lane, std::span<const std::byte> state) {
   const std::byte* next = state.data() + sizeof(EffectValues);
   const auto l = static_cast<std::size_t>(lane);
-  for_each_memory(values_[l], [&](const std::vector<Real>& array, std::size_t count) {
-    auto& memory = const_cast<std::vector<Real>&>(array);  // NOLINT: of this object
+  for_each_memory(values_[l], [&](const AlignedVector<Real>& array, std::size_t count) {
+    auto& memory = const_cast<AlignedVector<Real>&>(array);  // NOLINT: of this object
     for (std::size_t k = 0; k < count; ++k, next += sizeof(Real)) {
       std::memcpy(&memory[k * static_cast<std::size_t>(lanes_) + l], next, sizeof(Real));
     }

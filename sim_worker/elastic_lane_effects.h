@@ -6,6 +6,7 @@
 #include <span>
 #include <vector>
 
+#include "core/aligned.h"
 #include "core/result.h"
 #include "core/types.h"
 #include "sim_worker/elastic_effects.h"
@@ -59,14 +60,14 @@ class ElasticLaneEffects {
   std::vector<ElasticStructure> structures_;  ///< of lanes that differ from the scene's
   std::vector<double> peak_seen_;             ///< that the factor key of each lane is made for
 
-  std::vector<Real> mass_, bend_, cell_;
-  std::vector<Real> shear_, area_, inverse_pitch2_, density_, stiffening_, lateral_, fibre_,
+  AlignedVector<Real> mass_, bend_, cell_;
+  AlignedVector<Real> shear_, area_, inverse_pitch2_, density_, stiffening_, lateral_, fibre_,
       fibre_axes_, prony_gains_, prony_keep_, prony_gain_, slider_, yield_, moment_, drag_,
       adhesion_, adhesion_limit_, anchor_limit_, film_, film_reach_;
-  std::vector<Real> node_area_, anchor_;
-  std::vector<Real> stress_, branch_, bias_, plastic_, bend_force_, bend_branch_, bend_bias_,
+  AlignedVector<Real> node_area_, anchor_;
+  AlignedVector<Real> stress_, branch_, bias_, plastic_, bend_force_, bend_branch_, bend_bias_,
       bond_place_, bond_longest_, film_now_, film_normal_, peak_;
-  std::vector<Real> rest_, direction_, metric_direction_, solution_, answer_, last_product_;
+  AlignedVector<Real> rest_, direction_, metric_direction_, solution_, answer_, last_product_;
 };
 
 extern template class ElasticLaneEffects<float>;

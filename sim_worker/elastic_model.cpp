@@ -17,7 +17,25 @@ using Eigen::Vector3d;
 
 constexpr double kKeyRatio = 1.25;  // E/E0 in (0.8, 1]: settles and follows (tissue.md section 8)
 constexpr int kDensityKeys = 1024;  // key = kDensityKeys x key of density + key of stiffness
-constexpr int kMaxContactNodes = 5000;  // A^-1 is dense: 200 MB per factor key in double
+
+struct KeyParts {
+  int stiffness = 0, density = 0;
+};
+
+KeyParts split_key(int key) {
+  KeyParts parts;
+  for (; key > kDensityKeys / 2; key -= kDensityKeys) ++parts.density;
+  for (; key < -kDensityKeys / 2; key += kDensityKeys) --parts.density;
+  parts.stiffness = key;
+  return parts;
+}
+
+double grid_value(int steps) {
+  double value = 1;
+  for (int k = 0; k < steps; ++k) value *= kKeyRatio;
+  for (int k = 0; k > steps; --k) value /= kKeyRatio;
+  return value;
+}
 
 /// One finite-difference stencil of the plate: energy weight/2 |sum c_i x_i|^2.
 struct Stencil {
@@ -262,38 +280,51 @@ double memory_tangent(const EffectValues& effects, double step) {
   return 1 + make_prony(effects, step).gains + effects.slider_ratio;
 }
 
-ElasticFactor make_factor(const ElasticTissueModel& model, double stiffness, double density) {
-  std::vector<int> free_index;
-  std::vector<int> free_node;
-  for (int i = 0; i < model.nodes(); ++i) {
-    const bool fixed = model.body.fixed[static_cast<std::size_t>(i)] != 0;
-    free_index.push_back(fixed ? -1 : static_cast<int>(free_node.size()));
-    if (!fixed) free_node.push_back(i);
+/// Rows of A: -1 for fixed nodes, and the node of each row.
+struct FreeNodes {
+  explicit FreeNodes(const ElasticTissueModel& model) {
+    for (int i = 0; i < model.nodes(); ++i) {
+      const bool fixed = model.body.fixed[static_cast<std::size_t>(i)] != 0;
+      row.push_back(fixed ? -1 : count());
+      if (!fixed) node.push_back(i);
+    }
   }
-  const auto free_count = static_cast<int>(free_node.size());
-  const SparseMatrix matrix = assemble(model, stiffness, density, free_index, free_count);
+  int count() const { return static_cast<int>(node.size()); }
+  std::vector<int> row, node;
+};
+
+ElasticFactor make_factor(const ElasticTissueModel& model, double stiffness, double density) {
+  const FreeNodes free(model);
+  const SparseMatrix matrix = assemble(model, stiffness, density, free.row, free.count());
   const Cholesky cholesky(matrix);
   OMENTUM_CHECK(cholesky.info() == Eigen::Success);
-  std::vector<int> node_of(free_node.size());
-  for (int k = 0; k < free_count; ++k) {
+  std::vector<int> node_of(free.node.size());
+  for (int k = 0; k < free.count(); ++k) {
     node_of[static_cast<std::size_t>(cholesky.permutationP().indices()(k))] =
-        free_node[static_cast<std::size_t>(k)];
+        free.node[static_cast<std::size_t>(k)];
   }
-  ElasticFactor factor = make_panels(SparseMatrix(cholesky.matrixL()), node_of);
+  return make_panels(SparseMatrix(cholesky.matrixL()), node_of);
+}
+
+void make_metric(ElasticTissueModel& model) {
+  const FreeNodes free(model);
+  const SparseMatrix matrix = assemble(model, memory_tangent(model.effects, model.effective_step()),
+                                       1, free.row, free.count());
+  const double inverse_step2 = 1 / (model.effective_step() * model.effective_step());
   const auto entry = [&](int i, int j) {
-    const int row = free_index[static_cast<std::size_t>(i)];
-    const int column = free_index[static_cast<std::size_t>(j)];
+    const int row = free.row[static_cast<std::size_t>(i)];
+    const int column = free.row[static_cast<std::size_t>(j)];
     return row < 0 || column < 0 ? 0.0 : matrix.coeff(row, column);
   };
   for (int i = 0; i < model.nodes(); ++i) {
     const auto k = static_cast<std::size_t>(i);
-    factor.metric_diagonal.push_back(entry(i, i));
+    model.metric_diagonal.push_back(
+        free.row[k] < 0 ? 0.0 : entry(i, i) - model.structure.mass[k] * inverse_step2);
     const NodeMatrix& bending = model.structure.bending;
     for (int m = bending.begin[k]; m < bending.begin[k + 1]; ++m) {
-      factor.metric.push_back(entry(i, bending.node[static_cast<std::size_t>(m)]));
+      model.metric.push_back(entry(i, bending.node[static_cast<std::size_t>(m)]));
     }
   }
-  return factor;
 }
 
 }  // namespace
@@ -397,39 +428,20 @@ int ElasticTissueModel::factor_key(double stiffness_scale, const EffectValues& l
          factor_key(stiffness_scale * std::max(1.0, tangent * ratio / kSlack));
 }
 
+double ElasticTissueModel::key_stiffness(int key) { return grid_value(split_key(key).stiffness); }
+
+double ElasticTissueModel::key_density(int key) const {
+  return (1 + effects.density_change) * grid_value(split_key(key).density);
+}
+
 std::shared_ptr<const ElasticFactor> ElasticTissueModel::factor(int key) const {
   const std::lock_guard lock(mutex_);
   auto& factor = factors_[key];
   if (factor == nullptr) {
-    const auto value = [](int steps) {
-      double product = 1;
-      for (int k = 0; k < steps; ++k) product *= kKeyRatio;
-      for (int k = 0; k > steps; --k) product /= kKeyRatio;
-      return product;
-    };
-    int heavier = 0;
-    for (; key > kDensityKeys / 2; key -= kDensityKeys) ++heavier;
-    for (; key < -kDensityKeys / 2; key += kDensityKeys) --heavier;
-    factor = std::make_shared<const ElasticFactor>(
-        make_factor(*this, value(key) * memory_tangent(effects, effective_step()),
-                    (1 + effects.density_change) * value(heavier)));
+    const double stiffness = key_stiffness(key) * memory_tangent(effects, effective_step());
+    factor = std::make_shared<const ElasticFactor>(make_factor(*this, stiffness, key_density(key)));
   }
   return factor;
-}
-
-std::shared_ptr<const Eigen::MatrixXd> ElasticTissueModel::inverse(int key) const {
-  const auto shared_factor = factor(key);
-  const std::lock_guard lock(mutex_);
-  auto& inverse = inverses_[key];
-  if (inverse == nullptr) {
-    auto matrix = std::make_shared<Eigen::MatrixXd>(Eigen::MatrixXd::Zero(nodes(), nodes()));
-    for (int i = 0; i < nodes(); ++i) {
-      if (body.fixed[static_cast<std::size_t>(i)] == 0) (*matrix)(i, i) = 1;
-    }
-    shared_factor->solve(*matrix);
-    inverse = matrix;
-  }
-  return inverse;
 }
 
 std::shared_ptr<const ElasticTissueModel> make_elastic_model(const Scene& scene,
@@ -465,11 +477,6 @@ std::shared_ptr<const ElasticTissueModel> make_elastic_model(const Scene& scene,
   model->tool_radius = tool.shaft_radius_m();
   model->tool_start = tool.shaft_start_m() + tool.shaft_radius_m();
   model->tool_length = tool.shaft_length_m();
-  if (model->has_contact() && model->nodes() > kMaxContactNodes) {
-    throw_error("scene.tissue.grid: {} nodes, allowed for the model elastic with contact: {}",
-                model->nodes(), kMaxContactNodes);
-  }
-
   model->thickness = model->body.thickness;
   model->density = tissue.density_kg_per_m3();
   model->grasp_stiffness = model->material.young_modulus_pa() * model->thickness;
@@ -503,6 +510,7 @@ std::shared_ptr<const ElasticTissueModel> make_elastic_model(const Scene& scene,
                   model->effects.anchor_free_from, model->effects.anchor_free_to);
     }
   }
+  make_metric(*model);
   return model;
 }
 

@@ -29,8 +29,6 @@ struct ElasticFactor {
   std::vector<FactorPanel> panels;
   std::vector<std::int32_t> panel_node;
   std::vector<double> panel_value;
-  std::vector<double> metric;  ///< off-diagonal of A, entries as those of the bending matrix
-  std::vector<double> metric_diagonal;  ///< per node; of fixed nodes unused
 
   /// Replaces every row of b (any x nodes) by A^-1 of it; fixed nodes are left alone.
   void solve(Eigen::MatrixXd& b) const;
@@ -65,6 +63,9 @@ struct ElasticTissueModel : TissueModel, std::enable_shared_from_this<ElasticTis
   std::vector<double> anchor;           ///< spring per node at the scene's effects [N/m]; 0 = none
   std::vector<std::uint8_t> is_anchor;  ///< per node: clamped in the scene, held by springs here
   std::vector<double> node_area;        ///< [m^2]
+  /// A without its mass, at nominal E and the scene's effects [N/m]: entries as those of `bending`,
+  /// and the diagonal; zero at fixed nodes.
+  std::vector<double> metric, metric_diagonal;
   /// Spring of a node that the jaw covers half [N/m]; infinite: all or nothing.
   double grasp_stiffness = 0;
   double static_friction = 0, dynamic_friction = 0;
@@ -92,20 +93,19 @@ struct ElasticTissueModel : TissueModel, std::enable_shared_from_this<ElasticTis
   /// has a grid of its own.
   int factor_key(double stiffness_scale, const EffectValues& effects,
                  const ElasticStructure& structure, double peak) const;
+  /// E of a key's factor / nominal E, and its density / that of the scene without effects.
+  static double key_stiffness(int key);
+  double key_density(int key) const;
   /// Factor of a key; made once, then shared.
   std::shared_ptr<const ElasticFactor> factor(int key) const;
-  /// A^-1, nodes x nodes [m/N], rows and columns of fixed nodes zero; made once per key, then
-  /// shared.
-  std::shared_ptr<const Eigen::MatrixXd> inverse(int key) const;
 
  private:
   mutable std::mutex mutex_;
-  mutable std::map<int, std::shared_ptr<const ElasticFactor>> factors_;     // guarded by mutex_
-  mutable std::map<int, std::shared_ptr<const Eigen::MatrixXd>> inverses_;  // guarded by mutex_
+  mutable std::map<int, std::shared_ptr<const ElasticFactor>> factors_;  // guarded by mutex_
 };
 
-/// Makes the shell of the scene's grid sheet. Throws Error for a volume, another law than corotated
-/// or a mesh too large for contact.
+/// Makes the shell of the scene's grid sheet. Throws Error for a volume, or another law than
+/// corotated.
 std::shared_ptr<const ElasticTissueModel> make_elastic_model(const Scene& scene,
                                                              double control_period,
                                                              std::vector<std::string>& warnings);

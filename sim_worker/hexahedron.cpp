@@ -108,7 +108,8 @@ void add_strain_response(const std::array<Pack, 9>& F, const StrainResponse& r, 
         for (int l = 0; l < 3; ++l) {
           const int iJ = 3 * i + j;
           const int kL = 3 * k + l;
-          Pack value = fma(r.weight[0] * first[iJ], first[kL], r.weight[1] * second[iJ] * second[kL]);
+          Pack value =
+              fma(r.weight[0] * first[iJ], first[kL], r.weight[1] * second[iJ] * second[kL]);
           // Symmetric identity: (delta_MN delta_JL + delta_ML delta_JN) / 2.
           Pack half = F[3 * i + l] * F[3 * k + j];
           if (j == l) half = half + left;
@@ -153,8 +154,8 @@ StrainResponse fibres(const PackTensor& E, const std::array<double, 2>& a, Pack 
 
 /// Strain that the slider's spring carries, and how the sliding strain is directed.
 struct Slide {
-  PackTensor off;       ///< E - plastic
-  Pack size, carried;   ///< |off|; share of it that is carried
+  PackTensor off;      ///< E - plastic
+  Pack size, carried;  ///< |off|; share of it that is carried
 };
 
 Slide slide_of(const PackTensor& E, const PackTensor& plastic, double yield) {
@@ -209,9 +210,9 @@ void point_response(pb::ElasticLaw law, const HexShape& shape, int point,
     add_strain_response(F, bias, want_tangent, out);
   }
   if (fx.slider > 0) {
-    add_strain_response(
-        F, slider(E, fx.memory->plastic[point], Pack(fx.slider) * shape.mu, fx.yield),
-        want_tangent, out);
+    add_strain_response(F,
+                        slider(E, fx.memory->plastic[point], Pack(fx.slider) * shape.mu, fx.yield),
+                        want_tangent, out);
   }
 }
 
@@ -226,8 +227,7 @@ PackTensor pulled_back(const std::array<Pack, 9>& F, const std::array<Pack, 9>& 
           F[a + (j + 1) % 3] * F[b + (j + 2) % 3] - F[a + (j + 2) % 3] * F[b + (j + 1) % 3];
     }
   }
-  const Pack scale =
-      Pack(1.0) / fma(F[0], cofactor[0], fma(F[1], cofactor[1], F[2] * cofactor[2]));
+  const Pack scale = Pack(1.0) / fma(F[0], cofactor[0], fma(F[1], cofactor[1], F[2] * cofactor[2]));
   PackTensor S;
   for (int i = 0; i < 3; ++i) {
     for (int j = 0; j < 3; ++j) {

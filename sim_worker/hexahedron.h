@@ -49,8 +49,8 @@ struct HexMemory {
 ///   branches    (1 + gains) x all elastic stress + bias (sim_worker/tissue_effects.h)
 ///   slider      Ep |e|^2 / 2 up to |e| = yield, then Ep yield (|e| - yield / 2);  e = E - plastic
 struct HexEffects {
-  double stiffening = 0;       ///< c2
-  double fibre = 0;            ///< Ef
+  double stiffening = 0;             ///< c2
+  double fibre = 0;                  ///< Ef
   std::array<double, 2> axis{1, 0};  ///< of the fibres in x_B, y_B
   double gains = 0;
   bool branches = false;
@@ -61,10 +61,10 @@ struct HexEffects {
 
 /// Where four bricks are.
 struct HexShape {
-  std::array<Pack, 24> x;      ///< nodes, [node][xyz] [m]
-  std::array<Pack, 9> bubble;  ///< b_k, [k][xyz] [m]
-  std::array<Pack, 3> size;    ///< edge lengths at rest [m]
-  Pack mu, lambda;             ///< [Pa]
+  std::array<Pack, 24> x;               ///< nodes, [node][xyz] [m]
+  std::array<Pack, 9> bubble;           ///< b_k, [k][xyz] [m]
+  std::array<Pack, 3> size;             ///< edge lengths at rest [m]
+  Pack mu, lambda;                      ///< [Pa]
   const HexEffects* effects = nullptr;  ///< null = none
 };
 

@@ -41,13 +41,12 @@ struct KernelArgs {
   const Real* rest;                    ///< r0_B of each membership [xyz]
   const Real* rest_sum;                ///< per cluster, sum of r0 as rounded [xyz]
   const Real* cluster_weight;          ///< per cluster: stiffness relative to the common one
-  const std::int32_t* particle_begin;
-  const std::int32_t* particle_cluster;     ///< cluster of each particle-side membership
-  const std::int32_t* particle_membership;  ///< its index on the cluster side
-  const Real* particle_rest;                ///< r0_B again, in particle order [xyz]
-  const Real* particle_weight;              ///< per particle: sum of cluster weights
-  const Real* particle_scale;               ///< per particle: 1 / max(n / relaxation, 1)
-  bool planar;                              ///< r0_z is zero everywhere
+  const std::uint8_t*
+      first_of_particle;             ///< per membership: 1 = the particle's first, in cluster order
+  const Real* particle_memberships;  ///< per particle: its number of memberships
+  const Real* particle_weight;       ///< per particle: sum of cluster weights
+  const Real* particle_scale;        ///< per particle: 1 / max(n / relaxation, 1)
+  bool planar;                       ///< r0_z is zero everywhere
   std::int32_t rotation_iterations;
 
   // State and scratch, per lane.
@@ -56,6 +55,7 @@ struct KernelArgs {
   Real* xs;    ///< x*, being solved
   Real* q;     ///< cluster rotations q_WB, [cluster][xyzw][lane], warm start of the next call
   Real* goal;  ///< [cluster][c, R row-major, weight = 13][lane]
+  Real* pull;  ///< [particle][sum of goals, sum of weights = 4][lane], left by the match
   Real* plastic_rest;              ///< r0 per lane [membership][xyz][lane], or null
   const std::uint32_t* free_mask;  ///< per particle: lanes in which it moves by itself
   const std::uint32_t* held_mask;  ///< per particle: lanes in which the grasp holds it

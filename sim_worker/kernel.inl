@@ -7,8 +7,8 @@
 //   match        c = mean x*,  A = sum (x* - c) r0^T,  one warm rotation step [Mueller16] -> R
 //   apply        x*_i += s (mean over clusters of (c + R r0_i) - x*_i),  then contact and friction
 //   finish       v = (x* - x) / h,   x = x*
-// The corrections are gathered per particle from the clusters instead of scattered per cluster: one
-// pass less over the particles, and the same sums in the same order at every width.
+// A cluster adds its goals c + R r0_i to the sums of its particles right after its match, while the
+// particles are in the cache; clusters go in order, so the sums are the same at every width.
 
 #include "sim_worker/contact.inl"
 
@@ -139,12 +139,28 @@ void match_clusters_as(const Args& args) {
       }
     }
 
+    const Lane3 goal_centre = weight * centre;
+    const Rotation goal_rotation{
+        {weight * r.column[0], weight * r.column[1], weight * r.column[2]}};
     Real* const goal = args.goal + 13 * kLanes * c;
-    store3(goal, weight * centre);
-    for (int k = 0; k < 3; ++k) {
-      store3(goal + (3 + 3 * k) * kLanes, weight * r.column[k]);
-    }
+    store3(goal, goal_centre);
+    for (int k = 0; k < 3; ++k) store3(goal + (3 + 3 * k) * kLanes, goal_rotation.column[k]);
     store(goal + 12 * kLanes, weight);
+
+    for (int m = begin; m < end; ++m) {
+      Real* const pull = args.pull + 4 * kLanes * args.cluster_member[m];
+      const Lane3 r0 =
+          kPlastic ? load3(args.plastic_rest + 3 * kLanes * m) : splat3(args.rest + 3 * m);
+      const bool first = args.first_of_particle[m] != 0;
+      Lane3 sum_of_goals = goal_centre + (first ? Lane3{zero, zero, zero} : load3(pull));
+      sum_of_goals = fma(r0.x, goal_rotation.column[0], sum_of_goals);
+      sum_of_goals = fma(r0.y, goal_rotation.column[1], sum_of_goals);
+      if constexpr (!kPlanar) sum_of_goals = fma(r0.z, goal_rotation.column[2], sum_of_goals);
+      store3(pull, sum_of_goals);
+      if constexpr (kPlastic) {
+        store(pull + 3 * kLanes, weight + (first ? zero : load(pull + 3 * kLanes)));
+      }
+    }
   }
 }
 
@@ -229,7 +245,7 @@ void predict(const Args& args) {
   }
 }
 
-template <bool kPlanar, bool kPlastic, bool kExtra>
+template <bool kPlastic, bool kExtra>
 void apply_as(const Args& args) {
   const Lane s = load(args.stiffness);
   const Lane zero = splat(Real{0});
@@ -239,26 +255,12 @@ void apply_as(const Args& args) {
     const Bits held = wants_force ? args.held_mask[i] : 0U;
     if ((free | held) == 0) continue;
     const Lane3 xs = load3(args.xs + 3 * kLanes * i);
-    Lane3 goals{zero, zero, zero};
-    Lane weight = splat(args.particle_weight[i]);
-    if constexpr (kPlastic) weight = zero;
-    for (int m = args.particle_begin[i]; m < args.particle_begin[i + 1]; ++m) {
-      const Real* const goal = args.goal + 13 * kLanes * args.particle_cluster[m];
-      const Lane3 r0 = kPlastic
-                           ? load3(args.plastic_rest + 3 * kLanes * args.particle_membership[m])
-                           : splat3(args.particle_rest + 3 * m);
-      goals = goals + load3(goal);
-      goals = fma(r0.x, load3(goal + 3 * kLanes), goals);
-      goals = fma(r0.y, load3(goal + 6 * kLanes), goals);
-      if constexpr (!kPlanar) goals = fma(r0.z, load3(goal + 9 * kLanes), goals);
-      if constexpr (kPlastic) weight = weight + load(goal + 12 * kLanes);
-    }
-    Lane3 correction = s * fma(zero - weight, xs, goals);
+    const Real* const pull = args.pull + 4 * kLanes * i;
+    const Lane weight = kPlastic ? load(pull + 3 * kLanes) : splat(args.particle_weight[i]);
+    Lane3 correction = s * fma(zero - weight, xs, load3(pull));
     if constexpr (kExtra) {
       const Real* const extra = args.extra + 4 * kLanes * i;
-      const Lane count =
-          load(extra + 3 * kLanes) +
-          splat(static_cast<Real>(args.particle_begin[i + 1] - args.particle_begin[i]));
+      const Lane count = load(extra + 3 * kLanes) + splat(args.particle_memberships[i]);
       correction = correction + load3(extra);
       correction = splat(Real{1}) / max(count, splat(Real{1})) * correction;
     } else {
@@ -277,12 +279,9 @@ void apply_as(const Args& args) {
 
 void apply_corrections(const Args& args) {
   if (args.plastic_rest != nullptr) {
-    args.extra != nullptr ? apply_as<false, true, true>(args) : apply_as<false, true, false>(args);
-  } else if (args.planar) {
-    args.extra != nullptr ? apply_as<true, false, true>(args) : apply_as<true, false, false>(args);
+    args.extra != nullptr ? apply_as<true, true>(args) : apply_as<true, false>(args);
   } else {
-    args.extra != nullptr ? apply_as<false, false, true>(args)
-                          : apply_as<false, false, false>(args);
+    args.extra != nullptr ? apply_as<false, true>(args) : apply_as<false, false>(args);
   }
 }
 

@@ -79,8 +79,8 @@ void check_drawn_effect(const pb::Randomise& r, const Scene& scene) {
       refuse_effects(effects, "TISSUE_CLUSTER", kClusterEffects);
     if (path.rfind("anchor.", 0) == 0 && !(effects.anchor().compliance_m2_per_n() > 0))
       throw_error("randomise {}: {}, allowed above 0", r.parameter(), value);
-    const bool sticks = effects.adhesion().stiffness_pa_per_m() > 0 ||
-                        effects.suction().drag_pa_s_per_m() > 0;
+    const bool sticks =
+        effects.adhesion().stiffness_pa_per_m() > 0 || effects.suction().drag_pa_s_per_m() > 0;
     if (sticks && scene.bodies.empty())
       throw_error("randomise {}: nothing to stick to, needs a scene.rigid_body", r.parameter());
   }

@@ -487,6 +487,16 @@ TEST_P(EffectContact, SuctionLetsGoAtTheSpeedOfItsFilm) {
       std::pow(1 + gap / reach, -2) - 2 * kDensity * 0.003 * kGravity * 0.5 / (drag * reach);
   const double expected = reach * (1 / std::sqrt(u) - 1) - gap;
   EXPECT_NEAR(centre(*tissue).z() / expected, 1, 0.05);
+
+  // The same from the board, pressed on it by its weight before.
+  c.bodies = {test::make_board(0.0015)};
+  const auto pressed = make(c);
+  rest(*pressed, 0.3);
+  const double start = centre(*pressed).z();
+  turn_over(c, *pressed);
+  rest(*pressed, 0.5);
+  const double w = 1 - 2 * kDensity * 0.003 * kGravity * 0.5 / (drag * reach);
+  EXPECT_NEAR((centre(*pressed).z() - start) / (reach * (1 / std::sqrt(w) - 1)), 1, 0.08);
 }
 
 TEST_P(EffectContact, FrictionHoldsOnASteeperSlope) {
