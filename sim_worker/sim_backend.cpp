@@ -133,6 +133,16 @@ std::shared_ptr<const SimSetup> make_sim_setup(const pb::Config& config,
                   r.max(), low, high);
     }
   }
+  // Effects that are drawn together have to be possible together.
+  for (const bool highest : {false, true}) {
+    pb::TissueEffects effects = setup->scene.config.tissue().effects();
+    for (const pb::Randomise& r : config.randomise()) {
+      if (r.parameter().rfind(kEffectPrefix, 0) == 0)
+        set_effect(effects, effect_path(r), highest ? r.max() : r.min());
+    }
+    make_effects(effects, setup->scene.config.tissue().material().poisson_ratio(),
+                 setup->scene.tissue.particles);
+  }
   return setup;
 }
 
