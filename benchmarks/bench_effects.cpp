@@ -1,9 +1,9 @@
 // What each tissue effect costs in the elastic shell: time of a step with the effect over a step
 // without. Lift case of bench_elastic (31 x 31 nodes, 90 x 90 x 3 mm, E 100 kPa, a corner held and
-// moved) with every lane of the kernel under the same effect, given by the scene; the sheet lies
-// over a half-space for effects that need a body, then the base does too. Thread CPU time, chunks
-// of both alternate, best of eight each. The last figure draws an inclusion per lane: own maps and
-// factors.
+// moved) with every lane of the kernel under the same effect, given by the scene; where an effect
+// needs a body the base has it too, far below, or the sheet lies on it (adhesion, friction). Thread
+// CPU time, chunks of both alternate, best of eight each. The last figure draws an inclusion per
+// lane: own maps and factors.
 #include <time.h>
 
 #include <algorithm>
@@ -23,13 +23,18 @@ using Eigen::Vector3d;
 
 constexpr int kSide = 31;
 
+/// A half-space far below shows what the effect costs, not what contact costs; one that the sheet
+/// lies on lets it bond.
+enum class Board { kNone, kFar, kUnder };
+
 double thread_seconds() {
   timespec t{};
   clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
   return static_cast<double>(t.tv_sec) + 1e-9 * static_cast<double>(t.tv_nsec);
 }
 
-std::shared_ptr<const ElasticTissueModel> make_sheet(const pb::TissueEffects& effects, bool board) {
+std::shared_ptr<const ElasticTissueModel> make_sheet(const pb::TissueEffects& effects,
+                                                     Board board) {
   Scene scene;
   pb::Tissue& tissue = *scene.config.mutable_tissue();
   tissue.mutable_grid()->set_count_x(kSide);
@@ -44,10 +49,10 @@ std::shared_ptr<const ElasticTissueModel> make_sheet(const pb::TissueEffects& ef
     scene.tissue.fixed.push_back(p.y() < -0.0449 ? 1 : 0);
   scene.tissue.particle_radius = 0.0015;
   scene.tissue.thickness = 0.003;
-  if (board) {  // far below: what the effect costs, not what contact costs
+  if (board != Board::kNone) {
     RigidShape body;
     body.kind = RigidShape::Kind::kHalfSpace;
-    body.X_WS.translation() = Vector3d(0, 0, -0.2);
+    body.X_WS.translation() = Vector3d(0, 0, board == Board::kFar ? -0.2 : -0.0015);
     scene.bodies.push_back(body);
   }
   std::vector<std::string> warnings;
@@ -96,7 +101,7 @@ void compare(const char* name, Lift& with, Lift& without) {
 struct Effect {
   const char* name;
   void (*set)(pb::TissueEffects&);
-  bool needs_board = false;
+  Board board = Board::kNone;
 };
 
 using E = pb::TissueEffects;
@@ -117,10 +122,12 @@ const Effect kEffects[] = {
     {"bending_stiffness", [](E& e) { e.set_bending_change(1); }},
     {"rest_shape", [](E& e) { e.mutable_rest_shape()->set_curvature_y_per_m(5); }},
     {"thickness", [](E& e) { e.mutable_thickness()->set_x_per_m(3); }},
-    {"adhesion", [](E& e) { e.mutable_adhesion()->set_stiffness_pa_per_m(1e5); }, true},
-    {"suction", [](E& e) { e.mutable_suction()->set_drag_pa_s_per_m(1e4); }, true},
-    {"obstacle", [](E&) {}, true},
-    {"board_friction", [](E& e) { e.set_friction_change(1); }, true},
+    {"adhesion", [](E& e) { e.mutable_adhesion()->set_stiffness_pa_per_m(1e5); }, Board::kUnder},
+    {"adhesion_before_touch", [](E& e) { e.mutable_adhesion()->set_stiffness_pa_per_m(1e5); },
+     Board::kFar},
+    {"suction", [](E& e) { e.mutable_suction()->set_drag_pa_s_per_m(1e4); }, Board::kFar},
+    {"obstacle", [](E&) {}, Board::kFar},
+    {"board_friction", [](E& e) { e.set_friction_change(1); }, Board::kUnder},
     {"anchor_compliance", [](E& e) { e.mutable_anchor()->set_compliance_m2_per_n(1e-3); }},
     {"anchor_detachment", [](E& e) { e.mutable_anchor()->set_free_to_m(0.02); }},
     {"grasp_offset", [](E& e) { e.mutable_grasp_offset()->set_x_m(0.002); }},
@@ -131,17 +138,21 @@ const Effect kEffects[] = {
 };
 
 void measure(const Kernel<float>& kernel) {
-  Lift plain(make_sheet({}, false), kernel);
-  Lift over_board(make_sheet({}, true), kernel);
+  Lift plain(make_sheet({}, Board::kNone), kernel);
+  Lift over_board(make_sheet({}, Board::kFar), kernel);
+  Lift on_board(make_sheet({}, Board::kUnder), kernel);
   for (const Effect& effect : kEffects) {
     pb::TissueEffects effects;
     effect.set(effects);
-    Lift with(make_sheet(effects, effect.needs_board), kernel);
+    Lift with(make_sheet(effects, effect.board), kernel);
     // An obstacle is one more body.
     const bool is_obstacle = std::string(effect.name) == "obstacle";
-    compare(effect.name, with, effect.needs_board && !is_obstacle ? over_board : plain);
+    Lift& without = effect.board == Board::kUnder                 ? on_board
+                    : effect.board == Board::kFar && !is_obstacle ? over_board
+                                                                  : plain;
+    compare(effect.name, with, without);
   }
-  Lift drawn(make_sheet({}, false), kernel);
+  Lift drawn(make_sheet({}, Board::kNone), kernel);
   for (int lane = 0; lane < drawn.tissue().lanes(); ++lane) {
     LaneParameters parameters;
     parameters.effects = EffectValues{};

@@ -87,7 +87,7 @@ inline Lane ground_stiffness(const Args& args, int i) {
 /// still changing.
 Bits sweep_contacts(const Args& args, bool backwards) {
   const Lane stiffness = splat(Real{0}) - load(args.key_stiffness);
-  const Bits springs = args.effects.adhesion | args.effects.film;
+  const Bits springs = args.effects.springs;
   Bits moving = 0;
   for (int n = 0; n < args.nodes; ++n) {
     const int i = backwards ? args.nodes - 1 - n : n;

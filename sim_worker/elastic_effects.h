@@ -15,6 +15,7 @@ struct ElasticEffectArgs {
   std::uint32_t bonds;     ///< cohesive springs: adhesion or anchors
   std::uint32_t adhesion;  ///< lanes whose nodes bond on touch
   std::uint32_t film;
+  std::uint32_t springs;  ///< lanes that now hang on springs stiffer than the metric knows
   std::int32_t branches;  ///< most Prony branches of any lane
 
   // Maps; null = as the model's own.

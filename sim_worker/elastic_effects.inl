@@ -352,7 +352,7 @@ void take_answer(const Args& args) {
 
 void advance_springs(const Args& args, bool first) {
   const auto& fx = args.effects;
-  const Mask springs = to_mask(fx.adhesion | fx.film);
+  const Mask springs = to_mask(fx.springs);
   const Lane zero = splat(Real{0});
   Lane product = zero;
   for (int i = 0; i < args.nodes; ++i) {

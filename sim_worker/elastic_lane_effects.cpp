@@ -187,7 +187,7 @@ void ElasticLaneEffects<Real>::set_masks() {
     ensure(film_now_, nodes / 3);
     ensure(film_normal_, nodes);
   }
-  if (has_springs()) {
+  if ((args_.adhesion | args_.film) != 0) {
     for (auto* v : {&rest_, &direction_, &metric_direction_, &solution_, &answer_}) {
       ensure(*v, nodes);
     }
@@ -270,6 +270,16 @@ void ElasticLaneEffects<Real>::reset(int lane, const Eigen::Vector3d& offset) {
 
 template <typename Real>
 std::uint32_t ElasticLaneEffects<Real>::begin_substep() {
+  args_.springs = args_.film;
+  const auto W = static_cast<std::size_t>(lanes_);
+  for (std::size_t l = 0; l < W && args_.adhesion != 0; ++l) {
+    const std::uint32_t lane = 1U << l;
+    for (std::size_t i = 0; i * W < bond_longest_.size() && (args_.adhesion & lane) != 0; ++i) {
+      if (model_->is_anchor[i] != 0 || bond_longest_[i * W + l] < Real{0}) continue;
+      args_.springs |= lane;
+      break;
+    }
+  }
   std::uint32_t changed = 0;
   for (int lane = 0; lane < lanes_ && args_.stiffening != 0; ++lane) {
     if ((args_.stiffening >> lane & 1U) == 0) continue;

@@ -27,13 +27,13 @@ class ElasticLaneEffects {
   /// Factor key of a lane with what its effects add to the stiffness.
   int factor_key(int lane) const;
   /// True where springs to ground call for the solve with springs.
-  bool has_springs() const { return (args_.adhesion | args_.film) != 0; }
+  bool has_springs() const { return args_.springs != 0; }
 
   void set(int lane, const EffectValues& values, double stiffness_scale);
   /// Memory of a sheet that never moved, its rest shape shifted by `offset` [m].
   void reset(int lane, const Eigen::Vector3d& offset);
-  /// Before a substep: the tangent of the last one may ask for another factor. Returns the
-  /// lanes for which factor_key() has changed.
+  /// Before a substep: which lanes hang on springs; the tangent of the last one may ask for another
+  /// factor. Returns the lanes for which factor_key() has changed.
   std::uint32_t begin_substep();
 
   /// Effects that differ from none, then the memory of those that have one.

@@ -209,6 +209,7 @@ void ElasticTissue<Real>::step(std::span<const ToolMotion> motion) {
   if (args_.has_contact) find_contacts(motion);
   for (int substep = 0; substep < substeps; ++substep) {
     const std::uint32_t changed = effects_.begin_substep();
+    args_.effects = effects_.args();
     for (int lane = 0; lane < lanes() && changed != 0; ++lane) {
       if ((changed >> lane & 1U) != 0) update_key(lane);
     }
