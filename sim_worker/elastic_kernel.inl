@@ -8,15 +8,10 @@
 //   solve      d -= A^-1 b, then the grasp by low rank and the contact forces
 //   finish     v = keep d / h,   x = x_n + d
 
-#include "sim_worker/contact.inl"
-
 namespace {
 
 using omentum::FactorPanel;
-using omentum::kMaxPatch;
 using Args = omentum::ElasticArgs<Real>;
-
-constexpr Bits kAllLanes = kLanes == 16 ? 0xFFFFU : (1U << kLanes) - 1U;
 
 inline Lane3 zero3() {
   const Lane zero = splat(Real{0});
@@ -25,12 +20,6 @@ inline Lane3 zero3() {
 inline Lane3 fnma(Lane s, Lane3 a, Lane3 c) {
   return {fnma(s, a.x, c.x), fnma(s, a.y, c.y), fnma(s, a.z, c.z)};
 }
-inline Bits nonzero(Lane3 a) {
-  const Lane zero = splat(Real{0});
-  return to_bits(a.x < zero) | to_bits(zero < a.x) | to_bits(a.y < zero) | to_bits(zero < a.y) |
-         to_bits(a.z < zero) | to_bits(zero < a.z);
-}
-
 /// Displacement of a node that nothing acts on. BDF2 carries two substeps of history.
 inline Lane3 inertial_displacement(const Args& args, int i) {
   const Lane step = splat(args.effective_step);
@@ -250,7 +239,6 @@ void subtract_solution(const Args& args) {
 
 void hold_patch(const Args& args) {
   const Mask lanes = to_mask(args.lanes);
-  Real miss[3 * kMaxPatch * kLanes];
   for (int k = 0; k < args.patch_size; ++k) {
     for (int lane = 0; lane < kLanes; ++lane) {
       const int node = args.patch_node[k * kLanes + lane];
@@ -259,170 +247,30 @@ void hold_patch(const Args& args) {
         const int at = (3 * node + axis) * kLanes + lane;
         const int here = (3 * k + axis) * kLanes + lane;
         const Real off = (args.x[at] - args.patch_target[here]) + args.d[at];
-        miss[here] = off - compliance * args.patch_force[here];
+        args.patch_miss[here] = off - compliance * args.patch_force[here];
       }
     }
   }
-  Lane3 change[kMaxPatch];
   for (int k = 0; k < args.patch_size; ++k) {
     Lane3 sum = zero3();
     for (int j = 0; j < args.patch_size; ++j) {
-      const Lane s = load(args.patch_inverse + (k * kMaxPatch + j) * kLanes);
-      sum = fma(s, load3(miss + 3 * kLanes * j), sum);
+      const Lane s = load(args.patch_inverse + (k * args.patch_room + j) * kLanes);
+      sum = fma(s, load3(args.patch_miss + 3 * kLanes * j), sum);
     }
-    change[k] = select(lanes, sum, zero3());
+    const Lane3 change = select(lanes, sum, zero3());
+    store3(args.patch_change + 3 * kLanes * k, change);
     Real* const force = args.patch_force + 3 * kLanes * k;
-    store3(force, load3(force) + change[k]);
+    store3(force, load3(force) + change);
   }
   for (int i = 0; i < args.nodes; ++i) {
     Real* const memory = args.d + 3 * kLanes * i;
     const Lane3 before = load3(memory);
     Lane3 d = before;
     for (int k = 0; k < args.patch_size; ++k) {
-      const Lane response = load(args.patch_response + (i * kMaxPatch + k) * kLanes);
-      d = fnma(response, change[k], d);
+      const Lane response = load(args.patch_response + (i * args.patch_room + k) * kLanes);
+      d = fnma(response, load3(args.patch_change + 3 * kLanes * k), d);
     }
     store3(memory, select(lanes, d, before));
-  }
-}
-
-// ---------------------------------------------------------------------------------------------------------------------
-// Contact. Each touching node has a force f >= 0 with friction, kept from substep to substep and
-// part of the residual: at rest it balances the sheet exactly, whatever the step (tissue.md section
-// 9). Within a substep the forces are found by Gauss-Seidel on x_i = x_i(0) + sum_j A^-1_ij (change
-// of f_j).
-
-/// Positions of the candidates before any change of their forces.
-void load_contacts(const Args& args) {
-  for (int c = 0; c < args.contacts; ++c) {
-    const int i = 3 * kLanes * args.contact_node[c];
-    store3(args.contact_place + 3 * kLanes * c, load3(args.x + i) + load3(args.d + i));
-    store3(args.contact_change + 3 * kLanes * c, zero3());
-    args.contact_lanes[c] = kAllLanes;
-  }
-}
-
-/// Moves the listed contacts by the response to a change of the force on contact c.
-inline void move_contacts(const Args& args, std::int32_t c, Lane3 change) {
-  Real* const sum = args.contact_change + 3 * kLanes * c;
-  store3(sum, load3(sum) + change);
-  const std::int32_t node = args.contact_node[c];
-  const Real* const row = args.inverse + static_cast<std::int64_t>(args.nodes) * node;
-  for (std::int32_t k = 0; k < args.contact_listed; ++k) {
-    const std::int32_t other = args.contact_list[k];
-    Real* const place = args.contact_place + 3 * kLanes * other;
-    store3(place, fma(splat(row[args.contact_node[other]]), change, load3(place)));
-  }
-}
-
-/// Force on contact c that keeps it out if nothing else changes.
-inline Lane3 wanted_force(const Args& args, std::int32_t c, Lane3 force) {
-  const int i = args.contact_node[c];
-  const Real own = args.inverse[static_cast<std::int64_t>(args.nodes + 1) * i];
-  const Lane3 free = fnma(splat(own), force, load3(args.contact_place + 3 * kLanes * c));
-  // + 0: never -0, so that a lane has the same bits whether or not another one gets here.
-  return fma(splat(Real{1} / own), push_out(args, i, free) - free, zero3());
-}
-
-/// First guess of the changes. A node whose neighbours all touch as well goes where the shape is,
-/// by e_i, and so do they: its force changes by (A e)_i. Inside a large patch that is exact, and
-/// sweeps would be slow; its rim and single nodes are left to the sweeps.
-Bits guess_contact_forces(const Args& args) {
-  // Sweeps finish what is left below ten tolerances sooner.
-  const Lane tolerance = splat(Real{10} * args.contact_tolerance);
-  Bits any = 0;
-  for (int i = 0; i < args.nodes; ++i) {
-    store3(args.b + 3 * kLanes * i, zero3());
-    args.touching[i] = args.fixed[i] != 0 ? kAllLanes : 0;
-  }
-  for (std::int32_t k = 0; k < args.contact_listed; ++k) {
-    const std::int32_t c = args.contact_list[k];
-    const int i = args.contact_node[c];
-    const Lane own = splat(args.inverse[static_cast<std::int64_t>(args.nodes + 1) * i]);
-    const Lane3 force = load3(args.contact_force + 3 * kLanes * i);
-    const Lane3 wanted = wanted_force(args, c, force);
-    args.touching[i] = nonzero(wanted) & args.lanes & args.contact_lanes[c];
-    if (args.touching[i] == 0) continue;
-    const Lane3 step = select(to_mask(args.touching[i]), own * (wanted - force), zero3());
-    any |= to_bits(tolerance * tolerance < dot(step, step));
-    store3(args.b + 3 * kLanes * i, step);
-  }
-  if (any == 0) return 0;
-  for (std::int32_t k = 0; k < args.contact_listed; ++k) {
-    const std::int32_t c = args.contact_list[k];
-    const int i = args.contact_node[c];
-    Bits inside = args.touching[i] & any;
-    for (int m = args.bend_begin[i]; m < args.bend_begin[i + 1]; ++m) {
-      inside &= args.touching[args.bend_node[m]];
-    }
-    if (inside == 0) continue;
-    Lane3 change = splat(args.metric_diagonal[i]) * load3(args.b + 3 * kLanes * i);
-    for (int m = args.bend_begin[i]; m < args.bend_begin[i + 1]; ++m) {
-      change = fma(splat(args.metric[m]), load3(args.b + 3 * kLanes * args.bend_node[m]), change);
-    }
-    change = select(to_mask(inside), change, zero3());
-    Real* const memory = args.contact_force + 3 * kLanes * i;
-    store3(memory, load3(memory) + change);
-    move_contacts(args, c, change);
-  }
-  return any;
-}
-
-/// Gives contact c the force that keeps it out, in the asked lanes in which that moves it by more
-/// than the tolerance; returns these lanes. The other contacts move along.
-inline Bits solve_contact(const Args& args, std::int32_t c, Bits asked) {
-  const int i = args.contact_node[c];
-  const Lane own = splat(args.inverse[static_cast<std::int64_t>(args.nodes + 1) * i]);
-  Real* const memory = args.contact_force + 3 * kLanes * i;
-  const Lane3 force = load3(memory);
-  const Lane3 wanted = wanted_force(args, c, force);
-  const Lane3 step = own * (wanted - force);
-  const Lane tolerance = splat(args.contact_tolerance);
-  const Bits moves = to_bits(tolerance * tolerance < dot(step, step)) & asked;
-  if (moves == 0) return 0;
-  store3(memory, select(to_mask(moves), wanted, force));
-  move_contacts(args, c, select(to_mask(moves), wanted - force, zero3()));
-  return moves;
-}
-
-/// Asks the listed contacts, each in the lanes in which it matters. The first sweep asks them all
-/// and finds out.
-Bits sweep_contacts(const Args& args, bool first, bool backwards) {
-  Bits moves = 0;
-  for (std::int32_t n = 0; n < args.contact_listed; ++n) {
-    const std::int32_t c = args.contact_list[backwards ? args.contact_listed - 1 - n : n];
-    const Bits asked = args.lanes & args.contact_lanes[c];
-    if (asked == 0) continue;
-    moves |= solve_contact(args, c, asked);
-    if (!first) continue;
-    const Lane3 force = load3(args.contact_force + 3 * kLanes * args.contact_node[c]);
-    const Lane3 change = load3(args.contact_change + 3 * kLanes * c);
-    args.contact_lanes[c] &= ~args.lanes | nonzero(force) | nonzero(change);
-  }
-  return moves;
-}
-
-Bits load_contact_change(const Args& args) {
-  for (int i = 0; i < args.nodes; ++i) store3(args.b + 3 * kLanes * i, zero3());
-  Bits lanes = 0;
-  for (std::int32_t k = 0; k < args.contact_listed; ++k) {
-    const std::int32_t c = args.contact_list[k];
-    const Lane3 change = load3(args.contact_change + 3 * kLanes * c);
-    lanes |= nonzero(change);
-    store3(args.b + 3 * kLanes * args.contact_node[c], zero3() - change);
-  }
-  return lanes;
-}
-
-void drop_far_contacts(const Args& args) {
-  for (int i = 0; i < args.nodes; ++i) {
-    Bits near = 0;
-    for (int k = 0; k < args.shapes; ++k) {
-      if ((args.candidate_any[i] >> k & 1U) != 0)
-        near |= args.candidates[i * omentum::kMaxShapes + k];
-    }
-    Real* const force = args.contact_force + 3 * kLanes * i;
-    store3(force, select(to_mask(near), load3(force), zero3()));
   }
 }
 

@@ -15,7 +15,6 @@ namespace {
 using Eigen::Vector3d;
 
 constexpr double kKeyRatio = 1.25;  // E/E0 in (0.8, 1]: settles and follows (tissue.md section 8)
-constexpr int kMaxContactNodes = 5000;  // A^-1 is dense: 200 MB per factor key in double
 
 /// One finite-difference stencil of the plate: energy weight/2 |sum c_i x_i|^2.
 struct Stencil {
@@ -230,37 +229,49 @@ ElasticFactor make_panels(const SparseMatrix& l, const std::vector<int>& node_of
   return factor;
 }
 
-ElasticFactor make_factor(const ElasticTissueModel& model, double stiffness) {
-  std::vector<int> free_index;
-  std::vector<int> free_node;
-  for (int i = 0; i < model.nodes(); ++i) {
-    const bool fixed = model.body.fixed[static_cast<std::size_t>(i)] != 0;
-    free_index.push_back(fixed ? -1 : static_cast<int>(free_node.size()));
-    if (!fixed) free_node.push_back(i);
+/// Rows of A: -1 for fixed nodes, and the node of each row.
+struct FreeNodes {
+  explicit FreeNodes(const ElasticTissueModel& model) {
+    for (int i = 0; i < model.nodes(); ++i) {
+      const bool fixed = model.body.fixed[static_cast<std::size_t>(i)] != 0;
+      row.push_back(fixed ? -1 : count());
+      if (!fixed) node.push_back(i);
+    }
   }
-  const auto free_count = static_cast<int>(free_node.size());
-  const SparseMatrix matrix = assemble(model, stiffness, free_index, free_count);
+  int count() const { return static_cast<int>(node.size()); }
+  std::vector<int> row, node;
+};
+
+ElasticFactor make_factor(const ElasticTissueModel& model, double stiffness) {
+  const FreeNodes free(model);
+  const SparseMatrix matrix = assemble(model, stiffness, free.row, free.count());
   const Cholesky cholesky(matrix);
   OMENTUM_CHECK(cholesky.info() == Eigen::Success);
-  std::vector<int> node_of(free_node.size());
-  for (int k = 0; k < free_count; ++k) {
+  std::vector<int> node_of(free.node.size());
+  for (int k = 0; k < free.count(); ++k) {
     node_of[static_cast<std::size_t>(cholesky.permutationP().indices()(k))] =
-        free_node[static_cast<std::size_t>(k)];
+        free.node[static_cast<std::size_t>(k)];
   }
-  ElasticFactor factor = make_panels(SparseMatrix(cholesky.matrixL()), node_of);
+  return make_panels(SparseMatrix(cholesky.matrixL()), node_of);
+}
+
+void make_metric(ElasticTissueModel& model) {
+  const FreeNodes free(model);
+  const SparseMatrix matrix = assemble(model, 1, free.row, free.count());
+  const double inverse_step2 = 1 / (model.effective_step() * model.effective_step());
   const auto entry = [&](int i, int j) {
-    const int row = free_index[static_cast<std::size_t>(i)];
-    const int column = free_index[static_cast<std::size_t>(j)];
+    const int row = free.row[static_cast<std::size_t>(i)];
+    const int column = free.row[static_cast<std::size_t>(j)];
     return row < 0 || column < 0 ? 0.0 : matrix.coeff(row, column);
   };
   for (int i = 0; i < model.nodes(); ++i) {
     const auto k = static_cast<std::size_t>(i);
-    factor.metric_diagonal.push_back(entry(i, i));
+    model.metric_diagonal.push_back(free.row[k] < 0 ? 0.0
+                                                    : entry(i, i) - model.mass[k] * inverse_step2);
     for (int m = model.bending.begin[k]; m < model.bending.begin[k + 1]; ++m) {
-      factor.metric.push_back(entry(i, model.bending.node[static_cast<std::size_t>(m)]));
+      model.metric.push_back(entry(i, model.bending.node[static_cast<std::size_t>(m)]));
     }
   }
-  return factor;
 }
 
 }  // namespace
@@ -325,31 +336,20 @@ int ElasticTissueModel::factor_key(double stiffness_scale) {
   return key;
 }
 
+double ElasticTissueModel::key_stiffness(int key) {
+  double stiffness = 1;
+  for (int k = 0; k < key; ++k) stiffness *= kKeyRatio;
+  for (int k = 0; k > key; --k) stiffness /= kKeyRatio;
+  return stiffness;
+}
+
 std::shared_ptr<const ElasticFactor> ElasticTissueModel::factor(int key) const {
   const std::lock_guard lock(mutex_);
   auto& factor = factors_[key];
   if (factor == nullptr) {
-    double stiffness = 1;
-    for (int k = 0; k < key; ++k) stiffness *= kKeyRatio;
-    for (int k = 0; k > key; --k) stiffness /= kKeyRatio;
-    factor = std::make_shared<const ElasticFactor>(make_factor(*this, stiffness));
+    factor = std::make_shared<const ElasticFactor>(make_factor(*this, key_stiffness(key)));
   }
   return factor;
-}
-
-std::shared_ptr<const Eigen::MatrixXd> ElasticTissueModel::inverse(int key) const {
-  const auto shared_factor = factor(key);
-  const std::lock_guard lock(mutex_);
-  auto& inverse = inverses_[key];
-  if (inverse == nullptr) {
-    auto matrix = std::make_shared<Eigen::MatrixXd>(Eigen::MatrixXd::Zero(nodes(), nodes()));
-    for (int i = 0; i < nodes(); ++i) {
-      if (body.fixed[static_cast<std::size_t>(i)] == 0) (*matrix)(i, i) = 1;
-    }
-    shared_factor->solve(*matrix);
-    inverse = matrix;
-  }
-  return inverse;
 }
 
 std::shared_ptr<const ElasticTissueModel> make_elastic_model(const Scene& scene,
@@ -385,11 +385,6 @@ std::shared_ptr<const ElasticTissueModel> make_elastic_model(const Scene& scene,
   model->tool_radius = tool.shaft_radius_m();
   model->tool_start = tool.shaft_start_m() + tool.shaft_radius_m();
   model->tool_length = tool.shaft_length_m();
-  if (model->has_contact() && model->nodes() > kMaxContactNodes) {
-    throw_error("scene.tissue.grid: {} nodes, allowed for the model elastic with contact: {}",
-                model->nodes(), kMaxContactNodes);
-  }
-
   const double thickness = model->body.thickness;
   const double e = model->material.young_modulus_pa();
   const double nu = model->material.poisson_ratio();
@@ -399,6 +394,7 @@ std::shared_ptr<const ElasticTissueModel> make_elastic_model(const Scene& scene,
   model->grasp_stiffness = e * thickness;
   model->mass = lumped_mass(*model, tissue.density_kg_per_m3(), thickness);
   model->bending = make_bending(*model, thickness);
+  make_metric(*model);
   return model;
 }
 

@@ -28,8 +28,6 @@ struct ElasticFactor {
   std::vector<FactorPanel> panels;
   std::vector<std::int32_t> panel_node;
   std::vector<double> panel_value;
-  std::vector<double> metric;  ///< off-diagonal of A, entries as those of the bending matrix
-  std::vector<double> metric_diagonal;  ///< per node; of fixed nodes unused
 
   /// Replaces every row of b (any x nodes) by A^-1 of it; fixed nodes are left alone.
   void solve(Eigen::MatrixXd& b) const;
@@ -49,8 +47,11 @@ struct ElasticTissueModel : TissueModel, std::enable_shared_from_this<ElasticTis
   double pitch = 0;              ///< [m]
   std::vector<double> mass;      ///< per node: rho t A / 3 of each of its triangles [kg]
   NodeMatrix bending;            ///< gradient of the bending energy [N/m], nominal E
-  double shear = 0;              ///< 2 mu t a_T / pitch^2 [N/m], nominal E
-  double area = 0;               ///< lambda t a_T / pitch^2 [N/m], nominal E, plane stress
+  /// A without its mass, at nominal E [N/m]: entries as those of `bending`, and the diagonal; zero
+  /// at fixed nodes.
+  std::vector<double> metric, metric_diagonal;
+  double shear = 0;  ///< 2 mu t a_T / pitch^2 [N/m], nominal E
+  double area = 0;   ///< lambda t a_T / pitch^2 [N/m], nominal E, plane stress
   /// Spring of a node that the jaw covers half [N/m]; infinite: all or nothing.
   double grasp_stiffness = 0;
   double static_friction = 0, dynamic_friction = 0;
@@ -70,20 +71,18 @@ struct ElasticTissueModel : TissueModel, std::enable_shared_from_this<ElasticTis
   /// Factor key of a lane: the number of the smallest step of a geometric grid of moduli that is
   /// not below E. It depends on the lane's own parameters only (tissue.md section 8).
   static int factor_key(double stiffness_scale);
+  /// E of a key's factor / nominal E.
+  static double key_stiffness(int key);
   /// Factor of a key; made once, then shared.
   std::shared_ptr<const ElasticFactor> factor(int key) const;
-  /// A^-1, nodes x nodes [m/N], rows and columns of fixed nodes zero; made once per key, then
-  /// shared.
-  std::shared_ptr<const Eigen::MatrixXd> inverse(int key) const;
 
  private:
   mutable std::mutex mutex_;
-  mutable std::map<int, std::shared_ptr<const ElasticFactor>> factors_;     // guarded by mutex_
-  mutable std::map<int, std::shared_ptr<const Eigen::MatrixXd>> inverses_;  // guarded by mutex_
+  mutable std::map<int, std::shared_ptr<const ElasticFactor>> factors_;  // guarded by mutex_
 };
 
-/// Makes the shell of the scene's grid sheet. Throws Error for a volume, another law than corotated
-/// or a mesh too large for contact.
+/// Makes the shell of the scene's grid sheet. Throws Error for a volume, or another law than
+/// corotated.
 std::shared_ptr<const ElasticTissueModel> make_elastic_model(const Scene& scene,
                                                              double control_period,
                                                              std::vector<std::string>& warnings);

@@ -4,22 +4,15 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
-#include <numeric>
 
 #include "core/check.h"
 #include "core/hash.h"
-#include "sim_worker/kernel_shape.h"
 
 namespace omentum {
 namespace {
 
 using Eigen::Vector3d;
 
-// Contact forces of a substep: a lane is done when no node moves by more than this part of the
-// pitch in a sweep, or after so many rounds of a sweep up and one down; the next substep goes on
-// from there.
-constexpr int kMaxContactRounds = 8;
-constexpr double kContactTolerance = 5e-5;
 constexpr double kLeastCover = 1e-3;  // of a cell: a thinner hold is none
 
 const ElasticKernel<float>& elastic_kernel_for(const Kernel<float>& kernel) {
@@ -32,8 +25,8 @@ const ElasticKernel<double>& elastic_kernel_for(const Kernel<double>&) {
 }
 
 template <typename Real>
-std::vector<Real> convert(const std::vector<double>& values) {
-  std::vector<Real> result;
+AlignedVector<Real> convert(const std::vector<double>& values) {
+  AlignedVector<Real> result;
   result.reserve(values.size());
   for (const double v : values) result.push_back(static_cast<Real>(v));
   return result;
@@ -72,28 +65,13 @@ ElasticTissue<Real>::ElasticTissue(std::shared_ptr<const ElasticTissueModel> mod
     d_old_.assign(3 * n * W, Real{0});
   }
   held_.resize(W);
-  constexpr auto kPatch = static_cast<std::size_t>(kMaxPatch);
-  patch_node_.assign(kPatch * W, 0);
-  patch_target_.assign(3 * kPatch * W, Real{0});
-  patch_compliance_.assign(kPatch * W, Real{0});
-  patch_inverse_.assign(kPatch * kPatch * W, Real{0});
-  patch_response_.assign(n * kPatch * W, Real{0});
-  patch_force_.assign(3 * kPatch * W, Real{0});
   held_force_.assign(3 * W, Real{0});
   parameters_.resize(W);
   key_.assign(W, 0);
-  for (auto* v : {&stiffness_, &keep_, &static_friction_, &dynamic_friction_, &capsule_sweep_}) {
+  for (auto* v : {&stiffness_, &keep_, &static_friction_, &dynamic_friction_}) {
     v->assign(W, Real{0});
   }
-  for (auto* v : {&gravity_, &capsule_, &capsule_motion_}) v->assign(3 * W, Real{0});
-  free_mask_.assign(n, 0);
-  candidates_.assign(n * kMaxShapes, 0);
-  candidate_any_.assign(n, 0);
-  contact_change_.assign(3 * n * W, Real{0});
-  contact_place_.assign(3 * n * W, Real{0});
-  contact_lanes_.assign(n, 0);
-  touching_.assign(n, 0);
-
+  gravity_.assign(3 * W, Real{0});
   args_.count_x = model_->count_x;
   args_.count_y = model_->count_y;
   args_.nodes = model_->nodes();
@@ -122,53 +100,8 @@ ElasticTissue<Real>::ElasticTissue(std::shared_ptr<const ElasticTissueModel> mod
   args_.stiffness = stiffness_.data();
   args_.gravity = gravity_.data();
   args_.keep = keep_.data();
-  args_.patch_node = patch_node_.data();
-  args_.patch_target = patch_target_.data();
-  args_.patch_compliance = patch_compliance_.data();
-  args_.patch_inverse = patch_inverse_.data();
-  args_.patch_response = patch_response_.data();
-  args_.patch_force = patch_force_.data();
-  args_.contact_change = contact_change_.data();
-  args_.contact_place = contact_place_.data();
-  args_.touching = touching_.data();
-  args_.contact_lanes = contact_lanes_.data();
-  args_.contact_tolerance = static_cast<Real>(kContactTolerance * model_->pitch);
-  args_.candidates = candidates_.data();
-  args_.candidate_any = candidate_any_.data();
-  args_.particle_radius = static_cast<Real>(model_->body.particle_radius);
-  args_.capsule = capsule_.data();
-  args_.capsule_motion = capsule_motion_.data();
-  args_.static_friction = static_friction_.data();
-  args_.dynamic_friction = dynamic_friction_.data();
-
-  // The search for candidates is the cluster kernel's; it reads no more than this.
-  candidate_args_.particles = model_->nodes();
-  candidate_args_.x = x_.data();
-  candidate_args_.v = v_.data();
-  candidate_args_.free_mask = free_mask_.data();
-  candidate_args_.candidates = candidates_.data();
-  candidate_args_.candidate_any = candidate_any_.data();
-  candidate_args_.gravity = gravity_.data();
-  candidate_args_.particle_radius = args_.particle_radius;
-  candidate_args_.step_s = static_cast<Real>(model_->control_period);
-  // 2 mm beyond what speed and gravity explain: elastic motion of one control step.
-  candidate_args_.margin = static_cast<Real>(2e-3);
-  for (const RigidShape& body : model_->contact_bodies) {
-    candidate_args_.shape[candidate_args_.shapes++] = make_kernel_shape<Real>(body);
-  }
-  if (model_->tool_contact) {
-    KernelShape<Real> tool{};
-    tool.kind = ShapeKind::kCapsule;
-    tool.size[0] = static_cast<Real>(model_->tool_radius);
-    tool.length = static_cast<Real>(model_->tool_length);
-    for (int k = 0; k < 3; ++k) tool.axis[k] = static_cast<Real>(model_->shaft_axis[k]);
-    candidate_args_.shape[candidate_args_.shapes++] = tool;
-  }
-  candidate_args_.capsule = capsule_.data();
-  candidate_args_.capsule_sweep = capsule_sweep_.data();
-  args_.shapes = candidate_args_.shapes;
-  args_.shape = candidate_args_.shape;
-
+  make_room(1);
+  prepare_contacts();
   for (int lane = 0; lane < lanes(); ++lane) {
     set_parameters(lane, {});
     reset(lane, Vector3d::Zero());
@@ -182,15 +115,6 @@ const typename ElasticTissue<Real>::Factor& ElasticTissue<Real>::factor_of(int k
   Factor& factor = factors_[key];
   factor.shared = model_->factor(key);
   factor.value = convert<Real>(factor.shared->panel_value);
-  if (model_->has_contact()) {
-    factor.metric = convert<Real>(factor.shared->metric);
-    factor.metric_diagonal = convert<Real>(factor.shared->metric_diagonal);
-    const auto inverse = model_->inverse(key);
-    factor.inverse.resize(static_cast<std::size_t>(inverse->size()));
-    for (std::size_t k = 0; k < factor.inverse.size(); ++k) {
-      factor.inverse[k] = static_cast<Real>(inverse->data()[k]);
-    }
-  }
   return factor;
 }
 
@@ -222,6 +146,7 @@ void ElasticTissue<Real>::set_parameters(int lane, const LaneParameters& paramet
   static_friction_[l] = static_cast<Real>(model_->static_friction * parameters.friction_scale);
   dynamic_friction_[l] = static_cast<Real>(model_->dynamic_friction * parameters.friction_scale);
   key_[l] = ElasticTissueModel::factor_key(parameters.stiffness_scale);
+  if (args_.has_contact) set_contact_stiffness(lane);
   group_lanes();
   if (!held_[l].nodes.empty()) make_patch(lane);
 }
@@ -264,27 +189,6 @@ void ElasticTissue<Real>::step(std::span<const ToolMotion> motion) {
   }
 }
 
-// Candidates of the whole step, once; forces of nodes that cannot touch any more are dropped.
-template <typename Real>
-void ElasticTissue<Real>::find_contacts(std::span<const ToolMotion> motion) {
-  for (int lane = 0; lane < lanes(); ++lane) {
-    const ToolMotion& m = motion[static_cast<std::size_t>(lane)];
-    const Vector3d base = m.from + model_->tool_start * model_->shaft_axis;
-    for (int axis = 0; axis < 3; ++axis) {
-      capsule_[index(0, axis, lane)] = static_cast<Real>(base[axis]);
-    }
-    capsule_sweep_[static_cast<std::size_t>(lane)] = static_cast<Real>((m.to - m.from).norm());
-  }
-  kernel_.find_candidates(candidate_args_);
-  elastic_.drop_far_contacts(args_);
-  contact_node_.clear();
-  for (int i = 0; i < particles(); ++i) {
-    if (candidate_any_[static_cast<std::size_t>(i)] != 0) contact_node_.push_back(i);
-  }
-  args_.contacts = static_cast<std::int32_t>(contact_node_.size());
-  args_.contact_node = contact_node_.data();
-}
-
 template <typename Real>
 void ElasticTissue<Real>::place_tool(std::span<const ToolMotion> motion, int substep) {
   const auto substeps = static_cast<int>(model_->parameters.substeps());
@@ -310,17 +214,17 @@ void ElasticTissue<Real>::place_tool(std::span<const ToolMotion> motion, int sub
 template <typename Real>
 void ElasticTissue<Real>::iterate() {
   elastic_.find_residual(args_);
-  solve_for(~0U);
+  solve_for(~0U, elastic_.subtract_solution);
   if (held_lanes_ != 0) {
     std::fill(patch_force_.begin(), patch_force_.end(), Real{0});
     hold_for(held_lanes_);
   }
-  if (args_.has_contact && args_.contacts > 0) resolve_contacts();
+  if (args_.has_contact && !plane_shape_.empty()) resolve_contacts();
 }
 
-/// d -= A^-1 b in the given lanes, one solve per distinct factor.
+/// A^-1 b in the given lanes, one solve per distinct factor, and what is then done with it.
 template <typename Real>
-void ElasticTissue<Real>::solve_for(std::uint32_t lanes) {
+void ElasticTissue<Real>::solve_for(std::uint32_t lanes, void (*take)(const ElasticArgs<Real>&)) {
   const bool several = groups_.size() > 1;
   if (several) keep_b_ = b_;
   bool first = true;
@@ -334,7 +238,7 @@ void ElasticTissue<Real>::solve_for(std::uint32_t lanes) {
     args_.panel_node = group.factor->shared->panel_node.data();
     args_.panel_value = group.factor->value.data();
     elastic_.solve(args_);
-    elastic_.subtract_solution(args_);
+    take(args_);
   }
 }
 
@@ -342,53 +246,6 @@ template <typename Real>
 void ElasticTissue<Real>::hold_for(std::uint32_t lanes) {
   args_.lanes = lanes;
   if (args_.lanes != 0) elastic_.hold_patch(args_);
-}
-
-// Changes of the contact forces (elastic_kernel.inl), then their effect on all nodes by one more
-// solve. A lane takes part until it is settled and then stays as it is, to the last bit.
-template <typename Real>
-void ElasticTissue<Real>::resolve_contacts() {
-  elastic_.load_contacts(args_);
-  // Runs one part for every factor key; returns the lanes in which something still moves.
-  const auto run = [this](std::uint32_t lanes, auto part) {
-    std::uint32_t moving = 0;
-    for (const KeyGroup& group : groups_) {
-      args_.lanes = group.lanes & lanes;
-      if (args_.lanes == 0) continue;
-      args_.metric = group.factor->metric.data();
-      args_.metric_diagonal = group.factor->metric_diagonal.data();
-      args_.inverse = group.factor->inverse.data();
-      moving |= part(args_);
-    }
-    return moving;
-  };
-  // Round 0 begins with a guess and asks every candidate; what matters in no lane is then left out.
-  contact_list_.resize(contact_node_.size());
-  std::iota(contact_list_.begin(), contact_list_.end(), 0);
-  std::uint32_t moving = ~0U;
-  for (int round = 0; round < kMaxContactRounds && moving != 0; ++round) {
-    const bool first = round == 0;
-    list_contacts();
-    if (first) run(moving, elastic_.guess_contact_forces);
-    for (const bool backwards : {false, true}) {
-      moving = run(moving, [&](const ElasticArgs<Real>& args) {
-        return elastic_.sweep_contacts(args, first && !backwards, backwards);
-      });
-    }
-  }
-  const std::uint32_t changed = elastic_.load_contact_change(args_);
-  if (changed == 0) return;
-  solve_for(changed);
-  hold_for(changed & held_lanes_);
-}
-
-template <typename Real>
-void ElasticTissue<Real>::list_contacts() {
-  std::erase_if(contact_list_, [this](std::int32_t c) {
-    return contact_lanes_[static_cast<std::size_t>(c)] == 0;
-  });
-  args_.contact_listed = static_cast<std::int32_t>(contact_list_.size());
-  args_.contact_list = contact_list_.data();
 }
 
 template <typename Real>
@@ -414,12 +271,6 @@ void ElasticTissue<Real>::hold(int lane, const Vector3d& tip, double radius, boo
         {static_cast<Real>(kept.x()), static_cast<Real>(kept.y()), static_cast<Real>(kept.z())});
     held.weights.push_back(static_cast<Real>(std::min(1.0, covered)));
   }
-  if (held.nodes.size() > static_cast<std::size_t>(kMaxPatch)) {
-    const std::size_t count = held.nodes.size();
-    held = {};
-    throw_error("grasp.patch_radius_m: {} takes {} nodes of the elastic sheet, allowed at most {}",
-                radius, count, kMaxPatch);
-  }
   if (held.nodes.empty()) return;
   set_free(lane, held, false);
   make_patch(lane);
@@ -434,12 +285,44 @@ void ElasticTissue<Real>::release(int lane) {
   held = {};
 }
 
+/// Arrays for patches of `count` nodes; what they held has to be made again.
+template <typename Real>
+void ElasticTissue<Real>::make_room(int count) {
+  constexpr int kChunk = 16;  // covers the patches of a 3 mm sheet: growing is rare
+  const int room = (count + kChunk - 1) / kChunk * kChunk;
+  const auto k = static_cast<std::size_t>(room);
+  const auto W = static_cast<std::size_t>(lanes());
+  patch_node_.assign(k * W, 0);
+  patch_compliance_.assign(k * W, Real{0});
+  for (auto* v : {&patch_target_, &patch_force_, &patch_miss_, &patch_change_}) {
+    v->assign(3 * k * W, Real{0});
+  }
+  patch_inverse_.assign(k * k * W, Real{0});
+  patch_response_.assign(static_cast<std::size_t>(particles()) * k * W, Real{0});
+  args_.patch_room = room;
+  args_.patch_node = patch_node_.data();
+  args_.patch_target = patch_target_.data();
+  args_.patch_compliance = patch_compliance_.data();
+  args_.patch_inverse = patch_inverse_.data();
+  args_.patch_response = patch_response_.data();
+  args_.patch_force = patch_force_.data();
+  args_.patch_miss = patch_miss_.data();
+  args_.patch_change = patch_change_.data();
+}
+
 // Response columns U = A^-1 P and the inverse of P^T U + C, in double, once per grasp.
 template <typename Real>
 void ElasticTissue<Real>::make_patch(int lane) {
-  clear_patch(lane);
   const Held& held = held_[static_cast<std::size_t>(lane)];
   const auto count = static_cast<int>(held.nodes.size());
+  if (count > args_.patch_room) {
+    make_room(count);
+    const std::uint32_t others = held_lanes_ & ~(1U << lane);
+    for (int other = 0; other < lanes(); ++other) {
+      if ((others >> other & 1U) != 0) make_patch(other);
+    }
+  }
+  clear_patch(lane);
   const auto W = lanes();
   Eigen::MatrixXd response = Eigen::MatrixXd::Zero(count, particles());
   for (int k = 0; k < count; ++k) response(k, held.nodes[static_cast<std::size_t>(k)]) = 1;
@@ -455,14 +338,14 @@ void ElasticTissue<Real>::make_patch(int lane) {
     patch_node_[static_cast<std::size_t>(k * W + lane)] = held.nodes[static_cast<std::size_t>(k)];
     patch_compliance_[static_cast<std::size_t>(k * W + lane)] = static_cast<Real>(compliance);
     for (int i = 0; i < particles(); ++i) {
-      patch_response_[static_cast<std::size_t>((i * kMaxPatch + k) * W + lane)] =
+      patch_response_[static_cast<std::size_t>((i * args_.patch_room + k) * W + lane)] =
           static_cast<Real>(response(k, i));
     }
   }
   const Eigen::MatrixXd inverse = system.llt().solve(Eigen::MatrixXd::Identity(count, count));
   for (int k = 0; k < count; ++k) {
     for (int j = 0; j < count; ++j) {
-      patch_inverse_[static_cast<std::size_t>((k * kMaxPatch + j) * W + lane)] =
+      patch_inverse_[static_cast<std::size_t>((k * args_.patch_room + j) * W + lane)] =
           static_cast<Real>(inverse(k, j));
     }
   }
@@ -629,7 +512,7 @@ void ElasticTissue<Real>::save(int lane, Bytes& out) const {
 
 template <typename Real>
 Result<std::size_t> ElasticTissue<Real>::load(int lane, std::span<const std::byte> state) {
-  const std::array<std::vector<Real>*, 6> arrays = {
+  const std::array<AlignedVector<Real>*, 6> arrays = {
       &x_, &v_, &v_old_, &d_old_, &contact_force_, &held_force_};
   std::size_t reals = 0;
   for (const auto* a : arrays) reals += a->size() / static_cast<std::size_t>(lanes());
@@ -646,9 +529,10 @@ Result<std::size_t> ElasticTissue<Real>::load(int lane, std::span<const std::byt
   std::memcpy(&count, state.data() + fixed_size - sizeof count, sizeof count);
   Held held;
   const std::size_t entry = sizeof(std::int32_t) + sizeof(held.offsets[0]) + sizeof(Real);
-  if (count > static_cast<std::uint32_t>(kMaxPatch) || state.size() < fixed_size + count * entry) {
+  if (count > static_cast<std::uint32_t>(particles()) ||
+      state.size() < fixed_size + count * entry) {
     return Failure{fmt::format("tissue state of {} bytes with {} held nodes, allowed at most {}",
-                               state.size(), count, kMaxPatch)};
+                               state.size(), count, particles())};
   }
   for (const Real v : values) {
     if (!std::isfinite(v)) return Failure{"tissue state holds a non-finite number"};
