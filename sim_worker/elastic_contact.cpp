@@ -25,6 +25,7 @@ void ElasticTissue<Real>::prepare_contacts() {
   free_mask_.assign(n, 0);
   candidates_.assign(n * kMaxShapes, 0);
   candidate_any_.assign(n, 0);
+  contact_lanes_.assign(n, 0);
   plane_begin_.assign(n + 1, 0);
   for (const double v : model_->metric) metric_.push_back(static_cast<Real>(v));
   key_stiffness_.assign(W, Real{1});
@@ -38,6 +39,7 @@ void ElasticTissue<Real>::prepare_contacts() {
   args_.key_stiffness = key_stiffness_.data();
   args_.own_stiffness = own_stiffness_.data();
   args_.own_compliance = own_compliance_.data();
+  args_.contact_lanes = contact_lanes_.data();
   args_.contact_motion = contact_motion_.data();
   args_.contact_way = contact_way_.data();
   args_.contact_before = contact_before_.data();

@@ -65,8 +65,8 @@ inline Bits matters(const Args& args, int i, Lane3 change) {
 Bits unsettled_contacts(const Args& args) {
   Bits lanes = 0;
   for (int i = 0; i < args.nodes; ++i) {
-    const Bits asked = args.free_mask[i] & args.lanes & ~lanes;
-    if (asked == 0 || args.plane_begin[i] == args.plane_begin[i + 1]) continue;
+    const Bits asked = args.contact_lanes[i] & args.lanes & ~lanes;
+    if (asked == 0) continue;
     const Lane own = load(args.own_stiffness + kLanes * i);
     const Lane compliance = load(args.own_compliance + kLanes * i);
     const Lane3 free = (splat(Real{0}) - compliance) * load3(args.contact_before + 3 * kLanes * i);
@@ -116,7 +116,7 @@ Bits sweep_contacts(const Args& args, bool backwards) {
     store3(memory, select(to_mask(asked), next, before));
     Real* const force = args.contact_force + 3 * kLanes * i;
     store3(force, select(to_mask(asked), own * (next - free), load3(force)));
-    moving |= matters(args, i, own * (next - before)) & asked;
+    moving |= matters(args, i, own * (next - before)) & asked & args.contact_lanes[i];
   }
   return moving;
 }
@@ -129,9 +129,10 @@ void load_contact_change(const Args& args) {
   }
 }
 
-/// With A^-1 times the (negative) change of forces in b: the share of the change that brings the
-/// contacts closest to where the sweeps wanted them, in the metric of A^-1; takes that share, in
-/// the lanes args.lanes.
+/// The sweeps do not reach far, so that contacts seem stiffer than they are, and their whole change
+/// of forces would throw the sheet off. With A^-1 times the (negative) change in b, takes the share
+/// that is best in the metric of A^-1:  s = df . way / df . A^-1 df,  within [0, 1], where the
+/// forces stay inside their cones. `way` is the gradient of that quadratic for contacts that stick.
 void take_contact_change(const Args& args) {
   Lane wanted = splat(Real{0});
   Lane reached = splat(static_cast<Real>(1e-30));
@@ -158,6 +159,7 @@ void take_contact_change(const Args& args) {
   }
 }
 
+/// Lanes in which each node may touch; forces of the others are dropped.
 void drop_far_contacts(const Args& args) {
   for (int i = 0; i < args.nodes; ++i) {
     Bits near = 0;
@@ -165,6 +167,7 @@ void drop_far_contacts(const Args& args) {
       if ((args.candidate_any[i] >> k & 1U) != 0)
         near |= args.candidates[i * omentum::kMaxShapes + k];
     }
+    args.contact_lanes[i] = near;
     Real* const force = args.contact_force + 3 * kLanes * i;
     store3(force, select(to_mask(near), load3(force), zero3()));
   }

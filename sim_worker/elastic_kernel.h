@@ -85,12 +85,13 @@ struct ElasticArgs {
   const Real* key_stiffness;       ///< per lane: E of its factor / nominal E
   const Real* own_stiffness;       ///< diagonal of A [node][lane] [N/m]
   const Real* own_compliance;      ///< 1 / own_stiffness [m/N]
+  std::uint32_t* contact_lanes;    ///< per node: lanes in which it may touch in this control step
   Real* contact_motion;            ///< scratch [node][xyz][lane]: e [m]
   Real* contact_way;     ///< scratch [node][xyz][lane]: onto the deepest plane, without slip [m]
   Real* contact_before;  ///< scratch [node][xyz][lane]: forces before the change [N]
   const std::uint32_t* candidates;     ///< [node][shape] lane masks
   const std::uint32_t* candidate_any;  ///< per node, bit per shape
-  Real contact_tolerance;              ///< motion of a node per sweep that counts as settled [m]
+  Real contact_tolerance;              ///< change of a force per mass that counts as settled [N/kg]
   Real particle_radius;
   std::int32_t shapes;
   const KernelShape<Real>* shape;

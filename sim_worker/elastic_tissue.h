@@ -126,7 +126,7 @@ class ElasticTissue : public Tissue<Real> {
   AlignedVector<Real> stiffness_, gravity_, keep_, static_friction_, dynamic_friction_;
 
   // Contact.
-  std::vector<std::uint32_t> free_mask_, candidates_, candidate_any_;
+  std::vector<std::uint32_t> free_mask_, candidates_, candidate_any_, contact_lanes_;
   std::vector<std::int32_t> plane_begin_, plane_shape_;
   AlignedVector<Real> plane_, metric_, own_stiffness_, own_compliance_, key_stiffness_,
       contact_motion_, contact_way_, contact_before_, capsule_, capsule_motion_, capsule_sweep_;
