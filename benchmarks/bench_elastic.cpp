@@ -32,36 +32,64 @@ double thread_seconds() {
   return static_cast<double>(t.tv_sec) + 1e-9 * static_cast<double>(t.tv_nsec);
 }
 
-std::shared_ptr<const ElasticTissueModel> make_sheet(double young, double damping, bool sphere,
-                                                     unsigned substeps, unsigned iterations) {
+struct Case {
+  double young = 100e3, poisson = 0, damping = 3, friction = 0;
+  double anchor_max_y = kPinned + 1e-4;
+  double height = 0;  ///< of the sheet at the start [m]
+  std::vector<RigidShape> bodies;
+};
+
+std::shared_ptr<const ElasticTissueModel> make_sheet(const Case& c, unsigned substeps,
+                                                     unsigned iterations) {
   Scene scene;
   pb::Tissue& tissue = *scene.config.mutable_tissue();
   tissue.mutable_grid()->set_count_x(kSide);
   tissue.mutable_grid()->set_count_y(kSide);
-  tissue.mutable_material()->set_young_modulus_pa(young);
-  tissue.mutable_material()->set_poisson_ratio(0);
-  tissue.mutable_material()->set_damping_per_s(damping);
+  tissue.mutable_material()->set_young_modulus_pa(c.young);
+  tissue.mutable_material()->set_poisson_ratio(c.poisson);
+  tissue.mutable_material()->set_damping_per_s(c.damping);
   tissue.mutable_elastic()->set_substeps(substeps);
   tissue.mutable_elastic()->set_iterations(iterations);
-  tissue.set_static_friction(0);
-  tissue.set_dynamic_friction(0);
+  tissue.set_static_friction(c.friction);
+  tissue.set_dynamic_friction(c.friction);
   scene.config.mutable_tool()->set_contact(false);
   scene.gravity = Vector3d(0, 0, -9.81);
+  scene.tissue.X_WB.translation().z() = c.height;
   scene.tissue.particles = make_grid_particles(tissue.grid());
   for (const Vector3d& p : scene.tissue.particles) {
-    scene.tissue.fixed.push_back(p.y() < kPinned + 1e-4 ? 1 : 0);
+    scene.tissue.fixed.push_back(p.y() < c.anchor_max_y ? 1 : 0);
   }
   scene.tissue.particle_radius = 0.0015;
   scene.tissue.thickness = 0.003;
-  if (sphere) {
-    RigidShape body;
-    body.kind = RigidShape::Kind::kSphere;
-    body.X_WS.translation() = Vector3d(0, -0.010, -0.043);
-    body.size = Vector3d::Constant(0.0385);
-    scene.bodies.push_back(body);
-  }
+  scene.bodies = c.bodies;
   std::vector<std::string> warnings;
   return make_elastic_model(scene, 0.02, warnings);
+}
+
+Case over_sphere() {
+  Case c;
+  c.young = 30e3;
+  c.damping = 5;
+  RigidShape sphere;
+  sphere.kind = RigidShape::Kind::kSphere;
+  sphere.X_WS.translation() = Vector3d(0, -0.010, -0.043);
+  sphere.size = Vector3d::Constant(0.0385);
+  c.bodies = {sphere};
+  return c;
+}
+
+Case onto_board() {
+  Case c;
+  c.young = 5e3;
+  c.poisson = 0.45;
+  c.damping = 5;
+  c.friction = 0.3;
+  c.anchor_max_y = -1;
+  c.height = 0.0025;
+  RigidShape board;
+  board.kind = RigidShape::Kind::kHalfSpace;
+  c.bodies = {board};
+  return c;
 }
 
 /// Tip of the tool at a time [s]: an arc about the pinned edge at 25 mm/s, 60 mm long, then still.
@@ -112,9 +140,9 @@ double lift_cost(ElasticTissue<float>& tissue, int& step) {
 }
 
 void measure_lift(const Kernel<float>& kernel, unsigned substeps) {
-  const auto model = make_sheet(100e3, 3, false, substeps, 1);
+  const auto model = make_sheet({}, substeps, 1);
   ElasticTissue<float> tissue(model, kernel);
-  ElasticTissue<double> fine(make_sheet(100e3, 3, false, 100, 8), kKernelF64x1);
+  ElasticTissue<double> fine(make_sheet({}, 100, 8), kKernelF64x1);
   int step = 0;
   const double cost = lift_cost(tissue, step);
   hold_corner(fine);
@@ -147,9 +175,10 @@ void measure_lift(const Kernel<float>& kernel, unsigned substeps) {
   std::printf("tissue.elastic.lanes_mixed_slowdown %.2f x\n", mixed_cost / cost);
 }
 
-void measure_contact(const Kernel<float>& kernel, unsigned substeps) {
-  ElasticTissue<float> tissue(make_sheet(30e3, 5, true, substeps, 1), kernel);
-  ElasticTissue<double> fine(make_sheet(30e3, 5, true, 50, 4), kKernelF64x1);
+void measure_contact(const std::string& name, const Case& c, const Kernel<float>& kernel,
+                     unsigned substeps) {
+  ElasticTissue<float> tissue(make_sheet(c, substeps, 1), kernel);
+  ElasticTissue<double> fine(make_sheet(c, 50, 4), kKernelF64x1);
   // The mean over the whole life counts: landing costs more sweeps than lying.
   const double begin = thread_seconds();
   step_free(tissue, 50);
@@ -158,18 +187,21 @@ void measure_contact(const Kernel<float>& kernel, unsigned substeps) {
   const double cost = (thread_seconds() - begin) / (300 * tissue.lanes());
   step_free(fine, 300);
   double force = 0;
+  double fastest = 0;
   int contacts = 0;
   for (int i = 0; i < tissue.particles(); ++i) {
     force += tissue.contact_force(0, i).z();
     contacts += tissue.contact_force(0, i).norm() > 0 ? 1 : 0;
+    fastest = std::max(fastest, tissue.velocity(0, i).norm());
   }
-  std::printf("tissue.elastic_contact.env_steps_per_s %.0f steps/s\n", 1 / cost);
-  std::printf("tissue.elastic_contact.static_error_mm %.4f mm\n", rms_mm(tissue, fine));
+  std::printf("%s.env_steps_per_s %.0f steps/s\n", name.c_str(), 1 / cost);
+  std::printf("%s.static_error_mm %.4f mm\n", name.c_str(), rms_mm(tissue, fine));
   std::fprintf(
       stderr,
-      "# elastic contact: %s, %u x 1, first second %.0f steps/s, %d contacts, force %.1f mN, "
-      "%.2f us/step, hash %016lx\n",
-      kernel.name, substeps, 1 / landing, contacts, 1e3 * force, 1e6 * cost, tissue.hash(0));
+      "# %s: %s, %u x 1, first second %.0f steps/s, %d contacts, force %.1f mN, at the end up to "
+      "%.3f mm/s, %.2f us/step, hash %016lx\n",
+      name.c_str(), kernel.name, substeps, 1 / landing, contacts, 1e3 * force, 1e3 * fastest,
+      1e6 * cost, tissue.hash(0));
 }
 
 }  // namespace
@@ -179,7 +211,8 @@ int main(int argc, char** argv) {
     const unsigned width = argc > 1 ? static_cast<unsigned>(std::stoul(argv[1])) : 0;
     const Kernel<float>& kernel = choose_kernel(width);
     measure_lift(kernel, 5);
-    measure_contact(kernel, 5);
+    measure_contact("tissue.elastic_contact", over_sphere(), kernel, 5);
+    measure_contact("tissue.elastic_board", onto_board(), kernel, 5);
   } catch (const std::exception& error) {
     std::fprintf(stderr, "bench_elastic: %s\n", error.what());
     return 2;

@@ -1,4 +1,4 @@
-// Environment steps per second of the cluster model on one core: robot, contact, grasp,
+// Environment steps per second of the shipped tissues on one core: robot, contact, grasp,
 // observation, reward. One environment step is one decision (20 ms simulated). Best of several
 // chunks, thread CPU time; the end state hash tells whether two figures are of the same physics.
 #include <time.h>
@@ -71,12 +71,13 @@ void measure(const std::string& name, const omentum::pb::Config& config, unsigne
     held += backend.facts(lane).held ? 1 : 0;
   }
   std::printf("%s %.0f steps/s\n", name.c_str(), 1 / best);
+  const auto* cluster = dynamic_cast<const ClusterTissueModel*>(setup->tissue.get());
   std::fprintf(stderr,
                "# %s: %d lanes, %d particles, %zu memberships, %u ticks per step, %d lanes hold, "
                "%.2f us/step, hash %016lx\n",
                name.c_str(), lanes, backend.tissue_of(0).particles(),
-               dynamic_cast<const ClusterTissueModel&>(*setup->tissue).clusters.member.size(),
-               backend.ticks_per_step(), held, 1e6 * best, hash);
+               cluster == nullptr ? 0 : cluster->clusters.member.size(), backend.ticks_per_step(),
+               held, 1e6 * best, hash);
 }
 
 /// Cost of the reward's exposure alone: sheets lifted half way, every lane wanted.
@@ -130,6 +131,8 @@ int main(int argc, char** argv) {
   try {
     measure("tissue.cluster.env_steps_per_s", omentum::load_config("omentum", cluster_case), width);
     measure("tissue.omentum.env_steps_per_s", omentum::load_config("omentum", {}), width);
+    measure("tissue.omentum_elastic.env_steps_per_s", omentum::load_config("omentum_elastic", {}),
+            width);
     measure("tissue.paper.env_steps_per_s", omentum::load_config("paper", {}), width);
     measure("tissue.paper_swapped.env_steps_per_s", omentum::load_config("paper_swapped", {}),
             width);

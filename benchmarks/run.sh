@@ -8,10 +8,12 @@ bin=${OMENTUM_BIN:-$root/build/release/bin}
 
 usage() {
   cat <<'TEXT'
-usage: benchmarks/run.sh [--steps N] [--save] [tissue] [ppo] [workers] [train] [camera]
+usage: benchmarks/run.sh [--steps N] [--save] [tissue] [elastic] [ppo] [workers] [train] [camera]
 
-Figures of the groups named (default: tissue ppo workers train):
+Figures of the groups named (default: tissue elastic ppo workers train):
   tissue    tissue.<scene>.env_steps_per_s: environment steps (20 ms simulated) per second of one core, all of a step
+  elastic   tissue.elastic*.env_steps_per_s: elastic shell on one core, physics alone, free, over a sphere and on a
+            board, each with its static error; cost of lanes of two stiffnesses; tissue.reference.recording_s
   ppo       ppo.us_per_sample_epoch and, where python3 has torch, the same of ppo.torch_us_per_sample_epoch
   workers   workers.speedup_2_over_1: collecting only, preset paper; two pinned workers against one, alternating
   train     train.wall_3M_s (preset paper), train.omentum.wall_3M_s, train.small_buffer.wall_3M_s (preset paper with
@@ -37,12 +39,12 @@ while (($#)); do
     --steps) [[ ${2-} =~ ^[1-9][0-9]{3,10}$ ]] || wrong "--steps needs a number from 1000"; steps=$2; shift ;;
     --save) save=1 ;;
     -h | --help) usage; exit 0 ;;
-    tissue | ppo | workers | train | camera) groups+=("$1") ;;
+    tissue | elastic | ppo | workers | train | camera) groups+=("$1") ;;
     *) wrong "unknown option or group $1" ;;
   esac
   shift
 done
-((${#groups[@]})) || groups=(tissue ppo workers train)
+((${#groups[@]})) || groups=(tissue elastic ppo workers train)
 
 scratch=$(mktemp -d) || exit 1
 failed=0 children=()
@@ -140,6 +142,11 @@ run_system() {
 bench_tissue() {
   need bench_tissue || return
   figures_of "$bin/bench_tissue"
+}
+
+bench_elastic() {
+  need bench_elastic && figures_of "$bin/bench_elastic"
+  need bench_reference && figures_of "$bin/bench_reference"
 }
 
 bench_ppo() {

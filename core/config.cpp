@@ -9,6 +9,7 @@
 #include <filesystem>
 #include <fstream>
 #include <limits>
+#include <memory>
 #include <sstream>
 
 #include "core/check.h"
@@ -38,13 +39,26 @@ class FirstError : public protobuf::io::ErrorCollector {
   std::string text_;
 };
 
+using ParseInfoTree = protobuf::TextFormat::ParseInfoTree;
+
+void check_knobs_at(const protobuf::Message& message, const std::string& prefix,
+                    const std::string& file, const ParseInfoTree* places);
+
+/// Errors of syntax and numbers outside their knob's range, both with file:line:column.
 void merge_text(const std::string& name, const std::string& text, protobuf::Message& message) {
   FirstError error(name);
   protobuf::TextFormat::Parser parser;
+  ParseInfoTree places;
   parser.RecordErrorsTo(&error);
-  if (!parser.MergeFromString(text, &message)) {
+  parser.WriteLocationsTo(&places);
+  const std::unique_ptr<protobuf::Message> fresh(message.New());
+  if (!parser.MergeFromString(text, fresh.get())) {
     throw_error("{}", error.text().empty() ? name + ": cannot be parsed" : error.text());
   }
+  const bool is_file = name.rfind("--set ", 0) != 0;  // those name the knob themselves
+  const bool is_scene = message.GetDescriptor() == pb::Scene::descriptor();
+  if (is_file) check_knobs_at(*fresh, is_scene ? "scene" : "", name, &places);
+  message.MergeFrom(*fresh);
 }
 
 std::string read_file(const std::string& path) {
@@ -135,6 +149,50 @@ void check_finite_vector(const protobuf::Message& message, const std::string& pa
     // 100 m: nothing in a scene is larger; a coordinate beyond it is a unit mistake or not a
     // number.
     if (!(v >= -100 && v <= 100)) throw_error("{}: component {}, allowed -100 ... 100", path, v);
+  }
+}
+
+/// `places` tells where in `file` a field was given; null = the message is not from a file.
+void check_knobs_at(const protobuf::Message& message, const std::string& prefix,
+                    const std::string& file, const ParseInfoTree* places) {
+  check_finite_vector(message, prefix);
+  const auto* reflection = message.GetReflection();
+  std::vector<const FieldDescriptor*> fields;
+  reflection->ListFields(message, &fields);
+  for (const FieldDescriptor* field : fields) {
+    const std::string path = prefix.empty() ? field->name() : prefix + "." + field->name();
+    const auto nested = [&](int index) {
+      return places == nullptr ? nullptr : places->GetTreeForNested(field, index);
+    };
+    if (field->cpp_type() == FieldDescriptor::CPPTYPE_MESSAGE) {
+      if (!field->is_repeated()) {
+        check_knobs_at(reflection->GetMessage(message, field), path, file, nested(-1));
+        continue;
+      }
+      for (int i = 0; i < reflection->FieldSize(message, field); ++i) {
+        check_knobs_at(reflection->GetRepeatedMessage(message, field, i),
+                       fmt::format("{}[{}]", path, i), file, nested(i));
+      }
+      continue;
+    }
+    double value = 0;
+    if (field->is_repeated() || !numeric_value(message, field, value)) continue;
+    std::string place;
+    if (places != nullptr) {
+      const auto at = places->GetLocation(field, -1);
+      place = fmt::format("{}:{}:{}: ", file, at.line + 1, at.column + 1);
+    }
+    if (field->options().HasExtension(pb::knob)) {
+      const pb::Knob& knob = field->options().GetExtension(pb::knob);
+      const double min = knob.has_min() ? knob.min() : std::numeric_limits<double>::lowest();
+      const double max = knob.has_max() ? knob.max() : std::numeric_limits<double>::max();
+      if (!(value >= min && value <= max)) {
+        throw_error("{}{}: {}{}{}, allowed {} ... {}", place, path, value,
+                    knob.has_unit() ? " " : "", knob.unit(), min, max);
+      }
+    } else if (!(value == value)) {
+      throw_error("{}{}: not a number", place, path);
+    }
   }
 }
 
@@ -330,37 +388,7 @@ void apply_override(pb::Config& config, const std::string& assignment) {
 }
 
 void check_knobs(const protobuf::Message& message, const std::string& prefix) {
-  check_finite_vector(message, prefix);
-  const auto* reflection = message.GetReflection();
-  std::vector<const FieldDescriptor*> fields;
-  reflection->ListFields(message, &fields);
-  for (const FieldDescriptor* field : fields) {
-    const std::string path = prefix.empty() ? field->name() : prefix + "." + field->name();
-    if (field->cpp_type() == FieldDescriptor::CPPTYPE_MESSAGE) {
-      if (!field->is_repeated()) {
-        check_knobs(reflection->GetMessage(message, field), path);
-        continue;
-      }
-      for (int i = 0; i < reflection->FieldSize(message, field); ++i) {
-        check_knobs(reflection->GetRepeatedMessage(message, field, i),
-                    fmt::format("{}[{}]", path, i));
-      }
-      continue;
-    }
-    double value = 0;
-    if (field->is_repeated() || !numeric_value(message, field, value)) continue;
-    if (field->options().HasExtension(pb::knob)) {
-      const pb::Knob& knob = field->options().GetExtension(pb::knob);
-      const double min = knob.has_min() ? knob.min() : std::numeric_limits<double>::lowest();
-      const double max = knob.has_max() ? knob.max() : std::numeric_limits<double>::max();
-      if (!(value >= min && value <= max)) {
-        throw_error("{}: {}{}{}, allowed {} ... {}", path, value, knob.has_unit() ? " " : "",
-                    knob.unit(), min, max);
-      }
-    } else if (!(value == value)) {
-      throw_error("{}: not a number", path);
-    }
-  }
+  check_knobs_at(message, prefix, "", nullptr);
 }
 
 std::string knob_help() {

@@ -62,9 +62,10 @@ int simulate(const SimulateOptions& options) {
     std::fprintf(stderr, "warning: %s\n", warning.c_str());
   const ToolTrack track = read_tool_track(options.commands, read_recording_info(options.commands),
                                           scene_tool_mount(scene));
-  const SimulatedRecording recording =
+  SimulatedRecording recording =
       simulate_recording(*model, Arm(scene.config.arm(), scene_tool_mount(scene), kControlPeriod),
                          track, options.grasp);
+  recording.clocks = scene.config.clocks();
   if (recording.missed_grasps > 0) {
     std::fprintf(stderr, "warning: the jaw closed %d times and held nothing\n",
                  recording.missed_grasps);
@@ -72,11 +73,13 @@ int simulate(const SimulateOptions& options) {
   std::unique_ptr<Camera> camera;
   if (options.cloud_rate_hz > 0) camera = std::make_unique<Camera>(scene, 64, 64);
   const CloudOf cloud = [&](std::size_t step) {
+    const double t = recording.time[step] - scene.config.depth_sensor().time_offset_s();
+    const SeenState seen = seen_at(recording, t);
     ToolPose tool;
-    tool.p_WT = recording.tip[step];
-    tool.jaw_rad = track.jaw_rad.empty() ? 0 : track.jaw_at(recording.time[step]);
-    return sense_cloud(*camera, {recording.surface[step], tool}, scene.config.depth_sensor(),
-                       options.seed, static_cast<std::uint32_t>(step));
+    tool.p_WT = seen.tip;
+    tool.jaw_rad = track.jaw_rad.empty() ? 0 : track.jaw_at(t);
+    return sense_cloud(*camera, {seen.surface, tool}, scene.config.depth_sensor(), options.seed,
+                       static_cast<std::uint32_t>(step));
   };
   const auto stride = static_cast<std::size_t>(
       options.cloud_rate_hz > 0

@@ -53,7 +53,7 @@ std::string joint_table(const SimulatedRecording& recording) {
   }
   text += '\n';
   for (std::size_t i = 0; i < recording.arm.size(); ++i) {
-    text += fmt::format("{:.9g}", recording.time[i]);
+    text += fmt::format("{:.9g}", recording.time[i] + recording.clocks.joints_s());
     const ArmReport& r = recording.arm[i];
     for (std::size_t j = 0; j < 6; ++j)
       text += fmt::format(",{:.9g},{:.9g},{:.9g}", r.commanded[j], r.measured[j], r.effort[j]);
@@ -65,7 +65,7 @@ std::string joint_table(const SimulatedRecording& recording) {
 std::string force_table(const SimulatedRecording& recording) {
   std::string text = "t_s,fx_N,fy_N,fz_N\n";
   for (std::size_t i = 0; i < recording.time.size(); ++i) {
-    text += fmt::format("{:.9g}", recording.time[i]);
+    text += fmt::format("{:.9g}", recording.time[i] + recording.clocks.force_s());
     add_vector(text, recording.force[i]);
     text += '\n';
   }
@@ -78,7 +78,7 @@ std::string marker_table(const SimulatedRecording& recording) {
     text += fmt::format(",marker{0}_x_m,marker{0}_y_m,marker{0}_z_m", k);
   text += '\n';
   for (std::size_t i = 0; i < recording.time.size(); ++i) {
-    text += fmt::format("{:.9g}", recording.time[i]);
+    text += fmt::format("{:.9g}", recording.time[i] + recording.clocks.markers_s());
     for (const Eigen::Vector3d& p : recording.points[i]) add_vector(text, p);
     text += '\n';
   }

@@ -1,5 +1,6 @@
 #include "mismatch/simulate.h"
 
+#include <algorithm>
 #include <cmath>
 
 #include "core/check.h"
@@ -7,6 +8,23 @@
 namespace omentum {
 
 using Eigen::Vector3d;
+
+SeenState seen_at(const SimulatedRecording& recording, double t) {
+  const std::vector<double>& time = recording.time;
+  const auto after = std::upper_bound(time.begin(), time.end(), t);
+  if (after == time.begin()) return {recording.surface.front(), recording.tip.front()};
+  const auto k = static_cast<std::size_t>(after - time.begin()) - 1;
+  if (k + 1 >= time.size()) return {recording.surface.back(), recording.tip.back()};
+  const double share = (t - time[k]) / (time[k + 1] - time[k]);
+  if (share == 0) return {recording.surface[k], recording.tip[k]};
+  SeenState seen;
+  seen.tip = recording.tip[k] + share * (recording.tip[k + 1] - recording.tip[k]);
+  for (std::size_t i = 0; i < recording.surface[k].size(); ++i) {
+    const float low = recording.surface[k][i];
+    seen.surface.push_back(low + static_cast<float>(share) * (recording.surface[k + 1][i] - low));
+  }
+  return seen;
+}
 
 SimulatedRecording simulate_recording(const TissueModel& model, const Arm& arm,
                                       const ToolTrack& track, const GraspSettings& grasp) {

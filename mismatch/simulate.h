@@ -28,8 +28,16 @@ struct SimulatedRecording {
   std::vector<Eigen::Vector3d> force;                ///< of the tissue on the tool, in W [N]
   std::vector<std::vector<Eigen::Vector3d>> points;  ///< every node, p_W [m]
   std::vector<std::vector<float>> surface;           ///< drawn surface, x y z interleaved, in W [m]
+  pb::StreamClocks clocks;                           ///< added to time stamps of the streams
   int missed_grasps = 0;                             ///< the jaw closed and held nothing
 };
+
+/// State at time t [s] for a camera that lags: surface and tip, linear between steps.
+struct SeenState {
+  std::vector<float> surface;
+  Eigen::Vector3d tip = Eigen::Vector3d::Zero();
+};
+SeenState seen_at(const SimulatedRecording& recording, double t);
 
 /// Runs the tissue of a scene under recorded tool commands: one environment, double precision, one
 /// control step per control_period. What was commanded is what is done, but for the effects of the

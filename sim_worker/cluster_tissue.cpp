@@ -100,8 +100,10 @@ void skin_surface(ClusterTissueModel& model) {
 std::shared_ptr<const ClusterTissueModel> make_cluster_model(const Scene& scene,
                                                              double control_period,
                                                              std::vector<std::string>& warnings) {
+  refuse_effects(scene.config.tissue().effects(), "TISSUE_CLUSTER", kBasicEffects);
   auto model = std::make_shared<ClusterTissueModel>();
   model->body = scene.tissue;
+  model->effects = make_effects(scene.config.tissue().effects(), 0, {});
   model->parameters = scene.config.tissue().cluster();
   model->control_period = control_period;
   model->gravity = scene.gravity;
@@ -291,12 +293,15 @@ void ClusterTissue<Real>::set_parameters(int lane, const LaneParameters& paramet
   const double damping = model_->parameters.damping_per_s() * parameters.damping_scale;
   stiffness_[l] = static_cast<Real>(k);
   keep_[l] = static_cast<Real>(1.0 - std::min(1.0, damping * model_->substep()));
+  const EffectValues& effects = parameters.effects ? *parameters.effects : model_->effects;
+  const Vector3d gravity = tilted_gravity(effects, model_->gravity);
   for (int axis = 0; axis < 3; ++axis) {
     gravity_[static_cast<std::size_t>(axis) * W + l] =
-        static_cast<Real>(model_->gravity[axis] * parameters.gravity_scale);
+        static_cast<Real>(gravity[axis] * parameters.gravity_scale);
   }
-  static_friction_[l] = static_cast<Real>(model_->static_friction * parameters.friction_scale);
-  dynamic_friction_[l] = static_cast<Real>(model_->dynamic_friction * parameters.friction_scale);
+  const double friction = parameters.friction_scale * (1 + effects.friction_change);
+  static_friction_[l] = static_cast<Real>(model_->static_friction * friction);
+  dynamic_friction_[l] = static_cast<Real>(model_->dynamic_friction * friction);
 }
 
 template <typename Real>

@@ -29,6 +29,7 @@ struct ClusterTissueModel : TissueModel, std::enable_shared_from_this<ClusterTis
       links;  ///< particle pairs, first < second (each counts twice, as FleX cooks them)
   std::vector<double> link_rest;  ///< [m]
   pb::ClusterModel parameters;
+  EffectValues effects;  ///< of the scene; those of kBasicEffects only
   double static_friction = 0, dynamic_friction = 0;
   Eigen::Vector3d gravity = Eigen::Vector3d::Zero();  ///< in W [m/s^2]
   std::vector<RigidShape> contact_bodies;  ///< what particles collide with, the tool apart

@@ -139,8 +139,26 @@ inline void sdf_lane(const KernelShape<Real>& s, const Real p[3], Real out[4]) {
   return distance_to_grid(s, local);
 }
 
-/// Where a point goes when it may not enter a shape: non-penetration at the particle radius, then
-/// Coulomb friction on the slip since the substep began.
+/// Where a point p that is `depth` > 0 deep in a shape goes: out along the normal, then Coulomb
+/// friction on the slip since it was at `from`.
+template <typename Args>
+inline Lane3 leave_shape(const Args& args, const KernelShape<Real>& shape, Lane depth, Lane3 normal,
+                         Lane3 p, Lane3 from) {
+  const Lane zero = splat(Real{0});
+  const Lane3 pushed = fma(depth, normal, p);
+  Lane3 slip = pushed - from;
+  if (shape.kind == ShapeKind::kCapsule) slip = slip - load3(args.capsule_motion);
+  const Lane along = dot(slip, normal);
+  const Lane3 tangent = fma(zero - along, normal, slip);
+  const Lane t2 = dot(tangent, tangent);
+  const Lane stick = load(args.static_friction) * depth;
+  const Lane slide = load(args.dynamic_friction) * depth;
+  const Lane part =
+      select(t2 < stick * stick, splat(Real{1}), min(slide / sqrt(t2), splat(Real{1})));
+  return fma(zero - part, tangent, pushed);
+}
+
+/// Where a point goes when it may not enter any shape: non-penetration at the particle radius.
 template <typename Args>
 inline Lane3 push_out(const Args& args, int i, Lane3 p) {
   const Lane3 x = load3(args.x + 3 * kLanes * i);
@@ -152,17 +170,7 @@ inline Lane3 push_out(const Args& args, int i, Lane3 p) {
     const Lane depth = splat(args.particle_radius) - surface.phi;
     const Mask touches = both(zero < depth, to_mask(args.candidates[i * omentum::kMaxShapes + k]));
     if (to_bits(touches) == 0) continue;
-    const Lane3 pushed = fma(depth, surface.normal, p);
-    Lane3 slip = pushed - x;
-    if (shape.kind == ShapeKind::kCapsule) slip = slip - load3(args.capsule_motion);
-    const Lane along = dot(slip, surface.normal);
-    const Lane3 tangent = fma(zero - along, surface.normal, slip);
-    const Lane t2 = dot(tangent, tangent);
-    const Lane stick = load(args.static_friction) * depth;
-    const Lane slide = load(args.dynamic_friction) * depth;
-    const Lane part =
-        select(t2 < stick * stick, splat(Real{1}), min(slide / sqrt(t2), splat(Real{1})));
-    p = select(touches, fma(zero - part, tangent, pushed), p);
+    p = select(touches, leave_shape(args, shape, depth, surface.normal, p, x), p);
   }
   return p;
 }

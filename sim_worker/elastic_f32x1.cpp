@@ -4,6 +4,7 @@
 #include "sim_worker/elastic_kernel.h"
 #include "sim_worker/lanes.h"
 #include "sim_worker/elastic_kernel.inl"
+#include "sim_worker/elastic_contact.inl"
 // clang-format on
 
 extern const omentum::ElasticKernel<Real> omentum::kElasticKernelF32x1;
@@ -13,9 +14,15 @@ const omentum::ElasticKernel<Real> omentum::kElasticKernelF32x1 = {kLanes,
                                                                    solve,
                                                                    subtract_solution,
                                                                    hold_patch,
-                                                                   load_contacts,
-                                                                   guess_contact_forces,
+                                                                   place_contacts,
+                                                                   unsettled_contacts,
                                                                    sweep_contacts,
                                                                    load_contact_change,
+                                                                   take_contact_change,
                                                                    drop_far_contacts,
+                                                                   remember_effects,
+                                                                   start_springs,
+                                                                   take_answer,
+                                                                   advance_springs,
+                                                                   load_solution,
                                                                    finish_substep};

@@ -2,6 +2,7 @@
 
 #include <cstdint>
 
+#include "sim_worker/elastic_effects.h"
 #include "sim_worker/kernel.h"
 
 namespace omentum {
@@ -9,9 +10,6 @@ namespace omentum {
 /// Raw arguments of the lane kernel of the elastic shell (tissue.md sections 6-9). Like kernel.h:
 /// plain pointers and numbers only, lane index fastest, node vectors are [node][xyz][lane], all
 /// positions in W [m]. Nodes form a grid, index = count_y ix + iy.
-
-/// Grasped nodes of one lane at most; a larger patch is an error, not a truncation.
-inline constexpr int kMaxPatch = 32;
 
 /// Columns of the Cholesky factor that are solved together share their rows below.
 inline constexpr int kMaxPanelWidth = 4;
@@ -32,14 +30,10 @@ struct ElasticArgs {
   std::int32_t count_x, count_y;
   std::int32_t nodes;
   const std::uint8_t* fixed;       ///< per node, 1 = anchored
-  const Real* mass_over_step2;     ///< per node: m / (effective step)^2 [N/m]
   const Real* mass;                ///< per node [kg]
   const std::int32_t* bend_begin;  ///< per node, nodes + 1: row of the bending matrix
   const std::int32_t* bend_node;
   const Real* bend;     ///< off-diagonal entries, nominal stiffness [N/m]
-  Real inverse_pitch2;  ///< 1 / pitch^2 [1/m^2]
-  Real shear;           ///< 2 mu t a_T / pitch^2, nominal [N/m]
-  Real area;            ///< lambda t a_T / pitch^2, nominal [N/m]
   bool second_order;    ///< BDF2 instead of backward Euler
   Real effective_step;  ///< h, or 2 h / 3 for BDF2 [s]
   Real inverse_step;    ///< 1 / effective step [1/s]
@@ -71,28 +65,33 @@ struct ElasticArgs {
 
   // Grasp, per lane. Columns of lanes that hold less are zero.
   std::int32_t patch_size;         ///< most nodes held by any lane
-  const std::int32_t* patch_node;  ///< [kMaxPatch][lane]
-  const Real* patch_target;        ///< [kMaxPatch][xyz][lane], in W [m]
-  const Real* patch_compliance;    ///< [kMaxPatch][lane] [m/N]
-  const Real* patch_inverse;       ///< (P^T A^-1 P + C)^-1 [kMaxPatch][kMaxPatch][lane] [N/m]
-  const Real* patch_response;      ///< A^-1 P [node][kMaxPatch][lane] [m/N]
-  Real* patch_force;               ///< lambda [kMaxPatch][xyz][lane] [N]
+  std::int32_t patch_room;         ///< nodes that the arrays have room for
+  const std::int32_t* patch_node;  ///< [patch_room][lane]
+  const Real* patch_target;        ///< [patch_room][xyz][lane], in W [m]
+  const Real* patch_compliance;    ///< [patch_room][lane] [m/N]
+  const Real* patch_give;          ///< [lane] of the jaws, the same for all nodes [m/N]
+  const Real* patch_inverse;       ///< (P^T A^-1 P + C)^-1 [patch_room][patch_room][lane] [N/m]
+  const Real* patch_response;      ///< A^-1 P [node][patch_room][lane] [m/N]
+  Real* patch_force;               ///< lambda [patch_room][xyz][lane] [N]
+  Real* patch_miss;                ///< scratch [patch_room][xyz][lane] [m]
+  Real* patch_change;              ///< scratch [patch_room][xyz][lane] [N]
 
-  // Contact: nodes that may touch in some lane, and the inverse matrix A^-1 of one key.
-  std::int32_t contacts;
-  const std::int32_t* contact_node;
-  const Real* metric;            ///< off-diagonal of A of one key, entries as those of `bend`
-  const Real* metric_diagonal;   ///< per node
-  const Real* inverse;           ///< [node][node] [m/N]
-  Real* contact_place;           ///< scratch [contact][xyz][lane]: where it is now [m]
-  Real* contact_change;          ///< scratch [contact][xyz][lane]: change of its force [N]
-  std::uint32_t* contact_lanes;  ///< scratch per contact: lanes in which it has or wants a force
-  std::uint32_t* touching;       ///< scratch per node: lanes in which it touches
-  std::int32_t contact_listed;   ///< contacts that matter in some lane, ascending
-  const std::int32_t* contact_list;
+  // Contact: planes of nodes and shapes that may touch in some lane, by nodes.
+  const std::int32_t* plane_begin;  ///< per node, nodes + 1
+  const std::int32_t* plane_shape;
+  Real* plane;                     ///< scratch [plane][depth of x + d, normal xyz][lane] [m]
+  const std::uint32_t* free_mask;  ///< per node: lanes in which neither anchor nor grasp holds it
+  const Real* metric;              ///< off-diagonal of A at nominal E, entries as those of `bend`
+  const Real* key_stiffness;       ///< per lane: E of its factor / nominal E
+  const Real* own_stiffness;       ///< diagonal of A [node][lane] [N/m]
+  const Real* own_compliance;      ///< 1 / own_stiffness [m/N]
+  std::uint32_t* contact_lanes;    ///< per node: lanes in which it may touch in this control step
+  Real* contact_motion;            ///< scratch [node][xyz][lane]: e [m]
+  Real* contact_way;     ///< scratch [node][xyz][lane]: onto the deepest plane, without slip [m]
+  Real* contact_before;  ///< scratch [node][xyz][lane]: forces before the change [N]
   const std::uint32_t* candidates;     ///< [node][shape] lane masks
   const std::uint32_t* candidate_any;  ///< per node, bit per shape
-  Real contact_tolerance;              ///< motion of a node per sweep that counts as settled [m]
+  Real contact_tolerance;              ///< change of a force per mass that counts as settled [N/kg]
   Real particle_radius;
   std::int32_t shapes;
   const KernelShape<Real>* shape;
@@ -100,6 +99,8 @@ struct ElasticArgs {
   const Real* capsule_motion;
   const Real* static_friction;
   const Real* dynamic_friction;
+
+  ElasticEffectArgs<Real> effects;
 };
 
 /// One implementation of the elastic kernel: same source, different width. ElasticTissue::step
@@ -112,14 +113,19 @@ struct ElasticKernel {
   void (*solve)(const ElasticArgs<Real>&);
   void (*subtract_solution)(const ElasticArgs<Real>&);
   void (*hold_patch)(const ElasticArgs<Real>&);
-  void (*load_contacts)(const ElasticArgs<Real>&);
-  /// Parts of the contact solver, for the listed contacts of args.lanes; they return the lanes
-  /// in which a force changed.
-  std::uint32_t (*guess_contact_forces)(const ElasticArgs<Real>&);
-  std::uint32_t (*sweep_contacts)(const ElasticArgs<Real>&, bool first, bool backwards);
-  /// Loads the right-hand side of the contact changes; returns the lanes that have one.
-  std::uint32_t (*load_contact_change)(const ElasticArgs<Real>&);
+  void (*place_contacts)(const ElasticArgs<Real>&);
+  /// Parts of the contact solver for the lanes of args.lanes; they return lanes.
+  std::uint32_t (*unsettled_contacts)(const ElasticArgs<Real>&);
+  std::uint32_t (*sweep_contacts)(const ElasticArgs<Real>&, bool backwards);
+  void (*load_contact_change)(const ElasticArgs<Real>&);
+  void (*take_contact_change)(const ElasticArgs<Real>&);
   void (*drop_far_contacts)(const ElasticArgs<Real>&);
+  void (*remember_effects)(const ElasticArgs<Real>&);
+  /// Rounds of the solve with springs (elastic_effects.inl).
+  void (*start_springs)(const ElasticArgs<Real>&);
+  void (*take_answer)(const ElasticArgs<Real>&);
+  void (*advance_springs)(const ElasticArgs<Real>&, bool first);
+  void (*load_solution)(const ElasticArgs<Real>&);
   void (*finish_substep)(const ElasticArgs<Real>&);
 };
 

@@ -8,15 +8,10 @@
 //   solve      d -= A^-1 b, then the grasp by low rank and the contact forces
 //   finish     v = keep d / h,   x = x_n + d
 
-#include "sim_worker/contact.inl"
-
 namespace {
 
 using omentum::FactorPanel;
-using omentum::kMaxPatch;
 using Args = omentum::ElasticArgs<Real>;
-
-constexpr Bits kAllLanes = kLanes == 16 ? 0xFFFFU : (1U << kLanes) - 1U;
 
 inline Lane3 zero3() {
   const Lane zero = splat(Real{0});
@@ -25,11 +20,13 @@ inline Lane3 zero3() {
 inline Lane3 fnma(Lane s, Lane3 a, Lane3 c) {
   return {fnma(s, a.x, c.x), fnma(s, a.y, c.y), fnma(s, a.z, c.z)};
 }
-inline Bits nonzero(Lane3 a) {
-  const Lane zero = splat(Real{0});
-  return to_bits(a.x < zero) | to_bits(zero < a.x) | to_bits(a.y < zero) | to_bits(zero < a.y) |
-         to_bits(a.z < zero) | to_bits(zero < a.z);
-}
+
+}  // namespace
+
+#include "sim_worker/contact.inl"
+#include "sim_worker/elastic_effects.inl"
+
+namespace {
 
 /// Displacement of a node that nothing acts on. BDF2 carries two substeps of history.
 inline Lane3 inertial_displacement(const Args& args, int i) {
@@ -48,32 +45,47 @@ void start_substep(const Args& args) {
     const Lane3 d = args.fixed[i] != 0 ? zero3() : inertial_displacement(args, i);
     store3(args.d + 3 * kLanes * i, d);
   }
+  start_effects(args);
 }
 
 // ---------------------------------------------------------------------------------------------------------------------
 // Residual.
 
-/// Inertia, gravity, contact and bending of each node. Bending is a constant matrix whose rows sum
-/// to zero, so it acts on differences: what a node gets its neighbour loses, to the last bit.
+/// Bending is a constant matrix whose rows sum to zero, so it acts on differences: what a node gets
+/// its neighbour loses, to the last bit.
+inline Lane3 bending_gradient(const Args& args, int i) {
+  const Lane3 x = load3(args.moved + 3 * kLanes * i);
+  const Real* const lanes = args.effects.bend;
+  Lane3 bending = zero3();
+  for (int k = args.bend_begin[i]; k < args.bend_begin[i + 1]; ++k) {
+    const Lane3 to = load3(args.moved + 3 * kLanes * args.bend_node[k]) - x;
+    const Lane entry = lanes == nullptr ? splat(args.bend[k]) : load(lanes + kLanes * k);
+    bending = fma(entry, to, bending);
+  }
+  return bending;
+}
+
+/// Inertia, gravity, contact and bending of each node.
 void load_node_forces(const Args& args) {
   const Lane3 gravity = load3(args.gravity);
   const Lane stiffness = load(args.stiffness);
+  const Lane density = load(args.effects.density);
+  const Lane inverse_step2 = splat(args.inverse_step * args.inverse_step);
   for (int i = 0; i < args.nodes; ++i) {
     if (args.fixed[i] != 0) {
       store3(args.b + 3 * kLanes * i, zero3());
       continue;
     }
-    const Lane3 x = load3(args.moved + 3 * kLanes * i);
-    Lane3 bending = zero3();
-    for (int k = args.bend_begin[i]; k < args.bend_begin[i + 1]; ++k) {
-      const Lane3 to = load3(args.moved + 3 * kLanes * args.bend_node[k]) - x;
-      bending = fma(splat(args.bend[k]), to, bending);
-    }
-    Lane3 force = zero3() - splat(args.mass[i]) * gravity;
+    Lane3 bending = bending_gradient(args, i);
+    if (args.effects.prony != 0) bending = relaxed_bending(args, i, bending);
+    const Lane mass =
+        density *
+        (args.effects.mass == nullptr ? splat(args.mass[i]) : load(args.effects.mass + kLanes * i));
+    Lane3 force = zero3() - mass * gravity;
     if (args.has_contact) force = force - load3(args.contact_force + 3 * kLanes * i);
     if (!args.at_start) {
       const Lane3 d = load3(args.d + 3 * kLanes * i);
-      force = fma(splat(args.mass_over_step2[i]), d - inertial_displacement(args, i), force);
+      force = fma(mass * inverse_step2, d - inertial_displacement(args, i), force);
     }
     store3(args.b + 3 * kLanes * i, fma(stiffness, bending, force));
   }
@@ -83,36 +95,41 @@ struct EdgeForces {
   Lane3 x, y;
 };
 
-/// Forces along the two legs of a right triangle, from the legs themselves. With F = [e_x e_y] /
-/// pitch and F = R S:
+/// Stress of a right triangle from p, q, r. With F = [e_x e_y] / pitch and F = R S:
 ///   [p q; q r] = F^T F,  delta = det S,  tau = tr S,  S^-1 = [r + delta, -q; -q, p + delta] /
 ///   (delta tau) dPsi/dF = 2 mu (F - R) + lambda (tau - 2) R = F (2 mu - k S^-1),  k = 2 mu -
 ///   lambda (tau - 2)
-inline EdgeForces membrane(const Args& args, Lane3 ex, Lane3 ey, Lane shear, Lane area) {
-  const Lane scale = splat(args.inverse_pitch2);
-  const Lane p = scale * dot(ex, ex);
-  const Lane q = scale * dot(ex, ey);
-  const Lane r = scale * dot(ey, ey);
+inline Stress corotated_stress(Lane p, Lane q, Lane r, Lane shear, Lane area) {
   // 1e-20: a triangle squeezed to a line stays finite.
   const Lane delta = sqrt(max(fnma(q, q, p * r), splat(static_cast<Real>(1e-20))));
   const Lane two = splat(Real{2});
   const Lane tau = sqrt(fma(two, delta, p + r));
   const Lane k = fnma(area, tau - two, shear);
   const Lane s = k / (delta * tau);
-  const Lane xx = fnma(s, r + delta, shear);
-  const Lane xy = s * q;
-  const Lane yy = fnma(s, p + delta, shear);
-  return {fma(xx, ex, xy * ey), fma(xy, ex, yy * ey)};
+  return {fnma(s, r + delta, shear), s * q, fnma(s, p + delta, shear)};
+}
+
+/// Forces along the two legs of a right triangle, from the legs themselves.
+template <bool kEffects>
+inline EdgeForces membrane(const Args& args, Lane3 ex, Lane3 ey, Lane shear, Lane area,
+                           int triangle) {
+  const Lane scale = load(args.effects.inverse_pitch2);
+  const Lane p = scale * dot(ex, ex);
+  const Lane q = scale * dot(ex, ey);
+  const Lane r = scale * dot(ey, ey);
+  Stress s = corotated_stress(p, q, r, shear, area);
+  if (kEffects) s = add_effects(args, green_strain(p, q, r), shear, s, triangle);
+  return {fma(s.xx, ex, s.xy * ey), fma(s.xy, ex, s.yy * ey)};
 }
 
 /// Two triangles per cell, their diagonals alternating; every triangle has one leg along each axis.
 ///   e --xe-- c
 ///   ya      yb      even cells: (xa, yb) and (xe, ya);   odd cells: (xa, ya) and (xe, yb)
 ///   a --xa-- b
+template <bool kEffects>
 void add_membrane_forces(const Args& args) {
-  const Lane stiffness = load(args.stiffness);
-  const Lane shear = splat(args.shear) * stiffness;
-  const Lane area = splat(args.area) * stiffness;
+  Lane shear = load(args.effects.shear);
+  Lane area = load(args.effects.area);
   constexpr int kNode = 3 * kLanes;
   for (int ix = 0; ix + 1 < args.count_x; ++ix) {
     const int begin = args.count_y * ix;
@@ -123,6 +140,11 @@ void add_membrane_forces(const Args& args) {
     Lane3 force_a = load3(args.b + kNode * begin);
     Lane3 force_b = load3(args.b + kNode * next);
     for (int iy = 0; iy + 1 < args.count_y; ++iy) {
+      const int cell = (args.count_y - 1) * ix + iy;
+      if (kEffects && args.effects.cell != nullptr) {
+        shear = load(args.effects.cell + 2 * kLanes * cell);
+        area = load(args.effects.cell + 2 * kLanes * cell + kLanes);
+      }
       const Lane3 e = load3(args.moved + kNode * (begin + iy + 1));
       const Lane3 c = load3(args.moved + kNode * (next + iy + 1));
       const Lane3 xa = b - a;
@@ -130,8 +152,9 @@ void add_membrane_forces(const Args& args) {
       const Lane3 ya = e - a;
       const Lane3 yb = c - b;
       const bool even = (ix + iy) % 2 == 0;
-      const EdgeForces low = membrane(args, xa, even ? yb : ya, shear, area);
-      const EdgeForces high = membrane(args, xe, even ? ya : yb, shear, area);
+      const EdgeForces low = membrane<kEffects>(args, xa, even ? yb : ya, shear, area, 2 * cell);
+      const EdgeForces high =
+          membrane<kEffects>(args, xe, even ? ya : yb, shear, area, 2 * cell + 1);
       const Lane3 left = even ? high.y : low.y;
       const Lane3 right = even ? low.y : high.y;
       store3(args.b + kNode * (begin + iy), force_a - low.x - left);
@@ -152,7 +175,54 @@ void find_residual(const Args& args) {
     store3(args.moved + 3 * kLanes * i, moved);
   }
   load_node_forces(args);
-  add_membrane_forces(args);
+  if (args.effects.membrane) {
+    add_membrane_forces<true>(args);
+  } else {
+    add_membrane_forces<false>(args);
+  }
+  add_node_effects(args);
+}
+
+/// End of a substep, before finish_substep: what the effects remember.
+void remember_effects(const Args& args) {
+  const auto& fx = args.effects;
+  for (int i = 0; i < args.nodes; ++i) {
+    const Lane3 moved = load3(args.x + 3 * kLanes * i) + load3(args.d + 3 * kLanes * i);
+    store3(args.moved + 3 * kLanes * i, moved);
+  }
+  if (fx.bonds != 0) remember_bonds(args);
+  if ((fx.prony | fx.slider | fx.stiffening) == 0) return;
+  Lane shear = load(fx.shear);
+  Lane area = load(fx.area);
+  const Lane scale = load(fx.inverse_pitch2);
+  for (int ix = 0; ix + 1 < args.count_x; ++ix) {
+    for (int iy = 0; iy + 1 < args.count_y; ++iy) {
+      const int cell = (args.count_y - 1) * ix + iy;
+      if (fx.cell != nullptr) {
+        shear = load(fx.cell + 2 * kLanes * cell);
+        area = load(fx.cell + 2 * kLanes * cell + kLanes);
+      }
+      const int at = args.count_y * ix + iy;
+      const Lane3 a = load3(args.moved + 3 * kLanes * at);
+      const Lane3 e = load3(args.moved + 3 * kLanes * (at + 1));
+      const Lane3 b = load3(args.moved + 3 * kLanes * (at + args.count_y));
+      const Lane3 c = load3(args.moved + 3 * kLanes * (at + args.count_y + 1));
+      const bool even = (ix + iy) % 2 == 0;
+      for (int k = 0; k < 2; ++k) {
+        const Lane3 ex = k == 0 ? b - a : c - e;
+        const Lane3 ey = (k == 0) == even ? c - b : e - a;
+        const Lane p = scale * dot(ex, ex);
+        const Lane q = scale * dot(ex, ey);
+        const Lane r = scale * dot(ey, ey);
+        remember_triangle(args, green_strain(p, q, r), shear,
+                          corotated_stress(p, q, r, shear, area), 2 * cell + k);
+      }
+    }
+  }
+  if (fx.prony == 0) return;
+  for (int i = 0; i < args.nodes; ++i) {
+    if (args.fixed[i] == 0) remember_bending(args, i, bending_gradient(args, i));
+  }
 }
 
 // ---------------------------------------------------------------------------------------------------------------------
@@ -250,7 +320,6 @@ void subtract_solution(const Args& args) {
 
 void hold_patch(const Args& args) {
   const Mask lanes = to_mask(args.lanes);
-  Real miss[3 * kMaxPatch * kLanes];
   for (int k = 0; k < args.patch_size; ++k) {
     for (int lane = 0; lane < kLanes; ++lane) {
       const int node = args.patch_node[k * kLanes + lane];
@@ -259,170 +328,40 @@ void hold_patch(const Args& args) {
         const int at = (3 * node + axis) * kLanes + lane;
         const int here = (3 * k + axis) * kLanes + lane;
         const Real off = (args.x[at] - args.patch_target[here]) + args.d[at];
-        miss[here] = off - compliance * args.patch_force[here];
+        args.patch_miss[here] = off - compliance * args.patch_force[here];
       }
     }
   }
-  Lane3 change[kMaxPatch];
+  for (int lane = 0; lane < kLanes; ++lane) {
+    const Real give = args.patch_give[lane];
+    for (int axis = 0; axis < 3 && give > Real{0}; ++axis) {
+      Real sum = 0;
+      for (int k = 0; k < args.patch_size; ++k)
+        sum += args.patch_force[(3 * k + axis) * kLanes + lane];
+      for (int k = 0; k < args.patch_size; ++k)
+        args.patch_miss[(3 * k + axis) * kLanes + lane] -= give * sum;
+    }
+  }
   for (int k = 0; k < args.patch_size; ++k) {
     Lane3 sum = zero3();
     for (int j = 0; j < args.patch_size; ++j) {
-      const Lane s = load(args.patch_inverse + (k * kMaxPatch + j) * kLanes);
-      sum = fma(s, load3(miss + 3 * kLanes * j), sum);
+      const Lane s = load(args.patch_inverse + (k * args.patch_room + j) * kLanes);
+      sum = fma(s, load3(args.patch_miss + 3 * kLanes * j), sum);
     }
-    change[k] = select(lanes, sum, zero3());
+    const Lane3 change = select(lanes, sum, zero3());
+    store3(args.patch_change + 3 * kLanes * k, change);
     Real* const force = args.patch_force + 3 * kLanes * k;
-    store3(force, load3(force) + change[k]);
+    store3(force, load3(force) + change);
   }
   for (int i = 0; i < args.nodes; ++i) {
     Real* const memory = args.d + 3 * kLanes * i;
     const Lane3 before = load3(memory);
     Lane3 d = before;
     for (int k = 0; k < args.patch_size; ++k) {
-      const Lane response = load(args.patch_response + (i * kMaxPatch + k) * kLanes);
-      d = fnma(response, change[k], d);
+      const Lane response = load(args.patch_response + (i * args.patch_room + k) * kLanes);
+      d = fnma(response, load3(args.patch_change + 3 * kLanes * k), d);
     }
     store3(memory, select(lanes, d, before));
-  }
-}
-
-// ---------------------------------------------------------------------------------------------------------------------
-// Contact. Each touching node has a force f >= 0 with friction, kept from substep to substep and
-// part of the residual: at rest it balances the sheet exactly, whatever the step (tissue.md section
-// 9). Within a substep the forces are found by Gauss-Seidel on x_i = x_i(0) + sum_j A^-1_ij (change
-// of f_j).
-
-/// Positions of the candidates before any change of their forces.
-void load_contacts(const Args& args) {
-  for (int c = 0; c < args.contacts; ++c) {
-    const int i = 3 * kLanes * args.contact_node[c];
-    store3(args.contact_place + 3 * kLanes * c, load3(args.x + i) + load3(args.d + i));
-    store3(args.contact_change + 3 * kLanes * c, zero3());
-    args.contact_lanes[c] = kAllLanes;
-  }
-}
-
-/// Moves the listed contacts by the response to a change of the force on contact c.
-inline void move_contacts(const Args& args, std::int32_t c, Lane3 change) {
-  Real* const sum = args.contact_change + 3 * kLanes * c;
-  store3(sum, load3(sum) + change);
-  const std::int32_t node = args.contact_node[c];
-  const Real* const row = args.inverse + static_cast<std::int64_t>(args.nodes) * node;
-  for (std::int32_t k = 0; k < args.contact_listed; ++k) {
-    const std::int32_t other = args.contact_list[k];
-    Real* const place = args.contact_place + 3 * kLanes * other;
-    store3(place, fma(splat(row[args.contact_node[other]]), change, load3(place)));
-  }
-}
-
-/// Force on contact c that keeps it out if nothing else changes.
-inline Lane3 wanted_force(const Args& args, std::int32_t c, Lane3 force) {
-  const int i = args.contact_node[c];
-  const Real own = args.inverse[static_cast<std::int64_t>(args.nodes + 1) * i];
-  const Lane3 free = fnma(splat(own), force, load3(args.contact_place + 3 * kLanes * c));
-  // + 0: never -0, so that a lane has the same bits whether or not another one gets here.
-  return fma(splat(Real{1} / own), push_out(args, i, free) - free, zero3());
-}
-
-/// First guess of the changes. A node whose neighbours all touch as well goes where the shape is,
-/// by e_i, and so do they: its force changes by (A e)_i. Inside a large patch that is exact, and
-/// sweeps would be slow; its rim and single nodes are left to the sweeps.
-Bits guess_contact_forces(const Args& args) {
-  // Sweeps finish what is left below ten tolerances sooner.
-  const Lane tolerance = splat(Real{10} * args.contact_tolerance);
-  Bits any = 0;
-  for (int i = 0; i < args.nodes; ++i) {
-    store3(args.b + 3 * kLanes * i, zero3());
-    args.touching[i] = args.fixed[i] != 0 ? kAllLanes : 0;
-  }
-  for (std::int32_t k = 0; k < args.contact_listed; ++k) {
-    const std::int32_t c = args.contact_list[k];
-    const int i = args.contact_node[c];
-    const Lane own = splat(args.inverse[static_cast<std::int64_t>(args.nodes + 1) * i]);
-    const Lane3 force = load3(args.contact_force + 3 * kLanes * i);
-    const Lane3 wanted = wanted_force(args, c, force);
-    args.touching[i] = nonzero(wanted) & args.lanes & args.contact_lanes[c];
-    if (args.touching[i] == 0) continue;
-    const Lane3 step = select(to_mask(args.touching[i]), own * (wanted - force), zero3());
-    any |= to_bits(tolerance * tolerance < dot(step, step));
-    store3(args.b + 3 * kLanes * i, step);
-  }
-  if (any == 0) return 0;
-  for (std::int32_t k = 0; k < args.contact_listed; ++k) {
-    const std::int32_t c = args.contact_list[k];
-    const int i = args.contact_node[c];
-    Bits inside = args.touching[i] & any;
-    for (int m = args.bend_begin[i]; m < args.bend_begin[i + 1]; ++m) {
-      inside &= args.touching[args.bend_node[m]];
-    }
-    if (inside == 0) continue;
-    Lane3 change = splat(args.metric_diagonal[i]) * load3(args.b + 3 * kLanes * i);
-    for (int m = args.bend_begin[i]; m < args.bend_begin[i + 1]; ++m) {
-      change = fma(splat(args.metric[m]), load3(args.b + 3 * kLanes * args.bend_node[m]), change);
-    }
-    change = select(to_mask(inside), change, zero3());
-    Real* const memory = args.contact_force + 3 * kLanes * i;
-    store3(memory, load3(memory) + change);
-    move_contacts(args, c, change);
-  }
-  return any;
-}
-
-/// Gives contact c the force that keeps it out, in the asked lanes in which that moves it by more
-/// than the tolerance; returns these lanes. The other contacts move along.
-inline Bits solve_contact(const Args& args, std::int32_t c, Bits asked) {
-  const int i = args.contact_node[c];
-  const Lane own = splat(args.inverse[static_cast<std::int64_t>(args.nodes + 1) * i]);
-  Real* const memory = args.contact_force + 3 * kLanes * i;
-  const Lane3 force = load3(memory);
-  const Lane3 wanted = wanted_force(args, c, force);
-  const Lane3 step = own * (wanted - force);
-  const Lane tolerance = splat(args.contact_tolerance);
-  const Bits moves = to_bits(tolerance * tolerance < dot(step, step)) & asked;
-  if (moves == 0) return 0;
-  store3(memory, select(to_mask(moves), wanted, force));
-  move_contacts(args, c, select(to_mask(moves), wanted - force, zero3()));
-  return moves;
-}
-
-/// Asks the listed contacts, each in the lanes in which it matters. The first sweep asks them all
-/// and finds out.
-Bits sweep_contacts(const Args& args, bool first, bool backwards) {
-  Bits moves = 0;
-  for (std::int32_t n = 0; n < args.contact_listed; ++n) {
-    const std::int32_t c = args.contact_list[backwards ? args.contact_listed - 1 - n : n];
-    const Bits asked = args.lanes & args.contact_lanes[c];
-    if (asked == 0) continue;
-    moves |= solve_contact(args, c, asked);
-    if (!first) continue;
-    const Lane3 force = load3(args.contact_force + 3 * kLanes * args.contact_node[c]);
-    const Lane3 change = load3(args.contact_change + 3 * kLanes * c);
-    args.contact_lanes[c] &= ~args.lanes | nonzero(force) | nonzero(change);
-  }
-  return moves;
-}
-
-Bits load_contact_change(const Args& args) {
-  for (int i = 0; i < args.nodes; ++i) store3(args.b + 3 * kLanes * i, zero3());
-  Bits lanes = 0;
-  for (std::int32_t k = 0; k < args.contact_listed; ++k) {
-    const std::int32_t c = args.contact_list[k];
-    const Lane3 change = load3(args.contact_change + 3 * kLanes * c);
-    lanes |= nonzero(change);
-    store3(args.b + 3 * kLanes * args.contact_node[c], zero3() - change);
-  }
-  return lanes;
-}
-
-void drop_far_contacts(const Args& args) {
-  for (int i = 0; i < args.nodes; ++i) {
-    Bits near = 0;
-    for (int k = 0; k < args.shapes; ++k) {
-      if ((args.candidate_any[i] >> k & 1U) != 0)
-        near |= args.candidates[i * omentum::kMaxShapes + k];
-    }
-    Real* const force = args.contact_force + 3 * kLanes * i;
-    store3(force, select(to_mask(near), load3(force), zero3()));
   }
 }
 

@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "core/check.h"
+#include "core/trig.h"
 #include "sim_worker/elastic_tissue.h"
 
 namespace omentum {
@@ -15,7 +16,26 @@ namespace {
 using Eigen::Vector3d;
 
 constexpr double kKeyRatio = 1.25;  // E/E0 in (0.8, 1]: settles and follows (tissue.md section 8)
-constexpr int kMaxContactNodes = 5000;  // A^-1 is dense: 200 MB per factor key in double
+constexpr int kDensityKeys = 1024;  // key = kDensityKeys x key of density + key of stiffness
+
+struct KeyParts {
+  int stiffness = 0, density = 0;
+};
+
+KeyParts split_key(int key) {
+  KeyParts parts;
+  for (; key > kDensityKeys / 2; key -= kDensityKeys) ++parts.density;
+  for (; key < -kDensityKeys / 2; key += kDensityKeys) --parts.density;
+  parts.stiffness = key;
+  return parts;
+}
+
+double grid_value(int steps) {
+  double value = 1;
+  for (int k = 0; k < steps; ++k) value *= kKeyRatio;
+  for (int k = 0; k > steps; --k) value /= kKeyRatio;
+  return value;
+}
 
 /// One finite-difference stencil of the plate: energy weight/2 |sum c_i x_i|^2.
 struct Stencil {
@@ -65,11 +85,15 @@ class MatrixBuilder {
 /// Plate energy D/2 int (kxx^2 + kyy^2 + 2 nu kxx kyy + 2 (1 - nu) kxy^2) by finite differences
 /// (tissue.md section 6). Rows on the rim own half a cell; there the bending moment across the rim
 /// is zero, so the other curvature is free and the plate is a beam of E t^3 / 12.
-NodeMatrix make_bending(const ElasticTissueModel& model, double thickness) {
-  const double nu = model.material.poisson_ratio();
-  const double beam = model.material.bending_scale() * model.material.young_modulus_pa() *
-                      thickness * thickness * thickness / 12;
-  const double plate = beam / (1 - nu * nu);
+NodeMatrix make_bending(const ElasticTissueModel& model, const EffectValues& effects) {
+  const double nu = model.material.poisson_ratio() + effects.poisson_change;
+  const double t = model.thickness;
+  const double nominal = model.material.bending_scale() * (1 + effects.bending_change) *
+                         model.material.young_modulus_pa() * t * t * t / 12;
+  const auto beam_at = [&](const Vector3d& p_B) {
+    const double h = effects.thickness_at(p_B);
+    return nominal * effects.stiffness_at(p_B) * h * h * h;
+  };
   const double pitch2 = model.pitch * model.pitch;
   const int nx = model.count_x;
   const int ny = model.count_y;
@@ -77,22 +101,27 @@ NodeMatrix make_bending(const ElasticTissueModel& model, double thickness) {
   const auto second = [&](int i, int stride) {
     return Stencil{{i - stride, i, i + stride, 0}, {1 / pitch2, -2 / pitch2, 1 / pitch2, 0}, 3};
   };
+  const auto place = [&](int i) { return model.body.particles[static_cast<std::size_t>(i)]; };
   for (int ix = 0; ix < nx; ++ix) {
     for (int iy = 0; iy < ny; ++iy) {
       const int i = ny * ix + iy;
       const bool inside_x = ix > 0 && ix + 1 < nx;
       const bool inside_y = iy > 0 && iy + 1 < ny;
+      const double beam = beam_at(place(i));
+      const double plate = beam / (1 - nu * nu);
       const double stiffness = inside_x && inside_y ? plate : 0.5 * beam;
       if (inside_x) builder.add_product(second(i, ny), second(i, ny), stiffness * pitch2);
       if (inside_y) builder.add_product(second(i, 1), second(i, 1), stiffness * pitch2);
-      if (inside_x && inside_y && nu > 0) {
-        // Energy nu D kxx kyy = weight/2 (kxx kyy) with weight 2 nu D.
+      if (inside_x && inside_y) {
+        // Energy nu D kxx kyy = weight/2 (kxx kyy) with weight 2 nu D. Also at nu = 0, so that all
+        // effects give one pattern.
         builder.add_product(second(i, ny), second(i, 1), 2 * nu * plate * pitch2);
       }
       if (ix + 1 < nx && iy + 1 < ny) {
         const Stencil twist{
             {i, i + 1, i + ny, i + ny + 1}, {1 / pitch2, -1 / pitch2, -1 / pitch2, 1 / pitch2}, 4};
-        builder.add_product(twist, twist, 2 * (1 - nu) * plate * pitch2);
+        const double cell = beam_at(0.5 * (place(i) + place(i + ny + 1))) / (1 - nu * nu);
+        builder.add_product(twist, twist, 2 * (1 - nu) * cell * pitch2);
       }
     }
   }
@@ -120,27 +149,38 @@ void for_each_triangle(const ElasticTissueModel& model, Function&& fn) {
   }
 }
 
-std::vector<double> lumped_mass(const ElasticTissueModel& model, double density, double thickness) {
-  const double third = density * thickness * 0.5 * model.pitch * model.pitch / 3;
-  std::vector<double> mass(static_cast<std::size_t>(model.nodes()), 0.0);
+/// Adds a third of `of_cell` for every triangle to each of its corners.
+template <typename Function>
+std::vector<double> lump(const ElasticTissueModel& model, Function&& of_cell) {
+  std::vector<double> sum(static_cast<std::size_t>(model.nodes()), 0.0);
+  int triangle = 0;
   for_each_triangle(model, [&](int x0, int x1, int y0, int y1) {
+    const double third = of_cell(triangle++ / 2) / 3;
     // The legs share the corner of the right angle: three of the four indices are different.
-    mass[static_cast<std::size_t>(x0)] += third;
-    mass[static_cast<std::size_t>(x1)] += third;
-    mass[static_cast<std::size_t>(y0 == x0 || y0 == x1 ? y1 : y0)] += third;
+    sum[static_cast<std::size_t>(x0)] += third;
+    sum[static_cast<std::size_t>(x1)] += third;
+    sum[static_cast<std::size_t>(y0 == x0 || y0 == x1 ? y1 : y0)] += third;
   });
-  return mass;
+  return sum;
 }
 
 /// Largest stiffness of a triangle against a change of F, per nominal stretch stiffness: 2 mu + 2
 /// lambda = E / (1 - nu) for the area mode; the metric must not be softer than the material.
-double metric_modulus(const ElasticTissueModel& model) { return model.shear + 2 * model.area; }
+double metric_modulus(const ElasticStructure& structure) {
+  return structure.shear + 2 * structure.area;
+}
+
+/// E t / 2: stiffness of one fibre direction per ratio [N/m].
+double fibre_unit(const ElasticTissueModel& model) {
+  return model.material.young_modulus_pa() * model.thickness / 2;
+}
 
 using SparseMatrix = Eigen::SparseMatrix<double>;
 
 /// A on the free nodes; `free_index` is -1 for fixed nodes.
-SparseMatrix assemble(const ElasticTissueModel& model, double stiffness,
+SparseMatrix assemble(const ElasticTissueModel& model, double stiffness, double density,
                       const std::vector<int>& free_index, int free_count) {
+  const ElasticStructure& structure = model.structure;
   std::vector<Eigen::Triplet<double>> entries;
   const auto add = [&](int i, int j, double value) {
     const int row = free_index[static_cast<std::size_t>(i)];
@@ -150,65 +190,80 @@ SparseMatrix assemble(const ElasticTissueModel& model, double stiffness,
   const double inverse_step2 = 1 / (model.effective_step() * model.effective_step());
   for (int i = 0; i < model.nodes(); ++i) {
     const auto k = static_cast<std::size_t>(i);
-    add(i, i, model.mass[k] * inverse_step2);
-    for (int m = model.bending.begin[k]; m < model.bending.begin[k + 1]; ++m) {
-      const double value = stiffness * model.bending.value[static_cast<std::size_t>(m)];
-      add(i, model.bending.node[static_cast<std::size_t>(m)], value);
+    add(i, i, density * structure.mass[k] * inverse_step2 + stiffness * model.anchor[k]);
+    for (int m = structure.bending.begin[k]; m < structure.bending.begin[k + 1]; ++m) {
+      const double value = stiffness * structure.bending.value[static_cast<std::size_t>(m)];
+      add(i, structure.bending.node[static_cast<std::size_t>(m)], value);
       add(i, i, -value);
     }
   }
-  const double leg = stiffness * metric_modulus(model);
-  const auto add_leg = [&](int i, int j) {
+  const auto add_leg = [&](int i, int j, double leg) {
     add(i, i, leg);
     add(j, j, leg);
     add(i, j, -leg);
     add(j, i, -leg);
   };
+  // Fibres along a: |a_x f_x + a_y f_y|^2 <= (a_x^2 + |a_x a_y|) |f_x|^2 + ...
+  const trig::SinCos a = trig::sin_cos(model.effects.fibre_angle);
+  const double fibre = model.effects.fibre_ratio * fibre_unit(model);
+  const double both = std::fabs(a.sin * a.cos);
+  int triangle = 0;
   for_each_triangle(model, [&](int x0, int x1, int y0, int y1) {
-    add_leg(x0, x1);
-    add_leg(y0, y1);
+    const double cell = stiffness * structure.cell[static_cast<std::size_t>(triangle++ / 2)];
+    add_leg(x0, x1, cell * (metric_modulus(structure) + fibre * (a.cos * a.cos + both)));
+    add_leg(y0, y1, cell * (metric_modulus(structure) + fibre * (a.sin * a.sin + both)));
   });
   SparseMatrix matrix(free_count, free_count);
   matrix.setFromTriplets(entries.begin(), entries.end());
   return matrix;
 }
 
-ElasticFactor make_factor(const ElasticTissueModel& model, double stiffness) {
-  std::vector<int> free_index;
-  std::vector<int> free_node;
-  for (int i = 0; i < model.nodes(); ++i) {
-    const bool fixed = model.body.fixed[static_cast<std::size_t>(i)] != 0;
-    free_index.push_back(fixed ? -1 : static_cast<int>(free_node.size()));
-    if (!fixed) free_node.push_back(i);
+/// Stiffness of the step with memory over that without: Prony branches and slider.
+double memory_tangent(const EffectValues& effects, double step) {
+  return 1 + make_prony(effects, step).gains + effects.slider_ratio;
+}
+
+/// Rows of A: -1 for fixed nodes, and the node of each row.
+struct FreeNodes {
+  explicit FreeNodes(const ElasticTissueModel& model) {
+    for (int i = 0; i < model.nodes(); ++i) {
+      const bool fixed = model.body.fixed[static_cast<std::size_t>(i)] != 0;
+      row.push_back(fixed ? -1 : count());
+      if (!fixed) node.push_back(i);
+    }
   }
-  const auto free_count = static_cast<int>(free_node.size());
-  const SparseMatrix matrix = assemble(model, stiffness, free_index, free_count);
-  ElasticFactor factor{factorize(matrix, free_node), {}, {}};
+  int count() const { return static_cast<int>(node.size()); }
+  std::vector<int> row, node;
+};
+
+PanelFactor make_factor(const ElasticTissueModel& model, double stiffness, double density) {
+  const FreeNodes free(model);
+  const SparseMatrix matrix = assemble(model, stiffness, density, free.row, free.count());
+  return factorize(matrix, free.node);
+}
+
+void make_metric(ElasticTissueModel& model) {
+  const FreeNodes free(model);
+  const SparseMatrix matrix = assemble(model, memory_tangent(model.effects, model.effective_step()),
+                                       1, free.row, free.count());
+  const double inverse_step2 = 1 / (model.effective_step() * model.effective_step());
   const auto entry = [&](int i, int j) {
-    const int row = free_index[static_cast<std::size_t>(i)];
-    const int column = free_index[static_cast<std::size_t>(j)];
+    const int row = free.row[static_cast<std::size_t>(i)];
+    const int column = free.row[static_cast<std::size_t>(j)];
     return row < 0 || column < 0 ? 0.0 : matrix.coeff(row, column);
   };
   for (int i = 0; i < model.nodes(); ++i) {
     const auto k = static_cast<std::size_t>(i);
-    factor.metric_diagonal.push_back(entry(i, i));
-    for (int m = model.bending.begin[k]; m < model.bending.begin[k + 1]; ++m) {
-      factor.metric.push_back(entry(i, model.bending.node[static_cast<std::size_t>(m)]));
+    model.metric_diagonal.push_back(
+        free.row[k] < 0 ? 0.0 : entry(i, i) - model.structure.mass[k] * inverse_step2);
+    const NodeMatrix& bending = model.structure.bending;
+    for (int m = bending.begin[k]; m < bending.begin[k + 1]; ++m) {
+      model.metric.push_back(entry(i, bending.node[static_cast<std::size_t>(m)]));
     }
   }
-  return factor;
 }
 
 }  // namespace
-
-double decay(double x) {
-  // exp(-x) = (exp(-x/64))^64; 20 terms leave 1e-20 for x <= 64.
-  const double y = x / 64;
-  double value = 1;
-  for (int k = 20; k >= 1; --k) value = 1 - y / k * value;
-  for (int k = 0; k < 6; ++k) value *= value;
-  return value;
-}
 
 double ElasticTissueModel::effective_step() const {
   return parameters.integrator() == pb::INTEGRATOR_BDF2 ? 2 * substep() / 3 : substep();
@@ -229,31 +284,68 @@ int ElasticTissueModel::factor_key(double stiffness_scale) {
   return key;
 }
 
-std::shared_ptr<const ElasticFactor> ElasticTissueModel::factor(int key) const {
+int ElasticTissueModel::factor_key(double stiffness_scale, const EffectValues& lane,
+                                   const ElasticStructure& lane_structure, double peak) const {
+  // An effect may exceed the factor a little, as the step allows (up to 1.25): a small one then
+  // changes the solution smoothly, without a jump to another factor.
+  constexpr double kSlack = 1.12;
+  double tangent =
+      memory_tangent(lane, effective_step()) / memory_tangent(effects, effective_step());
+  // In steps of two: a new factor now and then, not in every step.
+  double level = 1;
+  while (level * kSlack < peak && level < 4096) level *= 2;
+  tangent *= level;
+  if (lane.fibre_ratio != effects.fibre_ratio || lane.fibre_angle != effects.fibre_angle) {
+    tangent += lane.fibre_ratio;
+  }
+  double ratio = 1;
+  if (!lane.same_structure(effects)) {
+    const double modulus = metric_modulus(lane_structure) / metric_modulus(structure);
+    for (std::size_t c = 0; c < structure.cell.size(); ++c) {
+      ratio = std::max(ratio, modulus * lane_structure.cell[c] / structure.cell[c]);
+    }
+    for (std::size_t i = 0; i + 1 < structure.bending.begin.size(); ++i) {
+      double own = 0;
+      double base = 0;
+      for (int m = structure.bending.begin[i]; m < structure.bending.begin[i + 1]; ++m) {
+        own += std::fabs(lane_structure.bending.value[static_cast<std::size_t>(m)]);
+        base += std::fabs(structure.bending.value[static_cast<std::size_t>(m)]);
+      }
+      if (base > 0) ratio = std::max(ratio, own / base);
+    }
+  }
+  const double stretch = 1 / ((1 + lane.stretch) * (1 + lane.stretch));
+  ratio *= std::max(1.0, stretch);
+  if (lane.anchor_compliance > 0 && effects.anchor_compliance > 0) {
+    ratio = std::max(ratio, effects.anchor_compliance / lane.anchor_compliance);
+  }
+  const double heavier = (1 + lane.density_change) / (1 + effects.density_change);
+  const double thicker =
+      lane.same_structure(effects)
+          ? 1.0
+          : *std::max_element(lane_structure.mass.begin(), lane_structure.mass.end()) /
+                *std::max_element(structure.mass.begin(), structure.mass.end());
+  const auto slack_key = [](double scale) {
+    return scale > 1 / kSlack && scale < kSlack ? 0 : factor_key(std::max(1e-3, scale));
+  };
+  return kDensityKeys * slack_key(heavier * std::max(1.0, thicker)) +
+         factor_key(stiffness_scale * std::max(1.0, tangent * ratio / kSlack));
+}
+
+double ElasticTissueModel::key_stiffness(int key) { return grid_value(split_key(key).stiffness); }
+
+double ElasticTissueModel::key_density(int key) const {
+  return (1 + effects.density_change) * grid_value(split_key(key).density);
+}
+
+std::shared_ptr<const PanelFactor> ElasticTissueModel::factor(int key) const {
   const std::lock_guard lock(mutex_);
   auto& factor = factors_[key];
   if (factor == nullptr) {
-    double stiffness = 1;
-    for (int k = 0; k < key; ++k) stiffness *= kKeyRatio;
-    for (int k = 0; k > key; --k) stiffness /= kKeyRatio;
-    factor = std::make_shared<const ElasticFactor>(make_factor(*this, stiffness));
+    const double stiffness = key_stiffness(key) * memory_tangent(effects, effective_step());
+    factor = std::make_shared<const PanelFactor>(make_factor(*this, stiffness, key_density(key)));
   }
   return factor;
-}
-
-std::shared_ptr<const Eigen::MatrixXd> ElasticTissueModel::inverse(int key) const {
-  const auto shared_factor = factor(key);
-  const std::lock_guard lock(mutex_);
-  auto& inverse = inverses_[key];
-  if (inverse == nullptr) {
-    auto matrix = std::make_shared<Eigen::MatrixXd>(Eigen::MatrixXd::Zero(nodes(), nodes()));
-    for (int i = 0; i < nodes(); ++i) {
-      if (body.fixed[static_cast<std::size_t>(i)] == 0) (*matrix)(i, i) = 1;
-    }
-    shared_factor->solve(*matrix);
-    inverse = matrix;
-  }
-  return inverse;
 }
 
 std::shared_ptr<const ElasticTissueModel> make_elastic_model(const Scene& scene,
@@ -289,21 +381,91 @@ std::shared_ptr<const ElasticTissueModel> make_elastic_model(const Scene& scene,
   model->tool_radius = tool.shaft_radius_m();
   model->tool_start = tool.shaft_start_m() + tool.shaft_radius_m();
   model->tool_length = tool.shaft_length_m();
-  if (model->has_contact() && model->nodes() > kMaxContactNodes) {
-    throw_error("scene.tissue.grid: {} nodes, allowed for the model elastic with contact: {}",
-                model->nodes(), kMaxContactNodes);
+  model->thickness = model->body.thickness;
+  model->density = tissue.density_kg_per_m3();
+  model->grasp_stiffness = model->material.young_modulus_pa() * model->thickness;
+  model->effects =
+      make_effects(tissue.effects(), tissue.material().poisson_ratio(), model->body.particles);
+  if ((model->effects.adhesion > 0 || model->effects.suction > 0) &&
+      model->contact_bodies.empty()) {
+    throw_error("scene.tissue.effects.{}: nothing to stick to, needs a scene.rigid_body",
+                model->effects.adhesion > 0 ? "adhesion" : "suction");
   }
-
-  const double thickness = model->body.thickness;
-  const double e = model->material.young_modulus_pa();
-  const double nu = model->material.poisson_ratio();
-  // t a_T / pitch^2 = t / 2; mu and lambda of plane stress.
-  model->shear = e / (1 + nu) * thickness / 2;
-  model->area = e * nu / (1 - nu * nu) * thickness / 2;
-  model->grasp_stiffness = e * thickness;
-  model->mass = lumped_mass(*model, tissue.density_kg_per_m3(), thickness);
-  model->bending = make_bending(*model, thickness);
+  model->structure = model->make_structure(model->effects);
+  model->node_area = lump(*model, [&](int) { return 0.5 * model->pitch * model->pitch; });
+  model->anchor = model->make_anchor(model->effects);
+  model->is_anchor.assign(model->anchor.size(), 0);
+  for (int i = 0; model->effects.moves_anchor() && i < model->nodes(); ++i) {
+    const auto k = static_cast<std::size_t>(i);
+    const bool rigid =
+        model->effects.anchor_compliance == 0 &&
+        detached_share(model->effects, model->body.particles[k].x(), 0.5 * model->pitch) == 0;
+    if (model->body.fixed[k] == 0 || rigid) continue;
+    model->body.fixed[k] = 0;
+    model->is_anchor[k] = 1;
+  }
+  if (std::all_of(model->body.fixed.begin(), model->body.fixed.end(),
+                  [](std::uint8_t fixed) { return fixed == 0; }) &&
+      std::all_of(model->anchor.begin(), model->anchor.end(), [](double k) { return k == 0; })) {
+    const bool was_free = std::all_of(scene.tissue.fixed.begin(), scene.tissue.fixed.end(),
+                                      [](std::uint8_t fixed) { return fixed == 0; });
+    if (!was_free) {
+      throw_error("scene.tissue.effects.anchor: {} ... {} m detaches the whole clamp, allowed less",
+                  model->effects.anchor_free_from, model->effects.anchor_free_to);
+    }
+  }
+  make_metric(*model);
   return model;
+}
+
+ElasticStructure ElasticTissueModel::make_structure(const EffectValues& values) const {
+  ElasticStructure made;
+  const double e = material.young_modulus_pa();
+  const double nu = material.poisson_ratio() + values.poisson_change;
+  // t a_T / pitch^2 = t / 2; mu and lambda of plane stress.
+  made.shear = e / (1 + nu) * thickness / 2;
+  made.area = e * nu / (1 - nu * nu) * thickness / 2;
+  std::vector<double> thick;
+  for (int ix = 0; ix + 1 < count_x; ++ix) {
+    for (int iy = 0; iy + 1 < count_y; ++iy) {
+      const auto low = static_cast<std::size_t>(count_y * ix + iy);
+      const auto high = low + static_cast<std::size_t>(count_y) + 1;
+      const Vector3d centre = 0.5 * (body.particles[low] + body.particles[high]);
+      thick.push_back(values.thickness_at(centre));
+      made.cell.push_back(thick.back() * values.stiffness_at(centre));
+      made.uniform = made.uniform && made.cell.back() == 1;
+    }
+  }
+  const double mass = density * thickness * 0.5 * pitch * pitch;
+  made.mass = lump(*this, [&](int cell) { return mass * thick[static_cast<std::size_t>(cell)]; });
+  made.bending = make_bending(*this, values);
+  return made;
+}
+
+// A node that is detached in part hangs on a spring, as one that the jaw covers in part.
+std::vector<double> ElasticTissueModel::make_anchor(const EffectValues& values) const {
+  std::vector<double> spring(static_cast<std::size_t>(nodes()), 0.0);
+  if (!values.moves_anchor()) return spring;
+  for (int ix = 0; ix < count_x; ++ix) {
+    int rows = 0;
+    const auto clamped = [&](int iy) {
+      const auto k = static_cast<std::size_t>(count_y * ix + iy);
+      return body.fixed[k] != 0 || (!is_anchor.empty() && is_anchor[k] != 0);
+    };
+    for (int iy = 0; iy < count_y; ++iy) rows += clamped(iy) ? 1 : 0;
+    for (int iy = 0; iy < count_y; ++iy) {
+      if (!clamped(iy)) continue;
+      const auto k = static_cast<std::size_t>(count_y * ix + iy);
+      const double detached = detached_share(values, body.particles[k].x(), 0.5 * pitch);
+      const double length = ix == 0 || ix + 1 == count_x ? 0.5 * pitch : pitch;
+      if (values.anchor_compliance > 0) {
+        spring[k] = (1 - detached) * length / (values.anchor_compliance * rows);
+      } else if (detached > 0) {
+        spring[k] = grasp_stiffness * (1 - detached) / detached;
+      }
+    }
+  }
+  return spring;
 }
 
 std::unique_ptr<Tissue<float>> ElasticTissueModel::make_tissue(const Kernel<float>& kernel) const {
@@ -325,14 +487,15 @@ ElasticEnergy elastic_energy(const ElasticTissueModel& model, std::span<const Ve
     const double tau = std::sqrt(c.trace() + 2 * std::sqrt(c.determinant()));
     // |F - R|^2 = tr C - 2 tr S + 2; shear and area carry t a_T / pitch^2.
     const double a = model.pitch * model.pitch;
-    energy.membrane += a * (0.5 * model.shear * (c.trace() - 2 * tau + 2) +
-                            0.5 * model.area * (tau - 2) * (tau - 2));
+    energy.membrane += a * (0.5 * model.structure.shear * (c.trace() - 2 * tau + 2) +
+                            0.5 * model.structure.area * (tau - 2) * (tau - 2));
   });
   for (std::size_t i = 0; i < p.size(); ++i) {
-    for (int k = model.bending.begin[i]; k < model.bending.begin[i + 1]; ++k) {
+    const NodeMatrix& bending = model.structure.bending;
+    for (int k = bending.begin[i]; k < bending.begin[i + 1]; ++k) {
       const auto m = static_cast<std::size_t>(k);
-      const auto j = static_cast<std::size_t>(model.bending.node[m]);
-      energy.bending -= 0.25 * model.bending.value[m] * (p[i] - p[j]).squaredNorm();
+      const auto j = static_cast<std::size_t>(bending.node[m]);
+      energy.bending -= 0.25 * bending.value[m] * (p[i] - p[j]).squaredNorm();
     }
   }
   return energy;

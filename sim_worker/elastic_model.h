@@ -11,6 +11,7 @@
 
 #include "sim_worker/panel_cholesky.h"
 #include "sim_worker/tissue.h"
+#include "sim_worker/tissue_effects.h"
 
 namespace omentum {
 
@@ -22,11 +23,15 @@ struct NodeMatrix {
   std::vector<double> value;
 };
 
-/// Cholesky factor of A = M/h^2 + membrane metric + bending on the free nodes, shared by all lanes
-/// of one factor key (tissue.md section 7).
-struct ElasticFactor : PanelFactor {
-  std::vector<double> metric;  ///< off-diagonal of A, entries as those of the bending matrix
-  std::vector<double> metric_diagonal;  ///< per node; of fixed nodes unused
+/// Mass and stiffness of the shell with the effects that shape them (EffectValues::same_structure).
+struct ElasticStructure {
+  std::vector<double> mass;  ///< per node: rho t A / 3 of each of its triangles, no change of
+                             ///< density [kg]
+  NodeMatrix bending;        ///< gradient of the bending energy [N/m], nominal E
+  double shear = 0;          ///< 2 mu t a_T / pitch^2 [N/m], nominal E
+  double area = 0;           ///< lambda t a_T / pitch^2 [N/m], nominal E, plane stress
+  std::vector<double> cell;  ///< factor on both, per cell = (count_y - 1) ix + iy
+  bool uniform = true;       ///< every factor is 1
 };
 
 /// Immutable half of the elastic shell: corotated triangles on the grid sheet with alternating
@@ -41,10 +46,15 @@ struct ElasticTissueModel : TissueModel, std::enable_shared_from_this<ElasticTis
   pb::ElasticModel parameters;
   int count_x = 0, count_y = 0;  ///< nodes; index = count_y ix + iy
   double pitch = 0;              ///< [m]
-  std::vector<double> mass;      ///< per node: rho t A / 3 of each of its triangles [kg]
-  NodeMatrix bending;            ///< gradient of the bending energy [N/m], nominal E
-  double shear = 0;              ///< 2 mu t a_T / pitch^2 [N/m], nominal E
-  double area = 0;               ///< lambda t a_T / pitch^2 [N/m], nominal E, plane stress
+  double thickness = 0, density = 0;
+  EffectValues effects;                 ///< of the scene
+  ElasticStructure structure;           ///< with the scene's effects
+  std::vector<double> anchor;           ///< spring per node at the scene's effects [N/m]; 0 = none
+  std::vector<std::uint8_t> is_anchor;  ///< per node: clamped in the scene, held by springs here
+  std::vector<double> node_area;        ///< [m^2]
+  /// A without its mass, at nominal E and the scene's effects [N/m]: entries as those of `bending`,
+  /// and the diagonal; zero at fixed nodes.
+  std::vector<double> metric, metric_diagonal;
   /// Spring of a node that the jaw covers half [N/m]; infinite: all or nothing.
   double grasp_stiffness = 0;
   double static_friction = 0, dynamic_friction = 0;
@@ -61,29 +71,32 @@ struct ElasticTissueModel : TissueModel, std::enable_shared_from_this<ElasticTis
   double effective_step() const;
   bool has_contact() const { return !contact_bodies.empty() || tool_contact; }
 
+  ElasticStructure make_structure(const EffectValues& effects) const;
+  /// Springs of the clamp per node [N/m]; 0 where the effects do not touch it.
+  std::vector<double> make_anchor(const EffectValues& effects) const;
+
   /// Factor key of a lane: the number of the smallest step of a geometric grid of moduli that is
   /// not below E. It depends on the lane's own parameters only (tissue.md section 8).
   static int factor_key(double stiffness_scale);
+  /// The same with effects; `peak` is the largest tangent over nominal stiffness of late. Density
+  /// has a grid of its own.
+  int factor_key(double stiffness_scale, const EffectValues& effects,
+                 const ElasticStructure& structure, double peak) const;
+  /// E of a key's factor / nominal E, and its density / that of the scene without effects.
+  static double key_stiffness(int key);
+  double key_density(int key) const;
   /// Factor of a key; made once, then shared.
-  std::shared_ptr<const ElasticFactor> factor(int key) const;
-  /// A^-1, nodes x nodes [m/N], rows and columns of fixed nodes zero; made once per key, then
-  /// shared.
-  std::shared_ptr<const Eigen::MatrixXd> inverse(int key) const;
+  std::shared_ptr<const PanelFactor> factor(int key) const;
 
  private:
   mutable std::mutex mutex_;
-  mutable std::map<int, std::shared_ptr<const ElasticFactor>> factors_;     // guarded by mutex_
-  mutable std::map<int, std::shared_ptr<const Eigen::MatrixXd>> inverses_;  // guarded by mutex_
+  mutable std::map<int, std::shared_ptr<const PanelFactor>> factors_;  // guarded by mutex_
 };
 
-/// Makes the shell of the scene's grid sheet. Throws Error for another law than corotated
-/// or a mesh too large for contact.
+/// Makes the shell of the scene's grid sheet. Throws Error for another law than corotated.
 std::shared_ptr<const ElasticTissueModel> make_elastic_model(const Scene& scene,
                                                              double control_period,
                                                              std::vector<std::string>& warnings);
-
-/// exp(-x) for x >= 0 by our own series: the same bits on every machine, unlike libm's.
-double decay(double x);
 
 /// Elastic energy of node positions p [m] at nominal stiffness [J]: membrane and bending apart. For
 /// tests of the forces.

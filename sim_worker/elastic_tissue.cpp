@@ -4,23 +4,19 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
-#include <numeric>
 
 #include "core/check.h"
 #include "core/hash.h"
-#include "sim_worker/kernel_shape.h"
 
 namespace omentum {
 namespace {
 
 using Eigen::Vector3d;
 
-// Contact forces of a substep: a lane is done when no node moves by more than this part of the
-// pitch in a sweep, or after so many rounds of a sweep up and one down; the next substep goes on
-// from there.
-constexpr int kMaxContactRounds = 8;
-constexpr double kContactTolerance = 5e-5;
-constexpr double kLeastCover = 1e-3;  // of a cell: a thinner hold is none
+// Rounds of conjugate gradients where tissue hangs on springs (effects adhesion and suction).
+constexpr int kSpringRounds = 8;
+constexpr std::uint32_t kEffectsFollow = 1U << 31;  // beside the count of held nodes in a state
+constexpr double kLeastCover = 1e-3;                // of a cell: a thinner hold is none
 
 const ElasticKernel<float>& elastic_kernel_for(const Kernel<float>& kernel) {
   if (kernel.lanes == 16) return kElasticKernelF32x16;
@@ -32,8 +28,8 @@ const ElasticKernel<double>& elastic_kernel_for(const Kernel<double>&) {
 }
 
 template <typename Real>
-std::vector<Real> convert(const std::vector<double>& values) {
-  std::vector<Real> result;
+AlignedVector<Real> convert(const std::vector<double>& values) {
+  AlignedVector<Real> result;
   result.reserve(values.size());
   for (const double v : values) result.push_back(static_cast<Real>(v));
   return result;
@@ -44,18 +40,18 @@ std::vector<Real> convert(const std::vector<double>& values) {
 template <typename Real>
 ElasticTissue<Real>::ElasticTissue(std::shared_ptr<const ElasticTissueModel> model,
                                    const Kernel<Real>& kernel)
-    : model_(std::move(model)), kernel_(kernel), elastic_(elastic_kernel_for(kernel)) {
+    : model_(std::move(model)),
+      kernel_(kernel),
+      elastic_(elastic_kernel_for(kernel)),
+      effects_(model_, kernel.lanes) {
   OMENTUM_CHECK(elastic_.lanes == kernel_.lanes);
   const auto W = static_cast<std::size_t>(kernel_.lanes);
   const auto n = static_cast<std::size_t>(model_->nodes());
   const double step = model_->effective_step();
   const bool second_order = model_->parameters.integrator() == pb::INTEGRATOR_BDF2;
 
-  mass_ = convert<Real>(model_->mass);
-  for (const double m : model_->mass) {
-    mass_over_step2_.push_back(static_cast<Real>(m / (step * step)));
-  }
-  bend_ = convert<Real>(model_->bending.value);
+  mass_ = convert<Real>(model_->structure.mass);
+  bend_ = convert<Real>(model_->structure.bending.value);
 
   for (auto* v : {&x_, &v_, &d_, &moved_, &b_, &keep_b_, &contact_force_}) {
     v->assign(3 * n * W, Real{0});
@@ -65,40 +61,23 @@ ElasticTissue<Real>::ElasticTissue(std::shared_ptr<const ElasticTissueModel> mod
     d_old_.assign(3 * n * W, Real{0});
   }
   held_.resize(W);
-  constexpr auto kPatch = static_cast<std::size_t>(kMaxPatch);
-  patch_node_.assign(kPatch * W, 0);
-  patch_target_.assign(3 * kPatch * W, Real{0});
-  patch_compliance_.assign(kPatch * W, Real{0});
-  patch_inverse_.assign(kPatch * kPatch * W, Real{0});
-  patch_response_.assign(n * kPatch * W, Real{0});
-  patch_force_.assign(3 * kPatch * W, Real{0});
   held_force_.assign(3 * W, Real{0});
   parameters_.resize(W);
+  slipped_.assign(W, 0);
+  patch_give_.assign(W, Real{0});
   key_.assign(W, 0);
-  for (auto* v : {&stiffness_, &keep_, &static_friction_, &dynamic_friction_, &capsule_sweep_}) {
+  for (auto* v : {&stiffness_, &keep_, &static_friction_, &dynamic_friction_}) {
     v->assign(W, Real{0});
   }
-  for (auto* v : {&gravity_, &capsule_, &capsule_motion_}) v->assign(3 * W, Real{0});
-  free_mask_.assign(n, 0);
-  candidates_.assign(n * kMaxShapes, 0);
-  candidate_any_.assign(n, 0);
-  contact_change_.assign(3 * n * W, Real{0});
-  contact_place_.assign(3 * n * W, Real{0});
-  contact_lanes_.assign(n, 0);
-  touching_.assign(n, 0);
-
+  gravity_.assign(3 * W, Real{0});
   args_.count_x = model_->count_x;
   args_.count_y = model_->count_y;
   args_.nodes = model_->nodes();
   args_.fixed = model_->body.fixed.data();
   args_.mass = mass_.data();
-  args_.mass_over_step2 = mass_over_step2_.data();
-  args_.bend_begin = model_->bending.begin.data();
-  args_.bend_node = model_->bending.node.data();
+  args_.bend_begin = model_->structure.bending.begin.data();
+  args_.bend_node = model_->structure.bending.node.data();
   args_.bend = bend_.data();
-  args_.inverse_pitch2 = static_cast<Real>(1 / (model_->pitch * model_->pitch));
-  args_.shear = static_cast<Real>(model_->shear);
-  args_.area = static_cast<Real>(model_->area);
   args_.second_order = second_order;
   args_.effective_step = static_cast<Real>(step);
   args_.inverse_step = static_cast<Real>(1 / step);
@@ -115,53 +94,9 @@ ElasticTissue<Real>::ElasticTissue(std::shared_ptr<const ElasticTissueModel> mod
   args_.stiffness = stiffness_.data();
   args_.gravity = gravity_.data();
   args_.keep = keep_.data();
-  args_.patch_node = patch_node_.data();
-  args_.patch_target = patch_target_.data();
-  args_.patch_compliance = patch_compliance_.data();
-  args_.patch_inverse = patch_inverse_.data();
-  args_.patch_response = patch_response_.data();
-  args_.patch_force = patch_force_.data();
-  args_.contact_change = contact_change_.data();
-  args_.contact_place = contact_place_.data();
-  args_.touching = touching_.data();
-  args_.contact_lanes = contact_lanes_.data();
-  args_.contact_tolerance = static_cast<Real>(kContactTolerance * model_->pitch);
-  args_.candidates = candidates_.data();
-  args_.candidate_any = candidate_any_.data();
-  args_.particle_radius = static_cast<Real>(model_->body.particle_radius);
-  args_.capsule = capsule_.data();
-  args_.capsule_motion = capsule_motion_.data();
-  args_.static_friction = static_friction_.data();
-  args_.dynamic_friction = dynamic_friction_.data();
-
-  // The search for candidates is the cluster kernel's; it reads no more than this.
-  candidate_args_.particles = model_->nodes();
-  candidate_args_.x = x_.data();
-  candidate_args_.v = v_.data();
-  candidate_args_.free_mask = free_mask_.data();
-  candidate_args_.candidates = candidates_.data();
-  candidate_args_.candidate_any = candidate_any_.data();
-  candidate_args_.gravity = gravity_.data();
-  candidate_args_.particle_radius = args_.particle_radius;
-  candidate_args_.step_s = static_cast<Real>(model_->control_period);
-  // 2 mm beyond what speed and gravity explain: elastic motion of one control step.
-  candidate_args_.margin = static_cast<Real>(2e-3);
-  for (const RigidShape& body : model_->contact_bodies) {
-    candidate_args_.shape[candidate_args_.shapes++] = make_kernel_shape<Real>(body);
-  }
-  if (model_->tool_contact) {
-    KernelShape<Real> tool{};
-    tool.kind = ShapeKind::kCapsule;
-    tool.size[0] = static_cast<Real>(model_->tool_radius);
-    tool.length = static_cast<Real>(model_->tool_length);
-    for (int k = 0; k < 3; ++k) tool.axis[k] = static_cast<Real>(model_->shaft_axis[k]);
-    candidate_args_.shape[candidate_args_.shapes++] = tool;
-  }
-  candidate_args_.capsule = capsule_.data();
-  candidate_args_.capsule_sweep = capsule_sweep_.data();
-  args_.shapes = candidate_args_.shapes;
-  args_.shape = candidate_args_.shape;
-
+  args_.patch_give = patch_give_.data();
+  make_room(1);
+  prepare_contacts();
   for (int lane = 0; lane < lanes(); ++lane) {
     set_parameters(lane, {});
     reset(lane, Vector3d::Zero());
@@ -175,15 +110,6 @@ const typename ElasticTissue<Real>::Factor& ElasticTissue<Real>::factor_of(int k
   Factor& factor = factors_[key];
   factor.shared = model_->factor(key);
   factor.value = convert<Real>(factor.shared->panel_value);
-  if (model_->has_contact()) {
-    factor.metric = convert<Real>(factor.shared->metric);
-    factor.metric_diagonal = convert<Real>(factor.shared->metric_diagonal);
-    const auto inverse = model_->inverse(key);
-    factor.inverse.resize(static_cast<std::size_t>(inverse->size()));
-    for (std::size_t k = 0; k < factor.inverse.size(); ++k) {
-      factor.inverse[k] = static_cast<Real>(inverse->data()[k]);
-    }
-  }
   return factor;
 }
 
@@ -208,15 +134,47 @@ void ElasticTissue<Real>::set_parameters(int lane, const LaneParameters& paramet
   stiffness_[l] = static_cast<Real>(parameters.stiffness_scale);
   const double damping = model_->material.damping_per_s() * parameters.damping_scale;
   keep_[l] = static_cast<Real>(decay(damping * model_->effective_step()));
+  const EffectValues& effects = parameters.effects ? *parameters.effects : model_->effects;
+  const Vector3d gravity = tilted_gravity(effects, model_->gravity);
   for (int axis = 0; axis < 3; ++axis) {
     gravity_[static_cast<std::size_t>(axis) * W + l] =
-        static_cast<Real>(model_->gravity[axis] * parameters.gravity_scale);
+        static_cast<Real>(gravity[axis] * parameters.gravity_scale);
   }
-  static_friction_[l] = static_cast<Real>(model_->static_friction * parameters.friction_scale);
-  dynamic_friction_[l] = static_cast<Real>(model_->dynamic_friction * parameters.friction_scale);
-  key_[l] = ElasticTissueModel::factor_key(parameters.stiffness_scale);
+  const double friction = parameters.friction_scale * (1 + effects.friction_change);
+  static_friction_[l] = static_cast<Real>(model_->static_friction * friction);
+  dynamic_friction_[l] = static_cast<Real>(model_->dynamic_friction * friction);
+  patch_give_[l] = static_cast<Real>(effects.grasp_compliance);
+  effects_.set(lane, effects, parameters.stiffness_scale);
+  args_.effects = effects_.args();
+  update_key(lane);
+}
+
+template <typename Real>
+void ElasticTissue<Real>::update_key(int lane) {
+  const auto l = static_cast<std::size_t>(lane);
+  key_[l] = effects_.factor_key(lane);
+  if (args_.has_contact) set_contact_stiffness(lane);
   group_lanes();
   if (!held_[l].nodes.empty()) make_patch(lane);
+}
+
+/// Before a control step: slip of the grasps.
+template <typename Real>
+void ElasticTissue<Real>::slip_grasps() {
+  for (int lane = 0; lane < lanes(); ++lane) {
+    const auto l = static_cast<std::size_t>(lane);
+    const EffectValues& effects = effects_.values(lane);
+    if (held_[l].nodes.empty() || !(effects.slip_speed > 0)) continue;
+    const Vector3d slip =
+        slip_of(effects, held_force(lane), model_->grasp_stiffness * parameters_[l].stiffness_scale,
+                model_->control_period);
+    slipped_[l] += slip.norm();
+    if (effects.slip_loss > 0 && slipped_[l] > effects.slip_loss) {
+      release(lane);
+    } else {
+      shift_held(lane, slip);
+    }
+  }
 }
 
 template <typename Real>
@@ -230,6 +188,8 @@ void ElasticTissue<Real>::reset(int lane, const Vector3d& offset) {
     for (int axis = 0; axis < 3; ++axis) contact_force_[index(i, axis, lane)] = Real{0};
   }
   for (int axis = 0; axis < 3; ++axis) held_force_[index(0, axis, lane)] = Real{0};
+  effects_.reset(lane, offset);
+  update_key(lane);
 }
 
 // One control step (tissue.md section 7). The tool moves on a straight line over the substeps.
@@ -238,14 +198,21 @@ void ElasticTissue<Real>::step(std::span<const ToolMotion> motion) {
   OMENTUM_CHECK(static_cast<int>(motion.size()) == lanes());
   const auto substeps = static_cast<int>(model_->parameters.substeps());
   const auto iterations = static_cast<int>(model_->parameters.iterations());
+  slip_grasps();
   if (args_.has_contact) find_contacts(motion);
   for (int substep = 0; substep < substeps; ++substep) {
+    const std::uint32_t changed = effects_.begin_substep();
+    args_.effects = effects_.args();
+    for (int lane = 0; lane < lanes() && changed != 0; ++lane) {
+      if ((changed >> lane & 1U) != 0) update_key(lane);
+    }
     place_tool(motion, substep);
     elastic_.start_substep(args_);
     for (int iteration = 0; iteration < iterations; ++iteration) {
       args_.at_start = iteration == 0;
       iterate();
     }
+    elastic_.remember_effects(args_);
     elastic_.finish_substep(args_);
   }
   for (int lane = 0; lane < lanes(); ++lane) {
@@ -255,27 +222,6 @@ void ElasticTissue<Real>::step(std::span<const ToolMotion> motion) {
       held_force_[index(0, axis, lane)] = sum;
     }
   }
-}
-
-// Candidates of the whole step, once; forces of nodes that cannot touch any more are dropped.
-template <typename Real>
-void ElasticTissue<Real>::find_contacts(std::span<const ToolMotion> motion) {
-  for (int lane = 0; lane < lanes(); ++lane) {
-    const ToolMotion& m = motion[static_cast<std::size_t>(lane)];
-    const Vector3d base = m.from + model_->tool_start * model_->shaft_axis;
-    for (int axis = 0; axis < 3; ++axis) {
-      capsule_[index(0, axis, lane)] = static_cast<Real>(base[axis]);
-    }
-    capsule_sweep_[static_cast<std::size_t>(lane)] = static_cast<Real>((m.to - m.from).norm());
-  }
-  kernel_.find_candidates(candidate_args_);
-  elastic_.drop_far_contacts(args_);
-  contact_node_.clear();
-  for (int i = 0; i < particles(); ++i) {
-    if (candidate_any_[static_cast<std::size_t>(i)] != 0) contact_node_.push_back(i);
-  }
-  args_.contacts = static_cast<std::int32_t>(contact_node_.size());
-  args_.contact_node = contact_node_.data();
 }
 
 template <typename Real>
@@ -303,17 +249,23 @@ void ElasticTissue<Real>::place_tool(std::span<const ToolMotion> motion, int sub
 template <typename Real>
 void ElasticTissue<Real>::iterate() {
   elastic_.find_residual(args_);
-  solve_for(~0U);
+  if (effects_.has_springs()) {
+    solve_with_springs();
+    args_.lanes = ~0U;
+    elastic_.subtract_solution(args_);
+  } else {
+    solve_for(~0U, elastic_.subtract_solution);
+  }
   if (held_lanes_ != 0) {
     std::fill(patch_force_.begin(), patch_force_.end(), Real{0});
     hold_for(held_lanes_);
   }
-  if (args_.has_contact && args_.contacts > 0) resolve_contacts();
+  if (args_.has_contact && !plane_shape_.empty()) resolve_contacts();
 }
 
-/// d -= A^-1 b in the given lanes, one solve per distinct factor.
+/// A^-1 b in the given lanes, one solve per distinct factor, and what is then done with it.
 template <typename Real>
-void ElasticTissue<Real>::solve_for(std::uint32_t lanes) {
+void ElasticTissue<Real>::solve_for(std::uint32_t lanes, void (*take)(const ElasticArgs<Real>&)) {
   const bool several = groups_.size() > 1;
   if (several) keep_b_ = b_;
   bool first = true;
@@ -327,61 +279,34 @@ void ElasticTissue<Real>::solve_for(std::uint32_t lanes) {
     args_.panel_node = group.factor->shared->panel_node.data();
     args_.panel_value = group.factor->value.data();
     elastic_.solve(args_);
-    elastic_.subtract_solution(args_);
+    take(args_);
   }
+}
+
+/// b <- (A + D)^-1 b with the springs D of the effects (elastic_effects.inl).
+template <typename Real>
+void ElasticTissue<Real>::solve_with_springs() {
+  elastic_.start_springs(args_);
+  for (int round = 0; round < kSpringRounds; ++round) {
+    for (const KeyGroup& group : groups_) {
+      std::copy_n(args_.effects.rest, b_.size(), b_.begin());
+      args_.lanes = group.lanes;
+      args_.panel = group.factor->shared->panels.data();
+      args_.panels = static_cast<std::int32_t>(group.factor->shared->panels.size());
+      args_.panel_node = group.factor->shared->panel_node.data();
+      args_.panel_value = group.factor->value.data();
+      elastic_.solve(args_);
+      elastic_.take_answer(args_);
+    }
+    elastic_.advance_springs(args_, round == 0);
+  }
+  elastic_.load_solution(args_);
 }
 
 template <typename Real>
 void ElasticTissue<Real>::hold_for(std::uint32_t lanes) {
   args_.lanes = lanes;
   if (args_.lanes != 0) elastic_.hold_patch(args_);
-}
-
-// Changes of the contact forces (elastic_kernel.inl), then their effect on all nodes by one more
-// solve. A lane takes part until it is settled and then stays as it is, to the last bit.
-template <typename Real>
-void ElasticTissue<Real>::resolve_contacts() {
-  elastic_.load_contacts(args_);
-  // Runs one part for every factor key; returns the lanes in which something still moves.
-  const auto run = [this](std::uint32_t lanes, auto part) {
-    std::uint32_t moving = 0;
-    for (const KeyGroup& group : groups_) {
-      args_.lanes = group.lanes & lanes;
-      if (args_.lanes == 0) continue;
-      args_.metric = group.factor->metric.data();
-      args_.metric_diagonal = group.factor->metric_diagonal.data();
-      args_.inverse = group.factor->inverse.data();
-      moving |= part(args_);
-    }
-    return moving;
-  };
-  // Round 0 begins with a guess and asks every candidate; what matters in no lane is then left out.
-  contact_list_.resize(contact_node_.size());
-  std::iota(contact_list_.begin(), contact_list_.end(), 0);
-  std::uint32_t moving = ~0U;
-  for (int round = 0; round < kMaxContactRounds && moving != 0; ++round) {
-    const bool first = round == 0;
-    list_contacts();
-    if (first) run(moving, elastic_.guess_contact_forces);
-    for (const bool backwards : {false, true}) {
-      moving = run(moving, [&](const ElasticArgs<Real>& args) {
-        return elastic_.sweep_contacts(args, first && !backwards, backwards);
-      });
-    }
-  }
-  const std::uint32_t changed = elastic_.load_contact_change(args_);
-  if (changed == 0) return;
-  solve_for(changed);
-  hold_for(changed & held_lanes_);
-}
-
-template <typename Real>
-void ElasticTissue<Real>::list_contacts() {
-  std::erase_if(contact_list_, [this](std::int32_t c) {
-    return contact_lanes_[static_cast<std::size_t>(c)] == 0;
-  });
-  args_.contact_listed = static_cast<std::int32_t>(contact_list_.size());
-  args_.contact_list = contact_list_.data();
 }
 
 template <typename Real>
@@ -396,22 +321,22 @@ template <typename Real>
 void ElasticTissue<Real>::hold(int lane, const Vector3d& tip, double radius, bool collapse) {
   release(lane);
   Held& held = held_[static_cast<std::size_t>(lane)];
+  const EffectValues& effects = effects_.values(lane);
+  const Vector3d beside =
+      model_->body.X_WB.linear() * Vector3d(effects.grasp_x, effects.grasp_y, 0);
+  const Eigen::Matrix3d turn = jaw_turn(effects, model_->shaft_axis);
+  radius += effects.grasp_radius;
   for (int i = 0; i < particles(); ++i) {
     if (model_->body.fixed[static_cast<std::size_t>(i)] != 0) continue;
     const Vector3d offset = position(lane, i) - tip;
-    const double covered = (radius - offset.norm()) / model_->pitch + 0.5;
+    const double covered = (radius - (offset - beside).norm()) / model_->pitch + 0.5;
     if (!(covered > kLeastCover)) continue;
-    const Vector3d kept = collapse ? Vector3d::Zero() : offset;
+    Vector3d kept = turn * offset;
+    if (collapse) kept.setZero();
     held.nodes.push_back(i);
     held.offsets.push_back(
         {static_cast<Real>(kept.x()), static_cast<Real>(kept.y()), static_cast<Real>(kept.z())});
     held.weights.push_back(static_cast<Real>(std::min(1.0, covered)));
-  }
-  if (held.nodes.size() > static_cast<std::size_t>(kMaxPatch)) {
-    const std::size_t count = held.nodes.size();
-    held = {};
-    throw_error("grasp.patch_radius_m: {} takes {} nodes of the elastic sheet, allowed at most {}",
-                radius, count, kMaxPatch);
   }
   if (held.nodes.empty()) return;
   set_free(lane, held, false);
@@ -421,18 +346,51 @@ void ElasticTissue<Real>::hold(int lane, const Vector3d& tip, double radius, boo
 template <typename Real>
 void ElasticTissue<Real>::release(int lane) {
   Held& held = held_[static_cast<std::size_t>(lane)];
+  slipped_[static_cast<std::size_t>(lane)] = 0;
   if (held.nodes.empty()) return;
   set_free(lane, held, true);
   clear_patch(lane);
   held = {};
 }
 
+/// Arrays for patches of `count` nodes; what they held has to be made again.
+template <typename Real>
+void ElasticTissue<Real>::make_room(int count) {
+  constexpr int kChunk = 16;  // covers the patches of a 3 mm sheet: growing is rare
+  const int room = (count + kChunk - 1) / kChunk * kChunk;
+  const auto k = static_cast<std::size_t>(room);
+  const auto W = static_cast<std::size_t>(lanes());
+  patch_node_.assign(k * W, 0);
+  patch_compliance_.assign(k * W, Real{0});
+  for (auto* v : {&patch_target_, &patch_force_, &patch_miss_, &patch_change_}) {
+    v->assign(3 * k * W, Real{0});
+  }
+  patch_inverse_.assign(k * k * W, Real{0});
+  patch_response_.assign(static_cast<std::size_t>(particles()) * k * W, Real{0});
+  args_.patch_room = room;
+  args_.patch_node = patch_node_.data();
+  args_.patch_target = patch_target_.data();
+  args_.patch_compliance = patch_compliance_.data();
+  args_.patch_inverse = patch_inverse_.data();
+  args_.patch_response = patch_response_.data();
+  args_.patch_force = patch_force_.data();
+  args_.patch_miss = patch_miss_.data();
+  args_.patch_change = patch_change_.data();
+}
+
 // Response columns U = A^-1 P and the inverse of P^T U + C, in double, once per grasp.
 template <typename Real>
 void ElasticTissue<Real>::make_patch(int lane) {
-  clear_patch(lane);
   const Held& held = held_[static_cast<std::size_t>(lane)];
   const auto count = static_cast<int>(held.nodes.size());
+  if (count > args_.patch_room) {
+    make_room(count);
+    const std::uint32_t others = held_lanes_ & ~(1U << lane);
+    for (int other = 0; other < lanes(); ++other) {
+      if ((others >> other & 1U) != 0) make_patch(other);
+    }
+  }
+  clear_patch(lane);
   const auto W = lanes();
   Eigen::MatrixXd response = Eigen::MatrixXd::Zero(count, particles());
   for (int k = 0; k < count; ++k) response(k, held.nodes[static_cast<std::size_t>(k)]) = 1;
@@ -445,17 +403,18 @@ void ElasticTissue<Real>::make_patch(int lane) {
       system(j, k) = response(j, held.nodes[static_cast<std::size_t>(k)]);
     }
     system(k, k) += compliance;
+    system.col(k).array() += effects_.values(lane).grasp_compliance;
     patch_node_[static_cast<std::size_t>(k * W + lane)] = held.nodes[static_cast<std::size_t>(k)];
     patch_compliance_[static_cast<std::size_t>(k * W + lane)] = static_cast<Real>(compliance);
     for (int i = 0; i < particles(); ++i) {
-      patch_response_[static_cast<std::size_t>((i * kMaxPatch + k) * W + lane)] =
+      patch_response_[static_cast<std::size_t>((i * args_.patch_room + k) * W + lane)] =
           static_cast<Real>(response(k, i));
     }
   }
   const Eigen::MatrixXd inverse = system.llt().solve(Eigen::MatrixXd::Identity(count, count));
   for (int k = 0; k < count; ++k) {
     for (int j = 0; j < count; ++j) {
-      patch_inverse_[static_cast<std::size_t>((k * kMaxPatch + j) * W + lane)] =
+      patch_inverse_[static_cast<std::size_t>((k * args_.patch_room + j) * W + lane)] =
           static_cast<Real>(inverse(k, j));
     }
   }
@@ -583,9 +542,14 @@ std::vector<Vector3d> ElasticTissue<Real>::elastic_gradient(int lane) {
     Vector3d force = Vector3d::Zero();
     for (int axis = 0; axis < 3 && model_->body.fixed[p] == 0; ++axis) {
       const auto g = static_cast<std::size_t>(axis * lanes() + lane);
+      const auto l = static_cast<std::size_t>(lane);
+      const Real mass = args_.effects.density[l] *
+                        (args_.effects.mass == nullptr
+                             ? mass_[p]
+                             : args_.effects.mass[p * static_cast<std::size_t>(lanes()) + l]);
       force[axis] = static_cast<double>(b_[index(i, axis, lane)]) +
                     static_cast<double>(contact_force_[index(i, axis, lane)]) +
-                    static_cast<double>(mass_[p] * gravity_[g]);
+                    static_cast<double>(mass * gravity_[g]);
     }
     gradient.push_back(force);
   }
@@ -614,15 +578,20 @@ void ElasticTissue<Real>::save(int lane, Bytes& out) const {
   }
   const Held& held = held_[static_cast<std::size_t>(lane)];
   const auto count = static_cast<std::uint32_t>(held.nodes.size());
-  add(&count, sizeof count);
+  const std::uint32_t word = count | (effects_.values(lane) == EffectValues{} ? 0 : kEffectsFollow);
+  add(&word, sizeof word);
   add(held.nodes.data(), count * sizeof(std::int32_t));
   add(held.offsets.data(), count * sizeof(held.offsets[0]));
   add(held.weights.data(), count * sizeof(Real));
+  if (!(effects_.values(lane) == EffectValues{})) {
+    add(&slipped_[static_cast<std::size_t>(lane)], sizeof(double));
+    effects_.save(lane, out);
+  }
 }
 
 template <typename Real>
 Result<std::size_t> ElasticTissue<Real>::load(int lane, std::span<const std::byte> state) {
-  const std::array<std::vector<Real>*, 6> arrays = {
+  const std::array<AlignedVector<Real>*, 6> arrays = {
       &x_, &v_, &v_old_, &d_old_, &contact_force_, &held_force_};
   std::size_t reals = 0;
   for (const auto* a : arrays) reals += a->size() / static_cast<std::size_t>(lanes());
@@ -637,16 +606,19 @@ Result<std::size_t> ElasticTissue<Real>::load(int lane, std::span<const std::byt
   std::memcpy(values.data(), state.data(), reals * sizeof(Real));
   std::memcpy(scales.data(), state.data() + reals * sizeof(Real), sizeof scales);
   std::memcpy(&count, state.data() + fixed_size - sizeof count, sizeof count);
+  const bool has_effects = (count & kEffectsFollow) != 0;
+  count &= ~kEffectsFollow;
   Held held;
   const std::size_t entry = sizeof(std::int32_t) + sizeof(held.offsets[0]) + sizeof(Real);
-  if (count > static_cast<std::uint32_t>(kMaxPatch) || state.size() < fixed_size + count * entry) {
+  if (count > static_cast<std::uint32_t>(particles()) ||
+      state.size() < fixed_size + count * entry) {
     return Failure{fmt::format("tissue state of {} bytes with {} held nodes, allowed at most {}",
-                               state.size(), count, kMaxPatch)};
+                               state.size(), count, particles())};
   }
   for (const Real v : values) {
     if (!std::isfinite(v)) return Failure{"tissue state holds a non-finite number"};
   }
-  const LaneParameters parameters{scales[0], scales[1], scales[2], scales[3]};
+  LaneParameters parameters{scales[0], scales[1], scales[2], scales[3], EffectValues{}};
   if (!usable(parameters)) return Failure{"tissue state holds lane parameters out of range"};
   held.nodes.resize(count);
   held.offsets.resize(count);
@@ -674,6 +646,21 @@ Result<std::size_t> ElasticTissue<Real>::load(int lane, std::span<const std::byt
       return Failure{fmt::format("tissue state holds node {} with a bad weight or offset", i)};
     }
   }
+  std::size_t used = fixed_size + count * entry;
+  double slipped = 0;
+  std::span<const std::byte> of_effects;
+  if (has_effects) {
+    if (state.size() < used + sizeof slipped) return Failure{"tissue state ends in its effects"};
+    std::memcpy(&slipped, state.data() + used, sizeof slipped);
+    if (!(slipped >= 0 && slipped <= 1)) return Failure{"tissue state holds a bad slip"};
+    used += sizeof slipped;
+    of_effects = state.subspan(used);
+    const Result<std::size_t> read = effects_.read(of_effects, *parameters.effects);
+    if (!read) return Failure{read.error()};
+    used += read.value();
+  } else if (model_->effects.moves_anchor()) {
+    return Failure{"tissue state without the effects of the anchor"};
+  }
 
   release(lane);
   std::size_t next = 0;
@@ -685,8 +672,11 @@ Result<std::size_t> ElasticTissue<Real>::load(int lane, std::span<const std::byt
   }
   held_[static_cast<std::size_t>(lane)] = std::move(held);
   set_free(lane, held_[static_cast<std::size_t>(lane)], false);
+  effects_.reset(lane, Vector3d::Zero());
   set_parameters(lane, parameters);
-  return fixed_size + count * entry;
+  slipped_[static_cast<std::size_t>(lane)] = slipped;
+  if (has_effects) effects_.load(lane, of_effects);
+  return used;
 }
 
 template <typename Real>

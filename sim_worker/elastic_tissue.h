@@ -8,7 +8,9 @@
 #include <span>
 #include <vector>
 
+#include "core/aligned.h"
 #include "sim_worker/elastic_kernel.h"
+#include "sim_worker/elastic_lane_effects.h"
 #include "sim_worker/elastic_model.h"
 #include "sim_worker/tissue.h"
 
@@ -21,7 +23,7 @@ namespace omentum {
 /// Grasp: every free node whose cell of one pitch overlaps the disc of `radius` about the tip is
 /// held with the covered part of its cell as weight: fully covered nodes rigidly, partly covered
 /// ones by a spring grasp_stiffness w / (1 - w). The grasp so moves smoothly with the pinch point
-/// (tissue.md section 8). hold() throws Error for more than kMaxPatch nodes.
+/// (tissue.md section 8).
 template <typename Real>
 class ElasticTissue : public Tissue<Real> {
  public:
@@ -69,10 +71,8 @@ class ElasticTissue : public Tissue<Real> {
   };
   /// One factor in the kernel's precision.
   struct Factor {
-    std::shared_ptr<const ElasticFactor> shared;
-    std::vector<Real> value;
-    std::vector<Real> metric, metric_diagonal;
-    std::vector<Real> inverse;  ///< of contact, [node][node]; empty without contact
+    std::shared_ptr<const PanelFactor> shared;
+    AlignedVector<Real> value;
   };
   struct KeyGroup {
     const Factor* factor = nullptr;
@@ -84,16 +84,21 @@ class ElasticTissue : public Tissue<Real> {
   }
   const Factor& factor_of(int key);
   void group_lanes();
+  void update_key(int lane);
+  void slip_grasps();
+  void solve_with_springs();
   void set_free(int lane, const Held& held, bool free);
+  void make_room(int count);
   void make_patch(int lane);
   void clear_patch(int lane);
+  void prepare_contacts();
+  void set_contact_stiffness(int lane);
   void find_contacts(std::span<const ToolMotion> motion);
   void place_tool(std::span<const ToolMotion> motion, int substep);
   void iterate();
-  void solve_for(std::uint32_t lanes);
+  void solve_for(std::uint32_t lanes, void (*take)(const ElasticArgs<Real>&));
   void hold_for(std::uint32_t lanes);
   void resolve_contacts();
-  void list_contacts();
 
   std::shared_ptr<const ElasticTissueModel> model_;
   const Kernel<Real>& kernel_;
@@ -102,25 +107,29 @@ class ElasticTissue : public Tissue<Real> {
   KernelArgs<Real> candidate_args_{};
 
   // Model in the kernel's precision.
-  std::vector<Real> mass_, mass_over_step2_, bend_;
+  AlignedVector<Real> mass_, bend_;
   std::map<int, Factor> factors_;
   std::vector<int> key_;  ///< per lane
   std::vector<KeyGroup> groups_;
 
   // State and scratch, per lane.
-  std::vector<Real> x_, v_, v_old_, d_old_, d_, moved_, b_, keep_b_, contact_force_;
+  AlignedVector<Real> x_, v_, v_old_, d_old_, d_, moved_, b_, keep_b_, contact_force_;
   std::vector<Held> held_;
   std::uint32_t held_lanes_ = 0;
   std::vector<std::int32_t> patch_node_;
-  std::vector<Real> patch_target_, patch_compliance_, patch_inverse_, patch_response_, patch_force_,
-      held_force_;
+  AlignedVector<Real> patch_target_, patch_compliance_, patch_inverse_, patch_response_,
+      patch_force_, patch_miss_, patch_change_, held_force_;
   std::vector<LaneParameters> parameters_;
-  std::vector<Real> stiffness_, gravity_, keep_, static_friction_, dynamic_friction_;
+  ElasticLaneEffects<Real> effects_;
+  std::vector<double> slipped_;     ///< way of the patch out of the jaws [m]
+  AlignedVector<Real> patch_give_;  ///< of the jaws [m/N]
+  AlignedVector<Real> stiffness_, gravity_, keep_, static_friction_, dynamic_friction_;
 
   // Contact.
-  std::vector<std::uint32_t> free_mask_, candidates_, candidate_any_, contact_lanes_, touching_;
-  std::vector<std::int32_t> contact_node_, contact_list_;
-  std::vector<Real> contact_place_, contact_change_, capsule_, capsule_motion_, capsule_sweep_;
+  std::vector<std::uint32_t> free_mask_, candidates_, candidate_any_, contact_lanes_;
+  std::vector<std::int32_t> plane_begin_, plane_shape_;
+  AlignedVector<Real> plane_, metric_, own_stiffness_, own_compliance_, key_stiffness_,
+      contact_motion_, contact_way_, contact_before_, capsule_, capsule_motion_, capsule_sweep_;
 };
 
 extern template class ElasticTissue<float>;

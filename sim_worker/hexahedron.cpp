@@ -4,7 +4,7 @@ namespace omentum {
 namespace {
 
 constexpr int kFunctions = kHexNodes + 3;  // eight nodes, three parabolas
-constexpr int kPoints = 8;
+constexpr int kPoints = kHexPoints;
 constexpr double kGauss = 0.57735026918962576451;  // 1 / sqrt(3)
 
 using Gradients = std::array<std::array<Pack, 3>, kFunctions>;
@@ -43,6 +43,204 @@ void deformation_gradient(const HexShape& shape, const Gradients& g, std::array<
       F[3 * i + axis] = sum;
     }
   }
+}
+
+/// Gradients with respect to the stress-free shape. The parabolas are enhancements of the strain:
+/// theirs stay those of the box.
+void map_gradients(const HexShape& shape, int point, Gradients& g) {
+  if (shape.effects == nullptr || shape.effects->rest == nullptr) return;
+  const std::array<Pack, 9>& map = shape.effects->rest->map[point];
+  for (int a = 0; a < kHexNodes; ++a) {
+    const std::array<Pack, 3> box = g[a];
+    for (int axis = 0; axis < 3; ++axis)
+      g[a][axis] = fma(box[0], map[axis], fma(box[1], map[3 + axis], box[2] * map[6 + axis]));
+  }
+}
+
+PackTensor green_strain(const std::array<Pack, 9>& F) {
+  PackTensor E;
+  for (int i = 0; i < 3; ++i) {
+    for (int j = 0; j < 3; ++j) {
+      const Pack c = fma(F[i], F[j], fma(F[3 + i], F[3 + j], F[6 + i] * F[6 + j]));
+      E[3 * i + j] = Pack(0.5) * (i == j ? c - Pack(1.0) : c);
+    }
+  }
+  return E;
+}
+
+Pack inner(const PackTensor& a, const PackTensor& b) {
+  Pack sum = a[0] * b[0];
+  for (int k = 1; k < 9; ++k) sum = fma(a[k], b[k], sum);
+  return sum;
+}
+
+/// Stress S, energy and tangent dS = identity dE + sum_k weight_k T_k (T_k : dE) of an effect.
+struct StrainResponse {
+  Pack energy;
+  PackTensor S{};
+  Pack identity;
+  std::array<Pack, 2> weight{};
+  std::array<PackTensor, 2> direction{};
+};
+
+/// P += F S and A_iJkL += delta_ik S_JL + F_iM C_MJNL F_kN.
+void add_strain_response(const std::array<Pack, 9>& F, const StrainResponse& r, bool want_tangent,
+                         ElasticResponse<Pack>& out) {
+  const auto product = [&F](const PackTensor& S) {  // F S
+    std::array<Pack, 9> P;
+    for (int i = 0; i < 3; ++i) {
+      for (int j = 0; j < 3; ++j)
+        P[3 * i + j] = fma(F[3 * i], S[j], fma(F[3 * i + 1], S[3 + j], F[3 * i + 2] * S[6 + j]));
+    }
+    return P;
+  };
+  const std::array<Pack, 9> P = product(r.S);
+  out.energy = out.energy + r.energy;
+  for (int k = 0; k < 9; ++k) out.stress[k] = out.stress[k] + P[k];
+  if (!want_tangent) return;
+  const std::array<Pack, 9> first = product(r.direction[0]);
+  const std::array<Pack, 9> second = product(r.direction[1]);
+  for (int i = 0; i < 3; ++i) {
+    for (int k = 0; k < 3; ++k) {
+      const Pack left =
+          fma(F[3 * i], F[3 * k], fma(F[3 * i + 1], F[3 * k + 1], F[3 * i + 2] * F[3 * k + 2]));
+      for (int j = 0; j < 3; ++j) {
+        for (int l = 0; l < 3; ++l) {
+          const int iJ = 3 * i + j;
+          const int kL = 3 * k + l;
+          Pack value =
+              fma(r.weight[0] * first[iJ], first[kL], r.weight[1] * second[iJ] * second[kL]);
+          // Symmetric identity: (delta_MN delta_JL + delta_ML delta_JN) / 2.
+          Pack half = F[3 * i + l] * F[3 * k + j];
+          if (j == l) half = half + left;
+          value = fma(Pack(0.5) * r.identity, half, value);
+          if (i == k) value = value + r.S[3 * j + l];
+          out.tangent[9 * iJ + kL] = out.tangent[9 * iJ + kL] + value;
+        }
+      }
+    }
+  }
+}
+
+StrainResponse stiffening(const PackTensor& E, Pack c2) {
+  StrainResponse r;
+  const Pack invariant = Pack(2.0) * inner(E, E);
+  const Pack scale = Pack(8.0) * c2 * invariant;
+  r.energy = c2 * invariant * invariant;
+  for (int k = 0; k < 9; ++k) r.S[k] = scale * E[k];
+  r.identity = scale;
+  r.weight[0] = Pack(32.0) * c2;
+  r.direction[0] = E;
+  return r;
+}
+
+StrainResponse fibres(const PackTensor& E, const std::array<double, 2>& a, Pack modulus) {
+  constexpr double w = 1e-3;
+  StrainResponse r;
+  for (int i = 0; i < 2; ++i) {
+    for (int j = 0; j < 2; ++j) r.direction[0][3 * i + j] = Pack(a[i] * a[j]);
+  }
+  const Pack along = inner(r.direction[0], E);
+  const Pack smooth = root(fma(along, along, Pack(w * w)));
+  const Pack taut = Pack(0.5) * (along + smooth - Pack(w));
+  // Integral of taut; (along + smooth) / w > 0.
+  r.energy = modulus * Pack(0.25) *
+             (along * (along + smooth) + Pack(w * w) * logarithm((along + smooth) / Pack(w)) -
+              Pack(2 * w) * along);
+  for (int k = 0; k < 9; ++k) r.S[k] = modulus * taut * r.direction[0][k];
+  r.weight[0] = modulus * Pack(0.5) * (Pack(1.0) + along / smooth);
+  return r;
+}
+
+/// Strain that the slider's spring carries, and how the sliding strain is directed.
+struct Slide {
+  PackTensor off;      ///< E - plastic
+  Pack size, carried;  ///< |off|; share of it that is carried
+};
+
+Slide slide_of(const PackTensor& E, const PackTensor& plastic, double yield) {
+  Slide s;
+  for (int k = 0; k < 9; ++k) s.off[k] = E[k] - plastic[k];
+  s.size = root(at_least(inner(s.off, s.off), Pack(1e-30)));
+  s.carried = -at_least(-(Pack(yield) / s.size), Pack(-1.0));
+  return s;
+}
+
+StrainResponse slider(const PackTensor& E, const PackTensor& plastic, Pack modulus, double yield) {
+  StrainResponse r;
+  const Slide s = slide_of(E, plastic, yield);
+  const Pack held = s.carried * s.size;  // min(size, yield)
+  r.energy = modulus * held * (s.size - Pack(0.5) * held);
+  for (int k = 0; k < 9; ++k) r.S[k] = modulus * s.carried * s.off[k];
+  r.identity = modulus * s.carried;
+  const Pack slides = is_less(Pack(yield), s.size);
+  r.weight[0] = -(slides * modulus * s.carried) / (s.size * s.size);
+  r.direction[0] = s.off;
+  return r;
+}
+
+/// Elastic part of the effects, of which the branches remember the history.
+void add_elastic_effects(const HexShape& shape, const std::array<Pack, 9>& F, const PackTensor& E,
+                         bool want_tangent, ElasticResponse<Pack>& out) {
+  const HexEffects& fx = *shape.effects;
+  if (fx.stiffening != 0)
+    add_strain_response(F, stiffening(E, Pack(fx.stiffening) * shape.mu), want_tangent, out);
+  if (fx.fibre > 0)
+    add_strain_response(F, fibres(E, fx.axis, Pack(fx.fibre) * shape.mu), want_tangent, out);
+}
+
+/// Answer of material and effects to F at a Gauss point.
+void point_response(pb::ElasticLaw law, const HexShape& shape, int point,
+                    const std::array<Pack, 9>& F, bool want_tangent, ElasticResponse<Pack>& out) {
+  elastic_response(law, F, shape.mu, shape.lambda, want_tangent, out);
+  if (shape.effects == nullptr) return;
+  const HexEffects& fx = *shape.effects;
+  const PackTensor E = green_strain(F);
+  add_elastic_effects(shape, F, E, want_tangent, out);
+  if (fx.branches) {
+    const Pack more(1 + fx.gains);
+    out.energy = more * out.energy;
+    for (Pack& p : out.stress) p = more * p;
+    if (want_tangent) {
+      for (Pack& a : out.tangent) a = more * a;
+    }
+    StrainResponse bias;
+    bias.S = fx.memory->bias[point];
+    bias.energy = inner(bias.S, E);
+    add_strain_response(F, bias, want_tangent, out);
+  }
+  if (fx.slider > 0) {
+    add_strain_response(F,
+                        slider(E, fx.memory->plastic[point], Pack(fx.slider) * shape.mu, fx.yield),
+                        want_tangent, out);
+  }
+}
+
+/// S = F^-1 P.
+PackTensor pulled_back(const std::array<Pack, 9>& F, const std::array<Pack, 9>& P) {
+  std::array<Pack, 9> cofactor;  // F^-1 = cofactor^T / det
+  for (int i = 0; i < 3; ++i) {
+    for (int j = 0; j < 3; ++j) {
+      const int a = 3 * ((i + 1) % 3);
+      const int b = 3 * ((i + 2) % 3);
+      cofactor[3 * i + j] =
+          F[a + (j + 1) % 3] * F[b + (j + 2) % 3] - F[a + (j + 2) % 3] * F[b + (j + 1) % 3];
+    }
+  }
+  const Pack scale = Pack(1.0) / fma(F[0], cofactor[0], fma(F[1], cofactor[1], F[2] * cofactor[2]));
+  PackTensor S;
+  for (int i = 0; i < 3; ++i) {
+    for (int j = 0; j < 3; ++j) {
+      S[3 * i + j] = scale * fma(cofactor[i], P[j],
+                                 fma(cofactor[3 + i], P[3 + j], cofactor[6 + i] * P[6 + j]));
+    }
+  }
+  return S;
+}
+
+Pack volume_at(const HexShape& shape, int point, Pack volume) {
+  const bool mapped = shape.effects != nullptr && shape.effects->rest != nullptr;
+  return mapped ? volume * shape.effects->rest->volume[point] : volume;
 }
 
 Pack point_volume(const std::array<Pack, 3>& size) {
@@ -126,14 +324,16 @@ void factor_inner(const FullStiffness& K, HexInner& inner) {
 
 void hex_force(pb::ElasticLaw law, const HexShape& shape, HexForce& out) {
   out = {};
-  const Pack volume = point_volume(shape.size);
+  const Pack box = point_volume(shape.size);
   Gradients g;
   std::array<Pack, 9> F;
   ElasticResponse<Pack> response;
   for (int point = 0; point < kPoints; ++point) {
     gradients_at(point, shape.size, g);
+    map_gradients(shape, point, g);
     deformation_gradient(shape, g, F);
-    elastic_response(law, F, shape.mu, shape.lambda, false, response);
+    point_response(law, shape, point, F, false, response);
+    const Pack volume = volume_at(shape, point, box);
     out.energy = fma(volume, response.energy, out.energy);
     add_node_force(response.stress, g, volume, out.force);
     add_bubble_force(response.stress, g, volume, out.bubble_force);
@@ -143,14 +343,16 @@ void hex_force(pb::ElasticLaw law, const HexShape& shape, HexForce& out) {
 void hex_tangent(pb::ElasticLaw law, const HexShape& shape, HexTangent& out) {
   FullStiffness K{};
   std::array<Pack, 9> bubble_force{};
-  const Pack volume = point_volume(shape.size);
+  const Pack box = point_volume(shape.size);
   Gradients g;
   std::array<Pack, 9> F;
   ElasticResponse<Pack> response;
   for (int point = 0; point < kPoints; ++point) {
     gradients_at(point, shape.size, g);
+    map_gradients(shape, point, g);
     deformation_gradient(shape, g, F);
-    elastic_response(law, F, shape.mu, shape.lambda, true, response);
+    point_response(law, shape, point, F, true, response);
+    const Pack volume = volume_at(shape, point, box);
     add_bubble_force(response.stress, g, volume, bubble_force);
     add_stiffness(response.tangent, g, volume, K);
   }
@@ -181,6 +383,36 @@ void hex_tangent(pb::ElasticLaw law, const HexShape& shape, HexTangent& out) {
         }
       }
     }
+  }
+}
+
+void hex_remember(pb::ElasticLaw law, const HexShape& shape, const PronyStep& prony,
+                  HexMemory& memory) {
+  const HexEffects& fx = *shape.effects;
+  Gradients g;
+  std::array<Pack, 9> F;
+  ElasticResponse<Pack> response;
+  for (int point = 0; point < kPoints; ++point) {
+    gradients_at(point, shape.size, g);
+    map_gradients(shape, point, g);
+    deformation_gradient(shape, g, F);
+    const PackTensor E = green_strain(F);
+    if (fx.slider > 0) {
+      const Slide s = slide_of(E, memory.plastic[point], fx.yield);
+      for (int k = 0; k < 9; ++k) memory.plastic[point][k] = E[k] - s.carried * s.off[k];
+    }
+    if (!fx.branches) continue;
+    elastic_response(law, F, shape.mu, shape.lambda, false, response);
+    add_elastic_effects(shape, F, E, false, response);
+    const PackTensor S = pulled_back(F, response.stress);
+    for (std::size_t b = 0; b < static_cast<std::size_t>(prony.branches); ++b) {
+      for (int k = 0; k < 9; ++k) {
+        Pack& memory_k = memory.branch[b][point][k];
+        memory_k = fma(Pack(prony.gain[b]), S[k] - memory.stress[point][k],
+                       Pack(prony.keep[b]) * memory_k);
+      }
+    }
+    memory.stress[point] = S;
   }
 }
 

@@ -3,6 +3,7 @@
 #include <array>
 
 #include "sim_worker/elastic_law.h"
+#include "sim_worker/tissue_effects.h"
 
 namespace omentum {
 
@@ -19,12 +20,52 @@ namespace omentum {
 /// are eliminated inside the element; they have no mass. Quadrature 2 x 2 x 2 Gauss points.
 constexpr int kHexNodes = 8;
 
+inline constexpr int kHexPoints = 8;  ///< Gauss points
+
+/// Symmetric tensor, row-major 3 x 3.
+using PackTensor = std::array<Pack, 9>;
+
+/// Rest shape of four bricks that is not quite the box: at each Gauss point the map from gradients
+/// with respect to the box to those with respect to the stress-free shape (row vector times map),
+/// and the volume relative to the box.
+struct HexRest {
+  std::array<std::array<Pack, 9>, kHexPoints> map;
+  std::array<Pack, kHexPoints> volume;
+};
+
+/// What four bricks remember for the effects (tissue_effects.h), per Gauss point; stresses are
+/// second Piola-Kirchhoff stresses [Pa].
+struct HexMemory {
+  std::array<PackTensor, kHexPoints> stress;   ///< elastic, at the end of the last step
+  std::array<PackTensor, kHexPoints> bias;     ///< what the Prony branches add in this step
+  std::array<PackTensor, kHexPoints> plastic;  ///< strain at which the slider sits
+  std::array<std::array<PackTensor, kHexPoints>, kMaxBranches> branch;
+};
+
+/// Effects in the material of four bricks. Moduli are relative to mu.
+///
+///   stiffening  c2 I^2,  I = 2 E:E                      E = (F^T F - I) / 2
+///   fibres      Ef (taut(E4)),  taut' = (E4 + sqrt(E4^2 + w^2) - w) / 2,  E4 = a . E a, w = 1e-3
+///   branches    (1 + gains) x all elastic stress + bias (sim_worker/tissue_effects.h)
+///   slider      Ep |e|^2 / 2 up to |e| = yield, then Ep yield (|e| - yield / 2);  e = E - plastic
+struct HexEffects {
+  double stiffening = 0;             ///< c2
+  double fibre = 0;                  ///< Ef
+  std::array<double, 2> axis{1, 0};  ///< of the fibres in x_B, y_B
+  double gains = 0;
+  bool branches = false;
+  double slider = 0, yield = 1;  ///< Ep, strain
+  const HexRest* rest = nullptr;
+  const HexMemory* memory = nullptr;  ///< needed for branches and slider
+};
+
 /// Where four bricks are.
 struct HexShape {
-  std::array<Pack, 24> x;      ///< nodes, [node][xyz] [m]
-  std::array<Pack, 9> bubble;  ///< b_k, [k][xyz] [m]
-  std::array<Pack, 3> size;    ///< edge lengths at rest [m]
-  Pack mu, lambda;             ///< [Pa]
+  std::array<Pack, 24> x;               ///< nodes, [node][xyz] [m]
+  std::array<Pack, 9> bubble;           ///< b_k, [k][xyz] [m]
+  std::array<Pack, 3> size;             ///< edge lengths at rest [m]
+  Pack mu, lambda;                      ///< [Pa]
+  const HexEffects* effects = nullptr;  ///< null = none
 };
 
 /// First derivative of the elastic energy.
@@ -51,6 +92,10 @@ struct HexTangent {
 
 void hex_force(pb::ElasticLaw law, const HexShape& shape, HexForce& out);
 void hex_tangent(pb::ElasticLaw law, const HexShape& shape, HexTangent& out);
+
+/// End of a step of length h: what the effects of the shape remember.
+void hex_remember(pb::ElasticLaw law, const HexShape& shape, const PronyStep& prony,
+                  HexMemory& memory);
 
 /// Change of the parabolas that goes with a change of the nodes.
 void hex_recover(const HexInner& inner, const std::array<Pack, 24>& dx,

@@ -79,6 +79,92 @@ std::vector<double> graded_lines(double from, double to, int count,
   return lines;
 }
 
+/// Clamped nodes that the effects of the anchor set free hang on springs, as in the elastic shell:
+/// a node that is detached in part gets that of a grasp that covers it in part.
+void release_anchors(ReferenceTissueModel& model) {
+  const EffectValues& effects = model.effects;
+  if (!effects.moves_anchor()) return;
+  model.is_anchor.assign(model.nodes.size(), 0);
+  model.anchor.assign(model.nodes.size(), 0);
+  const std::vector<double>& xs = model.lines[0];
+  const double layers = static_cast<double>(model.lines[2].size());
+  const double rows = model.clamp_edge > model.lines[1].front() + kSameLine ? 2 : 1;
+  bool held = false;
+  for (std::size_t i = 0; i < model.nodes.size(); ++i) {
+    if (model.unknown[i] >= 0) continue;
+    const auto ix = (i / model.lines[2].size()) % xs.size();
+    const double left = ix > 0 ? 0.5 * (xs[ix] - xs[ix - 1]) : 0;
+    const double right = ix + 1 < xs.size() ? 0.5 * (xs[ix + 1] - xs[ix]) : 0;
+    const double detached =
+        detached_share(effects, xs[ix] + 0.5 * (right - left), 0.5 * (left + right));
+    if (effects.anchor_compliance > 0) {
+      model.anchor[i] =
+          (1 - detached) * (left + right) / (effects.anchor_compliance * rows * layers);
+    } else if (detached > 0) {
+      model.anchor[i] = model.material.young_modulus_pa() * model.body.thickness / layers *
+                        (1 - detached) / detached;
+    } else {
+      held = true;
+      continue;
+    }
+    held = held || model.anchor[i] > 0;
+    model.unknown[i] = 0;
+    model.is_anchor[i] = 1;
+  }
+  if (!held) {
+    throw_error("scene.tissue.effects.anchor: {} ... {} m detaches the whole clamp, allowed less",
+                effects.anchor_free_from, effects.anchor_free_to);
+  }
+}
+
+/// Gradient of the box-to-rest map and of the growth at every Gauss point (HexRest). Growth: a rest
+/// curvature k makes a layer at height z shorter by z k.
+void make_rest(ReferenceTissueModel& model) {
+  const EffectValues& fx = model.effects;
+  const bool curved = fx.curvature_x != 0 || fx.curvature_y != 0 || fx.twist != 0;
+  if (!curved && fx.stretch == 0 && fx.thickness_x == 0 && fx.thickness_y == 0) return;
+  constexpr double kGauss = 0.57735026918962576451;
+  model.rest.resize((model.elements.size() + Pack::kLanes - 1) / Pack::kLanes);
+  for (std::size_t batch = 0; batch < model.rest.size(); ++batch) {
+    for (int lane = 0; lane < Pack::kLanes; ++lane) {
+      const ReferenceElement& element = model.elements[std::min(
+          Pack::kLanes * batch + static_cast<std::size_t>(lane), model.elements.size() - 1)];
+      for (int point = 0; point < kHexPoints; ++point) {
+        const auto sign = [](int corner, int axis) {
+          return ((corner >> axis) & 1) != 0 ? 1.0 : -1.0;
+        };
+        Eigen::Matrix3d box_to_rest = Eigen::Matrix3d::Zero();
+        double z = 0;
+        for (int a = 0; a < 8; ++a) {
+          Vector3d gradient;
+          double N = 0.125;
+          for (int axis = 0; axis < 3; ++axis) {
+            double d = 0.125 * sign(a, axis) * 2 / element.size[axis];
+            for (int other = 0; other < 3; ++other) {
+              if (other != axis) d *= 1 + sign(a, other) * sign(point, other) * kGauss;
+            }
+            gradient[axis] = d;
+            N *= 1 + sign(a, axis) * sign(point, axis) * kGauss;
+          }
+          const Vector3d& X = model.nodes[static_cast<std::size_t>(element.node[a])];
+          box_to_rest += X * gradient.transpose();
+          z += N * X.z();
+        }
+        Eigen::Matrix3d growth = Eigen::Matrix3d::Identity();
+        growth.topLeftCorner<2, 2>() *= 1 + fx.stretch;
+        growth(0, 0) -= z * fx.curvature_x;
+        growth(1, 1) -= z * fx.curvature_y;
+        growth(0, 1) -= z * fx.twist;
+        growth(1, 0) -= z * fx.twist;
+        const Eigen::Matrix3d map = box_to_rest.inverse() * growth.inverse();
+        HexRest& rest = model.rest[batch];
+        for (int k = 0; k < 9; ++k) rest.map[point][k].set_lane(lane, map(k / 3, k % 3));
+        rest.volume[point].set_lane(lane, box_to_rest.determinant());
+      }
+    }
+  }
+}
+
 void make_lines(const Scene& scene, std::span<const PinchCircle> pinches,
                 ReferenceTissueModel& model) {
   Vector3d min = model.body.particles.front();
@@ -112,17 +198,20 @@ void make_lines(const Scene& scene, std::span<const PinchCircle> pinches,
   model.lines[2] = even_lines(-half, half, static_cast<int>(n.elements_z()));
   for (const double y : model.lines[1]) {
     for (const double x : model.lines[0]) {
-      for (const double z : model.lines[2]) model.nodes.emplace_back(x, y, z);
+      const double h = model.effects.thickness_at({x, y, 0});
+      for (const double z : model.lines[2]) model.nodes.emplace_back(x, y, h * z);
     }
   }
   model.unknown.assign(model.nodes.size(), 0);
   for (std::size_t i = 0; i < model.nodes.size(); ++i) {
     if (any_fixed && model.nodes[i].y() <= model.clamp_edge + kSameLine) model.unknown[i] = -1;
   }
+  release_anchors(model);
 }
 
 void make_elements(double density, ReferenceTissueModel& model) {
   model.mass.assign(model.nodes.size(), 0);
+  model.node_area.assign(model.nodes.size(), 0);
   const int nx = static_cast<int>(model.lines[0].size()) - 1;
   const int ny = static_cast<int>(model.lines[1].size()) - 1;
   const int nz = static_cast<int>(model.lines[2].size()) - 1;
@@ -133,8 +222,16 @@ void make_elements(double density, ReferenceTissueModel& model) {
         ReferenceElement element;
         for (int a = 0; a < 8; ++a)
           element.node[a] = model.node_index(ix + (a & 1), iy + ((a >> 1) & 1), iz + (a >> 2));
-        element.size = model.nodes[element.node[7]] - model.nodes[element.node[0]];
-        for (const int node : element.node) model.mass[node] += density * element.size.prod() / 8;
+        element.size = {model.lines[0][ix + 1] - model.lines[0][ix],
+                        model.lines[1][iy + 1] - model.lines[1][iy],
+                        model.lines[2][iz + 1] - model.lines[2][iz]};
+        const Vector3d centre = 0.5 * (model.nodes[element.node[7]] + model.nodes[element.node[0]]);
+        element.stiffness = model.effects.stiffness_at(centre);
+        const double mass = density * model.effects.thickness_at(centre) * element.size.prod() / 8;
+        for (const int node : element.node) {
+          model.mass[node] += mass;
+          model.node_area[node] += 0.125 / nz * element.size.x() * element.size.y();
+        }
         for (int a = 0; a < 8; ++a) {
           const bool lower = iz == 0 && a < 4;
           const bool upper = iz == nz - 1 && a >= 4;
@@ -148,6 +245,7 @@ void make_elements(double density, ReferenceTissueModel& model) {
   for (int i = 0; i < static_cast<int>(area.size()); ++i) {
     if (area[i] > 0 && model.unknown[i] >= 0) model.face_nodes.push_back({i, area[i]});
   }
+  model.face_area = area;
 }
 
 /// Numbers the unknowns line by line along the axis that gives the smaller bandwidth.
@@ -347,7 +445,17 @@ std::shared_ptr<const ReferenceTissueModel> make_reference_model(
   model->control_period = control_period;
   model->numerics = config.reference();
   model->material = config.material();
-  model->lame = make_lame(config.material().young_modulus_pa(), config.material().poisson_ratio());
+  model->effects =
+      make_effects(config.effects(), config.material().poisson_ratio(), model->body.particles);
+  if ((model->effects.adhesion > 0 || model->effects.suction > 0) && scene.bodies.empty()) {
+    throw_error("scene.tissue.effects.{}: nothing to stick to, needs a scene.rigid_body",
+                model->effects.adhesion > 0 ? "adhesion" : "suction");
+  }
+  const double thicker = std::sqrt(1 + model->effects.bending_change);
+  model->body.thickness = scene.tissue.thickness * thicker;
+  model->face_inset = 0.5 * (model->body.thickness - scene.tissue.thickness);
+  model->lame = make_lame(config.material().young_modulus_pa() / thicker,
+                          config.material().poisson_ratio() + model->effects.poisson_change);
   model->gravity = scene.gravity;
   model->static_friction = config.static_friction();
   model->dynamic_friction = config.dynamic_friction();
@@ -358,19 +466,20 @@ std::shared_ptr<const ReferenceTissueModel> make_reference_model(
   model->tool_start = tool.shaft_start_m() + tool.shaft_radius_m();
   model->tool_length = tool.shaft_length_m();
   make_lines(scene, pinches, *model);
-  make_elements(config.density_kg_per_m3(), *model);
+  make_elements(config.density_kg_per_m3() * (1 + model->effects.density_change) / thicker, *model);
+  make_rest(*model);
   number_unknowns(*model);
   for (std::size_t i = 0; i < model->body.particles.size(); ++i) {
     model->particle_points.push_back(model->locate(model->body.particles[i]));
     model->particle_points.back().fixed = model->body.fixed[i] != 0;
   }
   // 1 um: below anything that is measured.
-  const double lift = model->body.particle_radius - 0.5 * model->body.thickness;
+  const double lift = model->body.particle_radius - 0.5 * scene.tissue.thickness;
   if (!model->contact_bodies.empty() && std::fabs(lift) > 1e-6) {
     warnings.push_back(fmt::format(
         "tissue.particle_radius_m: {} m does not apply to TISSUE_REFERENCE, whose faces "
         "lie thickness_m / 2 = {} m from the particles",
-        model->body.particle_radius, 0.5 * model->body.thickness));
+        model->body.particle_radius, 0.5 * scene.tissue.thickness));
   }
   return model;
 }

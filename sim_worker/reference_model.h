@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "sim_worker/elastic_law.h"
+#include "sim_worker/hexahedron.h"
 #include "sim_worker/tissue.h"
 
 namespace omentum {
@@ -17,6 +18,7 @@ namespace omentum {
 struct ReferenceElement {
   std::array<int, 8> node{};
   Eigen::Vector3d size = Eigen::Vector3d::Zero();  ///< edge lengths at rest [m]
+  double stiffness = 1;                            ///< factor on the moduli
 };
 
 /// A point of the body as the elements around it see it. On a face between elements the parabolas
@@ -99,6 +101,16 @@ struct ReferenceTissueModel : TissueModel, std::enable_shared_from_this<Referenc
   std::vector<ReferenceElement> elements;
   std::vector<FaceNode> face_nodes;
   std::vector<BodyPoint> particle_points;  ///< of the grid particles
+
+  // Effects that are part of the mesh. A change of bending is a sheet of thickness t sqrt(f),
+  // modulus E / sqrt(f) and density rho / sqrt(f): stretch and weight stay, bending is f times.
+  EffectValues effects;
+  double face_inset = 0;                ///< the real faces lie this much further in [m]
+  std::vector<HexRest> rest;            ///< per four elements; empty = boxes
+  std::vector<std::uint8_t> is_anchor;  ///< per node: clamped in the scene, held by springs here
+  std::vector<double> anchor;           ///< spring per node [N/m]
+  std::vector<double> node_area;        ///< sheet area of each node, through all layers [m^2]
+  std::vector<double> face_area;        ///< of each node of a face, else 0 [m^2]
 };
 
 /// Where a recording pinches the sheet, known before the mesh is made: x_B and y_B at rest and the

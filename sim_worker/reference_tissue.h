@@ -11,6 +11,7 @@
 
 #include "sim_worker/band_cholesky.h"
 #include "sim_worker/hexahedron.h"
+#include "sim_worker/reference_effects.h"
 #include "sim_worker/reference_model.h"
 
 namespace omentum {
@@ -132,6 +133,11 @@ class ReferenceTissue : public Tissue<double> {
     Eigen::VectorXd force;  ///< its derivative at the unknowns [N]
     Bubbles bubble_force;
     double norm = 0;  ///< of everything [N]
+
+    void count_energy(double term) {
+      energy += term;
+      scale += term < 0 ? -term : term;
+    }
   };
   struct Contact {
     int node = 0, body = 0;
@@ -145,6 +151,7 @@ class ReferenceTissue : public Tissue<double> {
   void finish(const Terms& terms);
   HexShape gather(std::size_t batch, const Nodes& x, const Bubbles& bubble) const;
   void evaluate(const Terms& terms, const Nodes& x, const Bubbles& bubble, Residual& out) const;
+  void add_force(int node, const Eigen::Vector3d& force, Residual& out) const;
   bool newton_direction(const Terms& terms, const Residual& residual);
   void assemble(const Terms& terms, double shift);
   void add_block(int row, int column, const Eigen::Matrix3d& block);
@@ -152,10 +159,17 @@ class ReferenceTissue : public Tissue<double> {
   bool search_line(const Terms& terms, Residual& residual);
   int bodies() const;
   void find_contacts(const Terms& terms, const Nodes& x, std::vector<Contact>& contacts) const;
+  void add_contact(const Terms& terms, const Nodes& x, Residual& out) const;
+  void add_contact_stiffness(const Terms& terms);
+  void collect_contact_forces(const Terms& terms);
   void update_friction(const Terms& terms, const Nodes& x);
   static Eigen::Vector3d slip_velocity(const Terms& terms, const FrictionPoint& point,
                                        const Eigen::Vector3d& x);
   Targets patch_rows(const Nodes& x) const;
+  Eigen::Vector4d grasp_compliances() const;
+  void slip();
+  void add_grasp(const Terms& terms, const Nodes& x, Residual& out) const;
+  void constrain_direction();
   std::optional<std::pair<Eigen::Vector2d, double>> nearest_point(const Eigen::Vector3d& tip) const;
   void move_particle(int particle, const Eigen::Vector3d& by, Nodes& field);
   Grasp make_grasp(const Eigen::Vector2d& centre, double radius) const;
@@ -164,6 +178,9 @@ class ReferenceTissue : public Tissue<double> {
   std::shared_ptr<const ReferenceTissueModel> model_;
   State state_;
   LaneParameters parameters_;
+  ReferenceEffects effects_;
+  Eigen::Vector3d gravity_ = Eigen::Vector3d::Zero();  ///< of the lane, tilted [m/s^2]
+  double slipped_ = 0;                                 ///< way of the patch out of the jaws [m]
   std::optional<Grasp> grasp_;
   Eigen::Vector3d held_force_ = Eigen::Vector3d::Zero();
   std::vector<Eigen::Vector3d> contact_forces_;

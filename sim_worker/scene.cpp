@@ -314,6 +314,17 @@ Scene make_scene(const pb::Scene& config, const std::string& directory) {
       scene.tumour = i;
     }
   }
+  const pb::Obstacle& obstacle = config.tissue().effects().obstacle();
+  if (obstacle.radius_m() > 0) {
+    pb::RigidBody sphere;
+    sphere.set_name("obstacle");
+    sphere.set_role(pb::ROLE_OBSTACLE);
+    sphere.mutable_pose()->mutable_translation_m()->set_x(obstacle.x_m());
+    sphere.mutable_pose()->mutable_translation_m()->set_y(obstacle.y_m());
+    sphere.mutable_pose()->mutable_translation_m()->set_z(obstacle.z_m());
+    sphere.set_sphere_radius_m(obstacle.radius_m());
+    scene.bodies.push_back(make_body(sphere, directory, "scene.tissue.effects.obstacle"));
+  }
   const pb::Camera& camera = config.camera();
   scene.camera.position = to_vector(camera.position_m());
   const Vector3d axis = to_vector(camera.axis());

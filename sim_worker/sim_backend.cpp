@@ -54,6 +54,40 @@ bool has_gripper(pb::ActionKind kind) {
   return kind == pb::ACTION_XYZ_GRIPPER || kind == pb::ACTION_CONTINUOUS;
 }
 
+constexpr const char* kEffectPrefix = "tissue.effects.";
+
+std::string effect_path(const pb::Randomise& r) {
+  return r.parameter().substr(std::string(kEffectPrefix).size());
+}
+
+/// Both ends of the range have to be possible in the scene, with its model.
+void check_drawn_effect(const pb::Randomise& r, const Scene& scene) {
+  const std::string path = effect_path(r);
+  const pb::Tissue& tissue = scene.config.tissue();
+  if (path.rfind("obstacle.", 0) == 0 ||
+      (path.rfind("anchor.", 0) == 0 && !(tissue.effects().anchor().compliance_m2_per_n() > 0))) {
+    throw_error("randomise.parameter: {} is part of the scene, allowed: {}", r.parameter(),
+                path[0] == 'o' ? "the other effects" : "with anchor.compliance_m2_per_n above 0");
+  }
+  if (!(r.min() <= r.max()))
+    throw_error("randomise {}: {} ... {}, allowed min <= max", r.parameter(), r.min(), r.max());
+  for (const double value : {r.min(), r.max()}) {
+    pb::TissueEffects effects = tissue.effects();
+    set_effect(effects, path, value);
+    make_effects(effects, tissue.material().poisson_ratio(), scene.tissue.particles);
+    if (tissue.model() == pb::TISSUE_CLUSTER)
+      refuse_effects(effects, "TISSUE_CLUSTER", kBasicEffects);
+    if (tissue.model() == pb::TISSUE_ELASTIC && tissue.has_volume())
+      refuse_effects(effects, "TISSUE_ELASTIC with a volume", kBasicEffects);
+    if (path.rfind("anchor.", 0) == 0 && !(effects.anchor().compliance_m2_per_n() > 0))
+      throw_error("randomise {}: {}, allowed above 0", r.parameter(), value);
+    const bool sticks =
+        effects.adhesion().stiffness_pa_per_m() > 0 || effects.suction().drag_pa_s_per_m() > 0;
+    if (sticks && scene.bodies.empty())
+      throw_error("randomise {}: nothing to stick to, needs a scene.rigid_body", r.parameter());
+  }
+}
+
 }  // namespace
 
 std::shared_ptr<const SimSetup> make_sim_setup(const pb::Config& config,
@@ -77,6 +111,10 @@ std::shared_ptr<const SimSetup> make_sim_setup(const pb::Config& config,
                     config.task().increment_m(), config.task().control_period_s(), speed));
   }
   for (const pb::Randomise& r : config.randomise()) {
+    if (r.parameter().rfind(kEffectPrefix, 0) == 0) {
+      check_drawn_effect(r, setup->scene);
+      continue;
+    }
     static const char* const names[] = {"tissue.stiffness_scale", "tissue.gravity_scale",
                                         "tissue.damping_scale",   "tissue.friction_scale",
                                         "tissue.offset_x_m",      "tissue.offset_y_m",
@@ -86,7 +124,7 @@ std::shared_ptr<const SimSetup> make_sim_setup(const pb::Config& config,
       throw_error(
           "randomise.parameter: {}, allowed: tissue.stiffness_scale, tissue.gravity_scale, "
           "tissue.damping_scale, tissue.friction_scale, tissue.offset_x_m, tissue.offset_y_m, "
-          "tissue.offset_z_m",
+          "tissue.offset_z_m, tissue.effects.*",
           r.parameter());
     }
     const bool is_scale = r.parameter().find("scale") != std::string::npos;
@@ -96,6 +134,16 @@ std::shared_ptr<const SimSetup> make_sim_setup(const pb::Config& config,
       throw_error("randomise {}: {} ... {}, allowed within {} ... {}", r.parameter(), r.min(),
                   r.max(), low, high);
     }
+  }
+  // Effects that are drawn together have to be possible together.
+  for (const bool highest : {false, true}) {
+    pb::TissueEffects effects = setup->scene.config.tissue().effects();
+    for (const pb::Randomise& r : config.randomise()) {
+      if (r.parameter().rfind(kEffectPrefix, 0) == 0)
+        set_effect(effects, effect_path(r), highest ? r.max() : r.min());
+    }
+    make_effects(effects, setup->scene.config.tissue().material().poisson_ratio(),
+                 setup->scene.tissue.particles);
   }
   return setup;
 }
@@ -180,6 +228,8 @@ Vector3d SimBackend::start_of(const EpisodeStart& start) const {
 void SimBackend::draw_parameters(int lane) {
   Environment& e = environments_[static_cast<std::size_t>(lane)];
   LaneParameters parameters;
+  pb::TissueEffects effects = setup_->scene.config.tissue().effects();
+  bool draws_effects = false;
   Vector3d offset = Vector3d::Zero();
   const bool random = static_cast<StartSet>(e.start_set) == StartSet::kTraining;
   for (int i = 0; random && i < setup_->config.randomise_size(); ++i) {
@@ -194,6 +244,14 @@ void SimBackend::draw_parameters(int lane) {
     if (r.parameter() == "tissue.offset_x_m") offset.x() = value;
     if (r.parameter() == "tissue.offset_y_m") offset.y() = value;
     if (r.parameter() == "tissue.offset_z_m") offset.z() = value;
+    if (r.parameter().rfind(kEffectPrefix, 0) != 0) continue;
+    set_effect(effects, effect_path(r), value);
+    draws_effects = true;
+  }
+  if (draws_effects) {
+    parameters.effects =
+        make_effects(effects, setup_->scene.config.tissue().material().poisson_ratio(),
+                     setup_->scene.tissue.particles);
   }
   tissue_of(lane).set_parameters(lane_in_group(lane), parameters);
   tissue_of(lane).reset(lane_in_group(lane), offset);

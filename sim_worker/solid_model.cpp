@@ -131,7 +131,9 @@ std::shared_ptr<const SolidTissueModel> make_solid_model(const Scene& scene,
     throw_error("scene.rigid_body: {} bodies, allowed at most {}", scene.bodies.size(),
                 kMaxShapes - 1);
   }
+  refuse_effects(tissue.effects(), "TISSUE_ELASTIC with a volume", kBasicEffects);
   auto model = std::make_shared<SolidTissueModel>();
+  model->effects = make_effects(tissue.effects(), 0, {});
   model->body = scene.tissue;
   model->mesh = scene.solid;
   OMENTUM_CHECK(model->mesh.nodes.size() == model->body.particles.size());

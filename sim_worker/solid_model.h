@@ -22,6 +22,7 @@ struct SolidTissueModel : TissueModel, std::enable_shared_from_this<SolidTissueM
 
   pb::Material material;
   pb::ElasticModel parameters;
+  EffectValues effects;  ///< of the scene
   SolidMesh mesh;
   std::vector<double> gradient;  ///< [tetrahedron][corner][xyz] of the volume coordinates [1/m]
   std::vector<double> volume;    ///< of each tetrahedron [m^3]

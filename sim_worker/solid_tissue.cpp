@@ -98,7 +98,6 @@ SolidTissue<Real>::SolidTissue(std::shared_ptr<const SolidTissueModel> model,
   }
   candidates_.assign(n * kMaxShapes, 0);
   held_.resize(W);
-  parameters_.resize(W);
   for (auto* v : {&stiffness_, &keep_, &static_friction_, &dynamic_friction_, &capsule_sweep_}) {
     v->assign(W, Real{0});
   }
@@ -196,16 +195,17 @@ void SolidTissue<Real>::set_parameters(int lane, const LaneParameters& parameter
                 parameters.stiffness_scale, parameters.gravity_scale, parameters.damping_scale,
                 parameters.friction_scale);
   const auto l = static_cast<std::size_t>(lane);
-  parameters_[l] = parameters;
+  const EffectValues& effects = parameters.effects ? *parameters.effects : model_->effects;
   stiffness_[l] = static_cast<Real>(parameters.stiffness_scale);
   const double damping = model_->material.damping_per_s() * parameters.damping_scale;
   keep_[l] = static_cast<Real>(decay(damping * model_->effective_step()));
+  const Vector3d gravity = tilted_gravity(effects, model_->gravity);
   for (int axis = 0; axis < 3; ++axis) {
-    gravity_[index(0, axis, lane)] =
-        static_cast<Real>(model_->gravity[axis] * parameters.gravity_scale);
+    gravity_[index(0, axis, lane)] = static_cast<Real>(gravity[axis] * parameters.gravity_scale);
   }
-  static_friction_[l] = static_cast<Real>(model_->static_friction * parameters.friction_scale);
-  dynamic_friction_[l] = static_cast<Real>(model_->dynamic_friction * parameters.friction_scale);
+  const double friction = parameters.friction_scale * (1 + effects.friction_change);
+  static_friction_[l] = static_cast<Real>(model_->static_friction * friction);
+  dynamic_friction_[l] = static_cast<Real>(model_->dynamic_friction * friction);
 }
 
 template <typename Real>
@@ -567,16 +567,12 @@ void SolidTissue<Real>::save(int lane, Bytes& out) const {
     const auto* bytes = static_cast<const std::byte*>(data);
     out.insert(out.end(), bytes, bytes + size);
   };
-  for (const auto* values : {&x_, &v_, &v_old_, &d_old_, &contact_force_, &held_force_}) {
+  for (const auto* values : {&x_, &v_, &v_old_, &d_old_, &contact_force_, &held_force_, &stiffness_,
+                             &gravity_, &keep_, &static_friction_, &dynamic_friction_}) {
     for (std::size_t k = static_cast<std::size_t>(lane); k < values->size();
          k += static_cast<std::size_t>(lanes())) {
       add(&(*values)[k], sizeof(Real));
     }
-  }
-  const LaneParameters& p = parameters_[static_cast<std::size_t>(lane)];
-  for (const double value :
-       {p.stiffness_scale, p.gravity_scale, p.damping_scale, p.friction_scale}) {
-    add(&value, sizeof value);
   }
   const Held& held = held_[static_cast<std::size_t>(lane)];
   const auto count = static_cast<std::uint32_t>(held.nodes.size());
@@ -588,20 +584,19 @@ void SolidTissue<Real>::save(int lane, Bytes& out) const {
 
 template <typename Real>
 Result<std::size_t> SolidTissue<Real>::load(int lane, std::span<const std::byte> state) {
-  const std::array<AlignedVector<Real>*, 6> arrays = {
-      &x_, &v_, &v_old_, &d_old_, &contact_force_, &held_force_};
+  const std::array<AlignedVector<Real>*, 11> arrays = {
+      &x_,         &v_,       &v_old_, &d_old_,           &contact_force_,   &held_force_,
+      &stiffness_, &gravity_, &keep_,  &static_friction_, &dynamic_friction_};
   std::size_t reals = 0;
   for (const auto* a : arrays) reals += a->size() / static_cast<std::size_t>(lanes());
-  std::array<double, 4> scales{};
   std::uint32_t count = 0;
-  const std::size_t fixed_size = reals * sizeof(Real) + sizeof scales + sizeof count;
+  const std::size_t fixed_size = reals * sizeof(Real) + sizeof count;
   if (state.size() < fixed_size) {
     return Failure{
         fmt::format("tissue state of {} bytes, needed at least {}", state.size(), fixed_size)};
   }
   std::vector<Real> values(reals);
   std::memcpy(values.data(), state.data(), reals * sizeof(Real));
-  std::memcpy(scales.data(), state.data() + reals * sizeof(Real), sizeof scales);
   std::memcpy(&count, state.data() + fixed_size - sizeof count, sizeof count);
   Held held;
   const std::size_t entry = sizeof(std::int32_t) + sizeof(held.offsets[0]) + sizeof(Real);
@@ -613,8 +608,6 @@ Result<std::size_t> SolidTissue<Real>::load(int lane, std::span<const std::byte>
   for (const Real v : values) {
     if (!std::isfinite(v)) return Failure{"tissue state holds a non-finite number"};
   }
-  const LaneParameters parameters{scales[0], scales[1], scales[2], scales[3]};
-  if (!usable(parameters)) return Failure{"tissue state holds lane parameters out of range"};
   held.nodes.resize(count);
   held.offsets.resize(count);
   held.weights.resize(count);
@@ -654,7 +647,6 @@ Result<std::size_t> SolidTissue<Real>::load(int lane, std::span<const std::byte>
   }
   held_[static_cast<std::size_t>(lane)] = std::move(held);
   apply_hold(lane);
-  set_parameters(lane, parameters);
   return fixed_size + count * entry;
 }
 

@@ -93,7 +93,6 @@ class SolidTissue final : public Tissue<Real> {
   std::vector<std::uint32_t> touches_, free_mask_, contact_mask_, candidates_, candidate_any_;
   std::vector<std::int32_t> contact_node_;
   std::vector<Held> held_;
-  std::vector<LaneParameters> parameters_;
   AlignedVector<Real> held_force_, stiffness_, gravity_, keep_, static_friction_, dynamic_friction_,
       capsule_, capsule_motion_, capsule_sweep_;
 };

@@ -3,6 +3,7 @@
 #include <Eigen/Core>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -11,6 +12,7 @@
 #include "core/types.h"
 #include "sim_worker/kernel.h"
 #include "sim_worker/scene.h"
+#include "sim_worker/tissue_effects.h"
 
 namespace omentum {
 
@@ -21,12 +23,14 @@ struct ToolMotion {
   Eigen::Vector3d to = Eigen::Vector3d::Zero();
 };
 
-/// Parameters that may differ between lanes (domain randomisation). Factors on the scene's values.
+/// Parameters that may differ between lanes (domain randomisation). Factors on the scene's values;
+/// effects instead of the scene's (scene.tissue.effects), where they are given.
 struct LaneParameters {
   double stiffness_scale = 1;
   double gravity_scale = 1;
   double damping_scale = 1;
   double friction_scale = 1;
+  std::optional<EffectValues> effects = std::nullopt;
 };
 
 /// Limits of lane parameters: what a randomised scene may ask for, with room. Saved states are

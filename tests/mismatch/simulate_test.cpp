@@ -123,6 +123,34 @@ TEST(Simulate, TheWrittenFolderIsARecordingWithTheSameCommands) {
   EXPECT_THROW(write_recording(folder, info, track, r, cloud, 0), Error) << "not empty";
 }
 
+TEST(Simulate, CameraThatLagsSeesTheStateBetweenSteps) {
+  SimulatedRecording r;
+  r.time = {0, 0.02, 0.04};
+  for (const float x : {0.0F, 2.0F, 3.0F}) {
+    r.surface.push_back({x, -x});
+    r.tip.emplace_back(x, 0, 0);
+  }
+  EXPECT_EQ(seen_at(r, 0.02).surface, r.surface[1]);
+  EXPECT_NEAR(seen_at(r, 0.025).surface[0], 2.25F, 1e-6);
+  EXPECT_NEAR(seen_at(r, 0.005).tip.x(), 0.5, 1e-12);
+  EXPECT_EQ(seen_at(r, -0.1).surface, r.surface[0]) << "before the recording: its start";
+  EXPECT_EQ(seen_at(r, 9).surface, r.surface[2]);
+}
+
+TEST(Simulate, ClocksShiftTheTimeStampsOfTheirStreamOnly) {
+  Scene scene;
+  const auto model = model_of(scene);
+  const ToolTrack track = lift_track(Vector3d(0, 0, 0.2));
+  SimulatedRecording r = simulate_recording(*model, nominal_arm(scene), track, {});
+  r.clocks.set_force_s(0.013);
+  const std::string folder = testing::TempDir() + "omentum_clock_recording";
+  fs::remove_all(folder);
+  pb::RecordingInfo info;
+  write_recording(folder, info, track, r, {}, 0);
+  EXPECT_NEAR(read_table(folder + "/force.csv").column("t_s")[3], r.time[3] + 0.013, 1e-9);
+  EXPECT_NEAR(read_table(folder + "/markers.csv").column("t_s")[3], r.time[3], 1e-9);
+}
+
 TEST(RecordingInfo, UnknownFieldsAreNamedWithTheirPlace) {
   const std::string folder = testing::TempDir() + "omentum_unknown_field";
   fs::create_directories(folder);

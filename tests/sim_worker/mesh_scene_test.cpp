@@ -157,6 +157,13 @@ TEST(MeshScene, AnElasticSolidThatDoesNotFitIsRefusedInOneLine) {
   config = elastic_pad();
   config.mutable_scene()->mutable_tissue()->set_anchor_max_y_m(-1);
   EXPECT_THAT(message(config), testing::HasSubstr("anchor_max_y_m"));
+  config = elastic_pad();
+  config.mutable_scene()
+      ->mutable_tissue()
+      ->mutable_effects()
+      ->mutable_inclusion()
+      ->set_stiffness_change(1);
+  EXPECT_THAT(message(config), testing::HasSubstr("inclusion"));
 }
 
 class SolidRole : public testing::TestWithParam<pb::BodyRole> {};

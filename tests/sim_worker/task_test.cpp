@@ -542,6 +542,83 @@ TEST(Randomise, DrawsAreReproducibleAndWithinRange) {
                Error);
 }
 
+TEST(Randomise, EffectsAreDrawnPerSlotAndEpisodeReproducibly) {
+  const auto setup = setup_of(
+      "omentum", {"scene.tissue.model=TISSUE_ELASTIC", "scene.tool.contact=false",
+                  "randomise={ parameter: \"tissue.effects.gravity_tilt_x_deg\" min: -3 max: 3 }",
+                  "randomise={ parameter: \"tissue.effects.strain_stiffening\" min: 0 max: 0.5 }"});
+  SimBackend a(setup, 1, 1);
+  SimBackend b(setup, 8, 8);
+  std::vector<std::uint64_t> hashes;
+  for (std::uint64_t episode = 0; episode < 3; ++episode) {
+    EpisodeStart start;
+    start.run_seed = 9;
+    start.slot = 3;
+    start.episode = episode;
+    a.reset(0, start);
+    b.reset(5, start);
+    step_one(a, {1, 1, 1, 0});
+    std::vector<Action> actions(8);
+    std::vector<StepOutcome> outcomes(8);
+    for (Action& action : actions) action.branch = {1, 1, 1, 0};
+    b.step(actions, outcomes);
+    ASSERT_EQ(fnv1a64(a.save(0)), fnv1a64(b.save(5))) << episode;
+    hashes.push_back(fnv1a64(a.save(0)));
+  }
+  EXPECT_NE(hashes[0], hashes[1]);
+  EXPECT_NE(hashes[1], hashes[2]);
+}
+
+TEST(BadInput, EffectsAreRefusedWithTheirPlace) {
+  const auto message = [](const auto& make) -> std::string {
+    try {
+      make();
+    } catch (const Error& error) {
+      return error.what();
+    }
+    return "accepted";
+  };
+  using testing::AllOf;
+  using testing::HasSubstr;
+  using testing::StartsWith;
+  EXPECT_THAT(message([] {
+                parse_config("given.txtpb",
+                             "scene {\n  tissue {\n    effects { strain_stiffening: 400 }\n  }\n}");
+              }),
+              AllOf(StartsWith("given.txtpb:3:15: scene.tissue.effects.strain_stiffening: 400"),
+                    HasSubstr("allowed -0.5 ... 50")));
+  EXPECT_THAT(message([] {
+                parse_config("given.txtpb",
+                             "scene {\n  tissue {\n    effects { wobble: 1 }\n  }\n}");
+              }),
+              AllOf(StartsWith("given.txtpb:3:"), HasSubstr("wobble")));
+  const auto drawn = [&](const std::string& parameter, const std::string& model) {
+    return message([&] {
+      setup_of("omentum", {"scene.tissue.model=" + model,
+                           "randomise={ parameter: \"" + parameter + "\" min: 0.1 max: 0.4 }"});
+    });
+  };
+  EXPECT_THAT(drawn("tissue.effects.wobble", "TISSUE_ELASTIC"), HasSubstr("wobble"));
+  EXPECT_THAT(drawn("tissue.effects.poisson_change", "TISSUE_ELASTIC"), HasSubstr("0.49"));
+  EXPECT_THAT(drawn("tissue.effects.strain_stiffening", "TISSUE_CLUSTER"),
+              HasSubstr("not possible with TISSUE_CLUSTER"));
+  EXPECT_THAT(drawn("tissue.effects.obstacle.radius_m", "TISSUE_ELASTIC"),
+              HasSubstr("part of the scene"));
+  EXPECT_THAT(drawn("tissue.effects.anchor.compliance_m2_per_n", "TISSUE_ELASTIC"),
+              HasSubstr("above 0"));
+}
+
+TEST(Obstacle, IsOneMoreBodyOfTheScene) {
+  const auto plain = setup_of("omentum", {});
+  const auto with = setup_of("omentum", {"scene.tissue.effects.obstacle={ x_m: 0.01 z_m: 0.09 "
+                                         "radius_m: 0.008 }"});
+  ASSERT_EQ(with->scene.bodies.size(), plain->scene.bodies.size() + 1);
+  const RigidShape& body = with->scene.bodies.back();
+  EXPECT_EQ(body.role, pb::ROLE_OBSTACLE);
+  EXPECT_EQ(body.size.x(), 0.008);
+  EXPECT_EQ(body.X_WS.translation().z(), 0.09);
+}
+
 TEST(BadInput, OneLineNamesKnobValueAndRange) {
   const auto message = [](const std::string& preset,
                           const std::vector<std::string>& overrides) -> std::string {

@@ -1,0 +1,160 @@
+// Contact of the elastic shell: the host's part. The method is in elastic_contact.inl.
+#include "sim_worker/elastic_tissue.h"
+#include "sim_worker/kernel_shape.h"
+
+namespace omentum {
+namespace {
+
+using Eigen::Vector3d;
+
+// Of each substep; the next one goes on from the forces that this one leaves. Measured in
+// docs/decisions/0012: more of either costs time and does not settle sooner.
+constexpr int kPasses = 2;
+constexpr int kSweeps = 4;
+
+// A contact is settled when it wants less than a twentieth of its own weight more [N/kg]. In metres
+// the bound would have to know the stiffness: 0.15 um are ten times the weight at 300 kPa.
+constexpr double kContactTolerance = 0.5;
+
+}  // namespace
+
+template <typename Real>
+void ElasticTissue<Real>::prepare_contacts() {
+  const auto W = static_cast<std::size_t>(lanes());
+  const auto n = static_cast<std::size_t>(particles());
+  free_mask_.assign(n, 0);
+  candidates_.assign(n * kMaxShapes, 0);
+  candidate_any_.assign(n, 0);
+  contact_lanes_.assign(n, 0);
+  plane_begin_.assign(n + 1, 0);
+  for (const double v : model_->metric) metric_.push_back(static_cast<Real>(v));
+  key_stiffness_.assign(W, Real{1});
+  for (auto* v : {&own_stiffness_, &own_compliance_}) v->assign(n * W, Real{0});
+  for (auto* v : {&contact_motion_, &contact_way_, &contact_before_}) v->assign(3 * n * W, Real{0});
+  for (auto* v : {&capsule_, &capsule_motion_}) v->assign(3 * W, Real{0});
+  capsule_sweep_.assign(W, Real{0});
+  args_.free_mask = free_mask_.data();
+  args_.plane_begin = plane_begin_.data();
+  args_.metric = metric_.data();
+  args_.key_stiffness = key_stiffness_.data();
+  args_.own_stiffness = own_stiffness_.data();
+  args_.own_compliance = own_compliance_.data();
+  args_.contact_lanes = contact_lanes_.data();
+  args_.contact_motion = contact_motion_.data();
+  args_.contact_way = contact_way_.data();
+  args_.contact_before = contact_before_.data();
+  args_.contact_tolerance = static_cast<Real>(kContactTolerance);
+  args_.candidates = candidates_.data();
+  args_.candidate_any = candidate_any_.data();
+  args_.particle_radius = static_cast<Real>(model_->body.particle_radius);
+  args_.capsule = capsule_.data();
+  args_.capsule_motion = capsule_motion_.data();
+  args_.static_friction = static_friction_.data();
+  args_.dynamic_friction = dynamic_friction_.data();
+
+  // The search for candidates is the cluster kernel's; it reads no more than this.
+  candidate_args_.particles = model_->nodes();
+  candidate_args_.x = x_.data();
+  candidate_args_.v = v_.data();
+  candidate_args_.free_mask = free_mask_.data();
+  candidate_args_.candidates = candidates_.data();
+  candidate_args_.candidate_any = candidate_any_.data();
+  candidate_args_.gravity = gravity_.data();
+  candidate_args_.particle_radius = args_.particle_radius;
+  candidate_args_.step_s = static_cast<Real>(model_->control_period);
+  // 2 mm beyond what speed and gravity explain: elastic motion of one control step.
+  candidate_args_.margin = static_cast<Real>(2e-3);
+  for (const RigidShape& body : model_->contact_bodies) {
+    candidate_args_.shape[candidate_args_.shapes++] = make_kernel_shape<Real>(body);
+  }
+  if (model_->tool_contact) {
+    KernelShape<Real> tool{};
+    tool.kind = ShapeKind::kCapsule;
+    tool.size[0] = static_cast<Real>(model_->tool_radius);
+    tool.length = static_cast<Real>(model_->tool_length);
+    for (int k = 0; k < 3; ++k) tool.axis[k] = static_cast<Real>(model_->shaft_axis[k]);
+    candidate_args_.shape[candidate_args_.shapes++] = tool;
+  }
+  candidate_args_.capsule = capsule_.data();
+  candidate_args_.capsule_sweep = capsule_sweep_.data();
+  args_.shapes = candidate_args_.shapes;
+  args_.shape = candidate_args_.shape;
+}
+
+template <typename Real>
+void ElasticTissue<Real>::set_contact_stiffness(int lane) {
+  const auto l = static_cast<std::size_t>(lane);
+  const double stiffness = ElasticTissueModel::key_stiffness(key_[l]);
+  const double step = model_->effective_step();
+  key_stiffness_[l] = static_cast<Real>(stiffness);
+  const double density = model_->key_density(key_[l]);
+  for (std::size_t i = 0; i < model_->structure.mass.size(); ++i) {
+    const double own = density * model_->structure.mass[i] / (step * step) +
+                       stiffness * model_->metric_diagonal[i];
+    const std::size_t k = i * static_cast<std::size_t>(lanes()) + l;
+    own_stiffness_[k] = static_cast<Real>(own);
+    own_compliance_[k] = static_cast<Real>(1 / own);
+  }
+}
+
+// Candidates of the whole step, once; forces of nodes that cannot touch any more are dropped.
+template <typename Real>
+void ElasticTissue<Real>::find_contacts(std::span<const ToolMotion> motion) {
+  for (int lane = 0; lane < lanes(); ++lane) {
+    const ToolMotion& m = motion[static_cast<std::size_t>(lane)];
+    const Vector3d base = m.from + model_->tool_start * model_->shaft_axis;
+    for (int axis = 0; axis < 3; ++axis) {
+      capsule_[index(0, axis, lane)] = static_cast<Real>(base[axis]);
+    }
+    capsule_sweep_[static_cast<std::size_t>(lane)] = static_cast<Real>((m.to - m.from).norm());
+  }
+  kernel_.find_candidates(candidate_args_);
+  elastic_.drop_far_contacts(args_);
+  plane_shape_.clear();
+  for (std::size_t i = 0; i < candidate_any_.size(); ++i) {
+    for (int k = 0; k < args_.shapes; ++k) {
+      if ((candidate_any_[i] >> k & 1U) != 0) plane_shape_.push_back(k);
+    }
+    plane_begin_[i + 1] = static_cast<std::int32_t>(plane_shape_.size());
+  }
+  const std::size_t values = 4 * plane_shape_.size() * static_cast<std::size_t>(lanes());
+  if (plane_.size() < values) plane_.resize(values);
+  args_.plane_shape = plane_shape_.data();
+  args_.plane = plane_.data();
+}
+
+// A lane takes part until it is settled and then stays as it is, to the last bit.
+template <typename Real>
+void ElasticTissue<Real>::resolve_contacts() {
+  std::uint32_t unsettled = ~0U;
+  for (int pass = 0; pass < kPasses; ++pass) {
+    elastic_.place_contacts(args_);
+    args_.lanes = unsettled;
+    unsettled = elastic_.unsettled_contacts(args_);
+    if (unsettled == 0) return;
+    args_.lanes = unsettled;
+    for (int sweep = 0; sweep < kSweeps && args_.lanes != 0; ++sweep) {
+      args_.lanes = elastic_.sweep_contacts(args_, sweep % 2 != 0);
+    }
+    elastic_.load_contact_change(args_);
+    if (effects_.has_springs()) {
+      solve_with_springs();
+      args_.lanes = unsettled;
+      elastic_.take_contact_change(args_);
+    } else {
+      solve_for(unsettled, elastic_.take_contact_change);
+    }
+    hold_for(unsettled & held_lanes_);
+  }
+}
+
+#define OMENTUM_INSTANTIATE(Real)                                                \
+  template void ElasticTissue<Real>::prepare_contacts();                         \
+  template void ElasticTissue<Real>::set_contact_stiffness(int);                 \
+  template void ElasticTissue<Real>::find_contacts(std::span<const ToolMotion>); \
+  template void ElasticTissue<Real>::resolve_contacts()
+OMENTUM_INSTANTIATE(float);
+OMENTUM_INSTANTIATE(double);
+#undef OMENTUM_INSTANTIATE
+
+}  // namespace omentum

@@ -1,0 +1,176 @@
+// Contact of the elastic shell in lanes: included by elastic_*.cpp after elastic_kernel.inl.
+//
+// Each touching node has a force f with friction, kept from substep to substep and part of the
+// residual: at rest it balances the sheet exactly, whatever the step (docs/decisions/0012). After
+// the free solve has given d, forces f + df and a further displacement e are wanted with
+//   A e = df,   no node behind the plane of a shape at x + d,   f + df within the friction cone.
+// Projected Gauss-Seidel on the sparse A finds df; an exact solve then gives e = A^-1 df, so that
+// momentum is kept whatever the sweeps have left.
+
+namespace {
+
+/// Planes of the shapes at the present place x + d of each node that may touch; e = 0.
+void place_contacts(const Args& args) {
+  for (int i = 0; i < args.nodes; ++i) {
+    const int k = 3 * kLanes * i;
+    store3(args.contact_motion + k, zero3());
+    store3(args.contact_before + k, load3(args.contact_force + k));
+    const int end = args.plane_begin[i + 1];
+    if (args.plane_begin[i] == end) continue;
+    const Lane3 d = load3(args.d + k);
+    const Lane3 p = load3(args.x + k) + d;
+    Lane deepest = splat(static_cast<Real>(-1e30));
+    Lane3 way = zero3();
+    for (int n = args.plane_begin[i]; n < end; ++n) {
+      const Surface surface = distance_to(args.shape[args.plane_shape[n]], args.capsule, p);
+      const Lane depth = splat(args.particle_radius) - surface.phi;
+      store(args.plane + 4 * kLanes * n, depth);
+      store3(args.plane + 4 * kLanes * n + kLanes, surface.normal);
+      const int shape = args.plane_shape[n];
+      Lane3 slip = d;
+      if (args.shape[shape].kind == ShapeKind::kCapsule) slip = slip - load3(args.capsule_motion);
+      const Mask deeper =
+          both(deepest < depth, to_mask(args.candidates[i * omentum::kMaxShapes + shape]));
+      way = select(deeper, fma(depth + dot(slip, surface.normal), surface.normal, zero3() - slip),
+                   way);
+      deepest = select(deeper, depth, deepest);
+    }
+    store3(args.contact_way + k, way);
+  }
+}
+
+/// Where a node goes that would go to `free` by itself, when the planes of its shapes hold it back.
+inline Lane3 hold_back(const Args& args, int i, Lane3 free) {
+  const Lane zero = splat(Real{0});
+  const Lane3 from = zero3() - load3(args.d + 3 * kLanes * i);
+  Lane3 motion = free;
+  for (int n = args.plane_begin[i]; n < args.plane_begin[i + 1]; ++n) {
+    const Lane3 normal = load3(args.plane + 4 * kLanes * n + kLanes);
+    const Lane depth = load(args.plane + 4 * kLanes * n) - dot(normal, motion);
+    const int k = args.plane_shape[n];
+    const Mask touches = both(zero < depth, to_mask(args.candidates[i * omentum::kMaxShapes + k]));
+    if (to_bits(touches) == 0) continue;
+    motion = select(touches, leave_shape(args, args.shape[k], depth, normal, motion, from), motion);
+  }
+  return motion;
+}
+
+/// Lanes in which a change of the force on node i matters.
+inline Bits matters(const Args& args, int i, Lane3 change) {
+  const Real tolerance = args.contact_tolerance * args.mass[i];
+  return to_bits(splat(tolerance * tolerance) < dot(change, change));
+}
+
+/// Lanes of args.lanes in which some contact wants another force.
+Bits unsettled_contacts(const Args& args) {
+  Bits lanes = 0;
+  for (int i = 0; i < args.nodes; ++i) {
+    const Bits asked = args.contact_lanes[i] & args.lanes & ~lanes;
+    if (asked == 0) continue;
+    const Lane own = load(args.own_stiffness + kLanes * i);
+    const Lane compliance = load(args.own_compliance + kLanes * i);
+    const Lane3 free = (splat(Real{0}) - compliance) * load3(args.contact_before + 3 * kLanes * i);
+    lanes |= matters(args, i, own * hold_back(args, i, free)) & asked;
+  }
+  return lanes;
+}
+
+/// Springs of the effects at a node in direction of their stiffest [N/m]; zero in lanes without.
+inline Lane ground_stiffness(const Args& args, int i) {
+  Lane k = splat(Real{0});
+  if (args.effects.bonds != 0) k = bond_stiffness(args, i, true);
+  if (args.effects.film != 0) k = k + load(args.effects.film_now + kLanes * i);
+  return k;
+}
+
+/// One sweep over all nodes in the lanes args.lanes. Returns the lanes in which a contact force is
+/// still changing.
+Bits sweep_contacts(const Args& args, bool backwards) {
+  const Lane stiffness = splat(Real{0}) - load(args.key_stiffness);
+  const Bits springs = args.effects.springs;
+  Bits moving = 0;
+  for (int n = 0; n < args.nodes; ++n) {
+    const int i = backwards ? args.nodes - 1 - n : n;
+    const Bits asked = args.free_mask[i] & args.lanes;
+    if (asked == 0) continue;
+    Lane3 sum = zero3();
+    for (int m = args.bend_begin[i]; m < args.bend_begin[i + 1]; ++m) {
+      const Lane3 e = load3(args.contact_motion + 3 * kLanes * args.bend_node[m]);
+      sum = fma(splat(args.metric[m]), e, sum);
+    }
+    Lane own = load(args.own_stiffness + kLanes * i);
+    Lane compliance = load(args.own_compliance + kLanes * i);
+    if (springs != 0) {
+      own = own + ground_stiffness(args, i);
+      compliance = select(to_mask(springs), splat(Real{1}) / own, compliance);
+    }
+    const Lane3 pull = stiffness * sum;
+    Real* const memory = args.contact_motion + 3 * kLanes * i;
+    const Lane3 before = load3(memory);
+    if (args.plane_begin[i] == args.plane_begin[i + 1]) {
+      store3(memory, select(to_mask(asked), compliance * pull, before));
+      continue;
+    }
+    const Lane3 free = compliance * (pull - load3(args.contact_before + 3 * kLanes * i));
+    const Lane3 next = hold_back(args, i, free);
+    store3(memory, select(to_mask(asked), next, before));
+    Real* const force = args.contact_force + 3 * kLanes * i;
+    store3(force, select(to_mask(asked), own * (next - free), load3(force)));
+    moving |= matters(args, i, own * (next - before)) & asked & args.contact_lanes[i];
+  }
+  return moving;
+}
+
+/// Right-hand side for the exact response to the change of the forces, negative.
+void load_contact_change(const Args& args) {
+  for (int i = 0; i < args.nodes; ++i) {
+    const int k = 3 * kLanes * i;
+    store3(args.b + k, load3(args.contact_before + k) - load3(args.contact_force + k));
+  }
+}
+
+/// The sweeps do not reach far, so that contacts seem stiffer than they are, and their whole change
+/// of forces would throw the sheet off. With A^-1 times the (negative) change in b, takes the share
+/// that is best in the metric of A^-1:  s = df . way / df . A^-1 df,  within [0, 1], where the
+/// forces stay inside their cones. `way` is the gradient of that quadratic for contacts that stick.
+void take_contact_change(const Args& args) {
+  Lane wanted = splat(Real{0});
+  Lane reached = splat(static_cast<Real>(1e-30));
+  for (int i = 0; i < args.nodes; ++i) {
+    if (args.plane_begin[i] == args.plane_begin[i + 1]) continue;
+    const int k = 3 * kLanes * i;
+    const Lane3 change = load3(args.contact_force + k) - load3(args.contact_before + k);
+    wanted = wanted + dot(change, load3(args.contact_way + k));
+    reached = reached - dot(change, load3(args.b + k));
+  }
+  const Lane zero = splat(Real{0});
+  const Lane share = max(min(wanted / reached, splat(Real{1})), zero);
+  const Mask lanes = to_mask(args.lanes);
+  for (int i = 0; i < args.nodes; ++i) {
+    const int k = 3 * kLanes * i;
+    if (args.plane_begin[i] != args.plane_begin[i + 1]) {
+      const Lane3 before = load3(args.contact_before + k);
+      const Lane3 force = load3(args.contact_force + k);
+      store3(args.contact_force + k, select(lanes, fma(share, force - before, before), force));
+    }
+    if (args.fixed[i] != 0) continue;
+    const Lane3 d = load3(args.d + k);
+    store3(args.d + k, select(lanes, fnma(share, load3(args.b + k), d), d));
+  }
+}
+
+/// Lanes in which each node may touch; forces of the others are dropped.
+void drop_far_contacts(const Args& args) {
+  for (int i = 0; i < args.nodes; ++i) {
+    Bits near = 0;
+    for (int k = 0; k < args.shapes; ++k) {
+      if ((args.candidate_any[i] >> k & 1U) != 0)
+        near |= args.candidates[i * omentum::kMaxShapes + k];
+    }
+    args.contact_lanes[i] = near;
+    Real* const force = args.contact_force + 3 * kLanes * i;
+    store3(force, select(to_mask(near), load3(force), zero3()));
+  }
+}
+
+}  // namespace

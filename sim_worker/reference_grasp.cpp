@@ -1,0 +1,169 @@
+// What the jaws hold of the reference solid: see ReferenceTissue::hold.
+#include <Eigen/Cholesky>
+#include <algorithm>
+#include <cmath>
+
+#include "sim_worker/reference_tissue.h"
+
+namespace omentum {
+
+using Eigen::MatrixXd;
+using Eigen::Vector2d;
+using Eigen::Vector3d;
+using Eigen::VectorXd;
+
+ReferenceTissue::Targets ReferenceTissue::patch_rows(const Nodes& x) const {
+  Targets rows = Targets::Zero();
+  const GraspPatch& patch = grasp_->patch;
+  for (std::size_t k = 0; k < patch.node.size(); ++k) {
+    rows +=
+        x[static_cast<std::size_t>(patch.node[k])] * patch.weight.row(static_cast<Eigen::Index>(k));
+  }
+  return rows;
+}
+
+/// Of the rows of the patch [m/N]: the jaws' spring moves the patch, it does not turn or deform it.
+Eigen::Vector4d ReferenceTissue::grasp_compliances() const {
+  Eigen::Vector4d c = Eigen::Vector4d::Constant(model_->grasp_compliance);
+  c[0] += effects_.values().grasp_compliance;
+  return c;
+}
+
+/// Before a control step: the patch creeps out of the jaws.
+void ReferenceTissue::slip() {
+  const EffectValues& fx = effects_.values();
+  if (!grasp_ || !(fx.slip_speed > 0)) return;
+  const Vector3d way =
+      slip_of(fx, held_force_, model_->material.young_modulus_pa() * model_->body.thickness,
+              model_->control_period);
+  slipped_ += way.norm();
+  if (fx.slip_loss > 0 && slipped_ > fx.slip_loss) {
+    release(0);
+  } else {
+    shift_held(0, way);
+  }
+}
+
+void ReferenceTissue::add_grasp(const Terms& terms, const Nodes& x, Residual& out) const {
+  const Targets miss = patch_rows(x) - terms.target;
+  const Targets force = miss.array().rowwise() / grasp_compliances().transpose().array();
+  out.count_energy(0.5 * miss.cwiseProduct(force).sum());
+  const GraspPatch& patch = grasp_->patch;
+  for (std::size_t k = 0; k < patch.node.size(); ++k)
+    add_force(patch.node[k], force * patch.weight.row(static_cast<Eigen::Index>(k)).transpose(),
+              out);
+}
+
+/// Takes the grasp into account between the two halves of a solve. With C the rows of the grasp and
+/// c its compliance the matrix is A + C^T C / c; by Woodbury's identity, with A = L L^T,
+/// Y = L^-1 C^T, y = -L^-1 force: dx = L^-T (y - Y (c I + Y^T Y)^-1 Y^T y).
+void ReferenceTissue::constrain_direction() {
+  const GraspPatch& patch = grasp_->patch;
+  constexpr int kColumns = 3 * GraspPatch::kRows;
+  MatrixXd Y = MatrixXd::Zero(model_->unknowns, kColumns);
+  int top = model_->unknowns;
+  for (std::size_t k = 0; k < patch.node.size(); ++k) {
+    const int row = model_->unknown[static_cast<std::size_t>(patch.node[k])];
+    if (row < 0) continue;
+    top = std::min(top, row);
+    for (int r = 0; r < GraspPatch::kRows; ++r) {
+      for (int axis = 0; axis < 3; ++axis)
+        Y(row + axis, 3 * r + axis) += patch.weight(static_cast<Eigen::Index>(k), r);
+    }
+  }
+  factor_.solve_lower(Y, std::min(top, model_->unknowns - 1));
+  MatrixXd S = Y.transpose() * Y;
+  const Eigen::Vector4d compliances = grasp_compliances();
+  for (int k = 0; k < kColumns; ++k) S(k, k) += compliances[k / 3];
+  const VectorXd multipliers = S.ldlt().solve(Y.transpose() * direction_);
+  direction_ -= Y * multipliers;
+}
+
+/// Rest coordinates of the mid-surface point nearest to the tip and its distance: Gauss-Newton on
+/// the bilinear mid-surface from the nearest particle. Nothing where that is clamped.
+std::optional<std::pair<Vector2d, double>> ReferenceTissue::nearest_point(
+    const Vector3d& tip) const {
+  std::array<Nearest, 1> nearest{};
+  find_nearest(std::array<Vector3d, 1>{tip}, nearest);
+  const auto at = [&](const Vector2d& X) {
+    const BodyPoint::Share share = model_->locate({X.x(), X.y(), 0}).shares.front();
+    const ReferenceElement& element = model_->elements[static_cast<std::size_t>(share.element)];
+    const std::array<double, 8> N = hex_functions(share.xi);
+    Vector3d p = Vector3d::Zero();
+    for (int a = 0; a < 8; ++a) p += N[a] * state_.x[static_cast<std::size_t>(element.node[a])];
+    return p;
+  };
+  const Vector2d low(model_->lines[0].front(), model_->lines[1].front());
+  const Vector2d high(model_->lines[0].back(), model_->lines[1].back());
+  Vector2d X = model_->body.particles[static_cast<std::size_t>(nearest[0].particle)].head<2>();
+  Vector3d miss = at(X) - tip;
+  constexpr double kDifference = 1e-6;  // [m]: far below an element, far above rounding
+  for (int iteration = 0; iteration < 40; ++iteration) {
+    Eigen::Matrix<double, 3, 2> J;
+    for (int axis = 0; axis < 2; ++axis) {
+      Vector2d back = X;
+      Vector2d forth = X;
+      back[axis] = std::max(low[axis], X[axis] - kDifference);
+      forth[axis] = std::min(high[axis], X[axis] + kDifference);
+      J.col(axis) = (at(forth) - at(back)) / (forth[axis] - back[axis]);
+    }
+    const Vector2d d = -(J.transpose() * J).ldlt().solve(J.transpose() * miss);
+    double share = 1;
+    bool moved = false;
+    for (int halving = 0; halving < 20 && !moved; ++halving, share *= 0.5) {
+      const Vector2d next = (X + share * d).cwiseMax(low).cwiseMin(high);
+      const Vector3d next_miss = at(next) - tip;
+      if (!(next_miss.squaredNorm() < miss.squaredNorm())) continue;
+      moved = (next - X).norm() > 1e-12;
+      X = next;
+      miss = next_miss;
+    }
+    if (!moved) break;
+  }
+  if (!(X.y() > model_->clamp_edge) && model_->unknown.front() < 0) return std::nullopt;
+  return std::make_pair(X, miss.norm());
+}
+
+ReferenceTissue::Grasp ReferenceTissue::make_grasp(const Vector2d& centre, double radius) const {
+  Grasp grasp;
+  grasp.centre = centre;
+  grasp.radius = radius;
+  grasp.patch = model_->make_patch(centre, radius);
+  return grasp;
+}
+
+void ReferenceTissue::hold(int, const Vector3d& tip, double radius, bool collapse) {
+  release(0);
+  const EffectValues& fx = effects_.values();
+  radius += fx.grasp_radius;
+  const auto nearest =
+      nearest_point(tip + model_->body.X_WB.linear() * Vector3d(fx.grasp_x, fx.grasp_y, 0));
+  if (!nearest || !(nearest->second < radius)) return;
+  const double patch_radius = std::sqrt(radius * radius - nearest->second * nearest->second);
+  if (!(patch_radius > 1e-5)) return;  // [m]: the sphere only grazes the sheet
+  grasp_ = make_grasp(nearest->first, patch_radius);
+  grasp_->offset = patch_rows(state_.x);
+  grasp_->offset.col(0) -= tip;
+  if (fx.jaw_roll != 0 || fx.jaw_tilt != 0)
+    grasp_->offset = jaw_turn(fx, model_->shaft_axis) * Targets(grasp_->offset);
+  if (collapse) grasp_->offset.col(0).setZero();
+}
+
+void ReferenceTissue::release(int) {
+  grasp_.reset();
+  slipped_ = 0;
+  held_force_.setZero();
+}
+
+std::span<const std::int32_t> ReferenceTissue::held(int) const {
+  if (!grasp_) return {};
+  return grasp_->patch.particles;
+}
+
+void ReferenceTissue::shift_held(int, const Vector3d& by) {
+  if (grasp_) grasp_->offset.col(0) += by;
+}
+
+Vector3d ReferenceTissue::held_force(int) const { return held_force_; }
+
+}  // namespace omentum

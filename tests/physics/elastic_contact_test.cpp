@@ -1,0 +1,179 @@
+// Contact of the elastic shell with many nodes at once: laws that hold whatever the solver
+// (docs/decisions/0012). One sheet over one sphere is in elastic_test.cpp.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <memory>
+#include <vector>
+
+#include "sim_worker/elastic_tissue.h"
+#include "support/elastic_scene.h"
+
+namespace omentum {
+namespace {
+
+using Eigen::Vector3d;
+using test::ElasticCase;
+using test::make_elastic_sheet;
+
+constexpr double kGravity = 9.81;
+constexpr double kRadius = 0.0015;  // contact distance of a node
+
+RigidShape make_board(double slope = 0) {
+  RigidShape board;
+  board.kind = RigidShape::Kind::kHalfSpace;
+  board.X_WS.linear() = Eigen::AngleAxisd(slope, Vector3d::UnitX()).toRotationMatrix();
+  return board;
+}
+
+/// A loose sheet, flat, `height` above contact with a board of this slope.
+ElasticCase on_board(double height, double friction, double slope = 0) {
+  ElasticCase c;
+  c.young = 5e3;
+  c.poisson = 0.45;
+  c.anchor_max_y = -1;
+  c.static_friction = c.dynamic_friction = friction;
+  c.bodies = {make_board(slope)};
+  c.X_WB.linear() = c.bodies[0].X_WS.linear();
+  c.X_WB.translation() = c.X_WB.linear() * Vector3d(0, 0, kRadius + height);
+  return c;
+}
+
+/// A sheet with one anchored edge over a mound on a board: more than 200 contacts with two bodies.
+ElasticCase over_mound(double friction) {
+  ElasticCase c = on_board(0.0205, friction);
+  c.anchor_max_y = -0.0449;
+  c.bodies.push_back(test::make_sphere(Vector3d::Zero(), 0.02));
+  return c;
+}
+
+template <typename Real>
+void run(ElasticTissue<Real>& tissue, double seconds) {
+  const ToolMotion away{Vector3d(0, 0, 1), Vector3d(0, 0, 1)};
+  const std::vector<ToolMotion> motion(static_cast<std::size_t>(tissue.lanes()), away);
+  for (int k = 0; k < std::lround(seconds / 0.02); ++k) tissue.step(motion);
+}
+
+struct Sums {
+  Vector3d force = Vector3d::Zero();     ///< of the surroundings on the sheet [N]
+  Vector3d momentum = Vector3d::Zero();  ///< [kg m/s]
+  double weight = 0, fastest = 0;        ///< [N], [m/s]
+  int contacts = 0;
+};
+
+template <typename Real>
+Sums sums_of(const ElasticTissue<Real>& tissue, int lane = 0) {
+  Sums sums;
+  for (int i = 0; i < tissue.particles(); ++i) {
+    const double mass = tissue.model().structure.mass[static_cast<std::size_t>(i)];
+    const Vector3d force = tissue.contact_force(lane, i);
+    sums.force += force;
+    sums.momentum += mass * tissue.velocity(lane, i);
+    sums.weight += mass * kGravity;
+    sums.fastest = std::max(sums.fastest, tissue.velocity(lane, i).norm());
+    sums.contacts += force.norm() > 0 ? 1 : 0;
+  }
+  return sums;
+}
+
+TEST(ElasticContact, BoardCarriesTheWeightOfASheetAtRest) {
+  for (const double young : {5e3, 30e3, 300e3}) {
+    for (const double friction : {0.0, 0.3}) {
+      ElasticCase c = on_board(0.001, friction);
+      c.young = young;
+      ElasticTissue<float> tissue(make_elastic_sheet(c), kKernelF32x1);
+      run(tissue, 3);
+      const Sums sums = sums_of(tissue);
+      EXPECT_NEAR(sums.force.z() / sums.weight, 1, 0.01) << young << " " << friction;
+      EXPECT_LT(sums.force.head<2>().norm() / sums.weight, 0.01) << young << " " << friction;
+      EXPECT_LT(sums.fastest, 0.1e-3) << young << " " << friction;
+      EXPECT_GT(sums.contacts, 500);
+      for (int i = 0; i < tissue.particles(); ++i) {
+        ASSERT_NEAR(tissue.position(0, i).z(), kRadius, 0.02e-3) << i;
+      }
+    }
+  }
+}
+
+// Internal forces sum to zero, so the contact forces alone and the weight change the momentum, also
+// in a landing, where they change most.
+TEST(ElasticContact, ForcesAreWhatChangesTheMomentum) {
+  ElasticCase c = over_mound(0.3);
+  c.anchor_max_y = -1;
+  c.damping = 0;
+  c.substeps = 1;
+  ElasticTissue<double> tissue(make_elastic_sheet(c), kKernelF64x1);
+  double largest = 0;
+  for (int step = 0; step < 50; ++step) {
+    const Vector3d before = sums_of(tissue).momentum;
+    run(tissue, 0.02);
+    const Sums now = sums_of(tissue);
+    const Vector3d impulse = 0.02 * (now.force - Vector3d(0, 0, now.weight));
+    EXPECT_LT((now.momentum - before - impulse).norm(), 1e-9 * now.weight) << step;
+    largest = std::max(largest, now.force.norm() / now.weight);
+  }
+  EXPECT_GT(largest, 1.2);  // it landed
+}
+
+// A soft sheet has many states of rest on a mound, with its folds here or there; but a rest of the
+// shipped step must be one of every step.
+TEST(ElasticContact, RestIsOneOfFineSteps) {
+  for (const double friction : {0.0, 0.3}) {
+    ElasticTissue<float> tissue(make_elastic_sheet(over_mound(friction)), kKernelF32x1);
+    ElasticCase c = over_mound(friction);
+    c.substeps = 20;
+    c.iterations = 2;
+    ElasticTissue<double> fine(make_elastic_sheet(c), kKernelF64x1);
+    run(tissue, 5);
+    EXPECT_GT(sums_of(tissue).contacts, 100) << friction;
+    EXPECT_LT(sums_of(tissue).fastest, 0.1e-3) << friction;
+    for (int i = 0; i < fine.particles(); ++i) fine.set_position(0, i, tissue.position(0, i));
+    run(fine, 1);
+    EXPECT_LT(test::rms_distance(tissue, 0, fine, 0), 0.1e-3) << friction;
+    EXPECT_NEAR(sums_of(fine).force.z(), sums_of(tissue).force.z(), 0.01 * sums_of(fine).weight);
+  }
+}
+
+TEST(ElasticContact, FrictionHoldsBelowItsAngleAndIsMuTimesTheNormalForceAbove) {
+  const double slope = std::atan(0.2);
+  const Vector3d down(0, -std::cos(slope), -std::sin(slope));
+  const Vector3d normal(0, -std::sin(slope), std::cos(slope));
+  const auto slide = [&](double friction) {
+    auto tissue = std::make_unique<ElasticTissue<float>>(
+        make_elastic_sheet(on_board(0, friction, slope)), kKernelF32x1);
+    run(*tissue, 0.5);
+    return tissue;
+  };
+  const auto held = slide(0.3);
+  EXPECT_LT(sums_of(*held).fastest, 0.1e-3);
+  EXPECT_NEAR(-sums_of(*held).force.dot(down) / sums_of(*held).weight, std::sin(slope), 0.002);
+  const auto sliding = slide(0.1);
+  const Sums sums = sums_of(*sliding);
+  EXPECT_GT(sums.momentum.dot(down), 0.1 * sums.weight / kGravity);  // faster than 0.1 m/s
+  EXPECT_NEAR(sums.force.dot(normal) / sums.weight, std::cos(slope), 0.01);
+  EXPECT_NEAR(-sums.force.dot(down) / sums.force.dot(normal), 0.1, 0.002);
+}
+
+TEST(ElasticContact, LanesThatLandAtDifferentTimesAreThoseAlone) {
+  const auto model = make_elastic_sheet(over_mound(0.3));
+  const auto start = [](ElasticTissue<float>& tissue, int lane, int k) {
+    tissue.set_parameters(lane, {.stiffness_scale = 0.3 * std::pow(10.0, k / 7.0),
+                                 .gravity_scale = 1 - 0.02 * k,
+                                 .friction_scale = 0.2 * k});
+    tissue.reset(lane, Vector3d(0, 0, 0.002 * k));
+  };
+  ElasticTissue<float> batch(model, kKernelF32x8);
+  for (int lane = 0; lane < 8; ++lane) start(batch, lane, lane);
+  run(batch, 1.5);
+  for (const int k : {0, 3, 7}) {
+    ElasticTissue<float> alone(model, kKernelF32x1);
+    start(alone, 0, k);
+    run(alone, 1.5);
+    EXPECT_GT(sums_of(alone).contacts, 100);
+    EXPECT_EQ(alone.hash(0), batch.hash(k)) << k;
+  }
+}
+
+}  // namespace
+}  // namespace omentum
