@@ -77,8 +77,11 @@ HexShape ReferenceTissue::gather(std::size_t batch, const Nodes& x, const Bubble
       values[lane] = element[lane]->size[axis];
     shape.size[axis] = load_pack(values);
   }
-  shape.mu = Pack(model_->lame.mu * parameters_.stiffness_scale);
-  shape.lambda = Pack(model_->lame.lambda * parameters_.stiffness_scale);
+  for (std::size_t lane = 0; lane < Pack::kLanes; ++lane)
+    values[lane] = parameters_.stiffness_scale * element[lane]->stiffness;
+  const Pack stiffness = load_pack(values);
+  shape.mu = stiffness * Pack(model_->lame.mu);
+  shape.lambda = stiffness * Pack(model_->lame.lambda);
   return shape;
 }
 
