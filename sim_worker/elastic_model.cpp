@@ -64,7 +64,11 @@ class MatrixBuilder {
 
 /// Plate energy D/2 int (kxx^2 + kyy^2 + 2 nu kxx kyy + 2 (1 - nu) kxy^2) by finite differences
 /// (tissue.md section 6). Rows on the rim own half a cell; there the bending moment across the rim
-/// is zero, so the other curvature is free and the plate is a beam of E t^3 / 12.
+/// is zero, so the other curvature is free and the plate is a beam of E t^3 / 12. A stencil centred
+/// on a clamped node bends on its free side only, half a cell long: the same turn there is twice
+/// the curvature, which doubles the energy. Counted once, the plate would be clamped half a cell
+/// inside the clamp, 1.5 mm at a pitch of 3 mm, the membrane at it
+/// (benchmarks/compare_elastic.cpp).
 NodeMatrix make_bending(const ElasticTissueModel& model, double thickness) {
   const double nu = model.material.poisson_ratio();
   const double beam = model.material.bending_scale() * model.material.young_modulus_pa() *
@@ -74,6 +78,7 @@ NodeMatrix make_bending(const ElasticTissueModel& model, double thickness) {
   const int nx = model.count_x;
   const int ny = model.count_y;
   MatrixBuilder builder(model.nodes());
+  const auto fixed = [&](int i) { return model.body.fixed[static_cast<std::size_t>(i)] != 0; };
   const auto second = [&](int i, int stride) {
     return Stencil{{i - stride, i, i + stride, 0}, {1 / pitch2, -2 / pitch2, 1 / pitch2, 0}, 3};
   };
@@ -83,8 +88,13 @@ NodeMatrix make_bending(const ElasticTissueModel& model, double thickness) {
       const bool inside_x = ix > 0 && ix + 1 < nx;
       const bool inside_y = iy > 0 && iy + 1 < ny;
       const double stiffness = inside_x && inside_y ? plate : 0.5 * beam;
-      if (inside_x) builder.add_product(second(i, ny), second(i, ny), stiffness * pitch2);
-      if (inside_y) builder.add_product(second(i, 1), second(i, 1), stiffness * pitch2);
+      const auto add_curvature = [&](int stride) {
+        const bool clamp_edge = fixed(i) && fixed(i - stride) != fixed(i + stride);
+        builder.add_product(second(i, stride), second(i, stride),
+                            (clamp_edge ? 2 : 1) * stiffness * pitch2);
+      };
+      if (inside_x) add_curvature(ny);
+      if (inside_y) add_curvature(1);
       if (inside_x && inside_y && nu > 0) {
         // Energy nu D kxx kyy = weight/2 (kxx kyy) with weight 2 nu D.
         builder.add_product(second(i, ny), second(i, 1), 2 * nu * plate * pitch2);
