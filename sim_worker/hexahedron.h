@@ -52,6 +52,9 @@ struct HexTangent {
 void hex_force(pb::ElasticLaw law, const HexShape& shape, HexForce& out);
 void hex_tangent(pb::ElasticLaw law, const HexShape& shape, HexTangent& out);
 
+/// Renews `rhs` for another state and the same factor.
+void hex_condense(const std::array<Pack, 9>& bubble_force, HexInner& inner);
+
 /// Change of the parabolas that goes with a change of the nodes.
 void hex_recover(const HexInner& inner, const std::array<Pack, 24>& dx,
                  std::array<Pack, 9>& dbubble);

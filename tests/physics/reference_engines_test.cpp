@@ -3,14 +3,14 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <fstream>
 #include <map>
 #include <sstream>
 
-#include "sim_worker/cooker.h"
-#include "sim_worker/reference_tissue.h"
+#include "support/solid_scene.h"
 
 namespace omentum {
 namespace {
@@ -52,8 +52,7 @@ EngineResult read_result(const std::string& name) {
 }
 
 /// The sheet of tests/reference/cases.py.
-std::shared_ptr<ReferenceTissueModel> make_sheet(const EngineResult& result, unsigned elements,
-                                                 unsigned layers) {
+Scene make_sheet_scene(const EngineResult& result, unsigned elements, unsigned layers) {
   Scene scene;
   pb::Tissue& tissue = *scene.config.mutable_tissue();
   tissue.set_model(pb::TISSUE_REFERENCE);
@@ -74,6 +73,11 @@ std::shared_ptr<ReferenceTissueModel> make_sheet(const EngineResult& result, uns
     scene.tissue.fixed.push_back(p.y() <= tissue.anchor_max_y_m() + 1e-9 ? 1 : 0);
   scene.tissue.particle_radius = tissue.particle_radius_m();
   scene.tissue.thickness = tissue.thickness_m();
+  return scene;
+}
+
+std::shared_ptr<ReferenceTissueModel> make_model(const EngineResult& result, const Scene& scene,
+                                                 double period) {
   std::vector<PinchCircle> pinches;
   if (result.values.count("patch") != 0) {
     const std::vector<double>& patch = result.values.at("patch");
@@ -81,7 +85,7 @@ std::shared_ptr<ReferenceTissueModel> make_sheet(const EngineResult& result, uns
   }
   std::vector<std::string> warnings;
   auto model = std::const_pointer_cast<ReferenceTissueModel>(
-      make_reference_model(scene, 0.2, warnings, pinches));
+      make_reference_model(scene, period, warnings, pinches));
   if (result.values.count("inclusion") != 0) {
     const std::vector<double>& disc = result.values.at("inclusion");  // x, y, radius, factor
     for (ReferenceElement& element : model->elements) {
@@ -93,6 +97,11 @@ std::shared_ptr<ReferenceTissueModel> make_sheet(const EngineResult& result, uns
     }
   }
   return model;
+}
+
+std::shared_ptr<ReferenceTissueModel> make_sheet(const EngineResult& result, unsigned elements,
+                                                 unsigned layers) {
+  return make_model(result, make_sheet_scene(result, elements, layers), 0.2);
 }
 
 struct Comparison {
@@ -133,11 +142,12 @@ Comparison compare(const EngineResult& result, std::shared_ptr<const ReferenceTi
   return comparison;
 }
 
-std::vector<std::string> case_names(const std::string& prefix) {
+std::vector<std::string> case_names(const std::string& prefix,
+                                    const std::vector<std::string>& kinds,
+                                    const std::vector<std::string>& stiffnesses) {
   std::vector<std::string> names;
-  for (const std::string kind : {"hang", "corner", "edge", "stretch", "inclusion"}) {
-    for (const std::string young : {"20kPa", "60kPa", "200kPa"})
-      names.push_back(prefix + kind + "_" + young);
+  for (const std::string& kind : kinds) {
+    for (const std::string& young : stiffnesses) names.push_back(prefix + kind + "_" + young);
   }
   return names;
 }
@@ -148,7 +158,9 @@ void print_row(const std::string& name, const Comparison& c) {
 }
 
 TEST(ReferenceEngines, DolfinxWithTheSameElementAndMeshAgrees) {
-  for (const std::string& name : case_names("dolfinx_same_")) {
+  for (const std::string& name :
+       case_names("dolfinx_same_", {"hang", "corner", "edge", "stretch", "inclusion"},
+                  {"20kPa", "60kPa", "200kPa"})) {
     const EngineResult result = read_result(name + ".txt");
     const auto model = make_sheet(result, 16, 1);
     for (int axis = 0; axis < 3; ++axis) {
@@ -163,6 +175,104 @@ TEST(ReferenceEngines, DolfinxWithTheSameElementAndMeshAgrees) {
     print_row(name, c);
     EXPECT_LT(c.rms, 5e-5) << name;    // issue: 0.05 mm
     EXPECT_LT(c.force, 0.01) << name;  // issue: 1 %
+  }
+}
+
+TEST(ReferenceEngines, DolfinxLiftsFromABoardWithFrictionAlike) {
+  // The numbers of dynamic_case() in tests/reference/cases.py.
+  constexpr int kRest = 5;
+  constexpr int kLift = 40;
+  const EngineResult result = read_result("dolfinx_board_60kPa.txt");
+  Scene scene = make_sheet_scene(result, 12, 1);
+  pb::Tissue& tissue_config = *scene.config.mutable_tissue();
+  tissue_config.mutable_material()->set_damping_per_s(5);
+  tissue_config.mutable_reference()->set_integrator(pb::INTEGRATOR_BDF2);
+  tissue_config.mutable_reference()->set_friction_slip_speed_m_per_s(1e-3);
+  tissue_config.set_static_friction(0.3);
+  tissue_config.set_dynamic_friction(0.3);
+  RigidShape board;
+  board.kind = RigidShape::Kind::kHalfSpace;
+  board.X_WS.translation().z() = -0.5 * scene.tissue.thickness;
+  scene.bodies = {board};
+  const auto model = make_model(result, scene, 0.02);
+  ReferenceTissue tissue(model);
+  const std::vector<double>& patch = result.values.at("patch");
+  const Vector3d start(patch[0], patch[1], 0);
+  const Vector3d way = Vector3d::Map(result.values.at("lift").data());
+  const auto tip = [&](int step) {
+    return Vector3d(start + std::max(0.0, (step - kRest) / double{kLift}) * way);
+  };
+  std::size_t next = 0;
+  Comparison c;
+  for (int step = 0; step < kRest + kLift; ++step) {
+    if (step == kRest) tissue.hold(0, start, patch[2], false);
+    const ToolMotion motion{tip(step), tip(step + 1)};
+    tissue.step({&motion, 1});
+    ASSERT_TRUE(tissue.healthy(0)) << tissue.failure();
+    const std::vector<double>& frames = result.values.at("frames");
+    if (std::find(frames.begin(), frames.end(), step + 1) == frames.end()) continue;
+    const std::size_t per_frame = result.rest.size() / frames.size();
+    for (std::size_t i = 0; i < per_frame; ++i, ++next) {
+      const Vector3d p = tissue.point(model->locate(result.rest[next]));
+      const double miss = (p - result.deformed[next]).norm();
+      c.rms += miss * miss / static_cast<double>(result.rest.size());
+      c.largest = std::max(c.largest, miss);
+    }
+  }
+  ASSERT_EQ(next, result.rest.size());
+  c.rms = std::sqrt(c.rms);
+  const Vector3d force = Vector3d::Map(result.values.at("force").data());
+  c.force = (tissue.held_force(0) - force).norm() / force.norm();
+  print_row("dolfinx_board_60kPa", c);
+  EXPECT_LT(c.rms, 2e-4);  // issue: 0.2 mm
+  EXPECT_LT(c.force, 0.01);
+}
+
+TEST(ReferenceEngines, StubbyBeamAtPoisson049ConvergesToDolfinx) {
+  const EngineResult result = read_result("dolfinx_beam.txt");
+  const auto error = [&](unsigned across, unsigned along) {
+    test::SolidCase c;
+    c.nx = 7;
+    c.ny = 21;
+    c.pitch = 0.005;
+    c.anchor = -0.05;
+    c.thickness = 0.03;
+    c.ex = c.ez = across;
+    c.ey = along;
+    c.young = result.values.at("young")[0];
+    c.gravity = result.values.at("gravity")[0];
+    c.poisson = 0.49;
+    c.law = pb::LAW_NEO_HOOKE;
+    c.damping = 20;
+    c.period = 0.2;
+    c.integrator = pb::INTEGRATOR_BACKWARD_EULER;
+    const auto model = test::make_model(c);
+    ReferenceTissue tissue(model);
+    test::run(tissue, 40);
+    const Vector3d tip = tissue.point(model->locate(result.rest.back()));
+    const Vector3d expected = result.deformed.back();
+    const double way = (expected - result.rest.back()).norm();
+    std::printf("# stubby beam, %u x %u x %u: tip %.3f mm, DOLFINx %.3f mm, apart %.2f %%\n",
+                across, along, across, 1e3 * tip.z(), 1e3 * expected.z(),
+                100 * (tip - expected).norm() / way);
+    return (tip - expected).norm() / way;
+  };
+  const double coarse = error(2, 6);
+  const double fine = error(4, 12);
+  EXPECT_LT(fine, 0.02);
+  EXPECT_LT(fine, 0.5 * coarse);
+}
+
+TEST(ReferenceEngines, CalculixWithAnotherElementAndMeshAgrees) {
+  // 20-node bricks, 16 x 16 x 2, law of St. Venant-Kirchhoff: the difference is that of the meshes.
+  for (const std::string& name :
+       case_names("calculix_", {"hang", "corner", "edge", "stretch"}, {"60kPa", "200kPa"})) {
+    const EngineResult result = read_result(name + ".txt");
+    ASSERT_EQ(result.law, "st_venant_kirchhoff");
+    const Comparison c = compare(result, make_sheet(result, 24, 1));
+    print_row(name, c);
+    EXPECT_LT(c.rms, 5e-4) << name;
+    EXPECT_LT(c.force, 0.03) << name;
   }
 }
 

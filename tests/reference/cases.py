@@ -49,6 +49,17 @@ def static_cases(law="neo_hooke"):
             for kind, options in kinds.items() for young in STIFFNESSES]
 
 
+def dynamic_case():
+    """Rests 0.1 s on a board at z = -1.5 mm, is pinched and lifted at 25 mm/s for 0.8 s."""
+    return Case("board_60kPa", 6e4, patch=(0.035, 0.035, 0.005), lift=(-0.003, -0.005, 0.02))
+
+
+# Of the dynamic case: step [s], steps before the grasp and of the lift, damping [1/s], friction and
+# the speed below which it is smooth [m/s].
+STEP, REST, LIFT, DAMPING, FRICTION, SLIP = 0.02, 5, 40, 5.0, 0.3, 1e-3
+FRAMES = (15, 25, 35, 45)  # steps after which the surface is stored
+
+
 def write_result(name, case, extra, points):
     RESULTS.mkdir(exist_ok=True)
     lines = case.header() + [f"# {key} " + " ".join(f"{v:.9g}" for v in values)

@@ -133,8 +133,10 @@ class Solid:
         self.free = np.ones(len(self.w.x.array), bool)
         if clamped:
             self.free[self.dofs[nodes[:, 1] < self.lines[1][0] + 1e-9].ravel()] = False
-        self.bcs = [fem.dirichletbc(fem.Function(self.space),
-                                    np.flatnonzero(~self.free).astype(np.int32))]
+        fixed = np.flatnonzero(~self.free)
+        if element != "q1e9":  # of a blocked space DOLFINx counts nodes
+            fixed = fixed[::3] // 3
+        self.bcs = [fem.dirichletbc(fem.Function(self.space), fixed.astype(np.int32))]
         self.A = fem.petsc.create_matrix(self.tangent_form)
         self.A.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
         self.solver = PETSc.KSP().create(MPI.COMM_SELF)
@@ -246,8 +248,9 @@ class Solid:
             d -= Y.T @ np.linalg.solve(C @ Y.T + self.compliance * np.eye(12), C @ d)
         return d
 
-    def solve(self, extra, tolerance=1e-9, iterations=25):
-        """Newton with a line search on the residual; tolerance in N. False: w is as it was."""
+    def solve(self, extra, tolerance=1e-9, iterations=25, falling=False):
+        """Newton; tolerance in N. The residual may grow a little in a step unless `falling`. False:
+        w is as it was."""
         start = self.w.x.array.copy()
         r, blocks = self.residual(extra)
         norm = np.linalg.norm(r)
@@ -265,8 +268,7 @@ class Solid:
                 self.w.x.array[:] = at + share * d
                 r, blocks = self.residual(extra)
                 trial = np.linalg.norm(r)
-                # Far from the solution the residual may grow: only wild growth is refused.
-                if np.isfinite(trial) and trial < max(10 * norm, 1e-2):
+                if np.isfinite(trial) and trial < (norm if falling else max(10 * norm, 1e-2)):
                     break
                 share /= 2
             else:
@@ -276,6 +278,65 @@ class Solid:
             return True
         self.w.x.array[:] = start
         return False
+
+    # ---- motion ----------------------------------------------------------------------------
+
+    def faces(self):
+        """Nodes of the lower and upper face and the area of each [m2]; clamped ones left out."""
+        area = np.zeros(len(self.nodes))
+        for cell in range(len(self.corners)):
+            nodes = self.scalar_dofmap.cell_dofs(cell)
+            size = np.ptp(self.nodes[nodes], axis=0)
+            z = self.nodes[nodes, 2]
+            outer = (z < self.lines[2][0] + 1e-9) | (z > self.lines[2][-1] - 1e-9)
+            area[nodes[outer]] += size[0] * size[1] / 4
+        area[~self.free[self.dofs[:, 0]]] = 0
+        return area
+
+    def start_motion(self):
+        self.x = [self.positions(), self.positions()]  # now, a step before
+        self.v = [np.zeros_like(self.nodes), np.zeros_like(self.nodes)]
+        self.history = False
+
+    def step(self, h, damping, board, friction, slip):
+        """One step of BDF2 (the first: backward Euler), q1e9 only. `board`: height of a half-space;
+        contact is a spring of 2e8 Pa/m at the face nodes that starts smoothly 2 um above, friction
+        that of Coulomb, the force rising as 2 y - y^2 with y = speed / slip up to y = 1."""
+        now, before, beta = (4 / 3, 1 / 3, 2 * h / 3) if self.history else (1, 0, h)
+        x_tilde = now * self.x[0] - before * self.x[1]
+        v_tilde = now * self.v[0] - before * self.v[1]
+        area = self.faces()
+        inertia = self.mass * (1 / beta**2 + damping / beta)
+        s = 2e-6
+
+        def extra(p):
+            force = inertia[:, None] * (p - x_tilde) - self.mass[:, None] * v_tilde / beta
+            blocks = inertia[:, None, None] * np.eye(3)
+            u = s - (p[:, 2] - board)
+            k = 2e8 * area
+            press = k * np.where(u <= 0, 0, np.where(u < 2 * s, u * u / (4 * s), u - s))
+            force[:, 2] -= press
+            blocks[:, 2, 2] += k * np.where(u <= 0, 0, np.where(u < 2 * s, u / (2 * s), 1))
+            v = ((p - x_tilde) / beta)[:, :2]
+            speed = np.maximum(np.linalg.norm(v, axis=1), 1e-300)
+            y = speed / slip
+            share = np.where(y < 1, 2 * y - y * y, 1)
+            limit = friction * press
+            along = v / speed[:, None]
+            force[:, :2] += (limit * share)[:, None] * along
+            outer = along[:, :, None] * along[:, None, :]
+            slope = np.where(y < 1, (2 - 2 * y) / slip, 0)
+            blocks[:, :2, :2] += (limit / beta)[:, None, None] * (
+                (share / speed)[:, None, None] * (np.eye(2) - outer)
+                + slope[:, None, None] * outer)
+            return force, blocks
+
+        if not self.solve(extra, iterations=60, falling=True):
+            raise RuntimeError("the step does not converge")
+        self.x = [self.positions(), self.x[0]]
+        self.v = [(self.x[0] - x_tilde) / beta, self.v[0]]
+        self.v[0][~self.free[self.dofs[:, 0]]] = 0
+        self.history = True
 
     # ---- statics -----------------------------------------------------------------------------
 
