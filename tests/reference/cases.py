@@ -5,7 +5,7 @@ A sheet of 90 x 90 x 3 mm, density 1000 kg/m3, E at small strain, Poisson ratio 
 y <= -42 mm, gravity along -z unless said. A result is a text file: lines "# key values", then one
 line per point: x y z at rest, x y z deformed [m].
 """
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np

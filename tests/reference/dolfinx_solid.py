@@ -5,7 +5,7 @@ Two discretisations of the same problem:
   q1e9  8-node bricks with nine incompatible modes, the element of sim_worker/hexahedron.h, here
         written as an energy from which UFL derives residual and tangent and DOLFINx the code; the
         modes are unknowns of their own and are not eliminated. 2 x 2 x 2 points, nodal masses.
-  q2    27-node bricks, 3 x 3 x 3 points: another element, for converged solutions.
+  q2    27-node bricks, 3 x 3 x 3 points: another element.
 
 Lengths in m, forces in N, coordinates those of the sheet's frame B.
 """
@@ -27,15 +27,11 @@ logging.disable(logging.INFO)
 
 
 def energy_density(law, F, mu, lam):
-    """Psi(F) [J/m^3]. `calculix_neo_hooke`: *HYPERELASTIC, NEO HOOKE with C10 = mu / 2 and
-    D1 = 2 / (lambda + 2 mu / 3); `neo_hooke` is the one of sim_worker/elastic_law.h."""
+    """Psi(F) [J/m^3], the laws of sim_worker/elastic_law.h."""
     C = F.T * F
     J = ufl.det(F)
     if law == "neo_hooke":
         return mu / 2 * (ufl.tr(C) - 3 - 2 * ufl.ln(J)) + lam / 2 * ufl.ln(J) ** 2
-    if law == "calculix_neo_hooke":
-        bulk = lam + 2 * mu / 3
-        return mu / 2 * (ufl.tr(C) * J ** (-2.0 / 3) - 3) + bulk / 2 * (J - 1) ** 2
     if law == "st_venant_kirchhoff":
         E = (C - ufl.Identity(3)) / 2
         return mu * ufl.inner(E, E) + lam / 2 * ufl.tr(E) ** 2

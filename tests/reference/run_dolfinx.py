@@ -3,7 +3,6 @@
 /usr/bin/python3 run_dolfinx.py same [CASE ...]        same element, same mesh, 16 x 16 x 1
 /usr/bin/python3 run_dolfinx.py dynamic                lift off a board with friction, 12 x 12 x 1
 /usr/bin/python3 run_dolfinx.py beam                   stubby beam at Poisson 0.49
-/usr/bin/python3 run_dolfinx.py converged [CASE ...]   27-node bricks, 24 x 24 x 2
 """
 import sys
 import time
@@ -11,7 +10,7 @@ import time
 import numpy as np
 
 from cases import (Case, DAMPING, DENSITY, FRAMES, FRICTION, LIFT, POISSON, REST, SLIP, STEP,
-                   dynamic_case, mid_surface_points, reference_lines, static_cases, write_result)
+                   dynamic_case, reference_lines, static_cases, write_result)
 from dolfinx_solid import Solid
 
 STEPS = 10  # of the patch's way
@@ -30,39 +29,16 @@ def solve(case, lines, element):
     return solid
 
 
-def refine(coarse, case, lines):
-    """The same case with 27-node bricks, from the coarse solution."""
-    solid = Solid(lines, "q2", case.law, case.young, POISSON, DENSITY, [0, 0, -case.gravity],
-                  case.inclusion or None)
-    if case.patch:
-        solid.hold(case.patch[:2], case.patch[2])
-        solid.target[0] += case.lift
-    start = np.array([coarse.point(p) - p for p in solid.nodes])
-    start[solid.nodes[:, 1] < lines[1][0] + 1e-9] = 0
-    solid.w.x.array[solid.dofs] = start
-    solid.relax(start=1e2)
-    return solid
-
-
-def run(kind, case, elements=24, layers=2):
+def run(case):
     begin = time.time()
-    same = kind == "same"
     lines = reference_lines(case, 16, 1)
     solid = solve(case, lines, "q1e9")
-    if not same:
-        lines = reference_lines(case, elements, layers)
-        solid = refine(solid, case, lines)
     force = solid.held_force() if case.patch else np.zeros(3)
-    extra = {"force": force}
-    if same:
-        extra |= {"lines_x": lines[0], "lines_y": lines[1], "lines_z": lines[2]}
-        rest = [(x, y, lines[2][0]) for x in lines[0][::2] for y in lines[1][2::2]]
-    else:
-        extra["elements"] = [elements, elements, layers]
-        rest = mid_surface_points()
-    write_result(f"dolfinx_{kind}_{case.name}", case, extra,
+    rest = [(x, y, lines[2][0]) for x in lines[0][::2] for y in lines[1][2::2]]
+    write_result(f"dolfinx_same_{case.name}", case,
+                 {"force": force, "lines_x": lines[0], "lines_y": lines[1], "lines_z": lines[2]},
                  [tuple(p) + tuple(solid.point(p)) for p in rest])
-    print(f"{kind} {case.name}: force {1e3 * force} mN, {solid.newton} Newton iterations, "
+    print(f"{case.name}: force {1e3 * force} mN, {solid.newton} Newton iterations, "
           f"{time.time() - begin:.1f} s", flush=True)
 
 
@@ -109,4 +85,4 @@ if __name__ == "__main__":
         sys.exit()
     for each in static_cases():
         if len(sys.argv) < 3 or each.name in sys.argv[2:]:
-            run(sys.argv[1], each)
+            run(each)
