@@ -24,7 +24,7 @@ constexpr double kPatchRadius = 0.005;        // [m]
 
 struct Case {
   double young = 6e4, poisson = 0.45;
-  unsigned elements = 36;  ///< of the production mesh, scene.proto
+  unsigned elements = 24;  ///< of the production mesh, scene.proto
   unsigned layers = 1, substeps = 1;
   pb::ElasticLaw law = pb::LAW_NEO_HOOKE;
 };
