@@ -24,14 +24,15 @@ constexpr double kPatchRadius = 0.005;        // [m]
 
 struct Case {
   double young = 6e4, poisson = 0.45;
-  unsigned elements = 24, substeps = 1;
+  unsigned elements = 24;  ///< of the production mesh, scene.proto
+  unsigned layers = 1, substeps = 1;
   pb::ElasticLaw law = pb::LAW_NEO_HOOKE;
 };
 
 struct Recording {
   std::vector<std::vector<Vector3d>> frames;  ///< every 100 ms [m]
   double seconds = 0;                         ///< CPU time of the steps
-  double newton_per_step = 0, halved_steps = 0, force = 0, deepest = 0;
+  double newton_per_step = 0, factors_per_step = 0, halved_steps = 0, force = 0, deepest = 0;
   std::uint64_t hash = 0;
   std::string failure;
 };
@@ -51,6 +52,7 @@ std::shared_ptr<const ReferenceTissueModel> make_sheet(const Case& c) {
   tissue.mutable_material()->set_law(c.law);
   tissue.mutable_reference()->set_elements_x(c.elements);
   tissue.mutable_reference()->set_elements_y(c.elements);
+  tissue.mutable_reference()->set_elements_z(c.layers);
   tissue.mutable_reference()->set_substeps(c.substeps);
   scene.gravity = Vector3d(0, 0, -9.80665);
   scene.tissue.X_WB.translation().z() = 0.5 * tissue.thickness_m();
@@ -92,6 +94,7 @@ Recording record(const Case& c) {
   }
   recording.seconds = thread_seconds() - begin;
   recording.newton_per_step = static_cast<double>(tissue.newton_iterations()) / kSteps;
+  recording.factors_per_step = static_cast<double>(tissue.factorisations()) / kSteps;
   recording.halved_steps = static_cast<double>(tissue.implicit_steps()) - kSteps * c.substeps;
   recording.force = tissue.held_force(0).norm();
   recording.hash = tissue.hash(0);
@@ -113,12 +116,13 @@ double rms_mm(const Recording& a, const Recording& b, std::size_t from, std::siz
 }
 
 void print(const std::string& name, const Case& c, const Recording& r) {
-  std::fprintf(
-      stderr,
-      "# %s: E %.0f Pa, %u x %u x 1, %u steps per 20 ms, %.2f s, %.2f Newton iterations per "
-      "control step, %.0f extra steps, held force %.3f mN, deepest %.4f mm, hash %016lx %s\n",
-      name.c_str(), c.young, c.elements, c.elements, c.substeps, r.seconds, r.newton_per_step,
-      r.halved_steps, 1e3 * r.force, 1e3 * r.deepest, r.hash, r.failure.c_str());
+  std::fprintf(stderr,
+               "# %s: E %.0f Pa, %u x %u x %u, %u steps per 20 ms, %.2f s, %.2f Newton iterations "
+               "and %.2f factorisations per control step, %.0f extra steps, held force %.3f mN, "
+               "deepest %.4f mm, hash %016lx %s\n",
+               name.c_str(), c.young, c.elements, c.elements, c.layers, c.substeps, r.seconds,
+               r.newton_per_step, r.factors_per_step, r.halved_steps, 1e3 * r.force,
+               1e3 * r.deepest, r.hash, r.failure.c_str());
 }
 
 void compare(const std::string& name, const Recording& base, const Case& other) {
@@ -133,6 +137,7 @@ void compare(const std::string& name, const Recording& base, const Case& other) 
 int main(int argc, char** argv) {
   const bool refine = argc > 1 && std::string(argv[1]) == "refine";
   Case base;
+  if (argc > 2) base.elements = static_cast<unsigned>(std::stoul(argv[2]));
   const Recording recording = record(base);
   std::printf("tissue.reference.recording_s %.2f s\n", recording.seconds);
   print("recording", base, recording);
@@ -145,7 +150,10 @@ int main(int argc, char** argv) {
   half.substeps = 2;
   compare("half the step", recording, half);
   Case mesh = base;
-  mesh.elements = 36;
+  mesh.elements = base.elements * 3 / 2;
   compare("finer mesh", recording, mesh);
+  Case layers = base;
+  layers.layers = 2;
+  compare("two layers", recording, layers);
   return 0;
 }

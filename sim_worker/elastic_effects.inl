@@ -179,7 +179,8 @@ inline Lane3 unit_normal(Lane3 along_x, Lane3 along_y) {
 
 /// Rest curvature: the plate energy of sum c x - k0 n instead of sum c x. The normal n turns with
 /// the sheet; its own derivative is left out, it is of second order where the sheet is bent as it
-/// wants to be.
+/// wants to be. At a clamp edge the stencil is half a cell of twice the curvature, so k0 counts
+/// once there, as elsewhere, though the plate counts twice.
 void add_curvature_forces(const Args& args) {
   const Bits lanes = args.effects.curvature;
   const Real* const moment = args.effects.moment;

@@ -84,7 +84,11 @@ class MatrixBuilder {
 
 /// Plate energy D/2 int (kxx^2 + kyy^2 + 2 nu kxx kyy + 2 (1 - nu) kxy^2) by finite differences
 /// (tissue.md section 6). Rows on the rim own half a cell; there the bending moment across the rim
-/// is zero, so the other curvature is free and the plate is a beam of E t^3 / 12.
+/// is zero, so the other curvature is free and the plate is a beam of E t^3 / 12. A stencil centred
+/// on a clamped node bends on its free side only, half a cell long: the same turn there is twice
+/// the curvature, which doubles the energy. Counted once, the plate would be clamped half a cell
+/// inside the clamp, 1.5 mm at a pitch of 3 mm, the membrane at it
+/// (benchmarks/compare_elastic.cpp).
 NodeMatrix make_bending(const ElasticTissueModel& model, const EffectValues& effects) {
   const double nu = model.material.poisson_ratio() + effects.poisson_change;
   const double t = model.thickness;
@@ -98,6 +102,10 @@ NodeMatrix make_bending(const ElasticTissueModel& model, const EffectValues& eff
   const int nx = model.count_x;
   const int ny = model.count_y;
   MatrixBuilder builder(model.nodes());
+  const auto clamped = [&](int i) {
+    const auto k = static_cast<std::size_t>(i);
+    return model.body.fixed[k] != 0 || (!model.is_anchor.empty() && model.is_anchor[k] != 0);
+  };
   const auto second = [&](int i, int stride) {
     return Stencil{{i - stride, i, i + stride, 0}, {1 / pitch2, -2 / pitch2, 1 / pitch2, 0}, 3};
   };
@@ -110,8 +118,13 @@ NodeMatrix make_bending(const ElasticTissueModel& model, const EffectValues& eff
       const double beam = beam_at(place(i));
       const double plate = beam / (1 - nu * nu);
       const double stiffness = inside_x && inside_y ? plate : 0.5 * beam;
-      if (inside_x) builder.add_product(second(i, ny), second(i, ny), stiffness * pitch2);
-      if (inside_y) builder.add_product(second(i, 1), second(i, 1), stiffness * pitch2);
+      const auto add_curvature = [&](int stride) {
+        const bool clamp_edge = clamped(i) && clamped(i - stride) != clamped(i + stride);
+        builder.add_product(second(i, stride), second(i, stride),
+                            (clamp_edge ? 2 : 1) * stiffness * pitch2);
+      };
+      if (inside_x) add_curvature(ny);
+      if (inside_y) add_curvature(1);
       if (inside_x && inside_y) {
         // Energy nu D kxx kyy = weight/2 (kxx kyy) with weight 2 nu D. Also at nu = 0, so that all
         // effects give one pattern.

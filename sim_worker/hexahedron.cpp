@@ -359,10 +359,8 @@ void hex_tangent(pb::ElasticLaw law, const HexShape& shape, HexTangent& out) {
 
   HexInner& inner = out.inner;
   factor_inner(K, inner);
+  hex_condense(bubble_force, inner);
   for (int r = 0; r < 9; ++r) {
-    Pack rhs = bubble_force[r];
-    for (int m = 0; m < r; ++m) rhs = rhs - inner.factor[packed(r, m)] * inner.rhs[m];
-    inner.rhs[r] = rhs * inner.factor[packed(r, r)];
     for (int c = 0; c < 24; ++c) {
       Pack sum = K[block_index(kHexNodes + r / 3, c / 3) + 3 * (r % 3) + c % 3];
       for (int m = 0; m < r; ++m)
@@ -413,6 +411,14 @@ void hex_remember(pb::ElasticLaw law, const HexShape& shape, const PronyStep& pr
       }
     }
     memory.stress[point] = S;
+  }
+}
+
+void hex_condense(const std::array<Pack, 9>& bubble_force, HexInner& inner) {
+  for (int r = 0; r < 9; ++r) {
+    Pack rhs = bubble_force[r];
+    for (int m = 0; m < r; ++m) rhs = rhs - inner.factor[packed(r, m)] * inner.rhs[m];
+    inner.rhs[r] = rhs * inner.factor[packed(r, r)];
   }
 }
 

@@ -97,6 +97,9 @@ void hex_tangent(pb::ElasticLaw law, const HexShape& shape, HexTangent& out);
 void hex_remember(pb::ElasticLaw law, const HexShape& shape, const PronyStep& prony,
                   HexMemory& memory);
 
+/// Renews `rhs` for another state and the same factor.
+void hex_condense(const std::array<Pack, 9>& bubble_force, HexInner& inner);
+
 /// Change of the parabolas that goes with a change of the nodes.
 void hex_recover(const HexInner& inner, const std::array<Pack, 24>& dx,
                  std::array<Pack, 9>& dbubble);

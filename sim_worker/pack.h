@@ -56,8 +56,28 @@ inline Pack is_less(Pack a, Pack b) {
   return Pack(_mm256_and_pd(_mm256_cmp_pd(a.v, b.v, _CMP_LT_OQ), _mm256_set1_pd(1)));
 }
 
-/// Natural logarithm; NaN where a <= 0.
-inline double logarithm(double a) { return a > 0 ? std::log(a) : std::nan(""); }
+/// Natural logarithm from basic operations only, so that its bits are the same on every machine
+/// (decision 0005 does so for trigonometry); NaN where a <= 0. Error below 2 units in the last
+/// place: a = 2^k m, sqrt(1/2) <= m < sqrt(2), ln m = 2 artanh((m - 1) / (m + 1)) by its odd
+/// series, whose first term left out is below 1e-17 of the first.
+inline double logarithm(double a) {
+  if (!(a > 0)) return std::nan("");
+  int exponent = 0;
+  double m = std::frexp(a, &exponent);  // exact
+  if (m < 0.70710678118654752) {
+    m *= 2;
+    --exponent;
+  }
+  const double s = (m - 1) / (m + 1);
+  const double z = s * s;
+  double sum = 1.0 / 21;
+  for (int k = 19; k >= 3; k -= 2) sum = std::fma(z, sum, 1.0 / k);
+  // ln 2 in two parts: the first has zeros enough that its product with an exponent is exact.
+  constexpr double kLn2High = 6.93147180369123816490e-01;
+  constexpr double kLn2Low = 1.90821492927058770002e-10;
+  const double log_m = std::fma(2 * s * z, sum, 2 * s);
+  return std::fma(exponent, kLn2High, std::fma(exponent, kLn2Low, log_m));
+}
 inline Pack logarithm(Pack a) {
   alignas(32) double values[Pack::kLanes];
   _mm256_store_pd(values, a.v);

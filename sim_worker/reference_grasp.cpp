@@ -54,13 +54,14 @@ void ReferenceTissue::add_grasp(const Terms& terms, const Nodes& x, Residual& ou
               out);
 }
 
-/// Takes the grasp into account between the two halves of a solve. With C the rows of the grasp and
+/// For constrain_direction() with a new factor. With C the rows of the grasp and
 /// c its compliance the matrix is A + C^T C / c; by Woodbury's identity, with A = L L^T,
 /// Y = L^-1 C^T, y = -L^-1 force: dx = L^-T (y - Y (c I + Y^T Y)^-1 Y^T y).
-void ReferenceTissue::constrain_direction() {
+void ReferenceTissue::prepare_constraint() {
   const GraspPatch& patch = grasp_->patch;
   constexpr int kColumns = 3 * GraspPatch::kRows;
-  MatrixXd Y = MatrixXd::Zero(model_->unknowns, kColumns);
+  MatrixXd& Y = constraint_response_;
+  Y.setZero(model_->unknowns, kColumns);
   int top = model_->unknowns;
   for (std::size_t k = 0; k < patch.node.size(); ++k) {
     const int row = model_->unknown[static_cast<std::size_t>(patch.node[k])];
@@ -75,8 +76,14 @@ void ReferenceTissue::constrain_direction() {
   MatrixXd S = Y.transpose() * Y;
   const Eigen::Vector4d compliances = grasp_compliances();
   for (int k = 0; k < kColumns; ++k) S(k, k) += compliances[k / 3];
-  const VectorXd multipliers = S.ldlt().solve(Y.transpose() * direction_);
-  direction_ -= Y * multipliers;
+  constraint_solver_.compute(S);
+}
+
+/// Takes the grasp into account between the two halves of a solve.
+void ReferenceTissue::constrain_direction() {
+  const VectorXd multipliers =
+      constraint_solver_.solve(constraint_response_.transpose() * direction_);
+  direction_ -= constraint_response_ * multipliers;
 }
 
 /// Rest coordinates of the mid-surface point nearest to the tip and its distance: Gauss-Newton on

@@ -18,7 +18,7 @@ namespace omentum {
 struct ReferenceElement {
   std::array<int, 8> node{};
   Eigen::Vector3d size = Eigen::Vector3d::Zero();  ///< edge lengths at rest [m]
-  double stiffness = 1;                            ///< factor on the moduli
+  double stiffness = 1;                            ///< factor on the Lame constants
 };
 
 /// A point of the body as the elements around it see it. On a face between elements the parabolas

@@ -16,6 +16,8 @@ constexpr double kStandardGravity = 9.80665;  // [m/s^2]
 constexpr int kFrictionUpdates = 6;
 constexpr int kMaxLineSearch = 14;
 constexpr int kMaxShifts = 8;
+// The factor is used again, within a step, while it brings the residual down to this share.
+constexpr double kKeepFactor = 0.1;
 
 Pack load_pack(const std::array<double, Pack::kLanes>& values) {
   return Pack(_mm256_loadu_pd(values.data()));
@@ -38,11 +40,20 @@ bool ReferenceTissue::solve(const Terms& terms) {
     trial_x_ = state_.x;
     evaluate(terms, trial_x_, trial_bubble_, residual);
   }
+  bool fresh = true;
   for (int iteration = 0; iteration < static_cast<int>(model_->numerics.max_newton());
        ++iteration) {
     if (iteration > 0 && residual.norm <= tolerance) return true;
     ++newton_iterations_;
-    if (!newton_direction(terms, residual) || !search_line(terms, residual)) return false;
+    if (fresh) {
+      if (!make_factor(terms)) return false;
+    } else {
+      renew_inner(residual);
+    }
+    const double before = residual.norm;
+    const bool found = newton_direction(residual) && search_line(terms, residual);
+    if (!found && fresh) return false;
+    fresh = !found || residual.norm > kKeepFactor * before;
     if (iteration < kFrictionUpdates && !friction_.empty()) {
       update_friction(terms, trial_x_);
       evaluate(terms, trial_x_, trial_bubble_, residual);
@@ -207,8 +218,9 @@ void ReferenceTissue::assemble(const Terms& terms, double shift) {
   });
 }
 
-/// Newton step of nodes and parabolas.
-bool ReferenceTissue::newton_direction(const Terms& terms, const Residual& residual) {
+/// Factors the tangent at the trial; moves it by inertia until it is positive definite.
+bool ReferenceTissue::make_factor(const Terms& terms) {
+  ++factorisations_;
   double shift = 0;
   assemble(terms, shift);
   for (int attempt = 0; !factor_.factor(); ++attempt) {
@@ -216,6 +228,29 @@ bool ReferenceTissue::newton_direction(const Terms& terms, const Residual& resid
     shift = shift == 0 ? 1 : 10 * shift;
     assemble(terms, shift);
   }
+  if (grasp_) prepare_constraint();
+  return true;
+}
+
+/// The factor stays, the forces of the parabolas are those of the trial.
+void ReferenceTissue::renew_inner(const Residual& residual) {
+  std::array<double, Pack::kLanes> values{};
+  std::array<Pack, 9> bubble_force;
+  for (std::size_t batch = 0; batch < inner_.size(); ++batch) {
+    const std::size_t first = Pack::kLanes * batch;
+    for (int c = 0; c < 9; ++c) {
+      for (std::size_t lane = 0; lane < Pack::kLanes; ++lane) {
+        const std::size_t element = std::min(first + lane, model_->elements.size() - 1);
+        values[lane] = residual.bubble_force[element][c];
+      }
+      bubble_force[c] = load_pack(values);
+    }
+    hex_condense(bubble_force, inner_[batch]);
+  }
+}
+
+/// Newton step of nodes and parabolas with the factor there is.
+bool ReferenceTissue::newton_direction(const Residual& residual) {
   // Condensed force: f - K_xb K_bb^-1 f_b = f - coupling^T rhs.
   direction_ = -residual.force;
   for (std::size_t batch = 0; batch < inner_.size(); ++batch) {

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <Eigen/Cholesky>
 #include <Eigen/Core>
 #include <array>
 #include <functional>
@@ -73,6 +74,7 @@ class ReferenceTissue : public Tissue<double> {
   const std::string& failure() const { return failure_; }
   /// Newton iterations since construction.
   long newton_iterations() const { return newton_iterations_; }
+  long factorisations() const { return factorisations_; }
   /// Implicit steps since construction, halves of a step that did not converge included.
   long implicit_steps() const { return implicit_steps_; }
 
@@ -152,7 +154,9 @@ class ReferenceTissue : public Tissue<double> {
   HexShape gather(std::size_t batch, const Nodes& x, const Bubbles& bubble) const;
   void evaluate(const Terms& terms, const Nodes& x, const Bubbles& bubble, Residual& out) const;
   void add_force(int node, const Eigen::Vector3d& force, Residual& out) const;
-  bool newton_direction(const Terms& terms, const Residual& residual);
+  bool make_factor(const Terms& terms);
+  void renew_inner(const Residual& residual);
+  bool newton_direction(const Residual& residual);
   void assemble(const Terms& terms, double shift);
   void add_block(int row, int column, const Eigen::Matrix3d& block);
   void move_trial(const Terms& terms, double share, const Nodes& x, const Bubbles& bubble);
@@ -169,6 +173,7 @@ class ReferenceTissue : public Tissue<double> {
   Eigen::Vector4d grasp_compliances() const;
   void slip();
   void add_grasp(const Terms& terms, const Nodes& x, Residual& out) const;
+  void prepare_constraint();
   void constrain_direction();
   std::optional<std::pair<Eigen::Vector2d, double>> nearest_point(const Eigen::Vector3d& tip) const;
   void move_particle(int particle, const Eigen::Vector3d& by, Nodes& field);
@@ -185,11 +190,14 @@ class ReferenceTissue : public Tissue<double> {
   Eigen::Vector3d held_force_ = Eigen::Vector3d::Zero();
   std::vector<Eigen::Vector3d> contact_forces_;
   std::string failure_;
-  long newton_iterations_ = 0, implicit_steps_ = 0;
+  long newton_iterations_ = 0, factorisations_ = 0, implicit_steps_ = 0;
 
   // Scratch of one implicit step.
   BandCholesky factor_;
   std::vector<HexInner> inner_;  ///< per four elements
+  /// Of the grasp, with the factor: L^-1 C^T and c I + its square (see prepare_constraint).
+  Eigen::MatrixXd constraint_response_;
+  Eigen::LDLT<Eigen::MatrixXd> constraint_solver_;
   std::vector<FrictionPoint> friction_;
   Nodes trial_x_;
   Bubbles trial_bubble_;

@@ -131,8 +131,9 @@ TEST_P(EffectLaw, BendingChangeScalesThePlateAlone) {
   c.young = 50e3;
   const double bent = extension(c);
   c.effects.clear_bending_change();
-  // The shell's stencils act in the plane as well: on the change of strain from node to node.
-  EXPECT_NEAR(bent / extension(c), 1, 0.012);
+  // The shell's stencils act in the plane as well: on the change of strain from node to node, most
+  // of it at the clamp edge.
+  EXPECT_NEAR(bent / extension(c), 1, 0.02);
 }
 
 TEST_P(EffectLaw, InclusionOverEverythingIsAnotherModulus) {

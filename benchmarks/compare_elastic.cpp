@@ -1,0 +1,195 @@
+// Error of the elastic shell against the converged solid, at rest: a clamped sheet of 90 x 90 x 3
+// mm that hangs, is lifted at a corner or at its free edge, or stretched, in the air and from a
+// board. Then the derivative of the surface with respect to E, grasp, clamp and friction: central
+// differences in both models. `compare_elastic [board]`; every row is rms over the 31 x 31
+// particles.
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <cstring>
+#include <functional>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "sim_worker/cooker.h"
+#include "sim_worker/elastic_tissue.h"
+#include "sim_worker/reference_tissue.h"
+
+namespace {
+
+using namespace omentum;  // NOLINT
+using Eigen::Vector3d;
+using Surface = std::vector<Vector3d>;
+
+struct Case {
+  std::string name;
+  double young = 6e4, poisson = 0.45;
+  bool holds = true, board = false;
+  Vector3d grasp = Vector3d(0.035, 0.035, 0);  ///< on the mid-surface at rest, p_B [m]
+  Vector3d way = Vector3d::Zero();             ///< of the tip [m]
+  double radius = 0.005;                       ///< [m]
+  double clamp = -0.042;                       ///< y_B of the clamp edge [m]
+  double friction = 0.3;
+  double bending_scale = 1;  ///< of the shell alone
+};
+
+struct Outcome {
+  Surface surface;
+  Vector3d force = Vector3d::Zero();  ///< of the tissue on the tool [N]
+  std::string failure;
+};
+
+constexpr double kPeriod = 0.02;  // [s]
+constexpr int kLift = 60;         // steps of the way, 30 mm at 25 mm/s
+constexpr int kSteps = 260;       // to rest
+
+Scene make_scene(const Case& c, bool reference) {
+  Scene scene;
+  pb::Tissue& tissue = *scene.config.mutable_tissue();
+  tissue.set_model(reference ? pb::TISSUE_REFERENCE : pb::TISSUE_ELASTIC);
+  tissue.mutable_grid();  // 31 x 31, 3 mm
+  tissue.set_anchor_max_y_m(c.clamp);
+  tissue.set_static_friction(c.friction);
+  tissue.set_dynamic_friction(c.friction);
+  pb::Material& material = *tissue.mutable_material();
+  material.set_young_modulus_pa(c.young);
+  material.set_poisson_ratio(c.poisson);
+  material.set_damping_per_s(20);
+  material.set_law(pb::LAW_COROTATED);
+  material.set_bending_scale(c.bending_scale);
+  tissue.mutable_reference()->set_integrator(pb::INTEGRATOR_BACKWARD_EULER);
+  tissue.mutable_reference()->set_elements_x(24);
+  tissue.mutable_reference()->set_elements_y(24);
+  scene.config.mutable_tool()->set_contact(false);
+  scene.gravity = Vector3d(0, 0, -9.80665);
+  if (c.board) scene.tissue.X_WB.translation().z() = 0.5 * tissue.thickness_m();
+  scene.tissue.particles = make_grid_particles(tissue.grid());
+  for (const Vector3d& p : scene.tissue.particles)
+    scene.tissue.fixed.push_back(p.y() <= c.clamp + 1e-9 ? 1 : 0);
+  scene.tissue.particle_radius = 0.5 * tissue.thickness_m();
+  scene.tissue.thickness = tissue.thickness_m();
+  if (c.board) {
+    RigidShape board;
+    board.kind = RigidShape::Kind::kHalfSpace;
+    board.role = pb::ROLE_BOARD;
+    scene.bodies = {board};
+  }
+  return scene;
+}
+
+Outcome settle(const Case& c, const Scene& scene, Tissue<double>& tissue, int stride) {
+  const Vector3d start = scene.tissue.X_WB * c.grasp;
+  if (c.holds) tissue.hold(0, start, c.radius, false);
+  const auto at = [&](int step) {
+    return Vector3d(start + std::min(1.0, static_cast<double>(step) / kLift) * c.way);
+  };
+  for (int step = 0; step < kSteps && tissue.healthy(0); step += stride) {
+    const ToolMotion motion{at(step), at(step + stride)};
+    tissue.step({&motion, 1});
+  }
+  Outcome outcome;
+  for (int i = 0; i < tissue.particles(); ++i) outcome.surface.push_back(tissue.position(0, i));
+  outcome.force = tissue.held_force(0);
+  if (!tissue.healthy(0)) outcome.failure = "failed";
+  return outcome;
+}
+
+/// In the air the solid takes steps of 0.1 s: only the end counts.
+Outcome run_reference(const Case& c) {
+  const Scene scene = make_scene(c, true);
+  const int stride = c.board ? 1 : 5;
+  std::vector<std::string> warnings;
+  std::vector<PinchCircle> pinches;
+  if (c.holds) pinches.push_back({c.grasp.head<2>(), c.radius});
+  ReferenceTissue tissue(make_reference_model(scene, stride * kPeriod, warnings, pinches));
+  Outcome outcome = settle(c, scene, tissue, stride);
+  outcome.failure = tissue.failure();
+  return outcome;
+}
+
+Outcome run_elastic(const Case& c) {
+  const Scene scene = make_scene(c, false);
+  std::vector<std::string> warnings;
+  ElasticTissue<double> tissue(make_elastic_model(scene, kPeriod, warnings), kKernelF64x1);
+  return settle(c, scene, tissue, 1);
+}
+
+double rms_mm(const Surface& a, const Surface& b) {
+  double sum = 0;
+  for (std::size_t i = 0; i < a.size(); ++i) sum += (a[i] - b[i]).squaredNorm();
+  return 1e3 * std::sqrt(sum / static_cast<double>(a.size()));
+}
+
+void compare(const Case& c) {
+  const Outcome solid = run_reference(c);
+  const Outcome shell = run_elastic(c);
+  double largest = 0;
+  for (std::size_t i = 0; i < solid.surface.size(); ++i)
+    largest = std::max(largest, (solid.surface[i] - shell.surface[i]).norm());
+  std::printf(
+      "%-8s %-5s %4.0f kPa nu %.2f  rms %.3f mm, largest %.3f mm, force %7.2f / %7.2f mN %s%s\n",
+      c.name.c_str(), c.board ? "board" : "air", c.young / 1e3, c.poisson,
+      rms_mm(solid.surface, shell.surface), 1e3 * largest, 1e3 * shell.force.norm(),
+      1e3 * solid.force.norm(), solid.failure.c_str(), shell.failure.c_str());
+  std::fflush(stdout);
+}
+
+/// Relative difference of the two central differences, rms over the surface.
+void compare_derivative(const Case& c, const std::string& parameter,
+                        const std::function<void(Case&, double)>& change, double step) {
+  const auto difference = [&](const std::function<Outcome(const Case&)>& solve) {
+    Case below = c;
+    Case above = c;
+    change(below, -step);
+    change(above, step);
+    const Surface a = solve(below).surface;
+    Surface d = solve(above).surface;
+    for (std::size_t i = 0; i < d.size(); ++i) d[i] -= a[i];
+    return d;
+  };
+  const Surface solid = difference(run_reference);
+  const Surface shell = difference(run_elastic);
+  const Surface zero(solid.size(), Vector3d::Zero());
+  std::printf(
+      "%-8s %-5s d/d %-9s +-%g: surface moves %.3f mm rms (solid), %.3f (shell), apart %.1f %%\n",
+      c.name.c_str(), c.board ? "board" : "air", parameter.c_str(), step, rms_mm(solid, zero),
+      rms_mm(shell, zero), 100 * rms_mm(solid, shell) / rms_mm(solid, zero));
+  std::fflush(stdout);
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  const bool board = argc > 1 && std::strcmp(argv[1], "board") == 0;
+  Case hang{.name = "hang", .holds = false};
+  Case corner{.name = "corner", .way = Vector3d(-0.003, -0.006, 0.03)};
+  Case edge{.name = "edge", .grasp = Vector3d(0, 0.038, 0), .way = Vector3d(0, -0.008, 0.03)};
+  Case stretch{.name = "stretch", .grasp = Vector3d(0, 0.035, 0), .way = Vector3d(0, 0.012, 0)};
+  std::vector<Case> cases = {corner, edge};
+  if (!board) cases = {hang, corner, edge, stretch};
+  for (Case c : cases) {
+    c.board = board;
+    for (const double young : {2e4, 6e4, 2e5}) {
+      c.young = young;
+      compare(c);
+    }
+  }
+  corner.board = board;
+  compare_derivative(
+      corner, "E", [](Case& c, double d) { c.young *= 1 + d; }, 0.05);
+  // The tip starts elsewhere and makes the same way.
+  compare_derivative(
+      corner, "grasp x", [](Case& c, double d) { c.grasp.x() += d; }, 0.0005);
+  compare_derivative(
+      corner, "grasp y", [](Case& c, double d) { c.grasp.y() += d; }, 0.0005);
+  if (board)
+    compare_derivative(
+        corner, "friction", [](Case& c, double d) { c.friction += d; }, 0.1);
+  // One row of nodes: the shell can be clamped at its nodes only, and two rows make a clamp where
+  // one is a hinge.
+  corner.clamp = -0.039;
+  compare_derivative(
+      corner, "clamp", [](Case& c, double d) { c.clamp += d; }, 0.003);
+  return 0;
+}
