@@ -6,7 +6,9 @@ import re
 import sys
 
 # Used by people or by the tool of the same name, not by a test.
-BY_HAND = {"tests/run.sh", "tests/lint/run_tidy.sh", "tests/support/tsan.supp"}
+BY_HAND = {"tests/run.sh", "tests/lint/run_tidy.sh", "tests/support/tsan.supp", "tests/reference/README.md"}
+# Folders whose files a test finds by composed names.
+BY_FOLDER = {"corpus", "results"}
 
 
 def main():
@@ -21,10 +23,11 @@ def main():
     code = "\n".join(path.read_text() for path in tests if path.suffix in (".cpp", ".h", ".py", ".txt"))
     for path in tests:
         name = path.relative_to(root).as_posix()
-        if name in BY_HAND or path.name == "CMakeLists.txt" or "corpus" in path.parts:
+        if name in BY_HAND or path.name == "CMakeLists.txt" or BY_FOLDER & set(path.parts):
             continue
         text = cmake if path.suffix in (".cpp", ".sh") or "lint" in path.parts else code
-        if not re.search(rf"(?<![\w.]){re.escape(path.name)}(?!\w)", text):
+        word = path.stem if path.suffix == ".py" and re.search(rf"\bimport {path.stem}\b|\bfrom {path.stem}\b", code) else path.name
+        if not re.search(rf"(?<![\w.]){re.escape(word)}(?!\w)", text):
             missing.append(f"{name} is used by no test")
     print("\n".join(missing) or f"{len(tests)} files are in use")
     return 1 if missing else 0
