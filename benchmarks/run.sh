@@ -13,7 +13,8 @@ usage: benchmarks/run.sh [--steps N] [--save] [tissue] [elastic] [ppo] [workers]
 Figures of the groups named (default: tissue elastic ppo workers train):
   tissue    tissue.<scene>.env_steps_per_s: environment steps (20 ms simulated) per second of one core, all of a step
   elastic   tissue.elastic*.env_steps_per_s: elastic shell on one core, physics alone, free, over a sphere and on a
-            board, each with its static error; cost of lanes of two stiffnesses; tissue.reference.recording_s
+            board, each with its static error; cost of lanes of two stiffnesses; tissue.reference.recording_s;
+            effect.<name>.cost_ratio: the lift with an effect over that without
   ppo       ppo.us_per_sample_epoch and, where python3 has torch, the same of ppo.torch_us_per_sample_epoch
   workers   workers.speedup_2_over_1: collecting only, preset paper; two pinned workers against one, alternating
   train     train.wall_3M_s (preset paper), train.omentum.wall_3M_s, train.small_buffer.wall_3M_s (preset paper with
@@ -147,6 +148,7 @@ bench_tissue() {
 bench_elastic() {
   need bench_elastic && figures_of "$bin/bench_elastic"
   need bench_reference && figures_of "$bin/bench_reference"
+  need bench_effects && figures_of "$bin/bench_effects"
 }
 
 bench_ppo() {
