@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "core/check.h"
+#include "core/command_line.h"
 #include "core/config.h"
 #include "report/report.h"
 
@@ -82,24 +83,22 @@ void write_report(const std::vector<std::string>& folders, std::string output) {
 }  // namespace
 
 int main(int count, char** arguments) {
-  CLI::App app(
-      "Writes report.html of a run: learning curves, exposure and grasp grids, pictures, 3-D "
-      "replay.");
-  std::vector<std::string> folders;
-  std::string output;
-  app.add_option("runs", folders,
-                 "run folders, seeds of one experiment; or one folder that holds them")
-      ->required();
-  app.add_option("-o,--output", output,
-                 "file to write (default: report.html in the folder, or beside the folders)");
   try {
-    app.parse(count, arguments);
+    CLI::App app(
+        "Writes report.html of a run: learning curves, exposure and grasp grids, pictures, 3-D "
+        "replay.");
+    std::vector<std::string> folders;
+    std::string output;
+    app.add_option("runs", folders,
+                   "run folders, seeds of one experiment; or one folder that holds them")
+        ->required();
+    app.add_option("-o,--output", output,
+                   "file to write (default: report.html in the folder, or beside the folders)");
+    if (const std::optional<int> code = parse_command_line(app, count, arguments)) return *code;
     write_report(folders, output);
-  } catch (const CLI::ParseError& error) {
-    return app.exit(error);
+    return 0;
   } catch (const std::exception& error) {
-    fmt::print(stderr, "report: {}\n", error.what());
+    std::fprintf(stderr, "report: %s\n", error.what());
     return 2;
   }
-  return 0;
 }

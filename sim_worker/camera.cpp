@@ -293,9 +293,9 @@ class Camera::Renderer {
                                                      offsetof(DrawSurface::Vertex, texture)};
     for (GLuint location = 0; location < kOffsets.size(); ++location) {
       glEnableVertexAttribArray(location);
-      glVertexAttribPointer(location, 3, GL_FLOAT, GL_FALSE, sizeof(DrawSurface::Vertex),
-                            reinterpret_cast<const void*>(  // OpenGL's way to name an offset
-                                kOffsets[location]));       // NOLINT(performance-no-int-to-ptr)
+      // OpenGL names an offset by a pointer. NOLINTNEXTLINE(performance-no-int-to-ptr)
+      const void* offset = reinterpret_cast<const void*>(kOffsets[location]);
+      glVertexAttribPointer(location, 3, GL_FLOAT, GL_FALSE, sizeof(DrawSurface::Vertex), offset);
     }
   }
 

@@ -8,7 +8,7 @@
 #include <fstream>
 #include <string>
 
-#include "core/check.h"
+#include "core/command_line.h"
 #include "sim_worker/mesh.h"
 
 namespace nglib {
@@ -78,31 +78,28 @@ void fill(const TriangleMesh& surface, const std::string& name, double edge_leng
 }  // namespace
 
 int main(int argc, char** argv) {
-  CLI::App app{
-      "Fills a closed triangle mesh with tetrahedra.\n"
-      "Exit codes: 0 done, 2 wrong option or a mesh that cannot be filled."};
-  std::string input;
-  std::string output;
-  double edge_length = 0.005;
-  double unit = 1;
-  app.add_option("mesh", input, "OBJ or STL, closed")->required();
-  app.add_option("-o,--output", output, "text: nodes [m], then four nodes per tetrahedron")
-      ->required();
-  app.add_option("--edge-length", edge_length, "largest edge [m]")
-      ->check(CLI::Range(1e-4, 1.0))
-      ->capture_default_str();
-  app.add_option("--unit", unit, "metres per unit of the file")
-      ->check(CLI::Range(1e-6, 1e3))
-      ->capture_default_str();
   try {
-    app.parse(argc, argv);
+    CLI::App app{
+        "Fills a closed triangle mesh with tetrahedra.\n"
+        "Exit codes: 0 done, 2 wrong option or a mesh that cannot be filled."};
+    std::string input;
+    std::string output;
+    double edge_length = 0.005;
+    double unit = 1;
+    app.add_option("mesh", input, "OBJ or STL, closed")->required();
+    app.add_option("-o,--output", output, "text: nodes [m], then four nodes per tetrahedron")
+        ->required();
+    app.add_option("--edge-length", edge_length, "largest edge [m]")
+        ->check(CLI::Range(1e-4, 1.0))
+        ->capture_default_str();
+    app.add_option("--unit", unit, "metres per unit of the file")
+        ->check(CLI::Range(1e-6, 1e3))
+        ->capture_default_str();
+    if (const std::optional<int> code = parse_command_line(app, argc, argv)) return *code;
     fill(load_closed_mesh(input, unit), input, edge_length, output);
-  } catch (const CLI::ParseError& error) {
-    return app.exit(error) == 0 ? 0 : 2;
   } catch (const std::exception& error) {
     std::fprintf(stderr, "solid_mesher: %s\n", error.what());
     return 2;
   }
-  // Netgen's own clean-up frees twice on some inputs; the system takes the memory back.
-  _exit(0);
+  return 0;
 }

@@ -608,6 +608,12 @@ Result<std::size_t> SolidTissue<Real>::load(int lane, std::span<const std::byte>
   for (const Real v : values) {
     if (!std::isfinite(v)) return Failure{"tissue state holds a non-finite number"};
   }
+  // The last numbers: stiffness, gravity [3], keep, static and dynamic friction.
+  const Real* const end = values.data() + values.size();
+  if (!(end[-7] > Real{0}) || !(end[-3] >= Real{0} && end[-3] <= Real{1}) ||
+      !(end[-2] >= Real{0}) || !(end[-1] >= Real{0})) {
+    return Failure{"tissue state holds lane parameters out of range"};
+  }
   held.nodes.resize(count);
   held.offsets.resize(count);
   held.weights.resize(count);

@@ -4,8 +4,10 @@
 
 #include "core/check.h"
 #include "sim_worker/mesh.h"
+#include "sim_worker/solid_mesh.h"
 
-// Any bytes give a mesh or an Error, under every reader: nothing else may leave parse_mesh.
+// Any bytes give a mesh or an Error, under every reader: nothing else may leave parse_mesh and
+// parse_solid_mesh.
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size);
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
@@ -17,6 +19,13 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
       if (!(omentum::signed_volume(mesh) > 0)) __builtin_trap();
     } catch (const omentum::Error&) {
     }
+  }
+  try {
+    const omentum::SolidMesh solid = omentum::parse_solid_mesh("fuzz", content);
+    for (const auto& tetrahedron : solid.tetrahedra) {
+      if (!(omentum::tetrahedron_volume(solid, tetrahedron) > 0)) __builtin_trap();
+    }
+  } catch (const omentum::Error&) {
   }
   return 0;
 }

@@ -434,6 +434,12 @@ TEST(Solid, ASavedStateContinuesBitForBitAndABrokenOneChangesNothing) {
   const float nan = std::nanf("");
   std::memcpy(broken.data(), &nan, sizeof nan);
   EXPECT_FALSE(b.load(0, broken));
+  // The dynamic friction stands before the grasp: count, then per node index, offset, weight.
+  broken = state;
+  const float negative = -1;
+  const std::size_t grasp = sizeof(std::uint32_t) + a.held(0).size() * 20;
+  std::memcpy(broken.data() + broken.size() - grasp - sizeof negative, &negative, sizeof negative);
+  EXPECT_FALSE(b.load(0, broken));
   EXPECT_EQ(b.hash(0), before);
 }
 
