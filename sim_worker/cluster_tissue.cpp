@@ -267,12 +267,8 @@ ClusterTissue<Real>::ClusterTissue(std::shared_ptr<const ClusterTissueModel> mod
   for (const RigidShape& body : model_->contact_bodies)
     args_.shape[args_.shapes++] = make_kernel_shape<Real>(body);
   if (model_->tool_contact) {
-    KernelShape<Real> tool{};
-    tool.kind = ShapeKind::kCapsule;
-    tool.size[0] = static_cast<Real>(model_->tool_radius);
-    tool.length = static_cast<Real>(model_->tool_length);
-    for (int k = 0; k < 3; ++k) tool.axis[k] = static_cast<Real>(model_->shaft_axis[k]);
-    args_.shape[args_.shapes++] = tool;
+    args_.shape[args_.shapes++] =
+        make_tool_shape<Real>(model_->tool_radius, model_->tool_length, model_->shaft_axis);
   }
   args_.capsule = capsule_.data();
   args_.capsule_motion = capsule_motion_.data();
@@ -477,23 +473,7 @@ void ClusterTissue<Real>::set_velocity(int lane, int particle, const Vector3d& v
 template <typename Real>
 void ClusterTissue<Real>::find_nearest(std::span<const Vector3d> points,
                                        std::span<Nearest> nearest) const {
-  constexpr std::size_t kMaxLanes = 16;
-  const auto W = static_cast<std::size_t>(lanes());
-  OMENTUM_CHECK(points.size() == W && nearest.size() == W && W <= kMaxLanes);
-  std::array<Real, 3 * kMaxLanes> point{};
-  std::array<Real, kMaxLanes> distance2{};
-  std::array<Real, kMaxLanes> index{};
-  for (std::size_t lane = 0; lane < W; ++lane) {
-    for (std::size_t axis = 0; axis < 3; ++axis) {
-      point[axis * W + lane] = static_cast<Real>(points[lane][static_cast<Eigen::Index>(axis)]);
-    }
-  }
-  NearestArgs<Real> args{particles(), x_.data(), point.data(), distance2.data(), index.data()};
-  kernel_.nearest_particle(args);
-  for (std::size_t lane = 0; lane < W; ++lane) {
-    nearest[lane] = {static_cast<int>(index[lane]),
-                     std::sqrt(static_cast<double>(distance2[lane]))};
-  }
+  find_nearest_in_lanes(kernel_, particles(), x_.data(), points, nearest);
 }
 
 template <typename Real>

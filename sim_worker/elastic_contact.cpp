@@ -68,12 +68,8 @@ void ElasticTissue<Real>::prepare_contacts() {
     candidate_args_.shape[candidate_args_.shapes++] = make_kernel_shape<Real>(body);
   }
   if (model_->tool_contact) {
-    KernelShape<Real> tool{};
-    tool.kind = ShapeKind::kCapsule;
-    tool.size[0] = static_cast<Real>(model_->tool_radius);
-    tool.length = static_cast<Real>(model_->tool_length);
-    for (int k = 0; k < 3; ++k) tool.axis[k] = static_cast<Real>(model_->shaft_axis[k]);
-    candidate_args_.shape[candidate_args_.shapes++] = tool;
+    candidate_args_.shape[candidate_args_.shapes++] =
+        make_tool_shape<Real>(model_->tool_radius, model_->tool_length, model_->shaft_axis);
   }
   candidate_args_.capsule = capsule_.data();
   candidate_args_.capsule_sweep = capsule_sweep_.data();

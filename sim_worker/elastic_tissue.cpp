@@ -495,22 +495,7 @@ void ElasticTissue<Real>::set_velocity(int lane, int particle, const Vector3d& v
 template <typename Real>
 void ElasticTissue<Real>::find_nearest(std::span<const Vector3d> points,
                                        std::span<Nearest> nearest) const {
-  constexpr std::size_t kMaxLanes = 16;
-  const auto W = static_cast<std::size_t>(lanes());
-  OMENTUM_CHECK(points.size() == W && nearest.size() == W && W <= kMaxLanes);
-  std::array<Real, 3 * kMaxLanes> point{};
-  std::array<Real, kMaxLanes> distance2{};
-  std::array<Real, kMaxLanes> found{};
-  for (std::size_t lane = 0; lane < W; ++lane) {
-    for (std::size_t axis = 0; axis < 3; ++axis) {
-      point[axis * W + lane] = static_cast<Real>(points[lane][static_cast<Eigen::Index>(axis)]);
-    }
-  }
-  kernel_.nearest_particle({particles(), x_.data(), point.data(), distance2.data(), found.data()});
-  for (std::size_t lane = 0; lane < W; ++lane) {
-    nearest[lane] = {static_cast<int>(found[lane]),
-                     std::sqrt(static_cast<double>(distance2[lane]))};
-  }
+  find_nearest_in_lanes(kernel_, particles(), x_.data(), points, nearest);
 }
 
 template <typename Real>

@@ -51,4 +51,17 @@ KernelShape<Real> make_kernel_shape(const RigidShape& body) {
 template KernelShape<float> make_kernel_shape(const RigidShape& body);
 template KernelShape<double> make_kernel_shape(const RigidShape& body);
 
+template <typename Real>
+KernelShape<Real> make_tool_shape(double radius, double length, const Eigen::Vector3d& axis) {
+  KernelShape<Real> tool{};
+  tool.kind = ShapeKind::kCapsule;
+  tool.size[0] = static_cast<Real>(radius);
+  tool.length = static_cast<Real>(length);
+  for (int k = 0; k < 3; ++k) tool.axis[k] = static_cast<Real>(axis[k]);
+  return tool;
+}
+
+template KernelShape<float> make_tool_shape(double, double, const Eigen::Vector3d&);
+template KernelShape<double> make_tool_shape(double, double, const Eigen::Vector3d&);
+
 }  // namespace omentum

@@ -11,4 +11,9 @@ namespace omentum {
 template <typename Real>
 KernelShape<Real> make_kernel_shape(const RigidShape& body);
 
+/// The tool's shaft as a contact shape: a capsule of `radius` along `axis` (unit, in W) from its
+/// start to `length` [m].
+template <typename Real>
+KernelShape<Real> make_tool_shape(double radius, double length, const Eigen::Vector3d& axis);
+
 }  // namespace omentum

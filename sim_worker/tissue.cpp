@@ -1,5 +1,9 @@
 #include "sim_worker/tissue.h"
 
+#include <array>
+#include <cmath>
+
+#include "core/check.h"
 #include "sim_worker/cluster_tissue.h"
 #include "sim_worker/elastic_model.h"
 #include "sim_worker/reference_model.h"
@@ -12,6 +16,32 @@ bool usable(const LaneParameters& p) {
   return within(p.stiffness_scale, 1e-3, 1e3) && within(p.gravity_scale, -100, 100) &&
          within(p.damping_scale, 0, 1e3) && within(p.friction_scale, 0, 1e3);
 }
+
+template <typename Real>
+void find_nearest_in_lanes(const Kernel<Real>& kernel, int particles, const Real* x,
+                           std::span<const Eigen::Vector3d> points, std::span<Nearest> nearest) {
+  constexpr std::size_t kMaxLanes = 16;
+  const auto W = static_cast<std::size_t>(kernel.lanes);
+  OMENTUM_CHECK(points.size() == W && nearest.size() == W && W <= kMaxLanes);
+  std::array<Real, 3 * kMaxLanes> point{};
+  std::array<Real, kMaxLanes> distance2{};
+  std::array<Real, kMaxLanes> found{};
+  for (std::size_t lane = 0; lane < W; ++lane) {
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      point[axis * W + lane] = static_cast<Real>(points[lane][static_cast<Eigen::Index>(axis)]);
+    }
+  }
+  kernel.nearest_particle({particles, x, point.data(), distance2.data(), found.data()});
+  for (std::size_t lane = 0; lane < W; ++lane) {
+    nearest[lane] = {static_cast<int>(found[lane]),
+                     std::sqrt(static_cast<double>(distance2[lane]))};
+  }
+}
+
+template void find_nearest_in_lanes(const Kernel<float>&, int, const float*,
+                                    std::span<const Eigen::Vector3d>, std::span<Nearest>);
+template void find_nearest_in_lanes(const Kernel<double>&, int, const double*,
+                                    std::span<const Eigen::Vector3d>, std::span<Nearest>);
 
 std::shared_ptr<const TissueModel> make_tissue_model(const Scene& scene, double control_period,
                                                      std::vector<std::string>& warnings) {

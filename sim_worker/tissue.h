@@ -43,6 +43,12 @@ struct Nearest {
   double distance = 0;  ///< [m]
 };
 
+/// Nearest of `particles` points at x [particle][xyz][lane] to a point of each lane, by the lane
+/// kernel: what Tissue::find_nearest of the lane models does.
+template <typename Real>
+void find_nearest_in_lanes(const Kernel<Real>& kernel, int particles, const Real* x,
+                           std::span<const Eigen::Vector3d> points, std::span<Nearest> nearest);
+
 /// A batch of environments of the same tissue, one per SIMD lane: the seam between the tissue
 /// models and everything that uses them. Lane k of a batch equals a batch of one, bit for bit, at
 /// every width. "Particles" are the points that a grasp can take and that recordings show:
