@@ -1,11 +1,12 @@
 // Error of the elastic shell against the converged solid, at rest: a clamped sheet of 90 x 90 x 3
 // mm that hangs, is lifted at a corner or at its free edge, or stretched, in the air and from a
 // board. Then the derivative of the surface with respect to E, grasp, clamp and friction: central
-// differences in both models. `compare_elastic [board]`; every row is rms over the 31 x 31
-// particles.
+// differences in both models. `compare_elastic [air|board] [elements]`: elements of the solid along
+// x and y, 24; every row is rms over the 31 x 31 particles.
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <cstdlib>
 #include <cstring>
 #include <functional>
 #include <memory>
@@ -44,6 +45,8 @@ constexpr double kPeriod = 0.02;  // [s]
 constexpr int kLift = 60;         // steps of the way, 30 mm at 25 mm/s
 constexpr int kSteps = 260;       // to rest
 
+unsigned elements = 24;  // of the solid along x and y
+
 Scene make_scene(const Case& c, bool reference) {
   Scene scene;
   pb::Tissue& tissue = *scene.config.mutable_tissue();
@@ -59,8 +62,8 @@ Scene make_scene(const Case& c, bool reference) {
   material.set_law(pb::LAW_COROTATED);
   material.set_bending_scale(c.bending_scale);
   tissue.mutable_reference()->set_integrator(pb::INTEGRATOR_BACKWARD_EULER);
-  tissue.mutable_reference()->set_elements_x(24);
-  tissue.mutable_reference()->set_elements_y(24);
+  tissue.mutable_reference()->set_elements_x(elements);
+  tissue.mutable_reference()->set_elements_y(elements);
   scene.config.mutable_tool()->set_contact(false);
   scene.gravity = Vector3d(0, 0, -9.80665);
   if (c.board) scene.tissue.X_WB.translation().z() = 0.5 * tissue.thickness_m();
@@ -162,6 +165,7 @@ void compare_derivative(const Case& c, const std::string& parameter,
 
 int main(int argc, char** argv) {
   const bool board = argc > 1 && std::strcmp(argv[1], "board") == 0;
+  if (argc > 2) elements = static_cast<unsigned>(std::max(1, std::atoi(argv[2])));
   Case hang{.name = "hang", .holds = false};
   Case corner{.name = "corner", .way = Vector3d(-0.003, -0.006, 0.03)};
   Case edge{.name = "edge", .grasp = Vector3d(0, 0.038, 0), .way = Vector3d(0, -0.008, 0.03)};

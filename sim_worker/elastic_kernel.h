@@ -11,6 +11,9 @@ namespace omentum {
 /// plain pointers and numbers only, lane index fastest, node vectors are [node][xyz][lane], all
 /// positions in W [m]. Nodes form a grid, index = count_y ix + iy.
 
+/// Rows of a grasp: mean position, mean slope along x_B, along y_B (SheetPatch).
+inline constexpr int kPatchRows = 3;
+
 /// Columns of the Cholesky factor that are solved together share their rows below.
 inline constexpr int kMaxPanelWidth = 4;
 
@@ -63,18 +66,18 @@ struct ElasticArgs {
   const std::int32_t* panel_node;
   const Real* panel_value;
 
-  // Grasp, per lane. Columns of lanes that hold less are zero.
-  std::int32_t patch_size;         ///< most nodes held by any lane
+  // Grasp, per lane: rows over nodes, sum_k weight x_node = target. Those of lanes that hold less
+  // nodes or nothing are zero.
+  std::int32_t patch_size;         ///< most nodes of any lane
   std::int32_t patch_room;         ///< nodes that the arrays have room for
   const std::int32_t* patch_node;  ///< [patch_room][lane]
-  const Real* patch_target;        ///< [patch_room][xyz][lane], in W [m]
-  const Real* patch_compliance;    ///< [patch_room][lane] [m/N]
-  const Real* patch_give;          ///< [lane] of the jaws, the same for all nodes [m/N]
-  const Real* patch_inverse;       ///< (P^T A^-1 P + C)^-1 [patch_room][patch_room][lane] [N/m]
-  const Real* patch_response;      ///< A^-1 P [node][patch_room][lane] [m/N]
-  Real* patch_force;               ///< lambda [patch_room][xyz][lane] [N]
-  Real* patch_miss;                ///< scratch [patch_room][xyz][lane] [m]
-  Real* patch_change;              ///< scratch [patch_room][xyz][lane] [N]
+  const Real* patch_weight;        ///< [patch_room][row][lane]
+  const Real* patch_tip;           ///< [xyz][lane], in W [m]
+  const Real* patch_offset;        ///< [row][xyz][lane]: targets, the mean from the tip on [m]
+  const Real* patch_give;          ///< [lane] of the jaws [m/N]
+  const Real* patch_inverse;       ///< (C A^-1 C^T + give)^-1 [row][row][lane] [N/m]
+  const Real* patch_response;      ///< A^-1 C^T [node][row][lane] [m/N]
+  Real* patch_force;               ///< lambda [row][xyz][lane] [N]
 
   // Contact: planes of nodes and shapes that may touch in some lane, by nodes.
   const std::int32_t* plane_begin;  ///< per node, nodes + 1

@@ -11,6 +11,7 @@
 namespace {
 
 using omentum::FactorPanel;
+using omentum::kPatchRows;
 using Args = omentum::ElasticArgs<Real>;
 
 inline Lane3 zero3() {
@@ -315,53 +316,50 @@ void subtract_solution(const Args& args) {
 }
 
 // ---------------------------------------------------------------------------------------------------------------------
-// Grasp: lambda = (P^T A^-1 P + C)^-1 (x - target - C lambda_before),  d -= A^-1 P lambda
-// (tissue.md section 8).
+// Grasp, with C the rows of the patch (tissue.md section 8):
+//   lambda += (C A^-1 C^T + give)^-1 (C x - target - give lambda),   d -= A^-1 C^T change of lambda
 
-void hold_patch(const Args& args) {
-  const Mask lanes = to_mask(args.lanes);
+/// C x - target of all rows. Places count from the tip on: that costs no bits.
+inline void find_patch_miss(const Args& args, Real* miss) {
+  for (int k = 0; k < 3 * kPatchRows * kLanes; ++k) miss[k] = Real{0} - args.patch_offset[k];
   for (int k = 0; k < args.patch_size; ++k) {
     for (int lane = 0; lane < kLanes; ++lane) {
       const int node = args.patch_node[k * kLanes + lane];
-      const Real compliance = args.patch_compliance[k * kLanes + lane];
       for (int axis = 0; axis < 3; ++axis) {
         const int at = (3 * node + axis) * kLanes + lane;
-        const int here = (3 * k + axis) * kLanes + lane;
-        const Real off = (args.x[at] - args.patch_target[here]) + args.d[at];
-        args.patch_miss[here] = off - compliance * args.patch_force[here];
+        const Real p = (args.x[at] - args.patch_tip[axis * kLanes + lane]) + args.d[at];
+        for (int row = 0; row < kPatchRows; ++row) {
+          const Real weight = args.patch_weight[(kPatchRows * k + row) * kLanes + lane];
+          miss[(3 * row + axis) * kLanes + lane] += weight * p;
+        }
       }
     }
   }
-  for (int lane = 0; lane < kLanes; ++lane) {
-    const Real give = args.patch_give[lane];
-    for (int axis = 0; axis < 3 && give > Real{0}; ++axis) {
-      Real sum = 0;
-      for (int k = 0; k < args.patch_size; ++k)
-        sum += args.patch_force[(3 * k + axis) * kLanes + lane];
-      for (int k = 0; k < args.patch_size; ++k)
-        args.patch_miss[(3 * k + axis) * kLanes + lane] -= give * sum;
-    }
-  }
-  for (int k = 0; k < args.patch_size; ++k) {
+}
+
+void hold_patch(const Args& args) {
+  const Mask lanes = to_mask(args.lanes);
+  Real memory[3 * kPatchRows * kLanes];
+  find_patch_miss(args, memory);
+  Lane3 miss[kPatchRows];
+  for (int row = 0; row < kPatchRows; ++row) miss[row] = load3(memory + 3 * kLanes * row);
+  miss[0] = fnma(load(args.patch_give), load3(args.patch_force), miss[0]);
+  Lane3 change[kPatchRows];
+  for (int row = 0; row < kPatchRows; ++row) {
     Lane3 sum = zero3();
-    for (int j = 0; j < args.patch_size; ++j) {
-      const Lane s = load(args.patch_inverse + (k * args.patch_room + j) * kLanes);
-      sum = fma(s, load3(args.patch_miss + 3 * kLanes * j), sum);
-    }
-    const Lane3 change = select(lanes, sum, zero3());
-    store3(args.patch_change + 3 * kLanes * k, change);
-    Real* const force = args.patch_force + 3 * kLanes * k;
-    store3(force, load3(force) + change);
+    for (int k = 0; k < kPatchRows; ++k)
+      sum = fma(load(args.patch_inverse + (kPatchRows * row + k) * kLanes), miss[k], sum);
+    change[row] = select(lanes, sum, zero3());
+    Real* const force = args.patch_force + 3 * kLanes * row;
+    store3(force, load3(force) + change[row]);
   }
   for (int i = 0; i < args.nodes; ++i) {
-    Real* const memory = args.d + 3 * kLanes * i;
-    const Lane3 before = load3(memory);
+    Real* const displacement = args.d + 3 * kLanes * i;
+    const Lane3 before = load3(displacement);
     Lane3 d = before;
-    for (int k = 0; k < args.patch_size; ++k) {
-      const Lane response = load(args.patch_response + (i * args.patch_room + k) * kLanes);
-      d = fnma(response, load3(args.patch_change + 3 * kLanes * k), d);
-    }
-    store3(memory, select(lanes, d, before));
+    for (int row = 0; row < kPatchRows; ++row)
+      d = fnma(load(args.patch_response + (kPatchRows * i + row) * kLanes), change[row], d);
+    store3(displacement, select(lanes, d, before));
   }
 }
 

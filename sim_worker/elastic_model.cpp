@@ -9,10 +9,12 @@
 #include "core/check.h"
 #include "core/trig.h"
 #include "sim_worker/elastic_tissue.h"
+#include "sim_worker/grasp_patch.h"
 
 namespace omentum {
 namespace {
 
+using Eigen::Vector2d;
 using Eigen::Vector3d;
 
 constexpr double kKeyRatio = 1.25;  // E/E0 in (0.8, 1]: settles and follows (tissue.md section 8)
@@ -396,13 +398,17 @@ std::shared_ptr<const ElasticTissueModel> make_elastic_model(const Scene& scene,
   model->tool_length = tool.shaft_length_m();
   model->thickness = model->body.thickness;
   model->density = tissue.density_kg_per_m3();
-  model->grasp_stiffness = model->material.young_modulus_pa() * model->thickness;
   model->effects =
       make_effects(tissue.effects(), tissue.material().poisson_ratio(), model->body.particles);
   if ((model->effects.adhesion > 0 || model->effects.suction > 0) &&
       model->contact_bodies.empty()) {
     throw_error("scene.tissue.effects.{}: nothing to stick to, needs a scene.rigid_body",
                 model->effects.adhesion > 0 ? "adhesion" : "suction");
+  }
+  model->clamp_edge = model->sheet().min().y();
+  for (std::size_t i = 0; i < model->body.particles.size(); ++i) {
+    if (model->body.fixed[i] != 0)
+      model->clamp_edge = std::max(model->clamp_edge, model->body.particles[i].y());
   }
   model->structure = model->make_structure(model->effects);
   model->node_area = lump(*model, [&](int) { return 0.5 * model->pitch * model->pitch; });
@@ -431,6 +437,59 @@ std::shared_ptr<const ElasticTissueModel> make_elastic_model(const Scene& scene,
   return model;
 }
 
+Eigen::AlignedBox2d ElasticTissueModel::sheet() const {
+  return {body.particles.front().head<2>(), body.particles.back().head<2>()};
+}
+
+ElasticTissueModel::Shares ElasticTissueModel::locate(const Vector2d& X) const {
+  const Vector2d from = (X - body.particles.front().head<2>()) / pitch;
+  const int ix = std::clamp(static_cast<int>(from.x()), 0, count_x - 2);
+  const int iy = std::clamp(static_cast<int>(from.y()), 0, count_y - 2);
+  const double u = from.x() - ix;
+  const double v = from.y() - iy;
+  const int i = count_y * ix + iy;
+  return {{i, i + 1, i + count_y, i + count_y + 1},
+          {(1 - u) * (1 - v), (1 - u) * v, u * (1 - v), u * v}};
+}
+
+SheetPatch ElasticTissueModel::make_patch(const Vector2d& centre, double radius) const {
+  const Eigen::AlignedBox2d free(Vector2d(sheet().min().x(), clamp_edge), sheet().max());
+  const std::vector<PatchPoint> points = patch_points(free, centre, radius);
+  Vector2d mean = Vector2d::Zero();
+  for (const PatchPoint& point : points) mean += point.weight * point.p;
+  std::map<std::int32_t, Vector3d> rows;  // by node, so that the order is that of the nodes
+  for (const PatchPoint& point : points) {
+    const Vector2d arm = (point.p - mean) / radius;
+    const Shares shares = locate(point.p);
+    for (std::size_t k = 0; k < shares.node.size(); ++k) {
+      rows.try_emplace(shares.node[k], Vector3d::Zero()).first->second +=
+          point.weight * shares.weight[k] * Vector3d(1, arm.x(), arm.y());
+    }
+  }
+  SheetPatch patch;
+  patch.weight.resize(static_cast<Eigen::Index>(rows.size()), kPatchRows);
+  for (const auto& [node, row] : rows) {
+    patch.weight.row(static_cast<Eigen::Index>(patch.node.size())) = row.transpose();
+    patch.node.push_back(node);
+  }
+  for (int r = 1; r < kPatchRows; ++r)
+    patch.weight.col(r) /= patch.weight.col(r).cwiseAbs().maxCoeff();
+  std::int32_t nearest = -1;
+  double least = 0;
+  for (std::int32_t i = 0; i < nodes(); ++i) {
+    const auto k = static_cast<std::size_t>(i);
+    if (body.fixed[k] != 0) continue;
+    const double distance = (body.particles[k].head<2>() - centre).norm();
+    if (distance <= radius) patch.inside.push_back(i);
+    if (nearest < 0 || distance < least) {
+      nearest = i;
+      least = distance;
+    }
+  }
+  if (patch.inside.empty()) patch.inside.push_back(nearest);
+  return patch;
+}
+
 ElasticStructure ElasticTissueModel::make_structure(const EffectValues& values) const {
   ElasticStructure made;
   const double e = material.young_modulus_pa();
@@ -455,7 +514,7 @@ ElasticStructure ElasticTissueModel::make_structure(const EffectValues& values) 
   return made;
 }
 
-// A node that is detached in part hangs on a spring, as one that the jaw covers in part.
+// A node that is detached in part hangs on a spring: E t where that part is one half.
 std::vector<double> ElasticTissueModel::make_anchor(const EffectValues& values) const {
   std::vector<double> spring(static_cast<std::size_t>(nodes()), 0.0);
   if (!values.moves_anchor()) return spring;
@@ -474,7 +533,7 @@ std::vector<double> ElasticTissueModel::make_anchor(const EffectValues& values) 
       if (values.anchor_compliance > 0) {
         spring[k] = (1 - detached) * length / (values.anchor_compliance * rows);
       } else if (detached > 0) {
-        spring[k] = grasp_stiffness * (1 - detached) / detached;
+        spring[k] = membrane_stiffness() * (1 - detached) / detached;
       }
     }
   }

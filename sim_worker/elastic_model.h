@@ -1,6 +1,8 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <Eigen/Geometry>
+#include <array>
 #include <cstdint>
 #include <map>
 #include <memory>
@@ -34,6 +36,16 @@ struct ElasticStructure {
   bool uniform = true;       ///< every factor is 1
 };
 
+/// What the jaws hold of the shell, as rows over its nodes: the mean position of the patch and its
+/// mean slopes along x_B and y_B. Row r of the patch is sum_k weight(k, r) x_node[k]; the weights
+/// of the mean sum to 1, the largest of a slope is 1. (The slope through the thickness, which the
+/// reference holds too, follows from the others: a shell has no shear.)
+struct SheetPatch {
+  std::vector<std::int32_t> node;  ///< ascending
+  Eigen::Matrix<double, Eigen::Dynamic, kPatchRows> weight;
+  std::vector<std::int32_t> inside;  ///< free nodes in the disc, ascending; else the nearest one
+};
+
 /// Immutable half of the elastic shell: corotated triangles on the grid sheet with alternating
 /// diagonals, finite-difference plate bending, material in SI units that does not depend on the
 /// step (tissue.md section 6). Safe to share by threads.
@@ -55,8 +67,7 @@ struct ElasticTissueModel : TissueModel, std::enable_shared_from_this<ElasticTis
   /// A without its mass, at nominal E and the scene's effects [N/m]: entries as those of `bending`,
   /// and the diagonal; zero at fixed nodes.
   std::vector<double> metric, metric_diagonal;
-  /// Spring of a node that the jaw covers half [N/m]; infinite: all or nothing.
-  double grasp_stiffness = 0;
+  double clamp_edge = 0;  ///< y_B of the clamped row that is furthest in, or the lower end [m]
   double static_friction = 0, dynamic_friction = 0;
   Eigen::Vector3d gravity = Eigen::Vector3d::Zero();  ///< in W [m/s^2]
   std::vector<RigidShape> contact_bodies;             ///< what nodes collide with, the tool apart
@@ -66,6 +77,18 @@ struct ElasticTissueModel : TissueModel, std::enable_shared_from_this<ElasticTis
   Eigen::Vector3d shaft_axis = Eigen::Vector3d::UnitZ();  ///< from the tip up the shaft, in W
 
   int nodes() const { return count_x * count_y; }
+  /// E t [N/m].
+  double membrane_stiffness() const { return material.young_modulus_pa() * thickness; }
+  /// The sheet at rest, x_B and y_B [m].
+  Eigen::AlignedBox2d sheet() const;
+  /// The nodes around a point of the sheet at rest and their shares of it (bilinear).
+  struct Shares {
+    std::array<std::int32_t, 4> node{};
+    std::array<double, 4> weight{};
+  };
+  Shares locate(const Eigen::Vector2d& X) const;
+  /// Patch of the disc around `centre` (x_B, y_B of the rest sheet, beyond the clamp edge [m]).
+  SheetPatch make_patch(const Eigen::Vector2d& centre, double radius) const;
   double substep() const { return control_period / parameters.substeps(); }
   /// Step of the implicit equation: h, or 2 h / 3 for BDF2 [s].
   double effective_step() const;

@@ -15,8 +15,10 @@ using Eigen::Vector3d;
 
 // Rounds of conjugate gradients where tissue hangs on springs (effects adhesion and suction).
 constexpr int kSpringRounds = 8;
-constexpr std::uint32_t kEffectsFollow = 1U << 31;  // beside the count of held nodes in a state
-constexpr double kLeastCover = 1e-3;                // of a cell: a thinner hold is none
+// What comes after the fixed part of a state.
+constexpr std::uint32_t kGraspFollows = 1;
+constexpr std::uint32_t kEffectsFollow = 2;
+constexpr double kLeastPatch = 1e-5;  // [m]: with a smaller one the sphere only grazes the sheet
 
 const ElasticKernel<float>& elastic_kernel_for(const Kernel<float>& kernel) {
   if (kernel.lanes == 16) return kElasticKernelF32x16;
@@ -95,6 +97,15 @@ ElasticTissue<Real>::ElasticTissue(std::shared_ptr<const ElasticTissueModel> mod
   args_.gravity = gravity_.data();
   args_.keep = keep_.data();
   args_.patch_give = patch_give_.data();
+  patch_inverse_.assign(kPatchRows * kPatchRows * W, Real{0});
+  patch_response_.assign(kPatchRows * n * W, Real{0});
+  for (auto* v : {&patch_offset_, &patch_force_}) v->assign(3 * kPatchRows * W, Real{0});
+  patch_tip_.assign(3 * W, Real{0});
+  args_.patch_tip = patch_tip_.data();
+  args_.patch_offset = patch_offset_.data();
+  args_.patch_inverse = patch_inverse_.data();
+  args_.patch_response = patch_response_.data();
+  args_.patch_force = patch_force_.data();
   make_room(1);
   prepare_contacts();
   for (int lane = 0; lane < lanes(); ++lane) {
@@ -155,7 +166,7 @@ void ElasticTissue<Real>::update_key(int lane) {
   key_[l] = effects_.factor_key(lane);
   if (args_.has_contact) set_contact_stiffness(lane);
   group_lanes();
-  if (!held_[l].nodes.empty()) make_patch(lane);
+  if (held_[l].radius > 0) make_patch(lane);
 }
 
 /// Before a control step: slip of the grasps.
@@ -164,10 +175,10 @@ void ElasticTissue<Real>::slip_grasps() {
   for (int lane = 0; lane < lanes(); ++lane) {
     const auto l = static_cast<std::size_t>(lane);
     const EffectValues& effects = effects_.values(lane);
-    if (held_[l].nodes.empty() || !(effects.slip_speed > 0)) continue;
-    const Vector3d slip =
-        slip_of(effects, held_force(lane), model_->grasp_stiffness * parameters_[l].stiffness_scale,
-                model_->control_period);
+    if (!(held_[l].radius > 0) || !(effects.slip_speed > 0)) continue;
+    const Vector3d slip = slip_of(effects, held_force(lane),
+                                  model_->membrane_stiffness() * parameters_[l].stiffness_scale,
+                                  model_->control_period);
     slipped_[l] += slip.norm();
     if (effects.slip_loss > 0 && slipped_[l] > effects.slip_loss) {
       release(lane);
@@ -217,9 +228,7 @@ void ElasticTissue<Real>::step(std::span<const ToolMotion> motion) {
   }
   for (int lane = 0; lane < lanes(); ++lane) {
     for (int axis = 0; axis < 3; ++axis) {
-      Real sum = 0;
-      for (int k = 0; k < args_.patch_size; ++k) sum += patch_force_[index(k, axis, lane)];
-      held_force_[index(0, axis, lane)] = sum;
+      held_force_[index(0, axis, lane)] = patch_force_[index(0, axis, lane)];
     }
   }
 }
@@ -232,15 +241,11 @@ void ElasticTissue<Real>::place_tool(std::span<const ToolMotion> motion, int sub
     const ToolMotion& m = motion[static_cast<std::size_t>(lane)];
     const Vector3d tip = m.from + share * (m.to - m.from);
     const Vector3d base = tip + model_->tool_start * model_->shaft_axis;
-    const Held& held = held_[static_cast<std::size_t>(lane)];
     for (int axis = 0; axis < 3; ++axis) {
       capsule_[index(0, axis, lane)] = static_cast<Real>(base[axis]);
       capsule_motion_[index(0, axis, lane)] =
           static_cast<Real>((m.to[axis] - m.from[axis]) / substeps);
-      for (std::size_t k = 0; k < held.nodes.size(); ++k) {
-        patch_target_[index(static_cast<int>(k), axis, lane)] =
-            static_cast<Real>(tip[axis]) + held.offsets[k][static_cast<std::size_t>(axis)];
-      }
+      patch_tip_[index(0, axis, lane)] = static_cast<Real>(tip[axis]);
     }
   }
 }
@@ -310,36 +315,61 @@ void ElasticTissue<Real>::hold_for(std::uint32_t lanes) {
 }
 
 template <typename Real>
-void ElasticTissue<Real>::set_free(int lane, const Held& held, bool free) {
-  for (const std::int32_t i : held.nodes) {
+void ElasticTissue<Real>::set_free(int lane, const std::vector<std::int32_t>& nodes, bool free) {
+  for (const std::int32_t i : nodes) {
     std::uint32_t& mask = free_mask_[static_cast<std::size_t>(i)];
     mask = free ? mask | 1U << lane : mask & ~(1U << lane);
   }
 }
 
 template <typename Real>
+Vector3d ElasticTissue<Real>::point_of_sheet(int lane, const Eigen::Vector2d& X) const {
+  const ElasticTissueModel::Shares shares = model_->locate(X);
+  Vector3d p = Vector3d::Zero();
+  for (std::size_t k = 0; k < shares.node.size(); ++k)
+    p += shares.weight[k] * position(lane, shares.node[k]);
+  return p;
+}
+
+template <typename Real>
+SheetPoint ElasticTissue<Real>::nearest_point(int lane, const Vector3d& tip) const {
+  int nearest = 0;
+  for (int i = 1; i < particles(); ++i) {
+    if ((position(lane, i) - tip).squaredNorm() < (position(lane, nearest) - tip).squaredNorm())
+      nearest = i;
+  }
+  return nearest_on_sheet(
+      [&](const Eigen::Vector2d& X) { return point_of_sheet(lane, X); }, model_->sheet(),
+      model_->body.particles[static_cast<std::size_t>(nearest)].template head<2>(), tip);
+}
+
+template <typename Real>
 void ElasticTissue<Real>::hold(int lane, const Vector3d& tip, double radius, bool collapse) {
   release(lane);
-  Held& held = held_[static_cast<std::size_t>(lane)];
   const EffectValues& effects = effects_.values(lane);
-  const Vector3d beside =
-      model_->body.X_WB.linear() * Vector3d(effects.grasp_x, effects.grasp_y, 0);
-  const Eigen::Matrix3d turn = jaw_turn(effects, model_->shaft_axis);
   radius += effects.grasp_radius;
-  for (int i = 0; i < particles(); ++i) {
-    if (model_->body.fixed[static_cast<std::size_t>(i)] != 0) continue;
-    const Vector3d offset = position(lane, i) - tip;
-    const double covered = (radius - (offset - beside).norm()) / model_->pitch + 0.5;
-    if (!(covered > kLeastCover)) continue;
-    Vector3d kept = turn * offset;
-    if (collapse) kept.setZero();
-    held.nodes.push_back(i);
-    held.offsets.push_back(
-        {static_cast<Real>(kept.x()), static_cast<Real>(kept.y()), static_cast<Real>(kept.z())});
-    held.weights.push_back(static_cast<Real>(std::min(1.0, covered)));
+  const SheetPoint nearest = nearest_point(
+      lane, tip + model_->body.X_WB.linear() * Vector3d(effects.grasp_x, effects.grasp_y, 0));
+  if (!(nearest.X.y() > model_->clamp_edge) || !(nearest.distance < radius)) return;
+  Held held;
+  held.centre = nearest.X;
+  held.radius = std::sqrt(radius * radius - nearest.distance * nearest.distance);
+  if (!(held.radius > kLeastPatch)) return;
+  held.patch = model_->make_patch(held.centre, held.radius);
+  for (std::size_t k = 0; k < held.patch.node.size(); ++k) {
+    held.target += (position(lane, held.patch.node[k]) - tip) *
+                   held.patch.weight.row(static_cast<Eigen::Index>(k));
   }
-  if (held.nodes.empty()) return;
-  set_free(lane, held, false);
+  held.target = jaw_turn(effects, model_->shaft_axis) * Targets(held.target);
+  if (collapse) held.target.col(0).setZero();
+  grip(lane, std::move(held));
+}
+
+template <typename Real>
+void ElasticTissue<Real>::grip(int lane, Held held) {
+  Held& mine = held_[static_cast<std::size_t>(lane)];
+  mine = std::move(held);
+  set_free(lane, mine.patch.inside, false);
   make_patch(lane);
 }
 
@@ -347,8 +377,8 @@ template <typename Real>
 void ElasticTissue<Real>::release(int lane) {
   Held& held = held_[static_cast<std::size_t>(lane)];
   slipped_[static_cast<std::size_t>(lane)] = 0;
-  if (held.nodes.empty()) return;
-  set_free(lane, held, true);
+  if (!(held.radius > 0)) return;
+  set_free(lane, held.patch.inside, true);
   clear_patch(lane);
   held = {};
 }
@@ -356,33 +386,21 @@ void ElasticTissue<Real>::release(int lane) {
 /// Arrays for patches of `count` nodes; what they held has to be made again.
 template <typename Real>
 void ElasticTissue<Real>::make_room(int count) {
-  constexpr int kChunk = 16;  // covers the patches of a 3 mm sheet: growing is rare
+  constexpr int kChunk = 32;  // covers the patches of a 3 mm sheet: growing is rare
   const int room = (count + kChunk - 1) / kChunk * kChunk;
-  const auto k = static_cast<std::size_t>(room);
-  const auto W = static_cast<std::size_t>(lanes());
-  patch_node_.assign(k * W, 0);
-  patch_compliance_.assign(k * W, Real{0});
-  for (auto* v : {&patch_target_, &patch_force_, &patch_miss_, &patch_change_}) {
-    v->assign(3 * k * W, Real{0});
-  }
-  patch_inverse_.assign(k * k * W, Real{0});
-  patch_response_.assign(static_cast<std::size_t>(particles()) * k * W, Real{0});
+  const auto lanes_of_nodes = static_cast<std::size_t>(room * lanes());
+  patch_node_.assign(lanes_of_nodes, 0);
+  patch_weight_.assign(kPatchRows * lanes_of_nodes, Real{0});
   args_.patch_room = room;
   args_.patch_node = patch_node_.data();
-  args_.patch_target = patch_target_.data();
-  args_.patch_compliance = patch_compliance_.data();
-  args_.patch_inverse = patch_inverse_.data();
-  args_.patch_response = patch_response_.data();
-  args_.patch_force = patch_force_.data();
-  args_.patch_miss = patch_miss_.data();
-  args_.patch_change = patch_change_.data();
+  args_.patch_weight = patch_weight_.data();
 }
 
-// Response columns U = A^-1 P and the inverse of P^T U + C, in double, once per grasp.
+// Response columns U = A^-1 C^T and the inverse of C U + give, in double, once per grasp.
 template <typename Real>
 void ElasticTissue<Real>::make_patch(int lane) {
   const Held& held = held_[static_cast<std::size_t>(lane)];
-  const auto count = static_cast<int>(held.nodes.size());
+  const auto count = static_cast<int>(held.patch.node.size());
   if (count > args_.patch_room) {
     make_room(count);
     const std::uint32_t others = held_lanes_ & ~(1U << lane);
@@ -392,31 +410,33 @@ void ElasticTissue<Real>::make_patch(int lane) {
   }
   clear_patch(lane);
   const auto W = lanes();
-  Eigen::MatrixXd response = Eigen::MatrixXd::Zero(count, particles());
-  for (int k = 0; k < count; ++k) response(k, held.nodes[static_cast<std::size_t>(k)]) = 1;
-  factor_of(key_[static_cast<std::size_t>(lane)]).shared->solve(response);
-  Eigen::MatrixXd system(count, count);
+  Eigen::MatrixXd rows = Eigen::MatrixXd::Zero(kPatchRows, particles());
   for (int k = 0; k < count; ++k) {
-    const auto w = static_cast<double>(held.weights[static_cast<std::size_t>(k)]);
-    const double compliance = (1 - w) / (w * model_->grasp_stiffness);
-    for (int j = 0; j < count; ++j) {
-      system(j, k) = response(j, held.nodes[static_cast<std::size_t>(k)]);
-    }
-    system(k, k) += compliance;
-    system.col(k).array() += effects_.values(lane).grasp_compliance;
-    patch_node_[static_cast<std::size_t>(k * W + lane)] = held.nodes[static_cast<std::size_t>(k)];
-    patch_compliance_[static_cast<std::size_t>(k * W + lane)] = static_cast<Real>(compliance);
-    for (int i = 0; i < particles(); ++i) {
-      patch_response_[static_cast<std::size_t>((i * args_.patch_room + k) * W + lane)] =
-          static_cast<Real>(response(k, i));
+    const std::int32_t node = held.patch.node[static_cast<std::size_t>(k)];
+    patch_node_[static_cast<std::size_t>(k * W + lane)] = node;
+    for (int row = 0; row < kPatchRows; ++row) {
+      patch_weight_[static_cast<std::size_t>((kPatchRows * k + row) * W + lane)] =
+          static_cast<Real>(held.patch.weight(k, row));
+      if (model_->body.fixed[static_cast<std::size_t>(node)] == 0)
+        rows(row, node) = held.patch.weight(k, row);
     }
   }
-  const Eigen::MatrixXd inverse = system.llt().solve(Eigen::MatrixXd::Identity(count, count));
-  for (int k = 0; k < count; ++k) {
-    for (int j = 0; j < count; ++j) {
-      patch_inverse_[static_cast<std::size_t>((k * args_.patch_room + j) * W + lane)] =
-          static_cast<Real>(inverse(k, j));
+  Eigen::MatrixXd response = rows;
+  factor_of(key_[static_cast<std::size_t>(lane)]).shared->solve(response);
+  Eigen::Matrix3d system = rows * response.transpose();
+  system(0, 0) += effects_.values(lane).grasp_compliance;
+  const Eigen::Matrix3d inverse = system.llt().solve(Eigen::Matrix3d::Identity());
+  for (int row = 0; row < kPatchRows; ++row) {
+    for (int k = 0; k < kPatchRows; ++k) {
+      patch_inverse_[static_cast<std::size_t>((kPatchRows * row + k) * W + lane)] =
+          static_cast<Real>(inverse(row, k));
     }
+    for (int i = 0; i < particles(); ++i) {
+      patch_response_[static_cast<std::size_t>((kPatchRows * i + row) * W + lane)] =
+          static_cast<Real>(response(row, i));
+    }
+    for (int axis = 0; axis < 3; ++axis)
+      patch_offset_[index(row, axis, lane)] = static_cast<Real>(held.target(axis, row));
   }
   held_lanes_ |= 1U << lane;
   args_.patch_size = std::max(args_.patch_size, count);
@@ -426,7 +446,7 @@ template <typename Real>
 void ElasticTissue<Real>::clear_patch(int lane) {
   const auto W = static_cast<std::size_t>(lanes());
   for (auto* array :
-       {&patch_target_, &patch_compliance_, &patch_inverse_, &patch_response_, &patch_force_}) {
+       {&patch_weight_, &patch_offset_, &patch_inverse_, &patch_response_, &patch_force_}) {
     for (std::size_t k = static_cast<std::size_t>(lane); k < array->size(); k += W) {
       (*array)[k] = Real{0};
     }
@@ -438,18 +458,19 @@ void ElasticTissue<Real>::clear_patch(int lane) {
   args_.patch_size = 0;
   for (int other = 0; other < lanes(); ++other) {
     if ((held_lanes_ >> other & 1U) == 0) continue;
-    args_.patch_size = std::max(
-        args_.patch_size, static_cast<int>(held_[static_cast<std::size_t>(other)].nodes.size()));
+    args_.patch_size =
+        std::max(args_.patch_size,
+                 static_cast<int>(held_[static_cast<std::size_t>(other)].patch.node.size()));
   }
 }
 
 template <typename Real>
 void ElasticTissue<Real>::shift_held(int lane, const Vector3d& by) {
-  for (auto& offset : held_[static_cast<std::size_t>(lane)].offsets) {
-    for (int axis = 0; axis < 3; ++axis) {
-      offset[static_cast<std::size_t>(axis)] += static_cast<Real>(by[axis]);
-    }
-  }
+  Held& held = held_[static_cast<std::size_t>(lane)];
+  if (!(held.radius > 0)) return;
+  held.target.col(0) += by;
+  for (int axis = 0; axis < 3; ++axis)
+    patch_offset_[index(0, axis, lane)] = static_cast<Real>(held.target(axis, 0));
 }
 
 template <typename Real>
@@ -542,8 +563,8 @@ std::vector<Vector3d> ElasticTissue<Real>::elastic_gradient(int lane) {
 }
 
 // State of a lane: positions, velocities, history of BDF2, contact forces, force on the tool, the
-// lane parameters, then the grasp. What follows from these (factor, response of the patch) is made
-// again.
+// lane parameters, then the grasp: its disc and targets. What follows from these (factor, response
+// of the patch) is made again.
 template <typename Real>
 void ElasticTissue<Real>::save(int lane, Bytes& out) const {
   const auto add = [&out](const void* data, std::size_t size) {
@@ -562,16 +583,40 @@ void ElasticTissue<Real>::save(int lane, Bytes& out) const {
     add(&value, sizeof value);
   }
   const Held& held = held_[static_cast<std::size_t>(lane)];
-  const auto count = static_cast<std::uint32_t>(held.nodes.size());
-  const std::uint32_t word = count | (effects_.values(lane) == EffectValues{} ? 0 : kEffectsFollow);
+  const std::uint32_t word = (held.radius > 0 ? kGraspFollows : 0) |
+                             (effects_.values(lane) == EffectValues{} ? 0 : kEffectsFollow);
   add(&word, sizeof word);
-  add(held.nodes.data(), count * sizeof(std::int32_t));
-  add(held.offsets.data(), count * sizeof(held.offsets[0]));
-  add(held.weights.data(), count * sizeof(Real));
+  if (held.radius > 0) {
+    const std::array<double, 3> disc = {held.centre.x(), held.centre.y(), held.radius};
+    add(disc.data(), sizeof disc);
+    add(held.target.data(), sizeof held.target);
+  }
   if (!(effects_.values(lane) == EffectValues{})) {
     add(&slipped_[static_cast<std::size_t>(lane)], sizeof(double));
     effects_.save(lane, out);
   }
+}
+
+/// The grasp that a state begins with.
+template <typename Real>
+Result<typename ElasticTissue<Real>::Held> ElasticTissue<Real>::read_grasp(
+    std::span<const std::byte> state) const {
+  if (state.size() < kGraspSize) return Failure{"tissue state ends in its grasp"};
+  std::array<double, 3> disc{};
+  Held held;
+  std::memcpy(disc.data(), state.data(), sizeof disc);
+  std::memcpy(held.target.data(), state.data() + sizeof disc, sizeof held.target);
+  held.centre = {disc[0], disc[1]};
+  held.radius = disc[2];
+  const Eigen::AlignedBox2d sheet = model_->sheet();
+  if (!sheet.contains(held.centre) || !(held.centre.y() > model_->clamp_edge) ||
+      !(held.radius > kLeastPatch && held.radius <= 1)) {
+    return Failure{fmt::format("tissue state holds a patch at ({}, {}) m of radius {} m", disc[0],
+                               disc[1], disc[2])};
+  }
+  if (!held.target.allFinite()) return Failure{"tissue state holds a grasp that is not finite"};
+  held.patch = model_->make_patch(held.centre, held.radius);
+  return held;
 }
 
 template <typename Real>
@@ -581,8 +626,8 @@ Result<std::size_t> ElasticTissue<Real>::load(int lane, std::span<const std::byt
   std::size_t reals = 0;
   for (const auto* a : arrays) reals += a->size() / static_cast<std::size_t>(lanes());
   std::array<double, 4> scales{};
-  std::uint32_t count = 0;
-  const std::size_t fixed_size = reals * sizeof(Real) + sizeof scales + sizeof count;
+  std::uint32_t word = 0;
+  const std::size_t fixed_size = reals * sizeof(Real) + sizeof scales + sizeof word;
   if (state.size() < fixed_size) {
     return Failure{
         fmt::format("tissue state of {} bytes, needed at least {}", state.size(), fixed_size)};
@@ -590,48 +635,24 @@ Result<std::size_t> ElasticTissue<Real>::load(int lane, std::span<const std::byt
   std::vector<Real> values(reals);
   std::memcpy(values.data(), state.data(), reals * sizeof(Real));
   std::memcpy(scales.data(), state.data() + reals * sizeof(Real), sizeof scales);
-  std::memcpy(&count, state.data() + fixed_size - sizeof count, sizeof count);
-  const bool has_effects = (count & kEffectsFollow) != 0;
-  count &= ~kEffectsFollow;
-  Held held;
-  const std::size_t entry = sizeof(std::int32_t) + sizeof(held.offsets[0]) + sizeof(Real);
-  if (count > static_cast<std::uint32_t>(particles()) ||
-      state.size() < fixed_size + count * entry) {
-    return Failure{fmt::format("tissue state of {} bytes with {} held nodes, allowed at most {}",
-                               state.size(), count, particles())};
+  std::memcpy(&word, state.data() + fixed_size - sizeof word, sizeof word);
+  if ((word & ~(kGraspFollows | kEffectsFollow)) != 0) {
+    return Failure{fmt::format("tissue state with flags {:#x}, allowed 0 ... 3", word)};
   }
+  const bool has_effects = (word & kEffectsFollow) != 0;
   for (const Real v : values) {
     if (!std::isfinite(v)) return Failure{"tissue state holds a non-finite number"};
   }
   LaneParameters parameters{scales[0], scales[1], scales[2], scales[3], EffectValues{}};
   if (!usable(parameters)) return Failure{"tissue state holds lane parameters out of range"};
-  held.nodes.resize(count);
-  held.offsets.resize(count);
-  held.weights.resize(count);
-  if (count > 0) {  // memcpy must not get the null pointer of an empty vector
-    const std::byte* at = state.data() + fixed_size;
-    std::memcpy(held.nodes.data(), at, count * sizeof(std::int32_t));
-    at += count * sizeof(std::int32_t);
-    std::memcpy(held.offsets.data(), at, count * sizeof(held.offsets[0]));
-    at += count * sizeof(held.offsets[0]);
-    std::memcpy(held.weights.data(), at, count * sizeof(Real));
+  std::size_t used = fixed_size;
+  Held held;
+  if ((word & kGraspFollows) != 0) {
+    Result<Held> read = read_grasp(state.subspan(used));
+    if (!read) return Failure{read.error()};
+    held = std::move(read).value();
+    used += kGraspSize;
   }
-  for (std::size_t k = 0; k < count; ++k) {
-    const std::int32_t i = held.nodes[k];
-    if (i < 0 || i >= particles() || model_->body.fixed[static_cast<std::size_t>(i)] != 0 ||
-        (k > 0 && i <= held.nodes[k - 1])) {
-      return Failure{
-          fmt::format("tissue state holds node {}, not a free one of {} in ascending "
-                      "order",
-                      i, particles())};
-    }
-    const auto& offset = held.offsets[k];
-    if (!(held.weights[k] > Real{0} && held.weights[k] <= Real{1}) || !std::isfinite(offset[0]) ||
-        !std::isfinite(offset[1]) || !std::isfinite(offset[2])) {
-      return Failure{fmt::format("tissue state holds node {} with a bad weight or offset", i)};
-    }
-  }
-  std::size_t used = fixed_size + count * entry;
   double slipped = 0;
   std::span<const std::byte> of_effects;
   if (has_effects) {
@@ -655,10 +676,9 @@ Result<std::size_t> ElasticTissue<Real>::load(int lane, std::span<const std::byt
       (*a)[k] = values[next++];
     }
   }
-  held_[static_cast<std::size_t>(lane)] = std::move(held);
-  set_free(lane, held_[static_cast<std::size_t>(lane)], false);
   effects_.reset(lane, Vector3d::Zero());
   set_parameters(lane, parameters);
+  if (held.radius > 0) grip(lane, std::move(held));
   slipped_[static_cast<std::size_t>(lane)] = slipped;
   if (has_effects) effects_.load(lane, of_effects);
   return used;

@@ -1,7 +1,6 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <array>
 #include <cstdint>
 #include <map>
 #include <memory>
@@ -12,6 +11,7 @@
 #include "sim_worker/elastic_kernel.h"
 #include "sim_worker/elastic_lane_effects.h"
 #include "sim_worker/elastic_model.h"
+#include "sim_worker/grasp_patch.h"
 #include "sim_worker/tissue.h"
 
 namespace omentum {
@@ -20,10 +20,10 @@ namespace omentum {
 /// whose stiffness needs another factor share a batch and cost one more solve per distinct factor
 /// key.
 ///
-/// Grasp: every free node whose cell of one pitch overlaps the disc of `radius` about the tip is
-/// held with the covered part of its cell as weight: fully covered nodes rigidly, partly covered
-/// ones by a spring grasp_stiffness w / (1 - w). The grasp so moves smoothly with the pinch point
-/// (tissue.md section 8).
+/// Grasp: the jaws hold the mean position and slopes of the disc of tissue in them (SheetPatch,
+/// tissue.md section 8); its radius is such that the sphere of `radius` about the tip goes through
+/// its rim. held() are the free nodes inside; they do not collide while held. `collapse` pulls the
+/// mean position onto the tip.
 template <typename Real>
 class ElasticTissue : public Tissue<Real> {
  public:
@@ -40,7 +40,7 @@ class ElasticTissue : public Tissue<Real> {
   void hold(int lane, const Eigen::Vector3d& tip, double radius, bool collapse) override;
   void release(int lane) override;
   std::span<const std::int32_t> held(int lane) const override {
-    return held_[static_cast<std::size_t>(lane)].nodes;
+    return held_[static_cast<std::size_t>(lane)].patch.inside;
   }
   void shift_held(int lane, const Eigen::Vector3d& by) override;
   Eigen::Vector3d held_force(int lane) const override;
@@ -64,11 +64,15 @@ class ElasticTissue : public Tissue<Real> {
   std::vector<Eigen::Vector3d> elastic_gradient(int lane);
 
  private:
+  using Targets = Eigen::Matrix<double, 3, kPatchRows>;
+
   struct Held {
-    std::vector<std::int32_t> nodes;
-    std::vector<std::array<Real, 3>> offsets;  ///< from the tip, in W
-    std::vector<Real> weights;                 ///< covered part of the cell, (0, 1]
+    Eigen::Vector2d centre = Eigen::Vector2d::Zero();  ///< of the disc, x_B and y_B at rest [m]
+    double radius = 0;                                 ///< of the disc [m]; 0 = nothing is held
+    Targets target = Targets::Zero();  ///< of the rows in W [m]; the first is from the tip on
+    SheetPatch patch;
   };
+  static constexpr std::size_t kGraspSize = 3 * sizeof(double) + sizeof(Targets);
   /// One factor in the kernel's precision.
   struct Factor {
     std::shared_ptr<const PanelFactor> shared;
@@ -87,7 +91,11 @@ class ElasticTissue : public Tissue<Real> {
   void update_key(int lane);
   void slip_grasps();
   void solve_with_springs();
-  void set_free(int lane, const Held& held, bool free);
+  Eigen::Vector3d point_of_sheet(int lane, const Eigen::Vector2d& X) const;
+  SheetPoint nearest_point(int lane, const Eigen::Vector3d& tip) const;
+  void grip(int lane, Held held);
+  Result<Held> read_grasp(std::span<const std::byte> state) const;
+  void set_free(int lane, const std::vector<std::int32_t>& nodes, bool free);
   void make_room(int count);
   void make_patch(int lane);
   void clear_patch(int lane);
@@ -117,8 +125,8 @@ class ElasticTissue : public Tissue<Real> {
   std::vector<Held> held_;
   std::uint32_t held_lanes_ = 0;
   std::vector<std::int32_t> patch_node_;
-  AlignedVector<Real> patch_target_, patch_compliance_, patch_inverse_, patch_response_,
-      patch_force_, patch_miss_, patch_change_, held_force_;
+  AlignedVector<Real> patch_weight_, patch_tip_, patch_offset_, patch_inverse_, patch_response_,
+      patch_force_, held_force_;
   std::vector<LaneParameters> parameters_;
   ElasticLaneEffects<Real> effects_;
   std::vector<double> slipped_;     ///< way of the patch out of the jaws [m]

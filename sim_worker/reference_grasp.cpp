@@ -86,10 +86,8 @@ void ReferenceTissue::constrain_direction() {
   direction_ -= constraint_response_ * multipliers;
 }
 
-/// Rest coordinates of the mid-surface point nearest to the tip and its distance: Gauss-Newton on
-/// the bilinear mid-surface from the nearest particle. Nothing where that is clamped.
-std::optional<std::pair<Vector2d, double>> ReferenceTissue::nearest_point(
-    const Vector3d& tip) const {
+/// On the bilinear mid-surface, searched from the nearest particle. Nothing where that is clamped.
+std::optional<SheetPoint> ReferenceTissue::nearest_point(const Vector3d& tip) const {
   std::array<Nearest, 1> nearest{};
   find_nearest(std::array<Vector3d, 1>{tip}, nearest);
   const auto at = [&](const Vector2d& X) {
@@ -100,35 +98,13 @@ std::optional<std::pair<Vector2d, double>> ReferenceTissue::nearest_point(
     for (int a = 0; a < 8; ++a) p += N[a] * state_.x[static_cast<std::size_t>(element.node[a])];
     return p;
   };
-  const Vector2d low(model_->lines[0].front(), model_->lines[1].front());
-  const Vector2d high(model_->lines[0].back(), model_->lines[1].back());
-  Vector2d X = model_->body.particles[static_cast<std::size_t>(nearest[0].particle)].head<2>();
-  Vector3d miss = at(X) - tip;
-  constexpr double kDifference = 1e-6;  // [m]: far below an element, far above rounding
-  for (int iteration = 0; iteration < 40; ++iteration) {
-    Eigen::Matrix<double, 3, 2> J;
-    for (int axis = 0; axis < 2; ++axis) {
-      Vector2d back = X;
-      Vector2d forth = X;
-      back[axis] = std::max(low[axis], X[axis] - kDifference);
-      forth[axis] = std::min(high[axis], X[axis] + kDifference);
-      J.col(axis) = (at(forth) - at(back)) / (forth[axis] - back[axis]);
-    }
-    const Vector2d d = -(J.transpose() * J).ldlt().solve(J.transpose() * miss);
-    double share = 1;
-    bool moved = false;
-    for (int halving = 0; halving < 20 && !moved; ++halving, share *= 0.5) {
-      const Vector2d next = (X + share * d).cwiseMax(low).cwiseMin(high);
-      const Vector3d next_miss = at(next) - tip;
-      if (!(next_miss.squaredNorm() < miss.squaredNorm())) continue;
-      moved = (next - X).norm() > 1e-12;
-      X = next;
-      miss = next_miss;
-    }
-    if (!moved) break;
-  }
-  if (!(X.y() > model_->clamp_edge) && model_->unknown.front() < 0) return std::nullopt;
-  return std::make_pair(X, miss.norm());
+  const Eigen::AlignedBox2d sheet(Vector2d(model_->lines[0].front(), model_->lines[1].front()),
+                                  Vector2d(model_->lines[0].back(), model_->lines[1].back()));
+  const SheetPoint found = nearest_on_sheet(
+      at, sheet, model_->body.particles[static_cast<std::size_t>(nearest[0].particle)].head<2>(),
+      tip);
+  if (!(found.X.y() > model_->clamp_edge) && model_->unknown.front() < 0) return std::nullopt;
+  return found;
 }
 
 ReferenceTissue::Grasp ReferenceTissue::make_grasp(const Vector2d& centre, double radius) const {
@@ -145,10 +121,10 @@ void ReferenceTissue::hold(int, const Vector3d& tip, double radius, bool collaps
   radius += fx.grasp_radius;
   const auto nearest =
       nearest_point(tip + model_->body.X_WB.linear() * Vector3d(fx.grasp_x, fx.grasp_y, 0));
-  if (!nearest || !(nearest->second < radius)) return;
-  const double patch_radius = std::sqrt(radius * radius - nearest->second * nearest->second);
+  if (!nearest || !(nearest->distance < radius)) return;
+  const double patch_radius = std::sqrt(radius * radius - nearest->distance * nearest->distance);
   if (!(patch_radius > 1e-5)) return;  // [m]: the sphere only grazes the sheet
-  grasp_ = make_grasp(nearest->first, patch_radius);
+  grasp_ = make_grasp(nearest->X, patch_radius);
   grasp_->offset = patch_rows(state_.x);
   grasp_->offset.col(0) -= tip;
   if (fx.jaw_roll != 0 || fx.jaw_tilt != 0)

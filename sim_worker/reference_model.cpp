@@ -6,7 +6,7 @@
 #include <map>
 
 #include "core/check.h"
-#include "core/trig.h"
+#include "sim_worker/grasp_patch.h"
 #include "sim_worker/reference_tissue.h"
 
 namespace omentum {
@@ -15,7 +15,6 @@ namespace {
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-constexpr double kPi = 3.14159265358979323846;
 // Two coordinates nearer than this are one grid line [m].
 constexpr double kSameLine = 1e-9;
 
@@ -293,53 +292,6 @@ double local_coordinate(const std::vector<double>& lines, int cell, double value
   return std::clamp(t, -1.0, 1.0);
 }
 
-/// How far a ray from `centre` runs inside the free sheet, `radius` at most [m].
-double ray_length(const ReferenceTissueModel& model, const Vector2d& centre,
-                  const Vector2d& direction, double radius) {
-  const Vector2d low(model.lines[0].front(), model.clamp_edge);
-  const Vector2d high(model.lines[0].back(), model.lines[1].back());
-  double length = radius;
-  for (int axis = 0; axis < 2; ++axis) {
-    if (direction[axis] > 1e-12)
-      length = std::min(length, (high[axis] - centre[axis]) / direction[axis]);
-    if (direction[axis] < -1e-12)
-      length = std::min(length, (low[axis] - centre[axis]) / direction[axis]);
-  }
-  return std::max(length, 0.0);
-}
-
-struct PatchPoint {
-  Vector2d p;  ///< x_B, y_B [m]
-  double weight;
-};
-
-/// Quadrature points of the patch; every point and weight is continuous in centre and radius.
-std::vector<PatchPoint> patch_points(const ReferenceTissueModel& model, const Vector2d& centre,
-                                     double radius) {
-  constexpr int kRays = 64;
-  // Gauss-Legendre on [0, 1], five points.
-  constexpr std::array<double, 5> kAt = {0.04691007703066800, 0.23076534494715845, 0.5,
-                                         0.76923465505284155, 0.95308992296933200};
-  constexpr std::array<double, 5> kWeight = {0.11846344252809454, 0.23931433524968324,
-                                             0.28444444444444444, 0.23931433524968324,
-                                             0.11846344252809454};
-  std::vector<PatchPoint> points;
-  double total = 0;
-  for (int ray = 0; ray < kRays; ++ray) {
-    const trig::SinCos angle = trig::sin_cos(2 * kPi * (ray + 0.5) / kRays);
-    const Vector2d direction(angle.cos, angle.sin);
-    const double length = ray_length(model, centre, direction, radius);
-    for (std::size_t k = 0; k < kAt.size(); ++k) {
-      const double rho = kAt[k] * length;
-      const double weight = kWeight[k] * length * rho;
-      points.push_back({centre + rho * direction, weight});
-      total += weight;
-    }
-  }
-  for (PatchPoint& point : points) point.weight /= total;
-  return points;
-}
-
 }  // namespace
 
 std::array<double, 8> hex_functions(const Vector3d& xi) {
@@ -368,7 +320,9 @@ BodyPoint ReferenceTissueModel::locate(const Vector3d& p_B) const {
 }
 
 GraspPatch ReferenceTissueModel::make_patch(const Vector2d& centre, double radius) const {
-  const std::vector<PatchPoint> points = patch_points(*this, centre, radius);
+  const Eigen::AlignedBox2d free(Vector2d(lines[0].front(), clamp_edge),
+                                 Vector2d(lines[0].back(), lines[1].back()));
+  const std::vector<PatchPoint> points = patch_points(free, centre, radius);
   Vector2d mean = Vector2d::Zero();
   for (const PatchPoint& point : points) mean += point.weight * point.p;
 

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "sim_worker/band_cholesky.h"
+#include "sim_worker/grasp_patch.h"
 #include "sim_worker/hexahedron.h"
 #include "sim_worker/reference_effects.h"
 #include "sim_worker/reference_model.h"
@@ -175,7 +176,7 @@ class ReferenceTissue : public Tissue<double> {
   void add_grasp(const Terms& terms, const Nodes& x, Residual& out) const;
   void prepare_constraint();
   void constrain_direction();
-  std::optional<std::pair<Eigen::Vector2d, double>> nearest_point(const Eigen::Vector3d& tip) const;
+  std::optional<SheetPoint> nearest_point(const Eigen::Vector3d& tip) const;
   void move_particle(int particle, const Eigen::Vector3d& by, Nodes& field);
   Grasp make_grasp(const Eigen::Vector2d& centre, double radius) const;
   std::vector<double> pack_state() const;

@@ -121,8 +121,10 @@ TEST_P(EveryEffect, FiniteDifferencesAreSmooth) {
     const Eigen::VectorXd third = shape(0.52);
     const double slope = (third - first).norm() / 2;
     const double bend = (third - 2 * second + first).norm();
-    // Contact of the shell is settled to its tolerance only: 6 um rms.
-    const double noise = effect.needs_board && GetParam() == Model::kElastic ? 1e-4 : 0;
+    // Contact of the shell is settled to its tolerance only: 6 um rms. Stiffening changes its
+    // factor in steps of two as the strain grows, and a lift in motion shows when.
+    const bool steps = effect.needs_board || std::string(effect.name) == "strain_stiffening";
+    const double noise = steps && GetParam() == Model::kElastic ? 1e-4 : 0;
     EXPECT_LT(bend, 0.15 * slope + noise) << effect.name << ": " << slope << " m per step";
     EXPECT_GT(slope, 1e-9) << effect.name;
   }

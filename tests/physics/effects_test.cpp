@@ -410,11 +410,11 @@ TEST_P(EffectGrasp, JawTurnsThePatch) {
            180 / kPi;
   };
   c.effects.set_jaw_roll_deg(20);
-  // The reference holds the mean slopes of the patch; its middle turns a little further.
-  EXPECT_NEAR(angle()[0], 20, 4);
+  // Held are the mean slopes of the patch; its middle turns further.
+  EXPECT_NEAR(angle()[0], 20, 5);
   c.effects.set_jaw_roll_deg(0);
   c.effects.set_jaw_tilt_deg(20);
-  EXPECT_NEAR(angle()[2], 20, 4);
+  EXPECT_NEAR(angle()[2], 20, 5);
 }
 
 // ---- surroundings -------------------------------------------------------------------------------
