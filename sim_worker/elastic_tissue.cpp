@@ -73,6 +73,8 @@ ElasticTissue<Real>::ElasticTissue(std::shared_ptr<const ElasticTissueModel> mod
   args_.count_x = model_->count_x;
   args_.count_y = model_->count_y;
   args_.nodes = model_->nodes();
+  args_.triangles = model_->triangles();
+  if (model_->is_mesh()) load_mesh();
   args_.fixed = model_->body.fixed.data();
   args_.mass = mass_.data();
   args_.bend_begin = model_->structure.bending.begin.data();
@@ -101,6 +103,29 @@ ElasticTissue<Real>::ElasticTissue(std::shared_ptr<const ElasticTissueModel> mod
     set_parameters(lane, {});
     reset(lane, Vector3d::Zero());
   }
+}
+
+template <typename Real>
+void ElasticTissue<Real>::load_mesh() {
+  for (const SheetTriangle& triangle : model_->mesh.triangles) {
+    const Eigen::Matrix2d inverse = model_->pitch * triangle.inverse;
+    const auto entry = [&](int i, int j) { return static_cast<Real>(inverse(i, j)); };
+    mesh_.push_back({{triangle.node[0], triangle.node[1], triangle.node[2]},
+                     {entry(0, 0), entry(0, 1), entry(1, 0), entry(1, 1)}});
+  }
+  for (const CurvatureStencil& stencil : model_->mesh.curvature) {
+    curvature_begin_.push_back(static_cast<std::int32_t>(curvature_.size()));
+    for (std::size_t k = 0; k < stencil.node.size(); ++k) {
+      const Vector3d& w = stencil.weight[k];
+      curvature_.push_back(
+          {stencil.node[k],
+           {static_cast<Real>(w[0]), static_cast<Real>(w[1]), static_cast<Real>(w[2])}});
+    }
+  }
+  curvature_begin_.push_back(static_cast<std::int32_t>(curvature_.size()));
+  args_.mesh = mesh_.data();
+  args_.curvature_begin = curvature_begin_.data();
+  args_.curvature = curvature_.data();
 }
 
 template <typename Real>
@@ -329,7 +354,7 @@ void ElasticTissue<Real>::hold(int lane, const Vector3d& tip, double radius, boo
   for (int i = 0; i < particles(); ++i) {
     if (model_->body.fixed[static_cast<std::size_t>(i)] != 0) continue;
     const Vector3d offset = position(lane, i) - tip;
-    const double covered = (radius - (offset - beside).norm()) / model_->pitch + 0.5;
+    const double covered = (radius - (offset - beside).norm()) / model_->node_size(i) + 0.5;
     if (!(covered > kLeastCover)) continue;
     Vector3d kept = turn * offset;
     if (collapse) kept.setZero();

@@ -20,10 +20,10 @@ namespace omentum {
 /// whose stiffness needs another factor share a batch and cost one more solve per distinct factor
 /// key.
 ///
-/// Grasp: every free node whose cell of one pitch overlaps the disc of `radius` about the tip is
-/// held with the covered part of its cell as weight: fully covered nodes rigidly, partly covered
-/// ones by a spring grasp_stiffness w / (1 - w). The grasp so moves smoothly with the pinch point
-/// (tissue.md section 8).
+/// Grasp: every free node whose cell (of one pitch in a grid) overlaps the disc of `radius` about
+/// the tip is held with the covered part of its cell as weight: fully covered nodes rigidly, partly
+/// covered ones by a spring grasp_stiffness w / (1 - w). The grasp so moves smoothly with the pinch
+/// point (tissue.md section 8).
 template <typename Real>
 class ElasticTissue : public Tissue<Real> {
  public:
@@ -82,6 +82,7 @@ class ElasticTissue : public Tissue<Real> {
   std::size_t index(int i, int axis, int lane) const {
     return static_cast<std::size_t>((3 * i + axis) * kernel_.lanes + lane);
   }
+  void load_mesh();
   const Factor& factor_of(int key);
   void group_lanes();
   void update_key(int lane);
@@ -108,6 +109,9 @@ class ElasticTissue : public Tissue<Real> {
 
   // Model in the kernel's precision.
   AlignedVector<Real> mass_, bend_;
+  std::vector<MeshTriangle<Real>> mesh_;
+  std::vector<std::int32_t> curvature_begin_;
+  std::vector<CurvatureEntry<Real>> curvature_;
   std::map<int, Factor> factors_;
   std::vector<int> key_;  ///< per lane
   std::vector<KeyGroup> groups_;
