@@ -3,17 +3,21 @@
 // nodes, 90 x 90 x 3 mm, edge pinned, a corner patch moved on an arc about that edge at 25 mm/s up
 // to 60 mm, E 100 kPa; and the same sheet falling onto a sphere (section 9, E 30 kPa). Best of
 // several chunks, thread CPU time; physics only: no robot, observation or reward. Static error: rms
-// over all nodes against the same model in double precision, finely stepped.
+// over all nodes against the same model in double precision, finely stepped. `bench_elastic [WIDTH
+// [SURFACE]]` also writes that converged surface of the lift, for the peers.
+#include <fmt/format.h>
 #include <time.h>
 
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <exception>
+#include <fstream>
 #include <memory>
 #include <string>
 #include <vector>
 
+#include "core/check.h"
 #include "sim_worker/cooker.h"
 #include "sim_worker/elastic_tissue.h"
 
@@ -139,7 +143,17 @@ double lift_cost(ElasticTissue<float>& tissue, int& step) {
   return best;
 }
 
-void measure_lift(const Kernel<float>& kernel, unsigned substeps) {
+/// Places of the nodes [m], one line each: what the peers are compared with.
+void write_surface(const std::string& path, const ElasticTissue<double>& tissue) {
+  std::ofstream file(path);
+  for (int i = 0; i < tissue.particles(); ++i) {
+    const Vector3d p = tissue.position(0, i);
+    file << fmt::format("{} {} {}\n", p.x(), p.y(), p.z());
+  }
+  if (!file.flush()) throw_error("{}: cannot be written", path);
+}
+
+void measure_lift(const Kernel<float>& kernel, unsigned substeps, const std::string& surface) {
   const auto model = make_sheet({}, substeps, 1);
   ElasticTissue<float> tissue(model, kernel);
   ElasticTissue<double> fine(make_sheet({}, 100, 8), kKernelF64x1);
@@ -156,6 +170,7 @@ void measure_lift(const Kernel<float>& kernel, unsigned substeps) {
     step_lift(fine, fine_step);
     if (again_step == 60) moving = rms_mm(again, fine);
   }
+  if (!surface.empty()) write_surface(surface, fine);
   std::printf("tissue.elastic.env_steps_per_s %.0f steps/s\n", 1 / cost);
   std::printf("tissue.elastic.static_error_mm %.4f mm\n", rms_mm(again, fine));
   std::fprintf(
@@ -210,7 +225,7 @@ int main(int argc, char** argv) {
   try {
     const unsigned width = argc > 1 ? static_cast<unsigned>(std::stoul(argv[1])) : 0;
     const Kernel<float>& kernel = choose_kernel(width);
-    measure_lift(kernel, 5);
+    measure_lift(kernel, 5, argc > 2 ? argv[2] : "");
     measure_contact("tissue.elastic_contact", over_sphere(), kernel, 5);
     measure_contact("tissue.elastic_board", onto_board(), kernel, 5);
   } catch (const std::exception& error) {

@@ -14,7 +14,8 @@ Figures of the groups named (default: tissue elastic ppo workers train):
   tissue    tissue.<scene>.env_steps_per_s: environment steps (20 ms simulated) per second of one core, all of a step
   elastic   tissue.elastic*.env_steps_per_s: elastic shell on one core, physics alone, free, over a sphere and on a
             board, each with its static error; cost of lanes of two stiffnesses; tissue.reference.recording_s;
-            effect.<name>.cost_ratio: the lift with an effect over that without
+            effect.<name>.cost_ratio: the lift with an effect over that without; and, where libbullet-dev was there at
+            the build or python3 has mujoco, peer.bullet.* and peer.mujoco.* of the same lift
   ppo       ppo.us_per_sample_epoch and, where python3 has torch, the same of ppo.torch_us_per_sample_epoch
   workers   workers.speedup_2_over_1: collecting only, preset paper; two pinned workers against one, alternating
   train     train.wall_3M_s (preset paper), train.omentum.wall_3M_s, train.small_buffer.wall_3M_s (preset paper with
@@ -146,7 +147,17 @@ bench_tissue() {
 }
 
 bench_elastic() {
-  need bench_elastic && figures_of "$bin/bench_elastic"
+  need bench_elastic && figures_of "$bin/bench_elastic" 0 "$scratch/lift.txt"
+  if [[ -x $bin/peer_bullet ]]; then
+    figures_of "$bin/peer_bullet" "$scratch/lift.txt"
+  else
+    note "libbullet-dev was not there at the build: no peer.bullet.*"
+  fi
+  if python3 -c 'import mujoco' 2>/dev/null; then
+    figures_of python3 "$root/benchmarks/peer_mujoco.py" "$scratch/lift.txt"
+  else
+    note "mujoco is not installed: no peer.mujoco.*"
+  fi
   need bench_reference && figures_of "$bin/bench_reference"
   need bench_effects && figures_of "$bin/bench_effects"
 }

@@ -6,8 +6,9 @@ namespace omentum {
 
 /// What the lane kernel of the elastic shell knows of effects (mismatch.md 5.1): masks of the lanes
 /// in which each is on, parameters and memory per lane. Lane index fastest, as in ElasticArgs.
-/// Triangles are numbered 2 cell + (0 low, 1 high), cell = (count_y - 1) ix + iy. A lane in which
-/// an effect is off keeps its bits whatever the others do.
+/// Triangles of a grid are numbered 2 cell + (0 low, 1 high), cell = (count_y - 1) ix + iy; in a
+/// mesh a cell is a triangle. A lane in which an effect is off keeps its bits whatever the others
+/// do.
 template <typename Real>
 struct ElasticEffectArgs {
   bool membrane;  ///< some lane needs the general membrane
@@ -38,6 +39,7 @@ struct ElasticEffectArgs {
   const Real* slider_scale;      ///< Ep / (2 mu)
   const Real* slider_yield;
   const Real* moment;  ///< [inner x, inner y, rim x, rim y, twist][lane] of the rest curvature [N]
+  const Real* node_moment;     ///< of a mesh: [node][xx, yy, xy][lane], times the area [N m^2]
   const Real* drag_scale;      ///< Cd rho / 2 [kg/m^3]
   const Real* adhesion_scale;  ///< [Pa/m]
   const Real* adhesion_limit;  ///< [m]
@@ -61,6 +63,7 @@ struct ElasticEffectArgs {
   Real* bond_longest;  ///< [node][lane]: longest stretch so far [m], -1 = no spring
   Real* film_now;      ///< scratch [node][lane]: drag over step at the start of the substep [N/m]
   Real* film_normal;   ///< scratch [node][xyz][lane]
+  Real* node_normal;   ///< scratch [node][xyz][lane], of a mesh, not of unit length
   Real* peak;          ///< [lane]: largest tangent over nominal stiffness in this substep
 
   // Scratch of the solve with springs, [node][xyz][lane] and [lane].

@@ -111,7 +111,7 @@ inline void remember_triangle(const Args& args, Stress e, Lane shear, Stress s, 
     const Stress change{s.xx - old.xx, s.xy - old.xy, s.yy - old.yy};
     const Lane zero = splat(Real{0});
     Stress bias{zero, zero, zero};
-    const std::int64_t stride = 6LL * kLanes * (args.count_x - 1) * (args.count_y - 1);
+    const std::int64_t stride = 3LL * kLanes * args.triangles;
     for (int k = 0; k < fx.branches; ++k) {
       Real* const memory = fx.branch + k * stride + at;
       const Lane keep = load(fx.prony_keep + k * kLanes);
@@ -216,6 +216,35 @@ void add_curvature_forces(const Args& args) {
   }
 }
 
+/// The same on a mesh, whose rest shape may be curved.
+void add_mesh_curvature_forces(const Args& args) {
+  const auto& fx = args.effects;
+  for (int i = 0; i < args.nodes; ++i) store3(fx.node_normal + 3 * kLanes * i, zero3());
+  for (int t = 0; t < args.triangles; ++t) {
+    const std::int32_t* const node = args.mesh[t].node;
+    const Lane3 origin = load3(args.moved + 3 * kLanes * node[0]);
+    const Lane3 n = cross(load3(args.moved + 3 * kLanes * node[1]) - origin,
+                          load3(args.moved + 3 * kLanes * node[2]) - origin);
+    for (int k = 0; k < 3; ++k) {
+      Real* const sum = fx.node_normal + 3 * kLanes * node[k];
+      store3(sum, load3(sum) + n);
+    }
+  }
+  for (int i = 0; i < args.nodes; ++i) {
+    const Lane3 sum = load3(fx.node_normal + 3 * kLanes * i);
+    const Lane3 n = inverse_length(sum) * sum;
+    const Lane xx = load(fx.node_moment + 3 * kLanes * i);
+    const Lane yy = load(fx.node_moment + 3 * kLanes * i + kLanes);
+    const Lane xy = load(fx.node_moment + 3 * kLanes * i + 2 * kLanes);
+    for (int k = args.curvature_begin[i]; k < args.curvature_begin[i + 1]; ++k) {
+      const auto& entry = args.curvature[k];
+      const Lane size = fma(splat(entry.weight[2]), xy,
+                            fma(splat(entry.weight[1]), yy, splat(entry.weight[0]) * xx));
+      add_force(args, entry.node, fx.curvature, size * n);
+    }
+  }
+}
+
 void add_drag_forces(const Args& args) {
   const Lane scale = load(args.effects.drag_scale);
   for (int i = 0; i < args.nodes; ++i) {
@@ -262,7 +291,8 @@ void add_film_forces(const Args& args) {
 }
 
 void add_node_effects(const Args& args) {
-  if (args.effects.curvature != 0) add_curvature_forces(args);
+  if (args.effects.curvature != 0 && args.mesh == nullptr) add_curvature_forces(args);
+  if (args.effects.curvature != 0 && args.mesh != nullptr) add_mesh_curvature_forces(args);
   if (args.effects.drag != 0) add_drag_forces(args);
   if (args.effects.bonds != 0) add_bond_forces(args);
   if (args.effects.film != 0) add_film_forces(args);

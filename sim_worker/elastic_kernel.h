@@ -9,7 +9,7 @@ namespace omentum {
 
 /// Raw arguments of the lane kernel of the elastic shell (tissue.md sections 6-9). Like kernel.h:
 /// plain pointers and numbers only, lane index fastest, node vectors are [node][xyz][lane], all
-/// positions in W [m]. Nodes form a grid, index = count_y ix + iy.
+/// positions in W [m]. Nodes form a grid, index = count_y ix + iy, or a mesh.
 
 /// Rows of a grasp: mean position, mean slope along x_B, along y_B (SheetPatch).
 inline constexpr int kPatchRows = 3;
@@ -27,14 +27,32 @@ struct FactorPanel {
   std::int32_t value_begin;
 };
 
+/// A triangle of a mesh at rest: its edges 1 - 0 and 2 - 0 times `inverse` give the legs of a right
+/// triangle of legs one pitch long, in the frame of the material.
+template <typename Real>
+struct MeshTriangle {
+  std::int32_t node[3];
+  Real inverse[4];  ///< xx, xy, yx, yy: leg x = xx edge 1 + yx edge 2
+};
+
+/// One node of a curvature stencil.
+template <typename Real>
+struct CurvatureEntry {
+  std::int32_t node;
+  Real weight[3];  ///< of the second derivatives xx, yy, xy [1/m^2]
+};
+
 template <typename Real>
 struct ElasticArgs {
   // Mesh, shared by all lanes.
-  std::int32_t count_x, count_y;
-  std::int32_t nodes;
-  const std::uint8_t* fixed;       ///< per node, 1 = anchored
-  const Real* mass;                ///< per node [kg]
-  const std::int32_t* bend_begin;  ///< per node, nodes + 1: row of the bending matrix
+  std::int32_t count_x, count_y;  ///< of a grid
+  std::int32_t nodes, triangles;
+  const MeshTriangle<Real>* mesh;         ///< per triangle; null = the grid
+  const std::int32_t* curvature_begin;    ///< of a mesh: per node, nodes + 1
+  const CurvatureEntry<Real>* curvature;  ///< of a mesh
+  const std::uint8_t* fixed;              ///< per node, 1 = anchored
+  const Real* mass;                       ///< per node [kg]
+  const std::int32_t* bend_begin;         ///< per node, nodes + 1: row of the bending matrix
   const std::int32_t* bend_node;
   const Real* bend;     ///< off-diagonal entries, nominal stiffness [N/m]
   bool second_order;    ///< BDF2 instead of backward Euler

@@ -170,32 +170,77 @@ void add_membrane_forces(const Args& args) {
   }
 }
 
+/// Calls fn(leg x, leg y, triangle) for the triangles of a mesh, the legs turned into its frame.
+template <typename Function>
+inline void for_each_mesh_triangle(const Args& args, Function&& fn) {
+  for (int t = 0; t < args.triangles; ++t) {
+    const auto& triangle = args.mesh[t];
+    const Lane3 origin = load3(args.moved + 3 * kLanes * triangle.node[0]);
+    const Lane3 e1 = load3(args.moved + 3 * kLanes * triangle.node[1]) - origin;
+    const Lane3 e2 = load3(args.moved + 3 * kLanes * triangle.node[2]) - origin;
+    const Real* const b = triangle.inverse;
+    fn(fma(splat(b[2]), e2, splat(b[0]) * e1), fma(splat(b[3]), e2, splat(b[1]) * e1), t);
+  }
+}
+
+template <bool kEffects>
+void add_mesh_forces(const Args& args) {
+  for_each_mesh_triangle(args, [&](Lane3 leg_x, Lane3 leg_y, int t) {
+    const Lane shear = load(args.effects.cell + 2 * kLanes * t);
+    const Lane area = load(args.effects.cell + 2 * kLanes * t + kLanes);
+    const EdgeForces on = membrane<kEffects>(args, leg_x, leg_y, shear, area, t);
+    const Real* const b = args.mesh[t].inverse;
+    const Lane3 one = fma(splat(b[1]), on.y, splat(b[0]) * on.x);
+    const Lane3 two = fma(splat(b[3]), on.y, splat(b[2]) * on.x);
+    const auto add = [&](int corner, Lane3 force) {
+      Real* const to = args.b + 3 * kLanes * args.mesh[t].node[corner];
+      store3(to, load3(to) + force);
+    };
+    add(0, zero3() - (one + two));
+    add(1, one);
+    add(2, two);
+  });
+}
+
+void add_membrane(const Args& args) {
+  if (args.mesh != nullptr) {
+    args.effects.membrane ? add_mesh_forces<true>(args) : add_mesh_forces<false>(args);
+  } else {
+    args.effects.membrane ? add_membrane_forces<true>(args) : add_membrane_forces<false>(args);
+  }
+}
+
 void find_residual(const Args& args) {
   for (int i = 0; i < args.nodes; ++i) {
     const Lane3 moved = load3(args.x + 3 * kLanes * i) + load3(args.d + 3 * kLanes * i);
     store3(args.moved + 3 * kLanes * i, moved);
   }
   load_node_forces(args);
-  if (args.effects.membrane) {
-    add_membrane_forces<true>(args);
-  } else {
-    add_membrane_forces<false>(args);
-  }
+  add_membrane(args);
   add_node_effects(args);
 }
 
-/// End of a substep, before finish_substep: what the effects remember.
-void remember_effects(const Args& args) {
+/// End of a substep: what the triangles remember.
+void remember_membrane(const Args& args) {
   const auto& fx = args.effects;
-  for (int i = 0; i < args.nodes; ++i) {
-    const Lane3 moved = load3(args.x + 3 * kLanes * i) + load3(args.d + 3 * kLanes * i);
-    store3(args.moved + 3 * kLanes * i, moved);
-  }
-  if (fx.bonds != 0) remember_bonds(args);
-  if ((fx.prony | fx.slider | fx.stiffening) == 0) return;
   Lane shear = load(fx.shear);
   Lane area = load(fx.area);
   const Lane scale = load(fx.inverse_pitch2);
+  const auto remember = [&](Lane3 ex, Lane3 ey, int triangle) {
+    const Lane p = scale * dot(ex, ex);
+    const Lane q = scale * dot(ex, ey);
+    const Lane r = scale * dot(ey, ey);
+    remember_triangle(args, green_strain(p, q, r), shear, corotated_stress(p, q, r, shear, area),
+                      triangle);
+  };
+  if (args.mesh != nullptr) {
+    for_each_mesh_triangle(args, [&](Lane3 leg_x, Lane3 leg_y, int t) {
+      shear = load(fx.cell + 2 * kLanes * t);
+      area = load(fx.cell + 2 * kLanes * t + kLanes);
+      remember(leg_x, leg_y, t);
+    });
+    return;
+  }
   for (int ix = 0; ix + 1 < args.count_x; ++ix) {
     for (int iy = 0; iy + 1 < args.count_y; ++iy) {
       const int cell = (args.count_y - 1) * ix + iy;
@@ -209,17 +254,22 @@ void remember_effects(const Args& args) {
       const Lane3 b = load3(args.moved + 3 * kLanes * (at + args.count_y));
       const Lane3 c = load3(args.moved + 3 * kLanes * (at + args.count_y + 1));
       const bool even = (ix + iy) % 2 == 0;
-      for (int k = 0; k < 2; ++k) {
-        const Lane3 ex = k == 0 ? b - a : c - e;
-        const Lane3 ey = (k == 0) == even ? c - b : e - a;
-        const Lane p = scale * dot(ex, ex);
-        const Lane q = scale * dot(ex, ey);
-        const Lane r = scale * dot(ey, ey);
-        remember_triangle(args, green_strain(p, q, r), shear,
-                          corotated_stress(p, q, r, shear, area), 2 * cell + k);
-      }
+      remember(b - a, even ? c - b : e - a, 2 * cell);
+      remember(c - e, even ? e - a : c - b, 2 * cell + 1);
     }
   }
+}
+
+/// End of a substep, before finish_substep: what the effects remember.
+void remember_effects(const Args& args) {
+  const auto& fx = args.effects;
+  for (int i = 0; i < args.nodes; ++i) {
+    const Lane3 moved = load3(args.x + 3 * kLanes * i) + load3(args.d + 3 * kLanes * i);
+    store3(args.moved + 3 * kLanes * i, moved);
+  }
+  if (fx.bonds != 0) remember_bonds(args);
+  if ((fx.prony | fx.slider | fx.stiffening) == 0) return;
+  remember_membrane(args);
   if (fx.prony == 0) return;
   for (int i = 0; i < args.nodes; ++i) {
     if (args.fixed[i] == 0) remember_bending(args, i, bending_gradient(args, i));

@@ -126,6 +126,16 @@ void ElasticLaneEffects<Real>::set(int lane, const EffectValues& v, double stiff
   moment_[2 * W + l] = real<Real>(0.5 * beam * v.curvature_x);
   moment_[3 * W + l] = real<Real>(0.5 * beam * v.curvature_y);
   moment_[4 * W + l] = real<Real>(2 * (1 - nu) * plate * v.twist);
+  if (model_->is_mesh()) {
+    const std::vector<Eigen::Vector3d> moments = model_->make_moments(v);
+    node_moment_.resize(3 * W * moments.size());
+    for (std::size_t i = 0; i < moments.size(); ++i) {
+      for (int axis = 0; axis < 3; ++axis) {
+        node_moment_[at(static_cast<int>(i), axis, lane)] =
+            real<Real>(stiffness_scale * moments[i][axis]);
+      }
+    }
+  }
   drag_[l] = real<Real>(0.5 * v.air_drag * kAirDensity);
   adhesion_[l] = real<Real>(v.adhesion);
   adhesion_limit_[l] = real<Real>(v.adhesion_break);
@@ -156,8 +166,9 @@ void ElasticLaneEffects<Real>::set_masks() {
   args_.fibres = mask([](const EffectValues& v) { return v.fibre_ratio > 0; });
   args_.slider = mask([](const EffectValues& v) { return v.slider_ratio > 0; });
   args_.prony = mask([](const EffectValues& v) { return make_prony(v, 1).branches > 0; });
-  args_.curvature = mask([](const EffectValues& v) {
-    return v.curvature_x != 0 || v.curvature_y != 0 || v.twist != 0;
+  const bool curved = model_->is_curved();
+  args_.curvature = mask([curved](const EffectValues& v) {
+    return curved || v.curvature_x != 0 || v.curvature_y != 0 || v.twist != 0;
   });
   args_.drag = mask([](const EffectValues& v) { return v.air_drag > 0; });
   args_.adhesion = mask([](const EffectValues& v) { return v.adhesion > 0; });
@@ -170,7 +181,7 @@ void ElasticLaneEffects<Real>::set_masks() {
   }
   const auto W = static_cast<std::size_t>(lanes_);
   const auto nodes = 3 * W * static_cast<std::size_t>(model_->nodes());
-  const auto triangles = 6 * W * model_->structure.cell.size();
+  const auto triangles = 3 * W * static_cast<std::size_t>(model_->triangles());
   if (args_.prony != 0) {
     for (auto* v : {&stress_, &bias_}) ensure(*v, triangles);
     ensure(branch_, kMaxBranches * triangles);
@@ -192,6 +203,9 @@ void ElasticLaneEffects<Real>::set_masks() {
       ensure(*v, nodes);
     }
   }
+  if (model_->is_mesh() && args_.curvature != 0) ensure(node_normal_, nodes);
+  args_.node_moment = node_moment_.data();
+  args_.node_normal = node_normal_.data();
   args_.stress = stress_.data();
   args_.branch = branch_.data();
   args_.bias = bias_.data();
@@ -298,7 +312,7 @@ template <typename Real>
 template <typename Function>
 void ElasticLaneEffects<Real>::for_each_memory(const EffectValues& values, Function&& fn) const {
   const std::size_t nodes = 3 * static_cast<std::size_t>(model_->nodes());
-  const std::size_t triangles = 6 * model_->structure.cell.size();
+  const std::size_t triangles = 3 * static_cast<std::size_t>(model_->triangles());
   const auto branches = static_cast<std::size_t>(make_prony(values, 1).branches);
   if (branches > 0) {
     fn(stress_, triangles);

@@ -62,6 +62,18 @@ class MatrixBuilder {
     }
   }
 
+  /// Adds weight times the symmetric product of the second derivatives around a node.
+  void add_plate(const CurvatureStencil& at, const Eigen::Matrix3d& product, double weight) {
+    for (std::size_t i = 0; i < at.node.size(); ++i) {
+      const Vector3d row = weight * (product * at.weight[i]);
+      for (std::size_t j = 0; j <= i; ++j) {
+        const double value = row.dot(at.weight[j]);
+        add(at.node[i], at.node[j], value);
+        if (j < i) add(at.node[j], at.node[i], value);
+      }
+    }
+  }
+
   /// Off-diagonal part; the diagonal is what makes the rows sum to zero.
   NodeMatrix finish() const {
     NodeMatrix matrix;
@@ -84,6 +96,16 @@ class MatrixBuilder {
   std::vector<std::map<std::int32_t, double>> rows_;
 };
 
+double thickness_ratio(const ElasticTissueModel& model, const EffectValues& effects,
+                       const Vector3d& p_B) {
+  return model.body.thickness_map.at(p_B) * effects.thickness_at(p_B);
+}
+
+bool is_clamped(const ElasticTissueModel& model, int i) {
+  const auto k = static_cast<std::size_t>(i);
+  return model.body.fixed[k] != 0 || (!model.is_anchor.empty() && model.is_anchor[k] != 0);
+}
+
 /// Plate energy D/2 int (kxx^2 + kyy^2 + 2 nu kxx kyy + 2 (1 - nu) kxy^2) by finite differences
 /// (tissue.md section 6). Rows on the rim own half a cell; there the bending moment across the rim
 /// is zero, so the other curvature is free and the plate is a beam of E t^3 / 12. A stencil centred
@@ -91,23 +113,20 @@ class MatrixBuilder {
 /// the curvature, which doubles the energy. Counted once, the plate would be clamped half a cell
 /// inside the clamp, 1.5 mm at a pitch of 3 mm, the membrane at it
 /// (benchmarks/compare_elastic.cpp).
-NodeMatrix make_bending(const ElasticTissueModel& model, const EffectValues& effects) {
+NodeMatrix make_grid_bending(const ElasticTissueModel& model, const EffectValues& effects) {
   const double nu = model.material.poisson_ratio() + effects.poisson_change;
   const double t = model.thickness;
   const double nominal = model.material.bending_scale() * (1 + effects.bending_change) *
                          model.material.young_modulus_pa() * t * t * t / 12;
   const auto beam_at = [&](const Vector3d& p_B) {
-    const double h = effects.thickness_at(p_B);
+    const double h = thickness_ratio(model, effects, p_B);
     return nominal * effects.stiffness_at(p_B) * h * h * h;
   };
   const double pitch2 = model.pitch * model.pitch;
   const int nx = model.count_x;
   const int ny = model.count_y;
   MatrixBuilder builder(model.nodes());
-  const auto clamped = [&](int i) {
-    const auto k = static_cast<std::size_t>(i);
-    return model.body.fixed[k] != 0 || (!model.is_anchor.empty() && model.is_anchor[k] != 0);
-  };
+  const auto clamped = [&](int i) { return is_clamped(model, i); };
   const auto second = [&](int i, int stride) {
     return Stencil{{i - stride, i, i + stride, 0}, {1 / pitch2, -2 / pitch2, 1 / pitch2, 0}, 3};
   };
@@ -143,6 +162,49 @@ NodeMatrix make_bending(const ElasticTissueModel& model, const EffectValues& eff
   return builder.finish();
 }
 
+/// Plate energy of a node of a mesh: D/2 its area (kxx^2 + kyy^2 + 2 nu kxx kyy + 2 (1 - nu) kxy^2)
+/// of the second derivatives there. The natural conditions of a free rim follow by themselves.
+struct NodePlate {
+  double weight = 0;  ///< D times the node's area [N m^3]
+  double clamp = 1;   ///< 2 on the edge of the clamp, where half of the stencil is held: see above
+};
+
+NodePlate node_plate(const ElasticTissueModel& model, const EffectValues& effects, int i) {
+  const auto k = static_cast<std::size_t>(i);
+  const double nu = model.material.poisson_ratio() + effects.poisson_change;
+  const Vector3d& p_B = model.body.particles[k];
+  const double t = model.thickness * thickness_ratio(model, effects, p_B);
+  NodePlate plate;
+  plate.weight = model.mesh.node_area[k] * effects.stiffness_at(p_B) *
+                 model.material.bending_scale() * (1 + effects.bending_change) *
+                 model.material.young_modulus_pa() * t * t * t / (12 * (1 - nu * nu));
+  const auto& around = model.mesh.curvature[k].node;
+  const bool edge = is_clamped(model, i) && std::any_of(around.begin(), around.end(), [&](int j) {
+                      return !is_clamped(model, j);
+                    });
+  plate.clamp = edge ? 2 : 1;
+  return plate;
+}
+
+Eigen::Matrix3d plate_product(double nu) {
+  Eigen::Matrix3d product;
+  product << 1, nu, 0, nu, 1, 0, 0, 0, 2 * (1 - nu);
+  return product;
+}
+
+NodeMatrix make_bending(const ElasticTissueModel& model, const EffectValues& effects) {
+  if (!model.is_mesh()) return make_grid_bending(model, effects);
+  const Eigen::Matrix3d product =
+      plate_product(model.material.poisson_ratio() + effects.poisson_change);
+  MatrixBuilder builder(model.nodes());
+  for (int i = 0; i < model.nodes(); ++i) {
+    const NodePlate plate = node_plate(model, effects, i);
+    builder.add_plate(model.mesh.curvature[static_cast<std::size_t>(i)], product,
+                      plate.clamp * plate.weight);
+  }
+  return builder.finish();
+}
+
 /// Calls fn(x-leg tail, x-leg head, y-leg tail, y-leg head) for the two triangles of every cell, in
 /// the order of elastic_kernel.inl.
 template <typename Function>
@@ -164,18 +226,29 @@ void for_each_triangle(const ElasticTissueModel& model, Function&& fn) {
   }
 }
 
-/// Adds a third of `of_cell` for every triangle to each of its corners.
+/// Triangles that share a factor of ElasticStructure::cell.
+std::size_t cell_of(const ElasticTissueModel& model, std::size_t triangle) {
+  return model.is_mesh() ? triangle : triangle / 2;
+}
+
+double triangle_area(const ElasticTissueModel& model, std::size_t triangle) {
+  return model.is_mesh() ? model.mesh.triangles[triangle].area : 0.5 * model.pitch * model.pitch;
+}
+
+/// Adds a third of `of_triangle` for every triangle to each of its corners.
 template <typename Function>
-std::vector<double> lump(const ElasticTissueModel& model, Function&& of_cell) {
+std::vector<double> lump(const ElasticTissueModel& model, Function&& of_triangle) {
   std::vector<double> sum(static_cast<std::size_t>(model.nodes()), 0.0);
-  int triangle = 0;
+  std::size_t next = 0;
+  const auto add = [&](int a, int b, int c) {
+    const double third = of_triangle(next++) / 3;
+    for (const int i : {a, b, c}) sum[static_cast<std::size_t>(i)] += third;
+  };
   for_each_triangle(model, [&](int x0, int x1, int y0, int y1) {
-    const double third = of_cell(triangle++ / 2) / 3;
     // The legs share the corner of the right angle: three of the four indices are different.
-    sum[static_cast<std::size_t>(x0)] += third;
-    sum[static_cast<std::size_t>(x1)] += third;
-    sum[static_cast<std::size_t>(y0 == x0 || y0 == x1 ? y1 : y0)] += third;
+    add(x0, x1, y0 == x0 || y0 == x1 ? y1 : y0);
   });
+  for (const SheetTriangle& t : model.mesh.triangles) add(t.node[0], t.node[1], t.node[2]);
   return sum;
 }
 
@@ -188,6 +261,15 @@ double metric_modulus(const ElasticStructure& structure) {
 /// E t / 2: stiffness of one fibre direction per ratio [N/m].
 double fibre_unit(const ElasticTissueModel& model) {
   return model.material.young_modulus_pa() * model.thickness / 2;
+}
+
+/// d F / d x_i of the three corners, times the pitch.
+using ShapeGradients = std::array<Eigen::Vector2d, 3>;
+
+ShapeGradients shape_gradients(const SheetTriangle& triangle, double pitch) {
+  const Eigen::Vector2d one = pitch * triangle.inverse.row(0).transpose();
+  const Eigen::Vector2d two = pitch * triangle.inverse.row(1).transpose();
+  return {-(one + two), one, two};
 }
 
 using SparseMatrix = Eigen::SparseMatrix<double>;
@@ -222,15 +304,37 @@ SparseMatrix assemble(const ElasticTissueModel& model, double stiffness, double 
   const trig::SinCos a = trig::sin_cos(model.effects.fibre_angle);
   const double fibre = model.effects.fibre_ratio * fibre_unit(model);
   const double both = std::fabs(a.sin * a.cos);
+  const double along_x = metric_modulus(structure) + fibre * (a.cos * a.cos + both);
+  const double along_y = metric_modulus(structure) + fibre * (a.sin * a.sin + both);
   int triangle = 0;
   for_each_triangle(model, [&](int x0, int x1, int y0, int y1) {
     const double cell = stiffness * structure.cell[static_cast<std::size_t>(triangle++ / 2)];
-    add_leg(x0, x1, cell * (metric_modulus(structure) + fibre * (a.cos * a.cos + both)));
-    add_leg(y0, y1, cell * (metric_modulus(structure) + fibre * (a.sin * a.sin + both)));
+    add_leg(x0, x1, cell * along_x);
+    add_leg(y0, y1, cell * along_y);
   });
+  for (std::size_t t = 0; t < model.mesh.triangles.size(); ++t) {
+    const SheetTriangle& of_mesh = model.mesh.triangles[t];
+    const double cell = stiffness * structure.cell[t];
+    const ShapeGradients g = shape_gradients(of_mesh, model.pitch);
+    for (std::size_t i = 0; i < 3; ++i) {
+      for (std::size_t j = 0; j < 3; ++j) {
+        add(of_mesh.node[i], of_mesh.node[j],
+            cell * (along_x * g[i].x() * g[j].x() + along_y * g[i].y() * g[j].y()));
+      }
+    }
+  }
   SparseMatrix matrix(free_count, free_count);
   matrix.setFromTriplets(entries.begin(), entries.end());
   return matrix;
+}
+
+/// Spring of a clamped node that carries `length` of the clamp [N/m]: its compliance, or, where a
+/// part of its width is detached, E t where that part is one half.
+double anchor_spring(const EffectValues& values, double membrane_stiffness, double x, double width,
+                     double length) {
+  const double detached = detached_share(values, x, 0.5 * width);
+  if (values.anchor_compliance > 0) return (1 - detached) * length / values.anchor_compliance;
+  return detached > 0 ? membrane_stiffness * (1 - detached) / detached : 0;
 }
 
 /// Stiffness of the step with memory over that without: Prony branches and slider.
@@ -371,8 +475,8 @@ std::shared_ptr<const ElasticTissueModel> make_elastic_model(const Scene& scene,
     throw_error("scene.tissue.material.law: {}, allowed for the model elastic: LAW_COROTATED",
                 pb::ElasticLaw_Name(tissue.material().law()));
   }
-  if (!tissue.has_grid()) {
-    throw_error("scene.tissue: no grid, allowed for the shell of the model elastic: grid");
+  if (!tissue.has_grid() && scene.sheet.triangles.empty()) {
+    throw_error("scene.tissue: no grid, allowed for the shell of the model elastic: grid, sheet");
   }
   if (scene.bodies.size() + 1 > kMaxShapes) {
     throw_error("scene.rigid_body: {} bodies, allowed at most {}", scene.bodies.size(),
@@ -383,10 +487,15 @@ std::shared_ptr<const ElasticTissueModel> make_elastic_model(const Scene& scene,
   model->control_period = control_period;
   model->material = tissue.material();
   model->parameters = tissue.elastic();
-  model->count_x = static_cast<int>(tissue.grid().count_x());
-  model->count_y = static_cast<int>(tissue.grid().count_y());
-  model->pitch = tissue.grid().pitch_m();
-  OMENTUM_CHECK(model->nodes() == static_cast<int>(model->body.particles.size()));
+  model->mesh = scene.sheet;
+  if (model->is_mesh()) {
+    model->pitch = model->mesh.edge;
+  } else {
+    model->count_x = static_cast<int>(tissue.grid().count_x());
+    model->count_y = static_cast<int>(tissue.grid().count_y());
+    model->pitch = tissue.grid().pitch_m();
+    OMENTUM_CHECK(model->nodes() == model->count_x * model->count_y);
+  }
   model->gravity = scene.gravity;
   model->static_friction = tissue.static_friction();
   model->dynamic_friction = tissue.dynamic_friction();
@@ -411,7 +520,7 @@ std::shared_ptr<const ElasticTissueModel> make_elastic_model(const Scene& scene,
       model->clamp_edge = std::max(model->clamp_edge, model->body.particles[i].y());
   }
   model->structure = model->make_structure(model->effects);
-  model->node_area = lump(*model, [&](int) { return 0.5 * model->pitch * model->pitch; });
+  model->node_area = lump(*model, [&](std::size_t t) { return triangle_area(*model, t); });
   model->anchor = model->make_anchor(model->effects);
   model->is_anchor.assign(model->anchor.size(), 0);
   for (int i = 0; model->effects.moves_anchor() && i < model->nodes(); ++i) {
@@ -437,6 +546,13 @@ std::shared_ptr<const ElasticTissueModel> make_elastic_model(const Scene& scene,
   return model;
 }
 
+bool ElasticTissueModel::can_hold(const Vector3d& centre, double radius) const {
+  // 1e-5 m: with less the sphere of the jaws only grazes the sheet. 1 m: no sheet is larger.
+  if (!(radius > 1e-5 && radius <= 1)) return false;
+  if (is_mesh()) return radius > 0.05 * mesh.edge && (centre.cwiseAbs().array() <= 1).all();
+  return sheet().contains(centre.head<2>()) && centre.y() > clamp_edge && centre.z() == 0;
+}
+
 Eigen::AlignedBox2d ElasticTissueModel::sheet() const {
   return {body.particles.front().head<2>(), body.particles.back().head<2>()};
 }
@@ -452,20 +568,28 @@ ElasticTissueModel::Shares ElasticTissueModel::locate(const Vector2d& X) const {
           {(1 - u) * (1 - v), (1 - u) * v, u * (1 - v), u * v}};
 }
 
-SheetPatch ElasticTissueModel::make_patch(const Vector2d& centre, double radius) const {
-  const Eigen::AlignedBox2d free(Vector2d(sheet().min().x(), clamp_edge), sheet().max());
-  const std::vector<PatchPoint> points = patch_points(free, centre, radius);
-  Vector2d mean = Vector2d::Zero();
-  for (const PatchPoint& point : points) mean += point.weight * point.p;
+SheetPatch ElasticTissueModel::make_patch(const Vector3d& centre, double radius) const {
   std::map<std::int32_t, Vector3d> rows;  // by node, so that the order is that of the nodes
-  for (const PatchPoint& point : points) {
-    const Vector2d arm = (point.p - mean) / radius;
-    const Shares shares = locate(point.p);
-    for (std::size_t k = 0; k < shares.node.size(); ++k) {
-      rows.try_emplace(shares.node[k], Vector3d::Zero()).first->second +=
-          point.weight * shares.weight[k] * Vector3d(1, arm.x(), arm.y());
+  const auto add = [&](const auto& node, const auto& share, double weight, const Vector2d& arm) {
+    for (std::size_t k = 0; k < node.size(); ++k) {
+      rows.try_emplace(node[k], Vector3d::Zero()).first->second +=
+          weight * share[k] * Vector3d(1, arm.x(), arm.y());
+    }
+  };
+  if (is_mesh()) {
+    for (const DiscPoint& point : sample_disc(mesh, body.particles, body.fixed, centre, radius))
+      add(mesh.triangles[point.triangle].node, point.share, point.weight, point.arm);
+  } else {
+    const Eigen::AlignedBox2d free(Vector2d(sheet().min().x(), clamp_edge), sheet().max());
+    const std::vector<PatchPoint> points = patch_points(free, centre.head<2>(), radius);
+    Vector2d mean = Vector2d::Zero();
+    for (const PatchPoint& point : points) mean += point.weight * point.p;
+    for (const PatchPoint& point : points) {
+      const Shares shares = locate(point.p);
+      add(shares.node, shares.weight, point.weight, (point.p - mean) / radius);
     }
   }
+  if (rows.empty()) return {};
   SheetPatch patch;
   patch.weight.resize(static_cast<Eigen::Index>(rows.size()), kPatchRows);
   for (const auto& [node, row] : rows) {
@@ -479,7 +603,7 @@ SheetPatch ElasticTissueModel::make_patch(const Vector2d& centre, double radius)
   for (std::int32_t i = 0; i < nodes(); ++i) {
     const auto k = static_cast<std::size_t>(i);
     if (body.fixed[k] != 0) continue;
-    const double distance = (body.particles[k].head<2>() - centre).norm();
+    const double distance = (body.particles[k] - centre).norm();
     if (distance <= radius) patch.inside.push_back(i);
     if (nearest < 0 || distance < least) {
       nearest = i;
@@ -498,43 +622,92 @@ ElasticStructure ElasticTissueModel::make_structure(const EffectValues& values) 
   made.shear = e / (1 + nu) * thickness / 2;
   made.area = e * nu / (1 - nu * nu) * thickness / 2;
   std::vector<double> thick;
+  const auto add_cell = [&](const Vector3d& centre, double size) {
+    thick.push_back(thickness_ratio(*this, values, centre));
+    made.cell.push_back(thick.back() * values.stiffness_at(centre) * size);
+    made.uniform = made.uniform && made.cell.back() == 1;
+  };
   for (int ix = 0; ix + 1 < count_x; ++ix) {
     for (int iy = 0; iy + 1 < count_y; ++iy) {
       const auto low = static_cast<std::size_t>(count_y * ix + iy);
       const auto high = low + static_cast<std::size_t>(count_y) + 1;
-      const Vector3d centre = 0.5 * (body.particles[low] + body.particles[high]);
-      thick.push_back(values.thickness_at(centre));
-      made.cell.push_back(thick.back() * values.stiffness_at(centre));
-      made.uniform = made.uniform && made.cell.back() == 1;
+      add_cell(0.5 * (body.particles[low] + body.particles[high]), 1);
     }
   }
-  const double mass = density * thickness * 0.5 * pitch * pitch;
-  made.mass = lump(*this, [&](int cell) { return mass * thick[static_cast<std::size_t>(cell)]; });
+  for (const SheetTriangle& triangle : mesh.triangles) {
+    Vector3d centre = Vector3d::Zero();
+    for (const std::int32_t i : triangle.node)
+      centre += body.particles[static_cast<std::size_t>(i)] / 3;
+    add_cell(centre, 2 * triangle.area / (pitch * pitch));
+  }
+  const double of_cell = density * thickness * 0.5 * pitch * pitch;
+  made.mass = lump(*this, [&](std::size_t t) {
+    const double mass = is_mesh() ? density * thickness * mesh.triangles[t].area : of_cell;
+    return mass * thick[cell_of(*this, t)];
+  });
   made.bending = make_bending(*this, values);
   return made;
 }
 
-// A node that is detached in part hangs on a spring: E t where that part is one half.
+bool ElasticTissueModel::is_curved() const {
+  // 1e-4: rounding in the vertices of a flat sheet.
+  return std::any_of(mesh.curvature.begin(), mesh.curvature.end(),
+                     [this](const auto& at) { return at.rest.norm() * pitch > 1e-4; });
+}
+
+double ElasticTissueModel::node_size(int i) const {
+  return is_mesh() ? std::sqrt(node_area[static_cast<std::size_t>(i)]) : pitch;
+}
+
+std::vector<Vector3d> ElasticTissueModel::make_moments(const EffectValues& values) const {
+  std::vector<Vector3d> moments;
+  const Eigen::Matrix3d product = plate_product(material.poisson_ratio() + values.poisson_change);
+  const Vector3d wanted(values.curvature_x, values.curvature_y, values.twist);
+  for (int i = 0; i < nodes(); ++i) {
+    const NodePlate plate = node_plate(*this, values, i);
+    // The clamp holds the rest shape, so on its edge half of the change of curvature is seen; the
+    // effect's curvature ends there, so half of it is.
+    const Vector3d curvature =
+        plate.clamp * mesh.curvature[static_cast<std::size_t>(i)].rest + wanted;
+    moments.emplace_back(plate.weight * (product * curvature));
+  }
+  return moments;
+}
+
 std::vector<double> ElasticTissueModel::make_anchor(const EffectValues& values) const {
   std::vector<double> spring(static_cast<std::size_t>(nodes()), 0.0);
   if (!values.moves_anchor()) return spring;
+  if (is_mesh()) {
+    // A node carries the share of the clamp's length, its extent along x_B, that it has of the
+    // clamp's area.
+    double area = 0;
+    double low = 1e9;
+    double high = -1e9;
+    for (int i = 0; i < nodes(); ++i) {
+      if (!is_clamped(*this, i)) continue;
+      const auto k = static_cast<std::size_t>(i);
+      area += node_area[k];
+      low = std::min(low, body.particles[k].x());
+      high = std::max(high, body.particles[k].x());
+    }
+    for (int i = 0; i < nodes(); ++i) {
+      if (!is_clamped(*this, i)) continue;
+      const auto k = static_cast<std::size_t>(i);
+      spring[k] = anchor_spring(values, membrane_stiffness(), body.particles[k].x(), node_size(i),
+                                (high - low) * node_area[k] / area);
+    }
+    return spring;
+  }
   for (int ix = 0; ix < count_x; ++ix) {
     int rows = 0;
-    const auto clamped = [&](int iy) {
-      const auto k = static_cast<std::size_t>(count_y * ix + iy);
-      return body.fixed[k] != 0 || (!is_anchor.empty() && is_anchor[k] != 0);
-    };
+    const auto clamped = [&](int iy) { return is_clamped(*this, count_y * ix + iy); };
     for (int iy = 0; iy < count_y; ++iy) rows += clamped(iy) ? 1 : 0;
     for (int iy = 0; iy < count_y; ++iy) {
       if (!clamped(iy)) continue;
       const auto k = static_cast<std::size_t>(count_y * ix + iy);
-      const double detached = detached_share(values, body.particles[k].x(), 0.5 * pitch);
       const double length = ix == 0 || ix + 1 == count_x ? 0.5 * pitch : pitch;
-      if (values.anchor_compliance > 0) {
-        spring[k] = (1 - detached) * length / (values.anchor_compliance * rows);
-      } else if (detached > 0) {
-        spring[k] = membrane_stiffness() * (1 - detached) / detached;
-      }
+      spring[k] =
+          anchor_spring(values, membrane_stiffness(), body.particles[k].x(), pitch, length / rows);
     }
   }
   return spring;
@@ -551,17 +724,27 @@ std::unique_ptr<Tissue<double>> ElasticTissueModel::make_tissue(
 
 ElasticEnergy elastic_energy(const ElasticTissueModel& model, std::span<const Vector3d> p) {
   ElasticEnergy energy;
-  for_each_triangle(model, [&](int x0, int x1, int y0, int y1) {
-    Eigen::Matrix<double, 3, 2> f;
-    f.col(0) = (p[static_cast<std::size_t>(x1)] - p[static_cast<std::size_t>(x0)]) / model.pitch;
-    f.col(1) = (p[static_cast<std::size_t>(y1)] - p[static_cast<std::size_t>(y0)]) / model.pitch;
+  // |F - R|^2 = tr C - 2 tr S + 2; shear and area carry t a_T / pitch^2.
+  const auto add_membrane = [&](const Eigen::Matrix<double, 3, 2>& f, double cell) {
     const Eigen::Matrix2d c = f.transpose() * f;
     const double tau = std::sqrt(c.trace() + 2 * std::sqrt(c.determinant()));
-    // |F - R|^2 = tr C - 2 tr S + 2; shear and area carry t a_T / pitch^2.
-    const double a = model.pitch * model.pitch;
+    const double a = model.pitch * model.pitch * cell;
     energy.membrane += a * (0.5 * model.structure.shear * (c.trace() - 2 * tau + 2) +
                             0.5 * model.structure.area * (tau - 2) * (tau - 2));
+  };
+  const auto leg = [&](int from, int to) {
+    return Vector3d(p[static_cast<std::size_t>(to)] - p[static_cast<std::size_t>(from)]);
+  };
+  Eigen::Matrix<double, 3, 2> f;
+  for_each_triangle(model, [&](int x0, int x1, int y0, int y1) {
+    f << leg(x0, x1) / model.pitch, leg(y0, y1) / model.pitch;
+    add_membrane(f, 1);
   });
+  for (std::size_t t = 0; t < model.mesh.triangles.size(); ++t) {
+    const SheetTriangle& triangle = model.mesh.triangles[t];
+    f << leg(triangle.node[0], triangle.node[1]), leg(triangle.node[0], triangle.node[2]);
+    add_membrane(f * triangle.inverse, model.structure.cell[t]);
+  }
   for (std::size_t i = 0; i < p.size(); ++i) {
     const NodeMatrix& bending = model.structure.bending;
     for (int k = bending.begin[i]; k < bending.begin[i + 1]; ++k) {

@@ -32,8 +32,10 @@ struct ElasticStructure {
   NodeMatrix bending;        ///< gradient of the bending energy [N/m], nominal E
   double shear = 0;          ///< 2 mu t a_T / pitch^2 [N/m], nominal E
   double area = 0;           ///< lambda t a_T / pitch^2 [N/m], nominal E, plane stress
-  std::vector<double> cell;  ///< factor on both, per cell = (count_y - 1) ix + iy
-  bool uniform = true;       ///< every factor is 1
+  /// Factor on both: of a grid per cell = (count_y - 1) ix + iy, of a mesh per triangle, where it
+  /// contains 2 a_T / pitch^2.
+  std::vector<double> cell;
+  bool uniform = true;  ///< every factor is 1
 };
 
 /// What the jaws hold of the shell, as rows over its nodes: the mean position of the patch and its
@@ -46,9 +48,10 @@ struct SheetPatch {
   std::vector<std::int32_t> inside;  ///< free nodes in the disc, ascending; else the nearest one
 };
 
-/// Immutable half of the elastic shell: corotated triangles on the grid sheet with alternating
-/// diagonals, finite-difference plate bending, material in SI units that does not depend on the
-/// step (tissue.md section 6). Safe to share by threads.
+/// Immutable half of the elastic shell: corotated triangles, those of the grid sheet with
+/// alternating diagonals or those of a mesh (scene.tissue.sheet), plate bending by finite
+/// differences or by quadratic fits around each node, material in SI units that does not depend on
+/// the step (tissue.md section 6). Safe to share by threads.
 struct ElasticTissueModel : TissueModel, std::enable_shared_from_this<ElasticTissueModel> {
   std::unique_ptr<Tissue<float>> make_tissue(const Kernel<float>& kernel) const override;
   std::unique_ptr<Tissue<double>> make_tissue(const Kernel<double>& kernel) const override;
@@ -56,8 +59,9 @@ struct ElasticTissueModel : TissueModel, std::enable_shared_from_this<ElasticTis
 
   pb::Material material;
   pb::ElasticModel parameters;
-  int count_x = 0, count_y = 0;  ///< nodes; index = count_y ix + iy
-  double pitch = 0;              ///< [m]
+  int count_x = 0, count_y = 0;  ///< nodes of a grid; index = count_y ix + iy
+  SheetGeometry mesh;            ///< instead of the grid, where it has triangles
+  double pitch = 0;              ///< of the grid, mean edge of a mesh [m]
   double thickness = 0, density = 0;
   EffectValues effects;                 ///< of the scene
   ElasticStructure structure;           ///< with the scene's effects
@@ -76,25 +80,37 @@ struct ElasticTissueModel : TissueModel, std::enable_shared_from_this<ElasticTis
          tool_length = 0;  ///< capsule along the shaft, behind the tip [m]
   Eigen::Vector3d shaft_axis = Eigen::Vector3d::UnitZ();  ///< from the tip up the shaft, in W
 
-  int nodes() const { return count_x * count_y; }
+  int nodes() const { return static_cast<int>(body.particles.size()); }
+  bool is_mesh() const { return !mesh.triangles.empty(); }
+  int triangles() const {
+    return is_mesh() ? static_cast<int>(mesh.triangles.size()) : 2 * (count_x - 1) * (count_y - 1);
+  }
+  bool is_curved() const;  ///< at rest; only a mesh can be
+  /// Width of the patch of tissue that belongs to a node, the rim apart [m].
+  double node_size(int i) const;
   /// E t [N/m].
   double membrane_stiffness() const { return material.young_modulus_pa() * thickness; }
-  /// The sheet at rest, x_B and y_B [m].
+  /// The grid sheet at rest, x_B and y_B [m].
   Eigen::AlignedBox2d sheet() const;
-  /// The nodes around a point of the sheet at rest and their shares of it (bilinear).
+  /// The nodes around a point of the grid sheet at rest and their shares of it (bilinear).
   struct Shares {
     std::array<std::int32_t, 4> node{};
     std::array<double, 4> weight{};
   };
   Shares locate(const Eigen::Vector2d& X) const;
-  /// Patch of the disc around `centre` (x_B, y_B of the rest sheet, beyond the clamp edge [m]).
-  SheetPatch make_patch(const Eigen::Vector2d& centre, double radius) const;
+  /// Whether jaws can hold the disc around `centre` (p_B at rest on the middle surface [m]).
+  bool can_hold(const Eigen::Vector3d& centre, double radius) const;
+  /// Patch of a disc that they can hold; of a mesh without nodes where no tissue is.
+  SheetPatch make_patch(const Eigen::Vector3d& centre, double radius) const;
   double substep() const { return control_period / parameters.substeps(); }
   /// Step of the implicit equation: h, or 2 h / 3 for BDF2 [s].
   double effective_step() const;
   bool has_contact() const { return !contact_bodies.empty() || tool_contact; }
 
   ElasticStructure make_structure(const EffectValues& effects) const;
+  /// Of a mesh: moments of the rest curvature at each node in its own frame, xx, yy, xy, times its
+  /// area [N m^2], nominal E.
+  std::vector<Eigen::Vector3d> make_moments(const EffectValues& effects) const;
   /// Springs of the clamp per node [N/m]; 0 where the effects do not touch it.
   std::vector<double> make_anchor(const EffectValues& effects) const;
 
@@ -116,7 +132,7 @@ struct ElasticTissueModel : TissueModel, std::enable_shared_from_this<ElasticTis
   mutable std::map<int, std::shared_ptr<const PanelFactor>> factors_;  // guarded by mutex_
 };
 
-/// Makes the shell of the scene's grid sheet. Throws Error for another law than corotated.
+/// Makes the shell of the scene's grid or mesh sheet. Throws Error for another law than corotated.
 std::shared_ptr<const ElasticTissueModel> make_elastic_model(const Scene& scene,
                                                              double control_period,
                                                              std::vector<std::string>& warnings);

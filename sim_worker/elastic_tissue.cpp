@@ -18,7 +18,6 @@ constexpr int kSpringRounds = 8;
 // What comes after the fixed part of a state.
 constexpr std::uint32_t kGraspFollows = 1;
 constexpr std::uint32_t kEffectsFollow = 2;
-constexpr double kLeastPatch = 1e-5;  // [m]: with a smaller one the sphere only grazes the sheet
 
 const ElasticKernel<float>& elastic_kernel_for(const Kernel<float>& kernel) {
   if (kernel.lanes == 16) return kElasticKernelF32x16;
@@ -75,6 +74,8 @@ ElasticTissue<Real>::ElasticTissue(std::shared_ptr<const ElasticTissueModel> mod
   args_.count_x = model_->count_x;
   args_.count_y = model_->count_y;
   args_.nodes = model_->nodes();
+  args_.triangles = model_->triangles();
+  if (model_->is_mesh()) load_mesh();
   args_.fixed = model_->body.fixed.data();
   args_.mass = mass_.data();
   args_.bend_begin = model_->structure.bending.begin.data();
@@ -112,6 +113,29 @@ ElasticTissue<Real>::ElasticTissue(std::shared_ptr<const ElasticTissueModel> mod
     set_parameters(lane, {});
     reset(lane, Vector3d::Zero());
   }
+}
+
+template <typename Real>
+void ElasticTissue<Real>::load_mesh() {
+  for (const SheetTriangle& triangle : model_->mesh.triangles) {
+    const Eigen::Matrix2d inverse = model_->pitch * triangle.inverse;
+    const auto entry = [&](int i, int j) { return static_cast<Real>(inverse(i, j)); };
+    mesh_.push_back({{triangle.node[0], triangle.node[1], triangle.node[2]},
+                     {entry(0, 0), entry(0, 1), entry(1, 0), entry(1, 1)}});
+  }
+  for (const CurvatureStencil& stencil : model_->mesh.curvature) {
+    curvature_begin_.push_back(static_cast<std::int32_t>(curvature_.size()));
+    for (std::size_t k = 0; k < stencil.node.size(); ++k) {
+      const Vector3d& w = stencil.weight[k];
+      curvature_.push_back(
+          {stencil.node[k],
+           {static_cast<Real>(w[0]), static_cast<Real>(w[1]), static_cast<Real>(w[2])}});
+    }
+  }
+  curvature_begin_.push_back(static_cast<std::int32_t>(curvature_.size()));
+  args_.mesh = mesh_.data();
+  args_.curvature_begin = curvature_begin_.data();
+  args_.curvature = curvature_.data();
 }
 
 template <typename Real>
@@ -332,15 +356,19 @@ Vector3d ElasticTissue<Real>::point_of_sheet(int lane, const Eigen::Vector2d& X)
 }
 
 template <typename Real>
-SheetPoint ElasticTissue<Real>::nearest_point(int lane, const Vector3d& tip) const {
-  int nearest = 0;
-  for (int i = 1; i < particles(); ++i) {
-    if ((position(lane, i) - tip).squaredNorm() < (position(lane, nearest) - tip).squaredNorm())
-      nearest = i;
+std::pair<Vector3d, double> ElasticTissue<Real>::nearest_point(int lane,
+                                                               const Vector3d& tip) const {
+  std::vector<Vector3d> places;
+  for (int i = 0; i < particles(); ++i) places.push_back(position(lane, i));
+  if (model_->is_mesh()) return nearest_on_mesh(model_->mesh, model_->body.particles, places, tip);
+  std::size_t nearest = 0;
+  for (std::size_t i = 1; i < places.size(); ++i) {
+    if ((places[i] - tip).squaredNorm() < (places[nearest] - tip).squaredNorm()) nearest = i;
   }
-  return nearest_on_sheet(
-      [&](const Eigen::Vector2d& X) { return point_of_sheet(lane, X); }, model_->sheet(),
-      model_->body.particles[static_cast<std::size_t>(nearest)].template head<2>(), tip);
+  const SheetPoint point =
+      nearest_on_sheet([&](const Eigen::Vector2d& X) { return point_of_sheet(lane, X); },
+                       model_->sheet(), model_->body.particles[nearest].template head<2>(), tip);
+  return {{point.X.x(), point.X.y(), 0}, point.distance};
 }
 
 template <typename Real>
@@ -348,14 +376,15 @@ void ElasticTissue<Real>::hold(int lane, const Vector3d& tip, double radius, boo
   release(lane);
   const EffectValues& effects = effects_.values(lane);
   radius += effects.grasp_radius;
-  const SheetPoint nearest = nearest_point(
+  const auto [centre, distance] = nearest_point(
       lane, tip + model_->body.X_WB.linear() * Vector3d(effects.grasp_x, effects.grasp_y, 0));
-  if (!(nearest.X.y() > model_->clamp_edge) || !(nearest.distance < radius)) return;
+  if (!(distance < radius)) return;
   Held held;
-  held.centre = nearest.X;
-  held.radius = std::sqrt(radius * radius - nearest.distance * nearest.distance);
-  if (!(held.radius > kLeastPatch)) return;
+  held.centre = centre;
+  held.radius = std::sqrt(radius * radius - distance * distance);
+  if (!model_->can_hold(held.centre, held.radius)) return;
   held.patch = model_->make_patch(held.centre, held.radius);
+  if (held.patch.node.empty()) return;
   for (std::size_t k = 0; k < held.patch.node.size(); ++k) {
     held.target += (position(lane, held.patch.node[k]) - tip) *
                    held.patch.weight.row(static_cast<Eigen::Index>(k));
@@ -587,7 +616,8 @@ void ElasticTissue<Real>::save(int lane, Bytes& out) const {
                              (effects_.values(lane) == EffectValues{} ? 0 : kEffectsFollow);
   add(&word, sizeof word);
   if (held.radius > 0) {
-    const std::array<double, 3> disc = {held.centre.x(), held.centre.y(), held.radius};
+    const std::array<double, 4> disc = {held.centre.x(), held.centre.y(), held.centre.z(),
+                                        held.radius};
     add(disc.data(), sizeof disc);
     add(held.target.data(), sizeof held.target);
   }
@@ -602,20 +632,19 @@ template <typename Real>
 Result<typename ElasticTissue<Real>::Held> ElasticTissue<Real>::read_grasp(
     std::span<const std::byte> state) const {
   if (state.size() < kGraspSize) return Failure{"tissue state ends in its grasp"};
-  std::array<double, 3> disc{};
+  std::array<double, 4> disc{};
   Held held;
   std::memcpy(disc.data(), state.data(), sizeof disc);
   std::memcpy(held.target.data(), state.data() + sizeof disc, sizeof held.target);
-  held.centre = {disc[0], disc[1]};
-  held.radius = disc[2];
-  const Eigen::AlignedBox2d sheet = model_->sheet();
-  if (!sheet.contains(held.centre) || !(held.centre.y() > model_->clamp_edge) ||
-      !(held.radius > kLeastPatch && held.radius <= 1)) {
-    return Failure{fmt::format("tissue state holds a patch at ({}, {}) m of radius {} m", disc[0],
-                               disc[1], disc[2])};
-  }
+  held.centre = {disc[0], disc[1], disc[2]};
+  held.radius = disc[3];
   if (!held.target.allFinite()) return Failure{"tissue state holds a grasp that is not finite"};
-  held.patch = model_->make_patch(held.centre, held.radius);
+  if (model_->can_hold(held.centre, held.radius))
+    held.patch = model_->make_patch(held.centre, held.radius);
+  if (held.patch.node.empty()) {
+    return Failure{fmt::format("tissue state holds a patch at ({}, {}, {}) m of radius {} m",
+                               disc[0], disc[1], disc[2], disc[3])};
+  }
   return held;
 }
 

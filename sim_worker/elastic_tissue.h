@@ -5,6 +5,7 @@
 #include <map>
 #include <memory>
 #include <span>
+#include <utility>
 #include <vector>
 
 #include "core/aligned.h"
@@ -67,12 +68,12 @@ class ElasticTissue : public Tissue<Real> {
   using Targets = Eigen::Matrix<double, 3, kPatchRows>;
 
   struct Held {
-    Eigen::Vector2d centre = Eigen::Vector2d::Zero();  ///< of the disc, x_B and y_B at rest [m]
+    Eigen::Vector3d centre = Eigen::Vector3d::Zero();  ///< of the disc at rest, p_B [m]
     double radius = 0;                                 ///< of the disc [m]; 0 = nothing is held
     Targets target = Targets::Zero();  ///< of the rows in W [m]; the first is from the tip on
     SheetPatch patch;
   };
-  static constexpr std::size_t kGraspSize = 3 * sizeof(double) + sizeof(Targets);
+  static constexpr std::size_t kGraspSize = 4 * sizeof(double) + sizeof(Targets);
   /// One factor in the kernel's precision.
   struct Factor {
     std::shared_ptr<const PanelFactor> shared;
@@ -86,13 +87,15 @@ class ElasticTissue : public Tissue<Real> {
   std::size_t index(int i, int axis, int lane) const {
     return static_cast<std::size_t>((3 * i + axis) * kernel_.lanes + lane);
   }
+  void load_mesh();
   const Factor& factor_of(int key);
   void group_lanes();
   void update_key(int lane);
   void slip_grasps();
   void solve_with_springs();
   Eigen::Vector3d point_of_sheet(int lane, const Eigen::Vector2d& X) const;
-  SheetPoint nearest_point(int lane, const Eigen::Vector3d& tip) const;
+  /// Place at rest, p_B [m], of the point of the sheet nearest to the tip, and their distance [m].
+  std::pair<Eigen::Vector3d, double> nearest_point(int lane, const Eigen::Vector3d& tip) const;
   void grip(int lane, Held held);
   Result<Held> read_grasp(std::span<const std::byte> state) const;
   void set_free(int lane, const std::vector<std::int32_t>& nodes, bool free);
@@ -116,6 +119,9 @@ class ElasticTissue : public Tissue<Real> {
 
   // Model in the kernel's precision.
   AlignedVector<Real> mass_, bend_;
+  std::vector<MeshTriangle<Real>> mesh_;
+  std::vector<std::int32_t> curvature_begin_;
+  std::vector<CurvatureEntry<Real>> curvature_;
   std::map<int, Factor> factors_;
   std::vector<int> key_;  ///< per lane
   std::vector<KeyGroup> groups_;

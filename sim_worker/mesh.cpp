@@ -20,6 +20,7 @@ namespace {
 constexpr std::size_t kMaxFileBytes = std::size_t{256} << 20;  // bounds memory for hostile input
 constexpr double kMaxExtent = 10;                              // [m]; beyond it the unit is wrong
 constexpr double kMinExtent = 1e-4;                            // [m]; below it the unit is wrong
+constexpr double kMinSliver = 0.02;                            // height over longest edge
 constexpr std::size_t kStlHeaderBytes = 84;
 constexpr std::size_t kStlTriangleBytes = 50;
 
@@ -282,6 +283,43 @@ void scale_to_metres(const std::string& name, TriangleMesh& mesh, double unit_m)
   }
 }
 
+struct DirectedEdge {
+  int from, to;
+  std::size_t triangle;
+  bool operator<(const DirectedEdge& other) const {
+    return std::tie(from, to, triangle) < std::tie(other.from, other.to, other.triangle);
+  }
+};
+
+std::string place(const TriangleMesh& mesh, int vertex) {
+  const Eigen::Vector3d& p = mesh.vertices[static_cast<std::size_t>(vertex)];
+  return fmt::format("({:.5g}, {:.5g}, {:.5g}) m", p.x(), p.y(), p.z());
+}
+
+/// Directed edges of all triangles, ascending; throws Error for one that two triangles have.
+std::vector<DirectedEdge> sort_edges(const std::string& name, const TriangleMesh& mesh) {
+  std::vector<DirectedEdge> edges;
+  edges.reserve(3 * mesh.triangles.size());
+  for (std::size_t t = 0; t < mesh.triangles.size(); ++t) {
+    const Eigen::Vector3i& c = mesh.triangles[t];
+    for (int k = 0; k < 3; ++k) edges.push_back({c[k], c[(k + 1) % 3], t});
+  }
+  std::sort(edges.begin(), edges.end());
+  for (std::size_t k = 1; k < edges.size(); ++k) {
+    const DirectedEdge& edge = edges[k];
+    if (edges[k - 1].from != edge.from || edges[k - 1].to != edge.to) continue;
+    throw_error("{}: edge from {} to {} is used twice in the same direction by triangles {} and {}",
+                name, place(mesh, edge.from), place(mesh, edge.to), edges[k - 1].triangle,
+                edge.triangle);
+  }
+  return edges;
+}
+
+bool has_edge(const std::vector<DirectedEdge>& edges, int from, int to) {
+  const auto found = std::lower_bound(edges.begin(), edges.end(), DirectedEdge{from, to, 0});
+  return found != edges.end() && found->from == from && found->to == to;
+}
+
 }  // namespace
 
 TriangleMesh parse_mesh(const std::string& name, const std::string& content, double unit_m) {
@@ -322,41 +360,64 @@ TriangleMesh load_closed_mesh(const std::string& path, double unit_m) {
 }
 
 void require_closed(const std::string& name, TriangleMesh& mesh) {
-  struct Edge {
-    int from, to;
-    std::size_t triangle;
-    bool operator<(const Edge& other) const {
-      return std::tie(from, to, triangle) < std::tie(other.from, other.to, other.triangle);
-    }
-  };
-  std::vector<Edge> edges;
-  edges.reserve(3 * mesh.triangles.size());
-  for (std::size_t t = 0; t < mesh.triangles.size(); ++t) {
-    const Eigen::Vector3i& c = mesh.triangles[t];
-    for (int k = 0; k < 3; ++k) edges.push_back({c[k], c[(k + 1) % 3], t});
-  }
-  std::sort(edges.begin(), edges.end());
-  const auto at = [&](int vertex) {
-    const Eigen::Vector3d& p = mesh.vertices[static_cast<std::size_t>(vertex)];
-    return fmt::format("({:.5g}, {:.5g}, {:.5g}) m", p.x(), p.y(), p.z());
-  };
-  for (std::size_t k = 0; k < edges.size(); ++k) {
-    const Edge& edge = edges[k];
-    if (k > 0 && edges[k - 1].from == edge.from && edges[k - 1].to == edge.to) {
-      throw_error(
-          "{}: edge from {} to {} is used twice in the same direction by triangles {} and {}", name,
-          at(edge.from), at(edge.to), edges[k - 1].triangle, edge.triangle);
-    }
-    const auto reverse = std::lower_bound(edges.begin(), edges.end(), Edge{edge.to, edge.from, 0});
-    if (reverse == edges.end() || reverse->from != edge.to || reverse->to != edge.from) {
+  const std::vector<DirectedEdge> edges = sort_edges(name, mesh);
+  for (const DirectedEdge& edge : edges) {
+    if (!has_edge(edges, edge.to, edge.from)) {
       throw_error("{}: not closed, triangle {} has no neighbour at the edge from {} to {}", name,
-                  edge.triangle, at(edge.from), at(edge.to));
+                  edge.triangle, place(mesh, edge.from), place(mesh, edge.to));
     }
   }
   const double volume = signed_volume(mesh);
   if (!(std::abs(volume) > 0)) throw_error("{}: encloses no volume", name);
   if (volume < 0) {
     for (Eigen::Vector3i& triangle : mesh.triangles) std::swap(triangle[1], triangle[2]);
+  }
+}
+
+void require_sheet(const std::string& name, const TriangleMesh& mesh) {
+  const std::vector<DirectedEdge> edges = sort_edges(name, mesh);
+  for (std::size_t t = 0; t < mesh.triangles.size(); ++t) {
+    const Eigen::Vector3i& c = mesh.triangles[t];
+    const Eigen::Vector3d& a = mesh.vertices[static_cast<std::size_t>(c[0])];
+    const Eigen::Vector3d b = mesh.vertices[static_cast<std::size_t>(c[1])] - a;
+    const Eigen::Vector3d d = mesh.vertices[static_cast<std::size_t>(c[2])] - a;
+    const double longest = std::max({b.squaredNorm(), d.squaredNorm(), (b - d).squaredNorm()});
+    if (!(b.cross(d).norm() >= kMinSliver * longest)) {
+      throw_error("{}: triangle {} at {} is a sliver, allowed from {} of its longest edge high",
+                  name, t, place(mesh, c[0]), kMinSliver);
+    }
+  }
+  // Edges that start at a vertex: those of one fan hang together, and one fan has one rim at most.
+  std::vector<int> rims(mesh.vertices.size(), 0);
+  for (const DirectedEdge& edge : edges) {
+    if (has_edge(edges, edge.to, edge.from)) continue;
+    if (++rims[static_cast<std::size_t>(edge.from)] > 1) {
+      throw_error("{}: parts of the sheet meet in the single vertex {}", name,
+                  place(mesh, edge.from));
+    }
+  }
+  std::vector<char> reached(mesh.vertices.size(), 0);
+  std::vector<int> front = {mesh.triangles.front()[0]};
+  reached[static_cast<std::size_t>(front.front())] = 1;
+  const auto reach = [&](int vertex) {
+    char& mark = reached[static_cast<std::size_t>(vertex)];
+    if (mark == 0) front.push_back(vertex);
+    mark = 1;
+  };
+  std::vector<std::vector<int>> neighbours(mesh.vertices.size());
+  for (const DirectedEdge& edge : edges) {
+    neighbours[static_cast<std::size_t>(edge.from)].push_back(edge.to);
+    neighbours[static_cast<std::size_t>(edge.to)].push_back(edge.from);
+  }
+  while (!front.empty()) {
+    const int vertex = front.back();
+    front.pop_back();
+    for (const int other : neighbours[static_cast<std::size_t>(vertex)]) reach(other);
+  }
+  for (std::size_t i = 0; i < reached.size(); ++i) {
+    if (reached[i] != 0) continue;
+    throw_error("{}: {} does not hang together with {}, allowed one piece", name,
+                place(mesh, static_cast<int>(i)), place(mesh, mesh.triangles.front()[0]));
   }
 }
 

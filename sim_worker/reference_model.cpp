@@ -121,7 +121,9 @@ void release_anchors(ReferenceTissueModel& model) {
 void make_rest(ReferenceTissueModel& model) {
   const EffectValues& fx = model.effects;
   const bool curved = fx.curvature_x != 0 || fx.curvature_y != 0 || fx.twist != 0;
-  if (!curved && fx.stretch == 0 && fx.thickness_x == 0 && fx.thickness_y == 0) return;
+  const bool thick =
+      fx.thickness_x != 0 || fx.thickness_y != 0 || model.body.thickness_map.count_x > 0;
+  if (!curved && fx.stretch == 0 && !thick) return;
   constexpr double kGauss = 0.57735026918962576451;
   model.rest.resize((model.elements.size() + Pack::kLanes - 1) / Pack::kLanes);
   for (std::size_t batch = 0; batch < model.rest.size(); ++batch) {
@@ -197,7 +199,8 @@ void make_lines(const Scene& scene, std::span<const PinchCircle> pinches,
   model.lines[2] = even_lines(-half, half, static_cast<int>(n.elements_z()));
   for (const double y : model.lines[1]) {
     for (const double x : model.lines[0]) {
-      const double h = model.effects.thickness_at({x, y, 0});
+      const double h =
+          model.body.thickness_map.at({x, y, 0}) * model.effects.thickness_at({x, y, 0});
       for (const double z : model.lines[2]) model.nodes.emplace_back(x, y, h * z);
     }
   }
@@ -226,7 +229,9 @@ void make_elements(double density, ReferenceTissueModel& model) {
                         model.lines[2][iz + 1] - model.lines[2][iz]};
         const Vector3d centre = 0.5 * (model.nodes[element.node[7]] + model.nodes[element.node[0]]);
         element.stiffness = model.effects.stiffness_at(centre);
-        const double mass = density * model.effects.thickness_at(centre) * element.size.prod() / 8;
+        const double thick =
+            model.body.thickness_map.at(centre) * model.effects.thickness_at(centre);
+        const double mass = density * thick * element.size.prod() / 8;
         for (const int node : element.node) {
           model.mass[node] += mass;
           model.node_area[node] += 0.125 / nz * element.size.x() * element.size.y();
@@ -387,8 +392,8 @@ std::shared_ptr<const ReferenceTissueModel> make_reference_model(
     const Scene& scene, double control_period, std::vector<std::string>& warnings,
     std::span<const PinchCircle> pinches) {
   const pb::Tissue& config = scene.config.tissue();
-  if (!scene.tissue.surface_is_particles)
-    throw_error("scene.tissue.volume: TISSUE_REFERENCE takes a sheet, give grid");
+  if (!scene.tissue.surface_is_particles || config.has_sheet())
+    throw_error("scene.tissue: TISSUE_REFERENCE takes a rectangular sheet, give grid");
   if (config.material().law() == pb::LAW_STABLE_NEO_HOOKE) {
     throw_error(
         "scene.tissue.material.law: LAW_STABLE_NEO_HOOKE, allowed for TISSUE_REFERENCE: "

@@ -37,12 +37,16 @@ Eigen::Isometry3d to_pose(const pb::Pose& pose, const std::string& path) {
   return X;
 }
 
+/// Path of a mesh file; `knob` names it in the message.
+std::string mesh_path(const pb::MeshFile& file, const std::string& directory,
+                      const std::string& knob) {
+  if (file.path().empty()) throw_error("{}.path: missing", knob);
+  return file.path().front() == '/' ? file.path() : directory + "/" + file.path();
+}
+
 TriangleMesh load_scene_mesh(const pb::MeshFile& file, const std::string& directory,
                              const std::string& path) {
-  if (file.path().empty()) throw_error("{}.path: missing", path);
-  const bool absolute = file.path().front() == '/';
-  TriangleMesh mesh =
-      load_closed_mesh(absolute ? file.path() : directory + "/" + file.path(), file.unit_m());
+  TriangleMesh mesh = load_closed_mesh(mesh_path(file, directory, path), file.unit_m());
   Vector3d min = mesh.vertices.front();
   Vector3d max = min;
   for (const Vector3d& v : mesh.vertices) {
@@ -173,6 +177,42 @@ void make_grid_tissue(const pb::GridMaker& grid, const pb::Tissue& config, Tissu
                        static_cast<double>(body.particles.size());
 }
 
+void make_sheet_tissue(const pb::SheetMaker& maker, const std::string& directory,
+                       const pb::Tissue& config, TissueBody& body, SheetGeometry& sheet) {
+  const std::string path = mesh_path(maker.mesh(), directory, "scene.tissue.sheet.mesh");
+  const TriangleMesh mesh = load_mesh(path, maker.mesh().unit_m());
+  require_sheet(path, mesh);
+  body.particles = mesh.vertices;
+  body.surface_triangles = mesh.triangles;
+  body.surface_is_particles = true;
+  sheet = measure_sheet(path, mesh.vertices, mesh.triangles);
+  double area = 0;
+  for (const SheetTriangle& triangle : sheet.triangles) area += triangle.area;
+  body.particle_mass = config.density_kg_per_m3() * config.thickness_m() * area /
+                       static_cast<double>(body.particles.size());
+}
+
+ThicknessMap make_thickness_map(const pb::ThicknessMap& config, const TissueBody& body) {
+  ThicknessMap map;
+  map.count_x = static_cast<int>(config.count_x());
+  map.count_y = static_cast<int>(config.count_y());
+  map.ratio.assign(config.ratio().begin(), config.ratio().end());
+  if (config.ratio_size() != map.count_x * map.count_y) {
+    throw_error("scene.tissue.thickness_map.ratio: {} values, allowed count_x count_y = {}",
+                config.ratio_size(), map.count_x * map.count_y);
+  }
+  for (std::size_t k = 0; k < map.ratio.size(); ++k) {
+    if (map.ratio[k] >= 0.2 && map.ratio[k] <= 5) continue;
+    throw_error("scene.tissue.thickness_map.ratio[{}]: {}, allowed 0.2 ... 5", k, map.ratio[k]);
+  }
+  map.low = map.high = body.particles.front().head<2>();
+  for (const Vector3d& p : body.particles) {
+    map.low = map.low.cwiseMin(p.head<2>());
+    map.high = map.high.cwiseMax(p.head<2>());
+  }
+  return map;
+}
+
 void make_volume_tissue(const pb::VolumeMaker& maker, const std::string& directory,
                         const pb::Tissue& config, TissueBody& body, SolidMesh& solid) {
   TriangleMesh mesh;
@@ -225,7 +265,7 @@ void make_volume_tissue(const pb::VolumeMaker& maker, const std::string& directo
 }
 
 TissueBody make_tissue_body(const pb::Tissue& config, const std::string& directory, bool supported,
-                            SolidMesh& solid) {
+                            SolidMesh& solid, SheetGeometry& sheet) {
   TissueBody body;
   body.X_WB = to_pose(config.pose(), "scene.tissue.pose");
   body.particle_radius = config.particle_radius_m();
@@ -234,8 +274,17 @@ TissueBody make_tissue_body(const pb::Tissue& config, const std::string& directo
     make_grid_tissue(config.grid(), config, body);
   } else if (config.has_volume()) {
     make_volume_tissue(config.volume(), directory, config, body, solid);
+  } else if (config.has_sheet()) {
+    make_sheet_tissue(config.sheet(), directory, config, body, sheet);
   } else {
-    throw_error("scene.tissue: give grid or volume");
+    throw_error("scene.tissue: give grid, sheet or volume");
+  }
+  if (config.has_thickness_map()) {
+    if (config.has_volume() || config.model() == pb::TISSUE_CLUSTER) {
+      throw_error(
+          "scene.tissue.thickness_map: allowed for a sheet of the models elastic and reference");
+    }
+    body.thickness_map = make_thickness_map(config.thickness_map(), body);
   }
   std::size_t fixed = 0;
   for (const Vector3d& p : body.particles) {
@@ -303,8 +352,8 @@ Scene make_scene(const pb::Scene& config, const std::string& directory) {
   Scene scene;
   scene.config = config;
   scene.gravity = Vector3d(0, 0, -config.gravity_m_per_s2() * config.gravity_scale());
-  scene.tissue =
-      make_tissue_body(config.tissue(), directory, config.rigid_body_size() > 0, scene.solid);
+  scene.tissue = make_tissue_body(config.tissue(), directory, config.rigid_body_size() > 0,
+                                  scene.solid, scene.sheet);
   for (int i = 0; i < config.rigid_body_size(); ++i) {
     scene.bodies.push_back(
         make_body(config.rigid_body(i), directory, fmt::format("scene.rigid_body[{}]", i)));

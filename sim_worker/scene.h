@@ -10,6 +10,7 @@
 #include "core/psm.h"
 #include "proto/scene.pb.h"
 #include "sim_worker/mesh.h"
+#include "sim_worker/sheet_mesh.h"
 #include "sim_worker/solid_mesh.h"
 
 namespace omentum {
@@ -36,6 +37,7 @@ struct TissueBody {
   double particle_mass = 0;                ///< [kg]
   double particle_radius = 0;              ///< collision distance [m]
   double thickness = 0;                    ///< of a single layer [m]
+  ThicknessMap thickness_map;
   /// Triangles of the surface. With `surface_is_particles` the vertex indices are particle indices
   /// (a grid sheet); otherwise `surface_vertices` (in B at rest) are skinned to clusters
   /// (sim_worker/tissue.h).
@@ -58,7 +60,8 @@ struct Scene {
   pb::Scene config;                                   ///< what it was made from
   Eigen::Vector3d gravity = Eigen::Vector3d::Zero();  ///< in W [m/s^2]
   TissueBody tissue;
-  SolidMesh solid;  ///< of an elastic volume: its nodes are the particles; else empty
+  SolidMesh solid;      ///< of an elastic volume: its nodes are the particles; else empty
+  SheetGeometry sheet;  ///< of scene.tissue.sheet: its nodes are the particles; else empty
   std::vector<RigidShape> bodies;
   int tumour = -1;              ///< index into bodies
   CameraPose camera;            ///< the endoscope

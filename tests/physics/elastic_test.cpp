@@ -594,9 +594,25 @@ std::shared_ptr<const ElasticTissueModel> busy_sheet() {
   return make_elastic_model(scene, 0.02, warnings);
 }
 
-TEST(Elastic, WidthsAgreeAndLaneEqualsBatchOfOne) {
+/// The same life on a mesh without order that wants to be curved.
+std::shared_ptr<const ElasticTissueModel> busy_mesh() {
+  ElasticCase c = over_sphere();
+  c.poisson = 0.3;
+  c.static_friction = 0.3;
+  Scene scene = test::make_mesh_scene(c, test::make_irregular_mesh(c, 0.25));
+  scene.config.mutable_tool()->set_contact(true);
+  scene.config.mutable_tissue()->mutable_effects()->mutable_rest_shape()->set_curvature_x_per_m(2);
+  std::vector<std::string> warnings;
+  return make_elastic_model(scene, 0.02, warnings);
+}
+
+class BusySheet : public testing::TestWithParam<std::shared_ptr<const ElasticTissueModel> (*)()> {};
+INSTANTIATE_TEST_SUITE_P(Elastic, BusySheet, testing::Values(busy_sheet, busy_mesh),
+                         [](const auto& sheet) { return sheet.index == 0 ? "Grid" : "Mesh"; });
+
+TEST_P(BusySheet, WidthsAgreeAndLaneEqualsBatchOfOne) {
   constexpr int kSteps = 400;
-  const auto model = busy_sheet();
+  const auto model = GetParam()();
   std::vector<int> phases;
   for (int k = 0; k < kPhases; ++k) phases.push_back(k);
   const auto at8 = live(model, kKernelF32x8, {0, 1, 2, 3, 4, 5, 6, 7}, kSteps);
@@ -647,10 +663,10 @@ TEST(Elastic, ResetOfOneLaneLeavesOthers) {
 }
 
 TEST(Elastic, SavedStateGoesOnAsIfNothingHadHappened) {
-  for (const auto integrator : {pb::INTEGRATOR_BACKWARD_EULER, pb::INTEGRATOR_BDF2}) {
-    ElasticCase c = over_sphere();
-    c.integrator = integrator;
-    const auto model = make_elastic_sheet(c);
+  ElasticCase first = over_sphere();
+  ElasticCase second = first;
+  second.integrator = pb::INTEGRATOR_BDF2;
+  for (const auto& model : {make_elastic_sheet(first), make_elastic_sheet(second), busy_mesh()}) {
     ElasticTissue<float> a(model, kKernelF32x1);
     run_free(a, 0.5);
     a.set_parameters(0, {.stiffness_scale = 1.4, .gravity_scale = 0.9, .damping_scale = 2});

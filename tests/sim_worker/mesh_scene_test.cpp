@@ -166,6 +166,83 @@ TEST(MeshScene, AnElasticSolidThatDoesNotFitIsRefusedInOneLine) {
   EXPECT_THAT(message(config), testing::HasSubstr("inclusion"));
 }
 
+/// The leaf as an elastic sheet that hangs on its rear end.
+pb::Config elastic_leaf() {
+  pb::Config config = bare_config();
+  pb::Tissue& tissue = *config.mutable_scene()->mutable_tissue();
+  tissue.set_model(pb::TISSUE_ELASTIC);
+  tissue.mutable_material()->set_young_modulus_pa(30000);
+  tissue.mutable_sheet()->mutable_mesh()->set_path(kFixtures + "leaf.obj");
+  tissue.mutable_sheet()->mutable_mesh()->set_unit_m(0.001);
+  tissue.set_anchor_max_y_m(-0.028);
+  return config;
+}
+
+TEST(MeshScene, ALeafIsAnElasticSheet) {
+  pb::Config config = elastic_leaf();
+  pb::ThicknessMap& map = *config.mutable_scene()->mutable_tissue()->mutable_thickness_map();
+  for (const double ratio : {0.8, 1.2, 1.0, 1.0}) map.add_ratio(ratio);
+  add_organ(config, pb::ROLE_ORGAN, 0.0005, {-0.0172, 0.045, 0.005});
+  const auto setup = setup_of(config);
+  const TissueBody& body = setup->scene.tissue;
+  double area = 0;
+  for (const double a : setup->scene.sheet.node_area) area += a;
+  EXPECT_NEAR(area / (1e-6 * 3.14159 * (42 * 35 - 36)), 0.9, 0.05);  // a ragged rim inside the oval
+  EXPECT_NEAR(body.particle_mass * static_cast<double>(body.particles.size()),
+              1000 * config.scene().tissue().thickness_m() * area, 1e-9);
+  fall(setup, 25, [&](const std::vector<Vector3d>& positions) {
+    for (const Vector3d& p : positions) {
+      ASSERT_TRUE(p.allFinite());
+      EXPECT_LT((p - body.X_WB * Vector3d(0.005, -0.003, 0)).norm(), 0.1);
+    }
+  });
+}
+
+TEST(MeshScene, ASheetThatDoesNotFitIsRefusedInOneLine) {
+  const auto message = [](const pb::Config& config) -> std::string {
+    try {
+      setup_of(config);
+    } catch (const Error& error) {
+      return error.what();
+    }
+    return "accepted";
+  };
+  const auto with_mesh = [&](const std::string& obj) {
+    const std::string path = testing::TempDir() + "/bad_sheet.obj";
+    test::write_bytes(path, obj);
+    pb::Config config = elastic_leaf();
+    config.mutable_scene()->mutable_tissue()->mutable_sheet()->mutable_mesh()->set_path(path);
+    config.mutable_scene()->mutable_tissue()->mutable_sheet()->mutable_mesh()->set_unit_m(1);
+    return message(config);
+  };
+  EXPECT_EQ(message(elastic_leaf()), "accepted");
+  EXPECT_THAT(with_mesh("v 0 0 0\nv .05 0 0\nv .05 .05 0\nv 0 .05 0\nf 1 2 3\nf 1 3 4\n"),
+              testing::HasSubstr("do not determine a curvature"));
+  EXPECT_THAT(with_mesh("v 0 0 0\nv .05 0 0\nv .05 .05 0\nv 0 .05 0\nf 1 2 3\nf 1 4 3\n"),
+              testing::HasSubstr("used twice in the same direction"));
+  EXPECT_THAT(with_mesh("v 0 0 0\nv .05 0 0\nv .02 .0001 0\nf 1 2 3\n"),
+              testing::HasSubstr("sliver"));
+  EXPECT_THAT(
+      with_mesh("v 0 0 0\nv .05 0 0\nv 0 .05 0\nv .2 0 0\nv .3 0 0\nv .2 .1 0\nf 1 2 3\nf 4 5 6\n"),
+      testing::HasSubstr("allowed one piece"));
+  EXPECT_THAT(
+      with_mesh("v 0 0 0\nv .05 0 0\nv 0 .05 0\nv -.05 0 0\nv 0 -.05 0\nf 1 2 3\nf 1 4 5\n"),
+      testing::HasSubstr("single vertex"));
+  pb::Config config = elastic_leaf();
+  pb::Tissue& tissue = *config.mutable_scene()->mutable_tissue();
+  tissue.set_model(pb::TISSUE_REFERENCE);
+  EXPECT_THAT(message(config), testing::HasSubstr("give grid"));
+  tissue.set_model(pb::TISSUE_ELASTIC);
+  tissue.mutable_thickness_map()->add_ratio(1);
+  EXPECT_THAT(message(config), testing::HasSubstr("count_x count_y = 4"));
+  for (const double ratio : {1.0, 1.0, 0.0}) tissue.mutable_thickness_map()->add_ratio(ratio);
+  EXPECT_THAT(message(config), testing::HasSubstr("ratio[3]: 0, allowed 0.2 ... 5"));
+  tissue.mutable_thickness_map()->set_ratio(3, 1);
+  EXPECT_EQ(message(config), "accepted");
+  tissue.set_model(pb::TISSUE_CLUSTER);
+  EXPECT_THAT(message(config), testing::HasSubstr("thickness_map"));
+}
+
 class SolidRole : public testing::TestWithParam<pb::BodyRole> {};
 
 TEST_P(SolidRole, ParticlesStayOutOfTheMesh) {

@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "core/rng.h"
 #include "sim_worker/cooker.h"
 #include "sim_worker/elastic_tissue.h"
 #include "support/cluster_scene.h"
@@ -68,6 +69,54 @@ inline Scene make_elastic_scene(const ElasticCase& c) {
 inline std::shared_ptr<const ElasticTissueModel> make_elastic_sheet(const ElasticCase& c) {
   std::vector<std::string> warnings;
   return make_elastic_model(make_elastic_scene(c), 0.02, warnings);
+}
+
+/// The grid sheet of a case as a mesh without any order: inner nodes moved by up to `jitter` of the
+/// pitch (rim nodes along the rim, the first two rows not), diagonals by chance.
+inline TriangleMesh make_irregular_mesh(const ElasticCase& c, double jitter) {
+  TriangleMesh mesh;
+  const auto nx = static_cast<int>(c.nx);
+  const auto ny = static_cast<int>(c.ny);
+  const auto chance = [](int i, std::uint32_t k) {
+    return static_cast<double>(philox({static_cast<std::uint32_t>(i), k, 0, 0}, {3, 5})[0]) *
+           0x1p-32;
+  };
+  for (int ix = 0; ix < nx; ++ix) {
+    for (int iy = 0; iy < ny; ++iy) {
+      const int i = ny * ix + iy;
+      Eigen::Vector3d p(ix - 0.5 * (nx - 1), iy - 0.5 * (ny - 1), 0);
+      if (ix > 0 && ix + 1 < nx) p.x() += jitter * (2 * chance(i, 0) - 1);
+      if (iy > 1 && iy + 1 < ny) p.y() += jitter * (2 * chance(i, 1) - 1);
+      mesh.vertices.emplace_back(c.pitch * p);
+      if (ix + 1 == nx || iy + 1 == ny) continue;
+      if (chance(i, 2) < 0.5) {
+        mesh.triangles.emplace_back(i, i + ny, i + ny + 1);
+        mesh.triangles.emplace_back(i, i + ny + 1, i + 1);
+      } else {
+        mesh.triangles.emplace_back(i, i + ny, i + 1);
+        mesh.triangles.emplace_back(i + ny, i + ny + 1, i + 1);
+      }
+    }
+  }
+  return mesh;
+}
+
+/// The scene of a case with this middle surface instead of the grid.
+inline Scene make_mesh_scene(const ElasticCase& c, const TriangleMesh& mesh) {
+  Scene scene = make_elastic_scene(c);
+  scene.config.mutable_tissue()->mutable_sheet();
+  scene.tissue.particles = mesh.vertices;
+  scene.tissue.surface_triangles = mesh.triangles;
+  scene.tissue.fixed.clear();
+  for (const auto& p : mesh.vertices) scene.tissue.fixed.push_back(p.y() <= c.anchor_max_y ? 1 : 0);
+  scene.sheet = measure_sheet("mesh", mesh.vertices, mesh.triangles);
+  return scene;
+}
+
+inline std::shared_ptr<const ElasticTissueModel> make_elastic_mesh(const ElasticCase& c,
+                                                                   const TriangleMesh& mesh) {
+  std::vector<std::string> warnings;
+  return make_elastic_model(make_mesh_scene(c, mesh), 0.02, warnings);
 }
 
 /// Root mean square distance of two states [m].

@@ -3,12 +3,14 @@
 #include <fmt/core.h>
 
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdint>
 #include <cstring>
 #include <fstream>
 #include <iterator>
+#include <map>
 #include <numbers>
 #include <stdexcept>
 
@@ -80,6 +82,44 @@ TriangleMesh make_organ_mm() {
     // The dent: vertices around (-24, 0, 0) move inwards, at most 9 mm, without crossing the axis.
     const Eigen::Vector3d from_dent = p - Eigen::Vector3d(-24, 0, 0);
     p.x() += 9 * std::exp(-from_dent.squaredNorm() / (18.0 * 18.0));
+  }
+  return mesh;
+}
+
+TriangleMesh make_leaf_mm() {
+  constexpr double kPitch = 4;
+  constexpr int kRows = 15;
+  TriangleMesh mesh;
+  std::map<std::array<int, 2>, int> index;
+  const auto place = [](const std::array<int, 2>& at) {
+    const auto [i, j] = at;
+    return Eigen::Vector2d(kPitch * (i + 0.5 * (j & 1)), kPitch * std::sqrt(0.75) * j);
+  };
+  const auto inside = [&](const std::array<int, 2>& at) {
+    const Eigen::Vector2d p = place(at);
+    const double oval = std::hypot(p.x() / 42, p.y() / 35);
+    return oval <= 1 && std::hypot(p.x() - 16, p.y() - 8) >= 6;
+  };
+  const auto vertex = [&](const std::array<int, 2>& at) {
+    const auto [found, fresh] = index.try_emplace(at, static_cast<int>(mesh.vertices.size()));
+    if (fresh) {
+      const Eigen::Vector2d p = place(at);
+      const double height = 4 * (1 - std::pow(p.x() / 42, 2) - std::pow(p.y() / 35, 2));
+      mesh.vertices.emplace_back(p.x() + 5, p.y() - 3, height);
+    }
+    return found->second;
+  };
+  for (int j = -kRows; j < kRows; ++j) {
+    for (int i = -kRows; i < kRows; ++i) {
+      const int up = i + (j & 1);  // right of (i, j) in the row above
+      using Corner = std::array<int, 2>;
+      for (const auto& corners :
+           {std::array{Corner{i, j}, Corner{i + 1, j}, Corner{up, j + 1}},
+            std::array{Corner{i, j}, Corner{up, j + 1}, Corner{up - 1, j + 1}}}) {
+        if (!std::all_of(corners.begin(), corners.end(), inside)) continue;
+        mesh.triangles.emplace_back(vertex(corners[0]), vertex(corners[1]), vertex(corners[2]));
+      }
+    }
   }
   return mesh;
 }

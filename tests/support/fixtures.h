@@ -18,6 +18,10 @@ TriangleMesh make_fat_pad_mm();
 /// millimetres.
 TriangleMesh make_organ_mm();
 
+/// The middle surface of a leaf of omentum: an oval of 84 x 70 mm around (5, -3) mm with a hole of
+/// 12 mm, 4 mm high in the middle, on a lattice of equilateral triangles of 4 mm. In millimetres.
+TriangleMesh make_leaf_mm();
+
 std::string print_obj(const TriangleMesh& mesh, const std::string& comment);
 std::string print_binary_stl(const TriangleMesh& mesh);
 std::string print_ascii_stl(const TriangleMesh& mesh);

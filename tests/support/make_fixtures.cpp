@@ -52,6 +52,9 @@ int main(int count, char** arguments) {
                         "fat pad, millimetres, made by tests/support/make_fixtures.cpp"));
   write_bytes(folder + "/fixtures/organ.stl",
               omentum::test::print_binary_stl(omentum::test::make_organ_mm()));
+  write_bytes(folder + "/fixtures/leaf.obj",
+              print_obj(omentum::test::make_leaf_mm(),
+                        "leaf of omentum, millimetres, made by tests/support/make_fixtures.cpp"));
   write_mesh_corpus(folder + "/fuzz/corpus/mesh");
   return 0;
 }
