@@ -121,8 +121,10 @@ TEST_P(EveryEffect, FiniteDifferencesAreSmooth) {
     const Eigen::VectorXd third = shape(0.52);
     const double slope = (third - first).norm() / 2;
     const double bend = (third - 2 * second + first).norm();
-    // Contact of the shell is settled to its tolerance only: 6 um rms.
-    const double noise = effect.needs_board && GetParam() == Model::kElastic ? 1e-4 : 0;
+    // Contact of the shell is settled to its tolerance only: 6 um rms. Of the reference, a node
+    // that begins to slip is a kink: at the slip speed it goes 0.1 um per step.
+    const double on_board = GetParam() == Model::kElastic ? 1e-4 : 5e-7;
+    const double noise = effect.needs_board ? on_board : 0;
     EXPECT_LT(bend, 0.15 * slope + noise) << effect.name << ": " << slope << " m per step";
     EXPECT_GT(slope, 1e-9) << effect.name;
   }
