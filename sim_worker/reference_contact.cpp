@@ -117,8 +117,7 @@ void ReferenceTissue::add_contact_stiffness(const Terms& terms) {
   std::vector<Contact> contacts;
   find_contacts(terms, trial_x_, contacts);
   for (const Contact& c : contacts) {
-    const int row = model_->unknown[static_cast<std::size_t>(c.node)];
-    add_block(row, row, c.stiffness * c.normal * c.normal.transpose());
+    add_block(c.node, c.stiffness * c.normal * c.normal.transpose());
   }
   const double slip = model_->numerics.friction_slip_speed_m_per_s();
   for (const FrictionPoint& f : friction_) {
@@ -133,8 +132,22 @@ void ReferenceTissue::add_contact_stiffness(const Terms& terms) {
       block = law.force / speed * (tangential - along * along.transpose()) +
               law.slope / slip * along * along.transpose();
     }
-    add_block(model_->unknown[i], model_->unknown[i], f.limit / terms.beta * block);
+    add_block(f.node, f.limit / terms.beta * block);
   }
+}
+
+/// Which nodes touch, stick and slip at the trial.
+std::vector<int> ReferenceTissue::contact_states(const Terms& terms) const {
+  std::vector<Contact> contacts;
+  find_contacts(terms, trial_x_, contacts);
+  std::vector<int> states;
+  for (const Contact& c : contacts) states.push_back(c.node);
+  const double slip = model_->numerics.friction_slip_speed_m_per_s();
+  for (const FrictionPoint& f : friction_) {
+    const Vector3d v = slip_velocity(terms, f, trial_x_[static_cast<std::size_t>(f.node)]);
+    states.push_back(v.norm() < slip ? -f.node : f.node);
+  }
+  return states;
 }
 
 void ReferenceTissue::collect_contact_forces(const Terms& terms) {

@@ -62,17 +62,15 @@ void ReferenceTissue::prepare_constraint() {
   constexpr int kColumns = 3 * GraspPatch::kRows;
   MatrixXd& Y = constraint_response_;
   Y.setZero(model_->unknowns, kColumns);
-  int top = model_->unknowns;
   for (std::size_t k = 0; k < patch.node.size(); ++k) {
     const int row = model_->unknown[static_cast<std::size_t>(patch.node[k])];
     if (row < 0) continue;
-    top = std::min(top, row);
     for (int r = 0; r < GraspPatch::kRows; ++r) {
       for (int axis = 0; axis < 3; ++axis)
         Y(row + axis, 3 * r + axis) += patch.weight(static_cast<Eigen::Index>(k), r);
     }
   }
-  factor_.solve_lower(Y, std::min(top, model_->unknowns - 1));
+  factor_.solve_lower(Y);
   MatrixXd S = Y.transpose() * Y;
   const Eigen::Vector4d compliances = grasp_compliances();
   for (int k = 0; k < kColumns; ++k) S(k, k) += compliances[k / 3];

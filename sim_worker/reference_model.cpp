@@ -252,32 +252,44 @@ void make_elements(double density, ReferenceTissueModel& model) {
   model.face_area = area;
 }
 
-/// Numbers the unknowns line by line along the axis that gives the smaller bandwidth.
+/// Numbers the unknowns in the order of elimination; nodes above one another stay together.
 void number_unknowns(ReferenceTissueModel& model) {
-  const int nx = static_cast<int>(model.lines[0].size());
-  const int ny = static_cast<int>(model.lines[1].size());
-  const int nz = static_cast<int>(model.lines[2].size());
-  const bool y_outer = nx <= ny;
-  for (int outer = 0; outer < (y_outer ? ny : nx); ++outer) {
-    for (int inner = 0; inner < (y_outer ? nx : ny); ++inner) {
-      for (int iz = 0; iz < nz; ++iz) {
-        const int node =
-            y_outer ? model.node_index(inner, outer, iz) : model.node_index(outer, inner, iz);
-        if (model.unknown[node] < 0) continue;
-        model.unknown[node] = model.unknowns;
-        model.unknowns += 3;
-      }
-    }
+  const std::size_t nz = model.lines[2].size();
+  std::vector<int> count(model.nodes.size() / nz, 0);
+  for (std::size_t i = 0; i < model.nodes.size(); ++i) {
+    if (model.unknown[i] >= 0) count[i / nz] += 3;
   }
+  model.order = dissect(static_cast<int>(model.lines[0].size()),
+                        static_cast<int>(model.lines[1].size()), count);
+  model.unknowns = model.order.size;
+  std::vector<int> next = model.order.first_unknown;
+  for (std::size_t i = 0; i < model.nodes.size(); ++i) {
+    if (model.unknown[i] < 0) continue;
+    model.unknown[i] = next[i / nz];
+    next[i / nz] += 3;
+  }
+}
+
+/// Entry (i, k) of the block of nodes a and b.
+BlockPlace place_block(const ReferenceTissueModel& model, int a, int b) {
+  const int row = model.unknown[static_cast<std::size_t>(a)];
+  const int column = model.unknown[static_cast<std::size_t>(b)];
+  if (row < 0 || column < 0) return {};
+  if (row < column) {  // the matrix is symmetric: only the lower triangle is stored
+    const BlockPlace mirrored = place_block(model, b, a);
+    return {mirrored.at, mirrored.across, mirrored.down};
+  }
+  return {static_cast<int>(model.order.index(row, column)), 1, model.order.stride(column)};
+}
+
+void place_blocks(ReferenceTissueModel& model) {
+  for (int i = 0; i < static_cast<int>(model.nodes.size()); ++i)
+    model.node_blocks.push_back(place_block(model, i, i));
   for (const ReferenceElement& element : model.elements) {
-    int low = model.unknowns;
-    int high = 0;
-    for (const int node : element.node) {
-      if (model.unknown[node] < 0) continue;
-      low = std::min(low, model.unknown[node]);
-      high = std::max(high, model.unknown[node] + 2);
+    auto place = model.element_blocks.emplace_back().begin();
+    for (int a = 0; a < kHexNodes; ++a) {
+      for (int b = 0; b <= a; ++b) *place++ = place_block(model, element.node[a], element.node[b]);
     }
-    model.bandwidth = std::max(model.bandwidth, high - low);
   }
 }
 
@@ -428,6 +440,7 @@ std::shared_ptr<const ReferenceTissueModel> make_reference_model(
   make_elements(config.density_kg_per_m3() * (1 + model->effects.density_change) / thicker, *model);
   make_rest(*model);
   number_unknowns(*model);
+  place_blocks(*model);
   for (std::size_t i = 0; i < model->body.particles.size(); ++i) {
     model->particle_points.push_back(model->locate(model->body.particles[i]));
     model->particle_points.back().fixed = model->body.fixed[i] != 0;

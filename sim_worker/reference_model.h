@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "sim_worker/elastic_law.h"
+#include "sim_worker/frontal_cholesky.h"
 #include "sim_worker/hexahedron.h"
 #include "sim_worker/tissue.h"
 
@@ -19,6 +20,12 @@ struct ReferenceElement {
   std::array<int, 8> node{};
   Eigen::Vector3d size = Eigen::Vector3d::Zero();  ///< edge lengths at rest [m]
   double stiffness = 1;                            ///< factor on the Lame constants
+};
+
+/// Where a 3 x 3 block of two nodes lies among the entries of the stiffness matrix: entry (i, k) at
+/// at + i down + k across. Nowhere (-1) where one is clamped.
+struct BlockPlace {
+  int at = -1, down = 0, across = 0;
 };
 
 /// A point of the body as the elements around it see it. On a face between elements the parabolas
@@ -97,8 +104,11 @@ struct ReferenceTissueModel : TissueModel, std::enable_shared_from_this<Referenc
   double total_mass = 0;                     ///< [kg]
   std::vector<int> unknown;                  ///< first of three per node, -1 = clamped
   int unknowns = 0;
-  int bandwidth = 0;  ///< of the stiffness matrix
+  Dissection order;  ///< of elimination
   std::vector<ReferenceElement> elements;
+  /// Per element: node blocks (a, b), a >= b, at a (a + 1) / 2 + b, as HexTangent has them.
+  std::vector<std::array<BlockPlace, 36>> element_blocks;
+  std::vector<BlockPlace> node_blocks;  ///< of every node with itself
   std::vector<FaceNode> face_nodes;
   std::vector<BodyPoint> particle_points;  ///< of the grid particles
 

@@ -12,12 +12,16 @@ using Eigen::Vector3d;
 
 constexpr double kStandardGravity = 9.80665;  // [m/s^2]
 // The friction limit follows the normal force in the first iterations of a step and is then frozen,
-// so that the end of the iteration minimises one function: Newton converges quadratically there.
-constexpr int kFrictionUpdates = 6;
+// so that the end of the iteration minimises one function. Where the limits do not fit the normal
+// forces that it ends with (share of the weight), another round begins with those that do.
+constexpr double kFrictionTolerance = 1e-6;
+constexpr int kFrictionUpdates = 10;
+constexpr int kFrictionRounds = 8;
 constexpr int kMaxLineSearch = 14;
 constexpr int kMaxShifts = 8;
 // The factor is used again, within a step, while it brings the residual down to this share.
 constexpr double kKeepFactor = 0.1;
+constexpr int kKeepTangent = 2;
 
 Pack load_pack(const std::array<double, Pack::kLanes>& values) {
   return Pack(_mm256_loadu_pd(values.data()));
@@ -32,32 +36,39 @@ bool ReferenceTissue::solve(const Terms& terms) {
   for (std::size_t i = 0; i < trial_x_.size(); ++i) {
     if (model_->unknown[i] >= 0) trial_x_[i] += terms.h * state_.v[i];
   }
-  const double tolerance =
-      model_->numerics.newton_tolerance() * model_->total_mass * kStandardGravity;
+  const double weight = model_->total_mass * kStandardGravity;
+  const double tolerance = model_->numerics.newton_tolerance() * weight;
   Residual residual;
   evaluate(terms, trial_x_, trial_bubble_, residual);
   if (!std::isfinite(residual.energy)) {  // an element inverted on the way: start where it was
     trial_x_ = state_.x;
     evaluate(terms, trial_x_, trial_bubble_, residual);
   }
-  bool fresh = true;
+  bool fresh = true;  // the factor is to be made anew,
+  bool all = true;    // with the tangent of the elements
+  int updates = 0;    // of friction
+  int rounds = 0;     // with frozen friction
   for (int iteration = 0; iteration < static_cast<int>(model_->numerics.max_newton());
        ++iteration) {
-    if (iteration > 0 && residual.norm <= tolerance) return true;
-    ++newton_iterations_;
-    if (fresh) {
-      if (!make_factor(terms)) return false;
-    } else {
-      renew_inner(residual);
+    const bool frozen = updates == kFrictionUpdates;
+    if (iteration > 0 && residual.norm <= tolerance) {
+      if (!frozen) return true;
+      update_friction(terms, trial_x_);
+      evaluate_contact(terms, trial_x_, residual);
+      if (residual.norm <= kFrictionTolerance * weight || ++rounds == kFrictionRounds) return true;
     }
+    ++newton_iterations_;
+    if (fresh && !make_factor(terms, all)) return false;
+    renew_inner(residual);
     const double before = residual.norm;
     const bool found = newton_direction(residual) && search_line(terms, residual);
-    if (!found && fresh) return false;
+    if (!found && fresh && kept_ == 0) return false;
+    all = !found;
     fresh = !found || residual.norm > kKeepFactor * before;
-    if (iteration < kFrictionUpdates && !friction_.empty()) {
-      update_friction(terms, trial_x_);
-      evaluate(terms, trial_x_, trial_bubble_, residual);
-    }
+    if (frozen) continue;
+    update_friction(terms, trial_x_);
+    evaluate_contact(terms, trial_x_, residual);
+    ++updates;
   }
   return residual.norm <= tolerance;
 }
@@ -143,14 +154,22 @@ void ReferenceTissue::evaluate(const Terms& terms, const Nodes& x, const Bubbles
     add_force(static_cast<int>(i), model_->mass[i] * (inertia * d - drive), out);
   }
 
-  add_contact(terms, x, out);
   effects_.for_each_force(x,
                           [&](int node, double energy, const Vector3d& gradient, const Matrix3d&) {
                             out.count_energy(energy);
                             add_force(node, gradient, out);
                           });
   if (grasp_) add_grasp(terms, x, out);
+  out.without_contact = out.force;
+  out.energy_without_contact = out.energy;
+  evaluate_contact(terms, x, out);
+}
 
+/// Contact and friction anew, the rest as evaluate() left it.
+void ReferenceTissue::evaluate_contact(const Terms& terms, const Nodes& x, Residual& out) const {
+  out.force = out.without_contact;
+  out.energy = out.energy_without_contact;
+  add_contact(terms, x, out);
   double squares = out.force.squaredNorm();
   for (const auto& b : out.bubble_force) {
     for (const double f : b) squares += f * f;
@@ -158,19 +177,20 @@ void ReferenceTissue::evaluate(const Terms& terms, const Nodes& x, const Bubbles
   out.norm = std::sqrt(squares);
 }
 
-/// Adds a block of nodes to the lower triangle; row and column are first unknowns.
-void ReferenceTissue::add_block(int row, int column, const Matrix3d& block) {
+/// Adds a block of a node with itself.
+void ReferenceTissue::add_block(int node, const Matrix3d& block) {
+  const BlockPlace& place = model_->node_blocks[static_cast<std::size_t>(node)];
+  if (place.at < 0) return;
+  double* entries = factor_.entries() + place.at;
   for (int i = 0; i < 3; ++i) {
-    for (int k = 0; k < 3; ++k) {
-      if (row + i >= column + k) factor_.at(row + i, column + k) += block(i, k);
-    }
+    for (int k = 0; k < 3; ++k) entries[i * place.down + k * place.across] += block(i, k);
   }
 }
 
-/// Tangent of the incremental potential without the grasp, parabolas eliminated, plus `shift` times
-/// the inertia.
-void ReferenceTissue::assemble(const Terms& terms, double shift) {
+/// Tangent of elements and inertia at the trial, parabolas eliminated.
+void ReferenceTissue::assemble(const Terms& terms) {
   factor_.set_zero();
+  double* entries = factor_.entries();
   HexTangent tangent;
   std::array<std::array<double, Pack::kLanes>, 324> stiffness{};
   for (std::size_t batch = 0; batch < inner_.size(); ++batch) {
@@ -181,55 +201,55 @@ void ReferenceTissue::assemble(const Terms& terms, double shift) {
     const std::size_t first = Pack::kLanes * batch;
     const std::size_t count = std::min<std::size_t>(Pack::kLanes, model_->elements.size() - first);
     for (std::size_t lane = 0; lane < count; ++lane) {
-      const ReferenceElement& element = model_->elements[first + lane];
-      for (int a = 0; a < kHexNodes; ++a) {
-        const int row = model_->unknown[static_cast<std::size_t>(element.node[a])];
-        if (row < 0) continue;
-        for (int b = 0; b <= a; ++b) {
-          const int column = model_->unknown[static_cast<std::size_t>(element.node[b])];
-          if (column < 0) continue;
-          Matrix3d block;
+      const double* block = &stiffness[0][lane];
+      for (const BlockPlace& place : model_->element_blocks[first + lane]) {
+        if (place.at >= 0) {
+          double* entry = entries + place.at;
           for (int i = 0; i < 3; ++i) {
             for (int k = 0; k < 3; ++k)
-              block(i, k) =
-                  stiffness[static_cast<std::size_t>(9 * (a * (a + 1) / 2 + b) + 3 * i + k)][lane];
-          }
-          if (row >= column) {
-            add_block(row, column, block);
-          } else {
-            add_block(column, row, block.transpose());
+              entry[i * place.down + k * place.across] += block[Pack::kLanes * (3 * i + k)];
           }
         }
+        block += std::ptrdiff_t{9} * Pack::kLanes;
       }
     }
   }
-
   const double beta = terms.beta;
   const double damping = model_->material.damping_per_s() * parameters_.damping_scale;
-  const double inertia = (1 + shift) / (beta * beta) + damping / beta;
-  for (std::size_t i = 0; i < model_->nodes.size(); ++i) {
-    const int row = model_->unknown[i];
-    if (row >= 0) add_block(row, row, model_->mass[i] * inertia * Matrix3d::Identity());
-  }
-  add_contact_stiffness(terms);
-  effects_.for_each_force(trial_x_, [&](int node, double, const Vector3d&, const Matrix3d& block) {
-    const int row = model_->unknown[static_cast<std::size_t>(node)];
-    if (row >= 0) add_block(row, row, block);
-  });
+  const double inertia = 1 / (beta * beta) + damping / beta;
+  for (std::size_t i = 0; i < model_->nodes.size(); ++i)
+    add_block(static_cast<int>(i), model_->mass[i] * inertia * Matrix3d::Identity());
+  body_tangent_.assign(entries, entries + model_->order.entries);
 }
 
-/// Factors the tangent at the trial; moves it by inertia until it is positive definite.
-bool ReferenceTissue::make_factor(const Terms& terms) {
+/// Factors the tangent without the grasp; moves it by inertia until it is positive definite. Where
+/// nodes touch, part, stick or slip since the last factor, that decides how fast Newton gets on:
+/// the elements then keep the tangent of that factor, twice in a row at most.
+bool ReferenceTissue::make_factor(const Terms& terms, bool all) {
   ++factorisations_;
+  std::vector<int> touch = contact_states(terms);
+  const bool keep = !all && touch != touch_ && kept_ < kKeepTangent;
+  touch_ = std::move(touch);
+  kept_ = keep ? kept_ + 1 : 0;
+  if (!keep) assemble(terms);
   double shift = 0;
-  assemble(terms, shift);
-  for (int attempt = 0; !factor_.factor(); ++attempt) {
-    if (attempt == kMaxShifts) return false;
+  for (int attempt = 0; attempt <= kMaxShifts; ++attempt) {
+    if (keep || attempt > 0)
+      std::copy(body_tangent_.begin(), body_tangent_.end(), factor_.entries());
+    for (std::size_t i = 0; i < model_->nodes.size() && shift > 0; ++i) {
+      add_block(static_cast<int>(i),
+                shift / (terms.beta * terms.beta) * model_->mass[i] * Matrix3d::Identity());
+    }
+    add_contact_stiffness(terms);
+    effects_.for_each_force(trial_x_, [&](int node, double, const Vector3d&,
+                                          const Matrix3d& block) { add_block(node, block); });
+    if (factor_.factor()) {
+      if (grasp_) prepare_constraint();
+      return true;
+    }
     shift = shift == 0 ? 1 : 10 * shift;
-    assemble(terms, shift);
   }
-  if (grasp_) prepare_constraint();
-  return true;
+  return false;
 }
 
 /// The factor stays, the forces of the parabolas are those of the trial.
@@ -267,7 +287,7 @@ bool ReferenceTissue::newton_direction(const Residual& residual) {
     }
   }
 
-  factor_.solve_lower(direction_, 0);
+  factor_.solve_lower(direction_);
   if (grasp_) constrain_direction();
   factor_.solve_upper(direction_);
 

@@ -24,7 +24,7 @@ constexpr std::size_t kEffectValues = sizeof(EffectValues) / sizeof(double);
 }  // namespace
 
 ReferenceTissue::ReferenceTissue(std::shared_ptr<const ReferenceTissueModel> model)
-    : model_(std::move(model)), effects_(model_), factor_(model_->unknowns, model_->bandwidth) {
+    : model_(std::move(model)), effects_(model_), factor_(model_->order) {
   inner_.resize((model_->elements.size() + Pack::kLanes - 1) / Pack::kLanes);
   direction_.setZero(model_->unknowns);
   set_parameters(0, {});

@@ -10,7 +10,7 @@
 #include <string>
 #include <vector>
 
-#include "sim_worker/band_cholesky.h"
+#include "sim_worker/frontal_cholesky.h"
 #include "sim_worker/grasp_patch.h"
 #include "sim_worker/hexahedron.h"
 #include "sim_worker/reference_effects.h"
@@ -22,7 +22,7 @@ namespace omentum {
 /// Tissue. The yardstick of the fast models and what `mismatch` compares recordings with.
 ///
 /// Each implicit step (BDF2 started by backward Euler, or backward Euler) is solved by Newton's
-/// method with the exact tangent, a band Cholesky factor and a line search until the residual is
+/// method with the exact tangent, a Cholesky factor and a line search until the residual is
 /// newton_tolerance of the weight. A step that does not converge is done in two halves, five times
 /// at most; then the tissue is unhealthy, failure() says why, and step() does nothing until reset()
 /// or load().
@@ -136,6 +136,8 @@ class ReferenceTissue : public Tissue<double> {
     Eigen::VectorXd force;  ///< its derivative at the unknowns [N]
     Bubbles bubble_force;
     double norm = 0;  ///< of everything [N]
+    double energy_without_contact = 0;
+    Eigen::VectorXd without_contact;
 
     void count_energy(double term) {
       energy += term;
@@ -154,18 +156,20 @@ class ReferenceTissue : public Tissue<double> {
   void finish(const Terms& terms);
   HexShape gather(std::size_t batch, const Nodes& x, const Bubbles& bubble) const;
   void evaluate(const Terms& terms, const Nodes& x, const Bubbles& bubble, Residual& out) const;
+  void evaluate_contact(const Terms& terms, const Nodes& x, Residual& out) const;
   void add_force(int node, const Eigen::Vector3d& force, Residual& out) const;
-  bool make_factor(const Terms& terms);
+  bool make_factor(const Terms& terms, bool all);
   void renew_inner(const Residual& residual);
   bool newton_direction(const Residual& residual);
-  void assemble(const Terms& terms, double shift);
-  void add_block(int row, int column, const Eigen::Matrix3d& block);
+  void assemble(const Terms& terms);
+  void add_block(int node, const Eigen::Matrix3d& block);
   void move_trial(const Terms& terms, double share, const Nodes& x, const Bubbles& bubble);
   bool search_line(const Terms& terms, Residual& residual);
   int bodies() const;
   void find_contacts(const Terms& terms, const Nodes& x, std::vector<Contact>& contacts) const;
   void add_contact(const Terms& terms, const Nodes& x, Residual& out) const;
   void add_contact_stiffness(const Terms& terms);
+  std::vector<int> contact_states(const Terms& terms) const;
   void collect_contact_forces(const Terms& terms);
   void update_friction(const Terms& terms, const Nodes& x);
   static Eigen::Vector3d slip_velocity(const Terms& terms, const FrictionPoint& point,
@@ -194,8 +198,11 @@ class ReferenceTissue : public Tissue<double> {
   long newton_iterations_ = 0, factorisations_ = 0, implicit_steps_ = 0;
 
   // Scratch of one implicit step.
-  BandCholesky factor_;
-  std::vector<HexInner> inner_;  ///< per four elements
+  FrontalCholesky factor_;
+  std::vector<double> body_tangent_;  ///< entries of the last assemble()
+  std::vector<int> touch_;            ///< contact_states() of the last factor
+  int kept_ = 0;                      ///< factors since the last assemble()
+  std::vector<HexInner> inner_;       ///< per four elements
   /// Of the grasp, with the factor: L^-1 C^T and c I + its square (see prepare_constraint).
   Eigen::MatrixXd constraint_response_;
   Eigen::LDLT<Eigen::MatrixXd> constraint_solver_;

@@ -172,7 +172,7 @@ TEST(ReferenceContact, FrictionHoldsBelowMuAndSlidesAbove) {
   const Vector3d downhill = turned(kDegrees, Vector3d::UnitX()).linear() * -Vector3d::UnitY();
   const auto travel = [&](double mu) {
     ReferenceCase c = on_board(kDegrees, mu);
-    c.substeps = 4;  // the step in which contact begins has no friction yet
+    c.substeps = 4;
     ReferenceTissue tissue(make_model(c));
     const Vector3d before = tissue.position(0, 40);
     run(tissue, 50);
@@ -182,6 +182,35 @@ TEST(ReferenceContact, FrictionHoldsBelowMuAndSlidesAbove) {
   const double expected =
       0.5 * kGravity * (std::sin(kDegrees * kPi / 180) - 0.2 * std::cos(kDegrees * kPi / 180));
   EXPECT_NEAR(travel(0.2) / expected, 1, 0.03);
+}
+
+TEST(ReferenceContact, SlidingSheetKeepsCoulombsLawFromTheFirstStepOn) {
+  // Whatever the board does to stop the fall, friction takes mu times its impulse while the sheet
+  // slides: the speed downhill is g (sin a - mu cos a) t, on the board from the start or dropped.
+  constexpr double kDegrees = 20;
+  constexpr double kMu = 0.2;
+  const Eigen::Isometry3d X_WS = turned(kDegrees, Vector3d::UnitX());
+  const double expected =
+      kGravity * (std::sin(kDegrees * kPi / 180) - kMu * std::cos(kDegrees * kPi / 180));
+  for (const double height : {0.0, 1e-4, 2e-3}) {
+    for (const unsigned substeps : {1U, 4U}) {
+      ReferenceCase c = on_board(kDegrees, kMu);
+      c.X_WB.translation() += X_WS.linear() * Vector3d(0, 0, height);
+      c.substeps = substeps;
+      const auto model = make_model(c);
+      ReferenceTissue tissue(model);
+      for (int step = 1; step <= 10; ++step) {
+        run(tissue, 1);
+        if (height > 0 && step < 9) continue;  // it may still fall or bounce
+        Vector3d momentum = Vector3d::Zero();
+        for (std::size_t i = 0; i < model->nodes.size(); ++i)
+          momentum += model->mass[i] * tissue.node_velocities()[i];
+        const double speed = (X_WS.linear().transpose() * momentum).y() / -model->total_mass;
+        EXPECT_NEAR(speed / (expected * 0.02 * step), 1, 0.01)
+            << height << " m, " << substeps << " steps, after " << step;
+      }
+    }
+  }
 }
 
 TEST(ReferenceContact, DrapeOverSphereLeavesNoOverlapAndCarriesTheWeight) {

@@ -264,15 +264,20 @@ TEST(ReferenceEngines, StubbyBeamAtPoisson049ConvergesToDolfinx) {
 }
 
 TEST(ReferenceEngines, CalculixWithAnotherElementAndMeshAgrees) {
-  // 20-node bricks, 16 x 16 x 2, law of St. Venant-Kirchhoff: the difference is that of the meshes.
-  for (const std::string& name :
-       case_names("calculix_", {"hang", "corner", "edge", "stretch"}, {"60kPa", "200kPa"})) {
-    const EngineResult result = read_result(name + ".txt");
+  // 20-node bricks, 16 x 16 x 2, law of St. Venant-Kirchhoff, against 36 x 36 x 1. Decision 0013:
+  // what is left of the hanging sheet is CalculiX's mesh, of 60 kPa the mesh around the patch.
+  const std::map<std::string, double> bounds = {
+      {"hang_60kPa", 3.5e-4}, {"hang_200kPa", 4e-4},    {"corner_60kPa", 1.2e-4},
+      {"edge_60kPa", 1e-4},   {"stretch_60kPa", 2e-4},  {"corner_200kPa", 5e-5},
+      {"edge_200kPa", 5e-5},  {"stretch_200kPa", 5e-5},
+  };
+  for (const auto& [name, bound] : bounds) {
+    const EngineResult result = read_result("calculix_" + name + ".txt");
     ASSERT_EQ(result.law, "st_venant_kirchhoff");
-    const Comparison c = compare(result, make_sheet(result, 24, 1));
-    print_row(name, c);
-    EXPECT_LT(c.rms, 5e-4) << name;
-    EXPECT_LT(c.force, 0.03) << name;
+    const Comparison c = compare(result, make_sheet(result, 36, 1));
+    print_row("calculix_" + name, c);
+    EXPECT_LT(c.rms, bound) << name;
+    EXPECT_LT(c.force, 0.016) << name;
   }
 }
 

@@ -6,8 +6,8 @@
 #include <cmath>
 #include <cstdio>
 
-#include "sim_worker/band_cholesky.h"
 #include "sim_worker/elastic_law.h"
+#include "sim_worker/frontal_cholesky.h"
 #include "sim_worker/hexahedron.h"
 #include "support/reference_scene.h"
 
@@ -247,30 +247,40 @@ TEST(Hexahedron, PureBendingNeedsNoShear) {
   EXPECT_NEAR(force.energy.lane(0) / exact, 1, 1e-4);  // 1e-3 m^-1 over 24 mm turns by 2.4e-5
 }
 
-TEST(BandCholesky, SolvesAndRefusesIndefinite) {
+TEST(FrontalCholesky, SolvesAndRefusesIndefinite) {
+  // A grid whose columns have 0 to 4 unknowns, cut several times: against the dense solution.
+  constexpr int kX = 11;
+  constexpr int kY = 14;
   Random random;
-  constexpr int kSize = 150;
-  constexpr int kBand = 37;
-  BandCholesky band(kSize, kBand);
-  Eigen::MatrixXd A = Eigen::MatrixXd::Zero(kSize, kSize);
-  for (int j = 0; j < kSize; ++j) {
-    for (int i = j; i < std::min(kSize, j + kBand + 1); ++i) {
-      const double value = i == j ? 40 : random.next();  // diagonally dominant
-      band.at(i, j) = value;
-      A(i, j) = value;
-      A(j, i) = value;
+  std::vector<int> unknowns;
+  for (int k = 0; k < kX * kY; ++k) unknowns.push_back(k < 8 ? 0 : (k * 7) % 5);
+  const Dissection order = dissect(kX, kY, unknowns);
+  std::vector<int> column_of(static_cast<std::size_t>(order.size));
+  for (int k = 0; k < kX * kY; ++k) {
+    for (int u = 0; u < unknowns[k]; ++u) column_of[order.first_unknown[k] + u] = k;
+  }
+  FrontalCholesky factor(order);
+  Eigen::MatrixXd A = Eigen::MatrixXd::Zero(order.size, order.size);
+  for (int j = 0; j < order.size; ++j) {
+    for (int i = j; i < order.size; ++i) {
+      const int dx = std::abs(column_of[i] % kX - column_of[j] % kX);
+      const int dy = std::abs(column_of[i] / kX - column_of[j] / kX);
+      if (std::max(dx, dy) > 1) continue;
+      A(i, j) = A(j, i) = i == j ? 40 : random.next();  // diagonally dominant
+      factor.entries()[order.index(i, j)] = A(i, j);
     }
   }
-  ASSERT_TRUE(band.factor());
-  Eigen::MatrixXd x(kSize, 3);
-  for (int k = 0; k < x.size(); ++k) x(k) = k < 70 ? 0 : random.next();
+  ASSERT_TRUE(factor.factor());
+  Eigen::MatrixXd x = Eigen::MatrixXd::Zero(order.size, 3);
+  for (int k = order.size / 3; k < order.size / 2; ++k) x.row(k).setConstant(random.next());
   const Eigen::MatrixXd rhs = x;
-  band.solve_lower(x, 0);
-  band.solve_upper(x);
+  factor.solve_lower(x);
+  factor.solve_upper(x);
   EXPECT_LT((A * x - rhs).norm(), 1e-12 * rhs.norm());
-  band.set_zero();
-  for (int i = 0; i < kSize; ++i) band.at(i, i) = i == 100 ? -1 : 1;
-  EXPECT_FALSE(band.factor());
+  factor.set_zero();
+  for (int i = 0; i < order.size; ++i)
+    factor.entries()[order.index(i, i)] = i == order.size / 2 ? -1 : 1;
+  EXPECT_FALSE(factor.factor());
 }
 
 TEST(Reference, PatchTestHoldsConstantStrain) {

@@ -106,6 +106,27 @@ def reference_lines(case, elements, layers):
             list(np.linspace(-THICKNESS / 2, THICKNESS / 2, layers + 1))]
 
 
+def disc_points(centre, radius, low, high):
+    """Points and weights over the disc as far as it lies in [low, high]: 64 rays, five Gauss points
+    on each, which is the definition of the grasp patch (ReferenceTissueModel::make_patch)."""
+    at, weight = np.polynomial.legendre.leggauss(5)
+    at, weight = (at + 1) / 2, weight / 2
+    points, weights = [], []
+    for ray in range(64):
+        angle = 2 * np.pi * (ray + 0.5) / 64
+        d = np.array([np.cos(angle), np.sin(angle)])
+        length = radius
+        for axis in range(2):
+            if d[axis] > 1e-12:
+                length = min(length, (high[axis] - centre[axis]) / d[axis])
+            if d[axis] < -1e-12:
+                length = min(length, (low[axis] - centre[axis]) / d[axis])
+        for a, w in zip(at, weight):
+            points.append(centre + a * length * d)
+            weights.append(w * length * a * length)
+    return np.array(points), np.array(weights) / np.sum(weights)
+
+
 def mid_surface_points():
     """Every fifth particle of the 31 x 31 grid, clamped ones left out."""
     grid = np.linspace(-SIDE, SIDE, 7)

@@ -1,7 +1,8 @@
 """Solves the cases with CalculiX (Debian: calculix-ccx) and stores the results.
 
-/usr/bin/python3 run_calculix.py [CASE ...]     20-node bricks C3D20R, 16 x 16 x 2
-/usr/bin/python3 run_calculix.py law            which laws CalculiX means, from one element
+/usr/bin/python3 run_calculix.py ELEMENTS LAYERS [CASE ...]
+                                      20-node bricks C3D20R, stored results: 16 2
+/usr/bin/python3 run_calculix.py law  which laws CalculiX means, from one element
 
 *ELASTIC with NLGEOM is the law of St. Venant-Kirchhoff: S = lambda tr(E) I + 2 mu E. *HYPERELASTIC,
 NEO HOOKE is C10 (J^(-2/3) tr C - 3) + (J - 1)^2 / D1, which is not the neo-Hooke law of
@@ -15,9 +16,8 @@ from pathlib import Path
 
 import numpy as np
 
-from cases import (Case, DENSITY, POISSON, THICKNESS, mid_surface_points, reference_lines,
-                   static_cases, write_result)
-from dolfinx_solid import disc_points
+from cases import (Case, DENSITY, POISSON, THICKNESS, disc_points, mid_surface_points,
+                   reference_lines, static_cases, write_result)
 
 # Local coordinates of the 20 nodes in CalculiX's order.
 CORNERS = [(-1, -1, -1), (1, -1, -1), (1, 1, -1), (-1, 1, -1),
@@ -96,11 +96,21 @@ def write_list(out, items, per_line=12):
         out.append(", ".join(str(i) for i in items[k:k + per_line]) + ",")
 
 
+def inclusion_at(case, nodes):
+    """E relative to that of the sheet, from 1 to the factor; dolfinx_solid.Solid has the same."""
+    x, y, radius, factor = case.inclusion
+    far2 = ((nodes[:, 0] - x) ** 2 + (nodes[:, 1] - y) ** 2) / radius**2
+    return 1 + (factor - 1) * np.maximum(0, 1 - far2) ** 2
+
+
 def material(case):
     mu = case.young / (2 * (1 + POISSON))
     bulk = case.young / (3 * (1 - 2 * POISSON))
     if case.law == "st_venant_kirchhoff":
-        return ["*ELASTIC", f"{case.young}, {POISSON}"]
+        rows = [f"{case.young}, {POISSON}, 1."]
+        if case.inclusion:  # E in proportion to a temperature that nothing else depends on
+            rows.append(f"{case.inclusion[3] * case.young}, {POISSON}, {case.inclusion[3]}")
+        return ["*ELASTIC"] + rows
     return ["*HYPERELASTIC, NEO HOOKE", f"{mu / 2:.12e}, {2 / bulk:.12e}"]
 
 
@@ -142,6 +152,9 @@ def write_deck(mesh, case, path):
                                          for node, c in terms[k:k + 4]))
     out += ["*MATERIAL, NAME=TISSUE"] + material(case) + ["*DENSITY", str(DENSITY)]
     out += ["*SOLID SECTION, ELSET=SHEET, MATERIAL=TISSUE", "*BOUNDARY", "CLAMP, 1, 3"]
+    if case.inclusion:
+        out.append("*INITIAL CONDITIONS, TYPE=TEMPERATURE")
+        out += [f"{i + 1}, {t:.12e}" for i, t in enumerate(inclusion_at(case, mesh.nodes))]
     out += ["*STEP, NLGEOM, INC=2000", "*STATIC", "0.1, 1., 1e-7, 0.25",
             "*DLOAD", f"SHEET, GRAV, {case.gravity}, 0., 0., -1."]
     if case.patch:
@@ -184,7 +197,7 @@ def ccx(folder, name):
         raise RuntimeError(done.stdout[-1500:])
 
 
-def run(case, elements=16, layers=2):
+def run(case, elements, layers):
     begin = time.time()
     mesh = Mesh(reference_lines(case, elements, layers))
     with tempfile.TemporaryDirectory() as folder:
@@ -243,11 +256,10 @@ if __name__ == "__main__":
     if sys.argv[1:] == ["law"]:
         check_laws()
         sys.exit()
+    count, through = int(sys.argv[1]), int(sys.argv[2])
     for each in static_cases("st_venant_kirchhoff"):
-        if each.inclusion:
-            continue  # one material per element: not worth it, DOLFINx has the case
-        if len(sys.argv) < 2 or each.name in sys.argv[1:]:
+        if len(sys.argv) < 4 or each.name in sys.argv[3:]:
             try:
-                run(each)
+                run(each, count, through)
             except RuntimeError as error:
                 print(f"{each.name}: CalculiX gave up: {str(error)[-300:]}", flush=True)
