@@ -66,8 +66,12 @@ struct Studio {
 
 std::string draw_picture(Studio& studio, const EpisodeRecording& recording, std::size_t frame) {
   const std::size_t width = std::size_t{3} * recording.context.particles;
-  const std::vector<float> vertices = studio.skin.apply(
-      std::span(recording.segment.frame_positions_in_world_m).subspan(frame * width, width));
+  const std::span<const float> points =
+      std::span(recording.segment.frame_positions_in_world_m).subspan(frame * width, width);
+  const std::size_t of_sheet = 3 * studio.skin.particles();
+  std::vector<float> vertices = studio.skin.apply(points.first(of_sheet));
+  const std::span<const float> of_body = points.subspan(of_sheet);
+  vertices.insert(vertices.end(), of_body.begin(), of_body.end());
   CameraFrame picture;
   picture.tissue_vertices_W = vertices;
   const FrameState state = frame_state(recording, frame);
@@ -111,7 +115,7 @@ std::string picture_row(Studio& studio, const ShownEpisode& episode, const std::
 
 bool has_pictures(const Scene& scene, const ShownEpisode& episode) {
   return !episode.recording.frame_steps.empty() && episode.recording.context.particles > 0 &&
-         episode.recording.context.particles == scene.tissue.particles.size();
+         episode.recording.context.particles == scene.points();
 }
 
 std::string exposure_curves(const std::vector<ShownEpisode>& episodes) {

@@ -154,8 +154,8 @@ EpisodeText episode_text(const ReplayEpisode& episode, std::size_t number, const
     held += fmt::format("{}{}", comma, state.held ? 1 : 0);
     exposure +=
         fmt::format("{}{:.4f}", comma, std::isfinite(state.exposure) ? state.exposure : 0.0F);
-    quantiser.add(skin.apply(
-        std::span(recording.segment.frame_positions_in_world_m).subspan(frame * width, width)));
+    quantiser.add(skin.apply(std::span(recording.segment.frame_positions_in_world_m)
+                                 .subspan(frame * width, 3 * skin.particles())));
   }
   const std::string positions = quantiser.take();
   for (const std::size_t frame : frames) quantiser.add(frame_state(recording, frame).tool_position);
@@ -194,7 +194,7 @@ bool can_show(const Scene& scene, const ReplayEpisode& episode) {
   return !recording.frame_steps.empty() && recording.segment.steps > 0 &&
          recording.segment.tool_positions_in_world_m.size() ==
              std::size_t{3} * recording.segment.steps &&
-         recording.context.particles == scene.tissue.particles.size();
+         recording.context.particles == scene.points();
 }
 
 }  // namespace
@@ -214,6 +214,13 @@ std::string make_replay_markup(const Scene& scene, const std::vector<ReplayEpiso
     if (mesh.triangles.empty()) continue;
     meshes.push_back(std::move(mesh));
     kinds.emplace_back(kind_of(body.role));
+  }
+  if (scene.soft_body) {  // drawn at rest
+    TriangleMesh mesh{{}, scene.soft_body->body.surface_triangles};
+    for (const Eigen::Vector3d& p : scene.soft_body->body.particles)
+      mesh.vertices.push_back(scene.soft_body->body.X_WB * p);
+    meshes.push_back(std::move(mesh));
+    kinds.emplace_back(kind_of(scene.soft_body->role));
   }
   const Eigen::AlignedBox3d box = extent_of(meshes, episodes);
   const SurfaceSkin skin(scene.tissue);

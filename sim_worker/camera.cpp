@@ -113,6 +113,16 @@ class Camera::Renderer {
         scene.tissue.surface_is_particles ? scene.tissue.particles : scene.tissue.surface_vertices;
     // A body sampled through its volume has a closed surface and needs no thickness in pictures.
     thickness_ = scene.tissue.surface_is_particles ? scene.tissue.thickness : 0;
+    if (scene.soft_body) {
+      const TissueBody& soft = scene.soft_body->body;
+      soft_id_ = id_of(scene.soft_body->role);
+      soft_triangles_ = soft.surface_triangles;
+      soft_rest_ = soft.particles;
+      for (const Eigen::Vector3d& p : soft.particles) {
+        const Eigen::Vector3f p_W = (soft.X_WB * p).cast<float>();
+        soft_rest_W_.insert(soft_rest_W_.end(), p_W.data(), p_W.data() + 3);
+      }
+    }
     const pb::Tool& tool = scene.config.tool();
     shaft_radius_ = tool.shaft_radius_m();
     shaft_start_ = tool.shaft_start_m();
@@ -219,10 +229,17 @@ class Camera::Renderer {
     glUniform3fv(glGetUniformLocation(program_, "side_light"), 1, side.data());
     glUniform1i(glGetUniformLocation(program_, "shaded"), shaded ? 1 : 0);
     for (const Body& body : bodies_) draw_buffers(body.buffers, body.count, body.id);
-    if (!frame.tissue_vertices_W.empty()) {
+    const std::size_t of_sheet = std::min(3 * rest_.size(), frame.tissue_vertices_W.size());
+    if (of_sheet > 0) {
+      draw_moving(make_tissue_surface(frame.tissue_vertices_W.first(of_sheet), rest_, triangles_,
+                                      thick ? thickness_ : 0),
+                  ObjectId::kTissue);
+    }
+    if (!soft_rest_.empty()) {
+      const std::span<const float> given = frame.tissue_vertices_W.subspan(of_sheet);
       draw_moving(
-          make_tissue_surface(frame.tissue_vertices_W, rest_, triangles_, thick ? thickness_ : 0),
-          ObjectId::kTissue);
+          make_tissue_surface(given.empty() ? soft_rest_W_ : given, soft_rest_, soft_triangles_, 0),
+          soft_id_);
     }
     if (frame.tool) {
       draw_moving(make_tool_surface(*frame.tool, shaft_radius_, shaft_start_, kToolLength),
@@ -348,6 +365,10 @@ class Camera::Renderer {
   Buffers moving_;
   std::vector<Eigen::Vector3i> triangles_;
   std::vector<Eigen::Vector3d> rest_;
+  ObjectId soft_id_ = ObjectId::kOrgan;
+  std::vector<Eigen::Vector3i> soft_triangles_;
+  std::vector<Eigen::Vector3d> soft_rest_;
+  std::vector<float> soft_rest_W_;  ///< drawn where a frame holds no state
   double thickness_ = 0, shaft_radius_ = 0, shaft_start_ = 0;
 };
 

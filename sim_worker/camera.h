@@ -31,8 +31,9 @@ struct ToolPose {
 };
 
 /// The moving things of one picture. `tissue_vertices_W` holds x y z [m] of every vertex that
-/// scene.tissue.surface_triangles refers to (the particles of a sheet); empty = no sheet. The span
-/// must stay valid during the call only.
+/// scene.tissue.surface_triangles refers to (the particles of a sheet), then of every node of
+/// scene.soft_body; empty = no sheet, and the soft body at rest. The span must stay valid during
+/// the call only.
 struct CameraFrame {
   std::span<const float> tissue_vertices_W;
   std::optional<ToolPose> tool;

@@ -1,4 +1,5 @@
 // Contact of the elastic shell: the host's part. The method is in elastic_contact.inl.
+#include "core/check.h"
 #include "sim_worker/elastic_tissue.h"
 #include "sim_worker/kernel_shape.h"
 
@@ -78,6 +79,14 @@ void ElasticTissue<Real>::prepare_contacts() {
 }
 
 template <typename Real>
+void ElasticTissue<Real>::lie_on(YieldingSurface<Real>& surface) {
+  OMENTUM_CHECK(args_.has_contact && args_.shapes < kMaxShapes, "{} shapes", args_.shapes);
+  surface_ = &surface;
+  args_.surface = surface.args();
+  near_surface_.assign(free_mask_.size(), 0);
+}
+
+template <typename Real>
 void ElasticTissue<Real>::set_contact_stiffness(int lane) {
   const auto l = static_cast<std::size_t>(lane);
   const double stiffness = ElasticTissueModel::key_stiffness(key_[l]);
@@ -105,10 +114,17 @@ void ElasticTissue<Real>::find_contacts(std::span<const ToolMotion> motion) {
     capsule_sweep_[static_cast<std::size_t>(lane)] = static_cast<Real>((m.to - m.from).norm());
   }
   kernel_.find_candidates(candidate_args_);
+  if (surface_ != nullptr) {
+    surface_->start_step(motion, x_.data(), v_.data(), free_mask_, near_surface_);
+    for (std::size_t i = 0; i < near_surface_.size(); ++i) {
+      candidates_[i * kMaxShapes + static_cast<std::size_t>(args_.shapes)] = near_surface_[i];
+      if (near_surface_[i] != 0) candidate_any_[i] |= 1U << args_.shapes;
+    }
+  }
   elastic_.drop_far_contacts(args_);
   plane_shape_.clear();
   for (std::size_t i = 0; i < candidate_any_.size(); ++i) {
-    for (int k = 0; k < args_.shapes; ++k) {
+    for (int k = 0; k < args_.shapes + (surface_ != nullptr ? 1 : 0); ++k) {
       if ((candidate_any_[i] >> k & 1U) != 0) plane_shape_.push_back(k);
     }
     plane_begin_[i + 1] = static_cast<std::int32_t>(plane_shape_.size());
@@ -124,6 +140,7 @@ template <typename Real>
 void ElasticTissue<Real>::resolve_contacts() {
   std::uint32_t unsettled = ~0U;
   for (int pass = 0; pass < kPasses; ++pass) {
+    if (surface_ != nullptr) surface_->place(x_.data(), d_.data());
     elastic_.place_contacts(args_);
     args_.lanes = unsettled;
     unsettled = elastic_.unsettled_contacts(args_);
@@ -133,6 +150,7 @@ void ElasticTissue<Real>::resolve_contacts() {
       args_.lanes = elastic_.sweep_contacts(args_, sweep % 2 != 0);
     }
     elastic_.load_contact_change(args_);
+    if (surface_ != nullptr) surface_->answer(unsettled);
     if (effects_.has_springs()) {
       solve_with_springs();
       args_.lanes = unsettled;
@@ -140,12 +158,14 @@ void ElasticTissue<Real>::resolve_contacts() {
     } else {
       solve_for(unsettled, elastic_.take_contact_change);
     }
+    if (surface_ != nullptr) surface_->take(unsettled);
     hold_for(unsettled & held_lanes_);
   }
 }
 
 #define OMENTUM_INSTANTIATE(Real)                                                \
   template void ElasticTissue<Real>::prepare_contacts();                         \
+  template void ElasticTissue<Real>::lie_on(YieldingSurface<Real>&);             \
   template void ElasticTissue<Real>::set_contact_stiffness(int);                 \
   template void ElasticTissue<Real>::find_contacts(std::span<const ToolMotion>); \
   template void ElasticTissue<Real>::resolve_contacts()

@@ -6,8 +6,16 @@
 //   A e = df,   no node behind the plane of a shape at x + d,   f + df within the friction cone.
 // Projected Gauss-Seidel on the sparse A finds df; an exact solve then gives e = A^-1 df, so that
 // momentum is kept whatever the sweeps have left.
+//
+// A surface that gives way is one more shape, rigid to the sweeps; the exact response is then that
+// of both bodies, and takes a smaller share of what the sweeps wanted (docs/decisions/0020).
 
 namespace {
+
+/// Whether a node may touch the surface that gives way in some lane.
+inline bool may_touch_surface(const Args& args, int i) {
+  return args.surface.active && (args.candidate_any[i] >> args.shapes & 1U) != 0;
+}
 
 /// Planes of the shapes at the present place x + d of each node that may touch; e = 0.
 void place_contacts(const Args& args) {
@@ -17,18 +25,27 @@ void place_contacts(const Args& args) {
     store3(args.contact_before + k, load3(args.contact_force + k));
     const int end = args.plane_begin[i + 1];
     if (args.plane_begin[i] == end) continue;
+    if (may_touch_surface(args, i))
+      store3(args.surface.force_before + k, load3(args.surface.force + k));
     const Lane3 d = load3(args.d + k);
     const Lane3 p = load3(args.x + k) + d;
     Lane deepest = splat(static_cast<Real>(-1e30));
     Lane3 way = zero3();
     for (int n = args.plane_begin[i]; n < end; ++n) {
-      const Surface surface = distance_to(args.shape[args.plane_shape[n]], args.capsule, p);
+      const int shape = args.plane_shape[n];
+      const Real* const found = args.surface.plane + 4 * kLanes * i;
+      const Surface surface = shape == args.shapes
+                                  ? Surface{load(found), load3(found + kLanes)}
+                                  : distance_to(args.shape[shape], args.capsule, p);
       const Lane depth = splat(args.particle_radius) - surface.phi;
       store(args.plane + 4 * kLanes * n, depth);
       store3(args.plane + 4 * kLanes * n + kLanes, surface.normal);
-      const int shape = args.plane_shape[n];
       Lane3 slip = d;
-      if (args.shape[shape].kind == ShapeKind::kCapsule) slip = slip - load3(args.capsule_motion);
+      if (shape == args.shapes) {
+        slip = slip - load3(args.surface.motion + k);
+      } else if (args.shape[shape].kind == ShapeKind::kCapsule) {
+        slip = slip - load3(args.capsule_motion);
+      }
       const Mask deeper =
           both(deepest < depth, to_mask(args.candidates[i * omentum::kMaxShapes + shape]));
       way = select(deeper, fma(depth + dot(slip, surface.normal), surface.normal, zero3() - slip),
@@ -40,7 +57,8 @@ void place_contacts(const Args& args) {
 }
 
 /// Where a node goes that would go to `free` by itself, when the planes of its shapes hold it back.
-inline Lane3 hold_back(const Args& args, int i, Lane3 free) {
+/// `off_surface` is the part of the way that the surface which gives way is the cause of.
+inline Lane3 hold_back(const Args& args, int i, Lane3 free, Lane3& off_surface) {
   const Lane zero = splat(Real{0});
   const Lane3 from = zero3() - load3(args.d + 3 * kLanes * i);
   Lane3 motion = free;
@@ -50,7 +68,12 @@ inline Lane3 hold_back(const Args& args, int i, Lane3 free) {
     const int k = args.plane_shape[n];
     const Mask touches = both(zero < depth, to_mask(args.candidates[i * omentum::kMaxShapes + k]));
     if (to_bits(touches) == 0) continue;
-    motion = select(touches, leave_shape(args, args.shape[k], depth, normal, motion, from), motion);
+    const bool gives = k == args.shapes;
+    const Lane3 start = gives ? from + load3(args.surface.motion + 3 * kLanes * i) : from;
+    const Lane3 before = motion;
+    motion =
+        select(touches, leave_shape(args, args.shape[k], depth, normal, motion, start), motion);
+    if (gives) off_surface = motion - before;
   }
   return motion;
 }
@@ -70,7 +93,8 @@ Bits unsettled_contacts(const Args& args) {
     const Lane own = load(args.own_stiffness + kLanes * i);
     const Lane compliance = load(args.own_compliance + kLanes * i);
     const Lane3 free = (splat(Real{0}) - compliance) * load3(args.contact_before + 3 * kLanes * i);
-    lanes |= matters(args, i, own * hold_back(args, i, free)) & asked;
+    Lane3 unused = zero3();
+    lanes |= matters(args, i, own * hold_back(args, i, free, unused)) & asked;
   }
   return lanes;
 }
@@ -112,10 +136,15 @@ Bits sweep_contacts(const Args& args, bool backwards) {
       continue;
     }
     const Lane3 free = compliance * (pull - load3(args.contact_before + 3 * kLanes * i));
-    const Lane3 next = hold_back(args, i, free);
+    Lane3 off_surface = zero3();
+    const Lane3 next = hold_back(args, i, free, off_surface);
     store3(memory, select(to_mask(asked), next, before));
     Real* const force = args.contact_force + 3 * kLanes * i;
     store3(force, select(to_mask(asked), own * (next - free), load3(force)));
+    if (may_touch_surface(args, i)) {
+      Real* const part = args.surface.force + 3 * kLanes * i;
+      store3(part, select(to_mask(asked), own * off_surface, load3(part)));
+    }
     moving |= matters(args, i, own * (next - before)) & asked & args.contact_lanes[i];
   }
   return moving;
@@ -143,15 +172,23 @@ void take_contact_change(const Args& args) {
     wanted = wanted + dot(change, load3(args.contact_way + k));
     reached = reached - dot(change, load3(args.b + k));
   }
+  if (args.surface.active) reached = reached + load(args.surface.work);
   const Lane zero = splat(Real{0});
   const Lane share = max(min(wanted / reached, splat(Real{1})), zero);
   const Mask lanes = to_mask(args.lanes);
+  if (args.surface.active)
+    store(args.surface.share, select(lanes, share, load(args.surface.share)));
   for (int i = 0; i < args.nodes; ++i) {
     const int k = 3 * kLanes * i;
     if (args.plane_begin[i] != args.plane_begin[i + 1]) {
       const Lane3 before = load3(args.contact_before + k);
       const Lane3 force = load3(args.contact_force + k);
       store3(args.contact_force + k, select(lanes, fma(share, force - before, before), force));
+    }
+    if (may_touch_surface(args, i)) {
+      const Lane3 before = load3(args.surface.force_before + k);
+      const Lane3 force = load3(args.surface.force + k);
+      store3(args.surface.force + k, select(lanes, fma(share, force - before, before), force));
     }
     if (args.fixed[i] != 0) continue;
     const Lane3 d = load3(args.d + k);
@@ -167,8 +204,16 @@ void drop_far_contacts(const Args& args) {
       if ((args.candidate_any[i] >> k & 1U) != 0)
         near |= args.candidates[i * omentum::kMaxShapes + k];
     }
-    args.contact_lanes[i] = near;
     Real* const force = args.contact_force + 3 * kLanes * i;
+    if (args.surface.active) {
+      const Bits at_surface = args.candidates[i * omentum::kMaxShapes + args.shapes];
+      near |= at_surface;
+      Real* const part = args.surface.force + 3 * kLanes * i;
+      const Mask stays = to_mask(at_surface);
+      store3(force, select(stays, load3(force), load3(force) - load3(part)));
+      store3(part, select(stays, load3(part), zero3()));
+    }
+    args.contact_lanes[i] = near;
     store3(force, select(to_mask(near), load3(force), zero3()));
   }
 }

@@ -42,6 +42,19 @@ struct CurvatureEntry {
   Real weight[3];  ///< of the second derivatives xx, yy, xy [1/m^2]
 };
 
+/// A surface that gives way: one more contact shape, whose number is ElasticArgs::shapes. Its near
+/// points are found by the host (soft_contact.h), one per node and lane.
+template <typename Real>
+struct SurfaceArgs {
+  bool active;
+  const Real* plane;   ///< [node][distance of x + d, normal xyz][lane] [m]
+  const Real* motion;  ///< [node][xyz][lane]: of the near point in this substep [m]
+  Real* force;         ///< [node][xyz][lane]: part of contact_force that it bears [N]
+  Real* force_before;  ///< scratch: before the change
+  const Real* work;    ///< [lane]: of the change on the surface's answer to it [N m]
+  Real* share;         ///< [lane] out: share of the change that was taken
+};
+
 template <typename Real>
 struct ElasticArgs {
   // Mesh, shared by all lanes.
@@ -121,6 +134,7 @@ struct ElasticArgs {
   const Real* static_friction;
   const Real* dynamic_friction;
 
+  SurfaceArgs<Real> surface;
   ElasticEffectArgs<Real> effects;
 };
 

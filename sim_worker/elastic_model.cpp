@@ -478,11 +478,13 @@ std::shared_ptr<const ElasticTissueModel> make_elastic_model(const Scene& scene,
   if (!tissue.has_grid() && scene.sheet.triangles.empty()) {
     throw_error("scene.tissue: no grid, allowed for the shell of the model elastic: grid, sheet");
   }
-  if (scene.bodies.size() + 1 > kMaxShapes) {
+  const int most_bodies = kMaxShapes - (scene.soft_body ? 2 : 1);
+  if (static_cast<int>(scene.bodies.size()) > most_bodies) {
     throw_error("scene.rigid_body: {} bodies, allowed at most {}", scene.bodies.size(),
-                kMaxShapes - 1);
+                most_bodies);
   }
   auto model = std::make_shared<ElasticTissueModel>();
+  model->on_soft_body = scene.soft_body.has_value();
   model->body = scene.tissue;
   model->control_period = control_period;
   model->material = tissue.material();

@@ -75,6 +75,7 @@ struct ElasticTissueModel : TissueModel, std::enable_shared_from_this<ElasticTis
   double static_friction = 0, dynamic_friction = 0;
   Eigen::Vector3d gravity = Eigen::Vector3d::Zero();  ///< in W [m/s^2]
   std::vector<RigidShape> contact_bodies;             ///< what nodes collide with, the tool apart
+  bool on_soft_body = false;  ///< scene.soft_body, which ElasticTissue::lie_on() names
   bool tool_contact = false;
   double tool_radius = 0, tool_start = 0,
          tool_length = 0;  ///< capsule along the shaft, behind the tip [m]
@@ -105,7 +106,7 @@ struct ElasticTissueModel : TissueModel, std::enable_shared_from_this<ElasticTis
   double substep() const { return control_period / parameters.substeps(); }
   /// Step of the implicit equation: h, or 2 h / 3 for BDF2 [s].
   double effective_step() const;
-  bool has_contact() const { return !contact_bodies.empty() || tool_contact; }
+  bool has_contact() const { return !contact_bodies.empty() || tool_contact || on_soft_body; }
 
   ElasticStructure make_structure(const EffectValues& effects) const;
   /// Of a mesh: moments of the rest curvature at each node in its own frame, xx, yy, xy, times its

@@ -7,6 +7,7 @@
 
 #include "core/check.h"
 #include "core/hash.h"
+#include "sim_worker/lane_kernels.h"
 
 namespace omentum {
 namespace {
@@ -18,15 +19,6 @@ constexpr int kSpringRounds = 8;
 // What comes after the fixed part of a state.
 constexpr std::uint32_t kGraspFollows = 1;
 constexpr std::uint32_t kEffectsFollow = 2;
-
-const ElasticKernel<float>& elastic_kernel_for(const Kernel<float>& kernel) {
-  if (kernel.lanes == 16) return kElasticKernelF32x16;
-  return kernel.lanes == 8 ? kElasticKernelF32x8 : kElasticKernelF32x1;
-}
-
-const ElasticKernel<double>& elastic_kernel_for(const Kernel<double>&) {
-  return kElasticKernelF64x1;
-}
 
 template <typename Real>
 AlignedVector<Real> convert(const std::vector<double>& values) {
@@ -243,10 +235,12 @@ void ElasticTissue<Real>::step(std::span<const ToolMotion> motion) {
     }
     place_tool(motion, substep);
     elastic_.start_substep(args_);
+    if (surface_ != nullptr) surface_->start_substep(motion, substep, x_.data());
     for (int iteration = 0; iteration < iterations; ++iteration) {
       args_.at_start = iteration == 0;
       iterate();
     }
+    if (surface_ != nullptr) surface_->finish_substep(substep + 1 == substeps);
     elastic_.remember_effects(args_);
     elastic_.finish_substep(args_);
   }

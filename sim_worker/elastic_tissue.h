@@ -14,6 +14,7 @@
 #include "sim_worker/elastic_model.h"
 #include "sim_worker/grasp_patch.h"
 #include "sim_worker/tissue.h"
+#include "sim_worker/yielding_surface.h"
 
 namespace omentum {
 
@@ -57,6 +58,9 @@ class ElasticTissue : public Tissue<Real> {
   void save(int lane, Bytes& out) const override;
   Result<std::size_t> load(int lane, std::span<const std::byte> state) override;
   std::uint64_t hash(int lane) const override;
+
+  /// From now on the sheet lies on this surface too; it must stay. The model has `on_soft_body`.
+  void lie_on(YieldingSurface<Real>& surface);
 
   /// Force of the surroundings on a node at the end of the last step, in W [N].
   Eigen::Vector3d contact_force(int lane, int particle) const;
@@ -114,6 +118,7 @@ class ElasticTissue : public Tissue<Real> {
   std::shared_ptr<const ElasticTissueModel> model_;
   const Kernel<Real>& kernel_;
   const ElasticKernel<Real>& elastic_;
+  YieldingSurface<Real>* surface_ = nullptr;
   ElasticArgs<Real> args_{};
   KernelArgs<Real> candidate_args_{};
 
@@ -140,7 +145,7 @@ class ElasticTissue : public Tissue<Real> {
   AlignedVector<Real> stiffness_, gravity_, keep_, static_friction_, dynamic_friction_;
 
   // Contact.
-  std::vector<std::uint32_t> free_mask_, candidates_, candidate_any_, contact_lanes_;
+  std::vector<std::uint32_t> free_mask_, candidates_, candidate_any_, contact_lanes_, near_surface_;
   std::vector<std::int32_t> plane_begin_, plane_shape_;
   AlignedVector<Real> plane_, metric_, own_stiffness_, own_compliance_, key_stiffness_,
       contact_motion_, contact_way_, contact_before_, capsule_, capsule_motion_, capsule_sweep_;

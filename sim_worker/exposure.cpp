@@ -141,6 +141,15 @@ void drop_hidden(ExposureSamples& s, const Scene& scene) {
       shadow(s, a, b, c, hidden);
     }
   }
+  if (scene.soft_body) {
+    const TissueBody& soft = scene.soft_body->body;
+    std::vector<ImagePoint> image;
+    for (const Vector3d& p : soft.particles) image.push_back(project(scene.camera, soft.X_WB * p));
+    for (const Eigen::Vector3i& t : soft.surface_triangles) {
+      shadow(s, image[static_cast<std::size_t>(t[0])], image[static_cast<std::size_t>(t[1])],
+             image[static_cast<std::size_t>(t[2])], hidden);
+    }
+  }
   keep(s, hidden);
 }
 
@@ -280,6 +289,12 @@ ExposureEstimator::ExposureEstimator(const Scene& scene, int reward_samples)
     : camera_(scene.camera) {
   for (const Eigen::Vector3i& t : scene.tissue.surface_triangles) {
     for (int k = 0; k < 3; ++k) triangles_.push_back(t[k]);
+  }
+  if (scene.soft_body) {
+    const auto first = static_cast<std::int32_t>(scene.tissue.particles.size());
+    for (const Eigen::Vector3i& t : scene.soft_body->body.surface_triangles) {
+      for (int k = 0; k < 3; ++k) triangles_.push_back(first + t[k]);
+    }
   }
   overlap_.resize(triangles_.size() / 3);
   if (scene.tumour < 0) return;

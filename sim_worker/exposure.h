@@ -26,8 +26,9 @@ struct ExposureSamples {
 };
 
 /// ExposureEstimator of the tumour: visible weight / weight visible without the sheet (seed_task.md
-/// section 10). The tool does not shadow. No rendering. Rays from the camera are tested against the
-/// sheet's triangles.
+/// section 10). A soft body that is pushed before the tumour shadows it; what it hides at rest
+/// counts in neither number. The tool does not shadow. No rendering. Rays from the camera are
+/// tested against the sheet's triangles.
 class ExposureEstimator {
  public:
   /// `reward_samples` is the size of the fixed stratified subset. Without a tumour every exposure

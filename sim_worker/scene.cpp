@@ -302,6 +302,63 @@ TissueBody make_tissue_body(const pb::Tissue& config, const std::string& directo
   return body;
 }
 
+TriangleMesh soft_body_surface(const pb::DeformableBody& config, const std::string& directory,
+                               const std::string& path) {
+  constexpr int kRings =
+      23;  // of an ellipsoid: facets of 8 degrees, the mesher draws its own on top
+  switch (config.shape_case()) {
+    case pb::DeformableBody::kMesh:
+      return load_scene_mesh(config.mesh(), directory, path + ".mesh");
+    case pb::DeformableBody::kEllipsoidSemiAxesM:
+    case pb::DeformableBody::kBoxHalfExtentsM: {
+      const bool is_box = config.has_box_half_extents_m();
+      const Vector3d size =
+          to_vector(is_box ? config.box_half_extents_m() : config.ellipsoid_semi_axes_m());
+      if (!(size.minCoeff() >= 1e-3 && size.maxCoeff() <= 1)) {
+        throw_error("{}.{}: {} ... {} m, allowed 0.001 ... 1 m", path,
+                    is_box ? "box_half_extents_m" : "ellipsoid_semi_axes_m", size.minCoeff(),
+                    size.maxCoeff());
+      }
+      return is_box ? make_box_mesh(size) : make_ellipsoid_mesh(size, kRings, 2 * kRings + 2);
+    }
+    case pb::DeformableBody::SHAPE_NOT_SET:
+      break;
+  }
+  throw_error("{}: no shape, allowed one of mesh, ellipsoid_semi_axes_m, box_half_extents_m", path);
+}
+
+SoftBody make_soft_body(const pb::DeformableBody& config, const std::string& directory,
+                        bool supported) {
+  const std::string path = "scene.body[0]";
+  if (config.role() == pb::ROLE_TUMOUR) {
+    throw_error(
+        "{}.role: ROLE_TUMOUR, allowed ROLE_ORGAN, ROLE_OBSTACLE: the exposure counts a tumour "
+        "that does not move (scene.rigid_body)",
+        path);
+  }
+  SoftBody soft;
+  soft.name = config.name();
+  soft.role = config.role();
+  TissueBody& body = soft.body;
+  body.X_WB = to_pose(config.pose(), path + ".pose");
+  body.particle_radius = config.particle_radius_m();
+  soft.mesh = fill_mesh(soft_body_surface(config, directory, path), path, config.edge_length_m());
+  body.particles = soft.mesh.nodes;
+  body.surface_triangles = soft.mesh.surface;
+  std::size_t fixed = 0;
+  for (const Vector3d& p : body.particles) {
+    body.fixed.push_back((body.X_WB * p).z() <= config.anchor_max_z_m() + 1e-9 ? 1 : 0);
+    fixed += body.fixed.back();
+  }
+  const std::size_t least = supported ? 0 : 1;
+  if (fixed < least || fixed == body.particles.size()) {
+    throw_error("{}.anchor_max_z_m: {} fixes {} of {} nodes, allowed {} ... {}", path,
+                config.anchor_max_z_m(), fixed, body.particles.size(), least,
+                body.particles.size() - 1);
+  }
+  return soft;
+}
+
 std::vector<Vector3d> make_starts(const pb::StartGrid& grid) {
   std::vector<Vector3d> starts;
   const Vector3d centre = to_vector(grid.centre_m());
@@ -374,6 +431,13 @@ Scene make_scene(const pb::Scene& config, const std::string& directory) {
     sphere.set_sphere_radius_m(obstacle.radius_m());
     scene.bodies.push_back(make_body(sphere, directory, "scene.tissue.effects.obstacle"));
   }
+  if (config.body_size() > 1) {
+    throw_error(
+        "scene.body: {} bodies, allowed at most 1: deformable bodies do not feel each other",
+        config.body_size());
+  }
+  if (config.body_size() == 1)
+    scene.soft_body = make_soft_body(config.body(0), directory, !scene.bodies.empty());
   const pb::Camera& camera = config.camera();
   scene.camera.position = to_vector(camera.position_m());
   const Vector3d axis = to_vector(camera.axis());

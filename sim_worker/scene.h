@@ -4,6 +4,7 @@
 #include <Eigen/Geometry>
 #include <array>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -46,6 +47,15 @@ struct TissueBody {
   std::vector<Eigen::Vector3i> surface_triangles;
 };
 
+/// A deformable body beside the sheet, filled with tetrahedra: `body.particles` are the nodes of
+/// `mesh`, `body.surface_triangles` its skin.
+struct SoftBody {
+  std::string name;
+  pb::BodyRole role = pb::ROLE_ORGAN;
+  TissueBody body;
+  SolidMesh mesh;
+};
+
 /// A camera of the scene: pinhole at `position`, looking along -z of R_WC (x right, y up).
 struct CameraPose {
   Eigen::Vector3d position = Eigen::Vector3d::Zero();  ///< p_WC [m]
@@ -63,6 +73,8 @@ struct Scene {
   SolidMesh solid;      ///< of an elastic volume: its nodes are the particles; else empty
   SheetGeometry sheet;  ///< of scene.tissue.sheet: its nodes are the particles; else empty
   std::vector<RigidShape> bodies;
+  /// Its nodes follow the particles of `tissue` wherever positions of a state are listed.
+  std::optional<SoftBody> soft_body;
   int tumour = -1;              ///< index into bodies
   CameraPose camera;            ///< the endoscope
   double exposure_fov_rad = 0;  ///< zoom view of the exposure image
@@ -71,6 +83,11 @@ struct Scene {
   Eigen::Vector3d tool_start, target, tumour_point;  ///< p_0, p_T, q in W [m]
   std::vector<Eigen::Vector3d> grid_starts, robot_starts;
   std::vector<std::string> warnings;  ///< units guard and cooker warnings, one line each
+
+  /// Points of a state: particles of the tissue, then nodes of the soft body.
+  std::size_t points() const {
+    return tissue.particles.size() + (soft_body ? soft_body->body.particles.size() : 0);
+  }
 };
 
 /// Resolves a scene; relative mesh paths start at `directory`. Throws Error (one line) for anything

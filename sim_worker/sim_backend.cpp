@@ -8,6 +8,7 @@
 #include "core/reward.h"
 #include "core/rng.h"
 #include "core/trig.h"
+#include "sim_worker/randomise.h"
 
 namespace omentum {
 namespace {
@@ -23,10 +24,6 @@ Vector3d to_vector(const double* p) { return {p[0], p[1], p[2]}; }
 
 void assign(double* to, const Vector3d& from) {
   for (int k = 0; k < 3; ++k) to[k] = from[k];
-}
-
-double uniform(std::uint32_t word, double min, double max) {
-  return min + (max - min) * static_cast<double>(word) * 0x1p-32;
 }
 
 /// Index of a value -1, 0, +1 in the action table of a preset, and back.
@@ -54,40 +51,6 @@ bool has_gripper(pb::ActionKind kind) {
   return kind == pb::ACTION_XYZ_GRIPPER || kind == pb::ACTION_CONTINUOUS;
 }
 
-constexpr const char* kEffectPrefix = "tissue.effects.";
-
-std::string effect_path(const pb::Randomise& r) {
-  return r.parameter().substr(std::string(kEffectPrefix).size());
-}
-
-/// Both ends of the range have to be possible in the scene, with its model.
-void check_drawn_effect(const pb::Randomise& r, const Scene& scene) {
-  const std::string path = effect_path(r);
-  const pb::Tissue& tissue = scene.config.tissue();
-  if (path.rfind("obstacle.", 0) == 0 ||
-      (path.rfind("anchor.", 0) == 0 && !(tissue.effects().anchor().compliance_m2_per_n() > 0))) {
-    throw_error("randomise.parameter: {} is part of the scene, allowed: {}", r.parameter(),
-                path[0] == 'o' ? "the other effects" : "with anchor.compliance_m2_per_n above 0");
-  }
-  if (!(r.min() <= r.max()))
-    throw_error("randomise {}: {} ... {}, allowed min <= max", r.parameter(), r.min(), r.max());
-  for (const double value : {r.min(), r.max()}) {
-    pb::TissueEffects effects = tissue.effects();
-    set_effect(effects, path, value);
-    make_effects(effects, tissue.material().poisson_ratio(), scene.tissue.particles);
-    if (tissue.model() == pb::TISSUE_CLUSTER)
-      refuse_effects(effects, "TISSUE_CLUSTER", kBasicEffects);
-    if (tissue.model() == pb::TISSUE_ELASTIC && tissue.has_volume())
-      refuse_effects(effects, "TISSUE_ELASTIC with a volume", kBasicEffects);
-    if (path.rfind("anchor.", 0) == 0 && !(effects.anchor().compliance_m2_per_n() > 0))
-      throw_error("randomise {}: {}, allowed above 0", r.parameter(), value);
-    const bool sticks =
-        effects.adhesion().stiffness_pa_per_m() > 0 || effects.suction().drag_pa_s_per_m() > 0;
-    if (sticks && scene.bodies.empty())
-      throw_error("randomise {}: nothing to stick to, needs a scene.rigid_body", r.parameter());
-  }
-}
-
 }  // namespace
 
 std::shared_ptr<const SimSetup> make_sim_setup(const pb::Config& config,
@@ -110,41 +73,7 @@ std::shared_ptr<const SimSetup> make_sim_setup(const pb::Config& config,
         fmt::format("task.increment_m: {} m every {} s is {:.3g} m/s per axis, above 0.05 m/s",
                     config.task().increment_m(), config.task().control_period_s(), speed));
   }
-  for (const pb::Randomise& r : config.randomise()) {
-    if (r.parameter().rfind(kEffectPrefix, 0) == 0) {
-      check_drawn_effect(r, setup->scene);
-      continue;
-    }
-    static const char* const names[] = {"tissue.stiffness_scale", "tissue.gravity_scale",
-                                        "tissue.damping_scale",   "tissue.friction_scale",
-                                        "tissue.offset_x_m",      "tissue.offset_y_m",
-                                        "tissue.offset_z_m"};
-    if (std::none_of(std::begin(names), std::end(names),
-                     [&](const char* n) { return r.parameter() == n; })) {
-      throw_error(
-          "randomise.parameter: {}, allowed: tissue.stiffness_scale, tissue.gravity_scale, "
-          "tissue.damping_scale, tissue.friction_scale, tissue.offset_x_m, tissue.offset_y_m, "
-          "tissue.offset_z_m, tissue.effects.*",
-          r.parameter());
-    }
-    const bool is_scale = r.parameter().find("scale") != std::string::npos;
-    const double low = is_scale ? 0 : -0.02;
-    const double high = is_scale ? 10 : 0.02;
-    if (!(r.min() >= low && r.max() <= high && r.min() <= r.max())) {
-      throw_error("randomise {}: {} ... {}, allowed within {} ... {}", r.parameter(), r.min(),
-                  r.max(), low, high);
-    }
-  }
-  // Effects that are drawn together have to be possible together.
-  for (const bool highest : {false, true}) {
-    pb::TissueEffects effects = setup->scene.config.tissue().effects();
-    for (const pb::Randomise& r : config.randomise()) {
-      if (r.parameter().rfind(kEffectPrefix, 0) == 0)
-        set_effect(effects, effect_path(r), highest ? r.max() : r.min());
-    }
-    make_effects(effects, setup->scene.config.tissue().material().poisson_ratio(),
-                 setup->scene.tissue.particles);
-  }
+  check_randomise(config, setup->scene);
   return setup;
 }
 
@@ -226,35 +155,13 @@ Vector3d SimBackend::start_of(const EpisodeStart& start) const {
 }
 
 void SimBackend::draw_parameters(int lane) {
-  Environment& e = environments_[static_cast<std::size_t>(lane)];
-  LaneParameters parameters;
-  pb::TissueEffects effects = setup_->scene.config.tissue().effects();
-  bool draws_effects = false;
-  Vector3d offset = Vector3d::Zero();
-  const bool random = static_cast<StartSet>(e.start_set) == StartSet::kTraining;
-  for (int i = 0; random && i < setup_->config.randomise_size(); ++i) {
-    const pb::Randomise& r = setup_->config.randomise(i);
-    const PhiloxWords words = random_words(e.run_seed, e.slot, Purpose::kDynamics,
-                                           static_cast<std::uint32_t>(i), e.episode, 0);
-    const double value = uniform(words[0], r.min(), r.max());
-    if (r.parameter() == "tissue.stiffness_scale") parameters.stiffness_scale = value;
-    if (r.parameter() == "tissue.gravity_scale") parameters.gravity_scale = value;
-    if (r.parameter() == "tissue.damping_scale") parameters.damping_scale = value;
-    if (r.parameter() == "tissue.friction_scale") parameters.friction_scale = value;
-    if (r.parameter() == "tissue.offset_x_m") offset.x() = value;
-    if (r.parameter() == "tissue.offset_y_m") offset.y() = value;
-    if (r.parameter() == "tissue.offset_z_m") offset.z() = value;
-    if (r.parameter().rfind(kEffectPrefix, 0) != 0) continue;
-    set_effect(effects, effect_path(r), value);
-    draws_effects = true;
+  const Environment& e = environments_[static_cast<std::size_t>(lane)];
+  DrawnParameters drawn;
+  if (static_cast<StartSet>(e.start_set) == StartSet::kTraining) {
+    drawn = draw_randomised(setup_->config, setup_->scene, e.run_seed, e.slot, e.episode);
   }
-  if (draws_effects) {
-    parameters.effects =
-        make_effects(effects, setup_->scene.config.tissue().material().poisson_ratio(),
-                     setup_->scene.tissue.particles);
-  }
-  tissue_of(lane).set_parameters(lane_in_group(lane), parameters);
-  tissue_of(lane).reset(lane_in_group(lane), offset);
+  tissue_of(lane).set_parameters(lane_in_group(lane), drawn.parameters);
+  tissue_of(lane).reset(lane_in_group(lane), drawn.offset);
 }
 
 void SimBackend::reset(int lane, const EpisodeStart& start) {
@@ -268,7 +175,8 @@ void SimBackend::reset(int lane, const EpisodeStart& start) {
   double pending_bonus = 0;
   if (start.follows_episode) {
     if (defects.reset_positions_only()) {
-      for (int i = 0; i < tissue.particles(); ++i) old_velocities.push_back(tissue.velocity(l, i));
+      const auto count = static_cast<int>(setup_->scene.tissue.particles.size());
+      for (int i = 0; i < count; ++i) old_velocities.push_back(tissue.velocity(l, i));
     }
     if (defects.reset_patch_at_tool())
       old_patch.assign(tissue.held(l).begin(), tissue.held(l).end());
@@ -320,8 +228,7 @@ const Bytes& SimBackend::settled_state() const {
 void SimBackend::place_on_lattice(int lane, std::uint32_t particle) {
   Tissue<float>& tissue = tissue_of(lane);
   const int l = lane_in_group(lane);
-  OMENTUM_CHECK(particle < static_cast<std::uint32_t>(tissue.particles()), "lattice particle {}",
-                particle);
+  OMENTUM_CHECK(particle < setup_->scene.tissue.particles.size(), "lattice particle {}", particle);
   const Result<std::size_t> loaded = tissue.load(l, settled_state());
   OMENTUM_CHECK(loaded.has_value(), "{}", loaded.has_value() ? "" : loaded.error());
   Environment& e = environments_[static_cast<std::size_t>(lane)];

@@ -47,6 +47,7 @@ struct SolidArgs {
   std::uint32_t* free_mask;    ///< per node: lanes in which it moves by itself
   const Real* hold_stiffness;  ///< per node: spring of the jaw that covers it partly [lane] [N/m]
   const Real* hold_target;     ///< per node: where the jaw takes it [xyz][lane] [m]
+  const Real* load;            ///< [node][xyz][lane]: forces from outside [N], or null
 
   // Parameters, per lane.
   const Real* stiffness;  ///< E / nominal E

@@ -313,6 +313,7 @@ void load_node_forces(const Args& args, Real* to) {
     force = force - splat(args.mass[i]) * gravity;
     const Lane3 off = load3(args.moved + at) - load3(args.hold_target + at);
     force = fma(load(args.hold_stiffness + kLanes * i), off, force);
+    if (args.load != nullptr) force = force - load3(args.load + at);
     store3(to + at, force);
   }
   for (int n = 0; n < args.contacts; ++n) {

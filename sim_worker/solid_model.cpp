@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "core/check.h"
+#include "sim_worker/rigid_gap.h"
 #include "sim_worker/solid_tissue.h"
 
 namespace omentum {
@@ -112,6 +113,59 @@ void set_factor(SolidTissueModel& model, double shear_modulus) {
   model.factor = factorize(matrix, free_node);
 }
 
+/// What lies around the body and how it is stepped.
+void set_surroundings(SolidTissueModel& model, const Scene& scene, double control_period) {
+  if (scene.bodies.size() + 1 > kMaxShapes) {
+    throw_error("scene.rigid_body: {} bodies, allowed at most {}", scene.bodies.size(),
+                kMaxShapes - 1);
+  }
+  OMENTUM_CHECK(model.mesh.nodes.size() == model.body.particles.size());
+  const pb::Tissue& tissue = scene.config.tissue();
+  model.control_period = control_period;
+  model.parameters = tissue.elastic();
+  model.gravity = scene.gravity;
+  model.static_friction = tissue.static_friction();
+  model.dynamic_friction = tissue.dynamic_friction();
+  model.contact_bodies = scene.bodies;
+  const pb::Tool& tool = scene.config.tool();
+  model.tool_contact = tool.contact();
+  model.tool_radius = tool.shaft_radius_m();
+  model.tool_start = tool.shaft_start_m() + tool.shaft_radius_m();
+  model.tool_length = tool.shaft_length_m();
+}
+
+void set_material(SolidTissueModel& model, double density) {
+  const double e = model.material.young_modulus_pa();
+  const double nu = model.material.poisson_ratio();
+  const double shear = e / (2 * (1 + nu));
+  const double lame = e * nu / ((1 + nu) * (1 - 2 * nu));
+  // [Smith18, section 3.4]: small strain has the Lame constants of E and nu, and rest is at F = 1.
+  model.mu = 4.0 / 3 * shear;
+  // lambda of nu = 0.3 is 1.5 mu; what is beyond it acts on means (solid_kernel.inl).
+  const double local = std::min(lame, 1.5 * shear);
+  model.lambda = local + 5.0 / 6 * shear;
+  model.bulk = lame - local;
+  model.alpha = 1 + 0.75 * model.mu / model.lambda;
+  set_geometry(model, density);
+  set_factor(model, shear);
+}
+
+/// A body that begins inside another one would be thrown out of it.
+void refuse_overlap(const SolidTissueModel& model) {
+  for (std::size_t i = 0; i < model.body.particles.size(); ++i) {
+    if (model.body.fixed[i] != 0 || model.on_surface[i] == 0) continue;
+    const Vector3d p = model.body.X_WB * model.body.particles[i];
+    for (const RigidShape& other : model.contact_bodies) {
+      const double distance = rigid_gap(other, p).distance;
+      if (distance >= 0) continue;
+      throw_error(
+          "scene.body[0]: free node at ({:.4g}, {:.4g}, {:.4g}) m is {:.2g} m inside rigid_body "
+          "\"{}\", allowed: none inside at rest",
+          p.x(), p.y(), p.z(), -distance, other.name);
+    }
+  }
+}
+
 }  // namespace
 
 double SolidTissueModel::effective_step() const {
@@ -127,43 +181,40 @@ std::shared_ptr<const SolidTissueModel> make_solid_model(const Scene& scene,
         "LAW_STABLE_NEO_HOOKE",
         pb::ElasticLaw_Name(tissue.material().law()));
   }
-  if (scene.bodies.size() + 1 > kMaxShapes) {
-    throw_error("scene.rigid_body: {} bodies, allowed at most {}", scene.bodies.size(),
-                kMaxShapes - 1);
-  }
   refuse_effects(tissue.effects(), "TISSUE_ELASTIC with a volume", kBasicEffects);
   auto model = std::make_shared<SolidTissueModel>();
   model->effects = make_effects(tissue.effects(), 0, {});
   model->body = scene.tissue;
   model->mesh = scene.solid;
-  OMENTUM_CHECK(model->mesh.nodes.size() == model->body.particles.size());
-  model->control_period = control_period;
   model->material = tissue.material();
-  model->parameters = tissue.elastic();
-  model->gravity = scene.gravity;
-  model->static_friction = tissue.static_friction();
-  model->dynamic_friction = tissue.dynamic_friction();
-  model->contact_bodies = scene.bodies;
-  const pb::Tool& tool = scene.config.tool();
-  model->tool_contact = tool.contact();
-  model->tool_radius = tool.shaft_radius_m();
-  model->tool_start = tool.shaft_start_m() + tool.shaft_radius_m();
-  model->tool_length = tool.shaft_length_m();
-
   model->spacing = tissue.volume().edge_length_m() / 2;
-  const double e = model->material.young_modulus_pa();
-  const double nu = model->material.poisson_ratio();
-  const double shear = e / (2 * (1 + nu));
-  const double lame = e * nu / ((1 + nu) * (1 - 2 * nu));
-  // [Smith18, section 3.4]: small strain has the Lame constants of E and nu, and rest is at F = 1.
-  model->mu = 4.0 / 3 * shear;
-  // lambda of nu = 0.3 is 1.5 mu; what is beyond it acts on means (solid_kernel.inl).
-  const double local = std::min(lame, 1.5 * shear);
-  model->lambda = local + 5.0 / 6 * shear;
-  model->bulk = lame - local;
-  model->alpha = 1 + 0.75 * model->mu / model->lambda;
-  set_geometry(*model, tissue.density_kg_per_m3());
-  set_factor(*model, shear);
+  set_surroundings(*model, scene, control_period);
+  set_material(*model, tissue.density_kg_per_m3());
+  return model;
+}
+
+std::shared_ptr<const SolidTissueModel> make_soft_body_model(const Scene& scene,
+                                                             double control_period) {
+  OMENTUM_CHECK(scene.soft_body.has_value() && scene.config.body_size() == 1);
+  const pb::DeformableBody& config = scene.config.body(0);
+  if (config.material().law() != pb::LAW_STABLE_NEO_HOOKE) {
+    throw_error("scene.body[0].material.law: {}, allowed: LAW_STABLE_NEO_HOOKE",
+                pb::ElasticLaw_Name(config.material().law()));
+  }
+  auto model = std::make_shared<SolidTissueModel>();
+  // Of the scene's effects those that are not the sheet's own.
+  const EffectValues effects =
+      make_effects(scene.config.tissue().effects(), 0, scene.tissue.particles);
+  model->effects.tilt_x = effects.tilt_x;
+  model->effects.tilt_y = effects.tilt_y;
+  model->effects.friction_change = effects.friction_change;
+  model->body = scene.soft_body->body;
+  model->mesh = scene.soft_body->mesh;
+  model->material = config.material();
+  model->spacing = config.edge_length_m() / 2;
+  set_surroundings(*model, scene, control_period);
+  set_material(*model, config.density_kg_per_m3());
+  refuse_overlap(*model);
   return model;
 }
 

@@ -50,6 +50,11 @@ struct SolidTissueModel : TissueModel, std::enable_shared_from_this<SolidTissueM
 /// Makes the solid of the scene's volume. Throws Error for another law than stable neo-Hooke.
 std::shared_ptr<const SolidTissueModel> make_solid_model(const Scene& scene, double control_period);
 
+/// Makes the scene's deformable body (scene.soft_body). Throws Error for another law, and where it
+/// overlaps a rigid body at rest.
+std::shared_ptr<const SolidTissueModel> make_soft_body_model(const Scene& scene,
+                                                             double control_period);
+
 /// Elastic energy of node positions p [m] at nominal stiffness, zero at rest [J]. For tests of the
 /// forces.
 double solid_energy(const SolidTissueModel& model, std::span<const Eigen::Vector3d> p);

@@ -3,11 +3,12 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <limits>
 
 #include "core/check.h"
 #include "core/hash.h"
-#include "sim_worker/elastic_model.h"
 #include "sim_worker/kernel_shape.h"
+#include "sim_worker/lane_kernels.h"
 
 namespace omentum {
 namespace {
@@ -29,19 +30,11 @@ constexpr double kContactGain = 10;
 constexpr double kRigidHold = 100;
 constexpr double kLeastCover = 1e-3;
 constexpr int kMaxHalvings = 4;
-
-struct Kernels {
-  static const SolidKernel<float>& solid(const Kernel<float>& kernel) {
-    if (kernel.lanes == 16) return kSolidKernelF32x16;
-    return kernel.lanes == 8 ? kSolidKernelF32x8 : kSolidKernelF32x1;
-  }
-  static const SolidKernel<double>& solid(const Kernel<double>&) { return kSolidKernelF64x1; }
-  static const ElasticKernel<float>& elastic(const Kernel<float>& kernel) {
-    if (kernel.lanes == 16) return kElasticKernelF32x16;
-    return kernel.lanes == 8 ? kElasticKernelF32x8 : kElasticKernelF32x1;
-  }
-  static const ElasticKernel<double>& elastic(const Kernel<double>&) { return kElasticKernelF64x1; }
-};
+// Of parameters in a state, on the scene's: usable(LaneParameters); friction times 1 + 20 of the
+// effect friction_change.
+constexpr double kMaxGravityScale = 100;
+constexpr double kMaxFrictionScale = 21e3;
+constexpr double kRounding = 1e-5;  // of f32, several operations deep
 
 template <typename Real>
 std::vector<Real> convert(const std::vector<double>& values) {
@@ -51,6 +44,21 @@ std::vector<Real> convert(const std::vector<double>& values) {
   return result;
 }
 
+/// What rounding of the positions leaves of a residual, in the norm of the preconditioner [J]: each
+/// strain is wrong by (place x epsilon / spacing), its stress acts on the square of the spacing.
+template <typename Real>
+double rounding_energy(const SolidTissueModel& model) {
+  const double modulus = model.lambda + model.bulk + model.mu;
+  double energy = 0;
+  for (std::size_t i = 0; i < model.mass.size(); ++i) {
+    const double place = (model.body.X_WB * model.body.particles[i]).cwiseAbs().maxCoeff();
+    const double force =
+        modulus * model.spacing * place * static_cast<double>(std::numeric_limits<Real>::epsilon());
+    energy += force * force / model.diagonal[i];
+  }
+  return energy;
+}
+
 }  // namespace
 
 template <typename Real>
@@ -58,8 +66,8 @@ SolidTissue<Real>::SolidTissue(std::shared_ptr<const SolidTissueModel> model,
                                const Kernel<Real>& kernel)
     : model_(std::move(model)),
       kernel_(kernel),
-      solid_(Kernels::solid(kernel)),
-      elastic_(Kernels::elastic(kernel)) {
+      solid_(solid_kernel_for(kernel)),
+      elastic_(elastic_kernel_for(kernel)) {
   OMENTUM_CHECK(solid_.lanes == kernel_.lanes);
   const auto W = static_cast<std::size_t>(kernel_.lanes);
   const auto n = static_cast<std::size_t>(model_->nodes());
@@ -80,7 +88,8 @@ SolidTissue<Real>::SolidTissue(std::shared_ptr<const SolidTissueModel> model,
   }
   double weight = 0;
   for (const double m : model_->mass) weight += m * 9.8;  // a scale, whatever the scene's gravity
-  rest_energy_ = static_cast<Real>(kRestEnergy * weight * model_->spacing);
+  rest_energy_ = static_cast<Real>(
+      std::max(kRestEnergy * weight * model_->spacing, rounding_energy<Real>(*model_)));
   panel_value_ = convert<Real>(model_->factor.panel_value);
 
   for (auto* v : {&x_, &v_, &d_, &moved_, &b_, &step_, &z_, &p_, &hp_, &contact_force_,
@@ -138,6 +147,7 @@ SolidTissue<Real>::SolidTissue(std::shared_ptr<const SolidTissueModel> model,
   args_.free_mask = free_mask_.data();
   args_.hold_stiffness = hold_stiffness_.data();
   args_.hold_target = hold_target_.data();
+  args_.load = nullptr;
   args_.stiffness = stiffness_.data();
   args_.gravity = gravity_.data();
   args_.keep = keep_.data();
@@ -227,25 +237,43 @@ void SolidTissue<Real>::reset(int lane, const Vector3d& offset) {
 // One control step. The tool moves on a straight line over the substeps.
 template <typename Real>
 void SolidTissue<Real>::step(std::span<const ToolMotion> motion) {
-  OMENTUM_CHECK(static_cast<int>(motion.size()) == lanes());
   const auto substeps = static_cast<int>(model_->parameters.substeps());
-  find_contacts(motion);
+  start_step(motion);
   for (int substep = 0; substep < substeps; ++substep) {
-    place_tool(motion, substep);
-    solid_.start_substep(args_);
-    solve_substep();
-    if (substep + 1 == substeps) solid_.find_reaction(args_, hp_.data());
-    solid_.finish_substep(args_);
+    start_substep(motion, substep);
+    solve_substep(~0U);
+    finish_substep(substep + 1 == substeps);
   }
-  for (int lane = 0; lane < lanes(); ++lane) {
-    for (int axis = 0; axis < 3; ++axis) {
-      Real sum = 0;
-      for (const std::int32_t i : held_[static_cast<std::size_t>(lane)].nodes) {
-        sum += hp_[index(i, axis, lane)];
+}
+
+template <typename Real>
+void SolidTissue<Real>::start_step(std::span<const ToolMotion> motion) {
+  OMENTUM_CHECK(static_cast<int>(motion.size()) == lanes());
+  find_contacts(motion);
+}
+
+template <typename Real>
+void SolidTissue<Real>::start_substep(std::span<const ToolMotion> motion, int substep) {
+  place_tool(motion, substep);
+  solid_.start_substep(args_);
+  enough_.fill(Real{-1});
+}
+
+template <typename Real>
+void SolidTissue<Real>::finish_substep(bool last) {
+  if (last) {
+    solid_.find_reaction(args_, hp_.data());
+    for (int lane = 0; lane < lanes(); ++lane) {
+      for (int axis = 0; axis < 3; ++axis) {
+        Real held_sum = 0;
+        for (const std::int32_t i : held_[static_cast<std::size_t>(lane)].nodes) {
+          held_sum += hp_[index(i, axis, lane)];
+        }
+        held_force_[index(0, axis, lane)] = held_sum;
       }
-      held_force_[index(0, axis, lane)] = sum;
     }
   }
+  solid_.finish_substep(args_);
 }
 
 // Candidates of the whole step, once; forces of nodes that cannot touch any more are dropped.
@@ -311,23 +339,24 @@ void SolidTissue<Real>::find_residual(PerLane& size) {
 }
 
 // Newton steps until the residual is small, in every lane on its own; a step that makes it larger
-// is halved. Most substeps take two, an impact ten.
+// is halved. Most substeps take two, an impact ten. What is small is settled by the first call in a
+// substep.
 template <typename Real>
-void SolidTissue<Real>::solve_substep() {
+void SolidTissue<Real>::solve_substep(std::uint32_t active) {
   const auto W = static_cast<std::size_t>(lanes());
   PerLane size{};
   PerLane size_new{};
   PerLane share{};
-  PerLane enough{};
   find_residual(size);
   for (std::size_t l = 0; l < W; ++l) {
-    enough[l] =
+    if (enough_[l] >= Real{0}) continue;
+    enough_[l] =
         std::max(static_cast<Real>(kNewtonReduction * kNewtonReduction) * size[l], rest_energy_);
   }
   for (int k = 0; k < kMaxNewtonSteps; ++k) {
     std::uint32_t moves = 0;
     for (std::size_t l = 0; l < W; ++l) {
-      if (size[l] > enough[l]) moves |= 1U << l;
+      if (size[l] > enough_[l]) moves |= active & 1U << l;
     }
     if (moves == 0) return;
     find_newton_step(size, moves);
@@ -344,6 +373,27 @@ void SolidTissue<Real>::solve_substep() {
     }
     size = size_new;
   }
+}
+
+template <typename Real>
+void SolidTissue<Real>::set_load(const Real* load) {
+  args_.load = load;
+}
+
+template <typename Real>
+void SolidTissue<Real>::answer(const Real* push, Real* work) {
+  std::copy_n(push, b_.size(), b_.begin());
+  solid_.keep_free(args_, b_.data());
+  precondition();
+  step_ = z_;
+  PerLane product{};
+  solid_.dot(args_, push, step_.data(), product.data());
+  std::copy_n(product.begin(), lanes(), work);
+}
+
+template <typename Real>
+void SolidTissue<Real>::take_answer(const Real* share, std::uint32_t active) {
+  solid_.add_scaled(args_, d_.data(), step_.data(), share, active);
 }
 
 // step = H^-1 b by conjugate gradients, from the residual b with z = A^-1 b and its square `rz`. A
@@ -522,6 +572,18 @@ Vector3d SolidTissue<Real>::contact_force(int lane, int particle) const {
 }
 
 template <typename Real>
+Vector3d SolidTissue<Real>::anchor_force(int lane) const {
+  Vector3d sum = Vector3d::Zero();
+  for (int i = 0; i < particles(); ++i) {
+    if (model_->body.fixed[static_cast<std::size_t>(i)] == 0) continue;
+    for (int axis = 0; axis < 3; ++axis) {
+      sum[axis] += static_cast<double>(hp_[index(i, axis, lane)]);
+    }
+  }
+  return sum;
+}
+
+template <typename Real>
 std::vector<Vector3d> SolidTissue<Real>::elastic_gradient(int lane) {
   std::vector<Vector3d> gradient;
   std::fill(d_.begin(), d_.end(), Real{0});
@@ -563,6 +625,22 @@ void SolidTissue<Real>::save(int lane, Bytes& out) const {
   add(held.weights.data(), count * sizeof(Real));
 }
 
+/// Whether stiffness, gravity [3], keep, static and dynamic friction are what set_parameters()
+/// makes of some usable LaneParameters.
+template <typename Real>
+bool SolidTissue<Real>::usable_parameters(std::span<const Real> values) const {
+  const auto value = [&](std::size_t k) { return static_cast<double>(values[k]); };
+  LaneParameters scales;
+  scales.stiffness_scale = value(0);
+  const double pull = Vector3d(value(1), value(2), value(3)).norm();
+  const auto rubs = [](double friction, double nominal) {
+    return friction >= 0 && friction <= nominal * kMaxFrictionScale * (1 + kRounding);
+  };
+  return usable(scales) && pull <= kMaxGravityScale * model_->gravity.norm() * (1 + kRounding) &&
+         value(4) >= 0 && value(4) <= 1 && rubs(value(5), model_->static_friction) &&
+         rubs(value(6), model_->dynamic_friction);
+}
+
 template <typename Real>
 Result<std::size_t> SolidTissue<Real>::load(int lane, std::span<const std::byte> state) {
   const std::array<AlignedVector<Real>*, 11> arrays = {
@@ -590,9 +668,7 @@ Result<std::size_t> SolidTissue<Real>::load(int lane, std::span<const std::byte>
     if (!std::isfinite(v)) return Failure{"tissue state holds a non-finite number"};
   }
   // The last numbers: stiffness, gravity [3], keep, static and dynamic friction.
-  const Real* const end = values.data() + values.size();
-  if (!(end[-7] > Real{0}) || !(end[-3] >= Real{0} && end[-3] <= Real{1}) ||
-      !(end[-2] >= Real{0}) || !(end[-1] >= Real{0})) {
+  if (!usable_parameters(std::span(values).last(7))) {
     return Failure{"tissue state holds lane parameters out of range"};
   }
   held.nodes.resize(count);

@@ -47,8 +47,30 @@ class SolidTissue final : public Tissue<Real> {
   Result<std::size_t> load(int lane, std::span<const std::byte> state) override;
   std::uint64_t hash(int lane) const override;
 
+  // The parts of step(), for what moves together with other bodies (soft_contact.h): per control
+  // step start_step(), then per substep start_substep(), solve_substep(), finish_substep().
+  void start_step(std::span<const ToolMotion> motion);
+  void start_substep(std::span<const ToolMotion> motion, int substep);
+  /// Solves the substep in the given lanes under the present load.
+  void solve_substep(std::uint32_t active);
+  /// `last`: of the control step; finds the force on the tool.
+  void finish_substep(bool last);
+  /// Forces from outside on every node [N], [node][xyz][lane], until the next call; null = none.
+  /// The array must stay.
+  void set_load(const Real* load);
+  /// How far a further push [N] (like a load) moves the nodes by the preconditioner, which is right
+  /// to a factor of two; `work` gets push x answer per lane [N m]. take_answer() moves the nodes by
+  /// `share` of it in the given lanes; solve_substep() then puts right what is left.
+  void answer(const Real* push, Real* work);
+  void take_answer(const Real* share, std::uint32_t active);
+  /// Positions at the start of the substep and the displacement since [node][xyz][lane] [m].
+  const Real* substep_positions() const { return x_.data(); }
+  const Real* substep_displacements() const { return d_.data(); }
+
   /// Force of the shapes on a node at the end of the last step, in W [N].
   Eigen::Vector3d contact_force(int lane, int particle) const;
+  /// Force of the body on what its anchor is fixed to at the end of the last step, in W [N].
+  Eigen::Vector3d anchor_force(int lane) const;
   /// Gradient of the elastic energy at the present positions, of all nodes [N]: what the solver
   /// uses. For tests.
   std::vector<Eigen::Vector3d> elastic_gradient(int lane);
@@ -65,9 +87,9 @@ class SolidTissue final : public Tissue<Real> {
   std::size_t index(int i, int axis, int lane) const {
     return static_cast<std::size_t>((3 * i + axis) * kernel_.lanes + lane);
   }
+  bool usable_parameters(std::span<const Real> values) const;
   void find_contacts(std::span<const ToolMotion> motion);
   void place_tool(std::span<const ToolMotion> motion, int substep);
-  void solve_substep();
   void find_residual(PerLane& size);
   void find_newton_step(PerLane rz, std::uint32_t active);
   void precondition();
@@ -93,6 +115,7 @@ class SolidTissue final : public Tissue<Real> {
   std::vector<std::uint32_t> touches_, free_mask_, contact_mask_, candidates_, candidate_any_;
   std::vector<std::int32_t> contact_node_;
   std::vector<Held> held_;
+  PerLane enough_{};  ///< residual at which a substep is solved; negative = not known yet
   AlignedVector<Real> held_force_, stiffness_, gravity_, keep_, static_friction_, dynamic_friction_,
       capsule_, capsule_motion_, capsule_sweep_;
 };

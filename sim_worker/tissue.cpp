@@ -5,6 +5,7 @@
 
 #include "core/check.h"
 #include "sim_worker/cluster_tissue.h"
+#include "sim_worker/coupled_tissue.h"
 #include "sim_worker/elastic_model.h"
 #include "sim_worker/reference_model.h"
 #include "sim_worker/solid_model.h"
@@ -45,6 +46,15 @@ template void find_nearest_in_lanes(const Kernel<double>&, int, const double*,
 
 std::shared_ptr<const TissueModel> make_tissue_model(const Scene& scene, double control_period,
                                                      std::vector<std::string>& warnings) {
+  if (scene.soft_body) {
+    const pb::Tissue& tissue = scene.config.tissue();
+    if (tissue.model() != pb::TISSUE_ELASTIC || !tissue.has_grid()) {
+      throw_error(
+          "scene.body: with scene.tissue.model {} and a {}, allowed: TISSUE_ELASTIC and a grid",
+          pb::TissueModelKind_Name(tissue.model()), tissue.has_grid() ? "grid" : "volume");
+    }
+    return make_coupled_model(scene, control_period, warnings);
+  }
   if (scene.config.tissue().model() == pb::TISSUE_ELASTIC) {
     if (scene.config.tissue().has_volume()) return make_solid_model(scene, control_period);
     return make_elastic_model(scene, control_period, warnings);

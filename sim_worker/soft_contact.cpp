@@ -1,0 +1,280 @@
+#include "sim_worker/soft_contact.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+
+#include "core/check.h"
+
+namespace omentum {
+namespace {
+
+using Eigen::Vector3d;
+
+constexpr double kMargin = 2e-3;  // [m] as for rigid shapes: elastic motion of one control step
+
+}  // namespace
+
+template <typename Real>
+SoftContact<Real>::SoftContact(std::shared_ptr<const SolidTissueModel> model,
+                               const Kernel<Real>& kernel, int sheet_nodes, double sheet_radius)
+    : solid_(model, kernel),
+      lanes_(kernel.lanes),
+      nodes_(sheet_nodes),
+      radius_(sheet_radius),
+      search_(model->mesh.surface, model->mesh.nodes),
+      vertex_(model->mesh.nodes.size(), Vector3d::Zero()),
+      normal_(vertex_) {
+  const auto W = static_cast<std::size_t>(lanes_);
+  const auto n = static_cast<std::size_t>(nodes_);
+  for (int i = 0; i < model->nodes(); ++i) {
+    if (model->on_surface[static_cast<std::size_t>(i)] != 0) skin_.push_back(i);
+  }
+  near_.resize(n * W);
+  plane_.assign(4 * n * W, Real{0});
+  for (auto* v : {&motion_, &force_, &before_}) v->assign(3 * n * W, Real{0});
+  for (auto* v : {&work_, &share_}) v->assign(W, Real{0});
+  for (auto* v : {&load_, &push_}) v->assign(3 * W * model->mesh.nodes.size(), Real{0});
+  solid_.set_load(load_.data());
+  args_.active = true;
+  args_.plane = plane_.data();
+  args_.motion = motion_.data();
+  args_.force = force_.data();
+  args_.force_before = before_.data();
+  args_.work = work_.data();
+  args_.share = share_.data();
+}
+
+/// Positions of the skin in one lane, at the start of the substep or as they are now.
+template <typename Real>
+void SoftContact<Real>::take_vertices(int lane, bool moved) {
+  const Real* const x = solid_.substep_positions();
+  const Real* const d = solid_.substep_displacements();
+  for (const std::int32_t i : skin_) {
+    for (int axis = 0; axis < 3; ++axis) {
+      const std::size_t k = index(i, axis, lane);
+      vertex_[static_cast<std::size_t>(i)][axis] = static_cast<double>(moved ? x[k] + d[k] : x[k]);
+    }
+  }
+}
+
+template <typename Real>
+void SoftContact<Real>::find_normals() {
+  for (const std::int32_t i : skin_) normal_[static_cast<std::size_t>(i)].setZero();
+  for (const Eigen::Vector3i& corner : solid_.model().mesh.surface) {
+    const Vector3d& a = vertex_[static_cast<std::size_t>(corner[0])];
+    const Vector3d area = (vertex_[static_cast<std::size_t>(corner[1])] - a)
+                              .cross(vertex_[static_cast<std::size_t>(corner[2])] - a);
+    for (const int k : corner) normal_[static_cast<std::size_t>(k)] += area;
+  }
+  for (const std::int32_t i : skin_) normal_[static_cast<std::size_t>(i)].normalize();
+}
+
+template <typename Real>
+void SoftContact<Real>::start_step(std::span<const ToolMotion> motion, const Real* x, const Real* v,
+                                   std::span<const std::uint32_t> free,
+                                   std::span<std::uint32_t> near) {
+  solid_.start_step(motion);
+  const double period = solid_.model().control_period;
+  const double fall = period * solid_.model().gravity.norm();
+  const auto speed_of = [&](const Real* of, int i, int lane) {
+    double squared = 0;
+    for (int axis = 0; axis < 3; ++axis) {
+      const auto component = static_cast<double>(of[index(i, axis, lane)]);
+      squared += component * component;
+    }
+    return std::sqrt(squared);
+  };
+  std::fill(near.begin(), near.end(), 0);
+  for (int lane = 0; lane < lanes_; ++lane) {
+    take_vertices(lane, false);
+    search_.fit(vertex_);
+    double fastest = 0;
+    for (const std::int32_t i : skin_) fastest = std::max(fastest, solid_.velocity(lane, i).norm());
+    for (int i = 0; i < nodes_; ++i) {
+      TrianglePoint& found = near_[slot(i, lane)];
+      found.triangle = -1;
+      if ((free[static_cast<std::size_t>(i)] >> lane & 1U) == 0) continue;
+      const Vector3d q(static_cast<double>(x[index(i, 0, lane)]),
+                       static_cast<double>(x[index(i, 1, lane)]),
+                       static_cast<double>(x[index(i, 2, lane)]));
+      const double reach = radius_ + kMargin + period * (speed_of(v, i, lane) + fastest + 2 * fall);
+      found.triangle = search_.find(q, vertex_, reach);
+      if (found.triangle >= 0) near[static_cast<std::size_t>(i)] |= 1U << lane;
+    }
+  }
+}
+
+template <typename Real>
+void SoftContact<Real>::attach(int i, int lane, const Vector3d& q) {
+  TrianglePoint& found = near_[slot(i, lane)];
+  found = search_.walk(q, vertex_, found.triangle);
+}
+
+template <typename Real>
+void SoftContact<Real>::spread(std::uint32_t lanes, const Real* before,
+                               AlignedVector<Real>& load) const {
+  for (const std::int32_t k : skin_) {
+    for (int axis = 0; axis < 3; ++axis) {
+      for (int lane = 0; lane < lanes_; ++lane) {
+        if ((lanes >> lane & 1U) != 0) load[index(k, axis, lane)] = Real{0};
+      }
+    }
+  }
+  for (int i = 0; i < nodes_; ++i) {
+    for (int lane = 0; lane < lanes_; ++lane) {
+      const TrianglePoint& found = near_[slot(i, lane)];
+      if (found.triangle < 0 || (lanes >> lane & 1U) == 0) continue;
+      const Eigen::Vector3i& corner = search_.triangle(found.triangle);
+      for (int axis = 0; axis < 3; ++axis) {
+        const std::size_t at = index(i, axis, lane);
+        const Real force = before == nullptr ? force_[at] : force_[at] - before[at];
+        for (int c = 0; c < 3; ++c) {
+          load[index(corner[c], axis, lane)] -= static_cast<Real>(found.share[c]) * force;
+        }
+      }
+    }
+  }
+}
+
+template <typename Real>
+void SoftContact<Real>::start_substep(std::span<const ToolMotion> motion, int substep,
+                                      const Real* x) {
+  solid_.start_substep(motion, substep);
+  for (int lane = 0; lane < lanes_; ++lane) {
+    take_vertices(lane, false);
+    for (int i = 0; i < nodes_; ++i) {
+      if (near_[slot(i, lane)].triangle < 0) continue;
+      attach(i, lane,
+             {static_cast<double>(x[index(i, 0, lane)]), static_cast<double>(x[index(i, 1, lane)]),
+              static_cast<double>(x[index(i, 2, lane)])});
+    }
+  }
+  spread(~0U, nullptr, load_);
+  changed_ = 0;
+  solid_.solve_substep(~0U);
+}
+
+template <typename Real>
+void SoftContact<Real>::place(const Real* x, const Real* d) {
+  const Real* const moved = solid_.substep_displacements();
+  for (int lane = 0; lane < lanes_; ++lane) {
+    take_vertices(lane, true);
+    find_normals();
+    for (int i = 0; i < nodes_; ++i) {
+      const TrianglePoint& found = near_[slot(i, lane)];
+      if (found.triangle < 0) continue;
+      Vector3d q;
+      for (int axis = 0; axis < 3; ++axis) {
+        const std::size_t k = index(i, axis, lane);
+        q[axis] = static_cast<double>(x[k] + d[k]);
+      }
+      attach(i, lane, q);
+      const Eigen::Vector3i& corner = search_.triangle(found.triangle);
+      Vector3d p = Vector3d::Zero();
+      Vector3d way = Vector3d::Zero();
+      for (int c = 0; c < 3; ++c) {
+        const auto node = static_cast<std::size_t>(corner[c]);
+        p += found.share[c] * vertex_[node];
+        for (int axis = 0; axis < 3; ++axis) {
+          way[axis] += found.share[c] * static_cast<double>(moved[index(corner[c], axis, lane)]);
+        }
+      }
+      Vector3d normal = Vector3d::Zero();
+      for (int c = 0; c < 3; ++c)
+        normal += found.share[c] * normal_[static_cast<std::size_t>(corner[c])];
+      normal.normalize();
+      const Vector3d& a = vertex_[static_cast<std::size_t>(corner[0])];
+      const Vector3d face = (vertex_[static_cast<std::size_t>(corner[1])] - a)
+                                .cross(vertex_[static_cast<std::size_t>(corner[2])] - a);
+      const Vector3d off = q - p;
+      const double side = off.dot(face) < 0 ? -1 : 1;
+      const double distance = off.norm();
+      plane_[slot(4 * i, lane)] = static_cast<Real>(side * distance);
+      for (int axis = 0; axis < 3; ++axis) {
+        plane_[slot(4 * i + 1 + axis, lane)] = static_cast<Real>(normal[axis]);
+        motion_[index(i, axis, lane)] = static_cast<Real>(way[axis]);
+      }
+    }
+  }
+}
+
+template <typename Real>
+void SoftContact<Real>::answer(std::uint32_t lanes) {
+  spread(lanes, before_.data(), push_);
+  solid_.answer(push_.data(), work_.data());
+}
+
+template <typename Real>
+void SoftContact<Real>::take(std::uint32_t lanes) {
+  solid_.take_answer(share_.data(), lanes);
+  changed_ |= lanes;
+}
+
+template <typename Real>
+void SoftContact<Real>::finish_substep(bool last) {
+  if (changed_ != 0) {
+    spread(changed_, nullptr, load_);
+    solid_.solve_substep(changed_);
+  }
+  solid_.finish_substep(last);
+}
+
+template <typename Real>
+Vector3d SoftContact<Real>::force(int lane, int node) const {
+  return {static_cast<double>(force_[index(node, 0, lane)]),
+          static_cast<double>(force_[index(node, 1, lane)]),
+          static_cast<double>(force_[index(node, 2, lane)])};
+}
+
+template <typename Real>
+void SoftContact<Real>::reset(int lane) {
+  solid_.reset(lane, Vector3d::Zero());
+  for (std::size_t k = static_cast<std::size_t>(lane); k < force_.size();
+       k += static_cast<std::size_t>(lanes_)) {
+    force_[k] = Real{0};
+  }
+}
+
+template <typename Real>
+bool SoftContact<Real>::healthy(int lane) const {
+  for (std::size_t k = static_cast<std::size_t>(lane); k < force_.size();
+       k += static_cast<std::size_t>(lanes_)) {
+    if (!std::isfinite(force_[k])) return false;
+  }
+  return solid_.healthy(lane);
+}
+
+// State of a lane: forces on the sheet's nodes, then the solid.
+template <typename Real>
+void SoftContact<Real>::save(int lane, Bytes& out) const {
+  for (std::size_t k = static_cast<std::size_t>(lane); k < force_.size();
+       k += static_cast<std::size_t>(lanes_)) {
+    const auto* const bytes = reinterpret_cast<const std::byte*>(&force_[k]);
+    out.insert(out.end(), bytes, bytes + sizeof(Real));
+  }
+  solid_.save(lane, out);
+}
+
+template <typename Real>
+Result<std::size_t> SoftContact<Real>::load(int lane, std::span<const std::byte> state) {
+  std::vector<Real> force(static_cast<std::size_t>(3 * nodes_));
+  const std::size_t size = force.size() * sizeof(Real);
+  if (state.size() < size) {
+    return Failure{fmt::format("state of {} bytes, needed at least {}", state.size(), size)};
+  }
+  std::memcpy(force.data(), state.data(), size);
+  if (!std::all_of(force.begin(), force.end(), [](Real f) { return std::isfinite(f); }))
+    return Failure{"state of the soft body holds a non-finite force"};
+  const Result<std::size_t> used = solid_.load(lane, state.subspan(size));
+  if (!used) return Failure{used.error()};
+  for (std::size_t k = 0; k < force.size(); ++k) {
+    force_[k * static_cast<std::size_t>(lanes_) + static_cast<std::size_t>(lane)] = force[k];
+  }
+  return size + used.value();
+}
+
+template class SoftContact<float>;
+template class SoftContact<double>;
+
+}  // namespace omentum

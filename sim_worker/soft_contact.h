@@ -1,0 +1,75 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <vector>
+
+#include "core/aligned.h"
+#include "sim_worker/solid_tissue.h"
+#include "sim_worker/surface_search.h"
+#include "sim_worker/yielding_surface.h"
+
+namespace omentum {
+
+/// Two-way contact between the nodes of a sheet and the skin of an elastic solid in lanes
+/// (docs/decisions/0020). A node of the sheet keeps its collision distance from the deformed
+/// triangles; what presses it away presses the corners of the nearest triangle by their shares.
+/// Vertices of the solid against the sheet's triangles are not looked at: the solid must not be
+/// sharper than the sheet's pitch.
+template <typename Real>
+class SoftContact final : public YieldingSurface<Real> {
+ public:
+  /// `sheet_radius`: collision distance of the sheet's nodes [m].
+  SoftContact(std::shared_ptr<const SolidTissueModel> model, const Kernel<Real>& kernel,
+              int sheet_nodes, double sheet_radius);
+
+  SolidTissue<Real>& solid() { return solid_; }
+  const SolidTissue<Real>& solid() const { return solid_; }
+
+  const SurfaceArgs<Real>& args() const override { return args_; }
+  void start_step(std::span<const ToolMotion> motion, const Real* x, const Real* v,
+                  std::span<const std::uint32_t> free, std::span<std::uint32_t> near) override;
+  void start_substep(std::span<const ToolMotion> motion, int substep, const Real* x) override;
+  void place(const Real* x, const Real* d) override;
+  void answer(std::uint32_t lanes) override;
+  void take(std::uint32_t lanes) override;
+  void finish_substep(bool last) override;
+
+  /// Force of the solid on a node of the sheet at the end of the last step, in W [N].
+  Eigen::Vector3d force(int lane, int node) const;
+
+  /// Solid and forces, as Tissue has them.
+  void reset(int lane);
+  bool healthy(int lane) const;
+  void save(int lane, Bytes& out) const;
+  Result<std::size_t> load(int lane, std::span<const std::byte> state);
+
+ private:
+  std::size_t index(int i, int axis, int lane) const {
+    return static_cast<std::size_t>((3 * i + axis) * lanes_ + lane);
+  }
+  std::size_t slot(int i, int lane) const { return static_cast<std::size_t>(i * lanes_ + lane); }
+  void take_vertices(int lane, bool moved);
+  void find_normals();
+  void attach(int i, int lane, const Eigen::Vector3d& q);
+  /// Loads on the solid in the given lanes: minus (force - before), `before` may be null.
+  void spread(std::uint32_t lanes, const Real* before, AlignedVector<Real>& load) const;
+
+  SolidTissue<Real> solid_;
+  int lanes_, nodes_;
+  double radius_;
+  SurfaceSearch search_;
+  std::vector<std::int32_t> skin_;                ///< nodes of the solid's surface
+  std::vector<Eigen::Vector3d> vertex_, normal_;  ///< scratch: of one lane
+  std::vector<TrianglePoint> near_;               ///< [node of the sheet][lane]; triangle -1 = far
+  std::uint32_t changed_ = 0;                     ///< lanes whose forces changed in this substep
+  AlignedVector<Real> plane_, motion_, force_, before_, work_, share_, load_, push_;
+  SurfaceArgs<Real> args_{};
+};
+
+extern template class SoftContact<float>;
+extern template class SoftContact<double>;
+
+}  // namespace omentum

@@ -1,0 +1,177 @@
+#include "sim_worker/surface_search.h"
+
+#include <algorithm>
+#include <numeric>
+
+namespace omentum {
+namespace {
+
+using Eigen::Vector3d;
+using Eigen::Vector3i;
+
+constexpr std::int32_t kLeafSize = 4;
+constexpr int kMaxWalk = 64;  // a surface that folds onto itself must not keep the walk going
+
+}  // namespace
+
+TrianglePoint nearest_on_triangle(const Vector3d& q, const Vector3d& a, const Vector3d& b,
+                                  const Vector3d& c) {
+  const Vector3d ab = b - a;
+  const Vector3d ac = c - a;
+  const Vector3d aq = q - a;
+  const double bb = ab.dot(ab);
+  const double bc = ab.dot(ac);
+  const double cc = ac.dot(ac);
+  const double area = bb * cc - bc * bc;
+  TrianglePoint best;
+  if (area > 0) {
+    const double v = (cc * ab.dot(aq) - bc * ac.dot(aq)) / area;
+    const double w = (bb * ac.dot(aq) - bc * ab.dot(aq)) / area;
+    if (v >= 0 && w >= 0 && v + w <= 1) {
+      best.share = {1 - v - w, v, w};
+      best.squared = (aq - v * ab - w * ac).squaredNorm();
+      return best;
+    }
+  }
+  const std::array<Vector3d, 3> corner = {a, b, c};
+  best.squared = -1;
+  for (int k = 0; k < 3; ++k) {
+    const int next = (k + 1) % 3;
+    const Vector3d& from = corner[static_cast<std::size_t>(k)];
+    const Vector3d edge = corner[static_cast<std::size_t>(next)] - from;
+    const double length = edge.squaredNorm();
+    const double t = length > 0 ? std::clamp(edge.dot(q - from) / length, 0.0, 1.0) : 0.0;
+    const double squared = (q - from - t * edge).squaredNorm();
+    if (best.squared >= 0 && !(squared < best.squared)) continue;
+    best.squared = squared;
+    best.share.setZero();
+    best.share[k] = 1 - t;
+    best.share[next] = t;
+  }
+  return best;
+}
+
+SurfaceSearch::SurfaceSearch(std::span<const Vector3i> triangles, std::span<const Vector3d> rest)
+    : triangles_(triangles.begin(), triangles.end()), order_(triangles.size()) {
+  std::iota(order_.begin(), order_.end(), 0);
+  split(0, static_cast<std::int32_t>(order_.size()), rest);
+  std::vector<std::vector<std::int32_t>> around(rest.size());
+  for (std::size_t t = 0; t < triangles_.size(); ++t) {
+    for (const int corner : triangles_[t])
+      around[static_cast<std::size_t>(corner)].push_back(static_cast<std::int32_t>(t));
+  }
+  neighbour_begin_.push_back(0);
+  for (std::size_t t = 0; t < triangles_.size(); ++t) {
+    std::vector<std::int32_t> near;
+    for (const int corner : triangles_[t]) {
+      const auto& more = around[static_cast<std::size_t>(corner)];
+      near.insert(near.end(), more.begin(), more.end());
+    }
+    std::sort(near.begin(), near.end());
+    near.erase(std::unique(near.begin(), near.end()), near.end());
+    near.erase(std::find(near.begin(), near.end(), static_cast<std::int32_t>(t)));
+    neighbour_.insert(neighbour_.end(), near.begin(), near.end());
+    neighbour_begin_.push_back(static_cast<std::int32_t>(neighbour_.size()));
+  }
+}
+
+std::int32_t SurfaceSearch::split(std::int32_t first, std::int32_t last,
+                                  std::span<const Vector3d> rest) {
+  const auto index = static_cast<std::int32_t>(boxes_.size());
+  boxes_.emplace_back();
+  boxes_.back().first = first;
+  boxes_.back().last = last;
+  if (last - first <= kLeafSize) return index;
+  const auto centre = [&](std::int32_t t) -> Vector3d {
+    const Vector3i& corner = triangles_[static_cast<std::size_t>(t)];
+    return rest[static_cast<std::size_t>(corner[0])] + rest[static_cast<std::size_t>(corner[1])] +
+           rest[static_cast<std::size_t>(corner[2])];
+  };
+  Eigen::AlignedBox3d box;
+  for (std::int32_t k = first; k < last; ++k)
+    box.extend(centre(order_[static_cast<std::size_t>(k)]));
+  int axis = 0;
+  box.sizes().maxCoeff(&axis);
+  const std::int32_t middle = (first + last) / 2;
+  // Equal centres in the order of the mesh: the tree is the same on every machine.
+  std::nth_element(order_.begin() + first, order_.begin() + middle, order_.begin() + last,
+                   [&](std::int32_t a, std::int32_t b) {
+                     return std::pair(centre(a)[axis], a) < std::pair(centre(b)[axis], b);
+                   });
+  split(first, middle, rest);
+  boxes_[static_cast<std::size_t>(index)].right = split(middle, last, rest);
+  return index;
+}
+
+void SurfaceSearch::fit(std::span<const Vector3d> vertices) {
+  for (std::size_t k = boxes_.size(); k-- > 0;) {
+    Box& box = boxes_[k];
+    box.box.setEmpty();
+    if (box.right != 0) {
+      box.box.extend(boxes_[k + 1].box);
+      box.box.extend(boxes_[static_cast<std::size_t>(box.right)].box);
+      continue;
+    }
+    for (std::int32_t n = box.first; n < box.last; ++n) {
+      for (const int corner : triangle(order_[static_cast<std::size_t>(n)]))
+        box.box.extend(vertices[static_cast<std::size_t>(corner)]);
+    }
+  }
+}
+
+TrianglePoint SurfaceSearch::nearest(const Vector3d& q, std::span<const Vector3d> vertices,
+                                     int t) const {
+  const Vector3i& corner = triangle(t);
+  TrianglePoint point = nearest_on_triangle(q, vertices[static_cast<std::size_t>(corner[0])],
+                                            vertices[static_cast<std::size_t>(corner[1])],
+                                            vertices[static_cast<std::size_t>(corner[2])]);
+  point.triangle = t;
+  return point;
+}
+
+void SurfaceSearch::search(std::size_t index, const Vector3d& q, std::span<const Vector3d> vertices,
+                           TrianglePoint& best) const {
+  const Box& box = boxes_[index];
+  if (box.right == 0) {
+    for (std::int32_t n = box.first; n < box.last; ++n) {
+      const TrianglePoint point = nearest(q, vertices, order_[static_cast<std::size_t>(n)]);
+      if (point.squared < best.squared) best = point;
+    }
+    return;
+  }
+  std::array<std::size_t, 2> child = {index + 1, static_cast<std::size_t>(box.right)};
+  std::array<double, 2> gap = {boxes_[child[0]].box.squaredExteriorDistance(q),
+                               boxes_[child[1]].box.squaredExteriorDistance(q)};
+  if (gap[1] < gap[0]) {
+    std::swap(child[0], child[1]);
+    std::swap(gap[0], gap[1]);
+  }
+  for (std::size_t k = 0; k < 2; ++k) {
+    if (gap[k] < best.squared) search(child[k], q, vertices, best);
+  }
+}
+
+int SurfaceSearch::find(const Vector3d& q, std::span<const Vector3d> vertices, double reach) const {
+  TrianglePoint best;
+  best.squared = reach * reach;
+  if (boxes_.front().box.squaredExteriorDistance(q) < best.squared) search(0, q, vertices, best);
+  return best.triangle;
+}
+
+TrianglePoint SurfaceSearch::walk(const Vector3d& q, std::span<const Vector3d> vertices,
+                                  int start) const {
+  TrianglePoint best = nearest(q, vertices, start);
+  for (int step = 0; step < kMaxWalk; ++step) {
+    const int from = best.triangle;
+    const auto begin = neighbour_begin_[static_cast<std::size_t>(from)];
+    const auto end = neighbour_begin_[static_cast<std::size_t>(from) + 1];
+    for (std::int32_t k = begin; k < end; ++k) {
+      const TrianglePoint point = nearest(q, vertices, neighbour_[static_cast<std::size_t>(k)]);
+      if (point.squared < best.squared) best = point;
+    }
+    if (best.triangle == from) break;
+  }
+  return best;
+}
+
+}  // namespace omentum
