@@ -4,9 +4,9 @@
 #include <gtest/gtest.h>
 
 #include <atomic>
+#include <bit>
 #include <cmath>
 #include <cstdlib>
-#include <cstring>
 #include <new>
 #include <numeric>
 
@@ -76,7 +76,9 @@ std::vector<ActionCounter> counters_for(std::size_t count) {
   return counters;
 }
 
-bool same_bits(float a, float b) { return std::memcmp(&a, &b, sizeof a) == 0; }
+bool same_bits(float a, float b) {
+  return std::bit_cast<std::uint32_t>(a) == std::bit_cast<std::uint32_t>(b);
+}
 
 bool same(const Decision& a, const Decision& b) {
   bool equal =

@@ -54,7 +54,7 @@ std::uint64_t content_hash(const std::vector<RolloutSegment>& batch) {
   return hash;
 }
 
-std::vector<std::uint64_t> reference_run(TaskBookConfig config, int batches) {
+std::vector<std::uint64_t> reference_run(const TaskBookConfig& config, int batches) {
   TaskBook book(config);
   book.worker_joined(1, 100);
   book.announce_weights(0, hash_of_version(0));

@@ -268,7 +268,7 @@ TEST(Elastic, GraspEqualsPinnedMeans) {
   ElasticTissue<float> single(model, kKernelF32x1);
   const Vector3d tip(-0.0413, 0.0411, 0);
   const Vector3d way(0, -0.01, 0.02);
-  const SheetPatch patch = model->make_patch(tip.head<2>(), 0.004);
+  const SheetPatch patch = model->make_patch({tip.x(), tip.y(), 0}, 0.004);
   const Eigen::Matrix3d start = rows_of(held, 0, patch);
   const auto miss = [&](const auto& tissue, const Vector3d& moved) {
     Eigen::Matrix3d rows = rows_of(tissue, 0, patch) - start;
@@ -291,7 +291,7 @@ TEST(Elastic, GraspEqualsPinnedMeans) {
 
 // Two meshes that share no node inside the patch hold the same tissue.
 TEST(Elastic, PatchIsThatOfTheRestSheetWhateverTheMesh) {
-  const Eigen::Vector2d centre(0.0107, 0.0391);
+  const Vector3d centre(0.0107, 0.0391, 0);
   for (const unsigned n : {31U, 46U, 61U}) {
     ElasticCase c;
     c.nx = c.ny = n;
@@ -301,7 +301,7 @@ TEST(Elastic, PatchIsThatOfTheRestSheetWhateverTheMesh) {
     ElasticTissue<double> tissue(model, kKernelF64x1);
     const Eigen::Matrix3d rows = rows_of(tissue, 0, patch);
     EXPECT_NEAR(patch.weight.col(0).sum(), 1, 1e-12);
-    EXPECT_LT((rows.col(0) - Vector3d(centre.x(), centre.y(), 0)).norm(), 1e-9) << n;
+    EXPECT_LT((rows.col(0) - centre).norm(), 1e-9) << n;
     EXPECT_NEAR(patch.weight.col(1).sum(), 0, 1e-12);
     EXPECT_NEAR(rows(1, 1), 0, 1e-9);  // the slope along x sees nothing of y
   }
@@ -357,7 +357,7 @@ TEST(Elastic, AWidePatchHoldsAndLeavesOtherLanesAsTheyAre) {
   move_tool(wide, tip, tip + Vector3d(0, 0, 0.01), 50);
   move_tool(narrow, tip, tip + Vector3d(0, 0, 0.01), 50);
   EXPECT_EQ(wide.hash(0), narrow.hash(0));
-  const SheetPatch patch = model->make_patch(tip.head<2>(), 0.02);
+  const SheetPatch patch = model->make_patch({tip.x(), tip.y(), 0}, 0.02);
   EXPECT_LT((rows_of(wide, 1, patch).col(0) - tip - Vector3d(0, 0, 0.01)).norm(), 1e-6);
 }
 
@@ -703,14 +703,15 @@ TEST(Elastic, BadStateIsRefusedAndChangesNothing) {
     std::memcpy(bytes.data() + at, &value, sizeof value);
     return refused(bytes);
   };
-  const std::size_t grasp = good.size() - 12 * sizeof(double);  // x, y, radius; nine targets
+  const std::size_t grasp = good.size() - 13 * sizeof(double);  // place, radius; nine targets
   EXPECT_TRUE(spoilt(400, std::nanf("")));
   EXPECT_TRUE(spoilt(grasp - 36, -1.0));               // stiffness scale
   EXPECT_TRUE(spoilt(grasp - 4, std::uint32_t{5}));    // what follows
   EXPECT_TRUE(spoilt(grasp, 0.046));                   // beside the sheet
   EXPECT_TRUE(spoilt(grasp + 8, -0.045));              // on the clamp
-  EXPECT_TRUE(spoilt(grasp + 16, 0.0));                // no radius
-  EXPECT_TRUE(spoilt(grasp + 16, std::nan("")));       // no radius
+  EXPECT_TRUE(spoilt(grasp + 16, 1e-3));               // above it
+  EXPECT_TRUE(spoilt(grasp + 24, 0.0));                // no radius
+  EXPECT_TRUE(spoilt(grasp + 24, std::nan("")));       // no radius
   EXPECT_TRUE(spoilt(good.size() - 8, std::nan("")));  // a target
   EXPECT_EQ(tissue.hash(0), hash);
   EXPECT_FALSE(refused(good));

@@ -149,6 +149,38 @@ TEST(SheetMesh, ALiftIsThatOfTheGrid) {
   EXPECT_LT((grid.held_force(0) - ordered.held_force(0)).norm(), 0.01 * grid.held_force(0).norm());
 }
 
+TEST(SheetMesh, ThePatchIsTheDiscAroundThePinchPointWhateverTheTriangles) {
+  ElasticCase c;
+  const auto model = make_elastic_mesh(c, make_irregular_mesh(c, kJitter));
+  for (int k = 0; k < 20; ++k) {
+    const Vector3d centre = Vector3d(0.01, 0.01, 0) + 2e-4 * k * Vector3d(1, 0.5, 0);
+    const SheetPatch patch = model->make_patch(centre, 0.005);
+    Eigen::Matrix<double, 3, kPatchRows> rows = Eigen::Matrix<double, 3, kPatchRows>::Zero();
+    for (std::size_t i = 0; i < patch.node.size(); ++i) {
+      rows += model->body.particles[static_cast<std::size_t>(patch.node[i])] *
+              patch.weight.row(static_cast<Eigen::Index>(i));
+    }
+    EXPECT_LT((rows.col(0) - centre).norm(), 5e-5) << k;  // its middle
+    // A slope sees its own axis, not the other one, and no shift.
+    EXPECT_LT(std::fabs(rows(1, 1)), 0.02 * rows(0, 1)) << k;
+    EXPECT_LT(std::fabs(rows(0, 2)), 0.02 * rows(1, 2)) << k;
+    EXPECT_NEAR(patch.weight.col(1).sum(), 0, 1e-12);
+  }
+}
+
+TEST(SheetMesh, JawsBesideTheSheetOrOnItsClampHoldNothing) {
+  ElasticCase c;
+  c.anchor_max_y = -0.0419;
+  ElasticTissue<double> tissue(make_elastic_mesh(c, make_irregular_mesh(c, kJitter)), kKernelF64x1);
+  for (const Vector3d& tip :
+       {Vector3d(0.06, 0, 0), Vector3d(0, 0, 0.006), Vector3d(0, -0.0449, 0)}) {
+    tissue.hold(0, tip, 0.002, false);
+    EXPECT_TRUE(tissue.held(0).empty()) << tip.transpose();
+  }
+  tissue.hold(0, Vector3d(0, 0, 0.001), 0.005, false);
+  EXPECT_FALSE(tissue.held(0).empty());
+}
+
 // ---------------------------------------------------------------------------------------------------------------------
 // Curved at rest.
 
