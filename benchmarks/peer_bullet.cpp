@@ -2,7 +2,7 @@
 // pinned edge, a corner patch on an arc) by Bullet's soft body: position-based links along the
 // edges, across the cells and over two edges (5458), ten substeps of one iteration per environment
 // step of 20 ms. A link has a stiffness between 0 and 1, no modulus, so its error is that of the
-// model too. `peer_bullet SURFACE` with the converged surface that bench_elastic --surface wrote.
+// model too. `peer_bullet SURFACE` with the converged surface that `bench_elastic 0 SURFACE` wrote.
 // Thread CPU time, physics only.
 #include <BulletSoftBody/btSoftBody.h>
 #include <BulletSoftBody/btSoftBodyRigidBodyCollisionConfiguration.h>

@@ -6,7 +6,7 @@ import re
 import sys
 
 # Used by people or by the tool of the same name, not by a test.
-BY_HAND = {"tests/run.sh", "tests/lint/run_tidy.sh", "tests/support/tsan.supp", "tests/reference/README.md"}
+BY_HAND = {"tests/.clang-tidy", "tests/run.sh", "tests/lint/run_tidy.sh", "tests/support/tsan.supp", "tests/reference/README.md"}
 # Folders whose files a test finds by composed names.
 BY_FOLDER = {"corpus", "results"}
 
