@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "core/check.h"
+#include "sim_worker/surface_search.h"
 
 namespace omentum {
 namespace {
@@ -219,39 +220,23 @@ std::vector<DiscPoint> sample_disc(const SheetGeometry& sheet, std::span<const V
 std::pair<Vector3d, double> nearest_on_mesh(const SheetGeometry& sheet,
                                             std::span<const Vector3d> rest,
                                             std::span<const Vector3d> places, const Vector3d& tip) {
-  Vector3d best = Vector3d::Zero();
-  double least = 1e9;
-  for (const SheetTriangle& triangle : sheet.triangles) {
-    const auto at = [&](std::span<const Vector3d> of, std::size_t k) -> const Vector3d& {
-      return of[static_cast<std::size_t>(triangle.node[k])];
-    };
-    const auto offer = [&](double u, double v) {
-      const auto point = [&](std::span<const Vector3d> of) {
-        return Vector3d(at(of, 0) + u * (at(of, 1) - at(of, 0)) + v * (at(of, 2) - at(of, 0)));
-      };
-      const double distance = (point(places) - tip).norm();
-      if (!(distance < least)) return;
-      least = distance;
-      best = point(rest);
-    };
-    const Vector3d e1 = at(places, 1) - at(places, 0);
-    const Vector3d e2 = at(places, 2) - at(places, 0);
-    const Vector3d off = tip - at(places, 0);
-    Eigen::Matrix2d metric;
-    metric << e1.dot(e1), e1.dot(e2), e1.dot(e2), e2.dot(e2);
-    const Eigen::Vector2d flat = metric.inverse() * Eigen::Vector2d(e1.dot(off), e2.dot(off));
-    if (flat.minCoeff() >= 0 && flat.sum() <= 1) offer(flat[0], flat[1]);
-    // Nearest points of the edges, ends included.
-    const auto share = [](double along, double length2) {
-      return length2 > 0 ? std::clamp(along / length2, 0.0, 1.0) : 0.0;
-    };
-    offer(share(e1.dot(off), e1.squaredNorm()), 0);
-    offer(0, share(e2.dot(off), e2.squaredNorm()));
-    const Vector3d e3 = e2 - e1;
-    const double w = share(e3.dot(off - e1), e3.squaredNorm());
-    offer(1 - w, w);
+  TrianglePoint best;
+  best.squared = 1e9;
+  for (std::size_t t = 0; t < sheet.triangles.size(); ++t) {
+    const auto& node = sheet.triangles[t].node;
+    const auto at = [&](std::size_t k) { return places[static_cast<std::size_t>(node[k])]; };
+    TrianglePoint point = nearest_on_triangle(tip, at(0), at(1), at(2));
+    if (!(point.squared < best.squared)) continue;
+    best = point;
+    best.triangle = static_cast<int>(t);
   }
-  return {best, least};
+  if (best.triangle < 0) return {Vector3d::Zero(), std::sqrt(best.squared)};
+  Vector3d place = Vector3d::Zero();
+  for (std::size_t k = 0; k < 3; ++k) {
+    const std::int32_t i = sheet.triangles[static_cast<std::size_t>(best.triangle)].node[k];
+    place += best.share[static_cast<int>(k)] * rest[static_cast<std::size_t>(i)];
+  }
+  return {place, std::sqrt(best.squared)};
 }
 
 }  // namespace omentum
