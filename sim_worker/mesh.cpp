@@ -387,7 +387,7 @@ void require_sheet(const std::string& name, const TriangleMesh& mesh) {
                   name, t, place(mesh, c[0]), kMinSliver);
     }
   }
-  // Edges that start at a vertex: those of one fan hang together, and one fan has one rim at most.
+  // A vertex on the rim of one fan of triangles starts one edge of a rim, not two.
   std::vector<int> rims(mesh.vertices.size(), 0);
   for (const DirectedEdge& edge : edges) {
     if (has_edge(edges, edge.to, edge.from)) continue;

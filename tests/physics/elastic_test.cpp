@@ -200,20 +200,7 @@ TEST(Elastic, GradientIsTheDerivativeOfTheEnergy) {
                 2e-3 * Vector3d(uniform(k, 0), uniform(k, 1), uniform(k, 2)));
     tissue.set_position(0, i, p.back());
   }
-  const auto gradient = tissue.elastic_gradient(0);
-  constexpr double kStep = 1e-7;
-  for (const std::size_t i : {0UL, 4UL, 40UL, 57UL, 80UL}) {
-    for (int axis = 0; axis < 3; ++axis) {
-      const auto energy_at = [&](double shift) {
-        std::vector<Vector3d> q = p;
-        q[i][axis] += shift;
-        const ElasticEnergy e = elastic_energy(*model, q);
-        return e.membrane + e.bending;
-      };
-      const double slope = (energy_at(kStep) - energy_at(-kStep)) / (2 * kStep);
-      EXPECT_NEAR(gradient[i][axis], slope, 1e-6 * (1 + std::fabs(slope))) << i << " " << axis;
-    }
-  }
+  test::expect_gradient_of_energy(tissue, p);
 }
 
 // ---------------------------------------------------------------------------------------------------------------------

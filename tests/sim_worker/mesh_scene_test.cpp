@@ -39,6 +39,16 @@ std::shared_ptr<const SimSetup> setup_of(const pb::Config& config) {
   return make_sim_setup(config, deploy_dir() + "/scenes");
 }
 
+/// Why a configuration is refused.
+std::string message(const pb::Config& config) {
+  try {
+    setup_of(config);
+  } catch (const Error& error) {
+    return error.what();
+  }
+  return "accepted";
+}
+
 /// Steps the scene with the tool at rest above; `visit` gets the free particles after every step.
 template <typename Visit>
 void fall(const std::shared_ptr<const SimSetup>& setup, int steps, Visit&& visit) {
@@ -140,14 +150,6 @@ TEST(MeshScene, AFatPadIsAnElasticSolid) {
 }
 
 TEST(MeshScene, AnElasticSolidThatDoesNotFitIsRefusedInOneLine) {
-  const auto message = [](const pb::Config& config) -> std::string {
-    try {
-      setup_of(config);
-    } catch (const Error& error) {
-      return error.what();
-    }
-    return "accepted";
-  };
   pb::Config config = elastic_pad();
   config.mutable_scene()->mutable_tissue()->mutable_material()->set_law(pb::LAW_COROTATED);
   EXPECT_THAT(message(config), testing::HasSubstr("LAW_STABLE_NEO_HOOKE"));
@@ -199,14 +201,6 @@ TEST(MeshScene, ALeafIsAnElasticSheet) {
 }
 
 TEST(MeshScene, ASheetThatDoesNotFitIsRefusedInOneLine) {
-  const auto message = [](const pb::Config& config) -> std::string {
-    try {
-      setup_of(config);
-    } catch (const Error& error) {
-      return error.what();
-    }
-    return "accepted";
-  };
   const auto with_mesh = [&](const std::string& obj) {
     const std::string path = testing::TempDir() + "/bad_sheet.obj";
     test::write_bytes(path, obj);

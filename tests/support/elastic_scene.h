@@ -2,6 +2,8 @@
 
 // Elastic sheets for physics tests: nothing around them unless asked.
 
+#include <gtest/gtest.h>
+
 #include <cmath>
 #include <memory>
 #include <string>
@@ -117,6 +119,25 @@ inline std::shared_ptr<const ElasticTissueModel> make_elastic_mesh(const Elastic
                                                                    const TriangleMesh& mesh) {
   std::vector<std::string> warnings;
   return make_elastic_model(make_mesh_scene(c, mesh), 0.02, warnings);
+}
+
+/// The forces of a sheet at places p are the slopes of its energy there, at some of 81 nodes.
+inline void expect_gradient_of_energy(ElasticTissue<double>& tissue,
+                                      const std::vector<Eigen::Vector3d>& p) {
+  const auto gradient = tissue.elastic_gradient(0);
+  constexpr double kStep = 1e-7;
+  for (const std::size_t i : {0UL, 4UL, 40UL, 57UL, 80UL}) {
+    for (int axis = 0; axis < 3; ++axis) {
+      const auto energy_at = [&](double shift) {
+        std::vector<Eigen::Vector3d> q = p;
+        q[i][axis] += shift;
+        const ElasticEnergy e = elastic_energy(tissue.model(), q);
+        return e.membrane + e.bending;
+      };
+      const double slope = (energy_at(kStep) - energy_at(-kStep)) / (2 * kStep);
+      EXPECT_NEAR(gradient[i][axis], slope, 1e-6 * (1 + std::fabs(slope))) << i << " " << axis;
+    }
+  }
 }
 
 /// Root mean square distance of two states [m].
