@@ -9,7 +9,8 @@
 #include <vector>
 
 // The middle surface of a shell as a triangle mesh, measured at rest: what the elastic model needs
-// of any outline and any triangles, flat or curved. Runs once at load time.
+// of any outline and any triangles, flat or curved. Measured at load time, asked once per grasp.
+// Free functions on plain structs: any thread may call them. All places at rest are in B [m].
 
 namespace omentum {
 
@@ -42,6 +43,7 @@ struct ThicknessMap {
   double at(const Eigen::Vector3d& p_B) const;
 };
 
+/// A middle surface, measured. Empty = the scene has none.
 struct SheetGeometry {
   std::vector<SheetTriangle> triangles;
   std::vector<CurvatureStencil> curvature;  ///< per node
@@ -66,7 +68,7 @@ struct DiscPoint {
 };
 
 /// The disc of `radius` around `centre`, both at rest, as far as triangles with a free node reach;
-/// weights sum to 1 and change continuously with centre and radius. Empty where there is no tissue.
+/// weights sum to 1 and change continuously with the centre. Empty where there is no tissue.
 std::vector<DiscPoint> sample_disc(const SheetGeometry& sheet,
                                    std::span<const Eigen::Vector3d> nodes,
                                    std::span<const std::uint8_t> fixed,
