@@ -542,56 +542,57 @@ void ClusterTissue<Real>::find_self_contacts() {
   const double rest = 2 * model_->body.particle_radius;
   const double reach = 1.5 * rest;
   const auto& body = model_->body.particles;
+  // Numbers of the three axes in one integer that sorts as they do: a cell and its two neighbours
+  // along z are one range.
+  constexpr std::uint64_t kOrigin = 1U << 20;
+  struct Cell {
+    std::uint64_t key;
+    std::int32_t particle;
+    bool operator<(const Cell& o) const {
+      return key != o.key ? key < o.key : particle < o.particle;
+    }
+  };
+  std::vector<Cell> cells;
+  cells.reserve(body.size());
   for (int lane = 0; lane < lanes(); ++lane) {
     auto& pairs = self_pairs_[static_cast<std::size_t>(lane)];
     pairs.clear();
-    struct Cell {
-      std::array<std::int32_t, 3> key;
-      std::int32_t particle;
-      bool operator<(const Cell& o) const {
-        return key != o.key ? key < o.key : particle < o.particle;
-      }
-    };
-    std::vector<Cell> cells;
-    cells.reserve(body.size());
-    const auto key_of = [&](int i) {
-      std::array<std::int32_t, 3> key{};
+    cells.clear();
+    for (int i = 0; i < particles(); ++i) {
+      std::uint64_t key = 0;
+      bool near = true;
       for (int axis = 0; axis < 3; ++axis) {
-        const double u = static_cast<double>(at(xs_, i, axis, lane)) / reach;
-        // A diverged lane has no neighbours; it is reported as failed after the step.
-        key[static_cast<std::size_t>(axis)] =
-            std::fabs(u) < 1e8 ? static_cast<std::int32_t>(std::floor(u)) : std::int32_t{1} << 30;
+        const double u = std::floor(static_cast<double>(at(xs_, i, axis, lane)) / reach);
+        near = near && std::fabs(u) < kOrigin - 1;
+        if (near) key = key << 21 | (kOrigin + static_cast<std::uint64_t>(std::int64_t(u)));
       }
-      return key;
-    };
-    for (int i = 0; i < particles(); ++i) cells.push_back({key_of(i), i});
+      // A diverged particle has no neighbours; its lane is reported as failed after the step.
+      if (near) cells.push_back({key, i});
+    }
     std::sort(cells.begin(), cells.end());
+    std::array<std::size_t, 9> first{};  // of each column of neighbours; they only move forward
     for (const Cell& cell : cells) {
-      for (int dx = -1; dx <= 1; ++dx) {
-        for (int dy = -1; dy <= 1; ++dy) {
-          for (int dz = -1; dz <= 1; ++dz) {
-            const std::array<std::int32_t, 3> key = {cell.key[0] + dx, cell.key[1] + dy,
-                                                     cell.key[2] + dz};
-            for (auto other =
-                     std::lower_bound(cells.begin(), cells.end(), Cell{key, cell.particle + 1});
-                 other != cells.end() && other->key == key; ++other) {
-              const Vector3d d(static_cast<double>(at(xs_, cell.particle, 0, lane) -
-                                                   at(xs_, other->particle, 0, lane)),
-                               static_cast<double>(at(xs_, cell.particle, 1, lane) -
-                                                   at(xs_, other->particle, 1, lane)),
-                               static_cast<double>(at(xs_, cell.particle, 2, lane) -
-                                                   at(xs_, other->particle, 2, lane)));
-              if (!(d.norm() < reach)) continue;
-              // 1 %: pairs that rest at the rest distance stay filtered whatever the rounding of
-              // the pitch.
-              if ((body[static_cast<std::size_t>(cell.particle)] -
-                   body[static_cast<std::size_t>(other->particle)])
-                      .norm() <= 1.01 * rest) {
-                continue;
-              }
-              pairs.push_back({cell.particle, other->particle});
-            }
+      for (std::size_t column = 0; column < first.size(); ++column) {
+        const std::uint64_t lowest =
+            cell.key + ((column / 3) << 42) + ((column % 3) << 21) - (1ULL << 42 | 1ULL << 21 | 1);
+        while (first[column] < cells.size() && cells[first[column]].key < lowest) ++first[column];
+        for (std::size_t k = first[column]; k < cells.size() && cells[k].key <= lowest + 2; ++k) {
+          const std::int32_t other = cells[k].particle;
+          if (other <= cell.particle) continue;
+          Vector3d d;
+          for (int axis = 0; axis < 3; ++axis) {
+            d[axis] = static_cast<double>(at(xs_, cell.particle, axis, lane) -
+                                          at(xs_, other, axis, lane));
           }
+          if (!(d.norm() < reach)) continue;
+          // 1 %: pairs that rest at the rest distance stay filtered whatever the rounding of the
+          // pitch.
+          if ((body[static_cast<std::size_t>(cell.particle)] -
+               body[static_cast<std::size_t>(other)])
+                  .norm() <= 1.01 * rest) {
+            continue;
+          }
+          pairs.push_back({cell.particle, other});
         }
       }
     }
