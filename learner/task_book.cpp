@@ -132,6 +132,7 @@ void TaskBook::open_job(std::uint32_t slot) {
 
   Job job;
   job.open = true;
+  job.home = slots_[slot].job.home;
   RolloutTask& task = job.task;
   task.slot = slot;
   task.segment = start.segment;
@@ -285,11 +286,22 @@ std::optional<std::uint32_t> TaskBook::choose_worker(const Job& job, Need need,
   std::optional<std::uint32_t> best;
   std::optional<std::uint32_t> best_suspect;
   bool others = false;  // is there anyone else at all?
-  const auto better = [this](std::uint32_t id, const std::optional<std::uint32_t>& than) {
-    if (!than) return true;
-    const Worker& a = workers_.at(id);
-    const Worker& b = workers_.at(*than);
-    return std::uint64_t{a.live} * b.lanes < std::uint64_t{b.live} * a.lanes;
+  // A group costs the same however many of its lanes are taken, and only tasks of one policy
+  // version run together. So tasks fill one group before they begin another: the fewest groups
+  // first; then the worker that had the slot, whose other slots are as far; then the fullest group.
+  // A group is a worker's share of the slots, at most its lanes.
+  std::uint64_t all_lanes = 0;
+  for (const auto& [id, worker] : workers_)
+    all_lanes += worker.barred || worker.silent ? 0 : worker.lanes;
+  const auto load = [&](std::uint32_t id) {
+    const Worker& worker = workers_.at(id);
+    const std::uint64_t share =
+        (std::uint64_t{config_.slots} * worker.lanes + all_lanes - 1) / all_lanes;
+    const std::uint64_t group = std::min<std::uint64_t>(share, worker.lanes);
+    return std::tuple(worker.live / group, id != job.home, group - worker.live % group);
+  };
+  const auto better = [&load](std::uint32_t id, const std::optional<std::uint32_t>& than) {
+    return !than || load(id) < load(*than);
   };
   for (const auto& [id, worker] : workers_) {
     if (worker.barred || worker.silent || holds(id)) continue;
@@ -499,6 +511,7 @@ void TaskBook::settle(Job& job, const RolloutSegment& segment, std::int64_t now_
   }
   for (Grant& grant : job.grants) lapse(grant);
   job.grants.clear();
+  job.home = segment.worker_id;
   job.open = false;
 }
 

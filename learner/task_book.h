@@ -204,6 +204,7 @@ class TaskBook {
     RolloutTask task;
     std::vector<Grant> grants;
     std::uint32_t granted = 0;
+    std::uint32_t home = 0;  ///< worker of the slot's last result, if any
     bool audit = false;
   };
   struct Admitted {

@@ -3,10 +3,12 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <deque>
 #include <map>
 #include <random>
 
 #include "core/check.h"
+#include "core/rng.h"
 #include "tests/learner/fake_rollout.h"
 
 namespace omentum {
@@ -182,6 +184,46 @@ TEST(TaskBook, WorkIsSpreadOverTheWorkers) {
   for (const RolloutTask& task : book.grant(0)) ++share[task.worker_id];
   EXPECT_EQ(share[1], 3);
   EXPECT_EQ(share[2], 3);
+}
+
+TEST(TaskBook, GroupsStayFullHoweverTheResultsOfTwoWorkersInterleave) {
+  // A worker that gets four of its sixteen lanes takes as long as one that gets all.
+  TaskBookConfig config = small_config(1);
+  config.slots = 8;
+  TaskBook book(config);
+  struct Worker {
+    std::deque<RolloutTask> waiting, running;
+  };
+  std::map<std::uint32_t, Worker> workers;
+  for (const std::uint32_t id : {1U, 2U}) {
+    book.worker_joined(id, 4);
+    workers[id] = {};
+  }
+  book.announce_weights(0, hash_of_version(0));
+  std::map<std::size_t, int> groups;  // by size
+  std::uint64_t batches = 0;
+  for (std::uint32_t step = 0; batches < 40; ++step) {
+    for (const RolloutTask& task : book.grant(step))
+      workers.at(task.worker_id).waiting.push_back(task);
+    for (auto& [id, worker] : workers) {
+      if (!worker.running.empty() || worker.waiting.empty()) continue;
+      // A worker waits for more only while others still bring results.
+      if (worker.waiting.size() < 4 && !workers.at(3 - id).running.empty()) continue;
+      for (; !worker.waiting.empty() && worker.running.size() < 4; worker.waiting.pop_front())
+        worker.running.push_back(worker.waiting.front());
+      ++groups[worker.running.size()];
+    }
+    Worker& worker = workers.at(1 + philox({step, 0, 0, 0}, {7, 7})[0] % 2);
+    if (worker.running.empty()) continue;
+    ASSERT_EQ(book.receive(fake_rollout(worker.running.front()), step), Verdict::kAdmitted);
+    worker.running.pop_front();
+    if (!book.batch_complete()) continue;
+    book.take_batch();
+    ++batches;
+    book.announce_weights(batches, hash_of_version(batches));
+  }
+  EXPECT_EQ(groups.size(), 1U) << testing::PrintToString(groups);
+  EXPECT_GE(groups[4], 80);
 }
 
 // ---------------------------------------------------------------------------------------------
