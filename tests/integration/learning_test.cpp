@@ -11,7 +11,6 @@ namespace {
 
 using test::Finished;
 using test::operator+;
-using test::Process;
 using test::Programs;
 using test::read_text;
 using test::Strings;

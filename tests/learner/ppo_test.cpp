@@ -45,7 +45,7 @@ Batch collect(Ppo& ppo, toy::Slots<Kind>& slots, std::uint32_t steps) {
   return batch;
 }
 
-std::string hash_after(pb::Config config, int threads, int updates, int split_at = -1) {
+std::string hash_after(const pb::Config& config, int threads, int updates, int split_at = -1) {
   const PolicyShape shape = toy_shape(6, {3, 3, 3, 2}, 64);
   auto ppo = std::make_unique<Ppo>(config, shape, threads);
   toy::Slots<toy::Reach> slots(1, 4, 50);
