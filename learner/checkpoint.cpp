@@ -144,6 +144,65 @@ Result<PolicyWeights> from_disk(const pb::Weights& disk) {
   return weights;
 }
 
+void to_disk(const SlotTable& table, std::uint32_t state_format, pb::Checkpoint& disk) {
+  disk.set_batch(table.batch);
+  for (std::size_t i = 0; i < table.slots.size(); ++i) {
+    const SlotStart& from = table.slots[i];
+    pb::SlotState& to = *disk.add_slot();
+    to.set_slot(static_cast<std::uint32_t>(i));
+    to.set_next_segment(from.segment);
+    to.set_episode(from.episode);
+    to.set_episode_step(from.episode_step);
+    to.set_episode_limit(from.episode_limit);
+    to.set_start_state(from.state.data(), from.state.size());
+    to.set_start_hash(from.hash);
+    to.set_reset(from.reset);
+    to.set_state_format(state_format);
+  }
+  pb::LedgerTotals& ledger = *disk.mutable_ledger();
+  ledger.set_granted(table.ledger.granted);
+  ledger.set_regranted(table.ledger.regranted);
+  ledger.set_received(table.ledger.received);
+  ledger.set_admitted(table.ledger.admitted);
+  ledger.set_duplicate(table.ledger.duplicate);
+  ledger.set_stale(table.ledger.stale);
+  ledger.set_invalid(table.ledger.invalid);
+  ledger.set_cancelled(table.ledger.cancelled);
+  ledger.set_foreign(table.ledger.foreign);
+  ledger.set_overflow(table.ledger.overflow);
+  ledger.set_audit_mismatch(table.ledger.audit_mismatch);
+}
+
+SlotTable slots_from_disk(const pb::Checkpoint& disk) {
+  SlotTable table;
+  table.batch = disk.batch();
+  for (const pb::SlotState& from : disk.slot()) {
+    SlotStart to;
+    to.segment = from.next_segment();
+    to.episode = from.episode();
+    to.episode_step = from.episode_step();
+    to.episode_limit = from.episode_limit();
+    const auto* bytes = reinterpret_cast<const std::byte*>(from.start_state().data());  // NOLINT
+    to.state.assign(bytes, bytes + from.start_state().size());
+    to.hash = from.start_hash();
+    to.reset = from.reset();
+    table.slots.push_back(std::move(to));
+  }
+  const pb::LedgerTotals& ledger = disk.ledger();
+  table.ledger.granted = ledger.granted();
+  table.ledger.regranted = ledger.regranted();
+  table.ledger.received = ledger.received();
+  table.ledger.admitted = ledger.admitted();
+  table.ledger.duplicate = ledger.duplicate();
+  table.ledger.stale = ledger.stale();
+  table.ledger.invalid = ledger.invalid();
+  table.ledger.cancelled = ledger.cancelled();
+  table.ledger.foreign = ledger.foreign();
+  table.ledger.overflow = ledger.overflow();
+  table.ledger.audit_mismatch = ledger.audit_mismatch();
+  return table;
+}
+
 CheckpointStore::CheckpointStore(std::string folder, std::vector<std::uint64_t> milestones)
     : folder_(std::move(folder)), milestones_(std::move(milestones)) {
   std::sort(milestones_.begin(), milestones_.end());

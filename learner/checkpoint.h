@@ -9,6 +9,7 @@
 
 #include "core/result.h"
 #include "core/types.h"
+#include "learner/task_book.h"
 #include "proto/checkpoint.pb.h"
 
 namespace omentum {
@@ -26,6 +27,9 @@ Result<pb::Checkpoint> decode_checkpoint(std::span<const std::byte> bytes);
 void to_disk(const PolicyWeights& weights, pb::Weights& disk);
 /// Recomputes the hash and fails when it differs from the stored one.
 Result<PolicyWeights> from_disk(const pb::Weights& disk);
+/// Slots and ledger of a checkpoint, there and back.
+void to_disk(const SlotTable& table, std::uint32_t state_format, pb::Checkpoint& disk);
+SlotTable slots_from_disk(const pb::Checkpoint& disk);
 
 struct LoadedCheckpoint {
   pb::Checkpoint checkpoint;

@@ -3,17 +3,13 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <chrono>
-#include <cmath>
 #include <cstdio>
-#include <deque>
 #include <filesystem>
 #include <fstream>
 #include <thread>
 
 #include "core/check.h"
 #include "core/config.h"
-#include "core/episode_recording.h"
 #include "core/fp_mode.h"
 #include "core/log.h"
 #include "core/rollout.h"
@@ -31,16 +27,6 @@ constexpr std::uint64_t kMaxFailures = 1000;
 const std::vector<std::uint64_t> kMilestones = {500000, 2000000,
                                                 3000000};  // the paper's, steps (P VI-B)
 
-double seconds_since(std::int64_t begin_ns) {
-  return 1e-9 * static_cast<double>(steady_now_ns() - begin_ns);
-}
-
-std::string duration_text(double seconds) {
-  const auto s = static_cast<long>(std::max(0.0, seconds));
-  return s >= 3600 ? fmt::format("{}:{:02}:{:02}", s / 3600, s / 60 % 60, s % 60)
-                   : fmt::format("{}:{:02}", s / 60, s % 60);
-}
-
 void write_text(const std::string& path, const std::string& text) {
   std::ofstream file(path);
   file << text;
@@ -55,98 +41,13 @@ std::string one_line(std::string text) {
   return text;
 }
 
-void table_to_disk(const SlotTable& table, std::uint32_t state_format, pb::Checkpoint& disk) {
-  disk.set_batch(table.batch);
-  for (std::size_t i = 0; i < table.slots.size(); ++i) {
-    const SlotStart& from = table.slots[i];
-    pb::SlotState& to = *disk.add_slot();
-    to.set_slot(static_cast<std::uint32_t>(i));
-    to.set_next_segment(from.segment);
-    to.set_episode(from.episode);
-    to.set_episode_step(from.episode_step);
-    to.set_episode_limit(from.episode_limit);
-    to.set_start_state(from.state.data(), from.state.size());
-    to.set_start_hash(from.hash);
-    to.set_reset(from.reset);
-    to.set_state_format(state_format);
-  }
-  pb::LedgerTotals& ledger = *disk.mutable_ledger();
-  ledger.set_granted(table.ledger.granted);
-  ledger.set_regranted(table.ledger.regranted);
-  ledger.set_received(table.ledger.received);
-  ledger.set_admitted(table.ledger.admitted);
-  ledger.set_duplicate(table.ledger.duplicate);
-  ledger.set_stale(table.ledger.stale);
-  ledger.set_invalid(table.ledger.invalid);
-  ledger.set_cancelled(table.ledger.cancelled);
-  ledger.set_foreign(table.ledger.foreign);
-  ledger.set_overflow(table.ledger.overflow);
-  ledger.set_audit_mismatch(table.ledger.audit_mismatch);
-}
-
-SlotTable table_from_disk(const pb::Checkpoint& disk) {
-  SlotTable table;
-  table.batch = disk.batch();
-  for (const pb::SlotState& from : disk.slot()) {
-    SlotStart to;
-    to.segment = from.next_segment();
-    to.episode = from.episode();
-    to.episode_step = from.episode_step();
-    to.episode_limit = from.episode_limit();
-    const auto* bytes = reinterpret_cast<const std::byte*>(from.start_state().data());  // NOLINT
-    to.state.assign(bytes, bytes + from.start_state().size());
-    to.hash = from.start_hash();
-    to.reset = from.reset();
-    table.slots.push_back(std::move(to));
-  }
-  const pb::LedgerTotals& ledger = disk.ledger();
-  table.ledger.granted = ledger.granted();
-  table.ledger.regranted = ledger.regranted();
-  table.ledger.received = ledger.received();
-  table.ledger.admitted = ledger.admitted();
-  table.ledger.duplicate = ledger.duplicate();
-  table.ledger.stale = ledger.stale();
-  table.ledger.invalid = ledger.invalid();
-  table.ledger.cancelled = ledger.cancelled();
-  table.ledger.foreign = ledger.foreign();
-  table.ledger.overflow = ledger.overflow();
-  table.ledger.audit_mismatch = ledger.audit_mismatch();
-  return table;
-}
-
 }  // namespace
-
-/// Means over the last 100 training episodes, for the console and the curves.
-struct Learner::Episodes {
-  struct One {
-    double return_sum, length, exposure;
-    bool success, held, lost;
-  };
-  std::deque<One> recent;
-  std::vector<One> of_update;
-  std::uint64_t total = 0;
-  std::uint64_t truncated = 0;
-
-  void add(const One& one) {
-    recent.push_back(one);
-    if (recent.size() > 100) recent.pop_front();
-    of_update.push_back(one);
-    ++total;
-  }
-  template <typename F>
-  double mean(F&& value) const {
-    double sum = 0;
-    for (const One& one : recent) sum += static_cast<double>(value(one));
-    return recent.empty() ? 0 : sum / static_cast<double>(recent.size());
-  }
-};
 
 Learner::Learner(pb::Config config, LearnerOptions options)
     : config_(std::move(config)),
       options_(std::move(options)),
       config_hash_(config_hash(config_)),
-      shape_(policy_shape(config_)),
-      episodes_(std::make_unique<Episodes>()) {
+      shape_(policy_shape(config_)) {
   OMENTUM_CHECK(fp_mode_is_default());
   started_ns_ = steady_now_ns();
   const std::uint64_t per_batch =
@@ -154,8 +55,6 @@ Learner::Learner(pb::Config config, LearnerOptions options)
   updates_wanted_ = (config_.rollout().max_steps() + per_batch - 1) / per_batch;
   open_run_folder();
 }
-
-Learner::~Learner() = default;
 
 void Learner::open_run_folder() {
   namespace fs = std::filesystem;
@@ -221,7 +120,7 @@ void Learner::restore() {
     const pb::Checkpoint& saved = loaded.checkpoint;
     const Result<void> taken = ppo_->load(saved.ppo());
     if (!taken) throw_error("{}: {}", loaded.path, taken.error());
-    book_ = std::make_unique<TaskBook>(book, table_from_disk(saved));
+    book_ = std::make_unique<TaskBook>(book, slots_from_disk(saved));
     if (saved.has_previous_weights()) {
       Result<PolicyWeights> previous = from_disk(saved.previous_weights());
       if (!previous) throw_error("{}: {}", loaded.path, previous.error());
@@ -230,7 +129,7 @@ void Learner::restore() {
     }
     wall_before_s_ = saved.wall_s();
     physics_ticks_ = saved.physics_steps_total();
-    episodes_->total = saved.episodes_total();
+    episodes_.total = saved.episodes_total();
     best_score_ = saved.best_score();
     log().info("resumed={} steps={} update={} epoch={}", loaded.path, ppo_->steps_total(),
                ppo_->version(), epoch_);
@@ -378,6 +277,8 @@ int Learner::run(const std::function<bool()>& stop) {
   return evaluated ? 0 : 130;
 }
 
+double Learner::wall_s() const { return wall_before_s_ + seconds_since(started_ns_); }
+
 void Learner::publish_weights(const PolicyWeights& weights) {
   if (const Result<void> sent = bus_->publish_weights(weights); !sent)
     log().warn("weights not sent: {}", sent.error());
@@ -450,148 +351,6 @@ bool Learner::check_batch(Batch& batch) {
   return false;
 }
 
-void Learner::count_episodes(std::span<const RolloutSegment> segments) {
-  episodes_->of_update.clear();
-  for (const RolloutSegment& s : segments) {
-    physics_ticks_ += s.physics_ticks;
-    for (std::size_t i = 0; i < s.episode_end_step.size(); ++i) {
-      const auto outcome = static_cast<Outcome>(s.episode_outcome[i]);
-      Episodes::One one{};
-      one.return_sum = s.episode_return[i];
-      one.length = s.episode_length[i];
-      one.exposure = static_cast<double>(s.episode_exposure[i]);
-      one.success = outcome == Outcome::kTargetReached;
-      one.held = s.episode_held[i] != 0;
-      one.lost = outcome == Outcome::kGraspLost;
-      episodes_->add(one);
-
-      EpisodeSummary summary;
-      summary.slot = s.slot;
-      summary.episode = s.end_episode - (s.episode_end_step.size() - i);
-      summary.first_version = summary.last_version = s.policy_version;
-      summary.length_steps = s.episode_length[i];
-      summary.return_sum = s.episode_return[i];
-      summary.outcome = outcome;
-      summary.exposure_fraction = s.episode_exposure[i];
-      for (std::size_t k = 0; k < 3; ++k) {
-        summary.start_position_in_world_m[k] =
-            static_cast<double>(s.episode_start_position[3 * i + k]);
-        summary.grasp_position_in_world_m[k] =
-            static_cast<double>(s.episode_grasp_position[3 * i + k]);
-      }
-      if (const Result<void> sent = bus_->publish_summary(summary); !sent)
-        log().debug("summary: {}", sent.error());
-    }
-  }
-}
-
-double Learner::wall_s() const { return wall_before_s_ + seconds_since(started_ns_); }
-
-void Learner::report_update(const UpdateStats& stats) {
-  const double spent = seconds_since(started_ns_);
-  const double rate =
-      static_cast<double>(ppo_->steps_total() - steps_before_) / std::max(spent, 1e-9);
-  const double left =
-      static_cast<double>(config_.rollout().max_steps() -
-                          std::min(config_.rollout().max_steps(), ppo_->steps_total())) /
-      std::max(rate, 1e-9);
-  const Episodes& e = *episodes_;
-  const double mean_return = e.mean([](const auto& o) { return o.return_sum; });
-  const double mean_length = e.mean([](const auto& o) { return o.length; });
-  const double exposure = e.mean([](const auto& o) { return o.exposure; });
-  const double success = e.mean([](const auto& o) { return o.success ? 1.0 : 0.0; });
-  const double held = e.mean([](const auto& o) { return o.held ? 1.0 : 0.0; });
-
-  const BusStatistics bus = bus_->statistics();
-  MetricsRow row(action_names(config_.task()));
-  row.set_update(stats);
-  row.set("charts/episodic_return", mean_return);
-  row.set("charts/episodic_length", mean_length);
-  row.set("charts/SPS", rate);
-  row.set("charts/steps_total", static_cast<double>(ppo_->steps_total()));
-  row.set("charts/physics_steps_total", static_cast<double>(physics_ticks_));
-  row.set("charts/success_rate", success);
-  row.set("charts/exposure_fraction", exposure);
-  const double lag = config_.rollout().lead() == pb::LEAD_1 && stats.version > 1 ? 1 : 0;
-  row.set("policy/lag_min", lag);
-  row.set("policy/lag_mean", lag);
-  row.set("policy/lag_max", lag);
-  row.set("policy/logp_check_max", log_prob_check_max_);
-  set_ledger(row);
-  set_workers(row, bus);
-  row.set("time/wait_s", time_wait_s_);
-  row.set("time/check_s", time_check_s_);
-  row.set("time/update_s", time_update_s_);
-  row.set("time/publish_s", time_publish_s_);
-  row.set("time/save_s", time_save_s_);
-  if (const Result<void> written = metrics_->write(stats.version, wall_s(), row); !written) {
-    log().warn("metrics: {}", written.error());
-  }
-
-  LearnerStatus status;
-  status.policy_version = stats.version;
-  status.batch = stats.version;
-  status.steps_total = ppo_->steps_total();
-  status.steps_per_s = rate;
-  status.mean_return = mean_return;
-  status.mean_length = mean_length;
-  status.approx_kl = stats.approx_kl;
-  status.entropy = stats.entropy;
-  status.explained_variance = stats.explained_variance;
-  status.weights_hash = current_.weights_hash;
-  bus_->set_status(status);
-
-  if (options_.quiet) return;
-  std::printf(
-      "update %llu/%llu  steps %llu  %5.1f %%  %.0f steps/s  left %s  reward/step %.4f  exposure "
-      "%.3f  success %.2f  "
-      "held %.2f  entropy %.3f  kl %.4f  clip %.3f  value_loss %.4f  workers %u  weights %s\n",
-      static_cast<unsigned long long>(stats.version),
-      static_cast<unsigned long long>(updates_wanted_),
-      static_cast<unsigned long long>(ppo_->steps_total()),
-      100.0 * static_cast<double>(stats.version) / static_cast<double>(updates_wanted_), rate,
-      duration_text(left).c_str(), mean_length > 0 ? mean_return / mean_length : 0.0, exposure,
-      success, held, stats.entropy, stats.approx_kl, stats.clip_fraction, stats.value_loss,
-      bus.workers_alive, hex(current_.weights_hash).substr(0, 8).c_str());
-  std::fflush(stdout);
-}
-
-void Learner::set_ledger(MetricsRow& row) const {
-  const Ledger l = book_->ledger();
-  row.set("ledger/granted", static_cast<double>(l.granted));
-  row.set("ledger/regranted", static_cast<double>(l.regranted));
-  row.set("ledger/received", static_cast<double>(l.received));
-  row.set("ledger/admitted", static_cast<double>(l.admitted));
-  row.set("ledger/duplicate", static_cast<double>(l.duplicate));
-  row.set("ledger/stale", static_cast<double>(l.stale));
-  row.set("ledger/invalid", static_cast<double>(l.invalid));
-  row.set("ledger/cancelled", static_cast<double>(l.cancelled));
-  row.set("ledger/outstanding", static_cast<double>(l.outstanding));
-  row.set("ledger/audit_mismatch", static_cast<double>(l.audit_mismatch));
-}
-
-void Learner::set_workers(MetricsRow& row, const BusStatistics& bus) const {
-  double lanes = 0;
-  double rate = 0;
-  double simulating = 0;
-  double declined = 0;
-  const std::vector<WorkerStatus> workers = bus_->worker_statuses();
-  for (const WorkerStatus& w : workers) {
-    lanes += w.lanes;
-    rate += w.steps_per_s;
-    simulating += w.sim_time_fraction / static_cast<double>(workers.size());
-    declined += static_cast<double>(w.tasks_declined_config + w.tasks_declined_epoch +
-                                    w.tasks_declined_no_weights + w.tasks_declined_state);
-  }
-  row.set("workers/alive", bus.workers_alive);
-  row.set("workers/lanes", lanes);
-  row.set("workers/steps_per_s", rate);
-  row.set("workers/sim_time_fraction", simulating);
-  row.set("workers/wait_fraction", workers.empty() ? 0 : 1 - simulating);
-  row.set("workers/lost_leases", static_cast<double>(bus.worker_crashes));
-  row.set("workers/declined", declined);
-}
-
 void Learner::save_checkpoint(std::optional<std::uint64_t> milestone) {
   pb::Checkpoint checkpoint;
   checkpoint.set_format_version(kCheckpointFormat);
@@ -604,13 +363,13 @@ void Learner::save_checkpoint(std::optional<std::uint64_t> milestone) {
   if (config_.rollout().lead() == pb::LEAD_1 && ppo_->version() > 0) {
     to_disk(previous_, *checkpoint.mutable_previous_weights());
   }
-  table_to_disk(book_->table(), kSimStateFormat, checkpoint);
+  to_disk(book_->table(), kSimStateFormat, checkpoint);
   checkpoint.set_physics_steps_total(physics_ticks_);
-  checkpoint.set_episodes_total(episodes_->total);
+  checkpoint.set_episodes_total(episodes_.total);
   checkpoint.set_wall_s(wall_s());
-  const double score = episodes_->mean([](const auto& o) { return o.return_sum; });
+  const double score = episodes_.mean([](const auto& o) { return o.return_sum; });
   CheckpointStore::Save what;
-  what.best = episodes_->recent.size() >= 100 && score > best_score_;
+  what.best = episodes_.recent.size() >= 100 && score > best_score_;
   what.milestone = milestone;
   if (what.best) best_score_ = score;
   checkpoint.set_best_score(best_score_);
@@ -631,117 +390,6 @@ void Learner::say_phase(LearnerPhase phase) {
   status.steps_total = ppo_->steps_total();
   status.weights_hash = current_.weights_hash;
   bus_->set_status(status);
-}
-
-bool Learner::run_evaluation_set(const EvaluationSet& set, const std::function<bool()>& stop,
-                                 Evaluated& result) {
-  book_->evaluate(evaluation_tasks(config_, set, current_.policy_version));
-  while (!book_->evaluation_complete()) {
-    if (stop() || bus_->superseded()) return false;
-    bus_->serve(*book_, steady_now_ns());
-    if (!book_->evaluation_complete()) bus_->wait(std::int64_t{20'000'000});
-  }
-  result.tasks = book_->granted_evaluation();
-  result.segments = book_->take_evaluation();
-  return true;
-}
-
-bool Learner::evaluate(const std::function<bool()>& stop) {
-  RunSummary summary;
-  summary.run_id = config_.run().name();
-  summary.weights_hash = hex(current_.weights_hash);
-  summary.config_hash = fmt::format("{:016x}", config_hash_);
-  summary.git_revision = git_revision();
-  summary.run_seed = config_.rollout().run_seed();
-  summary.steps = ppo_->steps_total();
-  summary.physics_steps = physics_ticks_;
-  summary.updates = ppo_->version();
-  summary.episodes = episodes_->total;
-  summary.wall_s = wall_s();
-  summary.mean_return = episodes_->mean([](const auto& o) { return o.return_sum; });
-  const std::int64_t began = steady_now_ns();
-  if (config_.evaluation().enabled()) {
-    say_phase(LearnerPhase::kEvaluating);
-    const std::string folder = options_.run_dir + "/evaluation";
-    std::filesystem::create_directories(folder);
-    std::filesystem::create_directories(options_.run_dir + "/recordings");
-    double best_exposure = 0;
-    std::vector<EvaluationSet> sets = evaluation_sets(config_);
-    std::vector<Evaluated> results(sets.size());
-    // The recorded set comes first: its frames tell how many particles the lattice has to try.
-    for (std::size_t i = 0; i < sets.size(); ++i) {
-      if (sets[i].start_set == StartSet::kGraspLattice) {
-        fill_lattice(config_,
-                     particles_of(results[0].segments, config_.evaluation().frame_stride()),
-                     sets[i]);
-      }
-      if (sets[i].start_indices.empty()) continue;
-      if (!run_evaluation_set(sets[i], stop, results[i])) return false;
-      if (sets[i].start_set == StartSet::kGraspLattice)
-        best_exposure = best_lattice_exposure(judge(sets[i], results[i].segments, 0));
-    }
-    for (std::size_t i = 0; i < sets.size(); ++i) {
-      const EvaluationSet& set = sets[i];
-      if (set.start_indices.empty()) continue;
-      const std::vector<EpisodeResult> judged = judge(set, results[i].segments, best_exposure);
-      write_evaluation_csv(folder + "/" + set.name + ".csv", config_, set, judged, best_exposure);
-      EvaluationSummary entry;
-      entry.name = set.name;
-      entry.starts = judged.size();
-      double failed = 0;
-      for (const EpisodeResult& r : judged) {
-        entry.target_reached += r.reached ? 1 : 0;
-        entry.exposed += r.exposed ? 1 : 0;
-        entry.grasp_held += r.grasp_held ? 1 : 0;
-        failed += r.failed ? 1 : 0;
-      }
-      entry.values["best_exposure"] = best_exposure;
-      entry.values["failed"] = failed;
-      if (!options_.quiet) {
-        std::printf(
-            "evaluation %-16s starts %3llu  target_reached %3llu  exposed %3llu  grasp_held %3llu  "
-            "best_exposure %.3f\n",
-            set.name.c_str(), static_cast<unsigned long long>(entry.starts),
-            static_cast<unsigned long long>(entry.target_reached),
-            static_cast<unsigned long long>(entry.exposed),
-            static_cast<unsigned long long>(entry.grasp_held), best_exposure);
-        std::fflush(stdout);
-      }
-      summary.evaluations.push_back(entry);
-      if (set.record) record_evaluation(set, results[i]);
-    }
-  }
-  summary.timings["wait"] = time_wait_s_;
-  summary.timings["check"] = time_check_s_;
-  summary.timings["update"] = time_update_s_;
-  summary.timings["publish"] = time_publish_s_;
-  summary.timings["save"] = time_save_s_;
-  summary.timings["evaluation"] = seconds_since(began);
-  if (const Result<void> written = write_summary(options_.run_dir + "/summary.json", summary);
-      !written) {
-    throw_error("{}", written.error());
-  }
-  return true;
-}
-
-void Learner::record_evaluation(const EvaluationSet& set, const Evaluated& result) {
-  RecordingContext context;
-  context.name = set.name;
-  context.config_text = print_config(config_);
-  context.config_hash = config_hash_;
-  context.git_revision = git_revision();
-  context.control_period = config_.task().control_period_s() * config_.task().action_repeat();
-  for (std::size_t i = 0; i < result.segments.size(); ++i) {
-    const RolloutSegment& segment = result.segments[i];
-    const RolloutTask& task = result.tasks[i];
-    if (segment.failed != 0) continue;
-    context.particles = particles_of(std::span(&segment, 1), task.frame_stride);
-    const std::string path =
-        fmt::format("{}/recordings/{}_{}.mcap", options_.run_dir, set.name, task.start_index);
-    if (const Result<void> saved = save_episode(path, task, segment, context); !saved) {
-      log().warn("recording: {}", saved.error());
-    }
-  }
 }
 
 }  // namespace omentum

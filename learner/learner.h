@@ -15,6 +15,7 @@
 #include "learner/evaluation.h"
 #include "learner/metrics.h"
 #include "learner/ppo.h"
+#include "learner/recent_episodes.h"
 #include "learner/summary.h"
 #include "learner/task_book.h"
 #include "proto/config.pb.h"
@@ -30,12 +31,12 @@ struct LearnerOptions {
 
 /// One training run: owns the task book, PPO, the bus and the run folder. `run()` is the whole
 /// story, top to bottom. A run folder with a checkpoint is continued bit for bit. One thread, plus
-/// the bus's drain thread and PPO's helpers.
+/// the bus's drain thread and PPO's helpers. learner.cpp has the run, learner_report.cpp what it
+/// says of each update, learner_evaluation.cpp what follows.
 class Learner {
  public:
   /// Reads or makes the run folder. Throws Error: one line.
   Learner(pb::Config config, LearnerOptions options);
-  ~Learner();
 
   /// Trains to max_steps, evaluates, writes summary. Returns the exit code: 0 done, 130 stopped on
   /// request with a resumable checkpoint, 1 on a failed integrity check, a newer learner or physics
@@ -44,7 +45,6 @@ class Learner {
   int run(const std::function<bool()>& stop);
 
  private:
-  struct Episodes;
   /// One evaluation set as it was granted and what came back, in its order.
   struct Evaluated {
     std::vector<RolloutTask> tasks;
@@ -81,7 +81,7 @@ class Learner {
   std::unique_ptr<TaskBook> book_;
   std::unique_ptr<LearnerBus> bus_;
   std::unique_ptr<MetricsWriter> metrics_;
-  std::unique_ptr<Episodes> episodes_;
+  RecentEpisodes episodes_;
   PolicyWeights current_, previous_;  ///< v(k) and v(k-1)
 
   std::uint64_t physics_ticks_ = 0;

@@ -243,6 +243,7 @@ class TaskBook {
   void advance(std::uint32_t slot, RolloutSegment segment);
   void skip_episode(std::uint32_t slot, const RolloutSegment& segment);
   Job* find_job(std::uint32_t slot);
+  static double quantile(const std::deque<double>& values, double share);
   template <typename Fn>
   void for_each_job(Fn&& fn);
   template <typename Fn>
@@ -276,5 +277,20 @@ class TaskBook {
   Ledger ledger_;                   ///< outstanding is derived
   std::string last_refusal_, last_failure_;
 };
+
+template <typename Fn>
+void TaskBook::for_each_job(Fn&& fn) {
+  for (Slot& slot : slots_) {
+    if (slot.job.open) fn(slot.job);
+  }
+  for (Evaluation& evaluation : evaluations_) {
+    if (evaluation.job.open) fn(evaluation.job);
+  }
+}
+
+template <typename Fn>
+void TaskBook::for_each_job(Fn&& fn) const {
+  const_cast<TaskBook*>(this)->for_each_job([&fn](const Job& job) { fn(job); });
+}
 
 }  // namespace omentum

@@ -1,0 +1,124 @@
+#include <fmt/format.h>
+
+#include <cstdio>
+#include <filesystem>
+
+#include "core/config.h"
+#include "core/episode_recording.h"
+#include "core/log.h"
+#include "learner/learner.h"
+
+namespace omentum {
+
+bool Learner::run_evaluation_set(const EvaluationSet& set, const std::function<bool()>& stop,
+                                 Evaluated& result) {
+  book_->evaluate(evaluation_tasks(config_, set, current_.policy_version));
+  while (!book_->evaluation_complete()) {
+    if (stop() || bus_->superseded()) return false;
+    bus_->serve(*book_, steady_now_ns());
+    if (!book_->evaluation_complete()) bus_->wait(std::int64_t{20'000'000});
+  }
+  result.tasks = book_->granted_evaluation();
+  result.segments = book_->take_evaluation();
+  return true;
+}
+
+bool Learner::evaluate(const std::function<bool()>& stop) {
+  RunSummary summary;
+  summary.run_id = config_.run().name();
+  summary.weights_hash = hex(current_.weights_hash);
+  summary.config_hash = fmt::format("{:016x}", config_hash_);
+  summary.git_revision = git_revision();
+  summary.run_seed = config_.rollout().run_seed();
+  summary.steps = ppo_->steps_total();
+  summary.physics_steps = physics_ticks_;
+  summary.updates = ppo_->version();
+  summary.episodes = episodes_.total;
+  summary.wall_s = wall_s();
+  summary.mean_return = episodes_.mean([](const auto& o) { return o.return_sum; });
+  const std::int64_t began = steady_now_ns();
+  if (config_.evaluation().enabled()) {
+    say_phase(LearnerPhase::kEvaluating);
+    const std::string folder = options_.run_dir + "/evaluation";
+    std::filesystem::create_directories(folder);
+    std::filesystem::create_directories(options_.run_dir + "/recordings");
+    double best_exposure = 0;
+    std::vector<EvaluationSet> sets = evaluation_sets(config_);
+    std::vector<Evaluated> results(sets.size());
+    // The recorded set comes first: its frames tell how many particles the lattice has to try.
+    for (std::size_t i = 0; i < sets.size(); ++i) {
+      if (sets[i].start_set == StartSet::kGraspLattice) {
+        fill_lattice(config_,
+                     particles_of(results[0].segments, config_.evaluation().frame_stride()),
+                     sets[i]);
+      }
+      if (sets[i].start_indices.empty()) continue;
+      if (!run_evaluation_set(sets[i], stop, results[i])) return false;
+      if (sets[i].start_set == StartSet::kGraspLattice)
+        best_exposure = best_lattice_exposure(judge(sets[i], results[i].segments, 0));
+    }
+    for (std::size_t i = 0; i < sets.size(); ++i) {
+      const EvaluationSet& set = sets[i];
+      if (set.start_indices.empty()) continue;
+      const std::vector<EpisodeResult> judged = judge(set, results[i].segments, best_exposure);
+      write_evaluation_csv(folder + "/" + set.name + ".csv", config_, set, judged, best_exposure);
+      EvaluationSummary entry;
+      entry.name = set.name;
+      entry.starts = judged.size();
+      double failed = 0;
+      for (const EpisodeResult& r : judged) {
+        entry.target_reached += r.reached ? 1 : 0;
+        entry.exposed += r.exposed ? 1 : 0;
+        entry.grasp_held += r.grasp_held ? 1 : 0;
+        failed += r.failed ? 1 : 0;
+      }
+      entry.values["best_exposure"] = best_exposure;
+      entry.values["failed"] = failed;
+      if (!options_.quiet) {
+        std::printf(
+            "evaluation %-16s starts %3llu  target_reached %3llu  exposed %3llu  grasp_held %3llu  "
+            "best_exposure %.3f\n",
+            set.name.c_str(), static_cast<unsigned long long>(entry.starts),
+            static_cast<unsigned long long>(entry.target_reached),
+            static_cast<unsigned long long>(entry.exposed),
+            static_cast<unsigned long long>(entry.grasp_held), best_exposure);
+        std::fflush(stdout);
+      }
+      summary.evaluations.push_back(entry);
+      if (set.record) record_evaluation(set, results[i]);
+    }
+  }
+  summary.timings["wait"] = time_wait_s_;
+  summary.timings["check"] = time_check_s_;
+  summary.timings["update"] = time_update_s_;
+  summary.timings["publish"] = time_publish_s_;
+  summary.timings["save"] = time_save_s_;
+  summary.timings["evaluation"] = seconds_since(began);
+  if (const Result<void> written = write_summary(options_.run_dir + "/summary.json", summary);
+      !written) {
+    throw_error("{}", written.error());
+  }
+  return true;
+}
+
+void Learner::record_evaluation(const EvaluationSet& set, const Evaluated& result) {
+  RecordingContext context;
+  context.name = set.name;
+  context.config_text = print_config(config_);
+  context.config_hash = config_hash_;
+  context.git_revision = git_revision();
+  context.control_period = config_.task().control_period_s() * config_.task().action_repeat();
+  for (std::size_t i = 0; i < result.segments.size(); ++i) {
+    const RolloutSegment& segment = result.segments[i];
+    const RolloutTask& task = result.tasks[i];
+    if (segment.failed != 0) continue;
+    context.particles = particles_of(std::span(&segment, 1), task.frame_stride);
+    const std::string path =
+        fmt::format("{}/recordings/{}_{}.mcap", options_.run_dir, set.name, task.start_index);
+    if (const Result<void> saved = save_episode(path, task, segment, context); !saved) {
+      log().warn("recording: {}", saved.error());
+    }
+  }
+}
+
+}  // namespace omentum
