@@ -44,7 +44,7 @@ struct ElasticEffectArgs {
   const Real* adhesion_scale;  ///< [Pa/m]
   const Real* adhesion_limit;  ///< [m]
   const Real* anchor_limit;    ///< [m]
-  const Real* film_scale;      ///< [Pa s/m] / effective step
+  const Real* film_scale;      ///< [Pa s/m] / substep
   const Real* film_reach;      ///< [m]
 
   const Real* node_area;          ///< per node [m^2]

@@ -109,7 +109,7 @@ void ElasticLaneEffects<Real>::set(int lane, const EffectValues& v, double stiff
   fibre_axes_[l] = real<Real>(a.cos * a.cos);
   fibre_axes_[W + l] = real<Real>(a.cos * a.sin);
   fibre_axes_[2 * W + l] = real<Real>(a.sin * a.sin);
-  const PronyStep prony = make_prony(v, model_->effective_step());
+  const PronyStep prony = make_prony(v, model_->substep());
   prony_gains_[l] = real<Real>(prony.gains);
   for (std::size_t k = 0; k < kMaxBranches; ++k) {
     prony_keep_[k * W + l] = real<Real>(prony.keep[k]);
@@ -141,7 +141,7 @@ void ElasticLaneEffects<Real>::set(int lane, const EffectValues& v, double stiff
   adhesion_limit_[l] = real<Real>(v.adhesion_break);
   constexpr double kNever = 1e6;  // [m]
   anchor_limit_[l] = real<Real>(v.anchor_break > 0 ? v.anchor_break : kNever);
-  film_[l] = real<Real>(v.suction / model_->effective_step());
+  film_[l] = real<Real>(v.suction / model_->substep());
   film_reach_[l] = real<Real>(v.suction_reach);
   set_masks();
   set_maps();
