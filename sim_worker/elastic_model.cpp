@@ -337,9 +337,10 @@ double anchor_spring(const EffectValues& values, double membrane_stiffness, doub
   return detached > 0 ? membrane_stiffness * (1 - detached) / detached : 0;
 }
 
-/// Stiffness of the step with memory over that without: Prony branches and slider.
+/// Stiffness of the step with memory over that without: Prony branches, slider, and the steepest
+/// unloading of softened material.
 double memory_tangent(const EffectValues& effects, double step) {
-  return 1 + make_prony(effects, step).gains + effects.slider_ratio;
+  return (1 + 3 * effects.softening) * (1 + make_prony(effects, step).gains) + effects.slider_ratio;
 }
 
 /// Rows of A: -1 for fixed nodes, and the node of each row.

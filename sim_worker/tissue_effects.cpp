@@ -63,7 +63,8 @@ bool EffectValues::same_structure(const EffectValues& o) const {
 }
 
 bool EffectValues::has_memory() const {
-  return share[0] > 0 || share[1] > 0 || share[2] > 0 || loss_factor > 0 || slider_ratio > 0;
+  return share[0] > 0 || share[1] > 0 || share[2] > 0 || loss_factor > 0 || slider_ratio > 0 ||
+         softening > 0;
 }
 
 double EffectValues::stiffness_at(const Vector3d& p) const {
@@ -130,6 +131,8 @@ EffectValues make_effects(const pb::TissueEffects& e, double poisson_ratio,
   v.jaw_roll = e.jaw_roll_deg() * kDegree;
   v.jaw_tilt = e.jaw_tilt_deg() * kDegree;
   v.air_drag = e.air_drag();
+  v.softening = e.mullins().softening();
+  v.softening_strain = e.mullins().strain();
 
   const EffectValues off;
   if (v.fibre_ratio == 0) v.fibre_angle = 0;
@@ -147,6 +150,7 @@ EffectValues make_effects(const pb::TissueEffects& e, double poisson_ratio,
     v.slip_force = off.slip_force;
     v.slip_loss = 0;
   }
+  if (v.softening == 0) v.softening_strain = off.softening_strain;
   if (v.anchor_free_from == v.anchor_free_to) v.anchor_free_from = v.anchor_free_to = 0;
 
   const double nu = poisson_ratio + v.poisson_change;
@@ -189,7 +193,8 @@ bool usable(const EffectValues& v, double poisson_ratio, std::span<const Vector3
          share(v.slider_ratio) && share(v.fibre_ratio) && share(v.adhesion) && share(v.suction) &&
          share(v.anchor_compliance) && share(v.grasp_compliance) && share(v.slip_speed) &&
          scale(v.slider_yield) && scale(v.inclusion_radius) && scale(v.adhesion_break) &&
-         scale(v.suction_reach) && scale(v.slip_force) && v.inclusion_change >= -0.95 &&
+         scale(v.suction_reach) && scale(v.slip_force) && share(v.softening) &&
+         v.softening <= 0.9 && scale(v.softening_strain) && v.inclusion_change >= -0.95 &&
          v.density_change >= -0.9 && v.density_change <= 4 && v.bending_change >= -0.95 &&
          v.stiffening >= -0.5 && std::fabs(v.stretch) <= 0.3 && nu >= 0 && nu <= 0.49 &&
          std::all_of(particles.begin(), particles.end(), [&](const Vector3d& p) {

@@ -45,13 +45,14 @@ struct EffectValues {
   double grasp_compliance = 0;
   double jaw_roll = 0, jaw_tilt = 0;
   double air_drag = 0;
+  double softening = 0, softening_strain = 0.05;
 
   bool operator==(const EffectValues&) const = default;
 
   /// What shapes mass, stiffness of cells and bending, other than by one factor.
   bool same_structure(const EffectValues& other) const;
   bool moves_anchor() const { return anchor_compliance > 0 || anchor_free_from != anchor_free_to; }
-  bool has_memory() const;  ///< Prony branches or a slider
+  bool has_memory() const;  ///< of its material: Prony branches, a slider or softening
   /// Factors at a place of the sheet at rest, p_B [m].
   double stiffness_at(const Eigen::Vector3d& p_B) const;
   double thickness_at(const Eigen::Vector3d& p_B) const;

@@ -34,6 +34,7 @@ void set_all_to_zero(pb::TissueEffects& effects) {
   effects.mutable_inclusion()->set_x_m(0.003);
   effects.mutable_plastic_set()->set_yield_strain(0.3);
   effects.mutable_suction()->set_reach_m(0.002);
+  effects.mutable_mullins()->set_strain(0.3);
   effects.mutable_anchor()->set_free_to_m(effects.anchor().free_from_m());
 }
 
@@ -240,6 +241,8 @@ TEST(EffectInput, PathsAreCheckedByNameAndRange) {
   set_effect(effects, "inclusion.x_m", 0.01);
   set_effect(effects, "viscoelastic[1].share", 0.2);
   set_effect(effects, "strain_stiffening", 2);
+  set_effect(effects, "mullins.softening", 0.4);
+  EXPECT_EQ(effects.mullins().softening(), 0.4);
   EXPECT_EQ(effects.inclusion().x_m(), 0.01);
   EXPECT_EQ(effects.viscoelastic(1).share(), 0.2);
   EXPECT_EQ(effects.viscoelastic(0).share(), 0);
@@ -247,6 +250,7 @@ TEST(EffectInput, PathsAreCheckedByNameAndRange) {
   for (const char* path : {"wobble", "inclusion", "inclusion.wobble", "viscoelastic[7].share"})
     EXPECT_THROW(set_effect(effects, path, 0), Error) << path;
   EXPECT_THROW(set_effect(effects, "strain_stiffening", 1e4), Error);
+  EXPECT_THROW(set_effect(effects, "mullins.softening", 1), Error);
 }
 
 }  // namespace
