@@ -66,13 +66,12 @@ inline Lane matrix_energy(const Args& args, Stress c, Lane invariant) {
 /// and with their erf(1.2 v) to within 0.033 by what needs only a root.
 inline Lane softened_share(const Args& args, Lane energy, int triangle) {
   const auto& fx = args.effects;
-  const Lane one = splat(Real{1});
   const Lane peak = load(fx.energy_peak + kLanes * triangle);
   const Lane below = max(peak - energy, splat(Real{0}));
-  const Lane v = below / (load(fx.softening_energy) + peak);
-  const Lane s = v / sqrt(fma(v, v, one));
+  const Lane scale = load(fx.softening_energy) + peak;
+  const Lane s = below / sqrt(fma(below, below, scale * scale));
   const Lane lost = splat(static_cast<Real>(0.5)) * s * fnma(s, s, splat(Real{3}));
-  return fnma(load(fx.softening_share), lost, one);
+  return fnma(load(fx.softening_share), lost, splat(Real{1}));
 }
 
 /// Tension of the fibres, with a smooth corner of 1e-3 strain: (E4 + sqrt(E4^2 + w^2) - w) / 2.
