@@ -145,6 +145,7 @@ EffectValues lane_effects(int lane) {
     if (lane % 4 == 0 || name.find("anchor") != std::string::npos) continue;
     effect.set(effects, 0.3 + 0.7 * static_cast<double>(words[1]) * 0x1p-32);
   }
+  if (lane % 4 == 1) effects.mutable_mullins()->set_softening(0.1 + 0.04 * lane);
   return make_effects(effects, 0.4, {});
 }
 
