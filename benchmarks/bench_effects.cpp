@@ -115,6 +115,7 @@ const Effect kEffects[] = {
      }},
     {"structural_damping", [](E& e) { e.set_structural_damping(0.2); }},
     {"plastic_set", [](E& e) { e.mutable_plastic_set()->set_modulus_ratio(0.3); }},
+    {"mullins", [](E& e) { e.mutable_mullins()->set_softening(0.3); }},
     {"inclusion", [](E& e) { e.mutable_inclusion()->set_stiffness_change(3); }},
     {"density", [](E& e) { e.set_density_change(0.2); }},
     {"gravity_tilt", [](E& e) { e.set_gravity_tilt_x_deg(3); }},

@@ -1,10 +1,12 @@
 // Environment steps per second of the elastic shell on one core and its error at that speed. One
 // environment step is 20 ms simulated. Lift case of the design document (tissue.md 12.1): 31 x 31
 // nodes, 90 x 90 x 3 mm, edge pinned, a corner patch moved on an arc about that edge at 25 mm/s up
-// to 60 mm, E 100 kPa; and the same sheet falling onto a sphere (section 9, E 30 kPa). Best of
-// several chunks, thread CPU time; physics only: no robot, observation or reward. Static error: rms
-// over all nodes against the same model in double precision, finely stepped. `bench_elastic [WIDTH
-// [SURFACE]]` also writes that converged surface of the lift, for the peers.
+// to 60 mm, E 100 kPa; the same on a mesh of as many nodes without order; the same sheet falling
+// onto a sphere (section 9, E 30 kPa); and the organ of scene omentum_soft alone, its top moved up
+// and down by 5 mm at 25 mm/s. Best of several chunks, thread CPU time; physics only: no robot,
+// observation or reward. Static error: rms over all nodes against the same model in double
+// precision, finely stepped. `bench_elastic [WIDTH [SURFACE]]` also writes that converged surface
+// of the lift, for the peers.
 #include <fmt/format.h>
 #include <time.h>
 
@@ -18,8 +20,10 @@
 #include <vector>
 
 #include "core/check.h"
+#include "core/rng.h"
 #include "sim_worker/cooker.h"
 #include "sim_worker/elastic_tissue.h"
+#include "sim_worker/solid_tissue.h"
 
 namespace {
 
@@ -41,7 +45,33 @@ struct Case {
   double anchor_max_y = kPinned + 1e-4;
   double height = 0;  ///< of the sheet at the start [m]
   std::vector<RigidShape> bodies;
+  bool is_mesh = false;
 };
+
+/// The grid as a mesh: inner nodes moved by up to a quarter of the pitch, diagonals by chance.
+void disorder(Scene& scene) {
+  const auto chance = [](std::size_t i, std::uint32_t k) {
+    return static_cast<double>(
+        uniform_24(philox({static_cast<std::uint32_t>(i), k, 0, 0}, {3, 5})[0]));
+  };
+  std::vector<Vector3d>& nodes = scene.tissue.particles;
+  const double pitch = scene.config.tissue().grid().pitch_m();
+  for (int ix = 0; ix < kSide; ++ix) {
+    for (int iy = 0; iy < kSide; ++iy) {
+      const int a = kSide * ix + iy;
+      const auto i = static_cast<std::size_t>(a);
+      const bool inside = ix > 0 && ix + 1 < kSide && iy > 0 && iy + 1 < kSide;
+      for (std::uint32_t axis = 0; axis < 2 && inside; ++axis)
+        nodes[i][axis] += 0.25 * pitch * (2 * chance(i, axis) - 1);
+      if (ix + 1 == kSide || iy + 1 == kSide) continue;
+      const bool rising = chance(i, 2) < 0.5;
+      scene.tissue.surface_triangles.emplace_back(a, a + kSide, rising ? a + kSide + 1 : a + 1);
+      scene.tissue.surface_triangles.emplace_back(rising ? a : a + kSide, a + kSide + 1, a + 1);
+    }
+  }
+  scene.config.mutable_tissue()->mutable_sheet();
+  scene.sheet = measure_sheet("mesh", nodes, scene.tissue.surface_triangles);
+}
 
 std::shared_ptr<const ElasticTissueModel> make_sheet(const Case& c, unsigned substeps,
                                                      unsigned iterations) {
@@ -66,6 +96,7 @@ std::shared_ptr<const ElasticTissueModel> make_sheet(const Case& c, unsigned sub
   scene.tissue.particle_radius = 0.0015;
   scene.tissue.thickness = 0.003;
   scene.bodies = c.bodies;
+  if (c.is_mesh) disorder(scene);
   std::vector<std::string> warnings;
   return make_elastic_model(scene, 0.02, warnings);
 }
@@ -153,6 +184,63 @@ void write_surface(const std::string& path, const ElasticTissue<double>& tissue)
   if (!file.flush()) throw_error("{}: cannot be written", path);
 }
 
+void measure_mesh(const Kernel<float>& kernel, unsigned substeps) {
+  Case c;
+  c.is_mesh = true;
+  const auto model = make_sheet(c, substeps, 1);
+  ElasticTissue<float> tissue(model, kernel);
+  int step = 0;
+  const double cost = lift_cost(tissue, step);
+  std::printf("tissue.elastic_mesh.env_steps_per_s %.0f steps/s\n", 1 / cost);
+  std::fprintf(stderr, "# elastic_mesh: %s, %d nodes, %u x 1, %zu held nodes, %.2f us/step\n",
+               kernel.name, tissue.particles(), substeps, tissue.held(0).size(), 1e6 * cost);
+}
+
+std::shared_ptr<const SolidTissueModel> make_organ() {
+  Scene scene;
+  pb::Tissue& tissue = *scene.config.mutable_tissue();
+  tissue.mutable_volume()->set_edge_length_m(0.016);
+  tissue.mutable_material()->set_law(pb::LAW_STABLE_NEO_HOOKE);
+  tissue.mutable_material()->set_young_modulus_pa(3000);
+  tissue.mutable_material()->set_poisson_ratio(0.45);
+  tissue.mutable_material()->set_damping_per_s(5);
+  tissue.set_density_kg_per_m3(1050);
+  scene.config.mutable_tool()->set_contact(false);
+  scene.gravity = Vector3d(0, 0, -9.81);
+  scene.solid =
+      fill_mesh(make_ellipsoid_mesh(Vector3d(0.022, 0.032, 0.014), 23, 48), "organ", 0.016);
+  scene.tissue.particles = scene.solid.nodes;
+  scene.tissue.surface_triangles = scene.solid.surface;
+  for (const Vector3d& p : scene.tissue.particles)
+    scene.tissue.fixed.push_back(p.z() <= -0.009 ? 1 : 0);
+  scene.tissue.particle_radius = 0.0015;
+  return make_solid_model(scene, 0.02);
+}
+
+/// Mean over 6 s.
+void measure_solid(const Kernel<float>& kernel) {
+  const auto model = make_organ();
+  SolidTissue<float> tissue(model, kernel);
+  const auto tip = [](int step) {  // ten steps up, ten down
+    const int phase = step % 20;
+    return Vector3d(0, 0, 0.014 + 0.0005 * (phase < 10 ? phase : 20 - phase));
+  };
+  for (int lane = 0; lane < tissue.lanes(); ++lane) tissue.hold(lane, tip(0), 0.008, false);
+  constexpr int kSteps = 300;
+  const double begin = thread_seconds();
+  for (int step = 0; step < kSteps; ++step) {
+    const ToolMotion motion{tip(step), tip(step + 1)};
+    tissue.step(std::vector<ToolMotion>(static_cast<std::size_t>(tissue.lanes()), motion));
+  }
+  const double cost = (thread_seconds() - begin) / (kSteps * tissue.lanes());
+  std::printf("tissue.solid.env_steps_per_s %.0f steps/s\n", 1 / cost);
+  std::fprintf(stderr,
+               "# solid: %s, %d nodes, %zu tetrahedra, %u substeps, %zu held nodes, %.2f us/step, "
+               "hash %016lx\n",
+               kernel.name, tissue.particles(), model->mesh.tetrahedra.size(), model->substeps(),
+               tissue.held(0).size(), 1e6 * cost, tissue.hash(0));
+}
+
 void measure_lift(const Kernel<float>& kernel, unsigned substeps, const std::string& surface) {
   const auto model = make_sheet({}, substeps, 1);
   ElasticTissue<float> tissue(model, kernel);
@@ -226,8 +314,10 @@ int main(int argc, char** argv) {
     const unsigned width = argc > 1 ? static_cast<unsigned>(std::stoul(argv[1])) : 0;
     const Kernel<float>& kernel = choose_kernel(width);
     measure_lift(kernel, 5, argc > 2 ? argv[2] : "");
+    measure_mesh(kernel, 5);
     measure_contact("tissue.elastic_contact", over_sphere(), kernel, 5);
     measure_contact("tissue.elastic_board", onto_board(), kernel, 5);
+    measure_solid(kernel);
   } catch (const std::exception& error) {
     std::fprintf(stderr, "bench_elastic: %s\n", error.what());
     return 2;

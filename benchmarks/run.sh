@@ -12,8 +12,9 @@ usage: benchmarks/run.sh [--steps N] [--save] [tissue] [elastic] [ppo] [workers]
 
 Figures of the groups named (default: tissue elastic ppo workers train):
   tissue    tissue.<scene>.env_steps_per_s: environment steps (20 ms simulated) per second of one core, all of a step
-  elastic   tissue.elastic*.env_steps_per_s: elastic shell on one core, physics alone, free, over a sphere and on a
-            board, each with its static error; cost of lanes of two stiffnesses; tissue.reference.recording_s;
+  elastic   tissue.elastic*.env_steps_per_s: elastic shell on one core, physics alone, free, on a mesh, over a sphere and
+            on a board, with static errors; cost of lanes of two stiffnesses; tissue.solid.env_steps_per_s: the organ of
+            scene omentum_soft alone; tissue.reference.recording_s;
             effect.<name>.cost_ratio: the lift with an effect over that without; and, where libbullet-dev was there at
             the build or python3 has mujoco, peer.bullet.* and peer.mujoco.* of the same lift
   ppo       ppo.us_per_sample_epoch and, where python3 has torch, the same of ppo.torch_us_per_sample_epoch

@@ -12,7 +12,7 @@ namespace omentum {
 template <typename Real>
 struct ElasticEffectArgs {
   bool membrane;  ///< some lane needs the general membrane
-  std::uint32_t stiffening, fibres, prony, slider, curvature, drag;
+  std::uint32_t stiffening, softening, fibres, prony, slider, curvature, drag;
   std::uint32_t bonds;     ///< cohesive springs: adhesion or anchors
   std::uint32_t adhesion;  ///< lanes whose nodes bond on touch
   std::uint32_t film;
@@ -30,6 +30,8 @@ struct ElasticEffectArgs {
   const Real* inverse_pitch2;    ///< of the stretched rest shape [1/m^2]
   const Real* density;           ///< 1 + change
   const Real* stiffening_scale;  ///< 4 c2 / mu
+  const Real* softening_share;   ///< of the stress
+  const Real* softening_energy;  ///< m / (2 mu)
   const Real* lateral;           ///< nu / (1 - nu): thickness strain of plane stress
   const Real* fibre;             ///< Ef / (2 mu)
   const Real* fibre_axes;        ///< [xx, xy, yy][lane] of a (x) a
@@ -44,7 +46,7 @@ struct ElasticEffectArgs {
   const Real* adhesion_scale;  ///< [Pa/m]
   const Real* adhesion_limit;  ///< [m]
   const Real* anchor_limit;    ///< [m]
-  const Real* film_scale;      ///< [Pa s/m] / effective step
+  const Real* film_scale;      ///< [Pa s/m] / substep
   const Real* film_reach;      ///< [m]
 
   const Real* node_area;          ///< per node [m^2]
@@ -56,6 +58,7 @@ struct ElasticEffectArgs {
   Real* branch;        ///< [branch][triangle][xx, xy, yy][lane]
   Real* bias;          ///< [triangle][..][lane]: what the branches add in the next substep
   Real* plastic;       ///< [triangle][..][lane]: strain at which the slider sits
+  Real* energy_peak;   ///< [triangle][lane]: largest energy per volume / (2 mu) so far
   Real* bend_force;    ///< [node][xyz][lane]: elastic bending force, last substep
   Real* bend_branch;   ///< [branch][node][xyz][lane]
   Real* bend_bias;     ///< [node][xyz][lane]

@@ -23,10 +23,11 @@ inline Stress fma(Lane s, Stress a, Stress c) {
   return {fma(s, a.xx, c.xx), fma(s, a.xy, c.xy), fma(s, a.yy, c.yy)};
 }
 
-/// Green strain of a triangle from F^T F = [p q; q r].
-inline Stress green_strain(Lane p, Lane q, Lane r) {
+/// Green strain of a triangle from C = F^T F.
+inline Stress green_strain(Stress c) {
   const Lane half = splat(static_cast<Real>(0.5));
-  return {fnma(half, splat(Real{1}), half * p), half * q, fnma(half, splat(Real{1}), half * r)};
+  return {fnma(half, splat(Real{1}), half * c.xx), half * c.xy,
+          fnma(half, splat(Real{1}), half * c.yy)};
 }
 
 inline Lane square(Stress e) {
@@ -40,6 +41,37 @@ inline Stress add_stiffening(const Args& args, Stress e, Lane shear, Stress s, L
   invariant = splat(Real{2}) * fma(through, through, square(e));
   const Lane scale = load(args.effects.stiffening_scale) * shear * invariant;
   return fma(scale, Stress{fnma(n, through, e.xx), e.xy, fnma(n, through, e.yy)}, s);
+}
+
+/// Energy per volume / (2 mu) of the law, |U - I|^2 / 2 + lambda / (4 mu) tr(U - I)^2, and of
+/// stiffening. With C = F^T F, delta = det U and tau = tr U as in corotated_stress():
+/// U = (C + delta I) / tau.
+inline Lane matrix_energy(const Args& args, Stress c, Lane invariant) {
+  const Lane one = splat(Real{1});
+  const Lane delta = sqrt(max(fnma(c.xy, c.xy, c.xx * c.yy), splat(static_cast<Real>(1e-20))));
+  const Lane tau = sqrt(fma(splat(Real{2}), delta, c.xx + c.yy));
+  const Lane scale = one / tau;
+  const Stress u{fma(scale, c.xx + delta, splat(Real{-1})), scale * c.xy,
+                 fma(scale, c.yy + delta, splat(Real{-1}))};
+  const Lane trace = u.xx + u.yy;
+  const Lane half = splat(static_cast<Real>(0.5));
+  const Lane law = half * fma(load(args.effects.lateral) * trace, trace, square(u));
+  const Lane eighth = splat(static_cast<Real>(0.125)) * load(args.effects.stiffening_scale);
+  return fma(eighth * invariant, invariant, law);
+}
+
+/// Share of the stress that is left at this energy: 1 - softening s (3 - s^2) / 2 with
+/// s = v / sqrt(1 + v^2), v = (Wmax - W) / (m + Wmax). That is the law of [Ogden99] with m + Wmax
+/// in the place of their m, so that unloading begins with a stiffness of at most 1 + 3 softening,
+/// and with their erf(1.2 v) to within 0.033 by what needs only a root.
+inline Lane softened_share(const Args& args, Lane energy, int triangle) {
+  const auto& fx = args.effects;
+  const Lane peak = load(fx.energy_peak + kLanes * triangle);
+  const Lane below = max(peak - energy, splat(Real{0}));
+  const Lane scale = load(fx.softening_energy) + peak;
+  const Lane s = below / sqrt(fma(below, below, scale * scale));
+  const Lane lost = splat(static_cast<Real>(0.5)) * s * fnma(s, s, splat(Real{3}));
+  return fnma(load(fx.softening_share), lost, splat(Real{1}));
 }
 
 /// Tension of the fibres, with a smooth corner of 1e-3 strain: (E4 + sqrt(E4^2 + w^2) - w) / 2.
@@ -62,10 +94,10 @@ inline Stress slider_strain(const Args& args, Stress e, int triangle) {
 }
 
 /// Elastic part of the effects, of which Prony branches remember the history.
-inline Stress add_elastic_effects(const Args& args, Stress e, Lane shear, Stress s,
-                                  Lane& invariant) {
+inline Stress add_elastic_effects(const Args& args, Stress c, Stress e, Lane shear, Stress s,
+                                  int triangle, Lane& invariant, Lane& energy) {
   const auto& fx = args.effects;
-  invariant = splat(Real{0});
+  invariant = energy = splat(Real{0});
   if (fx.stiffening != 0) {
     Lane found = invariant;
     const Stress stiffer = add_stiffening(args, e, shear, s, found);
@@ -73,15 +105,21 @@ inline Stress add_elastic_effects(const Args& args, Stress e, Lane shear, Stress
     s = select(lanes, stiffer, s);
     invariant = select(lanes, found, invariant);
   }
+  if (fx.softening != 0) {
+    energy = matrix_energy(args, c, invariant);
+    const Lane share = softened_share(args, energy, triangle);
+    s = select(to_mask(fx.softening), Stress{share * s.xx, share * s.xy, share * s.yy}, s);
+  }
   if (fx.fibres != 0) s = select(to_mask(fx.fibres), add_fibres(args, e, shear, s), s);
   return s;
 }
 
-/// All that is added to the stress of a triangle.
-inline Stress add_effects(const Args& args, Stress e, Lane shear, Stress s, int triangle) {
+/// All that is added to the stress of a triangle, C = F^T F.
+inline Stress add_effects(const Args& args, Stress c, Lane shear, Stress s, int triangle) {
   const auto& fx = args.effects;
+  const Stress e = green_strain(c);
   Lane unused = splat(Real{0});
-  s = add_elastic_effects(args, e, shear, s, unused);
+  s = add_elastic_effects(args, c, e, shear, s, triangle, unused, unused);
   if (fx.prony != 0) {
     const Stress bias = load_stress(fx.bias + 3 * kLanes * triangle);
     const Lane more = load(fx.prony_gains);
@@ -97,13 +135,20 @@ inline Stress add_effects(const Args& args, Stress e, Lane shear, Stress s, int 
 }
 
 /// End of a substep: memories of a triangle. `s` = corotated stress there.
-inline void remember_triangle(const Args& args, Stress e, Lane shear, Stress s, int triangle) {
+inline void remember_triangle(const Args& args, Stress c, Lane shear, Stress s, int triangle) {
   const auto& fx = args.effects;
+  const Stress e = green_strain(c);
   Lane invariant = splat(Real{0});
-  s = add_elastic_effects(args, e, shear, s, invariant);
+  Lane energy = invariant;
+  s = add_elastic_effects(args, c, e, shear, s, triangle, invariant, energy);
   // Tangent over nominal stiffness: 1 + 12 (c2 / mu) I along the strain.
   const Lane tangent = fma(splat(Real{3}) * load(fx.stiffening_scale), invariant, splat(Real{1}));
   store(fx.peak, max(load(fx.peak), tangent));
+  if (fx.softening != 0) {
+    Real* const memory = fx.energy_peak + kLanes * triangle;
+    const Lane before = load(memory);
+    store(memory, select(to_mask(fx.softening), max(before, energy), before));
+  }
   const int at = 3 * kLanes * triangle;
   if (fx.prony != 0) {
     const Mask lanes = to_mask(fx.prony);

@@ -119,7 +119,7 @@ inline EdgeForces membrane(const Args& args, Lane3 ex, Lane3 ey, Lane shear, Lan
   const Lane q = scale * dot(ex, ey);
   const Lane r = scale * dot(ey, ey);
   Stress s = corotated_stress(p, q, r, shear, area);
-  if (kEffects) s = add_effects(args, green_strain(p, q, r), shear, s, triangle);
+  if (kEffects) s = add_effects(args, {p, q, r}, shear, s, triangle);
   return {fma(s.xx, ex, s.xy * ey), fma(s.xy, ex, s.yy * ey)};
 }
 
@@ -230,8 +230,7 @@ void remember_membrane(const Args& args) {
     const Lane p = scale * dot(ex, ex);
     const Lane q = scale * dot(ex, ey);
     const Lane r = scale * dot(ey, ey);
-    remember_triangle(args, green_strain(p, q, r), shear, corotated_stress(p, q, r, shear, area),
-                      triangle);
+    remember_triangle(args, {p, q, r}, shear, corotated_stress(p, q, r, shear, area), triangle);
   };
   if (args.mesh != nullptr) {
     for_each_mesh_triangle(args, [&](Lane3 leg_x, Lane3 leg_y, int t) {
@@ -268,7 +267,7 @@ void remember_effects(const Args& args) {
     store3(args.moved + 3 * kLanes * i, moved);
   }
   if (fx.bonds != 0) remember_bonds(args);
-  if ((fx.prony | fx.slider | fx.stiffening) == 0) return;
+  if ((fx.prony | fx.slider | fx.stiffening | fx.softening) == 0) return;
   remember_membrane(args);
   if (fx.prony == 0) return;
   for (int i = 0; i < args.nodes; ++i) {

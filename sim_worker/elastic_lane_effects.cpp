@@ -33,9 +33,10 @@ ElasticLaneEffects<Real>::ElasticLaneEffects(std::shared_ptr<const ElasticTissue
   stiffness_.assign(W, 1);
   structures_.resize(W);
   peak_seen_.assign(W, 1);
-  for (auto* v : {&shear_, &area_, &inverse_pitch2_, &density_, &stiffening_, &lateral_, &fibre_,
-                  &prony_gains_, &slider_, &yield_, &drag_, &adhesion_, &adhesion_limit_,
-                  &anchor_limit_, &film_, &film_reach_, &last_product_}) {
+  for (auto* v :
+       {&shear_, &area_, &inverse_pitch2_, &density_, &stiffening_, &lateral_, &fibre_, &softening_,
+        &softening_energy_, &prony_gains_, &slider_, &yield_, &drag_, &adhesion_, &adhesion_limit_,
+        &anchor_limit_, &film_, &film_reach_, &last_product_}) {
     v->assign(W, Real{0});
   }
   peak_.assign(W, Real{1});
@@ -49,6 +50,8 @@ ElasticLaneEffects<Real>::ElasticLaneEffects(std::shared_ptr<const ElasticTissue
   args_.inverse_pitch2 = inverse_pitch2_.data();
   args_.density = density_.data();
   args_.stiffening_scale = stiffening_.data();
+  args_.softening_share = softening_.data();
+  args_.softening_energy = softening_energy_.data();
   args_.lateral = lateral_.data();
   args_.fibre = fibre_.data();
   args_.fibre_axes = fibre_axes_.data();
@@ -103,13 +106,15 @@ void ElasticLaneEffects<Real>::set(int lane, const EffectValues& v, double stiff
   inverse_pitch2_[l] = real<Real>(1 / (model_->pitch * model_->pitch)) * shrink;
   density_[l] = real<Real>(1 + v.density_change);
   stiffening_[l] = real<Real>(4 * v.stiffening);
+  softening_[l] = real<Real>(v.softening);
+  softening_energy_[l] = real<Real>(0.5 * (1 + nu) * v.softening_strain * v.softening_strain);
   lateral_[l] = real<Real>(nu / (1 - nu));
   fibre_[l] = real<Real>(v.fibre_ratio * (1 + nu));
   const trig::SinCos a = trig::sin_cos(v.fibre_angle);
   fibre_axes_[l] = real<Real>(a.cos * a.cos);
   fibre_axes_[W + l] = real<Real>(a.cos * a.sin);
   fibre_axes_[2 * W + l] = real<Real>(a.sin * a.sin);
-  const PronyStep prony = make_prony(v, model_->effective_step());
+  const PronyStep prony = make_prony(v, model_->substep());
   prony_gains_[l] = real<Real>(prony.gains);
   for (std::size_t k = 0; k < kMaxBranches; ++k) {
     prony_keep_[k * W + l] = real<Real>(prony.keep[k]);
@@ -141,7 +146,7 @@ void ElasticLaneEffects<Real>::set(int lane, const EffectValues& v, double stiff
   adhesion_limit_[l] = real<Real>(v.adhesion_break);
   constexpr double kNever = 1e6;  // [m]
   anchor_limit_[l] = real<Real>(v.anchor_break > 0 ? v.anchor_break : kNever);
-  film_[l] = real<Real>(v.suction / model_->effective_step());
+  film_[l] = real<Real>(v.suction / model_->substep());
   film_reach_[l] = real<Real>(v.suction_reach);
   set_masks();
   set_maps();
@@ -163,6 +168,7 @@ void ElasticLaneEffects<Real>::set_masks() {
     return lanes;
   };
   args_.stiffening = mask([](const EffectValues& v) { return v.stiffening != 0; });
+  args_.softening = mask([](const EffectValues& v) { return v.softening > 0; });
   args_.fibres = mask([](const EffectValues& v) { return v.fibre_ratio > 0; });
   args_.slider = mask([](const EffectValues& v) { return v.slider_ratio > 0; });
   args_.prony = mask([](const EffectValues& v) { return make_prony(v, 1).branches > 0; });
@@ -189,6 +195,7 @@ void ElasticLaneEffects<Real>::set_masks() {
     ensure(bend_branch_, kMaxBranches * nodes);
   }
   if (args_.slider != 0) ensure(plastic_, triangles);
+  if (args_.softening != 0) ensure(energy_peak_, triangles / 3);
   if (args_.bonds != 0) {
     ensure(bond_place_, nodes);
     if (bond_longest_.empty()) bond_longest_.assign(nodes / 3, Real{-1});
@@ -210,6 +217,7 @@ void ElasticLaneEffects<Real>::set_masks() {
   args_.branch = branch_.data();
   args_.bias = bias_.data();
   args_.plastic = plastic_.data();
+  args_.energy_peak = energy_peak_.data();
   args_.bend_force = bend_force_.data();
   args_.bend_branch = bend_branch_.data();
   args_.bend_bias = bend_bias_.data();
@@ -238,7 +246,8 @@ void ElasticLaneEffects<Real>::set_maps() {
     uniform = uniform && (same ? model_->structure : structures_[l]).uniform;
   }
   args_.mass = args_.bend = args_.cell = nullptr;
-  args_.membrane = !uniform || (args_.stiffening | args_.fibres | args_.prony | args_.slider) != 0;
+  args_.membrane = !uniform || (args_.stiffening | args_.softening | args_.fibres | args_.prony |
+                                args_.slider) != 0;
   for (std::size_t l = 0; l < W && (differ || !uniform); ++l) {
     const bool same = values_[l].same_structure(model_->effects);
     const ElasticStructure& s = same ? model_->structure : structures_[l];
@@ -267,7 +276,7 @@ void ElasticLaneEffects<Real>::reset(int lane, const Eigen::Vector3d& offset) {
   const auto W = static_cast<std::size_t>(lanes_);
   const auto l = static_cast<std::size_t>(lane);
   for (auto* array : {&stress_, &branch_, &bias_, &plastic_, &bend_force_, &bend_branch_,
-                      &bend_bias_, &bond_place_}) {
+                      &bend_bias_, &energy_peak_, &bond_place_}) {
     for (std::size_t k = l; k < array->size(); k += W) (*array)[k] = Real{0};
   }
   for (std::size_t k = l; k < bond_longest_.size(); k += W) bond_longest_[k] = Real{-1};
@@ -323,6 +332,7 @@ void ElasticLaneEffects<Real>::for_each_memory(const EffectValues& values, Funct
     fn(bend_bias_, nodes);
   }
   if (values.slider_ratio > 0) fn(plastic_, triangles);
+  if (values.softening > 0) fn(energy_peak_, triangles / 3);
   if (values.adhesion > 0 || model_->effects.moves_anchor()) {
     fn(bond_place_, nodes);
     fn(bond_longest_, nodes / 3);

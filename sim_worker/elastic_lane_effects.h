@@ -62,11 +62,11 @@ class ElasticLaneEffects {
 
   AlignedVector<Real> mass_, bend_, cell_;
   AlignedVector<Real> shear_, area_, inverse_pitch2_, density_, stiffening_, lateral_, fibre_,
-      fibre_axes_, prony_gains_, prony_keep_, prony_gain_, slider_, yield_, moment_, drag_,
-      adhesion_, adhesion_limit_, anchor_limit_, film_, film_reach_;
+      fibre_axes_, softening_, softening_energy_, prony_gains_, prony_keep_, prony_gain_, slider_,
+      yield_, moment_, drag_, adhesion_, adhesion_limit_, anchor_limit_, film_, film_reach_;
   AlignedVector<Real> node_area_, anchor_, node_moment_, node_normal_;
   AlignedVector<Real> stress_, branch_, bias_, plastic_, bend_force_, bend_branch_, bend_bias_,
-      bond_place_, bond_longest_, film_now_, film_normal_, peak_;
+      energy_peak_, bond_place_, bond_longest_, film_now_, film_normal_, peak_;
   AlignedVector<Real> rest_, direction_, metric_direction_, solution_, answer_, last_product_;
 };
 

@@ -337,9 +337,10 @@ double anchor_spring(const EffectValues& values, double membrane_stiffness, doub
   return detached > 0 ? membrane_stiffness * (1 - detached) / detached : 0;
 }
 
-/// Stiffness of the step with memory over that without: Prony branches and slider.
+/// Stiffness of the step with memory over that without: Prony branches, slider, and the steepest
+/// unloading of softened material.
 double memory_tangent(const EffectValues& effects, double step) {
-  return 1 + make_prony(effects, step).gains + effects.slider_ratio;
+  return (1 + 3 * effects.softening) * (1 + make_prony(effects, step).gains) + effects.slider_ratio;
 }
 
 /// Rows of A: -1 for fixed nodes, and the node of each row.
@@ -363,8 +364,8 @@ PanelFactor make_factor(const ElasticTissueModel& model, double stiffness, doubl
 
 void make_metric(ElasticTissueModel& model) {
   const FreeNodes free(model);
-  const SparseMatrix matrix = assemble(model, memory_tangent(model.effects, model.effective_step()),
-                                       1, free.row, free.count());
+  const SparseMatrix matrix =
+      assemble(model, memory_tangent(model.effects, model.substep()), 1, free.row, free.count());
   const double inverse_step2 = 1 / (model.effective_step() * model.effective_step());
   const auto entry = [&](int i, int j) {
     const int row = free.row[static_cast<std::size_t>(i)];
@@ -408,8 +409,7 @@ int ElasticTissueModel::factor_key(double stiffness_scale, const EffectValues& l
   // An effect may exceed the factor a little, as the step allows (up to 1.25): a small one then
   // changes the solution smoothly, without a jump to another factor.
   constexpr double kSlack = 1.12;
-  double tangent =
-      memory_tangent(lane, effective_step()) / memory_tangent(effects, effective_step());
+  double tangent = memory_tangent(lane, substep()) / memory_tangent(effects, substep());
   // In steps of two: a new factor now and then, not in every step.
   double level = 1;
   while (level * kSlack < peak && level < 4096) level *= 2;
@@ -461,7 +461,7 @@ std::shared_ptr<const PanelFactor> ElasticTissueModel::factor(int key) const {
   const std::lock_guard lock(mutex_);
   auto& factor = factors_[key];
   if (factor == nullptr) {
-    const double stiffness = key_stiffness(key) * memory_tangent(effects, effective_step());
+    const double stiffness = key_stiffness(key) * memory_tangent(effects, substep());
     factor = std::make_shared<const PanelFactor>(make_factor(*this, stiffness, key_density(key)));
   }
   return factor;

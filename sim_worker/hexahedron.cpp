@@ -179,14 +179,48 @@ StrainResponse slider(const PackTensor& E, const PackTensor& plastic, Pack modul
   return r;
 }
 
-/// Elastic part of the effects, of which the branches remember the history.
-void add_elastic_effects(const HexShape& shape, const std::array<Pack, 9>& F, const PackTensor& E,
-                         bool want_tangent, ElasticResponse<Pack>& out) {
+/// Energy that a point of energy W gives back, the integral of eta over 0 ... W for Wmax = `peak`,
+/// with its derivatives. With v and s of the law (HexEffects) and q = sqrt(1 + v^2) the integral of
+/// s (3 - s^2) / 2 over v is q - 1 / (2 q), its derivative 3 / (2 q^5).
+void soften(Pack share, Pack m, Pack peak, bool want_tangent, ElasticResponse<Pack>& out) {
+  const Pack scale = Pack(1.0) / (m + peak);
+  const Pack below = is_less(out.energy, peak);
+  const Pack v = below * scale * (peak - out.energy);
+  const Pack q = root(fma(v, v, Pack(1.0)));
+  const Pack s = v / q;
+  const Pack left = Pack(1.0) - share * Pack(0.5) * s * (Pack(3.0) - s * s);
+  if (want_tangent) {
+    const Pack q2 = q * q;
+    const Pack slope = below * share * scale * Pack(1.5) / (q2 * q2 * q);
+    for (int i = 0; i < 9; ++i) {
+      for (int k = 0; k < 9; ++k) {
+        Pack& a = out.tangent[9 * i + k];
+        a = fma(slope * out.stress[i], out.stress[k], left * a);
+      }
+    }
+  }
+  for (Pack& p : out.stress) p = left * p;
+  const auto integral = [](Pack root) { return root - Pack(0.5) / root; };
+  const Pack end = scale * peak;
+  const Pack whole = integral(root(fma(end, end, Pack(1.0))));
+  out.energy = out.energy - share / scale * (whole - integral(q));
+}
+
+/// Elastic part of the effects, of which the branches remember the history. Returns the energy of
+/// law and stiffening as if nothing were softened.
+Pack add_elastic_effects(const HexShape& shape, int point, const std::array<Pack, 9>& F,
+                         const PackTensor& E, bool want_tangent, ElasticResponse<Pack>& out) {
   const HexEffects& fx = *shape.effects;
   if (fx.stiffening != 0)
     add_strain_response(F, stiffening(E, Pack(fx.stiffening) * shape.mu), want_tangent, out);
+  const Pack energy = out.energy;
+  if (fx.softening > 0) {
+    soften(Pack(fx.softening), Pack(fx.softening_energy) * shape.mu,
+           fx.memory->energy_peak[point] * shape.mu, want_tangent, out);
+  }
   if (fx.fibre > 0)
     add_strain_response(F, fibres(E, fx.axis, Pack(fx.fibre) * shape.mu), want_tangent, out);
+  return energy;
 }
 
 /// Answer of material and effects to F at a Gauss point.
@@ -196,7 +230,7 @@ void point_response(pb::ElasticLaw law, const HexShape& shape, int point,
   if (shape.effects == nullptr) return;
   const HexEffects& fx = *shape.effects;
   const PackTensor E = green_strain(F);
-  add_elastic_effects(shape, F, E, want_tangent, out);
+  add_elastic_effects(shape, point, F, E, want_tangent, out);
   if (fx.branches) {
     const Pack more(1 + fx.gains);
     out.energy = more * out.energy;
@@ -399,9 +433,12 @@ void hex_remember(pb::ElasticLaw law, const HexShape& shape, const PronyStep& pr
       const Slide s = slide_of(E, memory.plastic[point], fx.yield);
       for (int k = 0; k < 9; ++k) memory.plastic[point][k] = E[k] - s.carried * s.off[k];
     }
-    if (!fx.branches) continue;
+    if (!fx.branches && !(fx.softening > 0)) continue;
     elastic_response(law, F, shape.mu, shape.lambda, false, response);
-    add_elastic_effects(shape, F, E, false, response);
+    const Pack energy = add_elastic_effects(shape, point, F, E, false, response);
+    if (fx.softening > 0)
+      memory.energy_peak[point] = at_least(memory.energy_peak[point], energy / shape.mu);
+    if (!fx.branches) continue;
     const PackTensor S = pulled_back(F, response.stress);
     for (std::size_t b = 0; b < static_cast<std::size_t>(prony.branches); ++b) {
       for (int k = 0; k < 9; ++k) {

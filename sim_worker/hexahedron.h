@@ -39,6 +39,7 @@ struct HexMemory {
   std::array<PackTensor, kHexPoints> stress;   ///< elastic, at the end of the last step
   std::array<PackTensor, kHexPoints> bias;     ///< what the Prony branches add in this step
   std::array<PackTensor, kHexPoints> plastic;  ///< strain at which the slider sits
+  std::array<Pack, kHexPoints> energy_peak;    ///< largest energy per volume / mu so far
   std::array<std::array<PackTensor, kHexPoints>, kMaxBranches> branch;
 };
 
@@ -46,17 +47,20 @@ struct HexMemory {
 ///
 ///   stiffening  c2 I^2,  I = 2 E:E                      E = (F^T F - I) / 2
 ///   fibres      Ef (taut(E4)),  taut' = (E4 + sqrt(E4^2 + w^2) - w) / 2,  E4 = a . E a, w = 1e-3
+///   softening   of law and stiffening: stress x eta(W), as softened_share() of the shell
+///               (elastic_effects.inl)
 ///   branches    (1 + gains) x all elastic stress + bias (sim_worker/tissue_effects.h)
 ///   slider      Ep |e|^2 / 2 up to |e| = yield, then Ep yield (|e| - yield / 2);  e = E - plastic
 struct HexEffects {
-  double stiffening = 0;             ///< c2
-  double fibre = 0;                  ///< Ef
-  std::array<double, 2> axis{1, 0};  ///< of the fibres in x_B, y_B
+  double stiffening = 0;                       ///< c2
+  double fibre = 0;                            ///< Ef
+  std::array<double, 2> axis{1, 0};            ///< of the fibres in x_B, y_B
+  double softening = 0, softening_energy = 1;  ///< share of the stress, m
   double gains = 0;
   bool branches = false;
   double slider = 0, yield = 1;  ///< Ep, strain
   const HexRest* rest = nullptr;
-  const HexMemory* memory = nullptr;  ///< needed for branches and slider
+  const HexMemory* memory = nullptr;  ///< needed for softening, branches and slider
 };
 
 /// Where four bricks are.

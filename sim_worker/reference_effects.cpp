@@ -56,6 +56,8 @@ bool ReferenceEffects::fits(const EffectValues& v) const {
   baked.jaw_roll = scene.jaw_roll;
   baked.jaw_tilt = scene.jaw_tilt;
   baked.air_drag = scene.air_drag;
+  baked.softening = scene.softening;
+  baked.softening_strain = scene.softening_strain;
   return baked == scene;
 }
 
@@ -78,6 +80,8 @@ void ReferenceEffects::set(const EffectValues& v) {
     fx.stiffening = v.stiffening;
     fx.fibre = 2 * (1 + nu) * v.fibre_ratio;
     fx.axis = {a.cos, a.sin};
+    fx.softening = v.softening;
+    fx.softening_energy = (1 + nu) * v.softening_strain * v.softening_strain;
     fx.branches = make_prony(v, 1).branches > 0;
     fx.slider = 2 * (1 + nu) * v.slider_ratio;
     fx.yield = v.slider_yield;

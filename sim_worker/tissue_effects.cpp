@@ -19,10 +19,11 @@ using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
 constexpr double kDegree = 3.14159265358979323846 / 180;
-// A constant loss factor eta from branches a factor r apart: each has g = 2 ln(r) eta / pi, since
-// the integral of w t / (1 + (w t)^2) over ln t is pi / 2.
 constexpr std::array<double, 3> kLossTimes = {0.5, 0.05, 0.005};  // [s]: 0.3 ... 30 Hz
-constexpr double kLossShare = 2 * 2.302585092994046 / 3.14159265358979323846;
+// Loss of an endless row of equal branches a factor r apart, sum over k of 1 / (2 cosh(ln(w r^k))):
+// its mean is pi / (2 ln r), and about it swing 2 / cosh(pi^2 / ln r) to first order (Poisson's
+// sum). Largest at w = 1 / t. For r = 10:
+constexpr double kLossRipple = 0.055;
 
 Matrix3d turn(double angle, const Vector3d& axis) {
   const trig::SinCos a = trig::sin_cos(angle);
@@ -62,7 +63,8 @@ bool EffectValues::same_structure(const EffectValues& o) const {
 }
 
 bool EffectValues::has_memory() const {
-  return share[0] > 0 || share[1] > 0 || share[2] > 0 || loss_factor > 0 || slider_ratio > 0;
+  return share[0] > 0 || share[1] > 0 || share[2] > 0 || loss_factor > 0 || slider_ratio > 0 ||
+         softening > 0;
 }
 
 double EffectValues::stiffness_at(const Vector3d& p) const {
@@ -129,6 +131,8 @@ EffectValues make_effects(const pb::TissueEffects& e, double poisson_ratio,
   v.jaw_roll = e.jaw_roll_deg() * kDegree;
   v.jaw_tilt = e.jaw_tilt_deg() * kDegree;
   v.air_drag = e.air_drag();
+  v.softening = e.mullins().softening();
+  v.softening_strain = e.mullins().strain();
 
   const EffectValues off;
   if (v.fibre_ratio == 0) v.fibre_angle = 0;
@@ -146,6 +150,7 @@ EffectValues make_effects(const pb::TissueEffects& e, double poisson_ratio,
     v.slip_force = off.slip_force;
     v.slip_loss = 0;
   }
+  if (v.softening == 0) v.softening_strain = off.softening_strain;
   if (v.anchor_free_from == v.anchor_free_to) v.anchor_free_from = v.anchor_free_to = 0;
 
   const double nu = poisson_ratio + v.poisson_change;
@@ -188,7 +193,8 @@ bool usable(const EffectValues& v, double poisson_ratio, std::span<const Vector3
          share(v.slider_ratio) && share(v.fibre_ratio) && share(v.adhesion) && share(v.suction) &&
          share(v.anchor_compliance) && share(v.grasp_compliance) && share(v.slip_speed) &&
          scale(v.slider_yield) && scale(v.inclusion_radius) && scale(v.adhesion_break) &&
-         scale(v.suction_reach) && scale(v.slip_force) && v.inclusion_change >= -0.95 &&
+         scale(v.suction_reach) && scale(v.slip_force) && share(v.softening) &&
+         v.softening <= 0.9 && scale(v.softening_strain) && v.inclusion_change >= -0.95 &&
          v.density_change >= -0.9 && v.density_change <= 4 && v.bending_change >= -0.95 &&
          v.stiffening >= -0.5 && std::fabs(v.stretch) <= 0.3 && nu >= 0 && nu <= 0.49 &&
          std::all_of(particles.begin(), particles.end(), [&](const Vector3d& p) {
@@ -283,6 +289,21 @@ Vector3d slip_of(const EffectValues& effects, const Vector3d& force, double stif
   return share * (size - effects.slip_force) / stiffness / size * force;
 }
 
+// The loss factor at w = 1 / t of each branch: sum g (x - eta x^2) / (1 + x^2) = eta, x = w t.
+std::array<double, 3> loss_shares(double loss_factor) {
+  const double eta = loss_factor * (1 + kLossRipple);
+  Matrix3d at;
+  for (int i = 0; i < 3; ++i) {
+    for (int k = 0; k < 3; ++k) {
+      const double x =
+          kLossTimes[static_cast<std::size_t>(k)] / kLossTimes[static_cast<std::size_t>(i)];
+      at(i, k) = (x - eta * x * x) / (1 + x * x);
+    }
+  }
+  const Vector3d share = at.inverse() * Vector3d::Constant(eta);
+  return {share[0], share[1], share[2]};
+}
+
 PronyStep make_prony(const EffectValues& effects, double h) {
   PronyStep step;
   const auto add = [&](double share, double time) {
@@ -295,7 +316,8 @@ PronyStep make_prony(const EffectValues& effects, double h) {
     step.gains += step.gain[k];
   };
   for (std::size_t k = 0; k < effects.share.size(); ++k) add(effects.share[k], effects.time[k]);
-  for (const double time : kLossTimes) add(kLossShare * effects.loss_factor, time);
+  const std::array<double, 3> loss = loss_shares(effects.loss_factor);
+  for (std::size_t k = 0; k < loss.size(); ++k) add(loss[k], kLossTimes[k]);
   return step;
 }
 

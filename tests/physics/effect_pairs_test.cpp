@@ -34,6 +34,7 @@ void set_all_to_zero(pb::TissueEffects& effects) {
   effects.mutable_inclusion()->set_x_m(0.003);
   effects.mutable_plastic_set()->set_yield_strain(0.3);
   effects.mutable_suction()->set_reach_m(0.002);
+  effects.mutable_mullins()->set_strain(0.3);
   effects.mutable_anchor()->set_free_to_m(effects.anchor().free_from_m());
 }
 
@@ -144,6 +145,7 @@ EffectValues lane_effects(int lane) {
     if (lane % 4 == 0 || name.find("anchor") != std::string::npos) continue;
     effect.set(effects, 0.3 + 0.7 * static_cast<double>(words[1]) * 0x1p-32);
   }
+  if (lane % 4 == 1) effects.mutable_mullins()->set_softening(0.1 + 0.04 * lane);
   return make_effects(effects, 0.4, {});
 }
 
@@ -240,6 +242,8 @@ TEST(EffectInput, PathsAreCheckedByNameAndRange) {
   set_effect(effects, "inclusion.x_m", 0.01);
   set_effect(effects, "viscoelastic[1].share", 0.2);
   set_effect(effects, "strain_stiffening", 2);
+  set_effect(effects, "mullins.softening", 0.4);
+  EXPECT_EQ(effects.mullins().softening(), 0.4);
   EXPECT_EQ(effects.inclusion().x_m(), 0.01);
   EXPECT_EQ(effects.viscoelastic(1).share(), 0.2);
   EXPECT_EQ(effects.viscoelastic(0).share(), 0);
@@ -247,6 +251,7 @@ TEST(EffectInput, PathsAreCheckedByNameAndRange) {
   for (const char* path : {"wobble", "inclusion", "inclusion.wobble", "viscoelastic[7].share"})
     EXPECT_THROW(set_effect(effects, path, 0), Error) << path;
   EXPECT_THROW(set_effect(effects, "strain_stiffening", 1e4), Error);
+  EXPECT_THROW(set_effect(effects, "mullins.softening", 1), Error);
 }
 
 }  // namespace

@@ -85,6 +85,11 @@ inline std::span<const NamedEffect> all_effects() {
          e.mutable_plastic_set()->set_modulus_ratio(0.5 * a);
          e.mutable_plastic_set()->set_yield_strain(0.005);
        }},
+      {"mullins",
+       [](E& e, double a) {
+         e.mutable_mullins()->set_softening(0.6 * a);
+         e.mutable_mullins()->set_strain(0.01);
+       }},
       {"inclusion",
        [](E& e, double a) {
          e.mutable_inclusion()->set_radius_m(0.006);
