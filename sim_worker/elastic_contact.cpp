@@ -36,6 +36,8 @@ void ElasticTissue<Real>::prepare_contacts() {
   capsule_sweep_.assign(W, Real{0});
   args_.free_mask = free_mask_.data();
   args_.plane_begin = plane_begin_.data();
+  args_.metric_begin = model_->structure.bending.begin.data();
+  args_.metric_node = model_->structure.bending.node.data();
   args_.metric = metric_.data();
   args_.key_stiffness = key_stiffness_.data();
   args_.own_stiffness = own_stiffness_.data();

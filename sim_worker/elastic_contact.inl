@@ -118,8 +118,8 @@ Bits sweep_contacts(const Args& args, bool backwards) {
     const Bits asked = args.free_mask[i] & args.lanes;
     if (asked == 0) continue;
     Lane3 sum = zero3();
-    for (int m = args.bend_begin[i]; m < args.bend_begin[i + 1]; ++m) {
-      const Lane3 e = load3(args.contact_motion + 3 * kLanes * args.bend_node[m]);
+    for (int m = args.metric_begin[i]; m < args.metric_begin[i + 1]; ++m) {
+      const Lane3 e = load3(args.contact_motion + 3 * kLanes * args.metric_node[m]);
       sum = fma(splat(args.metric[m]), e, sum);
     }
     Lane own = load(args.own_stiffness + kLanes * i);

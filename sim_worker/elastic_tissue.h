@@ -92,6 +92,7 @@ class ElasticTissue : public Tissue<Real> {
     return static_cast<std::size_t>((3 * i + axis) * kernel_.lanes + lane);
   }
   void load_mesh();
+  void load_stencils();
   const Factor& factor_of(int key);
   void group_lanes();
   void update_key(int lane);
@@ -123,10 +124,10 @@ class ElasticTissue : public Tissue<Real> {
   KernelArgs<Real> candidate_args_{};
 
   // Model in the kernel's precision.
-  AlignedVector<Real> mass_, bend_;
+  AlignedVector<Real> mass_;
   std::vector<MeshTriangle<Real>> mesh_;
-  std::vector<std::int32_t> curvature_begin_;
-  std::vector<CurvatureEntry<Real>> curvature_;
+  std::vector<BendStencil<Real>> stencil_;
+  std::vector<BendEntry<Real>> bend_entry_;
   std::map<int, Factor> factors_;
   std::vector<int> key_;  ///< per lane
   std::vector<KeyGroup> groups_;
