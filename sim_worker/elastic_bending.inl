@@ -39,15 +39,19 @@ struct Bend {
   Mask folded;   // |c| at its least
 };
 
+/// kAxes, kTwist: which of xx with yy and xy the stencil has.
+template <bool kAxes, bool kTwist>
 inline Bend find_bend(const Args& args, const omentum::BendStencil<Real>& stencil) {
   const Lane3 base = load3(args.moved + 3 * kLanes * stencil.base);
   Bend at{zero3(), zero3(), zero3(), zero3(), zero3(), zero3(), splat(Real{0}), to_mask(0)};
   for (int k = stencil.entry_begin; k < stencil.entry_end; ++k) {
     const auto& entry = args.bend_entry[k];
     const Lane3 to = load3(args.moved + 3 * kLanes * entry.node) - base;
-    at.xx = fma(splat(entry.weight[0]), to, at.xx);
-    at.yy = fma(splat(entry.weight[1]), to, at.yy);
-    at.xy = fma(splat(entry.weight[2]), to, at.xy);
+    if (kAxes) {
+      at.xx = fma(splat(entry.weight[0]), to, at.xx);
+      at.yy = fma(splat(entry.weight[1]), to, at.yy);
+    }
+    if (kTwist) at.xy = fma(splat(entry.weight[2]), to, at.xy);
     at.along_x = fma(splat(entry.weight[3]), to, at.along_x);
     at.along_y = fma(splat(entry.weight[4]), to, at.along_y);
   }
@@ -83,14 +87,31 @@ inline Moments relaxed_moments(const Args& args, Moments m, int s) {
   return select(to_mask(args.effects.prony), total, m);
 }
 
-void add_bending(const Args& args) {
-  for (int s = 0; s < args.stencils; ++s) {
+/// The face that touches is at x - face_height n when the sheet is pushed this way: half of its
+/// thickness [m], of the other sign on the other side and little where it is pushed at its rim.
+inline Lane face_height(const Args& args, Lane3 normal, Lane3 push) {
+  const Lane one = splat(Real{1});
+  const Lane steep = splat(Real{4}) * inverse_length(push) * dot(normal, push);
+  return splat(args.particle_radius) * max(splat(Real{0}) - one, min(one, steep));
+}
+
+template <bool kAxes, bool kTwist>
+void add_bending(const Args& args, int begin, int end) {
+  const Lane zero = splat(Real{0});
+  for (int s = begin; s < end; ++s) {
     const auto& stencil = args.stencil[s];
-    const Bend at = find_bend(args, stencil);
+    const Bend at = find_bend<kAxes, kTwist>(args, stencil);
     Moments m = elastic_moments(args, at, s);
     if (args.effects.prony != 0) m = relaxed_moments(args, m, s);
-    const Lane3 q = fma(m.xy, at.xy, fma(m.yy, at.yy, m.xx * at.xx));
-    const Lane along = select(at.folded, splat(Real{0}), dot(at.normal, q));
+    Lane3 q = zero3();
+    if (kAxes) q = fma(m.yy, at.yy, m.xx * at.xx);
+    if (kTwist) q = fma(m.xy, at.xy, q);
+    if (args.has_contact && s < args.nodes && args.contact_lanes[s] != 0) {
+      // A contact force works on the face: -push . d(x - height n).
+      const Lane3 push = load3(args.contact_force + 3 * kLanes * s);
+      q = fma(face_height(args, at.normal, push), push, q);
+    }
+    const Lane along = select(at.folded, zero, dot(at.normal, q));
     const Lane3 p = at.inverse * fnma(along, at.normal, q);
     const Lane3 on_x = cross(at.along_y, p);
     const Lane3 on_y = cross(p, at.along_x);
@@ -98,8 +119,9 @@ void add_bending(const Args& args) {
     Lane3 sum = zero3();
     for (int k = stencil.entry_begin; k < stencil.entry_end; ++k) {
       const auto& entry = args.bend_entry[k];
-      const Lane size = fma(splat(entry.weight[2]), m.xy,
-                            fma(splat(entry.weight[1]), m.yy, splat(entry.weight[0]) * m.xx));
+      Lane size = zero;
+      if (kAxes) size = fma(splat(entry.weight[1]), m.yy, splat(entry.weight[0]) * m.xx);
+      if (kTwist) size = fma(splat(entry.weight[2]), m.xy, size);
       const Lane3 force =
           fma(splat(entry.weight[4]), on_y, fma(splat(entry.weight[3]), on_x, size * at.normal));
       Real* const b = args.b + 3 * kLanes * entry.node;
@@ -111,13 +133,25 @@ void add_bending(const Args& args) {
   }
 }
 
+/// A grid has its twist in cells, a mesh all three at nodes.
+void add_bending(const Args& args) {
+  if (args.mesh != nullptr) return add_bending<true, true>(args, 0, args.stencils);
+  const int ny = args.count_y;
+  for (int ix = 0; ix < args.count_x; ++ix) {  // row by row: the nodes stay in the cache
+    add_bending<true, false>(args, ny * ix, ny * (ix + 1));
+    if (ix + 1 == args.count_x) continue;
+    const int cells = args.nodes + (ny - 1) * ix;
+    add_bending<false, true>(args, cells, cells + ny - 1);
+  }
+}
+
 /// End of a substep: the branches on the moments.
 void remember_bending(const Args& args) {
   const auto& fx = args.effects;
   const Mask lanes = to_mask(fx.prony);
   for (int s = 0; s < args.stencils; ++s) {
     const int at = 3 * kLanes * s;
-    const Moments now = elastic_moments(args, find_bend(args, args.stencil[s]), s);
+    const Moments now = elastic_moments(args, find_bend<true, true>(args, args.stencil[s]), s);
     const Moments old = load_moments(fx.moment + at);
     const Moments change = now - old;
     const Lane zero = splat(Real{0});

@@ -73,10 +73,10 @@ struct ElasticArgs {
   // Mesh, shared by all lanes.
   std::int32_t count_x, count_y;  ///< of a grid
   std::int32_t nodes, triangles;
-  const MeshTriangle<Real>* mesh;  ///< per triangle; null = the grid
-  const std::uint8_t* fixed;       ///< per node, 1 = anchored
-  const Real* mass;                ///< per node [kg]
-  const BendStencil<Real>* stencil;
+  const MeshTriangle<Real>* mesh;    ///< per triangle; null = the grid
+  const std::uint8_t* fixed;         ///< per node, 1 = anchored
+  const Real* mass;                  ///< per node [kg]
+  const BendStencil<Real>* stencil;  ///< the first ones are those of the nodes
   std::int32_t stencils;
   const BendEntry<Real>* bend_entry;
   bool second_order;    ///< BDF2 instead of backward Euler
@@ -134,6 +134,7 @@ struct ElasticArgs {
   const Real* own_compliance;    ///< 1 / own_stiffness [m/N]
   std::uint32_t* contact_lanes;  ///< per node: lanes in which it may touch in this control step
   Real* contact_motion;          ///< scratch [node][xyz][lane]: e [m]
+  Real* contact_lean;    ///< scratch [node][xyz][lane]: way of the face over that of its node [m]
   Real* contact_way;     ///< scratch [node][xyz][lane]: onto the deepest plane, without slip [m]
   Real* contact_before;  ///< scratch [node][xyz][lane]: forces before the change [N]
   const std::uint32_t* candidates;     ///< [node][shape] lane masks

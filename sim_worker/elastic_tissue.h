@@ -149,7 +149,8 @@ class ElasticTissue : public Tissue<Real> {
   std::vector<std::uint32_t> free_mask_, candidates_, candidate_any_, contact_lanes_, near_surface_;
   std::vector<std::int32_t> plane_begin_, plane_shape_;
   AlignedVector<Real> plane_, metric_, own_stiffness_, own_compliance_, key_stiffness_,
-      contact_motion_, contact_way_, contact_before_, capsule_, capsule_motion_, capsule_sweep_;
+      contact_motion_, contact_lean_, contact_way_, contact_before_, capsule_, capsule_motion_,
+      capsule_sweep_;
 };
 
 extern template class ElasticTissue<float>;

@@ -97,13 +97,10 @@ std::vector<PlateStencil> grid_stencils(std::span<const Vector3d> nodes, int cou
                                         double pitch, const IsClamped& is_clamped) {
   const GridStencils grid{nodes, count_x, count_y, pitch, is_clamped};
   std::vector<PlateStencil> stencils;
-  for (int ix = 0; ix < count_x; ++ix) {
-    for (int iy = 0; iy < count_y; ++iy) {
-      const bool corner = (ix == 0 || ix + 1 == count_x) && (iy == 0 || iy + 1 == count_y);
-      if (!corner) stencils.push_back(grid.of_node(ix, iy));
-      if (ix + 1 < count_x && iy + 1 < count_y) stencils.push_back(grid.of_cell(ix, iy));
-    }
-  }
+  for (int ix = 0; ix < count_x; ++ix)
+    for (int iy = 0; iy < count_y; ++iy) stencils.push_back(grid.of_node(ix, iy));
+  for (int ix = 0; ix + 1 < count_x; ++ix)
+    for (int iy = 0; iy + 1 < count_y; ++iy) stencils.push_back(grid.of_cell(ix, iy));
   return stencils;
 }
 

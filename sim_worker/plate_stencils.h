@@ -37,8 +37,11 @@ struct PlateStencil {
 /// Whether a node of this number is clamped.
 using IsClamped = std::function<bool(std::int32_t)>;
 
-/// Of a grid, node = count_y ix + iy. The bending moment across a free rim is zero, so that rows on
-/// the rim are beams, half a cell wide; the twist is that of each cell.
+// The first stencils are those of the nodes in their order: each gives the normal there too.
+
+/// Of a grid, node = count_y ix + iy; those of the cells follow. The bending moment across a free
+/// rim is zero, so that rows on the rim are beams, half a cell wide, and corners do not bend; the
+/// twist is that of each cell.
 std::vector<PlateStencil> grid_stencils(std::span<const Eigen::Vector3d> nodes, int count_x,
                                         int count_y, double pitch, const IsClamped& is_clamped);
 
