@@ -31,17 +31,21 @@ void ElasticTissue<Real>::prepare_contacts() {
   for (const double v : model_->metric) metric_.push_back(static_cast<Real>(v));
   key_stiffness_.assign(W, Real{1});
   for (auto* v : {&own_stiffness_, &own_compliance_}) v->assign(n * W, Real{0});
-  for (auto* v : {&contact_motion_, &contact_way_, &contact_before_}) v->assign(3 * n * W, Real{0});
+  for (auto* v : {&contact_motion_, &contact_lean_, &contact_way_, &contact_before_})
+    v->assign(3 * n * W, Real{0});
   for (auto* v : {&capsule_, &capsule_motion_}) v->assign(3 * W, Real{0});
   capsule_sweep_.assign(W, Real{0});
   args_.free_mask = free_mask_.data();
   args_.plane_begin = plane_begin_.data();
+  args_.metric_begin = model_->structure.bending.begin.data();
+  args_.metric_node = model_->structure.bending.node.data();
   args_.metric = metric_.data();
   args_.key_stiffness = key_stiffness_.data();
   args_.own_stiffness = own_stiffness_.data();
   args_.own_compliance = own_compliance_.data();
   args_.contact_lanes = contact_lanes_.data();
   args_.contact_motion = contact_motion_.data();
+  args_.contact_lean = contact_lean_.data();
   args_.contact_way = contact_way_.data();
   args_.contact_before = contact_before_.data();
   args_.contact_tolerance = static_cast<Real>(kContactTolerance);

@@ -7,6 +7,9 @@
 // Projected Gauss-Seidel on the sparse A finds df; an exact solve then gives e = A^-1 df, so that
 // momentum is kept whatever the sweeps have left.
 //
+// Friction is that of the face of the sheet, half its thickness from the nodes: on its slip, and
+// with its lever on the sheet (add_bending), which follows in the next substep.
+//
 // A surface that gives way is one more shape, rigid to the sweeps; the exact response is then that
 // of both bodies, and takes a smaller share of what the sweeps wanted (docs/decisions/0020).
 
@@ -15,6 +18,33 @@ namespace {
 /// Whether a node may touch the surface that gives way in some lane.
 inline bool may_touch_surface(const Args& args, int i) {
   return args.surface.active && (args.candidate_any[i] >> args.shapes & 1U) != 0;
+}
+
+/// The face of a node further off [m] has not begun to rub: how it leans does not matter yet.
+constexpr double kNearContact = 2e-4;
+
+/// How the normal at a node turns from x to x + d; `normal` is that at x + d.
+inline Lane3 find_turn(const Args& args, int node, Lane3& normal) {
+  const auto& stencil = args.stencil[node];
+  const Lane3 x = load3(args.x + 3 * kLanes * stencil.base);
+  const Lane3 d = load3(args.d + 3 * kLanes * stencil.base);
+  Lane3 x_before = zero3();
+  Lane3 y_before = zero3();
+  Lane3 x_change = zero3();
+  Lane3 y_change = zero3();
+  for (int k = stencil.entry_begin; k < stencil.entry_end; ++k) {
+    const auto& entry = args.bend_entry[k];
+    const Lane3 to = load3(args.x + 3 * kLanes * entry.node) - x;
+    const Lane3 change = load3(args.d + 3 * kLanes * entry.node) - d;
+    x_before = fma(splat(entry.weight[3]), to, x_before);
+    y_before = fma(splat(entry.weight[4]), to, y_before);
+    x_change = fma(splat(entry.weight[3]), change, x_change);
+    y_change = fma(splat(entry.weight[4]), change, y_change);
+  }
+  const Lane3 before = cross(x_before, y_before);
+  const Lane3 after = cross(x_before + x_change, y_before + y_change);
+  normal = inverse_length(after) * after;
+  return normal - inverse_length(before) * before;
 }
 
 /// Planes of the shapes at the present place x + d of each node that may touch; e = 0.
@@ -31,6 +61,7 @@ void place_contacts(const Args& args) {
     const Lane3 p = load3(args.x + k) + d;
     Lane deepest = splat(static_cast<Real>(-1e30));
     Lane3 way = zero3();
+    Lane3 facing = zero3();
     for (int n = args.plane_begin[i]; n < end; ++n) {
       const int shape = args.plane_shape[n];
       const Real* const found = args.surface.plane + 4 * kLanes * i;
@@ -50,9 +81,18 @@ void place_contacts(const Args& args) {
           both(deepest < depth, to_mask(args.candidates[i * omentum::kMaxShapes + shape]));
       way = select(deeper, fma(depth + dot(slip, surface.normal), surface.normal, zero3() - slip),
                    way);
+      facing = select(deeper, surface.normal, facing);
       deepest = select(deeper, depth, deepest);
     }
-    store3(args.contact_way + k, way);
+    const Mask near = splat(static_cast<Real>(-kNearContact)) < deepest;
+    Lane3 lean = zero3();
+    if (to_bits(near) != 0) {
+      Lane3 normal = zero3();
+      const Lane3 turn = find_turn(args, i, normal);
+      lean = select(near, zero3() - face_height(args, normal, facing) * turn, lean);
+    }
+    store3(args.contact_way + k, way - fnma(dot(lean, facing), facing, lean));
+    store3(args.contact_lean + k, lean);
   }
 }
 
@@ -60,7 +100,9 @@ void place_contacts(const Args& args) {
 /// `off_surface` is the part of the way that the surface which gives way is the cause of.
 inline Lane3 hold_back(const Args& args, int i, Lane3 free, Lane3& off_surface) {
   const Lane zero = splat(Real{0});
-  const Lane3 from = zero3() - load3(args.d + 3 * kLanes * i);
+  // Where the face was: friction is on its slip, not on that of the node.
+  const Lane3 from =
+      zero3() - (load3(args.d + 3 * kLanes * i) + load3(args.contact_lean + 3 * kLanes * i));
   Lane3 motion = free;
   for (int n = args.plane_begin[i]; n < args.plane_begin[i + 1]; ++n) {
     const Lane3 normal = load3(args.plane + 4 * kLanes * n + kLanes);
@@ -118,8 +160,8 @@ Bits sweep_contacts(const Args& args, bool backwards) {
     const Bits asked = args.free_mask[i] & args.lanes;
     if (asked == 0) continue;
     Lane3 sum = zero3();
-    for (int m = args.bend_begin[i]; m < args.bend_begin[i + 1]; ++m) {
-      const Lane3 e = load3(args.contact_motion + 3 * kLanes * args.bend_node[m]);
+    for (int m = args.metric_begin[i]; m < args.metric_begin[i + 1]; ++m) {
+      const Lane3 e = load3(args.contact_motion + 3 * kLanes * args.metric_node[m]);
       sum = fma(splat(args.metric[m]), e, sum);
     }
     Lane own = load(args.own_stiffness + kLanes * i);

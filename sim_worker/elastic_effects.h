@@ -12,7 +12,7 @@ namespace omentum {
 template <typename Real>
 struct ElasticEffectArgs {
   bool membrane;  ///< some lane needs the general membrane
-  std::uint32_t stiffening, softening, fibres, prony, slider, curvature, drag;
+  std::uint32_t stiffening, softening, fibres, prony, slider, drag;
   std::uint32_t bonds;     ///< cohesive springs: adhesion or anchors
   std::uint32_t adhesion;  ///< lanes whose nodes bond on touch
   std::uint32_t film;
@@ -20,9 +20,9 @@ struct ElasticEffectArgs {
   std::int32_t branches;  ///< most Prony branches of any lane
 
   // Maps; null = as the model's own.
-  const Real* mass;  ///< [node][lane], without density [kg]
-  const Real* bend;  ///< [entry][lane]
-  const Real* cell;  ///< [cell][shear, area][lane] [N/m]
+  const Real* mass;   ///< [node][lane], without density [kg]
+  const Real* plate;  ///< [stencil][as BendStencil::stiffness][lane]
+  const Real* cell;   ///< [cell][shear, area][lane] [N/m]
 
   // Parameters, [lane].
   const Real* shear;             ///< 2 mu t / 2 [N/m]
@@ -40,9 +40,9 @@ struct ElasticEffectArgs {
   const Real* prony_gain;        ///< [branch][lane]
   const Real* slider_scale;      ///< Ep / (2 mu)
   const Real* slider_yield;
-  const Real* moment;  ///< [inner x, inner y, rim x, rim y, twist][lane] of the rest curvature [N]
-  const Real* node_moment;     ///< of a mesh: [node][xx, yy, xy][lane], times the area [N m^2]
-  const Real* drag_scale;      ///< Cd rho / 2 [kg/m^3]
+  const Real* rest_moment;  ///< [stencil][xx, yy, xy][lane] of the rest curvature, times the area
+                            ///< [N m^2]; null = flat at rest in every lane
+  const Real* drag_scale;   ///< Cd rho / 2 [kg/m^3]
   const Real* adhesion_scale;  ///< [Pa/m]
   const Real* adhesion_limit;  ///< [m]
   const Real* anchor_limit;    ///< [m]
@@ -54,20 +54,19 @@ struct ElasticEffectArgs {
   const Real* anchor;             ///< [node][lane] fresh spring [N/m]
 
   // Memory.
-  Real* stress;        ///< [triangle][xx, xy, yy][lane]: elastic, at the end of the last substep
-  Real* branch;        ///< [branch][triangle][xx, xy, yy][lane]
-  Real* bias;          ///< [triangle][..][lane]: what the branches add in the next substep
-  Real* plastic;       ///< [triangle][..][lane]: strain at which the slider sits
-  Real* energy_peak;   ///< [triangle][lane]: largest energy per volume / (2 mu) so far
-  Real* bend_force;    ///< [node][xyz][lane]: elastic bending force, last substep
-  Real* bend_branch;   ///< [branch][node][xyz][lane]
-  Real* bend_bias;     ///< [node][xyz][lane]
-  Real* bond_place;    ///< [node][xyz][lane]: where the spring is fixed in W [m]
-  Real* bond_longest;  ///< [node][lane]: longest stretch so far [m], -1 = no spring
-  Real* film_now;      ///< scratch [node][lane]: drag over step at the start of the substep [N/m]
-  Real* film_normal;   ///< scratch [node][xyz][lane]
-  Real* node_normal;   ///< scratch [node][xyz][lane], of a mesh, not of unit length
-  Real* peak;          ///< [lane]: largest tangent over nominal stiffness in this substep
+  Real* stress;         ///< [triangle][xx, xy, yy][lane]: elastic, at the end of the last substep
+  Real* branch;         ///< [branch][triangle][xx, xy, yy][lane]
+  Real* bias;           ///< [triangle][..][lane]: what the branches add in the next substep
+  Real* plastic;        ///< [triangle][..][lane]: strain at which the slider sits
+  Real* energy_peak;    ///< [triangle][lane]: largest energy per volume / (2 mu) so far
+  Real* moment;         ///< [stencil][xx, yy, xy][lane]: elastic, at the end of the last substep
+  Real* moment_branch;  ///< [branch][stencil][xx, yy, xy][lane]
+  Real* moment_bias;    ///< [stencil][..][lane]: what the branches add in the next substep
+  Real* bond_place;     ///< [node][xyz][lane]: where the spring is fixed in W [m]
+  Real* bond_longest;   ///< [node][lane]: longest stretch so far [m], -1 = no spring
+  Real* film_now;       ///< scratch [node][lane]: drag over step at the start of the substep [N/m]
+  Real* film_normal;    ///< scratch [node][xyz][lane]
+  Real* peak;           ///< [lane]: largest tangent over nominal stiffness in this substep
 
   // Scratch of the solve with springs, [node][xyz][lane] and [lane].
   Real *rest, *direction, *metric_direction, *solution, *answer, *last_product;

@@ -180,33 +180,6 @@ inline void remember_triangle(const Args& args, Stress c, Lane shear, Stress s, 
   }
 }
 
-/// Bending with memory: the branches on the bending force of a node.
-inline Lane3 relaxed_bending(const Args& args, int i, Lane3 bending) {
-  const Lane3 bias = load3(args.effects.bend_bias + 3 * kLanes * i);
-  const Lane3 total = fma(load(args.effects.prony_gains), bending, bending) + bias;
-  return select(to_mask(args.effects.prony), total, bending);
-}
-
-inline void remember_bending(const Args& args, int i, Lane3 bending) {
-  const auto& fx = args.effects;
-  const Mask lanes = to_mask(fx.prony);
-  const int at = 3 * kLanes * i;
-  const Lane3 old = load3(fx.bend_force + at);
-  const Lane3 change = bending - old;
-  Lane3 bias = zero3();
-  for (int k = 0; k < fx.branches; ++k) {
-    Real* const memory = fx.bend_branch + 3LL * kLanes * args.nodes * k + at;
-    const Lane keep = load(fx.prony_keep + k * kLanes);
-    const Lane gain = load(fx.prony_gain + k * kLanes);
-    const Lane3 before = load3(memory);
-    const Lane3 now = fma(gain, change, keep * before);
-    store3(memory, select(lanes, now, before));
-    bias = fma(keep, now, fnma(gain, bending, bias));
-  }
-  store3(fx.bend_force + at, select(lanes, bending, old));
-  store3(fx.bend_bias + at, select(lanes, bias, load3(fx.bend_bias + at)));
-}
-
 // ---------------------------------------------------------------------------------------------------------------------
 // Forces on nodes.
 
@@ -215,79 +188,6 @@ inline void add_force(const Args& args, int i, Bits lanes, Lane3 force) {
   Real* const b = args.b + 3 * kLanes * i;
   const Lane3 before = load3(b);
   store3(b, select(to_mask(lanes), before - force, before));
-}
-
-inline Lane3 unit_normal(Lane3 along_x, Lane3 along_y) {
-  const Lane3 n = cross(along_x, along_y);
-  return inverse_length(n) * n;
-}
-
-/// Rest curvature: the plate energy of sum c x - k0 n instead of sum c x. The normal n turns with
-/// the sheet; its own derivative is left out, it is of second order where the sheet is bent as it
-/// wants to be. At a clamp edge the stencil is half a cell of twice the curvature, so k0 counts
-/// once there, as elsewhere, though the plate counts twice.
-void add_curvature_forces(const Args& args) {
-  const Bits lanes = args.effects.curvature;
-  const Real* const moment = args.effects.moment;
-  const int ny = args.count_y;
-  const auto at = [&](int i) { return load3(args.moved + 3 * kLanes * i); };
-  for (int ix = 0; ix < args.count_x; ++ix) {
-    for (int iy = 0; iy < ny; ++iy) {
-      const int i = ny * ix + iy;
-      const bool inside_x = ix > 0 && ix + 1 < args.count_x;
-      const bool inside_y = iy > 0 && iy + 1 < ny;
-      const bool inside = inside_x && inside_y;
-      const Lane3 along_x = at(ix + 1 < args.count_x ? i + ny : i) - at(ix > 0 ? i - ny : i);
-      const Lane3 along_y = at(iy + 1 < ny ? i + 1 : i) - at(iy > 0 ? i - 1 : i);
-      const Lane3 n = unit_normal(along_x, along_y);
-      const auto press = [&](int stride, int row) {
-        const Lane3 force = load(moment + row * kLanes) * n;
-        add_force(args, i - stride, lanes, force);
-        add_force(args, i + stride, lanes, force);
-        add_force(args, i, lanes, splat(Real{-2}) * force);
-      };
-      if (inside_x) press(ny, inside ? 0 : 2);
-      if (inside_y) press(1, inside ? 1 : 3);
-      if (ix + 1 < args.count_x && iy + 1 < ny) {
-        const Lane3 cell = unit_normal(at(i + ny + 1) - at(i) + (at(i + ny) - at(i + 1)),
-                                       at(i + ny + 1) - at(i) - (at(i + ny) - at(i + 1)));
-        const Lane3 force = load(moment + 4 * kLanes) * cell;
-        add_force(args, i, lanes, force);
-        add_force(args, i + ny + 1, lanes, force);
-        add_force(args, i + 1, lanes, zero3() - force);
-        add_force(args, i + ny, lanes, zero3() - force);
-      }
-    }
-  }
-}
-
-/// The same on a mesh, whose rest shape may be curved.
-void add_mesh_curvature_forces(const Args& args) {
-  const auto& fx = args.effects;
-  for (int i = 0; i < args.nodes; ++i) store3(fx.node_normal + 3 * kLanes * i, zero3());
-  for (int t = 0; t < args.triangles; ++t) {
-    const std::int32_t* const node = args.mesh[t].node;
-    const Lane3 origin = load3(args.moved + 3 * kLanes * node[0]);
-    const Lane3 n = cross(load3(args.moved + 3 * kLanes * node[1]) - origin,
-                          load3(args.moved + 3 * kLanes * node[2]) - origin);
-    for (int k = 0; k < 3; ++k) {
-      Real* const sum = fx.node_normal + 3 * kLanes * node[k];
-      store3(sum, load3(sum) + n);
-    }
-  }
-  for (int i = 0; i < args.nodes; ++i) {
-    const Lane3 sum = load3(fx.node_normal + 3 * kLanes * i);
-    const Lane3 n = inverse_length(sum) * sum;
-    const Lane xx = load(fx.node_moment + 3 * kLanes * i);
-    const Lane yy = load(fx.node_moment + 3 * kLanes * i + kLanes);
-    const Lane xy = load(fx.node_moment + 3 * kLanes * i + 2 * kLanes);
-    for (int k = args.curvature_begin[i]; k < args.curvature_begin[i + 1]; ++k) {
-      const auto& entry = args.curvature[k];
-      const Lane size = fma(splat(entry.weight[2]), xy,
-                            fma(splat(entry.weight[1]), yy, splat(entry.weight[0]) * xx));
-      add_force(args, entry.node, fx.curvature, size * n);
-    }
-  }
 }
 
 void add_drag_forces(const Args& args) {
@@ -336,8 +236,6 @@ void add_film_forces(const Args& args) {
 }
 
 void add_node_effects(const Args& args) {
-  if (args.effects.curvature != 0 && args.mesh == nullptr) add_curvature_forces(args);
-  if (args.effects.curvature != 0 && args.mesh != nullptr) add_mesh_curvature_forces(args);
   if (args.effects.drag != 0) add_drag_forces(args);
   if (args.effects.bonds != 0) add_bond_forces(args);
   if (args.effects.film != 0) add_film_forces(args);

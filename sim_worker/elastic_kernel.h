@@ -35,11 +35,24 @@ struct MeshTriangle {
   Real inverse[4];  ///< xx, xy, yx, yy: leg x = xx edge 1 + yx edge 2
 };
 
-/// One node of a curvature stencil.
+/// The normal of a stencil is the cross product of its tangents over its length, 1 at rest, or over
+/// this where a fold has brought it below: there it would turn with nothing to hold it.
+inline constexpr double kLeastNormal = 0.1;
+
+/// A stencil of the plate (plate_stencils.h): curvatures xx, yy, xy from the places of its nodes
+/// relative to `base`.
 template <typename Real>
-struct CurvatureEntry {
+struct BendStencil {
+  std::int32_t base;
+  std::int32_t entry_begin, entry_end;  ///< in ElasticArgs::bend_entry
+  Real stiffness[4];  ///< moments per curvature xx, yy, xx by yy, xy, times the area [N m^3]
+};
+
+/// Another node of a stencil.
+template <typename Real>
+struct BendEntry {
   std::int32_t node;
-  Real weight[3];  ///< of the second derivatives xx, yy, xy [1/m^2]
+  Real weight[5];  ///< of the second derivatives xx, yy, xy [1/m^2] and the tangents x, y [1/m]
 };
 
 /// A surface that gives way: one more contact shape, whose number is ElasticArgs::shapes. Its near
@@ -60,14 +73,12 @@ struct ElasticArgs {
   // Mesh, shared by all lanes.
   std::int32_t count_x, count_y;  ///< of a grid
   std::int32_t nodes, triangles;
-  const MeshTriangle<Real>* mesh;         ///< per triangle; null = the grid
-  const std::int32_t* curvature_begin;    ///< of a mesh: per node, nodes + 1
-  const CurvatureEntry<Real>* curvature;  ///< of a mesh
-  const std::uint8_t* fixed;              ///< per node, 1 = anchored
-  const Real* mass;                       ///< per node [kg]
-  const std::int32_t* bend_begin;         ///< per node, nodes + 1: row of the bending matrix
-  const std::int32_t* bend_node;
-  const Real* bend;     ///< off-diagonal entries, nominal stiffness [N/m]
+  const MeshTriangle<Real>* mesh;    ///< per triangle; null = the grid
+  const std::uint8_t* fixed;         ///< per node, 1 = anchored
+  const Real* mass;                  ///< per node [kg]
+  const BendStencil<Real>* stencil;  ///< the first ones are those of the nodes
+  std::int32_t stencils;
+  const BendEntry<Real>* bend_entry;
   bool second_order;    ///< BDF2 instead of backward Euler
   Real effective_step;  ///< h, or 2 h / 3 for BDF2 [s]
   Real inverse_step;    ///< 1 / effective step [1/s]
@@ -113,14 +124,17 @@ struct ElasticArgs {
   // Contact: planes of nodes and shapes that may touch in some lane, by nodes.
   const std::int32_t* plane_begin;  ///< per node, nodes + 1
   const std::int32_t* plane_shape;
-  Real* plane;                     ///< scratch [plane][depth of x + d, normal xyz][lane] [m]
-  const std::uint32_t* free_mask;  ///< per node: lanes in which neither anchor nor grasp holds it
-  const Real* metric;              ///< off-diagonal of A at nominal E, entries as those of `bend`
-  const Real* key_stiffness;       ///< per lane: E of its factor / nominal E
-  const Real* own_stiffness;       ///< diagonal of A [node][lane] [N/m]
-  const Real* own_compliance;      ///< 1 / own_stiffness [m/N]
-  std::uint32_t* contact_lanes;    ///< per node: lanes in which it may touch in this control step
-  Real* contact_motion;            ///< scratch [node][xyz][lane]: e [m]
+  Real* plane;                       ///< scratch [plane][depth of x + d, normal xyz][lane] [m]
+  const std::uint32_t* free_mask;    ///< per node: lanes in which neither anchor nor grasp holds it
+  const std::int32_t* metric_begin;  ///< per node, nodes + 1: row of `metric`
+  const std::int32_t* metric_node;
+  const Real* metric;            ///< off-diagonal of A at nominal E [N/m]
+  const Real* key_stiffness;     ///< per lane: E of its factor / nominal E
+  const Real* own_stiffness;     ///< diagonal of A [node][lane] [N/m]
+  const Real* own_compliance;    ///< 1 / own_stiffness [m/N]
+  std::uint32_t* contact_lanes;  ///< per node: lanes in which it may touch in this control step
+  Real* contact_motion;          ///< scratch [node][xyz][lane]: e [m]
+  Real* contact_lean;    ///< scratch [node][xyz][lane]: way of the face over that of its node [m]
   Real* contact_way;     ///< scratch [node][xyz][lane]: onto the deepest plane, without slip [m]
   Real* contact_before;  ///< scratch [node][xyz][lane]: forces before the change [N]
   const std::uint32_t* candidates;     ///< [node][shape] lane masks

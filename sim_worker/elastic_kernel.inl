@@ -25,6 +25,7 @@ inline Lane3 fnma(Lane s, Lane3 a, Lane3 c) {
 }  // namespace
 
 #include "sim_worker/contact.inl"
+#include "sim_worker/elastic_bending.inl"
 #include "sim_worker/elastic_effects.inl"
 
 namespace {
@@ -52,24 +53,9 @@ void start_substep(const Args& args) {
 // ---------------------------------------------------------------------------------------------------------------------
 // Residual.
 
-/// Bending is a constant matrix whose rows sum to zero, so it acts on differences: what a node gets
-/// its neighbour loses, to the last bit.
-inline Lane3 bending_gradient(const Args& args, int i) {
-  const Lane3 x = load3(args.moved + 3 * kLanes * i);
-  const Real* const lanes = args.effects.bend;
-  Lane3 bending = zero3();
-  for (int k = args.bend_begin[i]; k < args.bend_begin[i + 1]; ++k) {
-    const Lane3 to = load3(args.moved + 3 * kLanes * args.bend_node[k]) - x;
-    const Lane entry = lanes == nullptr ? splat(args.bend[k]) : load(lanes + kLanes * k);
-    bending = fma(entry, to, bending);
-  }
-  return bending;
-}
-
-/// Inertia, gravity, contact and bending of each node.
+/// Inertia, gravity and contact of each node.
 void load_node_forces(const Args& args) {
   const Lane3 gravity = load3(args.gravity);
-  const Lane stiffness = load(args.stiffness);
   const Lane density = load(args.effects.density);
   const Lane inverse_step2 = splat(args.inverse_step * args.inverse_step);
   for (int i = 0; i < args.nodes; ++i) {
@@ -77,8 +63,6 @@ void load_node_forces(const Args& args) {
       store3(args.b + 3 * kLanes * i, zero3());
       continue;
     }
-    Lane3 bending = bending_gradient(args, i);
-    if (args.effects.prony != 0) bending = relaxed_bending(args, i, bending);
     const Lane mass =
         density *
         (args.effects.mass == nullptr ? splat(args.mass[i]) : load(args.effects.mass + kLanes * i));
@@ -88,7 +72,7 @@ void load_node_forces(const Args& args) {
       const Lane3 d = load3(args.d + 3 * kLanes * i);
       force = fma(mass * inverse_step2, d - inertial_displacement(args, i), force);
     }
-    store3(args.b + 3 * kLanes * i, fma(stiffness, bending, force));
+    store3(args.b + 3 * kLanes * i, force);
   }
 }
 
@@ -216,6 +200,7 @@ void find_residual(const Args& args) {
     store3(args.moved + 3 * kLanes * i, moved);
   }
   load_node_forces(args);
+  add_bending(args);
   add_membrane(args);
   add_node_effects(args);
 }
@@ -269,10 +254,7 @@ void remember_effects(const Args& args) {
   if (fx.bonds != 0) remember_bonds(args);
   if ((fx.prony | fx.slider | fx.stiffening | fx.softening) == 0) return;
   remember_membrane(args);
-  if (fx.prony == 0) return;
-  for (int i = 0; i < args.nodes; ++i) {
-    if (args.fixed[i] == 0) remember_bending(args, i, bending_gradient(args, i));
-  }
+  if (fx.prony != 0) remember_bending(args);
 }
 
 // ---------------------------------------------------------------------------------------------------------------------

@@ -43,7 +43,6 @@ ElasticLaneEffects<Real>::ElasticLaneEffects(std::shared_ptr<const ElasticTissue
   fibre_axes_.assign(3 * W, Real{0});
   prony_keep_.assign(kMaxBranches * W, Real{0});
   prony_gain_.assign(kMaxBranches * W, Real{0});
-  moment_.assign(5 * W, Real{0});
   for (const double a : model_->node_area) node_area_.push_back(real<Real>(a));
   args_.shear = shear_.data();
   args_.area = area_.data();
@@ -60,7 +59,6 @@ ElasticLaneEffects<Real>::ElasticLaneEffects(std::shared_ptr<const ElasticTissue
   args_.prony_gain = prony_gain_.data();
   args_.slider_scale = slider_.data();
   args_.slider_yield = yield_.data();
-  args_.moment = moment_.data();
   args_.drag_scale = drag_.data();
   args_.adhesion_scale = adhesion_.data();
   args_.adhesion_limit = adhesion_limit_.data();
@@ -122,25 +120,6 @@ void ElasticLaneEffects<Real>::set(int lane, const EffectValues& v, double stiff
   }
   slider_[l] = real<Real>(v.slider_ratio * (1 + nu));
   yield_[l] = real<Real>(v.slider_yield);
-  const double t = model_->thickness;
-  const double beam = stiffness_scale * model_->material.bending_scale() * (1 + v.bending_change) *
-                      model_->material.young_modulus_pa() * t * t * t / 12;
-  const double plate = beam / (1 - nu * nu);
-  moment_[l] = real<Real>(plate * (v.curvature_x + nu * v.curvature_y));
-  moment_[W + l] = real<Real>(plate * (v.curvature_y + nu * v.curvature_x));
-  moment_[2 * W + l] = real<Real>(0.5 * beam * v.curvature_x);
-  moment_[3 * W + l] = real<Real>(0.5 * beam * v.curvature_y);
-  moment_[4 * W + l] = real<Real>(2 * (1 - nu) * plate * v.twist);
-  if (model_->is_mesh()) {
-    const std::vector<Eigen::Vector3d> moments = model_->make_moments(v);
-    node_moment_.resize(3 * W * moments.size());
-    for (std::size_t i = 0; i < moments.size(); ++i) {
-      for (int axis = 0; axis < 3; ++axis) {
-        node_moment_[at(static_cast<int>(i), axis, lane)] =
-            real<Real>(stiffness_scale * moments[i][axis]);
-      }
-    }
-  }
   drag_[l] = real<Real>(0.5 * v.air_drag * kAirDensity);
   adhesion_[l] = real<Real>(v.adhesion);
   adhesion_limit_[l] = real<Real>(v.adhesion_break);
@@ -150,6 +129,7 @@ void ElasticLaneEffects<Real>::set(int lane, const EffectValues& v, double stiff
   film_reach_[l] = real<Real>(v.suction_reach);
   set_masks();
   set_maps();
+  set_rest_moments(lane);
   if (args_.bonds != 0) {
     const std::vector<double> spring = model_->make_anchor(v);
     for (std::size_t i = 0; i < spring.size(); ++i) {
@@ -172,10 +152,6 @@ void ElasticLaneEffects<Real>::set_masks() {
   args_.fibres = mask([](const EffectValues& v) { return v.fibre_ratio > 0; });
   args_.slider = mask([](const EffectValues& v) { return v.slider_ratio > 0; });
   args_.prony = mask([](const EffectValues& v) { return make_prony(v, 1).branches > 0; });
-  const bool curved = model_->is_curved();
-  args_.curvature = mask([curved](const EffectValues& v) {
-    return curved || v.curvature_x != 0 || v.curvature_y != 0 || v.twist != 0;
-  });
   args_.drag = mask([](const EffectValues& v) { return v.air_drag > 0; });
   args_.adhesion = mask([](const EffectValues& v) { return v.adhesion > 0; });
   args_.film = mask([](const EffectValues& v) { return v.suction > 0; });
@@ -188,11 +164,12 @@ void ElasticLaneEffects<Real>::set_masks() {
   const auto W = static_cast<std::size_t>(lanes_);
   const auto nodes = 3 * W * static_cast<std::size_t>(model_->nodes());
   const auto triangles = 3 * W * static_cast<std::size_t>(model_->triangles());
+  const auto stencils = 3 * W * model_->stencils.size();
   if (args_.prony != 0) {
     for (auto* v : {&stress_, &bias_}) ensure(*v, triangles);
     ensure(branch_, kMaxBranches * triangles);
-    for (auto* v : {&bend_force_, &bend_bias_}) ensure(*v, nodes);
-    ensure(bend_branch_, kMaxBranches * nodes);
+    for (auto* v : {&moment_, &moment_bias_}) ensure(*v, stencils);
+    ensure(moment_branch_, kMaxBranches * stencils);
   }
   if (args_.slider != 0) ensure(plastic_, triangles);
   if (args_.softening != 0) ensure(energy_peak_, triangles / 3);
@@ -210,17 +187,14 @@ void ElasticLaneEffects<Real>::set_masks() {
       ensure(*v, nodes);
     }
   }
-  if (model_->is_mesh() && args_.curvature != 0) ensure(node_normal_, nodes);
-  args_.node_moment = node_moment_.data();
-  args_.node_normal = node_normal_.data();
   args_.stress = stress_.data();
   args_.branch = branch_.data();
   args_.bias = bias_.data();
   args_.plastic = plastic_.data();
   args_.energy_peak = energy_peak_.data();
-  args_.bend_force = bend_force_.data();
-  args_.bend_branch = bend_branch_.data();
-  args_.bend_bias = bend_bias_.data();
+  args_.moment = moment_.data();
+  args_.moment_branch = moment_branch_.data();
+  args_.moment_bias = moment_bias_.data();
   args_.bond_place = bond_place_.data();
   args_.bond_longest = bond_longest_.data();
   args_.anchor = anchor_.data();
@@ -245,7 +219,7 @@ void ElasticLaneEffects<Real>::set_maps() {
     differ = differ || !same;
     uniform = uniform && (same ? model_->structure : structures_[l]).uniform;
   }
-  args_.mass = args_.bend = args_.cell = nullptr;
+  args_.mass = args_.plate = args_.cell = nullptr;
   args_.membrane = !uniform || (args_.stiffening | args_.softening | args_.fibres | args_.prony |
                                 args_.slider) != 0;
   for (std::size_t l = 0; l < W && (differ || !uniform); ++l) {
@@ -260,23 +234,48 @@ void ElasticLaneEffects<Real>::set_maps() {
     }
     if (!differ) continue;
     ensure(mass_, W * s.mass.size());
-    ensure(bend_, W * s.bending.value.size());
+    ensure(plate_, 4 * W * s.plate.size());
     for (std::size_t i = 0; i < s.mass.size(); ++i) mass_[W * i + l] = real<Real>(s.mass[i]);
-    for (std::size_t k = 0; k < s.bending.value.size(); ++k) {
-      bend_[W * k + l] = real<Real>(s.bending.value[k]);
+    for (std::size_t k = 0; k < s.plate.size(); ++k) {
+      for (std::size_t term = 0; term < 4; ++term) {
+        plate_[(4 * k + term) * W + l] = real<Real>(s.plate[k][static_cast<Eigen::Index>(term)]);
+      }
     }
   }
   if (!uniform) args_.cell = cell_.data();
   if (differ) args_.mass = mass_.data();
-  if (differ) args_.bend = bend_.data();
+  if (differ) args_.plate = plate_.data();
+}
+
+/// Moments of the rest curvature, where some lane is curved at rest.
+template <typename Real>
+void ElasticLaneEffects<Real>::set_rest_moments(int lane) {
+  const bool model_curved = model_->is_curved();
+  const auto curved = [&](const EffectValues& v) {
+    return model_curved || v.curvature_x != 0 || v.curvature_y != 0 || v.twist != 0;
+  };
+  const bool any = std::any_of(values_.begin(), values_.end(), curved);
+  const auto W = static_cast<std::size_t>(lanes_);
+  const auto l = static_cast<std::size_t>(lane);
+  if (any) ensure(rest_moment_, 3 * W * model_->stencils.size());
+  args_.rest_moment = any ? rest_moment_.data() : nullptr;
+  if (rest_moment_.empty()) return;
+  std::vector<Eigen::Vector3d> moments(model_->stencils.size(), Eigen::Vector3d::Zero());
+  if (curved(values_[l])) moments = model_->make_rest_moments(values_[l]);
+  for (std::size_t k = 0; k < moments.size(); ++k) {
+    for (std::size_t term = 0; term < 3; ++term) {
+      rest_moment_[(3 * k + term) * W + l] =
+          real<Real>(stiffness_[l] * moments[k][static_cast<Eigen::Index>(term)]);
+    }
+  }
 }
 
 template <typename Real>
 void ElasticLaneEffects<Real>::reset(int lane, const Eigen::Vector3d& offset) {
   const auto W = static_cast<std::size_t>(lanes_);
   const auto l = static_cast<std::size_t>(lane);
-  for (auto* array : {&stress_, &branch_, &bias_, &plastic_, &bend_force_, &bend_branch_,
-                      &bend_bias_, &energy_peak_, &bond_place_}) {
+  for (auto* array : {&stress_, &branch_, &bias_, &plastic_, &energy_peak_, &moment_,
+                      &moment_branch_, &moment_bias_, &bond_place_}) {
     for (std::size_t k = l; k < array->size(); k += W) (*array)[k] = Real{0};
   }
   for (std::size_t k = l; k < bond_longest_.size(); k += W) bond_longest_[k] = Real{-1};
@@ -322,14 +321,15 @@ template <typename Function>
 void ElasticLaneEffects<Real>::for_each_memory(const EffectValues& values, Function&& fn) const {
   const std::size_t nodes = 3 * static_cast<std::size_t>(model_->nodes());
   const std::size_t triangles = 3 * static_cast<std::size_t>(model_->triangles());
+  const std::size_t stencils = 3 * model_->stencils.size();
   const auto branches = static_cast<std::size_t>(make_prony(values, 1).branches);
   if (branches > 0) {
     fn(stress_, triangles);
     fn(branch_, branches * triangles);
     fn(bias_, triangles);
-    fn(bend_force_, nodes);
-    fn(bend_branch_, branches * nodes);
-    fn(bend_bias_, nodes);
+    fn(moment_, stencils);
+    fn(moment_branch_, branches * stencils);
+    fn(moment_bias_, stencils);
   }
   if (values.slider_ratio > 0) fn(plastic_, triangles);
   if (values.softening > 0) fn(energy_peak_, triangles / 3);

@@ -48,6 +48,7 @@ class ElasticLaneEffects {
   void for_each_memory(const EffectValues& values, Function&& fn) const;
   void set_masks();
   void set_maps();
+  void set_rest_moments(int lane);
   std::size_t at(int i, int axis, int lane) const {
     return static_cast<std::size_t>((3 * i + axis) * lanes_ + lane);
   }
@@ -60,13 +61,13 @@ class ElasticLaneEffects {
   std::vector<ElasticStructure> structures_;  ///< of lanes that differ from the scene's
   std::vector<double> peak_seen_;             ///< that the factor key of each lane is made for
 
-  AlignedVector<Real> mass_, bend_, cell_;
+  AlignedVector<Real> mass_, plate_, cell_, rest_moment_;
   AlignedVector<Real> shear_, area_, inverse_pitch2_, density_, stiffening_, lateral_, fibre_,
       fibre_axes_, softening_, softening_energy_, prony_gains_, prony_keep_, prony_gain_, slider_,
-      yield_, moment_, drag_, adhesion_, adhesion_limit_, anchor_limit_, film_, film_reach_;
-  AlignedVector<Real> node_area_, anchor_, node_moment_, node_normal_;
-  AlignedVector<Real> stress_, branch_, bias_, plastic_, bend_force_, bend_branch_, bend_bias_,
-      energy_peak_, bond_place_, bond_longest_, film_now_, film_normal_, peak_;
+      yield_, drag_, adhesion_, adhesion_limit_, anchor_limit_, film_, film_reach_;
+  AlignedVector<Real> node_area_, anchor_;
+  AlignedVector<Real> stress_, branch_, bias_, plastic_, energy_peak_, moment_, moment_branch_,
+      moment_bias_, bond_place_, bond_longest_, film_now_, film_normal_, peak_;
   AlignedVector<Real> rest_, direction_, metric_direction_, solution_, answer_, last_product_;
 };
 

@@ -39,63 +39,6 @@ double grid_value(int steps) {
   return value;
 }
 
-/// One finite-difference stencil of the plate: energy weight/2 |sum c_i x_i|^2.
-struct Stencil {
-  std::array<std::int32_t, 4> node{};
-  std::array<double, 4> c{};
-  int size = 0;
-};
-
-/// Symmetric matrix under construction, dense rows of few entries kept sorted.
-class MatrixBuilder {
- public:
-  explicit MatrixBuilder(int nodes) : rows_(static_cast<std::size_t>(nodes)) {}
-
-  /// Adds the product a(x) b(x) of two stencils, symmetrised, times weight.
-  void add_product(const Stencil& a, const Stencil& b, double weight) {
-    for (std::size_t i = 0; i < static_cast<std::size_t>(a.size); ++i) {
-      for (std::size_t j = 0; j < static_cast<std::size_t>(b.size); ++j) {
-        const double value = 0.5 * weight * a.c[i] * b.c[j];
-        add(a.node[i], b.node[j], value);
-        add(b.node[j], a.node[i], value);
-      }
-    }
-  }
-
-  /// Adds weight times the symmetric product of the second derivatives around a node.
-  void add_plate(const CurvatureStencil& at, const Eigen::Matrix3d& product, double weight) {
-    for (std::size_t i = 0; i < at.node.size(); ++i) {
-      const Vector3d row = weight * (product * at.weight[i]);
-      for (std::size_t j = 0; j <= i; ++j) {
-        const double value = row.dot(at.weight[j]);
-        add(at.node[i], at.node[j], value);
-        if (j < i) add(at.node[j], at.node[i], value);
-      }
-    }
-  }
-
-  /// Off-diagonal part; the diagonal is what makes the rows sum to zero.
-  NodeMatrix finish() const {
-    NodeMatrix matrix;
-    matrix.begin.push_back(0);
-    for (std::size_t i = 0; i < rows_.size(); ++i) {
-      for (const auto& [node, value] : rows_[i]) {
-        if (node == static_cast<std::int32_t>(i)) continue;
-        matrix.node.push_back(node);
-        matrix.value.push_back(value);
-      }
-      matrix.begin.push_back(static_cast<std::int32_t>(matrix.node.size()));
-    }
-    return matrix;
-  }
-
- private:
-  void add(std::int32_t i, std::int32_t j, double value) {
-    rows_[static_cast<std::size_t>(i)][j] += value;
-  }
-  std::vector<std::map<std::int32_t, double>> rows_;
-};
-
 double thickness_ratio(const ElasticTissueModel& model, const EffectValues& effects,
                        const Vector3d& p_B) {
   return model.body.thickness_map.at(p_B) * effects.thickness_at(p_B);
@@ -106,103 +49,11 @@ bool is_clamped(const ElasticTissueModel& model, int i) {
   return model.body.fixed[k] != 0 || (!model.is_anchor.empty() && model.is_anchor[k] != 0);
 }
 
-/// Plate energy D/2 int (kxx^2 + kyy^2 + 2 nu kxx kyy + 2 (1 - nu) kxy^2) by finite differences
-/// (tissue.md section 6). Rows on the rim own half a cell; there the bending moment across the rim
-/// is zero, so the other curvature is free and the plate is a beam of E t^3 / 12. A stencil centred
-/// on a clamped node bends on its free side only, half a cell long: the same turn there is twice
-/// the curvature, which doubles the energy. Counted once, the plate would be clamped half a cell
-/// inside the clamp, 1.5 mm at a pitch of 3 mm, the membrane at it
-/// (benchmarks/compare_elastic.cpp).
-NodeMatrix make_grid_bending(const ElasticTissueModel& model, const EffectValues& effects) {
-  const double nu = model.material.poisson_ratio() + effects.poisson_change;
-  const double t = model.thickness;
-  const double nominal = model.material.bending_scale() * (1 + effects.bending_change) *
-                         model.material.young_modulus_pa() * t * t * t / 12;
-  const auto beam_at = [&](const Vector3d& p_B) {
-    const double h = thickness_ratio(model, effects, p_B);
-    return nominal * effects.stiffness_at(p_B) * h * h * h;
-  };
-  const double pitch2 = model.pitch * model.pitch;
-  const int nx = model.count_x;
-  const int ny = model.count_y;
-  MatrixBuilder builder(model.nodes());
-  const auto clamped = [&](int i) { return is_clamped(model, i); };
-  const auto second = [&](int i, int stride) {
-    return Stencil{{i - stride, i, i + stride, 0}, {1 / pitch2, -2 / pitch2, 1 / pitch2, 0}, 3};
-  };
-  const auto place = [&](int i) { return model.body.particles[static_cast<std::size_t>(i)]; };
-  for (int ix = 0; ix < nx; ++ix) {
-    for (int iy = 0; iy < ny; ++iy) {
-      const int i = ny * ix + iy;
-      const bool inside_x = ix > 0 && ix + 1 < nx;
-      const bool inside_y = iy > 0 && iy + 1 < ny;
-      const double beam = beam_at(place(i));
-      const double plate = beam / (1 - nu * nu);
-      const double stiffness = inside_x && inside_y ? plate : 0.5 * beam;
-      const auto add_curvature = [&](int stride) {
-        const bool clamp_edge = clamped(i) && clamped(i - stride) != clamped(i + stride);
-        builder.add_product(second(i, stride), second(i, stride),
-                            (clamp_edge ? 2 : 1) * stiffness * pitch2);
-      };
-      if (inside_x) add_curvature(ny);
-      if (inside_y) add_curvature(1);
-      if (inside_x && inside_y) {
-        // Energy nu D kxx kyy = weight/2 (kxx kyy) with weight 2 nu D. Also at nu = 0, so that all
-        // effects give one pattern.
-        builder.add_product(second(i, ny), second(i, 1), 2 * nu * plate * pitch2);
-      }
-      if (ix + 1 < nx && iy + 1 < ny) {
-        const Stencil twist{
-            {i, i + 1, i + ny, i + ny + 1}, {1 / pitch2, -1 / pitch2, -1 / pitch2, 1 / pitch2}, 4};
-        const double cell = beam_at(0.5 * (place(i) + place(i + ny + 1))) / (1 - nu * nu);
-        builder.add_product(twist, twist, 2 * (1 - nu) * cell * pitch2);
-      }
-    }
-  }
-  return builder.finish();
-}
-
-/// Plate energy of a node of a mesh: D/2 its area (kxx^2 + kyy^2 + 2 nu kxx kyy + 2 (1 - nu) kxy^2)
-/// of the second derivatives there. The natural conditions of a free rim follow by themselves.
-struct NodePlate {
-  double weight = 0;  ///< D times the node's area [N m^3]
-  double clamp = 1;   ///< 2 on the edge of the clamp, where half of the stencil is held: see above
-};
-
-NodePlate node_plate(const ElasticTissueModel& model, const EffectValues& effects, int i) {
-  const auto k = static_cast<std::size_t>(i);
-  const double nu = model.material.poisson_ratio() + effects.poisson_change;
-  const Vector3d& p_B = model.body.particles[k];
+/// E t^3 / 12 at a place of the sheet [N m].
+double beam_at(const ElasticTissueModel& model, const EffectValues& effects, const Vector3d& p_B) {
   const double t = model.thickness * thickness_ratio(model, effects, p_B);
-  NodePlate plate;
-  plate.weight = model.mesh.node_area[k] * effects.stiffness_at(p_B) *
-                 model.material.bending_scale() * (1 + effects.bending_change) *
-                 model.material.young_modulus_pa() * t * t * t / (12 * (1 - nu * nu));
-  const auto& around = model.mesh.curvature[k].node;
-  const bool edge = is_clamped(model, i) && std::any_of(around.begin(), around.end(), [&](int j) {
-                      return !is_clamped(model, j);
-                    });
-  plate.clamp = edge ? 2 : 1;
-  return plate;
-}
-
-Eigen::Matrix3d plate_product(double nu) {
-  Eigen::Matrix3d product;
-  product << 1, nu, 0, nu, 1, 0, 0, 0, 2 * (1 - nu);
-  return product;
-}
-
-NodeMatrix make_bending(const ElasticTissueModel& model, const EffectValues& effects) {
-  if (!model.is_mesh()) return make_grid_bending(model, effects);
-  const Eigen::Matrix3d product =
-      plate_product(model.material.poisson_ratio() + effects.poisson_change);
-  MatrixBuilder builder(model.nodes());
-  for (int i = 0; i < model.nodes(); ++i) {
-    const NodePlate plate = node_plate(model, effects, i);
-    builder.add_plate(model.mesh.curvature[static_cast<std::size_t>(i)], product,
-                      plate.clamp * plate.weight);
-  }
-  return builder.finish();
+  return model.material.bending_scale() * (1 + effects.bending_change) * effects.stiffness_at(p_B) *
+         model.material.young_modulus_pa() * t * t * t / 12;
 }
 
 /// Calls fn(x-leg tail, x-leg head, y-leg tail, y-leg head) for the two triangles of every cell, in
@@ -516,6 +367,11 @@ std::shared_ptr<const ElasticTissueModel> make_elastic_model(const Scene& scene,
     throw_error("scene.tissue.effects.{}: nothing to stick to, needs a scene.rigid_body",
                 model->effects.adhesion > 0 ? "adhesion" : "suction");
   }
+  const IsClamped clamped = [&](std::int32_t i) { return is_clamped(*model, i); };
+  const std::vector<Vector3d>& nodes = model->body.particles;
+  model->stencils = model->is_mesh() ? mesh_stencils(model->mesh, nodes, clamped)
+                                     : grid_stencils(nodes, model->count_x, model->count_y,
+                                                     model->pitch, clamped);
   model->clamp_edge = model->sheet().min().y();
   for (std::size_t i = 0; i < model->body.particles.size(); ++i) {
     if (model->body.fixed[i] != 0)
@@ -647,31 +503,38 @@ ElasticStructure ElasticTissueModel::make_structure(const EffectValues& values) 
     const double mass = is_mesh() ? density * thickness * mesh.triangles[t].area : of_cell;
     return mass * thick[cell_of(*this, t)];
   });
-  made.bending = make_bending(*this, values);
+  for (const PlateStencil& stencil : stencils) {
+    made.plate.push_back(plate_stiffness(stencil, stencil.share.cwiseProduct(stencil.clamp),
+                                         beam_at(*this, values, stencil.place), nu));
+  }
+  made.bending = plate_matrix(nodes(), stencils, made.plate);
   return made;
 }
 
 bool ElasticTissueModel::is_curved() const {
   // 1e-4: rounding in the vertices of a flat sheet.
-  return std::any_of(mesh.curvature.begin(), mesh.curvature.end(),
-                     [this](const auto& at) { return at.rest.norm() * pitch > 1e-4; });
+  return std::any_of(stencils.begin(), stencils.end(), [this](const PlateStencil& stencil) {
+    return stencil.rest.norm() * pitch > 1e-4;
+  });
 }
 
 double ElasticTissueModel::node_size(int i) const {
   return is_mesh() ? std::sqrt(node_area[static_cast<std::size_t>(i)]) : pitch;
 }
 
-std::vector<Vector3d> ElasticTissueModel::make_moments(const EffectValues& values) const {
+std::vector<Vector3d> ElasticTissueModel::make_rest_moments(const EffectValues& values) const {
   std::vector<Vector3d> moments;
-  const Eigen::Matrix3d product = plate_product(material.poisson_ratio() + values.poisson_change);
+  const double nu = material.poisson_ratio() + values.poisson_change;
   const Vector3d wanted(values.curvature_x, values.curvature_y, values.twist);
-  for (int i = 0; i < nodes(); ++i) {
-    const NodePlate plate = node_plate(*this, values, i);
+  for (const PlateStencil& stencil : stencils) {
     // The clamp holds the rest shape, so on its edge half of the change of curvature is seen; the
     // effect's curvature ends there, so half of it is.
-    const Vector3d curvature =
-        plate.clamp * mesh.curvature[static_cast<std::size_t>(i)].rest + wanted;
-    moments.emplace_back(plate.weight * (product * curvature));
+    const double beam = beam_at(*this, values, stencil.place);
+    const auto moment = [&](const Eigen::Vector4d& share, const Vector3d& of) {
+      return plate_moments(plate_stiffness(stencil, share, beam, nu), of);
+    };
+    moments.emplace_back(moment(stencil.share.cwiseProduct(stencil.clamp), stencil.rest) +
+                         moment(stencil.share, wanted));
   }
   return moments;
 }
@@ -747,13 +610,10 @@ ElasticEnergy elastic_energy(const ElasticTissueModel& model, std::span<const Ve
     f << leg(triangle.node[0], triangle.node[1]), leg(triangle.node[0], triangle.node[2]);
     add_membrane(f * triangle.inverse, model.structure.cell[t]);
   }
-  for (std::size_t i = 0; i < p.size(); ++i) {
-    const NodeMatrix& bending = model.structure.bending;
-    for (int k = bending.begin[i]; k < bending.begin[i + 1]; ++k) {
-      const auto m = static_cast<std::size_t>(k);
-      const auto j = static_cast<std::size_t>(bending.node[m]);
-      energy.bending -= 0.25 * bending.value[m] * (p[i] - p[j]).squaredNorm();
-    }
+  const std::vector<Vector3d> rest = model.make_rest_moments(model.effects);
+  for (std::size_t k = 0; k < model.stencils.size(); ++k) {
+    const Vector3d bent = curvature(model.stencils[k].at, p);
+    energy.bending += (0.5 * plate_moments(model.structure.plate[k], bent) - rest[k]).dot(bent);
   }
   return energy;
 }

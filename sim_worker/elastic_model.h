@@ -12,26 +12,20 @@
 #include <vector>
 
 #include "sim_worker/panel_cholesky.h"
+#include "sim_worker/plate_stencils.h"
 #include "sim_worker/tissue.h"
 #include "sim_worker/tissue_effects.h"
 
 namespace omentum {
 
-/// Off-diagonal entries of a symmetric matrix over nodes whose rows sum to zero, by rows,
-/// ascending.
-struct NodeMatrix {
-  std::vector<std::int32_t> begin;  ///< nodes + 1
-  std::vector<std::int32_t> node;
-  std::vector<double> value;
-};
-
 /// Mass and stiffness of the shell with the effects that shape them (EffectValues::same_structure).
 struct ElasticStructure {
   std::vector<double> mass;  ///< per node: rho t A / 3 of each of its triangles, no change of
                              ///< density [kg]
-  NodeMatrix bending;        ///< gradient of the bending energy [N/m], nominal E
-  double shear = 0;          ///< 2 mu t a_T / pitch^2 [N/m], nominal E
-  double area = 0;           ///< lambda t a_T / pitch^2 [N/m], nominal E, plane stress
+  std::vector<Eigen::Vector4d> plate;  ///< per stencil (plate_stiffness) [N m^3], nominal E
+  NodeMatrix bending;                  ///< the same as a matrix over nodes (plate_matrix) [N/m]
+  double shear = 0;                    ///< 2 mu t a_T / pitch^2 [N/m], nominal E
+  double area = 0;                     ///< lambda t a_T / pitch^2 [N/m], nominal E, plane stress
   /// Factor on both: of a grid per cell = (count_y - 1) ix + iy, of a mesh per triangle, where it
   /// contains 2 a_T / pitch^2.
   std::vector<double> cell;
@@ -49,9 +43,9 @@ struct SheetPatch {
 };
 
 /// Immutable half of the elastic shell: corotated triangles, those of the grid sheet with
-/// alternating diagonals or those of a mesh (scene.tissue.sheet), plate bending by finite
-/// differences or by quadratic fits around each node, material in SI units that does not depend on
-/// the step (tissue.md section 6). Safe to share by threads.
+/// alternating diagonals or those of a mesh (scene.tissue.sheet), plate bending along the normal
+/// (plate_stencils.h), material in SI units that does not depend on the step (tissue.md section 6).
+/// Safe to share by threads.
 struct ElasticTissueModel : TissueModel, std::enable_shared_from_this<ElasticTissueModel> {
   std::unique_ptr<Tissue<float>> make_tissue(const Kernel<float>& kernel) const override;
   std::unique_ptr<Tissue<double>> make_tissue(const Kernel<double>& kernel) const override;
@@ -71,6 +65,7 @@ struct ElasticTissueModel : TissueModel, std::enable_shared_from_this<ElasticTis
   /// A without its mass, at nominal E and the scene's effects [N/m]: entries as those of `bending`,
   /// and the diagonal; zero at fixed nodes.
   std::vector<double> metric, metric_diagonal;
+  std::vector<PlateStencil> stencils;  ///< of its bending
   double clamp_edge = 0;  ///< y_B of the clamped row that is furthest in, or the lower end [m]
   double static_friction = 0, dynamic_friction = 0;
   Eigen::Vector3d gravity = Eigen::Vector3d::Zero();  ///< in W [m/s^2]
@@ -109,9 +104,8 @@ struct ElasticTissueModel : TissueModel, std::enable_shared_from_this<ElasticTis
   bool has_contact() const { return !contact_bodies.empty() || tool_contact || on_soft_body; }
 
   ElasticStructure make_structure(const EffectValues& effects) const;
-  /// Of a mesh: moments of the rest curvature at each node in its own frame, xx, yy, xy, times its
-  /// area [N m^2], nominal E.
-  std::vector<Eigen::Vector3d> make_moments(const EffectValues& effects) const;
+  /// Moments xx, yy, xy of the rest curvature at each stencil, times its area [N m^2], nominal E.
+  std::vector<Eigen::Vector3d> make_rest_moments(const EffectValues& effects) const;
   /// Springs of the clamp per node [N/m]; 0 where the effects do not touch it.
   std::vector<double> make_anchor(const EffectValues& effects) const;
 
@@ -138,8 +132,8 @@ std::shared_ptr<const ElasticTissueModel> make_elastic_model(const Scene& scene,
                                                              double control_period,
                                                              std::vector<std::string>& warnings);
 
-/// Elastic energy of node positions p [m] at nominal stiffness [J]: membrane and bending apart. For
-/// tests of the forces.
+/// Elastic energy of node positions p [m] at nominal stiffness [J]: membrane and bending apart, of
+/// a sheet curved at rest less a constant. For tests of the forces.
 struct ElasticEnergy {
   double membrane = 0, bending = 0;
 };

@@ -44,7 +44,6 @@ ElasticTissue<Real>::ElasticTissue(std::shared_ptr<const ElasticTissueModel> mod
   const bool second_order = model_->parameters.integrator() == pb::INTEGRATOR_BDF2;
 
   mass_ = convert<Real>(model_->structure.mass);
-  bend_ = convert<Real>(model_->structure.bending.value);
 
   for (auto* v : {&x_, &v_, &d_, &moved_, &b_, &keep_b_, &contact_force_}) {
     v->assign(3 * n * W, Real{0});
@@ -68,11 +67,9 @@ ElasticTissue<Real>::ElasticTissue(std::shared_ptr<const ElasticTissueModel> mod
   args_.nodes = model_->nodes();
   args_.triangles = model_->triangles();
   if (model_->is_mesh()) load_mesh();
+  load_stencils();
   args_.fixed = model_->body.fixed.data();
   args_.mass = mass_.data();
-  args_.bend_begin = model_->structure.bending.begin.data();
-  args_.bend_node = model_->structure.bending.node.data();
-  args_.bend = bend_.data();
   args_.second_order = second_order;
   args_.effective_step = static_cast<Real>(step);
   args_.inverse_step = static_cast<Real>(1 / step);
@@ -115,19 +112,29 @@ void ElasticTissue<Real>::load_mesh() {
     mesh_.push_back({{triangle.node[0], triangle.node[1], triangle.node[2]},
                      {entry(0, 0), entry(0, 1), entry(1, 0), entry(1, 1)}});
   }
-  for (const CurvatureStencil& stencil : model_->mesh.curvature) {
-    curvature_begin_.push_back(static_cast<std::int32_t>(curvature_.size()));
-    for (std::size_t k = 0; k < stencil.node.size(); ++k) {
-      const Vector3d& w = stencil.weight[k];
-      curvature_.push_back(
-          {stencil.node[k],
-           {static_cast<Real>(w[0]), static_cast<Real>(w[1]), static_cast<Real>(w[2])}});
+  args_.mesh = mesh_.data();
+}
+
+template <typename Real>
+void ElasticTissue<Real>::load_stencils() {
+  const auto real = [](double v) { return static_cast<Real>(v); };
+  for (std::size_t s = 0; s < model_->stencils.size(); ++s) {
+    const CurvatureStencil& at = model_->stencils[s].at;
+    const Eigen::Vector4d& k = model_->structure.plate[s];
+    const auto begin = static_cast<std::int32_t>(bend_entry_.size());
+    stencil_.push_back({at.base,
+                        begin,
+                        begin + static_cast<std::int32_t>(at.node.size()),
+                        {real(k[0]), real(k[1]), real(k[2]), real(k[3])}});
+    for (std::size_t e = 0; e < at.node.size(); ++e) {
+      const CurvatureStencil::Weight& w = at.weight[e];
+      bend_entry_.push_back(
+          {at.node[e], {real(w[0]), real(w[1]), real(w[2]), real(w[3]), real(w[4])}});
     }
   }
-  curvature_begin_.push_back(static_cast<std::int32_t>(curvature_.size()));
-  args_.mesh = mesh_.data();
-  args_.curvature_begin = curvature_begin_.data();
-  args_.curvature = curvature_.data();
+  args_.stencil = stencil_.data();
+  args_.stencils = static_cast<std::int32_t>(stencil_.size());
+  args_.bend_entry = bend_entry_.data();
 }
 
 template <typename Real>

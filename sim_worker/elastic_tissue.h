@@ -92,6 +92,7 @@ class ElasticTissue : public Tissue<Real> {
     return static_cast<std::size_t>((3 * i + axis) * kernel_.lanes + lane);
   }
   void load_mesh();
+  void load_stencils();
   const Factor& factor_of(int key);
   void group_lanes();
   void update_key(int lane);
@@ -123,10 +124,10 @@ class ElasticTissue : public Tissue<Real> {
   KernelArgs<Real> candidate_args_{};
 
   // Model in the kernel's precision.
-  AlignedVector<Real> mass_, bend_;
+  AlignedVector<Real> mass_;
   std::vector<MeshTriangle<Real>> mesh_;
-  std::vector<std::int32_t> curvature_begin_;
-  std::vector<CurvatureEntry<Real>> curvature_;
+  std::vector<BendStencil<Real>> stencil_;
+  std::vector<BendEntry<Real>> bend_entry_;
   std::map<int, Factor> factors_;
   std::vector<int> key_;  ///< per lane
   std::vector<KeyGroup> groups_;
@@ -148,7 +149,8 @@ class ElasticTissue : public Tissue<Real> {
   std::vector<std::uint32_t> free_mask_, candidates_, candidate_any_, contact_lanes_, near_surface_;
   std::vector<std::int32_t> plane_begin_, plane_shape_;
   AlignedVector<Real> plane_, metric_, own_stiffness_, own_compliance_, key_stiffness_,
-      contact_motion_, contact_way_, contact_before_, capsule_, capsule_motion_, capsule_sweep_;
+      contact_motion_, contact_lean_, contact_way_, contact_before_, capsule_, capsule_motion_,
+      capsule_sweep_;
 };
 
 extern template class ElasticTissue<float>;

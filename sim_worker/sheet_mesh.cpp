@@ -60,8 +60,8 @@ std::vector<std::int32_t> widen(const std::vector<std::int32_t>& ring, std::int3
 }
 
 /// Fits f(x) - f(0) = g . u + (a u_x^2 + b u_y^2) / 2 + c u_x u_y to the neighbours; rows of the
-/// result give a, b, c from the differences. Empty where they do not determine it.
-Eigen::Matrix<double, 3, Eigen::Dynamic> fit_quadratic(
+/// result give a, b, c and g from the differences. Empty where they do not determine it.
+Eigen::Matrix<double, 5, Eigen::Dynamic> fit_quadratic(
     const Vector3d& centre, const Eigen::Matrix<double, 3, 2>& axes,
     std::span<const Vector3d> nodes, const std::vector<std::int32_t>& neighbours) {
   const auto count = static_cast<Eigen::Index>(neighbours.size());
@@ -79,14 +79,16 @@ Eigen::Matrix<double, 3, Eigen::Dynamic> fit_quadratic(
     const double x = u(k, 0);
     const double y = u(k, 1);
     weight[k] = 1 / u.row(k).norm();
-    rows.row(k) << x, y, 0.5 * x * x, 0.5 * y * y, x * y;
+    rows.row(k) << 0.5 * x * x, 0.5 * y * y, x * y, x, y;
     rows.row(k) *= weight[k];
   }
   const Eigen::JacobiSVD<Eigen::MatrixXd> svd(rows, Eigen::ComputeThinU | Eigen::ComputeThinV);
   if (!(svd.singularValues()[4] >= kLeastCondition * svd.singularValues()[0])) return {};
-  const Eigen::MatrixXd inverse = svd.matrixV() * svd.singularValues().cwiseInverse().asDiagonal() *
-                                  svd.matrixU().transpose() * weight.asDiagonal();
-  return inverse.bottomRows<3>() / (scale * scale);
+  Eigen::MatrixXd inverse = svd.matrixV() * svd.singularValues().cwiseInverse().asDiagonal() *
+                            svd.matrixU().transpose() * weight.asDiagonal();
+  inverse.topRows<3>() /= scale * scale;
+  inverse.bottomRows<2>() /= scale;
+  return inverse;
 }
 
 }  // namespace
@@ -149,14 +151,9 @@ SheetGeometry measure_sheet(const std::string& name, std::span<const Vector3d> n
           name, around.size(), nodes[i].x(), nodes[i].y(), nodes[i].z());
     }
     CurvatureStencil stencil;
-    stencil.node.push_back(static_cast<std::int32_t>(i));
-    stencil.weight.emplace_back(-fit.rowwise().sum());
-    for (std::size_t k = 0; k < around.size(); ++k) {
-      const Vector3d off = nodes[static_cast<std::size_t>(around[k])] - nodes[i];
-      stencil.node.push_back(around[k]);
-      stencil.weight.emplace_back(fit.col(static_cast<Eigen::Index>(k)));
-      stencil.rest += normal[i].normalized().dot(off) * stencil.weight.back();
-    }
+    stencil.base = static_cast<std::int32_t>(i);
+    for (std::size_t k = 0; k < around.size(); ++k)
+      stencil.add(around[k], fit.col(static_cast<Eigen::Index>(k)));
     sheet.curvature.push_back(std::move(stencil));
   }
   return sheet;

@@ -23,14 +23,21 @@ struct SheetTriangle {
   Eigen::Matrix2d inverse = Eigen::Matrix2d::Zero();
 };
 
-/// Second derivatives along the sheet at a node, in the frame of its tangent plane, of any function
-/// f given at the nodes: f_xx = sum_k weight[k][0] f(node[k]), f_yy by [1], f_xy by [2]. Exact for
-/// quadratic f; the weights sum to zero.
+/// Curvatures of a sheet from the places x of a few nodes: with D the second derivatives xx, yy, xy
+/// along the sheet at rest and n the normal, they are n . D x, the second fundamental form in the
+/// coordinates of the sheet at rest. Derivatives are sums of weight (x_node - x_base).
 struct CurvatureStencil {
-  std::vector<std::int32_t> node;                  ///< the node itself first
-  std::vector<Eigen::Vector3d> weight;             ///< [1/m^2]
-  Eigen::Vector3d rest = Eigen::Vector3d::Zero();  ///< curvatures xx, yy, xy of the rest shape
-                                                   ///< towards its normal [1/m]
+  /// Weights of the second derivatives xx, yy, xy [1/m^2] and of the tangents x, y [1/m].
+  using Weight = Eigen::Matrix<double, 5, 1>;
+
+  std::int32_t base = 0;
+  std::vector<std::int32_t> node;  ///< the others
+  std::vector<Weight> weight;
+
+  void add(std::int32_t i, const Weight& w) {
+    node.push_back(i);
+    weight.push_back(w);
+  }
 };
 
 /// Thickness of a sheet relative to scene.tissue.thickness_m, bilinear over a rectangle of x_B,
@@ -46,9 +53,10 @@ struct ThicknessMap {
 /// A middle surface, measured. Empty = the scene has none.
 struct SheetGeometry {
   std::vector<SheetTriangle> triangles;
-  std::vector<CurvatureStencil> curvature;  ///< per node
-  std::vector<double> node_area;            ///< a third of each triangle around [m^2]
-  double edge = 0;                          ///< mean length of the triangles' edges [m]
+  /// Per node, its base, in the frame of its tangent plane: exact for quadratic functions.
+  std::vector<CurvatureStencil> curvature;
+  std::vector<double> node_area;  ///< a third of each triangle around [m^2]
+  double edge = 0;                ///< mean length of the triangles' edges [m]
 };
 
 /// Measures a surface that require_sheet (mesh.h) lets pass. The derivatives at a node are those of

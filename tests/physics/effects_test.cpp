@@ -138,8 +138,6 @@ TEST_P(EffectLaw, BendingChangeScalesThePlateAlone) {
   c.young = 50e3;
   const double bent = extension(c);
   c.effects.clear_bending_change();
-  // The shell's stencils act in the plane as well: on the change of strain from node to node, most
-  // of it at the clamp edge.
   EXPECT_NEAR(bent / extension(c), 1, 0.02);
 }
 
@@ -656,8 +654,8 @@ TEST_P(EffectGrasp, JawTurnsThePatch) {
            180 / kPi;
   };
   c.effects.set_jaw_roll_deg(20);
-  // Held are the mean slopes of the patch; its middle turns further.
-  EXPECT_NEAR(angle()[0], 20, 5);
+  // Held are the mean slopes of the patch; its middle turns further, most of all in its plane.
+  EXPECT_NEAR(angle()[0], 20, 6);
   c.effects.set_jaw_roll_deg(0);
   c.effects.set_jaw_tilt_deg(20);
   EXPECT_NEAR(angle()[2], 20, 5);

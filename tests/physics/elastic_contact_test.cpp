@@ -155,6 +155,30 @@ TEST(ElasticContact, FrictionHoldsBelowItsAngleAndIsMuTimesTheNormalForceAbove) 
   EXPECT_NEAR(-sums.force.dot(down) / sums.force.dot(normal), 0.1, 0.002);
 }
 
+// The sheet rubs with its lower face: friction turns it about its nodes by half its thickness, and
+// the forces that do so are no force on the sheet as a whole.
+TEST(ElasticContact, FrictionHasTheLeverOfHalfTheThickness) {
+  for (const bool turned : {false, true}) {  // the same with its normal towards the board
+    ElasticCase c = on_board(0, 0.3);
+    if (turned) c.X_WB.linear() = Eigen::AngleAxisd(M_PI, Vector3d::UnitX()).toRotationMatrix();
+    ElasticTissue<double> tissue(make_elastic_sheet(c), kKernelF64x1);
+    for (int i = 0; i < tissue.particles(); ++i) tissue.set_velocity(0, i, Vector3d(0.5, 0, 0));
+    run(tissue, 0.02);
+    const std::vector<Vector3d> gradient = tissue.elastic_gradient(0);
+    Vector3d force = Vector3d::Zero();
+    Vector3d couple = Vector3d::Zero();
+    for (int i = 0; i < tissue.particles(); ++i) {
+      force -= gradient[static_cast<std::size_t>(i)];
+      couple -= tissue.position(0, i).cross(gradient[static_cast<std::size_t>(i)]);
+    }
+    const Sums sums = sums_of(tissue);
+    EXPECT_NEAR(sums.force.x() / sums.force.z(), -0.3, 1e-3);
+    const Vector3d expected = Vector3d(0, 0, -kRadius).cross(sums.force);
+    EXPECT_LT((couple - expected).norm(), 1e-2 * expected.norm()) << turned;
+    EXPECT_LT(force.norm(), 1e-9 * sums.weight) << turned;
+  }
+}
+
 TEST(ElasticContact, LanesThatLandAtDifferentTimesAreThoseAlone) {
   const auto model = make_elastic_sheet(over_mound(0.3));
   const auto start = [](ElasticTissue<float>& tissue, int lane, int k) {

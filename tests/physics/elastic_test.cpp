@@ -203,6 +203,101 @@ TEST(Elastic, GradientIsTheDerivativeOfTheEnergy) {
   test::expect_gradient_of_energy(tissue, p);
 }
 
+/// A loose sheet of 9 x 9 nodes, a grid or a mesh without order.
+std::shared_ptr<const ElasticTissueModel> loose_sheet(bool mesh, double bending_scale) {
+  ElasticCase c;
+  c.nx = c.ny = 9;
+  c.poisson = 0.3;
+  c.anchor_max_y = -1;
+  c.bending_scale = bending_scale;
+  return mesh ? test::make_elastic_mesh(c, test::make_irregular_mesh(c, 0.25))
+              : make_elastic_sheet(c);
+}
+
+std::vector<Vector3d> moved_sheet(const ElasticTissueModel& model, const Vector3d& size) {
+  std::vector<Vector3d> p = model.body.particles;
+  for (std::uint32_t i = 0; i < p.size(); ++i)
+    p[i] += size.cwiseProduct(Vector3d(uniform(i, 0), uniform(i, 1), uniform(i, 2)));
+  return p;
+}
+
+std::vector<Vector3d> gradient_at(const std::shared_ptr<const ElasticTissueModel>& model,
+                                  const std::vector<Vector3d>& p) {
+  ElasticTissue<double> tissue(model, kKernelF64x1);
+  for (int i = 0; i < tissue.particles(); ++i)
+    tissue.set_position(0, i, p[static_cast<std::size_t>(i)]);
+  return tissue.elastic_gradient(0);
+}
+
+// The plate bends along its normal: how strain changes from place to place in the plane is none of
+// its business. Bending in all coordinates made a stretched sheet 2.9 % stiffer.
+TEST(Elastic, StrainInThePlaneBendsNothing) {
+  for (const bool mesh : {false, true}) {
+    const auto soft = loose_sheet(mesh, 1);
+    const std::vector<Vector3d> p = moved_sheet(*soft, {2e-3, 2e-3, 0});
+    EXPECT_EQ(elastic_energy(*soft, p).bending, 0);
+    EXPECT_EQ(gradient_at(soft, p), gradient_at(loose_sheet(mesh, 1000), p));
+  }
+}
+
+// Also far from the plane, where normals turn from node to node.
+TEST(Elastic, BendingForcesAreNoForceAndNoCoupleOnTheSheet) {
+  for (const bool mesh : {false, true}) {
+    const auto model = loose_sheet(mesh, 1000);
+    const std::vector<Vector3d> p = moved_sheet(*model, {2e-3, 2e-3, 4e-3});
+    const std::vector<Vector3d> gradient = gradient_at(model, p);
+    Vector3d force = Vector3d::Zero();
+    Vector3d couple = Vector3d::Zero();
+    double size = 0;
+    for (std::size_t i = 0; i < p.size(); ++i) {
+      force += gradient[i];
+      couple += p[i].cross(gradient[i]);
+      size += gradient[i].norm();
+    }
+    EXPECT_GT(size, 1);  // [N]
+    EXPECT_LT(force.norm(), 1e-13 * size);
+    EXPECT_LT(couple.norm(), 1e-13 * size * 0.012);
+  }
+}
+
+// Prony branches remember moments of the material: they turn with the sheet.
+TEST(Elastic, MemoryOfBendingTurnsWithTheSheet) {
+  ElasticCase c;
+  c.nx = c.ny = 9;
+  c.young = 3e3;
+  c.bending_scale = 10;
+  c.anchor_max_y = -0.0115;
+  Scene scene = test::make_elastic_scene(c);
+  auto* branch = scene.config.mutable_tissue()->mutable_effects()->add_viscoelastic();
+  branch->set_share(2);
+  branch->set_time_s(0.5);
+  std::vector<std::string> warnings;
+  ElasticTissue<double> tissue(make_elastic_model(scene, 0.02, warnings), kKernelF64x1);
+  run_free(tissue, 0.4);
+  const std::vector<Vector3d> before = tissue.elastic_gradient(0);
+  const Eigen::Matrix3d turn =
+      (Eigen::AngleAxisd(0.7, Vector3d::UnitX()) * Eigen::AngleAxisd(-1.2, Vector3d::UnitZ()))
+          .toRotationMatrix();
+  std::vector<Vector3d> p;
+  for (int i = 0; i < tissue.particles(); ++i) {
+    p.push_back(tissue.position(0, i));
+    tissue.set_position(0, i, turn * p.back());
+  }
+  const std::vector<Vector3d> after = tissue.elastic_gradient(0);
+  scene.config.mutable_tissue()->clear_effects();
+  const std::vector<Vector3d> without = gradient_at(make_elastic_model(scene, 0.02, warnings), p);
+  double largest = 0;
+  double memory = 0;
+  double off = 0;
+  for (std::size_t i = 0; i < p.size(); ++i) {
+    largest = std::max(largest, before[i].norm());
+    memory = std::max(memory, (before[i] - without[i]).norm());
+    off = std::max(off, (after[i] - turn * before[i]).norm());
+  }
+  EXPECT_GT(memory, 0.1 * largest);
+  EXPECT_LT(off, 1e-10 * largest);
+}
+
 // ---------------------------------------------------------------------------------------------------------------------
 // Grasp.
 
