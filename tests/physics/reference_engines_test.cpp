@@ -86,6 +86,8 @@ std::shared_ptr<ReferenceTissueModel> make_model(const EngineResult& result, con
   std::vector<std::string> warnings;
   auto model = std::const_pointer_cast<ReferenceTissueModel>(
       make_reference_model(scene, period, warnings, pinches));
+  if (result.values.count("compliance") != 0)
+    model->grasp_compliance = result.values.at("compliance")[0];
   if (result.values.count("inclusion") != 0) {
     const std::vector<double>& disc = result.values.at("inclusion");  // x, y, radius, factor
     for (ReferenceElement& element : model->elements) {
@@ -121,7 +123,13 @@ Comparison compare(const EngineResult& result, std::shared_ptr<const ReferenceTi
     way = Vector3d::Map(result.values.at("lift").data());
     tissue.hold(0, tip, patch[2], false);
   }
-  for (int step = 0; step < 60 && tissue.healthy(0); ++step) {
+  const auto moves = [&tissue] {
+    for (const Vector3d& v : tissue.node_velocities()) {
+      if (v.norm() > 1e-7) return true;
+    }
+    return false;
+  };
+  for (int step = 0; (step < 10 || moves()) && step < 60 && tissue.healthy(0); ++step) {
     const auto at = [&](int k) { return Vector3d(tip + std::min(1.0, k / 10.0) * way); };
     const ToolMotion motion{at(step), at(step + 1)};
     tissue.step({&motion, 1});
@@ -142,27 +150,20 @@ Comparison compare(const EngineResult& result, std::shared_ptr<const ReferenceTi
   return comparison;
 }
 
-std::vector<std::string> case_names(const std::string& prefix,
-                                    const std::vector<std::string>& kinds,
-                                    const std::vector<std::string>& stiffnesses) {
-  std::vector<std::string> names;
-  for (const std::string& kind : kinds) {
-    for (const std::string& young : stiffnesses) names.push_back(prefix + kind + "_" + young);
-  }
-  return names;
-}
-
 void print_row(const std::string& name, const Comparison& c) {
   std::printf("# %-36s rms %.5f mm, largest %.5f mm, force %.4f %%\n", name.c_str(), 1e3 * c.rms,
               1e3 * c.largest, 100 * c.force);
 }
 
-TEST(ReferenceEngines, DolfinxWithTheSameElementAndMeshAgrees) {
-  for (const std::string& name :
-       case_names("dolfinx_same_", {"hang", "corner", "edge", "stretch", "inclusion"},
-                  {"20kPa", "60kPa", "200kPa"})) {
+/// Engine and kind of case, of which there are three stiffnesses.
+class SameElementAndMesh : public testing::TestWithParam<std::string> {};
+
+TEST_P(SameElementAndMesh, Agrees) {
+  for (const char* const young : {"20kPa", "60kPa", "200kPa"}) {
+    const std::string name = GetParam() + "_" + young;
     const EngineResult result = read_result(name + ".txt");
-    const auto model = make_sheet(result, 16, 1);
+    const auto elements = static_cast<unsigned>(result.values.at("lines_x").size() - 1);
+    const auto model = make_sheet(result, elements, 1);
     for (int axis = 0; axis < 3; ++axis) {
       const std::vector<double>& lines = result.values.at(std::string("lines_") + "xyz"[axis]);
       // Of the clamped strip the engine has no elements.
@@ -173,10 +174,20 @@ TEST(ReferenceEngines, DolfinxWithTheSameElementAndMeshAgrees) {
     }
     const Comparison c = compare(result, model);
     print_row(name, c);
-    EXPECT_LT(c.rms, 5e-5) << name;    // issue: 0.05 mm
-    EXPECT_LT(c.force, 0.01) << name;  // issue: 1 %
+    EXPECT_LT(c.rms, 1e-5) << name;    // goal: 0.05 mm
+    EXPECT_LT(c.force, 1e-3) << name;  // goal: 1 %
   }
 }
+
+const auto kTestName = [](const testing::TestParamInfo<std::string>& info) { return info.param; };
+
+INSTANTIATE_TEST_SUITE_P(ReferenceEngines, SameElementAndMesh,
+                         testing::Values("dolfinx_same_hang", "dolfinx_same_corner",
+                                         "dolfinx_same_edge", "dolfinx_same_stretch",
+                                         "dolfinx_same_inclusion", "calculix_same_hang",
+                                         "calculix_same_corner", "calculix_same_edge",
+                                         "calculix_same_stretch", "calculix_same_inclusion"),
+                         kTestName);
 
 TEST(ReferenceEngines, DolfinxLiftsFromABoardWithFrictionAlike) {
   // The numbers of dynamic_case() in tests/reference/cases.py.
@@ -263,23 +274,38 @@ TEST(ReferenceEngines, StubbyBeamAtPoisson049ConvergesToDolfinx) {
   EXPECT_LT(fine, 0.5 * coarse);
 }
 
-TEST(ReferenceEngines, CalculixWithAnotherElementAndMeshAgrees) {
-  // 20-node bricks, 16 x 16 x 2, law of St. Venant-Kirchhoff, against 36 x 36 x 1. Decision 0013:
-  // what is left of the hanging sheet is CalculiX's mesh, of 60 kPa the mesh around the patch.
-  const std::map<std::string, double> bounds = {
-      {"hang_60kPa", 3.5e-4}, {"hang_200kPa", 4e-4},    {"corner_60kPa", 1.2e-4},
-      {"edge_60kPa", 1e-4},   {"stretch_60kPa", 2e-4},  {"corner_200kPa", 5e-5},
-      {"edge_200kPa", 5e-5},  {"stretch_200kPa", 5e-5},
-  };
-  for (const auto& [name, bound] : bounds) {
-    const EngineResult result = read_result("calculix_" + name + ".txt");
+struct Bounds {
+  const char* kind;
+  double soft, stiff;  ///< of 60 and 200 kPa [m]
+};
+
+/// 20-node bricks, 16 x 16 x 2, law of St. Venant-Kirchhoff, against 36 x 36 x 1.
+class AnotherElementAndMesh : public testing::TestWithParam<Bounds> {};
+
+TEST_P(AnotherElementAndMesh, AgreesAsFarAsTheMeshesDo) {
+  // Decision 0013: what is left of the hanging sheet is CalculiX's mesh, of the others the mesh
+  // around the patch.
+  const Bounds& bounds = GetParam();
+  for (const bool stiff : {false, true}) {
+    const std::string name =
+        std::string("calculix_") + bounds.kind + (stiff ? "_200kPa" : "_60kPa");
+    const EngineResult result = read_result(name + ".txt");
     ASSERT_EQ(result.law, "st_venant_kirchhoff");
     const Comparison c = compare(result, make_sheet(result, 36, 1));
-    print_row("calculix_" + name, c);
-    EXPECT_LT(c.rms, bound) << name;
+    print_row(name, c);
+    EXPECT_LT(c.rms, stiff ? bounds.stiff : bounds.soft) << name;
     EXPECT_LT(c.force, 0.016) << name;
   }
 }
+
+const auto kKindOfCase = [](const testing::TestParamInfo<Bounds>& info) { return info.param.kind; };
+
+INSTANTIATE_TEST_SUITE_P(ReferenceEngines, AnotherElementAndMesh,
+                         testing::Values(Bounds{"hang", 3.5e-4, 4e-4},
+                                         Bounds{"corner", 1.4e-4, 7e-5},
+                                         Bounds{"edge", 1.3e-4, 9e-5},
+                                         Bounds{"stretch", 2.7e-4, 3.2e-4}),
+                         kKindOfCase);
 
 }  // namespace
 }  // namespace omentum

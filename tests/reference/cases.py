@@ -60,10 +60,10 @@ STEP, REST, LIFT, DAMPING, FRICTION, SLIP = 0.02, 5, 40, 5.0, 0.3, 1e-3
 FRAMES = (15, 25, 35, 45)  # steps after which the surface is stored
 
 
-def write_result(name, case, extra, points):
+def write_result(name, case, extra, points, remarks=()):
     RESULTS.mkdir(exist_ok=True)
-    lines = case.header() + [f"# {key} " + " ".join(f"{v:.9g}" for v in values)
-                             for key, values in extra.items()]
+    lines = case.header() + [f"# {remark}" for remark in remarks]
+    lines += [f"# {key} " + " ".join(f"{v:.9g}" for v in values) for key, values in extra.items()]
     lines += [" ".join(f"{v:.9g}" for v in row) for row in points]
     (RESULTS / f"{name}.txt").write_text("\n".join(lines) + "\n")
 

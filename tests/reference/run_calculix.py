@@ -1,5 +1,8 @@
 """Solves the cases with CalculiX (Debian: calculix-ccx) and stores the results.
 
+/usr/bin/python3 run_calculix.py same [CASE ...]
+                                      8-node bricks with incompatible modes C3D8I, the mesh of
+                                      make_reference_model, 24 x 24 x 1
 /usr/bin/python3 run_calculix.py ELEMENTS LAYERS [CASE ...]
                                       20-node bricks C3D20R, stored results: 16 2
 /usr/bin/python3 run_calculix.py law  which laws CalculiX means, from one element
@@ -19,7 +22,9 @@ import numpy as np
 from cases import (Case, DENSITY, POISSON, THICKNESS, disc_points, mid_surface_points,
                    reference_lines, static_cases, write_result)
 
-# Local coordinates of the 20 nodes in CalculiX's order.
+SAME = 24, 1  # elements along x and y, layers of the results "same"
+
+# Local coordinates of the 20 nodes in CalculiX's order; bricks with eight have the first eight.
 CORNERS = [(-1, -1, -1), (1, -1, -1), (1, 1, -1), (-1, 1, -1),
            (-1, -1, 1), (1, -1, 1), (1, 1, 1), (-1, 1, 1)]
 EDGES = [(0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4),
@@ -27,7 +32,9 @@ EDGES = [(0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4),
 LOCAL = np.array(CORNERS + [tuple((np.array(CORNERS[a]) + CORNERS[b]) // 2) for a, b in EDGES])
 
 
-def shape_functions(xi):
+def shape_functions(nodes, xi):
+    if nodes == 8:
+        return np.prod(1 + xi * LOCAL[:8], axis=1) / 8
     N = np.empty(20)
     for a, node in enumerate(LOCAL):
         terms = 1 + xi * node
@@ -40,7 +47,9 @@ def shape_functions(xi):
 
 
 class Mesh:
-    def __init__(self, lines):
+    def __init__(self, lines, per_element):
+        """Bricks of 8 or 20 nodes between the lines."""
+        self.per_element = per_element
         self.lines = [np.asarray(line) for line in lines]
         index, self.nodes, self.elements = {}, [], []
         n = [len(line) - 1 for line in lines]
@@ -51,7 +60,7 @@ class Mesh:
             for iy in range(n[1]):
                 for ix in range(n[0]):
                     element = []
-                    for local in LOCAL:
+                    for local in LOCAL[:per_element]:
                         at = tuple(2 * np.array([ix, iy, iz]) + 1 + local)
                         if at not in index:
                             index[at] = len(self.nodes)
@@ -70,7 +79,7 @@ class Mesh:
             cell.append(k)
             xi.append(2 * (point[axis] - line[k]) / (line[k + 1] - line[k]) - 1)
         element = (cell[2] * self.n[1] + cell[1]) * self.n[0] + cell[0]
-        return self.elements[element], shape_functions(np.array(xi))
+        return self.elements[element], shape_functions(self.per_element, np.array(xi))
 
 
 def patch_rows(mesh, centre, radius):
@@ -103,15 +112,28 @@ def inclusion_at(case, nodes):
     return 1 + (factor - 1) * np.maximum(0, 1 - far2) ** 2
 
 
-def material(case):
+def material(case, factor=1.0):
     mu = case.young / (2 * (1 + POISSON))
     bulk = case.young / (3 * (1 - 2 * POISSON))
     if case.law == "st_venant_kirchhoff":
-        rows = [f"{case.young}, {POISSON}, 1."]
-        if case.inclusion:  # E in proportion to a temperature that nothing else depends on
-            rows.append(f"{case.inclusion[3] * case.young}, {POISSON}, {case.inclusion[3]}")
-        return ["*ELASTIC"] + rows
+        return ["*ELASTIC", f"{factor * case.young:.12e}, {POISSON}"]
     return ["*HYPERELASTIC, NEO HOOKE", f"{mu / 2:.12e}, {2 / bulk:.12e}"]
+
+
+def sections(mesh, case):
+    """Materials and which elements have them. Of an inclusion every stiffness is one of its own,
+    that at the centre of the element, as in the reference model."""
+    factors = np.ones(len(mesh.elements))
+    if case.inclusion:
+        centres = np.array([mesh.nodes[element[:8]].mean(axis=0) for element in mesh.elements])
+        factors = np.round(inclusion_at(case, centres), 12)
+    out = []
+    for m, factor in enumerate(np.unique(factors)):
+        out.append(f"*ELSET, ELSET=PART{m}")
+        write_list(out, [e + 1 for e in np.flatnonzero(factors == factor)])
+        out += [f"*MATERIAL, NAME=TISSUE{m}"] + material(case, factor)
+        out += ["*DENSITY", str(DENSITY), f"*SOLID SECTION, ELSET=PART{m}, MATERIAL=TISSUE{m}"]
+    return out
 
 
 def write_deck(mesh, case, path):
@@ -121,10 +143,13 @@ def write_deck(mesh, case, path):
     control = len(mesh.nodes) + 1
     if case.patch:
         out += ["*NODE, NSET=CONTROL", f"{control}, 0, 0, 0.1"]
-    out.append("*ELEMENT, TYPE=C3D20R, ELSET=SHEET")
+    out.append(f"*ELEMENT, TYPE={'C3D8I' if mesh.per_element == 8 else 'C3D20R'}, ELSET=SHEET")
     for e, element in enumerate(mesh.elements):
         names = [str(i) for i in [e + 1] + [node + 1 for node in element]]
-        out += [", ".join(names[:11]) + ",", ", ".join(names[11:])]
+        if len(names) > 11:
+            out.append(", ".join(names[:11]) + ",")
+            names = names[11:]
+        out.append(", ".join(names))
     out.append("*NSET, NSET=CLAMP")
     write_list(out, [i + 1 for i in np.flatnonzero(mesh.nodes[:, 1] < mesh.lines[1][0] + 1e-9)])
     if case.patch:
@@ -150,12 +175,11 @@ def write_deck(mesh, case, path):
                 for k in range(0, len(terms), 4):
                     out.append(", ".join(f"{node}, {axis}, {c:.12e}"
                                          for node, c in terms[k:k + 4]))
-    out += ["*MATERIAL, NAME=TISSUE"] + material(case) + ["*DENSITY", str(DENSITY)]
-    out += ["*SOLID SECTION, ELSET=SHEET, MATERIAL=TISSUE", "*BOUNDARY", "CLAMP, 1, 3"]
-    if case.inclusion:
-        out.append("*INITIAL CONDITIONS, TYPE=TEMPERATURE")
-        out += [f"{i + 1}, {t:.12e}" for i, t in enumerate(inclusion_at(case, mesh.nodes))]
+    out += sections(mesh, case) + ["*BOUNDARY", "CLAMP, 1, 3"]
+    # Residual force relative to the mean force, of which the patch has most: by default 0.5 %.
     out += ["*STEP, NLGEOM, INC=2000", "*STATIC", "0.1, 1., 1e-7, 0.25",
+            "*CONTROLS, PARAMETERS=FIELD", "1e-7, 1e-5, , , 1e-7",
+            "*CONTROLS, PARAMETERS=TIME INCREMENTATION", "8, 16, 9, 32, 10, 4, , 10",
             "*DLOAD", f"SHEET, GRAV, {case.gravity}, 0., 0., -1."]
     if case.patch:
         out.append("*BOUNDARY")
@@ -185,7 +209,8 @@ def held_force(mesh, case, clamp_forces):
     weight = np.zeros(len(mesh.nodes))
     for element in mesh.elements:
         volume = np.prod(mesh.nodes[element[6]] - mesh.nodes[element[0]])
-        weight[element] += DENSITY * case.gravity * volume * np.array([-1 / 8] * 8 + [1 / 6] * 12)
+        share = [1 / 8] * 8 if len(element) == 8 else [-1 / 8] * 8 + [1 / 6] * 12
+        weight[element] += DENSITY * case.gravity * volume * np.array(share)
     clamped = mesh.nodes[:, 1] < mesh.lines[1][0] + 1e-9
     total = np.sum([values for values in clamp_forces.values()], axis=0)
     return total - np.array([0, 0, weight[~clamped].sum()])
@@ -197,23 +222,49 @@ def ccx(folder, name):
         raise RuntimeError(done.stdout[-1500:])
 
 
-def run(case, elements, layers):
-    begin = time.time()
-    mesh = Mesh(reference_lines(case, elements, layers))
+def version():
+    """Of CalculiX, as it says itself."""
+    said = subprocess.run(["ccx", "-v"], capture_output=True, text=True).stdout
+    return said.split("Version")[1].split()[0]
+
+
+def solve(mesh, case):
+    """Displacements of the nodes [m] and the force on the tool [N]."""
     with tempfile.TemporaryDirectory() as folder:
         write_deck(mesh, case, Path(folder) / "case.inp")
         ccx(folder, "case")
         blocks = read_blocks(Path(folder) / "case.dat")
     u = np.array([blocks["displacements"][i + 1] for i in range(len(mesh.nodes))])
-    force = np.zeros(3)
-    if case.patch:
-        force = held_force(mesh, case, blocks["forces"])
+    force = held_force(mesh, case, blocks["forces"]) if case.patch else np.zeros(3)
+    return u, force
+
+
+def run_same(case):
+    begin = time.time()
+    mesh = Mesh(reference_lines(case, *SAME), 8)
+    u, force = solve(mesh, case)
+    x, y, z = mesh.lines
+    points = []
+    for p in [(a, b, z[0]) for a in x[::2] for b in y[2::2]]:
+        nodes, N = mesh.weights_at(p)
+        points.append(tuple(p) + tuple(np.array(p) + N @ u[nodes]))
+    write_result(f"calculix_same_{case.name}", case,
+                 {"force": force, "lines_x": x, "lines_y": y, "lines_z": z}, points,
+                 [f"engine CalculiX {version()}", "element C3D8I"])
+    print(f"{case.name}: force {1e3 * force} mN, {time.time() - begin:.1f} s", flush=True)
+
+
+def run(case, elements, layers):
+    begin = time.time()
+    mesh = Mesh(reference_lines(case, elements, layers), 20)
+    u, force = solve(mesh, case)
     points = []
     for p in mid_surface_points():
         nodes, N = mesh.weights_at(p)
         points.append(tuple(p) + tuple(np.array(p) + N @ u[nodes]))
     write_result(f"calculix_{case.name}", case,
-                 {"force": force, "elements": [elements, elements, layers]}, points)
+                 {"force": force, "elements": [elements, elements, layers]}, points,
+                 [f"engine CalculiX {version()}", "element C3D20R"])
     print(f"{case.name}: force {1e3 * force} mN, {time.time() - begin:.1f} s", flush=True)
 
 
@@ -256,10 +307,12 @@ if __name__ == "__main__":
     if sys.argv[1:] == ["law"]:
         check_laws()
         sys.exit()
-    count, through = int(sys.argv[1]), int(sys.argv[2])
+    same = sys.argv[1] == "same"
+    wanted = sys.argv[2 if same else 3:]
     for each in static_cases("st_venant_kirchhoff"):
-        if len(sys.argv) < 4 or each.name in sys.argv[3:]:
-            try:
-                run(each, count, through)
-            except RuntimeError as error:
-                print(f"{each.name}: CalculiX gave up: {str(error)[-300:]}", flush=True)
+        if wanted and each.name not in wanted:
+            continue
+        try:
+            run_same(each) if same else run(each, int(sys.argv[1]), int(sys.argv[2]))
+        except RuntimeError as error:
+            print(f"{each.name}: CalculiX gave up: {str(error)[-300:]}", flush=True)
