@@ -36,8 +36,8 @@ Scene make_scene(const Lift& lift) {
   pb::Tissue& tissue = *scene.config.mutable_tissue();
   tissue.set_anchor_max_y_m(kClamp);
   tissue.mutable_reference()->set_integrator(pb::INTEGRATOR_BACKWARD_EULER);
-  tissue.mutable_reference()->set_elements_x(24);
-  tissue.mutable_reference()->set_elements_y(24);
+  tissue.mutable_reference()->set_elements_x(36);
+  tissue.mutable_reference()->set_elements_y(36);
   return scene;
 }
 
