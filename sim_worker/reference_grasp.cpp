@@ -54,7 +54,7 @@ void ReferenceTissue::add_grasp(const Terms& terms, const Nodes& x, Residual& ou
               out);
 }
 
-/// For constrain() with a new factor. With C the rows of the grasp and
+/// For constrain_direction() with a new factor. With C the rows of the grasp and
 /// c its compliance the matrix is A + C^T C / c; by Woodbury's identity, with A = L L^T,
 /// Y = L^-1 C^T, y = -L^-1 force: dx = L^-T (y - Y (c I + Y^T Y)^-1 Y^T y).
 void ReferenceTissue::prepare_constraint() {
@@ -75,14 +75,13 @@ void ReferenceTissue::prepare_constraint() {
   const Eigen::Vector4d compliances = grasp_compliances();
   for (int k = 0; k < kColumns; ++k) S(k, k) += compliances[k / 3];
   constraint_solver_.compute(S);
-  constrained_ = true;
 }
 
 /// Takes the grasp into account between the two halves of a solve.
-void ReferenceTissue::constrain(Eigen::Ref<VectorXd> direction) const {
+void ReferenceTissue::constrain_direction() {
   const VectorXd multipliers =
-      constraint_solver_.solve(constraint_response_.transpose() * direction);
-  direction -= constraint_response_ * multipliers;
+      constraint_solver_.solve(constraint_response_.transpose() * direction_);
+  direction_ -= constraint_response_ * multipliers;
 }
 
 /// On the bilinear mid-surface, searched from the nearest particle. Nothing where that is clamped.
@@ -124,7 +123,6 @@ void ReferenceTissue::hold(int, const Vector3d& tip, double radius, bool collaps
   const double patch_radius = std::sqrt(radius * radius - nearest->distance * nearest->distance);
   if (!(patch_radius > 1e-5)) return;  // [m]: the sphere only grazes the sheet
   grasp_ = make_grasp(nearest->X, patch_radius);
-  constrained_ = false;
   grasp_->offset = patch_rows(state_.x);
   grasp_->offset.col(0) -= tip;
   if (fx.jaw_roll != 0 || fx.jaw_tilt != 0)

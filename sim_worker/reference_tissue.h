@@ -133,8 +133,9 @@ class ReferenceTissue : public Tissue<double> {
   struct Residual {
     double energy = 0;      ///< incremental potential [J]
     double scale = 0;       ///< sum of the magnitudes of its terms [J]
-    Eigen::VectorXd force;  ///< its derivative at the unknowns, then at the parabolas [N]
-    double norm = 0;        ///< of the force [N]
+    Eigen::VectorXd force;  ///< its derivative at the unknowns [N]
+    Bubbles bubble_force;
+    double norm = 0;  ///< of everything [N]
     double energy_without_contact = 0;
     Eigen::VectorXd without_contact;
 
@@ -143,23 +144,11 @@ class ReferenceTissue : public Tissue<double> {
       scale += term < 0 ? -term : term;
     }
   };
-  /// Tangent that the factor is of; with it a loaded state makes the same factor. The elements'
-  /// part was taken at (x, bubble).
-  struct Tangent {
-    bool usable = false;  ///< for the next step
-    double inertia = 0;   ///< on the masses [1/s^2]
-    Nodes x;
-    Bubbles bubble;
-    std::vector<Eigen::Matrix3d> node_blocks;  ///< of the other forces, per node [N/m]
-  };
   struct Contact {
     int node = 0, body = 0;
     Eigen::Vector3d normal;
     double force = 0, stiffness = 0, energy = 0;  ///< [N], [N/m], [J]
   };
-
-  /// How much of the factor is made anew: nothing, what depends on the blocks of the nodes, all.
-  enum class Renewal { kNone, kNodes, kAll };
 
   bool advance(const ToolMotion& motion, double from, double to, int depth);
   Terms make_terms(const ToolMotion& motion, double from, double to) const;
@@ -169,25 +158,18 @@ class ReferenceTissue : public Tissue<double> {
   void evaluate(const Terms& terms, const Nodes& x, const Bubbles& bubble, Residual& out) const;
   void evaluate_contact(const Terms& terms, const Nodes& x, Residual& out) const;
   void add_force(int node, const Eigen::Vector3d& force, Residual& out) const;
-  double inertia(const Terms& terms) const;
-  bool renew_factor(const Terms& terms, Renewal renewal, bool must);
-  bool make_factor(const Terms& terms, std::vector<Eigen::Matrix3d> blocks);
-  bool carry_factor();
-  int bubble_unknown(std::size_t element, int c) const {
-    return model_->unknowns + 9 * static_cast<int>(element) + c;
-  }
+  bool make_factor(const Terms& terms, bool all);
+  void renew_inner(const Residual& residual);
   bool newton_direction(const Residual& residual);
-  void assemble();
-  std::vector<Eigen::Matrix3d> node_blocks(const Terms& terms) const;
-  void set_block(int node, const Eigen::Matrix3d& more);
+  void assemble(const Terms& terms);
+  void add_block(int node, const Eigen::Matrix3d& block);
   void move_trial(const Terms& terms, double share, const Nodes& x, const Bubbles& bubble);
   bool search_line(const Terms& terms, Residual& residual);
   int bodies() const;
   void find_contacts(const Terms& terms, const Nodes& x, std::vector<Contact>& contacts) const;
   void add_contact(const Terms& terms, const Nodes& x, Residual& out) const;
-  void contact_stiffness(
-      const Terms& terms,
-      const std::function<void(int node, const Eigen::Matrix3d& block)>& add) const;
+  void add_contact_stiffness(const Terms& terms);
+  std::vector<int> contact_states(const Terms& terms) const;
   void collect_contact_forces(const Terms& terms);
   void update_friction(const Terms& terms, const Nodes& x);
   static Eigen::Vector3d slip_velocity(const Terms& terms, const FrictionPoint& point,
@@ -197,13 +179,11 @@ class ReferenceTissue : public Tissue<double> {
   void slip();
   void add_grasp(const Terms& terms, const Nodes& x, Residual& out) const;
   void prepare_constraint();
-  void constrain(Eigen::Ref<Eigen::VectorXd> direction) const;
+  void constrain_direction();
   std::optional<SheetPoint> nearest_point(const Eigen::Vector3d& tip) const;
   void move_particle(int particle, const Eigen::Vector3d& by, Nodes& field);
   Grasp make_grasp(const Eigen::Vector2d& centre, double radius) const;
   std::vector<double> pack_state() const;
-  void save_tangent(std::vector<double>& values) const;
-  void load_tangent(const double* next);
 
   std::shared_ptr<const ReferenceTissueModel> model_;
   State state_;
@@ -215,23 +195,22 @@ class ReferenceTissue : public Tissue<double> {
   Eigen::Vector3d held_force_ = Eigen::Vector3d::Zero();
   std::vector<Eigen::Vector3d> contact_forces_;
   std::string failure_;
-  Tangent tangent_;
   long newton_iterations_ = 0, factorisations_ = 0, implicit_steps_ = 0;
 
   // Scratch of one implicit step.
   FrontalCholesky factor_;
-  bool factored_ = false;                     ///< factor_ is of tangent_
-  bool constrained_ = false;                  ///< the constraint's solver is of factor_ and grasp_
-  std::vector<Eigen::Matrix3d> body_blocks_;  ///< of each node with itself, of the last assemble()
-  int kept_ = 0;                              ///< factors since the last assemble()
-  std::vector<HexInner> inner_;               ///< per four elements
+  std::vector<double> body_tangent_;  ///< entries of the last assemble()
+  std::vector<int> touch_;            ///< contact_states() of the last factor
+  int kept_ = 0;                      ///< factors since the last assemble()
+  std::vector<HexInner> inner_;       ///< per four elements
   /// Of the grasp, with the factor: L^-1 C^T and c I + its square (see prepare_constraint).
   Eigen::MatrixXd constraint_response_;
   Eigen::LDLT<Eigen::MatrixXd> constraint_solver_;
   std::vector<FrictionPoint> friction_;
   Nodes trial_x_;
   Bubbles trial_bubble_;
-  Eigen::VectorXd direction_;  ///< of the unknowns, then of the parabolas [m]
+  Eigen::VectorXd direction_;
+  Bubbles bubble_direction_;
   std::vector<double> surface_;
 };
 
