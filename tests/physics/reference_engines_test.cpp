@@ -86,8 +86,9 @@ std::shared_ptr<ReferenceTissueModel> make_model(const EngineResult& result, con
   std::vector<std::string> warnings;
   auto model = std::const_pointer_cast<ReferenceTissueModel>(
       make_reference_model(scene, period, warnings, pinches));
-  if (result.values.count("compliance") != 0)
-    model->grasp_compliance = result.values.at("compliance")[0];
+  // Without one the other engine's patch is rigid.
+  model->grasp_compliance =
+      result.values.count("compliance") != 0 ? result.values.at("compliance")[0] : 1e-8;
   if (result.values.count("inclusion") != 0) {
     const std::vector<double>& disc = result.values.at("inclusion");  // x, y, radius, factor
     for (ReferenceElement& element : model->elements) {
