@@ -113,7 +113,8 @@ struct Comparison {
 };
 
 /// Brings the case to rest and compares with the engine.
-Comparison compare(const EngineResult& result, std::shared_ptr<const ReferenceTissueModel> model) {
+Comparison compare(const EngineResult& result,
+                   const std::shared_ptr<const ReferenceTissueModel>& model) {
   ReferenceTissue tissue(model);
   Vector3d tip(0, 0, 1);
   Vector3d way = Vector3d::Zero();
