@@ -127,8 +127,9 @@ TissueBody make_pad_tissue() {
       Eigen::Translation3d(-0.01, 0.05, 0.05) * Eigen::AngleAxisd(0.4, Eigen::Vector3d::UnitX());
   std::vector<Eigen::Vector3d> grid;
   for (int k = 0; k < 25 * 20 * 5; ++k) {
-    grid.emplace_back(-0.04 + 0.004 * (k % 25), -0.045 + 0.004 * (k / 25 % 20),
-                      -0.006 + 0.004 * (k / 500));
+    const int row = k / 25 % 20;
+    const int layer = k / 500;
+    grid.emplace_back(-0.04 + 0.004 * (k % 25), -0.045 + 0.004 * row, -0.006 + 0.004 * layer);
   }
   const std::vector<bool> inside = points_inside(pad, grid);
   for (std::size_t k = 0; k < grid.size(); ++k) {
