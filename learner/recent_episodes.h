@@ -5,7 +5,8 @@
 
 namespace omentum {
 
-/// The last 100 training episodes, for the console and the curves. Not part of a checkpoint.
+/// The last 100 training episodes, for the console and the curves. Of it a checkpoint keeps
+/// `total`.
 struct RecentEpisodes {
   struct One {
     double return_sum = 0, length = 0, exposure = 0;  ///< length in steps, exposure in [0, 1]
