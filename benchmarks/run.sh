@@ -18,7 +18,8 @@ Figures of the groups named (default: tissue elastic ppo workers train):
             effect.<name>.cost_ratio: the lift with an effect over that without; and, where libbullet-dev was there at
             the build or python3 has mujoco, peer.bullet.* and peer.mujoco.* of the same lift
   ppo       ppo.us_per_sample_epoch and, where python3 has torch, the same of ppo.torch_us_per_sample_epoch
-  workers   workers.speedup_2_over_1: collecting only, preset paper; two pinned workers against one, alternating
+  workers   workers.speedup_2_over_1: collecting only, preset paper; two pinned workers against one, taking turns;
+            workers.machine_speedup_2_over_1: two systems of one worker each, what the cores can give at that time
   train     train.wall_3M_s (preset paper), train.omentum.wall_3M_s, train.small_buffer.wall_3M_s (preset paper with
             socket buffers of 208 KiB): learner start to last checkpoint, two workers, no evaluation
   camera    camera.* of bench_camera, where that program is built
@@ -50,6 +51,7 @@ done
 ((${#groups[@]})) || groups=(tissue elastic ppo workers train)
 
 scratch=$(mktemp -d) || exit 1
+first_core=0
 failed=0 children=()
 # Ends what this script started, and waits for it.
 end_children() {
@@ -120,7 +122,7 @@ choose_domain() {
 }
 
 # One run of the learner and its workers. $1 = workers, $2 = run name, rest = learner options. The log is
-# $scratch/<name>.log. With two or more cores worker i sits on core i.
+# $scratch/<name>.log. With two or more cores worker i sits on core i, counted from $first_core.
 run_system() {
   local workers=$1 name=$2 i pin=() status
   shift 2
@@ -130,7 +132,7 @@ run_system() {
   local learner=$!
   children=("$learner")
   for ((i = 0; i < workers; ++i)); do
-    ((cores < 2)) || pin=(taskset -c "$((i % cores))")
+    ((cores < 2)) || pin=(taskset -c "$(((i + first_core) % cores))")
     "${pin[@]}" "$bin/sim_worker" --run "$name" --domain "$domain" >"$scratch/$name.worker$i.log" 2>&1 &
     children+=($!)
   done
@@ -211,35 +213,55 @@ bench_train() {
   CYCLONEDDS_URI=$small train_wall "train.small_buffer.wall_${size}_s" paper
 }
 
-# Steps per second of the second half of a collecting run: the start of the processes stays out.
+# Steps per second of a collecting run without its first batches, in which the processes start. $1 = workers, $2 = name.
 collect_rate() {
   local workers=$1 name=$2 columns
-  run_system "$workers" "$name" --preset paper --set run.updates=false --set rollout.max_steps=400000 || return
+  run_system "$workers" "$name" --preset paper --set run.updates=false --set rollout.max_steps=120000 || return
   columns=$(head -n 1 "$scratch/$name/metrics.csv")
   awk -F, -v columns="$columns" '
     NR == 1 { for (i = 1; i <= NF; ++i) { if ($i == "wall_time_s") wall = i; if ($i == "charts/steps_total") total = i } }
-    NR > 1 { at[NR] = $wall; steps[NR] = $total; last = NR }
-    END { half = int(last / 2); if (half < 2 || !wall || !total) exit 1
-          printf "%.0f", (steps[last] - steps[half]) / (at[last] - at[half]) }' "$scratch/$name/metrics.csv"
+    NR > 1 { at[++n] = $wall; steps[n] = $total }
+    END { if (n < 6 || !wall || !total) exit 1
+          printf "%.0f", (steps[n] - steps[3]) / (at[n] - at[3]) }' "$scratch/$name/metrics.csv"
+}
+# The same of two systems of one worker each at the same time, added up: what the machine's two cores give.
+collect_rate_apart() {
+  local core pids=()
+  for core in 0 1; do
+    ( trap end_children EXIT
+      trap 'exit 130' TERM
+      first_core=$core
+      collect_rate 1 "$1_$core" >"$scratch/apart_$core" ) &
+    pids+=($!)
+  done
+  children=("${pids[@]}")
+  wait "${pids[0]}" && wait "${pids[1]}" || { end_children; return 1; }
+  children=()
+  echo $(($(<"$scratch/apart_0") + $(<"$scratch/apart_1")))
 }
 
+# $1 = column: its median in the rounds.
+median() { awk -v c="$1" '{ print $c }' "$scratch/rounds" | sort -g | awk '{ v[NR] = $1 } END { print (v[int((NR + 1) / 2)] + v[int(NR / 2) + 1]) / 2 }'; }
+
+# One worker, two workers, and two systems that know nothing of each other take turns at the same batches. The speed of
+# a core that others share drifts by a fifth within seconds: the ratios are those within a round, of which the median counts.
 bench_workers() {
   need learner && need sim_worker || return
   if ((cores < 2)); then broken "workers: two cores are needed"; return; fi
-  local round rate one=0 two=0
-  for round in 1 2; do  # A/B/A/B, best of each
-    collect_rate 1 "one_$round" >"$scratch/rate" || { broken "workers: no rate with one"; return; }
-    rate=$(<"$scratch/rate")
-    note "one worker: $rate steps/s"
-    ((rate <= one)) || one=$rate
-    collect_rate 2 "two_$round" >"$scratch/rate" || { broken "workers: no rate with two"; return; }
-    rate=$(<"$scratch/rate")
-    note "two workers: $rate steps/s"
-    ((rate <= two)) || two=$rate
+  local round one two apart
+  for round in 1 2 3 4 5 6 7 8 9; do
+    first_core=$((round % 2))
+    collect_rate 1 "one_$round" >"$scratch/one" && collect_rate 2 "two_$round" >"$scratch/two" &&
+      collect_rate_apart "apart_$round" >"$scratch/apart" || { broken "workers: no rate in round $round"; return; }
+    one=$(<"$scratch/one") two=$(<"$scratch/two") apart=$(<"$scratch/apart")
+    awk -v a="$one" -v b="$two" -v c="$apart" 'BEGIN { print a, b, b / a, c / a }' >>"$scratch/rounds"
+    note "one worker $one, two $two, two systems apart $apart steps/s"
   done
-  figure workers.steps_per_s_1 "$one" steps/s
-  figure workers.steps_per_s_2 "$two" steps/s
-  figure workers.speedup_2_over_1 "$(awk -v a="$one" -v b="$two" 'BEGIN { printf "%.3f", b / a }')" x
+  first_core=0
+  figure workers.steps_per_s_1 "$(median 1)" steps/s
+  figure workers.steps_per_s_2 "$(median 2)" steps/s
+  figure workers.speedup_2_over_1 "$(median 3)" x
+  figure workers.machine_speedup_2_over_1 "$(median 4)" x
 }
 
 for group in "${groups[@]}"; do

@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <array>
 #include <chrono>
-#include <tuple>
 #include <utility>
 
 #include "core/check.h"
@@ -25,14 +24,6 @@ constexpr std::int64_t kPollNs = 50 * kMs;        // stop flag
 constexpr std::int64_t kRetryNs = 10 * kMs;       // delivery
 constexpr std::size_t kWeightsKept = 2;           // lead 1 has two versions alive
 constexpr std::size_t kMaxWarnings = 8;
-
-// A group starts when all lanes are taken, or when no task came for this long: tasks of one group
-// arrive together, but not at once. A share of the last group's duration, so the wait never costs
-// more than that.
-constexpr double kGatherShare = 0.05;
-constexpr std::int64_t kLeastGatherNs = 300'000;
-constexpr std::int64_t kMostGatherNs = 10 * kMs;
-constexpr std::int64_t kMostHolds = 4;  // x the gap since the first task of the group
 
 std::int64_t now_ns() {
   return std::chrono::duration_cast<std::chrono::nanoseconds>(
@@ -97,7 +88,8 @@ int BusWorker::run(const std::function<bool()>& stop) {
     std::int64_t now = now_ns();
     std::int64_t timeout = kPollNs;
     if (!outbox_.empty()) timeout = kRetryNs;
-    if (hold_until_ns_ > 0) timeout = std::clamp<std::int64_t>(hold_until_ns_ - now, 0, timeout);
+    if (const std::int64_t hold = pending_.hold_until_ns(); hold > 0)
+      timeout = std::clamp<std::int64_t>(hold - now, 0, timeout);
     waitset_.wait(timeout);
     take_control();
     prepare();
@@ -108,7 +100,9 @@ int BusWorker::run(const std::function<bool()>& stop) {
     flush(now);
     // Work that cannot be delivered is kept, but no more is made.
     if (outbox_.empty()) {
-      std::vector<Pending> group = next_group(now);
+      std::vector<TaskQueue::Entry> group = pending_.next_group(
+          status_.lanes, [this](const RolloutTask& task) { return check(task) == Check::kReady; },
+          now);
       if (!group.empty()) run_group(std::move(group), stop);
     }
     flush(now_ns());
@@ -228,16 +222,7 @@ void BusWorker::accept(RolloutTask task) {
     status_sent_ns_ = 0;
     return;
   }
-  // A newer grant of a slot replaces the one that still waits.
-  const auto same = std::find_if(pending_.begin(), pending_.end(), [&task](const Pending& waiting) {
-    return waiting.task.slot == task.slot;
-  });
-  if (same != pending_.end()) {
-    ++status_.tasks_abandoned;
-    pending_.erase(same);
-  }
-  last_arrival_ns_ = now_ns();
-  pending_.push_back({std::move(task), last_arrival_ns_});
+  if (pending_.push(std::move(task), now_ns())) ++status_.tasks_abandoned;
 }
 
 const PolicyWeights* BusWorker::weights_of(const RolloutTask& task) const {
@@ -283,62 +268,23 @@ void BusWorker::decline(const RolloutTask& task, Check reason) {
 }
 
 void BusWorker::decline_unfit(std::int64_t now_ns) {
-  for (auto at = pending_.begin(); at != pending_.end();) {
-    const Check verdict = check(at->task);
-    const bool late = now_ns - at->at_ns > kParkNs;
+  pending_.erase_if([this, now_ns](const TaskQueue::Entry& entry) {
+    const Check verdict = check(entry.task);
+    const bool late = now_ns - entry.at_ns > kParkNs;
     const bool parked = verdict == Check::kWait || verdict == Check::kNoWeights;
-    if (verdict == Check::kReady || (parked && !late)) {
-      ++at;
-      continue;
-    }
+    if (verdict == Check::kReady || (parked && !late)) return false;
     if (verdict == Check::kNoWeights && !weights_.empty() &&
-        at->task.policy_version < weights_.front().policy_version) {
+        entry.task.policy_version < weights_.front().policy_version) {
       ++status_.tasks_abandoned;  // a second grant of a batch that is over: nobody waits for it
     } else {
-      decline(at->task, verdict);
+      decline(entry.task, verdict);
     }
-    at = pending_.erase(at);
-  }
+    return true;
+  });
 }
 
 // -----------------------------------------------------------------------------------------
 // rollouts
-
-std::vector<BusWorker::Pending> BusWorker::next_group(std::int64_t now) {
-  hold_until_ns_ = 0;
-  const auto key = [](const RolloutTask& t) {
-    return std::tie(t.policy_version, t.weights_hash, t.kind, t.steps, t.greedy, t.frame_stride,
-                    t.scene_override);
-  };
-  const auto first = std::find_if(pending_.begin(), pending_.end(), [this](const Pending& p) {
-    return check(p.task) == Check::kReady;
-  });
-  if (first == pending_.end()) return {};
-  const auto lanes = static_cast<std::size_t>(status_.lanes);
-  std::size_t count = 0;
-  for (const Pending& p : pending_) count += key(p.task) == key(first->task) ? 1 : 0;
-  if (count < lanes) {
-    const auto gap =
-        std::clamp(static_cast<std::int64_t>(kGatherShare * static_cast<double>(group_ns_)),
-                   kLeastGatherNs, kMostGatherNs);
-    const std::int64_t until = std::min(last_arrival_ns_ + gap, first->at_ns + kMostHolds * gap);
-    if (now < until) {
-      hold_until_ns_ = until;
-      return {};
-    }
-  }
-  std::vector<Pending> group;
-  const RolloutTask pattern = first->task;
-  for (auto at = pending_.begin(); at != pending_.end() && group.size() < lanes;) {
-    if (key(at->task) != key(pattern)) {
-      ++at;
-      continue;
-    }
-    group.push_back(std::move(*at));
-    at = pending_.erase(at);
-  }
-  return group;
-}
 
 Backend& BusWorker::backend_of(const RolloutTask& task) {
   if (task.scene_override.empty()) return *setup_.backend;
@@ -359,11 +305,11 @@ Policy& BusWorker::policy_of(const RolloutTask& task) {
   return *policy_;
 }
 
-void BusWorker::run_group(std::vector<Pending> group, const std::function<bool()>& stop) {
+void BusWorker::run_group(std::vector<TaskQueue::Entry> group, const std::function<bool()>& stop) {
   const std::int64_t begin = now_ns();
   std::vector<RolloutTask> tasks;
   std::vector<std::int64_t> arrived;
-  for (Pending& pending : group) {
+  for (TaskQueue::Entry& pending : group) {
     RolloutTask& task = pending.task;
     if (!task.reset && hash_state(task.start_state) != task.start_hash) {
       decline(task, Check::kState);
@@ -395,7 +341,7 @@ void BusWorker::run_group(std::vector<Pending> group, const std::function<bool()
   running_ = 0;
   const std::int64_t end = now_ns();
   busy_ns_ += end - begin;
-  group_ns_ = end - begin;
+  pending_.group_ran(begin, end);
   if (segments.empty()) {  // stopped
     status_.tasks_abandoned += tasks.size();
     return;

@@ -13,6 +13,7 @@
 #include "core/dds_profile.h"
 #include "core/policy.h"
 #include "core/wire.h"
+#include "sim_worker/task_queue.h"
 
 namespace omentum {
 
@@ -61,10 +62,6 @@ class BusWorker {
   const WorkerStatus& status() const { return status_; }
 
  private:
-  struct Pending {
-    RolloutTask task;
-    std::int64_t at_ns = 0;
-  };
   struct Outgoing {
     RolloutSegment segment;
     std::int64_t at_ns = 0;
@@ -82,8 +79,7 @@ class BusWorker {
   void decline(const RolloutTask& task, Check reason);
   const PolicyWeights* weights_of(const RolloutTask& task) const;
 
-  std::vector<Pending> next_group(std::int64_t now_ns);
-  void run_group(std::vector<Pending> group, const std::function<bool()>& stop);
+  void run_group(std::vector<TaskQueue::Entry> group, const std::function<bool()>& stop);
   Backend& backend_of(const RolloutTask& task);
   Policy& policy_of(const RolloutTask& task);
 
@@ -119,12 +115,9 @@ class BusWorker {
   std::string scene_override_;
   std::deque<PolicyWeights> weights_;  ///< the last two, newest last
   std::unique_ptr<Policy> policy_;
-  std::deque<Pending> pending_;
+  TaskQueue pending_;
   std::deque<Outgoing> outbox_;
   std::uint32_t running_ = 0;
-  std::int64_t last_arrival_ns_ = 0;
-  std::int64_t group_ns_ = 0;  ///< duration of the last group
-  std::int64_t hold_until_ns_ = 0;
 
   std::int64_t status_sent_ns_ = 0;
   std::int64_t busy_ns_ = 0;
