@@ -11,8 +11,8 @@
 #include "core/topics.h"
 #include "core/types.h"
 
-/// The bus in terms of core/types.h. core/wire.cpp is the only file that knows the types idlc
-/// generates; here they appear as an incomplete type. Records: PolicyWeights, RolloutTask,
+/// The bus in terms of core/types.h. core/wire.cpp and what it is made of (wire_fields.h,
+/// wire_check.cpp) alone know the types idlc generates. Records: PolicyWeights, RolloutTask,
 /// RolloutSegment, WorkerStatus, LearnerStatus, EpisodeSummary, RunManifest.
 ///
 /// On the way out sequences borrow the memory of the record's vectors; nothing is copied before

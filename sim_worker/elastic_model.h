@@ -109,6 +109,8 @@ struct ElasticTissueModel : TissueModel, std::enable_shared_from_this<ElasticTis
   /// Springs of the clamp per node [N/m]; 0 where the effects do not touch it.
   std::vector<double> make_anchor(const EffectValues& effects) const;
 
+  /// Makes `metric` and `metric_diagonal` from the rest of the model.
+  void make_metric();
   /// Factor key of a lane: the number of the smallest step of a geometric grid of moduli that is
   /// not below E. It depends on the lane's own parameters only (tissue.md section 8).
   static int factor_key(double stiffness_scale);
@@ -126,6 +128,27 @@ struct ElasticTissueModel : TissueModel, std::enable_shared_from_this<ElasticTis
   mutable std::mutex mutex_;
   mutable std::map<int, std::shared_ptr<const PanelFactor>> factors_;  // guarded by mutex_
 };
+
+/// Of the grid, none of a mesh: calls fn(x-leg tail, x-leg head, y-leg tail, y-leg head) for the
+/// two triangles of every cell, in the order of elastic_kernel.inl.
+template <typename Function>
+void for_each_triangle(const ElasticTissueModel& model, Function&& fn) {
+  for (int ix = 0; ix + 1 < model.count_x; ++ix) {
+    for (int iy = 0; iy + 1 < model.count_y; ++iy) {
+      const int a = model.count_y * ix + iy;
+      const int b = a + model.count_y;
+      const int c = b + 1;
+      const int e = a + 1;
+      if ((ix + iy) % 2 == 0) {
+        fn(a, b, b, c);
+        fn(e, c, a, e);
+      } else {
+        fn(a, b, a, e);
+        fn(e, c, b, c);
+      }
+    }
+  }
+}
 
 /// Makes the shell of the scene's grid or mesh sheet. Throws Error for another law than corotated.
 std::shared_ptr<const ElasticTissueModel> make_elastic_model(const Scene& scene,

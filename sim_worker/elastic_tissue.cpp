@@ -1,12 +1,11 @@
+// The elastic shell in lanes: construction, parameters and the step. Contact, grasp and saved
+// states are in elastic_contact.cpp, elastic_grasp.cpp and elastic_state.cpp.
 #include "sim_worker/elastic_tissue.h"
 
-#include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
-#include <cstring>
 
 #include "core/check.h"
-#include "core/hash.h"
 #include "sim_worker/lane_kernels.h"
 
 namespace omentum {
@@ -16,9 +15,6 @@ using Eigen::Vector3d;
 
 // Rounds of conjugate gradients where tissue hangs on springs (effects adhesion and suction).
 constexpr int kSpringRounds = 8;
-// What comes after the fixed part of a state.
-constexpr std::uint32_t kGraspFollows = 1;
-constexpr std::uint32_t kEffectsFollow = 2;
 
 template <typename Real>
 AlignedVector<Real> convert(const std::vector<double>& values) {
@@ -192,25 +188,6 @@ void ElasticTissue<Real>::update_key(int lane) {
   if (held_[l].radius > 0) make_patch(lane);
 }
 
-/// Before a control step: slip of the grasps.
-template <typename Real>
-void ElasticTissue<Real>::slip_grasps() {
-  for (int lane = 0; lane < lanes(); ++lane) {
-    const auto l = static_cast<std::size_t>(lane);
-    const EffectValues& effects = effects_.values(lane);
-    if (!(held_[l].radius > 0) || !(effects.slip_speed > 0)) continue;
-    const Vector3d slip = slip_of(effects, held_force(lane),
-                                  model_->membrane_stiffness() * parameters_[l].stiffness_scale,
-                                  model_->control_period);
-    slipped_[l] += slip.norm();
-    if (effects.slip_loss > 0 && slipped_[l] > effects.slip_loss) {
-      release(lane);
-    } else {
-      shift_held(lane, slip);
-    }
-  }
-}
-
 template <typename Real>
 void ElasticTissue<Real>::reset(int lane, const Vector3d& offset) {
   release(lane);
@@ -340,178 +317,6 @@ void ElasticTissue<Real>::hold_for(std::uint32_t lanes) {
 }
 
 template <typename Real>
-void ElasticTissue<Real>::set_free(int lane, const std::vector<std::int32_t>& nodes, bool free) {
-  for (const std::int32_t i : nodes) {
-    std::uint32_t& mask = free_mask_[static_cast<std::size_t>(i)];
-    mask = free ? mask | 1U << lane : mask & ~(1U << lane);
-  }
-}
-
-template <typename Real>
-Vector3d ElasticTissue<Real>::point_of_sheet(int lane, const Eigen::Vector2d& X) const {
-  const ElasticTissueModel::Shares shares = model_->locate(X);
-  Vector3d p = Vector3d::Zero();
-  for (std::size_t k = 0; k < shares.node.size(); ++k)
-    p += shares.weight[k] * position(lane, shares.node[k]);
-  return p;
-}
-
-template <typename Real>
-std::pair<Vector3d, double> ElasticTissue<Real>::nearest_point(int lane,
-                                                               const Vector3d& tip) const {
-  std::vector<Vector3d> places;
-  for (int i = 0; i < particles(); ++i) places.push_back(position(lane, i));
-  if (model_->is_mesh()) return nearest_on_mesh(model_->mesh, model_->body.particles, places, tip);
-  std::size_t nearest = 0;
-  for (std::size_t i = 1; i < places.size(); ++i) {
-    if ((places[i] - tip).squaredNorm() < (places[nearest] - tip).squaredNorm()) nearest = i;
-  }
-  const SheetPoint point =
-      nearest_on_sheet([&](const Eigen::Vector2d& X) { return point_of_sheet(lane, X); },
-                       model_->sheet(), model_->body.particles[nearest].template head<2>(), tip);
-  return {{point.X.x(), point.X.y(), 0}, point.distance};
-}
-
-template <typename Real>
-void ElasticTissue<Real>::hold(int lane, const Vector3d& tip, double radius, bool collapse) {
-  release(lane);
-  const EffectValues& effects = effects_.values(lane);
-  radius += effects.grasp_radius;
-  const auto [centre, distance] = nearest_point(
-      lane, tip + model_->body.X_WB.linear() * Vector3d(effects.grasp_x, effects.grasp_y, 0));
-  if (!(distance < radius)) return;
-  Held held;
-  held.centre = centre;
-  held.radius = std::sqrt(radius * radius - distance * distance);
-  if (!model_->can_hold(held.centre, held.radius)) return;
-  held.patch = model_->make_patch(held.centre, held.radius);
-  if (held.patch.node.empty()) return;
-  for (std::size_t k = 0; k < held.patch.node.size(); ++k) {
-    held.target += (position(lane, held.patch.node[k]) - tip) *
-                   held.patch.weight.row(static_cast<Eigen::Index>(k));
-  }
-  held.target = jaw_turn(effects, model_->shaft_axis) * Targets(held.target);
-  if (collapse) held.target.col(0).setZero();
-  grip(lane, std::move(held));
-}
-
-template <typename Real>
-void ElasticTissue<Real>::grip(int lane, Held held) {
-  Held& mine = held_[static_cast<std::size_t>(lane)];
-  mine = std::move(held);
-  set_free(lane, mine.patch.inside, false);
-  make_patch(lane);
-}
-
-template <typename Real>
-void ElasticTissue<Real>::release(int lane) {
-  Held& held = held_[static_cast<std::size_t>(lane)];
-  slipped_[static_cast<std::size_t>(lane)] = 0;
-  if (!(held.radius > 0)) return;
-  set_free(lane, held.patch.inside, true);
-  clear_patch(lane);
-  held = {};
-}
-
-/// Arrays for patches of `count` nodes; what they held has to be made again.
-template <typename Real>
-void ElasticTissue<Real>::make_room(int count) {
-  constexpr int kChunk = 32;  // covers the patches of a 3 mm sheet: growing is rare
-  const int room = (count + kChunk - 1) / kChunk * kChunk;
-  const auto lanes_of_nodes = static_cast<std::size_t>(room * lanes());
-  patch_node_.assign(lanes_of_nodes, 0);
-  patch_weight_.assign(kPatchRows * lanes_of_nodes, Real{0});
-  args_.patch_room = room;
-  args_.patch_node = patch_node_.data();
-  args_.patch_weight = patch_weight_.data();
-}
-
-// Response columns U = A^-1 C^T and the inverse of C U + give, in double, once per grasp.
-template <typename Real>
-void ElasticTissue<Real>::make_patch(int lane) {
-  const Held& held = held_[static_cast<std::size_t>(lane)];
-  const auto count = static_cast<int>(held.patch.node.size());
-  if (count > args_.patch_room) {
-    make_room(count);
-    const std::uint32_t others = held_lanes_ & ~(1U << lane);
-    for (int other = 0; other < lanes(); ++other) {
-      if ((others >> other & 1U) != 0) make_patch(other);
-    }
-  }
-  clear_patch(lane);
-  const auto W = lanes();
-  Eigen::MatrixXd rows = Eigen::MatrixXd::Zero(kPatchRows, particles());
-  for (int k = 0; k < count; ++k) {
-    const std::int32_t node = held.patch.node[static_cast<std::size_t>(k)];
-    patch_node_[static_cast<std::size_t>(k * W + lane)] = node;
-    for (int row = 0; row < kPatchRows; ++row) {
-      patch_weight_[static_cast<std::size_t>((kPatchRows * k + row) * W + lane)] =
-          static_cast<Real>(held.patch.weight(k, row));
-      if (model_->body.fixed[static_cast<std::size_t>(node)] == 0)
-        rows(row, node) = held.patch.weight(k, row);
-    }
-  }
-  Eigen::MatrixXd response = rows;
-  factor_of(key_[static_cast<std::size_t>(lane)]).shared->solve(response);
-  Eigen::Matrix3d system = rows * response.transpose();
-  system(0, 0) += effects_.values(lane).grasp_compliance;
-  const Eigen::Matrix3d inverse = system.llt().solve(Eigen::Matrix3d::Identity());
-  for (int row = 0; row < kPatchRows; ++row) {
-    for (int k = 0; k < kPatchRows; ++k) {
-      patch_inverse_[static_cast<std::size_t>((kPatchRows * row + k) * W + lane)] =
-          static_cast<Real>(inverse(row, k));
-    }
-    for (int i = 0; i < particles(); ++i) {
-      patch_response_[static_cast<std::size_t>((kPatchRows * i + row) * W + lane)] =
-          static_cast<Real>(response(row, i));
-    }
-    for (int axis = 0; axis < 3; ++axis)
-      patch_offset_[index(row, axis, lane)] = static_cast<Real>(held.target(axis, row));
-  }
-  held_lanes_ |= 1U << lane;
-  args_.patch_size = std::max(args_.patch_size, count);
-}
-
-template <typename Real>
-void ElasticTissue<Real>::clear_patch(int lane) {
-  const auto W = static_cast<std::size_t>(lanes());
-  for (auto* array :
-       {&patch_weight_, &patch_offset_, &patch_inverse_, &patch_response_, &patch_force_}) {
-    for (std::size_t k = static_cast<std::size_t>(lane); k < array->size(); k += W) {
-      (*array)[k] = Real{0};
-    }
-  }
-  for (std::size_t k = static_cast<std::size_t>(lane); k < patch_node_.size(); k += W) {
-    patch_node_[k] = 0;
-  }
-  held_lanes_ &= ~(1U << lane);
-  args_.patch_size = 0;
-  for (int other = 0; other < lanes(); ++other) {
-    if ((held_lanes_ >> other & 1U) == 0) continue;
-    args_.patch_size =
-        std::max(args_.patch_size,
-                 static_cast<int>(held_[static_cast<std::size_t>(other)].patch.node.size()));
-  }
-}
-
-template <typename Real>
-void ElasticTissue<Real>::shift_held(int lane, const Vector3d& by) {
-  Held& held = held_[static_cast<std::size_t>(lane)];
-  if (!(held.radius > 0)) return;
-  held.target.col(0) += by;
-  for (int axis = 0; axis < 3; ++axis)
-    patch_offset_[index(0, axis, lane)] = static_cast<Real>(held.target(axis, 0));
-}
-
-template <typename Real>
-Vector3d ElasticTissue<Real>::held_force(int lane) const {
-  if (held(lane).empty()) return Vector3d::Zero();
-  return {static_cast<double>(held_force_[index(0, 0, lane)]),
-          static_cast<double>(held_force_[index(0, 1, lane)]),
-          static_cast<double>(held_force_[index(0, 2, lane)])};
-}
-
-template <typename Real>
 Vector3d ElasticTissue<Real>::position(int lane, int particle) const {
   return {static_cast<double>(x_[index(particle, 0, lane)]),
           static_cast<double>(x_[index(particle, 1, lane)]),
@@ -590,135 +395,6 @@ std::vector<Vector3d> ElasticTissue<Real>::elastic_gradient(int lane) {
     gradient.push_back(force);
   }
   return gradient;
-}
-
-// State of a lane: positions, velocities, history of BDF2, contact forces, force on the tool, the
-// lane parameters, then the grasp: its disc and targets. What follows from these (factor, response
-// of the patch) is made again.
-template <typename Real>
-void ElasticTissue<Real>::save(int lane, Bytes& out) const {
-  const auto add = [&out](const void* data, std::size_t size) {
-    const auto* bytes = static_cast<const std::byte*>(data);
-    out.insert(out.end(), bytes, bytes + size);
-  };
-  for (const auto* values : {&x_, &v_, &v_old_, &d_old_, &contact_force_, &held_force_}) {
-    for (std::size_t k = static_cast<std::size_t>(lane); k < values->size();
-         k += static_cast<std::size_t>(lanes())) {
-      add(&(*values)[k], sizeof(Real));
-    }
-  }
-  const LaneParameters& p = parameters_[static_cast<std::size_t>(lane)];
-  for (const double value :
-       {p.stiffness_scale, p.gravity_scale, p.damping_scale, p.friction_scale}) {
-    add(&value, sizeof value);
-  }
-  const Held& held = held_[static_cast<std::size_t>(lane)];
-  const std::uint32_t word = (held.radius > 0 ? kGraspFollows : 0) |
-                             (effects_.values(lane) == EffectValues{} ? 0 : kEffectsFollow);
-  add(&word, sizeof word);
-  if (held.radius > 0) {
-    const std::array<double, 4> disc = {held.centre.x(), held.centre.y(), held.centre.z(),
-                                        held.radius};
-    add(disc.data(), sizeof disc);
-    add(held.target.data(), sizeof held.target);
-  }
-  if (!(effects_.values(lane) == EffectValues{})) {
-    add(&slipped_[static_cast<std::size_t>(lane)], sizeof(double));
-    effects_.save(lane, out);
-  }
-}
-
-/// The grasp that a state begins with.
-template <typename Real>
-Result<typename ElasticTissue<Real>::Held> ElasticTissue<Real>::read_grasp(
-    std::span<const std::byte> state) const {
-  if (state.size() < kGraspSize) return Failure{"tissue state ends in its grasp"};
-  std::array<double, 4> disc{};
-  Held held;
-  std::memcpy(disc.data(), state.data(), sizeof disc);
-  std::memcpy(held.target.data(), state.data() + sizeof disc, sizeof held.target);
-  held.centre = {disc[0], disc[1], disc[2]};
-  held.radius = disc[3];
-  if (!held.target.allFinite()) return Failure{"tissue state holds a grasp that is not finite"};
-  if (model_->can_hold(held.centre, held.radius))
-    held.patch = model_->make_patch(held.centre, held.radius);
-  if (held.patch.node.empty()) {
-    return Failure{fmt::format("tissue state holds a patch at ({}, {}, {}) m of radius {} m",
-                               disc[0], disc[1], disc[2], disc[3])};
-  }
-  return held;
-}
-
-template <typename Real>
-Result<std::size_t> ElasticTissue<Real>::load(int lane, std::span<const std::byte> state) {
-  const std::array<AlignedVector<Real>*, 6> arrays = {
-      &x_, &v_, &v_old_, &d_old_, &contact_force_, &held_force_};
-  std::size_t reals = 0;
-  for (const auto* a : arrays) reals += a->size() / static_cast<std::size_t>(lanes());
-  std::array<double, 4> scales{};
-  std::uint32_t word = 0;
-  const std::size_t fixed_size = reals * sizeof(Real) + sizeof scales + sizeof word;
-  if (state.size() < fixed_size) {
-    return Failure{
-        fmt::format("tissue state of {} bytes, needed at least {}", state.size(), fixed_size)};
-  }
-  std::vector<Real> values(reals);
-  std::memcpy(values.data(), state.data(), reals * sizeof(Real));
-  std::memcpy(scales.data(), state.data() + reals * sizeof(Real), sizeof scales);
-  std::memcpy(&word, state.data() + fixed_size - sizeof word, sizeof word);
-  if ((word & ~(kGraspFollows | kEffectsFollow)) != 0) {
-    return Failure{fmt::format("tissue state with flags {:#x}, allowed 0 ... 3", word)};
-  }
-  const bool has_effects = (word & kEffectsFollow) != 0;
-  for (const Real v : values) {
-    if (!std::isfinite(v)) return Failure{"tissue state holds a non-finite number"};
-  }
-  LaneParameters parameters{scales[0], scales[1], scales[2], scales[3], EffectValues{}};
-  if (!usable(parameters)) return Failure{"tissue state holds lane parameters out of range"};
-  std::size_t used = fixed_size;
-  Held held;
-  if ((word & kGraspFollows) != 0) {
-    Result<Held> read = read_grasp(state.subspan(used));
-    if (!read) return Failure{read.error()};
-    held = std::move(read).value();
-    used += kGraspSize;
-  }
-  double slipped = 0;
-  std::span<const std::byte> of_effects;
-  if (has_effects) {
-    if (state.size() < used + sizeof slipped) return Failure{"tissue state ends in its effects"};
-    std::memcpy(&slipped, state.data() + used, sizeof slipped);
-    if (!(slipped >= 0 && slipped <= 1)) return Failure{"tissue state holds a bad slip"};
-    used += sizeof slipped;
-    of_effects = state.subspan(used);
-    const Result<std::size_t> read = effects_.read(of_effects, *parameters.effects);
-    if (!read) return Failure{read.error()};
-    used += read.value();
-  } else if (model_->effects.moves_anchor()) {
-    return Failure{"tissue state without the effects of the anchor"};
-  }
-
-  release(lane);
-  std::size_t next = 0;
-  for (auto* a : arrays) {
-    for (std::size_t k = static_cast<std::size_t>(lane); k < a->size();
-         k += static_cast<std::size_t>(lanes())) {
-      (*a)[k] = values[next++];
-    }
-  }
-  effects_.reset(lane, Vector3d::Zero());
-  set_parameters(lane, parameters);
-  if (held.radius > 0) grip(lane, std::move(held));
-  slipped_[static_cast<std::size_t>(lane)] = slipped;
-  if (has_effects) effects_.load(lane, of_effects);
-  return used;
-}
-
-template <typename Real>
-std::uint64_t ElasticTissue<Real>::hash(int lane) const {
-  Bytes bytes;
-  save(lane, bytes);
-  return fnv1a64(bytes);
 }
 
 template class ElasticTissue<float>;

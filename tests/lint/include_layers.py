@@ -14,6 +14,7 @@ ALLOWED = {
 }
 # Folders of the tests are named from the tests' own root as well.
 TESTS = {"tests", "support", "contract", "fuzz", "learner", "sim_worker", "report", "mismatch", "core", "proto", "benchmarks"}
+GENERATED_WIRE = ("core/wire.cpp", "core/wire_check.cpp", "core/wire_fields.h", "core/topics.cpp")
 INCLUDE = re.compile(r'^\s*#\s*include\s*([<"])([^>"]+)[>"]')
 
 
@@ -28,8 +29,8 @@ def problems_of(root, path):
         where = f"{relative}:{number}: includes {name}: "
         if package != "tests" and name.startswith("dds/") and not re.fullmatch(r"core/dds\.(h|cpp)|core/wire\.cpp", relative):
             yield where + "only core/dds.* and core/wire.cpp may see the DDS interface"
-        if package != "tests" and name == "omentum.h" and relative not in ("core/wire.cpp", "core/topics.cpp"):
-            yield where + "only core/wire.cpp and core/topics.cpp may see the generated wire types"
+        if package != "tests" and name == "omentum.h" and relative not in GENERATED_WIRE:
+            yield where + "only core/wire* and core/topics.cpp may see the generated wire types"
         if quoted and "/" in name:
             target = name.split("/")[0]
             allowed = TESTS if package == "tests" else ALLOWED[package]

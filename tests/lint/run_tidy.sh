@@ -33,4 +33,8 @@ for file in "${files[@]}"; do
 done
 echo "clang-tidy: ${#listed[@]} files"
 ((${#listed[@]})) || exit 0
-printf '%s\n' "${listed[@]}" | xargs -P "$(nproc)" -n 1 clang-tidy-14 -p "$build" --quiet 2> >(grep -v 'warnings generated\|^Suppressed\|^Use -header' >&2)
+# clang does not know these options of g++.
+commands=$(mktemp -d)
+trap 'rm -rf "$commands"' EXIT
+sed -E 's/ -m(move|store)-max=[0-9]+//g' "$build/compile_commands.json" >"$commands/compile_commands.json"
+printf '%s\n' "${listed[@]}" | xargs -P "$(nproc)" -n 1 clang-tidy-14 -p "$commands" --quiet 2> >(grep -v 'warnings generated\|^Suppressed\|^Use -header' >&2)

@@ -1,89 +1,23 @@
 // Effects of tissue, clamp and grasp against their known answers (mismatch.md 5.1), the same law in
-// both models.
+// both models. Those of Mullins softening and structural damping are in files of their own.
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <cmath>
-#include <complex>
+#include <numbers>
 
-#include "sim_worker/hexahedron.h"
-#include "support/effect_scene.h"
+#include "support/effect_law.h"
 
 namespace omentum {
 namespace {
 
 using Eigen::Vector3d;
 using test::EffectCase;
-using test::make_effect_tissue;
+using test::EffectLaw;
 using test::Model;
 using test::rest;
-
-constexpr double kPi = 3.14159265358979323846;
-constexpr double kLength = 0.09;
-constexpr double kGravity = 9.81;
-constexpr double kDensity = 1000;
-
-Eigen::Isometry3d upright() {
-  Eigen::Isometry3d X = Eigen::Isometry3d::Identity();
-  X.linear() = Eigen::AngleAxisd(-kPi / 2, Vector3d::UnitX()).toRotationMatrix();
-  return X;
-}
-
-class EffectLaw : public testing::TestWithParam<Model> {
- protected:
-  /// Strip of 9 x 90 mm, hanging from its clamped edge; nu = 0.
-  static EffectCase strip(double young) {
-    EffectCase c;
-    c.nx = 4;
-    c.ny = 31;
-    c.anchor_max_y = -0.045;
-    c.young = young;
-    c.damping = 20;
-    c.X_WB = upright();
-    c.ex = 1;
-    c.ey = 30;
-    return c;
-  }
-  std::unique_ptr<Tissue<double>> make(const EffectCase& c) const {
-    return make_effect_tissue(c, GetParam());
-  }
-  /// Mean of the positions of the free edge.
-  static Vector3d edge(const EffectCase& c, const Tissue<double>& tissue) {
-    Vector3d sum = Vector3d::Zero();
-    for (unsigned ix = 0; ix < c.nx; ++ix)
-      sum += tissue.position(0, static_cast<int>(c.ny * ix + c.ny - 1)) / c.nx;
-    return sum;
-  }
-  /// Extension of a strip that hangs along -z.
-  double extension(const EffectCase& c, double seconds = 2) const {
-    const auto tissue = make(c);
-    rest(*tissue, seconds);
-    return -0.045 - edge(c, *tissue).z();
-  }
-  /// Extension of a strip whose stress at stretch l is P(l), by 1000 slices.
-  template <typename Stress>
-  static double hanging(Stress&& stress, double gravity = kGravity) {
-    constexpr int kSlices = 1000;
-    double sum = 0;
-    for (int k = 0; k < kSlices; ++k) {
-      const double carried = kDensity * gravity * kLength * (k + 0.5) / kSlices;
-      sum += (stretch_under(carried, stress) - 1) * kLength / kSlices;
-    }
-    return sum;
-  }
-  /// Stretch at which the stress is P.
-  template <typename Stress>
-  static double stretch_under(double P, Stress&& stress) {
-    double low = 0.5;
-    double high = 1.5;
-    for (int i = 0; i < 60; ++i) {
-      const double middle = 0.5 * (low + high);
-      (stress(middle) < P ? low : high) = middle;
-    }
-    return low;
-  }
-};
+using test::upright;
 
 INSTANTIATE_TEST_SUITE_P(Both, EffectLaw, testing::Values(Model::kElastic, Model::kReference),
                          [](const auto& p) {
@@ -277,242 +211,6 @@ TEST_P(EffectLaw, PlasticSetStaysAfterUnloading) {
   EXPECT_NEAR((-0.045 - edge(c, *tissue).z()) / expected, 1, 0.04);
 }
 
-/// Softening of the tests: shares and energies as in proto/tissue_effects.proto, m / E = strain^2
-/// / 2.
-struct Softening {
-  double share, strain;
-
-  double left(double W, double W_max, double E) const {
-    const double v = std::max(0.0, W_max - W) / (0.5 * E * strain * strain + W_max);
-    const double s = v / std::sqrt(1 + v * v);
-    return 1 - share * s * (3 - s * s) / 2;
-  }
-  /// Energy per volume that a cycle up to W_max costs: the integral of 1 - left.
-  double loss(double W_max, double E) const {
-    const double m = 0.5 * E * strain * strain + W_max;
-    const double q = std::sqrt(1 + W_max / m * W_max / m);
-    return share * m * (q - 0.5 / q - 0.5);
-  }
-};
-
-TEST(Softening, IsTheErrorFunctionToWithinAThirtieth) {
-  const Softening whole{1, 0};
-  for (int k = 0; k <= 100; ++k) {
-    const double v = 0.01 * k;
-    EXPECT_NEAR(1 - whole.left(1 - v, 1, 1), std::erf(1.2 * v), 0.033) << v;
-  }
-}
-
-TEST_P(EffectLaw, MullinsSoftensBelowTheLargestStretchOnly) {
-  EffectCase c = strip(20e3);
-  const double virgin = extension(c, 3);
-  const Softening law{0.5, 0.01};
-  c.effects.mutable_mullins()->set_softening(law.share);
-  c.effects.mutable_mullins()->set_strain(law.strain);
-  const auto tissue = make(c);
-  double share = 0;
-  const auto load_to = [&](double to) {  // slowly: a swing beyond the load would count
-    for (int k = 1; k <= 40; ++k) {
-      const double u = k / 40.0;
-      LaneParameters parameters;
-      parameters.gravity_scale = share + (to - share) * u * u * (3 - 2 * u);
-      tissue->set_parameters(0, parameters);
-      rest(*tissue, 0.04);
-    }
-    share = to;
-    rest(*tissue, 0.6);
-    return -0.045 - edge(c, *tissue).z();
-  };
-  // Where the strip once carried s it was stretched by s / E, and now carries `share` of it.
-  const auto expected = [&](double part) {
-    double sum = 0;
-    for (int k = 0; k < 300; ++k) {
-      const double s = kDensity * kGravity * kLength * (k + 0.5) / 300;
-      const double W_max = 0.5 * s * s / c.young;
-      const auto stress = [&](double l) {
-        const double W = 0.5 * c.young * (l - 1) * (l - 1);
-        return law.left(W, W_max, c.young) * c.young * (l - 1);
-      };
-      sum += (stretch_under(part * s, stress) - 1) * kLength / 300;
-    }
-    return sum;
-  };
-  EXPECT_NEAR(load_to(1) / virgin, 1, 0.002);
-  for (const double part : {0.4, 0.1, 0.4, 0.8}) {
-    EXPECT_NEAR(load_to(part) / expected(part), 1, 0.006) << part;
-    EXPECT_GT(expected(part), 1.1 * part * virgin);
-  }
-  EXPECT_NEAR(load_to(1) / virgin, 1, 0.002);
-  EXPECT_NEAR(load_to(1.3) / (1.3 * virgin), 1, 0.002);  // the virgin curve goes on
-}
-
-/// Positions X + e A X, A symmetric: U = I + e A.
-Eigen::Matrix3d stretch_of(double e) {
-  Eigen::Matrix3d U;
-  U << 0.3, 0.2, 0, 0.2, 1, 0, 0, 0, 0;
-  return Eigen::Matrix3d::Identity() + e * U;
-}
-
-TEST(Mullins, ShellFollowsTheClosedFormAndLosesTheAreaOfTheLoop) {
-  EffectCase c;
-  c.nx = c.ny = 5;
-  c.anchor_max_y = -1;
-  c.gravity = 0;
-  c.damping = 0;
-  c.poisson = 0.4;
-  c.young = 1e-6;  // so heavy beside it that it stays where it is put
-  std::vector<std::string> warnings;
-  const auto make = [&] {
-    return ElasticTissue<double>(
-        make_elastic_model(make_effect_scene(c, Model::kElastic), 0.02, warnings), kKernelF64x1);
-  };
-  ElasticTissue<double> plain = make();
-  const Softening law{0.7, 0.05};
-  c.effects.mutable_mullins()->set_softening(law.share);
-  c.effects.mutable_mullins()->set_strain(law.strain);
-  ElasticTissue<double> soft = make();
-
-  const Eigen::Matrix3d A = stretch_of(1) - Eigen::Matrix3d::Identity();
-  const double modulus =
-      c.young / (1 + c.poisson) *
-      (A.squaredNorm() + c.poisson / (1 - c.poisson) * A.trace() * A.trace());  // d2W / de2
-  const double volume = std::pow(4 * c.pitch, 2) * c.thickness;
-  const ToolMotion away{Vector3d(0, 0, 1), Vector3d(0, 0, 1)};
-  // dW / de of the sheet as it is now, remembered.
-  const auto slope = [&](ElasticTissue<double>& tissue, double e) {
-    const auto& rest = tissue.model().body.particles;
-    const auto put = [&] {
-      for (int i = 0; i < tissue.particles(); ++i) {
-        tissue.set_position(0, i, stretch_of(e) * rest[static_cast<std::size_t>(i)]);
-        tissue.set_velocity(0, i, Vector3d::Zero());
-      }
-    };
-    put();
-    tissue.step({&away, 1});
-    put();
-    const auto gradient = tissue.elastic_gradient(0);
-    double sum = 0;
-    for (std::size_t i = 0; i < gradient.size(); ++i) sum += gradient[i].dot(A * rest[i]);
-    return sum / volume;
-  };
-  constexpr double kFar = 0.2;
-  constexpr int kSteps = 200;
-  const auto W = [&](double e) { return 0.5 * modulus * e * e; };
-  double work = 0;
-  double before = 0;
-  for (int k = 1; k <= kSteps; ++k) {
-    const double e = kFar * k / kSteps;
-    const double now = slope(soft, e);
-    EXPECT_NEAR(now / slope(plain, e), 1, 1e-12);
-    EXPECT_NEAR(now / (modulus * e), 1, 1e-7);
-    work += 0.5 * (before + now) * kFar / kSteps;
-    before = now;
-  }
-  for (int k = kSteps - 1; k >= 0; --k) {
-    const double e = kFar * k / kSteps;
-    const double now = slope(soft, e);
-    const double expected = law.left(W(e), W(kFar), c.young) * modulus * e;
-    EXPECT_NEAR(now, expected, 1e-7 * modulus * kFar) << e;
-    work -= 0.5 * (before + now) * kFar / kSteps;
-    before = now;
-  }
-  EXPECT_NEAR(work / law.loss(W(kFar), c.young), 1, 1e-4);
-  EXPECT_GT(work, 0.2 * W(kFar));
-  for (const double e : {0.1, 0.15}) {  // reloading takes the way it came
-    EXPECT_NEAR(slope(soft, e), law.left(W(e), W(kFar), c.young) * modulus * e,
-                1e-7 * modulus * kFar);
-  }
-  EXPECT_NEAR(slope(soft, 0.3) / (modulus * 0.3), 1, 1e-7);
-}
-
-TEST(Mullins, BrickFollowsTheSameLawWithEnergyForceAndTangentOfOnePotential) {
-  constexpr double kSize = 0.003;
-  const Softening law{0.7, 0.05};
-  const double E = 2e4;
-  const double nu = 0.3;
-  const Lame lame = make_lame(E, nu);
-  auto memory = std::make_unique<HexMemory>();
-  HexEffects effects;
-  effects.softening = law.share;
-  effects.softening_energy = (1 + nu) * law.strain * law.strain;
-  effects.memory = memory.get();
-  const auto shape_at = [&](const Eigen::Matrix3d& F) {
-    HexShape shape;
-    for (int a = 0; a < kHexNodes; ++a) {
-      const Vector3d X(kSize * (a & 1), kSize * (a >> 1 & 1), kSize * (a >> 2 & 1));
-      for (int i = 0; i < 3; ++i) shape.x[3 * a + i] = Pack((F * X)[i]);
-    }
-    shape.size.fill(Pack(kSize));
-    shape.bubble.fill(Pack(0.0));
-    shape.mu = Pack(lame.mu);
-    shape.lambda = Pack(lame.lambda);
-    shape.effects = &effects;
-    return shape;
-  };
-  const auto force_at = [](const HexShape& shape) {
-    HexForce force;
-    hex_force(pb::LAW_COROTATED, shape, force);
-    return force;
-  };
-  const Eigen::Matrix3d A = stretch_of(1) - Eigen::Matrix3d::Identity();
-  const double modulus = 2 * lame.mu * A.squaredNorm() + lame.lambda * A.trace() * A.trace();
-  const auto slope = [&](double e) {
-    const HexForce force = force_at(shape_at(stretch_of(e)));
-    double sum = 0;
-    for (int a = 0; a < kHexNodes; ++a) {
-      const Vector3d X(kSize * (a & 1), kSize * (a >> 1 & 1), kSize * (a >> 2 & 1));
-      for (int i = 0; i < 3; ++i) sum += force.force[3 * a + i].lane(0) * (A * X)[i];
-    }
-    return sum / std::pow(kSize, 3);
-  };
-  const auto W = [&](double e) { return 0.5 * modulus * e * e; };
-  EXPECT_NEAR(slope(0.2) / (modulus * 0.2), 1, 1e-12);
-  hex_remember(pb::LAW_COROTATED, shape_at(stretch_of(0.2)), {}, *memory);
-  hex_remember(pb::LAW_COROTATED, shape_at(stretch_of(0.1)), {}, *memory);
-  for (const double e : {0.02, 0.1, 0.15, 0.19}) {
-    EXPECT_NEAR(slope(e) / (law.left(W(e), W(0.2), E) * modulus * e), 1, 1e-9) << e;
-  }
-  EXPECT_NEAR(slope(0.25) / (modulus * 0.25), 1, 1e-12);
-  const auto energy = [&](double e) {
-    return force_at(shape_at(stretch_of(e))).energy.lane(0) / std::pow(kSize, 3);
-  };
-  EXPECT_NEAR(W(0.2) - energy(0.2) + energy(0), law.loss(W(0.2), E), 1e-9 * W(0.2));
-
-  // Any shape below the largest energy: derivatives by central differences.
-  HexShape shape = shape_at(stretch_of(0.12));
-  for (int k = 0; k < 24; ++k) shape.x[k] = shape.x[k] + Pack(2e-5 * std::sin(5.0 * k));
-  HexTangent tangent;
-  hex_tangent(pb::LAW_COROTATED, shape, tangent);
-  const HexForce at = force_at(shape);
-  constexpr double kStep = 1e-8;
-  for (int k = 0; k < 24; ++k) {
-    HexShape low = shape;
-    HexShape high = shape;
-    low.x[k] = low.x[k] - Pack(kStep);
-    high.x[k] = high.x[k] + Pack(kStep);
-    const HexForce below = force_at(low);
-    const HexForce above = force_at(high);
-    EXPECT_NEAR((above.energy.lane(0) - below.energy.lane(0)) / (2 * kStep), at.force[k].lane(0),
-                1e-7 * E * kSize * kSize);
-    // Parabolas eliminated: K_xx - coupling^T coupling, so compare with them at rest, K_xx.
-    for (int row = 0; row < 24; ++row) {
-      double condensed = 0;
-      for (int r = 0; r < 9; ++r) {
-        condensed += tangent.inner.coupling[24 * r + row].lane(0) *
-                     tangent.inner.coupling[24 * r + k].lane(0);
-      }
-      const int a = std::max(row / 3, k / 3);
-      const int b = std::min(row / 3, k / 3);
-      const int i = row / 3 == a ? row % 3 : k % 3;
-      const int j = row / 3 == a ? k % 3 : row % 3;
-      const double block =
-          tangent.stiffness[9 * (a * (a + 1) / 2 + b) + 3 * i + j].lane(0) + condensed;
-      EXPECT_NEAR((above.force[row].lane(0) - below.force[row].lane(0)) / (2 * kStep), block,
-                  1e-5 * E * kSize);
-    }
-  }
-}
-
 TEST_P(EffectLaw, AnchorSpringsCarryTheWeight) {
   EffectCase c = strip(50e3);
   const double rigid = extension(c);
@@ -651,7 +349,7 @@ TEST_P(EffectGrasp, JawTurnsThePatch) {
     const Vector3d along = at(7, 8) - at(5, 8);  // across the middle of the patch
     return Vector3d(std::atan2(along.y(), along.x()), std::atan2(along.z(), along.x()),
                     std::atan2((at(6, 9) - at(6, 7)).z(), (at(6, 9) - at(6, 7)).y())) *
-           180 / kPi;
+           180 / std::numbers::pi;
   };
   c.effects.set_jaw_roll_deg(20);
   // Held are the mean slopes of the patch; its middle turns further, most of all in its plane.
@@ -684,7 +382,7 @@ class EffectContact : public EffectLaw {
   void turn_over(const EffectCase& c, Tissue<double>& tissue) const {
     LaneParameters parameters;
     parameters.effects = make_effects(c.effects, c.poisson, {});
-    parameters.effects->tilt_x = kPi;
+    parameters.effects->tilt_x = std::numbers::pi;
     tissue.set_parameters(0, parameters);
   }
 };
@@ -759,7 +457,8 @@ TEST_P(EffectContact, FrictionHoldsOnASteeperSlope) {
     if (more > 0) {
       EXPECT_LT(slid, 2e-4);
     } else {
-      const double a = kGravity * (std::sin(20 * kPi / 180) - 0.3 * std::cos(20 * kPi / 180));
+      const double a = kGravity * (std::sin(20 * std::numbers::pi / 180) -
+                                   0.3 * std::cos(20 * std::numbers::pi / 180));
       EXPECT_NEAR(slid / (0.5 * a), 1, 0.1);
     }
   }
@@ -777,144 +476,6 @@ TEST_P(EffectContact, AirDragLimitsTheFall) {
     const double expected = limit * std::tanh(kGravity * 0.02 * k / limit);
     EXPECT_NEAR(-tissue->velocity(0, 0).z() / expected, 1, 0.05) << k;
   }
-}
-
-// ---- structural damping
-// ---------------------------------------------------------------------------
-
-/// E(s) / E of a linear material with these branches, s = i w for a lasting vibration.
-std::complex<double> modulus_of(const std::array<double, 3>& share, std::complex<double> s) {
-  constexpr std::array<double, 3> kTimes = {0.5, 0.05, 0.005};
-  std::complex<double> sum = 1;
-  for (std::size_t k = 0; k < share.size(); ++k)
-    sum += share[k] * s * kTimes[k] / (1.0 + s * kTimes[k]);
-  return sum;
-}
-
-double loss_factor_at(double eta, double frequency) {
-  const std::complex<double> E = modulus_of(loss_shares(eta), {0, 2 * kPi * frequency});
-  return E.imag() / E.real();
-}
-
-TEST(StructuralDamping, LossFactorIsFlatOverTwoDecadesUpToTheRippleOfThreeBranches) {
-  // Of endless branches a decade apart it is 2 / cosh(pi^2 / ln 10) about the mean: 5.5 %.
-  const double ripple = 2 / std::cosh(kPi * kPi / std::log(10));
-  EXPECT_NEAR(ripple, 0.055, 1e-4);
-  const auto range = [](double eta) {
-    double least = 1e9;
-    double most = 0;
-    for (int k = 0; k <= 100; ++k) {
-      const double share = loss_factor_at(eta, 0.3 * std::pow(10, 0.02 * k)) / eta;
-      least = std::min(least, share);
-      most = std::max(most, share);
-    }
-    return std::pair(least, most);
-  };
-  const auto [least, most] = range(0.01);
-  EXPECT_GT(least, 1 - ripple);
-  EXPECT_LT(most, 1 + 1.5 * ripple);  // ends of the row: the outer branches stand in for the rest
-  for (const auto& [eta, low, high] : {std::tuple{0.2, 0.95, 1.12}, {0.4, 0.92, 1.22}}) {
-    EXPECT_GT(range(eta).first, low) << eta;
-    EXPECT_LT(range(eta).second, high) << eta;
-  }
-  for (const double frequency : {0.5, 0.05, 0.005}) {  // where it is made to fit
-    EXPECT_NEAR(loss_factor_at(0.3, 1 / (2 * kPi * frequency)) / 0.3, 1.055, 1e-12);
-  }
-}
-
-TEST(StructuralDamping, StepsOfTheBranchesHaveTheLossFactorOfTheirClosedForm) {
-  EffectValues effects;
-  effects.loss_factor = 0.1;
-  const double h = 1e-4;
-  const PronyStep prony = make_prony(effects, h);
-  for (const double f : {0.4, 5.0, 25.0}) {
-    std::array<double, kMaxBranches> H{};
-    double in_phase = 0;
-    double across = 0;
-    double before = 0;
-    const int cycle = static_cast<int>(1 / (f * h));
-    for (int n = 1; n <= 12 * cycle; ++n) {
-      const double phase = 2 * kPi * n / cycle;
-      const double s = std::sin(phase);
-      double sum = s;
-      for (std::size_t k = 0; k < static_cast<std::size_t>(prony.branches); ++k) {
-        H[k] = prony.keep[k] * H[k] + prony.gain[k] * (s - before);
-        sum += H[k];
-      }
-      before = s;
-      if (n <= 8 * cycle) continue;
-      in_phase += sum * std::sin(phase);
-      across += sum * std::cos(phase);
-    }
-    EXPECT_NEAR(across / in_phase / loss_factor_at(0.1, f), 1, 0.01) << f;
-  }
-}
-
-/// Damping ratio of a free vibration of exponential envelope: share of the critical damping, from
-/// the swings between successive extremes, which do not see what creeps slowly beside it.
-double damping_ratio(const std::vector<double>& x) {
-  std::vector<double> extremes;
-  for (std::size_t k = 1; k + 1 < x.size(); ++k) {
-    const double left = x[k] - x[k - 1];
-    const double right = x[k + 1] - x[k];
-    if (left * right > 0) continue;
-    const double bend = right - left;
-    extremes.push_back(x[k] - (left + right) * (left + right) / (8 * bend));  // of a parabola
-  }
-  if (extremes.size() < 9) return -1;
-  const auto swing = [&](std::size_t k) { return std::fabs(extremes[k + 1] - extremes[k]); };
-  const double half_cycle = std::log(swing(3) / swing(7)) / 4;
-  return half_cycle / std::hypot(half_cycle, kPi);
-}
-
-TEST_P(EffectLaw, StructuralDampingRingsDownAlikeADecadeApart) {
-  // The strip swings along its length, a quarter wave: w0 = pi / (2 L) sqrt(E / rho), then
-  // s^2 + w0^2 E(s) / E = 0. Backward Euler alone would damp by w h / 2 (0.025 here), stiffness-
-  // proportional damping ten times as much at the higher frequency.
-  constexpr double kEta = 0.1;
-  std::vector<double> found;
-  std::vector<double> frequency;
-  for (const double young : {100.0, 1e4}) {
-    EffectCase c = strip(young);
-    c.gravity = 0;
-    c.damping = 0;
-    c.ny = 16;
-    c.nx = 2;
-    c.pitch = 0.006;
-    c.ex = 1;
-    c.ey = 10;
-    c.X_WB = Eigen::Isometry3d::Identity();
-    c.integrator = pb::INTEGRATOR_BDF2;
-    c.substeps = 2;
-    c.iterations = 4;
-    c.effects.set_structural_damping(kEta);
-    const double w0 = kPi / (2 * kLength) * std::sqrt(young / kDensity);
-    std::complex<double> s(0, w0);
-    for (int k = 0; k < 50; ++k)
-      s = std::complex<double>(0, w0) * std::sqrt(modulus_of(loss_shares(kEta), s));
-    constexpr int kSamples = 64;
-    const double period = 2 * kPi / s.imag();
-    std::vector<std::string> warnings;
-    const auto tissue =
-        make_tissue_model(make_effect_scene(c, GetParam()), period / kSamples, warnings)
-            ->make_tissue(kKernelF64x1);
-    for (int i = 0; i < tissue->particles(); ++i) {
-      const double along = (tissue->position(0, i).y() + 0.045) / kLength;
-      tissue->set_velocity(0, i, Vector3d(0, 1e-3 * w0 * kLength * std::sin(kPi / 2 * along), 0));
-    }
-    std::vector<double> x;
-    const ToolMotion away{Vector3d(0, 0, 1), Vector3d(0, 0, 1)};
-    for (int k = 0; k < 5 * kSamples; ++k) {
-      tissue->step({&away, 1});
-      x.push_back(edge(c, *tissue).y());
-    }
-    found.push_back(damping_ratio(x));
-    frequency.push_back(s.imag() / (2 * kPi));
-    EXPECT_NEAR(found.back() / (-s.real() / std::abs(s)), 1, 0.02) << young;
-    EXPECT_NEAR(found.back() / (kEta / 2), 1, 0.1) << young;  // ripple at this loss factor
-  }
-  EXPECT_GT(frequency[1] / frequency[0], 10);
-  EXPECT_NEAR(found[1] / found[0], 1, 0.1);
 }
 
 }  // namespace

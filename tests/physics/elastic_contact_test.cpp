@@ -1,5 +1,5 @@
 // Contact of the elastic shell with many nodes at once: laws that hold whatever the solver
-// (docs/decisions/0012). One sheet over one sphere is in elastic_test.cpp.
+// (docs/decisions/0012).
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -16,6 +16,9 @@ namespace {
 using Eigen::Vector3d;
 using test::ElasticCase;
 using test::make_elastic_sheet;
+using test::over_sphere;
+using test::rms_distance;
+using test::run_free;
 
 constexpr double kGravity = 9.81;
 constexpr double kRadius = 0.0015;  // contact distance of a node
@@ -48,13 +51,6 @@ ElasticCase over_mound(double friction) {
   return c;
 }
 
-template <typename Real>
-void run(ElasticTissue<Real>& tissue, double seconds) {
-  const ToolMotion away{Vector3d(0, 0, 1), Vector3d(0, 0, 1)};
-  const std::vector<ToolMotion> motion(static_cast<std::size_t>(tissue.lanes()), away);
-  for (int k = 0; k < std::lround(seconds / 0.02); ++k) tissue.step(motion);
-}
-
 struct Sums {
   Vector3d force = Vector3d::Zero();     ///< of the surroundings on the sheet [N]
   Vector3d momentum = Vector3d::Zero();  ///< [kg m/s]
@@ -83,7 +79,7 @@ TEST(ElasticContact, BoardCarriesTheWeightOfASheetAtRest) {
       ElasticCase c = on_board(0.001, friction);
       c.young = young;
       ElasticTissue<float> tissue(make_elastic_sheet(c), kKernelF32x1);
-      run(tissue, 3);
+      run_free(tissue, 3);
       const Sums sums = sums_of(tissue);
       EXPECT_NEAR(sums.force.z() / sums.weight, 1, 0.01) << young << " " << friction;
       EXPECT_LT(sums.force.head<2>().norm() / sums.weight, 0.01) << young << " " << friction;
@@ -98,6 +94,53 @@ TEST(ElasticContact, BoardCarriesTheWeightOfASheetAtRest) {
 
 // Internal forces sum to zero, so the contact forces alone and the weight change the momentum, also
 // in a landing, where they change most.
+TEST(ElasticContact, OverASphereRestIsExactAtTheShippedStep) {
+  ElasticCase c = over_sphere();
+  ElasticTissue<float> tissue(make_elastic_sheet(c), kKernelF32x1);
+  run_free(tissue, 6);
+  c.substeps = 20;
+  ElasticTissue<double> fine(make_elastic_sheet(c), kKernelF64x1);
+  run_free(fine, 6);
+  EXPECT_LT(rms_distance(tissue, 0, fine, 0), 0.1e-3);
+  EXPECT_LT(sums_of(tissue).fastest, 0.1e-3);  // at rest, tissue.md section 13
+  double force = 0;
+  double penetration = 0;
+  for (int i = 0; i < tissue.particles(); ++i) {
+    force += tissue.contact_force(0, i).z();
+    const double distance = (tissue.position(0, i) - Vector3d(0, -0.010, -0.043)).norm();
+    penetration = std::max(penetration, 0.040 - distance);
+  }
+  EXPECT_NEAR(force, 0.189, 0.004);
+  EXPECT_LT(penetration, 0.05e-3);
+}
+
+TEST(ElasticContact, FrictionHoldsASheetOnASlopeBelowItsAngleOnly) {
+  // A free sheet on a half-space of slope 0.2.
+  const auto slide = [](double friction) {
+    ElasticCase c;
+    c.nx = c.ny = 9;
+    c.young = 30e3;
+    c.anchor_max_y = -1;
+    c.static_friction = c.dynamic_friction = friction;
+    RigidShape slope;
+    slope.kind = RigidShape::Kind::kHalfSpace;
+    slope.X_WS.linear() = Eigen::AngleAxisd(std::atan(0.2), Vector3d::UnitX()).toRotationMatrix();
+    c.bodies = {slope};
+    c.X_WB.linear() = slope.X_WS.linear();
+    c.X_WB.translation() = slope.X_WS.linear() * Vector3d(0, 0, 0.0015);
+    ElasticTissue<float> tissue(make_elastic_sheet(c), kKernelF32x1);
+    const Vector3d start = tissue.position(0, 40);
+    run_free(tissue, 0.5);
+    return (tissue.position(0, 40) - start).norm();
+  };
+  EXPECT_LT(slide(0.3), 0.1e-3);
+  // g (sin - mu cos) over 0.5 s with damping 5/s.
+  const double angle = std::atan(0.2);
+  const double pull = 9.81 * (std::sin(angle) - 0.1 * std::cos(angle));
+  const double expected = pull / 5 * (0.5 - (1 - std::exp(-2.5)) / 5);
+  EXPECT_NEAR(slide(0.1) / expected, 1.0, 0.05);
+}
+
 TEST(ElasticContact, ForcesAreWhatChangesTheMomentum) {
   ElasticCase c = over_mound(0.3);
   c.anchor_max_y = -1;
@@ -107,7 +150,7 @@ TEST(ElasticContact, ForcesAreWhatChangesTheMomentum) {
   double largest = 0;
   for (int step = 0; step < 50; ++step) {
     const Vector3d before = sums_of(tissue).momentum;
-    run(tissue, 0.02);
+    run_free(tissue, 0.02);
     const Sums now = sums_of(tissue);
     const Vector3d impulse = 0.02 * (now.force - Vector3d(0, 0, now.weight));
     EXPECT_LT((now.momentum - before - impulse).norm(), 1e-9 * now.weight) << step;
@@ -125,11 +168,11 @@ TEST(ElasticContact, RestIsOneOfFineSteps) {
     c.substeps = 20;
     c.iterations = 2;
     ElasticTissue<double> fine(make_elastic_sheet(c), kKernelF64x1);
-    run(tissue, 5);
+    run_free(tissue, 5);
     EXPECT_GT(sums_of(tissue).contacts, 100) << friction;
     EXPECT_LT(sums_of(tissue).fastest, 0.1e-3) << friction;
     for (int i = 0; i < fine.particles(); ++i) fine.set_position(0, i, tissue.position(0, i));
-    run(fine, 1);
+    run_free(fine, 1);
     EXPECT_LT(test::rms_distance(tissue, 0, fine, 0), 0.1e-3) << friction;
     EXPECT_NEAR(sums_of(fine).force.z(), sums_of(tissue).force.z(), 0.01 * sums_of(fine).weight);
   }
@@ -142,7 +185,7 @@ TEST(ElasticContact, FrictionHoldsBelowItsAngleAndIsMuTimesTheNormalForceAbove) 
   const auto slide = [&](double friction) {
     auto tissue = std::make_unique<ElasticTissue<float>>(
         make_elastic_sheet(on_board(0, friction, slope)), kKernelF32x1);
-    run(*tissue, 0.5);
+    run_free(*tissue, 0.5);
     return tissue;
   };
   const auto held = slide(0.3);
@@ -163,7 +206,7 @@ TEST(ElasticContact, FrictionHasTheLeverOfHalfTheThickness) {
     if (turned) c.X_WB.linear() = Eigen::AngleAxisd(M_PI, Vector3d::UnitX()).toRotationMatrix();
     ElasticTissue<double> tissue(make_elastic_sheet(c), kKernelF64x1);
     for (int i = 0; i < tissue.particles(); ++i) tissue.set_velocity(0, i, Vector3d(0.5, 0, 0));
-    run(tissue, 0.02);
+    run_free(tissue, 0.02);
     const std::vector<Vector3d> gradient = tissue.elastic_gradient(0);
     Vector3d force = Vector3d::Zero();
     Vector3d couple = Vector3d::Zero();
@@ -189,11 +232,11 @@ TEST(ElasticContact, LanesThatLandAtDifferentTimesAreThoseAlone) {
   };
   ElasticTissue<float> batch(model, kKernelF32x8);
   for (int lane = 0; lane < 8; ++lane) start(batch, lane, lane);
-  run(batch, 1.5);
+  run_free(batch, 1.5);
   for (const int k : {0, 3, 7}) {
     ElasticTissue<float> alone(model, kKernelF32x1);
     start(alone, 0, k);
-    run(alone, 1.5);
+    run_free(alone, 1.5);
     EXPECT_GT(sums_of(alone).contacts, 100);
     EXPECT_EQ(alone.hash(0), batch.hash(k)) << k;
   }

@@ -6,6 +6,7 @@
 
 #include <cmath>
 #include <memory>
+#include <numbers>
 #include <string>
 #include <vector>
 
@@ -30,6 +31,14 @@ struct ElasticCase {
   double static_friction = 0, dynamic_friction = 0;
 };
 
+/// X_WB of a sheet that hangs along -z from its anchored edge.
+inline Eigen::Isometry3d upright() {
+  Eigen::Isometry3d X = Eigen::Isometry3d::Identity();
+  X.linear() =
+      Eigen::AngleAxisd(-0.5 * std::numbers::pi, Eigen::Vector3d::UnitX()).toRotationMatrix();
+  return X;
+}
+
 /// A sphere for the sheet to lie on.
 inline RigidShape make_sphere(const Eigen::Vector3d& centre, double radius) {
   RigidShape sphere;
@@ -37,6 +46,14 @@ inline RigidShape make_sphere(const Eigen::Vector3d& centre, double radius) {
   sphere.X_WS.translation() = centre;
   sphere.size = Eigen::Vector3d::Constant(radius);
   return sphere;
+}
+
+/// The sheet of tissue.md section 9 over a sphere: contact distance 40 mm.
+inline ElasticCase over_sphere() {
+  ElasticCase c;
+  c.young = 30e3;
+  c.bodies.push_back(make_sphere({0, -0.010, -0.043}, 0.0385));
+  return c;
 }
 
 inline Scene make_elastic_scene(const ElasticCase& c) {
@@ -119,6 +136,17 @@ inline std::shared_ptr<const ElasticTissueModel> make_elastic_mesh(const Elastic
                                                                    const TriangleMesh& mesh) {
   std::vector<std::string> warnings;
   return make_elastic_model(make_mesh_scene(c, mesh), 0.02, warnings);
+}
+
+/// Steps with one tool motion for every lane.
+template <typename Real>
+void move_tool(Tissue<Real>& tissue, const Eigen::Vector3d& from, const Eigen::Vector3d& to,
+               int steps) {
+  for (int step = 0; step < steps; ++step) {
+    const Eigen::Vector3d a = from + (to - from) * step / steps;
+    const Eigen::Vector3d b = from + (to - from) * (step + 1) / steps;
+    tissue.step(std::vector<ToolMotion>(static_cast<std::size_t>(tissue.lanes()), {a, b}));
+  }
 }
 
 /// The forces of a sheet at places p are the slopes of its energy there, at some of 81 nodes.
