@@ -148,7 +148,7 @@ void ElasticTissue<Real>::resolve_contacts() {
   std::uint32_t unsettled = ~0U;
   const int passes = surface_ != nullptr ? kPassesOnSurface : kPasses;
   for (int pass = 0; pass < passes; ++pass) {
-    if (surface_ != nullptr) surface_->place(x_.data(), d_.data());
+    if (surface_ != nullptr) surface_->place(x_.data(), d_.data(), unsettled);
     elastic_.place_contacts(args_);
     args_.lanes = unsettled;
     unsettled = elastic_.unsettled_contacts(args_);

@@ -159,6 +159,12 @@ SolidTissue<Real>::SolidTissue(std::shared_ptr<const SolidTissueModel> model,
   args_.static_friction = static_friction_.data();
   args_.dynamic_friction = dynamic_friction_.data();
 
+  if (model_->by_component) {
+    args_.panel = model_->factor.panels.data();
+    args_.panels = static_cast<std::int32_t>(model_->factor.panels.size());
+    args_.panel_row = model_->factor.panel_node.data();
+    args_.panel_value = panel_value_.data();
+  }
   factor_args_.b = z_.data();
   factor_args_.panel = model_->factor.panels.data();
   factor_args_.panels = static_cast<std::int32_t>(model_->factor.panels.size());
@@ -326,7 +332,11 @@ void SolidTissue<Real>::place_tool(std::span<const ToolMotion> motion, int subst
 template <typename Real>
 void SolidTissue<Real>::precondition() {
   z_ = b_;
-  elastic_.solve(factor_args_);
+  if (model_->by_component) {
+    solid_.solve_components(args_, z_.data());
+  } else {
+    elastic_.solve(factor_args_);
+  }
   solid_.keep_free(args_, z_.data());
 }
 

@@ -30,12 +30,17 @@ class SurfaceSearch {
 
   /// Takes vertex positions for find(); those of vertices without a triangle are not read.
   void fit(std::span<const Eigen::Vector3d> vertices);
-  /// Nearest triangle to q where fit() saw the vertices, or -1: none within `reach` [m].
-  int find(const Eigen::Vector3d& q, std::span<const Eigen::Vector3d> vertices, double reach) const;
+  /// Nearest point to q where fit() saw the vertices; triangle -1: none within `reach` [m].
+  TrianglePoint find(const Eigen::Vector3d& q, std::span<const Eigen::Vector3d> vertices,
+                     double reach) const;
   /// Nearest point to q among those that are reached from triangle `start` by ever nearer
   /// neighbours.
   TrianglePoint walk(const Eigen::Vector3d& q, std::span<const Eigen::Vector3d> vertices,
                      int start) const;
+  /// The same where q is still next to triangle `start`: while its nearest point is inside of that,
+  /// others are not looked at.
+  TrianglePoint follow(const Eigen::Vector3d& q, std::span<const Eigen::Vector3d> vertices,
+                       int start) const;
 
   const Eigen::Vector3i& triangle(int t) const { return triangles_[static_cast<std::size_t>(t)]; }
 
