@@ -175,10 +175,4 @@ TrianglePoint SurfaceSearch::walk(const Vector3d& q, std::span<const Vector3d> v
   return best;
 }
 
-TrianglePoint SurfaceSearch::follow(const Vector3d& q, std::span<const Vector3d> vertices,
-                                    int start) const {
-  const TrianglePoint point = nearest(q, vertices, start);
-  return point.share.minCoeff() > 0 ? point : walk(q, vertices, start);
-}
-
 }  // namespace omentum

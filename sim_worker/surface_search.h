@@ -37,10 +37,9 @@ class SurfaceSearch {
   /// neighbours.
   TrianglePoint walk(const Eigen::Vector3d& q, std::span<const Eigen::Vector3d> vertices,
                      int start) const;
-  /// The same where q is still next to triangle `start`: while its nearest point is inside of that,
-  /// others are not looked at.
-  TrianglePoint follow(const Eigen::Vector3d& q, std::span<const Eigen::Vector3d> vertices,
-                       int start) const;
+  /// Nearest point to q of triangle `t`.
+  TrianglePoint nearest(const Eigen::Vector3d& q, std::span<const Eigen::Vector3d> vertices,
+                        int t) const;
 
   const Eigen::Vector3i& triangle(int t) const { return triangles_[static_cast<std::size_t>(t)]; }
 
@@ -51,8 +50,6 @@ class SurfaceSearch {
     std::int32_t right = 0;            ///< the left child follows its parent; 0 = leaf
   };
   std::int32_t split(std::int32_t first, std::int32_t last, std::span<const Eigen::Vector3d> rest);
-  TrianglePoint nearest(const Eigen::Vector3d& q, std::span<const Eigen::Vector3d> vertices,
-                        int t) const;
   void search(std::size_t index, const Eigen::Vector3d& q,
               std::span<const Eigen::Vector3d> vertices, TrianglePoint& best) const;
 
