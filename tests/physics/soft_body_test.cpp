@@ -157,6 +157,17 @@ TEST(SoftBody, ACollisionKeepsTheMomentum) {
   }
 }
 
+// Nodes that are too far off to touch are passed over; one inside of the body never is.
+TEST(SoftBody, ASheetThatBeginsInsideIsPushedOut) {
+  CoupledCase c = on_cushion();
+  c.sheet.gravity = 0;  // nothing but the contact moves it
+  c.sheet.X_WB.translation().z() = 0.01 - 0.003;
+  CoupledTissue<double> tissue(make_coupled(c), kKernelF64x1);
+  run(tissue, 1);
+  for (int i = 0; i < tissue.sheet().particles(); ++i)
+    EXPECT_GT(tissue.sheet().position(0, i).z(), 0.01) << i;
+}
+
 // What the contact of the sheet reckons with. Turned, as the mesh is in a frame of its own.
 TEST(SoftBody, AnAnchoredBodyAnswersASmallPushAsItThenMoves) {
   CoupledCase c = over_dome();
