@@ -12,6 +12,9 @@ using Eigen::Vector3d;
 // docs/decisions/0012: more of either costs time and does not settle sooner.
 constexpr int kPasses = 2;
 constexpr int kSweeps = 4;
+// On a surface that gives way, which the sweeps do not know of: with too few passes each substep
+// takes back what the last one did (docs/decisions/0020). Settled lanes stop before.
+constexpr int kPassesOnSurface = 8;
 
 // A contact is settled when it wants less than a twentieth of its own weight more [N/kg]. In metres
 // the bound would have to know the stiffness: 0.15 um are ten times the weight at 300 kPa.
@@ -143,8 +146,9 @@ void ElasticTissue<Real>::find_contacts(std::span<const ToolMotion> motion) {
 template <typename Real>
 void ElasticTissue<Real>::resolve_contacts() {
   std::uint32_t unsettled = ~0U;
-  for (int pass = 0; pass < kPasses; ++pass) {
-    if (surface_ != nullptr) surface_->place(x_.data(), d_.data());
+  const int passes = surface_ != nullptr ? kPassesOnSurface : kPasses;
+  for (int pass = 0; pass < passes; ++pass) {
+    if (surface_ != nullptr) surface_->place(x_.data(), d_.data(), unsettled);
     elastic_.place_contacts(args_);
     args_.lanes = unsettled;
     unsettled = elastic_.unsettled_contacts(args_);

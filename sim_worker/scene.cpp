@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 
 #include "core/check.h"
 #include "core/psm.h"
@@ -302,10 +303,21 @@ TissueBody make_tissue_body(const pb::Tissue& config, const std::string& directo
   return body;
 }
 
+/// Ellipsoid whose facets are half an edge length, but at least 8 degrees, long: the mesher, which
+/// draws its own on top, follows finer ones whatever edge it is asked for. Of the volume of the
+/// ellipsoid, which facets inside of it would not have.
+TriangleMesh soft_ellipsoid(const Vector3d& semi_axes, double edge_length) {
+  constexpr double kPi = std::numbers::pi;
+  const double facets = 2 * kPi * semi_axes.maxCoeff() / edge_length;  // from pole to pole
+  const int rings = std::clamp(static_cast<int>(facets), 8, 24) - 1;
+  TriangleMesh mesh = make_ellipsoid_mesh(semi_axes, rings, 2 * rings + 2);
+  const double scale = std::cbrt(4.0 / 3 * kPi * semi_axes.prod() / signed_volume(mesh));
+  for (Vector3d& vertex : mesh.vertices) vertex *= scale;
+  return mesh;
+}
+
 TriangleMesh soft_body_surface(const pb::DeformableBody& config, const std::string& directory,
                                const std::string& path) {
-  constexpr int kRings =
-      23;  // of an ellipsoid: facets of 8 degrees, the mesher draws its own on top
   switch (config.shape_case()) {
     case pb::DeformableBody::kMesh:
       return load_scene_mesh(config.mesh(), directory, path + ".mesh");
@@ -319,7 +331,7 @@ TriangleMesh soft_body_surface(const pb::DeformableBody& config, const std::stri
                     is_box ? "box_half_extents_m" : "ellipsoid_semi_axes_m", size.minCoeff(),
                     size.maxCoeff());
       }
-      return is_box ? make_box_mesh(size) : make_ellipsoid_mesh(size, kRings, 2 * kRings + 2);
+      return is_box ? make_box_mesh(size) : soft_ellipsoid(size, config.edge_length_m());
     }
     case pb::DeformableBody::SHAPE_NOT_SET:
       break;

@@ -12,6 +12,10 @@ namespace {
 using Eigen::Vector3d;
 
 constexpr double kMargin = 2e-3;  // [m] as for rigid shapes: elastic motion of one control step
+// A node that is further off than this [m] cannot touch before it is placed again; its triangle is
+// not looked for. 0.5 mm in one pass are 125 mm/s.
+constexpr double kNear = 0.5e-3;
+constexpr double kFar = 1;  // [m] distance of such a node
 
 }  // namespace
 
@@ -31,6 +35,7 @@ SoftContact<Real>::SoftContact(std::shared_ptr<const SolidTissueModel> model,
     if (model->on_surface[static_cast<std::size_t>(i)] != 0) skin_.push_back(i);
   }
   near_.resize(n * W);
+  start_.resize(W);
   plane_.assign(4 * n * W, Real{0});
   for (auto* v : {&motion_, &force_, &before_}) v->assign(3 * n * W, Real{0});
   for (auto* v : {&work_, &share_}) v->assign(W, Real{0});
@@ -87,28 +92,52 @@ void SoftContact<Real>::start_step(std::span<const ToolMotion> motion, const Rea
   };
   std::fill(near.begin(), near.end(), 0);
   for (int lane = 0; lane < lanes_; ++lane) {
+    LaneStart& start = start_[static_cast<std::size_t>(lane)];
+    start.near.clear();
+    start.skin.clear();
     take_vertices(lane, false);
     search_.fit(vertex_);
     double fastest = 0;
-    for (const std::int32_t i : skin_) fastest = std::max(fastest, solid_.velocity(lane, i).norm());
+    for (const std::int32_t i : skin_) {
+      fastest = std::max(fastest, solid_.velocity(lane, i).norm());
+      start.skin.push_back(vertex_[static_cast<std::size_t>(i)]);
+    }
     for (int i = 0; i < nodes_; ++i) {
       TrianglePoint& found = near_[slot(i, lane)];
       found.triangle = -1;
       if ((free[static_cast<std::size_t>(i)] >> lane & 1U) == 0) continue;
-      const Vector3d q(static_cast<double>(x[index(i, 0, lane)]),
-                       static_cast<double>(x[index(i, 1, lane)]),
-                       static_cast<double>(x[index(i, 2, lane)]));
+      const Vector3d q = place_of(x, i, lane);
       const double reach = radius_ + kMargin + period * (speed_of(v, i, lane) + fastest + 2 * fall);
-      found.triangle = search_.find(q, vertex_, reach);
-      if (found.triangle >= 0) near[static_cast<std::size_t>(i)] |= 1U << lane;
+      found = search_.find(q, vertex_, reach);
+      if (found.triangle < 0) continue;
+      near[static_cast<std::size_t>(i)] |= 1U << lane;
+      const double side = is_inside(q, found) ? -1 : 1;
+      start.near.push_back({i, side * std::sqrt(found.squared), q});
     }
   }
 }
 
+/// Whether q is behind the triangle of its near point.
 template <typename Real>
-void SoftContact<Real>::attach(int i, int lane, const Vector3d& q) {
-  TrianglePoint& found = near_[slot(i, lane)];
-  found = search_.walk(q, vertex_, found.triangle);
+bool SoftContact<Real>::is_inside(const Vector3d& q, const TrianglePoint& found) const {
+  const Eigen::Vector3i& corner = search_.triangle(found.triangle);
+  const Vector3d& a = vertex_[static_cast<std::size_t>(corner[0])];
+  const Vector3d& b = vertex_[static_cast<std::size_t>(corner[1])];
+  const Vector3d& c = vertex_[static_cast<std::size_t>(corner[2])];
+  const Vector3d p = found.share[0] * a + found.share[1] * b + found.share[2] * c;
+  return (q - p).dot((b - a).cross(c - a)) < 0;
+}
+
+/// Of a node of the skin since the start of the control step [m], at vertex_.
+template <typename Real>
+double SoftContact<Real>::largest_motion(int lane) const {
+  double squared = 0;
+  for (std::size_t k = 0; k < skin_.size(); ++k) {
+    const Vector3d& start = start_[static_cast<std::size_t>(lane)].skin[k];
+    squared =
+        std::max(squared, (vertex_[static_cast<std::size_t>(skin_[k])] - start).squaredNorm());
+  }
+  return std::sqrt(squared);
 }
 
 template <typename Real>
@@ -121,14 +150,16 @@ void SoftContact<Real>::spread(std::uint32_t lanes, const Real* before,
       }
     }
   }
-  for (int i = 0; i < nodes_; ++i) {
-    for (int lane = 0; lane < lanes_; ++lane) {
+  for (int lane = 0; lane < lanes_; ++lane) {
+    if ((lanes >> lane & 1U) == 0) continue;
+    for (const Candidate& candidate : start_[static_cast<std::size_t>(lane)].near) {
+      const int i = candidate.node;
       const TrianglePoint& found = near_[slot(i, lane)];
-      if (found.triangle < 0 || (lanes >> lane & 1U) == 0) continue;
       const Eigen::Vector3i& corner = search_.triangle(found.triangle);
       for (int axis = 0; axis < 3; ++axis) {
         const std::size_t at = index(i, axis, lane);
         const Real force = before == nullptr ? force_[at] : force_[at] - before[at];
+        if (force == Real{0}) continue;
         for (int c = 0; c < 3; ++c) {
           load[index(corner[c], axis, lane)] -= static_cast<Real>(found.share[c]) * force;
         }
@@ -143,60 +174,72 @@ void SoftContact<Real>::start_substep(std::span<const ToolMotion> motion, int su
   solid_.start_substep(motion, substep);
   for (int lane = 0; lane < lanes_; ++lane) {
     take_vertices(lane, false);
-    for (int i = 0; i < nodes_; ++i) {
-      if (near_[slot(i, lane)].triangle < 0) continue;
-      attach(i, lane,
-             {static_cast<double>(x[index(i, 0, lane)]), static_cast<double>(x[index(i, 1, lane)]),
-              static_cast<double>(x[index(i, 2, lane)])});
+    for (const Candidate& candidate : start_[static_cast<std::size_t>(lane)].near) {
+      const int i = candidate.node;
+      if (force(lane, i).isZero(0)) continue;
+      TrianglePoint& found = near_[slot(i, lane)];
+      found = search_.walk(place_of(x, i, lane), vertex_, found.triangle);
     }
   }
   spread(~0U, nullptr, load_);
   changed_ = 0;
+  placed_ = false;
   solid_.solve_substep(~0U);
 }
 
+/// Plane and motion of the near point of one node at q.
 template <typename Real>
-void SoftContact<Real>::place(const Real* x, const Real* d) {
+void SoftContact<Real>::place_node(int i, int lane, const Vector3d& q) {
   const Real* const moved = solid_.substep_displacements();
+  TrianglePoint& found = near_[slot(i, lane)];
+  found = placed_ ? search_.nearest(q, vertex_, found.triangle)
+                  : search_.walk(q, vertex_, found.triangle);
+  const Eigen::Vector3i& corner = search_.triangle(found.triangle);
+  Vector3d p = Vector3d::Zero();
+  Vector3d way = Vector3d::Zero();
+  Vector3d normal = Vector3d::Zero();
+  for (int c = 0; c < 3; ++c) {
+    const auto node = static_cast<std::size_t>(corner[c]);
+    p += found.share[c] * vertex_[node];
+    normal += found.share[c] * normal_[node];
+    for (int axis = 0; axis < 3; ++axis) {
+      way[axis] += found.share[c] * static_cast<double>(moved[index(corner[c], axis, lane)]);
+    }
+  }
+  normal.normalize();
+  const double side = is_inside(q, found) ? -1 : 1;
+  plane_[slot(4 * i, lane)] = static_cast<Real>(side * (q - p).norm());
+  for (int axis = 0; axis < 3; ++axis) {
+    plane_[slot(4 * i + 1 + axis, lane)] = static_cast<Real>(normal[axis]);
+    motion_[index(i, axis, lane)] = static_cast<Real>(way[axis]);
+  }
+}
+
+// The first one in a substep looks around. What moves after it moves little: near points then stay
+// on their triangles, which costs the square of that way over twice the distance.
+template <typename Real>
+void SoftContact<Real>::place(const Real* x, const Real* d, std::uint32_t lanes) {
   for (int lane = 0; lane < lanes_; ++lane) {
+    if ((lanes >> lane & 1U) == 0) continue;
     take_vertices(lane, true);
     find_normals();
-    for (int i = 0; i < nodes_; ++i) {
-      const TrianglePoint& found = near_[slot(i, lane)];
-      if (found.triangle < 0) continue;
+    const double skin_moved = largest_motion(lane);
+    for (const Candidate& candidate : start_[static_cast<std::size_t>(lane)].near) {
+      const int i = candidate.node;
       Vector3d q;
       for (int axis = 0; axis < 3; ++axis) {
         const std::size_t k = index(i, axis, lane);
         q[axis] = static_cast<double>(x[k] + d[k]);
       }
-      attach(i, lane, q);
-      const Eigen::Vector3i& corner = search_.triangle(found.triangle);
-      Vector3d p = Vector3d::Zero();
-      Vector3d way = Vector3d::Zero();
-      for (int c = 0; c < 3; ++c) {
-        const auto node = static_cast<std::size_t>(corner[c]);
-        p += found.share[c] * vertex_[node];
-        for (int axis = 0; axis < 3; ++axis) {
-          way[axis] += found.share[c] * static_cast<double>(moved[index(corner[c], axis, lane)]);
-        }
-      }
-      Vector3d normal = Vector3d::Zero();
-      for (int c = 0; c < 3; ++c)
-        normal += found.share[c] * normal_[static_cast<std::size_t>(corner[c])];
-      normal.normalize();
-      const Vector3d& a = vertex_[static_cast<std::size_t>(corner[0])];
-      const Vector3d face = (vertex_[static_cast<std::size_t>(corner[1])] - a)
-                                .cross(vertex_[static_cast<std::size_t>(corner[2])] - a);
-      const Vector3d off = q - p;
-      const double side = off.dot(face) < 0 ? -1 : 1;
-      const double distance = off.norm();
-      plane_[slot(4 * i, lane)] = static_cast<Real>(side * distance);
-      for (int axis = 0; axis < 3; ++axis) {
-        plane_[slot(4 * i + 1 + axis, lane)] = static_cast<Real>(normal[axis]);
-        motion_[index(i, axis, lane)] = static_cast<Real>(way[axis]);
+      const double moved = skin_moved + (q - candidate.place).norm();
+      if (candidate.gap - moved > radius_ + kNear && force(lane, i).isZero(0)) {
+        plane_[slot(4 * i, lane)] = static_cast<Real>(kFar);
+      } else {
+        place_node(i, lane, q);
       }
     }
   }
+  placed_ = true;
 }
 
 template <typename Real>

@@ -32,7 +32,7 @@ class SoftContact final : public YieldingSurface<Real> {
   void start_step(std::span<const ToolMotion> motion, const Real* x, const Real* v,
                   std::span<const std::uint32_t> free, std::span<std::uint32_t> near) override;
   void start_substep(std::span<const ToolMotion> motion, int substep, const Real* x) override;
-  void place(const Real* x, const Real* d) override;
+  void place(const Real* x, const Real* d, std::uint32_t lanes) override;
   void answer(std::uint32_t lanes) override;
   void take(std::uint32_t lanes) override;
   void finish_substep(bool last) override;
@@ -47,13 +47,30 @@ class SoftContact final : public YieldingSurface<Real> {
   Result<std::size_t> load(int lane, std::span<const std::byte> state);
 
  private:
+  /// A node of the sheet that may touch in this control step, at the step's start.
+  struct Candidate {
+    int node = 0;
+    double gap = 0;  ///< to the triangles [m]
+    Eigen::Vector3d place = Eigen::Vector3d::Zero();
+  };
+  struct LaneStart {
+    std::vector<Candidate> near;
+    std::vector<Eigen::Vector3d> skin;  ///< in the order of skin_
+  };
+
   std::size_t index(int i, int axis, int lane) const {
     return static_cast<std::size_t>((3 * i + axis) * lanes_ + lane);
   }
   std::size_t slot(int i, int lane) const { return static_cast<std::size_t>(i * lanes_ + lane); }
+  Eigen::Vector3d place_of(const Real* x, int i, int lane) const {
+    return {static_cast<double>(x[index(i, 0, lane)]), static_cast<double>(x[index(i, 1, lane)]),
+            static_cast<double>(x[index(i, 2, lane)])};
+  }
   void take_vertices(int lane, bool moved);
+  double largest_motion(int lane) const;
+  bool is_inside(const Eigen::Vector3d& q, const TrianglePoint& found) const;
   void find_normals();
-  void attach(int i, int lane, const Eigen::Vector3d& q);
+  void place_node(int i, int lane, const Eigen::Vector3d& q);
   /// Loads on the solid in the given lanes: minus (force - before), `before` may be null.
   void spread(std::uint32_t lanes, const Real* before, AlignedVector<Real>& load) const;
 
@@ -64,7 +81,9 @@ class SoftContact final : public YieldingSurface<Real> {
   std::vector<std::int32_t> skin_;                ///< nodes of the solid's surface
   std::vector<Eigen::Vector3d> vertex_, normal_;  ///< scratch: of one lane
   std::vector<TrianglePoint> near_;               ///< [node of the sheet][lane]; triangle -1 = far
+  std::vector<LaneStart> start_;                  ///< per lane
   std::uint32_t changed_ = 0;                     ///< lanes whose forces changed in this substep
+  bool placed_ = false;                           ///< in this substep
   AlignedVector<Real> plane_, motion_, force_, before_, work_, share_, load_, push_;
   SurfaceArgs<Real> args_{};
 };

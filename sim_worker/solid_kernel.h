@@ -2,6 +2,7 @@
 
 #include <cstdint>
 
+#include "sim_worker/elastic_kernel.h"
 #include "sim_worker/kernel.h"
 
 namespace omentum {
@@ -26,6 +27,12 @@ struct SolidArgs {
   Real effective_step;          ///< h, or 2 h / 3 for BDF2 [s]
   Real inverse_step;            ///< 1 / effective step [1/s]
   Real third;                   ///< 1/3 of BDF2, rounded once
+
+  // Factor over single components, row 3 i + axis; none where the panels are over nodes.
+  const FactorPanel* panel;
+  std::int32_t panels;
+  const std::int32_t* panel_row;
+  const Real* panel_value;
 
   // State and scratch, per lane.
   Real* x;  ///< positions at the substep's start
@@ -89,6 +96,8 @@ struct SolidKernel {
   /// p = z + factor p per lane.
   void (*turn_direction)(const SolidArgs<Real>&, const Real* factor);
   void (*finish_substep)(const SolidArgs<Real>&);
+  /// Replaces `vector` by the solution with the factor over components.
+  void (*solve_components)(const SolidArgs<Real>&, Real* vector);
 };
 
 /// Kernels by width. The 16-lane one may only be called on a CPU with AVX-512.

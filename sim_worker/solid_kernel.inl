@@ -436,3 +436,5 @@ void finish_substep(const Args& args) {
 }
 
 }  // namespace
+
+#include "sim_worker/solid_solve.inl"

@@ -71,29 +71,52 @@ void set_geometry(SolidTissueModel& model, double density) {
   }
 }
 
-/// The preconditioner: inertia and a Laplace operator of the shear stiffness. The rotated shear
-/// part of the Hessian is as stiff, whatever the rotation; the few stiff volume modes are left to
-/// the conjugate gradients.
+/// The matrix whose factor preconditions: entries by rows and columns of the free nodes.
+class FactorMatrix {
+ public:
+  /// `width`: unknowns per node, 1 or 3.
+  FactorMatrix(const SolidTissueModel& model, int width) : width_(width) {
+    for (int i = 0; i < model.nodes(); ++i) {
+      const bool fixed = model.body.fixed[static_cast<std::size_t>(i)] != 0;
+      row_of_.push_back(fixed ? -1 : static_cast<int>(unknown_.size()));
+      for (int axis = 0; axis < width && !fixed; ++axis) unknown_.push_back(width * i + axis);
+    }
+  }
+  void add(int node, int axis, int other, int other_axis, double value) {
+    const int row = row_of_[static_cast<std::size_t>(node)];
+    const int column = row_of_[static_cast<std::size_t>(other)];
+    if (row >= 0 && column >= 0) entries_.emplace_back(row + axis, column + other_axis, value);
+  }
+  /// Inertia on the diagonal.
+  void add_inertia(const SolidTissueModel& model) {
+    const double step = model.effective_step();
+    for (int i = 0; i < model.nodes(); ++i) {
+      for (int axis = 0; axis < width_; ++axis)
+        add(i, axis, i, axis, model.mass[static_cast<std::size_t>(i)] / (step * step));
+    }
+  }
+  PanelFactor factor() const {
+    const auto size = static_cast<Eigen::Index>(unknown_.size());
+    Eigen::SparseMatrix<double> matrix(size, size);
+    matrix.setFromTriplets(entries_.begin(), entries_.end());
+    return factorize(matrix, unknown_);
+  }
+
+ private:
+  int width_;
+  std::vector<int> row_of_, unknown_;
+  std::vector<Eigen::Triplet<double>> entries_;
+};
+
+/// The preconditioner of a body that may turn: inertia and a Laplace operator of the shear
+/// stiffness. The rotated shear part of the Hessian is as stiff, whatever the rotation; the few
+/// stiff volume modes are left to the conjugate gradients.
 void set_factor(SolidTissueModel& model, double shear_modulus) {
-  std::vector<int> row_of;
-  std::vector<int> free_node;
-  for (int i = 0; i < model.nodes(); ++i) {
-    const bool fixed = model.body.fixed[static_cast<std::size_t>(i)] != 0;
-    row_of.push_back(fixed ? -1 : static_cast<int>(free_node.size()));
-    if (!fixed) free_node.push_back(i);
-  }
+  FactorMatrix matrix(model, 1);
+  matrix.add_inertia(model);
   const double step = model.effective_step();
-  model.diagonal.assign(model.mass.size(), 0.0);
-  std::vector<Eigen::Triplet<double>> entries;
-  const auto add = [&](int i, int j, double value) {
-    if (i == j) model.diagonal[static_cast<std::size_t>(i)] += value;
-    const int row = row_of[static_cast<std::size_t>(i)];
-    const int column = row_of[static_cast<std::size_t>(j)];
-    if (row >= 0 && column >= 0) entries.emplace_back(row, column, value);
-  };
-  for (int i = 0; i < model.nodes(); ++i) {
-    add(i, i, model.mass[static_cast<std::size_t>(i)] / (step * step));
-  }
+  model.diagonal.clear();
+  for (const double mass : model.mass) model.diagonal.push_back(mass / (step * step));
   for (std::size_t t = 0; t < model.volume.size(); ++t) {
     const Tetrahedron& node = model.mesh.tetrahedra[t];
     for (int q = 0; q < 4; ++q) {
@@ -101,16 +124,56 @@ void set_factor(SolidTissueModel& model, double shear_modulus) {
       const Eigen::Matrix<double, 10, 10> k =
           2 * shear_modulus * model.volume[t] / 4 * n * n.transpose();
       for (int a = 0; a < 10; ++a) {
-        for (int b = 0; b < 10; ++b) {
-          add(node[static_cast<std::size_t>(a)], node[static_cast<std::size_t>(b)], k(a, b));
-        }
+        const std::int32_t i = node[static_cast<std::size_t>(a)];
+        model.diagonal[static_cast<std::size_t>(i)] += k(a, a);
+        for (int b = 0; b < 10; ++b)
+          matrix.add(i, 0, node[static_cast<std::size_t>(b)], 0, k(a, b));
       }
     }
   }
-  Eigen::SparseMatrix<double> matrix(static_cast<Eigen::Index>(free_node.size()),
-                                     static_cast<Eigen::Index>(free_node.size()));
-  matrix.setFromTriplets(entries.begin(), entries.end());
-  model.factor = factorize(matrix, free_node);
+  model.factor = matrix.factor();
+}
+
+/// Hessian of the elastic energy of one element at rest in W, rows 3 k + axis. Small strain has the
+/// Lame constants of E and nu, of lambda the part `local` at the points, model.bulk on the mean.
+Eigen::Matrix<double, 30, 30> rest_stiffness(const SolidTissueModel& model, std::size_t t,
+                                             double shear_modulus, double local) {
+  Eigen::Matrix<double, 30, 30> k = Eigen::Matrix<double, 30, 30>::Zero();
+  Eigen::Matrix<double, 30, 1> mean = Eigen::Matrix<double, 30, 1>::Zero();
+  const double weight = model.volume[t] / 4;
+  const Matrix3d to_B = model.body.X_WB.linear().transpose();
+  for (int q = 0; q < 4; ++q) {
+    const Eigen::Matrix<double, 10, 3> n = shape_gradients(gradients_of(model, t), q) * to_B;
+    for (int a = 0; a < 10; ++a) {
+      mean.segment<3>(3 * a) += n.row(a).transpose() / 4;
+      for (int b = 0; b < 10; ++b) {
+        k.block<3, 3>(3 * a, 3 * b) +=
+            weight * (shear_modulus * (n.row(a).dot(n.row(b)) * Matrix3d::Identity() +
+                                       n.row(b).transpose() * n.row(a)) +
+                      local * n.row(a).transpose() * n.row(b));
+      }
+    }
+  }
+  return k + model.volume[t] * model.bulk * mean * mean.transpose();
+}
+
+/// The preconditioner of a body that is anchored and so turns little: the Hessian at rest. It
+/// answers a push as the body does, which the contact of a sheet counts on (docs/decisions/0020).
+void set_rest_factor(SolidTissueModel& model, double shear_modulus, double local) {
+  FactorMatrix matrix(model, 3);
+  matrix.add_inertia(model);
+  for (std::size_t t = 0; t < model.volume.size(); ++t) {
+    const Tetrahedron& node = model.mesh.tetrahedra[t];
+    const Eigen::Matrix<double, 30, 30> k = rest_stiffness(model, t, shear_modulus, local);
+    for (int a = 0; a < 30; ++a) {
+      for (int b = 0; b < 30; ++b) {
+        matrix.add(node[static_cast<std::size_t>(a / 3)], a % 3,
+                   node[static_cast<std::size_t>(b / 3)], b % 3, k(a, b));
+      }
+    }
+  }
+  model.factor = matrix.factor();
+  model.by_component = true;
 }
 
 /// What lies around the body and how it is stepped.
@@ -134,7 +197,8 @@ void set_surroundings(SolidTissueModel& model, const Scene& scene, double contro
   model.tool_length = tool.shaft_length_m();
 }
 
-void set_material(SolidTissueModel& model, double density) {
+/// `stays`: the body is anchored and turns little.
+void set_material(SolidTissueModel& model, double density, bool stays) {
   const double e = model.material.young_modulus_pa();
   const double nu = model.material.poisson_ratio();
   const double shear = e / (2 * (1 + nu));
@@ -148,6 +212,7 @@ void set_material(SolidTissueModel& model, double density) {
   model.alpha = 1 + 0.75 * model.mu / model.lambda;
   set_geometry(model, density);
   set_factor(model, shear);
+  if (stays) set_rest_factor(model, shear, local);
 }
 
 /// A body that begins inside another one would be thrown out of it.
@@ -189,7 +254,7 @@ std::shared_ptr<const SolidTissueModel> make_solid_model(const Scene& scene,
   model->material = tissue.material();
   model->spacing = tissue.volume().edge_length_m() / 2;
   set_surroundings(*model, scene, control_period);
-  set_material(*model, tissue.density_kg_per_m3());
+  set_material(*model, tissue.density_kg_per_m3(), false);
   return model;
 }
 
@@ -213,7 +278,9 @@ std::shared_ptr<const SolidTissueModel> make_soft_body_model(const Scene& scene,
   model->material = config.material();
   model->spacing = config.edge_length_m() / 2;
   set_surroundings(*model, scene, control_period);
-  set_material(*model, config.density_kg_per_m3());
+  const auto& fixed = model->body.fixed;
+  set_material(*model, config.density_kg_per_m3(),
+               std::find(fixed.begin(), fixed.end(), 1) != fixed.end());
   refuse_overlap(*model);
   return model;
 }

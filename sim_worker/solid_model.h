@@ -31,8 +31,11 @@ struct SolidTissueModel : TissueModel, std::enable_shared_from_this<SolidTissueM
   double spacing = 0;                    ///< half of the longest edge asked for [m]
   double mu = 0, lambda = 0, alpha = 0;  ///< [Smith18, section 3.4] from E and nu [Pa, Pa, 1]
   double bulk = 0;                       ///< acts on the mean volume of an element [Pa]
-  PanelFactor factor;                    ///< of M/h^2 + 2 mu_Lame x Laplace on the free nodes
-  std::vector<double> diagonal;          ///< of the same matrix [N/m]
+  /// Of the preconditioner on the free nodes: M/h^2 + 2 mu_Lame x Laplace, or, `by_component`, the
+  /// Hessian at rest, rows 3 i + axis.
+  PanelFactor factor;
+  bool by_component = false;
+  std::vector<double> diagonal;  ///< per node, of M/h^2 + 2 mu_Lame x Laplace [N/m]
   double static_friction = 0, dynamic_friction = 0;
   Eigen::Vector3d gravity = Eigen::Vector3d::Zero();  ///< in W [m/s^2]
   std::vector<RigidShape> contact_bodies;             ///< what nodes collide with, the tool apart

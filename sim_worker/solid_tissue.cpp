@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstring>
 #include <limits>
 
 #include "core/check.h"
@@ -15,12 +14,6 @@ namespace {
 
 using Eigen::Vector3d;
 
-constexpr int kMaxConjugateSteps = 40;
-// Of the residual in the norm of the preconditioner, within a Newton step and over the substep:
-// what is left is done by the next substep, which starts from it.
-constexpr double kReduction = 0.01;
-constexpr double kNewtonReduction = 1e-5;
-constexpr int kMaxNewtonSteps = 16;
 // Energy below which a residual is rounding, part of (weight x edge length).
 constexpr double kRestEnergy = 1e-12;
 // Contact answers a push with this many times the stiffness of the step at the node. Larger settles
@@ -29,12 +22,6 @@ constexpr double kContactGain = 10;
 // A node that the jaw's spring holds this many times stiffer than the step does moves with the jaw.
 constexpr double kRigidHold = 100;
 constexpr double kLeastCover = 1e-3;
-constexpr int kMaxHalvings = 4;
-// Of parameters in a state, on the scene's: usable(LaneParameters); friction times 1 + 20 of the
-// effect friction_change.
-constexpr double kMaxGravityScale = 100;
-constexpr double kMaxFrictionScale = 21e3;
-constexpr double kRounding = 1e-5;  // of f32, several operations deep
 
 template <typename Real>
 std::vector<Real> convert(const std::vector<double>& values) {
@@ -159,6 +146,12 @@ SolidTissue<Real>::SolidTissue(std::shared_ptr<const SolidTissueModel> model,
   args_.static_friction = static_friction_.data();
   args_.dynamic_friction = dynamic_friction_.data();
 
+  if (model_->by_component) {
+    args_.panel = model_->factor.panels.data();
+    args_.panels = static_cast<std::int32_t>(model_->factor.panels.size());
+    args_.panel_row = model_->factor.panel_node.data();
+    args_.panel_value = panel_value_.data();
+  }
   factor_args_.b = z_.data();
   factor_args_.panel = model_->factor.panels.data();
   factor_args_.panels = static_cast<std::int32_t>(model_->factor.panels.size());
@@ -322,123 +315,9 @@ void SolidTissue<Real>::place_tool(std::span<const ToolMotion> motion, int subst
   }
 }
 
-/// z = A^-1 b on the free nodes.
-template <typename Real>
-void SolidTissue<Real>::precondition() {
-  z_ = b_;
-  elastic_.solve(factor_args_);
-  solid_.keep_free(args_, z_.data());
-}
-
-/// b, z = A^-1 b and their product, the square of the residual in the norm of the preconditioner.
-template <typename Real>
-void SolidTissue<Real>::find_residual(PerLane& size) {
-  solid_.find_residual(args_);
-  precondition();
-  solid_.dot(args_, b_.data(), z_.data(), size.data());
-}
-
-// Newton steps until the residual is small, in every lane on its own; a step that makes it larger
-// is halved. Most substeps take two, an impact ten. What is small is settled by the first call in a
-// substep.
-template <typename Real>
-void SolidTissue<Real>::solve_substep(std::uint32_t active) {
-  const auto W = static_cast<std::size_t>(lanes());
-  PerLane size{};
-  PerLane size_new{};
-  PerLane share{};
-  find_residual(size);
-  for (std::size_t l = 0; l < W; ++l) {
-    if (enough_[l] >= Real{0}) continue;
-    enough_[l] =
-        std::max(static_cast<Real>(kNewtonReduction * kNewtonReduction) * size[l], rest_energy_);
-  }
-  for (int k = 0; k < kMaxNewtonSteps; ++k) {
-    std::uint32_t moves = 0;
-    for (std::size_t l = 0; l < W; ++l) {
-      if (size[l] > enough_[l]) moves |= active & 1U << l;
-    }
-    if (moves == 0) return;
-    find_newton_step(size, moves);
-    share.fill(Real{-1});
-    std::uint32_t worse = moves;
-    for (int halving = 0; worse != 0 && halving <= kMaxHalvings; ++halving) {
-      solid_.add_scaled(args_, d_.data(), step_.data(), share.data(), worse);
-      find_residual(size_new);
-      for (std::size_t l = 0; l < W; ++l) {
-        // Written so that a residual that is no number counts as worse.
-        if (size_new[l] <= size[l]) worse &= ~(1U << l);
-      }
-      share.fill(halving == 0 ? Real{0.5} : share[0] / 2);
-    }
-    size = size_new;
-  }
-}
-
 template <typename Real>
 void SolidTissue<Real>::set_load(const Real* load) {
   args_.load = load;
-}
-
-template <typename Real>
-void SolidTissue<Real>::answer(const Real* push, Real* work) {
-  std::copy_n(push, b_.size(), b_.begin());
-  solid_.keep_free(args_, b_.data());
-  precondition();
-  step_ = z_;
-  PerLane product{};
-  solid_.dot(args_, push, step_.data(), product.data());
-  std::copy_n(product.begin(), lanes(), work);
-}
-
-template <typename Real>
-void SolidTissue<Real>::take_answer(const Real* share, std::uint32_t active) {
-  solid_.add_scaled(args_, d_.data(), step_.data(), share, active);
-}
-
-// step = H^-1 b by conjugate gradients, from the residual b with z = A^-1 b and its square `rz`. A
-// lane takes part until its residual is small or its Hessian not positive along the direction; what
-// the others do then leaves its bits alone.
-template <typename Real>
-void SolidTissue<Real>::find_newton_step(PerLane rz, std::uint32_t active) {
-  const auto W = static_cast<std::size_t>(lanes());
-  PerLane rz_new{};
-  PerLane php{};
-  PerLane factor{};
-  PerLane enough{};
-  for (std::size_t l = 0; l < W; ++l) {
-    enough[l] = static_cast<Real>(kReduction * kReduction) * rz[l];
-  }
-  p_ = z_;
-  std::fill(step_.begin(), step_.end(), Real{0});
-  for (int k = 0; k < kMaxConjugateSteps && active != 0; ++k) {
-    solid_.multiply_hessian(args_);
-    solid_.dot(args_, p_.data(), hp_.data(), php.data());
-    std::uint32_t moves = 0;
-    for (std::size_t l = 0; l < W; ++l) {
-      factor[l] = Real{0};
-      if ((active >> l & 1U) == 0) continue;
-      if (php[l] > Real{0}) {
-        factor[l] = rz[l] / php[l];
-      } else {
-        active &= ~(1U << l);
-        if (k > 0) continue;
-        factor[l] = Real{1};  // a step of the preconditioner alone goes downhill
-      }
-      moves |= 1U << l;
-    }
-    solid_.add_scaled(args_, step_.data(), p_.data(), factor.data(), moves);
-    for (Real& f : factor) f = -f;
-    solid_.add_scaled(args_, b_.data(), hp_.data(), factor.data(), moves);
-    precondition();
-    solid_.dot(args_, b_.data(), z_.data(), rz_new.data());
-    for (std::size_t l = 0; l < W; ++l) {
-      factor[l] = (active >> l & 1U) != 0 ? rz_new[l] / rz[l] : Real{0};
-      rz[l] = rz_new[l];
-      if (!(rz[l] > enough[l])) active &= ~(1U << l);
-    }
-    solid_.turn_direction(args_, factor.data());
-  }
 }
 
 template <typename Real>
@@ -600,117 +479,6 @@ std::vector<Vector3d> SolidTissue<Real>::elastic_gradient(int lane) {
     gradient.push_back(force);
   }
   return gradient;
-}
-
-// State of a lane: positions, velocities, history of BDF2, contact forces, force on the tool, the
-// lane parameters, then the grasp.
-template <typename Real>
-void SolidTissue<Real>::save(int lane, Bytes& out) const {
-  const auto add = [&out](const void* data, std::size_t size) {
-    const auto* bytes = static_cast<const std::byte*>(data);
-    out.insert(out.end(), bytes, bytes + size);
-  };
-  for (const auto* values : {&x_, &v_, &v_old_, &d_old_, &contact_force_, &held_force_, &stiffness_,
-                             &gravity_, &keep_, &static_friction_, &dynamic_friction_}) {
-    for (std::size_t k = static_cast<std::size_t>(lane); k < values->size();
-         k += static_cast<std::size_t>(lanes())) {
-      add(&(*values)[k], sizeof(Real));
-    }
-  }
-  const Held& held = held_[static_cast<std::size_t>(lane)];
-  const auto count = static_cast<std::uint32_t>(held.nodes.size());
-  add(&count, sizeof count);
-  add(held.nodes.data(), count * sizeof(std::int32_t));
-  add(held.offsets.data(), count * sizeof(held.offsets[0]));
-  add(held.weights.data(), count * sizeof(Real));
-}
-
-/// Whether stiffness, gravity [3], keep, static and dynamic friction are what set_parameters()
-/// makes of some usable LaneParameters.
-template <typename Real>
-bool SolidTissue<Real>::usable_parameters(std::span<const Real> values) const {
-  const auto value = [&](std::size_t k) { return static_cast<double>(values[k]); };
-  LaneParameters scales;
-  scales.stiffness_scale = value(0);
-  const double pull = Vector3d(value(1), value(2), value(3)).norm();
-  const auto rubs = [](double friction, double nominal) {
-    return friction >= 0 && friction <= nominal * kMaxFrictionScale * (1 + kRounding);
-  };
-  return usable(scales) && pull <= kMaxGravityScale * model_->gravity.norm() * (1 + kRounding) &&
-         value(4) >= 0 && value(4) <= 1 && rubs(value(5), model_->static_friction) &&
-         rubs(value(6), model_->dynamic_friction);
-}
-
-template <typename Real>
-Result<std::size_t> SolidTissue<Real>::load(int lane, std::span<const std::byte> state) {
-  const std::array<AlignedVector<Real>*, 11> arrays = {
-      &x_,         &v_,       &v_old_, &d_old_,           &contact_force_,   &held_force_,
-      &stiffness_, &gravity_, &keep_,  &static_friction_, &dynamic_friction_};
-  std::size_t reals = 0;
-  for (const auto* a : arrays) reals += a->size() / static_cast<std::size_t>(lanes());
-  std::uint32_t count = 0;
-  const std::size_t fixed_size = reals * sizeof(Real) + sizeof count;
-  if (state.size() < fixed_size) {
-    return Failure{
-        fmt::format("tissue state of {} bytes, needed at least {}", state.size(), fixed_size)};
-  }
-  std::vector<Real> values(reals);
-  std::memcpy(values.data(), state.data(), reals * sizeof(Real));
-  std::memcpy(&count, state.data() + fixed_size - sizeof count, sizeof count);
-  Held held;
-  const std::size_t entry = sizeof(std::int32_t) + sizeof(held.offsets[0]) + sizeof(Real);
-  if (count > static_cast<std::uint32_t>(particles()) ||
-      state.size() < fixed_size + count * entry) {
-    return Failure{fmt::format("tissue state of {} bytes with {} held nodes of {}", state.size(),
-                               count, particles())};
-  }
-  for (const Real v : values) {
-    if (!std::isfinite(v)) return Failure{"tissue state holds a non-finite number"};
-  }
-  // The last numbers: stiffness, gravity [3], keep, static and dynamic friction.
-  if (!usable_parameters(std::span(values).last(7))) {
-    return Failure{"tissue state holds lane parameters out of range"};
-  }
-  held.nodes.resize(count);
-  held.offsets.resize(count);
-  held.weights.resize(count);
-  if (count > 0) {  // memcpy must not get the null pointer of an empty vector
-    const std::byte* at = state.data() + fixed_size;
-    std::memcpy(held.nodes.data(), at, count * sizeof(std::int32_t));
-    at += count * sizeof(std::int32_t);
-    std::memcpy(held.offsets.data(), at, count * sizeof(held.offsets[0]));
-    at += count * sizeof(held.offsets[0]);
-    std::memcpy(held.weights.data(), at, count * sizeof(Real));
-  }
-  for (std::size_t k = 0; k < count; ++k) {
-    const std::int32_t i = held.nodes[k];
-    const auto& offset = held.offsets[k];
-    if (i < 0 || i >= particles() || model_->body.fixed[static_cast<std::size_t>(i)] != 0 ||
-        (k > 0 && i <= held.nodes[k - 1])) {
-      return Failure{fmt::format(
-          "tissue state holds node {}, not a free one of {} in ascending order", i, particles())};
-    }
-    if (!(held.weights[k] > Real{0} && held.weights[k] <= Real{1}) || !std::isfinite(offset[0]) ||
-        !std::isfinite(offset[1]) || !std::isfinite(offset[2])) {
-      return Failure{fmt::format("tissue state holds node {} with a bad weight or offset", i)};
-    }
-  }
-
-  release(lane);
-  std::size_t next = 0;
-  for (auto* a : arrays) {
-    for (std::size_t k = static_cast<std::size_t>(lane); k < a->size();
-         k += static_cast<std::size_t>(lanes())) {
-      (*a)[k] = values[next++];
-    }
-  }
-  for (int i = 0; i < particles(); ++i) {
-    if (model_->body.fixed[static_cast<std::size_t>(i)] != 0)
-      set_position(lane, i, position(lane, i));
-  }
-  held_[static_cast<std::size_t>(lane)] = std::move(held);
-  apply_hold(lane);
-  return fixed_size + count * entry;
 }
 
 template <typename Real>

@@ -151,11 +151,12 @@ void SurfaceSearch::search(std::size_t index, const Vector3d& q, std::span<const
   }
 }
 
-int SurfaceSearch::find(const Vector3d& q, std::span<const Vector3d> vertices, double reach) const {
+TrianglePoint SurfaceSearch::find(const Vector3d& q, std::span<const Vector3d> vertices,
+                                  double reach) const {
   TrianglePoint best;
   best.squared = reach * reach;
   if (boxes_.front().box.squaredExteriorDistance(q) < best.squared) search(0, q, vertices, best);
-  return best.triangle;
+  return best;
 }
 
 TrianglePoint SurfaceSearch::walk(const Vector3d& q, std::span<const Vector3d> vertices,

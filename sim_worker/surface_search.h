@@ -30,12 +30,16 @@ class SurfaceSearch {
 
   /// Takes vertex positions for find(); those of vertices without a triangle are not read.
   void fit(std::span<const Eigen::Vector3d> vertices);
-  /// Nearest triangle to q where fit() saw the vertices, or -1: none within `reach` [m].
-  int find(const Eigen::Vector3d& q, std::span<const Eigen::Vector3d> vertices, double reach) const;
+  /// Nearest point to q where fit() saw the vertices; triangle -1: none within `reach` [m].
+  TrianglePoint find(const Eigen::Vector3d& q, std::span<const Eigen::Vector3d> vertices,
+                     double reach) const;
   /// Nearest point to q among those that are reached from triangle `start` by ever nearer
   /// neighbours.
   TrianglePoint walk(const Eigen::Vector3d& q, std::span<const Eigen::Vector3d> vertices,
                      int start) const;
+  /// Nearest point to q of triangle `t`.
+  TrianglePoint nearest(const Eigen::Vector3d& q, std::span<const Eigen::Vector3d> vertices,
+                        int t) const;
 
   const Eigen::Vector3i& triangle(int t) const { return triangles_[static_cast<std::size_t>(t)]; }
 
@@ -46,8 +50,6 @@ class SurfaceSearch {
     std::int32_t right = 0;            ///< the left child follows its parent; 0 = leaf
   };
   std::int32_t split(std::int32_t first, std::int32_t last, std::span<const Eigen::Vector3d> rest);
-  TrianglePoint nearest(const Eigen::Vector3d& q, std::span<const Eigen::Vector3d> vertices,
-                        int t) const;
   void search(std::size_t index, const Eigen::Vector3d& q,
               std::span<const Eigen::Vector3d> vertices, TrianglePoint& best) const;
 

@@ -26,8 +26,8 @@ class YieldingSurface {
                           std::span<const std::uint32_t> free, std::span<std::uint32_t> near) = 0;
   /// Moves the body by a substep under the forces of the last one; the sheet is at x.
   virtual void start_substep(std::span<const ToolMotion> motion, int substep, const Real* x) = 0;
-  /// Finds the near points of the sheet at x + d.
-  virtual void place(const Real* x, const Real* d) = 0;
+  /// Finds the near points of the sheet at x + d in the given lanes.
+  virtual void place(const Real* x, const Real* d, std::uint32_t lanes) = 0;
   /// In the given lanes: how the body answers the change of the forces since place().
   virtual void answer(std::uint32_t lanes) = 0;
   /// Takes the share of the answer that the contact solver has chosen.

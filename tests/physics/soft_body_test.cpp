@@ -157,6 +157,49 @@ TEST(SoftBody, ACollisionKeepsTheMomentum) {
   }
 }
 
+// Nodes that are too far off to touch are passed over; one inside of the body never is.
+TEST(SoftBody, ASheetThatBeginsInsideIsPushedOut) {
+  CoupledCase c = on_cushion();
+  c.sheet.gravity = 0;  // nothing but the contact moves it
+  c.sheet.X_WB.translation().z() = 0.01 - 0.003;
+  CoupledTissue<double> tissue(make_coupled(c), kKernelF64x1);
+  run(tissue, 1);
+  for (int i = 0; i < tissue.sheet().particles(); ++i)
+    EXPECT_GT(tissue.sheet().position(0, i).z(), 0.01) << i;
+}
+
+// What the contact of the sheet reckons with. Turned, as the mesh is in a frame of its own.
+TEST(SoftBody, AnAnchoredBodyAnswersASmallPushAsItThenMoves) {
+  CoupledCase c = over_dome();
+  c.sheet.gravity = 0;
+  c.X_WB.rotate(Eigen::AngleAxisd(0.7, Vector3d(1, 2, 0.5).normalized()));
+  const auto model = make_soft_body_model(test::make_coupled_scene(c), 0.02);
+  const std::vector<ToolMotion> away{{Vector3d(0, 0, 1), Vector3d(0, 0, 1)}};
+  SolidTissue<double> answers(model, kKernelF64x1);
+  SolidTissue<double> moves(model, kKernelF64x1);
+  std::vector<double> push(3 * model->mesh.nodes.size());
+  for (std::size_t k = 0; k < push.size(); ++k)
+    push[k] = model->body.fixed[k / 3] != 0 ? 0 : 1e-6 * std::sin(static_cast<double>(k * k));
+  for (auto* tissue : {&answers, &moves}) {
+    tissue->start_step(away);
+    tissue->start_substep(away, 0);
+  }
+  double work = 0;
+  const double whole = 1;
+  answers.answer(push.data(), &work);
+  answers.take_answer(&whole, 1);
+  moves.set_load(push.data());
+  moves.solve_substep(1);
+  double off = 0;
+  double size = 0;
+  for (std::size_t k = 0; k < push.size(); ++k) {
+    const double moved = moves.substep_displacements()[k];
+    off += std::pow(answers.substep_displacements()[k] - moved, 2);
+    size += moved * moved;
+  }
+  EXPECT_LT(std::sqrt(off / size), 1e-3);
+}
+
 TEST(SoftBody, AVeryStiffBodyIsTheRigidShapeOfTheSameMesh) {
   CoupledCase c = over_dome();
   c.young = 1e8;
