@@ -13,7 +13,8 @@ using Eigen::Vector3d;
 constexpr double kStandardGravity = 9.80665;  // [m/s^2]
 // The friction limit follows the normal force in the first iterations of a step and is then frozen,
 // so that the end of the iteration minimises one function. Where the limits do not fit the normal
-// forces that it ends with (share of the weight), another round begins with those that do.
+// forces that it ends with (share of the weight), another round begins with those that do, and
+// has max_newton iterations of its own: a round is another function to minimise.
 constexpr double kFrictionTolerance = 1e-6;
 constexpr int kFrictionUpdates = 10;
 constexpr int kFrictionRounds = 8;
@@ -32,6 +33,7 @@ Pack load_pack(const std::array<double, Pack::kLanes>& values) {
 bool ReferenceTissue::solve(const Terms& terms) {
   trial_x_ = state_.x;
   trial_bubble_ = state_.bubble;
+  trial_pull_ = state_.pull;
   update_friction(terms, trial_x_);
   for (std::size_t i = 0; i < trial_x_.size(); ++i) {
     if (model_->unknown[i] >= 0) trial_x_[i] += terms.h * state_.v[i];
@@ -54,8 +56,9 @@ bool ReferenceTissue::solve(const Terms& terms) {
     if (iteration > 0 && residual.norm <= tolerance) {
       if (!frozen) return true;
       update_friction(terms, trial_x_);
-      evaluate_contact(terms, trial_x_, residual);
+      evaluate_outside(terms, trial_x_, residual);
       if (residual.norm <= kFrictionTolerance * weight || ++rounds == kFrictionRounds) return true;
+      iteration = 0;  // of the next round
     }
     ++newton_iterations_;
     if (fresh && !make_factor(terms, all)) return false;
@@ -67,7 +70,7 @@ bool ReferenceTissue::solve(const Terms& terms) {
     fresh = !found || residual.norm > kKeepFactor * before;
     if (frozen) continue;
     update_friction(terms, trial_x_);
-    evaluate_contact(terms, trial_x_, residual);
+    evaluate_outside(terms, trial_x_, residual);
     ++updates;
   }
   return residual.norm <= tolerance;
@@ -159,18 +162,18 @@ void ReferenceTissue::evaluate(const Terms& terms, const Nodes& x, const Bubbles
                             out.count_energy(energy);
                             add_force(node, gradient, out);
                           });
-  if (grasp_) add_grasp(terms, x, out);
-  out.without_contact = out.force;
-  out.energy_without_contact = out.energy;
-  evaluate_contact(terms, x, out);
+  out.inside = out.force;
+  out.energy_inside = out.energy;
+  evaluate_outside(terms, x, out);
 }
 
-/// Contact and friction anew, the rest as evaluate() left it.
-void ReferenceTissue::evaluate_contact(const Terms& terms, const Nodes& x, Residual& out) const {
-  out.force = out.without_contact;
-  out.energy = out.energy_without_contact;
+/// Contact, friction and grasp anew, the rest as evaluate() left it.
+void ReferenceTissue::evaluate_outside(const Terms& terms, const Nodes& x, Residual& out) const {
+  out.force = out.inside;
+  out.energy = out.energy_inside;
   add_contact(terms, x, out);
-  double squares = out.force.squaredNorm();
+  if (grasp_) add_grasp(terms, x, out);
+  double squares = out.force.squaredNorm() + out.miss_force.squaredNorm();
   for (const auto& b : out.bubble_force) {
     for (const double f : b) squares += f * f;
   }
@@ -288,7 +291,7 @@ bool ReferenceTissue::newton_direction(const Residual& residual) {
   }
 
   factor_.solve_lower(direction_);
-  if (grasp_) constrain_direction();
+  if (grasp_) constrain_direction(residual.miss);
   factor_.solve_upper(direction_);
 
   bubble_direction_.resize(model_->elements.size());
@@ -337,11 +340,16 @@ void ReferenceTissue::move_trial(const Terms& terms, double share, const Nodes& 
   }
 }
 
-/// Walks along the direction until the potential falls enough (Armijo). Where rounding hides the
-/// fall of the potential the residual has to shrink instead.
+/// Walks along the direction until the potential falls enough (Armijo), with the pull on the jaws
+/// that the direction ends with. Where rounding hides the fall of the potential the residual has to
+/// shrink instead. The trial stays where it was if neither happens.
 bool ReferenceTissue::search_line(const Terms& terms, Residual& residual) {
   constexpr double kRounding = 1e-13;  // of a sum over some thousand terms
-  double slope = residual.force.dot(direction_);
+  const Targets pull = trial_pull_;
+  if (grasp_) trial_pull_ = next_pull_;
+  evaluate_outside(terms, trial_x_, residual);
+  double slope =
+      residual.force.dot(direction_) - residual.miss.cwiseProduct(residual.miss_force).sum();
   for (std::size_t e = 0; e < bubble_direction_.size(); ++e) {
     for (int c = 0; c < 9; ++c) slope += residual.bubble_force[e][c] * bubble_direction_[e][c];
   }
@@ -360,6 +368,10 @@ bool ReferenceTissue::search_line(const Terms& terms, Residual& residual) {
       return true;
     }
   }
+  trial_x_ = x;
+  trial_bubble_ = bubble;
+  trial_pull_ = pull;
+  evaluate_outside(terms, trial_x_, residual);
   return false;
 }
 

@@ -117,13 +117,11 @@ void ReferenceTissue::finish(const Terms& terms) {
   state_.step_before = terms.h;
   state_.x = trial_x_;
   state_.bubble = trial_bubble_;
+  state_.pull = trial_pull_;
   for (std::size_t i = 0; i < state_.x.size(); ++i) {
     if (model_->unknown[i] >= 0) state_.v[i] = (state_.x[i] - terms.x_tilde[i]) / terms.beta;
   }
-  held_force_.setZero();
-  if (grasp_) {
-    held_force_ = (patch_rows(state_.x) - terms.target).col(0) / grasp_compliances()[0];
-  }
+  held_force_ = state_.pull.col(0);
   effects_.remember(state_.x,
                     [this](std::size_t batch) { return gather(batch, state_.x, state_.bubble); });
   collect_contact_forces(terms);
@@ -260,7 +258,8 @@ ReferenceTissue::Energy ReferenceTissue::energy() const {
 
 // Layout, all doubles: nodes x, v, x_before, v_before; step_before; parabolas; four lane
 // parameters; held force; contact forces; 1 if healthy; 1 if holding + 2 if there are effects; when
-// holding patch centre, radius and the targets; with effects their values, slip and memory.
+// holding patch centre, radius, the targets and the pull on them; with effects their values, slip
+// and memory.
 std::vector<double> ReferenceTissue::pack_state() const {
   std::vector<double> values;
   for (const Nodes* nodes : {&state_.x, &state_.v, &state_.x_before, &state_.v_before}) {
@@ -277,8 +276,8 @@ std::vector<double> ReferenceTissue::pack_state() const {
   values.push_back((grasp_ ? 1 : 0) + (has_effects ? 2 : 0));
   if (grasp_) {
     values.insert(values.end(), {grasp_->centre.x(), grasp_->centre.y(), grasp_->radius});
-    values.insert(values.end(), grasp_->offset.data(),
-                  grasp_->offset.data() + grasp_->offset.size());
+    for (const Targets* rows : {&grasp_->offset, &state_.pull})
+      values.insert(values.end(), rows->data(), rows->data() + rows->size());
   }
   if (has_effects) {
     const auto* first = reinterpret_cast<const double*>(&effects_.values());
@@ -299,7 +298,7 @@ Result<std::size_t> ReferenceTissue::load(int, std::span<const std::byte> state)
   const std::size_t n = state_.x.size();
   const std::size_t base =
       12 * n + 1 + 9 * state_.bubble.size() + 4 + 3 + 3 * contact_forces_.size() + 2;
-  constexpr std::size_t kGraspValues = 3 + 3 * GraspPatch::kRows;
+  constexpr std::size_t kGraspValues = 3 + 2 * 3 * GraspPatch::kRows;
   if (state.size() < base * sizeof(double)) {
     return Failure{fmt::format("reference tissue state of {} bytes, needed at least {}",
                                state.size(), base * sizeof(double))};
@@ -377,11 +376,13 @@ Result<std::size_t> ReferenceTissue::load(int, std::span<const std::byte> state)
   failure_ = *next == 1 ? "" : "the saved state had failed";
   next += 2;
   grasp_.reset();
+  state_.pull.setZero();
   if (!has_effects) slipped_ = 0;
   if (holds) {
     grasp_ = make_grasp({next[0], next[1]}, next[2]);
     next += 3;
-    take(grasp_->offset.data(), static_cast<std::size_t>(grasp_->offset.size()));
+    for (Targets* rows : {&grasp_->offset, &state_.pull})
+      take(rows->data(), static_cast<std::size_t>(rows->size()));
   }
   return values.size() * sizeof(double);
 }

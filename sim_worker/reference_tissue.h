@@ -28,7 +28,11 @@ namespace omentum {
 /// or load().
 ///
 ///   M ((x - x~) / beta^2 - v~ / beta + damping (x - x~) / beta - g) + dPsi/dx
-///       + contact + friction + grasp = 0,         v = (x - x~) / beta
+///       + contact + friction + C^T pull = 0,      v = (x - x~) / beta
+///
+/// The rows C of the grasp are constraints, C x = targets + compliance * pull, and the pull on them
+/// an unknown (the line search walks down an augmented Lagrangian): a spring instead, as stiff as a
+/// rigid patch needs, drowns the residual in rounding.
 ///
 /// Contact acts at the nodes of the lower and upper face: a stiff spring per area that starts
 /// smoothly 2 um before touching; 2000 Pa, 68 times the weight of a 3 mm sheet, press 0.01 mm deep.
@@ -104,11 +108,16 @@ class ReferenceTissue : public Tissue<double> {
   using Bubbles = std::vector<std::array<double, 9>>;  ///< per element, [axis][xyz] [m]
   using Targets = Eigen::Matrix<double, 3, GraspPatch::kRows>;
 
+  /// Added to the compliance of a row of the grasp where its miss counts as a force [m/N]: stiff
+  /// against the tissue, yet 1e-17 m of rounding are 1e-11 N only.
+  static constexpr double kMissCompliance = 1e-6;
+
   struct State {
     Nodes x, v;                ///< [m], [m/s]
     Nodes x_before, v_before;  ///< at the end of the step before
     double step_before = 0;    ///< its length [s]; 0 = no history
     Bubbles bubble;
+    Targets pull = Targets::Zero();  ///< of the tissue on the rows of the grasp [N]
   };
   struct Grasp {
     Eigen::Vector2d centre = Eigen::Vector2d::Zero();  ///< of the patch, x_B and y_B at rest [m]
@@ -131,13 +140,15 @@ class ReferenceTissue : public Tissue<double> {
     double limit = 0;  ///< friction force that cannot be exceeded [N]
   };
   struct Residual {
-    double energy = 0;      ///< incremental potential [J]
+    double energy = 0;      ///< incremental potential and what the grasp adds to it [J]
     double scale = 0;       ///< sum of the magnitudes of its terms [J]
-    Eigen::VectorXd force;  ///< its derivative at the unknowns [N]
+    Eigen::VectorXd force;  ///< of elements, contact and jaws on the unknowns [N]
     Bubbles bubble_force;
-    double norm = 0;  ///< of everything [N]
-    double energy_without_contact = 0;
-    Eigen::VectorXd without_contact;
+    Targets miss = Targets::Zero();        ///< of the rows of the grasp [m]
+    Targets miss_force = Targets::Zero();  ///< what it counts as, see kMissCompliance [N]
+    double norm = 0;                       ///< of everything [N]
+    double energy_inside = 0;              ///< without contact and grasp
+    Eigen::VectorXd inside;
 
     void count_energy(double term) {
       energy += term;
@@ -156,7 +167,7 @@ class ReferenceTissue : public Tissue<double> {
   void finish(const Terms& terms);
   HexShape gather(std::size_t batch, const Nodes& x, const Bubbles& bubble) const;
   void evaluate(const Terms& terms, const Nodes& x, const Bubbles& bubble, Residual& out) const;
-  void evaluate_contact(const Terms& terms, const Nodes& x, Residual& out) const;
+  void evaluate_outside(const Terms& terms, const Nodes& x, Residual& out) const;
   void add_force(int node, const Eigen::Vector3d& force, Residual& out) const;
   bool make_factor(const Terms& terms, bool all);
   void renew_inner(const Residual& residual);
@@ -179,7 +190,7 @@ class ReferenceTissue : public Tissue<double> {
   void slip();
   void add_grasp(const Terms& terms, const Nodes& x, Residual& out) const;
   void prepare_constraint();
-  void constrain_direction();
+  void constrain_direction(const Targets& miss);
   std::optional<SheetPoint> nearest_point(const Eigen::Vector3d& tip) const;
   void move_particle(int particle, const Eigen::Vector3d& by, Nodes& field);
   Grasp make_grasp(const Eigen::Vector2d& centre, double radius) const;
@@ -209,6 +220,8 @@ class ReferenceTissue : public Tissue<double> {
   std::vector<FrictionPoint> friction_;
   Nodes trial_x_;
   Bubbles trial_bubble_;
+  Targets trial_pull_ = Targets::Zero();
+  Targets next_pull_ = Targets::Zero();  ///< with the direction
   Eigen::VectorXd direction_;
   Bubbles bubble_direction_;
   std::vector<double> surface_;
