@@ -61,9 +61,9 @@ void ReferenceTissue::add_grasp(const Terms& terms, const Nodes& x, Residual& ou
   }
 }
 
-/// For constrain_direction() with a new factor. With C the rows of the grasp, c their compliances
-/// and m what they miss: A dx + C^T dp = -force, C dx - c dp = -m. With A = L L^T, Y = L^-1 C^T
-/// and y = -L^-1 force: (c I + Y^T Y) dp = Y^T y + m, dx = L^-T (y - Y dp).
+/// For constrain() with a new factor. With C the rows of the grasp, c their compliances and m what
+/// they miss: A dx + C^T dp = -force, C dx - c dp = -m. With A = L L^T, Y = L^-1 C^T and
+/// y = -L^-1 force: (c I + Y^T Y) dp = Y^T y + m, dx = L^-T (y - Y dp).
 void ReferenceTissue::prepare_constraint() {
   const GraspPatch& patch = grasp_->patch;
   constexpr int kColumns = 3 * GraspPatch::kRows;
@@ -82,13 +82,14 @@ void ReferenceTissue::prepare_constraint() {
   const Eigen::Vector4d compliances = grasp_compliances();
   for (int k = 0; k < kColumns; ++k) S(k, k) += compliances[k / 3];
   constraint_solver_.compute(S);
+  constrained_ = true;
 }
 
 /// Takes the grasp into account between the two halves of a solve.
-void ReferenceTissue::constrain_direction(const Targets& miss) {
-  const VectorXd more = constraint_solver_.solve(constraint_response_.transpose() * direction_ +
+void ReferenceTissue::constrain(const Targets& miss, Eigen::Ref<VectorXd> direction) {
+  const VectorXd more = constraint_solver_.solve(constraint_response_.transpose() * direction +
                                                  VectorXd::Map(miss.data(), miss.size()));
-  direction_ -= constraint_response_ * more;
+  direction -= constraint_response_ * more;
   next_pull_ = trial_pull_ + Targets::Map(more.data());
 }
 
@@ -131,6 +132,7 @@ void ReferenceTissue::hold(int, const Vector3d& tip, double radius, bool collaps
   const double patch_radius = std::sqrt(radius * radius - nearest->distance * nearest->distance);
   if (!(patch_radius > 1e-5)) return;  // [m]: the sphere only grazes the sheet
   grasp_ = make_grasp(nearest->X, patch_radius);
+  constrained_ = false;
   grasp_->offset = patch_rows(state_.x);
   grasp_->offset.col(0) -= tip;
   if (fx.jaw_roll != 0 || fx.jaw_tilt != 0)
