@@ -2,6 +2,8 @@
 
 #include <Eigen/Cholesky>
 #include <algorithm>
+#include <map>
+#include <utility>
 
 #include "core/check.h"
 
@@ -19,6 +21,9 @@ constexpr int kLeaf = 9;
 // Eigen splits by the size of the cache: the sums are the same on every machine.
 constexpr int kPanel = 32;
 constexpr int kDepth = 96;
+// What fronts down to this depth of the tree leave on their borders is kept: 16 parts of the sheet
+// that can be factored anew alone. Below, kept borders would not fit the cache.
+constexpr int kKeptDepth = 4;
 
 struct Rectangle {
   int x0, x1, y0, y1;  // half open
@@ -144,10 +149,10 @@ class Dissector {
 
 /// Adds what a child left on its border to the front: to the columns it eliminates and to its own
 /// border.
-void add_child(const Dissection::Front& child, const std::vector<double>& left,
-               const Dissection::Front& front, Dense& panel, Dense& border) {
+void add_child(const Dissection::Front& child, const double* left, const Dissection::Front& front,
+               Dense& panel, Dense& border) {
   const auto rim = static_cast<std::ptrdiff_t>(child.border.size());
-  const double* from = left.data();
+  const double* from = left;
   for (const Dissection::Run& across : child.into_parent) {
     for (int j = 0; j < across.length; ++j) {
       const int column = across.to + j;
@@ -211,30 +216,73 @@ std::size_t Dissection::index(int row, int column) const {
 
 FrontalCholesky::FrontalCholesky(const Dissection& order) : order_(order) {
   entries_.assign(order_.entries, 0);
+  panels_.assign(order_.entries, 0);
+  stale_.assign(order_.fronts.size(), 1);
+  // A front is done when the two below it are, so far down one place for each depth and side
+  // suffices; it stays in the cache.
+  std::map<std::pair<int, int>, std::size_t> shared;  // entries
   for (const Dissection::Front& front : order_.fronts) {
-    const auto depth = static_cast<std::size_t>(front.depth);
-    const std::size_t rim = front.border.size();
-    if (left_.size() <= depth) left_.resize(depth + 1);
-    std::vector<double>& left = left_[depth][static_cast<std::size_t>(front.side)];
-    left.resize(std::max(left.size(), rim * rim));
-    widest_border_ = std::max(widest_border_, static_cast<Eigen::Index>(rim));
+    std::size_t& widest = shared[{front.depth, front.side}];
+    widest = std::max(widest, front.border.size() * front.border.size());
+    widest_border_ = std::max(widest_border_, static_cast<Eigen::Index>(front.border.size()));
   }
+  std::map<std::pair<int, int>, std::size_t> place;
+  std::size_t end = 0;
+  for (const Dissection::Front& front : order_.fronts) {
+    const std::pair<int, int> key(front.depth, front.side);
+    if (front.depth <= kKeptDepth) {
+      left_at_.push_back(end);
+      end += front.border.size() * front.border.size();
+      continue;
+    }
+    const auto [at, is_new] = place.try_emplace(key, end);
+    if (is_new) end += shared[key];
+    left_at_.push_back(at->second);
+  }
+  left_.resize(end + 1);
 }
 
 void FrontalCholesky::set_zero() { std::fill(entries_.begin(), entries_.end(), 0.0); }
 
 bool FrontalCholesky::factor() {
-  for (const Dissection::Front& front : order_.fronts) {
+  std::fill(stale_.begin(), stale_.end(), 1);
+  return factor_fronts();
+}
+
+bool FrontalCholesky::factor_again(std::span<const int> changed) {
+  std::fill(stale_.begin(), stale_.end(), 0);
+  for (const int unknown : changed)
+    stale_[static_cast<std::size_t>(order_.front_of[static_cast<std::size_t>(unknown)])] = 1;
+  // Children come before parents: up the tree, and, where what children left is not kept, down.
+  for (std::size_t f = 0; f < order_.fronts.size(); ++f) {
+    for (const int child : order_.fronts[f].child) {
+      if (child >= 0 && stale_[static_cast<std::size_t>(child)] != 0) stale_[f] = 1;
+    }
+  }
+  for (std::size_t f = order_.fronts.size(); f-- > 0;) {
+    if (stale_[f] == 0 || order_.fronts[f].depth < kKeptDepth) continue;
+    for (const int child : order_.fronts[f].child) {
+      if (child >= 0) stale_[static_cast<std::size_t>(child)] = 1;
+    }
+  }
+  return factor_fronts();
+}
+
+bool FrontalCholesky::factor_fronts() {
+  for (std::size_t f = 0; f < order_.fronts.size(); ++f) {
+    if (stale_[f] == 0) continue;
+    const Dissection::Front& front = order_.fronts[f];
     const auto rim = static_cast<Eigen::Index>(front.border.size());
-    Dense panel(&entries_[front.entries], front.height(), front.own);
-    Dense border(
-        left_[static_cast<std::size_t>(front.depth)][static_cast<std::size_t>(front.side)].data(),
-        rim, rim);
+    const double* from = &entries_[front.entries];
+    std::copy(from, from + static_cast<std::ptrdiff_t>(front.height()) * front.own,
+              &panels_[front.entries]);
+    Dense panel(&panels_[front.entries], front.height(), front.own);
+    Dense border(left(f), rim, rim);
     for (Eigen::Index k = 0; k < rim; ++k) border.col(k).tail(rim - k).setZero();
-    for (std::size_t side = 0; side < 2; ++side) {
-      if (front.child[side] < 0) continue;
-      add_child(order_.fronts[static_cast<std::size_t>(front.child[side])],
-                left_[static_cast<std::size_t>(front.depth) + 1][side], front, panel, border);
+    for (const int child : front.child) {
+      if (child < 0) continue;
+      const auto c = static_cast<std::size_t>(child);
+      add_child(order_.fronts[c], left(c), front, panel, border);
     }
     if (!eliminate(panel, border)) return false;
   }
@@ -247,7 +295,7 @@ void FrontalCholesky::solve_lower(Eigen::Ref<MatrixXd> rhs) const {
     const auto rim = static_cast<Eigen::Index>(front.border.size());
     auto own = rhs.middleRows(front.first, front.own);
     if ((own.array() == 0.0).all()) continue;
-    const ConstDense panel(&entries_[front.entries], front.height(), front.own);
+    const ConstDense panel(&panels_[front.entries], front.height(), front.own);
     panel.topRows(front.own).triangularView<Eigen::Lower>().solveInPlace(own);
     if (rim == 0) continue;
     border.topRows(rim).noalias() = panel.bottomRows(rim) * own;
@@ -261,7 +309,7 @@ void FrontalCholesky::solve_upper(Eigen::Ref<MatrixXd> rhs) const {
   for (auto front = order_.fronts.rbegin(); front != order_.fronts.rend(); ++front) {
     const auto rim = static_cast<Eigen::Index>(front->border.size());
     auto own = rhs.middleRows(front->first, front->own);
-    const ConstDense panel(&entries_[front->entries], front->height(), front->own);
+    const ConstDense panel(&panels_[front->entries], front->height(), front->own);
     for (Eigen::Index k = 0; k < rim; ++k)
       border.row(k) = rhs.row(front->border[static_cast<std::size_t>(k)]);
     if (rim > 0) own.noalias() -= panel.bottomRows(rim).transpose() * border.topRows(rim);

@@ -2,6 +2,7 @@
 
 #include <Eigen/Core>
 #include <array>
+#include <cstdint>
 #include <span>
 #include <vector>
 
@@ -54,21 +55,29 @@ class FrontalCholesky {
   explicit FrontalCholesky(const Dissection& order);
 
   void set_zero();
-  /// Entries by Dissection::index() before factor(); the upper triangle is never read.
+  /// Of A, by Dissection::index(); the upper triangle is never read.
   double* entries() { return entries_.data(); }
-  /// A = L L^T in place; false where A is not positive definite (the entries are then lost).
+  /// A = L L^T; false where A is not positive definite (there is then no factor).
   bool factor();
+  /// The same where A changed since the last factor in the columns of these unknowns only: fronts
+  /// that no change reaches stay. The factor is that of factor() to the last bit.
+  bool factor_again(std::span<const int> changed);
   /// rhs <- L^-1 rhs. Fronts that nothing reaches cost nothing.
   void solve_lower(Eigen::Ref<Eigen::MatrixXd> rhs) const;
   /// rhs <- L^-T rhs.
   void solve_upper(Eigen::Ref<Eigen::MatrixXd> rhs) const;
 
  private:
+  bool factor_fronts();
+  double* left(std::size_t front) { return &left_[left_at_[front]]; }
+
   const Dissection& order_;
-  std::vector<double> entries_;  ///< per front: own columns of all its rows
-  /// What fronts leave on their borders, by depth and side: a front is done when the two below it
-  /// are, so one place for each suffices.
-  std::vector<std::array<std::vector<double>, 2>> left_;
+  std::vector<double> entries_;  ///< of A, per front: own columns of all its rows
+  std::vector<double> panels_;   ///< of L, alike
+  /// What fronts leave on their borders, and where it starts per front.
+  std::vector<double> left_;
+  std::vector<std::size_t> left_at_;
+  std::vector<std::uint8_t> stale_;  ///< per front: to be factored
   Eigen::Index widest_border_ = 0;
 };
 

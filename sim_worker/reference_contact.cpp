@@ -113,11 +113,12 @@ void ReferenceTissue::add_contact(const Terms& terms, const Nodes& x, Residual& 
   }
 }
 
-void ReferenceTissue::add_contact_stiffness(const Terms& terms) {
+void ReferenceTissue::contact_stiffness(
+    const Terms& terms, const std::function<void(int, const Matrix3d&)>& add) const {
   std::vector<Contact> contacts;
   find_contacts(terms, trial_x_, contacts);
   for (const Contact& c : contacts) {
-    add_block(c.node, c.stiffness * c.normal * c.normal.transpose());
+    add(c.node, c.stiffness * c.normal * c.normal.transpose());
   }
   const double slip = model_->numerics.friction_slip_speed_m_per_s();
   for (const FrictionPoint& f : friction_) {
@@ -132,22 +133,8 @@ void ReferenceTissue::add_contact_stiffness(const Terms& terms) {
       block = law.force / speed * (tangential - along * along.transpose()) +
               law.slope / slip * along * along.transpose();
     }
-    add_block(f.node, f.limit / terms.beta * block);
+    add(f.node, f.limit / terms.beta * block);
   }
-}
-
-/// Which nodes touch, stick and slip at the trial.
-std::vector<int> ReferenceTissue::contact_states(const Terms& terms) const {
-  std::vector<Contact> contacts;
-  find_contacts(terms, trial_x_, contacts);
-  std::vector<int> states;
-  for (const Contact& c : contacts) states.push_back(c.node);
-  const double slip = model_->numerics.friction_slip_speed_m_per_s();
-  for (const FrictionPoint& f : friction_) {
-    const Vector3d v = slip_velocity(terms, f, trial_x_[static_cast<std::size_t>(f.node)]);
-    states.push_back(v.norm() < slip ? -f.node : f.node);
-  }
-  return states;
 }
 
 void ReferenceTissue::collect_contact_forces(const Terms& terms) {

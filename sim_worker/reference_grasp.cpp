@@ -44,19 +44,26 @@ void ReferenceTissue::slip() {
   }
 }
 
+/// With the pull p of the trial: the force C^T p, and its potential, that of a spring of compliance
+/// c + kMissCompliance which pulls with p where the rows give way by c p.
 void ReferenceTissue::add_grasp(const Terms& terms, const Nodes& x, Residual& out) const {
-  const Targets miss = patch_rows(x) - terms.target;
-  const Targets force = miss.array().rowwise() / grasp_compliances().transpose().array();
-  out.count_energy(0.5 * miss.cwiseProduct(force).sum());
+  const Targets way = patch_rows(x) - terms.target;
+  const Eigen::Vector4d compliances = grasp_compliances();
+  out.miss = way - trial_pull_ * compliances.asDiagonal();
+  const Eigen::Vector4d stiffness = (compliances.array() + kMissCompliance).inverse();
+  out.miss_force = out.miss * stiffness.asDiagonal();
+  out.count_energy(trial_pull_.cwiseProduct(way).sum());
+  out.count_energy(0.5 * out.miss.cwiseProduct(out.miss_force).sum());
   const GraspPatch& patch = grasp_->patch;
-  for (std::size_t k = 0; k < patch.node.size(); ++k)
-    add_force(patch.node[k], force * patch.weight.row(static_cast<Eigen::Index>(k)).transpose(),
-              out);
+  for (std::size_t k = 0; k < patch.node.size(); ++k) {
+    const auto row = patch.weight.row(static_cast<Eigen::Index>(k));
+    add_force(patch.node[k], trial_pull_ * row.transpose(), out);
+  }
 }
 
-/// For constrain_direction() with a new factor. With C the rows of the grasp and
-/// c its compliance the matrix is A + C^T C / c; by Woodbury's identity, with A = L L^T,
-/// Y = L^-1 C^T, y = -L^-1 force: dx = L^-T (y - Y (c I + Y^T Y)^-1 Y^T y).
+/// For constrain() with a new factor. With C the rows of the grasp, c their compliances and m what
+/// they miss: A dx + C^T dp = -force, C dx - c dp = -m. With A = L L^T, Y = L^-1 C^T and
+/// y = -L^-1 force: (c I + Y^T Y) dp = Y^T y + m, dx = L^-T (y - Y dp).
 void ReferenceTissue::prepare_constraint() {
   const GraspPatch& patch = grasp_->patch;
   constexpr int kColumns = 3 * GraspPatch::kRows;
@@ -75,13 +82,15 @@ void ReferenceTissue::prepare_constraint() {
   const Eigen::Vector4d compliances = grasp_compliances();
   for (int k = 0; k < kColumns; ++k) S(k, k) += compliances[k / 3];
   constraint_solver_.compute(S);
+  constrained_ = true;
 }
 
 /// Takes the grasp into account between the two halves of a solve.
-void ReferenceTissue::constrain_direction() {
-  const VectorXd multipliers =
-      constraint_solver_.solve(constraint_response_.transpose() * direction_);
-  direction_ -= constraint_response_ * multipliers;
+void ReferenceTissue::constrain(const Targets& miss, Eigen::Ref<VectorXd> direction) {
+  const VectorXd more = constraint_solver_.solve(constraint_response_.transpose() * direction +
+                                                 VectorXd::Map(miss.data(), miss.size()));
+  direction -= constraint_response_ * more;
+  next_pull_ = trial_pull_ + Targets::Map(more.data());
 }
 
 /// On the bilinear mid-surface, searched from the nearest particle. Nothing where that is clamped.
@@ -123,6 +132,7 @@ void ReferenceTissue::hold(int, const Vector3d& tip, double radius, bool collaps
   const double patch_radius = std::sqrt(radius * radius - nearest->distance * nearest->distance);
   if (!(patch_radius > 1e-5)) return;  // [m]: the sphere only grazes the sheet
   grasp_ = make_grasp(nearest->X, patch_radius);
+  constrained_ = false;
   grasp_->offset = patch_rows(state_.x);
   grasp_->offset.col(0) -= tip;
   if (fx.jaw_roll != 0 || fx.jaw_tilt != 0)
@@ -134,6 +144,7 @@ void ReferenceTissue::release(int) {
   grasp_.reset();
   slipped_ = 0;
   held_force_.setZero();
+  state_.pull.setZero();
 }
 
 std::span<const std::int32_t> ReferenceTissue::held(int) const {

@@ -94,10 +94,10 @@ struct ReferenceTissueModel : TissueModel, std::enable_shared_from_this<Referenc
   bool tool_contact = false;
   double tool_radius = 0, tool_start = 0, tool_length = 0;  ///< capsule up the shaft [m]
   Eigen::Vector3d shaft_axis = Eigen::Vector3d::UnitZ();    ///< from the tip up, in W
-  /// Of the jaws, per row of the patch [m/N]. The patch of a stretched sheet of 200 kPa turns by
-  /// 3e-3 under the moment on it, 0.27 mm rms of the sheet; with 1e-8 it is rigid, but Newton then
-  /// fails where the jaws tilt by tens of degrees in a lift (docs/decisions/0013).
-  double grasp_compliance = 1e-6;
+  /// Of the jaws, per row of the patch [m/N]. The patch is as good as rigid: with 1e-8 a stretched
+  /// sheet of 200 kPa is 0.004 mm rms from one with 0 (docs/decisions/0013). Not 0, since of a
+  /// small patch next to the clamp the rows may depend on each other.
+  double grasp_compliance = 1e-9;
 
   std::array<std::vector<double>, 3> lines;  ///< grid lines along x, y, z of B [m]
   double clamp_edge = 0;                     ///< y_B of the clamp edge, or the lower end [m]

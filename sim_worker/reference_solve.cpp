@@ -9,11 +9,13 @@ namespace {
 
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
+using Eigen::VectorXd;
 
 constexpr double kStandardGravity = 9.80665;  // [m/s^2]
 // The friction limit follows the normal force in the first iterations of a step and is then frozen,
 // so that the end of the iteration minimises one function. Where the limits do not fit the normal
-// forces that it ends with (share of the weight), another round begins with those that do.
+// forces that it ends with (share of the weight), another round begins with those that do, and
+// has max_newton iterations of its own: a round is another function to minimise.
 constexpr double kFrictionTolerance = 1e-6;
 constexpr int kFrictionUpdates = 10;
 constexpr int kFrictionRounds = 8;
@@ -21,7 +23,10 @@ constexpr int kMaxLineSearch = 14;
 constexpr int kMaxShifts = 8;
 // The factor is used again, within a step, while it brings the residual down to this share.
 constexpr double kKeepFactor = 0.1;
-constexpr int kKeepTangent = 2;
+// The block of a node enters a factor anew where it changed by this share. The tangent of the
+// elements is kept for so many factors.
+constexpr double kBlockChange = 0.1;
+constexpr int kKeepTangent = 4;
 
 Pack load_pack(const std::array<double, Pack::kLanes>& values) {
   return Pack(_mm256_loadu_pd(values.data()));
@@ -32,6 +37,7 @@ Pack load_pack(const std::array<double, Pack::kLanes>& values) {
 bool ReferenceTissue::solve(const Terms& terms) {
   trial_x_ = state_.x;
   trial_bubble_ = state_.bubble;
+  trial_pull_ = state_.pull;
   update_friction(terms, trial_x_);
   for (std::size_t i = 0; i < trial_x_.size(); ++i) {
     if (model_->unknown[i] >= 0) trial_x_[i] += terms.h * state_.v[i];
@@ -44,30 +50,32 @@ bool ReferenceTissue::solve(const Terms& terms) {
     trial_x_ = state_.x;
     evaluate(terms, trial_x_, trial_bubble_, residual);
   }
-  bool fresh = true;  // the factor is to be made anew,
-  bool all = true;    // with the tangent of the elements
-  int updates = 0;    // of friction
-  int rounds = 0;     // with frozen friction
+  Renewal renewal = carry_factor() ? Renewal::kNodes : Renewal::kAll;
+  int updates = 0;  // of friction
+  int rounds = 0;   // with frozen friction
   for (int iteration = 0; iteration < static_cast<int>(model_->numerics.max_newton());
        ++iteration) {
     const bool frozen = updates == kFrictionUpdates;
     if (iteration > 0 && residual.norm <= tolerance) {
       if (!frozen) return true;
       update_friction(terms, trial_x_);
-      evaluate_contact(terms, trial_x_, residual);
+      evaluate_outside(terms, trial_x_, residual);
       if (residual.norm <= kFrictionTolerance * weight || ++rounds == kFrictionRounds) return true;
+      iteration = 0;  // of the next round
     }
     ++newton_iterations_;
-    if (fresh && !make_factor(terms, all)) return false;
-    renew_inner(residual);
+    const long factors = factorisations_;
+    if (renewal != Renewal::kNone && !renew_factor(terms, renewal, iteration > 0)) return false;
+    const bool fresh = factorisations_ > factors;
     const double before = residual.norm;
     const bool found = newton_direction(residual) && search_line(terms, residual);
     if (!found && fresh && kept_ == 0) return false;
-    all = !found;
-    fresh = !found || residual.norm > kKeepFactor * before;
+    renewal = !found                                 ? Renewal::kAll
+              : residual.norm > kKeepFactor * before ? Renewal::kNodes
+                                                     : Renewal::kNone;
     if (frozen) continue;
     update_friction(terms, trial_x_);
-    evaluate_contact(terms, trial_x_, residual);
+    evaluate_outside(terms, trial_x_, residual);
     ++updates;
   }
   return residual.norm <= tolerance;
@@ -112,14 +120,19 @@ void ReferenceTissue::add_force(int node, const Vector3d& force, Residual& out) 
   if (row >= 0) out.force.segment<3>(row) += force;
 }
 
+/// Second derivative of the incremental potential by a node, per mass [1/s^2].
+double ReferenceTissue::inertia(const Terms& terms) const {
+  const double damping = model_->material.damping_per_s() * parameters_.damping_scale;
+  return 1 / (terms.beta * terms.beta) + damping / terms.beta;
+}
+
 /// Incremental potential of the step and its derivative. Where the nodes are clamped nothing is
 /// counted.
 void ReferenceTissue::evaluate(const Terms& terms, const Nodes& x, const Bubbles& bubble,
                                Residual& out) const {
   out.energy = 0;
   out.scale = 0;
-  out.force.setZero(model_->unknowns);
-  out.bubble_force.resize(bubble.size());
+  out.force.setZero(direction_.size());
   HexForce hex;
   std::array<double, Pack::kLanes> lanes{};
   for (std::size_t batch = 0; batch < inner_.size(); ++batch) {
@@ -138,13 +151,12 @@ void ReferenceTissue::evaluate(const Terms& terms, const Nodes& x, const Bubbles
     for (int c = 0; c < 9; ++c) {
       hex.bubble_force[c].store(lanes.data());
       for (std::size_t lane = 0; lane < count; ++lane)
-        out.bubble_force[first + lane][c] = lanes[lane];
+        out.force[bubble_unknown(first + lane, c)] = lanes[lane];
     }
   }
 
   const double beta = terms.beta;
-  const double damping = model_->material.damping_per_s() * parameters_.damping_scale;
-  const double inertia = 1 / (beta * beta) + damping / beta;
+  const double inertia = this->inertia(terms);
   const Vector3d& g = gravity_;
   for (std::size_t i = 0; i < x.size(); ++i) {
     if (model_->unknown[i] < 0) continue;
@@ -159,42 +171,40 @@ void ReferenceTissue::evaluate(const Terms& terms, const Nodes& x, const Bubbles
                             out.count_energy(energy);
                             add_force(node, gradient, out);
                           });
-  if (grasp_) add_grasp(terms, x, out);
-  out.without_contact = out.force;
-  out.energy_without_contact = out.energy;
-  evaluate_contact(terms, x, out);
+  out.inside = out.force;
+  out.energy_inside = out.energy;
+  evaluate_outside(terms, x, out);
 }
 
-/// Contact and friction anew, the rest as evaluate() left it.
-void ReferenceTissue::evaluate_contact(const Terms& terms, const Nodes& x, Residual& out) const {
-  out.force = out.without_contact;
-  out.energy = out.energy_without_contact;
+/// Contact, friction and grasp anew, the rest as evaluate() left it.
+void ReferenceTissue::evaluate_outside(const Terms& terms, const Nodes& x, Residual& out) const {
+  out.force = out.inside;
+  out.energy = out.energy_inside;
   add_contact(terms, x, out);
-  double squares = out.force.squaredNorm();
-  for (const auto& b : out.bubble_force) {
-    for (const double f : b) squares += f * f;
-  }
-  out.norm = std::sqrt(squares);
+  if (grasp_) add_grasp(terms, x, out);
+  out.norm = std::sqrt(out.force.squaredNorm() + out.miss_force.squaredNorm());
 }
 
-/// Adds a block of a node with itself.
-void ReferenceTissue::add_block(int node, const Matrix3d& block) {
+/// Sets the block of a node with itself: elements and inertia, and what else acts on the node.
+void ReferenceTissue::set_block(int node, const Matrix3d& more) {
   const BlockPlace& place = model_->node_blocks[static_cast<std::size_t>(node)];
   if (place.at < 0) return;
   double* entries = factor_.entries() + place.at;
+  const Matrix3d& body = body_blocks_[static_cast<std::size_t>(node)];
   for (int i = 0; i < 3; ++i) {
-    for (int k = 0; k < 3; ++k) entries[i * place.down + k * place.across] += block(i, k);
+    for (int k = 0; k < 3; ++k)
+      entries[i * place.down + k * place.across] = body(i, k) + more(i, k);
   }
 }
 
-/// Tangent of elements and inertia at the trial, parabolas eliminated.
-void ReferenceTissue::assemble(const Terms& terms) {
+/// Tangent of elements and inertia where tangent_ says, parabolas eliminated.
+void ReferenceTissue::assemble() {
   factor_.set_zero();
   double* entries = factor_.entries();
   HexTangent tangent;
   std::array<std::array<double, Pack::kLanes>, 324> stiffness{};
   for (std::size_t batch = 0; batch < inner_.size(); ++batch) {
-    hex_tangent(model_->material.law(), gather(batch, trial_x_, trial_bubble_), tangent);
+    hex_tangent(model_->material.law(), gather(batch, tangent_.x, tangent_.bubble), tangent);
     inner_[batch] = tangent.inner;
     for (std::size_t k = 0; k < stiffness.size(); ++k)
       tangent.stiffness[k].store(stiffness[k].data());
@@ -214,36 +224,69 @@ void ReferenceTissue::assemble(const Terms& terms) {
       }
     }
   }
-  const double beta = terms.beta;
-  const double damping = model_->material.damping_per_s() * parameters_.damping_scale;
-  const double inertia = 1 / (beta * beta) + damping / beta;
-  for (std::size_t i = 0; i < model_->nodes.size(); ++i)
-    add_block(static_cast<int>(i), model_->mass[i] * inertia * Matrix3d::Identity());
-  body_tangent_.assign(entries, entries + model_->order.entries);
+  body_blocks_.resize(model_->nodes.size());
+  for (std::size_t i = 0; i < model_->nodes.size(); ++i) {
+    const BlockPlace& place = model_->node_blocks[i];
+    if (place.at < 0) continue;
+    for (int r = 0; r < 3; ++r) {
+      for (int c = 0; c < 3; ++c)
+        body_blocks_[i](r, c) = entries[place.at + r * place.down + c * place.across];
+    }
+    body_blocks_[i].diagonal().array() += model_->mass[i] * tangent_.inertia;
+    set_block(static_cast<int>(i), tangent_.node_blocks[i]);
+  }
 }
 
-/// Factors the tangent without the grasp; moves it by inertia until it is positive definite. Where
-/// nodes touch, part, stick or slip since the last factor, that decides how fast Newton gets on:
-/// the elements then keep the tangent of that factor, twice in a row at most.
-bool ReferenceTissue::make_factor(const Terms& terms, bool all) {
+/// Makes the factor (without the grasp) anew. With kNodes the elements keep the tangent they have,
+/// kKeepTangent times at most, where blocks of nodes changed: where nodes touch, part, stick or
+/// slip, that decides how fast Newton gets on.
+bool ReferenceTissue::renew_factor(const Terms& terms, Renewal renewal, bool must) {
+  std::vector<Matrix3d> blocks = node_blocks(terms);
+  if (renewal == Renewal::kNodes && kept_ < kKeepTangent) {
+    std::vector<int> changed;
+    for (std::size_t i = 0; i < blocks.size(); ++i) {
+      Matrix3d& old = tangent_.node_blocks[i];
+      const double size = std::max(old.cwiseAbs().maxCoeff(), blocks[i].cwiseAbs().maxCoeff());
+      const double change = (blocks[i] - old).cwiseAbs().maxCoeff();
+      if (model_->unknown[i] < 0 || !(change > kBlockChange * size)) continue;
+      changed.push_back(model_->unknown[i]);
+      old = blocks[i];
+      set_block(static_cast<int>(i), old);
+    }
+    if (changed.empty() && !must) return true;
+    if (!changed.empty()) {
+      ++kept_;
+      ++factorisations_;
+      factored_ = factor_.factor_again(changed);
+      if (factored_) {
+        if (grasp_) prepare_constraint();
+        return true;
+      }
+    }
+  }
+  return make_factor(terms, std::move(blocks));
+}
+
+/// From the elements on; moves the tangent by inertia until it is positive definite.
+bool ReferenceTissue::make_factor(const Terms& terms, std::vector<Matrix3d> blocks) {
   ++factorisations_;
-  std::vector<int> touch = contact_states(terms);
-  const bool keep = !all && touch != touch_ && kept_ < kKeepTangent;
-  touch_ = std::move(touch);
-  kept_ = keep ? kept_ + 1 : 0;
-  if (!keep) assemble(terms);
+  kept_ = 0;
+  tangent_.inertia = inertia(terms);
+  tangent_.x = trial_x_;
+  tangent_.bubble = trial_bubble_;
+  tangent_.node_blocks = std::move(blocks);
+  assemble();
   double shift = 0;
   for (int attempt = 0; attempt <= kMaxShifts; ++attempt) {
-    if (keep || attempt > 0)
-      std::copy(body_tangent_.begin(), body_tangent_.end(), factor_.entries());
+    const double more = shift / (terms.beta * terms.beta);
     for (std::size_t i = 0; i < model_->nodes.size() && shift > 0; ++i) {
-      add_block(static_cast<int>(i),
-                shift / (terms.beta * terms.beta) * model_->mass[i] * Matrix3d::Identity());
+      set_block(static_cast<int>(i),
+                more * model_->mass[i] * Matrix3d::Identity() + tangent_.node_blocks[i]);
     }
-    add_contact_stiffness(terms);
-    effects_.for_each_force(trial_x_, [&](int node, double, const Vector3d&,
-                                          const Matrix3d& block) { add_block(node, block); });
-    if (factor_.factor()) {
+    factored_ = factor_.factor();
+    if (factored_) {
+      // What the material remembers changes with the step, and with it the elements' tangent.
+      tangent_.usable = shift == 0 && !effects_.values().has_memory();
       if (grasp_) prepare_constraint();
       return true;
     }
@@ -252,31 +295,49 @@ bool ReferenceTissue::make_factor(const Terms& terms, bool all) {
   return false;
 }
 
-/// The factor stays, the forces of the parabolas are those of the trial.
-void ReferenceTissue::renew_inner(const Residual& residual) {
-  std::array<double, Pack::kLanes> values{};
-  std::array<Pack, 9> bubble_force;
-  for (std::size_t batch = 0; batch < inner_.size(); ++batch) {
-    const std::size_t first = Pack::kLanes * batch;
-    for (int c = 0; c < 9; ++c) {
-      for (std::size_t lane = 0; lane < Pack::kLanes; ++lane) {
-        const std::size_t element = std::min(first + lane, model_->elements.size() - 1);
-        values[lane] = residual.bubble_force[element][c];
-      }
-      bubble_force[c] = load_pack(values);
-    }
-    hex_condense(bubble_force, inner_[batch]);
+/// Contact, friction and springs at the trial, per node.
+std::vector<Matrix3d> ReferenceTissue::node_blocks(const Terms& terms) const {
+  std::vector<Matrix3d> sum(model_->nodes.size(), Matrix3d::Zero());
+  const auto add = [&sum](int node, const Matrix3d& block) {
+    sum[static_cast<std::size_t>(node)] += block;
+  };
+  contact_stiffness(terms, add);
+  effects_.for_each_force(trial_x_, [&](int node, double, const Vector3d&, const Matrix3d& block) {
+    add(node, block);
+  });
+  return sum;
+}
+
+/// The factor of the step before, made again where the state was loaded. False where there is none.
+bool ReferenceTissue::carry_factor() {
+  kept_ = 0;
+  if (!tangent_.usable) return false;
+  if (!factored_) {
+    assemble();
+    factored_ = factor_.factor();
+    constrained_ = false;
   }
+  tangent_.usable = factored_;
+  if (factored_ && grasp_ && !constrained_) prepare_constraint();
+  return factored_;
 }
 
 /// Newton step of nodes and parabolas with the factor there is.
 bool ReferenceTissue::newton_direction(const Residual& residual) {
-  // Condensed force: f - K_xb K_bb^-1 f_b = f - coupling^T rhs.
   direction_ = -residual.force;
+  std::array<double, Pack::kLanes> values{};
+  std::array<Pack, 9> bubble_force;
+  // Parabolas eliminated: f - K_xb K_bb^-1 f_b = f - coupling^T rhs.
   for (std::size_t batch = 0; batch < inner_.size(); ++batch) {
-    const HexInner& inner = inner_[batch];
+    HexInner& inner = inner_[batch];
     const std::size_t first = Pack::kLanes * batch;
     const std::size_t count = std::min<std::size_t>(Pack::kLanes, model_->elements.size() - first);
+    for (int c = 0; c < 9; ++c) {
+      for (std::size_t lane = 0; lane < count; ++lane)
+        values[lane] = -direction_[bubble_unknown(first + lane, c)];
+      bubble_force[c] = load_pack(values);
+    }
+    hex_condense(bubble_force, inner);
     for (int c = 0; c < 24; ++c) {
       Pack sum;
       for (int r = 0; r < 9; ++r) sum = fma(inner.coupling[24 * r + c], inner.rhs[r], sum);
@@ -287,14 +348,13 @@ bool ReferenceTissue::newton_direction(const Residual& residual) {
     }
   }
 
-  factor_.solve_lower(direction_);
-  if (grasp_) constrain_direction();
-  factor_.solve_upper(direction_);
+  auto nodes = direction_.head(model_->unknowns);
+  factor_.solve_lower(nodes);
+  if (grasp_) constrain(residual.miss, nodes);
+  factor_.solve_upper(nodes);
 
-  bubble_direction_.resize(model_->elements.size());
   std::array<Pack, 24> dx;
   std::array<Pack, 9> dbubble;
-  std::array<double, Pack::kLanes> values{};
   for (std::size_t batch = 0; batch < inner_.size(); ++batch) {
     const std::size_t first = Pack::kLanes * batch;
     const std::size_t count = std::min<std::size_t>(Pack::kLanes, model_->elements.size() - first);
@@ -310,7 +370,7 @@ bool ReferenceTissue::newton_direction(const Residual& residual) {
     for (int c = 0; c < 9; ++c) {
       dbubble[c].store(values.data());
       for (std::size_t lane = 0; lane < count; ++lane)
-        bubble_direction_[first + lane][c] = values[lane];
+        direction_[bubble_unknown(first + lane, c)] = values[lane];
     }
   }
   return direction_.allFinite();
@@ -327,7 +387,7 @@ void ReferenceTissue::move_trial(const Terms& terms, double share, const Nodes& 
   }
   for (std::size_t e = 0; e < bubble.size(); ++e) {
     for (int c = 0; c < 9; ++c)
-      trial_bubble_[e][c] = bubble[e][c] + share * bubble_direction_[e][c];
+      trial_bubble_[e][c] = bubble[e][c] + share * direction_[bubble_unknown(e, c)];
   }
   for (const FrictionPoint& f : friction_) {
     const auto i = static_cast<std::size_t>(f.node);
@@ -337,14 +397,16 @@ void ReferenceTissue::move_trial(const Terms& terms, double share, const Nodes& 
   }
 }
 
-/// Walks along the direction until the potential falls enough (Armijo). Where rounding hides the
-/// fall of the potential the residual has to shrink instead.
+/// Walks along the direction until the potential falls enough (Armijo), with the pull on the jaws
+/// that the direction ends with. Where rounding hides the fall of the potential the residual has to
+/// shrink instead. The trial stays where it was if neither happens.
 bool ReferenceTissue::search_line(const Terms& terms, Residual& residual) {
   constexpr double kRounding = 1e-13;  // of a sum over some thousand terms
-  double slope = residual.force.dot(direction_);
-  for (std::size_t e = 0; e < bubble_direction_.size(); ++e) {
-    for (int c = 0; c < 9; ++c) slope += residual.bubble_force[e][c] * bubble_direction_[e][c];
-  }
+  const Targets pull = trial_pull_;
+  if (grasp_) trial_pull_ = next_pull_;
+  evaluate_outside(terms, trial_x_, residual);
+  const double slope =
+      residual.force.dot(direction_) - residual.miss.cwiseProduct(residual.miss_force).sum();
   const bool hidden = std::fabs(slope) < kRounding * residual.scale;
   const Nodes x = trial_x_;
   const Bubbles bubble = trial_bubble_;
@@ -360,6 +422,10 @@ bool ReferenceTissue::search_line(const Terms& terms, Residual& residual) {
       return true;
     }
   }
+  trial_x_ = x;
+  trial_bubble_ = bubble;
+  trial_pull_ = pull;
+  evaluate_outside(terms, trial_x_, residual);
   return false;
 }
 

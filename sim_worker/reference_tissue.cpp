@@ -19,6 +19,7 @@ bool is_finite(const std::vector<Vector3d>& values) {
   return std::all_of(values.begin(), values.end(), [](const Vector3d& v) { return v.allFinite(); });
 }
 
+constexpr std::size_t kBlockValues = 7;
 constexpr std::size_t kEffectValues = sizeof(EffectValues) / sizeof(double);
 
 }  // namespace
@@ -26,7 +27,7 @@ constexpr std::size_t kEffectValues = sizeof(EffectValues) / sizeof(double);
 ReferenceTissue::ReferenceTissue(std::shared_ptr<const ReferenceTissueModel> model)
     : model_(std::move(model)), effects_(model_), factor_(model_->order) {
   inner_.resize((model_->elements.size() + Pack::kLanes - 1) / Pack::kLanes);
-  direction_.setZero(model_->unknowns);
+  direction_.setZero(model_->unknowns + 9 * static_cast<Eigen::Index>(model_->elements.size()));
   set_parameters(0, {});
   reset(0, Vector3d::Zero());
 }
@@ -45,11 +46,13 @@ void ReferenceTissue::reset(int, const Vector3d& offset) {
   held_force_.setZero();
   effects_.reset(offset);
   failure_.clear();
+  tangent_.usable = false;
 }
 
 void ReferenceTissue::set_parameters(int, const LaneParameters& parameters) {
   effects_.set(parameters.effects ? *parameters.effects : model_->effects);
   parameters_ = parameters;
+  tangent_.usable = false;
   gravity_ = parameters_.gravity_scale * tilted_gravity(effects_.values(), model_->gravity);
 }
 
@@ -69,11 +72,18 @@ bool ReferenceTissue::advance(const ToolMotion& motion, double from, double to, 
   const Terms terms = make_terms(motion, from, to);
   ++implicit_steps_;
   effects_.begin(terms.h, state_.x, state_.v, terms.x_tilde, terms.beta);
-  if (solve(terms)) {
+  const bool carried = tangent_.usable;
+  bool solved = solve(terms);
+  if (!solved && carried) {  // once more without the factor of the last step
+    tangent_.usable = false;
+    solved = solve(terms);
+  }
+  if (solved) {
     finish(terms);
     return true;
   }
   state_ = start;
+  tangent_.usable = false;
   if (depth == kMaxHalvings) {
     failure_ = fmt::format("Newton did not converge in {} iterations with a step of {:.3g} s",
                            model_->numerics.max_newton(), terms.h);
@@ -117,13 +127,11 @@ void ReferenceTissue::finish(const Terms& terms) {
   state_.step_before = terms.h;
   state_.x = trial_x_;
   state_.bubble = trial_bubble_;
+  state_.pull = trial_pull_;
   for (std::size_t i = 0; i < state_.x.size(); ++i) {
     if (model_->unknown[i] >= 0) state_.v[i] = (state_.x[i] - terms.x_tilde[i]) / terms.beta;
   }
-  held_force_.setZero();
-  if (grasp_) {
-    held_force_ = (patch_rows(state_.x) - terms.target).col(0) / grasp_compliances()[0];
-  }
+  held_force_ = state_.pull.col(0);
   effects_.remember(state_.x,
                     [this](std::size_t batch) { return gather(batch, state_.x, state_.bubble); });
   collect_contact_forces(terms);
@@ -259,8 +267,10 @@ ReferenceTissue::Energy ReferenceTissue::energy() const {
 // ---- saving -------------------------------------------------------------------------------------
 
 // Layout, all doubles: nodes x, v, x_before, v_before; step_before; parabolas; four lane
-// parameters; held force; contact forces; 1 if healthy; 1 if holding + 2 if there are effects; when
-// holding patch centre, radius and the targets; with effects their values, slip and memory.
+// parameters; held force; contact forces; 1 if healthy; 1 if holding + 2 if there are effects + 4
+// if the next step begins with the factor of the last; when holding patch centre, radius, the
+// targets and the pull on them; with effects their values, slip and memory; of the factor's tangent
+// inertia, nodes, parabolas, number of blocks, each block with its node before its lower triangle.
 std::vector<double> ReferenceTissue::pack_state() const {
   std::vector<double> values;
   for (const Nodes* nodes : {&state_.x, &state_.v, &state_.x_before, &state_.v_before}) {
@@ -274,11 +284,11 @@ std::vector<double> ReferenceTissue::pack_state() const {
   for (const Vector3d& f : contact_forces_) values.insert(values.end(), f.data(), f.data() + 3);
   values.push_back(failure_.empty() ? 1 : 0);
   const bool has_effects = !(effects_.values() == EffectValues{});
-  values.push_back((grasp_ ? 1 : 0) + (has_effects ? 2 : 0));
+  values.push_back((grasp_ ? 1 : 0) + (has_effects ? 2 : 0) + (tangent_.usable ? 4 : 0));
   if (grasp_) {
     values.insert(values.end(), {grasp_->centre.x(), grasp_->centre.y(), grasp_->radius});
-    values.insert(values.end(), grasp_->offset.data(),
-                  grasp_->offset.data() + grasp_->offset.size());
+    for (const Targets* rows : {&grasp_->offset, &state_.pull})
+      values.insert(values.end(), rows->data(), rows->data() + rows->size());
   }
   if (has_effects) {
     const auto* first = reinterpret_cast<const double*>(&effects_.values());
@@ -286,7 +296,44 @@ std::vector<double> ReferenceTissue::pack_state() const {
     values.push_back(slipped_);
     effects_.save(values);
   }
+  if (tangent_.usable) save_tangent(values);
   return values;
+}
+
+void ReferenceTissue::save_tangent(std::vector<double>& values) const {
+  values.push_back(tangent_.inertia);
+  for (const Vector3d& p : tangent_.x) values.insert(values.end(), p.data(), p.data() + 3);
+  for (const auto& b : tangent_.bubble) values.insert(values.end(), b.begin(), b.end());
+  const auto is_zero = [](const Eigen::Matrix3d& block) { return block.isZero(0); };
+  const std::vector<Eigen::Matrix3d>& blocks = tangent_.node_blocks;
+  values.push_back(static_cast<double>(blocks.size()) -
+                   static_cast<double>(std::count_if(blocks.begin(), blocks.end(), is_zero)));
+  for (std::size_t i = 0; i < blocks.size(); ++i) {
+    const Eigen::Matrix3d& b = blocks[i];
+    if (!is_zero(b)) {
+      values.insert(values.end(),
+                    {static_cast<double>(i), b(0, 0), b(1, 0), b(1, 1), b(2, 0), b(2, 1), b(2, 2)});
+    }
+  }
+}
+
+void ReferenceTissue::load_tangent(const double* next) {
+  const auto take = [&next](double* to, std::size_t count) {
+    std::copy(next, next + count, to);
+    next += count;
+  };
+  take(&tangent_.inertia, 1);
+  tangent_.x.resize(state_.x.size());
+  for (Vector3d& p : tangent_.x) take(p.data(), 3);
+  tangent_.bubble.resize(state_.bubble.size());
+  for (auto& b : tangent_.bubble) take(b.data(), b.size());
+  tangent_.node_blocks.assign(state_.x.size(), Eigen::Matrix3d::Zero());
+  const auto count = static_cast<std::size_t>(*next++);
+  for (std::size_t k = 0; k < count; ++k, next += kBlockValues) {
+    tangent_.node_blocks[static_cast<std::size_t>(next[0])] << next[1], next[2], next[4], next[2],
+        next[3], next[5], next[4], next[5], next[6];
+  }
+  tangent_.usable = true;
 }
 
 void ReferenceTissue::save(int, Bytes& out) const {
@@ -299,15 +346,19 @@ Result<std::size_t> ReferenceTissue::load(int, std::span<const std::byte> state)
   const std::size_t n = state_.x.size();
   const std::size_t base =
       12 * n + 1 + 9 * state_.bubble.size() + 4 + 3 + 3 * contact_forces_.size() + 2;
-  constexpr std::size_t kGraspValues = 3 + 3 * GraspPatch::kRows;
+  constexpr std::size_t kGraspValues = 3 + 2 * 3 * GraspPatch::kRows;
   if (state.size() < base * sizeof(double)) {
     return Failure{fmt::format("reference tissue state of {} bytes, needed at least {}",
                                state.size(), base * sizeof(double))};
   }
   std::vector<double> values(base);
   std::memcpy(values.data(), state.data(), base * sizeof(double));
-  const bool holds = values.back() == 1 || values.back() == 3;
-  const bool has_effects = values.back() == 2 || values.back() == 3;
+  const double kind = values.back();
+  if (!(kind >= 0 && kind <= 7 && kind == std::floor(kind)))
+    return Failure{fmt::format("reference tissue state: kind is {}, allowed 0 ... 7", kind)};
+  const bool holds = (static_cast<int>(kind) & 1) != 0;
+  const bool has_effects = (static_cast<int>(kind) & 2) != 0;
+  const bool has_tangent = (static_cast<int>(kind) & 4) != 0;
   const auto grow = [&](std::size_t by) {
     if (state.size() < (values.size() + by) * sizeof(double)) return false;
     values.resize(values.size() + by);
@@ -332,14 +383,26 @@ Result<std::size_t> ReferenceTissue::load(int, std::span<const std::byte> state)
   }
   if (!effects_.fits(*parameters.effects))
     return Failure{"reference tissue state holds effects of another mesh"};
+  const std::size_t tangent_at = values.size();
+  if (has_tangent) {
+    if (!grow(1 + 3 * n + 9 * state_.bubble.size() + 1))
+      return Failure{"reference tissue state ends in its tangent"};
+    const double count = values.back();
+    if (!(count >= 0 && count <= static_cast<double>(n)) ||
+        !grow(kBlockValues * static_cast<std::size_t>(count)))
+      return Failure{"reference tissue state ends in the blocks of its tangent"};
+    for (std::size_t at = values.size() - kBlockValues * static_cast<std::size_t>(count);
+         at < values.size(); at += kBlockValues) {
+      if (!(values[at] >= 0 && values[at] < static_cast<double>(n)))
+        return Failure{fmt::format("reference tissue state: block of node {}", values[at])};
+    }
+  }
   for (const double v : values) {
     if (!std::isfinite(v)) return Failure{"reference tissue state holds a non-finite number"};
   }
-  for (const std::size_t flag : {base - 2, base - 1}) {
-    const bool counts = flag == base - 1 && (values[flag] == 2 || values[flag] == 3);
-    if (values[flag] != 0 && values[flag] != 1 && !counts)
-      return Failure{fmt::format("reference tissue state: flag is {}, allowed 0, 1", values[flag])};
-  }
+  if (values[base - 2] != 0 && values[base - 2] != 1)
+    return Failure{
+        fmt::format("reference tissue state: flag is {}, allowed 0, 1", values[base - 2])};
   if (!(values[12 * n] >= 0))
     return Failure{fmt::format("reference tissue state: last step {} s", values[12 * n])};
   if (holds) {
@@ -377,12 +440,16 @@ Result<std::size_t> ReferenceTissue::load(int, std::span<const std::byte> state)
   failure_ = *next == 1 ? "" : "the saved state had failed";
   next += 2;
   grasp_.reset();
+  state_.pull.setZero();
   if (!has_effects) slipped_ = 0;
   if (holds) {
     grasp_ = make_grasp({next[0], next[1]}, next[2]);
     next += 3;
-    take(grasp_->offset.data(), static_cast<std::size_t>(grasp_->offset.size()));
+    for (Targets* rows : {&grasp_->offset, &state_.pull})
+      take(rows->data(), static_cast<std::size_t>(rows->size()));
   }
+  factored_ = constrained_ = false;
+  if (has_tangent) load_tangent(&values[tangent_at]);
   return values.size() * sizeof(double);
 }
 

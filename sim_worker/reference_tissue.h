@@ -23,12 +23,16 @@ namespace omentum {
 ///
 /// Each implicit step (BDF2 started by backward Euler, or backward Euler) is solved by Newton's
 /// method with the exact tangent, a Cholesky factor and a line search until the residual is
-/// newton_tolerance of the weight. A step that does not converge is done in two halves, five times
-/// at most; then the tissue is unhealthy, failure() says why, and step() does nothing until reset()
-/// or load().
+/// newton_tolerance of the weight. A step begins with the factor of the last; one that does not
+/// converge with that begins anew without, and then is done in two halves, five times at most; then
+/// the tissue is unhealthy, failure() says why, and step() does nothing until reset() or load().
 ///
 ///   M ((x - x~) / beta^2 - v~ / beta + damping (x - x~) / beta - g) + dPsi/dx
-///       + contact + friction + grasp = 0,         v = (x - x~) / beta
+///       + contact + friction + C^T pull = 0,      v = (x - x~) / beta
+///
+/// The rows C of the grasp are constraints, C x = targets + compliance * pull, and the pull on them
+/// an unknown (the line search walks down an augmented Lagrangian): a spring instead, as stiff as a
+/// rigid patch needs, drowns the residual in rounding.
 ///
 /// Contact acts at the nodes of the lower and upper face: a stiff spring per area that starts
 /// smoothly 2 um before touching; 2000 Pa, 68 times the weight of a 3 mm sheet, press 0.01 mm deep.
@@ -104,11 +108,16 @@ class ReferenceTissue : public Tissue<double> {
   using Bubbles = std::vector<std::array<double, 9>>;  ///< per element, [axis][xyz] [m]
   using Targets = Eigen::Matrix<double, 3, GraspPatch::kRows>;
 
+  /// Added to the compliance of a row of the grasp where its miss counts as a force [m/N]: stiff
+  /// against the tissue, yet 1e-17 m of rounding are 1e-11 N only.
+  static constexpr double kMissCompliance = 1e-6;
+
   struct State {
     Nodes x, v;                ///< [m], [m/s]
     Nodes x_before, v_before;  ///< at the end of the step before
     double step_before = 0;    ///< its length [s]; 0 = no history
     Bubbles bubble;
+    Targets pull = Targets::Zero();  ///< of the tissue on the rows of the grasp [N]
   };
   struct Grasp {
     Eigen::Vector2d centre = Eigen::Vector2d::Zero();  ///< of the patch, x_B and y_B at rest [m]
@@ -131,18 +140,28 @@ class ReferenceTissue : public Tissue<double> {
     double limit = 0;  ///< friction force that cannot be exceeded [N]
   };
   struct Residual {
-    double energy = 0;      ///< incremental potential [J]
+    double energy = 0;      ///< incremental potential and what the grasp adds to it [J]
     double scale = 0;       ///< sum of the magnitudes of its terms [J]
-    Eigen::VectorXd force;  ///< its derivative at the unknowns [N]
-    Bubbles bubble_force;
-    double norm = 0;  ///< of everything [N]
-    double energy_without_contact = 0;
-    Eigen::VectorXd without_contact;
+    Eigen::VectorXd force;  ///< of elements, contact and jaws on the unknowns and parabolas [N]
+    Targets miss = Targets::Zero();        ///< of the rows of the grasp [m]
+    Targets miss_force = Targets::Zero();  ///< what it counts as, see kMissCompliance [N]
+    double norm = 0;                       ///< of everything [N]
+    double energy_inside = 0;              ///< without contact and grasp
+    Eigen::VectorXd inside;
 
     void count_energy(double term) {
       energy += term;
       scale += term < 0 ? -term : term;
     }
+  };
+  /// Tangent that the factor is of; with it a loaded state makes the same factor. The elements'
+  /// part was taken at (x, bubble).
+  struct Tangent {
+    bool usable = false;  ///< for the next step
+    double inertia = 0;   ///< on the masses [1/s^2]
+    Nodes x;
+    Bubbles bubble;
+    std::vector<Eigen::Matrix3d> node_blocks;  ///< of the other forces, per node [N/m]
   };
   struct Contact {
     int node = 0, body = 0;
@@ -150,26 +169,36 @@ class ReferenceTissue : public Tissue<double> {
     double force = 0, stiffness = 0, energy = 0;  ///< [N], [N/m], [J]
   };
 
+  /// How much of the factor is made anew: nothing, what depends on the blocks of the nodes, all.
+  enum class Renewal { kNone, kNodes, kAll };
+
   bool advance(const ToolMotion& motion, double from, double to, int depth);
   Terms make_terms(const ToolMotion& motion, double from, double to) const;
   bool solve(const Terms& terms);
   void finish(const Terms& terms);
   HexShape gather(std::size_t batch, const Nodes& x, const Bubbles& bubble) const;
   void evaluate(const Terms& terms, const Nodes& x, const Bubbles& bubble, Residual& out) const;
-  void evaluate_contact(const Terms& terms, const Nodes& x, Residual& out) const;
+  void evaluate_outside(const Terms& terms, const Nodes& x, Residual& out) const;
   void add_force(int node, const Eigen::Vector3d& force, Residual& out) const;
-  bool make_factor(const Terms& terms, bool all);
-  void renew_inner(const Residual& residual);
+  double inertia(const Terms& terms) const;
+  bool renew_factor(const Terms& terms, Renewal renewal, bool must);
+  bool make_factor(const Terms& terms, std::vector<Eigen::Matrix3d> blocks);
+  bool carry_factor();
+  int bubble_unknown(std::size_t element, int c) const {
+    return model_->unknowns + 9 * static_cast<int>(element) + c;
+  }
   bool newton_direction(const Residual& residual);
-  void assemble(const Terms& terms);
-  void add_block(int node, const Eigen::Matrix3d& block);
+  void assemble();
+  std::vector<Eigen::Matrix3d> node_blocks(const Terms& terms) const;
+  void set_block(int node, const Eigen::Matrix3d& more);
   void move_trial(const Terms& terms, double share, const Nodes& x, const Bubbles& bubble);
   bool search_line(const Terms& terms, Residual& residual);
   int bodies() const;
   void find_contacts(const Terms& terms, const Nodes& x, std::vector<Contact>& contacts) const;
   void add_contact(const Terms& terms, const Nodes& x, Residual& out) const;
-  void add_contact_stiffness(const Terms& terms);
-  std::vector<int> contact_states(const Terms& terms) const;
+  void contact_stiffness(
+      const Terms& terms,
+      const std::function<void(int node, const Eigen::Matrix3d& block)>& add) const;
   void collect_contact_forces(const Terms& terms);
   void update_friction(const Terms& terms, const Nodes& x);
   static Eigen::Vector3d slip_velocity(const Terms& terms, const FrictionPoint& point,
@@ -179,11 +208,13 @@ class ReferenceTissue : public Tissue<double> {
   void slip();
   void add_grasp(const Terms& terms, const Nodes& x, Residual& out) const;
   void prepare_constraint();
-  void constrain_direction();
+  void constrain(const Targets& miss, Eigen::Ref<Eigen::VectorXd> direction);
   std::optional<SheetPoint> nearest_point(const Eigen::Vector3d& tip) const;
   void move_particle(int particle, const Eigen::Vector3d& by, Nodes& field);
   Grasp make_grasp(const Eigen::Vector2d& centre, double radius) const;
   std::vector<double> pack_state() const;
+  void save_tangent(std::vector<double>& values) const;
+  void load_tangent(const double* next);
 
   std::shared_ptr<const ReferenceTissueModel> model_;
   State state_;
@@ -195,22 +226,25 @@ class ReferenceTissue : public Tissue<double> {
   Eigen::Vector3d held_force_ = Eigen::Vector3d::Zero();
   std::vector<Eigen::Vector3d> contact_forces_;
   std::string failure_;
+  Tangent tangent_;
   long newton_iterations_ = 0, factorisations_ = 0, implicit_steps_ = 0;
 
   // Scratch of one implicit step.
   FrontalCholesky factor_;
-  std::vector<double> body_tangent_;  ///< entries of the last assemble()
-  std::vector<int> touch_;            ///< contact_states() of the last factor
-  int kept_ = 0;                      ///< factors since the last assemble()
-  std::vector<HexInner> inner_;       ///< per four elements
+  bool factored_ = false;                     ///< factor_ is of tangent_
+  bool constrained_ = false;                  ///< the constraint's solver is of factor_ and grasp_
+  std::vector<Eigen::Matrix3d> body_blocks_;  ///< of each node with itself, of the last assemble()
+  int kept_ = 0;                              ///< factors since the last assemble()
+  std::vector<HexInner> inner_;               ///< per four elements
   /// Of the grasp, with the factor: L^-1 C^T and c I + its square (see prepare_constraint).
   Eigen::MatrixXd constraint_response_;
   Eigen::LDLT<Eigen::MatrixXd> constraint_solver_;
   std::vector<FrictionPoint> friction_;
   Nodes trial_x_;
   Bubbles trial_bubble_;
-  Eigen::VectorXd direction_;
-  Bubbles bubble_direction_;
+  Targets trial_pull_ = Targets::Zero();
+  Targets next_pull_ = Targets::Zero();  ///< with the direction
+  Eigen::VectorXd direction_;            ///< of the unknowns, then of the parabolas [m]
   std::vector<double> surface_;
 };
 

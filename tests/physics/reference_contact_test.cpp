@@ -278,6 +278,43 @@ TEST(ReferenceGrasp, PatchFollowsTheTipAndTheShift) {
   EXPECT_LT((tissue.position(0, 60) - by - Vector3d(0.001, 0, 0)).norm(), 1e-5);
 }
 
+TEST(ReferenceGrasp, JawsThatAStretchedSheetPullsOnNeitherTurnNorDeformThePatch) {
+  ReferenceCase c;
+  c.nx = c.ny = 11;
+  c.anchor = -0.015;
+  c.ex = c.ey = 8;
+  c.young = 2e5;
+  c.poisson = 0.45;
+  c.damping = 20;
+  c.period = 0.2;
+  c.integrator = pb::INTEGRATOR_BACKWARD_EULER;
+  const auto model = make_model(c);
+  ReferenceTissue tissue(model);
+  const Vector3d tip(0.004, 0.008, 0);
+  const double radius = 0.003;
+  const GraspPatch patch = model->make_patch(tip.head<2>(), radius);
+  const auto rows = [&] {
+    Eigen::Matrix<double, 3, GraspPatch::kRows> sum;
+    sum.setZero();
+    for (std::size_t k = 0; k < patch.node.size(); ++k)
+      sum += tissue.node_positions()[static_cast<std::size_t>(patch.node[k])] *
+             patch.weight.row(static_cast<Eigen::Index>(k));
+    return sum;
+  };
+  auto expected = rows();
+  tissue.hold(0, tip, radius, false);
+  const Vector3d way(0.001, 0.004, 0.002);
+  for (int s = 0; s < 10; ++s) {
+    const ToolMotion motion{tip + 0.1 * s * way, tip + 0.1 * (s + 1) * way};
+    tissue.step({&motion, 1});
+  }
+  run(tissue, 10, tip + way);
+  expected.col(0) += way;
+  EXPECT_GT(tissue.held_force(0).norm(), 0.5);
+  // 5 N on a row and 1e-9 m/N; with 1e-6 m/N a row is off by 3.8 um, a slope of 1.3e-3.
+  EXPECT_LT((rows() - expected).cwiseAbs().maxCoeff(), 1e-8);
+}
+
 TEST(ReferenceGrasp, FixedTissueCannotBeHeld) {
   ReferenceCase c = free_sheet();
   c.anchor = -0.009;

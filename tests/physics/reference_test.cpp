@@ -283,6 +283,43 @@ TEST(FrontalCholesky, SolvesAndRefusesIndefinite) {
   EXPECT_FALSE(factor.factor());
 }
 
+TEST(FrontalCholesky, FactoringChangedPartsAgainIsFactoringAllToTheBit) {
+  constexpr int kX = 40;  // deeper than the parts that are kept
+  constexpr int kY = 36;
+  const std::vector<int> unknowns(kX * kY, 3);
+  const Dissection order = dissect(kX, kY, unknowns);
+  FrontalCholesky again(order);
+  FrontalCholesky whole(order);
+  for (FrontalCholesky* factor : {&again, &whole}) {
+    Random random;
+    for (int j = 0; j < order.size; ++j) {
+      factor->entries()[order.index(j, j)] = 40;
+      if (j % 3 != 2) factor->entries()[order.index(j + 1, j)] = random.next();
+    }
+    for (int k = 0; k + 1 < kX * kY; ++k) {  // neighbours along x
+      const auto column = static_cast<std::size_t>(k);
+      const int a = order.first_unknown[column];
+      const int b = order.first_unknown[column + 1];
+      if ((k + 1) % kX != 0) factor->entries()[order.index(std::max(a, b), std::min(a, b))] = 7;
+    }
+  }
+  ASSERT_TRUE(again.factor());
+  const std::vector<int> changed = {5, order.size / 2, order.size - 4};
+  for (const int unknown : changed) {
+    again.entries()[order.index(unknown, unknown)] = 50;
+    whole.entries()[order.index(unknown, unknown)] = 50;
+  }
+  ASSERT_TRUE(again.factor_again(changed));
+  ASSERT_TRUE(whole.factor());
+  Eigen::MatrixXd x = Eigen::MatrixXd::Ones(order.size, 1);
+  Eigen::MatrixXd y = x;
+  again.solve_lower(x);
+  again.solve_upper(x);
+  whole.solve_lower(y);
+  whole.solve_upper(y);
+  EXPECT_EQ(x, y);
+}
+
 TEST(Reference, PatchTestHoldsConstantStrain) {
   // A free sheet, no gravity: give it a constant small strain with traction-free sides. The
   // uniaxial field is an equilibrium of the inside, so the inner nodes feel no force: the momentum
