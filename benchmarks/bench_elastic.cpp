@@ -2,8 +2,8 @@
 // environment step is 20 ms simulated. Lift case of the design document (tissue.md 12.1): 31 x 31
 // nodes, 90 x 90 x 3 mm, edge pinned, a corner patch moved on an arc about that edge at 25 mm/s up
 // to 60 mm, E 100 kPa; the same on a mesh of as many nodes without order; the same sheet falling
-// onto a sphere (section 9, E 30 kPa); and an organ like that of omentum_soft alone, its top moved up
-// and down by 5 mm at 25 mm/s. Best of several chunks, thread CPU time; physics only: no robot,
+// onto a sphere (section 9, E 30 kPa); and an organ like that of omentum_soft alone, its top moved
+// up and down by 5 mm at 25 mm/s. Best of several chunks, thread CPU time; physics only: no robot,
 // observation or reward. Static error: rms over all nodes against the same model in double
 // precision, finely stepped. `bench_elastic [WIDTH [SURFACE]]` also writes that converged surface
 // of the lift, for the peers.
