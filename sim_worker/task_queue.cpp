@@ -11,7 +11,6 @@ namespace {
 // wait never costs more than that.
 constexpr double kGatherShare = 0.05;
 constexpr std::int64_t kLeastGatherNs = 300'000;
-constexpr std::int64_t kMostGatherNs = 10'000'000;
 constexpr std::int64_t kMostHolds = 4;  // x the gap, however tasks trickle in
 
 auto key(const RolloutTask& t) {

@@ -42,10 +42,12 @@ class TaskQueue {
   void group_ran(std::int64_t begin_ns, std::int64_t end_ns);
 
  private:
+  static constexpr std::int64_t kMostGatherNs = 10'000'000;
+
   std::deque<Entry> entries_;
   std::int64_t last_arrival_ns_ = 0;
   std::int64_t group_end_ns_ = 0;
-  std::int64_t gather_ns_ = 10'000'000;  ///< wait for more; until a group ran, the most
+  std::int64_t gather_ns_ = kMostGatherNs;  ///< wait for more
   std::int64_t hold_until_ns_ = 0;
 };
 
