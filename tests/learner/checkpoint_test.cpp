@@ -10,27 +10,22 @@
 #include "core/policy.h"
 #include "learner/durable_file.h"
 #include "learner/ppo.h"
+#include "support/temp_dir.h"
 
 namespace omentum {
 namespace {
 
 namespace fs = std::filesystem;
 
-/// A folder of the test, removed at the end.
 class CheckpointTest : public testing::Test {
  protected:
-  void SetUp() override {
-    std::string pattern = (fs::temp_directory_path() / "omentum_checkpoint_XXXXXX").string();
-    folder_ = ::mkdtemp(pattern.data());
-  }
-  void TearDown() override { fs::remove_all(folder_); }
-
   void overwrite(const std::string& path, std::span<const std::byte> bytes) {
     std::ofstream file(path, std::ios::binary | std::ios::trunc);
     for (const std::byte b : bytes) file.put(static_cast<char>(b));
   }
 
-  std::string folder_;
+  const test::TempDir temp_dir_;
+  const std::string& folder_ = temp_dir_.path();
 };
 
 pb::Checkpoint small_checkpoint(std::uint64_t updates) {

@@ -12,6 +12,7 @@
 #include "learner/durable_file.h"
 #include "learner/json_writer.h"
 #include "learner/summary.h"
+#include "support/temp_dir.h"
 
 namespace omentum {
 namespace {
@@ -20,12 +21,6 @@ namespace fs = std::filesystem;
 
 class MetricsTest : public testing::Test {
  protected:
-  void SetUp() override {
-    std::string pattern = (fs::temp_directory_path() / "omentum_metrics_XXXXXX").string();
-    folder_ = ::mkdtemp(pattern.data());
-  }
-  void TearDown() override { fs::remove_all(folder_); }
-
   std::vector<std::string> lines(const std::string& name) const {
     std::ifstream file(folder_ + "/" + name);
     std::vector<std::string> all;
@@ -33,7 +28,8 @@ class MetricsTest : public testing::Test {
     return all;
   }
 
-  std::string folder_;
+  const test::TempDir temp_dir_;
+  const std::string& folder_ = temp_dir_.path();
   std::vector<std::string> branches_ = {"x", "y", "z", "gripper"};
 };
 

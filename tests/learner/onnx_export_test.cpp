@@ -11,6 +11,7 @@
 
 #include "core/rng.h"
 #include "learner/initialise.h"
+#include "support/temp_dir.h"
 
 namespace omentum {
 namespace {
@@ -89,13 +90,12 @@ TEST_P(OnnxExport, IndependentReaderAgrees) {
   std::vector<Decision> decisions(rows);
   policy.act(observations, counters, true, {}, decisions);
 
-  std::string folder = (fs::temp_directory_path() / "omentum_onnx_XXXXXX").string();
-  ASSERT_NE(::mkdtemp(folder.data()), nullptr);
+  const test::TempDir folder;
   const Result<void> written =
-      export_onnx(folder + "/policy.onnx", c.shape, weights, {{"a", "b"}, {"x"}, "rev", "W, m"});
+      export_onnx(folder / "policy.onnx", c.shape, weights, {{"a", "b"}, {"x"}, "rev", "W, m"});
   ASSERT_TRUE(written.has_value()) << written.error();
   {
-    std::ofstream expected(folder + "/expected.txt");
+    std::ofstream expected(folder / "expected.txt");
     expected.precision(9);
     expected << rows << ' ' << width << ' ' << c.shape.logits() << '\n';
     for (std::size_t i = 0; i < rows; ++i) {
@@ -114,9 +114,8 @@ TEST_P(OnnxExport, IndependentReaderAgrees) {
   // Debian's python3-onnx belongs to /usr/bin/python3, whatever else is first on the path.
   const std::string python = fs::exists("/usr/bin/python3") ? "/usr/bin/python3" : "python3";
   const std::string command = python + " " + OMENTUM_TESTS_DIR + "/learner/onnx_check.py " +
-                              folder + "/policy.onnx " + folder + "/expected.txt";
+                              (folder / "policy.onnx") + " " + (folder / "expected.txt");
   const int status = std::system(command.c_str());
-  fs::remove_all(folder);
   ASSERT_TRUE(WIFEXITED(status));
   if (WEXITSTATUS(status) == 77 || WEXITSTATUS(status) == 127)
     GTEST_SKIP() << "python3-onnx is not installed";
