@@ -81,6 +81,9 @@ template <typename Real>
 struct SolidKernel {
   int lanes;
   void (*start_substep)(const SolidArgs<Real>&);
+  /// What effects on nodes are in this substep, and what effects remember after it.
+  void (*start_effects)(const SolidArgs<Real>&);
+  void (*remember_effects)(const SolidArgs<Real>&);
   /// b = gradient of the step's potential at x + d, also where a node is not free.
   void (*find_residual)(const SolidArgs<Real>&);
   /// Force of the tissue on whatever holds a node that is not free [N]; `out` is [node][xyz][lane].

@@ -198,6 +198,12 @@ inline Matrix stress_change(const Law& law, const Matrix& f, const Matrix& df, c
   return p;
 }
 
+}  // namespace
+
+#include "sim_worker/solid_effects.inl"
+
+namespace {
+
 inline void scatter(const std::int32_t* node, const Lane3 force[10], Real* to) {
   for (int k = 0; k < 10; ++k) {
     Real* const memory = to + 3 * kLanes * node[k];
@@ -221,10 +227,10 @@ void add_elastic_forces(const Args& args, Real* to) {
     for (Lane3& f : force) f = zero3();
     Lane3 corner[4];
     for (Lane3& f : corner) f = zero3();
-    for (int q = 0; q < 4; ++q) {
-      const Matrix p = stress(element.f[q], element.point[q]);
-      add_stress(p, element.weight[q] * w, g, q, force, corner);
-    }
+    Matrix p[4];
+    for (int q = 0; q < 4; ++q) p[q] = stress(element.f[q], element.point[q]);
+    if (args.effects.material != 0) add_effects(args, law, element, t, p);
+    for (int q = 0; q < 4; ++q) add_stress(p[q], element.weight[q] * w, g, q, force, corner);
     spread(corner, force);
     scatter(node, force, to);
   }
@@ -259,12 +265,35 @@ void add_elastic_change(const Args& args) {
     for (Lane3& f : force) f = zero3();
     Lane3 corner[4];
     for (Lane3& f : corner) f = zero3();
+    Matrix dp[4];
     for (int q = 0; q < 4; ++q) {
-      const Matrix p = stress_change(law, element.f[q], df[q], element.point[q], bulk);
-      add_stress(p, element.weight[q] * w, g, q, force, corner);
+      dp[q] = stress_change(law, element.f[q], df[q], element.point[q], bulk);
     }
+    if (args.effects.material != 0) add_effect_changes(args, law, element, t, df, dp);
+    for (int q = 0; q < 4; ++q) add_stress(dp[q], element.weight[q] * w, g, q, force, corner);
     spread(corner, force);
     scatter(node, force, args.hp);
+  }
+}
+
+/// Memory of the effects at the end of a substep.
+void remember_effects(const Args& args) {
+  const auto& fx = args.effects;
+  for (int i = 0; i < args.nodes; ++i) {
+    const int at = 3 * kLanes * i;
+    store3(args.moved + at, load3(args.x + at) + load3(args.d + at));
+  }
+  if (fx.bonds != 0) remember_bonds(args);
+  if ((fx.prony | fx.slider | fx.softening) == 0) return;
+  const Law law = load_law(args);
+  Element element;
+  for (int t = 0; t < args.tetrahedra; ++t) {
+    Lane3 u[10];
+    for (int k = 0; k < 10; ++k)
+      u[k] = load3(args.moved + 3 * kLanes * args.tetrahedron[10 * t + k]);
+    load_weights(args, t, element);
+    evaluate(law, u, args.gradient + 12 * t, element);
+    remember_element(args, law, element, t);
   }
 }
 
@@ -347,6 +376,7 @@ void load_node_forces(const Args& args, Real* to) {
     const int at = 3 * kLanes * args.contact_node[n];
     store3(to + at, load3(to + at) - load3(args.contact_next + at));
   }
+  add_node_effects(args, to);
 }
 
 void keep_free(const Args& args, Real* vector) {
@@ -400,6 +430,7 @@ void multiply_hessian(const Args& args) {
     const Lane3 before = load3(args.hp + at);
     store3(args.hp + at, select(to_mask(args.touches[i]), before + push, before));
   }
+  add_node_products(args);
   add_elastic_change(args);
 }
 

@@ -28,8 +28,15 @@ class SolidLaneEffects {
   double stiffer(int lane) const;
 
   void set(int lane, const EffectValues& values);
-  /// Memory of a body that never moved.
-  void reset(int lane);
+  /// Memory of a body that never moved, its rest shape shifted by `offset` [m].
+  void reset(int lane, const Eigen::Vector3d& offset);
+  /// Whether some effect is more than a number: the kernel has to start and to remember it.
+  bool on_nodes() const { return (args_.bonds | args_.film | args_.drag) != 0; }
+  bool remembers() const {
+    return (args_.prony | args_.slider | args_.softening | args_.bonds) != 0;
+  }
+  /// Force of the body on its anchor springs at its present places x [node][xyz][lane], in W [N].
+  Eigen::Vector3d anchor_force(int lane, const Real* x) const;
 
   /// Values, then the memory of those that have one.
   void save(int lane, Bytes& out) const;
@@ -39,13 +46,23 @@ class SolidLaneEffects {
   void load(int lane, std::span<const std::byte> state);
 
  private:
+  template <typename Function>
+  void for_each_memory(const EffectValues& values, Function&& fn) const;
+  void set_masks();
   void set_map(int lane);
+  void set_anchor(int lane);
 
   std::shared_ptr<const SolidTissueModel> model_;
   int lanes_;
   SolidEffectArgs<Real> args_{};
   std::vector<EffectValues> values_;
+  std::vector<std::int32_t> skin_;
   AlignedVector<Real> mu_, lambda_, alpha_, bulk_, density_, map_;
+  AlignedVector<Real> stiffening_, softening_, softening_energy_, fibre_, fibre_axes_, prony_gains_,
+      prony_keep_, prony_gain_, slider_, yield_, anchor_limit_, adhesion_, adhesion_limit_, film_,
+      film_reach_, drag_;
+  AlignedVector<Real> stress_, branch_, bias_, plastic_, energy_peak_, bond_place_, bond_fresh_,
+      bond_longest_, bond_now_, area_, film_now_, film_normal_, drag_now_;
 };
 
 extern template class SolidLaneEffects<float>;

@@ -118,7 +118,12 @@ void set_factor(SolidTissueModel& model) {
   const double step = model.effective_step();
   const double density = 1 + model.effects.density_change;
   model.diagonal.clear();
-  for (const double mass : model.mass) model.diagonal.push_back(mass * density / (step * step));
+  for (std::size_t i = 0; i < model.mass.size(); ++i) {
+    model.diagonal.push_back(model.mass[i] * density / (step * step));
+    if (model.anchor[i] == 0) continue;
+    model.diagonal[i] += model.anchor[i];
+    matrix.add(static_cast<int>(i), 0, static_cast<int>(i), 0, model.anchor[i]);
+  }
   for (std::size_t t = 0; t < model.volume.size(); ++t) {
     const Tetrahedron& node = model.mesh.tetrahedra[t];
     for (int q = 0; q < 4; ++q) {
@@ -199,11 +204,37 @@ void set_surroundings(SolidTissueModel& model, const Scene& scene, double contro
   model.tool_length = tool.shaft_length_m();
 }
 
+/// Clamped nodes that the effects of the anchor set free hang on springs.
+void release_anchors(SolidTissueModel& model) {
+  const EffectValues& effects = model.effects;
+  model.anchor = model.make_anchor(effects);
+  model.is_anchor.assign(model.anchor.size(), 0);
+  if (!effects.moves_anchor()) return;
+  bool clamped = false;
+  bool held = false;
+  for (std::size_t i = 0; i < model.anchor.size(); ++i) {
+    if (model.body.fixed[i] == 0) continue;
+    const double x = model.body.particles[i].x();
+    const bool rigid =
+        effects.anchor_compliance == 0 && detached_share(effects, x, 0.5 * model.spacing) == 0;
+    clamped = true;
+    held = held || rigid || model.anchor[i] > 0;
+    if (rigid) continue;
+    model.body.fixed[i] = 0;
+    model.is_anchor[i] = 1;
+  }
+  if (clamped && !held) {
+    throw_error("scene.tissue.effects.anchor: {} ... {} m detaches the whole clamp, allowed less",
+                effects.anchor_free_from, effects.anchor_free_to);
+  }
+}
+
 /// `stays`: the body is anchored and turns little.
 void set_material(SolidTissueModel& model, double density, bool stays) {
   model.law = make_solid_law(model.material.young_modulus_pa(),
                              model.material.poisson_ratio() + model.effects.poisson_change);
   set_geometry(model, density);
+  release_anchors(model);
   set_factor(model);
   if (stays) set_rest_factor(model);
 }
@@ -258,6 +289,42 @@ EffectValues SolidTissueModel::own_effects(const EffectValues& e) const {
   return own;
 }
 
+// A node carries the share of the clamp's length, its extent along x_B, that it has of the clamp's
+// mass; one that is detached in part gets the spring of a grasp that covers it in part.
+std::vector<double> SolidTissueModel::make_anchor(const EffectValues& values) const {
+  std::vector<double> spring(mass.size(), 0.0);
+  if (!values.moves_anchor()) return spring;
+  const auto clamped = [this](std::size_t i) {
+    return body.fixed[i] != 0 || (!is_anchor.empty() && is_anchor[i] != 0);
+  };
+  double whole = 0;
+  double low = 1e9;
+  double high = -1e9;
+  for (std::size_t i = 0; i < mass.size(); ++i) {
+    if (!clamped(i)) continue;
+    whole += mass[i];
+    low = std::min(low, body.particles[i].x());
+    high = std::max(high, body.particles[i].x());
+  }
+  for (std::size_t i = 0; i < mass.size(); ++i) {
+    if (!clamped(i)) continue;
+    const double detached = detached_share(values, body.particles[i].x(), 0.5 * spacing);
+    if (values.anchor_compliance > 0) {
+      const double length = (high - low) * mass[i] / whole;
+      spring[i] = (1 - detached) * length / values.anchor_compliance;
+    } else if (detached > 0) {
+      spring[i] = material.young_modulus_pa() * spacing * (1 - detached) / detached;
+    }
+  }
+  return spring;
+}
+
+bool SolidTissueModel::anchors_fit(const EffectValues& e) const {
+  if (effects.anchor_compliance > 0) return e.anchor_compliance > 0;
+  return e.anchor_compliance == 0 && e.anchor_free_from == effects.anchor_free_from &&
+         e.anchor_free_to == effects.anchor_free_to;
+}
+
 Vector3d SolidTissueModel::integration_point(std::size_t tetrahedron, int q) const {
   Vector3d p = Vector3d::Zero();
   for (int a = 0; a < 4; ++a) {
@@ -288,6 +355,10 @@ std::shared_ptr<const SolidTissueModel> make_solid_model(const Scene& scene,
   model->material = tissue.material();
   model->spacing = tissue.volume().edge_length_m() / 2;
   set_surroundings(*model, scene, control_period);
+  if ((model->effects.adhesion > 0 || model->effects.suction > 0) && scene.bodies.empty()) {
+    throw_error("scene.tissue.effects.{}: nothing to stick to, needs a scene.rigid_body",
+                model->effects.adhesion > 0 ? "adhesion" : "suction");
+  }
   set_material(*model, tissue.density_kg_per_m3(), false);
   return model;
 }

@@ -53,11 +53,17 @@ struct SolidTissueModel : TissueModel, std::enable_shared_from_this<SolidTissueM
          tool_length = 0;  ///< capsule along the shaft, behind the tip [m]
   Eigen::Vector3d shaft_axis = Eigen::Vector3d::UnitZ();  ///< from the tip up the shaft, in W
 
-  bool beside_sheet = false;  ///< the scene's deformable body, not its tissue
+  std::vector<std::uint8_t> is_anchor;  ///< per node: clamped, but free for the anchor's effects
+  std::vector<double> anchor;           ///< per node: fresh spring of the scene's anchor [N/m]
+  bool beside_sheet = false;            ///< the scene's deformable body, not its tissue
 
   /// Those of a lane's effects that are this body's: beside a sheet only of what surrounds both and
   /// of the jaws.
-  EffectValues own_effects(const EffectValues& effects) const;
+  EffectValues own_effects(const EffectValues& values) const;
+  /// Springs of the clamped nodes under the effects of the anchor, zero where there is none [N/m].
+  std::vector<double> make_anchor(const EffectValues& values) const;
+  /// Whether a lane may have these in this scene: whether there are anchor springs is part of it.
+  bool anchors_fit(const EffectValues& values) const;
   /// Integration point of a tetrahedron at rest, p_B [m].
   Eigen::Vector3d integration_point(std::size_t tetrahedron, int q) const;
 

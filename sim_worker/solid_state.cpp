@@ -140,10 +140,12 @@ Result<std::size_t> SolidTissue<Real>::load(int lane, std::span<const std::byte>
     const Result<std::size_t> read = effects_.read(of_effects, effects);
     if (!read) return Failure{read.error()};
     used += of_grasp + read.value();
+  } else if (model_->effects.moves_anchor()) {
+    return Failure{"tissue state without the effects of the anchor"};
   }
 
   release(lane);
-  effects_.reset(lane);
+  effects_.reset(lane, Vector3d::Zero());
   set_effects(lane, effects);
   if (has_effects) effects_.load(lane, of_effects);
   std::size_t next = 0;

@@ -217,7 +217,7 @@ void SolidTissue<Real>::set_effects(int lane, const EffectValues& effects) {
 template <typename Real>
 void SolidTissue<Real>::reset(int lane, const Vector3d& offset) {
   release(lane);
-  effects_.reset(lane);
+  effects_.reset(lane, offset);
   const std::uint32_t bit = 1U << lane;
   for (int i = 0; i < particles(); ++i) {
     const auto p = static_cast<std::size_t>(i);
@@ -259,6 +259,7 @@ void SolidTissue<Real>::start_substep(std::span<const ToolMotion> motion, int su
   place_tool(motion, substep);
   solid_.start_substep(args_);
   start_giving();
+  if (effects_.on_nodes()) solid_.start_effects(args_);
   enough_.fill(Real{-1});
 }
 
@@ -269,6 +270,7 @@ void SolidTissue<Real>::finish_substep(bool last) {
     find_held_force();
   }
   finish_giving();
+  if (effects_.remembers()) solid_.remember_effects(args_);
   solid_.finish_substep(args_);
 }
 
@@ -364,7 +366,7 @@ Vector3d SolidTissue<Real>::contact_force(int lane, int particle) const {
 
 template <typename Real>
 Vector3d SolidTissue<Real>::anchor_force(int lane) const {
-  Vector3d sum = Vector3d::Zero();
+  Vector3d sum = effects_.anchor_force(lane, x_.data());
   for (int i = 0; i < particles(); ++i) {
     if (model_->body.fixed[static_cast<std::size_t>(i)] == 0) continue;
     for (int axis = 0; axis < 3; ++axis) {
@@ -383,7 +385,7 @@ std::vector<Vector3d> SolidTissue<Real>::elastic_gradient(int lane) {
   for (int i = 0; i < particles(); ++i) {
     const auto p = static_cast<std::size_t>(i);
     Vector3d force = Vector3d::Zero();
-    for (int axis = 0; axis < 3 && model_->body.fixed[p] == 0; ++axis) {
+    for (int axis = 0; axis < 3; ++axis) {
       // Without the inertia of v and the weight.
       const Real inertia =
           density * mass_over_step2_[p] * args_.effective_step * v_[index(i, axis, lane)];
@@ -393,6 +395,30 @@ std::vector<Vector3d> SolidTissue<Real>::elastic_gradient(int lane) {
     gradient.push_back(force);
   }
   return gradient;
+}
+
+template <typename Real>
+std::vector<Vector3d> SolidTissue<Real>::elastic_change(int lane,
+                                                        std::span<const Vector3d> direction) {
+  for (int i = 0; i < particles(); ++i) {
+    for (int axis = 0; axis < 3; ++axis) {
+      p_[index(i, axis, lane)] = static_cast<Real>(direction[static_cast<std::size_t>(i)][axis]);
+    }
+  }
+  elastic_gradient(lane);  // places the nodes
+  solid_.multiply_hessian(args_);
+  std::vector<Vector3d> change;
+  const Real density = args_.effects.density[lane];
+  for (int i = 0; i < particles(); ++i) {
+    const Real inertia = density * mass_over_step2_[static_cast<std::size_t>(i)];
+    Vector3d force = Vector3d::Zero();
+    for (int axis = 0; axis < 3; ++axis) {
+      const std::size_t k = index(i, axis, lane);
+      force[axis] = static_cast<double>(hp_[k] - inertia * p_[k]);
+    }
+    change.push_back(force);
+  }
+  return change;
 }
 
 template <typename Real>

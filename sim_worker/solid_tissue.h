@@ -72,9 +72,10 @@ class SolidTissue final : public Tissue<Real> {
   Eigen::Vector3d contact_force(int lane, int particle) const;
   /// Force of the body on what its anchor is fixed to at the end of the last step, in W [N].
   Eigen::Vector3d anchor_force(int lane) const;
-  /// Gradient of the elastic energy at the present positions, of all nodes [N]: what the solver
-  /// uses. For tests.
+  /// Gradient of the elastic energy at the present positions, of all nodes [N], and its change with
+  /// a displacement of all nodes [m] to first order: what the solver uses. For tests.
   std::vector<Eigen::Vector3d> elastic_gradient(int lane);
+  std::vector<Eigen::Vector3d> elastic_change(int lane, std::span<const Eigen::Vector3d> direction);
 
  private:
   struct Held {
