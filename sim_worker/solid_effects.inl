@@ -83,9 +83,10 @@ inline Tensor symmetric_product(const Matrix& a, const Matrix& b) {
 /// E = (F^T F - I) / 2.
 inline Tensor green_strain(const Matrix& f) {
   const Lane half = splat(static_cast<Real>(0.5));
-  Tensor e = half * symmetric_product(f, f);
-  for (int k = 0; k < 3; ++k) e.v[k] = e.v[k] - half;
-  return e;
+  const Lane3* const c = f.column;
+  const auto stretch = [half](Lane3 a) { return half * dot(a, a) - half; };
+  return {{stretch(c[0]), stretch(c[1]), stretch(c[2]), half * dot(c[1], c[2]),
+           half * dot(c[0], c[2]), half * dot(c[0], c[1])}};
 }
 
 // ---------------------------------------------------------------------------------------------------------------------
@@ -93,7 +94,8 @@ inline Tensor green_strain(const Matrix& f) {
 //   P = (1 + gains) left P_law + F S,   S = (1 + gains) (left S_stiffening + S_fibres) + bias +
 //   S_slider.
 
-/// S, the share of the law's own stress, and dS = identity dE + sum weight_k T_k (T_k : dE).
+/// S, the share of the law's own stress, and dS = identity dE + sum weight_k T_k (T_k : dE): of
+/// stiffening, fibres and the slider.
 struct Response {
   Tensor stress;
   Lane law;
@@ -102,40 +104,27 @@ struct Response {
   Tensor direction[3];
 };
 
-inline Response scaled(Lane s, const Response& r) {
-  Response by = r;
-  by.stress = s * r.stress;
-  by.law = s * r.law;
-  by.identity = s * r.identity;
-  for (Lane& w : by.weight) w = s * w;
-  return by;
-}
-
-inline Response select(Mask m, const Response& a, const Response& b) {
-  Response r;
-  r.stress = select(m, a.stress, b.stress);
-  r.law = select(m, a.law, b.law);
-  r.identity = select(m, a.identity, b.identity);
-  for (int k = 0; k < 3; ++k) {
-    r.weight[k] = select(m, a.weight[k], b.weight[k]);
-    r.direction[k] = select(m, a.direction[k], b.direction[k]);
-  }
-  return r;
+inline void scale_response(Lane s, Response& r) {
+  r.stress = s * r.stress;
+  r.law = s * r.law;
+  r.identity = s * r.identity;
+  r.weight[0] = s * r.weight[0];
+  r.weight[1] = s * r.weight[1];
 }
 
 /// Energy c2 I^2, I = 2 E : E.
-inline Response add_stiffening(const Args& args, const Tensor& e, Response r) {
+inline void add_stiffening(const Args& args, const Tensor& e, Response& r) {
+  const Mask lanes = to_mask(args.effects.stiffening);
   const Lane c2 = load(args.effects.stiffening_scale);
   const Lane scale = splat(Real{16}) * c2 * inner(e, e);
-  r.stress = fma(scale, e, r.stress);
-  r.identity = r.identity + scale;
+  r.stress = select(lanes, fma(scale, e, r.stress), r.stress);
+  r.identity = select(lanes, r.identity + scale, r.identity);
   r.weight[0] = splat(Real{32}) * c2;
   r.direction[0] = e;
-  return r;
 }
 
 /// Tension of the fibres, with a smooth corner of w = 1e-3 strain: (E4 + sqrt(E4^2 + w^2) - w) / 2.
-inline Response add_fibres(const Args& args, const Tensor& e, Response r) {
+inline void add_fibres(const Args& args, const Tensor& e, Response& r) {
   const Lane half = splat(static_cast<Real>(0.5));
   const Lane w = splat(static_cast<Real>(1e-3));
   const Lane modulus = load(args.effects.fibre);
@@ -145,10 +134,10 @@ inline Response add_fibres(const Args& args, const Tensor& e, Response r) {
   a.v[5] = load(args.effects.fibre_axes + 2 * kLanes);
   const Lane along = inner(a, e);
   const Lane smooth = sqrt(fma(along, along, w * w));
-  r.stress = fma(half * modulus * ((along + smooth) - w), a, r.stress);
+  const Lane taut = half * modulus * ((along + smooth) - w);
+  r.stress = select(to_mask(args.effects.fibres), fma(taut, a, r.stress), r.stress);
   r.weight[1] = half * modulus * (splat(Real{1}) + along / smooth);
   r.direction[1] = a;
-  return r;
 }
 
 /// Strain off the slider's seat, and the share of it that the spring carries: up to the yield.
@@ -165,33 +154,28 @@ inline Slide slide_of(const Args& args, const Tensor& e, int point) {
   return s;
 }
 
-inline Response add_slider(const Args& args, const Tensor& e, int point, Response r) {
+inline void add_slider(const Args& args, const Tensor& e, int point, Response& r) {
+  const Mask lanes = to_mask(args.effects.slider);
   const Slide s = slide_of(args, e, point);
   const Lane zero = splat(Real{0});
   const Lane held = load(args.effects.slider_scale) * s.carried;
-  r.stress = fma(held, s.off, r.stress);
-  r.identity = r.identity + held;
+  r.stress = select(lanes, fma(held, s.off, r.stress), r.stress);
+  r.identity = select(lanes, r.identity + held, r.identity);
   const Mask slides = load(args.effects.slider_yield) < s.size;
   r.weight[2] = select(slides, zero - held / (s.size * s.size), zero);
   r.direction[2] = s.off;
-  return r;
 }
 
-/// Elastic part of the effects, of which Prony branches remember the history.
+/// Elastic part of the effects, of which Prony branches remember the history; `left` by softening.
 inline Response respond_elastic(const Args& args, const Tensor& e, Lane left) {
   const auto& fx = args.effects;
-  const Lane zero = splat(Real{0});
   Response r;
   r.stress = zero_tensor();
   r.law = splat(Real{1});
-  r.identity = zero;
-  for (int k = 0; k < 3; ++k) {
-    r.weight[k] = zero;
-    r.direction[k] = zero_tensor();
-  }
-  if (fx.stiffening != 0) r = select(to_mask(fx.stiffening), add_stiffening(args, e, r), r);
-  if (fx.softening != 0) r = select(to_mask(fx.softening), scaled(left, r), r);
-  if (fx.fibres != 0) r = select(to_mask(fx.fibres), add_fibres(args, e, r), r);
+  r.identity = r.weight[0] = r.weight[1] = r.weight[2] = splat(Real{0});
+  if (fx.stiffening != 0) add_stiffening(args, e, r);
+  if (fx.softening != 0) scale_response(left, r);
+  if (fx.fibres != 0) add_fibres(args, e, r);
   return r;
 }
 
@@ -199,12 +183,31 @@ inline Response respond(const Args& args, const Tensor& e, int point, Lane left)
   const auto& fx = args.effects;
   Response r = respond_elastic(args, e, left);
   if (fx.prony != 0) {
-    Response more = scaled(splat(Real{1}) + load(fx.prony_gains), r);
-    more.stress = fma(splat(Real{1}), load_tensor(fx.bias + 6 * kLanes * point), more.stress);
-    r = select(to_mask(fx.prony), more, r);
+    const Mask lanes = to_mask(fx.prony);
+    const Lane one = splat(Real{1});
+    scale_response(select(lanes, one + load(fx.prony_gains), one), r);
+    const Tensor bias = load_tensor(fx.bias + 6 * kLanes * point);
+    r.stress = select(lanes, fma(one, bias, r.stress), r.stress);
   }
-  if (fx.slider != 0) r = select(to_mask(fx.slider), add_slider(args, e, point, r), r);
+  if (fx.slider != 0) add_slider(args, e, point, r);
   return r;
+}
+
+/// Adds F dS to a change of the stress.
+inline Matrix add_strain_change(const Args& args, const Response& r, const Matrix& f,
+                                const Matrix& df, const Matrix& dp) {
+  const auto& fx = args.effects;
+  const std::uint32_t masks[3] = {fx.stiffening, fx.fibres, fx.slider};
+  const std::uint32_t any = masks[0] | masks[1] | masks[2];
+  if (any == 0) return dp;
+  const Tensor de = symmetric_product(f, df);
+  Tensor ds = r.identity * de;
+  for (int k = 0; k < 3; ++k) {
+    if (masks[k] == 0) continue;
+    const Tensor& to = r.direction[k];
+    ds = select(to_mask(masks[k]), fma(r.weight[k] * inner(to, de), to, ds), ds);
+  }
+  return select(to_mask(any), fma(splat(Real{1}), times(f, ds), dp), dp);
 }
 
 /// log(1 + t / 2) = 2 atanh(t / (4 + t)), by the series of atanh: no libm in lanes. Its error is
@@ -254,6 +257,7 @@ inline Softened soften(const Args& args, const Law& law, const Element& element,
   const Lane zero = splat(Real{0});
   const Lane one = splat(Real{1});
   if (fx.softening == 0) return {one, zero};
+  const Mask lanes = to_mask(fx.softening);
   const Lane peak = load(fx.energy_peak + kLanes * t);
   const Lane below = max(peak - element_energy(args, law, element), zero);
   const Lane scale = one / (load(fx.softening_energy) + peak);
@@ -263,7 +267,7 @@ inline Softened soften(const Args& args, const Law& law, const Element& element,
   const Lane share = load(fx.softening_share);
   const Lane lost = splat(static_cast<Real>(0.5)) * s * fnma(s, s, splat(Real{3}));
   const Lane steep = splat(static_cast<Real>(1.5)) * share * scale / (q * q * q * q * q);
-  return {fnma(share, lost, one), select(zero < below, steep, zero)};
+  return {select(lanes, fnma(share, lost, one), one), select(zero < below, steep, zero)};
 }
 
 /// Law and stiffening at a point before they are softened.
@@ -302,12 +306,8 @@ inline Matrix unsoftened(const Args& args, const Matrix& f, const Point& point) 
   for (int q = 0; q < 4; ++q) {
     const Matrix& f = element.f[q];
     const Response r = respond(args, green_strain(f), 4 * t + q, softened.left);
-    const Tensor de = symmetric_product(f, df[q]);
-    Tensor ds = r.identity * de;
-    for (int k = 0; k < 3; ++k)
-      ds = fma(r.weight[k] * inner(r.direction[k], de), r.direction[k], ds);
     Matrix with = fma(r.law, dp[q], times(df[q], r.stress));
-    with = fma(splat(Real{1}), times(f, ds), with);
+    with = add_strain_change(args, r, f, df[q], with);
     if (fx.softening != 0) {
       const Lane more = r.law / softened.left;  // 1 + gains
       const Matrix all = fma(more * change, unsoftened(args, f, element.point[q]), with);

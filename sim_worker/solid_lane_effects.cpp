@@ -68,14 +68,12 @@ SolidLaneEffects<Real>::SolidLaneEffects(std::shared_ptr<const SolidTissueModel>
 template <typename Real>
 double SolidLaneEffects<Real>::stiffer(int lane) const {
   const EffectValues& v = values(lane);
-  const EffectValues& scene = model_->effects;
-  const auto modulus = [this](const EffectValues& e) {
-    const SolidLaw law = make_solid_law(1, model_->material.poisson_ratio() + e.poisson_change);
-    const double material = 1 + make_prony(e, model_->substep()).gains + e.fibre_ratio;
-    return (law.lambda + law.bulk + law.mu) * (material + e.slider_ratio) *
-           (1 + std::max(0.0, e.inclusion_change));
-  };
-  return v == scene ? 1 : std::max(1.0, modulus(v) / modulus(scene));
+  const auto modulus = [](const SolidLaw& law) { return law.lambda + law.bulk + law.mu; };
+  const SolidLaw law = make_solid_law(model_->material.young_modulus_pa(),
+                                      model_->material.poisson_ratio() + v.poisson_change);
+  const double material = 1 + make_prony(v, model_->substep()).gains + v.fibre_ratio;
+  return std::max(1.0, modulus(law) / modulus(model_->law) * (material + v.slider_ratio) *
+                           (1 + std::max(0.0, v.inclusion_change)));
 }
 
 template <typename Real>

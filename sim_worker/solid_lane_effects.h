@@ -23,7 +23,7 @@ class SolidLaneEffects {
   /// For the kernel; valid until the next call of set().
   const SolidEffectArgs<Real>& args() const { return args_; }
   const EffectValues& values(int lane) const { return values_[static_cast<std::size_t>(lane)]; }
-  /// How many times stiffer than the scene's the effects of a lane make the material at most, 1 or
+  /// How many times stiffer than model.law the effects of a lane make the material at most, 1 or
   /// more.
   double stiffer(int lane) const;
 
