@@ -568,6 +568,27 @@ TEST(SolidEffectInput, WhatOnlyASheetHasIsRefusedInOneLine) {
               testing::HasSubstr("allowed 0 ... 0.49"));
 }
 
+TEST(SolidEffectInput, BesideASheetItTakesWhatIsNotTheSheetsOwn) {
+  pb::TissueEffects effects;
+  for (const NamedEffect& effect : test::all_effects()) effect.set(effects, 1);
+  const EffectValues all = make_effects(effects, 0.4, {});
+  SolidTissueModel model;
+  EXPECT_EQ(model.own_effects(all), all);
+  model.beside_sheet = true;
+  const EffectValues own = model.own_effects(all);
+  EXPECT_EQ(own.tilt_x, all.tilt_x);
+  EXPECT_EQ(own.friction_change, all.friction_change);
+  EXPECT_EQ(own.grasp_x, all.grasp_x);
+  EXPECT_EQ(own.slip_speed, all.slip_speed);
+  EXPECT_EQ(own.slip_force, all.slip_force);
+  EXPECT_EQ(own.jaw_tilt, all.jaw_tilt);
+  EXPECT_EQ(own.grasp_compliance, all.grasp_compliance);
+  EXPECT_FALSE(own.has_memory());
+  EXPECT_FALSE(own.moves_anchor());
+  EXPECT_TRUE(own.same_structure({}));
+  EXPECT_EQ(own.stiffening + own.density_change + own.adhesion + own.suction + own.air_drag, 0);
+}
+
 // ---- grasp --------------------------------------------------------------------------------------
 
 const Vector3d kEnd(0, 0.06, 0);  // where the bar is taken
