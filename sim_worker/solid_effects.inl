@@ -394,19 +394,6 @@ inline void find_areas(const Args& args, const Real* x) {
   }
 }
 
-/// Nearest rigid body of each lane, the tool apart.
-inline Surface nearest_surface(const Args& args, Lane3 x) {
-  Surface nearest{splat(Real{1}), zero3()};
-  for (int k = 0; k < args.shapes; ++k) {
-    if (args.shape[k].kind == ShapeKind::kCapsule) continue;
-    const Surface surface = distance_to(args.shape[k], args.capsule, x);
-    const Mask nearer = surface.phi < nearest.phi;
-    nearest = {select(nearer, surface.phi, nearest.phi),
-               select(nearer, surface.normal, nearest.normal)};
-  }
-  return nearest;
-}
-
 /// Skin of node i that looks against `direction`.
 inline Lane facing(const Args& args, int i, Lane3 direction) {
   const Lane zero = splat(Real{0});
@@ -419,10 +406,8 @@ inline void start_bonds(const Args& args) {
   for (int i = 0; i < args.nodes; ++i) {
     const Lane longest = load(fx.bond_longest + kLanes * i);
     const Lane limit = load(fx.is_anchor[i] != 0 ? fx.anchor_limit : fx.adhesion_limit);
-    const Lane half = splat(static_cast<Real>(0.5)) * limit;
-    const Lane worn = max(zero, (limit - longest) / max(longest, half));
-    const Lane share = select(half < longest, worn, splat(Real{1}));
-    const Lane k = select(longest < zero, zero, share * load(fx.bond_fresh + kLanes * i));
+    const Lane fresh = load(fx.bond_fresh + kLanes * i);
+    const Lane k = select(longest < zero, zero, cohesive_share(longest, limit) * fresh);
     store(fx.bond_now + kLanes * i, select(to_mask(fx.bonds), k, zero));
   }
 }

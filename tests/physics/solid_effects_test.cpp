@@ -719,7 +719,7 @@ std::vector<NamedEffect> solid_effects() {
 SolidCase pad(bool board) {
   SolidCase c;
   c.size = {0.024, 0.024, 0.008};
-  c.edge_length = 0.01;
+  c.edge_length = 0.014;
   static const SolidMesh mesh = fill_mesh(make_box_mesh(0.5 * c.size), "box", c.edge_length);
   c.mesh = mesh;
   c.anchor_max_y = -0.012 + 1e-9;
