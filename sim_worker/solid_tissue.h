@@ -122,7 +122,6 @@ class SolidTissue final : public Tissue<Real> {
   const Kernel<Real>& kernel_;
   const SolidKernel<Real>& solid_;
   const ElasticKernel<Real>& elastic_;
-  double model_rest_energy_ = 0;  ///< residuals below it are rounding with the scene's effects [J]
   SolidArgs<Real> args_{};
   ElasticArgs<Real> factor_args_{};    ///< of the triangular solves
   KernelArgs<Real> candidate_args_{};  ///< of the search for contacts
@@ -140,8 +139,9 @@ class SolidTissue final : public Tissue<Real> {
   std::vector<Held> held_;
   std::uint32_t gives_ = 0;  ///< lanes whose patch hangs on a spring (effect grasp_compliance)
   SolidLaneEffects<Real> effects_;
-  PerLane rest_energy_{};  ///< residuals below it are rounding [J]
-  PerLane enough_{};       ///< residual at which a substep is solved; negative = not known yet
+  PerLane rest_energy_{};         ///< residuals below it are rounding [J]
+  double model_rest_energy_ = 0;  ///< the same of the law alone [J]
+  PerLane enough_{};  ///< residual at which a substep is solved; negative = not known yet
   AlignedVector<Real> held_force_, stiffness_, gravity_, keep_, static_friction_, dynamic_friction_,
       capsule_, capsule_motion_, capsule_sweep_;
 };
