@@ -1,9 +1,10 @@
-// What each tissue effect costs in the elastic shell: time of a step with the effect over a step
-// without. Lift case of bench_elastic (31 x 31 nodes, 90 x 90 x 3 mm, E 100 kPa, a corner held and
-// moved) with every lane of the kernel under the same effect, given by the scene; where an effect
-// needs a body the base has it too, far below, or the sheet lies on it (adhesion, friction). Thread
-// CPU time, chunks of both alternate, best of eight each. The last figure draws an inclusion per
-// lane: own maps and factors.
+// What each tissue effect costs in the elastic shell and in the elastic solid: time of a step with
+// the effect over a step without. Shell: lift case of bench_elastic (31 x 31 nodes, 90 x 90 x 3 mm,
+// E 100 kPa, a corner held and moved). Solid: a pad of 30 x 60 x 20 mm of 5 kPa, clamped at one end
+// and lifted and lowered at the other. Every lane of the kernel is under the same effect, given by
+// the scene; where an effect needs a body the base has it too, far below, or the tissue lies on it
+// (adhesion, friction). Thread CPU time, chunks of both alternate, best of eight each. The last
+// figures draw an inclusion per lane: own maps and, in the shell, factors.
 #include <time.h>
 
 #include <algorithm>
@@ -14,7 +15,8 @@
 #include <vector>
 
 #include "sim_worker/cooker.h"
-#include "sim_worker/elastic_tissue.h"
+#include "sim_worker/elastic_model.h"
+#include "sim_worker/solid_model.h"
 
 namespace {
 
@@ -33,8 +35,15 @@ double thread_seconds() {
   return static_cast<double>(t.tv_sec) + 1e-9 * static_cast<double>(t.tv_nsec);
 }
 
-std::shared_ptr<const ElasticTissueModel> make_sheet(const pb::TissueEffects& effects,
-                                                     Board board) {
+void add_board(Scene& scene, Board board, double below) {
+  if (board == Board::kNone) return;
+  RigidShape body;
+  body.kind = RigidShape::Kind::kHalfSpace;
+  body.X_WS.translation() = Vector3d(0, 0, board == Board::kFar ? -0.2 : -below);
+  scene.bodies.push_back(body);
+}
+
+std::shared_ptr<const TissueModel> make_sheet(const pb::TissueEffects& effects, Board board) {
   Scene scene;
   pb::Tissue& tissue = *scene.config.mutable_tissue();
   tissue.mutable_grid()->set_count_x(kSide);
@@ -49,30 +58,62 @@ std::shared_ptr<const ElasticTissueModel> make_sheet(const pb::TissueEffects& ef
     scene.tissue.fixed.push_back(p.y() < -0.0449 ? 1 : 0);
   scene.tissue.particle_radius = 0.0015;
   scene.tissue.thickness = 0.003;
-  if (board != Board::kNone) {
-    RigidShape body;
-    body.kind = RigidShape::Kind::kHalfSpace;
-    body.X_WS.translation() = Vector3d(0, 0, board == Board::kFar ? -0.2 : -0.0015);
-    scene.bodies.push_back(body);
-  }
+  add_board(scene, board, 0.0015);
   std::vector<std::string> warnings;
   return make_elastic_model(scene, 0.02, warnings);
 }
 
+std::shared_ptr<const TissueModel> make_pad(const pb::TissueEffects& effects, Board board) {
+  const Vector3d half(0.015, 0.03, 0.01);
+  static const SolidMesh mesh = fill_mesh(make_box_mesh(half), "pad", 0.015);
+  Scene scene;
+  pb::Tissue& tissue = *scene.config.mutable_tissue();
+  tissue.mutable_volume()->set_edge_length_m(0.015);
+  tissue.mutable_material()->set_law(pb::LAW_STABLE_NEO_HOOKE);
+  tissue.mutable_material()->set_young_modulus_pa(5e3);
+  tissue.mutable_material()->set_poisson_ratio(0.4);
+  tissue.mutable_material()->set_damping_per_s(5);
+  *tissue.mutable_effects() = effects;
+  scene.config.mutable_tool()->set_contact(false);
+  scene.gravity = Vector3d(0, 0, -9.81);
+  scene.solid = mesh;
+  scene.tissue.particles = mesh.nodes;
+  scene.tissue.surface_triangles = mesh.surface;
+  for (const Vector3d& p : mesh.nodes) scene.tissue.fixed.push_back(p.y() < -0.0299 ? 1 : 0);
+  scene.tissue.particle_radius = 0.0015;
+  add_board(scene, board, half.z() + 0.0015);
+  return make_solid_model(scene, 0.02);
+}
+
+/// The tissues of one benchmark and how they are lifted.
+struct Bench {
+  const char* prefix;  ///< of the figures
+  std::shared_ptr<const TissueModel> (*make)(const pb::TissueEffects&, Board);
+  Vector3d tip;         ///< where they are taken
+  double radius = 0;    ///< of the jaws
+  double per_step = 0;  ///< how far they are lifted in a step [m]
+  int half_period = 0;  ///< steps up before as many down; a chunk takes one period
+};
+const Bench kSheet{"", make_sheet, Vector3d(-0.042, 0.042, 0), 0.0045, 0.0003, 1000000};
+const Bench kPad{"solid.", make_pad, Vector3d(0, 0.026, 0.01), 0.008, 0.0005, 3};
+
 class Lift {
  public:
-  Lift(std::shared_ptr<const ElasticTissueModel> model, const Kernel<float>& kernel)
-      : tissue_(std::move(model), kernel) {
-    for (int lane = 0; lane < tissue_.lanes(); ++lane) tissue_.hold(lane, tip(), 0.0045, false);
-    run(15);
+  Lift(const Bench& bench, const pb::TissueEffects& effects, Board board,
+       const Kernel<float>& kernel)
+      : bench_(bench), model_(bench.make(effects, board)), tissue_(model_->make_tissue(kernel)) {
+    for (int lane = 0; lane < tissue().lanes(); ++lane)
+      tissue().hold(lane, tip(), bench_.radius, false);
+    run(18);
   }
-  ElasticTissue<float>& tissue() { return tissue_; }
+  Tissue<float>& tissue() { return *tissue_; }
   void run(int steps) {
     for (int k = 0; k < steps; ++k) {
       const Vector3d from = tip();
-      height_ += 0.0003;
-      tissue_.step(std::vector<ToolMotion>(static_cast<std::size_t>(tissue_.lanes()),
-                                           ToolMotion{from, tip()}));
+      const bool up = step_++ % (2 * bench_.half_period) < bench_.half_period;
+      height_ += up ? bench_.per_step : -bench_.per_step;
+      tissue().step(std::vector<ToolMotion>(static_cast<std::size_t>(tissue().lanes()),
+                                            ToolMotion{from, tip()}));
     }
   }
   double chunk() {
@@ -82,19 +123,22 @@ class Lift {
   }
 
  private:
-  Vector3d tip() const { return {-0.042, 0.042, height_}; }
-  ElasticTissue<float> tissue_;
+  Vector3d tip() const { return bench_.tip + height_ * Vector3d::UnitZ(); }
+  const Bench& bench_;
+  std::shared_ptr<const TissueModel> model_;
+  std::unique_ptr<Tissue<float>> tissue_;
   double height_ = 0;
+  int step_ = 0;
 };
 
-void compare(const char* name, Lift& with, Lift& without) {
+void compare(const std::string& name, Lift& with, Lift& without) {
   double best_with = 1e9;
   double best_without = 1e9;
   for (int k = 0; k < 8; ++k) {
     best_with = std::min(best_with, with.chunk());
     best_without = std::min(best_without, without.chunk());
   }
-  std::printf("effect.%s.cost_ratio %.2f ratio\n", name, best_with / best_without);
+  std::printf("effect.%s.cost_ratio %.2f ratio\n", name.c_str(), best_with / best_without);
   std::fflush(stdout);
 }
 
@@ -138,22 +182,32 @@ const Effect kEffects[] = {
     {"air_drag", [](E& e) { e.set_air_drag(1); }},
 };
 
-void measure(const Kernel<float>& kernel) {
-  Lift plain(make_sheet({}, Board::kNone), kernel);
-  Lift over_board(make_sheet({}, Board::kFar), kernel);
-  Lift on_board(make_sheet({}, Board::kUnder), kernel);
+bool is_possible(const pb::TissueEffects& effects) {
+  try {
+    refuse_effects(effects, "", kSolidEffects);
+  } catch (const Error&) {
+    return false;
+  }
+  return true;
+}
+
+void measure(const Bench& bench, const Kernel<float>& kernel) {
+  Lift plain(bench, {}, Board::kNone, kernel);
+  Lift over_board(bench, {}, Board::kFar, kernel);
+  Lift on_board(bench, {}, Board::kUnder, kernel);
   for (const Effect& effect : kEffects) {
     pb::TissueEffects effects;
     effect.set(effects);
-    Lift with(make_sheet(effects, effect.board), kernel);
+    if (&bench == &kPad && !is_possible(effects)) continue;
+    Lift with(bench, effects, effect.board, kernel);
     // An obstacle is one more body.
     const bool is_obstacle = std::string(effect.name) == "obstacle";
     Lift& without = effect.board == Board::kUnder                 ? on_board
                     : effect.board == Board::kFar && !is_obstacle ? over_board
                                                                   : plain;
-    compare(effect.name, with, without);
+    compare(std::string(bench.prefix) + effect.name, with, without);
   }
-  Lift drawn(make_sheet({}, Board::kNone), kernel);
+  Lift drawn(bench, {}, Board::kNone, kernel);
   for (int lane = 0; lane < drawn.tissue().lanes(); ++lane) {
     LaneParameters parameters;
     parameters.effects = EffectValues{};
@@ -161,14 +215,17 @@ void measure(const Kernel<float>& kernel) {
     parameters.effects->inclusion_change = 0.1;
     drawn.tissue().set_parameters(lane, parameters);
   }
-  compare("inclusion_drawn_per_lane", drawn, plain);
+  compare(std::string(bench.prefix) + "inclusion_drawn_per_lane", drawn, plain);
 }
 
 }  // namespace
 
 int main(int argc, char** argv) {
   try {
-    measure(choose_kernel(argc > 1 ? static_cast<unsigned>(std::stoul(argv[1])) : 0));
+    const Kernel<float>& kernel =
+        choose_kernel(argc > 1 ? static_cast<unsigned>(std::stoul(argv[1])) : 0);
+    measure(kSheet, kernel);
+    measure(kPad, kernel);
   } catch (const std::exception& error) {
     std::fprintf(stderr, "bench_effects: %s\n", error.what());
     return 2;

@@ -15,8 +15,9 @@ Figures of the groups named (default: tissue elastic ppo workers train):
   elastic   tissue.elastic*.env_steps_per_s: elastic shell on one core, physics alone, free, on a mesh, over a sphere and
             on a board, with static errors; cost of lanes of two stiffnesses; tissue.solid.env_steps_per_s: the organ of
             scene omentum_soft alone; tissue.reference.recording_s;
-            effect.<name>.cost_ratio: the lift with an effect over that without; and, where libbullet-dev was there at
-            the build or python3 has mujoco, peer.bullet.* and peer.mujoco.* of the same lift
+            effect.<name>.cost_ratio: the lift with an effect over that without, effect.solid.<name>.cost_ratio: of an
+            elastic solid; and, where libbullet-dev was there at the build or python3 has mujoco, peer.bullet.* and
+            peer.mujoco.* of the same lift
   ppo       ppo.us_per_sample_epoch and, where python3 has torch, the same of ppo.torch_us_per_sample_epoch
   workers   workers.speedup_2_over_1: collecting only, preset paper; two pinned workers against one, taking turns;
             workers.machine_speedup_2_over_1: two systems of one worker each, what the cores can give at that time

@@ -139,6 +139,28 @@ inline void sdf_lane(const KernelShape<Real>& s, const Real p[3], Real out[4]) {
   return distance_to_grid(s, local);
 }
 
+/// Nearest rigid body of each lane, the tool apart; none is 1 m away.
+template <typename Args>
+inline Surface nearest_surface(const Args& args, Lane3 x) {
+  const Lane zero = splat(Real{0});
+  Surface nearest{splat(Real{1}), {zero, zero, zero}};
+  for (int k = 0; k < args.shapes; ++k) {
+    if (args.shape[k].kind == ShapeKind::kCapsule) continue;
+    const Surface surface = distance_to(args.shape[k], args.capsule, x);
+    const Mask nearer = surface.phi < nearest.phi;
+    nearest = {select(nearer, surface.phi, nearest.phi),
+               select(nearer, surface.normal, nearest.normal)};
+  }
+  return nearest;
+}
+
+/// Stiffness that is left of a spring to ground, as in tissue_effects.h.
+inline Lane cohesive_share(Lane longest, Lane limit) {
+  const Lane half = splat(static_cast<Real>(0.5)) * limit;
+  const Lane worn = max(splat(Real{0}), (limit - longest) / max(longest, half));
+  return select(half < longest, worn, splat(Real{1}));
+}
+
 /// Where a point p that is `depth` > 0 deep in a shape goes: out along the normal, then Coulomb
 /// friction on the slip since it was at `from`.
 template <typename Args>

@@ -210,10 +210,7 @@ inline Lane bond_stiffness(const Args& args, int i, bool only_new) {
   const Lane limit = load(anchor ? fx.anchor_limit : fx.adhesion_limit);
   const Lane fresh =
       anchor ? load(fx.anchor + kLanes * i) : splat(fx.node_area[i]) * load(fx.adhesion_scale);
-  const Lane half = splat(static_cast<Real>(0.5)) * limit;
-  const Lane worn = max(zero, (limit - longest) / max(longest, half));
-  const Lane share = select(half < longest, worn, splat(Real{1}));
-  const Lane k = select(longest < zero, zero, share * fresh);
+  const Lane k = select(longest < zero, zero, cohesive_share(longest, limit) * fresh);
   return select(to_mask(fx.bonds), k, zero);
 }
 
@@ -239,19 +236,6 @@ void add_node_effects(const Args& args) {
   if (args.effects.drag != 0) add_drag_forces(args);
   if (args.effects.bonds != 0) add_bond_forces(args);
   if (args.effects.film != 0) add_film_forces(args);
-}
-
-/// Nearest rigid body of each lane, the tool apart.
-inline Surface nearest_surface(const Args& args, Lane3 x) {
-  Surface nearest{splat(Real{1}), zero3()};
-  for (int k = 0; k < args.shapes; ++k) {
-    if (args.shape[k].kind == ShapeKind::kCapsule) continue;
-    const Surface surface = distance_to(args.shape[k], args.capsule, x);
-    const Mask nearer = surface.phi < nearest.phi;
-    nearest = {select(nearer, surface.phi, nearest.phi),
-               select(nearer, surface.normal, nearest.normal)};
-  }
-  return nearest;
 }
 
 /// Drag of the air film at the places where the substep begins.

@@ -378,7 +378,7 @@ Result<std::size_t> ElasticLaneEffects<Real>::read(std::span<const std::byte> st
     return Failure{"tissue state ends in the memory of its effects"};
   }
   AlignedVector<Real> memory(reals);
-  std::memcpy(memory.data(), state.data() + sizeof v, reals * sizeof(Real));
+  if (reals > 0) std::memcpy(memory.data(), state.data() + sizeof v, reals * sizeof(Real));
   if (!std::all_of(memory.begin(), memory.end(), [](Real r) { return std::isfinite(r); })) {
     return Failure{"tissue state holds a non-finite memory of an effect"};
   }

@@ -33,7 +33,7 @@ void check_drawn_effect(const pb::Randomise& r, const Scene& scene) {
     if (tissue.model() == pb::TISSUE_CLUSTER)
       refuse_effects(effects, "TISSUE_CLUSTER", kBasicEffects);
     if (tissue.model() == pb::TISSUE_ELASTIC && tissue.has_volume())
-      refuse_effects(effects, "TISSUE_ELASTIC with a volume", kBasicEffects);
+      refuse_effects(effects, "TISSUE_ELASTIC with a volume", kSolidEffects);
     if (path.rfind("anchor.", 0) == 0 && !(effects.anchor().compliance_m2_per_n() > 0))
       throw_error("randomise {}: {}, allowed above 0", r.parameter(), value);
     const bool sticks =

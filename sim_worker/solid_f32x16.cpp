@@ -8,5 +8,6 @@
 
 extern const omentum::SolidKernel<Real> omentum::kSolidKernelF32x16;
 const omentum::SolidKernel<Real> omentum::kSolidKernelF32x16 = {
-    kLanes,      start_substep, find_residual,  find_reaction,  multiply_hessian, keep_free,
-    dot_product, add_scaled,    turn_direction, finish_substep, solve_components};
+    kLanes,         start_substep,    start_effects,   remember_effects, find_residual,
+    find_reaction,  multiply_hessian, keep_free,       dot_product,      add_scaled,
+    turn_direction, finish_substep,   solve_components};

@@ -4,6 +4,7 @@
 
 #include "sim_worker/elastic_kernel.h"
 #include "sim_worker/kernel.h"
+#include "sim_worker/solid_effects.h"
 
 namespace omentum {
 
@@ -21,8 +22,6 @@ struct SolidArgs {
   const Real* mass;             ///< per node [kg]
   const Real* mass_over_step2;  ///< per node: m / (effective step)^2 [N/m]
   const Real* contact_gain;     ///< per node: what the step answers to a push with [N/m]
-  Real mu, lambda, alpha;       ///< stable neo-Hooke, nominal [Pa, Pa, 1]
-  Real bulk;                    ///< the part of lambda that acts on the mean of an element [Pa]
   bool second_order;            ///< BDF2 instead of backward Euler
   Real effective_step;          ///< h, or 2 h / 3 for BDF2 [s]
   Real inverse_step;            ///< 1 / effective step [1/s]
@@ -58,8 +57,9 @@ struct SolidArgs {
 
   // Parameters, per lane.
   const Real* stiffness;  ///< E / nominal E
-  const Real* gravity;    ///< [xyz][lane]
-  const Real* keep;       ///< exp(-damping x effective step)
+  SolidEffectArgs<Real> effects;
+  const Real* gravity;  ///< [xyz][lane]
+  const Real* keep;     ///< exp(-damping x effective step)
 
   // Contact, as in KernelArgs.
   std::int32_t contacts;
@@ -81,11 +81,14 @@ template <typename Real>
 struct SolidKernel {
   int lanes;
   void (*start_substep)(const SolidArgs<Real>&);
-  /// b = gradient of the step's potential at x + d, zero where a node is not free.
+  /// What effects on nodes are in this substep, and what effects remember after it.
+  void (*start_effects)(const SolidArgs<Real>&);
+  void (*remember_effects)(const SolidArgs<Real>&);
+  /// b = gradient of the step's potential at x + d, also where a node is not free.
   void (*find_residual)(const SolidArgs<Real>&);
   /// Force of the tissue on whatever holds a node that is not free [N]; `out` is [node][xyz][lane].
   void (*find_reaction)(const SolidArgs<Real>&, Real* out);
-  /// hp = Hessian at x + d times p, zero where a node is not free.
+  /// hp = Hessian at x + d times p, also where a node is not free.
   void (*multiply_hessian)(const SolidArgs<Real>&);
   /// Zeroes `vector` where a node is not free.
   void (*keep_free)(const SolidArgs<Real>&, Real* vector);

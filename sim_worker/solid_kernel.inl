@@ -103,6 +103,15 @@ inline void spread(const Lane3 corner[4], Lane3 force[10]) {
 /// 1), I = F : F. No polar decomposition, finite through inversion. The part of lambda beyond that
 /// of nu = 0.3 acts on the mean of J over the element instead [Nagtegaal74]: quadratic tetrahedra
 /// with four points are stiff near incompressibility without.
+struct Law {
+  Lane mu, lambda, alpha, bulk;
+};
+
+inline Law load_law(const Args& args) {
+  const auto& fx = args.effects;
+  return {load(fx.mu), load(fx.lambda), load(fx.alpha), load(fx.bulk)};
+}
+
 struct Point {
   Matrix cofactor;
   Lane jacobian;
@@ -111,18 +120,17 @@ struct Point {
   Lane tangent;   ///< 2 mu / (I + 1)^2
 };
 
-inline Point evaluate(const Args& args, const Matrix& f) {
+inline Point evaluate(const Law& law, const Matrix& f) {
   const Lane3* const c = f.column;
   Point point;
   point.cofactor = {{cross(c[1], c[2]), cross(c[2], c[0]), cross(c[0], c[1])}};
   const Lane one = splat(Real{1});
   const Lane i = dot(c[0], c[0]) + dot(c[1], c[1]) + dot(c[2], c[2]);
   const Lane inverse = one / (i + one);
-  const Lane mu = splat(args.mu);
-  point.stretch = fnma(mu, inverse, mu);
-  point.tangent = splat(2 * args.mu) * inverse * inverse;
+  point.stretch = fnma(law.mu, inverse, law.mu);
+  point.tangent = splat(Real{2}) * law.mu * inverse * inverse;
   point.jacobian = dot(c[0], point.cofactor.column[0]);
-  point.pressure = splat(args.lambda) * (point.jacobian - splat(args.alpha));
+  point.pressure = law.lambda * (point.jacobian - law.alpha);
   return point;
 }
 
@@ -130,18 +138,30 @@ inline Point evaluate(const Args& args, const Matrix& f) {
 struct Element {
   Matrix f[4];
   Point point[4];
+  Lane weight[4];  ///< stiffness of the points over that of the lane
+  Lane mean;       ///< 1 / sum of the weights
 };
 
-inline void evaluate(const Args& args, const Lane3 u[10], const Real* g, Element& element) {
+inline void load_weights(const Args& args, int t, Element& element) {
+  for (Lane& w : element.weight) w = splat(Real{1});
+  element.mean = splat(Real{0.25});
+  const Real* const map = args.effects.map;
+  if (map == nullptr) return;
+  for (int q = 0; q < 4; ++q) element.weight[q] = load(map + kLanes * (4 * t + q));
+  const Lane* const w = element.weight;
+  element.mean = splat(Real{1}) / (w[0] + w[1] + w[2] + w[3]);
+}
+
+inline void evaluate(const Law& law, const Lane3 u[10], const Real* g, Element& element) {
   Lane3 shared[4];
   for (int a = 0; a < 4; ++a) shared[a] = common(u, a);
   Lane sum = splat(Real{0});
   for (int q = 0; q < 4; ++q) {
     element.f[q] = gradient_at(u, shared, g, q);
-    element.point[q] = evaluate(args, element.f[q]);
-    sum = sum + element.point[q].jacobian;
+    element.point[q] = evaluate(law, element.f[q]);
+    sum = fma(element.weight[q], element.point[q].jacobian, sum);
   }
-  const Lane mean = splat(args.bulk) * fma(splat(Real{0.25}), sum, splat(Real{-1}));
+  const Lane mean = law.bulk * fma(element.mean, sum, splat(Real{-1}));
   for (Point& point : element.point) point.pressure = point.pressure + mean;
 }
 
@@ -159,7 +179,7 @@ inline Lane along_cofactor(const Point& point, const Matrix& df) {
 }
 
 /// Change of the stress with F; `bulk` is the change of the mean's pressure.
-inline Matrix stress_change(const Args& args, const Matrix& f, const Matrix& df, const Point& point,
+inline Matrix stress_change(const Law& law, const Matrix& f, const Matrix& df, const Point& point,
                             Lane bulk) {
   const Lane3* const c = f.column;
   const Lane3* const d = df.column;
@@ -167,7 +187,7 @@ inline Matrix stress_change(const Args& args, const Matrix& f, const Matrix& df,
                                 cross(d[2], c[0]) + cross(c[2], d[0]),
                                 cross(d[0], c[1]) + cross(c[0], d[1])}};
   const Lane along = point.tangent * (dot(c[0], d[0]) + dot(c[1], d[1]) + dot(c[2], d[2]));
-  const Lane volume = fma(splat(args.lambda), along_cofactor(point, df), bulk);
+  const Lane volume = fma(law.lambda, along_cofactor(point, df), bulk);
   Matrix p;
   for (int k = 0; k < 3; ++k) {
     Lane3 sum = point.stretch * d[k];
@@ -178,6 +198,12 @@ inline Matrix stress_change(const Args& args, const Matrix& f, const Matrix& df,
   return p;
 }
 
+}  // namespace
+
+#include "sim_worker/solid_effects.inl"
+
+namespace {
+
 inline void scatter(const std::int32_t* node, const Lane3 force[10], Real* to) {
   for (int k = 0; k < 10; ++k) {
     Real* const memory = to + 3 * kLanes * node[k];
@@ -187,6 +213,7 @@ inline void scatter(const std::int32_t* node, const Lane3 force[10], Real* to) {
 
 void add_elastic_forces(const Args& args, Real* to) {
   const Lane stiffness = load(args.stiffness);
+  const Law law = load_law(args);
   Element element;
   for (int t = 0; t < args.tetrahedra; ++t) {
     const std::int32_t* const node = args.tetrahedron + 10 * t;
@@ -194,14 +221,16 @@ void add_elastic_forces(const Args& args, Real* to) {
     const Lane w = splat(args.volume[t]) * stiffness;
     Lane3 u[10];
     for (int k = 0; k < 10; ++k) u[k] = load3(args.moved + 3 * kLanes * node[k]);
-    evaluate(args, u, g, element);
+    load_weights(args, t, element);
+    evaluate(law, u, g, element);
     Lane3 force[10];
     for (Lane3& f : force) f = zero3();
     Lane3 corner[4];
     for (Lane3& f : corner) f = zero3();
-    for (int q = 0; q < 4; ++q) {
-      add_stress(stress(element.f[q], element.point[q]), w, g, q, force, corner);
-    }
+    Matrix p[4];
+    for (int q = 0; q < 4; ++q) p[q] = stress(element.f[q], element.point[q]);
+    if (args.effects.material != 0) add_effects(args, law, element, t, p);
+    for (int q = 0; q < 4; ++q) add_stress(p[q], element.weight[q] * w, g, q, force, corner);
     spread(corner, force);
     scatter(node, force, to);
   }
@@ -209,6 +238,7 @@ void add_elastic_forces(const Args& args, Real* to) {
 
 void add_elastic_change(const Args& args) {
   const Lane stiffness = load(args.stiffness);
+  const Law law = load_law(args);
   Element element;
   for (int t = 0; t < args.tetrahedra; ++t) {
     const std::int32_t* const node = args.tetrahedron + 10 * t;
@@ -220,26 +250,50 @@ void add_elastic_change(const Args& args) {
       u[k] = load3(args.moved + 3 * kLanes * node[k]);
       du[k] = load3(args.p + 3 * kLanes * node[k]);
     }
-    evaluate(args, u, g, element);
+    load_weights(args, t, element);
+    evaluate(law, u, g, element);
     Lane3 shared[4];
     for (int a = 0; a < 4; ++a) shared[a] = common(du, a);
     Matrix df[4];
     Lane sum = splat(Real{0});
     for (int q = 0; q < 4; ++q) {
       df[q] = gradient_at(du, shared, g, q);
-      sum = sum + along_cofactor(element.point[q], df[q]);
+      sum = fma(element.weight[q], along_cofactor(element.point[q], df[q]), sum);
     }
-    const Lane bulk = splat(args.bulk * Real{0.25}) * sum;
+    const Lane bulk = law.bulk * element.mean * sum;
     Lane3 force[10];
     for (Lane3& f : force) f = zero3();
     Lane3 corner[4];
     for (Lane3& f : corner) f = zero3();
+    Matrix dp[4];
     for (int q = 0; q < 4; ++q) {
-      const Matrix p = stress_change(args, element.f[q], df[q], element.point[q], bulk);
-      add_stress(p, w, g, q, force, corner);
+      dp[q] = stress_change(law, element.f[q], df[q], element.point[q], bulk);
     }
+    if (args.effects.material != 0) add_effect_changes(args, law, element, t, df, dp);
+    for (int q = 0; q < 4; ++q) add_stress(dp[q], element.weight[q] * w, g, q, force, corner);
     spread(corner, force);
     scatter(node, force, args.hp);
+  }
+}
+
+/// Memory of the effects at the end of a substep.
+void remember_effects(const Args& args) {
+  const auto& fx = args.effects;
+  for (int i = 0; i < args.nodes; ++i) {
+    const int at = 3 * kLanes * i;
+    store3(args.moved + at, load3(args.x + at) + load3(args.d + at));
+  }
+  if (fx.bonds != 0) remember_bonds(args);
+  if ((fx.prony | fx.slider | fx.softening) == 0) return;
+  const Law law = load_law(args);
+  Element element;
+  for (int t = 0; t < args.tetrahedra; ++t) {
+    Lane3 u[10];
+    for (int k = 0; k < 10; ++k)
+      u[k] = load3(args.moved + 3 * kLanes * args.tetrahedron[10 * t + k]);
+    load_weights(args, t, element);
+    evaluate(law, u, args.gradient + 12 * t, element);
+    remember_element(args, law, element, t);
   }
 }
 
@@ -306,11 +360,13 @@ void find_contact(const Args& args) {
 /// Inertia, gravity, jaw and contact; the mesh's forces come on top.
 void load_node_forces(const Args& args, Real* to) {
   const Lane3 gravity = load3(args.gravity);
+  const Lane density = load(args.effects.density);
   for (int i = 0; i < args.nodes; ++i) {
     const int at = 3 * kLanes * i;
     const Lane3 d = load3(args.d + at);
-    Lane3 force = splat(args.mass_over_step2[i]) * (d - inertial_displacement(args, i));
-    force = force - splat(args.mass[i]) * gravity;
+    const Lane inertia = density * splat(args.mass_over_step2[i]);
+    Lane3 force = inertia * (d - inertial_displacement(args, i));
+    force = force - density * splat(args.mass[i]) * gravity;
     const Lane3 off = load3(args.moved + at) - load3(args.hold_target + at);
     force = fma(load(args.hold_stiffness + kLanes * i), off, force);
     if (args.load != nullptr) force = force - load3(args.load + at);
@@ -320,6 +376,7 @@ void load_node_forces(const Args& args, Real* to) {
     const int at = 3 * kLanes * args.contact_node[n];
     store3(to + at, load3(to + at) - load3(args.contact_next + at));
   }
+  add_node_effects(args, to);
 }
 
 void keep_free(const Args& args, Real* vector) {
@@ -339,10 +396,7 @@ void evaluate_forces(const Args& args, Real* to) {
   add_elastic_forces(args, to);
 }
 
-void find_residual(const Args& args) {
-  evaluate_forces(args, args.b);
-  keep_free(args, args.b);
-}
+void find_residual(const Args& args) { evaluate_forces(args, args.b); }
 
 /// At a held node b is what the holder adds; the tissue pulls back with the opposite. At a partly
 /// covered node the jaw's spring does it.
@@ -357,9 +411,11 @@ void find_reaction(const Args& args, Real* out) {
 }
 
 void multiply_hessian(const Args& args) {
+  const Lane density = load(args.effects.density);
   for (int i = 0; i < args.nodes; ++i) {
     const int at = 3 * kLanes * i;
-    const Lane own = splat(args.mass_over_step2[i]) + load(args.hold_stiffness + kLanes * i);
+    const Lane inertia = density * splat(args.mass_over_step2[i]);
+    const Lane own = inertia + load(args.hold_stiffness + kLanes * i);
     store3(args.hp + at, own * load3(args.p + at));
   }
   for (int n = 0; n < args.contacts; ++n) {
@@ -374,8 +430,8 @@ void multiply_hessian(const Args& args) {
     const Lane3 before = load3(args.hp + at);
     store3(args.hp + at, select(to_mask(args.touches[i]), before + push, before));
   }
+  add_node_products(args);
   add_elastic_change(args);
-  keep_free(args, args.hp);
 }
 
 // ---------------------------------------------------------------------------------------------------------------------

@@ -13,6 +13,16 @@
 
 namespace omentum {
 
+/// Constants of stable neo-Hooke whose small strain has the Lame constants of E and nu and whose
+/// rest is at F = 1 [Smith18, section 3.4].
+struct SolidLaw {
+  double shear = 0;                      ///< mu of small strain, what effects are relative to [Pa]
+  double mu = 0, lambda = 0, alpha = 0;  ///< [Pa, Pa, 1]
+  double local = 0;                      ///< of small strain's lambda what acts at points [Pa]
+  double bulk = 0;                       ///< the rest, on the mean volume of an element [Pa]
+};
+SolidLaw make_solid_law(double young_modulus, double poisson_ratio);
+
 /// Immutable half of the elastic solid: quadratic tetrahedra of stable neo-Hooke material in SI
 /// units (docs/decisions/0018). Safe to share by threads.
 struct SolidTissueModel : TissueModel, std::enable_shared_from_this<SolidTissueModel> {
@@ -29,10 +39,9 @@ struct SolidTissueModel : TissueModel, std::enable_shared_from_this<SolidTissueM
   std::vector<double> mass;      ///< per node [kg]
   std::vector<std::uint8_t> on_surface;  ///< per node
   double spacing = 0;                    ///< half of the longest edge asked for [m]
-  double mu = 0, lambda = 0, alpha = 0;  ///< [Smith18, section 3.4] from E and nu [Pa, Pa, 1]
-  double bulk = 0;                       ///< acts on the mean volume of an element [Pa]
-  /// Of the preconditioner on the free nodes: M/h^2 + 2 mu_Lame x Laplace, or, `by_component`, the
-  /// Hessian at rest, rows 3 i + axis.
+  SolidLaw law;                          ///< with the scene's effects
+  /// Of the preconditioner on the free nodes: M/h^2 + 2 mu_Lame x Laplace with the scene's effects,
+  /// or, `by_component`, the Hessian at rest, rows 3 i + axis.
   PanelFactor factor;
   bool by_component = false;
   std::vector<double> diagonal;  ///< per node, of M/h^2 + 2 mu_Lame x Laplace [N/m]
@@ -43,6 +52,20 @@ struct SolidTissueModel : TissueModel, std::enable_shared_from_this<SolidTissueM
   double tool_radius = 0, tool_start = 0,
          tool_length = 0;  ///< capsule along the shaft, behind the tip [m]
   Eigen::Vector3d shaft_axis = Eigen::Vector3d::UnitZ();  ///< from the tip up the shaft, in W
+
+  std::vector<std::uint8_t> is_anchor;  ///< per node: clamped, but free for the anchor's effects
+  std::vector<double> anchor;           ///< per node: fresh spring of the scene's anchor [N/m]
+  bool beside_sheet = false;            ///< the scene's deformable body, not its tissue
+
+  /// Those of a lane's effects that are this body's: beside a sheet only of what surrounds both and
+  /// of the jaws.
+  EffectValues own_effects(const EffectValues& values) const;
+  /// Springs of the clamped nodes under the effects of the anchor, zero where there is none [N/m].
+  std::vector<double> make_anchor(const EffectValues& values) const;
+  /// Whether a lane may have these in this scene: whether there are anchor springs is part of it.
+  bool anchors_fit(const EffectValues& values) const;
+  /// Integration point of a tetrahedron at rest, p_B [m].
+  Eigen::Vector3d integration_point(std::size_t tetrahedron, int q) const;
 
   int nodes() const { return static_cast<int>(mesh.nodes.size()); }
   double substep() const { return control_period / parameters.substeps(); }

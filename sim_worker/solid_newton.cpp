@@ -32,8 +32,19 @@ void SolidTissue<Real>::precondition() {
 template <typename Real>
 void SolidTissue<Real>::find_residual(PerLane& size) {
   solid_.find_residual(args_);
+  gather_residual();
+  solid_.keep_free(args_, b_.data());
   precondition();
   solid_.dot(args_, b_.data(), z_.data(), size.data());
+}
+
+/// hp = Hessian times p.
+template <typename Real>
+void SolidTissue<Real>::multiply_hessian() {
+  follow_leaders(p_);
+  solid_.multiply_hessian(args_);
+  gather_product();
+  solid_.keep_free(args_, hp_.data());
 }
 
 // Newton steps until the residual is small, in every lane on its own; a step that makes it larger
@@ -49,7 +60,7 @@ void SolidTissue<Real>::solve_substep(std::uint32_t active) {
   for (std::size_t l = 0; l < W; ++l) {
     if (enough_[l] >= Real{0}) continue;
     enough_[l] =
-        std::max(static_cast<Real>(kNewtonReduction * kNewtonReduction) * size[l], rest_energy_);
+        std::max(static_cast<Real>(kNewtonReduction * kNewtonReduction) * size[l], rest_energy_[l]);
   }
   for (int k = 0; k < kMaxNewtonSteps; ++k) {
     std::uint32_t moves = 0;
@@ -79,6 +90,7 @@ void SolidTissue<Real>::answer(const Real* push, Real* work) {
   solid_.keep_free(args_, b_.data());
   precondition();
   step_ = z_;
+  follow_leaders(step_);
   PerLane product{};
   solid_.dot(args_, push, step_.data(), product.data());
   std::copy_n(product.begin(), lanes(), work);
@@ -105,7 +117,7 @@ void SolidTissue<Real>::find_newton_step(PerLane rz, std::uint32_t active) {
   p_ = z_;
   std::fill(step_.begin(), step_.end(), Real{0});
   for (int k = 0; k < kMaxConjugateSteps && active != 0; ++k) {
-    solid_.multiply_hessian(args_);
+    multiply_hessian();
     solid_.dot(args_, p_.data(), hp_.data(), php.data());
     std::uint32_t moves = 0;
     for (std::size_t l = 0; l < W; ++l) {
@@ -137,6 +149,7 @@ void SolidTissue<Real>::find_newton_step(PerLane rz, std::uint32_t active) {
 #define OMENTUM_INSTANTIATE(Real)                                            \
   template void SolidTissue<Real>::precondition();                           \
   template void SolidTissue<Real>::find_residual(PerLane&);                  \
+  template void SolidTissue<Real>::multiply_hessian();                       \
   template void SolidTissue<Real>::find_newton_step(PerLane, std::uint32_t); \
   template void SolidTissue<Real>::solve_substep(std::uint32_t);             \
   template void SolidTissue<Real>::answer(const Real*, Real*);               \

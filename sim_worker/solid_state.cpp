@@ -1,4 +1,5 @@
 // The elastic solid: its state as bytes.
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstring>
@@ -14,12 +15,15 @@ using Eigen::Vector3d;
 // effect friction_change.
 constexpr double kMaxGravityScale = 100;
 constexpr double kMaxFrictionScale = 21e3;
-constexpr double kRounding = 1e-5;  // of f32, several operations deep
+constexpr double kRounding = 1e-5;                  // of f32, several operations deep
+constexpr std::uint32_t kEffectsFollow = 1U << 31;  // beside the number of held nodes
 
 }  // namespace
 
 // State of a lane: positions, velocities, history of BDF2, contact forces, force on the tool, the
-// lane parameters, then the grasp.
+// lane parameters, then the grasp: a word with the number of its nodes and whether effects follow,
+// and the nodes. With effects the way of the patch out of the jaws and from them, and the rest that
+// is theirs.
 template <typename Real>
 void SolidTissue<Real>::save(int lane, Bytes& out) const {
   const auto add = [&out](const void* data, std::size_t size) {
@@ -35,10 +39,16 @@ void SolidTissue<Real>::save(int lane, Bytes& out) const {
   }
   const Held& held = held_[static_cast<std::size_t>(lane)];
   const auto count = static_cast<std::uint32_t>(held.nodes.size());
-  add(&count, sizeof count);
+  const bool has_effects = !(effects_.values(lane) == EffectValues{});
+  const std::uint32_t word = count | (has_effects ? kEffectsFollow : 0);
+  add(&word, sizeof word);
   add(held.nodes.data(), count * sizeof(std::int32_t));
   add(held.offsets.data(), count * sizeof(held.offsets[0]));
   add(held.weights.data(), count * sizeof(Real));
+  if (!has_effects) return;
+  add(&held.slipped, sizeof held.slipped);
+  add(&held.give, sizeof held.give);
+  effects_.save(lane, out);
 }
 
 /// Whether stiffness, gravity [3], keep, static and dynamic friction are what set_parameters()
@@ -73,6 +83,8 @@ Result<std::size_t> SolidTissue<Real>::load(int lane, std::span<const std::byte>
   std::vector<Real> values(reals);
   std::memcpy(values.data(), state.data(), reals * sizeof(Real));
   std::memcpy(&count, state.data() + fixed_size - sizeof count, sizeof count);
+  const bool has_effects = (count & kEffectsFollow) != 0;
+  count &= ~kEffectsFollow;
   Held held;
   const std::size_t entry = sizeof(std::int32_t) + sizeof(held.offsets[0]) + sizeof(Real);
   if (count > static_cast<std::uint32_t>(particles()) ||
@@ -111,8 +123,31 @@ Result<std::size_t> SolidTissue<Real>::load(int lane, std::span<const std::byte>
       return Failure{fmt::format("tissue state holds node {} with a bad weight or offset", i)};
     }
   }
+  EffectValues effects;
+  std::size_t used = fixed_size + count * entry;
+  std::span<const std::byte> of_effects = state.subspan(used);
+  if (has_effects) {
+    const std::size_t of_grasp = sizeof held.slipped + sizeof held.give;
+    if (of_effects.size() < of_grasp) return Failure{"tissue state ends in its effects"};
+    std::memcpy(&held.slipped, of_effects.data(), sizeof held.slipped);
+    std::memcpy(&held.give, of_effects.data() + sizeof held.slipped, sizeof held.give);
+    const bool gives = std::all_of(held.give.begin(), held.give.end(),
+                                   [](Real g) { return std::fabs(g) <= Real{1}; });
+    if (!gives || !(held.slipped >= 0 && held.slipped <= 1)) {
+      return Failure{"tissue state holds a patch that is not in its jaws"};
+    }
+    of_effects = of_effects.subspan(of_grasp);
+    const Result<std::size_t> read = effects_.read(of_effects, effects);
+    if (!read) return Failure{read.error()};
+    used += of_grasp + read.value();
+  } else if (model_->effects.moves_anchor()) {
+    return Failure{"tissue state without the effects of the anchor"};
+  }
 
   release(lane);
+  effects_.reset(lane, Vector3d::Zero());
+  set_effects(lane, effects);
+  if (has_effects) effects_.load(lane, of_effects);
   std::size_t next = 0;
   for (auto* a : arrays) {
     for (std::size_t k = static_cast<std::size_t>(lane); k < a->size();
@@ -126,7 +161,7 @@ Result<std::size_t> SolidTissue<Real>::load(int lane, std::span<const std::byte>
   }
   held_[static_cast<std::size_t>(lane)] = std::move(held);
   apply_hold(lane);
-  return fixed_size + count * entry;
+  return used;
 }
 
 #define OMENTUM_INSTANTIATE(Real)                                                  \

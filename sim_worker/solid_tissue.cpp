@@ -19,9 +19,6 @@ constexpr double kRestEnergy = 1e-12;
 // Contact answers a push with this many times the stiffness of the step at the node. Larger settles
 // in fewer substeps and costs more conjugate steps.
 constexpr double kContactGain = 10;
-// A node that the jaw's spring holds this many times stiffer than the step does moves with the jaw.
-constexpr double kRigidHold = 100;
-constexpr double kLeastCover = 1e-3;
 
 template <typename Real>
 std::vector<Real> convert(const std::vector<double>& values) {
@@ -35,7 +32,7 @@ std::vector<Real> convert(const std::vector<double>& values) {
 /// strain is wrong by (place x epsilon / spacing), its stress acts on the square of the spacing.
 template <typename Real>
 double rounding_energy(const SolidTissueModel& model) {
-  const double modulus = model.lambda + model.bulk + model.mu;
+  const double modulus = model.law.lambda + model.law.bulk + model.law.mu;
   double energy = 0;
   for (std::size_t i = 0; i < model.mass.size(); ++i) {
     const double place = (model.body.X_WB * model.body.particles[i]).cwiseAbs().maxCoeff();
@@ -54,7 +51,8 @@ SolidTissue<Real>::SolidTissue(std::shared_ptr<const SolidTissueModel> model,
     : model_(std::move(model)),
       kernel_(kernel),
       solid_(solid_kernel_for(kernel)),
-      elastic_(elastic_kernel_for(kernel)) {
+      elastic_(elastic_kernel_for(kernel)),
+      effects_(model_, kernel.lanes) {
   OMENTUM_CHECK(solid_.lanes == kernel_.lanes);
   const auto W = static_cast<std::size_t>(kernel_.lanes);
   const auto n = static_cast<std::size_t>(model_->nodes());
@@ -75,8 +73,8 @@ SolidTissue<Real>::SolidTissue(std::shared_ptr<const SolidTissueModel> model,
   }
   double weight = 0;
   for (const double m : model_->mass) weight += m * 9.8;  // a scale, whatever the scene's gravity
-  rest_energy_ = static_cast<Real>(
-      std::max(kRestEnergy * weight * model_->spacing, rounding_energy<Real>(*model_)));
+  model_rest_energy_ =
+      std::max(kRestEnergy * weight * model_->spacing, rounding_energy<Real>(*model_));
   panel_value_ = convert<Real>(model_->factor.panel_value);
 
   for (auto* v : {&x_, &v_, &d_, &moved_, &b_, &step_, &z_, &p_, &hp_, &contact_force_,
@@ -107,10 +105,6 @@ SolidTissue<Real>::SolidTissue(std::shared_ptr<const SolidTissueModel> model,
   args_.mass = mass_.data();
   args_.mass_over_step2 = mass_over_step2_.data();
   args_.contact_gain = contact_gain_.data();
-  args_.mu = static_cast<Real>(model_->mu);
-  args_.lambda = static_cast<Real>(model_->lambda);
-  args_.alpha = static_cast<Real>(model_->alpha);
-  args_.bulk = static_cast<Real>(model_->bulk);
   args_.second_order = second_order;
   args_.effective_step = static_cast<Real>(step);
   args_.inverse_step = static_cast<Real>(1 / step);
@@ -194,7 +188,9 @@ void SolidTissue<Real>::set_parameters(int lane, const LaneParameters& parameter
                 parameters.stiffness_scale, parameters.gravity_scale, parameters.damping_scale,
                 parameters.friction_scale);
   const auto l = static_cast<std::size_t>(lane);
-  const EffectValues& effects = parameters.effects ? *parameters.effects : model_->effects;
+  const EffectValues effects =
+      model_->own_effects(parameters.effects ? *parameters.effects : model_->effects);
+  set_effects(lane, effects);
   stiffness_[l] = static_cast<Real>(parameters.stiffness_scale);
   const double damping = model_->material.damping_per_s() * parameters.damping_scale;
   keep_[l] = static_cast<Real>(decay(damping * model_->effective_step()));
@@ -208,8 +204,20 @@ void SolidTissue<Real>::set_parameters(int lane, const LaneParameters& parameter
 }
 
 template <typename Real>
+void SolidTissue<Real>::set_effects(int lane, const EffectValues& effects) {
+  const double compliance = effects_.values(lane).grasp_compliance;
+  effects_.set(lane, effects);
+  args_.effects = effects_.args();
+  const double stiffer = effects_.stiffer(lane);
+  rest_energy_[static_cast<std::size_t>(lane)] =
+      static_cast<Real>(model_rest_energy_ * stiffer * stiffer);
+  if (effects.grasp_compliance != compliance) apply_hold(lane);
+}
+
+template <typename Real>
 void SolidTissue<Real>::reset(int lane, const Vector3d& offset) {
   release(lane);
+  effects_.reset(lane, offset);
   const std::uint32_t bit = 1U << lane;
   for (int i = 0; i < particles(); ++i) {
     const auto p = static_cast<std::size_t>(i);
@@ -242,6 +250,7 @@ void SolidTissue<Real>::step(std::span<const ToolMotion> motion) {
 template <typename Real>
 void SolidTissue<Real>::start_step(std::span<const ToolMotion> motion) {
   OMENTUM_CHECK(static_cast<int>(motion.size()) == lanes());
+  slip_grasps();
   find_contacts(motion);
 }
 
@@ -249,6 +258,8 @@ template <typename Real>
 void SolidTissue<Real>::start_substep(std::span<const ToolMotion> motion, int substep) {
   place_tool(motion, substep);
   solid_.start_substep(args_);
+  start_giving();
+  if (effects_.on_nodes()) solid_.start_effects(args_);
   enough_.fill(Real{-1});
 }
 
@@ -256,16 +267,10 @@ template <typename Real>
 void SolidTissue<Real>::finish_substep(bool last) {
   if (last) {
     solid_.find_reaction(args_, hp_.data());
-    for (int lane = 0; lane < lanes(); ++lane) {
-      for (int axis = 0; axis < 3; ++axis) {
-        Real held_sum = 0;
-        for (const std::int32_t i : held_[static_cast<std::size_t>(lane)].nodes) {
-          held_sum += hp_[index(i, axis, lane)];
-        }
-        held_force_[index(0, axis, lane)] = held_sum;
-      }
-    }
+    find_held_force();
   }
+  finish_giving();
+  if (effects_.remembers()) solid_.remember_effects(args_);
   solid_.finish_substep(args_);
 }
 
@@ -295,99 +300,8 @@ void SolidTissue<Real>::find_contacts(std::span<const ToolMotion> motion) {
 }
 
 template <typename Real>
-void SolidTissue<Real>::place_tool(std::span<const ToolMotion> motion, int substep) {
-  const auto substeps = static_cast<int>(model_->parameters.substeps());
-  const double share = (substep + 1.0) / substeps;
-  for (int lane = 0; lane < lanes(); ++lane) {
-    const ToolMotion& m = motion[static_cast<std::size_t>(lane)];
-    const Vector3d tip = m.from + share * (m.to - m.from);
-    const Vector3d base = tip + model_->tool_start * model_->shaft_axis;
-    const Held& held = held_[static_cast<std::size_t>(lane)];
-    for (int axis = 0; axis < 3; ++axis) {
-      capsule_[index(0, axis, lane)] = static_cast<Real>(base[axis]);
-      capsule_motion_[index(0, axis, lane)] =
-          static_cast<Real>((m.to[axis] - m.from[axis]) / substeps);
-      for (std::size_t k = 0; k < held.nodes.size(); ++k) {
-        hold_target_[index(held.nodes[k], axis, lane)] =
-            static_cast<Real>(tip[axis]) + held.offsets[k][static_cast<std::size_t>(axis)];
-      }
-    }
-  }
-}
-
-template <typename Real>
 void SolidTissue<Real>::set_load(const Real* load) {
   args_.load = load;
-}
-
-template <typename Real>
-void SolidTissue<Real>::hold(int lane, const Vector3d& tip, double radius, bool collapse) {
-  release(lane);
-  Held& held = held_[static_cast<std::size_t>(lane)];
-  for (int i = 0; i < particles(); ++i) {
-    if (model_->body.fixed[static_cast<std::size_t>(i)] != 0) continue;
-    const Vector3d offset = position(lane, i) - tip;
-    const double covered = (radius - offset.norm()) / model_->spacing + 0.5;
-    if (!(covered > kLeastCover)) continue;
-    const Vector3d kept = collapse ? Vector3d::Zero() : offset;
-    held.nodes.push_back(i);
-    held.offsets.push_back(
-        {static_cast<Real>(kept.x()), static_cast<Real>(kept.y()), static_cast<Real>(kept.z())});
-    held.weights.push_back(static_cast<Real>(std::min(1.0, covered)));
-  }
-  apply_hold(lane);
-}
-
-/// Masks and springs of a grasp. A node that the jaw covers by the part w hangs on a spring of E x
-/// spacing x w / (1 - w): the grasp moves smoothly with the pinch point (tissue.md section 8).
-template <typename Real>
-void SolidTissue<Real>::apply_hold(int lane) {
-  const Held& held = held_[static_cast<std::size_t>(lane)];
-  const std::uint32_t bit = 1U << lane;
-  for (std::size_t k = 0; k < held.nodes.size(); ++k) {
-    const auto i = static_cast<std::size_t>(held.nodes[k]);
-    const auto w = static_cast<double>(held.weights[k]);
-    const double spring = model_->material.young_modulus_pa() * model_->spacing * w;
-    contact_mask_[i] &= ~bit;
-    if (spring >= kRigidHold * model_->diagonal[i] * (1 - w)) {
-      free_mask_[i] &= ~bit;
-    } else {
-      hold_stiffness_[i * static_cast<std::size_t>(lanes()) + static_cast<std::size_t>(lane)] =
-          static_cast<Real>(spring / (1 - w));
-    }
-  }
-}
-
-template <typename Real>
-void SolidTissue<Real>::release(int lane) {
-  Held& held = held_[static_cast<std::size_t>(lane)];
-  const std::uint32_t bit = 1U << lane;
-  for (const std::int32_t node : held.nodes) {
-    const auto i = static_cast<std::size_t>(node);
-    free_mask_[i] |= bit;
-    if (model_->on_surface[i] != 0) contact_mask_[i] |= bit;
-    hold_stiffness_[i * static_cast<std::size_t>(lanes()) + static_cast<std::size_t>(lane)] =
-        Real{0};
-    for (int axis = 0; axis < 3; ++axis) contact_force_[index(node, axis, lane)] = Real{0};
-  }
-  held = {};
-}
-
-template <typename Real>
-void SolidTissue<Real>::shift_held(int lane, const Vector3d& by) {
-  for (auto& offset : held_[static_cast<std::size_t>(lane)].offsets) {
-    for (int axis = 0; axis < 3; ++axis) {
-      offset[static_cast<std::size_t>(axis)] += static_cast<Real>(by[axis]);
-    }
-  }
-}
-
-template <typename Real>
-Vector3d SolidTissue<Real>::held_force(int lane) const {
-  if (held(lane).empty()) return Vector3d::Zero();
-  return {static_cast<double>(held_force_[index(0, 0, lane)]),
-          static_cast<double>(held_force_[index(0, 1, lane)]),
-          static_cast<double>(held_force_[index(0, 2, lane)])};
 }
 
 template <typename Real>
@@ -452,7 +366,7 @@ Vector3d SolidTissue<Real>::contact_force(int lane, int particle) const {
 
 template <typename Real>
 Vector3d SolidTissue<Real>::anchor_force(int lane) const {
-  Vector3d sum = Vector3d::Zero();
+  Vector3d sum = effects_.anchor_force(lane, x_.data());
   for (int i = 0; i < particles(); ++i) {
     if (model_->body.fixed[static_cast<std::size_t>(i)] == 0) continue;
     for (int axis = 0; axis < 3; ++axis) {
@@ -467,18 +381,44 @@ std::vector<Vector3d> SolidTissue<Real>::elastic_gradient(int lane) {
   std::vector<Vector3d> gradient;
   std::fill(d_.begin(), d_.end(), Real{0});
   solid_.find_residual(args_);
+  const Real density = args_.effects.density[lane];
   for (int i = 0; i < particles(); ++i) {
     const auto p = static_cast<std::size_t>(i);
     Vector3d force = Vector3d::Zero();
-    for (int axis = 0; axis < 3 && model_->body.fixed[p] == 0; ++axis) {
+    for (int axis = 0; axis < 3; ++axis) {
       // Without the inertia of v and the weight.
-      const Real inertia = mass_over_step2_[p] * args_.effective_step * v_[index(i, axis, lane)];
-      const Real weight = mass_[p] * gravity_[index(0, axis, lane)];
+      const Real inertia =
+          density * mass_over_step2_[p] * args_.effective_step * v_[index(i, axis, lane)];
+      const Real weight = density * mass_[p] * gravity_[index(0, axis, lane)];
       force[axis] = static_cast<double>(b_[index(i, axis, lane)] + inertia + weight);
     }
     gradient.push_back(force);
   }
   return gradient;
+}
+
+template <typename Real>
+std::vector<Vector3d> SolidTissue<Real>::elastic_change(int lane,
+                                                        std::span<const Vector3d> direction) {
+  for (int i = 0; i < particles(); ++i) {
+    for (int axis = 0; axis < 3; ++axis) {
+      p_[index(i, axis, lane)] = static_cast<Real>(direction[static_cast<std::size_t>(i)][axis]);
+    }
+  }
+  elastic_gradient(lane);  // places the nodes
+  solid_.multiply_hessian(args_);
+  std::vector<Vector3d> change;
+  const Real density = args_.effects.density[lane];
+  for (int i = 0; i < particles(); ++i) {
+    const Real inertia = density * mass_over_step2_[static_cast<std::size_t>(i)];
+    Vector3d force = Vector3d::Zero();
+    for (int axis = 0; axis < 3; ++axis) {
+      const std::size_t k = index(i, axis, lane);
+      force[axis] = static_cast<double>(hp_[k] - inertia * p_[k]);
+    }
+    change.push_back(force);
+  }
+  return change;
 }
 
 template <typename Real>

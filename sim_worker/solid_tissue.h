@@ -9,6 +9,7 @@
 
 #include "core/aligned.h"
 #include "sim_worker/solid_kernel.h"
+#include "sim_worker/solid_lane_effects.h"
 #include "sim_worker/solid_model.h"
 
 namespace omentum {
@@ -71,15 +72,20 @@ class SolidTissue final : public Tissue<Real> {
   Eigen::Vector3d contact_force(int lane, int particle) const;
   /// Force of the body on what its anchor is fixed to at the end of the last step, in W [N].
   Eigen::Vector3d anchor_force(int lane) const;
-  /// Gradient of the elastic energy at the present positions, of all nodes [N]: what the solver
-  /// uses. For tests.
+  /// Gradient of the elastic energy at the present positions, of all nodes [N], and its change with
+  /// a displacement of all nodes [m] to first order: what the solver uses. For tests.
   std::vector<Eigen::Vector3d> elastic_gradient(int lane);
+  std::vector<Eigen::Vector3d> elastic_change(int lane, std::span<const Eigen::Vector3d> direction);
 
  private:
   struct Held {
     std::vector<std::int32_t> nodes;
     std::vector<std::array<Real, 3>> offsets;  ///< from the tip, in W
     std::vector<Real> weights;                 ///< covered part of the node's share, (0, 1]
+    double slipped = 0;                        ///< way of the patch out of the jaws so far [m]
+    std::array<Real, 3> give{};   ///< way of a patch on a spring from where rigid jaws have it [m]
+    std::size_t leader = 0;       ///< of such a patch: number of the node on the spring
+    std::array<Real, 3> start{};  ///< scratch: its displacement when the substep began
   };
   /// One number per lane, as the kernel reads it.
   struct alignas(64) PerLane : std::array<Real, 16> {};
@@ -87,19 +93,35 @@ class SolidTissue final : public Tissue<Real> {
   std::size_t index(int i, int axis, int lane) const {
     return static_cast<std::size_t>((3 * i + axis) * kernel_.lanes + lane);
   }
+  std::size_t index(int i, int lane) const {
+    return static_cast<std::size_t>(i * kernel_.lanes + lane);
+  }
+  bool is_free(int i, int lane) const {
+    return (free_mask_[static_cast<std::size_t>(i)] >> lane & 1U) != 0;
+  }
+  void set_effects(int lane, const EffectValues& effects);
   bool usable_parameters(std::span<const Real> values) const;
   void find_contacts(std::span<const ToolMotion> motion);
   void place_tool(std::span<const ToolMotion> motion, int substep);
   void find_residual(PerLane& size);
   void find_newton_step(PerLane rz, std::uint32_t active);
   void precondition();
+  void multiply_hessian();
   void apply_hold(int lane);
+  void slip_grasps();
+  void find_held_force();
+  template <typename Function>
+  void for_each_giving(Function&& fn);
+  void start_giving();
+  void gather_residual();
+  void gather_product();
+  void follow_leaders(AlignedVector<Real>& vector);
+  void finish_giving();
 
   std::shared_ptr<const SolidTissueModel> model_;
   const Kernel<Real>& kernel_;
   const SolidKernel<Real>& solid_;
   const ElasticKernel<Real>& elastic_;
-  Real rest_energy_ = 0;  ///< residuals below it are rounding [J]
   SolidArgs<Real> args_{};
   ElasticArgs<Real> factor_args_{};    ///< of the triangular solves
   KernelArgs<Real> candidate_args_{};  ///< of the search for contacts
@@ -115,6 +137,10 @@ class SolidTissue final : public Tissue<Real> {
   std::vector<std::uint32_t> touches_, free_mask_, contact_mask_, candidates_, candidate_any_;
   std::vector<std::int32_t> contact_node_;
   std::vector<Held> held_;
+  std::uint32_t gives_ = 0;  ///< lanes whose patch hangs on a spring (effect grasp_compliance)
+  SolidLaneEffects<Real> effects_;
+  PerLane rest_energy_{};         ///< residuals below it are rounding [J]
+  double model_rest_energy_ = 0;  ///< the same of the law alone [J]
   PerLane enough_{};  ///< residual at which a substep is solved; negative = not known yet
   AlignedVector<Real> held_force_, stiffness_, gravity_, keep_, static_friction_, dynamic_friction_,
       capsule_, capsule_motion_, capsule_sweep_;

@@ -13,9 +13,32 @@ namespace omentum {
 /// Branches of the Prony series at most: three of viscoelastic, three of structural_damping.
 inline constexpr int kMaxBranches = 6;
 /// What every model can do; all that clusters, whose stiffness is no material constant (mismatch.md
-/// 5.2), and elastic solids can.
+/// 5.2), can.
 inline constexpr std::array<const char*, 4> kBasicEffects = {
     "gravity_tilt_x_deg", "gravity_tilt_y_deg", "friction_change", "obstacle"};
+/// What an elastic solid can do: all but what only a sheet has.
+inline constexpr std::array<const char*, 22> kSolidEffects = {"strain_stiffening",
+                                                              "anisotropy",
+                                                              "viscoelastic",
+                                                              "structural_damping",
+                                                              "plastic_set",
+                                                              "inclusion",
+                                                              "density_change",
+                                                              "gravity_tilt_x_deg",
+                                                              "gravity_tilt_y_deg",
+                                                              "poisson_change",
+                                                              "adhesion",
+                                                              "suction",
+                                                              "obstacle",
+                                                              "friction_change",
+                                                              "anchor",
+                                                              "grasp_offset",
+                                                              "grasp_slip",
+                                                              "grasp_compliance_m_per_n",
+                                                              "jaw_roll_deg",
+                                                              "jaw_tilt_deg",
+                                                              "air_drag",
+                                                              "mullins"};
 inline constexpr double kAirDensity = 1.2;  ///< [kg/m^3], dry, 20 C
 
 /// exp(-x) for x >= 0 by our own series: the same bits on every machine, unlike libm's.

@@ -4,8 +4,10 @@
 
 #include <algorithm>
 #include <cmath>
+#include <set>
 
 #include "core/config.h"
+#include "core/hash.h"
 #include "sim_worker/sim_backend.h"
 #include "tests/support/fixtures.h"
 
@@ -37,6 +39,14 @@ void add_organ(pb::Config& config, pb::BodyRole role, double unit, const Vector3
 
 std::shared_ptr<const SimSetup> setup_of(const pb::Config& config) {
   return make_sim_setup(config, deploy_dir() + "/scenes");
+}
+
+/// A parameter that every episode draws.
+void draw(pb::Config& config, const char* parameter, double min, double max) {
+  pb::Randomise& drawn = *config.add_randomise();
+  drawn.set_parameter(parameter);
+  drawn.set_min(min);
+  drawn.set_max(max);
 }
 
 /// Why a configuration is refused.
@@ -160,12 +170,46 @@ TEST(MeshScene, AnElasticSolidThatDoesNotFitIsRefusedInOneLine) {
   config.mutable_scene()->mutable_tissue()->set_anchor_max_y_m(-1);
   EXPECT_THAT(message(config), testing::HasSubstr("anchor_max_y_m"));
   config = elastic_pad();
+  config.mutable_scene()->mutable_tissue()->mutable_effects()->set_bending_change(1);
+  EXPECT_THAT(message(config), testing::HasSubstr("bending_change"));
+  config = elastic_pad();
+  draw(config, "tissue.effects.thickness.x_per_m", 0, 1);
+  EXPECT_THAT(message(config), testing::HasSubstr("thickness"));
+}
+
+TEST(MeshScene, EffectsOfAnElasticSolidAreDrawnPerSlotAndEpisode) {
+  pb::Config config = elastic_pad();
   config.mutable_scene()
       ->mutable_tissue()
       ->mutable_effects()
-      ->mutable_inclusion()
-      ->set_stiffness_change(1);
-  EXPECT_THAT(message(config), testing::HasSubstr("inclusion"));
+      ->mutable_anchor()
+      ->set_compliance_m2_per_n(1e-4);
+  draw(config, "tissue.effects.inclusion.stiffness_change", 0, 3);
+  draw(config, "tissue.effects.viscoelastic[0].share", 0.1, 0.5);
+  draw(config, "tissue.effects.anchor.compliance_m2_per_n", 5e-5, 2e-4);
+  const auto setup = setup_of(config);
+  SimBackend alone(setup, 1, 1);
+  SimBackend batch(setup, 8, 8);
+  std::vector<Action> actions(8);
+  for (Action& action : actions) action.branch = {1, 1, 1, 0};
+  std::vector<StepOutcome> outcomes(8);
+  std::set<std::uint64_t> seen;
+  for (std::uint64_t episode = 0; episode < 3; ++episode) {
+    EpisodeStart start;
+    start.run_seed = 9;
+    start.slot = 3;
+    start.episode = episode;
+    alone.reset(0, start);
+    batch.reset(5, start);
+    alone.step(std::span(actions).first(1), std::span(outcomes).first(1));
+    batch.step(actions, outcomes);
+    const Bytes state = alone.save(0);
+    EXPECT_EQ(state, batch.save(5)) << episode;
+    EXPECT_TRUE(batch.load(2, state)) << episode;
+    EXPECT_EQ(state, batch.save(2)) << episode;
+    seen.insert(fnv1a64(state));
+  }
+  EXPECT_EQ(seen.size(), 3U);
 }
 
 /// The leaf as an elastic sheet that hangs on its rear end.

@@ -12,6 +12,7 @@ namespace omentum::test {
 struct SolidCase {
   Eigen::Vector3d size{0.01, 0.12, 0.01};  ///< [m], centred on B
   double edge_length = 0.01;
+  SolidMesh mesh;  ///< of that box, where it was made before; else empty
   double young = 15e6, poisson = 0.3, damping = 0, density = 1000;
   unsigned substeps = 5;
   pb::Integrator integrator = pb::INTEGRATOR_BACKWARD_EULER;
@@ -19,6 +20,7 @@ struct SolidCase {
   Eigen::Isometry3d X_WB = Eigen::Isometry3d::Identity();
   double anchor_max_y = -0.06 + 1e-9;  ///< the face at y_B = -60 mm
   std::vector<RigidShape> bodies;
+  pb::TissueEffects effects;
   double static_friction = 0, dynamic_friction = 0;
 };
 
@@ -34,12 +36,15 @@ inline std::shared_ptr<const SolidTissueModel> make_solid(const SolidCase& c) {
   tissue.mutable_material()->set_damping_per_s(c.damping);
   tissue.mutable_elastic()->set_substeps(c.substeps);
   tissue.mutable_elastic()->set_integrator(c.integrator);
+  *tissue.mutable_effects() = c.effects;
   tissue.set_static_friction(c.static_friction);
   tissue.set_dynamic_friction(c.dynamic_friction);
   scene.config.mutable_tool()->set_contact(false);
   scene.gravity = c.gravity;
   scene.bodies = c.bodies;
-  scene.solid = fill_mesh(make_box_mesh(0.5 * c.size), "box", c.edge_length);
+  scene.solid = c.mesh;
+  if (c.mesh.nodes.empty())
+    scene.solid = fill_mesh(make_box_mesh(0.5 * c.size), "box", c.edge_length);
   scene.tissue.X_WB = c.X_WB;
   scene.tissue.particles = scene.solid.nodes;
   scene.tissue.surface_triangles = scene.solid.surface;
