@@ -8,7 +8,7 @@ bin=${OMENTUM_BIN:-$root/build/release/bin}
 
 usage() {
   cat <<'TEXT'
-usage: benchmarks/run.sh [--steps N] [--save] [tissue] [elastic] [ppo] [workers] [train] [camera]
+usage: benchmarks/run.sh [--steps N] [--save] [tissue] [elastic] [compare] [ppo] [workers] [train] [camera]
 
 Figures of the groups named (default: tissue elastic ppo workers train):
   tissue    tissue.<scene>.env_steps_per_s: environment steps (20 ms simulated) per second of one core, all of a step
@@ -18,6 +18,8 @@ Figures of the groups named (default: tissue elastic ppo workers train):
             effect.<name>.cost_ratio: the lift with an effect over that without, effect.solid.<name>.cost_ratio: of an
             elastic solid; and, where libbullet-dev was there at the build or python3 has mujoco, peer.bullet.* and
             peer.mujoco.* of the same lift
+  compare   compare.<air or board>.<case>.<E>_mm: elastic shell against the converged reference at rest, rms;
+            compare.*.by_<parameter>_percent: difference of the derivatives of the surface
   ppo       ppo.us_per_sample_epoch and, where python3 has torch, the same of ppo.torch_us_per_sample_epoch
   workers   workers.speedup_2_over_1: collecting only, preset paper; two pinned workers against one, taking turns;
             workers.machine_speedup_2_over_1: two systems of one worker each, what the cores can give at that time
@@ -44,7 +46,7 @@ while (($#)); do
     --steps) [[ ${2-} =~ ^[1-9][0-9]{3,10}$ ]] || wrong "--steps needs a number from 1000"; steps=$2; shift ;;
     --save) save=1 ;;
     -h | --help) usage; exit 0 ;;
-    tissue | elastic | ppo | workers | train | camera) groups+=("$1") ;;
+    tissue | elastic | compare | ppo | workers | train | camera) groups+=("$1") ;;
     *) wrong "unknown option or group $1" ;;
   esac
   shift
@@ -164,6 +166,10 @@ bench_elastic() {
   fi
   need bench_reference && figures_of "$bin/bench_reference"
   need bench_effects && figures_of "$bin/bench_effects"
+}
+
+bench_compare() {
+  need compare_elastic && figures_of "$bin/compare_elastic" air && figures_of "$bin/compare_elastic" board
 }
 
 bench_ppo() {

@@ -32,7 +32,10 @@ double ray_length(const AlignedBox2d& free, const Vector2d& centre, const Vector
 
 std::vector<PatchPoint> patch_points(const AlignedBox2d& free, const Vector2d& centre,
                                      double radius) {
+  // The force of the jaws acts at these points: with five on a ray, 1.3 mm apart on a disc of 5 mm,
+  // a solid with finer elements took it for a force on rings and sank with every refinement.
   constexpr int kRays = 64;
+  constexpr int kParts = 4;  // of a ray
   // Gauss-Legendre on [0, 1], five points.
   constexpr std::array<double, 5> kAt = {0.04691007703066800, 0.23076534494715845, 0.5,
                                          0.76923465505284155, 0.95308992296933200};
@@ -45,11 +48,13 @@ std::vector<PatchPoint> patch_points(const AlignedBox2d& free, const Vector2d& c
     const trig::SinCos angle = trig::sin_cos(2 * kPi * (ray + 0.5) / kRays);
     const Vector2d direction(angle.cos, angle.sin);
     const double length = ray_length(free, centre, direction, radius);
-    for (std::size_t k = 0; k < kAt.size(); ++k) {
-      const double rho = kAt[k] * length;
-      const double weight = kWeight[k] * length * rho;
-      points.push_back({centre + rho * direction, weight});
-      total += weight;
+    for (int part = 0; part < kParts; ++part) {
+      for (std::size_t k = 0; k < kAt.size(); ++k) {
+        const double rho = (part + kAt[k]) / kParts * length;
+        const double weight = kWeight[k] * length * rho;
+        points.push_back({centre + rho * direction, weight});
+        total += weight;
+      }
     }
   }
   for (PatchPoint& point : points) point.weight /= total;

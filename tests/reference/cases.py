@@ -107,10 +107,11 @@ def reference_lines(case, elements, layers):
 
 
 def disc_points(centre, radius, low, high):
-    """Points and weights over the disc as far as it lies in [low, high]: 64 rays, five Gauss points
-    on each, which is the definition of the grasp patch (ReferenceTissueModel::make_patch)."""
+    """Points and weights over the disc as far as it lies in [low, high]: 64 rays in four parts with
+    five Gauss points each, which is the definition of the grasp patch (patch_points)."""
     at, weight = np.polynomial.legendre.leggauss(5)
-    at, weight = (at + 1) / 2, weight / 2
+    at = np.concatenate([(part + (at + 1) / 2) / 4 for part in range(4)])
+    weight = np.tile(weight, 4)
     points, weights = [], []
     for ray in range(64):
         angle = 2 * np.pi * (ray + 0.5) / 64
