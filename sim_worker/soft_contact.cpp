@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <limits>
 
 #include "core/check.h"
 
@@ -111,21 +112,10 @@ void SoftContact<Real>::start_step(std::span<const ToolMotion> motion, const Rea
       found = search_.find(q, vertex_, reach);
       if (found.triangle < 0) continue;
       near[static_cast<std::size_t>(i)] |= 1U << lane;
-      const double side = is_inside(q, found) ? -1 : 1;
+      const double side = search_.is_behind(q, vertex_, found) ? -1 : 1;
       start.near.push_back({i, side * std::sqrt(found.squared), q});
     }
   }
-}
-
-/// Whether q is behind the triangle of its near point.
-template <typename Real>
-bool SoftContact<Real>::is_inside(const Vector3d& q, const TrianglePoint& found) const {
-  const Eigen::Vector3i& corner = search_.triangle(found.triangle);
-  const Vector3d& a = vertex_[static_cast<std::size_t>(corner[0])];
-  const Vector3d& b = vertex_[static_cast<std::size_t>(corner[1])];
-  const Vector3d& c = vertex_[static_cast<std::size_t>(corner[2])];
-  const Vector3d p = found.share[0] * a + found.share[1] * b + found.share[2] * c;
-  return (q - p).dot((b - a).cross(c - a)) < 0;
 }
 
 /// Of a node of the skin since the start of the control step [m], at vertex_.
@@ -207,7 +197,7 @@ void SoftContact<Real>::place_node(int i, int lane, const Vector3d& q) {
     }
   }
   normal.normalize();
-  const double side = is_inside(q, found) ? -1 : 1;
+  const double side = search_.is_behind(q, vertex_, found) ? -1 : 1;
   plane_[slot(4 * i, lane)] = static_cast<Real>(side * (q - p).norm());
   for (int axis = 0; axis < 3; ++axis) {
     plane_[slot(4 * i + 1 + axis, lane)] = static_cast<Real>(normal[axis]);
@@ -268,6 +258,23 @@ Vector3d SoftContact<Real>::force(int lane, int node) const {
   return {static_cast<double>(force_[index(node, 0, lane)]),
           static_cast<double>(force_[index(node, 1, lane)]),
           static_cast<double>(force_[index(node, 2, lane)])};
+}
+
+// A rigid disc on a half-space, 2 E a / (1 - nu^2) [Johnson85, section 3.4], of the radius that the
+// mesh resolves.
+template <typename Real>
+double SoftContact<Real>::held_stiffness() const {
+  const pb::Material& material = solid_.model().material;
+  const double nu = material.poisson_ratio();
+  return 2 * material.young_modulus_pa() * solid_.model().spacing / (1 - nu * nu);
+}
+
+template <typename Real>
+double SoftContact<Real>::distance(int lane, const Vector3d& p) {
+  take_vertices(lane, false);
+  search_.fit(vertex_);
+  const TrianglePoint found = search_.find(p, vertex_, std::numeric_limits<double>::infinity());
+  return search_.is_behind(p, vertex_, found) ? 0 : std::sqrt(found.squared);
 }
 
 template <typename Real>

@@ -29,6 +29,8 @@ class SoftContact final : public YieldingSurface<Real> {
   const SolidTissue<Real>& solid() const { return solid_; }
 
   const SurfaceArgs<Real>& args() const override { return args_; }
+  Tissue<Real>& body() override { return solid_; }
+  double held_stiffness() const override;
   void start_step(std::span<const ToolMotion> motion, const Real* x, const Real* v,
                   std::span<const std::uint32_t> free, std::span<std::uint32_t> near) override;
   void start_substep(std::span<const ToolMotion> motion, int substep, const Real* x) override;
@@ -39,6 +41,8 @@ class SoftContact final : public YieldingSurface<Real> {
 
   /// Force of the solid on a node of the sheet at the end of the last step, in W [N].
   Eigen::Vector3d force(int lane, int node) const;
+  /// Distance of a point from the solid as it is now [m]; 0 inside.
+  double distance(int lane, const Eigen::Vector3d& p);
 
   /// Solid and forces, as Tissue has them.
   void reset(int lane);
@@ -68,7 +72,6 @@ class SoftContact final : public YieldingSurface<Real> {
   }
   void take_vertices(int lane, bool moved);
   double largest_motion(int lane) const;
-  bool is_inside(const Eigen::Vector3d& q, const TrianglePoint& found) const;
   void find_normals();
   void place_node(int i, int lane, const Eigen::Vector3d& q);
   /// Loads on the solid in the given lanes: minus (force - before), `before` may be null.

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <numeric>
 
+#include "core/trig.h"
+
 namespace omentum {
 namespace {
 
@@ -157,6 +159,44 @@ TrianglePoint SurfaceSearch::find(const Vector3d& q, std::span<const Vector3d> v
   best.squared = reach * reach;
   if (boxes_.front().box.squaredExteriorDistance(q) < best.squared) search(0, q, vertices, best);
   return best;
+}
+
+bool SurfaceSearch::is_behind(const Vector3d& q, std::span<const Vector3d> vertices,
+                              const TrianglePoint& point) const {
+  const Vector3i& corner = triangle(point.triangle);
+  Vector3d way = q;
+  for (int c = 0; c < 3; ++c) way -= point.share[c] * vertices[static_cast<std::size_t>(corner[c])];
+  Vector3d normal = Vector3d::Zero();
+  const auto add = [&](int t) {
+    const Vector3i& k = triangle(t);
+    // An edge: both triangles alike. A corner: by their angles there.
+    int at = 0;
+    bool is_corner = false;
+    for (int c = 0; c < 3; ++c) {
+      if (point.share[c] != 1) continue;
+      is_corner = true;
+      while (k[at] != corner[c]) ++at;
+    }
+    const Vector3d& a = vertices[static_cast<std::size_t>(k[at])];
+    const Vector3d u = vertices[static_cast<std::size_t>(k[(at + 1) % 3])] - a;
+    const Vector3d v = vertices[static_cast<std::size_t>(k[(at + 2) % 3])] - a;
+    const Vector3d area = u.cross(v);
+    const double size = area.norm();
+    if (!(size > 0)) return;
+    normal += (is_corner ? trig::atan2(size, u.dot(v)) : 1) / size * area;
+  };
+  add(point.triangle);
+  if (point.share.minCoeff() > 0) return way.dot(normal) < 0;
+  const auto begin = neighbour_begin_[static_cast<std::size_t>(point.triangle)];
+  const auto end = neighbour_begin_[static_cast<std::size_t>(point.triangle) + 1];
+  for (std::int32_t k = begin; k < end; ++k) {
+    const int t = neighbour_[static_cast<std::size_t>(k)];
+    bool meets = true;
+    for (int c = 0; c < 3; ++c)
+      meets = meets && (point.share[c] == 0 || (triangle(t).array() == corner[c]).any());
+    if (meets) add(t);
+  }
+  return way.dot(normal) < 0;
 }
 
 TrianglePoint SurfaceSearch::walk(const Vector3d& q, std::span<const Vector3d> vertices,

@@ -41,6 +41,12 @@ class SurfaceSearch {
   TrianglePoint nearest(const Eigen::Vector3d& q, std::span<const Eigen::Vector3d> vertices,
                         int t) const;
 
+  /// Whether q is behind the surface at its nearest point. On an edge or a corner it is before one
+  /// triangle and behind another where these are sharp; the mean normal weighted by angles tells
+  /// [Baerentzen05, theorem 1].
+  bool is_behind(const Eigen::Vector3d& q, std::span<const Eigen::Vector3d> vertices,
+                 const TrianglePoint& point) const;
+
   const Eigen::Vector3i& triangle(int t) const { return triangles_[static_cast<std::size_t>(t)]; }
 
  private:
