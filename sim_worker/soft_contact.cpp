@@ -38,8 +38,9 @@ SoftContact<Real>::SoftContact(std::shared_ptr<const SolidTissueModel> model,
   near_.resize(n * W);
   start_.resize(W);
   plane_.assign(4 * n * W, Real{0});
-  for (auto* v : {&motion_, &force_, &before_}) v->assign(3 * n * W, Real{0});
-  for (auto* v : {&work_, &share_}) v->assign(W, Real{0});
+  for (auto* v : {&motion_, &force_, &before_, &direction_, &direction_part_, &direction_way_})
+    v->assign(3 * n * W, Real{0});
+  for (auto* v : {&work_, &share_, &cross_, &turn_, &direction_work_}) v->assign(W, Real{0});
   for (auto* v : {&load_, &push_}) v->assign(3 * W * model->mesh.nodes.size(), Real{0});
   solid_.set_load(load_.data());
   args_.active = true;
@@ -49,6 +50,12 @@ SoftContact<Real>::SoftContact(std::shared_ptr<const SolidTissueModel> model,
   args_.force_before = before_.data();
   args_.work = work_.data();
   args_.share = share_.data();
+  args_.cross = cross_.data();
+  args_.turn = turn_.data();
+  args_.direction = direction_.data();
+  args_.direction_part = direction_part_.data();
+  args_.direction_way = direction_way_.data();
+  args_.direction_work = direction_work_.data();
 }
 
 /// Positions of the skin in one lane, at the start of the substep or as they are now.
@@ -235,12 +242,12 @@ void SoftContact<Real>::place(const Real* x, const Real* d, std::uint32_t lanes)
 template <typename Real>
 void SoftContact<Real>::answer(std::uint32_t lanes) {
   spread(lanes, before_.data(), push_);
-  solid_.answer(push_.data(), work_.data());
+  solid_.answer(push_.data(), work_.data(), cross_.data());
 }
 
 template <typename Real>
 void SoftContact<Real>::take(std::uint32_t lanes) {
-  solid_.take_answer(share_.data(), lanes);
+  solid_.take_answer(turn_.data(), share_.data(), lanes);
   changed_ |= lanes;
 }
 

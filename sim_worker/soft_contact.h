@@ -87,7 +87,8 @@ class SoftContact final : public YieldingSurface<Real> {
   std::vector<LaneStart> start_;                  ///< per lane
   std::uint32_t changed_ = 0;                     ///< lanes whose forces changed in this substep
   bool placed_ = false;                           ///< in this substep
-  AlignedVector<Real> plane_, motion_, force_, before_, work_, share_, load_, push_;
+  AlignedVector<Real> plane_, motion_, force_, before_, work_, share_, cross_, turn_, direction_,
+      direction_part_, direction_way_, direction_work_, load_, push_;
   SurfaceArgs<Real> args_{};
 };
 

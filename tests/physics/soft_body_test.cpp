@@ -195,9 +195,11 @@ TEST(SoftBody, AnAnchoredBodyAnswersASmallPushAsItThenMoves) {
     tissue->start_substep(away, 0);
   }
   double work = 0;
+  double unused = 0;
+  const double none = 0;
   const double whole = 1;
-  answers.answer(push.data(), &work);
-  answers.take_answer(&whole, 1);
+  answers.answer(push.data(), &work, &unused);
+  answers.take_answer(&none, &whole, 1);
   moves.set_load(push.data());
   moves.solve_substep(1);
   double off = 0;
