@@ -110,13 +110,16 @@ void SoftContact<Real>::start_step(std::span<const ToolMotion> motion, const Rea
       fastest = std::max(fastest, solid_.velocity(lane, i).norm());
       start.skin.push_back(vertex_[static_cast<std::size_t>(i)]);
     }
+    int last = -1;  // of the node before, which is next to this one but at the ends of rows
     for (int i = 0; i < nodes_; ++i) {
       TrianglePoint& found = near_[slot(i, lane)];
       found.triangle = -1;
       if ((free[static_cast<std::size_t>(i)] >> lane & 1U) == 0) continue;
       const Vector3d q = place_of(x, i, lane);
-      const double reach = radius_ + kMargin + period * (speed_of(v, i, lane) + fastest + 2 * fall);
-      found = search_.find(q, vertex_, reach);
+      // Weight moves one towards the other where something holds the other up.
+      const double reach = radius_ + kMargin + period * (speed_of(v, i, lane) + fastest + fall);
+      found = search_.find(q, vertex_, reach, last);
+      last = found.triangle;
       if (found.triangle < 0) continue;
       near[static_cast<std::size_t>(i)] |= 1U << lane;
       const double side = search_.is_behind(q, vertex_, found) ? -1 : 1;

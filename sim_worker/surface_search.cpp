@@ -154,11 +154,31 @@ void SurfaceSearch::search(std::size_t index, const Vector3d& q, std::span<const
 }
 
 TrianglePoint SurfaceSearch::find(const Vector3d& q, std::span<const Vector3d> vertices,
-                                  double reach) const {
+                                  double reach, int guess) const {
   TrianglePoint best;
   best.squared = reach * reach;
+  if (guess >= 0) {
+    const TrianglePoint point = nearest(q, vertices, guess);
+    if (point.squared < best.squared) best = point;
+  }
   if (boxes_.front().box.squaredExteriorDistance(q) < best.squared) search(0, q, vertices, best);
   return best;
+}
+
+/// Calls `use` for the other triangles of the edge or corner that the point lies on, if any.
+template <typename Use>
+void SurfaceSearch::for_each_meeting(const TrianglePoint& point, const Use& use) const {
+  if (point.share.minCoeff() > 0) return;
+  const Vector3i& corner = triangle(point.triangle);
+  const auto begin = neighbour_begin_[static_cast<std::size_t>(point.triangle)];
+  const auto end = neighbour_begin_[static_cast<std::size_t>(point.triangle) + 1];
+  for (std::int32_t k = begin; k < end; ++k) {
+    const int t = neighbour_[static_cast<std::size_t>(k)];
+    bool meets = true;
+    for (int c = 0; c < 3; ++c)
+      meets = meets && (point.share[c] == 0 || (triangle(t).array() == corner[c]).any());
+    if (meets) use(t);
+  }
 }
 
 bool SurfaceSearch::is_behind(const Vector3d& q, std::span<const Vector3d> vertices,
@@ -186,16 +206,7 @@ bool SurfaceSearch::is_behind(const Vector3d& q, std::span<const Vector3d> verti
     normal += (is_corner ? trig::atan2(size, u.dot(v)) : 1) / size * area;
   };
   add(point.triangle);
-  if (point.share.minCoeff() > 0) return way.dot(normal) < 0;
-  const auto begin = neighbour_begin_[static_cast<std::size_t>(point.triangle)];
-  const auto end = neighbour_begin_[static_cast<std::size_t>(point.triangle) + 1];
-  for (std::int32_t k = begin; k < end; ++k) {
-    const int t = neighbour_[static_cast<std::size_t>(k)];
-    bool meets = true;
-    for (int c = 0; c < 3; ++c)
-      meets = meets && (point.share[c] == 0 || (triangle(t).array() == corner[c]).any());
-    if (meets) add(t);
-  }
+  for_each_meeting(point, add);
   return way.dot(normal) < 0;
 }
 
@@ -203,14 +214,12 @@ TrianglePoint SurfaceSearch::walk(const Vector3d& q, std::span<const Vector3d> v
                                   int start) const {
   TrianglePoint best = nearest(q, vertices, start);
   for (int step = 0; step < kMaxWalk; ++step) {
-    const int from = best.triangle;
-    const auto begin = neighbour_begin_[static_cast<std::size_t>(from)];
-    const auto end = neighbour_begin_[static_cast<std::size_t>(from) + 1];
-    for (std::int32_t k = begin; k < end; ++k) {
-      const TrianglePoint point = nearest(q, vertices, neighbour_[static_cast<std::size_t>(k)]);
+    const TrianglePoint from = best;
+    for_each_meeting(from, [&](int t) {
+      const TrianglePoint point = nearest(q, vertices, t);
       if (point.squared < best.squared) best = point;
-    }
-    if (best.triangle == from) break;
+    });
+    if (best.triangle == from.triangle) break;
   }
   return best;
 }
