@@ -1,6 +1,7 @@
 #include "sim_worker/soft_contact.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstring>
 #include <limits>
@@ -35,7 +36,6 @@ SoftContact<Real>::SoftContact(std::shared_ptr<const SolidTissueModel> model,
   for (int i = 0; i < model->nodes(); ++i) {
     if (model->on_surface[static_cast<std::size_t>(i)] != 0) skin_.push_back(i);
   }
-  near_.resize(n * W);
   start_.resize(W);
   plane_.assign(4 * n * W, Real{0});
   for (auto* v : {&motion_, &force_, &before_, &direction_, &direction_part_, &direction_way_})
@@ -112,18 +112,16 @@ void SoftContact<Real>::start_step(std::span<const ToolMotion> motion, const Rea
     }
     int last = -1;  // of the node before, which is next to this one but at the ends of rows
     for (int i = 0; i < nodes_; ++i) {
-      TrianglePoint& found = near_[slot(i, lane)];
-      found.triangle = -1;
       if ((free[static_cast<std::size_t>(i)] >> lane & 1U) == 0) continue;
       const Vector3d q = place_of(x, i, lane);
       // Weight moves one towards the other where something holds the other up.
       const double reach = radius_ + kMargin + period * (speed_of(v, i, lane) + fastest + fall);
-      found = search_.find(q, vertex_, reach, last);
+      const TrianglePoint found = search_.find(q, vertex_, reach, last);
       last = found.triangle;
       if (found.triangle < 0) continue;
       near[static_cast<std::size_t>(i)] |= 1U << lane;
       const double side = search_.is_behind(q, vertex_, found) ? -1 : 1;
-      start.near.push_back({i, side * std::sqrt(found.squared), q});
+      start.near.push_back({i, side * std::sqrt(found.squared), q, found});
     }
   }
 }
@@ -154,15 +152,18 @@ void SoftContact<Real>::spread(std::uint32_t lanes, const Real* before,
     if ((lanes >> lane & 1U) == 0) continue;
     for (const Candidate& candidate : start_[static_cast<std::size_t>(lane)].near) {
       const int i = candidate.node;
-      const TrianglePoint& found = near_[slot(i, lane)];
-      const Eigen::Vector3i& corner = search_.triangle(found.triangle);
+      std::array<Real, 3> force{};
       for (int axis = 0; axis < 3; ++axis) {
         const std::size_t at = index(i, axis, lane);
-        const Real force = before == nullptr ? force_[at] : force_[at] - before[at];
-        if (force == Real{0}) continue;
-        for (int c = 0; c < 3; ++c) {
-          load[index(corner[c], axis, lane)] -= static_cast<Real>(found.share[c]) * force;
-        }
+        force[static_cast<std::size_t>(axis)] =
+            before == nullptr ? force_[at] : force_[at] - before[at];
+      }
+      if (force == std::array<Real, 3>{}) continue;
+      const Eigen::Vector3i& corner = search_.triangle(candidate.point.triangle);
+      for (int c = 0; c < 3; ++c) {
+        const auto share = static_cast<Real>(candidate.point.share[c]);
+        for (int axis = 0; axis < 3; ++axis)
+          load[index(corner[c], axis, lane)] -= share * force[static_cast<std::size_t>(axis)];
       }
     }
   }
@@ -174,11 +175,10 @@ void SoftContact<Real>::start_substep(std::span<const ToolMotion> motion, int su
   solid_.start_substep(motion, substep);
   for (int lane = 0; lane < lanes_; ++lane) {
     take_vertices(lane, false);
-    for (const Candidate& candidate : start_[static_cast<std::size_t>(lane)].near) {
-      const int i = candidate.node;
-      if (force(lane, i).isZero(0)) continue;
-      TrianglePoint& found = near_[slot(i, lane)];
-      found = search_.walk(place_of(x, i, lane), vertex_, found.triangle);
+    for (Candidate& candidate : start_[static_cast<std::size_t>(lane)].near) {
+      if (force(lane, candidate.node).isZero(0)) continue;
+      const Vector3d q = place_of(x, candidate.node, lane);
+      candidate.point = search_.walk(q, vertex_, candidate.point.triangle);
     }
   }
   spread(~0U, nullptr, load_);
@@ -189,9 +189,10 @@ void SoftContact<Real>::start_substep(std::span<const ToolMotion> motion, int su
 
 /// Plane and motion of the near point of one node at q.
 template <typename Real>
-void SoftContact<Real>::place_node(int i, int lane, const Vector3d& q) {
+void SoftContact<Real>::place_node(Candidate& candidate, int lane, const Vector3d& q) {
   const Real* const moved = solid_.substep_displacements();
-  TrianglePoint& found = near_[slot(i, lane)];
+  const int i = candidate.node;
+  TrianglePoint& found = candidate.point;
   found = placed_ ? search_.nearest(q, vertex_, found.triangle)
                   : search_.walk(q, vertex_, found.triangle);
   const Eigen::Vector3i& corner = search_.triangle(found.triangle);
@@ -224,7 +225,7 @@ void SoftContact<Real>::place(const Real* x, const Real* d, std::uint32_t lanes)
     take_vertices(lane, true);
     find_normals();
     const double skin_moved = largest_motion(lane);
-    for (const Candidate& candidate : start_[static_cast<std::size_t>(lane)].near) {
+    for (Candidate& candidate : start_[static_cast<std::size_t>(lane)].near) {
       const int i = candidate.node;
       Vector3d q;
       for (int axis = 0; axis < 3; ++axis) {
@@ -235,7 +236,7 @@ void SoftContact<Real>::place(const Real* x, const Real* d, std::uint32_t lanes)
       if (candidate.gap - moved > radius_ + kNear && force(lane, i).isZero(0)) {
         plane_[slot(4 * i, lane)] = static_cast<Real>(kFar);
       } else {
-        place_node(i, lane, q);
+        place_node(candidate, lane, q);
       }
     }
   }

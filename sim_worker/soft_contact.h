@@ -56,6 +56,7 @@ class SoftContact final : public YieldingSurface<Real> {
     int node = 0;
     double gap = 0;  ///< to the triangles [m]
     Eigen::Vector3d place = Eigen::Vector3d::Zero();
+    TrianglePoint point;  ///< where the node was last placed
   };
   struct LaneStart {
     std::vector<Candidate> near;
@@ -73,7 +74,7 @@ class SoftContact final : public YieldingSurface<Real> {
   void take_vertices(int lane, bool moved);
   double largest_motion(int lane) const;
   void find_normals();
-  void place_node(int i, int lane, const Eigen::Vector3d& q);
+  void place_node(Candidate& candidate, int lane, const Eigen::Vector3d& q);
   /// Loads on the solid in the given lanes: minus (force - before), `before` may be null.
   void spread(std::uint32_t lanes, const Real* before, AlignedVector<Real>& load) const;
 
@@ -83,7 +84,6 @@ class SoftContact final : public YieldingSurface<Real> {
   SurfaceSearch search_;
   std::vector<std::int32_t> skin_;                ///< nodes of the solid's surface
   std::vector<Eigen::Vector3d> vertex_, normal_;  ///< scratch: of one lane
-  std::vector<TrianglePoint> near_;               ///< [node of the sheet][lane]; triangle -1 = far
   std::vector<LaneStart> start_;                  ///< per lane
   std::uint32_t changed_ = 0;                     ///< lanes whose forces changed in this substep
   bool placed_ = false;                           ///< in this substep

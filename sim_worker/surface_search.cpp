@@ -16,41 +16,45 @@ constexpr int kMaxWalk = 64;  // a surface that folds onto itself must not keep 
 
 }  // namespace
 
+// By the region of the plane that q projects into [Ericson05, section 5.1.5].
 TrianglePoint nearest_on_triangle(const Vector3d& q, const Vector3d& a, const Vector3d& b,
                                   const Vector3d& c) {
   const Vector3d ab = b - a;
   const Vector3d ac = c - a;
   const Vector3d aq = q - a;
-  const double bb = ab.dot(ab);
-  const double bc = ab.dot(ac);
-  const double cc = ac.dot(ac);
-  const double area = bb * cc - bc * bc;
   TrianglePoint best;
-  if (area > 0) {
-    const double v = (cc * ab.dot(aq) - bc * ac.dot(aq)) / area;
-    const double w = (bb * ac.dot(aq) - bc * ab.dot(aq)) / area;
-    if (v >= 0 && w >= 0 && v + w <= 1) {
-      best.share = {1 - v - w, v, w};
-      best.squared = (aq - v * ab - w * ac).squaredNorm();
-      return best;
-    }
+  const auto take = [&](double v, double w) {
+    best.share = {1 - v - w, v, w};
+    best.squared = (aq - v * ab - w * ac).squaredNorm();
+    return best;
+  };
+  const double ab_aq = ab.dot(aq);
+  const double ac_aq = ac.dot(aq);
+  if (ab_aq <= 0 && ac_aq <= 0) return take(0, 0);
+  const double ab_ab = ab.squaredNorm();
+  const double ab_ac = ab.dot(ac);
+  const double ab_bq = ab_aq - ab_ab;
+  const double ac_bq = ac_aq - ab_ac;
+  if (ab_bq >= 0 && ac_bq <= ab_bq) return take(1, 0);
+  const double area_c = ab_aq * ac_bq - ab_bq * ac_aq;
+  if (area_c <= 0 && ab_aq >= 0 && ab_bq <= 0) return take(ab_aq / ab_ab, 0);
+  const double ab_cq = ab_aq - ab_ac;
+  const double ac_cq = ac_aq - ac.squaredNorm();
+  if (ac_cq >= 0 && ab_cq <= ac_cq) return take(0, 1);
+  const double area_b = ab_cq * ac_aq - ab_aq * ac_cq;
+  if (area_b <= 0 && ac_aq >= 0 && ac_cq <= 0) return take(0, ac_aq / (ac_aq - ac_cq));
+  const double area_a = ab_bq * ac_cq - ab_cq * ac_bq;
+  const double to_b = ac_bq - ab_bq;
+  const double to_c = ab_cq - ac_cq;
+  if (area_a <= 0 && to_b >= 0 && to_c >= 0) {
+    const double w = to_b / (to_b + to_c);
+    take(1 - w, w);
+    best.share[0] = 0;  // exactly: it tells an edge from the inside
+    return best;
   }
-  const std::array<Vector3d, 3> corner = {a, b, c};
-  best.squared = -1;
-  for (int k = 0; k < 3; ++k) {
-    const int next = (k + 1) % 3;
-    const Vector3d& from = corner[static_cast<std::size_t>(k)];
-    const Vector3d edge = corner[static_cast<std::size_t>(next)] - from;
-    const double length = edge.squaredNorm();
-    const double t = length > 0 ? std::clamp(edge.dot(q - from) / length, 0.0, 1.0) : 0.0;
-    const double squared = (q - from - t * edge).squaredNorm();
-    if (best.squared >= 0 && !(squared < best.squared)) continue;
-    best.squared = squared;
-    best.share.setZero();
-    best.share[k] = 1 - t;
-    best.share[next] = t;
-  }
-  return best;
+  const double area = area_a + area_b + area_c;
+  if (!(area > 0)) return take(0, 0);  // no triangle
+  return take(area_b / area, area_c / area);
 }
 
 SurfaceSearch::SurfaceSearch(std::span<const Vector3i> triangles, std::span<const Vector3d> rest)

@@ -146,6 +146,31 @@ TEST(SoftBody, ASheetThatBeginsInsideIsPushedOut) {
     EXPECT_GT(tissue.sheet().position(0, i).z(), 0.01) << i;
 }
 
+TEST(SoftBody, TheNearestPointOfATriangleIsNearerThanAnyOther) {
+  std::array<int, 3> features{};  // inside, on an edge, a corner
+  for (std::uint32_t k = 0; k < 2000; ++k) {
+    std::array<Vector3d, 4> p;  // corners and what is asked for
+    for (std::uint32_t i = 0; i < 4; ++i) {
+      const PhiloxWords words = philox({k, i, 0, 0}, {3, 4});
+      for (std::size_t axis = 0; axis < 3; ++axis)
+        p[i][static_cast<Eigen::Index>(axis)] = static_cast<double>(words[axis]) * 0x1p-32;
+    }
+    const TrianglePoint found = nearest_on_triangle(p[3], p[0], p[1], p[2]);
+    EXPECT_NEAR(found.share.sum(), 1, 1e-14);
+    EXPECT_GT(found.share.minCoeff(), -1e-14);
+    const auto squared = [&](const Vector3d& share) {
+      return (share[0] * p[0] + share[1] * p[1] + share[2] * p[2] - p[3]).squaredNorm();
+    };
+    EXPECT_NEAR(found.squared, squared(found.share), 1e-12);
+    for (int a = 0; a <= 20; ++a) {
+      for (int b = 0; a + b <= 20; ++b)
+        EXPECT_LT(found.squared, squared({0.05 * a, 0.05 * b, 1 - 0.05 * (a + b)}) + 1e-12);
+    }
+    ++features[static_cast<std::size_t>((found.share.array() == 0).count())];
+  }
+  for (const int n : features) EXPECT_GT(n, 200);
+}
+
 // At the tip and at the edges of a spike a point before one triangle is behind the plane of
 // another.
 TEST(SoftBody, BehindASurfaceIsInsideOfItHoweverSharpItIs) {
