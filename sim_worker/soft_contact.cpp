@@ -121,7 +121,7 @@ void SoftContact<Real>::start_step(std::span<const ToolMotion> motion, const Rea
       if (found.triangle < 0) continue;
       near[static_cast<std::size_t>(i)] |= 1U << lane;
       const double side = search_.is_behind(q, vertex_, found) ? -1 : 1;
-      start.near.push_back({i, side * std::sqrt(found.squared), q, found});
+      start.near.push_back({i, side * std::sqrt(found.squared), q, found, Vector3d::Zero()});
     }
   }
 }
@@ -198,32 +198,33 @@ void SoftContact<Real>::place_node(Candidate& candidate, int lane, const Vector3
   const Eigen::Vector3i& corner = search_.triangle(found.triangle);
   Vector3d p = Vector3d::Zero();
   Vector3d way = Vector3d::Zero();
-  Vector3d normal = Vector3d::Zero();
   for (int c = 0; c < 3; ++c) {
     const auto node = static_cast<std::size_t>(corner[c]);
     p += found.share[c] * vertex_[node];
-    normal += found.share[c] * normal_[node];
+    if (!placed_) candidate.normal += found.share[c] * normal_[node];
     for (int axis = 0; axis < 3; ++axis) {
       way[axis] += found.share[c] * static_cast<double>(moved[index(corner[c], axis, lane)]);
     }
   }
-  normal.normalize();
+  if (!placed_) candidate.normal.normalize();
+  if (candidate.normal.isZero(0)) candidate.normal = search_.normal(found.triangle, vertex_);
   const double side = search_.is_behind(q, vertex_, found) ? -1 : 1;
   plane_[slot(4 * i, lane)] = static_cast<Real>(side * (q - p).norm());
   for (int axis = 0; axis < 3; ++axis) {
-    plane_[slot(4 * i + 1 + axis, lane)] = static_cast<Real>(normal[axis]);
+    plane_[slot(4 * i + 1 + axis, lane)] = static_cast<Real>(candidate.normal[axis]);
     motion_[index(i, axis, lane)] = static_cast<Real>(way[axis]);
   }
 }
 
 // The first one in a substep looks around. What moves after it moves little: near points then stay
-// on their triangles, which costs the square of that way over twice the distance.
+// on their triangles, which costs the square of that way over twice the distance, and keep their
+// normals; a node that was far gets that of its triangle.
 template <typename Real>
 void SoftContact<Real>::place(const Real* x, const Real* d, std::uint32_t lanes) {
   for (int lane = 0; lane < lanes_; ++lane) {
     if ((lanes >> lane & 1U) == 0) continue;
     take_vertices(lane, true);
-    find_normals();
+    if (!placed_) find_normals();
     const double skin_moved = largest_motion(lane);
     for (Candidate& candidate : start_[static_cast<std::size_t>(lane)].near) {
       const int i = candidate.node;
@@ -232,6 +233,7 @@ void SoftContact<Real>::place(const Real* x, const Real* d, std::uint32_t lanes)
         const std::size_t k = index(i, axis, lane);
         q[axis] = static_cast<double>(x[k] + d[k]);
       }
+      if (!placed_) candidate.normal.setZero();
       const double moved = skin_moved + (q - candidate.place).norm();
       if (candidate.gap - moved > radius_ + kNear && force(lane, i).isZero(0)) {
         plane_[slot(4 * i, lane)] = static_cast<Real>(kFar);

@@ -56,7 +56,8 @@ class SoftContact final : public YieldingSurface<Real> {
     int node = 0;
     double gap = 0;  ///< to the triangles [m]
     Eigen::Vector3d place = Eigen::Vector3d::Zero();
-    TrianglePoint point;  ///< where the node was last placed
+    TrianglePoint point;                               ///< where the node was last placed
+    Eigen::Vector3d normal = Eigen::Vector3d::Zero();  ///< there, in this substep; zero = far
   };
   struct LaneStart {
     std::vector<Candidate> near;

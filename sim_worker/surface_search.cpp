@@ -169,6 +169,14 @@ TrianglePoint SurfaceSearch::find(const Vector3d& q, std::span<const Vector3d> v
   return best;
 }
 
+Vector3d SurfaceSearch::normal(int t, std::span<const Vector3d> vertices) const {
+  const Vector3i& corner = triangle(t);
+  const Vector3d& a = vertices[static_cast<std::size_t>(corner[0])];
+  return (vertices[static_cast<std::size_t>(corner[1])] - a)
+      .cross(vertices[static_cast<std::size_t>(corner[2])] - a)
+      .normalized();
+}
+
 /// Calls `use` for the other triangles of the edge or corner that the point lies on, if any.
 template <typename Use>
 void SurfaceSearch::for_each_meeting(const TrianglePoint& point, const Use& use) const {

@@ -48,6 +48,9 @@ class SurfaceSearch {
   bool is_behind(const Eigen::Vector3d& q, std::span<const Eigen::Vector3d> vertices,
                  const TrianglePoint& point) const;
 
+  /// Unit normal of triangle `t`.
+  Eigen::Vector3d normal(int t, std::span<const Eigen::Vector3d> vertices) const;
+
   const Eigen::Vector3i& triangle(int t) const { return triangles_[static_cast<std::size_t>(t)]; }
 
  private:
