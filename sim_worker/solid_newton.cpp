@@ -12,7 +12,7 @@ constexpr int kMaxConjugateSteps = 40;
 constexpr double kReduction = 0.01;
 constexpr double kNewtonReduction = 1e-5;
 constexpr int kMaxNewtonSteps = 16;
-constexpr int kMaxHalvings = 4;
+constexpr int kMaxHalvings = 10;
 
 }  // namespace
 
