@@ -233,8 +233,9 @@ void take_contact_change(const Args& args) {
 /// The same on a surface that gives way, whose answer counts too. The sweeps do not know of it:
 /// where sheet and surface give way together, they want many times too much, and a share of that
 /// goes to and fro. So the changes of the passes are made conjugate in the metric of both answers
-/// [Hestenes52], as far as contacts
-/// do not open or close in between.
+/// [Hestenes52], as far as contacts do not open or close in between: `turn` is the share of the
+/// last direction in the new one. It may leave the cones a little; the sweeps of the next pass
+/// come from inside of them again.
 void take_surface_change(const Args& args) {
   const omentum::SurfaceArgs<Real>& s = args.surface;
   Lane wanted = splat(Real{0});
