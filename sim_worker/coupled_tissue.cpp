@@ -35,7 +35,8 @@ CoupledTissue<Real>::CoupledTissue(std::shared_ptr<const CoupledTissueModel> mod
                                    const Kernel<Real>& kernel)
     : model_(std::move(model)),
       sheet_(model_->sheet, kernel),
-      contact_(model_->solid, kernel, sheet_.particles(), model_->sheet->body.particle_radius) {
+      contact_(model_->solid, kernel, sheet_.particles(), model_->sheet->body.particle_radius),
+      held_(static_cast<std::size_t>(kernel.lanes)) {
   sheet_.lie_on(contact_);
 }
 
@@ -53,6 +54,33 @@ void CoupledTissue<Real>::set_parameters(int lane, const LaneParameters& paramet
   of_body.friction_scale = parameters.friction_scale;
   of_body.effects = parameters.effects;
   solid().set_parameters(lane, of_body);
+}
+
+template <typename Real>
+void CoupledTissue<Real>::hold(int lane, const Vector3d& tip, double radius, bool collapse) {
+  release(lane);
+  sheet_.hold(lane, tip, radius, collapse);
+}
+
+template <typename Real>
+void CoupledTissue<Real>::release(int lane) {
+  sheet_.release(lane);
+  solid().release(lane);
+}
+
+template <typename Real>
+std::span<const std::int32_t> CoupledTissue<Real>::held(int lane) const {
+  std::vector<std::int32_t>& nodes = held_[static_cast<std::size_t>(lane)];
+  const auto of_sheet = sheet_.held(lane);
+  nodes.assign(of_sheet.begin(), of_sheet.end());
+  for (const std::int32_t i : contact_.solid().held(lane)) nodes.push_back(sheet_.particles() + i);
+  return nodes;
+}
+
+template <typename Real>
+void CoupledTissue<Real>::shift_held(int lane, const Vector3d& by) {
+  sheet_.shift_held(lane, by);
+  solid().shift_held(lane, by);
 }
 
 template <typename Real>

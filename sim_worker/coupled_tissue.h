@@ -25,9 +25,9 @@ std::shared_ptr<const CoupledTissueModel> make_coupled_model(const Scene& scene,
                                                              std::vector<std::string>& warnings);
 
 /// An elastic sheet and a deformable body that feel each other, in lanes; see Tissue. Particles are
-/// the nodes of the sheet, then those of the body. The tool grasps the sheet only; stiffness and
-/// damping of LaneParameters and the offset of reset() are the sheet's, gravity and friction of
-/// both.
+/// the nodes of the sheet, then those of the body. Stiffness and damping of LaneParameters and the
+/// offset of reset() are the sheet's, gravity and friction of both. hold() takes the sheet,
+/// hold_body() the body; the jaws then move both, and slip on both.
 template <typename Real>
 class CoupledTissue final : public Tissue<Real> {
  public:
@@ -44,18 +44,25 @@ class CoupledTissue final : public Tissue<Real> {
   void reset(int lane, const Eigen::Vector3d& offset) override;
   void set_parameters(int lane, const LaneParameters& parameters) override;
   void step(std::span<const ToolMotion> motion) override { sheet_.step(motion); }
-  void hold(int lane, const Eigen::Vector3d& tip, double radius, bool collapse) override {
-    sheet_.hold(lane, tip, radius, collapse);
+  void hold(int lane, const Eigen::Vector3d& tip, double radius, bool collapse) override;
+  double distance_to_body(int lane, const Eigen::Vector3d& p) override {
+    return contact_.distance(lane, p);
   }
-  void release(int lane) override { sheet_.release(lane); }
-  std::span<const std::int32_t> held(int lane) const override { return sheet_.held(lane); }
-  void shift_held(int lane, const Eigen::Vector3d& by) override { sheet_.shift_held(lane, by); }
-  Eigen::Vector3d held_force(int lane) const override { return sheet_.held_force(lane); }
+  void hold_body(int lane, const Eigen::Vector3d& tip, double radius, bool collapse) override {
+    solid().hold(lane, tip, radius, collapse);
+  }
+  void release(int lane) override;
+  /// Valid until the next call for this lane.
+  std::span<const std::int32_t> held(int lane) const override;
+  void shift_held(int lane, const Eigen::Vector3d& by) override;
+  Eigen::Vector3d held_force(int lane) const override {
+    return sheet_.held_force(lane) + contact_.solid().held_force(lane);
+  }
   Eigen::Vector3d position(int lane, int particle) const override;
   Eigen::Vector3d velocity(int lane, int particle) const override;
   void set_position(int lane, int particle, const Eigen::Vector3d& p) override;
   void set_velocity(int lane, int particle, const Eigen::Vector3d& v) override;
-  /// Of the sheet only: what the tool can grasp.
+  /// Of the sheet only: the tissue of the task.
   void find_nearest(std::span<const Eigen::Vector3d> points,
                     std::span<Nearest> nearest) const override {
     sheet_.find_nearest(points, nearest);
@@ -72,6 +79,7 @@ class CoupledTissue final : public Tissue<Real> {
   ElasticTissue<Real> sheet_;
   SoftContact<Real> contact_;
   AlignedVector<Real> surface_;
+  mutable std::vector<std::vector<std::int32_t>> held_;  ///< per lane: what held() gave
 };
 
 extern template class CoupledTissue<float>;

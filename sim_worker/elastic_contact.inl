@@ -214,12 +214,9 @@ void take_contact_change(const Args& args) {
     wanted = wanted + dot(change, load3(args.contact_way + k));
     reached = reached - dot(change, load3(args.b + k));
   }
-  if (args.surface.active) reached = reached + load(args.surface.work);
   const Lane zero = splat(Real{0});
   const Lane share = max(min(wanted / reached, splat(Real{1})), zero);
   const Mask lanes = to_mask(args.lanes);
-  if (args.surface.active)
-    store(args.surface.share, select(lanes, share, load(args.surface.share)));
   for (int i = 0; i < args.nodes; ++i) {
     const int k = 3 * kLanes * i;
     if (args.plane_begin[i] != args.plane_begin[i + 1]) {
@@ -227,14 +224,73 @@ void take_contact_change(const Args& args) {
       const Lane3 force = load3(args.contact_force + k);
       store3(args.contact_force + k, select(lanes, fma(share, force - before, before), force));
     }
-    if (may_touch_surface(args, i)) {
-      const Lane3 before = load3(args.surface.force_before + k);
-      const Lane3 force = load3(args.surface.force + k);
-      store3(args.surface.force + k, select(lanes, fma(share, force - before, before), force));
-    }
     if (args.fixed[i] != 0) continue;
     const Lane3 d = load3(args.d + k);
     store3(args.d + k, select(lanes, fnma(share, load3(args.b + k), d), d));
+  }
+}
+
+/// The same on a surface that gives way, whose answer counts too. The sweeps do not know of it:
+/// where sheet and surface give way together, they want many times too much, and a share of that
+/// goes to and fro. So the changes of the passes are made conjugate in the metric of both answers
+/// [Hestenes52], as far as contacts do not open or close in between: `turn` is the share of the
+/// last direction in the new one. It may leave the cones a little; the sweeps of the next pass
+/// come from inside of them again.
+void take_surface_change(const Args& args) {
+  const omentum::SurfaceArgs<Real>& s = args.surface;
+  Lane wanted = splat(Real{0});
+  Lane wanted_before = splat(Real{0});
+  Lane reached = splat(static_cast<Real>(1e-30)) + load(s.work);
+  Lane cross = load(s.cross);
+  for (int i = 0; i < args.nodes; ++i) {
+    if (args.plane_begin[i] == args.plane_begin[i + 1]) continue;
+    const int k = 3 * kLanes * i;
+    const Lane3 change = load3(args.contact_force + k) - load3(args.contact_before + k);
+    const Lane3 way = load3(args.contact_way + k);
+    wanted = wanted + dot(change, way);
+    reached = reached - dot(change, load3(args.b + k));
+    if (!s.follows) continue;
+    wanted_before = wanted_before + dot(load3(s.direction + k), way);
+    cross = cross - dot(change, load3(s.direction_way + k));
+  }
+  const Lane zero = splat(Real{0});
+  const Lane one = splat(Real{1});
+  const Mask lanes = to_mask(args.lanes);
+  Lane turn = zero;
+  if (s.follows) {
+    const Lane before = load(s.direction_work);
+    turn = max(min(zero - cross / before, one), zero - one);
+    wanted = fma(turn, wanted_before, wanted);
+    reached = fma(turn, fma(turn, before, cross + cross), reached);
+  }
+  const Lane share = max(min(wanted / reached, one), zero);
+  store(s.direction_work, select(lanes, reached, load(s.direction_work)));
+  store(s.turn, select(lanes, turn, load(s.turn)));
+  store(s.share, select(lanes, share, load(s.share)));
+  const auto advance = [&](Lane3 change, Real* direction) {
+    const Lane3 before = load3(direction);
+    const Lane3 next = s.follows ? fma(turn, before, change) : change;
+    store3(direction, select(lanes, next, before));
+    return next;
+  };
+  for (int i = 0; i < args.nodes; ++i) {
+    const int k = 3 * kLanes * i;
+    if (args.plane_begin[i] != args.plane_begin[i + 1]) {
+      const Lane3 before = load3(args.contact_before + k);
+      const Lane3 force = load3(args.contact_force + k);
+      const Lane3 next = fma(share, advance(force - before, s.direction + k), before);
+      store3(args.contact_force + k, select(lanes, next, force));
+    }
+    if (may_touch_surface(args, i)) {
+      const Lane3 before = load3(s.force_before + k);
+      const Lane3 force = load3(s.force + k);
+      const Lane3 next = fma(share, advance(force - before, s.direction_part + k), before);
+      store3(s.force + k, select(lanes, next, force));
+    }
+    if (args.fixed[i] != 0) continue;
+    const Lane3 d = load3(args.d + k);
+    const Lane3 way = advance(load3(args.b + k), s.direction_way + k);
+    store3(args.d + k, select(lanes, fnma(share, way, d), d));
   }
 }
 

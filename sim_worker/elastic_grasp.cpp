@@ -175,21 +175,31 @@ void ElasticTissue<Real>::shift_held(int lane, const Vector3d& by) {
     patch_offset_[index(0, axis, lane)] = static_cast<Real>(held.target(axis, 0));
 }
 
-/// Before a control step: slip of the grasps.
+/// Before a control step: slip of the grasps. A body that is held beside the sheet slips with it,
+/// under the load of both.
 template <typename Real>
 void ElasticTissue<Real>::slip_grasps() {
   for (int lane = 0; lane < lanes(); ++lane) {
     const auto l = static_cast<std::size_t>(lane);
     const EffectValues& effects = effects_.values(lane);
-    if (!(held_[l].radius > 0) || !(effects.slip_speed > 0)) continue;
-    const Vector3d slip = slip_of(effects, held_force(lane),
-                                  model_->membrane_stiffness() * parameters_[l].stiffness_scale,
-                                  model_->control_period);
+    if (!(effects.slip_speed > 0)) continue;
+    Tissue<Real>* body = surface_ != nullptr ? &surface_->body() : nullptr;
+    if (body != nullptr && body->held(lane).empty()) body = nullptr;
+    if (!(held_[l].radius > 0) && body == nullptr) continue;
+    Vector3d load = held_force(lane);
+    double stiffness = model_->membrane_stiffness() * parameters_[l].stiffness_scale;
+    if (body != nullptr) {
+      load += body->held_force(lane);
+      stiffness += surface_->held_stiffness();
+    }
+    const Vector3d slip = slip_of(effects, load, stiffness, model_->control_period);
     slipped_[l] += slip.norm();
     if (effects.slip_loss > 0 && slipped_[l] > effects.slip_loss) {
       release(lane);
+      if (body != nullptr) body->release(lane);
     } else {
       shift_held(lane, slip);
+      if (body != nullptr) body->shift_held(lane, slip);
     }
   }
 }

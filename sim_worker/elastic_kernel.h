@@ -65,7 +65,15 @@ struct SurfaceArgs {
   Real* force;         ///< [node][xyz][lane]: part of contact_force that it bears [N]
   Real* force_before;  ///< scratch: before the change
   const Real* work;    ///< [lane]: of the change on the surface's answer to it [N m]
-  Real* share;         ///< [lane] out: share of the change that was taken
+  Real* share;         ///< [lane] out: share of the direction that was taken
+  // The direction of the pass before, for conjugate ones (elastic_contact.inl).
+  bool follows;          ///< there was a pass before in this substep
+  const Real* cross;     ///< [lane]: work of the change on the surface's answer to the direction
+  Real* turn;            ///< [lane] out: share of the last direction in the new one
+  Real* direction;       ///< [node][xyz][lane]: change of contact_force [N]
+  Real* direction_part;  ///< [node][xyz][lane]: and of `force`
+  Real* direction_way;   ///< [node][xyz][lane]: minus the sheet's answer to it [m]
+  Real* direction_work;  ///< [lane]: of the direction on the answer of both [N m]
 };
 
 template <typename Real>
@@ -168,6 +176,7 @@ struct ElasticKernel {
   std::uint32_t (*sweep_contacts)(const ElasticArgs<Real>&, bool backwards);
   void (*load_contact_change)(const ElasticArgs<Real>&);
   void (*take_contact_change)(const ElasticArgs<Real>&);
+  void (*take_surface_change)(const ElasticArgs<Real>&);
   void (*drop_far_contacts)(const ElasticArgs<Real>&);
   void (*remember_effects)(const ElasticArgs<Real>&);
   /// Rounds of the solve with springs (elastic_effects.inl).

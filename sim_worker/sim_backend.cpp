@@ -289,8 +289,16 @@ void SimBackend::move_arms(std::vector<ToolMotion>& motion) {
 
 bool SimBackend::is_held(int lane) const {
   const auto& tissue = *groups_[static_cast<std::size_t>(lane / width_)];
-  return !tissue.held(lane_in_group(lane)).empty() ||
-         environments_[static_cast<std::size_t>(lane)].holds_rigid != 0;
+  const auto held = tissue.held(lane_in_group(lane));
+  // Ascending, and a body under the sheet comes after it.
+  const bool tissue_held =
+      !held.empty() && held.front() < static_cast<int>(setup_->scene.tissue.particles.size());
+  return tissue_held || environments_[static_cast<std::size_t>(lane)].holds_rigid != 0;
+}
+
+bool SimBackend::jaws_hold(int lane) const {
+  const auto& tissue = *groups_[static_cast<std::size_t>(lane / width_)];
+  return is_held(lane) || !tissue.held(lane_in_group(lane)).empty();
 }
 
 RewardState SimBackend::reward_state(int lane) const {

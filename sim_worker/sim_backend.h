@@ -119,13 +119,16 @@ class SimBackend : public Backend {
   Eigen::Vector3d measured_tip(int lane) const;
   std::size_t head_bytes() const;
   void move_arms(std::vector<ToolMotion>& motion);
+  /// Whether the tissue of the task is held; a body under it that is held alone does not count.
   bool is_held(int lane) const;
+  bool jaws_hold(int lane) const;
   RewardState reward_state(int lane) const;
   double reward_now(int lane) const;
   double potential_now(int lane) const;
   void move_jaw_and_grasp(std::span<const Command> commands, std::vector<StepOutcome>& control);
   void try_grasp(int lane, const Nearest& nearest);
   void attach(int lane);
+  void take_body(int lane);
   void slip_or_lose(int lane, StepOutcome& outcome);
   void release(int lane);
   double approach_deg(int lane, int particle) const;

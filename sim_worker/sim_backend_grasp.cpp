@@ -59,6 +59,23 @@ void SimBackend::attach(int lane) {
   }
 }
 
+/// A body under the sheet, where the pinch reaches its surface: the jaws then hold it with the
+/// sheet, or alone (docs/decisions/0020).
+void SimBackend::take_body(int lane) {
+  Tissue<float>& tissue = tissue_of(lane);
+  Environment& e = environments_[static_cast<std::size_t>(lane)];
+  const int l = lane_in_group(lane);
+  const Vector3d tip = tip_of(lane);
+  PinchContact contact;
+  contact.distance = tissue.distance_to_body(l, tip);
+  contact.jaw_deg = e.jaw_deg;
+  contact.thickness = setup_->scene.tissue.thickness;
+  if (judge_pinch(setup_->config.grasp(), contact) != PinchResult::kHeld) return;
+  tissue.hold_body(l, tip, setup_->config.grasp().patch_radius_m(),
+                   setup_->config.defects().grasp_collapse_to_point());
+  e.slip = 0;
+}
+
 void SimBackend::release(int lane) {
   tissue_of(lane).release(lane_in_group(lane));
   environments_[static_cast<std::size_t>(lane)].holds_rigid = 0;
@@ -86,10 +103,9 @@ void SimBackend::try_grasp(int lane, const Nearest& nearest) {
   const pb::Grasp& grasp = setup_->config.grasp();
   const PinchResult result = judge(lane, nearest);
   ++counters_.pinches[static_cast<std::size_t>(result)];
-  if (result == PinchResult::kHeld) {
-    attach(lane);
-    return;
-  }
+  if (result == PinchResult::kHeld) attach(lane);
+  take_body(lane);
+  if (result == PinchResult::kHeld) return;
   if (setup_->config.defects().grasp_any_body() && result == PinchResult::kTooFar) {
     for (const RigidShape& body : setup_->scene.bodies) {
       if (body.kind != RigidShape::Kind::kSphere && body.kind != RigidShape::Kind::kEllipsoid)
@@ -118,7 +134,7 @@ void SimBackend::move_jaw_and_grasp(std::span<const Command> commands,
     control[k].held_before = is_held(lane);
     const bool closed = commands[k].closed;
     if (!closed && !grasp.automatic()) {
-      if (is_held(lane)) release(lane);
+      if (jaws_hold(lane)) release(lane);
       e.jaw_was_open = 1;
     }
     e.jaw_closed = closed ? 1 : 0;
@@ -128,7 +144,7 @@ void SimBackend::move_jaw_and_grasp(std::span<const Command> commands,
         has_angle ? jaw_contact_deg(grasp, setup_->scene.tissue.thickness) : 0;
     const double next_deg = has_angle ? move_jaw(grasp, e.jaw_deg, closed, dt) : 0;
     const bool closes_now = !has_angle || (e.jaw_was_open != 0 && next_deg < contact_deg);
-    if (closed && !is_held(lane) && closes_now) {
+    if (closed && !jaws_hold(lane) && closes_now) {
       wants[k] = 1;
       any = true;
     } else {
@@ -170,7 +186,9 @@ void SimBackend::slip_or_lose(int lane, StepOutcome& outcome) {
   tissue.shift_held(l, slip / load * force);
   e.slip += slip;
   if (!slipped_out(setup_->config.grasp(), e.slip)) return;
+  const bool counts = is_held(lane);
   release(lane);
+  if (!counts) return;
   e.lost_ever = 1;
   e.exposure = 0;
   outcome.grasp_lost = true;

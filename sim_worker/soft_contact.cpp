@@ -1,8 +1,10 @@
 #include "sim_worker/soft_contact.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstring>
+#include <limits>
 
 #include "core/check.h"
 
@@ -34,11 +36,11 @@ SoftContact<Real>::SoftContact(std::shared_ptr<const SolidTissueModel> model,
   for (int i = 0; i < model->nodes(); ++i) {
     if (model->on_surface[static_cast<std::size_t>(i)] != 0) skin_.push_back(i);
   }
-  near_.resize(n * W);
   start_.resize(W);
   plane_.assign(4 * n * W, Real{0});
-  for (auto* v : {&motion_, &force_, &before_}) v->assign(3 * n * W, Real{0});
-  for (auto* v : {&work_, &share_}) v->assign(W, Real{0});
+  for (auto* v : {&motion_, &force_, &before_, &direction_, &direction_part_, &direction_way_})
+    v->assign(3 * n * W, Real{0});
+  for (auto* v : {&work_, &share_, &cross_, &turn_, &direction_work_}) v->assign(W, Real{0});
   for (auto* v : {&load_, &push_}) v->assign(3 * W * model->mesh.nodes.size(), Real{0});
   solid_.set_load(load_.data());
   args_.active = true;
@@ -48,6 +50,12 @@ SoftContact<Real>::SoftContact(std::shared_ptr<const SolidTissueModel> model,
   args_.force_before = before_.data();
   args_.work = work_.data();
   args_.share = share_.data();
+  args_.cross = cross_.data();
+  args_.turn = turn_.data();
+  args_.direction = direction_.data();
+  args_.direction_part = direction_part_.data();
+  args_.direction_way = direction_way_.data();
+  args_.direction_work = direction_work_.data();
 }
 
 /// Positions of the skin in one lane, at the start of the substep or as they are now.
@@ -102,30 +110,20 @@ void SoftContact<Real>::start_step(std::span<const ToolMotion> motion, const Rea
       fastest = std::max(fastest, solid_.velocity(lane, i).norm());
       start.skin.push_back(vertex_[static_cast<std::size_t>(i)]);
     }
+    int last = -1;  // of the node before, which is next to this one but at the ends of rows
     for (int i = 0; i < nodes_; ++i) {
-      TrianglePoint& found = near_[slot(i, lane)];
-      found.triangle = -1;
       if ((free[static_cast<std::size_t>(i)] >> lane & 1U) == 0) continue;
       const Vector3d q = place_of(x, i, lane);
-      const double reach = radius_ + kMargin + period * (speed_of(v, i, lane) + fastest + 2 * fall);
-      found = search_.find(q, vertex_, reach);
+      // Weight moves one towards the other where something holds the other up.
+      const double reach = radius_ + kMargin + period * (speed_of(v, i, lane) + fastest + fall);
+      const TrianglePoint found = search_.find(q, vertex_, reach, last);
+      last = found.triangle;
       if (found.triangle < 0) continue;
       near[static_cast<std::size_t>(i)] |= 1U << lane;
-      const double side = is_inside(q, found) ? -1 : 1;
-      start.near.push_back({i, side * std::sqrt(found.squared), q});
+      const double side = search_.is_behind(q, vertex_, found) ? -1 : 1;
+      start.near.push_back({i, side * std::sqrt(found.squared), q, found, Vector3d::Zero()});
     }
   }
-}
-
-/// Whether q is behind the triangle of its near point.
-template <typename Real>
-bool SoftContact<Real>::is_inside(const Vector3d& q, const TrianglePoint& found) const {
-  const Eigen::Vector3i& corner = search_.triangle(found.triangle);
-  const Vector3d& a = vertex_[static_cast<std::size_t>(corner[0])];
-  const Vector3d& b = vertex_[static_cast<std::size_t>(corner[1])];
-  const Vector3d& c = vertex_[static_cast<std::size_t>(corner[2])];
-  const Vector3d p = found.share[0] * a + found.share[1] * b + found.share[2] * c;
-  return (q - p).dot((b - a).cross(c - a)) < 0;
 }
 
 /// Of a node of the skin since the start of the control step [m], at vertex_.
@@ -154,15 +152,18 @@ void SoftContact<Real>::spread(std::uint32_t lanes, const Real* before,
     if ((lanes >> lane & 1U) == 0) continue;
     for (const Candidate& candidate : start_[static_cast<std::size_t>(lane)].near) {
       const int i = candidate.node;
-      const TrianglePoint& found = near_[slot(i, lane)];
-      const Eigen::Vector3i& corner = search_.triangle(found.triangle);
+      std::array<Real, 3> force{};
       for (int axis = 0; axis < 3; ++axis) {
         const std::size_t at = index(i, axis, lane);
-        const Real force = before == nullptr ? force_[at] : force_[at] - before[at];
-        if (force == Real{0}) continue;
-        for (int c = 0; c < 3; ++c) {
-          load[index(corner[c], axis, lane)] -= static_cast<Real>(found.share[c]) * force;
-        }
+        force[static_cast<std::size_t>(axis)] =
+            before == nullptr ? force_[at] : force_[at] - before[at];
+      }
+      if (force == std::array<Real, 3>{}) continue;
+      const Eigen::Vector3i& corner = search_.triangle(candidate.point.triangle);
+      for (int c = 0; c < 3; ++c) {
+        const auto share = static_cast<Real>(candidate.point.share[c]);
+        for (int axis = 0; axis < 3; ++axis)
+          load[index(corner[c], axis, lane)] -= share * force[static_cast<std::size_t>(axis)];
       }
     }
   }
@@ -174,11 +175,10 @@ void SoftContact<Real>::start_substep(std::span<const ToolMotion> motion, int su
   solid_.start_substep(motion, substep);
   for (int lane = 0; lane < lanes_; ++lane) {
     take_vertices(lane, false);
-    for (const Candidate& candidate : start_[static_cast<std::size_t>(lane)].near) {
-      const int i = candidate.node;
-      if (force(lane, i).isZero(0)) continue;
-      TrianglePoint& found = near_[slot(i, lane)];
-      found = search_.walk(place_of(x, i, lane), vertex_, found.triangle);
+    for (Candidate& candidate : start_[static_cast<std::size_t>(lane)].near) {
+      if (force(lane, candidate.node).isZero(0)) continue;
+      const Vector3d q = place_of(x, candidate.node, lane);
+      candidate.point = search_.walk(q, vertex_, candidate.point.triangle);
     }
   }
   spread(~0U, nullptr, load_);
@@ -189,53 +189,56 @@ void SoftContact<Real>::start_substep(std::span<const ToolMotion> motion, int su
 
 /// Plane and motion of the near point of one node at q.
 template <typename Real>
-void SoftContact<Real>::place_node(int i, int lane, const Vector3d& q) {
+void SoftContact<Real>::place_node(Candidate& candidate, int lane, const Vector3d& q) {
   const Real* const moved = solid_.substep_displacements();
-  TrianglePoint& found = near_[slot(i, lane)];
+  const int i = candidate.node;
+  TrianglePoint& found = candidate.point;
   found = placed_ ? search_.nearest(q, vertex_, found.triangle)
                   : search_.walk(q, vertex_, found.triangle);
   const Eigen::Vector3i& corner = search_.triangle(found.triangle);
   Vector3d p = Vector3d::Zero();
   Vector3d way = Vector3d::Zero();
-  Vector3d normal = Vector3d::Zero();
   for (int c = 0; c < 3; ++c) {
     const auto node = static_cast<std::size_t>(corner[c]);
     p += found.share[c] * vertex_[node];
-    normal += found.share[c] * normal_[node];
+    if (!placed_) candidate.normal += found.share[c] * normal_[node];
     for (int axis = 0; axis < 3; ++axis) {
       way[axis] += found.share[c] * static_cast<double>(moved[index(corner[c], axis, lane)]);
     }
   }
-  normal.normalize();
-  const double side = is_inside(q, found) ? -1 : 1;
+  if (!placed_) candidate.normal.normalize();
+  if (candidate.normal.isZero(0)) candidate.normal = search_.normal(found.triangle, vertex_);
+  const double side = search_.is_behind(q, vertex_, found) ? -1 : 1;
   plane_[slot(4 * i, lane)] = static_cast<Real>(side * (q - p).norm());
   for (int axis = 0; axis < 3; ++axis) {
-    plane_[slot(4 * i + 1 + axis, lane)] = static_cast<Real>(normal[axis]);
+    plane_[slot(4 * i + 1 + axis, lane)] = static_cast<Real>(candidate.normal[axis]);
     motion_[index(i, axis, lane)] = static_cast<Real>(way[axis]);
   }
 }
 
 // The first one in a substep looks around. What moves after it moves little: near points then stay
-// on their triangles, which costs the square of that way over twice the distance.
+// on their triangles, which costs the square of that way over twice the distance, and keep their
+// normals; a node that was far gets that of its triangle.
 template <typename Real>
 void SoftContact<Real>::place(const Real* x, const Real* d, std::uint32_t lanes) {
   for (int lane = 0; lane < lanes_; ++lane) {
     if ((lanes >> lane & 1U) == 0) continue;
     take_vertices(lane, true);
-    find_normals();
+    if (!placed_) find_normals();
     const double skin_moved = largest_motion(lane);
-    for (const Candidate& candidate : start_[static_cast<std::size_t>(lane)].near) {
+    for (Candidate& candidate : start_[static_cast<std::size_t>(lane)].near) {
       const int i = candidate.node;
       Vector3d q;
       for (int axis = 0; axis < 3; ++axis) {
         const std::size_t k = index(i, axis, lane);
         q[axis] = static_cast<double>(x[k] + d[k]);
       }
+      if (!placed_) candidate.normal.setZero();
       const double moved = skin_moved + (q - candidate.place).norm();
       if (candidate.gap - moved > radius_ + kNear && force(lane, i).isZero(0)) {
         plane_[slot(4 * i, lane)] = static_cast<Real>(kFar);
       } else {
-        place_node(i, lane, q);
+        place_node(candidate, lane, q);
       }
     }
   }
@@ -245,12 +248,12 @@ void SoftContact<Real>::place(const Real* x, const Real* d, std::uint32_t lanes)
 template <typename Real>
 void SoftContact<Real>::answer(std::uint32_t lanes) {
   spread(lanes, before_.data(), push_);
-  solid_.answer(push_.data(), work_.data());
+  solid_.answer(push_.data(), work_.data(), cross_.data());
 }
 
 template <typename Real>
 void SoftContact<Real>::take(std::uint32_t lanes) {
-  solid_.take_answer(share_.data(), lanes);
+  solid_.take_answer(turn_.data(), share_.data(), lanes);
   changed_ |= lanes;
 }
 
@@ -268,6 +271,23 @@ Vector3d SoftContact<Real>::force(int lane, int node) const {
   return {static_cast<double>(force_[index(node, 0, lane)]),
           static_cast<double>(force_[index(node, 1, lane)]),
           static_cast<double>(force_[index(node, 2, lane)])};
+}
+
+// A rigid disc on a half-space, 2 E a / (1 - nu^2) [Johnson85, section 3.4], of the radius that the
+// mesh resolves.
+template <typename Real>
+double SoftContact<Real>::held_stiffness() const {
+  const pb::Material& material = solid_.model().material;
+  const double nu = material.poisson_ratio();
+  return 2 * material.young_modulus_pa() * solid_.model().spacing / (1 - nu * nu);
+}
+
+template <typename Real>
+double SoftContact<Real>::distance(int lane, const Vector3d& p) {
+  take_vertices(lane, false);
+  search_.fit(vertex_);
+  const TrianglePoint found = search_.find(p, vertex_, std::numeric_limits<double>::infinity());
+  return search_.is_behind(p, vertex_, found) ? 0 : std::sqrt(found.squared);
 }
 
 template <typename Real>

@@ -29,6 +29,8 @@ class SoftContact final : public YieldingSurface<Real> {
   const SolidTissue<Real>& solid() const { return solid_; }
 
   const SurfaceArgs<Real>& args() const override { return args_; }
+  Tissue<Real>& body() override { return solid_; }
+  double held_stiffness() const override;
   void start_step(std::span<const ToolMotion> motion, const Real* x, const Real* v,
                   std::span<const std::uint32_t> free, std::span<std::uint32_t> near) override;
   void start_substep(std::span<const ToolMotion> motion, int substep, const Real* x) override;
@@ -39,6 +41,8 @@ class SoftContact final : public YieldingSurface<Real> {
 
   /// Force of the solid on a node of the sheet at the end of the last step, in W [N].
   Eigen::Vector3d force(int lane, int node) const;
+  /// Distance of a point from the solid as it is now [m]; 0 inside.
+  double distance(int lane, const Eigen::Vector3d& p);
 
   /// Solid and forces, as Tissue has them.
   void reset(int lane);
@@ -52,6 +56,8 @@ class SoftContact final : public YieldingSurface<Real> {
     int node = 0;
     double gap = 0;  ///< to the triangles [m]
     Eigen::Vector3d place = Eigen::Vector3d::Zero();
+    TrianglePoint point;                               ///< where the node was last placed
+    Eigen::Vector3d normal = Eigen::Vector3d::Zero();  ///< there, in this substep; zero = far
   };
   struct LaneStart {
     std::vector<Candidate> near;
@@ -68,9 +74,8 @@ class SoftContact final : public YieldingSurface<Real> {
   }
   void take_vertices(int lane, bool moved);
   double largest_motion(int lane) const;
-  bool is_inside(const Eigen::Vector3d& q, const TrianglePoint& found) const;
   void find_normals();
-  void place_node(int i, int lane, const Eigen::Vector3d& q);
+  void place_node(Candidate& candidate, int lane, const Eigen::Vector3d& q);
   /// Loads on the solid in the given lanes: minus (force - before), `before` may be null.
   void spread(std::uint32_t lanes, const Real* before, AlignedVector<Real>& load) const;
 
@@ -80,11 +85,11 @@ class SoftContact final : public YieldingSurface<Real> {
   SurfaceSearch search_;
   std::vector<std::int32_t> skin_;                ///< nodes of the solid's surface
   std::vector<Eigen::Vector3d> vertex_, normal_;  ///< scratch: of one lane
-  std::vector<TrianglePoint> near_;               ///< [node of the sheet][lane]; triangle -1 = far
   std::vector<LaneStart> start_;                  ///< per lane
   std::uint32_t changed_ = 0;                     ///< lanes whose forces changed in this substep
   bool placed_ = false;                           ///< in this substep
-  AlignedVector<Real> plane_, motion_, force_, before_, work_, share_, load_, push_;
+  AlignedVector<Real> plane_, motion_, force_, before_, work_, share_, cross_, turn_, direction_,
+      direction_part_, direction_way_, direction_work_, load_, push_;
   SurfaceArgs<Real> args_{};
 };
 

@@ -12,7 +12,7 @@ constexpr int kMaxConjugateSteps = 40;
 constexpr double kReduction = 0.01;
 constexpr double kNewtonReduction = 1e-5;
 constexpr int kMaxNewtonSteps = 16;
-constexpr int kMaxHalvings = 4;
+constexpr int kMaxHalvings = 10;
 
 }  // namespace
 
@@ -85,20 +85,22 @@ void SolidTissue<Real>::solve_substep(std::uint32_t active) {
 }
 
 template <typename Real>
-void SolidTissue<Real>::answer(const Real* push, Real* work) {
+void SolidTissue<Real>::answer(const Real* push, Real* work, Real* cross) {
   std::copy_n(push, b_.size(), b_.begin());
   solid_.keep_free(args_, b_.data());
   precondition();
-  step_ = z_;
-  follow_leaders(step_);
+  follow_leaders(z_);
   PerLane product{};
-  solid_.dot(args_, push, step_.data(), product.data());
+  solid_.dot(args_, push, z_.data(), product.data());
   std::copy_n(product.begin(), lanes(), work);
+  solid_.dot(args_, push, p_.data(), product.data());
+  std::copy_n(product.begin(), lanes(), cross);
 }
 
 template <typename Real>
-void SolidTissue<Real>::take_answer(const Real* share, std::uint32_t active) {
-  solid_.add_scaled(args_, d_.data(), step_.data(), share, active);
+void SolidTissue<Real>::take_answer(const Real* turn, const Real* share, std::uint32_t active) {
+  solid_.turn_direction(args_, turn);
+  solid_.add_scaled(args_, d_.data(), p_.data(), share, active);
 }
 
 // step = H^-1 b by conjugate gradients, from the residual b with z = A^-1 b and its square `rz`. A
@@ -152,8 +154,8 @@ void SolidTissue<Real>::find_newton_step(PerLane rz, std::uint32_t active) {
   template void SolidTissue<Real>::multiply_hessian();                       \
   template void SolidTissue<Real>::find_newton_step(PerLane, std::uint32_t); \
   template void SolidTissue<Real>::solve_substep(std::uint32_t);             \
-  template void SolidTissue<Real>::answer(const Real*, Real*);               \
-  template void SolidTissue<Real>::take_answer(const Real*, std::uint32_t)
+  template void SolidTissue<Real>::answer(const Real*, Real*, Real*);        \
+  template void SolidTissue<Real>::take_answer(const Real*, const Real*, std::uint32_t)
 OMENTUM_INSTANTIATE(float);
 OMENTUM_INSTANTIATE(double);
 #undef OMENTUM_INSTANTIATE

@@ -60,10 +60,11 @@ class SolidTissue final : public Tissue<Real> {
   /// The array must stay.
   void set_load(const Real* load);
   /// How far a further push [N] (like a load) moves the nodes by the preconditioner, which is right
-  /// to a factor of two; `work` gets push x answer per lane [N m]. take_answer() moves the nodes by
-  /// `share` of it in the given lanes; solve_substep() then puts right what is left.
-  void answer(const Real* push, Real* work);
-  void take_answer(const Real* share, std::uint32_t active);
+  /// to a factor of two; per lane `work` gets push x answer and `cross` push x direction [N m].
+  /// take_answer() makes the direction this answer + `turn` times the direction before and moves
+  /// the nodes by `share` of it in the given lanes; solve_substep() then puts right what is left.
+  void answer(const Real* push, Real* work, Real* cross);
+  void take_answer(const Real* turn, const Real* share, std::uint32_t active);
   /// Positions at the start of the substep and the displacement since [node][xyz][lane] [m].
   const Real* substep_positions() const { return x_.data(); }
   const Real* substep_displacements() const { return d_.data(); }

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <numeric>
 
+#include "core/trig.h"
+
 namespace omentum {
 namespace {
 
@@ -14,41 +16,45 @@ constexpr int kMaxWalk = 64;  // a surface that folds onto itself must not keep 
 
 }  // namespace
 
+// By the region of the plane that q projects into [Ericson05, section 5.1.5].
 TrianglePoint nearest_on_triangle(const Vector3d& q, const Vector3d& a, const Vector3d& b,
                                   const Vector3d& c) {
   const Vector3d ab = b - a;
   const Vector3d ac = c - a;
   const Vector3d aq = q - a;
-  const double bb = ab.dot(ab);
-  const double bc = ab.dot(ac);
-  const double cc = ac.dot(ac);
-  const double area = bb * cc - bc * bc;
   TrianglePoint best;
-  if (area > 0) {
-    const double v = (cc * ab.dot(aq) - bc * ac.dot(aq)) / area;
-    const double w = (bb * ac.dot(aq) - bc * ab.dot(aq)) / area;
-    if (v >= 0 && w >= 0 && v + w <= 1) {
-      best.share = {1 - v - w, v, w};
-      best.squared = (aq - v * ab - w * ac).squaredNorm();
-      return best;
-    }
+  const auto take = [&](double v, double w) {
+    best.share = {1 - v - w, v, w};
+    best.squared = (aq - v * ab - w * ac).squaredNorm();
+    return best;
+  };
+  const double ab_aq = ab.dot(aq);
+  const double ac_aq = ac.dot(aq);
+  if (ab_aq <= 0 && ac_aq <= 0) return take(0, 0);
+  const double ab_ab = ab.squaredNorm();
+  const double ab_ac = ab.dot(ac);
+  const double ab_bq = ab_aq - ab_ab;
+  const double ac_bq = ac_aq - ab_ac;
+  if (ab_bq >= 0 && ac_bq <= ab_bq) return take(1, 0);
+  const double area_c = ab_aq * ac_bq - ab_bq * ac_aq;
+  if (area_c <= 0 && ab_aq >= 0 && ab_bq <= 0) return take(ab_aq / ab_ab, 0);
+  const double ab_cq = ab_aq - ab_ac;
+  const double ac_cq = ac_aq - ac.squaredNorm();
+  if (ac_cq >= 0 && ab_cq <= ac_cq) return take(0, 1);
+  const double area_b = ab_cq * ac_aq - ab_aq * ac_cq;
+  if (area_b <= 0 && ac_aq >= 0 && ac_cq <= 0) return take(0, ac_aq / (ac_aq - ac_cq));
+  const double area_a = ab_bq * ac_cq - ab_cq * ac_bq;
+  const double to_b = ac_bq - ab_bq;
+  const double to_c = ab_cq - ac_cq;
+  if (area_a <= 0 && to_b >= 0 && to_c >= 0) {
+    const double w = to_b / (to_b + to_c);
+    take(1 - w, w);
+    best.share[0] = 0;  // exactly: it tells an edge from the inside
+    return best;
   }
-  const std::array<Vector3d, 3> corner = {a, b, c};
-  best.squared = -1;
-  for (int k = 0; k < 3; ++k) {
-    const int next = (k + 1) % 3;
-    const Vector3d& from = corner[static_cast<std::size_t>(k)];
-    const Vector3d edge = corner[static_cast<std::size_t>(next)] - from;
-    const double length = edge.squaredNorm();
-    const double t = length > 0 ? std::clamp(edge.dot(q - from) / length, 0.0, 1.0) : 0.0;
-    const double squared = (q - from - t * edge).squaredNorm();
-    if (best.squared >= 0 && !(squared < best.squared)) continue;
-    best.squared = squared;
-    best.share.setZero();
-    best.share[k] = 1 - t;
-    best.share[next] = t;
-  }
-  return best;
+  const double area = area_a + area_b + area_c;
+  if (!(area > 0)) return take(0, 0);  // no triangle
+  return take(area_b / area, area_c / area);
 }
 
 SurfaceSearch::SurfaceSearch(std::span<const Vector3i> triangles, std::span<const Vector3d> rest)
@@ -152,25 +158,80 @@ void SurfaceSearch::search(std::size_t index, const Vector3d& q, std::span<const
 }
 
 TrianglePoint SurfaceSearch::find(const Vector3d& q, std::span<const Vector3d> vertices,
-                                  double reach) const {
+                                  double reach, int guess) const {
   TrianglePoint best;
   best.squared = reach * reach;
+  if (guess >= 0) {
+    const TrianglePoint point = nearest(q, vertices, guess);
+    if (point.squared < best.squared) best = point;
+  }
   if (boxes_.front().box.squaredExteriorDistance(q) < best.squared) search(0, q, vertices, best);
   return best;
+}
+
+Vector3d SurfaceSearch::normal(int t, std::span<const Vector3d> vertices) const {
+  const Vector3i& corner = triangle(t);
+  const Vector3d& a = vertices[static_cast<std::size_t>(corner[0])];
+  return (vertices[static_cast<std::size_t>(corner[1])] - a)
+      .cross(vertices[static_cast<std::size_t>(corner[2])] - a)
+      .normalized();
+}
+
+/// Calls `use` for the other triangles of the edge or corner that the point lies on, if any.
+template <typename Use>
+void SurfaceSearch::for_each_meeting(const TrianglePoint& point, const Use& use) const {
+  if (point.share.minCoeff() > 0) return;
+  const Vector3i& corner = triangle(point.triangle);
+  const auto begin = neighbour_begin_[static_cast<std::size_t>(point.triangle)];
+  const auto end = neighbour_begin_[static_cast<std::size_t>(point.triangle) + 1];
+  for (std::int32_t k = begin; k < end; ++k) {
+    const int t = neighbour_[static_cast<std::size_t>(k)];
+    bool meets = true;
+    for (int c = 0; c < 3; ++c)
+      meets = meets && (point.share[c] == 0 || (triangle(t).array() == corner[c]).any());
+    if (meets) use(t);
+  }
+}
+
+bool SurfaceSearch::is_behind(const Vector3d& q, std::span<const Vector3d> vertices,
+                              const TrianglePoint& point) const {
+  const Vector3i& corner = triangle(point.triangle);
+  Vector3d way = q;
+  for (int c = 0; c < 3; ++c) way -= point.share[c] * vertices[static_cast<std::size_t>(corner[c])];
+  Vector3d normal = Vector3d::Zero();
+  const auto add = [&](int t) {
+    const Vector3i& k = triangle(t);
+    // An edge: both triangles alike. A corner: by their angles there.
+    int at = 0;
+    bool is_corner = false;
+    for (int c = 0; c < 3; ++c) {
+      if (point.share[c] != 1) continue;
+      is_corner = true;
+      while (k[at] != corner[c]) ++at;
+    }
+    const Vector3d& a = vertices[static_cast<std::size_t>(k[at])];
+    const Vector3d u = vertices[static_cast<std::size_t>(k[(at + 1) % 3])] - a;
+    const Vector3d v = vertices[static_cast<std::size_t>(k[(at + 2) % 3])] - a;
+    const Vector3d area = u.cross(v);
+    const double size = area.norm();
+    if (!(size > 0)) return;
+    normal += (is_corner ? trig::atan2(size, u.dot(v)) : 1) / size * area;
+  };
+  add(point.triangle);
+  for_each_meeting(point, add);
+  return way.dot(normal) < 0;
 }
 
 TrianglePoint SurfaceSearch::walk(const Vector3d& q, std::span<const Vector3d> vertices,
                                   int start) const {
   TrianglePoint best = nearest(q, vertices, start);
   for (int step = 0; step < kMaxWalk; ++step) {
-    const int from = best.triangle;
-    const auto begin = neighbour_begin_[static_cast<std::size_t>(from)];
-    const auto end = neighbour_begin_[static_cast<std::size_t>(from) + 1];
-    for (std::int32_t k = begin; k < end; ++k) {
-      const TrianglePoint point = nearest(q, vertices, neighbour_[static_cast<std::size_t>(k)]);
+    const TrianglePoint from = best;
+    for_each_meeting(from, [&](int t) {
+      const TrianglePoint point = nearest(q, vertices, t);
       if (point.squared < best.squared) best = point;
-    }
-    if (best.triangle == from) break;
+    });
+    if (best.triangle == from.triangle) break;
   }
   return best;
 }

@@ -30,16 +30,26 @@ class SurfaceSearch {
 
   /// Takes vertex positions for find(); those of vertices without a triangle are not read.
   void fit(std::span<const Eigen::Vector3d> vertices);
-  /// Nearest point to q where fit() saw the vertices; triangle -1: none within `reach` [m].
+  /// Nearest point to q where fit() saw the vertices; triangle -1: none within `reach` [m]. A
+  /// triangle that may be near, `guess`, makes it faster; -1 = none.
   TrianglePoint find(const Eigen::Vector3d& q, std::span<const Eigen::Vector3d> vertices,
-                     double reach) const;
-  /// Nearest point to q among those that are reached from triangle `start` by ever nearer
-  /// neighbours.
+                     double reach, int guess = -1) const;
+  /// Nearest point to q among those that are reached from triangle `start` over ever nearer edges
+  /// and corners.
   TrianglePoint walk(const Eigen::Vector3d& q, std::span<const Eigen::Vector3d> vertices,
                      int start) const;
   /// Nearest point to q of triangle `t`.
   TrianglePoint nearest(const Eigen::Vector3d& q, std::span<const Eigen::Vector3d> vertices,
                         int t) const;
+
+  /// Whether q is behind the surface at its nearest point. On an edge or a corner it is before one
+  /// triangle and behind another where these are sharp; the mean normal weighted by angles tells
+  /// [Baerentzen05, theorem 1].
+  bool is_behind(const Eigen::Vector3d& q, std::span<const Eigen::Vector3d> vertices,
+                 const TrianglePoint& point) const;
+
+  /// Unit normal of triangle `t`.
+  Eigen::Vector3d normal(int t, std::span<const Eigen::Vector3d> vertices) const;
 
   const Eigen::Vector3i& triangle(int t) const { return triangles_[static_cast<std::size_t>(t)]; }
 
@@ -50,6 +60,8 @@ class SurfaceSearch {
     std::int32_t right = 0;            ///< the left child follows its parent; 0 = leaf
   };
   std::int32_t split(std::int32_t first, std::int32_t last, std::span<const Eigen::Vector3d> rest);
+  template <typename Use>
+  void for_each_meeting(const TrianglePoint& point, const Use& use) const;
   void search(std::size_t index, const Eigen::Vector3d& q,
               std::span<const Eigen::Vector3d> vertices, TrianglePoint& best) const;
 

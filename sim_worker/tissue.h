@@ -2,6 +2,7 @@
 
 #include <Eigen/Core>
 #include <cstdint>
+#include <limits>
 #include <memory>
 #include <optional>
 #include <span>
@@ -78,6 +79,15 @@ class Tissue {
   /// kept, until release. `collapse` pulls it onto the tip instead (a named defect of the seed).
   /// Fixed tissue cannot be held.
   virtual void hold(int lane, const Eigen::Vector3d& tip, double radius, bool collapse) = 0;
+  /// Distance of a point from a body that lies beside the sheet and can be held with it [m]; 0
+  /// inside, infinite where there is none.
+  virtual double distance_to_body(int /*lane*/, const Eigen::Vector3d& /*p*/) {
+    return std::numeric_limits<double>::infinity();
+  }
+  /// hold() of that body; what is held of the sheet stays so. From then on release(), held(),
+  /// shift_held() and held_force() are of both.
+  virtual void hold_body(int /*lane*/, const Eigen::Vector3d& /*tip*/, double /*radius*/,
+                         bool /*collapse*/) {}
   virtual void release(int lane) = 0;
   /// Particles held now, ascending; empty = nothing is held.
   virtual std::span<const std::int32_t> held(int lane) const = 0;

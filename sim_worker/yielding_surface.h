@@ -20,6 +20,10 @@ class YieldingSurface {
   virtual ~YieldingSurface() = default;
 
   virtual const SurfaceArgs<Real>& args() const = 0;
+  /// The body, which the jaws may hold beside the sheet.
+  virtual Tissue<Real>& body() = 0;
+  /// By how much the force on the jaws falls when the body slips out of them, about [N/m].
+  virtual double held_stiffness() const = 0;
   /// Start of a control step: sets, for every node of the sheet at x with velocity v, the lanes of
   /// `free` in which it may touch during the step.
   virtual void start_step(std::span<const ToolMotion> motion, const Real* x, const Real* v,

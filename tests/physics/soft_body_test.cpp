@@ -3,11 +3,14 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstring>
 #include <memory>
 #include <vector>
 
+#include "core/rng.h"
+#include "sim_worker/surface_search.h"
 #include "support/coupled_scene.h"
 
 namespace omentum {
@@ -16,41 +19,16 @@ namespace {
 using Eigen::Vector3d;
 using test::CoupledCase;
 using test::make_coupled;
+using test::on_cushion;
+using test::over_dome;
 
 constexpr double kGravity = 9.81;
-constexpr double kRadius = 0.0015;  // contact distance of a node of the sheet
 
 template <typename Real>
 void run(CoupledTissue<Real>& tissue, double seconds) {
   const ToolMotion away{Vector3d(0, 0, 1), Vector3d(0, 0, 1)};
   const std::vector<ToolMotion> motion(static_cast<std::size_t>(tissue.lanes()), away);
   for (int k = 0; k < std::lround(seconds / 0.02); ++k) tissue.step(motion);
-}
-
-/// A loose sheet of 45 x 45 mm just above a cushion of 60 x 60 x 20 mm that is fixed below.
-CoupledCase on_cushion() {
-  CoupledCase c;
-  c.sheet.nx = c.sheet.ny = 16;
-  c.sheet.young = 5e3;
-  c.sheet.poisson = 0.45;
-  c.sheet.anchor_max_y = -1;
-  c.sheet.X_WB.translation().z() = 0.01 + kRadius + 0.0005;
-  c.sheet.static_friction = c.sheet.dynamic_friction = 0.3;
-  return c;
-}
-
-/// A sheet with one anchored edge over a dome.
-CoupledCase over_dome() {
-  CoupledCase c;
-  c.sheet.young = 5e3;
-  c.sheet.poisson = 0.45;
-  c.sheet.static_friction = c.sheet.dynamic_friction = 0.3;
-  c.shape = make_ellipsoid_mesh({0.025, 0.025, 0.02}, 15, 32);
-  c.edge_length = 0.012;
-  c.young = 5e3;
-  c.X_WB.translation().z() = -0.024;
-  c.anchor_max_z = -0.034;
-  return c;
 }
 
 struct Sums {
@@ -168,6 +146,63 @@ TEST(SoftBody, ASheetThatBeginsInsideIsPushedOut) {
     EXPECT_GT(tissue.sheet().position(0, i).z(), 0.01) << i;
 }
 
+TEST(SoftBody, TheNearestPointOfATriangleIsNearerThanAnyOther) {
+  std::array<int, 3> features{};  // inside, on an edge, a corner
+  for (std::uint32_t k = 0; k < 2000; ++k) {
+    std::array<Vector3d, 4> p;  // corners and what is asked for
+    for (std::uint32_t i = 0; i < 4; ++i) {
+      const PhiloxWords words = philox({k, i, 0, 0}, {3, 4});
+      for (std::size_t axis = 0; axis < 3; ++axis)
+        p[i][static_cast<Eigen::Index>(axis)] = static_cast<double>(words[axis]) * 0x1p-32;
+    }
+    const TrianglePoint found = nearest_on_triangle(p[3], p[0], p[1], p[2]);
+    EXPECT_NEAR(found.share.sum(), 1, 1e-14);
+    EXPECT_GT(found.share.minCoeff(), -1e-14);
+    const auto squared = [&](const Vector3d& share) {
+      return (share[0] * p[0] + share[1] * p[1] + share[2] * p[2] - p[3]).squaredNorm();
+    };
+    EXPECT_NEAR(found.squared, squared(found.share), 1e-12);
+    for (int a = 0; a <= 20; ++a) {
+      for (int b = 0; a + b <= 20; ++b)
+        EXPECT_LT(found.squared, squared({0.05 * a, 0.05 * b, 1 - 0.05 * (a + b)}) + 1e-12);
+    }
+    ++features[static_cast<std::size_t>((found.share.array() == 0).count())];
+  }
+  for (const int n : features) EXPECT_GT(n, 200);
+}
+
+// At the tip and at the edges of a spike a point before one triangle is behind the plane of
+// another.
+TEST(SoftBody, BehindASurfaceIsInsideOfItHoweverSharpItIs) {
+  const std::vector<Vector3d> corners = {
+      {0.010, 0, 0}, {-0.005, 0.004, 0}, {-0.004, -0.006, 0}, {0.002, 0.001, 0.04}};
+  const std::vector<Eigen::Vector3i> faces = {{0, 2, 1}, {0, 1, 3}, {1, 2, 3}, {2, 0, 3}};
+  SurfaceSearch search(faces, corners);
+  search.fit(corners);
+  std::array<int, 2> count{};
+  std::array<int, 3> features{};  // nearest to a face, an edge, a corner
+  for (std::uint32_t k = 0; k < 4000; ++k) {
+    const PhiloxWords words = philox({k, 0, 0, 0}, {1, 2});
+    const auto between = [&](std::size_t i, double min, double max) {
+      return min + (max - min) * static_cast<double>(words[i]) * 0x1p-32;
+    };
+    const Vector3d q(between(0, -0.01, 0.014), between(1, -0.01, 0.01), between(2, -0.005, 0.05));
+    bool inside = true;
+    for (const Eigen::Vector3i& face : faces) {
+      const Vector3d& a = corners[static_cast<std::size_t>(face[0])];
+      const Vector3d area = (corners[static_cast<std::size_t>(face[1])] - a)
+                                .cross(corners[static_cast<std::size_t>(face[2])] - a);
+      inside = inside && area.dot(q - a) < 0;
+    }
+    const TrianglePoint point = search.find(q, corners, 1);
+    EXPECT_EQ(search.is_behind(q, corners, point), inside) << q.transpose();
+    ++count[inside ? 1 : 0];
+    ++features[static_cast<std::size_t>((point.share.array() == 0).count())];
+  }
+  EXPECT_GT(count[1], 100);
+  for (const int n : features) EXPECT_GT(n, 500);
+}
+
 // What the contact of the sheet reckons with. Turned, as the mesh is in a frame of its own.
 TEST(SoftBody, AnAnchoredBodyAnswersASmallPushAsItThenMoves) {
   CoupledCase c = over_dome();
@@ -185,9 +220,11 @@ TEST(SoftBody, AnAnchoredBodyAnswersASmallPushAsItThenMoves) {
     tissue->start_substep(away, 0);
   }
   double work = 0;
+  double unused = 0;
+  const double none = 0;
   const double whole = 1;
-  answers.answer(push.data(), &work);
-  answers.take_answer(&whole, 1);
+  answers.answer(push.data(), &work, &unused);
+  answers.take_answer(&none, &whole, 1);
   moves.set_load(push.data());
   moves.solve_substep(1);
   double off = 0;

@@ -20,6 +20,32 @@ struct CoupledCase {
   double anchor_max_z = -0.01;  ///< of W
 };
 
+/// A loose sheet of 45 x 45 mm just above a cushion of 60 x 60 x 20 mm that is fixed below.
+inline CoupledCase on_cushion() {
+  CoupledCase c;
+  c.sheet.nx = c.sheet.ny = 16;
+  c.sheet.young = 5e3;
+  c.sheet.poisson = 0.45;
+  c.sheet.anchor_max_y = -1;
+  c.sheet.X_WB.translation().z() = 0.01 + 0.0015 + 0.0005;
+  c.sheet.static_friction = c.sheet.dynamic_friction = 0.3;
+  return c;
+}
+
+/// A sheet with one anchored edge over a dome.
+inline CoupledCase over_dome() {
+  CoupledCase c;
+  c.sheet.young = 5e3;
+  c.sheet.poisson = 0.45;
+  c.sheet.static_friction = c.sheet.dynamic_friction = 0.3;
+  c.shape = make_ellipsoid_mesh({0.025, 0.025, 0.02}, 15, 32);
+  c.edge_length = 0.012;
+  c.young = 5e3;
+  c.X_WB.translation().z() = -0.024;
+  c.anchor_max_z = -0.034;
+  return c;
+}
+
 inline Scene make_coupled_scene(const CoupledCase& c) {
   Scene scene = make_elastic_scene(c.sheet);
   pb::DeformableBody& config = *scene.config.add_body();
