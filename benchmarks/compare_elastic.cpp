@@ -153,25 +153,30 @@ void compare(const Case& c) {
   std::fflush(stdout);
 }
 
-/// Relative difference of the two central differences, rms over the surface.
+/// Relative difference of the two central differences, each the sum over `steps`, rms over the
+/// surface.
 void compare_derivative(const Case& c, const std::string& parameter,
-                        const std::function<void(Case&, double)>& change, double step) {
+                        const std::function<void(Case&, double)>& change,
+                        const std::vector<double>& steps) {
   const auto difference = [&](const std::function<Outcome(const Case&)>& solve) {
-    Case below = c;
-    Case above = c;
-    change(below, -step);
-    change(above, step);
-    const Surface a = solve(below).surface;
-    Surface d = solve(above).surface;
-    for (std::size_t i = 0; i < d.size(); ++i) d[i] -= a[i];
-    return d;
+    Surface sum(31UL * 31, Vector3d::Zero());
+    for (const double step : steps) {
+      Case below = c;
+      Case above = c;
+      change(below, -step);
+      change(above, step);
+      const Surface a = solve(below).surface;
+      const Surface b = solve(above).surface;
+      for (std::size_t i = 0; i < sum.size(); ++i) sum[i] += b[i] - a[i];
+    }
+    return sum;
   };
   const Surface solid = difference(run_reference);
   const Surface shell = difference(run_elastic);
   const Surface zero(solid.size(), Vector3d::Zero());
   std::printf("compare.%s.%s.by_%s_percent %.2f %%\n", c.board ? "board" : "air", c.name.c_str(),
               parameter.c_str(), 100 * rms_mm(solid, shell) / rms_mm(solid, zero));
-  std::fprintf(stderr, "# +-%g moves the surface by %.3f mm rms (solid), %.3f mm (shell)\n", step,
+  std::fprintf(stderr, "# moves the surface by %.3f mm rms (solid), %.3f mm (shell)\n",
                rms_mm(solid, zero), rms_mm(shell, zero));
   std::fflush(stdout);
 }
@@ -203,20 +208,17 @@ int main(int argc, char** argv) {
     }
   }
   corner.board = board;
-  compare_derivative(
-      corner, "young", [](Case& c, double d) { c.young *= 1 + d; }, 0.05);
+  compare_derivative(corner, "young", [](Case& c, double d) { c.young *= 1 + d; }, {0.05});
   // The tip starts elsewhere and makes the same way.
-  compare_derivative(
-      corner, "grasp_x", [](Case& c, double d) { c.grasp.x() += d; }, 0.0005);
-  compare_derivative(
-      corner, "grasp_y", [](Case& c, double d) { c.grasp.y() += d; }, 0.0005);
+  compare_derivative(corner, "grasp_x", [](Case& c, double d) { c.grasp.x() += d; }, {0.0005});
+  compare_derivative(corner, "grasp_y", [](Case& c, double d) { c.grasp.y() += d; }, {0.0005});
+  // Which node sticks last decides over some micrometres: the mean of several differences.
   if (board)
-    compare_derivative(
-        corner, "friction", [](Case& c, double d) { c.friction += d; }, 0.1);
+    compare_derivative(corner, "friction", [](Case& c, double d) { c.friction += d; },
+                       {0.08, 0.1, 0.12, 0.14});
   // One row of nodes: the shell can be clamped at its nodes only, and two rows make a clamp where
   // one is a hinge.
   corner.clamp = -0.039;
-  compare_derivative(
-      corner, "clamp", [](Case& c, double d) { c.clamp += d; }, 0.003);
+  compare_derivative(corner, "clamp", [](Case& c, double d) { c.clamp += d; }, {0.003});
   return failed ? 1 : 0;
 }
