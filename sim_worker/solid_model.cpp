@@ -280,9 +280,7 @@ EffectValues SolidTissueModel::own_effects(const EffectValues& e) const {
   own.grasp_x = e.grasp_x;
   own.grasp_y = e.grasp_y;
   own.grasp_radius = e.grasp_radius;
-  own.slip_speed = e.slip_speed;
-  own.slip_force = e.slip_force;
-  own.slip_loss = e.slip_loss;
+  // No slip: ElasticTissue lets both out of the jaws together, under the load of both.
   own.grasp_compliance = e.grasp_compliance;
   own.jaw_roll = e.jaw_roll;
   own.jaw_tilt = e.jaw_tilt;

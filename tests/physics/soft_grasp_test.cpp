@@ -213,9 +213,19 @@ TEST(SoftGrasp, SheetAndBodySlipAsOne) {
     if (lane % 2 == 0) tissue.hold(lane, kTop, kPatch, false);
     tissue.hold_body(lane, kTop, kPatch, false);
   }
+  const auto apart = [&] {  // mean of the held nodes of the sheet from that of the body's
+    Vector3d sheet = Vector3d::Zero();
+    Vector3d body = Vector3d::Zero();
+    for (const std::int32_t i : tissue.sheet().held(0)) sheet += tissue.sheet().position(0, i);
+    for (const std::int32_t i : tissue.solid().held(0)) body += tissue.solid().position(0, i);
+    return Vector3d(sheet / static_cast<double>(tissue.sheet().held(0).size()) -
+                    body / static_cast<double>(tissue.solid().held(0).size()));
+  };
+  const Vector3d at_first = apart();
   const Vector3d to = kTop + Vector3d(0, 0, 0.012);
   move_tool(tissue, kTop, to, 30);
   move_tool(tissue, to, to, 200);
+  EXPECT_LT((apart() - at_first).norm(), 0.2e-3);
   for (int lane = 0; lane < 2; ++lane) {
     EXPECT_EQ(tissue.sheet().held(lane).empty(), lane == 1);
     EXPECT_FALSE(tissue.solid().held(lane).empty());
