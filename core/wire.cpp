@@ -9,6 +9,9 @@
 #include "core/wire_fields.h"
 
 namespace omentum {
+
+static_assert(kMaxStateBytes == omentum_v1_MAX_STATE_BYTES);
+
 namespace {
 
 // -------------------------------------------------------------------------------------------- out

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <functional>
 #include <memory>
@@ -20,6 +21,9 @@
 /// before anything is copied; what fails is counted in refused() and dropped, never handed to the
 /// caller.
 namespace omentum {
+
+/// Longest state of an environment that a task or a segment carries [bytes].
+inline constexpr std::size_t kMaxStateBytes = std::size_t{1} << 20;
 
 /// Topic of a record: topic_of<RolloutTask>() and so on.
 template <typename Record>

@@ -133,6 +133,13 @@ int run(int argc, char** argv) {
     WorkerSetup made;
     made.backend = std::make_unique<SimBackend>(setup, static_cast<int>(lanes), width,
                                                 make_image_source(*setup));
+    const std::size_t state = made.backend->save(0).size();
+    if (state > kMaxStateBytes) {
+      throw_error(
+          "scene.tissue: its state takes {} bytes, allowed up to {}: fewer particles or "
+          "elements, or fewer effects with memory",
+          state, kMaxStateBytes);
+    }
     made.shape = policy_shape(config);
     made.config_hash = hash;
     return made;
