@@ -287,11 +287,8 @@ pb::Config load_config(const std::string& preset, std::span<const std::string> o
     if (assignment.rfind("scene_file=", 0) == 0) apply_override(config, assignment);
   }
   if (!config.scene_file().empty()) {
-    const bool absolute = config.scene_file().front() == '/';
-    const std::string scene_path =
-        absolute ? config.scene_file() : deploy_dir() + "/scenes/" + config.scene_file();
     pb::Scene scene;
-    merge_text(scene_path, read_file(scene_path), scene);
+    read_text_proto(scene_path(config), scene);
     scene.MergeFrom(config.scene());
     *config.mutable_scene() = scene;
   }
@@ -316,6 +313,40 @@ pb::Scene load_scene(const std::string& path, std::span<const std::string> overr
   fill_defaults(config);
   check_knobs(config, "");
   return config.scene();
+}
+
+std::string scene_path(const pb::Config& config) {
+  const std::string& file = config.scene_file();
+  if (file.empty() || file.front() == '/') return file;
+  return deploy_dir() + "/scenes/" + file;
+}
+
+std::string place_in_scene(const std::string& path, const std::string& error) {
+  std::string knob = error.substr(0, error.find(':'));
+  if (knob.rfind("scene.", 0) != 0 || !std::filesystem::is_regular_file(path)) return "";
+  knob.erase(0, 6);
+  ParseInfoTree places;
+  protobuf::TextFormat::Parser parser;
+  parser.WriteLocationsTo(&places);
+  pb::Scene scene;
+  if (!parser.MergeFromString(read_file(path), &scene)) return "";
+  std::string place;
+  const ParseInfoTree* tree = &places;
+  const protobuf::Descriptor* descriptor = pb::Scene::descriptor();
+  std::istringstream parts(knob);
+  for (std::string part; tree != nullptr && std::getline(parts, part, '.');) {
+    const std::size_t bracket = part.find('[');
+    const FieldDescriptor* field =
+        descriptor == nullptr ? nullptr : descriptor->FindFieldByName(part.substr(0, bracket));
+    if (field == nullptr || field->is_repeated() != (bracket != std::string::npos)) break;
+    const int index = field->is_repeated() ? std::atoi(part.c_str() + bracket + 1) : -1;
+    const auto at = tree->GetLocation(field, index);
+    if (at.line < 0) break;
+    place = fmt::format("{}:{}:{}: ", path, at.line + 1, at.column + 1);
+    tree = tree->GetTreeForNested(field, index);
+    descriptor = field->message_type();
+  }
+  return place;
 }
 
 void read_text_proto(const std::string& path, protobuf::Message& message) {

@@ -26,6 +26,14 @@ pb::Config parse_config(const std::string& name, const std::string& text);
 /// A scene file by itself, with overrides "scene.a.b=c"; checked and filled in as in load_config.
 pb::Scene load_scene(const std::string& path, std::span<const std::string> overrides);
 
+/// Where an error that begins with the path of a knob ("scene.tissue.anchor_max_y_m: ...") has its
+/// cause in a scene file: "file:line:column: " of the innermost part of the path that the file
+/// gives, empty where it gives none or is not there.
+std::string place_in_scene(const std::string& path, const std::string& error);
+
+/// The file that `scene_file` names; empty without one.
+std::string scene_path(const pb::Config& config);
+
 /// Reads a protobuf text file over what `message` holds. Throws Error with file:line:column.
 void read_text_proto(const std::string& path, google::protobuf::Message& message);
 

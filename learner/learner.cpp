@@ -294,7 +294,7 @@ bool Learner::collect_batch(const std::function<bool()>& stop) {
     if (book_->batch_complete()) break;
     if (const std::optional<std::string> reason = refused_by_workers()) {
       bus_->finish(std::int64_t{2'000'000'000});
-      throw_error("{}", one_line(*reason));
+      throw_error("{}{}", place_in_scene(scene_path(config_), *reason), one_line(*reason));
     }
     bus_->wait(std::int64_t{20'000'000});
   }

@@ -46,19 +46,32 @@ pb::RecordingInfo info_of(const Scene& scene, const SimulateOptions& options, do
   return info;
 }
 
+constexpr double kControlPeriod = 0.02;  // [s] of every recording (formats/recording.md)
+
+struct SceneAndModel {
+  Scene scene;
+  std::shared_ptr<const TissueModel> model;
+};
+
+/// What is wrong with the scene as a whole is told with the line of the file, too.
+SceneAndModel make_scene_and_model(const SimulateOptions& options, const pb::Scene& config) try {
+  SceneAndModel made;
+  made.scene = make_scene(config, std::filesystem::path(options.scene).parent_path().string());
+  made.model = make_tissue_model(made.scene, kControlPeriod, made.scene.warnings);
+  return made;
+} catch (const Error& error) {
+  throw_error("{}{}", place_in_scene(options.scene, error.what()), error.what());
+}
+
 int simulate(const SimulateOptions& options) {
-  constexpr double kControlPeriod = 0.02;  // [s] of every recording (formats/recording.md)
   pb::Scene config = load_scene(options.scene, options.overrides);
   if (!options.model.empty()) {
     config.mutable_tissue()->set_model(options.model == "cluster"   ? pb::TISSUE_CLUSTER
                                        : options.model == "elastic" ? pb::TISSUE_ELASTIC
                                                                     : pb::TISSUE_REFERENCE);
   }
-  const Scene scene =
-      make_scene(config, std::filesystem::path(options.scene).parent_path().string());
-  std::vector<std::string> warnings = scene.warnings;
-  const auto model = make_tissue_model(scene, kControlPeriod, warnings);
-  for (const std::string& warning : warnings)
+  const auto [scene, model] = make_scene_and_model(options, config);
+  for (const std::string& warning : scene.warnings)
     std::fprintf(stderr, "warning: %s\n", warning.c_str());
   const ToolTrack track = read_tool_track(options.commands, read_recording_info(options.commands),
                                           scene_tool_mount(scene));

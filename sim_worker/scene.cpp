@@ -42,7 +42,8 @@ Eigen::Isometry3d to_pose(const pb::Pose& pose, const std::string& path) {
 std::string mesh_path(const pb::MeshFile& file, const std::string& directory,
                       const std::string& knob) {
   if (file.path().empty()) throw_error("{}.path: missing", knob);
-  return file.path().front() == '/' ? file.path() : directory + "/" + file.path();
+  if (file.path().front() == '/' || directory.empty()) return file.path();
+  return directory + "/" + file.path();
 }
 
 TriangleMesh load_scene_mesh(const pb::MeshFile& file, const std::string& directory,

@@ -13,6 +13,7 @@
 #include "core/config.h"
 #include "mismatch/recording_folder.h"
 #include "mismatch/table.h"
+#include "support/temp_dir.h"
 
 namespace omentum {
 namespace {
@@ -161,6 +162,28 @@ TEST(RecordingInfo, UnknownFieldsAreNamedWithTheirPlace) {
   } catch (const Error& error) {
     EXPECT_THAT(error.what(), testing::HasSubstr("recording.txtpb:2:"));
     EXPECT_THAT(error.what(), testing::HasSubstr("colour"));
+  }
+}
+
+TEST(SceneFile, WhatIsWrongWithTheWholeSceneHasThePlaceOfItsKnob) {
+  const test::TempDir folder;
+  const std::string path = folder / "scene.txtpb";
+  std::ofstream(path) << "tissue {\n  grid {}\n  anchor_max_y_m: -1\n}\n"
+                         "rigid_body { name: \"a\" }\nrigid_body {\n  name: \"b\"\n}\n";
+  const auto place = [&](const std::string& error) { return place_in_scene(path, error); };
+  EXPECT_EQ(place("scene.tissue.anchor_max_y_m: -1 fixes 0"), path + ":3:3: ");
+  // What the file leaves at its default has the place of what surrounds it.
+  EXPECT_EQ(place("scene.tissue.thickness_m: 0"), path + ":1:1: ");
+  EXPECT_EQ(place("scene.rigid_body[1].mesh.path: empty"), path + ":6:1: ");
+  EXPECT_EQ(place("scene.rigid_body[1].name: b"), path + ":7:3: ");
+  EXPECT_EQ(place("scene.rigid_body[7].name: b"), "");
+  EXPECT_EQ(place("organ.stl: cannot be opened"), "");
+  EXPECT_EQ(place_in_scene(folder / "none.txtpb", "scene.tissue: x"), "");
+  try {
+    make_scene(load_scene(path, {}), folder.path());
+    FAIL();
+  } catch (const Error& error) {
+    EXPECT_EQ(place(error.what()), path + ":3:3: ") << error.what();
   }
 }
 
