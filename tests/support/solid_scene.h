@@ -24,7 +24,7 @@ struct SolidCase {
   double static_friction = 0, dynamic_friction = 0;
 };
 
-inline std::shared_ptr<const SolidTissueModel> make_solid(const SolidCase& c) {
+inline Scene make_solid_scene(const SolidCase& c) {
   Scene scene;
   pb::Tissue& tissue = *scene.config.mutable_tissue();
   tissue.set_model(pb::TISSUE_ELASTIC);
@@ -52,7 +52,11 @@ inline std::shared_ptr<const SolidTissueModel> make_solid(const SolidCase& c) {
     scene.tissue.fixed.push_back(p.y() <= c.anchor_max_y ? 1 : 0);
   }
   scene.tissue.particle_radius = 0.0015;
-  return make_solid_model(scene, 0.02);
+  return scene;
+}
+
+inline std::shared_ptr<const SolidTissueModel> make_solid(const SolidCase& c) {
+  return make_solid_model(make_solid_scene(c), 0.02);
 }
 
 }  // namespace omentum::test
