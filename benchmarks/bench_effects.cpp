@@ -14,9 +14,10 @@
 #include <string>
 #include <vector>
 
-#include "sim_worker/cooker.h"
-#include "sim_worker/elastic_model.h"
-#include "sim_worker/solid_model.h"
+#include "sim_worker/models.h"
+#include "sim_worker/scene/particles.h"
+#include "sim_worker/shell/shell_model.h"
+#include "sim_worker/solid/solid_model.h"
 
 namespace {
 
@@ -60,7 +61,7 @@ std::shared_ptr<const TissueModel> make_sheet(const pb::TissueEffects& effects, 
   scene.tissue.thickness = 0.003;
   add_board(scene, board, 0.0015);
   std::vector<std::string> warnings;
-  return make_elastic_model(scene, 0.02, warnings);
+  return make_shell_model(scene, 0.02, warnings);
 }
 
 std::shared_ptr<const TissueModel> make_pad(const pb::TissueEffects& effects, Board board) {
@@ -100,7 +101,7 @@ const Bench kPad{"solid.", make_pad, Vector3d(0, 0.026, 0.01), 0.008, 0.0005, 3}
 class Lift {
  public:
   Lift(const Bench& bench, const pb::TissueEffects& effects, Board board,
-       const Kernel<float>& kernel)
+       const LaneKernel<float>& kernel)
       : bench_(bench), model_(bench.make(effects, board)), tissue_(model_->make_tissue(kernel)) {
     for (int lane = 0; lane < tissue().lanes(); ++lane)
       tissue().hold(lane, tip(), bench_.radius, false);
@@ -191,7 +192,7 @@ bool is_possible(const pb::TissueEffects& effects) {
   return true;
 }
 
-void measure(const Bench& bench, const Kernel<float>& kernel) {
+void measure(const Bench& bench, const LaneKernel<float>& kernel) {
   Lift plain(bench, {}, Board::kNone, kernel);
   Lift over_board(bench, {}, Board::kFar, kernel);
   Lift on_board(bench, {}, Board::kUnder, kernel);
@@ -222,7 +223,7 @@ void measure(const Bench& bench, const Kernel<float>& kernel) {
 
 int main(int argc, char** argv) {
   try {
-    const Kernel<float>& kernel =
+    const LaneKernel<float>& kernel =
         choose_kernel(argc > 1 ? static_cast<unsigned>(std::stoul(argv[1])) : 0);
     measure(kSheet, kernel);
     measure(kPad, kernel);

@@ -21,9 +21,10 @@
 
 #include "core/check.h"
 #include "core/rng.h"
-#include "sim_worker/cooker.h"
-#include "sim_worker/elastic_tissue.h"
-#include "sim_worker/solid_tissue.h"
+#include "sim_worker/models.h"
+#include "sim_worker/scene/particles.h"
+#include "sim_worker/shell/shell_tissue.h"
+#include "sim_worker/solid/solid_tissue.h"
 
 namespace {
 
@@ -73,8 +74,8 @@ void disorder(Scene& scene) {
   scene.sheet = measure_sheet("mesh", nodes, scene.tissue.surface_triangles);
 }
 
-std::shared_ptr<const ElasticTissueModel> make_sheet(const Case& c, unsigned substeps,
-                                                     unsigned iterations) {
+std::shared_ptr<const ShellTissueModel> make_sheet(const Case& c, unsigned substeps,
+                                                   unsigned iterations) {
   Scene scene;
   pb::Tissue& tissue = *scene.config.mutable_tissue();
   tissue.mutable_grid()->set_count_x(kSide);
@@ -98,7 +99,7 @@ std::shared_ptr<const ElasticTissueModel> make_sheet(const Case& c, unsigned sub
   scene.bodies = c.bodies;
   if (c.is_mesh) disorder(scene);
   std::vector<std::string> warnings;
-  return make_elastic_model(scene, 0.02, warnings);
+  return make_shell_model(scene, 0.02, warnings);
 }
 
 Case over_sphere() {
@@ -135,26 +136,26 @@ Vector3d tip_at(double time) {
 }
 
 template <typename Real>
-void step_lift(ElasticTissue<Real>& tissue, int& step) {
+void step_lift(ShellTissue<Real>& tissue, int& step) {
   const ToolMotion motion{tip_at(0.02 * step), tip_at(0.02 * (step + 1))};
   tissue.step(std::vector<ToolMotion>(static_cast<std::size_t>(tissue.lanes()), motion));
   ++step;
 }
 
 template <typename Real>
-void hold_corner(ElasticTissue<Real>& tissue) {
+void hold_corner(ShellTissue<Real>& tissue) {
   for (int lane = 0; lane < tissue.lanes(); ++lane) tissue.hold(lane, tip_at(0), 0.0045, false);
 }
 
 template <typename Real>
-void step_free(ElasticTissue<Real>& tissue, int steps) {
+void step_free(ShellTissue<Real>& tissue, int steps) {
   const ToolMotion away{Vector3d(0, 0, 1), Vector3d(0, 0, 1)};
   for (int k = 0; k < steps; ++k) {
     tissue.step(std::vector<ToolMotion>(static_cast<std::size_t>(tissue.lanes()), away));
   }
 }
 
-double rms_mm(const ElasticTissue<float>& a, const ElasticTissue<double>& b) {
+double rms_mm(const ShellTissue<float>& a, const ShellTissue<double>& b) {
   double sum = 0;
   for (int i = 0; i < a.particles(); ++i)
     sum += (a.position(0, i) - b.position(0, i)).squaredNorm();
@@ -162,7 +163,7 @@ double rms_mm(const ElasticTissue<float>& a, const ElasticTissue<double>& b) {
 }
 
 /// Seconds of CPU per environment step of the lift, best of ten chunks of 20 steps after 25.
-double lift_cost(ElasticTissue<float>& tissue, int& step) {
+double lift_cost(ShellTissue<float>& tissue, int& step) {
   hold_corner(tissue);
   while (step < 25) step_lift(tissue, step);
   double best = 1e9;
@@ -175,7 +176,7 @@ double lift_cost(ElasticTissue<float>& tissue, int& step) {
 }
 
 /// Places of the nodes [m], one line each: what the peers are compared with.
-void write_surface(const std::string& path, const ElasticTissue<double>& tissue) {
+void write_surface(const std::string& path, const ShellTissue<double>& tissue) {
   std::ofstream file(path);
   for (int i = 0; i < tissue.particles(); ++i) {
     const Vector3d p = tissue.position(0, i);
@@ -184,11 +185,11 @@ void write_surface(const std::string& path, const ElasticTissue<double>& tissue)
   if (!file.flush()) throw_error("{}: cannot be written", path);
 }
 
-void measure_mesh(const Kernel<float>& kernel, unsigned substeps) {
+void measure_mesh(const LaneKernel<float>& kernel, unsigned substeps) {
   Case c;
   c.is_mesh = true;
   const auto model = make_sheet(c, substeps, 1);
-  ElasticTissue<float> tissue(model, kernel);
+  ShellTissue<float> tissue(model, kernel);
   int step = 0;
   const double cost = lift_cost(tissue, step);
   std::printf("tissue.elastic_mesh.env_steps_per_s %.0f steps/s\n", 1 / cost);
@@ -218,7 +219,7 @@ std::shared_ptr<const SolidTissueModel> make_organ() {
 }
 
 /// Mean over 6 s.
-void measure_solid(const Kernel<float>& kernel) {
+void measure_solid(const LaneKernel<float>& kernel) {
   const auto model = make_organ();
   SolidTissue<float> tissue(model, kernel);
   const auto tip = [](int step) {  // ten steps up, ten down
@@ -241,17 +242,17 @@ void measure_solid(const Kernel<float>& kernel) {
                tissue.held(0).size(), 1e6 * cost, tissue.hash(0));
 }
 
-void measure_lift(const Kernel<float>& kernel, unsigned substeps, const std::string& surface) {
+void measure_lift(const LaneKernel<float>& kernel, unsigned substeps, const std::string& surface) {
   const auto model = make_sheet({}, substeps, 1);
-  ElasticTissue<float> tissue(model, kernel);
-  ElasticTissue<double> fine(make_sheet({}, 100, 8), kKernelF64x1);
+  ShellTissue<float> tissue(model, kernel);
+  ShellTissue<double> fine(make_sheet({}, 100, 8), f64x1());
   int step = 0;
   const double cost = lift_cost(tissue, step);
   hold_corner(fine);
   int fine_step = 0;
   double moving = 0;
   // 2.4 s of lift and 2 s of hold: errors while moving (1.2 s) and at rest (4.4 s).
-  ElasticTissue<float> again(model, kKernelF32x1);
+  ShellTissue<float> again(model, f32x1());
   hold_corner(again);
   for (int again_step = 0; again_step < 220;) {
     step_lift(again, again_step);
@@ -269,7 +270,7 @@ void measure_lift(const Kernel<float>& kernel, unsigned substeps, const std::str
       1e3 * again.position(0, 960).z(), 1e6 * cost, tissue.hash(0));
 
   // Every second lane 30 % stiffer: two factor keys in one batch.
-  ElasticTissue<float> mixed(model, kernel);
+  ShellTissue<float> mixed(model, kernel);
   for (int lane = 1; lane < mixed.lanes(); lane += 2) {
     mixed.set_parameters(lane, {.stiffness_scale = 1.3});
   }
@@ -278,10 +279,10 @@ void measure_lift(const Kernel<float>& kernel, unsigned substeps, const std::str
   std::printf("tissue.elastic.lanes_mixed_slowdown %.2f x\n", mixed_cost / cost);
 }
 
-void measure_contact(const std::string& name, const Case& c, const Kernel<float>& kernel,
+void measure_contact(const std::string& name, const Case& c, const LaneKernel<float>& kernel,
                      unsigned substeps) {
-  ElasticTissue<float> tissue(make_sheet(c, substeps, 1), kernel);
-  ElasticTissue<double> fine(make_sheet(c, 50, 4), kKernelF64x1);
+  ShellTissue<float> tissue(make_sheet(c, substeps, 1), kernel);
+  ShellTissue<double> fine(make_sheet(c, 50, 4), f64x1());
   // The mean over the whole life counts: landing costs more sweeps than lying.
   const double begin = thread_seconds();
   step_free(tissue, 50);
@@ -312,7 +313,7 @@ void measure_contact(const std::string& name, const Case& c, const Kernel<float>
 int main(int argc, char** argv) {
   try {
     const unsigned width = argc > 1 ? static_cast<unsigned>(std::stoul(argv[1])) : 0;
-    const Kernel<float>& kernel = choose_kernel(width);
+    const LaneKernel<float>& kernel = choose_kernel(width);
     measure_lift(kernel, 5, argc > 2 ? argv[2] : "");
     measure_mesh(kernel, 5);
     measure_contact("tissue.elastic_contact", over_sphere(), kernel, 5);

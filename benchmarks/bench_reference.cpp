@@ -15,8 +15,8 @@
 #include <string>
 #include <vector>
 
-#include "sim_worker/cooker.h"
-#include "sim_worker/reference_tissue.h"
+#include "sim_worker/reference/reference_tissue.h"
+#include "sim_worker/scene/particles.h"
 
 namespace {
 

@@ -10,8 +10,9 @@
 
 #include "core/config.h"
 #include "core/rng.h"
-#include "sim_worker/cluster_tissue.h"
-#include "sim_worker/sim_backend.h"
+#include "sim_worker/backend/sim_backend.h"
+#include "sim_worker/cluster/cluster_tissue.h"
+#include "sim_worker/models.h"
 
 namespace {
 

@@ -17,9 +17,9 @@
 #include <string>
 #include <vector>
 
-#include "sim_worker/cooker.h"
-#include "sim_worker/elastic_tissue.h"
-#include "sim_worker/reference_tissue.h"
+#include "sim_worker/reference/reference_tissue.h"
+#include "sim_worker/scene/particles.h"
+#include "sim_worker/shell/shell_tissue.h"
 
 namespace {
 
@@ -129,7 +129,7 @@ Outcome run_reference(const Case& c) {
 Outcome run_elastic(const Case& c) {
   const Scene scene = make_scene(c, false);
   std::vector<std::string> warnings;
-  ElasticTissue<double> tissue(make_elastic_model(scene, kPeriod, warnings), kKernelF64x1);
+  ShellTissue<double> tissue(make_shell_model(scene, kPeriod, warnings), f64x1());
   return settle(c, scene, tissue, 1);
 }
 

@@ -9,7 +9,8 @@
 #include "core/config.h"
 #include "mismatch/recording_folder.h"
 #include "mismatch/simulate.h"
-#include "sim_worker/depth_sensor.h"
+#include "sim_worker/camera/depth_sensor.h"
+#include "sim_worker/models.h"
 
 namespace {
 

@@ -28,7 +28,7 @@ SeenState seen_at(const SimulatedRecording& recording, double t) {
 
 SimulatedRecording simulate_recording(const TissueModel& model, const Arm& arm,
                                       const ToolTrack& track, const GraspSettings& grasp) {
-  const std::unique_ptr<Tissue<double>> tissue = model.make_tissue(kKernelF64x1);
+  const std::unique_ptr<Tissue<double>> tissue = model.make_tissue(f64x1());
   tissue->reset(0, Vector3d::Zero());
   const double period = model.control_period;
   const auto steps = static_cast<int>(std::ceil((track.end() - track.begin()) / period - 1e-9));

@@ -6,9 +6,9 @@
 #include <vector>
 
 #include "mismatch/tool_track.h"
-#include "sim_worker/arm.h"
-#include "sim_worker/scene.h"
-#include "sim_worker/tissue.h"
+#include "sim_worker/instrument/arm.h"
+#include "sim_worker/scene/scene.h"
+#include "sim_worker/tissue/tissue.h"
 
 namespace omentum {
 

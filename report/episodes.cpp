@@ -12,7 +12,7 @@
 #include "report/plot.h"
 #include "report/replay3d.h"
 #include "report/skin.h"
-#include "sim_worker/camera.h"
+#include "sim_worker/camera/camera.h"
 
 namespace omentum {
 namespace {

@@ -7,7 +7,7 @@
 #include "core/episode_recording.h"
 #include "report/html.h"
 #include "report/run_folder.h"
-#include "sim_worker/scene.h"
+#include "sim_worker/scene/scene.h"
 
 namespace omentum {
 

@@ -3,7 +3,7 @@
 #include <vector>
 
 #include "report/html.h"
-#include "sim_worker/grasp_study.h"
+#include "sim_worker/backend/grasp_study.h"
 
 namespace omentum {
 

@@ -4,7 +4,7 @@
 #include <vector>
 
 #include "core/episode_recording.h"
-#include "sim_worker/scene.h"
+#include "sim_worker/scene/scene.h"
 
 namespace omentum {
 

@@ -4,8 +4,8 @@
 #include <vector>
 
 #include "report/run_folder.h"
-#include "sim_worker/grasp_study.h"
-#include "sim_worker/scene.h"
+#include "sim_worker/backend/grasp_study.h"
+#include "sim_worker/scene/scene.h"
 
 namespace omentum {
 

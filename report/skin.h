@@ -4,7 +4,7 @@
 #include <span>
 #include <vector>
 
-#include "sim_worker/scene.h"
+#include "sim_worker/scene/scene.h"
 
 namespace omentum {
 

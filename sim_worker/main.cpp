@@ -13,10 +13,11 @@
 #include "core/log.h"
 #include "core/rollout.h"
 #include "core/topics.h"
-#include "sim_worker/bus_worker.h"
-#include "sim_worker/image_source.h"
-#include "sim_worker/replay.h"
-#include "sim_worker/sim_backend.h"
+#include "sim_worker/backend/image_source.h"
+#include "sim_worker/backend/replay.h"
+#include "sim_worker/backend/sim_backend.h"
+#include "sim_worker/bus/bus_worker.h"
+#include "sim_worker/models.h"
 
 namespace {
 
@@ -101,7 +102,7 @@ int run(int argc, char** argv) {
     std::fputs(knob_help().c_str(), stdout);
     return 0;
   }
-  const Kernel<float>& kernel = choose_kernel(width);
+  const LaneKernel<float>& kernel = choose_kernel(width);
   if (lanes == 0) lanes = static_cast<unsigned>(kernel.lanes);
   // State of the largest scene in use (4,353 particles, wire.md 2.3) and the weights of the largest
   // preset.

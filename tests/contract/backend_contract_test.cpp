@@ -1,8 +1,8 @@
 #include "contract/backend_contract.h"
 
 #include "core/config.h"
-#include "sim_worker/image_source.h"
-#include "sim_worker/sim_backend.h"
+#include "sim_worker/backend/image_source.h"
+#include "sim_worker/backend/sim_backend.h"
 #include "support/dummy_backend.h"
 
 namespace omentum::test {

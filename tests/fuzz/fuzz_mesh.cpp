@@ -3,9 +3,9 @@
 #include <string>
 
 #include "core/check.h"
-#include "sim_worker/mesh.h"
-#include "sim_worker/sheet_mesh.h"
-#include "sim_worker/solid_mesh.h"
+#include "sim_worker/geometry/mesh.h"
+#include "sim_worker/geometry/sheet_mesh.h"
+#include "sim_worker/geometry/solid_mesh.h"
 
 // Any bytes give a mesh or an Error, under every reader: nothing else may leave parse_mesh,
 // measure_sheet and parse_solid_mesh.

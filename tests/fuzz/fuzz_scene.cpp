@@ -4,7 +4,7 @@
 
 #include "core/check.h"
 #include "core/config.h"
-#include "sim_worker/scene.h"
+#include "sim_worker/scene/scene.h"
 
 // Any text gives a scene or an Error: nothing else may leave parse_config and make_scene.
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size);

@@ -10,6 +10,7 @@
 #include <sstream>
 
 #include "core/hash.h"
+#include "sim_worker/models.h"
 #include "support/coupled_scene.h"
 #include "support/effect_scene.h"
 #include "support/solid_scene.h"
@@ -56,7 +57,8 @@ LaneParameters parameters_of(int phase) {
 /// phases[k].
 template <typename Real>
 std::vector<std::uint64_t> run_case(const GoldenCase& c, const TissueModel& model,
-                                    const Kernel<Real>& kernel, const std::vector<int>& phases) {
+                                    const LaneKernel<Real>& kernel,
+                                    const std::vector<int>& phases) {
   const auto tissue = model.make_tissue(kernel);
   std::vector<std::uint64_t> hashes(phases.size(), kFnvOffset);
   const auto add = [&](std::size_t k, const Vector3d& v) {
@@ -131,15 +133,15 @@ void check_case(const GoldenCase& c) {
   GoldenFile golden(OMENTUM_GOLDEN_DIR "/tissue_bits.txt");
   std::vector<std::string> warnings;
   const auto model = make_tissue_model(c.scene(), 0.02, warnings);
-  golden.check(c.name + ".f64.0", run_case(c, *model, kKernelF64x1, {0})[0]);
-  golden.check(c.name + ".f64.5", run_case(c, *model, kKernelF64x1, {5})[0]);
+  golden.check(c.name + ".f64.0", run_case(c, *model, f64x1(), {0})[0]);
+  golden.check(c.name + ".f64.5", run_case(c, *model, f64x1(), {5})[0]);
   const Scene scene = c.scene();
   if (scene.config.tissue().model() == pb::TISSUE_REFERENCE) return;
   std::vector<int> phases;
   for (int k = 0; k < 16; ++k) phases.push_back(k % kPhases);
   for (const int phase : {0, 5}) {
     const std::string key = c.name + ".f32." + std::to_string(phase);
-    golden.check(key, run_case(c, *model, kKernelF32x1, {phase})[0]);
+    golden.check(key, run_case(c, *model, f32x1(), {phase})[0]);
   }
   for (const unsigned width : {8U, 16U}) {
     if (width == 16 && __builtin_cpu_supports("avx512f") == 0) {

@@ -7,7 +7,7 @@
 
 #include "core/config.h"
 #include "core/rollout.h"
-#include "sim_worker/bus_worker.h"
+#include "sim_worker/bus/bus_worker.h"
 #include "tests/integration/programs.h"
 #include "tests/support/dummy_backend.h"
 

@@ -4,7 +4,7 @@
 #include <chrono>
 #include <thread>
 
-#include "sim_worker/bus_worker.h"
+#include "sim_worker/bus/bus_worker.h"
 #include "tests/learner/fake_rollout.h"
 #include "tests/support/domain.h"
 

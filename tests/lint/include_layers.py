@@ -4,6 +4,7 @@ import pathlib
 import re
 import sys
 
+# Between packages.
 ALLOWED = {
     "core": {"core", "proto"},
     "sim_worker": {"sim_worker", "core", "proto"},
@@ -12,10 +13,35 @@ ALLOWED = {
     "report": {"report", "sim_worker", "core", "proto"},
     "benchmarks": {"benchmarks", "report", "sim_worker", "learner", "core", "proto"},
 }
+# Within sim_worker: a folder includes itself and what stands before it. "models" is models.h, "" is main.cpp.
+SIM_WORKER = ["lanes", "geometry", "instrument", "scene", "tissue", "cluster", "shell", "solid", "coupled", "reference",
+              "models", "camera", "backend", "bus", ""]
+# No model includes another model, except coupled, which joins two.
+MODELS = {"cluster", "shell", "solid", "coupled", "reference"}
+JOINED = {"coupled": {"shell", "solid"}}
 # Folders of the tests are named from the tests' own root as well.
 TESTS = {"tests", "support", "contract", "fuzz", "learner", "sim_worker", "report", "mismatch", "core", "proto", "benchmarks"}
 GENERATED_WIRE = ("core/wire.cpp", "core/wire_check.cpp", "core/wire_fields.h", "core/topics.cpp")
 INCLUDE = re.compile(r'^\s*#\s*include\s*([<"])([^>"]+)[>"]')
+
+
+def folder_of(path):
+    """Of a file of sim_worker, by its path from the root."""
+    parts = path.split("/")[1:]
+    if len(parts) > 1:
+        return parts[0]
+    return "models" if parts[0].startswith("models.") else ""
+
+
+def problem_within_sim_worker(source, target):
+    here, there = folder_of(source), folder_of(target)
+    if there not in SIM_WORKER or here not in SIM_WORKER:
+        return f"sim_worker has the folders {', '.join(SIM_WORKER[:-1])}"
+    if SIM_WORKER.index(there) > SIM_WORKER.index(here):
+        return f"{here} stands before {there}"
+    if here in MODELS and there in MODELS and there != here and there not in JOINED.get(here, set()):
+        return f"the model {here} may not know {there}"
+    return None
 
 
 def problems_of(root, path):
@@ -36,6 +62,10 @@ def problems_of(root, path):
             allowed = TESTS if package == "tests" else ALLOWED[package]
             if target not in allowed:
                 yield where + f"{package} may include {', '.join(sorted(allowed))}"
+            if package == target == "sim_worker":
+                problem = problem_within_sim_worker(relative, name)
+                if problem:
+                    yield where + problem
         if name.endswith("main.cpp"):
             yield where + "programs never include programs"
 

@@ -14,10 +14,11 @@ BY_FOLDER = {"corpus", "results"}
 def main():
     root = pathlib.Path(sys.argv[1])
     missing = []
-    for package in ("core", "sim_worker", "learner", "report", "benchmarks"):
+    for package in ("core", "sim_worker", "learner", "report", "mismatch", "benchmarks"):
         lists = (root / package / "CMakeLists.txt").read_text()
         missing += [f"{path.relative_to(root)} is not in {package}/CMakeLists.txt"
-                    for path in sorted((root / package).glob("*.cpp")) if not re.search(rf"\b{re.escape(path.name)}\b", lists)]
+                    for path in sorted((root / package).rglob("*.cpp"))
+                    if not re.search(rf"(?<![\w/]){re.escape(path.relative_to(root / package).as_posix())}(?![\w.])", lists)]
     tests = [path for path in sorted((root / "tests").rglob("*")) if path.is_file() and "__pycache__" not in path.parts]
     cmake = "\n".join(path.read_text() for path in tests if path.name == "CMakeLists.txt")
     code = "\n".join(path.read_text() for path in tests if path.suffix in (".cpp", ".h", ".py", ".txt"))

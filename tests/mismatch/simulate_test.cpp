@@ -13,6 +13,7 @@
 #include "core/config.h"
 #include "mismatch/recording_folder.h"
 #include "mismatch/table.h"
+#include "sim_worker/models.h"
 #include "support/temp_dir.h"
 
 namespace omentum {

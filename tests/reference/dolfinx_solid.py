@@ -2,7 +2,7 @@
 
 Two discretisations of the same problem:
 
-  q1e9  8-node bricks with nine incompatible modes, the element of sim_worker/hexahedron.h, here
+  q1e9  8-node bricks with nine incompatible modes, the element of sim_worker/reference/hexahedron.h, here
         written as an energy from which UFL derives residual and tangent and DOLFINx the code; the
         modes are unknowns of their own and are not eliminated. 2 x 2 x 2 points, nodal masses.
   q2    27-node bricks, 3 x 3 x 3 points: another element.
@@ -29,7 +29,7 @@ logging.disable(logging.INFO)
 
 
 def energy_density(law, F, mu, lam):
-    """Psi(F) [J/m^3], the laws of sim_worker/elastic_law.h."""
+    """Psi(F) [J/m^3], the laws of sim_worker/reference/hyperelastic_law.h."""
     C = F.T * F
     J = ufl.det(F)
     if law == "neo_hooke":

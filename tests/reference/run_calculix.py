@@ -9,7 +9,7 @@
 
 *ELASTIC with NLGEOM is the law of St. Venant-Kirchhoff: S = lambda tr(E) I + 2 mu E. *HYPERELASTIC,
 NEO HOOKE is C10 (J^(-2/3) tr C - 3) + (J - 1)^2 / D1, which is not the neo-Hooke law of
-sim_worker/elastic_law.h: `law` shows both.
+sim_worker/reference/hyperelastic_law.h: `law` shows both.
 """
 import subprocess
 import sys
@@ -300,7 +300,7 @@ def check_laws():
         found = np.array([float(w) for w in [row for row in rows if len(row) == 8][-1][2:5]])
         print(f"{law}: CalculiX {found} Pa, formula {expected[law]} Pa")
         assert np.allclose(found, expected[law], rtol=1e-5)
-    print(f"neo_hooke of elastic_law.h would be {expected['neo_hooke']} Pa")
+    print(f"neo_hooke of hyperelastic_law.h would be {expected['neo_hooke']} Pa")
 
 
 if __name__ == "__main__":

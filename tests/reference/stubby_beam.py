@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Sag of a stubby, nearly incompressible beam by CalculiX: the figure that tests/physics/solid_test.cpp compares with.
+"""Sag of a stubby, nearly incompressible beam by CalculiX: the figure that tests/sim_worker/solid/solid_test.cpp compares with.
 
 A box 30 x 30 x 100 mm, one end clamped, E 1 MPa, 1000 kg/m3, gravity across; quadratic bricks with reduced integration
 (C3D20R), small strain. Needs ccx (Debian package calculix-ccx). Prints the mean sag of the nodes of the free end:

@@ -6,7 +6,8 @@
 #include <string>
 #include <vector>
 
-#include "sim_worker/cluster_tissue.h"
+#include "sim_worker/cluster/cluster_tissue.h"
+#include "sim_worker/scene/particles.h"
 
 namespace omentum::test {
 

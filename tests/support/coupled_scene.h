@@ -6,13 +6,13 @@
 #include <string>
 #include <vector>
 
-#include "sim_worker/coupled_tissue.h"
-#include "support/elastic_scene.h"
+#include "sim_worker/coupled/coupled_tissue.h"
+#include "support/shell_scene.h"
 
 namespace omentum::test {
 
 struct CoupledCase {
-  ElasticCase sheet;  ///< its bodies and friction hold for both
+  ShellCase sheet;  ///< its bodies and friction hold for both
   TriangleMesh shape = make_box_mesh({0.03, 0.03, 0.01});
   double edge_length = 0.012;
   double young = 10e3, poisson = 0.45, density = 1050, damping = 5;
@@ -47,7 +47,7 @@ inline CoupledCase over_dome() {
 }
 
 inline Scene make_coupled_scene(const CoupledCase& c) {
-  Scene scene = make_elastic_scene(c.sheet);
+  Scene scene = make_shell_scene(c.sheet);
   pb::DeformableBody& config = *scene.config.add_body();
   config.set_edge_length_m(c.edge_length);
   config.set_density_kg_per_m3(c.density);

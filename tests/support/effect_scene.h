@@ -8,20 +8,21 @@
 #include <string>
 #include <vector>
 
-#include "sim_worker/reference_tissue.h"
-#include "support/elastic_scene.h"
+#include "sim_worker/models.h"
+#include "sim_worker/reference/reference_tissue.h"
+#include "support/shell_scene.h"
 
 namespace omentum::test {
 
 enum class Model { kElastic, kReference };
 
-struct EffectCase : ElasticCase {
+struct EffectCase : ShellCase {
   pb::TissueEffects effects;
   unsigned ex = 2, ey = 15;  ///< elements of the reference
 };
 
 inline Scene make_effect_scene(const EffectCase& c, Model model) {
-  Scene scene = make_elastic_scene(c);
+  Scene scene = make_shell_scene(c);
   pb::Tissue& tissue = *scene.config.mutable_tissue();
   *tissue.mutable_effects() = c.effects;
   tissue.set_anchor_max_y_m(c.anchor_max_y);
@@ -38,7 +39,7 @@ inline Scene make_effect_scene(const EffectCase& c, Model model) {
 
 inline std::unique_ptr<Tissue<double>> make_effect_tissue(const EffectCase& c, Model model) {
   std::vector<std::string> warnings;
-  return make_tissue_model(make_effect_scene(c, model), 0.02, warnings)->make_tissue(kKernelF64x1);
+  return make_tissue_model(make_effect_scene(c, model), 0.02, warnings)->make_tissue(f64x1());
 }
 
 inline void rest(Tissue<double>& tissue, double seconds,

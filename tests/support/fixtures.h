@@ -2,7 +2,7 @@
 
 #include <string>
 
-#include "sim_worker/mesh.h"
+#include "sim_worker/geometry/mesh.h"
 
 // Meshes made by our own formulas for tests. The files under tests/fixtures/ are printed from here
 // by the program make_fixtures; the test Fixtures.AreWhatTheGeneratorMakes compares the two.

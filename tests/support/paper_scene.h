@@ -3,7 +3,7 @@
 #include <Eigen/Geometry>
 #include <numbers>
 
-#include "sim_worker/scene.h"
+#include "sim_worker/scene/scene.h"
 
 namespace omentum::test {
 

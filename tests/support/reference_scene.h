@@ -10,8 +10,8 @@
 #include <vector>
 
 #include "core/rng.h"
-#include "sim_worker/cooker.h"
-#include "sim_worker/reference_tissue.h"
+#include "sim_worker/reference/reference_tissue.h"
+#include "sim_worker/scene/particles.h"
 
 namespace omentum::test {
 

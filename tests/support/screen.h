@@ -3,7 +3,7 @@
 #include <cmath>
 #include <vector>
 
-#include "sim_worker/camera.h"
+#include "sim_worker/camera/camera.h"
 #include "tests/support/paper_scene.h"
 
 namespace omentum::test {

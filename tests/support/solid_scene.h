@@ -5,7 +5,7 @@
 #include <memory>
 #include <vector>
 
-#include "sim_worker/solid_tissue.h"
+#include "sim_worker/solid/solid_tissue.h"
 
 namespace omentum::test {
 

@@ -1,0 +1,398 @@
+#include "sim_worker/backend/exposure.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+
+#include "core/check.h"
+#include "core/rng.h"
+
+namespace omentum {
+namespace {
+
+using Eigen::Vector3d;
+
+constexpr int kFullSamples =
+    40000;                      // on the whole surface; a quarter to a half of them face the camera
+constexpr float kNear = 1e-4F;  // [m] nothing nearer to the camera casts a shadow
+
+/// A projected vertex: image coordinates and depth.
+struct ImagePoint {
+  float u, v, depth;
+};
+
+ImagePoint project(const CameraPose& camera, const Vector3d& p) {
+  const Vector3d c = camera.R_WC.transpose() * (p - camera.position);
+  const double depth = -c.z();
+  const double inverse = 1 / std::max(depth, static_cast<double>(kNear));
+  return {static_cast<float>(c.x() * inverse), static_cast<float>(c.y() * inverse),
+          static_cast<float>(depth)};
+}
+
+int bin_index(float x, float min, float max, int bins) {
+  const float share = (x - min) / (max - min);
+  return std::clamp(static_cast<int>(share * static_cast<float>(bins)), 0, bins - 1);
+}
+
+/// Marks the samples that a triangle shadows: inside it in the image and farther than its plane
+/// there.
+void shadow(const ExposureSamples& s, ImagePoint a, ImagePoint b, ImagePoint c,
+            std::vector<std::uint8_t>& shadowed) {
+  if (a.depth < kNear || b.depth < kNear || c.depth < kNear) return;
+  const float u_low = std::min({a.u, b.u, c.u});
+  const float u_high = std::max({a.u, b.u, c.u});
+  const float v_low = std::min({a.v, b.v, c.v});
+  const float v_high = std::max({a.v, b.v, c.v});
+  if (!(u_low < s.u_max && s.u_min < u_high && v_low < s.v_max && s.v_min < v_high)) return;
+  const float area = (b.u - a.u) * (c.v - a.v) - (c.u - a.u) * (b.v - a.v);
+  if (!(std::fabs(area) > 0)) return;
+  const float inverse_area = 1.0F / area;
+  // 1 / depth is linear in the image.
+  const float ia = 1.0F / a.depth;
+  const float ib = 1.0F / b.depth;
+  const float ic = 1.0F / c.depth;
+  const int u0 = bin_index(u_low, s.u_min, s.u_max, s.bins);
+  const int u1 = bin_index(u_high, s.u_min, s.u_max, s.bins);
+  const int v0 = bin_index(v_low, s.v_min, s.v_max, s.bins);
+  const int v1 = bin_index(v_high, s.v_min, s.v_max, s.bins);
+  for (int bv = v0; bv <= v1; ++bv) {
+    const auto row = static_cast<std::size_t>(bv * s.bins);
+    const std::int32_t begin = s.bin_begin[row + static_cast<std::size_t>(u0)];
+    const std::int32_t end = s.bin_begin[row + static_cast<std::size_t>(u1) + 1];
+    for (std::int32_t i = begin; i < end; ++i) {
+      const auto k = static_cast<std::size_t>(i);
+      const float pu = s.u[k];
+      const float pv = s.v[k];
+      const float wb = ((pu - a.u) * (c.v - a.v) - (c.u - a.u) * (pv - a.v)) * inverse_area;
+      const float wc = ((b.u - a.u) * (pv - a.v) - (pu - a.u) * (b.v - a.v)) * inverse_area;
+      const float wa = 1.0F - wb - wc;
+      if (!(wa >= 0 && wb >= 0 && wc >= 0)) continue;
+      // 1e-4 of the depth: a surface does not shadow itself.
+      if (wa * ia + wb * ib + wc * ic > s.inverse_depth[k] * 1.0001F) shadowed[k] = 1;
+    }
+  }
+}
+
+/// Sorts samples into bins of about four and sets window and total.
+void arrange(ExposureSamples& s) {
+  const int n = s.size();
+  if (n == 0) return;
+  const auto [u_low, u_high] = std::minmax_element(s.u.begin(), s.u.end());
+  const auto [v_low, v_high] = std::minmax_element(s.v.begin(), s.v.end());
+  const float margin = 1e-6F;
+  s.u_min = *u_low - margin;
+  s.u_max = *u_high + margin;
+  s.v_min = *v_low - margin;
+  s.v_max = *v_high + margin;
+  s.bins = std::max(1, static_cast<int>(std::sqrt(n / 4.0)));
+  std::vector<int> bin(static_cast<std::size_t>(n));
+  for (std::size_t i = 0; i < bin.size(); ++i) {
+    bin[i] = bin_index(s.v[i], s.v_min, s.v_max, s.bins) * s.bins +
+             bin_index(s.u[i], s.u_min, s.u_max, s.bins);
+  }
+  std::vector<std::size_t> order(bin.size());
+  std::iota(order.begin(), order.end(), std::size_t{0});
+  std::stable_sort(order.begin(), order.end(),
+                   [&](std::size_t a, std::size_t b) { return bin[a] < bin[b]; });
+  const auto permute = [&order](std::vector<float>& values) {
+    std::vector<float> sorted;
+    for (const std::size_t i : order) sorted.push_back(values[i]);
+    values = std::move(sorted);
+  };
+  for (auto* values : {&s.u, &s.v, &s.inverse_depth, &s.weight}) permute(*values);
+  s.bin_begin.assign(static_cast<std::size_t>(s.bins * s.bins) + 1, 0);
+  for (const int b : bin) ++s.bin_begin[static_cast<std::size_t>(b) + 1];
+  std::partial_sum(s.bin_begin.begin(), s.bin_begin.end(), s.bin_begin.begin());
+  s.total = 0;
+  for (const float w : s.weight) s.total += static_cast<double>(w);
+}
+
+void keep(ExposureSamples& s, const std::vector<std::uint8_t>& drop) {
+  ExposureSamples kept;
+  for (std::size_t i = 0; i < drop.size(); ++i) {
+    if (drop[i] != 0) continue;
+    kept.u.push_back(s.u[i]);
+    kept.v.push_back(s.v[i]);
+    kept.inverse_depth.push_back(s.inverse_depth[i]);
+    kept.weight.push_back(s.weight[i]);
+  }
+  s = std::move(kept);
+  arrange(s);
+}
+
+/// Removes samples behind organs (they count in neither numerator nor denominator) and, for a
+/// tumour that is not convex, behind the tumour itself.
+void drop_hidden(ExposureSamples& s, const Scene& scene) {
+  std::vector<std::uint8_t> hidden(static_cast<std::size_t>(s.size()), 0);
+  for (const RigidShape& body : scene.bodies) {
+    if (body.role == pb::ROLE_BOARD || body.kind == RigidShape::Kind::kHalfSpace) continue;
+    std::vector<ImagePoint> image;
+    for (const Vector3d& p : body.surface.vertices)
+      image.push_back(project(scene.camera, body.X_WS * p));
+    for (const Eigen::Vector3i& t : body.surface.triangles) {
+      ImagePoint a = image[static_cast<std::size_t>(t[0])];
+      ImagePoint b = image[static_cast<std::size_t>(t[1])];
+      ImagePoint c = image[static_cast<std::size_t>(t[2])];
+      if (body.role == pb::ROLE_TUMOUR) {
+        // Only faces clearly nearer than the sample: pushed 1 mm away from the camera, they do not
+        // shadow themselves.
+        for (ImagePoint* q : {&a, &b, &c}) q->depth += 1e-3F;
+      }
+      shadow(s, a, b, c, hidden);
+    }
+  }
+  if (scene.soft_body) {
+    const TissueBody& soft = scene.soft_body->body;
+    std::vector<ImagePoint> image;
+    for (const Vector3d& p : soft.particles) image.push_back(project(scene.camera, soft.X_WB * p));
+    for (const Eigen::Vector3i& t : soft.surface_triangles) {
+      shadow(s, image[static_cast<std::size_t>(t[0])], image[static_cast<std::size_t>(t[1])],
+             image[static_cast<std::size_t>(t[2])], hidden);
+    }
+  }
+  keep(s, hidden);
+}
+
+ExposureSamples sample_surface(const Scene& scene, const RigidShape& tumour) {
+  ExposureSamples s;
+  const auto& mesh = tumour.surface;
+  std::vector<double> cumulative;
+  double total = 0;
+  for (const Eigen::Vector3i& t : mesh.triangles) {
+    const Vector3d& a = mesh.vertices[static_cast<std::size_t>(t[0])];
+    total += 0.5 * (mesh.vertices[static_cast<std::size_t>(t[1])] - a)
+                       .cross(mesh.vertices[static_cast<std::size_t>(t[2])] - a)
+                       .norm();
+    cumulative.push_back(total);
+  }
+  for (std::uint32_t i = 0; i < kFullSamples; ++i) {
+    // Stratified by area: one sample in each of kFullSamples equal pieces of the cumulative area.
+    const PhiloxWords words = philox({i, 1, 0, 0}, {0, 0});
+    const double where = (i + static_cast<double>(words[0]) * 0x1p-32) / kFullSamples * total;
+    const auto k = static_cast<std::size_t>(std::min<std::ptrdiff_t>(
+        std::upper_bound(cumulative.begin(), cumulative.end(), where) - cumulative.begin(),
+        static_cast<std::ptrdiff_t>(cumulative.size()) - 1));
+    const Eigen::Vector3i& t = mesh.triangles[k];
+    const Vector3d a = tumour.X_WS * mesh.vertices[static_cast<std::size_t>(t[0])];
+    const Vector3d b = tumour.X_WS * mesh.vertices[static_cast<std::size_t>(t[1])];
+    const Vector3d c = tumour.X_WS * mesh.vertices[static_cast<std::size_t>(t[2])];
+    double x = static_cast<double>(words[1]) * 0x1p-32;
+    double y = static_cast<double>(words[2]) * 0x1p-32;
+    if (x + y > 1) {
+      x = 1 - x;
+      y = 1 - y;
+    }
+    const Vector3d p = a + x * (b - a) + y * (c - a);
+    const Vector3d view = scene.camera.position - p;
+    const double facing = (b - a).cross(c - a).normalized().dot(view.normalized());
+    if (!(facing > 0)) continue;
+    const ImagePoint q = project(scene.camera, p);
+    s.u.push_back(q.u);
+    s.v.push_back(q.v);
+    s.inverse_depth.push_back(1.0F / q.depth);
+    s.weight.push_back(static_cast<float>(facing / view.squaredNorm()));
+  }
+  arrange(s);
+  return s;
+}
+
+/// Equal-weight subset: walk the samples along a Z curve of the image and take one in every total /
+/// n of weight, so that the subset is stratified both over the image and by weight.
+ExposureSamples choose_subset(const ExposureSamples& all, int n) {
+  constexpr int kCells = 1024;
+  const auto spread = [](std::uint32_t x) {
+    std::uint64_t r = x;
+    r = (r | (r << 16)) & 0x0000FFFF0000FFFFULL;
+    r = (r | (r << 8)) & 0x00FF00FF00FF00FFULL;
+    r = (r | (r << 4)) & 0x0F0F0F0F0F0F0F0FULL;
+    r = (r | (r << 2)) & 0x3333333333333333ULL;
+    return (r | (r << 1)) & 0x5555555555555555ULL;
+  };
+  std::vector<std::uint64_t> code;
+  for (std::size_t i = 0; i < all.u.size(); ++i) {
+    code.push_back(
+        spread(static_cast<std::uint32_t>(bin_index(all.u[i], all.u_min, all.u_max, kCells))) |
+        spread(static_cast<std::uint32_t>(bin_index(all.v[i], all.v_min, all.v_max, kCells))) << 1);
+  }
+  std::vector<std::size_t> order(all.u.size());
+  std::iota(order.begin(), order.end(), std::size_t{0});
+  std::stable_sort(order.begin(), order.end(),
+                   [&](std::size_t a, std::size_t b) { return code[a] < code[b]; });
+  ExposureSamples subset;
+  double walked = 0;
+  int taken = 0;
+  for (const std::size_t i : order) {
+    walked += static_cast<double>(all.weight[i]);
+    if (taken < n && walked >= (taken + 0.5) / n * all.total) {
+      subset.u.push_back(all.u[i]);
+      subset.v.push_back(all.v[i]);
+      subset.inverse_depth.push_back(all.inverse_depth[i]);
+      subset.weight.push_back(1.0F);
+      ++taken;
+    }
+  }
+  arrange(subset);
+  return subset;
+}
+
+/// Nearest hit of a ray with the tumour's triangles, for the pixel count of the derived project.
+double first_hit(const RigidShape& tumour, const Vector3d& origin, const Vector3d& direction) {
+  double nearest = std::numeric_limits<double>::infinity();
+  for (const Eigen::Vector3i& t : tumour.surface.triangles) {
+    const Vector3d a = tumour.X_WS * tumour.surface.vertices[static_cast<std::size_t>(t[0])];
+    const Vector3d e1 = tumour.X_WS * tumour.surface.vertices[static_cast<std::size_t>(t[1])] - a;
+    const Vector3d e2 = tumour.X_WS * tumour.surface.vertices[static_cast<std::size_t>(t[2])] - a;
+    const Vector3d p = direction.cross(e2);
+    const double determinant = e1.dot(p);
+    if (std::fabs(determinant) < 1e-18) continue;
+    const Vector3d s = origin - a;
+    const double b1 = s.dot(p) / determinant;
+    const Vector3d q = s.cross(e1);
+    const double b2 = direction.dot(q) / determinant;
+    const double distance = e2.dot(q) / determinant;
+    if (b1 >= 0 && b2 >= 0 && b1 + b2 <= 1 && distance > 0) nearest = std::min(nearest, distance);
+  }
+  return nearest;
+}
+
+ExposureSamples sample_pixels(const Scene& scene, const RigidShape& tumour, int pixels) {
+  ExposureSamples s;
+  const double half = std::tan(0.5 * scene.camera.vertical_fov_rad);
+  for (int row = 0; row < pixels; ++row) {
+    for (int column = 0; column < pixels; ++column) {
+      const double u = half * (2 * (column + 0.5) / pixels - 1);
+      const double v = half * (2 * (row + 0.5) / pixels - 1);
+      const Vector3d direction = scene.camera.R_WC * Vector3d(u, v, -1);
+      const double depth = first_hit(tumour, scene.camera.position, direction);
+      if (!std::isfinite(depth)) continue;
+      s.u.push_back(static_cast<float>(u));
+      s.v.push_back(static_cast<float>(v));
+      s.inverse_depth.push_back(static_cast<float>(1 / depth));
+      s.weight.push_back(1.0F);
+    }
+  }
+  arrange(s);
+  return s;
+}
+
+double visible_share(const ExposureSamples& s, const std::vector<std::uint8_t>& shadowed) {
+  if (!(s.total > 0)) return 0;
+  double visible = 0;
+  for (std::size_t i = 0; i < s.weight.size(); ++i)
+    visible += shadowed[i] != 0 ? 0.0 : static_cast<double>(s.weight[i]);
+  return visible / s.total;
+}
+
+}  // namespace
+
+ExposureEstimator::ExposureEstimator(const Scene& scene, int reward_samples)
+    : camera_(scene.camera) {
+  for (const Eigen::Vector3i& t : scene.tissue.surface_triangles) {
+    for (int k = 0; k < 3; ++k) triangles_.push_back(t[k]);
+  }
+  if (scene.soft_body) {
+    const auto first = static_cast<std::int32_t>(scene.tissue.particles.size());
+    for (const Eigen::Vector3i& t : scene.soft_body->body.surface_triangles) {
+      for (int k = 0; k < 3; ++k) triangles_.push_back(first + t[k]);
+    }
+  }
+  overlap_.resize(triangles_.size() / 3);
+  if (scene.tumour < 0) return;
+  const RigidShape& tumour = scene.bodies[static_cast<std::size_t>(scene.tumour)];
+  full_ = sample_surface(scene, tumour);
+  drop_hidden(full_, scene);
+  subset_ = choose_subset(full_, reward_samples);
+  pixels_ = sample_pixels(scene, tumour, 64);
+  drop_hidden(pixels_, scene);
+  shadowed_.resize(static_cast<std::size_t>(subset_.size()));
+}
+
+double ExposureEstimator::estimate(const ExposureSamples& samples,
+                                   std::span<const float> positions) const {
+  // The same float operations as the lane kernel, so that subset() equals of_lanes() bit for bit.
+  const auto image_of = [&](std::int32_t vertex) -> ImagePoint {
+    const auto* p = positions.data() + 3 * static_cast<std::size_t>(vertex);
+    float r[9];
+    for (int i = 0; i < 3; ++i) {
+      for (int j = 0; j < 3; ++j) r[3 * i + j] = static_cast<float>(camera_.R_WC(j, i));
+    }
+    const float dx = p[0] - static_cast<float>(camera_.position.x());
+    const float dy = p[1] - static_cast<float>(camera_.position.y());
+    const float dz = p[2] - static_cast<float>(camera_.position.z());
+    const float depth = std::fma(-r[8], dz, std::fma(-r[7], dy, -r[6] * dx));
+    const float inverse = 1.0F / (depth > kNear ? depth : kNear);
+    const float u = std::fma(r[2], dz, std::fma(r[1], dy, r[0] * dx));
+    const float v = std::fma(r[5], dz, std::fma(r[4], dy, r[3] * dx));
+    return {u * inverse, v * inverse, depth};
+  };
+  std::vector<ImagePoint> image;
+  for (std::size_t vertex = 0; vertex < positions.size() / 3; ++vertex) {
+    image.push_back(image_of(static_cast<std::int32_t>(vertex)));
+  }
+  std::vector<std::uint8_t> shadowed(static_cast<std::size_t>(samples.size()), 0);
+  if (samples.size() == 0) return 0;
+  for (std::size_t t = 0; t + 2 < triangles_.size(); t += 3) {
+    shadow(samples, image[static_cast<std::size_t>(triangles_[t])],
+           image[static_cast<std::size_t>(triangles_[t + 1])],
+           image[static_cast<std::size_t>(triangles_[t + 2])], shadowed);
+  }
+  return visible_share(samples, shadowed);
+}
+
+double ExposureEstimator::full(std::span<const float> positions) const {
+  return estimate(full_, positions);
+}
+double ExposureEstimator::subset(std::span<const float> positions) const {
+  return estimate(subset_, positions);
+}
+double ExposureEstimator::seed_64px(std::span<const float> positions) const {
+  return estimate(pixels_, positions);
+}
+
+void ExposureEstimator::of_lanes(Tissue<float>& tissue, std::uint32_t wanted,
+                                 std::span<float> exposure) {
+  if (wanted == 0) return;
+  const int W = tissue.lanes();
+  if (subset_.size() == 0) {
+    for (int lane = 0; lane < W; ++lane) {
+      if ((wanted >> lane & 1U) != 0) exposure[static_cast<std::size_t>(lane)] = 0;
+    }
+    return;
+  }
+  const int vertices = tissue.surface_vertices();
+  projected_.resize(static_cast<std::size_t>(3 * vertices * W));
+  ProjectArgs<float> args{};
+  args.vertices = vertices;
+  args.position = tissue.surface_positions();
+  for (int i = 0; i < 3; ++i) {
+    args.origin[i] = static_cast<float>(camera_.position[i]);
+    for (int j = 0; j < 3; ++j) args.rotation[3 * i + j] = static_cast<float>(camera_.R_WC(j, i));
+  }
+  args.window[0] = subset_.u_min;
+  args.window[1] = subset_.u_max;
+  args.window[2] = subset_.v_min;
+  args.window[3] = subset_.v_max;
+  args.triangles = static_cast<std::int32_t>(triangles_.size() / 3);
+  args.triangle = triangles_.data();
+  args.projected = projected_.data();
+  args.overlap = overlap_.data();
+  args.lanes_wanted = wanted;
+  tissue.kernel().project_surface(args);
+  for (int lane = 0; lane < W; ++lane) {
+    if ((wanted >> lane & 1U) == 0) continue;
+    std::fill(shadowed_.begin(), shadowed_.end(), std::uint8_t{0});
+    const auto image = [&](std::size_t corner) -> ImagePoint {
+      const float* p =
+          projected_.data() + static_cast<std::size_t>(3 * W * triangles_[corner] + lane);
+      return {p[0], p[W], p[2 * W]};
+    };
+    for (std::size_t t = 0; t < overlap_.size(); ++t) {
+      if ((overlap_[t] >> lane & 1U) == 0) continue;
+      shadow(subset_, image(3 * t), image(3 * t + 1), image(3 * t + 2), shadowed_);
+    }
+    exposure[static_cast<std::size_t>(lane)] =
+        static_cast<float>(visible_share(subset_, shadowed_));
+  }
+}
+
+}  // namespace omentum

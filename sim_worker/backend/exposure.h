@@ -1,0 +1,64 @@
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "sim_worker/scene/scene.h"
+#include "sim_worker/tissue/tissue.h"
+
+namespace omentum {
+
+/// Points of the tumour's surface as the camera sees them: image coordinates on the tangent plane
+/// (u right, v up, at unit depth), depth [m] and weight (solid angle share: max(0, n . view) /
+/// distance^2). Back-facing points and points behind an organ are already gone, so the weights sum
+/// to the denominator of the exposure.
+struct ExposureSamples {
+  std::vector<float> u, v, inverse_depth, weight;
+  double total = 0;
+  // Samples sorted into square bins of the window, so that a triangle looks only at those it may
+  // cover.
+  float u_min = 0, u_max = 0, v_min = 0, v_max = 0;
+  int bins = 1;
+  std::vector<std::int32_t> bin_begin;
+
+  int size() const { return static_cast<int>(u.size()); }
+};
+
+/// ExposureEstimator of the tumour: visible weight / weight visible without the sheet (seed_task.md
+/// section 10). A soft body that is pushed before the tumour shadows it; what it hides at rest
+/// counts in neither number. The tool does not shadow. No rendering. Rays from the camera are
+/// tested against the sheet's triangles.
+class ExposureEstimator {
+ public:
+  /// `reward_samples` is the size of the fixed stratified subset. Without a tumour every exposure
+  /// is 0.
+  ExposureEstimator(const Scene& scene, int reward_samples);
+
+  /// Full estimate (>= 10,000 samples in view) for vertex positions x y z interleaved in W [m].
+  double full(std::span<const float> surface_positions) const;
+  /// The subset's estimate for the same input; same bits as `of_lanes`.
+  double subset(std::span<const float> surface_positions) const;
+  /// Subset estimate of the lanes in `wanted`, straight from the lane arrays; other entries are
+  /// left alone.
+  void of_lanes(Tissue<float>& tissue, std::uint32_t wanted, std::span<float> exposure);
+  /// The count of the derived project: share of the 64 x 64 pixels at 60 deg that see the tumour.
+  double seed_64px(std::span<const float> surface_positions) const;
+
+  const ExposureSamples& full_samples() const { return full_; }
+  const ExposureSamples& subset_samples() const { return subset_; }
+  const ExposureSamples& pixel_samples() const { return pixels_; }
+
+ private:
+  double estimate(const ExposureSamples& samples, std::span<const float> surface_positions) const;
+
+  CameraPose camera_;
+  std::vector<std::int32_t> triangles_;  ///< of the sheet
+  ExposureSamples full_, subset_, pixels_;
+  // Scratch of of_lanes.
+  std::vector<float> projected_;
+  std::vector<std::uint32_t> overlap_;
+  std::vector<std::uint8_t> shadowed_;
+};
+
+}  // namespace omentum

@@ -1,0 +1,156 @@
+#pragma once
+
+#include <array>
+#include <functional>
+#include <memory>
+#include <vector>
+
+#include "core/backend.h"
+#include "core/psm.h"
+#include "core/reward.h"
+#include "proto/config.pb.h"
+#include "sim_worker/backend/exposure.h"
+#include "sim_worker/instrument/arm.h"
+#include "sim_worker/instrument/jaw.h"
+#include "sim_worker/scene/scene.h"
+#include "sim_worker/tissue/tissue.h"
+
+namespace omentum {
+
+/// Everything about the scene and task that environments share; made once per process.
+struct SimSetup {
+  pb::Config config;
+  Scene scene;
+  std::shared_ptr<const TissueModel> tissue;
+  ToolMount mount;
+  std::shared_ptr<const Arm> arm;
+  double workspace_diagonal = 1;  ///< L_ws [m]
+  std::shared_ptr<const ExposureEstimator> exposure;
+  std::vector<std::string> warnings;
+};
+
+/// Resolves a configuration; `directory` is where relative mesh paths start. Throws Error.
+std::shared_ptr<const SimSetup> make_sim_setup(const pb::Config& config,
+                                               const std::string& directory);
+
+/// Counters since construction, for status topics and tests.
+struct SimCounters {
+  std::uint64_t axes_dropped = 0;          ///< increments dropped at the workspace box
+  std::uint64_t goals_unreachable = 0;     ///< goals without an inverse
+  std::array<std::uint64_t, 5> pinches{};  ///< by PinchResult
+  std::uint64_t grasps_lost = 0;
+};
+
+/// The simulation behind the Backend seam: PSM, grasp, tissue, exposure, reward. Lanes beyond one
+/// kernel width are further groups of lanes; no lane ever sees another.
+class SimBackend : public Backend {
+ public:
+  /// Draws the image observation of one lane: surface vertices (x y z interleaved, W), tip, jaw
+  /// angle -> floats.
+  using ImageSource =
+      std::function<void(std::span<const float>, const Eigen::Vector3d&, double, std::span<float>)>;
+
+  SimBackend(std::shared_ptr<const SimSetup> setup, int lanes, unsigned lane_width = 0,
+             ImageSource image = {});
+
+  int lanes() const override { return static_cast<int>(environments_.size()); }
+  int observation_size() const override;
+  std::uint32_t state_format() const override;
+  void reset(int lane, const EpisodeStart& start) override;
+  Result<void> load(int lane, std::span<const std::byte> state) override;
+  Bytes save(int lane) const override;
+  void observe(int lane, std::span<float> observation) const override;
+  void step(std::span<const Action> actions, std::span<StepOutcome> outcomes) override;
+  EpisodeFacts facts(int lane) const override;
+  EpisodeFacts clock(int lane) const override;
+  bool at_target(int lane) const override;
+  Action hold_action(int lane) const override;
+  bool healthy(int lane) const override;
+  void positions(int lane, std::vector<float>& out) const override;
+  std::uint32_t ticks_per_step() const override;
+
+  /// What a pinch on the given particle would come to now.
+  PinchResult judge(int lane, const Nearest& nearest) const;
+
+  const SimCounters& counters() const { return counters_; }
+  const SimSetup& setup() const { return *setup_; }
+  /// Vertices of the drawn surface, x y z interleaved in W [m].
+  void surface(int lane, std::vector<float>& out) const;
+  /// The tissue of a lane, for tests and pictures.
+  Tissue<float>& tissue_of(int lane) { return *groups_[static_cast<std::size_t>(lane / width_)]; }
+  int lane_in_group(int lane) const { return lane % width_; }
+  double jaw_deg(int lane) const { return environments_[static_cast<std::size_t>(lane)].jaw_deg; }
+
+ private:
+  /// State of one environment beside its tissue; plain numbers, written to the state bytes as they
+  /// stand.
+  struct Environment {
+    double tip[3];  ///< commanded, p_WT [m]; where the tip is unless the arm has effects
+    double jaw_deg;
+    double slip;  ///< accumulated [m]
+    double pending_bonus;
+    double held_from[3];  ///< tip when the present grasp took hold, p_WT [m]
+    double episode_return;
+    double start_position[3];
+    double grasp_position[3];
+    std::uint64_t run_seed;
+    std::uint64_t episode;
+    std::uint32_t slot;
+    std::uint32_t episode_step;   ///< decisions
+    std::uint32_t episode_limit;  ///< decisions
+    std::uint32_t start_set;
+    std::uint32_t start_index;
+    float exposure;             ///< while held, of the present state
+    std::uint8_t jaw_closed;    ///< command in force
+    std::uint8_t jaw_was_open;  ///< since the last pinch attempt the jaw was commanded open
+    std::uint8_t holds_rigid;   ///< named defect grasp_any_body
+    std::uint8_t grasped_ever, reached, lost_ever;
+    std::uint8_t unused[2];
+  };
+
+  struct Command {
+    Eigen::Vector3d increment = Eigen::Vector3d::Zero();
+    bool closed = false;
+  };
+  Command decode(const Action& action) const;
+  /// Where the jaw tip is, p_WT [m].
+  Eigen::Vector3d tip_of(int lane) const;
+  /// Where the encoders say it is: what a robot can observe.
+  Eigen::Vector3d measured_tip(int lane) const;
+  std::size_t head_bytes() const;
+  void move_arms(std::vector<ToolMotion>& motion);
+  /// Whether the tissue of the task is held; a body under it that is held alone does not count.
+  bool is_held(int lane) const;
+  bool jaws_hold(int lane) const;
+  RewardState reward_state(int lane) const;
+  double reward_now(int lane) const;
+  double potential_now(int lane) const;
+  void move_jaw_and_grasp(std::span<const Command> commands, std::vector<StepOutcome>& control);
+  void try_grasp(int lane, const Nearest& nearest);
+  void attach(int lane);
+  void take_body(int lane);
+  void slip_or_lose(int lane, StepOutcome& outcome);
+  void release(int lane);
+  double approach_deg(int lane, int particle) const;
+  /// Tip to the sheet: the triangles around the nearest particle [m].
+  double sheet_distance(int lane, const Nearest& nearest) const;
+  void draw_parameters(int lane);
+  Eigen::Vector3d start_of(const EpisodeStart& start) const;
+  void place_on_lattice(int lane, std::uint32_t particle);
+  const Bytes& settled_state() const;
+
+  std::shared_ptr<const SimSetup> setup_;
+  int width_;
+  std::vector<std::unique_ptr<Tissue<float>>> groups_;
+  std::vector<Environment> environments_;
+  std::vector<ArmState> arms_;  ///< per environment; empty while the arm has no effects
+  mutable ExposureEstimator exposure_;
+  ImageSource image_;
+  bool exposure_every_step_;
+  SimCounters counters_;
+  mutable Bytes
+      settled_;  ///< tissue state after settling without the tool; made at the first lattice task
+  unsigned lane_width_;
+};
+
+}  // namespace omentum

@@ -1,0 +1,198 @@
+// Jaw and grasp of the simulated back end: taking hold, judging the pinch, slip and loss.
+
+#include <algorithm>
+#include <cmath>
+
+#include "core/trig.h"
+#include "sim_worker/backend/sim_backend.h"
+
+namespace omentum {
+
+using Eigen::Vector3d;
+
+double SimBackend::approach_deg(int lane, int particle) const {
+  // Sheet normal at the particle: sum of the normals of its triangles.
+  const TissueBody& body = setup_->scene.tissue;
+  if (!body.surface_is_particles)
+    return 0;  // a volume has no sheet normal; its jaws take a fold from any side
+  const auto& tissue = *groups_[static_cast<std::size_t>(lane / width_)];
+  const int l = lane_in_group(lane);
+  Vector3d normal = Vector3d::Zero();
+  for (const Eigen::Vector3i& t : body.surface_triangles) {
+    if (t[0] != particle && t[1] != particle && t[2] != particle) continue;
+    const Vector3d a = tissue.position(l, t[0]);
+    normal += (tissue.position(l, t[1]) - a).cross(tissue.position(l, t[2]) - a);
+  }
+  const double length = normal.norm();
+  if (!(length > 0)) return 90;
+  const double cosine =
+      std::min(1.0, std::fabs(normal.dot(setup_->mount.jaw_direction())) / length);
+  return trig::atan2(std::sqrt(1 - cosine * cosine), cosine) * 180 / 3.14159265358979323846;
+}
+
+double SimBackend::sheet_distance(int lane, const Nearest& nearest) const {
+  const auto& tissue = *groups_[static_cast<std::size_t>(lane / width_)];
+  const int l = lane_in_group(lane);
+  const Vector3d tip = tip_of(lane);
+  double squared = nearest.distance * nearest.distance;
+  for (const Eigen::Vector3i& t : setup_->scene.tissue.surface_triangles) {
+    if (t[0] != nearest.particle && t[1] != nearest.particle && t[2] != nearest.particle) continue;
+    squared = std::min(
+        squared, squared_distance_to_triangle(tip, tissue.position(l, t[0]),
+                                              tissue.position(l, t[1]), tissue.position(l, t[2])));
+  }
+  return std::sqrt(squared);
+}
+
+void SimBackend::attach(int lane) {
+  Environment& e = environments_[static_cast<std::size_t>(lane)];
+  Tissue<float>& tissue = tissue_of(lane);
+  const int l = lane_in_group(lane);
+  const Vector3d tip = tip_of(lane);
+  tissue.hold(l, tip, setup_->config.grasp().patch_radius_m(),
+              setup_->config.defects().grasp_collapse_to_point());
+  e.slip = 0;
+  Eigen::Map<Vector3d>(e.held_from) = tip;
+  if (!tissue.held(l).empty() && e.grasped_ever == 0) {
+    e.grasped_ever = 1;
+    Eigen::Map<Vector3d>(e.grasp_position) = tip;
+  }
+}
+
+/// A body under the sheet, where the pinch reaches its surface: the jaws then hold it with the
+/// sheet, or alone (docs/decisions/0020).
+void SimBackend::take_body(int lane) {
+  Tissue<float>& tissue = tissue_of(lane);
+  Environment& e = environments_[static_cast<std::size_t>(lane)];
+  const int l = lane_in_group(lane);
+  const Vector3d tip = tip_of(lane);
+  PinchContact contact;
+  contact.distance = tissue.distance_to_body(l, tip);
+  contact.jaw_deg = e.jaw_deg;
+  contact.thickness = setup_->scene.tissue.thickness;
+  if (judge_pinch(setup_->config.grasp(), contact) != PinchResult::kHeld) return;
+  tissue.hold_body(l, tip, setup_->config.grasp().patch_radius_m(),
+                   setup_->config.defects().grasp_collapse_to_point());
+  e.slip = 0;
+}
+
+void SimBackend::release(int lane) {
+  tissue_of(lane).release(lane_in_group(lane));
+  environments_[static_cast<std::size_t>(lane)].holds_rigid = 0;
+}
+
+PinchResult SimBackend::judge(int lane, const Nearest& nearest) const {
+  const pb::Grasp& grasp = setup_->config.grasp();
+  PinchContact contact;
+  // A pinch takes the sheet between its particles as well; the plain grasp knows particles only.
+  contact.distance = grasp.min_pinch_m() > 0 && setup_->scene.tissue.surface_is_particles
+                         ? sheet_distance(lane, nearest)
+                         : nearest.distance;
+  contact.jaw_deg = environments_[static_cast<std::size_t>(lane)].jaw_deg;
+  contact.thickness = setup_->scene.tissue.thickness;
+  // The normal costs a walk over the triangles: only where tissue is in reach and the angle
+  // matters.
+  if (grasp.max_approach_deg() > 0 && contact.distance < grasp.radius_m()) {
+    contact.approach_deg = approach_deg(lane, nearest.particle);
+  }
+  return judge_pinch(grasp, contact);
+}
+
+void SimBackend::try_grasp(int lane, const Nearest& nearest) {
+  Environment& e = environments_[static_cast<std::size_t>(lane)];
+  const pb::Grasp& grasp = setup_->config.grasp();
+  const PinchResult result = judge(lane, nearest);
+  ++counters_.pinches[static_cast<std::size_t>(result)];
+  if (result == PinchResult::kHeld) attach(lane);
+  take_body(lane);
+  if (result == PinchResult::kHeld) return;
+  if (setup_->config.defects().grasp_any_body() && result == PinchResult::kTooFar) {
+    for (const RigidShape& body : setup_->scene.bodies) {
+      if (body.kind != RigidShape::Kind::kSphere && body.kind != RigidShape::Kind::kEllipsoid)
+        continue;
+      const Vector3d p = body.X_WS.inverse() * tip_of(lane);
+      const double scaled = p.cwiseQuotient(body.size).norm();
+      if (std::fabs(scaled - 1) * p.norm() / std::max(scaled, 1e-9) < grasp.radius_m()) {
+        e.holds_rigid = 1;
+        e.grasped_ever = 1;
+        Eigen::Map<Vector3d>(e.grasp_position) = tip_of(lane);
+      }
+    }
+  }
+}
+
+void SimBackend::move_jaw_and_grasp(std::span<const Command> commands,
+                                    std::vector<StepOutcome>& control) {
+  const pb::Grasp& grasp = setup_->config.grasp();
+  const double dt = setup_->config.task().control_period_s();
+  const bool has_angle = grasp.jaw_open_deg() > 0;
+  std::vector<std::uint8_t> wants(environments_.size(), 0);
+  bool any = false;
+  for (int lane = 0; lane < lanes(); ++lane) {
+    const auto k = static_cast<std::size_t>(lane);
+    Environment& e = environments_[k];
+    control[k].held_before = is_held(lane);
+    const bool closed = commands[k].closed;
+    if (!closed && !grasp.automatic()) {
+      if (jaws_hold(lane)) release(lane);
+      e.jaw_was_open = 1;
+    }
+    e.jaw_closed = closed ? 1 : 0;
+    // A jaw with an angle pinches once per closing: at the step that brings its faces onto the
+    // tissue. A jaw without one tries in every closed step (the paper's grasp).
+    const double contact_deg =
+        has_angle ? jaw_contact_deg(grasp, setup_->scene.tissue.thickness) : 0;
+    const double next_deg = has_angle ? move_jaw(grasp, e.jaw_deg, closed, dt) : 0;
+    const bool closes_now = !has_angle || (e.jaw_was_open != 0 && next_deg < contact_deg);
+    if (closed && !jaws_hold(lane) && closes_now) {
+      wants[k] = 1;
+      any = true;
+    } else {
+      e.jaw_deg = next_deg;
+    }
+  }
+  if (!any) return;
+  const auto W = static_cast<std::size_t>(width_);
+  for (std::size_t g = 0; g < groups_.size(); ++g) {
+    std::vector<Vector3d> points(W, Vector3d::Zero());
+    std::vector<Nearest> nearest(W);
+    bool group_wants = false;
+    for (std::size_t l = 0; l < W && g * W + l < environments_.size(); ++l) {
+      points[l] = tip_of(static_cast<int>(g * W + l));
+      group_wants = group_wants || wants[g * W + l] != 0;
+    }
+    if (!group_wants) continue;
+    groups_[g]->find_nearest(points, nearest);
+    for (std::size_t l = 0; l < W && g * W + l < environments_.size(); ++l) {
+      if (wants[g * W + l] == 0) continue;
+      Environment& e = environments_[g * W + l];
+      try_grasp(static_cast<int>(g * W + l), nearest[l]);
+      if (has_angle) e.jaw_deg = move_jaw(grasp, e.jaw_deg, true, dt);
+      e.jaw_was_open = 0;
+    }
+  }
+}
+
+void SimBackend::slip_or_lose(int lane, StepOutcome& outcome) {
+  Tissue<float>& tissue = tissue_of(lane);
+  const int l = lane_in_group(lane);
+  if (tissue.held(l).empty()) return;
+  Environment& e = environments_[static_cast<std::size_t>(lane)];
+  const Vector3d force = tissue.held_force(l);
+  const double load = force.norm();
+  const double slip =
+      slip_speed(setup_->config.grasp(), load) * setup_->config.task().control_period_s();
+  if (!(slip > 0)) return;
+  tissue.shift_held(l, slip / load * force);
+  e.slip += slip;
+  if (!slipped_out(setup_->config.grasp(), e.slip)) return;
+  const bool counts = is_held(lane);
+  release(lane);
+  if (!counts) return;
+  e.lost_ever = 1;
+  e.exposure = 0;
+  outcome.grasp_lost = true;
+  ++counters_.grasps_lost;
+}
+
+}  // namespace omentum

@@ -1,0 +1,449 @@
+#include "sim_worker/camera/camera.h"
+
+// libOSMesa exports every GL function it implements, so prototypes are linked directly and no
+// loader is needed.
+#define GL_GLEXT_PROTOTYPES
+#include <GL/osmesa.h>
+// glext.h needs gl.h, which osmesa.h includes.
+#include <GL/glext.h>
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <numbers>
+
+#include "core/check.h"
+#include "sim_worker/camera/camera_shaders.h"
+#include "sim_worker/camera/camera_surfaces.h"
+
+namespace omentum {
+namespace {
+
+constexpr double kToolLength = 0.25;  // [m] of shaft drawn at least, so that its end is out of view
+constexpr double kPictureFar = 2.0;   // [m] far plane of shaded pictures
+constexpr double kPictureNear = 0.005;             // [m]
+constexpr double kSeedFov = std::numbers::pi / 3;  // 60 deg
+constexpr int kSeedPixels = 64;
+
+GLuint compile(GLenum kind, const char* source) {
+  const GLuint shader = glCreateShader(kind);
+  glShaderSource(shader, 1, &source, nullptr);
+  glCompileShader(shader);
+  GLint compiled = 0;
+  glGetShaderiv(shader, GL_COMPILE_STATUS, &compiled);
+  if (compiled == 0) {
+    std::array<char, 1024> text{};
+    glGetShaderInfoLog(shader, static_cast<GLsizei>(text.size()), nullptr, text.data());
+    throw_error("camera shader: {}", text.data());
+  }
+  return shader;
+}
+
+Eigen::Matrix4f projection_from_world(const CameraPose& pose, double aspect) {
+  const double f = 1 / std::tan(pose.vertical_fov_rad / 2);
+  const double near = pose.near_m;
+  const double far = pose.far_m;
+  Eigen::Matrix4d projection = Eigen::Matrix4d::Zero();
+  projection(0, 0) = f / aspect;
+  projection(1, 1) = f;
+  projection(2, 2) = (far + near) / (near - far);
+  projection(2, 3) = 2 * far * near / (near - far);
+  projection(3, 2) = -1;
+  Eigen::Matrix4d view = Eigen::Matrix4d::Identity();  // X_CW
+  view.topLeftCorner<3, 3>() = pose.R_WC.transpose();
+  view.topRightCorner<3, 1>() = -pose.R_WC.transpose() * pose.position;
+  return (projection * view).cast<float>();
+}
+
+ObjectId id_of(pb::BodyRole role) {
+  switch (role) {
+    case pb::ROLE_TUMOUR:
+      return ObjectId::kTumour;
+    case pb::ROLE_OBSTACLE:
+      return ObjectId::kObstacle;
+    case pb::ROLE_BOARD:
+      return ObjectId::kBoard;
+    case pb::ROLE_ORGAN:
+      break;
+  }
+  return ObjectId::kOrgan;
+}
+
+int count_pixels(const Image& ids, ObjectId id) {
+  return static_cast<int>(
+      std::count(ids.pixels.begin(), ids.pixels.end(), static_cast<std::uint8_t>(id)));
+}
+
+}  // namespace
+
+CameraPose look_at(const Eigen::Vector3d& eye, const Eigen::Vector3d& target,
+                   const Eigen::Vector3d& up, double vertical_fov_rad) {
+  CameraPose pose;
+  pose.position = eye;
+  const Eigen::Vector3d z = (eye - target).normalized();
+  Eigen::Vector3d x = up.cross(z);
+  x = x.norm() > 1e-9 ? Eigen::Vector3d(x.normalized()) : z.unitOrthogonal();
+  pose.R_WC.col(0) = x;
+  pose.R_WC.col(1) = z.cross(x);
+  pose.R_WC.col(2) = z;
+  pose.vertical_fov_rad = vertical_fov_rad;
+  return pose;
+}
+
+/// Everything that touches OpenGL.
+class Camera::Renderer {
+ public:
+  Renderer(const Scene& scene, int image_width, int image_height, int samples)
+      : width(image_width), height(image_height), supersample(samples), endoscope(scene.camera) {
+    OMENTUM_CHECK(width > 0 && height > 0 && samples > 0 && samples <= 8, "{} x {}, {} samples",
+                  width, height, samples);
+    exposure_view = scene.camera;
+    exposure_view.vertical_fov_rad = scene.exposure_fov_rad;
+    exposure_pixels = scene.exposure_pixels;
+    if (scene.tumour >= 0) {
+      const RigidShape& tumour = scene.bodies[static_cast<std::size_t>(scene.tumour)];
+      const CameraPose aimed =
+          look_at(scene.camera.position, tumour.X_WS.translation(), scene.camera.R_WC.col(1), 1);
+      exposure_view.R_WC = aimed.R_WC;
+    }
+    triangles_ = scene.tissue.surface_triangles;
+    rest_ =
+        scene.tissue.surface_is_particles ? scene.tissue.particles : scene.tissue.surface_vertices;
+    // A body sampled through its volume has a closed surface and needs no thickness in pictures.
+    thickness_ = scene.tissue.surface_is_particles ? scene.tissue.thickness : 0;
+    if (scene.soft_body) {
+      const TissueBody& soft = scene.soft_body->body;
+      soft_id_ = id_of(scene.soft_body->role);
+      soft_triangles_ = soft.surface_triangles;
+      soft_rest_ = soft.particles;
+      for (const Eigen::Vector3d& p : soft.particles) {
+        const Eigen::Vector3f p_W = (soft.X_WB * p).cast<float>();
+        soft_rest_W_.insert(soft_rest_W_.end(), p_W.data(), p_W.data() + 3);
+      }
+    }
+    const pb::Tool& tool = scene.config.tool();
+    shaft_radius_ = tool.shaft_radius_m();
+    shaft_start_ = tool.shaft_start_m();
+    create_context();
+    const Binding binding(*this);
+    create_program();
+    bool has_board = false;
+    for (const RigidShape& body : scene.bodies) {
+      add_body(make_body_surface(body, scene.workspace_min, scene.workspace_max), id_of(body.role));
+      has_board = has_board || body.role == pb::ROLE_BOARD;
+    }
+    if (!has_board) {
+      RigidShape
+          board;  // W is the centre of the calibration board, so the board is the plane z = 0
+      board.kind = RigidShape::Kind::kHalfSpace;
+      add_body(make_body_surface(board, scene.workspace_min, scene.workspace_max),
+               ObjectId::kBoard);
+    }
+    glGenVertexArrays(1, &moving_.array);
+    glGenBuffers(1, &moving_.vertices);
+    glGenBuffers(1, &moving_.indices);
+  }
+
+  ~Renderer() { OSMesaDestroyContext(context_); }  // frees buffers, textures and programs
+  Renderer(const Renderer&) = delete;
+  Renderer& operator=(const Renderer&) = delete;
+
+  /// Draws into a target of w x h pixels and reads it back, top row first.
+  Image draw(const CameraFrame& frame, const CameraPose& pose, int w, int h, bool shaded) {
+    const Binding binding(*this);
+    render(frame, pose, w, h, shaded, shaded);
+    return read_back(w, h, shaded ? 3 : 1);
+  }
+
+  DepthImage draw_depth(const CameraFrame& frame, const CameraPose& pose, int w, int h) {
+    const Binding binding(*this);
+    render(frame, pose, w, h, false, true);
+    DepthImage image{read_back(w, h, 1), {}};
+    std::vector<float> raw(static_cast<std::size_t>(w) * static_cast<std::size_t>(h));
+    glReadPixels(0, 0, w, h, GL_DEPTH_COMPONENT, GL_FLOAT, raw.data());
+    OMENTUM_CHECK(glGetError() == GL_NO_ERROR, "OpenGL error while reading depth");
+    const double near = pose.near_m;
+    const double far = pose.far_m;
+    for (int y = h - 1; y >= 0; --y) {  // OpenGL counts rows from the bottom
+      for (int x = 0; x < w; ++x) {
+        // Inverse of the third row of projection_from_world.
+        const double z = static_cast<double>(raw[static_cast<std::size_t>(x + w * y)]);
+        image.depth_m.push_back(z < 1 ? static_cast<float>(near * far / (far - z * (far - near)))
+                                      : 0.0F);
+      }
+    }
+    return image;
+  }
+
+  const int width, height, supersample;
+  const CameraPose endoscope;
+  CameraPose exposure_view;
+  int exposure_pixels = 0;
+
+ private:
+  struct Buffers {
+    GLuint array = 0, vertices = 0, indices = 0;
+  };
+  struct Body {
+    Buffers buffers;
+    GLsizei count = 0;
+    ObjectId id = ObjectId::kOrgan;
+  };
+
+  /// Makes the context current in this thread for the length of a call.
+  class Binding {
+   public:
+    explicit Binding(Renderer& renderer) {
+      const GLboolean bound = OSMesaMakeCurrent(renderer.context_, renderer.window_.data(),
+                                                GL_UNSIGNED_BYTE, kWindow, kWindow);
+      OMENTUM_CHECK(bound == GL_TRUE, "OSMesaMakeCurrent failed");
+    }
+    ~Binding() { OSMesaMakeCurrent(nullptr, nullptr, 0, 0, 0); }
+    Binding(const Binding&) = delete;
+    Binding& operator=(const Binding&) = delete;
+  };
+
+  void render(const CameraFrame& frame, const CameraPose& pose, int w, int h, bool shaded,
+              bool thick) {
+    bind_target(w, h);
+    glViewport(0, 0, w, h);
+    if (shaded) {
+      glClearColor(0.055F, 0.06F, 0.075F, 1);
+    } else {
+      glClearColor(0, 0, 0, 1);
+    }
+    glClear(GL_COLOR_BUFFER_BIT | GL_DEPTH_BUFFER_BIT);
+    glEnable(GL_DEPTH_TEST);
+    glDisable(GL_CULL_FACE);
+    glDisable(GL_DITHER);
+    glUseProgram(program_);
+    const Eigen::Matrix4f matrix = projection_from_world(pose, double(w) / h);
+    glUniformMatrix4fv(glGetUniformLocation(program_, "projection_from_world"), 1, GL_FALSE,
+                       matrix.data());
+    const Eigen::Vector3f eye = pose.position.cast<float>();
+    glUniform3fv(glGetUniformLocation(program_, "eye"), 1, eye.data());
+    const Eigen::Vector3f side =
+        (pose.R_WC * Eigen::Vector3d(-0.75, 0.65, 0.35)).normalized().cast<float>();
+    glUniform3fv(glGetUniformLocation(program_, "side_light"), 1, side.data());
+    glUniform1i(glGetUniformLocation(program_, "shaded"), shaded ? 1 : 0);
+    for (const Body& body : bodies_) draw_buffers(body.buffers, body.count, body.id);
+    const std::size_t of_sheet = std::min(3 * rest_.size(), frame.tissue_vertices_W.size());
+    if (of_sheet > 0) {
+      draw_moving(make_tissue_surface(frame.tissue_vertices_W.first(of_sheet), rest_, triangles_,
+                                      thick ? thickness_ : 0),
+                  ObjectId::kTissue);
+    }
+    if (!soft_rest_.empty()) {
+      const std::span<const float> given = frame.tissue_vertices_W.subspan(of_sheet);
+      draw_moving(
+          make_tissue_surface(given.empty() ? soft_rest_W_ : given, soft_rest_, soft_triangles_, 0),
+          soft_id_);
+    }
+    if (frame.tool) {
+      draw_moving(make_tool_surface(*frame.tool, shaft_radius_, shaft_start_, kToolLength),
+                  ObjectId::kTool);
+    }
+  }
+
+  void create_context() {
+    const std::array<int, 11> attributes = {OSMESA_FORMAT,
+                                            OSMESA_RGBA,
+                                            OSMESA_PROFILE,
+                                            OSMESA_CORE_PROFILE,
+                                            OSMESA_CONTEXT_MAJOR_VERSION,
+                                            3,
+                                            OSMESA_CONTEXT_MINOR_VERSION,
+                                            3,
+                                            0,
+                                            0,
+                                            0};
+    context_ = OSMesaCreateContextAttribs(attributes.data(), nullptr);
+    if (context_ == nullptr) throw_error("OSMesa offers no OpenGL 3.3 core context");
+  }
+
+  void create_program() {
+    const GLuint vertex = compile(GL_VERTEX_SHADER, kVertexShader);
+    const GLuint fragment = compile(GL_FRAGMENT_SHADER, kFragmentShader);
+    program_ = glCreateProgram();
+    glAttachShader(program_, vertex);
+    glAttachShader(program_, fragment);
+    glLinkProgram(program_);
+    GLint linked = 0;
+    glGetProgramiv(program_, GL_LINK_STATUS, &linked);
+    OMENTUM_CHECK(linked != 0, "camera program does not link");
+    glDeleteShader(vertex);
+    glDeleteShader(fragment);
+    glGenFramebuffers(1, &target_);
+    glGenRenderbuffers(1, &colour_);
+    glGenRenderbuffers(1, &depth_);
+  }
+
+  void bind_target(int w, int h) {
+    glBindFramebuffer(GL_FRAMEBUFFER, target_);
+    if (w == target_width_ && h == target_height_) return;
+    glBindRenderbuffer(GL_RENDERBUFFER, colour_);
+    glRenderbufferStorage(GL_RENDERBUFFER, GL_RGBA8, w, h);
+    glFramebufferRenderbuffer(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_RENDERBUFFER, colour_);
+    glBindRenderbuffer(GL_RENDERBUFFER, depth_);
+    glRenderbufferStorage(GL_RENDERBUFFER, GL_DEPTH_COMPONENT32F, w, h);
+    glFramebufferRenderbuffer(GL_FRAMEBUFFER, GL_DEPTH_ATTACHMENT, GL_RENDERBUFFER, depth_);
+    OMENTUM_CHECK(glCheckFramebufferStatus(GL_FRAMEBUFFER) == GL_FRAMEBUFFER_COMPLETE,
+                  "target of {} x {} pixels", w, h);
+    target_width_ = w;
+    target_height_ = h;
+  }
+
+  static void upload(const Buffers& buffers, const DrawSurface& surface, GLenum usage) {
+    glBindVertexArray(buffers.array);
+    glBindBuffer(GL_ARRAY_BUFFER, buffers.vertices);
+    glBufferData(GL_ARRAY_BUFFER,
+                 static_cast<GLsizeiptr>(surface.vertices.size() * sizeof(DrawSurface::Vertex)),
+                 surface.vertices.data(), usage);
+    glBindBuffer(GL_ELEMENT_ARRAY_BUFFER, buffers.indices);
+    glBufferData(GL_ELEMENT_ARRAY_BUFFER,
+                 static_cast<GLsizeiptr>(surface.indices.size() * sizeof(std::uint32_t)),
+                 surface.indices.data(), usage);
+    constexpr std::array<std::size_t, 3> kOffsets = {offsetof(DrawSurface::Vertex, position),
+                                                     offsetof(DrawSurface::Vertex, normal),
+                                                     offsetof(DrawSurface::Vertex, texture)};
+    for (GLuint location = 0; location < kOffsets.size(); ++location) {
+      glEnableVertexAttribArray(location);
+      // OpenGL names an offset by a pointer. NOLINTNEXTLINE(performance-no-int-to-ptr)
+      const void* offset = reinterpret_cast<const void*>(kOffsets[location]);
+      glVertexAttribPointer(location, 3, GL_FLOAT, GL_FALSE, sizeof(DrawSurface::Vertex), offset);
+    }
+  }
+
+  void add_body(const DrawSurface& surface, ObjectId id) {
+    Body body;
+    glGenVertexArrays(1, &body.buffers.array);
+    glGenBuffers(1, &body.buffers.vertices);
+    glGenBuffers(1, &body.buffers.indices);
+    upload(body.buffers, surface, GL_STATIC_DRAW);
+    body.count = static_cast<GLsizei>(surface.indices.size());
+    body.id = id;
+    bodies_.push_back(body);
+  }
+
+  void draw_moving(const DrawSurface& surface, ObjectId id) {
+    upload(moving_, surface, GL_STREAM_DRAW);
+    draw_buffers(moving_, static_cast<GLsizei>(surface.indices.size()), id);
+  }
+
+  void draw_buffers(const Buffers& buffers, GLsizei count, ObjectId id) {
+    glUniform1i(glGetUniformLocation(program_, "object_id"), static_cast<GLint>(id));
+    glBindVertexArray(buffers.array);
+    glDrawElements(GL_TRIANGLES, count, GL_UNSIGNED_INT, nullptr);
+  }
+
+  Image read_back(int w, int h, int channels) {
+    std::vector<std::uint8_t> raw(static_cast<std::size_t>(w) * static_cast<std::size_t>(h) * 4);
+    glPixelStorei(GL_PACK_ALIGNMENT, 4);
+    glReadPixels(0, 0, w, h, GL_RGBA, GL_UNSIGNED_BYTE, raw.data());
+    OMENTUM_CHECK(glGetError() == GL_NO_ERROR, "OpenGL error while drawing");
+    Image image{w, h, channels, {}};
+    image.pixels.reserve(raw.size() / 4 * static_cast<std::size_t>(channels));
+    for (int y = h - 1; y >= 0; --y) {  // OpenGL counts rows from the bottom
+      for (int x = 0; x < w; ++x) {
+        const std::size_t at = 4 * (static_cast<std::size_t>(x) +
+                                    static_cast<std::size_t>(w) * static_cast<std::size_t>(y));
+        for (int c = 0; c < channels; ++c)
+          image.pixels.push_back(raw[at + static_cast<std::size_t>(c)]);
+      }
+    }
+    return image;
+  }
+
+  static constexpr int kWindow = 4;  // pictures go to our own target; the window is a formality
+  std::array<std::uint8_t, 4 * kWindow * kWindow> window_{};
+  OSMesaContext context_ = nullptr;
+  GLuint program_ = 0, target_ = 0, colour_ = 0, depth_ = 0;
+  int target_width_ = 0, target_height_ = 0;
+  std::vector<Body> bodies_;
+  Buffers moving_;
+  std::vector<Eigen::Vector3i> triangles_;
+  std::vector<Eigen::Vector3d> rest_;
+  ObjectId soft_id_ = ObjectId::kOrgan;
+  std::vector<Eigen::Vector3i> soft_triangles_;
+  std::vector<Eigen::Vector3d> soft_rest_;
+  std::vector<float> soft_rest_W_;  ///< drawn where a frame holds no state
+  double thickness_ = 0, shaft_radius_ = 0, shaft_start_ = 0;
+};
+
+Camera::Camera(const Scene& scene, int width, int height, int supersample)
+    : renderer_(std::make_unique<Renderer>(scene, width, height, supersample)) {}
+
+Camera::~Camera() = default;
+
+const CameraPose& Camera::endoscope() const { return renderer_->endoscope; }
+
+Image Camera::draw_shaded(const CameraFrame& frame) {
+  return draw_shaded(frame, renderer_->endoscope);
+}
+
+Image Camera::draw_shaded(const CameraFrame& frame, const CameraPose& pose) {
+  CameraPose wide = pose;
+  wide.near_m = std::min(pose.near_m, kPictureNear);
+  wide.far_m = std::max(pose.far_m, kPictureFar);
+  const int n = renderer_->supersample;
+  const Image fine =
+      renderer_->draw(frame, wide, n * renderer_->width, n * renderer_->height, true);
+  Image image{renderer_->width, renderer_->height, 3, {}};
+  image.pixels.reserve(fine.pixels.size() / static_cast<std::size_t>(n * n));
+  for (int y = 0; y < image.height; ++y) {
+    for (int x = 0; x < image.width; ++x) {
+      for (std::size_t c = 0; c < 3; ++c) {
+        int sum = 0;
+        for (int k = 0; k < n * n; ++k)
+          sum += fine.pixels[fine.offset(n * x + k % n, n * y + k / n) + c];
+        image.pixels.push_back(static_cast<std::uint8_t>((sum + n * n / 2) / (n * n)));
+      }
+    }
+  }
+  return image;
+}
+
+Image Camera::draw_ids(const CameraFrame& frame) {
+  return draw_ids(frame, renderer_->endoscope, renderer_->width, renderer_->height);
+}
+
+Image Camera::draw_ids(const CameraFrame& frame, const CameraPose& pose, int width, int height) {
+  return renderer_->draw(frame, pose, width, height, false);
+}
+
+DepthImage Camera::draw_depth(const CameraFrame& frame, const CameraPose& pose, int width,
+                              int height) {
+  return renderer_->draw_depth(frame, pose, width, height);
+}
+
+Exposure Camera::exposure_from_image(const CameraFrame& frame) {
+  const auto count = [&](const CameraFrame& shown) {
+    const int n = renderer_->exposure_pixels;
+    return count_pixels(renderer_->draw(shown, renderer_->exposure_view, n, n, false),
+                        ObjectId::kTumour);
+  };
+  CameraFrame without_tool = frame;
+  without_tool.tool.reset();
+  Exposure exposure;
+  exposure.unoccluded = count(CameraFrame{});
+  exposure.visible = count(frame);
+  exposure.hidden_by_tool = frame.tool ? count(without_tool) - exposure.visible : 0;
+  return exposure;
+}
+
+Exposure Camera::exposure_seed_64px(const CameraFrame& frame) {
+  CameraPose view = renderer_->endoscope;
+  view.vertical_fov_rad = kSeedFov;
+  const auto count = [&](const CameraFrame& shown) {
+    return count_pixels(renderer_->draw(shown, view, kSeedPixels, kSeedPixels, false),
+                        ObjectId::kTumour);
+  };
+  Exposure exposure;
+  exposure.unoccluded = count(CameraFrame{});
+  exposure.visible = count(frame);
+  return exposure;
+}
+
+}  // namespace omentum

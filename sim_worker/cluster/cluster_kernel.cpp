@@ -1,0 +1,18 @@
+// Compiled once per width. The includes keep their order.
+// clang-format off
+#include "sim_worker/cluster/cluster_kernel.h"
+#include "sim_worker/lanes/lanes.h"
+#include "sim_worker/cluster/cluster_kernel.inl"
+// clang-format on
+
+namespace {
+
+const omentum::ClusterKernel<Real> kKernel = {kLanes, predict, match_clusters, apply_corrections,
+                                              finish_substep};
+
+}  // namespace
+
+template <>
+const omentum::ClusterKernel<Real>& omentum::kernel_of<omentum::ClusterKernel<Real>, kLanes>() {
+  return kKernel;
+}

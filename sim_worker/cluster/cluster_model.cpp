@@ -1,0 +1,146 @@
+#include <algorithm>
+#include <numeric>
+
+#include "core/check.h"
+#include "sim_worker/cluster/cluster_tissue.h"
+
+namespace omentum {
+namespace {
+
+using Eigen::Vector3d;
+
+void add_global_cluster(ClusterTissueModel& model) {
+  const double weight = model.parameters.global_stiffness() / model.parameters.cluster_stiffness();
+  for (int i = 0; i < static_cast<int>(model.body.particles.size()); ++i)
+    model.clusters.member.push_back(i);
+  model.clusters.begin.push_back(static_cast<int>(model.clusters.member.size()));
+  model.cluster_weight.push_back(weight);
+}
+
+/// Rest offsets relative to the mean of the final members (tissue.md 3.2 rule 3).
+void set_rest_offsets(ClusterTissueModel& model) {
+  for (int c = 0; c < model.clusters.count(); ++c) {
+    const auto begin = static_cast<std::size_t>(model.clusters.begin[static_cast<std::size_t>(c)]);
+    const auto end =
+        static_cast<std::size_t>(model.clusters.begin[static_cast<std::size_t>(c) + 1]);
+    Vector3d mean = Vector3d::Zero();
+    for (std::size_t m = begin; m < end; ++m) {
+      mean += model.body.particles[static_cast<std::size_t>(model.clusters.member[m])];
+    }
+    mean /= static_cast<double>(end - begin);
+    for (std::size_t m = begin; m < end; ++m) {
+      model.rest.push_back(
+          model.body.particles[static_cast<std::size_t>(model.clusters.member[m])] - mean);
+    }
+  }
+}
+
+void add_links(ClusterTissueModel& model) {
+  const double radius = model.parameters.link_radius_m();
+  const auto& p = model.body.particles;
+  for (std::size_t i = 0; i < p.size(); ++i) {
+    for (std::size_t j = i + 1; j < p.size(); ++j) {
+      const double distance = (p[i] - p[j]).norm();
+      if (distance < radius) {
+        model.links.push_back({static_cast<int>(i), static_cast<int>(j)});
+        model.link_rest.push_back(distance);
+      }
+    }
+  }
+}
+
+/// Four nearest clusters per surface vertex, weight 1 / (dist^2 + 1e-4 m^2 scaled), normalised
+/// (tissue.md section 2).
+void skin_surface(ClusterTissueModel& model) {
+  const int clusters = model.clusters.count();
+  OMENTUM_CHECK(clusters > 0);
+  std::vector<Vector3d> mean(static_cast<std::size_t>(clusters), Vector3d::Zero());
+  for (int c = 0; c < clusters; ++c) {
+    const auto begin = model.clusters.begin[static_cast<std::size_t>(c)];
+    const auto end = model.clusters.begin[static_cast<std::size_t>(c) + 1];
+    for (int m = begin; m < end; ++m) {
+      mean[static_cast<std::size_t>(c)] += model.body.particles[static_cast<std::size_t>(
+          model.clusters.member[static_cast<std::size_t>(m)])];
+    }
+    mean[static_cast<std::size_t>(c)] /= end - begin;
+  }
+  for (const Vector3d& vertex : model.body.surface_vertices) {
+    std::vector<int> order(static_cast<std::size_t>(clusters));
+    std::iota(order.begin(), order.end(), 0);
+    const auto distance2 = [&](int c) {
+      return (vertex - mean[static_cast<std::size_t>(c)]).squaredNorm();
+    };
+    std::sort(order.begin(), order.end(), [&](int a, int b) {
+      return distance2(a) != distance2(b) ? distance2(a) < distance2(b) : a < b;
+    });
+    double total = 0;
+    std::array<double, 4> weight{};
+    for (std::size_t k = 0; k < 4; ++k) {
+      const int c = order[std::min(k, order.size() - 1)];
+      weight[k] = k < order.size() ? 1.0 / (distance2(c) + 1e-8)
+                                   : 0.0;  // 1e-8 m^2 = (0.1 mm)^2: finite at a centre
+      total += weight[k];
+    }
+    for (std::size_t k = 0; k < 4; ++k) {
+      const int c = order[std::min(k, order.size() - 1)];
+      model.skin_cluster.push_back(c);
+      model.skin_weight.push_back(weight[k] / total);
+      model.skin_offset.push_back(vertex - mean[static_cast<std::size_t>(c)]);
+    }
+  }
+}
+
+}  // namespace
+
+std::shared_ptr<const ClusterTissueModel> make_cluster_model(const Scene& scene,
+                                                             double control_period,
+                                                             std::vector<std::string>& warnings) {
+  refuse_effects(scene.config.tissue().effects(), "TISSUE_CLUSTER", kBasicEffects);
+  auto model = std::make_shared<ClusterTissueModel>();
+  model->body = scene.tissue;
+  model->effects = make_effects(scene.config.tissue().effects(), 0, {});
+  model->parameters = scene.config.tissue().cluster();
+  model->control_period = control_period;
+  model->surroundings = make_surroundings(scene);
+
+  model->clusters = cook_clusters(model->body.particles, model->parameters);
+  require_no_orphans(model->clusters, model->parameters);
+  if (model->clusters.tie_margin < 0.1e-6) {
+    warnings.push_back(fmt::format(
+        "tissue.cluster: tie margin {:.3g} um is below 0.1 um: the last bit of a distance "
+        "decides the clusters",
+        model->clusters.tie_margin * 1e6));
+  }
+  if (model->clusters.rigid_groups > 1) {
+    warnings.push_back(
+        fmt::format("tissue.cluster: {} groups of clusters share fewer than 3 non-collinear "
+                    "particles and can part",
+                    model->clusters.rigid_groups));
+  }
+  if (model->clusters.attached > 0) {
+    warnings.push_back(
+        fmt::format("tissue.cluster: {} orphan particles attached to their nearest cluster "
+                    "(orphan_policy ORPHANS_ATTACH_NEAREST)",
+                    model->clusters.attached));
+  }
+  model->cluster_weight.assign(static_cast<std::size_t>(model->clusters.count()), 1.0);
+  if (model->parameters.global_stiffness() > 0 && model->parameters.cluster_stiffness() > 0) {
+    add_global_cluster(*model);
+  }
+  set_rest_offsets(*model);
+  if (model->parameters.link_radius_m() > 0) add_links(*model);
+  if (!model->body.surface_is_particles) skin_surface(*model);
+  return model;
+}
+
+std::unique_ptr<Tissue<float>> ClusterTissueModel::make_tissue(
+    const LaneKernel<float>& kernel) const {
+  return std::make_unique<ClusterTissue<float>>(shared_from_this(), kernel);
+}
+
+std::unique_ptr<Tissue<double>> ClusterTissueModel::make_tissue(
+    const LaneKernel<double>& kernel) const {
+  return std::make_unique<ClusterTissue<double>>(shared_from_this(), kernel);
+}
+
+}  // namespace omentum

@@ -1,0 +1,438 @@
+#include "sim_worker/geometry/mesh.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <array>
+#include <charconv>
+#include <cmath>
+#include <cstdint>
+#include <cstring>
+#include <fstream>
+#include <string_view>
+#include <tuple>
+#include <unordered_map>
+
+#include "core/check.h"
+
+namespace omentum {
+namespace {
+
+constexpr std::size_t kMaxFileBytes = std::size_t{256} << 20;  // bounds memory for hostile input
+constexpr double kMaxExtent = 10;                              // [m]; beyond it the unit is wrong
+constexpr double kMinExtent = 1e-4;                            // [m]; below it the unit is wrong
+constexpr double kMinSliver = 0.02;                            // height over longest edge
+constexpr std::size_t kStlHeaderBytes = 84;
+constexpr std::size_t kStlTriangleBytes = 50;
+
+bool is_space(char c) { return c == ' ' || c == '\t' || c == '\r' || c == '\v' || c == '\f'; }
+
+/// Splits off the next word; empty at the end of the line.
+std::string_view next_word(std::string_view& rest) {
+  while (!rest.empty() && is_space(rest.front())) rest.remove_prefix(1);
+  std::size_t length = 0;
+  while (length < rest.size() && !is_space(rest[length])) ++length;
+  const std::string_view word = rest.substr(0, length);
+  rest.remove_prefix(length);
+  return word;
+}
+
+/// A word of the file for a message: short and printable.
+std::string quote(std::string_view word) {
+  std::string text;
+  for (const char c : word.substr(0, 24)) text += (c >= 32 && c < 127) ? c : '?';
+  return "\"" + text + (word.size() > 24 ? "...\"" : "\"");
+}
+
+/// Feeds lines to a function with their number, starting at 1.
+template <typename Function>
+void for_each_line(std::string_view content, Function function) {
+  std::size_t line = 1;
+  while (!content.empty()) {
+    const std::size_t end = std::min(content.find('\n'), content.size());
+    function(line++, content.substr(0, end));
+    content.remove_prefix(std::min(end + 1, content.size()));
+  }
+}
+
+double parse_coordinate(const std::string& name, std::size_t line, std::string_view word) {
+  if (word.empty()) throw_error("{}:{}: vertex with fewer than three coordinates", name, line);
+  const std::string_view digits = word.front() == '+' ? word.substr(1) : word;
+  double value = 0;
+  const auto [end, code] = std::from_chars(digits.data(), digits.data() + digits.size(), value);
+  if (code != std::errc() || end != digits.data() + digits.size()) {
+    throw_error("{}:{}: coordinate {} is not a number", name, line, quote(word));
+  }
+  if (!std::isfinite(value)) {
+    throw_error("{}:{}: coordinate {} is not finite", name, line, quote(word));
+  }
+  return value;
+}
+
+Eigen::Vector3d parse_point(const std::string& name, std::size_t line, std::string_view& rest) {
+  Eigen::Vector3d point;
+  for (int axis = 0; axis < 3; ++axis) point[axis] = parse_coordinate(name, line, next_word(rest));
+  return point;
+}
+
+/// "7", "7/1", "7/1/3", "7//3" or negative (counted back from the last vertex) to an index from 0.
+int parse_corner(const std::string& name, std::size_t line, std::string_view word,
+                 std::size_t vertex_count) {
+  const std::string_view digits = word.substr(0, word.find('/'));
+  std::int64_t index = 0;
+  const auto [end, code] = std::from_chars(digits.data(), digits.data() + digits.size(), index);
+  if (code != std::errc() || end != digits.data() + digits.size() || index == 0) {
+    throw_error("{}:{}: face corner {} is not a vertex index", name, line, quote(word));
+  }
+  const std::int64_t count = static_cast<std::int64_t>(vertex_count);
+  const std::int64_t absolute = index > 0 ? index - 1 : count + index;
+  if (absolute < 0 || absolute >= count) {
+    throw_error("{}:{}: face corner {} is outside the {} vertices read so far", name, line,
+                quote(word), vertex_count);
+  }
+  return static_cast<int>(absolute);
+}
+
+/// Keywords of the format that carry nothing we use.
+bool is_ignored_keyword(std::string_view word) {
+  constexpr std::array<std::string_view, 12> kIgnored = {
+      "vn", "vt", "vp", "o", "g", "s", "usemtl", "mtllib", "l", "p", "usemap", "maplib"};
+  return std::find(kIgnored.begin(), kIgnored.end(), word) != kIgnored.end();
+}
+
+TriangleMesh parse_obj(const std::string& name, std::string_view content) {
+  TriangleMesh mesh;
+  for_each_line(content, [&](std::size_t line, std::string_view rest) {
+    const std::string_view keyword = next_word(rest);
+    if (keyword.empty() || keyword.front() == '#' || is_ignored_keyword(keyword)) return;
+    if (keyword == "v") {
+      mesh.vertices.push_back(parse_point(name, line, rest));
+    } else if (keyword == "f") {
+      std::vector<int> corners;
+      for (std::string_view word = next_word(rest); !word.empty() && word.front() != '#';
+           word = next_word(rest)) {
+        corners.push_back(parse_corner(name, line, word, mesh.vertices.size()));
+      }
+      if (corners.size() < 3) throw_error("{}:{}: face with fewer than three corners", name, line);
+      for (std::size_t k = 2; k < corners.size(); ++k) {
+        mesh.triangles.emplace_back(corners[0], corners[k - 1], corners[k]);
+      }
+    } else {
+      throw_error("{}:{}: {} is not a line of an OBJ file", name, line, quote(keyword));
+    }
+  });
+  return mesh;
+}
+
+/// Collects triangles given by corner coordinates and merges corners with equal coordinates.
+class CornerMerger {
+ public:
+  explicit CornerMerger(TriangleMesh& mesh) : mesh_(mesh) {}
+
+  void add(const Eigen::Vector3d& corner) {
+    corners_[count_++] = index_of(corner);
+    if (count_ < 3) return;
+    mesh_.triangles.emplace_back(corners_[0], corners_[1], corners_[2]);
+    count_ = 0;
+  }
+
+ private:
+  int index_of(const Eigen::Vector3d& corner) {
+    std::array<double, 3> key{};
+    for (int axis = 0; axis < 3; ++axis) key[axis] = corner[axis] + 0.0;  // -0 becomes +0
+    const std::string bytes(reinterpret_cast<const char*>(key.data()), sizeof(key));
+    const auto [found, added] = index_.try_emplace(bytes, static_cast<int>(mesh_.vertices.size()));
+    if (added) mesh_.vertices.push_back(corner);
+    return found->second;
+  }
+
+  TriangleMesh& mesh_;
+  std::unordered_map<std::string, int> index_;  // never iterated
+  std::array<int, 3> corners_{};
+  int count_ = 0;
+};
+
+TriangleMesh parse_ascii_stl(const std::string& name, std::string_view content) {
+  TriangleMesh mesh;
+  CornerMerger merger(mesh);
+  std::size_t last_line = 0;
+  int corners = 0;
+  bool in_loop = false;
+  bool ended = false;
+  for_each_line(content, [&](std::size_t line, std::string_view rest) {
+    last_line = line;
+    const std::string_view keyword = next_word(rest);
+    if (keyword == "vertex") {
+      if (!in_loop || ++corners > 3) {
+        throw_error("{}:{}: vertex outside a loop of three", name, line);
+      }
+      merger.add(parse_point(name, line, rest));
+    } else if (keyword == "outer") {
+      if (in_loop) throw_error("{}:{}: loop inside a loop", name, line);
+      in_loop = true;
+      corners = 0;
+    } else if (keyword == "endloop") {
+      if (!in_loop || corners != 3) {
+        throw_error("{}:{}: facet with {} corners, not three", name, line, corners);
+      }
+      in_loop = false;
+    } else if (keyword == "endsolid") {
+      ended = true;
+    } else if (!keyword.empty() && keyword != "solid" && keyword != "facet" &&
+               keyword != "endfacet") {
+      throw_error("{}:{}: {} is not a line of an STL file", name, line, quote(keyword));
+    }
+  });
+  if (in_loop || !ended) throw_error("{}:{}: file ends before endsolid", name, last_line);
+  return mesh;
+}
+
+std::uint32_t stl_triangle_count(std::string_view content) {
+  std::uint32_t count = 0;
+  std::memcpy(&count, content.data() + 80, sizeof(count));
+  return count;
+}
+
+TriangleMesh parse_binary_stl(const std::string& name, std::string_view content) {
+  if (content.size() < kStlHeaderBytes) {
+    throw_error("{}: byte {}: file ends inside the STL header of {} bytes", name, content.size(),
+                kStlHeaderBytes);
+  }
+  const std::size_t count = stl_triangle_count(content);
+  const std::size_t expected = kStlHeaderBytes + kStlTriangleBytes * count;
+  if (content.size() < expected) {
+    throw_error("{}: byte {}: file ends early, {} triangles need {} bytes", name, content.size(),
+                count, expected);
+  }
+  TriangleMesh mesh;
+  CornerMerger merger(mesh);
+  for (std::size_t triangle = 0; triangle < count; ++triangle) {
+    const std::size_t start = kStlHeaderBytes + kStlTriangleBytes * triangle + 12;  // skip normal
+    for (std::size_t corner = 0; corner < 3; ++corner) {
+      std::array<float, 3> p{};
+      std::memcpy(p.data(), content.data() + start + 12 * corner, sizeof(p));
+      if (!std::isfinite(p[0]) || !std::isfinite(p[1]) || !std::isfinite(p[2])) {
+        throw_error("{}: byte {}: corner of triangle {} is not finite", name, start + 12 * corner,
+                    triangle);
+      }
+      merger.add(Eigen::Vector3f(p[0], p[1], p[2]).cast<double>());
+    }
+  }
+  return mesh;
+}
+
+bool ends_with_ignoring_case(const std::string& name, std::string_view ending) {
+  if (name.size() < ending.size()) return false;
+  const std::string_view tail = std::string_view(name).substr(name.size() - ending.size());
+  return std::equal(tail.begin(), tail.end(), ending.begin(), [](char a, char b) {
+    return (a >= 'A' && a <= 'Z' ? static_cast<char>(a - 'A' + 'a') : a) == b;
+  });
+}
+
+/// The ending decides; a file without one of the two is judged by its first bytes.
+TriangleMesh parse_any(const std::string& name, std::string_view content) {
+  const bool binary_size =
+      content.size() >= kStlHeaderBytes &&
+      content.size() == kStlHeaderBytes + kStlTriangleBytes * stl_triangle_count(content);
+  const bool solid = content.substr(0, 5) == "solid";
+  if (ends_with_ignoring_case(name, ".obj")) return parse_obj(name, content);
+  if (binary_size) return parse_binary_stl(name, content);
+  if (solid) return parse_ascii_stl(name, content);
+  if (ends_with_ignoring_case(name, ".stl")) return parse_binary_stl(name, content);
+  return parse_obj(name, content);
+}
+
+/// Drops triangles with a repeated corner (they change neither surface nor closedness) and vertices
+/// that no triangle uses (they would change the extent).
+void drop_unused(TriangleMesh& mesh) {
+  std::erase_if(mesh.triangles, [](const Eigen::Vector3i& t) {
+    return t[0] == t[1] || t[1] == t[2] || t[2] == t[0];
+  });
+  std::vector<int> renamed(mesh.vertices.size(), -1);
+  std::vector<Eigen::Vector3d> kept;
+  for (Eigen::Vector3i& triangle : mesh.triangles) {
+    for (int& corner : triangle) {
+      int& name = renamed[static_cast<std::size_t>(corner)];
+      if (name < 0) {
+        name = static_cast<int>(kept.size());
+        kept.push_back(mesh.vertices[static_cast<std::size_t>(corner)]);
+      }
+      corner = name;
+    }
+  }
+  mesh.vertices = std::move(kept);
+}
+
+void scale_to_metres(const std::string& name, TriangleMesh& mesh, double unit_m) {
+  double largest = 0;
+  Eigen::Vector3d low = mesh.vertices.front() * unit_m;
+  Eigen::Vector3d high = low;
+  for (Eigen::Vector3d& vertex : mesh.vertices) {
+    vertex *= unit_m;
+    low = low.cwiseMin(vertex);
+    high = high.cwiseMax(vertex);
+    largest = std::max(largest, vertex.cwiseAbs().maxCoeff());
+  }
+  const double extent = (high - low).maxCoeff();
+  if (!(largest <= kMaxExtent)) {
+    throw_error("{}: reaches {:.4g} m with unit_m {:g}, allowed up to {:g} m: wrong unit_m?", name,
+                largest, unit_m, kMaxExtent);
+  }
+  if (!(extent >= kMinExtent)) {
+    throw_error("{}: is {:.4g} m long with unit_m {:g}, allowed from {:g} m: wrong unit_m?", name,
+                extent, unit_m, kMinExtent);
+  }
+}
+
+struct DirectedEdge {
+  int from, to;
+  std::size_t triangle;
+  bool operator<(const DirectedEdge& other) const {
+    return std::tie(from, to, triangle) < std::tie(other.from, other.to, other.triangle);
+  }
+};
+
+std::string place(const TriangleMesh& mesh, int vertex) {
+  const Eigen::Vector3d& p = mesh.vertices[static_cast<std::size_t>(vertex)];
+  return fmt::format("({:.5g}, {:.5g}, {:.5g}) m", p.x(), p.y(), p.z());
+}
+
+/// Directed edges of all triangles, ascending; throws Error for one that two triangles have.
+std::vector<DirectedEdge> sort_edges(const std::string& name, const TriangleMesh& mesh) {
+  std::vector<DirectedEdge> edges;
+  edges.reserve(3 * mesh.triangles.size());
+  for (std::size_t t = 0; t < mesh.triangles.size(); ++t) {
+    const Eigen::Vector3i& c = mesh.triangles[t];
+    for (int k = 0; k < 3; ++k) edges.push_back({c[k], c[(k + 1) % 3], t});
+  }
+  std::sort(edges.begin(), edges.end());
+  for (std::size_t k = 1; k < edges.size(); ++k) {
+    const DirectedEdge& edge = edges[k];
+    if (edges[k - 1].from != edge.from || edges[k - 1].to != edge.to) continue;
+    throw_error("{}: edge from {} to {} is used twice in the same direction by triangles {} and {}",
+                name, place(mesh, edge.from), place(mesh, edge.to), edges[k - 1].triangle,
+                edge.triangle);
+  }
+  return edges;
+}
+
+bool has_edge(const std::vector<DirectedEdge>& edges, int from, int to) {
+  const auto found = std::lower_bound(edges.begin(), edges.end(), DirectedEdge{from, to, 0});
+  return found != edges.end() && found->from == from && found->to == to;
+}
+
+}  // namespace
+
+TriangleMesh parse_mesh(const std::string& name, const std::string& content, double unit_m) {
+  if (!(unit_m > 0) || !std::isfinite(unit_m)) {
+    throw_error("{}: unit_m {:g} is not a positive length", name, unit_m);
+  }
+  if (content.empty()) throw_error("{}: file is empty", name);
+  if (content.size() > kMaxFileBytes) {
+    throw_error("{}: {} bytes, allowed up to {}", name, content.size(), kMaxFileBytes);
+  }
+  TriangleMesh mesh = parse_any(name, content);
+  drop_unused(mesh);
+  if (mesh.triangles.empty()) throw_error("{}: no triangles", name);
+  scale_to_metres(name, mesh, unit_m);
+  return mesh;
+}
+
+TriangleMesh load_mesh(const std::string& path, double unit_m) {
+  std::ifstream file(path, std::ios::binary);
+  if (!file) throw_error("{}: cannot be opened", path);
+  file.seekg(0, std::ios::end);
+  const auto size = file.tellg();
+  if (size < 0) throw_error("{}: cannot be read", path);
+  if (static_cast<std::size_t>(size) > kMaxFileBytes) {
+    throw_error("{}: {} bytes, allowed up to {}", path, static_cast<std::size_t>(size),
+                kMaxFileBytes);
+  }
+  file.seekg(0);
+  std::string content(static_cast<std::size_t>(size), '\0');
+  if (!file.read(content.data(), size)) throw_error("{}: cannot be read", path);
+  return parse_mesh(path, content, unit_m);
+}
+
+TriangleMesh load_closed_mesh(const std::string& path, double unit_m) {
+  TriangleMesh mesh = load_mesh(path, unit_m);
+  require_closed(path, mesh);
+  return mesh;
+}
+
+void require_closed(const std::string& name, TriangleMesh& mesh) {
+  const std::vector<DirectedEdge> edges = sort_edges(name, mesh);
+  for (const DirectedEdge& edge : edges) {
+    if (!has_edge(edges, edge.to, edge.from)) {
+      throw_error("{}: not closed, triangle {} has no neighbour at the edge from {} to {}", name,
+                  edge.triangle, place(mesh, edge.from), place(mesh, edge.to));
+    }
+  }
+  const double volume = signed_volume(mesh);
+  if (!(std::abs(volume) > 0)) throw_error("{}: encloses no volume", name);
+  if (volume < 0) {
+    for (Eigen::Vector3i& triangle : mesh.triangles) std::swap(triangle[1], triangle[2]);
+  }
+}
+
+void require_sheet(const std::string& name, const TriangleMesh& mesh) {
+  const std::vector<DirectedEdge> edges = sort_edges(name, mesh);
+  for (std::size_t t = 0; t < mesh.triangles.size(); ++t) {
+    const Eigen::Vector3i& c = mesh.triangles[t];
+    const Eigen::Vector3d& a = mesh.vertices[static_cast<std::size_t>(c[0])];
+    const Eigen::Vector3d b = mesh.vertices[static_cast<std::size_t>(c[1])] - a;
+    const Eigen::Vector3d d = mesh.vertices[static_cast<std::size_t>(c[2])] - a;
+    const double longest = std::max({b.squaredNorm(), d.squaredNorm(), (b - d).squaredNorm()});
+    if (!(b.cross(d).norm() >= kMinSliver * longest)) {
+      throw_error("{}: triangle {} at {} is a sliver, allowed from {} of its longest edge high",
+                  name, t, place(mesh, c[0]), kMinSliver);
+    }
+  }
+  // A vertex on the rim of one fan of triangles starts one edge of a rim, not two.
+  std::vector<int> rims(mesh.vertices.size(), 0);
+  for (const DirectedEdge& edge : edges) {
+    if (has_edge(edges, edge.to, edge.from)) continue;
+    if (++rims[static_cast<std::size_t>(edge.from)] > 1) {
+      throw_error("{}: parts of the sheet meet in the single vertex {}", name,
+                  place(mesh, edge.from));
+    }
+  }
+  std::vector<char> reached(mesh.vertices.size(), 0);
+  std::vector<int> front = {mesh.triangles.front()[0]};
+  reached[static_cast<std::size_t>(front.front())] = 1;
+  const auto reach = [&](int vertex) {
+    char& mark = reached[static_cast<std::size_t>(vertex)];
+    if (mark == 0) front.push_back(vertex);
+    mark = 1;
+  };
+  std::vector<std::vector<int>> neighbours(mesh.vertices.size());
+  for (const DirectedEdge& edge : edges) {
+    neighbours[static_cast<std::size_t>(edge.from)].push_back(edge.to);
+    neighbours[static_cast<std::size_t>(edge.to)].push_back(edge.from);
+  }
+  while (!front.empty()) {
+    const int vertex = front.back();
+    front.pop_back();
+    for (const int other : neighbours[static_cast<std::size_t>(vertex)]) reach(other);
+  }
+  for (std::size_t i = 0; i < reached.size(); ++i) {
+    if (reached[i] != 0) continue;
+    throw_error("{}: {} does not hang together with {}, allowed one piece", name,
+                place(mesh, static_cast<int>(i)), place(mesh, mesh.triangles.front()[0]));
+  }
+}
+
+double signed_volume(const TriangleMesh& mesh) {
+  // Divergence theorem, relative to the first vertex so that a far-off mesh loses no digits.
+  if (mesh.vertices.empty()) return 0;
+  const Eigen::Vector3d origin = mesh.vertices.front();
+  double sum = 0;
+  for (const Eigen::Vector3i& t : mesh.triangles) {
+    const Eigen::Vector3d a = mesh.vertices[static_cast<std::size_t>(t[0])] - origin;
+    const Eigen::Vector3d b = mesh.vertices[static_cast<std::size_t>(t[1])] - origin;
+    const Eigen::Vector3d c = mesh.vertices[static_cast<std::size_t>(t[2])] - origin;
+    sum += a.dot(b.cross(c));
+  }
+  return sum / 6;
+}
+
+}  // namespace omentum

@@ -1,0 +1,218 @@
+#include "sim_worker/instrument/arm.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "core/check.h"
+
+namespace omentum {
+namespace {
+
+using Eigen::Matrix4d;
+using Eigen::Vector3d;
+
+constexpr double kGravity = 9.80665;  // [m/s^2]
+
+// Position gains P of the dVRK's servo (sawControllers, mismatch.md 6.2) [N m/rad, N/m].
+constexpr std::array<double, 6> kServoGain = {120, 120, 6000, 6, 6, 6};
+
+std::array<double, 6> values(const pb::JointValues& v) {
+  return {v.yaw(), v.pitch(), v.insertion(), v.roll(), v.wrist_pitch(), v.wrist_yaw()};
+}
+
+bool any(const std::array<double, 6>& v) {
+  return std::any_of(v.begin(), v.end(), [](double x) { return x != 0; });
+}
+
+/// Tool discs to roll, pitch, yaw, jaw (dvrk.md 6.1).
+Matrix4d joints_of_discs() {
+  Matrix4d m;
+  m << -1.5632, 0, 0, 0, 0, 1.0186, 0, 0, 0, -0.8306, 0.6089, 0.6089, 0, 0, -1.2177, 1.2177;
+  return m;
+}
+
+Vector3d to_vector(const double* p) { return {p[0], p[1], p[2]}; }
+
+void assign(double* to, const Vector3d& from) {
+  for (int k = 0; k < 3; ++k) to[k] = from[k];
+}
+
+/// First-order lag of a ramp, exact: input goes from u0 to u1 in dt, T y' = u - y, keep =
+/// exp(-dt/T).
+double lag(double y, double u0, double u1, double T, double keep, double dt) {
+  if (T == 0) return u1;
+  const double behind = T * (u1 - u0) / dt;
+  return u1 - behind + (y - u0 + behind) * keep;
+}
+
+/// Play operator of half-width b; also Coulomb friction F over a stiffness P with b = F / P.
+double play(double y, double x, double b) { return std::clamp(y, x - b, x + b); }
+
+}  // namespace
+
+Arm::Arm(const pb::ArmEffects& effects, const ToolMount& mount, double control_period)
+    : effects_(effects),
+      mount_(mount),
+      dt_(control_period),
+      droop_(values(effects.droop_s())),
+      coulomb_(values(effects.coulomb_friction())),
+      viscous_(values(effects.viscous_friction())),
+      backlash_(values(effects.backlash())),
+      compliance_(values(effects.joint_compliance())),
+      offset_(values(effects.joint_offset())) {
+  const double longest = (ArmState::kHistory - 1) * dt_;
+  if (effects.transport_delay_s() > longest) {
+    throw_error("scene.arm.transport_delay_s: {} s, allowed 0 ... {} at a control period of {} s",
+                effects.transport_delay_s(), longest, dt_);
+  }
+  for (std::size_t j = 0; j < 6; ++j) {
+    for (const auto& [name, value] : {std::pair{"droop_s", droop_[j]},
+                                      {"coulomb_friction", coulomb_[j]},
+                                      {"viscous_friction", viscous_[j]},
+                                      {"backlash", backlash_[j]},
+                                      {"joint_compliance", compliance_[j]}}) {
+      if (value < 0)
+        throw_error("scene.arm.{}.{}: {}, allowed 0 or more", name, kPsmLimits[j].name, value);
+    }
+  }
+  const pb::DiscValues& discs = effects.disc_backlash();
+  const pb::AxisValues& tip = effects.tip_compliance();
+  active_ = effects.transport_delay_s() > 0 || effects.payload_kg() > 0 || any(droop_) ||
+            effects.bandwidth_s() > 0 || any(coulomb_) || any(viscous_) ||
+            effects.load_friction() > 0 || any(backlash_) || discs.roll() > 0 ||
+            discs.pitch() > 0 || discs.yaw() > 0 || discs.jaw() > 0 ||
+            effects.servo_compliance() > 0 || any(compliance_) || tip.x() > 0 || tip.y() > 0 ||
+            tip.z() > 0 || any(offset_) || effects.tool_length_offset_m() != 0 ||
+            std::any_of(effects.coupling().begin(), effects.coupling().end(),
+                        [](const pb::JointCoupling& c) { return c.slope() != 0; });
+  // Viscous friction lags like the servo's own damping: T = (D + Fv) / P.
+  for (std::size_t j = 0; j < 6; ++j) {
+    droop_[j] += viscous_[j] / kServoGain[j];
+    keep_droop_[j] = droop_[j] > 0 ? std::exp(-dt_ / droop_[j]) : 0;
+  }
+  keep_pole_ = effects.bandwidth_s() > 0 ? std::exp(-dt_ / effects.bandwidth_s()) : 0;
+}
+
+Vector3d Arm::tip_of(const PsmJoints& q, double extra_length) const {
+  const PsmPose pose = psm_forward(q);
+  return mount_.X_WR * (pose.p + (mount_.tip_offset + extra_length) * pose.R.col(2));
+}
+
+/// The command `transport_delay_s` ago: linear between the ends of control steps.
+Vector3d Arm::delayed(const ArmState& state) const {
+  const double steps = effects_.transport_delay_s() / dt_;
+  const int whole = std::min(static_cast<int>(steps), ArmState::kHistory - 2);
+  const double share = steps - whole;
+  Vector3d newer = to_vector(state.command[whole]);
+  if (share == 0) return newer;
+  return newer + share * (to_vector(state.command[whole + 1]) - newer);
+}
+
+/// Efforts of a force at the tip: J^T F, the Jacobian by central differences.
+std::array<double, 6> Arm::load_efforts(const PsmJoints& q, const Vector3d& load_W) const {
+  constexpr double kStep = 1e-6;
+  std::array<double, 6> efforts{};
+  for (std::size_t j = 0; j < 6; ++j) {
+    PsmJoints up = q;
+    PsmJoints down = q;
+    up[j] += kStep;
+    down[j] -= kStep;
+    efforts[j] = load_W.dot(tip_of(up, 0) - tip_of(down, 0)) / (2 * kStep);
+  }
+  return efforts;
+}
+
+PsmJoints Arm::play_of_discs(ArmState& state, const PsmJoints& q) const {
+  const pb::DiscValues& b = effects_.disc_backlash();
+  const std::array<double, 4> widths = {b.roll(), b.pitch(), b.yaw(), b.jaw()};
+  if (std::all_of(widths.begin(), widths.end(), [](double w) { return w == 0; })) return q;
+  const Matrix4d A = joints_of_discs();
+  // The jaw's own motion is not part of the tip's path: its joint stays at zero here.
+  const Eigen::Vector4d discs = A.inverse() * Eigen::Vector4d(q[3], q[4], q[5], 0);
+  Eigen::Vector4d played;
+  for (int k = 0; k < 4; ++k) {
+    state.disc[k] = play(state.disc[k], discs[k], widths[static_cast<std::size_t>(k)]);
+    played[k] = state.disc[k];
+  }
+  const Eigen::Vector4d joints = A * (played - discs);
+  PsmJoints result = q;
+  for (std::size_t k = 0; k < 3; ++k) result[3 + k] += joints[static_cast<Eigen::Index>(k)];
+  return result;
+}
+
+void Arm::reset(ArmState& state, const Vector3d& p_WT) const {
+  state = {};
+  for (auto& command : state.command) assign(command, p_WT);
+  if (const Result<PsmJoints> solved = joints_for_tip(mount_, p_WT)) {
+    const PsmJoints& q = solved.value();
+    for (double* memory :
+         {state.target, state.droop, state.pole[0], state.pole[1], state.motor, state.joint}) {
+      std::copy(q.begin(), q.end(), memory);
+    }
+    const Eigen::Vector4d discs =
+        joints_of_discs().inverse() * Eigen::Vector4d(q[3], q[4], q[5], 0);
+    for (int k = 0; k < 4; ++k) state.disc[k] = discs[k];
+  }
+  assign(state.p_WT_true, p_WT);
+  assign(state.p_WT_measured, p_WT);
+  step(state, p_WT, Vector3d::Zero());  // offsets act at rest as well
+}
+
+ArmReport Arm::step(ArmState& state, const Vector3d& p_WT, const Vector3d& load_W) const {
+  for (int k = ArmState::kHistory - 1; k > 0; --k)
+    std::copy_n(state.command[k - 1], 3, state.command[k]);
+  assign(state.command[0], p_WT);
+  const Vector3d goal = delayed(state);
+
+  ArmReport report;
+  PsmJoints target{};
+  std::copy_n(state.target, 6, target.begin());
+  if (const Result<PsmJoints> q = joints_for_tip(mount_, goal)) target = q.value();
+  report.commanded = target;
+
+  const Vector3d force = load_W - Vector3d(0, 0, effects_.payload_kg() * kGravity);
+  const std::array<double, 6> load = load_efforts(target, force);
+  PsmJoints measured{};
+  PsmJoints joints{};
+  for (std::size_t j = 0; j < 6; ++j) {
+    // Servo: droop, two poles of the bandwidth, Coulomb friction over the position gain.
+    const double u0 = state.target[j];
+    const double d0 = state.droop[j];
+    const double a0 = state.pole[0][j];
+    state.droop[j] = lag(d0, u0, target[j], droop_[j], keep_droop_[j], dt_);
+    state.pole[0][j] = lag(a0, d0, state.droop[j], effects_.bandwidth_s(), keep_pole_, dt_);
+    state.pole[1][j] =
+        lag(state.pole[1][j], a0, state.pole[0][j], effects_.bandwidth_s(), keep_pole_, dt_);
+    const double friction = coulomb_[j] + effects_.load_friction() * std::fabs(load[j]);
+    const double before = state.motor[j];
+    state.motor[j] = play(before, state.pole[1][j], friction / kServoGain[j]);
+    report.effort[j] = kServoGain[j] * (state.pole[1][j] - state.motor[j]) +
+                       viscous_[j] * (state.motor[j] - before) / dt_ - load[j];
+    measured[j] = state.motor[j] + effects_.servo_compliance() * load[j] / kServoGain[j];
+    state.target[j] = target[j];
+  }
+  report.measured = measured;
+
+  // Behind the encoder: play of discs and joints, cable and shaft, coupling, zero offsets.
+  const PsmJoints behind_discs = play_of_discs(state, measured);
+  for (std::size_t j = 0; j < 6; ++j) {
+    state.joint[j] = play(state.joint[j], behind_discs[j], backlash_[j]);
+    joints[j] = state.joint[j] + compliance_[j] * load[j] + offset_[j];
+  }
+  for (const pb::JointCoupling& c : effects_.coupling()) {
+    joints[static_cast<std::size_t>(c.driven())] +=
+        c.slope() * state.joint[static_cast<std::size_t>(c.driving())];
+  }
+
+  // Differences from the nominal arm at the same goal: zero effects leave the goal to the bit.
+  const Vector3d nominal = tip_of(target, 0);
+  const pb::AxisValues& c = effects_.tip_compliance();
+  const double depth = 1 + effects_.compliance_depth_slope() * (target[2] - 0.12);
+  const Vector3d give = depth * Vector3d(c.x(), c.y(), c.z()).cwiseProduct(force);
+  assign(state.p_WT_measured, goal + (tip_of(measured, 0) - nominal));
+  assign(state.p_WT_true,
+         goal + (tip_of(joints, effects_.tool_length_offset_m()) - nominal) + give);
+  return report;
+}
+
+}  // namespace omentum

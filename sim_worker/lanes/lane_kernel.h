@@ -1,0 +1,145 @@
+#pragma once
+
+#include <cstdint>
+#include <type_traits>
+
+#include "sim_worker/lanes/panel_solve.h"
+
+// lanes/ is the arithmetic of many environments at once: one environment per SIMD lane, the same
+// source at 1, 8 and 16 lanes of float and 1 of double, the same bits at every width. It holds what
+// all tissue models share: contact with rigid shapes, nearest point, skin, picture, triangular
+// solves.
+
+namespace omentum {
+
+// Raw arguments of the kernel: plain pointers and numbers only, since the AVX-512 translation unit
+// includes this file and must not emit shared inline code. Arrays "per lane" have the lane index
+// fastest: vectors of points are [index][xyz][lane]. All positions in W [m].
+
+enum class ShapeKind : std::int32_t { kSphere, kEllipsoid, kBox, kHalfSpace, kSdf, kCapsule };
+
+/// A rigid contact shape. The capsule is the tool: its axis starts at `capsule_from/to` of the step
+/// (per lane).
+template <typename Real>
+struct KernelShape {
+  ShapeKind kind;
+  Real rotation[9];   ///< R_SW row-major: W to shape frame
+  Real origin[3];     ///< p_WS
+  Real size[3];       ///< radius, semi-axes or half extents
+  Real axis[3];       ///< capsule: direction in W
+  Real length;        ///< capsule
+  Real bound_radius;  ///< sphere around origin that holds the shape; ignored by half-space and
+                      ///< capsule
+  const float* sdf;   ///< kSdf: node values, x fastest
+  std::int32_t sdf_count[3];
+  Real sdf_origin[3];  ///< in the shape frame
+  Real sdf_pitch;
+};
+
+inline constexpr int kMaxShapes = 12;
+
+/// Search for the points that a rigid shape may touch within a control step.
+template <typename Real>
+struct CandidateArgs {
+  std::int32_t points;
+  const Real* x;                   ///< at the step's start
+  const Real* v;                   ///< [m/s]
+  const std::uint32_t* free_mask;  ///< per point: lanes in which it can collide
+  const Real* gravity;             ///< [xyz][lane] [m/s^2]
+  Real radius;                     ///< collision distance of a point
+  Real step_s;                     ///< control step [s]
+  Real margin;                     ///< way that neither speed nor gravity explains
+  std::int32_t shapes;
+  const KernelShape<Real>* shape;
+  const Real* capsule;           ///< [xyz][lane] start of the tool's axis
+  const Real* capsule_sweep;     ///< [lane] length of its motion in the whole step
+  std::uint32_t* candidates;     ///< out [point][shape] lane masks
+  std::uint32_t* candidate_any;  ///< out per point, bit per shape
+};
+
+/// Projection of the drawn surface into the exposure camera and search for triangles near the
+/// tumour.
+template <typename Real>
+struct ProjectArgs {
+  std::int32_t vertices;
+  const Real* position;  ///< [vertex][xyz][lane]
+  Real rotation[9];      ///< R_CW row-major
+  Real origin[3];        ///< p_WC
+  Real window[4];        ///< u_min, u_max, v_min, v_max of the tumour's image (tangent plane)
+  std::int32_t triangles;
+  const std::int32_t* triangle;  ///< 3 vertices each
+  Real* projected;               ///< [vertex][u v depth][lane]
+  std::uint32_t* overlap;        ///< per triangle: lanes whose bounding box meets the window
+  std::uint32_t lanes_wanted;
+};
+
+/// Skins surface vertices to cluster transforms left by the last match.
+template <typename Real>
+struct SkinArgs {
+  std::int32_t vertices;
+  const std::int32_t* cluster;  ///< 4 per vertex
+  const Real* weight;           ///< 4 per vertex, sum 1
+  const Real*
+      offset;  ///< [vertex][4][xyz]: rest position relative to the cluster's rest mean, in B
+  const Real* goal;
+  const Real* cluster_weight;
+  Real* position;  ///< out [vertex][xyz][lane]
+};
+
+template <typename Real>
+struct NearestArgs {
+  std::int32_t particles;
+  const Real* x;
+  const Real* point;  ///< [xyz][lane]
+  Real* distance2;    ///< out [lane]
+  Real* index;        ///< out [lane], exact integer
+};
+
+/// One implementation of the lane kernel: same source, different width. Every function is straight
+/// line code over points, vertices or panels.
+template <typename T>
+struct LaneKernel {
+  using Real = T;
+  int lanes;
+  const char* name;
+  void (*find_candidates)(const CandidateArgs<Real>&);
+  void (*nearest_particle)(const NearestArgs<Real>&);
+  void (*skin_surface)(const SkinArgs<Real>&);
+  void (*project_surface)(const ProjectArgs<Real>&);
+  /// Replaces b, [row][xyz][lane] or [row][lane], by the solution with the factor.
+  void (*solve_vectors)(const PanelArgs<Real>&, Real* b);
+  void (*solve_scalars)(const PanelArgs<Real>&, Real* b);
+};
+
+/// The kernel of a kind (LaneKernel<float>, ShellKernel<double>, ...) of a width: 1, 8 or 16 lanes
+/// of float, 1 of double. Specialised in the one source of the kind, which is compiled once per
+/// width. Those of 16 lanes may only be called on a CPU with AVX-512.
+template <typename Kernel, int kWidth>
+const Kernel& kernel_of();
+
+/// The same for a width known at run time.
+template <typename Kernel>
+const Kernel& kernel_of(int width) {
+  if constexpr (std::is_same_v<typename Kernel::Real, float>) {
+    if (width == 16) return kernel_of<Kernel, 16>();
+    if (width == 8) return kernel_of<Kernel, 8>();
+  }
+  return kernel_of<Kernel, 1>();
+}
+
+template <>
+const LaneKernel<float>& kernel_of<LaneKernel<float>, 1>();
+template <>
+const LaneKernel<float>& kernel_of<LaneKernel<float>, 8>();
+template <>
+const LaneKernel<float>& kernel_of<LaneKernel<float>, 16>();
+template <>
+const LaneKernel<double>& kernel_of<LaneKernel<double>, 1>();
+
+/// The lane kernels by name.
+inline const LaneKernel<float>& f32x1() { return kernel_of<LaneKernel<float>, 1>(); }
+inline const LaneKernel<float>& f32x8() { return kernel_of<LaneKernel<float>, 8>(); }
+inline const LaneKernel<float>& f32x16() { return kernel_of<LaneKernel<float>, 16>(); }
+inline const LaneKernel<double>& f64x1() { return kernel_of<LaneKernel<double>, 1>(); }
+
+}  // namespace omentum

@@ -1,0 +1,129 @@
+// The lane kernel that all tissue models share: included by lane_kernel.cpp after lanes.h, one
+// translation unit per width. Everything except the exported table is in an unnamed namespace
+// (lanes.h says why).
+
+#include "sim_worker/lanes/panel_solve.inl"
+#include "sim_worker/lanes/rigid_contact.inl"
+
+namespace {
+
+using omentum::CandidateArgs;
+using omentum::NearestArgs;
+using omentum::ProjectArgs;
+using omentum::SkinArgs;
+
+constexpr Bits kAllLanes = kLanes == 16 ? 0xFFFFU : (1U << kLanes) - 1U;
+
+/// Lanes in which the particle may reach the shape within this control step: conservative and per
+/// lane, so that a lane's result never depends on its neighbours.
+inline Mask may_reach(const CandidateArgs<Real>& args, const KernelShape<Real>& s, Lane3 x,
+                      Lane reach) {
+  if (s.kind == ShapeKind::kHalfSpace) {
+    const Lane3 d = x - splat3(s.origin);
+    const Lane3 normal{splat(s.rotation[6]), splat(s.rotation[7]), splat(s.rotation[8])};
+    return dot(d, normal) < reach;
+  }
+  if (s.kind == ShapeKind::kCapsule) {
+    const Lane3 axis = splat3(s.axis);
+    const Lane3 d = x - load3(args.capsule);
+    const Lane t = min(max(dot(d, axis), splat(Real{0})), splat(s.length));
+    const Lane3 radial = fma(splat(Real{0}) - t, axis, d);
+    const Lane limit = reach + splat(s.size[0]) + load(args.capsule_sweep);
+    return dot(radial, radial) < limit * limit;
+  }
+  const Lane3 d = x - splat3(s.origin);
+  if (s.kind == ShapeKind::kEllipsoid) {
+    // The ellipsoid grown by `reach` lies inside semi-axes a + reach.
+    const Lane3 local = to_shape_frame(s, d);
+    const Lane3 u{local.x / (splat(s.size[0]) + reach), local.y / (splat(s.size[1]) + reach),
+                  local.z / (splat(s.size[2]) + reach)};
+    return dot(u, u) < splat(Real{1.5});
+  }
+  const Lane limit = reach + splat(s.bound_radius);
+  return dot(d, d) < limit * limit;
+}
+
+void find_candidates(const CandidateArgs<Real>& args) {
+  const Lane3 g = load3(args.gravity);
+  const Lane step = splat(args.step_s);
+  const Lane fall = step * sqrt(dot(g, g));
+  for (int i = 0; i < args.points; ++i) {
+    const Lane3 x = load3(args.x + 3 * kLanes * i);
+    const Lane3 v = load3(args.v + 3 * kLanes * i);
+    const Lane reach = fma(step, sqrt(dot(v, v)) + fall, splat(args.margin + args.radius));
+    Bits any = 0;
+    for (int k = 0; k < args.shapes; ++k) {
+      const Bits bits = to_bits(may_reach(args, args.shape[k], x, reach)) & args.free_mask[i];
+      args.candidates[i * omentum::kMaxShapes + k] = bits;
+      any |= bits != 0 ? 1U << k : 0U;
+    }
+    args.candidate_any[i] = any;
+  }
+}
+
+void nearest_particle(const NearestArgs<Real>& args) {
+  const Lane3 point = load3(args.point);
+  Lane best = splat(static_cast<Real>(1e30));
+  Lane best_index = splat(Real{0});
+  for (int i = 0; i < args.particles; ++i) {
+    const Lane3 d = load3(args.x + 3 * kLanes * i) - point;
+    const Lane d2 = dot(d, d);
+    const Mask nearer = d2 < best;
+    best = select(nearer, d2, best);
+    best_index = select(nearer, splat(static_cast<Real>(i)), best_index);
+  }
+  store(args.distance2, best);
+  store(args.index, best_index);
+}
+
+void skin_surface(const SkinArgs<Real>& args) {
+  const Lane zero = splat(Real{0});
+  for (int v = 0; v < args.vertices; ++v) {
+    Lane3 position{zero, zero, zero};
+    for (int k = 0; k < 4; ++k) {
+      const int c = args.cluster[4 * v + k];
+      const Real* const goal = args.goal + 13 * kLanes * c;
+      const Lane weight = splat(args.weight[4 * v + k] / args.cluster_weight[c]);
+      const Lane3 offset = splat3(args.offset + 3 * (4 * v + k));
+      Lane3 p = load3(goal);
+      p = fma(offset.x, load3(goal + 3 * kLanes), p);
+      p = fma(offset.y, load3(goal + 6 * kLanes), p);
+      p = fma(offset.z, load3(goal + 9 * kLanes), p);
+      position = fma(weight, p, position);
+    }
+    store3(args.position + 3 * kLanes * v, position);
+  }
+}
+
+void project_surface(const ProjectArgs<Real>& args) {
+  const Lane3 origin = splat3(args.origin);
+  const Real* const r = args.rotation;
+  for (int v = 0; v < args.vertices; ++v) {
+    const Lane3 d = load3(args.position + 3 * kLanes * v) - origin;
+    const Lane depth = fma(splat(-r[8]), d.z, fma(splat(-r[7]), d.y, splat(-r[6]) * d.x));
+    const Lane inverse = splat(Real{1}) / max(depth, splat(static_cast<Real>(1e-4)));
+    const Lane u = fma(splat(r[2]), d.z, fma(splat(r[1]), d.y, splat(r[0]) * d.x));
+    const Lane w = fma(splat(r[5]), d.z, fma(splat(r[4]), d.y, splat(r[3]) * d.x));
+    store3(args.projected + 3 * kLanes * v, {u * inverse, w * inverse, depth});
+  }
+  const Lane u_min = splat(args.window[0]);
+  const Lane u_max = splat(args.window[1]);
+  const Lane v_min = splat(args.window[2]);
+  const Lane v_max = splat(args.window[3]);
+  for (int t = 0; t < args.triangles; ++t) {
+    const Real* const a = args.projected + 3 * kLanes * args.triangle[3 * t];
+    const Real* const b = args.projected + 3 * kLanes * args.triangle[3 * t + 1];
+    const Real* const c = args.projected + 3 * kLanes * args.triangle[3 * t + 2];
+    const Lane au = load(a);
+    const Lane bu = load(b);
+    const Lane cu = load(c);
+    const Lane av = load(a + kLanes);
+    const Lane bv = load(b + kLanes);
+    const Lane cv = load(c + kLanes);
+    const Mask u_meets = both(min(au, min(bu, cu)) < u_max, u_min < max(au, max(bu, cu)));
+    const Mask v_meets = both(min(av, min(bv, cv)) < v_max, v_min < max(av, max(bv, cv)));
+    args.overlap[t] = to_bits(both(u_meets, v_meets)) & args.lanes_wanted & kAllLanes;
+  }
+}
+
+}  // namespace

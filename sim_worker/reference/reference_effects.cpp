@@ -1,0 +1,254 @@
+#include "sim_worker/reference/reference_effects.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "core/check.h"
+#include "core/trig.h"
+#include "sim_worker/geometry/rigid_gap.h"
+
+namespace omentum {
+namespace {
+
+using Eigen::Matrix3d;
+using Eigen::Vector3d;
+
+constexpr double kTouch = 1e-5;  // [m]: nearer than this a face bonds; contact is 2 um soft
+
+}  // namespace
+
+ReferenceEffects::ReferenceEffects(std::shared_ptr<const ReferenceTissueModel> model)
+    : model_(std::move(model)) {
+  set(model_->effects);
+}
+
+bool ReferenceEffects::remembers(const EffectValues& v) const { return v.has_memory(); }
+
+bool ReferenceEffects::bonds(const EffectValues& v) const {
+  return v.adhesion > 0 || model_->effects.moves_anchor();
+}
+
+bool ReferenceEffects::fits(const EffectValues& v) const {
+  EffectValues baked = v;
+  const EffectValues& scene = model_->effects;
+  baked.stiffening = scene.stiffening;
+  baked.fibre_ratio = scene.fibre_ratio;
+  baked.fibre_angle = scene.fibre_angle;
+  baked.share = scene.share;
+  baked.time = scene.time;
+  baked.loss_factor = scene.loss_factor;
+  baked.slider_ratio = scene.slider_ratio;
+  baked.slider_yield = scene.slider_yield;
+  baked.tilt_x = scene.tilt_x;
+  baked.tilt_y = scene.tilt_y;
+  baked.adhesion = scene.adhesion;
+  baked.adhesion_break = scene.adhesion_break;
+  baked.suction = scene.suction;
+  baked.suction_reach = scene.suction_reach;
+  baked.friction_change = scene.friction_change;
+  baked.grasp_x = scene.grasp_x;
+  baked.grasp_y = scene.grasp_y;
+  baked.grasp_radius = scene.grasp_radius;
+  baked.slip_speed = scene.slip_speed;
+  baked.slip_force = scene.slip_force;
+  baked.slip_loss = scene.slip_loss;
+  baked.grasp_compliance = scene.grasp_compliance;
+  baked.jaw_roll = scene.jaw_roll;
+  baked.jaw_tilt = scene.jaw_tilt;
+  baked.air_drag = scene.air_drag;
+  baked.softening = scene.softening;
+  baked.softening_strain = scene.softening_strain;
+  return baked == scene;
+}
+
+void ReferenceEffects::set(const EffectValues& v) {
+  if (!fits(v)) {
+    throw_error(
+        "tissue.effects: TISSUE_REFERENCE has effects of density, stiffness, shape and anchor in "
+        "its mesh; allowed to differ from the scene's: the others");
+  }
+  values_ = v;
+  const std::size_t batches = (model_->elements.size() + Pack::kLanes - 1) / Pack::kLanes;
+  const bool in_material =
+      v.stiffening != 0 || v.fibre_ratio > 0 || remembers(v) || !model_->rest.empty();
+  material_.clear();
+  if (remembers(v) && memory_.empty()) memory_.resize(batches);
+  if (in_material) {
+    const double nu = model_->material.poisson_ratio() + v.poisson_change;
+    const trig::SinCos a = trig::sin_cos(v.fibre_angle);
+    HexEffects fx;
+    fx.stiffening = v.stiffening;
+    fx.fibre = 2 * (1 + nu) * v.fibre_ratio;
+    fx.axis = {a.cos, a.sin};
+    fx.softening = v.softening;
+    fx.softening_energy = (1 + nu) * v.softening_strain * v.softening_strain;
+    fx.branches = make_prony(v, 1).branches > 0;
+    fx.slider = 2 * (1 + nu) * v.slider_ratio;
+    fx.yield = v.slider_yield;
+    material_.assign(batches, fx);
+    for (std::size_t b = 0; b < batches; ++b) {
+      if (!model_->rest.empty()) material_[b].rest = &model_->rest[b];
+      if (!memory_.empty()) material_[b].memory = &memory_[b];
+    }
+  }
+  const std::size_t n = model_->nodes.size();
+  if (bonds(v) && bond_longest_.empty()) {
+    bond_place_.assign(n, Vector3d::Zero());
+    bond_longest_.assign(n, -1);
+  }
+}
+
+void ReferenceEffects::reset(const Vector3d& offset) {
+  std::fill(memory_.begin(), memory_.end(), HexMemory{});
+  std::fill(bond_longest_.begin(), bond_longest_.end(), -1);
+  std::fill(bond_place_.begin(), bond_place_.end(), Vector3d::Zero());
+  for (std::size_t i = 0; i < bond_longest_.size(); ++i) {
+    if (model_->is_anchor.empty() || model_->is_anchor[i] == 0) continue;
+    bond_place_[i] = model_->body.X_WB * model_->nodes[i] + offset;
+    bond_longest_[i] = 0;
+  }
+}
+
+void ReferenceEffects::begin(double h, const Nodes& x, const Nodes& v, const Nodes& x_tilde,
+                             double beta) {
+  step_ = h;
+  const PronyStep prony = make_prony(values_, h);
+  for (std::size_t b = 0; b < memory_.size() && prony.branches > 0; ++b) {
+    material_[b].gains = prony.gains;
+    for (std::size_t point = 0; point < kHexPoints; ++point) {
+      for (std::size_t k = 0; k < 9; ++k) {
+        Pack bias;
+        for (std::size_t j = 0; j < static_cast<std::size_t>(prony.branches); ++j) {
+          bias = bias + Pack(prony.keep[j]) * memory_[b].branch[j][point][k] -
+                 Pack(prony.gain[j]) * memory_[b].stress[point][k];
+        }
+        memory_[b].bias[point][k] = bias;
+      }
+    }
+  }
+  drag_.clear();
+  if (values_.air_drag > 0) {
+    drag_origin_ = x_tilde;
+    for (std::size_t i = 0; i < v.size(); ++i) {
+      drag_.push_back(0.5 * values_.air_drag * kAirDensity * model_->node_area[i] * v[i].norm() /
+                      beta);
+    }
+  }
+  film_.clear();
+  if (!(values_.suction > 0)) return;
+  start_ = x;
+  film_.assign(x.size(), 0);
+  film_normal_.assign(x.size(), Vector3d::Zero());
+  const auto nearest_gap = [&](int node) {
+    Gap nearest{1, Vector3d::Zero()};
+    for (const RigidShape& body : model_->surroundings.bodies) {
+      const Gap gap = rigid_gap(body, x[static_cast<std::size_t>(node)]);
+      if (gap.distance < nearest.distance) nearest = gap;
+    }
+    return nearest;
+  };
+  const int layers = static_cast<int>(model_->lines[2].size()) - 1;
+  for (const FaceNode& face : model_->face_nodes) {
+    const auto i = static_cast<std::size_t>(face.node);
+    const bool lower = face.node % (layers + 1) == 0;
+    const Gap found = nearest_gap(face.node);
+    const double nearest = found.distance;
+    // The film is on the side of the sheet that looks at the body.
+    const double other = nearest_gap(face.node + (lower ? layers : -layers)).distance;
+    if (other < nearest || (other == nearest && !lower)) continue;
+    film_normal_[i] = found.normal;
+    const double gap = std::max(0.0, nearest + model_->face_inset);
+    const double part = values_.suction_reach / (values_.suction_reach + gap);
+    film_[i] = values_.suction * face.area * part * part * part / h;
+  }
+}
+
+double ReferenceEffects::bond_stiffness(std::size_t i) const {
+  if (bond_longest_[i] < 0) return 0;
+  if (!model_->is_anchor.empty() && model_->is_anchor[i] != 0) {
+    const double limit = values_.anchor_break;
+    return model_->anchor[i] * (limit > 0 ? cohesive_share(bond_longest_[i], limit) : 1);
+  }
+  return values_.adhesion * model_->face_area[i] *
+         cohesive_share(bond_longest_[i], values_.adhesion_break);
+}
+
+void ReferenceEffects::for_each_force(
+    const Nodes& x,
+    const std::function<void(int, double, const Vector3d&, const Matrix3d&)>& fn) const {
+  for (std::size_t i = 0; i < drag_.size(); ++i) {
+    const Vector3d d = x[i] - drag_origin_[i];
+    fn(static_cast<int>(i), 0.5 * drag_[i] * d.squaredNorm(), drag_[i] * d,
+       drag_[i] * Matrix3d::Identity());
+  }
+  for (std::size_t i = 0; i < bond_longest_.size(); ++i) {
+    const double k = bond_stiffness(i);
+    if (!(k > 0)) continue;
+    const Vector3d off = x[i] - bond_place_[i];
+    fn(static_cast<int>(i), 0.5 * k * off.squaredNorm(), k * off, k * Matrix3d::Identity());
+  }
+  for (std::size_t i = 0; i < film_.size(); ++i) {
+    if (!(film_[i] > 0)) continue;
+    const Vector3d& n = film_normal_[i];
+    const double along = n.dot(x[i] - start_[i]);
+    fn(static_cast<int>(i), 0.5 * film_[i] * along * along, film_[i] * along * n,
+       film_[i] * n * n.transpose());
+  }
+}
+
+void ReferenceEffects::remember(const Nodes& x,
+                                const std::function<HexShape(std::size_t)>& shape_of) {
+  if (remembers(values_)) {
+    const PronyStep prony = make_prony(values_, step_);
+    for (std::size_t b = 0; b < memory_.size(); ++b) {
+      hex_remember(model_->material.law(), shape_of(b), prony, memory_[b]);
+    }
+  }
+  for (std::size_t i = 0; i < bond_longest_.size(); ++i) {
+    if (bond_longest_[i] < 0) continue;
+    bond_longest_[i] = std::max(bond_longest_[i], (x[i] - bond_place_[i]).norm());
+  }
+  if (!(values_.adhesion > 0)) return;
+  for (const FaceNode& face : model_->face_nodes) {
+    const auto i = static_cast<std::size_t>(face.node);
+    if (bond_longest_[i] >= 0) continue;
+    for (const RigidShape& body : model_->surroundings.bodies) {
+      if (rigid_gap(body, x[i]).distance + model_->face_inset > kTouch) continue;
+      bond_place_[i] = x[i];
+      bond_longest_[i] = 0;
+    }
+  }
+}
+
+std::size_t ReferenceEffects::saved_size(const EffectValues& v) const {
+  const std::size_t batches = (model_->elements.size() + Pack::kLanes - 1) / Pack::kLanes;
+  return (remembers(v) ? batches * sizeof(HexMemory) / sizeof(double) : 0) +
+         (bonds(v) ? 4 * model_->nodes.size() : 0);
+}
+
+void ReferenceEffects::save(std::vector<double>& out) const {
+  if (remembers(values_)) {
+    const auto* first = reinterpret_cast<const double*>(memory_.data());
+    out.insert(out.end(), first, first + memory_.size() * sizeof(HexMemory) / sizeof(double));
+  }
+  if (!bonds(values_)) return;
+  for (const Vector3d& p : bond_place_) out.insert(out.end(), p.data(), p.data() + 3);
+  out.insert(out.end(), bond_longest_.begin(), bond_longest_.end());
+}
+
+void ReferenceEffects::load(std::span<const double> in) {
+  const double* next = in.data();
+  if (remembers(values_)) {
+    const std::size_t count = memory_.size() * sizeof(HexMemory) / sizeof(double);
+    std::copy(next, next + count, reinterpret_cast<double*>(memory_.data()));
+    next += count;
+  }
+  if (!bonds(values_)) return;
+  for (Vector3d& p : bond_place_) {
+    std::copy(next, next + 3, p.data());
+    next += 3;
+  }
+  std::copy(next, next + bond_longest_.size(), bond_longest_.begin());
+}
+
+}  // namespace omentum

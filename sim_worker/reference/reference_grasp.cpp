@@ -1,0 +1,161 @@
+// What the jaws hold of the reference solid: see ReferenceTissue::hold.
+#include <Eigen/Cholesky>
+#include <algorithm>
+#include <cmath>
+
+#include "sim_worker/reference/reference_tissue.h"
+
+namespace omentum {
+
+using Eigen::MatrixXd;
+using Eigen::Vector2d;
+using Eigen::Vector3d;
+using Eigen::VectorXd;
+
+ReferenceTissue::Targets ReferenceTissue::patch_rows(const Nodes& x) const {
+  Targets rows = Targets::Zero();
+  const GraspPatch& patch = grasp_->patch;
+  for (std::size_t k = 0; k < patch.node.size(); ++k) {
+    rows +=
+        x[static_cast<std::size_t>(patch.node[k])] * patch.weight.row(static_cast<Eigen::Index>(k));
+  }
+  return rows;
+}
+
+/// Of the rows of the patch [m/N]: the jaws' spring moves the patch, it does not turn or deform it.
+Eigen::Vector4d ReferenceTissue::grasp_compliances() const {
+  Eigen::Vector4d c = Eigen::Vector4d::Constant(model_->grasp_compliance);
+  c[0] += effects_.values().grasp_compliance;
+  return c;
+}
+
+/// Before a control step: the patch creeps out of the jaws.
+void ReferenceTissue::slip() {
+  const EffectValues& fx = effects_.values();
+  if (!grasp_ || !(fx.slip_speed > 0)) return;
+  const Vector3d way =
+      slip_of(fx, held_force_, model_->material.young_modulus_pa() * model_->body.thickness,
+              model_->control_period);
+  slipped_ += way.norm();
+  if (fx.slip_loss > 0 && slipped_ > fx.slip_loss) {
+    release(0);
+  } else {
+    shift_held(0, way);
+  }
+}
+
+/// With the pull p of the trial: the force C^T p, and its potential, that of a spring of compliance
+/// c + kMissCompliance which pulls with p where the rows give way by c p.
+void ReferenceTissue::add_grasp(const Terms& terms, const Nodes& x, Residual& out) const {
+  const Targets way = patch_rows(x) - terms.target;
+  const Eigen::Vector4d compliances = grasp_compliances();
+  out.miss = way - trial_pull_ * compliances.asDiagonal();
+  const Eigen::Vector4d stiffness = (compliances.array() + kMissCompliance).inverse();
+  out.miss_force = out.miss * stiffness.asDiagonal();
+  out.count_energy(trial_pull_.cwiseProduct(way).sum());
+  out.count_energy(0.5 * out.miss.cwiseProduct(out.miss_force).sum());
+  const GraspPatch& patch = grasp_->patch;
+  for (std::size_t k = 0; k < patch.node.size(); ++k) {
+    const auto row = patch.weight.row(static_cast<Eigen::Index>(k));
+    add_force(patch.node[k], trial_pull_ * row.transpose(), out);
+  }
+}
+
+/// For constrain() with a new factor. With C the rows of the grasp, c their compliances and m what
+/// they miss: A dx + C^T dp = -force, C dx - c dp = -m. With A = L L^T, Y = L^-1 C^T and
+/// y = -L^-1 force: (c I + Y^T Y) dp = Y^T y + m, dx = L^-T (y - Y dp).
+void ReferenceTissue::prepare_constraint() {
+  const GraspPatch& patch = grasp_->patch;
+  constexpr int kColumns = 3 * GraspPatch::kRows;
+  MatrixXd& Y = constraint_response_;
+  Y.setZero(model_->unknowns, kColumns);
+  for (std::size_t k = 0; k < patch.node.size(); ++k) {
+    const int row = model_->unknown[static_cast<std::size_t>(patch.node[k])];
+    if (row < 0) continue;
+    for (int r = 0; r < GraspPatch::kRows; ++r) {
+      for (int axis = 0; axis < 3; ++axis)
+        Y(row + axis, 3 * r + axis) += patch.weight(static_cast<Eigen::Index>(k), r);
+    }
+  }
+  factor_.solve_lower(Y);
+  MatrixXd S = Y.transpose() * Y;
+  const Eigen::Vector4d compliances = grasp_compliances();
+  for (int k = 0; k < kColumns; ++k) S(k, k) += compliances[k / 3];
+  constraint_solver_.compute(S);
+  constrained_ = true;
+}
+
+/// Takes the grasp into account between the two halves of a solve.
+void ReferenceTissue::constrain(const Targets& miss, Eigen::Ref<VectorXd> direction) {
+  const VectorXd more = constraint_solver_.solve(constraint_response_.transpose() * direction +
+                                                 VectorXd::Map(miss.data(), miss.size()));
+  direction -= constraint_response_ * more;
+  next_pull_ = trial_pull_ + Targets::Map(more.data());
+}
+
+/// On the bilinear mid-surface, searched from the nearest particle. Nothing where that is clamped.
+std::optional<SheetPoint> ReferenceTissue::nearest_point(const Vector3d& tip) const {
+  std::array<Nearest, 1> nearest{};
+  find_nearest(std::array<Vector3d, 1>{tip}, nearest);
+  const auto at = [&](const Vector2d& X) {
+    const BodyPoint::Share share = model_->locate({X.x(), X.y(), 0}).shares.front();
+    const ReferenceElement& element = model_->elements[static_cast<std::size_t>(share.element)];
+    const std::array<double, 8> N = hex_functions(share.xi);
+    Vector3d p = Vector3d::Zero();
+    for (int a = 0; a < 8; ++a) p += N[a] * state_.x[static_cast<std::size_t>(element.node[a])];
+    return p;
+  };
+  const Eigen::AlignedBox2d sheet(Vector2d(model_->lines[0].front(), model_->lines[1].front()),
+                                  Vector2d(model_->lines[0].back(), model_->lines[1].back()));
+  const SheetPoint found = nearest_on_sheet(
+      at, sheet, model_->body.particles[static_cast<std::size_t>(nearest[0].particle)].head<2>(),
+      tip);
+  if (!(found.X.y() > model_->clamp_edge) && model_->unknown.front() < 0) return std::nullopt;
+  return found;
+}
+
+ReferenceTissue::Grasp ReferenceTissue::make_grasp(const Vector2d& centre, double radius) const {
+  Grasp grasp;
+  grasp.centre = centre;
+  grasp.radius = radius;
+  grasp.patch = model_->make_patch(centre, radius);
+  return grasp;
+}
+
+void ReferenceTissue::hold(int, const Vector3d& tip, double radius, bool collapse) {
+  release(0);
+  const EffectValues& fx = effects_.values();
+  radius += fx.grasp_radius;
+  const auto nearest =
+      nearest_point(tip + model_->body.X_WB.linear() * Vector3d(fx.grasp_x, fx.grasp_y, 0));
+  if (!nearest || !(nearest->distance < radius)) return;
+  const double patch_radius = std::sqrt(radius * radius - nearest->distance * nearest->distance);
+  if (!(patch_radius > 1e-5)) return;  // [m]: the sphere only grazes the sheet
+  grasp_ = make_grasp(nearest->X, patch_radius);
+  constrained_ = false;
+  grasp_->offset = patch_rows(state_.x);
+  grasp_->offset.col(0) -= tip;
+  if (fx.jaw_roll != 0 || fx.jaw_tilt != 0)
+    grasp_->offset = jaw_turn(fx, model_->surroundings.shaft_axis) * Targets(grasp_->offset);
+  if (collapse) grasp_->offset.col(0).setZero();
+}
+
+void ReferenceTissue::release(int) {
+  grasp_.reset();
+  slipped_ = 0;
+  held_force_.setZero();
+  state_.pull.setZero();
+}
+
+std::span<const std::int32_t> ReferenceTissue::held(int) const {
+  if (!grasp_) return {};
+  return grasp_->patch.particles;
+}
+
+void ReferenceTissue::shift_held(int, const Vector3d& by) {
+  if (grasp_) grasp_->offset.col(0) += by;
+}
+
+Vector3d ReferenceTissue::held_force(int) const { return held_force_; }
+
+}  // namespace omentum

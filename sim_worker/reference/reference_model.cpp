@@ -1,0 +1,451 @@
+#include "sim_worker/reference/reference_model.h"
+
+#include <algorithm>
+#include <cmath>
+#include <iterator>
+#include <map>
+
+#include "core/check.h"
+#include "sim_worker/reference/reference_tissue.h"
+#include "sim_worker/tissue/grasp_patch.h"
+
+namespace omentum {
+namespace {
+
+using Eigen::Vector2d;
+using Eigen::Vector3d;
+
+// Two coordinates nearer than this are one grid line [m].
+constexpr double kSameLine = 1e-9;
+
+std::vector<double> even_lines(double from, double to, int count) {
+  std::vector<double> lines;
+  for (int k = 0; k <= count; ++k) lines.push_back(from + (to - from) * k / count);
+  return lines;
+}
+
+/// Somewhere along an axis where the solution has a kink [m].
+struct Kink {
+  double at = 0;
+  double reach = 0;  ///< over which cells grow to full size
+};
+
+/// Lines that crowd at kinks, with a line on each: cells there are a third of the largest. The rule
+/// is a density of lines, so that twice the count halves every cell (tissue.md 14, singular lines).
+/// A kink outside is ignored.
+std::vector<double> graded_lines(double from, double to, int count,
+                                 const std::vector<Kink>& kinks) {
+  const auto density = [&](double x) {
+    double value = 1;
+    for (const Kink& kink : kinks) {
+      const double u = (x - kink.at) / kink.reach;
+      value = std::max(value, 1 + 2 / (1 + u * u));
+    }
+    return value;
+  };
+  constexpr int kSamples = 4000;
+  std::vector<double> integral = {0};  // of the density, at even steps
+  const double step = (to - from) / kSamples;
+  for (int k = 0; k < kSamples; ++k)
+    integral.push_back(integral.back() + step * density(from + (k + 0.5) * step));
+  const auto line_number = [&](double x) {  // of `count` in all, fractional
+    const double t = (x - from) / step;
+    const int k = std::min(static_cast<int>(t), kSamples - 1);
+    return count * (integral[k] + (t - k) * (integral[k + 1] - integral[k])) / integral.back();
+  };
+  const auto place = [&](double number) {
+    const double wanted = number / count * integral.back();
+    const auto above = std::upper_bound(integral.begin() + 1, integral.end() - 1, wanted);
+    const auto k = static_cast<int>(above - integral.begin()) - 1;
+    return from + step * (k + (wanted - integral[k]) / (integral[k + 1] - integral[k]));
+  };
+  // Kinks inside get the nearest line of the even count; the lines between are spread evenly.
+  std::map<int, double> fixed = {{0, from}, {count, to}};
+  for (const Kink& kink : kinks) {
+    if (kink.at > from + kSameLine && kink.at < to - kSameLine)
+      fixed.try_emplace(static_cast<int>(std::lround(line_number(kink.at))), kink.at);
+  }
+  std::vector<double> lines;
+  for (auto next = std::next(fixed.begin()); next != fixed.end(); ++next) {
+    const auto last = std::prev(next);
+    const double low = line_number(last->second);
+    const double high = line_number(next->second);
+    const int cells = next->first - last->first;
+    lines.push_back(last->second);
+    for (int k = 1; k < cells; ++k) lines.push_back(place(low + (high - low) * k / cells));
+  }
+  lines.push_back(to);
+  return lines;
+}
+
+/// Clamped nodes that the effects of the anchor set free hang on springs, as in the elastic shell:
+/// a node that is detached in part gets that of a grasp that covers it in part.
+void release_anchors(ReferenceTissueModel& model) {
+  const EffectValues& effects = model.effects;
+  if (!effects.moves_anchor()) return;
+  model.is_anchor.assign(model.nodes.size(), 0);
+  model.anchor.assign(model.nodes.size(), 0);
+  const std::vector<double>& xs = model.lines[0];
+  const double layers = static_cast<double>(model.lines[2].size());
+  const double rows = model.clamp_edge > model.lines[1].front() + kSameLine ? 2 : 1;
+  bool held = false;
+  for (std::size_t i = 0; i < model.nodes.size(); ++i) {
+    if (model.unknown[i] >= 0) continue;
+    const auto ix = (i / model.lines[2].size()) % xs.size();
+    const double left = ix > 0 ? 0.5 * (xs[ix] - xs[ix - 1]) : 0;
+    const double right = ix + 1 < xs.size() ? 0.5 * (xs[ix + 1] - xs[ix]) : 0;
+    const double detached =
+        detached_share(effects, xs[ix] + 0.5 * (right - left), 0.5 * (left + right));
+    if (effects.anchor_compliance > 0) {
+      model.anchor[i] =
+          (1 - detached) * (left + right) / (effects.anchor_compliance * rows * layers);
+    } else if (detached > 0) {
+      model.anchor[i] = model.material.young_modulus_pa() * model.body.thickness / layers *
+                        (1 - detached) / detached;
+    } else {
+      held = true;
+      continue;
+    }
+    held = held || model.anchor[i] > 0;
+    model.unknown[i] = 0;
+    model.is_anchor[i] = 1;
+  }
+  if (!held) {
+    throw_error("scene.tissue.effects.anchor: {} ... {} m detaches the whole clamp, allowed less",
+                effects.anchor_free_from, effects.anchor_free_to);
+  }
+}
+
+/// Gradient of the box-to-rest map and of the growth at every Gauss point (HexRest). Growth: a rest
+/// curvature k makes a layer at height z shorter by z k.
+void make_rest(ReferenceTissueModel& model) {
+  const EffectValues& fx = model.effects;
+  const bool curved = fx.curvature_x != 0 || fx.curvature_y != 0 || fx.twist != 0;
+  const bool thick =
+      fx.thickness_x != 0 || fx.thickness_y != 0 || model.body.thickness_map.count_x > 0;
+  if (!curved && fx.stretch == 0 && !thick) return;
+  constexpr double kGauss = 0.57735026918962576451;
+  model.rest.resize((model.elements.size() + Pack::kLanes - 1) / Pack::kLanes);
+  for (std::size_t batch = 0; batch < model.rest.size(); ++batch) {
+    for (int lane = 0; lane < Pack::kLanes; ++lane) {
+      const ReferenceElement& element = model.elements[std::min(
+          Pack::kLanes * batch + static_cast<std::size_t>(lane), model.elements.size() - 1)];
+      for (int point = 0; point < kHexPoints; ++point) {
+        const auto sign = [](int corner, int axis) {
+          return ((corner >> axis) & 1) != 0 ? 1.0 : -1.0;
+        };
+        Eigen::Matrix3d box_to_rest = Eigen::Matrix3d::Zero();
+        double z = 0;
+        for (int a = 0; a < 8; ++a) {
+          Vector3d gradient;
+          double N = 0.125;
+          for (int axis = 0; axis < 3; ++axis) {
+            double d = 0.125 * sign(a, axis) * 2 / element.size[axis];
+            for (int other = 0; other < 3; ++other) {
+              if (other != axis) d *= 1 + sign(a, other) * sign(point, other) * kGauss;
+            }
+            gradient[axis] = d;
+            N *= 1 + sign(a, axis) * sign(point, axis) * kGauss;
+          }
+          const Vector3d& X = model.nodes[static_cast<std::size_t>(element.node[a])];
+          box_to_rest += X * gradient.transpose();
+          z += N * X.z();
+        }
+        Eigen::Matrix3d growth = Eigen::Matrix3d::Identity();
+        growth.topLeftCorner<2, 2>() *= 1 + fx.stretch;
+        growth(0, 0) -= z * fx.curvature_x;
+        growth(1, 1) -= z * fx.curvature_y;
+        growth(0, 1) -= z * fx.twist;
+        growth(1, 0) -= z * fx.twist;
+        const Eigen::Matrix3d map = box_to_rest.inverse() * growth.inverse();
+        HexRest& rest = model.rest[batch];
+        for (int k = 0; k < 9; ++k) rest.map[point][k].set_lane(lane, map(k / 3, k % 3));
+        rest.volume[point].set_lane(lane, box_to_rest.determinant());
+      }
+    }
+  }
+}
+
+void make_lines(const Scene& scene, std::span<const PinchCircle> pinches,
+                ReferenceTissueModel& model) {
+  Vector3d min = model.body.particles.front();
+  Vector3d max = min;
+  bool any_fixed = false;
+  for (std::size_t i = 0; i < model.body.particles.size(); ++i) {
+    min = min.cwiseMin(model.body.particles[i]);
+    max = max.cwiseMax(model.body.particles[i]);
+    any_fixed = any_fixed || model.body.fixed[i] != 0;
+  }
+  const pb::ReferenceModel& n = model.numerics;
+  const double anchor = scene.config.tissue().anchor_max_y_m();
+  model.clamp_edge = any_fixed ? std::max(anchor, min.y()) : min.y();
+  std::array<std::vector<Kink>, 2> kinks;
+  constexpr double kClampReach = 0.1;  // of the free length
+  if (any_fixed) kinks[1].push_back({model.clamp_edge, kClampReach * (max.y() - model.clamp_edge)});
+  for (const PinchCircle& pinch : pinches) {
+    for (std::size_t axis = 0; axis < 2; ++axis) {
+      const double centre = pinch.centre[static_cast<Eigen::Index>(axis)];
+      kinks[axis].push_back({centre - pinch.radius, pinch.radius});
+      kinks[axis].push_back({centre + pinch.radius, pinch.radius});
+    }
+  }
+  model.lines[0] = graded_lines(min.x(), max.x(), static_cast<int>(n.elements_x()), kinks[0]);
+  model.lines[1] =
+      graded_lines(model.clamp_edge, max.y(), static_cast<int>(n.elements_y()), kinks[1]);
+  // The clamped strip is rigid: one row of elements, only so that its particles have a place.
+  if (model.clamp_edge > min.y() + kSameLine)
+    model.lines[1].insert(model.lines[1].begin(), min.y());
+  const double half = 0.5 * model.body.thickness;
+  model.lines[2] = even_lines(-half, half, static_cast<int>(n.elements_z()));
+  for (const double y : model.lines[1]) {
+    for (const double x : model.lines[0]) {
+      const double h =
+          model.body.thickness_map.at({x, y, 0}) * model.effects.thickness_at({x, y, 0});
+      for (const double z : model.lines[2]) model.nodes.emplace_back(x, y, h * z);
+    }
+  }
+  model.unknown.assign(model.nodes.size(), 0);
+  for (std::size_t i = 0; i < model.nodes.size(); ++i) {
+    if (any_fixed && model.nodes[i].y() <= model.clamp_edge + kSameLine) model.unknown[i] = -1;
+  }
+  release_anchors(model);
+}
+
+void make_elements(double density, ReferenceTissueModel& model) {
+  model.mass.assign(model.nodes.size(), 0);
+  model.node_area.assign(model.nodes.size(), 0);
+  const int nx = static_cast<int>(model.lines[0].size()) - 1;
+  const int ny = static_cast<int>(model.lines[1].size()) - 1;
+  const int nz = static_cast<int>(model.lines[2].size()) - 1;
+  std::vector<double> area(model.nodes.size(), 0.0);
+  for (int iy = 0; iy < ny; ++iy) {
+    for (int ix = 0; ix < nx; ++ix) {
+      for (int iz = 0; iz < nz; ++iz) {
+        ReferenceElement element;
+        for (int a = 0; a < 8; ++a)
+          element.node[a] = model.node_index(ix + (a & 1), iy + ((a >> 1) & 1), iz + (a >> 2));
+        element.size = {model.lines[0][ix + 1] - model.lines[0][ix],
+                        model.lines[1][iy + 1] - model.lines[1][iy],
+                        model.lines[2][iz + 1] - model.lines[2][iz]};
+        const Vector3d centre = 0.5 * (model.nodes[element.node[7]] + model.nodes[element.node[0]]);
+        element.stiffness = model.effects.stiffness_at(centre);
+        const double thick =
+            model.body.thickness_map.at(centre) * model.effects.thickness_at(centre);
+        const double mass = density * thick * element.size.prod() / 8;
+        for (const int node : element.node) {
+          model.mass[node] += mass;
+          model.node_area[node] += 0.125 / nz * element.size.x() * element.size.y();
+        }
+        for (int a = 0; a < 8; ++a) {
+          const bool lower = iz == 0 && a < 4;
+          const bool upper = iz == nz - 1 && a >= 4;
+          if (lower || upper) area[element.node[a]] += 0.25 * element.size.x() * element.size.y();
+        }
+        model.elements.push_back(element);
+      }
+    }
+  }
+  for (const double m : model.mass) model.total_mass += m;
+  for (int i = 0; i < static_cast<int>(area.size()); ++i) {
+    if (area[i] > 0 && model.unknown[i] >= 0) model.face_nodes.push_back({i, area[i]});
+  }
+  model.face_area = area;
+}
+
+/// Numbers the unknowns in the order of elimination; nodes above one another stay together.
+void number_unknowns(ReferenceTissueModel& model) {
+  const std::size_t nz = model.lines[2].size();
+  std::vector<int> count(model.nodes.size() / nz, 0);
+  for (std::size_t i = 0; i < model.nodes.size(); ++i) {
+    if (model.unknown[i] >= 0) count[i / nz] += 3;
+  }
+  model.order = dissect(static_cast<int>(model.lines[0].size()),
+                        static_cast<int>(model.lines[1].size()), count);
+  model.unknowns = model.order.size;
+  std::vector<int> next = model.order.first_unknown;
+  for (std::size_t i = 0; i < model.nodes.size(); ++i) {
+    if (model.unknown[i] < 0) continue;
+    model.unknown[i] = next[i / nz];
+    next[i / nz] += 3;
+  }
+}
+
+/// Entry (i, k) of the block of nodes a and b.
+BlockPlace place_block(const ReferenceTissueModel& model, int a, int b) {
+  const int row = model.unknown[static_cast<std::size_t>(a)];
+  const int column = model.unknown[static_cast<std::size_t>(b)];
+  if (row < 0 || column < 0) return {};
+  if (row < column) {  // the matrix is symmetric: only the lower triangle is stored
+    const BlockPlace mirrored = place_block(model, b, a);
+    return {mirrored.at, mirrored.across, mirrored.down};
+  }
+  return {static_cast<int>(model.order.index(row, column)), 1, model.order.stride(column)};
+}
+
+void place_blocks(ReferenceTissueModel& model) {
+  for (int i = 0; i < static_cast<int>(model.nodes.size()); ++i)
+    model.node_blocks.push_back(place_block(model, i, i));
+  for (const ReferenceElement& element : model.elements) {
+    auto place = model.element_blocks.emplace_back().begin();
+    for (int a = 0; a < kHexNodes; ++a) {
+      for (int b = 0; b <= a; ++b) *place++ = place_block(model, element.node[a], element.node[b]);
+    }
+  }
+}
+
+/// Cells of a row of grid lines that touch the coordinate: one, or two if it lies on a line.
+std::vector<int> cells_at(const std::vector<double>& lines, double value) {
+  std::vector<int> cells;
+  const int count = static_cast<int>(lines.size()) - 1;
+  for (int k = 0; k < count; ++k) {
+    if (value >= lines[k] - kSameLine && value <= lines[k + 1] + kSameLine) cells.push_back(k);
+  }
+  OMENTUM_CHECK(!cells.empty() && cells.size() <= 2, "coordinate {}", value);
+  return cells;
+}
+
+double local_coordinate(const std::vector<double>& lines, int cell, double value) {
+  const double t = 2 * (value - lines[cell]) / (lines[cell + 1] - lines[cell]) - 1;
+  return std::clamp(t, -1.0, 1.0);
+}
+
+}  // namespace
+
+std::array<double, 8> hex_functions(const Vector3d& xi) {
+  std::array<double, 8> N{};
+  for (int a = 0; a < 8; ++a) {
+    N[a] = 0.125;
+    for (int axis = 0; axis < 3; ++axis)
+      N[a] *= ((a >> axis) & 1) != 0 ? 1 + xi[axis] : 1 - xi[axis];
+  }
+  return N;
+}
+
+BodyPoint ReferenceTissueModel::locate(const Vector3d& p_B) const {
+  BodyPoint point;
+  for (const int iy : cells_at(lines[1], p_B.y())) {
+    for (const int ix : cells_at(lines[0], p_B.x())) {
+      for (const int iz : cells_at(lines[2], p_B.z())) {
+        point.shares.push_back(
+            {element_index(ix, iy, iz),
+             {local_coordinate(lines[0], ix, p_B.x()), local_coordinate(lines[1], iy, p_B.y()),
+              local_coordinate(lines[2], iz, p_B.z())}});
+      }
+    }
+  }
+  return point;
+}
+
+GraspPatch ReferenceTissueModel::make_patch(const Vector2d& centre, double radius) const {
+  const Eigen::AlignedBox2d free(Vector2d(lines[0].front(), clamp_edge),
+                                 Vector2d(lines[0].back(), lines[1].back()));
+  const std::vector<PatchPoint> points = patch_points(free, centre, radius);
+  Vector2d mean = Vector2d::Zero();
+  for (const PatchPoint& point : points) mean += point.weight * point.p;
+
+  const double half = 0.5 * body.thickness;
+  const int layers = static_cast<int>(lines[2].size()) - 1;
+  std::map<int, Eigen::Vector4d> rows;  // by node, so that the order is that of the nodes
+  for (const PatchPoint& point : points) {
+    const int ix = cells_at(lines[0], point.p.x()).front();
+    const int iy = cells_at(lines[1], point.p.y()).front();
+    for (int iz = 0; iz < layers; ++iz) {
+      for (const double zeta : {-0.57735026918962576, 0.57735026918962576}) {  // Gauss
+        const Vector3d xi(local_coordinate(lines[0], ix, point.p.x()),
+                          local_coordinate(lines[1], iy, point.p.y()), zeta);
+        const double z = 0.5 * (lines[2][iz] * (1 - zeta) + lines[2][iz + 1] * (1 + zeta));
+        const Eigen::Vector4d row = point.weight / (2 * layers) *
+                                    Eigen::Vector4d(1, (point.p.x() - mean.x()) / radius,
+                                                    (point.p.y() - mean.y()) / radius, z / half);
+        const std::array<double, 8> N = hex_functions(xi);
+        const ReferenceElement& element = elements[element_index(ix, iy, iz)];
+        for (int a = 0; a < 8; ++a) {
+          rows.try_emplace(element.node[a], Eigen::Vector4d::Zero()).first->second += N[a] * row;
+        }
+      }
+    }
+  }
+  GraspPatch patch;
+  patch.weight.resize(static_cast<Eigen::Index>(rows.size()), GraspPatch::kRows);
+  for (const auto& [node, row] : rows) {
+    patch.weight.row(static_cast<Eigen::Index>(patch.node.size())) = row.transpose();
+    patch.node.push_back(node);
+  }
+  int nearest = -1;
+  double least = 0;
+  for (int i = 0; i < static_cast<int>(body.particles.size()); ++i) {
+    if (body.fixed[i] != 0) continue;
+    const double distance = (body.particles[i].head<2>() - centre).norm();
+    if (distance <= radius) patch.particles.push_back(i);
+    if (nearest < 0 || distance < least) {
+      nearest = i;
+      least = distance;
+    }
+  }
+  if (patch.particles.empty()) patch.particles.push_back(nearest);
+  return patch;
+}
+
+std::unique_ptr<Tissue<float>> ReferenceTissueModel::make_tissue(const LaneKernel<float>&) const {
+  throw_error(
+      "scene.tissue.model: TISSUE_REFERENCE runs in double precision, one environment, for "
+      "mismatch "
+      "only; allowed here: TISSUE_CLUSTER, TISSUE_ELASTIC");
+}
+
+std::unique_ptr<Tissue<double>> ReferenceTissueModel::make_tissue(
+    const LaneKernel<double>& kernel) const {
+  if (kernel.lanes != 1)
+    throw_error("scene.tissue.model: TISSUE_REFERENCE runs one environment, not {}", kernel.lanes);
+  return std::make_unique<ReferenceTissue>(shared_from_this());
+}
+
+std::shared_ptr<const ReferenceTissueModel> make_reference_model(
+    const Scene& scene, double control_period, std::vector<std::string>& warnings,
+    std::span<const PinchCircle> pinches) {
+  const pb::Tissue& config = scene.config.tissue();
+  if (!scene.tissue.surface_is_particles || config.has_sheet())
+    throw_error("scene.tissue: TISSUE_REFERENCE takes a rectangular sheet, give grid");
+  if (config.material().law() == pb::LAW_STABLE_NEO_HOOKE) {
+    throw_error(
+        "scene.tissue.material.law: LAW_STABLE_NEO_HOOKE, allowed for TISSUE_REFERENCE: "
+        "LAW_COROTATED, LAW_NEO_HOOKE, LAW_ST_VENANT_KIRCHHOFF");
+  }
+  auto model = std::make_shared<ReferenceTissueModel>();
+  model->body = scene.tissue;
+  model->control_period = control_period;
+  model->numerics = config.reference();
+  model->material = config.material();
+  model->effects =
+      make_effects(config.effects(), config.material().poisson_ratio(), model->body.particles);
+  if ((model->effects.adhesion > 0 || model->effects.suction > 0) && scene.bodies.empty()) {
+    throw_error("scene.tissue.effects.{}: nothing to stick to, needs a scene.rigid_body",
+                model->effects.adhesion > 0 ? "adhesion" : "suction");
+  }
+  const double thicker = std::sqrt(1 + model->effects.bending_change);
+  model->body.thickness = scene.tissue.thickness * thicker;
+  model->face_inset = 0.5 * (model->body.thickness - scene.tissue.thickness);
+  model->lame = make_lame(config.material().young_modulus_pa() / thicker,
+                          config.material().poisson_ratio() + model->effects.poisson_change);
+  model->surroundings = make_surroundings(scene);
+  make_lines(scene, pinches, *model);
+  make_elements(config.density_kg_per_m3() * (1 + model->effects.density_change) / thicker, *model);
+  make_rest(*model);
+  number_unknowns(*model);
+  place_blocks(*model);
+  for (std::size_t i = 0; i < model->body.particles.size(); ++i) {
+    model->particle_points.push_back(model->locate(model->body.particles[i]));
+    model->particle_points.back().fixed = model->body.fixed[i] != 0;
+  }
+  // 1 um: below anything that is measured.
+  const double lift = model->body.particle_radius - 0.5 * scene.tissue.thickness;
+  if (!model->surroundings.bodies.empty() && std::fabs(lift) > 1e-6) {
+    warnings.push_back(fmt::format(
+        "tissue.particle_radius_m: {} m does not apply to TISSUE_REFERENCE, whose faces "
+        "lie thickness_m / 2 = {} m from the particles",
+        model->body.particle_radius, 0.5 * scene.tissue.thickness));
+  }
+  return model;
+}
+
+}  // namespace omentum

@@ -1,0 +1,359 @@
+// Effects in the lane kernel of the elastic shell: included by shell_kernel.inl. Every function
+// changes only the lanes in which its effect is on; the others keep their bits, so that a lane does
+// not depend on its neighbours.
+
+namespace {
+
+struct Stress {
+  Lane xx, xy, yy;  // force on the legs per length: second Piola-Kirchhoff stress x t / 2 [N/m]
+};
+
+inline Stress load_stress(const Real* p) {
+  return {load(p), load(p + kLanes), load(p + 2 * kLanes)};
+}
+inline void store_stress(Real* p, Stress s) {
+  store(p, s.xx);
+  store(p + kLanes, s.xy);
+  store(p + 2 * kLanes, s.yy);
+}
+inline Stress select(Mask m, Stress a, Stress b) {
+  return {select(m, a.xx, b.xx), select(m, a.xy, b.xy), select(m, a.yy, b.yy)};
+}
+inline Stress fma(Lane s, Stress a, Stress c) {
+  return {fma(s, a.xx, c.xx), fma(s, a.xy, c.xy), fma(s, a.yy, c.yy)};
+}
+
+/// Green strain of a triangle from C = F^T F.
+inline Stress green_strain(Stress c) {
+  const Lane half = splat(static_cast<Real>(0.5));
+  return {fnma(half, splat(Real{1}), half * c.xx), half * c.xy,
+          fnma(half, splat(Real{1}), half * c.yy)};
+}
+
+inline Lane square(Stress e) {
+  return fma(splat(Real{2}) * e.xy, e.xy, fma(e.yy, e.yy, e.xx * e.xx));
+}
+
+/// c2 I^2 with I = 2 E:E, thickness strain of plane stress included: S = 8 c2 I (E - n E33).
+inline Stress add_stiffening(const Args& args, Stress e, Lane shear, Stress s, Lane& invariant) {
+  const Lane n = load(args.effects.lateral);
+  const Lane through = splat(Real{0}) - n * (e.xx + e.yy);
+  invariant = splat(Real{2}) * fma(through, through, square(e));
+  const Lane scale = load(args.effects.stiffening_scale) * shear * invariant;
+  return fma(scale, Stress{fnma(n, through, e.xx), e.xy, fnma(n, through, e.yy)}, s);
+}
+
+/// Energy per volume / (2 mu) of the law, |U - I|^2 / 2 + lambda / (4 mu) tr(U - I)^2, and of
+/// stiffening. With C = F^T F, delta = det U and tau = tr U as in corotated_stress():
+/// U = (C + delta I) / tau.
+inline Lane matrix_energy(const Args& args, Stress c, Lane invariant) {
+  const Lane one = splat(Real{1});
+  const Lane delta = sqrt(max(fnma(c.xy, c.xy, c.xx * c.yy), splat(static_cast<Real>(1e-20))));
+  const Lane tau = sqrt(fma(splat(Real{2}), delta, c.xx + c.yy));
+  const Lane scale = one / tau;
+  const Stress u{fma(scale, c.xx + delta, splat(Real{-1})), scale * c.xy,
+                 fma(scale, c.yy + delta, splat(Real{-1}))};
+  const Lane trace = u.xx + u.yy;
+  const Lane half = splat(static_cast<Real>(0.5));
+  const Lane law = half * fma(load(args.effects.lateral) * trace, trace, square(u));
+  const Lane eighth = splat(static_cast<Real>(0.125)) * load(args.effects.stiffening_scale);
+  return fma(eighth * invariant, invariant, law);
+}
+
+/// Share of the stress that is left at this energy: 1 - softening s (3 - s^2) / 2 with
+/// s = v / sqrt(1 + v^2), v = (Wmax - W) / (m + Wmax). That is the law of [Ogden99] with m + Wmax
+/// in the place of their m, so that unloading begins with a stiffness of at most 1 + 3 softening,
+/// and with their erf(1.2 v) to within 0.033 by what needs only a root.
+inline Lane softened_share(const Args& args, Lane energy, int triangle) {
+  const auto& fx = args.effects;
+  const Lane peak = load(fx.energy_peak + kLanes * triangle);
+  const Lane below = max(peak - energy, splat(Real{0}));
+  const Lane scale = load(fx.softening_energy) + peak;
+  const Lane s = below / sqrt(fma(below, below, scale * scale));
+  const Lane lost = splat(static_cast<Real>(0.5)) * s * fnma(s, s, splat(Real{3}));
+  return fnma(load(fx.softening_share), lost, splat(Real{1}));
+}
+
+/// Tension of the fibres, with a smooth corner of 1e-3 strain: (E4 + sqrt(E4^2 + w^2) - w) / 2.
+inline Stress add_fibres(const Args& args, Stress e, Lane shear, Stress s) {
+  const Lane half = splat(static_cast<Real>(0.5));
+  const Lane w = splat(static_cast<Real>(1e-3));
+  const Stress a = load_stress(args.effects.fibre_axes);
+  const Lane along = fma(a.xx, e.xx, fma(splat(Real{2}) * a.xy, e.xy, a.yy * e.yy));
+  const Lane taut = half * ((along + sqrt(fma(along, along, w * w))) - w);
+  return fma(load(args.effects.fibre) * shear * taut, a, s);
+}
+
+/// Strain that the slider's spring carries: up to the yield strain.
+inline Stress slider_strain(const Args& args, Stress e, int triangle) {
+  const Stress seat = load_stress(args.effects.plastic + 3 * kLanes * triangle);
+  const Stress off{e.xx - seat.xx, e.xy - seat.xy, e.yy - seat.yy};
+  const Lane size = sqrt(max(square(off), splat(static_cast<Real>(1e-20))));
+  const Lane part = min(splat(Real{1}), load(args.effects.slider_yield) / size);
+  return {part * off.xx, part * off.xy, part * off.yy};
+}
+
+/// Elastic part of the effects, of which Prony branches remember the history.
+inline Stress add_elastic_effects(const Args& args, Stress c, Stress e, Lane shear, Stress s,
+                                  int triangle, Lane& invariant, Lane& energy) {
+  const auto& fx = args.effects;
+  invariant = energy = splat(Real{0});
+  if (fx.stiffening != 0) {
+    Lane found = invariant;
+    const Stress stiffer = add_stiffening(args, e, shear, s, found);
+    const Mask lanes = to_mask(fx.stiffening);
+    s = select(lanes, stiffer, s);
+    invariant = select(lanes, found, invariant);
+  }
+  if (fx.softening != 0) {
+    energy = matrix_energy(args, c, invariant);
+    const Lane share = softened_share(args, energy, triangle);
+    s = select(to_mask(fx.softening), Stress{share * s.xx, share * s.xy, share * s.yy}, s);
+  }
+  if (fx.fibres != 0) s = select(to_mask(fx.fibres), add_fibres(args, e, shear, s), s);
+  return s;
+}
+
+/// All that is added to the stress of a triangle, C = F^T F.
+inline Stress add_effects(const Args& args, Stress c, Lane shear, Stress s, int triangle) {
+  const auto& fx = args.effects;
+  const Stress e = green_strain(c);
+  Lane unused = splat(Real{0});
+  s = add_elastic_effects(args, c, e, shear, s, triangle, unused, unused);
+  if (fx.prony != 0) {
+    const Stress bias = load_stress(fx.bias + 3 * kLanes * triangle);
+    const Lane more = load(fx.prony_gains);
+    const Stress total{fma(more, s.xx, s.xx) + bias.xx, fma(more, s.xy, s.xy) + bias.xy,
+                       fma(more, s.yy, s.yy) + bias.yy};
+    s = select(to_mask(fx.prony), total, s);
+  }
+  if (fx.slider != 0) {
+    const Stress total = fma(load(fx.slider_scale) * shear, slider_strain(args, e, triangle), s);
+    s = select(to_mask(fx.slider), total, s);
+  }
+  return s;
+}
+
+/// End of a substep: memories of a triangle. `s` = corotated stress there.
+inline void remember_triangle(const Args& args, Stress c, Lane shear, Stress s, int triangle) {
+  const auto& fx = args.effects;
+  const Stress e = green_strain(c);
+  Lane invariant = splat(Real{0});
+  Lane energy = invariant;
+  s = add_elastic_effects(args, c, e, shear, s, triangle, invariant, energy);
+  // Tangent over nominal stiffness: 1 + 12 (c2 / mu) I along the strain.
+  const Lane tangent = fma(splat(Real{3}) * load(fx.stiffening_scale), invariant, splat(Real{1}));
+  store(fx.peak, max(load(fx.peak), tangent));
+  if (fx.softening != 0) {
+    Real* const memory = fx.energy_peak + kLanes * triangle;
+    const Lane before = load(memory);
+    store(memory, select(to_mask(fx.softening), max(before, energy), before));
+  }
+  const int at = 3 * kLanes * triangle;
+  if (fx.prony != 0) {
+    const Mask lanes = to_mask(fx.prony);
+    const Stress old = load_stress(fx.stress + at);
+    const Stress change{s.xx - old.xx, s.xy - old.xy, s.yy - old.yy};
+    const Lane zero = splat(Real{0});
+    Stress bias{zero, zero, zero};
+    const std::int64_t stride = 3LL * kLanes * args.triangles;
+    for (int k = 0; k < fx.branches; ++k) {
+      Real* const memory = fx.branch + k * stride + at;
+      const Lane keep = load(fx.prony_keep + k * kLanes);
+      const Lane gain = load(fx.prony_gain + k * kLanes);
+      const Stress before = load_stress(memory);
+      const Stress now{fma(gain, change.xx, keep * before.xx),
+                       fma(gain, change.xy, keep * before.xy),
+                       fma(gain, change.yy, keep * before.yy)};
+      store_stress(memory, select(lanes, now, before));
+      bias = {fma(keep, now.xx, fnma(gain, s.xx, bias.xx)),
+              fma(keep, now.xy, fnma(gain, s.xy, bias.xy)),
+              fma(keep, now.yy, fnma(gain, s.yy, bias.yy))};
+    }
+    store_stress(fx.stress + at, select(lanes, s, old));
+    store_stress(fx.bias + at, select(lanes, bias, load_stress(fx.bias + at)));
+  }
+  if (fx.slider != 0) {
+    const Stress carried = slider_strain(args, e, triangle);
+    const Stress seat{e.xx - carried.xx, e.xy - carried.xy, e.yy - carried.yy};
+    store_stress(fx.plastic + at, select(to_mask(fx.slider), seat, load_stress(fx.plastic + at)));
+  }
+}
+
+// ---------------------------------------------------------------------------------------------------------------------
+// Forces on nodes.
+
+inline void add_force(const Args& args, int i, Bits lanes, Lane3 force) {
+  if (args.fixed[i] != 0) return;
+  Real* const b = args.b + 3 * kLanes * i;
+  const Lane3 before = load3(b);
+  store3(b, select(to_mask(lanes), before - force, before));
+}
+
+void add_drag_forces(const Args& args) {
+  const Lane scale = load(args.effects.drag_scale);
+  for (int i = 0; i < args.nodes; ++i) {
+    const Lane3 v = load3(args.v + 3 * kLanes * i);
+    const Lane speed = sqrt(dot(v, v));
+    const Lane size = splat(args.effects.node_area[i]) * scale * speed;
+    add_force(args, i, args.effects.drag, zero3() - size * v);
+  }
+}
+
+/// Present stiffness of the spring of a node [N/m]; zero in lanes without one.
+inline Lane bond_stiffness(const Args& args, int i, bool only_new) {
+  const auto& fx = args.effects;
+  const Lane zero = splat(Real{0});
+  const bool anchor = fx.is_anchor[i] != 0;
+  if (only_new && anchor) return zero;  // springs of anchors are part of the metric
+  const Lane longest = load(fx.bond_longest + kLanes * i);
+  const Lane limit = load(anchor ? fx.anchor_limit : fx.adhesion_limit);
+  const Lane fresh =
+      anchor ? load(fx.anchor + kLanes * i) : splat(fx.node_area[i]) * load(fx.adhesion_scale);
+  const Lane k = select(longest < zero, zero, cohesive_share(longest, limit) * fresh);
+  return select(to_mask(fx.bonds), k, zero);
+}
+
+void add_bond_forces(const Args& args) {
+  for (int i = 0; i < args.nodes; ++i) {
+    if (args.fixed[i] != 0) continue;
+    const Lane3 off =
+        load3(args.moved + 3 * kLanes * i) - load3(args.effects.bond_place + 3 * kLanes * i);
+    add_force(args, i, args.effects.bonds, zero3() - bond_stiffness(args, i, false) * off);
+  }
+}
+
+void add_film_forces(const Args& args) {
+  for (int i = 0; i < args.nodes; ++i) {
+    const Lane3 n = load3(args.effects.film_normal + 3 * kLanes * i);
+    const Lane along = dot(n, load3(args.d + 3 * kLanes * i));
+    const Lane size = load(args.effects.film_now + kLanes * i) * along;
+    add_force(args, i, args.effects.film, zero3() - size * n);
+  }
+}
+
+void add_node_effects(const Args& args) {
+  if (args.effects.drag != 0) add_drag_forces(args);
+  if (args.effects.bonds != 0) add_bond_forces(args);
+  if (args.effects.film != 0) add_film_forces(args);
+}
+
+/// Drag of the air film at the places where the substep begins.
+void start_effects(const Args& args) {
+  const auto& fx = args.effects;
+  if (fx.film == 0) return;
+  const Lane reach = load(fx.film_reach);
+  for (int i = 0; i < args.nodes; ++i) {
+    const Surface surface = nearest_surface(args, load3(args.x + 3 * kLanes * i));
+    const Lane gap = max(surface.phi - splat(args.particle_radius), splat(Real{0}));
+    const Lane part = reach / (reach + gap);
+    const Lane scale = splat(fx.node_area[i]) * load(fx.film_scale);
+    const Lane now = scale * part * part * part;
+    store(fx.film_now + kLanes * i, select(to_mask(fx.film), now, splat(Real{0})));
+    store3(fx.film_normal + 3 * kLanes * i, surface.normal);
+  }
+}
+
+/// Stretch of the springs, and new ones where tissue touches.
+void remember_bonds(const Args& args) {
+  const auto& fx = args.effects;
+  const Lane touch = splat(args.particle_radius + static_cast<Real>(1e-5));  // [m] beyond rounding
+  const Lane zero = splat(Real{0});
+  for (int i = 0; i < args.nodes; ++i) {
+    if (args.fixed[i] != 0) continue;
+    const Lane3 x = load3(args.moved + 3 * kLanes * i);
+    Real* const longest = fx.bond_longest + kLanes * i;
+    Real* const place = fx.bond_place + 3 * kLanes * i;
+    const Lane before = load(longest);
+    const Lane3 off = x - load3(place);
+    const Mask bonded = both(to_mask(fx.bonds), splat(static_cast<Real>(-0.5)) < before);
+    const Lane stretched = select(bonded, max(before, sqrt(dot(off, off))), before);
+    store(longest, stretched);
+    if (fx.is_anchor[i] != 0 || (fx.adhesion == 0)) continue;
+    const Surface surface = nearest_surface(args, x);
+    const Mask fresh = both(both(to_mask(fx.adhesion), stretched < zero), surface.phi < touch);
+    store(longest, select(fresh, zero, stretched));
+    store3(place, select(fresh, x, load3(place)));
+  }
+}
+
+// ---------------------------------------------------------------------------------------------------------------------
+// Springs to ground that may be stiffer than the sheet's own metric A: conjugate gradients on
+// (A + D) s = b with A as preconditioner. Each round needs one solve with A, done by the caller;
+// lanes without springs take the first.
+
+inline Lane3 spring_product(const Args& args, int i, Lane3 p) {
+  Lane3 q = zero3();
+  if (args.effects.bonds != 0) q = bond_stiffness(args, i, true) * p;
+  if (args.effects.film != 0) {
+    const Lane3 n = load3(args.effects.film_normal + 3 * kLanes * i);
+    q = fma(load(args.effects.film_now + kLanes * i) * dot(n, p), n, q);
+  }
+  return q;
+}
+
+void start_springs(const Args& args) {
+  for (int i = 0; i < args.nodes; ++i) {
+    store3(args.effects.rest + 3 * kLanes * i, load3(args.b + 3 * kLanes * i));
+    store3(args.effects.solution + 3 * kLanes * i, zero3());
+  }
+}
+
+/// answer <- b in the lanes of args.lanes: A^-1 rest of one factor key.
+void take_answer(const Args& args) {
+  const Mask lanes = to_mask(args.lanes);
+  for (int i = 0; i < args.nodes; ++i) {
+    Real* const answer = args.effects.answer + 3 * kLanes * i;
+    store3(answer, select(lanes, load3(args.b + 3 * kLanes * i), load3(answer)));
+  }
+}
+
+void advance_springs(const Args& args, bool first) {
+  const auto& fx = args.effects;
+  const Mask springs = to_mask(fx.springs);
+  const Lane zero = splat(Real{0});
+  Lane product = zero;
+  for (int i = 0; i < args.nodes; ++i) {
+    if (args.fixed[i] != 0) continue;
+    const int k = 3 * kLanes * i;
+    product = product + dot(load3(fx.rest + k), load3(fx.answer + k));
+  }
+  const Lane tiny = splat(static_cast<Real>(1e-30));
+  const Lane beta = first ? zero : product / max(load(fx.last_product), tiny);
+  store(fx.last_product, product);
+  Lane curvature = zero;
+  for (int i = 0; i < args.nodes; ++i) {
+    if (args.fixed[i] != 0) continue;
+    const int k = 3 * kLanes * i;
+    Lane3 p = load3(fx.answer + k);
+    Lane3 metric = load3(fx.rest + k);
+    if (!first) {
+      p = fma(beta, load3(fx.direction + k), p);
+      metric = fma(beta, load3(fx.metric_direction + k), metric);
+    }
+    store3(fx.direction + k, p);
+    store3(fx.metric_direction + k, metric);
+    curvature = curvature + dot(p, metric + spring_product(args, i, p));
+  }
+  const Lane step = select(tiny < curvature, product / max(curvature, tiny), zero);
+  // A lane without springs has its solution in the first round.
+  const Lane alpha = select(springs, step, splat(first ? Real{1} : Real{0}));
+  for (int i = 0; i < args.nodes; ++i) {
+    if (args.fixed[i] != 0) continue;
+    const int k = 3 * kLanes * i;
+    const Lane3 p = load3(fx.direction + k);
+    const Lane3 before = load3(fx.solution + k);
+    const Lane3 whole = first ? p : before;
+    store3(fx.solution + k, select(springs, fma(alpha, p, before), whole));
+    const Lane3 q = load3(fx.metric_direction + k) + spring_product(args, i, p);
+    store3(fx.rest + k, fnma(alpha, q, load3(fx.rest + k)));
+  }
+}
+
+void load_solution(const Args& args) {
+  for (int i = 0; i < args.nodes; ++i) {
+    store3(args.b + 3 * kLanes * i, load3(args.effects.solution + 3 * kLanes * i));
+  }
+}
+
+}  // namespace

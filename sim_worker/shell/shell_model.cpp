@@ -1,0 +1,368 @@
+#include "sim_worker/shell/shell_model.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <utility>
+
+#include "core/check.h"
+#include "sim_worker/shell/shell_tissue.h"
+#include "sim_worker/tissue/grasp_patch.h"
+
+namespace omentum {
+namespace {
+
+using Eigen::Vector2d;
+using Eigen::Vector3d;
+
+double thickness_ratio(const ShellTissueModel& model, const EffectValues& effects,
+                       const Vector3d& p_B) {
+  return model.body.thickness_map.at(p_B) * effects.thickness_at(p_B);
+}
+
+bool is_clamped(const ShellTissueModel& model, int i) {
+  const auto k = static_cast<std::size_t>(i);
+  return model.body.fixed[k] != 0 || (!model.is_anchor.empty() && model.is_anchor[k] != 0);
+}
+
+/// E t^3 / 12 at a place of the sheet [N m].
+double beam_at(const ShellTissueModel& model, const EffectValues& effects, const Vector3d& p_B) {
+  const double t = model.thickness * thickness_ratio(model, effects, p_B);
+  return model.material.bending_scale() * (1 + effects.bending_change) * effects.stiffness_at(p_B) *
+         model.material.young_modulus_pa() * t * t * t / 12;
+}
+
+/// Triangles that share a factor of ShellStructure::cell.
+std::size_t cell_of(const ShellTissueModel& model, std::size_t triangle) {
+  return model.is_mesh() ? triangle : triangle / 2;
+}
+
+double triangle_area(const ShellTissueModel& model, std::size_t triangle) {
+  return model.is_mesh() ? model.mesh.triangles[triangle].area : 0.5 * model.pitch * model.pitch;
+}
+
+/// Adds a third of `of_triangle` for every triangle to each of its corners.
+template <typename Function>
+std::vector<double> lump(const ShellTissueModel& model, Function&& of_triangle) {
+  std::vector<double> sum(static_cast<std::size_t>(model.nodes()), 0.0);
+  std::size_t next = 0;
+  const auto add = [&](int a, int b, int c) {
+    const double third = of_triangle(next++) / 3;
+    for (const int i : {a, b, c}) sum[static_cast<std::size_t>(i)] += third;
+  };
+  for_each_triangle(model, [&](int x0, int x1, int y0, int y1) {
+    // The legs share the corner of the right angle: three of the four indices are different.
+    add(x0, x1, y0 == x0 || y0 == x1 ? y1 : y0);
+  });
+  for (const SheetTriangle& t : model.mesh.triangles) add(t.node[0], t.node[1], t.node[2]);
+  return sum;
+}
+
+/// Spring of a clamped node that carries `length` of the clamp [N/m]: its compliance, or, where a
+/// part of its width is detached, E t where that part is one half.
+double anchor_spring(const EffectValues& values, double membrane_stiffness, double x, double width,
+                     double length) {
+  const double detached = detached_share(values, x, 0.5 * width);
+  if (values.anchor_compliance > 0) return (1 - detached) * length / values.anchor_compliance;
+  return detached > 0 ? membrane_stiffness * (1 - detached) / detached : 0;
+}
+
+}  // namespace
+
+std::shared_ptr<const ShellTissueModel> make_shell_model(const Scene& scene, double control_period,
+                                                         std::vector<std::string>&) {
+  const pb::Tissue& tissue = scene.config.tissue();
+  if (tissue.material().law() != pb::LAW_COROTATED) {
+    throw_error("scene.tissue.material.law: {}, allowed for the model elastic: LAW_COROTATED",
+                pb::ElasticLaw_Name(tissue.material().law()));
+  }
+  if (!tissue.has_grid() && scene.sheet.triangles.empty()) {
+    throw_error("scene.tissue: no grid, allowed for the shell of the model elastic: grid, sheet");
+  }
+  const int most_bodies = kMaxShapes - (scene.soft_body ? 2 : 1);
+  if (static_cast<int>(scene.bodies.size()) > most_bodies) {
+    throw_error("scene.rigid_body: {} bodies, allowed at most {}", scene.bodies.size(),
+                most_bodies);
+  }
+  auto model = std::make_shared<ShellTissueModel>();
+  model->on_soft_body = scene.soft_body.has_value();
+  model->body = scene.tissue;
+  model->control_period = control_period;
+  model->material = tissue.material();
+  model->parameters = tissue.elastic();
+  model->mesh = scene.sheet;
+  if (model->is_mesh()) {
+    model->pitch = model->mesh.edge;
+  } else {
+    model->count_x = static_cast<int>(tissue.grid().count_x());
+    model->count_y = static_cast<int>(tissue.grid().count_y());
+    model->pitch = tissue.grid().pitch_m();
+    OMENTUM_CHECK(model->nodes() == model->count_x * model->count_y);
+  }
+  model->surroundings = make_surroundings(scene);
+  model->thickness = model->body.thickness;
+  model->density = tissue.density_kg_per_m3();
+  model->effects =
+      make_effects(tissue.effects(), tissue.material().poisson_ratio(), model->body.particles);
+  if ((model->effects.adhesion > 0 || model->effects.suction > 0) &&
+      model->surroundings.bodies.empty()) {
+    throw_error("scene.tissue.effects.{}: nothing to stick to, needs a scene.rigid_body",
+                model->effects.adhesion > 0 ? "adhesion" : "suction");
+  }
+  const IsClamped clamped = [&](std::int32_t i) { return is_clamped(*model, i); };
+  const std::vector<Vector3d>& nodes = model->body.particles;
+  model->stencils = model->is_mesh() ? mesh_stencils(model->mesh, nodes, clamped)
+                                     : grid_stencils(nodes, model->count_x, model->count_y,
+                                                     model->pitch, clamped);
+  model->clamp_edge = model->sheet().min().y();
+  for (std::size_t i = 0; i < model->body.particles.size(); ++i) {
+    if (model->body.fixed[i] != 0)
+      model->clamp_edge = std::max(model->clamp_edge, model->body.particles[i].y());
+  }
+  model->structure = model->make_structure(model->effects);
+  model->node_area = lump(*model, [&](std::size_t t) { return triangle_area(*model, t); });
+  model->anchor = model->make_anchor(model->effects);
+  model->is_anchor.assign(model->anchor.size(), 0);
+  for (int i = 0; model->effects.moves_anchor() && i < model->nodes(); ++i) {
+    const auto k = static_cast<std::size_t>(i);
+    const bool rigid =
+        model->effects.anchor_compliance == 0 &&
+        detached_share(model->effects, model->body.particles[k].x(), 0.5 * model->pitch) == 0;
+    if (model->body.fixed[k] == 0 || rigid) continue;
+    model->body.fixed[k] = 0;
+    model->is_anchor[k] = 1;
+  }
+  if (std::all_of(model->body.fixed.begin(), model->body.fixed.end(),
+                  [](std::uint8_t fixed) { return fixed == 0; }) &&
+      std::all_of(model->anchor.begin(), model->anchor.end(), [](double k) { return k == 0; })) {
+    const bool was_free = std::all_of(scene.tissue.fixed.begin(), scene.tissue.fixed.end(),
+                                      [](std::uint8_t fixed) { return fixed == 0; });
+    if (!was_free) {
+      throw_error("scene.tissue.effects.anchor: {} ... {} m detaches the whole clamp, allowed less",
+                  model->effects.anchor_free_from, model->effects.anchor_free_to);
+    }
+  }
+  model->make_metric();
+  return model;
+}
+
+bool ShellTissueModel::can_hold(const Vector3d& centre, double radius) const {
+  // 1e-5 m: with less the sphere of the jaws only grazes the sheet. 1 m: no sheet is larger.
+  if (!(radius > 1e-5 && radius <= 1)) return false;
+  if (is_mesh()) return radius > 0.05 * mesh.edge && (centre.cwiseAbs().array() <= 1).all();
+  return sheet().contains(centre.head<2>()) && centre.y() > clamp_edge && centre.z() == 0;
+}
+
+Eigen::AlignedBox2d ShellTissueModel::sheet() const {
+  return {body.particles.front().head<2>(), body.particles.back().head<2>()};
+}
+
+ShellTissueModel::Shares ShellTissueModel::locate(const Vector2d& X) const {
+  const Vector2d from = (X - body.particles.front().head<2>()) / pitch;
+  const int ix = std::clamp(static_cast<int>(from.x()), 0, count_x - 2);
+  const int iy = std::clamp(static_cast<int>(from.y()), 0, count_y - 2);
+  const double u = from.x() - ix;
+  const double v = from.y() - iy;
+  const int i = count_y * ix + iy;
+  return {{i, i + 1, i + count_y, i + count_y + 1},
+          {(1 - u) * (1 - v), (1 - u) * v, u * (1 - v), u * v}};
+}
+
+SheetPatch ShellTissueModel::make_patch(const Vector3d& centre, double radius) const {
+  std::map<std::int32_t, Vector3d> rows;  // by node, so that the order is that of the nodes
+  const auto add = [&](const auto& node, const auto& share, double weight, const Vector2d& arm) {
+    for (std::size_t k = 0; k < node.size(); ++k) {
+      rows.try_emplace(node[k], Vector3d::Zero()).first->second +=
+          weight * share[k] * Vector3d(1, arm.x(), arm.y());
+    }
+  };
+  if (is_mesh()) {
+    for (const DiscPoint& point : sample_disc(mesh, body.particles, body.fixed, centre, radius))
+      add(mesh.triangles[point.triangle].node, point.share, point.weight, point.arm);
+  } else {
+    const Eigen::AlignedBox2d free(Vector2d(sheet().min().x(), clamp_edge), sheet().max());
+    const std::vector<PatchPoint> points = patch_points(free, centre.head<2>(), radius);
+    Vector2d mean = Vector2d::Zero();
+    for (const PatchPoint& point : points) mean += point.weight * point.p;
+    for (const PatchPoint& point : points) {
+      const Shares shares = locate(point.p);
+      add(shares.node, shares.weight, point.weight, (point.p - mean) / radius);
+    }
+  }
+  if (rows.empty()) return {};
+  SheetPatch patch;
+  patch.weight.resize(static_cast<Eigen::Index>(rows.size()), kPatchRows);
+  for (const auto& [node, row] : rows) {
+    patch.weight.row(static_cast<Eigen::Index>(patch.node.size())) = row.transpose();
+    patch.node.push_back(node);
+  }
+  for (int r = 1; r < kPatchRows; ++r)
+    patch.weight.col(r) /= patch.weight.col(r).cwiseAbs().maxCoeff();
+  std::int32_t nearest = -1;
+  double least = 0;
+  for (std::int32_t i = 0; i < nodes(); ++i) {
+    const auto k = static_cast<std::size_t>(i);
+    if (body.fixed[k] != 0) continue;
+    const double distance = (body.particles[k] - centre).norm();
+    if (distance <= radius) patch.inside.push_back(i);
+    if (nearest < 0 || distance < least) {
+      nearest = i;
+      least = distance;
+    }
+  }
+  if (patch.inside.empty()) patch.inside.push_back(nearest);
+  return patch;
+}
+
+double ShellTissueModel::effective_step() const {
+  return parameters.integrator() == pb::INTEGRATOR_BDF2 ? 2 * substep() / 3 : substep();
+}
+
+ShellStructure ShellTissueModel::make_structure(const EffectValues& values) const {
+  ShellStructure made;
+  const double e = material.young_modulus_pa();
+  const double nu = material.poisson_ratio() + values.poisson_change;
+  // t a_T / pitch^2 = t / 2; mu and lambda of plane stress.
+  made.shear = e / (1 + nu) * thickness / 2;
+  made.area = e * nu / (1 - nu * nu) * thickness / 2;
+  std::vector<double> thick;
+  const auto add_cell = [&](const Vector3d& centre, double size) {
+    thick.push_back(thickness_ratio(*this, values, centre));
+    made.cell.push_back(thick.back() * values.stiffness_at(centre) * size);
+    made.uniform = made.uniform && made.cell.back() == 1;
+  };
+  for (int ix = 0; ix + 1 < count_x; ++ix) {
+    for (int iy = 0; iy + 1 < count_y; ++iy) {
+      const auto low = static_cast<std::size_t>(count_y * ix + iy);
+      const auto high = low + static_cast<std::size_t>(count_y) + 1;
+      add_cell(0.5 * (body.particles[low] + body.particles[high]), 1);
+    }
+  }
+  for (const SheetTriangle& triangle : mesh.triangles) {
+    Vector3d centre = Vector3d::Zero();
+    for (const std::int32_t i : triangle.node)
+      centre += body.particles[static_cast<std::size_t>(i)] / 3;
+    add_cell(centre, 2 * triangle.area / (pitch * pitch));
+  }
+  const double of_cell = density * thickness * 0.5 * pitch * pitch;
+  made.mass = lump(*this, [&](std::size_t t) {
+    const double mass = is_mesh() ? density * thickness * mesh.triangles[t].area : of_cell;
+    return mass * thick[cell_of(*this, t)];
+  });
+  for (const PlateStencil& stencil : stencils) {
+    made.plate.push_back(plate_stiffness(stencil, stencil.share.cwiseProduct(stencil.clamp),
+                                         beam_at(*this, values, stencil.place), nu));
+  }
+  made.bending = plate_matrix(nodes(), stencils, made.plate);
+  return made;
+}
+
+bool ShellTissueModel::is_curved() const {
+  // 1e-4: rounding in the vertices of a flat sheet.
+  return std::any_of(stencils.begin(), stencils.end(), [this](const PlateStencil& stencil) {
+    return stencil.rest.norm() * pitch > 1e-4;
+  });
+}
+
+double ShellTissueModel::node_size(int i) const {
+  return is_mesh() ? std::sqrt(node_area[static_cast<std::size_t>(i)]) : pitch;
+}
+
+std::vector<Vector3d> ShellTissueModel::make_rest_moments(const EffectValues& values) const {
+  std::vector<Vector3d> moments;
+  const double nu = material.poisson_ratio() + values.poisson_change;
+  const Vector3d wanted(values.curvature_x, values.curvature_y, values.twist);
+  for (const PlateStencil& stencil : stencils) {
+    // The clamp holds the rest shape, so on its edge half of the change of curvature is seen; the
+    // effect's curvature ends there, so half of it is.
+    const double beam = beam_at(*this, values, stencil.place);
+    const auto moment = [&](const Eigen::Vector4d& share, const Vector3d& of) {
+      return plate_moments(plate_stiffness(stencil, share, beam, nu), of);
+    };
+    moments.emplace_back(moment(stencil.share.cwiseProduct(stencil.clamp), stencil.rest) +
+                         moment(stencil.share, wanted));
+  }
+  return moments;
+}
+
+std::vector<double> ShellTissueModel::make_anchor(const EffectValues& values) const {
+  std::vector<double> spring(static_cast<std::size_t>(nodes()), 0.0);
+  if (!values.moves_anchor()) return spring;
+  if (is_mesh()) {
+    // A node carries the share of the clamp's length, its extent along x_B, that it has of the
+    // clamp's area.
+    double area = 0;
+    double low = 1e9;
+    double high = -1e9;
+    for (int i = 0; i < nodes(); ++i) {
+      if (!is_clamped(*this, i)) continue;
+      const auto k = static_cast<std::size_t>(i);
+      area += node_area[k];
+      low = std::min(low, body.particles[k].x());
+      high = std::max(high, body.particles[k].x());
+    }
+    for (int i = 0; i < nodes(); ++i) {
+      if (!is_clamped(*this, i)) continue;
+      const auto k = static_cast<std::size_t>(i);
+      spring[k] = anchor_spring(values, membrane_stiffness(), body.particles[k].x(), node_size(i),
+                                (high - low) * node_area[k] / area);
+    }
+    return spring;
+  }
+  for (int ix = 0; ix < count_x; ++ix) {
+    int rows = 0;
+    const auto clamped = [&](int iy) { return is_clamped(*this, count_y * ix + iy); };
+    for (int iy = 0; iy < count_y; ++iy) rows += clamped(iy) ? 1 : 0;
+    for (int iy = 0; iy < count_y; ++iy) {
+      if (!clamped(iy)) continue;
+      const auto k = static_cast<std::size_t>(count_y * ix + iy);
+      const double length = ix == 0 || ix + 1 == count_x ? 0.5 * pitch : pitch;
+      spring[k] =
+          anchor_spring(values, membrane_stiffness(), body.particles[k].x(), pitch, length / rows);
+    }
+  }
+  return spring;
+}
+
+std::unique_ptr<Tissue<float>> ShellTissueModel::make_tissue(
+    const LaneKernel<float>& kernel) const {
+  return std::make_unique<ShellTissue<float>>(shared_from_this(), kernel);
+}
+
+std::unique_ptr<Tissue<double>> ShellTissueModel::make_tissue(
+    const LaneKernel<double>& kernel) const {
+  return std::make_unique<ShellTissue<double>>(shared_from_this(), kernel);
+}
+
+ShellEnergy shell_energy(const ShellTissueModel& model, std::span<const Vector3d> p) {
+  ShellEnergy energy;
+  // |F - R|^2 = tr C - 2 tr S + 2; shear and area carry t a_T / pitch^2.
+  const auto add_membrane = [&](const Eigen::Matrix<double, 3, 2>& f, double cell) {
+    const Eigen::Matrix2d c = f.transpose() * f;
+    const double tau = std::sqrt(c.trace() + 2 * std::sqrt(c.determinant()));
+    const double a = model.pitch * model.pitch * cell;
+    energy.membrane += a * (0.5 * model.structure.shear * (c.trace() - 2 * tau + 2) +
+                            0.5 * model.structure.area * (tau - 2) * (tau - 2));
+  };
+  const auto leg = [&](int from, int to) {
+    return Vector3d(p[static_cast<std::size_t>(to)] - p[static_cast<std::size_t>(from)]);
+  };
+  Eigen::Matrix<double, 3, 2> f;
+  for_each_triangle(model, [&](int x0, int x1, int y0, int y1) {
+    f << leg(x0, x1) / model.pitch, leg(y0, y1) / model.pitch;
+    add_membrane(f, 1);
+  });
+  for (std::size_t t = 0; t < model.mesh.triangles.size(); ++t) {
+    const SheetTriangle& triangle = model.mesh.triangles[t];
+    f << leg(triangle.node[0], triangle.node[1]), leg(triangle.node[0], triangle.node[2]);
+    add_membrane(f * triangle.inverse, model.structure.cell[t]);
+  }
+  const std::vector<Vector3d> rest = model.make_rest_moments(model.effects);
+  for (std::size_t k = 0; k < model.stencils.size(); ++k) {
+    const Vector3d bent = curvature(model.stencils[k].at, p);
+    energy.bending += (0.5 * plate_moments(model.structure.plate[k], bent) - rest[k]).dot(bent);
+  }
+  return energy;
+}
+
+}  // namespace omentum

@@ -1,0 +1,161 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <map>
+#include <memory>
+#include <span>
+#include <utility>
+#include <vector>
+
+#include "core/aligned.h"
+#include "sim_worker/shell/shell_kernel.h"
+#include "sim_worker/shell/shell_lane_effects.h"
+#include "sim_worker/shell/shell_model.h"
+#include "sim_worker/shell/yielding_surface.h"
+#include "sim_worker/tissue/grasp_patch.h"
+#include "sim_worker/tissue/kernel_shape.h"
+#include "sim_worker/tissue/tissue.h"
+
+namespace omentum {
+
+/// The elastic shell in lanes; see Tissue. Lanes may differ in every LaneParameters field; lanes
+/// whose stiffness needs another factor share a batch and cost one more solve per distinct factor
+/// key.
+///
+/// Grasp: the jaws hold the mean position and slopes of the disc of tissue in them (SheetPatch,
+/// tissue.md section 8); its radius is such that the sphere of `radius` about the tip goes through
+/// its rim. held() are the free nodes inside; they do not collide while held. `collapse` pulls the
+/// mean position onto the tip.
+template <typename Real>
+class ShellTissue : public Tissue<Real> {
+ public:
+  ShellTissue(std::shared_ptr<const ShellTissueModel> model, const LaneKernel<Real>& kernel);
+
+  int lanes() const override { return kernel_.lanes; }
+  int particles() const override { return model_->nodes(); }
+  const LaneKernel<Real>& kernel() const override { return kernel_; }
+  const ShellTissueModel& model() const { return *model_; }
+
+  void reset(int lane, const Eigen::Vector3d& offset) override;
+  void set_parameters(int lane, const LaneParameters& parameters) override;
+  void step(std::span<const ToolMotion> motion) override;
+  void hold(int lane, const Eigen::Vector3d& tip, double radius, bool collapse) override;
+  void release(int lane) override;
+  std::span<const std::int32_t> held(int lane) const override {
+    return held_[static_cast<std::size_t>(lane)].patch.inside;
+  }
+  void shift_held(int lane, const Eigen::Vector3d& by) override;
+  Eigen::Vector3d held_force(int lane) const override;
+  Eigen::Vector3d position(int lane, int particle) const override;
+  Eigen::Vector3d velocity(int lane, int particle) const override;
+  void set_position(int lane, int particle, const Eigen::Vector3d& p) override;
+  void set_velocity(int lane, int particle, const Eigen::Vector3d& v) override;
+  void find_nearest(std::span<const Eigen::Vector3d> points,
+                    std::span<Nearest> nearest) const override;
+  const Real* surface_positions() override { return x_.data(); }
+  int surface_vertices() const override { return particles(); }
+  bool healthy(int lane) const override;
+  void save(int lane, Bytes& out) const override;
+  Result<std::size_t> load(int lane, std::span<const std::byte> state) override;
+  std::uint64_t hash(int lane) const override;
+
+  /// From now on the sheet lies on this surface too; it must stay. The model has `on_soft_body`.
+  void lie_on(YieldingSurface<Real>& surface);
+
+  /// Force of the surroundings on a node at the end of the last step, in W [N].
+  Eigen::Vector3d contact_force(int lane, int particle) const;
+  /// Gradient of the energy at the present positions, of all nodes [N]: what the solver uses. For
+  /// tests; fixed nodes are left out (zero).
+  std::vector<Eigen::Vector3d> elastic_gradient(int lane);
+
+ private:
+  using Targets = Eigen::Matrix<double, 3, kPatchRows>;
+
+  struct Held {
+    Eigen::Vector3d centre = Eigen::Vector3d::Zero();  ///< of the disc at rest, p_B [m]
+    double radius = 0;                                 ///< of the disc [m]; 0 = nothing is held
+    Targets target = Targets::Zero();  ///< of the rows in W [m]; the first is from the tip on
+    SheetPatch patch;
+  };
+  static constexpr std::size_t kGraspSize = 4 * sizeof(double) + sizeof(Targets);
+  /// One factor in the kernel's precision.
+  struct Factor {
+    std::shared_ptr<const PanelFactor> shared;
+    LaneFactor<Real> lanes;
+  };
+  struct KeyGroup {
+    const Factor* factor = nullptr;
+    std::uint32_t lanes = 0;
+  };
+
+  std::size_t index(int i, int axis, int lane) const {
+    return static_cast<std::size_t>((3 * i + axis) * kernel_.lanes + lane);
+  }
+  void load_mesh();
+  void load_stencils();
+  const Factor& factor_of(int key);
+  void group_lanes();
+  void update_key(int lane);
+  void slip_grasps();
+  void solve_with_springs();
+  Eigen::Vector3d point_of_sheet(int lane, const Eigen::Vector2d& X) const;
+  /// Place at rest, p_B [m], of the point of the sheet nearest to the tip, and their distance [m].
+  std::pair<Eigen::Vector3d, double> nearest_point(int lane, const Eigen::Vector3d& tip) const;
+  void grip(int lane, Held held);
+  Result<Held> read_grasp(std::span<const std::byte> state) const;
+  void set_free(int lane, const std::vector<std::int32_t>& nodes, bool free);
+  void make_room(int count);
+  void make_patch(int lane);
+  void clear_patch(int lane);
+  void prepare_contacts();
+  void set_contact_stiffness(int lane);
+  void find_contacts(std::span<const ToolMotion> motion);
+  void place_tool(std::span<const ToolMotion> motion, int substep);
+  void iterate();
+  void solve_for(std::uint32_t lanes, void (*take)(const ShellArgs<Real>&));
+  void hold_for(std::uint32_t lanes);
+  void resolve_contacts();
+
+  std::shared_ptr<const ShellTissueModel> model_;
+  const LaneKernel<Real>& kernel_;
+  const ShellKernel<Real>& shell_;
+  YieldingSurface<Real>* surface_ = nullptr;
+  ShellArgs<Real> args_{};
+  CandidateArgs<Real> candidate_args_{};
+  KernelShapes<Real> shapes_;
+
+  // Model in the kernel's precision.
+  AlignedVector<Real> mass_;
+  std::vector<MeshTriangle<Real>> mesh_;
+  std::vector<BendStencil<Real>> stencil_;
+  std::vector<BendEntry<Real>> bend_entry_;
+  std::map<int, Factor> factors_;
+  std::vector<int> key_;  ///< per lane
+  std::vector<KeyGroup> groups_;
+
+  // State and scratch, per lane.
+  AlignedVector<Real> x_, v_, v_old_, d_old_, d_, moved_, b_, keep_b_, contact_force_;
+  std::vector<Held> held_;
+  std::uint32_t held_lanes_ = 0;
+  std::vector<std::int32_t> patch_node_;
+  AlignedVector<Real> patch_weight_, patch_tip_, patch_offset_, patch_inverse_, patch_response_,
+      patch_force_, held_force_;
+  std::vector<LaneParameters> parameters_;
+  ShellLaneEffects<Real> effects_;
+  std::vector<double> slipped_;     ///< way of the patch out of the jaws [m]
+  AlignedVector<Real> patch_give_;  ///< of the jaws [m/N]
+  AlignedVector<Real> stiffness_, gravity_, keep_, static_friction_, dynamic_friction_;
+
+  // Contact.
+  std::vector<std::uint32_t> free_mask_, candidates_, candidate_any_, contact_lanes_, near_surface_;
+  std::vector<std::int32_t> plane_begin_, plane_shape_;
+  AlignedVector<Real> plane_, metric_, own_stiffness_, own_compliance_, key_stiffness_,
+      contact_motion_, contact_lean_, contact_way_, contact_before_, capsule_, capsule_motion_,
+      capsule_sweep_;
+};
+
+extern template class ShellTissue<float>;
+extern template class ShellTissue<double>;
+
+}  // namespace omentum

@@ -1,0 +1,43 @@
+#pragma once
+
+#include <cstdint>
+#include <span>
+
+#include "sim_worker/shell/shell_kernel.h"
+#include "sim_worker/tissue/tissue.h"
+
+namespace omentum {
+
+/// A deformable body as the elastic sheet meets it: a surface that gives way (docs/decisions/0020).
+/// The sheet steps it: its substeps are the sheet's, and the forces between the two are found in
+/// the sheet's contact solver. All arrays are [node of the sheet][xyz][lane] in W.
+template <typename Real>
+class YieldingSurface {
+ public:
+  YieldingSurface() = default;
+  YieldingSurface(const YieldingSurface&) = delete;
+  YieldingSurface& operator=(const YieldingSurface&) = delete;
+  virtual ~YieldingSurface() = default;
+
+  virtual const SurfaceArgs<Real>& args() const = 0;
+  /// The body, which the jaws may hold beside the sheet.
+  virtual Tissue<Real>& body() = 0;
+  /// By how much the force on the jaws falls when the body slips out of them, about [N/m].
+  virtual double held_stiffness() const = 0;
+  /// Start of a control step: sets, for every node of the sheet at x with velocity v, the lanes of
+  /// `free` in which it may touch during the step.
+  virtual void start_step(std::span<const ToolMotion> motion, const Real* x, const Real* v,
+                          std::span<const std::uint32_t> free, std::span<std::uint32_t> near) = 0;
+  /// Moves the body by a substep under the forces of the last one; the sheet is at x.
+  virtual void start_substep(std::span<const ToolMotion> motion, int substep, const Real* x) = 0;
+  /// Finds the near points of the sheet at x + d in the given lanes.
+  virtual void place(const Real* x, const Real* d, std::uint32_t lanes) = 0;
+  /// In the given lanes: how the body answers the change of the forces since place().
+  virtual void answer(std::uint32_t lanes) = 0;
+  /// Takes the share of the answer that the contact solver has chosen.
+  virtual void take(std::uint32_t lanes) = 0;
+  /// Ends the substep under the forces as they are now.
+  virtual void finish_substep(bool last) = 0;
+};
+
+}  // namespace omentum

@@ -1,0 +1,287 @@
+// The grasp of the elastic solid: which nodes the jaws hold, how they creep out of them, and the
+// spring between jaws and patch.
+#include <Eigen/Geometry>
+#include <algorithm>
+
+#include "sim_worker/solid/solid_tissue.h"
+
+namespace omentum {
+namespace {
+
+using Eigen::Vector3d;
+
+// A node that the jaw's spring holds this many times stiffer than the step does moves with the jaw.
+constexpr double kRigidHold = 100;
+constexpr double kLeastCover = 1e-3;
+
+}  // namespace
+
+template <typename Real>
+void SolidTissue<Real>::hold(int lane, const Vector3d& tip, double radius, bool collapse) {
+  release(lane);
+  Held& held = held_[static_cast<std::size_t>(lane)];
+  const EffectValues& effects = effects_.values(lane);
+  const Vector3d beside(effects.grasp_x, effects.grasp_y, 0);
+  const Vector3d centre = tip + model_->body.X_WB.linear() * beside;
+  const bool turns = effects.jaw_roll != 0 || effects.jaw_tilt != 0;
+  const Eigen::Matrix3d turn = jaw_turn(effects, model_->surroundings.shaft_axis);
+  for (int i = 0; i < particles(); ++i) {
+    if (model_->body.fixed[static_cast<std::size_t>(i)] != 0) continue;
+    const Vector3d p = position(lane, i);
+    const double covered =
+        (radius + effects.grasp_radius - (p - centre).norm()) / model_->spacing + 0.5;
+    if (!(covered > kLeastCover)) continue;
+    Vector3d kept = p - tip;
+    if (turns) kept = turn * kept;
+    if (collapse) kept.setZero();
+    held.nodes.push_back(i);
+    held.offsets.push_back(
+        {static_cast<Real>(kept.x()), static_cast<Real>(kept.y()), static_cast<Real>(kept.z())});
+    held.weights.push_back(static_cast<Real>(std::min(1.0, covered)));
+  }
+  apply_hold(lane);
+}
+
+/// Masks and springs of a grasp. A node that the jaw covers by the part w hangs on a spring of E x
+/// spacing x w / (1 - w): the grasp moves smoothly with the pinch point (tissue.md section 8). With
+/// a spring between jaws and patch (grasp_compliance) the node that is covered best leads: it alone
+/// hangs on that spring, the others follow it.
+template <typename Real>
+void SolidTissue<Real>::apply_hold(int lane) {
+  Held& held = held_[static_cast<std::size_t>(lane)];
+  const std::uint32_t bit = 1U << lane;
+  const double compliance = effects_.values(lane).grasp_compliance;
+  const bool gives = compliance > 0 && !held.nodes.empty();
+  gives_ = gives ? gives_ | bit : gives_ & ~bit;
+  const auto best = std::max_element(held.weights.begin(), held.weights.end());
+  held.leader = static_cast<std::size_t>(best - held.weights.begin());
+  for (std::size_t k = 0; k < held.nodes.size(); ++k) {
+    const auto i = static_cast<std::size_t>(held.nodes[k]);
+    const auto w = static_cast<double>(held.weights[k]);
+    const bool leads = gives && k == held.leader;
+    const double spring = model_->material.young_modulus_pa() * model_->spacing * w;
+    const bool follows = spring >= kRigidHold * model_->diagonal[i] * (1 - w);
+    Real& stiffness = hold_stiffness_[index(held.nodes[k], lane)];
+    contact_mask_[i] &= ~bit;
+    free_mask_[i] |= bit;
+    stiffness = Real{0};
+    if (leads) {
+      stiffness = static_cast<Real>(1 / compliance);
+    } else if (follows) {
+      free_mask_[i] &= ~bit;
+    } else {
+      stiffness = static_cast<Real>(spring / (1 - w));
+    }
+  }
+}
+
+template <typename Real>
+void SolidTissue<Real>::release(int lane) {
+  Held& held = held_[static_cast<std::size_t>(lane)];
+  const std::uint32_t bit = 1U << lane;
+  for (const std::int32_t node : held.nodes) {
+    const auto i = static_cast<std::size_t>(node);
+    free_mask_[i] |= bit;
+    if (model_->on_surface[i] != 0) contact_mask_[i] |= bit;
+    hold_stiffness_[index(node, lane)] = Real{0};
+    for (int axis = 0; axis < 3; ++axis) contact_force_[index(node, axis, lane)] = Real{0};
+  }
+  gives_ &= ~bit;
+  held = {};
+}
+
+template <typename Real>
+void SolidTissue<Real>::shift_held(int lane, const Vector3d& by) {
+  for (auto& offset : held_[static_cast<std::size_t>(lane)].offsets) {
+    for (int axis = 0; axis < 3; ++axis) {
+      offset[static_cast<std::size_t>(axis)] += static_cast<Real>(by[axis]);
+    }
+  }
+}
+
+/// Before a control step: the patches creep out of the jaws.
+template <typename Real>
+void SolidTissue<Real>::slip_grasps() {
+  for (int lane = 0; lane < lanes(); ++lane) {
+    const EffectValues& effects = effects_.values(lane);
+    Held& held = held_[static_cast<std::size_t>(lane)];
+    if (held.nodes.empty() || !(effects.slip_speed > 0)) continue;
+    // Near what a rigid disc of the patch's size feels on a half-space, 2 E a / (1 - nu^2).
+    Eigen::AlignedBox3d box;
+    for (const auto& o : held.offsets) {
+      box.extend(Vector3d(static_cast<double>(o[0]), static_cast<double>(o[1]),
+                          static_cast<double>(o[2])));
+    }
+    const double size = box.diagonal().norm() + 2 * model_->spacing;
+    const double modulus = model_->material.young_modulus_pa() *
+                           static_cast<double>(stiffness_[static_cast<std::size_t>(lane)]);
+    const Vector3d way = slip_of(effects, held_force(lane), modulus * size, model_->control_period);
+    held.slipped += way.norm();
+    if (effects.slip_loss > 0 && held.slipped > effects.slip_loss) {
+      release(lane);
+    } else {
+      shift_held(lane, way);
+    }
+  }
+}
+
+template <typename Real>
+void SolidTissue<Real>::place_tool(std::span<const ToolMotion> motion, int substep) {
+  const auto substeps = static_cast<int>(model_->parameters.substeps());
+  const double share = (substep + 1.0) / substeps;
+  for (int lane = 0; lane < lanes(); ++lane) {
+    const ToolMotion& m = motion[static_cast<std::size_t>(lane)];
+    const Vector3d tip = m.from + share * (m.to - m.from);
+    const Vector3d base = model_->surroundings.capsule_at(tip);
+    const Held& held = held_[static_cast<std::size_t>(lane)];
+    for (int axis = 0; axis < 3; ++axis) {
+      capsule_[index(0, axis, lane)] = static_cast<Real>(base[axis]);
+      capsule_motion_[index(0, axis, lane)] =
+          static_cast<Real>((m.to[axis] - m.from[axis]) / substeps);
+      for (std::size_t k = 0; k < held.nodes.size(); ++k) {
+        hold_target_[index(held.nodes[k], axis, lane)] =
+            static_cast<Real>(tip[axis]) + held.offsets[k][static_cast<std::size_t>(axis)];
+      }
+    }
+  }
+}
+
+// ---- patches on a spring ------------------------------------------------------------------------
+// The patch keeps its shape and moves by `give` from where rigid jaws would have it. The unknown of
+// that is the place of its leader, a free node on the spring. Those that follow move as it does:
+// their residual is its, and so is their row of the Hessian. Partly covered nodes hang on the
+// patch.
+
+/// Calls fn(lane, held, axis) for the patches on springs.
+template <typename Real>
+template <typename Function>
+void SolidTissue<Real>::for_each_giving(Function&& fn) {
+  for (int lane = 0; lane < lanes(); ++lane) {
+    if ((gives_ >> lane & 1U) == 0) continue;
+    for (std::size_t axis = 0; axis < 3; ++axis)
+      fn(lane, held_[static_cast<std::size_t>(lane)], axis);
+  }
+}
+
+/// Patches begin a substep as far from the jaws as they ended the last.
+template <typename Real>
+void SolidTissue<Real>::start_giving() {
+  for_each_giving([&](int lane, Held& held, std::size_t axis) {
+    for (std::size_t k = 0; k < held.nodes.size(); ++k) {
+      const std::int32_t i = held.nodes[k];
+      const std::size_t at = index(i, static_cast<int>(axis), lane);
+      const Real place = hold_target_[at] + held.give[axis];
+      if (k != held.leader) hold_target_[at] = place;
+      if (k == held.leader || !is_free(i, lane)) d_[at] = place - x_[at];
+      if (k == held.leader) held.start[axis] = d_[at];
+    }
+  });
+}
+
+template <typename Real>
+void SolidTissue<Real>::finish_giving() {
+  for_each_giving([&](int lane, Held& held, std::size_t axis) {
+    const std::size_t at = index(held.nodes[held.leader], static_cast<int>(axis), lane);
+    held.give[axis] = x_[at] + d_[at] - hold_target_[at];
+  });
+}
+
+/// What the patch adds to the residual of its leader, and its motion to that of those that hang on
+/// it.
+template <typename Real>
+void SolidTissue<Real>::gather_residual() {
+  for_each_giving([&](int lane, Held& held, std::size_t axis) {
+    const auto at = [&](std::size_t k) {
+      return index(held.nodes[k], static_cast<int>(axis), lane);
+    };
+    const std::size_t leader = at(held.leader);
+    const Real moved = d_[leader] - held.start[axis];
+    for (std::size_t k = 0; k < held.nodes.size(); ++k) {
+      if (k == held.leader) continue;
+      if (!is_free(held.nodes[k], lane)) {
+        b_[leader] += b_[at(k)];
+        continue;
+      }
+      const Real spring = hold_stiffness_[index(held.nodes[k], lane)];
+      b_[at(k)] -= spring * moved;
+      b_[leader] -= spring * (x_[at(k)] + d_[at(k)] - hold_target_[at(k)] - moved);
+    }
+  });
+}
+
+/// Nodes that follow move as their leader in `vector`.
+template <typename Real>
+void SolidTissue<Real>::follow_leaders(AlignedVector<Real>& vector) {
+  for_each_giving([&](int lane, Held& held, std::size_t axis) {
+    const Real moved = vector[index(held.nodes[held.leader], static_cast<int>(axis), lane)];
+    for (const std::int32_t i : held.nodes) {
+      if (!is_free(i, lane)) vector[index(i, static_cast<int>(axis), lane)] = moved;
+    }
+  });
+}
+
+/// gather_residual() for the product hp of the Hessian with p.
+template <typename Real>
+void SolidTissue<Real>::gather_product() {
+  for_each_giving([&](int lane, Held& held, std::size_t axis) {
+    const auto at = [&](std::size_t k) {
+      return index(held.nodes[k], static_cast<int>(axis), lane);
+    };
+    const std::size_t leader = at(held.leader);
+    for (std::size_t k = 0; k < held.nodes.size(); ++k) {
+      if (k == held.leader) continue;
+      if (!is_free(held.nodes[k], lane)) {
+        hp_[leader] += hp_[at(k)];
+        continue;
+      }
+      const Real spring = hold_stiffness_[index(held.nodes[k], lane)];
+      hp_[at(k)] -= spring * p_[leader];
+      hp_[leader] -= spring * (p_[at(k)] - p_[leader]);
+    }
+  });
+}
+
+/// Force on the tool, from the reactions in hp_.
+template <typename Real>
+void SolidTissue<Real>::find_held_force() {
+  for (int lane = 0; lane < lanes(); ++lane) {
+    const Held& held = held_[static_cast<std::size_t>(lane)];
+    const bool gives = (gives_ >> lane & 1U) != 0;
+    for (int axis = 0; axis < 3; ++axis) {
+      Real sum = 0;
+      for (const std::int32_t i : held.nodes) {
+        if (!gives) sum += hp_[index(i, axis, lane)];
+      }
+      if (gives) sum = hp_[index(held.nodes[held.leader], axis, lane)];
+      held_force_[index(0, axis, lane)] = sum;
+    }
+  }
+}
+
+template <typename Real>
+Vector3d SolidTissue<Real>::held_force(int lane) const {
+  if (held(lane).empty()) return Vector3d::Zero();
+  return {static_cast<double>(held_force_[index(0, 0, lane)]),
+          static_cast<double>(held_force_[index(0, 1, lane)]),
+          static_cast<double>(held_force_[index(0, 2, lane)])};
+}
+
+#define OMENTUM_INSTANTIATE(Real)                                                \
+  template void SolidTissue<Real>::hold(int, const Vector3d&, double, bool);     \
+  template void SolidTissue<Real>::apply_hold(int);                              \
+  template void SolidTissue<Real>::release(int);                                 \
+  template void SolidTissue<Real>::shift_held(int, const Vector3d&);             \
+  template void SolidTissue<Real>::slip_grasps();                                \
+  template void SolidTissue<Real>::place_tool(std::span<const ToolMotion>, int); \
+  template void SolidTissue<Real>::start_giving();                               \
+  template void SolidTissue<Real>::finish_giving();                              \
+  template void SolidTissue<Real>::gather_residual();                            \
+  template void SolidTissue<Real>::gather_product();                             \
+  template void SolidTissue<Real>::follow_leaders(AlignedVector<Real>&);         \
+  template void SolidTissue<Real>::find_held_force();                            \
+  template Vector3d SolidTissue<Real>::held_force(int) const
+OMENTUM_INSTANTIATE(float);
+OMENTUM_INSTANTIATE(double);
+#undef OMENTUM_INSTANTIATE
+
+}  // namespace omentum

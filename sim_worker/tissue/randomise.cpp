@@ -1,0 +1,118 @@
+#include "sim_worker/tissue/randomise.h"
+
+#include <algorithm>
+#include <string>
+
+#include "core/check.h"
+#include "core/rng.h"
+
+namespace omentum {
+namespace {
+
+constexpr const char* kEffectPrefix = "tissue.effects.";
+
+std::string effect_path(const pb::Randomise& r) {
+  return r.parameter().substr(std::string(kEffectPrefix).size());
+}
+
+/// Both ends of the range have to be possible in the scene, with its model.
+void check_drawn_effect(const pb::Randomise& r, const Scene& scene) {
+  const std::string path = effect_path(r);
+  const pb::Tissue& tissue = scene.config.tissue();
+  if (path.rfind("obstacle.", 0) == 0 ||
+      (path.rfind("anchor.", 0) == 0 && !(tissue.effects().anchor().compliance_m2_per_n() > 0))) {
+    throw_error("randomise.parameter: {} is part of the scene, allowed: {}", r.parameter(),
+                path[0] == 'o' ? "the other effects" : "with anchor.compliance_m2_per_n above 0");
+  }
+  if (!(r.min() <= r.max()))
+    throw_error("randomise {}: {} ... {}, allowed min <= max", r.parameter(), r.min(), r.max());
+  for (const double value : {r.min(), r.max()}) {
+    pb::TissueEffects effects = tissue.effects();
+    set_effect(effects, path, value);
+    make_effects(effects, tissue.material().poisson_ratio(), scene.tissue.particles);
+    if (tissue.model() == pb::TISSUE_CLUSTER)
+      refuse_effects(effects, "TISSUE_CLUSTER", kBasicEffects);
+    if (tissue.model() == pb::TISSUE_ELASTIC && tissue.has_volume())
+      refuse_effects(effects, "TISSUE_ELASTIC with a volume", kSolidEffects);
+    if (path.rfind("anchor.", 0) == 0 && !(effects.anchor().compliance_m2_per_n() > 0))
+      throw_error("randomise {}: {}, allowed above 0", r.parameter(), value);
+    const bool sticks =
+        effects.adhesion().stiffness_pa_per_m() > 0 || effects.suction().drag_pa_s_per_m() > 0;
+    if (sticks && scene.bodies.empty())
+      throw_error("randomise {}: nothing to stick to, needs a scene.rigid_body", r.parameter());
+  }
+}
+
+}  // namespace
+
+double uniform(std::uint32_t word, double min, double max) {
+  return min + (max - min) * static_cast<double>(word) * 0x1p-32;
+}
+
+void check_randomise(const pb::Config& config, const Scene& scene) {
+  for (const pb::Randomise& r : config.randomise()) {
+    if (r.parameter().rfind(kEffectPrefix, 0) == 0) {
+      check_drawn_effect(r, scene);
+      continue;
+    }
+    static const char* const names[] = {"tissue.stiffness_scale", "tissue.gravity_scale",
+                                        "tissue.damping_scale",   "tissue.friction_scale",
+                                        "tissue.offset_x_m",      "tissue.offset_y_m",
+                                        "tissue.offset_z_m"};
+    if (std::none_of(std::begin(names), std::end(names),
+                     [&](const char* n) { return r.parameter() == n; })) {
+      throw_error(
+          "randomise.parameter: {}, allowed: tissue.stiffness_scale, tissue.gravity_scale, "
+          "tissue.damping_scale, tissue.friction_scale, tissue.offset_x_m, tissue.offset_y_m, "
+          "tissue.offset_z_m, tissue.effects.*",
+          r.parameter());
+    }
+    const bool is_scale = r.parameter().find("scale") != std::string::npos;
+    const double low = is_scale ? 0 : -0.02;
+    const double high = is_scale ? 10 : 0.02;
+    if (!(r.min() >= low && r.max() <= high && r.min() <= r.max())) {
+      throw_error("randomise {}: {} ... {}, allowed within {} ... {}", r.parameter(), r.min(),
+                  r.max(), low, high);
+    }
+  }
+  // Effects that are drawn together have to be possible together.
+  for (const bool highest : {false, true}) {
+    pb::TissueEffects effects = scene.config.tissue().effects();
+    for (const pb::Randomise& r : config.randomise()) {
+      if (r.parameter().rfind(kEffectPrefix, 0) == 0)
+        set_effect(effects, effect_path(r), highest ? r.max() : r.min());
+    }
+    make_effects(effects, scene.config.tissue().material().poisson_ratio(), scene.tissue.particles);
+  }
+}
+
+DrawnParameters draw_randomised(const pb::Config& config, const Scene& scene,
+                                std::uint64_t run_seed, std::uint32_t slot, std::uint64_t episode) {
+  DrawnParameters drawn;
+  LaneParameters& parameters = drawn.parameters;
+  pb::TissueEffects effects = scene.config.tissue().effects();
+  bool draws_effects = false;
+  for (int i = 0; i < config.randomise_size(); ++i) {
+    const pb::Randomise& r = config.randomise(i);
+    const PhiloxWords words =
+        random_words(run_seed, slot, Purpose::kDynamics, static_cast<std::uint32_t>(i), episode, 0);
+    const double value = uniform(words[0], r.min(), r.max());
+    if (r.parameter() == "tissue.stiffness_scale") parameters.stiffness_scale = value;
+    if (r.parameter() == "tissue.gravity_scale") parameters.gravity_scale = value;
+    if (r.parameter() == "tissue.damping_scale") parameters.damping_scale = value;
+    if (r.parameter() == "tissue.friction_scale") parameters.friction_scale = value;
+    if (r.parameter() == "tissue.offset_x_m") drawn.offset.x() = value;
+    if (r.parameter() == "tissue.offset_y_m") drawn.offset.y() = value;
+    if (r.parameter() == "tissue.offset_z_m") drawn.offset.z() = value;
+    if (r.parameter().rfind(kEffectPrefix, 0) != 0) continue;
+    set_effect(effects, effect_path(r), value);
+    draws_effects = true;
+  }
+  if (draws_effects) {
+    parameters.effects = make_effects(effects, scene.config.tissue().material().poisson_ratio(),
+                                      scene.tissue.particles);
+  }
+  return drawn;
+}
+
+}  // namespace omentum

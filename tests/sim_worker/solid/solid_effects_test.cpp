@@ -1,0 +1,698 @@
+// Effects in the elastic solid against their known answers (mismatch.md 5.1).
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <Eigen/Geometry>
+#include <cmath>
+#include <numbers>
+
+#include "core/rng.h"
+#include "support/effect_scene.h"
+#include "support/solid_scene.h"
+
+namespace omentum {
+namespace {
+
+using Eigen::Matrix3d;
+using Eigen::Vector3d;
+using test::make_solid;
+using test::NamedEffect;
+using test::rest;
+using test::SolidCase;
+
+using Solid = SolidTissue<double>;
+
+/// Bar of 10 x 120 x 10 mm along y that is held nowhere.
+SolidCase free_bar() {
+  SolidCase c;
+  c.anchor_max_y = -1;
+  c.young = 20e3;
+  c.gravity.setZero();
+  return c;
+}
+
+/// The same, clamped at its lower end in y.
+SolidCase clamped_bar() {
+  SolidCase c = free_bar();
+  c.anchor_max_y = SolidCase{}.anchor_max_y;
+  c.damping = 20;
+  return c;
+}
+
+void deform(Solid& tissue, const Matrix3d& F) {
+  for (int i = 0; i < tissue.particles(); ++i)
+    tissue.set_position(0, i, F * tissue.model().mesh.nodes[static_cast<std::size_t>(i)]);
+}
+
+/// First Piola-Kirchhoff stress of a bar in a homogeneous deformation, from the forces on its
+/// nodes: their moment about the nodes at rest is the mean stress times the volume.
+Matrix3d stress_of(Solid& tissue) {
+  const auto gradient = tissue.elastic_gradient(0);
+  Matrix3d sum = Matrix3d::Zero();
+  for (std::size_t i = 0; i < gradient.size(); ++i)
+    sum += gradient[i] * tissue.model().mesh.nodes[i].transpose();
+  return sum / 12e-6;
+}
+
+/// Mean of the nodes of the free end.
+Vector3d tip_of(const Solid& tissue) {
+  double far = -1;
+  for (const Vector3d& p : tissue.model().mesh.nodes) far = std::max(far, p.y());
+  Vector3d sum = Vector3d::Zero();
+  int count = 0;
+  for (int i = 0; i < tissue.particles(); ++i) {
+    if (tissue.model().mesh.nodes[static_cast<std::size_t>(i)].y() < far - 1e-6) continue;
+    sum += tissue.position(0, i);
+    ++count;
+  }
+  return sum / count;
+}
+
+double weight_of(const Solid& tissue) {
+  double mass = 0;
+  for (const double m : tissue.model().mass) mass += m;
+  return 9.81 * mass;
+}
+
+// ---- density, stiffness, Poisson ----------------------------------------------------------------
+
+TEST(SolidEffect, DensityScalesTheWeight) {
+  SolidCase c = clamped_bar();
+  c.gravity = Vector3d(0, 9.81, 0);
+  c.effects.set_density_change(0.4);
+  Solid tissue(make_solid(c), f64x1());
+  rest(tissue, 2);
+  EXPECT_NEAR(tissue.anchor_force(0).y() / (1.4 * weight_of(tissue)), 1, 1e-4);
+}
+
+TEST(SolidEffect, PoissonChangeContractsAcrossAndKeepsYoungsModulus) {
+  for (const double change : {-0.3, 0.1, 0.19}) {
+    SolidCase c = free_bar();
+    c.effects.set_poisson_change(change);
+    Solid tissue(make_solid(c), f64x1());
+    const double e = 1e-6;
+    const double across = 1 - (c.poisson + change) * e;
+    deform(tissue, Vector3d(across, 1 + e, across).asDiagonal());
+    Matrix3d expected = Matrix3d::Zero();  // nothing pulls at the sides
+    expected(1, 1) = c.young * e;
+    EXPECT_LT((stress_of(tissue) - expected).norm(), 1e-4 * expected.norm()) << change;
+  }
+}
+
+TEST(SolidEffect, InclusionOverEverythingIsAnotherModulus) {
+  SolidCase c = free_bar();
+  c.poisson = 0.45;
+  const Matrix3d F = (Matrix3d() << 1.02, 0.1, 0, -0.05, 1.1, 0.02, 0, 0.1, 0.97).finished();
+  Solid plain(make_solid(c), f64x1());
+  c.effects.mutable_inclusion()->set_radius_m(0.5);
+  c.effects.mutable_inclusion()->set_stiffness_change(1);
+  Solid stiff(make_solid(c), f64x1());
+  deform(plain, F);
+  deform(stiff, F);
+  EXPECT_LT((stress_of(stiff) - 2 * stress_of(plain)).norm(), 1e-12 * stress_of(plain).norm());
+}
+
+TEST(SolidEffect, SoftSpotThroughTheSectionStretchesAsSlicesInSeries) {
+  SolidCase c = clamped_bar();
+  c.poisson = 0;
+  c.gravity = Vector3d(0, 9.81, 0);
+  c.young = 1e6;
+  c.edge_length = 0.008;
+  const auto end = [&] {
+    Solid tissue(make_solid(c), f64x1());
+    rest(tissue, 1);
+    return tip_of(tissue).y();
+  };
+  const double plain = end();
+  c.effects.mutable_inclusion()->set_y_m(-0.02);
+  c.effects.mutable_inclusion()->set_radius_m(0.025);
+  c.effects.mutable_inclusion()->set_stiffness_change(-0.5);
+  double expected = 0;
+  for (int k = 0; k < 1200; ++k) {
+    const double y = -0.06 + (k + 0.5) * 1e-4;
+    const double t = std::clamp((1.25 - std::fabs(y + 0.02) / 0.025) / 0.5, 0.0, 1.0);
+    const double w = t * t * (3 - 2 * t);
+    const double carried = c.density * 9.81 * (0.06 - y);
+    expected += carried / c.young * (1 / (1 - 0.5 * w) - 1) * 1e-4;
+  }
+  EXPECT_NEAR((end() - plain) / expected, 1, 0.02);
+}
+
+// ---- material -----------------------------------------------------------------------------------
+
+/// Bar that is held in homogeneous deformations F; its stress P, with what the effects remember.
+class HeldBar {
+ public:
+  explicit HeldBar(const pb::TissueEffects& effects) : tissue_(make(effects), f64x1()) {}
+
+  /// Deforms it at once and waits.
+  Matrix3d stress(const Matrix3d& F, double seconds) {
+    hold(F);
+    rest(tissue_, seconds, Vector3d::Zero());
+    return stress_of(tissue_);
+  }
+  /// At once, before anything is remembered.
+  Matrix3d stress(const Matrix3d& F) {
+    hold(F);
+    return stress_of(tissue_);
+  }
+  double energy_density(const Matrix3d& F) const {
+    std::vector<Vector3d> p = tissue_.model().mesh.nodes;
+    for (Vector3d& x : p) x = F * x;
+    return solid_energy(tissue_.model(), p) / 12e-6;
+  }
+  Solid& tissue() { return tissue_; }
+  static constexpr double kYoung = 20e3;
+  static constexpr double kPoisson = 0.45;
+
+ private:
+  static std::shared_ptr<const SolidTissueModel> make(const pb::TissueEffects& effects) {
+    SolidCase c = free_bar();
+    static const SolidMesh mesh = fill_mesh(make_box_mesh(0.5 * c.size), "box", c.edge_length);
+    c.mesh = mesh;
+    c.young = kYoung;
+    c.poisson = kPoisson;
+    c.effects = effects;
+    return make_solid(c);
+  }
+  void hold(const Matrix3d& F) {
+    tissue_.release(0);
+    deform(tissue_, F);
+    tissue_.hold(0, Vector3d::Zero(), 1, false);
+  }
+  Solid tissue_;
+};
+
+Matrix3d stretched() {
+  return (Matrix3d() << 0.97, 0.1, 0, -0.05, 1.12, 0.02, 0, 0.1, 0.98).finished();
+}
+
+Matrix3d strain_of(const Matrix3d& F) { return 0.5 * (F.transpose() * F - Matrix3d::Identity()); }
+
+void expect_near(const Matrix3d& stress, const Matrix3d& expected, double tolerance = 1e-9) {
+  EXPECT_LT((stress - expected).norm(), tolerance * expected.norm())
+      << stress << " instead of " << expected;
+}
+
+TEST(SolidMaterialEffect, StrainStiffeningAddsItsStress) {
+  for (const double c2 : {5.0, -0.4}) {
+    pb::TissueEffects effects;
+    effects.set_strain_stiffening(c2);
+    const Matrix3d E = strain_of(stretched());
+    const double mu = HeldBar::kYoung / (2 * (1 + HeldBar::kPoisson));
+    const Matrix3d S = 16 * c2 * mu * E.squaredNorm() * E;
+    expect_near(HeldBar(effects).stress(stretched()),
+                HeldBar({}).stress(stretched()) + stretched() * S);
+  }
+}
+
+TEST(SolidMaterialEffect, FibresPullAlongThemselvesOnly) {
+  pb::TissueEffects effects;
+  effects.mutable_anisotropy()->set_fibre_ratio(1.5);
+  effects.mutable_anisotropy()->set_angle_deg(60);
+  const Vector3d a(0.5, std::sqrt(0.75), 0);
+  for (const Matrix3d& F : {stretched(), Matrix3d(stretched().inverse())}) {
+    const double along = a.dot(strain_of(F) * a);
+    const double taut = 0.5 * (along + std::sqrt(along * along + 1e-6) - 1e-3);
+    const Matrix3d S = 1.5 * HeldBar::kYoung * taut * a * a.transpose();
+    expect_near(HeldBar(effects).stress(F), HeldBar({}).stress(F) + F * S);
+  }
+}
+
+TEST(SolidMaterialEffect, ABranchRelaxesInAHeldBar) {
+  pb::TissueEffects effects;
+  effects.add_viscoelastic()->set_share(0.5);
+  effects.mutable_viscoelastic(0)->set_time_s(0.3);
+  effects.add_viscoelastic()->set_share(0.2);
+  effects.mutable_viscoelastic(1)->set_time_s(0.02);
+  HeldBar bar(effects);
+  const Matrix3d slow = HeldBar({}).stress(stretched());
+  constexpr double h = 0.004;  // substep, within which it was stretched
+  const auto expected = [&](double t) {
+    double sum = 1;
+    for (const auto& branch : effects.viscoelastic()) {
+      const double x = h / branch.time_s();
+      sum += branch.share() * (1 - std::exp(-x)) / x * std::exp(-(t - h) / branch.time_s());
+    }
+    return Matrix3d(sum * slow);
+  };
+  // What the solver uses is the stress one substep on.
+  expect_near(bar.stress(stretched()), expected(h));
+  expect_near(bar.stress(stretched(), 0.02), expected(0.02 + h));
+  expect_near(bar.stress(stretched(), 0.4), expected(0.42 + h));
+}
+
+TEST(SolidMaterialEffect, StructuralDampingIsItsThreeBranches) {
+  pb::TissueEffects damped;
+  damped.set_structural_damping(0.2);
+  pb::TissueEffects branches;
+  const std::array<double, 3> shares = loss_shares(0.2);
+  const std::array<double, 3> times = {0.5, 0.05, 0.005};
+  for (std::size_t k = 0; k < 3; ++k) {
+    auto* branch = branches.add_viscoelastic();
+    branch->set_share(shares[k]);
+    branch->set_time_s(times[k]);
+  }
+  HeldBar a(damped);
+  HeldBar b(branches);
+  expect_near(a.stress(stretched(), 0.06), b.stress(stretched(), 0.06), 1e-12);
+  EXPECT_GT(a.stress(stretched()).norm(), 1.05 * HeldBar({}).stress(stretched()).norm());
+}
+
+TEST(SolidMaterialEffect, PlasticSetStaysAfterUnloading) {
+  pb::TissueEffects effects;
+  effects.mutable_plastic_set()->set_modulus_ratio(0.2);
+  effects.mutable_plastic_set()->set_yield_strain(0.08);
+  HeldBar bar(effects);
+  const Matrix3d little = Vector3d(1, 1.05, 1).asDiagonal();
+  const Matrix3d far = Vector3d(1, 1.12, 1).asDiagonal();
+  const double modulus = 0.2 * HeldBar::kYoung;
+  const auto beside = [&](const Matrix3d& F, double strain) {
+    Matrix3d S = Matrix3d::Zero();
+    S(1, 1) = modulus * strain;
+    return Matrix3d(HeldBar({}).stress(F) + F * S);
+  };
+  expect_near(bar.stress(little, 0.02), beside(little, strain_of(little)(1, 1)));
+  expect_near(bar.stress(far, 0.02), beside(far, 0.08));
+  const double seat = strain_of(far)(1, 1) - 0.08;
+  Matrix3d left = Matrix3d::Zero();
+  left(1, 1) = -modulus * seat;
+  expect_near(bar.stress(Matrix3d::Identity(), 0.02), left);
+}
+
+TEST(SolidMaterialEffect, SoftenedMaterialIsSofterUntilItIsStretchedFurther) {
+  pb::TissueEffects effects;
+  effects.mutable_mullins()->set_softening(0.6);
+  effects.mutable_mullins()->set_strain(0.03);
+  HeldBar bar(effects);
+  const auto part = [](double share) {
+    return Matrix3d(Matrix3d::Identity() + share * (stretched() - Matrix3d::Identity()));
+  };
+  const auto law = [](const Matrix3d& F) { return HeldBar({}).stress(F); };
+  expect_near(bar.stress(part(0.5), 0.02), law(part(0.5)));  // first loading
+  expect_near(bar.stress(part(0.9), 0.02), law(part(0.9)));
+  const double peak = bar.energy_density(part(0.9));
+  const double m = 0.5 * HeldBar::kYoung * 0.03 * 0.03;
+  for (const double share : {0.8, 0.3}) {
+    const Matrix3d F = part(share);
+    const double v = (peak - bar.energy_density(F)) / (m + peak);
+    const double s = v / std::sqrt(1 + v * v);
+    expect_near(bar.stress(F, 0.02), (1 - 0.6 * s * (3 - s * s) / 2) * law(F), 1e-7);
+  }
+  expect_near(bar.stress(stretched(), 0.02), law(stretched()));
+}
+
+/// Small reproducible displacements.
+std::vector<Vector3d> jitter(int count, double size, std::uint32_t seed) {
+  std::vector<Vector3d> all;
+  for (int i = 0; i < count; ++i) {
+    const PhiloxWords words = philox({static_cast<std::uint32_t>(i), seed, 0, 0}, {1, 2});
+    all.emplace_back();
+    for (int k = 0; k < 3; ++k) {
+      all.back()[k] =
+          size * (2 * static_cast<double>(uniform_24(words[static_cast<std::size_t>(k)])) - 1);
+    }
+  }
+  return all;
+}
+
+TEST(SolidMaterialEffect, TheHessianIsTheDerivativeOfTheGradient) {
+  pb::TissueEffects none;
+  pb::TissueEffects all;
+  all.set_strain_stiffening(3);
+  all.mutable_anisotropy()->set_fibre_ratio(1);
+  all.mutable_anisotropy()->set_angle_deg(40);
+  all.add_viscoelastic()->set_share(0.5);
+  all.mutable_plastic_set()->set_modulus_ratio(0.4);
+  all.mutable_plastic_set()->set_yield_strain(0.05);
+  all.mutable_inclusion()->set_stiffness_change(2);
+  all.mutable_inclusion()->set_radius_m(0.03);
+  all.mutable_mullins()->set_softening(0.5);
+  all.mutable_mullins()->set_strain(0.05);
+  for (const pb::TissueEffects& effects : {none, all}) {
+    HeldBar bar(effects);
+    Solid& tissue = bar.tissue();
+    bar.stress(1.05 * stretched(), 0.02);  // leaves memory
+    tissue.release(0);
+    const auto noise = jitter(tissue.particles(), 1e-4, 1);
+    const auto direction = jitter(tissue.particles(), 1, 2);
+    const auto gradient = [&](double step) {
+      for (int i = 0; i < tissue.particles(); ++i) {
+        const auto k = static_cast<std::size_t>(i);
+        tissue.set_position(
+            0, i, stretched() * tissue.model().mesh.nodes[k] + noise[k] + step * direction[k]);
+      }
+      return tissue.elastic_gradient(0);
+    };
+    constexpr double kStep = 1e-8;
+    const auto up = gradient(kStep);
+    const auto down = gradient(-kStep);
+    gradient(0);
+    const auto change = tissue.elastic_change(0, direction);
+    double largest = 0;
+    double worst = 0;
+    for (std::size_t i = 0; i < change.size(); ++i) {
+      largest = std::max(largest, change[i].norm());
+      worst = std::max(worst, (change[i] - (up[i] - down[i]) / (2 * kStep)).norm());
+    }
+    EXPECT_LT(worst, 1e-6 * largest);
+  }
+}
+
+TEST(SolidMaterialEffect, APulledBarRelaxesAsItsBranch) {
+  SolidCase c = clamped_bar();
+  c.effects.add_viscoelastic()->set_share(0.5);
+  c.effects.mutable_viscoelastic(0)->set_time_s(0.3);
+  Solid tissue(make_solid(c), f64x1());
+  const Vector3d from(0, 0.06, 0);
+  const ToolMotion motion{from, from + Vector3d(0, 0.002, 0)};
+  tissue.hold(0, from, 0.009, false);
+  tissue.step({&motion, 1});
+  std::vector<double> force;
+  for (const double seconds : {0.28, 0.3, 5.0}) {
+    rest(tissue, seconds, motion.to);
+    force.push_back(tissue.held_force(0).norm());
+  }
+  const double x = 0.02 / 0.3;  // pulled within this part of its time
+  for (std::size_t k = 0; k < 2; ++k) {
+    const double t = k == 0 ? 0.30 : 0.60;
+    const double expected = 1 + 0.5 * (1 - std::exp(-x)) / x * std::exp(-(t - 0.02) / 0.3);
+    EXPECT_NEAR(force[k] / force[2], expected, 0.003) << t;
+  }
+}
+
+// ---- clamp --------------------------------------------------------------------------------------
+
+/// Bar that hangs from its clamp along y; how far its end is below the unloaded place.
+SolidCase hanging_bar() {
+  SolidCase c = clamped_bar();
+  c.poisson = 0;
+  c.young = 100e3;
+  c.gravity = Vector3d(0, 9.81, 0);
+  static const SolidMesh mesh = fill_mesh(make_box_mesh(0.5 * c.size), "box", c.edge_length);
+  c.mesh = mesh;
+  return c;
+}
+
+double extension(const SolidCase& c, double seconds) {
+  Solid tissue(make_solid(c), f64x1());
+  rest(tissue, seconds);
+  return tip_of(tissue).y() - 0.06;
+}
+
+TEST(SolidAnchorEffect, SpringsCarryTheWeightAndBreak) {
+  SolidCase c = hanging_bar();
+  c.young = 1e6;
+  const double rigid = extension(c, 1);
+  c.effects.mutable_anchor()->set_compliance_m2_per_n(1e-4);
+  const double weight = 1000 * 12e-6 * 9.81;
+  const double sag = 1e-4 * weight / 0.01;  // [m], clamp of 10 mm
+  EXPECT_NEAR((extension(c, 2) - rigid) / sag, 1, 0.01);
+  {
+    Solid tissue(make_solid(c), f64x1());
+    rest(tissue, 2);
+    EXPECT_NEAR(tissue.anchor_force(0).y() / weight, 1, 1e-3);
+  }
+  c.effects.mutable_anchor()->set_compliance_m2_per_n(1e-8);
+  EXPECT_NEAR(extension(c, 1), rigid, 1e-6);
+
+  // Springs hold up to half the breaking stretch, then let go.
+  c.effects.mutable_anchor()->set_compliance_m2_per_n(1e-4);
+  c.effects.mutable_anchor()->set_break_m(4 * sag);
+  EXPECT_LT(extension(c, 1), rigid + 2.2 * sag);
+  c.effects.mutable_anchor()->set_break_m(0.5 * sag);
+  EXPECT_GT(extension(c, 0.5), 0.05);
+}
+
+TEST(SolidAnchorEffect, DetachedPieceHangsAndTheRestHolds) {
+  SolidCase c = hanging_bar();
+  const double whole = extension(c, 1);
+  c.effects.mutable_anchor()->set_free_from_m(-0.9);
+  c.effects.mutable_anchor()->set_free_to_m(-0.5);  // beside the bar
+  EXPECT_NEAR(extension(c, 1), whole, 1e-9);
+  c.effects.mutable_anchor()->set_free_from_m(0.001);
+  c.effects.mutable_anchor()->set_free_to_m(0.5);
+  Solid tissue(make_solid(c), f64x1());
+  rest(tissue, 1);
+  for (int i = 0; i < tissue.particles(); ++i) {
+    const Vector3d p = tissue.model().mesh.nodes[static_cast<std::size_t>(i)];
+    if (p.y() > -0.06 + 1e-6) continue;
+    const double moved = (tissue.position(0, i) - p).norm();
+    EXPECT_TRUE(p.x() < 0.004 || moved > 1e-4) << p.x() << " moved " << moved;
+    EXPECT_TRUE(p.x() > -0.004 || moved == 0) << p.x() << " moved " << moved;
+  }
+  c.effects.mutable_anchor()->set_free_from_m(-0.5);
+  try {
+    make_solid(c);
+    FAIL();
+  } catch (const Error& error) {
+    EXPECT_THAT(error.what(), testing::HasSubstr("scene.tissue.effects.anchor"));
+  }
+}
+
+// ---- surroundings -------------------------------------------------------------------------------
+
+constexpr double kTile = 0.006;  // height of the tile below [m]
+
+/// Free tile of 20 x 20 x 6 mm whose lower face is `gap` above a board.
+SolidCase tile(double gap) {
+  SolidCase c;
+  c.size = {0.02, 0.02, kTile};
+  c.edge_length = 0.01;
+  static const SolidMesh mesh = fill_mesh(make_box_mesh(0.5 * c.size), "box", c.edge_length);
+  c.mesh = mesh;
+  c.anchor_max_y = -1;
+  c.young = 50e3;
+  c.bodies = {test::make_board(0.5 * kTile + 0.0015 + gap)};
+  return c;
+}
+
+Vector3d centre(const Solid& tissue) {
+  Vector3d sum = Vector3d::Zero();
+  for (int i = 0; i < tissue.particles(); ++i)
+    sum += tissue.model().mass[static_cast<std::size_t>(i)] * tissue.position(0, i);
+  return 9.81 * sum / weight_of(tissue);
+}
+
+/// From now on it would fall upwards.
+void turn_over(const SolidCase& c, Solid& tissue) {
+  LaneParameters parameters;
+  parameters.effects = make_effects(c.effects, c.poisson, {});
+  parameters.effects->tilt_x = std::numbers::pi;
+  tissue.set_parameters(0, parameters);
+}
+
+TEST(SolidContactEffect, AdhesionHoldsUpToHalfItsReach) {
+  SolidCase c = tile(0);
+  c.damping = 20;
+  c.effects.mutable_adhesion()->set_stiffness_pa_per_m(1e5);
+  const double give = c.density * kTile * 9.81 / 1e5;
+  for (const bool holds : {true, false}) {
+    c.effects.mutable_adhesion()->set_break_m(holds ? 8 * give : 1.2 * give);
+    Solid tissue(make_solid(c), f64x1());
+    rest(tissue, 0.3);
+    const double start = centre(tissue).z();
+    turn_over(c, tissue);
+    rest(tissue, 1.5);
+    const double rise = centre(tissue).z() - start;
+    if (holds) {
+      EXPECT_NEAR(rise / give, 1, 0.03);
+    } else {
+      EXPECT_GT(rise, 0.01);
+    }
+  }
+}
+
+TEST(SolidContactEffect, SuctionLetsGoAtTheSpeedOfItsFilm) {
+  const double drag = 1e5;
+  const double reach = 0.001;
+  const double gap = 5e-5;
+  SolidCase c = tile(gap);
+  c.effects.mutable_suction()->set_drag_pa_s_per_m(drag);
+  c.effects.mutable_suction()->set_reach_m(reach);
+  // z' = (p / c) (1 + z / r)^3, z the gap
+  const double p = c.density * kTile * 9.81;
+  const double u = std::pow(1 + gap / reach, -2) - 2 * p * 0.4 / (drag * reach);
+  const double expected = reach * (1 / std::sqrt(u) - 1) - gap;
+  for (const auto integrator : {pb::INTEGRATOR_BDF2, pb::INTEGRATOR_BACKWARD_EULER}) {
+    c.integrator = integrator;
+    Solid tissue(make_solid(c), f64x1());
+    turn_over(c, tissue);
+    rest(tissue, 0.4);
+    EXPECT_NEAR(centre(tissue).z() / expected, 1, 0.05) << integrator;
+  }
+}
+
+TEST(SolidContactEffect, AirDragLimitsTheFall) {
+  SolidCase c = tile(0);
+  c.bodies.clear();
+  c.effects.set_air_drag(40);
+  Solid tissue(make_solid(c), f64x1());
+  const double limit = std::sqrt(2 * c.density * kTile * 9.81 / (kAirDensity * 40));
+  // The drag of a substep is that of the speed at its start.
+  for (int k = 1; k <= 10; ++k) {
+    rest(tissue, 0.02);
+    const double expected = limit * std::tanh(9.81 * 0.02 * k / limit);
+    EXPECT_NEAR(-tissue.velocity(0, 0).z() / expected, 1, 0.02) << k;
+  }
+}
+
+TEST(SolidEffectInput, WhatOnlyASheetHasIsRefusedInOneLine) {
+  const auto message = [](auto set) -> std::string {
+    SolidCase c = tile(0);
+    c.bodies.clear();
+    set(c.effects);
+    try {
+      make_solid(c);
+    } catch (const Error& error) {
+      return error.what();
+    }
+    return "";
+  };
+  using E = pb::TissueEffects;
+  const auto refused = [](const char* name) {
+    return testing::AllOf(testing::StartsWith(std::string("scene.tissue.effects.") + name + ": "),
+                          testing::HasSubstr("with a volume"),
+                          testing::Not(testing::HasSubstr("\n")));
+  };
+  EXPECT_THAT(message([](E& e) { e.set_bending_change(1); }), refused("bending_change"));
+  EXPECT_THAT(message([](E& e) { e.mutable_rest_shape()->set_curvature_x_per_m(1); }),
+              refused("rest_shape"));
+  EXPECT_THAT(message([](E& e) { e.mutable_thickness()->set_x_per_m(1); }), refused("thickness"));
+  EXPECT_THAT(message([](E& e) { e.mutable_adhesion()->set_stiffness_pa_per_m(1e5); }),
+              testing::HasSubstr("needs a scene.rigid_body"));
+  EXPECT_THAT(message([](E& e) { e.set_poisson_change(0.3); }),
+              testing::HasSubstr("allowed 0 ... 0.49"));
+}
+
+TEST(SolidEffectInput, BesideASheetItTakesWhatIsNotTheSheetsOwn) {
+  pb::TissueEffects effects;
+  for (const NamedEffect& effect : test::all_effects()) effect.set(effects, 1);
+  const EffectValues all = make_effects(effects, 0.4, {});
+  SolidTissueModel model;
+  EXPECT_EQ(model.own_effects(all), all);
+  model.beside_sheet = true;
+  const EffectValues own = model.own_effects(all);
+  EXPECT_EQ(own.tilt_x, all.tilt_x);
+  EXPECT_EQ(own.friction_change, all.friction_change);
+  EXPECT_EQ(own.grasp_x, all.grasp_x);
+  EXPECT_EQ(own.slip_speed, 0);  // the sheet's slip takes the body along
+  EXPECT_EQ(own.jaw_tilt, all.jaw_tilt);
+  EXPECT_EQ(own.grasp_compliance, all.grasp_compliance);
+  EXPECT_FALSE(own.has_memory());
+  EXPECT_FALSE(own.moves_anchor());
+  EXPECT_TRUE(own.same_structure({}));
+  EXPECT_EQ(own.stiffening + own.density_change + own.adhesion + own.suction + own.air_drag, 0);
+}
+
+// ---- grasp --------------------------------------------------------------------------------------
+
+const Vector3d kEnd(0, 0.06, 0);  // where the bar is taken
+
+/// Takes the bar's end and pulls it by `pull` within a control step; the tip afterwards.
+Vector3d take(Solid& tissue, const Vector3d& pull) {
+  tissue.hold(0, kEnd, 0.009, false);
+  const ToolMotion motion{kEnd, kEnd + pull};
+  tissue.step({&motion, 1});
+  return kEnd + pull;
+}
+
+TEST(SolidGraspEffect, OffsetTakesThePatchBesideTheTip) {
+  SolidCase c = clamped_bar();
+  Solid plain(make_solid(c), f64x1());
+  plain.hold(0, kEnd + Vector3d(0.003, -0.002, 0), 0.006, false);
+  c.effects.mutable_grasp_offset()->set_x_m(0.003);
+  c.effects.mutable_grasp_offset()->set_y_m(-0.002);
+  c.effects.mutable_grasp_offset()->set_radius_m(0.001);
+  Solid beside(make_solid(c), f64x1());
+  beside.hold(0, kEnd, 0.005, false);
+  EXPECT_THAT(beside.held(0), testing::ElementsAreArray(plain.held(0)));
+  ASSERT_FALSE(beside.held(0).empty());
+  const int node = beside.held(0)[0];
+  const Vector3d before = beside.position(0, node);
+  rest(beside, 0.1, kEnd);  // it stays where it was taken
+  EXPECT_LT((beside.position(0, node) - before).norm(), 1e-9);
+}
+
+TEST(SolidGraspEffect, ComplianceIsASpringInSeriesAndThePatchKeepsItsShape) {
+  for (const double radius : {0.009, 0.004}) {  // the whole end; one node firmly, some partly
+    SolidCase c = clamped_bar();
+    const double pull = 0.001;
+    const auto pulled = [&] {
+      auto tissue = std::make_unique<Solid>(make_solid(c), f64x1());
+      tissue->hold(0, kEnd, radius, false);
+      const ToolMotion motion{kEnd, kEnd + Vector3d(0, pull, 0)};
+      tissue->step({&motion, 1});
+      rest(*tissue, 2, motion.to);
+      return tissue;
+    };
+    const auto stiff = pulled();
+    const double rigid = -stiff->held_force(0).y();
+    c.effects.set_grasp_compliance_m_per_n(0.01);
+    const auto soft = pulled();
+    EXPECT_NEAR(-soft->held_force(0).y() / (rigid / (1 + 0.01 * rigid / pull)), 1, 0.002) << radius;
+    EXPECT_NEAR(soft->anchor_force(0).y() / -soft->held_force(0).y(), 1, 1e-3) << radius;
+    // Scaled by the force the patch moved as a whole.
+    const auto held = soft->held(0);
+    const double share = soft->held_force(0).y() / stiff->held_force(0).y();
+    for (const std::int32_t i : held) {
+      const Vector3d at = soft->model().mesh.nodes[static_cast<std::size_t>(i)];
+      const Vector3d expected = share * (stiff->position(0, i) - at);
+      EXPECT_LT((soft->position(0, i) - at - expected).norm(), 0.005 * pull) << radius;
+    }
+  }
+}
+
+TEST(SolidGraspEffect, SlipRelaxesTheForceAndLossLetsGo) {
+  SolidCase c = clamped_bar();
+  const double pull = 0.001;
+  Solid rigid(make_solid(c), f64x1());
+  Vector3d tip = take(rigid, Vector3d(0, pull, 0));
+  rest(rigid, 0.5, tip);
+  const double first = rigid.held_force(0).norm();
+  const double k = first / pull;
+  const double limit = 0.25 * first;
+  const double speed = 1e-4;
+  c.effects.mutable_grasp_slip()->set_speed_m_per_s(speed);
+  c.effects.mutable_grasp_slip()->set_force_n(limit);
+  Solid slipping(make_solid(c), f64x1());
+  tip = take(slipping, Vector3d(0, pull, 0));
+  rest(slipping, 0.5, tip);
+  const double start = slipping.held_force(0).norm();
+  rest(slipping, 1, tip);
+  // dF/dt = -k v0 (F/Fs - 1)
+  const double expected = limit + (start - limit) * std::exp(-k * speed / limit);
+  EXPECT_NEAR(slipping.held_force(0).norm() / expected, 1, 0.03);
+
+  c.effects.mutable_grasp_slip()->set_loss_m(1e-4);
+  Solid lost(make_solid(c), f64x1());
+  tip = take(lost, Vector3d(0, pull, 0));
+  EXPECT_FALSE(lost.held(0).empty());
+  rest(lost, 2, tip);
+  EXPECT_TRUE(lost.held(0).empty());
+}
+
+TEST(SolidGraspEffect, JawsTurnWhatTheyHold) {
+  SolidCase c = clamped_bar();
+  c.effects.set_jaw_roll_deg(20);
+  c.effects.set_jaw_tilt_deg(-10);
+  const auto model = make_solid(c);
+  Solid tissue(model, f64x1());
+  tissue.hold(0, kEnd, 0.009, false);
+  rest(tissue, 0.1, kEnd);
+  const double degree = std::numbers::pi / 180;
+  const Matrix3d turn = (Eigen::AngleAxisd(-10 * degree, Vector3d::UnitX()) *
+                         Eigen::AngleAxisd(20 * degree, model->shaft_axis))
+                            .toRotationMatrix();
+  int firm = 0;
+  for (const std::int32_t i : tissue.held(0)) {
+    const Vector3d from = model->mesh.nodes[static_cast<std::size_t>(i)] - kEnd;
+    if (from.norm() > 0.009 - 0.5 * model->spacing) continue;
+    EXPECT_LT((tissue.position(0, i) - kEnd - turn * from).norm(), 1e-12) << i;
+    ++firm;
+  }
+  EXPECT_GT(firm, 5);
+}
+
+}  // namespace
+}  // namespace omentum
