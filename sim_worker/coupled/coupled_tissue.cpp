@@ -17,6 +17,8 @@ std::shared_ptr<const CoupledTissueModel> make_coupled_model(const Scene& scene,
   model->sheet = make_shell_model(scene, control_period, warnings);
   model->solid = make_soft_body_model(scene, control_period);
   model->body = model->sheet->body;
+  model->surroundings = model->sheet->surroundings;
+  model->effects = model->sheet->effects;
   model->control_period = control_period;
   return model;
 }
@@ -55,6 +57,35 @@ void CoupledTissue<Real>::set_parameters(int lane, const LaneParameters& paramet
   of_body.friction_scale = parameters.friction_scale;
   of_body.effects = parameters.effects;
   solid().set_parameters(lane, of_body);
+}
+
+// The sheet looks for the body's surface as it begins a step, and slips out of the jaws with it.
+template <typename Real>
+void CoupledTissue<Real>::begin_step(std::span<const ToolMotion> motion) {
+  sheet_.begin_step(motion);
+  solid().begin_step(motion);
+}
+
+template <typename Real>
+void CoupledTissue<Real>::begin_substep(std::span<const ToolMotion> motion, int substep) {
+  sheet_.begin_substep(motion, substep);
+  solid().begin_substep(motion, substep);
+  contact_.begin_substep(sheet_.substep_positions());
+}
+
+// The body under the forces of the last substep, the sheet with contact, which changes them, and
+// the body again.
+template <typename Real>
+void CoupledTissue<Real>::solve_substep() {
+  solid().solve_substep();
+  sheet_.solve_substep();
+  contact_.settle();
+}
+
+template <typename Real>
+void CoupledTissue<Real>::end_substep(bool last) {
+  solid().end_substep(last);
+  sheet_.end_substep(last);
 }
 
 template <typename Real>

@@ -33,6 +33,7 @@ class CoupledTissue final : public Tissue<Real> {
  public:
   CoupledTissue(std::shared_ptr<const CoupledTissueModel> model, const LaneKernel<Real>& kernel);
 
+  const CoupledTissueModel& model() const override { return *model_; }
   ShellTissue<Real>& sheet() { return sheet_; }
   const SoftContact<Real>& contact() const { return contact_; }
   SolidTissue<Real>& solid() { return contact_.solid(); }
@@ -43,7 +44,10 @@ class CoupledTissue final : public Tissue<Real> {
 
   void reset(int lane, const Eigen::Vector3d& offset) override;
   void set_parameters(int lane, const LaneParameters& parameters) override;
-  void step(std::span<const ToolMotion> motion) override { sheet_.step(motion); }
+  void begin_step(std::span<const ToolMotion> motion) override;
+  void begin_substep(std::span<const ToolMotion> motion, int substep) override;
+  void solve_substep() override;
+  void end_substep(bool last) override;
   void hold(int lane, const Eigen::Vector3d& tip, double radius, bool collapse) override;
   double distance_to_body(int lane, const Eigen::Vector3d& p) override {
     return contact_.distance(lane, p);

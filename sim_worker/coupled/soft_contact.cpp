@@ -19,6 +19,19 @@ constexpr double kMargin = 2e-3;  // [m] as for rigid shapes: elastic motion of 
 constexpr double kNear = 0.5e-3;
 constexpr double kFar = 1;  // [m] distance of such a node
 
+/// Added in the precision of the lanes.
+template <typename Real>
+Vector3d sum_of(const LaneArray<Real>& a, const LaneArray<Real>& b, int i, int lane) {
+  Vector3d sum;
+  for (int k = 0; k < 3; ++k) sum[k] = static_cast<double>(a(i, k, lane) + b(i, k, lane));
+  return sum;
+}
+
+/// Squares added in order, unlike norm(): part of the results.
+double length_of(const Vector3d& v) {
+  return std::sqrt(v.x() * v.x() + v.y() * v.y() + v.z() * v.z());
+}
+
 }  // namespace
 
 template <typename Real>
@@ -31,43 +44,34 @@ SoftContact<Real>::SoftContact(std::shared_ptr<const SolidTissueModel> model,
       search_(model->mesh.surface, model->mesh.nodes),
       vertex_(model->mesh.nodes.size(), Vector3d::Zero()),
       normal_(vertex_) {
-  const auto W = static_cast<std::size_t>(lanes_);
-  const auto n = static_cast<std::size_t>(nodes_);
   for (int i = 0; i < model->nodes(); ++i) {
     if (model->on_surface[static_cast<std::size_t>(i)] != 0) skin_.push_back(i);
   }
-  start_.resize(W);
-  plane_.assign(4 * n * W, Real{0});
-  for (auto* v : {&motion_, &force_, &before_, &direction_, &direction_part_, &direction_way_})
-    v->assign(3 * n * W, Real{0});
-  for (auto* v : {&work_, &share_, &cross_, &turn_, &direction_work_}) v->assign(W, Real{0});
-  for (auto* v : {&load_, &push_}) v->assign(3 * W * model->mesh.nodes.size(), Real{0});
-  solid_.set_load(load_.data());
+  start_.resize(static_cast<std::size_t>(lanes_));
+  push_.assign(model->nodes(), 3, lanes_);
+  solid_.set_load(load_.assign(model->nodes(), 3, lanes_));
   args_.active = true;
-  args_.plane = plane_.data();
-  args_.motion = motion_.data();
-  args_.force = force_.data();
-  args_.force_before = before_.data();
-  args_.work = work_.data();
-  args_.share = share_.data();
-  args_.cross = cross_.data();
-  args_.turn = turn_.data();
-  args_.direction = direction_.data();
-  args_.direction_part = direction_part_.data();
-  args_.direction_way = direction_way_.data();
-  args_.direction_work = direction_work_.data();
+  args_.plane = plane_.assign(nodes_, 4, lanes_);
+  args_.motion = motion_.assign(nodes_, 3, lanes_);
+  args_.force = force_.assign(nodes_, 3, lanes_);
+  args_.force_before = before_.assign(nodes_, 3, lanes_);
+  args_.work = work_.assign(1, 1, lanes_);
+  args_.share = share_.assign(1, 1, lanes_);
+  args_.cross = cross_.assign(1, 1, lanes_);
+  args_.turn = turn_.assign(1, 1, lanes_);
+  args_.direction = direction_.assign(nodes_, 3, lanes_);
+  args_.direction_part = direction_part_.assign(nodes_, 3, lanes_);
+  args_.direction_way = direction_way_.assign(nodes_, 3, lanes_);
+  args_.direction_work = direction_work_.assign(1, 1, lanes_);
 }
 
 /// Positions of the skin in one lane, at the start of the substep or as they are now.
 template <typename Real>
 void SoftContact<Real>::take_vertices(int lane, bool moved) {
-  const Real* const x = solid_.substep_positions();
-  const Real* const d = solid_.substep_displacements();
+  const LaneArray<Real>& x = solid_.substep_positions();
   for (const std::int32_t i : skin_) {
-    for (int axis = 0; axis < 3; ++axis) {
-      const std::size_t k = index(i, axis, lane);
-      vertex_[static_cast<std::size_t>(i)][axis] = static_cast<double>(moved ? x[k] + d[k] : x[k]);
-    }
+    vertex_[static_cast<std::size_t>(i)] =
+        moved ? sum_of(x, solid_.substep_displacements(), i, lane) : x.vector(i, lane);
   }
 }
 
@@ -84,20 +88,11 @@ void SoftContact<Real>::find_normals() {
 }
 
 template <typename Real>
-void SoftContact<Real>::start_step(std::span<const ToolMotion> motion, const Real* x, const Real* v,
-                                   std::span<const std::uint32_t> free,
-                                   std::span<std::uint32_t> near) {
-  solid_.start_step(motion);
+void SoftContact<Real>::find_near(const LaneArray<Real>& x, const LaneArray<Real>& v,
+                                  std::span<const std::uint32_t> free,
+                                  std::span<std::uint32_t> near) {
   const double period = solid_.model().control_period;
   const double fall = period * solid_.model().surroundings.gravity.norm();
-  const auto speed_of = [&](const Real* of, int i, int lane) {
-    double squared = 0;
-    for (int axis = 0; axis < 3; ++axis) {
-      const auto component = static_cast<double>(of[index(i, axis, lane)]);
-      squared += component * component;
-    }
-    return std::sqrt(squared);
-  };
   std::fill(near.begin(), near.end(), 0);
   for (int lane = 0; lane < lanes_; ++lane) {
     LaneStart& start = start_[static_cast<std::size_t>(lane)];
@@ -113,9 +108,10 @@ void SoftContact<Real>::start_step(std::span<const ToolMotion> motion, const Rea
     int last = -1;  // of the node before, which is next to this one but at the ends of rows
     for (int i = 0; i < nodes_; ++i) {
       if ((free[static_cast<std::size_t>(i)] >> lane & 1U) == 0) continue;
-      const Vector3d q = place_of(x, i, lane);
+      const Vector3d q = x.vector(i, lane);
       // Weight moves one towards the other where something holds the other up.
-      const double reach = radius_ + kMargin + period * (speed_of(v, i, lane) + fastest + fall);
+      const double reach =
+          radius_ + kMargin + period * (length_of(v.vector(i, lane)) + fastest + fall);
       const TrianglePoint found = search_.find(q, vertex_, reach, last);
       last = found.triangle;
       if (found.triangle < 0) continue;
@@ -139,58 +135,50 @@ double SoftContact<Real>::largest_motion(int lane) const {
 }
 
 template <typename Real>
-void SoftContact<Real>::spread(std::uint32_t lanes, const Real* before,
-                               AlignedVector<Real>& load) const {
-  for (const std::int32_t k : skin_) {
-    for (int axis = 0; axis < 3; ++axis) {
-      for (int lane = 0; lane < lanes_; ++lane) {
-        if ((lanes >> lane & 1U) != 0) load[index(k, axis, lane)] = Real{0};
-      }
-    }
-  }
+void SoftContact<Real>::spread(std::uint32_t lanes, const LaneArray<Real>* before,
+                               LaneArray<Real>& load) const {
   for (int lane = 0; lane < lanes_; ++lane) {
     if ((lanes >> lane & 1U) == 0) continue;
+    for (const std::int32_t k : skin_) {
+      for (int axis = 0; axis < 3; ++axis) load(k, axis, lane) = Real{0};
+    }
     for (const Candidate& candidate : start_[static_cast<std::size_t>(lane)].near) {
       const int i = candidate.node;
       std::array<Real, 3> force{};
       for (int axis = 0; axis < 3; ++axis) {
-        const std::size_t at = index(i, axis, lane);
         force[static_cast<std::size_t>(axis)] =
-            before == nullptr ? force_[at] : force_[at] - before[at];
+            force_(i, axis, lane) - (before == nullptr ? Real{0} : (*before)(i, axis, lane));
       }
       if (force == std::array<Real, 3>{}) continue;
       const Eigen::Vector3i& corner = search_.triangle(candidate.point.triangle);
       for (int c = 0; c < 3; ++c) {
         const auto share = static_cast<Real>(candidate.point.share[c]);
         for (int axis = 0; axis < 3; ++axis)
-          load[index(corner[c], axis, lane)] -= share * force[static_cast<std::size_t>(axis)];
+          load(corner[c], axis, lane) -= share * force[static_cast<std::size_t>(axis)];
       }
     }
   }
 }
 
 template <typename Real>
-void SoftContact<Real>::start_substep(std::span<const ToolMotion> motion, int substep,
-                                      const Real* x) {
-  solid_.start_substep(motion, substep);
+void SoftContact<Real>::begin_substep(const LaneArray<Real>& x) {
   for (int lane = 0; lane < lanes_; ++lane) {
     take_vertices(lane, false);
     for (Candidate& candidate : start_[static_cast<std::size_t>(lane)].near) {
       if (force(lane, candidate.node).isZero(0)) continue;
-      const Vector3d q = place_of(x, candidate.node, lane);
+      const Vector3d q = x.vector(candidate.node, lane);
       candidate.point = search_.walk(q, vertex_, candidate.point.triangle);
     }
   }
   spread(~0U, nullptr, load_);
   changed_ = 0;
   placed_ = false;
-  solid_.solve_substep(~0U);
 }
 
 /// Plane and motion of the near point of one node at q.
 template <typename Real>
 void SoftContact<Real>::place_node(Candidate& candidate, int lane, const Vector3d& q) {
-  const Real* const moved = solid_.substep_displacements();
+  const LaneArray<Real>& moved = solid_.substep_displacements();
   const int i = candidate.node;
   TrianglePoint& found = candidate.point;
   found = placed_ ? search_.nearest(q, vertex_, found.triangle)
@@ -202,25 +190,23 @@ void SoftContact<Real>::place_node(Candidate& candidate, int lane, const Vector3
     const auto node = static_cast<std::size_t>(corner[c]);
     p += found.share[c] * vertex_[node];
     if (!placed_) candidate.normal += found.share[c] * normal_[node];
-    for (int axis = 0; axis < 3; ++axis) {
-      way[axis] += found.share[c] * static_cast<double>(moved[index(corner[c], axis, lane)]);
-    }
+    way += found.share[c] * moved.vector(corner[c], lane);
   }
   if (!placed_) candidate.normal.normalize();
   if (candidate.normal.isZero(0)) candidate.normal = search_.normal(found.triangle, vertex_);
   const double side = search_.is_behind(q, vertex_, found) ? -1 : 1;
-  plane_[slot(4 * i, lane)] = static_cast<Real>(side * (q - p).norm());
-  for (int axis = 0; axis < 3; ++axis) {
-    plane_[slot(4 * i + 1 + axis, lane)] = static_cast<Real>(candidate.normal[axis]);
-    motion_[index(i, axis, lane)] = static_cast<Real>(way[axis]);
-  }
+  plane_(i, 0, lane) = static_cast<Real>(side * (q - p).norm());
+  for (int axis = 0; axis < 3; ++axis)
+    plane_(i, 1 + axis, lane) = static_cast<Real>(candidate.normal[axis]);
+  motion_.set_vector(i, lane, way);
 }
 
 // The first one in a substep looks around. What moves after it moves little: near points then stay
 // on their triangles, which costs the square of that way over twice the distance, and keep their
 // normals; a node that was far gets that of its triangle.
 template <typename Real>
-void SoftContact<Real>::place(const Real* x, const Real* d, std::uint32_t lanes) {
+void SoftContact<Real>::place(const LaneArray<Real>& x, const LaneArray<Real>& d,
+                              std::uint32_t lanes) {
   for (int lane = 0; lane < lanes_; ++lane) {
     if ((lanes >> lane & 1U) == 0) continue;
     take_vertices(lane, true);
@@ -228,15 +214,11 @@ void SoftContact<Real>::place(const Real* x, const Real* d, std::uint32_t lanes)
     const double skin_moved = largest_motion(lane);
     for (Candidate& candidate : start_[static_cast<std::size_t>(lane)].near) {
       const int i = candidate.node;
-      Vector3d q;
-      for (int axis = 0; axis < 3; ++axis) {
-        const std::size_t k = index(i, axis, lane);
-        q[axis] = static_cast<double>(x[k] + d[k]);
-      }
+      const Vector3d q = sum_of(x, d, i, lane);
       if (!placed_) candidate.normal.setZero();
       const double moved = skin_moved + (q - candidate.place).norm();
       if (candidate.gap - moved > radius_ + kNear && force(lane, i).isZero(0)) {
-        plane_[slot(4 * i, lane)] = static_cast<Real>(kFar);
+        plane_(i, 0, lane) = static_cast<Real>(kFar);
       } else {
         place_node(candidate, lane, q);
       }
@@ -247,7 +229,7 @@ void SoftContact<Real>::place(const Real* x, const Real* d, std::uint32_t lanes)
 
 template <typename Real>
 void SoftContact<Real>::answer(std::uint32_t lanes) {
-  spread(lanes, before_.data(), push_);
+  spread(lanes, &before_, push_);
   solid_.answer(push_.data(), work_.data(), cross_.data());
 }
 
@@ -258,19 +240,15 @@ void SoftContact<Real>::take(std::uint32_t lanes) {
 }
 
 template <typename Real>
-void SoftContact<Real>::finish_substep(bool last) {
-  if (changed_ != 0) {
-    spread(changed_, nullptr, load_);
-    solid_.solve_substep(changed_);
-  }
-  solid_.finish_substep(last);
+void SoftContact<Real>::settle() {
+  if (changed_ == 0) return;
+  spread(changed_, nullptr, load_);
+  solid_.solve_lanes(changed_);
 }
 
 template <typename Real>
 Vector3d SoftContact<Real>::force(int lane, int node) const {
-  return {static_cast<double>(force_[index(node, 0, lane)]),
-          static_cast<double>(force_[index(node, 1, lane)]),
-          static_cast<double>(force_[index(node, 2, lane)])};
+  return force_.vector(node, lane);
 }
 
 // A rigid disc on a half-space, 2 E a / (1 - nu^2) [Johnson85, section 3.4], of the radius that the
@@ -293,17 +271,13 @@ double SoftContact<Real>::distance(int lane, const Vector3d& p) {
 template <typename Real>
 void SoftContact<Real>::reset(int lane) {
   solid_.reset(lane, Vector3d::Zero());
-  for (std::size_t k = static_cast<std::size_t>(lane); k < force_.size();
-       k += static_cast<std::size_t>(lanes_)) {
-    force_[k] = Real{0};
-  }
+  force_.fill_lane(lane, Real{0});
 }
 
 template <typename Real>
 bool SoftContact<Real>::healthy(int lane) const {
-  for (std::size_t k = static_cast<std::size_t>(lane); k < force_.size();
-       k += static_cast<std::size_t>(lanes_)) {
-    if (!std::isfinite(force_[k])) return false;
+  for (int k = 0; k < force_.in_lane(); ++k) {
+    if (!std::isfinite(force_.lane_value(k, lane))) return false;
   }
   return solid_.healthy(lane);
 }
@@ -311,30 +285,23 @@ bool SoftContact<Real>::healthy(int lane) const {
 // State of a lane: forces on the sheet's nodes, then the solid.
 template <typename Real>
 void SoftContact<Real>::save(int lane, Bytes& out) const {
-  for (std::size_t k = static_cast<std::size_t>(lane); k < force_.size();
-       k += static_cast<std::size_t>(lanes_)) {
-    const auto* const bytes = reinterpret_cast<const std::byte*>(&force_[k]);
-    out.insert(out.end(), bytes, bytes + sizeof(Real));
-  }
+  StateWriter(out).add_lane(force_, lane);
   solid_.save(lane, out);
 }
 
 template <typename Real>
-Result<std::size_t> SoftContact<Real>::load(int lane, std::span<const std::byte> state) {
+Result<std::size_t> SoftContact<Real>::load(int lane, std::span<const std::byte> bytes) {
+  StateReader state(bytes);
   std::vector<Real> force(static_cast<std::size_t>(3 * nodes_));
-  const std::size_t size = force.size() * sizeof(Real);
-  if (state.size() < size) {
-    return Failure{fmt::format("state of {} bytes, needed at least {}", state.size(), size)};
-  }
-  std::memcpy(force.data(), state.data(), size);
-  if (!std::all_of(force.begin(), force.end(), [](Real f) { return std::isfinite(f); }))
+  if (!state.read_all(std::span(force)))
+    return Failure{fmt::format("state of {} bytes ends in the forces of the body", bytes.size())};
+  if (!all_finite(std::span<const Real>(force)))
     return Failure{"state of the soft body holds a non-finite force"};
-  const Result<std::size_t> used = solid_.load(lane, state.subspan(size));
+  const Result<std::size_t> used = solid_.load(lane, bytes.subspan(state.used()));
   if (!used) return Failure{used.error()};
-  for (std::size_t k = 0; k < force.size(); ++k) {
-    force_[k * static_cast<std::size_t>(lanes_) + static_cast<std::size_t>(lane)] = force[k];
-  }
-  return size + used.value();
+  for (int k = 0; k < force_.in_lane(); ++k)
+    force_.lane_value(k, lane) = force[static_cast<std::size_t>(k)];
+  return state.used() + used.value();
 }
 
 template class SoftContact<float>;

@@ -31,13 +31,17 @@ class SoftContact final : public YieldingSurface<Real> {
   const SurfaceArgs<Real>& args() const override { return args_; }
   Tissue<Real>& body() override { return solid_; }
   double held_stiffness() const override;
-  void start_step(std::span<const ToolMotion> motion, const Real* x, const Real* v,
-                  std::span<const std::uint32_t> free, std::span<std::uint32_t> near) override;
-  void start_substep(std::span<const ToolMotion> motion, int substep, const Real* x) override;
-  void place(const Real* x, const Real* d, std::uint32_t lanes) override;
+  void find_near(const LaneArray<Real>& x, const LaneArray<Real>& v,
+                 std::span<const std::uint32_t> free, std::span<std::uint32_t> near) override;
+  void place(const LaneArray<Real>& x, const LaneArray<Real>& d, std::uint32_t lanes) override;
   void answer(std::uint32_t lanes) override;
   void take(std::uint32_t lanes) override;
-  void finish_substep(bool last) override;
+
+  /// After both bodies have begun a substep, the sheet at x: loads the solid with the forces of the
+  /// last one.
+  void begin_substep(const LaneArray<Real>& x);
+  /// After the sheet is solved: the solid under the forces as they are now.
+  void settle();
 
   /// Force of the solid on a node of the sheet at the end of the last step, in W [N].
   Eigen::Vector3d force(int lane, int node) const;
@@ -64,20 +68,12 @@ class SoftContact final : public YieldingSurface<Real> {
     std::vector<Eigen::Vector3d> skin;  ///< in the order of skin_
   };
 
-  std::size_t index(int i, int axis, int lane) const {
-    return static_cast<std::size_t>((3 * i + axis) * lanes_ + lane);
-  }
-  std::size_t slot(int i, int lane) const { return static_cast<std::size_t>(i * lanes_ + lane); }
-  Eigen::Vector3d place_of(const Real* x, int i, int lane) const {
-    return {static_cast<double>(x[index(i, 0, lane)]), static_cast<double>(x[index(i, 1, lane)]),
-            static_cast<double>(x[index(i, 2, lane)])};
-  }
   void take_vertices(int lane, bool moved);
   double largest_motion(int lane) const;
   void find_normals();
   void place_node(Candidate& candidate, int lane, const Eigen::Vector3d& q);
   /// Loads on the solid in the given lanes: minus (force - before), `before` may be null.
-  void spread(std::uint32_t lanes, const Real* before, AlignedVector<Real>& load) const;
+  void spread(std::uint32_t lanes, const LaneArray<Real>* before, LaneArray<Real>& load) const;
 
   SolidTissue<Real> solid_;
   int lanes_, nodes_;
@@ -88,7 +84,7 @@ class SoftContact final : public YieldingSurface<Real> {
   std::vector<LaneStart> start_;                  ///< per lane
   std::uint32_t changed_ = 0;                     ///< lanes whose forces changed in this substep
   bool placed_ = false;                           ///< in this substep
-  AlignedVector<Real> plane_, motion_, force_, before_, work_, share_, cross_, turn_, direction_,
+  LaneArray<Real> plane_, motion_, force_, before_, work_, share_, cross_, turn_, direction_,
       direction_part_, direction_way_, direction_work_, load_, push_;
   SurfaceArgs<Real> args_{};
 };

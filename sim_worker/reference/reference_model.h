@@ -110,7 +110,6 @@ struct ReferenceTissueModel : TissueModel, std::enable_shared_from_this<Referenc
 
   // Effects that are part of the mesh. A change of bending is a sheet of thickness t sqrt(f),
   // modulus E / sqrt(f) and density rho / sqrt(f): stretch and weight stay, bending is f times.
-  EffectValues effects;
   double face_inset = 0;                ///< the real faces lie this much further in [m]
   std::vector<HexRest> rest;            ///< per four elements; empty = boxes
   std::vector<std::uint8_t> is_anchor;  ///< per node: clamped in the scene, held by springs here

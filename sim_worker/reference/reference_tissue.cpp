@@ -57,20 +57,28 @@ void ReferenceTissue::set_parameters(int, const LaneParameters& parameters) {
       parameters_.gravity_scale * tilted_gravity(effects_.values(), model_->surroundings.gravity);
 }
 
-void ReferenceTissue::step(std::span<const ToolMotion> motion) {
-  OMENTUM_CHECK(motion.size() == 1);
+void ReferenceTissue::begin_step(std::span<const ToolMotion> motion) {
+  motion_ = motion[0];
   slip();
-  const int substeps = static_cast<int>(model_->substeps());
-  for (int k = 0; k < substeps && failure_.empty(); ++k) {
-    advance(motion[0], static_cast<double>(k) / substeps, (k + 1.0) / substeps, 0);
-  }
 }
+
+void ReferenceTissue::begin_substep(std::span<const ToolMotion> /*motion*/, int substep) {
+  substep_ = substep;
+}
+
+void ReferenceTissue::solve_substep() {
+  const auto substeps = static_cast<double>(model_->substeps());
+  if (failure_.empty()) advance(substep_ / substeps, (substep_ + 1.0) / substeps, 0);
+}
+
+// Each implicit step ends by itself (finish), since a substep may take several.
+void ReferenceTissue::end_substep(bool /*last*/) {}
 
 /// One implicit step over the shares from ... to of the control step, in halves where it does not
 /// converge.
-bool ReferenceTissue::advance(const ToolMotion& motion, double from, double to, int depth) {
+bool ReferenceTissue::advance(double from, double to, int depth) {
   const State start = state_;
-  const Terms terms = make_terms(motion, from, to);
+  const Terms terms = make_terms(from, to);
   ++implicit_steps_;
   effects_.begin(terms.h, state_.x, state_.v, terms.x_tilde, terms.beta);
   const bool carried = tangent_.usable;
@@ -91,14 +99,13 @@ bool ReferenceTissue::advance(const ToolMotion& motion, double from, double to, 
     return false;
   }
   const double middle = 0.5 * (from + to);
-  return advance(motion, from, middle, depth + 1) && advance(motion, middle, to, depth + 1);
+  return advance(from, middle, depth + 1) && advance(middle, to, depth + 1);
 }
 
 // BDF2 with steps h and h0 = h / r:  x = x~ + beta v,  v = v~ + beta a  where
 //   x~ = (1 + r)^2 / (1 + 2 r) x_n - r^2 / (1 + 2 r) x_{n-1},   beta = h (1 + r) / (1 + 2 r).
 // Without history r = 0: backward Euler.
-ReferenceTissue::Terms ReferenceTissue::make_terms(const ToolMotion& motion, double from,
-                                                   double to) const {
+ReferenceTissue::Terms ReferenceTissue::make_terms(double from, double to) const {
   Terms terms;
   terms.h = (to - from) * model_->control_period;
   const bool second_order =
@@ -113,8 +120,8 @@ ReferenceTissue::Terms ReferenceTissue::make_terms(const ToolMotion& motion, dou
     terms.x_tilde[i] = now * state_.x[i] - before * state_.x_before[i];
     terms.v_tilde[i] = now * state_.v[i] - before * state_.v_before[i];
   }
-  terms.tip = motion.from + to * (motion.to - motion.from);
-  terms.tool_velocity = (motion.to - motion.from) / model_->control_period;
+  terms.tip = motion_.from + to * (motion_.to - motion_.from);
+  terms.tool_velocity = (motion_.to - motion_.from) / model_->control_period;
   if (grasp_) {
     terms.target = grasp_->offset;
     terms.target.col(0) += terms.tip;

@@ -45,11 +45,14 @@ class ReferenceTissue : public Tissue<double> {
   int lanes() const override { return 1; }
   int particles() const override { return static_cast<int>(model_->body.particles.size()); }
   const LaneKernel<double>& kernel() const override { return f64x1(); }
-  const ReferenceTissueModel& model() const { return *model_; }
+  const ReferenceTissueModel& model() const override { return *model_; }
 
   void reset(int lane, const Eigen::Vector3d& offset) override;
   void set_parameters(int lane, const LaneParameters& parameters) override;
-  void step(std::span<const ToolMotion> motion) override;
+  void begin_step(std::span<const ToolMotion> motion) override;
+  void begin_substep(std::span<const ToolMotion> motion, int substep) override;
+  void solve_substep() override;
+  void end_substep(bool last) override;
   /// The patch is the circle of rest tissue around the point of the mid-surface nearest to the tip;
   /// its radius is such that the sphere of `radius` around the tip goes through its rim. It moves
   /// with the tip, neither turning nor deforming in the mean (GraspPatch). `collapse` pulls its
@@ -172,8 +175,8 @@ class ReferenceTissue : public Tissue<double> {
   /// How much of the factor is made anew: nothing, what depends on the blocks of the nodes, all.
   enum class Renewal { kNone, kNodes, kAll };
 
-  bool advance(const ToolMotion& motion, double from, double to, int depth);
-  Terms make_terms(const ToolMotion& motion, double from, double to) const;
+  bool advance(double from, double to, int depth);
+  Terms make_terms(double from, double to) const;
   bool solve(const Terms& terms);
   void finish(const Terms& terms);
   HexShape gather(std::size_t batch, const Nodes& x, const Bubbles& bubble) const;
@@ -219,6 +222,8 @@ class ReferenceTissue : public Tissue<double> {
   std::shared_ptr<const ReferenceTissueModel> model_;
   State state_;
   LaneParameters parameters_;
+  ToolMotion motion_;  ///< of this control step
+  int substep_ = 0;
   ReferenceEffects effects_;
   Eigen::Vector3d gravity_ = Eigen::Vector3d::Zero();  ///< of the lane, tilted [m/s^2]
   double slipped_ = 0;                                 ///< way of the patch out of the jaws [m]

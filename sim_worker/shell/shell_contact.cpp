@@ -1,12 +1,9 @@
 // Contact of the elastic shell: the host's part. The method is in shell_contact.inl.
 #include "core/check.h"
 #include "sim_worker/shell/shell_tissue.h"
-#include "sim_worker/tissue/kernel_shape.h"
 
 namespace omentum {
 namespace {
-
-using Eigen::Vector3d;
 
 // Of each substep; the next one goes on from the forces that this one leaves. Measured in
 // docs/decisions/0012: more of either costs time and does not settle sooner.
@@ -25,59 +22,33 @@ constexpr double kContactTolerance = 0.5;
 
 template <typename Real>
 void ShellTissue<Real>::prepare_contacts() {
-  const auto W = static_cast<std::size_t>(lanes());
-  const auto n = static_cast<std::size_t>(particles());
-  free_mask_.assign(n, 0);
-  candidates_.assign(n * kMaxShapes, 0);
-  candidate_any_.assign(n, 0);
-  contact_lanes_.assign(n, 0);
-  plane_begin_.assign(n + 1, 0);
+  const int W = lanes();
+  const int n = particles();
+  contact_lanes_.assign(free_mask_.size(), 0);
+  plane_begin_.assign(free_mask_.size() + 1, 0);
   for (const double v : model_->metric) metric_.push_back(static_cast<Real>(v));
-  key_stiffness_.assign(W, Real{1});
-  for (auto* v : {&own_stiffness_, &own_compliance_}) v->assign(n * W, Real{0});
-  for (auto* v : {&contact_motion_, &contact_lean_, &contact_way_, &contact_before_})
-    v->assign(3 * n * W, Real{0});
-  for (auto* v : {&capsule_, &capsule_motion_}) v->assign(3 * W, Real{0});
-  capsule_sweep_.assign(W, Real{0});
   args_.free_mask = free_mask_.data();
   args_.plane_begin = plane_begin_.data();
   args_.metric_begin = model_->structure.bending.begin.data();
   args_.metric_node = model_->structure.bending.node.data();
   args_.metric = metric_.data();
-  args_.key_stiffness = key_stiffness_.data();
-  args_.own_stiffness = own_stiffness_.data();
-  args_.own_compliance = own_compliance_.data();
+  args_.key_stiffness = key_stiffness_.assign(1, 1, W, Real{1});
+  args_.own_stiffness = own_stiffness_.assign(n, 1, W);
+  args_.own_compliance = own_compliance_.assign(n, 1, W);
   args_.contact_lanes = contact_lanes_.data();
-  args_.contact_motion = contact_motion_.data();
-  args_.contact_lean = contact_lean_.data();
-  args_.contact_way = contact_way_.data();
-  args_.contact_before = contact_before_.data();
+  args_.contact_motion = contact_motion_.assign(n, 3, W);
+  args_.contact_lean = contact_lean_.assign(n, 3, W);
+  args_.contact_way = contact_way_.assign(n, 3, W);
+  args_.contact_before = contact_before_.assign(n, 3, W);
   args_.contact_tolerance = static_cast<Real>(kContactTolerance);
   args_.candidates = candidates_.data();
   args_.candidate_any = candidate_any_.data();
-  args_.particle_radius = static_cast<Real>(model_->body.particle_radius);
+  args_.particle_radius = static_cast<Real>(body_.particle_radius);
   args_.capsule = capsule_.data();
   args_.capsule_motion = capsule_motion_.data();
   args_.static_friction = static_friction_.data();
   args_.dynamic_friction = dynamic_friction_.data();
-
-  shapes_ = make_kernel_shapes<Real>(model_->surroundings);
-  // 2 mm beyond what speed and gravity explain: elastic motion of one control step.
-  candidate_args_ = {model_->nodes(),
-                     x_.data(),
-                     v_.data(),
-                     free_mask_.data(),
-                     gravity_.data(),
-                     args_.particle_radius,
-                     static_cast<Real>(model_->control_period),
-                     static_cast<Real>(2e-3),
-                     shapes_.count,
-                     shapes_.shape.data(),
-                     capsule_.data(),
-                     capsule_sweep_.data(),
-                     candidates_.data(),
-                     candidate_any_.data()};
-  args_.shapes = candidate_args_.shapes;
+  args_.shapes = shapes_.count;
   args_.shape = shapes_.shape.data();
 }
 
@@ -91,34 +62,26 @@ void ShellTissue<Real>::lie_on(YieldingSurface<Real>& surface) {
 
 template <typename Real>
 void ShellTissue<Real>::set_contact_stiffness(int lane) {
-  const auto l = static_cast<std::size_t>(lane);
-  const double stiffness = ShellTissueModel::key_stiffness(key_[l]);
+  const int key = key_[static_cast<std::size_t>(lane)];
+  const double stiffness = ShellTissueModel::key_stiffness(key);
   const double step = model_->effective_step();
-  key_stiffness_[l] = static_cast<Real>(stiffness);
-  const double density = model_->key_density(key_[l]);
-  for (std::size_t i = 0; i < model_->structure.mass.size(); ++i) {
-    const double own = density * model_->structure.mass[i] / (step * step) +
-                       stiffness * model_->metric_diagonal[i];
-    const std::size_t k = i * static_cast<std::size_t>(lanes()) + l;
-    own_stiffness_[k] = static_cast<Real>(own);
-    own_compliance_[k] = static_cast<Real>(1 / own);
+  key_stiffness_[lane] = static_cast<Real>(stiffness);
+  const double density = model_->key_density(key);
+  for (int i = 0; i < particles(); ++i) {
+    const auto k = static_cast<std::size_t>(i);
+    const double own = density * model_->structure.mass[k] / (step * step) +
+                       stiffness * model_->metric_diagonal[k];
+    own_stiffness_(i, lane) = static_cast<Real>(own);
+    own_compliance_(i, lane) = static_cast<Real>(1 / own);
   }
 }
 
 // Candidates of the whole step, once; forces of nodes that cannot touch any more are dropped.
 template <typename Real>
 void ShellTissue<Real>::find_contacts(std::span<const ToolMotion> motion) {
-  for (int lane = 0; lane < lanes(); ++lane) {
-    const ToolMotion& m = motion[static_cast<std::size_t>(lane)];
-    const Vector3d base = model_->surroundings.capsule_at(m.from);
-    for (int axis = 0; axis < 3; ++axis) {
-      capsule_[index(0, axis, lane)] = static_cast<Real>(base[axis]);
-    }
-    capsule_sweep_[static_cast<std::size_t>(lane)] = static_cast<Real>((m.to - m.from).norm());
-  }
-  kernel_.find_candidates(candidate_args_);
+  this->find_candidates(motion, free_mask_);
   if (surface_ != nullptr) {
-    surface_->start_step(motion, x_.data(), v_.data(), free_mask_, near_surface_);
+    surface_->find_near(x_, v_, free_mask_, near_surface_);
     for (std::size_t i = 0; i < near_surface_.size(); ++i) {
       candidates_[i * kMaxShapes + static_cast<std::size_t>(args_.shapes)] = near_surface_[i];
       if (near_surface_[i] != 0) candidate_any_[i] |= 1U << args_.shapes;
@@ -146,7 +109,7 @@ void ShellTissue<Real>::resolve_contacts() {
   const int sweeps = surface_ != nullptr ? kSweepsOnSurface : kSweeps;
   const auto take = surface_ != nullptr ? shell_.take_surface_change : shell_.take_contact_change;
   for (int pass = 0; pass < passes; ++pass) {
-    if (surface_ != nullptr) surface_->place(x_.data(), d_.data(), unsettled);
+    if (surface_ != nullptr) surface_->place(x_, d_, unsettled);
     shell_.place_contacts(args_);
     args_.surface.follows = pass > 0;
     args_.lanes = unsettled;

@@ -78,7 +78,8 @@ inline Lane softened_share(const Args& args, Lane energy, int triangle) {
 inline Stress add_fibres(const Args& args, Stress e, Lane shear, Stress s) {
   const Lane half = splat(static_cast<Real>(0.5));
   const Lane w = splat(static_cast<Real>(1e-3));
-  const Stress a = load_stress(args.effects.fibre_axes);
+  const Real* const axes = args.effects.fibre_axes;
+  const Stress a{load(axes), load(axes + 2 * kLanes), load(axes + kLanes)};
   const Lane along = fma(a.xx, e.xx, fma(splat(Real{2}) * a.xy, e.xy, a.yy * e.yy));
   const Lane taut = half * ((along + sqrt(fma(along, along, w * w))) - w);
   return fma(load(args.effects.fibre) * shear * taut, a, s);

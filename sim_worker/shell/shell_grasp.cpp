@@ -12,14 +12,6 @@ namespace omentum {
 using Eigen::Vector3d;
 
 template <typename Real>
-void ShellTissue<Real>::set_free(int lane, const std::vector<std::int32_t>& nodes, bool free) {
-  for (const std::int32_t i : nodes) {
-    std::uint32_t& mask = free_mask_[static_cast<std::size_t>(i)];
-    mask = free ? mask | 1U << lane : mask & ~(1U << lane);
-  }
-}
-
-template <typename Real>
 Vector3d ShellTissue<Real>::point_of_sheet(int lane, const Eigen::Vector2d& X) const {
   const ShellTissueModel::Shares shares = model_->locate(X);
   Vector3d p = Vector3d::Zero();
@@ -70,7 +62,7 @@ template <typename Real>
 void ShellTissue<Real>::grip(int lane, Held held) {
   Held& mine = held_[static_cast<std::size_t>(lane)];
   mine = std::move(held);
-  set_free(lane, mine.patch.inside, false);
+  for (const std::int32_t i : mine.patch.inside) this->set_free(i, lane, false);
   make_patch(lane);
 }
 
@@ -79,7 +71,7 @@ void ShellTissue<Real>::release(int lane) {
   Held& held = held_[static_cast<std::size_t>(lane)];
   slipped_[static_cast<std::size_t>(lane)] = 0;
   if (!(held.radius > 0)) return;
-  set_free(lane, held.patch.inside, true);
+  for (const std::int32_t i : held.patch.inside) this->set_free(i, lane, true);
   clear_patch(lane);
   held = {};
 }
@@ -89,12 +81,9 @@ template <typename Real>
 void ShellTissue<Real>::make_room(int count) {
   constexpr int kChunk = 32;  // covers the patches of a 3 mm sheet: growing is rare
   const int room = (count + kChunk - 1) / kChunk * kChunk;
-  const auto lanes_of_nodes = static_cast<std::size_t>(room * lanes());
-  patch_node_.assign(lanes_of_nodes, 0);
-  patch_weight_.assign(kPatchRows * lanes_of_nodes, Real{0});
   args_.patch_room = room;
-  args_.patch_node = patch_node_.data();
-  args_.patch_weight = patch_weight_.data();
+  args_.patch_node = patch_node_.assign(room, 1, lanes());
+  args_.patch_weight = patch_weight_.assign(room, kPatchRows, lanes());
 }
 
 // Response columns U = A^-1 C^T and the inverse of C U + give, in double, once per grasp.
@@ -110,16 +99,13 @@ void ShellTissue<Real>::make_patch(int lane) {
     }
   }
   clear_patch(lane);
-  const auto W = lanes();
   Eigen::MatrixXd rows = Eigen::MatrixXd::Zero(kPatchRows, particles());
   for (int k = 0; k < count; ++k) {
     const std::int32_t node = held.patch.node[static_cast<std::size_t>(k)];
-    patch_node_[static_cast<std::size_t>(k * W + lane)] = node;
+    patch_node_(k, lane) = node;
     for (int row = 0; row < kPatchRows; ++row) {
-      patch_weight_[static_cast<std::size_t>((kPatchRows * k + row) * W + lane)] =
-          static_cast<Real>(held.patch.weight(k, row));
-      if (model_->body.fixed[static_cast<std::size_t>(node)] == 0)
-        rows(row, node) = held.patch.weight(k, row);
+      patch_weight_(k, row, lane) = static_cast<Real>(held.patch.weight(k, row));
+      if (!this->is_fixed(node)) rows(row, node) = held.patch.weight(k, row);
     }
   }
   Eigen::MatrixXd response = rows;
@@ -128,16 +114,11 @@ void ShellTissue<Real>::make_patch(int lane) {
   system(0, 0) += effects_.values(lane).grasp_compliance;
   const Eigen::Matrix3d inverse = system.llt().solve(Eigen::Matrix3d::Identity());
   for (int row = 0; row < kPatchRows; ++row) {
-    for (int k = 0; k < kPatchRows; ++k) {
-      patch_inverse_[static_cast<std::size_t>((kPatchRows * row + k) * W + lane)] =
-          static_cast<Real>(inverse(row, k));
-    }
-    for (int i = 0; i < particles(); ++i) {
-      patch_response_[static_cast<std::size_t>((kPatchRows * i + row) * W + lane)] =
-          static_cast<Real>(response(row, i));
-    }
-    for (int axis = 0; axis < 3; ++axis)
-      patch_offset_[index(row, axis, lane)] = static_cast<Real>(held.target(axis, row));
+    for (int k = 0; k < kPatchRows; ++k)
+      patch_inverse_(row, k, lane) = static_cast<Real>(inverse(row, k));
+    for (int i = 0; i < particles(); ++i)
+      patch_response_(i, row, lane) = static_cast<Real>(response(row, i));
+    patch_offset_.set_vector(row, lane, held.target.col(row));
   }
   held_lanes_ |= 1U << lane;
   args_.patch_size = std::max(args_.patch_size, count);
@@ -145,16 +126,10 @@ void ShellTissue<Real>::make_patch(int lane) {
 
 template <typename Real>
 void ShellTissue<Real>::clear_patch(int lane) {
-  const auto W = static_cast<std::size_t>(lanes());
   for (auto* array :
-       {&patch_weight_, &patch_offset_, &patch_inverse_, &patch_response_, &patch_force_}) {
-    for (std::size_t k = static_cast<std::size_t>(lane); k < array->size(); k += W) {
-      (*array)[k] = Real{0};
-    }
-  }
-  for (std::size_t k = static_cast<std::size_t>(lane); k < patch_node_.size(); k += W) {
-    patch_node_[k] = 0;
-  }
+       {&patch_weight_, &patch_offset_, &patch_inverse_, &patch_response_, &patch_force_})
+    array->fill_lane(lane, Real{0});
+  patch_node_.fill_lane(lane, 0);
   held_lanes_ &= ~(1U << lane);
   args_.patch_size = 0;
   for (int other = 0; other < lanes(); ++other) {
@@ -170,8 +145,7 @@ void ShellTissue<Real>::shift_held(int lane, const Vector3d& by) {
   Held& held = held_[static_cast<std::size_t>(lane)];
   if (!(held.radius > 0)) return;
   held.target.col(0) += by;
-  for (int axis = 0; axis < 3; ++axis)
-    patch_offset_[index(0, axis, lane)] = static_cast<Real>(held.target(axis, 0));
+  patch_offset_.set_vector(0, lane, held.target.col(0));
 }
 
 /// Before a control step: slip of the grasps. A body that is held beside the sheet slips with it,
@@ -185,7 +159,7 @@ void ShellTissue<Real>::slip_grasps() {
     Tissue<Real>* body = surface_ != nullptr ? &surface_->body() : nullptr;
     if (body != nullptr && body->held(lane).empty()) body = nullptr;
     if (!(held_[l].radius > 0) && body == nullptr) continue;
-    Vector3d load = held_force(lane);
+    Vector3d load = this->held_force(lane);
     double stiffness = model_->membrane_stiffness() * parameters_[l].stiffness_scale;
     if (body != nullptr) {
       load += body->held_force(lane);
@@ -203,14 +177,6 @@ void ShellTissue<Real>::slip_grasps() {
   }
 }
 
-template <typename Real>
-Vector3d ShellTissue<Real>::held_force(int lane) const {
-  if (held(lane).empty()) return Vector3d::Zero();
-  return {static_cast<double>(held_force_[index(0, 0, lane)]),
-          static_cast<double>(held_force_[index(0, 1, lane)]),
-          static_cast<double>(held_force_[index(0, 2, lane)])};
-}
-
 #define OMENTUM_INSTANTIATE(Real)                                                             \
   template void ShellTissue<Real>::slip_grasps();                                             \
   template void ShellTissue<Real>::hold(int, const Vector3d&, double, bool);                  \
@@ -219,12 +185,10 @@ Vector3d ShellTissue<Real>::held_force(int lane) const {
   template void ShellTissue<Real>::make_room(int);                                            \
   template void ShellTissue<Real>::make_patch(int);                                           \
   template void ShellTissue<Real>::clear_patch(int);                                          \
-  template void ShellTissue<Real>::set_free(int, const std::vector<std::int32_t>&, bool);     \
   template Vector3d ShellTissue<Real>::point_of_sheet(int, const Eigen::Vector2d&) const;     \
   template std::pair<Vector3d, double> ShellTissue<Real>::nearest_point(int, const Vector3d&) \
       const;                                                                                  \
-  template void ShellTissue<Real>::shift_held(int, const Vector3d&);                          \
-  template Vector3d ShellTissue<Real>::held_force(int) const
+  template void ShellTissue<Real>::shift_held(int, const Vector3d&)
 OMENTUM_INSTANTIATE(float);
 OMENTUM_INSTANTIATE(double);
 #undef OMENTUM_INSTANTIATE

@@ -58,7 +58,6 @@ struct ShellTissueModel : TissueModel, std::enable_shared_from_this<ShellTissueM
   SheetGeometry mesh;            ///< instead of the grid, where it has triangles
   double pitch = 0;              ///< of the grid, mean edge of a mesh [m]
   double thickness = 0, density = 0;
-  EffectValues effects;                 ///< of the scene
   ShellStructure structure;             ///< with the scene's effects
   std::vector<double> anchor;           ///< spring per node at the scene's effects [N/m]; 0 = none
   std::vector<std::uint8_t> is_anchor;  ///< per node: clamped in the scene, held by springs here

@@ -14,8 +14,7 @@
 #include "sim_worker/shell/shell_model.h"
 #include "sim_worker/shell/yielding_surface.h"
 #include "sim_worker/tissue/grasp_patch.h"
-#include "sim_worker/tissue/kernel_shape.h"
-#include "sim_worker/tissue/tissue.h"
+#include "sim_worker/tissue/lane_tissue.h"
 
 namespace omentum {
 
@@ -28,48 +27,51 @@ namespace omentum {
 /// its rim. held() are the free nodes inside; they do not collide while held. `collapse` pulls the
 /// mean position onto the tip.
 template <typename Real>
-class ShellTissue : public Tissue<Real> {
+class ShellTissue final : public LaneTissue<Real> {
  public:
+  using LaneTissue<Real>::lanes, LaneTissue<Real>::particles, LaneTissue<Real>::position;
+
   ShellTissue(std::shared_ptr<const ShellTissueModel> model, const LaneKernel<Real>& kernel);
 
-  int lanes() const override { return kernel_.lanes; }
-  int particles() const override { return model_->nodes(); }
-  const LaneKernel<Real>& kernel() const override { return kernel_; }
-  const ShellTissueModel& model() const { return *model_; }
+  const ShellTissueModel& model() const override { return *model_; }
 
   void reset(int lane, const Eigen::Vector3d& offset) override;
   void set_parameters(int lane, const LaneParameters& parameters) override;
-  void step(std::span<const ToolMotion> motion) override;
+  void begin_step(std::span<const ToolMotion> motion) override;
+  void begin_substep(std::span<const ToolMotion> motion, int substep) override;
+  void solve_substep() override;
+  void end_substep(bool last) override;
   void hold(int lane, const Eigen::Vector3d& tip, double radius, bool collapse) override;
   void release(int lane) override;
   std::span<const std::int32_t> held(int lane) const override {
     return held_[static_cast<std::size_t>(lane)].patch.inside;
   }
   void shift_held(int lane, const Eigen::Vector3d& by) override;
-  Eigen::Vector3d held_force(int lane) const override;
-  Eigen::Vector3d position(int lane, int particle) const override;
-  Eigen::Vector3d velocity(int lane, int particle) const override;
-  void set_position(int lane, int particle, const Eigen::Vector3d& p) override;
   void set_velocity(int lane, int particle, const Eigen::Vector3d& v) override;
-  void find_nearest(std::span<const Eigen::Vector3d> points,
-                    std::span<Nearest> nearest) const override;
-  const Real* surface_positions() override { return x_.data(); }
-  int surface_vertices() const override { return particles(); }
   bool healthy(int lane) const override;
   void save(int lane, Bytes& out) const override;
   Result<std::size_t> load(int lane, std::span<const std::byte> state) override;
-  std::uint64_t hash(int lane) const override;
 
   /// From now on the sheet lies on this surface too; it must stay. The model has `on_soft_body`.
   void lie_on(YieldingSurface<Real>& surface);
 
   /// Force of the surroundings on a node at the end of the last step, in W [N].
-  Eigen::Vector3d contact_force(int lane, int particle) const;
+  Eigen::Vector3d contact_force(int lane, int particle) const {
+    return contact_force_.vector(particle, lane);
+  }
+  /// Positions at the start of the substep [m].
+  const LaneArray<Real>& substep_positions() const { return x_; }
   /// Gradient of the energy at the present positions, of all nodes [N]: what the solver uses. For
   /// tests; fixed nodes are left out (zero).
   std::vector<Eigen::Vector3d> elastic_gradient(int lane);
 
  private:
+  using Base = LaneTissue<Real>;
+  using Base::body_, Base::candidate_any_, Base::candidates_, Base::capsule_, Base::capsule_motion_,
+      Base::dynamic_friction_, Base::free_mask_, Base::gravity_, Base::held_force_, Base::keep_,
+      Base::kernel_, Base::parameters_, Base::shapes_, Base::slipped_, Base::static_friction_,
+      Base::stiffness_, Base::tip_, Base::v_, Base::x_;
+  using typename Base::SavedLane;
   using Targets = Eigen::Matrix<double, 3, kPatchRows>;
 
   struct Held {
@@ -78,7 +80,6 @@ class ShellTissue : public Tissue<Real> {
     Targets target = Targets::Zero();  ///< of the rows in W [m]; the first is from the tip on
     SheetPatch patch;
   };
-  static constexpr std::size_t kGraspSize = 4 * sizeof(double) + sizeof(Targets);
   /// One factor in the kernel's precision.
   struct Factor {
     std::shared_ptr<const PanelFactor> shared;
@@ -89,9 +90,6 @@ class ShellTissue : public Tissue<Real> {
     std::uint32_t lanes = 0;
   };
 
-  std::size_t index(int i, int axis, int lane) const {
-    return static_cast<std::size_t>((3 * i + axis) * kernel_.lanes + lane);
-  }
   void load_mesh();
   void load_stencils();
   const Factor& factor_of(int key);
@@ -103,30 +101,27 @@ class ShellTissue : public Tissue<Real> {
   /// Place at rest, p_B [m], of the point of the sheet nearest to the tip, and their distance [m].
   std::pair<Eigen::Vector3d, double> nearest_point(int lane, const Eigen::Vector3d& tip) const;
   void grip(int lane, Held held);
-  Result<Held> read_grasp(std::span<const std::byte> state) const;
-  void set_free(int lane, const std::vector<std::int32_t>& nodes, bool free);
+  std::vector<const LaneArray<Real>*> saved_arrays() const override;
+  bool allows(const EffectValues& effects) const override;
+  Result<Held> read_grasp(StateReader& state) const;
   void make_room(int count);
   void make_patch(int lane);
   void clear_patch(int lane);
   void prepare_contacts();
   void set_contact_stiffness(int lane);
   void find_contacts(std::span<const ToolMotion> motion);
-  void place_tool(std::span<const ToolMotion> motion, int substep);
   void iterate();
-  void solve_for(std::uint32_t lanes, void (*take)(const ShellArgs<Real>&));
-  void hold_for(std::uint32_t lanes);
+  void solve_for(std::uint32_t active, void (*take)(const ShellArgs<Real>&));
+  void hold_for(std::uint32_t active);
   void resolve_contacts();
 
   std::shared_ptr<const ShellTissueModel> model_;
-  const LaneKernel<Real>& kernel_;
   const ShellKernel<Real>& shell_;
   YieldingSurface<Real>* surface_ = nullptr;
   ShellArgs<Real> args_{};
-  CandidateArgs<Real> candidate_args_{};
-  KernelShapes<Real> shapes_;
 
   // Model in the kernel's precision.
-  AlignedVector<Real> mass_;
+  AlignedVector<Real> mass_, metric_;
   std::vector<MeshTriangle<Real>> mesh_;
   std::vector<BendStencil<Real>> stencil_;
   std::vector<BendEntry<Real>> bend_entry_;
@@ -135,24 +130,20 @@ class ShellTissue : public Tissue<Real> {
   std::vector<KeyGroup> groups_;
 
   // State and scratch, per lane.
-  AlignedVector<Real> x_, v_, v_old_, d_old_, d_, moved_, b_, keep_b_, contact_force_;
+  LaneArray<Real> v_old_, d_old_, d_, moved_, b_, keep_b_, contact_force_;
+  ShellLaneEffects<Real> effects_;
   std::vector<Held> held_;
   std::uint32_t held_lanes_ = 0;
-  std::vector<std::int32_t> patch_node_;
-  AlignedVector<Real> patch_weight_, patch_tip_, patch_offset_, patch_inverse_, patch_response_,
-      patch_force_, held_force_;
-  std::vector<LaneParameters> parameters_;
-  ShellLaneEffects<Real> effects_;
-  std::vector<double> slipped_;     ///< way of the patch out of the jaws [m]
-  AlignedVector<Real> patch_give_;  ///< of the jaws [m/N]
-  AlignedVector<Real> stiffness_, gravity_, keep_, static_friction_, dynamic_friction_;
+  LaneArray<std::int32_t> patch_node_;
+  LaneArray<Real> patch_weight_, patch_offset_, patch_inverse_, patch_response_, patch_force_,
+      patch_compliance_;
 
   // Contact.
-  std::vector<std::uint32_t> free_mask_, candidates_, candidate_any_, contact_lanes_, near_surface_;
+  std::vector<std::uint32_t> contact_lanes_, near_surface_;
   std::vector<std::int32_t> plane_begin_, plane_shape_;
-  AlignedVector<Real> plane_, metric_, own_stiffness_, own_compliance_, key_stiffness_,
-      contact_motion_, contact_lean_, contact_way_, contact_before_, capsule_, capsule_motion_,
-      capsule_sweep_;
+  AlignedVector<Real> plane_;
+  LaneArray<Real> own_stiffness_, own_compliance_, key_stiffness_, contact_motion_, contact_lean_,
+      contact_way_, contact_before_;
 };
 
 extern template class ShellTissue<float>;

@@ -3,14 +3,15 @@
 #include <cstdint>
 #include <span>
 
+#include "sim_worker/lanes/lane_array.h"
 #include "sim_worker/shell/shell_kernel.h"
 #include "sim_worker/tissue/tissue.h"
 
 namespace omentum {
 
 /// A deformable body as the elastic sheet meets it: a surface that gives way (docs/decisions/0020).
-/// The sheet steps it: its substeps are the sheet's, and the forces between the two are found in
-/// the sheet's contact solver. All arrays are [node of the sheet][xyz][lane] in W.
+/// The forces between the two are found in the sheet's contact solver; who steps both calls the
+/// stages of both (CoupledTissue). All arrays are [node of the sheet][xyz][lane] in W.
 template <typename Real>
 class YieldingSurface {
  public:
@@ -26,18 +27,14 @@ class YieldingSurface {
   virtual double held_stiffness() const = 0;
   /// Start of a control step: sets, for every node of the sheet at x with velocity v, the lanes of
   /// `free` in which it may touch during the step.
-  virtual void start_step(std::span<const ToolMotion> motion, const Real* x, const Real* v,
-                          std::span<const std::uint32_t> free, std::span<std::uint32_t> near) = 0;
-  /// Moves the body by a substep under the forces of the last one; the sheet is at x.
-  virtual void start_substep(std::span<const ToolMotion> motion, int substep, const Real* x) = 0;
+  virtual void find_near(const LaneArray<Real>& x, const LaneArray<Real>& v,
+                         std::span<const std::uint32_t> free, std::span<std::uint32_t> near) = 0;
   /// Finds the near points of the sheet at x + d in the given lanes.
-  virtual void place(const Real* x, const Real* d, std::uint32_t lanes) = 0;
+  virtual void place(const LaneArray<Real>& x, const LaneArray<Real>& d, std::uint32_t lanes) = 0;
   /// In the given lanes: how the body answers the change of the forces since place().
   virtual void answer(std::uint32_t lanes) = 0;
   /// Takes the share of the answer that the contact solver has chosen.
   virtual void take(std::uint32_t lanes) = 0;
-  /// Ends the substep under the forces as they are now.
-  virtual void finish_substep(bool last) = 0;
 };
 
 }  // namespace omentum

@@ -26,7 +26,7 @@ void SolidTissue<Real>::hold(int lane, const Vector3d& tip, double radius, bool 
   const bool turns = effects.jaw_roll != 0 || effects.jaw_tilt != 0;
   const Eigen::Matrix3d turn = jaw_turn(effects, model_->surroundings.shaft_axis);
   for (int i = 0; i < particles(); ++i) {
-    if (model_->body.fixed[static_cast<std::size_t>(i)] != 0) continue;
+    if (this->is_fixed(i)) continue;
     const Vector3d p = position(lane, i);
     const double covered =
         (radius + effects.grasp_radius - (p - centre).norm()) / model_->spacing + 0.5;
@@ -61,7 +61,7 @@ void SolidTissue<Real>::apply_hold(int lane) {
     const bool leads = gives && k == held.leader;
     const double spring = model_->material.young_modulus_pa() * model_->spacing * w;
     const bool follows = spring >= kRigidHold * model_->diagonal[i] * (1 - w);
-    Real& stiffness = hold_stiffness_[index(held.nodes[k], lane)];
+    Real& stiffness = hold_stiffness_(held.nodes[k], lane);
     contact_mask_[i] &= ~bit;
     free_mask_[i] |= bit;
     stiffness = Real{0};
@@ -83,10 +83,11 @@ void SolidTissue<Real>::release(int lane) {
     const auto i = static_cast<std::size_t>(node);
     free_mask_[i] |= bit;
     if (model_->on_surface[i] != 0) contact_mask_[i] |= bit;
-    hold_stiffness_[index(node, lane)] = Real{0};
-    for (int axis = 0; axis < 3; ++axis) contact_force_[index(node, axis, lane)] = Real{0};
+    hold_stiffness_(node, lane) = Real{0};
+    for (int axis = 0; axis < 3; ++axis) contact_force_(node, axis, lane) = Real{0};
   }
   gives_ &= ~bit;
+  slipped_[static_cast<std::size_t>(lane)] = 0;
   held = {};
 }
 
@@ -113,11 +114,13 @@ void SolidTissue<Real>::slip_grasps() {
                           static_cast<double>(o[2])));
     }
     const double size = box.diagonal().norm() + 2 * model_->spacing;
-    const double modulus = model_->material.young_modulus_pa() *
-                           static_cast<double>(stiffness_[static_cast<std::size_t>(lane)]);
-    const Vector3d way = slip_of(effects, held_force(lane), modulus * size, model_->control_period);
-    held.slipped += way.norm();
-    if (effects.slip_loss > 0 && held.slipped > effects.slip_loss) {
+    const double modulus =
+        model_->material.young_modulus_pa() * static_cast<double>(stiffness_[lane]);
+    const Vector3d way =
+        slip_of(effects, this->held_force(lane), modulus * size, model_->control_period);
+    double& slipped = slipped_[static_cast<std::size_t>(lane)];
+    slipped += way.norm();
+    if (effects.slip_loss > 0 && slipped > effects.slip_loss) {
       release(lane);
     } else {
       shift_held(lane, way);
@@ -125,22 +128,15 @@ void SolidTissue<Real>::slip_grasps() {
   }
 }
 
+/// Where the jaws take the nodes that they hold.
 template <typename Real>
-void SolidTissue<Real>::place_tool(std::span<const ToolMotion> motion, int substep) {
-  const auto substeps = static_cast<int>(model_->parameters.substeps());
-  const double share = (substep + 1.0) / substeps;
+void SolidTissue<Real>::place_held() {
   for (int lane = 0; lane < lanes(); ++lane) {
-    const ToolMotion& m = motion[static_cast<std::size_t>(lane)];
-    const Vector3d tip = m.from + share * (m.to - m.from);
-    const Vector3d base = model_->surroundings.capsule_at(tip);
     const Held& held = held_[static_cast<std::size_t>(lane)];
-    for (int axis = 0; axis < 3; ++axis) {
-      capsule_[index(0, axis, lane)] = static_cast<Real>(base[axis]);
-      capsule_motion_[index(0, axis, lane)] =
-          static_cast<Real>((m.to[axis] - m.from[axis]) / substeps);
-      for (std::size_t k = 0; k < held.nodes.size(); ++k) {
-        hold_target_[index(held.nodes[k], axis, lane)] =
-            static_cast<Real>(tip[axis]) + held.offsets[k][static_cast<std::size_t>(axis)];
+    for (std::size_t k = 0; k < held.nodes.size(); ++k) {
+      for (int axis = 0; axis < 3; ++axis) {
+        hold_target_(held.nodes[k], axis, lane) =
+            tip_(0, axis, lane) + held.offsets[k][static_cast<std::size_t>(axis)];
       }
     }
   }
@@ -158,31 +154,31 @@ template <typename Function>
 void SolidTissue<Real>::for_each_giving(Function&& fn) {
   for (int lane = 0; lane < lanes(); ++lane) {
     if ((gives_ >> lane & 1U) == 0) continue;
-    for (std::size_t axis = 0; axis < 3; ++axis)
-      fn(lane, held_[static_cast<std::size_t>(lane)], axis);
+    for (int axis = 0; axis < 3; ++axis) fn(lane, held_[static_cast<std::size_t>(lane)], axis);
   }
 }
 
 /// Patches begin a substep as far from the jaws as they ended the last.
 template <typename Real>
 void SolidTissue<Real>::start_giving() {
-  for_each_giving([&](int lane, Held& held, std::size_t axis) {
+  for_each_giving([&](int lane, Held& held, int axis) {
+    const auto a = static_cast<std::size_t>(axis);
     for (std::size_t k = 0; k < held.nodes.size(); ++k) {
       const std::int32_t i = held.nodes[k];
-      const std::size_t at = index(i, static_cast<int>(axis), lane);
-      const Real place = hold_target_[at] + held.give[axis];
-      if (k != held.leader) hold_target_[at] = place;
-      if (k == held.leader || !is_free(i, lane)) d_[at] = place - x_[at];
-      if (k == held.leader) held.start[axis] = d_[at];
+      const Real place = hold_target_(i, axis, lane) + held.give[a];
+      if (k != held.leader) hold_target_(i, axis, lane) = place;
+      if (k == held.leader || !is_free(i, lane)) d_(i, axis, lane) = place - x_(i, axis, lane);
+      if (k == held.leader) held.start[a] = d_(i, axis, lane);
     }
   });
 }
 
 template <typename Real>
 void SolidTissue<Real>::finish_giving() {
-  for_each_giving([&](int lane, Held& held, std::size_t axis) {
-    const std::size_t at = index(held.nodes[held.leader], static_cast<int>(axis), lane);
-    held.give[axis] = x_[at] + d_[at] - hold_target_[at];
+  for_each_giving([&](int lane, Held& held, int axis) {
+    const std::int32_t i = held.nodes[held.leader];
+    held.give[static_cast<std::size_t>(axis)] =
+        x_(i, axis, lane) + d_(i, axis, lane) - hold_target_(i, axis, lane);
   });
 }
 
@@ -190,32 +186,30 @@ void SolidTissue<Real>::finish_giving() {
 /// it.
 template <typename Real>
 void SolidTissue<Real>::gather_residual() {
-  for_each_giving([&](int lane, Held& held, std::size_t axis) {
-    const auto at = [&](std::size_t k) {
-      return index(held.nodes[k], static_cast<int>(axis), lane);
-    };
-    const std::size_t leader = at(held.leader);
-    const Real moved = d_[leader] - held.start[axis];
-    for (std::size_t k = 0; k < held.nodes.size(); ++k) {
-      if (k == held.leader) continue;
-      if (!is_free(held.nodes[k], lane)) {
-        b_[leader] += b_[at(k)];
+  for_each_giving([&](int lane, Held& held, int axis) {
+    const std::int32_t leader = held.nodes[held.leader];
+    const Real moved = d_(leader, axis, lane) - held.start[static_cast<std::size_t>(axis)];
+    for (const std::int32_t i : held.nodes) {
+      if (i == leader) continue;
+      if (!is_free(i, lane)) {
+        b_(leader, axis, lane) += b_(i, axis, lane);
         continue;
       }
-      const Real spring = hold_stiffness_[index(held.nodes[k], lane)];
-      b_[at(k)] -= spring * moved;
-      b_[leader] -= spring * (x_[at(k)] + d_[at(k)] - hold_target_[at(k)] - moved);
+      const Real spring = hold_stiffness_(i, lane);
+      b_(i, axis, lane) -= spring * moved;
+      b_(leader, axis, lane) -=
+          spring * (x_(i, axis, lane) + d_(i, axis, lane) - hold_target_(i, axis, lane) - moved);
     }
   });
 }
 
 /// Nodes that follow move as their leader in `vector`.
 template <typename Real>
-void SolidTissue<Real>::follow_leaders(AlignedVector<Real>& vector) {
-  for_each_giving([&](int lane, Held& held, std::size_t axis) {
-    const Real moved = vector[index(held.nodes[held.leader], static_cast<int>(axis), lane)];
+void SolidTissue<Real>::follow_leaders(LaneArray<Real>& vector) {
+  for_each_giving([&](int lane, Held& held, int axis) {
+    const Real moved = vector(held.nodes[held.leader], axis, lane);
     for (const std::int32_t i : held.nodes) {
-      if (!is_free(i, lane)) vector[index(i, static_cast<int>(axis), lane)] = moved;
+      if (!is_free(i, lane)) vector(i, axis, lane) = moved;
     }
   });
 }
@@ -223,20 +217,17 @@ void SolidTissue<Real>::follow_leaders(AlignedVector<Real>& vector) {
 /// gather_residual() for the product hp of the Hessian with p.
 template <typename Real>
 void SolidTissue<Real>::gather_product() {
-  for_each_giving([&](int lane, Held& held, std::size_t axis) {
-    const auto at = [&](std::size_t k) {
-      return index(held.nodes[k], static_cast<int>(axis), lane);
-    };
-    const std::size_t leader = at(held.leader);
-    for (std::size_t k = 0; k < held.nodes.size(); ++k) {
-      if (k == held.leader) continue;
-      if (!is_free(held.nodes[k], lane)) {
-        hp_[leader] += hp_[at(k)];
+  for_each_giving([&](int lane, Held& held, int axis) {
+    const std::int32_t leader = held.nodes[held.leader];
+    for (const std::int32_t i : held.nodes) {
+      if (i == leader) continue;
+      if (!is_free(i, lane)) {
+        hp_(leader, axis, lane) += hp_(i, axis, lane);
         continue;
       }
-      const Real spring = hold_stiffness_[index(held.nodes[k], lane)];
-      hp_[at(k)] -= spring * p_[leader];
-      hp_[leader] -= spring * (p_[at(k)] - p_[leader]);
+      const Real spring = hold_stiffness_(i, lane);
+      hp_(i, axis, lane) -= spring * p_(leader, axis, lane);
+      hp_(leader, axis, lane) -= spring * (p_(i, axis, lane) - p_(leader, axis, lane));
     }
   });
 }
@@ -250,36 +241,27 @@ void SolidTissue<Real>::find_held_force() {
     for (int axis = 0; axis < 3; ++axis) {
       Real sum = 0;
       for (const std::int32_t i : held.nodes) {
-        if (!gives) sum += hp_[index(i, axis, lane)];
+        if (!gives) sum += hp_(i, axis, lane);
       }
-      if (gives) sum = hp_[index(held.nodes[held.leader], axis, lane)];
-      held_force_[index(0, axis, lane)] = sum;
+      if (gives) sum = hp_(held.nodes[held.leader], axis, lane);
+      held_force_(0, axis, lane) = sum;
     }
   }
 }
 
-template <typename Real>
-Vector3d SolidTissue<Real>::held_force(int lane) const {
-  if (held(lane).empty()) return Vector3d::Zero();
-  return {static_cast<double>(held_force_[index(0, 0, lane)]),
-          static_cast<double>(held_force_[index(0, 1, lane)]),
-          static_cast<double>(held_force_[index(0, 2, lane)])};
-}
-
-#define OMENTUM_INSTANTIATE(Real)                                                \
-  template void SolidTissue<Real>::hold(int, const Vector3d&, double, bool);     \
-  template void SolidTissue<Real>::apply_hold(int);                              \
-  template void SolidTissue<Real>::release(int);                                 \
-  template void SolidTissue<Real>::shift_held(int, const Vector3d&);             \
-  template void SolidTissue<Real>::slip_grasps();                                \
-  template void SolidTissue<Real>::place_tool(std::span<const ToolMotion>, int); \
-  template void SolidTissue<Real>::start_giving();                               \
-  template void SolidTissue<Real>::finish_giving();                              \
-  template void SolidTissue<Real>::gather_residual();                            \
-  template void SolidTissue<Real>::gather_product();                             \
-  template void SolidTissue<Real>::follow_leaders(AlignedVector<Real>&);         \
-  template void SolidTissue<Real>::find_held_force();                            \
-  template Vector3d SolidTissue<Real>::held_force(int) const
+#define OMENTUM_INSTANTIATE(Real)                                            \
+  template void SolidTissue<Real>::hold(int, const Vector3d&, double, bool); \
+  template void SolidTissue<Real>::apply_hold(int);                          \
+  template void SolidTissue<Real>::release(int);                             \
+  template void SolidTissue<Real>::shift_held(int, const Vector3d&);         \
+  template void SolidTissue<Real>::slip_grasps();                            \
+  template void SolidTissue<Real>::place_held();                             \
+  template void SolidTissue<Real>::start_giving();                           \
+  template void SolidTissue<Real>::finish_giving();                          \
+  template void SolidTissue<Real>::gather_residual();                        \
+  template void SolidTissue<Real>::gather_product();                         \
+  template void SolidTissue<Real>::follow_leaders(LaneArray<Real>&);         \
+  template void SolidTissue<Real>::find_held_force()
 OMENTUM_INSTANTIATE(float);
 OMENTUM_INSTANTIATE(double);
 #undef OMENTUM_INSTANTIATE

@@ -304,12 +304,6 @@ std::vector<double> SolidTissueModel::make_anchor(const EffectValues& values) co
   return spring;
 }
 
-bool SolidTissueModel::anchors_fit(const EffectValues& e) const {
-  if (effects.anchor_compliance > 0) return e.anchor_compliance > 0;
-  return e.anchor_compliance == 0 && e.anchor_free_from == effects.anchor_free_from &&
-         e.anchor_free_to == effects.anchor_free_to;
-}
-
 Vector3d SolidTissueModel::integration_point(std::size_t tetrahedron, int q) const {
   Vector3d p = Vector3d::Zero();
   for (int a = 0; a < 4; ++a) {

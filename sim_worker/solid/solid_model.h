@@ -32,7 +32,6 @@ struct SolidTissueModel : TissueModel, std::enable_shared_from_this<SolidTissueM
 
   pb::Material material;
   pb::ElasticModel parameters;
-  EffectValues effects;  ///< of the scene
   SolidMesh mesh;
   std::vector<double> gradient;  ///< [tetrahedron][corner][xyz] of the volume coordinates [1/m]
   std::vector<double> volume;    ///< of each tetrahedron [m^3]
@@ -55,8 +54,6 @@ struct SolidTissueModel : TissueModel, std::enable_shared_from_this<SolidTissueM
   EffectValues own_effects(const EffectValues& values) const;
   /// Springs of the clamped nodes under the effects of the anchor, zero where there is none [N/m].
   std::vector<double> make_anchor(const EffectValues& values) const;
-  /// Whether a lane may have these in this scene: whether there are anchor springs is part of it.
-  bool anchors_fit(const EffectValues& values) const;
   /// Integration point of a tetrahedron at rest, p_B [m].
   Eigen::Vector3d integration_point(std::size_t tetrahedron, int q) const;
 

@@ -51,7 +51,7 @@ void SolidTissue<Real>::multiply_hessian() {
 // is halved. Most substeps take two, an impact ten. What is small is settled by the first call in a
 // substep.
 template <typename Real>
-void SolidTissue<Real>::solve_substep(std::uint32_t active) {
+void SolidTissue<Real>::solve_lanes(std::uint32_t active) {
   const auto W = static_cast<std::size_t>(lanes());
   PerLane size{};
   PerLane size_new{};
@@ -86,7 +86,7 @@ void SolidTissue<Real>::solve_substep(std::uint32_t active) {
 
 template <typename Real>
 void SolidTissue<Real>::answer(const Real* push, Real* work, Real* cross) {
-  std::copy_n(push, b_.size(), b_.begin());
+  std::copy_n(push, b_.size(), b_.data());
   solid_.keep_free(args_, b_.data());
   precondition();
   follow_leaders(z_);
@@ -117,7 +117,7 @@ void SolidTissue<Real>::find_newton_step(PerLane rz, std::uint32_t active) {
     enough[l] = static_cast<Real>(kReduction * kReduction) * rz[l];
   }
   p_ = z_;
-  std::fill(step_.begin(), step_.end(), Real{0});
+  step_.fill(Real{0});
   for (int k = 0; k < kMaxConjugateSteps && active != 0; ++k) {
     multiply_hessian();
     solid_.dot(args_, p_.data(), hp_.data(), php.data());
@@ -153,7 +153,7 @@ void SolidTissue<Real>::find_newton_step(PerLane rz, std::uint32_t active) {
   template void SolidTissue<Real>::find_residual(PerLane&);                  \
   template void SolidTissue<Real>::multiply_hessian();                       \
   template void SolidTissue<Real>::find_newton_step(PerLane, std::uint32_t); \
-  template void SolidTissue<Real>::solve_substep(std::uint32_t);             \
+  template void SolidTissue<Real>::solve_lanes(std::uint32_t);               \
   template void SolidTissue<Real>::answer(const Real*, Real*, Real*);        \
   template void SolidTissue<Real>::take_answer(const Real*, const Real*, std::uint32_t)
 OMENTUM_INSTANTIATE(float);

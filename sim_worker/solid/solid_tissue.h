@@ -11,67 +11,59 @@
 #include "sim_worker/solid/solid_kernel.h"
 #include "sim_worker/solid/solid_lane_effects.h"
 #include "sim_worker/solid/solid_model.h"
-#include "sim_worker/tissue/kernel_shape.h"
+#include "sim_worker/tissue/lane_tissue.h"
 
 namespace omentum {
 
 /// A batch of elastic solids, one per SIMD lane (tissue.h has the contract).
 template <typename Real>
-class SolidTissue final : public Tissue<Real> {
+class SolidTissue final : public LaneTissue<Real> {
  public:
+  using LaneTissue<Real>::lanes, LaneTissue<Real>::particles, LaneTissue<Real>::position;
+
   SolidTissue(std::shared_ptr<const SolidTissueModel> model, const LaneKernel<Real>& kernel);
 
-  int lanes() const override { return kernel_.lanes; }
-  int particles() const override { return args_.nodes; }
-  const LaneKernel<Real>& kernel() const override { return kernel_; }
-  const SolidTissueModel& model() const { return *model_; }
+  const SolidTissueModel& model() const override { return *model_; }
 
   void reset(int lane, const Eigen::Vector3d& offset) override;
   void set_parameters(int lane, const LaneParameters& parameters) override;
-  void step(std::span<const ToolMotion> motion) override;
+  void begin_step(std::span<const ToolMotion> motion) override;
+  void begin_substep(std::span<const ToolMotion> motion, int substep) override;
+  void solve_substep() override { solve_lanes(~0U); }
+  void end_substep(bool last) override;
   void hold(int lane, const Eigen::Vector3d& tip, double radius, bool collapse) override;
   void release(int lane) override;
   std::span<const std::int32_t> held(int lane) const override {
     return held_[static_cast<std::size_t>(lane)].nodes;
   }
   void shift_held(int lane, const Eigen::Vector3d& by) override;
-  Eigen::Vector3d held_force(int lane) const override;
-  Eigen::Vector3d position(int lane, int particle) const override;
-  Eigen::Vector3d velocity(int lane, int particle) const override;
   void set_position(int lane, int particle, const Eigen::Vector3d& p) override;
   void set_velocity(int lane, int particle, const Eigen::Vector3d& v) override;
-  void find_nearest(std::span<const Eigen::Vector3d> points,
-                    std::span<Nearest> nearest) const override;
-  const Real* surface_positions() override { return x_.data(); }
-  int surface_vertices() const override { return args_.nodes; }
   bool healthy(int lane) const override;
   void save(int lane, Bytes& out) const override;
   Result<std::size_t> load(int lane, std::span<const std::byte> state) override;
-  std::uint64_t hash(int lane) const override;
 
-  // The parts of step(), for what moves together with other bodies (soft_contact.h): per control
-  // step start_step(), then per substep start_substep(), solve_substep(), finish_substep().
-  void start_step(std::span<const ToolMotion> motion);
-  void start_substep(std::span<const ToolMotion> motion, int substep);
-  /// Solves the substep in the given lanes under the present load.
-  void solve_substep(std::uint32_t active);
-  /// `last`: of the control step; finds the force on the tool.
-  void finish_substep(bool last);
+  // For what moves together with other bodies (soft_contact.h).
+
+  /// solve_substep() of the given lanes only, under the present load.
+  void solve_lanes(std::uint32_t active);
   /// Forces from outside on every node [N], [node][xyz][lane], until the next call; null = none.
   /// The array must stay.
   void set_load(const Real* load);
   /// How far a further push [N] (like a load) moves the nodes by the preconditioner, which is right
   /// to a factor of two; per lane `work` gets push x answer and `cross` push x direction [N m].
   /// take_answer() makes the direction this answer + `turn` times the direction before and moves
-  /// the nodes by `share` of it in the given lanes; solve_substep() then puts right what is left.
+  /// the nodes by `share` of it in the given lanes; solve_lanes() then puts right what is left.
   void answer(const Real* push, Real* work, Real* cross);
   void take_answer(const Real* turn, const Real* share, std::uint32_t active);
   /// Positions at the start of the substep and the displacement since [node][xyz][lane] [m].
-  const Real* substep_positions() const { return x_.data(); }
-  const Real* substep_displacements() const { return d_.data(); }
+  const LaneArray<Real>& substep_positions() const { return x_; }
+  const LaneArray<Real>& substep_displacements() const { return d_; }
 
   /// Force of the shapes on a node at the end of the last step, in W [N].
-  Eigen::Vector3d contact_force(int lane, int particle) const;
+  Eigen::Vector3d contact_force(int lane, int particle) const {
+    return contact_force_.vector(particle, lane);
+  }
   /// Force of the body on what its anchor is fixed to at the end of the last step, in W [N].
   Eigen::Vector3d anchor_force(int lane) const;
   /// Gradient of the elastic energy at the present positions, of all nodes [N], and its change with
@@ -80,11 +72,16 @@ class SolidTissue final : public Tissue<Real> {
   std::vector<Eigen::Vector3d> elastic_change(int lane, std::span<const Eigen::Vector3d> direction);
 
  private:
+  using Base = LaneTissue<Real>;
+  using Base::body_, Base::candidate_any_, Base::capsule_, Base::free_mask_, Base::gravity_,
+      Base::held_force_, Base::is_free, Base::keep_, Base::kernel_, Base::shapes_, Base::slipped_,
+      Base::stiffness_, Base::tip_, Base::v_, Base::x_;
+  using typename Base::SavedLane;
+
   struct Held {
     std::vector<std::int32_t> nodes;
     std::vector<std::array<Real, 3>> offsets;  ///< from the tip, in W
     std::vector<Real> weights;                 ///< covered part of the node's share, (0, 1]
-    double slipped = 0;                        ///< way of the patch out of the jaws so far [m]
     std::array<Real, 3> give{};   ///< way of a patch on a spring from where rigid jaws have it [m]
     std::size_t leader = 0;       ///< of such a patch: number of the node on the spring
     std::array<Real, 3> start{};  ///< scratch: its displacement when the substep began
@@ -92,51 +89,42 @@ class SolidTissue final : public Tissue<Real> {
   /// One number per lane, as the kernel reads it.
   struct alignas(64) PerLane : std::array<Real, 16> {};
 
-  std::size_t index(int i, int axis, int lane) const {
-    return static_cast<std::size_t>((3 * i + axis) * kernel_.lanes + lane);
-  }
-  std::size_t index(int i, int lane) const {
-    return static_cast<std::size_t>(i * kernel_.lanes + lane);
-  }
-  bool is_free(int i, int lane) const {
-    return (free_mask_[static_cast<std::size_t>(i)] >> lane & 1U) != 0;
-  }
   void set_effects(int lane, const EffectValues& effects);
-  bool usable_parameters(std::span<const Real> values) const;
+  std::vector<const LaneArray<Real>*> saved_arrays() const override;
+  bool allows(const EffectValues& effects) const override;
+  Result<Held> read_grasp(StateReader& state) const;
   void find_contacts(std::span<const ToolMotion> motion);
-  void place_tool(std::span<const ToolMotion> motion, int substep);
+  void load_model();
   void find_residual(PerLane& size);
   void find_newton_step(PerLane rz, std::uint32_t active);
   void precondition();
   void multiply_hessian();
   void apply_hold(int lane);
   void slip_grasps();
+  void place_held();
   void find_held_force();
   template <typename Function>
   void for_each_giving(Function&& fn);
   void start_giving();
   void gather_residual();
   void gather_product();
-  void follow_leaders(AlignedVector<Real>& vector);
+  void follow_leaders(LaneArray<Real>& vector);
   void finish_giving();
 
   std::shared_ptr<const SolidTissueModel> model_;
-  const LaneKernel<Real>& kernel_;
   const SolidKernel<Real>& solid_;
   SolidArgs<Real> args_{};
-  LaneFactor<Real> factor_;               ///< of the preconditioner
-  CandidateArgs<Real> candidate_args_{};  ///< of the search for contacts
-  KernelShapes<Real> shapes_;
+  LaneFactor<Real> factor_;  ///< of the preconditioner
 
   // Model in the kernel's precision.
   std::vector<std::int32_t> tetrahedron_;
-  std::vector<Real> gradient_, volume_, mass_, mass_over_step2_, contact_gain_;
+  AlignedVector<Real> gradient_, volume_, mass_, mass_over_step2_, contact_gain_;
 
   // State and scratch, per lane.
-  AlignedVector<Real> x_, v_, v_old_, d_old_, d_, moved_, b_, step_, z_, p_, hp_;
-  AlignedVector<Real> contact_force_, contact_next_, contact_normal_, contact_slide_,
-      hold_stiffness_, hold_target_;
-  std::vector<std::uint32_t> touches_, free_mask_, contact_mask_, candidates_, candidate_any_;
+  LaneArray<Real> v_old_, d_old_, d_, moved_, b_, step_, z_, p_, hp_;
+  LaneArray<Real> contact_force_, contact_next_, contact_normal_, contact_slide_, hold_stiffness_,
+      hold_target_;
+  std::vector<std::uint32_t> touches_, contact_mask_;
   std::vector<std::int32_t> contact_node_;
   std::vector<Held> held_;
   std::uint32_t gives_ = 0;  ///< lanes whose patch hangs on a spring (effect grasp_compliance)
@@ -144,8 +132,6 @@ class SolidTissue final : public Tissue<Real> {
   PerLane rest_energy_{};         ///< residuals below it are rounding [J]
   double model_rest_energy_ = 0;  ///< the same of the law alone [J]
   PerLane enough_{};  ///< residual at which a substep is solved; negative = not known yet
-  AlignedVector<Real> held_force_, stiffness_, gravity_, keep_, static_friction_, dynamic_friction_,
-      capsule_, capsule_motion_, capsule_sweep_;
 };
 
 extern template class SolidTissue<float>;

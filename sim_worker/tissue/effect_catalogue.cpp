@@ -321,6 +321,14 @@ PronyStep make_prony(const EffectValues& effects, double h) {
   return step;
 }
 
+int prony_branches(const EffectValues& effects) { return make_prony(effects, 1).branches; }
+
+bool anchors_fit(const EffectValues& scene, const EffectValues& lane) {
+  if (scene.anchor_compliance > 0) return lane.anchor_compliance > 0;
+  return lane.anchor_compliance == 0 && lane.anchor_free_from == scene.anchor_free_from &&
+         lane.anchor_free_to == scene.anchor_free_to;
+}
+
 double cohesive_share(double longest, double limit) {
   if (!(longest > limit / 2)) return 1;
   return longest < limit ? (limit - longest) / longest : 0;

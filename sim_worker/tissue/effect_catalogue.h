@@ -124,6 +124,11 @@ struct PronyStep {
   double gains = 0;  ///< sum: stiffness of a step beyond the slow one
 };
 PronyStep make_prony(const EffectValues& effects, double h);
+int prony_branches(const EffectValues& effects);
+
+/// Whether a lane may have the anchor of `lane` in a scene of these effects: whether there are
+/// anchor springs, and which nodes are detached, is part of the scene.
+bool anchors_fit(const EffectValues& scene, const EffectValues& lane);
 
 /// Secant stiffness of a cohesive spring, relative to a fresh one, whose longest stretch was
 /// `longest`: 1 up to half of `limit`, 0 from `limit`.

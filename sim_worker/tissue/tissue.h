@@ -44,11 +44,7 @@ struct Nearest {
   double distance = 0;  ///< [m]
 };
 
-/// Nearest of `particles` points at x [particle][xyz][lane] to a point of each lane, by the lane
-/// kernel: what Tissue::find_nearest of the lane models does.
-template <typename Real>
-void find_nearest_in_lanes(const LaneKernel<Real>& kernel, int particles, const Real* x,
-                           std::span<const Eigen::Vector3d> points, std::span<Nearest> nearest);
+struct TissueModel;
 
 /// A batch of environments of the same tissue, one per SIMD lane: the seam between the tissue
 /// models and everything that uses them. Lane k of a batch equals a batch of one, bit for bit, at
@@ -63,6 +59,7 @@ class Tissue {
   Tissue& operator=(const Tissue&) = delete;
   virtual ~Tissue() = default;
 
+  virtual const TissueModel& model() const = 0;
   virtual int lanes() const = 0;
   virtual int particles() const = 0;
   /// The kernel whose width the lane arrays have.
@@ -73,7 +70,18 @@ class Tissue {
   virtual void set_parameters(int lane, const LaneParameters& parameters) = 0;
 
   /// Advances every lane by one control step. `motion` has lanes() entries.
-  virtual void step(std::span<const ToolMotion> motion) = 0;
+  void step(std::span<const ToolMotion> motion);
+
+  // The stages of step(); CoupledTissue calls those of its two bodies.
+
+  /// Once per control step: slip of the grasp, what may touch what.
+  virtual void begin_step(std::span<const ToolMotion> motion) = 0;
+  /// Where the tool will be at the end of the substep, and where inertia takes the tissue.
+  virtual void begin_substep(std::span<const ToolMotion> motion, int substep) = 0;
+  /// Positions at the end of the substep.
+  virtual void solve_substep() = 0;
+  /// Velocities and what effects remember. `last` of the control step: the force on the tool too.
+  virtual void end_substep(bool last) = 0;
 
   /// Takes hold of the tissue within `radius` of the tip [m]; it then moves with the tip, shape
   /// kept, until release. `collapse` pulls it onto the tip instead (a named defect of the seed).
@@ -131,6 +139,7 @@ struct TissueModel {
 
   TissueBody body;
   Surroundings surroundings;
+  EffectValues effects;          ///< of the scene, as far as the model has them
   double control_period = 0.02;  ///< [s]
 };
 

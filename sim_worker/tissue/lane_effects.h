@@ -1,0 +1,86 @@
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "core/result.h"
+#include "sim_worker/lanes/lane_array.h"
+#include "sim_worker/lanes/lane_effect_args.h"
+#include "sim_worker/tissue/effect_catalogue.h"
+#include "sim_worker/tissue/state_bytes.h"
+#include "sim_worker/tissue/tissue.h"
+
+namespace omentum {
+
+/// Effects of the lanes of a shell or a solid, as far as both have them: parameters and memory in
+/// the layout of the lane kernels. Memory is made when the first lane needs it. One thread at a
+/// time.
+template <typename Real>
+class LaneEffects {
+ public:
+  const EffectValues& values(int lane) const { return values_[static_cast<std::size_t>(lane)]; }
+
+  /// The memory of a lane's effects in its saved state. Two halves, so that nothing changes before
+  /// all is known to be sound: read() checks, load() takes over after set().
+  void save(int lane, StateWriter& state) const;
+  Result<std::vector<Real>> read(const EffectValues& values, StateReader& state) const;
+  void load(int lane, std::span<const Real> memory);
+
+ protected:
+  /// What a material has its stress in.
+  struct Layout {
+    int elements = 0, components = 0;
+    int energies = 0;  ///< triangles or tetrahedra
+    int nodes = 0;
+  };
+  /// Of the parameters of a lane, in the units of the model's stress and energy.
+  struct Scales {
+    double stiffening = 0, softening_energy = 0, fibre = 0, slider = 0;
+  };
+  /// Memory of an effect: the first `count` numbers of a lane.
+  struct Memory {
+    const LaneArray<Real>* array = nullptr;
+    int count = 0;
+  };
+
+  /// `scene` are the effects of the scene; the references must outlive the object.
+  LaneEffects(const TissueBody& body, const EffectValues& scene,
+              const std::vector<std::uint8_t>& is_anchor, Layout layout, int lanes);
+  ~LaneEffects() = default;
+
+  /// Parameters and masks; makes what memory they need.
+  void set_common(int lane, const EffectValues& values, double substep, const Scales& scales);
+  /// Memory of a body that never moved, its rest shape shifted by `offset` [m].
+  void reset_common(int lane, const Eigen::Vector3d& offset);
+  /// All memory of a lane with these values, in the order of its state.
+  virtual std::vector<Memory> memory_of(const EffectValues& values) const;
+  /// Lanes whose values are such.
+  template <typename Function>
+  std::uint32_t lanes_where(Function&& on) const {
+    std::uint32_t mask = 0;
+    for (int lane = 0; lane < lanes_; ++lane) mask |= on(values(lane)) ? 1U << lane : 0U;
+    return mask;
+  }
+
+  LaneEffectArgs<Real> common_{};  ///< for the kernel; changes with set_common()
+  const TissueBody& body_;
+  const EffectValues& scene_;
+  const std::vector<std::uint8_t>& is_anchor_;
+  const Layout layout_;
+  const int lanes_;
+  LaneArray<Real> stress_, branch_, bias_, plastic_, energy_peak_, bond_place_, bond_longest_;
+
+ private:
+  void make_memory();
+
+  std::vector<EffectValues> values_;
+  LaneArray<Real> density_, stiffening_, softening_, softening_energy_, fibre_, fibre_axes_,
+      prony_gains_, prony_keep_, prony_gain_, slider_, yield_, anchor_limit_, adhesion_,
+      adhesion_limit_, film_, film_reach_, drag_, film_now_, film_normal_;
+};
+
+extern template class LaneEffects<float>;
+extern template class LaneEffects<double>;
+
+}  // namespace omentum

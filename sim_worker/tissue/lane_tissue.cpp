@@ -1,0 +1,206 @@
+#include "sim_worker/tissue/lane_tissue.h"
+
+#include <array>
+#include <cmath>
+
+#include "core/check.h"
+#include "core/hash.h"
+
+namespace omentum {
+namespace {
+
+using Eigen::Vector3d;
+
+// Way of a particle within a control step that neither its speed nor gravity explains: elastic
+// motion of the sheets and solids in use [m].
+constexpr double kElasticMotion = 2e-3;
+
+}  // namespace
+
+template <typename Real>
+LaneTissue<Real>::LaneTissue(const TissueModel& model, const LaneKernel<Real>& kernel)
+    : body_(model.body),
+      surroundings_(model.surroundings),
+      control_period_(model.control_period),
+      substeps_(static_cast<int>(model.substeps())),
+      kernel_(kernel),
+      shapes_(make_kernel_shapes<Real>(model.surroundings)) {
+  const int n = particles();
+  const int W = kernel_.lanes;
+  for (auto* v : {&x_, &v_}) v->assign(n, 3, W);
+  for (auto* v : {&held_force_, &gravity_, &tip_, &capsule_, &capsule_motion_}) v->assign(1, 3, W);
+  for (auto* v : {&stiffness_, &keep_, &static_friction_, &dynamic_friction_, &capsule_sweep_})
+    v->assign(1, 1, W);
+  parameters_.assign(static_cast<std::size_t>(W), LaneParameters{1, 1, 1, 1, EffectValues{}});
+  slipped_.assign(static_cast<std::size_t>(W), 0);
+  free_mask_.assign(body_.particles.size(), 0);
+  candidates_.assign(body_.particles.size() * kMaxShapes, 0);
+  candidate_any_.assign(body_.particles.size(), 0);
+}
+
+template <typename Real>
+void LaneTissue<Real>::set_position(int lane, int particle, const Vector3d& p) {
+  x_.set_vector(particle, lane, p);
+}
+
+template <typename Real>
+void LaneTissue<Real>::set_velocity(int lane, int particle, const Vector3d& v) {
+  v_.set_vector(particle, lane, v);
+}
+
+template <typename Real>
+void LaneTissue<Real>::place_at_rest(int lane, const Vector3d& offset) {
+  for (int i = 0; i < particles(); ++i) {
+    const auto p = static_cast<std::size_t>(i);
+    set_position(lane, i, body_.X_WB * body_.particles[p] + offset);
+    set_velocity(lane, i, Vector3d::Zero());
+    if (!is_fixed(i)) set_free(i, lane, true);
+  }
+  held_force_.fill_lane(lane, Real{0});
+}
+
+template <typename Real>
+void LaneTissue<Real>::set_surroundings(int lane, const LaneParameters& parameters,
+                                        const EffectValues& effects) {
+  OMENTUM_CHECK(usable(parameters), "stiffness {}, gravity {}, damping {}, friction {}",
+                parameters.stiffness_scale, parameters.gravity_scale, parameters.damping_scale,
+                parameters.friction_scale);
+  LaneParameters& mine = parameters_[static_cast<std::size_t>(lane)];
+  mine = parameters;
+  mine.effects = effects;
+  const Vector3d gravity = tilted_gravity(effects, surroundings_.gravity);
+  for (int axis = 0; axis < 3; ++axis)
+    gravity_(0, axis, lane) = static_cast<Real>(gravity[axis] * parameters.gravity_scale);
+  const double friction = parameters.friction_scale * (1 + effects.friction_change);
+  static_friction_[lane] = static_cast<Real>(surroundings_.static_friction * friction);
+  dynamic_friction_[lane] = static_cast<Real>(surroundings_.dynamic_friction * friction);
+}
+
+template <typename Real>
+void LaneTissue<Real>::find_candidates(std::span<const ToolMotion> motion,
+                                       const std::vector<std::uint32_t>& free_mask) {
+  for (int lane = 0; lane < lanes(); ++lane) {
+    const ToolMotion& m = motion[static_cast<std::size_t>(lane)];
+    capsule_.set_vector(0, lane, surroundings_.capsule_at(m.from));
+    capsule_sweep_[lane] = static_cast<Real>((m.to - m.from).norm());
+  }
+  kernel_.find_candidates({particles(), x_.data(), v_.data(), free_mask.data(), gravity_.data(),
+                           static_cast<Real>(body_.particle_radius),
+                           static_cast<Real>(control_period_), static_cast<Real>(kElasticMotion),
+                           shapes_.count, shapes_.shape.data(), capsule_.data(),
+                           capsule_sweep_.data(), candidates_.data(), candidate_any_.data()});
+}
+
+template <typename Real>
+void LaneTissue<Real>::place_tool(std::span<const ToolMotion> motion, int substep) {
+  const double share = (substep + 1.0) / substeps_;
+  for (int lane = 0; lane < lanes(); ++lane) {
+    const ToolMotion& m = motion[static_cast<std::size_t>(lane)];
+    const Vector3d tip = m.from + share * (m.to - m.from);
+    tip_.set_vector(0, lane, tip);
+    capsule_.set_vector(0, lane, surroundings_.capsule_at(tip));
+    capsule_motion_.set_vector(0, lane, (m.to - m.from) / substeps_);
+  }
+}
+
+template <typename Real>
+void LaneTissue<Real>::find_nearest(std::span<const Vector3d> points,
+                                    std::span<Nearest> nearest) const {
+  constexpr int kMaxLanes = 16;
+  const auto W = static_cast<std::size_t>(lanes());
+  OMENTUM_CHECK(points.size() == W && nearest.size() == W && lanes() <= kMaxLanes);
+  std::array<Real, 3 * kMaxLanes> point{};
+  std::array<Real, kMaxLanes> distance2{};
+  std::array<Real, kMaxLanes> found{};
+  for (std::size_t lane = 0; lane < W; ++lane) {
+    for (std::size_t axis = 0; axis < 3; ++axis)
+      point[axis * W + lane] = static_cast<Real>(points[lane][static_cast<Eigen::Index>(axis)]);
+  }
+  kernel_.nearest_particle({particles(), x_.data(), point.data(), distance2.data(), found.data()});
+  for (std::size_t lane = 0; lane < W; ++lane) {
+    nearest[lane] = {static_cast<int>(found[lane]),
+                     std::sqrt(static_cast<double>(distance2[lane]))};
+  }
+}
+
+template <typename Real>
+Vector3d LaneTissue<Real>::held_force(int lane) const {
+  return this->held(lane).empty() ? Vector3d::Zero() : held_force_.vector(0, lane);
+}
+
+template <typename Real>
+bool LaneTissue<Real>::healthy(int lane) const {
+  for (int k = 0; k < x_.in_lane(); ++k) {
+    if (!std::isfinite(x_.lane_value(k, lane)) || !std::isfinite(v_.lane_value(k, lane)))
+      return false;
+  }
+  return true;
+}
+
+template <typename Real>
+std::uint64_t LaneTissue<Real>::hash(int lane) const {
+  Bytes bytes;
+  this->save(lane, bytes);
+  return fnv1a64(bytes);
+}
+
+// ---- state --------------------------------------------------------------------------------------
+
+template <typename Real>
+void LaneTissue<Real>::save_lane(int lane, bool has_grasp, StateWriter& state) const {
+  for (const LaneArray<Real>* array : saved_arrays()) state.add_lane(*array, lane);
+  const LaneParameters& p = parameters_[static_cast<std::size_t>(lane)];
+  for (const double scale : {p.stiffness_scale, p.gravity_scale, p.damping_scale, p.friction_scale})
+    state.add(scale);
+  const bool has_effects = !(effects_of(lane) == EffectValues{});
+  state.add((has_effects ? kEffectsFollow : 0U) | (has_grasp ? kGraspFollows : 0U));
+  if (!has_effects) return;
+  state.add(effects_of(lane));
+  state.add(slipped_[static_cast<std::size_t>(lane)]);
+}
+
+template <typename Real>
+Result<typename LaneTissue<Real>::SavedLane> LaneTissue<Real>::read_lane(StateReader& state) const {
+  SavedLane saved;
+  std::size_t count = 0;
+  for (const LaneArray<Real>* array : saved_arrays())
+    count += static_cast<std::size_t>(array->in_lane());
+  saved.numbers.resize(count);
+  std::array<double, 4> scales{};
+  std::uint32_t parts = 0;
+  if (!state.read_all(std::span(saved.numbers)) || !state.read_all(std::span(scales)) ||
+      !state.read(parts)) {
+    return Failure{fmt::format("tissue state is shorter than its {} numbers", count)};
+  }
+  if (!all_finite(std::span<const Real>(saved.numbers)))
+    return Failure{"tissue state holds a non-finite number"};
+  if ((parts & ~(kEffectsFollow | kGraspFollows)) != 0)
+    return Failure{fmt::format("tissue state with parts {:#x}, allowed 0 ... 3", parts)};
+  EffectValues effects;
+  if ((parts & kEffectsFollow) != 0) {
+    if (!state.read(effects) || !state.read(saved.slipped))
+      return Failure{"tissue state ends in its effects"};
+    if (effects == EffectValues{}) return Failure{"tissue state holds effects that are none"};
+    if (!(saved.slipped >= 0 && saved.slipped <= 1))
+      return Failure{"tissue state holds a bad slip"};
+  }
+  saved.parameters = {scales[0], scales[1], scales[2], scales[3], effects};
+  if (!usable(saved.parameters)) return Failure{"tissue state holds lane parameters out of range"};
+  if (!allows(effects)) return Failure{"tissue state holds effects out of range"};
+  saved.has_grasp = (parts & kGraspFollows) != 0;
+  return saved;
+}
+
+template <typename Real>
+void LaneTissue<Real>::load_lane(int lane, const SavedLane& saved) {
+  std::size_t next = 0;
+  for (const LaneArray<Real>* array : saved_arrays()) {
+    auto& mine = const_cast<LaneArray<Real>&>(*array);  // NOLINT: of this object
+    for (int k = 0; k < mine.in_lane(); ++k) mine.lane_value(k, lane) = saved.numbers[next++];
+  }
+}
+
+template class LaneTissue<float>;
+template class LaneTissue<double>;
+
+}  // namespace omentum
