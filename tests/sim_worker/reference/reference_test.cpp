@@ -33,7 +33,7 @@ TEST(ElasticLaw, StressIsDerivativeOfEnergyAndTangentOfStress) {
   for (const pb::ElasticLaw law : kLaws) {
     for (int sample = 0; sample < 20; ++sample) {
       const std::array<double, 9> F = random_gradient(random, 0.3);
-      ShellResponse<double> at;
+      ElasticResponse<double> at;
       elastic_response(law, F, lame.mu, lame.lambda, true, at);
       constexpr double kStep = 1e-5;  // second-order differences: 1e-10 of the third derivative
       for (int k = 0; k < 9; ++k) {
@@ -41,8 +41,8 @@ TEST(ElasticLaw, StressIsDerivativeOfEnergyAndTangentOfStress) {
         std::array<double, 9> high = F;
         low[k] -= kStep;
         high[k] += kStep;
-        ShellResponse<double> below;
-        ShellResponse<double> above;
+        ElasticResponse<double> below;
+        ElasticResponse<double> above;
         elastic_response(law, low, lame.mu, lame.lambda, false, below);
         elastic_response(law, high, lame.mu, lame.lambda, false, above);
         EXPECT_NEAR(at.stress[k], (above.energy - below.energy) / (2 * kStep), 1e-7) << law;
@@ -75,7 +75,7 @@ TEST(ElasticLaw, CorotatedEnergyIsThatOfThePolarDecomposition) {
   const Lame lame = make_lame(1, 0.4);
   for (int sample = 0; sample < 20; ++sample) {
     const std::array<double, 9> F = random_gradient(random, 0.3);
-    ShellResponse<double> at;
+    ElasticResponse<double> at;
     elastic_response(pb::LAW_COROTATED, F, lame.mu, lame.lambda, false, at);
     const Matrix3d f = Eigen::Map<const Matrix3d>(F.data()).transpose();
     const Vector3d stretch = Eigen::JacobiSVD<Matrix3d>(f).singularValues();
@@ -94,7 +94,7 @@ TEST(ElasticLaw, SmallStrainIsHooke) {
       constexpr double kStrain = 1e-6;
       std::array<double, 9> F = {1 + kStrain,          0, 0, 0, 1 - poisson * kStrain, 0, 0, 0,
                                  1 - poisson * kStrain};
-      ShellResponse<double> at;
+      ElasticResponse<double> at;
       elastic_response(law, F, lame.mu, lame.lambda, false, at);
       EXPECT_NEAR(at.stress[0] / (young * kStrain), 1, 1e-4);  // 1e-6 strain, lambda 16 mu
       EXPECT_NEAR(at.stress[4] / (young * kStrain), 0, 1e-4);
@@ -110,7 +110,7 @@ TEST(ElasticLaw, RotationGivesNoStress) {
   std::array<double, 9> F{};
   for (int k = 0; k < 9; ++k) F[k] = R(k / 3, k % 3);
   for (const pb::ElasticLaw law : kLaws) {
-    ShellResponse<double> at;
+    ElasticResponse<double> at;
     elastic_response(law, F, 1.0, 10.0, false, at);
     EXPECT_NEAR(at.energy, 0, 1e-14) << law;
     for (const double stress : at.stress) EXPECT_NEAR(stress, 0, 1e-13) << law;
@@ -126,10 +126,10 @@ TEST(ElasticLaw, FourSideBySideEqualOne) {
       F[lane] = random_gradient(random, 0.3);
       for (int k = 0; k < 9; ++k) side_by_side[k].set_lane(lane, F[lane][k]);
     }
-    ShellResponse<Pack> packed;
+    ElasticResponse<Pack> packed;
     elastic_response(law, side_by_side, Pack(1.0), Pack(4.0), true, packed);
     for (int lane = 0; lane < Pack::kLanes; ++lane) {
-      ShellResponse<double> one;
+      ElasticResponse<double> one;
       elastic_response(law, F[lane], 1.0, 4.0, true, one);
       EXPECT_EQ(packed.energy.lane(lane), one.energy);
       for (int k = 0; k < 9; ++k) EXPECT_EQ(packed.stress[k].lane(lane), one.stress[k]);
