@@ -33,7 +33,7 @@ Vector3d weight_of(CoupledTissue<double>& tissue) {
   double mass = 0;
   for (const double m : tissue.sheet().model().structure.mass) mass += m;
   for (const double m : tissue.solid().model().mass) mass += m;
-  return mass * tissue.solid().model().gravity;
+  return mass * tissue.solid().model().surroundings.gravity;
 }
 
 /// Force of the sheet on its clamp [N]: how its energy falls when the clamp moves, and the weight
@@ -55,7 +55,7 @@ Vector3d clamp_force(CoupledTissue<double>& tissue) {
     force[axis] = (energy_at(-step) - energy_at(step)) / 2e-7;
   }
   for (std::size_t i = 0; i < model.structure.mass.size(); ++i) {
-    if (model.body.fixed[i] != 0) force += model.structure.mass[i] * model.gravity;
+    if (model.body.fixed[i] != 0) force += model.structure.mass[i] * model.surroundings.gravity;
   }
   return force;
 }

@@ -145,9 +145,11 @@ TEST(ReferenceContact, ShaftPushesTheSheetAside) {
   ReferenceTissue tissue(model);
   const double half = 0.012;  // of the sheet [m]
   // The tip below the sheet, so that the shaft, straight up, passes the sheet's height.
-  const Vector3d depth(0, 0, 0.0015 - model->tool_start - 0.5 * model->tool_length);
+  const Vector3d depth(
+      0, 0, 0.0015 - model->surroundings.tool_start - 0.5 * model->surroundings.tool_length);
   const auto at = [&](int step) {
-    return Vector3d(depth - Vector3d(half + model->tool_radius + 0.001 - 0.0005 * step, 0, 0));
+    return Vector3d(depth -
+                    Vector3d(half + model->surroundings.tool_radius + 0.001 - 0.0005 * step, 0, 0));
   };
   for (int step = 0; step < 20; ++step) {
     const ToolMotion motion{at(step), at(step + 1)};
@@ -157,9 +159,9 @@ TEST(ReferenceContact, ShaftPushesTheSheetAside) {
   double gap = 1;
   Vector3d momentum = Vector3d::Zero();
   for (std::size_t i = 0; i < model->nodes.size(); ++i) {
-    const Vector3d tip = at(20) + model->tool_start * Vector3d::UnitZ();
-    gap = std::min(gap, capsule_gap(tip, tip + model->tool_length * Vector3d::UnitZ(),
-                                    model->tool_radius, tissue.node_positions()[i])
+    const Vector3d tip = at(20) + model->surroundings.tool_start * Vector3d::UnitZ();
+    gap = std::min(gap, capsule_gap(tip, tip + model->surroundings.tool_length * Vector3d::UnitZ(),
+                                    model->surroundings.tool_radius, tissue.node_positions()[i])
                             .distance);
     momentum += model->mass[i] * tissue.node_velocities()[i];
   }

@@ -39,7 +39,7 @@ std::pair<double, Vector3d> unexplained_force(ShellTissue<double>& tissue,
   const std::vector<Vector3d> gradient = tissue.elastic_gradient(0);
   for (int i = 0; i < model.nodes(); ++i) {
     const auto k = static_cast<std::size_t>(i);
-    force.row(i) = (gradient[k] - model.structure.mass[k] * model.gravity).transpose();
+    force.row(i) = (gradient[k] - model.structure.mass[k] * model.surroundings.gravity).transpose();
     if (model.body.fixed[k] != 0) force.row(i).setZero();
   }
   for (std::size_t k = 0; k < patch.node.size(); ++k)

@@ -682,7 +682,7 @@ TEST(SolidGraspEffect, JawsTurnWhatTheyHold) {
   rest(tissue, 0.1, kEnd);
   const double degree = std::numbers::pi / 180;
   const Matrix3d turn = (Eigen::AngleAxisd(-10 * degree, Vector3d::UnitX()) *
-                         Eigen::AngleAxisd(20 * degree, model->shaft_axis))
+                         Eigen::AngleAxisd(20 * degree, model->surroundings.shaft_axis))
                             .toRotationMatrix();
   int firm = 0;
   for (const std::int32_t i : tissue.held(0)) {
