@@ -17,8 +17,8 @@ namespace omentum {
 using Bytes = std::vector<std::byte>;
 
 /// Layout of the state bytes that SimBackend::save writes; raise it when they change. Reaches wire
-/// and disk. 2: effects remember more, the reference keeps the pull on its grasp.
-inline constexpr std::uint32_t kSimStateFormat = 2;
+/// and disk. 3: all tissue models in lanes begin with the same parts.
+inline constexpr std::uint32_t kSimStateFormat = 3;
 
 /// Values reach the wire: do not change.
 enum class TaskKind : std::uint32_t { kRollout = 0, kEvaluate = 1, kReplay = 2 };
