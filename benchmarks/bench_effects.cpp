@@ -183,15 +183,6 @@ const Effect kEffects[] = {
     {"air_drag", [](E& e) { e.set_air_drag(1); }},
 };
 
-bool is_possible(const pb::TissueEffects& effects) {
-  try {
-    refuse_effects(effects, "", kSolidEffects);
-  } catch (const Error&) {
-    return false;
-  }
-  return true;
-}
-
 void measure(const Bench& bench, const LaneKernel<float>& kernel) {
   Lift plain(bench, {}, Board::kNone, kernel);
   Lift over_board(bench, {}, Board::kFar, kernel);
@@ -199,7 +190,7 @@ void measure(const Bench& bench, const LaneKernel<float>& kernel) {
   for (const Effect& effect : kEffects) {
     pb::TissueEffects effects;
     effect.set(effects);
-    if (&bench == &kPad && !is_possible(effects)) continue;
+    if (&bench == &kPad && !has_effects(effects, kSolidModel)) continue;
     Lift with(bench, effects, effect.board, kernel);
     // An obstacle is one more body.
     const bool is_obstacle = std::string(effect.name) == "obstacle";

@@ -95,7 +95,7 @@ void skin_surface(ClusterTissueModel& model) {
 std::shared_ptr<const ClusterTissueModel> make_cluster_model(const Scene& scene,
                                                              double control_period,
                                                              std::vector<std::string>& warnings) {
-  refuse_effects(scene.config.tissue().effects(), "TISSUE_CLUSTER", kBasicEffects);
+  refuse_effects(scene.config.tissue().effects(), kClusterModel, "TISSUE_CLUSTER");
   auto model = std::make_shared<ClusterTissueModel>();
   model->body = scene.tissue;
   model->effects = make_effects(scene.config.tissue().effects(), 0, {});

@@ -4,6 +4,7 @@
 
 #include "sim_worker/reference/hyperelastic_law.h"
 #include "sim_worker/tissue/effect_catalogue.h"
+#include "sim_worker/tissue/effect_laws.h"
 
 namespace omentum {
 

@@ -6,6 +6,7 @@
 #include "core/check.h"
 #include "core/trig.h"
 #include "sim_worker/geometry/rigid_gap.h"
+#include "sim_worker/tissue/effect_laws.h"
 
 namespace omentum {
 namespace {
@@ -29,36 +30,7 @@ bool ReferenceEffects::bonds(const EffectValues& v) const {
 }
 
 bool ReferenceEffects::fits(const EffectValues& v) const {
-  EffectValues baked = v;
-  const EffectValues& scene = model_->effects;
-  baked.stiffening = scene.stiffening;
-  baked.fibre_ratio = scene.fibre_ratio;
-  baked.fibre_angle = scene.fibre_angle;
-  baked.share = scene.share;
-  baked.time = scene.time;
-  baked.loss_factor = scene.loss_factor;
-  baked.slider_ratio = scene.slider_ratio;
-  baked.slider_yield = scene.slider_yield;
-  baked.tilt_x = scene.tilt_x;
-  baked.tilt_y = scene.tilt_y;
-  baked.adhesion = scene.adhesion;
-  baked.adhesion_break = scene.adhesion_break;
-  baked.suction = scene.suction;
-  baked.suction_reach = scene.suction_reach;
-  baked.friction_change = scene.friction_change;
-  baked.grasp_x = scene.grasp_x;
-  baked.grasp_y = scene.grasp_y;
-  baked.grasp_radius = scene.grasp_radius;
-  baked.slip_speed = scene.slip_speed;
-  baked.slip_force = scene.slip_force;
-  baked.slip_loss = scene.slip_loss;
-  baked.grasp_compliance = scene.grasp_compliance;
-  baked.jaw_roll = scene.jaw_roll;
-  baked.jaw_tilt = scene.jaw_tilt;
-  baked.air_drag = scene.air_drag;
-  baked.softening = scene.softening;
-  baked.softening_strain = scene.softening_strain;
-  return baked == scene;
+  return baked_fit(model_->effects, v, kReferenceModel);
 }
 
 void ReferenceEffects::set(const EffectValues& v) {

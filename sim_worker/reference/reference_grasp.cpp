@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "sim_worker/reference/reference_tissue.h"
+#include "sim_worker/tissue/effect_laws.h"
 
 namespace omentum {
 

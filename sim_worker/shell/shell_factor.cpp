@@ -8,6 +8,7 @@
 
 #include "core/trig.h"
 #include "sim_worker/shell/shell_model.h"
+#include "sim_worker/tissue/effect_laws.h"
 
 namespace omentum {
 namespace {

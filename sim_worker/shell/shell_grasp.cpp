@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "sim_worker/shell/shell_tissue.h"
+#include "sim_worker/tissue/effect_laws.h"
 
 namespace omentum {
 

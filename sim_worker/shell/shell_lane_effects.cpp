@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "sim_worker/tissue/effect_laws.h"
+
 namespace omentum {
 
 template <typename Real>

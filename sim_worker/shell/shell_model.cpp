@@ -7,6 +7,7 @@
 
 #include "core/check.h"
 #include "sim_worker/shell/shell_tissue.h"
+#include "sim_worker/tissue/effect_laws.h"
 #include "sim_worker/tissue/grasp_patch.h"
 
 namespace omentum {

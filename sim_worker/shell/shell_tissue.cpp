@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "core/check.h"
+#include "sim_worker/tissue/effect_laws.h"
 
 namespace omentum {
 namespace {

@@ -4,6 +4,7 @@
 #include <algorithm>
 
 #include "sim_worker/solid/solid_tissue.h"
+#include "sim_worker/tissue/effect_laws.h"
 
 namespace omentum {
 namespace {

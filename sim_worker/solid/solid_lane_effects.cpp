@@ -2,6 +2,8 @@
 
 #include <algorithm>
 
+#include "sim_worker/tissue/effect_laws.h"
+
 namespace omentum {
 
 template <typename Real>

@@ -8,6 +8,7 @@
 #include "core/check.h"
 #include "sim_worker/geometry/rigid_gap.h"
 #include "sim_worker/solid/solid_tissue.h"
+#include "sim_worker/tissue/effect_laws.h"
 
 namespace omentum {
 namespace {
@@ -259,19 +260,8 @@ SolidLaw make_solid_law(double young_modulus, double poisson_ratio) {
 }
 
 EffectValues SolidTissueModel::own_effects(const EffectValues& e) const {
-  if (!beside_sheet) return e;
-  EffectValues own;
-  own.tilt_x = e.tilt_x;
-  own.tilt_y = e.tilt_y;
-  own.friction_change = e.friction_change;
-  own.grasp_x = e.grasp_x;
-  own.grasp_y = e.grasp_y;
-  own.grasp_radius = e.grasp_radius;
-  // No slip: ShellTissue lets both out of the jaws together, under the load of both.
-  own.grasp_compliance = e.grasp_compliance;
-  own.jaw_roll = e.jaw_roll;
-  own.jaw_tilt = e.jaw_tilt;
-  return own;
+  // No slip: CoupledTissue lets both out of the jaws together, under the load of both.
+  return effects_of_model(e, beside_sheet ? kSoftBodyModel : kSolidModel);
 }
 
 // A node carries the share of the clamp's length, its extent along x_B, that it has of the clamp's
@@ -326,7 +316,7 @@ std::shared_ptr<const SolidTissueModel> make_solid_model(const Scene& scene,
         "LAW_STABLE_NEO_HOOKE",
         pb::ElasticLaw_Name(tissue.material().law()));
   }
-  refuse_effects(tissue.effects(), "TISSUE_ELASTIC with a volume", kSolidEffects);
+  refuse_effects(tissue.effects(), kSolidModel, "TISSUE_ELASTIC with a volume");
   auto model = std::make_shared<SolidTissueModel>();
   model->effects = make_effects(tissue.effects(), tissue.material().poisson_ratio(), {});
   model->body = scene.tissue;

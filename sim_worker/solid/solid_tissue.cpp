@@ -5,6 +5,7 @@
 #include <limits>
 
 #include "core/check.h"
+#include "sim_worker/tissue/effect_laws.h"
 
 namespace omentum {
 namespace {

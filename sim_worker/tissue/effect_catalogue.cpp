@@ -2,64 +2,205 @@
 
 #include <fmt/ranges.h>
 
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
 
 #include "core/check.h"
-#include "core/trig.h"
-#include "proto/knob.pb.h"
+#include "sim_worker/tissue/effect_laws.h"
 
 namespace omentum {
 namespace {
 
 namespace protobuf = google::protobuf;
-using Eigen::Matrix3d;
 using Eigen::Vector3d;
+using V = EffectValues;
 
 constexpr double kDegree = 3.14159265358979323846 / 180;
-constexpr std::array<double, 3> kLossTimes = {0.5, 0.05, 0.005};  // [s]: 0.3 ... 30 Hz
-// Loss of an endless row of equal branches a factor r apart, sum over k of 1 / (2 cosh(ln(w r^k))):
-// its mean is pi / (2 ln r), and about it swing 2 / cosh(pi^2 / ln r) to first order (Poisson's
-// sum). Largest at w = 1 / t. For r = 10:
-constexpr double kLossRipple = 0.055;
 
-Matrix3d turn(double angle, const Vector3d& axis) {
-  const trig::SinCos a = trig::sin_cos(angle);
-  Matrix3d cross;
-  cross << 0, -axis.z(), axis.y(), axis.z(), 0, -axis.x(), -axis.y(), axis.x(), 0;
-  return Matrix3d::Identity() + a.sin * cross + (1 - a.cos) * cross * cross;
+// Stiffness of clusters is no material constant (docs/mismatch.md 5.2): they have what needs none.
+constexpr std::uint32_t kElasticModels = kShellModel | kSolidModel | kReferenceModel;
+constexpr std::uint32_t kSheetModels = kShellModel | kReferenceModel;
+constexpr std::uint32_t kEveryModel = kElasticModels | kClusterModel | kSoftBodyModel;
+
+const EffectRow kRows[] = {
+    {"strain_stiffening", [](V& v) -> double& { return v.stiffening; }, EffectPart::kMaterial,
+     kElasticModels, 0, nullptr, 1},
+    {"anisotropy.fibre_ratio", [](V& v) -> double& { return v.fibre_ratio; }, EffectPart::kMaterial,
+     kElasticModels, 0, nullptr, 1},
+    {"anisotropy.angle_deg", [](V& v) -> double& { return v.fibre_angle; }, EffectPart::kMaterial,
+     kElasticModels, 0, "anisotropy.fibre_ratio", kDegree},
+    {"viscoelastic[0].share", [](V& v) -> double& { return v.share[0]; }, EffectPart::kMaterial,
+     kElasticModels, 0, nullptr, 1},
+    {"viscoelastic[1].share", [](V& v) -> double& { return v.share[1]; }, EffectPart::kMaterial,
+     kElasticModels, 0, nullptr, 1},
+    {"viscoelastic[2].share", [](V& v) -> double& { return v.share[2]; }, EffectPart::kMaterial,
+     kElasticModels, 0, nullptr, 1},
+    {"viscoelastic[0].time_s", [](V& v) -> double& { return v.time[0]; }, EffectPart::kMaterial,
+     kElasticModels, 0, "viscoelastic[0].share", 1},
+    {"viscoelastic[1].time_s", [](V& v) -> double& { return v.time[1]; }, EffectPart::kMaterial,
+     kElasticModels, 0, "viscoelastic[1].share", 1},
+    {"viscoelastic[2].time_s", [](V& v) -> double& { return v.time[2]; }, EffectPart::kMaterial,
+     kElasticModels, 0, "viscoelastic[2].share", 1},
+    {"structural_damping", [](V& v) -> double& { return v.loss_factor; }, EffectPart::kMaterial,
+     kElasticModels, 0, nullptr, 1},
+    {"plastic_set.modulus_ratio", [](V& v) -> double& { return v.slider_ratio; },
+     EffectPart::kMaterial, kElasticModels, 0, nullptr, 1},
+    {"plastic_set.yield_strain", [](V& v) -> double& { return v.slider_yield; },
+     EffectPart::kMaterial, kElasticModels, 0, "plastic_set.modulus_ratio", 1},
+    {"inclusion.x_m", [](V& v) -> double& { return v.inclusion_x; }, EffectPart::kStructure,
+     kElasticModels, kReferenceModel, "inclusion.stiffness_change", 1},
+    {"inclusion.y_m", [](V& v) -> double& { return v.inclusion_y; }, EffectPart::kStructure,
+     kElasticModels, kReferenceModel, "inclusion.stiffness_change", 1},
+    {"inclusion.radius_m", [](V& v) -> double& { return v.inclusion_radius; },
+     EffectPart::kStructure, kElasticModels, kReferenceModel, "inclusion.stiffness_change", 1},
+    {"inclusion.stiffness_change", [](V& v) -> double& { return v.inclusion_change; },
+     EffectPart::kStructure, kElasticModels, kReferenceModel, nullptr, 1},
+    {"density_change", [](V& v) -> double& { return v.density_change; }, EffectPart::kGravity,
+     kElasticModels, kReferenceModel, nullptr, 1},
+    {"gravity_tilt_x_deg", [](V& v) -> double& { return v.tilt_x; }, EffectPart::kGravity,
+     kEveryModel, 0, nullptr, kDegree},
+    {"gravity_tilt_y_deg", [](V& v) -> double& { return v.tilt_y; }, EffectPart::kGravity,
+     kEveryModel, 0, nullptr, kDegree},
+    {"poisson_change", [](V& v) -> double& { return v.poisson_change; }, EffectPart::kStructure,
+     kElasticModels, kReferenceModel, nullptr, 1},
+    {"bending_change", [](V& v) -> double& { return v.bending_change; }, EffectPart::kStructure,
+     kSheetModels, kReferenceModel, nullptr, 1},
+    {"rest_shape.curvature_x_per_m", [](V& v) -> double& { return v.curvature_x; },
+     EffectPart::kShape, kSheetModels, kReferenceModel, nullptr, 1},
+    {"rest_shape.curvature_y_per_m", [](V& v) -> double& { return v.curvature_y; },
+     EffectPart::kShape, kSheetModels, kReferenceModel, nullptr, 1},
+    {"rest_shape.twist_per_m", [](V& v) -> double& { return v.twist; }, EffectPart::kShape,
+     kSheetModels, kReferenceModel, nullptr, 1},
+    {"rest_shape.stretch", [](V& v) -> double& { return v.stretch; }, EffectPart::kShape,
+     kSheetModels, kReferenceModel, nullptr, 1},
+    {"thickness.x_per_m", [](V& v) -> double& { return v.thickness_x; }, EffectPart::kStructure,
+     kSheetModels, kReferenceModel, nullptr, 1},
+    {"thickness.y_per_m", [](V& v) -> double& { return v.thickness_y; }, EffectPart::kStructure,
+     kSheetModels, kReferenceModel, nullptr, 1},
+    {"adhesion.stiffness_pa_per_m", [](V& v) -> double& { return v.adhesion; },
+     EffectPart::kContact, kElasticModels, 0, nullptr, 1},
+    {"adhesion.break_m", [](V& v) -> double& { return v.adhesion_break; }, EffectPart::kContact,
+     kElasticModels, 0, "adhesion.stiffness_pa_per_m", 1},
+    {"suction.drag_pa_s_per_m", [](V& v) -> double& { return v.suction; }, EffectPart::kContact,
+     kElasticModels, 0, nullptr, 1},
+    {"suction.reach_m", [](V& v) -> double& { return v.suction_reach; }, EffectPart::kContact,
+     kElasticModels, 0, "suction.drag_pa_s_per_m", 1},
+    {"friction_change", [](V& v) -> double& { return v.friction_change; }, EffectPart::kContact,
+     kEveryModel, 0, nullptr, 1},
+    {"anchor.compliance_m2_per_n", [](V& v) -> double& { return v.anchor_compliance; },
+     EffectPart::kAnchor, kElasticModels, kReferenceModel, nullptr, 1},
+    {"anchor.free_from_m", [](V& v) -> double& { return v.anchor_free_from; }, EffectPart::kAnchor,
+     kElasticModels, kReferenceModel, nullptr, 1},
+    {"anchor.free_to_m", [](V& v) -> double& { return v.anchor_free_to; }, EffectPart::kAnchor,
+     kElasticModels, kReferenceModel, nullptr, 1},
+    {"anchor.break_m", [](V& v) -> double& { return v.anchor_break; }, EffectPart::kAnchor,
+     kElasticModels, kReferenceModel, nullptr, 1},
+    {"grasp_offset.x_m", [](V& v) -> double& { return v.grasp_x; }, EffectPart::kJaw,
+     kElasticModels | kSoftBodyModel, 0, nullptr, 1},
+    {"grasp_offset.y_m", [](V& v) -> double& { return v.grasp_y; }, EffectPart::kJaw,
+     kElasticModels | kSoftBodyModel, 0, nullptr, 1},
+    {"grasp_offset.radius_m", [](V& v) -> double& { return v.grasp_radius; }, EffectPart::kJaw,
+     kElasticModels | kSoftBodyModel, 0, nullptr, 1},
+    {"grasp_slip.speed_m_per_s", [](V& v) -> double& { return v.slip_speed; }, EffectPart::kJaw,
+     kElasticModels, 0, nullptr, 1},
+    {"grasp_slip.force_n", [](V& v) -> double& { return v.slip_force; }, EffectPart::kJaw,
+     kElasticModels, 0, "grasp_slip.speed_m_per_s", 1},
+    {"grasp_slip.loss_m", [](V& v) -> double& { return v.slip_loss; }, EffectPart::kJaw,
+     kElasticModels, 0, "grasp_slip.speed_m_per_s", 1},
+    {"grasp_compliance_m_per_n", [](V& v) -> double& { return v.grasp_compliance; },
+     EffectPart::kJaw, kElasticModels | kSoftBodyModel, 0, nullptr, 1},
+    {"jaw_roll_deg", [](V& v) -> double& { return v.jaw_roll; }, EffectPart::kJaw,
+     kElasticModels | kSoftBodyModel, 0, nullptr, kDegree},
+    {"jaw_tilt_deg", [](V& v) -> double& { return v.jaw_tilt; }, EffectPart::kJaw,
+     kElasticModels | kSoftBodyModel, 0, nullptr, kDegree},
+    {"air_drag", [](V& v) -> double& { return v.air_drag; }, EffectPart::kContact, kElasticModels,
+     0, nullptr, 1},
+    {"mullins.softening", [](V& v) -> double& { return v.softening; }, EffectPart::kMaterial,
+     kElasticModels, 0, nullptr, 1},
+    {"mullins.strain", [](V& v) -> double& { return v.softening_strain; }, EffectPart::kMaterial,
+     kElasticModels, 0, "mullins.softening", 1},
+    {"obstacle.x_m", nullptr, EffectPart::kContact, kEveryModel, kEveryModel, "obstacle.radius_m",
+     1},
+    {"obstacle.y_m", nullptr, EffectPart::kContact, kEveryModel, kEveryModel, "obstacle.radius_m",
+     1},
+    {"obstacle.z_m", nullptr, EffectPart::kContact, kEveryModel, kEveryModel, "obstacle.radius_m",
+     1},
+    {"obstacle.radius_m", nullptr, EffectPart::kContact, kEveryModel, kEveryModel, nullptr, 1},
+};
+constexpr std::size_t kValues = sizeof(EffectValues) / sizeof(double);
+
+/// Rows that have a value in EffectValues.
+std::span<const EffectRow> value_rows() { return std::span(kRows).first(kValues); }
+
+/// The field of a path in a message, and the message that holds it; null where there is none.
+/// Repeated messages that lack an entry are not made.
+struct Place {
+  const protobuf::Message* message = nullptr;
+  const protobuf::FieldDescriptor* field = nullptr;
+};
+
+/// "name[2]" is the name and 2, "name" the name and 0.
+std::pair<std::string, int> split_index(std::string name) {
+  const std::size_t bracket = name.find('[');
+  if (bracket == std::string::npos) return {std::move(name), 0};
+  const int index = std::atoi(name.c_str() + bracket + 1);
+  name.resize(bracket);
+  return {std::move(name), index};
 }
 
-/// Numbers with default zero are the switches of an effect; the others are scales of a switch.
-bool is_on(const protobuf::Message& message) {
-  const auto* reflection = message.GetReflection();
-  std::vector<const protobuf::FieldDescriptor*> fields;
-  reflection->ListFields(message, &fields);
-  return std::any_of(fields.begin(), fields.end(), [&](const auto* field) {
-    return field->cpp_type() == protobuf::FieldDescriptor::CPPTYPE_DOUBLE &&
-           field->default_value_double() == 0 && reflection->GetDouble(message, field) != 0;
-  });
+/// Of a path of the catalogue.
+Place find(const pb::TissueEffects& effects, const std::string& path) {
+  const std::size_t dot = path.find('.');
+  const auto [name, index] = split_index(path.substr(0, dot));
+  const auto* field = effects.GetDescriptor()->FindFieldByName(name);
+  if (dot == std::string::npos) return {&effects, field};
+  const auto* inner = field->message_type()->FindFieldByName(path.substr(dot + 1));
+  const auto* reflection = effects.GetReflection();
+  if (!field->is_repeated()) return {&reflection->GetMessage(effects, field), inner};
+  if (reflection->FieldSize(effects, field) <= index) return {nullptr, inner};
+  return {&reflection->GetRepeatedMessage(effects, field, index), inner};
+}
+
+/// In units of the knob.
+double value_at(const pb::TissueEffects& effects, const char* path) {
+  const Place place = find(effects, path);
+  return place.message == nullptr
+             ? place.field->default_value_double()
+             : place.message->GetReflection()->GetDouble(*place.message, place.field);
+}
+
+std::string effect_name(const EffectRow& row) {
+  return std::string(row.path).substr(0, std::string(row.path).find_first_of(".["));
+}
+
+/// The first row that is on and that the model lacks; null where there is none.
+const EffectRow* first_lacking(const pb::TissueEffects& effects, EffectModel model) {
+  for (const EffectRow& row : kRows) {
+    if (row.of == nullptr && (row.models & model) == 0 && value_at(effects, row.path) != 0)
+      return &row;
+  }
+  return nullptr;
 }
 
 }  // namespace
 
-double decay(double x) {
-  if (x > 64) return 0;
-  // exp(-x) = (exp(-x/64))^64; 20 terms leave 1e-20 for x <= 64.
-  const double y = x / 64;
-  double value = 1;
-  for (int k = 20; k >= 1; --k) value = 1 - y / k * value;
-  for (int k = 0; k < 6; ++k) value *= value;
-  return value;
+std::span<const EffectRow> effect_catalogue() {
+  static_assert(std::size(kRows) == kValues + 4);
+  return kRows;
 }
 
-bool EffectValues::same_structure(const EffectValues& o) const {
-  return inclusion_x == o.inclusion_x && inclusion_y == o.inclusion_y &&
-         inclusion_radius == o.inclusion_radius && inclusion_change == o.inclusion_change &&
-         poisson_change == o.poisson_change && bending_change == o.bending_change &&
-         thickness_x == o.thickness_x && thickness_y == o.thickness_y;
+const pb::Knob& knob_of(const EffectRow& row) {
+  return find(pb::TissueEffects::default_instance(), row.path)
+      .field->options()
+      .GetExtension(pb::knob);
+}
+
+bool EffectValues::same_structure(const EffectValues& other) const {
+  const auto rows = value_rows();
+  return std::all_of(rows.begin(), rows.end(), [&](const EffectRow& row) {
+    return row.part != EffectPart::kStructure || row.get(*this) == row.get(other);
+  });
 }
 
 bool EffectValues::has_memory() const {
@@ -83,74 +224,14 @@ double EffectValues::thickness_at(const Vector3d& p) const {
 EffectValues make_effects(const pb::TissueEffects& e, double poisson_ratio,
                           std::span<const Vector3d> particles) {
   EffectValues v;
-  v.stiffening = e.strain_stiffening();
-  v.fibre_ratio = e.anisotropy().fibre_ratio();
-  v.fibre_angle = e.anisotropy().angle_deg() * kDegree;
   if (e.viscoelastic_size() > static_cast<int>(v.share.size())) {
     throw_error("scene.tissue.effects.viscoelastic: {} branches, allowed at most {}",
                 e.viscoelastic_size(), v.share.size());
   }
-  for (int k = 0; k < e.viscoelastic_size(); ++k) {
-    v.share[static_cast<std::size_t>(k)] = e.viscoelastic(k).share();
-    v.time[static_cast<std::size_t>(k)] = e.viscoelastic(k).time_s();
+  for (const EffectRow& row : value_rows()) {
+    if (row.of == nullptr || value_at(e, row.of) != 0)
+      row.member(v) = row.factor * value_at(e, row.path);
   }
-  v.loss_factor = e.structural_damping();
-  v.slider_ratio = e.plastic_set().modulus_ratio();
-  v.slider_yield = e.plastic_set().yield_strain();
-  v.inclusion_x = e.inclusion().x_m();
-  v.inclusion_y = e.inclusion().y_m();
-  v.inclusion_radius = e.inclusion().radius_m();
-  v.inclusion_change = e.inclusion().stiffness_change();
-  v.density_change = e.density_change();
-  v.tilt_x = e.gravity_tilt_x_deg() * kDegree;
-  v.tilt_y = e.gravity_tilt_y_deg() * kDegree;
-  v.poisson_change = e.poisson_change();
-  v.bending_change = e.bending_change();
-  v.curvature_x = e.rest_shape().curvature_x_per_m();
-  v.curvature_y = e.rest_shape().curvature_y_per_m();
-  v.twist = e.rest_shape().twist_per_m();
-  v.stretch = e.rest_shape().stretch();
-  v.thickness_x = e.thickness().x_per_m();
-  v.thickness_y = e.thickness().y_per_m();
-  v.adhesion = e.adhesion().stiffness_pa_per_m();
-  v.adhesion_break = e.adhesion().break_m();
-  v.suction = e.suction().drag_pa_s_per_m();
-  v.suction_reach = e.suction().reach_m();
-  v.friction_change = e.friction_change();
-  v.anchor_compliance = e.anchor().compliance_m2_per_n();
-  v.anchor_free_from = e.anchor().free_from_m();
-  v.anchor_free_to = e.anchor().free_to_m();
-  v.anchor_break = e.anchor().break_m();
-  v.grasp_x = e.grasp_offset().x_m();
-  v.grasp_y = e.grasp_offset().y_m();
-  v.grasp_radius = e.grasp_offset().radius_m();
-  v.slip_speed = e.grasp_slip().speed_m_per_s();
-  v.slip_force = e.grasp_slip().force_n();
-  v.slip_loss = e.grasp_slip().loss_m();
-  v.grasp_compliance = e.grasp_compliance_m_per_n();
-  v.jaw_roll = e.jaw_roll_deg() * kDegree;
-  v.jaw_tilt = e.jaw_tilt_deg() * kDegree;
-  v.air_drag = e.air_drag();
-  v.softening = e.mullins().softening();
-  v.softening_strain = e.mullins().strain();
-
-  const EffectValues off;
-  if (v.fibre_ratio == 0) v.fibre_angle = 0;
-  for (std::size_t k = 0; k < v.share.size(); ++k) {
-    if (v.share[k] == 0) v.time[k] = off.time[k];
-  }
-  if (v.slider_ratio == 0) v.slider_yield = off.slider_yield;
-  if (v.inclusion_change == 0) {
-    v.inclusion_x = v.inclusion_y = 0;
-    v.inclusion_radius = off.inclusion_radius;
-  }
-  if (v.adhesion == 0) v.adhesion_break = off.adhesion_break;
-  if (v.suction == 0) v.suction_reach = off.suction_reach;
-  if (v.slip_speed == 0) {
-    v.slip_force = off.slip_force;
-    v.slip_loss = 0;
-  }
-  if (v.softening == 0) v.softening_strain = off.softening_strain;
   if (v.anchor_free_from == v.anchor_free_to) v.anchor_free_from = v.anchor_free_to = 0;
 
   const double nu = poisson_ratio + v.poisson_change;
@@ -179,51 +260,58 @@ EffectValues make_effects(const pb::TissueEffects& e, double poisson_ratio,
   return v;
 }
 
+// 1e-9: rounding of what was made with factors.
 bool usable(const EffectValues& v, double poisson_ratio, std::span<const Vector3d> particles) {
-  static_assert(sizeof(EffectValues) % sizeof(double) == 0);
-  const auto* values = reinterpret_cast<const double*>(&v);
-  const std::span<const double> all(values, sizeof v / sizeof(double));
-  // 1e8 and 1e-5: the widest knob, and the smallest scale that something is divided by.
-  const auto scale = [](double x) { return x >= 1e-5; };
-  const auto share = [](double x) { return x >= 0; };
+  const auto rows = value_rows();
   const double nu = poisson_ratio + v.poisson_change;
-  return std::all_of(all.begin(), all.end(), [](double x) { return std::fabs(x) <= 1e8; }) &&
-         std::all_of(v.share.begin(), v.share.end(), share) &&
-         std::all_of(v.time.begin(), v.time.end(), scale) && share(v.loss_factor) &&
-         share(v.slider_ratio) && share(v.fibre_ratio) && share(v.adhesion) && share(v.suction) &&
-         share(v.anchor_compliance) && share(v.grasp_compliance) && share(v.slip_speed) &&
-         scale(v.slider_yield) && scale(v.inclusion_radius) && scale(v.adhesion_break) &&
-         scale(v.suction_reach) && scale(v.slip_force) && share(v.softening) &&
-         v.softening <= 0.9 && scale(v.softening_strain) && v.inclusion_change >= -0.95 &&
-         v.density_change >= -0.9 && v.density_change <= 4 && v.bending_change >= -0.95 &&
-         v.stiffening >= -0.5 && std::fabs(v.stretch) <= 0.3 && nu >= 0 && nu <= 0.49 &&
+  return std::all_of(rows.begin(), rows.end(),
+                     [&](const EffectRow& row) {
+                       const pb::Knob& knob = knob_of(row);
+                       const double slack = 1e-9 * (knob.max() - knob.min());
+                       const double value = row.get(v) / row.factor;
+                       return value >= knob.min() - slack && value <= knob.max() + slack;
+                     }) &&
+         nu >= 0 && nu <= 0.49 &&
          std::all_of(particles.begin(), particles.end(), [&](const Vector3d& p) {
            return v.thickness_at(p) >= 0.2 && v.thickness_at(p) <= 5;
          });
 }
 
-void refuse_effects(const pb::TissueEffects& effects, const std::string& model,
-                    std::span<const char* const> allowed) {
-  const auto* reflection = effects.GetReflection();
-  std::vector<const protobuf::FieldDescriptor*> fields;
-  reflection->ListFields(effects, &fields);
-  for (const auto* field : fields) {
-    bool on = false;
-    if (field->is_repeated()) {
-      for (int k = 0; k < reflection->FieldSize(effects, field); ++k) {
-        on = on || is_on(reflection->GetRepeatedMessage(effects, field, k));
-      }
-    } else if (field->cpp_type() == protobuf::FieldDescriptor::CPPTYPE_MESSAGE) {
-      on = is_on(reflection->GetMessage(effects, field));
-    } else {
-      on = reflection->GetDouble(effects, field) != 0;
-    }
-    const bool can = std::any_of(allowed.begin(), allowed.end(),
-                                 [&](const char* name) { return field->name() == name; });
-    if (!on || can) continue;
-    throw_error("scene.tissue.effects.{}: not possible with {}, allowed there: {}", field->name(),
-                model, fmt::join(allowed, ", "));
+bool has_effects(const pb::TissueEffects& effects, EffectModel model) {
+  return first_lacking(effects, model) == nullptr;
+}
+
+void refuse_effects(const pb::TissueEffects& effects, EffectModel model, const std::string& name) {
+  const EffectRow* lacking = first_lacking(effects, model);
+  if (lacking == nullptr) return;
+  std::vector<std::string> allowed;
+  for (const EffectRow& row : kRows) {
+    if ((row.models & model) != 0 && (allowed.empty() || allowed.back() != effect_name(row)))
+      allowed.push_back(effect_name(row));
   }
+  throw_error("scene.tissue.effects.{}: not possible with {}, allowed there: {}",
+              effect_name(*lacking), name, fmt::join(allowed, ", "));
+}
+
+EffectValues effects_of_model(const EffectValues& values, EffectModel model) {
+  EffectValues own;
+  for (const EffectRow& row : value_rows()) {
+    if ((row.models & model) != 0) row.member(own) = row.get(values);
+  }
+  return own;
+}
+
+bool baked_fit(const EffectValues& scene, const EffectValues& lane, EffectModel model) {
+  const auto rows = value_rows();
+  return std::all_of(rows.begin(), rows.end(), [&](const EffectRow& row) {
+    return (row.baked & model) == 0 || row.get(scene) == row.get(lane);
+  });
+}
+
+bool anchors_fit(const EffectValues& scene, const EffectValues& lane) {
+  if (scene.anchor_compliance > 0) return lane.anchor_compliance > 0;
+  return lane.anchor_compliance == 0 && lane.anchor_free_from == scene.anchor_free_from &&
+         lane.anchor_free_to == scene.anchor_free_to;
 }
 
 void set_effect(pb::TissueEffects& effects, const std::string& path, double value) {
@@ -231,12 +319,8 @@ void set_effect(pb::TissueEffects& effects, const std::string& path, double valu
   std::size_t begin = 0;
   while (true) {
     const std::size_t dot = path.find('.', begin);
-    std::string name = path.substr(begin, dot == std::string::npos ? dot : dot - begin);
-    int index = 0;
-    if (const std::size_t bracket = name.find('['); bracket != std::string::npos) {
-      index = std::atoi(name.c_str() + bracket + 1);
-      name.resize(bracket);
-    }
+    const auto [name, index] =
+        split_index(path.substr(begin, dot == std::string::npos ? dot : dot - begin));
     const auto* field = message->GetDescriptor()->FindFieldByName(name);
     const auto* reflection = message->GetReflection();
     const bool last = dot == std::string::npos;
@@ -268,78 +352,6 @@ void set_effect(pb::TissueEffects& effects, const std::string& path, double valu
     }
     begin = dot + 1;
   }
-}
-
-Vector3d tilted_gravity(const EffectValues& effects, const Vector3d& gravity) {
-  if (effects.tilt_x == 0 && effects.tilt_y == 0) return gravity;
-  return turn(effects.tilt_y, Vector3d::UnitY()) *
-         (turn(effects.tilt_x, Vector3d::UnitX()) * gravity);
-}
-
-Matrix3d jaw_turn(const EffectValues& effects, const Vector3d& shaft_axis) {
-  if (effects.jaw_roll == 0 && effects.jaw_tilt == 0) return Matrix3d::Identity();
-  return turn(effects.jaw_tilt, Vector3d::UnitX()) * turn(effects.jaw_roll, shaft_axis);
-}
-
-// F' = -stiffness v0 (F / Fs - 1) has the solution F - Fs ~ exp(-stiffness v0 t / Fs).
-Vector3d slip_of(const EffectValues& effects, const Vector3d& force, double stiffness, double dt) {
-  const double size = force.norm();
-  if (!(effects.slip_speed > 0) || !(size > effects.slip_force)) return Vector3d::Zero();
-  const double share = 1 - decay(stiffness * effects.slip_speed * dt / effects.slip_force);
-  return share * (size - effects.slip_force) / stiffness / size * force;
-}
-
-// The loss factor at w = 1 / t of each branch: sum g (x - eta x^2) / (1 + x^2) = eta, x = w t.
-std::array<double, 3> loss_shares(double loss_factor) {
-  const double eta = loss_factor * (1 + kLossRipple);
-  Matrix3d at;
-  for (int i = 0; i < 3; ++i) {
-    for (int k = 0; k < 3; ++k) {
-      const double x =
-          kLossTimes[static_cast<std::size_t>(k)] / kLossTimes[static_cast<std::size_t>(i)];
-      at(i, k) = (x - eta * x * x) / (1 + x * x);
-    }
-  }
-  const Vector3d share = at.inverse() * Vector3d::Constant(eta);
-  return {share[0], share[1], share[2]};
-}
-
-PronyStep make_prony(const EffectValues& effects, double h) {
-  PronyStep step;
-  const auto add = [&](double share, double time) {
-    if (!(share > 0)) return;
-    const auto k = static_cast<std::size_t>(step.branches++);
-    const double x = h / time;
-    step.keep[k] = decay(x);
-    // (1 - exp(-x)) / x loses digits for slow branches.
-    step.gain[k] = share * (x < 1e-4 ? 1 - x / 2 + x * x / 6 : (1 - step.keep[k]) / x);
-    step.gains += step.gain[k];
-  };
-  for (std::size_t k = 0; k < effects.share.size(); ++k) add(effects.share[k], effects.time[k]);
-  const std::array<double, 3> loss = loss_shares(effects.loss_factor);
-  for (std::size_t k = 0; k < loss.size(); ++k) add(loss[k], kLossTimes[k]);
-  return step;
-}
-
-int prony_branches(const EffectValues& effects) { return make_prony(effects, 1).branches; }
-
-bool anchors_fit(const EffectValues& scene, const EffectValues& lane) {
-  if (scene.anchor_compliance > 0) return lane.anchor_compliance > 0;
-  return lane.anchor_compliance == 0 && lane.anchor_free_from == scene.anchor_free_from &&
-         lane.anchor_free_to == scene.anchor_free_to;
-}
-
-double cohesive_share(double longest, double limit) {
-  if (!(longest > limit / 2)) return 1;
-  return longest < limit ? (limit - longest) / longest : 0;
-}
-
-double detached_share(const EffectValues& effects, double x, double half_width) {
-  if (effects.anchor_free_from == effects.anchor_free_to) return 0;
-  const double low = std::max(effects.anchor_free_from, x - half_width);
-  const double high = std::min(effects.anchor_free_to, x + half_width);
-  const double share = std::clamp((high - low) / (2 * half_width), 0.0, 1.0);
-  return share > 1 - 1e-9 ? 1 : share;  // rounding must not leave a thread
 }
 
 }  // namespace omentum

@@ -2,51 +2,19 @@
 
 #include <Eigen/Core>
 #include <array>
+#include <cstdint>
 #include <span>
 #include <string>
 #include <vector>
 
+#include "proto/knob.pb.h"
 #include "proto/tissue_effects.pb.h"
 
 namespace omentum {
 
-/// Branches of the Prony series at most: three of viscoelastic, three of structural_damping.
-inline constexpr int kMaxBranches = 6;
-/// What every model can do; all that clusters, whose stiffness is no material constant (mismatch.md
-/// 5.2), can.
-inline constexpr std::array<const char*, 4> kBasicEffects = {
-    "gravity_tilt_x_deg", "gravity_tilt_y_deg", "friction_change", "obstacle"};
-/// What an elastic solid can do: all but what only a sheet has.
-inline constexpr std::array<const char*, 22> kSolidEffects = {"strain_stiffening",
-                                                              "anisotropy",
-                                                              "viscoelastic",
-                                                              "structural_damping",
-                                                              "plastic_set",
-                                                              "inclusion",
-                                                              "density_change",
-                                                              "gravity_tilt_x_deg",
-                                                              "gravity_tilt_y_deg",
-                                                              "poisson_change",
-                                                              "adhesion",
-                                                              "suction",
-                                                              "obstacle",
-                                                              "friction_change",
-                                                              "anchor",
-                                                              "grasp_offset",
-                                                              "grasp_slip",
-                                                              "grasp_compliance_m_per_n",
-                                                              "jaw_roll_deg",
-                                                              "jaw_tilt_deg",
-                                                              "air_drag",
-                                                              "mullins"};
-inline constexpr double kAirDensity = 1.2;  ///< [kg/m^3], dry, 20 C
-
-/// exp(-x) for x >= 0 by our own series: the same bits on every machine, unlike libm's.
-double decay(double x);
-
-/// The effects of one environment, resolved: SI, angles in radians, one double per knob of
-/// TissueEffects in the order of the file. Plain numbers only: they travel in the state bytes. All
-/// zero (but for scales that another zero switches off) = nothing.
+/// The effects of one environment, resolved: SI, angles in radians; one double per row of the
+/// catalogue, in its order. Plain numbers only: they travel in the state bytes. All zero (but for
+/// scales that another zero switches off) = nothing.
 struct EffectValues {
   double stiffening = 0;  ///< c2 / mu
   double fibre_ratio = 0, fibre_angle = 0;
@@ -72,7 +40,8 @@ struct EffectValues {
 
   bool operator==(const EffectValues&) const = default;
 
-  /// What shapes mass, stiffness of cells and bending, other than by one factor.
+  /// Whether the rows of the part kStructure agree: what shapes mass, stiffness of cells and
+  /// bending, other than by one factor.
   bool same_structure(const EffectValues& other) const;
   bool moves_anchor() const { return anchor_compliance > 0 || anchor_free_from != anchor_free_to; }
   bool has_memory() const;  ///< of its material: Prony branches, a slider or softening
@@ -81,60 +50,69 @@ struct EffectValues {
   double thickness_at(const Eigen::Vector3d& p_B) const;
 };
 
-/// What the knobs and make_effects() promise, for values from elsewhere (a saved state).
-bool usable(const EffectValues& effects, double poisson_ratio,
-            std::span<const Eigen::Vector3d> particles);
+/// What an effect is of.
+enum class EffectPart { kMaterial, kStructure, kShape, kGravity, kContact, kAnchor, kJaw };
 
-/// Scales of an effect that is off do not count: they get their defaults.
+/// Models, as bits of EffectRow::models and EffectRow::baked. A soft body is the solid beside an
+/// elastic sheet: it has what surrounds both and what the jaws do.
+enum EffectModel : std::uint32_t {
+  kClusterModel = 1,
+  kShellModel = 2,
+  kSolidModel = 4,
+  kSoftBodyModel = 8,
+  kReferenceModel = 16
+};
+
+/// A value of the catalogue. Unit, range and neutral value are those of its knob in
+/// proto/tissue_effects.proto.
+struct EffectRow {
+  const char* path;  ///< below TissueEffects: "inclusion.x_m", "viscoelastic[0].share"
+  /// Null: no value of a lane but a rigid body of the scene (obstacle).
+  double& (*member)(EffectValues&);
+  EffectPart part;
+  std::uint32_t models;  ///< that have it
+  std::uint32_t baked;   ///< models in which all lanes must have the scene's value
+  const char* of;        ///< path of the value that switches this one off where zero, or null
+  double factor;         ///< SI value per unit of the knob
+
+  double get(const EffectValues& values) const { return member(const_cast<EffectValues&>(values)); }
+};
+
+/// Every value, in the order of EffectValues, then the obstacle's.
+std::span<const EffectRow> effect_catalogue();
+
+/// Unit, range and source of a row's value.
+const pb::Knob& knob_of(const EffectRow& row);
+
+/// Sets the effect of a path, in units of its knob. Throws Error for an unknown path or a value
+/// outside the knob's range.
+void set_effect(pb::TissueEffects& effects, const std::string& path, double value);
+
+/// Scales of an effect that is off do not count: they get their neutral values.
 /// Throws Error, one line with knob, value and what is allowed, for what the knobs alone cannot
 /// exclude: too many branches, Poisson's ratio or thickness out of range.
 EffectValues make_effects(const pb::TissueEffects& effects, double poisson_ratio,
                           std::span<const Eigen::Vector3d> particles);
 
-/// Throws Error for the first effect that is on and that `model` cannot do; `allowed` are the names
-/// of those it can, as in the file.
-void refuse_effects(const pb::TissueEffects& effects, const std::string& model,
-                    std::span<const char* const> allowed);
+/// What the knobs and make_effects() promise, for values from elsewhere (a saved state).
+bool usable(const EffectValues& effects, double poisson_ratio,
+            std::span<const Eigen::Vector3d> particles);
 
-/// Sets the effect of a path below TissueEffects ("inclusion.x_m", "viscoelastic[0].share"). Throws
-/// Error for an unknown path or a value outside the knob's range.
-void set_effect(pb::TissueEffects& effects, const std::string& path, double value);
+/// Throws Error for the first effect that is on and that the model does not have; `name` is the
+/// model's in the message.
+void refuse_effects(const pb::TissueEffects& effects, EffectModel model, const std::string& name);
 
-/// Gravity of a tilted board.
-Eigen::Vector3d tilted_gravity(const EffectValues& effects, const Eigen::Vector3d& gravity);
+/// Whether a model has every effect that is on.
+bool has_effects(const pb::TissueEffects& effects, EffectModel model);
 
-/// Turn of the held patch: roll about the shaft, then tilt about x_W.
-Eigen::Matrix3d jaw_turn(const EffectValues& effects, const Eigen::Vector3d& shaft_axis);
+/// The values that a model has; the others are neutral.
+EffectValues effects_of_model(const EffectValues& values, EffectModel model);
 
-/// Way that a held patch slips along the force F on the tool within dt [m], for tissue whose force
-/// falls by `stiffness` per way [N/m]: it does not overshoot the force at which slip ends.
-Eigen::Vector3d slip_of(const EffectValues& effects, const Eigen::Vector3d& force, double stiffness,
-                        double dt);
-
-/// Shares of three branches with times 0.5, 0.05 and 0.005 s whose loss factor, that is loss over
-/// storage modulus, is nearly `loss_factor`: 0.95 ... 1.12 of it from 0.3 to 30 Hz up to 0.2, 0.92
-/// ... 1.22 up to 0.4. The storage modulus grows with the frequency, as it must (Kramers, Kronig).
-std::array<double, 3> loss_shares(double loss_factor);
-
-/// The Prony branches over a step h:  H <- keep H + gain (S_new - S_old). Exact for S linear in
-/// time.
-struct PronyStep {
-  int branches = 0;
-  std::array<double, kMaxBranches> keep{}, gain{};
-  double gains = 0;  ///< sum: stiffness of a step beyond the slow one
-};
-PronyStep make_prony(const EffectValues& effects, double h);
-int prony_branches(const EffectValues& effects);
+/// Whether a lane has the scene's values where the model has them baked.
+bool baked_fit(const EffectValues& scene, const EffectValues& lane, EffectModel model);
 
 /// Whether a lane may have the anchor of `lane` in a scene of these effects: whether there are
 /// anchor springs, and which nodes are detached, is part of the scene.
 bool anchors_fit(const EffectValues& scene, const EffectValues& lane);
-
-/// Secant stiffness of a cohesive spring, relative to a fresh one, whose longest stretch was
-/// `longest`: 1 up to half of `limit`, 0 from `limit`.
-double cohesive_share(double longest, double limit);
-
-/// Part of a length of clamp edge around x_B that is detached, [0, 1].
-double detached_share(const EffectValues& effects, double x, double half_width);
 
 }  // namespace omentum

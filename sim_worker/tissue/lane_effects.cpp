@@ -4,6 +4,7 @@
 
 #include "core/check.h"
 #include "core/trig.h"
+#include "sim_worker/tissue/effect_laws.h"
 
 namespace omentum {
 namespace {

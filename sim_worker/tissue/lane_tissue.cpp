@@ -5,6 +5,7 @@
 
 #include "core/check.h"
 #include "core/hash.h"
+#include "sim_worker/tissue/effect_laws.h"
 
 namespace omentum {
 namespace {

@@ -31,9 +31,9 @@ void check_drawn_effect(const pb::Randomise& r, const Scene& scene) {
     set_effect(effects, path, value);
     make_effects(effects, tissue.material().poisson_ratio(), scene.tissue.particles);
     if (tissue.model() == pb::TISSUE_CLUSTER)
-      refuse_effects(effects, "TISSUE_CLUSTER", kBasicEffects);
+      refuse_effects(effects, kClusterModel, "TISSUE_CLUSTER");
     if (tissue.model() == pb::TISSUE_ELASTIC && tissue.has_volume())
-      refuse_effects(effects, "TISSUE_ELASTIC with a volume", kSolidEffects);
+      refuse_effects(effects, kSolidModel, "TISSUE_ELASTIC with a volume");
     if (path.rfind("anchor.", 0) == 0 && !(effects.anchor().compliance_m2_per_n() > 0))
       throw_error("randomise {}: {}, allowed above 0", r.parameter(), value);
     const bool sticks =

@@ -7,6 +7,7 @@
 #include <numbers>
 
 #include "core/rng.h"
+#include "sim_worker/tissue/effect_laws.h"
 #include "support/effect_scene.h"
 #include "support/solid_scene.h"
 

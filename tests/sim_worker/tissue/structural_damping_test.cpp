@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "sim_worker/models.h"
+#include "sim_worker/tissue/effect_laws.h"
 #include "support/effect_law.h"
 
 namespace omentum {

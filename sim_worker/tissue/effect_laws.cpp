@@ -1,0 +1,106 @@
+#include "sim_worker/tissue/effect_laws.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+
+#include "core/trig.h"
+
+namespace omentum {
+namespace {
+
+using Eigen::Matrix3d;
+using Eigen::Vector3d;
+
+constexpr std::array<double, 3> kLossTimes = {0.5, 0.05, 0.005};  // [s]: 0.3 ... 30 Hz
+// Loss of an endless row of equal branches a factor r apart, sum over k of 1 / (2 cosh(ln(w r^k))):
+// its mean is pi / (2 ln r), and about it swing 2 / cosh(pi^2 / ln r) to first order (Poisson's
+// sum). Largest at w = 1 / t. For r = 10:
+constexpr double kLossRipple = 0.055;
+
+Matrix3d turn(double angle, const Vector3d& axis) {
+  const trig::SinCos a = trig::sin_cos(angle);
+  Matrix3d cross;
+  cross << 0, -axis.z(), axis.y(), axis.z(), 0, -axis.x(), -axis.y(), axis.x(), 0;
+  return Matrix3d::Identity() + a.sin * cross + (1 - a.cos) * cross * cross;
+}
+
+}  // namespace
+
+double decay(double x) {
+  if (x > 64) return 0;
+  // exp(-x) = (exp(-x/64))^64; 20 terms leave 1e-20 for x <= 64.
+  const double y = x / 64;
+  double value = 1;
+  for (int k = 20; k >= 1; --k) value = 1 - y / k * value;
+  for (int k = 0; k < 6; ++k) value *= value;
+  return value;
+}
+
+Vector3d tilted_gravity(const EffectValues& effects, const Vector3d& gravity) {
+  if (effects.tilt_x == 0 && effects.tilt_y == 0) return gravity;
+  return turn(effects.tilt_y, Vector3d::UnitY()) *
+         (turn(effects.tilt_x, Vector3d::UnitX()) * gravity);
+}
+
+Matrix3d jaw_turn(const EffectValues& effects, const Vector3d& shaft_axis) {
+  if (effects.jaw_roll == 0 && effects.jaw_tilt == 0) return Matrix3d::Identity();
+  return turn(effects.jaw_tilt, Vector3d::UnitX()) * turn(effects.jaw_roll, shaft_axis);
+}
+
+// F' = -stiffness v0 (F / Fs - 1) has the solution F - Fs ~ exp(-stiffness v0 t / Fs).
+Vector3d slip_of(const EffectValues& effects, const Vector3d& force, double stiffness, double dt) {
+  const double size = force.norm();
+  if (!(effects.slip_speed > 0) || !(size > effects.slip_force)) return Vector3d::Zero();
+  const double share = 1 - decay(stiffness * effects.slip_speed * dt / effects.slip_force);
+  return share * (size - effects.slip_force) / stiffness / size * force;
+}
+
+// The loss factor at w = 1 / t of each branch: sum g (x - eta x^2) / (1 + x^2) = eta, x = w t.
+std::array<double, 3> loss_shares(double loss_factor) {
+  const double eta = loss_factor * (1 + kLossRipple);
+  Matrix3d at;
+  for (int i = 0; i < 3; ++i) {
+    for (int k = 0; k < 3; ++k) {
+      const double x =
+          kLossTimes[static_cast<std::size_t>(k)] / kLossTimes[static_cast<std::size_t>(i)];
+      at(i, k) = (x - eta * x * x) / (1 + x * x);
+    }
+  }
+  const Vector3d share = at.inverse() * Vector3d::Constant(eta);
+  return {share[0], share[1], share[2]};
+}
+
+PronyStep make_prony(const EffectValues& effects, double h) {
+  PronyStep step;
+  const auto add = [&](double share, double time) {
+    if (!(share > 0)) return;
+    const auto k = static_cast<std::size_t>(step.branches++);
+    const double x = h / time;
+    step.keep[k] = decay(x);
+    // (1 - exp(-x)) / x loses digits for slow branches.
+    step.gain[k] = share * (x < 1e-4 ? 1 - x / 2 + x * x / 6 : (1 - step.keep[k]) / x);
+    step.gains += step.gain[k];
+  };
+  for (std::size_t k = 0; k < effects.share.size(); ++k) add(effects.share[k], effects.time[k]);
+  const std::array<double, 3> loss = loss_shares(effects.loss_factor);
+  for (std::size_t k = 0; k < loss.size(); ++k) add(loss[k], kLossTimes[k]);
+  return step;
+}
+
+int prony_branches(const EffectValues& effects) { return make_prony(effects, 1).branches; }
+
+double cohesive_share(double longest, double limit) {
+  if (!(longest > limit / 2)) return 1;
+  return longest < limit ? (limit - longest) / longest : 0;
+}
+
+double detached_share(const EffectValues& effects, double x, double half_width) {
+  if (effects.anchor_free_from == effects.anchor_free_to) return 0;
+  const double low = std::max(effects.anchor_free_from, x - half_width);
+  const double high = std::min(effects.anchor_free_to, x + half_width);
+  const double share = std::clamp((high - low) / (2 * half_width), 0.0, 1.0);
+  return share > 1 - 1e-9 ? 1 : share;  // rounding must not leave a thread
+}
+
+}  // namespace omentum

@@ -1,0 +1,52 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+
+#include "sim_worker/tissue/effect_catalogue.h"
+
+namespace omentum {
+
+// Formulas of effects that several models use.
+
+/// Branches of the Prony series at most: three of viscoelastic, three of structural_damping.
+inline constexpr int kMaxBranches = 6;
+inline constexpr double kAirDensity = 1.2;  ///< [kg/m^3], dry, 20 C
+
+/// exp(-x) for x >= 0 by our own series: the same bits on every machine, unlike libm's.
+double decay(double x);
+
+/// Gravity of a tilted board.
+Eigen::Vector3d tilted_gravity(const EffectValues& effects, const Eigen::Vector3d& gravity);
+
+/// Turn of the held patch: roll about the shaft, then tilt about x_W.
+Eigen::Matrix3d jaw_turn(const EffectValues& effects, const Eigen::Vector3d& shaft_axis);
+
+/// Way that a held patch slips along the force F on the tool within dt [m], for tissue whose force
+/// falls by `stiffness` per way [N/m]: it does not overshoot the force at which slip ends.
+Eigen::Vector3d slip_of(const EffectValues& effects, const Eigen::Vector3d& force, double stiffness,
+                        double dt);
+
+/// Shares of three branches with times 0.5, 0.05 and 0.005 s whose loss factor, that is loss over
+/// storage modulus, is nearly `loss_factor`: 0.95 ... 1.12 of it from 0.3 to 30 Hz up to 0.2, 0.92
+/// ... 1.22 up to 0.4. The storage modulus grows with the frequency, as it must (Kramers, Kronig).
+std::array<double, 3> loss_shares(double loss_factor);
+
+/// The Prony branches over a step h:  H <- keep H + gain (S_new - S_old). Exact for S linear in
+/// time.
+struct PronyStep {
+  int branches = 0;
+  std::array<double, kMaxBranches> keep{}, gain{};
+  double gains = 0;  ///< sum: stiffness of a step beyond the slow one
+};
+PronyStep make_prony(const EffectValues& effects, double h);
+int prony_branches(const EffectValues& effects);
+
+/// Secant stiffness of a cohesive spring, relative to a fresh one, whose longest stretch was
+/// `longest`: 1 up to half of `limit`, 0 from `limit`.
+double cohesive_share(double longest, double limit);
+
+/// Part of a length of clamp edge around x_B that is detached, [0, 1].
+double detached_share(const EffectValues& effects, double x, double half_width);
+
+}  // namespace omentum
