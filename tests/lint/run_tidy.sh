@@ -36,5 +36,5 @@ echo "clang-tidy: ${#listed[@]} files"
 # clang does not know these options of g++.
 commands=$(mktemp -d)
 trap 'rm -rf "$commands"' EXIT
-sed -E 's/ -m(move|store)-max=[0-9]+//g' "$build/compile_commands.json" >"$commands/compile_commands.json"
+sed -E 's/ -m(move|store)-max=[0-9]+//g; s/ -fpch-preprocess//g; s/ -Winvalid-pch//g; s/ -include [^ ]*cmake_pch\.hxx//g' "$build/compile_commands.json" >"$commands/compile_commands.json"
 printf '%s\n' "${listed[@]}" | xargs -P "$(nproc)" -n 1 clang-tidy-14 -p "$commands" --quiet 2> >(grep -v 'warnings generated\|^Suppressed\|^Use -header' >&2)
