@@ -133,7 +133,7 @@ ToolMount make_tool_mount(const Eigen::Isometry3d& X_WR, double roll, double tip
   mount.tip_offset = tip_offset;
   mount.workspace_min = workspace_min;
   mount.workspace_max = workspace_max;
-  // At q = 0 the tip frame has x = y_R, y = x_R, z = -z_R (dvrk.md 6.1); rolled about the shaft.
+  // At q = 0 the tip frame has x = y_R, y = x_R, z = -z_R (docs/dvrk.md 1); rolled about the shaft.
   const auto [s, c] = trig::sin_cos(roll);
   Matrix3d down;
   down << 0, 1, 0, 1, 0, 0, 0, 0, -1;
