@@ -14,7 +14,7 @@ namespace {
 
 constexpr std::int64_t kMs = 1'000'000;
 constexpr std::int64_t kStatusPeriodNs = 500 * kMs;
-constexpr std::int64_t kSilentNs = 2'000 * kMs;  // deadline of worker status, wire.md 3.1
+constexpr std::int64_t kSilentNs = 2'000 * kMs;  // deadline of worker status, docs/wire.md 3
 constexpr std::int64_t kRetireNs = 5'000 * kMs;  // a dead worker's reader is gone after the lease
 constexpr std::int64_t kRatePeriodNs = 1'000 * kMs;
 constexpr std::int64_t kReportPeriodNs = 100 * kMs;  // ledger into the status
@@ -160,7 +160,7 @@ void LearnerBus::drain(const std::stop_token& stop) {
 }
 
 void LearnerBus::drain_segments() {
-  // Never stops taking: a full reader would stall every topic of this process (wire.md 5.1).
+  // Never stops taking: a full reader would stall every topic of this process (docs/wire.md 5.1).
   const Result<int> taken =
       segment_reader_.take(static_cast<int>(kLeastRing), [this](Arrival<RolloutSegment>&& arrival) {
         if (!arrival.info.valid) return;

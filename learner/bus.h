@@ -56,7 +56,7 @@ struct BusStatistics {
   std::uint32_t workers_alive = 0;
 };
 
-/// The learner's end of the bus (wire.md sections 2.1, 4, 5.2): one participant; writers of
+/// The learner's end of the bus (docs/wire.md 1, 4, 5.2): one participant; writers of
 /// manifest, weights, summaries and status; one directed task writer per worker; a drain thread
 /// that never stops taking segments and keeps the status topic alive, also while the learner thread
 /// is busy.
