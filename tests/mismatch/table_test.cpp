@@ -1,4 +1,4 @@
-// Tables of recording folders: formats/recording.md sections 1 and 5.
+// Tables of recording folders: docs/formats.md 3.
 
 #include "mismatch/table.h"
 

@@ -1,4 +1,4 @@
-// Effects in the elastic solid against their known answers (mismatch.md 5.1).
+// Effects in the elastic solid against their known answers (docs/mismatch.md 1).
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
