@@ -1,5 +1,5 @@
 // Environment steps per second of the elastic shell on one core and its error at that speed. One
-// environment step is 20 ms simulated. Lift case of the design document (tissue.md 12.1): 31 x 31
+// environment step is 20 ms simulated. Lift case of docs/tissue.md 11.1: 31 x 31
 // nodes, 90 x 90 x 3 mm, edge pinned, a corner patch moved on an arc about that edge at 25 mm/s up
 // to 60 mm, E 100 kPa; the same on a mesh of as many nodes without order; the same sheet falling
 // onto a sphere (section 9, E 30 kPa); and an organ like that of omentum_soft alone, its top moved

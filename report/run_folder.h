@@ -6,7 +6,7 @@
 
 #include "report/csv.h"
 
-// What a run leaves on disk, as far as the report needs it (architecture.md section 5). Every file
+// What a run leaves on disk, as far as the report needs it (docs/formats.md 1). Every file
 // is optional: a missing or damaged one becomes a line in `warnings`, and the report says so where
 // its picture would be.
 //
