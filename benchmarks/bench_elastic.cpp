@@ -8,7 +8,6 @@
 // precision, finely stepped. `bench_elastic [WIDTH [SURFACE]]` also writes that converged surface
 // of the lift, for the peers.
 #include <fmt/format.h>
-#include <time.h>
 
 #include <algorithm>
 #include <cmath>
@@ -20,6 +19,7 @@
 #include <vector>
 
 #include "core/check.h"
+#include "core/clock.h"
 #include "core/rng.h"
 #include "sim_worker/models.h"
 #include "sim_worker/scene/particles.h"
@@ -34,12 +34,6 @@ using Eigen::Vector3d;
 constexpr int kSide = 31;
 constexpr int kCorner = kSide * 1 + kSide - 2;  // middle of the 3 x 3 nodes at a free corner
 constexpr double kPinned = -0.045;              // y of the pinned edge [m]
-
-double thread_seconds() {
-  timespec t{};
-  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
-  return static_cast<double>(t.tv_sec) + 1e-9 * static_cast<double>(t.tv_nsec);
-}
 
 struct Case {
   double young = 100e3, poisson = 0, damping = 3, friction = 0;

@@ -2,6 +2,7 @@
 
 #include <cmath>
 
+#include "core/constants.h"
 #include "core/trig.h"
 
 namespace omentum {
@@ -10,7 +11,7 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
-constexpr double kHalfPi = 1.57079632679489661923;
+constexpr double kHalfPi = kPi / 2;
 constexpr double kRemoteCentreLength = 0.4318;  // L_rcc [m]
 constexpr double kToolLength = 0.4162;          // L_tool [m]
 constexpr double kPitchToYaw = 0.0091;          // [m]

@@ -3,9 +3,9 @@
 #include <pthread.h>
 
 #include <algorithm>
-#include <chrono>
 
 #include "core/check.h"
+#include "core/clock.h"
 #include "core/hash.h"
 #include "core/log.h"
 
@@ -21,12 +21,6 @@ constexpr std::int64_t kReportPeriodNs = 100 * kMs;  // ledger into the status
 constexpr std::int64_t kMatchPollNs = 5 * kMs;
 constexpr std::size_t kLeastRing = 64;
 
-std::int64_t wall_now_ns() {
-  return std::chrono::duration_cast<std::chrono::nanoseconds>(
-             std::chrono::system_clock::now().time_since_epoch())
-      .count();
-}
-
 // Runs in the member initialisers: nothing may be created for a run that cannot have a partition.
 LearnerBusOptions checked(LearnerBusOptions options) {
   check_run_name(options.run);
@@ -35,12 +29,6 @@ LearnerBusOptions checked(LearnerBusOptions options) {
 }
 
 }  // namespace
-
-std::int64_t steady_now_ns() {
-  return std::chrono::duration_cast<std::chrono::nanoseconds>(
-             std::chrono::steady_clock::now().time_since_epoch())
-      .count();
-}
 
 LearnerBus::LearnerBus(const LearnerBusOptions& options)
     : options_(checked(options)),

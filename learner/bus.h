@@ -18,13 +18,6 @@
 
 namespace omentum {
 
-/// Nanoseconds of the steady clock, the time base of serve() and of the book.
-std::int64_t steady_now_ns();
-/// Time since steady_now_ns() was `begin_ns` [s].
-inline double seconds_since(std::int64_t begin_ns) {
-  return 1e-9 * static_cast<double>(steady_now_ns() - begin_ns);
-}
-
 struct LearnerBusOptions {
   std::string run;  ///< name; partition of the run
   std::uint32_t domain = 0;

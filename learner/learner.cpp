@@ -9,6 +9,7 @@
 #include <thread>
 
 #include "core/check.h"
+#include "core/clock.h"
 #include "core/config.h"
 #include "core/fp_mode.h"
 #include "core/log.h"
