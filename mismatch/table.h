@@ -13,6 +13,7 @@ struct Table {
   std::string path;
   std::vector<std::string> names;
   std::vector<std::vector<double>> columns;  ///< [column][row]
+  std::vector<std::size_t> lines;            ///< of the file, of each row
 
   std::size_t rows() const { return columns.empty() ? 0 : columns.front().size(); }
   /// Column of that name, if there is one.

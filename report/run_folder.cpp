@@ -4,6 +4,8 @@
 #include <filesystem>
 #include <fstream>
 #include <iterator>
+#include <optional>
+#include <utility>
 
 #include "core/check.h"
 
@@ -68,24 +70,34 @@ std::vector<LatticePoint> make_lattice(const CsvTable& table) {
   return points;
 }
 
+/// A CSV file of a run whose cells are numbers; nothing, and a line in `warnings`, if it is missing
+/// or wrong. A last row that a stopped writer left half done is left out and named.
+std::optional<CsvTable> load_numbers(const std::string& path, std::vector<std::string>& warnings) {
+  Result<CsvTable> loaded = load_csv(path);
+  if (!loaded) {
+    warnings.push_back(loaded.error());
+    return std::nullopt;
+  }
+  CsvTable table = std::move(loaded).value();
+  if (const Result<void> checked = table.require_numbers(); !checked) {
+    warnings.push_back(checked.error());
+    return std::nullopt;
+  }
+  if (!table.cut_off.empty()) warnings.push_back(table.cut_off + "; the row is left out");
+  return table;
+}
+
 void load_evaluations(const fs::path& folder, RunFolder& run) {
   std::error_code ignored;
   for (const auto& entry : fs::directory_iterator(folder / "evaluation", ignored)) {
     if (entry.path().extension() != ".csv") continue;
-    const Result<CsvTable> table = load_csv(entry.path().string());
-    if (!table) {
-      run.warnings.push_back(table.error());
-      continue;
-    }
+    const std::optional<CsvTable> table = load_numbers(entry.path().string(), run.warnings);
+    if (!table) continue;
     const std::string name = entry.path().stem().string();
-    if (table.value().dropped > 0) {
-      run.warnings.push_back(fmt::format("evaluation/{}.csv: {} incomplete rows left out", name,
-                                         table.value().dropped));
-    }
     if (name == "grasp_lattice") {
-      run.lattice = make_lattice(table.value());
-    } else if (table.value().column("exposure") && table.value().column("row")) {
-      run.evaluations[name] = make_set(name, table.value());
+      run.lattice = make_lattice(*table);
+    } else if (table->column("exposure") && table->column("row")) {
+      run.evaluations[name] = make_set(name, *table);
     }
   }
 }
@@ -98,14 +110,11 @@ RunFolder load_run(const std::string& path) {
   RunFolder run;
   run.path = path;
   run.name = fs::weakly_canonical(folder).filename().string();
-  if (Result<CsvTable> table = load_csv((folder / "metrics.csv").string())) {
-    run.metrics = std::move(table).value();
-    if (run.metrics.dropped > 0) {
-      run.warnings.push_back(
-          fmt::format("metrics.csv: {} incomplete rows left out", run.metrics.dropped));
-    }
-  } else {
+  if (!fs::exists(folder / "metrics.csv")) {
     run.warnings.push_back("no metrics.csv: no learning curves");
+  } else if (std::optional<CsvTable> table =
+                 load_numbers((folder / "metrics.csv").string(), run.warnings)) {
+    run.metrics = std::move(*table);
   }
   load_evaluations(folder, run);
   if (const Result<CsvTable> table = load_csv((folder / "figures.csv").string())) {
@@ -113,7 +122,7 @@ RunFolder load_run(const std::string& path) {
     for (const auto& row : figures.rows) {
       const auto cell = [&](const char* name) {
         const auto column = figures.column(name);
-        return column ? row[*column] : std::string();
+        return column ? row[*column].text : std::string();
       };
       run.figures.push_back(
           {cell("name"), cell("value"), cell("unit"), cell("command"), cell("machine")});

@@ -4,7 +4,7 @@
 #include <string>
 #include <vector>
 
-#include "report/csv.h"
+#include "core/csv.h"
 
 // What a run leaves on disk, as far as the report needs it (docs/formats.md 1). Every file
 // is optional: a missing or damaged one becomes a line in `warnings`, and the report says so where
