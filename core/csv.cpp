@@ -176,13 +176,15 @@ std::string CsvTable::place(std::size_t row, std::size_t column) const {
   return fmt::format("{}:{}:{}", path, lines[row], rows[row][column].at);
 }
 
-Result<void> CsvTable::require_numbers() const {
-  for (std::size_t row = 0; row < rows.size(); ++row) {
-    for (std::size_t k = 0; k < header.size(); ++k) {
-      const std::string& text = rows[row][k].text;
-      if (text.empty() || parse_number(text)) continue;
+Result<void> CsvTable::require_numbers(const std::vector<std::string>& text) const {
+  for (std::size_t k = 0; k < header.size(); ++k) {
+    const std::string& name = header[k].text;
+    if (std::find(text.begin(), text.end(), name) != text.end()) continue;
+    for (std::size_t row = 0; row < rows.size(); ++row) {
+      const std::string& cell = rows[row][k].text;
+      if (cell.empty() || parse_number(cell)) continue;
       return Failure{
-          fmt::format("{}: \"{}\" in column {} is no number", place(row, k), text, header[k].text)};
+          fmt::format("{}: \"{}\" in column {} is no number", place(row, k), cell, name)};
     }
   }
   return {};

@@ -32,8 +32,9 @@ struct CsvTable {
   std::optional<std::size_t> column(std::string_view name) const;
   /// "path:line:character" of a cell.
   std::string place(std::size_t row, std::size_t column) const;
-  /// Fails on the first cell that is neither empty nor a number (`nan` and `inf` are numbers).
-  Result<void> require_numbers() const;
+  /// Fails on the first cell that is neither empty nor a number (`nan` and `inf` are numbers), but
+  /// in the columns that `text` names.
+  Result<void> require_numbers(const std::vector<std::string>& text = {}) const;
   /// Numbers of a column, NaN for what is none; empty if there is no such column.
   std::vector<double> numbers(std::string_view name) const;
   /// One cell as a number, NaN if it is absent or none.

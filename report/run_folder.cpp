@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "core/check.h"
+#include "core/config.h"
 
 namespace omentum {
 namespace {
@@ -70,16 +71,36 @@ std::vector<LatticePoint> make_lattice(const CsvTable& table) {
   return points;
 }
 
-/// A CSV file of a run whose cells are numbers; nothing, and a line in `warnings`, if it is missing
-/// or wrong. A last row that a stopped writer left half done is left out and named.
-std::optional<CsvTable> load_numbers(const std::string& path, std::vector<std::string>& warnings) {
+std::vector<GraspStudyPoint> make_study(const CsvTable& table) {
+  std::vector<GraspStudyPoint> rows;
+  const std::optional<std::size_t> parameter = table.column("parameter");
+  const std::optional<std::size_t> unit = table.column("unit");
+  for (std::size_t k = 0; parameter && unit && k < table.rows.size(); ++k) {
+    GraspStudyPoint row;
+    row.parameter = table.rows[k][*parameter].text;
+    row.unit = table.rows[k][*unit].text;
+    row.value = table.number(k, "value");
+    row.shipped = table.number(k, "shipped") > 0;
+    row.starts = integer(table.number(k, "starts"));
+    row.held = integer(table.number(k, "held"));
+    row.lost = integer(table.number(k, "lost"));
+    if (row.starts > 0) rows.push_back(row);
+  }
+  return rows;
+}
+
+/// A CSV file of a run; nothing, and a line in `warnings`, if it is missing or wrong. A last row
+/// that a stopped writer left half done is left out and named. `text` names the columns that hold
+/// no numbers.
+std::optional<CsvTable> load_table(const std::string& path, const std::vector<std::string>& text,
+                                   std::vector<std::string>& warnings) {
   Result<CsvTable> loaded = load_csv(path);
   if (!loaded) {
     warnings.push_back(loaded.error());
     return std::nullopt;
   }
   CsvTable table = std::move(loaded).value();
-  if (const Result<void> checked = table.require_numbers(); !checked) {
+  if (const Result<void> checked = table.require_numbers(text); !checked) {
     warnings.push_back(checked.error());
     return std::nullopt;
   }
@@ -91,11 +112,17 @@ void load_evaluations(const fs::path& folder, RunFolder& run) {
   std::error_code ignored;
   for (const auto& entry : fs::directory_iterator(folder / "evaluation", ignored)) {
     if (entry.path().extension() != ".csv") continue;
-    const std::optional<CsvTable> table = load_numbers(entry.path().string(), run.warnings);
-    if (!table) continue;
     const std::string name = entry.path().stem().string();
+    const bool study = name == "grasp_study";
+    const std::optional<CsvTable> table = load_table(
+        entry.path().string(),
+        study ? std::vector<std::string>{"parameter", "unit"} : std::vector<std::string>{},
+        run.warnings);
+    if (!table) continue;
     if (name == "grasp_lattice") {
       run.lattice = make_lattice(*table);
+    } else if (study) {
+      run.grasp_study = make_study(*table);
     } else if (table->column("exposure") && table->column("row")) {
       run.evaluations[name] = make_set(name, *table);
     }
@@ -113,7 +140,7 @@ RunFolder load_run(const std::string& path) {
   if (!fs::exists(folder / "metrics.csv")) {
     run.warnings.push_back("no metrics.csv: no learning curves");
   } else if (std::optional<CsvTable> table =
-                 load_numbers((folder / "metrics.csv").string(), run.warnings)) {
+                 load_table((folder / "metrics.csv").string(), {}, run.warnings)) {
     run.metrics = std::move(*table);
   }
   load_evaluations(folder, run);
@@ -130,7 +157,15 @@ RunFolder load_run(const std::string& path) {
   }
   std::ifstream config(folder / "config.txtpb", std::ios::binary);
   run.config_text.assign(std::istreambuf_iterator<char>(config), std::istreambuf_iterator<char>());
-  if (run.config_text.empty()) run.warnings.push_back("no config.txtpb: no pictures and no replay");
+  if (run.config_text.empty()) {
+    run.warnings.push_back("no config.txtpb: no pictures and no replay");
+  } else {
+    try {
+      run.config = parse_config((folder / "config.txtpb").string(), run.config_text);
+    } catch (const Error& error) {
+      run.warnings.push_back(error.what());
+    }
+  }
   std::error_code ignored;
   for (const auto& entry : fs::directory_iterator(folder / "recordings", ignored)) {
     if (entry.path().extension() == ".mcap")
@@ -161,6 +196,13 @@ std::vector<RunFolder> load_runs(const std::vector<std::string>& paths) {
     throw_error("{}: neither metrics.csv nor evaluation nor recordings in it",
                 paths.empty() ? "" : paths[0]);
   return runs;
+}
+
+const pb::Report& report_texts(const std::vector<RunFolder>& runs) {
+  for (const RunFolder& run : runs) {
+    if (run.config) return run.config->report();
+  }
+  return pb::Report::default_instance();
 }
 
 }  // namespace omentum

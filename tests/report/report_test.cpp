@@ -184,6 +184,13 @@ TEST_F(ReportTest, IsSelfContained) {
   }
   EXPECT_EQ(html.find("<script>alert(1)"), std::string::npos) << "the configuration is text";
   EXPECT_THAT(html, HasSubstr("300 / 300"));
+  // Texts and marks of the task come from the configuration, and they are text.
+  EXPECT_THAT(html, HasSubstr("Lift &lt;script&gt;alert(1)&lt;/script&gt;."));
+  EXPECT_THAT(html, HasSubstr("Reward per step (figure &lt;i&gt;4&lt;/i&gt;)"));
+  EXPECT_THAT(html, HasSubstr("approach &amp; more"));
+  EXPECT_THAT(html, HasSubstr("Two &lt;b&gt;starts"));
+  EXPECT_THAT(html, HasSubstr("(8, 6): shown"));
+  EXPECT_THAT(html, HasSubstr("slip_force_n"));
   EXPECT_THAT(html, HasSubstr("replay-block-3"));
   EXPECT_LT(html.size(), 12'000'000);
   EXPECT_EQ(html, make_report(load_runs({folder_}), &scene)) << "same input, same text";
@@ -201,6 +208,7 @@ TEST_F(ReportTest, WorksWithoutSceneAndWithHalfOfTheFiles) {
   fs::remove_all(poor);
   EXPECT_THAT(html, HasSubstr("No recordings"));
   EXPECT_THAT(html, HasSubstr("No grasp lattice"));
+  EXPECT_THAT(html, HasSubstr("No grasp study"));
   EXPECT_THAT(html, HasSubstr("metrics.csv:3: row of 1 cells"));
   EXPECT_THAT(html, HasSubstr("grid100_sampled.csv:2:11: "));
 }
