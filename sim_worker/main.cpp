@@ -138,7 +138,7 @@ int run(int argc, char** argv) {
   }
   const LaneKernel<float>& kernel = choose_kernel(width);
   if (lanes == 0) lanes = static_cast<unsigned>(kernel.lanes);
-  // State of the largest scene in use (4,353 particles, wire.md 2.3) and the weights of the largest
+  // State of a large scene (4,353 particles, docs/wire.md 2.1) and the weights of the largest
   // preset.
   constexpr std::size_t kStateBytes = 105000;
   constexpr std::size_t kWeightBytes = 400000;

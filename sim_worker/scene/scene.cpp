@@ -48,7 +48,7 @@ std::vector<Vector3d> make_starts(const pb::StartGrid& grid) {
   return starts;
 }
 
-/// The units guard (seed_task.md 12 row 1): a scale declared once, everything checked against it.
+/// The units guard (docs/task.md 10 row 1): a scale declared once, everything checked against it.
 void check_units(const Scene& scene, std::vector<std::string>& warnings) {
   const double g = scene.config.gravity_m_per_s2();
   // 5 %: gravity on Earth varies by 0.5 %; anything farther off is meant otherwise or in another
