@@ -10,5 +10,6 @@ namespace omentum {
 inline constexpr double kPi = std::numbers::pi;
 inline constexpr double kDegree = kPi / 180;         ///< [rad]
 inline constexpr double kStandardGravity = 9.80665;  ///< [m/s^2], CGPM 1901
+inline constexpr double kAirDensity = 1.2;           ///< [kg/m^3], dry, 20 C
 
 }  // namespace omentum

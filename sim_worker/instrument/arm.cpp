@@ -4,14 +4,13 @@
 #include <cmath>
 
 #include "core/check.h"
+#include "core/constants.h"
 
 namespace omentum {
 namespace {
 
 using Eigen::Matrix4d;
 using Eigen::Vector3d;
-
-constexpr double kGravity = 9.80665;  // [m/s^2]
 
 // Position gains P of the dVRK's servo (sawControllers, docs/mismatch.md 2.2) [N m/rad, N/m].
 constexpr std::array<double, 6> kServoGain = {120, 120, 6000, 6, 6, 6};
@@ -170,7 +169,7 @@ ArmReport Arm::step(ArmState& state, const Vector3d& p_WT, const Vector3d& load_
   if (const Result<PsmJoints> q = joints_for_tip(mount_, goal)) target = q.value();
   report.commanded = target;
 
-  const Vector3d force = load_W - Vector3d(0, 0, effects_.payload_kg() * kGravity);
+  const Vector3d force = load_W - Vector3d(0, 0, effects_.payload_kg() * kStandardGravity);
   const std::array<double, 6> load = load_efforts(target, force);
   PsmJoints measured{};
   PsmJoints joints{};

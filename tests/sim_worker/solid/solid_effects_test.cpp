@@ -6,6 +6,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "core/constants.h"
 #include "core/rng.h"
 #include "sim_worker/tissue/effect_laws.h"
 #include "support/effect_scene.h"

@@ -7,6 +7,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "core/constants.h"
 #include "sim_worker/tissue/effect_laws.h"
 #include "support/effect_law.h"
 
