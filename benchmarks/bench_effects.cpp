@@ -5,7 +5,6 @@
 // the scene; where an effect needs a body the base has it too, far below, or the tissue lies on it
 // (adhesion, friction). Thread CPU time, chunks of both alternate, best of eight each. The last
 // figures draw an inclusion per lane: own maps and, in the shell, factors.
-#include <time.h>
 
 #include <algorithm>
 #include <cstdio>
@@ -14,6 +13,7 @@
 #include <string>
 #include <vector>
 
+#include "core/clock.h"
 #include "sim_worker/models.h"
 #include "sim_worker/scene/particles.h"
 #include "sim_worker/shell/shell_model.h"
@@ -29,12 +29,6 @@ constexpr int kSide = 31;
 /// A half-space far below shows what the effect costs, not what contact costs; one that the sheet
 /// lies on lets it bond.
 enum class Board { kNone, kFar, kUnder };
-
-double thread_seconds() {
-  timespec t{};
-  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
-  return static_cast<double>(t.tv_sec) + 1e-9 * static_cast<double>(t.tv_nsec);
-}
 
 void add_board(Scene& scene, Board board, double below) {
   if (board == Board::kNone) return;

@@ -1,5 +1,5 @@
 // Environment steps per second of the elastic shell on one core and its error at that speed. One
-// environment step is 20 ms simulated. Lift case of the design document (tissue.md 12.1): 31 x 31
+// environment step is 20 ms simulated. Lift case of docs/tissue.md 11.1: 31 x 31
 // nodes, 90 x 90 x 3 mm, edge pinned, a corner patch moved on an arc about that edge at 25 mm/s up
 // to 60 mm, E 100 kPa; the same on a mesh of as many nodes without order; the same sheet falling
 // onto a sphere (section 9, E 30 kPa); and an organ like that of omentum_soft alone, its top moved
@@ -8,7 +8,6 @@
 // precision, finely stepped. `bench_elastic [WIDTH [SURFACE]]` also writes that converged surface
 // of the lift, for the peers.
 #include <fmt/format.h>
-#include <time.h>
 
 #include <algorithm>
 #include <cmath>
@@ -20,6 +19,7 @@
 #include <vector>
 
 #include "core/check.h"
+#include "core/clock.h"
 #include "core/rng.h"
 #include "sim_worker/models.h"
 #include "sim_worker/scene/particles.h"
@@ -34,12 +34,6 @@ using Eigen::Vector3d;
 constexpr int kSide = 31;
 constexpr int kCorner = kSide * 1 + kSide - 2;  // middle of the 3 x 3 nodes at a free corner
 constexpr double kPinned = -0.045;              // y of the pinned edge [m]
-
-double thread_seconds() {
-  timespec t{};
-  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
-  return static_cast<double>(t.tv_sec) + 1e-9 * static_cast<double>(t.tv_nsec);
-}
 
 struct Case {
   double young = 100e3, poisson = 0, damping = 3, friction = 0;

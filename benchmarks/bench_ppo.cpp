@@ -13,12 +13,12 @@
 
 #include <fmt/core.h>
 #include <immintrin.h>
-#include <time.h>
 
 #include <algorithm>
 #include <functional>
 #include <string>
 
+#include "core/clock.h"
 #include "core/gemm.h"
 #include "core/policy.h"
 #include "learner/ppo.h"
@@ -26,11 +26,7 @@
 namespace omentum {
 namespace {
 
-double seconds(clockid_t clock) {
-  timespec now{};
-  clock_gettime(clock, &now);
-  return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
-}
+double seconds(clockid_t clock) { return 1e-9 * static_cast<double>(clock_ns(clock)); }
 
 /// Smallest time of `repetitions` calls [s].
 double best_time(int repetitions, clockid_t clock, const std::function<void()>& work) {

@@ -6,7 +6,6 @@
 //   bench_reference refine [ELEMENTS]   what a finer mesh, two layers and half the step change:
 //                                       rms over the particles, of static lifts in air and of whole
 //                                       recordings (frames every 100 ms)
-#include <time.h>
 
 #include <algorithm>
 #include <array>
@@ -15,6 +14,8 @@
 #include <string>
 #include <vector>
 
+#include "core/clock.h"
+#include "core/constants.h"
 #include "sim_worker/reference/reference_tissue.h"
 #include "sim_worker/scene/particles.h"
 
@@ -43,12 +44,6 @@ struct Recording {
   std::string failure;
 };
 
-double thread_seconds() {
-  timespec t{};
-  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
-  return static_cast<double>(t.tv_sec) + 1e-9 * static_cast<double>(t.tv_nsec);
-}
-
 std::vector<Vector3d> positions(const ReferenceTissue& tissue) {
   std::vector<Vector3d> frame;
   for (int i = 0; i < tissue.particles(); ++i) frame.push_back(tissue.position(0, i));
@@ -66,7 +61,7 @@ std::shared_ptr<const ReferenceTissueModel> make_sheet(const Case& c) {
   tissue.mutable_reference()->set_elements_y(c.elements);
   tissue.mutable_reference()->set_elements_z(c.layers);
   tissue.mutable_reference()->set_substeps(c.substeps);
-  scene.gravity = Vector3d(0, 0, -9.80665);
+  scene.gravity = Vector3d(0, 0, -kStandardGravity);
   scene.tissue.X_WB.translation().z() = 0.5 * tissue.thickness_m();
   scene.tissue.particles = make_grid_particles(tissue.grid());
   for (const Vector3d& p : scene.tissue.particles)

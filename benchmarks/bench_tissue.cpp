@@ -1,13 +1,13 @@
 // Environment steps per second of the shipped tissues on one core: robot, contact, grasp,
 // observation, reward. One environment step is one decision (20 ms simulated). Best of several
 // chunks, thread CPU time; the end state hash tells whether two figures are of the same physics.
-#include <time.h>
 
 #include <algorithm>
 #include <cstdio>
 #include <string>
 #include <vector>
 
+#include "core/clock.h"
 #include "core/config.h"
 #include "core/rng.h"
 #include "sim_worker/backend/sim_backend.h"
@@ -15,12 +15,6 @@
 #include "sim_worker/models.h"
 
 namespace {
-
-double thread_seconds() {
-  timespec t{};
-  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
-  return static_cast<double>(t.tv_sec) + 1e-9 * static_cast<double>(t.tv_nsec);
-}
 
 /// Scripted lift with every part of a step at work: down to the sheet, close, up to p_T, hold; the
 /// lanes in different phases.

@@ -17,6 +17,7 @@
 #include <string>
 #include <vector>
 
+#include "core/constants.h"
 #include "sim_worker/reference/reference_tissue.h"
 #include "sim_worker/scene/particles.h"
 #include "sim_worker/shell/shell_tissue.h"
@@ -80,7 +81,7 @@ Scene make_scene(const Case& c, bool reference) {
     inclusion.set_stiffness_change(4);
   }
   scene.config.mutable_tool()->set_contact(false);
-  scene.gravity = Vector3d(0, 0, -9.80665);
+  scene.gravity = Vector3d(0, 0, -kStandardGravity);
   if (c.board) scene.tissue.X_WB.translation().z() = 0.5 * tissue.thickness_m();
   scene.tissue.particles = make_grid_particles(tissue.grid());
   for (const Vector3d& p : scene.tissue.particles)

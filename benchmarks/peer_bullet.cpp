@@ -8,7 +8,6 @@
 #include <BulletSoftBody/btSoftBodyRigidBodyCollisionConfiguration.h>
 #include <BulletSoftBody/btSoftRigidDynamicsWorld.h>
 #include <btBulletDynamicsCommon.h>
-#include <time.h>
 
 #include <algorithm>
 #include <array>
@@ -18,7 +17,11 @@
 #include <memory>
 #include <vector>
 
+#include "core/clock.h"
+
 namespace {
+
+using omentum::thread_seconds;
 
 constexpr int kSide = 31;
 constexpr int kNodes = kSide * kSide;
@@ -28,12 +31,6 @@ constexpr double kStep = 0.02;      // [s]
 constexpr int kSubsteps = 10;
 constexpr double kDamping = 3;  // [1/s]
 constexpr int kSteps = 220;     // 2.4 s of lift and 2 s of hold
-
-double thread_seconds() {
-  timespec t{};
-  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
-  return static_cast<double>(t.tv_sec) + 1e-9 * static_cast<double>(t.tv_nsec);
-}
 
 /// Way of the patch at a time: as tip_at in bench_elastic.cpp.
 btVector3 way_at(double time) {

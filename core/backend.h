@@ -17,8 +17,7 @@ struct Action {
   std::array<float, 4> continuous{};
 };
 
-/// What one decision brought. The reward belongs to the state before the motion (seed_task.md
-/// section 7).
+/// What one decision brought. The reward belongs to the state before the motion (docs/task.md 7).
 struct StepOutcome {
   float reward = 0;
   bool terminated = false;

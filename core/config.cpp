@@ -366,6 +366,7 @@ std::uint64_t config_hash(const pb::Config& config) {
   relevant.clear_preset();
   relevant.clear_scene_file();
   relevant.clear_evaluation();
+  relevant.clear_report();
   relevant.mutable_scene()->clear_name();
   relevant.mutable_scene()->clear_source();
   return fnv1a64(print_config(relevant));

@@ -12,7 +12,7 @@
 
 struct dds_topic_descriptor;
 
-/// Thin ownership layer over the C API of Cyclone DDS 0.10.2 (wire.md section 12). core/dds.cpp is
+/// Thin ownership layer over the C API of Cyclone DDS 0.10.2 (docs/wire.md 8). core/dds.cpp is
 /// the only file of the product that includes the DDS API. Samples are untyped here; core/wire.h
 /// gives them types.
 ///

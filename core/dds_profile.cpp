@@ -13,7 +13,8 @@
 namespace omentum {
 namespace {
 
-constexpr std::int64_t kSmallBufferSpacingNs = 200'000;  // wire.md 5.4: 0 stalls in 4 960 batches
+constexpr std::int64_t kSmallBufferSpacingNs =
+    200'000;  // docs/wire.md 5.3: 0 stalls in 4 960 batches
 
 constexpr std::string_view kLargeWatermarks =
     "<WhcHighInit>2MB</WhcHighInit><WhcHigh>8MB</WhcHigh>";

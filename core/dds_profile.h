@@ -7,7 +7,7 @@
 namespace omentum {
 
 /// How a process talks to the others: the Cyclone configuration and what the program itself must do
-/// on this machine (wire.md sections 5.4 and 7).
+/// on this machine (docs/wire.md 5.3, 6).
 struct DdsProfile {
   std::string name;  ///< "environment" (CYCLONEDDS_URI is set), "mesh" or "small-buffer"
   std::string uri;   ///< text for CYCLONEDDS_URI and dds::Participant
@@ -22,7 +22,7 @@ struct DdsProfile {
 inline constexpr std::size_t kReceiveBufferBytes = std::size_t{4} << 20;
 
 /// Usable bytes of a learner that gets E segments at once, and of a worker that gets its tasks and
-/// weights at once (wire.md 5.4).
+/// weights at once (docs/wire.md 5.3).
 std::size_t learner_receive_bytes(std::size_t slots, std::size_t segment_bytes);
 std::size_t worker_receive_bytes(std::size_t lanes, std::size_t state_bytes,
                                  std::size_t weights_bytes);

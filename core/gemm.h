@@ -14,8 +14,8 @@ constexpr int padded_columns(int columns) { return (columns + kPanel - 1) / kPan
 /// Every output is one chain of fused multiply-adds with k = 0 ... inner-1 ascending, starting from
 /// init[j] (0 when init is null). Lanes are output columns, so an output's bits depend on its own
 /// row of A and on B alone: not on `rows`, not on the neighbours. That is what makes the policy
-/// batch-invariant (learner.md 4.2) and the gradients independent of threads. The AVX2 kernel is 6
-/// rows x 2 vectors of registers.
+/// batch-invariant (docs/learner.md 3.1) and the gradients independent of threads. The AVX2 kernel
+/// is 6 rows x 2 vectors of registers.
 ///
 ///   A[i][k] at a[i * a_row + k * a_inner]           (swap the strides for the transposed matrix)
 ///   B[k][j] at b[(j / 16) * b_panel + k * b_inner + j % 16]

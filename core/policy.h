@@ -14,7 +14,7 @@
 
 namespace omentum {
 
-/// Normalised observations are clipped to +- this (learner.md 5, row 19).
+/// Normalised observations are clipped to +- this (docs/learner.md 4, row 19).
 inline constexpr float kObservationClip = 10.0F;
 
 /// Dimensions of the Gaussian head: three increments and the jaw.
@@ -60,7 +60,7 @@ struct ParameterLayout {
 };
 ParameterLayout parameter_layout(const PolicyShape& shape);
 
-/// The random counter of one sampled action (learner.md 4.3).
+/// The random counter of one sampled action (docs/learner.md 3.2).
 struct ActionCounter {
   std::uint64_t run_seed = 0;
   std::uint32_t slot = 0;

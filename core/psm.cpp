@@ -2,6 +2,7 @@
 
 #include <cmath>
 
+#include "core/constants.h"
 #include "core/trig.h"
 
 namespace omentum {
@@ -10,7 +11,7 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
-constexpr double kHalfPi = 1.57079632679489661923;
+constexpr double kHalfPi = kPi / 2;
 constexpr double kRemoteCentreLength = 0.4318;  // L_rcc [m]
 constexpr double kToolLength = 0.4162;          // L_tool [m]
 constexpr double kPitchToYaw = 0.0091;          // [m]
@@ -133,7 +134,7 @@ ToolMount make_tool_mount(const Eigen::Isometry3d& X_WR, double roll, double tip
   mount.tip_offset = tip_offset;
   mount.workspace_min = workspace_min;
   mount.workspace_max = workspace_max;
-  // At q = 0 the tip frame has x = y_R, y = x_R, z = -z_R (dvrk.md 6.1); rolled about the shaft.
+  // At q = 0 the tip frame has x = y_R, y = x_R, z = -z_R (docs/dvrk.md 1); rolled about the shaft.
   const auto [s, c] = trig::sin_cos(roll);
   Matrix3d down;
   down << 0, 1, 0, 1, 0, 0, 0, 0, -1;

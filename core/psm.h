@@ -10,8 +10,8 @@ namespace omentum {
 
 /// Kinematics of the da Vinci PSM (classic) with a Large Needle Driver 400006, in double precision
 /// and with our own sine, cosine and arc tangent: the same bits on every machine. Frames: R remote
-/// centre of motion, C dVRK control point (wrist yaw axis), T jaw tip. Numbers and sources: dvrk.md
-/// section 6 (sawIntuitiveResearchKit share/kinematic/PSM.json,
+/// centre of motion, C dVRK control point (wrist yaw axis), T jaw tip. Numbers and sources:
+/// docs/dvrk.md 1 (sawIntuitiveResearchKit share/kinematic/PSM.json,
 /// share/tool/LARGE_NEEDLE_DRIVER_400006.json).
 
 /// yaw, pitch [rad], insertion [m], roll, wrist pitch, wrist yaw [rad].
@@ -27,9 +27,9 @@ inline constexpr double kPsmThetaOffset = 1.5708;
 
 PsmPose psm_forward(const PsmJoints& q, double theta_offset = kPsmThetaOffset);
 
-/// Closed form (dvrk.md 6.3), branch |wrist pitch| < 90 deg; roll is unwrapped towards `roll_near`.
-/// Fails on a pose nearer than 1 mm to the remote centre or a rotation that is not orthonormal to
-/// 1e-6. Joint limits are not judged: see psm_limit_violation().
+/// Closed form (docs/dvrk.md 3), branch |wrist pitch| < 90 deg; roll is unwrapped towards
+/// `roll_near`. Fails on a pose nearer than 1 mm to the remote centre or a rotation that is not
+/// orthonormal to 1e-6. Joint limits are not judged: see psm_limit_violation().
 Result<PsmJoints> psm_inverse(const PsmPose& pose, double roll_near = 0,
                               double theta_offset = kPsmThetaOffset);
 
@@ -86,7 +86,7 @@ struct LimitedCommand {
   bool unreachable = false;  ///< no inverse inside the limits: the previous goal stays
 };
 
-/// The one limiter of every back end (seed_task.md section 3): an axis of the increment that would
+/// The one limiter of every back end (docs/task.md 3): an axis of the increment that would
 /// leave the workspace box keeps its value; a goal without an inverse inside joint limits and the
 /// 45 mm rule leaves the previous goal in force. Pure.
 LimitedCommand limit_command(const ToolMount& mount, const Eigen::Vector3d& previous_p_WT,

@@ -4,7 +4,7 @@
 
 namespace omentum {
 
-/// What the reward looks at: the state before the motion of the step (seed_task.md section 7).
+/// What the reward looks at: the state before the motion of the step (docs/task.md 7).
 struct RewardState {
   bool held = false;           ///< tissue held; with the named defect reward_jaw_closed: jaw closed
   double distance_q = 0;       ///< |p - q| [m]

@@ -35,7 +35,7 @@ enum class Purpose : std::uint32_t {
   kEvaluation = 7,
 };
 
-/// Counter layout of learner.md section 4.3: key = run seed, counter = (slot, purpose 2^24 + draw,
+/// Counter layout of docs/learner.md 3.2: key = run seed, counter = (slot, purpose 2^24 + draw,
 /// episode, step).
 constexpr PhiloxWords random_words(std::uint64_t run_seed, std::uint32_t slot, Purpose purpose,
                                    std::uint32_t draw, std::uint64_t episode, std::uint32_t step) {

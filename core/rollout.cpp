@@ -1,20 +1,14 @@
 #include "core/rollout.h"
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 
 #include "core/check.h"
+#include "core/clock.h"
 #include "core/hash.h"
 
 namespace omentum {
 namespace {
-
-std::int64_t now_ns() {
-  return std::chrono::duration_cast<std::chrono::nanoseconds>(
-             std::chrono::steady_clock::now().time_since_epoch())
-      .count();
-}
 
 /// What one lane is doing with its task.
 struct LaneRun {
@@ -92,7 +86,7 @@ std::vector<RolloutSegment> run_rollout(Backend& backend, Policy& policy,
   const auto width = static_cast<std::size_t>(backend.observation_size());
   OMENTUM_CHECK(policy.shape().observations == backend.observation_size());
   const bool continuous = policy.shape().continuous;
-  const std::int64_t began = now_ns();
+  const std::int64_t began = steady_now_ns();
 
   std::vector<RolloutSegment> segments(tasks.size());
   std::vector<LaneRun> runs(tasks.size());
@@ -243,7 +237,7 @@ std::vector<RolloutSegment> run_rollout(Backend& backend, Policy& policy,
     }
   }
 
-  const std::int64_t spent = now_ns() - began;
+  const std::int64_t spent = steady_now_ns() - began;
   for (std::size_t k = 0; k < tasks.size(); ++k) {
     RolloutSegment& segment = segments[k];
     const int lane = static_cast<int>(k);

@@ -21,7 +21,7 @@ enum class TopicId : std::uint32_t {
 enum class History { kKeepLast, kKeepAll };
 enum class Durability { kVolatile, kTransientLocal };
 
-/// One row of the table of wire.md section 3.1: everything about a topic but its fields. Code,
+/// One row of the table of docs/wire.md 3: everything about a topic but its fields. Code,
 /// tests and the `topics` command read this table; nothing else in the product names a topic or a
 /// policy. All topics are RELIABLE with SHARED ownership and AUTOMATIC liveliness: other kinds
 /// would hide them from generic tools.

@@ -2,7 +2,7 @@
 
 // What travels between learner, workers and gateway, as plain values. core/wire.* maps these to the
 // IDL types, nothing else in the product knows the generated ones. Field meaning and limits:
-// wire.md sections 2 and 3.3.
+// docs/wire.md 2.
 
 #include <array>
 #include <cstddef>
@@ -238,7 +238,7 @@ struct RunManifest {
   std::vector<std::string> observation_names, action_names;
 };
 
-/// Identity of a task (wire.md 2.2): FNV-1a over the canonical little-endian bytes of everything
+/// Identity of a task (docs/wire.md 2): FNV-1a over the canonical little-endian bytes of everything
 /// that decides its result. Grant, worker, epoch and times are excluded.
 std::uint64_t hash_task(const RolloutTask& task);
 

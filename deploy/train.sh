@@ -314,6 +314,15 @@ for ((seed = 1; seed <= seeds; ++seed)); do
   fi
 done
 
+# Of the first seed only: it depends on the configuration, not on the policy. The report reads it.
+study_began=$(now)
+if [[ ! -s ${folders[0]}/evaluation/grasp_study.csv ]]; then
+  "$bin/sim_worker" --grasp-study "${folders[0]}" >"$scratch/study" 2>&1 ||
+    echo "train.sh: no grasp study: $(tail -n 1 "$scratch/study" | sed 's/^sim_worker: //')" >&2
+fi
+study_s=$(since "$study_began")
+((stop == 0)) || end_stopped
+
 began=$(now)
 report_line=$("$bin/report" "$run_dir" 2>&1)
 report_status=$?
@@ -334,6 +343,7 @@ done)
 if [[ -n $rows ]]; then
   printf '%-10s %-18s %7s %15s %8s %11s\n%s\n\n' run evaluation starts target_reached exposed grasp_held "$rows"
 fi
+evaluation_s=$(add "$evaluation_s" "$study_s")
 printf 'set-up      %8s s\nbuild       %8s s\ntraining    %8s s\nevaluation  %8s s\nreport      %8s s\n' \
   "$setup_s" "$build_s" "$training_s" "$evaluation_s" "$report_s"
 echo

@@ -54,7 +54,7 @@ Batch assemble(std::span<const RolloutSegment> segments, const PolicyShape& shap
 
 /// Result of recomputing the log-probabilities and values of a batch.
 struct LogProbCheck {
-  double largest_log_prob_difference = 0;  ///< must be exactly 0 (learner.md 4.4)
+  double largest_log_prob_difference = 0;  ///< must be exactly 0 (docs/learner.md 3.3)
   double largest_value_difference = 0;     ///< must be exactly 0
   std::uint32_t slot = 0;                  ///< where the first difference is
   std::uint32_t step = 0;

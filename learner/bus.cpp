@@ -3,9 +3,9 @@
 #include <pthread.h>
 
 #include <algorithm>
-#include <chrono>
 
 #include "core/check.h"
+#include "core/clock.h"
 #include "core/hash.h"
 #include "core/log.h"
 
@@ -14,18 +14,12 @@ namespace {
 
 constexpr std::int64_t kMs = 1'000'000;
 constexpr std::int64_t kStatusPeriodNs = 500 * kMs;
-constexpr std::int64_t kSilentNs = 2'000 * kMs;  // deadline of worker status, wire.md 3.1
+constexpr std::int64_t kSilentNs = 2'000 * kMs;  // deadline of worker status, docs/wire.md 3
 constexpr std::int64_t kRetireNs = 5'000 * kMs;  // a dead worker's reader is gone after the lease
 constexpr std::int64_t kRatePeriodNs = 1'000 * kMs;
 constexpr std::int64_t kReportPeriodNs = 100 * kMs;  // ledger into the status
 constexpr std::int64_t kMatchPollNs = 5 * kMs;
 constexpr std::size_t kLeastRing = 64;
-
-std::int64_t wall_now_ns() {
-  return std::chrono::duration_cast<std::chrono::nanoseconds>(
-             std::chrono::system_clock::now().time_since_epoch())
-      .count();
-}
 
 // Runs in the member initialisers: nothing may be created for a run that cannot have a partition.
 LearnerBusOptions checked(LearnerBusOptions options) {
@@ -35,12 +29,6 @@ LearnerBusOptions checked(LearnerBusOptions options) {
 }
 
 }  // namespace
-
-std::int64_t steady_now_ns() {
-  return std::chrono::duration_cast<std::chrono::nanoseconds>(
-             std::chrono::steady_clock::now().time_since_epoch())
-      .count();
-}
 
 LearnerBus::LearnerBus(const LearnerBusOptions& options)
     : options_(checked(options)),
@@ -160,7 +148,7 @@ void LearnerBus::drain(const std::stop_token& stop) {
 }
 
 void LearnerBus::drain_segments() {
-  // Never stops taking: a full reader would stall every topic of this process (wire.md 5.1).
+  // Never stops taking: a full reader would stall every topic of this process (docs/wire.md 5.1).
   const Result<int> taken =
       segment_reader_.take(static_cast<int>(kLeastRing), [this](Arrival<RolloutSegment>&& arrival) {
         if (!arrival.info.valid) return;

@@ -18,13 +18,6 @@
 
 namespace omentum {
 
-/// Nanoseconds of the steady clock, the time base of serve() and of the book.
-std::int64_t steady_now_ns();
-/// Time since steady_now_ns() was `begin_ns` [s].
-inline double seconds_since(std::int64_t begin_ns) {
-  return 1e-9 * static_cast<double>(steady_now_ns() - begin_ns);
-}
-
 struct LearnerBusOptions {
   std::string run;  ///< name; partition of the run
   std::uint32_t domain = 0;
@@ -56,7 +49,7 @@ struct BusStatistics {
   std::uint32_t workers_alive = 0;
 };
 
-/// The learner's end of the bus (wire.md sections 2.1, 4, 5.2): one participant; writers of
+/// The learner's end of the bus (docs/wire.md 1, 4, 5.2): one participant; writers of
 /// manifest, weights, summaries and status; one directed task writer per worker; a drain thread
 /// that never stops taking segments and keeps the status topic alive, also while the learner thread
 /// is busy.

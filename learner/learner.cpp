@@ -9,6 +9,7 @@
 #include <thread>
 
 #include "core/check.h"
+#include "core/clock.h"
 #include "core/config.h"
 #include "core/fp_mode.h"
 #include "core/log.h"
@@ -24,8 +25,12 @@ constexpr std::int64_t kRefusalNs = 3'000'000'000;
 // never ends.
 constexpr std::uint64_t kMaxFailures = 1000;
 
-const std::vector<std::uint64_t> kMilestones = {500000, 2000000,
-                                                3000000};  // the paper's, steps (P VI-B)
+std::vector<std::uint64_t> milestone_steps(const pb::Config& config) {
+  std::vector<std::uint64_t> steps;
+  for (const pb::Milestone& milestone : config.report().milestone())
+    steps.push_back(milestone.steps());
+  return steps;
+}
 
 void write_text(const std::string& path, const std::string& text) {
   std::ofstream file(path);
@@ -68,7 +73,8 @@ void Learner::open_run_folder() {
   std::error_code error;
   fs::create_directories(options_.run_dir + "/checkpoints", error);
   if (error) throw_error("{}: {}", options_.run_dir, error.message());
-  checkpoints_ = std::make_unique<CheckpointStore>(options_.run_dir + "/checkpoints", kMilestones);
+  checkpoints_ = std::make_unique<CheckpointStore>(options_.run_dir + "/checkpoints",
+                                                   milestone_steps(config_));
 
   const pb::Run& run = config_.run();
   int threads = static_cast<int>(run.learner_threads());

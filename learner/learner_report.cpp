@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cstdio>
 
+#include "core/clock.h"
 #include "core/config.h"
 #include "core/log.h"
 #include "learner/learner.h"

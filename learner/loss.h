@@ -8,7 +8,7 @@
 
 namespace omentum {
 
-/// Samples of one gradient chunk (learner.md section 9). Part of the numerics: another size gives
+/// Samples of one gradient chunk (docs/learner.md 3.4). Part of the numerics: another size gives
 /// other rounding.
 inline constexpr int kChunk = 64;
 

@@ -12,30 +12,34 @@
 
 #include "core/check.h"
 #include "learner/durable_file.h"
-#include "learner/json_writer.h"
+#include "learner/json.h"
 
 namespace omentum {
 
 namespace {
 
-/// `update` of a stored row: the number behind `prefix`; 0 when there is none (header).
-std::uint64_t update_of(std::string_view line, std::string_view prefix) {
-  if (!line.starts_with(prefix)) return 0;
-  line.remove_prefix(prefix.size());
+/// `update` of a stored row; 0 when there is none (header).
+std::uint64_t update_of_csv(std::string_view line) {
   std::uint64_t number = 0;
   std::from_chars(line.data(), line.data() + line.size(), number);
   return number;
 }
+std::uint64_t update_of_json(std::string_view line) {
+  const Json row = Json::parse(line, nullptr, false);
+  if (!row.is_object() || !row.contains("update")) return 0;
+  const Json& update = row["update"];
+  return update.is_number_unsigned() ? update.get<std::uint64_t>() : 0;
+}
 
 /// Rewrites a row file without the rows after `last_update` and without a torn last line.
-void drop_rows_after(const std::string& path, std::uint64_t last_update, std::string_view prefix,
-                     const std::string& header) {
+void drop_rows_after(const std::string& path, std::uint64_t last_update,
+                     std::uint64_t (*update_of)(std::string_view), const std::string& header) {
   std::string kept = header;
   if (last_update > 0 && std::filesystem::exists(path)) {
     std::ifstream file(path);
     std::string line;
     while (std::getline(file, line) && !file.eof()) {
-      const std::uint64_t update = update_of(line, prefix);
+      const std::uint64_t update = update_of(line);
       if (update >= 1 && update <= last_update) kept += line + "\n";
     }
   }
@@ -142,22 +146,20 @@ MetricsWriter::MetricsWriter(const std::string& folder, const std::vector<std::s
                              std::uint64_t resume_update, bool mlagents_aliases)
     : names_(metric_names(branches)), mlagents_aliases_(mlagents_aliases), tensorboard_(folder) {
   const std::string csv = folder + "/metrics.csv", jsonl = folder + "/metrics.jsonl";
-  drop_rows_after(csv, resume_update, "", csv_header(names_));
-  drop_rows_after(jsonl, resume_update, "{\"update\":", "");
+  drop_rows_after(csv, resume_update, update_of_csv, csv_header(names_));
+  drop_rows_after(jsonl, resume_update, update_of_json, "");
   csv_.reset(open_for_append(csv));
   jsonl_.reset(open_for_append(jsonl));
 }
 
 Result<void> MetricsWriter::write(std::uint64_t update, double wall_time_s, const MetricsRow& row) {
   std::string line = fmt::format("{},{:.3f}", update, wall_time_s);
-  JsonWriter json(0);
-  json.begin_object().key("update").value(update).key("wall_time_s").value(wall_time_s);
+  Json json = {{"update", update}, {"wall_time_s", json_number(wall_time_s)}};
   for (const std::string& name : names_) {
     const double value = row.get(name);
     line += std::isfinite(value) ? fmt::format(",{}", value) : ",";
-    if (!std::isnan(value)) json.key(name).value(value);
+    if (!std::isnan(value)) json[name] = json_number(value);
   }
-  json.end_object();
 
   std::vector<Scalar> scalars = row.scalars();
   if (mlagents_aliases_) {
@@ -177,7 +179,7 @@ Result<void> MetricsWriter::write(std::uint64_t update, double wall_time_s, cons
   const auto position =
       static_cast<std::int64_t>(std::isfinite(steps) ? steps : static_cast<double>(update));
   if (Result<void> result = put(csv_.get(), line + "\n", "metrics.csv"); !result) return result;
-  if (Result<void> result = put(jsonl_.get(), json.text() + "\n", "metrics.jsonl"); !result)
+  if (Result<void> result = put(jsonl_.get(), json_text(json, -1) + "\n", "metrics.jsonl"); !result)
     return result;
   return tensorboard_.write(position, scalars);
 }

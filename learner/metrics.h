@@ -14,7 +14,7 @@
 
 namespace omentum {
 
-/// All metric names in column order (learner.md section 13); `branches` (action_names()) gives
+/// All metric names in column order (docs/learner.md 8); `branches` (action_names()) gives
 /// entropy_<branch> and kl_<branch>.
 std::vector<std::string> metric_names(const std::vector<std::string>& branches);
 

@@ -11,7 +11,7 @@ namespace omentum {
 namespace {
 
 constexpr double kVarianceFloor = 1e-8;  // keeps a constant input finite
-constexpr double kRewardClip = 10;       // learner.md 5, row 20
+constexpr double kRewardClip = 10;       // docs/learner.md 4, row 20
 
 }  // namespace
 

@@ -1,44 +1,39 @@
 #include "learner/summary.h"
 
 #include <span>
+#include <utility>
 
 #include "learner/durable_file.h"
-#include "learner/json_writer.h"
+#include "learner/json.h"
 
 namespace omentum {
 
 std::string summary_json(const RunSummary& summary) {
-  JsonWriter json;
-  json.begin_object();
-  json.key("format_version").value(std::uint64_t{1});
-  json.key("run_id").value(summary.run_id);
-  json.key("weights_hash").value(summary.weights_hash);
-  json.key("config_hash").value(summary.config_hash);
-  json.key("git_revision").value(summary.git_revision);
-  json.key("run_seed").value(summary.run_seed);
-  json.key("steps").value(summary.steps);
-  json.key("physics_steps").value(summary.physics_steps);
-  json.key("updates").value(summary.updates);
-  json.key("episodes").value(summary.episodes);
-  json.key("wall_s").value(summary.wall_s);
-  json.key("mean_return").value(summary.mean_return);
-  json.key("timings").begin_object();
-  for (const auto& [name, seconds] : summary.timings) json.key(name).value(seconds);
-  json.end_object();
-  json.key("evaluations").begin_array();
+  Json json = {{"format_version", 1},
+               {"run_id", summary.run_id},
+               {"weights_hash", summary.weights_hash},
+               {"config_hash", summary.config_hash},
+               {"git_revision", summary.git_revision},
+               {"run_seed", summary.run_seed},
+               {"steps", summary.steps},
+               {"physics_steps", summary.physics_steps},
+               {"updates", summary.updates},
+               {"episodes", summary.episodes},
+               {"wall_s", json_number(summary.wall_s)},
+               {"mean_return", json_number(summary.mean_return)},
+               {"timings", Json::object()},
+               {"evaluations", Json::array()}};
+  for (const auto& [name, seconds] : summary.timings) json["timings"][name] = json_number(seconds);
   for (const EvaluationSummary& evaluation : summary.evaluations) {
-    json.begin_object();
-    json.key("name").value(evaluation.name);
-    json.key("starts").value(evaluation.starts);
-    json.key("target_reached").value(evaluation.target_reached);
-    json.key("exposed").value(evaluation.exposed);
-    json.key("grasp_held").value(evaluation.grasp_held);
-    for (const auto& [name, value] : evaluation.values) json.key(name).value(value);
-    json.end_object();
+    Json entry = {{"name", evaluation.name},
+                  {"starts", evaluation.starts},
+                  {"target_reached", evaluation.target_reached},
+                  {"exposed", evaluation.exposed},
+                  {"grasp_held", evaluation.grasp_held}};
+    for (const auto& [name, value] : evaluation.values) entry[name] = json_number(value);
+    json["evaluations"].push_back(std::move(entry));
   }
-  json.end_array();
-  json.end_object();
-  return json.text() + "\n";
+  return json_text(json, 2) + "\n";
 }
 
 Result<void> write_summary(const std::string& path, const RunSummary& summary) {

@@ -47,7 +47,7 @@ struct TaskBookConfig {
   std::int64_t first_task_age_ns = 15'000'000'000;  ///< limit while no segment time is known
 };
 
-/// Counters of wire.md section 4.4. Every grant ends in exactly one of admitted, cancelled,
+/// Counters of docs/wire.md 4.3. Every grant ends in exactly one of admitted, cancelled,
 /// regranted, and every segment in exactly one of admitted, duplicate, stale, invalid, foreign,
 /// overflow.
 struct Ledger {
@@ -116,8 +116,8 @@ struct WorkerView {
   bool barred = false;  ///< gets nothing any more
 };
 
-/// Decides what is granted to whom and what counts (learner.md sections 2 and 3, wire.md
-/// sections 2.2, 4.2, 4.4). Pure logic: no DDS, no clock, no thread; time comes in as nanoseconds
+/// Decides what is granted to whom and what counts (docs/learner.md 1, 2;
+/// docs/wire.md 2, 4.1, 4.3). Pure logic: no DDS, no clock, no thread; time comes in as nanoseconds
 /// of any steady clock and never reaches a result. The content of the batches depends on the
 /// configuration and the announced weights only, not on workers or on the order, loss or repetition
 /// of anything.
@@ -182,7 +182,7 @@ class TaskBook {
   /// For a checkpoint; call between an update and the next take_batch().
   SlotTable table() const;
   Ledger ledger() const;
-  /// The equations of wire.md 4.4; names the one that does not hold.
+  /// The equations of docs/wire.md 4.3; names the one that does not hold.
   Result<void> check_balance() const;
   double oldest_task_age_s(std::int64_t now_ns) const;
   std::vector<WorkerView> workers() const;

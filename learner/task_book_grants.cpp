@@ -10,8 +10,8 @@
 namespace omentum {
 namespace {
 
-constexpr double kAgeFactor = 4;            // x p95 of the worker, wire.md 4.2
-constexpr double kStragglerShare = 0.9;     // of the batch admitted, wire.md 4.2
+constexpr double kAgeFactor = 4;            // x p95 of the worker, docs/wire.md 4.1
+constexpr double kStragglerShare = 0.9;     // of the batch admitted, docs/wire.md 4.1
 constexpr double kStragglerFactor = 1.5;    // x median: younger tasks are just on their way
 constexpr double kStragglerFloorNs = 20e6;  // below this a second grant costs more than it saves
 constexpr double kMaxSuspectNs = 60e9;

@@ -4,11 +4,11 @@
 #include <unistd.h>
 
 #include <array>
-#include <chrono>
 #include <cmath>
 #include <cstring>
 
 #include "core/check.h"
+#include "core/clock.h"
 #include "core/hash.h"
 
 namespace omentum {
@@ -22,9 +22,7 @@ std::uint32_t masked_crc(std::span<const std::byte> bytes) {
   return ((crc >> 15) | (crc << 17)) + 0xa282ead8u;
 }
 
-double seconds_since_epoch() {
-  return std::chrono::duration<double>(std::chrono::system_clock::now().time_since_epoch()).count();
-}
+double seconds_since_epoch() { return 1e-9 * static_cast<double>(wall_now_ns()); }
 
 std::string host_name() {
   std::array<char, 256> name{};

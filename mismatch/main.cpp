@@ -47,7 +47,7 @@ pb::RecordingInfo info_of(const Scene& scene, const SimulateOptions& options, do
   return info;
 }
 
-constexpr double kControlPeriod = 0.02;  // [s] of every recording (formats/recording.md)
+constexpr double kControlPeriod = 0.02;  // [s] of every recording (docs/formats.md 3)
 
 struct SceneAndModel {
   Scene scene;
@@ -118,7 +118,7 @@ int run(int argc, char** argv) {
   CLI::App& sub = *app.add_subcommand(
       "simulate",
       "Run a scene under the tool commands of a recording folder and write what a "
-      "recording of it would hold (formats/recording.md)");
+      "recording of it would hold (docs/formats.md 3)");
   sub.add_option("--scene", options.scene, "Scene file (deploy/scenes/*.txtpb)")->required();
   sub.add_option("--commands", options.commands, "Recording folder with tool.csv")->required();
   sub.add_option("-o,--output", options.output, "Folder to write; new or empty")->required();

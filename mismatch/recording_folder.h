@@ -13,7 +13,7 @@ namespace omentum {
 /// Point cloud of one moment of a simulated recording, p_W [m].
 using CloudOf = std::function<std::vector<Eigen::Vector3f>(std::size_t step)>;
 
-/// Writes a recording folder (formats/recording.md): recording.txtpb, tool.csv, joints.csv
+/// Writes a recording folder (docs/formats.md 3): recording.txtpb, tool.csv, joints.csv
 /// (where the arm has effects), force.csv,
 /// markers.csv with every node, and clouds.csv with clouds/*.ply every `cloud_stride` steps
 /// (0 = none). The folder must not exist or be empty; it appears whole or not at all. Throws Error.

@@ -6,13 +6,14 @@
 
 namespace omentum {
 
-/// A table of numbers with one header line, as recording folders hold them (formats/recording.md
-/// section 1): comma separated, no quotes. Columns are converted to SI by the suffix of their name
+/// A table of numbers with one header line, as recording folders hold them (docs/formats.md 3):
+/// comma separated, no quotes. Columns are converted to SI by the suffix of their name
 /// (`_mm`, `_deg`, `_ms`, `_g`), which is then replaced by that of the SI unit.
 struct Table {
   std::string path;
   std::vector<std::string> names;
   std::vector<std::vector<double>> columns;  ///< [column][row]
+  std::vector<std::size_t> lines;            ///< of the file, of each row
 
   std::size_t rows() const { return columns.empty() ? 0 : columns.front().size(); }
   /// Column of that name, if there is one.

@@ -6,9 +6,9 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <numbers>
 #include <span>
 
+#include "core/constants.h"
 #include "report/plot.h"
 #include "report/replay3d.h"
 #include "report/skin.h"
@@ -79,7 +79,7 @@ std::string draw_picture(Studio& studio, const EpisodeRecording& recording, std:
   if (tip.allFinite()) {
     ToolPose tool;
     tool.p_WT = tip.cast<double>();
-    tool.roll_rad = studio.scene.config.tool().roll_deg() * std::numbers::pi / 180;
+    tool.roll_rad = studio.scene.config.tool().roll_deg() * kDegree;
     tool.jaw_rad = state.held ? 0.05 : kOpenJaw;
     picture.tool = tool;
   }

@@ -2,6 +2,8 @@
 
 #include <fmt/core.h>
 
+#include <algorithm>
+
 #include "report/plot.h"
 #include "report/section_parts.h"
 
@@ -9,7 +11,7 @@ namespace omentum {
 namespace {
 
 /// In the units a person thinks in.
-double shown(const GraspStudyRow& r) {
+double shown(const GraspStudyPoint& r) {
   if (r.unit == "m") return 1e3 * r.value;
   if (r.unit == "m/s/N") return 1e3 * r.value;
   return r.value;
@@ -23,7 +25,7 @@ std::string shown_unit(const std::string& unit) {
 
 }  // namespace
 
-Section make_grasp_section(const std::vector<GraspStudyRow>& rows) {
+Section make_grasp_section(const std::vector<RunFolder>& runs) {
   Section section;
   section.id = "grasp-study";
   section.title = "The grasp that can fail";
@@ -31,10 +33,15 @@ Section make_grasp_section(const std::vector<GraspStudyRow>& rows) {
       "A scripted grasp from every start of the robot grid, straight down, close, straight to the "
       "target: share still held, and share lost on the way, against each parameter varied alone. "
       "The dashed line is the value of this configuration.";
-  if (rows.empty()) {
-    section.content = missing("This configuration has no robot grid or no gripper action.");
+  const auto run = std::find_if(runs.begin(), runs.end(),
+                                [](const RunFolder& r) { return !r.grasp_study.empty(); });
+  if (run == runs.end()) {
+    section.content = missing(
+        "No grasp study. `sim_worker --grasp-study RUN` makes it for a configuration whose grasp "
+        "can fail, and deploy/train.sh does so after the training.");
     return section;
   }
+  const std::vector<GraspStudyPoint>& rows = run->grasp_study;
   std::string charts;
   for (std::size_t i = 0; i < rows.size();) {
     LineChart chart;
@@ -42,7 +49,7 @@ Section make_grasp_section(const std::vector<GraspStudyRow>& rows) {
     PlotSeries lost{"lost on the way", {}, {}, {}, {}, 2};
     const std::string parameter = rows[i].parameter;
     for (; i < rows.size() && rows[i].parameter == parameter; ++i) {
-      const GraspStudyRow& r = rows[i];
+      const GraspStudyPoint& r = rows[i];
       held.x.push_back(shown(r));
       held.y.push_back(static_cast<double>(r.held) / r.starts);
       lost.x.push_back(shown(r));

@@ -3,12 +3,13 @@
 #include <vector>
 
 #include "report/html.h"
-#include "sim_worker/backend/grasp_study.h"
+#include "report/run_folder.h"
 
 namespace omentum {
 
 /// Success over the robot's starts against each parameter of the grasp that can fail: one chart per
-/// parameter, the shipped value as a dashed line. Says so when the study is empty.
-Section make_grasp_section(const std::vector<GraspStudyRow>& rows);
+/// parameter, the shipped value as a dashed line. The first run that has a study; says so when none
+/// has.
+Section make_grasp_section(const std::vector<RunFolder>& runs);
 
 }  // namespace omentum

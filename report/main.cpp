@@ -30,10 +30,9 @@ std::string default_output(const std::vector<std::string>& folders) {
 /// Scene of the first run that has a configuration; a report without pictures is better than none.
 std::optional<Scene> find_scene(const std::vector<RunFolder>& runs) {
   for (const RunFolder& run : runs) {
-    if (run.config_text.empty()) continue;
+    if (!run.config) continue;
     try {
-      const pb::Config config = parse_config(run.path + "/config.txtpb", run.config_text);
-      return make_scene(config.scene(), deploy_dir() + "/scenes");
+      return make_scene(run.config->scene(), deploy_dir() + "/scenes");
     } catch (const Error& error) {
       fmt::print(stderr, "report: no pictures: {}\n", error.what());
     }
@@ -41,36 +40,10 @@ std::optional<Scene> find_scene(const std::vector<RunFolder>& runs) {
   return std::nullopt;
 }
 
-/// The grasp study of the first run whose configuration has the grasp that can fail; kept as
-/// evaluation/grasp_study.csv beside the other results.
-std::vector<GraspStudyRow> run_grasp_study(const std::vector<RunFolder>& runs) {
-  for (const RunFolder& run : runs) {
-    if (run.config_text.empty()) continue;
-    try {
-      const pb::Config config = parse_config(run.path + "/config.txtpb", run.config_text);
-      if (!(config.grasp().jaw_open_deg() > 0)) continue;
-      fmt::print("report: grasp study over the robot's starts\n");
-      std::fflush(stdout);
-      auto rows = study_grasps(*make_sim_setup(config, deploy_dir() + "/scenes"));
-      std::error_code ignored;  // a folder that cannot be made shows as the failed write below
-      fs::create_directories(run.path + "/evaluation", ignored);
-      std::ofstream file(run.path + "/evaluation/grasp_study.csv");
-      file << grasp_study_csv(rows);
-      file.close();
-      if (!file) throw_error("{}/evaluation/grasp_study.csv: cannot be written", run.path);
-      return rows;
-    } catch (const Error& error) {
-      fmt::print(stderr, "report: no grasp study: {}\n", error.what());
-    }
-  }
-  return {};
-}
-
 void write_report(const std::vector<std::string>& folders, std::string output) {
   const std::vector<RunFolder> runs = load_runs(folders);
   const std::optional<Scene> scene = find_scene(runs);
-  const std::vector<GraspStudyRow> study = run_grasp_study(runs);
-  const std::string html = make_report(runs, scene ? &*scene : nullptr, study);
+  const std::string html = make_report(runs, scene ? &*scene : nullptr);
   if (output.empty()) output = default_output(folders);
   std::ofstream file(output, std::ios::binary);
   file << html;

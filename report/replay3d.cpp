@@ -9,9 +9,11 @@
 #include <cstdint>
 #include <cstring>
 #include <iterator>
-#include <numbers>
+#include <nlohmann/json.hpp>
 #include <span>
+#include <utility>
 
+#include "core/constants.h"
 #include "report/html.h"
 #include "report/skin.h"
 
@@ -68,24 +70,32 @@ class Quantiser {
   std::string bytes_;
 };
 
-std::string json_string(const std::string& text) {
-  std::string out = "\"";
-  for (const char c : text) {
-    const auto byte = static_cast<unsigned char>(c);
-    if (c == '"' || c == '\\' || c == '<' || byte < 32) {
-      out += fmt::format("\\u{:04x}", byte);
-    } else {
-      out += c;
-    }
+using Json = nlohmann::ordered_json;
+
+Json json_triangles(const std::vector<Eigen::Vector3i>& triangles) {
+  Json out = Json::array();
+  for (const Eigen::Vector3i& t : triangles) {
+    for (int corner = 0; corner < 3; ++corner) out.push_back(t[corner]);
   }
-  return out + "\"";
+  return out;
 }
 
-std::string json_triangles(const std::vector<Eigen::Vector3i>& triangles) {
-  std::string out = "[";
-  for (const Eigen::Vector3i& t : triangles)
-    out += fmt::format("{}{},{},{}", out.size() > 1 ? "," : "", t[0], t[1], t[2]);
-  return out + "]";
+Json json_point(const Eigen::Vector3d& p) { return {p.x(), p.y(), p.z()}; }
+
+/// To 1 / `parts`, so that the text is short.
+double rounded(double value, double parts) { return std::round(value * parts) / parts; }
+
+/// The text of a document inside a script element, which nothing in it may end.
+std::string script_text(const Json& json) {
+  std::string text;
+  for (const char c : json.dump(-1, ' ', false, Json::error_handler_t::replace)) {
+    if (c == '<') {
+      text += "\\u003c";  // stands in strings only
+    } else {
+      text += c;
+    }
+  }
+  return text;
 }
 
 /// The surface of a body in W with few enough triangles for a web page.
@@ -138,22 +148,21 @@ std::vector<std::size_t> chosen_frames(std::size_t count) {
 }
 
 struct EpisodeText {
-  std::string json, block;
+  Json json;
+  std::string block;
 };
 
 EpisodeText episode_text(const ReplayEpisode& episode, std::size_t number, const SurfaceSkin& skin,
                          Quantiser& quantiser) {
   const EpisodeRecording& recording = *episode.recording;
   const std::size_t width = std::size_t{3} * recording.context.particles;
-  std::string times, held, exposure;
+  Json times = Json::array(), held = Json::array(), exposure = Json::array();
   const std::vector<std::size_t> frames = chosen_frames(recording.frame_steps.size());
   for (const std::size_t frame : frames) {
     const FrameState state = frame_state(recording, frame);
-    const char* comma = times.empty() ? "" : ",";
-    times += fmt::format("{}{:.3f}", comma, state.time);
-    held += fmt::format("{}{}", comma, state.held ? 1 : 0);
-    exposure +=
-        fmt::format("{}{:.4f}", comma, std::isfinite(state.exposure) ? state.exposure : 0.0F);
+    times.push_back(rounded(state.time, 1e3));
+    held.push_back(state.held ? 1 : 0);
+    exposure.push_back(std::isfinite(state.exposure) ? rounded(state.exposure, 1e4) : 0.0);
     quantiser.add(skin.apply(std::span(recording.segment.frame_positions_in_world_m)
                                  .subspan(frame * width, 3 * skin.particles())));
   }
@@ -161,10 +170,8 @@ EpisodeText episode_text(const ReplayEpisode& episode, std::size_t number, const
   for (const std::size_t frame : frames) quantiser.add(frame_state(recording, frame).tool_position);
   EpisodeText text;
   const std::string block = fmt::format("replay-block-{}", number);
-  text.json = fmt::format(
-      "{{\"label\":{},\"block\":\"{}\",\"times\":[{}],\"held\":[{}],\"exposure\":[{}],\"tool_"
-      "data\":\"{}\"}}",
-      json_string(episode.label), block, times, held, exposure, quantiser.take());
+  text.json = {{"label", episode.label}, {"block", block},       {"times", times},
+               {"held", held},           {"exposure", exposure}, {"tool_data", quantiser.take()}};
   text.block = fmt::format("<script type=\"text/plain\" id=\"{}\">{}</script>\n", block, positions);
   return text;
 }
@@ -225,22 +232,23 @@ std::string make_replay_markup(const Scene& scene, const std::vector<ReplayEpiso
   const Eigen::AlignedBox3d box = extent_of(meshes, episodes);
   const SurfaceSkin skin(scene.tissue);
   Quantiser quantiser(box);
-  std::string bodies;
+  Json bodies = Json::array();
   for (std::size_t k = 0; k < meshes.size(); ++k) {
     for (const Eigen::Vector3d& p : meshes[k].vertices) quantiser.add(p);
-    bodies +=
-        fmt::format("{}{{\"kind\":\"{}\",\"data\":\"{}\",\"triangles\":{}}}", k > 0 ? "," : "",
-                    kinds[k], quantiser.take(), json_triangles(meshes[k].triangles));
+    bodies.push_back({{"kind", kinds[k]},
+                      {"data", quantiser.take()},
+                      {"triangles", json_triangles(meshes[k].triangles)}});
   }
-  std::string json, blocks;
+  Json shown = Json::array();
+  std::string blocks;
   for (std::size_t k = 0; k < episodes.size(); ++k) {
-    const EpisodeText text = episode_text(episodes[k], k, skin, quantiser);
-    json += (k > 0 ? "," : "") + text.json;
+    EpisodeText text = episode_text(episodes[k], k, skin, quantiser);
+    shown.push_back(std::move(text.json));
     blocks += text.block;
   }
   const Eigen::Vector3d target =
       scene.tissue.X_WB.translation() + Eigen::Vector3d(0.012, -0.012, 0.012);
-  const double roll = scene.config.tool().roll_deg() * std::numbers::pi / 180;
+  const double roll = scene.config.tool().roll_deg() * kDegree;
   std::string html = "<div class=\"replay\">\n";
   for (int pane = 0; pane < (episodes.size() > 1 ? 2 : 1); ++pane) {
     html +=
@@ -254,15 +262,20 @@ std::string make_replay_markup(const Scene& scene, const std::vector<ReplayEpiso
       "<span class=\"time\" id=\"replay-clock\"></span></div>\n"
       "<p class=\"hint\">Drag to turn, wheel or pinch to zoom, double click to go back to the "
       "first view.</p>\n";
-  html += fmt::format(
-      "<script type=\"application/json\" "
-      "id=\"replay-data\">{{\"low\":[{},{},{}],\"high\":[{},{},{}],\"vertices\":{},"
-      "\"triangles\":{},\"bodies\":[{}],\"episodes\":[{}],\"target\":[{},{},{}],\"yaw\":1.05,"
-      "\"pitch\":0.52,"
-      "\"distance\":0.36,\"roll\":{},\"speed\":2}}</script>\n",
-      box.min().x(), box.min().y(), box.min().z(), box.max().x(), box.max().y(), box.max().z(),
-      skin.vertices(), json_triangles(scene.tissue.surface_triangles), bodies, json, target.x(),
-      target.y(), target.z(), roll);
+  const Json data = {{"low", json_point(box.min())},
+                     {"high", json_point(box.max())},
+                     {"vertices", skin.vertices()},
+                     {"triangles", json_triangles(scene.tissue.surface_triangles)},
+                     {"bodies", bodies},
+                     {"episodes", shown},
+                     {"target", json_point(target)},
+                     {"yaw", 1.05},
+                     {"pitch", 0.52},
+                     {"distance", 0.36},
+                     {"roll", roll},
+                     {"speed", 2}};
+  html +=
+      "<script type=\"application/json\" id=\"replay-data\">" + script_text(data) + "</script>\n";
   return html + blocks;
 }
 

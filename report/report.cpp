@@ -26,8 +26,7 @@ std::string title_of(const std::vector<RunFolder>& runs) {
 
 std::string subtitle_of(const std::vector<RunFolder>& runs,
                         const std::vector<ShownEpisode>& episodes) {
-  std::string text =
-      "Soft-tissue retraction: learn to lift a fat sheet and expose the tumour under it.";
+  std::string text = report_texts(runs).task();
   if (runs.size() > 1) {
     text += " Runs:";
     for (const RunFolder& run : runs) text += " " + run.name;
@@ -44,8 +43,7 @@ std::string subtitle_of(const std::vector<RunFolder>& runs,
 
 }  // namespace
 
-std::string make_report(std::vector<RunFolder> runs, const Scene* scene,
-                        const std::vector<GraspStudyRow>& grasp_study) {
+std::string make_report(std::vector<RunFolder> runs, const Scene* scene) {
   OMENTUM_CHECK(!runs.empty());
   const std::vector<ShownEpisode> episodes =
       choose_episodes(runs, kShownEpisodes, runs.front().warnings);
@@ -56,7 +54,7 @@ std::string make_report(std::vector<RunFolder> runs, const Scene* scene,
   sections.push_back(make_replay_section(episodes, scene));
   sections.push_back(make_lattice_section(runs));
   sections.push_back(make_robot_section(runs));
-  if (!grasp_study.empty()) sections.push_back(make_grasp_section(grasp_study));
+  sections.push_back(make_grasp_section(runs));
   sections.push_back(make_numbers_section(runs));
   sections.push_back(make_config_section(runs));
   return make_page(title_of(runs), subtitle_of(runs, episodes), make_overview(runs), sections,

@@ -4,8 +4,11 @@
 #include <filesystem>
 #include <fstream>
 #include <iterator>
+#include <optional>
+#include <utility>
 
 #include "core/check.h"
+#include "core/config.h"
 
 namespace omentum {
 namespace {
@@ -68,24 +71,60 @@ std::vector<LatticePoint> make_lattice(const CsvTable& table) {
   return points;
 }
 
+std::vector<GraspStudyPoint> make_study(const CsvTable& table) {
+  std::vector<GraspStudyPoint> rows;
+  const std::optional<std::size_t> parameter = table.column("parameter");
+  const std::optional<std::size_t> unit = table.column("unit");
+  for (std::size_t k = 0; parameter && unit && k < table.rows.size(); ++k) {
+    GraspStudyPoint row;
+    row.parameter = table.rows[k][*parameter].text;
+    row.unit = table.rows[k][*unit].text;
+    row.value = table.number(k, "value");
+    row.shipped = table.number(k, "shipped") > 0;
+    row.starts = integer(table.number(k, "starts"));
+    row.held = integer(table.number(k, "held"));
+    row.lost = integer(table.number(k, "lost"));
+    if (row.starts > 0) rows.push_back(row);
+  }
+  return rows;
+}
+
+/// A CSV file of a run; nothing, and a line in `warnings`, if it is missing or wrong. A last row
+/// that a stopped writer left half done is left out and named. `text` names the columns that hold
+/// no numbers.
+std::optional<CsvTable> load_table(const std::string& path, const std::vector<std::string>& text,
+                                   std::vector<std::string>& warnings) {
+  Result<CsvTable> loaded = load_csv(path);
+  if (!loaded) {
+    warnings.push_back(loaded.error());
+    return std::nullopt;
+  }
+  CsvTable table = std::move(loaded).value();
+  if (const Result<void> checked = table.require_numbers(text); !checked) {
+    warnings.push_back(checked.error());
+    return std::nullopt;
+  }
+  if (!table.cut_off.empty()) warnings.push_back(table.cut_off + "; the row is left out");
+  return table;
+}
+
 void load_evaluations(const fs::path& folder, RunFolder& run) {
   std::error_code ignored;
   for (const auto& entry : fs::directory_iterator(folder / "evaluation", ignored)) {
     if (entry.path().extension() != ".csv") continue;
-    const Result<CsvTable> table = load_csv(entry.path().string());
-    if (!table) {
-      run.warnings.push_back(table.error());
-      continue;
-    }
     const std::string name = entry.path().stem().string();
-    if (table.value().dropped > 0) {
-      run.warnings.push_back(fmt::format("evaluation/{}.csv: {} incomplete rows left out", name,
-                                         table.value().dropped));
-    }
+    const bool study = name == "grasp_study";
+    const std::optional<CsvTable> table = load_table(
+        entry.path().string(),
+        study ? std::vector<std::string>{"parameter", "unit"} : std::vector<std::string>{},
+        run.warnings);
+    if (!table) continue;
     if (name == "grasp_lattice") {
-      run.lattice = make_lattice(table.value());
-    } else if (table.value().column("exposure") && table.value().column("row")) {
-      run.evaluations[name] = make_set(name, table.value());
+      run.lattice = make_lattice(*table);
+    } else if (study) {
+      run.grasp_study = make_study(*table);
+    } else if (table->column("exposure") && table->column("row")) {
+      run.evaluations[name] = make_set(name, *table);
     }
   }
 }
@@ -98,14 +137,11 @@ RunFolder load_run(const std::string& path) {
   RunFolder run;
   run.path = path;
   run.name = fs::weakly_canonical(folder).filename().string();
-  if (Result<CsvTable> table = load_csv((folder / "metrics.csv").string())) {
-    run.metrics = std::move(table).value();
-    if (run.metrics.dropped > 0) {
-      run.warnings.push_back(
-          fmt::format("metrics.csv: {} incomplete rows left out", run.metrics.dropped));
-    }
-  } else {
+  if (!fs::exists(folder / "metrics.csv")) {
     run.warnings.push_back("no metrics.csv: no learning curves");
+  } else if (std::optional<CsvTable> table =
+                 load_table((folder / "metrics.csv").string(), {}, run.warnings)) {
+    run.metrics = std::move(*table);
   }
   load_evaluations(folder, run);
   if (const Result<CsvTable> table = load_csv((folder / "figures.csv").string())) {
@@ -113,7 +149,7 @@ RunFolder load_run(const std::string& path) {
     for (const auto& row : figures.rows) {
       const auto cell = [&](const char* name) {
         const auto column = figures.column(name);
-        return column ? row[*column] : std::string();
+        return column ? row[*column].text : std::string();
       };
       run.figures.push_back(
           {cell("name"), cell("value"), cell("unit"), cell("command"), cell("machine")});
@@ -121,7 +157,15 @@ RunFolder load_run(const std::string& path) {
   }
   std::ifstream config(folder / "config.txtpb", std::ios::binary);
   run.config_text.assign(std::istreambuf_iterator<char>(config), std::istreambuf_iterator<char>());
-  if (run.config_text.empty()) run.warnings.push_back("no config.txtpb: no pictures and no replay");
+  if (run.config_text.empty()) {
+    run.warnings.push_back("no config.txtpb: no pictures and no replay");
+  } else {
+    try {
+      run.config = parse_config((folder / "config.txtpb").string(), run.config_text);
+    } catch (const Error& error) {
+      run.warnings.push_back(error.what());
+    }
+  }
   std::error_code ignored;
   for (const auto& entry : fs::directory_iterator(folder / "recordings", ignored)) {
     if (entry.path().extension() == ".mcap")
@@ -152,6 +196,13 @@ std::vector<RunFolder> load_runs(const std::vector<std::string>& paths) {
     throw_error("{}: neither metrics.csv nor evaluation nor recordings in it",
                 paths.empty() ? "" : paths[0]);
   return runs;
+}
+
+const pb::Report& report_texts(const std::vector<RunFolder>& runs) {
+  for (const RunFolder& run : runs) {
+    if (run.config) return run.config->report();
+  }
+  return pb::Report::default_instance();
 }
 
 }  // namespace omentum

@@ -1,18 +1,21 @@
 #pragma once
 
 #include <map>
+#include <optional>
 #include <string>
 #include <vector>
 
-#include "report/csv.h"
+#include "core/csv.h"
+#include "proto/config.pb.h"
 
-// What a run leaves on disk, as far as the report needs it (architecture.md section 5). Every file
+// What a run leaves on disk, as far as the report needs it (docs/formats.md 1). Every file
 // is optional: a missing or damaged one becomes a line in `warnings`, and the report says so where
 // its picture would be.
 //
 //   metrics.csv                    one row per update, columns named as TensorBoard tags
 //   evaluation/<set>.csv           one row per start: grid100_greedy, grid100_sampled,
 //   robot25_greedy, ... evaluation/grasp_lattice.csv   exposure by grasped particle
+//   evaluation/grasp_study.csv     the grasp against its parameters (sim_worker --grasp-study)
 //   recordings/<set>_<index>.mcap  episodes (core/episode_recording.h)
 //   config.txtpb                   resolved configuration
 //   figures.csv                    name, value, unit, command, machine
@@ -43,6 +46,14 @@ struct LatticePoint {
   bool reached = false;
 };
 
+/// What the grasp does with one value of one of its parameters, starts of the robot grid.
+struct GraspStudyPoint {
+  std::string parameter, unit;
+  double value = 0;
+  bool shipped = false;  ///< the value of the configuration itself
+  int starts = 0, held = 0, lost = 0;
+};
+
 struct FigureRow {
   std::string name, value, unit, command, machine;
 };
@@ -52,9 +63,11 @@ struct RunFolder {
   CsvTable metrics;
   std::map<std::string, EvaluationSet> evaluations;  ///< by name, without the lattice
   std::vector<LatticePoint> lattice;
+  std::vector<GraspStudyPoint> grasp_study;
   std::vector<FigureRow> figures;
   std::map<std::string, std::string> recordings;  ///< path by file name without ending
   std::string config_text;
+  std::optional<pb::Config> config;  ///< of config_text
   std::vector<std::string> warnings;
 };
 
@@ -64,5 +77,8 @@ RunFolder load_run(const std::string& path);
 /// Reads every folder given; a folder without metrics.csv whose subfolders have one stands for
 /// those, in order of name. Throws Error if nothing is found.
 std::vector<RunFolder> load_runs(const std::vector<std::string>& paths);
+
+/// What the configuration of the first run that has one says of its task; empty texts otherwise.
+const pb::Report& report_texts(const std::vector<RunFolder>& runs);
 
 }  // namespace omentum

@@ -15,10 +15,6 @@ namespace {
 
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 
-// The paper's stages of learning, in steps (paper VI-B).
-const std::vector<PlotMilestone> kMilestones = {
-    {0.5e6, "approach"}, {2.0e6, "interaction"}, {3.0e6, "retraction"}};
-
 double last_finite(const std::vector<double>& values) {
   for (std::size_t k = values.size(); k-- > 0;) {
     if (std::isfinite(values[k])) return values[k];
@@ -45,7 +41,8 @@ std::string learning_chart(const std::vector<RunFolder>& runs, const std::string
   chart.x_label = "steps (decisions of 20 ms)";
   chart.y_label = y_label;
   chart.percent = percent_axis;
-  chart.milestones = kMilestones;
+  for (const pb::Milestone& milestone : report_texts(runs).milestone())
+    chart.milestones.push_back({static_cast<double>(milestone.steps()), milestone.label()});
   std::vector<Curve> curves;
   for (std::size_t k = 0; k < runs.size(); ++k) {
     if (values[k].empty()) continue;
@@ -130,13 +127,13 @@ std::string make_overview(const std::vector<RunFolder>& runs) {
 
 Section make_learning_section(const std::vector<RunFolder>& runs) {
   Section section{"learning", "Learning", "", ""};
+  const pb::Report& texts = report_texts(runs);
   section.lead = runs.size() > 1
                      ? fmt::format(
                            "Line: mean of {} seeds; shade: from the lowest to the highest; grey: "
-                           "each seed. Dashed: where "
-                           "the paper saw the stages of the task being learnt.",
-                           runs.size())
-                     : "One seed. Dashed: where the paper saw the stages of the task being learnt.";
+                           "each seed. {}",
+                           runs.size(), texts.milestones())
+                     : "One seed. " + texts.milestones();
   const auto column = [&](const char* name) {
     std::vector<std::vector<double>> values;
     for (const RunFolder& run : runs) values.push_back(run.metrics.numbers(name));
@@ -144,7 +141,8 @@ Section make_learning_section(const std::vector<RunFolder>& runs) {
   };
   std::vector<std::vector<double>> rewards;
   for (const RunFolder& run : runs) rewards.push_back(reward_per_step(run));
-  std::string charts = learning_chart(runs, "Reward per step (the paper's figure 4)",
+  const std::string of_reward = texts.reward().empty() ? "" : " (" + texts.reward() + ")";
+  std::string charts = learning_chart(runs, "Reward per step" + of_reward,
                                       "episode return / length", rewards, false, 3);
   charts += learning_chart(runs, "Success in training", "target reached, tissue held",
                            column("charts/success_rate"), true, 3);

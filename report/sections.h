@@ -12,8 +12,8 @@ namespace omentum {
 /// throughout.
 std::string make_overview(const std::vector<RunFolder>& runs);
 
-/// Learning curves over steps: mean and range over the seeds, the paper's milestones as dashed
-/// lines (figure 4).
+/// Learning curves over steps: mean and range over the seeds, the configuration's milestones as
+/// dashed lines.
 Section make_learning_section(const std::vector<RunFolder>& runs);
 
 /// Per evaluation set on the grid of starts: exposure (figure 5) and success, mean over the seeds.

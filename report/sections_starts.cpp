@@ -78,7 +78,8 @@ std::string hover_of(const Grid& grid, std::size_t k) {
       cell.runs, cell.lost, cell.runs);
 }
 
-std::string exposure_grid(const Grid& grid, const std::string& title) {
+/// Starts that `texts` marks are outlined.
+std::string exposure_grid(const Grid& grid, const std::string& title, const pb::Report& texts) {
   HeatMap map = grid_frame(grid, title);
   map.scale_label = std::string("%");  // g++ 12 warns wrongly about assigning the literal
   map.high = 100;
@@ -88,8 +89,11 @@ std::string exposure_grid(const Grid& grid, const std::string& title) {
     map.text[k] = fmt::format("{:.0f}", map.value[k]);
     map.hover[k] = hover_of(grid, k);
   }
-  if (grid.rows == 10 && grid.columns == 10) {
-    map.marks = {{75, "(8, 6): exposed in the paper"}, {19, "(2, 10): not exposed in the paper"}};
+  for (const pb::MarkedStart& mark : texts.marked_start()) {
+    const auto row = static_cast<int>(mark.row());
+    const auto column = static_cast<int>(mark.column());
+    if (row <= grid.rows && column <= grid.columns)
+      map.marks.emplace_back((row - 1) * grid.columns + column - 1, mark.text());
   }
   return draw_heat_map(map);
 }
@@ -116,9 +120,8 @@ std::string success_grid(const Grid& grid, const std::string& title) {
 Section make_grid_section(const std::vector<RunFolder>& runs) {
   Section section{"starts", "Where the tool starts",
                   "Each cell is one start of the tool above the sheet. Exposure: share of the "
-                  "tumour's visible surface seen by "
-                  "the endoscope at the end of the episode (the paper's figure 5). Outlined: the "
-                  "two starts the paper shows.",
+                  "tumour's visible surface seen by the endoscope at the end of the episode. " +
+                      report_texts(runs).starts(),
                   ""};
   for (const std::string& name : set_names(runs)) {
     if (is_robot_set(name)) continue;
@@ -129,7 +132,7 @@ Section make_grid_section(const std::vector<RunFolder>& runs) {
         fmt::format("<h3>{}: target reached {} of {}, mean exposure {}</h3>\n<div class=\"row\">\n",
                     escape_html(describe_set(name)), reached.successes, reached.trials,
                     percent(mean_exposure(runs, name), 1));
-    section.content += card(exposure_grid(grid, "Tumour exposed [%]"));
+    section.content += card(exposure_grid(grid, "Tumour exposed [%]", report_texts(runs)));
     section.content += card(success_grid(grid, "Target reached with tissue held"));
     section.content += "</div>\n";
   }
@@ -138,11 +141,7 @@ Section make_grid_section(const std::vector<RunFolder>& runs) {
 }
 
 Section make_robot_section(const std::vector<RunFolder>& runs) {
-  Section section{"robot", "The robot's starts",
-                  "25 starts above the lower half of the sheet, where the paper tried the policy "
-                  "on the real arm: 9 held, "
-                  "2 lost on lifting, 14 not held (its figure 7).",
-                  ""};
+  Section section{"robot", "The robot's starts", report_texts(runs).robot_starts(), ""};
   for (const std::string& name : set_names(runs)) {
     if (!is_robot_set(name)) continue;
     const Grid grid = make_grid(runs, name);
@@ -166,7 +165,8 @@ Section make_robot_section(const std::vector<RunFolder>& runs) {
       map.hover.push_back(hover_of(grid, k));
     }
     section.content += card(draw_category_map(map));
-    section.content += card(exposure_grid(grid, "Tumour exposed [%]"));
+    section.content +=
+        card(exposure_grid(grid, "Tumour exposed [%]", pb::Report::default_instance()));
   }
   section.content = section.content.empty() ? missing("No evaluation on the robot's grid.")
                                             : row(section.content);

@@ -13,6 +13,7 @@
 #include "core/log.h"
 #include "core/rollout.h"
 #include "core/topics.h"
+#include "sim_worker/backend/grasp_study.h"
 #include "sim_worker/backend/image_source.h"
 #include "sim_worker/backend/replay.h"
 #include "sim_worker/backend/sim_backend.h"
@@ -59,6 +60,34 @@ int replay(const std::vector<std::string>& paths, unsigned width) {
   return code;
 }
 
+/// Makes evaluation/grasp_study.csv of a run folder; says so where there is nothing to study.
+int grasp_study(const std::string& folder) {
+  using namespace omentum;  // NOLINT(google-build-using-namespace)
+  const std::string path = folder + "/config.txtpb";
+  std::ifstream file(path, std::ios::binary);
+  std::ostringstream text;
+  text << file.rdbuf();
+  if (!file) throw_error("--grasp-study {}: {} cannot be read", folder, path);
+  const pb::Config config = parse_config(path, text.str());
+  const auto setup = make_sim_setup(config, deploy_dir() + "/scenes");
+  if (!(config.grasp().jaw_open_deg() > 0) || setup->scene.robot_starts.empty() ||
+      config.task().action() != pb::ACTION_XYZ_GRIPPER) {
+    std::printf("%s: no grasp study: its grasp cannot fail, or it has no robot grid or gripper\n",
+                folder.c_str());
+    return 0;
+  }
+  const std::string out = folder + "/evaluation/grasp_study.csv";
+  std::error_code ignored;  // a folder that cannot be made shows as the failed write below
+  std::filesystem::create_directories(folder + "/evaluation", ignored);
+  const std::string rows = grasp_study_csv(study_grasps(*setup));
+  std::ofstream study(out, std::ios::binary);
+  study << rows;
+  study.close();
+  if (!study) throw_error("{}: cannot be written", out);
+  std::printf("%s\n", out.c_str());
+  return 0;
+}
+
 int run(int argc, char** argv) {
   using namespace omentum;  // NOLINT(google-build-using-namespace)
   CLI::App app{
@@ -74,6 +103,7 @@ int run(int argc, char** argv) {
   bool print_dds = false;
   bool print_knobs = false;
   std::string check_config;
+  std::string study;
   std::vector<std::string> replays;
   app.add_option("--run", run_name, "Name of the run to work for")->capture_default_str();
   app.add_option("--domain", domain, "DDS domain, 0 ... 230")
@@ -88,6 +118,9 @@ int run(int argc, char** argv) {
   app.add_option("--replay", replays,
                  "Run recordings (runs/<name>/recordings/*.mcap) again, compare every step, and "
                  "exit: 0 identical, 1 different, 2 a bad file");
+  app.add_option("--grasp-study", study,
+                 "Vary each parameter of the grasp of this run folder alone, write its "
+                 "evaluation/grasp_study.csv for the report, and exit: 0, or 2 with the reason");
   app.add_flag("--print-dds-env", print_dds, "Print CYCLONEDDS_URI for other tools and exit");
   app.add_flag("--knobs", print_knobs,
                "Print every knob of a run with unit, range, default and source, and exit");
@@ -96,6 +129,7 @@ int run(int argc, char** argv) {
       "finished, 1 a replay differs, 2 wrong input.");
   if (const std::optional<int> code = parse_command_line(app, argc, argv)) return *code;
   if (!check_config.empty()) return check(check_config);
+  if (!study.empty()) return grasp_study(study);
   if (!replays.empty()) return replay(replays, width == 0 ? 1 : width);
   check_run_name(run_name);
   if (print_knobs) {
@@ -104,7 +138,7 @@ int run(int argc, char** argv) {
   }
   const LaneKernel<float>& kernel = choose_kernel(width);
   if (lanes == 0) lanes = static_cast<unsigned>(kernel.lanes);
-  // State of the largest scene in use (4,353 particles, wire.md 2.3) and the weights of the largest
+  // State of a large scene (4,353 particles, docs/wire.md 2.1) and the weights of the largest
   // preset.
   constexpr std::size_t kStateBytes = 105000;
   constexpr std::size_t kWeightBytes = 400000;

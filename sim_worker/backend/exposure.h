@@ -25,10 +25,10 @@ struct ExposureSamples {
   int size() const { return static_cast<int>(u.size()); }
 };
 
-/// ExposureEstimator of the tumour: visible weight / weight visible without the sheet (seed_task.md
-/// section 10). A soft body that is pushed before the tumour shadows it; what it hides at rest
-/// counts in neither number. The tool does not shadow. No rendering. Rays from the camera are
-/// tested against the sheet's triangles.
+/// ExposureEstimator of the tumour: visible weight / weight visible without the sheet (docs/task.md
+/// 9). A soft body that is pushed before the tumour shadows it; what it hides at rest counts in
+/// neither number. The tool does not shadow. No rendering. Rays from the camera are tested against
+/// the sheet's triangles.
 class ExposureEstimator {
  public:
   /// `reward_samples` is the size of the fixed stratified subset. Without a tumour every exposure

@@ -3,6 +3,7 @@
 #include <memory>
 
 #include "core/check.h"
+#include "core/constants.h"
 #include "sim_worker/camera/camera.h"
 
 namespace omentum {
@@ -14,13 +15,13 @@ SimBackend::ImageSource make_image_source(const SimSetup& setup) {
   const bool shaded = task.image() == pb::IMAGE_SHADED;
   auto camera = std::make_shared<Camera>(setup.scene, size, size, 1);
   const Eigen::Vector3d shaft = setup.mount.jaw_direction();
-  const double roll = setup.config.scene().tool().roll_deg() * 3.14159265358979323846 / 180;
+  const double roll = setup.config.scene().tool().roll_deg() * kPi / 180;
   return [camera, shaded, size, shaft, roll](std::span<const float> vertices,
                                              const Eigen::Vector3d& tip, double jaw_deg,
                                              std::span<float> out) {
     CameraFrame frame;
     frame.tissue_vertices_W = vertices;
-    frame.tool = ToolPose{tip, shaft, roll, jaw_deg * 3.14159265358979323846 / 180};
+    frame.tool = ToolPose{tip, shaft, roll, jaw_deg * kPi / 180};
     const Image image = shaded ? camera->draw_shaded(frame)
                                : camera->draw_ids(frame, camera->endoscope(), size, size);
     OMENTUM_CHECK(image.pixels.size() == out.size(), "image of {} values for {}",

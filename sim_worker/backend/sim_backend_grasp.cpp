@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/constants.h"
 #include "core/trig.h"
 #include "sim_worker/backend/sim_backend.h"
 
@@ -27,7 +28,7 @@ double SimBackend::approach_deg(int lane, int particle) const {
   if (!(length > 0)) return 90;
   const double cosine =
       std::min(1.0, std::fabs(normal.dot(setup_->mount.jaw_direction())) / length);
-  return trig::atan2(std::sqrt(1 - cosine * cosine), cosine) * 180 / 3.14159265358979323846;
+  return trig::atan2(std::sqrt(1 - cosine * cosine), cosine) * 180 / kPi;
 }
 
 double SimBackend::sheet_distance(int lane, const Nearest& nearest) const {

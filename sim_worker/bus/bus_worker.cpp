@@ -4,10 +4,10 @@
 
 #include <algorithm>
 #include <array>
-#include <chrono>
 #include <utility>
 
 #include "core/check.h"
+#include "core/clock.h"
 #include "core/hash.h"
 #include "core/log.h"
 
@@ -18,18 +18,12 @@ constexpr std::int64_t kMs = 1'000'000;
 constexpr std::int64_t kS = 1'000 * kMs;
 constexpr std::int64_t kStatusPeriodNs = 500 * kMs;
 constexpr std::int64_t kLearnerFreshNs = 3 * kS;  // a learner speaks twice a second
-constexpr std::int64_t kParkNs = 5 * kS;  // wire.md 2.1: then a task without weights is declined
+constexpr std::int64_t kParkNs = 5 * kS;  // docs/wire.md 1: then a task without weights is declined
 constexpr std::int64_t kKeepSegmentNs = 30 * kS;  // B5
 constexpr std::int64_t kPollNs = 50 * kMs;        // stop flag
 constexpr std::int64_t kRetryNs = 10 * kMs;       // delivery
 constexpr std::size_t kWeightsKept = 2;           // lead 1 has two versions alive
 constexpr std::size_t kMaxWarnings = 8;
-
-std::int64_t now_ns() {
-  return std::chrono::duration_cast<std::chrono::nanoseconds>(
-             std::chrono::steady_clock::now().time_since_epoch())
-      .count();
-}
 
 std::string host_name() {
   std::array<char, 256> name{};
@@ -57,9 +51,7 @@ WorkerStatus first_status(const BusWorkerOptions& options) {
 
 std::uint32_t make_worker_id() {
   // Two workers in one process (tests) differ by the clock.
-  const std::string identity =
-      fmt::format("{} {} {}", host_name(), getpid(),
-                  std::chrono::system_clock::now().time_since_epoch().count());
+  const std::string identity = fmt::format("{} {} {}", host_name(), getpid(), wall_now_ns());
   const std::uint64_t hash = fnv1a64(identity);
   return std::max(std::uint32_t{1}, static_cast<std::uint32_t>(hash ^ (hash >> 32)));
 }
@@ -83,9 +75,9 @@ BusWorker::BusWorker(BusWorkerOptions options)
 }
 
 int BusWorker::run(const std::function<bool()>& stop) {
-  publish_status(now_ns());
+  publish_status(steady_now_ns());
   while (!stop() && !done_) {
-    std::int64_t now = now_ns();
+    std::int64_t now = steady_now_ns();
     std::int64_t timeout = kPollNs;
     if (!outbox_.empty()) timeout = kRetryNs;
     if (const std::int64_t hold = pending_.hold_until_ns(); hold > 0)
@@ -95,7 +87,7 @@ int BusWorker::run(const std::function<bool()>& stop) {
     prepare();
     take_weights();
     take_tasks();
-    now = now_ns();
+    now = steady_now_ns();
     decline_unfit(now);
     flush(now);
     // Work that cannot be delivered is kept, but no more is made.
@@ -105,12 +97,12 @@ int BusWorker::run(const std::function<bool()>& stop) {
           now);
       if (!group.empty()) run_group(std::move(group), stop);
     }
-    flush(now_ns());
+    flush(steady_now_ns());
     // Listed as ready only when the learner can hear the results.
     const bool ready = setup_.backend != nullptr && segment_writer_.matched() > 0;
     say(ready ? (running_ + pending_.size() > 0 ? WorkerPhase::kCollecting : WorkerPhase::kIdle)
               : WorkerPhase::kStarting);
-    if (now_ns() - status_sent_ns_ >= kStatusPeriodNs) publish_status(now_ns());
+    if (steady_now_ns() - status_sent_ns_ >= kStatusPeriodNs) publish_status(steady_now_ns());
   }
   leave();
   return 0;
@@ -143,7 +135,7 @@ void BusWorker::take_control() {
       return;
     }
     follow(learner.learner_epoch);
-    learner_at_ns_ = now_ns();
+    learner_at_ns_ = steady_now_ns();
     learner_gone_ = false;
     if (learner.phase == LearnerPhase::kDone) done_ = true;
   });
@@ -222,7 +214,7 @@ void BusWorker::accept(RolloutTask task) {
     status_sent_ns_ = 0;
     return;
   }
-  if (pending_.push(std::move(task), now_ns())) ++status_.tasks_abandoned;
+  if (pending_.push(std::move(task), steady_now_ns())) ++status_.tasks_abandoned;
 }
 
 const PolicyWeights* BusWorker::weights_of(const RolloutTask& task) const {
@@ -306,7 +298,7 @@ Policy& BusWorker::policy_of(const RolloutTask& task) {
 }
 
 void BusWorker::run_group(std::vector<TaskQueue::Entry> group, const std::function<bool()>& stop) {
-  const std::int64_t begin = now_ns();
+  const std::int64_t begin = steady_now_ns();
   std::vector<RolloutTask> tasks;
   std::vector<std::int64_t> arrived;
   for (TaskQueue::Entry& pending : group) {
@@ -325,7 +317,7 @@ void BusWorker::run_group(std::vector<TaskQueue::Entry> group, const std::functi
   try {
     Backend& backend = backend_of(tasks.front());
     segments = options_.rollout(backend, policy_of(tasks.front()), tasks, [this, &stop] {
-      const std::int64_t now = now_ns();
+      const std::int64_t now = steady_now_ns();
       if (now - status_sent_ns_ >= kStatusPeriodNs) {
         take_control();
         publish_status(now);
@@ -339,7 +331,7 @@ void BusWorker::run_group(std::vector<TaskQueue::Entry> group, const std::functi
     return;
   }
   running_ = 0;
-  const std::int64_t end = now_ns();
+  const std::int64_t end = steady_now_ns();
   busy_ns_ += end - begin;
   pending_.group_ran(begin, end);
   if (segments.empty()) {  // stopped
@@ -403,7 +395,7 @@ void BusWorker::say(WorkerPhase phase) {
   const bool matters = status_.phase == WorkerPhase::kStarting || phase == WorkerPhase::kStarting ||
                        phase == WorkerPhase::kDraining;
   status_.phase = phase;
-  if (matters) publish_status(now_ns());  // idle <-> collecting goes out with the next beat
+  if (matters) publish_status(steady_now_ns());  // idle <-> collecting goes out with the next beat
 }
 
 void BusWorker::publish_status(std::int64_t now) {
@@ -434,7 +426,7 @@ void BusWorker::warn(const std::string& text) {
 void BusWorker::leave() {
   status_.tasks_abandoned += pending_.size();
   pending_.clear();
-  flush(now_ns());
+  flush(steady_now_ns());
   status_.tasks_abandoned += outbox_.size();
   outbox_.clear();
   say(WorkerPhase::kDraining);

@@ -44,7 +44,7 @@ struct BusWorkerOptions {
 /// Id of this process: hash of host, process id and start time; never 0.
 std::uint32_t make_worker_id();
 
-/// The worker's end of the bus (wire.md sections 2.1, 4.3, 5.2): a stateless executor of tasks. It
+/// The worker's end of the bus (docs/wire.md 1, 4.2, 5.2): a stateless executor of tasks. It
 /// waits patiently for a learner, follows the highest learner epoch of its run, groups tasks of one
 /// policy version, kind and length, runs them, publishes the segments, and declines with a visible
 /// reason what it must not run. One thread does everything.

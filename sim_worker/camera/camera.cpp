@@ -12,9 +12,9 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
-#include <numbers>
 
 #include "core/check.h"
+#include "core/constants.h"
 #include "sim_worker/camera/camera_shaders.h"
 #include "sim_worker/camera/camera_surfaces.h"
 
@@ -23,8 +23,8 @@ namespace {
 
 constexpr double kToolLength = 0.25;  // [m] of shaft drawn at least, so that its end is out of view
 constexpr double kPictureFar = 2.0;   // [m] far plane of shaded pictures
-constexpr double kPictureNear = 0.005;             // [m]
-constexpr double kSeedFov = std::numbers::pi / 3;  // 60 deg
+constexpr double kPictureNear = 0.005;  // [m]
+constexpr double kSeedFov = kPi / 3;    // 60 deg
 constexpr int kSeedPixels = 64;
 
 GLuint compile(GLenum kind, const char* source) {

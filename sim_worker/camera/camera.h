@@ -39,7 +39,7 @@ struct CameraFrame {
   std::optional<ToolPose> tool;
 };
 
-/// Exposure of the tumour by counting pixels of id images (seed_task.md section 10).
+/// Exposure of the tumour by counting pixels of id images (docs/task.md 9).
 struct Exposure {
   int unoccluded = 0;      ///< tumour pixels without sheet and tool; organs and obstacles stay
   int visible = 0;         ///< tumour pixels with everything

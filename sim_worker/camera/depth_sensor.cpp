@@ -2,8 +2,8 @@
 
 #include <Eigen/Geometry>
 #include <cmath>
-#include <numbers>
 
+#include "core/constants.h"
 #include "core/rng.h"
 
 namespace omentum {
@@ -13,7 +13,6 @@ double unit(std::uint32_t word) { return (static_cast<double>(word) + 0.5) * 0x1
 
 /// Pose of the seen world in the real one: a turn about the camera, then a shift.
 Eigen::Isometry3d registration_of(const pb::DepthSensor& sensor, const Eigen::Vector3d& p_WC) {
-  constexpr double kDegree = std::numbers::pi / 180;
   const pb::Vec3& turn = sensor.registration_deg();
   const pb::Vec3& shift = sensor.registration_m();
   const Eigen::AngleAxisd x(turn.x() * kDegree, Eigen::Vector3d::UnitX());
@@ -50,8 +49,8 @@ std::vector<Eigen::Vector3f> sense_cloud(Camera& camera, const CameraFrame& fram
       const Eigen::Vector3d ray((2 * (x + 0.5) / width - 1) * half * width / height,
                                 (1 - 2 * (y + 0.5) / height) * half, -1);
       // Box and Muller: noise along the ray, in metres of range.
-      const double normal = std::sqrt(-2 * std::log(unit(words[1]))) *
-                            std::cos(2 * std::numbers::pi * unit(words[2]));
+      const double normal =
+          std::sqrt(-2 * std::log(unit(words[1]))) * std::cos(2 * kPi * unit(words[2]));
       const auto seen = static_cast<double>(image.depth_m[pixel]);
       const double bias =
           sensor.bias_m() + seen * (sensor.scale_change() + seen * sensor.bias_per_m());

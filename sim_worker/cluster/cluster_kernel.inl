@@ -2,7 +2,7 @@
 // translation unit per width. Everything except the exported table is in an unnamed namespace
 // (lanes.h says why).
 //
-// Per substep (tissue.md section 4):
+// Per substep (docs/tissue.md 4):
 //   predict      v <- (v + g h)(1 - damping h),   x* = x + v h
 //   match        c = mean x*,  A = sum (x* - c) r0^T,  one warm rotation step [Mueller16] -> R
 //   apply        x*_i += s (mean over clusters of (c + R r0_i) - x*_i),  then contact and friction

@@ -17,7 +17,7 @@ void add_global_cluster(ClusterTissueModel& model) {
   model.cluster_weight.push_back(weight);
 }
 
-/// Rest offsets relative to the mean of the final members (tissue.md 3.2 rule 3).
+/// Rest offsets relative to the mean of the final members (docs/tissue.md 3.2 rule 3).
 void set_rest_offsets(ClusterTissueModel& model) {
   for (int c = 0; c < model.clusters.count(); ++c) {
     const auto begin = static_cast<std::size_t>(model.clusters.begin[static_cast<std::size_t>(c)]);
@@ -50,7 +50,7 @@ void add_links(ClusterTissueModel& model) {
 }
 
 /// Four nearest clusters per surface vertex, weight 1 / (dist^2 + 1e-4 m^2 scaled), normalised
-/// (tissue.md section 2).
+/// (docs/tissue.md 2).
 void skin_surface(ClusterTissueModel& model) {
   const int clusters = model.clusters.count();
   OMENTUM_CHECK(clusters > 0);

@@ -16,7 +16,7 @@
 
 namespace omentum {
 
-/// Particles and shape-matching clusters (tissue.md sections 2-5).
+/// Particles and shape-matching clusters (docs/tissue.md 2, 3, 4, 5).
 struct ClusterTissueModel : TissueModel, std::enable_shared_from_this<ClusterTissueModel> {
   std::unique_ptr<Tissue<float>> make_tissue(const LaneKernel<float>& kernel) const override;
   std::unique_ptr<Tissue<double>> make_tissue(const LaneKernel<double>& kernel) const override;

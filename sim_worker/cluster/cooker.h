@@ -10,9 +10,9 @@
 
 namespace omentum {
 
-/// Which particles form which cluster, made once per scene in double precision (tissue.md section
-/// 3). The order of particles decides the result; the same particles give the same clusters on
-/// every machine.
+/// Which particles form which cluster, made once per scene in double precision (docs/tissue.md 3).
+/// The order of particles decides the result; the same particles give the same clusters on every
+/// machine.
 struct Clusters {
   std::vector<int> begin;   ///< size clusters + 1: cluster c owns member[begin[c] .. begin[c+1])
   std::vector<int> member;  ///< particle indices, ascending inside a cluster

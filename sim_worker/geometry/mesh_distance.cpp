@@ -4,10 +4,10 @@
 #include <cmath>
 #include <cstdint>
 #include <limits>
-#include <numbers>
 #include <numeric>
 
 #include "core/check.h"
+#include "core/constants.h"
 #include "sim_worker/geometry/mesh.h"
 
 namespace omentum {
@@ -238,7 +238,7 @@ double winding_number(const TriangleMesh& mesh, const Eigen::Vector3d& point) {
     const double denominator = la * lb * lc + a.dot(b) * lc + b.dot(c) * la + c.dot(a) * lb;
     sum += std::atan2(numerator, denominator);
   }
-  return sum / (2 * std::numbers::pi);
+  return sum / (2 * kPi);
 }
 
 std::vector<bool> points_inside(const TriangleMesh& mesh, std::span<const Eigen::Vector3d> points) {

@@ -1,15 +1,13 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 
 #include "core/check.h"
+#include "core/constants.h"
 #include "sim_worker/geometry/mesh.h"
 
 namespace omentum {
 namespace {
-
-constexpr double kPi = std::numbers::pi;
 
 /// Triangles of a surface of revolution: pole, `rings` rings of `sectors` vertices each, pole.
 ///

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "core/check.h"
+#include "core/constants.h"
 
 namespace omentum {
 namespace {
@@ -11,9 +12,7 @@ namespace {
 using Eigen::Matrix4d;
 using Eigen::Vector3d;
 
-constexpr double kGravity = 9.80665;  // [m/s^2]
-
-// Position gains P of the dVRK's servo (sawControllers, mismatch.md 6.2) [N m/rad, N/m].
+// Position gains P of the dVRK's servo (sawControllers, docs/mismatch.md 2.2) [N m/rad, N/m].
 constexpr std::array<double, 6> kServoGain = {120, 120, 6000, 6, 6, 6};
 
 std::array<double, 6> values(const pb::JointValues& v) {
@@ -24,7 +23,7 @@ bool any(const std::array<double, 6>& v) {
   return std::any_of(v.begin(), v.end(), [](double x) { return x != 0; });
 }
 
-/// Tool discs to roll, pitch, yaw, jaw (dvrk.md 6.1).
+/// Tool discs to roll, pitch, yaw, jaw (docs/dvrk.md 1).
 Matrix4d joints_of_discs() {
   Matrix4d m;
   m << -1.5632, 0, 0, 0, 0, 1.0186, 0, 0, 0, -0.8306, 0.6089, 0.6089, 0, 0, -1.2177, 1.2177;
@@ -170,7 +169,7 @@ ArmReport Arm::step(ArmState& state, const Vector3d& p_WT, const Vector3d& load_
   if (const Result<PsmJoints> q = joints_for_tip(mount_, goal)) target = q.value();
   report.commanded = target;
 
-  const Vector3d force = load_W - Vector3d(0, 0, effects_.payload_kg() * kGravity);
+  const Vector3d force = load_W - Vector3d(0, 0, effects_.payload_kg() * kStandardGravity);
   const std::array<double, 6> load = load_efforts(target, force);
   PsmJoints measured{};
   PsmJoints joints{};

@@ -2,12 +2,13 @@
 
 #include <algorithm>
 
+#include "core/constants.h"
 #include "core/trig.h"
 
 namespace omentum {
 
 double jaw_contact_deg(const pb::Grasp& grasp, double thickness) {
-  constexpr double kDegreesPerRadian = 180 / 3.14159265358979323846;
+  constexpr double kDegreesPerRadian = 180 / kPi;
   return 2 * trig::atan2(0.5 * thickness, grasp.jaw_length_m()) * kDegreesPerRadian;
 }
 

@@ -4,7 +4,7 @@
 
 namespace omentum {
 
-/// What the lane kernels of shell and solid know of effects that both have (docs/mismatch.md 5.1):
+/// What the lane kernels of shell and solid know of effects that both have (docs/mismatch.md 1):
 /// masks of the lanes in which each is on, parameters and memory per lane, lane index fastest. An
 /// element is what has a stress of its own, with 3 components in a shell and 6 in a solid. A lane
 /// in which an effect is off keeps its bits whatever the others do.

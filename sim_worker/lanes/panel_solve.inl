@@ -1,7 +1,7 @@
 // Triangular solves L y = b, L^T x = y with a factor in panels (panel_solve.h), one environment per
 // lane: included by lane_kernel.inl. Value is Lane3 where the three components of a point have one
 // factor, Lane where every component is a row of its own. Several columns at a time stay in
-// registers while the rows below pass by once (docs/tissue.md 12.2: a solve by single columns is
+// registers while the rows below pass by once (docs/tissue.md 11.2: a solve by single columns is
 // bound by the cache).
 
 namespace {

@@ -23,8 +23,8 @@ struct ElasticResponse {
   std::array<T, 81> tangent{};  ///< dP_iJ / dF_kL at [9 (3 i + J) + 3 k + L], symmetric [Pa]
 };
 
-/// Laws of large-strain elasticity in three dimensions; equal at small strain (tissue.md sections 6
-/// and 14). F: deformation gradient. `tangent` is left alone unless wanted.
+/// Laws of large-strain elasticity in three dimensions; equal at small strain (docs/tissue.md 6,
+/// 13). F: deformation gradient. `tangent` is left alone unless wanted.
 ///
 ///   neo-Hooke             Psi = mu/2 (tr F^T F - 3 - 2 ln J) + lambda/2 (ln J)^2,   J = det F
 ///                         (Simo and Pister; coupled form: its volumetric energy is

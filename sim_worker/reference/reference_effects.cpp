@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "core/check.h"
+#include "core/constants.h"
 #include "core/trig.h"
 #include "sim_worker/geometry/rigid_gap.h"
 #include "sim_worker/tissue/effect_laws.h"

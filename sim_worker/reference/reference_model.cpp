@@ -32,8 +32,8 @@ struct Kink {
 };
 
 /// Lines that crowd at kinks, with a line on each: cells there are a third of the largest. The rule
-/// is a density of lines, so that twice the count halves every cell (tissue.md 14, singular lines).
-/// A kink outside is ignored.
+/// is a density of lines, so that twice the count halves every cell (docs/tissue.md 13, singular
+/// lines). A kink outside is ignored.
 std::vector<double> graded_lines(double from, double to, int count,
                                  const std::vector<Kink>& kinks) {
   const auto density = [&](double x) {

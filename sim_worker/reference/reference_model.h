@@ -55,7 +55,7 @@ struct GraspPatch {
   std::vector<std::int32_t> particles;  ///< grid particles in the patch, ascending, never empty
 };
 
-/// The converged solid: immutable half (tissue.md section 14). A sheet of the grid maker as a box
+/// The converged solid: immutable half (docs/tissue.md 13). A sheet of the grid maker as a box
 /// of bricks: it spans the grid in x_B and y_B and is thickness_m thick, its mid-surface through
 /// the particles. The lower face therefore starts thickness_m / 2 below the particles;
 /// particle_radius_m does not apply. One grid line lies on the clamp edge y_B = anchor_max_y_m;

@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/constants.h"
 #include "sim_worker/reference/reference_tissue.h"
 
 namespace omentum {
@@ -11,7 +12,6 @@ using Eigen::Matrix3d;
 using Eigen::Vector3d;
 using Eigen::VectorXd;
 
-constexpr double kStandardGravity = 9.80665;  // [m/s^2]
 // The friction limit follows the normal force in the first iterations of a step and is then frozen,
 // so that the end of the iteration minimises one function. Where the limits do not fit the normal
 // forces that it ends with (share of the weight), another round begins with those that do, and

@@ -18,7 +18,7 @@
 
 namespace omentum {
 
-/// The converged solid in motion (tissue.md section 14): one environment, double precision; see
+/// The converged solid in motion (docs/tissue.md 13): one environment, double precision; see
 /// Tissue. The yardstick of the fast models and what `mismatch` compares recordings with.
 ///
 /// Each implicit step (BDF2 started by backward Euler, or backward Euler) is solved by Newton's

@@ -12,7 +12,7 @@ namespace omentum {
 /// Grid maker: n_x x n_y particles at the pitch, centred on B, x_B outer, y_B inner.
 std::vector<Eigen::Vector3d> make_grid_particles(const pb::GridMaker& grid);
 
-/// Volume maker (tissue.md section 2): voxel samples of the inside, x outer, z, y inner, merged
+/// Volume maker (docs/tissue.md 2): voxel samples of the inside, x outer, z, y inner, merged
 /// greedily from the last sample to the first in integer voxel units. `inside` answers for a batch
 /// of points in B.
 std::vector<Eigen::Vector3d> make_volume_particles(

@@ -3,6 +3,7 @@
 #include <cmath>
 
 #include "core/check.h"
+#include "core/constants.h"
 #include "core/psm.h"
 #include "sim_worker/scene/scene_parts.h"
 
@@ -33,8 +34,6 @@ Eigen::Isometry3d to_pose(const pb::Pose& pose, const std::string& path) {
 
 namespace {
 
-constexpr double kStandardGravity = 9.80665;  // [m/s^2], CGPM 1901
-
 std::vector<Vector3d> make_starts(const pb::StartGrid& grid) {
   std::vector<Vector3d> starts;
   const Vector3d centre = to_vector(grid.centre_m());
@@ -48,7 +47,7 @@ std::vector<Vector3d> make_starts(const pb::StartGrid& grid) {
   return starts;
 }
 
-/// The units guard (seed_task.md 12 row 1): a scale declared once, everything checked against it.
+/// The units guard (docs/task.md 10 row 1): a scale declared once, everything checked against it.
 void check_units(const Scene& scene, std::vector<std::string>& warnings) {
   const double g = scene.config.gravity_m_per_s2();
   // 5 %: gravity on Earth varies by 0.5 %; anything farther off is meant otherwise or in another
@@ -123,7 +122,6 @@ Scene make_scene(const pb::Scene& config, const std::string& directory) {
   scene.camera.R_WC.col(2) = -axis.normalized();
   scene.camera.R_WC.col(0) = axis.cross(up).normalized();
   scene.camera.R_WC.col(1) = scene.camera.R_WC.col(2).cross(scene.camera.R_WC.col(0));
-  constexpr double kDegree = 3.14159265358979323846 / 180;
   scene.camera.vertical_fov_rad = camera.vertical_fov_deg() * kDegree;
   scene.camera.near_m = camera.near_m();
   scene.camera.far_m = camera.far_m();
@@ -162,7 +160,6 @@ Scene make_scene(const pb::Scene& config, const std::string& directory) {
 
 ToolMount scene_tool_mount(const Scene& scene) {
   const pb::Tool& tool = scene.config.tool();
-  constexpr double kDegree = 3.14159265358979323846 / 180;
   return make_tool_mount(to_pose(tool.base(), "scene.tool.base"), tool.roll_deg() * kDegree,
                          tool.tip_offset_m(), scene.workspace_min, scene.workspace_max);
 }

@@ -1,9 +1,9 @@
 // Rigid and soft bodies of a scene, and the meshes of both.
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 
 #include "core/check.h"
+#include "core/constants.h"
 #include "sim_worker/scene/scene_parts.h"
 
 namespace omentum {
@@ -103,7 +103,6 @@ namespace {
 /// draws its own on top, follows finer ones whatever edge it is asked for. Of the volume of the
 /// ellipsoid, which facets inside of it would not have.
 TriangleMesh soft_ellipsoid(const Vector3d& semi_axes, double edge_length) {
-  constexpr double kPi = std::numbers::pi;
   const double facets = 2 * kPi * semi_axes.maxCoeff() / edge_length;  // from pole to pole
   const int rings = std::clamp(static_cast<int>(facets), 8, 24) - 1;
   TriangleMesh mesh = make_ellipsoid_mesh(semi_axes, rings, 2 * rings + 2);

@@ -9,7 +9,7 @@
 #include "sim_worker/geometry/sheet_mesh.h"
 
 // Where and how the shell bends: the plate energy as a sum over curvature stencils, of a grid by
-// finite differences, of a mesh by the quadratic fits around its nodes (tissue.md section 6,
+// finite differences, of a mesh by the quadratic fits around its nodes (docs/tissue.md 6,
 // docs/decisions/0022). Free functions on plain structs: any thread may call them.
 
 namespace omentum {

@@ -1,4 +1,4 @@
-// The matrix A of the elastic shell (tissue.md section 8): what of the stiffness is in it, its
+// The matrix A of the elastic shell (docs/tissue.md 8): what of the stiffness is in it, its
 // factors and the keys by which lanes share them.
 #include <Eigen/SparseCore>
 #include <algorithm>
@@ -13,7 +13,7 @@
 namespace omentum {
 namespace {
 
-constexpr double kKeyRatio = 1.25;  // E/E0 in (0.8, 1]: settles and follows (tissue.md section 8)
+constexpr double kKeyRatio = 1.25;  // E/E0 in (0.8, 1]: settles and follows (docs/tissue.md 8)
 constexpr int kDensityKeys = 1024;  // key = kDensityKeys x key of density + key of stiffness
 
 struct KeyParts {

@@ -1,4 +1,4 @@
-// The grasp of the elastic shell: the patch in the jaws (tissue.md section 8), its slip and its
+// The grasp of the elastic shell: the patch in the jaws (docs/tissue.md 8), its slip and its
 // rows in the solve. What the lane kernel does with them is hold_patch() in shell_kernel.inl.
 #include <Eigen/Cholesky>
 #include <algorithm>

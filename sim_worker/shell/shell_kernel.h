@@ -7,7 +7,7 @@
 
 namespace omentum {
 
-/// Raw arguments of the lane kernel of the elastic shell (tissue.md sections 6-9). Like
+/// Raw arguments of the lane kernel of the elastic shell (docs/tissue.md 6, 7, 8, 9). Like
 /// lane_kernel.h: plain pointers and numbers only, lane index fastest, node vectors are
 /// [node][xyz][lane], all positions in W [m]. Nodes form a grid, index = count_y ix + iy, or a
 /// mesh.
@@ -143,7 +143,7 @@ struct ShellArgs {
 };
 
 /// One implementation of the elastic kernel: same source, different width. ShellTissue::step
-/// calls them in the order of tissue.md section 7.
+/// calls them in the order of docs/tissue.md 7.
 template <typename T>
 struct ShellKernel {
   using Real = T;

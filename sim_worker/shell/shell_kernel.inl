@@ -2,7 +2,7 @@
 // unit per width. Everything except the exported table is in an unnamed namespace (lanes.h says
 // why).
 //
-// Per substep (tissue.md section 7), with d = x - x_n:
+// Per substep (docs/tissue.md 7), with d = x - x_n:
 //   start      d = h v, without gravity (the start rule)
 //   residual   b = M/h^2 (d - h v) - M g - f_contact + grad Psi(x_n + d)
 //   solve      d -= A^-1 b, then the grasp by low rank and the contact forces
@@ -259,7 +259,7 @@ void subtract_solution(const Args& args) {
 }
 
 // ---------------------------------------------------------------------------------------------------------------------
-// Grasp, with C the rows of the patch (tissue.md section 8):
+// Grasp, with C the rows of the patch (docs/tissue.md 8):
 //   lambda += (C A^-1 C^T + give)^-1 (C x - target - give lambda),   d -= A^-1 C^T change of lambda
 
 /// C x - target of all rows. Places count from the tip on: that costs no bits.

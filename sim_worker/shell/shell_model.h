@@ -45,7 +45,7 @@ struct SheetPatch {
 
 /// Immutable half of the elastic shell: corotated triangles, those of the grid sheet with
 /// alternating diagonals or those of a mesh (scene.tissue.sheet), plate bending along the normal
-/// (plate_stencils.h), material in SI units that does not depend on the step (tissue.md section 6).
+/// (plate_stencils.h), material in SI units that does not depend on the step (docs/tissue.md 6).
 /// Safe to share by threads.
 struct ShellTissueModel : TissueModel, std::enable_shared_from_this<ShellTissueModel> {
   std::unique_ptr<Tissue<float>> make_tissue(const LaneKernel<float>& kernel) const override;
@@ -107,7 +107,7 @@ struct ShellTissueModel : TissueModel, std::enable_shared_from_this<ShellTissueM
   /// Makes `metric` and `metric_diagonal` from the rest of the model.
   void make_metric();
   /// Factor key of a lane: the number of the smallest step of a geometric grid of moduli that is
-  /// not below E. It depends on the lane's own parameters only (tissue.md section 8).
+  /// not below E. It depends on the lane's own parameters only (docs/tissue.md 8).
   static int factor_key(double stiffness_scale);
   /// The same with effects; `peak` is the largest tangent over nominal stiffness of late. Density
   /// has a grid of its own.

@@ -23,7 +23,7 @@ namespace omentum {
 /// key.
 ///
 /// Grasp: the jaws hold the mean position and slopes of the disc of tissue in them (SheetPatch,
-/// tissue.md section 8); its radius is such that the sphere of `radius` about the tip goes through
+/// docs/tissue.md 8); its radius is such that the sphere of `radius` about the tip goes through
 /// its rim. held() are the free nodes inside; they do not collide while held. `collapse` pulls the
 /// mean position onto the tip.
 template <typename Real>

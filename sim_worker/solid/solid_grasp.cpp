@@ -44,7 +44,7 @@ void SolidTissue<Real>::hold(int lane, const Vector3d& tip, double radius, bool 
 }
 
 /// Masks and springs of a grasp. A node that the jaw covers by the part w hangs on a spring of E x
-/// spacing x w / (1 - w): the grasp moves smoothly with the pinch point (tissue.md section 8). With
+/// spacing x w / (1 - w): the grasp moves smoothly with the pinch point (docs/tissue.md 8). With
 /// a spring between jaws and patch (grasp_compliance) the node that is covered best leads: it alone
 /// hangs on that spring, the others follow it.
 template <typename Real>

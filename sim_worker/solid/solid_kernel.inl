@@ -25,7 +25,7 @@ inline Lane3 inertial_displacement(const Args& args, int i) {
   return fma(step, extrapolated, third * d_old);
 }
 
-/// Free nodes start as if nothing acted on them, without gravity (tissue.md section 7: rest is then
+/// Free nodes start as if nothing acted on them, without gravity (docs/tissue.md 7: rest is then
 /// a fixed point); held ones go where the jaw takes them.
 void start_substep(const Args& args) {
   for (int i = 0; i < args.nodes; ++i) {

@@ -7,6 +7,7 @@
 #include <cstdlib>
 
 #include "core/check.h"
+#include "core/constants.h"
 #include "sim_worker/tissue/effect_laws.h"
 
 namespace omentum {
@@ -16,9 +17,7 @@ namespace protobuf = google::protobuf;
 using Eigen::Vector3d;
 using V = EffectValues;
 
-constexpr double kDegree = 3.14159265358979323846 / 180;
-
-// Stiffness of clusters is no material constant (docs/mismatch.md 5.2): they have what needs none.
+// Stiffness of clusters is no material constant (docs/tissue.md 5): they have what needs none.
 constexpr std::uint32_t kElasticModels = kShellModel | kSolidModel | kReferenceModel;
 constexpr std::uint32_t kSheetModels = kShellModel | kReferenceModel;
 constexpr std::uint32_t kEveryModel = kElasticModels | kClusterModel | kSoftBodyModel;

@@ -11,7 +11,6 @@ namespace omentum {
 
 /// Branches of the Prony series at most: three of viscoelastic, three of structural_damping.
 inline constexpr int kMaxBranches = 6;
-inline constexpr double kAirDensity = 1.2;  ///< [kg/m^3], dry, 20 C
 
 /// exp(-x) for x >= 0 by our own series: the same bits on every machine, unlike libm's.
 double decay(double x);

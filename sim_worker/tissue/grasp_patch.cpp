@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 
+#include "core/constants.h"
 #include "core/trig.h"
 
 namespace omentum {
@@ -12,8 +13,6 @@ namespace {
 using Eigen::AlignedBox2d;
 using Eigen::Vector2d;
 using Eigen::Vector3d;
-
-constexpr double kPi = 3.14159265358979323846;
 
 /// How far a ray from `centre` runs inside the free sheet, `radius` at most [m].
 double ray_length(const AlignedBox2d& free, const Vector2d& centre, const Vector2d& direction,

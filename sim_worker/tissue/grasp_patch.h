@@ -10,7 +10,7 @@ namespace omentum {
 /// What the jaws hold of a sheet, the same for every model of it: the disc of rest tissue around
 /// the point of the mid-surface nearest to the tip, as far as it is free. Held are the means of the
 /// position and of its slopes over the disc, every part weighted by its area; so the grasp changes
-/// continuously with the pinch point, whatever the mesh (tissue.md section 8).
+/// continuously with the pinch point, whatever the mesh (docs/tissue.md 8).
 
 /// Part of a disc: where it lies on the rest sheet, x_B and y_B [m], and its share of the area.
 struct PatchPoint {

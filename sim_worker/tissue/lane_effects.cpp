@@ -3,6 +3,7 @@
 #include <algorithm>
 
 #include "core/check.h"
+#include "core/constants.h"
 #include "core/trig.h"
 #include "sim_worker/tissue/effect_laws.h"
 

@@ -1,4 +1,4 @@
-// A subscriber that has none of our types compiled in (wire.md section 8): it learns topic, type
+// A subscriber that has none of our types compiled in (docs/wire.md 7): it learns topic, type
 // and layout from the wire, as `cyclonedds subscribe` does, and decodes a sample of every public
 // topic. The other process, this program run with `--publish <domain>`, is the only one that
 // registers types. The generated header serves the comparison.

@@ -120,7 +120,7 @@ std::vector<float> scalar_network(const PolicyShape& shape, const PolicyWeights&
 }
 
 TEST(PolicyLayout, CountsAreThoseOfTheDesign) {
-  // learner.md: 37 644 parameters at 11 observations, 37 633 without head bias, + 256 with 12
+  // docs/learner.md: 37 644 parameters at 11 observations, 37 633 without head bias, + 256 with 12
   // observations.
   PolicyShape shape = discrete_shape(11, pb::ACTIVATION_TANH);
   EXPECT_EQ(shape.parameter_count(), 37644u);

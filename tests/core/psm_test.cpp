@@ -52,7 +52,7 @@ Matrix3d rows(double a, double b, double c, double d, double e, double f, double
   return R;
 }
 
-std::vector<Vector> table() {  // dvrk.md 6.2, h = 1.5708
+std::vector<Vector> table() {  // docs/dvrk.md 2, h = 1.5708
   return {{{0, 0, .12, 0, 0, 0},
            {0.000000416909, 0.000000450335, -0.113499999998},
            rows(-0.000000000027, 1, 0, 0.999999999973, 0.000000000027, 0.000007346410,
@@ -108,7 +108,7 @@ TEST(Psm, InverseUndoesForwardOnRandomPoses) {
 }
 
 TEST(Psm, FortyFiveMillimetreRuleGivesTheRecordedInsertion) {
-  // dvrk.md 6.3: goal (0, 0, -0.02) with the rotation of q = 0 ends at q3 = 0.0606, tip z =
+  // docs/dvrk.md 3: goal (0, 0, -0.02) with the rotation of q = 0 ends at q3 = 0.0606, tip z =
   // -0.0541.
   PsmPose pose = psm_forward({0, 0, 0.12, 0, 0, 0}, kPi / 2);
   pose.p = Vector3d(0, 0, -0.02);

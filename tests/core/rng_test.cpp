@@ -5,7 +5,7 @@
 namespace omentum {
 namespace {
 
-// Known-answer vectors of [Salmon11], learner.md section 4.3.
+// Known-answer vectors of [Salmon11], docs/learner.md 3.2.
 TEST(Philox, KnownAnswers) {
   EXPECT_EQ(philox({0, 0, 0, 0}, {0, 0}),
             (PhiloxWords{0x6627e8d5, 0xe169c58d, 0xbc57ac4c, 0x9b00dbd8}));

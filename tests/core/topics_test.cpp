@@ -86,7 +86,7 @@ TEST(Topics, TheTableKeepsItsRules) {
   }
 }
 
-// wire.md section 8: constructs that generic tools cannot decode, or that end compatible change.
+// docs/wire.md 7: constructs that generic tools cannot decode, or that end compatible change.
 TEST(Idl, KeepsTheRulesThatGenericToolsNeed) {
   std::ifstream file(std::string(OMENTUM_SOURCE_DIR) + "/idl/omentum.idl");
   std::string before;

@@ -98,6 +98,22 @@ TEST_F(BadInput, CommandLinesAreRefusedByOption) {
   expect_refused(worker({"--check-config", programs_.folder() / "none"}), {"none"});
 }
 
+TEST_F(BadInput, AGraspStudyNeedsARunFolderAndAGraspThatCanFail) {
+  const std::string run = programs_.folder() / "run";
+  const Strings study = {OMENTUM_SIM_WORKER, "--grasp-study", run};
+  expect_refused(programs_.finish(study),
+                 {"--grasp-study", run + "/config.txtpb", "cannot be read"});
+  std::filesystem::create_directories(run);
+  std::ofstream(run + "/config.txtpb") << "grasp { radius_m: 9 }\n";
+  expect_refused(programs_.finish(study), {"radius_m"});
+  const Finished dry = programs_.finish({OMENTUM_LEARNER, "--dry-run", "--preset", "paper"});
+  std::ofstream(run + "/config.txtpb") << dry.out;
+  const Finished plain = programs_.finish(study);
+  EXPECT_EQ(plain.code, 0) << plain.err;
+  EXPECT_THAT(plain.out, HasSubstr("no grasp study"));
+  EXPECT_FALSE(std::filesystem::exists(run + "/evaluation"));
+}
+
 TEST_F(BadInput, ScenesAreRefusedByTheWorkersCheck) {
   const std::string open = programs_.folder() / "open.obj";
   std::ofstream(open) << "v 0 0 0\nv 0.1 0 0\nv 0 0.1 0\nv 0 0 0.1\nf 1 3 2\nf 1 2 4\nf 1 4 3\n";

@@ -1,5 +1,5 @@
 // Same seed, same weights: whatever the number of workers, the lanes, the machine's work and the
-// interruptions (wire.md section 14). Real programs over loopback DDS.
+// interruptions (docs/wire.md 9). Real programs over loopback DDS.
 #include <gtest/gtest.h>
 
 #include <algorithm>

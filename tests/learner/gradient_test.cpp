@@ -298,7 +298,7 @@ std::vector<Case> cases() {
 INSTANTIATE_TEST_SUITE_P(Switches, KernelGradient, testing::ValuesIn(cases()),
                          [](const testing::TestParamInfo<Case>& i) { return i.param.name; });
 
-// --- unit values of the ratio, learner.md section 7
+// --- unit values of the ratio, docs/learner.md 6
 // -----------------------------------------------------------
 
 struct RatioResult {

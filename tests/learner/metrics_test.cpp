@@ -10,7 +10,7 @@
 #include <sstream>
 
 #include "learner/durable_file.h"
-#include "learner/json_writer.h"
+#include "learner/json.h"
 #include "learner/summary.h"
 #include "support/temp_dir.h"
 
@@ -131,21 +131,17 @@ TEST_F(MetricsTest, FirstRecordHasTheKnownBytes) {
     EXPECT_EQ(static_cast<std::uint8_t>(bytes[i]), expected[i]) << i;
 }
 
-TEST(JsonWriter, EscapesAndNests) {
-  JsonWriter json(0);
-  json.begin_object().key("a\"b\\").value("line\nnext\ttab\x01 \xc3\xa9");
-  json.key("n").value(0.1).key("inf").value(std::numeric_limits<double>::infinity());
-  json.key("list")
-      .begin_array()
-      .value(std::uint64_t{1})
-      .value(std::int64_t{-2})
-      .value(true)
-      .begin_object()
-      .end_object();
-  json.end_array().end_object();
-  EXPECT_EQ(json.text(),
-            "{\"a\\\"b\\\\\":\"line\\nnext\\ttab\\u0001 "
-            "\xc3\xa9\",\"n\":0.1,\"inf\":null,\"list\":[1,-2,true,{}]}");
+TEST(Json, NumbersAreShortAndMembersKeepTheirOrder) {
+  const Json json = {{"z", json_number(1)},
+                     {"a\"b\\", "line\nnext\ttab\x01 \xc3\xa9 \xff"},
+                     {"small", json_number(1e-5)},
+                     {"n", json_number(0.1)},
+                     {"count", json_number(1 << 30)},
+                     {"inf", json_number(std::numeric_limits<double>::infinity())}};
+  EXPECT_EQ(
+      json_text(json, -1),
+      "{\"z\":1,\"a\\\"b\\\\\":\"line\\nnext\\ttab\\u0001 \xc3\xa9 \xef\xbf\xbd\",\"small\":1e-05,"
+      "\"n\":0.1,\"count\":1073741824,\"inf\":null}");
 }
 
 TEST(RunSummary, HoldsTheKeysReadersLookFor) {

@@ -57,7 +57,7 @@ TEST(Advantage, TruncationIsNotTermination) {
   AdvantageSettings wrong;
   wrong.bootstrap_truncation = false;
   const std::vector<float> a = advantages(batch, wrong);
-  EXPECT_NEAR(a[199], -99.0, 1e-4);  // digits as printed in learner.md section 5
+  EXPECT_NEAR(a[199], -99.0, 1e-4);  // digits as printed in docs/learner.md 4
   EXPECT_NEAR(a[190], -56.9986, 1e-4);
   EXPECT_NEAR(a[100], -0.2281, 1e-4);
 }

@@ -13,9 +13,9 @@ def main():
     root = pathlib.Path(sys.argv[1])
     known = set(KEY.findall((root / "docs/references.md").read_text(encoding="utf-8")))
     found = []
-    for package in ("core", "sim_worker", "learner", "report", "proto", "benchmarks", "tests"):
+    for package in ("core", "sim_worker", "learner", "report", "mismatch", "proto", "idl", "benchmarks", "tests", "deploy", "docs"):
         for path in sorted((root / package).rglob("*")):
-            if path.suffix not in (".h", ".cpp", ".inl", ".proto"):
+            if path.suffix not in (".h", ".cpp", ".inl", ".proto", ".idl", ".txtpb", ".md"):
                 continue
             for key in sorted(set(KEY.findall(path.read_text(encoding="utf-8"))) - known):
                 found.append(f"{path.relative_to(root)}: [{key}] is not in docs/references.md")

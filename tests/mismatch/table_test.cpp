@@ -1,4 +1,4 @@
-// Tables of recording folders: formats/recording.md sections 1 and 5.
+// Tables of recording folders: docs/formats.md 3.
 
 #include "mismatch/table.h"
 
@@ -59,7 +59,12 @@ TEST(Table, AMissingColumnIsNamed) {
 }
 
 TEST(Table, TimeMustIncreaseAndComesFromTheRateWithoutAColumn) {
-  EXPECT_THROW(table_times(parse_table("t", "t_s\n0\n1\n1\n"), 50), Error);
+  try {
+    table_times(parse_table("t", "t_s\n0\n\n1\n1\n"), 50);
+    FAIL();
+  } catch (const Error& error) {
+    EXPECT_STREQ(error.what(), "t:5: t_s 1 after 1, needed increasing");
+  }
   EXPECT_THAT(table_times(parse_table("t", "x_m\n5\n6\n7\n"), 50),
               testing::ElementsAre(0.0, 0.02, 0.04));
 }

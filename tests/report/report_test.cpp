@@ -10,7 +10,6 @@
 #include <regex>
 
 #include "core/check.h"
-#include "report/csv.h"
 #include "report/episodes.h"
 #include "report/html.h"
 #include "report/plot.h"
@@ -41,27 +40,6 @@ class ReportTest : public testing::Test {
   static std::string folder_;
 };
 std::string ReportTest::folder_;
-
-TEST(Csv, QuotesCommasAndIncompleteRows) {
-  const CsvTable table = parse_csv("a,b\r\n1,\"x, \"\"y\"\"\"\n2,\n3\n");
-  ASSERT_EQ(table.columns, (std::vector<std::string>{"a", "b"}));
-  ASSERT_EQ(table.rows.size(), 2);
-  EXPECT_EQ(table.rows[0][1], "x, \"y\"");
-  EXPECT_EQ(table.dropped, 1);
-  EXPECT_EQ(table.number(1, "a"), 2);
-  EXPECT_TRUE(std::isnan(table.number(1, "b")));
-  EXPECT_TRUE(std::isnan(table.number(0, "none")));
-  EXPECT_EQ(parse_number("true"), 1);
-  EXPECT_TRUE(parse_csv("").columns.empty());
-}
-
-TEST(Csv, EveryPrefixIsATable) {
-  const std::string text = "a,b\n\"1,\n2\",3\n4,5\n";
-  for (std::size_t size = 0; size <= text.size(); ++size) {
-    for (const auto& row : parse_csv(std::string_view(text).substr(0, size)).rows)
-      EXPECT_EQ(row.size(), 2);
-  }
-}
 
 TEST(Wilson, KnownIntervals) {
   // 100 of 100: [n / (n + z^2), 1]; 9 of 25 from the closed form.
@@ -206,6 +184,13 @@ TEST_F(ReportTest, IsSelfContained) {
   }
   EXPECT_EQ(html.find("<script>alert(1)"), std::string::npos) << "the configuration is text";
   EXPECT_THAT(html, HasSubstr("300 / 300"));
+  // Texts and marks of the task come from the configuration, and they are text.
+  EXPECT_THAT(html, HasSubstr("Lift &lt;script&gt;alert(1)&lt;/script&gt;."));
+  EXPECT_THAT(html, HasSubstr("Reward per step (figure &lt;i&gt;4&lt;/i&gt;)"));
+  EXPECT_THAT(html, HasSubstr("approach &amp; more"));
+  EXPECT_THAT(html, HasSubstr("Two &lt;b&gt;starts"));
+  EXPECT_THAT(html, HasSubstr("(8, 6): shown"));
+  EXPECT_THAT(html, HasSubstr("slip_force_n"));
   EXPECT_THAT(html, HasSubstr("replay-block-3"));
   EXPECT_LT(html.size(), 12'000'000);
   EXPECT_EQ(html, make_report(load_runs({folder_}), &scene)) << "same input, same text";
@@ -214,13 +199,18 @@ TEST_F(ReportTest, IsSelfContained) {
 TEST_F(ReportTest, WorksWithoutSceneAndWithHalfOfTheFiles) {
   const std::string poor = folder_ + "/../poor_" + std::to_string(::getpid());
   fs::create_directories(poor + "/evaluation");
-  std::ofstream(poor + "/metrics.csv") << "charts/steps_total,charts/episodic_return\n1,2\n3,";
+  std::ofstream(poor + "/metrics.csv") << "charts/steps_total,charts/episodic_return\n1,2\n3";
   std::ofstream(poor + "/evaluation/grid100_greedy.csv")
-      << "index,row,column,exposure,reached\n0,1,1,0.5,1\n7,99999,-5,nan,x\n";
+      << "index,row,column,exposure,reached\n0,1,1,0.5,1\n7,99999,-5,nan,1\n";
+  std::ofstream(poor + "/evaluation/grid100_sampled.csv")
+      << "index,row,column,exposure,reached\n0,1,1,0.5,x\n";
   const std::string html = make_report(load_runs({poor}), nullptr);
   fs::remove_all(poor);
   EXPECT_THAT(html, HasSubstr("No recordings"));
   EXPECT_THAT(html, HasSubstr("No grasp lattice"));
+  EXPECT_THAT(html, HasSubstr("No grasp study"));
+  EXPECT_THAT(html, HasSubstr("metrics.csv:3: row of 1 cells"));
+  EXPECT_THAT(html, HasSubstr("grid100_sampled.csv:2:11: "));
 }
 
 TEST_F(ReportTest, DamagedRecordingBecomesAWarning) {

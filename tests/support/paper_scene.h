@@ -7,7 +7,7 @@
 
 namespace omentum::test {
 
-/// The scene of seed_task.md section 3 with the sheet of preset `omentum` (31 x 31 particles, pitch
+/// The scene of docs/task.md 3 with the sheet of preset `omentum` (31 x 31 particles, pitch
 /// 3 mm), built from its numbers without the scene loader, so that camera and report tests do not
 /// depend on it.
 inline Scene make_paper_scene() {

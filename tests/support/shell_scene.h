@@ -48,7 +48,7 @@ inline RigidShape make_sphere(const Eigen::Vector3d& centre, double radius) {
   return sphere;
 }
 
-/// The sheet of tissue.md section 9 over a sphere: contact distance 40 mm.
+/// The sheet of docs/tissue.md 9 over a sphere: contact distance 40 mm.
 inline ShellCase over_sphere() {
   ShellCase c;
   c.young = 30e3;

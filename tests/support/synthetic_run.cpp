@@ -149,13 +149,23 @@ void write_synthetic_run(const std::string& folder, int seed) {
   write_text(root / "evaluation/grid100_sampled.csv", grid_csv(10, 10, 1, seed + 1, false));
   write_text(root / "evaluation/robot25_greedy.csv", grid_csv(5, 5, 6, seed, true));
   write_text(root / "evaluation/grasp_lattice.csv", lattice_csv(scene));
+  write_text(root / "evaluation/grasp_study.csv",
+             "parameter,unit,value,shipped,starts,held,lost,not_taken,too_far,jaw_not_open,"
+             "bad_approach,too_thin\n"
+             "min_pinch_m,m,0.0003,1,25,20,2,3,0,0,1,2\nmin_pinch_m,m,0.001,0,25,5,0,20,0,0,1,19\n"
+             "slip_force_n,N,0.4,0,25,9,11,5,0,0,1,4\n");
   write_text(root / "figures.csv",
              "name,value,unit,command,machine\ntraining time,142.6,s,\"train.sh --set "
              "a=1,b=2\",\"2 cores, made up\"\n"
              "steps per second,21500,1/s,train.sh,\"2 cores, made up\"\n");
-  write_text(root / "config.txtpb", fmt::format("preset: \"omentum\"\nrollout {{\n  run_seed: {}\n "
-                                                " slots: 32\n}}\n# <script>alert(1)</script>\n",
-                                                seed));
+  write_text(root / "config.txtpb",
+             fmt::format("preset: \"omentum\"\nrollout {{\n  run_seed: {}\n "
+                         " slots: 32\n}}\n# <script>alert(1)</script>\n"
+                         "report {{\n  task: \"Lift <script>alert(1)</script>.\"\n"
+                         "  reward: \"figure <i>4</i>\"\n  starts: \"Two <b>starts</b>.\"\n"
+                         "  marked_start {{ row: 8 column: 6 text: \"(8, 6): shown\" }}\n"
+                         "  milestone {{ steps: 500000 label: \"approach & more\" }}\n}}\n",
+                         seed));
   for (const int index : {75, 64, 53, 42, 19}) {
     write_recording(root / fmt::format("recordings/grid100_greedy_{}.mcap", index), scene, index,
                     exposure_of_cell(index / 10 + 1, index % 10 + 1, seed));

@@ -1,4 +1,4 @@
-// The task to the letter: seed_task.md sections 3-12 and 15, on the shipped presets.
+// The task to the letter (docs/task.md) on the shipped presets.
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -103,7 +103,7 @@ TEST(Units, SpeedGuardWarnsAboveFiftyMillimetresPerSecond) {
               testing::Not(testing::Contains(testing::HasSubstr("m/s per axis"))));
 }
 
-TEST(Reward, ReferenceValues) {  // seed_task.md section 7
+TEST(Reward, ReferenceValues) {  // docs/task.md 7
   constexpr double kDiagonal = 0.28098;
   const auto at = [](pb::RewardKind kind, bool held, double dq, double dt) {
     RewardState s;

@@ -1,4 +1,4 @@
-// Errors of a depth camera that are not noise (mismatch.md 5.1 rows 26 and 28).
+// Errors of a depth camera that are not noise (docs/mismatch.md 1 rows 26 and 28).
 #include "sim_worker/camera/depth_sensor.h"
 
 #include <gtest/gtest.h>

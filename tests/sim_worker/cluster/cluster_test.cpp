@@ -1,4 +1,4 @@
-// Laws of the cluster model (tissue.md section 13) in double and single precision.
+// Laws of the cluster model (docs/tissue.md 12) in double and single precision.
 
 #include <gtest/gtest.h>
 
@@ -76,7 +76,7 @@ TEST(Cluster, EffectiveModulusScaling) {
   EXPECT_NEAR(settled_modulus(softer) / e, 0.5, 0.01);
 }
 
-TEST(Cluster, ModulusOfTheSeedSolverIsThePublishedOne) {  // tissue.md section 5
+TEST(Cluster, ModulusOfTheSeedSolverIsThePublishedOne) {  // docs/tissue.md 5
   SheetCase c;
   c.gravity = 0.981;
   EXPECT_NEAR(effective_modulus(c, f64x1()) / 6.04e3, 1.0, 0.05);

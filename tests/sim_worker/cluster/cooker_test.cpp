@@ -37,7 +37,7 @@ struct Vector {
   std::uint64_t hash;
 };
 
-TEST(Cooker, ConformanceVectors) {  // tissue.md 3.3
+TEST(Cooker, ConformanceVectors) {  // docs/tissue.md 3.3
   const auto layer = make_layer(30);
   const Vector vectors[] = {
       {12.7, 9.5, 51, 1677, 24, 37, 8, 0x1c3ababc8dbad82bULL},
@@ -120,7 +120,7 @@ TEST(Cooker, RadiusFromTwelveTenthsOfSpacingLeavesNoOrphanInJitteredLayers) {
   }
 }
 
-TEST(Sampler, BoxVector) {  // tissue.md section 2; thickness along z_B here
+TEST(Sampler, BoxVector) {  // docs/tissue.md 2; thickness along z_B here
   pb::VolumeMaker maker;
   maker.set_particle_spacing_m(0.0025);
   maker.set_volume_sampling(4);

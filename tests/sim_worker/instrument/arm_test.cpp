@@ -1,4 +1,4 @@
-// Effects of the arm against their known answers: mismatch.md sections 6.3 and 6.4.
+// Effects of the arm against their known answers: docs/mismatch.md 2.3, 2.4.
 
 #include "sim_worker/instrument/arm.h"
 
@@ -142,7 +142,7 @@ TEST(Arm, BandwidthLagsByBothPolesAndAttenuatesAsSecondOrder) {
   EXPECT_NEAR(gain, 1 / (1 + omega_t * omega_t), 0.003);
 }
 
-TEST(Arm, LoopsScaleAsTheirLawsSay) {  // mismatch.md 6.4
+TEST(Arm, LoopsScaleAsTheirLawsSay) {  // docs/mismatch.md 2.4
   pb::ArmEffects play;
   play.mutable_backlash()->set_insertion(0.0007);
   for (const double amplitude : {0.005, 0.02}) {

@@ -122,11 +122,11 @@ TEST(Oracle, LiftTaskInSinglePrecisionFollowsDoublePrecision) {
   double sum = 0;
   for (int i = 0; i < single.particles(); ++i)
     sum += (single.position(0, i) - exact.position(0, i)).squaredNorm();
-  EXPECT_LT(std::sqrt(sum / single.particles()), 0.05e-3);  // tissue.md section 13
+  EXPECT_LT(std::sqrt(sum / single.particles()), 0.05e-3);  // docs/tissue.md 12
 }
 
 TEST(Scene, OmentumSheetHasSixKilopascal) {
-  // seed_task.md 2.1: stiffness so that E_eff is 6 kPa; measured as extension of the sheet hanging
+  // docs/task.md 2.1: stiffness so that E_eff is 6 kPa; measured as extension of the sheet hanging
   // in its plane.
   const pb::Config config = load_config("omentum", {});
   const pb::ClusterModel& cluster = config.scene().tissue().cluster();

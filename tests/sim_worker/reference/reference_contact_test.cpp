@@ -1,4 +1,4 @@
-// Contact, grasp, state and mesh of the converged solid (tissue.md sections 13 and 14).
+// Contact, grasp, state and mesh of the converged solid (docs/tissue.md 12, 13).
 
 #include <gtest/gtest.h>
 

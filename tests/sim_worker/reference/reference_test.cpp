@@ -1,4 +1,4 @@
-// Laws of the converged solid (tissue.md sections 13 and 14).
+// Laws of the converged solid (docs/tissue.md 12, 13).
 
 #include <gtest/gtest.h>
 
@@ -552,7 +552,7 @@ TEST(Reference, EnergyIsNotGained) {
       run(tissue, 1);
       largest = std::max(largest, tissue.energy().total());
     }
-    EXPECT_LT(largest - start, 0.01 * scale);  // tissue.md 13: 1 % of m g L / 2
+    EXPECT_LT(largest - start, 0.01 * scale);  // docs/tissue.md 12: 1 % of m g L / 2
     EXPECT_LT(tissue.energy().total(), start);
   }
 }

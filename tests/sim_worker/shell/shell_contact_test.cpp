@@ -102,7 +102,7 @@ TEST(ShellContact, OverASphereRestIsExactAtTheShippedStep) {
   ShellTissue<double> fine(make_shell_sheet(c), f64x1());
   run_free(fine, 6);
   EXPECT_LT(rms_distance(tissue, 0, fine, 0), 0.1e-3);
-  EXPECT_LT(sums_of(tissue).fastest, 0.1e-3);  // at rest, tissue.md section 13
+  EXPECT_LT(sums_of(tissue).fastest, 0.1e-3);  // at rest, docs/tissue.md 12
   double force = 0;
   double penetration = 0;
   for (int i = 0; i < tissue.particles(); ++i) {

@@ -1,4 +1,4 @@
-// The grasp of the elastic shell (tissue.md section 8): what it holds and what it leaves free.
+// The grasp of the elastic shell (docs/tissue.md 8): what it holds and what it leaves free.
 
 #include <gtest/gtest.h>
 
@@ -165,7 +165,7 @@ TEST(Oracle, ElasticLiftInSinglePrecisionFollowsDoublePrecision) {
   ShellTissue<double> exact(model, f64x1());
   lift(single);
   lift(exact);
-  EXPECT_LT(rms_distance(single, 0, exact, 0), 0.05e-3);  // tissue.md section 13
+  EXPECT_LT(rms_distance(single, 0, exact, 0), 0.05e-3);  // docs/tissue.md 12
 }
 
 }  // namespace

@@ -1,4 +1,4 @@
-// Laws of the elastic shell (tissue.md section 13) in double and single precision: membrane,
+// Laws of the elastic shell (docs/tissue.md 12) in double and single precision: membrane,
 // bending, motion. Contact, grasp and lanes are in files of their own.
 
 #include <gtest/gtest.h>

@@ -1,4 +1,4 @@
-// Effects in the elastic solid against their known answers (mismatch.md 5.1).
+// Effects in the elastic solid against their known answers (docs/mismatch.md 1).
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -6,6 +6,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "core/constants.h"
 #include "core/rng.h"
 #include "sim_worker/tissue/effect_laws.h"
 #include "support/effect_scene.h"

@@ -1,4 +1,4 @@
-// Laws of the elastic solid (tissue.md section 13): forces are the gradient of the energy, beams
+// Laws of the elastic solid (docs/tissue.md 12): forces are the gradient of the energy, beams
 // bend as beams do, contact carries the weight, lanes do not know each other.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

@@ -1,5 +1,5 @@
-// Effects of tissue, clamp and grasp against their known answers (mismatch.md 5.1), the same law in
-// both models. Those of Mullins softening and structural damping are in files of their own.
+// Effects of tissue, clamp and grasp against their known answers (docs/mismatch.md 1), the same law
+// in both models. Those of Mullins softening and structural damping are in files of their own.
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -7,6 +7,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "core/constants.h"
 #include "sim_worker/tissue/effect_laws.h"
 #include "support/effect_law.h"
 
