@@ -12,7 +12,6 @@
 #include "core/config.h"
 #include "core/fp_mode.h"
 #include "core/log.h"
-#include "core/rollout.h"
 #include "learner/onnx_export.h"
 
 namespace omentum {
@@ -94,10 +93,7 @@ void Learner::restore() {
   book.stagger = rollout.stagger();
   book.batches = updates_wanted_;
   book.state_format = kSimStateFormat;
-  book.observation_size = static_cast<std::uint32_t>(shape_.observations);
-  for (const int b : shape_.branches) book.branches.push_back(static_cast<std::uint32_t>(b));
-  book.masking = config_.ppo().masking();
-  book.segment_crc = segment_crc;
+  book.shape = shape_;
   book.audit_rate = config_.run().audit_rate();
 
   const Result<std::optional<LoadedCheckpoint>> found = checkpoints_->load_newest();
