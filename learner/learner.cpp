@@ -8,6 +8,7 @@
 #include <fstream>
 #include <thread>
 
+#include "core/build_id.h"
 #include "core/check.h"
 #include "core/config.h"
 #include "core/fp_mode.h"

@@ -3,6 +3,7 @@
 #include <cstdio>
 #include <filesystem>
 
+#include "core/build_id.h"
 #include "core/config.h"
 #include "core/episode_recording.h"
 #include "core/log.h"

@@ -6,6 +6,7 @@
 #include <fstream>
 #include <sstream>
 
+#include "core/build_id.h"
 #include "core/command_line.h"
 #include "core/config.h"
 #include "core/dds_profile.h"

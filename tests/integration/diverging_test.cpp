@@ -5,6 +5,7 @@
 #include <memory>
 #include <thread>
 
+#include "core/build_id.h"
 #include "core/config.h"
 #include "core/rollout.h"
 #include "sim_worker/bus/bus_worker.h"
