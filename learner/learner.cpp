@@ -186,7 +186,7 @@ int Learner::run(const std::function<bool()>& stop) {
   saved_ns_ = steady_now_ns();
 
   while (ppo_->version() < updates_wanted_) {
-    if (!collect_batch(stop)) {
+    if (!evaluate_on_the_way(stop) || !collect_batch(stop)) {
       if (bus_->superseded()) {
         log().error("a learner with epoch {} serves run {}: this one stops",
                     bus_->superseding_epoch(), options.run);
@@ -260,7 +260,7 @@ int Learner::run(const std::function<bool()>& stop) {
       !exported) {
     log().warn("policy.onnx: {}", exported.error());
   }
-  const bool evaluated = evaluate(stop);
+  const bool evaluated = finish_run(stop);
   const Ledger ledger = book_->ledger();
   log().info(
       "ledger granted={} regranted={} received={} admitted={} duplicate={} stale={} invalid={} "
