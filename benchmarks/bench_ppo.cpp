@@ -57,7 +57,7 @@ Batch make_batch(Policy& policy, int slots, int steps) {
     std::vector<ActionCounter> counters(s.steps);
     for (std::uint32_t i = 0; i < s.steps; ++i) counters[i] = {1, s.slot, 0, i, Purpose::kAction};
     std::vector<Decision> decisions(s.steps);
-    policy.act(s.observations, counters, false, {}, decisions);
+    policy.act(s.observations, counters, false, decisions);
     for (const Decision& d : decisions) {
       s.actions.insert(s.actions.end(), d.branch.begin(), d.branch.end());
       s.log_probs.push_back(d.log_prob);
@@ -154,7 +154,7 @@ int run() {
         std::span(batch.observations).first(rows * static_cast<std::size_t>(shape.observations));
     constexpr int kCalls = 2000;
     const double time = best_time(10, CLOCK_THREAD_CPUTIME_ID, [&] {
-      for (int i = 0; i < kCalls; ++i) policy.act(observations, counters, false, {}, decisions);
+      for (int i = 0; i < kCalls; ++i) policy.act(observations, counters, false, decisions);
     });
     fmt::print("policy.us_per_row{} {:.3f} us\n", rows == 16 ? "" : fmt::format(".rows_{}", rows),
                time * 1e6 / kCalls / static_cast<double>(rows));

@@ -15,10 +15,6 @@
 #include "core/check.h"
 #include "core/hash.h"
 
-#ifndef OMENTUM_GIT_REVISION
-#define OMENTUM_GIT_REVISION "unknown"
-#endif
-
 namespace omentum {
 namespace {
 
@@ -427,12 +423,6 @@ std::string knob_help() {
   std::string text = "Knobs, for --set a.b=value: name = default unit [range] (source) meaning\n";
   add_help(pb::Config::descriptor(), "", text);
   return text;
-}
-
-std::string git_revision() { return OMENTUM_GIT_REVISION; }
-
-std::uint64_t build_id() {
-  return fnv1a64(std::string("gcc " __VERSION__ " ") + OMENTUM_GIT_REVISION);
 }
 
 }  // namespace omentum

@@ -53,8 +53,4 @@ void check_knobs(const google::protobuf::Message& message, const std::string& pr
 /// One line per knob: name, unit, default, range, source, help. Used by --help of every program.
 std::string knob_help();
 
-/// 64-bit id of this build: hash of compiler version, flags and the git revision compiled in.
-std::uint64_t build_id();
-std::string git_revision();
-
 }  // namespace omentum

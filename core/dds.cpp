@@ -225,12 +225,6 @@ Result<void> Writer::dispose(const void* sample) {
   return {};
 }
 
-Result<void> Writer::unregister(const void* sample) {
-  const dds_return_t code = dds_unregister_instance(entity_.handle(), sample);
-  if (code < 0) return failure_of("unregister", name_, code);
-  return {};
-}
-
 int Writer::matched() const {
   dds_publication_matched_status_t status{};
   if (dds_get_publication_matched_status(entity_.handle(), &status) < 0) return 0;
@@ -291,7 +285,6 @@ Result<int> Reader::take(int limit, const std::function<void(const void*, const 
       info.state = from.instance_state == DDS_IST_ALIVE                ? InstanceState::kAlive
                    : from.instance_state == DDS_IST_NOT_ALIVE_DISPOSED ? InstanceState::kDisposed
                                                                        : InstanceState::kNoWriters;
-      info.sent_at_ns = from.source_timestamp;
       info.writer = from.publication_handle;
       fn(samples[static_cast<std::size_t>(i)], info);
     }

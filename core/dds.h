@@ -113,8 +113,7 @@ enum class InstanceState {
 struct SampleInfo {
   bool valid = false;  ///< false: life-cycle only, the sample holds nothing but the key
   InstanceState state = InstanceState::kAlive;
-  std::int64_t sent_at_ns = 0;  ///< writer's clock, since the epoch
-  std::uint64_t writer = 0;     ///< identity of the writer within this process
+  std::uint64_t writer = 0;  ///< identity of the writer within this process
 };
 
 /// Counters of one writer, since creation.
@@ -134,8 +133,6 @@ class Writer {
   bool timed_out() const { return timed_out_; }
   /// Announces that the instance of the sample's key left on purpose.
   [[nodiscard]] Result<void> dispose(const void* sample);
-  /// Ends the instance without disposing it.
-  [[nodiscard]] Result<void> unregister(const void* sample);
   /// Readers matched now.
   int matched() const;
   WriterCounters counters() const;

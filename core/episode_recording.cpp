@@ -8,8 +8,11 @@
 #include <fstream>
 #include <iterator>
 #include <limits>
+#include <type_traits>
 
+#include "core/check.h"
 #include "core/mcap.h"
+#include "core/segment_fields.h"
 #include "proto/foxglove.pb.h"
 #include "proto/recording.pb.h"
 
@@ -60,7 +63,6 @@ pb::EpisodeHeader make_header(const RolloutTask& task, const RolloutSegment& seg
   header.set_start_hash(task.start_hash);
   if (!task.start_state.empty())
     header.set_start_state(task.start_state.data(), task.start_state.size());
-  header.set_scene_override(task.scene_override);
   header.set_source(static_cast<std::uint32_t>(segment.source));
   header.set_control_period_s(context.control_period);
   header.set_observation_size(static_cast<std::uint32_t>(observation_size(segment)));
@@ -74,29 +76,121 @@ pb::EpisodeHeader make_header(const RolloutTask& task, const RolloutSegment& seg
   return header;
 }
 
+// Steps and result hold what the list of core/segment_fields.h says that is recorded, each row of
+// an array under the name it gives.
+
+using google::protobuf::FieldDescriptor;
+using google::protobuf::Message;
+
+const FieldDescriptor& field_of(const Message& message, const ArrayField& about) {
+  const FieldDescriptor* field = message.GetDescriptor()->FindFieldByName(about.recorded_as);
+  OMENTUM_CHECK(field != nullptr, "{} is no field of the recording", about.recorded_as);
+  return *field;
+}
+
+template <typename T>
+void put_one(Message& message, const FieldDescriptor& field, T value) {
+  const google::protobuf::Reflection& access = *message.GetReflection();
+  switch (field.cpp_type()) {
+    case FieldDescriptor::CPPTYPE_FLOAT:
+      return access.SetFloat(&message, &field, static_cast<float>(value));
+    case FieldDescriptor::CPPTYPE_DOUBLE:
+      return access.SetDouble(&message, &field, static_cast<double>(value));
+    case FieldDescriptor::CPPTYPE_UINT32:
+      return access.SetUInt32(&message, &field, static_cast<std::uint32_t>(value));
+    case FieldDescriptor::CPPTYPE_UINT64:
+      return access.SetUInt64(&message, &field, static_cast<std::uint64_t>(value));
+    case FieldDescriptor::CPPTYPE_BOOL:
+      return access.SetBool(&message, &field, value != T{});
+    default:
+      OMENTUM_CHECK(false, "{} is of a type that is not used in recordings", field.full_name());
+  }
+}
+
+template <typename T>
+T get_one(const Message& message, const FieldDescriptor& field) {
+  const google::protobuf::Reflection& access = *message.GetReflection();
+  switch (field.cpp_type()) {
+    case FieldDescriptor::CPPTYPE_FLOAT:
+      return static_cast<T>(access.GetFloat(message, &field));
+    case FieldDescriptor::CPPTYPE_DOUBLE:
+      return static_cast<T>(access.GetDouble(message, &field));
+    case FieldDescriptor::CPPTYPE_UINT32:
+      return static_cast<T>(access.GetUInt32(message, &field));
+    case FieldDescriptor::CPPTYPE_UINT64:
+      return static_cast<T>(access.GetUInt64(message, &field));
+    case FieldDescriptor::CPPTYPE_BOOL:
+      return static_cast<T>(access.GetBool(message, &field) ? 1 : 0);
+    default:
+      OMENTUM_CHECK(false, "{} is of a type that is not used in recordings", field.full_name());
+  }
+  return T{};
+}
+
+/// Writes `width` entries from `row` to the field: one number, numbers, or bytes.
+template <typename T>
+void put_row(Message& message, const FieldDescriptor& field, const T* row, std::size_t width) {
+  const google::protobuf::Reflection& access = *message.GetReflection();
+  if (field.type() == FieldDescriptor::TYPE_BYTES) {
+    access.SetString(&message, &field, std::string(row, row + width));
+  } else if (!field.is_repeated()) {
+    put_one(message, field, *row);
+  } else {
+    for (std::size_t k = 0; k < width; ++k)
+      access.AddFloat(&message, &field, static_cast<float>(row[k]));
+  }
+}
+
+/// Entries that the field of a message holds, 0 = absent.
+std::size_t width_of(const Message& message, const FieldDescriptor& field) {
+  const google::protobuf::Reflection& access = *message.GetReflection();
+  if (field.is_repeated()) return static_cast<std::size_t>(access.FieldSize(message, &field));
+  if (!access.HasField(message, &field)) return 0;
+  return field.type() == FieldDescriptor::TYPE_BYTES ? access.GetString(message, &field).size() : 1;
+}
+
+/// Appends the entries that the field holds to an array.
+template <typename T>
+void take_row(const Message& message, const FieldDescriptor& field, std::vector<T>& array) {
+  const google::protobuf::Reflection& access = *message.GetReflection();
+  const std::size_t width = width_of(message, field);
+  if (field.type() == FieldDescriptor::TYPE_BYTES) {
+    for (const char byte : access.GetString(message, &field)) array.push_back(static_cast<T>(byte));
+  } else if (!field.is_repeated()) {
+    if (width == 1) array.push_back(get_one<T>(message, field));
+  } else {
+    for (int k = 0; k < static_cast<int>(width); ++k)
+      array.push_back(static_cast<T>(access.GetRepeatedFloat(message, &field, k)));
+  }
+}
+
+/// Calls see(array, ArrayField) for what a recording holds of each step, or of the episode.
+template <typename Segment, typename See>
+void for_each_recorded(Segment& segment, bool per_step, See&& see) {
+  for_each_array(segment, [&](auto& array, const ArrayField& about) {
+    using Entry = typename std::decay_t<decltype(array)>::value_type;
+    if constexpr (std::is_arithmetic_v<Entry>) {
+      const bool of_step = about.rows == Rows::kStep || about.rows == Rows::kRecordedStep;
+      if (about.recorded_as != nullptr && of_step == per_step) see(array, about);
+    }
+  });
+}
+
+/// What every step of a recording has.
+bool required(const void* array, const RolloutSegment& segment) {
+  return array == &segment.observations || array == &segment.actions || array == &segment.rewards ||
+         array == &segment.flags;
+}
+
 pb::StepRecord make_step(const RolloutSegment& segment, std::uint32_t step) {
   pb::StepRecord record;
   record.set_step(step);
-  const std::size_t width = observation_size(segment);
-  for (std::size_t k = 0; k < width; ++k)
-    record.add_observation(segment.observations[step * width + k]);
-  record.set_action(segment.actions.data() + std::size_t{4} * step, 4);
-  for (std::size_t k = 0; k < 4 && !segment.actions_continuous.empty(); ++k) {
-    record.add_action_continuous(segment.actions_continuous[std::size_t{4} * step + k]);
-  }
-  record.set_reward(segment.rewards[step]);
-  const std::uint8_t flags = segment.flags[step];
-  record.set_flags(flags);
-  record.set_held((flags & step_flag::kHeld) != 0);
-  if (step < segment.log_probs.size()) record.set_log_prob(segment.log_probs[step]);
-  if (step < segment.values.size()) record.set_value(segment.values[step]);
-  if (step < segment.masks.size()) record.set_mask(segment.masks[step]);
-  if (step < segment.state_hashes.size()) record.set_state_hash(segment.state_hashes[step]);
-  if (step < segment.exposures.size()) record.set_exposure(segment.exposures[step]);
-  for (std::size_t k = 0; k < 3 && !segment.tool_positions_in_world_m.empty(); ++k) {
-    record.add_tool_position_in_world_m(
-        segment.tool_positions_in_world_m[std::size_t{3} * step + k]);
-  }
+  for_each_recorded(segment, true, [&](const auto& array, const ArrayField& about) {
+    if (array.empty()) return;
+    const std::size_t width = array.size() / segment.steps;
+    put_row(record, field_of(record, about), array.data() + step * width, width);
+  });
+  record.set_held((segment.flags[step] & step_flag::kHeld) != 0);
   return record;
 }
 
@@ -133,20 +227,10 @@ foxglove::PointCloud make_cloud(const float* positions, std::uint32_t particles,
 
 pb::EpisodeResult make_result(const RolloutSegment& segment) {
   pb::EpisodeResult result;
-  if (!segment.episode_outcome.empty()) result.set_outcome(segment.episode_outcome[0]);
-  if (!segment.episode_return.empty()) result.set_return_sum(segment.episode_return[0]);
-  if (!segment.episode_length.empty()) result.set_length_steps(segment.episode_length[0]);
-  if (!segment.episode_exposure.empty()) result.set_exposure(segment.episode_exposure[0]);
-  if (!segment.episode_grasped.empty()) result.set_grasped(segment.episode_grasped[0] != 0);
-  for (std::size_t k = 0; k < std::min<std::size_t>(3, segment.episode_grasp_position.size());
-       ++k) {
-    result.add_grasp_position_in_world_m(segment.episode_grasp_position[k]);
-  }
-  for (std::size_t k = 0; k < std::min<std::size_t>(3, segment.episode_start_position.size());
-       ++k) {
-    result.add_start_position_in_world_m(segment.episode_start_position[k]);
-  }
-  if (!segment.episode_held.empty()) result.set_held(segment.episode_held[0] != 0);
+  for_each_recorded(segment, false, [&](const auto& array, const ArrayField& about) {
+    if (array.size() >= about.width)
+      put_row(result, field_of(result, about), array.data(), about.width);
+  });
   result.set_end_hash(segment.end_hash);
   if (!segment.failure.empty()) result.set_failure(segment.failure);
   result.set_physics_ticks(segment.physics_ticks);
@@ -156,14 +240,13 @@ pb::EpisodeResult make_result(const RolloutSegment& segment) {
 Result<void> check_sizes(const std::string& path, const RolloutSegment& segment,
                          const RecordingContext& context) {
   const std::size_t steps = segment.steps;
-  const auto fits = [&](std::size_t size, std::size_t per_step) {
-    return size == 0 || size == steps * per_step;
-  };
-  const bool good = segment.actions.size() == 4 * steps && segment.rewards.size() == steps &&
-                    segment.flags.size() == steps &&
-                    (steps == 0 || segment.observations.size() % steps == 0) &&
-                    fits(segment.actions_continuous.size(), 4) &&
-                    fits(segment.tool_positions_in_world_m.size(), 3);
+  bool good = true;
+  for_each_recorded(segment, true, [&](const auto& array, const ArrayField& about) {
+    if (array.empty() && !required(&array, segment)) return;
+    const bool observation = about.width == kObservationWidth;
+    good = good && (observation ? steps == 0 || array.size() % steps == 0
+                                : array.size() == steps * about.width);
+  });
   if (!good)
     return Failure{fmt::format("{}: arrays of the segment do not fit its {} steps", path, steps)};
   const std::size_t frame = std::size_t{3} * context.particles;
@@ -208,7 +291,6 @@ void take_header(const pb::EpisodeHeader& header, EpisodeRecording& recording) {
   task.start_hash = header.start_hash();
   const auto* state = reinterpret_cast<const std::byte*>(header.start_state().data());
   task.start_state.assign(state, state + header.start_state().size());
-  task.scene_override = header.scene_override();
   task.frame_stride = header.frame_stride();
   recording.segment.slot = header.slot();
   recording.segment.segment = header.segment();
@@ -218,32 +300,18 @@ void take_header(const pb::EpisodeHeader& header, EpisodeRecording& recording) {
 }
 
 /// Appends one step; false if it does not follow the steps before in number and shape.
-bool take_step(const pb::StepRecord& record, std::size_t width, RolloutSegment& segment) {
-  if (record.step() != segment.steps || record.observation_size() != static_cast<int>(width) ||
-      record.action().size() != 4) {
-    return false;
-  }
+bool take_step(const pb::StepRecord& record, std::size_t observation, RolloutSegment& segment) {
+  bool good = record.step() == segment.steps;
+  for_each_recorded(segment, true, [&](const auto& array, const ArrayField& about) {
+    const std::size_t width = width_of(record, field_of(record, about));
+    const std::size_t wanted = about.width == kObservationWidth ? observation : about.width;
+    good = good && (width == wanted || (width == 0 && !required(&array, segment)));
+  });
+  if (!good) return false;
+  for_each_recorded(segment, true, [&](auto& array, const ArrayField& about) {
+    take_row(record, field_of(record, about), array);
+  });
   ++segment.steps;
-  segment.observations.insert(segment.observations.end(), record.observation().begin(),
-                              record.observation().end());
-  segment.actions.insert(segment.actions.end(), record.action().begin(), record.action().end());
-  if (record.action_continuous_size() == 4) {
-    segment.actions_continuous.insert(segment.actions_continuous.end(),
-                                      record.action_continuous().begin(),
-                                      record.action_continuous().end());
-  }
-  segment.rewards.push_back(record.reward());
-  segment.flags.push_back(static_cast<std::uint8_t>(record.flags()));
-  if (record.has_log_prob()) segment.log_probs.push_back(record.log_prob());
-  if (record.has_value()) segment.values.push_back(record.value());
-  if (record.has_mask()) segment.masks.push_back(static_cast<std::uint16_t>(record.mask()));
-  if (record.has_state_hash()) segment.state_hashes.push_back(record.state_hash());
-  if (record.has_exposure()) segment.exposures.push_back(record.exposure());
-  if (record.tool_position_in_world_m_size() == 3) {
-    segment.tool_positions_in_world_m.insert(segment.tool_positions_in_world_m.end(),
-                                             record.tool_position_in_world_m().begin(),
-                                             record.tool_position_in_world_m().end());
-  }
   return true;
 }
 
@@ -261,17 +329,12 @@ bool take_cloud(const foxglove::PointCloud& cloud, std::uint32_t step,
 }
 
 void take_result(const pb::EpisodeResult& result, RolloutSegment& segment) {
-  if (result.has_outcome()) segment.episode_outcome = {static_cast<std::uint8_t>(result.outcome())};
-  if (result.has_return_sum()) segment.episode_return = {result.return_sum()};
-  if (result.has_length_steps()) segment.episode_length = {result.length_steps()};
-  if (result.has_exposure()) segment.episode_exposure = {result.exposure()};
-  if (result.has_grasped())
-    segment.episode_grasped = {static_cast<std::uint8_t>(result.grasped() ? 1 : 0)};
-  segment.episode_grasp_position.assign(result.grasp_position_in_world_m().begin(),
-                                        result.grasp_position_in_world_m().end());
-  segment.episode_start_position.assign(result.start_position_in_world_m().begin(),
-                                        result.start_position_in_world_m().end());
-  if (result.has_held()) segment.episode_held = {static_cast<std::uint8_t>(result.held() ? 1 : 0)};
+  for_each_recorded(segment, false, [&](auto& array, const ArrayField& about) {
+    const FieldDescriptor& field = field_of(result, about);
+    if (width_of(result, field) != about.width) return;
+    array.clear();
+    take_row(result, field, array);
+  });
   segment.end_hash = result.end_hash();
   segment.failure = result.failure();
   segment.physics_ticks = result.physics_ticks();
@@ -355,8 +418,8 @@ Result<void> save_episode(const std::string& path, const RolloutTask& task,
     const std::uint64_t time_ns = time_of(steps_taken, context);
     writer.write(tool, time_ns, steps_taken, make_pose(position, time_ns));
   };
-  if (segment.episode_start_position.size() >= 3)
-    write_tool(0, segment.episode_start_position.data());
+  if (segment.episode_start_position_in_world_m.size() >= 3)
+    write_tool(0, segment.episode_start_position_in_world_m.data());
   for (std::uint32_t step = 0; step < segment.steps; ++step) {
     if (next_frame < frames && step == next_frame * stride) write_frame(step);
     writer.write(step_channel, time_of(step, context), step, make_step(segment, step));
@@ -395,8 +458,8 @@ FrameState frame_state(const EpisodeRecording& recording, std::size_t frame) {
   const std::vector<float>& tools = segment.tool_positions_in_world_m;
   if (after > 0 && 3 * after <= tools.size()) {
     std::copy_n(tools.data() + 3 * (after - 1), 3, state.tool_position.data());
-  } else if (after == 0 && segment.episode_start_position.size() >= 3) {
-    std::copy_n(segment.episode_start_position.data(), 3, state.tool_position.data());
+  } else if (after == 0 && segment.episode_start_position_in_world_m.size() >= 3) {
+    std::copy_n(segment.episode_start_position_in_world_m.data(), 3, state.tool_position.data());
   } else if (tools.size() >= 3) {
     std::copy_n(tools.data(), 3, state.tool_position.data());
   }

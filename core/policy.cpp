@@ -17,7 +17,6 @@ namespace {
 
 constexpr int kBlock = 24;  // rows in work: four register groups of six and three panels of eight
 constexpr int kMaxLogits = 16;
-constexpr float kMaskedLogit = -1e8F;
 constexpr float kHalfLog2Pi = 0.918938533F;
 
 int branch_size(const PolicyShape& shape, int branch) {
@@ -27,7 +26,7 @@ int branch_size(const PolicyShape& shape, int branch) {
 }  // namespace
 
 struct Policy::Panel {
-  alignas(32) float logits[kMaxLogits][lanes::kWidth];  // masked
+  alignas(32) float logits[kMaxLogits][lanes::kWidth];
   alignas(32) float uniform[4][lanes::kWidth];
   alignas(32) std::int32_t branch[4][lanes::kWidth];
   alignas(32) float continuous[4][lanes::kWidth];
@@ -140,19 +139,13 @@ void Policy::forward(const Packed& network, int count, int output_columns, float
         network.head_bias.data()});
 }
 
-Policy::Panel Policy::load_panel(int first, int count, std::span<const std::uint16_t> masks,
-                                 int offset) const {
+Policy::Panel Policy::load_panel(int first, int count) const {
   Panel panel;
   const int logits = shape_.logits();
   for (int lane = 0; lane < lanes::kWidth; ++lane) {
     const int row = first + (lane < count ? lane : 0);
     const float* source = logits_.data() + row * kPanel;
     for (int j = 0; j < logits; ++j) panel.logits[j][lane] = source[j];
-    if (masks.empty()) continue;
-    const unsigned int mask = masks[static_cast<std::size_t>(offset + row)];
-    for (int j = 0; j < logits; ++j) {
-      if ((mask >> j & 1u) == 0) panel.logits[j][lane] += kMaskedLogit;
-    }
   }
   return panel;
 }
@@ -247,12 +240,11 @@ void Policy::score(Panel& panel) const {
 }
 
 void Policy::act(std::span<const float> observations, std::span<const ActionCounter> counters,
-                 bool greedy, std::span<const std::uint16_t> masks, std::span<Decision> decisions) {
+                 bool greedy, std::span<Decision> decisions) {
   const int total = static_cast<int>(decisions.size());
   OMENTUM_CHECK(std::ssize(observations) ==
                 static_cast<std::ptrdiff_t>(total) * shape_.observations);
-  OMENTUM_CHECK(counters.size() == decisions.size() &&
-                (masks.empty() || masks.size() == decisions.size()));
+  OMENTUM_CHECK(counters.size() == decisions.size());
   const int branches = shape_.branch_count();
   for (int start = 0; start < total; start += kBlock) {
     const int rows = std::min(kBlock, total - start);
@@ -262,7 +254,7 @@ void Policy::act(std::span<const float> observations, std::span<const ActionCoun
     forward(critic_, rows, 8, values_.data());
     for (int first = 0; first < rows; first += lanes::kWidth) {
       const int count = std::min(lanes::kWidth, rows - first);
-      Panel panel = load_panel(first, count, masks, start);
+      Panel panel = load_panel(first, count);
       for (int lane = 0; lane < lanes::kWidth && !greedy; ++lane) {
         const ActionCounter& c =
             counters[static_cast<std::size_t>(start + first + (lane < count ? lane : 0))];
@@ -297,15 +289,13 @@ void Policy::act(std::span<const float> observations, std::span<const ActionCoun
 
 void Policy::evaluate(std::span<const float> observations,
                       std::span<const std::uint8_t> branches_taken,
-                      std::span<const float> continuous_taken, std::span<const std::uint16_t> masks,
-                      std::span<float> log_probs, std::span<float> values,
-                      std::span<float> branch_log_probs) {
+                      std::span<const float> continuous_taken, std::span<float> log_probs,
+                      std::span<float> values, std::span<float> branch_log_probs) {
   const int total = static_cast<int>(log_probs.size());
   const std::size_t taken = shape_.continuous ? continuous_taken.size() : branches_taken.size();
   OMENTUM_CHECK(std::ssize(observations) ==
                 static_cast<std::ptrdiff_t>(total) * shape_.observations);
   OMENTUM_CHECK(taken == log_probs.size() * 4 && values.size() == log_probs.size());
-  OMENTUM_CHECK(masks.empty() || masks.size() == log_probs.size());
   OMENTUM_CHECK(branch_log_probs.empty() || branch_log_probs.size() == log_probs.size() * 4);
   const int branches = shape_.branch_count();
   for (int start = 0; start < total; start += kBlock) {
@@ -316,7 +306,7 @@ void Policy::evaluate(std::span<const float> observations,
     forward(critic_, rows, 8, values_.data());
     for (int first = 0; first < rows; first += lanes::kWidth) {
       const int count = std::min(lanes::kWidth, rows - first);
-      Panel panel = load_panel(first, count, masks, start);
+      Panel panel = load_panel(first, count);
       for (int lane = 0; lane < lanes::kWidth; ++lane) {
         const auto row = static_cast<std::size_t>(start + first + (lane < count ? lane : 0));
         for (int b = 0; b < branches; ++b) {

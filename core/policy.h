@@ -91,21 +91,19 @@ class Policy {
   const PolicyWeights& weights() const { return weights_; }
 
   /// Decides for n environments: observations n x O raw, one counter each. `greedy` takes the arg
-  /// max (lowest index wins a tie) or the mean. `masks` (n, bit per action in branch order, 1 =
-  /// allowed) may be empty. Sampling: one random_words() call gives one word per branch; u =
-  /// uniform_24(word); the first action whose cumulative probability exceeds u, the last one takes
-  /// the remainder. Gaussian: mean + std times the normal quantile of (u + 2^-25).
+  /// max (lowest index wins a tie) or the mean. Sampling: one random_words() call gives one word
+  /// per branch; u = uniform_24(word); the first action whose cumulative probability exceeds u, the
+  /// last one takes the remainder. Gaussian: mean + std times the normal quantile of (u + 2^-25).
   void act(std::span<const float> observations, std::span<const ActionCounter> counters,
-           bool greedy, std::span<const std::uint16_t> masks, std::span<Decision> decisions);
+           bool greedy, std::span<Decision> decisions);
 
   /// Joint log-probability of given actions and the value, for the learner's integrity check and
   /// for replay: the same bits that act() returned. branches_taken: n x 4 (discrete head);
   /// continuous_taken: n x 4 (Gaussian). `branch_log_probs`, n x 4, may be empty; unused branches
   /// get 0; their ascending sum is the joint value.
   void evaluate(std::span<const float> observations, std::span<const std::uint8_t> branches_taken,
-                std::span<const float> continuous_taken, std::span<const std::uint16_t> masks,
-                std::span<float> log_probs, std::span<float> values,
-                std::span<float> branch_log_probs = {});
+                std::span<const float> continuous_taken, std::span<float> log_probs,
+                std::span<float> values, std::span<float> branch_log_probs = {});
 
   /// Values alone, for bootstrapping: the same bits that act() and evaluate() return.
   void estimate(std::span<const float> observations, std::span<float> values);
@@ -122,7 +120,7 @@ class Policy {
   void forward(const Packed& network, int count, int output_columns, float* outputs);
   void activate(float* values, int count) const;
   const float* normalise(const float* observations, int count);
-  Panel load_panel(int first, int count, std::span<const std::uint16_t> masks, int offset) const;
+  Panel load_panel(int first, int count) const;
   void sample_discrete(Panel& panel, bool greedy) const;
   void sample_gaussian(Panel& panel, bool greedy) const;
   void score(Panel& panel) const;

@@ -6,6 +6,7 @@
 #include "core/check.h"
 #include "core/clock.h"
 #include "core/hash.h"
+#include "core/segment_fields.h"
 
 namespace omentum {
 namespace {
@@ -36,8 +37,10 @@ void close_episode(const Backend& backend, int lane, bool terminated, RolloutSeg
   segment.episode_grasped.push_back(facts.grasped_ever ? 1 : 0);
   segment.episode_held.push_back(facts.held ? 1 : 0);
   for (std::size_t k = 0; k < 3; ++k) {
-    segment.episode_grasp_position.push_back(static_cast<float>(facts.grasp_position[k]));
-    segment.episode_start_position.push_back(static_cast<float>(facts.start_position[k]));
+    segment.episode_grasp_position_in_world_m.push_back(
+        static_cast<float>(facts.grasp_position[k]));
+    segment.episode_start_position_in_world_m.push_back(
+        static_cast<float>(facts.start_position[k]));
   }
 }
 
@@ -60,31 +63,20 @@ void record_step(const Backend& backend, int lane, RolloutSegment& segment) {
     segment.tool_positions_in_world_m.push_back(static_cast<float>(v));
 }
 
-/// Action of a replay task: four numbers per step, branch indices or continuous values as the
-/// preset has them.
-Action replayed_action(const RolloutTask& task, std::uint32_t step, bool continuous) {
-  Action action;
-  for (std::size_t k = 0; k < 4; ++k) {
-    const float value = task.commands[4 * static_cast<std::size_t>(step) + k];
-    if (continuous) {
-      action.continuous[k] = value;
-    } else {
-      action.branch[k] = static_cast<std::uint8_t>(value);
-    }
-  }
-  return action;
-}
-
 }  // namespace
 
 std::vector<RolloutSegment> run_rollout(Backend& backend, Policy& policy,
                                         std::span<const RolloutTask> tasks,
-                                        const std::function<bool()>& stop) {
+                                        const std::function<bool()>& stop,
+                                        std::span<const Action> recorded) {
   const auto lanes = static_cast<std::size_t>(backend.lanes());
   OMENTUM_CHECK(!tasks.empty() && tasks.size() <= lanes, "{} tasks for {} lanes", tasks.size(),
                 lanes);
   const auto width = static_cast<std::size_t>(backend.observation_size());
   OMENTUM_CHECK(policy.shape().observations == backend.observation_size());
+  OMENTUM_CHECK(recorded.empty() || (tasks.size() == 1 && recorded.size() >= tasks[0].steps),
+                "{} recorded actions for {} tasks of {} steps", recorded.size(), tasks.size(),
+                tasks[0].steps);
   const bool continuous = policy.shape().continuous;
   const std::int64_t began = steady_now_ns();
 
@@ -101,24 +93,9 @@ std::vector<RolloutSegment> run_rollout(Backend& backend, Policy& policy,
     segment.learner_epoch = task.learner_epoch;
     segment.task_hash = task.task_hash;
     segment.policy_version = task.policy_version;
-    segment.source = task.kind == TaskKind::kReplay ? Source::kReplay : Source::kSimulation;
     segment.granted_at_ns = task.granted_at_ns;
     segment.state_format = backend.state_format();
     longest = std::max(longest, task.steps);
-    if (task.kind == TaskKind::kReplay &&
-        task.commands.size() < 4 * static_cast<std::size_t>(task.steps)) {
-      fail(segment, runs[k],
-           fmt::format("replay task with {} commands for {} steps", task.commands.size() / 4,
-                       task.steps));
-      continue;
-    }
-    const bool legal = std::all_of(task.commands.begin(), task.commands.end(), [&](float v) {
-      return continuous ? std::isfinite(v) : v == 0 || v == 1 || v == 2;
-    });
-    if (!legal) {
-      fail(segment, runs[k], "replay task with a command that is no action");
-      continue;
-    }
     if (task.reset) {
       backend.reset(static_cast<int>(k), start_of(task));
     } else {
@@ -150,14 +127,13 @@ std::vector<RolloutSegment> run_rollout(Backend& backend, Policy& policy,
       counters[k] = {tasks[k].run_seed, tasks[k].slot, before[k].episode, before[k].episode_step,
                      purpose};
     }
-    policy.act(observations, counters, tasks.front().greedy, {}, decisions);
+    policy.act(observations, counters, tasks.front().greedy, decisions);
     for (std::size_t k = 0; k < tasks.size(); ++k) {
       actions[k] = {decisions[k].branch, decisions[k].continuous};
       if (runs[k].holding || runs[k].done) actions[k] = backend.hold_action(static_cast<int>(k));
       if (!runs[k].done)
         record_frame(backend, static_cast<int>(k), tasks[k].frame_stride, scratch, segments[k]);
-      if (tasks[k].kind == TaskKind::kReplay)
-        actions[k] = replayed_action(tasks[k], step, continuous);
+      if (!recorded.empty()) actions[k] = recorded[step];
     }
     backend.step(actions, outcomes);
 
@@ -174,13 +150,12 @@ std::vector<RolloutSegment> run_rollout(Backend& backend, Policy& policy,
         continue;
       }
       const StepOutcome& outcome = outcomes[k];
-      const bool scripted = run.holding || task.kind == TaskKind::kReplay;
       std::uint8_t flags = before[k].episode_step == 0 ? step_flag::kFirst : std::uint8_t{0};
       flags |= outcome.terminated ? step_flag::kTerminated : 0;
       flags |= outcome.truncated ? step_flag::kTruncated : 0;
       flags |= outcome.held_before ? step_flag::kHeld : 0;
       flags |= outcome.grasp_lost ? step_flag::kGraspLost : 0;
-      flags |= scripted ? step_flag::kScripted : 0;
+      flags |= run.holding ? step_flag::kScripted : 0;
       const auto from = observations.begin() + static_cast<std::ptrdiff_t>(k * width);
       segment.observations.insert(segment.observations.end(), from,
                                   from + static_cast<std::ptrdiff_t>(width));
@@ -191,7 +166,7 @@ std::vector<RolloutSegment> run_rollout(Backend& backend, Policy& policy,
                                           actions[k].continuous.begin(),
                                           actions[k].continuous.end());
       }
-      segment.log_probs.push_back(scripted ? 0.0F : decisions[k].log_prob);
+      segment.log_probs.push_back(run.holding ? 0.0F : decisions[k].log_prob);
       segment.values.push_back(decisions[k].value);
       segment.rewards.push_back(outcome.reward);
       segment.flags.push_back(flags);
@@ -259,43 +234,6 @@ std::vector<RolloutSegment> run_rollout(Backend& backend, Policy& policy,
     segment.payload_crc32c = segment_crc(segment);
   }
   return segments;
-}
-
-std::uint32_t segment_crc(const RolloutSegment& s) {
-  std::uint32_t crc = 0;
-  const auto add = [&crc](const auto& values) {
-    crc = crc32c(std::as_bytes(std::span(values)), crc);
-  };
-  const std::array<std::uint64_t, 12> head = {
-      s.slot,         s.segment,     s.task_hash,        s.policy_version,
-      s.steps,        s.end_episode, s.end_episode_step, s.end_episode_limit,
-      s.state_format, s.end_hash,    s.failed,           s.physics_ticks};
-  add(head);
-  add(s.observations);
-  add(s.actions);
-  add(s.actions_continuous);
-  add(s.masks);
-  add(s.log_probs);
-  add(s.rewards);
-  add(s.values);
-  add(s.flags);
-  add(s.bootstrap_observation);
-  add(s.final_observations);
-  add(s.episode_end_step);
-  add(s.episode_return);
-  add(s.episode_length);
-  add(s.episode_outcome);
-  add(s.episode_exposure);
-  add(s.episode_grasped);
-  add(s.episode_held);
-  add(s.episode_grasp_position);
-  add(s.episode_start_position);
-  add(s.end_state);
-  add(s.state_hashes);
-  add(s.frame_positions_in_world_m);
-  add(s.tool_positions_in_world_m);
-  add(s.exposures);
-  return crc;
 }
 
 }  // namespace omentum

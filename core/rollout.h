@@ -14,12 +14,11 @@ namespace omentum {
 /// kind and length) to their end and returns one segment per task in the same order. segment =
 /// run_task(policy, task): the result of a task does not depend on the other tasks, the backend's
 /// lane count, or anything outside the arguments. `stop` is polled once per step; when it turns
-/// true the loop returns an empty vector (nothing half-done).
+/// true the loop returns an empty vector (nothing half-done). With `recorded` a single task takes
+/// these actions, one per step, in place of those of the policy: a replay.
 std::vector<RolloutSegment> run_rollout(Backend& backend, Policy& policy,
                                         std::span<const RolloutTask> tasks,
-                                        const std::function<bool()>& stop);
-
-/// CRC-32C over the payload of a segment (everything but worker identity, grant and times).
-std::uint32_t segment_crc(const RolloutSegment& segment);
+                                        const std::function<bool()>& stop,
+                                        std::span<const Action> recorded = {});
 
 }  // namespace omentum

@@ -26,8 +26,6 @@ std::uint64_t hash_task(const RolloutTask& task) {
   add(task.hold_steps);
   add(static_cast<std::uint32_t>(task.reset));
   add(task.start_hash);
-  hash = fnv1a64(task.scene_override, hash);
-  hash = fnv1a64(std::as_bytes(std::span(task.commands)), hash);
   add(task.frame_stride);
   return hash;
 }

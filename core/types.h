@@ -21,7 +21,7 @@ using Bytes = std::vector<std::byte>;
 inline constexpr std::uint32_t kSimStateFormat = 3;
 
 /// Values reach the wire: do not change.
-enum class TaskKind : std::uint32_t { kRollout = 0, kEvaluate = 1, kReplay = 2 };
+enum class TaskKind : std::uint32_t { kRollout = 0, kEvaluate = 1 };
 
 /// Which fixed starts an evaluate task uses. Values reach the wire: do not change.
 enum class StartSet : std::uint32_t {
@@ -32,7 +32,7 @@ enum class StartSet : std::uint32_t {
       3,  ///< settled sheet, jaw closed on particle start_index, no policy: lift to p_T and hold
 };
 
-enum class Source : std::uint32_t { kSimulation = 0, kDvrk = 1, kReplay = 2 };
+enum class Source : std::uint32_t { kSimulation = 0, kDvrk = 1 };
 
 /// Values reach the wire: do not change.
 enum class Outcome : std::uint8_t {
@@ -97,9 +97,6 @@ struct RolloutTask {
   std::uint32_t state_format = 0;
   std::uint64_t start_hash = 0;
   Bytes start_state;
-  std::string scene_override;  ///< replay: text protobuf merged into the scene
-  std::vector<float>
-      commands;  ///< replay: steps x 4 continuous values (dx, dy, dz in units of increment, jaw)
   std::uint32_t frame_stride = 0;  ///< > 0: the segment carries tissue frames and state hashes
   std::int64_t granted_at_ns = 0;
 };
@@ -119,7 +116,6 @@ struct RolloutSegment {
   std::vector<float> observations;           ///< steps x O, raw
   std::vector<std::uint8_t> actions;         ///< steps x 4, branch indices
   std::vector<float> actions_continuous;     ///< steps x 4 with a Gaussian head, else empty
-  std::vector<std::uint16_t> masks;          ///< steps, bit per action; empty = no masking
   std::vector<float> log_probs;              ///< steps, joint
   std::vector<float> rewards;                ///< steps
   std::vector<float> values;                 ///< steps
@@ -133,8 +129,9 @@ struct RolloutSegment {
   std::vector<float> episode_exposure;        ///< at the end of the episode
   std::vector<std::uint8_t> episode_grasped;  ///< 1 if tissue was held at any step of the episode
   std::vector<std::uint8_t> episode_held;     ///< 1 if tissue was held at the episode's end
-  std::vector<float> episode_grasp_position;  ///< 3 per episode, first grasp in W [m]; NaN if none
-  std::vector<float> episode_start_position;  ///< 3 per episode, tool start in W [m]
+  std::vector<float>
+      episode_grasp_position_in_world_m;  ///< 3 per episode, first grasp in W [m]; NaN if none
+  std::vector<float> episode_start_position_in_world_m;  ///< 3 per episode, tool start in W [m]
   std::uint64_t end_episode = 0;
   std::uint32_t end_episode_step = 0;
   std::uint32_t end_episode_limit = 0;

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <span>
 #include <string_view>
 #include <type_traits>
 #include <utility>
@@ -10,7 +11,12 @@
 
 namespace omentum {
 
-static_assert(kMaxStateBytes == omentum_v1_MAX_STATE_BYTES);
+static_assert(kMaxStateBytes == omentum_v1_MAX_STATE_BYTES &&
+              segment_limit::kSteps == omentum_v1_MAX_STEPS &&
+              segment_limit::kStepValues == omentum_v1_MAX_STEP_VALUES &&
+              segment_limit::kObservation == omentum_v1_MAX_OBSERVATION &&
+              segment_limit::kObservations == omentum_v1_MAX_OBSERVATIONS &&
+              segment_limit::kEpisodes == omentum_v1_MAX_EPISODES);
 
 namespace {
 
@@ -25,6 +31,11 @@ class Borrow {
     wire = core;
   }
 
+  template <typename T>
+  void delivery(T& wire, const T& core, std::string_view /*name*/) {
+    wire = core;
+  }
+
   template <typename E, typename C>
   void enumerator(E& wire, const C& core, C last, std::string_view name) {
     if (core > last) fail(name, "enumerator out of range");
@@ -34,6 +45,11 @@ class Borrow {
   template <typename S, typename T>
   void sequence(S& wire, const std::vector<T>& core, std::size_t bound, std::string_view name) {
     borrow(wire, core.data(), core.size(), bound, name);
+  }
+
+  template <typename S, typename T>
+  void array(S& wire, const std::vector<T>& core, const ArrayField& field) {
+    borrow(wire, core.data(), core.size(), field.bound, field.name);
   }
 
   template <typename S, typename T, std::size_t N>
@@ -89,6 +105,11 @@ class Copy {
     core = wire;
   }
 
+  template <typename T>
+  void delivery(const T& wire, T& core, std::string_view /*name*/) {
+    core = wire;
+  }
+
   template <typename E, typename C>
   void enumerator(const E& wire, C& core, C last, std::string_view name) {
     const auto number = static_cast<std::uint32_t>(wire);
@@ -104,6 +125,11 @@ class Copy {
     if (!plausible(wire, bound, name)) return;
     const T* data = reinterpret_cast<const T*>(wire._buffer);
     core.assign(data, data + wire._length);
+  }
+
+  template <typename S, typename T>
+  void array(const S& wire, std::vector<T>& core, const ArrayField& field) {
+    sequence(wire, core, field.bound, field.name);
   }
 
   template <typename S, typename T, std::size_t N>
@@ -311,16 +337,15 @@ std::size_t payload_bytes(const Vectors&... vectors) {
 }
 }  // namespace
 
-std::size_t wire_bytes(const RolloutSegment& s) {
-  return payload_bytes(s.observations, s.actions, s.actions_continuous, s.masks, s.log_probs,
-                       s.rewards, s.values, s.flags, s.final_observations, s.end_state,
-                       s.state_hashes, s.frame_positions_in_world_m, s.tool_positions_in_world_m,
-                       s.exposures);
+std::size_t wire_bytes(const RolloutSegment& segment) {
+  std::size_t bytes = kFixedBytes;
+  for_each_array(segment, [&bytes](const auto& array, const ArrayField& /*about*/) {
+    bytes += std::as_bytes(std::span(array)).size();
+  });
+  return bytes;
 }
 
-std::size_t wire_bytes(const RolloutTask& task) {
-  return payload_bytes(task.start_state, task.commands, task.scene_override);
-}
+std::size_t wire_bytes(const RolloutTask& task) { return payload_bytes(task.start_state); }
 
 std::size_t wire_bytes(const PolicyWeights& weights) {
   return payload_bytes(weights.parameters, weights.obs_mean, weights.obs_inv_std);

@@ -9,6 +9,7 @@
 
 #include "core/dds.h"
 #include "core/result.h"
+#include "core/segment_fields.h"
 #include "core/topics.h"
 #include "core/types.h"
 
@@ -22,16 +23,13 @@
 /// caller.
 namespace omentum {
 
-/// Longest state of an environment that a task or a segment carries [bytes].
-inline constexpr std::size_t kMaxStateBytes = std::size_t{1} << 20;
-
 /// Topic of a record: topic_of<RolloutTask>() and so on.
 template <typename Record>
 TopicId topic_of();
 
-/// Checks of a record that came from outside, whatever carried it: lengths against `steps`,
-/// enumerators, bounds of the IDL. Used on the way in and, for lengths the IDL cannot carry, on the
-/// way out. One line naming the field.
+/// Relations between the fields of a record that came from outside, beside the bounds and
+/// enumerators that every record is held to; one line naming the field. A segment has none here:
+/// check_segment() of learner/segment_check.h knows the task that it must fit.
 template <typename Record>
 Result<void> check_record(const Record& record);
 

@@ -3,6 +3,7 @@
 #include <cstddef>
 #include <type_traits>
 
+#include "core/segment_fields.h"
 #include "core/topics.h"
 #include "core/types.h"
 #include "omentum.h"
@@ -43,7 +44,7 @@ void fields(G& g, C& c, V& v) {
   v.value(g.policy_version, c.policy_version, "policy_version");
   v.fixed(g.weights_hash, c.weights_hash, "weights_hash");
   v.value(g.config_hash, c.config_hash, "config_hash");
-  v.enumerator(g.kind, c.kind, TaskKind::kReplay, "kind");
+  v.enumerator(g.kind, c.kind, TaskKind::kEvaluate, "kind");
   v.value(g.greedy, c.greedy, "greedy");
   v.enumerator(g.start_set, c.start_set, StartSet::kGraspLattice, "start_set");
   v.value(g.start_index, c.start_index, "start_index");
@@ -56,8 +57,6 @@ void fields(G& g, C& c, V& v) {
   v.value(g.state_format, c.state_format, "state_format");
   v.value(g.start_hash, c.start_hash, "start_hash");
   v.sequence(g.start_state, c.start_state, omentum_v1_MAX_STATE_BYTES, "start_state");
-  v.text(g.scene_override, c.scene_override, "scene_override");
-  v.sequence(g.commands, c.commands, omentum_v1_MAX_STEP_VALUES, "commands");
   v.value(g.frame_stride, c.frame_stride, "frame_stride");
   v.value(g.policy_steps, c.policy_steps, "policy_steps");
   v.value(g.hold_steps, c.hold_steps, "hold_steps");
@@ -66,61 +65,7 @@ void fields(G& g, C& c, V& v) {
 
 template <typename G, typename C, typename V>
 requires std::is_same_v<std::remove_const_t<C>, RolloutSegment>
-void fields(G& g, C& c, V& v) {
-  v.value(g.slot, c.slot, "slot");
-  v.value(g.segment, c.segment, "segment");
-  v.value(g.grant, c.grant, "grant");
-  v.value(g.worker_id, c.worker_id, "worker_id");
-  v.value(g.learner_epoch, c.learner_epoch, "learner_epoch");
-  v.value(g.task_hash, c.task_hash, "task_hash");
-  v.value(g.policy_version, c.policy_version, "policy_version");
-  v.value(g.build_id, c.build_id, "build_id");
-  v.enumerator(g.source, c.source, Source::kReplay, "source");
-  v.value(g.steps, c.steps, "steps");
-  v.sequence(g.observations, c.observations, omentum_v1_MAX_OBSERVATIONS, "observations");
-  v.sequence(g.actions, c.actions, omentum_v1_MAX_STEP_VALUES, "actions");
-  v.sequence(g.actions_continuous, c.actions_continuous, omentum_v1_MAX_STEP_VALUES,
-             "actions_continuous");
-  v.sequence(g.masks, c.masks, omentum_v1_MAX_STEPS, "masks");
-  v.sequence(g.log_probs, c.log_probs, omentum_v1_MAX_STEPS, "log_probs");
-  v.sequence(g.rewards, c.rewards, omentum_v1_MAX_STEPS, "rewards");
-  v.sequence(g.values, c.values, omentum_v1_MAX_STEPS, "values");
-  v.sequence(g.flags, c.flags, omentum_v1_MAX_STEPS, "flags");
-  v.sequence(g.bootstrap_observation, c.bootstrap_observation, omentum_v1_MAX_OBSERVATION,
-             "bootstrap_observation");
-  v.sequence(g.final_observations, c.final_observations, omentum_v1_MAX_OBSERVATIONS,
-             "final_observations");
-  v.sequence(g.episode_end_step, c.episode_end_step, omentum_v1_MAX_EPISODES, "episode_end_step");
-  v.sequence(g.episode_return, c.episode_return, omentum_v1_MAX_EPISODES, "episode_return");
-  v.sequence(g.episode_length, c.episode_length, omentum_v1_MAX_EPISODES, "episode_length");
-  v.sequence(g.episode_outcome, c.episode_outcome, omentum_v1_MAX_EPISODES, "episode_outcome");
-  v.sequence(g.episode_exposure, c.episode_exposure, omentum_v1_MAX_EPISODES, "episode_exposure");
-  v.sequence(g.episode_grasped, c.episode_grasped, omentum_v1_MAX_EPISODES, "episode_grasped");
-  v.sequence(g.episode_held, c.episode_held, omentum_v1_MAX_EPISODES, "episode_held");
-  v.sequence(g.episode_grasp_position_in_world_m, c.episode_grasp_position,
-             omentum_v1_MAX_STEP_VALUES, "episode_grasp_position");
-  v.sequence(g.episode_start_position_in_world_m, c.episode_start_position,
-             omentum_v1_MAX_STEP_VALUES, "episode_start_position");
-  v.value(g.end_episode, c.end_episode, "end_episode");
-  v.value(g.end_episode_step, c.end_episode_step, "end_episode_step");
-  v.value(g.end_episode_limit, c.end_episode_limit, "end_episode_limit");
-  v.value(g.state_format, c.state_format, "state_format");
-  v.value(g.end_hash, c.end_hash, "end_hash");
-  v.sequence(g.end_state, c.end_state, omentum_v1_MAX_STATE_BYTES, "end_state");
-  v.value(g.failed, c.failed, "failed");
-  v.text(g.failure, c.failure, "failure");
-  v.value(g.physics_ticks, c.physics_ticks, "physics_ticks");
-  v.sequence(g.state_hashes, c.state_hashes, omentum_v1_MAX_STEPS, "state_hashes");
-  v.sequence(g.frame_positions_in_world_m, c.frame_positions_in_world_m,
-             omentum_v1_MAX_OBSERVATIONS, "frame_positions_in_world_m");
-  v.sequence(g.tool_positions_in_world_m, c.tool_positions_in_world_m, omentum_v1_MAX_STEP_VALUES,
-             "tool_positions_in_world_m");
-  v.sequence(g.exposures, c.exposures, omentum_v1_MAX_STEPS, "exposures");
-  v.value(g.payload_crc32c, c.payload_crc32c, "payload_crc32c");
-  v.value(g.compute_time_ns, c.compute_time_ns, "compute_time_ns");
-  v.value(g.wait_time_ns, c.wait_time_ns, "wait_time_ns");
-  v.value(g.granted_at_ns, c.granted_at_ns, "granted_at_ns");
-}
+void fields(G& g, C& c, V& v) { segment_fields(g, c, v); }
 
 template <typename G, typename C, typename V>
 requires std::is_same_v<std::remove_const_t<C>, WorkerStatus>
@@ -195,7 +140,7 @@ void fields(G& g, C& c, V& v) {
 template <typename G, typename C, typename V>
 requires std::is_same_v<std::remove_const_t<C>, EpisodeSummary>
 void fields(G& g, C& c, V& v) {
-  v.enumerator(g.source, c.source, Source::kReplay, "source");
+  v.enumerator(g.source, c.source, Source::kDvrk, "source");
   v.value(g.slot, c.slot, "slot");
   v.value(g.episode, c.episode, "episode");
   v.value(g.first_version, c.first_version, "first_version");

@@ -12,7 +12,7 @@ program_packages=(build-essential cmake ninja-build pkg-config git ccache libeig
   libnglib-dev nlohmann-json3-dev)
 # What the tests need on top: their framework, the checkers, and the peers that read our files.
 test_packages=(libgtest-dev libgmock-dev procps clang-format-14 clang-tidy-14 python3 python3-numpy python3-onnx
-  chromium)
+  chromium qemu-user)
 
 usage() {
   cat <<'TEXT'

@@ -5,7 +5,6 @@
 #include <vector>
 
 #include "core/policy.h"
-#include "core/result.h"
 #include "core/types.h"
 
 namespace omentum {
@@ -21,7 +20,6 @@ struct Batch {
   std::vector<float> observations;             ///< n x O, raw
   std::vector<std::uint8_t> branches;          ///< n x 4
   std::vector<float> continuous;               ///< n x 4, Gaussian head only
-  std::vector<std::uint16_t> masks;            ///< n, or empty
   std::vector<float> log_probs;                ///< joint, of the behaviour policy
   std::vector<float> rewards;
   std::vector<float> values;  ///< of the behaviour policy
@@ -41,15 +39,8 @@ struct Batch {
   }
 };
 
-/// Checks everything a sender could get wrong: identity against the outstanding task, lengths of
-/// all arrays, finite numbers, range of actions and flags, order of episode ends. A segment that
-/// passes can be assembled and learned from without any further check. (The CRC is checked where
-/// the bytes arrive.)
-Result<void> check_segment(const RolloutSegment& segment, const PolicyShape& shape,
-                           const RolloutTask& task);
-
-/// Joins segments that passed check_segment(), all of the same number of steps, one per slot, in
-/// any order.
+/// Joins rollouts that passed check_segment() and did not fail, all of the same number of steps,
+/// one per slot, in any order.
 Batch assemble(std::span<const RolloutSegment> segments, const PolicyShape& shape);
 
 /// Result of recomputing the log-probabilities and values of a batch.

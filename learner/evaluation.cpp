@@ -127,8 +127,8 @@ std::vector<EpisodeResult> judge(const EvaluationSet& set, std::span<const Rollo
       r.episode_return += static_cast<double>(s.rewards[k]);
     }
     for (std::size_t k = 0; k < 3; ++k) {
-      r.start[k] = s.episode_start_position[k];
-      r.grasp[k] = s.episode_grasp_position[k];
+      r.start[k] = s.episode_start_position_in_world_m[k];
+      r.grasp[k] = s.episode_grasp_position_in_world_m[k];
     }
     results.push_back(r);
   }

@@ -88,7 +88,6 @@ void ChunkGradient::gather(const MinibatchView& m, int first, int count) {
     inputs_.target[i] = m.returns[row];
     inputs_.advantage[i] = static_cast<float>(
         (static_cast<double>(m.advantages[row]) - m.advantage_mean) * m.advantage_scale);
-    inputs_.mask[i] = batch.masks.empty() ? std::uint16_t{0xFFFF} : batch.masks[row];
   }
 }
 

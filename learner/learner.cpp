@@ -8,12 +8,12 @@
 #include <fstream>
 #include <thread>
 
+#include "core/build_id.h"
 #include "core/check.h"
 #include "core/clock.h"
 #include "core/config.h"
 #include "core/fp_mode.h"
 #include "core/log.h"
-#include "core/rollout.h"
 #include "learner/onnx_export.h"
 
 namespace omentum {
@@ -100,10 +100,7 @@ void Learner::restore() {
   book.stagger = rollout.stagger();
   book.batches = updates_wanted_;
   book.state_format = kSimStateFormat;
-  book.observation_size = static_cast<std::uint32_t>(shape_.observations);
-  for (const int b : shape_.branches) book.branches.push_back(static_cast<std::uint32_t>(b));
-  book.masking = config_.ppo().masking();
-  book.segment_crc = segment_crc;
+  book.shape = shape_;
   book.audit_rate = config_.run().audit_rate();
 
   const Result<std::optional<LoadedCheckpoint>> found = checkpoints_->load_newest();
@@ -195,7 +192,7 @@ int Learner::run(const std::function<bool()>& stop) {
   saved_ns_ = steady_now_ns();
 
   while (ppo_->version() < updates_wanted_) {
-    if (!collect_batch(stop)) {
+    if (!evaluate_on_the_way(stop) || !collect_batch(stop)) {
       if (bus_->superseded()) {
         log().error("a learner with epoch {} serves run {}: this one stops",
                     bus_->superseding_epoch(), options.run);
@@ -269,7 +266,7 @@ int Learner::run(const std::function<bool()>& stop) {
       !exported) {
     log().warn("policy.onnx: {}", exported.error());
   }
-  const bool evaluated = evaluate(stop);
+  const bool evaluated = finish_run(stop);
   const Ledger ledger = book_->ledger();
   log().info(
       "ledger granted={} regranted={} received={} admitted={} duplicate={} stale={} invalid={} "

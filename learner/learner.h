@@ -65,7 +65,12 @@ class Learner {
   bool run_evaluation_set(const EvaluationSet& set, const std::function<bool()>& stop,
                           Evaluated& result);
   void record_evaluation(const EvaluationSet& set, const Evaluated& result);
-  bool evaluate(const std::function<bool()>& stop);
+  /// All sets with the present weights; tables into `folder`, recordings if `record`. Empty:
+  /// stopped.
+  std::optional<std::vector<EvaluationSummary>> evaluate(const std::string& folder, bool record,
+                                                         const std::function<bool()>& stop);
+  bool evaluate_on_the_way(const std::function<bool()>& stop);
+  bool finish_run(const std::function<bool()>& stop);
   void say_phase(LearnerPhase phase);
   double wall_s() const;
 
@@ -92,7 +97,7 @@ class Learner {
   double wall_before_s_ = 0;
   std::uint64_t steps_before_ = 0;  ///< of earlier sessions, for the rate
   double time_wait_s_ = 0, time_check_s_ = 0, time_update_s_ = 0, time_publish_s_ = 0,
-         time_save_s_ = 0;
+         time_save_s_ = 0, time_evaluation_s_ = 0;
 };
 
 }  // namespace omentum

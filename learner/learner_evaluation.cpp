@@ -3,6 +3,7 @@
 #include <cstdio>
 #include <filesystem>
 
+#include "core/build_id.h"
 #include "core/clock.h"
 #include "core/config.h"
 #include "core/episode_recording.h"
@@ -24,7 +25,73 @@ bool Learner::run_evaluation_set(const EvaluationSet& set, const std::function<b
   return true;
 }
 
-bool Learner::evaluate(const std::function<bool()>& stop) {
+std::optional<std::vector<EvaluationSummary>> Learner::evaluate(const std::string& folder,
+                                                                bool record,
+                                                                const std::function<bool()>& stop) {
+  const std::int64_t began = steady_now_ns();
+  say_phase(LearnerPhase::kEvaluating);
+  std::filesystem::create_directories(folder);
+  double best_exposure = 0;
+  std::vector<EvaluationSet> sets = evaluation_sets(config_);
+  std::vector<Evaluated> results(sets.size());
+  // The recorded set comes first: its frames tell how many particles the lattice has to try.
+  for (std::size_t i = 0; i < sets.size(); ++i) {
+    if (sets[i].start_set == StartSet::kGraspLattice) {
+      fill_lattice(config_, particles_of(results[0].segments, config_.evaluation().frame_stride()),
+                   sets[i]);
+    }
+    if (sets[i].start_indices.empty()) continue;
+    if (!run_evaluation_set(sets[i], stop, results[i])) return std::nullopt;
+    if (sets[i].start_set == StartSet::kGraspLattice)
+      best_exposure = best_lattice_exposure(judge(sets[i], results[i].segments, 0));
+  }
+  std::vector<EvaluationSummary> summaries;
+  for (std::size_t i = 0; i < sets.size(); ++i) {
+    const EvaluationSet& set = sets[i];
+    if (set.start_indices.empty()) continue;
+    const std::vector<EpisodeResult> judged = judge(set, results[i].segments, best_exposure);
+    write_evaluation_csv(folder + "/" + set.name + ".csv", config_, set, judged, best_exposure);
+    EvaluationSummary entry;
+    entry.name = set.name;
+    entry.starts = judged.size();
+    double failed = 0;
+    for (const EpisodeResult& r : judged) {
+      entry.target_reached += r.reached ? 1 : 0;
+      entry.exposed += r.exposed ? 1 : 0;
+      entry.grasp_held += r.grasp_held ? 1 : 0;
+      failed += r.failed ? 1 : 0;
+    }
+    entry.values["best_exposure"] = best_exposure;
+    entry.values["failed"] = failed;
+    if (!options_.quiet) {
+      std::printf(
+          "evaluation %-16s starts %3llu  target_reached %3llu  exposed %3llu  grasp_held %3llu  "
+          "best_exposure %.3f\n",
+          set.name.c_str(), static_cast<unsigned long long>(entry.starts),
+          static_cast<unsigned long long>(entry.target_reached),
+          static_cast<unsigned long long>(entry.exposed),
+          static_cast<unsigned long long>(entry.grasp_held), best_exposure);
+      std::fflush(stdout);
+    }
+    summaries.push_back(entry);
+    if (record && set.record) record_evaluation(set, results[i]);
+  }
+  time_evaluation_s_ += seconds_since(began);
+  return summaries;
+}
+
+bool Learner::evaluate_on_the_way(const std::function<bool()>& stop) {
+  const pb::Evaluation& knobs = config_.evaluation();
+  const std::uint64_t updates = ppo_->version();
+  if (!knobs.enabled() || knobs.interval_updates() == 0 || updates == 0) return true;
+  if (updates % knobs.interval_updates() != 0) return true;
+  const std::string folder = fmt::format("{}/evaluation/update-{}", options_.run_dir, updates);
+  if (!options_.quiet)
+    std::printf("after update %llu:\n", static_cast<unsigned long long>(updates));
+  return evaluate(folder, false, stop).has_value();
+}
+
+bool Learner::finish_run(const std::function<bool()>& stop) {
   RunSummary summary;
   summary.run_id = config_.run().name();
   summary.weights_hash = hex(current_.weights_hash);
@@ -37,64 +104,18 @@ bool Learner::evaluate(const std::function<bool()>& stop) {
   summary.episodes = episodes_.total;
   summary.wall_s = wall_s();
   summary.mean_return = episodes_.mean([](const auto& o) { return o.return_sum; });
-  const std::int64_t began = steady_now_ns();
   if (config_.evaluation().enabled()) {
-    say_phase(LearnerPhase::kEvaluating);
-    const std::string folder = options_.run_dir + "/evaluation";
-    std::filesystem::create_directories(folder);
     std::filesystem::create_directories(options_.run_dir + "/recordings");
-    double best_exposure = 0;
-    std::vector<EvaluationSet> sets = evaluation_sets(config_);
-    std::vector<Evaluated> results(sets.size());
-    // The recorded set comes first: its frames tell how many particles the lattice has to try.
-    for (std::size_t i = 0; i < sets.size(); ++i) {
-      if (sets[i].start_set == StartSet::kGraspLattice) {
-        fill_lattice(config_,
-                     particles_of(results[0].segments, config_.evaluation().frame_stride()),
-                     sets[i]);
-      }
-      if (sets[i].start_indices.empty()) continue;
-      if (!run_evaluation_set(sets[i], stop, results[i])) return false;
-      if (sets[i].start_set == StartSet::kGraspLattice)
-        best_exposure = best_lattice_exposure(judge(sets[i], results[i].segments, 0));
-    }
-    for (std::size_t i = 0; i < sets.size(); ++i) {
-      const EvaluationSet& set = sets[i];
-      if (set.start_indices.empty()) continue;
-      const std::vector<EpisodeResult> judged = judge(set, results[i].segments, best_exposure);
-      write_evaluation_csv(folder + "/" + set.name + ".csv", config_, set, judged, best_exposure);
-      EvaluationSummary entry;
-      entry.name = set.name;
-      entry.starts = judged.size();
-      double failed = 0;
-      for (const EpisodeResult& r : judged) {
-        entry.target_reached += r.reached ? 1 : 0;
-        entry.exposed += r.exposed ? 1 : 0;
-        entry.grasp_held += r.grasp_held ? 1 : 0;
-        failed += r.failed ? 1 : 0;
-      }
-      entry.values["best_exposure"] = best_exposure;
-      entry.values["failed"] = failed;
-      if (!options_.quiet) {
-        std::printf(
-            "evaluation %-16s starts %3llu  target_reached %3llu  exposed %3llu  grasp_held %3llu  "
-            "best_exposure %.3f\n",
-            set.name.c_str(), static_cast<unsigned long long>(entry.starts),
-            static_cast<unsigned long long>(entry.target_reached),
-            static_cast<unsigned long long>(entry.exposed),
-            static_cast<unsigned long long>(entry.grasp_held), best_exposure);
-        std::fflush(stdout);
-      }
-      summary.evaluations.push_back(entry);
-      if (set.record) record_evaluation(set, results[i]);
-    }
+    auto evaluated = evaluate(options_.run_dir + "/evaluation", true, stop);
+    if (!evaluated) return false;
+    summary.evaluations = std::move(*evaluated);
   }
   summary.timings["wait"] = time_wait_s_;
   summary.timings["check"] = time_check_s_;
   summary.timings["update"] = time_update_s_;
   summary.timings["publish"] = time_publish_s_;
   summary.timings["save"] = time_save_s_;
-  summary.timings["evaluation"] = seconds_since(began);
+  summary.timings["evaluation"] = time_evaluation_s_;
   if (const Result<void> written = write_summary(options_.run_dir + "/summary.json", summary);
       !written) {
     throw_error("{}", written.error());

@@ -43,9 +43,9 @@ void Learner::count_episodes(std::span<const RolloutSegment> segments) {
       summary.exposure_fraction = s.episode_exposure[i];
       for (std::size_t k = 0; k < 3; ++k) {
         summary.start_position_in_world_m[k] =
-            static_cast<double>(s.episode_start_position[3 * i + k]);
+            static_cast<double>(s.episode_start_position_in_world_m[3 * i + k]);
         summary.grasp_position_in_world_m[k] =
-            static_cast<double>(s.episode_grasp_position[3 * i + k]);
+            static_cast<double>(s.episode_grasp_position_in_world_m[3 * i + k]);
       }
       if (const Result<void> sent = bus_->publish_summary(summary); !sent)
         log().debug("summary: {}", sent.error());

@@ -12,7 +12,6 @@ using lanes::Lane;
 namespace {
 
 constexpr int kWidth = lanes::kWidth;
-constexpr float kMaskedLogit = -1e8F;
 constexpr float kHalfLog2Pi = 0.918938533F;
 constexpr float kHalfLog2PiE = 1.418938533F;
 
@@ -20,7 +19,7 @@ Lane load(const float* p) { return _mm256_load_ps(p); }
 
 /// Eight samples in work: lanes are samples.
 struct Group {
-  alignas(32) float logits[kPanel][kWidth];    // masked
+  alignas(32) float logits[kPanel][kWidth];
   alignas(32) float gradient[kPanel][kWidth];  // d loss / d logits
   Lane log_prob[4];                            // of the action taken, per branch
   Lane entropy[4];
@@ -176,11 +175,7 @@ LossSums Loss::operator()(const LossSettings& settings, const GaussianHead& gaus
     for (int lane = 0; lane < kWidth; ++lane) {
       const int row =
           first + (lane < real ? lane : 0);  // missing samples repeat the first and are not counted
-      const unsigned int mask = inputs.mask[row];
-      for (int j = 0; j < width; ++j) {
-        g.logits[j][lane] =
-            logits[row * kPanel + j] + ((mask >> j & 1u) != 0 ? 0.0F : kMaskedLogit);
-      }
+      for (int j = 0; j < width; ++j) g.logits[j][lane] = logits[row * kPanel + j];
       value[lane] = values[row * 8];
     }
 

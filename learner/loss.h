@@ -33,7 +33,6 @@ struct LossInputs {
   alignas(64) float advantage[kChunk];  // normalised
   alignas(64) float target[kChunk];     // return
   alignas(64) float old_value[kChunk];
-  alignas(64) std::uint16_t mask[kChunk];
 };
 
 /// Sums over samples, in double, in sample order; extrema. Added chunk by chunk in chunk order.

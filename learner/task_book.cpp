@@ -6,6 +6,8 @@
 
 #include "core/check.h"
 #include "core/hash.h"
+#include "core/segment_fields.h"
+#include "learner/segment_check.h"
 
 namespace omentum {
 namespace {
@@ -18,10 +20,6 @@ constexpr std::uint64_t kInvalidToBar = 3;  // invalid results in a row
 void remember(std::deque<double>& values, double value, std::size_t limit) {
   values.push_back(value);
   if (values.size() > limit) values.pop_front();
-}
-
-bool finite(std::span<const float> values) {
-  return std::all_of(values.begin(), values.end(), [](float v) { return std::isfinite(v); });
 }
 
 // The same tasks are audited whatever happens to the workers.
@@ -198,56 +196,6 @@ void TaskBook::drop_worker_grants(std::uint32_t worker_id) {
 
 // --- admission
 
-Result<void> TaskBook::check_segment(const RolloutTask& task, const RolloutSegment& s) const {
-  const auto bad = [](const std::string& text) { return Failure{text}; };
-  const std::size_t n = s.steps;
-  const std::size_t o = config_.observation_size;
-  const bool exact = task.kind == TaskKind::kRollout && s.failed == 0;
-  if (exact ? n != task.steps : n > task.steps) {
-    return bad(fmt::format("steps: {} of {}", n, task.steps));
-  }
-  if (s.policy_version != task.policy_version) return bad("policy_version");
-  if (s.segment != task.segment) return bad("segment number");
-  if (s.observations.size() != n * o) return bad("observations: length");
-  if (s.bootstrap_observation.size() != o && s.failed == 0) return bad("bootstrap: length");
-  if (s.log_probs.size() != n || s.rewards.size() != n || s.values.size() != n ||
-      s.flags.size() != n) {
-    return bad("steps: lengths differ");
-  }
-  if (!s.masks.empty() && !(config_.masking && s.masks.size() == n)) return bad("masks: length");
-  if (s.final_observations.size() > o * s.episode_end_step.size() ||
-      (o > 0 && s.final_observations.size() % o != 0)) {
-    return bad("final_observations: length");
-  }
-  if (!finite(s.observations) || !finite(s.log_probs) || !finite(s.rewards) || !finite(s.values) ||
-      !finite(s.bootstrap_observation) || !finite(s.final_observations) ||
-      !finite(s.actions_continuous)) {
-    return bad("not finite");
-  }
-  constexpr std::uint8_t kAllFlags = 2 * step_flag::kScripted - 1;
-  for (const std::uint8_t flags : s.flags) {
-    if (flags > kAllFlags) return bad("flags: out of range");
-  }
-  if (task.kind != TaskKind::kRollout) {
-    // Replayed commands and scripts act as they like.
-  } else if (config_.branches.empty()) {
-    if (s.actions_continuous.size() != 4 * n) return bad("actions_continuous: length");
-  } else {
-    if (s.actions.size() != 4 * n) return bad("actions: length");
-    for (std::size_t i = 0; i < n; ++i) {
-      if ((s.flags[i] & step_flag::kScripted) != 0) continue;
-      for (std::size_t b = 0; b < std::min<std::size_t>(4, config_.branches.size()); ++b) {
-        if (s.actions[4 * i + b] >= config_.branches[b]) return bad("actions: out of range");
-      }
-    }
-  }
-  if (exact && s.state_format != config_.state_format) return bad("state_format");
-  if (exact && s.end_state.empty() && s.end_episode_step != 0) return bad("end_state: empty");
-  if (!s.end_state.empty() && hash_state(s.end_state) != s.end_hash) return bad("end_hash");
-  if (config_.segment_crc && config_.segment_crc(s) != s.payload_crc32c) return bad("CRC");
-  return {};
-}
-
 Verdict TaskBook::refuse(Job& job, const RolloutSegment& segment, const std::string& reason) {
   ++ledger_.invalid;
   last_refusal_ = fmt::format("slot={} segment={} worker={} build={:016x}: {}", segment.slot,
@@ -264,11 +212,8 @@ Verdict TaskBook::refuse(Job& job, const RolloutSegment& segment, const std::str
 }
 
 Verdict TaskBook::repeat(const Admitted& first, const RolloutSegment& segment) {
-  // A free audit of purity. The CRC is computed where possible: a broken copy is not a difference
-  // of the worker.
-  const bool intact =
-      !config_.segment_crc || config_.segment_crc(segment) == segment.payload_crc32c;
-  if (!intact) {
+  // A free audit of purity. A broken copy is not a difference of the worker.
+  if (segment_crc(segment) != segment.payload_crc32c) {
     ++ledger_.invalid;
     last_refusal_ = fmt::format("slot={} segment={} worker={}: CRC of a duplicate", segment.slot,
                                 segment.segment, segment.worker_id);
@@ -293,7 +238,6 @@ void TaskBook::settle(Job& job, const RolloutSegment& segment, std::int64_t now_
     ns_per_step_median_ = quantile(ns_per_step_, 0.5);
     if (worker != workers_.end()) {
       Worker& row = worker->second;
-      remember(row.turnaround_ns, turnaround, kWorkerHistory);
       remember(row.ns_per_step, per_step, kWorkerHistory);
       row.ns_per_step_p95 = quantile(row.ns_per_step, 0.95);
       row.invalid_in_row = 0;
@@ -342,7 +286,7 @@ Verdict TaskBook::receive(RolloutSegment segment, std::int64_t now_ns) {
     ++ledger_.stale;
     return Verdict::kStale;
   }
-  if (const Result<void> ok = check_segment(job->task, segment); !ok) {
+  if (const Result<void> ok = check_segment(segment, config_.shape, job->task); !ok) {
     return refuse(*job, segment, ok.error());
   }
 
@@ -418,7 +362,7 @@ void TaskBook::evaluate(std::span<const EvaluationTask> tasks) {
     task.policy_version = from.policy_version;
     task.weights_hash = weights->second;
     task.config_hash = config_.config_hash;
-    task.kind = from.kind;
+    task.kind = TaskKind::kEvaluate;
     task.greedy = from.greedy;
     task.start_set = from.start_set;
     task.start_index = from.start_index;
@@ -429,8 +373,6 @@ void TaskBook::evaluate(std::span<const EvaluationTask> tasks) {
     task.run_seed = config_.run_seed;
     task.reset = true;
     task.state_format = config_.state_format;
-    task.scene_override = from.scene_override;
-    task.commands = from.commands;
     task.frame_stride = from.frame_stride;
     task.task_hash = hash_task(task);
     evaluations_.push_back(std::move(evaluation));
@@ -526,8 +468,6 @@ std::vector<WorkerView> TaskBook::workers() const {
     views.push_back({.worker_id = id,
                      .lanes = worker.lanes,
                      .live = worker.live,
-                     .turnaround_p50_s = quantile(worker.turnaround_ns, 0.5) * 1e-9,
-                     .turnaround_p95_s = quantile(worker.turnaround_ns, 0.95) * 1e-9,
                      .invalid = worker.invalid,
                      .barred = worker.barred});
   }

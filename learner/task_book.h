@@ -3,19 +3,19 @@
 #include <array>
 #include <cstdint>
 #include <deque>
-#include <functional>
 #include <map>
 #include <optional>
 #include <span>
 #include <string>
 #include <vector>
 
+#include "core/policy.h"
 #include "core/result.h"
 #include "core/types.h"
 
 namespace omentum {
 
-/// Evaluation and replay tasks use slots from here on; they never enter a batch.
+/// Evaluation tasks use slots from here on; they never enter a batch.
 inline constexpr std::uint32_t kEvaluationSlot = std::uint32_t{1} << 30;
 /// Slots of the gateway's own segments.
 inline constexpr std::uint32_t kForeignSlot = std::uint32_t{1} << 31;
@@ -33,13 +33,9 @@ struct TaskBookConfig {
   bool stagger = true;
   std::uint64_t batches = 0;  ///< tasks beyond this many batches are not granted; 0 = no end
 
-  // Shape of a segment, for the checks at admission.
+  // What check_segment() holds a segment to.
   std::uint32_t state_format = 0;
-  std::uint32_t observation_size = 0;
-  std::vector<std::uint32_t> branches;  ///< sizes; empty with a Gaussian head
-  bool masking = false;
-  /// segment_crc() of core/rollout.h; empty = the CRC is not checked.
-  std::function<std::uint32_t(const RolloutSegment&)> segment_crc;
+  PolicyShape shape;
 
   // How, not what: never changes a result.
   double audit_rate = 0;                            ///< share of tasks granted twice and compared
@@ -90,7 +86,6 @@ struct SlotTable {
 
 /// One task outside the batches.
 struct EvaluationTask {
-  TaskKind kind = TaskKind::kEvaluate;
   StartSet start_set = StartSet::kGrid;
   std::uint32_t start_index = 0;
   bool greedy = true;
@@ -99,8 +94,6 @@ struct EvaluationTask {
   std::uint32_t policy_steps = 0;    ///< the policy acts for at most so many
   std::uint32_t hold_steps = 0;      ///< at p_T, after arrival
   std::uint32_t frame_stride = 0;
-  std::string scene_override;   ///< replay
-  std::vector<float> commands;  ///< replay
 };
 
 enum class Verdict { kAdmitted, kDuplicate, kStale, kInvalid, kForeign };
@@ -109,9 +102,7 @@ enum class Verdict { kAdmitted, kDuplicate, kStale, kInvalid, kForeign };
 struct WorkerView {
   std::uint32_t worker_id = 0;
   std::uint32_t lanes = 0;
-  std::uint32_t live = 0;       ///< grants it holds
-  double turnaround_p50_s = 0;  ///< grant to result, recent
-  double turnaround_p95_s = 0;
+  std::uint32_t live = 0;  ///< grants it holds
   std::uint64_t invalid = 0;
   bool barred = false;  ///< gets nothing any more
 };
@@ -137,8 +128,6 @@ class TaskBook {
 
   /// Weights that workers can get now. After a resume with lead 1 announce batch - 1 and batch.
   void announce_weights(std::uint64_t version, const Sha256& hash);
-  /// Moves the end of the run; see TaskBookConfig::batches.
-  void set_batch_limit(std::uint64_t batches) { config_.batches = batches; }
 
   // Workers. Ids are arbitrary; unknown ones are ignored.
   void worker_joined(std::uint32_t worker_id, std::uint32_t lanes);
@@ -227,9 +216,8 @@ class TaskBook {
   struct Worker {
     std::uint32_t lanes = 0;
     std::uint32_t live = 0;
-    std::deque<double> turnaround_ns;  ///< recent, newest last
-    std::deque<double> ns_per_step;    ///< the same divided by the steps asked for
-    double ns_per_step_p95 = 0;        ///< 0 = unknown
+    std::deque<double> ns_per_step;  ///< grant to result by the steps asked for; newest last
+    double ns_per_step_p95 = 0;      ///< 0 = unknown
     std::uint64_t invalid = 0, invalid_in_row = 0;
     std::int64_t suspect_until_ns = 0;
     std::int64_t suspect_span_ns = 0;
@@ -259,7 +247,6 @@ class TaskBook {
   void lapse(Grant& grant);
   void drop_worker_grants(std::uint32_t worker_id);
 
-  Result<void> check_segment(const RolloutTask& task, const RolloutSegment& segment) const;
   Verdict refuse(Job& job, const RolloutSegment& segment, const std::string& reason);
   void settle(Job& job, const RolloutSegment& segment, std::int64_t now_ns, bool admitted);
   Verdict repeat(const Admitted& first, const RolloutSegment& segment);

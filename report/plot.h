@@ -36,7 +36,7 @@ std::string draw_line_chart(const LineChart& chart);
 
 /// A grid of cells with numbers; row 0 on top.
 struct HeatMap {
-  std::string title, caption_top, caption_bottom, column_label;
+  std::string title, caption_top, caption_bottom;
   int rows = 0, columns = 0;
   std::vector<double> value;       ///< rows x columns, row by row; NaN = no such cell
   std::vector<std::string> text;   ///< in the cell; empty = none

@@ -6,6 +6,7 @@
 #include <fstream>
 #include <sstream>
 
+#include "core/build_id.h"
 #include "core/command_line.h"
 #include "core/config.h"
 #include "core/dds_profile.h"
@@ -158,11 +159,12 @@ int run(int argc, char** argv) {
   options.profile = profile;
   options.build_id = build_id();
   options.program_version = git_revision();
-  options.rollout = run_rollout;
-  options.make_setup = [&](const RunManifest& manifest, const std::string& scene_override) {
+  options.rollout = [](Backend& backend, Policy& policy, std::span<const RolloutTask> tasks,
+                       const std::function<bool()>& stop) {
+    return run_rollout(backend, policy, tasks, stop);
+  };
+  options.make_setup = [&](const RunManifest& manifest) {
     pb::Config config = parse_config("manifest of run " + manifest.run_id, manifest.config_text);
-    const std::uint64_t hash = config_hash(config);
-    if (!scene_override.empty()) apply_override(config, "scene={" + scene_override + "}");
     const auto setup = make_sim_setup(config, deploy_dir() + "/scenes");
     for (const std::string& warning : setup->warnings) log().warn("{}", warning);
     WorkerSetup made;
@@ -176,7 +178,7 @@ int run(int argc, char** argv) {
           state, kMaxStateBytes);
     }
     made.shape = policy_shape(config);
-    made.config_hash = hash;
+    made.config_hash = config_hash(config);
     return made;
   };
   log().info("run={} domain={} lanes={} kernel={} dds={} receive_buffer_bytes={}", run_name, domain,

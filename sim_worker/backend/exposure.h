@@ -47,7 +47,6 @@ class ExposureEstimator {
 
   const ExposureSamples& full_samples() const { return full_; }
   const ExposureSamples& subset_samples() const { return subset_; }
-  const ExposureSamples& pixel_samples() const { return pixels_; }
 
  private:
   double estimate(const ExposureSamples& samples, std::span<const float> surface_positions) const;

@@ -66,13 +66,10 @@ void check_task(const std::string& name, const EpisodeRecording& recording, cons
 }  // namespace
 
 void Replayer::prepare(const std::string& name, const EpisodeRecording& recording) {
-  const std::string& override = recording.task.scene_override;
-  const std::string wanted = recording.context.config_text + "\n# override " + override;
+  const std::string& wanted = recording.context.config_text;
   if (backend_ && prepared_for_ == wanted) return;
   backend_.reset();
-  pb::Config config = parse_config(name, recording.context.config_text);
-  if (!override.empty()) apply_override(config, "scene={" + override + "}");
-  const auto setup = make_sim_setup(config, deploy_dir() + "/scenes");
+  const auto setup = make_sim_setup(parse_config(name, wanted), deploy_dir() + "/scenes");
   backend_ = std::make_unique<SimBackend>(setup, 1, lane_width_, make_image_source(*setup));
   prepared_for_ = wanted;
 }

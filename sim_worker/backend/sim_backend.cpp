@@ -130,8 +130,9 @@ Vector3d SimBackend::start_of(const EpisodeStart& start) const {
                   starts.size());
     return starts[start.start_index];
   }
+  // Defect grid_stuck: the random start is drawn and not used.
   if (start.start_set == StartSet::kGraspLattice || !task.random_start() ||
-      scene.grid_starts.empty()) {
+      setup_->config.defects().grid_stuck() || scene.grid_starts.empty()) {
     return scene.tool_start;
   }
   // Training: uniform in the rectangle of the start grid, height +- range. A point out of the arm's

@@ -152,14 +152,12 @@ void BusWorker::prepare() {
   if (!manifest_ || setup_epoch_ == epoch_) return;
   setup_epoch_ = epoch_;
   setup_error_.clear();
-  override_setup_ = {};
-  scene_override_.clear();
   if (options_.build_id != manifest_->build_id) {
     setup_error_ = fmt::format("build {:016x} differs from the learner's {:016x}",
                                options_.build_id, manifest_->build_id);
   } else if (!setup_.backend || setup_.config_hash != manifest_->config_hash) {
     try {
-      setup_ = options_.make_setup(*manifest_, "");
+      setup_ = options_.make_setup(*manifest_);
       OMENTUM_CHECK(setup_.backend != nullptr);
       policy_.reset();
     } catch (const Error& error) {
@@ -278,15 +276,6 @@ void BusWorker::decline_unfit(std::int64_t now_ns) {
 // -----------------------------------------------------------------------------------------
 // rollouts
 
-Backend& BusWorker::backend_of(const RolloutTask& task) {
-  if (task.scene_override.empty()) return *setup_.backend;
-  if (!override_setup_.backend || scene_override_ != task.scene_override) {
-    override_setup_ = options_.make_setup(*manifest_, task.scene_override);
-    scene_override_ = task.scene_override;
-  }
-  return *override_setup_.backend;
-}
-
 Policy& BusWorker::policy_of(const RolloutTask& task) {
   const PolicyWeights* weights = weights_of(task);
   OMENTUM_CHECK(weights != nullptr);
@@ -313,23 +302,15 @@ void BusWorker::run_group(std::vector<TaskQueue::Entry> group, const std::functi
   if (tasks.empty()) return;
   running_ = static_cast<std::uint32_t>(tasks.size());
   say(WorkerPhase::kCollecting);
-  std::vector<RolloutSegment> segments;
-  try {
-    Backend& backend = backend_of(tasks.front());
-    segments = options_.rollout(backend, policy_of(tasks.front()), tasks, [this, &stop] {
-      const std::int64_t now = steady_now_ns();
-      if (now - status_sent_ns_ >= kStatusPeriodNs) {
-        take_control();
-        publish_status(now);
-      }
-      return stop() || done_;
-    });
-  } catch (const Error& error) {  // a scene override that cannot be built
-    for (const RolloutTask& task : tasks) decline(task, Check::kConfig);
-    warn(error.what());
-    running_ = 0;
-    return;
-  }
+  std::vector<RolloutSegment> segments =
+      options_.rollout(*setup_.backend, policy_of(tasks.front()), tasks, [this, &stop] {
+        const std::int64_t now = steady_now_ns();
+        if (now - status_sent_ns_ >= kStatusPeriodNs) {
+          take_control();
+          publish_status(now);
+        }
+        return stop() || done_;
+      });
   running_ = 0;
   const std::int64_t end = steady_now_ns();
   busy_ns_ += end - begin;

@@ -31,10 +31,9 @@ struct BusWorkerOptions {
   DdsProfile profile;          ///< of choose_dds_profile(worker_receive_bytes(...))
   std::uint64_t build_id = 0;  ///< tasks of a run made by another build are declined
   std::string program_version;
-  /// Makes the environments of a run. `scene_override` is empty except for replay tasks (text
-  /// protobuf merged into the scene). May throw Error: the worker then declines and shows the
+  /// Makes the environments of a run. May throw Error: the worker then declines and shows the
   /// reason in its status.
-  std::function<WorkerSetup(const RunManifest&, const std::string& scene_override)> make_setup;
+  std::function<WorkerSetup(const RunManifest&)> make_setup;
   /// run_rollout() of core/rollout.h; tests put something of their own here.
   std::function<std::vector<RolloutSegment>(Backend&, Policy&, std::span<const RolloutTask>,
                                             const std::function<bool()>& stop)>
@@ -80,7 +79,6 @@ class BusWorker {
   const PolicyWeights* weights_of(const RolloutTask& task) const;
 
   void run_group(std::vector<TaskQueue::Entry> group, const std::function<bool()>& stop);
-  Backend& backend_of(const RolloutTask& task);
   Policy& policy_of(const RolloutTask& task);
 
   void flush(std::int64_t now_ns);
@@ -111,8 +109,6 @@ class BusWorker {
   std::uint32_t setup_epoch_ = 0;        ///< epoch whose manifest setup_ was checked against
   std::string setup_error_;
   WorkerSetup setup_;
-  WorkerSetup override_setup_;
-  std::string scene_override_;
   std::deque<PolicyWeights> weights_;  ///< the last two, newest last
   std::unique_ptr<Policy> policy_;
   TaskQueue pending_;

@@ -14,8 +14,7 @@ constexpr std::int64_t kLeastGatherNs = 300'000;
 constexpr std::int64_t kMostHolds = 4;  // x the gap, however tasks trickle in
 
 auto key(const RolloutTask& t) {
-  return std::tie(t.policy_version, t.weights_hash, t.kind, t.steps, t.greedy, t.frame_stride,
-                  t.scene_override);
+  return std::tie(t.policy_version, t.weights_hash, t.kind, t.steps, t.greedy, t.frame_stride);
 }
 
 }  // namespace

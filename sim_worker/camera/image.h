@@ -24,10 +24,4 @@ struct Image {
 /// one machine.
 std::string encode_png(const Image& image);
 
-/// Throws Error if the file cannot be written.
-void write_png(const std::string& path, const Image& image);
-
-/// An id image in distinct colours, for looking at.
-Image colour_ids(const Image& ids);
-
 }  // namespace omentum

@@ -197,16 +197,19 @@ TEST_P(BackendContract, ReplayOfRecordedActionsDerivesTheSameHashesAndRewards) {
   task[0].hold_steps = 3;
   const RolloutSegment recorded = run_rollout(*backend, policy, task, {})[0];
   ASSERT_EQ(recorded.state_hashes.size(), recorded.steps);
-  auto replay = task;
-  replay[0].kind = TaskKind::kReplay;
-  replay[0].steps = recorded.steps;
-  for (std::size_t i = 0; i < recorded.actions.size(); ++i) {
-    replay[0].commands.push_back(GetParam().shape.continuous
-                                     ? recorded.actions_continuous[i]
-                                     : static_cast<float>(recorded.actions[i]));
+  std::vector<Action> actions(recorded.steps);
+  for (std::size_t i = 0; i < actions.size(); ++i) {
+    std::copy_n(recorded.actions.data() + 4 * i, 4, actions[i].branch.begin());
+    if (!recorded.actions_continuous.empty())
+      std::copy_n(recorded.actions_continuous.data() + 4 * i, 4, actions[i].continuous.begin());
   }
+  task[0].steps = recorded.steps;
+  // Another policy, so that nothing but the recorded actions can lead to the same states.
+  PolicyWeights weights = policy.weights();
+  for (float& weight : weights.parameters) weight = -weight;
+  Policy stranger(GetParam().shape, std::move(weights));
   const auto other = GetParam().make(1);
-  const RolloutSegment again = run_rollout(*other, policy, replay, {})[0];
+  const RolloutSegment again = run_rollout(*other, stranger, task, {}, actions)[0];
   EXPECT_EQ(again.state_hashes, recorded.state_hashes);
   EXPECT_EQ(again.observations, recorded.observations);
   EXPECT_EQ(again.rewards, recorded.rewards);

@@ -160,7 +160,6 @@ void expect_equal(const RolloutSegment& a, const RolloutSegment& b) {
   EXPECT_EQ(a.flags, b.flags);
   EXPECT_EQ(a.log_probs, b.log_probs);
   EXPECT_EQ(a.values, b.values);
-  EXPECT_EQ(a.masks, b.masks);
   EXPECT_EQ(a.state_hashes, b.state_hashes);
   EXPECT_EQ(a.exposures, b.exposures);
   EXPECT_EQ(a.tool_positions_in_world_m, b.tool_positions_in_world_m);
@@ -171,8 +170,8 @@ void expect_equal(const RolloutSegment& a, const RolloutSegment& b) {
   EXPECT_EQ(a.episode_exposure, b.episode_exposure);
   EXPECT_EQ(a.episode_grasped, b.episode_grasped);
   EXPECT_EQ(a.episode_held, b.episode_held);
-  EXPECT_EQ(a.episode_grasp_position, b.episode_grasp_position);
-  EXPECT_EQ(a.episode_start_position, b.episode_start_position);
+  EXPECT_EQ(a.episode_grasp_position_in_world_m, b.episode_grasp_position_in_world_m);
+  EXPECT_EQ(a.episode_start_position_in_world_m, b.episode_start_position_in_world_m);
   EXPECT_EQ(a.end_hash, b.end_hash);
   EXPECT_EQ(a.physics_ticks, b.physics_ticks);
   EXPECT_EQ(a.build_id, b.build_id);
@@ -205,6 +204,33 @@ TEST(EpisodeRecording, SaveAndLoadAreInverse) {
     // it.
     EXPECT_EQ(hash_task(episode.task), hash_task(made.task));
   }
+}
+
+// The file was written before the list of fields served recordings.
+TEST(EpisodeRecording, KeepsTheBytesOfEveryMessageButTheHeader) {
+  const EpisodeRecording made = test::make_episode(2, 2, 1);
+  const std::string path = temp_path("episode.mcap");
+  ASSERT_TRUE(save_episode(path, made.task, made.segment, made.context));
+  const Result<McapContent> now = load_mcap(path);
+  std::filesystem::remove(path);
+  const Result<McapContent> then = load_mcap(OMENTUM_TESTS_DIR "/fuzz/corpus/mcap/episode.mcap");
+  ASSERT_TRUE(now && then);
+  for (const char* topic : {"/step", "/tool", "/tissue", "/result"}) {
+    const auto a = now.value().of_topic(topic);
+    const auto b = then.value().of_topic(topic);
+    ASSERT_EQ(a.size(), b.size()) << topic;
+    EXPECT_GE(a.size(), 1U) << topic;
+    for (std::size_t i = 0; i < a.size(); ++i) EXPECT_EQ(a[i]->data, b[i]->data) << topic << i;
+  }
+}
+
+TEST(EpisodeRecording, ArraysThatDoNotFitTheStepsAreRefused) {
+  EpisodeRecording made = test::make_episode(2, 2, 1);
+  made.segment.actions_continuous.assign(7, 0);
+  EXPECT_FALSE(save_episode(temp_path("bad.mcap"), made.task, made.segment, made.context));
+  made.segment.actions_continuous.clear();
+  made.segment.flags.clear();
+  EXPECT_FALSE(save_episode(temp_path("bad.mcap"), made.task, made.segment, made.context));
 }
 
 TEST(EpisodeRecording, FrameStateIsWhatTheFrameShows) {

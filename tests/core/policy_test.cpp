@@ -173,11 +173,9 @@ TEST_P(PolicyBatch, SizeNeverChangesABit) {
   const std::vector<float> observations =
       noise(total * static_cast<std::size_t>(shape.observations), 1, 2.0F);
   const std::vector<ActionCounter> counters = counters_for(total);
-  std::vector<std::uint16_t> masks(total, 0xFFFF);
-  for (std::size_t i = 0; i < total; i += 3) masks[i] = 0b11'110'101'011;
   for (const bool greedy : {false, true}) {
     std::vector<Decision> whole(total);
-    policy.act(observations, counters, greedy, masks, whole);
+    policy.act(observations, counters, greedy, whole);
     for (const std::size_t size : {1u, 2u, 3u, 7u, 8u, 16u, 63u, 255u}) {
       std::vector<Decision> parts(total);
       for (std::size_t first = 0; first < total; first += size) {
@@ -185,7 +183,7 @@ TEST_P(PolicyBatch, SizeNeverChangesABit) {
         const auto width = static_cast<std::size_t>(shape.observations);
         policy.act(std::span(observations).subspan(first * width, n * width),
                    std::span(counters).subspan(first, n), greedy,
-                   std::span(masks).subspan(first, n), std::span(parts).subspan(first, n));
+                   std::span(parts).subspan(first, n));
       }
       for (std::size_t i = 0; i < total; ++i)
         ASSERT_TRUE(same(whole[i], parts[i])) << "batch " << size << " row " << i;
@@ -200,7 +198,7 @@ TEST_P(PolicyBatch, EvaluateRepeatsTheBitsOfAct) {
   const std::vector<float> observations =
       noise(total * static_cast<std::size_t>(shape.observations), 5, 2.0F);
   std::vector<Decision> decisions(total);
-  policy.act(observations, counters_for(total), false, {}, decisions);
+  policy.act(observations, counters_for(total), false, decisions);
   std::vector<std::uint8_t> branches;
   std::vector<float> continuous;
   for (const Decision& d : decisions) {
@@ -210,7 +208,7 @@ TEST_P(PolicyBatch, EvaluateRepeatsTheBitsOfAct) {
   std::vector<float> log_probs(total), values(total), estimates(total), parts(total * 4);
   Policy other(shape,
                policy.weights());  // as the learner does: another object from the same weights
-  other.evaluate(observations, branches, continuous, {}, log_probs, values, parts);
+  other.evaluate(observations, branches, continuous, log_probs, values, parts);
   other.estimate(observations, estimates);
   for (std::size_t i = 0; i < total; ++i) {
     ASSERT_TRUE(same_bits(log_probs[i], decisions[i].log_prob));
@@ -230,7 +228,7 @@ TEST_P(PolicyBatch, EqualsScalarLoops) {
   Policy policy(shape, weights);
   const std::vector<float> observations = noise(total * width, 6, 2.0F);
   std::vector<Decision> decisions(total);
-  policy.act(observations, counters_for(total), true, {}, decisions);
+  policy.act(observations, counters_for(total), true, decisions);
   const ParameterLayout layout = parameter_layout(shape);
   for (std::size_t i = 0; i < total; ++i) {
     std::vector<float> x(width);
@@ -283,7 +281,7 @@ TEST(PolicySampling, FrequenciesFollowTheProbabilities) {
   const std::size_t total = 200'000;
   const std::vector<float> observations(total * 4, 0.5F);
   std::vector<Decision> decisions(total);
-  policy.act(observations, counters_for(total), false, {}, decisions);
+  policy.act(observations, counters_for(total), false, decisions);
   std::size_t base = 0;
   for (std::size_t b = 0; b < 4; ++b) {
     const auto size = static_cast<std::size_t>(shape.branches[b]);
@@ -301,26 +299,6 @@ TEST(PolicySampling, FrequenciesFollowTheProbabilities) {
   }
 }
 
-TEST(PolicySampling, MaskedActionsAreNeverTaken) {
-  const PolicyShape shape = discrete_shape(4, pb::ACTIVATION_TANH, 16);
-  Policy policy(shape, random_weights(shape, 2.0F));
-  const std::size_t total = 50'000;
-  const std::vector<float> observations = noise(total * 4, 3, 2.0F);
-  // Allowed: x {0, 1}, y {2}, z {0, 2}, gripper {0}.
-  const std::vector<std::uint16_t> masks(total, 0b01'101'100'011);
-  for (const bool greedy : {false, true}) {
-    std::vector<Decision> decisions(total);
-    policy.act(observations, counters_for(total), greedy, masks, decisions);
-    for (const Decision& d : decisions) {
-      ASSERT_LE(d.branch[0], 1);
-      ASSERT_EQ(d.branch[1], 2);
-      ASSERT_NE(d.branch[2], 1);
-      ASSERT_EQ(d.branch[3], 0);
-      ASSERT_TRUE(std::isfinite(d.log_prob));
-    }
-  }
-}
-
 TEST(PolicySampling, GaussianMomentsAndLogProbability) {
   const PolicyShape shape = gaussian_shape(4);
   PolicyWeights weights = random_weights(shape, 0.0F, false);
@@ -333,7 +311,7 @@ TEST(PolicySampling, GaussianMomentsAndLogProbability) {
   const std::size_t total = 200'000;
   const std::vector<float> observations(total * 4, 0.0F);
   std::vector<Decision> decisions(total);
-  policy.act(observations, counters_for(total), false, {}, decisions);
+  policy.act(observations, counters_for(total), false, decisions);
   for (std::size_t d = 0; d < 4; ++d) {
     const double mean = 0.5 * static_cast<double>(d);
     const double deviation = std::exp(-0.5 - 0.1 * static_cast<double>(d));
@@ -365,7 +343,7 @@ TEST(PolicySampling, DependsOnTheCounterAlone) {
   const std::vector<ActionCounter> counters = {{1, 2, 3, 4, Purpose::kAction},
                                                {1, 2, 3, 4, Purpose::kAction}};
   std::vector<Decision> decisions(2);
-  policy.act(observations, counters, false, {}, decisions);
+  policy.act(observations, counters, false, decisions);
   EXPECT_TRUE(same(decisions[0], decisions[1]));
 }
 
@@ -379,8 +357,8 @@ TEST(Policy, AllocatesNothing) {
     std::vector<Decision> decisions(50);
     std::vector<float> log_probs(50), values(50);
     const std::size_t before = allocations;
-    policy.act(observations, counters, false, {}, decisions);
-    policy.evaluate(observations, branches, continuous, {}, log_probs, values);
+    policy.act(observations, counters, false, decisions);
+    policy.evaluate(observations, branches, continuous, log_probs, values);
     policy.estimate(observations, values);
     EXPECT_EQ(allocations, before);
   }

@@ -5,6 +5,7 @@
 #include <memory>
 #include <thread>
 
+#include "core/build_id.h"
 #include "core/config.h"
 #include "core/rollout.h"
 #include "sim_worker/bus/bus_worker.h"
@@ -31,8 +32,11 @@ TEST(DivergingPhysics, StopsTheLearnerWithExitCode1AndTheReason) {
   options.profile = test::mesh_profile();
   options.build_id = build_id();
   options.program_version = "test";
-  options.rollout = run_rollout;
-  options.make_setup = [](const RunManifest& manifest, const std::string&) {
+  options.rollout = [](Backend& backend, Policy& policy, std::span<const RolloutTask> tasks,
+                       const std::function<bool()>& stop) {
+    return run_rollout(backend, policy, tasks, stop);
+  };
+  options.make_setup = [](const RunManifest& manifest) {
     const pb::Config config = parse_config("manifest", manifest.config_text);
     WorkerSetup setup;
     setup.backend = std::make_unique<DivergingBackend>(16);

@@ -61,17 +61,18 @@ class Evaluated : public testing::Test {
  protected:
   static void SetUpTestSuite() {
     programs_ = std::make_unique<Programs>();
-    // Both grids of 2 x 2, a lattice of 12 grasps, short episodes; starts low enough to touch.
-    const Strings sets =
-        tiny_task() + Strings{"evaluation.enabled=true",
-                              "evaluation.lattice_stride=10",
-                              "task.hold_s=0.2",
-                              "scene.start_grid.rows=2",
-                              "scene.start_grid.columns=2",
-                              "scene.robot_grid.rows=2",
-                              "scene.robot_grid.columns=2",
-                              "scene.start_grid.centre_m={ x: -0.0172 y: 0.0536 z: 0.045 }"};
-    programs_->train("evaluated", sets, {{"--lanes", "4"}, {"--lanes", "2"}});
+    programs_->train("evaluated", sets(), {{"--lanes", "4"}, {"--lanes", "2"}});
+  }
+  /// Both grids of 2 x 2, a lattice of 12 grasps, short episodes; starts low enough to touch.
+  static Strings sets() {
+    return tiny_task() + Strings{"evaluation.enabled=true",
+                                 "evaluation.lattice_stride=10",
+                                 "task.hold_s=0.2",
+                                 "scene.start_grid.rows=2",
+                                 "scene.start_grid.columns=2",
+                                 "scene.robot_grid.rows=2",
+                                 "scene.robot_grid.columns=2",
+                                 "scene.start_grid.centre_m={ x: -0.0172 y: 0.0536 z: 0.045 }"};
   }
   static void TearDownTestSuite() { programs_.reset(); }
 
@@ -159,6 +160,30 @@ TEST_F(Evaluated, ADamagedFileIsOneLineAndExitCode2) {
   write(text.substr(0, text.size() * 3 / 4));
   EXPECT_EQ(programs_->finish({OMENTUM_SIM_WORKER, "--replay", path}).code, 2);
   EXPECT_EQ(programs_->finish({OMENTUM_SIM_WORKER, "--replay", path + ".missing"}).code, 2);
+}
+
+// 12 updates: after the fifth, the tenth and at the end.
+TEST_F(Evaluated, OnTheWayAsOftenAsAskedAndTheWeightsStay) {
+  programs_->train("on_the_way", sets() + Strings{"evaluation.interval_updates=5"},
+                   {{"--lanes", "4"}});
+  EXPECT_EQ(Programs::value(programs_->summary("on_the_way"), "weights_hash"),
+            Programs::value(programs_->summary("evaluated"), "weights_hash"));
+  const std::string folder = programs_->run_dir("on_the_way") + "/evaluation/";
+  std::size_t folders = 0;
+  for (const auto& entry : std::filesystem::directory_iterator(folder)) {
+    if (entry.is_directory()) {
+      ++folders;
+      continue;
+    }
+    const std::string name = entry.path().filename().string();
+    const Strings lines = test::lines_of(read_text(entry.path().string()));
+    for (const char* update : {"update-5/", "update-10/"}) {
+      const Strings earlier = test::lines_of(read_text(folder + update + name));
+      ASSERT_EQ(earlier.size(), lines.size()) << update << name;
+      EXPECT_EQ(earlier.front(), lines.front());
+    }
+  }
+  EXPECT_EQ(folders, 2u);
 }
 
 TEST_F(Evaluated, TablesAndSummaryAgree) {

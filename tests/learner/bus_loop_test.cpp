@@ -31,9 +31,7 @@ TaskBookConfig loop_config(std::uint32_t slots, std::uint32_t lead) {
   config.lead = lead;
   config.episode_decisions = 50;
   config.state_format = test::kFakeStateFormat;
-  config.observation_size = test::kFakeObservation;
-  config.branches = {3, 3, 3, 2};
-  config.segment_crc = &test::fake_crc;
+  config.shape = test::fake_shape();
   return config;
 }
 

@@ -3,22 +3,25 @@
 #include <cstring>
 
 #include "core/hash.h"
+#include "core/policy.h"
+#include "core/segment_fields.h"
 #include "core/types.h"
 
 namespace omentum::test {
 
 inline constexpr std::uint32_t kFakeObservation = 3;
 
-/// CRC of the fields a fake rollout fills: enough to see any flipped bit in them.
-inline std::uint32_t fake_crc(const RolloutSegment& s) {
-  std::uint32_t crc = crc32c(std::as_bytes(std::span(s.observations)));
-  crc = crc32c(std::as_bytes(std::span(s.actions)), crc);
-  crc = crc32c(std::as_bytes(std::span(s.rewards)), crc);
-  return crc32c(s.end_state, crc);
+inline PolicyShape fake_shape() {
+  PolicyShape shape;
+  shape.observations = kFakeObservation;
+  shape.branches = {3, 3, 3, 2};
+  shape.hidden = 8;
+  return shape;
 }
 
 /// A pure function of the task and nothing else: a counter environment whose episodes last
-/// `episode` steps and whose state is 16 bytes plus padding up to `state_bytes`.
+/// `episode` steps and whose state is 16 bytes plus padding up to `state_bytes`. An evaluation is
+/// one episode of all its steps, with frames of two particles where the task asks for them.
 inline RolloutSegment fake_rollout(const RolloutTask& task, std::uint32_t episode = 50,
                                    std::size_t state_bytes = 16) {
   RolloutSegment s;
@@ -38,6 +41,7 @@ inline RolloutSegment fake_rollout(const RolloutTask& task, std::uint32_t episod
   } else {
     std::memcpy(&state, task.start_state.data(), sizeof state);
   }
+  const bool evaluation = task.kind == TaskKind::kEvaluate;
   std::uint64_t number = task.episode;
   std::uint32_t step = task.episode_step;
   std::uint32_t limit = task.episode_limit == 0 ? episode : task.episode_limit;
@@ -51,9 +55,16 @@ inline RolloutSegment fake_rollout(const RolloutTask& task, std::uint32_t episod
     s.log_probs.push_back(-1.0f);
     s.values.push_back(0.5f);
     s.rewards.push_back(static_cast<float>(state >> 56));
-    if (++step == limit) {
+    if (task.frame_stride > 0) {
+      s.state_hashes.push_back(state);
+      s.exposures.push_back(0.5F);
+      s.tool_positions_in_world_m.insert(s.tool_positions_in_world_m.end(), 3, 0.01F);
+    }
+    ++step;
+    const bool last = evaluation && i + 1 == task.steps;
+    if (evaluation ? last : step == limit) {
       flags |= step_flag::kTruncated;
-      for (std::uint32_t o = 0; o < kFakeObservation; ++o) s.final_observations.push_back(1);
+      if (!evaluation) s.final_observations.insert(s.final_observations.end(), kFakeObservation, 1);
       s.episode_end_step.push_back(i);
       s.episode_return.push_back(1);
       s.episode_length.push_back(step);
@@ -61,8 +72,10 @@ inline RolloutSegment fake_rollout(const RolloutTask& task, std::uint32_t episod
       s.episode_exposure.push_back(0);
       s.episode_grasped.push_back(0);
       s.episode_held.push_back(0);
-      s.episode_grasp_position.insert(s.episode_grasp_position.end(), 3, 0.0f);
-      s.episode_start_position.insert(s.episode_start_position.end(), 3, 0.0f);
+      s.episode_grasp_position_in_world_m.insert(s.episode_grasp_position_in_world_m.end(), 3,
+                                                 0.0f);
+      s.episode_start_position_in_world_m.insert(s.episode_start_position_in_world_m.end(), 3,
+                                                 0.0f);
       step = 0;
       limit = episode;
       ++number;
@@ -70,6 +83,9 @@ inline RolloutSegment fake_rollout(const RolloutTask& task, std::uint32_t episod
     }
     s.flags.push_back(flags);
   }
+  if (task.frame_stride > 0)
+    s.frame_positions_in_world_m.assign(std::size_t{6} * (task.steps / task.frame_stride + 1),
+                                        0.1F);
   s.bootstrap_observation.assign(kFakeObservation, 2.0f);
   s.end_episode = number;
   s.end_episode_step = step;
@@ -77,7 +93,7 @@ inline RolloutSegment fake_rollout(const RolloutTask& task, std::uint32_t episod
   s.end_state.assign(std::max(state_bytes, sizeof state), std::byte{7});
   std::memcpy(s.end_state.data(), &state, sizeof state);
   s.end_hash = hash_state(s.end_state);
-  s.payload_crc32c = fake_crc(s);
+  s.payload_crc32c = segment_crc(s);
   return s;
 }
 

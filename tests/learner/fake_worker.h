@@ -14,14 +14,6 @@ inline constexpr std::uint64_t kFakeConfigHash = 99;
 inline constexpr std::uint64_t kFakeBuild = 5;
 inline constexpr std::uint32_t kFakeStateFormat = 4;
 
-inline PolicyShape fake_shape() {
-  PolicyShape shape;
-  shape.observations = kFakeObservation;
-  shape.branches = {3, 3, 3, 2};
-  shape.hidden = 8;
-  return shape;
-}
-
 inline PolicyWeights fake_weights(std::uint64_t version) {
   PolicyWeights weights;
   weights.policy_version = version;
@@ -75,7 +67,7 @@ inline BusWorkerOptions fake_options(const FakeWorker& fake) {
   options.profile = mesh_profile();
   options.build_id = fake.build;
   options.program_version = "test";
-  options.make_setup = [fake](const RunManifest&, const std::string&) {
+  options.make_setup = [fake](const RunManifest&) {
     WorkerSetup setup;
     setup.backend = std::make_unique<LanesOnly>(fake.lanes);
     setup.shape = fake_shape();

@@ -19,7 +19,6 @@ struct Case {
   std::string name;
   PolicyShape shape;
   LossSettings settings;
-  bool masked = false;
 };
 
 float noise(std::uint32_t i, std::uint32_t stream) {
@@ -53,13 +52,10 @@ Problem make_problem(const Case& c, int samples) {
   b.branches.assign(n * 4, 0);
   if (c.shape.continuous) b.continuous.assign(n * 4, 0);
   for (std::uint32_t i = 0; i < n; ++i) {
-    if (c.masked) b.masks.push_back(i % 2 == 0 ? 0b11'110'101'011 : 0xFFFF);
     for (std::uint32_t d = 0; d < 4; ++d) {
       if (c.shape.continuous) b.continuous[i * 4 + d] = 1.2F * noise(i * 4 + d, 3);
-      // Action 1 of x, 0 of y, 2 of z and either gripper are always allowed.
-      const std::uint8_t fixed[4] = {1, 0, 2, static_cast<std::uint8_t>(i / 2 % 2)};
       if (!c.shape.continuous && d < c.shape.branches.size()) {
-        b.branches[i * 4 + d] = c.masked ? fixed[d] : static_cast<std::uint8_t>((i + d) % 2);
+        b.branches[i * 4 + d] = static_cast<std::uint8_t>((i + d) % 2);
       }
     }
     p.advantages.push_back(2 * noise(i, 4));
@@ -72,8 +68,7 @@ Problem make_problem(const Case& c, int samples) {
   b.log_probs.resize(n);
   b.branch_log_probs.resize(n * 4);
   std::vector<float> values(n);
-  policy.evaluate(p.inputs, b.branches, b.continuous, b.masks, b.log_probs, values,
-                  b.branch_log_probs);
+  policy.evaluate(p.inputs, b.branches, b.continuous, b.log_probs, values, b.branch_log_probs);
   for (std::uint32_t i = 0; i < n; ++i) {
     float sum = 0;
     for (std::uint32_t d = 0; d < static_cast<std::uint32_t>(c.shape.branch_count()); ++d) {
@@ -146,8 +141,7 @@ double sample_loss(const Case& c, const Problem& problem, const std::vector<doub
     double total = 0;
     std::vector<double> l;
     for (std::size_t j = 0; j < size; ++j) {
-      const bool allowed = b.masks.empty() || (b.masks[i] >> (base + j) & 1) != 0;
-      l.push_back(logits[base + j] + (allowed ? 0 : -1e8));
+      l.push_back(logits[base + j]);
       total += std::exp(l[j]);
     }
     for (const double v : l) {
@@ -267,18 +261,13 @@ std::vector<Case> cases() {
   base.entropy = 0.05F;
   std::vector<Case> all;
   const auto add = [&](const std::string& name, auto change) {
-    Case c{name, discrete, base, false};
+    Case c{name, discrete, base};
     change(c);
     all.push_back(c);
   };
   add("Joint", [](Case&) {});
   add("PerBranch", [](Case& c) { c.settings.ratio = pb::RATIO_PER_BRANCH; });
   add("ValueClip", [](Case& c) { c.settings.value_clip = true; });
-  add("Masked", [](Case& c) { c.masked = true; });
-  add("MaskedPerBranch", [](Case& c) {
-    c.masked = true;
-    c.settings.ratio = pb::RATIO_PER_BRANCH;
-  });
   add("Swish", [](Case& c) { c.shape.activation = pb::ACTIVATION_SWISH; });
   add("NoHeadBias", [](Case& c) { c.shape.head_bias = false; });
   add("OddWidth", [](Case& c) { c.shape.hidden = 21; });
@@ -324,7 +313,6 @@ RatioResult ratio_result(pb::RatioKind kind, float advantage) {
   }
   inputs.old_log_prob[0] = static_cast<float>(joint);
   inputs.advantage[0] = advantage;
-  inputs.mask[0] = 0xFFFF;
   const std::vector<float> logits(16, 0.0F),
       values(8, 0.0F);  // uniform policy, action 0 everywhere
   std::vector<float> gradient(16), value_gradient(8);

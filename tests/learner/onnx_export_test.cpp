@@ -88,7 +88,7 @@ TEST_P(OnnxExport, IndependentReaderAgrees) {
     observations[i] = 2 * noise(static_cast<std::uint32_t>(i), 3);
   const std::vector<ActionCounter> counters(rows);
   std::vector<Decision> decisions(rows);
-  policy.act(observations, counters, true, {}, decisions);
+  policy.act(observations, counters, true, decisions);
 
   const test::TempDir folder;
   const Result<void> written =

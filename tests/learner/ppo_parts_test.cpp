@@ -5,7 +5,6 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
-#include <functional>
 #include <limits>
 #include <numeric>
 
@@ -326,54 +325,6 @@ Collected collect(int slots = 3, std::uint32_t steps = 50, std::uint32_t limit =
     c.segments = env.collect(policy, steps, &c.tasks);
   }
   return c;
-}
-
-TEST(CheckSegment, AcceptsWhatTheLoopMakes) {
-  const Collected c = collect();
-  for (std::size_t i = 0; i < c.tasks.size(); ++i) {
-    const Result<void> result = check_segment(c.segments[i], c.shape, c.tasks[i]);
-    EXPECT_TRUE(result.has_value()) << result.error();
-  }
-}
-
-TEST(CheckSegment, RefusesEveryDamage) {
-  const Collected c = collect();
-  const std::vector<std::pair<const char*, std::function<void(RolloutSegment&)>>> damages = {
-      {"slot", [](RolloutSegment& s) { ++s.slot; }},
-      {"hash", [](RolloutSegment& s) { ++s.task_hash; }},
-      {"version", [](RolloutSegment& s) { ++s.policy_version; }},
-      {"failed", [](RolloutSegment& s) { s.failed = 1; }},
-      {"steps", [](RolloutSegment& s) { --s.steps; }},
-      {"observations", [](RolloutSegment& s) { s.observations.pop_back(); }},
-      {"observation nan", [](RolloutSegment& s) { s.observations[7] = std::nanf(""); }},
-      {"bootstrap", [](RolloutSegment& s) { s.bootstrap_observation.clear(); }},
-      {"final", [](RolloutSegment& s) { s.final_observations.push_back(0); }},
-      {"action range", [](RolloutSegment& s) { s.actions[2] = 3; }},
-      {"gripper range", [](RolloutSegment& s) { s.actions[3] = 2; }},
-      {"masked action", [](RolloutSegment& s) { s.masks.assign(s.steps, 0); }},
-      {"continuous", [](RolloutSegment& s) { s.actions_continuous.assign(s.steps * 4, 0.0F); }},
-      {"log-prob",
-       [](RolloutSegment& s) { s.log_probs[1] = std::numeric_limits<float>::infinity(); }},
-      {"reward", [](RolloutSegment& s) { s.rewards[1] = std::nanf(""); }},
-      {"values", [](RolloutSegment& s) { s.values.clear(); }},
-      {"unknown flag", [](RolloutSegment& s) { s.flags[1] |= 128; }},
-      {"scripted", [](RolloutSegment& s) { s.flags[1] |= step_flag::kScripted; }},
-      {"first flag", [](RolloutSegment& s) { s.flags[1] |= step_flag::kFirst; }},
-      {"hidden end", [](RolloutSegment& s) { s.flags[1] |= step_flag::kTerminated; }},
-      {"both ends",
-       [](RolloutSegment& s) { s.flags[s.episode_end_step[0]] |= step_flag::kTerminated; }},
-      {"end step", [](RolloutSegment& s) { ++s.episode_end_step[0]; }},
-      {"length", [](RolloutSegment& s) { ++s.episode_length[0]; }},
-      {"outcome", [](RolloutSegment& s) { s.episode_outcome[0] = 9; }},
-      {"return", [](RolloutSegment& s) { s.episode_return[0] = std::nan(""); }},
-      {"episode", [](RolloutSegment& s) { ++s.end_episode; }},
-      {"episode step", [](RolloutSegment& s) { ++s.end_episode_step; }},
-  };
-  for (const auto& [name, damage] : damages) {
-    RolloutSegment segment = c.segments[1];
-    damage(segment);
-    EXPECT_FALSE(check_segment(segment, c.shape, c.tasks[1]).has_value()) << name;
-  }
 }
 
 TEST(Batch, OrderOfArrivalDoesNotMatter) {

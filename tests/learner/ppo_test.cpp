@@ -7,6 +7,7 @@
 #include <cmath>
 #include <numeric>
 
+#include "learner/segment_check.h"
 #include "tests/learner/toy.h"
 
 namespace omentum {

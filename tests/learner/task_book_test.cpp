@@ -9,6 +9,7 @@
 
 #include "core/check.h"
 #include "core/rng.h"
+#include "core/segment_fields.h"
 #include "tests/learner/fake_rollout.h"
 
 namespace omentum {
@@ -26,9 +27,7 @@ TaskBookConfig small_config(std::uint32_t lead) {
   config.lead = lead;
   config.episode_decisions = 50;
   config.state_format = 4;
-  config.observation_size = test::kFakeObservation;
-  config.branches = {3, 3, 3, 2};
-  config.segment_crc = &test::fake_crc;
+  config.shape = test::fake_shape();
   return config;
 }
 
@@ -240,7 +239,7 @@ TEST(TaskBook, LateDuplicateIsDroppedAndDifferenceIsAnAuditMismatch) {
   RolloutSegment other = fake_rollout(tasks[0]);
   other.end_state[9] ^= std::byte{1};
   other.end_hash = hash_state(other.end_state);
-  other.payload_crc32c = test::fake_crc(other);
+  other.payload_crc32c = segment_crc(other);
   EXPECT_EQ(book.receive(other, 3), Verdict::kDuplicate);
   EXPECT_EQ(book.ledger().audit_mismatch, 1u);
   expect_balance(book);
@@ -260,7 +259,6 @@ TEST(TaskBook, GarbageIsInvalidAndGrantedAgain) {
       [](RolloutSegment& s) { s.policy_version = 8; },
       [](RolloutSegment& s) { s.state_format = 1; },
       [](RolloutSegment& s) { s.bootstrap_observation.clear(); },
-      [](RolloutSegment& s) { s.masks.assign(20, 0); },
   };
   for (const Spoil spoil : spoils) {
     TaskBook book(small_config(0));
@@ -278,6 +276,21 @@ TEST(TaskBook, GarbageIsInvalidAndGrantedAgain) {
     EXPECT_EQ(book.receive(fake_rollout(again[0]), 3), Verdict::kAdmitted);
     expect_balance(book);
   }
+}
+
+// Learning takes a value of every truncated step from them.
+TEST(TaskBook, ASegmentWithoutItsFinalObservationsIsInvalid) {
+  TaskBook book(small_config(0));
+  book.worker_joined(1, 100);
+  book.announce_weights(0, hash_of_version(0));
+  RolloutSegment bad = fake_rollout(book.grant(0)[0]);
+  ASSERT_FALSE(bad.final_observations.empty());
+  bad.final_observations.clear();
+  bad.payload_crc32c = segment_crc(bad);
+  EXPECT_EQ(book.receive(bad, 1), Verdict::kInvalid);
+  EXPECT_EQ(book.ledger().invalid, 1u);
+  EXPECT_NE(book.last_refusal().find("final_observations"), std::string::npos);
+  expect_balance(book);
 }
 
 TEST(TaskBook, AWorkerThatKeepsSendingGarbageIsBarred) {
@@ -326,6 +339,7 @@ TEST(TaskBook, ADivergedEpisodeIsSkippedTheSameWayForEveryWorker) {
   RolloutSegment failed = fake_rollout(first);
   failed.failed = 1;
   failed.failure = "non-finite";
+  failed.payload_crc32c = segment_crc(failed);
   EXPECT_EQ(book.receive(failed, 1), Verdict::kInvalid);
   EXPECT_EQ(book.failures(), 1u);
   expect_balance(book);

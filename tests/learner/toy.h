@@ -14,6 +14,7 @@
 
 #include "core/policy.h"
 #include "core/rng.h"
+#include "core/segment_fields.h"
 #include "core/types.h"
 
 namespace omentum::toy {
@@ -162,7 +163,7 @@ class Slots {
       slot.environment.observe(observation);
       const ActionCounter counter{seed_, task.slot, slot.episode, slot.step, Purpose::kAction};
       Decision decision;
-      policy.act(observation, std::span(&counter, 1), false, {}, std::span(&decision, 1));
+      policy.act(observation, std::span(&counter, 1), false, std::span(&decision, 1));
       const Step outcome = slot.environment.step(decision);
       segment.observations.insert(segment.observations.end(), observation.begin(),
                                   observation.end());
@@ -188,6 +189,9 @@ class Slots {
     slot.environment.observe(segment.bootstrap_observation);
     segment.end_episode = slot.episode;
     segment.end_episode_step = slot.step;
+    segment.end_state.assign(8, std::byte{1});  // never loaded: the environments live on in slots_
+    segment.end_hash = hash_state(segment.end_state);
+    segment.payload_crc32c = segment_crc(segment);
     return segment;
   }
 
@@ -208,8 +212,8 @@ class Slots {
     segment.episode_grasped.push_back(0);
     segment.episode_held.push_back(0);
     for (int i = 0; i < 3; ++i) {
-      segment.episode_grasp_position.push_back(std::nanf(""));
-      segment.episode_start_position.push_back(0);
+      segment.episode_grasp_position_in_world_m.push_back(std::nanf(""));
+      segment.episode_start_position_in_world_m.push_back(0);
     }
     finished_.push_back(slot.episode_return);
     slot.environment.reset(seed_, id, ++slot.episode);

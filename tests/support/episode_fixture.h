@@ -68,8 +68,8 @@ inline EpisodeRecording make_episode(std::uint32_t steps, std::uint32_t particle
   segment.episode_exposure = {0.75F};
   segment.episode_grasped = {1};
   segment.episode_held = {1};
-  segment.episode_grasp_position = {0.01F, 0.02F, 0.03F};
-  segment.episode_start_position = {0.0F, 0.05F, 0.1F};
+  segment.episode_grasp_position_in_world_m = {0.01F, 0.02F, 0.03F};
+  segment.episode_start_position_in_world_m = {0.0F, 0.05F, 0.1F};
   segment.end_hash = 0xfeedULL;
   segment.physics_ticks = std::uint64_t{10} * steps;
   return episode;

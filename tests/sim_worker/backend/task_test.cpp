@@ -1,8 +1,10 @@
 // The task to the letter (docs/task.md) on the shipped presets.
 
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <array>
 #include <cmath>
 #include <set>
 
@@ -483,6 +485,21 @@ TEST(Reset, NamedDefectsCarryTheLastEpisodeOver) {
     EXPECT_NE(fnv1a64(used.save(0)), fnv1a64(fresh.save(0))) << defect;
     used.reset(0, grid_start(12));  // a task's own first reset starts from nothing even then
     EXPECT_EQ(fnv1a64(used.save(0)), fnv1a64(fresh.save(0))) << defect;
+  }
+}
+
+TEST(Reset, EveryTrainingStartIsAnotherUnlessTheGridIsStuck) {
+  for (const bool stuck : {false, true}) {
+    SimBackend backend(setup_of("omentum", {fmt::format("defects.grid_stuck={}", stuck)}), 1, 1);
+    std::set<std::array<double, 3>> starts;
+    for (std::uint64_t episode = 0; episode < 5; ++episode) {
+      EpisodeStart start;
+      start.run_seed = 1;
+      start.episode = episode;
+      backend.reset(0, start);
+      starts.insert(backend.clock(0).start_position);
+    }
+    EXPECT_EQ(starts.size(), stuck ? 1u : 5u);
   }
 }
 

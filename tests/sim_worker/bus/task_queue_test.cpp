@@ -77,9 +77,7 @@ TEST(TaskQueue, SlotsThatFellApartAtTheStartFindTogetherAgain) {
   config.lead = 1;
   config.episode_decisions = 50;
   config.state_format = 4;
-  config.observation_size = test::kFakeObservation;
-  config.branches = {3, 3, 3, 2};
-  config.segment_crc = &test::fake_crc;
+  config.shape = test::fake_shape();
   TaskBook book(config);
   const auto weights = [](std::uint64_t version) {
     Sha256 hash{};
