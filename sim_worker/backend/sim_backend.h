@@ -43,7 +43,7 @@ struct SimCounters {
 
 /// The simulation behind the Backend seam: PSM, grasp, tissue, exposure, reward. Lanes beyond one
 /// kernel width are further groups of lanes; no lane ever sees another.
-class SimBackend : public Backend {
+class SimBackend : public Backend, public Snapshots {
  public:
   /// Draws the image observation of one lane: surface vertices (x y z interleaved, W), tip, jaw
   /// angle -> floats.
@@ -55,10 +55,7 @@ class SimBackend : public Backend {
 
   int lanes() const override { return static_cast<int>(environments_.size()); }
   int observation_size() const override;
-  std::uint32_t state_format() const override;
   void reset(int lane, const EpisodeStart& start) override;
-  Result<void> load(int lane, std::span<const std::byte> state) override;
-  Bytes save(int lane) const override;
   void observe(int lane, std::span<float> observation) const override;
   void step(std::span<const Action> actions, std::span<StepOutcome> outcomes) override;
   EpisodeFacts facts(int lane) const override;
@@ -66,8 +63,13 @@ class SimBackend : public Backend {
   bool at_target(int lane) const override;
   Action hold_action(int lane) const override;
   bool healthy(int lane) const override;
-  void positions(int lane, std::vector<float>& out) const override;
   std::uint32_t ticks_per_step() const override;
+
+  Snapshots* snapshots() override { return this; }
+  std::uint32_t state_format() const override;
+  Bytes save(int lane) const override;
+  Result<void> load(int lane, std::span<const std::byte> state) override;
+  void positions(int lane, std::vector<float>& out) const override;
 
   /// What a pinch on the given particle would come to now.
   PinchResult judge(int lane, const Nearest& nearest) const;
