@@ -13,6 +13,7 @@
 #include "core/fp_mode.h"
 #include "core/log.h"
 #include "core/rollout.h"
+#include "core/task.h"
 #include "learner/onnx_export.h"
 
 namespace omentum {

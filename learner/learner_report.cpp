@@ -5,6 +5,7 @@
 
 #include "core/config.h"
 #include "core/log.h"
+#include "core/task.h"
 #include "learner/learner.h"
 
 namespace omentum {

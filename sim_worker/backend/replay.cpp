@@ -8,6 +8,7 @@
 #include "core/config.h"
 #include "core/hash.h"
 #include "core/policy.h"
+#include "core/task.h"
 #include "sim_worker/backend/image_source.h"
 
 namespace omentum {
