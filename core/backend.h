@@ -66,6 +66,23 @@ inline EpisodeStart start_of(const RolloutTask& task) {
   return start;
 }
 
+/// The states of a back end's environments as bytes: what a simulation has and a robot lacks. With
+/// it a rollout is a pure function of its task. Contract test: tests/contract/snapshots_contract.h.
+class Snapshots {
+ public:
+  virtual ~Snapshots() = default;
+
+  /// Of the bytes of save() and load(); reaches wire and disk. Never 0.
+  virtual std::uint32_t state_format() const = 0;
+  /// The whole state of one lane, canonical bytes (independent of lane count and position).
+  virtual Bytes save(int lane) const = 0;
+  /// Restores a state written by save(). Fails, changing nothing, on a state of another format or
+  /// size.
+  virtual Result<void> load(int lane, std::span<const std::byte> state) = 0;
+  /// Particle positions in W [m], x y z interleaved; for frames of recordings.
+  virtual void positions(int lane, std::vector<float>& out) const = 0;
+};
+
 /// A set of `lanes()` environments that advance together: the seam behind which simulation, robot
 /// and replay are the same thing. Lane k's results never depend on other lanes. Not thread-safe:
 /// one thread drives a backend. Contract test: tests/contract/backend_contract.h.
@@ -75,16 +92,9 @@ class Backend {
 
   virtual int lanes() const = 0;
   virtual int observation_size() const = 0;
-  virtual std::uint32_t state_format() const = 0;
 
   /// Begins an episode; whatever the lane held before leaves no trace.
   virtual void reset(int lane, const EpisodeStart& start) = 0;
-  /// Restores a state written by save(). Fails, changing nothing, on a state of another format or
-  /// size.
-  virtual Result<void> load(int lane, std::span<const std::byte> state) = 0;
-  /// The whole state of one lane, canonical bytes (independent of lane count and position).
-  virtual Bytes save(int lane) const = 0;
-
   /// Writes observation_size() raw values.
   virtual void observe(int lane, std::span<float> observation) const = 0;
   /// Advances every lane by one decision. Spans have lanes() entries.
@@ -101,10 +111,11 @@ class Backend {
   virtual Action hold_action(int lane) const = 0;
   /// False once the state of the lane went non-finite; the other lanes are untouched.
   virtual bool healthy(int lane) const = 0;
-  /// Particle positions in W [m], x y z interleaved; for frames of recordings.
-  virtual void positions(int lane, std::vector<float>& out) const = 0;
   /// Solver substeps per decision, for step accounting.
   virtual std::uint32_t ticks_per_step() const = 0;
+
+  /// Null for a back end whose states cannot be saved.
+  virtual Snapshots* snapshots() { return nullptr; }
 };
 
 }  // namespace omentum

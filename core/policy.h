@@ -138,10 +138,8 @@ class Policy {
 Sha256 hash_weights(std::span<const float> parameters, std::span<const float> obs_mean,
                     std::span<const float> obs_inv_std);
 
-/// Observation and action layout of a task configuration.
+/// Shape of the policy of a configuration, for the observations and actions of its task
+/// (core/task.h).
 PolicyShape policy_shape(const pb::Config& config);
-std::vector<std::string> observation_names(const pb::Task& task);
-/// One name per branch (or continuous dimension): x, y, z, gripper; jaw for the Gaussian head.
-std::vector<std::string> action_names(const pb::Task& task);
 
 }  // namespace omentum

@@ -6,6 +6,7 @@
 #include "core/check.h"
 #include "core/hash.h"
 #include "core/policy.h"
+#include "core/task.h"
 
 namespace omentum {
 
@@ -26,31 +27,6 @@ std::size_t lay_out(const PolicyShape& shape, int outputs, bool has_head_bias, s
   network.head = network.bias2 + hidden;
   network.head_bias = network.head + count * hidden;
   return network.head_bias + (has_head_bias ? count : 0);
-}
-
-const std::vector<std::string> kAxes = {"x", "y", "z"};
-
-void append_point(std::vector<std::string>& names, const std::string& point) {
-  for (const std::string& axis : kAxes) names.push_back(fmt::format("{}_{}", point, axis));
-}
-
-std::vector<std::string> paper_names() {
-  std::vector<std::string> names = {"held_flag"};
-  append_point(names, "p");
-  append_point(names, "q");
-  append_point(names, "p_T");
-  names.emplace_back("distance_p_q");
-  names.emplace_back("distance_p_p_T");
-  return names;
-}
-
-std::vector<std::string> omentum_names() {
-  std::vector<std::string> names = paper_names();
-  names.emplace_back("jaw_closed");
-  names.emplace_back("exposure");
-  append_point(names, "grasp");
-  append_point(names, "near_goal");
-  return names;
 }
 
 }  // namespace
@@ -81,66 +57,11 @@ std::uint64_t PolicyShape::layout_hash() const {
   return fnv1a64(text);
 }
 
-std::vector<std::string> observation_names(const pb::Task& task) {
-  switch (task.observation()) {
-    case pb::OBSERVATION_PAPER:
-    case pb::OBSERVATION_DERIVED:
-      return paper_names();
-    case pb::OBSERVATION_DERIVED_HEAD: {
-      std::vector<std::string> names = {"held_flag"};
-      append_point(names, "p");
-      append_point(names, "goal");
-      names.emplace_back("distance_p_goal");
-      return names;
-    }
-    case pb::OBSERVATION_OMENTUM:
-      return omentum_names();
-    case pb::OBSERVATION_IMAGE:
-      break;
-  }
-  std::vector<std::string> names = omentum_names();
-  const std::vector<std::string> channels = task.image() == pb::IMAGE_OBJECT_IDS
-                                                ? std::vector<std::string>{"object"}
-                                                : std::vector<std::string>{"red", "green", "blue"};
-  for (const std::string& channel : channels) {
-    for (std::uint32_t row = 0; row < task.image_size(); ++row) {
-      for (std::uint32_t column = 0; column < task.image_size(); ++column) {
-        names.push_back(fmt::format("{}_{}_{}", channel, row, column));
-      }
-    }
-  }
-  return names;
-}
-
-std::vector<std::string> action_names(const pb::Task& task) {
-  switch (task.action()) {
-    case pb::ACTION_XYZ_GRIPPER:
-      return {"x", "y", "z", "gripper"};
-    case pb::ACTION_DERIVED:
-      return {"unity_x", "unity_y", "unity_z"};
-    case pb::ACTION_DERIVED_HEAD:
-      return {"unity_y", "unity_z", "unity_x"};
-    case pb::ACTION_CONTINUOUS:
-      break;
-  }
-  return {"x", "y", "z", "jaw"};
-}
-
 PolicyShape policy_shape(const pb::Config& config) {
   PolicyShape shape;
-  shape.observations = static_cast<int>(observation_names(config.task()).size());
-  switch (config.task().action()) {
-    case pb::ACTION_XYZ_GRIPPER:
-      shape.branches = {3, 3, 3, 2};
-      break;
-    case pb::ACTION_DERIVED:
-    case pb::ACTION_DERIVED_HEAD:
-      shape.branches = {3, 3, 3};
-      break;
-    case pb::ACTION_CONTINUOUS:
-      shape.continuous = true;
-      break;
-  }
+  shape.observations = observation_size(config.task());
+  shape.branches = action_branches(config.task());
+  shape.continuous = shape.branches.empty();
   shape.hidden = static_cast<int>(config.ppo().hidden());
   shape.activation = config.ppo().activation();
   shape.head_bias = config.ppo().head_bias();

@@ -47,6 +47,11 @@ constexpr PhiloxWords random_words(std::uint64_t run_seed, std::uint32_t slot, P
 /// Uniform in [0, 1) with 24 bits: exact in f32.
 constexpr float uniform_24(std::uint32_t word) { return static_cast<float>(word >> 8) * 0x1p-24f; }
 
+/// Uniform in [min, max) with 32 bits.
+constexpr double uniform_between(std::uint32_t word, double min, double max) {
+  return min + (max - min) * static_cast<double>(word) * 0x1p-32;
+}
+
 /// Uniform integer in [0, bound) from 32 random bits, multiply-shift (bias < bound / 2^32).
 constexpr std::uint32_t bounded(std::uint32_t word, std::uint32_t bound) {
   return static_cast<std::uint32_t>((std::uint64_t{word} * bound) >> 32);

@@ -13,8 +13,10 @@ namespace {
 
 /// What one lane is doing with its task.
 struct LaneRun {
-  bool done = false;     ///< no more steps are recorded
-  bool holding = false;  ///< evaluation: the hold script acts
+  bool rollout = false;     ///< one episode follows the other, and the state at the end goes on
+  bool evaluation = false;  ///< one episode; at p_T the hold script takes over from the policy
+  bool done = false;        ///< no more steps are recorded
+  bool holding = false;     ///< the hold script acts
   std::uint32_t hold_left = 0;
 };
 
@@ -45,39 +47,61 @@ void close_episode(const Backend& backend, int lane, bool terminated, RolloutSeg
 }
 
 /// The tissue before this step, every `stride` steps.
-void record_frame(const Backend& backend, int lane, std::uint32_t stride,
-                  std::vector<float>& scratch, RolloutSegment& segment) {
-  if (stride == 0 || segment.steps % stride != 0) return;
-  backend.positions(lane, scratch);
+void record_frame(Backend& backend, int lane, std::uint32_t stride, std::vector<float>& scratch,
+                  RolloutSegment& segment) {
+  const Snapshots* states = backend.snapshots();
+  if (states == nullptr || stride == 0 || segment.steps % stride != 0) return;
+  states->positions(lane, scratch);
   segment.frame_positions_in_world_m.insert(segment.frame_positions_in_world_m.end(),
                                             scratch.begin(), scratch.end());
 }
 
 /// What proves a replay: hash of the whole state after the step, beside where the tool is and what
 /// the camera sees.
-void record_step(const Backend& backend, int lane, RolloutSegment& segment) {
+void record_step(Backend& backend, int lane, RolloutSegment& segment) {
   const EpisodeFacts facts = backend.facts(lane);
-  segment.state_hashes.push_back(hash_state(backend.save(lane)));
+  if (const Snapshots* states = backend.snapshots(); states != nullptr)
+    segment.state_hashes.push_back(hash_state(states->save(lane)));
   segment.exposures.push_back(facts.exposure);
   for (const double v : facts.tool_position)
     segment.tool_positions_in_world_m.push_back(static_cast<float>(v));
 }
 
+/// Resets the lane or loads the state that its task starts from.
+Result<void> start_lane(Backend& backend, int lane, const RolloutTask& task) {
+  if (task.reset) {
+    backend.reset(lane, start_of(task));
+    return {};
+  }
+  if (backend.snapshots() == nullptr)
+    return Failure{"task continues from a state, and this back end cannot load one"};
+  return backend.snapshots()->load(lane, task.start_state);
+}
+
 }  // namespace
 
-std::vector<RolloutSegment> run_rollout(Backend& backend, Policy& policy,
+void Actor::act(std::uint32_t step, std::span<const float> observations,
+                std::span<const ActionCounter> counters, bool greedy,
+                std::span<Decision> decisions) const {
+  if (!scripted()) {
+    policy_->act(observations, counters, greedy, decisions);
+    return;
+  }
+  std::vector<Action> actions(decisions.size());
+  script_(step, actions);
+  for (std::size_t k = 0; k < decisions.size(); ++k)
+    decisions[k] = {actions[k].branch, actions[k].continuous};
+}
+
+std::vector<RolloutSegment> run_rollout(Backend& backend, const Actor& actor,
                                         std::span<const RolloutTask> tasks,
-                                        const std::function<bool()>& stop,
-                                        std::span<const Action> recorded) {
+                                        const std::function<bool()>& stop) {
   const auto lanes = static_cast<std::size_t>(backend.lanes());
   OMENTUM_CHECK(!tasks.empty() && tasks.size() <= lanes, "{} tasks for {} lanes", tasks.size(),
                 lanes);
   const auto width = static_cast<std::size_t>(backend.observation_size());
-  OMENTUM_CHECK(policy.shape().observations == backend.observation_size());
-  OMENTUM_CHECK(recorded.empty() || (tasks.size() == 1 && recorded.size() >= tasks[0].steps),
-                "{} recorded actions for {} tasks of {} steps", recorded.size(), tasks.size(),
-                tasks[0].steps);
-  const bool continuous = policy.shape().continuous;
+  OMENTUM_CHECK(actor.takes(backend.observation_size()));
+  const bool continuous = actor.continuous();
   const std::int64_t began = steady_now_ns();
 
   std::vector<RolloutSegment> segments(tasks.size());
@@ -94,15 +118,13 @@ std::vector<RolloutSegment> run_rollout(Backend& backend, Policy& policy,
     segment.task_hash = task.task_hash;
     segment.policy_version = task.policy_version;
     segment.granted_at_ns = task.granted_at_ns;
-    segment.state_format = backend.state_format();
+    if (backend.snapshots() != nullptr) segment.state_format = backend.snapshots()->state_format();
     longest = std::max(longest, task.steps);
-    if (task.reset) {
-      backend.reset(static_cast<int>(k), start_of(task));
-    } else {
-      const Result<void> loaded = backend.load(static_cast<int>(k), task.start_state);
-      if (!loaded) fail(segment, runs[k], loaded.error());
-    }
-    runs[k].holding = task.kind == TaskKind::kEvaluate && task.start_set == StartSet::kGraspLattice;
+    if (const Result<void> started = start_lane(backend, static_cast<int>(k), task); !started)
+      fail(segment, runs[k], started.error());
+    runs[k].rollout = !actor.scripted() && task.kind == TaskKind::kRollout;
+    runs[k].evaluation = !actor.scripted() && task.kind == TaskKind::kEvaluate;
+    runs[k].holding = runs[k].evaluation && task.start_set == StartSet::kGraspLattice;
     runs[k].hold_left = task.hold_steps;
   }
 
@@ -127,13 +149,12 @@ std::vector<RolloutSegment> run_rollout(Backend& backend, Policy& policy,
       counters[k] = {tasks[k].run_seed, tasks[k].slot, before[k].episode, before[k].episode_step,
                      purpose};
     }
-    policy.act(observations, counters, tasks.front().greedy, decisions);
+    actor.act(step, observations, counters, tasks.front().greedy, decisions);
     for (std::size_t k = 0; k < tasks.size(); ++k) {
       actions[k] = {decisions[k].branch, decisions[k].continuous};
       if (runs[k].holding || runs[k].done) actions[k] = backend.hold_action(static_cast<int>(k));
       if (!runs[k].done)
         record_frame(backend, static_cast<int>(k), tasks[k].frame_stride, scratch, segments[k]);
-      if (!recorded.empty()) actions[k] = recorded[step];
     }
     backend.step(actions, outcomes);
 
@@ -150,12 +171,13 @@ std::vector<RolloutSegment> run_rollout(Backend& backend, Policy& policy,
         continue;
       }
       const StepOutcome& outcome = outcomes[k];
+      const bool scripted = run.holding || actor.scripted();
       std::uint8_t flags = before[k].episode_step == 0 ? step_flag::kFirst : std::uint8_t{0};
       flags |= outcome.terminated ? step_flag::kTerminated : 0;
       flags |= outcome.truncated ? step_flag::kTruncated : 0;
       flags |= outcome.held_before ? step_flag::kHeld : 0;
       flags |= outcome.grasp_lost ? step_flag::kGraspLost : 0;
-      flags |= run.holding ? step_flag::kScripted : 0;
+      flags |= scripted ? step_flag::kScripted : 0;
       const auto from = observations.begin() + static_cast<std::ptrdiff_t>(k * width);
       segment.observations.insert(segment.observations.end(), from,
                                   from + static_cast<std::ptrdiff_t>(width));
@@ -166,7 +188,7 @@ std::vector<RolloutSegment> run_rollout(Backend& backend, Policy& policy,
                                           actions[k].continuous.begin(),
                                           actions[k].continuous.end());
       }
-      segment.log_probs.push_back(run.holding ? 0.0F : decisions[k].log_prob);
+      segment.log_probs.push_back(scripted ? 0.0F : decisions[k].log_prob);
       segment.values.push_back(decisions[k].value);
       segment.rewards.push_back(outcome.reward);
       segment.flags.push_back(flags);
@@ -174,7 +196,7 @@ std::vector<RolloutSegment> run_rollout(Backend& backend, Policy& policy,
       segment.physics_ticks += backend.ticks_per_step();
       if (task.frame_stride > 0) record_step(backend, lane, segment);
 
-      if (task.kind == TaskKind::kRollout) {
+      if (run.rollout) {
         if (outcome.truncated && !outcome.terminated) {
           segment.final_observations.resize(segment.final_observations.size() + width);
           backend.observe(lane, std::span(segment.final_observations).last(width));
@@ -187,7 +209,7 @@ std::vector<RolloutSegment> run_rollout(Backend& backend, Policy& policy,
           next.follows_episode = true;
           backend.reset(lane, next);
         }
-      } else if (task.kind == TaskKind::kEvaluate) {
+      } else if (run.evaluation) {
         const EpisodeFacts after = backend.clock(lane);
         if (run.holding) {
           // The hold counts from the arrival at p_T.
@@ -205,7 +227,7 @@ std::vector<RolloutSegment> run_rollout(Backend& backend, Policy& policy,
         }
       }
       if (segment.steps >= task.steps) run.done = true;
-      if (run.done && task.kind != TaskKind::kRollout) {
+      if (run.done && !run.rollout) {
         record_frame(backend, lane, task.frame_stride, scratch, segment);
         close_episode(backend, lane, false, segment);
       }
@@ -227,8 +249,8 @@ std::vector<RolloutSegment> run_rollout(Backend& backend, Policy& policy,
     segment.end_episode = end.episode;
     segment.end_episode_step = end.episode_step;
     segment.end_episode_limit = end.episode_limit;
-    if (tasks[k].kind == TaskKind::kRollout) {
-      segment.end_state = backend.save(lane);
+    if (runs[k].rollout && backend.snapshots() != nullptr) {
+      segment.end_state = backend.snapshots()->save(lane);
       segment.end_hash = hash_state(segment.end_state);
     }
     segment.payload_crc32c = segment_crc(segment);

@@ -10,15 +10,44 @@
 
 namespace omentum {
 
+/// Chooses the actions of one decision: those of lane k go to actions[k]. The states before the
+/// step are there to be asked for; the back end must not be changed.
+using Script = std::function<void(std::uint32_t step, std::span<Action> actions)>;
+
+/// Who acts in a rollout: a policy, or a script in its place (a replay of recorded actions, a
+/// study). Under a script a task is one episode of its `steps` decisions, whatever comes of it: no
+/// hold at p_T, no next episode, no end state.
+class Actor {
+ public:
+  Actor(Policy& policy) : policy_(&policy) {}  // NOLINT(google-explicit-constructor)
+  /// `continuous`: the script fills Action::continuous.
+  Actor(Script script, bool continuous) : script_(std::move(script)), continuous_(continuous) {}
+
+  bool scripted() const { return policy_ == nullptr; }
+  bool continuous() const { return scripted() ? continuous_ : policy_->shape().continuous; }
+  /// Observations of so many numbers can be acted upon.
+  bool takes(int observations) const {
+    return scripted() || policy_->shape().observations == observations;
+  }
+  /// Decides for the tasks of a rollout; under a script log-probability and value are 0.
+  void act(std::uint32_t step, std::span<const float> observations,
+           std::span<const ActionCounter> counters, bool greedy,
+           std::span<Decision> decisions) const;
+
+ private:
+  Policy* policy_ = nullptr;
+  Script script_;
+  bool continuous_ = false;
+};
+
 /// The one rollout loop. Runs `tasks` (at most backend.lanes(), all of the same policy version,
 /// kind and length) to their end and returns one segment per task in the same order. segment =
 /// run_task(policy, task): the result of a task does not depend on the other tasks, the backend's
 /// lane count, or anything outside the arguments. `stop` is polled once per step; when it turns
-/// true the loop returns an empty vector (nothing half-done). With `recorded` a single task takes
-/// these actions, one per step, in place of those of the policy: a replay.
-std::vector<RolloutSegment> run_rollout(Backend& backend, Policy& policy,
+/// true the loop returns an empty vector (nothing half-done). A back end without Snapshots runs
+/// tasks that begin with a reset; its segments have no states, hashes or frames.
+std::vector<RolloutSegment> run_rollout(Backend& backend, const Actor& actor,
                                         std::span<const RolloutTask> tasks,
-                                        const std::function<bool()>& stop,
-                                        std::span<const Action> recorded = {});
+                                        const std::function<bool()>& stop);
 
 }  // namespace omentum

@@ -14,6 +14,8 @@
 #include "core/config.h"
 #include "core/fp_mode.h"
 #include "core/log.h"
+#include "core/rollout.h"
+#include "core/task.h"
 #include "learner/onnx_export.h"
 
 namespace omentum {
@@ -177,7 +179,7 @@ int Learner::run(const std::function<bool()>& stop) {
   manifest.steps_per_segment = config_.rollout().steps_per_segment();
   manifest.lead = static_cast<std::uint32_t>(config_.rollout().lead());
   manifest.state_format = kSimStateFormat;
-  manifest.observation_names = observation_names(config_.task());
+  manifest.observation_names = observation_titles(config_.task());
   manifest.action_names = action_names(config_.task());
   if (const Result<void> sent = bus_->publish_manifest(manifest); !sent)
     throw_error("manifest: {}", sent.error());
@@ -255,14 +257,8 @@ int Learner::run(const std::function<bool()>& stop) {
       "save_s={:.1f}",
       ppo_->steps_total(), train_s, hex(current_.weights_hash), time_wait_s_, time_check_s_,
       time_update_s_, time_publish_s_, time_save_s_);
-  OnnxMetadata metadata;
-  metadata.observation_names = observation_names(config_.task());
-  metadata.action_names = action_names(config_.task());
-  metadata.git_revision = git_revision();
-  metadata.observation_units =
-      "positions in W, -1 ... 1 over the workspace box; distances / workspace diagonal";
-  if (const Result<void> exported =
-          export_onnx(options_.run_dir + "/policy.onnx", shape_, current_, metadata);
+  if (const Result<void> exported = export_onnx(options_.run_dir + "/policy.onnx", shape_, current_,
+                                                onnx_metadata(config_.task(), git_revision()));
       !exported) {
     log().warn("policy.onnx: {}", exported.error());
   }

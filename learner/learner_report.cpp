@@ -6,6 +6,7 @@
 #include "core/clock.h"
 #include "core/config.h"
 #include "core/log.h"
+#include "core/task.h"
 #include "learner/learner.h"
 
 namespace omentum {

@@ -8,6 +8,7 @@
 
 #include "core/check.h"
 #include "core/hash.h"
+#include "core/task.h"
 #include "learner/durable_file.h"
 
 namespace omentum {
@@ -155,10 +156,16 @@ std::string joined(const std::vector<std::string>& words) {
 
 }  // namespace
 
+OnnxMetadata onnx_metadata(const pb::Task& task, const std::string& git_revision) {
+  return {observation_names(task), observation_units(task), action_names(task), git_revision};
+}
+
 std::string onnx_model(const PolicyShape& shape, const PolicyWeights& weights,
                        const OnnxMetadata& metadata) {
   const ParameterLayout layout = parameter_layout(shape);
   OMENTUM_CHECK(weights.parameters.size() == layout.count);
+  OMENTUM_CHECK(metadata.observation_names.size() == static_cast<std::size_t>(shape.observations) &&
+                metadata.observation_units.size() == metadata.observation_names.size());
   onnx::ModelProto model;
   model.set_ir_version(kIrVersion);
   model.set_producer_name("omentum");
@@ -193,7 +200,7 @@ std::string onnx_model(const PolicyShape& shape, const PolicyWeights& weights,
       {"layout_hash", fmt::format("{:016x}", shape.layout_hash())},
       {"git_revision", metadata.git_revision},
       {"observation_names", joined(metadata.observation_names)},
-      {"observation_units", metadata.observation_units},
+      {"observation_units", joined(metadata.observation_units)},
       {"action_names", joined(metadata.action_names)},
       {"branches", joined(branches)},
   };

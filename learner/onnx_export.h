@@ -6,16 +6,20 @@
 
 #include "core/policy.h"
 #include "core/result.h"
+#include "proto/config.pb.h"
 
 namespace omentum {
 
 /// What the file says about itself besides the network.
 struct OnnxMetadata {
   std::vector<std::string> observation_names;
+  std::vector<std::string> observation_units;  ///< one per name
   std::vector<std::string> action_names;
   std::string git_revision;
-  std::string observation_units;  ///< frames and units of the observation, one line
 };
+
+/// Observations and actions of the task, by its own list (core/task.h).
+OnnxMetadata onnx_metadata(const pb::Task& task, const std::string& git_revision);
 
 /// The policy as an ONNX model, opset 13, serialised.
 ///
@@ -23,6 +27,8 @@ struct OnnxMetadata {
 ///   outputs logits [N, L] float (means with the Gaussian head), value [N, 1] float,
 ///           action: discrete [N, 4] int64, arg max per branch (unused branches 0); Gaussian [N, 4]
 ///           float, the mean
+///   metadata observation_names, observation_units, action_names, branches: comma-separated lists;
+///           policy_version, weights_hash, config_hash, layout_hash, git_revision
 ///   nodes   Sub, Mul, Clip (normaliser); per network Gemm, Tanh or Sigmoid + Mul, twice, Gemm;
 ///   Split, ArgMax, Concat
 ///

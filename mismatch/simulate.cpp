@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "core/check.h"
+#include "sim_worker/backend/control_step.h"
 
 namespace omentum {
 
@@ -33,15 +34,15 @@ SimulatedRecording simulate_recording(const TissueModel& model, const Arm& arm,
   const double period = model.control_period;
   const auto steps = static_cast<int>(std::ceil((track.end() - track.begin()) / period - 1e-9));
   SimulatedRecording result;
-  ArmState state{};
-  ArmReport report;
+  std::vector<ArmState> arms(arm.active() ? 1 : 0);  // none: the tip is where it was told to be
+  std::vector<ArmReport> reports(arms.size());
+  Vector3d tip = track.tip_at(track.begin());
   if (arm.active()) {
-    arm.reset(state, track.tip_at(track.begin()));
-    report = arm.step(state, track.tip_at(track.begin()), Vector3d::Zero());
+    arm.reset(arms[0], tip);
+    reports[0] = arm.step(arms[0], tip, Vector3d::Zero());
+    tip = Eigen::Map<const Vector3d>(arms[0].p_WT_true);
   }
   bool was_closed = false;
-  Vector3d tip = arm.active() ? Vector3d(Eigen::Map<const Vector3d>(state.p_WT_true))
-                              : track.tip_at(track.begin());
   for (int step = 0; step <= steps; ++step) {
     const double t = track.begin() + step * period;
     // A recording without a jaw is one of tissue that is held all the time.
@@ -56,22 +57,17 @@ SimulatedRecording simulate_recording(const TissueModel& model, const Arm& arm,
     result.time.push_back(t);
     result.tip.push_back(tip);
     result.measured_tip.push_back(
-        arm.active() ? Vector3d(Eigen::Map<const Vector3d>(state.p_WT_measured)) : tip);
-    if (arm.active()) result.arm.push_back(report);
+        arm.active() ? Vector3d(Eigen::Map<const Vector3d>(arms[0].p_WT_measured)) : tip);
+    result.arm.insert(result.arm.end(), reports.begin(), reports.end());
     result.force.push_back(tissue->held_force(0));
     std::vector<Vector3d>& points = result.points.emplace_back();
     for (int i = 0; i < tissue->particles(); ++i) points.push_back(tissue->position(0, i));
     const double* surface = tissue->surface_positions();
     result.surface.emplace_back(surface, surface + 3L * tissue->surface_vertices());
     if (step == steps) break;
-    Vector3d next = track.tip_at(t + period);
-    if (arm.active()) {
-      report = arm.step(state, next, tissue->held_force(0));
-      next = Eigen::Map<const Vector3d>(state.p_WT_true);
-    }
-    const std::vector<ToolMotion> motion = {{tip, next}};
-    tissue->step(motion);
-    tip = next;
+    std::vector<ToolMotion> motion = {{tip, track.tip_at(t + period)}};
+    control_step<double>(arm, arms, *tissue, motion, reports);
+    tip = motion[0].to;
     if (!tissue->healthy(0))
       throw_error("simulation: state not finite at {:.3f} s of the recording", t + period);
   }

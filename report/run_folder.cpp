@@ -138,7 +138,7 @@ RunFolder load_run(const std::string& path) {
   run.path = path;
   run.name = fs::weakly_canonical(folder).filename().string();
   if (!fs::exists(folder / "metrics.csv")) {
-    run.warnings.push_back("no metrics.csv: no learning curves");
+    run.warnings.emplace_back("no metrics.csv: no learning curves");
   } else if (std::optional<CsvTable> table =
                  load_table((folder / "metrics.csv").string(), {}, run.warnings)) {
     run.metrics = std::move(*table);
@@ -158,7 +158,7 @@ RunFolder load_run(const std::string& path) {
   std::ifstream config(folder / "config.txtpb", std::ios::binary);
   run.config_text.assign(std::istreambuf_iterator<char>(config), std::istreambuf_iterator<char>());
   if (run.config_text.empty()) {
-    run.warnings.push_back("no config.txtpb: no pictures and no replay");
+    run.warnings.emplace_back("no config.txtpb: no pictures and no replay");
   } else {
     try {
       run.config = parse_config((folder / "config.txtpb").string(), run.config_text);

@@ -167,16 +167,17 @@ int run(int argc, char** argv) {
     pb::Config config = parse_config("manifest of run " + manifest.run_id, manifest.config_text);
     const auto setup = make_sim_setup(config, deploy_dir() + "/scenes");
     for (const std::string& warning : setup->warnings) log().warn("{}", warning);
-    WorkerSetup made;
-    made.backend = std::make_unique<SimBackend>(setup, static_cast<int>(lanes), width,
+    auto backend = std::make_unique<SimBackend>(setup, static_cast<int>(lanes), width,
                                                 make_image_source(*setup));
-    const std::size_t state = made.backend->save(0).size();
+    const std::size_t state = backend->save(0).size();
     if (state > kMaxStateBytes) {
       throw_error(
           "scene.tissue: its state takes {} bytes, allowed up to {}: fewer particles or "
           "elements, or fewer effects with memory",
           state, kMaxStateBytes);
     }
+    WorkerSetup made;
+    made.backend = std::move(backend);
     made.shape = policy_shape(config);
     made.config_hash = config_hash(config);
     return made;

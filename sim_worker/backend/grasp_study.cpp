@@ -5,6 +5,7 @@
 
 #include <algorithm>
 
+#include "core/rollout.h"
 #include "sim_worker/models.h"
 
 namespace omentum {
@@ -13,10 +14,10 @@ namespace {
 using Eigen::Vector3d;
 
 constexpr double kCloseDistance =
-    0.0014;                         // [m] inside every min_pinch of the sweep but the largest
-constexpr int kDescentSteps = 230;  // from the start height to the board
-constexpr int kCloseSteps = 12;     // the slowest jaw of the sweep closes within them
-constexpr int kLiftSteps = 230;
+    0.0014;  // [m] inside every min_pinch of the sweep but the largest
+constexpr std::uint32_t kDescentSteps = 230;  // from the start height to the board
+constexpr std::uint32_t kCloseSteps = 12;     // the slowest jaw of the sweep closes within them
+constexpr std::uint32_t kLiftSteps = 230;
 
 struct Sweep {
   const char* parameter;
@@ -42,58 +43,62 @@ constexpr double kSlipForceOfSlipSweeps = 0.2;
 
 enum class Phase { kDescend, kClose, kLift };
 
+/// What the scripted operator of one environment is doing.
 struct LaneScript {
   Phase phase = Phase::kDescend;
-  int steps = 0;
-  bool taken = false;
+  std::uint32_t steps = 0;
   PinchResult result = PinchResult::kTooFar;
 };
 
-void run_batch(SimBackend& backend, std::uint32_t first, std::uint32_t count, GraspStudyRow& row) {
-  const auto lanes = static_cast<std::size_t>(backend.lanes());
-  std::vector<LaneScript> scripts(lanes);
-  std::vector<Action> actions(lanes);
-  std::vector<StepOutcome> outcomes(lanes);
-  std::vector<Nearest> nearest(static_cast<std::size_t>(backend.tissue_of(0).lanes()));
+/// Decides the actions of one step from the states before it.
+void act(SimBackend& backend, std::span<LaneScript> scripts, std::span<Action> actions) {
+  const Tissue<float>& tissue = backend.tissue_of(0);
+  std::vector<Nearest> nearest(static_cast<std::size_t>(tissue.lanes()));
   std::vector<Vector3d> points(nearest.size(), Vector3d::Zero());
-  for (std::size_t k = 0; k < lanes; ++k) {
-    EpisodeStart start;
-    start.start_set = StartSet::kRobotGrid;
-    start.start_index = first + std::min(static_cast<std::uint32_t>(k), count - 1);
-    start.episode_limit = 1U << 30;
-    backend.reset(static_cast<int>(k), start);
+  for (std::size_t k = 0; k < scripts.size(); ++k) {
+    const EpisodeFacts facts = backend.clock(static_cast<int>(k));
+    points[k] = Vector3d(facts.tool_position[0], facts.tool_position[1], facts.tool_position[2]);
   }
-  for (int step = 0; step < kDescentSteps + kCloseSteps + kLiftSteps; ++step) {
-    for (std::size_t k = 0; k < lanes; ++k) {
-      const EpisodeFacts facts = backend.clock(static_cast<int>(k));
-      points[k] = Vector3d(facts.tool_position[0], facts.tool_position[1], facts.tool_position[2]);
+  tissue.find_nearest(points, nearest);
+  for (std::size_t k = 0; k < scripts.size(); ++k) {
+    LaneScript& s = scripts[k];
+    const int lane = static_cast<int>(k);
+    if (s.phase == Phase::kDescend &&
+        (nearest[k].distance < kCloseDistance || ++s.steps > kDescentSteps)) {
+      s = {Phase::kClose, 0, s.result};
+      // Judged as the back end will judge it, so that each start has its cause.
+      if (nearest[k].distance < kCloseDistance) s.result = backend.judge(lane, nearest[k]);
     }
-    backend.tissue_of(0).find_nearest(points, nearest);
-    for (std::size_t k = 0; k < lanes; ++k) {
-      LaneScript& s = scripts[k];
-      const int lane = static_cast<int>(k);
-      if (s.phase == Phase::kDescend &&
-          (nearest[k].distance < kCloseDistance || ++s.steps > kDescentSteps)) {
-        s = {Phase::kClose, 0, false, s.result};
-        // Judged as the back end will judge it, so that each start has its cause.
-        if (nearest[k].distance < kCloseDistance) s.result = backend.judge(lane, nearest[k]);
-      }
-      if (s.phase == Phase::kClose && ++s.steps > kCloseSteps) s.phase = Phase::kLift;
-      actions[k] = backend.hold_action(lane);
-      if (s.phase == Phase::kDescend) actions[k].branch = {1, 1, 0, 0};
-      if (s.phase == Phase::kClose) actions[k].branch = {1, 1, 1, 1};
-    }
-    backend.step(actions, outcomes);
-    for (std::size_t k = 0; k < lanes; ++k) {
-      scripts[k].taken = scripts[k].taken || backend.clock(static_cast<int>(k)).held;
-    }
+    if (s.phase == Phase::kClose && ++s.steps > kCloseSteps) s.phase = Phase::kLift;
+    actions[k] = backend.hold_action(lane);
+    if (s.phase == Phase::kDescend) actions[k].branch = {1, 1, 0, 0};
+    if (s.phase == Phase::kClose) actions[k].branch = {1, 1, 1, 1};
   }
+}
+
+/// Runs the starts first ... first + count - 1, one per lane.
+void run_batch(SimBackend& backend, std::uint32_t first, std::uint32_t count, GraspStudyRow& row) {
+  std::vector<LaneScript> scripts(count);
+  std::vector<RolloutTask> tasks(count);
+  for (std::uint32_t k = 0; k < count; ++k) {
+    tasks[k].start_set = StartSet::kRobotGrid;
+    tasks[k].start_index = first + k;
+    tasks[k].episode_limit = 1U << 30;
+    tasks[k].steps = kDescentSteps + kCloseSteps + kLiftSteps;
+    tasks[k].reset = true;
+  }
+  const Actor actor(
+      [&](std::uint32_t, std::span<Action> actions) { act(backend, scripts, actions); }, false);
+  const std::vector<RolloutSegment> segments = run_rollout(backend, actor, tasks, {});
   for (std::size_t k = 0; k < count; ++k) {
-    const bool held = backend.clock(static_cast<int>(k)).held;
+    const RolloutSegment& segment = segments[k];
+    const bool held = segment.failed == 0 && segment.episode_held.front() != 0;
+    const bool taken = held || std::any_of(segment.flags.begin(), segment.flags.end(),
+                                           [](auto f) { return (f & step_flag::kHeld) != 0; });
     ++row.starts;
     row.held += held ? 1 : 0;
-    row.lost += !held && scripts[k].taken ? 1 : 0;
-    row.not_taken += scripts[k].taken ? 0 : 1;
+    row.lost += !held && taken ? 1 : 0;
+    row.not_taken += taken ? 0 : 1;
     ++row.causes[static_cast<std::size_t>(scripts[k].result)];
   }
 }

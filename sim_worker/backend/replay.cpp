@@ -8,6 +8,8 @@
 #include "core/config.h"
 #include "core/hash.h"
 #include "core/policy.h"
+#include "core/rollout.h"
+#include "core/task.h"
 #include "sim_worker/backend/image_source.h"
 
 namespace omentum {
@@ -80,13 +82,25 @@ ReplayReport Replayer::replay(const std::string& path) {
   return replay(path, recording.value());
 }
 
+RolloutSegment Replayer::run_again(const RolloutTask& task, const RolloutSegment& recorded) {
+  const Script script = [&recorded](std::uint32_t step, std::span<Action> actions) {
+    for (std::size_t k = 0; k < 4; ++k) {
+      actions[0].branch[k] = recorded.actions[std::size_t{4} * step + k];
+      if (!recorded.actions_continuous.empty())
+        actions[0].continuous[k] = recorded.actions_continuous[std::size_t{4} * step + k];
+    }
+  };
+  RolloutTask again = task;
+  again.steps = recorded.steps;
+  const Actor actor(script, !recorded.actions_continuous.empty());
+  return run_rollout(*backend_, actor, std::span(&again, 1), {}).front();
+}
+
 ReplayReport Replayer::replay(const std::string& name, const EpisodeRecording& recording) {
   prepare(name, recording);
-  SimBackend& backend = *backend_;
-  check_task(name, recording, backend.setup());
-  const RolloutTask& task = recording.task;
+  check_task(name, recording, backend_->setup());
   const RolloutSegment& segment = recording.segment;
-  const auto width = static_cast<std::size_t>(backend.observation_size());
+  const auto width = static_cast<std::size_t>(backend_->observation_size());
 
   ReplayReport report;
   report.complete = recording.complete;
@@ -98,58 +112,31 @@ ReplayReport Replayer::replay(const std::string& name, const EpisodeRecording& r
   if (segment.observations.size() != width * segment.steps) {
     return differ("observation size", segment.observations.size() / segment.steps, width);
   }
-  if (task.reset) {
-    backend.reset(0, start_of(task));
-  } else if (const Result<void> loaded = backend.load(0, task.start_state); !loaded) {
-    throw_error("{}: {}", name, loaded.error());
-  }
+  const RolloutSegment now = run_again(recording.task, segment);
+  if (now.failed != 0 && now.steps == 0) throw_error("{}: {}", name, now.failure);
 
-  const std::vector<std::string> names = observation_names(backend.setup().config.task());
-  std::vector<float> observation(width);
-  std::vector<Action> actions(1);
-  std::vector<StepOutcome> outcomes(1);
-  for (std::uint32_t step = 0; step < segment.steps; ++step, ++report.steps) {
-    backend.observe(0, observation);
-    for (std::size_t k = 0; k < width; ++k) {
-      const float recorded = segment.observations[step * width + k];
-      if (same(recorded, observation[k])) continue;
-      return differ("observation " + (k < names.size() ? names[k] : fmt::format("{}", k)), recorded,
-                    observation[k]);
+  const std::vector<std::string> names = observation_names(backend_->setup().config.task());
+  for (std::uint32_t step = 0; step < now.steps; ++step, ++report.steps) {
+    for (std::size_t k = step * width; k < (step + 1) * width; ++k) {
+      if (!same(segment.observations[k], now.observations[k]))
+        return differ("observation " + names[k % width], segment.observations[k],
+                      now.observations[k]);
     }
-    for (std::size_t k = 0; k < 4; ++k) {
-      actions[0].branch[k] = segment.actions[std::size_t{4} * step + k];
-      if (!segment.actions_continuous.empty()) {
-        actions[0].continuous[k] = segment.actions_continuous[std::size_t{4} * step + k];
-      }
-    }
-    backend.step(actions, outcomes);
-    if (!same(segment.rewards[step], outcomes[0].reward)) {
-      return differ("reward", segment.rewards[step], outcomes[0].reward);
-    }
+    if (!same(segment.rewards[step], now.rewards[step]))
+      return differ("reward", segment.rewards[step], now.rewards[step]);
     // The script bit says who chose the action, the first-step bit where the episode began.
     constexpr std::uint8_t kPhysical =
         step_flag::kTerminated | step_flag::kTruncated | step_flag::kHeld | step_flag::kGraspLost;
-    const int flags = (outcomes[0].terminated ? step_flag::kTerminated : 0) |
-                      (outcomes[0].truncated ? step_flag::kTruncated : 0) |
-                      (outcomes[0].held_before ? step_flag::kHeld : 0) |
-                      (outcomes[0].grasp_lost ? step_flag::kGraspLost : 0);
-    if ((segment.flags[step] & kPhysical) != flags) {
-      return differ("flags", segment.flags[step] & kPhysical, flags);
-    }
-    if (step < segment.state_hashes.size()) {
-      const std::uint64_t hash = hash_state(backend.save(0));
-      if (segment.state_hashes[step] != hash) {
-        return differ("state hash", fmt::format("{:016x}", segment.state_hashes[step]),
-                      fmt::format("{:016x}", hash));
-      }
-    }
-    if (step < segment.exposures.size()) {
-      const float exposure = backend.facts(0).exposure;
-      if (!same(segment.exposures[step], exposure)) {
-        return differ("exposure", segment.exposures[step], exposure);
-      }
-    }
+    const int flags = segment.flags[step] & kPhysical;
+    const int flags_now = now.flags[step] & kPhysical;
+    if (flags != flags_now) return differ("flags", flags, flags_now);
+    if (step < segment.state_hashes.size() && segment.state_hashes[step] != now.state_hashes[step])
+      return differ("state hash", fmt::format("{:016x}", segment.state_hashes[step]),
+                    fmt::format("{:016x}", now.state_hashes[step]));
+    if (step < segment.exposures.size() && !same(segment.exposures[step], now.exposures[step]))
+      return differ("exposure", segment.exposures[step], now.exposures[step]);
   }
+  if (now.failed != 0) return differ("state", "finite", now.failure);
   report.identical = true;
   report.text = fmt::format("identical steps={}", report.steps);
   if (!report.complete) {

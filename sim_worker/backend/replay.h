@@ -31,6 +31,7 @@ class Replayer {
 
  private:
   void prepare(const std::string& name, const EpisodeRecording& recording);
+  RolloutSegment run_again(const RolloutTask& task, const RolloutSegment& recorded);
 
   unsigned lane_width_;
   std::string prepared_for_;

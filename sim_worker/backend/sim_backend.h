@@ -6,32 +6,15 @@
 #include <vector>
 
 #include "core/backend.h"
-#include "core/psm.h"
-#include "core/reward.h"
-#include "proto/config.pb.h"
+#include "core/task.h"
 #include "sim_worker/backend/exposure.h"
+#include "sim_worker/backend/seed_defects.h"
+#include "sim_worker/backend/sim_setup.h"
 #include "sim_worker/instrument/arm.h"
 #include "sim_worker/instrument/jaw.h"
-#include "sim_worker/scene/scene.h"
 #include "sim_worker/tissue/tissue.h"
 
 namespace omentum {
-
-/// Everything about the scene and task that environments share; made once per process.
-struct SimSetup {
-  pb::Config config;
-  Scene scene;
-  std::shared_ptr<const TissueModel> tissue;
-  ToolMount mount;
-  std::shared_ptr<const Arm> arm;
-  double workspace_diagonal = 1;  ///< L_ws [m]
-  std::shared_ptr<const ExposureEstimator> exposure;
-  std::vector<std::string> warnings;
-};
-
-/// Resolves a configuration; `directory` is where relative mesh paths start. Throws Error.
-std::shared_ptr<const SimSetup> make_sim_setup(const pb::Config& config,
-                                               const std::string& directory);
 
 /// Counters since construction, for status topics and tests.
 struct SimCounters {
@@ -41,9 +24,10 @@ struct SimCounters {
   std::uint64_t grasps_lost = 0;
 };
 
-/// The simulation behind the Backend seam: PSM, grasp, tissue, exposure, reward. Lanes beyond one
-/// kernel width are further groups of lanes; no lane ever sees another.
-class SimBackend : public Backend {
+/// The simulation behind the Backend seam: PSM, grasp, tissue, exposure. What actions, observations
+/// and rewards mean is in core/task.h. Lanes beyond one kernel width are further groups of lanes;
+/// no lane ever sees another.
+class SimBackend : public Backend, public Snapshots {
  public:
   /// Draws the image observation of one lane: surface vertices (x y z interleaved, W), tip, jaw
   /// angle -> floats.
@@ -54,11 +38,8 @@ class SimBackend : public Backend {
              ImageSource image = {});
 
   int lanes() const override { return static_cast<int>(environments_.size()); }
-  int observation_size() const override;
-  std::uint32_t state_format() const override;
+  int observation_size() const override { return observation_size_; }
   void reset(int lane, const EpisodeStart& start) override;
-  Result<void> load(int lane, std::span<const std::byte> state) override;
-  Bytes save(int lane) const override;
   void observe(int lane, std::span<float> observation) const override;
   void step(std::span<const Action> actions, std::span<StepOutcome> outcomes) override;
   EpisodeFacts facts(int lane) const override;
@@ -66,14 +47,20 @@ class SimBackend : public Backend {
   bool at_target(int lane) const override;
   Action hold_action(int lane) const override;
   bool healthy(int lane) const override;
-  void positions(int lane, std::vector<float>& out) const override;
   std::uint32_t ticks_per_step() const override;
+
+  Snapshots* snapshots() override { return this; }
+  std::uint32_t state_format() const override { return kSimStateFormat; }
+  Bytes save(int lane) const override;
+  Result<void> load(int lane, std::span<const std::byte> state) override;
+  void positions(int lane, std::vector<float>& out) const override;
 
   /// What a pinch on the given particle would come to now.
   PinchResult judge(int lane, const Nearest& nearest) const;
 
   const SimCounters& counters() const { return counters_; }
   const SimSetup& setup() const { return *setup_; }
+  const Task& task() const { return task_; }
   /// Vertices of the drawn surface, x y z interleaved in W [m].
   void surface(int lane, std::vector<float>& out) const;
   /// The tissue of a lane, for tests and pictures.
@@ -108,24 +95,23 @@ class SimBackend : public Backend {
     std::uint8_t unused[2];
   };
 
-  struct Command {
-    Eigen::Vector3d increment = Eigen::Vector3d::Zero();
-    bool closed = false;
-  };
-  Command decode(const Action& action) const;
   /// Where the jaw tip is, p_WT [m].
   Eigen::Vector3d tip_of(int lane) const;
   /// Where the encoders say it is: what a robot can observe.
   Eigen::Vector3d measured_tip(int lane) const;
-  std::size_t head_bytes() const;
-  void move_arms(std::vector<ToolMotion>& motion);
+  TaskState task_state(int lane) const;
+  /// The state that reward and potential are of.
+  TaskState rewarded_state(int lane) const;
   /// Whether the tissue of the task is held; a body under it that is held alone does not count.
   bool is_held(int lane) const;
   bool jaws_hold(int lane) const;
-  RewardState reward_state(int lane) const;
-  double reward_now(int lane) const;
-  double potential_now(int lane) const;
-  void move_jaw_and_grasp(std::span<const Command> commands, std::vector<StepOutcome>& control);
+
+  // Parts of a control period, in their order.
+  void move_jaw_and_grasp(std::span<const ToolCommand> commands, std::vector<StepOutcome>& control);
+  void limit_motion(std::span<const ToolCommand> commands, std::span<ToolMotion> motion);
+  void move_tissue(std::span<ToolMotion> motion, std::span<StepOutcome> outcomes);
+  void estimate_exposure(std::size_t group);
+
   void try_grasp(int lane, const Nearest& nearest);
   void attach(int lane);
   void take_body(int lane);
@@ -135,18 +121,20 @@ class SimBackend : public Backend {
   /// Tip to the sheet: the triangles around the nearest particle [m].
   double sheet_distance(int lane, const Nearest& nearest) const;
   void draw_parameters(int lane);
-  Eigen::Vector3d start_of(const EpisodeStart& start) const;
   void place_on_lattice(int lane, std::uint32_t particle);
   const Bytes& settled_state() const;
+  std::size_t head_bytes() const;
 
   std::shared_ptr<const SimSetup> setup_;
+  Task task_;
+  SeedDefects defects_;
+  int observation_size_;
   int width_;
   std::vector<std::unique_ptr<Tissue<float>>> groups_;
   std::vector<Environment> environments_;
   std::vector<ArmState> arms_;  ///< per environment; empty while the arm has no effects
   mutable ExposureEstimator exposure_;
   ImageSource image_;
-  bool exposure_every_step_;
   SimCounters counters_;
   mutable Bytes
       settled_;  ///< tissue state after settling without the tool; made at the first lattice task

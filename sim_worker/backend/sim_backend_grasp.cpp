@@ -45,13 +45,26 @@ double SimBackend::sheet_distance(int lane, const Nearest& nearest) const {
   return std::sqrt(squared);
 }
 
+bool SimBackend::is_held(int lane) const {
+  const auto& tissue = *groups_[static_cast<std::size_t>(lane / width_)];
+  const auto held = tissue.held(lane_in_group(lane));
+  // Ascending, and a body under the sheet comes after it.
+  const bool tissue_held =
+      !held.empty() && held.front() < static_cast<int>(setup_->scene.tissue.particles.size());
+  return tissue_held || environments_[static_cast<std::size_t>(lane)].holds_rigid != 0;
+}
+
+bool SimBackend::jaws_hold(int lane) const {
+  const auto& tissue = *groups_[static_cast<std::size_t>(lane / width_)];
+  return is_held(lane) || !tissue.held(lane_in_group(lane)).empty();
+}
+
 void SimBackend::attach(int lane) {
   Environment& e = environments_[static_cast<std::size_t>(lane)];
   Tissue<float>& tissue = tissue_of(lane);
   const int l = lane_in_group(lane);
   const Vector3d tip = tip_of(lane);
-  tissue.hold(l, tip, setup_->config.grasp().patch_radius_m(),
-              setup_->config.defects().grasp_collapse_to_point());
+  tissue.hold(l, tip, setup_->config.grasp().patch_radius_m(), defects_.grasp_collapse_to_point());
   e.slip = 0;
   Eigen::Map<Vector3d>(e.held_from) = tip;
   if (!tissue.held(l).empty() && e.grasped_ever == 0) {
@@ -73,7 +86,7 @@ void SimBackend::take_body(int lane) {
   contact.thickness = setup_->scene.tissue.thickness;
   if (judge_pinch(setup_->config.grasp(), contact) != PinchResult::kHeld) return;
   tissue.hold_body(l, tip, setup_->config.grasp().patch_radius_m(),
-                   setup_->config.defects().grasp_collapse_to_point());
+                   defects_.grasp_collapse_to_point());
   e.slip = 0;
 }
 
@@ -106,23 +119,15 @@ void SimBackend::try_grasp(int lane, const Nearest& nearest) {
   ++counters_.pinches[static_cast<std::size_t>(result)];
   if (result == PinchResult::kHeld) attach(lane);
   take_body(lane);
-  if (result == PinchResult::kHeld) return;
-  if (setup_->config.defects().grasp_any_body() && result == PinchResult::kTooFar) {
-    for (const RigidShape& body : setup_->scene.bodies) {
-      if (body.kind != RigidShape::Kind::kSphere && body.kind != RigidShape::Kind::kEllipsoid)
-        continue;
-      const Vector3d p = body.X_WS.inverse() * tip_of(lane);
-      const double scaled = p.cwiseQuotient(body.size).norm();
-      if (std::fabs(scaled - 1) * p.norm() / std::max(scaled, 1e-9) < grasp.radius_m()) {
-        e.holds_rigid = 1;
-        e.grasped_ever = 1;
-        Eigen::Map<Vector3d>(e.grasp_position) = tip_of(lane);
-      }
-    }
+  if (result != PinchResult::kTooFar) return;
+  if (defects_.grasp_any_body(setup_->scene, tip_of(lane), grasp.radius_m())) {
+    e.holds_rigid = 1;
+    e.grasped_ever = 1;
+    Eigen::Map<Vector3d>(e.grasp_position) = tip_of(lane);
   }
 }
 
-void SimBackend::move_jaw_and_grasp(std::span<const Command> commands,
+void SimBackend::move_jaw_and_grasp(std::span<const ToolCommand> commands,
                                     std::vector<StepOutcome>& control) {
   const pb::Grasp& grasp = setup_->config.grasp();
   const double dt = setup_->config.task().control_period_s();

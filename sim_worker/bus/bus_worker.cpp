@@ -229,7 +229,8 @@ BusWorker::Check BusWorker::check(const RolloutTask& task) const {
   // The manifest of a new learner may be behind its first tasks.
   if (!manifest_ || setup_epoch_ != epoch_) return Check::kWait;
   if (!setup_error_.empty() || task.config_hash != setup_.config_hash) return Check::kConfig;
-  if (task.state_format != setup_.backend->state_format()) return Check::kState;
+  const Snapshots* states = setup_.backend->snapshots();
+  if (task.state_format != (states != nullptr ? states->state_format() : 0)) return Check::kState;
   const PolicyWeights* weights = weights_of(task);
   if (weights == nullptr) return Check::kNoWeights;
   if (weights->layout_hash != setup_.shape.layout_hash() ||

@@ -45,10 +45,6 @@ void check_drawn_effect(const pb::Randomise& r, const Scene& scene) {
 
 }  // namespace
 
-double uniform(std::uint32_t word, double min, double max) {
-  return min + (max - min) * static_cast<double>(word) * 0x1p-32;
-}
-
 void check_randomise(const pb::Config& config, const Scene& scene) {
   for (const pb::Randomise& r : config.randomise()) {
     if (r.parameter().rfind(kEffectPrefix, 0) == 0) {
@@ -96,7 +92,7 @@ DrawnParameters draw_randomised(const pb::Config& config, const Scene& scene,
     const pb::Randomise& r = config.randomise(i);
     const PhiloxWords words =
         random_words(run_seed, slot, Purpose::kDynamics, static_cast<std::uint32_t>(i), episode, 0);
-    const double value = uniform(words[0], r.min(), r.max());
+    const double value = uniform_between(words[0], r.min(), r.max());
     if (r.parameter() == "tissue.stiffness_scale") parameters.stiffness_scale = value;
     if (r.parameter() == "tissue.gravity_scale") parameters.gravity_scale = value;
     if (r.parameter() == "tissue.damping_scale") parameters.damping_scale = value;

@@ -25,7 +25,4 @@ struct DrawnParameters {
 DrawnParameters draw_randomised(const pb::Config& config, const Scene& scene,
                                 std::uint64_t run_seed, std::uint32_t slot, std::uint64_t episode);
 
-/// The word of a random generator as a number from [min, max).
-double uniform(std::uint32_t word, double min, double max);
-
 }  // namespace omentum

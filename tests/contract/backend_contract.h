@@ -1,8 +1,9 @@
 #pragma once
 
-// What every Backend promises (core/backend.h). Instantiate for a new back end with a case that
-// makes one with a given number of lanes:  INSTANTIATE_TEST_SUITE_P(Mine, BackendContract,
-// testing::Values(BackendCase{...}));
+// What every Backend promises (core/backend.h), a robot included. Instantiate for a new back end
+// with a case that makes one with a given number of lanes:  INSTANTIATE_TEST_SUITE_P(Mine,
+// BackendContract, testing::Values(BackendCase{...})); one that has Snapshots instantiates
+// contract/snapshots_contract.h as well. A robot has one lane: every test here takes one.
 
 #include <gtest/gtest.h>
 
@@ -56,70 +57,8 @@ inline void play(Backend& backend, std::uint32_t first, std::uint32_t from, std:
   }
 }
 
-TEST_P(BackendContract, LaneEqualsARunAlone) {
-  const auto many = GetParam().make(5);
-  const auto one = GetParam().make(1);
-  for (int lane = 0; lane < 5; ++lane)
-    many->reset(lane, training_start(static_cast<std::uint32_t>(lane)));
-  play(*many, 0, 0, 40);
-  for (int lane = 0; lane < 5; ++lane) {
-    one->reset(0, training_start(static_cast<std::uint32_t>(lane)));
-    play(*one, static_cast<std::uint32_t>(lane), 0, 40);
-    EXPECT_EQ(one->save(0), many->save(lane)) << "lane " << lane;
-  }
-}
-
-TEST_P(BackendContract, SaveLoadContinueEqualsContinue) {
-  const auto through = GetParam().make(1);
-  through->reset(0, training_start(3));
-  play(*through, 3, 0, 25);
-  const Bytes middle = through->save(0);
-  play(*through, 3, 25, 25);
-  const auto resumed = GetParam().make(3);
-  ASSERT_TRUE(resumed->load(0, middle).has_value());
-  EXPECT_EQ(resumed->save(0), middle);
-  play(*resumed, 3, 25, 25);
-  EXPECT_EQ(resumed->save(0), through->save(0));
-}
-
-TEST_P(BackendContract, ResetLeavesNoTrace) {
-  const auto used = GetParam().make(2);
-  const auto fresh = GetParam().make(2);
-  play(*used, 9, 0, 30);
-  used->reset(1, training_start(4));
-  fresh->reset(1, training_start(4));
-  EXPECT_EQ(used->save(1), fresh->save(1));
-}
-
-TEST_P(BackendContract, ResetOfOneLaneLeavesOthers) {
-  const auto backend = GetParam().make(3);
-  play(*backend, 0, 0, 10);
-  const Bytes before0 = backend->save(0);
-  const Bytes before2 = backend->save(2);
-  backend->reset(1, training_start(8));
-  EXPECT_EQ(backend->save(0), before0);
-  EXPECT_EQ(backend->save(2), before2);
-}
-
-TEST_P(BackendContract, LoadRefusesEveryPrefixAndChangesNothing) {
-  const auto backend = GetParam().make(1);
-  backend->reset(0, training_start(1));
-  play(*backend, 1, 0, 5);
-  const Bytes state = backend->save(0);
-  const Bytes other = [&] {
-    const auto second = GetParam().make(1);
-    second->reset(0, training_start(2));
-    return second->save(0);
-  }();
-  // Every short prefix and then in strides: a state has tens of thousands of bytes.
-  for (std::size_t size = 0; size < other.size(); size += size < 300 ? 1 : 97) {
-    EXPECT_FALSE(backend->load(0, std::span(other).first(size)).has_value()) << size;
-    ASSERT_EQ(backend->save(0), state) << size;
-  }
-}
-
 TEST_P(BackendContract, ObservationsAreFiniteAndOfTheDeclaredSize) {
-  const auto backend = GetParam().make(2);
+  const auto backend = GetParam().make(1);
   backend->reset(0, training_start(0));
   std::vector<float> observation(static_cast<std::size_t>(backend->observation_size()));
   for (std::uint32_t step = 0; step < 30; ++step) {
@@ -128,6 +67,56 @@ TEST_P(BackendContract, ObservationsAreFiniteAndOfTheDeclaredSize) {
     for (const float v : observation) ASSERT_TRUE(std::isfinite(v));
   }
   EXPECT_EQ(backend->observation_size(), GetParam().shape.observations);
+}
+
+TEST_P(BackendContract, ResetBeginsTheEpisodeThatIsAskedFor) {
+  const auto backend = GetParam().make(1);
+  play(*backend, 0, 0, 5);
+  EpisodeStart start = training_start(3);
+  start.episode = 8;
+  start.episode_limit = 17;
+  backend->reset(0, start);
+  const EpisodeFacts facts = backend->clock(0);
+  EXPECT_EQ(facts.episode, 8U);
+  EXPECT_EQ(facts.episode_step, 0U);
+  EXPECT_EQ(facts.episode_limit, 17U);
+  EXPECT_EQ(facts.episode_return, 0);
+  EXPECT_FALSE(facts.held || facts.grasped_ever || facts.reached || facts.lost_ever);
+}
+
+TEST_P(BackendContract, StepsAreCountedAndTheLastOneTruncates) {
+  const auto backend = GetParam().make(1);
+  EpisodeStart start = training_start(3);
+  start.episode_limit = 6;
+  backend->reset(0, start);
+  std::vector<Action> actions(1);
+  std::vector<StepOutcome> outcomes(1);
+  double sum = 0;
+  for (std::uint32_t step = 1; step <= 6; ++step) {
+    actions[0] = random_action(3, step);
+    backend->step(actions, outcomes);
+    sum += static_cast<double>(outcomes[0].reward);
+    EXPECT_EQ(backend->clock(0).episode_step, step);
+    EXPECT_EQ(outcomes[0].truncated, step == 6 && !outcomes[0].terminated) << step;
+  }
+  EXPECT_NEAR(backend->clock(0).episode_return, sum, 1e-9);
+  EXPECT_EQ(backend->facts(0).episode_return, backend->clock(0).episode_return);
+}
+
+TEST_P(BackendContract, HoldScriptChoosesActionsOfTheTask) {
+  const auto backend = GetParam().make(1);
+  backend->reset(0, training_start(5));
+  std::vector<Action> actions(1);
+  std::vector<StepOutcome> outcomes(1);
+  const PolicyShape& shape = GetParam().shape;
+  for (int step = 0; step < 30; ++step) {
+    actions[0] = backend->hold_action(0);
+    for (std::size_t b = 0; b < shape.branches.size(); ++b)
+      ASSERT_LT(actions[0].branch[b], shape.branches[b]) << "branch " << b;
+    for (const float v : actions[0].continuous) ASSERT_LE(std::fabs(v), 1.0F);
+    backend->step(actions, outcomes);
+  }
+  EXPECT_TRUE(backend->healthy(0));
 }
 
 inline std::vector<RolloutTask> make_tasks(std::uint32_t count, std::uint32_t steps) {
@@ -152,68 +141,50 @@ inline Policy make_policy(const PolicyShape& shape) {
   return {shape, weights};
 }
 
-TEST_P(BackendContract, SegmentIsAPureFunctionOfItsTask) {
-  Policy policy = make_policy(GetParam().shape);
-  const auto tasks = make_tasks(4, 60);
-  const auto wide = GetParam().make(6);
-  const auto narrow = GetParam().make(1);
-  play(*wide, 20, 0, 7);  // whatever the lanes held before
-  const auto together = run_rollout(*wide, policy, tasks, {});
-  for (std::size_t k = 0; k < tasks.size(); ++k) {
-    const auto alone = run_rollout(*narrow, policy, std::span(tasks).subspan(k, 1), {});
-    EXPECT_EQ(alone[0].payload_crc32c, together[k].payload_crc32c) << k;
-    EXPECT_EQ(alone[0].end_hash, together[k].end_hash) << k;
-    EXPECT_EQ(alone[0].log_probs, together[k].log_probs) << k;
-    EXPECT_EQ(together[k].steps, 60U);
-  }
-}
-
-TEST_P(BackendContract, TwoHalvesEqualOneWhole) {
+TEST_P(BackendContract, SegmentHasARowOfEveryStepAndAStateIfThereIsOne) {
   Policy policy = make_policy(GetParam().shape);
   const auto backend = GetParam().make(1);
-  auto whole = make_tasks(1, 100);
-  const RolloutSegment expected = run_rollout(*backend, policy, whole, {})[0];
-  auto half = make_tasks(1, 50);
-  const RolloutSegment first = run_rollout(*backend, policy, half, {})[0];
-  half[0].reset = false;
-  half[0].segment = 1;
-  half[0].start_state = first.end_state;
-  half[0].episode = first.end_episode;
-  const auto other = GetParam().make(2);
-  const RolloutSegment second = run_rollout(*other, policy, half, {})[0];
-  EXPECT_EQ(second.end_hash, expected.end_hash);
-  std::vector<float> joined = first.rewards;
-  joined.insert(joined.end(), second.rewards.begin(), second.rewards.end());
-  EXPECT_EQ(joined, expected.rewards);
+  auto task = make_tasks(1, 30);
+  task[0].frame_stride = 10;
+  const RolloutSegment s = run_rollout(*backend, policy, task, {})[0];
+  ASSERT_EQ(s.failed, 0U) << s.failure;
+  EXPECT_EQ(s.steps, 30U);
+  EXPECT_EQ(s.observations.size(), 30U * static_cast<std::size_t>(backend->observation_size()));
+  EXPECT_EQ(s.actions.size(), 4 * 30U);
+  EXPECT_EQ(s.actions_continuous.size(), GetParam().shape.continuous ? 4 * 30U : 0U);
+  EXPECT_EQ(s.rewards.size(), 30U);
+  EXPECT_EQ(s.flags.size(), 30U);
+  EXPECT_EQ(s.flags[0] & step_flag::kFirst, step_flag::kFirst);
+  EXPECT_EQ(s.exposures.size(), 30U);
+  EXPECT_EQ(s.tool_positions_in_world_m.size(), 3 * 30U);
+  EXPECT_EQ(s.bootstrap_observation.size(), static_cast<std::size_t>(backend->observation_size()));
+  const bool states = backend->snapshots() != nullptr;
+  EXPECT_EQ(s.state_format != 0, states);
+  EXPECT_EQ(s.end_state.empty(), !states);
+  EXPECT_EQ(s.state_hashes.size(), states ? 30U : 0U);
+  EXPECT_EQ(s.frame_positions_in_world_m.empty(), !states);
 }
 
-TEST_P(BackendContract, ReplayOfRecordedActionsDerivesTheSameHashesAndRewards) {
-  Policy policy = make_policy(GetParam().shape);
-  const auto backend = GetParam().make(2);
-  auto task = make_tasks(1, 40);
-  task[0].frame_stride = 10;
-  task[0].kind = TaskKind::kEvaluate;
-  task[0].policy_steps = 40;
-  task[0].hold_steps = 3;
-  const RolloutSegment recorded = run_rollout(*backend, policy, task, {})[0];
-  ASSERT_EQ(recorded.state_hashes.size(), recorded.steps);
-  std::vector<Action> actions(recorded.steps);
-  for (std::size_t i = 0; i < actions.size(); ++i) {
-    std::copy_n(recorded.actions.data() + 4 * i, 4, actions[i].branch.begin());
-    if (!recorded.actions_continuous.empty())
-      std::copy_n(recorded.actions_continuous.data() + 4 * i, 4, actions[i].continuous.begin());
+TEST_P(BackendContract, ScriptActsInPlaceOfThePolicy) {
+  const auto backend = GetParam().make(1);
+  const bool continuous = GetParam().shape.continuous;
+  const Actor actor(
+      [](std::uint32_t step, std::span<Action> actions) { actions[0] = random_action(7, step); },
+      continuous);
+  auto task = make_tasks(1, 20);
+  task[0].episode_limit = 10;
+  const RolloutSegment s = run_rollout(*backend, actor, task, {})[0];
+  ASSERT_EQ(s.failed, 0U) << s.failure;
+  ASSERT_EQ(s.steps, 20U);
+  for (std::uint32_t step = 0; step < 20; ++step) {
+    const Action expected = random_action(7, step);
+    EXPECT_TRUE(std::equal(expected.branch.begin(), expected.branch.end(),
+                           s.actions.begin() + 4 * static_cast<std::ptrdiff_t>(step)));
+    EXPECT_EQ(s.flags[step] & step_flag::kScripted, step_flag::kScripted);
   }
-  task[0].steps = recorded.steps;
-  // Another policy, so that nothing but the recorded actions can lead to the same states.
-  PolicyWeights weights = policy.weights();
-  for (float& weight : weights.parameters) weight = -weight;
-  Policy stranger(GetParam().shape, std::move(weights));
-  const auto other = GetParam().make(1);
-  const RolloutSegment again = run_rollout(*other, stranger, task, {}, actions)[0];
-  EXPECT_EQ(again.state_hashes, recorded.state_hashes);
-  EXPECT_EQ(again.observations, recorded.observations);
-  EXPECT_EQ(again.rewards, recorded.rewards);
-  EXPECT_EQ(again.frame_positions_in_world_m, recorded.frame_positions_in_world_m);
+  EXPECT_EQ(s.actions_continuous.empty(), !continuous);
+  EXPECT_EQ(s.episode_end_step, std::vector<std::uint32_t>{19}) << "one episode, to its last step";
+  EXPECT_TRUE(s.end_state.empty());
 }
 
 TEST_P(BackendContract, StopLeavesNothingHalfDone) {

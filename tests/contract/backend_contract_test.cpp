@@ -1,5 +1,4 @@
-#include "contract/backend_contract.h"
-
+#include "contract/snapshots_contract.h"
 #include "core/config.h"
 #include "sim_worker/backend/image_source.h"
 #include "sim_worker/backend/sim_backend.h"
@@ -21,34 +20,64 @@ BackendCase sim_case(const std::string& name, const std::string& preset,
   return {name, make, policy_shape(config)};
 }
 
-BackendCase dummy_case() {
+PolicyShape dummy_shape() {
   PolicyShape shape;
   shape.observations = 12;
   shape.branches = {3, 3, 3, 2};
-  return {"dummy", [](int lanes) { return std::make_unique<DummyBackend>(lanes); }, shape};
+  return shape;
 }
 
-INSTANTIATE_TEST_SUITE_P(
-    All, BackendContract,
-    testing::Values(
-        dummy_case(), sim_case("paper", "paper"), sim_case("omentum", "omentum"),
-        // A short episode brings resets, a near start brings grasp and contact into the 40 ... 100
-        // steps.
-        sim_case("omentum_short", "omentum",
-                 {"task.episode_steps=23", "scene.start_grid.centre_m={ x: 0.005 y: 0.04 z: 0.05 }",
-                  "task.start_height_range_m=0.015"}),
-        sim_case("omentum_elastic", "omentum_elastic"),
-        sim_case("omentum_elastic_short", "omentum_elastic",
-                 {"task.episode_steps=23", "scene.start_grid.centre_m={ x: 0.005 y: 0.04 z: 0.05 }",
-                  "task.start_height_range_m=0.015"}),
-        sim_case("omentum_continuous", "omentum", {"task.action=ACTION_CONTINUOUS"}),
-        sim_case("omentum_plastic", "omentum",
-                 {"scene.tissue.cluster.plastic_creep=0.1",
-                  "scene.tissue.cluster.plastic_threshold_m2=1e-8",
-                  "scene.tissue.cluster.self_collision=true", "scene.tissue.grid.count_x=12"}),
-        sim_case("omentum_image", "omentum",
-                 {"task.observation=OBSERVATION_IMAGE", "task.image_size=16"})),
-    [](const auto& param_info) { return param_info.param.name; });
+/// Without states, like a robot.
+BackendCase dummy_backend() {
+  return {"dummy_backend", [](int lanes) { return std::make_unique<DummyBackend>(lanes); },
+          dummy_shape()};
+}
+
+std::vector<BackendCase> with_snapshots() {
+  return {
+      {"dummy_simulation", [](int lanes) { return std::make_unique<DummySimulation>(lanes); },
+       dummy_shape()},
+      sim_case("paper", "paper"),
+      sim_case("omentum", "omentum"),
+      // A short episode brings resets, a near start brings grasp and contact into the 40 ... 100
+      // steps.
+      sim_case("omentum_short", "omentum",
+               {"task.episode_steps=23", "scene.start_grid.centre_m={ x: 0.005 y: 0.04 z: 0.05 }",
+                "task.start_height_range_m=0.015"}),
+      sim_case("omentum_elastic", "omentum_elastic"),
+      sim_case("omentum_elastic_short", "omentum_elastic",
+               {"task.episode_steps=23", "scene.start_grid.centre_m={ x: 0.005 y: 0.04 z: 0.05 }",
+                "task.start_height_range_m=0.015"}),
+      sim_case("omentum_continuous", "omentum", {"task.action=ACTION_CONTINUOUS"}),
+      sim_case("omentum_plastic", "omentum",
+               {"scene.tissue.cluster.plastic_creep=0.1",
+                "scene.tissue.cluster.plastic_threshold_m2=1e-8",
+                "scene.tissue.cluster.self_collision=true", "scene.tissue.grid.count_x=12"}),
+      sim_case("omentum_image", "omentum",
+               {"task.observation=OBSERVATION_IMAGE", "task.image_size=16"})};
+}
+
+std::vector<BackendCase> all_back_ends() {
+  std::vector<BackendCase> cases = with_snapshots();
+  cases.push_back(dummy_backend());
+  return cases;
+}
+
+constexpr auto kName = [](const auto& param_info) { return param_info.param.name; };
+INSTANTIATE_TEST_SUITE_P(All, BackendContract, testing::ValuesIn(all_back_ends()), kName);
+INSTANTIATE_TEST_SUITE_P(All, SnapshotsContract, testing::ValuesIn(with_snapshots()), kName);
+
+TEST(BackendWithoutSnapshots, RefusesATaskThatContinuesAState) {
+  Policy policy = make_policy(dummy_shape());
+  DummyBackend backend(1);
+  auto task = make_tasks(1, 10);
+  task[0].reset = false;
+  task[0].start_state = DummySimulation(1).save(0);
+  const RolloutSegment s = run_rollout(backend, policy, task, {})[0];
+  EXPECT_EQ(s.failed, 1U);
+  EXPECT_EQ(s.failure, "task continues from a state, and this back end cannot load one");
+  EXPECT_EQ(s.steps, 0U);
+}
 
 }  // namespace
 }  // namespace omentum::test

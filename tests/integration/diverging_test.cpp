@@ -16,9 +16,9 @@ namespace omentum {
 namespace {
 
 /// No lane survives a step.
-class DivergingBackend : public test::DummyBackend {
+class DivergingBackend : public test::DummySimulation {
  public:
-  using DummyBackend::DummyBackend;
+  using DummySimulation::DummySimulation;
   bool healthy(int) const override { return false; }
 };
 

@@ -26,11 +26,12 @@ inline PolicyWeights fake_weights(std::uint64_t version) {
 }
 
 /// Lanes and a state format; the fake rollout never steps it.
-class LanesOnly final : public Backend {
+class LanesOnly final : public Backend, public Snapshots {
  public:
   explicit LanesOnly(int lanes) : lanes_(lanes) {}
   int lanes() const override { return lanes_; }
   int observation_size() const override { return kFakeObservation; }
+  Snapshots* snapshots() override { return this; }
   std::uint32_t state_format() const override { return kFakeStateFormat; }
   void reset(int, const EpisodeStart&) override {}
   Result<void> load(int, std::span<const std::byte>) override { return {}; }

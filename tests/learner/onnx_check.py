@@ -68,9 +68,13 @@ def main():
         got = run_numpy(model, observation)
         engine = "numpy"
     metadata = {entry.key: entry.value for entry in model.metadata_props}
-    for key in ("policy_version", "weights_hash", "config_hash", "observation_names", "action_names"):
+    for key in ("policy_version", "weights_hash", "config_hash", "observation_names", "observation_units", "action_names"):
         if key not in metadata:
             print("metadata lacks", key)
+            return 1
+    for key in ("observation_names", "observation_units"):
+        if len(metadata[key].split(",")) != observations:
+            print(key, "are not of", observations, "observations:", metadata[key])
             return 1
     largest = max(float(np.abs(a - b).max()) for a, b in zip(got, expected))
     print(f"{engine}: largest difference {largest:.3g} over {len(rows)} observations")

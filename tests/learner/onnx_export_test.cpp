@@ -1,6 +1,7 @@
 #include "learner/onnx_export.h"
 
 #include <gtest/gtest.h>
+#include <onnx/onnx_pb.h>
 #include <sys/wait.h>
 
 #include <algorithm>
@@ -8,8 +9,12 @@
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
+#include <map>
+#include <sstream>
 
+#include "core/config.h"
 #include "core/rng.h"
+#include "core/task.h"
 #include "learner/initialise.h"
 #include "support/temp_dir.h"
 
@@ -91,8 +96,9 @@ TEST_P(OnnxExport, IndependentReaderAgrees) {
   policy.act(observations, counters, true, decisions);
 
   const test::TempDir folder;
-  const Result<void> written =
-      export_onnx(folder / "policy.onnx", c.shape, weights, {{"a", "b"}, {"x"}, "rev", "W, m"});
+  const Result<void> written = export_onnx(
+      folder / "policy.onnx", c.shape, weights,
+      {std::vector<std::string>(width, "a"), std::vector<std::string>(width, "m"), {"x"}, "rev"});
   ASSERT_TRUE(written.has_value()) << written.error();
   {
     std::ofstream expected(folder / "expected.txt");
@@ -138,6 +144,78 @@ std::vector<Case> cases() {
           {"Paper", paper, false},
           {"Derived", derived, true},
           {"Gaussian", gaussian, true}};
+}
+
+/// A comma-separated entry of the file's metadata.
+std::vector<std::string> metadata_list(const onnx::ModelProto& model, const std::string& key) {
+  std::vector<std::string> words;
+  for (const auto& entry : model.metadata_props()) {
+    if (entry.key() != key) continue;
+    std::istringstream text(entry.value());
+    for (std::string word; std::getline(text, word, ',');) words.push_back(word);
+  }
+  return words;
+}
+
+onnx::ModelProto exported(const pb::Config& config) {
+  const PolicyShape shape = policy_shape(config);
+  PolicyWeights weights;
+  weights.parameters = initial_parameters(shape, config.ppo(), 4);
+  onnx::ModelProto model;
+  EXPECT_TRUE(
+      model.ParseFromString(onnx_model(shape, weights, onnx_metadata(config.task(), "revision"))));
+  return model;
+}
+
+/// Units of one observation, by name.
+using Units = std::map<std::string, std::string>;
+
+Units units_in(const onnx::ModelProto& model) {
+  const auto names = metadata_list(model, "observation_names");
+  const auto units = metadata_list(model, "observation_units");
+  EXPECT_EQ(names.size(), units.size());
+  Units by_name;
+  for (std::size_t i = 0; i < std::min(names.size(), units.size()); ++i)
+    by_name[names[i]] = units[i];
+  EXPECT_EQ(by_name.size(), names.size()) << "every name once";
+  return by_name;
+}
+
+TEST(OnnxMetadata, SaysWhatEveryPresetObserves) {
+  const Units workspace = {{"p_y", "-1 ... 1 over the workspace along y of W"},
+                           {"distance_p_q", "diagonal of the workspace"}};
+  const Units fine = {{"p_y", "-1 ... 1 over the workspace along y of W"},
+                      {"near_goal_z", "5 mm along z of W; within -1 ... 1"}};
+  const std::map<std::string, std::pair<std::size_t, Units>> expected = {
+      {"paper", {12, workspace}},
+      {"paper_swapped", {12, workspace}},
+      {"derived", {12, {{"p_y", "100 mm along z of W"}, {"distance_p_q", "100 mm"}}}},
+      {"derived_head", {8, {{"goal_z", "100 mm along y of W"}, {"distance_p_goal", "100 mm"}}}},
+      {"omentum", {20, fine}},
+      {"omentum_elastic", {20, fine}},
+      {"omentum_soft", {20, fine}}};
+  for (const auto& file : fs::directory_iterator(deploy_dir() + "/presets")) {
+    const std::string preset = file.path().stem();
+    ASSERT_TRUE(expected.contains(preset)) << preset << " is not in the table of this test";
+    const pb::Config config = load_config(preset, {});
+    const onnx::ModelProto model = exported(config);
+    const Units units = units_in(model);
+    const auto& [size, some] = expected.at(preset);
+    EXPECT_EQ(units.size(), size) << preset;
+    EXPECT_EQ(model.graph().input(0).type().tensor_type().shape().dim(1).dim_value(), size);
+    for (const auto& [name, unit] : some) EXPECT_EQ(units.at(name), unit) << preset << " " << name;
+    EXPECT_EQ(metadata_list(model, "action_names"), action_names(config.task()));
+  }
+}
+
+TEST(OnnxMetadata, SaysWhatAnImageShows) {
+  const auto units = [](const std::string& image) {
+    return units_in(exported(load_config("omentum", {"task.observation=OBSERVATION_IMAGE",
+                                                     "task.image_size=8", "task.image=" + image})));
+  };
+  EXPECT_EQ(units("IMAGE_OBJECT_IDS").at("object_7_7"), "object id / 6");
+  EXPECT_EQ(units("IMAGE_SHADED").at("blue_7_7"), "intensity 0 ... 1");
+  EXPECT_EQ(units("IMAGE_SHADED").size(), 20U + 3 * 64);
 }
 
 INSTANTIATE_TEST_SUITE_P(Shapes, OnnxExport, testing::ValuesIn(cases()),

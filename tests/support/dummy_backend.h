@@ -1,8 +1,8 @@
 #pragma once
 
-// The smallest Backend: a point on a line that is rewarded for coming near zero. Tutorial, template
-// for further back ends, and stand-in for the simulation where a test is about the loop and not
-// about tissue.
+// The smallest back ends: a point on a line that is rewarded for coming near zero. Tutorial,
+// template for further back ends, and stand-in where a test is about the loop and not about tissue.
+// DummyBackend cannot save its state, like a robot; DummySimulation can.
 
 #include <cmath>
 #include <cstring>
@@ -24,7 +24,6 @@ class DummyBackend : public Backend {
 
   int lanes() const override { return static_cast<int>(lanes_.size()); }
   int observation_size() const override { return 12; }
-  std::uint32_t state_format() const override { return kSimStateFormat; }
 
   void reset(int lane, const EpisodeStart& start) override {
     State s{};
@@ -35,21 +34,6 @@ class DummyBackend : public Backend {
     s.episode = start.episode;
     s.limit = start.episode_limit != 0 ? start.episode_limit : kEpisodeLimit;
     lanes_[static_cast<std::size_t>(lane)] = s;
-  }
-
-  Result<void> load(int lane, std::span<const std::byte> state) override {
-    State s{};
-    if (state.size() != sizeof s) return Failure{"wrong size"};
-    std::memcpy(&s, state.data(), sizeof s);
-    if (!std::isfinite(s.x) || s.limit == 0) return Failure{"not a state"};
-    lanes_[static_cast<std::size_t>(lane)] = s;
-    return {};
-  }
-
-  Bytes save(int lane) const override {
-    Bytes bytes(sizeof(State));
-    std::memcpy(bytes.data(), &lanes_[static_cast<std::size_t>(lane)], sizeof(State));
-    return bytes;
   }
 
   void observe(int lane, std::span<float> observation) const override {
@@ -93,12 +77,9 @@ class DummyBackend : public Backend {
   bool healthy(int lane) const override {
     return std::isfinite(lanes_[static_cast<std::size_t>(lane)].x);
   }
-  void positions(int lane, std::vector<float>& out) const override {
-    out = {lanes_[static_cast<std::size_t>(lane)].x, 0, 0};
-  }
   std::uint32_t ticks_per_step() const override { return 1; }
 
- private:
+ protected:
   struct State {
     float x;
     float start;
@@ -108,6 +89,33 @@ class DummyBackend : public Backend {
     double total;
   };
   std::vector<State> lanes_;
+};
+
+class DummySimulation : public DummyBackend, public Snapshots {
+ public:
+  using DummyBackend::DummyBackend;
+
+  Snapshots* snapshots() override { return this; }
+  std::uint32_t state_format() const override { return kSimStateFormat; }
+
+  Bytes save(int lane) const override {
+    Bytes bytes(sizeof(State));
+    std::memcpy(bytes.data(), &lanes_[static_cast<std::size_t>(lane)], sizeof(State));
+    return bytes;
+  }
+
+  Result<void> load(int lane, std::span<const std::byte> state) override {
+    State s{};
+    if (state.size() != sizeof s) return Failure{"wrong size"};
+    std::memcpy(&s, state.data(), sizeof s);
+    if (!std::isfinite(s.x) || s.limit == 0) return Failure{"not a state"};
+    lanes_[static_cast<std::size_t>(lane)] = s;
+    return {};
+  }
+
+  void positions(int lane, std::vector<float>& out) const override {
+    out = {lanes_[static_cast<std::size_t>(lane)].x, 0, 0};
+  }
 };
 
 }  // namespace omentum::test

@@ -120,7 +120,7 @@ TEST(Reward, ReferenceValues) {  // docs/task.md 7
   EXPECT_NEAR(at(pb::REWARD_PAPER, true, 0, 0.08521), -0.15162, 2e-5);
   EXPECT_NEAR(at(pb::REWARD_DERIVED, true, 0, 0.08521), -0.40162, 2e-5);
   EXPECT_EQ(at(pb::REWARD_PAPER, true, 0, 0), 0);
-  EXPECT_NEAR(setup_of("paper")->workspace_diagonal, 0.28098, 5e-6);
+  EXPECT_NEAR(make_task(*setup_of("paper")).workspace_diagonal(), 0.28098, 5e-6);
 }
 
 TEST(Reward, BelongsToTheStateBeforeTheMotion) {
@@ -128,7 +128,7 @@ TEST(Reward, BelongsToTheStateBeforeTheMotion) {
   backend.reset(0, grid_start(0));
   const Vector3d p = tip(backend);
   const double expected =
-      -0.5 / backend.setup().workspace_diagonal * (p - backend.setup().scene.tumour_point).norm() -
+      -0.5 / backend.task().workspace_diagonal() * (p - backend.setup().scene.tumour_point).norm() -
       0.5;
   EXPECT_NEAR(step_one(backend, kDown).reward, expected, 1e-6);
 }
@@ -203,8 +203,8 @@ TEST(Observation, CompositionAndScaling) {
     EXPECT_NEAR(o[static_cast<std::size_t>(7 + k)], (scene.target[k] - middle) / half, 1e-6);
   }
   EXPECT_NEAR(
-      o[10], (tip(backend) - scene.tumour_point).norm() / backend.setup().workspace_diagonal, 1e-6);
-  EXPECT_NEAR(o[11], (tip(backend) - scene.target).norm() / backend.setup().workspace_diagonal,
+      o[10], (tip(backend) - scene.tumour_point).norm() / backend.task().workspace_diagonal(), 1e-6);
+  EXPECT_NEAR(o[11], (tip(backend) - scene.target).norm() / backend.task().workspace_diagonal(),
               1e-6);
   EXPECT_EQ(o[12], 0);
   step_one(backend, {1, 1, 1, 1});

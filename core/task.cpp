@@ -1,0 +1,190 @@
+#include "core/task.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "core/check.h"
+#include "core/rng.h"
+
+namespace omentum {
+namespace {
+
+using Eigen::Vector3d;
+
+/// What the three axis branches of an action mean.
+struct ActionTable {
+  std::array<const char*, 3> name;
+  std::array<int, 3> axis;   ///< W axis of branch 0, 1, 2
+  std::array<int, 3> value;  ///< steps of index 0, 1, 2
+  const char* jaw;           ///< name of the fourth branch; null: the jaw is always closed
+};
+
+/// Unity is left-handed with y up: Unity (x, y, z) is W (x, z, y).
+const ActionTable& action_table(pb::ActionKind kind) {
+  static constexpr ActionTable kPaper = {{"x", "y", "z"}, {0, 1, 2}, {-1, 0, 1}, "gripper"};
+  static constexpr ActionTable kDerived = {
+      {"unity_x", "unity_y", "unity_z"}, {0, 2, 1}, {0, 1, -1}, nullptr};
+  static constexpr ActionTable kDerivedHead = {
+      {"unity_y", "unity_z", "unity_x"}, {2, 1, 0}, {-1, 0, 1}, nullptr};
+  static constexpr ActionTable kContinuous = {{"x", "y", "z"}, {0, 1, 2}, {-1, 0, 1}, "jaw"};
+  switch (kind) {
+    case pb::ACTION_DERIVED:
+      return kDerived;
+    case pb::ACTION_DERIVED_HEAD:
+      return kDerivedHead;
+    case pb::ACTION_CONTINUOUS:
+      return kContinuous;
+    case pb::ACTION_XYZ_GRIPPER:
+      break;
+  }
+  return kPaper;
+}
+
+}  // namespace
+
+std::vector<std::string> action_names(const pb::Task& task) {
+  const ActionTable& table = action_table(task.action());
+  std::vector<std::string> names(table.name.begin(), table.name.end());
+  if (table.jaw != nullptr) names.emplace_back(table.jaw);
+  return names;
+}
+
+std::vector<int> action_branches(const pb::Task& task) {
+  if (task.action() == pb::ACTION_CONTINUOUS) return {};
+  if (action_table(task.action()).jaw == nullptr) return {3, 3, 3};
+  return {3, 3, 3, 2};
+}
+
+Task::Task(const pb::Config& config, TaskPlaces places)
+    : task_(config.task()),
+      jaw_open_deg_(config.grasp().jaw_open_deg()),
+      places_(std::move(places)),
+      workspace_diagonal_((places_.mount.workspace_max - places_.mount.workspace_min).norm()) {}
+
+ToolCommand Task::decode(const Action& action) const {
+  ToolCommand command;
+  if (task_.action() == pb::ACTION_CONTINUOUS) {
+    for (int k = 0; k < 3; ++k) {
+      const double v = static_cast<double>(action.continuous[static_cast<std::size_t>(k)]);
+      command.increment[k] = task_.increment_m() * std::clamp(v, -1.0, 1.0);
+    }
+    command.closed = action.continuous[3] > 0;
+    return command;
+  }
+  const ActionTable& table = action_table(task_.action());
+  for (std::size_t b = 0; b < 3; ++b) {
+    OMENTUM_DCHECK(action.branch[b] < 3);
+    command.increment[table.axis[b]] = task_.increment_m() * table.value[action.branch[b]];
+  }
+  command.closed = table.jaw == nullptr || action.branch[3] == 1;
+  return command;
+}
+
+Action Task::hold_action(const Vector3d& commanded_tip) const {
+  const Vector3d way = places_.target - commanded_tip;
+  const double reach = task_.increment_m() * task_.action_repeat();
+  Action action;
+  if (task_.action() == pb::ACTION_CONTINUOUS) {
+    for (int k = 0; k < 3; ++k) {
+      action.continuous[static_cast<std::size_t>(k)] =
+          static_cast<float>(std::clamp(way[k] / reach, -1.0, 1.0));
+    }
+    action.continuous[3] = 1;
+    return action;
+  }
+  const ActionTable& table = action_table(task_.action());
+  for (std::size_t b = 0; b < 3; ++b) {
+    const double distance = way[table.axis[b]];
+    // Half a step: nearer than that, another step would only overshoot.
+    const int wanted = distance > 0.5 * reach ? 1 : distance < -0.5 * reach ? -1 : 0;
+    const auto index =
+        std::find(table.value.begin(), table.value.end(), wanted) - table.value.begin();
+    action.branch[b] = static_cast<std::uint8_t>(index);
+  }
+  action.branch[3] = table.jaw != nullptr ? 1 : 0;
+  return action;
+}
+
+bool Task::at_target(const Vector3d& commanded_tip) const {
+  const Vector3d way = places_.target - commanded_tip;
+  // Half a step and a rounding: what hold_action() leaves.
+  return way.cwiseAbs().maxCoeff() <= 0.5 * task_.increment_m() * task_.action_repeat() + 1e-9;
+}
+
+Vector3d Task::start_position(const EpisodeStart& start) const {
+  if (start.start_set == StartSet::kGrid || start.start_set == StartSet::kRobotGrid) {
+    const auto& starts =
+        start.start_set == StartSet::kGrid ? places_.grid_starts : places_.robot_starts;
+    OMENTUM_CHECK(start.start_index < starts.size(), "start {} of {}", start.start_index,
+                  starts.size());
+    return starts[start.start_index];
+  }
+  if (start.start_set == StartSet::kGraspLattice || !task_.random_start() ||
+      places_.grid_starts.empty()) {
+    return places_.tool_start;
+  }
+  // Training: uniform in the rectangle of the start grid, height +- range. A point out of the arm's
+  // reach is drawn again with the next draw number; the rectangle is reachable, so this ends at
+  // once in our scenes.
+  Vector3d min = places_.grid_starts.front();
+  Vector3d max = min;
+  for (const Vector3d& p : places_.grid_starts) {
+    min = min.cwiseMin(p);
+    max = max.cwiseMax(p);
+  }
+  const double height = task_.start_height_range_m();
+  for (std::uint32_t draw = 0; draw < 64; ++draw) {
+    const PhiloxWords words =
+        random_words(start.run_seed, start.slot, Purpose::kReset, draw, start.episode, 0);
+    Vector3d p(uniform_between(words[0], min.x(), max.x()),
+               uniform_between(words[1], min.y(), max.y()),
+               uniform_between(words[2], min.z() - height, max.z() + height));
+    p = p.cwiseMax(places_.mount.workspace_min).cwiseMin(places_.mount.workspace_max);
+    if (joints_for_tip(places_.mount, p)) return p;
+  }
+  return places_.tool_start;
+}
+
+std::uint32_t Task::episode_limit(const EpisodeStart& start) const {
+  if (start.episode_limit != 0) return start.episode_limit;
+  return std::max(1U, task_.episode_steps() / task_.action_repeat());
+}
+
+RewardState Task::reward_state(const TaskState& state) const {
+  RewardState s;
+  s.held = state.held;
+  s.distance_q = (state.tip - places_.tumour_point).norm();
+  s.distance_target = (state.tip - places_.target).norm();
+  s.workspace_diagonal = workspace_diagonal_;
+  s.grasp_distance_q = (state.held_from - places_.tumour_point).norm();
+  s.exposure = state.exposure;
+  return s;
+}
+
+double Task::reward_of(const TaskState& state) const {
+  const RewardWeights weights{task_.exposure_weight(), task_.exposure_distance_m(),
+                              task_.grasp_distance_per_m()};
+  return reward(task_.reward(), reward_state(state), weights);
+}
+
+double Task::potential_of(const TaskState& state) const {
+  const double weight = task_.progress_per_m();
+  return weight > 0 ? progress_potential(reward_state(state), weight) : 0;
+}
+
+bool Task::is_reached(const TaskState& state) const {
+  return state.held && (state.tip - places_.target).norm() < task_.success_radius_m();
+}
+
+bool Task::is_over(const TaskState& state) const {
+  return task_.end_distance_m() > 0 && state.held &&
+         (state.tip - places_.target).norm() < task_.end_distance_m();
+}
+
+bool Task::needs_exposure() const {
+  return task_.reward() == pb::REWARD_OMENTUM || task_.observation() == pb::OBSERVATION_OMENTUM ||
+         task_.observation() == pb::OBSERVATION_IMAGE;
+}
+
+}  // namespace omentum

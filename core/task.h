@@ -1,0 +1,110 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "core/backend.h"
+#include "core/psm.h"
+#include "core/reward.h"
+#include "proto/config.pb.h"
+
+namespace omentum {
+
+/// The task (docs/task.md): what an action commands, what a policy observes, where an episode
+/// starts, what a step earns and when it ends. Pure functions of the configuration and of what a
+/// back end measured, so that a simulation and a robot cannot differ in them.
+
+/// What the task needs of the scene. Points in W [m].
+struct TaskPlaces {
+  Eigen::Vector3d tumour_point = Eigen::Vector3d::Zero();  ///< q
+  Eigen::Vector3d target = Eigen::Vector3d::Zero();        ///< p_T
+  Eigen::Vector3d tool_start = Eigen::Vector3d::Zero();    ///< p_0
+  std::vector<Eigen::Vector3d> grid_starts, robot_starts;
+  ToolMount mount;  ///< workspace box and reach of the arm
+};
+
+/// What a back end measured of one environment. Jaw tip and grasp point are p_WT in W [m].
+struct TaskState {
+  Eigen::Vector3d tip = Eigen::Vector3d::Zero();           ///< where it is: earns the reward
+  Eigen::Vector3d measured_tip = Eigen::Vector3d::Zero();  ///< by the encoders: is observed
+  Eigen::Vector3d held_from = Eigen::Vector3d::Zero();     ///< tip when tissue was taken hold of
+  bool held = false;                                       ///< tissue is in the jaws
+  bool jaw_closed = false;                                 ///< command in force
+  double jaw_deg = 0;   ///< angle of the jaw, where grasp.jaw_open_deg gives it one
+  double exposure = 0;  ///< share of the tumour in sight while held, else 0
+};
+
+/// What an action commands for each control period of a decision.
+struct ToolCommand {
+  Eigen::Vector3d increment = Eigen::Vector3d::Zero();  ///< of the tip in W [m]
+  bool closed = false;                                  ///< the jaw
+};
+
+/// One number of the observation.
+struct ObservedNumber {
+  std::string name;
+  std::string unit;  ///< with range and frame where it has them; holds no comma
+};
+
+/// What a policy of this task observes, in order: the list by which Task::observe() writes.
+std::vector<ObservedNumber> observed_numbers(const pb::Task& task);
+std::vector<std::string> observation_names(const pb::Task& task);
+std::vector<std::string> observation_units(const pb::Task& task);
+int observation_size(const pb::Task& task);
+/// As observation_names(), with one name for all pixels of an image.
+std::vector<std::string> observation_titles(const pb::Task& task);
+
+/// One name per branch (or continuous dimension): x, y, z, gripper; jaw for the Gaussian head.
+std::vector<std::string> action_names(const pb::Task& task);
+/// Choices of each branch; empty for the Gaussian head.
+std::vector<int> action_branches(const pb::Task& task);
+
+/// Immutable; any thread.
+class Task {
+ public:
+  Task(const pb::Config& config, TaskPlaces places);
+
+  const TaskPlaces& places() const { return places_; }
+  double workspace_diagonal() const { return workspace_diagonal_; }  ///< L_ws [m]
+
+  ToolCommand decode(const Action& action) const;
+  /// The hold script: jaw closed, straight towards p_T, then stay. Nearer than half a step it
+  /// stays. `commanded_tip` is where the tip was last told to be, p_WT [m].
+  Action hold_action(const Eigen::Vector3d& commanded_tip) const;
+  /// hold_action() would stay.
+  bool at_target(const Eigen::Vector3d& commanded_tip) const;
+
+  /// Where the tool starts, p_WT [m]: the grid point that `start` names, or for training a point
+  /// drawn from (run seed, slot, episode). Precondition: the grid has start.start_index.
+  Eigen::Vector3d start_position(const EpisodeStart& start) const;
+  /// Decisions until the episode is truncated.
+  std::uint32_t episode_limit(const EpisodeStart& start) const;
+
+  /// Writes the observation but for the pixels of an image, whose place it returns. Precondition:
+  /// observation_size() numbers.
+  std::span<float> observe(const TaskState& state, std::span<float> observation) const;
+
+  /// Of one control period, for the state before its motion.
+  double reward_of(const TaskState& state) const;
+  /// Its difference over a decision is part of the reward (progress_potential()).
+  double potential_of(const TaskState& state) const;
+  /// Held within task.success_radius_m of p_T: the aim of the task.
+  bool is_reached(const TaskState& state) const;
+  /// Held within task.end_distance_m of p_T: the episode ends and earns task.end_bonus.
+  bool is_over(const TaskState& state) const;
+  double end_bonus() const { return task_.end_bonus(); }
+  /// Reward or observation need TaskState::exposure after every control period.
+  bool needs_exposure() const;
+
+ private:
+  RewardState reward_state(const TaskState& state) const;
+
+  pb::Task task_;
+  double jaw_open_deg_;
+  TaskPlaces places_;
+  double workspace_diagonal_;
+};
+
+}  // namespace omentum

@@ -1,0 +1,28 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <span>
+
+#include "sim_worker/instrument/arm.h"
+#include "sim_worker/tissue/tissue.h"
+
+namespace omentum {
+
+/// One control step of a batch of environments, which every simulation takes: the arms bring the
+/// tools from commanded to true motion under the load of the last step, and the tissue follows.
+/// `motion` has an entry per lane of the tissue: the commanded motion, replaced by the true one.
+/// `arms` and `reports`, one per environment, are empty while the arm has no effects.
+template <typename Real>
+void control_step(const Arm& arm, std::span<ArmState> arms, Tissue<Real>& tissue,
+                  std::span<ToolMotion> motion, std::span<ArmReport> reports = {}) {
+  for (std::size_t k = 0; k < arms.size(); ++k) {
+    motion[k].from = Eigen::Map<const Eigen::Vector3d>(arms[k].p_WT_true);
+    const ArmReport report =
+        arm.step(arms[k], motion[k].to, tissue.held_force(static_cast<int>(k)));
+    motion[k].to = Eigen::Map<const Eigen::Vector3d>(arms[k].p_WT_true);
+    if (!reports.empty()) reports[k] = report;
+  }
+  tissue.step(motion);
+}
+
+}  // namespace omentum

@@ -1,0 +1,88 @@
+// States of the simulated back end as bytes and positions.
+
+#include <fmt/core.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstring>
+
+#include "sim_worker/backend/sim_backend.h"
+
+namespace omentum {
+
+using Eigen::Vector3d;
+
+void SimBackend::positions(int lane, std::vector<float>& out) const {
+  const auto& tissue = *groups_[static_cast<std::size_t>(lane / width_)];
+  out.clear();
+  for (int i = 0; i < tissue.particles(); ++i) {
+    const Vector3d p = tissue.position(lane_in_group(lane), i);
+    for (int k = 0; k < 3; ++k) out.push_back(static_cast<float>(p[k]));
+  }
+}
+
+void SimBackend::surface(int lane, std::vector<float>& out) const {
+  auto& tissue = *groups_[static_cast<std::size_t>(lane / width_)];
+  const float* vertices = tissue.surface_positions();
+  out.clear();
+  for (int v = 0; v < tissue.surface_vertices(); ++v) {
+    for (int k = 0; k < 3; ++k) {
+      out.push_back(vertices[static_cast<std::size_t>((3 * v + k) * width_ + lane_in_group(lane))]);
+    }
+  }
+}
+
+/// Bytes of a state before those of the tissue.
+std::size_t SimBackend::head_bytes() const {
+  return sizeof(Environment) + (arms_.empty() ? 0 : sizeof(ArmState));
+}
+
+Bytes SimBackend::save(int lane) const {
+  Bytes bytes(head_bytes());
+  std::memcpy(bytes.data(), &environments_[static_cast<std::size_t>(lane)], sizeof(Environment));
+  if (!arms_.empty()) {
+    std::memcpy(bytes.data() + sizeof(Environment), &arms_[static_cast<std::size_t>(lane)],
+                sizeof(ArmState));
+  }
+  groups_[static_cast<std::size_t>(lane / width_)]->save(lane_in_group(lane), bytes);
+  return bytes;
+}
+
+Result<void> SimBackend::load(int lane, std::span<const std::byte> state) {
+  const std::size_t head = head_bytes();
+  if (state.size() < head) {
+    return Failure{
+        fmt::format("environment state of {} bytes, needed more than {}", state.size(), head)};
+  }
+  Environment e{};
+  std::memcpy(&e, state.data(), sizeof e);
+  for (int k = 0; k < 3; ++k) {
+    // The tip never leaves the workspace; anything else is not a state of ours.
+    if (!(e.tip[k] >= setup_->scene.workspace_min[k] &&
+          e.tip[k] <= setup_->scene.workspace_max[k])) {
+      return Failure{fmt::format("environment state has the tip at {} m on axis {}", e.tip[k], k)};
+    }
+  }
+  if (!std::isfinite(e.jaw_deg) || !std::isfinite(e.slip) || !std::isfinite(e.episode_return) ||
+      !std::isfinite(e.pending_bonus) ||
+      !std::isfinite(e.held_from[0] + e.held_from[1] + e.held_from[2]) ||
+      !std::isfinite(e.exposure) || e.episode_limit == 0) {
+    return Failure{"environment state holds a non-finite number or a zero episode limit"};
+  }
+  ArmState arm{};
+  if (!arms_.empty()) {
+    std::memcpy(&arm, state.data() + sizeof(Environment), sizeof arm);
+    std::array<double, sizeof(ArmState) / sizeof(double)> numbers{};
+    std::memcpy(numbers.data(), &arm, sizeof arm);
+    if (!std::all_of(numbers.begin(), numbers.end(), [](double v) { return std::isfinite(v); }))
+      return Failure{"arm state holds a non-finite number"};
+  }
+  const Result<std::size_t> used = tissue_of(lane).load(lane_in_group(lane), state.subspan(head));
+  if (!used) return Failure{used.error()};
+  if (!arms_.empty()) arms_[static_cast<std::size_t>(lane)] = arm;
+  environments_[static_cast<std::size_t>(lane)] = e;
+  return {};
+}
+
+}  // namespace omentum

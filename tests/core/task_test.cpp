@@ -1,0 +1,210 @@
+// The task as every back end has it: core/task.h on plain numbers, without a simulation.
+
+#include "core/task.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <map>
+
+#include "core/config.h"
+
+namespace omentum {
+namespace {
+
+using Eigen::Vector3d;
+using Strings = std::vector<std::string>;
+
+TaskPlaces places() {
+  TaskPlaces places;
+  places.tumour_point = {0.017, 0.052, 0.024};
+  places.target = {-0.036, 0.055, 0.110};
+  places.tool_start = {0.0104, 0.0511, 0.1076};
+  places.grid_starts = {{-0.05, 0.02, 0.1}, {0.01, 0.02, 0.1}, {0.01, 0.08, 0.1}};
+  places.robot_starts = {{-0.04, 0.06, 0.1}};
+  Eigen::Isometry3d X_WR = Eigen::Isometry3d::Identity();
+  X_WR.translation() = Vector3d(0.1427, 0, 0.1584);
+  places.mount =
+      make_tool_mount(X_WR, 0.5, 0.0102, {-0.0916, -0.0825, 0.001}, {0.0691, 0.1155, 0.119});
+  return places;
+}
+
+Task task_of(const std::string& preset, const Strings& sets = {}) {
+  return {load_config(preset, sets), places()};
+}
+
+TaskState held_state() {
+  TaskState state;
+  state.tip = {0.011, 0.044, 0.052};
+  state.measured_tip = {0.012, 0.045, 0.053};
+  state.held_from = {0.016, 0.051, 0.025};
+  state.held = true;
+  state.jaw_closed = true;
+  state.jaw_deg = 3;
+  state.exposure = 0.25;
+  return state;
+}
+
+/// What the number means in W, by its unit alone: coordinate or distance [m].
+double in_world(const std::string& unit, double value, const Task& task) {
+  const ToolMount& mount = task.places().mount;
+  const auto along = unit.find("along ");
+  const int axis = along == std::string::npos ? -1 : unit[along + 6] - 'x';
+  if (unit.rfind("100 mm", 0) == 0) return 0.1 * value;
+  if (unit.rfind("-1 ... 1 over the workspace", 0) == 0) {
+    const double low = mount.workspace_min[axis], high = mount.workspace_max[axis];
+    return low + 0.5 * (value + 1) * (high - low);
+  }
+  if (unit.rfind("5 mm along", 0) == 0) return 0.005 * value;
+  EXPECT_EQ(unit, "diagonal of the workspace");
+  return value * task.workspace_diagonal();
+}
+
+class EveryPreset : public testing::TestWithParam<const char*> {};
+INSTANTIATE_TEST_SUITE_P(Presets, EveryPreset,
+                         testing::Values("omentum", "paper", "paper_swapped", "derived",
+                                         "derived_head", "omentum_elastic", "omentum_soft"),
+                         [](const auto& p) { return std::string(p.param); });
+
+TEST_P(EveryPreset, ObservesWhatNamesAndUnitsSay) {
+  const Task task = task_of(GetParam());
+  const pb::Task config = load_config(GetParam(), {}).task();
+  for (const bool held : {true, false}) {
+    TaskState state = held_state();
+    state.held = held;
+    // 2 mm from the goal: the fine way is not clamped.
+    const Vector3d goal = held ? places().target : places().tumour_point;
+    state.measured_tip = goal + Vector3d(0.002, -0.001, 0.0015);
+    std::vector<float> seen(static_cast<std::size_t>(observation_size(config)));
+    EXPECT_TRUE(task.observe(state, seen).empty()) << "every number is written";
+    const std::map<std::string, Vector3d> points = {
+        {"p", state.measured_tip},
+        {"q", places().tumour_point},
+        {"p_T", places().target},
+        {"goal", goal},
+        {"grasp", held ? state.held_from : state.measured_tip},
+        {"near_goal", goal - state.measured_tip}};
+    const std::map<std::string, double> distances = {
+        {"distance_p_q", (state.measured_tip - places().tumour_point).norm()},
+        {"distance_p_p_T", (state.measured_tip - places().target).norm()},
+        {"distance_p_goal", (state.measured_tip - goal).norm()}};
+    const std::vector<ObservedNumber> numbers = observed_numbers(config);
+    ASSERT_EQ(numbers.size(), seen.size());
+    for (std::size_t i = 0; i < seen.size(); ++i) {
+      const auto& [name, unit] = numbers[i];
+      const auto value = static_cast<double>(seen[i]);
+      EXPECT_EQ(unit.find(','), std::string::npos) << name;
+      if (name == "held_flag") {
+        EXPECT_EQ(value, held ? 0 : 1) << unit;
+      } else if (name == "jaw_closed") {
+        EXPECT_NEAR(value, 1 - 3.0 / load_config(GetParam(), {}).grasp().jaw_open_deg(), 1e-6);
+      } else if (name == "exposure") {
+        EXPECT_EQ(value, 0.25);
+      } else if (distances.contains(name)) {
+        EXPECT_NEAR(in_world(unit, value, task), distances.at(name), 1e-7) << name;
+      } else {
+        const Vector3d& point = points.at(name.substr(0, name.size() - 2));
+        const int axis = unit[unit.find("along ") + 6] - 'x';
+        EXPECT_NEAR(in_world(unit, value, task), point[axis], 1e-7) << name << " in " << unit;
+      }
+    }
+  }
+}
+
+TEST_P(EveryPreset, HoldScriptEndsAtTheTargetAndStaysThere) {
+  for (const Strings& sets : {Strings{}, Strings{"task.action=ACTION_CONTINUOUS"}}) {
+    const pb::Config config = load_config(GetParam(), sets);
+    const Task task(config, places());
+    Vector3d tip(0.0201, 0.0903, 0.0307);
+    for (int step = 0; step < 400; ++step) {
+      const ToolCommand command = task.decode(task.hold_action(tip));
+      EXPECT_TRUE(command.closed);
+      for (std::uint32_t r = 0; r < config.task().action_repeat(); ++r) tip += command.increment;
+    }
+    EXPECT_TRUE(task.at_target(tip));
+    EXPECT_EQ(task.decode(task.hold_action(places().target)).increment, Vector3d::Zero());
+    EXPECT_FALSE(task.at_target(tip + Vector3d(0, 0.006, 0)));
+  }
+}
+
+TEST_P(EveryPreset, ActionNamesAndBranchesAreOfOneTable) {
+  const pb::Task config = load_config(GetParam(), {}).task();
+  EXPECT_EQ(action_names(config).size(), action_branches(config).size());
+}
+
+TEST(ObservedImage, PixelsAreNamedInTheOrderOfTheirBytes) {
+  pb::Task config = load_config("omentum", {"task.observation=OBSERVATION_IMAGE"}).task();
+  config.set_image_size(8);
+  config.set_image(pb::IMAGE_SHADED);
+  const Strings names = observation_names(config);
+  ASSERT_EQ(names.size(), 20U + 3 * 64);
+  EXPECT_THAT(Strings(names.begin() + 20, names.begin() + 25),
+              testing::ElementsAre("red_0_0", "green_0_0", "blue_0_0", "red_0_1", "green_0_1"));
+  EXPECT_EQ(observation_units(config).back(), "intensity 0 ... 1");
+  config.set_image(pb::IMAGE_OBJECT_IDS);
+  EXPECT_EQ(observation_units(config).back(), "object id / 6");
+  EXPECT_EQ(observation_titles(config).size(), 21U) << "short enough for a manifest";
+  const Task task = task_of("omentum", {"task.observation=OBSERVATION_IMAGE", "task.image_size=8"});
+  std::vector<float> seen(20 + 64);
+  EXPECT_EQ(task.observe(held_state(), seen).data(), seen.data() + 20);
+}
+
+TEST(EpisodeStarts, AreOfTheGridsOrDrawnOverTheGrid) {
+  const Task task = task_of("omentum");
+  EpisodeStart start;
+  start.start_set = StartSet::kGrid;
+  start.start_index = 2;
+  EXPECT_EQ(task.start_position(start), places().grid_starts[2]);
+  start.start_set = StartSet::kRobotGrid;
+  start.start_index = 0;
+  EXPECT_EQ(task.start_position(start), places().robot_starts[0]);
+  start = {};
+  start.run_seed = 4;
+  const Vector3d first = task.start_position(start);
+  EXPECT_EQ(task.start_position(start), first);
+  for (start.episode = 1; start.episode < 50; ++start.episode) {
+    const Vector3d p = task.start_position(start);
+    EXPECT_NE(p, first);
+    EXPECT_TRUE(p.x() >= -0.05 && p.x() <= 0.01 && p.y() >= 0.02 && p.y() <= 0.08) << p;
+    EXPECT_LE(std::abs(p.z() - 0.1), 0.01);
+  }
+  EXPECT_EQ(task_of("derived").start_position(start), places().tool_start);
+}
+
+TEST(EpisodeEnd, NeedsHeldTissueNearTheTarget) {
+  const Task task = task_of("derived");  // ends at 15 mm, reached within 3 mm
+  TaskState state = held_state();
+  state.tip = places().target + Vector3d(0, 0.0149, 0);
+  EXPECT_TRUE(task.is_over(state));
+  EXPECT_FALSE(task.is_reached(state));
+  state.tip = places().target + Vector3d(0, 0.0029, 0);
+  EXPECT_TRUE(task.is_reached(state));
+  state.held = false;
+  EXPECT_FALSE(task.is_over(state));
+  EXPECT_FALSE(task.is_reached(state));
+  state.held = true;
+  EXPECT_FALSE(task_of("paper").is_over(state)) << "its episodes end by steps alone";
+  EXPECT_EQ(task.episode_limit({}), 500U);
+}
+
+TEST(RewardOfATask, IsOfTheTrueTipAndOfTheGraspPoint) {
+  const Task task = task_of("omentum", {"task.grasp_distance_per_m=2", "task.progress_per_m=3"});
+  TaskState state = held_state();
+  RewardState s;
+  s.held = true;
+  s.distance_q = (state.tip - places().tumour_point).norm();
+  s.distance_target = (state.tip - places().target).norm();
+  s.workspace_diagonal = task.workspace_diagonal();
+  s.grasp_distance_q = (state.held_from - places().tumour_point).norm();
+  s.exposure = 0.25;
+  const pb::Task config = load_config("omentum", {}).task();
+  EXPECT_EQ(
+      task.reward_of(state),
+      reward(pb::REWARD_OMENTUM, s, {config.exposure_weight(), config.exposure_distance_m(), 2}));
+  EXPECT_EQ(task.potential_of(state), progress_potential(s, 3));
+  EXPECT_TRUE(task.needs_exposure());
+  EXPECT_FALSE(task_of("paper").needs_exposure());
+}
+
+}  // namespace
+}  // namespace omentum
