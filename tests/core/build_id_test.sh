@@ -6,11 +6,11 @@ folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
 export GIT_CEILING_DIRECTORIES=$folder  # no repository but the one made below
 root=$folder/tree
-mkdir -p "$root"/{core,idl,learner,proto,sim_worker/shell/deep,docs,tests}
+mkdir -p "$root"/{core,idl,learner,proto,sim_worker/shell/deep,notes,tests}
 echo 'double k = 1;' >"$root/sim_worker/shell/deep/law.cpp"
 echo 'struct A;' >"$root/core/types.h"
 echo 'add_library(a)' >"$root/core/CMakeLists.txt"
-echo 'read me' >"$root/docs/a.md"
+echo 'read me' >"$root/notes/a.txt"
 
 bad=0
 say() { echo "$1"; bad=1; }
@@ -28,7 +28,7 @@ same "nothing"
 [[ $(id "g++ -O2") != "$first" ]] || say "other flags did not change the id"
 [[ $(revision) == unknown ]] || say "a tree without a repository has revision $(revision)"
 
-echo 'more' >>"$root/docs/a.md"; same "a document"
+echo 'more' >>"$root/notes/a.txt"; same "a document"
 echo 'x' >"$root/tests/a.cpp"; same "a test"
 echo 'double k = 2;' >"$root/sim_worker/shell/deep/law.cpp"; other "a source in a subfolder"
 echo 'double k = 1;' >"$root/sim_worker/shell/deep/law.cpp"; same "a source put back"

@@ -31,7 +31,7 @@ def fields_of(text):
 def is_read(name, code):
     camel = "".join(part.capitalize() for part in name.split("_"))
     return re.search(rf"(?:\.|->)\s*(?:has_)?{name}(?:_size)?\s*\(\s*\w*\s*\)|\bk{camel}\b", code) or \
-        re.search(rf'"(?:\w+\.)*{name}(?:\.\w+)*"', code)
+        re.search(rf'"(?:\w+(?:\[\d+\])?\.)*{name}(?:\[\d+\])?(?:\.\w+)*"', code)
 
 
 def main():
