@@ -1,7 +1,11 @@
 #include "core/rollout.h"
 
 #include <algorithm>
+<<<<<<< HEAD
 #include <cmath>
+=======
+#include <chrono>
+>>>>>>> h3
 
 #include "core/check.h"
 #include "core/clock.h"

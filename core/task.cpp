@@ -82,20 +82,20 @@ ToolCommand Task::decode(const Action& action) const {
 }
 
 Action Task::hold_action(const Vector3d& commanded_tip) const {
-  const Vector3d way = places_.target - commanded_tip;
+  const Vector3d offset = places_.target - commanded_tip;
   const double reach = task_.increment_m() * task_.action_repeat();
   Action action;
   if (task_.action() == pb::ACTION_CONTINUOUS) {
     for (int k = 0; k < 3; ++k) {
       action.continuous[static_cast<std::size_t>(k)] =
-          static_cast<float>(std::clamp(way[k] / reach, -1.0, 1.0));
+          static_cast<float>(std::clamp(offset[k] / reach, -1.0, 1.0));
     }
     action.continuous[3] = 1;
     return action;
   }
   const ActionTable& table = action_table(task_.action());
   for (std::size_t b = 0; b < 3; ++b) {
-    const double distance = way[table.axis[b]];
+    const double distance = offset[table.axis[b]];
     // Half a step: nearer than that, another step would only overshoot.
     const int wanted = distance > 0.5 * reach ? 1 : distance < -0.5 * reach ? -1 : 0;
     const auto index =
@@ -107,9 +107,9 @@ Action Task::hold_action(const Vector3d& commanded_tip) const {
 }
 
 bool Task::at_target(const Vector3d& commanded_tip) const {
-  const Vector3d way = places_.target - commanded_tip;
+  const Vector3d offset = places_.target - commanded_tip;
   // Half a step and a rounding: what hold_action() leaves.
-  return way.cwiseAbs().maxCoeff() <= 0.5 * task_.increment_m() * task_.action_repeat() + 1e-9;
+  return offset.cwiseAbs().maxCoeff() <= 0.5 * task_.increment_m() * task_.action_repeat() + 1e-9;
 }
 
 Vector3d Task::start_position(const EpisodeStart& start) const {

@@ -33,7 +33,7 @@ struct TaskState {
   bool held = false;                                       ///< tissue is in the jaws
   bool jaw_closed = false;                                 ///< command in force
   double jaw_deg = 0;   ///< angle of the jaw, where grasp.jaw_open_deg gives it one
-  double exposure = 0;  ///< share of the tumour in sight while held, else 0
+  double exposure = 0;  ///< visible fraction of the tumour while held, else 0
 };
 
 /// What an action commands for each control period of a decision.

@@ -12,7 +12,7 @@ namespace {
 
 using Eigen::Vector3d;
 
-constexpr double kNearRange = 0.005;  // [m] where the fine observation of the way left saturates
+constexpr double kNearRange = 0.005;  // [m] where the fine observation of the goal saturates
 
 /// What a value function sees.
 struct Seen {
@@ -23,8 +23,8 @@ struct Seen {
   const Vector3d& goal() const { return state.held ? places.target : places.tumour_point; }
 };
 
-/// Decides unit and scale of an entry; a point and a way have three numbers.
-enum class Quantity { kNumber, kPoint, kDistance, kWay };
+/// Decides unit and scale of an entry; a point and an offset have three numbers.
+enum class Quantity { kNumber, kPoint, kDistance, kOffset };
 
 /// One entry of the observation: its value in SI units, a number in x.
 struct Entry {
@@ -60,17 +60,17 @@ constexpr Entry kJawClosed = {
       return number(s.jaw_open_deg > 0 ? 1 - s.state.jaw_deg / s.jaw_open_deg
                                        : (s.state.jaw_closed ? 1.0 : 0.0));
     }};
-constexpr Entry kExposure = {"exposure", Quantity::kNumber, "share of the tumour in sight",
+constexpr Entry kExposure = {"exposure", Quantity::kNumber, "visible fraction of the tumour",
                              [](const Seen& s) { return number(s.state.exposure); }};
 // Where the sheet was taken hold of: without it the value of a held state cannot be told.
 constexpr Entry kGraspPoint = {"grasp", Quantity::kPoint, nullptr, [](const Seen& s) {
                                  return s.state.held ? s.state.held_from : s.state.measured_tip;
                                }};
-// The way that is left, fine: over the workspace's width a millimetre is 0.01 of an input, and
-// greedy policies stood still 3 mm from p_T (docs/decisions/0009).
-constexpr Entry kNearGoal = {"near_goal", Quantity::kWay, nullptr, [](const Seen& s) -> Vector3d {
-                               return s.goal() - s.state.measured_tip;
-                             }};
+// The goal seen from the tip, fine: over the workspace's width a millimetre is 0.01 of an input,
+// and greedy policies stood still 3 mm from p_T (docs/decisions/0009).
+constexpr Entry kNearGoal = {
+    "near_goal", Quantity::kOffset, nullptr,
+    [](const Seen& s) -> Vector3d { return s.goal() - s.state.measured_tip; }};
 
 std::span<const Entry> entries(pb::ObservationKind kind) {
   static constexpr Entry kOmentum[] = {
@@ -107,7 +107,7 @@ std::string unit_of(const Entry& entry, bool raw, int axis) {
                  : fmt::format("-1 ... 1 over the workspace along {} of W", kAxes[axis]);
     case Quantity::kDistance:
       return raw ? "100 mm" : "diagonal of the workspace";
-    case Quantity::kWay:
+    case Quantity::kOffset:
       break;
   }
   return fmt::format("{:g} mm along {} of W; within -1 ... 1", 1e3 * kNearRange, kAxes[axis]);
@@ -194,7 +194,7 @@ std::span<float> Task::observe(const TaskState& state, std::span<float> observat
       case Quantity::kDistance:
         add(raw ? 10 * value.x() : value.x() / workspace_diagonal_);
         break;
-      case Quantity::kWay:
+      case Quantity::kOffset:
         for (int k = 0; k < 3; ++k) add(std::clamp(value[k] / kNearRange, -1.0, 1.0));
         break;
     }

@@ -133,7 +133,7 @@ TEST_P(EveryPreset, ActionNamesAndBranchesAreOfOneTable) {
 }
 
 TEST(ObservedImage, PixelsAreNamedInTheOrderOfTheirBytes) {
-  pb::Task config = load_config("omentum", {"task.observation=OBSERVATION_IMAGE"}).task();
+  pb::Task config = load_config("omentum", Strings{"task.observation=OBSERVATION_IMAGE"}).task();
   config.set_image_size(8);
   config.set_image(pb::IMAGE_SHADED);
   const Strings names = observation_names(config);

@@ -210,8 +210,9 @@ TEST(OnnxMetadata, SaysWhatEveryPresetObserves) {
 
 TEST(OnnxMetadata, SaysWhatAnImageShows) {
   const auto units = [](const std::string& image) {
-    return units_in(exported(load_config("omentum", {"task.observation=OBSERVATION_IMAGE",
-                                                     "task.image_size=8", "task.image=" + image})));
+    return units_in(exported(load_config(
+        "omentum", std::vector<std::string>{"task.observation=OBSERVATION_IMAGE",
+                                            "task.image_size=8", "task.image=" + image})));
   };
   EXPECT_EQ(units("IMAGE_OBJECT_IDS").at("object_7_7"), "object id / 6");
   EXPECT_EQ(units("IMAGE_SHADED").at("blue_7_7"), "intensity 0 ... 1");
