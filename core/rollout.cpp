@@ -1,11 +1,7 @@
 #include "core/rollout.h"
 
 #include <algorithm>
-<<<<<<< HEAD
 #include <cmath>
-=======
-#include <chrono>
->>>>>>> h3
 
 #include "core/check.h"
 #include "core/clock.h"
