@@ -7,6 +7,7 @@
 #include <cstring>
 
 #include "core/check.h"
+#include "core/clock.h"
 #include "learner/bus.h"
 #include "tests/learner/fake_worker.h"
 #include "tests/support/process.h"
