@@ -21,7 +21,7 @@ std::shared_ptr<const SimSetup> make_sim_setup(const pb::Config& config,
   setup->exposure = std::make_shared<ExposureEstimator>(
       setup->scene, static_cast<int>(config.task().exposure_samples()));
   const double speed = config.task().increment_m() / config.task().control_period_s();
-  if (speed > 0.05 + 1e-9) {  // seed_task.md section 5: warn above 50 mm/s
+  if (speed > 0.05 + 1e-9) {  // docs/task.md 5: warn above 50 mm/s
     setup->warnings.push_back(
         fmt::format("task.increment_m: {} m every {} s is {:.3g} m/s per axis, above 0.05 m/s",
                     config.task().increment_m(), config.task().control_period_s(), speed));
