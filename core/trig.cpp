@@ -111,4 +111,19 @@ double atan2(double y, double x) {
   return y < 0 ? -angle : angle;
 }
 
+double tan(double x) {
+  const SinCos a = sin_cos(x);
+  return a.sin / a.cos;
+}
+
+double decay(double x) {
+  if (x > 64) return 0;
+  // exp(-x) = (exp(-x/64))^64; 20 terms leave 1e-20 for x <= 64.
+  const double y = x / 64;
+  double value = 1;
+  for (int k = 20; k >= 1; --k) value = 1 - y / k * value;
+  for (int k = 0; k < 6; ++k) value *= value;
+  return value;
+}
+
 }  // namespace omentum::trig

@@ -2,9 +2,9 @@
 
 namespace omentum::trig {
 
-/// sin, cos and atan2 in double precision from basic operations only, so that kinematics give the
-/// same bits on every machine (glibc picks its versions by CPU at load time). Own code because no
-/// library promises that.
+/// sin, cos, atan2 and exp in double precision from basic operations only, so that kinematics give
+/// the same bits on every machine (glibc picks its versions by CPU at load time). Own code because
+/// no library promises that.
 ///
 /// sin_cos: argument reduced by pi/2 in three parts (Cody-Waite), minimax-like Taylor kernels on
 /// [-pi/4, pi/4]; absolute error < 2.3e-16 for |x| <= 100. atan2: reduction to [0, tan(pi/16)] by a
@@ -15,5 +15,9 @@ struct SinCos {
 };
 SinCos sin_cos(double x);
 double atan2(double y, double x);
+/// tan from the two of sin_cos.
+double tan(double x);
+/// exp(-x) for x >= 0 by its series; relative error < 1e-14.
+double decay(double x);
 
 }  // namespace omentum::trig

@@ -6,6 +6,7 @@
 
 #include "core/check.h"
 #include "core/rng.h"
+#include "core/trig.h"
 
 namespace omentum {
 namespace {
@@ -257,7 +258,7 @@ double first_hit(const RigidShape& tumour, const Vector3d& origin, const Vector3
 
 ExposureSamples sample_pixels(const Scene& scene, const RigidShape& tumour, int pixels) {
   ExposureSamples s;
-  const double half = std::tan(0.5 * scene.camera.vertical_fov_rad);
+  const double half = trig::tan(0.5 * scene.camera.vertical_fov_rad);
   for (int row = 0; row < pixels; ++row) {
     for (int column = 0; column < pixels; ++column) {
       const double u = half * (2 * (column + 0.5) / pixels - 1);

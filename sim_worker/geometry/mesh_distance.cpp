@@ -8,6 +8,7 @@
 
 #include "core/check.h"
 #include "core/constants.h"
+#include "core/trig.h"
 #include "sim_worker/geometry/mesh.h"
 
 namespace omentum {
@@ -236,7 +237,7 @@ double winding_number(const TriangleMesh& mesh, const Eigen::Vector3d& point) {
     const double lc = c.norm();
     const double numerator = a.dot(b.cross(c));
     const double denominator = la * lb * lc + a.dot(b) * lc + b.dot(c) * la + c.dot(a) * lb;
-    sum += std::atan2(numerator, denominator);
+    sum += trig::atan2(numerator, denominator);
   }
   return sum / (2 * kPi);
 }

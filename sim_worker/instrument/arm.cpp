@@ -5,6 +5,7 @@
 
 #include "core/check.h"
 #include "core/constants.h"
+#include "core/trig.h"
 
 namespace omentum {
 namespace {
@@ -87,9 +88,9 @@ Arm::Arm(const pb::ArmEffects& effects, const ToolMount& mount, double control_p
   // Viscous friction lags like the servo's own damping: T = (D + Fv) / P.
   for (std::size_t j = 0; j < 6; ++j) {
     droop_[j] += viscous_[j] / kServoGain[j];
-    keep_droop_[j] = droop_[j] > 0 ? std::exp(-dt_ / droop_[j]) : 0;
+    keep_droop_[j] = droop_[j] > 0 ? trig::decay(dt_ / droop_[j]) : 0;
   }
-  keep_pole_ = effects.bandwidth_s() > 0 ? std::exp(-dt_ / effects.bandwidth_s()) : 0;
+  keep_pole_ = effects.bandwidth_s() > 0 ? trig::decay(dt_ / effects.bandwidth_s()) : 0;
 }
 
 Vector3d Arm::tip_of(const PsmJoints& q, double extra_length) const {

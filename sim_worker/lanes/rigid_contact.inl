@@ -2,6 +2,8 @@
 // shell_kernel.inl after lanes.h, in the same unnamed namespace style. Distance phi and outward
 // normal n of each shape in W.
 
+#pragma once
+
 namespace {
 
 using omentum::KernelShape;
@@ -152,13 +154,6 @@ inline Surface nearest_surface(const Args& args, Lane3 x) {
                select(nearer, surface.normal, nearest.normal)};
   }
   return nearest;
-}
-
-/// Stiffness that is left of a spring to ground, as in effect_catalogue.h.
-inline Lane cohesive_share(Lane longest, Lane limit) {
-  const Lane half = splat(static_cast<Real>(0.5)) * limit;
-  const Lane worn = max(splat(Real{0}), (limit - longest) / max(longest, half));
-  return select(half < longest, worn, splat(Real{1}));
 }
 
 /// Where a point p that is `depth` > 0 deep in a shape goes: out along the normal, then Coulomb

@@ -144,7 +144,7 @@ Bits unsettled_contacts(const Args& args) {
 /// Springs of the effects at a node in direction of their stiffest [N/m]; zero in lanes without.
 inline Lane ground_stiffness(const Args& args, int i) {
   Lane k = splat(Real{0});
-  if (args.effects.bonds != 0) k = bond_stiffness(args, i, true);
+  if (args.effects.bonds != 0) k = spring_stiffness(args, i, true);
   if (args.effects.film != 0) k = k + load(args.effects.film_now + kLanes * i);
   return k;
 }

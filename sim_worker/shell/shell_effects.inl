@@ -201,18 +201,15 @@ void add_drag_forces(const Args& args) {
   }
 }
 
-/// Present stiffness of the spring of a node [N/m]; zero in lanes without one.
-inline Lane bond_stiffness(const Args& args, int i, bool only_new) {
+/// Present stiffness of the spring of a node [N/m]. Those of anchors are part of the metric:
+/// `only_new` leaves them out.
+inline Lane spring_stiffness(const Args& args, int i, bool only_new) {
   const auto& fx = args.effects;
-  const Lane zero = splat(Real{0});
   const bool anchor = fx.is_anchor[i] != 0;
-  if (only_new && anchor) return zero;  // springs of anchors are part of the metric
-  const Lane longest = load(fx.bond_longest + kLanes * i);
-  const Lane limit = load(anchor ? fx.anchor_limit : fx.adhesion_limit);
+  if (only_new && anchor) return splat(Real{0});
   const Lane fresh =
       anchor ? load(fx.anchor + kLanes * i) : splat(fx.node_area[i]) * load(fx.adhesion_scale);
-  const Lane k = select(longest < zero, zero, cohesive_share(longest, limit) * fresh);
-  return select(to_mask(fx.bonds), k, zero);
+  return bond_stiffness(fx, i, fresh);
 }
 
 void add_bond_forces(const Args& args) {
@@ -220,16 +217,14 @@ void add_bond_forces(const Args& args) {
     if (args.fixed[i] != 0) continue;
     const Lane3 off =
         load3(args.moved + 3 * kLanes * i) - load3(args.effects.bond_place + 3 * kLanes * i);
-    add_force(args, i, args.effects.bonds, zero3() - bond_stiffness(args, i, false) * off);
+    add_force(args, i, args.effects.bonds, zero3() - spring_stiffness(args, i, false) * off);
   }
 }
 
 void add_film_forces(const Args& args) {
   for (int i = 0; i < args.nodes; ++i) {
-    const Lane3 n = load3(args.effects.film_normal + 3 * kLanes * i);
-    const Lane along = dot(n, load3(args.d + 3 * kLanes * i));
-    const Lane size = load(args.effects.film_now + kLanes * i) * along;
-    add_force(args, i, args.effects.film, zero3() - size * n);
+    const Lane3 d = load3(args.d + 3 * kLanes * i);
+    add_force(args, i, args.effects.film, zero3() - film_force(args.effects, i, d));
   }
 }
 
@@ -239,42 +234,24 @@ void add_node_effects(const Args& args) {
   if (args.effects.film != 0) add_film_forces(args);
 }
 
-/// Drag of the air film at the places where the substep begins.
+/// The air film at the places where the substep begins.
 void start_effects(const Args& args) {
   const auto& fx = args.effects;
-  if (fx.film == 0) return;
-  const Lane reach = load(fx.film_reach);
-  for (int i = 0; i < args.nodes; ++i) {
+  for (int i = 0; i < args.nodes && fx.film != 0; ++i) {
     const Surface surface = nearest_surface(args, load3(args.x + 3 * kLanes * i));
-    const Lane gap = max(surface.phi - splat(args.particle_radius), splat(Real{0}));
-    const Lane part = reach / (reach + gap);
-    const Lane scale = splat(fx.node_area[i]) * load(fx.film_scale);
-    const Lane now = scale * part * part * part;
-    store(fx.film_now + kLanes * i, select(to_mask(fx.film), now, splat(Real{0})));
-    store3(fx.film_normal + 3 * kLanes * i, surface.normal);
+    start_film_of(args, i, surface, splat(fx.node_area[i]) * load(fx.film_scale));
   }
 }
 
 /// Stretch of the springs, and new ones where tissue touches.
 void remember_bonds(const Args& args) {
   const auto& fx = args.effects;
-  const Lane touch = splat(args.particle_radius + static_cast<Real>(1e-5));  // [m] beyond rounding
-  const Lane zero = splat(Real{0});
   for (int i = 0; i < args.nodes; ++i) {
     if (args.fixed[i] != 0) continue;
     const Lane3 x = load3(args.moved + 3 * kLanes * i);
-    Real* const longest = fx.bond_longest + kLanes * i;
-    Real* const place = fx.bond_place + 3 * kLanes * i;
-    const Lane before = load(longest);
-    const Lane3 off = x - load3(place);
-    const Mask bonded = both(to_mask(fx.bonds), splat(static_cast<Real>(-0.5)) < before);
-    const Lane stretched = select(bonded, max(before, sqrt(dot(off, off))), before);
-    store(longest, stretched);
-    if (fx.is_anchor[i] != 0 || (fx.adhesion == 0)) continue;
-    const Surface surface = nearest_surface(args, x);
-    const Mask fresh = both(both(to_mask(fx.adhesion), stretched < zero), surface.phi < touch);
-    store(longest, select(fresh, zero, stretched));
-    store3(place, select(fresh, x, load3(place)));
+    const Lane stretched = stretch_bond(fx, i, x);
+    if (fx.is_anchor[i] != 0 || fx.adhesion == 0) continue;
+    start_bond(fx, i, touches_anew(args, stretched, nearest_surface(args, x)), stretched, x);
   }
 }
 
@@ -285,7 +262,7 @@ void remember_bonds(const Args& args) {
 
 inline Lane3 spring_product(const Args& args, int i, Lane3 p) {
   Lane3 q = zero3();
-  if (args.effects.bonds != 0) q = bond_stiffness(args, i, true) * p;
+  if (args.effects.bonds != 0) q = spring_stiffness(args, i, true) * p;
   if (args.effects.film != 0) {
     const Lane3 n = load3(args.effects.film_normal + 3 * kLanes * i);
     q = fma(load(args.effects.film_now + kLanes * i) * dot(n, p), n, q);

@@ -15,23 +15,13 @@ using Args = omentum::ShellArgs<Real>;
 
 }  // namespace
 
+#include "sim_worker/lanes/implicit_step.inl"
+#include "sim_worker/lanes/node_effects.inl"
 #include "sim_worker/lanes/rigid_contact.inl"
 #include "sim_worker/shell/shell_bending.inl"
 #include "sim_worker/shell/shell_effects.inl"
 
 namespace {
-
-/// Displacement of a node that nothing acts on. BDF2 carries two substeps of history.
-inline Lane3 inertial_displacement(const Args& args, int i) {
-  const Lane step = splat(args.effective_step);
-  const Lane3 v = load3(args.v + 3 * kLanes * i);
-  if (!args.second_order) return step * v;
-  const Lane third = splat(args.third);
-  const Lane3 v_old = load3(args.v_old + 3 * kLanes * i);
-  const Lane3 d_old = load3(args.d_old + 3 * kLanes * i);
-  const Lane3 extrapolated = third * (fma(splat(Real{3}), v, v) - v_old);
-  return fma(step, extrapolated, third * d_old);
-}
 
 void start_substep(const Args& args) {
   for (int i = 0; i < args.nodes; ++i) {
@@ -308,20 +298,6 @@ void hold_patch(const Args& args) {
 
 // ---------------------------------------------------------------------------------------------------------------------
 
-void finish_substep(const Args& args) {
-  const Lane keep = load(args.keep) * splat(args.inverse_step);
-  for (int i = 0; i < args.nodes; ++i) {
-    const int k = 3 * kLanes * i;
-    const Lane3 d = load3(args.d + k);
-    Lane3 moved = d;
-    if (args.second_order) {
-      moved = d - splat(args.third) * load3(args.d_old + k);
-      store3(args.v_old + k, load3(args.v + k));
-      store3(args.d_old + k, d);
-    }
-    store3(args.v + k, keep * moved);
-    store3(args.x + k, load3(args.x + k) + d);
-  }
-}
+void finish_substep(const Args& args) { take_displacements(args); }
 
 }  // namespace

@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "core/check.h"
+#include "core/trig.h"
 #include "sim_worker/tissue/effect_laws.h"
 
 namespace omentum {
@@ -133,7 +134,7 @@ void ShellTissue<Real>::set_parameters(int lane, const LaneParameters& parameter
   this->set_surroundings(lane, parameters, effects);
   stiffness_[lane] = static_cast<Real>(parameters.stiffness_scale);
   const double damping = model_->material.damping_per_s() * parameters.damping_scale;
-  keep_[lane] = static_cast<Real>(decay(damping * model_->effective_step()));
+  keep_[lane] = static_cast<Real>(trig::decay(damping * model_->effective_step()));
   patch_compliance_[lane] = static_cast<Real>(effects.grasp_compliance);
   effects_.set(lane, effects, parameters.stiffness_scale);
   args_.effects = effects_.args();

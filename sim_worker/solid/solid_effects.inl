@@ -402,27 +402,15 @@ inline Lane facing(const Args& args, int i, Lane3 direction) {
 
 inline void start_bonds(const Args& args) {
   const auto& fx = args.effects;
-  const Lane zero = splat(Real{0});
-  for (int i = 0; i < args.nodes; ++i) {
-    const Lane longest = load(fx.bond_longest + kLanes * i);
-    const Lane limit = load(fx.is_anchor[i] != 0 ? fx.anchor_limit : fx.adhesion_limit);
-    const Lane fresh = load(fx.bond_fresh + kLanes * i);
-    const Lane k = select(longest < zero, zero, cohesive_share(longest, limit) * fresh);
-    store(fx.bond_now + kLanes * i, select(to_mask(fx.bonds), k, zero));
-  }
+  for (int i = 0; i < args.nodes; ++i)
+    store(fx.bond_now + kLanes * i, bond_stiffness(fx, i, load(fx.bond_fresh + kLanes * i)));
 }
 
 inline void start_film(const Args& args) {
-  const auto& fx = args.effects;
-  const Lane reach = load(fx.film_reach);
-  const Lane zero = splat(Real{0});
   for (int i = 0; i < args.nodes; ++i) {
     const Surface surface = nearest_surface(args, load3(args.x + 3 * kLanes * i));
-    const Lane gap = max(surface.phi - splat(args.particle_radius), zero);
-    const Lane part = reach / (reach + gap);
-    const Lane now = load(fx.film_scale) * facing(args, i, surface.normal) * part * part * part;
-    store(fx.film_now + kLanes * i, select(to_mask(fx.film), now, zero));
-    store3(fx.film_normal + 3 * kLanes * i, surface.normal);
+    start_film_of(args, i, surface,
+                  load(args.effects.film_scale) * facing(args, i, surface.normal));
   }
 }
 
@@ -461,10 +449,7 @@ void add_node_effects(const Args& args, Real* to) {
     add_node_force(to, i, fx.bonds, load(fx.bond_now + kLanes * i) * off);
   }
   for (int i = 0; i < args.nodes && fx.film != 0; ++i) {
-    const int at = 3 * kLanes * i;
-    const Lane3 n = load3(fx.film_normal + at);
-    const Lane along = dot(n, load3(args.d + at));
-    add_node_force(to, i, fx.film, (load(fx.film_now + kLanes * i) * along) * n);
+    add_node_force(to, i, fx.film, film_force(fx, i, load3(args.d + 3 * kLanes * i)));
   }
   for (int i = 0; i < args.nodes && fx.drag != 0; ++i) {
     add_node_force(to, i, fx.drag, zero3() - load3(fx.drag_now + 3 * kLanes * i));
@@ -478,35 +463,22 @@ void add_node_products(const Args& args) {
     add_node_force(args.hp, i, fx.bonds, load(fx.bond_now + kLanes * i) * p);
   }
   for (int i = 0; i < args.nodes && fx.film != 0; ++i) {
-    const int at = 3 * kLanes * i;
-    const Lane3 n = load3(fx.film_normal + at);
-    const Lane along = dot(n, load3(args.p + at));
-    add_node_force(args.hp, i, fx.film, (load(fx.film_now + kLanes * i) * along) * n);
+    add_node_force(args.hp, i, fx.film, film_force(fx, i, load3(args.p + 3 * kLanes * i)));
   }
 }
 
 /// Stretch of the springs, and new ones where the skin touches.
 void remember_bonds(const Args& args) {
   const auto& fx = args.effects;
-  const Lane touch = splat(args.particle_radius + static_cast<Real>(1e-5));  // [m] beyond rounding
-  const Lane zero = splat(Real{0});
   if (fx.adhesion != 0) find_areas(args, args.moved);
   for (int i = 0; i < args.nodes; ++i) {
-    const int at = 3 * kLanes * i;
-    const Lane3 x = load3(args.moved + at);
-    Real* const longest = fx.bond_longest + kLanes * i;
-    const Lane before = load(longest);
-    const Lane3 off = x - load3(fx.bond_place + at);
-    const Mask bonded = both(to_mask(fx.bonds), splat(static_cast<Real>(-0.5)) < before);
-    const Lane stretched = select(bonded, max(before, sqrt(dot(off, off))), before);
-    store(longest, stretched);
+    const Lane3 x = load3(args.moved + 3 * kLanes * i);
+    const Lane stretched = stretch_bond(fx, i, x);
     if (fx.is_anchor[i] != 0 || fx.adhesion == 0) continue;
     const Surface surface = nearest_surface(args, x);
     const Lane area = facing(args, i, surface.normal);
-    const Mask alone = both(to_mask(fx.adhesion), stretched < zero);
-    const Mask bonds = both(alone, both(surface.phi < touch, zero < area));
-    store(longest, select(bonds, zero, stretched));
-    store3(fx.bond_place + at, select(bonds, x, load3(fx.bond_place + at)));
+    const Mask bonds = both(touches_anew(args, stretched, surface), splat(Real{0}) < area);
+    start_bond(fx, i, bonds, stretched, x);
     Real* const fresh = fx.bond_fresh + kLanes * i;
     store(fresh, select(bonds, load(fx.adhesion_scale) * area, load(fresh)));
   }

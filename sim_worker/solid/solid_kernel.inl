@@ -7,23 +7,13 @@
 //   residual  b = dU/dd,   Newton: H step = b by preconditioned conjugate gradients,   d -= step
 //   finish    v = keep d / h,   x = x_n + d
 
+#include "sim_worker/lanes/implicit_step.inl"
+#include "sim_worker/lanes/node_effects.inl"
 #include "sim_worker/lanes/rigid_contact.inl"
 
 namespace {
 
 using Args = omentum::SolidArgs<Real>;
-
-/// Displacement of a node that nothing acts on. BDF2 carries two substeps of history.
-inline Lane3 inertial_displacement(const Args& args, int i) {
-  const Lane step = splat(args.effective_step);
-  const Lane3 v = load3(args.v + 3 * kLanes * i);
-  if (!args.second_order) return step * v;
-  const Lane third = splat(args.third);
-  const Lane3 v_old = load3(args.v_old + 3 * kLanes * i);
-  const Lane3 d_old = load3(args.d_old + 3 * kLanes * i);
-  const Lane3 extrapolated = third * (fma(splat(Real{3}), v, v) - v_old);
-  return fma(step, extrapolated, third * d_old);
-}
 
 /// Free nodes start as if nothing acted on them, without gravity (docs/tissue.md 7: rest is then
 /// a fixed point); held ones go where the jaw takes them.
@@ -471,19 +461,7 @@ void finish_substep(const Args& args) {
     const int at = 3 * kLanes * args.contact_node[n];
     store3(args.contact_force + at, load3(args.contact_next + at));
   }
-  const Lane keep = load(args.keep) * splat(args.inverse_step);
-  for (int i = 0; i < args.nodes; ++i) {
-    const int at = 3 * kLanes * i;
-    const Lane3 d = load3(args.d + at);
-    Lane3 moved = d;
-    if (args.second_order) {
-      moved = d - splat(args.third) * load3(args.d_old + at);
-      store3(args.v_old + at, load3(args.v + at));
-      store3(args.d_old + at, d);
-    }
-    store3(args.v + at, keep * moved);
-    store3(args.x + at, load3(args.x + at) + d);
-  }
+  take_displacements(args);
 }
 
 }  // namespace

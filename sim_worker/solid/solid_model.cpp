@@ -261,7 +261,7 @@ SolidLaw make_solid_law(double young_modulus, double poisson_ratio) {
 
 EffectValues SolidTissueModel::own_effects(const EffectValues& e) const {
   // No slip: CoupledTissue lets both out of the jaws together, under the load of both.
-  return effects_of_model(e, beside_sheet ? kSoftBodyModel : kSolidModel);
+  return beside_sheet ? effects_of_model(e, kSoftBodyModel) : e;
 }
 
 // A node carries the share of the clamp's length, its extent along x_B, that it has of the clamp's

@@ -5,6 +5,7 @@
 #include <limits>
 
 #include "core/check.h"
+#include "core/trig.h"
 #include "sim_worker/tissue/effect_laws.h"
 
 namespace omentum {
@@ -136,7 +137,7 @@ void SolidTissue<Real>::set_parameters(int lane, const LaneParameters& parameter
   set_effects(lane, effects);
   stiffness_[lane] = static_cast<Real>(parameters.stiffness_scale);
   const double damping = model_->material.damping_per_s() * parameters.damping_scale;
-  keep_[lane] = static_cast<Real>(decay(damping * model_->effective_step()));
+  keep_[lane] = static_cast<Real>(trig::decay(damping * model_->effective_step()));
 }
 
 template <typename Real>

@@ -27,16 +27,6 @@ Matrix3d turn(double angle, const Vector3d& axis) {
 
 }  // namespace
 
-double decay(double x) {
-  if (x > 64) return 0;
-  // exp(-x) = (exp(-x/64))^64; 20 terms leave 1e-20 for x <= 64.
-  const double y = x / 64;
-  double value = 1;
-  for (int k = 20; k >= 1; --k) value = 1 - y / k * value;
-  for (int k = 0; k < 6; ++k) value *= value;
-  return value;
-}
-
 Vector3d tilted_gravity(const EffectValues& effects, const Vector3d& gravity) {
   if (effects.tilt_x == 0 && effects.tilt_y == 0) return gravity;
   return turn(effects.tilt_y, Vector3d::UnitY()) *
@@ -52,7 +42,7 @@ Matrix3d jaw_turn(const EffectValues& effects, const Vector3d& shaft_axis) {
 Vector3d slip_of(const EffectValues& effects, const Vector3d& force, double stiffness, double dt) {
   const double size = force.norm();
   if (!(effects.slip_speed > 0) || !(size > effects.slip_force)) return Vector3d::Zero();
-  const double share = 1 - decay(stiffness * effects.slip_speed * dt / effects.slip_force);
+  const double share = 1 - trig::decay(stiffness * effects.slip_speed * dt / effects.slip_force);
   return share * (size - effects.slip_force) / stiffness / size * force;
 }
 
@@ -77,7 +67,7 @@ PronyStep make_prony(const EffectValues& effects, double h) {
     if (!(share > 0)) return;
     const auto k = static_cast<std::size_t>(step.branches++);
     const double x = h / time;
-    step.keep[k] = decay(x);
+    step.keep[k] = trig::decay(x);
     // (1 - exp(-x)) / x loses digits for slow branches.
     step.gain[k] = share * (x < 1e-4 ? 1 - x / 2 + x * x / 6 : (1 - step.keep[k]) / x);
     step.gains += step.gain[k];

@@ -12,9 +12,6 @@ namespace omentum {
 /// Branches of the Prony series at most: three of viscoelastic, three of structural_damping.
 inline constexpr int kMaxBranches = 6;
 
-/// exp(-x) for x >= 0 by our own series: the same bits on every machine, unlike libm's.
-double decay(double x);
-
 /// Gravity of a tilted board.
 Eigen::Vector3d tilted_gravity(const EffectValues& effects, const Eigen::Vector3d& gravity);
 

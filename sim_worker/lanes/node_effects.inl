@@ -1,0 +1,73 @@
+// Effects on nodes that shell and solid share: cohesive springs to ground (adhesion, anchors) and
+// the air film to a rigid body. `fx` are LaneEffectArgs. What a node's area is, each model says.
+
+#include "sim_worker/lanes/rigid_contact.inl"
+
+namespace {
+
+/// Stiffness that is left of a spring to ground, as in effect_laws.h.
+inline Lane cohesive_share(Lane longest, Lane limit) {
+  const Lane half = splat(static_cast<Real>(0.5)) * limit;
+  const Lane worn = max(splat(Real{0}), (limit - longest) / max(longest, half));
+  return select(half < longest, worn, splat(Real{1}));
+}
+
+/// Present stiffness of the spring of a node that was `fresh` [N/m]; zero in lanes without one.
+template <typename Effects>
+inline Lane bond_stiffness(const Effects& fx, int i, Lane fresh) {
+  const Lane zero = splat(Real{0});
+  const Lane longest = load(fx.bond_longest + kLanes * i);
+  const Lane limit = load(fx.is_anchor[i] != 0 ? fx.anchor_limit : fx.adhesion_limit);
+  const Lane k = select(longest < zero, zero, cohesive_share(longest, limit) * fresh);
+  return select(to_mask(fx.bonds), k, zero);
+}
+
+/// Remembers and returns the longest stretch of the spring of a node at x; -1 without one.
+template <typename Effects>
+inline Lane stretch_bond(const Effects& fx, int i, Lane3 x) {
+  Real* const longest = fx.bond_longest + kLanes * i;
+  const Lane before = load(longest);
+  const Lane3 off = x - load3(fx.bond_place + 3 * kLanes * i);
+  const Mask bonded = both(to_mask(fx.bonds), splat(static_cast<Real>(-0.5)) < before);
+  const Lane stretched = select(bonded, max(before, sqrt(dot(off, off))), before);
+  store(longest, stretched);
+  return stretched;
+}
+
+/// Lanes in which a node without a spring touches a body, so that it bonds.
+template <typename Args>
+inline Mask touches_anew(const Args& args, Lane stretched, const Surface& surface) {
+  const Lane touch = splat(args.particle_radius + static_cast<Real>(1e-5));  // [m] beyond rounding
+  const Mask alone = both(to_mask(args.effects.adhesion), stretched < splat(Real{0}));
+  return both(alone, surface.phi < touch);
+}
+
+/// A fresh spring of a node at x in the given lanes.
+template <typename Effects>
+inline void start_bond(const Effects& fx, int i, Mask lanes, Lane stretched, Lane3 x) {
+  Real* const place = fx.bond_place + 3 * kLanes * i;
+  store(fx.bond_longest + kLanes * i, select(lanes, splat(Real{0}), stretched));
+  store3(place, select(lanes, x, load3(place)));
+}
+
+/// Drag of the air film on a node as the substep begins: scale (reach / (reach + gap))^3 along the
+/// normal of the nearest body, `scale` in Pa s/m times its area over the substep.
+template <typename Args>
+inline void start_film_of(const Args& args, int i, const Surface& surface, Lane scale) {
+  const auto& fx = args.effects;
+  const Lane reach = load(fx.film_reach);
+  const Lane gap = max(surface.phi - splat(args.particle_radius), splat(Real{0}));
+  const Lane part = reach / (reach + gap);
+  const Lane now = scale * part * part * part;
+  store(fx.film_now + kLanes * i, select(to_mask(fx.film), now, splat(Real{0})));
+  store3(fx.film_normal + 3 * kLanes * i, surface.normal);
+}
+
+/// Force of the film on a node that has moved by d in the substep, against its motion.
+template <typename Effects>
+inline Lane3 film_force(const Effects& fx, int i, Lane3 d) {
+  const Lane3 n = load3(fx.film_normal + 3 * kLanes * i);
+  return (load(fx.film_now + kLanes * i) * dot(n, d)) * n;
+}
+
+}  // namespace
