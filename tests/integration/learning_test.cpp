@@ -16,27 +16,6 @@ using test::read_text;
 using test::Strings;
 using test::tiny_task;
 
-// Episodes of 60 steps of 2 mm, 88 mm above the tumour, the paper's reward: -0.5 - 0.5 distance / L
-// while nothing is held. A random walk stays where it is: 60 (-0.5 - 0.5 x 0.09 / 0.281) = -39.6.
-// The straight way down takes 45 steps: -30 - 60 x 0.5 x 0.09 / 0.281 x 0.375 = -33.6. The
-// threshold lies half way.
-TEST(Learning, TwoWorkersAndTheLearnerLearnToReach) {
-  Programs programs;
-  const Strings sets =
-      tiny_task() + Strings{"task.reward=REWARD_PAPER", "task.increment_m=0.002",
-                            "rollout.slots=16",         "rollout.steps_per_segment=120",
-                            "rollout.max_steps=60000",  "ppo.hidden=32",
-                            "ppo.minibatch=240",        "ppo.epochs=6",
-                            "ppo.learning_rate=0.002",  "ppo.entropy=0.001"};
-  programs.train("reach", sets, {{"--lanes", "8"}, {"--lanes", "8"}});
-  const double mean_return = std::stod(Programs::value(programs.summary("reach"), "mean_return"));
-  EXPECT_GT(mean_return, -36.6);
-  // It was not there from the start: the first update's episodes were a random walk.
-  const Strings rows = test::lines_of(read_text(programs.run_dir("reach") + "/metrics.csv"));
-  ASSERT_GT(rows.size(), 10u);
-  RecordProperty("mean_return_x100", static_cast<int>(100 * mean_return));
-}
-
 Strings cells(const std::string& line) {
   Strings found;
   std::istringstream in(line);
@@ -55,6 +34,29 @@ Strings column(const std::string& csv, const std::string& name) {
     values.push_back(cells(lines[i]).at(static_cast<std::size_t>(at)));
   }
   return values;
+}
+
+// Episodes of 60 steps of 2 mm, 88 mm above the tumour, the paper's reward: -0.5 - 0.5 distance / L
+// while nothing is held. A random walk stays where it is: 60 (-0.5 - 0.5 x 0.09 / 0.281) = -39.6.
+// The straight way down takes 45 steps: -30 - 60 x 0.5 x 0.09 / 0.281 x 0.375 = -33.6. The
+// threshold lies half way.
+TEST(Learning, TwoWorkersAndTheLearnerLearnToReach) {
+  Programs programs;
+  const Strings sets =
+      tiny_task() + Strings{"task.reward=REWARD_PAPER", "task.increment_m=0.002",
+                            "rollout.slots=16",         "rollout.steps_per_segment=120",
+                            "rollout.max_steps=60000",  "ppo.hidden=32",
+                            "ppo.minibatch=240",        "ppo.epochs=6",
+                            "ppo.learning_rate=0.002",  "ppo.entropy=0.001"};
+  programs.train("reach", sets, {{"--lanes", "8"}, {"--lanes", "8"}});
+  const double mean_return = std::stod(Programs::value(programs.summary("reach"), "mean_return"));
+  EXPECT_GT(mean_return, -36.6);
+  // It was not there from the start: the first update's episodes were a random walk.
+  const Strings returns =
+      column(read_text(programs.run_dir("reach") + "/metrics.csv"), "mean_return");
+  ASSERT_GT(returns.size(), 10u);
+  EXPECT_LT(std::stod(returns.front()), -38.0);
+  RecordProperty("mean_return_x100", static_cast<int>(100 * mean_return));
 }
 
 class Evaluated : public testing::Test {

@@ -163,6 +163,14 @@ inline EffectCase lift_case(bool board) {
   return c;
 }
 
+/// Of two shapes with as many points [m].
+inline double largest_distance(const std::vector<Eigen::Vector3d>& a,
+                               const std::vector<Eigen::Vector3d>& b) {
+  double largest = 0;
+  for (std::size_t i = 0; i < a.size(); ++i) largest = std::max(largest, (a[i] - b[i]).norm());
+  return largest;
+}
+
 inline void lift(Tissue<double>& tissue, int from, int to, double radius = 0.0045) {
   const Eigen::Vector3d start(0.001, 0.0095, 0);
   const auto tip = [&](int step) {

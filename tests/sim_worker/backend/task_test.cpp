@@ -202,8 +202,9 @@ TEST(Observation, CompositionAndScaling) {
     EXPECT_NEAR(o[static_cast<std::size_t>(4 + k)], (scene.tumour_point[k] - middle) / half, 1e-6);
     EXPECT_NEAR(o[static_cast<std::size_t>(7 + k)], (scene.target[k] - middle) / half, 1e-6);
   }
-  EXPECT_NEAR(
-      o[10], (tip(backend) - scene.tumour_point).norm() / backend.task().workspace_diagonal(), 1e-6);
+  EXPECT_NEAR(o[10],
+              (tip(backend) - scene.tumour_point).norm() / backend.task().workspace_diagonal(),
+              1e-6);
   EXPECT_NEAR(o[11], (tip(backend) - scene.target).norm() / backend.task().workspace_diagonal(),
               1e-6);
   EXPECT_EQ(o[12], 0);
