@@ -6,6 +6,10 @@
 #include "sim_worker/instrument/arm.h"
 #include "sim_worker/tissue/tissue.h"
 
+// backend/ is the simulation as the rollout loop sees it: Backend and Snapshots on a tissue model,
+// with exposure, pictures as observations and the named defects of the seed; replay of recordings
+// and the study of the grasp run the same loop.
+
 namespace omentum {
 
 /// One control step of a batch of environments, which every simulation takes: the arms bring the

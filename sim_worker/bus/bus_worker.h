@@ -15,6 +15,9 @@
 #include "core/wire.h"
 #include "sim_worker/bus/task_queue.h"
 
+// bus/ is the end of a simulation worker on the DDS bus: it takes tasks and weights, groups tasks
+// into lanes, sends segments back and says how it is. What the rollout does is not known here.
+
 namespace omentum {
 
 /// What a worker makes from a manifest.

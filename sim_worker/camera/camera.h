@@ -9,6 +9,10 @@
 #include "sim_worker/camera/image.h"
 #include "sim_worker/scene/scene.h"
 
+// camera/ makes pictures off screen (OSMesa): the endoscope, shaded or as object ids, and what a
+// depth sensor would measure of it. For observations, recordings and reports; its numbers are
+// compared with tolerances, not bit for bit.
+
 namespace omentum {
 
 /// What a pixel of an id image shows. Values reach recordings of image observations: do not change.

@@ -4,6 +4,10 @@
 
 #include "sim_worker/lanes/lane_kernel.h"
 
+// cluster/ is the tissue of the paper: particles pulled to shape-matched clusters (docs/tissue.md
+// 2-5). Fast and robust; its stiffness is void without step and iterations, so that it has no
+// material in SI units. cooker.h makes the clusters, cluster_kernel.inl moves them.
+
 namespace omentum {
 
 /// Raw arguments of the lane kernel of the cluster model; see lane_kernel.h.

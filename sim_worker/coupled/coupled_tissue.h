@@ -7,6 +7,10 @@
 #include "sim_worker/coupled/soft_contact.h"
 #include "sim_worker/shell/shell_tissue.h"
 
+// coupled/ joins an elastic sheet and a deformable body under it (docs/decisions/0020): each stage
+// of a step is that of both bodies, and the contact between them is found in the contact solver of
+// the sheet (soft_contact.h).
+
 namespace omentum {
 
 /// Immutable half of a sheet with a deformable body under it. `body` is the sheet.

@@ -58,10 +58,10 @@ SoftContact<Real>::SoftContact(std::shared_ptr<const SolidTissueModel> model,
   args_.work = work_.assign(1, 1, lanes_);
   args_.share = share_.assign(1, 1, lanes_);
   args_.cross = cross_.assign(1, 1, lanes_);
-  args_.turn = turn_.assign(1, 1, lanes_);
+  args_.beta = beta_.assign(1, 1, lanes_);
   args_.direction = direction_.assign(nodes_, 3, lanes_);
   args_.direction_part = direction_part_.assign(nodes_, 3, lanes_);
-  args_.direction_way = direction_way_.assign(nodes_, 3, lanes_);
+  args_.direction_displacement = direction_displacement_.assign(nodes_, 3, lanes_);
   args_.direction_work = direction_work_.assign(1, 1, lanes_);
 }
 
@@ -228,14 +228,14 @@ void SoftContact<Real>::place(const LaneArray<Real>& x, const LaneArray<Real>& d
 }
 
 template <typename Real>
-void SoftContact<Real>::answer(std::uint32_t lanes) {
+void SoftContact<Real>::response(std::uint32_t lanes) {
   spread(lanes, &before_, push_);
-  solid_.answer(push_.data(), work_.data(), cross_.data());
+  solid_.response(push_.data(), work_.data(), cross_.data());
 }
 
 template <typename Real>
 void SoftContact<Real>::take(std::uint32_t lanes) {
-  solid_.take_answer(turn_.data(), share_.data(), lanes);
+  solid_.take_response(beta_.data(), share_.data(), lanes);
   changed_ |= lanes;
 }
 

@@ -34,7 +34,7 @@ class SoftContact final : public YieldingSurface<Real> {
   void find_near(const LaneArray<Real>& x, const LaneArray<Real>& v,
                  std::span<const std::uint32_t> free, std::span<std::uint32_t> near) override;
   void place(const LaneArray<Real>& x, const LaneArray<Real>& d, std::uint32_t lanes) override;
-  void answer(std::uint32_t lanes) override;
+  void response(std::uint32_t lanes) override;
   void take(std::uint32_t lanes) override;
 
   /// After both bodies have begun a substep, the sheet at x: loads the solid with the forces of the
@@ -84,8 +84,8 @@ class SoftContact final : public YieldingSurface<Real> {
   std::vector<LaneStart> start_;                  ///< per lane
   std::uint32_t changed_ = 0;                     ///< lanes whose forces changed in this substep
   bool placed_ = false;                           ///< in this substep
-  LaneArray<Real> plane_, motion_, force_, before_, work_, share_, cross_, turn_, direction_,
-      direction_part_, direction_way_, direction_work_, load_, push_;
+  LaneArray<Real> plane_, motion_, force_, before_, work_, share_, cross_, beta_, direction_,
+      direction_part_, direction_displacement_, direction_work_, load_, push_;
   SurfaceArgs<Real> args_{};
 };
 

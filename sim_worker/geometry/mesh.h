@@ -5,6 +5,9 @@
 #include <string>
 #include <vector>
 
+// geometry/ is shapes of bodies and tissue: triangle and tetrahedral meshes, distance grids,
+// nearest points, the middle surface of a sheet; solid_mesher is a program of its own. No physics.
+//
 // Triangle meshes: read from files, checked, measured and turned into signed distance grids.
 // Everything here runs once at load time and in pictures; nothing is on the hot path but the arrays
 // of SdfGrid. Free functions on plain structs, no state: any thread may call them.

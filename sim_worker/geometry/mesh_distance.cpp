@@ -8,7 +8,6 @@
 
 #include "core/check.h"
 #include "core/constants.h"
-#include "core/trig.h"
 #include "sim_worker/geometry/mesh.h"
 
 namespace omentum {
@@ -237,7 +236,7 @@ double winding_number(const TriangleMesh& mesh, const Eigen::Vector3d& point) {
     const double lc = c.norm();
     const double numerator = a.dot(b.cross(c));
     const double denominator = la * lb * lc + a.dot(b) * lc + b.dot(c) * la + c.dot(a) * lb;
-    sum += trig::atan2(numerator, denominator);
+    sum += std::atan2(numerator, denominator);
   }
   return sum / (2 * kPi);
 }

@@ -4,7 +4,6 @@
 
 #include "core/check.h"
 #include "core/constants.h"
-#include "core/trig.h"
 #include "sim_worker/geometry/mesh.h"
 
 namespace omentum {
@@ -36,12 +35,12 @@ TriangleMesh make_ellipsoid_mesh(const Eigen::Vector3d& semi_axes, int rings, in
   TriangleMesh mesh;
   mesh.vertices.emplace_back(0, 0, semi_axes.z());
   for (int ring = 0; ring < rings; ++ring) {
-    const trig::SinCos down = trig::sin_cos(kPi * (ring + 1) / (rings + 1));
+    const double polar = kPi * (ring + 1) / (rings + 1);
     for (int k = 0; k < sectors; ++k) {
       const double angle = 2 * kPi * k / sectors;
-      const trig::SinCos around = trig::sin_cos(angle);
-      mesh.vertices.emplace_back(semi_axes.x() * down.sin * around.cos,
-                                 semi_axes.y() * down.sin * around.sin, semi_axes.z() * down.cos);
+      mesh.vertices.emplace_back(semi_axes.x() * std::sin(polar) * std::cos(angle),
+                                 semi_axes.y() * std::sin(polar) * std::sin(angle),
+                                 semi_axes.z() * std::cos(polar));
     }
   }
   mesh.vertices.emplace_back(0, 0, -semi_axes.z());
@@ -81,13 +80,13 @@ TriangleMesh make_capsule_mesh(const Eigen::Vector3d& p0, const Eigen::Vector3d&
   mesh.vertices.push_back(p1 + radius * z);
   for (int ring = 0; ring < 2 * half; ++ring) {
     const bool upper = ring < half;
-    const trig::SinCos down = trig::sin_cos(kPi / 2 * (upper ? ring + 1 : ring) / half);
+    const double polar = kPi / 2 * (upper ? ring + 1 : ring) / half;
     const Eigen::Vector3d& centre = upper ? p1 : p0;
     for (int k = 0; k < sectors; ++k) {
       const double angle = 2 * kPi * k / sectors;
-      const trig::SinCos around = trig::sin_cos(angle);
-      mesh.vertices.push_back(
-          centre + radius * (down.sin * around.cos * x + down.sin * around.sin * y + down.cos * z));
+      mesh.vertices.push_back(centre + radius * (std::sin(polar) * std::cos(angle) * x +
+                                                 std::sin(polar) * std::sin(angle) * y +
+                                                 std::cos(polar) * z));
     }
   }
   mesh.vertices.push_back(p0 - radius * z);

@@ -6,6 +6,10 @@
 #include "core/psm.h"
 #include "proto/effects.pb.h"
 
+// instrument/ is what holds the tissue: the arm, which never is quite where it was sent (every
+// error of scene.arm, none of them by default), and the jaw, which decides whether a pinch holds.
+// Positions of the tip in W; the ideal kinematics are core/psm.h.
+
 namespace omentum {
 
 /// Memory of the arm's effects, one per environment; plain numbers, written to state bytes as they

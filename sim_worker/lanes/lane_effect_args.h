@@ -33,18 +33,18 @@ struct LaneEffectArgs {
   // On nodes.
   std::uint32_t bonds;     ///< cohesive springs: adhesion or anchors
   std::uint32_t adhesion;  ///< lanes whose nodes bond on touch
-  std::uint32_t film, drag;
+  std::uint32_t lubrication, drag;
   const std::uint8_t* is_anchor;  ///< per node: held by anchor springs
   const Real* anchor_limit;       ///< [m]
   const Real* adhesion_scale;     ///< [Pa/m]
   const Real* adhesion_limit;     ///< [m]
-  const Real* film_scale;         ///< [Pa s/m] / substep
-  const Real* film_reach;         ///< [m]
+  const Real* lubrication_scale;  ///< [Pa s/m] / substep
+  const Real* lubrication_reach;  ///< [m]
   const Real* drag_scale;         ///< Cd rho / 2 [kg/m^3]
   Real* bond_place;               ///< [node][xyz][lane]: where the spring is fixed in W [m]
   Real* bond_longest;             ///< [node][lane]: longest stretch so far [m], -1 = no spring
-  Real* film_now;     ///< scratch [node][lane]: drag over step at the substep's start [N/m]
-  Real* film_normal;  ///< scratch [node][xyz][lane]
+  Real* lubrication_now;     ///< scratch [node][lane]: drag over step at the substep's start [N/m]
+  Real* lubrication_normal;  ///< scratch [node][xyz][lane]
 };
 
 }  // namespace omentum

@@ -5,11 +5,6 @@
 
 #include "sim_worker/lanes/panel_solve.h"
 
-// lanes/ is the arithmetic of many environments at once: one environment per SIMD lane, the same
-// source at 1, 8 and 16 lanes of float and 1 of double, the same bits at every width. It holds what
-// all tissue models share: contact with rigid shapes, nearest point, skin, picture, triangular
-// solves.
-
 namespace omentum {
 
 // Raw arguments of the kernel: plain pointers and numbers only, since the AVX-512 translation unit

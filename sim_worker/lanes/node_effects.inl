@@ -53,21 +53,21 @@ inline void start_bond(const Effects& fx, int i, Mask lanes, Lane stretched, Lan
 /// Drag of the air film on a node as the substep begins: scale (reach / (reach + gap))^3 along the
 /// normal of the nearest body, `scale` in Pa s/m times its area over the substep.
 template <typename Args>
-inline void start_film_of(const Args& args, int i, const Surface& surface, Lane scale) {
+inline void start_lubrication_of(const Args& args, int i, const Surface& surface, Lane scale) {
   const auto& fx = args.effects;
-  const Lane reach = load(fx.film_reach);
+  const Lane reach = load(fx.lubrication_reach);
   const Lane gap = max(surface.phi - splat(args.particle_radius), splat(Real{0}));
   const Lane part = reach / (reach + gap);
   const Lane now = scale * part * part * part;
-  store(fx.film_now + kLanes * i, select(to_mask(fx.film), now, splat(Real{0})));
-  store3(fx.film_normal + 3 * kLanes * i, surface.normal);
+  store(fx.lubrication_now + kLanes * i, select(to_mask(fx.lubrication), now, splat(Real{0})));
+  store3(fx.lubrication_normal + 3 * kLanes * i, surface.normal);
 }
 
 /// Force of the film on a node that has moved by d in the substep, against its motion.
 template <typename Effects>
-inline Lane3 film_force(const Effects& fx, int i, Lane3 d) {
-  const Lane3 n = load3(fx.film_normal + 3 * kLanes * i);
-  return (load(fx.film_now + kLanes * i) * dot(n, d)) * n;
+inline Lane3 lubrication_force(const Effects& fx, int i, Lane3 d) {
+  const Lane3 n = load3(fx.lubrication_normal + 3 * kLanes * i);
+  return (load(fx.lubrication_now + kLanes * i) * dot(n, d)) * n;
 }
 
 }  // namespace

@@ -6,6 +6,10 @@
 #include <span>
 #include <vector>
 
+// reference/ is the converged solid (docs/tissue.md 13): bricks, exact tangents, double precision,
+// one environment. Slow and right: the oracle of the fast models, and what `mismatch` compares
+// recordings with. It shares no arithmetic with the lanes.
+
 namespace omentum {
 
 /// Order in which the unknowns of a sheet are eliminated: nested dissection [George73]. The sheet

@@ -7,6 +7,10 @@
 
 #include "proto/scene.pb.h"
 
+// scene/ turns a scene file into plain numbers: particles of the tissue, rigid and soft bodies,
+// camera, workspace, starts. It refuses, in one line with knob and range, what cannot be simulated.
+// Runs once at the start; nothing here is on the hot path.
+
 namespace omentum {
 
 /// Grid maker: n_x x n_y particles at the pitch, centred on B, x_B outer, y_B inner.

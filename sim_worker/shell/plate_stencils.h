@@ -12,6 +12,10 @@
 // finite differences, of a mesh by the quadratic fits around its nodes (docs/tissue.md 6,
 // docs/decisions/0022). Free functions on plain structs: any thread may call them.
 
+// shell/ is the elastic sheet in SI units (docs/tissue.md 6-9): membrane and plate, implicit steps,
+// contact forces by sparse sweeps, a grasp that holds mean position and slopes. shell_tissue.cpp
+// has the step, shell_kernel.inl the arithmetic, shell_model.cpp what all lanes share.
+
 namespace omentum {
 
 /// Curvatures xx, yy, xy towards the normal [1/m] of a sheet whose nodes are at these places [m].

@@ -115,7 +115,7 @@ void add_bending(const Args& args, int begin, int end) {
     const Lane3 p = at.inverse * fnma(along, at.normal, q);
     const Lane3 on_x = cross(at.along_y, p);
     const Lane3 on_y = cross(p, at.along_x);
-    // What the others get the base loses, so that no force is left on the sheet as a whole.
+    // The node at the base gets minus the sum of the forces on the others: momentum is kept.
     Lane3 sum = zero3();
     for (int k = stencil.entry_begin; k < stencil.entry_end; ++k) {
       const auto& entry = args.bend_entry[k];

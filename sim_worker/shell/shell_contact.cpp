@@ -26,19 +26,19 @@ void ShellTissue<Real>::prepare_contacts() {
   const int n = particles();
   contact_lanes_.assign(free_mask_.size(), 0);
   plane_begin_.assign(free_mask_.size() + 1, 0);
-  for (const double v : model_->metric) metric_.push_back(static_cast<Real>(v));
+  for (const double v : model_->preconditioner) preconditioner_.push_back(static_cast<Real>(v));
   args_.free_mask = free_mask_.data();
   args_.plane_begin = plane_begin_.data();
-  args_.metric_begin = model_->structure.bending.begin.data();
-  args_.metric_node = model_->structure.bending.node.data();
-  args_.metric = metric_.data();
+  args_.preconditioner_begin = model_->structure.bending.begin.data();
+  args_.preconditioner_node = model_->structure.bending.node.data();
+  args_.preconditioner = preconditioner_.data();
   args_.key_stiffness = key_stiffness_.assign(1, 1, W, Real{1});
   args_.own_stiffness = own_stiffness_.assign(n, 1, W);
   args_.own_compliance = own_compliance_.assign(n, 1, W);
   args_.contact_lanes = contact_lanes_.data();
   args_.contact_motion = contact_motion_.assign(n, 3, W);
   args_.contact_lean = contact_lean_.assign(n, 3, W);
-  args_.contact_way = contact_way_.assign(n, 3, W);
+  args_.contact_displacement = contact_displacement_.assign(n, 3, W);
   args_.contact_before = contact_before_.assign(n, 3, W);
   args_.contact_tolerance = static_cast<Real>(kContactTolerance);
   args_.candidates = candidates_.data();
@@ -70,7 +70,7 @@ void ShellTissue<Real>::set_contact_stiffness(int lane) {
   for (int i = 0; i < particles(); ++i) {
     const auto k = static_cast<std::size_t>(i);
     const double own = density * model_->structure.mass[k] / (step * step) +
-                       stiffness * model_->metric_diagonal[k];
+                       stiffness * model_->preconditioner_diagonal[k];
     own_stiffness_(i, lane) = static_cast<Real>(own);
     own_compliance_(i, lane) = static_cast<Real>(1 / own);
   }
@@ -120,7 +120,7 @@ void ShellTissue<Real>::resolve_contacts() {
       args_.lanes = shell_.sweep_contacts(args_, sweep % 2 != 0);
     }
     shell_.load_contact_change(args_);
-    if (surface_ != nullptr) surface_->answer(unsettled);
+    if (surface_ != nullptr) surface_->response(unsettled);
     if (effects_.has_springs()) {
       solve_with_springs();
       args_.lanes = unsettled;

@@ -24,7 +24,7 @@ inline bool may_touch_surface(const Args& args, int i) {
 constexpr double kNearContact = 2e-4;
 
 /// How the normal at a node turns from x to x + d; `normal` is that at x + d.
-inline Lane3 find_turn(const Args& args, int node, Lane3& normal) {
+inline Lane3 find_tilt(const Args& args, int node, Lane3& normal) {
   const auto& stencil = args.stencil[node];
   const Lane3 x = load3(args.x + 3 * kLanes * stencil.base);
   const Lane3 d = load3(args.d + 3 * kLanes * stencil.base);
@@ -88,10 +88,10 @@ void place_contacts(const Args& args) {
     Lane3 lean = zero3();
     if (to_bits(near) != 0) {
       Lane3 normal = zero3();
-      const Lane3 turn = find_turn(args, i, normal);
-      lean = select(near, zero3() - face_height(args, normal, facing) * turn, lean);
+      const Lane3 tilt = find_tilt(args, i, normal);
+      lean = select(near, zero3() - face_height(args, normal, facing) * tilt, lean);
     }
-    store3(args.contact_way + k, way - fnma(dot(lean, facing), facing, lean));
+    store3(args.contact_displacement + k, way - fnma(dot(lean, facing), facing, lean));
     store3(args.contact_lean + k, lean);
   }
 }
@@ -145,7 +145,7 @@ Bits unsettled_contacts(const Args& args) {
 inline Lane ground_stiffness(const Args& args, int i) {
   Lane k = splat(Real{0});
   if (args.effects.bonds != 0) k = spring_stiffness(args, i, true);
-  if (args.effects.film != 0) k = k + load(args.effects.film_now + kLanes * i);
+  if (args.effects.lubrication != 0) k = k + load(args.effects.lubrication_now + kLanes * i);
   return k;
 }
 
@@ -160,9 +160,9 @@ Bits sweep_contacts(const Args& args, bool backwards) {
     const Bits asked = args.free_mask[i] & args.lanes;
     if (asked == 0) continue;
     Lane3 sum = zero3();
-    for (int m = args.metric_begin[i]; m < args.metric_begin[i + 1]; ++m) {
-      const Lane3 e = load3(args.contact_motion + 3 * kLanes * args.metric_node[m]);
-      sum = fma(splat(args.metric[m]), e, sum);
+    for (int m = args.preconditioner_begin[i]; m < args.preconditioner_begin[i + 1]; ++m) {
+      const Lane3 e = load3(args.contact_motion + 3 * kLanes * args.preconditioner_node[m]);
+      sum = fma(splat(args.preconditioner[m]), e, sum);
     }
     Lane own = load(args.own_stiffness + kLanes * i);
     Lane compliance = load(args.own_compliance + kLanes * i);
@@ -202,8 +202,9 @@ void load_contact_change(const Args& args) {
 
 /// The sweeps do not reach far, so that contacts seem stiffer than they are, and their whole change
 /// of forces would throw the sheet off. With A^-1 times the (negative) change in b, takes the share
-/// that is best in the metric of A^-1:  s = df . way / df . A^-1 df,  within [0, 1], where the
-/// forces stay inside their cones. `way` is the gradient of that quadratic for contacts that stick.
+/// that is best in the preconditioner of A^-1:  s = df . way / df . A^-1 df,  within [0, 1], where
+/// the forces stay inside their cones. `way` is the gradient of that quadratic for contacts that
+/// stick.
 void take_contact_change(const Args& args) {
   Lane wanted = splat(Real{0});
   Lane reached = splat(static_cast<Real>(1e-30));
@@ -211,7 +212,7 @@ void take_contact_change(const Args& args) {
     if (args.plane_begin[i] == args.plane_begin[i + 1]) continue;
     const int k = 3 * kLanes * i;
     const Lane3 change = load3(args.contact_force + k) - load3(args.contact_before + k);
-    wanted = wanted + dot(change, load3(args.contact_way + k));
+    wanted = wanted + dot(change, load3(args.contact_displacement + k));
     reached = reached - dot(change, load3(args.b + k));
   }
   const Lane zero = splat(Real{0});
@@ -230,12 +231,12 @@ void take_contact_change(const Args& args) {
   }
 }
 
-/// The same on a surface that gives way, whose answer counts too. The sweeps do not know of it:
-/// where sheet and surface give way together, they want many times too much, and a share of that
-/// goes to and fro. So the changes of the passes are made conjugate in the metric of both answers
-/// [Hestenes52], as far as contacts do not open or close in between: `turn` is the share of the
-/// last direction in the new one. It may leave the cones a little; the sweeps of the next pass
-/// come from inside of them again.
+/// The same on a deformable surface, whose response counts too. The sweeps do not know of it: where
+/// sheet and surface yield together, they ask for many times too much force, and part of that
+/// oscillates from pass to pass. So the changes of the passes are made conjugate in the compliance
+/// of both [Hestenes52], as far as contacts do not open or close in between: `beta` is the part of
+/// the last direction in the new one. It may leave the cones a little; the sweeps of the next
+/// pass come from inside of them again.
 void take_surface_change(const Args& args) {
   const omentum::SurfaceArgs<Real>& s = args.surface;
   Lane wanted = splat(Real{0});
@@ -246,30 +247,30 @@ void take_surface_change(const Args& args) {
     if (args.plane_begin[i] == args.plane_begin[i + 1]) continue;
     const int k = 3 * kLanes * i;
     const Lane3 change = load3(args.contact_force + k) - load3(args.contact_before + k);
-    const Lane3 way = load3(args.contact_way + k);
+    const Lane3 way = load3(args.contact_displacement + k);
     wanted = wanted + dot(change, way);
     reached = reached - dot(change, load3(args.b + k));
     if (!s.follows) continue;
     wanted_before = wanted_before + dot(load3(s.direction + k), way);
-    cross = cross - dot(change, load3(s.direction_way + k));
+    cross = cross - dot(change, load3(s.direction_displacement + k));
   }
   const Lane zero = splat(Real{0});
   const Lane one = splat(Real{1});
   const Mask lanes = to_mask(args.lanes);
-  Lane turn = zero;
+  Lane beta = zero;
   if (s.follows) {
     const Lane before = load(s.direction_work);
-    turn = max(min(zero - cross / before, one), zero - one);
-    wanted = fma(turn, wanted_before, wanted);
-    reached = fma(turn, fma(turn, before, cross + cross), reached);
+    beta = max(min(zero - cross / before, one), zero - one);
+    wanted = fma(beta, wanted_before, wanted);
+    reached = fma(beta, fma(beta, before, cross + cross), reached);
   }
   const Lane share = max(min(wanted / reached, one), zero);
   store(s.direction_work, select(lanes, reached, load(s.direction_work)));
-  store(s.turn, select(lanes, turn, load(s.turn)));
+  store(s.beta, select(lanes, beta, load(s.beta)));
   store(s.share, select(lanes, share, load(s.share)));
   const auto advance = [&](Lane3 change, Real* direction) {
     const Lane3 before = load3(direction);
-    const Lane3 next = s.follows ? fma(turn, before, change) : change;
+    const Lane3 next = s.follows ? fma(beta, before, change) : change;
     store3(direction, select(lanes, next, before));
     return next;
   };
@@ -289,7 +290,7 @@ void take_surface_change(const Args& args) {
     }
     if (args.fixed[i] != 0) continue;
     const Lane3 d = load3(args.d + k);
-    const Lane3 way = advance(load3(args.b + k), s.direction_way + k);
+    const Lane3 way = advance(load3(args.b + k), s.direction_displacement + k);
     store3(args.d + k, select(lanes, fnma(share, way, d), d));
   }
 }

@@ -12,7 +12,7 @@ namespace omentum {
 template <typename Real>
 struct ShellEffectArgs : LaneEffectArgs<Real> {
   bool membrane;          ///< some lane needs the general membrane
-  std::uint32_t springs;  ///< lanes that now hang on springs stiffer than the metric knows
+  std::uint32_t springs;  ///< lanes that now hang on springs stiffer than the preconditioner knows
 
   // Maps; null = as the model's own.
   const Real* mass;   ///< [node][lane], without density [kg]
@@ -36,7 +36,7 @@ struct ShellEffectArgs : LaneEffectArgs<Real> {
   Real* peak;           ///< [lane]: largest tangent over nominal stiffness in this substep
 
   // Scratch of the solve with springs, [node][xyz][lane] and [lane].
-  Real *rest, *direction, *metric_direction, *solution, *answer, *last_product;
+  Real *rest, *direction, *preconditioner_direction, *solution, *response, *last_product;
 };
 
 }  // namespace omentum

@@ -87,8 +87,8 @@ inline Stress add_fibres(const Args& args, Stress e, Lane shear, Stress s) {
 
 /// Strain that the slider's spring carries: up to the yield strain.
 inline Stress slider_strain(const Args& args, Stress e, int triangle) {
-  const Stress seat = load_stress(args.effects.plastic + 3 * kLanes * triangle);
-  const Stress off{e.xx - seat.xx, e.xy - seat.xy, e.yy - seat.yy};
+  const Stress plastic = load_stress(args.effects.plastic + 3 * kLanes * triangle);
+  const Stress off{e.xx - plastic.xx, e.xy - plastic.xy, e.yy - plastic.yy};
   const Lane size = sqrt(max(square(off), splat(static_cast<Real>(1e-20))));
   const Lane part = min(splat(Real{1}), load(args.effects.slider_yield) / size);
   return {part * off.xx, part * off.xy, part * off.yy};
@@ -176,8 +176,9 @@ inline void remember_triangle(const Args& args, Stress c, Lane shear, Stress s, 
   }
   if (fx.slider != 0) {
     const Stress carried = slider_strain(args, e, triangle);
-    const Stress seat{e.xx - carried.xx, e.xy - carried.xy, e.yy - carried.yy};
-    store_stress(fx.plastic + at, select(to_mask(fx.slider), seat, load_stress(fx.plastic + at)));
+    const Stress plastic{e.xx - carried.xx, e.xy - carried.xy, e.yy - carried.yy};
+    store_stress(fx.plastic + at,
+                 select(to_mask(fx.slider), plastic, load_stress(fx.plastic + at)));
   }
 }
 
@@ -201,8 +202,8 @@ void add_drag_forces(const Args& args) {
   }
 }
 
-/// Present stiffness of the spring of a node [N/m]. Those of anchors are part of the metric:
-/// `only_new` leaves them out.
+/// Present stiffness of the spring of a node [N/m]. Those of anchors are part of the
+/// preconditioner: `only_new` leaves them out.
 inline Lane spring_stiffness(const Args& args, int i, bool only_new) {
   const auto& fx = args.effects;
   const bool anchor = fx.is_anchor[i] != 0;
@@ -221,25 +222,25 @@ void add_bond_forces(const Args& args) {
   }
 }
 
-void add_film_forces(const Args& args) {
+void add_lubrication_forces(const Args& args) {
   for (int i = 0; i < args.nodes; ++i) {
     const Lane3 d = load3(args.d + 3 * kLanes * i);
-    add_force(args, i, args.effects.film, zero3() - film_force(args.effects, i, d));
+    add_force(args, i, args.effects.lubrication, zero3() - lubrication_force(args.effects, i, d));
   }
 }
 
 void add_node_effects(const Args& args) {
   if (args.effects.drag != 0) add_drag_forces(args);
   if (args.effects.bonds != 0) add_bond_forces(args);
-  if (args.effects.film != 0) add_film_forces(args);
+  if (args.effects.lubrication != 0) add_lubrication_forces(args);
 }
 
 /// The air film at the places where the substep begins.
 void start_effects(const Args& args) {
   const auto& fx = args.effects;
-  for (int i = 0; i < args.nodes && fx.film != 0; ++i) {
+  for (int i = 0; i < args.nodes && fx.lubrication != 0; ++i) {
     const Surface surface = nearest_surface(args, load3(args.x + 3 * kLanes * i));
-    start_film_of(args, i, surface, splat(fx.node_area[i]) * load(fx.film_scale));
+    start_lubrication_of(args, i, surface, splat(fx.node_area[i]) * load(fx.lubrication_scale));
   }
 }
 
@@ -256,16 +257,16 @@ void remember_bonds(const Args& args) {
 }
 
 // ---------------------------------------------------------------------------------------------------------------------
-// Springs to ground that may be stiffer than the sheet's own metric A: conjugate gradients on
-// (A + D) s = b with A as preconditioner. Each round needs one solve with A, done by the caller;
+// Springs to ground that may be stiffer than the sheet's own preconditioner A: conjugate gradients
+// on (A + D) s = b with A as preconditioner. Each round needs one solve with A, done by the caller;
 // lanes without springs take the first.
 
 inline Lane3 spring_product(const Args& args, int i, Lane3 p) {
   Lane3 q = zero3();
   if (args.effects.bonds != 0) q = spring_stiffness(args, i, true) * p;
-  if (args.effects.film != 0) {
-    const Lane3 n = load3(args.effects.film_normal + 3 * kLanes * i);
-    q = fma(load(args.effects.film_now + kLanes * i) * dot(n, p), n, q);
+  if (args.effects.lubrication != 0) {
+    const Lane3 n = load3(args.effects.lubrication_normal + 3 * kLanes * i);
+    q = fma(load(args.effects.lubrication_now + kLanes * i) * dot(n, p), n, q);
   }
   return q;
 }
@@ -277,12 +278,12 @@ void start_springs(const Args& args) {
   }
 }
 
-/// answer <- b in the lanes of args.lanes: A^-1 rest of one factor key.
-void take_answer(const Args& args) {
+/// response <- b in the lanes of args.lanes: A^-1 rest of one factor key.
+void take_response(const Args& args) {
   const Mask lanes = to_mask(args.lanes);
   for (int i = 0; i < args.nodes; ++i) {
-    Real* const answer = args.effects.answer + 3 * kLanes * i;
-    store3(answer, select(lanes, load3(args.b + 3 * kLanes * i), load3(answer)));
+    Real* const response = args.effects.response + 3 * kLanes * i;
+    store3(response, select(lanes, load3(args.b + 3 * kLanes * i), load3(response)));
   }
 }
 
@@ -294,7 +295,7 @@ void advance_springs(const Args& args, bool first) {
   for (int i = 0; i < args.nodes; ++i) {
     if (args.fixed[i] != 0) continue;
     const int k = 3 * kLanes * i;
-    product = product + dot(load3(fx.rest + k), load3(fx.answer + k));
+    product = product + dot(load3(fx.rest + k), load3(fx.response + k));
   }
   const Lane tiny = splat(static_cast<Real>(1e-30));
   const Lane beta = first ? zero : product / max(load(fx.last_product), tiny);
@@ -303,15 +304,15 @@ void advance_springs(const Args& args, bool first) {
   for (int i = 0; i < args.nodes; ++i) {
     if (args.fixed[i] != 0) continue;
     const int k = 3 * kLanes * i;
-    Lane3 p = load3(fx.answer + k);
-    Lane3 metric = load3(fx.rest + k);
+    Lane3 p = load3(fx.response + k);
+    Lane3 preconditioner = load3(fx.rest + k);
     if (!first) {
       p = fma(beta, load3(fx.direction + k), p);
-      metric = fma(beta, load3(fx.metric_direction + k), metric);
+      preconditioner = fma(beta, load3(fx.preconditioner_direction + k), preconditioner);
     }
     store3(fx.direction + k, p);
-    store3(fx.metric_direction + k, metric);
-    curvature = curvature + dot(p, metric + spring_product(args, i, p));
+    store3(fx.preconditioner_direction + k, preconditioner);
+    curvature = curvature + dot(p, preconditioner + spring_product(args, i, p));
   }
   const Lane step = select(tiny < curvature, product / max(curvature, tiny), zero);
   // A lane without springs has its solution in the first round.
@@ -323,7 +324,7 @@ void advance_springs(const Args& args, bool first) {
     const Lane3 before = load3(fx.solution + k);
     const Lane3 whole = first ? p : before;
     store3(fx.solution + k, select(springs, fma(alpha, p, before), whole));
-    const Lane3 q = load3(fx.metric_direction + k) + spring_product(args, i, p);
+    const Lane3 q = load3(fx.preconditioner_direction + k) + spring_product(args, i, p);
     store3(fx.rest + k, fnma(alpha, q, load3(fx.rest + k)));
   }
 }

@@ -36,8 +36,9 @@ double grid_value(int steps) {
 }
 
 /// Largest stiffness of a triangle against a change of F, per nominal stretch stiffness: 2 mu + 2
-/// lambda = E / (1 - nu) for the area mode; the metric must not be softer than the material.
-double metric_modulus(const ShellStructure& structure) {
+/// lambda = E / (1 - nu) for the area mode; the preconditioner must not be softer than the
+/// material.
+double preconditioner_modulus(const ShellStructure& structure) {
   return structure.shear + 2 * structure.area;
 }
 
@@ -87,8 +88,8 @@ SparseMatrix assemble(const ShellTissueModel& model, double stiffness, double de
   const trig::SinCos a = trig::sin_cos(model.effects.fibre_angle);
   const double fibre = model.effects.fibre_ratio * fibre_unit(model);
   const double both = std::fabs(a.sin * a.cos);
-  const double along_x = metric_modulus(structure) + fibre * (a.cos * a.cos + both);
-  const double along_y = metric_modulus(structure) + fibre * (a.sin * a.sin + both);
+  const double along_x = preconditioner_modulus(structure) + fibre * (a.cos * a.cos + both);
+  const double along_y = preconditioner_modulus(structure) + fibre * (a.sin * a.sin + both);
   int triangle = 0;
   for_each_triangle(model, [&](int x0, int x1, int y0, int y1) {
     const double cell = stiffness * structure.cell[static_cast<std::size_t>(triangle++ / 2)];
@@ -145,7 +146,7 @@ PanelFactor make_factor(const ShellTissueModel& model, double stiffness, double 
 
 }  // namespace
 
-void ShellTissueModel::make_metric() {
+void ShellTissueModel::make_preconditioner() {
   const FreeNodes free(*this);
   const SparseMatrix matrix =
       assemble(*this, memory_tangent(effects, substep()), 1, free.row, free.count());
@@ -157,11 +158,11 @@ void ShellTissueModel::make_metric() {
   };
   for (int i = 0; i < nodes(); ++i) {
     const auto k = static_cast<std::size_t>(i);
-    metric_diagonal.push_back(free.row[k] < 0 ? 0.0
-                                              : entry(i, i) - structure.mass[k] * inverse_step2);
+    preconditioner_diagonal.push_back(
+        free.row[k] < 0 ? 0.0 : entry(i, i) - structure.mass[k] * inverse_step2);
     const NodeMatrix& bending = structure.bending;
     for (int m = bending.begin[k]; m < bending.begin[k + 1]; ++m) {
-      metric.push_back(entry(i, bending.node[static_cast<std::size_t>(m)]));
+      preconditioner.push_back(entry(i, bending.node[static_cast<std::size_t>(m)]));
     }
   }
 }
@@ -197,7 +198,8 @@ int ShellTissueModel::factor_key(double stiffness_scale, const EffectValues& lan
   }
   double ratio = 1;
   if (!lane.same_structure(effects)) {
-    const double modulus = metric_modulus(lane_structure) / metric_modulus(structure);
+    const double modulus =
+        preconditioner_modulus(lane_structure) / preconditioner_modulus(structure);
     for (std::size_t c = 0; c < structure.cell.size(); ++c) {
       ratio = std::max(ratio, modulus * lane_structure.cell[c] / structure.cell[c]);
     }

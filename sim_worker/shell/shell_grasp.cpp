@@ -87,7 +87,7 @@ void ShellTissue<Real>::make_room(int count) {
   args_.patch_weight = patch_weight_.assign(room, kPatchRows, lanes());
 }
 
-// Response columns U = A^-1 C^T and the inverse of C U + give, in double, once per grasp.
+// Response columns U = A^-1 C^T and the inverse of C U + compliance, in double, once per grasp.
 template <typename Real>
 void ShellTissue<Real>::make_patch(int lane) {
   const Held& held = held_[static_cast<std::size_t>(lane)];

@@ -22,7 +22,7 @@ const omentum::ShellKernel<Real> kKernel = {kLanes,
                                             drop_far_contacts,
                                             remember_effects,
                                             start_springs,
-                                            take_answer,
+                                            take_response,
                                             advance_springs,
                                             load_solution,
                                             finish_substep};

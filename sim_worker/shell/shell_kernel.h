@@ -52,16 +52,16 @@ struct SurfaceArgs {
   const Real* motion;  ///< [node][xyz][lane]: of the near point in this substep [m]
   Real* force;         ///< [node][xyz][lane]: part of contact_force that it bears [N]
   Real* force_before;  ///< scratch: before the change
-  const Real* work;    ///< [lane]: of the change on the surface's answer to it [N m]
+  const Real* work;    ///< [lane]: of the change on the surface's response to it [N m]
   Real* share;         ///< [lane] out: share of the direction that was taken
   // The direction of the pass before, for conjugate ones (shell_contact.inl).
   bool follows;          ///< there was a pass before in this substep
-  const Real* cross;     ///< [lane]: work of the change on the surface's answer to the direction
-  Real* turn;            ///< [lane] out: share of the last direction in the new one
+  const Real* cross;     ///< [lane]: work of the change on the surface's response to the direction
+  Real* beta;            ///< [lane] out: share of the last direction in the new one
   Real* direction;       ///< [node][xyz][lane]: change of contact_force [N]
   Real* direction_part;  ///< [node][xyz][lane]: and of `force`
-  Real* direction_way;   ///< [node][xyz][lane]: minus the sheet's answer to it [m]
-  Real* direction_work;  ///< [lane]: of the direction on the answer of both [N m]
+  Real* direction_displacement;  ///< [node][xyz][lane]: minus the sheet's response to it [m]
+  Real* direction_work;          ///< [lane]: of the direction on the response of both [N m]
 };
 
 template <typename Real>
@@ -106,27 +106,28 @@ struct ShellArgs {
   const Real* patch_weight;        ///< [patch_room][row][lane]
   const Real* patch_tip;           ///< [xyz][lane], in W [m]
   const Real* patch_offset;        ///< [row][xyz][lane]: targets, the mean from the tip on [m]
-  const Real* patch_give;          ///< [lane] of the jaws [m/N]
-  const Real* patch_inverse;       ///< (C A^-1 C^T + give)^-1 [row][row][lane] [N/m]
+  const Real* patch_compliance;    ///< [lane] of the jaws [m/N]
+  const Real* patch_inverse;       ///< (C A^-1 C^T + c)^-1 [row][row][lane] [N/m]
   const Real* patch_response;      ///< A^-1 C^T [node][row][lane] [m/N]
   Real* patch_force;               ///< lambda [row][xyz][lane] [N]
 
   // Contact: planes of nodes and shapes that may touch in some lane, by nodes.
   const std::int32_t* plane_begin;  ///< per node, nodes + 1
   const std::int32_t* plane_shape;
-  Real* plane;                       ///< scratch [plane][depth of x + d, normal xyz][lane] [m]
-  const std::uint32_t* free_mask;    ///< per node: lanes in which neither anchor nor grasp holds it
-  const std::int32_t* metric_begin;  ///< per node, nodes + 1: row of `metric`
-  const std::int32_t* metric_node;
-  const Real* metric;            ///< off-diagonal of A at nominal E [N/m]
+  Real* plane;                     ///< scratch [plane][depth of x + d, normal xyz][lane] [m]
+  const std::uint32_t* free_mask;  ///< per node: lanes in which neither anchor nor grasp holds it
+  const std::int32_t* preconditioner_begin;  ///< per node, nodes + 1: row of `preconditioner`
+  const std::int32_t* preconditioner_node;
+  const Real* preconditioner;    ///< off-diagonal of A at nominal E [N/m]
   const Real* key_stiffness;     ///< per lane: E of its factor / nominal E
   const Real* own_stiffness;     ///< diagonal of A [node][lane] [N/m]
   const Real* own_compliance;    ///< 1 / own_stiffness [m/N]
   std::uint32_t* contact_lanes;  ///< per node: lanes in which it may touch in this control step
   Real* contact_motion;          ///< scratch [node][xyz][lane]: e [m]
-  Real* contact_lean;    ///< scratch [node][xyz][lane]: way of the face over that of its node [m]
-  Real* contact_way;     ///< scratch [node][xyz][lane]: onto the deepest plane, without slip [m]
-  Real* contact_before;  ///< scratch [node][xyz][lane]: forces before the change [N]
+  Real* contact_lean;  ///< scratch [node][xyz][lane]: way of the face over that of its node [m]
+  Real* contact_displacement;  ///< scratch [node][xyz][lane]: onto the deepest plane, without slip
+                               ///< [m]
+  Real* contact_before;        ///< scratch [node][xyz][lane]: forces before the change [N]
   const std::uint32_t* candidates;     ///< [node][shape] lane masks
   const std::uint32_t* candidate_any;  ///< per node, bit per shape
   Real contact_tolerance;              ///< change of a force per mass that counts as settled [N/kg]
@@ -163,7 +164,7 @@ struct ShellKernel {
   void (*remember_effects)(const ShellArgs<Real>&);
   /// Rounds of the solve with springs (shell_effects.inl).
   void (*start_springs)(const ShellArgs<Real>&);
-  void (*take_answer)(const ShellArgs<Real>&);
+  void (*take_response)(const ShellArgs<Real>&);
   void (*advance_springs)(const ShellArgs<Real>&, bool first);
   void (*load_solution)(const ShellArgs<Real>&);
   void (*finish_substep)(const ShellArgs<Real>&);

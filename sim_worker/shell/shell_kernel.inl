@@ -250,7 +250,7 @@ void subtract_solution(const Args& args) {
 
 // ---------------------------------------------------------------------------------------------------------------------
 // Grasp, with C the rows of the patch (docs/tissue.md 8):
-//   lambda += (C A^-1 C^T + give)^-1 (C x - target - give lambda),   d -= A^-1 C^T change of lambda
+//   lambda += (C A^-1 C^T + c)^-1 (C x - target - c lambda),   d -= A^-1 C^T change of lambda
 
 /// C x - target of all rows. Places count from the tip on: that costs no bits.
 inline void find_patch_miss(const Args& args, Real* miss) {
@@ -276,7 +276,7 @@ void hold_patch(const Args& args) {
   find_patch_miss(args, memory);
   Lane3 miss[kPatchRows];
   for (int row = 0; row < kPatchRows; ++row) miss[row] = load3(memory + 3 * kLanes * row);
-  miss[0] = fnma(load(args.patch_give), load3(args.patch_force), miss[0]);
+  miss[0] = fnma(load(args.patch_compliance), load3(args.patch_force), miss[0]);
   Lane3 change[kPatchRows];
   for (int row = 0; row < kPatchRows; ++row) {
     Lane3 sum = zero3();

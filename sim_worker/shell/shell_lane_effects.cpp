@@ -77,12 +77,12 @@ void ShellLaneEffects<Real>::make_memory() {
     args_.moment_branch = moment_branch_.ensure(kMaxBranches * stencils, 3, lanes_);
   }
   if (args_.bonds != 0) args_.anchor = anchor_.ensure(nodes, 1, lanes_);
-  if ((args_.adhesion | args_.film) != 0) {
+  if ((args_.adhesion | args_.lubrication) != 0) {
     args_.rest = rest_.ensure(nodes, 3, lanes_);
     args_.direction = direction_.ensure(nodes, 3, lanes_);
-    args_.metric_direction = metric_direction_.ensure(nodes, 3, lanes_);
+    args_.preconditioner_direction = preconditioner_direction_.ensure(nodes, 3, lanes_);
     args_.solution = solution_.ensure(nodes, 3, lanes_);
-    args_.answer = answer_.ensure(nodes, 3, lanes_);
+    args_.response = response_.ensure(nodes, 3, lanes_);
   }
 }
 
@@ -152,7 +152,7 @@ void ShellLaneEffects<Real>::reset(int lane, const Eigen::Vector3d& offset) {
 
 template <typename Real>
 std::uint32_t ShellLaneEffects<Real>::begin_substep() {
-  args_.springs = args_.film;
+  args_.springs = args_.lubrication;
   for (int lane = 0; lane < lanes_; ++lane) {
     for (int i = 0; i < model_->nodes() && (args_.adhesion >> lane & 1U) != 0; ++i) {
       if (model_->is_anchor[static_cast<std::size_t>(i)] != 0 || bond_longest_(i, lane) < Real{0})

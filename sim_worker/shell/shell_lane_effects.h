@@ -52,7 +52,7 @@ class ShellLaneEffects final : public LaneEffects<Real> {
       anchor_;
   AlignedVector<Real> node_area_;
   LaneArray<Real> moment_, moment_branch_, moment_bias_, peak_;
-  LaneArray<Real> rest_, direction_, metric_direction_, solution_, answer_, last_product_;
+  LaneArray<Real> rest_, direction_, preconditioner_direction_, solution_, response_, last_product_;
 };
 
 extern template class ShellLaneEffects<float>;

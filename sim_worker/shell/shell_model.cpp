@@ -143,7 +143,7 @@ std::shared_ptr<const ShellTissueModel> make_shell_model(const Scene& scene, dou
                   model->effects.anchor_free_from, model->effects.anchor_free_to);
     }
   }
-  model->make_metric();
+  model->make_preconditioner();
   return model;
 }
 

@@ -64,7 +64,7 @@ struct ShellTissueModel : TissueModel, std::enable_shared_from_this<ShellTissueM
   std::vector<double> node_area;        ///< [m^2]
   /// A without its mass, at nominal E and the scene's effects [N/m]: entries as those of `bending`,
   /// and the diagonal; zero at fixed nodes.
-  std::vector<double> metric, metric_diagonal;
+  std::vector<double> preconditioner, preconditioner_diagonal;
   std::vector<PlateStencil> stencils;  ///< of its bending
   double clamp_edge = 0;      ///< y_B of the clamped row that is furthest in, or the lower end [m]
   bool on_soft_body = false;  ///< scene.soft_body, which ShellTissue::lie_on() names
@@ -104,8 +104,8 @@ struct ShellTissueModel : TissueModel, std::enable_shared_from_this<ShellTissueM
   /// Springs of the clamp per node [N/m]; 0 where the effects do not touch it.
   std::vector<double> make_anchor(const EffectValues& effects) const;
 
-  /// Makes `metric` and `metric_diagonal` from the rest of the model.
-  void make_metric();
+  /// Makes `preconditioner` and `preconditioner_diagonal` from the rest of the model.
+  void make_preconditioner();
   /// Factor key of a lane: the number of the smallest step of a geometric grid of moduli that is
   /// not below E. It depends on the lane's own parameters only (docs/tissue.md 8).
   static int factor_key(double stiffness_scale);

@@ -62,7 +62,7 @@ ShellTissue<Real>::ShellTissue(std::shared_ptr<const ShellTissueModel> model,
   args_.gravity = gravity_.data();
   args_.keep = keep_.data();
   args_.patch_tip = tip_.data();
-  args_.patch_give = patch_compliance_.assign(1, 1, W);
+  args_.patch_compliance = patch_compliance_.assign(1, 1, W);
   args_.patch_offset = patch_offset_.assign(kPatchRows, 3, W);
   args_.patch_inverse = patch_inverse_.assign(kPatchRows, kPatchRows, W);
   args_.patch_response = patch_response_.assign(n, kPatchRows, W);
@@ -235,7 +235,7 @@ void ShellTissue<Real>::solve_with_springs() {
       std::copy_n(args_.effects.rest, b_.size(), b_.data());
       args_.lanes = group.lanes;
       kernel_.solve_vectors(group.factor->lanes.args(), b_.data());
-      shell_.take_answer(args_);
+      shell_.take_response(args_);
     }
     shell_.advance_springs(args_, round == 0);
   }

@@ -121,7 +121,7 @@ class ShellTissue final : public LaneTissue<Real> {
   ShellArgs<Real> args_{};
 
   // Model in the kernel's precision.
-  AlignedVector<Real> mass_, metric_;
+  AlignedVector<Real> mass_, preconditioner_;
   std::vector<MeshTriangle<Real>> mesh_;
   std::vector<BendStencil<Real>> stencil_;
   std::vector<BendEntry<Real>> bend_entry_;
@@ -143,7 +143,7 @@ class ShellTissue final : public LaneTissue<Real> {
   std::vector<std::int32_t> plane_begin_, plane_shape_;
   AlignedVector<Real> plane_;
   LaneArray<Real> own_stiffness_, own_compliance_, key_stiffness_, contact_motion_, contact_lean_,
-      contact_way_, contact_before_;
+      contact_displacement_, contact_before_;
 };
 
 extern template class ShellTissue<float>;

@@ -31,9 +31,9 @@ class YieldingSurface {
                          std::span<const std::uint32_t> free, std::span<std::uint32_t> near) = 0;
   /// Finds the near points of the sheet at x + d in the given lanes.
   virtual void place(const LaneArray<Real>& x, const LaneArray<Real>& d, std::uint32_t lanes) = 0;
-  /// In the given lanes: how the body answers the change of the forces since place().
-  virtual void answer(std::uint32_t lanes) = 0;
-  /// Takes the share of the answer that the contact solver has chosen.
+  /// In the given lanes: the response of the body to the change of the forces since place().
+  virtual void response(std::uint32_t lanes) = 0;
+  /// Takes the share of the response that the contact solver has chosen.
   virtual void take(std::uint32_t lanes) = 0;
 };
 

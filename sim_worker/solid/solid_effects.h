@@ -4,6 +4,10 @@
 
 #include "sim_worker/lanes/lane_effect_args.h"
 
+// solid/ is the elastic solid in SI units (docs/decisions/0018): quadratic tetrahedra of stable
+// neo-Hooke material, each substep solved by Newton and conjugate gradients. solid_tissue.cpp has
+// the step, solid_kernel.inl the arithmetic, solid_model.cpp what all lanes share.
+
 namespace omentum {
 
 /// Effects in the lane kernel of the elastic solid, stresses and energies per volume in Pa at the

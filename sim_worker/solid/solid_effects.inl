@@ -140,7 +140,7 @@ inline void add_fibres(const Args& args, const Tensor& e, Response& r) {
   r.direction[1] = a;
 }
 
-/// Strain off the slider's seat, and the share of it that the spring carries: up to the yield.
+/// Strain beyond the plastic strain, and the share of it that the spring carries: up to the yield.
 struct Slide {
   Tensor off;
   Lane size, carried;
@@ -362,8 +362,8 @@ inline void remember_element(const Args& args, const Law& law, const Element& el
     if (fx.slider != 0) {
       const Slide s = slide_of(args, e, point);
       Real* const memory = fx.plastic + 6 * kLanes * point;
-      const Tensor seat = fma(splat(Real{0}) - s.carried, s.off, e);
-      store_tensor(memory, select(to_mask(fx.slider), seat, load_tensor(memory)));
+      const Tensor plastic = fma(splat(Real{0}) - s.carried, s.off, e);
+      store_tensor(memory, select(to_mask(fx.slider), plastic, load_tensor(memory)));
     }
   }
   if (fx.softening == 0) return;
@@ -406,11 +406,11 @@ inline void start_bonds(const Args& args) {
     store(fx.bond_now + kLanes * i, bond_stiffness(fx, i, load(fx.bond_fresh + kLanes * i)));
 }
 
-inline void start_film(const Args& args) {
+inline void start_lubrication(const Args& args) {
   for (int i = 0; i < args.nodes; ++i) {
     const Surface surface = nearest_surface(args, load3(args.x + 3 * kLanes * i));
-    start_film_of(args, i, surface,
-                  load(args.effects.film_scale) * facing(args, i, surface.normal));
+    start_lubrication_of(args, i, surface,
+                         load(args.effects.lubrication_scale) * facing(args, i, surface.normal));
   }
 }
 
@@ -429,8 +429,8 @@ inline void start_drag(const Args& args) {
 void start_effects(const Args& args) {
   const auto& fx = args.effects;
   if (fx.bonds != 0) start_bonds(args);
-  if ((fx.film | fx.drag) != 0) find_areas(args, args.x);
-  if (fx.film != 0) start_film(args);
+  if ((fx.lubrication | fx.drag) != 0) find_areas(args, args.x);
+  if (fx.lubrication != 0) start_lubrication(args);
   if (fx.drag != 0) start_drag(args);
 }
 
@@ -448,8 +448,8 @@ void add_node_effects(const Args& args, Real* to) {
     const Lane3 off = load3(args.moved + at) - load3(fx.bond_place + at);
     add_node_force(to, i, fx.bonds, load(fx.bond_now + kLanes * i) * off);
   }
-  for (int i = 0; i < args.nodes && fx.film != 0; ++i) {
-    add_node_force(to, i, fx.film, film_force(fx, i, load3(args.d + 3 * kLanes * i)));
+  for (int i = 0; i < args.nodes && fx.lubrication != 0; ++i) {
+    add_node_force(to, i, fx.lubrication, lubrication_force(fx, i, load3(args.d + 3 * kLanes * i)));
   }
   for (int i = 0; i < args.nodes && fx.drag != 0; ++i) {
     add_node_force(to, i, fx.drag, zero3() - load3(fx.drag_now + 3 * kLanes * i));
@@ -462,8 +462,9 @@ void add_node_products(const Args& args) {
     const Lane3 p = load3(args.p + 3 * kLanes * i);
     add_node_force(args.hp, i, fx.bonds, load(fx.bond_now + kLanes * i) * p);
   }
-  for (int i = 0; i < args.nodes && fx.film != 0; ++i) {
-    add_node_force(args.hp, i, fx.film, film_force(fx, i, load3(args.p + 3 * kLanes * i)));
+  for (int i = 0; i < args.nodes && fx.lubrication != 0; ++i) {
+    add_node_force(args.hp, i, fx.lubrication,
+                   lubrication_force(fx, i, load3(args.p + 3 * kLanes * i)));
   }
 }
 

@@ -53,7 +53,7 @@ void SolidTissue<Real>::apply_hold(int lane) {
   const std::uint32_t bit = 1U << lane;
   const double compliance = effects_.values(lane).grasp_compliance;
   const bool gives = compliance > 0 && !held.nodes.empty();
-  gives_ = gives ? gives_ | bit : gives_ & ~bit;
+  compliant_ = gives ? compliant_ | bit : compliant_ & ~bit;
   const auto best = std::max_element(held.weights.begin(), held.weights.end());
   held.leader = static_cast<std::size_t>(best - held.weights.begin());
   for (std::size_t k = 0; k < held.nodes.size(); ++k) {
@@ -87,7 +87,7 @@ void SolidTissue<Real>::release(int lane) {
     hold_stiffness_(node, lane) = Real{0};
     for (int axis = 0; axis < 3; ++axis) contact_force_(node, axis, lane) = Real{0};
   }
-  gives_ &= ~bit;
+  compliant_ &= ~bit;
   slipped_[static_cast<std::size_t>(lane)] = 0;
   held = {};
 }
@@ -144,29 +144,29 @@ void SolidTissue<Real>::place_held() {
 }
 
 // ---- patches on a spring ------------------------------------------------------------------------
-// The patch keeps its shape and moves by `give` from where rigid jaws would have it. The unknown of
-// that is the place of its leader, a free node on the spring. Those that follow move as it does:
-// their residual is its, and so is their row of the Hessian. Partly covered nodes hang on the
-// patch.
+// The patch keeps its shape and moves by `deflection` from where rigid jaws would have it. The
+// unknown of that is the place of its leader, a free node on the spring. Those that follow move as
+// it does: their residual is its, and so is their row of the Hessian. Partly covered nodes hang on
+// the patch.
 
 /// Calls fn(lane, held, axis) for the patches on springs.
 template <typename Real>
 template <typename Function>
-void SolidTissue<Real>::for_each_giving(Function&& fn) {
+void SolidTissue<Real>::for_each_compliant(Function&& fn) {
   for (int lane = 0; lane < lanes(); ++lane) {
-    if ((gives_ >> lane & 1U) == 0) continue;
+    if ((compliant_ >> lane & 1U) == 0) continue;
     for (int axis = 0; axis < 3; ++axis) fn(lane, held_[static_cast<std::size_t>(lane)], axis);
   }
 }
 
 /// Patches begin a substep as far from the jaws as they ended the last.
 template <typename Real>
-void SolidTissue<Real>::start_giving() {
-  for_each_giving([&](int lane, Held& held, int axis) {
+void SolidTissue<Real>::begin_compliant_patches() {
+  for_each_compliant([&](int lane, Held& held, int axis) {
     const auto a = static_cast<std::size_t>(axis);
     for (std::size_t k = 0; k < held.nodes.size(); ++k) {
       const std::int32_t i = held.nodes[k];
-      const Real place = hold_target_(i, axis, lane) + held.give[a];
+      const Real place = hold_target_(i, axis, lane) + held.deflection[a];
       if (k != held.leader) hold_target_(i, axis, lane) = place;
       if (k == held.leader || !is_free(i, lane)) d_(i, axis, lane) = place - x_(i, axis, lane);
       if (k == held.leader) held.start[a] = d_(i, axis, lane);
@@ -175,10 +175,10 @@ void SolidTissue<Real>::start_giving() {
 }
 
 template <typename Real>
-void SolidTissue<Real>::finish_giving() {
-  for_each_giving([&](int lane, Held& held, int axis) {
+void SolidTissue<Real>::end_compliant_patches() {
+  for_each_compliant([&](int lane, Held& held, int axis) {
     const std::int32_t i = held.nodes[held.leader];
-    held.give[static_cast<std::size_t>(axis)] =
+    held.deflection[static_cast<std::size_t>(axis)] =
         x_(i, axis, lane) + d_(i, axis, lane) - hold_target_(i, axis, lane);
   });
 }
@@ -187,7 +187,7 @@ void SolidTissue<Real>::finish_giving() {
 /// it.
 template <typename Real>
 void SolidTissue<Real>::gather_residual() {
-  for_each_giving([&](int lane, Held& held, int axis) {
+  for_each_compliant([&](int lane, Held& held, int axis) {
     const std::int32_t leader = held.nodes[held.leader];
     const Real moved = d_(leader, axis, lane) - held.start[static_cast<std::size_t>(axis)];
     for (const std::int32_t i : held.nodes) {
@@ -207,7 +207,7 @@ void SolidTissue<Real>::gather_residual() {
 /// Nodes that follow move as their leader in `vector`.
 template <typename Real>
 void SolidTissue<Real>::follow_leaders(LaneArray<Real>& vector) {
-  for_each_giving([&](int lane, Held& held, int axis) {
+  for_each_compliant([&](int lane, Held& held, int axis) {
     const Real moved = vector(held.nodes[held.leader], axis, lane);
     for (const std::int32_t i : held.nodes) {
       if (!is_free(i, lane)) vector(i, axis, lane) = moved;
@@ -218,7 +218,7 @@ void SolidTissue<Real>::follow_leaders(LaneArray<Real>& vector) {
 /// gather_residual() for the product hp of the Hessian with p.
 template <typename Real>
 void SolidTissue<Real>::gather_product() {
-  for_each_giving([&](int lane, Held& held, int axis) {
+  for_each_compliant([&](int lane, Held& held, int axis) {
     const std::int32_t leader = held.nodes[held.leader];
     for (const std::int32_t i : held.nodes) {
       if (i == leader) continue;
@@ -238,7 +238,7 @@ template <typename Real>
 void SolidTissue<Real>::find_held_force() {
   for (int lane = 0; lane < lanes(); ++lane) {
     const Held& held = held_[static_cast<std::size_t>(lane)];
-    const bool gives = (gives_ >> lane & 1U) != 0;
+    const bool gives = (compliant_ >> lane & 1U) != 0;
     for (int axis = 0; axis < 3; ++axis) {
       Real sum = 0;
       for (const std::int32_t i : held.nodes) {
@@ -257,8 +257,8 @@ void SolidTissue<Real>::find_held_force() {
   template void SolidTissue<Real>::shift_held(int, const Vector3d&);         \
   template void SolidTissue<Real>::slip_grasps();                            \
   template void SolidTissue<Real>::place_held();                             \
-  template void SolidTissue<Real>::start_giving();                           \
-  template void SolidTissue<Real>::finish_giving();                          \
+  template void SolidTissue<Real>::begin_compliant_patches();                \
+  template void SolidTissue<Real>::end_compliant_patches();                  \
   template void SolidTissue<Real>::gather_residual();                        \
   template void SolidTissue<Real>::gather_product();                         \
   template void SolidTissue<Real>::follow_leaders(LaneArray<Real>&);         \

@@ -7,10 +7,10 @@
 
 namespace {
 
-const omentum::SolidKernel<Real> kKernel = {kLanes,           start_substep,  start_effects,
-                                            remember_effects, find_residual,  find_reaction,
-                                            multiply_hessian, keep_free,      dot_product,
-                                            add_scaled,       turn_direction, finish_substep};
+const omentum::SolidKernel<Real> kKernel = {kLanes,           start_substep,     start_effects,
+                                            remember_effects, find_residual,     find_reaction,
+                                            multiply_hessian, keep_free,         dot_product,
+                                            add_scaled,       advance_direction, finish_substep};
 
 }  // namespace
 

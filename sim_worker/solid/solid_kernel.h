@@ -20,7 +20,7 @@ struct SolidArgs {
   const Real* volume;           ///< a quarter of each tetrahedron's volume [m^3]
   const Real* mass;             ///< per node [kg]
   const Real* mass_over_step2;  ///< per node: m / (effective step)^2 [N/m]
-  const Real* contact_gain;     ///< per node: what the step answers to a push with [N/m]
+  const Real* contact_gain;     ///< per node: stiffness of contact [N/m]
   bool second_order;            ///< BDF2 instead of backward Euler
   Real effective_step;          ///< h, or 2 h / 3 for BDF2 [s]
   Real inverse_step;            ///< 1 / effective step [1/s]
@@ -91,7 +91,7 @@ struct SolidKernel {
   void (*add_scaled)(const SolidArgs<Real>&, Real* a, const Real* c, const Real* factor,
                      std::uint32_t lanes);
   /// p = z + factor p per lane.
-  void (*turn_direction)(const SolidArgs<Real>&, const Real* factor);
+  void (*advance_direction)(const SolidArgs<Real>&, const Real* factor);
   void (*finish_substep)(const SolidArgs<Real>&);
 };
 

@@ -293,7 +293,7 @@ void remember_effects(const Args& args) {
 struct Contact {
   Lane3 force;
   Lane3 normal;
-  Lane slide;  ///< what the tangential force answers to a slip with [N/m]
+  Lane slide;  ///< change of the tangential force with slip [N/m]
   Bits touches;
 };
 
@@ -442,7 +442,7 @@ void add_scaled(const Args& args, Real* a, const Real* c, const Real* factor, st
   }
 }
 
-void turn_direction(const Args& args, const Real* factor) {
+void advance_direction(const Args& args, const Real* factor) {
   const Lane scale = load(factor);
   for (int i = 0; i < args.nodes; ++i) {
     const int at = 3 * kLanes * i;

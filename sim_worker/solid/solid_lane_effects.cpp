@@ -63,7 +63,8 @@ void SolidLaneEffects<Real>::make_memory() {
     args_.bond_fresh = bond_fresh_.ensure(nodes, 1, lanes_);
     args_.bond_now = bond_now_.ensure(nodes, 1, lanes_);
   }
-  if ((args_.adhesion | args_.film | args_.drag) != 0) args_.area = area_.ensure(nodes, 3, lanes_);
+  if ((args_.adhesion | args_.lubrication | args_.drag) != 0)
+    args_.area = area_.ensure(nodes, 3, lanes_);
   if (args_.drag != 0) args_.drag_now = drag_now_.ensure(nodes, 3, lanes_);
 }
 

@@ -26,7 +26,7 @@ class SolidLaneEffects final : public LaneEffects<Real> {
   /// Memory of a body that never moved, its rest shape shifted by `offset` [m].
   void reset(int lane, const Eigen::Vector3d& offset);
   /// Whether some effect is more than a number: the kernel has to start and to remember it.
-  bool on_nodes() const { return (args_.bonds | args_.film | args_.drag) != 0; }
+  bool on_nodes() const { return (args_.bonds | args_.lubrication | args_.drag) != 0; }
   bool remembers() const {
     return (args_.prony | args_.slider | args_.softening | args_.bonds) != 0;
   }

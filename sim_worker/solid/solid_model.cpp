@@ -165,8 +165,8 @@ Eigen::Matrix<double, 30, 30> rest_stiffness(const SolidTissueModel& model, std:
   return k + model.volume[t] * model.law.bulk * mean * mean.transpose();
 }
 
-/// The preconditioner of a body that is anchored and so turns little: the Hessian at rest. It
-/// answers a push as the body does, which the contact of a sheet counts on (docs/decisions/0020).
+/// The preconditioner of a body that is anchored and so rotates little: the Hessian at rest. Its
+/// response to a force is the body's, which the contact of a sheet counts on (docs/decisions/0020).
 void set_rest_factor(SolidTissueModel& model) {
   FactorMatrix matrix(model, 3);
   matrix.add_inertia(model);

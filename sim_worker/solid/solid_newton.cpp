@@ -48,14 +48,14 @@ void SolidTissue<Real>::multiply_hessian() {
 }
 
 // Newton steps until the residual is small, in every lane on its own; a step that makes it larger
-// is halved. Most substeps take two, an impact ten. What is small is settled by the first call in a
-// substep.
+// is halved. Most substeps take two, an impact ten. The tolerance is set by
+// the residual at the first call in a substep.
 template <typename Real>
 void SolidTissue<Real>::solve_lanes(std::uint32_t active) {
   const auto W = static_cast<std::size_t>(lanes());
   PerLane size{};
   PerLane size_new{};
-  PerLane share{};
+  PerLane step_length{};
   find_residual(size);
   for (std::size_t l = 0; l < W; ++l) {
     if (enough_[l] >= Real{0}) continue;
@@ -69,38 +69,39 @@ void SolidTissue<Real>::solve_lanes(std::uint32_t active) {
     }
     if (moves == 0) return;
     find_newton_step(size, moves);
-    share.fill(Real{-1});
+    step_length.fill(Real{-1});
     std::uint32_t worse = moves;
     for (int halving = 0; worse != 0 && halving <= kMaxHalvings; ++halving) {
-      solid_.add_scaled(args_, d_.data(), step_.data(), share.data(), worse);
+      solid_.add_scaled(args_, d_.data(), step_.data(), step_length.data(), worse);
       find_residual(size_new);
       for (std::size_t l = 0; l < W; ++l) {
         // Written so that a residual that is no number counts as worse.
         if (size_new[l] <= size[l]) worse &= ~(1U << l);
       }
-      share.fill(halving == 0 ? Real{0.5} : share[0] / 2);
+      step_length.fill(halving == 0 ? Real{0.5} : step_length[0] / 2);
     }
     size = size_new;
   }
 }
 
 template <typename Real>
-void SolidTissue<Real>::answer(const Real* push, Real* work, Real* cross) {
-  std::copy_n(push, b_.size(), b_.data());
+void SolidTissue<Real>::response(const Real* force, Real* work, Real* cross) {
+  std::copy_n(force, b_.size(), b_.data());
   solid_.keep_free(args_, b_.data());
   precondition();
   follow_leaders(z_);
   PerLane product{};
-  solid_.dot(args_, push, z_.data(), product.data());
+  solid_.dot(args_, force, z_.data(), product.data());
   std::copy_n(product.begin(), lanes(), work);
-  solid_.dot(args_, push, p_.data(), product.data());
+  solid_.dot(args_, force, p_.data(), product.data());
   std::copy_n(product.begin(), lanes(), cross);
 }
 
 template <typename Real>
-void SolidTissue<Real>::take_answer(const Real* turn, const Real* share, std::uint32_t active) {
-  solid_.turn_direction(args_, turn);
-  solid_.add_scaled(args_, d_.data(), p_.data(), share, active);
+void SolidTissue<Real>::take_response(const Real* beta, const Real* step_length,
+                                      std::uint32_t active) {
+  solid_.advance_direction(args_, beta);
+  solid_.add_scaled(args_, d_.data(), p_.data(), step_length, active);
 }
 
 // step = H^-1 b by conjugate gradients, from the residual b with z = A^-1 b and its square `rz`. A
@@ -144,7 +145,7 @@ void SolidTissue<Real>::find_newton_step(PerLane rz, std::uint32_t active) {
       rz[l] = rz_new[l];
       if (!(rz[l] > enough[l])) active &= ~(1U << l);
     }
-    solid_.turn_direction(args_, factor.data());
+    solid_.advance_direction(args_, factor.data());
   }
 }
 
@@ -154,8 +155,8 @@ void SolidTissue<Real>::find_newton_step(PerLane rz, std::uint32_t active) {
   template void SolidTissue<Real>::multiply_hessian();                       \
   template void SolidTissue<Real>::find_newton_step(PerLane, std::uint32_t); \
   template void SolidTissue<Real>::solve_lanes(std::uint32_t);               \
-  template void SolidTissue<Real>::answer(const Real*, Real*, Real*);        \
-  template void SolidTissue<Real>::take_answer(const Real*, const Real*, std::uint32_t)
+  template void SolidTissue<Real>::response(const Real*, Real*, Real*);      \
+  template void SolidTissue<Real>::take_response(const Real*, const Real*, std::uint32_t)
 OMENTUM_INSTANTIATE(float);
 OMENTUM_INSTANTIATE(double);
 #undef OMENTUM_INSTANTIATE

@@ -31,7 +31,7 @@ void SolidTissue<Real>::save(int lane, Bytes& out) const {
     state.add_all(std::span<const std::int32_t>(held.nodes));
     state.add_all(std::span<const std::array<Real, 3>>(held.offsets));
     state.add_all(std::span<const Real>(held.weights));
-    state.add(held.give);
+    state.add(held.deflection);
   }
   effects_.save(lane, state);
 }
@@ -46,7 +46,7 @@ Result<typename SolidTissue<Real>::Held> SolidTissue<Real>::read_grasp(StateRead
   held.offsets.resize(count);
   held.weights.resize(count);
   if (!state.read_all(std::span(held.nodes)) || !state.read_all(std::span(held.offsets)) ||
-      !state.read_all(std::span(held.weights)) || !state.read(held.give))
+      !state.read_all(std::span(held.weights)) || !state.read(held.deflection))
     return Failure{"tissue state ends in its grasp"};
   for (std::size_t k = 0; k < count; ++k) {
     const std::int32_t i = held.nodes[k];
@@ -58,7 +58,7 @@ Result<typename SolidTissue<Real>::Held> SolidTissue<Real>::read_grasp(StateRead
         !all_finite(std::span<const Real>(held.offsets[k])))
       return Failure{fmt::format("tissue state holds node {} with a bad weight or offset", i)};
   }
-  const bool gives = std::all_of(held.give.begin(), held.give.end(),
+  const bool gives = std::all_of(held.deflection.begin(), held.deflection.end(),
                                  [](Real g) { return std::fabs(g) <= Real{1}; });
   if (!gives) return Failure{"tissue state holds a patch that is not in its jaws"};
   return held;

@@ -15,8 +15,8 @@ using Eigen::Vector3d;
 
 // Energy below which a residual is rounding, part of (weight x edge length).
 constexpr double kRestEnergy = 1e-12;
-// Contact answers a push with this many times the stiffness of the step at the node. Larger settles
-// in fewer substeps and costs more conjugate steps.
+// Stiffness of contact over that of the step at the node. Larger settles in fewer substeps and
+// costs more conjugate steps.
 constexpr double kContactGain = 10;
 
 template <typename Real>
@@ -177,7 +177,7 @@ void SolidTissue<Real>::begin_substep(std::span<const ToolMotion> motion, int su
   this->place_tool(motion, substep);
   place_held();
   solid_.start_substep(args_);
-  start_giving();
+  begin_compliant_patches();
   if (effects_.on_nodes()) solid_.start_effects(args_);
   enough_.fill(Real{-1});
 }
@@ -188,7 +188,7 @@ void SolidTissue<Real>::end_substep(bool last) {
     solid_.find_reaction(args_, hp_.data());
     find_held_force();
   }
-  finish_giving();
+  end_compliant_patches();
   if (effects_.remembers()) solid_.remember_effects(args_);
   solid_.finish_substep(args_);
 }

@@ -50,12 +50,13 @@ class SolidTissue final : public LaneTissue<Real> {
   /// Forces from outside on every node [N], [node][xyz][lane], until the next call; null = none.
   /// The array must stay.
   void set_load(const Real* load);
-  /// How far a further push [N] (like a load) moves the nodes by the preconditioner, which is right
-  /// to a factor of two; per lane `work` gets push x answer and `cross` push x direction [N m].
-  /// take_answer() makes the direction this answer + `turn` times the direction before and moves
-  /// the nodes by `share` of it in the given lanes; solve_lanes() then puts right what is left.
-  void answer(const Real* push, Real* work, Real* cross);
-  void take_answer(const Real* turn, const Real* share, std::uint32_t active);
+  /// Displacement of the nodes under a change of the load [N] by the preconditioner, which is right
+  /// to a factor of two; per lane `work` gets force x response and `cross` force x direction [N m].
+  /// take_response() makes the direction this response + `beta` times the direction before and
+  /// moves the nodes by `step_length` times it in the given lanes; solve_lanes() then puts right
+  /// what is left.
+  void response(const Real* force, Real* work, Real* cross);
+  void take_response(const Real* beta, const Real* step_length, std::uint32_t active);
   /// Positions at the start of the substep and the displacement since [node][xyz][lane] [m].
   const LaneArray<Real>& substep_positions() const { return x_; }
   const LaneArray<Real>& substep_displacements() const { return d_; }
@@ -82,7 +83,8 @@ class SolidTissue final : public LaneTissue<Real> {
     std::vector<std::int32_t> nodes;
     std::vector<std::array<Real, 3>> offsets;  ///< from the tip, in W
     std::vector<Real> weights;                 ///< covered part of the node's share, (0, 1]
-    std::array<Real, 3> give{};   ///< way of a patch on a spring from where rigid jaws have it [m]
+    std::array<Real, 3>
+        deflection{};             ///< of a patch on a spring, from where rigid jaws have it [m]
     std::size_t leader = 0;       ///< of such a patch: number of the node on the spring
     std::array<Real, 3> start{};  ///< scratch: its displacement when the substep began
   };
@@ -104,12 +106,12 @@ class SolidTissue final : public LaneTissue<Real> {
   void place_held();
   void find_held_force();
   template <typename Function>
-  void for_each_giving(Function&& fn);
-  void start_giving();
+  void for_each_compliant(Function&& fn);
+  void begin_compliant_patches();
   void gather_residual();
   void gather_product();
   void follow_leaders(LaneArray<Real>& vector);
-  void finish_giving();
+  void end_compliant_patches();
 
   std::shared_ptr<const SolidTissueModel> model_;
   const SolidKernel<Real>& solid_;
@@ -127,7 +129,7 @@ class SolidTissue final : public LaneTissue<Real> {
   std::vector<std::uint32_t> touches_, contact_mask_;
   std::vector<std::int32_t> contact_node_;
   std::vector<Held> held_;
-  std::uint32_t gives_ = 0;  ///< lanes whose patch hangs on a spring (effect grasp_compliance)
+  std::uint32_t compliant_ = 0;  ///< lanes whose patch hangs on a spring (effect grasp_compliance)
   SolidLaneEffects<Real> effects_;
   PerLane rest_energy_{};         ///< residuals below it are rounding [J]
   double model_rest_energy_ = 0;  ///< the same of the law alone [J]

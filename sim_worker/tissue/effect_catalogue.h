@@ -10,6 +10,10 @@
 #include "proto/knob.pb.h"
 #include "proto/tissue_effects.pb.h"
 
+// tissue/ is what all tissue models share: Tissue::step and its stages, what surrounds a tissue,
+// the catalogue and formulas of effects, the base of the models that run in lanes, and the bytes of
+// a saved state. The models are in the folders after it.
+
 namespace omentum {
 
 /// The effects of one environment, resolved: SI, angles in radians; one double per row of the

@@ -18,7 +18,7 @@ constexpr std::array<double, 3> kLossTimes = {0.5, 0.05, 0.005};  // [s]: 0.3 ..
 // sum). Largest at w = 1 / t. For r = 10:
 constexpr double kLossRipple = 0.055;
 
-Matrix3d turn(double angle, const Vector3d& axis) {
+Matrix3d rotation(double angle, const Vector3d& axis) {
   const trig::SinCos a = trig::sin_cos(angle);
   Matrix3d cross;
   cross << 0, -axis.z(), axis.y(), axis.z(), 0, -axis.x(), -axis.y(), axis.x(), 0;
@@ -29,13 +29,13 @@ Matrix3d turn(double angle, const Vector3d& axis) {
 
 Vector3d tilted_gravity(const EffectValues& effects, const Vector3d& gravity) {
   if (effects.tilt_x == 0 && effects.tilt_y == 0) return gravity;
-  return turn(effects.tilt_y, Vector3d::UnitY()) *
-         (turn(effects.tilt_x, Vector3d::UnitX()) * gravity);
+  return rotation(effects.tilt_y, Vector3d::UnitY()) *
+         (rotation(effects.tilt_x, Vector3d::UnitX()) * gravity);
 }
 
 Matrix3d jaw_turn(const EffectValues& effects, const Vector3d& shaft_axis) {
   if (effects.jaw_roll == 0 && effects.jaw_tilt == 0) return Matrix3d::Identity();
-  return turn(effects.jaw_tilt, Vector3d::UnitX()) * turn(effects.jaw_roll, shaft_axis);
+  return rotation(effects.jaw_tilt, Vector3d::UnitX()) * rotation(effects.jaw_roll, shaft_axis);
 }
 
 // F' = -stiffness v0 (F / Fs - 1) has the solution F - Fs ~ exp(-stiffness v0 t / Fs).

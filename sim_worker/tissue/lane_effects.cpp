@@ -41,8 +41,8 @@ LaneEffects<Real>::LaneEffects(const TissueBody& body, const EffectValues& scene
   common_.anchor_limit = per_lane(anchor_limit_);
   common_.adhesion_scale = per_lane(adhesion_);
   common_.adhesion_limit = per_lane(adhesion_limit_);
-  common_.film_scale = per_lane(film_);
-  common_.film_reach = per_lane(film_reach_);
+  common_.lubrication_scale = per_lane(lubrication_);
+  common_.lubrication_reach = per_lane(lubrication_reach_);
   common_.drag_scale = per_lane(drag_);
 }
 
@@ -73,8 +73,8 @@ void LaneEffects<Real>::set_common(int lane, const EffectValues& v, double subst
   anchor_limit_[lane] = real(v.anchor_break > 0 ? v.anchor_break : kNever);
   adhesion_[lane] = real(v.adhesion);
   adhesion_limit_[lane] = real(v.adhesion_break);
-  film_[lane] = real(v.suction / substep);
-  film_reach_[lane] = real(v.suction_reach);
+  lubrication_[lane] = real(v.suction / substep);
+  lubrication_reach_[lane] = real(v.suction_reach);
   drag_[lane] = real(0.5 * v.air_drag * kAirDensity);
 
   common_.stiffening = lanes_where([](const EffectValues& e) { return e.stiffening != 0; });
@@ -84,7 +84,7 @@ void LaneEffects<Real>::set_common(int lane, const EffectValues& v, double subst
   common_.prony = lanes_where([](const EffectValues& e) { return prony_branches(e) > 0; });
   common_.drag = lanes_where([](const EffectValues& e) { return e.air_drag > 0; });
   common_.adhesion = lanes_where([](const EffectValues& e) { return e.adhesion > 0; });
-  common_.film = lanes_where([](const EffectValues& e) { return e.suction > 0; });
+  common_.lubrication = lanes_where([](const EffectValues& e) { return e.suction > 0; });
   common_.bonds =
       common_.adhesion | lanes_where([this](const EffectValues&) { return scene_.moves_anchor(); });
   common_.branches = 0;
@@ -107,9 +107,9 @@ void LaneEffects<Real>::make_memory() {
     common_.bond_place = bond_place_.ensure(nodes, 3, lanes_);
     common_.bond_longest = bond_longest_.ensure(nodes, 1, lanes_, Real{-1});
   }
-  if (common_.film != 0) {
-    common_.film_now = film_now_.ensure(nodes, 1, lanes_);
-    common_.film_normal = film_normal_.ensure(nodes, 3, lanes_);
+  if (common_.lubrication != 0) {
+    common_.lubrication_now = lubrication_now_.ensure(nodes, 1, lanes_);
+    common_.lubrication_normal = lubrication_normal_.ensure(nodes, 3, lanes_);
   }
 }
 

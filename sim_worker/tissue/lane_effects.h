@@ -77,7 +77,8 @@ class LaneEffects {
   std::vector<EffectValues> values_;
   LaneArray<Real> density_, stiffening_, softening_, softening_energy_, fibre_, fibre_axes_,
       prony_gains_, prony_keep_, prony_gain_, slider_, yield_, anchor_limit_, adhesion_,
-      adhesion_limit_, film_, film_reach_, drag_, film_now_, film_normal_;
+      adhesion_limit_, lubrication_, lubrication_reach_, drag_, lubrication_now_,
+      lubrication_normal_;
 };
 
 extern template class LaneEffects<float>;

@@ -36,10 +36,8 @@ Strings column(const std::string& csv, const std::string& name) {
   return values;
 }
 
-// Episodes of 60 steps of 2 mm, 88 mm above the tumour, the paper's reward: -0.5 - 0.5 distance / L
-// while nothing is held. A random walk stays where it is: 60 (-0.5 - 0.5 x 0.09 / 0.281) = -39.6.
-// The straight way down takes 45 steps: -30 - 60 x 0.5 x 0.09 / 0.281 x 0.375 = -33.6. The
-// threshold lies half way.
+// Episodes of 60 steps of 2 mm, the paper's reward. The first three updates, a random walk, have
+// returns of -31 ... -36; the last one -8 (measured). -20 lies between.
 TEST(Learning, TwoWorkersAndTheLearnerLearnToReach) {
   Programs programs;
   const Strings sets =
@@ -50,12 +48,12 @@ TEST(Learning, TwoWorkersAndTheLearnerLearnToReach) {
                             "ppo.learning_rate=0.002",  "ppo.entropy=0.001"};
   programs.train("reach", sets, {{"--lanes", "8"}, {"--lanes", "8"}});
   const double mean_return = std::stod(Programs::value(programs.summary("reach"), "mean_return"));
-  EXPECT_GT(mean_return, -36.6);
-  // It was not there from the start: the first update's episodes were a random walk.
+  EXPECT_GT(mean_return, -20.0);
+  // It was not there from the start.
   const Strings returns =
-      column(read_text(programs.run_dir("reach") + "/metrics.csv"), "mean_return");
+      column(read_text(programs.run_dir("reach") + "/metrics.csv"), "charts/episodic_return");
   ASSERT_GT(returns.size(), 10u);
-  EXPECT_LT(std::stod(returns.front()), -38.0);
+  EXPECT_LT(std::stod(returns.front()), -28.0);
   RecordProperty("mean_return_x100", static_cast<int>(100 * mean_return));
 }
 

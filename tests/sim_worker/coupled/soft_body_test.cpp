@@ -224,8 +224,8 @@ TEST(SoftBody, AnAnchoredBodyAnswersASmallPushAsItThenMoves) {
   double unused = 0;
   const double none = 0;
   const double whole = 1;
-  answers.answer(push.data(), &work, &unused);
-  answers.take_answer(&none, &whole, 1);
+  answers.response(push.data(), &work, &unused);
+  answers.take_response(&none, &whole, 1);
   moves.set_load(push.data());
   moves.solve_substep();
   double off = 0;
