@@ -13,9 +13,8 @@ namespace {
 
 using Eigen::Vector3d;
 
-constexpr int kFullSamples =
-    40000;                      // on the whole surface; a quarter to a half of them face the camera
-constexpr float kNear = 1e-4F;  // [m] nothing nearer to the camera casts a shadow
+constexpr int kFullSamples = 40000;  // on the surface; a quarter to a half face the camera
+constexpr float kNear = 1e-4F;       // [m] nothing nearer to the camera casts a shadow
 
 /// A projected vertex: image coordinates and depth.
 struct ImagePoint {
@@ -31,8 +30,8 @@ ImagePoint project(const CameraPose& camera, const Vector3d& p) {
 }
 
 int bin_index(float x, float min, float max, int bins) {
-  const float share = (x - min) / (max - min);
-  return std::clamp(static_cast<int>(share * static_cast<float>(bins)), 0, bins - 1);
+  return std::clamp(static_cast<int>((x - min) / (max - min) * static_cast<float>(bins)), 0,
+                    bins - 1);
 }
 
 /// Marks the samples that a triangle shadows: inside it in the image and farther than its plane
@@ -57,86 +56,60 @@ void shadow(const ExposureSamples& s, ImagePoint a, ImagePoint b, ImagePoint c,
   const int v0 = bin_index(v_low, s.v_min, s.v_max, s.bins);
   const int v1 = bin_index(v_high, s.v_min, s.v_max, s.bins);
   for (int bv = v0; bv <= v1; ++bv) {
-    const auto row = static_cast<std::size_t>(bv * s.bins);
-    const std::int32_t begin = s.bin_begin[row + static_cast<std::size_t>(u0)];
-    const std::int32_t end = s.bin_begin[row + static_cast<std::size_t>(u1) + 1];
-    for (std::int32_t i = begin; i < end; ++i) {
-      const auto k = static_cast<std::size_t>(i);
-      const float pu = s.u[k];
-      const float pv = s.v[k];
+    const std::int32_t end = s.bin_begin[bv * s.bins + u1 + 1];
+    for (std::int32_t i = s.bin_begin[bv * s.bins + u0]; i < end; ++i) {
+      const auto& [pu, pv, inverse_depth, weight] = s.sample[i];
       const float wb = ((pu - a.u) * (c.v - a.v) - (c.u - a.u) * (pv - a.v)) * inverse_area;
       const float wc = ((b.u - a.u) * (pv - a.v) - (pu - a.u) * (b.v - a.v)) * inverse_area;
       const float wa = 1.0F - wb - wc;
       if (!(wa >= 0 && wb >= 0 && wc >= 0)) continue;
       // 1e-4 of the depth: a surface does not shadow itself.
-      if (wa * ia + wb * ib + wc * ic > s.inverse_depth[k] * 1.0001F) shadowed[k] = 1;
+      if (wa * ia + wb * ib + wc * ic > inverse_depth * 1.0001F) shadowed[i] = 1;
     }
   }
 }
 
 /// Sorts samples into bins of about four and sets window and total.
 void arrange(ExposureSamples& s) {
-  const int n = s.size();
-  if (n == 0) return;
-  const auto [u_low, u_high] = std::minmax_element(s.u.begin(), s.u.end());
-  const auto [v_low, v_high] = std::minmax_element(s.v.begin(), s.v.end());
-  const float margin = 1e-6F;
-  s.u_min = *u_low - margin;
-  s.u_max = *u_high + margin;
-  s.v_min = *v_low - margin;
-  s.v_max = *v_high + margin;
-  s.bins = std::max(1, static_cast<int>(std::sqrt(n / 4.0)));
-  std::vector<int> bin(static_cast<std::size_t>(n));
-  for (std::size_t i = 0; i < bin.size(); ++i) {
-    bin[i] = bin_index(s.v[i], s.v_min, s.v_max, s.bins) * s.bins +
-             bin_index(s.u[i], s.u_min, s.u_max, s.bins);
-  }
-  std::vector<std::size_t> order(bin.size());
-  std::iota(order.begin(), order.end(), std::size_t{0});
-  std::stable_sort(order.begin(), order.end(),
-                   [&](std::size_t a, std::size_t b) { return bin[a] < bin[b]; });
-  const auto permute = [&order](std::vector<float>& values) {
-    std::vector<float> sorted;
-    for (const std::size_t i : order) sorted.push_back(values[i]);
-    values = std::move(sorted);
-  };
-  for (auto* values : {&s.u, &s.v, &s.inverse_depth, &s.weight}) permute(*values);
-  s.bin_begin.assign(static_cast<std::size_t>(s.bins * s.bins) + 1, 0);
-  for (const int b : bin) ++s.bin_begin[static_cast<std::size_t>(b) + 1];
-  std::partial_sum(s.bin_begin.begin(), s.bin_begin.end(), s.bin_begin.begin());
+  s.bin_begin.clear();
   s.total = 0;
-  for (const float w : s.weight) s.total += static_cast<double>(w);
-}
-
-void keep(ExposureSamples& s, const std::vector<std::uint8_t>& drop) {
-  ExposureSamples kept;
-  for (std::size_t i = 0; i < drop.size(); ++i) {
-    if (drop[i] != 0) continue;
-    kept.u.push_back(s.u[i]);
-    kept.v.push_back(s.v[i]);
-    kept.inverse_depth.push_back(s.inverse_depth[i]);
-    kept.weight.push_back(s.weight[i]);
+  if (s.sample.empty()) return;
+  const float margin = 1e-6F;
+  const auto [left, right] = std::ranges::minmax(s.sample, {}, &ExposureSample::u);
+  const auto [low, high] = std::ranges::minmax(s.sample, {}, &ExposureSample::v);
+  s.u_min = left.u - margin;
+  s.u_max = right.u + margin;
+  s.v_min = low.v - margin;
+  s.v_max = high.v + margin;
+  s.bins = std::max(1, static_cast<int>(std::sqrt(s.size() / 4.0)));
+  const auto bin = [&s](const ExposureSample& p) {
+    return bin_index(p.v, s.v_min, s.v_max, s.bins) * s.bins +
+           bin_index(p.u, s.u_min, s.u_max, s.bins);
+  };
+  std::ranges::stable_sort(s.sample, {}, bin);
+  s.bin_begin.assign(s.bins * s.bins + 1, 0);
+  for (const ExposureSample& p : s.sample) {
+    ++s.bin_begin[bin(p) + 1];
+    s.total += static_cast<double>(p.weight);
   }
-  s = std::move(kept);
-  arrange(s);
+  std::partial_sum(s.bin_begin.begin(), s.bin_begin.end(), s.bin_begin.begin());
 }
 
 /// Removes samples behind organs (they count in neither numerator nor denominator) and, for a
 /// tumour that is not convex, behind the tumour itself.
 void drop_hidden(ExposureSamples& s, const Scene& scene) {
-  std::vector<std::uint8_t> hidden(static_cast<std::size_t>(s.size()), 0);
+  std::vector<std::uint8_t> hidden(s.size(), 0);
   for (const RigidShape& body : scene.bodies) {
     if (body.role == pb::ROLE_BOARD || body.kind == RigidShape::Kind::kHalfSpace) continue;
     std::vector<ImagePoint> image;
     for (const Vector3d& p : body.surface.vertices)
       image.push_back(project(scene.camera, body.X_WS * p));
     for (const Eigen::Vector3i& t : body.surface.triangles) {
-      ImagePoint a = image[static_cast<std::size_t>(t[0])];
-      ImagePoint b = image[static_cast<std::size_t>(t[1])];
-      ImagePoint c = image[static_cast<std::size_t>(t[2])];
+      ImagePoint a = image[t[0]];
+      ImagePoint b = image[t[1]];
+      ImagePoint c = image[t[2]];
       if (body.role == pb::ROLE_TUMOUR) {
-        // Only faces clearly nearer than the sample: pushed 1 mm away from the camera, they do not
-        // shadow themselves.
+        // Moved 1 mm away from the camera, a face does not shadow its own samples.
         for (ImagePoint* q : {&a, &b, &c}) q->depth += 1e-3F;
       }
       shadow(s, a, b, c, hidden);
@@ -147,11 +120,15 @@ void drop_hidden(ExposureSamples& s, const Scene& scene) {
     std::vector<ImagePoint> image;
     for (const Vector3d& p : soft.particles) image.push_back(project(scene.camera, soft.X_WB * p));
     for (const Eigen::Vector3i& t : soft.surface_triangles) {
-      shadow(s, image[static_cast<std::size_t>(t[0])], image[static_cast<std::size_t>(t[1])],
-             image[static_cast<std::size_t>(t[2])], hidden);
+      shadow(s, image[t[0]], image[t[1]], image[t[2]], hidden);
     }
   }
-  keep(s, hidden);
+  std::vector<ExposureSample> seen;
+  for (std::size_t i = 0; i < hidden.size(); ++i) {
+    if (hidden[i] == 0) seen.push_back(s.sample[i]);
+  }
+  s.sample = std::move(seen);
+  arrange(s);
 }
 
 ExposureSamples sample_surface(const Scene& scene, const RigidShape& tumour) {
@@ -160,10 +137,8 @@ ExposureSamples sample_surface(const Scene& scene, const RigidShape& tumour) {
   std::vector<double> cumulative;
   double total = 0;
   for (const Eigen::Vector3i& t : mesh.triangles) {
-    const Vector3d& a = mesh.vertices[static_cast<std::size_t>(t[0])];
-    total += 0.5 * (mesh.vertices[static_cast<std::size_t>(t[1])] - a)
-                       .cross(mesh.vertices[static_cast<std::size_t>(t[2])] - a)
-                       .norm();
+    const Vector3d& a = mesh.vertices[t[0]];
+    total += 0.5 * (mesh.vertices[t[1]] - a).cross(mesh.vertices[t[2]] - a).norm();
     cumulative.push_back(total);
   }
   for (std::uint32_t i = 0; i < kFullSamples; ++i) {
@@ -174,9 +149,9 @@ ExposureSamples sample_surface(const Scene& scene, const RigidShape& tumour) {
         std::upper_bound(cumulative.begin(), cumulative.end(), where) - cumulative.begin(),
         static_cast<std::ptrdiff_t>(cumulative.size()) - 1));
     const Eigen::Vector3i& t = mesh.triangles[k];
-    const Vector3d a = tumour.X_WS * mesh.vertices[static_cast<std::size_t>(t[0])];
-    const Vector3d b = tumour.X_WS * mesh.vertices[static_cast<std::size_t>(t[1])];
-    const Vector3d c = tumour.X_WS * mesh.vertices[static_cast<std::size_t>(t[2])];
+    const Vector3d a = tumour.X_WS * mesh.vertices[t[0]];
+    const Vector3d b = tumour.X_WS * mesh.vertices[t[1]];
+    const Vector3d c = tumour.X_WS * mesh.vertices[t[2]];
     double x = static_cast<double>(words[1]) * 0x1p-32;
     double y = static_cast<double>(words[2]) * 0x1p-32;
     if (x + y > 1) {
@@ -188,10 +163,7 @@ ExposureSamples sample_surface(const Scene& scene, const RigidShape& tumour) {
     const double facing = (b - a).cross(c - a).normalized().dot(view.normalized());
     if (!(facing > 0)) continue;
     const ImagePoint q = project(scene.camera, p);
-    s.u.push_back(q.u);
-    s.v.push_back(q.v);
-    s.inverse_depth.push_back(1.0F / q.depth);
-    s.weight.push_back(static_cast<float>(facing / view.squaredNorm()));
+    s.sample.push_back({q.u, q.v, 1.0F / q.depth, static_cast<float>(facing / view.squaredNorm())});
   }
   arrange(s);
   return s;
@@ -209,28 +181,21 @@ ExposureSamples choose_subset(const ExposureSamples& all, int n) {
     r = (r | (r << 2)) & 0x3333333333333333ULL;
     return (r | (r << 1)) & 0x5555555555555555ULL;
   };
-  std::vector<std::uint64_t> code;
-  for (std::size_t i = 0; i < all.u.size(); ++i) {
-    code.push_back(
-        spread(static_cast<std::uint32_t>(bin_index(all.u[i], all.u_min, all.u_max, kCells))) |
-        spread(static_cast<std::uint32_t>(bin_index(all.v[i], all.v_min, all.v_max, kCells))) << 1);
-  }
-  std::vector<std::size_t> order(all.u.size());
-  std::iota(order.begin(), order.end(), std::size_t{0});
-  std::stable_sort(order.begin(), order.end(),
-                   [&](std::size_t a, std::size_t b) { return code[a] < code[b]; });
+  const auto code = [&](const ExposureSample& p) {
+    const auto u = static_cast<std::uint32_t>(bin_index(p.u, all.u_min, all.u_max, kCells));
+    const auto v = static_cast<std::uint32_t>(bin_index(p.v, all.v_min, all.v_max, kCells));
+    return spread(u) | spread(v) << 1;
+  };
+  std::vector<ExposureSample> ordered = all.sample;
+  std::ranges::stable_sort(ordered, {}, code);
   ExposureSamples subset;
   double walked = 0;
-  int taken = 0;
-  for (const std::size_t i : order) {
-    walked += static_cast<double>(all.weight[i]);
-    if (taken < n && walked >= (taken + 0.5) / n * all.total) {
-      subset.u.push_back(all.u[i]);
-      subset.v.push_back(all.v[i]);
-      subset.inverse_depth.push_back(all.inverse_depth[i]);
-      subset.weight.push_back(1.0F);
-      ++taken;
-    }
+  for (ExposureSample& p : ordered) {
+    walked += static_cast<double>(p.weight);
+    const int taken = subset.size();
+    if (taken >= n || walked < (taken + 0.5) / n * all.total) continue;
+    p.weight = 1.0F;
+    subset.sample.push_back(p);
   }
   arrange(subset);
   return subset;
@@ -240,9 +205,9 @@ ExposureSamples choose_subset(const ExposureSamples& all, int n) {
 double first_hit(const RigidShape& tumour, const Vector3d& origin, const Vector3d& direction) {
   double nearest = std::numeric_limits<double>::infinity();
   for (const Eigen::Vector3i& t : tumour.surface.triangles) {
-    const Vector3d a = tumour.X_WS * tumour.surface.vertices[static_cast<std::size_t>(t[0])];
-    const Vector3d e1 = tumour.X_WS * tumour.surface.vertices[static_cast<std::size_t>(t[1])] - a;
-    const Vector3d e2 = tumour.X_WS * tumour.surface.vertices[static_cast<std::size_t>(t[2])] - a;
+    const Vector3d a = tumour.X_WS * tumour.surface.vertices[t[0]];
+    const Vector3d e1 = tumour.X_WS * tumour.surface.vertices[t[1]] - a;
+    const Vector3d e2 = tumour.X_WS * tumour.surface.vertices[t[2]] - a;
     const Vector3d p = direction.cross(e2);
     const double determinant = e1.dot(p);
     if (std::fabs(determinant) < 1e-18) continue;
@@ -266,21 +231,19 @@ ExposureSamples sample_pixels(const Scene& scene, const RigidShape& tumour, int 
       const Vector3d direction = scene.camera.R_WC * Vector3d(u, v, -1);
       const double depth = first_hit(tumour, scene.camera.position, direction);
       if (!std::isfinite(depth)) continue;
-      s.u.push_back(static_cast<float>(u));
-      s.v.push_back(static_cast<float>(v));
-      s.inverse_depth.push_back(static_cast<float>(1 / depth));
-      s.weight.push_back(1.0F);
+      s.sample.push_back(
+          {static_cast<float>(u), static_cast<float>(v), static_cast<float>(1 / depth), 1.0F});
     }
   }
   arrange(s);
   return s;
 }
 
-double visible_share(const ExposureSamples& s, const std::vector<std::uint8_t>& shadowed) {
+double visible_fraction(const ExposureSamples& s, const std::vector<std::uint8_t>& shadowed) {
   if (!(s.total > 0)) return 0;
   double visible = 0;
-  for (std::size_t i = 0; i < s.weight.size(); ++i)
-    visible += shadowed[i] != 0 ? 0.0 : static_cast<double>(s.weight[i]);
+  for (std::size_t i = 0; i < s.sample.size(); ++i)
+    visible += shadowed[i] != 0 ? 0.0 : static_cast<double>(s.sample[i].weight);
   return visible / s.total;
 }
 
@@ -299,20 +262,20 @@ ExposureEstimator::ExposureEstimator(const Scene& scene, int reward_samples)
   }
   overlap_.resize(triangles_.size() / 3);
   if (scene.tumour < 0) return;
-  const RigidShape& tumour = scene.bodies[static_cast<std::size_t>(scene.tumour)];
+  const RigidShape& tumour = scene.bodies[scene.tumour];
   full_ = sample_surface(scene, tumour);
   drop_hidden(full_, scene);
   subset_ = choose_subset(full_, reward_samples);
   pixels_ = sample_pixels(scene, tumour, 64);
   drop_hidden(pixels_, scene);
-  shadowed_.resize(static_cast<std::size_t>(subset_.size()));
+  shadowed_.resize(subset_.size());
 }
 
 double ExposureEstimator::estimate(const ExposureSamples& samples,
                                    std::span<const float> positions) const {
   // The same float operations as the lane kernel, so that subset() equals of_lanes() bit for bit.
-  const auto image_of = [&](std::int32_t vertex) -> ImagePoint {
-    const auto* p = positions.data() + 3 * static_cast<std::size_t>(vertex);
+  const auto image_of = [&](std::size_t vertex) -> ImagePoint {
+    const float* p = &positions[3 * vertex];
     float r[9];
     for (int i = 0; i < 3; ++i) {
       for (int j = 0; j < 3; ++j) r[3 * i + j] = static_cast<float>(camera_.R_WC(j, i));
@@ -327,17 +290,15 @@ double ExposureEstimator::estimate(const ExposureSamples& samples,
     return {u * inverse, v * inverse, depth};
   };
   std::vector<ImagePoint> image;
-  for (std::size_t vertex = 0; vertex < positions.size() / 3; ++vertex) {
-    image.push_back(image_of(static_cast<std::int32_t>(vertex)));
-  }
-  std::vector<std::uint8_t> shadowed(static_cast<std::size_t>(samples.size()), 0);
+  for (std::size_t vertex = 0; vertex < positions.size() / 3; ++vertex)
+    image.push_back(image_of(vertex));
+  std::vector<std::uint8_t> shadowed(samples.size(), 0);
   if (samples.size() == 0) return 0;
   for (std::size_t t = 0; t + 2 < triangles_.size(); t += 3) {
-    shadow(samples, image[static_cast<std::size_t>(triangles_[t])],
-           image[static_cast<std::size_t>(triangles_[t + 1])],
-           image[static_cast<std::size_t>(triangles_[t + 2])], shadowed);
+    shadow(samples, image[triangles_[t]], image[triangles_[t + 1]], image[triangles_[t + 2]],
+           shadowed);
   }
-  return visible_share(samples, shadowed);
+  return visible_fraction(samples, shadowed);
 }
 
 double ExposureEstimator::full(std::span<const float> positions) const {
@@ -356,12 +317,12 @@ void ExposureEstimator::of_lanes(Tissue<float>& tissue, std::uint32_t wanted,
   const int W = tissue.lanes();
   if (subset_.size() == 0) {
     for (int lane = 0; lane < W; ++lane) {
-      if ((wanted >> lane & 1U) != 0) exposure[static_cast<std::size_t>(lane)] = 0;
+      if ((wanted >> lane & 1U) != 0) exposure[lane] = 0;
     }
     return;
   }
   const int vertices = tissue.surface_vertices();
-  projected_.resize(static_cast<std::size_t>(3 * vertices * W));
+  projected_.resize(3 * vertices * W);
   ProjectArgs<float> args{};
   args.vertices = vertices;
   args.position = tissue.surface_positions();
@@ -383,16 +344,14 @@ void ExposureEstimator::of_lanes(Tissue<float>& tissue, std::uint32_t wanted,
     if ((wanted >> lane & 1U) == 0) continue;
     std::fill(shadowed_.begin(), shadowed_.end(), std::uint8_t{0});
     const auto image = [&](std::size_t corner) -> ImagePoint {
-      const float* p =
-          projected_.data() + static_cast<std::size_t>(3 * W * triangles_[corner] + lane);
+      const float* p = &projected_[3 * W * triangles_[corner] + lane];
       return {p[0], p[W], p[2 * W]};
     };
     for (std::size_t t = 0; t < overlap_.size(); ++t) {
       if ((overlap_[t] >> lane & 1U) == 0) continue;
       shadow(subset_, image(3 * t), image(3 * t + 1), image(3 * t + 2), shadowed_);
     }
-    exposure[static_cast<std::size_t>(lane)] =
-        static_cast<float>(visible_share(subset_, shadowed_));
+    exposure[lane] = static_cast<float>(visible_fraction(subset_, shadowed_));
   }
 }
 

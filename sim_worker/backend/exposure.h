@@ -9,26 +9,29 @@
 
 namespace omentum {
 
-/// Points of the tumour's surface as the camera sees them: image coordinates on the tangent plane
-/// (u right, v up, at unit depth), depth [m] and weight (solid angle share: max(0, n . view) /
-/// distance^2). Back-facing points and points behind an organ are already gone, so the weights sum
-/// to the denominator of the exposure.
+/// A point of the tumour's surface as the camera sees it: on the tangent plane (u right, v up, at
+/// unit depth), 1 / depth [1/m] and weight (solid angle: max(0, n . view) / distance^2).
+struct ExposureSample {
+  float u, v, inverse_depth, weight;
+};
+
+/// Points neither back-facing nor behind an organ: their weights sum to the denominator of the
+/// exposure. Sorted into square bins of the window, so that a triangle looks only at those it may
+/// cover.
 struct ExposureSamples {
-  std::vector<float> u, v, inverse_depth, weight;
+  std::vector<ExposureSample> sample;
   double total = 0;
-  // Samples sorted into square bins of the window, so that a triangle looks only at those it may
-  // cover.
   float u_min = 0, u_max = 0, v_min = 0, v_max = 0;
   int bins = 1;
   std::vector<std::int32_t> bin_begin;
 
-  int size() const { return static_cast<int>(u.size()); }
+  int size() const { return static_cast<int>(sample.size()); }
 };
 
-/// ExposureEstimator of the tumour: visible weight / weight visible without the sheet (docs/task.md
-/// 9). A soft body that is pushed before the tumour shadows it; what it hides at rest counts in
-/// neither number. The tool does not shadow. No rendering. Rays from the camera are tested against
-/// the sheet's triangles.
+/// Exposure of the tumour: visible weight / weight visible without the sheet (docs/task.md 9). A
+/// soft body that moves before the tumour shadows it; what it hides at rest counts in neither
+/// number. The tool does not shadow. No rendering. Rays from the camera are tested against the
+/// sheet's triangles.
 class ExposureEstimator {
  public:
   /// `reward_samples` is the size of the fixed stratified subset. Without a tumour every exposure
@@ -42,7 +45,8 @@ class ExposureEstimator {
   /// Subset estimate of the lanes in `wanted`, straight from the lane arrays; other entries are
   /// left alone.
   void of_lanes(Tissue<float>& tissue, std::uint32_t wanted, std::span<float> exposure);
-  /// The count of the derived project: share of the 64 x 64 pixels at 60 deg that see the tumour.
+  /// The count of the derived project: fraction of the 64 x 64 pixels at 60 deg that see the
+  /// tumour.
   double seed_64px(std::span<const float> surface_positions) const;
 
   const ExposureSamples& full_samples() const { return full_; }

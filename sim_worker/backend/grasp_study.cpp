@@ -53,7 +53,7 @@ struct LaneScript {
 /// Decides the actions of one step from the states before it.
 void act(SimBackend& backend, std::span<LaneScript> scripts, std::span<Action> actions) {
   const Tissue<float>& tissue = backend.tissue_of(0);
-  std::vector<Nearest> nearest(static_cast<std::size_t>(tissue.lanes()));
+  std::vector<Nearest> nearest(tissue.lanes());
   std::vector<Vector3d> points(nearest.size(), Vector3d::Zero());
   for (std::size_t k = 0; k < scripts.size(); ++k) {
     const EpisodeFacts facts = backend.clock(static_cast<int>(k));

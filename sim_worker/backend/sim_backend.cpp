@@ -13,8 +13,8 @@ namespace {
 
 using Eigen::Vector3d;
 
-constexpr double kSettleTime =
-    3.0;  // [s] the sheet has come to rest on kidney and tumour (docs/results.md)
+// The sheet has come to rest on kidney and tumour after it [s] (docs/results.md).
+constexpr double kSettleTime = 3.0;
 
 Vector3d to_vector(const double* p) { return {p[0], p[1], p[2]}; }
 
@@ -31,7 +31,7 @@ SimBackend::SimBackend(std::shared_ptr<const SimSetup> setup, int lanes, unsigne
       defects_(setup_->config.defects()),
       observation_size_(omentum::observation_size(setup_->config.task())),
       width_(choose_kernel(lane_width).lanes),
-      environments_(static_cast<std::size_t>(lanes)),
+      environments_(lanes),
       exposure_(*setup_->exposure),
       image_(std::move(image)),
       lane_width_(lane_width) {
@@ -52,7 +52,7 @@ std::uint32_t SimBackend::ticks_per_step() const {
 // start of an episode
 
 void SimBackend::draw_parameters(int lane) {
-  const Environment& e = environments_[static_cast<std::size_t>(lane)];
+  const Environment& e = environments_[lane];
   DrawnParameters drawn;
   if (static_cast<StartSet>(e.start_set) == StartSet::kTraining) {
     drawn = draw_randomised(setup_->config, setup_->scene, e.run_seed, e.slot, e.episode);
@@ -73,7 +73,7 @@ void SimBackend::reset(int lane, const EpisodeStart& start) {
   if (start.follows_episode) {
     old_velocities = defects_.reset_positions_only(tissue, l, body);
     old_patch = defects_.reset_patch_at_tool(tissue, l);
-    pending_bonus = environments_[static_cast<std::size_t>(lane)].pending_bonus;
+    pending_bonus = environments_[lane].pending_bonus;
   }
 
   Environment e{};
@@ -91,8 +91,8 @@ void SimBackend::reset(int lane, const EpisodeStart& start) {
   e.jaw_deg = setup_->config.grasp().jaw_open_deg();
   e.jaw_was_open = 1;
   e.pending_bonus = pending_bonus;
-  environments_[static_cast<std::size_t>(lane)] = e;
-  if (!arms_.empty()) setup_->arm->reset(arms_[static_cast<std::size_t>(lane)], tip);
+  environments_[lane] = e;
+  if (!arms_.empty()) setup_->arm->reset(arms_[lane], tip);
   draw_parameters(lane);
 
   for (std::size_t i = 0; i < old_velocities.size(); ++i) {
@@ -107,8 +107,7 @@ const Bytes& SimBackend::settled_state() const {
   // The sheet alone, tool at p_0, until it rests: one lane of a batch of its own.
   const auto tissue = setup_->tissue->make_tissue(choose_kernel(lane_width_));
   const std::vector<ToolMotion> still(
-      static_cast<std::size_t>(tissue->lanes()),
-      ToolMotion{setup_->scene.tool_start, setup_->scene.tool_start});
+      tissue->lanes(), ToolMotion{setup_->scene.tool_start, setup_->scene.tool_start});
   const auto steps = static_cast<int>(std::ceil(kSettleTime / setup_->tissue->control_period));
   for (int i = 0; i < steps; ++i) tissue->step(still);
   tissue->save(0, settled_);
@@ -121,13 +120,13 @@ void SimBackend::place_on_lattice(int lane, std::uint32_t particle) {
   OMENTUM_CHECK(particle < setup_->scene.tissue.particles.size(), "lattice particle {}", particle);
   const Result<std::size_t> loaded = tissue.load(l, settled_state());
   OMENTUM_CHECK(loaded.has_value(), "{}", loaded.has_value() ? "" : loaded.error());
-  Environment& e = environments_[static_cast<std::size_t>(lane)];
+  Environment& e = environments_[lane];
   const Vector3d tip = tissue.position(l, static_cast<int>(particle))
                            .cwiseMax(setup_->scene.workspace_min)
                            .cwiseMin(setup_->scene.workspace_max);
   assign(e.tip, tip);
   assign(e.start_position, tip);
-  if (!arms_.empty()) setup_->arm->reset(arms_[static_cast<std::size_t>(lane)], tip);
+  if (!arms_.empty()) setup_->arm->reset(arms_[lane], tip);
   e.jaw_closed = 1;
   e.jaw_deg = 0;
   e.jaw_was_open = 0;
@@ -140,17 +139,15 @@ void SimBackend::place_on_lattice(int lane, std::uint32_t particle) {
 // one decision
 
 Vector3d SimBackend::tip_of(int lane) const {
-  const auto k = static_cast<std::size_t>(lane);
-  return to_vector(arms_.empty() ? environments_[k].tip : arms_[k].p_WT_true);
+  return to_vector(arms_.empty() ? environments_[lane].tip : arms_[lane].p_WT_true);
 }
 
 Vector3d SimBackend::measured_tip(int lane) const {
-  const auto k = static_cast<std::size_t>(lane);
-  return to_vector(arms_.empty() ? environments_[k].tip : arms_[k].p_WT_measured);
+  return to_vector(arms_.empty() ? environments_[lane].tip : arms_[lane].p_WT_measured);
 }
 
 TaskState SimBackend::task_state(int lane) const {
-  const Environment& e = environments_[static_cast<std::size_t>(lane)];
+  const Environment& e = environments_[lane];
   TaskState state;
   state.tip = tip_of(lane);
   state.measured_tip = measured_tip(lane);
@@ -171,10 +168,9 @@ TaskState SimBackend::rewarded_state(int lane) const {
 void SimBackend::step(std::span<const Action> actions, std::span<StepOutcome> outcomes) {
   OMENTUM_CHECK(actions.size() == environments_.size() && outcomes.size() == environments_.size());
   std::vector<ToolCommand> commands(environments_.size());
-  std::vector<StepOutcome> control(environments_.size());
   std::vector<double> rewards(environments_.size(), 0);
   std::vector<std::uint8_t> ended(environments_.size(), 0);
-  std::vector<ToolMotion> motion(groups_.size() * static_cast<std::size_t>(width_));
+  std::vector<ToolMotion> motion(groups_.size() * width_);
   for (std::size_t k = 0; k < commands.size(); ++k) {
     commands[k] = task_.decode(actions[k]);
     outcomes[k] = {};
@@ -187,7 +183,7 @@ void SimBackend::step(std::span<const Action> actions, std::span<StepOutcome> ou
     for (std::size_t k = 0; k < environments_.size(); ++k) {
       if (ended[k] == 0) rewards[k] += task_.reward_of(rewarded_state(static_cast<int>(k)));
     }
-    move_jaw_and_grasp(commands, control);
+    move_jaw_and_grasp(commands);
     limit_motion(commands, motion);
     move_tissue(motion, outcomes);
     for (std::size_t k = 0; k < environments_.size(); ++k) {
@@ -271,7 +267,7 @@ void SimBackend::observe(int lane, std::span<float> observation) const {
 }
 
 EpisodeFacts SimBackend::clock(int lane) const {
-  const Environment& e = environments_[static_cast<std::size_t>(lane)];
+  const Environment& e = environments_[lane];
   EpisodeFacts facts;
   facts.episode = e.episode;
   facts.episode_step = e.episode_step;
@@ -298,24 +294,24 @@ EpisodeFacts SimBackend::facts(int lane) const {
     facts.exposure = static_cast<float>(exposure_.seed_64px(vertices));
   } else {
     std::array<float, 16> exposures{};
-    exposure_.of_lanes(*groups_[static_cast<std::size_t>(lane / width_)], 1U << lane_in_group(lane),
-                       std::span(exposures).first(static_cast<std::size_t>(width_)));
-    facts.exposure = exposures[static_cast<std::size_t>(lane_in_group(lane))];
+    exposure_.of_lanes(*groups_[lane / width_], 1U << lane_in_group(lane),
+                       std::span(exposures).first(width_));
+    facts.exposure = exposures[lane_in_group(lane)];
   }
   facts.exposure = defects_.exposure_racy(facts.exposure, facts.episode_step);
   return facts;
 }
 
 bool SimBackend::at_target(int lane) const {
-  return task_.at_target(to_vector(environments_[static_cast<std::size_t>(lane)].tip));
+  return task_.at_target(to_vector(environments_[lane].tip));
 }
 
 Action SimBackend::hold_action(int lane) const {
-  return task_.hold_action(to_vector(environments_[static_cast<std::size_t>(lane)].tip));
+  return task_.hold_action(to_vector(environments_[lane].tip));
 }
 
 bool SimBackend::healthy(int lane) const {
-  return groups_[static_cast<std::size_t>(lane / width_)]->healthy(lane_in_group(lane));
+  return groups_[lane / width_]->healthy(lane_in_group(lane));
 }
 
 }  // namespace omentum

@@ -64,9 +64,9 @@ class SimBackend : public Backend, public Snapshots {
   /// Vertices of the drawn surface, x y z interleaved in W [m].
   void surface(int lane, std::vector<float>& out) const;
   /// The tissue of a lane, for tests and pictures.
-  Tissue<float>& tissue_of(int lane) { return *groups_[static_cast<std::size_t>(lane / width_)]; }
+  Tissue<float>& tissue_of(int lane) { return *groups_[lane / width_]; }
   int lane_in_group(int lane) const { return lane % width_; }
-  double jaw_deg(int lane) const { return environments_[static_cast<std::size_t>(lane)].jaw_deg; }
+  double jaw_deg(int lane) const { return environments_[lane].jaw_deg; }
 
  private:
   /// State of one environment beside its tissue; plain numbers, written to the state bytes as they
@@ -107,7 +107,7 @@ class SimBackend : public Backend, public Snapshots {
   bool jaws_hold(int lane) const;
 
   // Parts of a control period, in their order.
-  void move_jaw_and_grasp(std::span<const ToolCommand> commands, std::vector<StepOutcome>& control);
+  void move_jaw_and_grasp(std::span<const ToolCommand> commands);
   void limit_motion(std::span<const ToolCommand> commands, std::span<ToolMotion> motion);
   void move_tissue(std::span<ToolMotion> motion, std::span<StepOutcome> outcomes);
   void estimate_exposure(std::size_t group);
@@ -136,8 +136,8 @@ class SimBackend : public Backend, public Snapshots {
   mutable ExposureEstimator exposure_;
   ImageSource image_;
   SimCounters counters_;
-  mutable Bytes
-      settled_;  ///< tissue state after settling without the tool; made at the first lattice task
+  /// Tissue state at rest without the tool; made at the first lattice task.
+  mutable Bytes settled_;
   unsigned lane_width_;
 };
 

@@ -14,9 +14,9 @@ using Eigen::Vector3d;
 double SimBackend::approach_deg(int lane, int particle) const {
   // Sheet normal at the particle: sum of the normals of its triangles.
   const TissueBody& body = setup_->scene.tissue;
-  if (!body.surface_is_particles)
-    return 0;  // a volume has no sheet normal; its jaws take a fold from any side
-  const auto& tissue = *groups_[static_cast<std::size_t>(lane / width_)];
+  // A volume has no sheet normal: its jaws take a fold from any side.
+  if (!body.surface_is_particles) return 0;
+  const auto& tissue = *groups_[lane / width_];
   const int l = lane_in_group(lane);
   Vector3d normal = Vector3d::Zero();
   for (const Eigen::Vector3i& t : body.surface_triangles) {
@@ -32,7 +32,7 @@ double SimBackend::approach_deg(int lane, int particle) const {
 }
 
 double SimBackend::sheet_distance(int lane, const Nearest& nearest) const {
-  const auto& tissue = *groups_[static_cast<std::size_t>(lane / width_)];
+  const auto& tissue = *groups_[lane / width_];
   const int l = lane_in_group(lane);
   const Vector3d tip = tip_of(lane);
   double squared = nearest.distance * nearest.distance;
@@ -46,21 +46,21 @@ double SimBackend::sheet_distance(int lane, const Nearest& nearest) const {
 }
 
 bool SimBackend::is_held(int lane) const {
-  const auto& tissue = *groups_[static_cast<std::size_t>(lane / width_)];
+  const auto& tissue = *groups_[lane / width_];
   const auto held = tissue.held(lane_in_group(lane));
   // Ascending, and a body under the sheet comes after it.
   const bool tissue_held =
       !held.empty() && held.front() < static_cast<int>(setup_->scene.tissue.particles.size());
-  return tissue_held || environments_[static_cast<std::size_t>(lane)].holds_rigid != 0;
+  return tissue_held || environments_[lane].holds_rigid != 0;
 }
 
 bool SimBackend::jaws_hold(int lane) const {
-  const auto& tissue = *groups_[static_cast<std::size_t>(lane / width_)];
+  const auto& tissue = *groups_[lane / width_];
   return is_held(lane) || !tissue.held(lane_in_group(lane)).empty();
 }
 
 void SimBackend::attach(int lane) {
-  Environment& e = environments_[static_cast<std::size_t>(lane)];
+  Environment& e = environments_[lane];
   Tissue<float>& tissue = tissue_of(lane);
   const int l = lane_in_group(lane);
   const Vector3d tip = tip_of(lane);
@@ -77,7 +77,7 @@ void SimBackend::attach(int lane) {
 /// sheet, or alone (docs/decisions/0020).
 void SimBackend::take_body(int lane) {
   Tissue<float>& tissue = tissue_of(lane);
-  Environment& e = environments_[static_cast<std::size_t>(lane)];
+  Environment& e = environments_[lane];
   const int l = lane_in_group(lane);
   const Vector3d tip = tip_of(lane);
   PinchContact contact;
@@ -92,7 +92,7 @@ void SimBackend::take_body(int lane) {
 
 void SimBackend::release(int lane) {
   tissue_of(lane).release(lane_in_group(lane));
-  environments_[static_cast<std::size_t>(lane)].holds_rigid = 0;
+  environments_[lane].holds_rigid = 0;
 }
 
 PinchResult SimBackend::judge(int lane, const Nearest& nearest) const {
@@ -102,7 +102,7 @@ PinchResult SimBackend::judge(int lane, const Nearest& nearest) const {
   contact.distance = grasp.min_pinch_m() > 0 && setup_->scene.tissue.surface_is_particles
                          ? sheet_distance(lane, nearest)
                          : nearest.distance;
-  contact.jaw_deg = environments_[static_cast<std::size_t>(lane)].jaw_deg;
+  contact.jaw_deg = environments_[lane].jaw_deg;
   contact.thickness = setup_->scene.tissue.thickness;
   // The normal costs a walk over the triangles: only where tissue is in reach and the angle
   // matters.
@@ -113,7 +113,7 @@ PinchResult SimBackend::judge(int lane, const Nearest& nearest) const {
 }
 
 void SimBackend::try_grasp(int lane, const Nearest& nearest) {
-  Environment& e = environments_[static_cast<std::size_t>(lane)];
+  Environment& e = environments_[lane];
   const pb::Grasp& grasp = setup_->config.grasp();
   const PinchResult result = judge(lane, nearest);
   ++counters_.pinches[static_cast<std::size_t>(result)];
@@ -127,18 +127,14 @@ void SimBackend::try_grasp(int lane, const Nearest& nearest) {
   }
 }
 
-void SimBackend::move_jaw_and_grasp(std::span<const ToolCommand> commands,
-                                    std::vector<StepOutcome>& control) {
+void SimBackend::move_jaw_and_grasp(std::span<const ToolCommand> commands) {
   const pb::Grasp& grasp = setup_->config.grasp();
   const double dt = setup_->config.task().control_period_s();
   const bool has_angle = grasp.jaw_open_deg() > 0;
-  std::vector<std::uint8_t> wants(environments_.size(), 0);
-  bool any = false;
+  std::vector<std::uint8_t> pinches(environments_.size(), 0);
   for (int lane = 0; lane < lanes(); ++lane) {
-    const auto k = static_cast<std::size_t>(lane);
-    Environment& e = environments_[k];
-    control[k].held_before = is_held(lane);
-    const bool closed = commands[k].closed;
+    Environment& e = environments_[lane];
+    const bool closed = commands[lane].closed;
     if (!closed && !grasp.automatic()) {
       if (jaws_hold(lane)) release(lane);
       e.jaw_was_open = 1;
@@ -151,28 +147,23 @@ void SimBackend::move_jaw_and_grasp(std::span<const ToolCommand> commands,
     const double next_deg = has_angle ? move_jaw(grasp, e.jaw_deg, closed, dt) : 0;
     const bool closes_now = !has_angle || (e.jaw_was_open != 0 && next_deg < contact_deg);
     if (closed && !jaws_hold(lane) && closes_now) {
-      wants[k] = 1;
-      any = true;
+      pinches[lane] = 1;
     } else {
       e.jaw_deg = next_deg;
     }
   }
-  if (!any) return;
-  const auto W = static_cast<std::size_t>(width_);
-  for (std::size_t g = 0; g < groups_.size(); ++g) {
-    std::vector<Vector3d> points(W, Vector3d::Zero());
-    std::vector<Nearest> nearest(W);
-    bool group_wants = false;
-    for (std::size_t l = 0; l < W && g * W + l < environments_.size(); ++l) {
-      points[l] = tip_of(static_cast<int>(g * W + l));
-      group_wants = group_wants || wants[g * W + l] != 0;
-    }
-    if (!group_wants) continue;
+  for (int g = 0; g < static_cast<int>(groups_.size()); ++g) {
+    const int first = g * width_;
+    const int end = std::min(first + width_, lanes());
+    if (std::count(pinches.begin() + first, pinches.begin() + end, 1) == 0) continue;
+    std::vector<Vector3d> points(width_, Vector3d::Zero());
+    std::vector<Nearest> nearest(width_);
+    for (int lane = first; lane < end; ++lane) points[lane - first] = tip_of(lane);
     groups_[g]->find_nearest(points, nearest);
-    for (std::size_t l = 0; l < W && g * W + l < environments_.size(); ++l) {
-      if (wants[g * W + l] == 0) continue;
-      Environment& e = environments_[g * W + l];
-      try_grasp(static_cast<int>(g * W + l), nearest[l]);
+    for (int lane = first; lane < end; ++lane) {
+      if (pinches[lane] == 0) continue;
+      Environment& e = environments_[lane];
+      try_grasp(lane, nearest[lane - first]);
       if (has_angle) e.jaw_deg = move_jaw(grasp, e.jaw_deg, true, dt);
       e.jaw_was_open = 0;
     }
@@ -183,7 +174,7 @@ void SimBackend::slip_or_lose(int lane, StepOutcome& outcome) {
   Tissue<float>& tissue = tissue_of(lane);
   const int l = lane_in_group(lane);
   if (tissue.held(l).empty()) return;
-  Environment& e = environments_[static_cast<std::size_t>(lane)];
+  Environment& e = environments_[lane];
   const Vector3d force = tissue.held_force(l);
   const double load = force.norm();
   const double slip =

@@ -14,7 +14,7 @@ namespace omentum {
 using Eigen::Vector3d;
 
 void SimBackend::positions(int lane, std::vector<float>& out) const {
-  const auto& tissue = *groups_[static_cast<std::size_t>(lane / width_)];
+  const auto& tissue = *groups_[lane / width_];
   out.clear();
   for (int i = 0; i < tissue.particles(); ++i) {
     const Vector3d p = tissue.position(lane_in_group(lane), i);
@@ -23,12 +23,12 @@ void SimBackend::positions(int lane, std::vector<float>& out) const {
 }
 
 void SimBackend::surface(int lane, std::vector<float>& out) const {
-  auto& tissue = *groups_[static_cast<std::size_t>(lane / width_)];
+  auto& tissue = *groups_[lane / width_];
   const float* vertices = tissue.surface_positions();
   out.clear();
   for (int v = 0; v < tissue.surface_vertices(); ++v) {
     for (int k = 0; k < 3; ++k) {
-      out.push_back(vertices[static_cast<std::size_t>((3 * v + k) * width_ + lane_in_group(lane))]);
+      out.push_back(vertices[(3 * v + k) * width_ + lane_in_group(lane)]);
     }
   }
 }
@@ -40,12 +40,11 @@ std::size_t SimBackend::head_bytes() const {
 
 Bytes SimBackend::save(int lane) const {
   Bytes bytes(head_bytes());
-  std::memcpy(bytes.data(), &environments_[static_cast<std::size_t>(lane)], sizeof(Environment));
+  std::memcpy(bytes.data(), &environments_[lane], sizeof(Environment));
   if (!arms_.empty()) {
-    std::memcpy(bytes.data() + sizeof(Environment), &arms_[static_cast<std::size_t>(lane)],
-                sizeof(ArmState));
+    std::memcpy(bytes.data() + sizeof(Environment), &arms_[lane], sizeof(ArmState));
   }
-  groups_[static_cast<std::size_t>(lane / width_)]->save(lane_in_group(lane), bytes);
+  groups_[lane / width_]->save(lane_in_group(lane), bytes);
   return bytes;
 }
 
@@ -80,8 +79,8 @@ Result<void> SimBackend::load(int lane, std::span<const std::byte> state) {
   }
   const Result<std::size_t> used = tissue_of(lane).load(lane_in_group(lane), state.subspan(head));
   if (!used) return Failure{used.error()};
-  if (!arms_.empty()) arms_[static_cast<std::size_t>(lane)] = arm;
-  environments_[static_cast<std::size_t>(lane)] = e;
+  if (!arms_.empty()) arms_[lane] = arm;
+  environments_[lane] = e;
   return {};
 }
 

@@ -41,9 +41,9 @@ inline Rotation to_rotation(const Lane q[4]) {
 }
 
 /// One step of the rotation extraction of [Mueller16]: omega = sum R_k x A_k / (|sum R_k . A_k| +
-/// eps). The update turns by 2 atan(|omega|/2) instead of |omega|: same fixed point, no
-/// trigonometry, never more than half a turn.
-inline void turn_towards(Lane q[4], const Rotation& r, const Lane3 a[3], bool planar) {
+/// eps). The update rotates by 2 atan(|omega|/2) instead of |omega|: the same fixed point without
+/// trigonometry, never by more than pi.
+inline void rotate_towards(Lane q[4], const Rotation& r, const Lane3 a[3], bool planar) {
   Lane3 omega = cross(r.column[0], a[0]) + cross(r.column[1], a[1]);
   Lane scale = dot(r.column[0], a[0]) + dot(r.column[1], a[1]);
   if (!planar) {
@@ -94,8 +94,7 @@ void match_clusters_as(const Args& args) {
     if constexpr (!kPlastic) rest_sum = splat3(args.rest_sum + 3 * c);
     const Lane inverse_count = splat(Real{1} / static_cast<Real>(end - begin));
     const Lane3 centre = inverse_count * sum;
-    // sum (x - c) r0^T = sum x r0^T - c (sum r0)^T; the second part is rounding (or plastic drift)
-    // only.
+    // sum (x - c) r0^T = sum x r0^T - c (sum r0)^T; sum r0 is rounding, or plastic drift.
     a[0] = fma(zero - rest_sum.x, centre, a[0]);
     a[1] = fma(zero - rest_sum.y, centre, a[1]);
     if constexpr (!kPlanar) a[2] = fma(zero - rest_sum.z, centre, a[2]);
@@ -105,15 +104,15 @@ void match_clusters_as(const Args& args) {
                  load(q_memory + 3 * kLanes)};
     Rotation r = to_rotation(q);
     for (int k = 0; k < args.rotation_iterations; ++k) {
-      turn_towards(q, r, a, kPlanar);
+      rotate_towards(q, r, a, kPlanar);
       r = to_rotation(q);
     }
     for (int k = 0; k < 4; ++k) store(q_memory + k * kLanes, q[k]);
 
     Lane weight = splat(args.cluster_weight[c]);
     if constexpr (kPlastic) {
-      // Rest shape absorbs `creep` of the deformation in the lanes where some member's *squared*
-      // distance to its goal exceeds the threshold, and the goal acts with (1 - creep) there.
+      // Plastic flow in the lanes where the squared distance of some member to its goal exceeds the
+      // threshold: r0 <- r0 + creep (R^T (x - c) - r0), and the goal's weight is (1 - creep) times.
       Lane worst = zero;
       for (int m = begin; m < end; ++m) {
         const Lane3 x = load3(args.xs + 3 * kLanes * args.cluster_member[m]);
@@ -143,17 +142,17 @@ void match_clusters_as(const Args& args) {
     store(goal + 12 * kLanes, weight);
 
     for (int m = begin; m < end; ++m) {
-      Real* const pull = args.pull + 4 * kLanes * args.cluster_member[m];
+      Real* const goal_sum = args.goal_sum + 4 * kLanes * args.cluster_member[m];
       const Lane3 r0 =
           kPlastic ? load3(args.plastic_rest + 3 * kLanes * m) : splat3(args.rest + 3 * m);
       const bool first = args.first_of_particle[m] != 0;
-      Lane3 sum_of_goals = goal_centre + (first ? Lane3{zero, zero, zero} : load3(pull));
-      sum_of_goals = fma(r0.x, goal_rotation.column[0], sum_of_goals);
-      sum_of_goals = fma(r0.y, goal_rotation.column[1], sum_of_goals);
-      if constexpr (!kPlanar) sum_of_goals = fma(r0.z, goal_rotation.column[2], sum_of_goals);
-      store3(pull, sum_of_goals);
+      Lane3 sum_now = goal_centre + (first ? Lane3{zero, zero, zero} : load3(goal_sum));
+      sum_now = fma(r0.x, goal_rotation.column[0], sum_now);
+      sum_now = fma(r0.y, goal_rotation.column[1], sum_now);
+      if constexpr (!kPlanar) sum_now = fma(r0.z, goal_rotation.column[2], sum_now);
+      store3(goal_sum, sum_now);
       if constexpr (kPlastic) {
-        store(pull + 3 * kLanes, weight + (first ? zero : load(pull + 3 * kLanes)));
+        store(goal_sum + 3 * kLanes, weight + (first ? zero : load(goal_sum + 3 * kLanes)));
       }
     }
   }
@@ -189,7 +188,7 @@ void predict(const Args& args) {
   }
 }
 
-template <bool kPlastic, bool kExtra>
+template <bool kPlastic, bool kPairs>
 void apply_as(const Args& args) {
   const Lane s = load(args.stiffness);
   const Lane zero = splat(Real{0});
@@ -199,13 +198,13 @@ void apply_as(const Args& args) {
     const Bits held = wants_force ? args.held_mask[i] : 0U;
     if ((free | held) == 0) continue;
     const Lane3 xs = load3(args.xs + 3 * kLanes * i);
-    const Real* const pull = args.pull + 4 * kLanes * i;
-    const Lane weight = kPlastic ? load(pull + 3 * kLanes) : splat(args.particle_weight[i]);
-    Lane3 correction = s * fma(zero - weight, xs, load3(pull));
-    if constexpr (kExtra) {
-      const Real* const extra = args.extra + 4 * kLanes * i;
-      const Lane count = load(extra + 3 * kLanes) + splat(args.particle_memberships[i]);
-      correction = correction + load3(extra);
+    const Real* const goal_sum = args.goal_sum + 4 * kLanes * i;
+    const Lane weight = kPlastic ? load(goal_sum + 3 * kLanes) : splat(args.particle_weight[i]);
+    Lane3 correction = s * fma(zero - weight, xs, load3(goal_sum));
+    if constexpr (kPairs) {
+      const Real* const pair_sum = args.pair_sum + 4 * kLanes * i;
+      const Lane count = load(pair_sum + 3 * kLanes) + splat(args.particle_memberships[i]);
+      correction = correction + load3(pair_sum);
       correction = splat(Real{1}) / max(count, splat(Real{1})) * correction;
     } else {
       correction = splat(args.particle_scale[i]) * correction;
@@ -216,16 +215,16 @@ void apply_as(const Args& args) {
       store3(args.held_force, select(is_held, force + correction, force));
     }
     Lane3 moved = xs + correction;
-    if (args.candidate_any[i] != 0) moved = push_out(args, i, moved);
+    if (args.candidate_any[i] != 0) moved = resolve_contacts(args, i, moved);
     store3(args.xs + 3 * kLanes * i, select(to_mask(free), moved, xs));
   }
 }
 
 void apply_corrections(const Args& args) {
   if (args.plastic_rest != nullptr) {
-    args.extra != nullptr ? apply_as<true, true>(args) : apply_as<true, false>(args);
+    args.pair_sum != nullptr ? apply_as<true, true>(args) : apply_as<true, false>(args);
   } else {
-    args.extra != nullptr ? apply_as<false, true>(args) : apply_as<false, false>(args);
+    args.pair_sum != nullptr ? apply_as<false, true>(args) : apply_as<false, false>(args);
   }
 }
 

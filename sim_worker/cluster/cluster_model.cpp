@@ -9,29 +9,20 @@ namespace {
 
 using Eigen::Vector3d;
 
+/// A last cluster of all particles.
 void add_global_cluster(ClusterTissueModel& model) {
-  const double weight = model.parameters.global_stiffness() / model.parameters.cluster_stiffness();
   for (int i = 0; i < static_cast<int>(model.body.particles.size()); ++i)
     model.clusters.member.push_back(i);
   model.clusters.begin.push_back(static_cast<int>(model.clusters.member.size()));
-  model.cluster_weight.push_back(weight);
+  model.cluster_weight.push_back(model.parameters.global_stiffness() /
+                                 model.parameters.cluster_stiffness());
 }
 
 /// Rest offsets relative to the mean of the final members (docs/tissue.md 3.2 rule 3).
-void set_rest_offsets(ClusterTissueModel& model) {
+void set_rest_offsets(const std::vector<Vector3d>& mean, ClusterTissueModel& model) {
   for (int c = 0; c < model.clusters.count(); ++c) {
-    const auto begin = static_cast<std::size_t>(model.clusters.begin[static_cast<std::size_t>(c)]);
-    const auto end =
-        static_cast<std::size_t>(model.clusters.begin[static_cast<std::size_t>(c) + 1]);
-    Vector3d mean = Vector3d::Zero();
-    for (std::size_t m = begin; m < end; ++m) {
-      mean += model.body.particles[static_cast<std::size_t>(model.clusters.member[m])];
-    }
-    mean /= static_cast<double>(end - begin);
-    for (std::size_t m = begin; m < end; ++m) {
-      model.rest.push_back(
-          model.body.particles[static_cast<std::size_t>(model.clusters.member[m])] - mean);
-    }
+    for (const int i : model.clusters.members(c))
+      model.rest.push_back(model.body.particles[i] - mean[c]);
   }
 }
 
@@ -49,43 +40,25 @@ void add_links(ClusterTissueModel& model) {
   }
 }
 
-/// Four nearest clusters per surface vertex, weight 1 / (dist^2 + 1e-4 m^2 scaled), normalised
-/// (docs/tissue.md 2).
-void skin_surface(ClusterTissueModel& model) {
-  const int clusters = model.clusters.count();
-  OMENTUM_CHECK(clusters > 0);
-  std::vector<Vector3d> mean(static_cast<std::size_t>(clusters), Vector3d::Zero());
-  for (int c = 0; c < clusters; ++c) {
-    const auto begin = model.clusters.begin[static_cast<std::size_t>(c)];
-    const auto end = model.clusters.begin[static_cast<std::size_t>(c) + 1];
-    for (int m = begin; m < end; ++m) {
-      mean[static_cast<std::size_t>(c)] += model.body.particles[static_cast<std::size_t>(
-          model.clusters.member[static_cast<std::size_t>(m)])];
-    }
-    mean[static_cast<std::size_t>(c)] /= end - begin;
-  }
+/// The four nearest clusters of each surface vertex, weight 1 / (distance^2 + (0.1 mm)^2),
+/// normalised (docs/tissue.md 2).
+void skin_surface(const std::vector<Vector3d>& mean, ClusterTissueModel& model) {
+  std::vector<int> order(mean.size());
   for (const Vector3d& vertex : model.body.surface_vertices) {
-    std::vector<int> order(static_cast<std::size_t>(clusters));
+    const auto distance2 = [&](int c) { return (vertex - mean[c]).squaredNorm(); };
     std::iota(order.begin(), order.end(), 0);
-    const auto distance2 = [&](int c) {
-      return (vertex - mean[static_cast<std::size_t>(c)]).squaredNorm();
-    };
-    std::sort(order.begin(), order.end(), [&](int a, int b) {
-      return distance2(a) != distance2(b) ? distance2(a) < distance2(b) : a < b;
-    });
+    std::ranges::stable_sort(order, {}, distance2);
     double total = 0;
     std::array<double, 4> weight{};
-    for (std::size_t k = 0; k < 4; ++k) {
-      const int c = order[std::min(k, order.size() - 1)];
-      weight[k] = k < order.size() ? 1.0 / (distance2(c) + 1e-8)
-                                   : 0.0;  // 1e-8 m^2 = (0.1 mm)^2: finite at a centre
+    for (std::size_t k = 0; k < std::min<std::size_t>(4, order.size()); ++k) {
+      weight[k] = 1.0 / (distance2(order[k]) + 1e-8);  // [m^2]: finite at a centre
       total += weight[k];
     }
     for (std::size_t k = 0; k < 4; ++k) {
       const int c = order[std::min(k, order.size() - 1)];
       model.skin_cluster.push_back(c);
       model.skin_weight.push_back(weight[k] / total);
-      model.skin_offset.push_back(vertex - mean[static_cast<std::size_t>(c)]);
+      model.skin_offset.push_back(vertex - mean[c]);
     }
   }
 }
@@ -123,13 +96,16 @@ std::shared_ptr<const ClusterTissueModel> make_cluster_model(const Scene& scene,
                     "(orphan_policy ORPHANS_ATTACH_NEAREST)",
                     model->clusters.attached));
   }
-  model->cluster_weight.assign(static_cast<std::size_t>(model->clusters.count()), 1.0);
+  model->cluster_weight.assign(model->clusters.count(), 1.0);
   if (model->parameters.global_stiffness() > 0 && model->parameters.cluster_stiffness() > 0) {
     add_global_cluster(*model);
   }
-  set_rest_offsets(*model);
+  std::vector<Vector3d> mean;
+  for (int c = 0; c < model->clusters.count(); ++c)
+    mean.push_back(mean_position(model->body.particles, model->clusters.members(c)));
+  set_rest_offsets(mean, *model);
   if (model->parameters.link_radius_m() > 0) add_links(*model);
-  if (!model->body.surface_is_particles) skin_surface(*model);
+  if (!model->body.surface_is_particles) skin_surface(mean, *model);
   return model;
 }
 

@@ -1,6 +1,5 @@
-// Pairs of particles of the cluster model that act on each other beside the clusters: links, and
-// particles of a folded sheet that touch. Both add to `extra`, a sum of corrections and their
-// count.
+// Constraints between pairs of particles of the cluster model: links, and contact of a sheet with
+// itself. Both add corrections and their number to pair_sum.
 #include <algorithm>
 #include <cmath>
 #include <optional>
@@ -13,13 +12,13 @@ using Eigen::Vector3d;
 
 template <typename Real>
 void ClusterTissue<Real>::add_pair_corrections() {
-  extra_.fill(Real{0});
+  pair_sum_.fill(Real{0});
   add_links();
   add_self_contacts();
 }
 
-/// Moves two particles along the line between them, those that are free by equal shares:
-/// scale_of(length, number of free ones) is the part of the line, nothing = no correction.
+/// Moves the free ones of two particles along the line between them, by the same distance:
+/// scale_of(length, number of free ones) times the line; nothing = no correction.
 template <typename Real>
 template <typename Scale>
 void ClusterTissue<Real>::add_pair(int i, int j, int lane, Real count, Scale&& scale_of) {
@@ -27,23 +26,22 @@ void ClusterTissue<Real>::add_pair(int i, int j, int lane, Real count, Scale&& s
   const Real wj = this->is_free(j, lane) ? Real{1} : Real{0};
   if (wi + wj == Real{0}) return;
   std::array<Real, 3> d{};
-  for (int axis = 0; axis < 3; ++axis)
-    d[static_cast<std::size_t>(axis)] = xs_(i, axis, lane) - xs_(j, axis, lane);
+  for (int axis = 0; axis < 3; ++axis) d[axis] = xs_(i, axis, lane) - xs_(j, axis, lane);
   const Real length = std::sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
   if (!(length > Real{0})) return;
   const std::optional<Real> scale = scale_of(length, wi + wj);
   if (!scale) return;
   for (int axis = 0; axis < 3; ++axis) {
-    const Real step = *scale * d[static_cast<std::size_t>(axis)];
-    extra_(i, axis, lane) -= wi * step;
-    extra_(j, axis, lane) += wj * step;
+    const Real step = *scale * d[axis];
+    pair_sum_(i, axis, lane) -= wi * step;
+    pair_sum_(j, axis, lane) += wj * step;
   }
-  extra_(i, 3, lane) += count;
-  extra_(j, 3, lane) += count;
+  pair_sum_(i, 3, lane) += count;
+  pair_sum_(j, 3, lane) += count;
 }
 
-// Links: usual weighted projection times stiffness, both orders of the pair counted as FleX cooks
-// them; a negative stiffness only pulls (tether).
+// Distance constraints times stiffness, both orders of a pair counted as FleX does; a negative
+// stiffness resists stretch only (tether).
 template <typename Real>
 void ClusterTissue<Real>::add_links() {
   const auto stiffness = static_cast<Real>(std::fabs(model_->parameters.link_stiffness()));
@@ -67,33 +65,30 @@ void ClusterTissue<Real>::add_self_contacts() {
     return (length - rest) / (weights * length);
   };
   for (int lane = 0; lane < lanes(); ++lane) {
-    for (const auto& [i, j] : self_pairs_[static_cast<std::size_t>(lane)])
-      add_pair(i, j, lane, Real{1}, scale_of);
+    for (const auto& [i, j] : self_pairs_[lane]) add_pair(i, j, lane, Real{1}, scale_of);
   }
 }
 
 // Candidate pairs of this substep, per lane: nearer than one and a half rest distances now, farther
-// apart than the rest distance in the rest shape (the filter of the seed). Sorted cells, so the
-// order of pairs is the same everywhere.
+// apart than the rest distance in the rest shape (the filter of the seed). Cells are sorted, so the
+// order of pairs is the same on every machine.
 template <typename Real>
 void ClusterTissue<Real>::find_self_contacts() {
   const double rest = 2 * model_->body.particle_radius;
   const double reach = 1.5 * rest;
   const auto& body = model_->body.particles;
-  // Numbers of the three axes in one integer that sorts as they do: a cell and its two neighbours
-  // along z are one range.
+  // Cell numbers of the three axes in one integer that sorts like (x, y, z): a cell and its two
+  // neighbours along z are one range.
   constexpr std::uint64_t kOrigin = 1U << 20;
   struct Cell {
     std::uint64_t key;
     std::int32_t particle;
-    bool operator<(const Cell& o) const {
-      return key != o.key ? key < o.key : particle < o.particle;
-    }
+    auto operator<=>(const Cell&) const = default;
   };
   std::vector<Cell> cells;
   cells.reserve(body.size());
   for (int lane = 0; lane < lanes(); ++lane) {
-    auto& pairs = self_pairs_[static_cast<std::size_t>(lane)];
+    auto& pairs = self_pairs_[lane];
     pairs.clear();
     cells.clear();
     for (int i = 0; i < particles(); ++i) {
@@ -104,7 +99,7 @@ void ClusterTissue<Real>::find_self_contacts() {
         near = near && std::fabs(u) < kOrigin - 1;
         if (near) key = key << 21 | (kOrigin + static_cast<std::uint64_t>(std::int64_t(u)));
       }
-      // A diverged particle has no neighbours; its lane is reported as failed after the step.
+      // A particle that diverged has no neighbours; its lane is reported as failed after the step.
       if (near) cells.push_back({key, i});
     }
     std::sort(cells.begin(), cells.end());
@@ -118,15 +113,11 @@ void ClusterTissue<Real>::find_self_contacts() {
           const std::int32_t other = cells[k].particle;
           if (other <= cell.particle) continue;
           Vector3d d;
-          for (int axis = 0; axis < 3; ++axis) {
+          for (int axis = 0; axis < 3; ++axis)
             d[axis] = static_cast<double>(xs_(cell.particle, axis, lane) - xs_(other, axis, lane));
-          }
           if (!(d.norm() < reach)) continue;
-          // 1 %: pairs that rest at the rest distance stay filtered whatever the rounding of the
-          // pitch.
-          if ((body[static_cast<std::size_t>(cell.particle)] -
-               body[static_cast<std::size_t>(other)])
-                  .norm() <= 1.01 * rest) {
+          // 1 %: particles one rest distance apart stay filtered whatever the rounding.
+          if ((body[cell.particle] - body[other]).norm() <= 1.01 * rest) {
             continue;
           }
           pairs.push_back({cell.particle, other});

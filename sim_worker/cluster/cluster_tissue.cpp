@@ -19,41 +19,27 @@ ClusterTissue<Real>::ClusterTissue(std::shared_ptr<const ClusterTissueModel> mod
   const int clusters = model_->clusters.count();
   const int W = lanes();
   load_model();
-  held_mask_.assign(static_cast<std::size_t>(n), 0);
-  held_.resize(static_cast<std::size_t>(W));
-  self_pairs_.resize(static_cast<std::size_t>(W));
+  held_mask_.assign(n, 0);
+  held_.resize(W);
+  self_pairs_.resize(W);
   surface_.assign(static_cast<int>(model_->body.surface_vertices.size()), 3, W);
 
+  static_cast<LaneArgs<Real>&>(args_) = this->lane_args();
   args_.particles = n;
   args_.clusters = clusters;
-  args_.x = x_.data();
-  args_.v = v_.data();
   args_.xs = xs_.assign(n, 3, W);
   args_.q = q_.assign(clusters, 4, W);
   args_.goal = goal_.assign(clusters, 13, W);
-  args_.pull = pull_.assign(n, 4, W);
+  args_.goal_sum = goal_sum_.assign(n, 4, W);
   if (model_->parameters.plastic_creep() > 0)
     args_.plastic_rest = plastic_rest_.assign(static_cast<int>(rest_.size() / 3), 3, W);
   if (!model_->links.empty() || model_->parameters.self_collision())
-    args_.extra = extra_.assign(n, 4, W);
-  args_.free_mask = free_mask_.data();
+    args_.pair_sum = pair_sum_.assign(n, 4, W);
   args_.held_mask = held_mask_.data();
-  args_.candidates = this->candidates_.data();
-  args_.candidate_any = this->candidate_any_.data();
-  args_.stiffness = stiffness_.data();
-  args_.gravity = gravity_.data();
-  args_.keep = keep_.data();
-  args_.static_friction = static_friction_.data();
-  args_.dynamic_friction = dynamic_friction_.data();
   args_.h = static_cast<Real>(model_->substep());
   args_.max_speed = static_cast<Real>(model_->parameters.max_speed_m_per_s());
-  args_.particle_radius = static_cast<Real>(model_->body.particle_radius);
   args_.plastic_threshold = static_cast<Real>(model_->parameters.plastic_threshold_m2());
   args_.plastic_creep = static_cast<Real>(model_->parameters.plastic_creep());
-  args_.shapes = shapes_.count;
-  args_.shape = shapes_.shape.data();
-  args_.capsule = capsule_.data();
-  args_.capsule_motion = capsule_motion_.data();
 
   for (int lane = 0; lane < W; ++lane) {
     set_parameters(lane, {});
@@ -64,21 +50,19 @@ ClusterTissue<Real>::ClusterTissue(std::shared_ptr<const ClusterTissueModel> mod
 /// The model in the kernel's precision.
 template <typename Real>
 void ClusterTissue<Real>::load_model() {
-  const auto count = static_cast<std::size_t>(particles());
   bool planar = model_->parameters.plastic_creep() == 0;
   for (const Vector3d& r0 : model_->rest) {
     planar = planar && r0.z() == 0;
     for (int k = 0; k < 3; ++k) rest_.push_back(static_cast<Real>(r0[k]));
   }
-  particle_memberships_.assign(count, Real{0});
-  particle_weight_.assign(count, Real{0});
-  for (std::size_t c = 0; c + 1 < model_->clusters.begin.size(); ++c) {
+  particle_memberships_.assign(particles(), Real{0});
+  particle_weight_.assign(particles(), Real{0});
+  for (int c = 0; c < model_->clusters.count(); ++c) {
     std::array<Real, 3> sum{};
     const auto weight = static_cast<Real>(model_->cluster_weight[c]);
     for (int m = model_->clusters.begin[c]; m < model_->clusters.begin[c + 1]; ++m) {
-      const auto membership = static_cast<std::size_t>(m);
-      for (std::size_t k = 0; k < 3; ++k) sum[k] += rest_[3 * membership + k];
-      const auto i = static_cast<std::size_t>(model_->clusters.member[membership]);
+      for (int k = 0; k < 3; ++k) sum[k] += rest_[3 * m + k];
+      const int i = model_->clusters.member[m];
       first_of_particle_.push_back(particle_memberships_[i] == 0 ? 1 : 0);
       particle_memberships_[i] += 1;
       particle_weight_[i] += weight;
@@ -124,10 +108,9 @@ void ClusterTissue<Real>::reset(int lane, const Vector3d& offset) {
   const Eigen::Quaterniond q_WB(model_->body.X_WB.linear());
   const std::array<double, 4> q = {q_WB.x(), q_WB.y(), q_WB.z(), q_WB.w()};
   for (int c = 0; c < args_.clusters; ++c) {
-    for (int k = 0; k < 4; ++k) q_(c, k, lane) = static_cast<Real>(q[static_cast<std::size_t>(k)]);
+    for (int k = 0; k < 4; ++k) q_(c, k, lane) = static_cast<Real>(q[k]);
   }
-  for (int k = 0; k < plastic_rest_.in_lane(); ++k)
-    plastic_rest_.lane_value(k, lane) = rest_[static_cast<std::size_t>(k)];
+  for (int k = 0; k < plastic_rest_.in_lane(); ++k) plastic_rest_.lane_value(k, lane) = rest_[k];
 }
 
 template <typename Real>
@@ -140,11 +123,10 @@ void ClusterTissue<Real>::begin_substep(std::span<const ToolMotion> motion, int 
   this->place_tool(motion, substep);
   clusters_.predict(args_);
   for (int lane = 0; lane < lanes(); ++lane) {
-    const Held& held = held_[static_cast<std::size_t>(lane)];
+    const Held& held = held_[lane];
     for (std::size_t j = 0; j < held.particles.size(); ++j) {
       for (int axis = 0; axis < 3; ++axis) {
-        xs_(held.particles[j], axis, lane) =
-            tip_(0, axis, lane) + held.offsets[j][static_cast<std::size_t>(axis)];
+        xs_(held.particles[j], axis, lane) = tip_(0, axis, lane) + held.offsets[j][axis];
       }
     }
   }
@@ -158,7 +140,7 @@ template <typename Real>
 void ClusterTissue<Real>::solve_substep() {
   for (std::uint32_t k = 0; k < model_->parameters.iterations(); ++k) {
     clusters_.match_clusters(args_);
-    if (args_.extra != nullptr) add_pair_corrections();
+    if (args_.pair_sum != nullptr) add_pair_corrections();
     clusters_.apply_corrections(args_);
   }
 }
@@ -187,43 +169,37 @@ template <typename Real>
 void ClusterTissue<Real>::take(int lane, Held held) {
   for (const std::int32_t i : held.particles) {
     this->set_free(i, lane, false);
-    this->set_bit(held_mask_[static_cast<std::size_t>(i)], lane, true);
+    this->set_bit(held_mask_[i], lane, true);
   }
-  held_[static_cast<std::size_t>(lane)] = std::move(held);
+  held_[lane] = std::move(held);
 }
 
 template <typename Real>
 void ClusterTissue<Real>::release(int lane) {
-  Held& held = held_[static_cast<std::size_t>(lane)];
+  Held& held = held_[lane];
   for (const std::int32_t i : held.particles) {
     this->set_free(i, lane, true);
-    this->set_bit(held_mask_[static_cast<std::size_t>(i)], lane, false);
+    this->set_bit(held_mask_[i], lane, false);
   }
   held = {};
 }
 
 template <typename Real>
 void ClusterTissue<Real>::shift_held(int lane, const Vector3d& by) {
-  for (auto& offset : held_[static_cast<std::size_t>(lane)].offsets) {
-    for (int axis = 0; axis < 3; ++axis)
-      offset[static_cast<std::size_t>(axis)] += static_cast<Real>(by[axis]);
+  for (auto& offset : held_[lane].offsets) {
+    for (int axis = 0; axis < 3; ++axis) offset[axis] += static_cast<Real>(by[axis]);
   }
 }
 
 template <typename Real>
 Vector3d ClusterTissue<Real>::held_force(int lane) const {
-  // Each refused correction d of a held particle is an impulse m d / h over h: force m d / h^2; its
-  // weight adds.
+  // The correction d that a held particle does not make is an impulse m d / h in a substep of h:
+  // a force m d / h^2, to which its weight adds.
   const auto count = static_cast<double>(held(lane).size());
   if (count == 0) return Vector3d::Zero();
   const double h = model_->substep();
   const double mass = model_->body.particle_mass;
-  const Vector3d refused = held_force_.vector(0, lane);
-  const Vector3d gravity = gravity_.vector(0, lane);
-  Vector3d force;
-  for (int axis = 0; axis < 3; ++axis)
-    force[axis] = mass * refused[axis] / (h * h) + mass * count * gravity[axis];
-  return force;
+  return mass * held_force_.vector(0, lane) / (h * h) + mass * count * gravity_.vector(0, lane);
 }
 
 template <typename Real>
@@ -241,7 +217,8 @@ const Real* ClusterTissue<Real>::surface_positions() {
   return surface_.data();
 }
 
-// ---- state: the grasp is the number of its particles, these, and where they are from the tip ----
+// ---- state bytes of a grasp: number of particles, their indices, their offsets from the tip
+// ------
 
 template <typename Real>
 std::vector<const LaneArray<Real>*> ClusterTissue<Real>::saved_arrays() const {
@@ -256,7 +233,7 @@ bool ClusterTissue<Real>::allows(const EffectValues& effects) const {
 template <typename Real>
 void ClusterTissue<Real>::save(int lane, Bytes& out) const {
   StateWriter state(out);
-  const Held& held = held_[static_cast<std::size_t>(lane)];
+  const Held& held = held_[lane];
   const bool has_grasp = !held.particles.empty();
   this->save_lane(lane, has_grasp, state);
   if (!has_grasp) return;

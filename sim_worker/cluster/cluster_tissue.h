@@ -22,29 +22,25 @@ struct ClusterTissueModel : TissueModel, std::enable_shared_from_this<ClusterTis
   std::unique_ptr<Tissue<double>> make_tissue(const LaneKernel<double>& kernel) const override;
   std::uint32_t substeps() const override { return parameters.substeps(); }
 
-  Clusters clusters;  ///< the global cluster, when configured, is the last one
-  std::vector<Eigen::Vector3d>
-      rest;  ///< r0_B of each membership, relative to the mean of the final members [m]
-  std::vector<double> cluster_weight;  ///< stiffness relative to the common one
-  std::vector<std::array<int, 2>>
-      links;  ///< particle pairs, first < second (each counts twice, as FleX cooks them)
-  std::vector<double> link_rest;  ///< [m]
+  Clusters clusters;                      ///< the global cluster, when configured, is the last one
+  std::vector<Eigen::Vector3d> rest;      ///< r0_B per membership, from the mean of the members [m]
+  std::vector<double> cluster_weight;     ///< stiffness relative to the common one
+  std::vector<std::array<int, 2>> links;  ///< particle pairs, first < second
+  std::vector<double> link_rest;          ///< [m]
   pb::ClusterModel parameters;
   // Skinning of a surface that is not made of particles: 4 clusters per vertex.
   std::vector<std::int32_t> skin_cluster;
   std::vector<double> skin_weight;
   std::vector<Eigen::Vector3d> skin_offset;
-
-  double substep() const { return control_period / parameters.substeps(); }
 };
 
-/// Cooks the scene's tissue; throws Error on orphans (policy reject). Notes about ties and loose
-/// groups are appended to `warnings`.
+/// Model of the scene's tissue; throws Error on orphans (policy reject) and on effects the model
+/// lacks. Appends notes about ties and loose groups to `warnings`.
 std::shared_ptr<const ClusterTissueModel> make_cluster_model(const Scene& scene,
                                                              double control_period,
                                                              std::vector<std::string>& warnings);
 
-/// The cluster model in lanes; see Tissue.
+/// The cluster model in lanes; see Tissue and, for the equations, cluster_kernel.inl.
 template <typename Real>
 class ClusterTissue final : public LaneTissue<Real> {
  public:
@@ -62,9 +58,7 @@ class ClusterTissue final : public LaneTissue<Real> {
   void end_substep(bool last) override;
   void hold(int lane, const Eigen::Vector3d& tip, double radius, bool collapse) override;
   void release(int lane) override;
-  std::span<const std::int32_t> held(int lane) const override {
-    return held_[static_cast<std::size_t>(lane)].particles;
-  }
+  std::span<const std::int32_t> held(int lane) const override { return held_[lane].particles; }
   void shift_held(int lane, const Eigen::Vector3d& by) override;
   Eigen::Vector3d held_force(int lane) const override;
   const Real* surface_positions() override;
@@ -107,11 +101,10 @@ class ClusterTissue final : public LaneTissue<Real> {
   std::vector<std::uint8_t> first_of_particle_;
 
   // State and scratch, per lane.
-  LaneArray<Real> xs_, q_, goal_, pull_, plastic_rest_, extra_;
+  LaneArray<Real> xs_, q_, goal_, goal_sum_, plastic_rest_, pair_sum_;
   std::vector<std::uint32_t> held_mask_;
   std::vector<Held> held_;
-  std::vector<std::vector<std::array<std::int32_t, 2>>>
-      self_pairs_;  ///< per lane, this substep's candidates
+  std::vector<std::vector<std::array<std::int32_t, 2>>> self_pairs_;  ///< of this substep, per lane
 
   // Skinned surface.
   AlignedVector<Real> skin_weight_, skin_offset_;

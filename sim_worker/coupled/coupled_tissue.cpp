@@ -39,7 +39,7 @@ CoupledTissue<Real>::CoupledTissue(std::shared_ptr<const CoupledTissueModel> mod
     : model_(std::move(model)),
       sheet_(model_->sheet, kernel),
       contact_(model_->solid, kernel, sheet_.particles(), model_->sheet->body.particle_radius),
-      held_(static_cast<std::size_t>(kernel.lanes)) {
+      held_(kernel.lanes) {
   sheet_.lie_on(contact_);
 }
 
@@ -102,7 +102,7 @@ void CoupledTissue<Real>::release(int lane) {
 
 template <typename Real>
 std::span<const std::int32_t> CoupledTissue<Real>::held(int lane) const {
-  std::vector<std::int32_t>& nodes = held_[static_cast<std::size_t>(lane)];
+  std::vector<std::int32_t>& nodes = held_[lane];
   const auto of_sheet = sheet_.held(lane);
   nodes.assign(of_sheet.begin(), of_sheet.end());
   for (const std::int32_t i : contact_.solid().held(lane)) nodes.push_back(sheet_.particles() + i);

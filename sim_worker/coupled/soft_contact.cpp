@@ -45,10 +45,10 @@ SoftContact<Real>::SoftContact(std::shared_ptr<const SolidTissueModel> model,
       vertex_(model->mesh.nodes.size(), Vector3d::Zero()),
       normal_(vertex_) {
   for (int i = 0; i < model->nodes(); ++i) {
-    if (model->on_surface[static_cast<std::size_t>(i)] != 0) skin_.push_back(i);
+    if (model->on_surface[i] != 0) skin_.push_back(i);
   }
-  start_.resize(static_cast<std::size_t>(lanes_));
-  push_.assign(model->nodes(), 3, lanes_);
+  start_.resize(lanes_);
+  change_.assign(model->nodes(), 3, lanes_);
   solid_.set_load(load_.assign(model->nodes(), 3, lanes_));
   args_.active = true;
   args_.plane = plane_.assign(nodes_, 4, lanes_);
@@ -56,7 +56,7 @@ SoftContact<Real>::SoftContact(std::shared_ptr<const SolidTissueModel> model,
   args_.force = force_.assign(nodes_, 3, lanes_);
   args_.force_before = before_.assign(nodes_, 3, lanes_);
   args_.work = work_.assign(1, 1, lanes_);
-  args_.share = share_.assign(1, 1, lanes_);
+  args_.step_length = step_length_.assign(1, 1, lanes_);
   args_.cross = cross_.assign(1, 1, lanes_);
   args_.beta = beta_.assign(1, 1, lanes_);
   args_.direction = direction_.assign(nodes_, 3, lanes_);
@@ -70,21 +70,19 @@ template <typename Real>
 void SoftContact<Real>::take_vertices(int lane, bool moved) {
   const LaneArray<Real>& x = solid_.substep_positions();
   for (const std::int32_t i : skin_) {
-    vertex_[static_cast<std::size_t>(i)] =
-        moved ? sum_of(x, solid_.substep_displacements(), i, lane) : x.vector(i, lane);
+    vertex_[i] = moved ? sum_of(x, solid_.substep_displacements(), i, lane) : x.vector(i, lane);
   }
 }
 
 template <typename Real>
 void SoftContact<Real>::find_normals() {
-  for (const std::int32_t i : skin_) normal_[static_cast<std::size_t>(i)].setZero();
+  for (const std::int32_t i : skin_) normal_[i].setZero();
   for (const Eigen::Vector3i& corner : solid_.model().mesh.surface) {
-    const Vector3d& a = vertex_[static_cast<std::size_t>(corner[0])];
-    const Vector3d area = (vertex_[static_cast<std::size_t>(corner[1])] - a)
-                              .cross(vertex_[static_cast<std::size_t>(corner[2])] - a);
-    for (const int k : corner) normal_[static_cast<std::size_t>(k)] += area;
+    const Vector3d& a = vertex_[corner[0]];
+    const Vector3d area = (vertex_[corner[1]] - a).cross(vertex_[corner[2]] - a);
+    for (const int k : corner) normal_[k] += area;
   }
-  for (const std::int32_t i : skin_) normal_[static_cast<std::size_t>(i)].normalize();
+  for (const std::int32_t i : skin_) normal_[i].normalize();
 }
 
 template <typename Real>
@@ -95,7 +93,7 @@ void SoftContact<Real>::find_near(const LaneArray<Real>& x, const LaneArray<Real
   const double fall = period * solid_.model().surroundings.gravity.norm();
   std::fill(near.begin(), near.end(), 0);
   for (int lane = 0; lane < lanes_; ++lane) {
-    LaneStart& start = start_[static_cast<std::size_t>(lane)];
+    LaneStart& start = start_[lane];
     start.near.clear();
     start.skin.clear();
     take_vertices(lane, false);
@@ -103,19 +101,19 @@ void SoftContact<Real>::find_near(const LaneArray<Real>& x, const LaneArray<Real
     double fastest = 0;
     for (const std::int32_t i : skin_) {
       fastest = std::max(fastest, solid_.velocity(lane, i).norm());
-      start.skin.push_back(vertex_[static_cast<std::size_t>(i)]);
+      start.skin.push_back(vertex_[i]);
     }
     int last = -1;  // of the node before, which is next to this one but at the ends of rows
     for (int i = 0; i < nodes_; ++i) {
-      if ((free[static_cast<std::size_t>(i)] >> lane & 1U) == 0) continue;
+      if ((free[i] >> lane & 1U) == 0) continue;
       const Vector3d q = x.vector(i, lane);
-      // Weight moves one towards the other where something holds the other up.
+      // Gravity brings sheet and body together where one of them is supported.
       const double reach =
           radius_ + kMargin + period * (length_of(v.vector(i, lane)) + fastest + fall);
       const TrianglePoint found = search_.find(q, vertex_, reach, last);
       last = found.triangle;
       if (found.triangle < 0) continue;
-      near[static_cast<std::size_t>(i)] |= 1U << lane;
+      near[i] |= 1U << lane;
       const double side = search_.is_behind(q, vertex_, found) ? -1 : 1;
       start.near.push_back({i, side * std::sqrt(found.squared), q, found, Vector3d::Zero()});
     }
@@ -127,9 +125,8 @@ template <typename Real>
 double SoftContact<Real>::largest_motion(int lane) const {
   double squared = 0;
   for (std::size_t k = 0; k < skin_.size(); ++k) {
-    const Vector3d& start = start_[static_cast<std::size_t>(lane)].skin[k];
-    squared =
-        std::max(squared, (vertex_[static_cast<std::size_t>(skin_[k])] - start).squaredNorm());
+    const Vector3d& start = start_[lane].skin[k];
+    squared = std::max(squared, (vertex_[skin_[k]] - start).squaredNorm());
   }
   return std::sqrt(squared);
 }
@@ -142,19 +139,18 @@ void SoftContact<Real>::spread(std::uint32_t lanes, const LaneArray<Real>* befor
     for (const std::int32_t k : skin_) {
       for (int axis = 0; axis < 3; ++axis) load(k, axis, lane) = Real{0};
     }
-    for (const Candidate& candidate : start_[static_cast<std::size_t>(lane)].near) {
+    for (const Candidate& candidate : start_[lane].near) {
       const int i = candidate.node;
       std::array<Real, 3> force{};
       for (int axis = 0; axis < 3; ++axis) {
-        force[static_cast<std::size_t>(axis)] =
+        force[axis] =
             force_(i, axis, lane) - (before == nullptr ? Real{0} : (*before)(i, axis, lane));
       }
       if (force == std::array<Real, 3>{}) continue;
       const Eigen::Vector3i& corner = search_.triangle(candidate.point.triangle);
       for (int c = 0; c < 3; ++c) {
-        const auto share = static_cast<Real>(candidate.point.share[c]);
-        for (int axis = 0; axis < 3; ++axis)
-          load(corner[c], axis, lane) -= share * force[static_cast<std::size_t>(axis)];
+        const auto weight = static_cast<Real>(candidate.point.share[c]);
+        for (int axis = 0; axis < 3; ++axis) load(corner[c], axis, lane) -= weight * force[axis];
       }
     }
   }
@@ -164,7 +160,7 @@ template <typename Real>
 void SoftContact<Real>::begin_substep(const LaneArray<Real>& x) {
   for (int lane = 0; lane < lanes_; ++lane) {
     take_vertices(lane, false);
-    for (Candidate& candidate : start_[static_cast<std::size_t>(lane)].near) {
+    for (Candidate& candidate : start_[lane].near) {
       if (force(lane, candidate.node).isZero(0)) continue;
       const Vector3d q = x.vector(candidate.node, lane);
       candidate.point = search_.walk(q, vertex_, candidate.point.triangle);
@@ -185,12 +181,11 @@ void SoftContact<Real>::place_node(Candidate& candidate, int lane, const Vector3
                   : search_.walk(q, vertex_, found.triangle);
   const Eigen::Vector3i& corner = search_.triangle(found.triangle);
   Vector3d p = Vector3d::Zero();
-  Vector3d way = Vector3d::Zero();
+  Vector3d displacement = Vector3d::Zero();
   for (int c = 0; c < 3; ++c) {
-    const auto node = static_cast<std::size_t>(corner[c]);
-    p += found.share[c] * vertex_[node];
-    if (!placed_) candidate.normal += found.share[c] * normal_[node];
-    way += found.share[c] * moved.vector(corner[c], lane);
+    p += found.share[c] * vertex_[corner[c]];
+    if (!placed_) candidate.normal += found.share[c] * normal_[corner[c]];
+    displacement += found.share[c] * moved.vector(corner[c], lane);
   }
   if (!placed_) candidate.normal.normalize();
   if (candidate.normal.isZero(0)) candidate.normal = search_.normal(found.triangle, vertex_);
@@ -198,12 +193,12 @@ void SoftContact<Real>::place_node(Candidate& candidate, int lane, const Vector3
   plane_(i, 0, lane) = static_cast<Real>(side * (q - p).norm());
   for (int axis = 0; axis < 3; ++axis)
     plane_(i, 1 + axis, lane) = static_cast<Real>(candidate.normal[axis]);
-  motion_.set_vector(i, lane, way);
+  motion_.set_vector(i, lane, displacement);
 }
 
-// The first one in a substep looks around. What moves after it moves little: near points then stay
-// on their triangles, which costs the square of that way over twice the distance, and keep their
-// normals; a node that was far gets that of its triangle.
+// The first call in a substep searches the neighbouring triangles. Later displacements are small:
+// near points then stay on their triangles, with an error of displacement^2 / (2 distance), and
+// keep their normals; a node that was far gets that of its triangle.
 template <typename Real>
 void SoftContact<Real>::place(const LaneArray<Real>& x, const LaneArray<Real>& d,
                               std::uint32_t lanes) {
@@ -212,7 +207,7 @@ void SoftContact<Real>::place(const LaneArray<Real>& x, const LaneArray<Real>& d
     take_vertices(lane, true);
     if (!placed_) find_normals();
     const double skin_moved = largest_motion(lane);
-    for (Candidate& candidate : start_[static_cast<std::size_t>(lane)].near) {
+    for (Candidate& candidate : start_[lane].near) {
       const int i = candidate.node;
       const Vector3d q = sum_of(x, d, i, lane);
       if (!placed_) candidate.normal.setZero();
@@ -229,13 +224,13 @@ void SoftContact<Real>::place(const LaneArray<Real>& x, const LaneArray<Real>& d
 
 template <typename Real>
 void SoftContact<Real>::response(std::uint32_t lanes) {
-  spread(lanes, &before_, push_);
-  solid_.response(push_.data(), work_.data(), cross_.data());
+  spread(lanes, &before_, change_);
+  solid_.response(change_.data(), work_.data(), cross_.data());
 }
 
 template <typename Real>
 void SoftContact<Real>::take(std::uint32_t lanes) {
-  solid_.take_response(beta_.data(), share_.data(), lanes);
+  solid_.take_response(beta_.data(), step_length_.data(), lanes);
   changed_ |= lanes;
 }
 
@@ -292,15 +287,14 @@ void SoftContact<Real>::save(int lane, Bytes& out) const {
 template <typename Real>
 Result<std::size_t> SoftContact<Real>::load(int lane, std::span<const std::byte> bytes) {
   StateReader state(bytes);
-  std::vector<Real> force(static_cast<std::size_t>(3 * nodes_));
+  std::vector<Real> force(3 * nodes_);
   if (!state.read_all(std::span(force)))
     return Failure{fmt::format("state of {} bytes ends in the forces of the body", bytes.size())};
   if (!all_finite(std::span<const Real>(force)))
     return Failure{"state of the soft body holds a non-finite force"};
   const Result<std::size_t> used = solid_.load(lane, bytes.subspan(state.used()));
   if (!used) return Failure{used.error()};
-  for (int k = 0; k < force_.in_lane(); ++k)
-    force_.lane_value(k, lane) = force[static_cast<std::size_t>(k)];
+  for (int k = 0; k < force_.in_lane(); ++k) force_.lane_value(k, lane) = force[k];
   return state.used() + used.value();
 }
 

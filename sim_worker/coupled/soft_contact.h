@@ -15,9 +15,9 @@ namespace omentum {
 
 /// Two-way contact between the nodes of a sheet and the skin of an elastic solid in lanes
 /// (docs/decisions/0020). A node of the sheet keeps its collision distance from the deformed
-/// triangles; what presses it away presses the corners of the nearest triangle by their shares.
-/// Vertices of the solid against the sheet's triangles are not looked at: the solid must not be
-/// sharper than the sheet's pitch.
+/// triangles; what contact force on a node acts on the corners of the nearest triangle by their
+/// barycentric weights. Vertices of the solid against the sheet's triangles are not looked at: the
+/// solid must not be sharper than the sheet's pitch.
 template <typename Real>
 class SoftContact final : public YieldingSurface<Real> {
  public:
@@ -84,8 +84,8 @@ class SoftContact final : public YieldingSurface<Real> {
   std::vector<LaneStart> start_;                  ///< per lane
   std::uint32_t changed_ = 0;                     ///< lanes whose forces changed in this substep
   bool placed_ = false;                           ///< in this substep
-  LaneArray<Real> plane_, motion_, force_, before_, work_, share_, cross_, beta_, direction_,
-      direction_part_, direction_displacement_, direction_work_, load_, push_;
+  LaneArray<Real> plane_, motion_, force_, before_, work_, step_length_, cross_, beta_, direction_,
+      direction_part_, direction_displacement_, direction_work_, load_, change_;
   SurfaceArgs<Real> args_{};
 };
 

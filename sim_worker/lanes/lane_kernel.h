@@ -23,8 +23,7 @@ struct KernelShape {
   Real size[3];       ///< radius, semi-axes or half extents
   Real axis[3];       ///< capsule: direction in W
   Real length;        ///< capsule
-  Real bound_radius;  ///< sphere around origin that holds the shape; ignored by half-space and
-                      ///< capsule
+  Real bound_radius;  ///< of the bounding sphere around origin; not of half-space and capsule
   const float* sdf;   ///< kSdf: node values, x fastest
   std::int32_t sdf_count[3];
   Real sdf_origin[3];  ///< in the shape frame
@@ -43,7 +42,7 @@ struct CandidateArgs {
   const Real* gravity;             ///< [xyz][lane] [m/s^2]
   Real radius;                     ///< collision distance of a point
   Real step_s;                     ///< control step [s]
-  Real margin;                     ///< way that neither speed nor gravity explains
+  Real margin;                     ///< displacement by elastic forces at most [m]
   std::int32_t shapes;
   const KernelShape<Real>* shape;
   const Real* capsule;           ///< [xyz][lane] start of the tool's axis
@@ -52,8 +51,8 @@ struct CandidateArgs {
   std::uint32_t* candidate_any;  ///< out per point, bit per shape
 };
 
-/// Projection of the drawn surface into the exposure camera and search for triangles near the
-/// tumour.
+/// Projection of the drawn surface into the exposure camera, and search for the triangles in front
+/// of the tumour.
 template <typename Real>
 struct ProjectArgs {
   std::int32_t vertices;
@@ -68,19 +67,19 @@ struct ProjectArgs {
   std::uint32_t lanes_wanted;
 };
 
-/// Skins surface vertices to cluster transforms left by the last match.
+/// Skinning of surface vertices by the cluster transforms of the last match.
 template <typename Real>
 struct SkinArgs {
   std::int32_t vertices;
   const std::int32_t* cluster;  ///< 4 per vertex
   const Real* weight;           ///< 4 per vertex, sum 1
-  const Real*
-      offset;  ///< [vertex][4][xyz]: rest position relative to the cluster's rest mean, in B
-  const Real* goal;
+  const Real* offset;           ///< [vertex][4][xyz]: from the cluster's mean at rest, in B
+  const Real* goal;             ///< of ClusterArgs
   const Real* cluster_weight;
   Real* position;  ///< out [vertex][xyz][lane]
 };
 
+/// Search for the particle nearest to a point.
 template <typename Real>
 struct NearestArgs {
   std::int32_t particles;
@@ -90,8 +89,7 @@ struct NearestArgs {
   Real* index;        ///< out [lane], exact integer
 };
 
-/// One implementation of the lane kernel: same source, different width. Every function is straight
-/// line code over points, vertices or panels.
+/// One implementation of the lane kernel: same source, different width.
 template <typename T>
 struct LaneKernel {
   using Real = T;
@@ -101,7 +99,7 @@ struct LaneKernel {
   void (*nearest_particle)(const NearestArgs<Real>&);
   void (*skin_surface)(const SkinArgs<Real>&);
   void (*project_surface)(const ProjectArgs<Real>&);
-  /// Replaces b, [row][xyz][lane] or [row][lane], by the solution with the factor.
+  /// b <- (L L^T)^-1 b, b [row][xyz][lane] or [row][lane].
   void (*solve_vectors)(const PanelArgs<Real>&, Real* b);
   void (*solve_scalars)(const PanelArgs<Real>&, Real* b);
 };

@@ -1,4 +1,4 @@
-// What the jaws hold of the reference solid: see ReferenceTissue::hold.
+// Grasp of the reference solid: its patch, and the constraint it puts on the nodes.
 #include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
@@ -16,66 +16,60 @@ using Eigen::VectorXd;
 ReferenceTissue::Targets ReferenceTissue::patch_rows(const Nodes& x) const {
   Targets rows = Targets::Zero();
   const GraspPatch& patch = grasp_->patch;
-  for (std::size_t k = 0; k < patch.node.size(); ++k) {
-    rows +=
-        x[static_cast<std::size_t>(patch.node[k])] * patch.weight.row(static_cast<Eigen::Index>(k));
-  }
+  for (int k = 0; k < patch.weight.rows(); ++k) rows += x[patch.node[k]] * patch.weight.row(k);
   return rows;
 }
 
-/// Of the rows of the patch [m/N]: the jaws' spring moves the patch, it does not turn or deform it.
+/// Of the rows of the patch [m/N]; the compliance of the jaws acts on its mean position only.
 Eigen::Vector4d ReferenceTissue::grasp_compliances() const {
   Eigen::Vector4d c = Eigen::Vector4d::Constant(model_->grasp_compliance);
   c[0] += effects_.values().grasp_compliance;
   return c;
 }
 
-/// Before a control step: the patch creeps out of the jaws.
+/// Slip of the patch in the jaws over a control step; may release it.
 void ReferenceTissue::slip() {
   const EffectValues& fx = effects_.values();
   if (!grasp_ || !(fx.slip_speed > 0)) return;
-  const Vector3d way =
+  const Vector3d slip =
       slip_of(fx, held_force_, model_->material.young_modulus_pa() * model_->body.thickness,
               model_->control_period);
-  slipped_ += way.norm();
+  slipped_ += slip.norm();
   if (fx.slip_loss > 0 && slipped_ > fx.slip_loss) {
     release(0);
   } else {
-    shift_held(0, way);
+    shift_held(0, slip);
   }
 }
 
-/// With the pull p of the trial: the force C^T p, and its potential, that of a spring of compliance
-/// c + kMissCompliance which pulls with p where the rows give way by c p.
+/// Augmented Lagrangian of the constraint with the multipliers p of the trial: with r = C x -
+/// targets and m = r - c p, the force C^T p and the energy p . r + m^2 / (2 (c + kMissCompliance)).
 void ReferenceTissue::add_grasp(const Terms& terms, const Nodes& x, Residual& out) const {
-  const Targets way = patch_rows(x) - terms.target;
+  const Targets offset = patch_rows(x) - terms.target;
   const Eigen::Vector4d compliances = grasp_compliances();
-  out.miss = way - trial_pull_ * compliances.asDiagonal();
+  out.miss = offset - trial_multiplier_ * compliances.asDiagonal();
   const Eigen::Vector4d stiffness = (compliances.array() + kMissCompliance).inverse();
   out.miss_force = out.miss * stiffness.asDiagonal();
-  out.count_energy(trial_pull_.cwiseProduct(way).sum());
+  out.count_energy(trial_multiplier_.cwiseProduct(offset).sum());
   out.count_energy(0.5 * out.miss.cwiseProduct(out.miss_force).sum());
   const GraspPatch& patch = grasp_->patch;
-  for (std::size_t k = 0; k < patch.node.size(); ++k) {
-    const auto row = patch.weight.row(static_cast<Eigen::Index>(k));
-    add_force(patch.node[k], trial_pull_ * row.transpose(), out);
-  }
+  for (int k = 0; k < patch.weight.rows(); ++k)
+    add_force(patch.node[k], trial_multiplier_ * patch.weight.row(k).transpose(), out);
 }
 
-/// For constrain() with a new factor. With C the rows of the grasp, c their compliances and m what
-/// they miss: A dx + C^T dp = -force, C dx - c dp = -m. With A = L L^T, Y = L^-1 C^T and
-/// y = -L^-1 force: (c I + Y^T Y) dp = Y^T y + m, dx = L^-T (y - Y dp).
+/// Of a new factor A = L L^T, for constrain(): Y = L^-1 C^T and the factor of c I + Y^T Y. The step
+/// A dx + C^T dp = -force, C dx - c dp = -m with y = -L^-1 force is
+/// (c I + Y^T Y) dp = Y^T y + m, dx = L^-T (y - Y dp).
 void ReferenceTissue::prepare_constraint() {
   const GraspPatch& patch = grasp_->patch;
   constexpr int kColumns = 3 * GraspPatch::kRows;
   MatrixXd& Y = constraint_response_;
   Y.setZero(model_->unknowns, kColumns);
-  for (std::size_t k = 0; k < patch.node.size(); ++k) {
-    const int row = model_->unknown[static_cast<std::size_t>(patch.node[k])];
+  for (int k = 0; k < patch.weight.rows(); ++k) {
+    const int row = model_->unknown[patch.node[k]];
     if (row < 0) continue;
     for (int r = 0; r < GraspPatch::kRows; ++r) {
-      for (int axis = 0; axis < 3; ++axis)
-        Y(row + axis, 3 * r + axis) += patch.weight(static_cast<Eigen::Index>(k), r);
+      for (int axis = 0; axis < 3; ++axis) Y(row + axis, 3 * r + axis) += patch.weight(k, r);
     }
   }
   factor_.solve_lower(Y);
@@ -86,31 +80,30 @@ void ReferenceTissue::prepare_constraint() {
   constrained_ = true;
 }
 
-/// Takes the grasp into account between the two halves of a solve.
+/// y <- y - Y dp, between the forward and the backward solve; next_multiplier_ = p + dp.
 void ReferenceTissue::constrain(const Targets& miss, Eigen::Ref<VectorXd> direction) {
   const VectorXd more = constraint_solver_.solve(constraint_response_.transpose() * direction +
                                                  VectorXd::Map(miss.data(), miss.size()));
   direction -= constraint_response_ * more;
-  next_pull_ = trial_pull_ + Targets::Map(more.data());
+  next_multiplier_ = trial_multiplier_ + Targets::Map(more.data());
 }
 
-/// On the bilinear mid-surface, searched from the nearest particle. Nothing where that is clamped.
+/// Nearest point of the bilinear mid-surface, searched from the nearest particle; none on the
+/// clamp.
 std::optional<SheetPoint> ReferenceTissue::nearest_point(const Vector3d& tip) const {
   std::array<Nearest, 1> nearest{};
   find_nearest(std::array<Vector3d, 1>{tip}, nearest);
   const auto at = [&](const Vector2d& X) {
-    const BodyPoint::Share share = model_->locate({X.x(), X.y(), 0}).shares.front();
-    const ReferenceElement& element = model_->elements[static_cast<std::size_t>(share.element)];
-    const std::array<double, 8> N = hex_functions(share.xi);
+    const BodyPoint::Location found = model_->locate({X.x(), X.y(), 0}).locations.front();
+    const std::array<double, 8> N = hex_functions(found.xi);
     Vector3d p = Vector3d::Zero();
-    for (int a = 0; a < 8; ++a) p += N[a] * state_.x[static_cast<std::size_t>(element.node[a])];
+    for (int a = 0; a < 8; ++a) p += N[a] * state_.x[model_->elements[found.element].node[a]];
     return p;
   };
   const Eigen::AlignedBox2d sheet(Vector2d(model_->lines[0].front(), model_->lines[1].front()),
                                   Vector2d(model_->lines[0].back(), model_->lines[1].back()));
-  const SheetPoint found = nearest_on_sheet(
-      at, sheet, model_->body.particles[static_cast<std::size_t>(nearest[0].particle)].head<2>(),
-      tip);
+  const SheetPoint found =
+      nearest_on_sheet(at, sheet, model_->body.particles[nearest[0].particle].head<2>(), tip);
   if (!(found.X.y() > model_->clamp_edge) && model_->unknown.front() < 0) return std::nullopt;
   return found;
 }
@@ -137,7 +130,7 @@ void ReferenceTissue::hold(int, const Vector3d& tip, double radius, bool collaps
   grasp_->offset = patch_rows(state_.x);
   grasp_->offset.col(0) -= tip;
   if (fx.jaw_roll != 0 || fx.jaw_tilt != 0)
-    grasp_->offset = jaw_turn(fx, model_->surroundings.shaft_axis) * Targets(grasp_->offset);
+    grasp_->offset = jaw_rotation(fx, model_->surroundings.shaft_axis) * Targets(grasp_->offset);
   if (collapse) grasp_->offset.col(0).setZero();
 }
 
@@ -145,7 +138,7 @@ void ReferenceTissue::release(int) {
   grasp_.reset();
   slipped_ = 0;
   held_force_.setZero();
-  state_.pull.setZero();
+  state_.multiplier.setZero();
 }
 
 std::span<const std::int32_t> ReferenceTissue::held(int) const {

@@ -22,7 +22,7 @@ struct GridStencils {
   double pitch = 0;
   const IsClamped& is_clamped;
 
-  Vector3d place(int i) const { return nodes[static_cast<std::size_t>(i)]; }
+  Vector3d place(int i) const { return nodes[i]; }
 
   /// 2 on the edge of the clamp across this stride.
   double clamp(int i, int stride) const {
@@ -56,10 +56,10 @@ struct GridStencils {
       stencil.at.add(i + stride, w);
       w[tangent] = -0.5 / pitch;
       stencil.at.add(i - stride, w);
-      stencil.share[k] = stencil.beam ? 0.5 : 1;
+      stencil.fraction[k] = stencil.beam ? 0.5 : 1;
       stencil.clamp[k] = clamp(i, stride);
     }
-    stencil.share[2] = stencil.beam ? 0 : 1;
+    stencil.fraction[2] = stencil.beam ? 0 : 1;
     return stencil;
   }
 
@@ -75,7 +75,7 @@ struct GridStencils {
     stencil.at.add(i + ny + 1, (Weight() << 0, 0, second, half, half).finished());
     stencil.place = 0.5 * (place(i) + place(i + ny + 1));
     stencil.area = pitch * pitch;
-    stencil.share[3] = 1;
+    stencil.fraction[3] = 1;
     return stencil;
   }
 };
@@ -83,10 +83,10 @@ struct GridStencils {
 }  // namespace
 
 Vector3d curvature(const CurvatureStencil& stencil, std::span<const Vector3d> places) {
-  const Vector3d& base = places[static_cast<std::size_t>(stencil.base)];
+  const Vector3d& base = places[stencil.base];
   Eigen::Matrix<double, 3, 5> sum = Eigen::Matrix<double, 3, 5>::Zero();
   for (std::size_t k = 0; k < stencil.node.size(); ++k) {
-    const Vector3d to = places[static_cast<std::size_t>(stencil.node[k])] - base;
+    const Vector3d to = places[stencil.node[k]] - base;
     sum += to * stencil.weight[k].transpose();
   }
   const Vector3d normal = sum.col(3).cross(sum.col(4));
@@ -112,7 +112,7 @@ std::vector<PlateStencil> mesh_stencils(const SheetGeometry& mesh, std::span<con
     stencil.at = mesh.curvature[i];
     stencil.place = nodes[i];
     stencil.rest = curvature(stencil.at, nodes);
-    stencil.share.setOnes();
+    stencil.fraction.setOnes();
     const auto& around = stencil.at.node;
     const bool edge =
         is_clamped(stencil.at.base) &&
@@ -124,10 +124,10 @@ std::vector<PlateStencil> mesh_stencils(const SheetGeometry& mesh, std::span<con
   return stencils;
 }
 
-Vector4d plate_stiffness(const PlateStencil& stencil, const Vector4d& share, double beam,
+Vector4d plate_stiffness(const PlateStencil& stencil, const Vector4d& fraction, double beam,
                          double nu) {
   const double bending = stencil.area * (stencil.beam ? beam : beam / (1 - nu * nu));
-  return bending * share.cwiseProduct(Vector4d(1, 1, nu, 2 * (1 - nu)));
+  return bending * fraction.cwiseProduct(Vector4d(1, 1, nu, 2 * (1 - nu)));
 }
 
 Vector3d plate_moments(const Vector4d& stiffness, const Vector3d& curvature) {
@@ -137,7 +137,7 @@ Vector3d plate_moments(const Vector4d& stiffness, const Vector3d& curvature) {
 
 NodeMatrix plate_matrix(int nodes, std::span<const PlateStencil> stencils,
                         std::span<const Vector4d> stiffness) {
-  std::vector<std::map<std::int32_t, double>> rows(static_cast<std::size_t>(nodes));
+  std::vector<std::map<std::int32_t, double>> rows(nodes);
   std::vector<std::pair<std::int32_t, Vector3d>> bends;  // nodes that the curvatures depend on
   for (std::size_t s = 0; s < stencils.size(); ++s) {
     const CurvatureStencil& at = stencils[s].at;
@@ -152,7 +152,7 @@ NodeMatrix plate_matrix(int nodes, std::span<const PlateStencil> stencils,
       const Vector3d moments = plate_moments(stiffness[s], weight);
       // Also where the product is zero, so that every Poisson ratio gives one pattern.
       for (const auto& [j, other] : bends)
-        if (i != j) rows[static_cast<std::size_t>(i)][j] += moments.dot(other);
+        if (i != j) rows[i][j] += moments.dot(other);
     }
   }
   NodeMatrix matrix;

@@ -22,17 +22,18 @@ namespace omentum {
 Eigen::Vector3d curvature(const CurvatureStencil& stencil, std::span<const Eigen::Vector3d> places);
 
 /// Part of the plate energy around a point of the sheet:
-///   area B / 2 (share_0 kxx^2 + share_1 kyy^2 + 2 nu share_2 kxx kyy + 2 (1 - nu) share_3 kxy^2)
+///   area B / 2 (fraction_0 kxx^2 + fraction_1 kyy^2 + 2 nu fraction_2 kxx kyy + 2 (1 - nu)
+///   fraction_3 kxy^2)
 /// with B = E t^3 / 12 (1 - nu^2), of a beam without the 1 - nu^2.
 struct PlateStencil {
   CurvatureStencil at;
-  Eigen::Vector3d place = Eigen::Vector3d::Zero();  ///< p_B at rest [m]
-  Eigen::Vector3d rest = Eigen::Vector3d::Zero();   ///< curvatures of the rest shape [1/m]
-  Eigen::Vector4d share = Eigen::Vector4d::Zero();  ///< the edge of the clamp apart
-  /// Factor on `share`: 2 where the stencil is centred on the edge of the clamp. It bends on its
-  /// free side only, half a cell long: the same turn there is twice the curvature, which doubles
-  /// the energy. Counted once, the plate would be clamped half a cell inside the clamp, 1.5 mm at a
-  /// pitch of 3 mm, the membrane at it (benchmarks/compare_elastic.cpp).
+  Eigen::Vector3d place = Eigen::Vector3d::Zero();     ///< p_B at rest [m]
+  Eigen::Vector3d rest = Eigen::Vector3d::Zero();      ///< curvatures of the rest shape [1/m]
+  Eigen::Vector4d fraction = Eigen::Vector4d::Zero();  ///< the edge of the clamp apart
+  /// Factor on `fraction`: 2 where the stencil is centred on the edge of the clamp. It bends on its
+  /// free side only, half a cell long: the same rotation there is twice the curvature, which
+  /// doubles the energy. Counted once, the plate would be clamped half a cell inside the clamp, 1.5
+  /// mm at a pitch of 3 mm, the membrane at it (benchmarks/compare_elastic.cpp).
   Eigen::Vector4d clamp = Eigen::Vector4d::Ones();
   double area = 0;    ///< [m^2]
   bool beam = false;  ///< a strip along a free rim: no moment across it, so it bends as a beam
@@ -41,7 +42,7 @@ struct PlateStencil {
 /// Whether a node of this number is clamped.
 using IsClamped = std::function<bool(std::int32_t)>;
 
-// The first stencils are those of the nodes in their order: each gives the normal there too.
+// The first stencils are those of the nodes in their order: each defines the normal there too.
 
 /// Of a grid, node = count_y ix + iy; those of the cells follow. The bending moment across a free
 /// rim is zero, so that rows on the rim are beams, half a cell wide, and corners do not bend; the
@@ -54,9 +55,9 @@ std::vector<PlateStencil> mesh_stencils(const SheetGeometry& mesh,
                                         std::span<const Eigen::Vector3d> nodes,
                                         const IsClamped& is_clamped);
 
-/// Moment per curvature xx, yy, xx by yy, xy, times the area, `share` being the stencil's own or
+/// Moment per curvature xx, yy, xx by yy, xy, times the area, `fraction` being the stencil's own or
 /// that times `clamp` [N m^3]; `beam` is E t^3 / 12 there [N m].
-Eigen::Vector4d plate_stiffness(const PlateStencil& stencil, const Eigen::Vector4d& share,
+Eigen::Vector4d plate_stiffness(const PlateStencil& stencil, const Eigen::Vector4d& fraction,
                                 double beam, double nu);
 
 /// Moments xx, yy, xy from curvatures.
@@ -71,7 +72,7 @@ struct NodeMatrix {
 };
 
 /// Matrix of the plate energy if the curvatures acted on every coordinate alone [N/m]: it bounds
-/// the stiffness of the plate however the sheet is turned.
+/// the stiffness of the plate however the sheet is rotated.
 NodeMatrix plate_matrix(int nodes, std::span<const PlateStencil> stencils,
                         std::span<const Eigen::Vector4d> stiffness);
 

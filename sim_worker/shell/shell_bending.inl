@@ -80,7 +80,7 @@ inline Moments elastic_moments(const Args& args, const Bend& at, int s) {
   return scaled - load_moments(args.effects.rest_moment + 3 * kLanes * s);
 }
 
-/// With the Prony branches on each moment: scalars of the material, so they turn with the sheet.
+/// With the Prony branches on each moment: scalars of the material, so they rotate with the sheet.
 inline Moments relaxed_moments(const Args& args, Moments m, int s) {
   const Moments bias = load_moments(args.effects.moment_bias + 3 * kLanes * s);
   const Moments total = fma(load(args.effects.prony_gains), m, m) + bias;
@@ -89,10 +89,10 @@ inline Moments relaxed_moments(const Args& args, Moments m, int s) {
 
 /// The face that touches is at x - face_height n when the sheet is pushed this way: half of its
 /// thickness [m], of the other sign on the other side and little where it is pushed at its rim.
-inline Lane face_height(const Args& args, Lane3 normal, Lane3 push) {
+inline Lane face_height(const Args& args, Lane3 normal, Lane3 force) {
   const Lane one = splat(Real{1});
-  const Lane steep = splat(Real{4}) * inverse_length(push) * dot(normal, push);
-  return splat(args.particle_radius) * max(splat(Real{0}) - one, min(one, steep));
+  const Lane slope = splat(Real{4}) * inverse_length(force) * dot(normal, force);
+  return splat(args.particle_radius) * max(splat(Real{0}) - one, min(one, slope));
 }
 
 template <bool kAxes, bool kTwist>
@@ -107,9 +107,9 @@ void add_bending(const Args& args, int begin, int end) {
     if (kAxes) q = fma(m.yy, at.yy, m.xx * at.xx);
     if (kTwist) q = fma(m.xy, at.xy, q);
     if (args.has_contact && s < args.nodes && args.contact_lanes[s] != 0) {
-      // A contact force works on the face: -push . d(x - height n).
-      const Lane3 push = load3(args.contact_force + 3 * kLanes * s);
-      q = fma(face_height(args, at.normal, push), push, q);
+      // A contact force works on the face: -force . d(x - height n).
+      const Lane3 force = load3(args.contact_force + 3 * kLanes * s);
+      q = fma(face_height(args, at.normal, force), force, q);
     }
     const Lane along = select(at.folded, zero, dot(at.normal, q));
     const Lane3 p = at.inverse * fnma(along, at.normal, q);

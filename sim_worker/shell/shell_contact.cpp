@@ -5,17 +5,17 @@
 namespace omentum {
 namespace {
 
-// Of each substep; the next one goes on from the forces that this one leaves. Measured in
-// docs/decisions/0012: more of either costs time and does not settle sooner.
+// Of each substep, which starts from the forces of the last. More of either costs time and does not
+// converge sooner (measured in docs/decisions/0012).
 constexpr int kPasses = 2;
 constexpr int kSweeps = 4;
-// On a surface that gives way, which the sweeps do not know of: with too few passes each substep
-// takes back what the last one did (docs/decisions/0020). Settled lanes stop before.
+// On a deformable surface, which the sweeps take for rigid: with too few passes the forces
+// oscillate from substep to substep (docs/decisions/0020). Settled lanes stop before.
 constexpr int kPassesOnSurface = 4;
 constexpr int kSweepsOnSurface = 3;
 
-// A contact is settled when it wants less than a twentieth of its own weight more [N/kg]. In metres
-// the bound would have to know the stiffness: 0.15 um are ten times the weight at 300 kPa.
+// A contact is settled when its force changes by less than a twentieth of the node's weight [N/kg].
+// A bound in metres would depend on the stiffness: 0.15 um are ten times the weight at 300 kPa.
 constexpr double kContactTolerance = 0.5;
 
 }  // namespace
@@ -27,7 +27,6 @@ void ShellTissue<Real>::prepare_contacts() {
   contact_lanes_.assign(free_mask_.size(), 0);
   plane_begin_.assign(free_mask_.size() + 1, 0);
   for (const double v : model_->preconditioner) preconditioner_.push_back(static_cast<Real>(v));
-  args_.free_mask = free_mask_.data();
   args_.plane_begin = plane_begin_.data();
   args_.preconditioner_begin = model_->structure.bending.begin.data();
   args_.preconditioner_node = model_->structure.bending.node.data();
@@ -37,19 +36,10 @@ void ShellTissue<Real>::prepare_contacts() {
   args_.own_compliance = own_compliance_.assign(n, 1, W);
   args_.contact_lanes = contact_lanes_.data();
   args_.contact_motion = contact_motion_.assign(n, 3, W);
-  args_.contact_lean = contact_lean_.assign(n, 3, W);
+  args_.contact_face = contact_face_.assign(n, 3, W);
   args_.contact_displacement = contact_displacement_.assign(n, 3, W);
   args_.contact_before = contact_before_.assign(n, 3, W);
   args_.contact_tolerance = static_cast<Real>(kContactTolerance);
-  args_.candidates = candidates_.data();
-  args_.candidate_any = candidate_any_.data();
-  args_.particle_radius = static_cast<Real>(body_.particle_radius);
-  args_.capsule = capsule_.data();
-  args_.capsule_motion = capsule_motion_.data();
-  args_.static_friction = static_friction_.data();
-  args_.dynamic_friction = dynamic_friction_.data();
-  args_.shapes = shapes_.count;
-  args_.shape = shapes_.shape.data();
 }
 
 template <typename Real>
@@ -62,15 +52,14 @@ void ShellTissue<Real>::lie_on(YieldingSurface<Real>& surface) {
 
 template <typename Real>
 void ShellTissue<Real>::set_contact_stiffness(int lane) {
-  const int key = key_[static_cast<std::size_t>(lane)];
+  const int key = key_[lane];
   const double stiffness = ShellTissueModel::key_stiffness(key);
   const double step = model_->effective_step();
   key_stiffness_[lane] = static_cast<Real>(stiffness);
   const double density = model_->key_density(key);
   for (int i = 0; i < particles(); ++i) {
-    const auto k = static_cast<std::size_t>(i);
-    const double own = density * model_->structure.mass[k] / (step * step) +
-                       stiffness * model_->preconditioner_diagonal[k];
+    const double own = density * model_->structure.mass[i] / (step * step) +
+                       stiffness * model_->preconditioner_diagonal[i];
     own_stiffness_(i, lane) = static_cast<Real>(own);
     own_compliance_(i, lane) = static_cast<Real>(1 / own);
   }

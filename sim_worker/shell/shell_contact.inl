@@ -1,29 +1,29 @@
-// Contact of the elastic shell in lanes: included by elastic_*.cpp after shell_kernel.inl.
+// Contact of the elastic shell in lanes: included by shell_kernel.cpp after shell_kernel.inl.
 //
 // Each touching node has a force f with friction, kept from substep to substep and part of the
 // residual: at rest it balances the sheet exactly, whatever the step (docs/decisions/0012). After
 // the free solve has given d, forces f + df and a further displacement e are wanted with
 //   A e = df,   no node behind the plane of a shape at x + d,   f + df within the friction cone.
 // Projected Gauss-Seidel on the sparse A finds df; an exact solve then gives e = A^-1 df, so that
-// momentum is kept whatever the sweeps have left.
+// momentum is conserved whatever residual the sweeps leave.
 //
-// Friction is that of the face of the sheet, half its thickness from the nodes: on its slip, and
-// with its lever on the sheet (add_bending), which follows in the next substep.
+// Friction acts on the face of the sheet, half its thickness from the nodes: it depends on the slip
+// of the face, and its moment about the mid-surface (add_bending) acts from the next substep on.
 //
-// A surface that gives way is one more shape, rigid to the sweeps; the exact response is then that
-// of both bodies, and takes a smaller share of what the sweeps wanted (docs/decisions/0020).
+// A deformable surface is one more shape, rigid during the sweeps; the exact response is then that
+// of both bodies, and the step length along it is smaller (docs/decisions/0020).
 
 namespace {
 
-/// Whether a node may touch the surface that gives way in some lane.
+/// Whether a node may touch the deformable surface in some lane.
 inline bool may_touch_surface(const Args& args, int i) {
   return args.surface.active && (args.candidate_any[i] >> args.shapes & 1U) != 0;
 }
 
-/// The face of a node further off [m] has not begun to rub: how it leans does not matter yet.
+/// Beyond this distance from a shape [m] the rotation of the face is left out: it does not rub yet.
 constexpr double kNearContact = 2e-4;
 
-/// How the normal at a node turns from x to x + d; `normal` is that at x + d.
+/// Change of the normal at a node from x to x + d; `normal` is that at x + d.
 inline Lane3 find_tilt(const Args& args, int node, Lane3& normal) {
   const auto& stencil = args.stencil[node];
   const Lane3 x = load3(args.x + 3 * kLanes * stencil.base);
@@ -60,7 +60,7 @@ void place_contacts(const Args& args) {
     const Lane3 d = load3(args.d + k);
     const Lane3 p = load3(args.x + k) + d;
     Lane deepest = splat(static_cast<Real>(-1e30));
-    Lane3 way = zero3();
+    Lane3 displacement = zero3();
     Lane3 facing = zero3();
     for (int n = args.plane_begin[i]; n < end; ++n) {
       const int shape = args.plane_shape[n];
@@ -79,30 +79,31 @@ void place_contacts(const Args& args) {
       }
       const Mask deeper =
           both(deepest < depth, to_mask(args.candidates[i * omentum::kMaxShapes + shape]));
-      way = select(deeper, fma(depth + dot(slip, surface.normal), surface.normal, zero3() - slip),
-                   way);
+      displacement =
+          select(deeper, fma(depth + dot(slip, surface.normal), surface.normal, zero3() - slip),
+                 displacement);
       facing = select(deeper, surface.normal, facing);
       deepest = select(deeper, depth, deepest);
     }
     const Mask near = splat(static_cast<Real>(-kNearContact)) < deepest;
-    Lane3 lean = zero3();
+    Lane3 face = zero3();
     if (to_bits(near) != 0) {
       Lane3 normal = zero3();
       const Lane3 tilt = find_tilt(args, i, normal);
-      lean = select(near, zero3() - face_height(args, normal, facing) * tilt, lean);
+      face = select(near, zero3() - face_height(args, normal, facing) * tilt, face);
     }
-    store3(args.contact_displacement + k, way - fnma(dot(lean, facing), facing, lean));
-    store3(args.contact_lean + k, lean);
+    store3(args.contact_displacement + k, displacement - fnma(dot(face, facing), facing, face));
+    store3(args.contact_face + k, face);
   }
 }
 
-/// Where a node goes that would go to `free` by itself, when the planes of its shapes hold it back.
-/// `off_surface` is the part of the way that the surface which gives way is the cause of.
-inline Lane3 hold_back(const Args& args, int i, Lane3 free, Lane3& off_surface) {
+/// Displacement of a node under its contacts; `free` is the one without. `off_surface` is the part
+/// that the deformable surface causes.
+inline Lane3 constrain(const Args& args, int i, Lane3 free, Lane3& off_surface) {
   const Lane zero = splat(Real{0});
-  // Where the face was: friction is on its slip, not on that of the node.
+  // From where the face slips.
   const Lane3 from =
-      zero3() - (load3(args.d + 3 * kLanes * i) + load3(args.contact_lean + 3 * kLanes * i));
+      zero3() - (load3(args.d + 3 * kLanes * i) + load3(args.contact_face + 3 * kLanes * i));
   Lane3 motion = free;
   for (int n = args.plane_begin[i]; n < args.plane_begin[i + 1]; ++n) {
     const Lane3 normal = load3(args.plane + 4 * kLanes * n + kLanes);
@@ -110,33 +111,33 @@ inline Lane3 hold_back(const Args& args, int i, Lane3 free, Lane3& off_surface) 
     const int k = args.plane_shape[n];
     const Mask touches = both(zero < depth, to_mask(args.candidates[i * omentum::kMaxShapes + k]));
     if (to_bits(touches) == 0) continue;
-    const bool gives = k == args.shapes;
-    const Lane3 start = gives ? from + load3(args.surface.motion + 3 * kLanes * i) : from;
+    const bool deformable = k == args.shapes;
+    const Lane3 start = deformable ? from + load3(args.surface.motion + 3 * kLanes * i) : from;
     const Lane3 before = motion;
     motion =
         select(touches, leave_shape(args, args.shape[k], depth, normal, motion, start), motion);
-    if (gives) off_surface = motion - before;
+    if (deformable) off_surface = motion - before;
   }
   return motion;
 }
 
-/// Lanes in which a change of the force on node i matters.
+/// Lanes in which a change of the force on node i is above the tolerance.
 inline Bits matters(const Args& args, int i, Lane3 change) {
   const Real tolerance = args.contact_tolerance * args.mass[i];
   return to_bits(splat(tolerance * tolerance) < dot(change, change));
 }
 
-/// Lanes of args.lanes in which some contact wants another force.
+/// Lanes of args.lanes in which some contact is not in equilibrium with its force.
 Bits unsettled_contacts(const Args& args) {
   Bits lanes = 0;
   for (int i = 0; i < args.nodes; ++i) {
-    const Bits asked = args.contact_lanes[i] & args.lanes & ~lanes;
-    if (asked == 0) continue;
+    const Bits active = args.contact_lanes[i] & args.lanes & ~lanes;
+    if (active == 0) continue;
     const Lane own = load(args.own_stiffness + kLanes * i);
     const Lane compliance = load(args.own_compliance + kLanes * i);
     const Lane3 free = (splat(Real{0}) - compliance) * load3(args.contact_before + 3 * kLanes * i);
     Lane3 unused = zero3();
-    lanes |= matters(args, i, own * hold_back(args, i, free, unused)) & asked;
+    lanes |= matters(args, i, own * constrain(args, i, free, unused)) & active;
   }
   return lanes;
 }
@@ -157,8 +158,8 @@ Bits sweep_contacts(const Args& args, bool backwards) {
   Bits moving = 0;
   for (int n = 0; n < args.nodes; ++n) {
     const int i = backwards ? args.nodes - 1 - n : n;
-    const Bits asked = args.free_mask[i] & args.lanes;
-    if (asked == 0) continue;
+    const Bits active = args.free_mask[i] & args.lanes;
+    if (active == 0) continue;
     Lane3 sum = zero3();
     for (int m = args.preconditioner_begin[i]; m < args.preconditioner_begin[i + 1]; ++m) {
       const Lane3 e = load3(args.contact_motion + 3 * kLanes * args.preconditioner_node[m]);
@@ -170,24 +171,24 @@ Bits sweep_contacts(const Args& args, bool backwards) {
       own = own + ground_stiffness(args, i);
       compliance = select(to_mask(springs), splat(Real{1}) / own, compliance);
     }
-    const Lane3 pull = stiffness * sum;
+    const Lane3 neighbours = stiffness * sum;  // force of the neighbours on the node
     Real* const memory = args.contact_motion + 3 * kLanes * i;
     const Lane3 before = load3(memory);
     if (args.plane_begin[i] == args.plane_begin[i + 1]) {
-      store3(memory, select(to_mask(asked), compliance * pull, before));
+      store3(memory, select(to_mask(active), compliance * neighbours, before));
       continue;
     }
-    const Lane3 free = compliance * (pull - load3(args.contact_before + 3 * kLanes * i));
+    const Lane3 free = compliance * (neighbours - load3(args.contact_before + 3 * kLanes * i));
     Lane3 off_surface = zero3();
-    const Lane3 next = hold_back(args, i, free, off_surface);
-    store3(memory, select(to_mask(asked), next, before));
+    const Lane3 next = constrain(args, i, free, off_surface);
+    store3(memory, select(to_mask(active), next, before));
     Real* const force = args.contact_force + 3 * kLanes * i;
-    store3(force, select(to_mask(asked), own * (next - free), load3(force)));
+    store3(force, select(to_mask(active), own * (next - free), load3(force)));
     if (may_touch_surface(args, i)) {
       Real* const part = args.surface.force + 3 * kLanes * i;
-      store3(part, select(to_mask(asked), own * off_surface, load3(part)));
+      store3(part, select(to_mask(active), own * off_surface, load3(part)));
     }
-    moving |= matters(args, i, own * (next - before)) & asked & args.contact_lanes[i];
+    moving |= matters(args, i, own * (next - before)) & active & args.contact_lanes[i];
   }
   return moving;
 }
@@ -200,11 +201,11 @@ void load_contact_change(const Args& args) {
   }
 }
 
-/// The sweeps do not reach far, so that contacts seem stiffer than they are, and their whole change
-/// of forces would throw the sheet off. With A^-1 times the (negative) change in b, takes the share
-/// that is best in the preconditioner of A^-1:  s = df . way / df . A^-1 df,  within [0, 1], where
-/// the forces stay inside their cones. `way` is the gradient of that quadratic for contacts that
-/// stick.
+/// Line search along the change df of the forces. The sweeps reach a few nodes only, so that they
+/// overrate the stiffness of contacts, and the whole df would throw the sheet off. With A^-1 times
+/// the (negative) change in b, the step length is  s = df . u / df . A^-1 df,  the minimum of the
+/// quadratic whose gradient is the wanted displacement u (contact_displacement), for contacts that
+/// stick; within [0, 1] the forces stay inside their cones.
 void take_contact_change(const Args& args) {
   Lane wanted = splat(Real{0});
   Lane reached = splat(static_cast<Real>(1e-30));
@@ -216,27 +217,26 @@ void take_contact_change(const Args& args) {
     reached = reached - dot(change, load3(args.b + k));
   }
   const Lane zero = splat(Real{0});
-  const Lane share = max(min(wanted / reached, splat(Real{1})), zero);
+  const Lane step = max(min(wanted / reached, splat(Real{1})), zero);
   const Mask lanes = to_mask(args.lanes);
   for (int i = 0; i < args.nodes; ++i) {
     const int k = 3 * kLanes * i;
     if (args.plane_begin[i] != args.plane_begin[i + 1]) {
       const Lane3 before = load3(args.contact_before + k);
       const Lane3 force = load3(args.contact_force + k);
-      store3(args.contact_force + k, select(lanes, fma(share, force - before, before), force));
+      store3(args.contact_force + k, select(lanes, fma(step, force - before, before), force));
     }
     if (args.fixed[i] != 0) continue;
     const Lane3 d = load3(args.d + k);
-    store3(args.d + k, select(lanes, fnma(share, load3(args.b + k), d), d));
+    store3(args.d + k, select(lanes, fnma(step, load3(args.b + k), d), d));
   }
 }
 
-/// The same on a deformable surface, whose response counts too. The sweeps do not know of it: where
-/// sheet and surface yield together, they ask for many times too much force, and part of that
-/// oscillates from pass to pass. So the changes of the passes are made conjugate in the compliance
-/// of both [Hestenes52], as far as contacts do not open or close in between: `beta` is the part of
-/// the last direction in the new one. It may leave the cones a little; the sweeps of the next
-/// pass come from inside of them again.
+/// The same on a deformable surface, with its response. The sweeps take it for rigid: where sheet
+/// and surface yield together, df is many times too large, and part of it oscillates from pass to
+/// pass. So the changes of the passes are made conjugate in the compliance of both [Hestenes52], as
+/// far as contacts do not open or close in between; `beta` is the coefficient of the last
+/// direction. A force may leave its cone by this; the sweeps of the next pass bring it back.
 void take_surface_change(const Args& args) {
   const omentum::SurfaceArgs<Real>& s = args.surface;
   Lane wanted = splat(Real{0});
@@ -247,11 +247,11 @@ void take_surface_change(const Args& args) {
     if (args.plane_begin[i] == args.plane_begin[i + 1]) continue;
     const int k = 3 * kLanes * i;
     const Lane3 change = load3(args.contact_force + k) - load3(args.contact_before + k);
-    const Lane3 way = load3(args.contact_displacement + k);
-    wanted = wanted + dot(change, way);
+    const Lane3 displacement = load3(args.contact_displacement + k);
+    wanted = wanted + dot(change, displacement);
     reached = reached - dot(change, load3(args.b + k));
     if (!s.follows) continue;
-    wanted_before = wanted_before + dot(load3(s.direction + k), way);
+    wanted_before = wanted_before + dot(load3(s.direction + k), displacement);
     cross = cross - dot(change, load3(s.direction_displacement + k));
   }
   const Lane zero = splat(Real{0});
@@ -264,10 +264,10 @@ void take_surface_change(const Args& args) {
     wanted = fma(beta, wanted_before, wanted);
     reached = fma(beta, fma(beta, before, cross + cross), reached);
   }
-  const Lane share = max(min(wanted / reached, one), zero);
+  const Lane step = max(min(wanted / reached, one), zero);
   store(s.direction_work, select(lanes, reached, load(s.direction_work)));
   store(s.beta, select(lanes, beta, load(s.beta)));
-  store(s.share, select(lanes, share, load(s.share)));
+  store(s.step_length, select(lanes, step, load(s.step_length)));
   const auto advance = [&](Lane3 change, Real* direction) {
     const Lane3 before = load3(direction);
     const Lane3 next = s.follows ? fma(beta, before, change) : change;
@@ -279,19 +279,19 @@ void take_surface_change(const Args& args) {
     if (args.plane_begin[i] != args.plane_begin[i + 1]) {
       const Lane3 before = load3(args.contact_before + k);
       const Lane3 force = load3(args.contact_force + k);
-      const Lane3 next = fma(share, advance(force - before, s.direction + k), before);
+      const Lane3 next = fma(step, advance(force - before, s.direction + k), before);
       store3(args.contact_force + k, select(lanes, next, force));
     }
     if (may_touch_surface(args, i)) {
       const Lane3 before = load3(s.force_before + k);
       const Lane3 force = load3(s.force + k);
-      const Lane3 next = fma(share, advance(force - before, s.direction_part + k), before);
+      const Lane3 next = fma(step, advance(force - before, s.direction_part + k), before);
       store3(s.force + k, select(lanes, next, force));
     }
     if (args.fixed[i] != 0) continue;
     const Lane3 d = load3(args.d + k);
-    const Lane3 way = advance(load3(args.b + k), s.direction_displacement + k);
-    store3(args.d + k, select(lanes, fnma(share, way, d), d));
+    const Lane3 response = advance(load3(args.b + k), s.direction_displacement + k);
+    store3(args.d + k, select(lanes, fnma(step, response, d), d));
   }
 }
 

@@ -64,17 +64,16 @@ SparseMatrix assemble(const ShellTissueModel& model, double stiffness, double de
   const ShellStructure& structure = model.structure;
   std::vector<Eigen::Triplet<double>> entries;
   const auto add = [&](int i, int j, double value) {
-    const int row = free_index[static_cast<std::size_t>(i)];
-    const int column = free_index[static_cast<std::size_t>(j)];
+    const int row = free_index[i];
+    const int column = free_index[j];
     if (row >= 0 && column >= 0) entries.emplace_back(row, column, value);
   };
   const double inverse_step2 = 1 / (model.effective_step() * model.effective_step());
   for (int i = 0; i < model.nodes(); ++i) {
-    const auto k = static_cast<std::size_t>(i);
-    add(i, i, density * structure.mass[k] * inverse_step2 + stiffness * model.anchor[k]);
-    for (int m = structure.bending.begin[k]; m < structure.bending.begin[k + 1]; ++m) {
-      const double value = stiffness * structure.bending.value[static_cast<std::size_t>(m)];
-      add(i, structure.bending.node[static_cast<std::size_t>(m)], value);
+    add(i, i, density * structure.mass[i] * inverse_step2 + stiffness * model.anchor[i]);
+    for (int m = structure.bending.begin[i]; m < structure.bending.begin[i + 1]; ++m) {
+      const double value = stiffness * structure.bending.value[m];
+      add(i, structure.bending.node[m], value);
       add(i, i, -value);
     }
   }
@@ -92,7 +91,7 @@ SparseMatrix assemble(const ShellTissueModel& model, double stiffness, double de
   const double along_y = preconditioner_modulus(structure) + fibre * (a.sin * a.sin + both);
   int triangle = 0;
   for_each_triangle(model, [&](int x0, int x1, int y0, int y1) {
-    const double cell = stiffness * structure.cell[static_cast<std::size_t>(triangle++ / 2)];
+    const double cell = stiffness * structure.cell[triangle++ / 2];
     add_leg(x0, x1, cell * along_x);
     add_leg(y0, y1, cell * along_y);
   });
@@ -129,7 +128,7 @@ double memory_tangent(const EffectValues& effects, double step) {
 struct FreeNodes {
   explicit FreeNodes(const ShellTissueModel& model) {
     for (int i = 0; i < model.nodes(); ++i) {
-      const bool fixed = model.body.fixed[static_cast<std::size_t>(i)] != 0;
+      const bool fixed = model.body.fixed[i] != 0;
       row.push_back(fixed ? -1 : count());
       if (!fixed) node.push_back(i);
     }
@@ -152,17 +151,16 @@ void ShellTissueModel::make_preconditioner() {
       assemble(*this, memory_tangent(effects, substep()), 1, free.row, free.count());
   const double inverse_step2 = 1 / (effective_step() * effective_step());
   const auto entry = [&](int i, int j) {
-    const int row = free.row[static_cast<std::size_t>(i)];
-    const int column = free.row[static_cast<std::size_t>(j)];
+    const int row = free.row[i];
+    const int column = free.row[j];
     return row < 0 || column < 0 ? 0.0 : matrix.coeff(row, column);
   };
   for (int i = 0; i < nodes(); ++i) {
-    const auto k = static_cast<std::size_t>(i);
     preconditioner_diagonal.push_back(
-        free.row[k] < 0 ? 0.0 : entry(i, i) - structure.mass[k] * inverse_step2);
+        free.row[i] < 0 ? 0.0 : entry(i, i) - structure.mass[i] * inverse_step2);
     const NodeMatrix& bending = structure.bending;
-    for (int m = bending.begin[k]; m < bending.begin[k + 1]; ++m) {
-      preconditioner.push_back(entry(i, bending.node[static_cast<std::size_t>(m)]));
+    for (int m = bending.begin[i]; m < bending.begin[i + 1]; ++m) {
+      preconditioner.push_back(entry(i, bending.node[m]));
     }
   }
 }
@@ -207,8 +205,8 @@ int ShellTissueModel::factor_key(double stiffness_scale, const EffectValues& lan
       double own = 0;
       double base = 0;
       for (int m = structure.bending.begin[i]; m < structure.bending.begin[i + 1]; ++m) {
-        own += std::fabs(lane_structure.bending.value[static_cast<std::size_t>(m)]);
-        base += std::fabs(structure.bending.value[static_cast<std::size_t>(m)]);
+        own += std::fabs(lane_structure.bending.value[m]);
+        base += std::fabs(structure.bending.value[m]);
       }
       if (base > 0) ratio = std::max(ratio, own / base);
     }

@@ -14,10 +14,9 @@ using Eigen::Vector3d;
 
 template <typename Real>
 Vector3d ShellTissue<Real>::point_of_sheet(int lane, const Eigen::Vector2d& X) const {
-  const ShellTissueModel::Shares shares = model_->locate(X);
+  const ShellTissueModel::NodeWeights at = model_->locate(X);
   Vector3d p = Vector3d::Zero();
-  for (std::size_t k = 0; k < shares.node.size(); ++k)
-    p += shares.weight[k] * position(lane, shares.node[k]);
+  for (std::size_t k = 0; k < at.node.size(); ++k) p += at.weight[k] * position(lane, at.node[k]);
   return p;
 }
 
@@ -54,14 +53,14 @@ void ShellTissue<Real>::hold(int lane, const Vector3d& tip, double radius, bool 
     held.target += (position(lane, held.patch.node[k]) - tip) *
                    held.patch.weight.row(static_cast<Eigen::Index>(k));
   }
-  held.target = jaw_turn(effects, model_->surroundings.shaft_axis) * Targets(held.target);
+  held.target = jaw_rotation(effects, model_->surroundings.shaft_axis) * Targets(held.target);
   if (collapse) held.target.col(0).setZero();
   grip(lane, std::move(held));
 }
 
 template <typename Real>
 void ShellTissue<Real>::grip(int lane, Held held) {
-  Held& mine = held_[static_cast<std::size_t>(lane)];
+  Held& mine = held_[lane];
   mine = std::move(held);
   for (const std::int32_t i : mine.patch.inside) this->set_free(i, lane, false);
   make_patch(lane);
@@ -69,8 +68,8 @@ void ShellTissue<Real>::grip(int lane, Held held) {
 
 template <typename Real>
 void ShellTissue<Real>::release(int lane) {
-  Held& held = held_[static_cast<std::size_t>(lane)];
-  slipped_[static_cast<std::size_t>(lane)] = 0;
+  Held& held = held_[lane];
+  slipped_[lane] = 0;
   if (!(held.radius > 0)) return;
   for (const std::int32_t i : held.patch.inside) this->set_free(i, lane, true);
   clear_patch(lane);
@@ -90,7 +89,7 @@ void ShellTissue<Real>::make_room(int count) {
 // Response columns U = A^-1 C^T and the inverse of C U + compliance, in double, once per grasp.
 template <typename Real>
 void ShellTissue<Real>::make_patch(int lane) {
-  const Held& held = held_[static_cast<std::size_t>(lane)];
+  const Held& held = held_[lane];
   const auto count = static_cast<int>(held.patch.node.size());
   if (count > args_.patch_room) {
     make_room(count);
@@ -102,7 +101,7 @@ void ShellTissue<Real>::make_patch(int lane) {
   clear_patch(lane);
   Eigen::MatrixXd rows = Eigen::MatrixXd::Zero(kPatchRows, particles());
   for (int k = 0; k < count; ++k) {
-    const std::int32_t node = held.patch.node[static_cast<std::size_t>(k)];
+    const std::int32_t node = held.patch.node[k];
     patch_node_(k, lane) = node;
     for (int row = 0; row < kPatchRows; ++row) {
       patch_weight_(k, row, lane) = static_cast<Real>(held.patch.weight(k, row));
@@ -110,7 +109,7 @@ void ShellTissue<Real>::make_patch(int lane) {
     }
   }
   Eigen::MatrixXd response = rows;
-  factor_of(key_[static_cast<std::size_t>(lane)]).shared->solve(response);
+  factor_of(key_[lane]).shared->solve(response);
   Eigen::Matrix3d system = rows * response.transpose();
   system(0, 0) += effects_.values(lane).grasp_compliance;
   const Eigen::Matrix3d inverse = system.llt().solve(Eigen::Matrix3d::Identity());
@@ -135,15 +134,13 @@ void ShellTissue<Real>::clear_patch(int lane) {
   args_.patch_size = 0;
   for (int other = 0; other < lanes(); ++other) {
     if ((held_lanes_ >> other & 1U) == 0) continue;
-    args_.patch_size =
-        std::max(args_.patch_size,
-                 static_cast<int>(held_[static_cast<std::size_t>(other)].patch.node.size()));
+    args_.patch_size = std::max(args_.patch_size, static_cast<int>(held_[other].patch.node.size()));
   }
 }
 
 template <typename Real>
 void ShellTissue<Real>::shift_held(int lane, const Vector3d& by) {
-  Held& held = held_[static_cast<std::size_t>(lane)];
+  Held& held = held_[lane];
   if (!(held.radius > 0)) return;
   held.target.col(0) += by;
   patch_offset_.set_vector(0, lane, held.target.col(0));
@@ -154,21 +151,20 @@ void ShellTissue<Real>::shift_held(int lane, const Vector3d& by) {
 template <typename Real>
 void ShellTissue<Real>::slip_grasps() {
   for (int lane = 0; lane < lanes(); ++lane) {
-    const auto l = static_cast<std::size_t>(lane);
     const EffectValues& effects = effects_.values(lane);
     if (!(effects.slip_speed > 0)) continue;
     Tissue<Real>* body = surface_ != nullptr ? &surface_->body() : nullptr;
     if (body != nullptr && body->held(lane).empty()) body = nullptr;
-    if (!(held_[l].radius > 0) && body == nullptr) continue;
+    if (!(held_[lane].radius > 0) && body == nullptr) continue;
     Vector3d load = this->held_force(lane);
-    double stiffness = model_->membrane_stiffness() * parameters_[l].stiffness_scale;
+    double stiffness = model_->membrane_stiffness() * parameters_[lane].stiffness_scale;
     if (body != nullptr) {
       load += body->held_force(lane);
       stiffness += surface_->held_stiffness();
     }
     const Vector3d slip = slip_of(effects, load, stiffness, model_->control_period);
-    slipped_[l] += slip.norm();
-    if (effects.slip_loss > 0 && slipped_[l] > effects.slip_loss) {
+    slipped_[lane] += slip.norm();
+    if (effects.slip_loss > 0 && slipped_[lane] > effects.slip_loss) {
       release(lane);
       if (body != nullptr) body->release(lane);
     } else {

@@ -2,7 +2,7 @@
 
 #include <cstdint>
 
-#include "sim_worker/lanes/lane_kernel.h"
+#include "sim_worker/lanes/lane_args.h"
 #include "sim_worker/shell/shell_effects.h"
 
 namespace omentum {
@@ -24,7 +24,7 @@ struct MeshTriangle {
 };
 
 /// The normal of a stencil is the cross product of its tangents over its length, 1 at rest, or over
-/// this where a fold has brought it below: there it would turn with nothing to hold it.
+/// this where a fold has brought it below: its direction is ill-conditioned there.
 inline constexpr double kLeastNormal = 0.1;
 
 /// A stencil of the plate (plate_stencils.h): curvatures xx, yy, xy from the places of its nodes
@@ -43,21 +43,21 @@ struct BendEntry {
   Real weight[5];  ///< of the second derivatives xx, yy, xy [1/m^2] and the tangents x, y [1/m]
 };
 
-/// A surface that gives way: one more contact shape, whose number is ShellArgs::shapes. Its near
+/// A deformable surface: one more contact shape, whose number is ShellArgs::shapes. Its near
 /// points are found by the host (soft_contact.h), one per node and lane.
 template <typename Real>
 struct SurfaceArgs {
   bool active;
   const Real* plane;   ///< [node][distance of x + d, normal xyz][lane] [m]
   const Real* motion;  ///< [node][xyz][lane]: of the near point in this substep [m]
-  Real* force;         ///< [node][xyz][lane]: part of contact_force that it bears [N]
+  Real* force;         ///< [node][xyz][lane]: part of contact_force that acts on it [N]
   Real* force_before;  ///< scratch: before the change
   const Real* work;    ///< [lane]: of the change on the surface's response to it [N m]
-  Real* share;         ///< [lane] out: share of the direction that was taken
+  Real* step_length;   ///< [lane] out: along the direction, in [0, 1]
   // The direction of the pass before, for conjugate ones (shell_contact.inl).
   bool follows;          ///< there was a pass before in this substep
   const Real* cross;     ///< [lane]: work of the change on the surface's response to the direction
-  Real* beta;            ///< [lane] out: share of the last direction in the new one
+  Real* beta;            ///< [lane] out: coefficient of the last direction in the new one
   Real* direction;       ///< [node][xyz][lane]: change of contact_force [N]
   Real* direction_part;  ///< [node][xyz][lane]: and of `force`
   Real* direction_displacement;  ///< [node][xyz][lane]: minus the sheet's response to it [m]
@@ -65,38 +65,20 @@ struct SurfaceArgs {
 };
 
 template <typename Real>
-struct ShellArgs {
+struct ShellArgs : ImplicitArgs<Real> {
   // Mesh, shared by all lanes.
   std::int32_t count_x, count_y;  ///< of a grid
-  std::int32_t nodes, triangles;
+  std::int32_t triangles;
   const MeshTriangle<Real>* mesh;    ///< per triangle; null = the grid
   const std::uint8_t* fixed;         ///< per node, 1 = anchored
   const Real* mass;                  ///< per node [kg]
   const BendStencil<Real>* stencil;  ///< the first ones are those of the nodes
   std::int32_t stencils;
   const BendEntry<Real>* bend_entry;
-  bool second_order;    ///< BDF2 instead of backward Euler
-  Real effective_step;  ///< h, or 2 h / 3 for BDF2 [s]
-  Real inverse_step;    ///< 1 / effective step [1/s]
-  Real third;           ///< 1/3 of BDF2, rounded once
-  bool at_start;        ///< d is still the inertial displacement
+  bool at_start;  ///< d is still the inertial displacement
   bool has_contact;
 
-  // State and scratch, per lane.
-  Real* x;  ///< positions at the substep's start
-  Real* v;
-  Real* v_old;          ///< BDF2: velocity one substep earlier
-  Real* d_old;          ///< BDF2: displacement of the last substep
-  Real* d;              ///< displacement since the substep's start, being solved
-  Real* moved;          ///< x + d
-  Real* b;              ///< residual, then its solution
-  Real* contact_force;  ///< on each node [N]
-
-  // Parameters, per lane.
-  const Real* stiffness;  ///< E / nominal E
-  const Real* gravity;    ///< [xyz][lane]
-  const Real* keep;       ///< exp(-damping x effective step)
-  std::uint32_t lanes;    ///< which lanes a call may change
+  std::uint32_t lanes;  ///< which lanes a call may change
 
   // Grasp, per lane: rows over nodes, sum_k weight x_node = target. Those of lanes that hold less
   // nodes or nothing are zero.
@@ -114,8 +96,7 @@ struct ShellArgs {
   // Contact: planes of nodes and shapes that may touch in some lane, by nodes.
   const std::int32_t* plane_begin;  ///< per node, nodes + 1
   const std::int32_t* plane_shape;
-  Real* plane;                     ///< scratch [plane][depth of x + d, normal xyz][lane] [m]
-  const std::uint32_t* free_mask;  ///< per node: lanes in which neither anchor nor grasp holds it
+  Real* plane;  ///< scratch [plane][depth of x + d, normal xyz][lane] [m]
   const std::int32_t* preconditioner_begin;  ///< per node, nodes + 1: row of `preconditioner`
   const std::int32_t* preconditioner_node;
   const Real* preconditioner;    ///< off-diagonal of A at nominal E [N/m]
@@ -124,20 +105,12 @@ struct ShellArgs {
   const Real* own_compliance;    ///< 1 / own_stiffness [m/N]
   std::uint32_t* contact_lanes;  ///< per node: lanes in which it may touch in this control step
   Real* contact_motion;          ///< scratch [node][xyz][lane]: e [m]
-  Real* contact_lean;  ///< scratch [node][xyz][lane]: way of the face over that of its node [m]
+  Real* contact_face;  ///< scratch [node][xyz][lane]: displacement of the face relative to its node
+                       ///< [m]
   Real* contact_displacement;  ///< scratch [node][xyz][lane]: onto the deepest plane, without slip
                                ///< [m]
   Real* contact_before;        ///< scratch [node][xyz][lane]: forces before the change [N]
-  const std::uint32_t* candidates;     ///< [node][shape] lane masks
-  const std::uint32_t* candidate_any;  ///< per node, bit per shape
-  Real contact_tolerance;              ///< change of a force per mass that counts as settled [N/kg]
-  Real particle_radius;
-  std::int32_t shapes;
-  const KernelShape<Real>* shape;
-  const Real* capsule;  ///< [xyz][lane]
-  const Real* capsule_motion;
-  const Real* static_friction;
-  const Real* dynamic_friction;
+  Real contact_tolerance;      ///< change of a force per mass that counts as settled [N/kg]
 
   SurfaceArgs<Real> surface;
   ShellEffectArgs<Real> effects;

@@ -12,9 +12,9 @@ ShellLaneEffects<Real>::ShellLaneEffects(std::shared_ptr<const ShellTissueModel>
     : Base(model->body, model->effects, model->is_anchor,
            {model->triangles(), 3, model->triangles(), model->nodes()}, lanes),
       model_(std::move(model)),
-      stiffness_(static_cast<std::size_t>(lanes), 1),
-      structures_(static_cast<std::size_t>(lanes)),
-      peak_seen_(static_cast<std::size_t>(lanes), 1) {
+      stiffness_(lanes, 1),
+      structures_(lanes),
+      peak_seen_(lanes, 1) {
   for (const double a : model_->node_area) node_area_.push_back(static_cast<Real>(a));
   args_.shear = shear_.assign(1, 1, lanes);
   args_.area = area_.assign(1, 1, lanes);
@@ -28,20 +28,17 @@ ShellLaneEffects<Real>::ShellLaneEffects(std::shared_ptr<const ShellTissueModel>
 
 template <typename Real>
 const ShellStructure& ShellLaneEffects<Real>::structure_of(int lane) const {
-  return this->values(lane).same_structure(model_->effects)
-             ? model_->structure
-             : structures_[static_cast<std::size_t>(lane)];
+  return this->values(lane).same_structure(model_->effects) ? model_->structure : structures_[lane];
 }
 
 template <typename Real>
 int ShellLaneEffects<Real>::factor_key(int lane) const {
-  const auto l = static_cast<std::size_t>(lane);
-  return model_->factor_key(stiffness_[l], this->values(lane), structure_of(lane), peak_seen_[l]);
+  return model_->factor_key(stiffness_[lane], this->values(lane), structure_of(lane),
+                            peak_seen_[lane]);
 }
 
 template <typename Real>
 void ShellLaneEffects<Real>::set(int lane, const EffectValues& v, double stiffness_scale) {
-  const auto l = static_cast<std::size_t>(lane);
   const double nu = model_->material.poisson_ratio() + v.poisson_change;
   this->set_common(lane, v, model_->substep(),
                    {.stiffening = 4 * v.stiffening,
@@ -49,8 +46,9 @@ void ShellLaneEffects<Real>::set(int lane, const EffectValues& v, double stiffne
                     .fibre = v.fibre_ratio * (1 + nu),
                     .slider = v.slider_ratio * (1 + nu)});
   static_cast<LaneEffectArgs<Real>&>(args_) = common_;
-  stiffness_[l] = stiffness_scale;
-  structures_[l] = v.same_structure(model_->effects) ? ShellStructure{} : model_->make_structure(v);
+  stiffness_[lane] = stiffness_scale;
+  structures_[lane] =
+      v.same_structure(model_->effects) ? ShellStructure{} : model_->make_structure(v);
   const ShellStructure& structure = structure_of(lane);
   const auto scale = static_cast<Real>(stiffness_scale);
   const auto shrink = static_cast<Real>(1 / ((1 + v.stretch) * (1 + v.stretch)));
@@ -63,8 +61,7 @@ void ShellLaneEffects<Real>::set(int lane, const EffectValues& v, double stiffne
   set_rest_moments(lane);
   if (args_.bonds == 0) return;
   const std::vector<double> spring = model_->make_anchor(v);
-  for (int i = 0; i < model_->nodes(); ++i)
-    anchor_(i, lane) = static_cast<Real>(spring[static_cast<std::size_t>(i)]);
+  for (int i = 0; i < model_->nodes(); ++i) anchor_(i, lane) = static_cast<Real>(spring[i]);
 }
 
 template <typename Real>
@@ -137,8 +134,7 @@ void ShellLaneEffects<Real>::set_rest_moments(int lane) {
   if (!is_curved(this->values(lane))) return;
   const auto moments = model_->make_rest_moments(this->values(lane));
   for (int k = 0; k < stencils; ++k) {
-    rest_moment_.set_vector(
-        k, lane, stiffness_[static_cast<std::size_t>(lane)] * moments[static_cast<std::size_t>(k)]);
+    rest_moment_.set_vector(k, lane, stiffness_[lane] * moments[k]);
   }
 }
 
@@ -147,7 +143,7 @@ void ShellLaneEffects<Real>::reset(int lane, const Eigen::Vector3d& offset) {
   this->reset_common(lane, offset);
   for (auto* array : {&moment_, &moment_branch_, &moment_bias_}) array->fill_lane(lane, Real{0});
   peak_[lane] = Real{1};
-  peak_seen_[static_cast<std::size_t>(lane)] = 1;
+  peak_seen_[lane] = 1;
 }
 
 template <typename Real>
@@ -155,8 +151,7 @@ std::uint32_t ShellLaneEffects<Real>::begin_substep() {
   args_.springs = args_.lubrication;
   for (int lane = 0; lane < lanes_; ++lane) {
     for (int i = 0; i < model_->nodes() && (args_.adhesion >> lane & 1U) != 0; ++i) {
-      if (model_->is_anchor[static_cast<std::size_t>(i)] != 0 || bond_longest_(i, lane) < Real{0})
-        continue;
+      if (model_->is_anchor[i] != 0 || bond_longest_(i, lane) < Real{0}) continue;
       args_.springs |= 1U << lane;
       break;
     }
@@ -166,7 +161,7 @@ std::uint32_t ShellLaneEffects<Real>::begin_substep() {
     if ((args_.stiffening >> lane & 1U) == 0) continue;
     const int before = factor_key(lane);
     const auto peak = static_cast<double>(peak_[lane]);
-    peak_seen_[static_cast<std::size_t>(lane)] = std::isfinite(peak) ? std::max(1.0, peak) : 1;
+    peak_seen_[lane] = std::isfinite(peak) ? std::max(1.0, peak) : 1;
     peak_[lane] = Real{1};
     if (factor_key(lane) != before) changed |= 1U << lane;
   }

@@ -22,8 +22,7 @@ double thickness_ratio(const ShellTissueModel& model, const EffectValues& effect
 }
 
 bool is_clamped(const ShellTissueModel& model, int i) {
-  const auto k = static_cast<std::size_t>(i);
-  return model.body.fixed[k] != 0 || (!model.is_anchor.empty() && model.is_anchor[k] != 0);
+  return model.body.fixed[i] != 0 || (!model.is_anchor.empty() && model.is_anchor[i] != 0);
 }
 
 /// E t^3 / 12 at a place of the sheet [N m].
@@ -45,11 +44,11 @@ double triangle_area(const ShellTissueModel& model, std::size_t triangle) {
 /// Adds a third of `of_triangle` for every triangle to each of its corners.
 template <typename Function>
 std::vector<double> lump(const ShellTissueModel& model, Function&& of_triangle) {
-  std::vector<double> sum(static_cast<std::size_t>(model.nodes()), 0.0);
+  std::vector<double> sum(model.nodes(), 0.0);
   std::size_t next = 0;
   const auto add = [&](int a, int b, int c) {
     const double third = of_triangle(next++) / 3;
-    for (const int i : {a, b, c}) sum[static_cast<std::size_t>(i)] += third;
+    for (const int i : {a, b, c}) sum[i] += third;
   };
   for_each_triangle(model, [&](int x0, int x1, int y0, int y1) {
     // The legs share the corner of the right angle: three of the four indices are different.
@@ -125,13 +124,12 @@ std::shared_ptr<const ShellTissueModel> make_shell_model(const Scene& scene, dou
   model->anchor = model->make_anchor(model->effects);
   model->is_anchor.assign(model->anchor.size(), 0);
   for (int i = 0; model->effects.moves_anchor() && i < model->nodes(); ++i) {
-    const auto k = static_cast<std::size_t>(i);
     const bool rigid =
         model->effects.anchor_compliance == 0 &&
-        detached_share(model->effects, model->body.particles[k].x(), 0.5 * model->pitch) == 0;
-    if (model->body.fixed[k] == 0 || rigid) continue;
-    model->body.fixed[k] = 0;
-    model->is_anchor[k] = 1;
+        detached_share(model->effects, model->body.particles[i].x(), 0.5 * model->pitch) == 0;
+    if (model->body.fixed[i] == 0 || rigid) continue;
+    model->body.fixed[i] = 0;
+    model->is_anchor[i] = 1;
   }
   if (std::all_of(model->body.fixed.begin(), model->body.fixed.end(),
                   [](std::uint8_t fixed) { return fixed == 0; }) &&
@@ -158,7 +156,7 @@ Eigen::AlignedBox2d ShellTissueModel::sheet() const {
   return {body.particles.front().head<2>(), body.particles.back().head<2>()};
 }
 
-ShellTissueModel::Shares ShellTissueModel::locate(const Vector2d& X) const {
+ShellTissueModel::NodeWeights ShellTissueModel::locate(const Vector2d& X) const {
   const Vector2d from = (X - body.particles.front().head<2>()) / pitch;
   const int ix = std::clamp(static_cast<int>(from.x()), 0, count_x - 2);
   const int iy = std::clamp(static_cast<int>(from.y()), 0, count_y - 2);
@@ -171,10 +169,10 @@ ShellTissueModel::Shares ShellTissueModel::locate(const Vector2d& X) const {
 
 SheetPatch ShellTissueModel::make_patch(const Vector3d& centre, double radius) const {
   std::map<std::int32_t, Vector3d> rows;  // by node, so that the order is that of the nodes
-  const auto add = [&](const auto& node, const auto& share, double weight, const Vector2d& arm) {
+  const auto add = [&](const auto& node, const auto& part, double weight, const Vector2d& arm) {
     for (std::size_t k = 0; k < node.size(); ++k) {
       rows.try_emplace(node[k], Vector3d::Zero()).first->second +=
-          weight * share[k] * Vector3d(1, arm.x(), arm.y());
+          weight * part[k] * Vector3d(1, arm.x(), arm.y());
     }
   };
   if (is_mesh()) {
@@ -186,8 +184,8 @@ SheetPatch ShellTissueModel::make_patch(const Vector3d& centre, double radius) c
     Vector2d mean = Vector2d::Zero();
     for (const PatchPoint& point : points) mean += point.weight * point.p;
     for (const PatchPoint& point : points) {
-      const Shares shares = locate(point.p);
-      add(shares.node, shares.weight, point.weight, (point.p - mean) / radius);
+      const NodeWeights at = locate(point.p);
+      add(at.node, at.weight, point.weight, (point.p - mean) / radius);
     }
   }
   if (rows.empty()) return {};
@@ -202,9 +200,8 @@ SheetPatch ShellTissueModel::make_patch(const Vector3d& centre, double radius) c
   std::int32_t nearest = -1;
   double least = 0;
   for (std::int32_t i = 0; i < nodes(); ++i) {
-    const auto k = static_cast<std::size_t>(i);
-    if (body.fixed[k] != 0) continue;
-    const double distance = (body.particles[k] - centre).norm();
+    if (body.fixed[i] != 0) continue;
+    const double distance = (body.particles[i] - centre).norm();
     if (distance <= radius) patch.inside.push_back(i);
     if (nearest < 0 || distance < least) {
       nearest = i;
@@ -241,8 +238,7 @@ ShellStructure ShellTissueModel::make_structure(const EffectValues& values) cons
   }
   for (const SheetTriangle& triangle : mesh.triangles) {
     Vector3d centre = Vector3d::Zero();
-    for (const std::int32_t i : triangle.node)
-      centre += body.particles[static_cast<std::size_t>(i)] / 3;
+    for (const std::int32_t i : triangle.node) centre += body.particles[i] / 3;
     add_cell(centre, 2 * triangle.area / (pitch * pitch));
   }
   const double of_cell = density * thickness * 0.5 * pitch * pitch;
@@ -251,7 +247,7 @@ ShellStructure ShellTissueModel::make_structure(const EffectValues& values) cons
     return mass * thick[cell_of(*this, t)];
   });
   for (const PlateStencil& stencil : stencils) {
-    made.plate.push_back(plate_stiffness(stencil, stencil.share.cwiseProduct(stencil.clamp),
+    made.plate.push_back(plate_stiffness(stencil, stencil.fraction.cwiseProduct(stencil.clamp),
                                          beam_at(*this, values, stencil.place), nu));
   }
   made.bending = plate_matrix(nodes(), stencils, made.plate);
@@ -266,7 +262,7 @@ bool ShellTissueModel::is_curved() const {
 }
 
 double ShellTissueModel::node_size(int i) const {
-  return is_mesh() ? std::sqrt(node_area[static_cast<std::size_t>(i)]) : pitch;
+  return is_mesh() ? std::sqrt(node_area[i]) : pitch;
 }
 
 std::vector<Vector3d> ShellTissueModel::make_rest_moments(const EffectValues& values) const {
@@ -277,36 +273,34 @@ std::vector<Vector3d> ShellTissueModel::make_rest_moments(const EffectValues& va
     // The clamp holds the rest shape, so on its edge half of the change of curvature is seen; the
     // effect's curvature ends there, so half of it is.
     const double beam = beam_at(*this, values, stencil.place);
-    const auto moment = [&](const Eigen::Vector4d& share, const Vector3d& of) {
-      return plate_moments(plate_stiffness(stencil, share, beam, nu), of);
+    const auto moment = [&](const Eigen::Vector4d& fraction, const Vector3d& of) {
+      return plate_moments(plate_stiffness(stencil, fraction, beam, nu), of);
     };
-    moments.emplace_back(moment(stencil.share.cwiseProduct(stencil.clamp), stencil.rest) +
-                         moment(stencil.share, wanted));
+    moments.emplace_back(moment(stencil.fraction.cwiseProduct(stencil.clamp), stencil.rest) +
+                         moment(stencil.fraction, wanted));
   }
   return moments;
 }
 
 std::vector<double> ShellTissueModel::make_anchor(const EffectValues& values) const {
-  std::vector<double> spring(static_cast<std::size_t>(nodes()), 0.0);
+  std::vector<double> spring(nodes(), 0.0);
   if (!values.moves_anchor()) return spring;
   if (is_mesh()) {
-    // A node carries the share of the clamp's length, its extent along x_B, that it has of the
+    // A node carries the part of the clamp's length, its extent along x_B, that it has of the
     // clamp's area.
     double area = 0;
     double low = 1e9;
     double high = -1e9;
     for (int i = 0; i < nodes(); ++i) {
       if (!is_clamped(*this, i)) continue;
-      const auto k = static_cast<std::size_t>(i);
-      area += node_area[k];
-      low = std::min(low, body.particles[k].x());
-      high = std::max(high, body.particles[k].x());
+      area += node_area[i];
+      low = std::min(low, body.particles[i].x());
+      high = std::max(high, body.particles[i].x());
     }
     for (int i = 0; i < nodes(); ++i) {
       if (!is_clamped(*this, i)) continue;
-      const auto k = static_cast<std::size_t>(i);
-      spring[k] = anchor_spring(values, membrane_stiffness(), body.particles[k].x(), node_size(i),
-                                (high - low) * node_area[k] / area);
+      spring[i] = anchor_spring(values, membrane_stiffness(), body.particles[i].x(), node_size(i),
+                                (high - low) * node_area[i] / area);
     }
     return spring;
   }
@@ -333,37 +327,6 @@ std::unique_ptr<Tissue<float>> ShellTissueModel::make_tissue(
 std::unique_ptr<Tissue<double>> ShellTissueModel::make_tissue(
     const LaneKernel<double>& kernel) const {
   return std::make_unique<ShellTissue<double>>(shared_from_this(), kernel);
-}
-
-ShellEnergy shell_energy(const ShellTissueModel& model, std::span<const Vector3d> p) {
-  ShellEnergy energy;
-  // |F - R|^2 = tr C - 2 tr S + 2; shear and area carry t a_T / pitch^2.
-  const auto add_membrane = [&](const Eigen::Matrix<double, 3, 2>& f, double cell) {
-    const Eigen::Matrix2d c = f.transpose() * f;
-    const double tau = std::sqrt(c.trace() + 2 * std::sqrt(c.determinant()));
-    const double a = model.pitch * model.pitch * cell;
-    energy.membrane += a * (0.5 * model.structure.shear * (c.trace() - 2 * tau + 2) +
-                            0.5 * model.structure.area * (tau - 2) * (tau - 2));
-  };
-  const auto leg = [&](int from, int to) {
-    return Vector3d(p[static_cast<std::size_t>(to)] - p[static_cast<std::size_t>(from)]);
-  };
-  Eigen::Matrix<double, 3, 2> f;
-  for_each_triangle(model, [&](int x0, int x1, int y0, int y1) {
-    f << leg(x0, x1) / model.pitch, leg(y0, y1) / model.pitch;
-    add_membrane(f, 1);
-  });
-  for (std::size_t t = 0; t < model.mesh.triangles.size(); ++t) {
-    const SheetTriangle& triangle = model.mesh.triangles[t];
-    f << leg(triangle.node[0], triangle.node[1]), leg(triangle.node[0], triangle.node[2]);
-    add_membrane(f * triangle.inverse, model.structure.cell[t]);
-  }
-  const std::vector<Vector3d> rest = model.make_rest_moments(model.effects);
-  for (std::size_t k = 0; k < model.stencils.size(); ++k) {
-    const Vector3d bent = curvature(model.stencils[k].at, p);
-    energy.bending += (0.5 * plate_moments(model.structure.plate[k], bent) - rest[k]).dot(bent);
-  }
-  return energy;
 }
 
 }  // namespace omentum

@@ -81,17 +81,16 @@ struct ShellTissueModel : TissueModel, std::enable_shared_from_this<ShellTissueM
   double membrane_stiffness() const { return material.young_modulus_pa() * thickness; }
   /// The grid sheet at rest, x_B and y_B [m].
   Eigen::AlignedBox2d sheet() const;
-  /// The nodes around a point of the grid sheet at rest and their shares of it (bilinear).
-  struct Shares {
+  /// The nodes around a point of the grid sheet at rest and their bilinear weights.
+  struct NodeWeights {
     std::array<std::int32_t, 4> node{};
     std::array<double, 4> weight{};
   };
-  Shares locate(const Eigen::Vector2d& X) const;
+  NodeWeights locate(const Eigen::Vector2d& X) const;
   /// Whether jaws can hold the disc around `centre` (p_B at rest on the middle surface [m]).
   bool can_hold(const Eigen::Vector3d& centre, double radius) const;
   /// Patch of a disc that they can hold; of a mesh without nodes where no tissue is.
   SheetPatch make_patch(const Eigen::Vector3d& centre, double radius) const;
-  double substep() const { return control_period / parameters.substeps(); }
   /// Step of the implicit equation: h, or 2 h / 3 for BDF2 [s].
   double effective_step() const;
   bool has_contact() const {
@@ -148,12 +147,5 @@ void for_each_triangle(const ShellTissueModel& model, Function&& fn) {
 /// Makes the shell of the scene's grid or mesh sheet. Throws Error for another law than corotated.
 std::shared_ptr<const ShellTissueModel> make_shell_model(const Scene& scene, double control_period,
                                                          std::vector<std::string>& warnings);
-
-/// Elastic energy of node positions p [m] at nominal stiffness [J]: membrane and bending apart, of
-/// a sheet curved at rest less a constant. For tests of the forces.
-struct ShellEnergy {
-  double membrane = 0, bending = 0;
-};
-ShellEnergy shell_energy(const ShellTissueModel& model, std::span<const Eigen::Vector3d> p);
 
 }  // namespace omentum

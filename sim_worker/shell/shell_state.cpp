@@ -10,11 +10,6 @@ namespace omentum {
 using Eigen::Vector3d;
 
 template <typename Real>
-std::vector<const LaneArray<Real>*> ShellTissue<Real>::saved_arrays() const {
-  return {&x_, &v_, &v_old_, &d_old_, &contact_force_, &held_force_};
-}
-
-template <typename Real>
 bool ShellTissue<Real>::allows(const EffectValues& effects) const {
   return anchors_fit(model_->effects, effects) &&
          usable(effects, model_->material.poisson_ratio(), body_.particles);
@@ -23,7 +18,7 @@ bool ShellTissue<Real>::allows(const EffectValues& effects) const {
 template <typename Real>
 void ShellTissue<Real>::save(int lane, Bytes& out) const {
   StateWriter state(out);
-  const Held& held = held_[static_cast<std::size_t>(lane)];
+  const Held& held = held_[lane];
   this->save_lane(lane, held.radius > 0, state);
   if (held.radius > 0) {
     for (const double v : {held.centre.x(), held.centre.y(), held.centre.z(), held.radius})
@@ -72,13 +67,12 @@ Result<std::size_t> ShellTissue<Real>::load(int lane, std::span<const std::byte>
   effects_.reset(lane, Vector3d::Zero());
   set_parameters(lane, parameters);
   if (held.radius > 0) grip(lane, std::move(held));
-  slipped_[static_cast<std::size_t>(lane)] = saved.value().slipped;
+  slipped_[lane] = saved.value().slipped;
   effects_.load(lane, memory.value());
   return state.used();
 }
 
 #define OMENTUM_INSTANTIATE(Real)                                                             \
-  template std::vector<const LaneArray<Real>*> ShellTissue<Real>::saved_arrays() const;       \
   template bool ShellTissue<Real>::allows(const EffectValues&) const;                         \
   template Result<ShellTissue<Real>::Held> ShellTissue<Real>::read_grasp(StateReader&) const; \
   template void ShellTissue<Real>::save(int, Bytes&) const;                                   \

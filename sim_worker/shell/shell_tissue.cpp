@@ -22,45 +22,25 @@ constexpr int kSpringRounds = 8;
 template <typename Real>
 ShellTissue<Real>::ShellTissue(std::shared_ptr<const ShellTissueModel> model,
                                const LaneKernel<Real>& kernel)
-    : Base(*model, kernel),
+    : Base(*model, kernel, model->effective_step(), model->parameters.integrator()),
       model_(std::move(model)),
       shell_(kernel_of<ShellKernel<Real>>(kernel.lanes)),
       effects_(model_, kernel.lanes) {
   const int W = lanes();
   const int n = particles();
-  const double step = model_->effective_step();
-  const bool second_order = model_->parameters.integrator() == pb::INTEGRATOR_BDF2;
-
+  static_cast<ImplicitArgs<Real>&>(args_) = this->implicit_args();
   for (const double m : model_->structure.mass) mass_.push_back(static_cast<Real>(m));
-  held_.resize(static_cast<std::size_t>(W));
-  key_.assign(static_cast<std::size_t>(W), 0);
+  held_.resize(W);
+  key_.assign(W, 0);
   keep_b_.assign(n, 3, W);
   args_.count_x = model_->count_x;
   args_.count_y = model_->count_y;
-  args_.nodes = n;
   args_.triangles = model_->triangles();
   if (model_->is_mesh()) load_mesh();
   load_stencils();
   args_.fixed = body_.fixed.data();
   args_.mass = mass_.data();
-  args_.second_order = second_order;
-  args_.effective_step = static_cast<Real>(step);
-  args_.inverse_step = static_cast<Real>(1 / step);
-  args_.third = static_cast<Real>(1.0 / 3);
   args_.has_contact = model_->has_contact();
-  args_.x = x_.data();
-  args_.v = v_.data();
-  if (second_order) {
-    args_.v_old = v_old_.assign(n, 3, W);
-    args_.d_old = d_old_.assign(n, 3, W);
-  }
-  args_.d = d_.assign(n, 3, W);
-  args_.moved = moved_.assign(n, 3, W);
-  args_.b = b_.assign(n, 3, W);
-  args_.contact_force = contact_force_.assign(n, 3, W);
-  args_.stiffness = stiffness_.data();
-  args_.gravity = gravity_.data();
-  args_.keep = keep_.data();
   args_.patch_tip = tip_.data();
   args_.patch_compliance = patch_compliance_.assign(1, 1, W);
   args_.patch_offset = patch_offset_.assign(kPatchRows, 3, W);
@@ -123,7 +103,7 @@ void ShellTissue<Real>::group_lanes() {
   groups_.clear();
   std::map<int, std::uint32_t> lanes_of;
   for (int lane = 0; lane < lanes(); ++lane) {
-    lanes_of[key_[static_cast<std::size_t>(lane)]] |= 1U << lane;
+    lanes_of[key_[lane]] |= 1U << lane;
   }
   for (const auto& [key, mask] : lanes_of) groups_.push_back({&factor_of(key), mask});
 }
@@ -132,9 +112,7 @@ template <typename Real>
 void ShellTissue<Real>::set_parameters(int lane, const LaneParameters& parameters) {
   const EffectValues& effects = parameters.effects ? *parameters.effects : model_->effects;
   this->set_surroundings(lane, parameters, effects);
-  stiffness_[lane] = static_cast<Real>(parameters.stiffness_scale);
-  const double damping = model_->material.damping_per_s() * parameters.damping_scale;
-  keep_[lane] = static_cast<Real>(trig::decay(damping * model_->effective_step()));
+  this->set_material(lane, parameters, model_->material.damping_per_s());
   patch_compliance_[lane] = static_cast<Real>(effects.grasp_compliance);
   effects_.set(lane, effects, parameters.stiffness_scale);
   args_.effects = effects_.args();
@@ -143,10 +121,10 @@ void ShellTissue<Real>::set_parameters(int lane, const LaneParameters& parameter
 
 template <typename Real>
 void ShellTissue<Real>::update_key(int lane) {
-  key_[static_cast<std::size_t>(lane)] = effects_.factor_key(lane);
+  key_[lane] = effects_.factor_key(lane);
   if (args_.has_contact) set_contact_stiffness(lane);
   group_lanes();
-  if (held_[static_cast<std::size_t>(lane)].radius > 0) make_patch(lane);
+  if (held_[lane].radius > 0) make_patch(lane);
 }
 
 template <typename Real>
@@ -248,27 +226,6 @@ void ShellTissue<Real>::hold_for(std::uint32_t active) {
   if (args_.lanes != 0) shell_.hold_patch(args_);
 }
 
-// The history of BDF2 becomes that of a node which has always moved so. A fixed node stays at rest.
-template <typename Real>
-void ShellTissue<Real>::set_velocity(int lane, int particle, const Vector3d& v) {
-  const bool fixed = this->is_fixed(particle);
-  for (int axis = 0; axis < 3; ++axis) {
-    const Real speed = fixed ? Real{0} : static_cast<Real>(v[axis]);
-    v_(particle, axis, lane) = speed;
-    if (!args_.second_order) continue;
-    v_old_(particle, axis, lane) = speed;
-    d_old_(particle, axis, lane) = static_cast<Real>(model_->substep()) * speed;
-  }
-}
-
-template <typename Real>
-bool ShellTissue<Real>::healthy(int lane) const {
-  for (int k = 0; k < contact_force_.in_lane(); ++k) {
-    if (!std::isfinite(contact_force_.lane_value(k, lane))) return false;
-  }
-  return Base::healthy(lane);
-}
-
 template <typename Real>
 std::vector<Vector3d> ShellTissue<Real>::elastic_gradient(int lane) {
   d_.fill(Real{0});
@@ -277,9 +234,9 @@ std::vector<Vector3d> ShellTissue<Real>::elastic_gradient(int lane) {
   std::vector<Vector3d> gradient;
   for (int i = 0; i < particles(); ++i) {
     Vector3d force = Vector3d::Zero();
-    const Real mass = args_.effects.density[lane] * (args_.effects.mass == nullptr
-                                                         ? mass_[static_cast<std::size_t>(i)]
-                                                         : args_.effects.mass[i * lanes() + lane]);
+    const Real mass =
+        args_.effects.density[lane] *
+        (args_.effects.mass == nullptr ? mass_[i] : args_.effects.mass[i * lanes() + lane]);
     for (int axis = 0; axis < 3 && !this->is_fixed(i); ++axis) {
       force[axis] = static_cast<double>(b_(i, axis, lane)) +
                     static_cast<double>(contact_force_(i, axis, lane)) +

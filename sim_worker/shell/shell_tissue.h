@@ -14,7 +14,7 @@
 #include "sim_worker/shell/shell_model.h"
 #include "sim_worker/shell/yielding_surface.h"
 #include "sim_worker/tissue/grasp_patch.h"
-#include "sim_worker/tissue/lane_tissue.h"
+#include "sim_worker/tissue/implicit_tissue.h"
 
 namespace omentum {
 
@@ -27,7 +27,7 @@ namespace omentum {
 /// its rim. held() are the free nodes inside; they do not collide while held. `collapse` pulls the
 /// mean position onto the tip.
 template <typename Real>
-class ShellTissue final : public LaneTissue<Real> {
+class ShellTissue final : public ImplicitTissue<Real> {
  public:
   using LaneTissue<Real>::lanes, LaneTissue<Real>::particles, LaneTissue<Real>::position;
 
@@ -43,34 +43,23 @@ class ShellTissue final : public LaneTissue<Real> {
   void end_substep(bool last) override;
   void hold(int lane, const Eigen::Vector3d& tip, double radius, bool collapse) override;
   void release(int lane) override;
-  std::span<const std::int32_t> held(int lane) const override {
-    return held_[static_cast<std::size_t>(lane)].patch.inside;
-  }
+  std::span<const std::int32_t> held(int lane) const override { return held_[lane].patch.inside; }
   void shift_held(int lane, const Eigen::Vector3d& by) override;
-  void set_velocity(int lane, int particle, const Eigen::Vector3d& v) override;
-  bool healthy(int lane) const override;
   void save(int lane, Bytes& out) const override;
   Result<std::size_t> load(int lane, std::span<const std::byte> state) override;
 
   /// From now on the sheet lies on this surface too; it must stay. The model has `on_soft_body`.
   void lie_on(YieldingSurface<Real>& surface);
 
-  /// Force of the surroundings on a node at the end of the last step, in W [N].
-  Eigen::Vector3d contact_force(int lane, int particle) const {
-    return contact_force_.vector(particle, lane);
-  }
-  /// Positions at the start of the substep [m].
-  const LaneArray<Real>& substep_positions() const { return x_; }
   /// Gradient of the energy at the present positions, of all nodes [N]: what the solver uses. For
   /// tests; fixed nodes are left out (zero).
   std::vector<Eigen::Vector3d> elastic_gradient(int lane);
 
  private:
-  using Base = LaneTissue<Real>;
-  using Base::body_, Base::candidate_any_, Base::candidates_, Base::capsule_, Base::capsule_motion_,
-      Base::dynamic_friction_, Base::free_mask_, Base::gravity_, Base::held_force_, Base::keep_,
-      Base::kernel_, Base::parameters_, Base::shapes_, Base::slipped_, Base::static_friction_,
-      Base::stiffness_, Base::tip_, Base::v_, Base::x_;
+  using Base = ImplicitTissue<Real>;
+  using Base::b_, Base::body_, Base::candidate_any_, Base::candidates_, Base::contact_force_,
+      Base::d_, Base::free_mask_, Base::gravity_, Base::held_force_, Base::kernel_,
+      Base::parameters_, Base::slipped_, Base::stiffness_, Base::tip_, Base::v_, Base::x_;
   using typename Base::SavedLane;
   using Targets = Eigen::Matrix<double, 3, kPatchRows>;
 
@@ -101,7 +90,6 @@ class ShellTissue final : public LaneTissue<Real> {
   /// Place at rest, p_B [m], of the point of the sheet nearest to the tip, and their distance [m].
   std::pair<Eigen::Vector3d, double> nearest_point(int lane, const Eigen::Vector3d& tip) const;
   void grip(int lane, Held held);
-  std::vector<const LaneArray<Real>*> saved_arrays() const override;
   bool allows(const EffectValues& effects) const override;
   Result<Held> read_grasp(StateReader& state) const;
   void make_room(int count);
@@ -130,7 +118,7 @@ class ShellTissue final : public LaneTissue<Real> {
   std::vector<KeyGroup> groups_;
 
   // State and scratch, per lane.
-  LaneArray<Real> v_old_, d_old_, d_, moved_, b_, keep_b_, contact_force_;
+  LaneArray<Real> keep_b_;
   ShellLaneEffects<Real> effects_;
   std::vector<Held> held_;
   std::uint32_t held_lanes_ = 0;
@@ -142,7 +130,7 @@ class ShellTissue final : public LaneTissue<Real> {
   std::vector<std::uint32_t> contact_lanes_, near_surface_;
   std::vector<std::int32_t> plane_begin_, plane_shape_;
   AlignedVector<Real> plane_;
-  LaneArray<Real> own_stiffness_, own_compliance_, key_stiffness_, contact_motion_, contact_lean_,
+  LaneArray<Real> own_stiffness_, own_compliance_, key_stiffness_, contact_motion_, contact_face_,
       contact_displacement_, contact_before_;
 };
 

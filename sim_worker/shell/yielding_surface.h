@@ -9,7 +9,7 @@
 
 namespace omentum {
 
-/// A deformable body as the elastic sheet meets it: a surface that gives way (docs/decisions/0020).
+/// A deformable body as the elastic sheet meets it: a deformable surface (docs/decisions/0020).
 /// The forces between the two are found in the sheet's contact solver; who steps both calls the
 /// stages of both (CoupledTissue). All arrays are [node of the sheet][xyz][lane] in W.
 template <typename Real>
@@ -33,7 +33,7 @@ class YieldingSurface {
   virtual void place(const LaneArray<Real>& x, const LaneArray<Real>& d, std::uint32_t lanes) = 0;
   /// In the given lanes: the response of the body to the change of the forces since place().
   virtual void response(std::uint32_t lanes) = 0;
-  /// Takes the share of the response that the contact solver has chosen.
+  /// Moves by the step length along the response that the contact solver has chosen.
   virtual void take(std::uint32_t lanes) = 0;
 };
 

@@ -20,12 +20,12 @@ constexpr double kLeastCover = 1e-3;
 template <typename Real>
 void SolidTissue<Real>::hold(int lane, const Vector3d& tip, double radius, bool collapse) {
   release(lane);
-  Held& held = held_[static_cast<std::size_t>(lane)];
+  Held& held = held_[lane];
   const EffectValues& effects = effects_.values(lane);
   const Vector3d beside(effects.grasp_x, effects.grasp_y, 0);
   const Vector3d centre = tip + model_->body.X_WB.linear() * beside;
-  const bool turns = effects.jaw_roll != 0 || effects.jaw_tilt != 0;
-  const Eigen::Matrix3d turn = jaw_turn(effects, model_->surroundings.shaft_axis);
+  const bool rotates = effects.jaw_roll != 0 || effects.jaw_tilt != 0;
+  const Eigen::Matrix3d R = jaw_rotation(effects, model_->surroundings.shaft_axis);
   for (int i = 0; i < particles(); ++i) {
     if (this->is_fixed(i)) continue;
     const Vector3d p = position(lane, i);
@@ -33,7 +33,7 @@ void SolidTissue<Real>::hold(int lane, const Vector3d& tip, double radius, bool 
         (radius + effects.grasp_radius - (p - centre).norm()) / model_->spacing + 0.5;
     if (!(covered > kLeastCover)) continue;
     Vector3d kept = p - tip;
-    if (turns) kept = turn * kept;
+    if (rotates) kept = R * kept;
     if (collapse) kept.setZero();
     held.nodes.push_back(i);
     held.offsets.push_back(
@@ -46,20 +46,20 @@ void SolidTissue<Real>::hold(int lane, const Vector3d& tip, double radius, bool 
 /// Masks and springs of a grasp. A node that the jaw covers by the part w hangs on a spring of E x
 /// spacing x w / (1 - w): the grasp moves smoothly with the pinch point (docs/tissue.md 8). With
 /// a spring between jaws and patch (grasp_compliance) the node that is covered best leads: it alone
-/// hangs on that spring, the others follow it.
+/// hangs on that spring, the other nodes move with it.
 template <typename Real>
 void SolidTissue<Real>::apply_hold(int lane) {
-  Held& held = held_[static_cast<std::size_t>(lane)];
+  Held& held = held_[lane];
   const std::uint32_t bit = 1U << lane;
   const double compliance = effects_.values(lane).grasp_compliance;
-  const bool gives = compliance > 0 && !held.nodes.empty();
-  compliant_ = gives ? compliant_ | bit : compliant_ & ~bit;
+  const bool compliant = compliance > 0 && !held.nodes.empty();
+  compliant_ = compliant ? compliant_ | bit : compliant_ & ~bit;
   const auto best = std::max_element(held.weights.begin(), held.weights.end());
   held.leader = static_cast<std::size_t>(best - held.weights.begin());
   for (std::size_t k = 0; k < held.nodes.size(); ++k) {
     const auto i = static_cast<std::size_t>(held.nodes[k]);
     const auto w = static_cast<double>(held.weights[k]);
-    const bool leads = gives && k == held.leader;
+    const bool leads = compliant && k == held.leader;
     const double spring = model_->material.young_modulus_pa() * model_->spacing * w;
     const bool follows = spring >= kRigidHold * model_->diagonal[i] * (1 - w);
     Real& stiffness = hold_stiffness_(held.nodes[k], lane);
@@ -78,25 +78,24 @@ void SolidTissue<Real>::apply_hold(int lane) {
 
 template <typename Real>
 void SolidTissue<Real>::release(int lane) {
-  Held& held = held_[static_cast<std::size_t>(lane)];
+  Held& held = held_[lane];
   const std::uint32_t bit = 1U << lane;
   for (const std::int32_t node : held.nodes) {
-    const auto i = static_cast<std::size_t>(node);
-    free_mask_[i] |= bit;
-    if (model_->on_surface[i] != 0) contact_mask_[i] |= bit;
+    free_mask_[node] |= bit;
+    if (model_->on_surface[node] != 0) contact_mask_[node] |= bit;
     hold_stiffness_(node, lane) = Real{0};
     for (int axis = 0; axis < 3; ++axis) contact_force_(node, axis, lane) = Real{0};
   }
   compliant_ &= ~bit;
-  slipped_[static_cast<std::size_t>(lane)] = 0;
+  slipped_[lane] = 0;
   held = {};
 }
 
 template <typename Real>
 void SolidTissue<Real>::shift_held(int lane, const Vector3d& by) {
-  for (auto& offset : held_[static_cast<std::size_t>(lane)].offsets) {
+  for (auto& offset : held_[lane].offsets) {
     for (int axis = 0; axis < 3; ++axis) {
-      offset[static_cast<std::size_t>(axis)] += static_cast<Real>(by[axis]);
+      offset[axis] += static_cast<Real>(by[axis]);
     }
   }
 }
@@ -106,7 +105,7 @@ template <typename Real>
 void SolidTissue<Real>::slip_grasps() {
   for (int lane = 0; lane < lanes(); ++lane) {
     const EffectValues& effects = effects_.values(lane);
-    Held& held = held_[static_cast<std::size_t>(lane)];
+    Held& held = held_[lane];
     if (held.nodes.empty() || !(effects.slip_speed > 0)) continue;
     // Near what a rigid disc of the patch's size feels on a half-space, 2 E a / (1 - nu^2).
     Eigen::AlignedBox3d box;
@@ -117,14 +116,14 @@ void SolidTissue<Real>::slip_grasps() {
     const double size = box.diagonal().norm() + 2 * model_->spacing;
     const double modulus =
         model_->material.young_modulus_pa() * static_cast<double>(stiffness_[lane]);
-    const Vector3d way =
+    const Vector3d slip =
         slip_of(effects, this->held_force(lane), modulus * size, model_->control_period);
-    double& slipped = slipped_[static_cast<std::size_t>(lane)];
-    slipped += way.norm();
+    double& slipped = slipped_[lane];
+    slipped += slip.norm();
     if (effects.slip_loss > 0 && slipped > effects.slip_loss) {
       release(lane);
     } else {
-      shift_held(lane, way);
+      shift_held(lane, slip);
     }
   }
 }
@@ -133,11 +132,10 @@ void SolidTissue<Real>::slip_grasps() {
 template <typename Real>
 void SolidTissue<Real>::place_held() {
   for (int lane = 0; lane < lanes(); ++lane) {
-    const Held& held = held_[static_cast<std::size_t>(lane)];
+    const Held& held = held_[lane];
     for (std::size_t k = 0; k < held.nodes.size(); ++k) {
       for (int axis = 0; axis < 3; ++axis) {
-        hold_target_(held.nodes[k], axis, lane) =
-            tip_(0, axis, lane) + held.offsets[k][static_cast<std::size_t>(axis)];
+        hold_target_(held.nodes[k], axis, lane) = tip_(0, axis, lane) + held.offsets[k][axis];
       }
     }
   }
@@ -155,7 +153,7 @@ template <typename Function>
 void SolidTissue<Real>::for_each_compliant(Function&& fn) {
   for (int lane = 0; lane < lanes(); ++lane) {
     if ((compliant_ >> lane & 1U) == 0) continue;
-    for (int axis = 0; axis < 3; ++axis) fn(lane, held_[static_cast<std::size_t>(lane)], axis);
+    for (int axis = 0; axis < 3; ++axis) fn(lane, held_[lane], axis);
   }
 }
 
@@ -163,13 +161,12 @@ void SolidTissue<Real>::for_each_compliant(Function&& fn) {
 template <typename Real>
 void SolidTissue<Real>::begin_compliant_patches() {
   for_each_compliant([&](int lane, Held& held, int axis) {
-    const auto a = static_cast<std::size_t>(axis);
     for (std::size_t k = 0; k < held.nodes.size(); ++k) {
       const std::int32_t i = held.nodes[k];
-      const Real place = hold_target_(i, axis, lane) + held.deflection[a];
+      const Real place = hold_target_(i, axis, lane) + held.deflection[axis];
       if (k != held.leader) hold_target_(i, axis, lane) = place;
       if (k == held.leader || !is_free(i, lane)) d_(i, axis, lane) = place - x_(i, axis, lane);
-      if (k == held.leader) held.start[a] = d_(i, axis, lane);
+      if (k == held.leader) held.start[axis] = d_(i, axis, lane);
     }
   });
 }
@@ -178,8 +175,7 @@ template <typename Real>
 void SolidTissue<Real>::end_compliant_patches() {
   for_each_compliant([&](int lane, Held& held, int axis) {
     const std::int32_t i = held.nodes[held.leader];
-    held.deflection[static_cast<std::size_t>(axis)] =
-        x_(i, axis, lane) + d_(i, axis, lane) - hold_target_(i, axis, lane);
+    held.deflection[axis] = x_(i, axis, lane) + d_(i, axis, lane) - hold_target_(i, axis, lane);
   });
 }
 
@@ -189,7 +185,7 @@ template <typename Real>
 void SolidTissue<Real>::gather_residual() {
   for_each_compliant([&](int lane, Held& held, int axis) {
     const std::int32_t leader = held.nodes[held.leader];
-    const Real moved = d_(leader, axis, lane) - held.start[static_cast<std::size_t>(axis)];
+    const Real moved = d_(leader, axis, lane) - held.start[axis];
     for (const std::int32_t i : held.nodes) {
       if (i == leader) continue;
       if (!is_free(i, lane)) {
@@ -237,14 +233,14 @@ void SolidTissue<Real>::gather_product() {
 template <typename Real>
 void SolidTissue<Real>::find_held_force() {
   for (int lane = 0; lane < lanes(); ++lane) {
-    const Held& held = held_[static_cast<std::size_t>(lane)];
-    const bool gives = (compliant_ >> lane & 1U) != 0;
+    const Held& held = held_[lane];
+    const bool compliant = (compliant_ >> lane & 1U) != 0;
     for (int axis = 0; axis < 3; ++axis) {
       Real sum = 0;
       for (const std::int32_t i : held.nodes) {
-        if (!gives) sum += hp_(i, axis, lane);
+        if (!compliant) sum += hp_(i, axis, lane);
       }
-      if (gives) sum = hp_(held.nodes[held.leader], axis, lane);
+      if (compliant) sum = hp_(held.nodes[held.leader], axis, lane);
       held_force_(0, axis, lane) = sum;
     }
   }

@@ -312,20 +312,21 @@ inline Contact evaluate_contact(const Args& args, int i) {
     const Lane3 n = surface.normal;
     const Lane along = dot(before, n);
     const Lane pressed = max(along, zero);
-    const Lane push = fma(gain, splat(args.particle_radius) - surface.phi, pressed);
-    const Mask touches = both(zero < push, to_mask(args.candidates[i * omentum::kMaxShapes + k]));
+    const Lane force = fma(gain, splat(args.particle_radius) - surface.phi, pressed);
+    const Mask touches = both(zero < force, to_mask(args.candidates[i * omentum::kMaxShapes + k]));
     if (to_bits(touches) == 0) continue;
     const Lane3 slip = shape.kind == ShapeKind::kCapsule ? d - load3(args.capsule_motion) : d;
-    Lane3 drag = before - gain * slip;
-    drag = fma(zero - dot(drag, n), n, drag);
-    const Lane size = sqrt(dot(drag, drag));
+    Lane3 friction = before - gain * slip;
+    friction = fma(zero - dot(friction, n), n, friction);
+    const Lane size = sqrt(dot(friction, friction));
     const Mask sticks = size < load(args.static_friction) * pressed;
     const Lane slides = min(load(args.dynamic_friction) * pressed / size, splat(Real{1}));
-    // Where nothing presses yet, nothing drags: 0 / 0 must not reach the force.
-    const Lane share = select(zero < size, select(sticks, splat(Real{1}), slides), zero);
-    contact.force = select(touches, contact.force + fma(push, n, share * drag), contact.force);
+    // Without normal force no friction: 0 / 0 must not reach the force.
+    const Lane fraction = select(zero < size, select(sticks, splat(Real{1}), slides), zero);
+    contact.force =
+        select(touches, contact.force + fma(force, n, fraction * friction), contact.force);
     contact.normal = select(touches, n, contact.normal);
-    contact.slide = select(touches, share * gain, contact.slide);
+    contact.slide = select(touches, fraction * gain, contact.slide);
     contact.touches |= to_bits(touches);
   }
   return contact;
@@ -410,10 +411,10 @@ void multiply_hessian(const Args& args) {
     const Lane3 p = load3(args.p + at);
     const Lane3 normal = load3(args.contact_normal + at);
     const Lane3 across = dot(normal, p) * normal;
-    const Lane3 push = fma(load(args.contact_slide + kLanes * i), p - across,
-                           splat(args.contact_gain[i]) * across);
+    const Lane3 force = fma(load(args.contact_slide + kLanes * i), p - across,
+                            splat(args.contact_gain[i]) * across);
     const Lane3 before = load3(args.hp + at);
-    store3(args.hp + at, select(to_mask(args.touches[i]), before + push, before));
+    store3(args.hp + at, select(to_mask(args.touches[i]), before + force, before));
   }
   add_node_products(args);
   add_elastic_change(args);

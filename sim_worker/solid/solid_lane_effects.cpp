@@ -73,8 +73,7 @@ void SolidLaneEffects<Real>::set_anchor(int lane) {
   if (!model_->effects.moves_anchor()) return;
   const std::vector<double> spring = model_->make_anchor(this->values(lane));
   for (int i = 0; i < model_->nodes(); ++i) {
-    const auto k = static_cast<std::size_t>(i);
-    if (model_->is_anchor[k] != 0) bond_fresh_(i, lane) = static_cast<Real>(spring[k]);
+    if (model_->is_anchor[i] != 0) bond_fresh_(i, lane) = static_cast<Real>(spring[i]);
   }
 }
 
@@ -103,7 +102,7 @@ template <typename Real>
 Eigen::Vector3d SolidLaneEffects<Real>::anchor_force(int lane, const LaneArray<Real>& x) const {
   Eigen::Vector3d sum = Eigen::Vector3d::Zero();
   for (int i = 0; i < model_->nodes() && args_.bonds != 0; ++i) {
-    if (model_->is_anchor[static_cast<std::size_t>(i)] == 0) continue;
+    if (model_->is_anchor[i] == 0) continue;
     for (int axis = 0; axis < 3; ++axis) {
       sum[axis] +=
           static_cast<double>(bond_now_(i, lane) * (x(i, axis, lane) - bond_place_(i, axis, lane)));

@@ -23,7 +23,7 @@ constexpr double kFar = 0.13819660112501051518;
 
 /// Gradients of the volume coordinates in the rows.
 Eigen::Matrix<double, 4, 3> corner_gradients(const SolidMesh& mesh, const Tetrahedron& t) {
-  const auto node = [&](std::size_t k) { return mesh.nodes[static_cast<std::size_t>(t[k])]; };
+  const auto node = [&](std::size_t k) { return mesh.nodes[t[k]]; };
   Matrix3d edges;
   for (int k = 0; k < 3; ++k) edges.col(k) = node(static_cast<std::size_t>(k) + 1) - node(0);
   const Matrix3d inverse = edges.inverse();
@@ -35,13 +35,13 @@ Eigen::Matrix<double, 4, 3> corner_gradients(const SolidMesh& mesh, const Tetrah
 
 /// Gradients of the ten shape functions at integration point q in the rows.
 Eigen::Matrix<double, 10, 3> shape_gradients(const Eigen::Matrix<double, 4, 3>& g, int q) {
-  const auto share = [q](int a) { return a == q ? kNear : kFar; };
+  const auto L = [q](int a) { return a == q ? kNear : kFar; };
   Eigen::Matrix<double, 10, 3> n;
-  for (int a = 0; a < 4; ++a) n.row(a) = (4 * share(a) - 1) * g.row(a);
+  for (int a = 0; a < 4; ++a) n.row(a) = (4 * L(a) - 1) * g.row(a);
   for (int k = 0; k < 6; ++k) {
     const int a = kSolidEdge[k][0];
     const int b = kSolidEdge[k][1];
-    n.row(4 + k) = 4 * (share(a) * g.row(b) + share(b) * g.row(a));
+    n.row(4 + k) = 4 * (L(a) * g.row(b) + L(b) * g.row(a));
   }
   return n;
 }
@@ -62,13 +62,12 @@ void set_geometry(SolidTissueModel& model, double density) {
     model.volume.push_back(volume);
     // Diagonal of the consistent mass matrix, scaled to the whole [Hinton76]: 1/36 and 4/27.
     for (std::size_t k = 0; k < 10; ++k) {
-      model.mass[static_cast<std::size_t>(t[k])] +=
-          density * volume * (k < 4 ? 1.0 / 36 : 4.0 / 27);
+      model.mass[t[k]] += density * volume * (k < 4 ? 1.0 / 36 : 4.0 / 27);
     }
   }
   model.on_surface.assign(nodes, 0);
   for (const Eigen::Vector3i& triangle : model.mesh.surface) {
-    for (int k = 0; k < 3; ++k) model.on_surface[static_cast<std::size_t>(triangle[k])] = 1;
+    for (int k = 0; k < 3; ++k) model.on_surface[triangle[k]] = 1;
   }
 }
 
@@ -78,14 +77,14 @@ class FactorMatrix {
   /// `width`: unknowns per node, 1 or 3.
   FactorMatrix(const SolidTissueModel& model, int width) : width_(width) {
     for (int i = 0; i < model.nodes(); ++i) {
-      const bool fixed = model.body.fixed[static_cast<std::size_t>(i)] != 0;
+      const bool fixed = model.body.fixed[i] != 0;
       row_of_.push_back(fixed ? -1 : static_cast<int>(unknown_.size()));
       for (int axis = 0; axis < width && !fixed; ++axis) unknown_.push_back(width * i + axis);
     }
   }
   void add(int node, int axis, int other, int other_axis, double value) {
-    const int row = row_of_[static_cast<std::size_t>(node)];
-    const int column = row_of_[static_cast<std::size_t>(other)];
+    const int row = row_of_[node];
+    const int column = row_of_[other];
     if (row >= 0 && column >= 0) entries_.emplace_back(row + axis, column + other_axis, value);
   }
   /// Inertia on the diagonal, with the scene's effects.
@@ -94,7 +93,7 @@ class FactorMatrix {
     const double density = 1 + model.effects.density_change;
     for (int i = 0; i < model.nodes(); ++i) {
       for (int axis = 0; axis < width_; ++axis)
-        add(i, axis, i, axis, model.mass[static_cast<std::size_t>(i)] * density / (step * step));
+        add(i, axis, i, axis, model.mass[i] * density / (step * step));
     }
   }
   PanelFactor factor() const {
@@ -110,7 +109,7 @@ class FactorMatrix {
   std::vector<Eigen::Triplet<double>> entries_;
 };
 
-/// The preconditioner of a body that may turn: inertia and a Laplace operator of the shear
+/// The preconditioner of a body that may rotate: inertia and a Laplace operator of the shear
 /// stiffness. The rotated shear part of the Hessian is as stiff, whatever the rotation; the few
 /// stiff volume modes are left to the conjugate gradients.
 void set_factor(SolidTissueModel& model) {
@@ -133,10 +132,9 @@ void set_factor(SolidTissueModel& model) {
           model.law.shear * model.effects.stiffness_at(model.integration_point(t, q));
       const Eigen::Matrix<double, 10, 10> k = 2 * shear * model.volume[t] / 4 * n * n.transpose();
       for (int a = 0; a < 10; ++a) {
-        const std::int32_t i = node[static_cast<std::size_t>(a)];
-        model.diagonal[static_cast<std::size_t>(i)] += k(a, a);
-        for (int b = 0; b < 10; ++b)
-          matrix.add(i, 0, node[static_cast<std::size_t>(b)], 0, k(a, b));
+        const std::int32_t i = node[a];
+        model.diagonal[i] += k(a, a);
+        for (int b = 0; b < 10; ++b) matrix.add(i, 0, node[b], 0, k(a, b));
       }
     }
   }
@@ -175,8 +173,7 @@ void set_rest_factor(SolidTissueModel& model) {
     const Eigen::Matrix<double, 30, 30> k = rest_stiffness(model, t);
     for (int a = 0; a < 30; ++a) {
       for (int b = 0; b < 30; ++b) {
-        matrix.add(node[static_cast<std::size_t>(a / 3)], a % 3,
-                   node[static_cast<std::size_t>(b / 3)], b % 3, k(a, b));
+        matrix.add(node[a / 3], a % 3, node[b / 3], b % 3, k(a, b));
       }
     }
   }
@@ -217,7 +214,7 @@ void release_anchors(SolidTissueModel& model) {
   }
 }
 
-/// `stays`: the body is anchored and turns little.
+/// `stays`: the body is anchored and rotates little.
 void set_material(SolidTissueModel& model, double density, bool stays) {
   model.law = make_solid_law(model.material.young_modulus_pa(),
                              model.material.poisson_ratio() + model.effects.poisson_change);
@@ -264,7 +261,7 @@ EffectValues SolidTissueModel::own_effects(const EffectValues& e) const {
   return beside_sheet ? effects_of_model(e, kSoftBodyModel) : e;
 }
 
-// A node carries the share of the clamp's length, its extent along x_B, that it has of the clamp's
+// A node carries the part of the clamp's length, its extent along x_B, that it has of the clamp's
 // mass; one that is detached in part gets the spring of a grasp that covers it in part.
 std::vector<double> SolidTissueModel::make_anchor(const EffectValues& values) const {
   std::vector<double> spring(mass.size(), 0.0);
@@ -297,8 +294,8 @@ std::vector<double> SolidTissueModel::make_anchor(const EffectValues& values) co
 Vector3d SolidTissueModel::integration_point(std::size_t tetrahedron, int q) const {
   Vector3d p = Vector3d::Zero();
   for (int a = 0; a < 4; ++a) {
-    const auto node = mesh.tetrahedra[tetrahedron][static_cast<std::size_t>(a)];
-    p += (a == q ? kNear : kFar) * mesh.nodes[static_cast<std::size_t>(node)];
+    const auto node = mesh.tetrahedra[tetrahedron][a];
+    p += (a == q ? kNear : kFar) * mesh.nodes[node];
   }
   return p;
 }
@@ -365,33 +362,6 @@ std::unique_ptr<Tissue<float>> SolidTissueModel::make_tissue(
 std::unique_ptr<Tissue<double>> SolidTissueModel::make_tissue(
     const LaneKernel<double>& kernel) const {
   return std::make_unique<SolidTissue<double>>(shared_from_this(), kernel);
-}
-
-double solid_energy(const SolidTissueModel& model, std::span<const Vector3d> p) {
-  const SolidLaw& law = model.law;
-  const auto density = [&](const Matrix3d& f) {
-    const double i = f.squaredNorm();
-    const double off = f.determinant() - law.alpha;
-    return law.mu / 2 * (i - 3) + law.lambda / 2 * off * off - law.mu / 2 * std::log(i + 1);
-  };
-  const double rest = density(Matrix3d::Identity());
-  double energy = 0;
-  for (std::size_t t = 0; t < model.volume.size(); ++t) {
-    double mean = 0;
-    for (int q = 0; q < 4; ++q) {
-      const Eigen::Matrix<double, 10, 3> n = shape_gradients(gradients_of(model, t), q);
-      Matrix3d f = Matrix3d::Zero();
-      for (int k = 0; k < 10; ++k) {
-        const auto node =
-            static_cast<std::size_t>(model.mesh.tetrahedra[t][static_cast<std::size_t>(k)]);
-        f += p[node] * n.row(k);
-      }
-      energy += model.volume[t] / 4 * (density(f) - rest);
-      mean += f.determinant() / 4;
-    }
-    energy += model.volume[t] * law.bulk / 2 * (mean - 1) * (mean - 1);
-  }
-  return energy;
 }
 
 }  // namespace omentum

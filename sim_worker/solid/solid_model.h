@@ -58,7 +58,6 @@ struct SolidTissueModel : TissueModel, std::enable_shared_from_this<SolidTissueM
   Eigen::Vector3d integration_point(std::size_t tetrahedron, int q) const;
 
   int nodes() const { return static_cast<int>(mesh.nodes.size()); }
-  double substep() const { return control_period / parameters.substeps(); }
   /// Step of the implicit equation: h, or 2 h / 3 for BDF2 [s].
   double effective_step() const;
 };
@@ -70,9 +69,5 @@ std::shared_ptr<const SolidTissueModel> make_solid_model(const Scene& scene, dou
 /// overlaps a rigid body at rest.
 std::shared_ptr<const SolidTissueModel> make_soft_body_model(const Scene& scene,
                                                              double control_period);
-
-/// Elastic energy of node positions p [m] at nominal stiffness, zero at rest [J]. For tests of the
-/// forces.
-double solid_energy(const SolidTissueModel& model, std::span<const Eigen::Vector3d> p);
 
 }  // namespace omentum

@@ -11,11 +11,6 @@ namespace omentum {
 using Eigen::Vector3d;
 
 template <typename Real>
-std::vector<const LaneArray<Real>*> SolidTissue<Real>::saved_arrays() const {
-  return {&x_, &v_, &v_old_, &d_old_, &contact_force_, &held_force_};
-}
-
-template <typename Real>
 bool SolidTissue<Real>::allows(const EffectValues& effects) const {
   return anchors_fit(model_->effects, effects) &&
          usable(effects, model_->material.poisson_ratio(), {});
@@ -24,7 +19,7 @@ bool SolidTissue<Real>::allows(const EffectValues& effects) const {
 template <typename Real>
 void SolidTissue<Real>::save(int lane, Bytes& out) const {
   StateWriter state(out);
-  const Held& held = held_[static_cast<std::size_t>(lane)];
+  const Held& held = held_[lane];
   this->save_lane(lane, !held.nodes.empty(), state);
   if (!held.nodes.empty()) {
     state.add(static_cast<std::uint32_t>(held.nodes.size()));
@@ -58,9 +53,9 @@ Result<typename SolidTissue<Real>::Held> SolidTissue<Real>::read_grasp(StateRead
         !all_finite(std::span<const Real>(held.offsets[k])))
       return Failure{fmt::format("tissue state holds node {} with a bad weight or offset", i)};
   }
-  const bool gives = std::all_of(held.deflection.begin(), held.deflection.end(),
-                                 [](Real g) { return std::fabs(g) <= Real{1}; });
-  if (!gives) return Failure{"tissue state holds a patch that is not in its jaws"};
+  const bool in_jaws = std::all_of(held.deflection.begin(), held.deflection.end(),
+                                   [](Real g) { return std::fabs(g) <= Real{1}; });
+  if (!in_jaws) return Failure{"tissue state holds a patch that is not in its jaws"};
   return held;
 }
 
@@ -87,14 +82,13 @@ Result<std::size_t> SolidTissue<Real>::load(int lane, std::span<const std::byte>
   for (int i = 0; i < particles(); ++i) {
     if (this->is_fixed(i)) set_position(lane, i, position(lane, i));
   }
-  held_[static_cast<std::size_t>(lane)] = std::move(held);
-  slipped_[static_cast<std::size_t>(lane)] = saved.value().slipped;
+  held_[lane] = std::move(held);
+  slipped_[lane] = saved.value().slipped;
   apply_hold(lane);
   return state.used();
 }
 
 #define OMENTUM_INSTANTIATE(Real)                                                             \
-  template std::vector<const LaneArray<Real>*> SolidTissue<Real>::saved_arrays() const;       \
   template bool SolidTissue<Real>::allows(const EffectValues&) const;                         \
   template Result<SolidTissue<Real>::Held> SolidTissue<Real>::read_grasp(StateReader&) const; \
   template void SolidTissue<Real>::save(int, Bytes&) const;                                   \

@@ -46,56 +46,27 @@ double rounding_energy(const SolidTissueModel& model) {
 template <typename Real>
 SolidTissue<Real>::SolidTissue(std::shared_ptr<const SolidTissueModel> model,
                                const LaneKernel<Real>& kernel)
-    : Base(*model, kernel),
+    : Base(*model, kernel, model->effective_step(), model->parameters.integrator()),
       model_(std::move(model)),
       solid_(kernel_of<SolidKernel<Real>>(kernel.lanes)),
       effects_(model_, kernel.lanes) {
   const int W = lanes();
   const int n = particles();
-  const double step = model_->effective_step();
+  static_cast<ImplicitArgs<Real>&>(args_) = this->implicit_args();
   load_model();
-  held_.resize(static_cast<std::size_t>(W));
-  for (auto* mask : {&touches_, &contact_mask_}) mask->assign(static_cast<std::size_t>(n), 0);
+  held_.resize(W);
+  for (auto* mask : {&touches_, &contact_mask_}) mask->assign(n, 0);
 
-  args_.nodes = n;
-  args_.second_order = model_->parameters.integrator() == pb::INTEGRATOR_BDF2;
-  args_.effective_step = static_cast<Real>(step);
-  args_.inverse_step = static_cast<Real>(1 / step);
-  args_.third = static_cast<Real>(1.0 / 3);
-  args_.x = x_.data();
-  args_.v = v_.data();
-  if (args_.second_order) {
-    args_.v_old = v_old_.assign(n, 3, W);
-    args_.d_old = d_old_.assign(n, 3, W);
-  }
-  args_.d = d_.assign(n, 3, W);
-  args_.moved = moved_.assign(n, 3, W);
-  args_.b = b_.assign(n, 3, W);
   args_.step = step_.assign(n, 3, W);
   args_.z = z_.assign(n, 3, W);
   args_.p = p_.assign(n, 3, W);
   args_.hp = hp_.assign(n, 3, W);
-  args_.contact_force = contact_force_.assign(n, 3, W);
   args_.contact_next = contact_next_.assign(n, 3, W);
   args_.contact_normal = contact_normal_.assign(n, 3, W);
   args_.contact_slide = contact_slide_.assign(n, 1, W);
   args_.touches = touches_.data();
-  args_.free_mask = free_mask_.data();
   args_.hold_stiffness = hold_stiffness_.assign(n, 1, W);
   args_.hold_target = hold_target_.assign(n, 3, W);
-  args_.load = nullptr;
-  args_.stiffness = stiffness_.data();
-  args_.gravity = gravity_.data();
-  args_.keep = keep_.data();
-  args_.candidates = this->candidates_.data();
-  args_.candidate_any = candidate_any_.data();
-  args_.particle_radius = static_cast<Real>(body_.particle_radius);
-  args_.capsule = capsule_.data();
-  args_.capsule_motion = this->capsule_motion_.data();
-  args_.static_friction = this->static_friction_.data();
-  args_.dynamic_friction = this->dynamic_friction_.data();
-  args_.shapes = shapes_.count;
-  args_.shape = shapes_.shape.data();
 
   for (int lane = 0; lane < W; ++lane) {
     set_parameters(lane, {});
@@ -135,9 +106,7 @@ void SolidTissue<Real>::set_parameters(int lane, const LaneParameters& parameter
       model_->own_effects(parameters.effects ? *parameters.effects : model_->effects);
   this->set_surroundings(lane, parameters, effects);
   set_effects(lane, effects);
-  stiffness_[lane] = static_cast<Real>(parameters.stiffness_scale);
-  const double damping = model_->material.damping_per_s() * parameters.damping_scale;
-  keep_[lane] = static_cast<Real>(trig::decay(damping * model_->effective_step()));
+  this->set_material(lane, parameters, model_->material.damping_per_s());
 }
 
 template <typename Real>
@@ -146,8 +115,7 @@ void SolidTissue<Real>::set_effects(int lane, const EffectValues& effects) {
   effects_.set(lane, effects);
   args_.effects = effects_.args();
   const double stiffer = effects_.stiffer(lane);
-  rest_energy_[static_cast<std::size_t>(lane)] =
-      static_cast<Real>(model_rest_energy_ * stiffer * stiffer);
+  rest_energy_[lane] = static_cast<Real>(model_rest_energy_ * stiffer * stiffer);
   if (effects.grasp_compliance != compliance) apply_hold(lane);
 }
 
@@ -158,11 +126,10 @@ void SolidTissue<Real>::reset(int lane, const Vector3d& offset) {
   this->place_at_rest(lane, offset);
   contact_force_.fill_lane(lane, Real{0});
   for (int i = 0; i < particles(); ++i) {
-    const auto p = static_cast<std::size_t>(i);
     // A fixed node is held where it is.
     for (int axis = 0; axis < 3; ++axis) hold_target_(i, axis, lane) = x_(i, axis, lane);
-    if (!this->is_fixed(i) && model_->on_surface[p] != 0)
-      this->set_bit(contact_mask_[p], lane, true);
+    if (!this->is_fixed(i) && model_->on_surface[i] != 0)
+      this->set_bit(contact_mask_[i], lane, true);
   }
 }
 
@@ -199,7 +166,7 @@ void SolidTissue<Real>::find_contacts(std::span<const ToolMotion> motion) {
   this->find_candidates(motion, contact_mask_);
   contact_node_.clear();
   for (int i = 0; i < particles(); ++i) {
-    if (candidate_any_[static_cast<std::size_t>(i)] != 0) {
+    if (candidate_any_[i] != 0) {
       contact_node_.push_back(i);
       continue;
     }
@@ -220,27 +187,6 @@ void SolidTissue<Real>::set_position(int lane, int particle, const Vector3d& p) 
   if (this->is_fixed(particle)) hold_target_.set_vector(particle, lane, p);
 }
 
-// The history of BDF2 becomes that of a node which has always moved so. A fixed node stays at rest.
-template <typename Real>
-void SolidTissue<Real>::set_velocity(int lane, int particle, const Vector3d& v) {
-  const bool fixed = this->is_fixed(particle);
-  for (int axis = 0; axis < 3; ++axis) {
-    const Real speed = fixed ? Real{0} : static_cast<Real>(v[axis]);
-    v_(particle, axis, lane) = speed;
-    if (!args_.second_order) continue;
-    v_old_(particle, axis, lane) = speed;
-    d_old_(particle, axis, lane) = static_cast<Real>(model_->substep()) * speed;
-  }
-}
-
-template <typename Real>
-bool SolidTissue<Real>::healthy(int lane) const {
-  for (int k = 0; k < contact_force_.in_lane(); ++k) {
-    if (!std::isfinite(contact_force_.lane_value(k, lane))) return false;
-  }
-  return Base::healthy(lane);
-}
-
 template <typename Real>
 Vector3d SolidTissue<Real>::anchor_force(int lane) const {
   Vector3d sum = effects_.anchor_force(lane, x_);
@@ -257,12 +203,11 @@ std::vector<Vector3d> SolidTissue<Real>::elastic_gradient(int lane) {
   solid_.find_residual(args_);
   const Real density = args_.effects.density[lane];
   for (int i = 0; i < particles(); ++i) {
-    const auto p = static_cast<std::size_t>(i);
     Vector3d force = Vector3d::Zero();
     for (int axis = 0; axis < 3; ++axis) {
       // Without the inertia of v and the weight.
-      const Real inertia = density * mass_over_step2_[p] * args_.effective_step * v_(i, axis, lane);
-      const Real weight = density * mass_[p] * gravity_(0, axis, lane);
+      const Real inertia = density * mass_over_step2_[i] * args_.effective_step * v_(i, axis, lane);
+      const Real weight = density * mass_[i] * gravity_(0, axis, lane);
       force[axis] = static_cast<double>(b_(i, axis, lane) + inertia + weight);
     }
     gradient.push_back(force);
@@ -273,14 +218,13 @@ std::vector<Vector3d> SolidTissue<Real>::elastic_gradient(int lane) {
 template <typename Real>
 std::vector<Vector3d> SolidTissue<Real>::elastic_change(int lane,
                                                         std::span<const Vector3d> direction) {
-  for (int i = 0; i < particles(); ++i)
-    p_.set_vector(i, lane, direction[static_cast<std::size_t>(i)]);
+  for (int i = 0; i < particles(); ++i) p_.set_vector(i, lane, direction[i]);
   elastic_gradient(lane);  // places the nodes
   solid_.multiply_hessian(args_);
   std::vector<Vector3d> change;
   const Real density = args_.effects.density[lane];
   for (int i = 0; i < particles(); ++i) {
-    const Real inertia = density * mass_over_step2_[static_cast<std::size_t>(i)];
+    const Real inertia = density * mass_over_step2_[i];
     Vector3d force = Vector3d::Zero();
     for (int axis = 0; axis < 3; ++axis)
       force[axis] = static_cast<double>(hp_(i, axis, lane) - inertia * p_(i, axis, lane));

@@ -11,13 +11,13 @@
 #include "sim_worker/solid/solid_kernel.h"
 #include "sim_worker/solid/solid_lane_effects.h"
 #include "sim_worker/solid/solid_model.h"
-#include "sim_worker/tissue/lane_tissue.h"
+#include "sim_worker/tissue/implicit_tissue.h"
 
 namespace omentum {
 
 /// A batch of elastic solids, one per SIMD lane (tissue.h has the contract).
 template <typename Real>
-class SolidTissue final : public LaneTissue<Real> {
+class SolidTissue final : public ImplicitTissue<Real> {
  public:
   using LaneTissue<Real>::lanes, LaneTissue<Real>::particles, LaneTissue<Real>::position;
 
@@ -33,13 +33,9 @@ class SolidTissue final : public LaneTissue<Real> {
   void end_substep(bool last) override;
   void hold(int lane, const Eigen::Vector3d& tip, double radius, bool collapse) override;
   void release(int lane) override;
-  std::span<const std::int32_t> held(int lane) const override {
-    return held_[static_cast<std::size_t>(lane)].nodes;
-  }
+  std::span<const std::int32_t> held(int lane) const override { return held_[lane].nodes; }
   void shift_held(int lane, const Eigen::Vector3d& by) override;
   void set_position(int lane, int particle, const Eigen::Vector3d& p) override;
-  void set_velocity(int lane, int particle, const Eigen::Vector3d& v) override;
-  bool healthy(int lane) const override;
   void save(int lane, Bytes& out) const override;
   Result<std::size_t> load(int lane, std::span<const std::byte> state) override;
 
@@ -57,14 +53,6 @@ class SolidTissue final : public LaneTissue<Real> {
   /// what is left.
   void response(const Real* force, Real* work, Real* cross);
   void take_response(const Real* beta, const Real* step_length, std::uint32_t active);
-  /// Positions at the start of the substep and the displacement since [node][xyz][lane] [m].
-  const LaneArray<Real>& substep_positions() const { return x_; }
-  const LaneArray<Real>& substep_displacements() const { return d_; }
-
-  /// Force of the shapes on a node at the end of the last step, in W [N].
-  Eigen::Vector3d contact_force(int lane, int particle) const {
-    return contact_force_.vector(particle, lane);
-  }
   /// Force of the body on what its anchor is fixed to at the end of the last step, in W [N].
   Eigen::Vector3d anchor_force(int lane) const;
   /// Gradient of the elastic energy at the present positions, of all nodes [N], and its change with
@@ -73,16 +61,16 @@ class SolidTissue final : public LaneTissue<Real> {
   std::vector<Eigen::Vector3d> elastic_change(int lane, std::span<const Eigen::Vector3d> direction);
 
  private:
-  using Base = LaneTissue<Real>;
-  using Base::body_, Base::candidate_any_, Base::capsule_, Base::free_mask_, Base::gravity_,
-      Base::held_force_, Base::is_free, Base::keep_, Base::kernel_, Base::shapes_, Base::slipped_,
-      Base::stiffness_, Base::tip_, Base::v_, Base::x_;
+  using Base = ImplicitTissue<Real>;
+  using Base::b_, Base::body_, Base::candidate_any_, Base::contact_force_, Base::d_,
+      Base::free_mask_, Base::gravity_, Base::held_force_, Base::is_free, Base::kernel_,
+      Base::slipped_, Base::stiffness_, Base::tip_, Base::v_, Base::x_;
   using typename Base::SavedLane;
 
   struct Held {
     std::vector<std::int32_t> nodes;
     std::vector<std::array<Real, 3>> offsets;  ///< from the tip, in W
-    std::vector<Real> weights;                 ///< covered part of the node's share, (0, 1]
+    std::vector<Real> weights;                 ///< covered part of the node's volume, (0, 1]
     std::array<Real, 3>
         deflection{};             ///< of a patch on a spring, from where rigid jaws have it [m]
     std::size_t leader = 0;       ///< of such a patch: number of the node on the spring
@@ -92,7 +80,6 @@ class SolidTissue final : public LaneTissue<Real> {
   struct alignas(64) PerLane : std::array<Real, 16> {};
 
   void set_effects(int lane, const EffectValues& effects);
-  std::vector<const LaneArray<Real>*> saved_arrays() const override;
   bool allows(const EffectValues& effects) const override;
   Result<Held> read_grasp(StateReader& state) const;
   void find_contacts(std::span<const ToolMotion> motion);
@@ -123,9 +110,8 @@ class SolidTissue final : public LaneTissue<Real> {
   AlignedVector<Real> gradient_, volume_, mass_, mass_over_step2_, contact_gain_;
 
   // State and scratch, per lane.
-  LaneArray<Real> v_old_, d_old_, d_, moved_, b_, step_, z_, p_, hp_;
-  LaneArray<Real> contact_force_, contact_next_, contact_normal_, contact_slide_, hold_stiffness_,
-      hold_target_;
+  LaneArray<Real> step_, z_, p_, hp_, contact_next_, contact_normal_, contact_slide_,
+      hold_stiffness_, hold_target_;
   std::vector<std::uint32_t> touches_, contact_mask_;
   std::vector<std::int32_t> contact_node_;
   std::vector<Held> held_;

@@ -74,10 +74,10 @@ struct EffectRow {
   /// Null: no value of a lane but a rigid body of the scene (obstacle).
   double& (*member)(EffectValues&);
   EffectPart part;
-  std::uint32_t models;  ///< that have it
-  std::uint32_t baked;   ///< models in which all lanes must have the scene's value
-  const char* of;        ///< path of the value that switches this one off where zero, or null
-  double factor;         ///< SI value per unit of the knob
+  std::uint32_t models;      ///< that have it
+  std::uint32_t baked = 0;   ///< models in which all lanes must have the scene's value
+  const char* of = nullptr;  ///< path of the value that switches this one off where zero
+  double factor = 1;         ///< SI value per unit of the knob
 
   double get(const EffectValues& values) const { return member(const_cast<EffectValues&>(values)); }
 };

@@ -33,7 +33,7 @@ Vector3d tilted_gravity(const EffectValues& effects, const Vector3d& gravity) {
          (rotation(effects.tilt_x, Vector3d::UnitX()) * gravity);
 }
 
-Matrix3d jaw_turn(const EffectValues& effects, const Vector3d& shaft_axis) {
+Matrix3d jaw_rotation(const EffectValues& effects, const Vector3d& shaft_axis) {
   if (effects.jaw_roll == 0 && effects.jaw_tilt == 0) return Matrix3d::Identity();
   return rotation(effects.jaw_tilt, Vector3d::UnitX()) * rotation(effects.jaw_roll, shaft_axis);
 }
@@ -42,18 +42,17 @@ Matrix3d jaw_turn(const EffectValues& effects, const Vector3d& shaft_axis) {
 Vector3d slip_of(const EffectValues& effects, const Vector3d& force, double stiffness, double dt) {
   const double size = force.norm();
   if (!(effects.slip_speed > 0) || !(size > effects.slip_force)) return Vector3d::Zero();
-  const double share = 1 - trig::decay(stiffness * effects.slip_speed * dt / effects.slip_force);
-  return share * (size - effects.slip_force) / stiffness / size * force;
+  const double fraction = 1 - trig::decay(stiffness * effects.slip_speed * dt / effects.slip_force);
+  return fraction * (size - effects.slip_force) / stiffness / size * force;
 }
 
 // The loss factor at w = 1 / t of each branch: sum g (x - eta x^2) / (1 + x^2) = eta, x = w t.
-std::array<double, 3> loss_shares(double loss_factor) {
+std::array<double, 3> loss_branches(double loss_factor) {
   const double eta = loss_factor * (1 + kLossRipple);
   Matrix3d at;
   for (int i = 0; i < 3; ++i) {
     for (int k = 0; k < 3; ++k) {
-      const double x =
-          kLossTimes[static_cast<std::size_t>(k)] / kLossTimes[static_cast<std::size_t>(i)];
+      const double x = kLossTimes[k] / kLossTimes[i];
       at(i, k) = (x - eta * x * x) / (1 + x * x);
     }
   }
@@ -73,7 +72,7 @@ PronyStep make_prony(const EffectValues& effects, double h) {
     step.gains += step.gain[k];
   };
   for (std::size_t k = 0; k < effects.share.size(); ++k) add(effects.share[k], effects.time[k]);
-  const std::array<double, 3> loss = loss_shares(effects.loss_factor);
+  const std::array<double, 3> loss = loss_branches(effects.loss_factor);
   for (std::size_t k = 0; k < loss.size(); ++k) add(loss[k], kLossTimes[k]);
   return step;
 }

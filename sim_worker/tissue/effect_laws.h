@@ -16,17 +16,18 @@ inline constexpr int kMaxBranches = 6;
 Eigen::Vector3d tilted_gravity(const EffectValues& effects, const Eigen::Vector3d& gravity);
 
 /// Turn of the held patch: roll about the shaft, then tilt about x_W.
-Eigen::Matrix3d jaw_turn(const EffectValues& effects, const Eigen::Vector3d& shaft_axis);
+Eigen::Matrix3d jaw_rotation(const EffectValues& effects, const Eigen::Vector3d& shaft_axis);
 
 /// Way that a held patch slips along the force F on the tool within dt [m], for tissue whose force
-/// falls by `stiffness` per way [N/m]: it does not overshoot the force at which slip ends.
+/// falls by `stiffness` per metre of slip [N/m]: it does not overshoot the force at which slip
+/// ends.
 Eigen::Vector3d slip_of(const EffectValues& effects, const Eigen::Vector3d& force, double stiffness,
                         double dt);
 
 /// Shares of three branches with times 0.5, 0.05 and 0.005 s whose loss factor, that is loss over
 /// storage modulus, is nearly `loss_factor`: 0.95 ... 1.12 of it from 0.3 to 30 Hz up to 0.2, 0.92
 /// ... 1.22 up to 0.4. The storage modulus grows with the frequency, as it must (Kramers, Kronig).
-std::array<double, 3> loss_shares(double loss_factor);
+std::array<double, 3> loss_branches(double loss_factor);
 
 /// The Prony branches over a step h:  H <- keep H + gain (S_new - S_old). Exact for S linear in
 /// time.

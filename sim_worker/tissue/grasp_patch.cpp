@@ -75,10 +75,10 @@ SheetPoint nearest_on_sheet(const std::function<Vector3d(const Vector2d&)>& at,
       J.col(axis) = (at(forth) - at(back)) / (forth[axis] - back[axis]);
     }
     const Vector2d d = -(J.transpose() * J).ldlt().solve(J.transpose() * miss);
-    double share = 1;
+    double step = 1;
     bool moved = false;
-    for (int halving = 0; halving < 20 && !moved; ++halving, share *= 0.5) {
-      const Vector2d next = (X + share * d).cwiseMax(sheet.min()).cwiseMin(sheet.max());
+    for (int halving = 0; halving < 20 && !moved; ++halving, step *= 0.5) {
+      const Vector2d next = (X + step * d).cwiseMax(sheet.min()).cwiseMin(sheet.max());
       const Vector3d next_miss = at(next) - tip;
       if (!(next_miss.squaredNorm() < miss.squaredNorm())) continue;
       moved = (next - X).norm() > 1e-12;

@@ -22,7 +22,7 @@ LaneEffects<Real>::LaneEffects(const TissueBody& body, const EffectValues& scene
       is_anchor_(is_anchor),
       layout_(layout),
       lanes_(lanes),
-      values_(static_cast<std::size_t>(lanes)) {
+      values_(lanes) {
   const auto per_lane = [lanes](LaneArray<Real>& array, int items = 1) {
     return array.assign(items, 1, lanes);
   };
@@ -52,7 +52,7 @@ void LaneEffects<Real>::set_common(int lane, const EffectValues& v, double subst
   OMENTUM_CHECK(anchors_fit(scene_, v), "anchor compliance {} in a scene of {}",
                 v.anchor_compliance, scene_.anchor_compliance);
   const auto real = [](double x) { return static_cast<Real>(x); };
-  values_[static_cast<std::size_t>(lane)] = v;
+  values_[lane] = v;
   density_[lane] = real(1 + v.density_change);
   stiffening_[lane] = real(scales.stiffening);
   softening_[lane] = real(v.softening);
@@ -65,8 +65,8 @@ void LaneEffects<Real>::set_common(int lane, const EffectValues& v, double subst
   const PronyStep prony = make_prony(v, substep);
   prony_gains_[lane] = real(prony.gains);
   for (int k = 0; k < kMaxBranches; ++k) {
-    prony_keep_(k, lane) = real(prony.keep[static_cast<std::size_t>(k)]);
-    prony_gain_(k, lane) = real(prony.gain[static_cast<std::size_t>(k)]);
+    prony_keep_(k, lane) = real(prony.keep[k]);
+    prony_gain_(k, lane) = real(prony.gain[k]);
   }
   slider_[lane] = real(scales.slider);
   yield_[lane] = real(v.slider_yield);
@@ -119,9 +119,8 @@ void LaneEffects<Real>::reset_common(int lane, const Eigen::Vector3d& offset) {
     array->fill_lane(lane, Real{0});
   bond_longest_.fill_lane(lane, Real{-1});
   for (int i = 0; i < layout_.nodes && common_.bonds != 0; ++i) {
-    const auto k = static_cast<std::size_t>(i);
-    if (is_anchor_[k] == 0) continue;
-    bond_place_.set_vector(i, lane, body_.X_WB * body_.particles[k] + offset);
+    if (is_anchor_[i] == 0) continue;
+    bond_place_.set_vector(i, lane, body_.X_WB * body_.particles[i] + offset);
     bond_longest_(i, lane) = Real{0};
   }
 }

@@ -19,7 +19,7 @@ namespace omentum {
 template <typename Real>
 class LaneEffects {
  public:
-  const EffectValues& values(int lane) const { return values_[static_cast<std::size_t>(lane)]; }
+  const EffectValues& values(int lane) const { return values_[lane]; }
 
   /// The memory of a lane's effects in its saved state. Two halves, so that nothing changes before
   /// all is known to be sound: read() checks, load() takes over after set().

@@ -12,8 +12,8 @@ namespace {
 
 using Eigen::Vector3d;
 
-// Way of a particle within a control step that neither its speed nor gravity explains: elastic
-// motion of the sheets and solids in use [m].
+// Displacement of a particle within a control step by elastic forces, beyond its speed and gravity,
+// at most, in the sheets and solids in use [m].
 constexpr double kElasticMotion = 2e-3;
 
 }  // namespace
@@ -32,8 +32,8 @@ LaneTissue<Real>::LaneTissue(const TissueModel& model, const LaneKernel<Real>& k
   for (auto* v : {&held_force_, &gravity_, &tip_, &capsule_, &capsule_motion_}) v->assign(1, 3, W);
   for (auto* v : {&stiffness_, &keep_, &static_friction_, &dynamic_friction_, &capsule_sweep_})
     v->assign(1, 1, W);
-  parameters_.assign(static_cast<std::size_t>(W), LaneParameters{1, 1, 1, 1, EffectValues{}});
-  slipped_.assign(static_cast<std::size_t>(W), 0);
+  parameters_.assign(W, LaneParameters{1, 1, 1, 1, EffectValues{}});
+  slipped_.assign(W, 0);
   free_mask_.assign(body_.particles.size(), 0);
   candidates_.assign(body_.particles.size() * kMaxShapes, 0);
   candidate_any_.assign(body_.particles.size(), 0);
@@ -52,8 +52,7 @@ void LaneTissue<Real>::set_velocity(int lane, int particle, const Vector3d& v) {
 template <typename Real>
 void LaneTissue<Real>::place_at_rest(int lane, const Vector3d& offset) {
   for (int i = 0; i < particles(); ++i) {
-    const auto p = static_cast<std::size_t>(i);
-    set_position(lane, i, body_.X_WB * body_.particles[p] + offset);
+    set_position(lane, i, body_.X_WB * body_.particles[i] + offset);
     set_velocity(lane, i, Vector3d::Zero());
     if (!is_fixed(i)) set_free(i, lane, true);
   }
@@ -66,7 +65,7 @@ void LaneTissue<Real>::set_surroundings(int lane, const LaneParameters& paramete
   OMENTUM_CHECK(usable(parameters), "stiffness {}, gravity {}, damping {}, friction {}",
                 parameters.stiffness_scale, parameters.gravity_scale, parameters.damping_scale,
                 parameters.friction_scale);
-  LaneParameters& mine = parameters_[static_cast<std::size_t>(lane)];
+  LaneParameters& mine = parameters_[lane];
   mine = parameters;
   mine.effects = effects;
   const Vector3d gravity = tilted_gravity(effects, surroundings_.gravity);
@@ -78,10 +77,29 @@ void LaneTissue<Real>::set_surroundings(int lane, const LaneParameters& paramete
 }
 
 template <typename Real>
+LaneArgs<Real> LaneTissue<Real>::lane_args() {
+  return {x_.data(),
+          v_.data(),
+          free_mask_.data(),
+          stiffness_.data(),
+          gravity_.data(),
+          keep_.data(),
+          static_friction_.data(),
+          dynamic_friction_.data(),
+          candidates_.data(),
+          candidate_any_.data(),
+          static_cast<Real>(body_.particle_radius),
+          shapes_.count,
+          shapes_.shape.data(),
+          capsule_.data(),
+          capsule_motion_.data()};
+}
+
+template <typename Real>
 void LaneTissue<Real>::find_candidates(std::span<const ToolMotion> motion,
                                        const std::vector<std::uint32_t>& free_mask) {
   for (int lane = 0; lane < lanes(); ++lane) {
-    const ToolMotion& m = motion[static_cast<std::size_t>(lane)];
+    const ToolMotion& m = motion[lane];
     capsule_.set_vector(0, lane, surroundings_.capsule_at(m.from));
     capsule_sweep_[lane] = static_cast<Real>((m.to - m.from).norm());
   }
@@ -94,10 +112,10 @@ void LaneTissue<Real>::find_candidates(std::span<const ToolMotion> motion,
 
 template <typename Real>
 void LaneTissue<Real>::place_tool(std::span<const ToolMotion> motion, int substep) {
-  const double share = (substep + 1.0) / substeps_;
+  const double fraction = (substep + 1.0) / substeps_;
   for (int lane = 0; lane < lanes(); ++lane) {
-    const ToolMotion& m = motion[static_cast<std::size_t>(lane)];
-    const Vector3d tip = m.from + share * (m.to - m.from);
+    const ToolMotion& m = motion[lane];
+    const Vector3d tip = m.from + fraction * (m.to - m.from);
     tip_.set_vector(0, lane, tip);
     capsule_.set_vector(0, lane, surroundings_.capsule_at(tip));
     capsule_motion_.set_vector(0, lane, (m.to - m.from) / substeps_);
@@ -150,14 +168,14 @@ std::uint64_t LaneTissue<Real>::hash(int lane) const {
 template <typename Real>
 void LaneTissue<Real>::save_lane(int lane, bool has_grasp, StateWriter& state) const {
   for (const LaneArray<Real>* array : saved_arrays()) state.add_lane(*array, lane);
-  const LaneParameters& p = parameters_[static_cast<std::size_t>(lane)];
+  const LaneParameters& p = parameters_[lane];
   for (const double scale : {p.stiffness_scale, p.gravity_scale, p.damping_scale, p.friction_scale})
     state.add(scale);
   const bool has_effects = !(effects_of(lane) == EffectValues{});
   state.add((has_effects ? kEffectsFollow : 0U) | (has_grasp ? kGraspFollows : 0U));
   if (!has_effects) return;
   state.add(effects_of(lane));
-  state.add(slipped_[static_cast<std::size_t>(lane)]);
+  state.add(slipped_[lane]);
 }
 
 template <typename Real>

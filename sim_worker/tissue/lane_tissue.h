@@ -4,6 +4,7 @@
 #include <span>
 #include <vector>
 
+#include "sim_worker/lanes/lane_args.h"
 #include "sim_worker/lanes/lane_array.h"
 #include "sim_worker/tissue/kernel_shape.h"
 #include "sim_worker/tissue/state_bytes.h"
@@ -42,9 +43,10 @@ class LaneTissue : public Tissue<Real> {
   /// Gravity and friction of a lane under these effects; remembers both for the state.
   void set_surroundings(int lane, const LaneParameters& parameters, const EffectValues& effects);
   /// Effects of a lane as set_surroundings() got them.
-  const EffectValues& effects_of(int lane) const {
-    return *parameters_[static_cast<std::size_t>(lane)].effects;
-  }
+  const EffectValues& effects_of(int lane) const { return *parameters_[lane].effects; }
+
+  /// For the kernels; valid as long as the tissue.
+  LaneArgs<Real> lane_args();
 
   /// Start of a control step: particles that a rigid shape may touch in it, of those that
   /// `free_mask` sets free.
@@ -53,13 +55,9 @@ class LaneTissue : public Tissue<Real> {
   /// Tip and capsule at the end of a substep.
   void place_tool(std::span<const ToolMotion> motion, int substep);
 
-  void set_free(int particle, int lane, bool free) {
-    set_bit(free_mask_[static_cast<std::size_t>(particle)], lane, free);
-  }
-  bool is_free(int particle, int lane) const {
-    return (free_mask_[static_cast<std::size_t>(particle)] >> lane & 1U) != 0;
-  }
-  bool is_fixed(int particle) const { return body_.fixed[static_cast<std::size_t>(particle)] != 0; }
+  void set_free(int particle, int lane, bool free) { set_bit(free_mask_[particle], lane, free); }
+  bool is_free(int particle, int lane) const { return (free_mask_[particle] >> lane & 1U) != 0; }
+  bool is_fixed(int particle) const { return body_.fixed[particle] != 0; }
   static void set_bit(std::uint32_t& mask, int lane, bool on) {
     mask = on ? mask | 1U << lane : mask & ~(1U << lane);
   }
@@ -70,7 +68,7 @@ class LaneTissue : public Tissue<Real> {
   struct SavedLane {
     std::vector<Real> numbers;
     LaneParameters parameters;  ///< effects given
-    double slipped = 0;         ///< way of the patch out of the jaws [m]
+    double slipped = 0;         ///< slip of the patch, summed [m]
     bool has_grasp = false;
   };
   virtual std::vector<const LaneArray<Real>*> saved_arrays() const = 0;
@@ -92,7 +90,7 @@ class LaneTissue : public Tissue<Real> {
   std::vector<std::uint32_t> free_mask_;    ///< per particle: lanes in which it moves by itself
   LaneArray<Real> held_force_;              ///< on the tool [xyz][lane] [N]
   std::vector<LaneParameters> parameters_;  ///< per lane, effects given
-  std::vector<double> slipped_;             ///< per lane: way of the patch out of the jaws [m]
+  std::vector<double> slipped_;             ///< per lane: slip of the patch, summed [m]
   LaneArray<Real> stiffness_;               ///< of the lane over the nominal one
   LaneArray<Real> keep_;     ///< part of the velocity that damping leaves per substep
   LaneArray<Real> gravity_;  ///< [xyz][lane] [m/s^2]

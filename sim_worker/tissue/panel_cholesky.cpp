@@ -13,10 +13,10 @@ using Cholesky = Eigen::SimplicialLLT<SparseMatrix, Eigen::Lower,
 
 /// Rows below the diagonal of each column of L.
 std::vector<std::vector<int>> column_patterns(const SparseMatrix& l) {
-  std::vector<std::vector<int>> pattern(static_cast<std::size_t>(l.cols()));
+  std::vector<std::vector<int>> pattern(l.cols());
   for (int c = 0; c < l.cols(); ++c) {
     for (SparseMatrix::InnerIterator it(l, c); it; ++it) {
-      if (it.row() > c) pattern[static_cast<std::size_t>(c)].push_back(static_cast<int>(it.row()));
+      if (it.row() > c) pattern[c].push_back(static_cast<int>(it.row()));
     }
   }
   return pattern;
@@ -26,11 +26,11 @@ std::vector<std::vector<int>> column_patterns(const SparseMatrix& l) {
 /// elimination tree, as long as few zeros are stored.
 int last_of_panel(const std::vector<std::vector<int>>& pattern, int first) {
   int last = first;
-  std::size_t entries = pattern[static_cast<std::size_t>(first)].size();
+  std::size_t entries = pattern[first].size();
   while (last + 1 - first < kMaxPanelWidth && last + 1 < static_cast<int>(pattern.size())) {
-    const auto& below = pattern[static_cast<std::size_t>(last)];
+    const auto& below = pattern[last];
     if (below.empty() || below.front() != last + 1) break;
-    const auto& next = pattern[static_cast<std::size_t>(last + 1)];
+    const auto& next = pattern[last + 1];
     const std::size_t width = static_cast<std::size_t>(last + 2 - first);
     const std::size_t dense = width * next.size() + width * (width - 1) / 2;
     entries += next.size();
@@ -46,7 +46,7 @@ PanelFactor make_panels(const SparseMatrix& l, const std::vector<int>& node_of) 
   const auto pattern = column_patterns(l);
   for (int first = 0; first < l.cols();) {
     const int last = last_of_panel(pattern, first);
-    const auto& below = pattern[static_cast<std::size_t>(last)];
+    const auto& below = pattern[last];
     const int width = last - first + 1;
     const auto rows = static_cast<int>(below.size());
     factor.panels.push_back({width, static_cast<std::int32_t>(factor.row.size()), rows,
@@ -55,7 +55,7 @@ PanelFactor make_panels(const SparseMatrix& l, const std::vector<int>& node_of) 
     for (int c = first; c <= last; ++c) index.push_back(c);
     index.insert(index.end(), below.begin(), below.end());
     for (const int row : index) {
-      factor.row.push_back(node_of[static_cast<std::size_t>(row)]);
+      factor.row.push_back(node_of[row]);
       for (int c = first; c <= last; ++c) {
         const double value = row < c ? 0.0 : l.coeff(row, c);
         factor.values.push_back(row == c ? 1 / value : value);
@@ -74,8 +74,7 @@ PanelFactor factorize(const SparseMatrix& matrix, std::span<const int> node_of_r
   OMENTUM_CHECK(cholesky.info() == Eigen::Success);
   std::vector<int> node_of(node_of_row.size());
   for (std::size_t k = 0; k < node_of.size(); ++k) {
-    node_of[static_cast<std::size_t>(
-        cholesky.permutationP().indices()(static_cast<Eigen::Index>(k)))] = node_of_row[k];
+    node_of[cholesky.permutationP().indices()(static_cast<Eigen::Index>(k))] = node_of_row[k];
   }
   return make_panels(SparseMatrix(cholesky.matrixL()), node_of);
 }

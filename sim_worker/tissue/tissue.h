@@ -136,6 +136,7 @@ struct TissueModel {
   virtual std::unique_ptr<Tissue<float>> make_tissue(const LaneKernel<float>& kernel) const = 0;
   virtual std::unique_ptr<Tissue<double>> make_tissue(const LaneKernel<double>& kernel) const = 0;
   virtual std::uint32_t substeps() const = 0;  ///< solver substeps per control step
+  double substep() const { return control_period / substeps(); }  ///< [s]
 
   TissueBody body;
   Surroundings surroundings;

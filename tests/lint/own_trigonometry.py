@@ -10,10 +10,6 @@ FOLDERS = ("core", "sim_worker")
 # Pictures and sensor noise of recordings; numbers that nothing goes on from.
 ALLOWED = {
     "sim_worker/camera": "pictures, compared with a tolerance",
-    # With core/trig a point below a vertex of the organ falls on the wrong side in points_inside().
-    "sim_worker/geometry/mesh_shapes.cpp": "vertices of analytic shapes",
-    "sim_worker/geometry/mesh_distance.cpp": "winding number, which is only compared with a half",
-    "sim_worker/solid/solid_model.cpp": "energy of the solid, for tests of its forces",
 }
 
 

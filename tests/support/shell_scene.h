@@ -14,6 +14,7 @@
 #include "sim_worker/scene/particles.h"
 #include "sim_worker/shell/shell_tissue.h"
 #include "support/cluster_scene.h"
+#include "support/elastic_energy.h"
 
 namespace omentum::test {
 

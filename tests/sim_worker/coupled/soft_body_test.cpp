@@ -13,6 +13,7 @@
 #include "sim_worker/geometry/surface_search.h"
 #include "sim_worker/models.h"
 #include "support/coupled_scene.h"
+#include "support/elastic_energy.h"
 
 namespace omentum {
 namespace {

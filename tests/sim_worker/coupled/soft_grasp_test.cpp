@@ -9,6 +9,7 @@
 
 #include "sim_worker/models.h"
 #include "support/coupled_scene.h"
+#include "support/elastic_energy.h"
 
 namespace omentum {
 namespace {

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <utility>
 
+#include "support/elastic_energy.h"
 #include "support/shell_scene.h"
 
 namespace omentum {

@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "core/rng.h"
+#include "support/elastic_energy.h"
 #include "support/shell_scene.h"
 
 namespace omentum {

@@ -10,6 +10,7 @@
 #include "core/rng.h"
 #include "sim_worker/tissue/effect_laws.h"
 #include "support/effect_scene.h"
+#include "support/elastic_energy.h"
 #include "support/solid_scene.h"
 
 namespace omentum {
@@ -248,7 +249,7 @@ TEST(SolidMaterialEffect, StructuralDampingIsItsThreeBranches) {
   pb::TissueEffects damped;
   damped.set_structural_damping(0.2);
   pb::TissueEffects branches;
-  const std::array<double, 3> shares = loss_shares(0.2);
+  const std::array<double, 3> shares = loss_branches(0.2);
   const std::array<double, 3> times = {0.5, 0.05, 0.005};
   for (std::size_t k = 0; k < 3; ++k) {
     auto* branch = branches.add_viscoelastic();

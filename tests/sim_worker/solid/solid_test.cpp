@@ -8,6 +8,7 @@
 
 #include "core/rng.h"
 #include "sim_worker/models.h"
+#include "support/elastic_energy.h"
 #include "support/solid_scene.h"
 
 namespace omentum {

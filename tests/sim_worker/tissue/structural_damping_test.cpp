@@ -36,7 +36,7 @@ std::complex<double> modulus_of(const std::array<double, 3>& share, std::complex
 }
 
 double loss_factor_at(double eta, double frequency) {
-  const std::complex<double> E = modulus_of(loss_shares(eta), {0, 2 * kPi * frequency});
+  const std::complex<double> E = modulus_of(loss_branches(eta), {0, 2 * kPi * frequency});
   return E.imag() / E.real();
 }
 
@@ -135,7 +135,7 @@ TEST_P(EffectLaw, StructuralDampingRingsDownAlikeADecadeApart) {
     const double w0 = kPi / (2 * kLength) * std::sqrt(young / kDensity);
     std::complex<double> s(0, w0);
     for (int k = 0; k < 50; ++k)
-      s = std::complex<double>(0, w0) * std::sqrt(modulus_of(loss_shares(kEta), s));
+      s = std::complex<double>(0, w0) * std::sqrt(modulus_of(loss_branches(kEta), s));
     constexpr int kSamples = 64;
     const double period = 2 * kPi / s.imag();
     std::vector<std::string> warnings;
