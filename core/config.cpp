@@ -59,10 +59,12 @@ void merge_text(const std::string& name, const std::string& text, protobuf::Mess
 
 std::string read_file(const std::string& path) {
   std::ifstream file(path, std::ios::binary);
-  if (!file || std::filesystem::is_directory(path)) throw_error("{}: cannot be opened", path);
+  if (!file || std::filesystem::is_directory(path) || std::filesystem::is_character_file(path))
+    throw_error("{}: cannot be opened", path);
   std::ostringstream text;
   text << file.rdbuf();
-  return text.str();
+  const std::string content = text.str();
+  return content.starts_with("\xef\xbb\xbf") ? content.substr(3) : content;  // byte order mark
 }
 
 /// Messages that always exist; all others only when the scene names them (a mesh, a box, a pose).
@@ -151,7 +153,6 @@ void check_finite_vector(const protobuf::Message& message, const std::string& pa
 /// `places` tells where in `file` a field was given; null = the message is not from a file.
 void check_knobs_at(const protobuf::Message& message, const std::string& prefix,
                     const std::string& file, const ParseInfoTree* places) {
-  check_finite_vector(message, prefix);
   const auto* reflection = message.GetReflection();
   std::vector<const FieldDescriptor*> fields;
   reflection->ListFields(message, &fields);
@@ -160,8 +161,14 @@ void check_knobs_at(const protobuf::Message& message, const std::string& prefix,
     const auto nested = [&](int index) {
       return places == nullptr ? nullptr : places->GetTreeForNested(field, index);
     };
+    const auto place_of = [&](int index) -> std::string {
+      if (places == nullptr) return "";
+      const auto at = places->GetLocation(field, index);
+      return fmt::format("{}:{}:{}: ", file, at.line + 1, at.column + 1);
+    };
     if (field->cpp_type() == FieldDescriptor::CPPTYPE_MESSAGE) {
       if (!field->is_repeated()) {
+        check_finite_vector(reflection->GetMessage(message, field), place_of(-1) + path);
         check_knobs_at(reflection->GetMessage(message, field), path, file, nested(-1));
         continue;
       }
@@ -173,11 +180,7 @@ void check_knobs_at(const protobuf::Message& message, const std::string& prefix,
     }
     double value = 0;
     if (field->is_repeated() || !numeric_value(message, field, value)) continue;
-    std::string place;
-    if (places != nullptr) {
-      const auto at = places->GetLocation(field, -1);
-      place = fmt::format("{}:{}:{}: ", file, at.line + 1, at.column + 1);
-    }
+    const std::string place = place_of(-1);
     if (field->options().HasExtension(pb::knob)) {
       const pb::Knob& knob = field->options().GetExtension(pb::knob);
       const double min = knob.has_min() ? knob.min() : std::numeric_limits<double>::lowest();
@@ -317,19 +320,30 @@ std::string scene_path(const pb::Config& config) {
   return deploy_dir() + "/scenes/" + file;
 }
 
+std::string scene_directory(const pb::Config& config) {
+  const std::string path = scene_path(config);
+  if (path.empty()) return deploy_dir() + "/scenes";
+  return std::filesystem::path(path).parent_path().string();
+}
+
 std::string place_in_scene(const std::string& path, const std::string& error) {
-  std::string knob = error.substr(0, error.find(':'));
-  if (knob.rfind("scene.", 0) != 0 || !std::filesystem::is_regular_file(path)) return "";
-  knob.erase(0, 6);
+  const std::string knob = error.substr(0, error.find(':'));
+  if (knob.rfind("scene.", 0) != 0) return "";
+  return place_of_field(path, pb::Scene::default_instance(), knob.substr(6));
+}
+
+std::string place_of_field(const std::string& file, const protobuf::Message& kind,
+                           const std::string& wanted) {
+  if (!std::filesystem::is_regular_file(file)) return "";
   ParseInfoTree places;
   protobuf::TextFormat::Parser parser;
   parser.WriteLocationsTo(&places);
-  pb::Scene scene;
-  if (!parser.MergeFromString(read_file(path), &scene)) return "";
+  const std::unique_ptr<protobuf::Message> message(kind.New());
+  if (!parser.MergeFromString(read_file(file), message.get())) return "";
   std::string place;
   const ParseInfoTree* tree = &places;
-  const protobuf::Descriptor* descriptor = pb::Scene::descriptor();
-  std::istringstream parts(knob);
+  const protobuf::Descriptor* descriptor = kind.GetDescriptor();
+  std::istringstream parts(wanted);
   for (std::string part; tree != nullptr && std::getline(parts, part, '.');) {
     const std::size_t bracket = part.find('[');
     const FieldDescriptor* field =
@@ -338,7 +352,7 @@ std::string place_in_scene(const std::string& path, const std::string& error) {
     const int index = field->is_repeated() ? std::atoi(part.c_str() + bracket + 1) : -1;
     const auto at = tree->GetLocation(field, index);
     if (at.line < 0) break;
-    place = fmt::format("{}:{}:{}: ", path, at.line + 1, at.column + 1);
+    place = fmt::format("{}:{}:{}: ", file, at.line + 1, at.column + 1);
     tree = tree->GetTreeForNested(field, index);
     descriptor = field->message_type();
   }

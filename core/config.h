@@ -31,8 +31,17 @@ pb::Scene load_scene(const std::string& path, std::span<const std::string> overr
 /// gives, empty where it gives none or is not there.
 std::string place_in_scene(const std::string& path, const std::string& error);
 
+/// "file:line:column: " of a field such as "transform[1].p_m" in a text file of messages like
+/// `kind`: of the innermost part of its path that the file gives, empty where it gives none or is
+/// not there.
+std::string place_of_field(const std::string& file, const google::protobuf::Message& kind,
+                           const std::string& field);
+
 /// The file that `scene_file` names; empty without one.
 std::string scene_path(const pb::Config& config);
+
+/// Where relative paths of meshes start: beside the scene file, without one in deploy_dir()/scenes.
+std::string scene_directory(const pb::Config& config);
 
 /// Reads a protobuf text file over what `message` holds. Throws Error with file:line:column.
 void read_text_proto(const std::string& path, google::protobuf::Message& message);

@@ -259,11 +259,10 @@ for program in learner sim_worker report; do
   [[ -x $bin/$program ]] || fail "$bin/$program is missing: run deploy/setup.sh"
 done
 
-# The resolved configuration; a wrong knob or scene ends here, before anything is moved or started.
+# The resolved configuration; a wrong knob or scene ends here, before anything is moved or started. What is odd is told.
 "$bin/learner" "${common[@]}" --run "$name" --dry-run >"$scratch/config" 2>"$scratch/error" ||
-  fail "$(tail -n 1 "$scratch/error" | sed 's/^learner: //')" 2
-"$bin/sim_worker" --check-config "$scratch/config" >/dev/null 2>"$scratch/error" ||
-  fail "$(tail -n 1 "$scratch/error" | sed 's/^sim_worker: //')" 2
+  fail "$(tail -n 1 "$scratch/error" | sed 's/^\(learner\|sim_worker\): //')" 2
+cat "$scratch/error" >&2
 resolved() { sed -n "s/^ *$1: *\"\{0,1\}\([^\"]*\)\"\{0,1\}$/\1/p" "$scratch/config" | tail -n 1; }
 if [[ -z $workers ]]; then
   workers=$(resolved workers)

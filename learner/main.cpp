@@ -6,6 +6,7 @@
 #include "core/config.h"
 #include "core/log.h"
 #include "core/topics.h"
+#include "learner/check_scene.h"
 #include "learner/learner.h"
 
 namespace {
@@ -35,7 +36,9 @@ int run(int argc, char** argv) {
   app.add_option("--initialise-from", options.initialise_from,
                  "Checkpoint file whose weights to start from");
   app.add_flag("--quiet", options.quiet, "No progress lines");
-  app.add_flag("--dry-run", dry_run, "Print the resolved configuration and its hash, and exit");
+  app.add_flag("--dry-run", dry_run,
+               "Print the resolved configuration and its hash, have the sim_worker beside this "
+               "program check its scene, and exit: 0, or 2 with the reason");
   app.add_flag("--print-dds-env", print_dds, "Print CYCLONEDDS_URI for other tools and exit");
   app.footer("\n" + knob_help() +
              "\nExit codes: 0 done, 2 wrong input, 130 stopped with a resumable checkpoint, 1 "
@@ -57,7 +60,8 @@ int run(int argc, char** argv) {
   if (dry_run) {
     std::printf("%s# config_hash %016llx\n", print_config(config).c_str(),
                 static_cast<unsigned long long>(config_hash(config)));
-    return 0;
+    std::fflush(stdout);
+    return check_scene(print_config(config));
   }
   std::signal(SIGINT, on_signal);
   std::signal(SIGTERM, on_signal);

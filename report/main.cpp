@@ -32,7 +32,7 @@ std::optional<Scene> find_scene(const std::vector<RunFolder>& runs) {
   for (const RunFolder& run : runs) {
     if (!run.config) continue;
     try {
-      return make_scene(run.config->scene(), deploy_dir() + "/scenes");
+      return make_scene(run.config->scene(), scene_directory(*run.config));
     } catch (const Error& error) {
       fmt::print(stderr, "report: no pictures: {}\n", error.what());
     }

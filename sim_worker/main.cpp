@@ -34,7 +34,7 @@ int check(const std::string& path) {
   if (file && !std::filesystem::is_directory(path)) text << file.rdbuf();
   if (text.str().empty()) throw_error("--check-config {}: cannot be read", path);
   const pb::Config config = parse_config(path, text.str());
-  const auto setup = make_sim_setup(config, deploy_dir() + "/scenes");
+  const auto setup = make_sim_setup(config);
   for (const std::string& warning : setup->warnings) log().warn("{}", warning);
   std::printf("%s: config_hash=%016llx particles=%zu rigid_bodies=%zu observations=%d\n",
               path.c_str(), static_cast<unsigned long long>(config_hash(config)),
@@ -70,7 +70,7 @@ int grasp_study(const std::string& folder) {
   text << file.rdbuf();
   if (!file) throw_error("--grasp-study {}: {} cannot be read", folder, path);
   const pb::Config config = parse_config(path, text.str());
-  const auto setup = make_sim_setup(config, deploy_dir() + "/scenes");
+  const auto setup = make_sim_setup(config);
   if (!(config.grasp().jaw_open_deg() > 0) || setup->scene.robot_starts.empty() ||
       config.task().action() != pb::ACTION_XYZ_GRIPPER) {
     std::printf("%s: no grasp study: its grasp cannot fail, or it has no robot grid or gripper\n",
@@ -165,7 +165,7 @@ int run(int argc, char** argv) {
   };
   options.make_setup = [&](const RunManifest& manifest) {
     pb::Config config = parse_config("manifest of run " + manifest.run_id, manifest.config_text);
-    const auto setup = make_sim_setup(config, deploy_dir() + "/scenes");
+    const auto setup = make_sim_setup(config);
     for (const std::string& warning : setup->warnings) log().warn("{}", warning);
     auto backend = std::make_unique<SimBackend>(setup, static_cast<int>(lanes), width,
                                                 make_image_source(*setup));

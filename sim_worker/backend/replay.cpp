@@ -71,7 +71,7 @@ void Replayer::prepare(const std::string& name, const EpisodeRecording& recordin
   const std::string& wanted = recording.context.config_text;
   if (backend_ && prepared_for_ == wanted) return;
   backend_.reset();
-  const auto setup = make_sim_setup(parse_config(name, wanted), deploy_dir() + "/scenes");
+  const auto setup = make_sim_setup(parse_config(name, wanted));
   backend_ = std::make_unique<SimBackend>(setup, 1, lane_width_, make_image_source(*setup));
   prepared_for_ = wanted;
 }

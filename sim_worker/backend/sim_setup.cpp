@@ -2,17 +2,21 @@
 
 #include <fmt/core.h>
 
+#include "core/check.h"
+#include "core/config.h"
 #include "sim_worker/models.h"
 #include "sim_worker/tissue/randomise.h"
 
 namespace omentum {
 
-std::shared_ptr<const SimSetup> make_sim_setup(const pb::Config& config,
-                                               const std::string& directory) {
+namespace {
+
+std::shared_ptr<SimSetup> resolve(const pb::Config& config, const std::string& directory) {
   auto setup = std::make_shared<SimSetup>();
   setup->config = config;
   setup->scene = make_scene(config.scene(), directory);
   setup->warnings = setup->scene.warnings;
+  check_task_parts(config.scene(), setup->warnings);
   setup->tissue =
       make_tissue_model(setup->scene, config.task().control_period_s(), setup->warnings);
   setup->mount = scene_tool_mount(setup->scene);
@@ -28,6 +32,24 @@ std::shared_ptr<const SimSetup> make_sim_setup(const pb::Config& config,
   }
   check_randomise(config, setup->scene);
   return setup;
+}
+
+}  // namespace
+
+std::shared_ptr<const SimSetup> make_sim_setup(const pb::Config& config,
+                                               const std::string& directory) {
+  const std::string file = scene_path(config);
+  try {
+    const std::shared_ptr<SimSetup> setup = resolve(config, directory);
+    for (std::string& warning : setup->warnings) warning = with_place(file, warning);
+    return setup;
+  } catch (const Error& error) {
+    throw_error("{}", with_place(file, error.what()));
+  }
+}
+
+std::shared_ptr<const SimSetup> make_sim_setup(const pb::Config& config) {
+  return make_sim_setup(config, scene_directory(config));
 }
 
 Task make_task(const SimSetup& setup) {

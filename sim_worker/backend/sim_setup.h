@@ -25,7 +25,11 @@ struct SimSetup {
   std::vector<std::string> warnings;
 };
 
-/// Resolves a configuration; `directory` is where relative mesh paths start. Throws Error.
+/// Resolves a configuration; relative mesh paths start beside its scene file. Throws Error with the
+/// place in that file, as warnings have it.
+std::shared_ptr<const SimSetup> make_sim_setup(const pb::Config& config);
+
+/// The same, but relative mesh paths start at `directory`.
 std::shared_ptr<const SimSetup> make_sim_setup(const pb::Config& config,
                                                const std::string& directory);
 

@@ -3,6 +3,7 @@
 #include <cmath>
 
 #include "core/check.h"
+#include "core/config.h"
 #include "core/constants.h"
 #include "core/psm.h"
 #include "sim_worker/scene/scene_parts.h"
@@ -139,13 +140,15 @@ Scene make_scene(const pb::Scene& config, const std::string& directory) {
   if (config.has_robot_grid()) scene.robot_starts = make_starts(config.robot_grid());
   check_units(scene, scene.warnings);
   const ToolMount mount = scene_tool_mount(scene);
-  const auto require_reachable = [&](const Vector3d& p, const std::string& name) {
+  const auto require_in_workspace = [&](const Vector3d& p, const std::string& name) {
     for (int k = 0; k < 3; ++k) {
-      if (!(p[k] >= scene.workspace_min[k] && p[k] <= scene.workspace_max[k])) {
-        throw_error("{}: coordinate {} is {} m, allowed {} ... {} m (workspace)", name, "xyz"[k],
-                    p[k], scene.workspace_min[k], scene.workspace_max[k]);
-      }
+      if (p[k] >= scene.workspace_min[k] && p[k] <= scene.workspace_max[k]) continue;
+      throw_error("{}: coordinate {} is {} m, allowed {} ... {} m (workspace)", name, "xyz"[k],
+                  p[k], scene.workspace_min[k], scene.workspace_max[k]);
     }
+  };
+  const auto require_reachable = [&](const Vector3d& p, const std::string& name) {
+    require_in_workspace(p, name);
     const Result<PsmJoints> joints = joints_for_tip(mount, p);
     if (!joints)
       throw_error("{}: ({}, {}, {}) m is out of reach: {}", name, p.x(), p.y(), p.z(),
@@ -155,7 +158,16 @@ Scene make_scene(const pb::Scene& config, const std::string& directory) {
   require_reachable(scene.target, "scene.target_m");
   for (const Vector3d& p : scene.grid_starts) require_reachable(p, "scene.start_grid");
   for (const Vector3d& p : scene.robot_starts) require_reachable(p, "scene.robot_grid");
+  if (config.has_tumour_point_m()) require_in_workspace(scene.tumour_point, "scene.tumour_point_m");
+  check_places(scene, scene.warnings);
   return scene;
+}
+
+std::string with_place(const std::string& file, const std::string& message) {
+  const bool of_knob = message.starts_with("scene.") || message.starts_with("tissue.");
+  if (file.empty() || !of_knob) return message;
+  const std::string place = place_in_scene(file, message);
+  return (place.empty() ? file + ": " : place) + message;
 }
 
 ToolMount scene_tool_mount(const Scene& scene) {

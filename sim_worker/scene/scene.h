@@ -78,8 +78,16 @@ struct Scene {
 
 /// Resolves a scene; relative mesh paths start at `directory`. Throws Error (one line) for anything
 /// that cannot be simulated: open mesh, lengths or gravity that do not fit metres, unreachable
-/// starts, no particles.
+/// starts, no particles, a tumour that no motion of the tissue can show.
 Scene make_scene(const pb::Scene& config, const std::string& directory);
+
+/// What a task needs of a scene beyond what a simulation does: throws Error without q, warns
+/// without a tumour or start grid.
+void check_task_parts(const pb::Scene& config, std::vector<std::string>& warnings);
+
+/// A message about a scene made of this file, with its place there: line and column of the knob it
+/// begins with, else the file. As it is without a file, or where it begins with no knob of a scene.
+std::string with_place(const std::string& file, const std::string& message);
 
 /// Arm base, tool orientation and workspace of the scene, for limit_command().
 ToolMount scene_tool_mount(const Scene& scene);

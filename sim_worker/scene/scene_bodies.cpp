@@ -1,6 +1,7 @@
 // Rigid and soft bodies of a scene, and the meshes of both.
 #include <algorithm>
 #include <cmath>
+#include <filesystem>
 
 #include "core/check.h"
 #include "core/constants.h"
@@ -20,13 +21,25 @@ constexpr int kSdfNodes = 64;
 std::string mesh_path(const pb::MeshFile& file, const std::string& directory,
                       const std::string& knob) {
   if (file.path().empty()) throw_error("{}.path: missing", knob);
-  if (file.path().front() == '/' || directory.empty()) return file.path();
-  return directory + "/" + file.path();
+  const bool as_it_is = file.path().front() == '/' || directory.empty();
+  const std::string path = as_it_is ? file.path() : directory + "/" + file.path();
+  std::error_code ignored;  // what is not there or must not be read is told where it is opened
+  const std::filesystem::file_status status = std::filesystem::status(path, ignored);
+  if (std::filesystem::exists(status) && !std::filesystem::is_regular_file(status))
+    throw_error("{}.path: {} is no regular file", knob, path);
+  return path;
 }
 
 TriangleMesh load_scene_mesh(const pb::MeshFile& file, const std::string& directory,
                              const std::string& path) {
-  TriangleMesh mesh = load_closed_mesh(mesh_path(file, directory, path), file.unit_m());
+  const std::string name = mesh_path(file, directory, path);
+  TriangleMesh mesh = load_mesh(name, file.unit_m());
+  const double volume = signed_volume(mesh);
+  require_closed(name, mesh);
+  if (volume < 0) {
+    throw_error("{}: the mesh is inside out, volume {:.3g} m^3, allowed faces that look outside",
+                name, volume);
+  }
   Vector3d min = mesh.vertices.front();
   Vector3d max = min;
   for (const Vector3d& v : mesh.vertices) {

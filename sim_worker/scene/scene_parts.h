@@ -33,4 +33,8 @@ SoftBody make_soft_body(const pb::DeformableBody& config, const std::string& dir
 TissueBody make_tissue_body(const pb::Tissue& config, const std::string& directory, bool supported,
                             SolidMesh& solid, SheetGeometry& sheet);
 
+/// Tumour, tissue, starts, target and q against each other, the other bodies, the workspace and the
+/// camera: what is impossible is refused, what is odd becomes a warning with the range.
+void check_places(const Scene& scene, std::vector<std::string>& warnings);
+
 }  // namespace omentum

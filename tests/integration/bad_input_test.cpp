@@ -56,10 +56,11 @@ class BadInput : public testing::Test {
     expect_refused(finished, parts);
     EXPECT_TRUE(files_in(programs_.folder() / "runs").empty());
   }
-  /// The worker's check refuses what the learner's dry run prints for these knobs.
+  /// The learner's dry run has a worker's check refuse the scene that these knobs make; so does the
+  /// check by itself.
   void expect_scene_refused(const Strings& sets, const Strings& parts) {
     const Finished dry = programs_.finish(with_sets({OMENTUM_LEARNER, "--dry-run"}, sets));
-    ASSERT_EQ(dry.code, 0) << dry.err;
+    expect_refused(dry, parts);
     const std::string path = programs_.folder() / "config.txtpb";
     std::ofstream(path) << dry.out;
     expect_refused(programs_.finish({OMENTUM_SIM_WORKER, "--check-config", path}), parts);
@@ -140,6 +141,34 @@ TEST_F(BadInput, ScenesAreRefusedByTheWorkersCheck) {
     bodies.push_back(R"(scene.rigid_body={ name: "stone" sphere_radius_m: 0.001 })");
   }
   expect_scene_refused(bodies, {"scene.rigid_body", "15", "at most 11"});
+}
+
+TEST_F(BadInput, ScenesThatCannotBeMeantAreRefusedOddOnesToldByTheDryRun) {
+  const std::string preset = test::read_text(kTests + "/../deploy/scenes/omentum.txtpb");
+  const std::string file = programs_.folder() / "mine.txtpb";
+  const Strings mine = {"scene_file=" + file};
+  const auto write_scene = [&](const std::string& old, const std::string& text) {
+    std::string scene = preset;
+    std::ofstream(file) << scene.replace(scene.find(old), old.size(), text);
+  };
+  write_scene("x: 0.0109 y", "x: 36 y");
+  expect_scene_refused(mine, {file + ":54:3: scene.rigid_body[1].pose", "36 m", "0.132 m"});
+  write_scene("z: 0.0236 }", "z: 50 }");
+  expect_scene_refused(mine, {file + ":64:1: scene.tumour_point_m", "50 m", "0.001 ... 0.119"});
+  write_scene("x: 0.0109 y", "x: 0.055 y");
+  const Finished beside = programs_.finish(with_sets({OMENTUM_LEARNER, "--dry-run"}, mine));
+  EXPECT_EQ(beside.code, 0);
+  EXPECT_THAT(beside.err,
+              HasSubstr(file + ":54:3: scene.rigid_body[1].pose: the tumour lies beside"));
+  EXPECT_THAT(beside.err, HasSubstr("-0.06391 ... 0.02951 m"));
+  // A mesh beside the scene file.
+  std::filesystem::copy(kTests + "/fixtures/organ.stl", programs_.folder() / "organ.stl");
+  write_scene("workspace_min_m",
+              "rigid_body { name: \"spleen\" mesh { path: \"organ.stl\" unit_m: 0.0005 } pose { "
+              "translation_m { x: -0.05 y: 0.03 z: 0.01 } } }\nworkspace_min_m");
+  EXPECT_EQ(programs_.finish(with_sets({OMENTUM_LEARNER, "--dry-run"}, mine)).code, 0);
+  std::filesystem::remove(programs_.folder() / "organ.stl");
+  expect_scene_refused(mine, {programs_.folder() / "organ.stl: cannot be opened"});
 }
 
 TEST_F(BadInput, ASceneThatNoWorkerCanMakeStopsTheLearnerWithTheirReason) {
