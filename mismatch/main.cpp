@@ -3,11 +3,13 @@
 #include <cmath>
 #include <cstdio>
 #include <filesystem>
+#include <new>
 
 #include "core/check.h"
 #include "core/command_line.h"
 #include "core/config.h"
 #include "mismatch/recording_folder.h"
+#include "mismatch/recording_info.h"
 #include "mismatch/simulate.h"
 #include "sim_worker/camera/depth_sensor.h"
 #include "sim_worker/models.h"
@@ -49,40 +51,56 @@ pb::RecordingInfo info_of(const Scene& scene, const SimulateOptions& options, do
 
 constexpr double kControlPeriod = 0.02;  // [s] of every recording (docs/formats.md 3)
 
-struct SceneAndModel {
+/// A scene, the models made of it, and what is odd about them.
+struct Setup {
   Scene scene;
   std::shared_ptr<const TissueModel> model;
+  std::shared_ptr<const Arm> arm;
 };
 
-/// What is wrong with the scene as a whole is told with the line of the file, too.
-SceneAndModel make_scene_and_model(const SimulateOptions& options, const pb::Scene& config) try {
-  SceneAndModel made;
-  made.scene = make_scene(config, std::filesystem::path(options.scene).parent_path().string());
-  made.model = make_tissue_model(made.scene, kControlPeriod, made.scene.warnings);
-  return made;
-} catch (const Error& error) {
-  throw_error("{}{}", place_in_scene(options.scene, error.what()), error.what());
-}
-
-int simulate(const SimulateOptions& options) {
+Setup make_setup(const SimulateOptions& options) {
   pb::Scene config = load_scene(options.scene, options.overrides);
   if (!options.model.empty()) {
     config.mutable_tissue()->set_model(options.model == "cluster"   ? pb::TISSUE_CLUSTER
                                        : options.model == "elastic" ? pb::TISSUE_ELASTIC
                                                                     : pb::TISSUE_REFERENCE);
   }
-  const auto [scene, model] = make_scene_and_model(options, config);
-  for (const std::string& warning : scene.warnings)
+  try {
+    Setup made;
+    made.scene = make_scene(config, std::filesystem::path(options.scene).parent_path().string());
+    made.model = make_tissue_model(made.scene, kControlPeriod, made.scene.warnings);
+    made.arm = std::make_shared<Arm>(config.arm(), scene_tool_mount(made.scene), kControlPeriod);
+    for (std::string& warning : made.scene.warnings) warning = with_place(options.scene, warning);
+    return made;
+  } catch (const Error& error) {
+    throw_error("{}", with_place(options.scene, error.what()));
+  }
+}
+
+void warn(const std::vector<std::string>& warnings) {
+  for (const std::string& warning : warnings)
     std::fprintf(stderr, "warning: %s\n", warning.c_str());
-  const ToolTrack track = read_tool_track(options.commands, read_recording_info(options.commands),
-                                          scene_tool_mount(scene));
-  SimulatedRecording recording =
-      simulate_recording(*model, Arm(scene.config.arm(), scene_tool_mount(scene), kControlPeriod),
-                         track, options.grasp);
+}
+
+ToolTrack load_commands(const SimulateOptions& options, const Scene& scene) {
+  std::vector<std::string> warnings;
+  ToolTrack track = read_tool_track(options.commands, read_recording_info(options.commands),
+                                    scene_tool_mount(scene), warnings);
+  check_reach(track, scene, warnings);
+  warn(warnings);
+  return track;
+}
+
+int simulate(const SimulateOptions& options) {
+  const auto [scene, model, arm] = make_setup(options);
+  warn(scene.warnings);
+  const ToolTrack track = load_commands(options, scene);
+  OutputFolder folder(options.output);
+  SimulatedRecording recording = simulate_recording(*model, *arm, track, options.grasp);
   recording.clocks = scene.config.clocks();
   if (recording.missed_grasps > 0) {
-    std::fprintf(stderr, "warning: the jaw closed %d times and held nothing\n",
-                 recording.missed_grasps);
+    warn({fmt::format("{}: the jaw closed {} times and held nothing", track.path,
+                      recording.missed_grasps)});
   }
   std::unique_ptr<Camera> camera;
   if (options.cloud_rate_hz > 0) camera = std::make_unique<Camera>(scene, 64, 64);
@@ -99,15 +117,13 @@ int simulate(const SimulateOptions& options) {
       options.cloud_rate_hz > 0
           ? std::max(1.0, std::round(1 / kControlPeriod / options.cloud_rate_hz))
           : 0);
-  write_recording(options.output, info_of(scene, options, 1 / kControlPeriod), track, recording,
-                  cloud, stride);
+  write_recording(folder, info_of(scene, options, 1 / kControlPeriod), track, recording, cloud,
+                  stride);
+  double largest = 0;
+  for (const Eigen::Vector3d& f : recording.force) largest = std::max(largest, f.norm());
   std::printf("%s: %zu steps, %zu nodes, largest force %.4f N\n", options.output.c_str(),
-              recording.time.size() - 1, recording.points.front().size(), [&] {
-                double largest = 0;
-                for (const Eigen::Vector3d& f : recording.force)
-                  largest = std::max(largest, f.norm());
-                return largest;
-              }());
+              recording.time.size() - 1, recording.points.front().size(), largest);
+  if (std::fflush(stdout) != 0) throw_error("standard output: cannot be written");
   return 0;
 }
 
@@ -127,16 +143,18 @@ int run(int argc, char** argv) {
   sub.add_option("--set", options.overrides, "Override of the scene, a.b=c (scene.tissue...)");
   sub.add_option("--patch-radius", options.grasp.patch_radius_m,
                  "Tissue this near the tip is held [m]")
-      ->check(CLI::Range(1e-4, 0.05))
+      ->check(number_between(1e-4, 0.05))
       ->capture_default_str();
   sub.add_option("--closed", options.grasp.closed_rad, "The jaw holds at or below this angle [rad]")
-      ->check(CLI::Range(0.0, 3.2))
+      ->check(number_between(0, 3.2))
       ->capture_default_str();
   sub.add_option("--cloud-rate", options.cloud_rate_hz, "Clouds per second; 0 = none [Hz]")
-      ->check(CLI::Range(0.0, 50.0))
+      ->check(number_between(0, 50))
       ->capture_default_str();
-  sub.add_option("--seed", options.seed, "Seed of the depth sensor")->capture_default_str();
-  app.footer("Exit codes: 0 done, 2 wrong input.");
+  sub.add_option("--seed", options.seed, "Seed of the depth sensor")
+      ->check(whole_number())
+      ->capture_default_str();
+  app.footer("Exit codes: 0 done, 2 wrong input, or the output cannot be written.");
   if (const std::optional<int> code = parse_command_line(app, argc, argv)) return *code;
   return simulate(options);
 }
@@ -146,6 +164,8 @@ int run(int argc, char** argv) {
 int main(int argc, char** argv) {
   try {
     return run(argc, argv);
+  } catch (const std::bad_alloc&) {
+    std::fprintf(stderr, "mismatch: scene and commands need more memory than there is\n");
   } catch (const std::exception& error) {
     std::fprintf(stderr, "mismatch: %s\n", error.what());
   }

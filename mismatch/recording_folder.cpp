@@ -5,7 +5,6 @@
 
 #include <bit>
 #include <filesystem>
-#include <fstream>
 #include <iterator>
 
 #include "core/check.h"
@@ -13,15 +12,10 @@
 namespace omentum {
 namespace {
 
-namespace fs = std::filesystem;
 static_assert(std::endian::native == std::endian::little, "PLY is written as it lies in memory");
 
-void write_file(const fs::path& path, const std::string& content) {
-  std::ofstream file(path, std::ios::binary);
-  file << content;
-  file.flush();
-  if (!file) throw_error("{}: cannot be written", path.string());
-}
+/// Fifteen digits: 10 us on a clock that began in 1970.
+std::string time_stamp(double t) { return fmt::format("{:.15g}", t); }
 
 /// Nine digits: 1 nm over a metre, so that a file read back is the same to far below any floor.
 void add_vector(std::string& line, const Eigen::Vector3d& v) {
@@ -35,7 +29,7 @@ std::string tool_table(const ToolTrack& commands, const SimulatedRecording& reco
       "tip_measured_y_m,tip_measured_z_m";
   text += jaw ? ",jaw_commanded_rad\n" : "\n";
   for (std::size_t i = 0; i < recording.time.size(); ++i) {
-    text += fmt::format("{:.9g}", recording.time[i]);
+    text += time_stamp(recording.time[i]);
     add_vector(text, commands.tip_at(recording.time[i]));
     add_vector(text, recording.measured_tip[i]);
     if (jaw) text += fmt::format(",{:.9g}", commands.jaw_at(recording.time[i]));
@@ -53,7 +47,7 @@ std::string joint_table(const SimulatedRecording& recording) {
   }
   text += '\n';
   for (std::size_t i = 0; i < recording.arm.size(); ++i) {
-    text += fmt::format("{:.9g}", recording.time[i] + recording.clocks.joints_s());
+    text += time_stamp(recording.time[i] + recording.clocks.joints_s());
     const ArmReport& r = recording.arm[i];
     for (std::size_t j = 0; j < 6; ++j)
       text += fmt::format(",{:.9g},{:.9g},{:.9g}", r.commanded[j], r.measured[j], r.effort[j]);
@@ -65,24 +59,26 @@ std::string joint_table(const SimulatedRecording& recording) {
 std::string force_table(const SimulatedRecording& recording) {
   std::string text = "t_s,fx_N,fy_N,fz_N\n";
   for (std::size_t i = 0; i < recording.time.size(); ++i) {
-    text += fmt::format("{:.9g}", recording.time[i] + recording.clocks.force_s());
+    text += time_stamp(recording.time[i] + recording.clocks.force_s());
     add_vector(text, recording.force[i]);
     text += '\n';
   }
   return text;
 }
 
-std::string marker_table(const SimulatedRecording& recording) {
-  std::string text = "t_s";
+/// Row by row: this is the one large file.
+void write_markers(const OutputFolder& folder, const SimulatedRecording& recording) {
+  OutputFile file(folder.path() / "markers.csv");
+  std::string row = "t_s";
   for (std::size_t k = 0; k < recording.points.front().size(); ++k)
-    text += fmt::format(",marker{0}_x_m,marker{0}_y_m,marker{0}_z_m", k);
-  text += '\n';
+    row += fmt::format(",marker{0}_x_m,marker{0}_y_m,marker{0}_z_m", k);
+  file.add(row + '\n');
   for (std::size_t i = 0; i < recording.time.size(); ++i) {
-    text += fmt::format("{:.9g}", recording.time[i] + recording.clocks.markers_s());
-    for (const Eigen::Vector3d& p : recording.points[i]) add_vector(text, p);
-    text += '\n';
+    row = time_stamp(recording.time[i] + recording.clocks.markers_s());
+    for (const Eigen::Vector3d& p : recording.points[i]) add_vector(row, p);
+    file.add(row + '\n');
   }
-  return text;
+  file.close();
 }
 
 }  // namespace
@@ -97,36 +93,28 @@ std::string encode_ply(const std::vector<Eigen::Vector3f>& points) {
   return ply;
 }
 
-void write_recording(const std::string& folder, const pb::RecordingInfo& info,
-                     const ToolTrack& commands, const SimulatedRecording& recording,
-                     const CloudOf& cloud, std::size_t cloud_stride) {
-  if (fs::exists(folder) && !fs::is_empty(folder))
-    throw_error("{}: exists and is not empty", folder);
-  const fs::path unfinished = fs::path(folder).lexically_normal().string() + ".unfinished";
-  fs::remove_all(unfinished);
-  std::error_code failed;
-  fs::create_directories(unfinished, failed);
-  if (failed) throw_error("{}: cannot be made: {}", unfinished.string(), failed.message());
-  write_file(unfinished / "tool.csv", tool_table(commands, recording));
-  if (!recording.arm.empty()) write_file(unfinished / "joints.csv", joint_table(recording));
-  write_file(unfinished / "force.csv", force_table(recording));
-  write_file(unfinished / "markers.csv", marker_table(recording));
+void write_recording(OutputFolder& folder, const pb::RecordingInfo& info, const ToolTrack& commands,
+                     const SimulatedRecording& recording, const CloudOf& cloud,
+                     std::size_t cloud_stride) {
+  folder.begin();
+  folder.write("tool.csv", tool_table(commands, recording));
+  if (!recording.arm.empty()) folder.write("joints.csv", joint_table(recording));
+  folder.write("force.csv", force_table(recording));
+  write_markers(folder, recording);
   if (cloud_stride > 0) {
-    fs::create_directory(unfinished / "clouds");
+    std::filesystem::create_directory(folder.path() / "clouds");
     std::string index = "t_s,file\n";
     for (std::size_t i = 0; i < recording.time.size(); i += cloud_stride) {
       const std::string name = fmt::format("clouds/{:06}.ply", i);
-      write_file(unfinished / name, encode_ply(cloud(i)));
-      index += fmt::format("{:.9g},{}\n", recording.time[i], name);
+      folder.write(name, encode_ply(cloud(i)));
+      index += fmt::format("{},{}\n", time_stamp(recording.time[i]), name);
     }
-    write_file(unfinished / "clouds.csv", index);
+    folder.write("clouds.csv", index);
   }
   std::string text;
   OMENTUM_CHECK(google::protobuf::TextFormat::PrintToString(info, &text));
-  write_file(unfinished / "recording.txtpb", text);
-  fs::remove(folder);
-  fs::rename(unfinished, folder, failed);
-  if (failed) throw_error("{}: cannot be made: {}", folder, failed.message());
+  folder.write("recording.txtpb", text);
+  folder.finish();
 }
 
 }  // namespace omentum

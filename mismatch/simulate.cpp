@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "core/check.h"
+#include "core/machine_memory.h"
 #include "sim_worker/backend/control_step.h"
 
 namespace omentum {
@@ -27,12 +28,33 @@ SeenState seen_at(const SimulatedRecording& recording, double t) {
   return seen;
 }
 
+namespace {
+
+/// Control steps of the commands. Throws Error where what they leave does not fit into memory.
+std::size_t count_steps(const ToolTrack& track, double period, const Tissue<double>& tissue) {
+  const double steps = std::ceil((track.end() - track.begin()) / period - 1e-9);
+  const double step_bytes = static_cast<double>(sizeof(Vector3d)) * tissue.particles() +
+                            3.0 * sizeof(float) * tissue.surface_vertices() +
+                            500;  // tip, arm, time
+  const double bytes = (steps + 1) * step_bytes;
+  if (const double memory = machine_memory(); !(bytes <= memory)) {
+    throw_error(
+        "{}: {:.6g} s of commands are {:.4g} steps of {} s with {} nodes and need {:.3g} GB "
+        "of memory, allowed {:.3g} GB (what there is)",
+        track.path, track.end() - track.begin(), steps, period, tissue.particles(), bytes / 1e9,
+        memory / 1e9);
+  }
+  return static_cast<std::size_t>(steps);
+}
+
+}  // namespace
+
 SimulatedRecording simulate_recording(const TissueModel& model, const Arm& arm,
                                       const ToolTrack& track, const GraspSettings& grasp) {
   const std::unique_ptr<Tissue<double>> tissue = model.make_tissue(f64x1());
   tissue->reset(0, Vector3d::Zero());
   const double period = model.control_period;
-  const auto steps = static_cast<int>(std::ceil((track.end() - track.begin()) / period - 1e-9));
+  const std::size_t steps = count_steps(track, period, *tissue);
   SimulatedRecording result;
   std::vector<ArmState> arms(arm.active() ? 1 : 0);  // none: the tip is where it was told to be
   std::vector<ArmReport> reports(arms.size());
@@ -43,8 +65,8 @@ SimulatedRecording simulate_recording(const TissueModel& model, const Arm& arm,
     tip = Eigen::Map<const Vector3d>(arms[0].p_WT_true);
   }
   bool was_closed = false;
-  for (int step = 0; step <= steps; ++step) {
-    const double t = track.begin() + step * period;
+  for (std::size_t step = 0; step <= steps; ++step) {
+    const double t = track.begin() + static_cast<double>(step) * period;
     // A recording without a jaw is one of tissue that is held all the time.
     const bool closed = track.jaw_rad.empty() || track.jaw_at(t) <= grasp.closed_rad;
     if (closed && !was_closed) {
@@ -69,7 +91,8 @@ SimulatedRecording simulate_recording(const TissueModel& model, const Arm& arm,
     control_step<double>(arm, arms, *tissue, motion, reports);
     tip = motion[0].to;
     if (!tissue->healthy(0))
-      throw_error("simulation: state not finite at {:.3f} s of the recording", t + period);
+      throw_error("{}: the state of the tissue is not finite under the commands at {:.6g} s",
+                  track.path, t + period);
   }
   return result;
 }

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <filesystem>
+#include <fstream>
 #include <optional>
 #include <string_view>
 
@@ -41,6 +43,17 @@ constexpr std::array<Unit, 21> kUnits = {{{"_deg_per_s", "_rad_per_s", kDegree},
                                           {"_qy", "_qy", 1},
                                           {"_qz", "_qz", 1}}};
 
+/// Text of a file as it may stand in a message of one line: without control characters, cut.
+std::string shown(std::string_view text) {
+  constexpr std::size_t kLongest = 40;
+  std::string line;
+  for (const char c : text.substr(0, kLongest)) {
+    const auto byte = static_cast<unsigned char>(c);
+    line += byte < 0x20 || byte >= 0x7f ? fmt::format("\\x{:02x}", byte) : std::string(1, c);
+  }
+  return text.size() > kLongest ? line + "..." : line;
+}
+
 const Unit& unit_of(std::string_view name, const std::string& where) {
   for (const Unit& unit : kUnits) {
     if (!name.ends_with(unit.suffix)) continue;
@@ -49,7 +62,7 @@ const Unit& unit_of(std::string_view name, const std::string& where) {
     return unit;
   }
   throw_error("{}: column \"{}\" ends in no known unit (_s _m _rad _N _Nm _Pa _mm _deg ...)", where,
-              name);
+              shown(name));
 }
 
 Table make_table(const Result<CsvTable>& read) {
@@ -60,20 +73,26 @@ Table make_table(const Result<CsvTable>& read) {
   table.path = csv.path;
   table.lines = csv.lines;
   table.columns.resize(csv.header.size());
+  table.characters.resize(csv.header.size());
   for (std::size_t k = 0; k < csv.header.size(); ++k) {
     const std::string& given = csv.header[k].text;
     const std::string where = fmt::format("{}:{}:{}", csv.path, csv.header_line, csv.header[k].at);
+    if (given.find_first_of(";\t") != std::string::npos)
+      throw_error("{}: \"{}\" is separated by semicolons or tabs, needed commas", where,
+                  shown(given));
     const Unit& unit = unit_of(given, where);
     const std::string name =
         given.substr(0, given.size() - unit.suffix.size()) + std::string(unit.si);
-    if (table.find(name) != nullptr) throw_error("{}: column {} appears twice", where, name);
+    if (table.find(name) != nullptr) throw_error("{}: column {} appears twice", where, shown(name));
     table.names.push_back(name);
     for (std::size_t row = 0; row < csv.rows.size(); ++row) {
       const std::string& text = csv.rows[row][k].text;
       const std::optional<double> value = parse_number(text);
       if (!value || !std::isfinite(*value))
-        throw_error("{}: \"{}\" in column {} is no finite number", csv.place(row, k), text, name);
+        throw_error("{}: \"{}\" in column {} is no finite number", csv.place(row, k), shown(text),
+                    shown(name));
       table.columns[k].push_back(*value * unit.factor);
+      table.characters[k].push_back(csv.rows[row][k].at);
     }
   }
   return table;
@@ -92,11 +111,31 @@ const std::vector<double>& Table::column(const std::string& name) const {
   return *found;
 }
 
-Table parse_table(const std::string& path, const std::string& text) {
-  return make_table(parse_csv(path, text));
+std::string Table::place(std::size_t row, const std::string& name) const {
+  const auto k = std::find(names.begin(), names.end(), name) - names.begin();
+  return fmt::format("{}:{}:{}", path, lines[row], characters[static_cast<std::size_t>(k)][row]);
 }
 
-Table read_table(const std::string& path) { return make_table(load_csv(path)); }
+Table parse_table(const std::string& path, std::string_view text) {
+  if (text.starts_with("\xef\xbb\xbf")) text.remove_prefix(3);  // byte order mark
+  if (text.find('\0') != std::string_view::npos)
+    throw_error("{}: bytes of zero, needed plain text (UTF-8)", path);
+  Table table = make_table(parse_csv(path, text));
+  table.open_end = !text.empty() && text.back() != '\n';
+  return table;
+}
+
+Table read_table(const std::string& path) {
+  constexpr std::uintmax_t kLargest = 1'000'000'000;  // [byte] days of commands
+  std::error_code failed;
+  const std::uintmax_t size = std::filesystem::file_size(path, failed);
+  if (failed) throw_error("{}: cannot be opened: {}", path, failed.message());
+  if (size > kLargest) throw_error("{}: {} bytes, allowed up to {}", path, size, kLargest);
+  std::string text(size, '\0');
+  if (!std::ifstream(path, std::ios::binary).read(text.data(), static_cast<std::streamsize>(size)))
+    throw_error("{}: cannot be read", path);
+  return parse_table(path, text);
+}
 
 std::vector<double> table_times(const Table& table, double nominal_rate_hz) {
   std::vector<double> times;
@@ -108,7 +147,7 @@ std::vector<double> table_times(const Table& table, double nominal_rate_hz) {
   }
   for (std::size_t i = 1; i < times.size(); ++i) {
     if (!(times[i] > times[i - 1]))
-      throw_error("{}:{}: t_s {} after {}, needed increasing", table.path, table.lines[i], times[i],
+      throw_error("{}: t_s {} after {}, needed increasing", table.place(i, "t_s"), times[i],
                   times[i - 1]);
   }
   return times;

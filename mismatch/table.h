@@ -2,6 +2,7 @@
 
 #include <optional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 namespace omentum {
@@ -12,19 +13,26 @@ namespace omentum {
 struct Table {
   std::string path;
   std::vector<std::string> names;
-  std::vector<std::vector<double>> columns;  ///< [column][row]
-  std::vector<std::size_t> lines;            ///< of the file, of each row
+  std::vector<std::vector<double>> columns;          ///< [column][row]
+  std::vector<std::size_t> lines;                    ///< of the file, of each row
+  std::vector<std::vector<std::size_t>> characters;  ///< [column][row]: of its line, from 1
+  /// The last line has no end: of its last number a part may be missing.
+  bool open_end = false;
 
   std::size_t rows() const { return columns.empty() ? 0 : columns.front().size(); }
   /// Column of that name, if there is one.
   const std::vector<double>* find(const std::string& name) const;
   /// Column of that name; throws Error naming file and column.
   const std::vector<double>& column(const std::string& name) const;
+  /// "path:line:character" of a cell of a column that there is.
+  std::string place(std::size_t row, const std::string& name) const;
 };
 
 /// Throws Error, one line with file:line:column and what was expected there: no header, two columns
 /// of one name, a cell that is no finite number, a row of another length, an unknown unit suffix.
-Table parse_table(const std::string& path, const std::string& text);
+/// A byte order mark does not count.
+Table parse_table(const std::string& path, std::string_view text);
+/// The same of a regular file of at most 1 GB.
 Table read_table(const std::string& path);
 
 /// Seconds of each row: the column `t_s`, strictly increasing, or rows at the nominal rate where

@@ -6,6 +6,7 @@
 
 #include "core/psm.h"
 #include "proto/recording_folder.pb.h"
+#include "sim_worker/scene/scene.h"
 
 namespace omentum {
 
@@ -14,6 +15,8 @@ struct ToolTrack {
   std::vector<double> time;           ///< [s], increasing
   std::vector<Eigen::Vector3d> p_WT;  ///< commanded jaw tip in W [m]
   std::vector<double> jaw_rad;        ///< full opening angle commanded; empty = not recorded
+  std::string path;                   ///< of the table it was read from
+  std::vector<std::size_t> lines;     ///< of each row in it
 
   double begin() const { return time.front(); }
   double end() const { return time.back(); }
@@ -23,13 +26,15 @@ struct ToolTrack {
   double jaw_at(double t) const;
 };
 
-/// recording.txtpb of a recording folder; defaults where there is no such file. Throws Error with
-/// file:line:column.
-pb::RecordingInfo read_recording_info(const std::string& folder);
-
-/// tool.csv of a recording folder. Commands given for the dVRK control point are moved to the jaw
-/// tip of `mount`. Throws Error: file, line, column and what was expected.
+/// tool.csv of a recording folder, in W by the transform the recording states. Commands given for
+/// the dVRK control point are moved to the jaw tip of `mount`. Throws Error: file, line, column and
+/// what was expected; what is odd is appended to `warnings`, with the line.
 ToolTrack read_tool_track(const std::string& folder, const pb::RecordingInfo& info,
-                          const ToolMount& mount);
+                          const ToolMount& mount, std::vector<std::string>& warnings);
+
+/// The track against the arm and the tissue of a scene: throws Error for a start that the arm does
+/// not reach and a tip that is nowhere near; a later place out of reach is a warning, since what
+/// was commanded is what is replayed.
+void check_reach(const ToolTrack& track, const Scene& scene, std::vector<std::string>& warnings);
 
 }  // namespace omentum

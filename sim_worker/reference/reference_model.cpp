@@ -3,9 +3,11 @@
 #include <algorithm>
 #include <cmath>
 #include <iterator>
+#include <limits>
 #include <map>
 
 #include "core/check.h"
+#include "core/machine_memory.h"
 #include "sim_worker/reference/reference_tissue.h"
 #include "sim_worker/tissue/effect_laws.h"
 #include "sim_worker/tissue/grasp_patch.h"
@@ -253,6 +255,19 @@ void make_elements(double density, ReferenceTissueModel& model) {
   model.face_area = area;
 }
 
+/// Refuses what the machine has no room for: the matrix and its factor are the largest part by far.
+/// Their places are numbers of 31 bits besides.
+void check_memory(const ReferenceTissueModel& model) {
+  constexpr double kEntry = 2 * sizeof(double);
+  const double needed = kEntry * static_cast<double>(model.order.entries);
+  const double allowed = std::min(machine_memory(), kEntry * std::numeric_limits<int>::max());
+  if (needed <= allowed) return;
+  throw_error(
+      "scene.tissue.reference: {} x {} x {} elements need {:.3g} GB of memory, allowed {:.3g} GB",
+      model.numerics.elements_x(), model.numerics.elements_y(), model.numerics.elements_z(),
+      needed / 1e9, allowed / 1e9);
+}
+
 /// Numbers the unknowns in the order of elimination; nodes above one another stay together.
 void number_unknowns(ReferenceTissueModel& model) {
   const std::size_t nz = model.lines[2].size();
@@ -262,6 +277,7 @@ void number_unknowns(ReferenceTissueModel& model) {
   }
   model.order = dissect(static_cast<int>(model.lines[0].size()),
                         static_cast<int>(model.lines[1].size()), count);
+  check_memory(model);
   model.unknowns = model.order.size;
   std::vector<int> next = model.order.first_unknown;
   for (std::size_t i = 0; i < model.nodes.size(); ++i) {

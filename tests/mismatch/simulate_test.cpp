@@ -12,6 +12,7 @@
 #include "core/check.h"
 #include "core/config.h"
 #include "mismatch/recording_folder.h"
+#include "mismatch/recording_info.h"
 #include "mismatch/table.h"
 #include "sim_worker/models.h"
 #include "support/temp_dir.h"
@@ -98,15 +99,18 @@ TEST(Simulate, TheWrittenFolderIsARecordingWithTheSameCommands) {
   const Vector3d grip = scene.tissue.X_WB * scene.tissue.particles[15 * 31 + 28];
   const ToolTrack track = lift_track(grip);
   const SimulatedRecording r = simulate_recording(*model, nominal_arm(scene), track, {});
-  const std::string folder = testing::TempDir() + "omentum_simulated_recording";
-  fs::remove_all(folder);
+  const test::TempDir place;
+  const std::string folder = place / "recording";
   pb::RecordingInfo info;
   info.set_name("lift");
   const CloudOf cloud = [](std::size_t step) {
     return std::vector<Eigen::Vector3f>(step + 1, Eigen::Vector3f(1, 2, 3));
   };
-  write_recording(folder, info, track, r, cloud, 25);
-  const ToolTrack again = read_tool_track(folder, read_recording_info(folder), {});
+  OutputFolder out(folder);
+  write_recording(out, info, track, r, cloud, 25);
+  std::vector<std::string> warnings;
+  const ToolTrack again = read_tool_track(folder, read_recording_info(folder), {}, warnings);
+  EXPECT_THAT(warnings, testing::IsEmpty());
   ASSERT_EQ(again.time.size(), r.time.size());
   for (std::size_t i = 0; i < r.time.size(); ++i) {
     EXPECT_NEAR((again.p_WT[i] - r.tip[i]).norm(), 0, 1e-9) << i;
@@ -122,7 +126,7 @@ TEST(Simulate, TheWrittenFolderIsARecordingWithTheSameCommands) {
   content << ply.rdbuf();
   const std::size_t header = content.str().find("end_header\n") + 11;
   EXPECT_EQ(content.str().size(), header + 12 * 26);
-  EXPECT_THROW(write_recording(folder, info, track, r, cloud, 0), Error) << "not empty";
+  EXPECT_THROW(OutputFolder again_there(folder), Error) << "not empty";
 }
 
 TEST(Simulate, CameraThatLagsSeesTheStateBetweenSteps) {
@@ -145,10 +149,10 @@ TEST(Simulate, ClocksShiftTheTimeStampsOfTheirStreamOnly) {
   const ToolTrack track = lift_track(Vector3d(0, 0, 0.2));
   SimulatedRecording r = simulate_recording(*model, nominal_arm(scene), track, {});
   r.clocks.set_force_s(0.013);
-  const std::string folder = testing::TempDir() + "omentum_clock_recording";
-  fs::remove_all(folder);
-  pb::RecordingInfo info;
-  write_recording(folder, info, track, r, {}, 0);
+  const test::TempDir place;
+  const std::string folder = place / "recording";
+  OutputFolder out(folder);
+  write_recording(out, {}, track, r, {}, 0);
   EXPECT_NEAR(read_table(folder + "/force.csv").column("t_s")[3], r.time[3] + 0.013, 1e-9);
   EXPECT_NEAR(read_table(folder + "/markers.csv").column("t_s")[3], r.time[3], 1e-9);
 }

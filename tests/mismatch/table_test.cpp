@@ -63,7 +63,7 @@ TEST(Table, TimeMustIncreaseAndComesFromTheRateWithoutAColumn) {
     table_times(parse_table("t", "t_s\n0\n\n1\n1\n"), 50);
     FAIL();
   } catch (const Error& error) {
-    EXPECT_STREQ(error.what(), "t:5: t_s 1 after 1, needed increasing");
+    EXPECT_STREQ(error.what(), "t:5:1: t_s 1 after 1, needed increasing");
   }
   EXPECT_THAT(table_times(parse_table("t", "x_m\n5\n6\n7\n"), 50),
               testing::ElementsAre(0.0, 0.02, 0.04));
