@@ -1,9 +1,9 @@
 #include <Eigen/Geometry>
 #include <algorithm>
-#include <cmath>
 
 #include "core/check.h"
 #include "core/constants.h"
+#include "core/trig.h"
 #include "sim_worker/geometry/mesh.h"
 
 namespace omentum {
@@ -35,12 +35,11 @@ TriangleMesh make_ellipsoid_mesh(const Eigen::Vector3d& semi_axes, int rings, in
   TriangleMesh mesh;
   mesh.vertices.emplace_back(0, 0, semi_axes.z());
   for (int ring = 0; ring < rings; ++ring) {
-    const double polar = kPi * (ring + 1) / (rings + 1);
+    const trig::SinCos polar = trig::sin_cos(kPi * (ring + 1) / (rings + 1));
     for (int k = 0; k < sectors; ++k) {
-      const double angle = 2 * kPi * k / sectors;
-      mesh.vertices.emplace_back(semi_axes.x() * std::sin(polar) * std::cos(angle),
-                                 semi_axes.y() * std::sin(polar) * std::sin(angle),
-                                 semi_axes.z() * std::cos(polar));
+      const trig::SinCos around = trig::sin_cos(2 * kPi * k / sectors);
+      mesh.vertices.emplace_back(semi_axes.x() * polar.sin * around.cos,
+                                 semi_axes.y() * polar.sin * around.sin, semi_axes.z() * polar.cos);
     }
   }
   mesh.vertices.emplace_back(0, 0, -semi_axes.z());
@@ -80,13 +79,12 @@ TriangleMesh make_capsule_mesh(const Eigen::Vector3d& p0, const Eigen::Vector3d&
   mesh.vertices.push_back(p1 + radius * z);
   for (int ring = 0; ring < 2 * half; ++ring) {
     const bool upper = ring < half;
-    const double polar = kPi / 2 * (upper ? ring + 1 : ring) / half;
+    const trig::SinCos polar = trig::sin_cos(kPi / 2 * (upper ? ring + 1 : ring) / half);
     const Eigen::Vector3d& centre = upper ? p1 : p0;
     for (int k = 0; k < sectors; ++k) {
-      const double angle = 2 * kPi * k / sectors;
-      mesh.vertices.push_back(centre + radius * (std::sin(polar) * std::cos(angle) * x +
-                                                 std::sin(polar) * std::sin(angle) * y +
-                                                 std::cos(polar) * z));
+      const trig::SinCos around = trig::sin_cos(2 * kPi * k / sectors);
+      mesh.vertices.push_back(centre + radius * (polar.sin * around.cos * x +
+                                                 polar.sin * around.sin * y + polar.cos * z));
     }
   }
   mesh.vertices.push_back(p0 - radius * z);

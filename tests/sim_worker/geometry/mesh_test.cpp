@@ -203,6 +203,35 @@ TEST(Mesh, InsideAgreesWithWindingNumber) {
   }
 }
 
+TEST(Mesh, InsideHoldsWithinRoundingOfVerticesAndEdges) {
+  // Lines that pass a vertex or the middle of an edge exactly or by the last bit of a coordinate:
+  // there the sign of a rounded orientation says nothing.
+  const auto nudged = [](double value, int bits) {
+    return bits == 0 ? value : std::nextafter(value, bits < 0 ? -1e300 : 1e300);
+  };
+  for (const TriangleMesh& mesh :
+       {make_organ_mm(), make_box_mesh({20, 20, 20}), make_ellipsoid_mesh({20, 15, 10}, 9, 16),
+        make_capsule_mesh({1, 2, 3}, {1, 2, 23}, 7, 12)}) {
+    Eigen::AlignedBox3d box;
+    for (const Eigen::Vector3d& p : mesh.vertices) box.extend(p);
+    std::vector<Eigen::Vector3d> lines = mesh.vertices;
+    for (const Eigen::Vector3i& t : mesh.triangles)
+      lines.push_back((mesh.vertices[t[0]] + mesh.vertices[t[1]]) / 2);
+    for (const Eigen::Vector3d& p : lines) {
+      for (const double z : {box.min().z() - 0.1, p.z() - 0.1, p.z() + 0.1, box.max().z() + 0.1}) {
+        const Eigen::Vector3d point(p.x(), p.y(), z);
+        if (brute_force_distance(mesh, point) < 1e-9) continue;  // on an upright face: either side
+        std::vector<Eigen::Vector3d> points;
+        for (int k = 0; k < 9; ++k)
+          points.emplace_back(nudged(p.x(), k % 3 - 1), nudged(p.y(), k / 3 - 1), z);
+        EXPECT_EQ(points_inside(mesh, points),
+                  std::vector<bool>(9, winding_number(mesh, point) > 0.5))
+            << point.transpose();
+      }
+    }
+  }
+}
+
 TEST(Mesh, WindingNumberIsOneInsideAndZeroOutside) {
   const TriangleMesh mesh = make_organ_mm();
   EXPECT_NEAR(winding_number(mesh, {0, 0, 0}), 1, 1e-12);  // sum of 1,024 angles in double
