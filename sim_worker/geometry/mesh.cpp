@@ -9,7 +9,6 @@
 #include <cstring>
 #include <fstream>
 #include <string_view>
-#include <tuple>
 #include <unordered_map>
 
 #include "core/check.h"
@@ -17,10 +16,9 @@
 namespace omentum {
 namespace {
 
-constexpr std::size_t kMaxFileBytes = std::size_t{256} << 20;  // bounds memory for hostile input
-constexpr double kMaxExtent = 10;                              // [m]; beyond it the unit is wrong
-constexpr double kMinExtent = 1e-4;                            // [m]; below it the unit is wrong
-constexpr double kMinSliver = 0.02;                            // height over longest edge
+constexpr std::int64_t kMaxFileBytes = 256 << 20;  // bounds memory for hostile input
+constexpr double kMaxExtent = 10;                  // [m]; beyond it the unit is wrong
+constexpr double kMinExtent = 1e-4;                // [m]; below it the unit is wrong
 constexpr std::size_t kStlHeaderBytes = 84;
 constexpr std::size_t kStlTriangleBytes = 50;
 
@@ -43,7 +41,7 @@ std::string quote(std::string_view word) {
   return "\"" + text + (word.size() > 24 ? "...\"" : "\"");
 }
 
-/// Feeds lines to a function with their number, starting at 1.
+/// Calls function(number from 1, line) for every line.
 template <typename Function>
 void for_each_line(std::string_view content, Function function) {
   std::size_t line = 1;
@@ -97,6 +95,11 @@ bool is_ignored_keyword(std::string_view word) {
   constexpr std::array<std::string_view, 12> kIgnored = {
       "vn", "vt", "vp", "o", "g", "s", "usemtl", "mtllib", "l", "p", "usemap", "maplib"};
   return std::find(kIgnored.begin(), kIgnored.end(), word) != kIgnored.end();
+}
+
+void require_size(const std::string& name, std::int64_t bytes) {
+  if (bytes > kMaxFileBytes)
+    throw_error("{}: {} bytes, allowed up to {}", name, bytes, kMaxFileBytes);
 }
 
 TriangleMesh parse_obj(const std::string& name, std::string_view content) {
@@ -251,10 +254,10 @@ void drop_unused(TriangleMesh& mesh) {
   std::vector<Eigen::Vector3d> kept;
   for (Eigen::Vector3i& triangle : mesh.triangles) {
     for (int& corner : triangle) {
-      int& name = renamed[static_cast<std::size_t>(corner)];
+      int& name = renamed[corner];
       if (name < 0) {
         name = static_cast<int>(kept.size());
-        kept.push_back(mesh.vertices[static_cast<std::size_t>(corner)]);
+        kept.push_back(mesh.vertices[corner]);
       }
       corner = name;
     }
@@ -263,16 +266,13 @@ void drop_unused(TriangleMesh& mesh) {
 }
 
 void scale_to_metres(const std::string& name, TriangleMesh& mesh, double unit_m) {
-  double largest = 0;
-  Eigen::Vector3d low = mesh.vertices.front() * unit_m;
-  Eigen::Vector3d high = low;
+  Eigen::AlignedBox3d box;
   for (Eigen::Vector3d& vertex : mesh.vertices) {
     vertex *= unit_m;
-    low = low.cwiseMin(vertex);
-    high = high.cwiseMax(vertex);
-    largest = std::max(largest, vertex.cwiseAbs().maxCoeff());
+    box.extend(vertex);
   }
-  const double extent = (high - low).maxCoeff();
+  const double largest = std::max(box.max().maxCoeff(), -box.min().minCoeff());
+  const double extent = box.sizes().maxCoeff();
   if (!(largest <= kMaxExtent)) {
     throw_error("{}: reaches {:.4g} m with unit_m {:g}, allowed up to {:g} m: wrong unit_m?", name,
                 largest, unit_m, kMaxExtent);
@@ -283,43 +283,6 @@ void scale_to_metres(const std::string& name, TriangleMesh& mesh, double unit_m)
   }
 }
 
-struct DirectedEdge {
-  int from, to;
-  std::size_t triangle;
-  bool operator<(const DirectedEdge& other) const {
-    return std::tie(from, to, triangle) < std::tie(other.from, other.to, other.triangle);
-  }
-};
-
-std::string place(const TriangleMesh& mesh, int vertex) {
-  const Eigen::Vector3d& p = mesh.vertices[static_cast<std::size_t>(vertex)];
-  return fmt::format("({:.5g}, {:.5g}, {:.5g}) m", p.x(), p.y(), p.z());
-}
-
-/// Directed edges of all triangles, ascending; throws Error for one that two triangles have.
-std::vector<DirectedEdge> sort_edges(const std::string& name, const TriangleMesh& mesh) {
-  std::vector<DirectedEdge> edges;
-  edges.reserve(3 * mesh.triangles.size());
-  for (std::size_t t = 0; t < mesh.triangles.size(); ++t) {
-    const Eigen::Vector3i& c = mesh.triangles[t];
-    for (int k = 0; k < 3; ++k) edges.push_back({c[k], c[(k + 1) % 3], t});
-  }
-  std::sort(edges.begin(), edges.end());
-  for (std::size_t k = 1; k < edges.size(); ++k) {
-    const DirectedEdge& edge = edges[k];
-    if (edges[k - 1].from != edge.from || edges[k - 1].to != edge.to) continue;
-    throw_error("{}: edge from {} to {} is used twice in the same direction by triangles {} and {}",
-                name, place(mesh, edge.from), place(mesh, edge.to), edges[k - 1].triangle,
-                edge.triangle);
-  }
-  return edges;
-}
-
-bool has_edge(const std::vector<DirectedEdge>& edges, int from, int to) {
-  const auto found = std::lower_bound(edges.begin(), edges.end(), DirectedEdge{from, to, 0});
-  return found != edges.end() && found->from == from && found->to == to;
-}
-
 }  // namespace
 
 TriangleMesh parse_mesh(const std::string& name, const std::string& content, double unit_m) {
@@ -327,9 +290,7 @@ TriangleMesh parse_mesh(const std::string& name, const std::string& content, dou
     throw_error("{}: unit_m {:g} is not a positive length", name, unit_m);
   }
   if (content.empty()) throw_error("{}: file is empty", name);
-  if (content.size() > kMaxFileBytes) {
-    throw_error("{}: {} bytes, allowed up to {}", name, content.size(), kMaxFileBytes);
-  }
+  require_size(name, static_cast<std::int64_t>(content.size()));
   TriangleMesh mesh = parse_any(name, content);
   drop_unused(mesh);
   if (mesh.triangles.empty()) throw_error("{}: no triangles", name);
@@ -338,17 +299,12 @@ TriangleMesh parse_mesh(const std::string& name, const std::string& content, dou
 }
 
 TriangleMesh load_mesh(const std::string& path, double unit_m) {
-  std::ifstream file(path, std::ios::binary);
+  std::ifstream file(path, std::ios::binary | std::ios::ate);
   if (!file) throw_error("{}: cannot be opened", path);
-  file.seekg(0, std::ios::end);
-  const auto size = file.tellg();
-  if (size < 0) throw_error("{}: cannot be read", path);
-  if (static_cast<std::size_t>(size) > kMaxFileBytes) {
-    throw_error("{}: {} bytes, allowed up to {}", path, static_cast<std::size_t>(size),
-                kMaxFileBytes);
-  }
+  const auto size = static_cast<std::int64_t>(file.tellg());
+  if (size >= 0) require_size(path, size);
+  std::string content(std::max<std::int64_t>(size, 0), '\0');
   file.seekg(0);
-  std::string content(static_cast<std::size_t>(size), '\0');
   if (!file.read(content.data(), size)) throw_error("{}: cannot be read", path);
   return parse_mesh(path, content, unit_m);
 }
@@ -357,82 +313,6 @@ TriangleMesh load_closed_mesh(const std::string& path, double unit_m) {
   TriangleMesh mesh = load_mesh(path, unit_m);
   require_closed(path, mesh);
   return mesh;
-}
-
-void require_closed(const std::string& name, TriangleMesh& mesh) {
-  const std::vector<DirectedEdge> edges = sort_edges(name, mesh);
-  for (const DirectedEdge& edge : edges) {
-    if (!has_edge(edges, edge.to, edge.from)) {
-      throw_error("{}: not closed, triangle {} has no neighbour at the edge from {} to {}", name,
-                  edge.triangle, place(mesh, edge.from), place(mesh, edge.to));
-    }
-  }
-  const double volume = signed_volume(mesh);
-  if (!(std::abs(volume) > 0)) throw_error("{}: encloses no volume", name);
-  if (volume < 0) {
-    for (Eigen::Vector3i& triangle : mesh.triangles) std::swap(triangle[1], triangle[2]);
-  }
-}
-
-void require_sheet(const std::string& name, const TriangleMesh& mesh) {
-  const std::vector<DirectedEdge> edges = sort_edges(name, mesh);
-  for (std::size_t t = 0; t < mesh.triangles.size(); ++t) {
-    const Eigen::Vector3i& c = mesh.triangles[t];
-    const Eigen::Vector3d& a = mesh.vertices[static_cast<std::size_t>(c[0])];
-    const Eigen::Vector3d b = mesh.vertices[static_cast<std::size_t>(c[1])] - a;
-    const Eigen::Vector3d d = mesh.vertices[static_cast<std::size_t>(c[2])] - a;
-    const double longest = std::max({b.squaredNorm(), d.squaredNorm(), (b - d).squaredNorm()});
-    if (!(b.cross(d).norm() >= kMinSliver * longest)) {
-      throw_error("{}: triangle {} at {} is a sliver, allowed from {} of its longest edge high",
-                  name, t, place(mesh, c[0]), kMinSliver);
-    }
-  }
-  // A vertex on the rim of one fan of triangles starts one edge of a rim, not two.
-  std::vector<int> rims(mesh.vertices.size(), 0);
-  for (const DirectedEdge& edge : edges) {
-    if (has_edge(edges, edge.to, edge.from)) continue;
-    if (++rims[static_cast<std::size_t>(edge.from)] > 1) {
-      throw_error("{}: parts of the sheet meet in the single vertex {}", name,
-                  place(mesh, edge.from));
-    }
-  }
-  std::vector<char> reached(mesh.vertices.size(), 0);
-  std::vector<int> front = {mesh.triangles.front()[0]};
-  reached[static_cast<std::size_t>(front.front())] = 1;
-  const auto reach = [&](int vertex) {
-    char& mark = reached[static_cast<std::size_t>(vertex)];
-    if (mark == 0) front.push_back(vertex);
-    mark = 1;
-  };
-  std::vector<std::vector<int>> neighbours(mesh.vertices.size());
-  for (const DirectedEdge& edge : edges) {
-    neighbours[static_cast<std::size_t>(edge.from)].push_back(edge.to);
-    neighbours[static_cast<std::size_t>(edge.to)].push_back(edge.from);
-  }
-  while (!front.empty()) {
-    const int vertex = front.back();
-    front.pop_back();
-    for (const int other : neighbours[static_cast<std::size_t>(vertex)]) reach(other);
-  }
-  for (std::size_t i = 0; i < reached.size(); ++i) {
-    if (reached[i] != 0) continue;
-    throw_error("{}: {} does not hang together with {}, allowed one piece", name,
-                place(mesh, static_cast<int>(i)), place(mesh, mesh.triangles.front()[0]));
-  }
-}
-
-double signed_volume(const TriangleMesh& mesh) {
-  // Divergence theorem, relative to the first vertex so that a far-off mesh loses no digits.
-  if (mesh.vertices.empty()) return 0;
-  const Eigen::Vector3d origin = mesh.vertices.front();
-  double sum = 0;
-  for (const Eigen::Vector3i& t : mesh.triangles) {
-    const Eigen::Vector3d a = mesh.vertices[static_cast<std::size_t>(t[0])] - origin;
-    const Eigen::Vector3d b = mesh.vertices[static_cast<std::size_t>(t[1])] - origin;
-    const Eigen::Vector3d c = mesh.vertices[static_cast<std::size_t>(t[2])] - origin;
-    sum += a.dot(b.cross(c));
-  }
-  return sum / 6;
 }
 
 }  // namespace omentum

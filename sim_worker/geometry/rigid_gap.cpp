@@ -11,7 +11,7 @@ namespace {
 
 using Eigen::Vector3d;
 
-constexpr double kFar = 1;  // [m]: no contact, whatever the sheet
+constexpr double kFar = 1;  // [m] distance outside a grid: no contact, whatever the sheet
 
 Gap from_vector(const Vector3d& away, double surface) {
   const double length = away.norm();
@@ -21,7 +21,7 @@ Gap from_vector(const Vector3d& away, double surface) {
 
 // The nearest point q of the surface has p - q = t q / a^2 with t the root of
 // sum (a_i p_i / (t + a_i^2))^2 = 1: convex and falling, so Newton's method converges from any t
-// left of the root. Points deeper than half the shortest semi-axis count as that deep.
+// left of the root. Points deeper than half the shortest semi-axis are treated as that deep.
 Gap ellipsoid_gap(const Vector3d& semi_axes, const Vector3d& p) {
   const Vector3d squares = semi_axes.cwiseAbs2();
   const double lowest = -0.5 * squares.minCoeff();
@@ -66,18 +66,15 @@ Gap grid_gap(const SdfGrid& grid, const Vector3d& p) {
   double value = 0;
   Vector3d slope = Vector3d::Zero();
   for (int corner = 0; corner < 8; ++corner) {
+    const std::array<int, 3> up = {corner & 1, corner >> 1 & 1, corner >> 2 & 1};
     std::array<double, 3> weight{};
-    std::array<int, 3> node{};
-    for (int k = 0; k < 3; ++k) {
-      const bool upper = ((corner >> k) & 1) != 0;
-      weight[k] = upper ? t[k] : 1 - t[k];
-      node[k] = cell[k] + (upper ? 1 : 0);
-    }
-    const double phi = static_cast<double>(
-        grid.value[node[0] + grid.count[0] * (node[1] + grid.count[1] * node[2])]);
+    for (int k = 0; k < 3; ++k) weight[k] = up[k] != 0 ? t[k] : 1 - t[k];
+    const int node =
+        cell[0] + up[0] + grid.count[0] * (cell[1] + up[1] + grid.count[1] * (cell[2] + up[2]));
+    const auto phi = static_cast<double>(grid.value[node]);
     value += weight[0] * weight[1] * weight[2] * phi;
     for (int k = 0; k < 3; ++k) {
-      const double sign = ((corner >> k) & 1) != 0 ? 1 : -1;
+      const double sign = up[k] != 0 ? 1 : -1;
       slope[k] += sign * weight[(k + 1) % 3] * weight[(k + 2) % 3] * phi;
     }
   }
@@ -86,29 +83,27 @@ Gap grid_gap(const SdfGrid& grid, const Vector3d& p) {
   return {value, slope / length};
 }
 
+Gap local_gap(const RigidShape& body, const Vector3d& p) {
+  switch (body.kind) {
+    case RigidShape::Kind::kSphere:
+      return from_vector(p, body.size[0]);
+    case RigidShape::Kind::kEllipsoid:
+      return ellipsoid_gap(body.size, p);
+    case RigidShape::Kind::kBox:
+      return box_gap(body.size, p);
+    case RigidShape::Kind::kHalfSpace:
+      return {p.z(), Vector3d::UnitZ()};
+    case RigidShape::Kind::kMesh:
+      break;
+  }
+  OMENTUM_CHECK(body.sdf != nullptr);
+  return grid_gap(*body.sdf, p);
+}
+
 }  // namespace
 
 Gap rigid_gap(const RigidShape& body, const Vector3d& p_W) {
-  const Vector3d p = body.X_WS.linear().transpose() * (p_W - body.X_WS.translation());
-  Gap gap;
-  switch (body.kind) {
-    case RigidShape::Kind::kSphere:
-      gap = from_vector(p, body.size[0]);
-      break;
-    case RigidShape::Kind::kEllipsoid:
-      gap = ellipsoid_gap(body.size, p);
-      break;
-    case RigidShape::Kind::kBox:
-      gap = box_gap(body.size, p);
-      break;
-    case RigidShape::Kind::kHalfSpace:
-      gap = {p.z(), Vector3d::UnitZ()};
-      break;
-    case RigidShape::Kind::kMesh:
-      OMENTUM_CHECK(body.sdf != nullptr);
-      gap = grid_gap(*body.sdf, p);
-      break;
-  }
+  Gap gap = local_gap(body, body.X_WS.linear().transpose() * (p_W - body.X_WS.translation()));
   gap.normal = body.X_WS.linear() * gap.normal;
   return gap;
 }

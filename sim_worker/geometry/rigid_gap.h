@@ -13,8 +13,7 @@ struct Gap {
 };
 
 /// Distance of p_W to a body, in double precision. Exact for half-space, sphere, box and, less deep
-/// than half its shortest semi-axis, ellipsoid; for a mesh what its distance grid says (the slope
-/// of a grid is not of unit length), and far away outside the grid.
+/// than half its shortest semi-axis, ellipsoid. Of a mesh its distance grid, 1 m outside the grid.
 Gap rigid_gap(const RigidShape& body, const Eigen::Vector3d& p_W);
 
 /// Distance to a capsule of the given radius [m] around the segment from a to b, in W.

@@ -19,7 +19,7 @@ using Neighbours = std::vector<std::vector<std::int32_t>>;
 // Smallest singular value of a fit relative to its largest: on a regular mesh 0.2.
 constexpr double kLeastCondition = 0.03;
 
-/// In-plane axes of a frame with this normal; columns x, y.
+/// Axes x, y of a triangle's or node's frame (SheetTriangle) as columns.
 Eigen::Matrix<double, 3, 2> tangent_axes(const Vector3d& normal) {
   Vector3d x = Vector3d::UnitX() - normal.x() * normal;
   if (x.norm() < 0.2) x = Vector3d::UnitY() - normal.y() * normal;
@@ -29,19 +29,21 @@ Eigen::Matrix<double, 3, 2> tangent_axes(const Vector3d& normal) {
   return axes;
 }
 
+void sort_unique(std::vector<std::int32_t>& list) {
+  std::sort(list.begin(), list.end());
+  list.erase(std::unique(list.begin(), list.end()), list.end());
+}
+
 /// Nodes that share a triangle, ascending.
 Neighbours find_neighbours(std::size_t nodes, std::span<const Eigen::Vector3i> triangles) {
   Neighbours neighbours(nodes);
   for (const Eigen::Vector3i& t : triangles) {
     for (int k = 0; k < 3; ++k) {
-      neighbours[static_cast<std::size_t>(t[k])].push_back(t[(k + 1) % 3]);
-      neighbours[static_cast<std::size_t>(t[k])].push_back(t[(k + 2) % 3]);
+      neighbours[t[k]].push_back(t[(k + 1) % 3]);
+      neighbours[t[k]].push_back(t[(k + 2) % 3]);
     }
   }
-  for (auto& list : neighbours) {
-    std::sort(list.begin(), list.end());
-    list.erase(std::unique(list.begin(), list.end()), list.end());
-  }
+  for (auto& list : neighbours) sort_unique(list);
   return neighbours;
 }
 
@@ -50,27 +52,24 @@ std::vector<std::int32_t> widen(const std::vector<std::int32_t>& ring, std::int3
                                 const Neighbours& neighbours) {
   std::vector<std::int32_t> wide = ring;
   for (const std::int32_t i : ring) {
-    const auto& more = neighbours[static_cast<std::size_t>(i)];
+    const auto& more = neighbours[i];
     wide.insert(wide.end(), more.begin(), more.end());
   }
-  std::sort(wide.begin(), wide.end());
-  wide.erase(std::unique(wide.begin(), wide.end()), wide.end());
+  sort_unique(wide);
   std::erase(wide, node);
   return wide;
 }
 
-/// Fits f(x) - f(0) = g . u + (a u_x^2 + b u_y^2) / 2 + c u_x u_y to the neighbours; rows of the
-/// result give a, b, c and g from the differences. Empty where they do not determine it.
+/// Least squares fit of f(u) - f(0) = g . u + (a u_x^2 + b u_y^2) / 2 + c u_x u_y to neighbours:
+/// (a, b, c, g) = result (differences of f). Empty where they do not determine it.
 Eigen::Matrix<double, 5, Eigen::Dynamic> fit_quadratic(
     const Vector3d& centre, const Eigen::Matrix<double, 3, 2>& axes,
     std::span<const Vector3d> nodes, const std::vector<std::int32_t>& neighbours) {
   const auto count = static_cast<Eigen::Index>(neighbours.size());
   if (count < 5) return {};
   Eigen::Matrix<double, Eigen::Dynamic, 2> u(count, 2);
-  for (Eigen::Index k = 0; k < count; ++k) {
-    const std::int32_t i = neighbours[static_cast<std::size_t>(k)];
-    u.row(k) = axes.transpose() * (nodes[static_cast<std::size_t>(i)] - centre);
-  }
+  for (Eigen::Index k = 0; k < count; ++k)
+    u.row(k) = axes.transpose() * (nodes[neighbours[k]] - centre);
   const double scale = u.rowwise().norm().mean();
   u /= scale;
   Eigen::MatrixXd rows(count, 5);
@@ -102,9 +101,7 @@ double ThicknessMap::at(const Vector3d& p_B) const {
   };
   const auto [i, u] = cell(p_B.x(), low.x(), high.x(), count_x);
   const auto [j, v] = cell(p_B.y(), low.y(), high.y(), count_y);
-  const auto value = [this](int a, int b) {
-    return ratio[static_cast<std::size_t>(count_y * a + b)];
-  };
+  const auto value = [this](int a, int b) { return ratio[count_y * a + b]; };
   return (1 - u) * ((1 - v) * value(i, j) + v * value(i, j + 1)) +
          u * ((1 - v) * value(i + 1, j) + v * value(i + 1, j + 1));
 }
@@ -115,9 +112,9 @@ SheetGeometry measure_sheet(const std::string& name, std::span<const Vector3d> n
   sheet.node_area.assign(nodes.size(), 0.0);
   std::vector<Vector3d> normal(nodes.size(), Vector3d::Zero());
   for (const Eigen::Vector3i& t : triangles) {
-    const Vector3d& origin = nodes[static_cast<std::size_t>(t[0])];
-    const Vector3d e1 = nodes[static_cast<std::size_t>(t[1])] - origin;
-    const Vector3d e2 = nodes[static_cast<std::size_t>(t[2])] - origin;
+    const Vector3d& origin = nodes[t[0]];
+    const Vector3d e1 = nodes[t[1]] - origin;
+    const Vector3d e2 = nodes[t[2]] - origin;
     const Vector3d twice = e1.cross(e2);
     const Eigen::Matrix<double, 3, 2> axes = tangent_axes(twice.normalized());
     Eigen::Matrix2d rest;
@@ -125,11 +122,10 @@ SheetGeometry measure_sheet(const std::string& name, std::span<const Vector3d> n
     SheetTriangle triangle;
     triangle.area = 0.5 * twice.norm();
     triangle.inverse = rest.inverse();
-    for (std::size_t k = 0; k < 3; ++k) {
-      const auto i = static_cast<std::size_t>(t[static_cast<int>(k)]);
-      triangle.node[k] = t[static_cast<int>(k)];
-      sheet.node_area[i] += triangle.area / 3;
-      normal[i] += twice;
+    for (int k = 0; k < 3; ++k) {
+      triangle.node[k] = t[k];
+      sheet.node_area[t[k]] += triangle.area / 3;
+      normal[t[k]] += twice;
     }
     sheet.edge += (e1.norm() + e2.norm() + (e2 - e1).norm()) / 3;
     sheet.triangles.push_back(triangle);
@@ -162,9 +158,9 @@ SheetGeometry measure_sheet(const std::string& name, std::span<const Vector3d> n
 std::vector<DiscPoint> sample_disc(const SheetGeometry& sheet, std::span<const Vector3d> nodes,
                                    std::span<const std::uint8_t> fixed, const Vector3d& centre,
                                    double radius) {
-  // Each triangle as parts^2 small ones, a third of the radius wide or less.
+  // Midpoint rule: each triangle as parts^2 small ones, a third of the radius wide or less.
   const int parts = std::clamp(static_cast<int>(3 * sheet.edge / radius) + 1, 4, 64);
-  const double blur = 0.5 * sheet.edge / parts;  // of the rim, so that points enter smoothly
+  const double blur = 0.5 * sheet.edge / parts;  // of the rim, so that weights are continuous
   std::vector<DiscPoint> points;
   std::vector<Vector3d> places;
   double total = 0;
@@ -172,10 +168,8 @@ std::vector<DiscPoint> sample_disc(const SheetGeometry& sheet, std::span<const V
   Vector3d normal = Vector3d::Zero();
   for (std::size_t t = 0; t < sheet.triangles.size(); ++t) {
     const SheetTriangle& triangle = sheet.triangles[t];
-    const auto corner = [&](std::size_t k) -> const Vector3d& {
-      return nodes[static_cast<std::size_t>(triangle.node[k])];
-    };
-    const auto is_fixed = [&](std::int32_t i) { return fixed[static_cast<std::size_t>(i)] != 0; };
+    const auto corner = [&](int k) -> const Vector3d& { return nodes[triangle.node[k]]; };
+    const auto is_fixed = [&](std::int32_t i) { return fixed[i] != 0; };
     if (std::all_of(triangle.node.begin(), triangle.node.end(), is_fixed)) continue;
     const Vector3d e1 = corner(1) - corner(0);
     const Vector3d e2 = corner(2) - corner(0);
@@ -203,8 +197,7 @@ std::vector<DiscPoint> sample_disc(const SheetGeometry& sheet, std::span<const V
       }
     }
   }
-  // Three points that are not in line have slopes.
-  if (points.size() < 6) return {};
+  if (points.size() < 6) return {};  // fewer may lie in line and determine no slopes
   mean /= total;
   const Eigen::Matrix<double, 3, 2> axes = tangent_axes(normal.normalized());
   for (std::size_t k = 0; k < points.size(); ++k) {
@@ -221,18 +214,15 @@ std::pair<Vector3d, double> nearest_on_mesh(const SheetGeometry& sheet,
   best.squared = 1e9;
   for (std::size_t t = 0; t < sheet.triangles.size(); ++t) {
     const auto& node = sheet.triangles[t].node;
-    const auto at = [&](std::size_t k) { return places[static_cast<std::size_t>(node[k])]; };
-    TrianglePoint point = nearest_on_triangle(tip, at(0), at(1), at(2));
+    TrianglePoint point =
+        nearest_on_triangle(tip, places[node[0]], places[node[1]], places[node[2]]);
     if (!(point.squared < best.squared)) continue;
     best = point;
     best.triangle = static_cast<int>(t);
   }
   if (best.triangle < 0) return {Vector3d::Zero(), std::sqrt(best.squared)};
   Vector3d place = Vector3d::Zero();
-  for (std::size_t k = 0; k < 3; ++k) {
-    const std::int32_t i = sheet.triangles[static_cast<std::size_t>(best.triangle)].node[k];
-    place += best.share[static_cast<int>(k)] * rest[static_cast<std::size_t>(i)];
-  }
+  for (int k = 0; k < 3; ++k) place += best.share[k] * rest[sheet.triangles[best.triangle].node[k]];
   return {place, std::sqrt(best.squared)};
 }
 

@@ -6,6 +6,7 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <cmath>
 #include <filesystem>
 #include <fstream>
 #include <map>
@@ -22,7 +23,7 @@ namespace fs = std::filesystem;
 
 constexpr int kMaxNodes = 200'000;
 
-/// A folder that goes when the object goes.
+/// A temporary folder, removed with the object.
 struct ScratchFolder {
   ScratchFolder() {
     std::string name = (fs::temp_directory_path() / "omentum_mesh_XXXXXX").string();
@@ -51,7 +52,7 @@ void write_obj(const TriangleMesh& mesh, const fs::path& path) {
   if (!out) throw_error("{}: cannot be written", path.string());
 }
 
-/// Runs the mesher and waits for it; its complaint is already on stderr.
+/// Runs the mesher and waits for it; false where it failed, with a message on stderr.
 bool run_mesher(const fs::path& input, const fs::path& output, double edge_length) {
   const fs::path program = fs::read_symlink("/proc/self/exe").parent_path() / "solid_mesher";
   if (!fs::exists(program)) throw_error("{}: not built", program.string());
@@ -75,21 +76,17 @@ void add_middles(SolidMesh& mesh) {
   std::map<std::array<std::int32_t, 2>, std::int32_t> middle_of;
   for (auto& tetrahedron : mesh.tetrahedra) {
     for (std::size_t k = 0; k < 6; ++k) {
-      std::int32_t a = tetrahedron[static_cast<std::size_t>(kSolidEdge[k][0])];
-      std::int32_t b = tetrahedron[static_cast<std::size_t>(kSolidEdge[k][1])];
-      if (a > b) std::swap(a, b);
+      const auto [a, b] =
+          std::minmax({tetrahedron[kSolidEdge[k][0]], tetrahedron[kSolidEdge[k][1]]});
       const auto [at, added] =
           middle_of.try_emplace({a, b}, static_cast<std::int32_t>(mesh.nodes.size()));
-      if (added) {
-        mesh.nodes.push_back(0.5 * (mesh.nodes[static_cast<std::size_t>(a)] +
-                                    mesh.nodes[static_cast<std::size_t>(b)]));
-      }
+      if (added) mesh.nodes.push_back(0.5 * (mesh.nodes[a] + mesh.nodes[b]));
       tetrahedron[4 + k] = at->second;
     }
   }
 }
 
-/// Faces of one tetrahedron only, outside counter-clockwise, each split at its middles.
+/// Fills mesh.surface.
 void add_surface(SolidMesh& mesh) {
   // Corners of the four faces, then the middles of their edges 0-1, 1-2, 2-0.
   constexpr std::size_t kFace[4][6] = {
@@ -119,7 +116,7 @@ void add_surface(SolidMesh& mesh) {
 }  // namespace
 
 double tetrahedron_volume(const SolidMesh& mesh, const std::array<std::int32_t, 10>& t) {
-  const auto node = [&](std::size_t k) { return mesh.nodes[static_cast<std::size_t>(t[k])]; };
+  const auto node = [&](std::size_t k) { return mesh.nodes[t[k]]; };
   return (node(1) - node(0)).cross(node(2) - node(0)).dot(node(3) - node(0)) / 6;
 }
 
@@ -152,12 +149,10 @@ SolidMesh parse_solid_mesh(const std::string& name, const std::string& content) 
         throw_error("{}:{}: no four nodes of 0 ... {}", name, nodes + t + 2, nodes - 1);
       }
     }
-    double volume = tetrahedron_volume(mesh, corners);
-    if (volume < 0) {
-      std::swap(corners[2], corners[3]);
-      volume = -volume;
-    }
-    if (!(volume > 0)) throw_error("{}:{}: a tetrahedron without volume", name, nodes + t + 2);
+    const double volume = tetrahedron_volume(mesh, corners);
+    if (volume < 0) std::swap(corners[2], corners[3]);
+    if (!(std::abs(volume) > 0))
+      throw_error("{}:{}: a tetrahedron without volume", name, nodes + t + 2);
     mesh.tetrahedra.push_back(corners);
   }
   add_middles(mesh);

@@ -16,8 +16,8 @@ struct SolidMesh {
   std::vector<Eigen::Vector3d> nodes;  ///< p_B at rest [m]
   /// Corners 0-3 (positive volume), then the middles of the edges of kSolidEdge.
   std::vector<std::array<std::int32_t, 10>> tetrahedra;
-  /// The skin: each face of a tetrahedron that no other has, as four triangles over corners and
-  /// middles, counter-clockwise seen from outside.
+  /// Each outer face of a tetrahedron as four triangles over corners and middles, counter-clockwise
+  /// seen from outside.
   std::vector<Eigen::Vector3i> surface;
 };
 
@@ -28,8 +28,8 @@ inline constexpr int kSolidEdge[6][2] = {{0, 1}, {1, 2}, {0, 2}, {0, 3}, {1, 3},
 /// which lies beside this one. `name` is used in messages. Throws Error if that fails.
 SolidMesh fill_mesh(const TriangleMesh& surface, const std::string& name, double edge_length);
 
-/// Reads what solid_mesher wrote and adds the middles. Throws Error naming the file and what is
-/// wrong: total, whatever the content.
+/// Reads what solid_mesher wrote and adds the middles. Total: any content gives a mesh or an Error
+/// naming the file and what is wrong.
 SolidMesh parse_solid_mesh(const std::string& name, const std::string& content);
 
 /// Volume of a tetrahedron from its corners [m^3].

@@ -19,10 +19,10 @@ namespace {
 
 using namespace omentum;  // NOLINT(google-build-using-namespace)
 
-/// Netgen decides by absolute lengths what is one point, so it gets millimetres.
+/// Netgen merges points by absolute distances made for millimetres.
 constexpr double kMillimetre = 1000;
 
-/// Netgen talks on stdout; nobody asked.
+/// Netgen logs on stdout.
 void silence_stdout() {
   std::fflush(stdout);
   const int null = open("/dev/null", O_WRONLY | O_CLOEXEC);
@@ -57,7 +57,7 @@ void fill(const TriangleMesh& surface, const std::string& name, double edge_leng
   for (const Eigen::Vector3i& t : surface.triangles) {
     Eigen::Vector3d corner[3];
     for (int k = 0; k < 3; ++k) {
-      corner[k] = kMillimetre * surface.vertices[static_cast<std::size_t>(t[k])];
+      corner[k] = kMillimetre * surface.vertices[t[k]];
     }
     nglib::Ng_STL_AddTriangle(geometry, corner[0].data(), corner[1].data(), corner[2].data());
   }
