@@ -14,15 +14,15 @@ using Eigen::MatrixXd;
 using Dense = Eigen::Map<MatrixXd>;
 using ConstDense = Eigen::Map<const MatrixXd>;
 
-// Rectangles of so many columns are not cut again: smaller ones save operations, but their
-// matrices are too small to be fast.
+// Rectangles of up to so many columns are not cut: smaller ones save operations, but their matrices
+// are too small to be fast.
 constexpr int kLeaf = 9;
-// Columns that a front eliminates at once, and that it takes from its border at once. Below what
+// Columns that a front eliminates at once, and of which it updates its border at once. Below what
 // Eigen splits by the size of the cache: the sums are the same on every machine.
 constexpr int kPanel = 32;
 constexpr int kDepth = 96;
-// What fronts down to this depth of the tree leave on their borders is kept: 16 parts of the sheet
-// that can be factored anew alone. Below, kept borders would not fit the cache.
+// Update matrices of fronts down to this depth of the tree are kept, so that 16 parts of the sheet
+// can be factored again alone; more would not fit the cache.
 constexpr int kKeptDepth = 4;
 
 struct Rectangle {
@@ -55,13 +55,13 @@ class Dissector {
     for (int iy = r.y0; iy < r.y1; ++iy) {
       for (int ix = r.x0; ix < r.x1; ++ix) {
         const int column = iy * nx_ + ix;
-        if (unknowns_[static_cast<std::size_t>(column)] > 0) found.push_back(column);
+        if (unknowns_[column] > 0) found.push_back(column);
       }
     }
     return found;
   }
 
-  /// Columns around the rectangle. All lie on cuts that are eliminated later.
+  /// Columns around the rectangle; all lie on cuts, eliminated later.
   std::vector<int> ring(const Rectangle& r) const {
     const Rectangle wide = {std::max(0, r.x0 - 1), std::min(nx_, r.x1 + 1), std::max(0, r.y0 - 1),
                             std::min(ny_, r.y1 + 1)};
@@ -74,7 +74,7 @@ class Dissector {
     return found;
   }
 
-  /// Number of the front that finishes the rectangle, -1 where it has no unknowns.
+  /// Cuts a rectangle; the number of its last front, -1 where it has no unknowns.
   int cut(const Rectangle& r, int depth, int side) {
     if (columns(r).empty()) return -1;
     Dissection::Front front;
@@ -97,8 +97,8 @@ class Dissector {
     }
     front.first = order_.size;
     for (const int column : columns(own)) {
-      order_.first_unknown[static_cast<std::size_t>(column)] = order_.size;
-      order_.size += unknowns_[static_cast<std::size_t>(column)];
+      order_.first_unknown[column] = order_.size;
+      order_.size += unknowns_[column];
     }
     front.own = order_.size - front.first;
     front.border = ring(r);  // columns, until all are numbered
@@ -110,27 +110,26 @@ class Dissector {
     for (Dissection::Front& front : order_.fronts) {
       std::vector<int> border;
       for (const int column : front.border) {
-        for (int k = 0; k < unknowns_[static_cast<std::size_t>(column)]; ++k)
-          border.push_back(order_.first_unknown[static_cast<std::size_t>(column)] + k);
+        for (int k = 0; k < unknowns_[column]; ++k)
+          border.push_back(order_.first_unknown[column] + k);
       }
       std::sort(border.begin(), border.end());
       front.border = std::move(border);
       front.entries = order_.entries;
-      order_.entries +=
-          static_cast<std::size_t>(front.own) * static_cast<std::size_t>(front.height());
+      order_.entries += front.own * front.height();
       const auto number = static_cast<int>(&front - order_.fronts.data());
-      order_.front_of.insert(order_.front_of.end(), static_cast<std::size_t>(front.own), number);
+      order_.front_of.insert(order_.front_of.end(), front.own, number);
     }
     for (const Dissection::Front& parent : order_.fronts) {
       for (const int child : parent.child) {
-        if (child >= 0) map_border(parent, order_.fronts[static_cast<std::size_t>(child)]);
+        if (child >= 0) map_border(parent, order_.fronts[child]);
       }
     }
   }
 
   static void map_border(const Dissection::Front& parent, Dissection::Front& child) {
     for (int k = 0; k < static_cast<int>(child.border.size()); ++k) {
-      const int to = row_of(parent, child.border[static_cast<std::size_t>(k)]);
+      const int to = row_of(parent, child.border[k]);
       if (!child.into_parent.empty()) {
         Dissection::Run& last = child.into_parent.back();
         if (last.to + last.length == to && to != parent.own) {
@@ -147,12 +146,11 @@ class Dissector {
   Dissection order_;
 };
 
-/// Adds what a child left on its border to the front: to the columns it eliminates and to its own
-/// border.
-void add_child(const Dissection::Front& child, const double* left, const Dissection::Front& front,
+/// Extend-add: adds the update matrix of a child to the columns the front eliminates and to its own
+/// update matrix.
+void add_child(const Dissection::Front& child, const double* update, const Dissection::Front& front,
                Dense& panel, Dense& border) {
   const auto rim = static_cast<std::ptrdiff_t>(child.border.size());
-  const double* from = left;
   for (const Dissection::Run& across : child.into_parent) {
     for (int j = 0; j < across.length; ++j) {
       const int column = across.to + j;
@@ -161,7 +159,7 @@ void add_child(const Dissection::Front& child, const double* left, const Dissect
         if (down.from < across.from) continue;  // upper triangle
         const int skip = down.from == across.from ? j : 0;
         const int length = down.length - skip;
-        const double* part = from + (across.from + j) * rim + down.from + skip;
+        const double* part = update + (across.from + j) * rim + down.from + skip;
         double* to = eliminated ? &panel(down.to + skip, column)
                                 : &border(down.to + skip - front.own, column - front.own);
         for (int i = 0; i < length; ++i) to[i] += part[i];
@@ -170,7 +168,7 @@ void add_child(const Dissection::Front& child, const double* left, const Dissect
   }
 }
 
-/// Cholesky factor of the first columns of a front and what it leaves on the border.
+/// Cholesky factor of the own columns of a front, and its update matrix.
 bool eliminate(Dense& panel, Dense& border) {
   const Eigen::Index own = panel.cols();
   const Eigen::Index rim = border.rows();
@@ -207,19 +205,16 @@ Dissection dissect(int nx, int ny, std::span<const int> unknowns) {
 }
 
 std::size_t Dissection::index(int row, int column) const {
-  const auto front_number = front_of[static_cast<std::size_t>(column)];
-  const Front& front = fronts[static_cast<std::size_t>(front_number)];
-  return front.entries +
-         static_cast<std::size_t>(column - front.first) * static_cast<std::size_t>(front.height()) +
-         static_cast<std::size_t>(row_of(front, row));
+  const Front& front = fronts[front_of[column]];
+  return front.entries + (column - front.first) * front.height() + row_of(front, row);
 }
 
 FrontalCholesky::FrontalCholesky(const Dissection& order) : order_(order) {
   entries_.assign(order_.entries, 0);
   panels_.assign(order_.entries, 0);
   stale_.assign(order_.fronts.size(), 1);
-  // A front is done when the two below it are, so far down one place for each depth and side
-  // suffices; it stays in the cache.
+  // Below kKeptDepth one place for each depth and side suffices, since a front is done right after
+  // its two children; it stays in the cache.
   std::map<std::pair<int, int>, std::size_t> shared;  // entries
   for (const Dissection::Front& front : order_.fronts) {
     std::size_t& widest = shared[{front.depth, front.side}];
@@ -231,15 +226,15 @@ FrontalCholesky::FrontalCholesky(const Dissection& order) : order_(order) {
   for (const Dissection::Front& front : order_.fronts) {
     const std::pair<int, int> key(front.depth, front.side);
     if (front.depth <= kKeptDepth) {
-      left_at_.push_back(end);
+      update_at_.push_back(end);
       end += front.border.size() * front.border.size();
       continue;
     }
     const auto [at, is_new] = place.try_emplace(key, end);
     if (is_new) end += shared[key];
-    left_at_.push_back(at->second);
+    update_at_.push_back(at->second);
   }
-  left_.resize(end + 1);
+  update_.resize(end + 1);
 }
 
 void FrontalCholesky::set_zero() { std::fill(entries_.begin(), entries_.end(), 0.0); }
@@ -251,18 +246,17 @@ bool FrontalCholesky::factor() {
 
 bool FrontalCholesky::factor_again(std::span<const int> changed) {
   std::fill(stale_.begin(), stale_.end(), 0);
-  for (const int unknown : changed)
-    stale_[static_cast<std::size_t>(order_.front_of[static_cast<std::size_t>(unknown)])] = 1;
-  // Children come before parents: up the tree, and, where what children left is not kept, down.
+  for (const int unknown : changed) stale_[order_.front_of[unknown]] = 1;
+  // Up the tree, children before parents; then down, where the update matrices are not kept.
   for (std::size_t f = 0; f < order_.fronts.size(); ++f) {
     for (const int child : order_.fronts[f].child) {
-      if (child >= 0 && stale_[static_cast<std::size_t>(child)] != 0) stale_[f] = 1;
+      if (child >= 0 && stale_[child] != 0) stale_[f] = 1;
     }
   }
   for (std::size_t f = order_.fronts.size(); f-- > 0;) {
     if (stale_[f] == 0 || order_.fronts[f].depth < kKeptDepth) continue;
     for (const int child : order_.fronts[f].child) {
-      if (child >= 0) stale_[static_cast<std::size_t>(child)] = 1;
+      if (child >= 0) stale_[child] = 1;
     }
   }
   return factor_fronts();
@@ -277,12 +271,10 @@ bool FrontalCholesky::factor_fronts() {
     std::copy(from, from + static_cast<std::ptrdiff_t>(front.height()) * front.own,
               &panels_[front.entries]);
     Dense panel(&panels_[front.entries], front.height(), front.own);
-    Dense border(left(f), rim, rim);
+    Dense border(update_of(f), rim, rim);
     for (Eigen::Index k = 0; k < rim; ++k) border.col(k).tail(rim - k).setZero();
     for (const int child : front.child) {
-      if (child < 0) continue;
-      const auto c = static_cast<std::size_t>(child);
-      add_child(order_.fronts[c], left(c), front, panel, border);
+      if (child >= 0) add_child(order_.fronts[child], update_of(child), front, panel, border);
     }
     if (!eliminate(panel, border)) return false;
   }
@@ -299,8 +291,7 @@ void FrontalCholesky::solve_lower(Eigen::Ref<MatrixXd> rhs) const {
     panel.topRows(front.own).triangularView<Eigen::Lower>().solveInPlace(own);
     if (rim == 0) continue;
     border.topRows(rim).noalias() = panel.bottomRows(rim) * own;
-    for (Eigen::Index k = 0; k < rim; ++k)
-      rhs.row(front.border[static_cast<std::size_t>(k)]) -= border.row(k);
+    for (Eigen::Index k = 0; k < rim; ++k) rhs.row(front.border[k]) -= border.row(k);
   }
 }
 
@@ -310,8 +301,7 @@ void FrontalCholesky::solve_upper(Eigen::Ref<MatrixXd> rhs) const {
     const auto rim = static_cast<Eigen::Index>(front->border.size());
     auto own = rhs.middleRows(front->first, front->own);
     const ConstDense panel(&panels_[front->entries], front->height(), front->own);
-    for (Eigen::Index k = 0; k < rim; ++k)
-      border.row(k) = rhs.row(front->border[static_cast<std::size_t>(k)]);
+    for (Eigen::Index k = 0; k < rim; ++k) border.row(k) = rhs.row(front->border[k]);
     if (rim > 0) own.noalias() -= panel.bottomRows(rim).transpose() * border.topRows(rim);
     panel.topRows(front->own).triangularView<Eigen::Lower>().transpose().solveInPlace(own);
   }

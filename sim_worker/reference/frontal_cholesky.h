@@ -7,24 +7,24 @@
 #include <vector>
 
 // reference/ is the converged solid (docs/tissue.md 13): bricks, exact tangents, double precision,
-// one environment. Slow and right: the oracle of the fast models, and what `mismatch` compares
-// recordings with. It shares no arithmetic with the lanes.
+// one environment. The oracle of the fast models, and what `mismatch` compares recordings with. It
+// shares no arithmetic with the lanes.
 
 namespace omentum {
 
 /// Order in which the unknowns of a sheet are eliminated: nested dissection [George73]. The sheet
-/// is a grid of columns (all nodes above one another); neighbours, diagonal ones included, couple.
-/// A line of columns cuts a rectangle in two halves that do not couple, each half is cut again, and
-/// a line is eliminated after its halves. Against line-by-line numbering a 37 x 36 grid needs 2.5
-/// times fewer operations.
+/// is a grid of columns of nodes; neighbours, diagonal ones included, couple. A line of columns
+/// cuts a rectangle in two halves that do not couple, each half is cut again, and a line is
+/// eliminated after its halves. Against line-by-line numbering a 37 x 36 grid needs 2.5 times fewer
+/// operations.
 struct Dissection {
   /// Rows `from` ... `from + length - 1` of a front's border are rows `to` ... of its parent;
   /// a run never spans rows that the parent eliminates and rows of its border.
   struct Run {
     int from = 0, length = 0, to = 0;
   };
-  /// A cut, or a small rectangle: unknowns `first` ... `first + own - 1`, which once eliminated
-  /// couple all of `border` (unknowns eliminated later, ascending). Rows of a front: own, border.
+  /// A cut, or a small rectangle: unknowns `first` ... `first + own - 1`, whose elimination couples
+  /// all of `border` (unknowns eliminated later, ascending). Rows of a front: own, border.
   struct Front {
     int first = 0, own = 0;
     std::vector<int> border;
@@ -40,19 +40,18 @@ struct Dissection {
   int size = 0;                    ///< unknowns
   std::size_t entries = 0;         ///< of all fronts
 
-  /// Entry (row, column) of the lower triangle, row >= column; the next row lies behind it, the
-  /// next column of the same grid column stride(column) further. The two must couple.
+  /// Index of the entry (row, column), row >= column, of unknowns that couple. The next row is one
+  /// further, the next column of the same grid column stride(column).
   std::size_t index(int row, int column) const;
-  int stride(int column) const {
-    return fronts[static_cast<std::size_t>(front_of[static_cast<std::size_t>(column)])].height();
-  }
+  int stride(int column) const { return fronts[front_of[column]].height(); }
 };
 
 /// `unknowns[iy nx + ix]`: of each grid column, >= 0.
 Dissection dissect(int nx, int ny, std::span<const int> unknowns);
 
 /// Multifrontal Cholesky factorisation of a symmetric positive definite matrix [Duff83]: each front
-/// is a dense matrix that hands what is left on its border to its parent. One thread at a time.
+/// is a dense matrix that adds its update matrix, the Schur complement on its border, to its
+/// parent. One thread at a time.
 class FrontalCholesky {
  public:
   /// `order` must outlive this. Entries start at zero.
@@ -61,27 +60,26 @@ class FrontalCholesky {
   void set_zero();
   /// Of A, by Dissection::index(); the upper triangle is never read.
   double* entries() { return entries_.data(); }
-  /// A = L L^T; false where A is not positive definite (there is then no factor).
+  /// A = L L^T; false, and no factor, where A is not positive definite.
   bool factor();
-  /// The same where A changed since the last factor in the columns of these unknowns only: fronts
-  /// that no change reaches stay. The factor is that of factor() to the last bit.
+  /// The same, to the last bit, where A changed since the last factor in the columns of these
+  /// unknowns only; renews the fronts that depend on them.
   bool factor_again(std::span<const int> changed);
-  /// rhs <- L^-1 rhs. Fronts that nothing reaches cost nothing.
+  /// rhs <- L^-1 rhs; skips fronts where rhs is zero.
   void solve_lower(Eigen::Ref<Eigen::MatrixXd> rhs) const;
   /// rhs <- L^-T rhs.
   void solve_upper(Eigen::Ref<Eigen::MatrixXd> rhs) const;
 
  private:
   bool factor_fronts();
-  double* left(std::size_t front) { return &left_[left_at_[front]]; }
+  double* update_of(std::size_t front) { return &update_[update_at_[front]]; }
 
   const Dissection& order_;
-  std::vector<double> entries_;  ///< of A, per front: own columns of all its rows
-  std::vector<double> panels_;   ///< of L, alike
-  /// What fronts leave on their borders, and where it starts per front.
-  std::vector<double> left_;
-  std::vector<std::size_t> left_at_;
-  std::vector<std::uint8_t> stale_;  ///< per front: to be factored
+  std::vector<double> entries_;         ///< of A, per front: own columns of all its rows
+  std::vector<double> panels_;          ///< of L, alike
+  std::vector<double> update_;          ///< update matrices
+  std::vector<std::size_t> update_at_;  ///< start of each front's in update_
+  std::vector<std::uint8_t> stale_;     ///< per front: to be factored
   Eigen::Index widest_border_ = 0;
 };
 

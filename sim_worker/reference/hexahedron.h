@@ -14,11 +14,11 @@ namespace omentum {
 ///   node a = ix + 2 iy + 4 iz, each 0 or 1 along its axis; local coordinates xi in [-1, 1]^3
 ///   x(xi) = sum_a N_a(xi) x_a + sum_k (1 - xi_k^2) b_k
 ///
-/// The three parabolas b_k (nine numbers, internal to the element) are the modes of Wilson in the
-/// finite-strain form of Simo and Armero (Q1/E9): with them bending is free of shear locking and,
-/// in thickness direction, of Poisson locking, so one element through a thin sheet is enough. Their
-/// gradients integrate to zero over the box, so every constant strain is exact (patch test). They
-/// are eliminated inside the element; they have no mass. Quadrature 2 x 2 x 2 Gauss points.
+/// The three parabolas b_k (nine unknowns, internal to the element and without mass) are the modes
+/// of Wilson in the finite-strain form of Simo and Armero (Q1/E9): with them bending is free of
+/// shear locking and, in thickness direction, of Poisson locking, so one element through a thin
+/// sheet is enough. Their gradients integrate to zero over the box, so every constant strain is
+/// exact (patch test). Quadrature 2 x 2 x 2 Gauss points.
 constexpr int kHexNodes = 8;
 
 inline constexpr int kHexPoints = 8;  ///< Gauss points
@@ -26,20 +26,20 @@ inline constexpr int kHexPoints = 8;  ///< Gauss points
 /// Symmetric tensor, row-major 3 x 3.
 using PackTensor = std::array<Pack, 9>;
 
-/// Rest shape of four bricks that is not quite the box: at each Gauss point the map from gradients
-/// with respect to the box to those with respect to the stress-free shape (row vector times map),
-/// and the volume relative to the box.
+/// Rest shape of four bricks other than the box: at each Gauss point the map from gradients with
+/// respect to the box to those with respect to the stress-free shape (row vector times map), and
+/// the volume relative to the box.
 struct HexRest {
   std::array<std::array<Pack, 9>, kHexPoints> map;
   std::array<Pack, kHexPoints> volume;
 };
 
-/// What four bricks remember for the effects (effect_catalogue.h), per Gauss point; stresses are
-/// second Piola-Kirchhoff stresses [Pa].
+/// Memory of the effects (effect_catalogue.h) in four bricks, per Gauss point; stresses are second
+/// Piola-Kirchhoff stresses [Pa].
 struct HexMemory {
   std::array<PackTensor, kHexPoints> stress;   ///< elastic, at the end of the last step
-  std::array<PackTensor, kHexPoints> bias;     ///< what the Prony branches add in this step
-  std::array<PackTensor, kHexPoints> plastic;  ///< strain at which the slider sits
+  std::array<PackTensor, kHexPoints> bias;     ///< history term of the Prony branches in this step
+  std::array<PackTensor, kHexPoints> plastic;  ///< plastic strain of the slider
   std::array<Pack, kHexPoints> energy_peak;    ///< largest energy per volume / mu so far
   std::array<std::array<PackTensor, kHexPoints>, kMaxBranches> branch;
 };
@@ -48,15 +48,14 @@ struct HexMemory {
 ///
 ///   stiffening  c2 I^2,  I = 2 E:E                      E = (F^T F - I) / 2
 ///   fibres      Ef (taut(E4)),  taut' = (E4 + sqrt(E4^2 + w^2) - w) / 2,  E4 = a . E a, w = 1e-3
-///   softening   of law and stiffening: stress x eta(W), as softened_share() of the shell
-///               (shell_effects.inl)
+///   softening   of law and stiffening: stress x eta(W), as in the shell (shell_effects.inl)
 ///   branches    (1 + gains) x all elastic stress + bias (sim_worker/tissue/effect_catalogue.h)
 ///   slider      Ep |e|^2 / 2 up to |e| = yield, then Ep yield (|e| - yield / 2);  e = E - plastic
 struct HexEffects {
   double stiffening = 0;                       ///< c2
   double fibre = 0;                            ///< Ef
   std::array<double, 2> axis{1, 0};            ///< of the fibres in x_B, y_B
-  double softening = 0, softening_energy = 1;  ///< share of the stress, m
+  double softening = 0, softening_energy = 1;  ///< fraction of the stress lost at most, m
   double gains = 0;
   bool branches = false;
   double slider = 0, yield = 1;  ///< Ep, strain
@@ -64,7 +63,7 @@ struct HexEffects {
   const HexMemory* memory = nullptr;  ///< needed for softening, branches and slider
 };
 
-/// Where four bricks are.
+/// Four bricks and where they are.
 struct HexShape {
   std::array<Pack, 24> x;               ///< nodes, [node][xyz] [m]
   std::array<Pack, 9> bubble;           ///< b_k, [k][xyz] [m]
@@ -80,7 +79,7 @@ struct HexForce {
   std::array<Pack, 9> bubble_force;  ///< d energy / d b [N]
 };
 
-/// What elimination leaves behind to recover the parabolas: with H = L L^T the tangent of b,
+/// Static condensation of the parabolas: with H = L L^T the tangent of b,
 /// db = -L^-T (rhs + coupling dx).
 struct HexInner {
   std::array<Pack, 45> factor;     ///< L, row by row; the diagonal holds 1 / L_rr
@@ -88,24 +87,32 @@ struct HexInner {
   std::array<Pack, 9> rhs;         ///< L^-1 d energy / db
 };
 
-/// Second derivative with b eliminated: stiffness of the nodes alone.
+/// Second derivative of the energy with b eliminated.
 struct HexTangent {
   /// Lower node blocks: block (a, b), a >= b, at 9 (a (a + 1) / 2 + b), row-major 3 x 3 [N/m].
   std::array<Pack, 324> stiffness;
   HexInner inner;
 };
 
+/// Response of material and effects at a Gauss point with deformation gradient F
+/// (hex_material.cpp).
+void point_response(pb::ElasticLaw law, const HexShape& shape, int point, const PackTensor& F,
+                    bool want_tangent, ElasticResponse<Pack>& out);
+/// Memory of the effects there at the end of a step.
+void remember_point(pb::ElasticLaw law, const HexShape& shape, int point, const PackTensor& F,
+                    const PronyStep& prony, HexMemory& memory);
+
 void hex_force(pb::ElasticLaw law, const HexShape& shape, HexForce& out);
 void hex_tangent(pb::ElasticLaw law, const HexShape& shape, HexTangent& out);
 
-/// End of a step of length h: what the effects of the shape remember.
+/// End of a step: updates the memory of the effects of the shape.
 void hex_remember(pb::ElasticLaw law, const HexShape& shape, const PronyStep& prony,
                   HexMemory& memory);
 
 /// Renews `rhs` for another state and the same factor.
 void hex_condense(const std::array<Pack, 9>& bubble_force, HexInner& inner);
 
-/// Change of the parabolas that goes with a change of the nodes.
+/// Change of the parabolas for a change of the nodes.
 void hex_recover(const HexInner& inner, const std::array<Pack, 24>& dx,
                  std::array<Pack, 9>& dbubble);
 

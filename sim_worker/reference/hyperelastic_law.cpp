@@ -1,60 +1,19 @@
 #include "sim_worker/reference/hyperelastic_law.h"
 
 #include "core/check.h"
+#include "sim_worker/reference/tensor.h"
 
 namespace omentum {
 namespace {
 
-template <typename T>
-using Matrix = std::array<T, 9>;
-
-template <typename T>
-T dot(const Matrix<T>& a, const Matrix<T>& b) {
-  T sum = a[0] * b[0];
-  for (int k = 1; k < 9; ++k) sum = fma(a[k], b[k], sum);
-  return sum;
-}
-
-/// a^T b.
-template <typename T>
-Matrix<T> product_transposed(const Matrix<T>& a, const Matrix<T>& b) {
-  Matrix<T> c;
-  for (int i = 0; i < 3; ++i) {
-    for (int j = 0; j < 3; ++j)
-      c[3 * i + j] = fma(a[i], b[j], fma(a[3 + i], b[3 + j], a[6 + i] * b[6 + j]));
-  }
-  return c;
-}
-
-/// Cofactor matrix: det(a) a^-T.
-template <typename T>
-Matrix<T> cofactor(const Matrix<T>& a) {
-  Matrix<T> c;
-  for (int i = 0; i < 3; ++i) {
-    const int i1 = (i + 1) % 3;
-    const int i2 = (i + 2) % 3;
-    for (int j = 0; j < 3; ++j) {
-      const int j1 = (j + 1) % 3;
-      const int j2 = (j + 2) % 3;
-      c[3 * i + j] = a[3 * i1 + j1] * a[3 * i2 + j2] - a[3 * i1 + j2] * a[3 * i2 + j1];
-    }
-  }
-  return c;
-}
-
-template <typename T>
-T determinant(const Matrix<T>& a, const Matrix<T>& cofactors) {
-  return fma(a[0], cofactors[0], fma(a[1], cofactors[1], a[2] * cofactors[2]));
-}
-
 /// Rotation of the polar decomposition by Newton's iteration R <- (R + R^-T) / 2 (Higham 1986).
 /// Twelve steps reach rounding for principal stretches of 1/50 ... 50.
 template <typename T>
-Matrix<T> polar_rotation(const Matrix<T>& F) {
+Tensor<T> polar_rotation(const Tensor<T>& F) {
   constexpr int kSteps = 12;
-  Matrix<T> R = F;
+  Tensor<T> R = F;
   for (int step = 0; step < kSteps; ++step) {
-    const Matrix<T> c = cofactor(R);
+    const Tensor<T> c = cofactor(R);
     const T scale = T(0.5) / determinant(R, c);
     for (int k = 0; k < 9; ++k) R[k] = fma(scale, c[k], T(0.5) * R[k]);
   }
@@ -62,8 +21,8 @@ Matrix<T> polar_rotation(const Matrix<T>& F) {
 }
 
 template <typename T>
-void neo_hooke(const Matrix<T>& F, T mu, T lambda, bool want_tangent, ElasticResponse<T>& out) {
-  Matrix<T> G = cofactor(F);  // becomes F^-T
+void neo_hooke(const Tensor<T>& F, T mu, T lambda, bool want_tangent, ElasticResponse<T>& out) {
+  Tensor<T> G = cofactor(F);  // becomes F^-T
   const T J = determinant(F, G);
   for (T& g : G) g = g / J;
   const T log_j = logarithm(J);
@@ -86,23 +45,23 @@ void neo_hooke(const Matrix<T>& F, T mu, T lambda, bool want_tangent, ElasticRes
   }
 }
 
-// With Q = R^T dF the rotation turns by dR = R [w]x where (tr(S) I - S) w = axial(Q - Q^T); the
+// With Q = R^T dF the rotation changes by dR = R [w]x where (tr(S) I - S) w = axial(Q - Q^T); the
 // derivative of tr S = R : F is R, because F : dR = S : [w]x = 0.
 template <typename T>
-void corotated(const Matrix<T>& F, T mu, T lambda, bool want_tangent, ElasticResponse<T>& out) {
-  const Matrix<T> R = polar_rotation(F);
-  const Matrix<T> S = product_transposed(R, F);
+void corotated(const Tensor<T>& F, T mu, T lambda, bool want_tangent, ElasticResponse<T>& out) {
+  const Tensor<T> R = polar_rotation(F);
+  const Tensor<T> S = product_transposed(R, F);
   const T trace = S[0] + S[4] + S[8];
   const T stretch = trace - T(3.0);
-  Matrix<T> D;
+  Tensor<T> D;
   for (int k = 0; k < 9; ++k) D[k] = F[k] - R[k];
   out.energy = fma(mu, dot(D, D), T(0.5) * lambda * stretch * stretch);
   for (int k = 0; k < 9; ++k) out.stress[k] = fma(T(2.0) * mu, D[k], lambda * stretch * R[k]);
   if (!want_tangent) return;
-  Matrix<T> B;
+  Tensor<T> B;
   for (int k = 0; k < 9; ++k) B[k] = -S[k];
   for (int k = 0; k < 9; k += 4) B[k] = B[k] + trace;
-  Matrix<T> B_inverse = cofactor(B);  // symmetric up to rounding
+  Tensor<T> B_inverse = cofactor(B);  // symmetric up to rounding
   const T scale = T(1.0) / determinant(B, B_inverse);
   for (T& b : B_inverse) b = scale * b;
   const T rotation_part = lambda * stretch - T(2.0) * mu;
@@ -122,8 +81,8 @@ void corotated(const Matrix<T>& F, T mu, T lambda, bool want_tangent, ElasticRes
         for (int j = 0; j < 3; ++j) {
           const int j1 = (j + 1) % 3;
           const int j2 = (j + 2) % 3;
-          const T turn = R[3 * i + j1] * w[j2] - R[3 * i + j2] * w[j1];
-          T value = fma(rotation_part, turn, lambda * R[3 * i + j] * R[3 * k + l]);
+          const T rotation = R[3 * i + j1] * w[j2] - R[3 * i + j2] * w[j1];
+          T value = fma(rotation_part, rotation, lambda * R[3 * i + j] * R[3 * k + l]);
           if (i == k && j == l) value = value + T(2.0) * mu;
           out.tangent[9 * (3 * i + j) + 3 * k + l] = value;
         }
@@ -133,22 +92,15 @@ void corotated(const Matrix<T>& F, T mu, T lambda, bool want_tangent, ElasticRes
 }
 
 template <typename T>
-void st_venant_kirchhoff(const Matrix<T>& F, T mu, T lambda, bool want_tangent,
+void st_venant_kirchhoff(const Tensor<T>& F, T mu, T lambda, bool want_tangent,
                          ElasticResponse<T>& out) {
-  Matrix<T> E = product_transposed(F, F);
-  for (int k = 0; k < 9; k += 4) E[k] = E[k] - T(1.0);
-  for (T& e : E) e = T(0.5) * e;
+  const Tensor<T> E = green_strain(F);
   const T trace = E[0] + E[4] + E[8];
   out.energy = fma(mu, dot(E, E), T(0.5) * lambda * trace * trace);
-  Matrix<T> S;  // second Piola-Kirchhoff stress
+  Tensor<T> S;  // second Piola-Kirchhoff stress
   for (int k = 0; k < 9; ++k) S[k] = T(2.0) * mu * E[k];
   for (int k = 0; k < 9; k += 4) S[k] = fma(lambda, trace, S[k]);
-  for (int i = 0; i < 3; ++i) {
-    for (int j = 0; j < 3; ++j) {
-      out.stress[3 * i + j] =
-          fma(F[3 * i], S[j], fma(F[3 * i + 1], S[3 + j], F[3 * i + 2] * S[6 + j]));
-    }
-  }
+  out.stress = product(F, S);
   if (!want_tangent) return;
   // dP = dF S + F (lambda tr(dE) I + 2 mu dE), 2 dE = dF^T F + F^T dF.
   for (int i = 0; i < 3; ++i) {

@@ -15,7 +15,7 @@ struct Lame {
 /// mu = E / (2 (1 + nu)), lambda = E nu / ((1 + nu)(1 - 2 nu)); nu below 0.5.
 Lame make_lame(double young_modulus, double poisson_ratio);
 
-/// Answer of a law to a deformation gradient. Matrices are row-major 3 x 3 [row i, column J].
+/// Response of a law to a deformation gradient. Matrices are row-major 3 x 3 [row i, column J].
 template <typename T>
 struct ElasticResponse {
   T energy{};                   ///< Psi per rest volume [J/m^3]
@@ -23,8 +23,8 @@ struct ElasticResponse {
   std::array<T, 81> tangent{};  ///< dP_iJ / dF_kL at [9 (3 i + J) + 3 k + L], symmetric [Pa]
 };
 
-/// Laws of large-strain elasticity in three dimensions; equal at small strain (docs/tissue.md 6,
-/// 13). F: deformation gradient. `tangent` is left alone unless wanted.
+/// Hyperelastic laws in three dimensions, equal at small strain (docs/tissue.md 6, 13), at the
+/// deformation gradient F. `tangent` is left alone unless wanted.
 ///
 ///   neo-Hooke             Psi = mu/2 (tr F^T F - 3 - 2 ln J) + lambda/2 (ln J)^2,   J = det F
 ///                         (Simo and Pister; coupled form: its volumetric energy is

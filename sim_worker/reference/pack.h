@@ -6,15 +6,15 @@
 
 namespace omentum {
 
-/// Four doubles side by side: the reference model treats four finite elements at a time. The
-/// functions below exist for double as well, so that one source serves tests with one sample.
-/// Comparisons are selects; a lane never sees its neighbours.
+/// Four doubles in a SIMD register: the reference model treats four finite elements at a time. The
+/// functions below exist for double as well, so that one source serves both.
 struct Pack {
   static constexpr int kLanes = 4;
 
   Pack() : v(_mm256_setzero_pd()) {}
   Pack(double s) : v(_mm256_set1_pd(s)) {}  // NOLINT(google-explicit-constructor)
   explicit Pack(__m256d values) : v(values) {}
+  static Pack load(const double* in) { return Pack(_mm256_loadu_pd(in)); }
 
   double lane(int k) const {
     alignas(32) double values[kLanes];
@@ -45,7 +45,7 @@ inline double fma(double a, double b, double c) { return std::fma(a, b, c); }
 inline Pack root(Pack a) { return Pack(_mm256_sqrt_pd(a.v)); }
 inline double root(double a) { return std::sqrt(a); }
 
-/// a < b ? b : a; a NaN stays.
+/// a < b ? b : a; NaN where a is.
 inline Pack at_least(Pack a, Pack b) {
   return Pack(_mm256_blendv_pd(a.v, b.v, _mm256_cmp_pd(a.v, b.v, _CMP_LT_OQ)));
 }

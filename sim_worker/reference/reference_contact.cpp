@@ -11,8 +11,8 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
-// Contact pressure per depth [Pa/m] and half width of its smooth start [m]: see the class comment.
-// Stiff against the sheet's inertia per area (rho t / h^2, 7500 Pa/m), soft enough for rounding.
+// Contact pressure per depth [Pa/m] and half width of its smooth start [m]. Stiff against the
+// sheet's inertia per area (rho t / h^2, 7500 Pa/m), soft enough for rounding.
 constexpr double kContactStiffness = 2e8;
 constexpr double kContactStart = 2e-6;
 
@@ -34,7 +34,7 @@ struct FrictionLaw {
   double energy, force, slope;
 };
 
-// Share of the friction limit at y = speed / slip speed: 2 y - y^2 below 1, and its integral.
+// Friction over its limit at y = speed / slip speed: 2 y - y^2 below 1; its integral and slope.
 FrictionLaw friction_law(double y) {
   if (y >= 1) return {y - 1.0 / 3, 1, 0};
   return {y * y - y * y * y / 3, 2 * y - y * y, 2 - 2 * y};
@@ -47,19 +47,19 @@ int ReferenceTissue::bodies() const {
          (model_->surroundings.tool_contact ? 1 : 0);
 }
 
-void ReferenceTissue::find_contacts(const Terms& terms, const Nodes& x,
-                                    std::vector<Contact>& contacts) const {
-  contacts.clear();
+std::vector<ReferenceTissue::Contact> ReferenceTissue::find_contacts(const Terms& terms,
+                                                                     const Nodes& x) const {
+  std::vector<Contact> contacts;
   const int rigid = static_cast<int>(model_->surroundings.bodies.size());
   const Vector3d shaft = model_->surroundings.capsule_at(terms.tip);
   const Vector3d shaft_end =
       shaft + model_->surroundings.tool_length * model_->surroundings.shaft_axis;
   for (const FaceNode& face : model_->face_nodes) {
     for (int body = 0; body < bodies(); ++body) {
-      const Vector3d& p = x[static_cast<std::size_t>(face.node)];
-      const Gap gap =
-          body < rigid ? rigid_gap(model_->surroundings.bodies[static_cast<std::size_t>(body)], p)
-                       : capsule_gap(shaft, shaft_end, model_->surroundings.tool_radius, p);
+      const Vector3d& p = x[face.node];
+      const Gap gap = body < rigid
+                          ? rigid_gap(model_->surroundings.bodies[body], p)
+                          : capsule_gap(shaft, shaft_end, model_->surroundings.tool_radius, p);
       const Pressure pressure = contact_pressure(gap.distance + model_->face_inset);
       if (!(pressure.force > 0)) continue;
       const double k = kContactStiffness * face.area;
@@ -67,21 +67,20 @@ void ReferenceTissue::find_contacts(const Terms& terms, const Nodes& x,
                           k * pressure.energy});
     }
   }
+  return contacts;
 }
 
 void ReferenceTissue::update_friction(const Terms& terms, const Nodes& x) {
   friction_.clear();
-  std::vector<Contact> contacts;
-  find_contacts(terms, x, contacts);
   const double slip = model_->numerics.friction_slip_speed_m_per_s();
-  for (const Contact& c : contacts) {
+  for (const Contact& c : find_contacts(terms, x)) {
     FrictionPoint point;
     point.node = c.node;
     point.body = c.body;
     point.normal = c.normal;
     const bool is_tool = c.body == static_cast<int>(model_->surroundings.bodies.size());
     point.body_velocity = is_tool ? terms.tool_velocity : Vector3d::Zero();
-    Vector3d v = state_.v[static_cast<std::size_t>(c.node)] - point.body_velocity;
+    Vector3d v = state_.v[c.node] - point.body_velocity;
     v -= v.dot(c.normal) * c.normal;
     const double mu = v.norm() > slip ? model_->surroundings.dynamic_friction
                                       : model_->surroundings.static_friction;
@@ -94,21 +93,18 @@ void ReferenceTissue::update_friction(const Terms& terms, const Nodes& x) {
 /// Velocity of the node at x along the surface it touches.
 Vector3d ReferenceTissue::slip_velocity(const Terms& terms, const FrictionPoint& point,
                                         const Vector3d& x) {
-  const Vector3d v =
-      (x - terms.x_tilde[static_cast<std::size_t>(point.node)]) / terms.beta - point.body_velocity;
+  const Vector3d v = (x - terms.x_tilde[point.node]) / terms.beta - point.body_velocity;
   return v - v.dot(point.normal) * point.normal;
 }
 
 void ReferenceTissue::add_contact(const Terms& terms, const Nodes& x, Residual& out) const {
-  std::vector<Contact> contacts;
-  find_contacts(terms, x, contacts);
-  for (const Contact& c : contacts) {
+  for (const Contact& c : find_contacts(terms, x)) {
     out.count_energy(c.energy);
     add_force(c.node, -c.force * c.normal, out);
   }
   const double slip = model_->numerics.friction_slip_speed_m_per_s();
   for (const FrictionPoint& f : friction_) {
-    const Vector3d v = slip_velocity(terms, f, x[static_cast<std::size_t>(f.node)]);
+    const Vector3d v = slip_velocity(terms, f, x[f.node]);
     const double speed = v.norm();
     const FrictionLaw law = friction_law(speed / slip);
     out.count_energy(f.limit * terms.beta * slip * law.energy);
@@ -118,19 +114,15 @@ void ReferenceTissue::add_contact(const Terms& terms, const Nodes& x, Residual& 
 
 void ReferenceTissue::contact_stiffness(
     const Terms& terms, const std::function<void(int, const Matrix3d&)>& add) const {
-  std::vector<Contact> contacts;
-  find_contacts(terms, trial_x_, contacts);
-  for (const Contact& c : contacts) {
+  for (const Contact& c : find_contacts(terms, trial_x_))
     add(c.node, c.stiffness * c.normal * c.normal.transpose());
-  }
   const double slip = model_->numerics.friction_slip_speed_m_per_s();
   for (const FrictionPoint& f : friction_) {
-    const auto i = static_cast<std::size_t>(f.node);
     const Matrix3d tangential = Matrix3d::Identity() - f.normal * f.normal.transpose();
-    const Vector3d v = slip_velocity(terms, f, trial_x_[i]);
+    const Vector3d v = slip_velocity(terms, f, trial_x_[f.node]);
     const double speed = v.norm();
     const FrictionLaw law = friction_law(speed / slip);
-    Matrix3d block = 2 / slip * tangential;  // limit at rest
+    Matrix3d block = 2 / slip * tangential;  // at zero speed
     if (speed > 1e-6 * slip) {
       const Vector3d along = v / speed;
       block = law.force / speed * (tangential - along * along.transpose()) +
@@ -142,27 +134,22 @@ void ReferenceTissue::contact_stiffness(
 
 void ReferenceTissue::collect_contact_forces(const Terms& terms) {
   std::fill(contact_forces_.begin(), contact_forces_.end(), Vector3d::Zero());
-  std::vector<Contact> contacts;
-  find_contacts(terms, state_.x, contacts);
-  for (const Contact& c : contacts)
-    contact_forces_[static_cast<std::size_t>(c.body)] += c.force * c.normal;
+  for (const Contact& c : find_contacts(terms, state_.x))
+    contact_forces_[c.body] += c.force * c.normal;
   const double slip = model_->numerics.friction_slip_speed_m_per_s();
   for (const FrictionPoint& f : friction_) {
-    const Vector3d v = slip_velocity(terms, f, state_.x[static_cast<std::size_t>(f.node)]);
+    const Vector3d v = slip_velocity(terms, f, state_.x[f.node]);
     const double speed = v.norm();
     if (speed > 0)
-      contact_forces_[static_cast<std::size_t>(f.body)] -=
-          f.limit * friction_law(speed / slip).force / speed * v;
+      contact_forces_[f.body] -= f.limit * friction_law(speed / slip).force / speed * v;
   }
 }
 
 double ReferenceTissue::penetration() const {
   double depth = 0;
   for (const FaceNode& face : model_->face_nodes) {
-    for (const RigidShape& body : model_->surroundings.bodies) {
-      const Vector3d& p = state_.x[static_cast<std::size_t>(face.node)];
-      depth = std::max(depth, -rigid_gap(body, p).distance - model_->face_inset);
-    }
+    for (const RigidShape& body : model_->surroundings.bodies)
+      depth = std::max(depth, -rigid_gap(body, state_.x[face.node]).distance - model_->face_inset);
   }
   return depth;
 }

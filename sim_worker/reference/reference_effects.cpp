@@ -15,7 +15,7 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
-constexpr double kTouch = 1e-5;  // [m]: nearer than this a face bonds; contact is 2 um soft
+constexpr double kTouch = 1e-5;  // [m]: nearer than this a face bonds; contact starts at 2 um
 
 }  // namespace
 
@@ -23,8 +23,6 @@ ReferenceEffects::ReferenceEffects(std::shared_ptr<const ReferenceTissueModel> m
     : model_(std::move(model)) {
   set(model_->effects);
 }
-
-bool ReferenceEffects::remembers(const EffectValues& v) const { return v.has_memory(); }
 
 bool ReferenceEffects::bonds(const EffectValues& v) const {
   return v.adhesion > 0 || model_->effects.moves_anchor();
@@ -41,11 +39,10 @@ void ReferenceEffects::set(const EffectValues& v) {
         "its mesh; allowed to differ from the scene's: the others");
   }
   values_ = v;
-  const std::size_t batches = (model_->elements.size() + Pack::kLanes - 1) / Pack::kLanes;
   const bool in_material =
-      v.stiffening != 0 || v.fibre_ratio > 0 || remembers(v) || !model_->rest.empty();
+      v.stiffening != 0 || v.fibre_ratio > 0 || v.has_memory() || !model_->rest.empty();
   material_.clear();
-  if (remembers(v) && memory_.empty()) memory_.resize(batches);
+  if (v.has_memory() && memory_.empty()) memory_.resize(model_->batches());
   if (in_material) {
     const double nu = model_->material.poisson_ratio() + v.poisson_change;
     const trig::SinCos a = trig::sin_cos(v.fibre_angle);
@@ -58,8 +55,8 @@ void ReferenceEffects::set(const EffectValues& v) {
     fx.branches = make_prony(v, 1).branches > 0;
     fx.slider = 2 * (1 + nu) * v.slider_ratio;
     fx.yield = v.slider_yield;
-    material_.assign(batches, fx);
-    for (std::size_t b = 0; b < batches; ++b) {
+    material_.assign(model_->batches(), fx);
+    for (std::size_t b = 0; b < material_.size(); ++b) {
       if (!model_->rest.empty()) material_[b].rest = &model_->rest[b];
       if (!memory_.empty()) material_[b].memory = &memory_[b];
     }
@@ -91,7 +88,7 @@ void ReferenceEffects::begin(double h, const Nodes& x, const Nodes& v, const Nod
     for (std::size_t point = 0; point < kHexPoints; ++point) {
       for (std::size_t k = 0; k < 9; ++k) {
         Pack bias;
-        for (std::size_t j = 0; j < static_cast<std::size_t>(prony.branches); ++j) {
+        for (int j = 0; j < prony.branches; ++j) {
           bias = bias + Pack(prony.keep[j]) * memory_[b].branch[j][point][k] -
                  Pack(prony.gain[j]) * memory_[b].stress[point][k];
         }
@@ -107,32 +104,32 @@ void ReferenceEffects::begin(double h, const Nodes& x, const Nodes& v, const Nod
                       beta);
     }
   }
-  film_.clear();
+  lubrication_.clear();
   if (!(values_.suction > 0)) return;
   start_ = x;
-  film_.assign(x.size(), 0);
-  film_normal_.assign(x.size(), Vector3d::Zero());
+  lubrication_.assign(x.size(), 0);
+  lubrication_normal_.assign(x.size(), Vector3d::Zero());
   const auto nearest_gap = [&](int node) {
     Gap nearest{1, Vector3d::Zero()};
     for (const RigidShape& body : model_->surroundings.bodies) {
-      const Gap gap = rigid_gap(body, x[static_cast<std::size_t>(node)]);
+      const Gap gap = rigid_gap(body, x[node]);
       if (gap.distance < nearest.distance) nearest = gap;
     }
     return nearest;
   };
-  const int layers = static_cast<int>(model_->lines[2].size()) - 1;
+  const int layers = model_->cells(2);
   for (const FaceNode& face : model_->face_nodes) {
-    const auto i = static_cast<std::size_t>(face.node);
+    const int i = face.node;
     const bool lower = face.node % (layers + 1) == 0;
     const Gap found = nearest_gap(face.node);
     const double nearest = found.distance;
-    // The film is on the side of the sheet that looks at the body.
+    // On the side of the sheet that faces the body.
     const double other = nearest_gap(face.node + (lower ? layers : -layers)).distance;
     if (other < nearest || (other == nearest && !lower)) continue;
-    film_normal_[i] = found.normal;
+    lubrication_normal_[i] = found.normal;
     const double gap = std::max(0.0, nearest + model_->face_inset);
     const double part = values_.suction_reach / (values_.suction_reach + gap);
-    film_[i] = values_.suction * face.area * part * part * part / h;
+    lubrication_[i] = values_.suction * face.area * part * part * part / h;
   }
 }
 
@@ -160,18 +157,18 @@ void ReferenceEffects::for_each_force(
     const Vector3d off = x[i] - bond_place_[i];
     fn(static_cast<int>(i), 0.5 * k * off.squaredNorm(), k * off, k * Matrix3d::Identity());
   }
-  for (std::size_t i = 0; i < film_.size(); ++i) {
-    if (!(film_[i] > 0)) continue;
-    const Vector3d& n = film_normal_[i];
+  for (std::size_t i = 0; i < lubrication_.size(); ++i) {
+    if (!(lubrication_[i] > 0)) continue;
+    const Vector3d& n = lubrication_normal_[i];
     const double along = n.dot(x[i] - start_[i]);
-    fn(static_cast<int>(i), 0.5 * film_[i] * along * along, film_[i] * along * n,
-       film_[i] * n * n.transpose());
+    fn(static_cast<int>(i), 0.5 * lubrication_[i] * along * along, lubrication_[i] * along * n,
+       lubrication_[i] * n * n.transpose());
   }
 }
 
 void ReferenceEffects::remember(const Nodes& x,
                                 const std::function<HexShape(std::size_t)>& shape_of) {
-  if (remembers(values_)) {
+  if (values_.has_memory()) {
     const PronyStep prony = make_prony(values_, step_);
     for (std::size_t b = 0; b < memory_.size(); ++b) {
       hex_remember(model_->material.law(), shape_of(b), prony, memory_[b]);
@@ -183,7 +180,7 @@ void ReferenceEffects::remember(const Nodes& x,
   }
   if (!(values_.adhesion > 0)) return;
   for (const FaceNode& face : model_->face_nodes) {
-    const auto i = static_cast<std::size_t>(face.node);
+    const int i = face.node;
     if (bond_longest_[i] >= 0) continue;
     for (const RigidShape& body : model_->surroundings.bodies) {
       if (rigid_gap(body, x[i]).distance + model_->face_inset > kTouch) continue;
@@ -194,13 +191,12 @@ void ReferenceEffects::remember(const Nodes& x,
 }
 
 std::size_t ReferenceEffects::saved_size(const EffectValues& v) const {
-  const std::size_t batches = (model_->elements.size() + Pack::kLanes - 1) / Pack::kLanes;
-  return (remembers(v) ? batches * sizeof(HexMemory) / sizeof(double) : 0) +
+  return (v.has_memory() ? model_->batches() * sizeof(HexMemory) / sizeof(double) : 0) +
          (bonds(v) ? 4 * model_->nodes.size() : 0);
 }
 
 void ReferenceEffects::save(std::vector<double>& out) const {
-  if (remembers(values_)) {
+  if (values_.has_memory()) {
     const auto* first = reinterpret_cast<const double*>(memory_.data());
     out.insert(out.end(), first, first + memory_.size() * sizeof(HexMemory) / sizeof(double));
   }
@@ -211,7 +207,7 @@ void ReferenceEffects::save(std::vector<double>& out) const {
 
 void ReferenceEffects::load(std::span<const double> in) {
   const double* next = in.data();
-  if (remembers(values_)) {
+  if (values_.has_memory()) {
     const std::size_t count = memory_.size() * sizeof(HexMemory) / sizeof(double);
     std::copy(next, next + count, reinterpret_cast<double*>(memory_.data()));
     next += count;

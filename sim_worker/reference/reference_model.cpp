@@ -10,16 +10,11 @@
 #include "core/machine_memory.h"
 #include "sim_worker/reference/reference_tissue.h"
 #include "sim_worker/tissue/effect_laws.h"
-#include "sim_worker/tissue/grasp_patch.h"
 
 namespace omentum {
 namespace {
 
-using Eigen::Vector2d;
 using Eigen::Vector3d;
-
-// Two coordinates nearer than this are one grid line [m].
-constexpr double kSameLine = 1e-9;
 
 std::vector<double> even_lines(double from, double to, int count) {
   std::vector<double> lines;
@@ -33,9 +28,8 @@ struct Kink {
   double reach = 0;  ///< over which cells grow to full size
 };
 
-/// Lines that crowd at kinks, with a line on each: cells there are a third of the largest. The rule
-/// is a density of lines, so that twice the count halves every cell (docs/tissue.md 13, singular
-/// lines). A kink outside is ignored.
+/// Lines denser at kinks, with a line on each: cells there are a third of the largest. A density of
+/// lines, so that twice the count halves every cell (docs/tissue.md 13). Kinks outside are ignored.
 std::vector<double> graded_lines(double from, double to, int count,
                                  const std::vector<Kink>& kinks) {
   const auto density = [&](double x) {
@@ -62,7 +56,7 @@ std::vector<double> graded_lines(double from, double to, int count,
     const auto k = static_cast<int>(above - integral.begin()) - 1;
     return from + step * (k + (wanted - integral[k]) / (integral[k + 1] - integral[k]));
   };
-  // Kinks inside get the nearest line of the even count; the lines between are spread evenly.
+  // Kinks inside take the line nearest to them; the others are spread evenly between these.
   std::map<int, double> fixed = {{0, from}, {count, to}};
   for (const Kink& kink : kinks) {
     if (kink.at > from + kSameLine && kink.at < to - kSameLine)
@@ -81,8 +75,8 @@ std::vector<double> graded_lines(double from, double to, int count,
   return lines;
 }
 
-/// Clamped nodes that the effects of the anchor set free hang on springs, as in the elastic shell:
-/// a node that is detached in part gets that of a grasp that covers it in part.
+/// Clamped nodes that the effects of the anchor release get springs, as in the shell: a node that
+/// is detached in part that of a grasp that covers it in part.
 void release_anchors(ReferenceTissueModel& model) {
   const EffectValues& effects = model.effects;
   if (!effects.moves_anchor()) return;
@@ -119,8 +113,8 @@ void release_anchors(ReferenceTissueModel& model) {
   }
 }
 
-/// Gradient of the box-to-rest map and of the growth at every Gauss point (HexRest). Growth: a rest
-/// curvature k makes a layer at height z shorter by z k.
+/// Map from the box to the stress-free shape at every Gauss point (HexRest): that of the thickness
+/// and that of growth, where a rest curvature k makes a layer at height z shorter by z k.
 void make_rest(ReferenceTissueModel& model) {
   const EffectValues& fx = model.effects;
   const bool curved = fx.curvature_x != 0 || fx.curvature_y != 0 || fx.twist != 0;
@@ -128,11 +122,11 @@ void make_rest(ReferenceTissueModel& model) {
       fx.thickness_x != 0 || fx.thickness_y != 0 || model.body.thickness_map.count_x > 0;
   if (!curved && fx.stretch == 0 && !thick) return;
   constexpr double kGauss = 0.57735026918962576451;
-  model.rest.resize((model.elements.size() + Pack::kLanes - 1) / Pack::kLanes);
+  model.rest.resize(model.batches());
   for (std::size_t batch = 0; batch < model.rest.size(); ++batch) {
     for (int lane = 0; lane < Pack::kLanes; ++lane) {
-      const ReferenceElement& element = model.elements[std::min(
-          Pack::kLanes * batch + static_cast<std::size_t>(lane), model.elements.size() - 1)];
+      const ReferenceElement& element =
+          model.elements[std::min(Pack::kLanes * batch + lane, model.elements.size() - 1)];
       for (int point = 0; point < kHexPoints; ++point) {
         const auto sign = [](int corner, int axis) {
           return ((corner >> axis) & 1) != 0 ? 1.0 : -1.0;
@@ -150,7 +144,7 @@ void make_rest(ReferenceTissueModel& model) {
             gradient[axis] = d;
             N *= 1 + sign(a, axis) * sign(point, axis) * kGauss;
           }
-          const Vector3d& X = model.nodes[static_cast<std::size_t>(element.node[a])];
+          const Vector3d& X = model.nodes[element.node[a]];
           box_to_rest += X * gradient.transpose();
           z += N * X.z();
         }
@@ -171,14 +165,11 @@ void make_rest(ReferenceTissueModel& model) {
 
 void make_lines(const Scene& scene, std::span<const PinchCircle> pinches,
                 ReferenceTissueModel& model) {
-  Vector3d min = model.body.particles.front();
-  Vector3d max = min;
-  bool any_fixed = false;
-  for (std::size_t i = 0; i < model.body.particles.size(); ++i) {
-    min = min.cwiseMin(model.body.particles[i]);
-    max = max.cwiseMax(model.body.particles[i]);
-    any_fixed = any_fixed || model.body.fixed[i] != 0;
-  }
+  Eigen::AlignedBox3d box;
+  for (const Vector3d& p : model.body.particles) box.extend(p);
+  const Vector3d min = box.min();
+  const Vector3d max = box.max();
+  const bool any_fixed = std::ranges::any_of(model.body.fixed, [](auto f) { return f != 0; });
   const pb::ReferenceModel& n = model.numerics;
   const double anchor = scene.config.tissue().anchor_max_y_m();
   model.clamp_edge = any_fixed ? std::max(anchor, min.y()) : min.y();
@@ -186,16 +177,15 @@ void make_lines(const Scene& scene, std::span<const PinchCircle> pinches,
   constexpr double kClampReach = 0.1;  // of the free length
   if (any_fixed) kinks[1].push_back({model.clamp_edge, kClampReach * (max.y() - model.clamp_edge)});
   for (const PinchCircle& pinch : pinches) {
-    for (std::size_t axis = 0; axis < 2; ++axis) {
-      const double centre = pinch.centre[static_cast<Eigen::Index>(axis)];
-      kinks[axis].push_back({centre - pinch.radius, pinch.radius});
-      kinks[axis].push_back({centre + pinch.radius, pinch.radius});
+    for (int axis = 0; axis < 2; ++axis) {
+      kinks[axis].push_back({pinch.centre[axis] - pinch.radius, pinch.radius});
+      kinks[axis].push_back({pinch.centre[axis] + pinch.radius, pinch.radius});
     }
   }
   model.lines[0] = graded_lines(min.x(), max.x(), static_cast<int>(n.elements_x()), kinks[0]);
   model.lines[1] =
       graded_lines(model.clamp_edge, max.y(), static_cast<int>(n.elements_y()), kinks[1]);
-  // The clamped strip is rigid: one row of elements, only so that its particles have a place.
+  // The clamped strip is rigid: one row of elements, for the positions of its particles.
   if (model.clamp_edge > min.y() + kSameLine)
     model.lines[1].insert(model.lines[1].begin(), min.y());
   const double half = 0.5 * model.body.thickness;
@@ -217,12 +207,11 @@ void make_lines(const Scene& scene, std::span<const PinchCircle> pinches,
 void make_elements(double density, ReferenceTissueModel& model) {
   model.mass.assign(model.nodes.size(), 0);
   model.node_area.assign(model.nodes.size(), 0);
-  const int nx = static_cast<int>(model.lines[0].size()) - 1;
-  const int ny = static_cast<int>(model.lines[1].size()) - 1;
-  const int nz = static_cast<int>(model.lines[2].size()) - 1;
-  std::vector<double> area(model.nodes.size(), 0.0);
-  for (int iy = 0; iy < ny; ++iy) {
-    for (int ix = 0; ix < nx; ++ix) {
+  const int nz = model.cells(2);
+  std::vector<double>& area = model.face_area;
+  area.assign(model.nodes.size(), 0);
+  for (int iy = 0; iy < model.cells(1); ++iy) {
+    for (int ix = 0; ix < model.cells(0); ++ix) {
       for (int iz = 0; iz < nz; ++iz) {
         ReferenceElement element;
         for (int a = 0; a < 8; ++a)
@@ -252,7 +241,6 @@ void make_elements(double density, ReferenceTissueModel& model) {
   for (int i = 0; i < static_cast<int>(area.size()); ++i) {
     if (area[i] > 0 && model.unknown[i] >= 0) model.face_nodes.push_back({i, area[i]});
   }
-  model.face_area = area;
 }
 
 /// Refuses what the machine has no room for: the matrix and its factor are the largest part by far.
@@ -268,7 +256,7 @@ void check_memory(const ReferenceTissueModel& model) {
       needed / 1e9, allowed / 1e9);
 }
 
-/// Numbers the unknowns in the order of elimination; nodes above one another stay together.
+/// Numbers the unknowns in the order of elimination, nodes above one another together.
 void number_unknowns(ReferenceTissueModel& model) {
   const std::size_t nz = model.lines[2].size();
   std::vector<int> count(model.nodes.size() / nz, 0);
@@ -289,8 +277,8 @@ void number_unknowns(ReferenceTissueModel& model) {
 
 /// Entry (i, k) of the block of nodes a and b.
 BlockPlace place_block(const ReferenceTissueModel& model, int a, int b) {
-  const int row = model.unknown[static_cast<std::size_t>(a)];
-  const int column = model.unknown[static_cast<std::size_t>(b)];
+  const int row = model.unknown[a];
+  const int column = model.unknown[b];
   if (row < 0 || column < 0) return {};
   if (row < column) {  // the matrix is symmetric: only the lower triangle is stored
     const BlockPlace mirrored = place_block(model, b, a);
@@ -310,104 +298,12 @@ void place_blocks(ReferenceTissueModel& model) {
   }
 }
 
-/// Cells of a row of grid lines that touch the coordinate: one, or two if it lies on a line.
-std::vector<int> cells_at(const std::vector<double>& lines, double value) {
-  std::vector<int> cells;
-  const int count = static_cast<int>(lines.size()) - 1;
-  for (int k = 0; k < count; ++k) {
-    if (value >= lines[k] - kSameLine && value <= lines[k + 1] + kSameLine) cells.push_back(k);
-  }
-  OMENTUM_CHECK(!cells.empty() && cells.size() <= 2, "coordinate {}", value);
-  return cells;
-}
-
-double local_coordinate(const std::vector<double>& lines, int cell, double value) {
-  const double t = 2 * (value - lines[cell]) / (lines[cell + 1] - lines[cell]) - 1;
-  return std::clamp(t, -1.0, 1.0);
-}
-
 }  // namespace
-
-std::array<double, 8> hex_functions(const Vector3d& xi) {
-  std::array<double, 8> N{};
-  for (int a = 0; a < 8; ++a) {
-    N[a] = 0.125;
-    for (int axis = 0; axis < 3; ++axis)
-      N[a] *= ((a >> axis) & 1) != 0 ? 1 + xi[axis] : 1 - xi[axis];
-  }
-  return N;
-}
-
-BodyPoint ReferenceTissueModel::locate(const Vector3d& p_B) const {
-  BodyPoint point;
-  for (const int iy : cells_at(lines[1], p_B.y())) {
-    for (const int ix : cells_at(lines[0], p_B.x())) {
-      for (const int iz : cells_at(lines[2], p_B.z())) {
-        point.shares.push_back(
-            {element_index(ix, iy, iz),
-             {local_coordinate(lines[0], ix, p_B.x()), local_coordinate(lines[1], iy, p_B.y()),
-              local_coordinate(lines[2], iz, p_B.z())}});
-      }
-    }
-  }
-  return point;
-}
-
-GraspPatch ReferenceTissueModel::make_patch(const Vector2d& centre, double radius) const {
-  const Eigen::AlignedBox2d free(Vector2d(lines[0].front(), clamp_edge),
-                                 Vector2d(lines[0].back(), lines[1].back()));
-  const std::vector<PatchPoint> points = patch_points(free, centre, radius);
-  Vector2d mean = Vector2d::Zero();
-  for (const PatchPoint& point : points) mean += point.weight * point.p;
-
-  const double half = 0.5 * body.thickness;
-  const int layers = static_cast<int>(lines[2].size()) - 1;
-  std::map<int, Eigen::Vector4d> rows;  // by node, so that the order is that of the nodes
-  for (const PatchPoint& point : points) {
-    const int ix = cells_at(lines[0], point.p.x()).front();
-    const int iy = cells_at(lines[1], point.p.y()).front();
-    for (int iz = 0; iz < layers; ++iz) {
-      for (const double zeta : {-0.57735026918962576, 0.57735026918962576}) {  // Gauss
-        const Vector3d xi(local_coordinate(lines[0], ix, point.p.x()),
-                          local_coordinate(lines[1], iy, point.p.y()), zeta);
-        const double z = 0.5 * (lines[2][iz] * (1 - zeta) + lines[2][iz + 1] * (1 + zeta));
-        const Eigen::Vector4d row = point.weight / (2 * layers) *
-                                    Eigen::Vector4d(1, (point.p.x() - mean.x()) / radius,
-                                                    (point.p.y() - mean.y()) / radius, z / half);
-        const std::array<double, 8> N = hex_functions(xi);
-        const ReferenceElement& element = elements[element_index(ix, iy, iz)];
-        for (int a = 0; a < 8; ++a) {
-          rows.try_emplace(element.node[a], Eigen::Vector4d::Zero()).first->second += N[a] * row;
-        }
-      }
-    }
-  }
-  GraspPatch patch;
-  patch.weight.resize(static_cast<Eigen::Index>(rows.size()), GraspPatch::kRows);
-  for (const auto& [node, row] : rows) {
-    patch.weight.row(static_cast<Eigen::Index>(patch.node.size())) = row.transpose();
-    patch.node.push_back(node);
-  }
-  int nearest = -1;
-  double least = 0;
-  for (int i = 0; i < static_cast<int>(body.particles.size()); ++i) {
-    if (body.fixed[i] != 0) continue;
-    const double distance = (body.particles[i].head<2>() - centre).norm();
-    if (distance <= radius) patch.particles.push_back(i);
-    if (nearest < 0 || distance < least) {
-      nearest = i;
-      least = distance;
-    }
-  }
-  if (patch.particles.empty()) patch.particles.push_back(nearest);
-  return patch;
-}
 
 std::unique_ptr<Tissue<float>> ReferenceTissueModel::make_tissue(const LaneKernel<float>&) const {
   throw_error(
       "scene.tissue.model: TISSUE_REFERENCE runs in double precision, one environment, for "
-      "mismatch "
-      "only; allowed here: TISSUE_CLUSTER, TISSUE_ELASTIC");
+      "mismatch only; allowed here: TISSUE_CLUSTER, TISSUE_ELASTIC");
 }
 
 std::unique_ptr<Tissue<double>> ReferenceTissueModel::make_tissue(
@@ -454,9 +350,8 @@ std::shared_ptr<const ReferenceTissueModel> make_reference_model(
     model->particle_points.push_back(model->locate(model->body.particles[i]));
     model->particle_points.back().fixed = model->body.fixed[i] != 0;
   }
-  // 1 um: below anything that is measured.
   const double lift = model->body.particle_radius - 0.5 * scene.tissue.thickness;
-  if (!model->surroundings.bodies.empty() && std::fabs(lift) > 1e-6) {
+  if (!model->surroundings.bodies.empty() && std::fabs(lift) > 1e-6) {  // [m]
     warnings.push_back(fmt::format(
         "tissue.particle_radius_m: {} m does not apply to TISSUE_REFERENCE, whose faces "
         "lie thickness_m / 2 = {} m from the particles",

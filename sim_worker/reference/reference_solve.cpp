@@ -12,32 +12,30 @@ using Eigen::Matrix3d;
 using Eigen::Vector3d;
 using Eigen::VectorXd;
 
-// The friction limit follows the normal force in the first iterations of a step and is then frozen,
-// so that the end of the iteration minimises one function. Where the limits do not fit the normal
-// forces that it ends with (share of the weight), another round begins with those that do, and
-// has max_newton iterations of its own: a round is another function to minimise.
+// The friction limits follow the normal forces in the first iterations of a step and are then
+// frozen, so that the iteration minimises one function. Where they then differ from the limits of
+// the final normal forces by more than a fraction of the weight, another round with these begins,
+// with max_newton iterations of its own.
 constexpr double kFrictionTolerance = 1e-6;
 constexpr int kFrictionUpdates = 10;
 constexpr int kFrictionRounds = 8;
 constexpr int kMaxLineSearch = 14;
 constexpr int kMaxShifts = 8;
-// The factor is used again, within a step, while it brings the residual down to this share.
+// Modified Newton: within a step a factor is used again while the residual falls to this fraction.
 constexpr double kKeepFactor = 0.1;
-// The block of a node enters a factor anew where it changed by this share. The tangent of the
-// elements is kept for so many factors.
+// Relative change of a node's block above which the factor is updated there; number of updates
+// before the tangent of the elements is renewed as well.
 constexpr double kBlockChange = 0.1;
 constexpr int kKeepTangent = 4;
 
-Pack load_pack(const std::array<double, Pack::kLanes>& values) {
-  return Pack(_mm256_loadu_pd(values.data()));
-}
+using Values = std::array<double, Pack::kLanes>;
 
 }  // namespace
 
 bool ReferenceTissue::solve(const Terms& terms) {
   trial_x_ = state_.x;
   trial_bubble_ = state_.bubble;
-  trial_pull_ = state_.pull;
+  trial_multiplier_ = state_.multiplier;
   update_friction(terms, trial_x_);
   for (std::size_t i = 0; i < trial_x_.size(); ++i) {
     if (model_->unknown[i] >= 0) trial_x_[i] += terms.h * state_.v[i];
@@ -46,7 +44,7 @@ bool ReferenceTissue::solve(const Terms& terms) {
   const double tolerance = model_->numerics.newton_tolerance() * weight;
   Residual residual;
   evaluate(terms, trial_x_, trial_bubble_, residual);
-  if (!std::isfinite(residual.energy)) {  // an element inverted on the way: start where it was
+  if (!std::isfinite(residual.energy)) {  // the guess inverts an element: start from x_n
     trial_x_ = state_.x;
     evaluate(terms, trial_x_, trial_bubble_, residual);
   }
@@ -81,77 +79,40 @@ bool ReferenceTissue::solve(const Terms& terms) {
   return residual.norm <= tolerance;
 }
 
-/// Four elements; the last batch repeats its last element.
-HexShape ReferenceTissue::gather(std::size_t batch, const Nodes& x, const Bubbles& bubble) const {
-  HexShape shape;
-  std::array<const ReferenceElement*, Pack::kLanes> element{};
-  std::array<std::size_t, Pack::kLanes> index{};
-  for (std::size_t lane = 0; lane < Pack::kLanes; ++lane) {
-    index[lane] = std::min(Pack::kLanes * batch + lane, model_->elements.size() - 1);
-    element[lane] = &model_->elements[index[lane]];
-  }
-  std::array<double, Pack::kLanes> values{};
-  for (int a = 0; a < kHexNodes; ++a) {
-    for (int axis = 0; axis < 3; ++axis) {
-      for (std::size_t lane = 0; lane < Pack::kLanes; ++lane)
-        values[lane] = x[static_cast<std::size_t>(element[lane]->node[a])][axis];
-      shape.x[3 * a + axis] = load_pack(values);
-    }
-  }
-  for (int k = 0; k < 9; ++k) {
-    for (std::size_t lane = 0; lane < Pack::kLanes; ++lane) values[lane] = bubble[index[lane]][k];
-    shape.bubble[k] = load_pack(values);
-  }
-  for (int axis = 0; axis < 3; ++axis) {
-    for (std::size_t lane = 0; lane < Pack::kLanes; ++lane)
-      values[lane] = element[lane]->size[axis];
-    shape.size[axis] = load_pack(values);
-  }
-  for (std::size_t lane = 0; lane < Pack::kLanes; ++lane) values[lane] = element[lane]->stiffness;
-  const Pack stiffness = load_pack(values);
-  shape.mu = Pack(model_->lame.mu * parameters_.stiffness_scale) * stiffness;
-  shape.lambda = Pack(model_->lame.lambda * parameters_.stiffness_scale) * stiffness;
-  shape.effects = effects_.of_batch(batch);
-  return shape;
-}
-
 void ReferenceTissue::add_force(int node, const Vector3d& force, Residual& out) const {
-  const int row = model_->unknown[static_cast<std::size_t>(node)];
+  const int row = model_->unknown[node];
   if (row >= 0) out.force.segment<3>(row) += force;
 }
 
-/// Second derivative of the incremental potential by a node, per mass [1/s^2].
+/// Second derivative of the inertial potential by a node, per mass [1/s^2].
 double ReferenceTissue::inertia(const Terms& terms) const {
   const double damping = model_->material.damping_per_s() * parameters_.damping_scale;
   return 1 / (terms.beta * terms.beta) + damping / terms.beta;
 }
 
-/// Incremental potential of the step and its derivative. Where the nodes are clamped nothing is
-/// counted.
+/// Incremental potential of the step and its derivative by the free nodes and the parabolas.
 void ReferenceTissue::evaluate(const Terms& terms, const Nodes& x, const Bubbles& bubble,
                                Residual& out) const {
   out.energy = 0;
   out.scale = 0;
   out.force.setZero(direction_.size());
   HexForce hex;
-  std::array<double, Pack::kLanes> lanes{};
+  Values values{};
   for (std::size_t batch = 0; batch < inner_.size(); ++batch) {
     hex_force(model_->material.law(), gather(batch, x, bubble), hex);
-    const std::size_t first = Pack::kLanes * batch;
-    const std::size_t count = std::min<std::size_t>(Pack::kLanes, model_->elements.size() - first);
-    hex.energy.store(lanes.data());
-    for (std::size_t lane = 0; lane < count; ++lane) out.count_energy(lanes[lane]);
+    hex.energy.store(values.data());
+    for (int lane = 0; lane < elements_in(batch); ++lane) out.count_energy(values[lane]);
     for (int c = 0; c < 24; ++c) {
-      hex.force[c].store(lanes.data());
-      for (std::size_t lane = 0; lane < count; ++lane) {
-        const int row = model_->unknown[model_->elements[first + lane].node[c / 3]];
-        if (row >= 0) out.force[row + c % 3] += lanes[lane];
+      hex.force[c].store(values.data());
+      for (int lane = 0; lane < elements_in(batch); ++lane) {
+        const int row = node_unknown(Pack::kLanes * batch + lane, c);
+        if (row >= 0) out.force[row] += values[lane];
       }
     }
     for (int c = 0; c < 9; ++c) {
-      hex.bubble_force[c].store(lanes.data());
-      for (std::size_t lane = 0; lane < count; ++lane)
-        out.force[bubble_unknown(first + lane, c)] = lanes[lane];
+      hex.bubble_force[c].store(values.data());
+      for (int lane = 0; lane < elements_in(batch); ++lane)
+        out.force[bubble_unknown(Pack::kLanes * batch + lane, c)] = values[lane];
     }
   }
 
@@ -176,7 +137,7 @@ void ReferenceTissue::evaluate(const Terms& terms, const Nodes& x, const Bubbles
   evaluate_outside(terms, x, out);
 }
 
-/// Contact, friction and grasp anew, the rest as evaluate() left it.
+/// Renews the terms of contact, friction and grasp.
 void ReferenceTissue::evaluate_outside(const Terms& terms, const Nodes& x, Residual& out) const {
   out.force = out.inside;
   out.energy = out.energy_inside;
@@ -185,42 +146,35 @@ void ReferenceTissue::evaluate_outside(const Terms& terms, const Nodes& x, Resid
   out.norm = std::sqrt(out.force.squaredNorm() + out.miss_force.squaredNorm());
 }
 
-/// Sets the block of a node with itself: elements and inertia, and what else acts on the node.
+/// Sets the diagonal block of a node: elements and inertia, plus `more`.
 void ReferenceTissue::set_block(int node, const Matrix3d& more) {
-  const BlockPlace& place = model_->node_blocks[static_cast<std::size_t>(node)];
+  const BlockPlace& place = model_->node_blocks[node];
   if (place.at < 0) return;
-  double* entries = factor_.entries() + place.at;
-  const Matrix3d& body = body_blocks_[static_cast<std::size_t>(node)];
+  const Matrix3d block = body_blocks_[node] + more;
   for (int i = 0; i < 3; ++i) {
-    for (int k = 0; k < 3; ++k)
-      entries[i * place.down + k * place.across] = body(i, k) + more(i, k);
+    for (int k = 0; k < 3; ++k) factor_.entries()[place.entry(i, k)] = block(i, k);
   }
 }
 
-/// Tangent of elements and inertia where tangent_ says, parabolas eliminated.
+/// Matrix of tangent_: elements with the parabolas eliminated, inertia, blocks of the nodes.
 void ReferenceTissue::assemble() {
   factor_.set_zero();
   double* entries = factor_.entries();
   HexTangent tangent;
-  std::array<std::array<double, Pack::kLanes>, 324> stiffness{};
+  std::array<Values, 324> stiffness{};
   for (std::size_t batch = 0; batch < inner_.size(); ++batch) {
     hex_tangent(model_->material.law(), gather(batch, tangent_.x, tangent_.bubble), tangent);
     inner_[batch] = tangent.inner;
     for (std::size_t k = 0; k < stiffness.size(); ++k)
       tangent.stiffness[k].store(stiffness[k].data());
-    const std::size_t first = Pack::kLanes * batch;
-    const std::size_t count = std::min<std::size_t>(Pack::kLanes, model_->elements.size() - first);
-    for (std::size_t lane = 0; lane < count; ++lane) {
-      const double* block = &stiffness[0][lane];
-      for (const BlockPlace& place : model_->element_blocks[first + lane]) {
-        if (place.at >= 0) {
-          double* entry = entries + place.at;
-          for (int i = 0; i < 3; ++i) {
-            for (int k = 0; k < 3; ++k)
-              entry[i * place.down + k * place.across] += block[Pack::kLanes * (3 * i + k)];
-          }
+    for (int lane = 0; lane < elements_in(batch); ++lane) {
+      const auto& places = model_->element_blocks[Pack::kLanes * batch + lane];
+      for (std::size_t b = 0; b < places.size(); ++b) {
+        if (places[b].at < 0) continue;
+        for (int i = 0; i < 3; ++i) {
+          for (int k = 0; k < 3; ++k)
+            entries[places[b].entry(i, k)] += stiffness[9 * b + 3 * i + k][lane];
         }
-        block += std::ptrdiff_t{9} * Pack::kLanes;
       }
     }
   }
@@ -229,17 +183,16 @@ void ReferenceTissue::assemble() {
     const BlockPlace& place = model_->node_blocks[i];
     if (place.at < 0) continue;
     for (int r = 0; r < 3; ++r) {
-      for (int c = 0; c < 3; ++c)
-        body_blocks_[i](r, c) = entries[place.at + r * place.down + c * place.across];
+      for (int c = 0; c < 3; ++c) body_blocks_[i](r, c) = entries[place.entry(r, c)];
     }
     body_blocks_[i].diagonal().array() += model_->mass[i] * tangent_.inertia;
     set_block(static_cast<int>(i), tangent_.node_blocks[i]);
   }
 }
 
-/// Makes the factor (without the grasp) anew. With kNodes the elements keep the tangent they have,
-/// kKeepTangent times at most, where blocks of nodes changed: where nodes touch, part, stick or
-/// slip, that decides how fast Newton gets on.
+/// Renews the factor (without the grasp). With kNodes the elements keep their tangent, kKeepTangent
+/// times at most, and only blocks of nodes that changed are renewed: where nodes touch, part, stick
+/// or slip, these decide the convergence of Newton's method.
 bool ReferenceTissue::renew_factor(const Terms& terms, Renewal renewal, bool must) {
   std::vector<Matrix3d> blocks = node_blocks(terms);
   if (renewal == Renewal::kNodes && kept_ < kKeepTangent) {
@@ -267,7 +220,7 @@ bool ReferenceTissue::renew_factor(const Terms& terms, Renewal renewal, bool mus
   return make_factor(terms, std::move(blocks));
 }
 
-/// From the elements on; moves the tangent by inertia until it is positive definite.
+/// Factor at the trial from the elements on; adds inertia until it is positive definite.
 bool ReferenceTissue::make_factor(const Terms& terms, std::vector<Matrix3d> blocks) {
   ++factorisations_;
   kept_ = 0;
@@ -285,7 +238,7 @@ bool ReferenceTissue::make_factor(const Terms& terms, std::vector<Matrix3d> bloc
     }
     factored_ = factor_.factor();
     if (factored_) {
-      // What the material remembers changes with the step, and with it the elements' tangent.
+      // Where the material has memory the elements' tangent changes with the step.
       tangent_.usable = shift == 0 && !effects_.values().has_memory();
       if (grasp_) prepare_constraint();
       return true;
@@ -295,12 +248,10 @@ bool ReferenceTissue::make_factor(const Terms& terms, std::vector<Matrix3d> bloc
   return false;
 }
 
-/// Contact, friction and springs at the trial, per node.
+/// Stiffness of contact, friction and springs at the trial, per node [N/m].
 std::vector<Matrix3d> ReferenceTissue::node_blocks(const Terms& terms) const {
   std::vector<Matrix3d> sum(model_->nodes.size(), Matrix3d::Zero());
-  const auto add = [&sum](int node, const Matrix3d& block) {
-    sum[static_cast<std::size_t>(node)] += block;
-  };
+  const auto add = [&sum](int node, const Matrix3d& block) { sum[node] += block; };
   contact_stiffness(terms, add);
   effects_.for_each_force(trial_x_, [&](int node, double, const Vector3d&, const Matrix3d& block) {
     add(node, block);
@@ -308,7 +259,7 @@ std::vector<Matrix3d> ReferenceTissue::node_blocks(const Terms& terms) const {
   return sum;
 }
 
-/// The factor of the step before, made again where the state was loaded. False where there is none.
+/// Carries the factor of the last step over, or makes it again after load(). False without one.
 bool ReferenceTissue::carry_factor() {
   kept_ = 0;
   if (!tangent_.usable) return false;
@@ -325,25 +276,23 @@ bool ReferenceTissue::carry_factor() {
 /// Newton step of nodes and parabolas with the factor there is.
 bool ReferenceTissue::newton_direction(const Residual& residual) {
   direction_ = -residual.force;
-  std::array<double, Pack::kLanes> values{};
+  Values values{};
   std::array<Pack, 9> bubble_force;
   // Parabolas eliminated: f - K_xb K_bb^-1 f_b = f - coupling^T rhs.
   for (std::size_t batch = 0; batch < inner_.size(); ++batch) {
     HexInner& inner = inner_[batch];
-    const std::size_t first = Pack::kLanes * batch;
-    const std::size_t count = std::min<std::size_t>(Pack::kLanes, model_->elements.size() - first);
     for (int c = 0; c < 9; ++c) {
-      for (std::size_t lane = 0; lane < count; ++lane)
-        values[lane] = -direction_[bubble_unknown(first + lane, c)];
-      bubble_force[c] = load_pack(values);
+      for (int lane = 0; lane < elements_in(batch); ++lane)
+        values[lane] = -direction_[bubble_unknown(Pack::kLanes * batch + lane, c)];
+      bubble_force[c] = Pack::load(values.data());
     }
     hex_condense(bubble_force, inner);
     for (int c = 0; c < 24; ++c) {
       Pack sum;
       for (int r = 0; r < 9; ++r) sum = fma(inner.coupling[24 * r + c], inner.rhs[r], sum);
-      for (std::size_t lane = 0; lane < count; ++lane) {
-        const int row = model_->unknown[model_->elements[first + lane].node[c / 3]];
-        if (row >= 0) direction_[row + c % 3] += sum.lane(static_cast<int>(lane));
+      for (int lane = 0; lane < elements_in(batch); ++lane) {
+        const int row = node_unknown(Pack::kLanes * batch + lane, c);
+        if (row >= 0) direction_[row] += sum.lane(lane);
       }
     }
   }
@@ -356,54 +305,51 @@ bool ReferenceTissue::newton_direction(const Residual& residual) {
   std::array<Pack, 24> dx;
   std::array<Pack, 9> dbubble;
   for (std::size_t batch = 0; batch < inner_.size(); ++batch) {
-    const std::size_t first = Pack::kLanes * batch;
-    const std::size_t count = std::min<std::size_t>(Pack::kLanes, model_->elements.size() - first);
     for (int c = 0; c < 24; ++c) {
       values.fill(0);
-      for (std::size_t lane = 0; lane < count; ++lane) {
-        const int row = model_->unknown[model_->elements[first + lane].node[c / 3]];
-        if (row >= 0) values[lane] = direction_[row + c % 3];
+      for (int lane = 0; lane < elements_in(batch); ++lane) {
+        const int row = node_unknown(Pack::kLanes * batch + lane, c);
+        if (row >= 0) values[lane] = direction_[row];
       }
-      dx[c] = load_pack(values);
+      dx[c] = Pack::load(values.data());
     }
     hex_recover(inner_[batch], dx, dbubble);
     for (int c = 0; c < 9; ++c) {
       dbubble[c].store(values.data());
-      for (std::size_t lane = 0; lane < count; ++lane)
-        direction_[bubble_unknown(first + lane, c)] = values[lane];
+      for (int lane = 0; lane < elements_in(batch); ++lane)
+        direction_[bubble_unknown(Pack::kLanes * batch + lane, c)] = values[lane];
     }
   }
   return direction_.allFinite();
 }
 
-/// Moves the trial from (x, bubble) by a share of the direction. Where friction would turn its
-/// direction round, the node stops at the kink of the friction law instead: it then sticks, or
-/// leaves in the right direction, in the next iteration. Newton's step alone would jump to and fro.
-void ReferenceTissue::move_trial(const Terms& terms, double share, const Nodes& x,
+/// Sets the trial to (x, bubble) plus a step length times the direction. A node whose slip would
+/// reverse stops instead, at the kink of the friction law, from where the next iteration sticks or
+/// slips in the right direction; plain Newton steps would oscillate.
+void ReferenceTissue::move_trial(const Terms& terms, double length, const Nodes& x,
                                  const Bubbles& bubble) {
   for (std::size_t i = 0; i < x.size(); ++i) {
     const int row = model_->unknown[i];
-    if (row >= 0) trial_x_[i] = x[i] + share * direction_.segment<3>(row);
+    if (row >= 0) trial_x_[i] = x[i] + length * direction_.segment<3>(row);
   }
   for (std::size_t e = 0; e < bubble.size(); ++e) {
     for (int c = 0; c < 9; ++c)
-      trial_bubble_[e][c] = bubble[e][c] + share * direction_[bubble_unknown(e, c)];
+      trial_bubble_[e][c] = bubble[e][c] + length * direction_[bubble_unknown(e, c)];
   }
   for (const FrictionPoint& f : friction_) {
-    const auto i = static_cast<std::size_t>(f.node);
-    const Vector3d before = slip_velocity(terms, f, x[i]);
-    const Vector3d after = slip_velocity(terms, f, trial_x_[i]);
-    if (after.dot(before) < 0) trial_x_[i] -= terms.beta * after;
+    const Vector3d before = slip_velocity(terms, f, x[f.node]);
+    const Vector3d after = slip_velocity(terms, f, trial_x_[f.node]);
+    if (after.dot(before) < 0) trial_x_[f.node] -= terms.beta * after;
   }
 }
 
-/// Walks along the direction until the potential falls enough (Armijo), with the pull on the jaws
-/// that the direction ends with. Where rounding hides the fall of the potential the residual has to
-/// shrink instead. The trial stays where it was if neither happens.
+/// Backtracking line search: halves the step until the potential, with the multipliers of the full
+/// step, falls enough (Armijo), or the residual shrinks where the fall is below rounding. False,
+/// and the trial unchanged, where no step does.
 bool ReferenceTissue::search_line(const Terms& terms, Residual& residual) {
   constexpr double kRounding = 1e-13;  // of a sum over some thousand terms
-  const Targets pull = trial_pull_;
-  if (grasp_) trial_pull_ = next_pull_;
+  const Targets multiplier = trial_multiplier_;
+  if (grasp_) trial_multiplier_ = next_multiplier_;
   evaluate_outside(terms, trial_x_, residual);
   const double slope =
       residual.force.dot(direction_) - residual.miss.cwiseProduct(residual.miss_force).sum();
@@ -411,20 +357,20 @@ bool ReferenceTissue::search_line(const Terms& terms, Residual& residual) {
   const Nodes x = trial_x_;
   const Bubbles bubble = trial_bubble_;
   Residual trial;
-  double share = 1;
-  for (int attempt = 0; attempt < kMaxLineSearch; ++attempt, share *= 0.5) {
-    move_trial(terms, share, x, bubble);
+  double length = 1;
+  for (int attempt = 0; attempt < kMaxLineSearch; ++attempt, length *= 0.5) {
+    move_trial(terms, length, x, bubble);
     evaluate(terms, trial_x_, trial_bubble_, trial);
     if (!std::isfinite(trial.energy)) continue;
     if (hidden ? trial.norm < residual.norm
-               : trial.energy <= residual.energy + 1e-4 * share * slope) {
+               : trial.energy <= residual.energy + 1e-4 * length * slope) {
       std::swap(residual, trial);
       return true;
     }
   }
   trial_x_ = x;
   trial_bubble_ = bubble;
-  trial_pull_ = pull;
+  trial_multiplier_ = multiplier;
   evaluate_outside(terms, trial_x_, residual);
   return false;
 }

@@ -2,6 +2,7 @@
 
 #include <Eigen/Cholesky>
 #include <Eigen/Core>
+#include <algorithm>
 #include <array>
 #include <functional>
 #include <memory>
@@ -19,25 +20,25 @@
 namespace omentum {
 
 /// The converged solid in motion (docs/tissue.md 13): one environment, double precision; see
-/// Tissue. The yardstick of the fast models and what `mismatch` compares recordings with.
+/// Tissue.
 ///
 /// Each implicit step (BDF2 started by backward Euler, or backward Euler) is solved by Newton's
 /// method with the exact tangent, a Cholesky factor and a line search until the residual is
-/// newton_tolerance of the weight. A step begins with the factor of the last; one that does not
-/// converge with that begins anew without, and then is done in two halves, five times at most; then
-/// the tissue is unhealthy, failure() says why, and step() does nothing until reset() or load().
+/// newton_tolerance of the weight:
 ///
 ///   M ((x - x~) / beta^2 - v~ / beta + damping (x - x~) / beta - g) + dPsi/dx
-///       + contact + friction + C^T pull = 0,      v = (x - x~) / beta
+///       + contact + friction + C^T p = 0,   C x - c p = targets,   v = (x - x~) / beta
 ///
-/// The rows C of the grasp are constraints, C x = targets + compliance * pull, and the pull on them
-/// an unknown (the line search walks down an augmented Lagrangian): a spring instead, as stiff as a
-/// rigid patch needs, drowns the residual in rounding.
+/// The grasp is a constraint on its rows C with compliance c and multipliers p, and the line search
+/// descends an augmented Lagrangian: a penalty as stiff as a rigid patch would lose the residual in
+/// rounding. A step begins with the factor of the last; if it does not converge it is repeated with
+/// a new factor, then in two halves, five times at most. Then the tissue is unhealthy, failure()
+/// says why, and step() does nothing until reset() or load().
 ///
-/// Contact acts at the nodes of the lower and upper face: a stiff spring per area that starts
-/// smoothly 2 um before touching; 2000 Pa, 68 times the weight of a 3 mm sheet, press 0.01 mm deep.
-/// Friction is Coulomb's, smooth below friction_slip_speed_m_per_s; static_friction holds at a node
-/// that was slower than this at the end of the last step, dynamic_friction otherwise.
+/// Contact is a penalty per area at the nodes of the lower and upper face that starts smoothly 2 um
+/// before touching: 2000 Pa, 68 times the weight of a 3 mm sheet, press 0.01 mm deep. Coulomb
+/// friction is smooth below friction_slip_speed_m_per_s; static_friction holds at a node that was
+/// slower than this at the end of the last step, dynamic_friction at others.
 class ReferenceTissue : public Tissue<double> {
  public:
   explicit ReferenceTissue(std::shared_ptr<const ReferenceTissueModel> model);
@@ -53,20 +54,19 @@ class ReferenceTissue : public Tissue<double> {
   void begin_substep(std::span<const ToolMotion> motion, int substep) override;
   void solve_substep() override;
   void end_substep(bool last) override;
-  /// The patch is the circle of rest tissue around the point of the mid-surface nearest to the tip;
-  /// its radius is such that the sphere of `radius` around the tip goes through its rim. It moves
-  /// with the tip, neither turning nor deforming in the mean (GraspPatch). `collapse` pulls its
-  /// mean position onto the tip.
+  /// The patch is the circle of rest tissue around the point of the mid-surface nearest to the tip,
+  /// its rim on the sphere of `radius` around the tip. It moves with the tip, neither rotating nor
+  /// deforming in the mean (GraspPatch). `collapse` moves its mean position onto the tip.
   void hold(int lane, const Eigen::Vector3d& tip, double radius, bool collapse) override;
   void release(int lane) override;
   std::span<const std::int32_t> held(int lane) const override;
   void shift_held(int lane, const Eigen::Vector3d& by) override;
   Eigen::Vector3d held_force(int lane) const override;
   Eigen::Vector3d position(int lane, int particle) const override;
-  /// The parabolas of the elements count as moving with the nodes.
+  /// The parabolas of the elements are taken to move with the nodes.
   Eigen::Vector3d velocity(int lane, int particle) const override;
-  /// Moves the nodes around the particle by the least that brings it to p; neighbours follow. Fixed
-  /// particles stay. For displacing a whole sheet use set_nodes().
+  /// By the least change of the nodes around the particle; neighbours follow, fixed particles stay.
+  /// For displacing a whole sheet use set_nodes().
   void set_position(int lane, int particle, const Eigen::Vector3d& p) override;
   void set_velocity(int lane, int particle, const Eigen::Vector3d& v) override;
   void find_nearest(std::span<const Eigen::Vector3d> points,
@@ -89,7 +89,7 @@ class ReferenceTissue : public Tissue<double> {
   /// Nodes of the mesh in W [m], [m/s]; order of ReferenceTissueModel::nodes.
   const std::vector<Eigen::Vector3d>& node_positions() const { return state_.x; }
   const std::vector<Eigen::Vector3d>& node_velocities() const { return state_.v; }
-  /// Gives every free node a new position and velocity; history and parabolas start anew.
+  /// Sets position and velocity of every free node; resets history and parabolas.
   void set_nodes(const std::function<Eigen::Vector3d(int node)>& position,
                  const std::function<Eigen::Vector3d(int node)>& velocity);
   /// Point of the body in W [m].
@@ -111,8 +111,8 @@ class ReferenceTissue : public Tissue<double> {
   using Bubbles = std::vector<std::array<double, 9>>;  ///< per element, [axis][xyz] [m]
   using Targets = Eigen::Matrix<double, 3, GraspPatch::kRows>;
 
-  /// Added to the compliance of a row of the grasp where its miss counts as a force [m/N]: stiff
-  /// against the tissue, yet 1e-17 m of rounding are 1e-11 N only.
+  /// Added to the compliance of a row of the grasp where its residual is weighed as a force [m/N]:
+  /// stiff against the tissue, yet 1e-17 m of rounding are 1e-11 N only.
   static constexpr double kMissCompliance = 1e-6;
 
   struct State {
@@ -120,7 +120,7 @@ class ReferenceTissue : public Tissue<double> {
     Nodes x_before, v_before;  ///< at the end of the step before
     double step_before = 0;    ///< its length [s]; 0 = no history
     Bubbles bubble;
-    Targets pull = Targets::Zero();  ///< of the tissue on the rows of the grasp [N]
+    Targets multiplier = Targets::Zero();  ///< p: force of the tissue on the grasp's rows [N]
   };
   struct Grasp {
     Eigen::Vector2d centre = Eigen::Vector2d::Zero();  ///< of the patch, x_B and y_B at rest [m]
@@ -128,7 +128,7 @@ class ReferenceTissue : public Tissue<double> {
     Targets offset = Targets::Zero();  ///< targets of the rows; the first is relative to the tip
     GraspPatch patch;
   };
-  /// One implicit step: constants of the integrator and where the tool is.
+  /// Constants of one implicit step: of the integrator, of the tool at its end.
   struct Terms {
     double h = 0, beta = 0;  ///< [s]
     Nodes x_tilde, v_tilde;
@@ -140,39 +140,39 @@ class ReferenceTissue : public Tissue<double> {
     int node = 0;
     int body = 0;
     Eigen::Vector3d normal, body_velocity;
-    double limit = 0;  ///< friction force that cannot be exceeded [N]
+    double limit = 0;  ///< Coulomb limit [N]
   };
   struct Residual {
-    double energy = 0;      ///< incremental potential and what the grasp adds to it [J]
-    double scale = 0;       ///< sum of the magnitudes of its terms [J]
-    Eigen::VectorXd force;  ///< of elements, contact and jaws on the unknowns and parabolas [N]
-    Targets miss = Targets::Zero();        ///< of the rows of the grasp [m]
-    Targets miss_force = Targets::Zero();  ///< what it counts as, see kMissCompliance [N]
-    double norm = 0;                       ///< of everything [N]
-    double energy_inside = 0;              ///< without contact and grasp
-    Eigen::VectorXd inside;
+    double energy = 0;                     ///< augmented Lagrangian of the step [J]
+    double scale = 0;                      ///< sum of the magnitudes of its terms [J]
+    Eigen::VectorXd force;                 ///< its derivative by the unknowns and the parabolas [N]
+    Targets miss = Targets::Zero();        ///< residual of the rows of the grasp [m]
+    Targets miss_force = Targets::Zero();  ///< the same weighed as a force, see kMissCompliance [N]
+    double norm = 0;                       ///< of force and miss_force [N]
+    double energy_inside = 0;              ///< energy without contact and grasp
+    Eigen::VectorXd inside;                ///< force without contact and grasp
 
     void count_energy(double term) {
       energy += term;
       scale += term < 0 ? -term : term;
     }
   };
-  /// Tangent that the factor is of; with it a loaded state makes the same factor. The elements'
-  /// part was taken at (x, bubble).
+  /// Where the factor's matrix was taken: a loaded state makes the same factor from it.
   struct Tangent {
     bool usable = false;  ///< for the next step
-    double inertia = 0;   ///< on the masses [1/s^2]
-    Nodes x;
+    double inertia = 0;   ///< factor of the masses [1/s^2]
+    Nodes x;              ///< of the elements' part, with the parabolas
     Bubbles bubble;
     std::vector<Eigen::Matrix3d> node_blocks;  ///< of the other forces, per node [N/m]
   };
+  struct Saved;
   struct Contact {
     int node = 0, body = 0;
     Eigen::Vector3d normal;
     double force = 0, stiffness = 0, energy = 0;  ///< [N], [N/m], [J]
   };
 
-  /// How much of the factor is made anew: nothing, what depends on the blocks of the nodes, all.
+  /// What of the factor is renewed: nothing, what depends on the blocks of the nodes, all.
   enum class Renewal { kNone, kNodes, kAll };
 
   bool advance(double from, double to, int depth);
@@ -187,6 +187,16 @@ class ReferenceTissue : public Tissue<double> {
   bool renew_factor(const Terms& terms, Renewal renewal, bool must);
   bool make_factor(const Terms& terms, std::vector<Eigen::Matrix3d> blocks);
   bool carry_factor();
+  /// Elements of a batch of Pack::kLanes.
+  int elements_in(std::size_t batch) const {
+    const std::size_t left = model_->elements.size() - Pack::kLanes * batch;
+    return static_cast<int>(std::min<std::size_t>(Pack::kLanes, left));
+  }
+  /// Unknown of component c of the nodes of an element, -1 where clamped.
+  int node_unknown(std::size_t element, int c) const {
+    const int first = model_->unknown[model_->elements[element].node[c / 3]];
+    return first < 0 ? -1 : first + c % 3;
+  }
   int bubble_unknown(std::size_t element, int c) const {
     return model_->unknowns + 9 * static_cast<int>(element) + c;
   }
@@ -194,10 +204,10 @@ class ReferenceTissue : public Tissue<double> {
   void assemble();
   std::vector<Eigen::Matrix3d> node_blocks(const Terms& terms) const;
   void set_block(int node, const Eigen::Matrix3d& more);
-  void move_trial(const Terms& terms, double share, const Nodes& x, const Bubbles& bubble);
+  void move_trial(const Terms& terms, double length, const Nodes& x, const Bubbles& bubble);
   bool search_line(const Terms& terms, Residual& residual);
   int bodies() const;
-  void find_contacts(const Terms& terms, const Nodes& x, std::vector<Contact>& contacts) const;
+  std::vector<Contact> find_contacts(const Terms& terms, const Nodes& x) const;
   void add_contact(const Terms& terms, const Nodes& x, Residual& out) const;
   void contact_stiffness(
       const Terms& terms,
@@ -215,9 +225,6 @@ class ReferenceTissue : public Tissue<double> {
   std::optional<SheetPoint> nearest_point(const Eigen::Vector3d& tip) const;
   void move_particle(int particle, const Eigen::Vector3d& by, Nodes& field);
   Grasp make_grasp(const Eigen::Vector2d& centre, double radius) const;
-  std::vector<double> pack_state() const;
-  void save_tangent(std::vector<double>& values) const;
-  void load_tangent(const double* next);
 
   std::shared_ptr<const ReferenceTissueModel> model_;
   State state_;
@@ -226,7 +233,7 @@ class ReferenceTissue : public Tissue<double> {
   int substep_ = 0;
   ReferenceEffects effects_;
   Eigen::Vector3d gravity_ = Eigen::Vector3d::Zero();  ///< of the lane, tilted [m/s^2]
-  double slipped_ = 0;                                 ///< way of the patch out of the jaws [m]
+  double slipped_ = 0;                                 ///< slip of the patch, summed [m]
   std::optional<Grasp> grasp_;
   Eigen::Vector3d held_force_ = Eigen::Vector3d::Zero();
   std::vector<Eigen::Vector3d> contact_forces_;
@@ -236,20 +243,20 @@ class ReferenceTissue : public Tissue<double> {
 
   // Scratch of one implicit step.
   FrontalCholesky factor_;
-  bool factored_ = false;                     ///< factor_ is of tangent_
-  bool constrained_ = false;                  ///< the constraint's solver is of factor_ and grasp_
-  std::vector<Eigen::Matrix3d> body_blocks_;  ///< of each node with itself, of the last assemble()
+  bool factored_ = false;                     ///< factor_ belongs to tangent_
+  bool constrained_ = false;                  ///< constraint_solver_ belongs to factor_ and grasp_
+  std::vector<Eigen::Matrix3d> body_blocks_;  ///< diagonal blocks of the last assemble()
   int kept_ = 0;                              ///< factors since the last assemble()
   std::vector<HexInner> inner_;               ///< per four elements
-  /// Of the grasp, with the factor: L^-1 C^T and c I + its square (see prepare_constraint).
+  /// L^-1 C^T of the grasp and c I + its square (see prepare_constraint).
   Eigen::MatrixXd constraint_response_;
   Eigen::LDLT<Eigen::MatrixXd> constraint_solver_;
   std::vector<FrictionPoint> friction_;
   Nodes trial_x_;
   Bubbles trial_bubble_;
-  Targets trial_pull_ = Targets::Zero();
-  Targets next_pull_ = Targets::Zero();  ///< with the direction
-  Eigen::VectorXd direction_;            ///< of the unknowns, then of the parabolas [m]
+  Targets trial_multiplier_ = Targets::Zero();
+  Targets next_multiplier_ = Targets::Zero();  ///< after a full step along direction_
+  Eigen::VectorXd direction_;                  ///< of the unknowns, then of the parabolas [m]
   std::vector<double> surface_;
 };
 
