@@ -24,9 +24,6 @@ namespace {
 constexpr double kToolLength = 0.25;  // [m] of shaft drawn at least, so that its end is out of view
 constexpr double kPictureFar = 2.0;   // [m] far plane of shaded pictures
 constexpr double kPictureNear = 0.005;  // [m]
-constexpr double kSeedFov = kPi / 3;    // 60 deg
-constexpr int kSeedPixels = 64;
-
 GLuint compile(GLenum kind, const char* source) {
   const GLuint shader = glCreateShader(kind);
   glShaderSource(shader, 1, &source, nullptr);
@@ -71,11 +68,6 @@ ObjectId id_of(pb::BodyRole role) {
   return ObjectId::kOrgan;
 }
 
-int count_pixels(const Image& ids, ObjectId id) {
-  return static_cast<int>(
-      std::count(ids.pixels.begin(), ids.pixels.end(), static_cast<std::uint8_t>(id)));
-}
-
 }  // namespace
 
 CameraPose look_at(const Eigen::Vector3d& eye, const Eigen::Vector3d& target,
@@ -99,15 +91,6 @@ class Camera::Renderer {
       : width(image_width), height(image_height), supersample(samples), endoscope(scene.camera) {
     OMENTUM_CHECK(width > 0 && height > 0 && samples > 0 && samples <= 8, "{} x {}, {} samples",
                   width, height, samples);
-    exposure_view = scene.camera;
-    exposure_view.vertical_fov_rad = scene.exposure_fov_rad;
-    exposure_pixels = scene.exposure_pixels;
-    if (scene.tumour >= 0) {
-      const RigidShape& tumour = scene.bodies[static_cast<std::size_t>(scene.tumour)];
-      const CameraPose aimed =
-          look_at(scene.camera.position, tumour.X_WS.translation(), scene.camera.R_WC.col(1), 1);
-      exposure_view.R_WC = aimed.R_WC;
-    }
     triangles_ = scene.tissue.surface_triangles;
     rest_ =
         scene.tissue.surface_is_particles ? scene.tissue.particles : scene.tissue.surface_vertices;
@@ -129,21 +112,18 @@ class Camera::Renderer {
     create_context();
     const Binding binding(*this);
     create_program();
+    const Eigen::AlignedBox3d workspace(scene.workspace_min, scene.workspace_max);
     bool has_board = false;
     for (const RigidShape& body : scene.bodies) {
-      add_body(make_body_surface(body, scene.workspace_min, scene.workspace_max), id_of(body.role));
+      add_body(make_body_surface(body, workspace), id_of(body.role));
       has_board = has_board || body.role == pb::ROLE_BOARD;
     }
     if (!has_board) {
-      RigidShape
-          board;  // W is the centre of the calibration board, so the board is the plane z = 0
+      RigidShape board;  // the calibration board is the plane z = 0 of W
       board.kind = RigidShape::Kind::kHalfSpace;
-      add_body(make_body_surface(board, scene.workspace_min, scene.workspace_max),
-               ObjectId::kBoard);
+      add_body(make_body_surface(board, workspace), ObjectId::kBoard);
     }
-    glGenVertexArrays(1, &moving_.array);
-    glGenBuffers(1, &moving_.vertices);
-    glGenBuffers(1, &moving_.indices);
+    moving_ = make_buffers();
   }
 
   ~Renderer() { OSMesaDestroyContext(context_); }  // frees buffers, textures and programs
@@ -161,7 +141,7 @@ class Camera::Renderer {
     const Binding binding(*this);
     render(frame, pose, w, h, false, true);
     DepthImage image{read_back(w, h, 1), {}};
-    std::vector<float> raw(static_cast<std::size_t>(w) * static_cast<std::size_t>(h));
+    std::vector<float> raw(w * h);
     glReadPixels(0, 0, w, h, GL_DEPTH_COMPONENT, GL_FLOAT, raw.data());
     OMENTUM_CHECK(glGetError() == GL_NO_ERROR, "OpenGL error while reading depth");
     const double near = pose.near_m;
@@ -169,7 +149,7 @@ class Camera::Renderer {
     for (int y = h - 1; y >= 0; --y) {  // OpenGL counts rows from the bottom
       for (int x = 0; x < w; ++x) {
         // Inverse of the third row of projection_from_world.
-        const double z = static_cast<double>(raw[static_cast<std::size_t>(x + w * y)]);
+        const auto z = static_cast<double>(raw[x + w * y]);
         image.depth_m.push_back(z < 1 ? static_cast<float>(near * far / (far - z * (far - near)))
                                       : 0.0F);
       }
@@ -179,8 +159,6 @@ class Camera::Renderer {
 
   const int width, height, supersample;
   const CameraPose endoscope;
-  CameraPose exposure_view;
-  int exposure_pixels = 0;
 
  private:
   struct Buffers {
@@ -209,25 +187,20 @@ class Camera::Renderer {
               bool thick) {
     bind_target(w, h);
     glViewport(0, 0, w, h);
-    if (shaded) {
-      glClearColor(0.055F, 0.06F, 0.075F, 1);
-    } else {
-      glClearColor(0, 0, 0, 1);
-    }
+    shaded ? glClearColor(0.055F, 0.06F, 0.075F, 1) : glClearColor(0, 0, 0, 1);
     glClear(GL_COLOR_BUFFER_BIT | GL_DEPTH_BUFFER_BIT);
     glEnable(GL_DEPTH_TEST);
     glDisable(GL_CULL_FACE);
     glDisable(GL_DITHER);
     glUseProgram(program_);
     const Eigen::Matrix4f matrix = projection_from_world(pose, double(w) / h);
-    glUniformMatrix4fv(glGetUniformLocation(program_, "projection_from_world"), 1, GL_FALSE,
-                       matrix.data());
+    glUniformMatrix4fv(uniform("projection_from_world"), 1, GL_FALSE, matrix.data());
     const Eigen::Vector3f eye = pose.position.cast<float>();
-    glUniform3fv(glGetUniformLocation(program_, "eye"), 1, eye.data());
+    glUniform3fv(uniform("eye"), 1, eye.data());
     const Eigen::Vector3f side =
         (pose.R_WC * Eigen::Vector3d(-0.75, 0.65, 0.35)).normalized().cast<float>();
-    glUniform3fv(glGetUniformLocation(program_, "side_light"), 1, side.data());
-    glUniform1i(glGetUniformLocation(program_, "shaded"), shaded ? 1 : 0);
+    glUniform3fv(uniform("side_light"), 1, side.data());
+    glUniform1i(uniform("shaded"), shaded ? 1 : 0);
     for (const Body& body : bodies_) draw_buffers(body.buffers, body.count, body.id);
     const std::size_t of_sheet = std::min(3 * rest_.size(), frame.tissue_vertices_W.size());
     if (of_sheet > 0) {
@@ -247,19 +220,14 @@ class Camera::Renderer {
     }
   }
 
+  GLint uniform(const char* name) const { return glGetUniformLocation(program_, name); }
+
   void create_context() {
-    const std::array<int, 11> attributes = {OSMESA_FORMAT,
-                                            OSMESA_RGBA,
-                                            OSMESA_PROFILE,
-                                            OSMESA_CORE_PROFILE,
-                                            OSMESA_CONTEXT_MAJOR_VERSION,
-                                            3,
-                                            OSMESA_CONTEXT_MINOR_VERSION,
-                                            3,
-                                            0,
-                                            0,
-                                            0};
-    context_ = OSMesaCreateContextAttribs(attributes.data(), nullptr);
+    // clang-format off
+    const int attributes[] = {OSMESA_FORMAT, OSMESA_RGBA, OSMESA_PROFILE, OSMESA_CORE_PROFILE,
+                              OSMESA_CONTEXT_MAJOR_VERSION, 3, OSMESA_CONTEXT_MINOR_VERSION, 3, 0};
+    // clang-format on
+    context_ = OSMesaCreateContextAttribs(attributes, nullptr);
     if (context_ == nullptr) throw_error("OSMesa offers no OpenGL 3.3 core context");
   }
 
@@ -295,6 +263,14 @@ class Camera::Renderer {
     target_height_ = h;
   }
 
+  static Buffers make_buffers() {
+    Buffers buffers;
+    glGenVertexArrays(1, &buffers.array);
+    glGenBuffers(1, &buffers.vertices);
+    glGenBuffers(1, &buffers.indices);
+    return buffers;
+  }
+
   static void upload(const Buffers& buffers, const DrawSurface& surface, GLenum usage) {
     glBindVertexArray(buffers.array);
     glBindBuffer(GL_ARRAY_BUFFER, buffers.vertices);
@@ -317,14 +293,8 @@ class Camera::Renderer {
   }
 
   void add_body(const DrawSurface& surface, ObjectId id) {
-    Body body;
-    glGenVertexArrays(1, &body.buffers.array);
-    glGenBuffers(1, &body.buffers.vertices);
-    glGenBuffers(1, &body.buffers.indices);
-    upload(body.buffers, surface, GL_STATIC_DRAW);
-    body.count = static_cast<GLsizei>(surface.indices.size());
-    body.id = id;
-    bodies_.push_back(body);
+    bodies_.push_back({make_buffers(), static_cast<GLsizei>(surface.indices.size()), id});
+    upload(bodies_.back().buffers, surface, GL_STATIC_DRAW);
   }
 
   void draw_moving(const DrawSurface& surface, ObjectId id) {
@@ -333,30 +303,27 @@ class Camera::Renderer {
   }
 
   void draw_buffers(const Buffers& buffers, GLsizei count, ObjectId id) {
-    glUniform1i(glGetUniformLocation(program_, "object_id"), static_cast<GLint>(id));
+    glUniform1i(uniform("object_id"), static_cast<GLint>(id));
     glBindVertexArray(buffers.array);
     glDrawElements(GL_TRIANGLES, count, GL_UNSIGNED_INT, nullptr);
   }
 
   Image read_back(int w, int h, int channels) {
-    std::vector<std::uint8_t> raw(static_cast<std::size_t>(w) * static_cast<std::size_t>(h) * 4);
+    std::vector<std::uint8_t> raw(4 * w * h);
     glPixelStorei(GL_PACK_ALIGNMENT, 4);
     glReadPixels(0, 0, w, h, GL_RGBA, GL_UNSIGNED_BYTE, raw.data());
     OMENTUM_CHECK(glGetError() == GL_NO_ERROR, "OpenGL error while drawing");
     Image image{w, h, channels, {}};
-    image.pixels.reserve(raw.size() / 4 * static_cast<std::size_t>(channels));
     for (int y = h - 1; y >= 0; --y) {  // OpenGL counts rows from the bottom
       for (int x = 0; x < w; ++x) {
-        const std::size_t at = 4 * (static_cast<std::size_t>(x) +
-                                    static_cast<std::size_t>(w) * static_cast<std::size_t>(y));
-        for (int c = 0; c < channels; ++c)
-          image.pixels.push_back(raw[at + static_cast<std::size_t>(c)]);
+        const auto pixel = raw.begin() + 4 * (x + w * y);
+        image.pixels.insert(image.pixels.end(), pixel, pixel + channels);
       }
     }
     return image;
   }
 
-  static constexpr int kWindow = 4;  // pictures go to our own target; the window is a formality
+  static constexpr int kWindow = 4;  // pixels; pictures go to a target of their own
   std::array<std::uint8_t, 4 * kWindow * kWindow> window_{};
   OSMesaContext context_ = nullptr;
   GLuint program_ = 0, target_ = 0, colour_ = 0, depth_ = 0;
@@ -379,10 +346,6 @@ Camera::~Camera() = default;
 
 const CameraPose& Camera::endoscope() const { return renderer_->endoscope; }
 
-Image Camera::draw_shaded(const CameraFrame& frame) {
-  return draw_shaded(frame, renderer_->endoscope);
-}
-
 Image Camera::draw_shaded(const CameraFrame& frame, const CameraPose& pose) {
   CameraPose wide = pose;
   wide.near_m = std::min(pose.near_m, kPictureNear);
@@ -391,7 +354,6 @@ Image Camera::draw_shaded(const CameraFrame& frame, const CameraPose& pose) {
   const Image fine =
       renderer_->draw(frame, wide, n * renderer_->width, n * renderer_->height, true);
   Image image{renderer_->width, renderer_->height, 3, {}};
-  image.pixels.reserve(fine.pixels.size() / static_cast<std::size_t>(n * n));
   for (int y = 0; y < image.height; ++y) {
     for (int x = 0; x < image.width; ++x) {
       for (std::size_t c = 0; c < 3; ++c) {
@@ -416,34 +378,6 @@ Image Camera::draw_ids(const CameraFrame& frame, const CameraPose& pose, int wid
 DepthImage Camera::draw_depth(const CameraFrame& frame, const CameraPose& pose, int width,
                               int height) {
   return renderer_->draw_depth(frame, pose, width, height);
-}
-
-Exposure Camera::exposure_from_image(const CameraFrame& frame) {
-  const auto count = [&](const CameraFrame& shown) {
-    const int n = renderer_->exposure_pixels;
-    return count_pixels(renderer_->draw(shown, renderer_->exposure_view, n, n, false),
-                        ObjectId::kTumour);
-  };
-  CameraFrame without_tool = frame;
-  without_tool.tool.reset();
-  Exposure exposure;
-  exposure.unoccluded = count(CameraFrame{});
-  exposure.visible = count(frame);
-  exposure.hidden_by_tool = frame.tool ? count(without_tool) - exposure.visible : 0;
-  return exposure;
-}
-
-Exposure Camera::exposure_seed_64px(const CameraFrame& frame) {
-  CameraPose view = renderer_->endoscope;
-  view.vertical_fov_rad = kSeedFov;
-  const auto count = [&](const CameraFrame& shown) {
-    return count_pixels(renderer_->draw(shown, view, kSeedPixels, kSeedPixels, false),
-                        ObjectId::kTumour);
-  };
-  Exposure exposure;
-  exposure.unoccluded = count(CameraFrame{});
-  exposure.visible = count(frame);
-  return exposure;
 }
 
 }  // namespace omentum

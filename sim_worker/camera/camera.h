@@ -9,9 +9,9 @@
 #include "sim_worker/camera/image.h"
 #include "sim_worker/scene/scene.h"
 
-// camera/ makes pictures off screen (OSMesa): the endoscope, shaded or as object ids, and what a
-// depth sensor would measure of it. For observations, recordings and reports; its numbers are
-// compared with tolerances, not bit for bit.
+// camera/ makes pictures off screen: the endoscope, shaded or as object ids, and a depth sensor.
+// For observations, recordings and reports; its numbers are compared with tolerances, not bit for
+// bit.
 
 namespace omentum {
 
@@ -36,38 +36,24 @@ struct ToolPose {
 
 /// The moving things of one picture. `tissue_vertices_W` holds x y z [m] of every vertex that
 /// scene.tissue.surface_triangles refers to (the particles of a sheet), then of every node of
-/// scene.soft_body; empty = no sheet, and the soft body at rest. The span must stay valid during
-/// the call only.
+/// scene.soft_body; empty = no sheet, and the soft body at rest. Read during the call only.
 struct CameraFrame {
   std::span<const float> tissue_vertices_W;
   std::optional<ToolPose> tool;
 };
 
-/// Exposure of the tumour by counting pixels of id images (docs/task.md 9).
-struct Exposure {
-  int unoccluded = 0;      ///< tumour pixels without sheet and tool; organs and obstacles stay
-  int visible = 0;         ///< tumour pixels with everything
-  int hidden_by_tool = 0;  ///< tumour pixels that only the tool covers
-  /// Share of the tumour that can be seen, 0 if it is out of view.
-  double fraction() const { return unoccluded > 0 ? double(visible) / unoccluded : 0; }
-};
-
-/// What a depth camera would measure without any error: per pixel, top row first, the distance
-/// along the optical axis to the drawn surface [m], 0 where there is none, and what was hit.
+/// What a depth camera without error would measure, per pixel, top row first.
 struct DepthImage {
   Image ids;
-  std::vector<float> depth_m;
+  std::vector<float> depth_m;  ///< along the optical axis to the drawn surface, 0 where none is
 };
 
-/// The simulated endoscope: an off-screen OpenGL renderer in software (OSMesa, llvmpipe), so
-/// pictures need neither a display nor a GPU. Two kinds of picture: `shaded` for people, `object
-/// ids` for counting and as an observation (no light, no antialiasing; equal between machines that
-/// run the same rasteriser).
+/// The simulated endoscope: off-screen OpenGL in software (OSMesa, llvmpipe), without display or
+/// GPU. Two kinds of picture: `shaded` for people, `object ids` for counting and as an observation
+/// (no light, no antialiasing; equal between machines that run the same rasteriser).
 ///
-/// One Camera owns one OpenGL context. Thread rule: one thread at a time per Camera, and different
-/// Cameras may run in different threads; every call binds the context to the calling thread and
-/// releases it before returning. Copies what it needs from the scene, which may go away.
-/// Construction compiles shaders (about 0.1 s): keep the object.
+/// One thread at a time per Camera; different Cameras may run in different threads. Copies what it
+/// needs from the scene. Construction compiles shaders (about 0.1 s): keep the object.
 class Camera {
  public:
   /// Pictures of width x height pixels, averaged over supersample^2 samples when shaded. Throws
@@ -77,12 +63,12 @@ class Camera {
   Camera(const Camera&) = delete;
   Camera& operator=(const Camera&) = delete;
 
-  /// The endoscope of the scene. Its aspect ratio is that of the image.
+  /// The endoscope of the scene; its aspect ratio is that of the image.
   const CameraPose& endoscope() const;
 
   /// RGB picture from the endoscope or from another pose (near and far plane are widened as
   /// needed).
-  Image draw_shaded(const CameraFrame& frame);
+  Image draw_shaded(const CameraFrame& frame) { return draw_shaded(frame, endoscope()); }
   Image draw_shaded(const CameraFrame& frame, const CameraPose& pose);
 
   /// One byte per pixel, an ObjectId.
@@ -91,13 +77,6 @@ class Camera {
 
   /// Depth and ids from a pose. A sheet has its thickness here.
   DepthImage draw_depth(const CameraFrame& frame, const CameraPose& pose, int width, int height);
-
-  /// Exposure in the zoom view: endoscope position, field of view scene.exposure_fov_rad, square of
-  /// scene.exposure_pixels, aimed at the tumour's centre. A pure function of the frame.
-  Exposure exposure_from_image(const CameraFrame& frame);
-  /// The same share counted as the seed does: 60 deg, 64 x 64 pixels (the whole tumour is about 28
-  /// pixels).
-  Exposure exposure_seed_64px(const CameraFrame& frame);
 
  private:
   class Renderer;

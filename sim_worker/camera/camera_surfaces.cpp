@@ -24,36 +24,31 @@ void append_mesh(const TriangleMesh& mesh, const Eigen::Isometry3d& X_WS, DrawSu
   std::vector<std::vector<std::size_t>> touching(mesh.vertices.size());
   for (std::size_t t = 0; t < mesh.triangles.size(); ++t) {
     const Eigen::Vector3i& c = mesh.triangles[t];
-    const Eigen::Vector3d& a = mesh.vertices[static_cast<std::size_t>(c[0])];
-    normals.push_back((mesh.vertices[static_cast<std::size_t>(c[1])] - a)
-                          .cross(mesh.vertices[static_cast<std::size_t>(c[2])] - a));
-    for (const int k : c) touching[static_cast<std::size_t>(k)].push_back(t);
+    const Eigen::Vector3d& a = mesh.vertices[c[0]];
+    normals.push_back((mesh.vertices[c[1]] - a).cross(mesh.vertices[c[2]] - a));
+    for (const int k : c) touching[k].push_back(t);
   }
   for (std::size_t t = 0; t < mesh.triangles.size(); ++t) {
     const Eigen::Vector3d own = normals[t].normalized();
     for (const int k : mesh.triangles[t]) {
       Eigen::Vector3d sum = Eigen::Vector3d::Zero();
-      for (const std::size_t other : touching[static_cast<std::size_t>(k)]) {
+      for (const std::size_t other : touching[k]) {
         if (normals[other].normalized().dot(own) > kSmoothAngleCosine) sum += normals[other];
       }
       const Eigen::Vector3d normal = sum.norm() > 0 ? Eigen::Vector3d(sum.normalized()) : own;
       surface.indices.push_back(static_cast<std::uint32_t>(surface.vertices.size()));
-      surface.vertices.push_back({(X_WS * mesh.vertices[static_cast<std::size_t>(k)]).cast<float>(),
+      surface.vertices.push_back({(X_WS * mesh.vertices[k]).cast<float>(),
                                   (X_WS.linear() * normal).cast<float>(),
-                                  mesh.vertices[static_cast<std::size_t>(k)].cast<float>()});
+                                  mesh.vertices[k].cast<float>()});
     }
   }
 }
 
 /// The plane z = 0 of a half space, over the workspace.
-TriangleMesh make_plane_mesh(const Eigen::Isometry3d& X_WS, const Eigen::Vector3d& workspace_min,
-                             const Eigen::Vector3d& workspace_max) {
+TriangleMesh make_plane_mesh(const Eigen::Isometry3d& X_WS, const Eigen::AlignedBox3d& workspace) {
   Eigen::AlignedBox3d box;
-  for (int corner = 0; corner < 8; ++corner) {
-    box.extend(X_WS.inverse() * Eigen::Vector3d((corner & 1 ? workspace_min : workspace_max).x(),
-                                                (corner & 2 ? workspace_min : workspace_max).y(),
-                                                (corner & 4 ? workspace_min : workspace_max).z()));
-  }
+  for (int corner = 0; corner < 8; ++corner)
+    box.extend(X_WS.inverse() * workspace.corner(Eigen::AlignedBox3d::CornerType(corner)));
   const Eigen::Vector3d low = box.min() - Eigen::Vector3d::Constant(kBoardMargin);
   const Eigen::Vector3d high = box.max() + Eigen::Vector3d::Constant(kBoardMargin);
   TriangleMesh mesh;
@@ -65,13 +60,11 @@ TriangleMesh make_plane_mesh(const Eigen::Isometry3d& X_WS, const Eigen::Vector3
   return mesh;
 }
 
-/// A cone stump with caps from p0 to p1; radii in two directions (x across, y along the opening).
+/// A tapered jaw with a flat inner face. Axes of R: x across, y towards the outside of the jaw, z
+/// along the jaw to the tip.
 TriangleMesh make_jaw_mesh(const Eigen::Matrix3d& R, const Eigen::Vector3d& pivot) {
-  // Axes of R: x across, y towards the outside of the jaw, z along the jaw to the tip. The inner
-  // face is flat.
-  const double back =
-      0.0028;  // [m] half width and thickness at the pivot, a little thinner than the shaft
-  const double front = 0.0012;
+  const double back = 0.0028;   // [m] half width and thickness at the pivot
+  const double front = 0.0012;  // and at the tip
   TriangleMesh mesh;
   for (const auto& [z, size] : {std::pair{0.0, back}, std::pair{kJawLength, front}}) {
     mesh.vertices.push_back(pivot + R * Eigen::Vector3d(-size, 0, z));
@@ -93,8 +86,7 @@ TriangleMesh make_jaw_mesh(const Eigen::Matrix3d& R, const Eigen::Vector3d& pivo
 
 }  // namespace
 
-DrawSurface make_body_surface(const RigidShape& body, const Eigen::Vector3d& workspace_min,
-                              const Eigen::Vector3d& workspace_max) {
+DrawSurface make_body_surface(const RigidShape& body, const Eigen::AlignedBox3d& workspace) {
   DrawSurface surface;
   TriangleMesh mesh;
   switch (body.kind) {
@@ -106,7 +98,7 @@ DrawSurface make_body_surface(const RigidShape& body, const Eigen::Vector3d& wor
       mesh = make_box_mesh(body.size);
       break;
     case RigidShape::Kind::kHalfSpace:
-      mesh = make_plane_mesh(body.X_WS, workspace_min, workspace_max);
+      mesh = make_plane_mesh(body.X_WS, workspace);
       break;
     case RigidShape::Kind::kMesh:
       mesh = body.surface;
@@ -120,27 +112,25 @@ DrawSurface make_tissue_surface(std::span<const float> vertices_W,
                                 const std::vector<Eigen::Vector3d>& rest,
                                 const std::vector<Eigen::Vector3i>& triangles, double thickness) {
   DrawSurface surface;
-  const std::size_t count = vertices_W.size() / 3;
-  OMENTUM_CHECK(rest.size() == count, "{} vertices at rest, {} drawn", rest.size(), count);
+  const int count = static_cast<int>(vertices_W.size() / 3);
+  OMENTUM_CHECK(static_cast<int>(rest.size()) == count, "{} vertices at rest, {} drawn",
+                rest.size(), count);
   std::vector<Eigen::Vector3f> normal(count, Eigen::Vector3f::Zero());
-  const auto point = [&](int k) {
-    const std::size_t at = 3 * static_cast<std::size_t>(k);
-    return Eigen::Vector3f(vertices_W[at], vertices_W[at + 1], vertices_W[at + 2]);
-  };
+  const auto point = [&](int k) { return Eigen::Vector3f::Map(&vertices_W[3 * k]); };
   for (const Eigen::Vector3i& t : triangles) {
-    OMENTUM_CHECK(t.minCoeff() >= 0 && static_cast<std::size_t>(t.maxCoeff()) < count,
-                  "triangle refers to vertex {} of {}", t.maxCoeff(), count);
+    OMENTUM_CHECK(t.minCoeff() >= 0 && t.maxCoeff() < count, "triangle refers to vertex {} of {}",
+                  t.maxCoeff(), count);
     const Eigen::Vector3f area = (point(t[1]) - point(t[0])).cross(point(t[2]) - point(t[0]));
-    for (const int k : t) normal[static_cast<std::size_t>(k)] += area;
+    for (const int k : t) normal[k] += area;
   }
   for (Eigen::Vector3f& n : normal)
     n = n.norm() > 0 ? Eigen::Vector3f(n.normalized()) : Eigen::Vector3f::UnitZ();
   const float half = static_cast<float>(thickness / 2);
   const auto add_face = [&](float side) {
     const auto first = static_cast<std::uint32_t>(surface.vertices.size());
-    for (std::size_t k = 0; k < count; ++k) {
-      surface.vertices.push_back({point(static_cast<int>(k)) + side * half * normal[k],
-                                  side * normal[k], rest[k].cast<float>()});
+    for (int k = 0; k < count; ++k) {
+      surface.vertices.push_back(
+          {point(k) + side * half * normal[k], side * normal[k], rest[k].cast<float>()});
     }
     for (const Eigen::Vector3i& t : triangles) {
       surface.indices.push_back(first + static_cast<std::uint32_t>(t[0]));
@@ -161,12 +151,12 @@ DrawSurface make_tissue_surface(std::span<const float> vertices_W,
       const int a = t[k];
       const int b = t[(k + 1) % 3];
       if (uses[std::minmax({a, b})] != 1) continue;
-      const Eigen::Vector3f& na = normal[static_cast<std::size_t>(a)];
-      const Eigen::Vector3f& nb = normal[static_cast<std::size_t>(b)];
+      const Eigen::Vector3f& na = normal[a];
+      const Eigen::Vector3f& nb = normal[b];
       const Eigen::Vector3f outside = (point(b) - point(a)).cross(na).normalized();
       const auto first = static_cast<std::uint32_t>(surface.vertices.size());
-      const Eigen::Vector3f ra = rest[static_cast<std::size_t>(a)].cast<float>();
-      const Eigen::Vector3f rb = rest[static_cast<std::size_t>(b)].cast<float>();
+      const Eigen::Vector3f ra = rest[a].cast<float>();
+      const Eigen::Vector3f rb = rest[b].cast<float>();
       surface.vertices.push_back({point(a) + half * na, outside, ra});
       surface.vertices.push_back({point(b) + half * nb, outside, rb});
       surface.vertices.push_back({point(b) - half * nb, outside, rb});
@@ -199,7 +189,7 @@ DrawSurface make_tool_surface(const ToolPose& pose, double shaft_radius, double 
   append_mesh(make_capsule_mesh(pivot, pivot - 0.004 * z, 0.7 * shaft_radius, 24), identity,
               surface);
   for (const int side : {1, -1}) {
-    // Each jaw turns by half the angle about the x axis of the tool; side -1 is the mirror image.
+    // Each jaw rotates by half the angle about the x axis of the tool; side -1 is mirrored.
     Eigen::Matrix3d jaw =
         R *
         Eigen::AngleAxisd(-side * pose.jaw_rad / 2, Eigen::Vector3d::UnitX()).toRotationMatrix();

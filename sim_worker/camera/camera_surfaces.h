@@ -1,6 +1,6 @@
 #pragma once
 
-#include <Eigen/Core>
+#include <Eigen/Geometry>
 #include <span>
 #include <vector>
 
@@ -13,22 +13,19 @@ struct DrawSurface {
   struct Vertex {
     Eigen::Vector3f position;  ///< in W [m]
     Eigen::Vector3f normal;    ///< in W, unit
-    Eigen::Vector3f
-        texture;  ///< point fixed to the material [m]; carries the mottling of shaded pictures
+    Eigen::Vector3f texture;   ///< material point [m], for the mottling of shaded pictures
   };
   std::vector<Vertex> vertices;
   std::vector<std::uint32_t> indices;
 };
 
-/// The surface of a rigid body in W: analytic shapes are tessellated finely (a sphere of 128
-/// sectors covers 0.04 % less area than the true disc), meshes are drawn as they are with normals
-/// smoothed below 40 deg.
-DrawSurface make_body_surface(const RigidShape& body, const Eigen::Vector3d& workspace_min,
-                              const Eigen::Vector3d& workspace_max);
+/// The surface of a rigid body in W: analytic shapes finely tessellated (a sphere covers 0.04 %
+/// less than the true disc), meshes with normals smoothed below 40 deg, a half-space over the
+/// workspace.
+DrawSurface make_body_surface(const RigidShape& body, const Eigen::AlignedBox3d& workspace);
 
-/// The sheet. With thickness 0 its middle surface (what exposure counts); otherwise both faces,
-/// offset by half the thickness along the vertex normals, and the rim between them (for pictures).
-/// `rest` holds the same vertices at rest in B.
+/// The sheet: with thickness 0 [m] its middle surface (for object ids), else both faces, offset by
+/// half the thickness along the vertex normals, and the rim. `rest`: the vertices at rest in B.
 DrawSurface make_tissue_surface(std::span<const float> vertices_W,
                                 const std::vector<Eigen::Vector3d>& rest,
                                 const std::vector<Eigen::Vector3i>& triangles, double thickness);

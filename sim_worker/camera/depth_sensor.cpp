@@ -11,13 +11,13 @@ namespace {
 
 double unit(std::uint32_t word) { return (static_cast<double>(word) + 0.5) * 0x1p-32; }
 
-/// Pose of the seen world in the real one: a turn about the camera, then a shift.
+/// Pose of the measured points in W: a rotation about the camera, then a shift.
 Eigen::Isometry3d registration_of(const pb::DepthSensor& sensor, const Eigen::Vector3d& p_WC) {
-  const pb::Vec3& turn = sensor.registration_deg();
+  const pb::Vec3& angle = sensor.registration_deg();
   const pb::Vec3& shift = sensor.registration_m();
-  const Eigen::AngleAxisd x(turn.x() * kDegree, Eigen::Vector3d::UnitX());
-  const Eigen::AngleAxisd y(turn.y() * kDegree, Eigen::Vector3d::UnitY());
-  const Eigen::AngleAxisd z(turn.z() * kDegree, Eigen::Vector3d::UnitZ());
+  const Eigen::AngleAxisd x(angle.x() * kDegree, Eigen::Vector3d::UnitX());
+  const Eigen::AngleAxisd y(angle.y() * kDegree, Eigen::Vector3d::UnitY());
+  const Eigen::AngleAxisd z(angle.z() * kDegree, Eigen::Vector3d::UnitZ());
   const Eigen::Matrix3d R = (z * y * x).toRotationMatrix();
   Eigen::Isometry3d X = Eigen::Isometry3d::Identity();
   X.linear() = R;
@@ -41,10 +41,10 @@ std::vector<Eigen::Vector3f> sense_cloud(Camera& camera, const CameraFrame& fram
   std::vector<Eigen::Vector3f> points;
   for (int y = 0; y < height; ++y) {
     for (int x = 0; x < width; ++x) {
-      const auto pixel = static_cast<std::size_t>(x + width * y);
+      const std::uint32_t pixel = x + width * y;
       if (image.ids.pixels[pixel] != static_cast<std::uint8_t>(ObjectId::kTissue)) continue;
-      const PhiloxWords words = random_words(seed, 0, Purpose::kObservationNoise, 0, frame_number,
-                                             static_cast<std::uint32_t>(pixel));
+      const PhiloxWords words =
+          random_words(seed, 0, Purpose::kObservationNoise, 0, frame_number, pixel);
       if (unit(words[0]) < sensor.dropout()) continue;
       const Eigen::Vector3d ray((2 * (x + 0.5) / width - 1) * half * width / height,
                                 (1 - 2 * (y + 0.5) / height) * half, -1);

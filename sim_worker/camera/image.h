@@ -13,15 +13,10 @@ struct Image {
   int channels = 0;                  ///< 3 = red, green, blue; 1 = object id
   std::vector<std::uint8_t> pixels;  ///< channels * (x + width * y)
 
-  std::size_t offset(int x, int y) const {
-    return static_cast<std::size_t>(channels) *
-           (static_cast<std::size_t>(x) +
-            static_cast<std::size_t>(width) * static_cast<std::size_t>(y));
-  }
+  std::size_t offset(int x, int y) const { return channels * (x + width * y); }
 };
 
-/// PNG file content of an image of 1 (grey) or 3 channels; the same image gives the same bytes on
-/// one machine.
+/// PNG file content of an image of 1 (grey) or 3 channels.
 std::string encode_png(const Image& image);
 
 }  // namespace omentum

@@ -10,6 +10,7 @@
 #include "sim_worker/backend/sim_backend.h"
 #include "sim_worker/camera/camera.h"
 #include "sim_worker/models.h"
+#include "tests/support/image_exposure.h"
 #include "tests/support/screen.h"
 
 namespace omentum {
@@ -66,7 +67,7 @@ TEST(ExposureEstimate, EqualsTheImageOnRandomLifts) {
   std::vector<float> vertices;
   for_random_states(backend, kStates, [&](SimBackend& b, int lane) {
     b.surface(lane, vertices);
-    const double image = camera.exposure_from_image({vertices, {}}).fraction();
+    const double image = test::exposure_from_image(camera, setup->scene, {vertices, {}}).fraction();
     const double difference = setup->exposure->full(vertices) - image;
     largest = std::max(largest, std::fabs(difference));
     squares += difference * difference;

@@ -5,12 +5,15 @@
 #include <set>
 #include <thread>
 
+#include "tests/support/image_exposure.h"
 #include "tests/support/paper_scene.h"
 #include "tests/support/screen.h"
 
 namespace omentum {
 namespace {
 
+using test::exposure_from_image;
+using test::exposure_seed_64px;
 using test::make_paper_scene;
 using test::scene_with_one_rectangle;
 using test::screen;
@@ -18,13 +21,13 @@ using test::screen;
 TEST(Exposure, UnoccludedTumourOfThePaperScene) {
   const Scene scene = make_paper_scene();
   Camera camera(scene, 320, 240);
-  const Exposure zoom = camera.exposure_from_image({});
+  const test::ImageExposure zoom = exposure_from_image(camera, scene, {});
   // Disc of radius 160 tan(asin(13.7 / 252.7)) / tan(3.88 deg) = 128.1 px; 0.5 % for edges and
   // tessellation.
   EXPECT_NEAR(zoom.unoccluded, 51'400, 257);
   EXPECT_EQ(zoom.visible, zoom.unoccluded);
   EXPECT_EQ(zoom.fraction(), 1);
-  const Exposure seed = camera.exposure_seed_64px({});
+  const test::ImageExposure seed = exposure_seed_64px(camera, {});
   EXPECT_NEAR(seed.unoccluded, 28, 3);
   EXPECT_EQ(seed.fraction(), 1);
 }
@@ -34,28 +37,28 @@ TEST(Exposure, HalfCovered) {
   Camera camera(scene, 64, 64);
   for (const auto& [low, high] : {std::pair{-4.0, 0.0}, {0.0, 4.0}}) {
     const std::vector<float> positions = screen(scene, low, high);
-    const Exposure exposure = camera.exposure_from_image({positions, {}});
+    const test::ImageExposure exposure = exposure_from_image(camera, scene, {positions, {}});
     EXPECT_NEAR(exposure.fraction(), 0.5, 0.01);  // required: within 1 %
   }
   // A chord at half the radius leaves 1 - (1/3 - sqrt(3) / (4 pi)) = 0.8045 of the disc.
   const std::vector<float> positions = screen(scene, 0.5, 4);
-  EXPECT_NEAR(camera.exposure_from_image({positions, {}}).fraction(), 0.8045, 0.005);
+  EXPECT_NEAR(exposure_from_image(camera, scene, {positions, {}}).fraction(), 0.8045, 0.005);
 }
 
 TEST(Exposure, FullAndNone) {
   const Scene scene = scene_with_one_rectangle();
   Camera camera(scene, 64, 64);
   const std::vector<float> beside = screen(scene, 1.1, 4);
-  EXPECT_EQ(camera.exposure_from_image({beside, {}}).fraction(), 1);
+  EXPECT_EQ(exposure_from_image(camera, scene, {beside, {}}).fraction(), 1);
   const std::vector<float> before = screen(scene, -4, 4);
-  EXPECT_EQ(camera.exposure_from_image({before, {}}).fraction(), 0);
-  EXPECT_EQ(camera.exposure_seed_64px({before, {}}).fraction(), 0);
+  EXPECT_EQ(exposure_from_image(camera, scene, {before, {}}).fraction(), 0);
+  EXPECT_EQ(exposure_seed_64px(camera, {before, {}}).fraction(), 0);
 }
 
 TEST(Exposure, FlatSheetHidesTheTumour) {
   const Scene scene = make_paper_scene();
   Camera camera(scene, 64, 64);
-  EXPECT_LT(camera.exposure_from_image({test::rest_positions(scene), {}}).fraction(), 0.01);
+  EXPECT_LT(exposure_from_image(camera, scene, {test::rest_positions(scene), {}}).fraction(), 0.01);
 }
 
 TEST(Exposure, ToolIsCountedApart) {
@@ -64,7 +67,7 @@ TEST(Exposure, ToolIsCountedApart) {
   ToolPose tool;
   const Eigen::Vector3d& centre = scene.bodies[0].X_WS.translation();
   tool.p_WT = centre + 0.1 * (scene.camera.position - centre) - Eigen::Vector3d(0, 0, 0.02);
-  const Exposure exposure = camera.exposure_from_image({{}, tool});
+  const test::ImageExposure exposure = exposure_from_image(camera, scene, {{}, tool});
   EXPECT_GT(exposure.hidden_by_tool, 1000);
   EXPECT_EQ(exposure.visible + exposure.hidden_by_tool, exposure.unoccluded);
 }
@@ -73,11 +76,11 @@ TEST(Exposure, IsAPureFunctionOfTheFrame) {
   const Scene scene = make_paper_scene();
   Camera camera(scene, 64, 64);
   const std::vector<float> lifted = test::lifted_positions(scene, 0.02, 0.03, scene.target, 0.8);
-  const int first = camera.exposure_from_image({lifted, {}}).visible;
+  const int first = exposure_from_image(camera, scene, {lifted, {}}).visible;
   (void)camera.draw_shaded({});
-  EXPECT_EQ(camera.exposure_from_image({lifted, {}}).visible, first);
+  EXPECT_EQ(exposure_from_image(camera, scene, {lifted, {}}).visible, first);
   Camera other(scene, 32, 32);
-  EXPECT_EQ(other.exposure_from_image({lifted, {}}).visible, first);
+  EXPECT_EQ(exposure_from_image(other, scene, {lifted, {}}).visible, first);
   EXPECT_GT(first, 5'000);
   EXPECT_LT(first, 51'000);
 }
@@ -147,7 +150,7 @@ TEST(Camera, DifferentCamerasMayRunInDifferentThreads) {
     for (std::size_t k = 0; k < counts.size(); ++k) {
       threads.emplace_back([&scene, &counts, k] {
         Camera camera(scene, 32, 32);
-        counts[k] = camera.exposure_from_image({}).visible;
+        counts[k] = exposure_from_image(camera, scene, {}).visible;
       });
     }
   }
