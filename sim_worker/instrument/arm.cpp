@@ -24,11 +24,16 @@ bool any(const std::array<double, 6>& v) {
   return std::any_of(v.begin(), v.end(), [](double x) { return x != 0; });
 }
 
-/// Tool discs to roll, pitch, yaw, jaw (docs/dvrk.md 1).
+/// Of disc angles to roll, pitch, yaw, jaw (docs/dvrk.md 1).
 Matrix4d joints_of_discs() {
   Matrix4d m;
   m << -1.5632, 0, 0, 0, 0, 1.0186, 0, 0, 0, -0.8306, 0.6089, 0.6089, 0, 0, -1.2177, 1.2177;
   return m;
+}
+
+/// Disc angles of a pose with the jaw's joint at zero, since the jaw does not move the tip.
+Eigen::Vector4d discs_of(const PsmJoints& q) {
+  return joints_of_discs().inverse() * Eigen::Vector4d(q[3], q[4], q[5], 0);
 }
 
 Vector3d to_vector(const double* p) { return {p[0], p[1], p[2]}; }
@@ -37,15 +42,14 @@ void assign(double* to, const Vector3d& from) {
   for (int k = 0; k < 3; ++k) to[k] = from[k];
 }
 
-/// First-order lag of a ramp, exact: input goes from u0 to u1 in dt, T y' = u - y, keep =
-/// exp(-dt/T).
-double lag(double y, double u0, double u1, double T, double keep, double dt) {
+/// First-order lag T y' = u - y over dt, exact for an input from u0 to u1; decay = exp(-dt/T).
+double lag(double y, double u0, double u1, double T, double decay, double dt) {
   if (T == 0) return u1;
   const double behind = T * (u1 - u0) / dt;
-  return u1 - behind + (y - u0 + behind) * keep;
+  return u1 - behind + (y - u0 + behind) * decay;
 }
 
-/// Play operator of half-width b; also Coulomb friction F over a stiffness P with b = F / P.
+/// Play operator of half-width b; with b = F / P Coulomb friction F on a servo of gain P.
 double play(double y, double x, double b) { return std::clamp(y, x - b, x + b); }
 
 }  // namespace
@@ -88,9 +92,9 @@ Arm::Arm(const pb::ArmEffects& effects, const ToolMount& mount, double control_p
   // Viscous friction lags like the servo's own damping: T = (D + Fv) / P.
   for (std::size_t j = 0; j < 6; ++j) {
     droop_[j] += viscous_[j] / kServoGain[j];
-    keep_droop_[j] = droop_[j] > 0 ? trig::decay(dt_ / droop_[j]) : 0;
+    decay_droop_[j] = droop_[j] > 0 ? trig::decay(dt_ / droop_[j]) : 0;
   }
-  keep_pole_ = effects.bandwidth_s() > 0 ? trig::decay(dt_ / effects.bandwidth_s()) : 0;
+  decay_pole_ = effects.bandwidth_s() > 0 ? trig::decay(dt_ / effects.bandwidth_s()) : 0;
 }
 
 Vector3d Arm::tip_of(const PsmJoints& q, double extra_length) const {
@@ -102,13 +106,13 @@ Vector3d Arm::tip_of(const PsmJoints& q, double extra_length) const {
 Vector3d Arm::delayed(const ArmState& state) const {
   const double steps = effects_.transport_delay_s() / dt_;
   const int whole = std::min(static_cast<int>(steps), ArmState::kHistory - 2);
-  const double share = steps - whole;
-  Vector3d newer = to_vector(state.command[whole]);
-  if (share == 0) return newer;
-  return newer + share * (to_vector(state.command[whole + 1]) - newer);
+  const double fraction = steps - whole;
+  const Vector3d newer = to_vector(state.command[whole]);
+  if (fraction == 0) return newer;
+  return newer + fraction * (to_vector(state.command[whole + 1]) - newer);
 }
 
-/// Efforts of a force at the tip: J^T F, the Jacobian by central differences.
+/// Joint efforts J^T F of a force at the tip, J by central differences [N m, N].
 std::array<double, 6> Arm::load_efforts(const PsmJoints& q, const Vector3d& load_W) const {
   constexpr double kStep = 1e-6;
   std::array<double, 6> efforts{};
@@ -126,17 +130,15 @@ PsmJoints Arm::play_of_discs(ArmState& state, const PsmJoints& q) const {
   const pb::DiscValues& b = effects_.disc_backlash();
   const std::array<double, 4> widths = {b.roll(), b.pitch(), b.yaw(), b.jaw()};
   if (std::all_of(widths.begin(), widths.end(), [](double w) { return w == 0; })) return q;
-  const Matrix4d A = joints_of_discs();
-  // The jaw's own motion is not part of the tip's path: its joint stays at zero here.
-  const Eigen::Vector4d discs = A.inverse() * Eigen::Vector4d(q[3], q[4], q[5], 0);
+  const Eigen::Vector4d discs = discs_of(q);
   Eigen::Vector4d played;
   for (int k = 0; k < 4; ++k) {
-    state.disc[k] = play(state.disc[k], discs[k], widths[static_cast<std::size_t>(k)]);
+    state.disc[k] = play(state.disc[k], discs[k], widths[k]);
     played[k] = state.disc[k];
   }
-  const Eigen::Vector4d joints = A * (played - discs);
+  const Eigen::Vector4d joints = joints_of_discs() * (played - discs);
   PsmJoints result = q;
-  for (std::size_t k = 0; k < 3; ++k) result[3 + k] += joints[static_cast<Eigen::Index>(k)];
+  for (int k = 0; k < 3; ++k) result[3 + k] += joints[k];
   return result;
 }
 
@@ -149,9 +151,7 @@ void Arm::reset(ArmState& state, const Vector3d& p_WT) const {
          {state.target, state.droop, state.pole[0], state.pole[1], state.motor, state.joint}) {
       std::copy(q.begin(), q.end(), memory);
     }
-    const Eigen::Vector4d discs =
-        joints_of_discs().inverse() * Eigen::Vector4d(q[3], q[4], q[5], 0);
-    for (int k = 0; k < 4; ++k) state.disc[k] = discs[k];
+    Eigen::Vector4d::Map(state.disc) = discs_of(q);
   }
   assign(state.p_WT_true, p_WT);
   assign(state.p_WT_measured, p_WT);
@@ -175,14 +175,14 @@ ArmReport Arm::step(ArmState& state, const Vector3d& p_WT, const Vector3d& load_
   PsmJoints measured{};
   PsmJoints joints{};
   for (std::size_t j = 0; j < 6; ++j) {
-    // Servo: droop, two poles of the bandwidth, Coulomb friction over the position gain.
+    // Servo: droop, two poles of the bandwidth, Coulomb friction against the position gain.
     const double u0 = state.target[j];
     const double d0 = state.droop[j];
     const double a0 = state.pole[0][j];
-    state.droop[j] = lag(d0, u0, target[j], droop_[j], keep_droop_[j], dt_);
-    state.pole[0][j] = lag(a0, d0, state.droop[j], effects_.bandwidth_s(), keep_pole_, dt_);
+    state.droop[j] = lag(d0, u0, target[j], droop_[j], decay_droop_[j], dt_);
+    state.pole[0][j] = lag(a0, d0, state.droop[j], effects_.bandwidth_s(), decay_pole_, dt_);
     state.pole[1][j] =
-        lag(state.pole[1][j], a0, state.pole[0][j], effects_.bandwidth_s(), keep_pole_, dt_);
+        lag(state.pole[1][j], a0, state.pole[0][j], effects_.bandwidth_s(), decay_pole_, dt_);
     const double friction = coulomb_[j] + effects_.load_friction() * std::fabs(load[j]);
     const double before = state.motor[j];
     state.motor[j] = play(before, state.pole[1][j], friction / kServoGain[j]);
@@ -193,25 +193,24 @@ ArmReport Arm::step(ArmState& state, const Vector3d& p_WT, const Vector3d& load_
   }
   report.measured = measured;
 
-  // Behind the encoder: play of discs and joints, cable and shaft, coupling, zero offsets.
+  // After the encoder: play of discs and joints, compliance, zero offsets, coupling.
   const PsmJoints behind_discs = play_of_discs(state, measured);
   for (std::size_t j = 0; j < 6; ++j) {
     state.joint[j] = play(state.joint[j], behind_discs[j], backlash_[j]);
     joints[j] = state.joint[j] + compliance_[j] * load[j] + offset_[j];
   }
   for (const pb::JointCoupling& c : effects_.coupling()) {
-    joints[static_cast<std::size_t>(c.driven())] +=
-        c.slope() * state.joint[static_cast<std::size_t>(c.driving())];
+    joints[c.driven()] += c.slope() * state.joint[c.driving()];
   }
 
-  // Differences from the nominal arm at the same goal: zero effects leave the goal to the bit.
+  // As differences from the nominal arm: zero effects leave the goal to the bit.
   const Vector3d nominal = tip_of(target, 0);
   const pb::AxisValues& c = effects_.tip_compliance();
   const double depth = 1 + effects_.compliance_depth_slope() * (target[2] - 0.12);
-  const Vector3d give = depth * Vector3d(c.x(), c.y(), c.z()).cwiseProduct(force);
+  const Vector3d bending = depth * Vector3d(c.x(), c.y(), c.z()).cwiseProduct(force);
   assign(state.p_WT_measured, goal + (tip_of(measured, 0) - nominal));
   assign(state.p_WT_true,
-         goal + (tip_of(joints, effects_.tool_length_offset_m()) - nominal) + give);
+         goal + (tip_of(joints, effects_.tool_length_offset_m()) - nominal) + bending);
   return report;
 }
 

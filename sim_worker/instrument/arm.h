@@ -6,51 +6,48 @@
 #include "core/psm.h"
 #include "proto/effects.pb.h"
 
-// instrument/ is what holds the tissue: the arm, which never is quite where it was sent (every
-// error of scene.arm, none of them by default), and the jaw, which decides whether a pinch holds.
-// Positions of the tip in W; the ideal kinematics are core/psm.h.
+// instrument/ is what holds the tissue: the arm with the errors of scene.arm between the commanded
+// and the true tip (none by default), and the jaw, which decides whether a pinch holds. Positions
+// of the tip in W; the ideal kinematics are core/psm.h.
 
 namespace omentum {
 
-/// Memory of the arm's effects, one per environment; plain numbers, written to state bytes as they
-/// stand.
+/// Memory of the arm's effects, one per environment. Reaches state bytes: do not change.
 struct ArmState {
   static constexpr int kHistory = 16;
-  double command[kHistory][3];  ///< commanded tips p_WT at the ends of the last control steps,
-                                ///< newest first [m]
-  double target[6];             ///< delayed command in joint space at the end of the last step
-  double droop[6];              ///< behind the servo's droop
-  double pole[2][6];            ///< behind each pole of the bandwidth
-  double motor[6];              ///< motor encoders, before the give under load
-  double disc[4];               ///< behind the play of the discs
-  double joint[6];              ///< behind the play of the joints
-  double p_WT_true[3];          ///< where the tip is [m]
-  double p_WT_measured[3];      ///< where the encoders say it is [m]
+  double command[kHistory][3];  ///< commanded tips p_WT of the last control steps, newest first [m]
+  double target[6];             ///< delayed command in joint space, of the last step
+  double droop[6];              ///< after the servo's droop
+  double pole[2][6];            ///< after each pole of the bandwidth
+  double motor[6];              ///< motor encoders, without the servo's compliance
+  double disc[4];               ///< after the play of the discs
+  double joint[6];              ///< after the play of the joints
+  double p_WT_true[3];          ///< true tip [m]
+  double p_WT_measured[3];      ///< tip by the encoders [m]
 };
 
-/// What the robot reports of a step.
+/// What a robot would report of a step.
 struct ArmReport {
   PsmJoints commanded{};           ///< rad, insertion m
   PsmJoints measured{};            ///< motor encoders
   std::array<double, 6> effort{};  ///< of the motors [N m], insertion [N]
 };
 
-/// The arm between the commanded and the true tip. Effects are applied as differences from the
-/// nominal arm, so an effect that is zero changes no bit. Immutable; any thread.
+/// Errors of the arm as differences from the nominal arm: with zero effects the true tip is the
+/// commanded one to the bit. Immutable; any thread.
 class Arm {
  public:
-  /// Throws Error for a delay that does not fit the history of `control_period`.
+  /// Control period in s. Throws Error for a delay longer than the history and for negative values.
   Arm(const pb::ArmEffects& effects, const ToolMount& mount, double control_period);
 
-  /// False when every effect is zero: the tip is where it was commanded to be, and nothing below
-  /// needs to be called.
+  /// False where every effect is zero: then nothing below needs to be called.
   bool active() const { return active_; }
 
   /// Arm at rest at a tip position.
   void reset(ArmState& state, const Eigen::Vector3d& p_WT) const;
 
-  /// One control step: the command moves on a straight line to `p_WT`; `load_W` is the force on the
-  /// tool [N]. A command without an inverse leaves the joints' target in force.
+  /// One control step: the command moves in a straight line to `p_WT`; `load_W` is the force on the
+  /// tool [N]. Where inverse kinematics has no solution the joints keep their target.
   ArmReport step(ArmState& state, const Eigen::Vector3d& p_WT, const Eigen::Vector3d& load_W) const;
 
  private:
@@ -64,8 +61,8 @@ class Arm {
   double dt_;
   bool active_ = false;
   std::array<double, 6> droop_{}, coulomb_{}, viscous_{}, backlash_{}, compliance_{}, offset_{};
-  std::array<double, 6> keep_droop_{};  ///< exp(-dt / T)
-  double keep_pole_ = 0;
+  std::array<double, 6> decay_droop_{};  ///< exp(-dt / T)
+  double decay_pole_ = 0;
 };
 
 }  // namespace omentum
