@@ -1,9 +1,9 @@
-// Start and end of an implicit substep, d = x - x_n: what shell and solid share. Backward Euler, or
-// BDF2 with two substeps of history.
+// Start and end of an implicit substep of shell and solid in the displacement d = x - x_n: backward
+// Euler, or BDF2 with two substeps of history.
 
 namespace {
 
-/// Displacement of a node that nothing acts on.
+/// Displacement of a node free of forces: h v_n, or with BDF2 the same with extrapolated velocity.
 template <typename Args>
 inline Lane3 inertial_displacement(const Args& args, int i) {
   const Lane step = splat(args.effective_step);
@@ -16,7 +16,7 @@ inline Lane3 inertial_displacement(const Args& args, int i) {
   return fma(step, extrapolated, third * d_old);
 }
 
-/// v = keep d / h, x = x_n + d.
+/// End of the substep: v = keep d / h (with BDF2 keep (d - d_old / 3) / h), x = x_n + d.
 template <typename Args>
 inline void take_displacements(const Args& args) {
   const Lane keep = load(args.keep) * splat(args.inverse_step);

@@ -13,8 +13,8 @@
 
 namespace omentum {
 
-/// Numbers of some items in every lane, [item][component][lane] with the lane index fastest: what
-/// the lane kernels read and write. Indices are not checked.
+/// Numbers of items in every lane, [item][component][lane] with the lane index fastest, as the lane
+/// kernels read and write them. Indices are not checked.
 template <typename T>
 class LaneArray {
  public:

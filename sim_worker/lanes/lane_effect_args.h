@@ -4,18 +4,18 @@
 
 namespace omentum {
 
-/// What the lane kernels of shell and solid know of effects that both have (docs/mismatch.md 1):
-/// masks of the lanes in which each is on, parameters and memory per lane, lane index fastest. An
-/// element is what has a stress of its own, with 3 components in a shell and 6 in a solid. A lane
-/// in which an effect is off keeps its bits whatever the others do.
+/// Arguments of the effects that the kernels of shell and solid have in common (docs/mismatch.md
+/// 1): masks of the lanes in which each is on, parameters and memory per lane, lane index fastest.
+/// An element is a quadrature point of stress, of 3 components in a shell and 6 in a solid. A lane
+/// in which an effect is off has the bits it has without it.
 template <typename Real>
 struct LaneEffectArgs {
-  // In the material. Each model says what its stress and energy are relative to.
+  // In the material; units of stress and energy are each model's own.
   std::uint32_t stiffening, softening, fibres, prony, slider;
-  std::int32_t branches;         ///< most Prony branches of any lane
+  std::int32_t branches;         ///< Prony branches, the most of any lane
   const Real* density;           ///< 1 + change
   const Real* stiffening_scale;  ///< c2
-  const Real* softening_share;   ///< of the stress
+  const Real* softening_share;   ///< fraction of the stress lost at most
   const Real* softening_energy;  ///< m
   const Real* fibre;             ///< Ef
   const Real* fibre_axes;        ///< [xx, yy, xy][lane] of a (x) a
@@ -25,9 +25,9 @@ struct LaneEffectArgs {
   const Real* slider_scale;      ///< Ep
   const Real* slider_yield;      ///< strain
   Real* stress;                  ///< [element][..][lane]: elastic, at the end of the last substep
-  Real* branch;                  ///< [branch][element][..][lane]
-  Real* bias;                    ///< [element][..][lane]: what the branches add in the next substep
-  Real* plastic;                 ///< [element][..][lane]: strain at which the slider sits
+  Real* branch;                  ///< [branch][element][..][lane]: stress of the Prony branches
+  Real* bias;         ///< [element][..][lane]: history term of the branches in the next substep
+  Real* plastic;      ///< [element][..][lane]: plastic strain of the slider
   Real* energy_peak;  ///< [triangle or tetrahedron][lane]: largest energy per volume so far
 
   // On nodes.
@@ -41,10 +41,10 @@ struct LaneEffectArgs {
   const Real* lubrication_scale;  ///< [Pa s/m] / substep
   const Real* lubrication_reach;  ///< [m]
   const Real* drag_scale;         ///< Cd rho / 2 [kg/m^3]
-  Real* bond_place;               ///< [node][xyz][lane]: where the spring is fixed in W [m]
+  Real* bond_place;               ///< [node][xyz][lane]: fixed end of the spring in W [m]
   Real* bond_longest;             ///< [node][lane]: longest stretch so far [m], -1 = no spring
-  Real* lubrication_now;     ///< scratch [node][lane]: drag over step at the substep's start [N/m]
-  Real* lubrication_normal;  ///< scratch [node][xyz][lane]
+  Real* lubrication_now;          ///< scratch [node][lane]: damping over step, of the substep [N/m]
+  Real* lubrication_normal;       ///< scratch [node][xyz][lane]
 };
 
 }  // namespace omentum

@@ -14,20 +14,14 @@ using omentum::SkinArgs;
 
 constexpr Bits kAllLanes = kLanes == 16 ? 0xFFFFU : (1U << kLanes) - 1U;
 
-/// Lanes in which the particle may reach the shape within this control step: conservative and per
-/// lane, so that a lane's result never depends on its neighbours.
+/// Lanes in which the particle may reach the shape within this control step; conservative. Decided
+/// per lane, so that no lane depends on its neighbours.
 inline Mask may_reach(const CandidateArgs<Real>& args, const KernelShape<Real>& s, Lane3 x,
                       Lane reach) {
-  if (s.kind == ShapeKind::kHalfSpace) {
-    const Lane3 d = x - splat3(s.origin);
-    const Lane3 normal{splat(s.rotation[6]), splat(s.rotation[7]), splat(s.rotation[8])};
-    return dot(d, normal) < reach;
-  }
+  if (s.kind == ShapeKind::kHalfSpace)
+    return dot(x - splat3(s.origin), normal_of_half_space(s)) < reach;
   if (s.kind == ShapeKind::kCapsule) {
-    const Lane3 axis = splat3(s.axis);
-    const Lane3 d = x - load3(args.capsule);
-    const Lane t = min(max(dot(d, axis), splat(Real{0})), splat(s.length));
-    const Lane3 radial = fma(splat(Real{0}) - t, axis, d);
+    const Lane3 radial = radial_of_capsule(s, args.capsule, x);
     const Lane limit = reach + splat(s.size[0]) + load(args.capsule_sweep);
     return dot(radial, radial) < limit * limit;
   }

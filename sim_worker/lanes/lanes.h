@@ -1,10 +1,10 @@
 // No include guard on purpose: this file is included once per kernel translation unit, after
 // OMENTUM_LANES (1, 8 or 16) and OMENTUM_REAL (float or double) are defined.
 //
-// The lane type: one environment per SIMD lane. The kernel (cluster_kernel.inl) reads as scalar
-// code; the same source at 1, 8 and 16 lanes gives the same bits, because only operations with one
-// defined result are used: + - * / sqrt fma, comparison, select, bit operations. No rsqrt, no rcp,
-// no libm, no horizontal operation (docs/conventions.md).
+// The lane type: one environment per SIMD lane. Kernels read as scalar code; the same source at 1,
+// 8 and 16 lanes gives the same bits, because only operations with one defined result are used: + -
+// * / sqrt fma, comparison, select, bit operations. No rsqrt, no rcp, no libm, no horizontal
+// operation (docs/conventions.md).
 //
 // Everything is in an unnamed namespace: a template or inline function shared between a baseline
 // and an AVX-512 object would be one weak symbol, and the linker could run 512-bit code on a

@@ -1,28 +1,28 @@
 // Effects on nodes that shell and solid share: cohesive springs to ground (adhesion, anchors) and
-// the air film to a rigid body. `fx` are LaneEffectArgs. What a node's area is, each model says.
+// lubrication by the air between a node and a rigid body. `fx` are LaneEffectArgs.
 
 #include "sim_worker/lanes/rigid_contact.inl"
 
 namespace {
 
-/// Stiffness that is left of a spring to ground, as in effect_laws.h.
-inline Lane cohesive_share(Lane longest, Lane limit) {
+/// Fraction of the stiffness that a cohesive spring has left, as in effect_laws.h.
+inline Lane cohesive_fraction(Lane longest, Lane limit) {
   const Lane half = splat(static_cast<Real>(0.5)) * limit;
   const Lane worn = max(splat(Real{0}), (limit - longest) / max(longest, half));
   return select(half < longest, worn, splat(Real{1}));
 }
 
-/// Present stiffness of the spring of a node that was `fresh` [N/m]; zero in lanes without one.
+/// Stiffness of the spring of a node, undamaged `fresh` [N/m]; zero in lanes without one.
 template <typename Effects>
 inline Lane bond_stiffness(const Effects& fx, int i, Lane fresh) {
   const Lane zero = splat(Real{0});
   const Lane longest = load(fx.bond_longest + kLanes * i);
   const Lane limit = load(fx.is_anchor[i] != 0 ? fx.anchor_limit : fx.adhesion_limit);
-  const Lane k = select(longest < zero, zero, cohesive_share(longest, limit) * fresh);
+  const Lane k = select(longest < zero, zero, cohesive_fraction(longest, limit) * fresh);
   return select(to_mask(fx.bonds), k, zero);
 }
 
-/// Remembers and returns the longest stretch of the spring of a node at x; -1 without one.
+/// Updates and returns the longest stretch of the spring of a node at x; -1 without one.
 template <typename Effects>
 inline Lane stretch_bond(const Effects& fx, int i, Lane3 x) {
   Real* const longest = fx.bond_longest + kLanes * i;
@@ -42,7 +42,7 @@ inline Mask touches_anew(const Args& args, Lane stretched, const Surface& surfac
   return both(alone, surface.phi < touch);
 }
 
-/// A fresh spring of a node at x in the given lanes.
+/// A new spring of a node at x in the given lanes.
 template <typename Effects>
 inline void start_bond(const Effects& fx, int i, Mask lanes, Lane stretched, Lane3 x) {
   Real* const place = fx.bond_place + 3 * kLanes * i;
@@ -50,8 +50,8 @@ inline void start_bond(const Effects& fx, int i, Mask lanes, Lane stretched, Lan
   store3(place, select(lanes, x, load3(place)));
 }
 
-/// Drag of the air film on a node as the substep begins: scale (reach / (reach + gap))^3 along the
-/// normal of the nearest body, `scale` in Pa s/m times its area over the substep.
+/// Lubrication of a node for a substep: damping scale (reach / (reach + gap))^3 along the normal of
+/// the nearest body, `scale` in Pa s/m times its area over the substep.
 template <typename Args>
 inline void start_lubrication_of(const Args& args, int i, const Surface& surface, Lane scale) {
   const auto& fx = args.effects;
@@ -63,7 +63,7 @@ inline void start_lubrication_of(const Args& args, int i, const Surface& surface
   store3(fx.lubrication_normal + 3 * kLanes * i, surface.normal);
 }
 
-/// Force of the film on a node that has moved by d in the substep, against its motion.
+/// Lubrication force on a node of displacement d in the substep, to be subtracted.
 template <typename Effects>
 inline Lane3 lubrication_force(const Effects& fx, int i, Lane3 d) {
   const Lane3 n = load3(fx.lubrication_normal + 3 * kLanes * i);

@@ -1,8 +1,8 @@
 // Triangular solves L y = b, L^T x = y with a factor in panels (panel_solve.h), one environment per
 // lane: included by lane_kernel.inl. Value is Lane3 where the three components of a point have one
-// factor, Lane where every component is a row of its own. Several columns at a time stay in
-// registers while the rows below pass by once (docs/tissue.md 11.2: a solve by single columns is
-// bound by the cache).
+// factor, Lane where every component is a row of its own. The columns of a panel stay in registers
+// while its rows are read once (docs/tissue.md 11.2: a solve by single columns is bound by the
+// cache).
 
 namespace {
 
@@ -53,40 +53,28 @@ inline void backward_panel(const PanelArgs<Real>& args, const FactorPanel& panel
   }
 }
 
+template <typename Value, bool kForward>
+inline void solve_panel(const PanelArgs<Real>& args, const FactorPanel& panel, Real* b) {
+  switch (panel.width) {
+    case 1:
+      return kForward ? forward_panel<Value, 1>(args, panel, b)
+                      : backward_panel<Value, 1>(args, panel, b);
+    case 2:
+      return kForward ? forward_panel<Value, 2>(args, panel, b)
+                      : backward_panel<Value, 2>(args, panel, b);
+    case 3:
+      return kForward ? forward_panel<Value, 3>(args, panel, b)
+                      : backward_panel<Value, 3>(args, panel, b);
+    default:
+      return kForward ? forward_panel<Value, 4>(args, panel, b)
+                      : backward_panel<Value, 4>(args, panel, b);
+  }
+}
+
 template <typename Value>
 void solve_panels(const PanelArgs<Real>& args, Real* b) {
-  for (int p = 0; p < args.panels; ++p) {
-    const FactorPanel& panel = args.panel[p];
-    switch (panel.width) {
-      case 1:
-        forward_panel<Value, 1>(args, panel, b);
-        break;
-      case 2:
-        forward_panel<Value, 2>(args, panel, b);
-        break;
-      case 3:
-        forward_panel<Value, 3>(args, panel, b);
-        break;
-      default:
-        forward_panel<Value, 4>(args, panel, b);
-    }
-  }
-  for (int p = args.panels - 1; p >= 0; --p) {
-    const FactorPanel& panel = args.panel[p];
-    switch (panel.width) {
-      case 1:
-        backward_panel<Value, 1>(args, panel, b);
-        break;
-      case 2:
-        backward_panel<Value, 2>(args, panel, b);
-        break;
-      case 3:
-        backward_panel<Value, 3>(args, panel, b);
-        break;
-      default:
-        backward_panel<Value, 4>(args, panel, b);
-    }
-  }
+  for (int p = 0; p < args.panels; ++p) solve_panel<Value, true>(args, args.panel[p], b);
+  for (int p = args.panels - 1; p >= 0; --p) solve_panel<Value, false>(args, args.panel[p], b);
 }
 
 }  // namespace

@@ -1,6 +1,5 @@
-// Contact of points with rigid shapes, one environment per lane: included by cluster_kernel.inl and
-// shell_kernel.inl after lanes.h, in the same unnamed namespace style. Distance phi and outward
-// normal n of each shape in W.
+// Contact of points with rigid shapes, one environment per lane: included by the kernels after
+// lanes.h.
 
 #pragma once
 
@@ -9,9 +8,10 @@ namespace {
 using omentum::KernelShape;
 using omentum::ShapeKind;
 
+/// Where a point lies relative to a shape.
 struct Surface {
-  Lane phi;
-  Lane3 normal;
+  Lane phi;      ///< distance, negative inside [m]
+  Lane3 normal;  ///< out of the shape, in W
 };
 
 inline Lane3 to_shape_frame(const KernelShape<Real>& s, Lane3 d) {
@@ -33,7 +33,18 @@ inline Lane inverse_length(Lane3 d) {
   return splat(Real{1}) / sqrt(max(dot(d, d), splat(static_cast<Real>(1e-30))));
 }
 
-/// Trilinear distance in one lane; outside the grid: far away.
+/// From the nearest point of the axis of a capsule, which starts at `capsule`, to x.
+inline Lane3 radial_of_capsule(const KernelShape<Real>& s, const Real* capsule, Lane3 x) {
+  const Lane zero = splat(Real{0});
+  const Lane3 axis = splat3(s.axis);
+  const Lane3 d = x - load3(capsule);
+  const Lane t = min(max(dot(d, axis), zero), splat(s.length));
+  return fma(zero - t, axis, d);
+}
+
+inline Lane3 normal_of_half_space(const KernelShape<Real>& s) { return splat3(s.rotation + 6); }
+
+/// Trilinear distance and its slope in one lane; outside the grid 1 m.
 inline void sdf_lane(const KernelShape<Real>& s, const Real p[3], Real out[4]) {
   out[0] = Real{1};
   out[1] = out[2] = out[3] = Real{0};
@@ -74,8 +85,8 @@ inline void sdf_lane(const KernelShape<Real>& s, const Real p[3], Real out[4]) {
   out[3] = layer(1) - layer(0);
 }
 
-/// kSdf: a table look-up lane by lane. Out of line, so that the shapes with a formula stay short
-/// enough to be inlined.
+/// kSdf: a table look-up lane by lane. Out of line, so that distance_to stays small enough to be
+/// inlined.
 [[gnu::noinline]] Surface distance_to_grid(const KernelShape<Real>& s, Lane3 local) {
   Real p[3 * kLanes];
   Real found[4 * kLanes];
@@ -95,10 +106,7 @@ inline void sdf_lane(const KernelShape<Real>& s, const Real p[3], Real out[4]) {
   const Lane zero = splat(Real{0});
   const Lane one = splat(Real{1});
   if (s.kind == ShapeKind::kCapsule) {
-    const Lane3 axis = splat3(s.axis);
-    const Lane3 d = x - load3(capsule);
-    const Lane t = min(max(dot(d, axis), zero), splat(s.length));
-    const Lane3 radial = fma(zero - t, axis, d);
+    const Lane3 radial = radial_of_capsule(s, capsule, x);
     const Lane inverse = inverse_length(radial);
     return {fma(dot(radial, radial), inverse, zero - splat(s.size[0])), inverse * radial};
   }
@@ -108,8 +116,7 @@ inline void sdf_lane(const KernelShape<Real>& s, const Real p[3], Real out[4]) {
     return {fma(dot(d, d), inverse, zero - splat(s.size[0])), inverse * d};
   }
   if (s.kind == ShapeKind::kHalfSpace) {
-    const Lane3 normal{splat(s.rotation[6]), splat(s.rotation[7]), splat(s.rotation[8])};
-    return {dot(d, normal), normal};
+    return {dot(d, normal_of_half_space(s)), normal_of_half_space(s)};
   }
   const Lane3 local = to_shape_frame(s, d);
   if (s.kind == ShapeKind::kEllipsoid) {
@@ -156,14 +163,14 @@ inline Surface nearest_surface(const Args& args, Lane3 x) {
   return nearest;
 }
 
-/// Where a point p that is `depth` > 0 deep in a shape goes: out along the normal, then Coulomb
-/// friction on the slip since it was at `from`.
+/// Projection of a point p that is `depth` > 0 deep in a shape onto its surface along the normal,
+/// then Coulomb friction on the slip since it was at `from`.
 template <typename Args>
 inline Lane3 leave_shape(const Args& args, const KernelShape<Real>& shape, Lane depth, Lane3 normal,
                          Lane3 p, Lane3 from) {
   const Lane zero = splat(Real{0});
-  const Lane3 pushed = fma(depth, normal, p);
-  Lane3 slip = pushed - from;
+  const Lane3 outside = fma(depth, normal, p);
+  Lane3 slip = outside - from;
   if (shape.kind == ShapeKind::kCapsule) slip = slip - load3(args.capsule_motion);
   const Lane along = dot(slip, normal);
   const Lane3 tangent = fma(zero - along, normal, slip);
@@ -172,12 +179,12 @@ inline Lane3 leave_shape(const Args& args, const KernelShape<Real>& shape, Lane 
   const Lane slide = load(args.dynamic_friction) * depth;
   const Lane part =
       select(t2 < stick * stick, splat(Real{1}), min(slide / sqrt(t2), splat(Real{1})));
-  return fma(zero - part, tangent, pushed);
+  return fma(zero - part, tangent, outside);
 }
 
-/// Where a point goes when it may not enter any shape: non-penetration at the particle radius.
+/// Non-penetration of particle i at p with all shapes, at the particle radius.
 template <typename Args>
-inline Lane3 push_out(const Args& args, int i, Lane3 p) {
+inline Lane3 resolve_contacts(const Args& args, int i, Lane3 p) {
   const Lane3 x = load3(args.x + 3 * kLanes * i);
   const Lane zero = splat(Real{0});
   for (int k = 0; k < args.shapes; ++k) {
