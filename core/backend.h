@@ -17,7 +17,7 @@ struct Action {
   std::array<float, 4> continuous{};
 };
 
-/// What one decision brought. The reward belongs to the state before the motion (docs/task.md 7).
+/// Result of one decision. The reward is of the state before the motion (docs/task.md 7).
 struct StepOutcome {
   float reward = 0;
   bool terminated = false;
@@ -50,8 +50,8 @@ struct EpisodeStart {
   std::uint32_t episode_limit = 0;  ///< 0 = task default
   StartSet start_set = StartSet::kTraining;
   std::uint32_t start_index = 0;
-  bool follows_episode = false;  ///< the lane just finished an episode of the same slot (matters to
-                                 ///< named defects only)
+  /// The lane just finished an episode of the same slot; read by named defects only.
+  bool follows_episode = false;
 };
 
 /// The episode that a task begins.
@@ -83,9 +83,9 @@ class Snapshots {
   virtual void positions(int lane, std::vector<float>& out) const = 0;
 };
 
-/// A set of `lanes()` environments that advance together: the seam behind which simulation, robot
-/// and replay are the same thing. Lane k's results never depend on other lanes. Not thread-safe:
-/// one thread drives a backend. Contract test: tests/contract/backend_contract.h.
+/// A set of `lanes()` environments that advance together: a simulation, a robot or a replay. Lane
+/// k's results never depend on other lanes. One thread at a time. Contract test:
+/// tests/contract/backend_contract.h.
 class Backend {
  public:
   virtual ~Backend() = default;
@@ -93,7 +93,7 @@ class Backend {
   virtual int lanes() const = 0;
   virtual int observation_size() const = 0;
 
-  /// Begins an episode; whatever the lane held before leaves no trace.
+  /// Begins an episode, independent of what the lane held before.
   virtual void reset(int lane, const EpisodeStart& start) = 0;
   /// Writes observation_size() raw values.
   virtual void observe(int lane, std::span<float> observation) const = 0;

@@ -7,13 +7,13 @@
 #include <algorithm>
 #include <cstdlib>
 #include <filesystem>
-#include <fstream>
 #include <limits>
 #include <memory>
 #include <sstream>
 
 #include "core/check.h"
 #include "core/hash.h"
+#include "core/read_file.h"
 
 namespace omentum {
 namespace {
@@ -37,8 +37,10 @@ class FirstError : public protobuf::io::ErrorCollector {
 
 using ParseInfoTree = protobuf::TextFormat::ParseInfoTree;
 
-void check_knobs_at(const protobuf::Message& message, const std::string& prefix,
-                    const std::string& file, const ParseInfoTree* places);
+/// Throws Error for a number outside its knob's range or NaN. `places` tells where in `file` a
+/// field was given; null = the message is not from a file.
+void check_knobs(const protobuf::Message& message, const std::string& prefix = "",
+                 const std::string& file = "", const ParseInfoTree* places = nullptr);
 
 /// Errors of syntax and numbers outside their knob's range, both with file:line:column.
 void merge_text(const std::string& name, const std::string& text, protobuf::Message& message) {
@@ -53,18 +55,14 @@ void merge_text(const std::string& name, const std::string& text, protobuf::Mess
   }
   const bool is_file = name.rfind("--set ", 0) != 0;  // those name the knob themselves
   const bool is_scene = message.GetDescriptor() == pb::Scene::descriptor();
-  if (is_file) check_knobs_at(*fresh, is_scene ? "scene" : "", name, &places);
+  if (is_file) check_knobs(*fresh, is_scene ? "scene" : "", name, &places);
   message.MergeFrom(*fresh);
 }
 
-std::string read_file(const std::string& path) {
-  std::ifstream file(path, std::ios::binary);
-  if (!file || std::filesystem::is_directory(path) || std::filesystem::is_character_file(path))
-    throw_error("{}: cannot be opened", path);
-  std::ostringstream text;
-  text << file.rdbuf();
-  const std::string content = text.str();
-  return content.starts_with("\xef\xbb\xbf") ? content.substr(3) : content;  // byte order mark
+std::string text_of_file(const std::string& path) {
+  Result<std::string> text = read_file(path);
+  if (!text) throw_error("{}", text.error());
+  return std::move(text).value();
 }
 
 /// Messages that always exist; all others only when the scene names them (a mesh, a box, a pose).
@@ -98,28 +96,10 @@ void fill_defaults(protobuf::Message& message) {
       continue;
     }
     if (reflection->HasField(message, field) || field->containing_oneof() != nullptr) continue;
-    switch (field->cpp_type()) {
-      case FieldDescriptor::CPPTYPE_DOUBLE:
-        reflection->SetDouble(&message, field, field->default_value_double());
-        break;
-      case FieldDescriptor::CPPTYPE_UINT32:
-        reflection->SetUInt32(&message, field, field->default_value_uint32());
-        break;
-      case FieldDescriptor::CPPTYPE_UINT64:
-        reflection->SetUInt64(&message, field, field->default_value_uint64());
-        break;
-      case FieldDescriptor::CPPTYPE_BOOL:
-        reflection->SetBool(&message, field, field->default_value_bool());
-        break;
-      case FieldDescriptor::CPPTYPE_ENUM:
-        reflection->SetEnum(&message, field, field->default_value_enum());
-        break;
-      case FieldDescriptor::CPPTYPE_STRING:
-        reflection->SetString(&message, field, field->default_value_string());
-        break;
-      default:
-        OMENTUM_CHECK(false, "field type of {} is not used in configurations", field->full_name());
-    }
+    // The value of a field that is not set is its default.
+    std::string value;
+    protobuf::TextFormat::PrintFieldValueToString(message, field, -1, &value);
+    OMENTUM_CHECK(protobuf::TextFormat::ParseFieldValueFromString(value, field, &message));
   }
 }
 
@@ -150,9 +130,8 @@ void check_finite_vector(const protobuf::Message& message, const std::string& pa
   }
 }
 
-/// `places` tells where in `file` a field was given; null = the message is not from a file.
-void check_knobs_at(const protobuf::Message& message, const std::string& prefix,
-                    const std::string& file, const ParseInfoTree* places) {
+void check_knobs(const protobuf::Message& message, const std::string& prefix,
+                 const std::string& file, const ParseInfoTree* places) {
   const auto* reflection = message.GetReflection();
   std::vector<const FieldDescriptor*> fields;
   reflection->ListFields(message, &fields);
@@ -169,12 +148,12 @@ void check_knobs_at(const protobuf::Message& message, const std::string& prefix,
     if (field->cpp_type() == FieldDescriptor::CPPTYPE_MESSAGE) {
       if (!field->is_repeated()) {
         check_finite_vector(reflection->GetMessage(message, field), place_of(-1) + path);
-        check_knobs_at(reflection->GetMessage(message, field), path, file, nested(-1));
+        check_knobs(reflection->GetMessage(message, field), path, file, nested(-1));
         continue;
       }
       for (int i = 0; i < reflection->FieldSize(message, field); ++i) {
-        check_knobs_at(reflection->GetRepeatedMessage(message, field, i),
-                       fmt::format("{}[{}]", path, i), file, nested(i));
+        check_knobs(reflection->GetRepeatedMessage(message, field, i),
+                    fmt::format("{}[{}]", path, i), file, nested(i));
       }
       continue;
     }
@@ -195,37 +174,26 @@ void check_knobs_at(const protobuf::Message& message, const std::string& prefix,
   }
 }
 
-void add_help(const protobuf::Descriptor* descriptor, const std::string& prefix, std::string& out) {
+/// One line per knob of `defaults`, a message of which no field is set.
+void add_help(const protobuf::Message& defaults, const std::string& prefix, std::string& out) {
+  const protobuf::Descriptor* descriptor = defaults.GetDescriptor();
   for (int i = 0; i < descriptor->field_count(); ++i) {
     const FieldDescriptor* field = descriptor->field(i);
     const std::string path = prefix.empty() ? field->name() : prefix + "." + field->name();
     if (field->cpp_type() == FieldDescriptor::CPPTYPE_MESSAGE) {
       const std::string& type = field->message_type()->name();
-      if (type != "Vec3" && type != "Pose") add_help(field->message_type(), path, out);
+      if (type != "Vec3" && type != "Pose") {
+        auto* factory = defaults.GetReflection()->GetMessageFactory();
+        add_help(*factory->GetPrototype(field->message_type()), path, out);
+      }
       continue;
     }
     std::string line = "  " + path;
-    std::string value;
-    switch (field->cpp_type()) {
-      case FieldDescriptor::CPPTYPE_DOUBLE:
-        value = fmt::format("{}", field->default_value_double());
-        break;
-      case FieldDescriptor::CPPTYPE_UINT32:
-        value = fmt::format("{}", field->default_value_uint32());
-        break;
-      case FieldDescriptor::CPPTYPE_UINT64:
-        value = fmt::format("{}", field->default_value_uint64());
-        break;
-      case FieldDescriptor::CPPTYPE_BOOL:
-        value = field->default_value_bool() ? "true" : "false";
-        break;
-      case FieldDescriptor::CPPTYPE_ENUM:
-        value = field->default_value_enum()->name();
-        break;
-      default:
-        break;
+    if (!field->is_repeated() && field->cpp_type() != FieldDescriptor::CPPTYPE_STRING) {
+      std::string value;
+      protobuf::TextFormat::PrintFieldValueToString(defaults, field, -1, &value);
+      line += " = " + value;
     }
-    if (!value.empty()) line += fmt::format(" = {}", value);
     if (field->options().HasExtension(pb::knob)) {
       const pb::Knob& knob = field->options().GetExtension(pb::knob);
       if (knob.has_unit()) line += fmt::format(" {}", knob.unit());
@@ -248,6 +216,51 @@ std::string field_names(const protobuf::Descriptor* descriptor) {
   for (int i = 0; i < descriptor->field_count(); ++i)
     names += (i == 0 ? "" : ", ") + descriptor->field(i)->name();
   return names;
+}
+
+/// Applies one "a.b=c". Throws Error naming the path and what is allowed there.
+void apply_override(pb::Config& config, const std::string& assignment) {
+  const std::size_t equals = assignment.find('=');
+  if (equals == std::string::npos || equals == 0) {
+    throw_error("--set {}: expected a.b=value", assignment);
+  }
+  const std::string path = assignment.substr(0, equals);
+  const std::string value = assignment.substr(equals + 1);
+  const protobuf::Descriptor* descriptor = pb::Config::descriptor();
+  std::string text, closing;
+  for (std::size_t start = 0, dot = 0; dot != std::string::npos; start = dot + 1) {
+    dot = path.find('.', start);
+    const std::string name = path.substr(start, dot == std::string::npos ? dot : dot - start);
+    const FieldDescriptor* field = descriptor->FindFieldByName(name);
+    if (field == nullptr) {
+      throw_error("--set {}: {} has no field named \"{}\", allowed: {}", assignment,
+                  descriptor->name(), name, field_names(descriptor));
+    }
+    if (dot == std::string::npos) {
+      if (field->cpp_type() == FieldDescriptor::CPPTYPE_STRING) {
+        std::string quoted;
+        for (const char c : value)
+          quoted += c == '"' || c == '\\' ? std::string{'\\', c} : std::string{c};
+        text += fmt::format("{}: \"{}\"", name, quoted);
+      } else if (field->cpp_type() == FieldDescriptor::CPPTYPE_MESSAGE) {
+        text += fmt::format("{} {}", name, value);
+      } else {
+        text += fmt::format("{}: {}", name, value);
+      }
+      break;
+    }
+    if (field->cpp_type() != FieldDescriptor::CPPTYPE_MESSAGE) {
+      throw_error("--set {}: {} has no parts", assignment, path.substr(0, dot));
+    }
+    if (field->is_repeated()) {
+      throw_error("--set {}: {} is a list; set a whole entry as {}={{ ... }}", assignment, name,
+                  path.substr(0, dot));
+    }
+    text += name + " { ";
+    closing += " }";
+    descriptor = field->message_type();
+  }
+  merge_text("--set " + assignment, text + closing, config);
 }
 
 }  // namespace
@@ -279,8 +292,9 @@ pb::Config load_config(const std::string& preset, std::span<const std::string> o
     throw_error("preset: {}, allowed: {}", preset, fmt::format("{}", fmt::join(names, ", ")));
   }
   pb::Config config;
-  const std::string preset_path = deploy_dir() + "/presets/" + preset + ".txtpb";
-  merge_text(preset_path, read_file(preset_path), config);
+  const std::string common = deploy_dir() + "/common.txtpb";
+  if (std::filesystem::exists(common)) read_text_proto(common, config);
+  read_text_proto(deploy_dir() + "/presets/" + preset + ".txtpb", config);
   config.set_preset(preset);
   for (const std::string& assignment : overrides) {
     if (assignment.rfind("scene_file=", 0) == 0) apply_override(config, assignment);
@@ -293,7 +307,7 @@ pb::Config load_config(const std::string& preset, std::span<const std::string> o
   }
   for (const std::string& assignment : overrides) apply_override(config, assignment);
   fill_defaults(config);
-  check_knobs(config, "");
+  check_knobs(config);
   return config;
 }
 
@@ -301,7 +315,7 @@ pb::Config parse_config(const std::string& name, const std::string& text) {
   pb::Config config;
   merge_text(name, text, config);
   fill_defaults(config);
-  check_knobs(config, "");
+  check_knobs(config);
   return config;
 }
 
@@ -310,7 +324,7 @@ pb::Scene load_scene(const std::string& path, std::span<const std::string> overr
   read_text_proto(path, *config.mutable_scene());
   for (const std::string& assignment : overrides) apply_override(config, assignment);
   fill_defaults(config);
-  check_knobs(config, "");
+  check_knobs(config);
   return config.scene();
 }
 
@@ -339,7 +353,7 @@ std::string place_of_field(const std::string& file, const protobuf::Message& kin
   protobuf::TextFormat::Parser parser;
   parser.WriteLocationsTo(&places);
   const std::unique_ptr<protobuf::Message> message(kind.New());
-  if (!parser.MergeFromString(read_file(file), message.get())) return "";
+  if (!parser.MergeFromString(text_of_file(file), message.get())) return "";
   std::string place;
   const ParseInfoTree* tree = &places;
   const protobuf::Descriptor* descriptor = kind.GetDescriptor();
@@ -360,7 +374,7 @@ std::string place_of_field(const std::string& file, const protobuf::Message& kin
 }
 
 void read_text_proto(const std::string& path, protobuf::Message& message) {
-  merge_text(path, read_file(path), message);
+  merge_text(path, text_of_file(path), message);
 }
 
 std::string print_config(const pb::Config& config) {
@@ -382,60 +396,9 @@ std::uint64_t config_hash(const pb::Config& config) {
   return fnv1a64(print_config(relevant));
 }
 
-void apply_override(pb::Config& config, const std::string& assignment) {
-  const std::size_t equals = assignment.find('=');
-  if (equals == std::string::npos || equals == 0) {
-    throw_error("--set {}: expected a.b=value", assignment);
-  }
-  const std::string path = assignment.substr(0, equals);
-  const std::string value = assignment.substr(equals + 1);
-  const protobuf::Descriptor* descriptor = pb::Config::descriptor();
-  std::string text;
-  std::string closing;
-  std::size_t start = 0;
-  while (true) {
-    const std::size_t dot = path.find('.', start);
-    const std::string name = path.substr(start, dot == std::string::npos ? dot : dot - start);
-    const FieldDescriptor* field = descriptor->FindFieldByName(name);
-    if (field == nullptr) {
-      throw_error("--set {}: {} has no field named \"{}\", allowed: {}", assignment,
-                  descriptor->name(), name, field_names(descriptor));
-    }
-    if (dot == std::string::npos) {
-      if (field->cpp_type() == FieldDescriptor::CPPTYPE_STRING) {
-        std::string quoted;
-        for (const char c : value)
-          quoted += c == '"' || c == '\\' ? std::string{'\\', c} : std::string{c};
-        text += fmt::format("{}: \"{}\"", name, quoted);
-      } else if (field->cpp_type() == FieldDescriptor::CPPTYPE_MESSAGE) {
-        text += fmt::format("{} {}", name, value);
-      } else {
-        text += fmt::format("{}: {}", name, value);
-      }
-      break;
-    }
-    if (field->cpp_type() != FieldDescriptor::CPPTYPE_MESSAGE) {
-      throw_error("--set {}: {} has no parts", assignment, path.substr(0, dot));
-    }
-    if (field->is_repeated()) {
-      throw_error("--set {}: {} is a list; set a whole entry as {}={{ ... }}", assignment, name,
-                  path.substr(0, dot));
-    }
-    text += name + " { ";
-    closing += " }";
-    descriptor = field->message_type();
-    start = dot + 1;
-  }
-  merge_text("--set " + assignment, text + closing, config);
-}
-
-void check_knobs(const protobuf::Message& message, const std::string& prefix) {
-  check_knobs_at(message, prefix, "", nullptr);
-}
-
 std::string knob_help() {
   std::string text = "Knobs, for --set a.b=value: name = default unit [range] (source) meaning\n";
-  add_help(pb::Config::descriptor(), "", text);
+  add_help(pb::Config::default_instance(), "", text);
   return text;
 }
 

@@ -15,9 +15,10 @@ std::string deploy_dir();
 /// Names of the presets in deploy_dir().
 std::vector<std::string> preset_names();
 
-/// Preset -> scene file -> overrides "a.b=c" in order; every knob checked. All defaults are filled
-/// in explicitly, so the result is the resolved configuration. Throws Error: one line with
-/// file:line:column or the knob, its value and the allowed range.
+/// common.txtpb of deploy_dir(), if there is one -> preset -> scene file -> overrides "a.b=c" in
+/// order; every knob checked. All defaults are filled in explicitly, so the result is the resolved
+/// configuration. Throws Error: one line with file:line:column or the knob, its value and the
+/// allowed range.
 pb::Config load_config(const std::string& preset, std::span<const std::string> overrides);
 
 /// As above from a resolved configuration text (a checkpoint, a manifest).
@@ -46,18 +47,12 @@ std::string scene_directory(const pb::Config& config);
 /// Reads a protobuf text file over what `message` holds. Throws Error with file:line:column.
 void read_text_proto(const std::string& path, google::protobuf::Message& message);
 
-/// Deterministic text form; parse_config() of it gives the same message.
+/// Deterministic text form, the inverse of parse_config().
 std::string print_config(const pb::Config& config);
 
 /// FNV-1a of the printed configuration without its `run` part and without `preset`, `scene_file`
 /// and scene names: equal hashes mean equal weights.
 std::uint64_t config_hash(const pb::Config& config);
-
-/// Applies one "a.b=c". Throws Error naming the path and what is allowed there.
-void apply_override(pb::Config& config, const std::string& assignment);
-
-/// Walks every knob; throws Error for a value outside [min, max] or NaN.
-void check_knobs(const google::protobuf::Message& message, const std::string& prefix);
 
 /// One line per knob: name, unit, default, range, source, help. Used by --help of every program.
 std::string knob_help();

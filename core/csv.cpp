@@ -5,10 +5,10 @@
 #include <algorithm>
 #include <charconv>
 #include <cmath>
-#include <fstream>
-#include <iterator>
 #include <limits>
 #include <utility>
+
+#include "core/read_file.h"
 
 namespace omentum {
 namespace {
@@ -21,101 +21,50 @@ std::string_view trim(std::string_view text) {
   return text.substr(from, text.find_last_not_of(kBlanks) - from + 1);
 }
 
-/// Takes the text apart, row by row.
-class CsvParser {
- public:
-  CsvParser(const std::string& path, std::string_view text) : path_(path), text_(text) {}
+/// A place in a text, and the line it lies in (from 1).
+struct Place {
+  std::size_t at = 0, line = 1, line_begin = 0;
+  std::size_t character() const { return at - line_begin + 1; }
+};
 
-  /// A row follows. Lines of blanks are passed over.
-  bool more() {
-    while (at_ < text_.size()) {
-      const std::size_t end = std::min(text_.find('\n', at_), text_.size());
-      if (!trim(text_.substr(at_, end - at_)).empty()) return true;
-      at_ = end + 1;
-      line_begin_ = at_;
-      ++line_;
-    }
-    return false;
+/// Passes over the text before `to`.
+void advance(std::string_view text, std::size_t to, Place& place) {
+  for (; place.at < to; ++place.at) {
+    if (text[place.at] != '\n') continue;
+    ++place.line;
+    place.line_begin = place.at + 1;
   }
+}
 
-  /// Precondition: more(). Fails on quotes that are not closed or not where they belong.
-  Result<std::vector<CsvCell>> row() {
-    row_line_ = line_;
-    std::vector<CsvCell> cells;
-    while (true) {
-      Result<CsvCell> cell = this->cell();
-      if (!cell) return Failure{cell.error()};
-      cells.push_back(std::move(cell).value());
-      if (at_ < text_.size() && text_[at_] == ',') {
-        ++at_;
-        continue;
-      }
-      ended_ = at_ < text_.size();
-      if (ended_) next_line();
-      return cells;
-    }
-  }
-
-  std::size_t row_line() const { return row_line_; }
-  /// The row taken last had a line end.
-  bool ended() const { return ended_; }
-  /// The text ended inside quotes.
-  bool open_quote() const { return open_quote_; }
-
- private:
-  void next_line() {
-    ++at_;
-    line_begin_ = at_;
-    ++line_;
-  }
-
-  /// Leaves at_ at the comma, the line end or the end of the text behind the cell.
-  Result<CsvCell> cell() {
-    const std::size_t from = at_ - line_begin_ + 1;
-    const std::size_t end = std::min(text_.find_first_of(",\n", at_), text_.size());
-    const std::size_t begin = text_.find_first_not_of(kBlanks, at_);
-    if (begin < text_.size() && text_[begin] == '"') {
-      at_ = begin + 1;
-      return quoted(from);
-    }
-    const std::string_view text = text_.substr(at_, end - at_);
-    if (const std::size_t quote = text.find('"'); quote != std::string_view::npos)
-      return Failure{fmt::format("{}:{}:{}: quote inside a cell", path_, line_, from + quote)};
-    at_ = end;
-    return CsvCell{std::string(trim(text)), from};
-  }
-
-  Result<CsvCell> quoted(std::size_t from) {
-    CsvCell cell{"", from};
-    const std::size_t line = line_;
-    for (; at_ < text_.size(); ++at_) {
-      if (text_[at_] == '"') {
-        if (at_ + 1 >= text_.size() || text_[at_ + 1] != '"') break;
-        ++at_;
-      } else if (text_[at_] == '\n') {
-        line_begin_ = at_ + 1;
-        ++line_;
-      }
-      cell.text += text_[at_];
-    }
-    if (at_ >= text_.size()) {
-      open_quote_ = true;
-      return Failure{fmt::format("{}:{}:{}: quote is never closed", path_, line, from)};
-    }
-    ++at_;
-    const std::size_t next = text_.find_first_not_of(kBlanks, at_);
-    if (next < text_.size() && text_[next] != ',' && text_[next] != '\n')
-      return Failure{
-          fmt::format("{}:{}:{}: text behind a quote", path_, line_, next - line_begin_ + 1)};
-    at_ = std::min(next, text_.size());
+/// Leaves `place` at the comma, the line end or the end of the text behind the cell; at the end of
+/// the text where a quote is never closed.
+Result<CsvCell> read_cell(const std::string& path, std::string_view text, Place& place) {
+  const auto wrong = [&path](const Place& where, const char* what) {
+    return Failure{fmt::format("{}:{}:{}: {}", path, where.line, where.character(), what)};
+  };
+  const Place begin = place;
+  CsvCell cell{"", begin.character()};
+  const std::size_t first = text.find_first_not_of(kBlanks, begin.at);
+  if (first >= text.size() || text[first] != '"') {
+    const std::size_t end = std::min(text.find_first_of(",\n", begin.at), text.size());
+    place.at = std::min(text.find('"', begin.at), end);
+    if (place.at < end) return wrong(place, "quote inside a cell");
+    cell.text = trim(text.substr(begin.at, end - begin.at));
     return cell;
   }
-
-  const std::string& path_;
-  std::string_view text_;
-  std::size_t at_ = 0, line_begin_ = 0, line_ = 1, row_line_ = 1;
-  bool ended_ = false, open_quote_ = false;
-};
+  std::size_t end = first + 1;
+  for (; end < text.size(); ++end) {
+    const bool quote = text[end] == '"';
+    if (quote && (end + 1 == text.size() || text[end + 1] != '"')) break;
+    if (quote) ++end;
+    cell.text += text[end];
+  }
+  advance(text, std::min(text.find_first_not_of(kBlanks, end + 1), text.size()), place);
+  if (end == text.size()) return wrong(begin, "quote is never closed");
+  if (place.at < text.size() && text[place.at] != ',' && text[place.at] != '\n')
+    return wrong(place, "text behind a quote");
+  return cell;
+}
 
 }  // namespace
 
@@ -129,40 +78,51 @@ std::optional<double> parse_number(std::string_view text) {
 Result<CsvTable> parse_csv(const std::string& path, std::string_view text) {
   CsvTable table;
   table.path = path;
-  CsvParser parser(path, text);
-  if (!parser.more()) return Failure{fmt::format("{}:1: no header line", path)};
-  while (parser.more()) {
-    Result<std::vector<CsvCell>> row = parser.row();
-    const bool header = table.header.empty();
-    if (!row) {
-      if (header || !parser.open_quote()) return Failure{row.error()};
-      table.cut_off = row.error();
-      break;
+  Place place;
+  while (true) {
+    // Lines of blanks are passed over.
+    const std::size_t first = text.find_first_not_of(" \t\r\n", place.at);
+    if (first == std::string_view::npos) break;
+    advance(text, first, place);
+    place.at = place.line_begin;
+    const std::size_t line = place.line;
+    std::vector<CsvCell> cells;
+    for (bool more = true; more;) {
+      Result<CsvCell> cell = read_cell(path, text, place);
+      if (!cell && (table.header.empty() || place.at < text.size())) return Failure{cell.error()};
+      if (!cell) {
+        table.cut_off = cell.error();
+        return table;
+      }
+      cells.push_back(std::move(cell).value());
+      more = place.at < text.size() && text[place.at] == ',';
+      if (more) ++place.at;
     }
-    std::vector<CsvCell> cells = std::move(row).value();
-    if (header) {
+    const bool ended = place.at < text.size();
+    if (ended) advance(text, place.at + 1, place);
+    if (table.header.empty()) {
       table.header = std::move(cells);
-      table.header_line = parser.row_line();
+      table.header_line = line;
       continue;
     }
     if (cells.size() != table.header.size()) {
-      std::string what = fmt::format("{}:{}: row of {} cells, needed {}", path, parser.row_line(),
-                                     cells.size(), table.header.size());
-      if (parser.ended() || cells.size() > table.header.size()) return Failure{std::move(what)};
+      std::string what = fmt::format("{}:{}: row of {} cells, needed {}", path, line, cells.size(),
+                                     table.header.size());
+      if (ended || cells.size() > table.header.size()) return Failure{std::move(what)};
       table.cut_off = std::move(what);
-      break;
+      return table;
     }
     table.rows.push_back(std::move(cells));
-    table.lines.push_back(parser.row_line());
+    table.lines.push_back(line);
   }
+  if (table.header.empty()) return Failure{fmt::format("{}:1: no header line", path)};
   return table;
 }
 
 Result<CsvTable> load_csv(const std::string& path) {
-  std::ifstream file(path, std::ios::binary);
-  if (!file) return Failure{fmt::format("{}: cannot be opened", path)};
-  const std::string text{std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>()};
-  return parse_csv(path, text);
+  const Result<std::string> text = read_file(path);
+  if (!text) return Failure{text.error()};
+  return parse_csv(path, text.value());
 }
 
 std::optional<std::size_t> CsvTable::column(std::string_view name) const {

@@ -92,15 +92,23 @@ std::shared_ptr<void> lease_domain(std::uint32_t domain, const std::string& uri)
           }};
 }
 
-dds_qos_t* qos_of(const Qos& qos) { return static_cast<dds_qos_t*>(qos.get()); }
+struct DeleteQos {
+  void operator()(dds_qos_t* qos) const { dds_delete_qos(qos); }
+};
+using Qos = std::unique_ptr<dds_qos_t, DeleteQos>;
 
-void set_common(dds_qos_t* q, const TopicSpec& spec) {
+Qos make_qos() {
+  Qos qos(dds_create_qos());
+  OMENTUM_CHECK(qos != nullptr);
+  return qos;
+}
+
+Qos topic_qos(const TopicSpec& spec) {
+  Qos qos = make_qos();
+  dds_qos_t* q = qos.get();
   dds_qset_reliability(q, DDS_RELIABILITY_RELIABLE, spec.max_blocking_ns);
-  if (spec.history == History::kKeepAll) {
-    dds_qset_history(q, DDS_HISTORY_KEEP_ALL, 0);
-  } else {
-    dds_qset_history(q, DDS_HISTORY_KEEP_LAST, spec.depth);
-  }
+  const bool all = spec.history == History::kKeepAll;
+  dds_qset_history(q, all ? DDS_HISTORY_KEEP_ALL : DDS_HISTORY_KEEP_LAST, all ? 0 : spec.depth);
   const bool late = spec.durability == Durability::kTransientLocal;
   dds_qset_durability(q, late ? DDS_DURABILITY_TRANSIENT_LOCAL : DDS_DURABILITY_VOLATILE);
   if (late) {
@@ -109,19 +117,40 @@ void set_common(dds_qos_t* q, const TopicSpec& spec) {
   }
   dds_qset_ownership(q, DDS_OWNERSHIP_SHARED);
   dds_qset_liveliness(q, DDS_LIVELINESS_AUTOMATIC, DDS_INFINITY);
+  return qos;
+}
+
+Qos writer_qos(const TopicSpec& spec, const EndpointUse& use) {
+  Qos qos = topic_qos(spec);
+  if (spec.deadline_ns > 0) dds_qset_deadline(qos.get(), spec.deadline_ns);
+  // A crash must look different from leaving: only an explicit dispose() disposes.
+  dds_qset_writer_data_lifecycle(qos.get(), false);
+  dds_qset_entity_name(qos.get(), use.entity_name.c_str());
+  return qos;
+}
+
+Qos reader_qos(const TopicSpec& spec, const EndpointUse& use) {
+  Qos qos = topic_qos(spec);
+  if (use.max_samples > 0 && spec.history == History::kKeepLast) {
+    dds_qset_history(qos.get(), DDS_HISTORY_KEEP_LAST, use.max_samples);
+  } else if (use.max_samples > 0) {
+    // Never max_instances: exceeding it blocks the receive thread for ever.
+    dds_qset_resource_limits(qos.get(), use.max_samples, DDS_LENGTH_UNLIMITED, use.max_samples);
+  }
+  dds_qset_entity_name(qos.get(), use.entity_name.c_str());
+  return qos;
 }
 
 // Partitions are a policy of publisher and subscriber, so each endpoint has its own.
-Entity make_group(const Participant& participant, const Qos::Use& use, bool publisher) {
-  dds_qos_t* q = dds_create_qos();
+Entity make_group(const Participant& participant, const EndpointUse& use, bool publisher) {
+  const Qos qos = make_qos();
   std::vector<const char*> names;
   for (const std::string& partition : use.partitions) names.push_back(partition.c_str());
-  dds_qset_partition(q, static_cast<std::uint32_t>(names.size()), names.data());
-  const dds_entity_t handle = publisher ? dds_create_publisher(participant.handle(), q, nullptr)
-                                        : dds_create_subscriber(participant.handle(), q, nullptr);
-  dds_delete_qos(q);
-  return Entity(handle, fmt::format("create {} of {}", publisher ? "publisher" : "subscriber",
-                                    use.entity_name));
+  dds_qset_partition(qos.get(), static_cast<std::uint32_t>(names.size()), names.data());
+  const auto create = publisher ? &dds_create_publisher : &dds_create_subscriber;
+  return Entity(
+      create(participant.handle(), qos.get(), nullptr),
+      fmt::format("create {} of {}", publisher ? "publisher" : "subscriber", use.entity_name));
 }
 
 Failure failure_of(const std::string& operation, const std::string& topic, dds_return_t code) {
@@ -149,38 +178,7 @@ void Entity::close() noexcept {
   handle_ = 0;
 }
 
-Qos::Qos() : qos_(dds_create_qos()) { OMENTUM_CHECK(qos_ != nullptr); }
-Qos::~Qos() { dds_delete_qos(static_cast<dds_qos_t*>(qos_)); }
-Qos::Qos(Qos&& other) noexcept : qos_(std::exchange(other.qos_, nullptr)) {}
-
-Qos Qos::topic(const TopicSpec& spec) {
-  Qos qos;
-  set_common(qos_of(qos), spec);
-  return qos;
-}
-
-Qos Qos::writer(const TopicSpec& spec, const Use& use) {
-  Qos qos = topic(spec);
-  if (spec.deadline_ns > 0) dds_qset_deadline(qos_of(qos), spec.deadline_ns);
-  // A crash must look different from leaving: only an explicit dispose() disposes.
-  dds_qset_writer_data_lifecycle(qos_of(qos), false);
-  dds_qset_entity_name(qos_of(qos), use.entity_name.c_str());
-  return qos;
-}
-
-Qos Qos::reader(const TopicSpec& spec, const Use& use) {
-  Qos qos = topic(spec);
-  if (use.best_effort) dds_qset_reliability(qos_of(qos), DDS_RELIABILITY_BEST_EFFORT, 0);
-  if (use.max_samples > 0) {
-    // Never max_instances: exceeding it blocks the receive thread for ever.
-    dds_qset_resource_limits(qos_of(qos), use.max_samples, DDS_LENGTH_UNLIMITED, use.max_samples);
-  }
-  dds_qset_entity_name(qos_of(qos), use.entity_name.c_str());
-  return qos;
-}
-
-Participant::Participant(std::uint32_t domain, const std::string& uri, const std::string& name)
-    : domain_(domain), name_(name) {
+Participant::Participant(std::uint32_t domain, const std::string& uri, const std::string& name) {
   if (domain > kMaxDomain) {
     throw_error("DDS domain {} is not in [0, {}]: port 7400 + 250 x domain would not exist", domain,
                 kMaxDomain);
@@ -188,10 +186,9 @@ Participant::Participant(std::uint32_t domain, const std::string& uri, const std
   static std::once_flag once;
   std::call_once(once, [] { dds_set_log_sink(&receive_log, nullptr); });
   domain_lease_ = lease_domain(domain, uri);
-  dds_qos_t* q = dds_create_qos();
-  dds_qset_entity_name(q, name.c_str());
-  const dds_entity_t handle = dds_create_participant(domain, q, nullptr);
-  dds_delete_qos(q);
+  const Qos qos = make_qos();
+  dds_qset_entity_name(qos.get(), name.c_str());
+  const dds_entity_t handle = dds_create_participant(domain, qos.get(), nullptr);
   if (handle < 0) throw_join_error(domain, handle);
   entity_ = Entity(handle, "create participant");
 }
@@ -199,16 +196,15 @@ Participant::Participant(std::uint32_t domain, const std::string& uri, const std
 Topic::Topic(const Participant& participant, const TopicSpec& spec,
              const dds_topic_descriptor& descriptor)
     : spec_(&spec) {
-  const Qos qos = Qos::topic(spec);
-  entity_ =
-      Entity(dds_create_topic(participant.handle(), &descriptor, spec.name, qos_of(qos), nullptr),
-             fmt::format("create topic {}", spec.name));
+  entity_ = Entity(dds_create_topic(participant.handle(), &descriptor, spec.name,
+                                    topic_qos(spec).get(), nullptr),
+                   fmt::format("create topic {}", spec.name));
 }
 
-Writer::Writer(const Participant& participant, const Topic& topic, const Qos::Use& use)
+Writer::Writer(const Participant& participant, const Topic& topic, const EndpointUse& use)
     : publisher_(make_group(participant, use, true)), name_(topic.spec().name) {
-  const Qos qos = Qos::writer(topic.spec(), use);
-  entity_ = Entity(dds_create_writer(publisher_.handle(), topic.handle(), qos_of(qos), nullptr),
+  const Qos qos = writer_qos(topic.spec(), use);
+  entity_ = Entity(dds_create_writer(publisher_.handle(), topic.handle(), qos.get(), nullptr),
                    fmt::format("create writer of {} as {}", name_, use.entity_name));
 }
 
@@ -250,14 +246,27 @@ bool Writer::wait_for_acknowledgments(std::int64_t timeout_ns) const {
   return dds_wait_for_acks(entity_.handle(), timeout_ns) == DDS_RETCODE_OK;
 }
 
-Reader::Reader(const Participant& participant, const Topic& topic, const Qos::Use& use)
+Reader::Reader(const Participant& participant, const Topic& topic, const EndpointUse& use)
     : subscriber_(make_group(participant, use, false)), name_(topic.spec().name) {
-  const Qos qos = Qos::reader(topic.spec(), use);
-  entity_ = Entity(dds_create_reader(subscriber_.handle(), topic.handle(), qos_of(qos), nullptr),
+  const Qos qos = reader_qos(topic.spec(), use);
+  entity_ = Entity(dds_create_reader(subscriber_.handle(), topic.handle(), qos.get(), nullptr),
                    fmt::format("create reader of {} as {}", name_, use.entity_name));
   // Level-triggered, unlike the data-available status, which a partial take resets.
   condition_ = Entity(dds_create_readcondition(entity_.handle(), DDS_ANY_STATE),
                       fmt::format("create read condition of {}", name_));
+}
+
+std::uint64_t Reader::participant_of(std::uint64_t writer) {
+  const auto [found, fresh] = participants_.try_emplace(writer, 0);
+  if (fresh) {
+    dds_builtintopic_endpoint_t* endpoint =
+        dds_get_matched_publication_data(entity_.handle(), writer);
+    if (endpoint != nullptr) {
+      found->second = endpoint->participant_instance_handle;
+      dds_builtintopic_free_endpoint(endpoint);
+    }
+  }
+  return found->second;
 }
 
 Result<int> Reader::take(int limit, const std::function<void(const void*, const SampleInfo&)>& fn) {
@@ -286,6 +295,7 @@ Result<int> Reader::take(int limit, const std::function<void(const void*, const 
                    : from.instance_state == DDS_IST_NOT_ALIVE_DISPOSED ? InstanceState::kDisposed
                                                                        : InstanceState::kNoWriters;
       info.writer = from.publication_handle;
+      info.participant = participant_of(from.publication_handle);
       fn(samples[static_cast<std::size_t>(i)], info);
     }
     total += count;
@@ -332,45 +342,5 @@ bool Waitset::wait(std::int64_t timeout_ns) {
 }
 
 void Waitset::wake() { dds_set_guardcondition(guard_.handle(), true); }
-
-std::string describe_qos(std::int32_t handle) {
-  dds_qos_t* q = dds_create_qos();
-  const dds_return_t code = dds_get_qos(handle, q);
-  OMENTUM_CHECK(code == DDS_RETCODE_OK, "{}", dds_strretcode(code));
-  dds_reliability_kind_t reliability{};
-  dds_duration_t blocking = 0;
-  dds_history_kind_t history{};
-  std::int32_t depth = 0;
-  dds_durability_kind_t durability{};
-  dds_ownership_kind_t ownership{};
-  dds_duration_t deadline = DDS_INFINITY;
-  bool autodispose = true;
-  std::int32_t max_samples = 0;
-  std::int32_t max_instances = 0;
-  std::int32_t max_per_instance = 0;
-  dds_duration_t cleanup = 0;
-  dds_history_kind_t service_history{};
-  std::int32_t service_depth = 0;
-  dds_qget_reliability(q, &reliability, &blocking);
-  dds_qget_history(q, &history, &depth);
-  dds_qget_durability(q, &durability);
-  dds_qget_ownership(q, &ownership);
-  dds_qget_deadline(q, &deadline);
-  dds_qget_writer_data_lifecycle(q, &autodispose);
-  dds_qget_resource_limits(q, &max_samples, &max_instances, &max_per_instance);
-  dds_qget_durability_service(q, &cleanup, &service_history, &service_depth, nullptr, nullptr,
-                              nullptr);
-  dds_delete_qos(q);
-  return fmt::format(
-      "reliability={} blocking_ns={} history={} depth={} durability={} service_depth={} "
-      "ownership={} deadline_ns={} autodispose={} max_samples={} max_instances={} "
-      "max_samples_per_instance={}",
-      reliability == DDS_RELIABILITY_RELIABLE ? "reliable" : "best_effort", blocking,
-      history == DDS_HISTORY_KEEP_ALL ? "keep_all" : "keep_last", depth,
-      durability == DDS_DURABILITY_TRANSIENT_LOCAL ? "transient_local" : "volatile", service_depth,
-      ownership == DDS_OWNERSHIP_SHARED ? "shared" : "exclusive",
-      deadline == DDS_INFINITY ? 0 : deadline, autodispose, max_samples, max_instances,
-      max_per_instance);
-}
 
 }  // namespace omentum::dds

@@ -3,6 +3,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <functional>
+#include <map>
 #include <memory>
 #include <string>
 #include <vector>
@@ -12,13 +13,11 @@
 
 struct dds_topic_descriptor;
 
-/// Thin ownership layer over the C API of Cyclone DDS 0.10.2 (docs/wire.md 8). core/dds.cpp is
-/// the only file of the product that includes the DDS API. Samples are untyped here; core/wire.h
-/// gives them types.
+/// Ownership of Cyclone DDS 0.10.2 entities (docs/wire.md 8). core/dds.cpp alone includes the DDS
+/// interface. Samples are untyped here; core/wire.h gives them types.
 ///
 /// Creation errors throw Error with operation, topic and Cyclone's reason; write and take return
-/// Result. No listeners: they run on Cyclone's receive threads. Every object may be used from any
-/// thread, but one object from one thread at a time, except where a function says otherwise. Create
+/// Result. One thread at a time per object, except where a function says otherwise. Create
 /// participants after any fork.
 namespace omentum::dds {
 
@@ -43,34 +42,17 @@ class Entity {
   std::int32_t handle_ = 0;
 };
 
-/// Quality of service of one endpoint, made from a row of the topic table.
-class Qos {
- public:
-  /// What differs between uses of one topic.
-  struct Use {
-    std::vector<std::string> partitions;
-    std::string entity_name;       ///< shown by tools
-    std::int32_t max_samples = 0;  ///< reader of KEEP_ALL: the fuse; 0 = unlimited
-    bool best_effort = false;      ///< reader of a tool: a stopped one has no effect on writers
-  };
-  static Qos topic(const TopicSpec& spec);
-  static Qos writer(const TopicSpec& spec, const Use& use);
-  static Qos reader(const TopicSpec& spec, const Use& use);
-
-  ~Qos();
-  Qos(Qos&& other) noexcept;
-  Qos& operator=(Qos&&) = delete;
-  Qos(const Qos&) = delete;
-  Qos& operator=(const Qos&) = delete;
-  void* get() const { return qos_; }
-
- private:
-  Qos();
-  void* qos_;  // owned dds_qos_t
+/// How one endpoint differs from others of its topic.
+struct EndpointUse {
+  std::vector<std::string> partitions;
+  std::string entity_name;  ///< shown by tools
+  /// Reader: samples it holds at most with KEEP_ALL, samples per instance with KEEP_LAST; 0 = no
+  /// limit, or as the topic.
+  std::int32_t max_samples = 0;
 };
 
-/// Membership of this process in a domain. Participants of one process in the same domain share it;
-/// the configuration text of the first one counts. Throws Error for a domain outside 0 to 230, a
+/// Membership of this process in a domain. Participants of one process in the same domain use the
+/// configuration of the first one. Throws Error for a domain outside 0 to 230, a
 /// bad configuration, or when no participant index is free.
 class Participant {
  public:
@@ -80,14 +62,10 @@ class Participant {
   Participant(std::uint32_t domain, const std::string& uri, const std::string& name);
 
   std::int32_t handle() const { return entity_.handle(); }
-  std::uint32_t domain() const { return domain_; }
-  const std::string& name() const { return name_; }
 
  private:
   std::shared_ptr<void> domain_lease_;  // outlives entity_
   Entity entity_;
-  std::uint32_t domain_ = 0;
-  std::string name_;
 };
 
 /// Registered type and name. The descriptor is static data made by idlc.
@@ -114,6 +92,9 @@ struct SampleInfo {
   bool valid = false;  ///< false: life-cycle only, the sample holds nothing but the key
   InstanceState state = InstanceState::kAlive;
   std::uint64_t writer = 0;  ///< identity of the writer within this process
+  /// Identity of the participant it belongs to; 0 when it had left before its first sample was
+  /// taken. All writers of one program have the same.
+  std::uint64_t participant = 0;
 };
 
 /// Counters of one writer, since creation.
@@ -125,7 +106,7 @@ struct WriterCounters {
 
 class Writer {
  public:
-  Writer(const Participant& participant, const Topic& topic, const Qos::Use& use);
+  Writer(const Participant& participant, const Topic& topic, const EndpointUse& use);
   /// Serialises before it returns: the sample's memory may be reused at once. Fails with
   /// timed_out() true when readers did not acknowledge in time; nothing was stored then, and the
   /// same sample may be written again.
@@ -150,13 +131,13 @@ class Writer {
 
 class Reader {
  public:
-  Reader(const Participant& participant, const Topic& topic, const Qos::Use& use);
+  Reader(const Participant& participant, const Topic& topic, const EndpointUse& use);
   /// Calls fn(sample, info) for up to `limit` samples and returns their number. Samples are on
   /// loan: they live until fn returns and go back even when it throws.
   [[nodiscard]] Result<int> take(
       int limit, const std::function<void(const void* sample, const SampleInfo& info)>& fn);
   int matched() const;
-  /// Samples the middleware gave up since creation.
+  /// Samples the middleware lost since creation.
   std::uint64_t lost() const;
   /// Times the cache was full: the sample is delivered again later, but until then this process
   /// receives nothing else.
@@ -169,6 +150,9 @@ class Reader {
   Entity entity_;
   Entity condition_;
   std::string name_;
+  std::map<std::uint64_t, std::uint64_t> participants_;  ///< of the writers seen
+
+  std::uint64_t participant_of(std::uint64_t writer);
 };
 
 /// Blocks a thread until one of some readers holds samples or another thread calls wake().
@@ -186,9 +170,5 @@ class Waitset {
   Entity guard_;
   Entity waitset_;
 };
-
-/// Effective policies of an endpoint as the middleware reports them, one "name=value" text; for
-/// tests and the doctor.
-std::string describe_qos(std::int32_t handle);
 
 }  // namespace omentum::dds

@@ -1,6 +1,5 @@
 #pragma once
 
-#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <string>
@@ -28,22 +27,9 @@ struct EpisodeRecording {
   RolloutTask task;
   RolloutSegment segment;
   std::vector<std::uint32_t> frame_steps;
-  bool complete = false;  ///< the file has its end; else what was there is here
-  std::vector<std::string>
-      problems;  ///< one line each, of the MCAP reader or a message that does not parse
+  bool complete = false;              ///< the file has its end; else what was there is here
+  std::vector<std::string> problems;  ///< one line each: the MCAP reader's, and messages dropped
 };
-
-/// What belongs to one frame. Frames show the state before a step, while the arrays of a segment
-/// hold tool and exposure after it, so this is entry step - 1 (and the start of the tool for the
-/// first frame).
-struct FrameState {
-  std::uint32_t step = 0;                ///< decisions taken before the frame
-  double time = 0;                       ///< simulated [s]
-  std::array<float, 3> tool_position{};  ///< p_WT [m], NaN if not recorded
-  float exposure = 0;                    ///< NaN if not recorded
-  bool held = false;
-};
-FrameState frame_state(const EpisodeRecording& recording, std::size_t frame);
 
 /// Writes the episode to an MCAP file (channels: proto/recording.proto), replacing it. Frames are
 /// taken to be task.frame_stride steps apart, beginning at step 0; the last one may lie after the
@@ -52,8 +38,9 @@ FrameState frame_state(const EpisodeRecording& recording, std::size_t frame);
 Result<void> save_episode(const std::string& path, const RolloutTask& task,
                           const RolloutSegment& segment, const RecordingContext& context);
 
-/// Reads it back; save and load are inverse for every field that recording.proto names. A truncated
-/// file gives the steps of its whole chunks. Fails if there is no file or no episode header in it.
+/// Reads it back; save and load are inverse for every field that recording.proto names. Of a
+/// truncated file the steps of its whole chunks are read. Fails if there is no file or no episode
+/// header in it.
 Result<EpisodeRecording> load_episode(const std::string& path);
 
 /// As load_episode, from bytes; the entry of the fuzz target.

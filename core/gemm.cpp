@@ -2,6 +2,8 @@
 
 #include <immintrin.h>
 
+#include <utility>
+
 #include "core/check.h"
 
 namespace omentum {
@@ -36,29 +38,11 @@ inline __attribute__((always_inline)) void tile(int inner, const GemmOperands& o
   }
 }
 
-template <int Vectors>
-void row_group(int group, int inner, const GemmOperands& o, const float* a, const float* b,
-               const float* init, float* c) {
-  switch (group) {
-    case 1:
-      tile<1, Vectors>(inner, o, a, b, init, c);
-      break;
-    case 2:
-      tile<2, Vectors>(inner, o, a, b, init, c);
-      break;
-    case 3:
-      tile<3, Vectors>(inner, o, a, b, init, c);
-      break;
-    case 4:
-      tile<4, Vectors>(inner, o, a, b, init, c);
-      break;
-    case 5:
-      tile<5, Vectors>(inner, o, a, b, init, c);
-      break;
-    default:
-      tile<6, Vectors>(inner, o, a, b, init, c);
-      break;
-  }
+/// The tile of as many rows as the group has, one of Rows + 1.
+template <int Vectors, int... Rows>
+void row_group(std::integer_sequence<int, Rows...>, int group, int inner, const GemmOperands& o,
+               const float* a, const float* b, const float* init, float* c) {
+  ((group == Rows + 1 ? tile<Rows + 1, Vectors>(inner, o, a, b, init, c) : void()), ...);
 }
 
 /// All rows of one panel, in groups of nearly equal size of at most six.
@@ -69,7 +53,8 @@ void panel(int rows, int inner, const GemmOperands& o, const float* b, const flo
   int row = 0;
   for (int g = 0; g < groups; ++g) {
     const int group = (rows - row) / (groups - g) + ((rows - row) % (groups - g) != 0 ? 1 : 0);
-    row_group<Vectors>(group, inner, o, o.a + row * o.a_row, b, init, c + row * o.c_row);
+    row_group<Vectors>(std::make_integer_sequence<int, 6>(), group, inner, o, o.a + row * o.a_row,
+                       b, init, c + row * o.c_row);
     row += group;
   }
 }

@@ -9,7 +9,7 @@ inline constexpr int kPanel = 16;
 
 constexpr int padded_columns(int columns) { return (columns + kPanel - 1) / kPanel * kPanel; }
 
-/// The one matrix product of the product: C[i][j] = init[j] + sum over k of A[i][k] B[k][j].
+/// The matrix product of policy and learner: C[i][j] = init[j] + sum over k of A[i][k] B[k][j].
 ///
 /// Every output is one chain of fused multiply-adds with k = 0 ... inner-1 ascending, starting from
 /// init[j] (0 when init is null). Lanes are output columns, so an output's bits depend on its own

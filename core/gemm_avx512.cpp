@@ -5,6 +5,8 @@
 
 #include <immintrin.h>
 
+#include <utility>
+
 #include "core/gemm.h"
 
 namespace omentum {
@@ -51,47 +53,13 @@ inline __attribute__((always_inline)) void tile(int inner, const GemmOperands& o
   }
 }
 
-template <int Panels>
-void rows_of(int group, int inner, const GemmOperands& o, const float* a, const float* b,
-             const float* init, float* c, __mmask16 mask) {
-  switch (group) {
-    case 1:
-      tile<1, Panels>(inner, o, a, b, init, c, mask);
-      break;
-    case 2:
-      tile<2, Panels>(inner, o, a, b, init, c, mask);
-      break;
-    case 3:
-      tile<3, Panels>(inner, o, a, b, init, c, mask);
-      break;
-    case 4:
-      tile<4, Panels>(inner, o, a, b, init, c, mask);
-      break;
-    case 5:
-      tile<5, Panels>(inner, o, a, b, init, c, mask);
-      break;
-    case 6:
-      tile<6, Panels>(inner, o, a, b, init, c, mask);
-      break;
-    case 7:
-      tile<7, Panels>(inner, o, a, b, init, c, mask);
-      break;
-    case 8:
-      tile<8, Panels>(inner, o, a, b, init, c, mask);
-      break;
-    case 9:
-      tile<9, Panels>(inner, o, a, b, init, c, mask);
-      break;
-    case 10:
-      tile<10, Panels>(inner, o, a, b, init, c, mask);
-      break;
-    case 11:
-      tile<11, Panels>(inner, o, a, b, init, c, mask);
-      break;
-    default:
-      tile<12, Panels>(inner, o, a, b, init, c, mask);
-      break;
-  }
+using Groups = std::make_integer_sequence<int, 12>;
+
+/// The tile of as many rows as the group has, one of Rows + 1.
+template <int Panels, int... Rows>
+void rows_of(std::integer_sequence<int, Rows...>, int group, int inner, const GemmOperands& o,
+             const float* a, const float* b, const float* init, float* c, __mmask16 mask) {
+  ((group == Rows + 1 ? tile<Rows + 1, Panels>(inner, o, a, b, init, c, mask) : void()), ...);
 }
 
 /// All rows of one pair of panels or one panel, in groups of nearly equal size of at most twelve.
@@ -103,7 +71,8 @@ void all_rows(int rows, int inner, const GemmOperands& o, const float* b, const 
   for (int g = 0; g < groups; ++g) {
     const int left = rows - row;
     const int group = left / (groups - g) + (left % (groups - g) != 0 ? 1 : 0);
-    rows_of<Panels>(group, inner, o, o.a + row * o.a_row, b, init, c + row * o.c_row, mask);
+    rows_of<Panels>(Groups(), group, inner, o, o.a + row * o.a_row, b, init, c + row * o.c_row,
+                    mask);
     row += group;
   }
 }
@@ -114,25 +83,22 @@ constexpr __mmask16 kAll = 0xFFFF;
 
 void gemm_avx512(int rows, int columns, int inner, const GemmOperands& o) {
   int column = 0;
+  const auto init_at = [&o](int j) { return o.init != nullptr ? o.init + j : nullptr; };
+  const auto panel_at = [&o](int j) { return o.b + j / 16 * o.b_panel; };
   if (rows <= 2) {  // too few chains to hide the latency: take eight or four panels at once
-    for (; rows == 1 && column + 128 <= columns; column += 128) {
-      tile<1, 8>(inner, o, o.a, o.b + column / 16 * o.b_panel,
-                 o.init != nullptr ? o.init + column : nullptr, o.c + column, kAll);
-    }
+    for (; rows == 1 && column + 128 <= columns; column += 128)
+      tile<1, 8>(inner, o, o.a, panel_at(column), init_at(column), o.c + column, kAll);
     for (; column + 64 <= columns; column += 64) {
-      const float* b = o.b + column / 16 * o.b_panel;
-      const float* init = o.init != nullptr ? o.init + column : nullptr;
-      rows_of<4>(rows, inner, o, o.a, b, init, o.c + column, kAll);
+      rows_of<4>(Groups(), rows, inner, o, o.a, panel_at(column), init_at(column), o.c + column,
+                 kAll);
     }
   }
   for (; column + 32 <= columns; column += 32) {
-    all_rows<2>(rows, inner, o, o.b + column / 16 * o.b_panel,
-                o.init != nullptr ? o.init + column : nullptr, o.c + column, kAll);
+    all_rows<2>(rows, inner, o, panel_at(column), init_at(column), o.c + column, kAll);
   }
   for (; column < columns; column += 16) {
     const __mmask16 mask = columns - column >= 16 ? kAll : 0x00FF;
-    all_rows<1>(rows, inner, o, o.b + column / 16 * o.b_panel,
-                o.init != nullptr ? o.init + column : nullptr, o.c + column, mask);
+    all_rows<1>(rows, inner, o, panel_at(column), init_at(column), o.c + column, mask);
   }
 }
 

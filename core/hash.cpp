@@ -23,8 +23,7 @@ std::uint64_t fnv1a64(std::string_view text, std::uint64_t seed) {
 }
 
 std::uint64_t hash_state(std::span<const std::byte> bytes) {
-  // The word is multiplied before it enters, so that no change of one word looks like a change of
-  // the next.
+  // The word is multiplied first: else a change of one word could equal a change of the next.
   constexpr std::uint64_t kWord = 0x9e3779b97f4a7c15ULL;   // 2^64 / golden ratio
   constexpr std::uint64_t kChain = 0xd1342543de82ef95ULL;  // multiplier of Steele and Vigna, 2021
   const auto mix = [](std::uint64_t hash, std::uint64_t word) {

@@ -14,8 +14,8 @@
 
 // MCAP, the container of recordings (specification: mcap.dev/spec, version 0). What we use of it:
 // protobuf channels with embedded schemas, chunks with zstd and a CRC, message and chunk index,
-// statistics, metadata. Files written here open in Foxglove, PlotJuggler and the `mcap` tools;
-// files of others are read as far as they use no lz4.
+// statistics. Files written here open in Foxglove, PlotJuggler and the `mcap` tools; files of
+// others are read as far as they use no lz4.
 
 namespace omentum {
 
@@ -34,21 +34,12 @@ class McapWriter {
 
   /// Declares a topic with messages of one protobuf type; the schema holds the type's file and all
   /// its imports.
-  ChannelId add_channel(const std::string& topic, const google::protobuf::Descriptor& type,
-                        const std::map<std::string, std::string>& metadata = {});
-  /// Declares a topic without schema (`encoding` e.g. "json" or "").
-  ChannelId add_channel(const std::string& topic, const std::string& encoding);
+  ChannelId add_channel(const std::string& topic, const google::protobuf::Descriptor& type);
 
   void write(ChannelId channel, std::uint64_t time_ns, std::uint32_t sequence,
              const google::protobuf::Message& message);
-  void write_bytes(ChannelId channel, std::uint64_t time_ns, std::uint32_t sequence,
-                   std::string_view data);
 
-  /// Named key-value pairs, outside of chunks.
-  void write_metadata(const std::string& name, const std::map<std::string, std::string>& entries);
-
-  /// Closes the open chunk and hands it to the stream; call it where a crash must not lose what
-  /// came before.
+  /// Closes the open chunk and writes it to the stream; a crash later does not lose it.
   void flush();
 
   /// Writes the summary and the footer. Nothing may be written afterwards. Fails if the stream did
@@ -61,10 +52,6 @@ class McapWriter {
     std::map<ChannelId, std::uint64_t> index_offsets;
     std::uint64_t index_length = 0, compressed = 0, uncompressed = 0;
   };
-  struct MetadataEntry {
-    std::uint64_t offset = 0, length = 0;
-    std::string name;
-  };
 
   void emit(const std::string& bytes);
   std::string summary_groups(std::string& offsets) const;
@@ -74,55 +61,50 @@ class McapWriter {
   std::size_t chunk_bytes_;
   std::uint64_t position_ = 0;  ///< bytes written so far
   std::uint32_t data_crc_ = 0;  ///< of the bytes before DataEnd
-  std::vector<std::string> schema_records_,
-      channel_records_;                              ///< complete records, repeated in the summary
+  /// Complete records, repeated in the summary.
+  std::vector<std::string> schema_records_, channel_records_;
   std::map<std::string, std::uint16_t> schema_ids_;  ///< by type name
   std::string chunk_;                                ///< records of the open chunk
   std::map<ChannelId, std::string> index_;           ///< message index entries of the open chunk
   std::uint64_t chunk_start_ = 0, chunk_end_ = 0;
   std::vector<ChunkEntry> chunks_;
-  std::vector<MetadataEntry> metadata_;
   std::map<ChannelId, std::uint64_t> message_counts_;
   std::uint64_t first_time_ = 0, last_time_ = 0;
   bool finished_ = false;
 };
 
+struct McapSchema {
+  std::string name, encoding, data;
+};
+
 struct McapChannel {
-  std::uint16_t id = 0, schema_id = 0;
   std::string topic, encoding;
-  std::map<std::string, std::string> metadata;
-  std::string schema_name, schema_encoding, schema_data;  ///< empty without a schema
+  McapSchema schema;  ///< empty without one
 };
 
 struct McapMessage {
   std::uint16_t channel = 0;
   std::uint32_t sequence = 0;
-  std::uint64_t log_time = 0, publish_time = 0;  ///< [ns]
+  std::uint64_t log_time = 0;  ///< [ns]
   std::string data;
 };
 
 /// Whatever could be read of a file, and what could not.
 struct McapContent {
-  std::string profile, library;
   std::map<std::uint16_t, McapChannel> channels;
   std::vector<McapMessage> messages;  ///< in file order
-  std::map<std::string, std::map<std::string, std::string>> metadata;
-  std::size_t chunks = 0;          ///< read
-  std::size_t chunks_skipped = 0;  ///< truncated, damaged or in an unknown compression
-  bool complete = false;           ///< DataEnd, footer and closing magic are there
-  std::vector<std::string>
-      problems;  ///< one line each, with the byte offset; empty = nothing wrong
+  std::size_t chunks = 0;             ///< read
+  std::size_t chunks_skipped = 0;     ///< truncated, damaged or in an unknown compression
+  bool complete = false;              ///< DataEnd, footer and closing magic are there
+  std::vector<std::string> problems;  ///< one line each, with the byte offset
 
   /// Messages of one topic, in file order.
   std::vector<const McapMessage*> of_topic(std::string_view topic) const;
 };
 
-/// Reads the data section front to back and checks every CRC there is. Total: any bytes give a
-/// content, with problems listed; a truncated last chunk is reported, counted and skipped. Memory
-/// is bounded by 1 GiB of decompressed chunks.
+/// Reads the data section front to back and checks every CRC there is. Accepts any bytes and lists
+/// what is wrong with them; a truncated last chunk is reported, counted and skipped. Memory is
+/// bounded by 1 GiB of decompressed chunks.
 McapContent read_mcap(std::string_view bytes);
-
-/// Reads a file; the failure is that it cannot be opened, or is no MCAP file at all.
-Result<McapContent> load_mcap(const std::string& path);
 
 }  // namespace omentum

@@ -2,7 +2,6 @@
 
 #include <cstdint>
 #include <cstring>
-#include <map>
 #include <string>
 #include <string_view>
 
@@ -24,8 +23,6 @@ enum Opcode : std::uint8_t {
   kMessageIndex = 0x07,
   kChunkIndex = 0x08,
   kStatistics = 0x0B,
-  kMetadata = 0x0C,
-  kMetadataIndex = 0x0D,
   kSummaryOffset = 0x0E,
   kDataEnd = 0x0F,
 };
@@ -41,15 +38,6 @@ void put(std::string& out, Number value) {
 inline void put_string(std::string& out, std::string_view text) {
   put(out, static_cast<std::uint32_t>(text.size()));
   out.append(text);
-}
-
-inline void put_map(std::string& out, const std::map<std::string, std::string>& entries) {
-  std::string body;
-  for (const auto& [key, value] : entries) {
-    put_string(body, key);
-    put_string(body, value);
-  }
-  put_string(out, body);
 }
 
 inline std::string make_record(Opcode opcode, std::string_view content) {
@@ -84,18 +72,6 @@ class ByteCursor {
   }
 
   std::string_view get_string() { return get_bytes(get<std::uint32_t>()); }
-
-  std::map<std::string, std::string> get_map() {
-    std::map<std::string, std::string> entries;
-    ByteCursor body(get_string());
-    while (body.ok() && !body.rest().empty()) {
-      const std::string_view key = body.get_string();
-      const std::string_view value = body.get_string();
-      if (body.ok()) entries.emplace(key, value);
-    }
-    if (!body.ok()) fail();
-    return entries;
-  }
 
   std::string_view rest() const { return rest_; }
   bool ok() const { return ok_; }

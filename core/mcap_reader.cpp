@@ -3,8 +3,6 @@
 #include <zstd.h>
 
 #include <algorithm>
-#include <fstream>
-#include <iterator>
 #include <set>
 
 #include "core/mcap.h"
@@ -13,21 +11,16 @@
 namespace omentum {
 namespace {
 
-using namespace mcap;  // NOLINT(google-build-using-namespace): the byte level of this very file
-                       // format
+using namespace mcap;  // NOLINT(google-build-using-namespace): the byte level of this format
 
-constexpr std::uint64_t kMaxDecompressed = std::uint64_t{1}
-                                           << 30;  // hostile input must not exhaust memory
+// Hostile input must not exhaust memory.
+constexpr std::uint64_t kMaxDecompressed = std::uint64_t{1} << 30;
 constexpr std::size_t kMaxProblems = 100;
 
 std::uint32_t crc32_of(std::string_view bytes) {
   return static_cast<std::uint32_t>(
       crc32_z(0, reinterpret_cast<const Bytef*>(bytes.data()), bytes.size()));
 }
-
-struct SchemaText {
-  std::string name, encoding, data;
-};
 
 /// One pass over a file.
 class Reader {
@@ -70,25 +63,14 @@ class Reader {
     switch (opcode) {
       case kHeader: {
         ByteCursor cursor(body);
-        content_.profile = cursor.get_string();
-        content_.library = cursor.get_string();
+        cursor.get_string();  // profile
+        cursor.get_string();  // library
         if (!cursor.ok()) problem(at, "malformed header");
         break;
       }
       case kChunk:
         if (!data_ended_) chunk(body, at);
         break;
-      case kMetadata: {
-        ByteCursor cursor(body);
-        const std::string name(cursor.get_string());
-        auto entries = cursor.get_map();
-        if (!cursor.ok()) {
-          problem(at, "malformed metadata");
-        } else {
-          content_.metadata.emplace(name, std::move(entries));
-        }
-        break;
-      }
       case kDataEnd: {
         ByteCursor cursor(body);
         const auto crc = cursor.get<std::uint32_t>();
@@ -178,7 +160,7 @@ class Reader {
     ByteCursor cursor(body);
     if (opcode == kSchema) {
       const auto id = cursor.get<std::uint16_t>();
-      SchemaText schema;
+      McapSchema schema;
       schema.name = cursor.get_string();
       schema.encoding = cursor.get_string();
       schema.data = cursor.get_string();
@@ -186,27 +168,24 @@ class Reader {
       if (id != 0) schemas_.emplace(id, std::move(schema));
     } else if (opcode == kChannel) {
       McapChannel channel;
-      channel.id = cursor.get<std::uint16_t>();
-      channel.schema_id = cursor.get<std::uint16_t>();
+      const auto id = cursor.get<std::uint16_t>();
+      const auto schema_id = cursor.get<std::uint16_t>();
       channel.topic = cursor.get_string();
       channel.encoding = cursor.get_string();
-      channel.metadata = cursor.get_map();
+      cursor.get_string();  // metadata
       if (!cursor.ok()) return problem(at, "malformed channel");
-      if (const auto schema = schemas_.find(channel.schema_id); schema != schemas_.end()) {
-        channel.schema_name = schema->second.name;
-        channel.schema_encoding = schema->second.encoding;
-        channel.schema_data = schema->second.data;
-      } else if (channel.schema_id != 0) {
-        problem(at, fmt::format("channel {} refers to schema {}, which is missing", channel.id,
-                                channel.schema_id));
+      if (const auto schema = schemas_.find(schema_id); schema != schemas_.end()) {
+        channel.schema = schema->second;
+      } else if (schema_id != 0) {
+        problem(at, fmt::format("channel {} refers to schema {}, which is missing", id, schema_id));
       }
-      content_.channels.emplace(channel.id, std::move(channel));
+      content_.channels.emplace(id, std::move(channel));
     } else if (opcode == kMessage) {
       McapMessage message;
       message.channel = cursor.get<std::uint16_t>();
       message.sequence = cursor.get<std::uint32_t>();
       message.log_time = cursor.get<std::uint64_t>();
-      message.publish_time = cursor.get<std::uint64_t>();
+      cursor.get<std::uint64_t>();  // publish time
       if (!cursor.ok()) return problem(at, "malformed message");
       if (!content_.channels.contains(message.channel)) {
         return problem(
@@ -219,7 +198,7 @@ class Reader {
 
   std::string_view bytes_;
   McapContent content_;
-  std::map<std::uint16_t, SchemaText> schemas_;
+  std::map<std::uint16_t, McapSchema> schemas_;
   std::uint64_t decompressed_ = 0;
   bool data_ended_ = false;
   std::size_t summary_start_ = 0;
@@ -240,15 +219,5 @@ std::vector<const McapMessage*> McapContent::of_topic(std::string_view topic) co
 }
 
 McapContent read_mcap(std::string_view bytes) { return Reader(bytes).run(); }
-
-Result<McapContent> load_mcap(const std::string& path) {
-  std::ifstream file(path, std::ios::binary);
-  if (!file) return Failure{fmt::format("{}: cannot be opened", path)};
-  const std::string bytes{std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>()};
-  if (std::string_view(bytes).substr(0, kMagic.size()) != kMagic) {
-    return Failure{fmt::format("{}: is not an MCAP file", path)};
-  }
-  return read_mcap(bytes);
-}
 
 }  // namespace omentum

@@ -14,8 +14,7 @@
 namespace omentum {
 namespace {
 
-using namespace mcap;  // NOLINT(google-build-using-namespace): the byte level of this very file
-                       // format
+using namespace mcap;  // NOLINT(google-build-using-namespace): the byte level of this format
 
 std::uint32_t crc32_of(std::string_view bytes, std::uint32_t start = 0) {
   return static_cast<std::uint32_t>(
@@ -59,8 +58,7 @@ void McapWriter::emit(const std::string& bytes) {
 }
 
 McapWriter::ChannelId McapWriter::add_channel(const std::string& topic,
-                                              const google::protobuf::Descriptor& type,
-                                              const std::map<std::string, std::string>& metadata) {
+                                              const google::protobuf::Descriptor& type) {
   const auto [found, added] = schema_ids_.try_emplace(
       std::string(type.full_name()), static_cast<std::uint16_t>(schema_ids_.size() + 1));
   if (added) {
@@ -81,21 +79,7 @@ McapWriter::ChannelId McapWriter::add_channel(const std::string& topic,
   put(channel, found->second);
   put_string(channel, topic);
   put_string(channel, "protobuf");
-  put_map(channel, metadata);
-  channel_records_.push_back(make_record(kChannel, channel));
-  chunk_ += channel_records_.back();
-  return id;
-}
-
-McapWriter::ChannelId McapWriter::add_channel(const std::string& topic,
-                                              const std::string& encoding) {
-  const auto id = static_cast<ChannelId>(channel_records_.size() + 1);
-  std::string channel;
-  put(channel, id);
-  put(channel, std::uint16_t{0});
-  put_string(channel, topic);
-  put_string(channel, encoding);
-  put_map(channel, {});
+  put(channel, std::uint32_t{0});  // length of the metadata
   channel_records_.push_back(make_record(kChannel, channel));
   chunk_ += channel_records_.back();
   return id;
@@ -103,11 +87,6 @@ McapWriter::ChannelId McapWriter::add_channel(const std::string& topic,
 
 void McapWriter::write(ChannelId channel, std::uint64_t time_ns, std::uint32_t sequence,
                        const google::protobuf::Message& message) {
-  write_bytes(channel, time_ns, sequence, message.SerializeAsString());
-}
-
-void McapWriter::write_bytes(ChannelId channel, std::uint64_t time_ns, std::uint32_t sequence,
-                             std::string_view data) {
   OMENTUM_CHECK(channel >= 1 && channel <= channel_records_.size(), "channel {}", channel);
   const bool first_of_file = message_counts_.empty();
   first_time_ = first_of_file ? time_ns : std::min(first_time_, time_ns);
@@ -121,20 +100,10 @@ void McapWriter::write_bytes(ChannelId channel, std::uint64_t time_ns, std::uint
   put(content, sequence);
   put(content, time_ns);
   put(content, time_ns);
-  content.append(data);
+  content.append(message.SerializeAsString());
   chunk_ += make_record(kMessage, content);
   ++message_counts_[channel];
   if (chunk_.size() >= chunk_bytes_) flush();
-}
-
-void McapWriter::write_metadata(const std::string& name,
-                                const std::map<std::string, std::string>& entries) {
-  std::string content;
-  put_string(content, name);
-  put_map(content, entries);
-  const std::string record = make_record(kMetadata, content);
-  metadata_.push_back({position_, record.size(), name});
-  emit(record);
 }
 
 void McapWriter::flush() {
@@ -203,7 +172,7 @@ std::string McapWriter::summary_groups(std::string& offsets) const {
   put(statistics, static_cast<std::uint16_t>(schema_records_.size()));
   put(statistics, static_cast<std::uint32_t>(channel_records_.size()));
   put(statistics, std::uint32_t{0});  // attachments
-  put(statistics, static_cast<std::uint32_t>(metadata_.size()));
+  put(statistics, std::uint32_t{0});  // metadata records
   put(statistics, static_cast<std::uint32_t>(chunks_.size()));
   put(statistics, first_time_);
   put(statistics, last_time_);
@@ -230,15 +199,6 @@ std::string McapWriter::summary_groups(std::string& offsets) const {
     summary += make_record(kChunkIndex, content);
   }
   close_group(kChunkIndex, start);
-  start = summary.size();
-  for (const MetadataEntry& entry : metadata_) {
-    std::string content;
-    put(content, entry.offset);
-    put(content, entry.length);
-    put_string(content, entry.name);
-    summary += make_record(kMetadataIndex, content);
-  }
-  close_group(kMetadataIndex, start);
   return summary;
 }
 

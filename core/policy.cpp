@@ -15,7 +15,7 @@ using lanes::Lane;
 
 namespace {
 
-constexpr int kBlock = 24;  // rows in work: four register groups of six and three panels of eight
+constexpr int kBlock = 24;  // rows at a time: four register groups of six, three panels of eight
 constexpr int kMaxLogits = 16;
 constexpr float kHalfLog2Pi = 0.918938533F;
 
@@ -101,7 +101,7 @@ const float* Policy::normalise(const float* observations, int count) {
 }
 
 void Policy::activate(float* values, int count) const {
-  // Four independent evaluations per turn hide the latency of polynomial and division.
+  // Four independent evaluations at a time hide the latency of polynomial and division.
   const int total = count * padded_hidden_;
   const auto apply = [&](auto function) {
     int i = 0;
@@ -120,23 +120,21 @@ void Policy::activate(float* values, int count) const {
 }
 
 void Policy::forward(const Packed& network, int count, int output_columns, float* outputs) {
-  const int observations = shape_.observations;
   const int hidden = shape_.hidden;
-  const int padded = padded_hidden_;
-  gemm(count, padded, observations,
-       {inputs_, observations, 1, network.weights1.data(), kPanel,
-        static_cast<std::ptrdiff_t>(observations) * kPanel, hidden1_.data(), padded,
-        network.bias1.data()});
+  const auto layer = [count](const float* from, int size, int leading, const AlignedFloats& weights,
+                             const AlignedFloats& bias, int columns, float* to) {
+    gemm(count, columns, size,
+         {from, leading, 1, weights.data(), kPanel, static_cast<std::ptrdiff_t>(size) * kPanel, to,
+          columns, bias.data()});
+  };
+  layer(inputs_, shape_.observations, shape_.observations, network.weights1, network.bias1,
+        padded_hidden_, hidden1_.data());
   activate(hidden1_.data(), count);
-  gemm(count, padded, hidden,
-       {hidden1_.data(), padded, 1, network.weights2.data(), kPanel,
-        static_cast<std::ptrdiff_t>(hidden) * kPanel, hidden2_.data(), padded,
-        network.bias2.data()});
+  layer(hidden1_.data(), hidden, padded_hidden_, network.weights2, network.bias2, padded_hidden_,
+        hidden2_.data());
   activate(hidden2_.data(), count);
-  gemm(count, output_columns, hidden,
-       {hidden2_.data(), padded, 1, network.head.data(), kPanel,
-        static_cast<std::ptrdiff_t>(hidden) * kPanel, outputs, output_columns,
-        network.head_bias.data()});
+  layer(hidden2_.data(), hidden, padded_hidden_, network.head, network.head_bias, output_columns,
+        outputs);
 }
 
 Policy::Panel Policy::load_panel(int first, int count) const {
@@ -239,19 +237,23 @@ void Policy::score(Panel& panel) const {
   _mm256_store_ps(panel.log_prob, joint);
 }
 
+// Runs networks for `rows` observations from row `start` on: values_, and logits_ if wanted.
+void Policy::run_block(std::span<const float> observations, int start, int rows, bool logits) {
+  inputs_ = normalise(
+      observations.data() + static_cast<std::ptrdiff_t>(start) * shape_.observations, rows);
+  if (logits) forward(actor_, rows, kPanel, logits_.data());
+  forward(critic_, rows, 8, values_.data());
+}
+
 void Policy::act(std::span<const float> observations, std::span<const ActionCounter> counters,
                  bool greedy, std::span<Decision> decisions) {
-  const int total = static_cast<int>(decisions.size());
-  OMENTUM_CHECK(std::ssize(observations) ==
-                static_cast<std::ptrdiff_t>(total) * shape_.observations);
+  check_sizes(observations, decisions.size());
   OMENTUM_CHECK(counters.size() == decisions.size());
-  const int branches = shape_.branch_count();
+  const int total = static_cast<int>(decisions.size());
+  const auto branches = static_cast<std::size_t>(shape_.branch_count());
   for (int start = 0; start < total; start += kBlock) {
     const int rows = std::min(kBlock, total - start);
-    inputs_ = normalise(
-        observations.data() + static_cast<std::ptrdiff_t>(start) * shape_.observations, rows);
-    forward(actor_, rows, kPanel, logits_.data());
-    forward(critic_, rows, 8, values_.data());
+    run_block(observations, start, rows, true);
     for (int first = 0; first < rows; first += lanes::kWidth) {
       const int count = std::min(lanes::kWidth, rows - first);
       Panel panel = load_panel(first, count);
@@ -260,8 +262,7 @@ void Policy::act(std::span<const float> observations, std::span<const ActionCoun
             counters[static_cast<std::size_t>(start + first + (lane < count ? lane : 0))];
         const PhiloxWords words =
             random_words(c.run_seed, c.slot, c.purpose, 0, c.episode, c.episode_step);
-        for (int b = 0; b < branches; ++b)
-          panel.uniform[b][lane] = uniform_24(words[static_cast<std::size_t>(b)]);
+        for (std::size_t b = 0; b < branches; ++b) panel.uniform[b][lane] = uniform_24(words[b]);
       }
       if (shape_.continuous) {
         sample_gaussian(panel, greedy);
@@ -272,12 +273,11 @@ void Policy::act(std::span<const float> observations, std::span<const ActionCoun
       for (int lane = 0; lane < count; ++lane) {
         Decision& decision = decisions[static_cast<std::size_t>(start + first + lane)];
         decision = Decision{};
-        for (int b = 0; b < branches; ++b) {
-          const auto i = static_cast<std::size_t>(b);
+        for (std::size_t b = 0; b < branches; ++b) {
           if (shape_.continuous) {
-            decision.continuous[i] = panel.continuous[b][lane];
+            decision.continuous[b] = panel.continuous[b][lane];
           } else {
-            decision.branch[i] = static_cast<std::uint8_t>(panel.branch[b][lane]);
+            decision.branch[b] = static_cast<std::uint8_t>(panel.branch[b][lane]);
           }
         }
         decision.log_prob = panel.log_prob[lane];
@@ -291,30 +291,25 @@ void Policy::evaluate(std::span<const float> observations,
                       std::span<const std::uint8_t> branches_taken,
                       std::span<const float> continuous_taken, std::span<float> log_probs,
                       std::span<float> values, std::span<float> branch_log_probs) {
-  const int total = static_cast<int>(log_probs.size());
+  check_sizes(observations, log_probs.size());
   const std::size_t taken = shape_.continuous ? continuous_taken.size() : branches_taken.size();
-  OMENTUM_CHECK(std::ssize(observations) ==
-                static_cast<std::ptrdiff_t>(total) * shape_.observations);
   OMENTUM_CHECK(taken == log_probs.size() * 4 && values.size() == log_probs.size());
   OMENTUM_CHECK(branch_log_probs.empty() || branch_log_probs.size() == log_probs.size() * 4);
-  const int branches = shape_.branch_count();
+  const int total = static_cast<int>(log_probs.size());
+  const auto branches = static_cast<std::size_t>(shape_.branch_count());
   for (int start = 0; start < total; start += kBlock) {
     const int rows = std::min(kBlock, total - start);
-    inputs_ = normalise(
-        observations.data() + static_cast<std::ptrdiff_t>(start) * shape_.observations, rows);
-    forward(actor_, rows, kPanel, logits_.data());
-    forward(critic_, rows, 8, values_.data());
+    run_block(observations, start, rows, true);
     for (int first = 0; first < rows; first += lanes::kWidth) {
       const int count = std::min(lanes::kWidth, rows - first);
       Panel panel = load_panel(first, count);
       for (int lane = 0; lane < lanes::kWidth; ++lane) {
         const auto row = static_cast<std::size_t>(start + first + (lane < count ? lane : 0));
-        for (int b = 0; b < branches; ++b) {
-          const std::size_t i = row * 4 + static_cast<std::size_t>(b);
+        for (std::size_t b = 0; b < branches; ++b) {
           if (shape_.continuous) {
-            panel.continuous[b][lane] = continuous_taken[i];
+            panel.continuous[b][lane] = continuous_taken[row * 4 + b];
           } else {
-            panel.branch[b][lane] = branches_taken[i];
+            panel.branch[b][lane] = branches_taken[row * 4 + b];
           }
         }
       }
@@ -323,29 +318,26 @@ void Policy::evaluate(std::span<const float> observations,
         const auto row = static_cast<std::size_t>(start + first + lane);
         log_probs[row] = panel.log_prob[lane];
         values[row] = values_[static_cast<std::size_t>((first + lane) * 8)];
-        if (branch_log_probs.empty()) continue;
-        for (int b = 0; b < 4; ++b) {
-          branch_log_probs[row * 4 + static_cast<std::size_t>(b)] =
-              b < branches ? panel.branch_log_prob[b][lane] : 0;
-        }
+        for (std::size_t b = 0; b < 4 && !branch_log_probs.empty(); ++b)
+          branch_log_probs[row * 4 + b] = b < branches ? panel.branch_log_prob[b][lane] : 0;
       }
     }
   }
 }
 
 void Policy::estimate(std::span<const float> observations, std::span<float> values) {
+  check_sizes(observations, values.size());
   const int total = static_cast<int>(values.size());
-  OMENTUM_CHECK(std::ssize(observations) ==
-                static_cast<std::ptrdiff_t>(total) * shape_.observations);
   for (int start = 0; start < total; start += kBlock) {
     const int rows = std::min(kBlock, total - start);
-    inputs_ = normalise(
-        observations.data() + static_cast<std::ptrdiff_t>(start) * shape_.observations, rows);
-    forward(critic_, rows, 8, values_.data());
-    for (int row = 0; row < rows; ++row) {
+    run_block(observations, start, rows, false);
+    for (int row = 0; row < rows; ++row)
       values[static_cast<std::size_t>(start + row)] = values_[static_cast<std::size_t>(row * 8)];
-    }
   }
+}
+
+void Policy::check_sizes(std::span<const float> observations, std::size_t rows) const {
+  OMENTUM_CHECK(observations.size() == rows * static_cast<std::size_t>(shape_.observations));
 }
 
 Sha256 hash_weights(std::span<const float> parameters, std::span<const float> obs_mean,

@@ -25,8 +25,7 @@ inline constexpr int kContinuousDimensions = 4;
 /// follow.
 struct PolicyShape {
   int observations = 0;
-  std::vector<int>
-      branches;  ///< sizes of the discrete branches, e.g. 3 3 3 2; empty with `continuous`
+  std::vector<int> branches;  ///< sizes of the discrete ones, 3 3 3 2; empty with `continuous`
   bool continuous = false;
   int hidden = 128;
   pb::Activation activation = pb::ACTIVATION_TANH;
@@ -117,6 +116,8 @@ class Policy {
   struct Panel;
 
   Packed pack(const NetworkLayout& layout) const;
+  void check_sizes(std::span<const float> observations, std::size_t rows) const;
+  void run_block(std::span<const float> observations, int start, int rows, bool logits);
   void forward(const Packed& network, int count, int output_columns, float* outputs);
   void activate(float* values, int count) const;
   const float* normalise(const float* observations, int count);

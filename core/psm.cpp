@@ -118,13 +118,6 @@ std::string psm_limit_violation(const PsmJoints& q) {
   return {};
 }
 
-double psm_cannula_insertion(const PsmJoints& goal, double measured_insertion) {
-  const double distance = std::fabs(wrist_distance(goal[2]));
-  if (distance >= kPsmCannula) return goal[2];
-  const double minimum = goal[2] + (kPsmCannula - distance);
-  return measured_insertion <= minimum ? std::max(measured_insertion, goal[2]) : minimum;
-}
-
 Vector3d ToolMount::jaw_direction() const { return R_WC.col(2); }
 
 ToolMount make_tool_mount(const Eigen::Isometry3d& X_WR, double roll, double tip_offset,

@@ -47,17 +47,13 @@ inline constexpr double kPsmCannula = 0.045;
 /// from the remote centre; else which rule is broken and by how much.
 std::string psm_limit_violation(const PsmJoints& q);
 
-/// q3 the robot would command for a goal nearer than the 45 mm rule allows, given its measured
-/// insertion.
-double psm_cannula_insertion(const PsmJoints& goal, double measured_insertion);
-
 /// Where the arm stands and how the tool is held: constant orientation, as the paper does (P
 /// III-A).
 struct ToolMount {
   Eigen::Isometry3d X_WR = Eigen::Isometry3d::Identity();
-  Eigen::Matrix3d R_WC =
-      Eigen::Matrix3d::Identity();  ///< constant orientation of the control point frame
-  double tip_offset = 0.0102;       ///< |p_CT| along the jaw [m]
+  /// Constant orientation of the control point frame.
+  Eigen::Matrix3d R_WC = Eigen::Matrix3d::Identity();
+  double tip_offset = 0.0102;                               ///< |p_CT| along the jaw [m]
   Eigen::Vector3d workspace_min = Eigen::Vector3d::Zero();  ///< box for the tip in W [m]
   Eigen::Vector3d workspace_max = Eigen::Vector3d::Zero();
 
@@ -86,9 +82,9 @@ struct LimitedCommand {
   bool unreachable = false;  ///< no inverse inside the limits: the previous goal stays
 };
 
-/// The one limiter of every back end (docs/task.md 3): an axis of the increment that would
-/// leave the workspace box keeps its value; a goal without an inverse inside joint limits and the
-/// 45 mm rule leaves the previous goal in force. Pure.
+/// The limits of every command (docs/task.md 3): an axis of the increment that would leave the
+/// workspace box keeps its value; with a goal without an inverse inside joint limits and the 45 mm
+/// rule the previous goal stays in force.
 LimitedCommand limit_command(const ToolMount& mount, const Eigen::Vector3d& previous_p_WT,
                              const Eigen::Vector3d& increment);
 

@@ -4,7 +4,7 @@
 
 namespace omentum {
 
-/// What the reward looks at: the state before the motion of the step (docs/task.md 7).
+/// Arguments of the reward, of the state before the motion of the step (docs/task.md 7).
 struct RewardState {
   bool held = false;           ///< tissue held; with the named defect reward_jaw_closed: jaw closed
   double distance_q = 0;       ///< |p - q| [m]
@@ -27,8 +27,8 @@ struct RewardWeights {
 ///   held, paper          k |p - p_T|                        in [-0.5, 0]
 ///   held, derived*       k |p - p_T| - 0.25                 in [-0.75, -0.25]
 ///   held, omentum        k |p - p_T| - w_g |g - q| + w_e exposure max(0, 1 - |p - p_T| / d_e)
-/// Without d_e a policy parks the patch where the tumour first shows, 85 mm from p_T; without w_g
-/// it takes hold wherever it first meets the sheet, the flaw that P VI-B names. Both measured,
+/// Without d_e a policy stops where the tumour is first visible, 85 mm from p_T; without w_g it
+/// grasps where it first meets the sheet, the flaw that P VI-B names. Both measured,
 /// docs/decisions/0009.
 inline double reward(pb::RewardKind kind, const RewardState& s, const RewardWeights& w) {
   const double k = -0.5 / s.workspace_diagonal;
@@ -48,13 +48,11 @@ inline double reward(pb::RewardKind kind, const RewardState& s, const RewardWeig
   }
 }
 
-/// Potential whose difference over a step is added to the reward: -c |p - q| while free and
-/// c (0.13 m - |p - p_T| - |g - q|) while held, g being where tissue was taken hold of. A
-/// difference of potentials changes which way is learned first, not which policy is best [Ng99]; it
-/// gives a motion of half a millimetre a reward of its own, where the distances above change by
-/// 0.0009 only. The last term keeps a grasp far from q from cancelling the way that was not
-/// travelled (P VI-B names that flaw of its reward). 0.2 m: above any |p - p_T| within reach, so
-/// that taking hold never lowers the potential.
+/// Potential whose difference over a step is added to the reward: -c |p - q| while free,
+/// c (0.13 m - |p - p_T| - |g - q|) while held, g being the grasp point. Such shaping leaves the
+/// optimal policy as it is [Ng99] and makes a motion of half a millimetre visible, which changes
+/// the terms above by 0.0009 only. With |g - q| a grasp far from q does not save the approach to q
+/// (the flaw of its reward that P VI-B names).
 inline double progress_potential(const RewardState& s, double progress_per_m) {
   return s.held ? progress_per_m * (0.13 - s.distance_target - s.grasp_distance_q)
                 : -progress_per_m * s.distance_q;

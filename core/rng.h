@@ -1,12 +1,12 @@
 #pragma once
 
 #include <array>
+#include <cstddef>
 #include <cstdint>
 
 namespace omentum {
 
-/// Philox4x32-10 [Salmon11]: a pure function (counter, key) -> four words. No generator state
-/// exists anywhere.
+/// Philox4x32-10 [Salmon11]: a pure function (counter, key) -> four words, without state.
 using PhiloxWords = std::array<std::uint32_t, 4>;
 
 constexpr PhiloxWords philox(PhiloxWords counter, std::array<std::uint32_t, 2> key) {
@@ -29,7 +29,6 @@ enum class Purpose : std::uint32_t {
   kReset = 1,
   kDynamics = 2,
   kObservationNoise = 3,
-  kActuationNoise = 4,
   kShuffle = 5,
   kWeights = 6,
   kEvaluation = 7,
@@ -51,6 +50,28 @@ constexpr float uniform_24(std::uint32_t word) { return static_cast<float>(word 
 constexpr double uniform_between(std::uint32_t word, double min, double max) {
   return min + (max - min) * static_cast<double>(word) * 0x1p-32;
 }
+
+/// The words of a counter in order: step = number of the call, draw = 0.
+class RandomStream {
+ public:
+  RandomStream(std::uint64_t run_seed, std::uint32_t slot, Purpose purpose, std::uint64_t episode)
+      : run_seed_(run_seed), episode_(episode), slot_(slot), purpose_(purpose) {}
+
+  std::uint32_t next() {
+    if (position_ == words_.size()) {
+      words_ = random_words(run_seed_, slot_, purpose_, 0, episode_, call_++);
+      position_ = 0;
+    }
+    return words_[position_++];
+  }
+
+ private:
+  std::uint64_t run_seed_, episode_;
+  std::uint32_t slot_, call_ = 0;
+  Purpose purpose_;
+  PhiloxWords words_{};
+  std::size_t position_ = words_.size();
+};
 
 /// Uniform integer in [0, bound) from 32 random bits, multiply-shift (bias < bound / 2^32).
 constexpr std::uint32_t bounded(std::uint32_t word, std::uint32_t bound) {

@@ -14,11 +14,15 @@ namespace {
 /// What one lane is doing with its task.
 struct LaneRun {
   bool rollout = false;     ///< one episode follows the other, and the state at the end goes on
-  bool evaluation = false;  ///< one episode; at p_T the hold script takes over from the policy
+  bool evaluation = false;  ///< one episode; at p_T the hold script replaces the policy
   bool done = false;        ///< no more steps are recorded
   bool holding = false;     ///< the hold script acts
   std::uint32_t hold_left = 0;
 };
+
+void append(auto& array, const auto& values) {
+  array.insert(array.end(), values.begin(), values.end());
+}
 
 void fail(RolloutSegment& segment, LaneRun& run, const std::string& reason) {
   segment.failed = 1;
@@ -52,8 +56,7 @@ void record_frame(Backend& backend, int lane, std::uint32_t stride, std::vector<
   const Snapshots* states = backend.snapshots();
   if (states == nullptr || stride == 0 || segment.steps % stride != 0) return;
   states->positions(lane, scratch);
-  segment.frame_positions_in_world_m.insert(segment.frame_positions_in_world_m.end(),
-                                            scratch.begin(), scratch.end());
+  append(segment.frame_positions_in_world_m, scratch);
 }
 
 /// What proves a replay: hash of the whole state after the step, beside where the tool is and what
@@ -137,9 +140,7 @@ std::vector<RolloutSegment> run_rollout(Backend& backend, const Actor& actor,
   std::vector<float> scratch;
   for (std::uint32_t step = 0; step < longest; ++step) {
     if (stop && stop()) return {};
-    bool all_done = true;
-    for (const LaneRun& run : runs) all_done = all_done && run.done;
-    if (all_done) break;
+    if (std::all_of(runs.begin(), runs.end(), [](const LaneRun& run) { return run.done; })) break;
 
     for (std::size_t k = 0; k < tasks.size(); ++k) {
       backend.observe(static_cast<int>(k), std::span(observations).subspan(k * width, width));
@@ -178,16 +179,9 @@ std::vector<RolloutSegment> run_rollout(Backend& backend, const Actor& actor,
       flags |= outcome.held_before ? step_flag::kHeld : 0;
       flags |= outcome.grasp_lost ? step_flag::kGraspLost : 0;
       flags |= scripted ? step_flag::kScripted : 0;
-      const auto from = observations.begin() + static_cast<std::ptrdiff_t>(k * width);
-      segment.observations.insert(segment.observations.end(), from,
-                                  from + static_cast<std::ptrdiff_t>(width));
-      segment.actions.insert(segment.actions.end(), actions[k].branch.begin(),
-                             actions[k].branch.end());
-      if (continuous) {
-        segment.actions_continuous.insert(segment.actions_continuous.end(),
-                                          actions[k].continuous.begin(),
-                                          actions[k].continuous.end());
-      }
+      append(segment.observations, std::span(observations).subspan(k * width, width));
+      append(segment.actions, actions[k].branch);
+      if (continuous) append(segment.actions_continuous, actions[k].continuous);
       segment.log_probs.push_back(scripted ? 0.0F : decisions[k].log_prob);
       segment.values.push_back(decisions[k].value);
       segment.rewards.push_back(outcome.reward);
@@ -213,17 +207,13 @@ std::vector<RolloutSegment> run_rollout(Backend& backend, const Actor& actor,
         const EpisodeFacts after = backend.clock(lane);
         if (run.holding) {
           // The hold counts from the arrival at p_T.
-          if (backend.at_target(lane)) {
-            if (run.hold_left == 0) {
-              run.done = true;
-            } else {
-              --run.hold_left;
-            }
-          }
+          const bool there = backend.at_target(lane);
+          run.done = there && run.hold_left == 0;
+          if (there && !run.done) --run.hold_left;
         } else if (after.reached || outcome.terminated) {
           run.holding = true;
         } else if (task.policy_steps > 0 && segment.steps >= task.policy_steps) {
-          run.done = true;  // the policy had its time and did not arrive
+          run.done = true;  // not arrived within policy_steps
         }
       }
       if (segment.steps >= task.steps) run.done = true;
@@ -239,19 +229,17 @@ std::vector<RolloutSegment> run_rollout(Backend& backend, const Actor& actor,
     RolloutSegment& segment = segments[k];
     const int lane = static_cast<int>(k);
     segment.compute_time_ns = spent / static_cast<std::int64_t>(tasks.size());
-    if (segment.failed != 0) {
-      segment.payload_crc32c = segment_crc(segment);
-      continue;
-    }
-    segment.bootstrap_observation.resize(width);
-    backend.observe(lane, segment.bootstrap_observation);
-    const EpisodeFacts end = backend.clock(lane);
-    segment.end_episode = end.episode;
-    segment.end_episode_step = end.episode_step;
-    segment.end_episode_limit = end.episode_limit;
-    if (runs[k].rollout && backend.snapshots() != nullptr) {
-      segment.end_state = backend.snapshots()->save(lane);
-      segment.end_hash = hash_state(segment.end_state);
+    if (segment.failed == 0) {
+      segment.bootstrap_observation.resize(width);
+      backend.observe(lane, segment.bootstrap_observation);
+      const EpisodeFacts end = backend.clock(lane);
+      segment.end_episode = end.episode;
+      segment.end_episode_step = end.episode_step;
+      segment.end_episode_limit = end.episode_limit;
+      if (runs[k].rollout && backend.snapshots() != nullptr) {
+        segment.end_state = backend.snapshots()->save(lane);
+        segment.end_hash = hash_state(segment.end_state);
+      }
     }
     segment.payload_crc32c = segment_crc(segment);
   }

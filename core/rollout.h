@@ -10,13 +10,13 @@
 
 namespace omentum {
 
-/// Chooses the actions of one decision: those of lane k go to actions[k]. The states before the
-/// step are there to be asked for; the back end must not be changed.
+/// Chooses the actions of one decision, of lane k in actions[k]. May read the back end, which is in
+/// the state before the step, but not change it.
 using Script = std::function<void(std::uint32_t step, std::span<Action> actions)>;
 
-/// Who acts in a rollout: a policy, or a script in its place (a replay of recorded actions, a
-/// study). Under a script a task is one episode of its `steps` decisions, whatever comes of it: no
-/// hold at p_T, no next episode, no end state.
+/// Who acts in a rollout: a policy, or a script (a replay of recorded actions, a study). Under a
+/// script a task is one episode of exactly `steps` decisions: no hold at p_T, no next episode, no
+/// end state.
 class Actor {
  public:
   Actor(Policy& policy) : policy_(&policy) {}  // NOLINT(google-explicit-constructor)

@@ -12,9 +12,9 @@
 
 namespace omentum {
 
-/// The task (docs/task.md): what an action commands, what a policy observes, where an episode
-/// starts, what a step earns and when it ends. Pure functions of the configuration and of what a
-/// back end measured, so that a simulation and a robot cannot differ in them.
+/// The task (docs/task.md): actions, observations, start, reward and end of an episode. Pure
+/// functions of the configuration and of what a back end measured, the same for simulation and
+/// robot.
 
 /// What the task needs of the scene. Points in W [m].
 struct TaskPlaces {
@@ -32,7 +32,7 @@ struct TaskState {
   Eigen::Vector3d held_from = Eigen::Vector3d::Zero();     ///< tip when tissue was taken hold of
   bool held = false;                                       ///< tissue is in the jaws
   bool jaw_closed = false;                                 ///< command in force
-  double jaw_deg = 0;   ///< angle of the jaw, where grasp.jaw_open_deg gives it one
+  double jaw_deg = 0;   ///< angle of the jaw, where grasp.jaw_open_deg > 0
   double exposure = 0;  ///< visible fraction of the tumour while held, else 0
 };
 
@@ -51,7 +51,6 @@ struct ObservedNumber {
 /// What a policy of this task observes, in order: the list by which Task::observe() writes.
 std::vector<ObservedNumber> observed_numbers(const pb::Task& task);
 std::vector<std::string> observation_names(const pb::Task& task);
-std::vector<std::string> observation_units(const pb::Task& task);
 int observation_size(const pb::Task& task);
 /// As observation_names(), with one name for all pixels of an image.
 std::vector<std::string> observation_titles(const pb::Task& task);
@@ -70,8 +69,8 @@ class Task {
   double workspace_diagonal() const { return workspace_diagonal_; }  ///< L_ws [m]
 
   ToolCommand decode(const Action& action) const;
-  /// The hold script: jaw closed, straight towards p_T, then stay. Nearer than half a step it
-  /// stays. `commanded_tip` is where the tip was last told to be, p_WT [m].
+  /// The hold script: jaw closed, straight towards p_T, then stay within half a step of it.
+  /// `commanded_tip`: goal of the last command, p_WT [m].
   Action hold_action(const Eigen::Vector3d& commanded_tip) const;
   /// hold_action() would stay.
   bool at_target(const Eigen::Vector3d& commanded_tip) const;

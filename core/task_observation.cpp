@@ -12,65 +12,69 @@ namespace {
 
 using Eigen::Vector3d;
 
-constexpr double kNearRange = 0.005;  // [m] where the fine observation of the goal saturates
+constexpr int kUnityInW[] = {0, 2, 1};  // axis of W that is x, y, z of Unity
+constexpr double kNearRange = 0.005;    // [m] where the fine observation of the goal saturates
 
-/// What a value function sees.
+/// What the entries are computed from. Points in W [m].
 struct Seen {
   const TaskState& state;
   const TaskPlaces& places;
   double jaw_open_deg;
 
-  const Vector3d& goal() const { return state.held ? places.target : places.tumour_point; }
+  const Vector3d& p() const { return state.measured_tip; }
+  const Vector3d& q() const { return places.tumour_point; }
+  const Vector3d& p_T() const { return places.target; }
+  const Vector3d& goal() const { return state.held ? p_T() : q(); }
 };
 
-/// Decides unit and scale of an entry; a point and an offset have three numbers.
-enum class Quantity { kNumber, kPoint, kDistance, kOffset };
+/// Decides unit, scale and count of an entry's numbers.
+enum class Quantity {
+  kNumber,    ///< one: x of the value
+  kPoint,     ///< three
+  kDistance,  ///< one: length of the value
+  kOffset     ///< three, clipped to kNearRange
+};
 
-/// One entry of the observation: its value in SI units, a number in x.
+/// One entry of the observation; its value in SI units.
 struct Entry {
   const char* name;
   Quantity quantity;
-  const char* unit;  ///< of a kNumber; the others have that of their scale
   Vector3d (*value)(const Seen&);
+  const char* unit = nullptr;  ///< of a kNumber; the others have that of their scale
 };
 
-Vector3d number(double value) { return {value, 0, 0}; }
-
-constexpr Entry kHeldFlag = {"held_flag", Quantity::kNumber, "0 = held; 1 = not held",
-                             [](const Seen& s) { return number(s.state.held ? 0 : 1); }};
-constexpr Entry kTip = {"p", Quantity::kPoint, nullptr,
-                        [](const Seen& s) { return s.state.measured_tip; }};
-constexpr Entry kTumourPoint = {"q", Quantity::kPoint, nullptr,
-                                [](const Seen& s) { return s.places.tumour_point; }};
-constexpr Entry kTarget = {"p_T", Quantity::kPoint, nullptr,
-                           [](const Seen& s) { return s.places.target; }};
-constexpr Entry kGoal = {"goal", Quantity::kPoint, nullptr, [](const Seen& s) { return s.goal(); }};
-constexpr Entry kDistanceTumour = {
-    "distance_p_q", Quantity::kDistance, nullptr,
-    [](const Seen& s) { return number((s.state.measured_tip - s.places.tumour_point).norm()); }};
-constexpr Entry kDistanceTarget = {
-    "distance_p_p_T", Quantity::kDistance, nullptr,
-    [](const Seen& s) { return number((s.state.measured_tip - s.places.target).norm()); }};
-constexpr Entry kDistanceGoal = {
-    "distance_p_goal", Quantity::kDistance, nullptr,
-    [](const Seen& s) { return number((s.state.measured_tip - s.goal()).norm()); }};
+using enum Quantity;
+constexpr Entry kHeldFlag = {"held_flag", kNumber,
+                             [](const Seen& s) { return Vector3d(s.state.held ? 0 : 1, 0, 0); },
+                             "0 = held; 1 = not held"};
+constexpr Entry kTip = {"p", kPoint, [](const Seen& s) { return s.p(); }};
+constexpr Entry kTumourPoint = {"q", kPoint, [](const Seen& s) { return s.q(); }};
+constexpr Entry kTarget = {"p_T", kPoint, [](const Seen& s) { return s.p_T(); }};
+constexpr Entry kGoal = {"goal", kPoint, [](const Seen& s) { return s.goal(); }};
+constexpr Entry kDistanceTumour = {"distance_p_q", kDistance,
+                                   [](const Seen& s) -> Vector3d { return s.p() - s.q(); }};
+constexpr Entry kDistanceTarget = {"distance_p_p_T", kDistance,
+                                   [](const Seen& s) -> Vector3d { return s.p() - s.p_T(); }};
+constexpr Entry kDistanceGoal = {"distance_p_goal", kDistance,
+                                 [](const Seen& s) -> Vector3d { return s.p() - s.goal(); }};
 // How far the jaw is closed: its angle where it has one (a robot measures it), else the command.
 constexpr Entry kJawClosed = {
-    "jaw_closed", Quantity::kNumber, "0 = open ... 1 = closed", [](const Seen& s) {
-      return number(s.jaw_open_deg > 0 ? 1 - s.state.jaw_deg / s.jaw_open_deg
-                                       : (s.state.jaw_closed ? 1.0 : 0.0));
-    }};
-constexpr Entry kExposure = {"exposure", Quantity::kNumber, "visible fraction of the tumour",
-                             [](const Seen& s) { return number(s.state.exposure); }};
-// Where the sheet was taken hold of: without it the value of a held state cannot be told.
-constexpr Entry kGraspPoint = {"grasp", Quantity::kPoint, nullptr, [](const Seen& s) {
-                                 return s.state.held ? s.state.held_from : s.state.measured_tip;
-                               }};
-// The goal seen from the tip, fine: over the workspace's width a millimetre is 0.01 of an input,
-// and greedy policies stood still 3 mm from p_T (docs/decisions/0009).
-constexpr Entry kNearGoal = {
-    "near_goal", Quantity::kOffset, nullptr,
-    [](const Seen& s) -> Vector3d { return s.goal() - s.state.measured_tip; }};
+    "jaw_closed", kNumber,
+    [](const Seen& s) {
+      const double command = s.state.jaw_closed ? 1 : 0;
+      return Vector3d(s.jaw_open_deg > 0 ? 1 - s.state.jaw_deg / s.jaw_open_deg : command, 0, 0);
+    },
+    "0 = open ... 1 = closed"};
+constexpr Entry kExposure = {"exposure", kNumber,
+                             [](const Seen& s) { return Vector3d(s.state.exposure, 0, 0); },
+                             "visible fraction of the tumour"};
+// Where the sheet was grasped: the value of a held state depends on it.
+constexpr Entry kGraspPoint = {
+    "grasp", kPoint, [](const Seen& s) { return s.state.held ? s.state.held_from : s.p(); }};
+// The goal relative to the tip, at a finer scale: over the workspace's width a millimetre is 0.01
+// of an input, and greedy policies stopped 3 mm from p_T (docs/decisions/0009).
+constexpr Entry kNearGoal = {"near_goal", kOffset,
+                             [](const Seen& s) -> Vector3d { return s.goal() - s.p(); }};
 
 std::span<const Entry> entries(pb::ObservationKind kind) {
   static constexpr Entry kOmentum[] = {
@@ -98,16 +102,15 @@ bool is_raw(const pb::Task& task) {
 
 std::string unit_of(const Entry& entry, bool raw, int axis) {
   static constexpr const char* kAxes[] = {"x", "y", "z"};
-  static constexpr int kUnityInW[] = {0, 2, 1};
   switch (entry.quantity) {
-    case Quantity::kNumber:
+    case kNumber:
       return entry.unit;
-    case Quantity::kPoint:
+    case kPoint:
       return raw ? fmt::format("100 mm along {} of W", kAxes[kUnityInW[axis]])
                  : fmt::format("-1 ... 1 over the workspace along {} of W", kAxes[axis]);
-    case Quantity::kDistance:
+    case kDistance:
       return raw ? "100 mm" : "diagonal of the workspace";
-    case Quantity::kOffset:
+    case kOffset:
       break;
   }
   return fmt::format("{:g} mm along {} of W; within -1 ... 1", 1e3 * kNearRange, kAxes[axis]);
@@ -117,7 +120,7 @@ std::vector<ObservedNumber> numbers_of_entries(const pb::Task& task) {
   std::vector<ObservedNumber> numbers;
   const bool raw = is_raw(task);
   for (const Entry& entry : entries(task.observation())) {
-    if (entry.quantity == Quantity::kNumber || entry.quantity == Quantity::kDistance) {
+    if (entry.quantity == kNumber || entry.quantity == kDistance) {
       numbers.push_back({entry.name, unit_of(entry, raw, 0)});
       continue;
     }
@@ -133,8 +136,8 @@ std::vector<ObservedNumber> observed_numbers(const pb::Task& task) {
   std::vector<ObservedNumber> numbers = numbers_of_entries(task);
   if (task.observation() != pb::OBSERVATION_IMAGE) return numbers;
   const bool ids = task.image() == pb::IMAGE_OBJECT_IDS;
-  const std::vector<std::string> channels =
-      ids ? std::vector<std::string>{"object"} : std::vector<std::string>{"red", "green", "blue"};
+  using Names = std::vector<std::string>;
+  const Names channels = ids ? Names{"object"} : Names{"red", "green", "blue"};
   for (std::uint32_t row = 0; row < task.image_size(); ++row) {
     for (std::uint32_t column = 0; column < task.image_size(); ++column) {
       for (const std::string& channel : channels) {
@@ -150,12 +153,6 @@ std::vector<std::string> observation_names(const pb::Task& task) {
   std::vector<std::string> names;
   for (ObservedNumber& number : observed_numbers(task)) names.push_back(std::move(number.name));
   return names;
-}
-
-std::vector<std::string> observation_units(const pb::Task& task) {
-  std::vector<std::string> units;
-  for (ObservedNumber& number : observed_numbers(task)) units.push_back(std::move(number.unit));
-  return units;
 }
 
 std::vector<std::string> observation_titles(const pb::Task& task) {
@@ -179,22 +176,19 @@ std::span<float> Task::observe(const TaskState& state, std::span<float> observat
   for (const Entry& entry : entries(task_.observation())) {
     const Vector3d value = entry.value(seen);
     switch (entry.quantity) {
-      case Quantity::kNumber:
+      case kNumber:
         add(value.x());
         break;
-      case Quantity::kPoint:
-        if (raw) {  // Unity's axes: x, z, y of W
-          add(10 * value.x());
-          add(10 * value.z());
-          add(10 * value.y());
-        } else {
-          for (int k = 0; k < 3; ++k) add(2 * (value[k] - low[k]) / (high[k] - low[k]) - 1);
+      case kPoint:
+        for (int k = 0; k < 3; ++k) {
+          const int axis = raw ? kUnityInW[k] : k;
+          add(raw ? 10 * value[axis] : 2 * (value[k] - low[k]) / (high[k] - low[k]) - 1);
         }
         break;
-      case Quantity::kDistance:
-        add(raw ? 10 * value.x() : value.x() / workspace_diagonal_);
+      case kDistance:
+        add(raw ? 10 * value.norm() : value.norm() / workspace_diagonal_);
         break;
-      case Quantity::kOffset:
+      case kOffset:
         for (int k = 0; k < 3; ++k) add(std::clamp(value[k] / kNearRange, -1.0, 1.0));
         break;
     }

@@ -7,35 +7,23 @@
 namespace omentum {
 namespace {
 
-constexpr std::int64_t kMs = 1'000'000;
-constexpr std::int64_t kS = 1000 * kMs;
+constexpr std::int64_t kS = 1'000'000'000;
 
 constexpr std::array<TopicSpec, 7> kTopics{{
-    {TopicId::kPolicyWeights, "omentum/policy/weights", "PolicyWeights", "policy_id, learner_epoch",
-     History::kKeepLast, 2, Durability::kTransientLocal, 2, 1 * kS, 0, true,
-     "two versions are alive with lead 1; a late joiner gets the last two; KEEP_LAST never blocks "
-     "the learner; the epoch in the key keeps two learners apart without exclusive ownership"},
-    {TopicId::kRolloutTask, "omentum/rollout/task", "RolloutTask", "slot", History::kKeepLast, 1,
-     Durability::kVolatile, 0, 1 * kS, 0, false,
-     "directed to one worker: Cyclone has no writer-side filter; a newer grant of a slot replaces "
-     "the older one; granted only after the writer is matched"},
-    {TopicId::kRolloutSegment, "omentum/rollout/segment", "RolloutSegment", "none",
-     History::kKeepAll, 0, Durability::kVolatile, 0, 2 * kS, 0, true,
-     "bulk path: nothing may be lost, and identity is (slot, segment), not the writer; the "
-     "reader's "
-     "max_samples is a fuse that never blows because tasks are credits"},
-    {TopicId::kWorkerStatus, "omentum/worker/status", "WorkerStatus", "worker_id",
-     History::kKeepLast, 1, Durability::kTransientLocal, 1, 1 * kS, 2 * kS, true,
-     "failure detector: disposed = left, no writers = crashed; deadline = hung"},
-    {TopicId::kLearnerStatus, "omentum/learner/status", "LearnerStatus", "run_id, learner_epoch",
-     History::kKeepLast, 1, Durability::kTransientLocal, 1, 1 * kS, 2 * kS, true,
-     "workers keep their segments while it is silent and follow the highest epoch"},
-    {TopicId::kEpisodeSummary, "omentum/episode/summary", "EpisodeSummary", "none",
-     History::kKeepLast, 256, Durability::kVolatile, 0, 1 * kS, 0, true,
-     "written by the learner after admission: a worker would repeat it for a re-granted segment"},
-    {TopicId::kRunManifest, "omentum/run/manifest", "RunManifest", "run_id, learner_epoch",
-     History::kKeepLast, 1, Durability::kTransientLocal, 1, 1 * kS, 0, true,
-     "configuration of the run, written before the first weights"},
+    {TopicId::kPolicyWeights, "omentum/policy/weights", History::kKeepLast, 2,
+     Durability::kTransientLocal, 2, 1 * kS, 0},
+    {TopicId::kRolloutTask, "omentum/rollout/task", History::kKeepLast, 1, Durability::kVolatile, 0,
+     1 * kS, 0},
+    {TopicId::kRolloutSegment, "omentum/rollout/segment", History::kKeepAll, 0,
+     Durability::kVolatile, 0, 2 * kS, 0},
+    {TopicId::kWorkerStatus, "omentum/worker/status", History::kKeepLast, 1,
+     Durability::kTransientLocal, 1, 1 * kS, 2 * kS},
+    {TopicId::kLearnerStatus, "omentum/learner/status", History::kKeepLast, 1,
+     Durability::kTransientLocal, 1, 1 * kS, 2 * kS},
+    {TopicId::kEpisodeSummary, "omentum/episode/summary", History::kKeepLast, 256,
+     Durability::kVolatile, 0, 1 * kS, 0},
+    {TopicId::kRunManifest, "omentum/run/manifest", History::kKeepLast, 1,
+     Durability::kTransientLocal, 1, 1 * kS, 0},
 }};
 
 }  // namespace

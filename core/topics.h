@@ -21,24 +21,18 @@ enum class TopicId : std::uint32_t {
 enum class History { kKeepLast, kKeepAll };
 enum class Durability { kVolatile, kTransientLocal };
 
-/// One row of the table of docs/wire.md 3: everything about a topic but its fields. Code,
-/// tests and the `topics` command read this table; nothing else in the product names a topic or a
-/// policy. All topics are RELIABLE with SHARED ownership and AUTOMATIC liveliness: other kinds
-/// would hide them from generic tools.
+/// One row of the table of docs/wire.md 3, which says why: everything about a topic but its fields.
+/// Nothing else in the product names a topic or a policy. All topics are RELIABLE with SHARED
+/// ownership and AUTOMATIC liveliness: other kinds would hide them from generic tools.
 struct TopicSpec {
   TopicId id;
   const char* name;
-  const char* type_name;  ///< in the IDL module; the registered name is omentum::v1::<type_name>
-  const char* key;        ///< for documentation; the IDL decides
   History history;
   int depth;  ///< of KEEP_LAST, both sides
   Durability durability;
-  int service_depth;  ///< what a late joiner gets with TRANSIENT_LOCAL (durability_service, not
-                      ///< history)
+  int service_depth;             ///< samples for a late joiner with TRANSIENT_LOCAL
   std::int64_t max_blocking_ns;  ///< how long a write may wait; only KEEP_ALL writers ever do
   std::int64_t deadline_ns;      ///< offered and requested; 0 = infinite
-  bool is_public;  ///< written into partitions "" and "<run>"; else into one worker's partition
-  const char* reason;
 };
 
 std::span<const TopicSpec> topics();

@@ -2,9 +2,8 @@
 
 namespace omentum::trig {
 
-/// sin, cos, atan2 and exp in double precision from basic operations only, so that kinematics give
-/// the same bits on every machine (glibc picks its versions by CPU at load time). Own code because
-/// no library promises that.
+/// sin, cos, atan2 and exp in double precision from basic operations only: the same bits on every
+/// machine, which no library promises (glibc picks its versions by CPU at load time).
 ///
 /// sin_cos: argument reduced by pi/2 in three parts (Cody-Waite), minimax-like Taylor kernels on
 /// [-pi/4, pi/4]; absolute error < 2.3e-16 for |x| <= 100. atan2: reduction to [0, tan(pi/16)] by a

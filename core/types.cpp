@@ -1,32 +1,44 @@
 #include "core/types.h"
 
-#include <cstring>
+#include <span>
+
+#include "core/segment_fields.h"
 
 namespace omentum {
+namespace {
+
+/// Feeds the fields that count, each number as eight bytes.
+struct Crc : IgnoreFields {
+  std::uint32_t crc = 0;
+  void values(const auto& segment, const auto& /*same*/, auto members) {
+    const auto numbers = std::apply(
+        [](const auto&... field) { return std::array{static_cast<std::uint64_t>(field)...}; },
+        members(segment));
+    crc = crc32c(std::as_bytes(std::span(numbers)), crc);
+  }
+  void array(const auto& field, const auto& /*same*/, const ArrayField& /*about*/) {
+    crc = crc32c(std::as_bytes(std::span(field)), crc);
+  }
+};
+
+}  // namespace
+
+std::uint32_t segment_crc(const RolloutSegment& segment) {
+  Crc visitor;
+  segment_fields(segment, segment, visitor);
+  return visitor.crc;
+}
 
 std::uint64_t hash_task(const RolloutTask& task) {
   std::uint64_t hash = kFnvOffset;
-  const auto add = [&hash](const auto& value) {
-    hash = fnv1a64(std::as_bytes(std::span(&value, 1)), hash);
+  const auto add = [&hash](const auto&... values) {
+    ((hash = fnv1a64(std::as_bytes(std::span(&values, 1)), hash)), ...);
   };
-  add(task.config_hash);
-  hash = fnv1a64(std::as_bytes(std::span(task.weights_hash)), hash);
-  add(task.slot);
-  add(task.segment);
-  add(task.steps);
-  add(static_cast<std::uint32_t>(task.kind));
-  add(static_cast<std::uint32_t>(task.greedy));
-  add(static_cast<std::uint32_t>(task.start_set));
-  add(task.start_index);
-  add(task.run_seed);
-  add(task.episode);
-  add(task.episode_step);
-  add(task.episode_limit);
-  add(task.policy_steps);
-  add(task.hold_steps);
-  add(static_cast<std::uint32_t>(task.reset));
-  add(task.start_hash);
-  add(task.frame_stride);
+  const auto number = [](auto value) { return static_cast<std::uint32_t>(value); };
+  add(task.config_hash, task.weights_hash, task.slot, task.segment, task.steps, number(task.kind),
+      number(task.greedy), number(task.start_set), task.start_index, task.run_seed, task.episode,
+      task.episode_step, task.episode_limit, task.policy_steps, task.hold_steps, number(task.reset),
+      task.start_hash, task.frame_stride);
   return hash;
 }
 

@@ -1,8 +1,7 @@
 #pragma once
 
-// What travels between learner, workers and gateway, as plain values. core/wire.* maps these to the
-// IDL types, nothing else in the product knows the generated ones. Field meaning and limits:
-// docs/wire.md 2.
+// What travels between learner, workers and gateway, as plain values. core/wire.* alone maps these
+// to the IDL types. Meaning and limits of the fields: docs/wire.md 2.
 
 #include <array>
 #include <cstddef>
@@ -17,7 +16,7 @@ namespace omentum {
 using Bytes = std::vector<std::byte>;
 
 /// Layout of the state bytes that SimBackend::save writes; raise it when they change. Reaches wire
-/// and disk. 3: all tissue models in lanes begin with the same parts.
+/// and disk.
 inline constexpr std::uint32_t kSimStateFormat = 3;
 
 /// Values reach the wire: do not change.
@@ -28,8 +27,8 @@ enum class StartSet : std::uint32_t {
   kTraining = 0,   ///< drawn from (run_seed, slot, episode)
   kGrid = 1,       ///< scene.start_grid, the 100 cells
   kRobotGrid = 2,  ///< scene.robot_grid, the 25 cells
-  kGraspLattice =
-      3,  ///< settled sheet, jaw closed on particle start_index, no policy: lift to p_T and hold
+  /// Settled sheet, jaw closed on particle start_index, no policy: lift to p_T and hold.
+  kGraspLattice = 3,
 };
 
 enum class Source : std::uint32_t { kSimulation = 0, kDvrk = 1 };
@@ -50,8 +49,7 @@ inline constexpr std::uint8_t kTruncated = 2;
 inline constexpr std::uint8_t kFirst = 4;       ///< first step of an episode
 inline constexpr std::uint8_t kHeld = 8;        ///< tissue held before the step
 inline constexpr std::uint8_t kGraspLost = 16;  ///< tissue lost during the step
-inline constexpr std::uint8_t kScripted =
-    32;  ///< action chosen by the hold script, not by the policy
+inline constexpr std::uint8_t kScripted = 32;   ///< action of the hold script, not of the policy
 }  // namespace step_flag
 
 /// A version of the policy: all parameters of actor and critic in the order of core/policy.h, and
@@ -88,12 +86,11 @@ struct RolloutTask {
   std::uint64_t run_seed = 0;
   std::uint64_t episode = 0;
   std::uint32_t episode_step = 0;
-  std::uint32_t episode_limit =
-      0;  ///< this episode is truncated after so many decisions; 0 = task default (stagger)
-  std::uint32_t policy_steps =
-      0;  ///< evaluate: the policy acts for at most so many decisions; then the task ends
-  std::uint32_t hold_steps = 0;  ///< evaluate: decisions of hold at p_T once reached
-  bool reset = false;            ///< start a fresh episode; start_state is empty
+  /// Decisions until this episode is truncated; 0 = task default.
+  std::uint32_t episode_limit = 0;
+  std::uint32_t policy_steps = 0;  ///< evaluate: most decisions of the policy
+  std::uint32_t hold_steps = 0;    ///< evaluate: decisions of hold at p_T once reached
+  bool reset = false;              ///< start a fresh episode; start_state is empty
   std::uint32_t state_format = 0;
   std::uint64_t start_hash = 0;
   Bytes start_state;
@@ -129,8 +126,8 @@ struct RolloutSegment {
   std::vector<float> episode_exposure;        ///< at the end of the episode
   std::vector<std::uint8_t> episode_grasped;  ///< 1 if tissue was held at any step of the episode
   std::vector<std::uint8_t> episode_held;     ///< 1 if tissue was held at the episode's end
-  std::vector<float>
-      episode_grasp_position_in_world_m;  ///< 3 per episode, first grasp in W [m]; NaN if none
+  /// 3 per episode, first grasp in W [m]; NaN if none.
+  std::vector<float> episode_grasp_position_in_world_m;
   std::vector<float> episode_start_position_in_world_m;  ///< 3 per episode, tool start in W [m]
   std::uint64_t end_episode = 0;
   std::uint32_t end_episode_step = 0;
@@ -191,15 +188,46 @@ enum class LearnerPhase : std::uint32_t {
   kDone = 5
 };
 
-struct LearnerStatus {
+/// Counters of docs/wire.md 4.3. Every grant ends in exactly one of admitted, cancelled,
+/// regranted, and every segment in exactly one of admitted, duplicate, stale, invalid, foreign,
+/// overflow.
+struct Ledger {
+  std::uint64_t granted = 0;    ///< grants written, re-grants and audits included
+  std::uint64_t regranted = 0;  ///< grants that lapsed and were replaced by another
+  std::uint64_t received = 0;
+  std::uint64_t admitted = 0;  ///< evaluated ones included
+  std::uint64_t duplicate = 0;
+  std::uint64_t stale = 0;
+  std::uint64_t invalid = 0;
+  std::uint64_t cancelled = 0;  ///< grants of a task of which another grant was admitted first
+  std::uint64_t foreign = 0;
+  std::uint64_t overflow = 0;
+  std::uint64_t outstanding = 0;     ///< grants alive now
+  std::uint64_t audit_mismatch = 0;  ///< results of one task that differ: impure worker, memory
+  std::uint64_t evaluated = 0;       ///< admitted results of evaluation tasks; not on the wire
+  std::uint64_t failed = 0;          ///< invalid ones with a diverged lane; not on the wire
+};
+
+/// The counters by the name under which metrics, checkpoints and logs have them.
+struct LedgerCounter {
+  const char* name;
+  std::uint64_t Ledger::*value;
+};
+inline constexpr LedgerCounter kLedgerCounters[] = {
+    {"granted", &Ledger::granted},         {"regranted", &Ledger::regranted},
+    {"received", &Ledger::received},       {"admitted", &Ledger::admitted},
+    {"duplicate", &Ledger::duplicate},     {"stale", &Ledger::stale},
+    {"invalid", &Ledger::invalid},         {"cancelled", &Ledger::cancelled},
+    {"foreign", &Ledger::foreign},         {"overflow", &Ledger::overflow},
+    {"outstanding", &Ledger::outstanding}, {"audit_mismatch", &Ledger::audit_mismatch},
+    {"evaluated", &Ledger::evaluated},     {"failed", &Ledger::failed}};
+
+struct LearnerStatus : Ledger {
   std::string run_id;
   std::uint32_t learner_epoch = 0;
   std::uint64_t policy_version = 0;
   std::uint64_t batch = 0;
   LearnerPhase phase = LearnerPhase::kWaiting;
-  std::uint64_t granted = 0, regranted = 0, received = 0, admitted = 0, duplicate = 0, stale = 0,
-                invalid = 0;
-  std::uint64_t cancelled = 0, foreign = 0, overflow = 0, outstanding = 0, audit_mismatch = 0;
   std::uint32_t workers_alive = 0;
   double oldest_task_age_s = 0;
   std::uint64_t steps_total = 0;

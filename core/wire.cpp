@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <optional>
 #include <span>
 #include <string_view>
 #include <type_traits>
@@ -20,31 +21,29 @@ static_assert(kMaxStateBytes == omentum_v1_MAX_STATE_BYTES &&
 
 namespace {
 
-// -------------------------------------------------------------------------------------------- out
+/// The first thing that is wrong with a record.
+class FirstFailure {
+ public:
+  void fail(std::string_view name, std::string_view reason) {
+    if (!text_) text_ = fmt::format("{}: {}", name, reason);
+  }
+  const std::optional<std::string>& failure() const { return text_; }
+
+ private:
+  std::optional<std::string> text_;
+};
 
 // Points generated sequences at memory of the core record. Nothing is owned: _release stays false,
 // and the generated struct must not outlive the record.
-class Borrow {
+class Borrow : public FirstFailure {
  public:
-  template <typename T>
-  void value(T& wire, const T& core, std::string_view /*name*/) {
-    wire = core;
-  }
-
-  template <typename T>
-  void delivery(T& wire, const T& core, std::string_view /*name*/) {
-    wire = core;
-  }
+  void values(auto& wire, const auto& core, auto members) { members(wire) = members(core); }
+  void delivery(auto& wire, const auto& core, auto members) { values(wire, core, members); }
 
   template <typename E, typename C>
   void enumerator(E& wire, const C& core, C last, std::string_view name) {
     if (core > last) fail(name, "enumerator out of range");
     wire = static_cast<E>(core);
-  }
-
-  template <typename S, typename T>
-  void sequence(S& wire, const std::vector<T>& core, std::size_t bound, std::string_view name) {
-    borrow(wire, core.data(), core.size(), bound, name);
   }
 
   template <typename S, typename T>
@@ -70,10 +69,6 @@ class Borrow {
     borrow(wire, pointers.data(), pointers.size(), bound, name);
   }
 
-  Result<void> result() const {
-    return failure_.empty() ? Result<void>() : Result<void>(Failure{failure_});
-  }
-
  private:
   template <typename S, typename T>
   void borrow(S& wire, const T* data, std::size_t size, std::size_t bound, std::string_view name) {
@@ -86,29 +81,15 @@ class Borrow {
     wire._release = false;
   }
 
-  void fail(std::string_view name, std::string_view reason) {
-    if (failure_.empty()) failure_ = fmt::format("{}: {}", name, reason);
-  }
-
   std::array<std::vector<char*>, 2> lists_;  // pointers of sequences of strings
   std::size_t next_list_ = 0;
-  std::string failure_;
 };
 
-// --------------------------------------------------------------------------------------------- in
-
 // Copies a received sample; stops at the first field that does not pass.
-class Copy {
+class Copy : public FirstFailure {
  public:
-  template <typename T>
-  void value(const T& wire, T& core, std::string_view /*name*/) {
-    core = wire;
-  }
-
-  template <typename T>
-  void delivery(const T& wire, T& core, std::string_view /*name*/) {
-    core = wire;
-  }
+  void values(const auto& wire, auto& core, auto members) { members(core) = members(wire); }
+  void delivery(const auto& wire, auto& core, auto members) { values(wire, core, members); }
 
   template <typename E, typename C>
   void enumerator(const E& wire, C& core, C last, std::string_view name) {
@@ -120,16 +101,11 @@ class Copy {
   }
 
   template <typename S, typename T>
-  void sequence(const S& wire, std::vector<T>& core, std::size_t bound, std::string_view name) {
+  void array(const S& wire, std::vector<T>& core, const ArrayField& field) {
     static_assert(sizeof(*wire._buffer) == sizeof(T));
-    if (!plausible(wire, bound, name)) return;
+    if (!plausible(wire, field.bound, field.name)) return;
     const T* data = reinterpret_cast<const T*>(wire._buffer);
     core.assign(data, data + wire._length);
-  }
-
-  template <typename S, typename T>
-  void array(const S& wire, std::vector<T>& core, const ArrayField& field) {
-    sequence(wire, core, field.bound, field.name);
   }
 
   template <typename S, typename T, std::size_t N>
@@ -153,10 +129,6 @@ class Copy {
     for (std::uint32_t i = 0; i < wire._length; ++i) text(wire._buffer[i], core[i], name);
   }
 
-  Result<void> result() const {
-    return failure_.empty() ? Result<void>() : Result<void>(Failure{failure_});
-  }
-
  private:
   template <typename S>
   bool plausible(const S& wire, std::size_t bound, std::string_view name) {
@@ -168,55 +140,49 @@ class Copy {
       fail(name, "no buffer");
       return false;
     }
-    return failure_.empty();
+    return !failure();
   }
-
-  void fail(std::string_view name, std::string_view reason) {
-    if (failure_.empty()) failure_ = fmt::format("{}: {}", name, reason);
-  }
-
-  std::string failure_;
 };
+
+// Relations between the fields of a record that came from outside, beside bounds and enumerators.
+
+template <typename Record>
+void check_relations(const Record& /*record*/, FirstFailure& /*result*/) {}
+
+void check_relations(const PolicyWeights& weights, FirstFailure& result) {
+  if (weights.obs_inv_std.size() != weights.obs_mean.size())
+    result.fail("obs_inv_std", "length is not that of obs_mean");
+}
+
+void check_relations(const RolloutTask& task, FirstFailure& result) {
+  if (task.steps > omentum_v1_MAX_STEPS) result.fail("steps", "out of range");
+  if (!task.reset && task.start_state.empty()) result.fail("start_state", "empty without reset");
+}
+
+void check_relations(const LearnerStatus& status, FirstFailure& result) {
+  const std::size_t workers = status.worker_ids.size();
+  if (status.worker_phases.size() != workers || status.worker_steps_per_s.size() != workers)
+    result.fail("worker_ids", "length is not that of worker_phases and worker_steps_per_s");
+}
 
 }  // namespace
 
 template <typename Record>
-TopicId topic_of() {
-  return Wire<Record>::kTopic;
-}
-
-// ---------------------------------------------------------------------------------------- writers
-
-template <typename Record>
-struct BusWriter<Record>::Endpoint {
-  Endpoint(const dds::Participant& participant, std::vector<std::string> partitions,
-           const std::string& name)
-      : topic(participant, topic_spec(Wire<Record>::kTopic), Wire<Record>::descriptor()),
-        writer(participant, topic, {.partitions = std::move(partitions), .entity_name = name}) {}
-  dds::Topic topic;
-  dds::Writer writer;
-};
-
-template <typename Record>
 BusWriter<Record>::BusWriter(const dds::Participant& participant,
                              std::vector<std::string> partitions, const std::string& name)
-    : endpoint_(std::make_unique<Endpoint>(participant, std::move(partitions), name)) {}
-template <typename Record>
-BusWriter<Record>::~BusWriter() = default;
-template <typename Record>
-BusWriter<Record>::BusWriter(BusWriter&&) noexcept = default;
-template <typename Record>
-BusWriter<Record>& BusWriter<Record>::operator=(BusWriter&&) noexcept = default;
+    : topic_(participant, topic_spec(Wire<Record>::kTopic), Wire<Record>::kDescriptor),
+      writer_(participant, topic_, {.partitions = std::move(partitions), .entity_name = name}) {}
 
 template <typename Record>
 Result<void> BusWriter<Record>::write(const Record& record) {
   typename Wire<Record>::Generated generated{};
   Borrow borrow;
   fields(generated, record, borrow);
-  if (const Result<void> ok = borrow.result(); !ok) {
-    return Failure{fmt::format("write {}: {}", topic_spec(Wire<Record>::kTopic).name, ok.error())};
+  if (borrow.failure()) {
+    return Failure{
+        fmt::format("write {}: {}", topic_spec(Wire<Record>::kTopic).name, *borrow.failure())};
   }
-  return endpoint_->writer.write(&generated);
+  return writer_.write(&generated);
 }
 
 template <typename Record>
@@ -224,109 +190,35 @@ Result<void> BusWriter<Record>::dispose(const Record& record) {
   typename Wire<Record>::Generated generated{};
   Borrow borrow;
   fields(generated, record, borrow);
-  return endpoint_->writer.dispose(&generated);
+  return writer_.dispose(&generated);
 }
-
-template <typename Record>
-bool BusWriter<Record>::timed_out() const {
-  return endpoint_->writer.timed_out();
-}
-template <typename Record>
-int BusWriter<Record>::matched() const {
-  return endpoint_->writer.matched();
-}
-template <typename Record>
-dds::WriterCounters BusWriter<Record>::counters() const {
-  return endpoint_->writer.counters();
-}
-template <typename Record>
-bool BusWriter<Record>::wait_for_acknowledgments(std::int64_t timeout_ns) const {
-  return endpoint_->writer.wait_for_acknowledgments(timeout_ns);
-}
-template <typename Record>
-std::int32_t BusWriter<Record>::handle() const {
-  return endpoint_->writer.handle();
-}
-
-// ---------------------------------------------------------------------------------------- readers
-
-template <typename Record>
-struct BusReader<Record>::Endpoint {
-  Endpoint(const dds::Participant& participant, std::vector<std::string> partitions,
-           const std::string& name, const Options& options)
-      : topic(participant, topic_spec(Wire<Record>::kTopic), Wire<Record>::descriptor()),
-        reader(participant, topic,
-               {.partitions = std::move(partitions),
-                .entity_name = name,
-                .max_samples = options.max_samples,
-                .best_effort = options.best_effort}) {}
-  dds::Topic topic;
-  dds::Reader reader;
-  std::uint64_t refused = 0;
-  std::string last_refusal;
-};
 
 template <typename Record>
 BusReader<Record>::BusReader(const dds::Participant& participant,
                              std::vector<std::string> partitions, const std::string& name,
-                             Options options)
-    : endpoint_(std::make_unique<Endpoint>(participant, std::move(partitions), name, options)) {}
-template <typename Record>
-BusReader<Record>::~BusReader() = default;
-template <typename Record>
-BusReader<Record>::BusReader(BusReader&&) noexcept = default;
-template <typename Record>
-BusReader<Record>& BusReader<Record>::operator=(BusReader&&) noexcept = default;
+                             std::int32_t max_samples)
+    : topic_(participant, topic_spec(Wire<Record>::kTopic), Wire<Record>::kDescriptor),
+      reader_(
+          participant, topic_,
+          {.partitions = std::move(partitions), .entity_name = name, .max_samples = max_samples}) {}
 
 template <typename Record>
 Result<int> BusReader<Record>::take(int limit, const std::function<void(Arrival<Record>&&)>& fn) {
-  Endpoint& endpoint = *endpoint_;
-  return endpoint.reader.take(limit, [&](const void* sample, const dds::SampleInfo& info) {
+  return reader_.take(limit, [&](const void* sample, const dds::SampleInfo& info) {
     const auto& generated = *static_cast<const typename Wire<Record>::Generated*>(sample);
     Arrival<Record> arrival{{}, info};
     if (!info.valid) {
-      read_key(generated, arrival.record);
+      Wire<Record>::key(arrival.record) = Wire<Record>::key(generated);
       return fn(std::move(arrival));
     }
     Copy copy;
     fields(generated, arrival.record, copy);
-    Result<void> ok = copy.result();
-    if (ok) ok = check_record(arrival.record);
-    if (!ok) {
-      ++endpoint.refused;
-      endpoint.last_refusal = ok.error();
-      return;
-    }
-    fn(std::move(arrival));
+    if (!copy.failure()) check_relations(arrival.record, copy);
+    if (!copy.failure()) return fn(std::move(arrival));
+    ++refused_;
+    last_refusal_ = *copy.failure();
   });
 }
-
-template <typename Record>
-std::uint64_t BusReader<Record>::refused() const {
-  return endpoint_->refused;
-}
-template <typename Record>
-const std::string& BusReader<Record>::last_refusal() const {
-  return endpoint_->last_refusal;
-}
-template <typename Record>
-std::uint64_t BusReader<Record>::lost() const {
-  return endpoint_->reader.lost();
-}
-template <typename Record>
-std::uint64_t BusReader<Record>::rejected() const {
-  return endpoint_->reader.rejected();
-}
-template <typename Record>
-int BusReader<Record>::matched() const {
-  return endpoint_->reader.matched();
-}
-template <typename Record>
-const dds::Reader& BusReader<Record>::raw() const {
-  return endpoint_->reader;
-}
-
-// ------------------------------------------------------------------------------------------ sizes
 
 namespace {
 constexpr std::size_t kFixedBytes = 256;  // headers and scalars of a bulk record, rounded up
@@ -351,13 +243,6 @@ std::size_t wire_bytes(const PolicyWeights& weights) {
   return payload_bytes(weights.parameters, weights.obs_mean, weights.obs_inv_std);
 }
 
-template TopicId topic_of<PolicyWeights>();
-template TopicId topic_of<RolloutTask>();
-template TopicId topic_of<RolloutSegment>();
-template TopicId topic_of<WorkerStatus>();
-template TopicId topic_of<LearnerStatus>();
-template TopicId topic_of<EpisodeSummary>();
-template TopicId topic_of<RunManifest>();
 template class BusWriter<PolicyWeights>;
 template class BusReader<PolicyWeights>;
 template class BusWriter<RolloutTask>;

@@ -12,7 +12,7 @@ namespace omentum {
 /// Adam [Kingma15] in two published forms, which differ in where epsilon enters:
 ///   torch        p -= lr / (1 - b1^t) * m / (sqrt(v) / sqrt(1 - b2^t) + eps)
 ///   tensorflow   p -= lr sqrt(1 - b2^t) / (1 - b1^t) * m / (sqrt(v) + eps)
-/// Powers of the betas are products in double (no pow). Elementwise: any split into ranges gives
+/// Powers of the betas are products in double (no pow). Elementwise: any split into ranges has
 /// the same bits.
 class Adam {
  public:

@@ -15,8 +15,7 @@ void estimate_advantages(const Batch& batch, std::span<const float> rewards,
   OMENTUM_CHECK(batch.bootstrap_values.size() == static_cast<std::size_t>(batch.slots),
                 "batch is not completed");
   for (std::size_t slot = 0; slot < static_cast<std::size_t>(batch.slots); ++slot) {
-    double later =
-        0;  // advantage of the next step, discounted by gamma lambda where it may flow back
+    double later = 0;  // advantage of the next step
     for (std::size_t step = steps; step-- > 0;) {
       const std::size_t row = slot * steps + step;
       const std::uint8_t flags = batch.flags[row];

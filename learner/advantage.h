@@ -10,10 +10,8 @@ namespace omentum {
 struct AdvantageSettings {
   double gamma = 0.99;
   double lambda = 0.95;
-  std::uint32_t time_horizon =
-      0;  ///< cut and bootstrap every so many steps of an episode; 0 = never
-  bool bootstrap_truncation =
-      true;  ///< false treats truncation as termination (the classic mistake, for study)
+  std::uint32_t time_horizon = 0;    ///< cut and bootstrap every so many steps; 0 = never
+  bool bootstrap_truncation = true;  ///< false treats truncation as termination, for study
 };
 
 /// Generalised advantage estimation [Schulman16] over a completed batch. `rewards` (n) may be the

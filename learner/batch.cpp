@@ -3,8 +3,11 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numeric>
+#include <utility>
 
 #include "core/check.h"
+#include "core/rng.h"
 
 namespace omentum {
 
@@ -68,6 +71,24 @@ Batch assemble(std::span<const RolloutSegment> segments, const PolicyShape& shap
     batch.final_index.push_back((flags & step_flag::kTruncated) != 0 ? truncated++ : -1);
   }
   return batch;
+}
+
+std::vector<std::uint32_t> shuffled_rows(std::uint64_t run_seed, std::uint64_t batch,
+                                         std::uint32_t epoch, std::uint32_t count) {
+  RandomStream stream(run_seed, epoch, Purpose::kShuffle, batch);
+  // Multiply-shift, rejecting the low products that would make it uneven.
+  const auto below = [&stream](std::uint32_t bound) {
+    const std::uint32_t uneven = (0u - bound) % bound;
+    std::uint64_t product = 0;
+    do {
+      product = std::uint64_t{stream.next()} * bound;
+    } while (static_cast<std::uint32_t>(product) < uneven);
+    return static_cast<std::uint32_t>(product >> 32);
+  };
+  std::vector<std::uint32_t> rows(count);
+  std::iota(rows.begin(), rows.end(), 0u);
+  for (std::uint32_t i = count; i > 1; --i) std::swap(rows[i - 1], rows[below(i)]);
+  return rows;
 }
 
 LogProbCheck complete_batch(Policy& behaviour, Batch& batch) {

@@ -43,6 +43,12 @@ struct Batch {
 /// one per slot, in any order.
 Batch assemble(std::span<const RolloutSegment> segments, const PolicyShape& shape);
 
+/// Permutation of 0 ... count-1 for one epoch of one batch: Fisher-Yates with unbiased bounded
+/// draws [Lemire19] from the counters (slot = epoch, purpose shuffle, episode = batch, step =
+/// call). A pure function of its arguments.
+std::vector<std::uint32_t> shuffled_rows(std::uint64_t run_seed, std::uint64_t batch,
+                                         std::uint32_t epoch, std::uint32_t count);
+
 /// Result of recomputing the log-probabilities and values of a batch.
 struct LogProbCheck {
   double largest_log_prob_difference = 0;  ///< must be exactly 0 (docs/learner.md 3.3)
@@ -52,7 +58,7 @@ struct LogProbCheck {
 };
 
 /// Recomputes log-probabilities and values with the behaviour weights, compares them bit for bit
-/// with what travelled, and fills in what travels not: log-probabilities per branch, values of
+/// with those received, and fills in what is not sent: log-probabilities per branch, values of
 /// bootstrap and final observations. NaN counts as an infinite difference.
 LogProbCheck complete_batch(Policy& behaviour, Batch& batch);
 

@@ -19,6 +19,7 @@ constexpr std::int64_t kRetireNs = 5'000 * kMs;  // a dead worker's reader is go
 constexpr std::int64_t kRatePeriodNs = 1'000 * kMs;
 constexpr std::int64_t kReportPeriodNs = 100 * kMs;  // ledger into the status
 constexpr std::int64_t kMatchPollNs = 5 * kMs;
+constexpr std::int64_t kWarnPeriodNs = 10'000 * kMs;
 constexpr std::size_t kLeastRing = 64;
 
 // Runs in the member initialisers: nothing may be created for a run that cannot have a partition.
@@ -40,7 +41,7 @@ LearnerBus::LearnerBus(const LearnerBusOptions& options)
       summary_writer_(participant_, public_partitions(options_.run), "learner-summary"),
       status_writer_(participant_, public_partitions(options_.run), "learner-status"),
       segment_reader_(participant_, run_partition(options_.run), "learner-segments",
-                      {.max_samples = static_cast<std::int32_t>(ring_capacity_)}),
+                      static_cast<std::int32_t>(ring_capacity_)),
       worker_reader_(participant_, run_partition(options_.run), "learner-workers"),
       learner_reader_(participant_, run_partition(options_.run), "learner-epochs"),
       waitset_(participant_) {
@@ -90,18 +91,7 @@ void LearnerBus::set_status(const LearnerStatus& status) {
   const LearnerStatus old = std::exchange(status_, status);
   status_.run_id = options_.run;
   status_.learner_epoch = options_.learner_epoch;
-  status_.granted = old.granted;
-  status_.regranted = old.regranted;
-  status_.received = old.received;
-  status_.admitted = old.admitted;
-  status_.duplicate = old.duplicate;
-  status_.stale = old.stale;
-  status_.invalid = old.invalid;
-  status_.cancelled = old.cancelled;
-  status_.foreign = old.foreign;
-  status_.overflow = old.overflow;
-  status_.outstanding = old.outstanding;
-  status_.audit_mismatch = old.audit_mismatch;
+  static_cast<Ledger&>(status_) = static_cast<const Ledger&>(old);
   status_.oldest_task_age_s = old.oldest_task_age_s;
   status_.bytes_up_per_s = old.bytes_up_per_s;
   status_.bytes_down_per_s = old.bytes_down_per_s;
@@ -117,18 +107,7 @@ void LearnerBus::report_book(const TaskBook& book, std::int64_t now_ns) {
   const Ledger ledger = book.ledger();
   const double age = book.oldest_task_age_s(now_ns);
   const std::lock_guard lock(mutex_);
-  status_.granted = ledger.granted;
-  status_.regranted = ledger.regranted;
-  status_.received = ledger.received;
-  status_.admitted = ledger.admitted;
-  status_.duplicate = ledger.duplicate;
-  status_.stale = ledger.stale;
-  status_.invalid = ledger.invalid;
-  status_.cancelled = ledger.cancelled;
-  status_.foreign = ledger.foreign;
-  status_.overflow = ledger.overflow;
-  status_.outstanding = ledger.outstanding;
-  status_.audit_mismatch = ledger.audit_mismatch;
+  static_cast<Ledger&>(status_) = ledger;
   status_.oldest_task_age_s = age;
 }
 
@@ -141,8 +120,8 @@ void LearnerBus::drain(const std::stop_token& stop) {
     send_status(now);
     waitset_.wait(
         std::max(kMs, std::min(kStatusPeriodNs, status_sent_ns_ + kStatusPeriodNs - now)));
+    drain_worker_status();  // first: whose segments count
     drain_segments();
-    drain_worker_status();
     drain_learner_status();
   }
 }
@@ -154,33 +133,37 @@ void LearnerBus::drain_segments() {
         if (!arrival.info.valid) return;
         const std::size_t bytes = wire_bytes(arrival.record);
         const std::lock_guard lock(mutex_);
-        ++statistics_.segments;
+        // A segment counts only from the process that announced its worker.
+        const auto own = participant_of_.find(arrival.record.worker_id);
+        if (own == participant_of_.end() || own->second != arrival.info.participant) {
+          ++statistics_.foreign;
+          return;
+        }
         statistics_.bytes_up += bytes;
         if (ring_.size() >= ring_capacity_) {
           overflown_.emplace_back(arrival.record.slot, arrival.record.task_hash);
         } else {
           ring_.push_back(std::move(arrival.record));
-          statistics_.ring_high = std::max<std::uint64_t>(statistics_.ring_high, ring_.size());
         }
       });
   if (!taken) log().error("event=take_failed reason=\"{}\"", taken.error());
   bool wake = false;
   {
     const std::lock_guard lock(mutex_);
-    const std::uint64_t lost = segment_reader_.lost();
-    const std::uint64_t fuse = segment_reader_.rejected();
+    const std::uint64_t lost = segment_reader_.raw().lost();
+    const std::uint64_t full = segment_reader_.raw().rejected();
+    const std::uint64_t refused = segment_reader_.refused();
     if (lost > statistics_.lost) log().error("event=segments_lost total={}", lost);
-    // Only somebody who writes without tasks can do this. Once is news, more is a flood.
-    if (fuse > 0 && statistics_.fuse == 0) log().error("event=segment_reader_full flood=true");
-    statistics_.fuse = fuse;
-    if (segment_reader_.refused() > statistics_.refused) {
-      log().warn("event=segment_refused total={} reason=\"{}\"", segment_reader_.refused(),
+    // Only a sender without tasks can fill the reader. Told once.
+    if (full > 0 && statistics_.full == 0) log().error("event=segment_reader_full flood=true");
+    if (refused > statistics_.refused) {
+      log().warn("event=segment_refused total={} reason=\"{}\"", refused,
                  segment_reader_.last_refusal());
-      wake = true;
     }
+    wake = refused > statistics_.refused || !ring_.empty() || !overflown_.empty();
     statistics_.lost = lost;
-    statistics_.refused = segment_reader_.refused();
-    wake = wake || !ring_.empty() || !overflown_.empty();
+    statistics_.full = full;
+    statistics_.refused = refused;
   }
   if (wake) something_.notify_all();
 }
@@ -200,6 +183,7 @@ void LearnerBus::drain_worker_status() {
             return;
           }
           if (!seen.alive) ++statistics_.workers_alive;
+          participant_of_.try_emplace(arrival.record.worker_id, arrival.info.participant);
           seen.status = std::move(arrival.record);
           seen.writer = arrival.info.writer;
           seen.at_ns = steady_now_ns();
@@ -221,9 +205,8 @@ void LearnerBus::drain_learner_status() {
   const Result<int> taken = learner_reader_.take(256, [this](Arrival<LearnerStatus>&& arrival) {
     if (!arrival.info.valid || arrival.record.run_id != options_.run) return;
     const std::uint32_t epoch = arrival.record.learner_epoch;
-    if (epoch <= options_.learner_epoch || epoch <= highest_epoch_.load()) return;
-    highest_epoch_.store(epoch);
-    superseded_.store(true);
+    if (epoch <= options_.learner_epoch || epoch <= superseding_epoch()) return;
+    superseding_epoch_.store(epoch);
     log().error("event=superseded run={} epoch={} by_epoch={}", options_.run,
                 options_.learner_epoch, epoch);
     something_.notify_all();
@@ -280,31 +263,43 @@ bool LearnerBus::wait(std::int64_t timeout_ns) {
   });
 }
 
-ServeReport LearnerBus::serve(TaskBook& book, std::int64_t now_ns) {
+void LearnerBus::serve(TaskBook& book, std::int64_t now_ns) {
   std::deque<RolloutSegment> segments;
   std::vector<std::pair<std::uint32_t, std::uint64_t>> overflown;
   std::vector<std::pair<std::uint32_t, Seen>> changed;
   std::uint64_t refused = 0;
+  std::uint64_t foreign = 0;
   {
     const std::lock_guard lock(mutex_);
     segments.swap(ring_);
     overflown.swap(overflown_);
     refused = statistics_.refused;
+    foreign = statistics_.foreign;
     if (std::exchange(workers_changed_, false)) {
       for (auto& [id, seen] : seen_) {
         if (!std::exchange(seen.changed, false)) continue;
         changed.emplace_back(id, seen);
       }
-      // Gone workers were copied just now and never come back under the same identity.
+      // Those gone are copied by now; an id never comes back.
       std::erase_if(seen_, [](const auto& entry) { return !entry.second.alive; });
     }
   }
-  ServeReport report;
+  std::string invalid;
   for (RolloutSegment& segment : segments) {
-    ++report.received;
-    if (book.receive(std::move(segment), now_ns) == Verdict::kAdmitted) ++report.admitted;
+    const std::uint64_t failures = book.failures();
+    if (book.receive(std::move(segment), now_ns) == Verdict::kInvalid)
+      invalid = book.failures() > failures ? book.last_failure() : book.last_refusal();
   }
+  if (!invalid.empty()) log().warn("event=segment_invalid last=\"{}\"", invalid);
   for (const auto& [slot, hash] : overflown) book.overflowed(slot, hash);
+  if (foreign > foreign_told_) {
+    book.foreign(foreign - std::exchange(foreign_told_, foreign));
+    if (foreign_warned_ns_ == 0 || now_ns - foreign_warned_ns_ > kWarnPeriodNs) {
+      foreign_warned_ns_ = now_ns;
+      log().warn("event=segment_of_stranger total={} reason=\"not from the process of its worker\"",
+                 foreign);
+    }
+  }
   if (refused > refused_told_) book.refused(refused - std::exchange(refused_told_, refused));
   for (const auto& [id, seen] : changed) follow_worker(book, id, seen);
 
@@ -317,24 +312,23 @@ ServeReport LearnerBus::serve(TaskBook& book, std::int64_t now_ns) {
                  served.last.pid, served.last.lanes);
     }
   }
-  if (now_ns - reported_ns_ >= kReportPeriodNs) {
-    const std::lock_guard lock(mutex_);
-    for (auto& [id, served] : served_) {
-      const auto seen = seen_.find(id);
-      const bool silent = seen != seen_.end() && steady_now_ns() - seen->second.at_ns > kSilentNs;
-      if (silent != served.silent) {
-        served.silent = silent;
-        book.worker_silent(id, silent);
-        log().warn("event=worker_{} worker={}", silent ? "silent" : "speaks_again", id);
-      }
-    }
-  }
+  if (now_ns - reported_ns_ >= kReportPeriodNs) follow_silence(book);
   std::erase_if(retired_, [now = steady_now_ns()](const auto& entry) {
     return entry.first->matched() == 0 || now > entry.second;
   });
-  if (!superseded()) write_grants(book, now_ns, report);
+  if (!superseded()) write_grants(book, now_ns);
   report_book(book, now_ns);
-  return report;
+}
+
+void LearnerBus::follow_silence(TaskBook& book) {
+  const std::lock_guard lock(mutex_);
+  for (auto& [id, served] : served_) {
+    const auto seen = seen_.find(id);
+    const bool silent = seen != seen_.end() && steady_now_ns() - seen->second.at_ns > kSilentNs;
+    if (std::exchange(served.silent, silent) == silent) continue;
+    book.worker_silent(id, silent);
+    log().warn("event=worker_{} worker={}", silent ? "silent" : "speaks_again", id);
+  }
 }
 
 void LearnerBus::follow_worker(TaskBook& book, std::uint32_t id, const Seen& seen) {
@@ -344,7 +338,8 @@ void LearnerBus::follow_worker(TaskBook& book, std::uint32_t id, const Seen& see
     log().info("event=worker_{} worker={} host={}", seen.crashed ? "lost" : "left", id,
                found->second.last.host);
     book.worker_left(id);
-    retire(std::move(found->second.writer));
+    // Deleting a writer waits for readers that have not acknowledged; a dead one never will.
+    retired_.emplace_back(std::move(found->second.writer), steady_now_ns() + kRetireNs);
     served_.erase(found);
     return;
   }
@@ -388,36 +383,27 @@ void LearnerBus::follow_declines(TaskBook& book, std::uint32_t id, const WorkerS
              config || state, after.warnings.empty() ? "" : after.warnings.back());
 }
 
-void LearnerBus::retire(std::unique_ptr<BusWriter<RolloutTask>> writer) {
-  // Deleting a writer waits for readers that have not acknowledged; a dead one never will.
-  retired_.emplace_back(std::move(writer), steady_now_ns() + kRetireNs);
-}
-
-void LearnerBus::write_grants(TaskBook& book, std::int64_t now_ns, ServeReport& report) {
+void LearnerBus::write_grants(TaskBook& book, std::int64_t now_ns) {
   std::uint64_t bytes = 0;
-  std::uint64_t undelivered = 0;
   for (const RolloutTask& task : book.grant(now_ns)) {
     const auto served = served_.find(task.worker_id);
     const Result<void> ok = served == served_.end() ? Result<void>(Failure{"worker is unknown"})
                                                     : served->second.writer->write(task);
     if (!ok) {
       book.undelivered(task);
-      ++undelivered;
       log().warn("event=task_not_written worker={} slot={} reason=\"{}\"", task.worker_id,
                  task.slot, ok.error());
       continue;
     }
-    ++report.granted;
     bytes += wire_bytes(task);
     if (options_.profile.task_spacing_ns > 0) {
       // Pacing, not synchronisation: the receiver's socket buffer is smaller than the burst.
       std::this_thread::sleep_for(std::chrono::nanoseconds(options_.profile.task_spacing_ns));
     }
   }
-  if (bytes == 0 && undelivered == 0) return;
+  if (bytes == 0) return;
   const std::lock_guard lock(mutex_);
   statistics_.bytes_down += bytes;
-  statistics_.undelivered += undelivered;
 }
 
 bool LearnerBus::finish(std::int64_t timeout_ns) {

@@ -23,45 +23,34 @@ struct LearnerBusOptions {
   std::uint32_t domain = 0;
   DdsProfile profile;  ///< of choose_dds_profile(learner_receive_bytes(...))
   std::uint32_t learner_epoch = 1;
-  std::uint32_t slots = 1;  ///< E; sizes the ring and the fuse of the reader (4 E, at least 64)
-};
-
-/// What one call of serve() did.
-struct ServeReport {
-  std::uint32_t received = 0;
-  std::uint32_t admitted = 0;
-  std::uint32_t granted = 0;
+  std::uint32_t slots = 1;  ///< E; ring and reader hold 4 E segments, at least 64
 };
 
 /// Counters of the learner's side of the bus since its start.
 struct BusStatistics {
-  std::uint64_t segments = 0;    ///< taken from the reader
   std::uint64_t bytes_up = 0;    ///< segments
   std::uint64_t bytes_down = 0;  ///< tasks, and weights once per worker
   std::uint64_t refused = 0;     ///< samples the wire layer refused
-  std::uint64_t lost = 0;        ///< given up by the middleware
-  std::uint64_t fuse = 0;        ///< times the reader's cache was full: everything else had to wait
-  std::uint64_t ring_high = 0;   ///< largest fill of the ring
-  std::uint64_t undelivered = 0;  ///< task writes that failed
+  std::uint64_t foreign = 0;     ///< segments not from the process of the worker they name
+  std::uint64_t lost = 0;        ///< by the middleware
+  std::uint64_t full = 0;  ///< times the segment reader was full: this process received nothing
   std::uint64_t worker_crashes = 0;
   std::uint64_t worker_leaves = 0;
-  std::uint64_t id_conflicts = 0;  ///< status of a worker id that already has a live writer
+  std::uint64_t id_conflicts = 0;  ///< statuses of a worker id that already has a live writer
   std::uint32_t workers_alive = 0;
 };
 
-/// The learner's end of the bus (docs/wire.md 1, 4, 5.2): one participant; writers of
-/// manifest, weights, summaries and status; one directed task writer per worker; a drain thread
-/// that never stops taking segments and keeps the status topic alive, also while the learner thread
-/// is busy.
+/// The learner's end of the bus (docs/wire.md 1, 4, 5.2): one participant; writers of manifest,
+/// weights, summaries and status; one directed task writer per worker; a drain thread that takes
+/// segments and sends the status also while the learner thread is busy.
 ///
-/// Everything public is for the learner thread. It calls serve() often: while waiting and between
+/// Everything public is for the learner thread, which calls serve() while waiting and between
 /// minibatches.
 class LearnerBus {
  public:
   /// Joins the domain. Throws Error.
   explicit LearnerBus(const LearnerBusOptions& options);
-  /// Leaves without a word to the workers, as a crash would; call finish() first at the end of a
-  /// run.
+  /// Leaves as a crash would; call finish() first at the end of a run.
   ~LearnerBus();
   LearnerBus(const LearnerBus&) = delete;
   LearnerBus& operator=(const LearnerBus&) = delete;
@@ -72,20 +61,20 @@ class LearnerBus {
   /// the book.
   [[nodiscard]] Result<void> publish_weights(PolicyWeights weights);
   [[nodiscard]] Result<void> publish_summary(const EpisodeSummary& summary);
-  /// What the status topic says from now on. Ledger, workers, rates and identity are filled in by
-  /// the bus; a change of phase goes out at once, anything else twice a second.
+  /// Sets the status to be published; ledger, workers, rates and identity are filled in by the bus.
+  /// A change of phase is published at once, anything else twice a second.
   void set_status(const LearnerStatus& status);
 
-  /// Empties the ring into the book, follows workers that came, left, declined or fell silent, and
-  /// writes the grants. Cheap when nothing happened (a few microseconds).
-  ServeReport serve(TaskBook& book, std::int64_t now_ns);
+  /// Empties the ring into the book, tells it of workers that came, left, declined or fell silent,
+  /// and writes the grants. A few microseconds when nothing happened.
+  void serve(TaskBook& book, std::int64_t now_ns);
   /// Sleeps until there is something to serve; true when there is.
   bool wait(std::int64_t timeout_ns);
 
   /// A learner with a higher epoch serves this run: stop and exit with an error. Nothing more is
   /// published.
-  bool superseded() const { return superseded_.load(); }
-  std::uint32_t superseding_epoch() const { return highest_epoch_.load(); }
+  bool superseded() const { return superseding_epoch() != 0; }
+  std::uint32_t superseding_epoch() const { return superseding_epoch_.load(); }
 
   /// Tells the workers that the run is over (phase kDone) and waits until they left; true if all
   /// did in time.
@@ -124,8 +113,8 @@ class LearnerBus {
   void follow_worker(TaskBook& book, std::uint32_t id, const Seen& seen);
   void follow_declines(TaskBook& book, std::uint32_t id, const WorkerStatus& before,
                        const WorkerStatus& after);
-  void retire(std::unique_ptr<BusWriter<RolloutTask>> writer);
-  void write_grants(TaskBook& book, std::int64_t now_ns, ServeReport& report);
+  void follow_silence(TaskBook& book);
+  void write_grants(TaskBook& book, std::int64_t now_ns);
   void report_book(const TaskBook& book, std::int64_t now_ns);
 
   LearnerBusOptions options_;
@@ -145,27 +134,29 @@ class LearnerBus {
   // Learner thread only.
   std::map<std::uint32_t, Served> served_;
   std::vector<std::pair<std::unique_ptr<BusWriter<RolloutTask>>, std::int64_t>> retired_;
-  std::uint64_t refused_told_ = 0;
+  std::uint64_t refused_told_ = 0, foreign_told_ = 0;
+  std::int64_t foreign_warned_ns_ = 0;
   std::int64_t reported_ns_ = 0;
 
   mutable std::mutex mutex_;
   std::condition_variable something_;
   std::deque<RolloutSegment> ring_;  // guarded by mutex_
-  std::vector<std::pair<std::uint32_t, std::uint64_t>>
-      overflown_;                       // (slot, task_hash), guarded by mutex_
+  // (slot, task_hash), guarded by mutex_
+  std::vector<std::pair<std::uint32_t, std::uint64_t>> overflown_;
   std::map<std::uint32_t, Seen> seen_;  // guarded by mutex_
-  bool workers_changed_ = false;        // guarded by mutex_
-  LearnerStatus status_;                // guarded by mutex_
-  bool status_urgent_ = true;           // guarded by mutex_
-  BusStatistics statistics_;            // guarded by mutex_
+  // Of every worker seen, also after it left; guarded by mutex_.
+  std::map<std::uint32_t, std::uint64_t> participant_of_;
+  bool workers_changed_ = false;  // guarded by mutex_
+  LearnerStatus status_;          // guarded by mutex_
+  bool status_urgent_ = true;     // guarded by mutex_
+  BusStatistics statistics_;      // guarded by mutex_
 
   // Drain thread only.
   std::int64_t status_sent_ns_ = 0, rate_from_ns_ = 0;
   std::uint64_t rate_bytes_up_ = 0, rate_bytes_down_ = 0;
 
-  std::atomic<bool> superseded_{false};
-  std::atomic<std::uint32_t> highest_epoch_{0};
-  std::jthread drain_thread_;  // last: stops before anything it uses goes
+  std::atomic<std::uint32_t> superseding_epoch_{0};  ///< highest above ours
+  std::jthread drain_thread_;                        // last: stops before anything it uses goes
 };
 
 }  // namespace omentum

@@ -1,6 +1,6 @@
 #include "learner/checkpoint.h"
 
-#include <fmt/core.h>
+#include <fmt/format.h>
 
 #include <algorithm>
 #include <charconv>
@@ -16,6 +16,7 @@
 #include "core/check.h"
 #include "core/hash.h"
 #include "core/policy.h"
+#include "core/read_file.h"
 #include "learner/durable_file.h"
 
 namespace omentum {
@@ -67,9 +68,23 @@ std::map<std::string, std::vector<std::string>> flatten(const std::string& text)
   return values;
 }
 
-std::string joined(const std::vector<std::string>& values) {
+/// One "path: old -> new" per line, without the `run` part that may differ; empty when equal.
+std::string config_difference(const std::string& old_text, const std::string& new_text) {
+  const auto before = flatten(old_text);
+  const auto after = flatten(new_text);
+  std::map<std::string, std::pair<std::string, std::string>> lines;
+  for (const auto& [path, values] : before)
+    lines[path] = {fmt::format("{}", fmt::join(values, ", ")), "(absent)"};
+  for (const auto& [path, values] : after) {
+    const auto found = lines.try_emplace(path, "(absent)", "").first;
+    found->second.second = fmt::format("{}", fmt::join(values, ", "));
+  }
   std::string text;
-  for (const std::string& value : values) text += (text.empty() ? "" : ", ") + value;
+  for (const auto& [path, values] : lines) {
+    if (values.first == values.second || path.starts_with("run.")) continue;
+    text +=
+        fmt::format("{}{}: {} -> {}", text.empty() ? "" : "\n", path, values.first, values.second);
+  }
   return text;
 }
 
@@ -160,17 +175,10 @@ void to_disk(const SlotTable& table, std::uint32_t state_format, pb::Checkpoint&
     to.set_state_format(state_format);
   }
   pb::LedgerTotals& ledger = *disk.mutable_ledger();
-  ledger.set_granted(table.ledger.granted);
-  ledger.set_regranted(table.ledger.regranted);
-  ledger.set_received(table.ledger.received);
-  ledger.set_admitted(table.ledger.admitted);
-  ledger.set_duplicate(table.ledger.duplicate);
-  ledger.set_stale(table.ledger.stale);
-  ledger.set_invalid(table.ledger.invalid);
-  ledger.set_cancelled(table.ledger.cancelled);
-  ledger.set_foreign(table.ledger.foreign);
-  ledger.set_overflow(table.ledger.overflow);
-  ledger.set_audit_mismatch(table.ledger.audit_mismatch);
+  for (const auto& [name, value] : kLedgerCounters) {
+    if (const auto* field = ledger.GetDescriptor()->FindFieldByName(name))
+      ledger.GetReflection()->SetUInt64(&ledger, field, table.ledger.*value);
+  }
 }
 
 SlotTable slots_from_disk(const pb::Checkpoint& disk) {
@@ -189,17 +197,10 @@ SlotTable slots_from_disk(const pb::Checkpoint& disk) {
     table.slots.push_back(std::move(to));
   }
   const pb::LedgerTotals& ledger = disk.ledger();
-  table.ledger.granted = ledger.granted();
-  table.ledger.regranted = ledger.regranted();
-  table.ledger.received = ledger.received();
-  table.ledger.admitted = ledger.admitted();
-  table.ledger.duplicate = ledger.duplicate();
-  table.ledger.stale = ledger.stale();
-  table.ledger.invalid = ledger.invalid();
-  table.ledger.cancelled = ledger.cancelled();
-  table.ledger.foreign = ledger.foreign();
-  table.ledger.overflow = ledger.overflow();
-  table.ledger.audit_mismatch = ledger.audit_mismatch();
+  for (const auto& [name, value] : kLedgerCounters) {
+    if (const auto* field = ledger.GetDescriptor()->FindFieldByName(name))
+      table.ledger.*value = ledger.GetReflection()->GetUInt64(ledger, field);
+  }
   return table;
 }
 
@@ -261,14 +262,11 @@ Result<std::optional<LoadedCheckpoint>> CheckpointStore::load_newest() const {
       loaded.checkpoint = std::move(checkpoint).value();
       return std::optional<LoadedCheckpoint>(std::move(loaded));
     }
-    ++loaded.skipped;
     loaded.warnings.push_back(checkpoint.error());
   }
-  if (loaded.skipped == 0) return std::optional<LoadedCheckpoint>();
-  std::string reasons;
-  for (const std::string& warning : loaded.warnings)
-    reasons += (reasons.empty() ? "" : "; ") + warning;
-  return Failure{fmt::format("no checkpoint of {} is readable: {}", folder_, reasons)};
+  if (loaded.warnings.empty()) return std::optional<LoadedCheckpoint>();
+  return Failure{fmt::format("no checkpoint of {} is readable: {}", folder_,
+                             fmt::join(loaded.warnings, "; "))};
 }
 
 std::optional<std::uint64_t> CheckpointStore::crossed_milestone(std::uint64_t before,
@@ -288,24 +286,6 @@ Result<pb::Checkpoint> load_checkpoint(const std::string& path) {
   return checkpoint;
 }
 
-std::string config_difference(const std::string& old_text, const std::string& new_text) {
-  const auto before = flatten(old_text);
-  const auto after = flatten(new_text);
-  std::map<std::string, std::pair<std::string, std::string>> lines;
-  for (const auto& [path, values] : before) lines[path] = {joined(values), "(absent)"};
-  for (const auto& [path, values] : after) {
-    const auto found = lines.try_emplace(path, "(absent)", "").first;
-    found->second.second = joined(values);
-  }
-  std::string text;
-  for (const auto& [path, values] : lines) {
-    if (values.first == values.second || path.starts_with("run.")) continue;
-    text +=
-        fmt::format("{}{}: {} -> {}", text.empty() ? "" : "\n", path, values.first, values.second);
-  }
-  return text;
-}
-
 Result<void> check_same_config(const pb::Checkpoint& checkpoint, std::uint64_t config_hash,
                                const std::string& config_text) {
   if (checkpoint.config_hash() == config_hash) return {};
@@ -321,11 +301,10 @@ Result<std::uint32_t> next_learner_epoch(const std::string& folder) {
   const std::string path = folder + "/learner_epoch";
   std::uint64_t epoch = 0;
   if (fs::exists(path)) {
-    const Result<Bytes> bytes = read_whole(path, 64);
-    if (!bytes) return Failure{bytes.error()};
-    std::string text;
-    for (const std::byte b : bytes.value()) text += static_cast<char>(b);
-    while (!text.empty() && text.back() == '\n') text.pop_back();
+    const Result<std::string> read = read_file(path);
+    if (!read) return Failure{read.error()};
+    std::string_view text = read.value();
+    if (text.ends_with('\n')) text.remove_suffix(1);
     const std::optional<std::uint64_t> number = parse_number(text);
     if (!number || *number >= std::numeric_limits<std::uint32_t>::max()) {
       return Failure{fmt::format("{} does not hold a number", path)};

@@ -34,8 +34,7 @@ SlotTable slots_from_disk(const pb::Checkpoint& disk);
 struct LoadedCheckpoint {
   pb::Checkpoint checkpoint;
   std::string path;
-  std::uint32_t skipped = 0;          ///< newer files that were corrupt
-  std::vector<std::string> warnings;  ///< one line per skipped file
+  std::vector<std::string> warnings;  ///< one line per newer file that was corrupt
 };
 
 /// The checkpoints of one run folder: checkpoint-<updates>.pb (the newest two), best.pb,
@@ -70,15 +69,13 @@ class CheckpointStore {
   std::vector<std::uint64_t> milestones_;
 };
 
-/// One checkpoint file by path (best.pb, --initialize-from, deploy).
+/// One checkpoint file by path (best.pb, --initialise-from).
 Result<pb::Checkpoint> load_checkpoint(const std::string& path);
 
 /// Refuses to resume with another configuration: a readable difference, one "path: old -> new" per
 /// line, without the `run` part that may differ.
 Result<void> check_same_config(const pb::Checkpoint& checkpoint, std::uint64_t config_hash,
                                const std::string& config_text);
-/// The difference alone, from two text protobufs; empty when equal.
-std::string config_difference(const std::string& old_text, const std::string& new_text);
 
 /// Increments <folder>/learner_epoch durably and returns the new value; 1 in a fresh folder. Call
 /// before the first publication of a session.

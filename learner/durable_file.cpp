@@ -2,13 +2,12 @@
 
 #include <fcntl.h>
 #include <fmt/core.h>
-#include <sys/stat.h>
 #include <unistd.h>
 
 #include <cerrno>
 #include <cstdio>
-#include <cstring>
 #include <filesystem>
+#include <fstream>
 #include <utility>
 
 namespace omentum {
@@ -76,25 +75,27 @@ Result<void> write_durably(const std::string& path, std::span<const std::byte> b
   return {};
 }
 
-Result<Bytes> read_whole(const std::string& path, std::size_t limit) {
-  const Descriptor file(::open(path.c_str(), O_RDONLY | O_CLOEXEC));
-  if (file.get() < 0) return failed("cannot open", path);
-  struct stat facts {};
-  if (::fstat(file.get(), &facts) != 0) return failed("cannot stat", path);
-  if (!S_ISREG(facts.st_mode)) return Failure{fmt::format("{} is not a file", path)};
-  const auto size = static_cast<std::size_t>(facts.st_size);
-  if (size > limit) return Failure{fmt::format("{} has {} bytes, more than {}", path, size, limit)};
-  Bytes bytes(size);
-  std::size_t done = 0;
-  while (done < size) {
-    const ssize_t got = ::read(file.get(), bytes.data() + done, size - done);
-    if (got < 0 && errno == EINTR) continue;
-    if (got < 0) return failed("cannot read", path);
-    if (got == 0) break;
-    done += static_cast<std::size_t>(got);
-  }
-  bytes.resize(done);
+Result<Bytes> read_whole(const std::string& path) {
+  if (std::filesystem::exists(path) && !std::filesystem::is_regular_file(path))
+    return Failure{fmt::format("{} is not a file", path)};
+  std::ifstream file(path, std::ios::binary | std::ios::ate);
+  if (!file) return failed("cannot open", path);
+  Bytes bytes(static_cast<std::size_t>(file.tellg()));
+  file.seekg(0);
+  file.read(reinterpret_cast<char*>(bytes.data()), static_cast<std::streamsize>(bytes.size()));
+  bytes.resize(static_cast<std::size_t>(file.gcount()));
   return bytes;
+}
+
+AppendFile::AppendFile(const std::string& path)
+    : path_(path), file_(std::fopen(path.c_str(), "ab")) {
+  if (file_ == nullptr) throw_error("cannot open {}", path);
+}
+
+Result<void> AppendFile::append(std::string_view bytes) {
+  const bool good = std::fwrite(bytes.data(), 1, bytes.size(), file_.get()) == bytes.size() &&
+                    std::fflush(file_.get()) == 0;
+  return good ? Result<void>() : Result<void>(Failure{fmt::format("cannot write {}", path_)});
 }
 
 }  // namespace omentum

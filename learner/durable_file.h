@@ -1,8 +1,11 @@
 #pragma once
 
 #include <cstddef>
+#include <cstdio>
+#include <memory>
 #include <span>
 #include <string>
+#include <string_view>
 
 #include "core/result.h"
 #include "core/types.h"
@@ -14,7 +17,22 @@ namespace omentum {
 /// and the temporary one removed.
 Result<void> write_durably(const std::string& path, std::span<const std::byte> bytes);
 
-/// The whole file. Fails on files above `limit` bytes.
-Result<Bytes> read_whole(const std::string& path, std::size_t limit = std::size_t{1} << 32);
+/// The whole file. Fails on what is no regular file.
+Result<Bytes> read_whole(const std::string& path);
+
+/// Appends to a file, flushing after every piece.
+class AppendFile {
+ public:
+  /// Throws Error when it cannot be opened.
+  explicit AppendFile(const std::string& path);
+  Result<void> append(std::string_view bytes);
+
+ private:
+  struct Close {
+    void operator()(std::FILE* file) const { std::fclose(file); }
+  };
+  std::string path_;
+  std::unique_ptr<std::FILE, Close> file_;
+};
 
 }  // namespace omentum

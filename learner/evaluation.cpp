@@ -11,7 +11,7 @@
 namespace omentum {
 namespace {
 
-/// Share of the best grasp's exposure that counts as exposed.
+/// Fraction of the best grasp's exposure that counts as exposed.
 constexpr double kExposedShare = 0.9;
 
 double decision_s(const pb::Config& config) {
@@ -77,12 +77,12 @@ std::vector<EvaluationTask> evaluation_tasks(const pb::Config& config, const Eva
   const double stride = task.increment_m() * task.action_repeat();
   const bool lattice = set.start_set == StartSet::kGraspLattice;
   const pb::Scene& scene = config.scene();
-  // The longest way the hold script can have: across the workspace for a lattice grasp, the success
+  // The longest path of the hold script: across the workspace for a lattice grasp, the success
   // radius otherwise.
   const double longest = std::max({scene.workspace_max_m().x() - scene.workspace_min_m().x(),
                                    scene.workspace_max_m().y() - scene.workspace_min_m().y(),
                                    scene.workspace_max_m().z() - scene.workspace_min_m().z()});
-  const double way = lattice ? longest : std::max(task.success_radius_m(), task.end_distance_m());
+  const double path = lattice ? longest : std::max(task.success_radius_m(), task.end_distance_m());
   std::vector<EvaluationTask> tasks;
   for (const std::uint32_t index : set.start_indices) {
     EvaluationTask t;
@@ -92,7 +92,7 @@ std::vector<EvaluationTask> evaluation_tasks(const pb::Config& config, const Eva
     t.policy_version = version;
     t.policy_steps = lattice ? 0 : std::max(1U, task.episode_steps() / task.action_repeat());
     t.hold_steps = hold;
-    t.steps = t.policy_steps + hold + static_cast<std::uint32_t>(std::ceil(way / stride)) + 2;
+    t.steps = t.policy_steps + hold + static_cast<std::uint32_t>(std::ceil(path / stride)) + 2;
     t.frame_stride = set.record ? config.evaluation().frame_stride() : 0;
     tasks.push_back(t);
   }
@@ -163,21 +163,19 @@ void write_evaluation_csv(const std::string& path, const pb::Config& config,
       file << fmt::format("{},{},{},{},{},{}\n", r.start_index, p[0], p[1], p[2], r.exposure,
                           r.reached && r.held ? 1 : 0);
     }
-    file.flush();
-    if (!file) throw_error("{}: cannot be written", path);
-    return;
-  }
-  file << "index,row,column,start_x_m,start_y_m,start_z_m,greedy,reached,held,exposed,exposure,"
-          "best_exposure,lost,"
-          "return,length,grasp_x_m,grasp_y_m,grasp_z_m,failed\n";
-  for (const EpisodeResult& r : results) {
-    const std::uint32_t columns = std::max(1U, set.columns);
-    file << fmt::format("{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{}\n", r.start_index,
-                        r.start_index / columns + 1, r.start_index % columns + 1, r.start[0],
-                        r.start[1], r.start[2], set.greedy ? 1 : 0, r.reached ? 1 : 0,
-                        r.held ? 1 : 0, r.exposed ? 1 : 0, r.exposure, best_exposure,
-                        r.lost ? 1 : 0, r.episode_return, r.length, r.grasp[0], r.grasp[1],
-                        r.grasp[2], r.failed ? 1 : 0);
+  } else {
+    file << "index,row,column,start_x_m,start_y_m,start_z_m,greedy,reached,held,exposed,exposure,"
+            "best_exposure,lost,"
+            "return,length,grasp_x_m,grasp_y_m,grasp_z_m,failed\n";
+    for (const EpisodeResult& r : results) {
+      const std::uint32_t columns = std::max(1U, set.columns);
+      file << fmt::format("{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{}\n",
+                          r.start_index, r.start_index / columns + 1, r.start_index % columns + 1,
+                          r.start[0], r.start[1], r.start[2], set.greedy ? 1 : 0, r.reached ? 1 : 0,
+                          r.held ? 1 : 0, r.exposed ? 1 : 0, r.exposure, best_exposure,
+                          r.lost ? 1 : 0, r.episode_return, r.length, r.grasp[0], r.grasp[1],
+                          r.grasp[2], r.failed ? 1 : 0);
+    }
   }
   file.flush();
   if (!file) throw_error("{}: cannot be written", path);

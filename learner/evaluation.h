@@ -14,8 +14,7 @@ namespace omentum {
 /// One set of evaluation episodes: fixed starts that training never uses, run by the workers over
 /// the bus.
 struct EvaluationSet {
-  std::string
-      name;  ///< grid100_greedy, grid100_sampled, robot25_greedy, robot25_sampled, grasp_lattice
+  std::string name;  ///< grid100_greedy, grid100_sampled, robot25_greedy, ..., grasp_lattice
   StartSet start_set = StartSet::kGrid;
   bool greedy = true;
   bool record = false;  ///< tissue frames and an MCAP file per episode
@@ -25,7 +24,7 @@ struct EvaluationSet {
 };
 
 /// The sets of a configuration: the recorded grid first, then the grasp lattice (still without
-/// starts, see fill_lattice), which gives the exposure that all are judged by, then the others.
+/// starts, see fill_lattice), whose best exposure is the reference of all, then the others.
 std::vector<EvaluationSet> evaluation_sets(const pb::Config& config);
 
 /// One start per lattice_stride-th particle.

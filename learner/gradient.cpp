@@ -49,8 +49,7 @@ void PackedWeights::pack(std::span<const float> parameters) {
 
 ChunkGradient::ChunkGradient(const PolicyShape& shape, const TrainingLayout& layout)
     : shape_(shape), layout_(layout), loss_(shape), leading_(layout.hidden() + kPanel) {
-  // Leading dimension off the powers of two: rows of one column would share a few cache sets
-  // otherwise.
+  // No power of two as leading dimension: entries of a column would map to a few cache sets.
   const auto size = static_cast<std::size_t>(kChunk * leading_);
   x_.resize(static_cast<std::size_t>(kChunk * shape.observations));
   for (Activations* a : {&actor_, &critic_}) {
@@ -73,7 +72,7 @@ void ChunkGradient::gather(const MinibatchView& m, int first, int count) {
   const Batch& batch = *m.batch;
   const auto width = static_cast<std::size_t>(shape_.observations);
   for (int i = 0; i < kChunk; ++i) {
-    // Rows behind the end repeat the first sample: finite numbers that nobody counts.
+    // Rows behind the end repeat the first sample; they enter no sum.
     const std::size_t row = m.rows[static_cast<std::size_t>(first + (i < count ? i : 0))];
     if (i < count)
       std::copy_n(m.inputs.data() + row * width, width,

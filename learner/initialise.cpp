@@ -10,26 +10,10 @@ namespace omentum {
 
 namespace {
 
-/// Uniform numbers in (0, 1) of one weight matrix; `tensor` numbers the matrices of the policy.
-class Uniforms {
- public:
-  Uniforms(std::uint64_t run_seed, std::uint32_t tensor) : run_seed_(run_seed), tensor_(tensor) {}
-
-  /// Centres of 2^23 equal cells: exact in f32 and never 0 or 1.
-  float next() {
-    if (position_ == 4) {
-      words_ = random_words(run_seed_, tensor_, Purpose::kWeights, 0, 0, call_++);
-      position_ = 0;
-    }
-    return (static_cast<float>(words_[position_++] >> 9) + 0.5F) * 0x1p-23F;
-  }
-
- private:
-  std::uint64_t run_seed_ = 0;
-  std::uint32_t tensor_ = 0, call_ = 0;
-  PhiloxWords words_{};
-  std::size_t position_ = 4;
-};
+/// Uniform in (0, 1): centres of 2^23 equal cells, exact in f32 and never 0 or 1.
+double uniform(RandomStream& stream) {
+  return static_cast<double>((static_cast<float>(stream.next() >> 9) + 0.5F) * 0x1p-23F);
+}
 
 /// A weight matrix as inputs x outputs with the strides it is stored with.
 struct Matrix {
@@ -44,12 +28,13 @@ struct Matrix {
 
 /// min(inputs, outputs) orthonormal vectors of the longer side, times gain: normal numbers, then
 /// Gram-Schmidt, run twice for orthogonality to rounding.
-void fill_orthogonal(const Matrix& m, double gain, Uniforms uniforms) {
+void fill_orthogonal(const Matrix& m, double gain, RandomStream stream) {
   const bool wide = m.outputs >= m.inputs;
   const std::size_t vectors = wide ? m.inputs : m.outputs;
   const std::size_t length = wide ? m.outputs : m.inputs;
   std::vector<double> q(vectors * length);
-  for (double& value : q) value = static_cast<double>(lanes::normal_quantile(uniforms.next()));
+  for (double& value : q)
+    value = static_cast<double>(lanes::normal_quantile(static_cast<float>(uniform(stream))));
   const auto dot = [&](const double* a, const double* b) {
     double sum = 0;
     for (std::size_t i = 0; i < length; ++i) sum += a[i] * b[i];
@@ -74,25 +59,24 @@ void fill_orthogonal(const Matrix& m, double gain, Uniforms uniforms) {
 
 /// Normal numbers cut at two deviations by the inverse distribution function, with variance scale /
 /// fan-in after the cut.
-void fill_variance_scaling(const Matrix& m, double scale, Uniforms uniforms) {
+void fill_variance_scaling(const Matrix& m, double scale, RandomStream stream) {
   constexpr double kDeviationAfterCut = 0.87962566103423978;  // of a unit normal cut at +-2
   constexpr double kBelowMinusTwo = 0.022750131948179195;     // its probability
   const double deviation = std::sqrt(scale / static_cast<double>(m.inputs)) / kDeviationAfterCut;
   for (std::size_t i = 0; i < m.inputs; ++i) {
     for (std::size_t o = 0; o < m.outputs; ++o) {
-      const double p =
-          kBelowMinusTwo + (1 - 2 * kBelowMinusTwo) * static_cast<double>(uniforms.next());
+      const double p = kBelowMinusTwo + (1 - 2 * kBelowMinusTwo) * uniform(stream);
       const auto z = static_cast<double>(lanes::normal_quantile(static_cast<float>(p)));
       m.at(i, o) = static_cast<float>(deviation * std::clamp(z, -2.0, 2.0));
     }
   }
 }
 
-void fill_glorot_uniform(const Matrix& m, Uniforms uniforms) {
+void fill_glorot_uniform(const Matrix& m, RandomStream stream) {
   const double limit = std::sqrt(6.0 / static_cast<double>(m.inputs + m.outputs));
   for (std::size_t i = 0; i < m.inputs; ++i) {
     for (std::size_t o = 0; o < m.outputs; ++o) {
-      m.at(i, o) = static_cast<float>(limit * (2 * static_cast<double>(uniforms.next()) - 1));
+      m.at(i, o) = static_cast<float>(limit * (2 * uniform(stream) - 1));
     }
   }
 }
@@ -114,8 +98,8 @@ std::vector<float> initial_parameters(const PolicyShape& shape, const pb::Ppo& s
     const Matrix first{parameters.data() + network->weights1, observations, hidden, hidden, 1};
     const Matrix second{parameters.data() + network->weights2, hidden, hidden, hidden, 1};
     const Matrix head{parameters.data() + network->head, hidden, outputs, 1, hidden};
-    const Uniforms draws[3] = {{run_seed, tensor}, {run_seed, tensor + 1}, {run_seed, tensor + 2}};
-    tensor += 3;
+    const auto stream = [&] { return RandomStream(run_seed, tensor++, Purpose::kWeights, 0); };
+    const RandomStream draws[3] = {stream(), stream(), stream()};
     if (orthogonal) {
       fill_orthogonal(first, std::sqrt(2.0), draws[0]);
       fill_orthogonal(second, std::sqrt(2.0), draws[1]);

@@ -21,18 +21,10 @@
 namespace omentum {
 namespace {
 
-// A worker that refuses and another that does not yet speak differ by this [ns].
+// Workers that refuse are waited for this long: another may not have reported yet [ns].
 constexpr std::int64_t kRefusalNs = 3'000'000'000;
-// Diverged lanes of one session: a lost episode now and then is no harm, a scene that explodes
-// never ends.
+// Diverged lanes of one session: single ones are skipped, an unstable scene ends the run.
 constexpr std::uint64_t kMaxFailures = 1000;
-
-std::vector<std::uint64_t> milestone_steps(const pb::Config& config) {
-  std::vector<std::uint64_t> steps;
-  for (const pb::Milestone& milestone : config.report().milestone())
-    steps.push_back(milestone.steps());
-  return steps;
-}
 
 void write_text(const std::string& path, const std::string& text) {
   std::ofstream file(path);
@@ -75,8 +67,11 @@ void Learner::open_run_folder() {
   std::error_code error;
   fs::create_directories(options_.run_dir + "/checkpoints", error);
   if (error) throw_error("{}: {}", options_.run_dir, error.message());
-  checkpoints_ = std::make_unique<CheckpointStore>(options_.run_dir + "/checkpoints",
-                                                   milestone_steps(config_));
+  std::vector<std::uint64_t> milestones;
+  for (const pb::Milestone& milestone : config_.report().milestone())
+    milestones.push_back(milestone.steps());
+  checkpoints_ =
+      std::make_unique<CheckpointStore>(options_.run_dir + "/checkpoints", std::move(milestones));
 
   const pb::Run& run = config_.run();
   int threads = static_cast<int>(run.learner_threads());
@@ -217,7 +212,7 @@ int Learner::run(const std::function<bool()>& stop) {
     std::int64_t mark = steady_now_ns();
     Batch batch = assemble(segments, shape_);
     if (!check_batch(batch)) return 1;
-    time_check_s_ += seconds_since(mark);
+    timings_["check"] += seconds_since(mark);
 
     mark = steady_now_ns();
     say_phase(LearnerPhase::kUpdating);
@@ -225,7 +220,7 @@ int Learner::run(const std::function<bool()>& stop) {
         config_.run().updates()
             ? ppo_->update(batch, [this] { bus_->serve(*book_, steady_now_ns()); })
             : ppo_->skip_update(batch);
-    time_update_s_ += seconds_since(mark);
+    timings_["update"] += seconds_since(mark);
 
     mark = steady_now_ns();
     previous_ = std::move(current_);
@@ -233,7 +228,7 @@ int Learner::run(const std::function<bool()>& stop) {
     current_.config_hash = config_hash_;
     publish_weights(current_);
     bus_->serve(*book_, steady_now_ns());
-    time_publish_s_ += seconds_since(mark);
+    timings_["publish"] += seconds_since(mark);
     report_update(stats);
 
     const bool last = ppo_->version() == updates_wanted_;
@@ -243,34 +238,27 @@ int Learner::run(const std::function<bool()>& stop) {
         seconds_since(saved_ns_) >= config_.run().checkpoint_interval_s()) {
       mark = steady_now_ns();
       save_checkpoint(milestone);
-      time_save_s_ += seconds_since(mark);
+      timings_["save"] += seconds_since(mark);
     }
     if (const Result<void> balanced = book_->check_balance(); !balanced) {
       OMENTUM_CHECK(false, "ledger: {}", balanced.error());
     }
   }
 
-  const double train_s = wall_s();
-  log().info(
-      "trained steps={} wall_s={:.1f} weights={} wait_s={:.1f} check_s={:.1f} update_s={:.1f} "
-      "publish_s={:.1f} "
-      "save_s={:.1f}",
-      ppo_->steps_total(), train_s, hex(current_.weights_hash), time_wait_s_, time_check_s_,
-      time_update_s_, time_publish_s_, time_save_s_);
+  std::string spent;
+  for (const auto& [name, seconds] : timings_) spent += fmt::format(" {}_s={:.1f}", name, seconds);
+  log().info("trained steps={} wall_s={:.1f} weights={}{}", ppo_->steps_total(), wall_s(),
+             hex(current_.weights_hash), spent);
   if (const Result<void> exported = export_onnx(options_.run_dir + "/policy.onnx", shape_, current_,
                                                 onnx_metadata(config_.task(), git_revision()));
       !exported) {
     log().warn("policy.onnx: {}", exported.error());
   }
   const bool evaluated = finish_run(stop);
-  const Ledger ledger = book_->ledger();
-  log().info(
-      "ledger granted={} regranted={} received={} admitted={} duplicate={} stale={} invalid={} "
-      "foreign={} "
-      "overflow={} cancelled={} outstanding={} evaluated={} failed={} audit_mismatch={}",
-      ledger.granted, ledger.regranted, ledger.received, ledger.admitted, ledger.duplicate,
-      ledger.stale, ledger.invalid, ledger.foreign, ledger.overflow, ledger.cancelled,
-      ledger.outstanding, ledger.evaluated, ledger.failed, ledger.audit_mismatch);
+  std::string counters;
+  for (const auto& [name, value] : kLedgerCounters)
+    counters += fmt::format(" {}={}", name, book_->ledger().*value);
+  log().info("ledger{}", counters);
   say_phase(LearnerPhase::kDone);
   bus_->finish(std::int64_t{5'000'000'000});
   return evaluated ? 0 : 130;
@@ -297,13 +285,12 @@ bool Learner::collect_batch(const std::function<bool()>& stop) {
     }
     bus_->wait(std::int64_t{20'000'000});
   }
-  time_wait_s_ += seconds_since(mark);
+  timings_["wait"] += seconds_since(mark);
   return true;
 }
 
-// The scene is resolved by the workers. When this session has not one result and every worker of
-// this build that is there says that it cannot, the run will never begin: better to stop with their
-// reason.
+// The scene is resolved by the workers. When this session has no result yet and every worker of
+// this build reports that it cannot run the configuration, the run ends with their reason.
 std::optional<std::string> Learner::refused_by_workers() {
   std::optional<std::string> reason;
   bool able = book_->ledger().received > 0 || bus_->workers_ready() > 0;
@@ -372,8 +359,8 @@ void Learner::save_checkpoint(std::optional<std::uint64_t> milestone) {
   what.milestone = milestone;
   if (what.best) best_score_ = score;
   checkpoint.set_best_score(best_score_);
-  // A full disk must not end the training: go on, the last good file is untouched, the next update
-  // tries again.
+  // A full disk does not end the training: the last good file is untouched, the next update
+  // retries.
   if (const Result<void> saved = checkpoints_->save(checkpoint, what); !saved) {
     log().warn("checkpoint: {}", saved.error());
   } else {

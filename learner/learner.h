@@ -2,6 +2,7 @@
 
 #include <cstdint>
 #include <functional>
+#include <map>
 #include <memory>
 #include <optional>
 #include <span>
@@ -29,10 +30,10 @@ struct LearnerOptions {
   bool quiet = false;           ///< no progress lines on stdout
 };
 
-/// One training run: owns the task book, PPO, the bus and the run folder. `run()` is the whole
-/// story, top to bottom. A run folder with a checkpoint is continued bit for bit. One thread, plus
-/// the bus's drain thread and PPO's helpers. learner.cpp has the run, learner_report.cpp what it
-/// says of each update, learner_evaluation.cpp what follows.
+/// One training run: owns the task book, PPO, the bus and the run folder. A run folder with a
+/// checkpoint is continued bit for bit. One thread, plus the bus's drain thread and PPO's helpers.
+/// learner.cpp has the run, learner_report.cpp metrics and status of each update,
+/// learner_evaluation.cpp the evaluation and the summary.
 class Learner {
  public:
   /// Reads or makes the run folder. Throws Error: one line.
@@ -60,7 +61,6 @@ class Learner {
   void count_episodes(std::span<const RolloutSegment> segments);
   void report_update(const UpdateStats& stats);
   void save_checkpoint(std::optional<std::uint64_t> milestone);
-  void set_ledger(MetricsRow& row) const;
   void set_workers(MetricsRow& row, const BusStatistics& bus) const;
   bool run_evaluation_set(const EvaluationSet& set, const std::function<bool()>& stop,
                           Evaluated& result);
@@ -96,8 +96,9 @@ class Learner {
   std::int64_t refused_since_ns_ = 0;  ///< every worker refuses the configuration; 0 = not so
   double wall_before_s_ = 0;
   std::uint64_t steps_before_ = 0;  ///< of earlier sessions, for the rate
-  double time_wait_s_ = 0, time_check_s_ = 0, time_update_s_ = 0, time_publish_s_ = 0,
-         time_save_s_ = 0, time_evaluation_s_ = 0;
+  /// What this session spent its time on [s]; names of metrics.csv and summary.json.
+  std::map<std::string, double> timings_{{"wait", 0},    {"check", 0}, {"update", 0},
+                                         {"publish", 0}, {"save", 0},  {"evaluation", 0}};
 };
 
 }  // namespace omentum

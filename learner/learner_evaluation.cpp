@@ -34,7 +34,7 @@ std::optional<std::vector<EvaluationSummary>> Learner::evaluate(const std::strin
   double best_exposure = 0;
   std::vector<EvaluationSet> sets = evaluation_sets(config_);
   std::vector<Evaluated> results(sets.size());
-  // The recorded set comes first: its frames tell how many particles the lattice has to try.
+  // The recorded set comes first: the number of particles, for the lattice, is read off its frames.
   for (std::size_t i = 0; i < sets.size(); ++i) {
     if (sets[i].start_set == StartSet::kGraspLattice) {
       fill_lattice(config_, particles_of(results[0].segments, config_.evaluation().frame_stride()),
@@ -54,29 +54,25 @@ std::optional<std::vector<EvaluationSummary>> Learner::evaluate(const std::strin
     EvaluationSummary entry;
     entry.name = set.name;
     entry.starts = judged.size();
-    double failed = 0;
     for (const EpisodeResult& r : judged) {
       entry.target_reached += r.reached ? 1 : 0;
       entry.exposed += r.exposed ? 1 : 0;
       entry.grasp_held += r.grasp_held ? 1 : 0;
-      failed += r.failed ? 1 : 0;
+      entry.failed += r.failed ? 1 : 0;
     }
-    entry.values["best_exposure"] = best_exposure;
-    entry.values["failed"] = failed;
+    entry.best_exposure = best_exposure;
     if (!options_.quiet) {
-      std::printf(
-          "evaluation %-16s starts %3llu  target_reached %3llu  exposed %3llu  grasp_held %3llu  "
-          "best_exposure %.3f\n",
-          set.name.c_str(), static_cast<unsigned long long>(entry.starts),
-          static_cast<unsigned long long>(entry.target_reached),
-          static_cast<unsigned long long>(entry.exposed),
-          static_cast<unsigned long long>(entry.grasp_held), best_exposure);
+      fmt::print(
+          "evaluation {:<16} starts {:3}  target_reached {:3}  exposed {:3}  grasp_held {:3}  "
+          "best_exposure {:.3f}\n",
+          set.name, entry.starts, entry.target_reached, entry.exposed, entry.grasp_held,
+          best_exposure);
       std::fflush(stdout);
     }
     summaries.push_back(entry);
     if (record && set.record) record_evaluation(set, results[i]);
   }
-  time_evaluation_s_ += seconds_since(began);
+  timings_["evaluation"] += seconds_since(began);
   return summaries;
 }
 
@@ -86,8 +82,7 @@ bool Learner::evaluate_on_the_way(const std::function<bool()>& stop) {
   if (!knobs.enabled() || knobs.interval_updates() == 0 || updates == 0) return true;
   if (updates % knobs.interval_updates() != 0) return true;
   const std::string folder = fmt::format("{}/evaluation/update-{}", options_.run_dir, updates);
-  if (!options_.quiet)
-    std::printf("after update %llu:\n", static_cast<unsigned long long>(updates));
+  if (!options_.quiet) fmt::print("after update {}:\n", updates);
   return evaluate(folder, false, stop).has_value();
 }
 
@@ -110,12 +105,7 @@ bool Learner::finish_run(const std::function<bool()>& stop) {
     if (!evaluated) return false;
     summary.evaluations = std::move(*evaluated);
   }
-  summary.timings["wait"] = time_wait_s_;
-  summary.timings["check"] = time_check_s_;
-  summary.timings["update"] = time_update_s_;
-  summary.timings["publish"] = time_publish_s_;
-  summary.timings["save"] = time_save_s_;
-  summary.timings["evaluation"] = time_evaluation_s_;
+  summary.timings = timings_;
   if (const Result<void> written = write_summary(options_.run_dir + "/summary.json", summary);
       !written) {
     throw_error("{}", written.error());

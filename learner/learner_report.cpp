@@ -18,6 +18,11 @@ std::string duration_text(double seconds) {
                    : fmt::format("{}:{:02}", s / 60, s % 60);
 }
 
+/// Sets the metric if there is one of this name.
+void set_listed(MetricsRow& row, const std::string& name, double value) {
+  if (row.has(name)) row.set(name, value);
+}
+
 }  // namespace
 
 void Learner::count_episodes(std::span<const RolloutSegment> segments) {
@@ -84,13 +89,11 @@ void Learner::report_update(const UpdateStats& stats) {
   row.set("policy/lag_mean", lag);
   row.set("policy/lag_max", lag);
   row.set("policy/logp_check_max", log_prob_check_max_);
-  set_ledger(row);
+  const Ledger ledger = book_->ledger();
+  for (const auto& [name, value] : kLedgerCounters)
+    set_listed(row, fmt::format("ledger/{}", name), static_cast<double>(ledger.*value));
   set_workers(row, bus);
-  row.set("time/wait_s", time_wait_s_);
-  row.set("time/check_s", time_check_s_);
-  row.set("time/update_s", time_update_s_);
-  row.set("time/publish_s", time_publish_s_);
-  row.set("time/save_s", time_save_s_);
+  for (const auto& [name, seconds] : timings_) set_listed(row, "time/" + name + "_s", seconds);
   if (const Result<void> written = metrics_->write(stats.version, wall_s(), row); !written) {
     log().warn("metrics: {}", written.error());
   }
@@ -109,32 +112,16 @@ void Learner::report_update(const UpdateStats& stats) {
   bus_->set_status(status);
 
   if (options_.quiet) return;
-  std::printf(
-      "update %llu/%llu  steps %llu  %5.1f %%  %.0f steps/s  left %s  reward/step %.4f  exposure "
-      "%.3f  success %.2f  "
-      "held %.2f  entropy %.3f  kl %.4f  clip %.3f  value_loss %.4f  workers %u  weights %s\n",
-      static_cast<unsigned long long>(stats.version),
-      static_cast<unsigned long long>(updates_wanted_),
-      static_cast<unsigned long long>(ppo_->steps_total()),
+  fmt::print(
+      "update {}/{}  steps {}  {:5.1f} %  {:.0f} steps/s  left {}  reward/step {:.4f}  exposure "
+      "{:.3f}  success {:.2f}  held {:.2f}  entropy {:.3f}  kl {:.4f}  clip {:.3f}  value_loss "
+      "{:.4f}  workers {}  weights {}\n",
+      stats.version, updates_wanted_, ppo_->steps_total(),
       100.0 * static_cast<double>(stats.version) / static_cast<double>(updates_wanted_), rate,
-      duration_text(left).c_str(), mean_length > 0 ? mean_return / mean_length : 0.0, exposure,
-      success, held, stats.entropy, stats.approx_kl, stats.clip_fraction, stats.value_loss,
-      bus.workers_alive, hex(current_.weights_hash).substr(0, 8).c_str());
+      duration_text(left), mean_length > 0 ? mean_return / mean_length : 0.0, exposure, success,
+      held, stats.entropy, stats.approx_kl, stats.clip_fraction, stats.value_loss,
+      bus.workers_alive, hex(current_.weights_hash).substr(0, 8));
   std::fflush(stdout);
-}
-
-void Learner::set_ledger(MetricsRow& row) const {
-  const Ledger l = book_->ledger();
-  row.set("ledger/granted", static_cast<double>(l.granted));
-  row.set("ledger/regranted", static_cast<double>(l.regranted));
-  row.set("ledger/received", static_cast<double>(l.received));
-  row.set("ledger/admitted", static_cast<double>(l.admitted));
-  row.set("ledger/duplicate", static_cast<double>(l.duplicate));
-  row.set("ledger/stale", static_cast<double>(l.stale));
-  row.set("ledger/invalid", static_cast<double>(l.invalid));
-  row.set("ledger/cancelled", static_cast<double>(l.cancelled));
-  row.set("ledger/outstanding", static_cast<double>(l.outstanding));
-  row.set("ledger/audit_mismatch", static_cast<double>(l.audit_mismatch));
 }
 
 void Learner::set_workers(MetricsRow& row, const BusStatistics& bus) const {

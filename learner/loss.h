@@ -8,8 +8,7 @@
 
 namespace omentum {
 
-/// Samples of one gradient chunk (docs/learner.md 3.4). Part of the numerics: another size gives
-/// other rounding.
+/// Samples of one gradient chunk (docs/learner.md 3.4). Another size has other rounding.
 inline constexpr int kChunk = 64;
 
 /// Switches and coefficients of the loss for one minibatch.

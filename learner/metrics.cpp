@@ -48,23 +48,10 @@ void drop_rows_after(const std::string& path, std::uint64_t last_update,
   }
 }
 
-std::FILE* open_for_append(const std::string& path) {
-  std::FILE* file = std::fopen(path.c_str(), "ab");
-  if (file == nullptr) throw_error("cannot open {}", path);
-  return file;
-}
-
 std::string csv_header(const std::vector<std::string>& names) {
   std::string header = "update,wall_time_s";
   for (const std::string& name : names) header += "," + name;
   return header + "\n";
-}
-
-Result<void> put(std::FILE* file, const std::string& text, const char* what) {
-  if (std::fwrite(text.data(), 1, text.size(), file) != text.size() || std::fflush(file) != 0) {
-    return Failure{fmt::format("cannot write {}", what)};
-  }
-  return {};
 }
 
 }  // namespace
@@ -97,9 +84,12 @@ std::vector<std::string> metric_names(const std::vector<std::string>& branches) 
 MetricsRow::MetricsRow(std::vector<std::string> branches)
     : branches_(std::move(branches)), names_(metric_names(branches_)) {}
 
+bool MetricsRow::has(std::string_view name) const {
+  return std::find(names_.begin(), names_.end(), name) != names_.end();
+}
+
 void MetricsRow::set(std::string_view name, double value) {
-  OMENTUM_CHECK(std::find(names_.begin(), names_.end(), name) != names_.end(),
-                "no metric is called {}", name);
+  OMENTUM_CHECK(has(name), "no metric is called {}", name);
   values_.insert_or_assign(std::string(name), value);
 }
 
@@ -148,8 +138,8 @@ MetricsWriter::MetricsWriter(const std::string& folder, const std::vector<std::s
   const std::string csv = folder + "/metrics.csv", jsonl = folder + "/metrics.jsonl";
   drop_rows_after(csv, resume_update, update_of_csv, csv_header(names_));
   drop_rows_after(jsonl, resume_update, update_of_json, "");
-  csv_.reset(open_for_append(csv));
-  jsonl_.reset(open_for_append(jsonl));
+  csv_.emplace(csv);
+  jsonl_.emplace(jsonl);
 }
 
 Result<void> MetricsWriter::write(std::uint64_t update, double wall_time_s, const MetricsRow& row) {
@@ -178,9 +168,8 @@ Result<void> MetricsWriter::write(std::uint64_t update, double wall_time_s, cons
   const double steps = row.get("charts/steps_total");
   const auto position =
       static_cast<std::int64_t>(std::isfinite(steps) ? steps : static_cast<double>(update));
-  if (Result<void> result = put(csv_.get(), line + "\n", "metrics.csv"); !result) return result;
-  if (Result<void> result = put(jsonl_.get(), json_text(json, -1) + "\n", "metrics.jsonl"); !result)
-    return result;
+  if (Result<void> result = csv_->append(line + "\n"); !result) return result;
+  if (Result<void> result = jsonl_->append(json_text(json, -1) + "\n"); !result) return result;
   return tensorboard_.write(position, scalars);
 }
 

@@ -1,20 +1,20 @@
 #pragma once
 
 #include <cstdint>
-#include <cstdio>
 #include <map>
-#include <memory>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
 
 #include "core/result.h"
+#include "learner/durable_file.h"
 #include "learner/ppo.h"
 #include "learner/tensorboard.h"
 
 namespace omentum {
 
-/// All metric names in column order (docs/learner.md 8); `branches` (action_names()) gives
+/// All metric names in column order (docs/learner.md 8); `branches`: action_names(), for
 /// entropy_<branch> and kl_<branch>.
 std::vector<std::string> metric_names(const std::vector<std::string>& branches);
 
@@ -25,13 +25,13 @@ class MetricsRow {
   explicit MetricsRow(std::vector<std::string> branches);
 
   void set(std::string_view name, double value);
+  bool has(std::string_view name) const;
   /// losses/*, policy/version, epsilon, beta and charts/learning_rate from an update.
   void set_update(const UpdateStats& stats);
 
   /// In column order, only those set.
   std::vector<Scalar> scalars() const;
   double get(std::string_view name) const;  ///< NaN when not set
-  const std::vector<std::string>& names() const { return names_; }
 
  private:
   std::vector<std::string> branches_;
@@ -55,14 +55,9 @@ class MetricsWriter {
   const std::string& tensorboard_path() const { return tensorboard_.path(); }
 
  private:
-  struct Close {
-    void operator()(std::FILE* file) const { std::fclose(file); }
-  };
-  using File = std::unique_ptr<std::FILE, Close>;
-
   std::vector<std::string> names_;
   bool mlagents_aliases_ = false;
-  File csv_, jsonl_;
+  std::optional<AppendFile> csv_, jsonl_;
   TensorboardWriter tensorboard_;
 };
 

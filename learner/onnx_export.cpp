@@ -1,6 +1,6 @@
 #include "learner/onnx_export.h"
 
-#include <fmt/core.h>
+#include <fmt/format.h>
 #include <onnx/onnx_pb.h>
 
 #include <initializer_list>
@@ -8,7 +8,6 @@
 
 #include "core/check.h"
 #include "core/hash.h"
-#include "core/task.h"
 #include "learner/durable_file.h"
 
 namespace omentum {
@@ -148,24 +147,17 @@ void add_action(GraphMaker& maker, const PolicyShape& shape) {
   GraphMaker::attribute(maker.node("Concat", choices, {"action"}), "axis", 1);
 }
 
-std::string joined(const std::vector<std::string>& words) {
-  std::string text;
-  for (const std::string& word : words) text += (text.empty() ? "" : ",") + word;
-  return text;
-}
-
 }  // namespace
 
 OnnxMetadata onnx_metadata(const pb::Task& task, const std::string& git_revision) {
-  return {observation_names(task), observation_units(task), action_names(task), git_revision};
+  return {observed_numbers(task), action_names(task), git_revision};
 }
 
 std::string onnx_model(const PolicyShape& shape, const PolicyWeights& weights,
                        const OnnxMetadata& metadata) {
   const ParameterLayout layout = parameter_layout(shape);
   OMENTUM_CHECK(weights.parameters.size() == layout.count);
-  OMENTUM_CHECK(metadata.observation_names.size() == static_cast<std::size_t>(shape.observations) &&
-                metadata.observation_units.size() == metadata.observation_names.size());
+  OMENTUM_CHECK(metadata.observation.size() == static_cast<std::size_t>(shape.observations));
   onnx::ModelProto model;
   model.set_ir_version(kIrVersion);
   model.set_producer_name("omentum");
@@ -191,18 +183,22 @@ std::string onnx_model(const PolicyShape& shape, const PolicyWeights& weights,
       *graph.add_output(), "action", 4,
       shape.continuous ? onnx::TensorProto_DataType_FLOAT : onnx::TensorProto_DataType_INT64);
 
-  std::vector<std::string> branches;
-  for (const int size : shape.branches) branches.push_back(std::to_string(size));
+  std::vector<std::string> names, units;
+  for (const auto& [name, unit] : metadata.observation) {
+    names.push_back(name);
+    units.push_back(unit);
+  }
+  const auto joined = [](const auto& list) { return fmt::format("{}", fmt::join(list, ",")); };
   const std::pair<const char*, std::string> entries[] = {
       {"policy_version", std::to_string(weights.policy_version)},
       {"weights_hash", hex(weights.weights_hash)},
       {"config_hash", fmt::format("{:016x}", weights.config_hash)},
       {"layout_hash", fmt::format("{:016x}", shape.layout_hash())},
       {"git_revision", metadata.git_revision},
-      {"observation_names", joined(metadata.observation_names)},
-      {"observation_units", joined(metadata.observation_units)},
+      {"observation_names", joined(names)},
+      {"observation_units", joined(units)},
       {"action_names", joined(metadata.action_names)},
-      {"branches", joined(branches)},
+      {"branches", joined(shape.branches)},
   };
   for (const auto& [key, value] : entries) {
     onnx::StringStringEntryProto& entry = *model.add_metadata_props();

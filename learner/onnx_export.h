@@ -6,14 +6,14 @@
 
 #include "core/policy.h"
 #include "core/result.h"
+#include "core/task.h"
 #include "proto/config.pb.h"
 
 namespace omentum {
 
-/// What the file says about itself besides the network.
+/// What the file holds besides the network.
 struct OnnxMetadata {
-  std::vector<std::string> observation_names;
-  std::vector<std::string> observation_units;  ///< one per name
+  std::vector<ObservedNumber> observation;  ///< one per input
   std::vector<std::string> action_names;
   std::string git_revision;
 };
@@ -30,7 +30,7 @@ OnnxMetadata onnx_metadata(const pb::Task& task, const std::string& git_revision
 ///   metadata observation_names, observation_units, action_names, branches: comma-separated lists;
 ///           policy_version, weights_hash, config_hash, layout_hash, git_revision
 ///   nodes   Sub, Mul, Clip (normaliser); per network Gemm, Tanh or Sigmoid + Mul, twice, Gemm;
-///   Split, ArgMax, Concat
+///           Split, ArgMax, Concat
 ///
 /// Sums run in another order than core/policy.h, so values agree to f32 rounding, not to the bit.
 std::string onnx_model(const PolicyShape& shape, const PolicyWeights& weights,

@@ -9,7 +9,6 @@
 #include "core/check.h"
 #include "learner/advantage.h"
 #include "learner/initialise.h"
-#include "learner/shuffle.h"
 
 namespace omentum {
 
@@ -22,8 +21,8 @@ double linear(double from, double to, double progress) { return from + (to - fro
 
 std::size_t blocks_of(std::size_t count) { return (count + kBlock - 1) / kBlock; }
 
-/// Contiguous share [first, last) of `count` things for one of `threads`.
-std::pair<std::size_t, std::size_t> share(std::size_t count, int thread, int threads) {
+/// Range [first, last) of `count` items for one of `threads`.
+std::pair<std::size_t, std::size_t> part(std::size_t count, int thread, int threads) {
   const auto t = static_cast<std::size_t>(thread);
   const auto n = static_cast<std::size_t>(threads);
   return {count * t / n, count * (t + 1) / n};
@@ -174,7 +173,7 @@ void Ppo::compute_chunks(const MinibatchView& minibatch, const LossSettings& set
 }
 
 // Pairwise tree over the chunk index, block of parameters by block: chunk 0 ends with the sum. Any
-// assignment of blocks to threads gives the same numbers.
+// assignment of blocks to threads has the same result.
 void Ppo::reduce_range(std::size_t first_block, std::size_t last_block, std::size_t chunks) {
   for (std::size_t block = first_block; block < last_block; ++block) {
     const std::size_t from = block * kBlock;
@@ -219,7 +218,7 @@ LossSums Ppo::minibatch_step(const Batch& batch, std::span<const std::uint32_t> 
   const std::size_t blocks = block_squares_.size();
   const int threads = pool_->size();
   pool_->run([&](int thread) {
-    const auto [first, last] = share(blocks, thread, threads);
+    const auto [first, last] = part(blocks, thread, threads);
     reduce_range(first, last, chunks);
   });
   double squares = 0;
@@ -230,7 +229,7 @@ LossSums Ppo::minibatch_step(const Batch& batch, std::span<const std::uint32_t> 
 
   adam_.begin_step(now.learning_rate);
   pool_->run([&](int thread) {
-    const auto [first, last] = share(blocks, thread, threads);
+    const auto [first, last] = part(blocks, thread, threads);
     adam_.apply(first * kBlock, std::min(last * kBlock, layout_.count()), scale,
                 chunk_gradients_[0], parameters_);
   });

@@ -42,10 +42,10 @@ struct UpdateStats {
   bool stopped_by_kl = false;
 };
 
-/// PPO on complete batches (docs/learner.md 4), every detail behind its switch of pb::Ppo. Owns
-/// parameters, Adam, normaliser and schedule position; no random state (counters only). One thread
-/// calls it; `threads` - 1 helpers are started once. Results do not depend on `threads`: chunks of
-/// 64 samples, fixed summation tree, elementwise Adam.
+/// PPO on complete batches (docs/learner.md 4), with the switches of pb::Ppo. Owns parameters,
+/// Adam, normaliser and schedule position; no random state (counters only). One thread calls it;
+/// `threads` - 1 helpers are started once. Results do not depend on `threads`: chunks of 64
+/// samples, fixed summation tree, elementwise Adam.
 ///
 ///   Ppo ppo(config, policy_shape(config), threads);
 ///   loop: complete_batch(behaviour, batch); ppo.update(batch, serve); publish(ppo.weights());

@@ -167,7 +167,7 @@ Result<void> check_episodes(const RolloutSegment& s, const RolloutTask& t) {
   return {};
 }
 
-/// An evaluation is one episode that ends with its last step, whatever the flags say on the way.
+/// An evaluation is one episode that ends with its last step, whatever its flags are.
 Result<void> check_evaluation(const RolloutSegment& s) {
   for (const std::uint8_t flags : s.flags) {
     if ((flags & ~(kRolloutFlags | step_flag::kScripted)) != 0)

@@ -6,14 +6,11 @@
 
 namespace omentum {
 
-/// Whether a segment answers its task: everything a sender could get wrong. Identity, number of
-/// steps, lengths of all arrays, finite numbers, range of actions and flags, order of episode ends,
-/// hash of the end state, CRC. A rollout that passes and did not fail (a lane went non-finite) can
-/// be assembled into a batch and learned from, an evaluation judged and recorded, without any
-/// further check; of a failed one the count of its episodes is true. Total over arbitrary segments.
-/// One line says what is wrong.
-///
-/// Before: task.steps is within the bounds of the wire.
+/// Checks a segment of any content against its task: identity, number of steps, lengths of all
+/// arrays, finite numbers, range of actions and flags, order of episode ends, hash of the end
+/// state, CRC. A rollout that passes and did not fail (a lane went non-finite) can be assembled
+/// into a batch, an evaluation judged and recorded, without further checks; of a failed one the
+/// count of episodes is valid. Precondition: task.steps is within the bounds of the wire.
 Result<void> check_segment(const RolloutSegment& segment, const PolicyShape& shape,
                            const RolloutTask& task);
 

@@ -25,13 +25,13 @@ std::string summary_json(const RunSummary& summary) {
                {"evaluations", Json::array()}};
   for (const auto& [name, seconds] : summary.timings) json["timings"][name] = json_number(seconds);
   for (const EvaluationSummary& evaluation : summary.evaluations) {
-    Json entry = {{"name", evaluation.name},
-                  {"starts", evaluation.starts},
-                  {"target_reached", evaluation.target_reached},
-                  {"exposed", evaluation.exposed},
-                  {"grasp_held", evaluation.grasp_held}};
-    for (const auto& [name, value] : evaluation.values) entry[name] = json_number(value);
-    json["evaluations"].push_back(std::move(entry));
+    json["evaluations"].push_back({{"name", evaluation.name},
+                                   {"starts", evaluation.starts},
+                                   {"target_reached", evaluation.target_reached},
+                                   {"exposed", evaluation.exposed},
+                                   {"grasp_held", evaluation.grasp_held},
+                                   {"best_exposure", json_number(evaluation.best_exposure)},
+                                   {"failed", evaluation.failed}});
   }
   return json_text(json, 2) + "\n";
 }

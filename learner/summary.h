@@ -14,9 +14,10 @@ struct EvaluationSummary {
   std::string name;
   std::uint64_t starts = 0;
   std::uint64_t target_reached = 0;
-  std::uint64_t exposed = 0;             ///< tumour exposed at the end
-  std::uint64_t grasp_held = 0;          ///< tissue still held at the end
-  std::map<std::string, double> values;  ///< further numbers, written beside the counts
+  std::uint64_t exposed = 0;     ///< tumour exposed at the end
+  std::uint64_t grasp_held = 0;  ///< tissue grasped and never lost
+  double best_exposure = 0;      ///< of the grasp lattice
+  std::uint64_t failed = 0;      ///< the simulation diverged
 };
 
 /// What a run came to; written to <run folder>/summary.json at the end and after every evaluation.
@@ -32,7 +33,7 @@ struct RunSummary {
   std::uint64_t episodes = 0;
   double wall_s = 0;
   double mean_return = 0;                 ///< of the last update with finished episodes
-  std::map<std::string, double> timings;  ///< [s]: wait, check, prepare, update, publish, save
+  std::map<std::string, double> timings;  ///< [s], see Learner
   std::vector<EvaluationSummary> evaluations;
 };
 

@@ -37,22 +37,20 @@ TaskBook::TaskBook(TaskBookConfig config) : config_(std::move(config)) {
   slots_.resize(config_.slots);
   const std::uint64_t episode = config_.episode_decisions;
   for (std::uint64_t s = 0; s < config_.slots; ++s) {
-    SlotStart start;
+    SlotStart& start = slots_[s].starts.emplace_back();
     if (config_.stagger) {
       start.episode_limit =
           static_cast<std::uint32_t>((episode * (s + 1) + config_.slots - 1) / config_.slots);
     }
-    slots_[s].starts.push_back(std::move(start));
   }
 }
 
-TaskBook::TaskBook(TaskBookConfig config, const SlotTable& table) : config_(std::move(config)) {
+TaskBook::TaskBook(TaskBookConfig config, const SlotTable& table)
+    : config_(std::move(config)), batch_(table.batch), ledger_(table.ledger) {
   check_config();
   if (table.slots.size() != config_.slots) {
     throw_error("checkpoint has {} slots, the configuration {}", table.slots.size(), config_.slots);
   }
-  batch_ = table.batch;
-  ledger_ = table.ledger;
   slots_.resize(config_.slots);
   for (std::size_t s = 0; s < slots_.size(); ++s) {
     const SlotStart& start = table.slots[s];
@@ -76,20 +74,45 @@ void TaskBook::announce_weights(std::uint64_t version, const Sha256& hash) {
 
 // --- jobs
 
-double TaskBook::quantile(const std::deque<double>& values, double share) {
-  if (values.empty()) return 0;
-  std::vector<double> sorted(values.begin(), values.end());
-  const auto rank = static_cast<std::ptrdiff_t>(share * static_cast<double>(sorted.size() - 1));
-  std::nth_element(sorted.begin(), sorted.begin() + rank, sorted.end());
-  return sorted[static_cast<std::size_t>(rank)];
-}
-
 TaskBook::Job* TaskBook::find_job(std::uint32_t slot) {
   if (slot < slots_.size()) return &slots_[slot].job;
-  if (slot >= kEvaluationSlot && slot - kEvaluationSlot < evaluations_.size()) {
+  if (slot >= kEvaluationSlot && slot - kEvaluationSlot < evaluations_.size())
     return &evaluations_[slot - kEvaluationSlot].job;
+  return nullptr;
+}
+
+TaskBook::Job* TaskBook::find_open_job(std::uint32_t slot, std::uint64_t task_hash) {
+  Job* job = find_job(slot);
+  return job != nullptr && job->open && job->task.task_hash == task_hash ? job : nullptr;
+}
+
+const TaskBook::Admitted* TaskBook::find_admitted(std::uint32_t slot,
+                                                  std::uint64_t task_hash) const {
+  if (task_hash == 0) return nullptr;
+  if (slot < slots_.size()) {
+    for (const Admitted& result : slots_[slot].recent) {
+      if (result.task_hash == task_hash) return &result;
+    }
+  } else if (slot >= kEvaluationSlot && slot - kEvaluationSlot < evaluations_.size()) {
+    const Admitted& result = evaluations_[slot - kEvaluationSlot].admitted;
+    if (result.task_hash == task_hash) return &result;
   }
   return nullptr;
+}
+
+/// Precondition: the weights are announced.
+RolloutTask TaskBook::make_task(std::uint32_t slot, std::uint64_t segment,
+                                std::uint64_t version) const {
+  RolloutTask task;
+  task.slot = slot;
+  task.segment = segment;
+  task.learner_epoch = config_.learner_epoch;
+  task.policy_version = version;
+  task.weights_hash = versions_.at(version);
+  task.config_hash = config_.config_hash;
+  task.run_seed = config_.run_seed;
+  task.state_format = config_.state_format;
+  return task;
 }
 
 void TaskBook::open_jobs() {
@@ -103,26 +126,17 @@ void TaskBook::open_job(std::uint32_t slot) {
   if (config_.batches > 0 && start.segment >= config_.batches) return;
   const std::uint64_t version =
       start.segment >= config_.lead ? start.segment - config_.lead : std::uint64_t{0};
-  const auto weights = versions_.find(version);
-  if (weights == versions_.end()) return;
+  if (!versions_.contains(version)) return;
 
   Job job;
   job.open = true;
   job.home = slots_[slot].job.home;
-  RolloutTask& task = job.task;
-  task.slot = slot;
-  task.segment = start.segment;
-  task.learner_epoch = config_.learner_epoch;
-  task.policy_version = version;
-  task.weights_hash = weights->second;
-  task.config_hash = config_.config_hash;
+  RolloutTask& task = job.task = make_task(slot, start.segment, version);
   task.steps = config_.steps;
-  task.run_seed = config_.run_seed;
   task.episode = start.episode;
   task.episode_step = start.episode_step;
   task.episode_limit = start.episode_limit;
   task.reset = start.reset;
-  task.state_format = config_.state_format;
   task.start_hash = start.hash;  // the state itself is added when the grant is written
   task.task_hash = hash_task(task);
   job.audit = chosen_for_audit(task.task_hash, config_.audit_rate);
@@ -131,7 +145,7 @@ void TaskBook::open_job(std::uint32_t slot) {
 
 void TaskBook::advance(std::uint32_t slot, RolloutSegment segment) {
   Slot& row = slots_[slot];
-  SlotStart next;
+  SlotStart& next = row.starts.emplace_back();
   next.segment = segment.segment + 1;
   next.episode = segment.end_episode;
   next.episode_step = segment.end_episode_step;
@@ -139,7 +153,6 @@ void TaskBook::advance(std::uint32_t slot, RolloutSegment segment) {
   next.reset = segment.end_state.empty();
   next.hash = next.reset ? 0 : segment.end_hash;
   next.state = segment.end_state;
-  row.starts.push_back(std::move(next));
   row.done.push_back(std::move(segment));
   if (row.done.size() == 1) ++admitted_in_batch_;
   open_job(slot);
@@ -154,65 +167,20 @@ void TaskBook::skip_episode(std::uint32_t slot, const RolloutSegment& segment) {
   open_job(slot);
 }
 
-// --- workers
-
-void TaskBook::worker_joined(std::uint32_t worker_id, std::uint32_t lanes) {
-  drop_worker_grants(worker_id);  // a second life under the same id remembers nothing
-  Worker worker;
-  worker.lanes = std::max(lanes, std::uint32_t{1});
-  workers_[worker_id] = std::move(worker);
-}
-
-void TaskBook::worker_left(std::uint32_t worker_id) {
-  drop_worker_grants(worker_id);
-  workers_.erase(worker_id);
-}
-
-void TaskBook::worker_declined(std::uint32_t worker_id, bool for_good) {
-  drop_worker_grants(worker_id);
-  const auto worker = workers_.find(worker_id);
-  if (worker != workers_.end() && for_good) worker->second.barred = true;
-}
-
-void TaskBook::worker_silent(std::uint32_t worker_id, bool silent) {
-  const auto worker = workers_.find(worker_id);
-  if (worker != workers_.end()) worker->second.silent = silent;
-}
-
-void TaskBook::lapse(Grant& grant) {
-  if (grant.lapsed) return;
-  grant.lapsed = true;
-  const auto worker = workers_.find(grant.worker_id);
-  if (worker != workers_.end() && worker->second.live > 0) --worker->second.live;
-}
-
-void TaskBook::drop_worker_grants(std::uint32_t worker_id) {
-  for_each_job([this, worker_id](Job& job) {
-    for (Grant& grant : job.grants) {
-      if (grant.worker_id == worker_id) lapse(grant);
-    }
-  });
-}
-
 // --- admission
 
 Verdict TaskBook::refuse(Job& job, const RolloutSegment& segment, const std::string& reason) {
   ++ledger_.invalid;
   last_refusal_ = fmt::format("slot={} segment={} worker={} build={:016x}: {}", segment.slot,
                               segment.segment, segment.worker_id, segment.build_id, reason);
-  for (Grant& grant : job.grants) {
-    if (grant.worker_id == segment.worker_id) lapse(grant);
-  }
-  const auto worker = workers_.find(segment.worker_id);
-  if (worker != workers_.end()) {
-    ++worker->second.invalid;
-    if (++worker->second.invalid_in_row >= kInvalidToBar) worker->second.barred = true;
-  }
+  lapse_if(job, [&](const Grant& grant) { return grant.worker_id == segment.worker_id; });
+  Worker* worker = find_worker(segment.worker_id);
+  if (worker != nullptr && ++worker->invalid_in_row >= kInvalidToBar) worker->barred = true;
   return Verdict::kInvalid;
 }
 
 Verdict TaskBook::repeat(const Admitted& first, const RolloutSegment& segment) {
-  // A free audit of purity. A broken copy is not a difference of the worker.
+  // Every duplicate is an audit, unless it was damaged on its way.
   if (segment_crc(segment) != segment.payload_crc32c) {
     ++ledger_.invalid;
     last_refusal_ = fmt::format("slot={} segment={} worker={}: CRC of a duplicate", segment.slot,
@@ -231,29 +199,27 @@ void TaskBook::settle(Job& job, const RolloutSegment& segment, std::int64_t now_
     return grant.worker_id == segment.worker_id && grant.number == segment.grant;
   });
   if (own != job.grants.end()) {
-    const auto worker = workers_.find(segment.worker_id);
     const auto turnaround = static_cast<double>(std::max<std::int64_t>(now_ns - own->at_ns, 1));
     const double per_step = turnaround / job.task.steps;
     remember(ns_per_step_, per_step, kBookHistory);
     ns_per_step_median_ = quantile(ns_per_step_, 0.5);
-    if (worker != workers_.end()) {
-      Worker& row = worker->second;
-      remember(row.ns_per_step, per_step, kWorkerHistory);
-      row.ns_per_step_p95 = quantile(row.ns_per_step, 0.95);
-      row.invalid_in_row = 0;
+    if (Worker* worker = find_worker(segment.worker_id)) {
+      remember(worker->ns_per_step, per_step, kWorkerHistory);
+      worker->ns_per_step_p95 = quantile(worker->ns_per_step, 0.95);
+      worker->invalid_in_row = 0;
     }
   }
-  // A result of an earlier life or of a lapsed grant uses up any grant of the task.
+  // A result of an earlier session or of a lapsed grant uses up any grant of the task.
   ledger_.cancelled += job.grants.size();
   if (admitted) {
     ++ledger_.admitted;
     if (job.grants.empty()) {
-      ++ledger_.granted;  // granted in an earlier life of the learner
+      ++ledger_.granted;  // granted in an earlier session of the learner
     } else {
       --ledger_.cancelled;
     }
   }
-  for (Grant& grant : job.grants) lapse(grant);
+  lapse_if(job, [](const Grant& /*every*/) { return true; });
   job.grants.clear();
   job.home = segment.worker_id;
   job.open = false;
@@ -265,24 +231,12 @@ Verdict TaskBook::receive(RolloutSegment segment, std::int64_t now_ns) {
     ++ledger_.foreign;
     return Verdict::kForeign;
   }
-  if (const auto worker = workers_.find(segment.worker_id); worker != workers_.end()) {
-    worker->second.suspect_until_ns = 0;
-    worker->second.suspect_span_ns = 0;
-  }
-  Job* job = find_job(segment.slot);
-  if (job == nullptr || !job->open || job->task.task_hash != segment.task_hash) {
-    if (segment.slot < slots_.size()) {
-      for (const Admitted& first : slots_[segment.slot].recent) {
-        if (first.task_hash == segment.task_hash && first.task_hash != 0) {
-          return repeat(first, segment);
-        }
-      }
-    } else if (job != nullptr) {
-      const Admitted& first = evaluations_[segment.slot - kEvaluationSlot].admitted;
-      if (first.task_hash == segment.task_hash && first.task_hash != 0) {
-        return repeat(first, segment);
-      }
-    }
+  if (Worker* worker = find_worker(segment.worker_id))
+    worker->suspect_until_ns = worker->suspect_span_ns = 0;
+  Job* job = find_open_job(segment.slot, segment.task_hash);
+  if (job == nullptr) {
+    if (const Admitted* first = find_admitted(segment.slot, segment.task_hash))
+      return repeat(*first, segment);
     ++ledger_.stale;
     return Verdict::kStale;
   }
@@ -319,9 +273,13 @@ Verdict TaskBook::receive(RolloutSegment segment, std::int64_t now_ns) {
 void TaskBook::overflowed(std::uint32_t slot, std::uint64_t task_hash) {
   ++ledger_.received;
   ++ledger_.overflow;
-  Job* job = find_job(slot);
-  if (job == nullptr || !job->open || job->task.task_hash != task_hash) return;
-  for (Grant& grant : job->grants) lapse(grant);
+  if (Job* job = find_open_job(slot, task_hash))
+    lapse_if(*job, [](const Grant& /*every*/) { return true; });
+}
+
+void TaskBook::foreign(std::uint64_t count) {
+  ledger_.received += count;
+  ledger_.foreign += count;
 }
 
 void TaskBook::refused(std::uint64_t count) {
@@ -351,17 +309,12 @@ void TaskBook::evaluate(std::span<const EvaluationTask> tasks) {
   OMENTUM_CHECK(tasks.size() < kForeignSlot - kEvaluationSlot);
   for (std::uint32_t i = 0; i < tasks.size(); ++i) {
     const EvaluationTask& from = tasks[i];
-    const auto weights = versions_.find(from.policy_version);
-    OMENTUM_CHECK(weights != versions_.end(), "weights {} not announced", from.policy_version);
+    OMENTUM_CHECK(versions_.contains(from.policy_version), "weights {} not announced",
+                  from.policy_version);
     Evaluation evaluation;
     evaluation.job.open = true;
-    RolloutTask& task = evaluation.job.task;
-    task.slot = kEvaluationSlot + i;
-    task.segment = evaluation_round_;
-    task.learner_epoch = config_.learner_epoch;
-    task.policy_version = from.policy_version;
-    task.weights_hash = weights->second;
-    task.config_hash = config_.config_hash;
+    RolloutTask& task = evaluation.job.task =
+        make_task(kEvaluationSlot + i, evaluation_round_, from.policy_version);
     task.kind = TaskKind::kEvaluate;
     task.greedy = from.greedy;
     task.start_set = from.start_set;
@@ -370,9 +323,7 @@ void TaskBook::evaluate(std::span<const EvaluationTask> tasks) {
     task.policy_steps = from.policy_steps;
     task.hold_steps = from.hold_steps;
     task.episode_limit = from.steps;
-    task.run_seed = config_.run_seed;
     task.reset = true;
-    task.state_format = config_.state_format;
     task.frame_stride = from.frame_stride;
     task.task_hash = hash_task(task);
     evaluations_.push_back(std::move(evaluation));
@@ -414,27 +365,14 @@ Result<void> TaskBook::check_balance() const {
   const Ledger l = ledger();
   std::uint64_t stored = 0;
   for (const Slot& slot : slots_) stored += slot.done.size();
-  const std::uint64_t received =
-      l.admitted + l.duplicate + l.stale + l.invalid + l.foreign + l.overflow;
-  const std::uint64_t granted = l.admitted + l.outstanding + l.cancelled + l.regranted;
-  const std::uint64_t admitted = batch_ * config_.slots + stored + l.evaluated;
-  if (l.received != received) {
-    return Failure{fmt::format(
-        "ledger: received {} is not admitted {} + duplicate {} + stale {} + "
-        "invalid {} + foreign {} + overflow {}",
-        l.received, l.admitted, l.duplicate, l.stale, l.invalid, l.foreign, l.overflow)};
-  }
-  if (l.granted != granted) {
-    return Failure{fmt::format(
-        "ledger: granted {} is not admitted {} + outstanding {} + cancelled {} + regranted {}",
-        l.granted, l.admitted, l.outstanding, l.cancelled, l.regranted)};
-  }
-  if (l.admitted != admitted) {
-    return Failure{
-        fmt::format("ledger: admitted {} is not {} x {} batches + {} in the next + {} evaluated",
-                    l.admitted, config_.slots, batch_, stored, l.evaluated)};
-  }
-  return {};
+  const bool balanced =
+      l.received == l.admitted + l.duplicate + l.stale + l.invalid + l.foreign + l.overflow &&
+      l.granted == l.admitted + l.outstanding + l.cancelled + l.regranted &&
+      l.admitted == batch_ * config_.slots + stored + l.evaluated;
+  if (balanced) return {};
+  std::string text = fmt::format("ledger of batch {} with {} of the next", batch_, stored);
+  for (const auto& [name, value] : kLedgerCounters) text += fmt::format(" {}={}", name, l.*value);
+  return Failure{text};
 }
 
 SlotTable TaskBook::table() const {
@@ -460,18 +398,6 @@ double TaskBook::oldest_task_age_s(std::int64_t now_ns) const {
     for (const Grant& grant : job.grants) oldest = std::min(oldest, grant.at_ns);
   });
   return static_cast<double>(now_ns - oldest) * 1e-9;
-}
-
-std::vector<WorkerView> TaskBook::workers() const {
-  std::vector<WorkerView> views;
-  for (const auto& [id, worker] : workers_) {
-    views.push_back({.worker_id = id,
-                     .lanes = worker.lanes,
-                     .live = worker.live,
-                     .invalid = worker.invalid,
-                     .barred = worker.barred});
-  }
-  return views;
 }
 
 }  // namespace omentum

@@ -38,31 +38,9 @@ struct TaskBookConfig {
   PolicyShape shape;
 
   // How, not what: never changes a result.
-  double audit_rate = 0;                            ///< share of tasks granted twice and compared
-  std::int64_t min_task_age_ns = 1'000'000'000;     ///< no task is given up earlier
+  double audit_rate = 0;                         ///< fraction of tasks granted twice and compared
+  std::int64_t min_task_age_ns = 1'000'000'000;  ///< no task is granted again earlier
   std::int64_t first_task_age_ns = 15'000'000'000;  ///< limit while no segment time is known
-};
-
-/// Counters of docs/wire.md 4.3. Every grant ends in exactly one of admitted, cancelled,
-/// regranted, and every segment in exactly one of admitted, duplicate, stale, invalid, foreign,
-/// overflow.
-struct Ledger {
-  std::uint64_t granted = 0;    ///< grants written, re-grants and audits included
-  std::uint64_t regranted = 0;  ///< grants given up and replaced by another
-  std::uint64_t received = 0;
-  std::uint64_t admitted = 0;  ///< evaluated ones included
-  std::uint64_t duplicate = 0;
-  std::uint64_t stale = 0;
-  std::uint64_t invalid = 0;
-  std::uint64_t foreign = 0;
-  std::uint64_t overflow = 0;
-  std::uint64_t cancelled =
-      0;  ///< grants no longer wanted: another one of the task was admitted first
-  std::uint64_t outstanding = 0;  ///< grants alive now
-  std::uint64_t evaluated = 0;    ///< admitted results of evaluation tasks
-  std::uint64_t failed = 0;  ///< valid segments reporting a diverged lane; they count as invalid
-  std::uint64_t audit_mismatch =
-      0;  ///< two results of one task that differ: impure worker, memory, mixed builds
 };
 
 /// Where a slot begins its next segment.
@@ -98,20 +76,10 @@ struct EvaluationTask {
 
 enum class Verdict { kAdmitted, kDuplicate, kStale, kInvalid, kForeign };
 
-/// One worker as the book sees it.
-struct WorkerView {
-  std::uint32_t worker_id = 0;
-  std::uint32_t lanes = 0;
-  std::uint32_t live = 0;  ///< grants it holds
-  std::uint64_t invalid = 0;
-  bool barred = false;  ///< gets nothing any more
-};
-
-/// Decides what is granted to whom and what counts (docs/learner.md 1, 2;
-/// docs/wire.md 2, 4.1, 4.3). Pure logic: no DDS, no clock, no thread; time comes in as nanoseconds
-/// of any steady clock and never reaches a result. The content of the batches depends on the
-/// configuration and the announced weights only, not on workers or on the order, loss or repetition
-/// of anything.
+/// Decides what is granted to whom and what counts (docs/learner.md 1, 2; docs/wire.md 2, 4.1,
+/// 4.3). No DDS, no clock, no thread; times are nanoseconds of any steady clock and never reach a
+/// result. The content of the batches depends on the configuration and the announced weights only,
+/// not on workers or on the order, loss or repetition of segments.
 ///
 /// Batch k is E segments with number k, one per slot. It is collected with weights v(k) = k with
 /// lead 0, max(k - 1, 0) with lead 1; a slot gets its segment k when its own segment k - 1 is
@@ -147,6 +115,8 @@ class TaskBook {
   Verdict receive(RolloutSegment segment, std::int64_t now_ns);
   /// Counts a segment that was dropped because the ring was full; its task is granted again.
   void overflowed(std::uint32_t slot, std::uint64_t task_hash);
+  /// Counts segments that did not come from the process of the worker they name.
+  void foreign(std::uint64_t count);
   /// Counts segments the wire layer refused.
   void refused(std::uint64_t count);
   /// Why the last invalid segment was refused; empty if none.
@@ -161,7 +131,6 @@ class TaskBook {
 
   /// Adds tasks outside the batches; at most one list at a time.
   void evaluate(std::span<const EvaluationTask> tasks);
-  bool evaluating() const { return !evaluations_.empty(); }
   bool evaluation_complete() const;
   /// The list as granted, in its order, without grant and worker; empty when nothing is evaluated.
   std::vector<RolloutTask> granted_evaluation() const;
@@ -171,10 +140,9 @@ class TaskBook {
   /// For a checkpoint; call between an update and the next take_batch().
   SlotTable table() const;
   Ledger ledger() const;
-  /// The equations of docs/wire.md 4.3; names the one that does not hold.
+  /// The equations of docs/wire.md 4.3; the failure lists all counters.
   Result<void> check_balance() const;
   double oldest_task_age_s(std::int64_t now_ns) const;
-  std::vector<WorkerView> workers() const;
   /// Diverged lanes since the start or resume, and the last reason.
   std::uint64_t failures() const { return ledger_.failed; }
   const std::string& last_failure() const { return last_failure_; }
@@ -184,7 +152,7 @@ class TaskBook {
     std::uint32_t worker_id = 0;
     std::uint32_t number = 0;
     std::int64_t at_ns = 0;
-    bool lapsed = false;   ///< given up; counted as regranted when the replacement is written
+    bool lapsed = false;   ///< not waited for; counted as regranted when the replacement is written
     bool overdue = false;  ///< older than its limit
   };
   // One task until its result is admitted. At most two grants are not lapsed.
@@ -201,8 +169,8 @@ class TaskBook {
     std::uint32_t crc = 0;
   };
   struct Slot {
-    std::deque<SlotStart>
-        starts;  ///< of segments batch_, batch_ + 1, ...; the last is not admitted yet
+    /// Of segments batch_, batch_ + 1, ...; the last is not admitted yet.
+    std::deque<SlotStart> starts;
     std::deque<RolloutSegment> done;   ///< of segments batch_, ...; one less than starts
     std::array<Admitted, 4> recent{};  ///< ring of results, to tell duplicates from strangers
     std::size_t recent_next = 0;
@@ -218,7 +186,7 @@ class TaskBook {
     std::uint32_t live = 0;
     std::deque<double> ns_per_step;  ///< grant to result by the steps asked for; newest last
     double ns_per_step_p95 = 0;      ///< 0 = unknown
-    std::uint64_t invalid = 0, invalid_in_row = 0;
+    std::uint64_t invalid_in_row = 0;
     std::int64_t suspect_until_ns = 0;
     std::int64_t suspect_span_ns = 0;
     bool silent = false;
@@ -230,8 +198,12 @@ class TaskBook {
   void open_job(std::uint32_t slot);
   void advance(std::uint32_t slot, RolloutSegment segment);
   void skip_episode(std::uint32_t slot, const RolloutSegment& segment);
+  RolloutTask make_task(std::uint32_t slot, std::uint64_t segment, std::uint64_t version) const;
   Job* find_job(std::uint32_t slot);
-  static double quantile(const std::deque<double>& values, double share);
+  Job* find_open_job(std::uint32_t slot, std::uint64_t task_hash);
+  const Admitted* find_admitted(std::uint32_t slot, std::uint64_t task_hash) const;
+  Worker* find_worker(std::uint32_t worker_id);
+  static double quantile(const std::deque<double>& values, double p);
   template <typename Fn>
   void for_each_job(Fn&& fn);
   template <typename Fn>
@@ -245,6 +217,8 @@ class TaskBook {
   std::optional<std::uint32_t> choose_worker(const Job& job, Need need, std::int64_t now_ns) const;
   RolloutTask write_grant(Job& job, std::uint32_t worker_id, std::int64_t now_ns);
   void lapse(Grant& grant);
+  template <typename Predicate>
+  void lapse_if(Job& job, Predicate&& predicate);
   void drop_worker_grants(std::uint32_t worker_id);
 
   Verdict refuse(Job& job, const RolloutSegment& segment, const std::string& reason);
@@ -264,6 +238,13 @@ class TaskBook {
   Ledger ledger_;                   ///< outstanding is derived
   std::string last_refusal_, last_failure_;
 };
+
+template <typename Predicate>
+void TaskBook::lapse_if(Job& job, Predicate&& predicate) {
+  for (Grant& grant : job.grants) {
+    if (predicate(grant)) lapse(grant);
+  }
+}
 
 template <typename Fn>
 void TaskBook::for_each_job(Fn&& fn) {

@@ -1,7 +1,8 @@
-// Who gets which task, and when it is granted again.
+// Workers: who gets which task, and when it is granted again.
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <utility>
 
 #include "core/check.h"
@@ -12,11 +13,57 @@ namespace {
 
 constexpr double kAgeFactor = 4;            // x p95 of the worker, docs/wire.md 4.1
 constexpr double kStragglerShare = 0.9;     // of the batch admitted, docs/wire.md 4.1
-constexpr double kStragglerFactor = 1.5;    // x median: younger tasks are just on their way
+constexpr double kStragglerFactor = 1.5;    // x median: younger tasks are not late
 constexpr double kStragglerFloorNs = 20e6;  // below this a second grant costs more than it saves
 constexpr double kMaxSuspectNs = 60e9;
 
 }  // namespace
+
+double TaskBook::quantile(const std::deque<double>& values, double p) {
+  if (values.empty()) return 0;
+  std::vector<double> sorted(values.begin(), values.end());
+  const auto rank = static_cast<std::ptrdiff_t>(p * static_cast<double>(sorted.size() - 1));
+  std::nth_element(sorted.begin(), sorted.begin() + rank, sorted.end());
+  return sorted[static_cast<std::size_t>(rank)];
+}
+
+TaskBook::Worker* TaskBook::find_worker(std::uint32_t worker_id) {
+  const auto found = workers_.find(worker_id);
+  return found == workers_.end() ? nullptr : &found->second;
+}
+
+void TaskBook::worker_joined(std::uint32_t worker_id, std::uint32_t lanes) {
+  drop_worker_grants(worker_id);  // a restarted worker with the same id has none of them
+  Worker worker;
+  worker.lanes = std::max(lanes, std::uint32_t{1});
+  workers_[worker_id] = std::move(worker);
+}
+
+void TaskBook::worker_left(std::uint32_t worker_id) {
+  drop_worker_grants(worker_id);
+  workers_.erase(worker_id);
+}
+
+void TaskBook::worker_declined(std::uint32_t worker_id, bool for_good) {
+  drop_worker_grants(worker_id);
+  if (Worker* worker = find_worker(worker_id); worker != nullptr && for_good) worker->barred = true;
+}
+
+void TaskBook::worker_silent(std::uint32_t worker_id, bool silent) {
+  if (Worker* worker = find_worker(worker_id)) worker->silent = silent;
+}
+
+void TaskBook::lapse(Grant& grant) {
+  if (std::exchange(grant.lapsed, true)) return;
+  if (Worker* worker = find_worker(grant.worker_id); worker != nullptr && worker->live > 0)
+    --worker->live;
+}
+
+void TaskBook::drop_worker_grants(std::uint32_t worker_id) {
+  for_each_job([this, worker_id](Job& job) {
+    lapse_if(job, [&](const Grant& grant) { return grant.worker_id == worker_id; });
+  });
+}
 
 double TaskBook::age_limit_ns(const Job& job, const Grant& grant) const {
   const auto worker = workers_.find(grant.worker_id);
@@ -25,7 +72,7 @@ double TaskBook::age_limit_ns(const Job& job, const Grant& grant) const {
   const auto least = static_cast<double>(config_.min_task_age_ns);
   double limit = per_step == 0 ? static_cast<double>(config_.first_task_age_ns)
                                : std::max(least, kAgeFactor * per_step * job.task.steps);
-  // A task that was granted often is a slow task: be more patient every time.
+  // A task that was granted often is a slow one: the limit doubles every time.
   const int repeats = static_cast<int>(std::min(grant.number, std::uint32_t{6}));
   return std::ldexp(limit, repeats);
 }
@@ -40,13 +87,12 @@ void TaskBook::mark_overdue(std::int64_t now_ns) {
       const double limit = age_limit_ns(job, grant);
       if (age <= limit) continue;
       grant.overdue = true;
-      const auto found = workers_.find(grant.worker_id);
-      if (found == workers_.end() || found->second.suspect_until_ns > now_ns) continue;
-      Worker& worker = found->second;
-      const double span =
-          std::min(kMaxSuspectNs, std::max(limit, 2 * static_cast<double>(worker.suspect_span_ns)));
-      worker.suspect_span_ns = static_cast<std::int64_t>(span);
-      worker.suspect_until_ns = now_ns + worker.suspect_span_ns;
+      Worker* worker = find_worker(grant.worker_id);
+      if (worker == nullptr || worker->suspect_until_ns > now_ns) continue;
+      const double span = std::min(
+          kMaxSuspectNs, std::max(limit, 2 * static_cast<double>(worker->suspect_span_ns)));
+      worker->suspect_span_ns = static_cast<std::int64_t>(span);
+      worker->suspect_until_ns = now_ns + worker->suspect_span_ns;
     }
   });
 }
@@ -81,23 +127,20 @@ std::optional<std::uint32_t> TaskBook::choose_worker(const Job& job, Need need,
   };
   std::optional<std::uint32_t> best;
   std::optional<std::uint32_t> best_suspect;
-  bool others = false;  // is there anyone else at all?
-  // A group costs the same however many of its lanes are taken, and only tasks of one policy
-  // version run together. So tasks fill one group before they begin another: the fewest groups
-  // first; then the worker that had the slot, whose other slots are as far; then the fullest group.
-  // A group is a worker's share of the slots, at most its lanes.
+  bool others = false;  // there is a worker that is not suspect
+  // A group costs the same however many of its lanes are used, and only tasks of one policy version
+  // run together. So tasks fill one group before they begin another: first the worker with the
+  // fewest groups; then the one that had the slot, whose other slots have the same version; then
+  // the one with the fullest group. A group is a worker's part of the slots, at most its lanes.
   std::uint64_t all_lanes = 0;
   for (const auto& [id, worker] : workers_)
     all_lanes += worker.barred || worker.silent ? 0 : worker.lanes;
   const auto load = [&](std::uint32_t id) {
     const Worker& worker = workers_.at(id);
-    const std::uint64_t share =
+    const std::uint64_t slots =
         (std::uint64_t{config_.slots} * worker.lanes + all_lanes - 1) / all_lanes;
-    const std::uint64_t group = std::min<std::uint64_t>(share, worker.lanes);
+    const std::uint64_t group = std::min<std::uint64_t>(slots, worker.lanes);
     return std::tuple(worker.live / group, id != job.home, group - worker.live % group);
-  };
-  const auto better = [&load](std::uint32_t id, const std::optional<std::uint32_t>& than) {
-    return !than || load(id) < load(*than);
   };
   for (const auto& [id, worker] : workers_) {
     if (worker.barred || worker.silent || holds(id)) continue;
@@ -106,35 +149,31 @@ std::optional<std::uint32_t> TaskBook::choose_worker(const Job& job, Need need,
     const bool spare = need == Need::kAudit || need == Need::kStraggler;
     if (worker.live >= (spare ? worker.lanes : credits(worker))) continue;
     std::optional<std::uint32_t>& place = suspect ? best_suspect : best;
-    if (better(id, place)) place = id;
+    if (!place || load(id) < load(*place)) place = id;
   }
   if (best) return best;
   if (need == Need::kFirst) return others ? std::nullopt : best_suspect;
   if (need != Need::kOverdue || others) return std::nullopt;
   if (best_suspect) return best_suspect;
-  // Nobody else: after twice the limit the same worker gets it again, in case it never arrived.
+  // No other worker: after twice the limit the same one is granted it again.
   for (const Grant& grant : job.grants) {
     const auto worker = workers_.find(grant.worker_id);
     if (grant.lapsed || worker == workers_.end()) continue;
     if (worker->second.barred || worker->second.silent) continue;
-    if (static_cast<double>(now_ns - grant.at_ns) > 2 * age_limit_ns(job, grant)) {
+    if (static_cast<double>(now_ns - grant.at_ns) > 2 * age_limit_ns(job, grant))
       return grant.worker_id;
-    }
   }
   return std::nullopt;
 }
 
 RolloutTask TaskBook::write_grant(Job& job, std::uint32_t worker_id, std::int64_t now_ns) {
   // At most two live grants; a worker holds a task once (its reader keeps one sample per slot).
-  const auto live = [&job] {
-    return std::count_if(job.grants.begin(), job.grants.end(),
-                         [](const Grant& grant) { return !grant.lapsed; });
-  };
-  for (Grant& grant : job.grants) {
-    if (!grant.lapsed && (grant.worker_id == worker_id || live() >= 2)) lapse(grant);
-  }
-  const auto lapsed = std::find_if(job.grants.begin(), job.grants.end(),
-                                   [](const Grant& grant) { return grant.lapsed; });
+  const auto has_lapsed = [](const Grant& grant) { return grant.lapsed; };
+  lapse_if(job, [&](const Grant& grant) {
+    return grant.worker_id == worker_id ||
+           std::count_if(job.grants.begin(), job.grants.end(), std::not_fn(has_lapsed)) >= 2;
+  });
+  const auto lapsed = std::find_if(job.grants.begin(), job.grants.end(), has_lapsed);
   if (lapsed != job.grants.end()) {
     job.grants.erase(lapsed);
     ++ledger_.regranted;
@@ -167,15 +206,15 @@ std::vector<RolloutTask> TaskBook::grant(std::int64_t now_ns) {
     return key(a) < key(b);
   });
   std::vector<RolloutTask> tasks;
-  for (auto& [job, need] : wanted) {
-    const std::optional<std::uint32_t> worker = choose_worker(*job, need, now_ns);
-    if (worker) tasks.push_back(write_grant(*job, *worker, now_ns));
-  }
+  const auto try_grant = [&](Job& job, Need need) {
+    const std::optional<std::uint32_t> worker = choose_worker(job, need, now_ns);
+    if (worker) tasks.push_back(write_grant(job, *worker, now_ns));
+  };
+  for (auto& [job, need] : wanted) try_grant(*job, need);
   // An audited task is granted a second time at once.
   for (auto& [job, need] : wanted) {
-    if (need != Need::kFirst || need_of(*job, now_ns) != Need::kAudit) continue;
-    const std::optional<std::uint32_t> worker = choose_worker(*job, Need::kAudit, now_ns);
-    if (worker) tasks.push_back(write_grant(*job, *worker, now_ns));
+    if (need == Need::kFirst && need_of(*job, now_ns) == Need::kAudit)
+      try_grant(*job, Need::kAudit);
   }
   std::stable_sort(tasks.begin(), tasks.end(), [](const RolloutTask& a, const RolloutTask& b) {
     return a.worker_id < b.worker_id;
@@ -184,11 +223,8 @@ std::vector<RolloutTask> TaskBook::grant(std::int64_t now_ns) {
 }
 
 void TaskBook::undelivered(const RolloutTask& task) {
-  Job* job = find_job(task.slot);
-  if (job == nullptr || !job->open || job->task.task_hash != task.task_hash) return;
-  for (Grant& grant : job->grants) {
-    if (grant.number == task.grant) lapse(grant);
-  }
+  if (Job* job = find_open_job(task.slot, task.task_hash))
+    lapse_if(*job, [&task](const Grant& grant) { return grant.number == task.grant; });
 }
 
 }  // namespace omentum

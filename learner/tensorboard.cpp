@@ -36,8 +36,7 @@ TensorboardWriter::TensorboardWriter(const std::string& folder) {
   const double now = seconds_since_epoch();
   path_ = fmt::format("{}/events.out.tfevents.{}.{}", folder, static_cast<std::int64_t>(now),
                       host_name());
-  file_.reset(std::fopen(path_.c_str(), "ab"));
-  if (file_ == nullptr) throw_error("cannot create {}", path_);
+  file_.emplace(path_);
   pb::TensorboardEvent first;
   first.set_wall_time(now);
   first.set_file_version("brain.Event:2");
@@ -49,16 +48,12 @@ Result<void> TensorboardWriter::write_event(const pb::TensorboardEvent& event) {
   const std::uint64_t length = payload.size();
   const std::uint32_t length_crc = masked_crc(std::as_bytes(std::span(&length, 1)));
   const std::uint32_t payload_crc = masked_crc(std::as_bytes(std::span(payload)));
-  Bytes record(16 + payload.size());
+  std::string record(16 + payload.size(), '\0');
   std::memcpy(record.data(), &length, 8);
   std::memcpy(record.data() + 8, &length_crc, 4);
   std::memcpy(record.data() + 12, payload.data(), payload.size());
   std::memcpy(record.data() + 12 + payload.size(), &payload_crc, 4);
-  if (std::fwrite(record.data(), 1, record.size(), file_.get()) != record.size() ||
-      std::fflush(file_.get()) != 0) {
-    return Failure{fmt::format("cannot write {}", path_)};
-  }
-  return {};
+  return file_->append(record);
 }
 
 Result<void> TensorboardWriter::write(std::int64_t step, std::span<const Scalar> scalars) {

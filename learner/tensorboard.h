@@ -2,15 +2,14 @@
 
 #include <cstddef>
 #include <cstdint>
-#include <cstdio>
-#include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <utility>
 #include <vector>
 
 #include "core/result.h"
-#include "core/types.h"
+#include "learner/durable_file.h"
 #include "proto/tensorboard_event.pb.h"
 
 namespace omentum {
@@ -32,13 +31,10 @@ class TensorboardWriter {
   const std::string& path() const { return path_; }
 
  private:
-  struct Close {
-    void operator()(std::FILE* file) const { std::fclose(file); }
-  };
   Result<void> write_event(const pb::TensorboardEvent& event);
 
   std::string path_;
-  std::unique_ptr<std::FILE, Close> file_;
+  std::optional<AppendFile> file_;
 };
 
 /// Events of a file up to the first record that is cut off or damaged; total over arbitrary bytes.

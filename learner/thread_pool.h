@@ -25,8 +25,7 @@ class ThreadPool {
 
  private:
   int size_ = 1;
-  const std::function<void(int)>* work_ =
-      nullptr;  // null at a start = stop; ordered by the barriers
+  const std::function<void(int)>* work_ = nullptr;  ///< null at a start = stop
   std::barrier<> start_;
   std::barrier<> done_;
   std::vector<std::jthread> threads_;

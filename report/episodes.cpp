@@ -11,6 +11,7 @@
 #include "core/constants.h"
 #include "report/plot.h"
 #include "report/replay3d.h"
+#include "report/section_parts.h"
 #include "report/skin.h"
 #include "sim_worker/camera/camera.h"
 
@@ -20,8 +21,7 @@ namespace {
 constexpr int kPictureWidth = 560;
 constexpr int kPictureHeight = 420;
 constexpr double kPictureFov = 0.60;  // [rad] the endoscope's place, closer view than its 60 deg
-constexpr double kOpenJaw =
-    0.9;  // [rad] drawn opening of an open jaw; a closed one is drawn at 0.05
+constexpr double kOpenJaw = 0.9, kClosedJaw = 0.05;  // [rad] as drawn
 
 struct Candidate {
   std::string set, path;
@@ -80,7 +80,7 @@ std::string draw_picture(Studio& studio, const EpisodeRecording& recording, std:
     ToolPose tool;
     tool.p_WT = tip.cast<double>();
     tool.roll_rad = studio.scene.config.tool().roll_deg() * kDegree;
-    tool.jaw_rad = state.held ? 0.05 : kOpenJaw;
+    tool.jaw_rad = state.held ? kClosedJaw : kOpenJaw;
     picture.tool = tool;
   }
   return base64(encode_png(studio.camera.draw_shaded(picture, studio.pose)));
@@ -90,24 +90,20 @@ std::string picture_row(Studio& studio, const ShownEpisode& episode, const std::
   const EpisodeRecording& recording = episode.recording;
   const std::size_t last = recording.frame_steps.size() - 1;
   const std::optional<std::size_t> grasp = grasp_frame(recording);
-  struct Shot {
-    std::size_t frame;
-    std::string caption;
-  };
-  const std::vector<Shot> shots = {
+  const std::pair<std::size_t, const char*> shots[] = {
       {0, "start"},
       {grasp.value_or(last / 2), grasp ? "grasp" : "half-way: nothing is held"},
       {last, "end"}};
   std::string html = fmt::format("<div class=\"episode\"><h3>{}</h3>\n<div class=\"pictures\">\n",
                                  escape_html(title + " - " + episode.label()));
-  for (const Shot& shot : shots) {
-    const FrameState state = frame_state(recording, shot.frame);
+  for (const auto& [frame, caption] : shots) {
+    const FrameState state = frame_state(recording, frame);
     const double exposure = static_cast<double>(state.exposure);
     html += fmt::format(
         "<figure><img alt=\"{0}\" width=\"{1}\" height=\"{2}\" "
         "src=\"data:image/png;base64,{3}\"><figcaption>{0}, {4:.1f} s{5}</figcaption></figure>\n",
-        escape_html(shot.caption), kPictureWidth, kPictureHeight,
-        draw_picture(studio, recording, shot.frame), state.time,
+        escape_html(caption), kPictureWidth, kPictureHeight, draw_picture(studio, recording, frame),
+        state.time,
         std::isfinite(exposure) ? fmt::format(", exposure {:.0f} %", 100 * exposure) : "");
   }
   return html + "</div></div>\n";
@@ -136,16 +132,11 @@ std::string exposure_curves(const std::vector<ShownEpisode>& episodes) {
     if (!series.x.empty()) chart.series.push_back(std::move(series));
   };
   for (std::size_t k = 1; k + 1 < episodes.size(); ++k) add(episodes[k], episodes[k].label(), 0);
-  if (episodes.size() > 1)
-    add(episodes.back(),
-        fmt::format("worst, start ({}, {})", episodes.back().start.row,
-                    episodes.back().start.column),
-        2);
-  if (!episodes.empty())
-    add(episodes.front(),
-        fmt::format("best, start ({}, {})", episodes.front().start.row,
-                    episodes.front().start.column),
-        1);
+  const auto named = [](const char* rank, const ShownEpisode& episode) {
+    return fmt::format("{}, start ({}, {})", rank, episode.start.row, episode.start.column);
+  };
+  if (episodes.size() > 1) add(episodes.back(), named("worst", episodes.back()), 2);
+  if (!episodes.empty()) add(episodes.front(), named("best", episodes.front()), 1);
   return chart.series.empty() ? ""
                               : "<div class=\"card half\">" + draw_line_chart(chart) + "</div>\n";
 }
@@ -194,7 +185,7 @@ Section make_episode_section(const std::vector<ShownEpisode>& episodes, const Sc
                   "endoscope, closer than its own view.",
                   ""};
   if (episodes.empty()) {
-    section.content = "<p class=\"missing\">No recordings.</p>\n";
+    section.content = missing("No recordings.");
     return section;
   }
   if (scene != nullptr && has_pictures(*scene, episodes.front())) {
@@ -214,8 +205,7 @@ Section make_replay_section(const std::vector<ShownEpisode>& episodes, const Sce
                   "Simulated positions, not an animation.",
                   ""};
   if (scene == nullptr || episodes.empty()) {
-    section.content =
-        "<p class=\"missing\">No recordings, or no configuration to draw the scene from.</p>\n";
+    section.content = missing("No recordings, or no configuration to draw the scene from.");
     return section;
   }
   std::vector<ReplayEpisode> shown{

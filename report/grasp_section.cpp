@@ -1,38 +1,30 @@
-#include "report/grasp_section.h"
-
 #include <fmt/core.h>
 
 #include <algorithm>
 
 #include "report/plot.h"
 #include "report/section_parts.h"
+#include "report/sections.h"
 
 namespace omentum {
 namespace {
 
-/// In the units a person thinks in.
-double shown(const GraspStudyPoint& r) {
-  if (r.unit == "m") return 1e3 * r.value;
-  if (r.unit == "m/s/N") return 1e3 * r.value;
-  return r.value;
-}
+/// Metres are shown as millimetres.
+bool in_metres(const std::string& unit) { return unit == "m" || unit == "m/s/N"; }
 
-std::string shown_unit(const std::string& unit) {
-  if (unit == "m") return "mm";
-  if (unit == "m/s/N") return "mm/s/N";
-  return unit;
-}
+double shown(const GraspStudyPoint& r) { return in_metres(r.unit) ? 1e3 * r.value : r.value; }
+
+std::string shown_unit(const std::string& unit) { return in_metres(unit) ? "m" + unit : unit; }
 
 }  // namespace
 
 Section make_grasp_section(const std::vector<RunFolder>& runs) {
-  Section section;
-  section.id = "grasp-study";
-  section.title = "The grasp that can fail";
-  section.lead =
+  Section section{
+      "grasp-study", "The grasp that can fail",
       "A scripted grasp from every start of the robot grid, straight down, close, straight to the "
       "target: share still held, and share lost on the way, against each parameter varied alone. "
-      "The dashed line is the value of this configuration.";
+      "The dashed line is the value of this configuration.",
+      ""};
   const auto run = std::find_if(runs.begin(), runs.end(),
                                 [](const RunFolder& r) { return !r.grasp_study.empty(); });
   if (run == runs.end()) {

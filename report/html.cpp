@@ -1,8 +1,9 @@
 #include "report/html.h"
 
 #include <fmt/core.h>
+#include <openssl/evp.h>
 
-#include <cstdint>
+#include <algorithm>
 
 namespace omentum {
 namespace {
@@ -130,19 +131,11 @@ std::string escape_html(std::string_view text) {
 }
 
 std::string base64(std::string_view bytes) {
-  constexpr std::string_view kAlphabet =
-      "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-  std::string out;
-  out.reserve((bytes.size() + 2) / 3 * 4);
-  for (std::size_t k = 0; k < bytes.size(); k += 3) {
-    std::uint32_t group = 0;
-    for (std::size_t j = 0; j < 3; ++j) {
-      group = group << 8 | (k + j < bytes.size() ? static_cast<unsigned char>(bytes[k + j]) : 0U);
-    }
-    for (std::size_t j = 0; j < 4; ++j) {
-      out += k + j > bytes.size() ? '=' : kAlphabet[(group >> (18 - 6 * j)) & 63U];
-    }
-  }
+  std::string out((bytes.size() + 2) / 3 * 4 + 1, '\0');
+  const auto* from = reinterpret_cast<const unsigned char*>(bytes.data());
+  EVP_EncodeBlock(reinterpret_cast<unsigned char*>(out.data()), from,
+                  static_cast<int>(bytes.size()));
+  out.pop_back();  // the zero that ends it
   return out;
 }
 
@@ -164,8 +157,7 @@ std::string make_table(const std::vector<std::vector<std::string>>& rows,
     const char* tag = r == 0 ? "th" : "td";
     html += "<tr>";
     for (std::size_t c = 0; c < rows[r].size(); ++c) {
-      bool number = false;
-      for (const std::size_t column : numeric) number = number || column == c;
+      const bool number = std::find(numeric.begin(), numeric.end(), c) != numeric.end();
       html += fmt::format("<{0}{1}>{2}</{0}>", tag, number ? " class=\"number\"" : "",
                           escape_html(rows[r][c]));
     }

@@ -20,7 +20,7 @@ struct Axis {
 };
 
 std::string svg_open(double width, double height, const std::string& title) {
-  // At most a little larger than drawn, so that letters have one size all over the page.
+  // Limited in width, so that letters have nearly one size all over the page.
   return fmt::format(
       "<svg class=\"plot\" viewBox=\"0 0 {0:.0f} {1:.0f}\" style=\"max-width:{2:.0f}px\" "
       "role=\"img\" aria-label=\"{3}\">\n",
@@ -33,7 +33,7 @@ std::string text_at(double x, double y, const std::string& style, const std::str
                      x, y, style, anchor, escape_html(text));
 }
 
-std::string line_at(double x1, double y1, double x2, double y2, const char* style) {
+std::string line_at(double x1, double y1, double x2, double y2, const std::string& style) {
   return fmt::format(
       "<line x1=\"{:.1f}\" y1=\"{:.1f}\" x2=\"{:.1f}\" y2=\"{:.1f}\" class=\"{}\"/>\n", x1, y1, x2,
       y2, style);
@@ -92,14 +92,19 @@ std::string draw_legend(const std::vector<PlotSeries>& all, double left, double 
   double x = left;
   for (const PlotSeries& series : all) {
     if (series.name.empty() || series.colour == 0) continue;
-    svg += fmt::format(
-        "<line x1=\"{:.1f}\" y1=\"{:.1f}\" x2=\"{:.1f}\" y2=\"{:.1f}\" class=\"{}\"/>\n", x,
-        top - 4, x + 18, top - 4, series_class(series.colour));
+    svg += line_at(x, top - 4, x + 18, top - 4, series_class(series.colour));
     svg += text_at(x + 24, top, "label", series.name);
-    x += 24 + 6.6 * static_cast<double>(series.name.size()) +
-         18;  // 6.6 px: mean width of a letter at 12 px
+    x += 42 + 6.6 * static_cast<double>(series.name.size());  // 6.6 px: a letter at 12 px, mean
   }
   return svg;
+}
+
+/// Label of the y axis, upright, centred at `y`.
+std::string upright_label(double y, const std::string& text) {
+  return fmt::format(
+      "<text class=\"label\" text-anchor=\"middle\" transform=\"translate(12 {:.1f}) "
+      "rotate(-90)\">{}</text>\n",
+      y, escape_html(text));
 }
 
 /// The colour bar of a sequential scale, `height` long, upright.
@@ -242,10 +247,7 @@ std::string draw_line_chart(const LineChart& chart) {
   svg += line_at(x.start, y.start, x.end, y.start, "axis");
   for (const PlotSeries& series : chart.series) svg += draw_series(series, x, y);
   svg += text_at((x.start + x.end) / 2, kHeight - 10, "label", chart.x_label, "middle");
-  svg += fmt::format(
-      "<text class=\"label\" text-anchor=\"middle\" transform=\"translate(12 {:.1f}) "
-      "rotate(-90)\">{}</text>\n",
-      (y.start + y.end) / 2, escape_html(chart.y_label));
+  svg += upright_label((y.start + y.end) / 2, chart.y_label);
   return svg + "</svg>\n";
 }
 
@@ -318,8 +320,8 @@ std::string draw_plane_map(const PlaneMap& map) {
   auto [x_low, x_high] = range_of({&map.x});
   auto [y_low, y_high] = range_of({&map.y});
   const double half = map.cell / 2;
-  const double span =
-      std::max(x_high - x_low, y_high - y_low) + map.cell;  // one scale for both axes
+  // One scale for both axes.
+  const double span = std::max(x_high - x_low, y_high - y_low) + map.cell;
   const double side = 380;
   const Axis x{x_low - half, x_low - half + span, 56, 56 + side};
   const Axis y = map.y_down ? Axis{y_low - half, y_low - half + span, 50, 50 + side}
@@ -350,10 +352,7 @@ std::string draw_plane_map(const PlaneMap& map) {
                    left ? "end" : "start");
   }
   svg += text_at(x.start + side / 2, 50 + side + 38, "label", map.x_label, "middle");
-  svg += fmt::format(
-      "<text class=\"label\" text-anchor=\"middle\" transform=\"translate(12 {:.1f}) "
-      "rotate(-90)\">{}</text>\n",
-      50 + side / 2, escape_html(map.y_label));
+  svg += upright_label(50 + side / 2, map.y_label);
   svg += draw_scale(56 + side + 16, 50, side, map.low, map.high, map.scale_label);
   return svg + "</svg>\n";
 }

@@ -16,7 +16,7 @@ struct PlotSeries {
   std::string name;  ///< in the legend; empty = not listed
   std::vector<double> x, y;
   std::vector<double> low, high;  ///< shaded range around y; empty = none
-  int colour = 1;  ///< 1 .. 6, a series colour of the page; 0 = grey and thin, for company
+  int colour = 1;                 ///< 1 ... 6, a series colour of the page; 0 = grey and thin
 };
 
 /// A value of x that deserves a dashed line with a note.
@@ -30,7 +30,7 @@ struct LineChart {
   std::vector<PlotSeries> series;
   std::vector<PlotMilestone> milestones;             ///< those outside the range are left out
   std::optional<std::pair<double, double>> y_range;  ///< default: the values, rounded to ticks
-  bool percent = false;                              ///< y is a share; ticks in %
+  bool percent = false;                              ///< y is a fraction; ticks in %
 };
 std::string draw_line_chart(const LineChart& chart);
 
@@ -43,12 +43,11 @@ struct HeatMap {
   std::vector<std::string> hover;  ///< tool tip
   double low = 0, high = 1;        ///< ends of the colour scale
   std::string scale_label;         ///< beside the colour bar
-  std::vector<std::pair<int, std::string>>
-      marks;  ///< cells to outline, with a note for the tool tip
+  std::vector<std::pair<int, std::string>> marks;  ///< cells to outline, each with a tool tip
 };
 std::string draw_heat_map(const HeatMap& map);
 
-/// A grid of cells of a few kinds, told apart by colour and by sign.
+/// A grid of cells of a few kinds, each with a colour and a sign.
 struct CategoryMap {
   struct Kind {
     std::string name, sign;  ///< in the legend, in the cell
@@ -81,7 +80,7 @@ std::vector<double> make_ticks(double low, double high, int wanted);
 /// 1500000 -> "1.5 M", 0.25 -> "0.25".
 std::string short_number(double value);
 
-/// Colour of a share in [0, 1] on the page's sequential scale, and a readable ink on it; as
+/// Colour of a fraction in [0, 1] on the page's sequential scale, and a readable ink on it; as
 /// "#rrggbb".
 std::string scale_colour(double share);
 std::string scale_ink(double share);

@@ -9,20 +9,21 @@
 #include <cstdint>
 #include <cstring>
 #include <iterator>
+#include <limits>
 #include <nlohmann/json.hpp>
 #include <span>
 #include <utility>
 
 #include "core/constants.h"
 #include "report/html.h"
+#include "report/section_parts.h"
 #include "report/skin.h"
 
 namespace omentum {
 namespace {
 
 constexpr std::size_t kMaxFrames = 120;
-constexpr double kBoardHeight =
-    -0.0005;  // [m] a little under z = 0, so that bodies standing on it do not flicker
+constexpr double kBoardHeight = -0.0005;  // [m] under bodies standing on z = 0: no flicker
 
 const char* kind_of(pb::BodyRole role) {
   switch (role) {
@@ -206,13 +207,45 @@ bool can_show(const Scene& scene, const ReplayEpisode& episode) {
 
 }  // namespace
 
+FrameState frame_state(const EpisodeRecording& recording, std::size_t frame) {
+  const RolloutSegment& segment = recording.segment;
+  FrameState state;
+  state.step = recording.frame_steps[frame];
+  state.time = state.step * recording.context.control_period;
+  state.tool_position.fill(std::numeric_limits<float>::quiet_NaN());
+  state.exposure = std::numeric_limits<float>::quiet_NaN();
+  const std::size_t after =
+      std::min(state.step, segment.steps);  // steps whose result the frame shows
+  const std::vector<float>& tools = segment.tool_positions_in_world_m;
+  if (after > 0 && 3 * after <= tools.size()) {
+    std::copy_n(tools.data() + 3 * (after - 1), 3, state.tool_position.data());
+  } else if (after == 0 && segment.episode_start_position_in_world_m.size() >= 3) {
+    std::copy_n(segment.episode_start_position_in_world_m.data(), 3, state.tool_position.data());
+  } else if (tools.size() >= 3) {
+    std::copy_n(tools.data(), 3, state.tool_position.data());
+  }
+  if (!segment.exposures.empty()) {
+    state.exposure =
+        segment.exposures[std::min(after > 0 ? after - 1 : 0, segment.exposures.size() - 1)];
+  }
+  if (after < segment.flags.size()) {
+    state.held = (segment.flags[after] & step_flag::kHeld) != 0;
+  } else if (!segment.episode_held.empty()) {
+    state.held = segment.episode_held[0] != 0;
+  } else if (!segment.flags.empty()) {
+    const std::uint8_t last = segment.flags.back();
+    state.held = (last & step_flag::kHeld) != 0 && (last & step_flag::kGraspLost) == 0;
+  }
+  return state;
+}
+
 std::string make_replay_markup(const Scene& scene, const std::vector<ReplayEpisode>& all) {
   std::vector<ReplayEpisode> episodes;
   std::copy_if(all.begin(), all.end(), std::back_inserter(episodes),
                [&](const ReplayEpisode& episode) { return can_show(scene, episode); });
   if (episodes.empty() || SurfaceSkin(scene.tissue).vertices() > 65535) {
-    return "<p class=\"missing\">No recording with frames of this sheet: run the evaluation with "
-           "recordings on.</p>\n";
+    return missing(
+        "No recording with frames of this sheet: run the evaluation with recordings on.");
   }
   std::vector<TriangleMesh> meshes{board_mesh(scene)};
   std::vector<std::string> kinds{"board"};

@@ -1,5 +1,8 @@
 #pragma once
 
+#include <array>
+#include <cstddef>
+#include <cstdint>
 #include <string>
 #include <vector>
 
@@ -7,6 +10,18 @@
 #include "sim_worker/scene/scene.h"
 
 namespace omentum {
+
+/// What belongs to one frame. Frames show the state before a step, while the arrays of a segment
+/// hold tool and exposure after it, so this is entry step - 1 (and the start of the tool for the
+/// first frame).
+struct FrameState {
+  std::uint32_t step = 0;                ///< decisions taken before the frame
+  double time = 0;                       ///< simulated [s]
+  std::array<float, 3> tool_position{};  ///< p_WT [m], NaN if not recorded
+  float exposure = 0;                    ///< NaN if not recorded
+  bool held = false;
+};
+FrameState frame_state(const EpisodeRecording& recording, std::size_t frame);
 
 /// An episode to show, with the words for its pane.
 struct ReplayEpisode {

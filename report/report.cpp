@@ -7,7 +7,6 @@
 
 #include "core/check.h"
 #include "report/episodes.h"
-#include "report/grasp_section.h"
 #include "report/html.h"
 #include "report/replay3d.h"
 #include "report/sections.h"
@@ -47,16 +46,15 @@ std::string make_report(std::vector<RunFolder> runs, const Scene* scene) {
   OMENTUM_CHECK(!runs.empty());
   const std::vector<ShownEpisode> episodes =
       choose_episodes(runs, kShownEpisodes, runs.front().warnings);
-  std::vector<Section> sections;
-  sections.push_back(make_learning_section(runs));
-  sections.push_back(make_grid_section(runs));
-  sections.push_back(make_episode_section(episodes, scene));
-  sections.push_back(make_replay_section(episodes, scene));
-  sections.push_back(make_lattice_section(runs));
-  sections.push_back(make_robot_section(runs));
-  sections.push_back(make_grasp_section(runs));
-  sections.push_back(make_numbers_section(runs));
-  sections.push_back(make_config_section(runs));
+  const std::vector<Section> sections = {make_learning_section(runs),
+                                         make_grid_section(runs),
+                                         make_episode_section(episodes, scene),
+                                         make_replay_section(episodes, scene),
+                                         make_lattice_section(runs),
+                                         make_robot_section(runs),
+                                         make_grasp_section(runs),
+                                         make_numbers_section(runs),
+                                         make_config_section(runs)};
   return make_page(title_of(runs), subtitle_of(runs, episodes), make_overview(runs), sections,
                    replay_script());
 }

@@ -2,13 +2,12 @@
 
 #include <algorithm>
 #include <filesystem>
-#include <fstream>
-#include <iterator>
 #include <optional>
 #include <utility>
 
 #include "core/check.h"
 #include "core/config.h"
+#include "core/read_file.h"
 
 namespace omentum {
 namespace {
@@ -17,9 +16,8 @@ namespace fs = std::filesystem;
 
 int integer(double value) { return value >= -1e9 && value <= 1e9 ? static_cast<int>(value) : 0; }
 
-EvaluationSet make_set(const std::string& name, const CsvTable& table) {
+EvaluationSet make_set(const CsvTable& table) {
   EvaluationSet set;
-  set.name = name;
   for (std::size_t k = 0; k < table.rows.size(); ++k) {
     const auto number = [&](const char* column) { return table.number(k, column); };
     const auto flag = [&](const char* column) { return number(column) > 0; };
@@ -32,12 +30,7 @@ EvaluationSet make_set(const std::string& name, const CsvTable& table) {
     row.exposed = flag("exposed");
     row.lost = flag("lost");
     row.exposure = number("exposure");
-    row.best_exposure = number("best_exposure");
     row.episode_return = number("return");
-    row.length = number("length");
-    row.grasp_x = number("grasp_x_m");
-    row.grasp_y = number("grasp_y_m");
-    row.grasp_z = number("grasp_z_m");
     set.starts.push_back(row);
   }
   // Files count rows and columns from 1; one that counts from 0 is shifted.
@@ -63,7 +56,6 @@ std::vector<LatticePoint> make_lattice(const CsvTable& table) {
     point.particle = integer(table.number(k, "particle"));
     point.x = table.number(k, "x_m");
     point.y = table.number(k, "y_m");
-    point.z = table.number(k, "z_m");
     point.exposure = table.number(k, "exposure");
     point.reached = table.number(k, "reached") > 0;
     points.push_back(point);
@@ -124,7 +116,7 @@ void load_evaluations(const fs::path& folder, RunFolder& run) {
     } else if (study) {
       run.grasp_study = make_study(*table);
     } else if (table->column("exposure") && table->column("row")) {
-      run.evaluations[name] = make_set(name, *table);
+      run.evaluations[name] = make_set(*table);
     }
   }
 }
@@ -155,8 +147,8 @@ RunFolder load_run(const std::string& path) {
           {cell("name"), cell("value"), cell("unit"), cell("command"), cell("machine")});
     }
   }
-  std::ifstream config(folder / "config.txtpb", std::ios::binary);
-  run.config_text.assign(std::istreambuf_iterator<char>(config), std::istreambuf_iterator<char>());
+  if (const Result<std::string> text = read_file((folder / "config.txtpb").string()))
+    run.config_text = text.value();
   if (run.config_text.empty()) {
     run.warnings.emplace_back("no config.txtpb: no pictures and no replay");
   } else {

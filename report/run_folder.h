@@ -8,17 +8,9 @@
 #include "core/csv.h"
 #include "proto/config.pb.h"
 
-// What a run leaves on disk, as far as the report needs it (docs/formats.md 1). Every file
-// is optional: a missing or damaged one becomes a line in `warnings`, and the report says so where
-// its picture would be.
-//
-//   metrics.csv                    one row per update, columns named as TensorBoard tags
-//   evaluation/<set>.csv           one row per start: grid100_greedy, grid100_sampled,
-//   robot25_greedy, ... evaluation/grasp_lattice.csv   exposure by grasped particle
-//   evaluation/grasp_study.csv     the grasp against its parameters (sim_worker --grasp-study)
-//   recordings/<set>_<index>.mcap  episodes (core/episode_recording.h)
-//   config.txtpb                   resolved configuration
-//   figures.csv                    name, value, unit, command, machine
+// What a run leaves on disk (docs/formats.md 1), as far as the report needs it, and figures.csv:
+// name, value, unit, command, machine. Every file is optional: a missing or damaged one becomes a
+// line in `warnings`, and the report says so where its picture would be.
 
 namespace omentum {
 
@@ -29,12 +21,10 @@ struct EvaluationRow {
   bool held = false;                   ///< tissue held at the end
   bool lost = false;                   ///< tissue lost at some step
   bool exposed = false;
-  double exposure = 0, best_exposure = 0, episode_return = 0, length = 0;
-  double grasp_x = 0, grasp_y = 0, grasp_z = 0;  ///< first grasp in W [m], NaN if none
+  double exposure = 0, episode_return = 0;
 };
 
 struct EvaluationSet {
-  std::string name;
   std::vector<EvaluationRow> starts;
   int rows = 0, columns = 0;  ///< extent of the grid
 };
@@ -42,7 +32,7 @@ struct EvaluationSet {
 /// One particle of the grasp lattice: rest position in B [m] and what lifting it exposes.
 struct LatticePoint {
   int particle = 0;
-  double x = 0, y = 0, z = 0, exposure = 0;
+  double x = 0, y = 0, exposure = 0;
   bool reached = false;
 };
 

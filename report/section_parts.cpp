@@ -2,6 +2,7 @@
 
 #include <fmt/core.h>
 
+#include <algorithm>
 #include <cmath>
 #include <set>
 
@@ -37,27 +38,25 @@ std::vector<std::string> set_names(const std::vector<RunFolder>& runs) {
   return {names.begin(), names.end()};
 }
 
-Proportion reached_share(const std::vector<RunFolder>& runs, const std::string& name) {
-  int reached = 0;
-  int starts = 0;
+std::vector<EvaluationRow> starts_of(const std::vector<RunFolder>& runs, const std::string& name) {
+  std::vector<EvaluationRow> starts;
   for (const RunFolder& run : runs) {
-    const auto found = run.evaluations.find(name);
-    if (found == run.evaluations.end()) continue;
-    for (const EvaluationRow& start : found->second.starts) {
-      reached += start.reached ? 1 : 0;
-      ++starts;
-    }
+    if (const auto set = run.evaluations.find(name); set != run.evaluations.end())
+      starts.insert(starts.end(), set->second.starts.begin(), set->second.starts.end());
   }
-  return wilson(reached, starts);
+  return starts;
+}
+
+Proportion reached_share(const std::vector<RunFolder>& runs, const std::string& name) {
+  const std::vector<EvaluationRow> starts = starts_of(runs, name);
+  const auto reached = std::count_if(starts.begin(), starts.end(),
+                                     [](const EvaluationRow& start) { return start.reached; });
+  return wilson(static_cast<int>(reached), static_cast<int>(starts.size()));
 }
 
 double mean_exposure(const std::vector<RunFolder>& runs, const std::string& name) {
   std::vector<double> values;
-  for (const RunFolder& run : runs) {
-    const auto found = run.evaluations.find(name);
-    if (found == run.evaluations.end()) continue;
-    for (const EvaluationRow& start : found->second.starts) values.push_back(start.exposure);
-  }
+  for (const EvaluationRow& start : starts_of(runs, name)) values.push_back(start.exposure);
   return mean_of(values);
 }
 

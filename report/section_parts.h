@@ -6,7 +6,7 @@
 #include "report/run_folder.h"
 #include "report/statistics.h"
 
-// What the sections of the report share: words for numbers, and shares over the seeds.
+// Parts of sections: numbers as text, frames, and statistics over the seeds.
 
 namespace omentum {
 
@@ -27,6 +27,9 @@ std::string row(const std::string& cards);
 
 /// Names of all evaluation sets of all runs.
 std::vector<std::string> set_names(const std::vector<RunFolder>& runs);
+
+/// The starts of one evaluation set over all runs.
+std::vector<EvaluationRow> starts_of(const std::vector<RunFolder>& runs, const std::string& name);
 
 /// Successes (target reached) of one set over all runs.
 Proportion reached_share(const std::vector<RunFolder>& runs, const std::string& name);

@@ -67,8 +67,8 @@ std::string learning_chart(const std::vector<RunFolder>& runs, const std::string
   return card(draw_line_chart(chart));
 }
 
-/// Mean reward per step: the return divided by the length of the episodes, which for the paper's
-/// reward lies in
+/// Mean reward per step: the return divided by the length of the episodes; for the paper's reward
+/// in
 /// [-1, 0] whatever the length.
 std::vector<double> reward_per_step(const RunFolder& run) {
   std::vector<double> value = run.metrics.numbers("charts/episodic_return");
@@ -109,14 +109,13 @@ std::string make_overview(const std::vector<RunFolder>& runs) {
                      "95 %: " + interval(reached)});
     tiles.push_back({percent(mean_exposure(runs, set)), "tumour exposed, mean", describe_set(set)});
   }
-  const double steps = mean_last("charts/steps_total");
-  if (std::isfinite(steps)) tiles.push_back({short_number(steps), "training steps", seeds});
-  const double physics = mean_last("charts/physics_steps_total");
-  if (std::isfinite(physics))
-    tiles.push_back({short_number(physics), "solver substeps", "of the same training"});
-  const double speed = mean_last("charts/SPS");
-  if (std::isfinite(speed))
-    tiles.push_back({short_number(speed), "steps per second", "training, at the end"});
+  const auto add_last = [&](const char* column, const char* label, const std::string& note) {
+    const double value = mean_last(column);
+    if (std::isfinite(value)) tiles.push_back({short_number(value), label, note});
+  };
+  add_last("charts/steps_total", "training steps", seeds);
+  add_last("charts/physics_steps_total", "solver substeps", "of the same training");
+  add_last("charts/SPS", "steps per second", "training, at the end");
   std::vector<double> rewards;
   for (const RunFolder& run : runs) rewards.push_back(last_finite(reward_per_step(run)));
   if (std::isfinite(mean_of(rewards)))
@@ -144,15 +143,18 @@ Section make_learning_section(const std::vector<RunFolder>& runs) {
   const std::string of_reward = texts.reward().empty() ? "" : " (" + texts.reward() + ")";
   std::string charts = learning_chart(runs, "Reward per step" + of_reward,
                                       "episode return / length", rewards, false, 3);
-  charts += learning_chart(runs, "Success in training", "target reached, tissue held",
-                           column("charts/success_rate"), true, 3);
-  charts += learning_chart(runs, "Exposure in training", "tumour surface visible",
-                           column("charts/exposure_fraction"), true, 3);
-  charts += learning_chart(runs, "Speed", "steps per second", column("charts/SPS"), false, 1);
-  charts +=
-      learning_chart(runs, "Entropy of the policy", "nat", column("losses/entropy"), false, 1);
-  charts += learning_chart(runs, "Explained variance of the value", "share",
-                           column("losses/explained_variance"), false, 1);
+  struct Chart {
+    const char *title, *y_label, *column;
+    bool percent;
+    int width;
+  };
+  for (const Chart& c : std::initializer_list<Chart>{
+           {"Success in training", "target reached, tissue held", "charts/success_rate", true, 3},
+           {"Exposure in training", "tumour surface visible", "charts/exposure_fraction", true, 3},
+           {"Speed", "steps per second", "charts/SPS", false, 1},
+           {"Entropy of the policy", "nat", "losses/entropy", false, 1},
+           {"Explained variance of the value", "fraction", "losses/explained_variance", false, 1}})
+    charts += learning_chart(runs, c.title, c.y_label, column(c.column), c.percent, c.width);
   section.content =
       charts.empty() ? missing("No metrics.csv: nothing is known of the training.") : row(charts);
   return section;
@@ -203,7 +205,6 @@ Section make_numbers_section(const std::vector<RunFolder>& runs) {
 Section make_config_section(const std::vector<RunFolder>& runs) {
   Section section{"configuration", "Configuration", "", ""};
   for (const RunFolder& run : runs) {
-    // Seeds of one experiment differ in a line or two; each is shown in full all the same.
     if (run.config_text.empty()) continue;
     section.content += fmt::format(
         "<details><summary>Resolved configuration of "

@@ -25,6 +25,10 @@ Section make_robot_section(const std::vector<RunFolder>& runs);
 /// Exposure by grasped particle, with the best point.
 Section make_lattice_section(const std::vector<RunFolder>& runs);
 
+/// Success over the robot's starts against each parameter of the grasp that can fail: one chart per
+/// parameter, the value of the configuration as a dashed line. Of the first run that has a study.
+Section make_grasp_section(const std::vector<RunFolder>& runs);
+
 /// Success and exposure of every set and seed with Wilson intervals, and figures.csv.
 Section make_numbers_section(const std::vector<RunFolder>& runs);
 

@@ -15,7 +15,7 @@ constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 
 /// One cell of a start grid, over the seeds.
 struct GridCell {
-  int runs = 0, reached = 0, exposed = 0;
+  int runs = 0, reached = 0;
   int held = 0;         ///< at the end
   int lost = 0;         ///< had it and lost it for good
   double exposure = 0;  ///< mean
@@ -35,21 +35,16 @@ Grid make_grid(const std::vector<RunFolder>& runs, const std::string& name) {
     grid.columns = std::clamp(found->second.columns, grid.columns, 100);
   }
   grid.cells.resize(static_cast<std::size_t>(grid.rows) * static_cast<std::size_t>(grid.columns));
-  for (const RunFolder& run : runs) {
-    const auto found = run.evaluations.find(name);
-    if (found == run.evaluations.end()) continue;
-    for (const EvaluationRow& start : found->second.starts) {
-      if (start.row < 1 || start.row > grid.rows || start.column < 1 || start.column > grid.columns)
-        continue;
-      GridCell& cell =
-          grid.cells[static_cast<std::size_t>((start.row - 1) * grid.columns + start.column - 1)];
-      ++cell.runs;
-      cell.reached += start.reached ? 1 : 0;
-      cell.held += start.held ? 1 : 0;
-      cell.lost += start.lost && !start.held ? 1 : 0;
-      cell.exposed += start.exposed ? 1 : 0;
-      cell.exposure += std::isfinite(start.exposure) ? start.exposure : 0;
-    }
+  for (const EvaluationRow& start : starts_of(runs, name)) {
+    if (start.row < 1 || start.row > grid.rows || start.column < 1 || start.column > grid.columns)
+      continue;
+    GridCell& cell =
+        grid.cells[static_cast<std::size_t>((start.row - 1) * grid.columns + start.column - 1)];
+    ++cell.runs;
+    cell.reached += start.reached ? 1 : 0;
+    cell.held += start.held ? 1 : 0;
+    cell.lost += start.lost && !start.held ? 1 : 0;
+    cell.exposure += std::isfinite(start.exposure) ? start.exposure : 0;
   }
   for (GridCell& cell : grid.cells) cell.exposure /= std::max(1, cell.runs);
   return grid;

@@ -7,11 +7,11 @@
 namespace omentum {
 namespace {
 
-// Tasks of one group arrive together, but not at once. A share of the last group's duration, so the
-// wait never costs more than that.
-constexpr double kGatherShare = 0.05;
+// Tasks of one group arrive within moments of each other: the wait for them, as a fraction of the
+// last group's duration, which bounds its cost.
+constexpr double kGatherFraction = 0.05;
 constexpr std::int64_t kLeastGatherNs = 300'000;
-constexpr std::int64_t kMostHolds = 4;  // x the gap, however tasks trickle in
+constexpr std::int64_t kMostHolds = 4;  // x the wait, while tasks keep arriving one by one
 
 auto key(const RolloutTask& t) {
   return std::tie(t.policy_version, t.weights_hash, t.kind, t.steps, t.greedy, t.frame_stride);
@@ -47,8 +47,8 @@ std::vector<TaskQueue::Entry> TaskQueue::next_group(
   const auto fits = [&pattern](const Entry& entry) { return key(entry.task) == key(pattern); };
   const auto count = std::count_if(entries_.begin(), entries_.end(), fits);
   if (static_cast<std::size_t>(count) < lanes) {
-    // The slots of the group before come back within moments. Without a wait for them, tasks that
-    // once fell behind would run in groups of their own for ever.
+    // The next tasks of the previous group's slots arrive soon. Without a wait for them, tasks that
+    // are once late would run in groups of their own from then on.
     const std::int64_t quiet_since = std::max(last_arrival_ns_, group_end_ns_);
     const std::int64_t since = std::max(first->at_ns, group_end_ns_);
     const std::int64_t until = std::min(quiet_since + gather_ns_, since + kMostHolds * gather_ns_);
@@ -71,9 +71,9 @@ std::vector<TaskQueue::Entry> TaskQueue::next_group(
 
 void TaskQueue::group_ran(std::int64_t begin_ns, std::int64_t end_ns) {
   group_end_ns_ = end_ns;
-  gather_ns_ =
-      std::clamp(static_cast<std::int64_t>(kGatherShare * static_cast<double>(end_ns - begin_ns)),
-                 kLeastGatherNs, kMostGatherNs);
+  gather_ns_ = std::clamp(
+      static_cast<std::int64_t>(kGatherFraction * static_cast<double>(end_ns - begin_ns)),
+      kLeastGatherNs, kMostGatherNs);
 }
 
 }  // namespace omentum

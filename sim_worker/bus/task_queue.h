@@ -11,8 +11,8 @@
 namespace omentum {
 
 /// Tasks that a worker was granted and has not begun, and which of them it runs together next. A
-/// group costs the same however many of its lanes are taken, and only tasks of one policy version
-/// run together: so it begins when its lanes are full, or when no more can be hoped for.
+/// group costs the same however many of its lanes are used, and only tasks of one policy version
+/// run together: so it begins when its lanes are full, or after a short wait for more.
 ///
 /// For one thread. Times are of one steady clock [ns].
 class TaskQueue {
@@ -38,7 +38,7 @@ class TaskQueue {
   /// 0: nothing is held back.
   std::int64_t hold_until_ns() const { return hold_until_ns_; }
 
-  /// The group taken last ran from begin to end: new tasks of its slots are on their way.
+  /// The group taken last ran from begin to end [ns]: new tasks of its slots are expected.
   void group_ran(std::int64_t begin_ns, std::int64_t end_ns);
 
  private:

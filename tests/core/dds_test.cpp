@@ -93,7 +93,7 @@ TEST(DdsReader, LoansGoBackWhenTheCallbackThrows) {
   const PrivateDomain domain;
   const dds::Participant participant(domain.id(), test::mesh_profile().uri, "test");
   BusWriter<RolloutSegment> writer(participant, run_partition("r"), "w");
-  BusReader<RolloutSegment> reader(participant, run_partition("r"), "r", {.max_samples = 8});
+  BusReader<RolloutSegment> reader(participant, run_partition("r"), "r", 8);
   dds::Waitset waitset(participant);
   waitset.attach(reader.raw());
   ASSERT_TRUE(wait_until(waitset, [&] { return writer.matched() == 1; }));
@@ -103,7 +103,7 @@ TEST(DdsReader, LoansGoBackWhenTheCallbackThrows) {
     ASSERT_TRUE(waitset.wait(10 * kS));
     EXPECT_THROW((void)reader.take(1, [](Arrival<RolloutSegment>&&) { throw 1; }), int);
   }
-  EXPECT_EQ(reader.rejected(), 0u);
+  EXPECT_EQ(reader.raw().rejected(), 0u);
 }
 
 TEST(DdsReader, LeavingAndCrashingLookDifferent) {
@@ -188,7 +188,7 @@ TEST(DdsWriter, AFullReaderTimesOutTheWriteAndTheRetryLosesNothing) {
   const PrivateDomain domain;
   const dds::Participant participant(domain.id(), test::mesh_profile().uri, "test");
   BusWriter<RolloutSegment> writer(participant, run_partition("r"), "w");
-  BusReader<RolloutSegment> reader(participant, run_partition("r"), "r", {.max_samples = 4});
+  BusReader<RolloutSegment> reader(participant, run_partition("r"), "r", 4);
   dds::Waitset waitset(participant);
   waitset.attach(reader.raw());
   ASSERT_TRUE(wait_until(waitset, [&] { return writer.matched() == 1; }));
@@ -204,7 +204,7 @@ TEST(DdsWriter, AFullReaderTimesOutTheWriteAndTheRetryLosesNothing) {
       }
     }
   });
-  ASSERT_TRUE(wait_until(waitset, [&] { return reader.rejected() > 0; }));
+  ASSERT_TRUE(wait_until(waitset, [&] { return reader.raw().rejected() > 0; }));
   std::vector<std::uint64_t> got;
   ASSERT_TRUE(wait_until(waitset, [&] {
     (void)reader.take(64, [&](Arrival<RolloutSegment>&& a) { got.push_back(a.record.segment); });

@@ -140,9 +140,9 @@ TEST(ObservedImage, PixelsAreNamedInTheOrderOfTheirBytes) {
   ASSERT_EQ(names.size(), 20U + 3 * 64);
   EXPECT_THAT(Strings(names.begin() + 20, names.begin() + 25),
               testing::ElementsAre("red_0_0", "green_0_0", "blue_0_0", "red_0_1", "green_0_1"));
-  EXPECT_EQ(observation_units(config).back(), "intensity 0 ... 1");
+  EXPECT_EQ(observed_numbers(config).back().unit, "intensity 0 ... 1");
   config.set_image(pb::IMAGE_OBJECT_IDS);
-  EXPECT_EQ(observation_units(config).back(), "object id / 6");
+  EXPECT_EQ(observed_numbers(config).back().unit, "object id / 6");
   EXPECT_EQ(observation_titles(config).size(), 21U) << "short enough for a manifest";
   const Task task = task_of("omentum", {"task.observation=OBSERVATION_IMAGE", "task.image_size=8"});
   std::vector<float> seen(20 + 64);

@@ -50,14 +50,13 @@ struct Changer {
   int left;
 
   bool here() { return left-- == 0; }
-  template <typename T>
-  void value(T& field, T& /*same*/, const char* /*name*/) {
-    if (here()) field = special<T>(change.value);
+  void values(auto& segment, auto& /*same*/, auto members) {
+    const auto one = [this]<typename T>(T& field) {
+      if (here()) field = special<T>(change.value);
+    };
+    std::apply([&one](auto&... fields) { (one(fields), ...); }, members(segment));
   }
-  template <typename T>
-  void delivery(T& field, T& same, const char* name) {
-    value(field, same, name);
-  }
+  void delivery(auto& segment, auto& same, auto members) { values(segment, same, members); }
   template <typename T, typename C>
   void enumerator(T& field, T& /*same*/, C last, const char* /*name*/) {
     // The bus lets no other number in.

@@ -154,12 +154,13 @@ TEST(RunSummary, HoldsTheKeysReadersLookFor) {
   grid.name = "grid100_greedy";
   grid.starts = 100;
   grid.target_reached = 99;
-  grid.values["mean_return"] = -20.5;
+  grid.best_exposure = 0.5;
   summary.evaluations.push_back(grid);
   const std::string text = summary_json(summary);
   EXPECT_THAT(text, testing::HasSubstr("\"weights_hash\": \"00ff\""));
   EXPECT_THAT(text, testing::HasSubstr("\"steps\": 1000"));
   EXPECT_THAT(text, testing::HasSubstr("\"timings\": {\n    \"update\": 1.5\n  }"));
+  EXPECT_THAT(text, testing::HasSubstr("\"best_exposure\": 0.5,\n      \"failed\": 0"));
   EXPECT_THAT(
       text,
       testing::HasSubstr(

@@ -96,9 +96,9 @@ TEST_P(OnnxExport, IndependentReaderAgrees) {
   policy.act(observations, counters, true, decisions);
 
   const test::TempDir folder;
-  const Result<void> written = export_onnx(
-      folder / "policy.onnx", c.shape, weights,
-      {std::vector<std::string>(width, "a"), std::vector<std::string>(width, "m"), {"x"}, "rev"});
+  const Result<void> written =
+      export_onnx(folder / "policy.onnx", c.shape, weights,
+                  {std::vector<ObservedNumber>(width, {"a", "m"}), {"x"}, "rev"});
   ASSERT_TRUE(written.has_value()) << written.error();
   {
     std::ofstream expected(folder / "expected.txt");

@@ -13,7 +13,6 @@
 #include "learner/batch.h"
 #include "learner/initialise.h"
 #include "learner/normaliser.h"
-#include "learner/shuffle.h"
 #include "tests/learner/toy.h"
 
 namespace omentum {

@@ -13,9 +13,11 @@
 #include "report/episodes.h"
 #include "report/html.h"
 #include "report/plot.h"
+#include "report/replay3d.h"
 #include "report/sections.h"
 #include "report/skin.h"
 #include "report/statistics.h"
+#include "tests/support/episode_fixture.h"
 #include "tests/support/paper_scene.h"
 #include "tests/support/synthetic_run.h"
 
@@ -40,6 +42,22 @@ class ReportTest : public testing::Test {
   static std::string folder_;
 };
 std::string ReportTest::folder_;
+
+TEST(EpisodeRecording, FrameStateIsWhatTheFrameShows) {
+  EpisodeRecording episode = test::make_episode(10, 4, 5);
+  EXPECT_EQ(frame_state(episode, 0).tool_position[1], 0.05F) << "the start of the tool";
+  const FrameState middle = frame_state(episode, 1);
+  EXPECT_EQ(middle.step, 5);
+  EXPECT_DOUBLE_EQ(middle.time, 0.1);
+  EXPECT_EQ(middle.tool_position[2], episode.segment.tool_positions_in_world_m[4 * 3 + 2])
+      << "after step 4";
+  EXPECT_EQ(middle.exposure, episode.segment.exposures[4]);
+  EXPECT_FALSE(middle.held);
+  const FrameState last = frame_state(episode, 2);
+  EXPECT_EQ(last.step, 10);
+  EXPECT_EQ(last.exposure, episode.segment.exposures[9]);
+  EXPECT_TRUE(last.held);
+}
 
 TEST(Wilson, KnownIntervals) {
   // 100 of 100: [n / (n + z^2), 1]; 9 of 25 from the closed form.

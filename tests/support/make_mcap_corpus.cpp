@@ -9,6 +9,7 @@
 #include <string>
 
 #include "core/mcap.h"
+#include "proto/recording.pb.h"
 #include "tests/support/episode_fixture.h"
 
 int main(int count, char** arguments) {
@@ -24,9 +25,9 @@ int main(int count, char** arguments) {
     std::ostringstream out;
     omentum::McapWriter writer(
         out, zstd ? omentum::McapCompression::kZstd : omentum::McapCompression::kNone, 64);
-    const auto channel = writer.add_channel("/note", "json");
-    writer.write_metadata("run", {{"name", "corpus"}});
-    for (std::uint32_t k = 0; k < 3; ++k) writer.write_bytes(channel, k, k, "{\"k\": 1}");
+    const auto channel = writer.add_channel("/step", *omentum::pb::StepRecord::descriptor());
+    omentum::pb::StepRecord record;
+    for (std::uint32_t k = 0; k < 3; ++k) writer.write(channel, k, k, record);
     if (!writer.finish()) return 2;
     write(zstd ? "zstd.mcap" : "plain.mcap", out.str());
     write(zstd ? "zstd_cut.mcap" : "plain_cut.mcap", out.str().substr(0, out.str().size() / 2));
