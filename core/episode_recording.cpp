@@ -6,11 +6,12 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
-#include <fstream>
 #include <span>
+#include <sstream>
 #include <type_traits>
 
 #include "core/check.h"
+#include "core/durable_file.h"
 #include "core/mcap.h"
 #include "core/message_rows.h"
 #include "core/read_file.h"
@@ -294,8 +295,7 @@ Result<void> save_episode(const std::string& path, const RolloutTask& task,
                           const RolloutSegment& segment, const RecordingContext& context) {
   if (const Result<void> sizes = check_sizes(path, segment, context); !sizes)
     return Failure{sizes.error()};
-  std::ofstream file(path, std::ios::binary | std::ios::trunc);
-  if (!file) return Failure{fmt::format("{}: cannot be written", path)};
+  std::ostringstream file(std::ios::binary);
   McapWriter writer(file);
   const auto episode = writer.add_channel("/episode", *pb::EpisodeHeader::descriptor());
   const auto step_channel = writer.add_channel("/step", *pb::StepRecord::descriptor());
@@ -326,10 +326,8 @@ Result<void> save_episode(const std::string& path, const RolloutTask& task,
   }
   if (next_frame < frames) write_frame(segment.steps);  // the state after the last step
   writer.write(result, time_of(segment.steps, context), 0, make_result(segment));
-  const Result<void> finished = writer.finish();
-  file.close();
-  if (!finished || !file) return Failure{fmt::format("{}: writing failed", path)};
-  return {};
+  if (const Result<void> finished = writer.finish(); !finished) return Failure{finished.error()};
+  return write_durably(path, file.view());
 }
 
 Result<EpisodeRecording> load_episode(const std::string& path) {

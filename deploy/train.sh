@@ -18,6 +18,7 @@ Installs what is missing, builds, trains with one learner and W workers on this 
   --resume       continue runs/NAME; without it an existing runs/NAME is moved aside to runs/NAME.oldN
   --set a.b=c    override a knob; may be repeated (learner --help lists every knob)
   --no-setup     take build/release as it is
+A run belongs to one process: a second one on the same name is refused with host and pid of the first.
 Ctrl-C stops cleanly and leaves a run that --resume continues; a second one ends everything at once.
 Exit codes: 0 done, 1 failed, 2 wrong input, 130 stopped.
 TEXT
@@ -87,6 +88,25 @@ now() { date +%s.%N; }
 since() { awk -v a="$1" -v b="$(now)" 'BEGIN { printf "%.1f", b - a }'; }
 add() { awk -v a="$1" -v b="$2" 'BEGIN { printf "%.1f", a + b }'; }
 
+# Whose lock a file is: "host pid", empty where nobody holds it.
+owner_of() {
+  [[ -e $1 ]] && ! flock -n "$1" true && cat "$1"
+}
+refuse_owned() {  # $1 = lock file, $2 = program
+  local owner
+  owner=$(owner_of "$1") || return 0
+  fail "run $name is in use by $2 of host ${owner% *}, pid ${owner#* }" 2
+}
+# This script's own lock on the run, and those that learners hold (learner/run_lock.h): before anything is moved.
+own_run() {
+  local file
+  mkdir -p "$runs_dir" || fail "$runs_dir cannot be made" 2
+  refuse_owned "$runs_dir/.$name.train.lock" train.sh
+  exec {run_lock}>>"$runs_dir/.$name.train.lock" && flock -n "$run_lock" || refuse_owned "$runs_dir/.$name.train.lock" train.sh
+  echo "$(uname -n) $$" >"$runs_dir/.$name.train.lock"
+  for file in "$runs_dir/.$name.lock" "$run_dir"/.seed*.lock; do refuse_owned "$file" "the learner"; done
+}
+
 scratch=$(mktemp -d) || exit 1
 learner_pid='' tee_pid='' supervisors=() stop=0 worker_failed=0
 
@@ -152,14 +172,22 @@ fail() {
 # Keeps one worker alive until this process is told to stop. $1 = number. A worker that cannot even start after
 # several tries tells the main process so.
 supervise_worker() {
-  local number=$1 pause=1 born code log=$folder/worker$1.log
+  local number=$1 pause=1 born code main worker log=$folder/worker$1.log
   trap 'trap "" TERM; insist 100 $(jobs -p); exit 0' TERM
   trap '' INT HUP
+  # Ends when the main process does, however that ends.
+  tail --pid=$$ -f /dev/null &
+  main=$!
   while true; do
     born=$SECONDS
-    "$bin/sim_worker" --run "$name" --domain "$domain" "${worker_options[@]}" >>"$log" 2>&1 &
-    wait $! 2>/dev/null  # bash would tell of a killed child here
+    setpriv --pdeathsig TERM "$bin/sim_worker" --run "$name" --domain "$domain" "${worker_options[@]}" >>"$log" 2>&1 &
+    worker=$!
+    wait -n "$worker" "$main" 2>/dev/null  # bash would tell of a killed child here
     code=$?
+    if ! kill -0 $$ 2>/dev/null; then
+      insist 100 "$worker"
+      exit 1
+    fi
     if ((SECONDS - born >= 60)); then pause=1; fi
     if ((code == 2 && pause > 4)); then
       echo "train: worker $number cannot run: $(tail -n 1 "$log")"
@@ -219,7 +247,7 @@ train_one() {
   # Interrupts are ignored by tee: the learner still has to print that it has stopped.
   exec {output}> >(exec tee -i -a "$folder/learner.log")
   tee_pid=$!
-  "$bin/learner" "${common[@]}" --run "$name" --set "run.domain=$domain" "$@" >&"$output" 2>&1 &
+  setpriv --pdeathsig TERM "$bin/learner" "${common[@]}" --run "$name" --set "run.domain=$domain" "$@" >&"$output" 2>&1 &
   learner_pid=$!
   exec {output}>&-
   for ((number = 1; number <= workers; ++number)); do
@@ -274,6 +302,7 @@ lanes=$(resolved lanes) width=$(resolved lane_width)
 ((${lanes:-0} == 0)) || worker_options+=(--lanes "$lanes")
 ((${width:-0} == 0)) || worker_options+=(--lane-width "$width")
 
+own_run
 if ((resume)); then
   [[ -d $run_dir ]] || fail "--resume: there is no $run_dir" 2
 elif [[ -e $run_dir ]]; then

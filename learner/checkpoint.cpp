@@ -14,10 +14,10 @@
 #include <utility>
 
 #include "core/check.h"
+#include "core/durable_file.h"
 #include "core/hash.h"
 #include "core/policy.h"
 #include "core/read_file.h"
-#include "learner/durable_file.h"
 
 namespace omentum {
 
@@ -297,7 +297,7 @@ Result<void> check_same_config(const pb::Checkpoint& checkpoint, std::uint64_t c
                                      : difference)};
 }
 
-Result<std::uint32_t> next_learner_epoch(const std::string& folder) {
+Result<std::uint32_t> next_learner_epoch(const std::string& folder, std::uint32_t unix_s) {
   const std::string path = folder + "/learner_epoch";
   std::uint64_t epoch = 0;
   if (fs::exists(path)) {
@@ -307,13 +307,13 @@ Result<std::uint32_t> next_learner_epoch(const std::string& folder) {
     if (text.ends_with('\n')) text.remove_suffix(1);
     const std::optional<std::uint64_t> number = parse_number(text);
     if (!number || *number >= std::numeric_limits<std::uint32_t>::max()) {
-      return Failure{fmt::format("{} does not hold a number", path)};
+      return Failure{fmt::format("{} does not hold a number: remove the file to go on", path)};
     }
     epoch = *number;
   }
-  ++epoch;
+  epoch = std::max<std::uint64_t>(epoch + 1, unix_s);
   const std::string text = fmt::format("{}\n", epoch);
-  if (Result<void> result = write_durably(path, std::as_bytes(std::span(text))); !result) {
+  if (Result<void> result = write_durably(path, text); !result) {
     return Failure{result.error()};
   }
   return static_cast<std::uint32_t>(epoch);

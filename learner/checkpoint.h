@@ -77,8 +77,9 @@ Result<pb::Checkpoint> load_checkpoint(const std::string& path);
 Result<void> check_same_config(const pb::Checkpoint& checkpoint, std::uint64_t config_hash,
                                const std::string& config_text);
 
-/// Increments <folder>/learner_epoch durably and returns the new value; 1 in a fresh folder. Call
-/// before the first publication of a session.
-Result<std::uint32_t> next_learner_epoch(const std::string& folder);
+/// Epoch of a new session, kept durably in <folder>/learner_epoch: above every earlier one of the
+/// folder, and the present time [s since 1970] at least, so that it also grows when the folder was
+/// removed. Call before the first publication.
+Result<std::uint32_t> next_learner_epoch(const std::string& folder, std::uint32_t unix_s);
 
 }  // namespace omentum

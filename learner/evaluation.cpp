@@ -4,7 +4,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <fstream>
 
 #include "core/check.h"
 
@@ -143,12 +142,11 @@ double best_lattice_exposure(std::span<const EpisodeResult> results) {
   return best;
 }
 
-void write_evaluation_csv(const std::string& path, const pb::Config& config,
-                          const EvaluationSet& set, std::span<const EpisodeResult> results,
-                          double best_exposure) {
-  std::ofstream file(path);
+std::string evaluation_csv(const pb::Config& config, const EvaluationSet& set,
+                           std::span<const EpisodeResult> results, double best_exposure) {
+  std::string text;
   if (set.start_set == StartSet::kGraspLattice) {
-    file << "particle,x_m,y_m,z_m,exposure,reached\n";
+    text = "particle,x_m,y_m,z_m,exposure,reached\n";
     const pb::Tissue& tissue = config.scene().tissue();
     for (const EpisodeResult& r : results) {
       double p[3] = {static_cast<double>(r.start[0]), static_cast<double>(r.start[1]),
@@ -160,16 +158,17 @@ void write_evaluation_csv(const std::string& path, const pb::Config& config,
         p[1] = (r.start_index % grid.count_y() - 0.5 * (grid.count_y() - 1)) * grid.pitch_m();
         p[2] = 0;
       }
-      file << fmt::format("{},{},{},{},{},{}\n", r.start_index, p[0], p[1], p[2], r.exposure,
+      text += fmt::format("{},{},{},{},{},{}\n", r.start_index, p[0], p[1], p[2], r.exposure,
                           r.reached && r.held ? 1 : 0);
     }
   } else {
-    file << "index,row,column,start_x_m,start_y_m,start_z_m,greedy,reached,held,exposed,exposure,"
-            "best_exposure,lost,"
-            "return,length,grasp_x_m,grasp_y_m,grasp_z_m,failed\n";
+    text =
+        "index,row,column,start_x_m,start_y_m,start_z_m,greedy,reached,held,exposed,exposure,"
+        "best_exposure,lost,"
+        "return,length,grasp_x_m,grasp_y_m,grasp_z_m,failed\n";
     for (const EpisodeResult& r : results) {
       const std::uint32_t columns = std::max(1U, set.columns);
-      file << fmt::format("{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{}\n",
+      text += fmt::format("{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{}\n",
                           r.start_index, r.start_index / columns + 1, r.start_index % columns + 1,
                           r.start[0], r.start[1], r.start[2], set.greedy ? 1 : 0, r.reached ? 1 : 0,
                           r.held ? 1 : 0, r.exposed ? 1 : 0, r.exposure, best_exposure,
@@ -177,8 +176,7 @@ void write_evaluation_csv(const std::string& path, const pb::Config& config,
                           r.grasp[2], r.failed ? 1 : 0);
     }
   }
-  file.flush();
-  if (!file) throw_error("{}: cannot be written", path);
+  return text;
 }
 
 }  // namespace omentum

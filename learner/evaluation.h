@@ -63,9 +63,8 @@ std::vector<EpisodeResult> judge(const EvaluationSet& set, std::span<const Rollo
 double best_lattice_exposure(std::span<const EpisodeResult> results);
 
 /// evaluation/<name>.csv; for the lattice: particle, position (rest position in B for a grid, else
-/// where the tip grasped in W), exposure, reached. Throws Error if it cannot be written.
-void write_evaluation_csv(const std::string& path, const pb::Config& config,
-                          const EvaluationSet& set, std::span<const EpisodeResult> results,
-                          double best_exposure);
+/// where the tip grasped in W), exposure, reached.
+std::string evaluation_csv(const pb::Config& config, const EvaluationSet& set,
+                           std::span<const EpisodeResult> results, double best_exposure);
 
 }  // namespace omentum

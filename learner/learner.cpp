@@ -5,13 +5,13 @@
 #include <algorithm>
 #include <cstdio>
 #include <filesystem>
-#include <fstream>
 #include <thread>
 
 #include "core/build_id.h"
 #include "core/check.h"
 #include "core/clock.h"
 #include "core/config.h"
+#include "core/durable_file.h"
 #include "core/fp_mode.h"
 #include "core/log.h"
 #include "core/rollout.h"
@@ -23,15 +23,14 @@ namespace {
 
 // Workers that refuse are waited for this long: another may not have reported yet [ns].
 constexpr std::int64_t kRefusalNs = 3'000'000'000;
+// A checkpoint that could not be written is tried again after this time [s]; what waits is told of
+// at this interval [s].
+constexpr double kRetrySaveS = 2;
+constexpr double kTellS = 60;
+// Workers that were started together with the learner join within this time [s].
+constexpr double kJoinS = 2;
 // Diverged lanes of one session: single ones are skipped, an unstable scene ends the run.
 constexpr std::uint64_t kMaxFailures = 1000;
-
-void write_text(const std::string& path, const std::string& text) {
-  std::ofstream file(path);
-  file << text;
-  file.flush();
-  if (!file) throw_error("{}: cannot be written", path);
-}
 
 std::string one_line(std::string text) {
   for (std::size_t at = 0; (at = text.find('\n', at)) != std::string::npos;) {
@@ -57,6 +56,7 @@ Learner::Learner(pb::Config config, LearnerOptions options)
 
 void Learner::open_run_folder() {
   namespace fs = std::filesystem;
+  lock_ = std::make_unique<RunLock>(options_.run_dir);
   if (options_.restart && fs::exists(options_.run_dir)) {
     std::string aside;
     for (int i = 1; aside.empty() || fs::exists(aside); ++i)
@@ -110,7 +110,8 @@ void Learner::restore() {
                   options_.run_dir, one_line(same.error()));
     }
   }
-  const Result<std::uint32_t> epoch = next_learner_epoch(options_.run_dir);
+  const Result<std::uint32_t> epoch = next_learner_epoch(
+      options_.run_dir, static_cast<std::uint32_t>(wall_now_ns() / 1'000'000'000));
   if (!epoch) throw_error("{}", epoch.error());
   epoch_ = epoch.value();
   book.learner_epoch = epoch_;
@@ -143,9 +144,14 @@ void Learner::restore() {
     book_ = std::make_unique<TaskBook>(book);
   }
   steps_before_ = ppo_->steps_total();
+  if (found.value().has_value()) saved_steps_ = steps_before_;
   current_ = ppo_->weights();
   current_.config_hash = config_hash_;
-  write_text(options_.run_dir + "/config.txtpb", print_config(config_));
+  if (const Result<void> written =
+          write_durably(options_.run_dir + "/config.txtpb", print_config(config_));
+      !written) {
+    throw_error("{}", written.error());
+  }
   metrics_ =
       std::make_unique<MetricsWriter>(options_.run_dir, action_names(config_.task()),
                                       ppo_->version(), config_.run().mlagents_metric_aliases());
@@ -179,10 +185,12 @@ int Learner::run(const std::function<bool()>& stop) {
   if (const Result<void> sent = bus_->publish_manifest(manifest); !sent)
     throw_error("manifest: {}", sent.error());
   log().info(
-      "run={} epoch={} dds={} receive_buffer_bytes={} slots={} steps_per_segment={} lead={} "
+      "run={} domain={} epoch={} dds={} receive_buffer_bytes={} slots={} steps_per_segment={} "
+      "lead={} "
       "updates={}",
-      options.run, epoch_, options.profile.name, options.profile.receive_buffer_bytes,
-      options.slots, manifest.steps_per_segment, manifest.lead, updates_wanted_);
+      options.run, options.domain, epoch_, options.profile.name,
+      options.profile.receive_buffer_bytes, options.slots, manifest.steps_per_segment,
+      manifest.lead, updates_wanted_);
 
   if (manifest.lead == 1 && current_.policy_version > 0) publish_weights(previous_);
   publish_weights(current_);
@@ -201,11 +209,8 @@ int Learner::run(const std::function<bool()>& stop) {
         bus_->finish(std::int64_t{2'000'000'000});
         return 1;
       }
-      save_checkpoint(std::nullopt);
-      bus_->finish(std::int64_t{2'000'000'000});
-      log().info("stopped steps={} of={} resume with the same run name", ppo_->steps_total(),
-                 config_.rollout().max_steps());
-      return 130;
+      const int code = stopped();
+      return waited_too_long_ ? 1 : code;
     }
     const std::vector<RolloutSegment> segments = book_->take_batch();
     count_episodes(segments);
@@ -240,6 +245,11 @@ int Learner::run(const std::function<bool()>& stop) {
       save_checkpoint(milestone);
       timings_["save"] += seconds_since(mark);
     }
+    if (!unsaved_.empty() &&
+        (last || seconds_since(unsaved_since_ns_) > options_.unsaved_limit_s) &&
+        !pause_until_saved(milestone, stop)) {
+      return stopped();
+    }
     if (const Result<void> balanced = book_->check_balance(); !balanced) {
       OMENTUM_CHECK(false, "ledger: {}", balanced.error());
     }
@@ -249,12 +259,11 @@ int Learner::run(const std::function<bool()>& stop) {
   for (const auto& [name, seconds] : timings_) spent += fmt::format(" {}_s={:.1f}", name, seconds);
   log().info("trained steps={} wall_s={:.1f} weights={}{}", ppo_->steps_total(), wall_s(),
              hex(current_.weights_hash), spent);
-  if (const Result<void> exported = export_onnx(options_.run_dir + "/policy.onnx", shape_, current_,
-                                                onnx_metadata(config_.task(), git_revision()));
-      !exported) {
-    log().warn("policy.onnx: {}", exported.error());
-  }
-  const bool evaluated = finish_run(stop);
+  const auto export_policy = [this] {
+    return export_onnx(options_.run_dir + "/policy.onnx", shape_, current_,
+                       onnx_metadata(config_.task(), git_revision()));
+  };
+  const bool evaluated = until_written(export_policy, stop) && finish_run(stop);
   std::string counters;
   for (const auto& [name, value] : kLedgerCounters)
     counters += fmt::format(" {}={}", name, book_->ledger().*value);
@@ -279,6 +288,8 @@ bool Learner::collect_batch(const std::function<bool()>& stop) {
     if (stop() || bus_->superseded() || book_->failures() > kMaxFailures) return false;
     bus_->serve(*book_, steady_now_ns());
     if (book_->batch_complete()) break;
+    tell_while_alone();
+    if (waited_too_long_) return false;
     if (const std::optional<std::string> reason = refused_by_workers()) {
       bus_->finish(std::int64_t{2'000'000'000});
       throw_error("{}{}", place_in_scene(scene_path(config_), *reason), one_line(*reason));
@@ -287,6 +298,34 @@ bool Learner::collect_batch(const std::function<bool()>& stop) {
   }
   timings_["wait"] += seconds_since(mark);
   return true;
+}
+
+// Without workers the learner says at once and every minute what to start, and what the workers
+// that are there have refused.
+void Learner::tell_while_alone() {
+  if (bus_->workers_ready() > 0) {
+    alone_since_ns_ = 0;
+    return;
+  }
+  const std::int64_t now = steady_now_ns();
+  const bool first = alone_since_ns_ == 0;
+  if (first) alone_since_ns_ = now;
+  if (options_.max_wait_s > 0 && seconds_since(alone_since_ns_) > options_.max_wait_s) {
+    log().error("no worker for {:.0f} s (--max-wait)", options_.max_wait_s);
+    waited_too_long_ = true;
+    return;
+  }
+  // Workers that are about to join need a moment.
+  if (seconds_since(alone_since_ns_) < kJoinS) return;
+  if (alone_told_ns_ > alone_since_ns_ && seconds_since(alone_told_ns_) < kTellS) return;
+  alone_told_ns_ = now;
+  std::string refusals;
+  for (const WorkerStatus& worker : bus_->worker_statuses()) {
+    if (!worker.warnings.empty())
+      refusals += fmt::format("; worker of {} refuses: {}", worker.host, worker.warnings.back());
+  }
+  log().warn("waiting for workers: start sim_worker --run {} --domain {}{}", config_.run().name(),
+             config_.run().domain(), refusals);
 }
 
 // The scene is resolved by the workers. When this session has no result yet and every worker of
@@ -337,7 +376,7 @@ bool Learner::check_batch(Batch& batch) {
   return false;
 }
 
-void Learner::save_checkpoint(std::optional<std::uint64_t> milestone) {
+bool Learner::save_checkpoint(std::optional<std::uint64_t> milestone) {
   pb::Checkpoint checkpoint;
   checkpoint.set_format_version(kCheckpointFormat);
   checkpoint.set_config_text(print_config(config_));
@@ -359,13 +398,81 @@ void Learner::save_checkpoint(std::optional<std::uint64_t> milestone) {
   what.milestone = milestone;
   if (what.best) best_score_ = score;
   checkpoint.set_best_score(best_score_);
-  // A full disk does not end the training: the last good file is untouched, the next update
-  // retries.
-  if (const Result<void> saved = checkpoints_->save(checkpoint, what); !saved) {
-    log().warn("checkpoint: {}", saved.error());
-  } else {
-    saved_ns_ = steady_now_ns();
+  const Result<void> saved = checkpoints_->save(checkpoint, what);
+  saved_ns_ = steady_now_ns();
+  if (saved) {
+    if (!unsaved_.empty()) log().info("event=saved_again steps={}", ppo_->steps_total());
+    unsaved_.clear();
+    saved_steps_ = ppo_->steps_total();
+    // A folder that was removed is made again, for who resumes or reads the run.
+    if (const std::string path = options_.run_dir + "/config.txtpb";
+        !std::filesystem::exists(path)) {
+      log().warn("event=folder_made_again folder={}", options_.run_dir);
+      if (!write_durably(path, print_config(config_))) return false;
+    }
+    return true;
   }
+  // The last good file is untouched. Told when it begins and every minute.
+  if (unsaved_.empty()) unsaved_since_ns_ = saved_ns_;
+  if (unsaved_.empty() || seconds_since(unsaved_told_ns_) > kTellS) {
+    log().error("event=checkpoint_not_saved steps={} reason=\"{}\" tried again until it is",
+                ppo_->steps_total(), saved.error());
+    unsaved_told_ns_ = saved_ns_;
+  }
+  unsaved_ = saved.error();
+  return false;
+}
+
+// What is computed while nothing can be saved would be lost with this process.
+bool Learner::pause_until_saved(std::optional<std::uint64_t> milestone,
+                                const std::function<bool()>& stop) {
+  log().error("event=paused steps={} nothing saved for {:.0f} s: {}", ppo_->steps_total(),
+              seconds_since(unsaved_since_ns_), unsaved_);
+  say_phase(LearnerPhase::kWaiting);
+  while (!save_checkpoint(milestone)) {
+    if (!wait_for_disk(stop)) return false;
+  }
+  log().info("event=goes_on steps={}", ppo_->steps_total());
+  return true;
+}
+
+bool Learner::until_written(const std::function<Result<void>()>& write,
+                            const std::function<bool()>& stop) {
+  std::int64_t told_ns = 0;
+  while (true) {
+    const Result<void> written = write();
+    if (written) return true;
+    if (told_ns == 0 || seconds_since(told_ns) > kTellS) {
+      log().error("event=not_written reason=\"{}\" tried again until it is", written.error());
+      told_ns = steady_now_ns();
+    }
+    if (!wait_for_disk(stop)) return false;
+  }
+}
+
+bool Learner::wait_for_disk(const std::function<bool()>& stop) {
+  const std::int64_t since = steady_now_ns();
+  while (seconds_since(since) < kRetrySaveS) {
+    if (stop() || bus_->superseded()) return false;
+    bus_->serve(*book_, steady_now_ns());
+    bus_->wait(std::int64_t{100'000'000});
+  }
+  return true;
+}
+
+int Learner::stopped() {
+  const bool saved = save_checkpoint(std::nullopt);
+  bus_->finish(std::int64_t{2'000'000'000});
+  if (saved) {
+    log().info("stopped steps={} of={} resume with the same run name", ppo_->steps_total(),
+               config_.rollout().max_steps());
+    return 130;
+  }
+  log().error("stopped steps={} of={} NOT SAVED: {}; {}", ppo_->steps_total(),
+              config_.rollout().max_steps(), unsaved_,
+              saved_steps_ ? fmt::format("the newest checkpoint is of {} steps", *saved_steps_)
+                           : "there is no checkpoint");
+  return 1;
 }
 
 void Learner::say_phase(LearnerPhase phase) {

@@ -17,6 +17,7 @@
 #include "learner/metrics.h"
 #include "learner/ppo.h"
 #include "learner/recent_episodes.h"
+#include "learner/run_lock.h"
 #include "learner/summary.h"
 #include "learner/task_book.h"
 #include "proto/config.pb.h"
@@ -28,6 +29,9 @@ struct LearnerOptions {
   bool restart = false;         ///< move an existing run aside
   std::string initialise_from;  ///< run folder whose weights to start from
   bool quiet = false;           ///< no progress lines on stdout
+  double unsaved_limit_s =
+      300;  ///< training goes on so long while no checkpoint can be written; then it pauses
+  double max_wait_s = 0;  ///< without a worker; then the run stops with code 1. 0 = for ever
 };
 
 /// One training run: owns the task book, PPO, the bus and the run folder. A run folder with a
@@ -40,9 +44,9 @@ class Learner {
   Learner(pb::Config config, LearnerOptions options);
 
   /// Trains to max_steps, evaluates, writes summary. Returns the exit code: 0 done, 130 stopped on
-  /// request with a resumable checkpoint, 1 on a failed integrity check, a newer learner or physics
-  /// that keeps diverging. Throws Error with the workers' reason when they cannot run the
-  /// configuration: the scene is resolved there.
+  /// request with a resumable checkpoint, 1 when that could not be saved, on a failed integrity
+  /// check, a newer learner or physics that keeps diverging. Throws Error with the workers' reason
+  /// when they cannot run the configuration: the scene is resolved there.
   int run(const std::function<bool()>& stop);
 
  private:
@@ -60,11 +64,21 @@ class Learner {
   bool check_batch(Batch& batch);
   void count_episodes(std::span<const RolloutSegment> segments);
   void report_update(const UpdateStats& stats);
-  void save_checkpoint(std::optional<std::uint64_t> milestone);
+  /// False when the disk refused it; unsaved_ then says why.
+  bool save_checkpoint(std::optional<std::uint64_t> milestone);
+  /// False when asked to stop before.
+  bool pause_until_saved(std::optional<std::uint64_t> milestone, const std::function<bool()>& stop);
+  /// Tries until the disk takes it. False when asked to stop before.
+  bool until_written(const std::function<Result<void>()>& write, const std::function<bool()>& stop);
+  /// Serves the bus until the next try to write; false when asked to stop.
+  bool wait_for_disk(const std::function<bool()>& stop);
+  /// Ends an unfinished run; the exit code.
+  int stopped();
+  void tell_while_alone();
   void set_workers(MetricsRow& row, const BusStatistics& bus) const;
   bool run_evaluation_set(const EvaluationSet& set, const std::function<bool()>& stop,
                           Evaluated& result);
-  void record_evaluation(const EvaluationSet& set, const Evaluated& result);
+  [[nodiscard]] Result<void> record_evaluation(const EvaluationSet& set, const Evaluated& result);
   /// All sets with the present weights; tables into `folder`, recordings if `record`. Empty:
   /// stopped.
   std::optional<std::vector<EvaluationSummary>> evaluate(const std::string& folder, bool record,
@@ -81,6 +95,7 @@ class Learner {
   std::uint64_t updates_wanted_ = 0;
   std::uint32_t epoch_ = 0;
 
+  std::unique_ptr<RunLock> lock_;
   std::unique_ptr<CheckpointStore> checkpoints_;
   std::unique_ptr<Ppo> ppo_;
   std::unique_ptr<TaskBook> book_;
@@ -93,6 +108,11 @@ class Learner {
   double log_prob_check_max_ = 0;
   double best_score_ = -1e300;
   std::int64_t started_ns_ = 0, saved_ns_ = 0;
+  std::string unsaved_;  ///< why the last checkpoint could not be written; empty = it was
+  std::int64_t unsaved_since_ns_ = 0, unsaved_told_ns_ = 0;
+  std::optional<std::uint64_t> saved_steps_;             ///< of the newest checkpoint on disk
+  std::int64_t alone_since_ns_ = 0, alone_told_ns_ = 0;  ///< without workers; 0 = not so
+  bool waited_too_long_ = false;
   std::int64_t refused_since_ns_ = 0;  ///< every worker refuses the configuration; 0 = not so
   double wall_before_s_ = 0;
   std::uint64_t steps_before_ = 0;  ///< of earlier sessions, for the rate

@@ -1,11 +1,11 @@
 #include <fmt/format.h>
 
 #include <cstdio>
-#include <filesystem>
 
 #include "core/build_id.h"
 #include "core/clock.h"
 #include "core/config.h"
+#include "core/durable_file.h"
 #include "core/episode_recording.h"
 #include "core/log.h"
 #include "learner/learner.h"
@@ -30,7 +30,6 @@ std::optional<std::vector<EvaluationSummary>> Learner::evaluate(const std::strin
                                                                 const std::function<bool()>& stop) {
   const std::int64_t began = steady_now_ns();
   say_phase(LearnerPhase::kEvaluating);
-  std::filesystem::create_directories(folder);
   double best_exposure = 0;
   std::vector<EvaluationSet> sets = evaluation_sets(config_);
   std::vector<Evaluated> results(sets.size());
@@ -50,7 +49,13 @@ std::optional<std::vector<EvaluationSummary>> Learner::evaluate(const std::strin
     const EvaluationSet& set = sets[i];
     if (set.start_indices.empty()) continue;
     const std::vector<EpisodeResult> judged = judge(set, results[i].segments, best_exposure);
-    write_evaluation_csv(folder + "/" + set.name + ".csv", config_, set, judged, best_exposure);
+    const auto write = [&] {
+      const std::string table = folder + "/" + set.name + ".csv";
+      Result<void> written =
+          write_durably(table, evaluation_csv(config_, set, judged, best_exposure));
+      return written && record && set.record ? record_evaluation(set, results[i]) : written;
+    };
+    if (!until_written(write, stop)) return std::nullopt;
     EvaluationSummary entry;
     entry.name = set.name;
     entry.starts = judged.size();
@@ -70,7 +75,6 @@ std::optional<std::vector<EvaluationSummary>> Learner::evaluate(const std::strin
       std::fflush(stdout);
     }
     summaries.push_back(entry);
-    if (record && set.record) record_evaluation(set, results[i]);
   }
   timings_["evaluation"] += seconds_since(began);
   return summaries;
@@ -100,20 +104,16 @@ bool Learner::finish_run(const std::function<bool()>& stop) {
   summary.wall_s = wall_s();
   summary.mean_return = episodes_.mean([](const auto& o) { return o.return_sum; });
   if (config_.evaluation().enabled()) {
-    std::filesystem::create_directories(options_.run_dir + "/recordings");
     auto evaluated = evaluate(options_.run_dir + "/evaluation", true, stop);
     if (!evaluated) return false;
     summary.evaluations = std::move(*evaluated);
   }
   summary.timings = timings_;
-  if (const Result<void> written = write_summary(options_.run_dir + "/summary.json", summary);
-      !written) {
-    throw_error("{}", written.error());
-  }
-  return true;
+  const auto write = [&] { return write_summary(options_.run_dir + "/summary.json", summary); };
+  return until_written(write, stop);
 }
 
-void Learner::record_evaluation(const EvaluationSet& set, const Evaluated& result) {
+Result<void> Learner::record_evaluation(const EvaluationSet& set, const Evaluated& result) {
   RecordingContext context;
   context.name = set.name;
   context.config_text = print_config(config_);
@@ -127,10 +127,9 @@ void Learner::record_evaluation(const EvaluationSet& set, const Evaluated& resul
     context.particles = particles_of(std::span(&segment, 1), task.frame_stride);
     const std::string path =
         fmt::format("{}/recordings/{}_{}.mcap", options_.run_dir, set.name, task.start_index);
-    if (const Result<void> saved = save_episode(path, task, segment, context); !saved) {
-      log().warn("recording: {}", saved.error());
-    }
+    if (Result<void> saved = save_episode(path, task, segment, context); !saved) return saved;
   }
+  return {};
 }
 
 }  // namespace omentum

@@ -35,6 +35,14 @@ int run(int argc, char** argv) {
   app.add_flag("--restart", options.restart, "Move an existing run folder aside and start anew");
   app.add_option("--initialise-from", options.initialise_from,
                  "Checkpoint file whose weights to start from");
+  app.add_option("--max-wait", options.max_wait_s,
+                 "Stop with code 1 after so many seconds without a worker; 0 = wait for ever")
+      ->check(CLI::Range(0.0, 1e9));
+  app.add_option("--unsaved-limit", options.unsaved_limit_s,
+                 "Seconds that training goes on while no checkpoint can be written; then it pauses "
+                 "until one can")
+      ->check(CLI::Range(0.0, 1e9))
+      ->capture_default_str();
   app.add_flag("--quiet", options.quiet, "No progress lines");
   app.add_flag("--dry-run", dry_run,
                "Print the resolved configuration and its hash, have the sim_worker beside this "

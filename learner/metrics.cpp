@@ -11,7 +11,7 @@
 #include <utility>
 
 #include "core/check.h"
-#include "learner/durable_file.h"
+#include "core/durable_file.h"
 #include "learner/json.h"
 
 namespace omentum {
@@ -43,7 +43,7 @@ void drop_rows_after(const std::string& path, std::uint64_t last_update,
       if (update >= 1 && update <= last_update) kept += line + "\n";
     }
   }
-  if (const Result<void> result = write_durably(path, std::as_bytes(std::span(kept))); !result) {
+  if (const Result<void> result = write_durably(path, kept); !result) {
     throw_error("{}", result.error());
   }
 }
@@ -138,7 +138,7 @@ MetricsWriter::MetricsWriter(const std::string& folder, const std::vector<std::s
   const std::string csv = folder + "/metrics.csv", jsonl = folder + "/metrics.jsonl";
   drop_rows_after(csv, resume_update, update_of_csv, csv_header(names_));
   drop_rows_after(jsonl, resume_update, update_of_json, "");
-  csv_.emplace(csv);
+  csv_.emplace(csv, csv_header(names_));
   jsonl_.emplace(jsonl);
 }
 

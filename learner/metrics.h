@@ -7,8 +7,8 @@
 #include <string_view>
 #include <vector>
 
+#include "core/durable_file.h"
 #include "core/result.h"
-#include "learner/durable_file.h"
 #include "learner/ppo.h"
 #include "learner/tensorboard.h"
 

@@ -7,8 +7,8 @@
 #include <span>
 
 #include "core/check.h"
+#include "core/durable_file.h"
 #include "core/hash.h"
-#include "learner/durable_file.h"
 
 namespace omentum {
 
@@ -210,8 +210,7 @@ std::string onnx_model(const PolicyShape& shape, const PolicyWeights& weights,
 
 Result<void> export_onnx(const std::string& path, const PolicyShape& shape,
                          const PolicyWeights& weights, const OnnxMetadata& metadata) {
-  const std::string model = onnx_model(shape, weights, metadata);
-  return write_durably(path, std::as_bytes(std::span(model)));
+  return write_durably(path, onnx_model(shape, weights, metadata));
 }
 
 }  // namespace omentum

@@ -3,7 +3,7 @@
 #include <span>
 #include <utility>
 
-#include "learner/durable_file.h"
+#include "core/durable_file.h"
 #include "learner/json.h"
 
 namespace omentum {
@@ -37,8 +37,7 @@ std::string summary_json(const RunSummary& summary) {
 }
 
 Result<void> write_summary(const std::string& path, const RunSummary& summary) {
-  const std::string text = summary_json(summary);
-  return write_durably(path, std::as_bytes(std::span(text)));
+  return write_durably(path, summary_json(summary));
 }
 
 }  // namespace omentum

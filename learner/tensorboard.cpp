@@ -30,20 +30,7 @@ std::string host_name() {
   return name.data();
 }
 
-}  // namespace
-
-TensorboardWriter::TensorboardWriter(const std::string& folder) {
-  const double now = seconds_since_epoch();
-  path_ = fmt::format("{}/events.out.tfevents.{}.{}", folder, static_cast<std::int64_t>(now),
-                      host_name());
-  file_.emplace(path_);
-  pb::TensorboardEvent first;
-  first.set_wall_time(now);
-  first.set_file_version("brain.Event:2");
-  if (const Result<void> result = write_event(first); !result) throw_error("{}", result.error());
-}
-
-Result<void> TensorboardWriter::write_event(const pb::TensorboardEvent& event) {
+std::string record_of(const pb::TensorboardEvent& event) {
   const std::string payload = event.SerializeAsString();
   const std::uint64_t length = payload.size();
   const std::uint32_t length_crc = masked_crc(std::as_bytes(std::span(&length, 1)));
@@ -53,7 +40,19 @@ Result<void> TensorboardWriter::write_event(const pb::TensorboardEvent& event) {
   std::memcpy(record.data() + 8, &length_crc, 4);
   std::memcpy(record.data() + 12, payload.data(), payload.size());
   std::memcpy(record.data() + 12 + payload.size(), &payload_crc, 4);
-  return file_->append(record);
+  return record;
+}
+
+}  // namespace
+
+TensorboardWriter::TensorboardWriter(const std::string& folder) {
+  const double now = seconds_since_epoch();
+  path_ = fmt::format("{}/events.out.tfevents.{}.{}", folder, static_cast<std::int64_t>(now),
+                      host_name());
+  pb::TensorboardEvent first;
+  first.set_wall_time(now);
+  first.set_file_version("brain.Event:2");
+  file_.emplace(path_, record_of(first));
 }
 
 Result<void> TensorboardWriter::write(std::int64_t step, std::span<const Scalar> scalars) {
@@ -66,7 +65,7 @@ Result<void> TensorboardWriter::write(std::int64_t step, std::span<const Scalar>
     entry.set_tag(tag);
     entry.set_simple_value(static_cast<float>(value));
   }
-  return write_event(event);
+  return file_->append(record_of(event));
 }
 
 std::vector<pb::TensorboardEvent> parse_tensorboard(std::span<const std::byte> bytes) {

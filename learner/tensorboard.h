@@ -8,8 +8,8 @@
 #include <utility>
 #include <vector>
 
+#include "core/durable_file.h"
 #include "core/result.h"
-#include "learner/durable_file.h"
 #include "proto/tensorboard_event.pb.h"
 
 namespace omentum {
@@ -31,8 +31,6 @@ class TensorboardWriter {
   const std::string& path() const { return path_; }
 
  private:
-  Result<void> write_event(const pb::TensorboardEvent& event);
-
   std::string path_;
   std::optional<AppendFile> file_;
 };

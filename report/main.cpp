@@ -5,7 +5,6 @@
 #include <CLI/CLI.hpp>
 #include <cstdio>
 #include <filesystem>
-#include <fstream>
 #include <optional>
 #include <string>
 #include <vector>
@@ -13,6 +12,7 @@
 #include "core/check.h"
 #include "core/command_line.h"
 #include "core/config.h"
+#include "core/durable_file.h"
 #include "report/report.h"
 
 namespace {
@@ -45,10 +45,8 @@ void write_report(const std::vector<std::string>& folders, std::string output) {
   const std::optional<Scene> scene = find_scene(runs);
   const std::string html = make_report(runs, scene ? &*scene : nullptr);
   if (output.empty()) output = default_output(folders);
-  std::ofstream file(output, std::ios::binary);
-  file << html;
-  file.close();
-  if (!file) throw_error("{}: cannot be written", output);
+  if (const Result<void> written = write_durably(output, html); !written)
+    throw_error("{}", written.error());
   fmt::print("{}: {} run(s), {:.1f} MB\n", output, runs.size(),
              static_cast<double>(html.size()) / 1e6);
 }

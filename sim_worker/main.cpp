@@ -10,6 +10,7 @@
 #include "core/command_line.h"
 #include "core/config.h"
 #include "core/dds_profile.h"
+#include "core/durable_file.h"
 #include "core/fp_mode.h"
 #include "core/log.h"
 #include "core/rollout.h"
@@ -78,13 +79,12 @@ int grasp_study(const std::string& folder) {
     return 0;
   }
   const std::string out = folder + "/evaluation/grasp_study.csv";
-  std::error_code ignored;  // a folder that cannot be made shows as the failed write below
-  std::filesystem::create_directories(folder + "/evaluation", ignored);
-  const std::string rows = grasp_study_csv(study_grasps(*setup));
-  std::ofstream study(out, std::ios::binary);
-  study << rows;
-  study.close();
-  if (!study) throw_error("{}: cannot be written", out);
+  // Before the study, which takes its time.
+  if (const Result<void> can = write_durably(out + ".try", ""); !can)
+    throw_error("{}", can.error());
+  std::filesystem::remove(out + ".try");
+  const Result<void> written = write_durably(out, grasp_study_csv(study_grasps(*setup)));
+  if (!written) throw_error("{}", written.error());
   std::printf("%s\n", out.c_str());
   return 0;
 }
@@ -97,7 +97,7 @@ int run(int argc, char** argv) {
       "sends segments back. Waits for a learner of the same run name; may be started, stopped and "
       "killed at "
       "any time."};
-  std::string run_name = "default";
+  std::string run_name = "omentum";  // as the learner's: the name of its default preset
   unsigned domain = 0;
   unsigned lanes = 0;
   unsigned width = 0;
@@ -110,6 +110,10 @@ int run(int argc, char** argv) {
   app.add_option("--domain", domain, "DDS domain, 0 ... 230")
       ->check(CLI::Range(0, 230))
       ->capture_default_str();
+  double max_wait_s = 0;
+  app.add_option("--max-wait", max_wait_s,
+                 "Stop with code 1 after so many seconds without a learner; 0 = wait for ever")
+      ->check(CLI::Range(0.0, 1e9));
   app.add_option("--lanes", lanes, "Environments of this worker; 0 = one kernel width")
       ->check(CLI::Range(0, 1024));
   app.add_option("--lane-width", width, "Kernel width 1, 8 or 16; 0 = the widest this CPU runs");
@@ -127,7 +131,7 @@ int run(int argc, char** argv) {
                "Print every knob of a run with unit, range, default and source, and exit");
   app.footer(
       "The learner decides the configuration; see learner --help. Exit codes: 0 stopped or run "
-      "finished, 1 a replay differs, 2 wrong input.");
+      "finished, 1 a replay differs or --max-wait has passed, 2 wrong input.");
   if (const std::optional<int> code = parse_command_line(app, argc, argv)) return *code;
   if (!check_config.empty()) return check(check_config);
   if (!study.empty()) return grasp_study(study);
@@ -159,6 +163,7 @@ int run(int argc, char** argv) {
   options.profile = profile;
   options.build_id = build_id();
   options.program_version = git_revision();
+  options.max_wait_ns = static_cast<std::int64_t>(1e9 * max_wait_s);
   options.rollout = [](Backend& backend, Policy& policy, std::span<const RolloutTask> tasks,
                        const std::function<bool()>& stop) {
     return run_rollout(backend, policy, tasks, stop);

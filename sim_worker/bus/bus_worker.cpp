@@ -23,11 +23,26 @@ constexpr std::int64_t kKeepSegmentNs = 30 * kS;  // B5
 constexpr std::int64_t kPollNs = 50 * kMs;        // stop flag
 constexpr std::int64_t kRetryNs = 10 * kMs;       // delivery
 constexpr std::size_t kWeightsKept = 2;           // lead 1 has two versions alive
+constexpr std::size_t kMaxSources = 8;            // of weights, before strangers' go
 constexpr std::size_t kMaxWarnings = 8;
+constexpr std::int64_t kJoinNs = 2 * kS;   // a learner that was started together joins within it
+constexpr std::int64_t kTellNs = 60 * kS;  // what waits is told of this often
+// Samples that a reader keeps beside those of a stranger who writes to the same instances.
+constexpr std::int32_t kWeightsDepth = 64;
+constexpr std::int32_t kTaskDepth = 8;
+constexpr std::size_t kMaxEarly = 4096;
 
 std::string host_name() {
   std::array<char, 256> name{};
   return gethostname(name.data(), name.size() - 1) == 0 ? name.data() : "unknown";
+}
+
+/// Takes what has arrived.
+template <typename Record, typename Fn>
+void take_all(BusReader<Record>& reader, Fn&& fn) {
+  constexpr int kLimit = 4096;
+  if (const Result<int> taken = reader.take(kLimit, fn); !taken)
+    log().error("event=take_failed reason=\"{}\"", taken.error());
 }
 
 BusWorkerOptions checked(BusWorkerOptions options) {
@@ -63,8 +78,9 @@ BusWorker::BusWorker(BusWorkerOptions options)
       participant_(options_.domain, options_.profile.uri, "omentum-worker"),
       learner_reader_(participant_, run_partition(options_.run), "worker-learner"),
       manifest_reader_(participant_, run_partition(options_.run), "worker-manifest"),
-      weights_reader_(participant_, run_partition(options_.run), "worker-weights"),
-      task_reader_(participant_, worker_partition(options_.run, status_.worker_id), "worker-tasks"),
+      weights_reader_(participant_, run_partition(options_.run), "worker-weights", kWeightsDepth),
+      task_reader_(participant_, worker_partition(options_.run, status_.worker_id), "worker-tasks",
+                   kTaskDepth),
       segment_writer_(participant_, public_partitions(options_.run), "worker-segments"),
       status_writer_(participant_, public_partitions(options_.run), "worker-status"),
       waitset_(participant_) {
@@ -88,9 +104,11 @@ int BusWorker::run(const std::function<bool()>& stop) {
     take_weights();
     take_tasks();
     now = steady_now_ns();
+    tell_while_alone(now);
+    if (waited_too_long_) break;
     decline_unfit(now);
     flush(now);
-    // Work that cannot be delivered is kept, but no more is made.
+    // While segments wait for delivery no new group is begun.
     if (outbox_.empty()) {
       std::vector<TaskQueue::Entry> group = pending_.next_group(
           status_.lanes, [this](const RolloutTask& task) { return check(task) == Check::kReady; },
@@ -98,64 +116,104 @@ int BusWorker::run(const std::function<bool()>& stop) {
       if (!group.empty()) run_group(std::move(group), stop);
     }
     flush(steady_now_ns());
-    // Listed as ready only when the learner can hear the results.
+    // Ready only when the learner's segment reader is matched.
     const bool ready = setup_.backend != nullptr && segment_writer_.matched() > 0;
     say(ready ? (running_ + pending_.size() > 0 ? WorkerPhase::kCollecting : WorkerPhase::kIdle)
               : WorkerPhase::kStarting);
     if (steady_now_ns() - status_sent_ns_ >= kStatusPeriodNs) publish_status(steady_now_ns());
   }
   leave();
-  return 0;
+  return waited_too_long_ ? 1 : 0;
 }
 
 // ------------------------------------------------------------------------------------------ intake
 
-void BusWorker::follow(std::uint32_t epoch) {
-  if (epoch <= epoch_) return;
-  log().info("event=follow_learner run={} epoch={} before={}", options_.run, epoch, epoch_);
-  epoch_ = epoch;
-  status_.learner_epoch = epoch;
+void BusWorker::follow(const LearnerChoice::Learner& learner) {
+  const RunManifest& manifest = learner.manifest;
+  const bool same = learner.participant == learner_ && manifest_ &&
+                    manifest_->learner_epoch == manifest.learner_epoch &&
+                    manifest_->config_hash == manifest.config_hash;
+  if (same) return;
+  log().info("event=follow_learner run={} epoch={} before={}", options_.run, manifest.learner_epoch,
+             epoch_);
+  learner_ = learner.participant;
+  epoch_ = manifest.learner_epoch;
+  manifest_ = manifest;
+  prepared_ = false;
+  status_.learner_epoch = epoch_;
   learner_gone_ = false;
-  learner_at_ns_ = 0;
-  manifest_.reset();
-  weights_.clear();
-  status_.warnings.clear();  // they were meant for an older learner
-  // Tasks of the older learner; finished segments stay, they may still be wanted.
+  status_.warnings.clear();  // they were meant for another learner
+  // Tasks of the other learner go; its finished segments stay, this one may admit them.
   status_.tasks_abandoned += pending_.size();
   pending_.clear();
   status_sent_ns_ = 0;
+  for (auto& [participant, task] : std::exchange(early_, {})) accept(participant, std::move(task));
 }
 
 void BusWorker::take_control() {
-  const Result<int> statuses = learner_reader_.take(64, [this](Arrival<LearnerStatus>&& arrival) {
+  take_all(manifest_reader_, [this](Arrival<RunManifest>&& arrival) {
+    if (!arrival.info.valid || arrival.record.run_id != options_.run) return;
+    choice_.offered(arrival.info.participant, std::move(arrival.record));
+  });
+  take_all(learner_reader_, [this](Arrival<LearnerStatus>&& arrival) {
     const LearnerStatus& learner = arrival.record;
-    if (learner.run_id != options_.run || learner.learner_epoch < epoch_) return;
+    if (learner.run_id != options_.run) return;
     if (!arrival.info.valid || arrival.info.state != dds::InstanceState::kAlive) {
       if (learner.learner_epoch == epoch_) learner_gone_ = true;
       return;
     }
-    follow(learner.learner_epoch);
+    choice_.spoke(arrival.info.participant, learner.learner_epoch, steady_now_ns());
+    if (learner.learner_epoch != epoch_ || arrival.info.participant != learner_) return;
     learner_at_ns_ = steady_now_ns();
     learner_gone_ = false;
     if (learner.phase == LearnerPhase::kDone) done_ = true;
   });
-  if (!statuses) log().error("event=take_failed reason=\"{}\"", statuses.error());
-  const Result<int> manifests = manifest_reader_.take(64, [this](Arrival<RunManifest>&& arrival) {
-    if (!arrival.info.valid || arrival.record.run_id != options_.run) return;
-    follow(arrival.record.learner_epoch);
-    if (arrival.record.learner_epoch == epoch_) manifest_ = std::move(arrival.record);
-  });
-  if (!manifests) log().error("event=take_failed reason=\"{}\"", manifests.error());
+  if (const LearnerChoice::Learner* learner = choice_.choose(steady_now_ns())) {
+    learner_at_ns_ = learner->spoke_ns;
+    follow(*learner);
+  }
+}
+
+/// Without a learner the worker says at once and every minute what to start.
+void BusWorker::tell_while_alone(std::int64_t now_ns) {
+  const bool served =
+      manifest_ && setup_error_.empty() && now_ns - learner_at_ns_ < kLearnerFreshNs;
+  if (served) {
+    alone_since_ns_ = 0;
+    return;
+  }
+  if (alone_since_ns_ == 0) alone_since_ns_ = now_ns;
+  waited_too_long_ = options_.max_wait_ns > 0 && now_ns - alone_since_ns_ > options_.max_wait_ns;
+  if (waited_too_long_) log().error("no learner to work for in the time of --max-wait");
+  if (now_ns - alone_since_ns_ < kJoinNs) return;
+  if (alone_told_ns_ > alone_since_ns_ && now_ns - alone_told_ns_ < kTellNs) return;
+  alone_told_ns_ = now_ns;
+  log().warn("waiting for a learner: start learner --run {} --set run.domain={}{}{}", options_.run,
+             options_.domain,
+             setup_error_.empty() ? "" : "; the present one does not fit: ", setup_error_);
+}
+
+/// Counts what came from somebody who is not the learner; told once and then every minute.
+void BusWorker::count_stranger(const char* what) {
+  ++strangers_;
+  const std::int64_t now = steady_now_ns();
+  if (stranger_told_ns_ > 0 && now - stranger_told_ns_ < kTellNs) return;
+  stranger_told_ns_ = now;
+  warn(fmt::format("{} of a participant that is not the learner ignored, {} so far", what,
+                   strangers_));
 }
 
 void BusWorker::prepare() {
-  if (!manifest_ || setup_epoch_ == epoch_) return;
-  setup_epoch_ = epoch_;
+  if (!manifest_ || prepared_) return;
+  prepared_ = true;
   setup_error_.clear();
-  if (options_.build_id != manifest_->build_id) {
-    setup_error_ = fmt::format("build {:016x} differs from the learner's {:016x}",
-                               options_.build_id, manifest_->build_id);
-  } else if (!setup_.backend || setup_.config_hash != manifest_->config_hash) {
+  const auto require_same = [this](const char* what, std::uint64_t own, std::uint64_t learner) {
+    if (!setup_error_.empty() || own == learner) return;
+    setup_error_ = fmt::format("{} {:016x} differs from the learner's {:016x}", what, own, learner);
+  };
+  require_same("build", options_.build_id, manifest_->build_id);
+  const bool other = !setup_.backend || setup_.config_hash != manifest_->config_hash;
+  if (setup_error_.empty() && other) {
     try {
       setup_ = options_.make_setup(*manifest_);
       OMENTUM_CHECK(setup_.backend != nullptr);
@@ -165,49 +223,56 @@ void BusWorker::prepare() {
       setup_error_ = error.what();
     }
   }
-  if (setup_error_.empty() && setup_.config_hash != manifest_->config_hash) {
-    setup_error_ = fmt::format("config_hash {:016x} differs from the learner's {:016x}",
-                               setup_.config_hash, manifest_->config_hash);
-  }
-  if (setup_error_.empty() && setup_.shape.layout_hash() != manifest_->layout_hash) {
-    setup_error_ = fmt::format("layout_hash {:016x} differs from the learner's {:016x}",
-                               setup_.shape.layout_hash(), manifest_->layout_hash);
-  }
+  require_same("config_hash", setup_.config_hash, manifest_->config_hash);
+  require_same("layout_hash", setup_.shape.layout_hash(), manifest_->layout_hash);
   status_.lanes = setup_.backend ? static_cast<std::uint32_t>(setup_.backend->lanes()) : 0;
   if (!setup_error_.empty()) warn(setup_error_);
   status_sent_ns_ = 0;
 }
 
 void BusWorker::take_weights() {
-  const Result<int> taken = weights_reader_.take(64, [this](Arrival<PolicyWeights>&& arrival) {
+  take_all(weights_reader_, [this](Arrival<PolicyWeights>&& arrival) {
     PolicyWeights& weights = arrival.record;
     if (!arrival.info.valid || weights.policy_id != policy_id_) return;
-    follow(weights.learner_epoch);
-    if (weights.learner_epoch != epoch_) return;
     if (hash_weights(weights.parameters, weights.obs_mean, weights.obs_inv_std) !=
         weights.weights_hash) {
       warn(fmt::format("weights {} do not match their hash", weights.policy_version));
       return;
     }
-    status_.policy_version = weights.policy_version;
-    weights_.push_back(std::move(weights));
-    if (weights_.size() > kWeightsKept) weights_.pop_front();
+    // Those of a new learner may arrive before its manifest: kept apart by where they come from.
+    if (!weights_.contains(arrival.info.participant) && weights_.size() > kMaxSources) {
+      std::erase_if(weights_, [this](const auto& source) { return source.first != learner_; });
+    }
+    if (arrival.info.participant == learner_) {
+      status_.policy_version = weights.policy_version;
+    } else if (learner_ != 0 && weights.learner_epoch <= epoch_) {
+      count_stranger("weights");
+      return;
+    }
+    std::deque<PolicyWeights>& kept = weights_[arrival.info.participant];
+    kept.push_back(std::move(weights));
+    if (kept.size() > kWeightsKept) kept.pop_front();
   });
-  if (!taken) log().error("event=take_failed reason=\"{}\"", taken.error());
 }
 
 void BusWorker::take_tasks() {
-  const Result<int> taken = task_reader_.take(4096, [this](Arrival<RolloutTask>&& arrival) {
-    if (!arrival.info.valid) return;
-    accept(std::move(arrival.record));
+  take_all(task_reader_, [this](Arrival<RolloutTask>&& arrival) {
+    if (arrival.info.valid) accept(arrival.info.participant, std::move(arrival.record));
   });
-  if (!taken) log().error("event=take_failed reason=\"{}\"", taken.error());
 }
 
-void BusWorker::accept(RolloutTask task) {
+void BusWorker::accept(std::uint64_t participant, RolloutTask task) {
+  if (participant != learner_) {
+    // The first tasks of a new learner may arrive before its manifest.
+    if (task.learner_epoch > epoch_ && early_.size() < kMaxEarly) {
+      early_.emplace_back(participant, std::move(task));
+    } else {
+      count_stranger("task");
+    }
+    return;
+  }
   ++status_.tasks_received;
-  follow(task.learner_epoch);
-  if (task.learner_epoch < epoch_ || task.worker_id != status_.worker_id) {
+  if (task.learner_epoch != epoch_ || task.worker_id != status_.worker_id) {
     ++status_.tasks_declined_epoch;
     status_sent_ns_ = 0;
     return;
@@ -216,8 +281,10 @@ void BusWorker::accept(RolloutTask task) {
 }
 
 const PolicyWeights* BusWorker::weights_of(const RolloutTask& task) const {
-  for (const PolicyWeights& weights : weights_) {
-    if (weights.policy_version == task.policy_version &&
+  const auto own = weights_.find(learner_);
+  if (own == weights_.end()) return nullptr;
+  for (const PolicyWeights& weights : own->second) {
+    if (weights.learner_epoch == epoch_ && weights.policy_version == task.policy_version &&
         weights.weights_hash == task.weights_hash) {
       return &weights;
     }
@@ -226,8 +293,7 @@ const PolicyWeights* BusWorker::weights_of(const RolloutTask& task) const {
 }
 
 BusWorker::Check BusWorker::check(const RolloutTask& task) const {
-  // The manifest of a new learner may be behind its first tasks.
-  if (!manifest_ || setup_epoch_ != epoch_) return Check::kWait;
+  if (!manifest_ || !prepared_) return Check::kWait;
   if (!setup_error_.empty() || task.config_hash != setup_.config_hash) return Check::kConfig;
   const Snapshots* states = setup_.backend->snapshots();
   if (task.state_format != (states != nullptr ? states->state_format() : 0)) return Check::kState;
@@ -264,8 +330,9 @@ void BusWorker::decline_unfit(std::int64_t now_ns) {
     const bool late = now_ns - entry.at_ns > kParkNs;
     const bool parked = verdict == Check::kWait || verdict == Check::kNoWeights;
     if (verdict == Check::kReady || (parked && !late)) return false;
-    if (verdict == Check::kNoWeights && !weights_.empty() &&
-        entry.task.policy_version < weights_.front().policy_version) {
+    const auto own = weights_.find(learner_);
+    if (verdict == Check::kNoWeights && own != weights_.end() &&
+        entry.task.policy_version < own->second.front().policy_version) {
       ++status_.tasks_abandoned;  // a second grant of a batch that is over: nobody waits for it
     } else {
       decline(entry.task, verdict);
@@ -324,7 +391,7 @@ void BusWorker::run_group(std::vector<TaskQueue::Entry> group, const std::functi
   for (std::size_t i = 0; i < segments.size(); ++i) {
     RolloutSegment& segment = segments[i];
     const RolloutTask& task = tasks[i];
-    // Identity of this answer; none of it is part of the result or of its CRC.
+    // Who computed the segment and when; no part of the result or of its CRC.
     segment.grant = task.grant;
     segment.worker_id = status_.worker_id;
     segment.build_id = options_.build_id;

@@ -3,6 +3,7 @@
 #include <cstdint>
 #include <deque>
 #include <functional>
+#include <map>
 #include <memory>
 #include <optional>
 #include <span>
@@ -13,10 +14,11 @@
 #include "core/dds_profile.h"
 #include "core/policy.h"
 #include "core/wire.h"
+#include "sim_worker/bus/learner_choice.h"
 #include "sim_worker/bus/task_queue.h"
 
 // bus/ is the end of a simulation worker on the DDS bus: it takes tasks and weights, groups tasks
-// into lanes, sends segments back and says how it is. What the rollout does is not known here.
+// into lanes, runs them through a function it is given, and publishes segments and status.
 
 namespace omentum {
 
@@ -24,8 +26,7 @@ namespace omentum {
 struct WorkerSetup {
   std::unique_ptr<Backend> backend;
   PolicyShape shape;
-  std::uint64_t config_hash =
-      0;  ///< of the configuration the backend was made from, computed by this build
+  std::uint64_t config_hash = 0;  ///< of the backend's configuration, computed by this build
 };
 
 struct BusWorkerOptions {
@@ -34,6 +35,7 @@ struct BusWorkerOptions {
   DdsProfile profile;          ///< of choose_dds_profile(worker_receive_bytes(...))
   std::uint64_t build_id = 0;  ///< tasks of a run made by another build are declined
   std::string program_version;
+  std::int64_t max_wait_ns = 0;  ///< without a learner; then run() ends with 1. 0 = for ever
   /// Makes the environments of a run. May throw Error: the worker then declines and shows the
   /// reason in its status.
   std::function<WorkerSetup(const RunManifest&)> make_setup;
@@ -46,16 +48,16 @@ struct BusWorkerOptions {
 /// Id of this process: hash of host, process id and start time; never 0.
 std::uint32_t make_worker_id();
 
-/// The worker's end of the bus (docs/wire.md 1, 4.2, 5.2): a stateless executor of tasks. It
-/// waits patiently for a learner, follows the highest learner epoch of its run, groups tasks of one
-/// policy version, kind and length, runs them, publishes the segments, and declines with a visible
-/// reason what it must not run. One thread does everything.
+/// The worker's end of the bus (docs/wire.md 1, 4.2, 5.2). It waits for a learner, follows the
+/// highest learner epoch of its run, groups tasks of one policy version, kind and length, runs
+/// them, publishes the segments, and declines what it must not run with a reason in its status. One
+/// thread.
 class BusWorker {
  public:
   /// Joins the domain. Throws Error.
   explicit BusWorker(BusWorkerOptions options);
 
-  /// Serves until stop() is true or the learner says that the run is over; leaves gracefully.
+  /// Serves until stop() is true or the learner's phase is kDone; then disposes its status.
   /// `stop` is polled at least every 50 ms and once per step of a rollout. Returns the exit code of
   /// the program, 0.
   int run(const std::function<bool()>& stop);
@@ -72,9 +74,11 @@ class BusWorker {
   void take_control();
   void take_weights();
   void take_tasks();
-  void follow(std::uint32_t epoch);
+  void follow(const LearnerChoice::Learner& learner);
+  void tell_while_alone(std::int64_t now_ns);
+  void count_stranger(const char* what);
   void prepare();
-  void accept(RolloutTask task);
+  void accept(std::uint64_t participant, RolloutTask task);
   enum class Check { kReady, kWait, kNoWeights, kConfig, kState };
   Check check(const RolloutTask& task) const;
   void decline_unfit(std::int64_t now_ns);
@@ -104,15 +108,24 @@ class BusWorker {
   BusWriter<WorkerStatus> status_writer_;
   dds::Waitset waitset_;
 
-  std::uint32_t epoch_ = 0;         ///< highest seen; 0 = no learner yet
-  std::int64_t learner_at_ns_ = 0;  ///< last sign of life of the learner of epoch_
+  LearnerChoice choice_;
+  std::uint64_t learner_ = 0;       ///< participant that is followed; 0 = none yet
+  std::uint32_t epoch_ = 0;         ///< of learner_
+  std::int64_t learner_at_ns_ = 0;  ///< last status of the learner of epoch_
   bool learner_gone_ = false;
   bool done_ = false;
-  std::optional<RunManifest> manifest_;  ///< of epoch_
-  std::uint32_t setup_epoch_ = 0;        ///< epoch whose manifest setup_ was checked against
+  std::optional<RunManifest> manifest_;  ///< of learner_
+  bool prepared_ = false;                ///< setup_ was checked against manifest_
   std::string setup_error_;
   WorkerSetup setup_;
-  std::deque<PolicyWeights> weights_;  ///< the last two, newest last
+  /// By participant: the last two, newest last.
+  std::map<std::uint64_t, std::deque<PolicyWeights>> weights_;
+  /// Tasks from participants that have not offered their manifest yet.
+  std::vector<std::pair<std::uint64_t, RolloutTask>> early_;
+  std::uint64_t strangers_ = 0;  ///< samples of others than the learner
+  std::int64_t stranger_told_ns_ = 0;
+  std::int64_t alone_since_ns_ = 0, alone_told_ns_ = 0;  ///< without a learner; 0 = not so
+  bool waited_too_long_ = false;
   std::unique_ptr<Policy> policy_;
   TaskQueue pending_;
   std::deque<Outgoing> outbox_;

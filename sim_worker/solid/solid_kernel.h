@@ -15,9 +15,9 @@ struct SolidArgs : ImplicitArgs<Real> {
   // Mesh, shared by all lanes.
   std::int32_t tetrahedra;
   const std::int32_t* tetrahedron;  ///< 10 nodes each
-  const Real* gradient;         ///< [tetrahedron][corner][xyz]: gradient of its volume coordinate [1/m]
-  const Real* volume;           ///< a quarter of each tetrahedron's volume [m^3]
-  const Real* mass;             ///< per node [kg]
+  const Real* gradient;  ///< [tetrahedron][corner][xyz]: gradient of its volume coordinate [1/m]
+  const Real* volume;    ///< a quarter of each tetrahedron's volume [m^3]
+  const Real* mass;      ///< per node [kg]
   const Real* mass_over_step2;  ///< per node: m / (effective step)^2 [N/m]
   const Real* contact_gain;     ///< per node: stiffness of contact [N/m]
 

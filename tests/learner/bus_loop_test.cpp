@@ -392,11 +392,17 @@ TEST(BusLoop, AFloodFromARogueWriterIsDroppedAndCounted) {
   loop.start();
   const dds::Participant participant(domain.id(), test::mesh_profile().uri, "rogue");
   BusWriter<RolloutSegment> rogue(participant, run_partition("loop"), "rogue");
-  ASSERT_TRUE(loop.serve_until([&] { return rogue.matched() > 0; }));
+  BusWriter<WorkerStatus> announcement(participant, run_partition("loop"), "rogue-status");
+  WorkerStatus status;
+  status.worker_id = 77;  // without it the segments are a stranger's (Strangers.*)
+  ASSERT_TRUE(announcement.write(status));
+  ASSERT_TRUE(loop.serve_until(
+      [&] { return rogue.matched() > 0 && loop.bus().worker_statuses().size() == 1; }));
   RolloutTask task;
   task.steps = 20;
   task.reset = true;
   RolloutSegment segment = test::fake_rollout(task);
+  segment.worker_id = status.worker_id;
   std::uint64_t sent = 0;
   while (sent < 1000) {  // the learner thread does not serve meanwhile
     if (rogue.write(segment)) ++sent;

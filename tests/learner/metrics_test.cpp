@@ -9,7 +9,7 @@
 #include <limits>
 #include <sstream>
 
-#include "learner/durable_file.h"
+#include "core/durable_file.h"
 #include "learner/json.h"
 #include "learner/summary.h"
 #include "support/temp_dir.h"

@@ -1,11 +1,11 @@
-#include "learner/durable_file.h"
+#include "core/durable_file.h"
 
 #include <fcntl.h>
 #include <fmt/core.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <cerrno>
-#include <cstdio>
 #include <filesystem>
 #include <fstream>
 #include <utility>
@@ -58,6 +58,9 @@ Result<void> write_temporary(const std::string& path, std::span<const std::byte>
 
 Result<void> write_durably(const std::string& path, std::span<const std::byte> bytes) {
   const std::string temporary = path + ".tmp";
+  const std::filesystem::path parent = std::filesystem::path(path).parent_path();
+  std::error_code ignored;  // shows as the failed write below
+  if (!parent.empty()) std::filesystem::create_directories(parent, ignored);
   if (Result<void> result = write_temporary(temporary, bytes); !result) {
     ::unlink(temporary.c_str());
     return result;
@@ -67,12 +70,15 @@ Result<void> write_durably(const std::string& path, std::span<const std::byte> b
     ::unlink(temporary.c_str());
     return failure;
   }
-  const std::filesystem::path parent = std::filesystem::path(path).parent_path();
   const std::string folder = parent.empty() ? "." : parent.string();
   const Descriptor directory(::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
   if (directory.get() < 0 || ::fsync(directory.get()) != 0)
     return failed("cannot fsync folder", folder);
   return {};
+}
+
+Result<void> write_durably(const std::string& path, std::string_view text) {
+  return write_durably(path, std::as_bytes(std::span(text)));
 }
 
 Result<Bytes> read_whole(const std::string& path) {
@@ -87,15 +93,42 @@ Result<Bytes> read_whole(const std::string& path) {
   return bytes;
 }
 
-AppendFile::AppendFile(const std::string& path)
-    : path_(path), file_(std::fopen(path.c_str(), "ab")) {
-  if (file_ == nullptr) throw_error("cannot open {}", path);
+AppendFile::AppendFile(std::string path, std::string header)
+    : path_(std::move(path)), header_(std::move(header)) {
+  if (const Result<void> opened = open(); !opened) throw_error("{}", opened.error());
+}
+
+AppendFile::~AppendFile() {
+  if (fd_ >= 0) ::close(fd_);
+}
+
+Result<void> AppendFile::open() {
+  const std::filesystem::path parent = std::filesystem::path(path_).parent_path();
+  std::error_code ignored;  // shows as the failed open below
+  if (!parent.empty()) std::filesystem::create_directories(parent, ignored);
+  if (fd_ >= 0) ::close(fd_);
+  fd_ = ::open(path_.c_str(), O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC, 0644);
+  if (fd_ < 0) return failed("cannot open", path_);
+  return ::lseek(fd_, 0, SEEK_END) == 0 ? write(header_) : Result<void>();
+}
+
+Result<void> AppendFile::write(std::string_view bytes) {
+  const off_t size = ::lseek(fd_, 0, SEEK_END);
+  if (write_all(fd_, std::as_bytes(std::span(bytes)))) return {};
+  const Failure failure = failed("cannot write", path_);
+  if (::ftruncate(fd_, size) != 0) return failed("cannot cut back", path_);
+  return failure;
 }
 
 Result<void> AppendFile::append(std::string_view bytes) {
-  const bool good = std::fwrite(bytes.data(), 1, bytes.size(), file_.get()) == bytes.size() &&
-                    std::fflush(file_.get()) == 0;
-  return good ? Result<void>() : Result<void>(Failure{fmt::format("cannot write {}", path_)});
+  struct stat own {};
+  struct stat present {};
+  const bool same = ::fstat(fd_, &own) == 0 && ::stat(path_.c_str(), &present) == 0 &&
+                    own.st_ino == present.st_ino && own.st_dev == present.st_dev;
+  if (!same) {
+    if (Result<void> opened = open(); !opened) return opened;
+  }
+  return write(bytes);
 }
 
 }  // namespace omentum
