@@ -392,12 +392,4 @@ SlotTable TaskBook::table() const {
   return table;
 }
 
-double TaskBook::oldest_task_age_s(std::int64_t now_ns) const {
-  std::int64_t oldest = now_ns;
-  for_each_job([&oldest](const Job& job) {
-    for (const Grant& grant : job.grants) oldest = std::min(oldest, grant.at_ns);
-  });
-  return static_cast<double>(now_ns - oldest) * 1e-9;
-}
-
 }  // namespace omentum

@@ -222,6 +222,14 @@ std::vector<RolloutTask> TaskBook::grant(std::int64_t now_ns) {
   return tasks;
 }
 
+double TaskBook::oldest_task_age_s(std::int64_t now_ns) const {
+  std::int64_t oldest = now_ns;
+  for_each_job([&oldest](const Job& job) {
+    for (const Grant& grant : job.grants) oldest = std::min(oldest, grant.at_ns);
+  });
+  return static_cast<double>(now_ns - oldest) * 1e-9;
+}
+
 void TaskBook::undelivered(const RolloutTask& task) {
   if (Job* job = find_open_job(task.slot, task.task_hash))
     lapse_if(*job, [&task](const Grant& grant) { return grant.number == task.grant; });
