@@ -257,8 +257,9 @@ Reader::Reader(const Participant& participant, const Topic& topic, const Endpoin
 }
 
 std::uint64_t Reader::participant_of(std::uint64_t writer) {
-  const auto [found, fresh] = participants_.try_emplace(writer, 0);
-  if (fresh) {
+  // Asked again while unknown: a writer is for a moment where its lease ran out on a busy machine.
+  const auto found = participants_.try_emplace(writer, 0).first;
+  if (found->second == 0) {
     dds_builtintopic_endpoint_t* endpoint =
         dds_get_matched_publication_data(entity_.handle(), writer);
     if (endpoint != nullptr) {

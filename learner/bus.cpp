@@ -19,6 +19,8 @@ constexpr std::int64_t kRetireNs = 5'000 * kMs;  // a dead worker's reader is go
 constexpr std::int64_t kRatePeriodNs = 1'000 * kMs;
 constexpr std::int64_t kReportPeriodNs = 100 * kMs;  // ledger into the status
 constexpr std::int64_t kMatchPollNs = 5 * kMs;
+constexpr std::int64_t kRepeatPeriodNs = 2'000 * kMs;
+constexpr std::size_t kWeightsKept = 2;  // lead 1 has two versions alive
 constexpr std::int64_t kWarnPeriodNs = 10'000 * kMs;
 constexpr std::size_t kLeastRing = 64;
 
@@ -65,7 +67,8 @@ Result<void> LearnerBus::publish_manifest(RunManifest manifest) {
   if (superseded()) return {};
   manifest.run_id = options_.run;
   manifest.learner_epoch = options_.learner_epoch;
-  return manifest_writer_.write(manifest);
+  manifest_ = std::move(manifest);
+  return manifest_writer_.write(manifest_);
 }
 
 Result<void> LearnerBus::publish_weights(PolicyWeights weights) {
@@ -78,7 +81,26 @@ Result<void> LearnerBus::publish_weights(PolicyWeights weights) {
     const std::lock_guard lock(mutex_);
     statistics_.bytes_down += bytes * statistics_.workers_alive;
   }
-  return weights_writer_.write(weights);
+  sent_weights_.push_back(std::move(weights));
+  if (sent_weights_.size() > kWeightsKept) sent_weights_.pop_front();
+  return weights_writer_.write(sent_weights_.back());
+}
+
+/// Sends again what a worker says it lacks: the manifest while it follows another learner, weights
+/// after a decline. A sample can get lost where a lease ran out on a busy machine.
+void LearnerBus::repeat_for_workers(std::int64_t now_ns) {
+  if (manifest_.run_id.empty() || now_ns - repeated_ns_ < kRepeatPeriodNs) return;
+  const bool behind = std::any_of(served_.begin(), served_.end(), [this](const auto& entry) {
+    return entry.second.last.learner_epoch != options_.learner_epoch;
+  });
+  if (!behind && !weights_wanted_) return;
+  repeated_ns_ = now_ns;
+  bool ok = !behind || manifest_writer_.write(manifest_).has_value();
+  if (std::exchange(weights_wanted_, false)) {
+    for (const PolicyWeights& weights : sent_weights_)
+      ok = weights_writer_.write(weights).has_value() && ok;
+  }
+  if (!ok) log().warn("event=not_sent_again");
 }
 
 Result<void> LearnerBus::publish_summary(const EpisodeSummary& summary) {
@@ -316,7 +338,10 @@ void LearnerBus::serve(TaskBook& book, std::int64_t now_ns) {
   std::erase_if(retired_, [now = steady_now_ns()](const auto& entry) {
     return entry.first->matched() == 0 || now > entry.second;
   });
-  if (!superseded()) write_grants(book, now_ns);
+  if (!superseded()) {
+    repeat_for_workers(now_ns);
+    write_grants(book, now_ns);
+  }
   report_book(book, now_ns);
 }
 
@@ -374,6 +399,7 @@ void LearnerBus::follow_declines(TaskBook& book, std::uint32_t id, const WorkerS
   const bool epoch = after.tasks_declined_epoch > before.tasks_declined_epoch;
   if (!config && !state && !weights && !epoch) return;
   book.worker_declined(id, config || state);
+  weights_wanted_ = weights_wanted_ || weights;
   log().warn("event=worker_declined worker={} host={} reason={} for_good={} said=\"{}\"", id,
              after.host,
              config    ? "config"

@@ -115,6 +115,7 @@ class LearnerBus {
                        const WorkerStatus& after);
   void follow_silence(TaskBook& book);
   void write_grants(TaskBook& book, std::int64_t now_ns);
+  void repeat_for_workers(std::int64_t now_ns);
   void report_book(const TaskBook& book, std::int64_t now_ns);
 
   LearnerBusOptions options_;
@@ -136,7 +137,10 @@ class LearnerBus {
   std::vector<std::pair<std::unique_ptr<BusWriter<RolloutTask>>, std::int64_t>> retired_;
   std::uint64_t refused_told_ = 0, foreign_told_ = 0;
   std::int64_t foreign_warned_ns_ = 0;
-  std::int64_t reported_ns_ = 0;
+  std::int64_t reported_ns_ = 0, repeated_ns_ = 0;
+  RunManifest manifest_;                    ///< as published
+  std::deque<PolicyWeights> sent_weights_;  ///< the last two
+  bool weights_wanted_ = false;             ///< a worker declined for lack of them
 
   mutable std::mutex mutex_;
   std::condition_variable something_;

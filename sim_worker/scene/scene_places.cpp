@@ -204,16 +204,36 @@ void check_tissue(const Scene& scene, const Points& tissue, std::vector<std::str
   check_camera(scene, tissue, "tissue at rest", warnings);
 }
 
+// Rigid bodies do not stop the tool: a place of it inside one is odd, a grid that is nowhere else
+// is a mistake.
+void check_tool_places(const Scene& scene, const Points& places, const std::string& knob,
+                       std::vector<std::string>& warnings) {
+  std::size_t inside = 0;
+  const RigidShape* around = nullptr;
+  for (const Vector3d& p : places) {
+    const RigidShape* body = body_around(scene, p);
+    if (body == nullptr) continue;
+    around = body;
+    ++inside;
+  }
+  if (inside == 0) return;
+  const std::string text =
+      fmt::format("{}: {} of {} places lie inside a body (\"{}\"), allowed outside every body",
+                  knob, inside, places.size(), around->name);
+  if (inside == places.size() && inside > 1) throw_error("{}", text);
+  warnings.push_back(text);
+}
+
 }  // namespace
 
 void check_places(const Scene& scene, std::vector<std::string>& warnings) {
   const Points tissue = in_world(scene.tissue.X_WB, scene.tissue.particles);
   check_tissue(scene, tissue, warnings);
   require_free(scene, scene.camera.position, "scene.camera.position_m");
-  require_free(scene, scene.tool_start, "scene.tool_start_m");
-  require_free(scene, scene.target, "scene.target_m");
-  for (const Vector3d& p : scene.grid_starts) require_free(scene, p, "scene.start_grid");
-  for (const Vector3d& p : scene.robot_starts) require_free(scene, p, "scene.robot_grid");
+  check_tool_places(scene, {scene.tool_start}, "scene.tool_start_m", warnings);
+  check_tool_places(scene, {scene.target}, "scene.target_m", warnings);
+  check_tool_places(scene, scene.grid_starts, "scene.start_grid", warnings);
+  check_tool_places(scene, scene.robot_starts, "scene.robot_grid", warnings);
   if (scene.tumour >= 0) check_tumour(scene, box_of(tissue), warnings);
   if (!scene.config.has_tumour_point_m()) return;
   const RigidShape* around = body_around(scene, scene.tumour_point);

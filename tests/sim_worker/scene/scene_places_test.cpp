@@ -107,8 +107,14 @@ TEST_F(ScenePlaces, PointsOfTheTaskLieInTheWorkspaceAndOutsideBodies) {
   scene().clear_tumour_point_m();
   EXPECT_THAT(refusal(), HasSubstr("scene.tumour_point_m: missing"));
   load({"scene.tool_start_m={ x: 0.014 y: -0.026 z: 0.0285 }"});
-  EXPECT_THAT(refusal(), HasSubstr("scene.tool_start_m: (0.014, -0.026, 0.0285) m lies inside the "
-                                   "body \"kidney\", allowed outside every body"));
+  EXPECT_THAT(warnings(), Contains(HasSubstr("scene.tool_start_m: 1 of 1 places lie inside a body "
+                                             "(\"kidney\"), allowed outside every body")));
+  load({"scene.start_grid.centre_m={ x: 0.005 y: 0.04 z: 0.05 }"});
+  EXPECT_THAT(warnings(), Contains(HasSubstr("places lie inside a body (\"kidney\")")));
+  load(
+      {"scene.start_grid={ rows: 2 columns: 2 centre_m { x: 0.014 y: -0.026 z: 0.0285 } "
+       "row_pitch_m: 0.001 column_pitch_m: 0.001 }"});
+  EXPECT_THAT(refusal(), HasSubstr("scene.start_grid: 4 of 4 places lie inside a body"));
   config_ = load_config("omentum", {});
   scene().clear_start_grid();
   EXPECT_THAT(warnings(), Contains(HasSubstr("scene.start_grid: missing")));
