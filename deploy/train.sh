@@ -176,7 +176,7 @@ supervise_worker() {
   trap 'trap "" TERM; insist 100 $(jobs -p); exit 0' TERM
   trap '' INT HUP
   # Ends when the main process does, however that ends.
-  tail --pid=$$ -f /dev/null &
+  tail --pid=$$ -f /dev/null 2>/dev/null &
   main=$!
   while true; do
     born=$SECONDS
@@ -198,6 +198,7 @@ supervise_worker() {
     ((code != 0)) || pause=$((pause < 4 ? 4 : pause))
     sleep "$pause" &
     wait $!
+    kill -0 $$ 2>/dev/null || exit 1
     echo "train: worker $number ended with code $code after $((SECONDS - born)) s and is started again (log: $log)"
     pause=$((pause < 30 ? 2 * pause : 30))
   done
