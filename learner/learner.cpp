@@ -23,9 +23,7 @@ namespace {
 
 // Workers that refuse are waited for this long: another may not have reported yet [ns].
 constexpr std::int64_t kRefusalNs = 3'000'000'000;
-// A checkpoint that could not be written is tried again after this time [s]; what waits is told of
-// at this interval [s].
-constexpr double kRetrySaveS = 2;
+// What waits is told of at this interval [s].
 constexpr double kTellS = 60;
 // Workers that were started together with the learner join within this time [s].
 constexpr double kJoinS = 2;
@@ -240,7 +238,8 @@ int Learner::run(const std::function<bool()>& stop) {
     const auto milestone =
         checkpoints_->crossed_milestone(ppo_->steps_total() - batch.rows(), ppo_->steps_total());
     if (last || milestone.has_value() ||
-        seconds_since(saved_ns_) >= config_.run().checkpoint_interval_s()) {
+        seconds_since(saved_ns_) >= config_.run().checkpoint_interval_s() ||
+        (!unsaved_.empty() && seconds_since(saved_ns_) >= kRetrySaveS)) {
       mark = steady_now_ns();
       save_checkpoint(milestone);
       timings_["save"] += seconds_since(mark);
@@ -374,105 +373,6 @@ bool Learner::check_batch(Batch& batch) {
       check.slot, check.step, k, check.largest_log_prob_difference, check.largest_value_difference,
       hex(weights.weights_hash));
   return false;
-}
-
-bool Learner::save_checkpoint(std::optional<std::uint64_t> milestone) {
-  pb::Checkpoint checkpoint;
-  checkpoint.set_format_version(kCheckpointFormat);
-  checkpoint.set_config_text(print_config(config_));
-  checkpoint.set_config_hash(config_hash_);
-  checkpoint.set_run_seed(config_.rollout().run_seed());
-  checkpoint.set_git_revision(git_revision());
-  checkpoint.set_build_id(build_id());
-  ppo_->save(*checkpoint.mutable_ppo());
-  if (config_.rollout().lead() == pb::LEAD_1 && ppo_->version() > 0) {
-    to_disk(previous_, *checkpoint.mutable_previous_weights());
-  }
-  to_disk(book_->table(), kSimStateFormat, checkpoint);
-  checkpoint.set_physics_steps_total(physics_ticks_);
-  checkpoint.set_episodes_total(episodes_.total);
-  checkpoint.set_wall_s(wall_s());
-  const double score = episodes_.mean([](const auto& o) { return o.return_sum; });
-  CheckpointStore::Save what;
-  what.best = episodes_.recent.size() >= 100 && score > best_score_;
-  what.milestone = milestone;
-  if (what.best) best_score_ = score;
-  checkpoint.set_best_score(best_score_);
-  const Result<void> saved = checkpoints_->save(checkpoint, what);
-  saved_ns_ = steady_now_ns();
-  if (saved) {
-    if (!unsaved_.empty()) log().info("event=saved_again steps={}", ppo_->steps_total());
-    unsaved_.clear();
-    saved_steps_ = ppo_->steps_total();
-    // A folder that was removed is made again, for who resumes or reads the run.
-    if (const std::string path = options_.run_dir + "/config.txtpb";
-        !std::filesystem::exists(path)) {
-      log().warn("event=folder_made_again folder={}", options_.run_dir);
-      if (!write_durably(path, print_config(config_))) return false;
-    }
-    return true;
-  }
-  // The last good file is untouched. Told when it begins and every minute.
-  if (unsaved_.empty()) unsaved_since_ns_ = saved_ns_;
-  if (unsaved_.empty() || seconds_since(unsaved_told_ns_) > kTellS) {
-    log().error("event=checkpoint_not_saved steps={} reason=\"{}\" tried again until it is",
-                ppo_->steps_total(), saved.error());
-    unsaved_told_ns_ = saved_ns_;
-  }
-  unsaved_ = saved.error();
-  return false;
-}
-
-// What is computed while nothing can be saved would be lost with this process.
-bool Learner::pause_until_saved(std::optional<std::uint64_t> milestone,
-                                const std::function<bool()>& stop) {
-  log().error("event=paused steps={} nothing saved for {:.0f} s: {}", ppo_->steps_total(),
-              seconds_since(unsaved_since_ns_), unsaved_);
-  say_phase(LearnerPhase::kWaiting);
-  while (!save_checkpoint(milestone)) {
-    if (!wait_for_disk(stop)) return false;
-  }
-  log().info("event=goes_on steps={}", ppo_->steps_total());
-  return true;
-}
-
-bool Learner::until_written(const std::function<Result<void>()>& write,
-                            const std::function<bool()>& stop) {
-  std::int64_t told_ns = 0;
-  while (true) {
-    const Result<void> written = write();
-    if (written) return true;
-    if (told_ns == 0 || seconds_since(told_ns) > kTellS) {
-      log().error("event=not_written reason=\"{}\" tried again until it is", written.error());
-      told_ns = steady_now_ns();
-    }
-    if (!wait_for_disk(stop)) return false;
-  }
-}
-
-bool Learner::wait_for_disk(const std::function<bool()>& stop) {
-  const std::int64_t since = steady_now_ns();
-  while (seconds_since(since) < kRetrySaveS) {
-    if (stop() || bus_->superseded()) return false;
-    bus_->serve(*book_, steady_now_ns());
-    bus_->wait(std::int64_t{100'000'000});
-  }
-  return true;
-}
-
-int Learner::stopped() {
-  const bool saved = save_checkpoint(std::nullopt);
-  bus_->finish(std::int64_t{2'000'000'000});
-  if (saved) {
-    log().info("stopped steps={} of={} resume with the same run name", ppo_->steps_total(),
-               config_.rollout().max_steps());
-    return 130;
-  }
-  log().error("stopped steps={} of={} NOT SAVED: {}; {}", ppo_->steps_total(),
-              config_.rollout().max_steps(), unsaved_,
-              saved_steps_ ? fmt::format("the newest checkpoint is of {} steps", *saved_steps_)
-                           : "there is no checkpoint");
-  return 1;
 }
 
 void Learner::say_phase(LearnerPhase phase) {

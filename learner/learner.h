@@ -36,8 +36,8 @@ struct LearnerOptions {
 
 /// One training run: owns the task book, PPO, the bus and the run folder. A run folder with a
 /// checkpoint is continued bit for bit. One thread, plus the bus's drain thread and PPO's helpers.
-/// learner.cpp has the run, learner_report.cpp metrics and status of each update,
-/// learner_evaluation.cpp the evaluation and the summary.
+/// learner.cpp has the run, learner_saving.cpp what it leaves on disk, learner_report.cpp metrics
+/// and status of each update, learner_evaluation.cpp the evaluation and the summary.
 class Learner {
  public:
   /// Reads or makes the run folder. Throws Error: one line.
@@ -55,6 +55,8 @@ class Learner {
     std::vector<RolloutTask> tasks;
     std::vector<RolloutSegment> segments;
   };
+
+  static constexpr double kRetrySaveS = 2;  ///< what the disk refused is tried again after it [s]
 
   void open_run_folder();
   void restore();
