@@ -14,6 +14,7 @@
 #include "core/check.h"
 #include "core/hash.h"
 #include "core/read_file.h"
+#include "core/scene_files.h"
 
 namespace omentum {
 namespace {
@@ -308,6 +309,7 @@ pb::Config load_config(const std::string& preset, std::span<const std::string> o
   for (const std::string& assignment : overrides) apply_override(config, assignment);
   fill_defaults(config);
   check_knobs(config);
+  fill_mesh_contents(*config.mutable_scene(), scene_directory(config));
   return config;
 }
 

@@ -11,6 +11,7 @@
 
 #include "core/check.h"
 #include "core/log.h"
+#include "core/loopback_sockets.h"
 
 namespace omentum::dds {
 namespace {
@@ -185,12 +186,20 @@ Participant::Participant(std::uint32_t domain, const std::string& uri, const std
   }
   static std::once_flag once;
   std::call_once(once, [] { dds_set_log_sink(&receive_log, nullptr); });
+  const bool loopback = uri.find("<NetworkInterface name=\"lo\"") != std::string::npos;
+  const std::set<int> others = loopback ? open_udp_sockets() : std::set<int>{};
   domain_lease_ = lease_domain(domain, uri);
   const Qos qos = make_qos();
   dds_qset_entity_name(qos.get(), name.c_str());
   const dds_entity_t handle = dds_create_participant(domain, qos.get(), nullptr);
   if (handle < 0) throw_join_error(domain, handle);
   entity_ = Entity(handle, "create participant");
+  if (!loopback) return;
+  for (const int socket : open_udp_sockets()) {
+    if (others.contains(socket)) continue;
+    if (const Result<void> bound = bind_to_loopback(socket); !bound)
+      log().warn("event=not_loopback_only reason=\"{}\"", bound.error());
+  }
 }
 
 Topic::Topic(const Participant& participant, const TopicSpec& spec,

@@ -58,7 +58,9 @@ class Participant {
  public:
   Participant(const Participant&) = delete;
   Participant& operator=(const Participant&) = delete;
-  /// `uri` as in CYCLONEDDS_URI: XML text or file:// addresses.
+  /// `uri` as in CYCLONEDDS_URI: XML text or file:// addresses. Where its interface is lo, the UDP
+  /// sockets of this process that are bound to every address are bound to lo: Cyclone would take
+  /// packets from anywhere. Not while other threads open sockets.
   Participant(std::uint32_t domain, const std::string& uri, const std::string& name);
 
   std::int32_t handle() const { return entity_.handle(); }

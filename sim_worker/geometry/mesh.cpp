@@ -12,6 +12,7 @@
 #include <unordered_map>
 
 #include "core/check.h"
+#include "core/hash.h"
 
 namespace omentum {
 namespace {
@@ -298,7 +299,7 @@ TriangleMesh parse_mesh(const std::string& name, const std::string& content, dou
   return mesh;
 }
 
-TriangleMesh load_mesh(const std::string& path, double unit_m) {
+TriangleMesh load_mesh(const std::string& path, double unit_m, const std::string& wanted) {
   std::ifstream file(path, std::ios::binary | std::ios::ate);
   if (!file) throw_error("{}: cannot be opened", path);
   const auto size = static_cast<std::int64_t>(file.tellg());
@@ -306,6 +307,11 @@ TriangleMesh load_mesh(const std::string& path, double unit_m) {
   std::string content(std::max<std::int64_t>(size, 0), '\0');
   file.seekg(0);
   if (!file.read(content.data(), size)) throw_error("{}: cannot be read", path);
+  if (const std::string found = hex(sha256(std::as_bytes(std::span(content))));
+      !wanted.empty() && found != wanted) {
+    throw_error("{}: not the file that the run was begun with, sha256 {:.16} instead of {:.16}",
+                path, found, wanted);
+  }
   return parse_mesh(path, content, unit_m);
 }
 

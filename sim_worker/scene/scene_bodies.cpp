@@ -5,6 +5,7 @@
 
 #include "core/check.h"
 #include "core/constants.h"
+#include "core/scene_files.h"
 #include "sim_worker/scene/scene_parts.h"
 
 namespace omentum {
@@ -21,8 +22,7 @@ constexpr int kSdfNodes = 64;
 std::string mesh_path(const pb::MeshFile& file, const std::string& directory,
                       const std::string& knob) {
   if (file.path().empty()) throw_error("{}.path: missing", knob);
-  const bool as_it_is = file.path().front() == '/' || directory.empty();
-  const std::string path = as_it_is ? file.path() : directory + "/" + file.path();
+  const std::string path = scene_file_path(file.path(), directory);
   std::error_code ignored;  // what is not there or must not be read is told where it is opened
   const std::filesystem::file_status status = std::filesystem::status(path, ignored);
   if (std::filesystem::exists(status) && !std::filesystem::is_regular_file(status))
@@ -33,7 +33,7 @@ std::string mesh_path(const pb::MeshFile& file, const std::string& directory,
 TriangleMesh load_scene_mesh(const pb::MeshFile& file, const std::string& directory,
                              const std::string& path) {
   const std::string name = mesh_path(file, directory, path);
-  TriangleMesh mesh = load_mesh(name, file.unit_m());
+  TriangleMesh mesh = load_mesh(name, file.unit_m(), file.sha256());
   const double volume = signed_volume(mesh);
   require_closed(name, mesh);
   if (volume < 0) {

@@ -11,6 +11,7 @@
 #include <thread>
 
 #include "core/check.h"
+#include "core/loopback_sockets.h"
 #include "core/wire.h"
 #include "tests/support/domain.h"
 
@@ -77,6 +78,22 @@ TEST(DdsParticipant, ATakenParticipantIndexIsOneLineWithAHint) {
   EXPECT_NE(text.find("participant index"), std::string::npos) << text;
   EXPECT_NE(text.find("MaxAutoParticipantIndex"), std::string::npos) << text;
   EXPECT_EQ(text.find('\n'), std::string::npos) << text;
+}
+
+TEST(DdsParticipant, OnLoopbackHasNoSocketThatListensToOtherInterfaces) {
+  const std::set<int> before = open_udp_sockets();
+  const PrivateDomain domain;
+  const dds::Participant participant(domain.id(), test::mesh_profile().uri, "loopback");
+  int sockets = 0;
+  for (const int socket : open_udp_sockets()) {
+    if (before.contains(socket)) continue;
+    ++sockets;
+    char device[16] = {};
+    socklen_t size = sizeof device;
+    ASSERT_EQ(getsockopt(socket, SOL_SOCKET, SO_BINDTODEVICE, device, &size), 0);
+    EXPECT_STREQ(device, "lo");
+  }
+  EXPECT_GE(sockets, 2);  // discovery and data
 }
 
 TEST(DdsParticipant, SeveralShareADomainAndItCanBeMadeAgain) {
