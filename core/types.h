@@ -237,6 +237,8 @@ struct LearnerStatus : Ledger {
   std::vector<std::uint32_t> worker_ids;
   std::vector<std::uint8_t> worker_phases;
   std::vector<double> worker_steps_per_s;
+  std::vector<std::uint32_t> barred_worker_ids;  ///< get no task for a while; at most 64 are told
+  std::vector<std::string> barred_reasons;
 };
 
 struct EpisodeSummary {

@@ -163,6 +163,8 @@ void check_relations(const LearnerStatus& status, FirstFailure& result) {
   const std::size_t workers = status.worker_ids.size();
   if (status.worker_phases.size() != workers || status.worker_steps_per_s.size() != workers)
     result.fail("worker_ids", "length is not that of worker_phases and worker_steps_per_s");
+  if (status.barred_reasons.size() != status.barred_worker_ids.size())
+    result.fail("barred_reasons", "length is not that of barred_worker_ids");
 }
 
 }  // namespace

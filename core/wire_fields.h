@@ -84,6 +84,8 @@ void fields(G& g, C& c, V& v) {
   v.array(g.worker_phases, c.worker_phases, {"worker_phases", omentum_v1_MAX_WORKERS});
   v.array(g.worker_steps_per_s, c.worker_steps_per_s,
           {"worker_steps_per_s", omentum_v1_MAX_WORKERS});
+  v.array(g.barred_worker_ids, c.barred_worker_ids, {"barred_worker_ids", omentum_v1_MAX_BARRED});
+  v.texts(g.barred_reasons, c.barred_reasons, omentum_v1_MAX_BARRED, "barred_reasons");
 }
 
 template <typename G, Is<EpisodeSummary> C, typename V>

@@ -23,6 +23,7 @@ constexpr std::int64_t kRepeatPeriodNs = 2'000 * kMs;
 constexpr std::size_t kWeightsKept = 2;  // lead 1 has two versions alive
 constexpr std::int64_t kWarnPeriodNs = 10'000 * kMs;
 constexpr std::size_t kLeastRing = 64;
+constexpr std::size_t kMostBarredTold = 64;
 
 // Runs in the member initialisers: nothing may be created for a run that cannot have a partition.
 LearnerBusOptions checked(LearnerBusOptions options) {
@@ -42,14 +43,14 @@ LearnerBus::LearnerBus(const LearnerBusOptions& options)
       weights_writer_(participant_, public_partitions(options_.run), "learner-weights"),
       summary_writer_(participant_, public_partitions(options_.run), "learner-summary"),
       status_writer_(participant_, public_partitions(options_.run), "learner-status"),
-      segment_reader_(participant_, run_partition(options_.run), "learner-segments",
+      segment_reader_(std::in_place, participant_, run_partition(options_.run), "learner-segments",
                       static_cast<std::int32_t>(ring_capacity_)),
       worker_reader_(participant_, run_partition(options_.run), "learner-workers"),
       learner_reader_(participant_, run_partition(options_.run), "learner-epochs"),
       waitset_(participant_) {
   status_.run_id = options_.run;
   status_.learner_epoch = options_.learner_epoch;
-  waitset_.attach(segment_reader_.raw());
+  waitset_.attach(segment_reader_->raw());
   waitset_.attach(worker_reader_.raw());
   waitset_.attach(learner_reader_.raw());
   drain_thread_ = std::jthread([this](const std::stop_token& stop) { drain(stop); });
@@ -59,6 +60,10 @@ LearnerBus::~LearnerBus() {
   drain_thread_.request_stop();
   waitset_.wake();
   drain_thread_.join();
+  // First of all and empty: a reader that is full when it goes holds up the threads of the library,
+  // and with them everything that goes after it.
+  drain_segments();
+  segment_reader_.reset();
 }
 
 // -------------------------------------------------------------------------------------- publishing
@@ -117,6 +122,8 @@ void LearnerBus::set_status(const LearnerStatus& status) {
   status_.oldest_task_age_s = old.oldest_task_age_s;
   status_.bytes_up_per_s = old.bytes_up_per_s;
   status_.bytes_down_per_s = old.bytes_down_per_s;
+  status_.barred_worker_ids = old.barred_worker_ids;
+  status_.barred_reasons = old.barred_reasons;
   if (old.phase != status_.phase) {
     status_urgent_ = true;
     waitset_.wake();
@@ -128,9 +135,33 @@ void LearnerBus::report_book(const TaskBook& book, std::int64_t now_ns) {
   reported_ns_ = now_ns;
   const Ledger ledger = book.ledger();
   const double age = book.oldest_task_age_s(now_ns);
+  std::vector<std::uint32_t> ids;
+  std::vector<std::string> reasons;
+  for (const Barred& barred : book.barred(now_ns)) {
+    const bool told =
+        std::find(barred_told_.begin(), barred_told_.end(), barred.worker_id) != barred_told_.end();
+    if (!told) {
+      log().warn("event=worker_barred {} for_s={:.0f} reason=\"{}\"",
+                 describe_worker(barred.worker_id), barred.for_s, barred.reason);
+    }
+    if (ids.size() >= kMostBarredTold) continue;
+    ids.push_back(barred.worker_id);
+    reasons.push_back(barred.reason);
+  }
+  barred_told_ = ids;
   const std::lock_guard lock(mutex_);
   static_cast<Ledger&>(status_) = ledger;
   status_.oldest_task_age_s = age;
+  status_.barred_worker_ids = std::move(ids);
+  status_.barred_reasons = std::move(reasons);
+}
+
+std::string LearnerBus::describe_worker(std::uint32_t id) const {
+  const auto found = known_.find(id);
+  if (found == known_.end()) return fmt::format("worker={}", id);
+  const WorkerStatus& worker = found->second;
+  return fmt::format("worker={} host={} pid={} build={:016x}", id, worker.host, worker.pid,
+                     worker.build_id);
 }
 
 // ------------------------------------------------------------------------------------ drain thread
@@ -150,8 +181,8 @@ void LearnerBus::drain(const std::stop_token& stop) {
 
 void LearnerBus::drain_segments() {
   // Never stops taking: a full reader would stall every topic of this process (docs/wire.md 5.1).
-  const Result<int> taken =
-      segment_reader_.take(static_cast<int>(kLeastRing), [this](Arrival<RolloutSegment>&& arrival) {
+  const Result<int> taken = segment_reader_->take(
+      static_cast<int>(kLeastRing), [this](Arrival<RolloutSegment>&& arrival) {
         if (!arrival.info.valid) return;
         const std::size_t bytes = wire_bytes(arrival.record);
         const std::lock_guard lock(mutex_);
@@ -172,15 +203,15 @@ void LearnerBus::drain_segments() {
   bool wake = false;
   {
     const std::lock_guard lock(mutex_);
-    const std::uint64_t lost = segment_reader_.raw().lost();
-    const std::uint64_t full = segment_reader_.raw().rejected();
-    const std::uint64_t refused = segment_reader_.refused();
+    const std::uint64_t lost = segment_reader_->raw().lost();
+    const std::uint64_t full = segment_reader_->raw().rejected();
+    const std::uint64_t refused = segment_reader_->refused();
     if (lost > statistics_.lost) log().error("event=segments_lost total={}", lost);
     // Only a sender without tasks can fill the reader. Told once.
     if (full > 0 && statistics_.full == 0) log().error("event=segment_reader_full flood=true");
     if (refused > statistics_.refused) {
       log().warn("event=segment_refused total={} reason=\"{}\"", refused,
-                 segment_reader_.last_refusal());
+                 segment_reader_->last_refusal());
     }
     wake = refused > statistics_.refused || !ring_.empty() || !overflown_.empty();
     statistics_.lost = lost;
@@ -323,7 +354,7 @@ void LearnerBus::serve(TaskBook& book, std::int64_t now_ns) {
     }
   }
   if (refused > refused_told_) book.refused(refused - std::exchange(refused_told_, refused));
-  for (const auto& [id, seen] : changed) follow_worker(book, id, seen);
+  for (const auto& [id, seen] : changed) follow_worker(book, id, seen, now_ns);
 
   for (auto& [id, served] : served_) {
     if (!served.joined && served.last.lanes > 0 && served.last.phase != WorkerPhase::kStarting &&
@@ -356,7 +387,8 @@ void LearnerBus::follow_silence(TaskBook& book) {
   }
 }
 
-void LearnerBus::follow_worker(TaskBook& book, std::uint32_t id, const Seen& seen) {
+void LearnerBus::follow_worker(TaskBook& book, std::uint32_t id, const Seen& seen,
+                               std::int64_t now_ns) {
   const auto found = served_.find(id);
   if (!seen.alive) {
     if (found == served_.end()) return;
@@ -373,6 +405,7 @@ void LearnerBus::follow_worker(TaskBook& book, std::uint32_t id, const Seen& see
     served.writer = std::make_unique<BusWriter<RolloutTask>>(
         participant_, worker_partition(options_.run, id), fmt::format("learner-tasks-w{}", id));
     served.last = seen.status;
+    known_[id] = seen.status;
     served_.emplace(id, std::move(served));
     return;
   }
@@ -383,7 +416,7 @@ void LearnerBus::follow_worker(TaskBook& book, std::uint32_t id, const Seen& see
                seen.status.warnings.back());
   }
   if (!served.joined) return;
-  follow_declines(book, id, before, seen.status);
+  follow_declines(book, id, before, seen.status, now_ns);
   if (served.last.phase == WorkerPhase::kDraining || served.last.lanes != before.lanes) {
     // Leaving, or another width after a new manifest: what it held is granted again.
     book.worker_left(id);
@@ -392,21 +425,19 @@ void LearnerBus::follow_worker(TaskBook& book, std::uint32_t id, const Seen& see
 }
 
 void LearnerBus::follow_declines(TaskBook& book, std::uint32_t id, const WorkerStatus& before,
-                                 const WorkerStatus& after) {
+                                 const WorkerStatus& after, std::int64_t now_ns) {
   const bool config = after.tasks_declined_config > before.tasks_declined_config;
   const bool state = after.tasks_declined_state > before.tasks_declined_state;
   const bool weights = after.tasks_declined_no_weights > before.tasks_declined_no_weights;
   const bool epoch = after.tasks_declined_epoch > before.tasks_declined_epoch;
   if (!config && !state && !weights && !epoch) return;
-  book.worker_declined(id, config || state);
+  const char* reason = config ? "config" : state ? "state" : weights ? "no_weights" : "epoch";
+  const std::string said = after.warnings.empty() ? "" : after.warnings.back();
+  book.worker_declined(id, config || state ? fmt::format("declines by {}: {}", reason, said) : "",
+                       now_ns);
   weights_wanted_ = weights_wanted_ || weights;
-  log().warn("event=worker_declined worker={} host={} reason={} for_good={} said=\"{}\"", id,
-             after.host,
-             config    ? "config"
-             : state   ? "state"
-             : weights ? "no_weights"
-                       : "epoch",
-             config || state, after.warnings.empty() ? "" : after.warnings.back());
+  log().warn("event=worker_declined worker={} host={} reason={} said=\"{}\"", id, after.host,
+             reason, said);
 }
 
 void LearnerBus::write_grants(TaskBook& book, std::int64_t now_ns) {

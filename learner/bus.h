@@ -7,6 +7,7 @@
 #include <map>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <string>
 #include <thread>
 #include <utility>
@@ -83,6 +84,8 @@ class LearnerBus {
   BusStatistics statistics() const;
   /// Last status of every live worker, by id.
   std::vector<WorkerStatus> worker_statuses() const;
+  /// Host, process and build of a worker, also of one that has left: for messages.
+  std::string describe_worker(std::uint32_t id) const;
   /// Workers that have joined, can be granted to, and are not silent.
   std::uint32_t workers_ready() const;
 
@@ -110,9 +113,9 @@ class LearnerBus {
   void drain_learner_status();
   void send_status(std::int64_t now_ns);
 
-  void follow_worker(TaskBook& book, std::uint32_t id, const Seen& seen);
+  void follow_worker(TaskBook& book, std::uint32_t id, const Seen& seen, std::int64_t now_ns);
   void follow_declines(TaskBook& book, std::uint32_t id, const WorkerStatus& before,
-                       const WorkerStatus& after);
+                       const WorkerStatus& after, std::int64_t now_ns);
   void follow_silence(TaskBook& book);
   void write_grants(TaskBook& book, std::int64_t now_ns);
   void repeat_for_workers(std::int64_t now_ns);
@@ -126,14 +129,16 @@ class LearnerBus {
   BusWriter<RunManifest> manifest_writer_;
   BusWriter<PolicyWeights> weights_writer_;
   BusWriter<EpisodeSummary> summary_writer_;
-  BusWriter<LearnerStatus> status_writer_;    // drain thread only
-  BusReader<RolloutSegment> segment_reader_;  // drain thread only
-  BusReader<WorkerStatus> worker_reader_;     // drain thread only
-  BusReader<LearnerStatus> learner_reader_;   // drain thread only
+  BusWriter<LearnerStatus> status_writer_;                   // drain thread only
+  std::optional<BusReader<RolloutSegment>> segment_reader_;  // drain thread only
+  BusReader<WorkerStatus> worker_reader_;                    // drain thread only
+  BusReader<LearnerStatus> learner_reader_;                  // drain thread only
   dds::Waitset waitset_;
 
   // Learner thread only.
   std::map<std::uint32_t, Served> served_;
+  std::map<std::uint32_t, WorkerStatus> known_;  ///< first status of every worker of this session
+  std::vector<std::uint32_t> barred_told_;
   std::vector<std::pair<std::unique_ptr<BusWriter<RolloutTask>>, std::int64_t>> retired_;
   std::uint64_t refused_told_ = 0, foreign_told_ = 0;
   std::int64_t foreign_warned_ns_ = 0;

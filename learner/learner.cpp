@@ -201,6 +201,7 @@ int Learner::run(const std::function<bool()>& stop) {
                     bus_->superseding_epoch(), options.run);
         return 1;
       }
+      if (book_->audit_difference()) return audit_failed();
       if (book_->failures() > kMaxFailures) {
         log().error("{} environments diverged, allowed {} in one session; the last one: {}",
                     book_->failures(), kMaxFailures, book_->last_failure());
@@ -263,6 +264,7 @@ int Learner::run(const std::function<bool()>& stop) {
                        onnx_metadata(config_.task(), git_revision()));
   };
   const bool evaluated = until_written(export_policy, stop) && finish_run(stop);
+  if (book_->audit_difference()) return audit_failed();
   std::string counters;
   for (const auto& [name, value] : kLedgerCounters)
     counters += fmt::format(" {}={}", name, book_->ledger().*value);
@@ -270,6 +272,23 @@ int Learner::run(const std::function<bool()>& stop) {
   say_phase(LearnerPhase::kDone);
   bus_->finish(std::int64_t{5'000'000'000});
   return evaluated ? 0 : 130;
+}
+
+int Learner::audit_failed() {
+  const AuditDifference& difference = *book_->audit_difference();
+  const std::string text =
+      fmt::format("two results of slot {} segment {} differ: {} and {}", difference.slot,
+                  difference.segment, bus_->describe_worker(difference.worker_ids[0]),
+                  bus_->describe_worker(difference.worker_ids[1]));
+  log().error("event=audit_mismatch {}; nothing collected since the last comparison can be trusted",
+              text);
+  RunSummary failed = summary();
+  failed.audit_mismatch = text;
+  const std::string path = options_.run_dir + "/summary.json";
+  if (const Result<void> written = write_summary(path, failed); !written)
+    log().error("event=not_written reason=\"{}\"", written.error());
+  bus_->finish(std::int64_t{2'000'000'000});
+  return 1;
 }
 
 double Learner::wall_s() const { return wall_before_s_ + seconds_since(started_ns_); }
@@ -285,6 +304,7 @@ bool Learner::collect_batch(const std::function<bool()>& stop) {
   say_phase(LearnerPhase::kWaiting);
   while (!book_->batch_complete()) {
     if (stop() || bus_->superseded() || book_->failures() > kMaxFailures) return false;
+    if (book_->audit_difference()) return false;
     bus_->serve(*book_, steady_now_ns());
     if (book_->batch_complete()) break;
     tell_while_alone();

@@ -87,6 +87,9 @@ class Learner {
                                                          const std::function<bool()>& stop);
   bool evaluate_on_the_way(const std::function<bool()>& stop);
   bool finish_run(const std::function<bool()>& stop);
+  /// After two workers gave different results for one task; the exit code.
+  int audit_failed();
+  RunSummary summary() const;
   void say_phase(LearnerPhase phase);
   double wall_s() const;
 

@@ -16,7 +16,7 @@ bool Learner::run_evaluation_set(const EvaluationSet& set, const std::function<b
                                  Evaluated& result) {
   book_->evaluate(evaluation_tasks(config_, set, current_.policy_version));
   while (!book_->evaluation_complete()) {
-    if (stop() || bus_->superseded()) return false;
+    if (stop() || bus_->superseded() || book_->audit_difference()) return false;
     bus_->serve(*book_, steady_now_ns());
     if (!book_->evaluation_complete()) bus_->wait(std::int64_t{20'000'000});
   }
@@ -90,7 +90,7 @@ bool Learner::evaluate_on_the_way(const std::function<bool()>& stop) {
   return evaluate(folder, false, stop).has_value();
 }
 
-bool Learner::finish_run(const std::function<bool()>& stop) {
+RunSummary Learner::summary() const {
   RunSummary summary;
   summary.run_id = config_.run().name();
   summary.weights_hash = hex(current_.weights_hash);
@@ -103,12 +103,20 @@ bool Learner::finish_run(const std::function<bool()>& stop) {
   summary.episodes = episodes_.total;
   summary.wall_s = wall_s();
   summary.mean_return = episodes_.mean([](const auto& o) { return o.return_sum; });
+  summary.compared = book_->ledger().duplicate;
+  summary.timings = timings_;
+  return summary;
+}
+
+bool Learner::finish_run(const std::function<bool()>& stop) {
+  std::vector<EvaluationSummary> evaluations;
   if (config_.evaluation().enabled()) {
     auto evaluated = evaluate(options_.run_dir + "/evaluation", true, stop);
     if (!evaluated) return false;
-    summary.evaluations = std::move(*evaluated);
+    evaluations = std::move(*evaluated);
   }
-  summary.timings = timings_;
+  RunSummary summary = this->summary();
+  summary.evaluations = std::move(evaluations);
   const auto write = [&] { return write_summary(options_.run_dir + "/summary.json", summary); };
   return until_written(write, stop);
 }

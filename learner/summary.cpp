@@ -21,6 +21,8 @@ std::string summary_json(const RunSummary& summary) {
                {"episodes", summary.episodes},
                {"wall_s", json_number(summary.wall_s)},
                {"mean_return", json_number(summary.mean_return)},
+               {"results_compared", summary.compared},
+               {"audit_mismatch", summary.audit_mismatch},
                {"timings", Json::object()},
                {"evaluations", Json::array()}};
   for (const auto& [name, seconds] : summary.timings) json["timings"][name] = json_number(seconds);

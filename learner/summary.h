@@ -34,6 +34,8 @@ struct RunSummary {
   double wall_s = 0;
   double mean_return = 0;                 ///< of the last update with finished episodes
   std::map<std::string, double> timings;  ///< [s], see Learner
+  std::uint64_t compared = 0;             ///< second results of a task
+  std::string audit_mismatch;             ///< whose results differed; empty: they agree
   std::vector<EvaluationSummary> evaluations;
 };
 

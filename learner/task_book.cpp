@@ -22,9 +22,10 @@ void remember(std::deque<double>& values, double value, std::size_t limit) {
   if (values.size() > limit) values.pop_front();
 }
 
-// The same tasks are audited whatever happens to the workers.
-bool chosen_for_audit(std::uint64_t task_hash, double rate) {
-  const std::uint64_t mixed = task_hash * 0x9e3779b97f4a7c15ULL;  // 2^64 / golden ratio
+// Whole batches are audited, since a group of a worker costs the same with one task as with all its
+// lanes. Multiples of the golden ratio spread them evenly, from the first batch on.
+bool chosen_for_audit(std::uint64_t batch, double rate) {
+  const std::uint64_t mixed = batch * 0x9e3779b97f4a7c15ULL;  // 2^64 / golden ratio
   return static_cast<double>(mixed >> 11) * 0x1p-53 < rate;
 }
 
@@ -139,7 +140,7 @@ void TaskBook::open_job(std::uint32_t slot) {
   task.reset = start.reset;
   task.start_hash = start.hash;  // the state itself is added when the grant is written
   task.task_hash = hash_task(task);
-  job.audit = chosen_for_audit(task.task_hash, config_.audit_rate);
+  job.audit = chosen_for_audit(start.segment, config_.audit_rate);
   slots_[slot].job = std::move(job);
 }
 
@@ -169,13 +170,16 @@ void TaskBook::skip_episode(std::uint32_t slot, const RolloutSegment& segment) {
 
 // --- admission
 
-Verdict TaskBook::refuse(Job& job, const RolloutSegment& segment, const std::string& reason) {
+Verdict TaskBook::refuse(Job& job, const RolloutSegment& segment, const std::string& reason,
+                         std::int64_t now_ns) {
   ++ledger_.invalid;
   last_refusal_ = fmt::format("slot={} segment={} worker={} build={:016x}: {}", segment.slot,
                               segment.segment, segment.worker_id, segment.build_id, reason);
   lapse_if(job, [&](const Grant& grant) { return grant.worker_id == segment.worker_id; });
   Worker* worker = find_worker(segment.worker_id);
-  if (worker != nullptr && ++worker->invalid_in_row >= kInvalidToBar) worker->barred = true;
+  if (worker != nullptr && ++worker->invalid_in_row >= kInvalidToBar) {
+    bar(*worker, "invalid results: " + reason, now_ns);
+  }
   return Verdict::kInvalid;
 }
 
@@ -190,6 +194,9 @@ Verdict TaskBook::repeat(const Admitted& first, const RolloutSegment& segment) {
   ++ledger_.duplicate;
   if (first.end_hash != segment.end_hash || first.crc != segment.payload_crc32c) {
     ++ledger_.audit_mismatch;
+    if (!difference_) {
+      difference_ = {segment.slot, segment.segment, {first.worker_id, segment.worker_id}};
+    }
   }
   return Verdict::kDuplicate;
 }
@@ -241,10 +248,11 @@ Verdict TaskBook::receive(RolloutSegment segment, std::int64_t now_ns) {
     return Verdict::kStale;
   }
   if (const Result<void> ok = check_segment(segment, config_.shape, job->task); !ok) {
-    return refuse(*job, segment, ok.error());
+    return refuse(*job, segment, ok.error(), now_ns);
   }
 
-  const Admitted record{segment.task_hash, segment.end_hash, segment.payload_crc32c};
+  const Admitted record{segment.task_hash, segment.end_hash, segment.payload_crc32c,
+                        segment.worker_id};
   if (segment.slot >= kEvaluationSlot) {
     settle(*job, segment, now_ns, true);
     ++ledger_.evaluated;

@@ -38,8 +38,8 @@ struct TaskBookConfig {
   PolicyShape shape;
 
   // How, not what: never changes a result.
-  double audit_rate = 0;                         ///< fraction of tasks granted twice and compared
-  std::int64_t min_task_age_ns = 1'000'000'000;  ///< no task is granted again earlier
+  double audit_rate = 0;  ///< fraction of batches whose tasks are granted twice and compared
+  std::int64_t min_task_age_ns = 1'000'000'000;     ///< no task is granted again earlier
   std::int64_t first_task_age_ns = 15'000'000'000;  ///< limit while no segment time is known
 };
 
@@ -74,6 +74,21 @@ struct EvaluationTask {
   std::uint32_t frame_stride = 0;
 };
 
+/// Two workers that gave different results for one task: one of them computes wrongly, or another
+/// build or scene.
+struct AuditDifference {
+  std::uint32_t slot = 0;
+  std::uint64_t segment = 0;
+  std::array<std::uint32_t, 2> worker_ids{};
+};
+
+/// A worker that gets no task for a while.
+struct Barred {
+  std::uint32_t worker_id = 0;
+  std::string reason;
+  double for_s = 0;  ///< from now on
+};
+
 enum class Verdict { kAdmitted, kDuplicate, kStale, kInvalid, kForeign };
 
 /// Decides what is granted to whom and what counts (docs/learner.md 1, 2; docs/wire.md 2, 4.1,
@@ -101,8 +116,10 @@ class TaskBook {
   void worker_joined(std::uint32_t worker_id, std::uint32_t lanes);
   /// Gone, on purpose or not: its tasks are granted again at once.
   void worker_left(std::uint32_t worker_id);
-  /// It declined tasks: they are granted again, elsewhere if `for_good`.
-  void worker_declined(std::uint32_t worker_id, bool for_good);
+  /// It declined tasks: they are granted again. With a reason it is barred, for longer each time,
+  /// and so it is after results that are invalid one after the other.
+  void worker_declined(std::uint32_t worker_id, const std::string& reason, std::int64_t now_ns);
+  std::vector<Barred> barred(std::int64_t now_ns) const;
   /// Silent: it gets nothing new until it speaks again. Its tasks are left to the age rule.
   void worker_silent(std::uint32_t worker_id, bool silent);
 
@@ -146,6 +163,8 @@ class TaskBook {
   /// Diverged lanes since the start or resume, and the last reason.
   std::uint64_t failures() const { return ledger_.failed; }
   const std::string& last_failure() const { return last_failure_; }
+  /// The first one of this session.
+  const std::optional<AuditDifference>& audit_difference() const { return difference_; }
 
  private:
   struct Grant {
@@ -166,7 +185,7 @@ class TaskBook {
   };
   struct Admitted {
     std::uint64_t task_hash = 0, end_hash = 0;
-    std::uint32_t crc = 0;
+    std::uint32_t crc = 0, worker_id = 0;
   };
   struct Slot {
     /// Of segments batch_, batch_ + 1, ...; the last is not admitted yet.
@@ -190,7 +209,9 @@ class TaskBook {
     std::int64_t suspect_until_ns = 0;
     std::int64_t suspect_span_ns = 0;
     bool silent = false;
-    bool barred = false;
+    std::string barred_for;  ///< reason of the last bar
+    std::int64_t barred_until_ns = 0;
+    std::int64_t barred_span_ns = 0;  ///< of the last bar; 0 = none yet
   };
 
   void check_config() const;
@@ -221,7 +242,9 @@ class TaskBook {
   void lapse_if(Job& job, Predicate&& predicate);
   void drop_worker_grants(std::uint32_t worker_id);
 
-  Verdict refuse(Job& job, const RolloutSegment& segment, const std::string& reason);
+  static void bar(Worker& worker, const std::string& reason, std::int64_t now_ns);
+  Verdict refuse(Job& job, const RolloutSegment& segment, const std::string& reason,
+                 std::int64_t now_ns);
   void settle(Job& job, const RolloutSegment& segment, std::int64_t now_ns, bool admitted);
   Verdict repeat(const Admitted& first, const RolloutSegment& segment);
 
@@ -237,6 +260,7 @@ class TaskBook {
   double ns_per_step_median_ = 0;   ///< 0 = unknown
   Ledger ledger_;                   ///< outstanding is derived
   std::string last_refusal_, last_failure_;
+  std::optional<AuditDifference> difference_;
 };
 
 template <typename Predicate>

@@ -16,6 +16,9 @@ constexpr double kStragglerShare = 0.9;     // of the batch admitted, docs/wire.
 constexpr double kStragglerFactor = 1.5;    // x median: younger tasks are not late
 constexpr double kStragglerFloorNs = 20e6;  // below this a second grant costs more than it saves
 constexpr double kMaxSuspectNs = 60e9;
+// A worker that declined or gave invalid results is tried again after this long, then twice it ...
+constexpr std::int64_t kFirstBarNs = 10'000'000'000;
+constexpr std::int64_t kMostBarNs = 320'000'000'000;
 
 }  // namespace
 
@@ -44,9 +47,28 @@ void TaskBook::worker_left(std::uint32_t worker_id) {
   workers_.erase(worker_id);
 }
 
-void TaskBook::worker_declined(std::uint32_t worker_id, bool for_good) {
+void TaskBook::worker_declined(std::uint32_t worker_id, const std::string& reason,
+                               std::int64_t now_ns) {
   drop_worker_grants(worker_id);
-  if (Worker* worker = find_worker(worker_id); worker != nullptr && for_good) worker->barred = true;
+  Worker* worker = find_worker(worker_id);
+  if (worker != nullptr && !reason.empty()) bar(*worker, reason, now_ns);
+}
+
+void TaskBook::bar(Worker& worker, const std::string& reason, std::int64_t now_ns) {
+  worker.barred_for = reason;
+  worker.barred_span_ns = std::clamp(2 * worker.barred_span_ns, kFirstBarNs, kMostBarNs);
+  worker.barred_until_ns = now_ns + worker.barred_span_ns;
+}
+
+std::vector<Barred> TaskBook::barred(std::int64_t now_ns) const {
+  std::vector<Barred> all;
+  for (const auto& [id, worker] : workers_) {
+    if (worker.barred_until_ns <= now_ns) continue;
+    all.push_back({.worker_id = id,
+                   .reason = worker.barred_for,
+                   .for_s = static_cast<double>(worker.barred_until_ns - now_ns) * 1e-9});
+  }
+  return all;
 }
 
 void TaskBook::worker_silent(std::uint32_t worker_id, bool silent) {
@@ -134,7 +156,7 @@ std::optional<std::uint32_t> TaskBook::choose_worker(const Job& job, Need need,
   // the one with the fullest group. A group is a worker's part of the slots, at most its lanes.
   std::uint64_t all_lanes = 0;
   for (const auto& [id, worker] : workers_)
-    all_lanes += worker.barred || worker.silent ? 0 : worker.lanes;
+    all_lanes += worker.barred_until_ns > now_ns || worker.silent ? 0 : worker.lanes;
   const auto load = [&](std::uint32_t id) {
     const Worker& worker = workers_.at(id);
     const std::uint64_t slots =
@@ -143,11 +165,14 @@ std::optional<std::uint32_t> TaskBook::choose_worker(const Job& job, Need need,
     return std::tuple(worker.live / group, id != job.home, group - worker.live % group);
   };
   for (const auto& [id, worker] : workers_) {
-    if (worker.barred || worker.silent || holds(id)) continue;
+    if (worker.barred_until_ns > now_ns || worker.silent || holds(id)) continue;
     const bool suspect = worker.suspect_until_ns > now_ns;
     others = others || !suspect;
-    const bool spare = need == Need::kAudit || need == Need::kStraggler;
-    if (worker.live >= (spare ? worker.lanes : credits(worker))) continue;
+    // A straggler's copy takes idle lanes; an audited batch costs every worker one group more.
+    std::uint32_t most = credits(worker);
+    if (need == Need::kStraggler) most = worker.lanes;
+    if (need == Need::kAudit) most += worker.lanes;
+    if (worker.live >= most) continue;
     std::optional<std::uint32_t>& place = suspect ? best_suspect : best;
     if (!place || load(id) < load(*place)) place = id;
   }
@@ -159,7 +184,7 @@ std::optional<std::uint32_t> TaskBook::choose_worker(const Job& job, Need need,
   for (const Grant& grant : job.grants) {
     const auto worker = workers_.find(grant.worker_id);
     if (grant.lapsed || worker == workers_.end()) continue;
-    if (worker->second.barred || worker->second.silent) continue;
+    if (worker->second.barred_until_ns > now_ns || worker->second.silent) continue;
     if (static_cast<double>(now_ns - grant.at_ns) > 2 * age_limit_ns(job, grant))
       return grant.worker_id;
   }

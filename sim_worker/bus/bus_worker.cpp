@@ -31,6 +31,10 @@ constexpr std::int64_t kTellNs = 60 * kS;  // what waits is told of this often
 constexpr std::int32_t kWeightsDepth = 64;
 constexpr std::int32_t kTaskDepth = 8;
 constexpr std::size_t kMaxEarly = 4096;
+// A configuration that does not fit is tried again after this long, then twice it ...: a file that
+// was missing may be there.
+constexpr std::int64_t kFirstRetryNs = 10 * kS;
+constexpr std::int64_t kMostRetryNs = 320 * kS;
 
 std::string host_name() {
   std::array<char, 256> name{};
@@ -140,6 +144,7 @@ void BusWorker::follow(const LearnerChoice::Learner& learner) {
   epoch_ = manifest.learner_epoch;
   manifest_ = manifest;
   prepared_ = false;
+  retry_span_ns_ = 0;
   status_.learner_epoch = epoch_;
   learner_gone_ = false;
   status_.warnings.clear();  // they were meant for another learner
@@ -167,10 +172,25 @@ void BusWorker::take_control() {
     learner_at_ns_ = steady_now_ns();
     learner_gone_ = false;
     if (learner.phase == LearnerPhase::kDone) done_ = true;
+    tell_if_barred(learner);
   });
   if (const LearnerChoice::Learner* learner = choice_.choose(steady_now_ns())) {
     learner_at_ns_ = learner->spoke_ns;
     follow(*learner);
+  }
+}
+
+void BusWorker::tell_if_barred(const LearnerStatus& learner) {
+  std::string reason;
+  for (std::size_t i = 0; i < learner.barred_worker_ids.size(); ++i) {
+    if (learner.barred_worker_ids[i] == status_.worker_id) reason = learner.barred_reasons[i];
+  }
+  if (reason == barred_for_) return;
+  barred_for_ = reason;
+  if (reason.empty()) {
+    log().info("event=not_barred_any_more");
+  } else {
+    log().warn("event=barred reason=\"{}\" the learner gives no tasks for a while", reason);
   }
 }
 
@@ -204,8 +224,12 @@ void BusWorker::count_stranger(const char* what) {
 }
 
 void BusWorker::prepare() {
-  if (!manifest_ || prepared_) return;
+  if (!manifest_) return;
+  const std::int64_t now = steady_now_ns();
+  if (prepared_ && (setup_error_.empty() || now < retry_ns_)) return;
   prepared_ = true;
+  retry_span_ns_ = std::clamp(2 * retry_span_ns_, kFirstRetryNs, kMostRetryNs);
+  retry_ns_ = now + retry_span_ns_;
   setup_error_.clear();
   const auto require_same = [this](const char* what, std::uint64_t own, std::uint64_t learner) {
     if (!setup_error_.empty() || own == learner) return;
@@ -226,7 +250,11 @@ void BusWorker::prepare() {
   require_same("config_hash", setup_.config_hash, manifest_->config_hash);
   require_same("layout_hash", setup_.shape.layout_hash(), manifest_->layout_hash);
   status_.lanes = setup_.backend ? static_cast<std::uint32_t>(setup_.backend->lanes()) : 0;
-  if (!setup_error_.empty()) warn(setup_error_);
+  if (!setup_error_.empty()) {
+    warn(setup_error_);
+  } else {
+    status_.warnings.clear();
+  }
   status_sent_ns_ = 0;
 }
 

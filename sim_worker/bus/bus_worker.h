@@ -76,6 +76,7 @@ class BusWorker {
   void take_tasks();
   void follow(const LearnerChoice::Learner& learner);
   void tell_while_alone(std::int64_t now_ns);
+  void tell_if_barred(const LearnerStatus& learner);
   void count_stranger(const char* what);
   void prepare();
   void accept(std::uint64_t participant, RolloutTask task);
@@ -117,6 +118,8 @@ class BusWorker {
   std::optional<RunManifest> manifest_;  ///< of learner_
   bool prepared_ = false;                ///< setup_ was checked against manifest_
   std::string setup_error_;
+  std::int64_t retry_ns_ = 0, retry_span_ns_ = 0;  ///< of a setup that failed
+  std::string barred_for_;                         ///< what the learner says; empty = not so
   WorkerSetup setup_;
   /// By participant: the last two, newest last.
   std::map<std::uint64_t, std::deque<PolicyWeights>> weights_;

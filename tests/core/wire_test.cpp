@@ -182,6 +182,8 @@ LearnerStatus some(const LearnerStatus&) {
   r.weights_hash = c.hash();
   r.worker_ids = c.list<std::uint32_t>(3);
   r.worker_phases = c.list<std::uint8_t>(3);
+  r.barred_worker_ids = c.list<std::uint32_t>(2);
+  r.barred_reasons = {"declines", "invalid results"};
   r.worker_steps_per_s = c.list<double>(3);
   return r;
 }
@@ -290,7 +292,7 @@ std::string text_of(const LearnerStatus& r) {
                r.oldest_task_age_s, r.steps_total, r.steps_per_s, r.bytes_up_per_s,
                r.bytes_down_per_s, r.mean_return, r.mean_length, r.approx_kl, r.entropy,
                r.explained_variance, r.weights_hash, r.worker_ids, r.worker_phases,
-               r.worker_steps_per_s);
+               r.worker_steps_per_s, r.barred_worker_ids, r.barred_reasons);
 }
 std::string text_of(const EpisodeSummary& r) {
   return texts(r.source, r.slot, r.episode, r.first_version, r.last_version, r.length_steps,
@@ -395,6 +397,10 @@ TEST(WireChecks, TasksAndStatusAndWeightsWithBadLengthsAreRefused) {
   Pair<LearnerStatus> statuses;
   LearnerStatus status;
   status.worker_ids = {1, 2};
+  ASSERT_TRUE(statuses.writer.write(status));
+  EXPECT_TRUE(statuses.take().empty());
+  status = {};
+  status.barred_worker_ids = {1};  // for no reason
   ASSERT_TRUE(statuses.writer.write(status));
   EXPECT_TRUE(statuses.take().empty());
 

@@ -174,8 +174,6 @@ TEST_F(BadInput, ScenesThatCannotBeMeantAreRefusedOddOnesToldByTheDryRun) {
 TEST_F(BadInput, ASceneThatNoWorkerCanMakeStopsTheLearnerWithTheirReason) {
   const std::vector<std::pair<Strings, std::string>> scenes = {
       {{"scene.target_m={ x: 0.5 }"}, "scene.target_m: coordinate x is 0.5 m, allowed"},
-      {{R"(scene.rigid_body={ name: "organ" mesh { path: "/nowhere/organ.stl" } })"},
-       "/nowhere/organ.stl"},
       {{"scene.tissue.model=TISSUE_ELASTIC", "scene.tissue.grid.count_x=120",
         "scene.tissue.grid.count_y=120", "scene.tissue.grid.pitch_m=0.0006",
         "scene.tissue.effects={ viscoelastic { share: 0.3 time_s: 1 } }"},

@@ -415,6 +415,24 @@ TEST(BusLoop, AFloodFromARogueWriterIsDroppedAndCounted) {
 
 // Prints the turn-around of a synchronous batch with workers as processes and the state of the real
 // sheet.
+TEST(BusLoop, ALearnerLeavesWhileSegmentsOfARogueWriterPourIn) {
+  const PrivateDomain domain;
+  std::jthread rogue([&domain](const std::stop_token& stop) {
+    dds::Participant participant(domain.id(), test::mesh_profile().uri, "rogue");
+    BusWriter<RolloutSegment> writer(participant, run_partition("loop"), "rogue");
+    RolloutSegment segment;
+    segment.observations.resize(1000);
+    while (!stop.stop_requested()) (void)writer.write(segment);
+  });
+  std::jthread leaving([&domain](const std::stop_token& /*stop*/) {
+    for (int i = 0; i < 3; ++i) {
+      Loop loop(domain.id(), loop_config(4, 0));
+      ASSERT_TRUE(loop.serve_until([&] { return loop.bus().statistics().foreign > 100; }));
+    }
+  });
+  leaving.join();  // the time limit of the test
+}
+
 TEST(BusLoop, MeasuresTheTurnaroundOfASynchronousBatch) {
   const PrivateDomain domain;
   TaskBookConfig config = loop_config(32, 0);

@@ -441,12 +441,64 @@ TEST(TaskBook, AuditGrantsEveryTaskTwice) {
   expect_balance(book);
 }
 
+TEST(TaskBook, AuditedBatchesAreAFixedShareAlsoWhenAllLanesAreTaken) {
+  for (const std::uint32_t lead : {0U, 1U}) {
+    TaskBookConfig config = small_config(lead);
+    config.audit_rate = 0.1;
+    TaskBook book(config);
+    book.worker_joined(1, 3);
+    book.worker_joined(2, 3);
+    std::vector<std::uint64_t> audited;
+    for (std::uint64_t batch = 0; batch < 100; ++batch) {
+      book.announce_weights(batch, hash_of_version(batch));
+      std::uint64_t second = 0;
+      while (!book.batch_complete()) {
+        const auto now = static_cast<std::int64_t>(batch + 1);
+        const std::vector<RolloutTask> tasks = book.grant(now);
+        ASSERT_FALSE(tasks.empty());
+        for (const RolloutTask& task : tasks) {
+          second += task.grant == 1 && task.segment == batch ? 1 : 0;
+          book.receive(fake_rollout(task), now);
+        }
+      }
+      if (second == config.slots) audited.push_back(batch);
+      book.take_batch();
+    }
+    EXPECT_GE(audited.size(), 9u);
+    EXPECT_LE(audited.size(), 11u);
+    EXPECT_EQ(audited.front(), 0u);  // what is wrong from the start shows at the start
+    EXPECT_EQ(book.ledger().duplicate, audited.size() * config.slots);
+    expect_balance(book);
+  }
+}
+
+TEST(TaskBook, ABarredWorkerIsToldWhyAndIsTriedAgainAfterEverLongerTimes) {
+  constexpr std::int64_t kS = 1'000'000'000;
+  TaskBook book(small_config(0));
+  book.worker_joined(1, 6);
+  book.announce_weights(0, hash_of_version(0));
+  std::int64_t now = 0;
+  for (const std::int64_t wait : {10, 20, 40, 80, 160, 320, 320}) {
+    ASSERT_FALSE(book.grant(now).empty());
+    book.worker_declined(1, "its mesh is another", now);
+    ASSERT_EQ(book.barred(now).size(), 1u);
+    EXPECT_EQ(book.barred(now)[0].worker_id, 1u);
+    EXPECT_EQ(book.barred(now)[0].reason, "its mesh is another");
+    now += wait * kS;
+    EXPECT_TRUE(book.grant(now - 1).empty());
+    EXPECT_TRUE(book.barred(now).empty());
+  }
+  for (const RolloutTask& task : book.grant(now)) book.receive(fake_rollout(task), now);
+  EXPECT_TRUE(book.batch_complete());
+  expect_balance(book);
+}
+
 TEST(TaskBook, ADeclinedTaskGoesElsewhere) {
   TaskBook book(small_config(0));
   book.worker_joined(1, 6);
   book.announce_weights(0, hash_of_version(0));
   ASSERT_EQ(book.grant(0).size(), 6u);
-  book.worker_declined(1, true);
+  book.worker_declined(1, "declines", 0);
   EXPECT_TRUE(book.grant(1).empty());
   book.worker_joined(2, 6);
   EXPECT_EQ(book.grant(2).size(), 6u);
