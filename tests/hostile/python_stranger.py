@@ -78,7 +78,7 @@ class Stranger:
     def discover(self):
         for publication in self.publications.take(N=100):
             name = publication.topic_name
-            if not name.startswith("omentum/") or name in self.topics or publication.type_id is None:
+            if name is None or not name.startswith("omentum/") or name in self.topics or publication.type_id is None:
                 continue
             kind, _ = get_types_for_typeid(self.participant, publication.type_id, duration(seconds=2))
             self.topics[name] = Topic(self.participant, name, kind, qos=publication.qos)
