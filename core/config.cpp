@@ -1,7 +1,6 @@
 #include "core/config.h"
 
 #include <fmt/format.h>
-#include <google/protobuf/io/tokenizer.h>
 #include <google/protobuf/text_format.h>
 
 #include <algorithm>
@@ -12,6 +11,7 @@
 #include <sstream>
 
 #include "core/check.h"
+#include "core/config_parts.h"
 #include "core/hash.h"
 #include "core/read_file.h"
 #include "core/scene_files.h"
@@ -22,21 +22,7 @@ namespace {
 namespace protobuf = google::protobuf;
 using protobuf::FieldDescriptor;
 
-/// Keeps the first error with its place.
-class FirstError : public protobuf::io::ErrorCollector {
- public:
-  explicit FirstError(std::string name) : name_(std::move(name)) {}
-  void AddError(int line, int column, const std::string& message) override {
-    if (text_.empty()) text_ = fmt::format("{}:{}:{}: {}", name_, line + 1, column + 1, message);
-  }
-  const std::string& text() const { return text_; }
-
- private:
-  std::string name_;
-  std::string text_;
-};
-
-using ParseInfoTree = protobuf::TextFormat::ParseInfoTree;
+using config_parts::ParseInfoTree;
 
 /// Throws Error for a number outside its knob's range or NaN. `places` tells where in `file` a
 /// field was given; null = the message is not from a file.
@@ -45,18 +31,12 @@ void check_knobs(const protobuf::Message& message, const std::string& prefix = "
 
 /// Errors of syntax and numbers outside their knob's range, both with file:line:column.
 void merge_text(const std::string& name, const std::string& text, protobuf::Message& message) {
-  FirstError error(name);
-  protobuf::TextFormat::Parser parser;
-  ParseInfoTree places;
-  parser.RecordErrorsTo(&error);
-  parser.WriteLocationsTo(&places);
+  std::unique_ptr<ParseInfoTree> places;
   const std::unique_ptr<protobuf::Message> fresh(message.New());
-  if (!parser.MergeFromString(text, fresh.get())) {
-    throw_error("{}", error.text().empty() ? name + ": cannot be parsed" : error.text());
-  }
-  const bool is_file = name.rfind("--set ", 0) != 0;  // those name the knob themselves
+  const std::string error = config_parts::parse_text(text, *fresh, nullptr, &places);
+  if (!error.empty()) throw_error("{}:{}", name, error);
   const bool is_scene = message.GetDescriptor() == pb::Scene::descriptor();
-  if (is_file) check_knobs(*fresh, is_scene ? "scene" : "", name, &places);
+  check_knobs(*fresh, is_scene ? "scene" : "", name, places.get());
   message.MergeFrom(*fresh);
 }
 
@@ -175,95 +155,6 @@ void check_knobs(const protobuf::Message& message, const std::string& prefix,
   }
 }
 
-/// One line per knob of `defaults`, a message of which no field is set.
-void add_help(const protobuf::Message& defaults, const std::string& prefix, std::string& out) {
-  const protobuf::Descriptor* descriptor = defaults.GetDescriptor();
-  for (int i = 0; i < descriptor->field_count(); ++i) {
-    const FieldDescriptor* field = descriptor->field(i);
-    const std::string path = prefix.empty() ? field->name() : prefix + "." + field->name();
-    if (field->cpp_type() == FieldDescriptor::CPPTYPE_MESSAGE) {
-      const std::string& type = field->message_type()->name();
-      if (type != "Vec3" && type != "Pose") {
-        auto* factory = defaults.GetReflection()->GetMessageFactory();
-        add_help(*factory->GetPrototype(field->message_type()), path, out);
-      }
-      continue;
-    }
-    std::string line = "  " + path;
-    if (!field->is_repeated() && field->cpp_type() != FieldDescriptor::CPPTYPE_STRING) {
-      std::string value;
-      protobuf::TextFormat::PrintFieldValueToString(defaults, field, -1, &value);
-      line += " = " + value;
-    }
-    if (field->options().HasExtension(pb::knob)) {
-      const pb::Knob& knob = field->options().GetExtension(pb::knob);
-      if (knob.has_unit()) line += fmt::format(" {}", knob.unit());
-      if (knob.has_min() || knob.has_max())
-        line += fmt::format("  [{} ... {}]", knob.min(), knob.max());
-      if (knob.has_source()) line += fmt::format("  ({})", knob.source());
-      if (knob.has_help()) line += fmt::format("  {}", knob.help());
-    }
-    if (field->cpp_type() == FieldDescriptor::CPPTYPE_ENUM) {
-      line += "  one of:";
-      for (int k = 0; k < field->enum_type()->value_count(); ++k)
-        line += " " + field->enum_type()->value(k)->name();
-    }
-    out += line + "\n";
-  }
-}
-
-std::string field_names(const protobuf::Descriptor* descriptor) {
-  std::string names;
-  for (int i = 0; i < descriptor->field_count(); ++i)
-    names += (i == 0 ? "" : ", ") + descriptor->field(i)->name();
-  return names;
-}
-
-/// Applies one "a.b=c". Throws Error naming the path and what is allowed there.
-void apply_override(pb::Config& config, const std::string& assignment) {
-  const std::size_t equals = assignment.find('=');
-  if (equals == std::string::npos || equals == 0) {
-    throw_error("--set {}: expected a.b=value", assignment);
-  }
-  const std::string path = assignment.substr(0, equals);
-  const std::string value = assignment.substr(equals + 1);
-  const protobuf::Descriptor* descriptor = pb::Config::descriptor();
-  std::string text, closing;
-  for (std::size_t start = 0, dot = 0; dot != std::string::npos; start = dot + 1) {
-    dot = path.find('.', start);
-    const std::string name = path.substr(start, dot == std::string::npos ? dot : dot - start);
-    const FieldDescriptor* field = descriptor->FindFieldByName(name);
-    if (field == nullptr) {
-      throw_error("--set {}: {} has no field named \"{}\", allowed: {}", assignment,
-                  descriptor->name(), name, field_names(descriptor));
-    }
-    if (dot == std::string::npos) {
-      if (field->cpp_type() == FieldDescriptor::CPPTYPE_STRING) {
-        std::string quoted;
-        for (const char c : value)
-          quoted += c == '"' || c == '\\' ? std::string{'\\', c} : std::string{c};
-        text += fmt::format("{}: \"{}\"", name, quoted);
-      } else if (field->cpp_type() == FieldDescriptor::CPPTYPE_MESSAGE) {
-        text += fmt::format("{} {}", name, value);
-      } else {
-        text += fmt::format("{}: {}", name, value);
-      }
-      break;
-    }
-    if (field->cpp_type() != FieldDescriptor::CPPTYPE_MESSAGE) {
-      throw_error("--set {}: {} has no parts", assignment, path.substr(0, dot));
-    }
-    if (field->is_repeated()) {
-      throw_error("--set {}: {} is a list; set a whole entry as {}={{ ... }}", assignment, name,
-                  path.substr(0, dot));
-    }
-    text += name + " { ";
-    closing += " }";
-    descriptor = field->message_type();
-  }
-  merge_text("--set " + assignment, text + closing, config);
-}
-
 }  // namespace
 
 std::string deploy_dir() {
@@ -298,7 +189,7 @@ pb::Config load_config(const std::string& preset, std::span<const std::string> o
   read_text_proto(deploy_dir() + "/presets/" + preset + ".txtpb", config);
   config.set_preset(preset);
   for (const std::string& assignment : overrides) {
-    if (assignment.rfind("scene_file=", 0) == 0) apply_override(config, assignment);
+    if (assignment.rfind("scene_file=", 0) == 0) config_parts::apply_override(config, assignment);
   }
   if (!config.scene_file().empty()) {
     pb::Scene scene;
@@ -306,7 +197,7 @@ pb::Config load_config(const std::string& preset, std::span<const std::string> o
     scene.MergeFrom(config.scene());
     *config.mutable_scene() = scene;
   }
-  for (const std::string& assignment : overrides) apply_override(config, assignment);
+  for (const std::string& assignment : overrides) config_parts::apply_override(config, assignment);
   fill_defaults(config);
   check_knobs(config);
   fill_mesh_contents(*config.mutable_scene(), scene_directory(config));
@@ -324,7 +215,7 @@ pb::Config parse_config(const std::string& name, const std::string& text) {
 pb::Scene load_scene(const std::string& path, std::span<const std::string> overrides) {
   pb::Config config;
   read_text_proto(path, *config.mutable_scene());
-  for (const std::string& assignment : overrides) apply_override(config, assignment);
+  for (const std::string& assignment : overrides) config_parts::apply_override(config, assignment);
   fill_defaults(config);
   check_knobs(config);
   return config.scene();
@@ -351,13 +242,11 @@ std::string place_in_scene(const std::string& path, const std::string& error) {
 std::string place_of_field(const std::string& file, const protobuf::Message& kind,
                            const std::string& wanted) {
   if (!std::filesystem::is_regular_file(file)) return "";
-  ParseInfoTree places;
-  protobuf::TextFormat::Parser parser;
-  parser.WriteLocationsTo(&places);
+  std::unique_ptr<ParseInfoTree> places;
   const std::unique_ptr<protobuf::Message> message(kind.New());
-  if (!parser.MergeFromString(text_of_file(file), message.get())) return "";
+  if (!config_parts::parse_text(text_of_file(file), *message, nullptr, &places).empty()) return "";
   std::string place;
-  const ParseInfoTree* tree = &places;
+  const ParseInfoTree* tree = places.get();
   const protobuf::Descriptor* descriptor = kind.GetDescriptor();
   std::istringstream parts(wanted);
   for (std::string part; tree != nullptr && std::getline(parts, part, '.');) {
@@ -396,12 +285,6 @@ std::uint64_t config_hash(const pb::Config& config) {
   relevant.mutable_scene()->clear_name();
   relevant.mutable_scene()->clear_source();
   return fnv1a64(print_config(relevant));
-}
-
-std::string knob_help() {
-  std::string text = "Knobs, for --set a.b=value: name = default unit [range] (source) meaning\n";
-  add_help(pb::Config::default_instance(), "", text);
-  return text;
 }
 
 }  // namespace omentum

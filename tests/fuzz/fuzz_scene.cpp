@@ -1,6 +1,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <string>
+#include <vector>
 
 #include "core/check.h"
 #include "core/config.h"
@@ -26,6 +27,19 @@ void hide_meshes(omentum::pb::Scene& scene) {
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   const std::string text(reinterpret_cast<const char*>(data), size);
+  // As the value of one knob it changes that knob or is refused in one line.
+  try {
+    const auto rest_with = [](const std::vector<std::string>& sets) {
+      static const std::string path = omentum::deploy_dir() + "/scenes/omentum.txtpb";
+      omentum::pb::Scene scene = omentum::load_scene(path, sets);
+      scene.mutable_tool()->clear_roll_deg();
+      return scene.SerializeAsString();
+    };
+    static const std::string rest = rest_with({});
+    if (rest_with({"scene.tool.roll_deg=" + text}) != rest) __builtin_trap();
+  } catch (const omentum::Error& error) {
+    if (std::string(error.what()).find('\n') != std::string::npos) __builtin_trap();
+  }
   try {
     omentum::pb::Config config = omentum::parse_config("fuzz", text);
     hide_meshes(*config.mutable_scene());
