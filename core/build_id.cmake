@@ -1,5 +1,5 @@
 # Writes the source of build_id() and git_revision(), and leaves it alone when nothing changed. Runs in every build:
-#   cmake -DROOT=<source tree> -DFLAGS=<compiler and flags> -DOUTPUT=<file.cpp> -P core/build_id.cmake
+#   cmake -DROOT=<source tree> -DFLAGS=<compiler and flags> -DVERSION=<release> -DOUTPUT=<file.cpp> -P core/build_id.cmake
 set(text "${FLAGS}\n")
 foreach(folder core idl learner proto sim_worker)
   file(GLOB_RECURSE files RELATIVE ${ROOT} ${ROOT}/${folder}/*)
@@ -30,6 +30,7 @@ set(source "// Written by core/build_id.cmake.
 namespace omentum {
 std::uint64_t build_id() { return 0x${id}ULL; }
 std::string git_revision() { return \"${revision}\"; }
+std::string program_version() { return \"omentum ${VERSION}, revision ${revision}, build ${id}\"; }
 }  // namespace omentum
 ")
 set(old "")

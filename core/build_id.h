@@ -14,4 +14,7 @@ std::uint64_t build_id();
 /// repository.
 std::string git_revision();
 
+/// What --version of every program prints: "omentum 0.1.0, revision <git>, build <id>".
+std::string program_version();
+
 }  // namespace omentum

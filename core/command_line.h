@@ -5,6 +5,7 @@
 #include <optional>
 #include <string>
 
+#include "core/build_id.h"
 #include "core/check.h"
 #include "core/csv.h"
 
@@ -35,9 +36,10 @@ inline CLI::Validator whole_number() {
           "WHOLE"};
 }
 
-/// Parses the command line of a program: the exit code when there is nothing more to do (help was
-/// asked for), else nothing. Throws Error: one line with the option and what it allows.
+/// Parses the command line of a program: the exit code when there is nothing more to do (help or
+/// version was asked for), else nothing. Throws Error: one line with the option and what it allows.
 inline std::optional<int> parse_command_line(CLI::App& app, int argc, char** argv) {
+  app.set_version_flag("--version", program_version(), "Print release, revision and build");
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {

@@ -16,7 +16,7 @@ bad=0
 say() { echo "$1"; bad=1; }
 write() { "$cmake" "-DROOT=$root" "-DFLAGS=${1:-g++ -O3}" "-DOUTPUT=$folder/id.cpp" -P "$script"; }
 id() { write "${1-}"; grep -o '0x[0-9a-f]*ULL' "$folder/id.cpp"; }
-revision() { write; sed -n 's/.*return "\(.*\)";.*/\1/p' "$folder/id.cpp"; }
+revision() { write; sed -n 's/.*git_revision() { return "\(.*\)";.*/\1/p' "$folder/id.cpp"; }
 same() { [[ $(id) == "$first" ]] || say "$1 changed the id"; }
 other() { [[ $(id) != "$first" ]] || say "$1 did not change the id"; }
 
