@@ -234,10 +234,14 @@ bool ends_with_ignoring_case(const std::string& name, std::string_view ending) {
 
 /// The ending decides; a file without one of the two is judged by its first bytes.
 TriangleMesh parse_any(const std::string& name, std::string_view content) {
+  if (content.starts_with("\xef\xbb\xbf")) content.remove_prefix(3);  // a byte order mark
   const bool binary_size =
       content.size() >= kStlHeaderBytes &&
       content.size() == kStlHeaderBytes + kStlTriangleBytes * stl_triangle_count(content);
-  const bool solid = content.substr(0, 5) == "solid";
+  // Many programs write "solid" into the header of a binary file as well; text has no zeros.
+  const bool text =
+      content.substr(0, kStlHeaderBytes + kStlTriangleBytes).find('\0') == std::string_view::npos;
+  const bool solid = text && content.starts_with("solid");
   if (ends_with_ignoring_case(name, ".obj")) return parse_obj(name, content);
   if (binary_size) return parse_binary_stl(name, content);
   if (solid) return parse_ascii_stl(name, content);

@@ -43,8 +43,8 @@ TriangleMesh parse_mesh(const std::string& name, const std::string& content, dou
 void require_closed(const std::string& name, TriangleMesh& mesh);
 
 /// Throws Error naming place and reason unless the surface, open or closed, is one piece that can
-/// be a shell: consistently oriented, two triangles at an edge at most, no parts that meet in a
-/// single vertex, no slivers.
+/// be a shell: consistently oriented, two triangles at an edge at most, not folded there by more
+/// than 90 deg, no parts that meet in a single vertex, no slivers.
 void require_sheet(const std::string& name, const TriangleMesh& mesh);
 
 /// Volume enclosed by a closed mesh [m^3], positive when triangles face outside.

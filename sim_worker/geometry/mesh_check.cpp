@@ -22,6 +22,18 @@ std::string place(const TriangleMesh& mesh, int vertex) {
   return fmt::format("({:.5g}, {:.5g}, {:.5g}) m", p.x(), p.y(), p.z());
 }
 
+Eigen::Vector3d normal_of(const TriangleMesh& mesh, std::size_t triangle) {
+  const Eigen::Vector3i& c = mesh.triangles[triangle];
+  const Eigen::Vector3d& a = mesh.vertices[c[0]];
+  return (mesh.vertices[c[1]] - a).cross(mesh.vertices[c[2]] - a).normalized();
+}
+
+/// The first of these sorted edges that leads so; null if none does.
+const DirectedEdge* find_edge(const std::vector<DirectedEdge>& edges, int from, int to) {
+  const auto found = std::lower_bound(edges.begin(), edges.end(), DirectedEdge{from, to, 0});
+  return found != edges.end() && found->from == from && found->to == to ? &*found : nullptr;
+}
+
 /// Directed edges of all triangles, ascending; throws Error for one that two triangles have.
 std::vector<DirectedEdge> sort_edges(const std::string& name, const TriangleMesh& mesh) {
   std::vector<DirectedEdge> edges;
@@ -34,16 +46,18 @@ std::vector<DirectedEdge> sort_edges(const std::string& name, const TriangleMesh
   for (std::size_t k = 1; k < edges.size(); ++k) {
     const DirectedEdge& edge = edges[k];
     if (edges[k - 1].from != edge.from || edges[k - 1].to != edge.to) continue;
-    throw_error("{}: edge from {} to {} is used twice in the same direction by triangles {} and {}",
-                name, place(mesh, edge.from), place(mesh, edge.to), edges[k - 1].triangle,
-                edge.triangle);
+    const std::string where =
+        fmt::format("{}: edge from {} to {}", name, place(mesh, edge.from), place(mesh, edge.to));
+    if (find_edge(edges, edge.to, edge.from) != nullptr) {
+      throw_error(
+          "{} belongs to more than two triangles, {} and {} among them: the surface is "
+          "folded onto itself or given twice",
+          where, edges[k - 1].triangle, edge.triangle);
+    }
+    throw_error("{} is used twice in the same direction by triangles {} and {}", where,
+                edges[k - 1].triangle, edge.triangle);
   }
   return edges;
-}
-
-bool has_edge(const std::vector<DirectedEdge>& edges, int from, int to) {
-  const auto found = std::lower_bound(edges.begin(), edges.end(), DirectedEdge{from, to, 0});
-  return found != edges.end() && found->from == from && found->to == to;
 }
 
 }  // namespace
@@ -51,7 +65,7 @@ bool has_edge(const std::vector<DirectedEdge>& edges, int from, int to) {
 void require_closed(const std::string& name, TriangleMesh& mesh) {
   const std::vector<DirectedEdge> edges = sort_edges(name, mesh);
   for (const DirectedEdge& edge : edges) {
-    if (!has_edge(edges, edge.to, edge.from)) {
+    if (find_edge(edges, edge.to, edge.from) == nullptr) {
       throw_error("{}: not closed, triangle {} has no neighbour at the edge from {} to {}", name,
                   edge.triangle, place(mesh, edge.from), place(mesh, edge.to));
     }
@@ -76,10 +90,18 @@ void require_sheet(const std::string& name, const TriangleMesh& mesh) {
                   name, t, place(mesh, c[0]), kMinSliver);
     }
   }
+  // Folded by more than a right angle it has no tangent plane there, in which it could bend.
+  for (const DirectedEdge& edge : edges) {
+    const DirectedEdge* other = find_edge(edges, edge.to, edge.from);
+    if (other == nullptr) continue;
+    if (normal_of(mesh, edge.triangle).dot(normal_of(mesh, other->triangle)) >= 0) continue;
+    throw_error("{}: folded by more than 90 deg along the edge from {} to {}", name,
+                place(mesh, edge.from), place(mesh, edge.to));
+  }
   // A vertex on the rim of one fan of triangles starts one edge of a rim, not two.
   std::vector<int> rims(mesh.vertices.size(), 0);
   for (const DirectedEdge& edge : edges) {
-    if (has_edge(edges, edge.to, edge.from)) continue;
+    if (find_edge(edges, edge.to, edge.from) != nullptr) continue;
     if (++rims[edge.from] > 1) {
       throw_error("{}: parts of the sheet meet in the single vertex {}", name,
                   place(mesh, edge.from));

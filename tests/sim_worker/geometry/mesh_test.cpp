@@ -147,9 +147,19 @@ TEST(Mesh, ErrorsNameFileAndLine) {
   const std::string stl = test::print_binary_stl(make_box_mesh({1, 1, 1}));
   EXPECT_THAT(error_of("a.stl", stl.substr(0, 300)),
               HasSubstr("byte 300: file ends early, 12 triangles need 684"));
+  std::string solid = stl;  // many programs begin the header of a binary file like that
+  solid.replace(0, 5, "solid");
+  EXPECT_THAT(error_of("a.stl", solid.substr(0, 300)),
+              HasSubstr("byte 300: file ends early, 12 triangles need 684"));
   const std::string ascii = test::print_ascii_stl(make_box_mesh({1, 1, 1}));
   EXPECT_THAT(error_of("a.stl", ascii.substr(0, ascii.find("endfacet"))),
               HasSubstr("file ends before endsolid"));
+}
+
+TEST(Mesh, AByteOrderMarkIsNoPartOfATextFile) {
+  const std::string mark = "\xef\xbb\xbf";
+  EXPECT_EQ(error_of("a.obj", mark + test::print_obj(make_box_mesh({1, 1, 1}), "")), "");
+  EXPECT_EQ(error_of("a.stl", mark + test::print_ascii_stl(make_box_mesh({1, 1, 1}))), "");
 }
 
 TEST(Mesh, WrongUnitIsRefused) {
@@ -172,7 +182,8 @@ TEST(Mesh, OpenAndTornSurfacesNameAnEdge) {
   TriangleMesh doubled = make_box_mesh({1, 1, 1});
   doubled.triangles.push_back(doubled.triangles.front());
   EXPECT_THAT(error_of("twice.obj", test::print_obj(doubled, "")),
-              HasSubstr("used twice in the same direction"));
+              HasSubstr("belongs to more than two triangles, 0 and 12 among them: the surface is "
+                        "folded onto itself or given twice"));
 }
 
 TEST(Mesh, InsideAgreesWithWindingNumber) {

@@ -258,6 +258,12 @@ TEST(MeshScene, ASheetThatDoesNotFitIsRefusedInOneLine) {
               testing::HasSubstr("do not determine a curvature"));
   EXPECT_THAT(with_mesh("v 0 0 0\nv .05 0 0\nv .05 .05 0\nv 0 .05 0\nf 1 2 3\nf 1 4 3\n"),
               testing::HasSubstr("used twice in the same direction"));
+  // A strip that lies on itself, with vertices of its own and with shared ones.
+  const std::string strip = "v 0 0 0\nv .05 0 0\nv 0 .05 0\nv .05 .05 0\n";
+  EXPECT_THAT(with_mesh(strip + "v 0 .001 0\nv .05 .001 0\nf 1 2 4\nf 1 4 3\nf 3 4 6\nf 3 6 5\n"),
+              testing::HasSubstr("folded by more than 90 deg along the edge from"));
+  EXPECT_THAT(with_mesh(strip + "f 1 2 4\nf 1 4 3\nf 3 4 2\nf 3 2 1\nf 1 2 4\n"),
+              testing::HasSubstr("folded onto itself or given twice"));
   EXPECT_THAT(with_mesh("v 0 0 0\nv .05 0 0\nv .02 .0001 0\nf 1 2 3\n"),
               testing::HasSubstr("sliver"));
   EXPECT_THAT(
