@@ -1,5 +1,7 @@
 #include "core/task.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -48,6 +50,26 @@ std::vector<std::string> action_names(const pb::Task& task) {
   std::vector<std::string> names(table.name.begin(), table.name.end());
   if (table.jaw != nullptr) names.emplace_back(table.jaw);
   return names;
+}
+
+std::vector<std::string> action_meanings(const pb::Task& task) {
+  const ActionTable& table = action_table(task.action());
+  const double step = task.increment_m() * task.action_repeat();
+  const bool continuous = task.action() == pb::ACTION_CONTINUOUS;
+  std::vector<std::string> meanings;
+  for (std::size_t b = 0; b < 3; ++b) {
+    std::string text = fmt::format("{}_W", "xyz"[table.axis[b]]);
+    if (continuous) {
+      text += fmt::format(" -1={:.6g} m 1={:.6g} m between linear beyond clamped", -step, step);
+    } else {
+      for (std::size_t index = 0; index < 3; ++index)
+        text += fmt::format(" {}={:.6g} m", index, step * table.value[index]);
+    }
+    meanings.push_back(std::move(text));
+  }
+  if (table.jaw != nullptr)
+    meanings.emplace_back(continuous ? "jaw above 0=closed else open" : "jaw 0=open 1=closed");
+  return meanings;
 }
 
 std::vector<int> action_branches(const pb::Task& task) {

@@ -57,6 +57,9 @@ std::vector<std::string> observation_titles(const pb::Task& task);
 
 /// One name per branch (or continuous dimension): x, y, z, gripper; jaw for the Gaussian head.
 std::vector<std::string> action_names(const pb::Task& task);
+/// What each of them does to the tip in W, or to the jaw, by index: "x_W 0=-0.0005 m 1=0 m
+/// 2=0.0005 m", "jaw 0=open 1=closed". Holds no comma.
+std::vector<std::string> action_meanings(const pb::Task& task);
 /// Choices of each branch; empty for the Gaussian head.
 std::vector<int> action_branches(const pb::Task& task);
 

@@ -150,7 +150,7 @@ void add_action(GraphMaker& maker, const PolicyShape& shape) {
 }  // namespace
 
 OnnxMetadata onnx_metadata(const pb::Task& task, const std::string& git_revision) {
-  return {observed_numbers(task), action_names(task), git_revision};
+  return {observed_numbers(task), action_names(task), action_meanings(task), git_revision};
 }
 
 std::string onnx_model(const PolicyShape& shape, const PolicyWeights& weights,
@@ -198,6 +198,7 @@ std::string onnx_model(const PolicyShape& shape, const PolicyWeights& weights,
       {"observation_names", joined(names)},
       {"observation_units", joined(units)},
       {"action_names", joined(metadata.action_names)},
+      {"action_meanings", joined(metadata.action_meanings)},
       {"branches", joined(shape.branches)},
   };
   for (const auto& [key, value] : entries) {

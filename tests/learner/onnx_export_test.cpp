@@ -98,7 +98,7 @@ TEST_P(OnnxExport, IndependentReaderAgrees) {
   const test::TempDir folder;
   const Result<void> written =
       export_onnx(folder / "policy.onnx", c.shape, weights,
-                  {std::vector<ObservedNumber>(width, {"a", "m"}), {"x"}, "rev"});
+                  {std::vector<ObservedNumber>(width, {"a", "m"}), {"x"}, {"x_W 0=0 m"}, "rev"});
   ASSERT_TRUE(written.has_value()) << written.error();
   {
     std::ofstream expected(folder / "expected.txt");
@@ -205,6 +205,34 @@ TEST(OnnxMetadata, SaysWhatEveryPresetObserves) {
     EXPECT_EQ(model.graph().input(0).type().tensor_type().shape().dim(1).dim_value(), size);
     for (const auto& [name, unit] : some) EXPECT_EQ(units.at(name), unit) << preset << " " << name;
     EXPECT_EQ(metadata_list(model, "action_names"), action_names(config.task()));
+  }
+}
+
+// Index 0, 1, 2 of a branch are other steps in other tasks.
+TEST(OnnxMetadata, SaysWhatEveryIndexOfTheActionDoes) {
+  const std::map<std::string, std::string> expected = {
+      {"omentum", "x_W 0=-0.0005 m 1=0 m 2=0.0005 m"},
+      {"derived", "x_W 0=0 m 1=0.0025 m 2=-0.0025 m"},
+      {"derived_head", "z_W 0=-0.0025 m 1=0 m 2=0.0025 m"}};
+  for (const auto& [preset, first] : expected) {
+    const pb::Config config = load_config(preset, {});
+    const auto meanings = metadata_list(exported(config), "action_meanings");
+    ASSERT_EQ(meanings.size(), action_names(config.task()).size()) << preset;
+    EXPECT_EQ(meanings[0], first) << preset;
+    if (meanings.size() == 4) {
+      EXPECT_EQ(meanings[3], "jaw 0=open 1=closed");
+    }
+    // As Task::decode() has them.
+    const Task task(config, TaskPlaces{});
+    for (std::uint8_t index = 0; index < 3; ++index) {
+      Action action;
+      action.branch = {index, 0, 0, 0};
+      const double step =
+          task.decode(action)
+              .increment[static_cast<Eigen::Index>(std::string("xyz").find(first[0]))];
+      EXPECT_THAT(first, testing::HasSubstr(fmt::format(" {}={:.6g} m", index,
+                                                        step * config.task().action_repeat())));
+    }
   }
 }
 
