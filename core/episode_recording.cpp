@@ -250,7 +250,9 @@ Result<EpisodeRecording> parse_episode(const std::string& name, const std::strin
   const auto headers = content.of_topic("/episode");
   pb::EpisodeHeader header;
   if (headers.empty() || !header.ParseFromString(headers.front()->data)) {
-    return Failure{fmt::format("{}: no episode header", name)};
+    const std::string corrupt =
+        content.problems.empty() ? "" : fmt::format("corrupt: {}; ", content.problems.front());
+    return Failure{fmt::format("{}: {}no episode header", name, corrupt)};
   }
   if (header.format_version() != kFormatVersion) {
     return Failure{fmt::format("{}: recording format {}, this program reads {}", name,
@@ -303,6 +305,7 @@ Result<void> save_episode(const std::string& path, const RolloutTask& task,
   const auto tissue = writer.add_channel("/tissue", *foxglove::PointCloud::descriptor());
   const auto result = writer.add_channel("/result", *pb::EpisodeResult::descriptor());
   writer.write(episode, 0, 0, make_header(task, segment, context));
+  writer.flush();  // however early the file is cut off, it says what it is of
   const std::size_t frame = std::size_t{3} * context.particles;
   const std::size_t frames = frame > 0 ? segment.frame_positions_in_world_m.size() / frame : 0;
   const std::uint32_t stride = std::max(1U, task.frame_stride);

@@ -28,9 +28,10 @@ class McapWriter {
  public:
   using ChannelId = std::uint16_t;
 
-  /// A chunk is closed once it holds `chunk_bytes` or more.
+  /// A chunk is closed once it holds `chunk_bytes` or more: some seconds of an episode; smaller
+  /// ones compress worse.
   explicit McapWriter(std::ostream& out, McapCompression compression = McapCompression::kZstd,
-                      std::size_t chunk_bytes = std::size_t{1} << 20);
+                      std::size_t chunk_bytes = std::size_t{1} << 18);
 
   /// Declares a topic with messages of one protobuf type; the schema holds the type's file and all
   /// its imports.

@@ -18,6 +18,7 @@ Installs what is missing, builds, trains with one learner and W workers on this 
   --resume       continue runs/NAME; without it an existing runs/NAME is moved aside to runs/NAME.oldN
   --set a.b=c    override a knob; may be repeated (learner --help lists every knob)
   --no-setup     take build/release as it is
+  --version      print release, revision and build of the programs
 A run belongs to one process: a second one on the same name is refused with host and pid of the first.
 Ctrl-C stops cleanly and leaves a run that --resume continues; a second one ends everything at once.
 Exit codes: 0 done, 1 failed, 2 wrong input, 130 stopped.
@@ -46,7 +47,11 @@ while (($#)); do
   esac
   case $option in
     --preset) preset=$value ;;
-    --steps) [[ $value =~ ^[1-9][0-9]{0,11}$ ]] || wrong "--steps $value: a number from 1 to 999999999999"; steps=$value ;;
+    --steps)
+      [[ ! $value =~ ^[1-9]e[0-9]{1,2}$ ]] || value=$(printf '%.0f' "$value")  # 1e6
+      [[ $value =~ ^[1-9][0-9]{0,11}$ ]] || wrong "--steps $value: a number from 1 to 999999999999"
+      steps=$value
+      ;;
     --seeds) [[ $value =~ ^[1-9][0-9]{0,2}$ ]] || wrong "--seeds $value: a number from 1 to 999"; seeds=$value ;;
     --workers) [[ $value =~ ^[1-9][0-9]{0,2}$ ]] || wrong "--workers $value: a number from 1 to 999"; workers=$value ;;
     --run)
@@ -59,6 +64,7 @@ while (($#)); do
     --resume) resume=1 ;;
     --no-setup) setup=0 ;;
     -h | --help) usage; exit 0 ;;
+    --version) "$bin/learner" --version; exit ;;
     *) wrong "unknown option $option" ;;
   esac
   shift
@@ -343,12 +349,10 @@ for ((seed = 1; seed <= seeds; ++seed)); do
   fi
 done
 
-# Of the first seed only: it depends on the configuration, not on the policy. The report reads it.
+# Of the first seed only: it depends on the configuration, not on the policy, and is made once. The report reads it.
 study_began=$(now)
-if [[ ! -s ${folders[0]}/evaluation/grasp_study.csv ]]; then
-  "$bin/sim_worker" --grasp-study "${folders[0]}" >"$scratch/study" 2>&1 ||
-    echo "train.sh: no grasp study: $(tail -n 1 "$scratch/study" | sed 's/^sim_worker: //')" >&2
-fi
+"$bin/sim_worker" --grasp-study "${folders[0]}" >"$scratch/study" 2>&1 ||
+  echo "train.sh: no grasp study: $(tail -n 1 "$scratch/study" | sed 's/^sim_worker: //')" >&2
 study_s=$(since "$study_began")
 ((stop == 0)) || end_stopped
 

@@ -3,8 +3,6 @@
 #include <csignal>
 #include <cstdio>
 #include <filesystem>
-#include <fstream>
-#include <sstream>
 
 #include "core/build_id.h"
 #include "core/command_line.h"
@@ -13,6 +11,7 @@
 #include "core/durable_file.h"
 #include "core/fp_mode.h"
 #include "core/log.h"
+#include "core/read_file.h"
 #include "core/rollout.h"
 #include "core/topics.h"
 #include "sim_worker/backend/grasp_study.h"
@@ -30,11 +29,10 @@ void on_signal(int) { stop_requested = 1; }
 /// Everything a worker does with a configuration before the first task.
 int check(const std::string& path) {
   using namespace omentum;  // NOLINT(google-build-using-namespace)
-  std::ifstream file(path, std::ios::binary);
-  std::ostringstream text;
-  if (file && !std::filesystem::is_directory(path)) text << file.rdbuf();
-  if (text.str().empty()) throw_error("--check-config {}: cannot be read", path);
-  const pb::Config config = parse_config(path, text.str());
+  const Result<std::string> text = read_file(path);
+  if (!text) throw_error("--check-config {}", text.error());
+  if (text.value().empty()) throw_error("--check-config {}: is empty", path);
+  const pb::Config config = parse_config(path, text.value());
   const auto setup = make_sim_setup(config);
   for (const std::string& warning : setup->warnings) log().warn("{}", warning);
   std::printf("%s: config_hash=%016llx particles=%zu rigid_bodies=%zu observations=%d\n",
@@ -49,15 +47,23 @@ int replay(const std::vector<std::string>& paths, unsigned width) {
   using namespace omentum;  // NOLINT(google-build-using-namespace)
   Replayer replayer(width);
   int code = 0;
-  for (const std::string& path : paths) {
+  const auto try_to = [&code](auto what) {
     try {
-      const ReplayReport report = replayer.replay(path);
-      std::printf("%s: %s\n", path.c_str(), report.text.c_str());
-      code = std::max(code, !report.complete ? 2 : report.identical ? 0 : 1);
+      what();
     } catch (const Error& error) {
       std::fprintf(stderr, "sim_worker: --replay %s\n", error.what());
       code = 2;
     }
+  };
+  const auto replay_one = [&](const std::string& path) {
+    const ReplayReport report = replayer.replay(path);
+    std::printf("%s: %s\n", path.c_str(), report.text.c_str());
+    code = std::max(code, !report.complete ? 2 : report.identical ? 0 : 1);
+  };
+  for (const std::string& path : paths) {
+    try_to([&] {
+      for (const std::string& file : recordings_of(path)) try_to([&] { replay_one(file); });
+    });
   }
   return code;
 }
@@ -66,11 +72,9 @@ int replay(const std::vector<std::string>& paths, unsigned width) {
 int grasp_study(const std::string& folder) {
   using namespace omentum;  // NOLINT(google-build-using-namespace)
   const std::string path = folder + "/config.txtpb";
-  std::ifstream file(path, std::ios::binary);
-  std::ostringstream text;
-  text << file.rdbuf();
-  if (!file) throw_error("--grasp-study {}: {} cannot be read", folder, path);
-  const pb::Config config = parse_config(path, text.str());
+  const Result<std::string> text = read_file(path);
+  if (!text) throw_error("--grasp-study {}: {}", folder, text.error());
+  const pb::Config config = parse_config(path, text.value());
   const auto setup = make_sim_setup(config);
   if (!(config.grasp().jaw_open_deg() > 0) || setup->scene.robot_starts.empty() ||
       config.task().action() != pb::ACTION_XYZ_GRIPPER) {
@@ -79,11 +83,16 @@ int grasp_study(const std::string& folder) {
     return 0;
   }
   const std::string out = folder + "/evaluation/grasp_study.csv";
+  const std::uint64_t id = grasp_study_id(config, build_id());
+  if (is_grasp_study(out, id)) {
+    std::printf("%s: is of this configuration and build already\n", out.c_str());
+    return 0;
+  }
   // Before the study, which takes its time.
   if (const Result<void> can = write_durably(out + ".try", ""); !can)
     throw_error("{}", can.error());
   std::filesystem::remove(out + ".try");
-  const Result<void> written = write_durably(out, grasp_study_csv(study_grasps(*setup)));
+  const Result<void> written = write_durably(out, grasp_study_csv(study_grasps(*setup), id));
   if (!written) throw_error("{}", written.error());
   std::printf("%s\n", out.c_str());
   return 0;
@@ -112,17 +121,20 @@ int run(int argc, char** argv) {
       ->capture_default_str();
   double max_wait_s = 0;
   app.add_option("--max-wait", max_wait_s,
-                 "Stop with code 1 after so many seconds without a learner; 0 = wait for ever")
-      ->check(CLI::Range(0.0, 1e9));
+                 "Stop with code 1 after so long without a learner [s]; 0 = wait for ever")
+      ->check(CLI::Range(0.0, 1e9))
+      ->capture_default_str();
   app.add_option("--lanes", lanes, "Environments of this worker; 0 = one kernel width")
-      ->check(CLI::Range(0, 1024));
-  app.add_option("--lane-width", width, "Kernel width 1, 8 or 16; 0 = the widest this CPU runs");
+      ->check(CLI::Range(0, 1024))
+      ->capture_default_str();
+  app.add_option("--lane-width", width, "Kernel width 1, 8 or 16; 0 = the widest this CPU runs")
+      ->capture_default_str();
   app.add_option("--check-config", check_config,
                  "Resolve this configuration (learner --dry-run prints one) as a worker would, and "
                  "exit: 0, or 2 with the reason");
   app.add_option("--replay", replays,
-                 "Run recordings (runs/<name>/recordings/*.mcap) again, compare every step, and "
-                 "exit: 0 identical, 1 different, 2 a bad file");
+                 "Run recordings (runs/<name>/recordings/*.mcap, or a folder of them, or a run) "
+                 "again, compare every step, and exit: 0 identical, 1 different, 2 a bad file");
   app.add_option("--grasp-study", study,
                  "Vary each parameter of the grasp of this run folder alone, write its "
                  "evaluation/grasp_study.csv for the report, and exit: 0, or 2 with the reason");
@@ -199,8 +211,6 @@ int main(int argc, char** argv) {
   omentum::name_log("sim_worker");
   try {
     return run(argc, argv);
-  } catch (const omentum::Error& error) {
-    std::fprintf(stderr, "sim_worker: %s\n", error.what());
   } catch (const std::exception& error) {
     std::fprintf(stderr, "sim_worker: %s\n", error.what());
   }

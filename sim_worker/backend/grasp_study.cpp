@@ -5,6 +5,9 @@
 
 #include <algorithm>
 
+#include "core/config.h"
+#include "core/csv.h"
+#include "core/hash.h"
 #include "core/rollout.h"
 #include "sim_worker/models.h"
 
@@ -141,16 +144,34 @@ std::vector<GraspStudyRow> study_grasps(const SimSetup& setup) {
   return rows;
 }
 
-std::string grasp_study_csv(const std::vector<GraspStudyRow>& rows) {
+std::uint64_t grasp_study_id(const pb::Config& config, std::uint64_t build_id) {
+  pb::Config read;  // the rest, seed, learning and evaluation, has no part in it
+  *read.mutable_scene() = config.scene();
+  *read.mutable_task() = config.task();
+  *read.mutable_grasp() = config.grasp();
+  *read.mutable_defects() = config.defects();
+  *read.mutable_randomise() = config.randomise();
+  return fnv1a64(fmt::format("{:016x}\n{}", build_id, print_config(read)));
+}
+
+std::string grasp_study_csv(const std::vector<GraspStudyRow>& rows, std::uint64_t id) {
   std::string text =
       "parameter,unit,value,shipped,starts,held,lost,not_taken,too_far,jaw_not_open,bad_approach,"
-      "too_thin\n";
+      "too_thin,study_id\n";
   for (const GraspStudyRow& r : rows) {
-    text += fmt::format("{},{},{},{},{},{},{},{},{},{},{},{}\n", r.parameter, r.unit, r.value,
-                        r.shipped ? 1 : 0, r.starts, r.held, r.lost, r.not_taken, r.causes[1],
-                        r.causes[2], r.causes[3], r.causes[4]);
+    text += fmt::format("{},{},{},{},{},{},{},{},{},{},{},{},{:016x}\n", r.parameter, r.unit,
+                        r.value, r.shipped ? 1 : 0, r.starts, r.held, r.lost, r.not_taken,
+                        r.causes[1], r.causes[2], r.causes[3], r.causes[4], id);
   }
   return text;
+}
+
+bool is_grasp_study(const std::string& path, std::uint64_t id) {
+  const Result<CsvTable> table = load_csv(path);
+  const std::string wanted = fmt::format("{:016x}", id);
+  const auto column = table ? table.value().column("study_id") : std::nullopt;
+  return column && table.value().cut_off.empty() && !table.value().rows.empty() &&
+         table.value().rows.back()[*column].text == wanted;
 }
 
 }  // namespace omentum

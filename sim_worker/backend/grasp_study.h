@@ -29,7 +29,14 @@ struct GraspStudyRow {
 /// a policy. Empty without a robot grid. About 0.4 s per value on one core.
 std::vector<GraspStudyRow> study_grasps(const SimSetup& setup);
 
-/// parameter,unit,value,shipped,starts,held,lost,not_taken,too_far,jaw_not_open,bad_approach,too_thin
-std::string grasp_study_csv(const std::vector<GraspStudyRow>& rows);
+/// What a study depends on, of this build: equal ids mean equal tables.
+std::uint64_t grasp_study_id(const pb::Config& config, std::uint64_t build_id);
+
+/// parameter,unit,value,shipped,starts,held,lost,not_taken,too_far,jaw_not_open,bad_approach,
+/// too_thin,study_id
+std::string grasp_study_csv(const std::vector<GraspStudyRow>& rows, std::uint64_t id);
+
+/// The file is a whole table of this id.
+bool is_grasp_study(const std::string& path, std::uint64_t id);
 
 }  // namespace omentum

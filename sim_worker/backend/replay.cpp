@@ -1,7 +1,9 @@
 #include "sim_worker/backend/replay.h"
 
+#include <algorithm>
 #include <bit>
 #include <cmath>
+#include <filesystem>
 #include <vector>
 
 #include "core/check.h"
@@ -19,6 +21,13 @@ bool same(float a, float b) {
   return std::bit_cast<std::uint32_t>(a) == std::bit_cast<std::uint32_t>(b);
 }
 
+/// ", the file ..." and the first thing wrong with it; empty for a whole one.
+std::string damage_of(const EpisodeRecording& recording) {
+  if (recording.complete && recording.problems.empty()) return {};
+  return fmt::format(", the file {}: {}", recording.complete ? "is corrupt" : "ends early",
+                     recording.problems.empty() ? "no end" : recording.problems.front());
+}
+
 /// Refuses what the back end must not be asked for.
 void check_task(const std::string& name, const EpisodeRecording& recording, const SimSetup& setup) {
   const RolloutTask& task = recording.task;
@@ -26,7 +35,7 @@ void check_task(const std::string& name, const EpisodeRecording& recording, cons
   if (segment.source == Source::kDvrk) {
     throw_error("{}: recorded on the robot, there is no simulation to run again", name);
   }
-  if (segment.steps == 0) throw_error("{}: no steps", name);
+  if (segment.steps == 0) throw_error("{}: no steps{}", name, damage_of(recording));
   std::size_t starts = 0;
   switch (task.start_set) {
     case StartSet::kTraining:
@@ -67,6 +76,21 @@ void check_task(const std::string& name, const EpisodeRecording& recording, cons
 
 }  // namespace
 
+std::vector<std::string> recordings_of(const std::string& path) {
+  namespace fs = std::filesystem;
+  if (!fs::is_directory(path)) return {path};
+  std::vector<std::string> files;
+  for (const std::string& folder : {path, path + "/recordings"}) {
+    std::error_code ignored;
+    for (const auto& entry : fs::directory_iterator(folder, ignored)) {
+      if (entry.path().extension() == ".mcap") files.push_back(entry.path().string());
+    }
+  }
+  if (files.empty()) throw_error("{}: a folder without recordings (*.mcap)", path);
+  std::sort(files.begin(), files.end());
+  return files;
+}
+
 void Replayer::prepare(const std::string& name, const EpisodeRecording& recording) {
   const std::string& wanted = recording.context.config_text;
   if (backend_ && prepared_for_ == wanted) return;
@@ -103,7 +127,7 @@ ReplayReport Replayer::replay(const std::string& name, const EpisodeRecording& r
   const auto width = static_cast<std::size_t>(backend_->observation_size());
 
   ReplayReport report;
-  report.complete = recording.complete;
+  report.complete = damage_of(recording).empty();
   const auto differ = [&report](const std::string& what, const auto& recorded, const auto& now) {
     report.text = fmt::format("differs at step {}: {} recorded {}, now {}", report.steps, what,
                               recorded, now);
@@ -138,11 +162,7 @@ ReplayReport Replayer::replay(const std::string& name, const EpisodeRecording& r
   }
   if (now.failed != 0) return differ("state", "finite", now.failure);
   report.identical = true;
-  report.text = fmt::format("identical steps={}", report.steps);
-  if (!report.complete) {
-    report.text += fmt::format(", the file ends early: {}",
-                               recording.problems.empty() ? "no end" : recording.problems.front());
-  }
+  report.text = fmt::format("identical steps={}{}", report.steps, damage_of(recording));
   return report;
 }
 

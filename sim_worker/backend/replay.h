@@ -3,6 +3,7 @@
 #include <cstdint>
 #include <memory>
 #include <string>
+#include <vector>
 
 #include "core/episode_recording.h"
 #include "sim_worker/backend/sim_backend.h"
@@ -12,10 +13,14 @@ namespace omentum {
 /// What came of one recording.
 struct ReplayReport {
   bool identical = false;   ///< every step there is, bit for bit
-  bool complete = true;     ///< the file has its end; else it was cut or damaged
+  bool complete = true;     ///< the whole file could be read; else it was cut off or is corrupt
   std::uint32_t steps = 0;  ///< compared and equal
   std::string text;         ///< one line: "identical steps=N" or the first difference
 };
+
+/// The recordings that a path stands for: itself; of a folder its *.mcap, or those of its
+/// recordings/, in order of name. Throws Error for a folder without any.
+std::vector<std::string> recordings_of(const std::string& path);
 
 /// Runs recorded actions again, in the simulation made from the recording's own configuration text,
 /// and compares observations, rewards, flags, exposures and state hashes bit for bit. Keeps the

@@ -19,7 +19,9 @@ train=$root/deploy/train.sh
 refuses "unknown option --bogus" "$train" --bogus
 refuses "--steps needs a value" "$train" --steps
 refuses "--steps 0" "$train" --steps 0
-refuses "--steps 1e6" "$train" --steps 1e6
+refuses "--steps 1.5" "$train" --steps 1.5
+refuses "--steps 1" "$train" --steps 1e99
+refuses "there is no" "$train" --no-setup --steps 1e6 --run no_such_run --resume
 refuses "--seeds -1" "$train" --seeds -1
 refuses "--workers none" "$train" --workers none
 for name in ../x -x .x 'a b' 'a*' a=b "$(printf 'a%.0s' {1..101})"; do
@@ -38,6 +40,7 @@ refuses "organ.stl" "${never[@]}" --set 'scene.rigid_body={ name: "organ" mesh {
 refuses "unknown option" "$root/deploy/setup.sh" --bogus
 refuses "--jobs" "$root/deploy/setup.sh" --jobs many
 refuses "unknown option or group" "$root/benchmarks/run.sh" everything
+"$train" --version | grep -q "^omentum [0-9].*, revision .*, build [0-9a-f]\{16\}$" || { echo "train.sh --version"; failed=1; }
 for program in deploy/train.sh deploy/setup.sh benchmarks/run.sh tests/run.sh; do
   "$root/$program" --help | grep -q . || { echo "$program --help is silent"; failed=1; }
 done
