@@ -10,9 +10,6 @@
 namespace omentum {
 namespace {
 
-/// Fraction of the best grasp's exposure that counts as exposed.
-constexpr double kExposedShare = 0.9;
-
 double decision_s(const pb::Config& config) {
   return config.task().control_period_s() * config.task().action_repeat();
 }
@@ -29,6 +26,32 @@ EvaluationSet make_set(const std::string& name, StartSet start_set, const pb::St
   set.record = greedy;
   for (std::uint32_t i = 0; i < set.starts; ++i) set.start_indices.push_back(i);
   return set;
+}
+
+/// Particle of a grid at rest in B [m].
+std::array<double, 3> rest_place(const pb::GridMaker& grid, std::uint32_t particle) {
+  const std::uint32_t column = particle / grid.count_y();
+  return {(column - 0.5 * (grid.count_x() - 1)) * grid.pitch_m(),
+          (particle % grid.count_y() - 0.5 * (grid.count_y() - 1)) * grid.pitch_m(), 0};
+}
+
+/// What a segment that did not fail says of its one episode.
+void read_outcome(const RolloutSegment& s, EvaluationRow& r) {
+  r.reached = static_cast<Outcome>(s.episode_outcome.front()) == Outcome::kTargetReached;
+  r.lost = std::any_of(s.flags.begin(), s.flags.end(),
+                       [](std::uint8_t f) { return (f & step_flag::kGraspLost) != 0; });
+  r.held = s.episode_held.front() != 0;
+  r.grasp_held = s.episode_grasped.front() != 0 && !r.lost;
+  r.exposure = static_cast<double>(s.episode_exposure.front());
+  for (std::uint32_t k = 0; k < s.steps; ++k) {
+    if ((s.flags[k] & step_flag::kScripted) != 0) continue;
+    ++r.length;
+    r.episode_return += static_cast<double>(s.rewards[k]);
+  }
+  for (std::size_t k = 0; k < 3; ++k) {
+    r.start[k] = static_cast<double>(s.episode_start_position_in_world_m[k]);
+    r.grasp[k] = static_cast<double>(s.episode_grasp_position_in_world_m[k]);
+  }
 }
 
 }  // namespace
@@ -98,85 +121,27 @@ std::vector<EvaluationTask> evaluation_tasks(const pb::Config& config, const Eva
   return tasks;
 }
 
-std::vector<EpisodeResult> judge(const EvaluationSet& set, std::span<const RolloutSegment> segments,
-                                 double best_exposure) {
+std::vector<EvaluationRow> judge(const pb::Config& config, const EvaluationSet& set,
+                                 std::span<const RolloutSegment> segments, double best_exposure) {
   OMENTUM_CHECK(segments.size() == set.start_indices.size());
-  std::vector<EpisodeResult> results;
+  const bool lattice = set.start_set == StartSet::kGraspLattice;
+  const std::uint32_t columns = std::max(1U, set.columns);
+  std::vector<EvaluationRow> rows;
   for (std::size_t i = 0; i < segments.size(); ++i) {
     const RolloutSegment& s = segments[i];
-    EpisodeResult r;
-    r.start_index = set.start_indices[i];
+    EvaluationRow& r = rows.emplace_back();
+    r.index = set.start_indices[i];
+    r.row = lattice ? 0 : r.index / columns + 1;
+    r.column = lattice ? 0 : r.index % columns + 1;
+    r.greedy = set.greedy;
+    r.best_exposure = best_exposure;
     r.failed = s.failed != 0 || s.episode_outcome.empty();
-    if (r.failed) {
-      results.push_back(r);
-      continue;
-    }
-    const auto outcome = static_cast<Outcome>(s.episode_outcome.front());
-    r.reached = outcome == Outcome::kTargetReached;
-    r.lost = std::any_of(s.flags.begin(), s.flags.end(),
-                         [](std::uint8_t f) { return (f & step_flag::kGraspLost) != 0; });
-    r.held = s.episode_held.front() != 0;
-    r.grasp_held = s.episode_grasped.front() != 0 && !r.lost;
-    r.exposure = static_cast<double>(s.episode_exposure.front());
-    r.exposed =
-        r.reached && r.held && best_exposure > 0 && r.exposure >= kExposedShare * best_exposure;
-    for (std::uint32_t k = 0; k < s.steps; ++k) {
-      if ((s.flags[k] & step_flag::kScripted) != 0) continue;
-      ++r.length;
-      r.episode_return += static_cast<double>(s.rewards[k]);
-    }
-    for (std::size_t k = 0; k < 3; ++k) {
-      r.start[k] = s.episode_start_position_in_world_m[k];
-      r.grasp[k] = s.episode_grasp_position_in_world_m[k];
-    }
-    results.push_back(r);
+    if (!r.failed) read_outcome(s, r);
+    r.exposed = is_exposed(r, best_exposure);
+    if (lattice && config.scene().tissue().has_grid())
+      r.start = rest_place(config.scene().tissue().grid(), r.index);
   }
-  return results;
-}
-
-double best_lattice_exposure(std::span<const EpisodeResult> results) {
-  double best = 0;
-  for (const EpisodeResult& r : results) {
-    if (r.reached && r.held) best = std::max(best, r.exposure);
-  }
-  return best;
-}
-
-std::string evaluation_csv(const pb::Config& config, const EvaluationSet& set,
-                           std::span<const EpisodeResult> results, double best_exposure) {
-  std::string text;
-  if (set.start_set == StartSet::kGraspLattice) {
-    text = "particle,x_m,y_m,z_m,exposure,reached\n";
-    const pb::Tissue& tissue = config.scene().tissue();
-    for (const EpisodeResult& r : results) {
-      double p[3] = {static_cast<double>(r.start[0]), static_cast<double>(r.start[1]),
-                     static_cast<double>(r.start[2])};
-      if (tissue.has_grid()) {
-        const pb::GridMaker& grid = tissue.grid();
-        const std::uint32_t column = r.start_index / grid.count_y();
-        p[0] = (column - 0.5 * (grid.count_x() - 1)) * grid.pitch_m();
-        p[1] = (r.start_index % grid.count_y() - 0.5 * (grid.count_y() - 1)) * grid.pitch_m();
-        p[2] = 0;
-      }
-      text += fmt::format("{},{},{},{},{},{}\n", r.start_index, p[0], p[1], p[2], r.exposure,
-                          r.reached && r.held ? 1 : 0);
-    }
-  } else {
-    text =
-        "index,row,column,start_x_m,start_y_m,start_z_m,greedy,reached,held,exposed,exposure,"
-        "best_exposure,lost,"
-        "return,length,grasp_x_m,grasp_y_m,grasp_z_m,failed\n";
-    for (const EpisodeResult& r : results) {
-      const std::uint32_t columns = std::max(1U, set.columns);
-      text += fmt::format("{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{}\n",
-                          r.start_index, r.start_index / columns + 1, r.start_index % columns + 1,
-                          r.start[0], r.start[1], r.start[2], set.greedy ? 1 : 0, r.reached ? 1 : 0,
-                          r.held ? 1 : 0, r.exposed ? 1 : 0, r.exposure, best_exposure,
-                          r.lost ? 1 : 0, r.episode_return, r.length, r.grasp[0], r.grasp[1],
-                          r.grasp[2], r.failed ? 1 : 0);
-    }
-  }
-  return text;
+  return rows;
 }
 
 }  // namespace omentum

@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "core/evaluation_table.h"
 #include "core/types.h"
 #include "learner/task_book.h"
 #include "proto/config.pb.h"
@@ -38,33 +39,9 @@ std::uint32_t particles_of(std::span<const RolloutSegment> segments, std::uint32
 std::vector<EvaluationTask> evaluation_tasks(const pb::Config& config, const EvaluationSet& set,
                                              std::uint64_t version);
 
-/// How one episode ended.
-struct EpisodeResult {
-  std::uint32_t start_index = 0;
-  bool reached = false;     ///< tissue held within success_radius of p_T at some step
-  bool held = false;        ///< at the end of the hold
-  bool grasp_held = false;  ///< tissue was grasped and never lost
-  bool lost = false;
-  bool exposed = false;       ///< exposure after the hold >= 90 % of the best grasp's
-  double exposure = 0;        ///< after the hold
-  double episode_return = 0;  ///< of the policy's steps
-  std::uint32_t length = 0;   ///< decisions until reached or ended, hold excluded
-  float start[3] = {0, 0, 0};
-  float grasp[3] = {0, 0, 0};  ///< NaN if nothing was grasped
-  bool failed = false;         ///< the simulation diverged
-};
-
-/// Reads results off the segments of a set, in its order; `best_exposure` <= 0 judges nothing
-/// exposed.
-std::vector<EpisodeResult> judge(const EvaluationSet& set, std::span<const RolloutSegment> segments,
-                                 double best_exposure);
-
-/// Largest exposure among lattice grasps that reached p_T and kept the tissue; 0 if none.
-double best_lattice_exposure(std::span<const EpisodeResult> results);
-
-/// evaluation/<name>.csv; for the lattice: particle, position (rest position in B for a grid, else
-/// where the tip grasped in W), exposure, reached.
-std::string evaluation_csv(const pb::Config& config, const EvaluationSet& set,
-                           std::span<const EpisodeResult> results, double best_exposure);
+/// Reads the rows of a set's table off its segments, in its order; `best_exposure` <= 0 judges
+/// nothing exposed.
+std::vector<EvaluationRow> judge(const pb::Config& config, const EvaluationSet& set,
+                                 std::span<const RolloutSegment> segments, double best_exposure);
 
 }  // namespace omentum

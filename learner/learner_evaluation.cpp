@@ -11,6 +11,14 @@
 #include "learner/learner.h"
 
 namespace omentum {
+namespace {
+
+double exposure_of_best(const std::vector<EvaluationRow>& lattice) {
+  const std::optional<std::size_t> best = best_grasp(lattice);
+  return best ? lattice[*best].exposure : 0;
+}
+
+}  // namespace
 
 bool Learner::run_evaluation_set(const EvaluationSet& set, const std::function<bool()>& stop,
                                  Evaluated& result) {
@@ -42,36 +50,29 @@ std::optional<std::vector<EvaluationSummary>> Learner::evaluate(const std::strin
     if (sets[i].start_indices.empty()) continue;
     if (!run_evaluation_set(sets[i], stop, results[i])) return std::nullopt;
     if (sets[i].start_set == StartSet::kGraspLattice)
-      best_exposure = best_lattice_exposure(judge(sets[i], results[i].segments, 0));
+      best_exposure = exposure_of_best(judge(config_, sets[i], results[i].segments, 0));
   }
   std::vector<EvaluationSummary> summaries;
   for (std::size_t i = 0; i < sets.size(); ++i) {
     const EvaluationSet& set = sets[i];
     if (set.start_indices.empty()) continue;
-    const std::vector<EpisodeResult> judged = judge(set, results[i].segments, best_exposure);
+    const std::vector<EvaluationRow> judged =
+        judge(config_, set, results[i].segments, best_exposure);
     const auto write = [&] {
       const std::string table = folder + "/" + set.name + ".csv";
       Result<void> written =
-          write_durably(table, evaluation_csv(config_, set, judged, best_exposure));
+          write_durably(table, set.start_set == StartSet::kGraspLattice ? lattice_table(judged)
+                                                                        : grid_table(judged));
       return written && record && set.record ? record_evaluation(set, results[i]) : written;
     };
     if (!until_written(write, stop)) return std::nullopt;
-    EvaluationSummary entry;
-    entry.name = set.name;
-    entry.starts = judged.size();
-    for (const EpisodeResult& r : judged) {
-      entry.target_reached += r.reached ? 1 : 0;
-      entry.exposed += r.exposed ? 1 : 0;
-      entry.grasp_held += r.grasp_held ? 1 : 0;
-      entry.failed += r.failed ? 1 : 0;
-    }
-    entry.best_exposure = best_exposure;
+    const EvaluationSummary entry{set.name, figures_of(judged), best_exposure};
+    const EvaluationFigures& f = entry.figures;
     if (!options_.quiet) {
       fmt::print(
           "evaluation {:<16} starts {:3}  target_reached {:3}  exposed {:3}  grasp_held {:3}  "
           "best_exposure {:.3f}\n",
-          set.name, entry.starts, entry.target_reached, entry.exposed, entry.grasp_held,
-          best_exposure);
+          set.name, f.starts, f.target_reached, f.exposed, f.grasp_held, best_exposure);
       std::fflush(stdout);
     }
     summaries.push_back(entry);

@@ -27,13 +27,18 @@ std::string summary_json(const RunSummary& summary) {
                {"evaluations", Json::array()}};
   for (const auto& [name, seconds] : summary.timings) json["timings"][name] = json_number(seconds);
   for (const EvaluationSummary& evaluation : summary.evaluations) {
+    const EvaluationFigures& figures = evaluation.figures;
     json["evaluations"].push_back({{"name", evaluation.name},
-                                   {"starts", evaluation.starts},
-                                   {"target_reached", evaluation.target_reached},
-                                   {"exposed", evaluation.exposed},
-                                   {"grasp_held", evaluation.grasp_held},
+                                   {"starts", figures.starts},
+                                   {"target_reached", figures.target_reached},
+                                   {"exposed", figures.exposed},
+                                   {"grasp_held", figures.grasp_held},
                                    {"best_exposure", json_number(evaluation.best_exposure)},
-                                   {"failed", evaluation.failed}});
+                                   {"failed", figures.failed},
+                                   {"held", figures.held},
+                                   {"lost", figures.lost},
+                                   {"mean_exposure", json_number(figures.mean_exposure)},
+                                   {"mean_return", json_number(figures.mean_return)}});
   }
   return json_text(json, 2) + "\n";
 }

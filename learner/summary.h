@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "core/evaluation_table.h"
 #include "core/result.h"
 
 namespace omentum {
@@ -12,12 +13,8 @@ namespace omentum {
 /// Outcome of one evaluation set, e.g. grid100_greedy.
 struct EvaluationSummary {
   std::string name;
-  std::uint64_t starts = 0;
-  std::uint64_t target_reached = 0;
-  std::uint64_t exposed = 0;     ///< tumour exposed at the end
-  std::uint64_t grasp_held = 0;  ///< tissue grasped and never lost
-  double best_exposure = 0;      ///< of the grasp lattice
-  std::uint64_t failed = 0;      ///< the simulation diverged
+  EvaluationFigures figures;
+  double best_exposure = 0;  ///< of the grasp lattice
 };
 
 /// What a run came to; written to <run folder>/summary.json at the end and after every evaluation.
@@ -32,7 +29,7 @@ struct RunSummary {
   std::uint64_t updates = 0;
   std::uint64_t episodes = 0;
   double wall_s = 0;
-  double mean_return = 0;                 ///< of the last update with finished episodes
+  double mean_return = 0;                 ///< in training, of the last 100 episodes
   std::map<std::string, double> timings;  ///< [s], see Learner
   std::uint64_t compared = 0;             ///< second results of a task
   std::string audit_mismatch;             ///< whose results differed; empty: they agree

@@ -6,12 +6,14 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <set>
 #include <span>
 
 #include "core/constants.h"
 #include "report/plot.h"
 #include "report/replay3d.h"
 #include "report/section_parts.h"
+#include "report/sections.h"
 #include "report/skin.h"
 #include "sim_worker/camera/camera.h"
 
@@ -28,20 +30,32 @@ struct Candidate {
   EvaluationRow start;
 };
 
-/// Recordings with a row in the evaluation of the same name, best exposure first.
-std::vector<Candidate> candidates_of(const RunFolder& run) {
+/// Recordings that can be read and have a row in the evaluation of the same name, best exposure
+/// first.
+std::vector<Candidate> candidates_of(const RunFolder& run, std::vector<std::string>& warnings) {
   std::vector<Candidate> candidates;
+  std::set<std::string> without_row;
+  for (const auto& [name, path] : run.recordings) {
+    const Result<EpisodeRecording> recording = load_episode(path);
+    if (!recording) warnings.push_back(recording.error() + ": left out");
+    if (!recording) continue;
+    if (!recording.value().problems.empty())
+      warnings.push_back(path + ": " + recording.value().problems.front());
+    without_row.insert(name);
+  }
   for (const auto& [name, set] : run.evaluations) {
     for (const EvaluationRow& start : set.starts) {
-      const auto found = run.recordings.find(fmt::format("{}_{}", name, start.index));
-      if (found != run.recordings.end()) candidates.push_back({name, found->second, start});
+      const std::string recorded = fmt::format("{}_{}", name, start.index);
+      if (without_row.erase(recorded) > 0)
+        candidates.push_back({name, run.recordings.at(recorded), start});
     }
   }
+  for (const std::string& name : without_row)
+    warnings.push_back(run.recordings.at(name) + ": no row of it in a table of evaluation/");
   // A greedy grid is what the report is about; other sets only where there is none.
-  const bool any_greedy = std::any_of(candidates.begin(), candidates.end(),
-                                      [](const Candidate& c) { return c.set == "grid100_greedy"; });
-  if (any_greedy)
-    std::erase_if(candidates, [](const Candidate& c) { return c.set != "grid100_greedy"; });
+  const auto of_greedy_grid = [](const Candidate& c) { return is_greedy_grid(c.set); };
+  if (std::any_of(candidates.begin(), candidates.end(), of_greedy_grid))
+    std::erase_if(candidates, [&](const Candidate& c) { return !of_greedy_grid(c); });
   const auto rank = [](const Candidate& c) {
     return std::isfinite(c.start.exposure) ? c.start.exposure : -1.0;
   };
@@ -95,7 +109,7 @@ std::string picture_row(Studio& studio, const ShownEpisode& episode, const std::
       {grasp.value_or(last / 2), grasp ? "grasp" : "half-way: nothing is held"},
       {last, "end"}};
   std::string html = fmt::format("<div class=\"episode\"><h3>{}</h3>\n<div class=\"pictures\">\n",
-                                 escape_html(title + " - " + episode.label()));
+                                 escape_html(title + episode.label()));
   for (const auto& [frame, caption] : shots) {
     const FrameState state = frame_state(recording, frame);
     const double exposure = static_cast<double>(state.exposure);
@@ -132,11 +146,12 @@ std::string exposure_curves(const std::vector<ShownEpisode>& episodes) {
     if (!series.x.empty()) chart.series.push_back(std::move(series));
   };
   for (std::size_t k = 1; k + 1 < episodes.size(); ++k) add(episodes[k], episodes[k].label(), 0);
-  const auto named = [](const char* rank, const ShownEpisode& episode) {
-    return fmt::format("{}, start ({}, {})", rank, episode.start.row, episode.start.column);
+  const auto named = [&](const char* rank, const ShownEpisode& episode) {
+    return fmt::format("{}start ({}, {})", are_ranked(episodes) ? rank : "", episode.start.row,
+                       episode.start.column);
   };
-  if (episodes.size() > 1) add(episodes.back(), named("worst", episodes.back()), 2);
-  if (!episodes.empty()) add(episodes.front(), named("best", episodes.front()), 1);
+  if (episodes.size() > 1) add(episodes.back(), named("worst, ", episodes.back()), 2);
+  if (!episodes.empty()) add(episodes.front(), named("best, ", episodes.front()), 1);
   return chart.series.empty() ? ""
                               : "<div class=\"card half\">" + draw_line_chart(chart) + "</div>\n";
 }
@@ -155,44 +170,58 @@ std::optional<std::size_t> grasp_frame(const EpisodeRecording& recording) {
   return std::nullopt;
 }
 
+bool are_ranked(const std::vector<ShownEpisode>& episodes) {
+  const auto told = [](const ShownEpisode& e) { return std::lround(100 * e.start.exposure); };
+  return episodes.size() > 1 && told(episodes.front()) != told(episodes.back());
+}
+
 std::vector<ShownEpisode> choose_episodes(const std::vector<RunFolder>& runs, std::size_t limit,
                                           std::vector<std::string>& warnings) {
   std::vector<ShownEpisode> episodes;
   for (const RunFolder& run : runs) {
-    const std::vector<Candidate> candidates = candidates_of(run);
+    const std::vector<Candidate> candidates = candidates_of(run, warnings);
     const std::size_t wanted = std::min(limit, candidates.size());
     for (std::size_t k = 0; k < wanted; ++k) {
       // Evenly through the ranking, best and worst included.
       const Candidate& candidate =
           candidates[wanted > 1 ? k * (candidates.size() - 1) / (wanted - 1) : 0];
       Result<EpisodeRecording> recording = load_episode(candidate.path);
-      if (!recording) {
-        warnings.push_back(recording.error());
-        continue;
-      }
-      for (const std::string& problem : recording.value().problems)
-        warnings.push_back(candidate.path + ": " + problem);
-      episodes.push_back({candidate.set, candidate.start, std::move(recording).value()});
+      if (recording)
+        episodes.push_back({candidate.set, candidate.start, std::move(recording).value()});
     }
     if (!episodes.empty()) break;
   }
   return episodes;
 }
 
-Section make_episode_section(const std::vector<ShownEpisode>& episodes, const Scene* scene) {
+Section make_episode_section(const std::vector<ShownEpisode>& episodes, const Scene* scene,
+                             const std::vector<std::string>& warnings) {
   Section section{"episodes", "Episodes",
                   "Recorded episodes of the evaluation, drawn from their frames by the simulated "
                   "endoscope, closer than its own view.",
                   ""};
+  if (!warnings.empty()) {
+    section.content +=
+        missing(fmt::format("Of the recordings: {}{}", warnings.front(),
+                            warnings.size() > 1 ? fmt::format(" (and {} more, listed below under "
+                                                              "Configuration)",
+                                                              warnings.size() - 1)
+                                                : ""));
+  }
   if (episodes.empty()) {
-    section.content = missing("No recordings.");
+    section.content += missing(warnings.empty() ? "No recordings." : "No recording can be shown.");
     return section;
+  }
+  const bool ranked = are_ranked(episodes);
+  if (episodes.size() > 1 && !ranked) {
+    section.lead +=
+        fmt::format(" All {} looked at end with the same exposure: none is best.", episodes.size());
   }
   if (scene != nullptr && has_pictures(*scene, episodes.front())) {
     Studio studio(*scene, scene->tissue.X_WB.translation() + Eigen::Vector3d(0.010, -0.002, 0.012));
-    section.content += picture_row(studio, episodes.front(), "Best");
+    section.content += picture_row(studio, episodes.front(), ranked ? "Best: " : "");
     if (episodes.size() > 1 && has_pictures(*scene, episodes.back())) {
-      section.content += picture_row(studio, episodes.back(), "Worst");
+      section.content += picture_row(studio, episodes.back(), ranked ? "Worst: " : "");
     }
   }
   section.content += exposure_curves(episodes);
@@ -200,18 +229,23 @@ Section make_episode_section(const std::vector<ShownEpisode>& episodes, const Sc
 }
 
 Section make_replay_section(const std::vector<ShownEpisode>& episodes, const Scene* scene) {
+  const bool ranked = are_ranked(episodes);
   Section section{"replay", "Replay",
-                  "The best and the worst recorded episode side by side; others can be chosen. "
-                  "Simulated positions, not an animation.",
+                  std::string(ranked ? "The best and the worst recorded episode side by side; "
+                                       "others can be chosen. "
+                                     : "Recorded episodes; others can be chosen. ") +
+                      "Simulated positions, not an animation.",
                   ""};
   if (scene == nullptr || episodes.empty()) {
     section.content = missing("No recordings, or no configuration to draw the scene from.");
     return section;
   }
   std::vector<ReplayEpisode> shown{
-      {"best, " + episodes.front().label(), &episodes.front().recording}};
-  if (episodes.size() > 1)
-    shown.push_back({"worst, " + episodes.back().label(), &episodes.back().recording});
+      {(ranked ? "best, " : "") + episodes.front().label(), &episodes.front().recording}};
+  if (episodes.size() > 1) {
+    shown.push_back(
+        {(ranked ? "worst, " : "") + episodes.back().label(), &episodes.back().recording});
+  }
   // Two more from the middle: each costs up to 0.9 MB of the page.
   for (const std::size_t k : {episodes.size() / 3, 2 * episodes.size() / 3}) {
     if (k > 0 && k + 1 < episodes.size())

@@ -16,6 +16,19 @@ double shown(const GraspStudyPoint& r) { return in_metres(r.unit) ? 1e3 * r.valu
 
 std::string shown_unit(const std::string& unit) { return in_metres(unit) ? "m" + unit : unit; }
 
+/// "min_pinch_m" -> "min pinch": the knob's name ends with its own unit, the axis says what is
+/// shown.
+std::string words_of(const std::string& parameter) {
+  std::string words = parameter;
+  for (const char* ending : {"_m_per_s_n", "_deg_per_s", "_deg", "_m", "_n"}) {
+    if (!words.ends_with(ending)) continue;
+    words.resize(words.size() - std::string_view(ending).size());
+    break;
+  }
+  std::replace(words.begin(), words.end(), '_', ' ');
+  return words;
+}
+
 }  // namespace
 
 Section make_grasp_section(const std::vector<RunFolder>& runs) {
@@ -47,9 +60,9 @@ Section make_grasp_section(const std::vector<RunFolder>& runs) {
       lost.x.push_back(shown(r));
       lost.y.push_back(static_cast<double>(r.lost) / r.starts);
       if (r.shipped) chart.milestones.push_back({shown(r), fmt::format("{:.3g}", shown(r))});
-      chart.x_label = fmt::format("{} [{}]", parameter, shown_unit(r.unit));
+      chart.x_label = fmt::format("{} [{}]", words_of(parameter), shown_unit(r.unit));
     }
-    chart.title = parameter;
+    chart.title = words_of(parameter);
     chart.y_label = "share of starts";
     chart.y_range = {0.0, 1.0};
     chart.percent = true;

@@ -28,7 +28,7 @@ constexpr const char* kStyle = R"css(
 html { scroll-behavior: smooth; }
 body { margin: 0; background: var(--paper); color: var(--ink);
   font: 16px/1.55 "Inter", "Source Sans 3", "Segoe UI", "Helvetica Neue", "Noto Sans", "DejaVu Sans", Arial, sans-serif; }
-main, header.top, footer { max-width: 1180px; margin: 0 auto; padding: 0 28px; }
+main, header.top, footer { max-width: 1280px; margin: 0 auto; padding: 0 28px; }
 header.top { padding-top: 48px; }
 h1 { font-size: 34px; line-height: 1.15; letter-spacing: -0.015em; margin: 0 0 6px; font-weight: 650; }
 .subtitle { color: var(--muted); margin: 0 0 26px; overflow-wrap: anywhere; }
@@ -38,23 +38,27 @@ nav a { color: var(--accent); text-decoration: none; }
 nav a:hover { text-decoration: underline; }
 section { margin: 52px 0; }
 h2 { font-size: 22px; letter-spacing: -0.01em; margin: 0 0 4px; font-weight: 640; }
+h2 + .row, h2 + .card, h2 + details { margin-top: 18px; }
 h3 { font-size: 15px; margin: 0 0 8px; font-weight: 640; }
 .lead { color: var(--muted); max-width: 74ch; margin: 0 0 20px; }
-.tiles { display: grid; grid-template-columns: repeat(auto-fit, minmax(165px, 1fr)); gap: 14px; margin: 0 0 30px; }
+.tiles { display: grid; grid-template-columns: repeat(auto-fit, minmax(150px, 1fr)); gap: 14px; margin: 0 0 30px; }
 .tile { background: var(--card); border: 1px solid var(--rule); border-radius: 10px; padding: 14px 16px; box-shadow: var(--shadow); }
 .tile .value { font-size: 27px; font-weight: 640; letter-spacing: -0.02em; font-variant-numeric: tabular-nums; line-height: 1.2; }
 .tile .name { font-size: 13.5px; }
 .tile .note { font-size: 12.5px; color: var(--muted); }
 .row + h3 { margin-top: 28px; }
-.row { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 460px), 1fr)); gap: 20px; align-items: start; }
-.card.half { max-width: 640px; }
+.row { display: grid; grid-template-columns: repeat(auto-fill, minmax(min(100%, 372px), 1fr)); gap: 20px; align-items: start; }
+.card.half { max-width: 500px; }
 .card { background: var(--card); border: 1px solid var(--rule); border-radius: 10px; padding: 18px 20px; box-shadow: var(--shadow); min-width: 0; }
 .missing { color: var(--muted); border: 1px dashed var(--rule); border-radius: 10px; padding: 14px 18px; font-size: 14.5px; }
 svg.plot { display: block; width: 100%; height: auto; font-family: inherit; }
-svg .title { font-size: 15px; font-weight: 640; fill: var(--ink); }
-svg .label, svg .note { font-size: 12px; fill: var(--muted); }
-svg .tick { font-size: 11.5px; fill: var(--muted); font-variant-numeric: tabular-nums; }
-svg .cell { font-size: 13px; font-variant-numeric: tabular-nums; }
+figure.plot { margin: 0; }
+figure.plot figcaption { font-size: 15px; font-weight: 640; margin: 0 0 6px; }
+.legend { display: flex; flex-wrap: wrap; gap: 2px 18px; margin: 0 0 6px; font-size: 13px; color: var(--muted); }
+svg.key { display: inline-block; margin-right: 7px; vertical-align: -1px; }
+svg .label, svg .note { font-size: 12.5px; fill: var(--muted); }
+svg .tick { font-size: 12px; fill: var(--muted); font-variant-numeric: tabular-nums; }
+svg .cell { font-size: 12.5px; font-variant-numeric: tabular-nums; }
 svg .grid { stroke: var(--grid); stroke-width: 1; }
 svg .axis { stroke: var(--muted); stroke-width: 1; }
 svg .milestone { stroke: var(--muted); stroke-width: 1; stroke-dasharray: 4 4; }
@@ -67,7 +71,7 @@ svg .b1 { fill: var(--s1); } svg .b2 { fill: var(--s2); } svg .b3 { fill: var(--
 svg .b4 { fill: var(--s4); } svg .b5 { fill: var(--s5); } svg .b6 { fill: var(--s6); }
 svg .mark { fill: none; stroke: var(--mark); stroke-width: 2.5; }
 svg .best { fill: none; stroke: var(--mark); stroke-width: 2.5; }
-svg .bestnote { font-size: 13px; font-weight: 640; fill: var(--mark); paint-order: stroke; stroke: var(--card); stroke-width: 4px; stroke-linejoin: round; }
+svg .bestnote { font-size: 12.5px; font-weight: 640; fill: var(--mark); paint-order: stroke; stroke: var(--card); stroke-width: 4px; stroke-linejoin: round; }
 .pictures { display: grid; grid-template-columns: repeat(3, 1fr); gap: 10px; }
 .pictures figure { margin: 0; }
 .pictures img { width: 100%; height: auto; display: block; border-radius: 8px; background: #0e1013; }
@@ -75,20 +79,22 @@ svg .bestnote { font-size: 13px; font-weight: 640; fill: var(--mark); paint-orde
 .episode { margin: 0 0 26px; }
 table { border-collapse: collapse; width: 100%; font-size: 14.5px; }
 .scroll { overflow-x: auto; }
+.scroll:focus-visible, .pane canvas:focus-visible { outline: 3px solid var(--accent); outline-offset: -3px; }
+.scrolls { margin: 0 0 6px; font-size: 13px; color: var(--muted); }
 th { text-align: left; font-weight: 600; color: var(--muted); font-size: 13px; }
 th, td { padding: 7px 14px 7px 0; border-bottom: 1px solid var(--rule); vertical-align: top; }
 td.number, th.number { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
 details { background: var(--card); border: 1px solid var(--rule); border-radius: 10px; padding: 12px 18px; }
 summary { cursor: pointer; font-weight: 600; }
-pre { overflow-x: auto; font: 12.5px/1.5 ui-monospace, "JetBrains Mono", "DejaVu Sans Mono", Menlo, monospace; margin: 12px 0 4px; }
+pre { white-space: pre-wrap; overflow-wrap: anywhere; font: 12.5px/1.5 ui-monospace, "JetBrains Mono", "DejaVu Sans Mono", Menlo, monospace; margin: 12px 0 4px; }
 .replay { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 420px), 1fr)); gap: 16px; }
 .pane { position: relative; border-radius: 10px; overflow: hidden; background: #15181c; border: 1px solid var(--rule); }
 .pane canvas { width: 100%; aspect-ratio: 4 / 3; display: block; cursor: grab; touch-action: none; }
 .pane canvas:active { cursor: grabbing; }
-.pane .over { position: absolute; left: 12px; right: 12px; top: 10px; display: flex; justify-content: space-between; gap: 10px;
+.pane .over { position: absolute; left: 12px; right: 12px; top: 10px; display: flex; flex-wrap: wrap; justify-content: space-between; gap: 4px 10px;
   color: #eef1f0; font-size: 13px; pointer-events: none; text-shadow: 0 1px 3px #000; }
 .pane select { pointer-events: auto; background: rgb(20 24 28 / 75%); color: #eef1f0; border: 1px solid #4a5257; border-radius: 6px;
-  font: inherit; padding: 2px 6px; max-width: 62%; }
+  font: inherit; padding: 2px 6px; max-width: 100%; }
 .pane .state { font-variant-numeric: tabular-nums; white-space: nowrap; }
 .controls { display: flex; gap: 14px; align-items: center; margin: 14px 0 0; flex-wrap: wrap; font-size: 14px; }
 .controls input[type=range] { flex: 1; min-width: 180px; accent-color: var(--accent); }
@@ -98,9 +104,38 @@ pre { overflow-x: auto; font: 12.5px/1.5 ui-monospace, "JetBrains Mono", "DejaVu
 .controls .time { font-variant-numeric: tabular-nums; min-width: 74px; text-align: right; }
 .hint { color: var(--muted); font-size: 13px; margin: 8px 0 0; }
 footer { color: var(--muted); font-size: 13px; padding-top: 12px; padding-bottom: 60px; border-top: 1px solid var(--rule); }
-@media (max-width: 700px) { .pictures { grid-template-columns: 1fr; } h1 { font-size: 27px; } }
+@media (max-width: 700px) {
+  .pictures { grid-template-columns: 1fr; } h1 { font-size: 27px; overflow-wrap: anywhere; }
+  main, header.top, footer { padding: 0 12px; } .card { padding: 14px 14px; } section { margin: 40px 0; }
+}
 @media print { nav, .controls, #replay { display: none; } section { break-inside: avoid; } }
 )css";
+
+// What is wider than its place says so, and can be reached and scrolled by keyboard.
+constexpr const char* kScrollScript = R"js("use strict";
+(function () {
+  function tell() {
+    for (const box of document.querySelectorAll(".scroll")) {
+      const wide = box.scrollWidth > box.clientWidth + 1;
+      const before = box.previousElementSibling;
+      const note = before && before.classList.contains("scrolls") ? before : null;
+      if (wide && !note) {
+        const text = document.createElement("p");
+        text.className = "scrolls";
+        text.textContent = "\u2194 wider than the page: scroll sideways";
+        box.before(text);
+      } else if (!wide && note) {
+        note.remove();
+      }
+      box.tabIndex = wide ? 0 : -1;
+      box.setAttribute("role", "region");
+      box.setAttribute("aria-label", wide ? "scrolls sideways" : "table or plot");
+    }
+  }
+  tell();
+  window.addEventListener("resize", tell);
+})();
+)js";
 
 }  // namespace
 
@@ -189,6 +224,7 @@ std::string make_page(const std::string& title, const std::string& subtitle,
   html +=
       "</main>\n<footer>Made by the program <code>report</code> of Omentum. This file is complete "
       "in itself: it loads nothing from anywhere.</footer>\n";
+  html += fmt::format("<script>\n{}</script>\n", kScrollScript);
   if (!script.empty()) html += "<script>\n" + script + "</script>\n";
   return html + "</body>\n</html>\n";
 }

@@ -43,7 +43,9 @@ std::optional<Scene> find_scene(const std::vector<RunFolder>& runs) {
 void write_report(const std::vector<std::string>& folders, std::string output) {
   const std::vector<RunFolder> runs = load_runs(folders);
   const std::optional<Scene> scene = find_scene(runs);
-  const std::string html = make_report(runs, scene ? &*scene : nullptr);
+  std::vector<std::string> warnings;
+  const std::string html = make_report(runs, scene ? &*scene : nullptr, &warnings);
+  for (const std::string& warning : warnings) fmt::print(stderr, "report: {}\n", warning);
   if (output.empty()) output = default_output(folders);
   if (const Result<void> written = write_durably(output, html); !written)
     throw_error("{}", written.error());

@@ -19,12 +19,31 @@ struct Axis {
   double at(double value) const { return start + (value - low) / (high - low) * (end - start); }
 };
 
-std::string svg_open(double width, double height, const std::string& title) {
-  // Limited in width, so that letters have nearly one size all over the page.
-  return fmt::format(
-      "<svg class=\"plot\" viewBox=\"0 0 {0:.0f} {1:.0f}\" style=\"max-width:{2:.0f}px\" "
-      "role=\"img\" aria-label=\"{3}\">\n",
-      width, height, 1.12 * width, escape_html(title));
+constexpr double kWidth = 360;  // of a plot: what a page of 420 px leaves of itself
+
+/// A mark and its name.
+struct LegendEntry {
+  std::string mark;  ///< markup
+  std::string name;
+};
+
+/// Title and legend as text of the page, then the drawing. A drawing wider than a phone keeps its
+/// size and scrolls.
+std::string figure(const std::string& title, const std::vector<LegendEntry>& legend, double width,
+                   double height, const std::string& drawing) {
+  std::string html =
+      fmt::format("<figure class=\"plot\"><figcaption>{}</figcaption>\n", escape_html(title));
+  if (!legend.empty()) html += "<p class=\"legend\">";
+  for (const LegendEntry& entry : legend)
+    html += fmt::format("<span>{}{}</span> ", entry.mark, escape_html(entry.name));
+  if (!legend.empty()) html += "</p>\n";
+  const bool wide = width > 1.1 * kWidth;
+  html += fmt::format(
+      "<div class=\"{}\"><svg class=\"plot\" viewBox=\"0 0 {:.0f} {:.0f}\" "
+      "style=\"max-width:{:.0f}px{}\" role=\"img\" aria-label=\"{}\">\n{}</svg></div></figure>\n",
+      wide ? "scroll" : "fits", width, height, 1.25 * width,
+      wide ? fmt::format(";min-width:{:.0f}px", width) : "", escape_html(title), drawing);
+  return html;
 }
 
 std::string text_at(double x, double y, const std::string& style, const std::string& text,
@@ -87,16 +106,16 @@ std::string draw_series(const PlotSeries& series, const Axis& x, const Axis& y) 
                            series_class(series.colour), name);
 }
 
-std::string draw_legend(const std::vector<PlotSeries>& all, double left, double top) {
-  std::string svg;
-  double x = left;
+std::vector<LegendEntry> legend_of(const std::vector<PlotSeries>& all) {
+  std::vector<LegendEntry> legend;
   for (const PlotSeries& series : all) {
     if (series.name.empty() || series.colour == 0) continue;
-    svg += line_at(x, top - 4, x + 18, top - 4, series_class(series.colour));
-    svg += text_at(x + 24, top, "label", series.name);
-    x += 42 + 6.6 * static_cast<double>(series.name.size());  // 6.6 px: a letter at 12 px, mean
+    legend.push_back({fmt::format("<svg class=\"key\" viewBox=\"0 0 20 12\" width=\"20\" "
+                                  "height=\"12\" aria-hidden=\"true\">{}</svg>",
+                                  line_at(1, 6, 19, 6, series_class(series.colour))),
+                      series.name});
   }
-  return svg;
+  return legend;
 }
 
 /// Label of the y axis, upright, centred at `y`.
@@ -119,38 +138,44 @@ std::string draw_scale(double x, double top, double height, double low, double h
         scale_colour((k + 0.5) / kSteps));
   }
   for (const double share : {0.0, 0.5, 1.0}) {
-    svg += text_at(x + 15, top + height * (1 - share) + 4, "tick",
+    svg += text_at(x + 13, top + height * (1 - share) + 4, "tick",
                    short_number(low + share * (high - low)));
   }
   return svg + text_at(x + 10, top - 10, "tick", label, "end");
 }
 
-constexpr double kCell = 44;
-constexpr double kCellGap = 2;
-constexpr double kGridLeft = 34;
-constexpr double kGridTop = 64;
+constexpr double kCell = 29;  // ten of them, the numbers beside them and a scale fill the width
+constexpr double kCellGap = 1.5;
+constexpr double kGridLeft = 22;
+constexpr double kGridTop = 40;
+constexpr double kScaleRoom = 48;
+
+/// Width of a grid whose captions fit; [px].
+constexpr double kLeastGrid = 220;
+
+/// Where the cells begin: a small grid stands in the middle of its captions.
+double grid_left(int columns) { return std::max(kGridLeft, (kLeastGrid - columns * kCell) / 2); }
 
 /// Numbers of rows and columns and the two captions around a grid of cells.
-std::string draw_grid_frame(const std::string& title, int rows, int columns, const std::string& top,
+std::string draw_grid_frame(int rows, int columns, const std::string& top,
                             const std::string& bottom) {
-  std::string svg = text_at(0, 15, "title", title);
-  const double middle = kGridLeft + columns * kCell / 2;
-  svg += text_at(middle, 38, "label", top, "middle");
+  const double middle = grid_left(columns) + columns * kCell / 2;
+  std::string svg = text_at(middle, 14, "label", top, "middle");
   svg += text_at(middle, kGridTop + rows * kCell + 18, "label", bottom, "middle");
   for (int c = 0; c < columns; ++c) {
-    svg += text_at(kGridLeft + (c + 0.5) * kCell, kGridTop - 6, "tick", std::to_string(c + 1),
-                   "middle");
+    svg += text_at(grid_left(columns) + (c + 0.5) * kCell, kGridTop - 6, "tick",
+                   std::to_string(c + 1), "middle");
   }
   for (int r = 0; r < rows; ++r) {
-    svg += text_at(kGridLeft - 8, kGridTop + (r + 0.5) * kCell + 4, "tick", std::to_string(r + 1),
-                   "end");
+    svg += text_at(grid_left(columns) - 5, kGridTop + (r + 0.5) * kCell + 4, "tick",
+                   std::to_string(r + 1), "end");
   }
   return svg;
 }
 
-std::string draw_cell(int row, int column, const std::string& fill, const std::string& ink,
-                      const std::string& text, const std::string& hover) {
-  const double x = kGridLeft + column * kCell;
+std::string draw_cell(double left, int row, int column, const std::string& fill,
+                      const std::string& ink, const std::string& text, const std::string& hover) {
+  const double x = left + column * kCell;
   const double y = kGridTop + row * kCell;
   return fmt::format(
       "<g><title>{}</title><rect x=\"{:.1f}\" y=\"{:.1f}\" width=\"{:.1f}\" height=\"{:.1f}\" "
@@ -209,7 +234,7 @@ std::string scale_colour(double share) {
 std::string scale_ink(double share) { return share > 0.58 ? "#ffffff" : "#1d2a2e"; }
 
 std::string draw_line_chart(const LineChart& chart) {
-  constexpr double kWidth = 520, kHeight = 310;
+  constexpr double kHeight = 236;
   std::vector<const std::vector<double>*> xs, ys;
   for (const PlotSeries& series : chart.series) {
     xs.push_back(&series.x);
@@ -224,47 +249,48 @@ std::string draw_line_chart(const LineChart& chart) {
     y_low -= room;
     y_high += room;
   }
-  const Axis x{x_low, x_high, 62, kWidth - 16};
-  const Axis y{y_low, y_high, kHeight - 50, 66};
-  std::string svg = svg_open(kWidth, kHeight, chart.title);
-  svg += text_at(0, 15, "title", chart.title);
-  svg += draw_legend(chart.series, x.start, 40);
+  const Axis x{x_low, x_high, 62, kWidth - 14};
+  const Axis y{y_low, y_high, kHeight - 44, 20};
+  std::string svg;
   for (const double tick : y_ticks) {
     svg += line_at(x.start, y.at(tick), x.end, y.at(tick), "grid");
     svg += text_at(x.start - 8, y.at(tick) + 4, "tick",
                    chart.percent ? fmt::format("{:.3g} %", 100 * tick) : short_number(tick), "end");
   }
-  for (const double tick : make_ticks(x_low, x_high, 5)) {
+  for (const double tick : make_ticks(x_low, x_high, 4)) {
     svg += line_at(x.at(tick), y.start, x.at(tick), y.start + 4, "axis");
     svg += text_at(x.at(tick), y.start + 18, "tick", short_number(tick), "middle");
   }
   for (const PlotMilestone& milestone : chart.milestones) {
     if (milestone.x < x_low || milestone.x > x_high) continue;
     svg += line_at(x.at(milestone.x), y.start, x.at(milestone.x), y.end, "milestone");
-    const bool left = x.at(milestone.x) > 0.8 * x.end;
-    svg += text_at(x.at(milestone.x), y.end - 5, "note", milestone.label, left ? "end" : "middle");
+    const double place = x.at(milestone.x);
+    const double half =
+        3.2 * static_cast<double>(milestone.label.size());  // 6.4 px: a letter, mean
+    const char* anchor = place + half > kWidth ? "end" : place < half ? "start" : "middle";
+    svg += text_at(place, y.end - 6, "note", milestone.label, anchor);
   }
   svg += line_at(x.start, y.start, x.end, y.start, "axis");
   for (const PlotSeries& series : chart.series) svg += draw_series(series, x, y);
-  svg += text_at((x.start + x.end) / 2, kHeight - 10, "label", chart.x_label, "middle");
+  svg += text_at((x.start + x.end) / 2, kHeight - 6, "label", chart.x_label, "middle");
   svg += upright_label((y.start + y.end) / 2, chart.y_label);
-  return svg + "</svg>\n";
+  return figure(chart.title, legend_of(chart.series), kWidth, kHeight, svg);
 }
 
 std::string draw_heat_map(const HeatMap& map) {
-  const double width = kGridLeft + map.columns * kCell + 62;
-  const double height = kGridTop + map.rows * kCell + 28;
-  std::string svg = svg_open(width, height, map.title);
-  svg += draw_grid_frame(map.title, map.rows, map.columns, map.caption_top, map.caption_bottom);
+  const double left = grid_left(map.columns);
+  const double width = std::max(left + map.columns * kCell + kScaleRoom, kLeastGrid);
+  const double height = kGridTop + map.rows * kCell + 26;
+  std::string svg = draw_grid_frame(map.rows, map.columns, map.caption_top, map.caption_bottom);
   for (int r = 0; r < map.rows; ++r) {
     for (int c = 0; c < map.columns; ++c) {
       const auto k = static_cast<std::size_t>(r * map.columns + c);
       if (k >= map.value.size() || !std::isfinite(map.value[k])) {
-        svg += draw_cell(r, c, "var(--empty)", "var(--muted)", "", "not evaluated");
+        svg += draw_cell(left, r, c, "var(--empty)", "var(--muted)", "", "not evaluated");
         continue;
       }
       const double share = (map.value[k] - map.low) / std::max(1e-12, map.high - map.low);
-      svg += draw_cell(r, c, scale_colour(share), scale_ink(share),
+      svg += draw_cell(left, r, c, scale_colour(share), scale_ink(share),
                        k < map.text.size() ? map.text[k] : "",
                        k < map.hover.size() ? map.hover[k] : "");
     }
@@ -272,89 +298,91 @@ std::string draw_heat_map(const HeatMap& map) {
   for (const auto& [cell, note] : map.marks) {
     const auto column = cell % map.columns;
     const auto row = cell / map.columns;
-    const double x = kGridLeft + column * kCell;
+    const double x = left + column * kCell;
     const double y = kGridTop + row * kCell;
     svg += fmt::format(
         "<rect x=\"{:.1f}\" y=\"{:.1f}\" width=\"{:.1f}\" height=\"{:.1f}\" rx=\"4\" "
         "class=\"mark\"><title>{}</title></rect>\n",
         x - 1, y - 1, kCell, kCell, escape_html(note));
   }
-  svg += draw_scale(kGridLeft + map.columns * kCell + 14, kGridTop, map.rows * kCell - kCellGap,
-                    map.low, map.high, map.scale_label);
-  return svg + "</svg>\n";
+  svg += draw_scale(left + map.columns * kCell + 8, kGridTop, map.rows * kCell - kCellGap, map.low,
+                    map.high, map.scale_label);
+  return figure(map.title, {}, width, height, svg);
 }
 
 std::string draw_category_map(const CategoryMap& map) {
-  const double width = std::max(kGridLeft + map.columns * kCell + 10, 330.0);
-  const double legend_top = kGridTop + map.rows * kCell + 44;
-  std::string svg =
-      svg_open(width, legend_top + 22.0 * static_cast<double>(map.kinds.size()), map.title);
-  svg += draw_grid_frame(map.title, map.rows, map.columns, map.caption_top, map.caption_bottom);
+  const double left = grid_left(map.columns);
+  const double width = std::max(left + map.columns * kCell + 10, kLeastGrid);
+  const double height = kGridTop + map.rows * kCell + 26;
+  std::string svg = draw_grid_frame(map.rows, map.columns, map.caption_top, map.caption_bottom);
   std::vector<int> counts(map.kinds.size(), 0);
   for (int r = 0; r < map.rows; ++r) {
     for (int c = 0; c < map.columns; ++c) {
       const auto k = static_cast<std::size_t>(r * map.columns + c);
       const int kind = k < map.kind.size() ? map.kind[k] : -1;
       if (kind < 0) {
-        svg += draw_cell(r, c, "var(--empty)", "var(--muted)", "", "not evaluated");
+        svg += draw_cell(left, r, c, "var(--empty)", "var(--muted)", "", "not evaluated");
         continue;
       }
       const CategoryMap::Kind& shown = map.kinds[static_cast<std::size_t>(kind)];
       ++counts[static_cast<std::size_t>(kind)];
-      svg += draw_cell(r, c, shown.colour, shown.ink, shown.sign,
+      svg += draw_cell(left, r, c, shown.colour, shown.ink, shown.sign,
                        k < map.hover.size() ? map.hover[k] : shown.name);
     }
   }
+  std::vector<LegendEntry> legend;
   for (std::size_t k = 0; k < map.kinds.size(); ++k) {
-    const double y = legend_top + 22.0 * static_cast<double>(k);
-    svg += fmt::format(
-        "<rect x=\"{:.1f}\" y=\"{:.1f}\" width=\"14\" height=\"14\" rx=\"3\" fill=\"{}\"/>\n",
-        kGridLeft, y - 11, map.kinds[k].colour);
-    svg += text_at(kGridLeft + 22, y, "label", fmt::format("{}: {}", map.kinds[k].name, counts[k]));
+    legend.push_back(
+        {fmt::format("<svg class=\"key\" viewBox=\"0 0 12 12\" width=\"12\" height=\"12\" "
+                     "aria-hidden=\"true\"><rect width=\"12\" height=\"12\" rx=\"3\" "
+                     "fill=\"{}\"/></svg>",
+                     map.kinds[k].colour),
+         fmt::format("{}: {}", map.kinds[k].name, counts[k])});
   }
-  return svg + "</svg>\n";
+  return figure(map.title, legend, width, height, svg);
 }
 
 std::string draw_plane_map(const PlaneMap& map) {
-  constexpr double kWidth = 520, kHeight = 500;
+  constexpr double kHeight = 338, kTop = 24, kLeft = 52, kSide = 258;
   auto [x_low, x_high] = range_of({&map.x});
   auto [y_low, y_high] = range_of({&map.y});
   const double half = map.cell / 2;
   // One scale for both axes.
   const double span = std::max(x_high - x_low, y_high - y_low) + map.cell;
-  const double side = 380;
-  const Axis x{x_low - half, x_low - half + span, 56, 56 + side};
-  const Axis y = map.y_down ? Axis{y_low - half, y_low - half + span, 50, 50 + side}
-                            : Axis{y_low - half, y_low - half + span, 50 + side, 50};
-  std::string svg = svg_open(kWidth, kHeight, map.title) + text_at(0, 15, "title", map.title);
-  const double edge = map.cell / span * side;
+  const Axis x{x_low - half, x_low - half + span, kLeft, kLeft + kSide};
+  const Axis y = map.y_down ? Axis{y_low - half, y_low - half + span, kTop, kTop + kSide}
+                            : Axis{y_low - half, y_low - half + span, kTop + kSide, kTop};
+  std::string svg;
+  const double edge = map.cell / span * kSide;
   for (std::size_t k = 0; k < map.value.size(); ++k) {
     const double share = (map.value[k] - map.low) / std::max(1e-12, map.high - map.low);
     svg += fmt::format(
         "<rect x=\"{:.1f}\" y=\"{:.1f}\" width=\"{:.2f}\" height=\"{:.2f}\" "
         "fill=\"{}\"><title>{}</title></rect>\n",
-        x.at(map.x[k]) - edge / 2, y.at(map.y[k]) - edge / 2, edge - 0.6, edge - 0.6,
+        x.at(map.x[k]) - edge / 2, y.at(map.y[k]) - edge / 2, edge - 0.4, edge - 0.4,
         std::isfinite(map.value[k]) ? scale_colour(share) : "var(--empty)",
-        fmt::format("x {:.1f}, y {:.1f}: {:.1f} %", map.x[k], map.y[k], 100 * map.value[k]));
+        fmt::format("x {:.1f}, y {:.1f}: {:.1f} {}", map.x[k], map.y[k], map.value[k],
+                    map.scale_label));
   }
   for (const double tick : make_ticks(x.low, x_high + half, 6)) {
-    svg += text_at(x.at(tick), 50 + side + 16, "tick", short_number(tick), "middle");
+    svg += text_at(x.at(tick), kTop + kSide + 16, "tick", short_number(tick), "middle");
   }
   for (const double tick : make_ticks(y.low, y_high + half, 6)) {
-    svg += text_at(48, y.at(tick) + 4, "tick", short_number(tick), "end");
+    svg += text_at(kLeft - 6, y.at(tick) + 4, "tick", short_number(tick), "end");
   }
   if (map.best && *map.best < map.x.size()) {
     const double bx = x.at(map.x[*map.best]);
     const double by = y.at(map.y[*map.best]);
     svg += fmt::format("<circle cx=\"{:.1f}\" cy=\"{:.1f}\" r=\"9\" class=\"best\"/>\n", bx, by);
-    const bool left = bx > x.start + 0.6 * side;
-    svg += text_at(bx + (left ? -14 : 14), by - 10, "bestnote", map.best_label,
-                   left ? "end" : "start");
+    const double length = 7.2 * static_cast<double>(map.best_label.size());  // bold at 12.5 px
+    const bool left = bx + 12 + length > x.end;
+    svg += text_at(left ? std::max(bx - 12, x.start + length) : bx + 12, std::max(by - 8, 12.0),
+                   "bestnote", map.best_label, left ? "end" : "start");
   }
-  svg += text_at(x.start + side / 2, 50 + side + 38, "label", map.x_label, "middle");
-  svg += upright_label(50 + side / 2, map.y_label);
-  svg += draw_scale(56 + side + 16, 50, side, map.low, map.high, map.scale_label);
-  return svg + "</svg>\n";
+  svg += text_at(x.start + kSide / 2, kTop + kSide + 36, "label", map.x_label, "middle");
+  svg += upright_label(kTop + kSide / 2, map.y_label);
+  svg += draw_scale(kLeft + kSide + 8, kTop, kSide, map.low, map.high, map.scale_label);
+  return figure(map.title, {}, kWidth, kHeight, svg);
 }
 
 }  // namespace omentum

@@ -7,8 +7,9 @@
 
 // Plots as inline SVG, written by our own code: no script, no font, no network. Colours are CSS
 // variables of the page (report/html.cpp), so plots follow its light and dark design. Every
-// function returns one <svg> element that scales to the width of its column. Values may be NaN: a
-// gap in a line, an empty cell in a grid.
+// function returns one <figure>: title and legend, which wrap, and an <svg> about 360 px wide, the
+// column of a phone, so that its letters have nearly the size they are written in (11 px or more
+// from 400 px of page on). A wider grid scrolls. Values may be NaN: a gap in a line, an empty cell.
 
 namespace omentum {
 

@@ -285,7 +285,10 @@ std::string make_replay_markup(const Scene& scene, const std::vector<ReplayEpiso
   std::string html = "<div class=\"replay\">\n";
   for (int pane = 0; pane < (episodes.size() > 1 ? 2 : 1); ++pane) {
     html +=
-        "<div class=\"pane\"><canvas></canvas><div class=\"over\"><select "
+        "<div class=\"pane\"><canvas tabindex=\"0\" role=\"img\" aria-label=\"3-D view of the "
+        "episode below; arrow "
+        "keys turn it, plus and minus zoom, 0 goes back to the first view\"></canvas><div "
+        "class=\"over\"><select "
         "aria-label=\"episode\"></select>"
         "<span class=\"state\"></span></div></div>\n";
   }
@@ -294,7 +297,7 @@ std::string make_replay_markup(const Scene& scene, const std::vector<ReplayEpiso
       "<input id=\"replay-time\" type=\"range\" min=\"0\" value=\"0\" aria-label=\"time\">"
       "<span class=\"time\" id=\"replay-clock\"></span></div>\n"
       "<p class=\"hint\">Drag to turn, wheel or pinch to zoom, double click to go back to the "
-      "first view.</p>\n";
+      "first view. By keyboard, in a view: arrow keys, + and -, 0.</p>\n";
   const Json data = {{"low", json_point(box.min())},
                      {"high", json_point(box.max())},
                      {"vertices", skin.vertices()},

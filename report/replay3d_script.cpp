@@ -317,8 +317,7 @@ constexpr const char* kScript = R"js("use strict";
       if (!last) return;
       const here = [event.clientX, event.clientY];
       if (fingers.size === 1) {
-        view.yaw -= 0.008 * (here[0] - last[0]);
-        view.pitch = Math.min(1.5, Math.max(-0.2, view.pitch + 0.008 * (here[1] - last[1])));
+        turn(-0.008 * (here[0] - last[0]), 0.008 * (here[1] - last[1]));
       } else {
         const other = Array.from(fingers).find(([id]) => id !== event.pointerId)[1];
         const gap = (p) => Math.hypot(p[0] - other[0], p[1] - other[1]) || 1;
@@ -333,10 +332,25 @@ constexpr const char* kScript = R"js("use strict";
       zoom(Math.exp(0.001 * event.deltaY));
       draw();
     }, { passive: false });
-    canvas.addEventListener("dblclick", () => {
-      Object.assign(view, { yaw: scene.yaw, pitch: scene.pitch, distance: scene.distance });
+    canvas.addEventListener("dblclick", first_view);
+    canvas.addEventListener("keydown", (event) => {
+      const step = 0.1;
+      const acts = { ArrowLeft: () => turn(step, 0), ArrowRight: () => turn(-step, 0), ArrowUp: () => turn(0, step),
+                     ArrowDown: () => turn(0, -step), "+": () => zoom(0.9), "=": () => zoom(0.9), "-": () => zoom(1 / 0.9),
+                     "0": first_view };
+      if (!acts[event.key] || event.ctrlKey || event.metaKey || event.altKey) return;
+      event.preventDefault();
+      acts[event.key]();
       draw();
     });
+  }
+  function turn(yaw, pitch) {
+    view.yaw += yaw;
+    view.pitch = Math.min(1.5, Math.max(-0.2, view.pitch + pitch));
+  }
+  function first_view() {
+    Object.assign(view, { yaw: scene.yaw, pitch: scene.pitch, distance: scene.distance });
+    draw();
   }
   function zoom(factor) { view.distance = Math.min(1.2, Math.max(0.08, view.distance * factor)); }
   slider.value = 0.8 * duration;  // something has happened by then
@@ -351,9 +365,16 @@ constexpr const char* kScript = R"js("use strict";
         return panes.map((pane) => pane.canvas.toDataURL());
       });
       const moved = panes.every((pane, k) => shots[0][k] !== shots[1][k]);
-      view.yaw += 0.5;
-      draw();
-      const turned = panes.every((pane, k) => pane.canvas.toDataURL() !== shots[1][k]);
+      const pictures = () => panes.map((pane) => pane.canvas.toDataURL());
+      const press = (key) => panes[0].canvas.dispatchEvent(new KeyboardEvent("keydown", { key, bubbles: true }));
+      const differs = (a, b) => a.every((shot, k) => shot !== b[k]);
+      for (let k = 0; k < 5; ++k) press("ArrowLeft");
+      const left = pictures();
+      press("+");
+      const near = pictures();
+      press("0");
+      const turned = panes.every((pane) => pane.canvas.tabIndex === 0) && differs(left, shots[1]) &&
+          differs(near, left) && pictures().every((shot, k) => shot === shots[1][k]);
       const drawn = shots[0].every((shot) => shot.length > 2000);
       html.dataset.selftest = (moved && turned && drawn && errors.length === 0 ? "ok" : "failed") +
           ` painter=${panes.map((pane) => pane.painter.name).join("+")} moved=${moved} turned=${turned} drawn=${drawn}` +

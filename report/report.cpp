@@ -42,19 +42,26 @@ std::string subtitle_of(const std::vector<RunFolder>& runs,
 
 }  // namespace
 
-std::string make_report(std::vector<RunFolder> runs, const Scene* scene) {
+std::string make_report(const std::vector<RunFolder>& runs, const Scene* scene,
+                        std::vector<std::string>* damaged) {
   OMENTUM_CHECK(!runs.empty());
-  const std::vector<ShownEpisode> episodes =
-      choose_episodes(runs, kShownEpisodes, runs.front().warnings);
+  std::vector<std::string> warnings;
+  const std::vector<ShownEpisode> episodes = choose_episodes(runs, kShownEpisodes, warnings);
+  std::vector<std::string> all;
+  for (const RunFolder& run : runs) {
+    for (const std::string& warning : run.warnings) all.push_back(run.name + ": " + warning);
+  }
+  all.insert(all.end(), warnings.begin(), warnings.end());
+  if (damaged != nullptr) *damaged = all;
   const std::vector<Section> sections = {make_learning_section(runs),
                                          make_grid_section(runs),
-                                         make_episode_section(episodes, scene),
+                                         make_episode_section(episodes, scene, warnings),
                                          make_replay_section(episodes, scene),
                                          make_lattice_section(runs),
                                          make_robot_section(runs),
                                          make_grasp_section(runs),
                                          make_numbers_section(runs),
-                                         make_config_section(runs)};
+                                         make_config_section(runs, all)};
   return make_page(title_of(runs), subtitle_of(runs, episodes), make_overview(runs), sections,
                    replay_script());
 }

@@ -10,7 +10,9 @@ namespace omentum {
 
 /// The whole report of one run, or of several seeds of one experiment, as one HTML text that loads
 /// nothing. `scene` is that of the runs; null leaves out pictures and replay. The same input gives
-/// the same text.
-std::string make_report(std::vector<RunFolder> runs, const Scene* scene);
+/// the same text. `damaged` receives one line for all that could not be read, which the report
+/// lists as well.
+std::string make_report(const std::vector<RunFolder>& runs, const Scene* scene,
+                        std::vector<std::string>* damaged = nullptr);
 
 }  // namespace omentum

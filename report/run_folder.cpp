@@ -16,51 +16,25 @@ namespace fs = std::filesystem;
 
 int integer(double value) { return value >= -1e9 && value <= 1e9 ? static_cast<int>(value) : 0; }
 
-EvaluationSet make_set(const CsvTable& table) {
-  EvaluationSet set;
-  for (std::size_t k = 0; k < table.rows.size(); ++k) {
-    const auto number = [&](const char* column) { return table.number(k, column); };
-    const auto flag = [&](const char* column) { return number(column) > 0; };
-    EvaluationRow row;
-    row.index = integer(number("index"));
-    row.row = integer(number("row"));
-    row.column = integer(number("column"));
-    row.reached = flag("reached");
-    row.held = flag("held");
-    row.exposed = flag("exposed");
-    row.lost = flag("lost");
-    row.exposure = number("exposure");
-    row.episode_return = number("return");
-    set.starts.push_back(row);
-  }
-  // Files count rows and columns from 1; one that counts from 0 is shifted.
-  int first_row = 1;
-  int first_column = 1;
-  for (const EvaluationRow& start : set.starts) {
-    first_row = std::min(first_row, start.row);
-    first_column = std::min(first_column, start.column);
-  }
-  for (EvaluationRow& start : set.starts) {
-    start.row += 1 - first_row;
-    start.column += 1 - first_column;
-    set.rows = std::max(set.rows, start.row);
-    set.columns = std::max(set.columns, start.column);
-  }
-  return set;
+/// Starts of the grid that a set is named after.
+std::size_t configured_starts(const std::optional<pb::Config>& config, const std::string& name) {
+  if (!config) return 0;
+  const pb::Scene& scene = config->scene();
+  const bool robot = name.starts_with("robot");
+  if (robot ? !scene.has_robot_grid() : !scene.has_start_grid()) return 0;
+  const pb::StartGrid& grid = robot ? scene.robot_grid() : scene.start_grid();
+  return std::size_t{grid.rows()} * grid.columns();
 }
 
-std::vector<LatticePoint> make_lattice(const CsvTable& table) {
-  std::vector<LatticePoint> points;
-  for (std::size_t k = 0; k < table.rows.size(); ++k) {
-    LatticePoint point;
-    point.particle = integer(table.number(k, "particle"));
-    point.x = table.number(k, "x_m");
-    point.y = table.number(k, "y_m");
-    point.exposure = table.number(k, "exposure");
-    point.reached = table.number(k, "reached") > 0;
-    points.push_back(point);
+EvaluationSet make_set(std::vector<EvaluationRow> starts, std::size_t configured) {
+  EvaluationSet set;
+  set.starts = std::move(starts);
+  set.configured = configured;
+  for (const EvaluationRow& start : set.starts) {
+    set.rows = std::max(set.rows, integer(start.row));
+    set.columns = std::max(set.columns, integer(start.column));
   }
-  return points;
+  return set;
 }
 
 std::vector<GraspStudyPoint> make_study(const CsvTable& table) {
@@ -106,17 +80,24 @@ void load_evaluations(const fs::path& folder, RunFolder& run) {
     if (entry.path().extension() != ".csv") continue;
     const std::string name = entry.path().stem().string();
     const bool study = name == "grasp_study";
-    const std::optional<CsvTable> table = load_table(
-        entry.path().string(),
-        study ? std::vector<std::string>{"parameter", "unit"} : std::vector<std::string>{},
-        run.warnings);
+    const std::optional<CsvTable> table =
+        load_table(entry.path().string(),
+                   study ? std::vector<std::string>{"parameter", "unit", "study_id"}
+                         : std::vector<std::string>{},
+                   run.warnings);
     if (!table) continue;
-    if (name == "grasp_lattice") {
-      run.lattice = make_lattice(*table);
-    } else if (study) {
+    if (study) {
       run.grasp_study = make_study(*table);
-    } else if (table->column("exposure") && table->column("row")) {
-      run.evaluations[name] = make_set(*table);
+      continue;
+    }
+    Result<std::vector<EvaluationRow>> rows = read_evaluation(*table);
+    if (!rows) {
+      run.warnings.push_back(rows.error());
+    } else if (name == "grasp_lattice") {
+      run.lattice = std::move(rows).value();
+    } else {
+      run.evaluations[name] =
+          make_set(std::move(rows).value(), configured_starts(run.config, name));
     }
   }
 }
@@ -135,7 +116,6 @@ RunFolder load_run(const std::string& path) {
                  load_table((folder / "metrics.csv").string(), {}, run.warnings)) {
     run.metrics = std::move(*table);
   }
-  load_evaluations(folder, run);
   if (const Result<CsvTable> table = load_csv((folder / "figures.csv").string())) {
     const CsvTable& figures = table.value();
     for (const auto& row : figures.rows) {
@@ -158,6 +138,7 @@ RunFolder load_run(const std::string& path) {
       run.warnings.push_back(error.what());
     }
   }
+  load_evaluations(folder, run);
   std::error_code ignored;
   for (const auto& entry : fs::directory_iterator(folder / "recordings", ignored)) {
     if (entry.path().extension() == ".mcap")

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "core/csv.h"
+#include "core/evaluation_table.h"
 #include "proto/config.pb.h"
 
 // What a run leaves on disk (docs/formats.md 1), as far as the report needs it, and figures.csv:
@@ -14,26 +15,10 @@
 
 namespace omentum {
 
-/// Outcome of one evaluation start.
-struct EvaluationRow {
-  int index = 0, row = 0, column = 0;  ///< row 1 at the anchored edge
-  bool reached = false;                ///< target reached with tissue held, at some step
-  bool held = false;                   ///< tissue held at the end
-  bool lost = false;                   ///< tissue lost at some step
-  bool exposed = false;
-  double exposure = 0, episode_return = 0;
-};
-
 struct EvaluationSet {
   std::vector<EvaluationRow> starts;
-  int rows = 0, columns = 0;  ///< extent of the grid
-};
-
-/// One particle of the grasp lattice: rest position in B [m] and what lifting it exposes.
-struct LatticePoint {
-  int particle = 0;
-  double x = 0, y = 0, exposure = 0;
-  bool reached = false;
+  std::size_t configured = 0;  ///< starts of the grid that the configuration gives; 0 = unknown
+  int rows = 0, columns = 0;   ///< extent of the starts that are there
 };
 
 /// What the grasp does with one value of one of its parameters, starts of the robot grid.
@@ -52,7 +37,7 @@ struct RunFolder {
   std::string path, name;
   CsvTable metrics;
   std::map<std::string, EvaluationSet> evaluations;  ///< by name, without the lattice
-  std::vector<LatticePoint> lattice;
+  std::vector<EvaluationRow> lattice;                ///< one per particle
   std::vector<GraspStudyPoint> grasp_study;
   std::vector<FigureRow> figures;
   std::map<std::string, std::string> recordings;  ///< path by file name without ending

@@ -18,6 +18,10 @@ std::string interval(const Proportion& p) {
   return fmt::format("{} to {}", percent(p.low, 1), percent(p.high, 1));
 }
 
+Proportion share(std::uint64_t count, std::uint64_t of) {
+  return wilson(static_cast<int>(count), static_cast<int>(of));
+}
+
 std::string missing(const std::string& text) {
   return fmt::format("<p class=\"missing\">{}</p>\n", escape_html(text));
 }
@@ -47,17 +51,32 @@ std::vector<EvaluationRow> starts_of(const std::vector<RunFolder>& runs, const s
   return starts;
 }
 
-Proportion reached_share(const std::vector<RunFolder>& runs, const std::string& name) {
-  const std::vector<EvaluationRow> starts = starts_of(runs, name);
-  const auto reached = std::count_if(starts.begin(), starts.end(),
-                                     [](const EvaluationRow& start) { return start.reached; });
-  return wilson(static_cast<int>(reached), static_cast<int>(starts.size()));
+EvaluationFigures figures_of(const std::vector<RunFolder>& runs, const std::string& name) {
+  return figures_of(starts_of(runs, name));
 }
 
-double mean_exposure(const std::vector<RunFolder>& runs, const std::string& name) {
-  std::vector<double> values;
-  for (const EvaluationRow& start : starts_of(runs, name)) values.push_back(start.exposure);
-  return mean_of(values);
+std::string describe_set(const std::vector<RunFolder>& runs, const std::string& name) {
+  std::size_t there = 0, configured = 0;
+  for (const RunFolder& run : runs) {
+    const auto set = run.evaluations.find(name);
+    if (set == run.evaluations.end()) continue;
+    there += set->second.starts.size();
+    configured += set->second.configured;
+  }
+  std::string text = configured > there ? fmt::format("{} of {} starts", there, configured)
+                                        : fmt::format("{} starts", there);
+  if (name.starts_with("robot")) text += " of the robot";
+  if (name.ends_with("_sampled")) return text + ", sampled actions";
+  if (name.ends_with("_greedy")) return text + ", greedy actions";
+  return text + ", " + name;
+}
+
+std::optional<double> decision_s(const std::vector<RunFolder>& runs) {
+  for (const RunFolder& run : runs) {
+    if (!run.config) continue;
+    return run.config->task().control_period_s() * run.config->task().action_repeat();
+  }
+  return std::nullopt;
 }
 
 }  // namespace omentum

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -16,6 +18,9 @@ std::string percent(double share, int digits = 0);
 /// "96.3 % to 100.0 %"
 std::string interval(const Proportion& p);
 
+/// A count as a share with its interval.
+Proportion share(std::uint64_t count, std::uint64_t of);
+
 /// A note in the place of a picture that cannot be drawn.
 std::string missing(const std::string& text);
 
@@ -31,10 +36,14 @@ std::vector<std::string> set_names(const std::vector<RunFolder>& runs);
 /// The starts of one evaluation set over all runs.
 std::vector<EvaluationRow> starts_of(const std::vector<RunFolder>& runs, const std::string& name);
 
-/// Successes (target reached) of one set over all runs.
-Proportion reached_share(const std::vector<RunFolder>& runs, const std::string& name);
+/// Figures of one set over all runs, by the function that summary.json has them from.
+EvaluationFigures figures_of(const std::vector<RunFolder>& runs, const std::string& name);
 
-/// Mean exposure of one set over all runs.
-double mean_exposure(const std::vector<RunFolder>& runs, const std::string& name);
+/// "grid100_greedy" -> "100 starts, greedy actions", or "28 of 100 starts" where rows are missing;
+/// counted from the rows that are there.
+std::string describe_set(const std::vector<RunFolder>& runs, const std::string& name);
+
+/// Decisions of a run last so long [s], by its configuration; nothing without one.
+std::optional<double> decision_s(const std::vector<RunFolder>& runs);
 
 }  // namespace omentum

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <optional>
 
 #include "report/plot.h"
 #include "report/section_parts.h"
@@ -38,11 +39,16 @@ std::string learning_chart(const std::vector<RunFolder>& runs, const std::string
                            int width) {
   LineChart chart;
   chart.title = title;
-  chart.x_label = "steps (decisions of 20 ms)";
+  const std::optional<double> decision = decision_s(runs);
+  chart.x_label = decision ? fmt::format("steps (decisions of {:.3g} ms)", 1e3 * *decision)
+                           : std::string("steps");
   chart.y_label = y_label;
   chart.percent = percent_axis;
-  for (const pb::Milestone& milestone : report_texts(runs).milestone())
+  for (const pb::Milestone& milestone : report_texts(runs).milestone()) {
+    // One without a label only keeps its checkpoint.
+    if (milestone.label().empty()) continue;
     chart.milestones.push_back({static_cast<double>(milestone.steps()), milestone.label()});
+  }
   std::vector<Curve> curves;
   for (std::size_t k = 0; k < runs.size(); ++k) {
     if (values[k].empty()) continue;
@@ -80,15 +86,10 @@ std::vector<double> reward_per_step(const RunFolder& run) {
 
 }  // namespace
 
-bool is_robot_set(const std::string& name) { return name.rfind("robot", 0) == 0; }
+bool is_robot_set(const std::string& name) { return name.starts_with("robot"); }
 
-std::string describe_set(const std::string& name) {
-  const std::string policy = name.find("sampled") != std::string::npos  ? "sampled actions"
-                             : name.find("greedy") != std::string::npos ? "greedy actions"
-                                                                        : name;
-  if (is_robot_set(name)) return "25 starts of the robot, " + policy;
-  if (name.rfind("grid100", 0) == 0) return "100 starts, " + policy;
-  return name;
+bool is_greedy_grid(const std::string& name) {
+  return name.starts_with("grid") && name.ends_with("_greedy");
 }
 
 std::string make_overview(const std::vector<RunFolder>& runs) {
@@ -101,13 +102,15 @@ std::string make_overview(const std::vector<RunFolder>& runs) {
   const std::string seeds =
       runs.size() > 1 ? fmt::format("mean of {} seeds", runs.size()) : "one seed";
   const std::vector<std::string> names = set_names(runs);
-  const auto greedy = std::find(names.begin(), names.end(), "grid100_greedy");
+  const auto greedy = std::find_if(names.begin(), names.end(), is_greedy_grid);
   const std::string set = greedy != names.end() ? *greedy : (names.empty() ? "" : names.front());
   if (!set.empty()) {
-    const Proportion reached = reached_share(runs, set);
-    tiles.push_back({fmt::format("{} / {}", reached.successes, reached.trials), "target reached",
-                     "95 %: " + interval(reached)});
-    tiles.push_back({percent(mean_exposure(runs, set)), "tumour exposed, mean", describe_set(set)});
+    const EvaluationFigures f = figures_of(runs, set);
+    const std::string of = describe_set(runs, set);
+    tiles.push_back({fmt::format("{} / {}", f.target_reached, f.starts), "target reached",
+                     fmt::format("{}; 95 %: {}", of, interval(share(f.target_reached, f.starts)))});
+    tiles.push_back({fmt::format("{} / {}", f.exposed, f.starts), "exposed", of});
+    tiles.push_back({percent(f.mean_exposure, 1), "mean exposure", of});
   }
   const auto add_last = [&](const char* column, const char* label, const std::string& note) {
     const double value = mean_last(column);
@@ -124,15 +127,47 @@ std::string make_overview(const std::vector<RunFolder>& runs) {
   return tiles.empty() ? "" : make_tiles(tiles);
 }
 
+namespace {
+
+/// What the columns of the table of numbers mean.
+std::string meaning_of_figures(const std::vector<RunFolder>& runs) {
+  double best = 0;
+  for (const auto& [name, set] : runs.front().evaluations) {
+    if (!set.starts.empty()) best = std::max(best, set.starts.front().best_exposure);
+  }
+  const std::string threshold =
+      best > 0 ? fmt::format("{:.0f} % of the exposure of the best grasp of the lattice, here {}",
+                             100 * kExposedShare, percent(kExposedShare * best, 1))
+               : std::string(
+                     "a share of what the best grasp exposes; no grasp was evaluated here, "
+                     "so nothing counts as exposed");
+  return fmt::format(
+      "Target reached: tissue held at p_T at some step. Held: at the end of the hold. Grasp held: "
+      "never lost. Exposed: reached, held, and at the end at least {}. Mean return of an "
+      "evaluation: rewards of the policy until p_T is reached; of the training: of whole episodes. "
+      "Intervals are Wilson's of target reached.",
+      threshold);
+}
+
+}  // namespace
+
 Section make_learning_section(const std::vector<RunFolder>& runs) {
   Section section{"learning", "Learning", "", ""};
   const pb::Report& texts = report_texts(runs);
   section.lead = runs.size() > 1
                      ? fmt::format(
-                           "Line: mean of {} seeds; shade: from the lowest to the highest; grey: "
-                           "each seed. {}",
-                           runs.size(), texts.milestones())
-                     : "One seed. " + texts.milestones();
+                           "Line: mean of {} seeds; shade: from the lowest to the highest; "
+                           "grey: each seed.",
+                           runs.size())
+                     : std::string("One seed.");
+  double last_step = 0;
+  for (const RunFolder& run : runs)
+    for (const double step : steps_of(run)) last_step = std::max(last_step, step);
+  const auto& milestones = texts.milestone();
+  const bool drawn = std::any_of(milestones.begin(), milestones.end(), [&](const auto& m) {
+    return !m.label().empty() && static_cast<double>(m.steps()) <= last_step;
+  });
+  if (drawn) section.lead += " " + texts.milestones();
   const auto column = [&](const char* name) {
     std::vector<std::vector<double>> values;
     for (const RunFolder& run : runs) values.push_back(run.metrics.numbers(name));
@@ -162,32 +197,48 @@ Section make_learning_section(const std::vector<RunFolder>& runs) {
 
 Section make_numbers_section(const std::vector<RunFolder>& runs) {
   Section section{"numbers", "Numbers",
-                  "Intervals are Wilson's at 95 %. Exposed: more of the tumour visible at the end "
-                  "than the evaluation's threshold.",
+                  "The same figures as in summary.json, of the same columns of evaluation/*.csv. " +
+                      meaning_of_figures(runs),
                   ""};
-  std::vector<std::vector<std::string>> rows = {{"run", "starts", "reached", "95 % interval",
-                                                 "held", "lost", "exposed", "mean exposure",
-                                                 "mean return"}};
+  std::vector<std::vector<std::string>> rows = {{"run", "evaluation", "target reached",
+                                                 "95 % interval", "held", "grasp held", "exposed",
+                                                 "mean exposure", "mean return", "failed"}};
+  const auto add = [&rows](const RunFolder& run, const std::string& name,
+                           const EvaluationFigures& f, bool policy) {
+    rows.push_back({run.name, name, fmt::format("{} / {}", f.target_reached, f.starts),
+                    interval(share(f.target_reached, f.starts)), std::to_string(f.held),
+                    std::to_string(f.grasp_held), std::to_string(f.exposed),
+                    percent(f.mean_exposure, 1),
+                    policy ? fmt::format("{:.1f}", f.mean_return) : std::string("-"),
+                    std::to_string(f.failed)});
+  };
   for (const RunFolder& run : runs) {
-    for (const auto& [name, set] : run.evaluations) {
-      int reached = 0, held = 0, lost = 0, exposed = 0;
-      std::vector<double> exposure, returns;
-      for (const EvaluationRow& start : set.starts) {
-        reached += start.reached ? 1 : 0;
-        held += start.held ? 1 : 0;
-        lost += start.lost ? 1 : 0;
-        exposed += start.exposed ? 1 : 0;
-        exposure.push_back(start.exposure);
-        returns.push_back(start.episode_return);
-      }
-      const Proportion p = wilson(reached, static_cast<int>(set.starts.size()));
-      rows.push_back({run.name, describe_set(name), fmt::format("{} / {}", p.successes, p.trials),
-                      interval(p), std::to_string(held), std::to_string(lost),
-                      std::to_string(exposed), percent(mean_of(exposure), 1),
-                      fmt::format("{:.1f}", mean_of(returns))});
+    for (const auto& [name, set] : run.evaluations)
+      add(run, describe_set({run}, name), figures_of(set.starts), true);
+    if (!run.lattice.empty()) {
+      add(run, fmt::format("grasp lattice, {} grasps", run.lattice.size()), figures_of(run.lattice),
+          false);
     }
   }
-  if (rows.size() > 1) section.content += card(make_table(rows, {2, 3, 4, 5, 6, 7, 8}));
+  if (rows.size() > 1) {
+    section.content += card("<h3>Evaluation, after the training</h3>" +
+                            make_table(rows, {2, 3, 4, 5, 6, 7, 8, 9}));
+  }
+  std::vector<std::vector<std::string>> training = {
+      {"run", "steps", "mean return", "mean length", "success", "mean exposure"}};
+  for (const RunFolder& run : runs) {
+    if (run.metrics.rows.empty()) continue;
+    const auto last = [&run](const char* name) { return last_finite(run.metrics.numbers(name)); };
+    training.push_back({run.name, fmt::format("{:.0f}", last("charts/steps_total")),
+                        fmt::format("{:.1f}", last("charts/episodic_return")),
+                        fmt::format("{:.1f}", last("charts/episodic_length")),
+                        percent(last("charts/success_rate"), 1),
+                        percent(last("charts/exposure_fraction"), 1)});
+  }
+  if (training.size() > 1) {
+    section.content += "<p></p>" + card("<h3>Training, the last 100 episodes</h3>" +
+                                        make_table(training, {1, 2, 3, 4, 5}));
+  }
   std::vector<std::vector<std::string>> figures = {
       {"figure", "value", "unit", "command", "machine"}};
   for (const RunFolder& run : runs) {
@@ -202,7 +253,8 @@ Section make_numbers_section(const std::vector<RunFolder>& runs) {
   return section;
 }
 
-Section make_config_section(const std::vector<RunFolder>& runs) {
+Section make_config_section(const std::vector<RunFolder>& runs,
+                            const std::vector<std::string>& damaged) {
   Section section{"configuration", "Configuration", "", ""};
   for (const RunFolder& run : runs) {
     if (run.config_text.empty()) continue;
@@ -212,10 +264,7 @@ Section make_config_section(const std::vector<RunFolder>& runs) {
         escape_html(run.name), escape_html(run.config_text));
   }
   std::string warnings;
-  for (const RunFolder& run : runs) {
-    for (const std::string& warning : run.warnings)
-      warnings += "<li>" + escape_html(run.name + ": " + warning) + "</li>\n";
-  }
+  for (const std::string& warning : damaged) warnings += "<li>" + escape_html(warning) + "</li>\n";
   if (!warnings.empty())
     section.content += "<h3>Not found or damaged</h3>\n<ul>" + warnings + "</ul>\n";
   if (section.content.empty()) section.content = missing("No config.txtpb.");

@@ -19,7 +19,7 @@ Section make_learning_section(const std::vector<RunFolder>& runs);
 /// Per evaluation set on the grid of starts: exposure (figure 5) and success, mean over the seeds.
 Section make_grid_section(const std::vector<RunFolder>& runs);
 
-/// The robot's 25 starts: held, lost on lifting, not held (figure 7).
+/// The starts of the robot's grid: held, lost on lifting, not held (figure 7).
 Section make_robot_section(const std::vector<RunFolder>& runs);
 
 /// Exposure by grasped particle, with the best point.
@@ -29,16 +29,18 @@ Section make_lattice_section(const std::vector<RunFolder>& runs);
 /// parameter, the value of the configuration as a dashed line. Of the first run that has a study.
 Section make_grasp_section(const std::vector<RunFolder>& runs);
 
-/// Success and exposure of every set and seed with Wilson intervals, and figures.csv.
+/// The figures of summary.json: of every evaluation, with Wilson intervals, and of the training;
+/// and figures.csv.
 Section make_numbers_section(const std::vector<RunFolder>& runs);
 
-/// The resolved configuration and what could not be read.
-Section make_config_section(const std::vector<RunFolder>& runs);
-
-/// "grid100_greedy" -> "100 starts, greedy policy".
-std::string describe_set(const std::string& name);
+/// The resolved configuration, and a line for all that could not be read.
+Section make_config_section(const std::vector<RunFolder>& runs,
+                            const std::vector<std::string>& damaged);
 
 /// Whether a set belongs to the robot's grid.
 bool is_robot_set(const std::string& name);
+
+/// Whether a set is the greedy policy on the grid of starts, which the report is about.
+bool is_greedy_grid(const std::string& name);
 
 }  // namespace omentum

@@ -36,10 +36,9 @@ Grid make_grid(const std::vector<RunFolder>& runs, const std::string& name) {
   }
   grid.cells.resize(static_cast<std::size_t>(grid.rows) * static_cast<std::size_t>(grid.columns));
   for (const EvaluationRow& start : starts_of(runs, name)) {
-    if (start.row < 1 || start.row > grid.rows || start.column < 1 || start.column > grid.columns)
-      continue;
-    GridCell& cell =
-        grid.cells[static_cast<std::size_t>((start.row - 1) * grid.columns + start.column - 1)];
+    const auto row = static_cast<int>(start.row), column = static_cast<int>(start.column);
+    if (row < 1 || row > grid.rows || column < 1 || column > grid.columns) continue;
+    GridCell& cell = grid.cells[static_cast<std::size_t>((row - 1) * grid.columns + column - 1)];
     ++cell.runs;
     cell.reached += start.reached ? 1 : 0;
     cell.held += start.held ? 1 : 0;
@@ -55,7 +54,7 @@ HeatMap grid_frame(const Grid& grid, const std::string& title) {
   map.title = title;
   map.rows = grid.rows;
   map.columns = grid.columns;
-  map.caption_top = "anchored edge, by the kidney";
+  map.caption_top = "anchored edge";
   map.caption_bottom = "free edge, towards the camera";
   map.value.assign(grid.cells.size(), kNaN);
   map.text.resize(grid.cells.size());
@@ -122,12 +121,12 @@ Section make_grid_section(const std::vector<RunFolder>& runs) {
     if (is_robot_set(name)) continue;
     const Grid grid = make_grid(runs, name);
     if (grid.cells.empty()) continue;
-    const Proportion reached = reached_share(runs, name);
-    section.content +=
-        fmt::format("<h3>{}: target reached {} of {}, mean exposure {}</h3>\n<div class=\"row\">\n",
-                    escape_html(describe_set(name)), reached.successes, reached.trials,
-                    percent(mean_exposure(runs, name), 1));
-    section.content += card(exposure_grid(grid, "Tumour exposed [%]", report_texts(runs)));
+    const EvaluationFigures f = figures_of(runs, name);
+    section.content += fmt::format(
+        "<h3>{}: target reached {} of {}, exposed {}, mean exposure {}</h3>\n<div class=\"row\">\n",
+        escape_html(describe_set(runs, name)), f.target_reached, f.starts, f.exposed,
+        percent(f.mean_exposure, 1));
+    section.content += card(exposure_grid(grid, "Exposure at the end [%]", report_texts(runs)));
     section.content += card(success_grid(grid, "Target reached with tissue held"));
     section.content += "</div>\n";
   }
@@ -141,12 +140,12 @@ Section make_robot_section(const std::vector<RunFolder>& runs) {
     if (!is_robot_set(name)) continue;
     const Grid grid = make_grid(runs, name);
     CategoryMap map;
-    map.title = describe_set(name);
+    map.title = describe_set(runs, name);
     map.caption_top = "towards the anchored edge";
     map.caption_bottom = "free edge, towards the camera";
     map.rows = grid.rows;
     map.columns = grid.columns;
-    map.kinds = {{"held to the end", "held", "#3f8f5b", "#ffffff"},
+    map.kinds = {{"held to the end", "yes", "#3f8f5b", "#ffffff"},
                  {"held, then lost", "lost", "#e39a3b", "#2b1c05"},
                  {"not held", "no", "#efe3a4", "#4b4212"}};
     for (std::size_t k = 0; k < grid.cells.size(); ++k) {
@@ -160,8 +159,8 @@ Section make_robot_section(const std::vector<RunFolder>& runs) {
       map.hover.push_back(hover_of(grid, k));
     }
     section.content += card(draw_category_map(map));
-    section.content +=
-        card(exposure_grid(grid, "Tumour exposed [%]", pb::Report::default_instance()));
+    section.content += card(exposure_grid(grid, map.title + ": exposure at the end [%]",
+                                          pb::Report::default_instance()));
   }
   section.content = section.content.empty() ? missing("No evaluation on the robot's grid.")
                                             : row(section.content);
@@ -173,7 +172,9 @@ Section make_lattice_section(const std::vector<RunFolder>& runs) {
       "lattice", "Where to grasp",
       "No policy: the jaw closes on one particle, lifts it to the target and holds. Colour: what "
       "that exposes. "
-      "It is the best any policy that lifts to this target could do by choosing its grasp.",
+      "It is the best any policy that lifts to this target could do by choosing its grasp; best is "
+      "a "
+      "grasp that reached the target and held.",
       ""};
   const auto run =
       std::find_if(runs.begin(), runs.end(), [](const RunFolder& r) { return !r.lattice.empty(); });
@@ -187,41 +188,47 @@ Section make_lattice_section(const std::vector<RunFolder>& runs) {
   map.y_label = "y_B, anchored edge on top [mm]";
   map.scale_label = std::string("%");  // g++ 12 warns wrongly about assigning the literal
   map.y_down = true;                   // anchored edge on top, as in the start grids
-  double best = -1;
-  int reached = 0;
+  const std::optional<std::size_t> best = best_grasp(run->lattice);
+  std::size_t as_good = 0;
   double nearest = std::numeric_limits<double>::infinity();
-  for (const LatticePoint& point : run->lattice) {
-    if (std::isfinite(point.exposure) && point.exposure > best) {
-      best = point.exposure;
-      map.best = map.x.size();
-    }
-    reached += point.reached ? 1 : 0;
-    const LatticePoint& first = run->lattice.front();
-    const double distance = std::hypot(point.x - first.x, point.y - first.y);
+  for (const EvaluationRow& grasp : run->lattice) {
+    const EvaluationRow& first = run->lattice.front();
+    const double distance =
+        std::hypot(grasp.start[0] - first.start[0], grasp.start[1] - first.start[1]);
     if (distance > 1e-6) nearest = std::min(nearest, distance);
-    map.x.push_back(1000 * point.x);
-    map.y.push_back(1000 * point.y);
-    map.value.push_back(100 * point.exposure);
+    map.x.push_back(1000 * grasp.start[0]);
+    map.y.push_back(1000 * grasp.start[1]);
+    map.value.push_back(100 * grasp.exposure);
+    as_good += best && grasp.reached && grasp.held && grasp.exposure == run->lattice[*best].exposure
+                   ? 1
+                   : 0;
   }
   map.high = 100;
   map.cell = std::isfinite(nearest) ? 1000 * nearest : 3;
-  if (map.best) {
-    map.best_label = fmt::format("best: {:.0f} %", 100 * best);
-    const LatticePoint& point = run->lattice[*map.best];
-    std::string cards = card(draw_plane_map(map));
-    cards += card(fmt::format(
-        "<h3>Best grasp</h3>\n{}",
-        make_table({{"", "value"},
-                    {"particle", std::to_string(point.particle)},
-                    {"place in B at rest",
-                     fmt::format("({:.1f}, {:.1f}) mm", 1000 * point.x, 1000 * point.y)},
-                    {"exposure", percent(point.exposure, 1)},
-                    {"points tried", std::to_string(run->lattice.size())},
-                    {"target reached", fmt::format("{} of {}", reached, run->lattice.size())},
-                    {"run", run->name}},
-                   {1})));
-    section.content = row(cards);
+  const EvaluationFigures f = figures_of(run->lattice);
+  std::vector<std::vector<std::string>> rows = {
+      {"", "value"},
+      {"grasps tried", std::to_string(f.starts)},
+      {"target reached", fmt::format("{} of {}", f.target_reached, f.starts)},
+      {"grasp held", fmt::format("{} of {}", f.grasp_held, f.starts)},
+      {"exposed", fmt::format("{} of {}", f.exposed, f.starts)},
+      {"run", run->name}};
+  if (best) {
+    const EvaluationRow& grasp = run->lattice[*best];
+    map.best = best;
+    map.best_label = as_good > 1
+                         ? fmt::format("{:.0f} %, as {} others", 100 * grasp.exposure, as_good - 1)
+                         : fmt::format("best: {:.0f} %", 100 * grasp.exposure);
+    rows.insert(
+        rows.begin() + 1,
+        {{"best exposure", percent(grasp.exposure, 1)},
+         {"grasps as good", std::to_string(as_good)},
+         {"the first of them, particle", std::to_string(grasp.index)},
+         {"its place in B at rest",
+          fmt::format("({:.1f}, {:.1f}) mm", 1000 * grasp.start[0], 1000 * grasp.start[1])}});
   }
+  section.content = row(card(draw_plane_map(map)) +
+                        card(std::string("<h3>Best grasp</h3>\n") + make_table(rows, {1})));
   return section;
 }
 

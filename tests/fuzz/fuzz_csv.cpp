@@ -3,8 +3,10 @@
 #include <string>
 
 #include "core/csv.h"
+#include "core/evaluation_table.h"
 
-// Any text gives a table whose rows are whole, or one line that names the file.
+// Any text gives a table whose rows are whole, or one line that names the file; so does what is
+// read of it as an evaluation.
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size);
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
@@ -22,6 +24,9 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     if (table.rows[row].size() != table.header.size() || table.lines[row] <= line) __builtin_trap();
     line = table.lines[row];
   }
+  const auto rows = omentum::read_evaluation(table);
+  if (!rows && !rows.error().starts_with("fuzz:")) __builtin_trap();
+  if (rows && omentum::figures_of(rows.value()).starts != table.rows.size()) __builtin_trap();
   if (!table.require_numbers()) return 0;
   for (const omentum::CsvCell& cell : table.header) {
     if (table.numbers(cell.text).size() != table.rows.size()) __builtin_trap();

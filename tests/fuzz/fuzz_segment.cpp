@@ -142,7 +142,7 @@ void judge_and_record(TaskBook& book) {
   const std::vector<RolloutSegment> results = book.take_evaluation();
   EvaluationSet set;
   set.start_indices = {0};
-  require(judge(set, results, 0.5).size() == 1);
+  require(judge(pb::Config::default_instance(), set, results, 0.5).size() == 1);
   RecordingContext context;
   context.particles = particles_of(results, tasks[0].frame_stride);
   if (results[0].failed == 0)

@@ -152,8 +152,8 @@ TEST(RunSummary, HoldsTheKeysReadersLookFor) {
   summary.timings["update"] = 1.5;
   EvaluationSummary grid;
   grid.name = "grid100_greedy";
-  grid.starts = 100;
-  grid.target_reached = 99;
+  grid.figures.starts = 100;
+  grid.figures.target_reached = 99;
   grid.best_exposure = 0.5;
   summary.evaluations.push_back(grid);
   const std::string text = summary_json(summary);

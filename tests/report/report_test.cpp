@@ -10,6 +10,7 @@
 #include <regex>
 
 #include "core/check.h"
+#include "core/config.h"
 #include "report/episodes.h"
 #include "report/html.h"
 #include "report/plot.h"
@@ -20,6 +21,7 @@
 #include "tests/support/episode_fixture.h"
 #include "tests/support/paper_scene.h"
 #include "tests/support/synthetic_run.h"
+#include "tests/support/temp_dir.h"
 
 namespace omentum {
 namespace {
@@ -208,7 +210,7 @@ TEST_F(ReportTest, IsSelfContained) {
   EXPECT_THAT(html, HasSubstr("approach &amp; more"));
   EXPECT_THAT(html, HasSubstr("Two &lt;b&gt;starts"));
   EXPECT_THAT(html, HasSubstr("(8, 6): shown"));
-  EXPECT_THAT(html, HasSubstr("slip_force_n"));
+  EXPECT_THAT(html, HasSubstr("slip force [N]"));
   EXPECT_THAT(html, HasSubstr("replay-block-3"));
   EXPECT_LT(html.size(), 12'000'000);
   EXPECT_EQ(html, make_report(load_runs({folder_}), &scene)) << "same input, same text";
@@ -238,8 +240,105 @@ TEST_F(ReportTest, DamagedRecordingBecomesAWarning) {
   const Scene scene = test::make_paper_scene();
   const std::string html = make_report(load_runs({run}), &scene);
   fs::remove_all(run);
-  EXPECT_THAT(html, HasSubstr("no episode header"));
-  EXPECT_THAT(html, HasSubstr("Best - start (7, 5)"));
+  EXPECT_THAT(html, HasSubstr("grid100_greedy_75.mcap: corrupt: byte 0: no MCAP magic"));
+  EXPECT_THAT(html, HasSubstr("Of the recordings: "));
+  EXPECT_THAT(html, HasSubstr("Best: start (7, 5)"));
+}
+
+/// A copy of the first seed that a test may change.
+class ChangedRun : public ReportTest {
+ protected:
+  void SetUp() override { fs::copy(folder_ + "/seed1", run_, fs::copy_options::recursive); }
+  std::string html(const Scene* scene = nullptr) {
+    damaged_.clear();
+    return make_report(load_runs({run_}), scene, &damaged_);
+  }
+
+  test::TempDir temp_;
+  const std::string run_ = temp_ / "run";
+  std::vector<std::string> damaged_;
+};
+
+TEST_F(ChangedRun, EveryUnreadableRecordingIsToldNotOnlyAShownOne) {
+  for (const int index : {64, 42}) {
+    const std::string path = fmt::format("{}/recordings/grid100_greedy_{}.mcap", run_, index);
+    fs::resize_file(path, index == 64 ? 20 : fs::file_size(path) - 10);
+  }
+  std::ofstream(run_ + "/recordings/other_0.mcap") << "x";
+  fs::copy(run_ + "/recordings/grid100_greedy_53.mcap", run_ + "/recordings/stray_7.mcap");
+  const std::string page = html();
+  EXPECT_THAT(damaged_, testing::UnorderedElementsAre(
+                            HasSubstr("greedy_64.mcap: corrupt: "), HasSubstr("greedy_42.mcap: "),
+                            HasSubstr("other_0.mcap: corrupt: "),
+                            HasSubstr("stray_7.mcap: no row of it in a table")));
+  for (const std::string& line : damaged_) EXPECT_THAT(page, HasSubstr(escape_html(line)));
+  EXPECT_THAT(page, HasSubstr("(and 3 more"));
+}
+
+TEST_F(ChangedRun, NoneIsBestOrWorstWhereAllAreEqual) {
+  const std::string table = run_ + "/evaluation/grid100_greedy.csv";
+  std::string text = "index,row,column,exposure,reached\n";
+  for (int k = 0; k < 100; ++k)
+    text += fmt::format("{},{},{},{},1\n", k, k / 10 + 1, k % 10 + 1, 0.861 + 1e-5 * k);
+  std::ofstream(table) << text;
+  const Scene scene = test::make_paper_scene();
+  const std::string page = html(&scene);
+  for (const char* word : {"Best: ", "Worst: ", "best, start", "worst, start", "The best and the"})
+    EXPECT_THAT(page, Not(HasSubstr(word)));
+  EXPECT_THAT(page, HasSubstr("end with the same exposure: none is best"));
+}
+
+TEST_F(ChangedRun, StartsAreCountedFromTheRowsThatAreThere) {
+  const std::string table = run_ + "/evaluation/grid100_greedy.csv";
+  std::string text = "index,row,column,exposure,reached\n";
+  for (int k = 0; k < 28; ++k) text += fmt::format("{},{},{},0.5,1\n", k, k / 10 + 1, k % 10 + 1);
+  std::ofstream(table) << text;
+  EXPECT_THAT(html(), testing::AllOf(HasSubstr("28 starts, greedy actions"), HasSubstr("28 / 28"),
+                                     Not(HasSubstr("100 starts, greedy"))));
+  std::ofstream(run_ + "/config.txtpb") << "scene { start_grid { rows: 10 columns: 10 } }\n";
+  EXPECT_THAT(html(), HasSubstr("28 of 100 starts, greedy actions"));
+}
+
+TEST_F(ChangedRun, WhatCountsAsExposedIsTold) {
+  std::ofstream(run_ + "/evaluation/grid100_greedy.csv")
+      << "index,row,column,exposure,reached,held,exposed,best_exposure\n0,1,1,0.5,1,1,0,0.8\n";
+  fs::remove(run_ + "/evaluation/grid100_sampled.csv");
+  fs::remove(run_ + "/evaluation/robot25_greedy.csv");
+  EXPECT_THAT(html(), HasSubstr("Exposed: reached, held, and at the end at least 90 % of the "
+                                "exposure of the best grasp of the lattice, here 72.0 %."));
+}
+
+TEST_F(ChangedRun, TitlesHaveTheUnitsOfTheirAxes) {
+  const std::string page = html();
+  EXPECT_THAT(page, HasSubstr("<figcaption>min pinch</figcaption>"));
+  EXPECT_THAT(page, HasSubstr("min pinch [mm]"));
+  EXPECT_THAT(page, Not(HasSubstr("min_pinch_m")));
+}
+
+// "Approach" is a stage of the paper's training, its figures 4, 5 and 7 are of its task.
+TEST(Presets, OnlyThePapersShowThePapersStages) {
+  for (const std::string& preset : preset_names()) {
+    RunFolder run;
+    run.name = preset;
+    run.config = load_config(preset, {});
+    run.config_text = "x";
+    run.metrics = parse_csv("metrics.csv",
+                            "charts/steps_total,charts/episodic_return,charts/episodic_length\n"
+                            "1,-3,10\n3000000,-2,10\n")
+                      .value();
+    EvaluationRow start;
+    start.row = start.column = 1;
+    run.evaluations["grid1_greedy"] = {{start}, 1, 1, 1};
+    const std::string page = make_report({run}, nullptr);
+    const bool paper = preset.starts_with("paper");
+    for (const char* word :
+         {">approach</text>", "the paper&#39;s figure 4", "paper's figure", "where the paper"}) {
+      if (!paper) {
+        EXPECT_THAT(page, Not(HasSubstr(word))) << preset;
+      }
+    }
+    EXPECT_EQ(page.find(">approach</text>") != std::string::npos, paper) << preset;
+  }
 }
 
 }  // namespace
