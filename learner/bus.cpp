@@ -380,7 +380,9 @@ void LearnerBus::follow_silence(TaskBook& book) {
   const std::lock_guard lock(mutex_);
   for (auto& [id, served] : served_) {
     const auto seen = seen_.find(id);
-    const bool silent = seen != seen_.end() && steady_now_ns() - seen->second.at_ns > kSilentNs;
+    // One that makes its scene, before it joins, has nothing to say yet.
+    const bool silent =
+        served.joined && seen != seen_.end() && steady_now_ns() - seen->second.at_ns > kSilentNs;
     if (std::exchange(served.silent, silent) == silent) continue;
     book.worker_silent(id, silent);
     log().warn("event=worker_{} worker={}", silent ? "silent" : "speaks_again", id);

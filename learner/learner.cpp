@@ -54,6 +54,21 @@ Learner::Learner(pb::Config config, LearnerOptions options)
 
 void Learner::open_run_folder() {
   namespace fs = std::filesystem;
+  const pb::Run& run = config_.run();
+  int threads = static_cast<int>(run.learner_threads());
+  if (threads == 0) {
+    threads = config_.rollout().lead() == pb::LEAD_1
+                  ? 1
+                  : static_cast<int>(std::max(1U, std::thread::hardware_concurrency()));
+  }
+  ppo_ = std::make_unique<Ppo>(config_, shape_, threads);
+  // Before anything is made or moved: a file that cannot be taken leaves nothing behind.
+  if (!options_.initialise_from.empty()) {
+    const Result<pb::Checkpoint> other = load_checkpoint(options_.initialise_from);
+    if (!other) throw_error("--initialise-from: {}", other.error());
+    const Result<void> taken = ppo_->initialise_from(other.value().ppo());
+    if (!taken) throw_error("--initialise-from {}: {}", options_.initialise_from, taken.error());
+  }
   lock_ = std::make_unique<RunLock>(options_.run_dir);
   if (options_.restart && fs::exists(options_.run_dir)) {
     std::string aside;
@@ -70,15 +85,6 @@ void Learner::open_run_folder() {
     milestones.push_back(milestone.steps());
   checkpoints_ =
       std::make_unique<CheckpointStore>(options_.run_dir + "/checkpoints", std::move(milestones));
-
-  const pb::Run& run = config_.run();
-  int threads = static_cast<int>(run.learner_threads());
-  if (threads == 0) {
-    threads = config_.rollout().lead() == pb::LEAD_1
-                  ? 1
-                  : static_cast<int>(std::max(1U, std::thread::hardware_concurrency()));
-  }
-  ppo_ = std::make_unique<Ppo>(config_, shape_, threads);
   restore();
 }
 
@@ -115,7 +121,10 @@ void Learner::restore() {
   book.learner_epoch = epoch_;
   if (found.value().has_value()) {
     const LoadedCheckpoint& loaded = *found.value();
-    for (const std::string& warning : loaded.warnings) log().warn("{}", warning);
+    for (const std::string& warning : loaded.warnings)
+      log().warn("event=checkpoint_skipped reason=\"{}\" older taken: {}", warning, loaded.path);
+    if (!options_.initialise_from.empty())
+      log().warn("event=initialise_from_skipped reason=\"the run goes on from its checkpoint\"");
     const pb::Checkpoint& saved = loaded.checkpoint;
     const Result<void> taken = ppo_->load(saved.ppo());
     if (!taken) throw_error("{}: {}", loaded.path, taken.error());
@@ -128,17 +137,15 @@ void Learner::restore() {
     }
     wall_before_s_ = saved.wall_s();
     physics_ticks_ = saved.physics_steps_total();
+    for (const pb::RecentEpisode& one : saved.recent_episode()) {
+      episodes_.add(
+          {one.return_sum(), one.length(), one.exposure(), one.success(), one.held(), one.lost()});
+    }
     episodes_.total = saved.episodes_total();
     best_score_ = saved.best_score();
     log().info("resumed={} steps={} update={} epoch={}", loaded.path, ppo_->steps_total(),
                ppo_->version(), epoch_);
   } else {
-    if (!options_.initialise_from.empty()) {
-      const Result<pb::Checkpoint> other = load_checkpoint(options_.initialise_from);
-      if (!other) throw_error("--initialise-from: {}", other.error());
-      const Result<void> taken = ppo_->initialise_from(other.value().ppo());
-      if (!taken) throw_error("--initialise-from {}: {}", options_.initialise_from, taken.error());
-    }
     book_ = std::make_unique<TaskBook>(book);
   }
   steps_before_ = ppo_->steps_total();
@@ -339,9 +346,15 @@ void Learner::tell_while_alone() {
   if (alone_told_ns_ > alone_since_ns_ && seconds_since(alone_told_ns_) < kTellS) return;
   alone_told_ns_ = now;
   std::string refusals;
+  int starting = 0;
   for (const WorkerStatus& worker : bus_->worker_statuses()) {
+    starting += worker.phase == WorkerPhase::kStarting && worker.warnings.empty() ? 1 : 0;
     if (!worker.warnings.empty())
       refusals += fmt::format("; worker of {} refuses: {}", worker.host, worker.warnings.back());
+  }
+  if (starting > 0 && refusals.empty()) {
+    log().info("waiting for {} worker(s) that make their scene", starting);
+    return;
   }
   log().warn("waiting for workers: start sim_worker --run {} --domain {}{}", config_.run().name(),
              config_.run().domain(), refusals);

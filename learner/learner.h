@@ -27,7 +27,7 @@ namespace omentum {
 struct LearnerOptions {
   std::string run_dir;          ///< runs/<name>; made if missing
   bool restart = false;         ///< move an existing run aside
-  std::string initialise_from;  ///< run folder whose weights to start from
+  std::string initialise_from;  ///< checkpoint file whose weights a new run starts from
   bool quiet = false;           ///< no progress lines on stdout
   double unsaved_limit_s =
       300;  ///< training goes on so long while no checkpoint can be written; then it pauses

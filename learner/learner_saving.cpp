@@ -32,6 +32,15 @@ bool Learner::save_checkpoint(std::optional<std::uint64_t> milestone) {
   to_disk(book_->table(), kSimStateFormat, checkpoint);
   checkpoint.set_physics_steps_total(physics_ticks_);
   checkpoint.set_episodes_total(episodes_.total);
+  for (const RecentEpisodes::One& one : episodes_.recent) {
+    pb::RecentEpisode& kept = *checkpoint.add_recent_episode();
+    kept.set_return_sum(one.return_sum);
+    kept.set_length(one.length);
+    kept.set_exposure(one.exposure);
+    kept.set_success(one.success);
+    kept.set_held(one.held);
+    kept.set_lost(one.lost);
+  }
   checkpoint.set_wall_s(wall_s());
   const double score = episodes_.mean([](const auto& o) { return o.return_sum; });
   CheckpointStore::Save what;

@@ -29,17 +29,19 @@ int run(int argc, char** argv) {
   app.add_option("--preset", preset, "One of deploy/presets")->capture_default_str();
   app.add_option(
       "--run", name,
-      "Name of the run and of its folder under run.runs_dir; a run with a checkpoint is resumed");
+      "Name of the run and of its folder under run.runs_dir; a run with a checkpoint is resumed; "
+      "default: run.name, without it the preset's name");
   app.add_option("--set", overrides, "Override a knob, a.b=value; may be repeated")
       ->allow_extra_args(false);
   app.add_flag("--restart", options.restart, "Move an existing run folder aside and start anew");
   app.add_option("--initialise-from", options.initialise_from,
-                 "Checkpoint file whose weights to start from");
+                 "Checkpoint file whose weights a new run starts from; default: fresh weights");
   app.add_option("--max-wait", options.max_wait_s,
-                 "Stop with code 1 after so many seconds without a worker; 0 = wait for ever")
-      ->check(CLI::Range(0.0, 1e9));
+                 "Stop with code 1 after so long without a worker [s]; 0 = wait for ever")
+      ->check(CLI::Range(0.0, 1e9))
+      ->capture_default_str();
   app.add_option("--unsaved-limit", options.unsaved_limit_s,
-                 "Seconds that training goes on while no checkpoint can be written; then it pauses "
+                 "Training goes on so long while no checkpoint can be written [s]; then it pauses "
                  "until one can")
       ->check(CLI::Range(0.0, 1e9))
       ->capture_default_str();

@@ -31,16 +31,45 @@ std::uint64_t update_of_json(std::string_view line) {
   return update.is_number_unsigned() ? update.get<std::uint64_t>() : 0;
 }
 
-/// Rewrites a row file without the rows after `last_update` and without a torn last line.
+std::vector<std::string> cells_of(const std::string& line) {
+  std::vector<std::string> cells(1);
+  for (const char c : line) {
+    if (c == ',') {
+      cells.emplace_back();
+    } else {
+      cells.back() += c;
+    }
+  }
+  return cells;
+}
+
+/// The cells of a row below another header, as an earlier version wrote it, in the order of ours.
+std::string reordered(const std::string& row, const std::string& theirs, const std::string& ours) {
+  const std::vector<std::string> cells = cells_of(row), names = cells_of(theirs);
+  std::string line;
+  for (const std::string& name : cells_of(ours)) {
+    const auto at =
+        static_cast<std::size_t>(std::find(names.begin(), names.end(), name) - names.begin());
+    line += (line.empty() ? "" : ",") + (at < cells.size() ? cells[at] : std::string());
+  }
+  return line;
+}
+
+/// Rewrites a row file without the rows after `last_update` and without a torn last line, with the
+/// columns of `header`, where there is one.
 void drop_rows_after(const std::string& path, std::uint64_t last_update,
                      std::uint64_t (*update_of)(std::string_view), const std::string& header) {
   std::string kept = header;
   if (last_update > 0 && std::filesystem::exists(path)) {
     std::ifstream file(path);
+    const std::string ours = header.substr(0, header.find('\n'));
+    std::string theirs = ours;
     std::string line;
     while (std::getline(file, line) && !file.eof()) {
+      if (line.starts_with("update,")) theirs = line;
       const std::uint64_t update = update_of(line);
-      if (update >= 1 && update <= last_update) kept += line + "\n";
+      if (update < 1 || update > last_update) continue;
+      kept += (theirs == ours ? line : reordered(line, theirs, ours)) + "\n";
     }
   }
   if (const Result<void> result = write_durably(path, kept); !result) {
@@ -74,10 +103,8 @@ std::vector<std::string> metric_names(const std::vector<std::string>& branches) 
   group("ledger", {"granted", "regranted", "received", "admitted", "duplicate", "stale", "invalid",
                    "cancelled", "outstanding", "audit_mismatch"});
   group("workers", {"alive", "lanes", "steps_per_s", "sim_time_fraction", "wait_fraction",
-                    "segment_time_p50_s", "segment_time_p95_s", "lost_leases", "declined"});
-  group("wire", {"bytes_up_per_s", "bytes_down_per_s", "rexmit_bytes", "time_throttle_s",
-                 "weights_latency_p99_s", "fuse_level"});
-  group("time", {"wait_s", "check_s", "prepare_s", "update_s", "publish_s", "save_s"});
+                    "lost_leases", "declined"});
+  group("time", {"wait_s", "check_s", "update_s", "publish_s", "save_s"});
   return names;
 }
 

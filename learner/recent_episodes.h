@@ -5,8 +5,7 @@
 
 namespace omentum {
 
-/// The last 100 training episodes, for the console and the curves. Of it a checkpoint keeps
-/// `total`.
+/// The last 100 training episodes, for console, curves and summary; a checkpoint keeps them.
 struct RecentEpisodes {
   struct One {
     double return_sum = 0, length = 0, exposure = 0;  ///< length in steps, exposure in [0, 1]

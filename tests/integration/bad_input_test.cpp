@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cstdlib>
 #include <utility>
 #include <vector>
@@ -75,7 +76,12 @@ TEST_F(BadInput, KnobsAreRefusedByName) {
                          {"task.increment_m: 1 m", "allowed 1e-05 ... 0.01"});
   expect_learner_refuses({"task.increment_m=nan"}, {"task.increment_m: nan", "allowed"});
   expect_learner_refuses({"scene.target_m.x=nan"}, {"scene.target_m", "nan", "allowed"});
-  expect_learner_refuses({"task.reward=REWARD_FREE"}, {"task.reward", "REWARD_FREE"});
+  expect_learner_refuses({"task.reward=REWARD_FREE"},
+                         {"task.reward", "REWARD_FREE", "Allowed: REWARD_PAPER, REWARD_DERIVED"});
+  expect_learner_refuses({"task.increment_m=0.001 }\nppo { hidden: 64"},
+                         {"task.increment_m", "more than one value"});
+  expect_learner_refuses({"format_version=2"}, {"format_version: 2", "allowed 1"});
+  expect_learner_refuses({"scene.format_version=2"}, {"scene.format_version: 2", "allowed 1"});
   expect_learner_refuses({"task.increment_m"}, {"task.increment_m"});
   expect_learner_refuses({"run.domain=999"}, {"run.domain: 999", "allowed 0 ... 230"});
   expect_learner_refuses({"run.lane_width=3"}, {"run.lane_width: 3", "1, 8, 16"});
@@ -103,7 +109,7 @@ TEST_F(BadInput, AGraspStudyNeedsARunFolderAndAGraspThatCanFail) {
   const std::string run = programs_.folder() / "run";
   const Strings study = {OMENTUM_SIM_WORKER, "--grasp-study", run};
   expect_refused(programs_.finish(study),
-                 {"--grasp-study", run + "/config.txtpb", "cannot be read"});
+                 {"--grasp-study", run + "/config.txtpb", "cannot be opened"});
   std::filesystem::create_directories(run);
   std::ofstream(run + "/config.txtpb") << "grasp { radius_m: 9 }\n";
   expect_refused(programs_.finish(study), {"radius_m"});
@@ -113,6 +119,105 @@ TEST_F(BadInput, AGraspStudyNeedsARunFolderAndAGraspThatCanFail) {
   EXPECT_EQ(plain.code, 0) << plain.err;
   EXPECT_THAT(plain.out, HasSubstr("no grasp study"));
   EXPECT_FALSE(std::filesystem::exists(run + "/evaluation"));
+}
+
+// Three dozen sweeps of four starts on a small sheet. A study takes its time, so it is made once,
+// and not at all where it cannot be written.
+TEST_F(BadInput, AGraspStudyIsMadeOnceAndNotWhereItCannotBeWritten) {
+  const std::string run = programs_.folder() / "run";
+  std::filesystem::create_directories(run);
+  const auto configure = [&](const Strings& more) {
+    const Finished dry = programs_.finish(with_sets(
+        {OMENTUM_LEARNER, "--dry-run"},
+        tiny_task() + Strings{"scene.robot_grid.rows=2", "scene.robot_grid.columns=2"} + more));
+    std::ofstream(run + "/config.txtpb") << dry.out;
+  };
+  configure({});
+  const Strings study = {OMENTUM_SIM_WORKER, "--grasp-study", run};
+  const std::string table = run + "/evaluation/grasp_study.csv";
+  std::ofstream(run + "/evaluation") << "a file in the way";
+  const auto begin = std::chrono::steady_clock::now();
+  expect_refused(programs_.finish(study), {"evaluation"});
+  const auto refused = std::chrono::steady_clock::now() - begin;
+  std::filesystem::remove(run + "/evaluation");
+  const Finished made = programs_.finish(study);
+  ASSERT_EQ(made.code, 0) << made.err;
+  EXPECT_LT(refused, std::chrono::steady_clock::now() - begin - refused) << "before the study";
+  const auto written = std::filesystem::last_write_time(table);
+  EXPECT_THAT(programs_.finish(study).out, HasSubstr("already"));
+  configure({"rollout.run_seed=7"});  // has no part in it
+  EXPECT_THAT(programs_.finish(study).out, HasSubstr("already"));
+  EXPECT_EQ(std::filesystem::last_write_time(table), written);
+  configure({"grasp.min_pinch_m=0.0004"});
+  EXPECT_EQ(programs_.finish(study).out, table + "\n");
+}
+
+TEST_F(BadInput, EveryProgramTellsItsVersion) {
+  std::string first;
+  for (const char* program :
+       {OMENTUM_LEARNER, OMENTUM_SIM_WORKER, OMENTUM_REPORT, OMENTUM_MISMATCH}) {
+    const Finished version = programs_.finish({program, "--version"});
+    EXPECT_EQ(version.code, 0) << program;
+    EXPECT_THAT(version.out,
+                testing::MatchesRegex("omentum [0-9.]+, revision .*, build [0-9a-f]+\n"));
+    if (first.empty()) first = version.out;
+    EXPECT_EQ(version.out, first) << program;
+  }
+}
+
+TEST_F(BadInput, ACheckpointThatCannotInitialiseLeavesNothing) {
+  const std::string file = programs_.folder() / "other.pb";
+  std::ofstream(file) << "OMCKPT01 and no more";
+  expect_learner_refuses({}, {"--initialise-from", file},
+                         {"--run", "bad", "--initialise-from", file});
+  expect_learner_refuses({}, {"--initialise-from", "nowhere.pb"},
+                         {"--run", "bad", "--initialise-from", "nowhere.pb"});
+  EXPECT_FALSE(std::filesystem::exists(programs_.folder() / "runs"));
+  programs_.train("other", tiny_task());
+  const std::string other = files_in(programs_.run_dir("other") + "/checkpoints").front();
+  const Finished larger = programs_.finish(with_sets(
+      {OMENTUM_LEARNER, "--run", "larger", "--initialise-from", other},
+      tiny_task() + Strings{"ppo.hidden=24", "run.runs_dir=" + (programs_.folder() / "runs")}));
+  expect_refused(larger, {"--initialise-from", "another network"});
+  EXPECT_FALSE(std::filesystem::exists(programs_.run_dir("larger")));
+  // Nor does a run move aside for it.
+  expect_refused(programs_.finish(with_sets(
+                     {OMENTUM_LEARNER, "--run", "other", "--restart", "--initialise-from", file},
+                     tiny_task() + Strings{"run.runs_dir=" + (programs_.folder() / "runs")})),
+                 {"--initialise-from"});
+  EXPECT_TRUE(std::filesystem::exists(other));
+}
+
+TEST_F(BadInput, ACorruptCheckpointIsSaidToBeSkipped) {
+  programs_.train("run", tiny_task() + Strings{"run.checkpoint_interval_s=0"});
+  Strings files = files_in(programs_.run_dir("run") + "/checkpoints");
+  std::erase_if(files, [](const std::string& file) {
+    return file.find("/checkpoint-") == std::string::npos;
+  });
+  std::sort(files.begin(), files.end());
+  ASSERT_EQ(files.size(), 2u);
+  std::filesystem::resize_file(files.back(), std::filesystem::file_size(files.back()) / 2);
+  programs_.train("run", tiny_task());
+  const std::string said = test::read_text(programs_.err("run"));
+  EXPECT_THAT(said, HasSubstr("event=checkpoint_skipped reason=\"" + files.back() + ": truncated"));
+  EXPECT_THAT(said, HasSubstr("resumed=" + files.front()));
+}
+
+TEST_F(BadInput, ACorruptEpochFileSaysHowToGoOn) {
+  programs_.train("run", tiny_task());
+  const std::string epoch = programs_.run_dir("run") + "/learner_epoch";
+  std::ofstream(epoch) << "x";
+  expect_refused(programs_.finish(with_sets(
+                     {OMENTUM_LEARNER, "--run", "run"},
+                     tiny_task() + Strings{"run.runs_dir=" + (programs_.folder() / "runs")})),
+                 {epoch, "remove the file to go on"});
+}
+
+TEST_F(BadInput, AByteOrderMarkIsNoPartOfAConfiguration) {
+  const std::string path = programs_.folder() / "config.txtpb";
+  std::ofstream(path) << "\xef\xbb\xbf" << programs_.finish({OMENTUM_LEARNER, "--dry-run"}).out;
+  const Finished checked = programs_.finish({OMENTUM_SIM_WORKER, "--check-config", path});
+  EXPECT_EQ(checked.code, 0) << checked.err;
 }
 
 TEST_F(BadInput, ScenesAreRefusedByTheWorkersCheck) {

@@ -1,7 +1,9 @@
 // The programs learn, evaluate and record; recordings run again bit for bit.
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <regex>
 
 #include "core/episode_recording.h"
 #include "tests/integration/programs.h"
@@ -156,10 +158,132 @@ TEST_F(Evaluated, ADamagedFileIsOneLineAndExitCode2) {
   const Finished garbage = programs_->finish({OMENTUM_SIM_WORKER, "--replay", path});
   EXPECT_EQ(garbage.code, 2);
   EXPECT_EQ(test::lines_of(garbage.err).size(), 1u) << garbage.err;
-  EXPECT_NE(garbage.err.find(path), std::string::npos) << garbage.err;
+  EXPECT_NE(garbage.err.find(path + ": corrupt: "), std::string::npos) << garbage.err;
+  // A byte of a chunk in the middle: what can be read of it agrees, and the file is corrupt.
+  std::string flipped = text;
+  flipped[text.size() / 2] = static_cast<char>(flipped[text.size() / 2] ^ 1);
+  write(flipped);
+  const Finished corrupt = programs_->finish({OMENTUM_SIM_WORKER, "--replay", path});
+  EXPECT_EQ(corrupt.code, 2) << corrupt.out;
+  EXPECT_NE((corrupt.out + corrupt.err).find("corrupt: byte "), std::string::npos)
+      << corrupt.out << corrupt.err;
   write(text.substr(0, text.size() * 3 / 4));
   EXPECT_EQ(programs_->finish({OMENTUM_SIM_WORKER, "--replay", path}).code, 2);
   EXPECT_EQ(programs_->finish({OMENTUM_SIM_WORKER, "--replay", path + ".missing"}).code, 2);
+}
+
+TEST_F(Evaluated, AFolderOfRecordingsIsReplayedAndOneWithoutAnyIsNamed) {
+  for (const std::string& folder :
+       {programs_->run_dir("evaluated"), programs_->run_dir("evaluated") + "/recordings"}) {
+    const Finished replay = programs_->finish({OMENTUM_SIM_WORKER, "--replay", folder});
+    EXPECT_EQ(replay.code, 0) << replay.err;
+    EXPECT_EQ(test::lines_of(replay.out).size(), recordings().size());
+  }
+  const std::string none = programs_->run_dir("evaluated") + "/evaluation";
+  const Finished empty = programs_->finish({OMENTUM_SIM_WORKER, "--replay", none});
+  EXPECT_EQ(empty.code, 2);
+  EXPECT_NE(empty.err.find(none + ": a folder without recordings"), std::string::npos) << empty.err;
+}
+
+TEST_F(Evaluated, EveryColumnOfTheMetricsIsFilled) {
+  const std::string csv = read_text(programs_->run_dir("evaluated") + "/metrics.csv");
+  for (const std::string& name : cells(test::lines_of(csv).at(0))) {
+    const Strings values = column(csv, name);
+    EXPECT_TRUE(std::all_of(values.begin(), values.end(), [](const auto& v) { return !v.empty(); }))
+        << name;
+  }
+}
+
+/// Text of the cells of the report's table row that holds all of `keys`.
+Strings table_row(const std::string& html, const Strings& keys) {
+  for (std::size_t at = html.find("<tr>"); at != std::string::npos;
+       at = html.find("<tr>", at + 1)) {
+    const std::string row = html.substr(at, html.find("</tr>", at) - at);
+    Strings texts;
+    for (std::size_t cell = row.find("<td"); cell != std::string::npos;
+         cell = row.find("<td", cell + 1)) {
+      const std::size_t begin = row.find('>', cell) + 1;
+      texts.push_back(row.substr(begin, row.find("</td>", begin) - begin));
+    }
+    const bool all = std::all_of(keys.begin(), keys.end(), [&](const std::string& key) {
+      return std::find(texts.begin(), texts.end(), key) != texts.end();
+    });
+    if (all) return texts;
+  }
+  ADD_FAILURE() << "no row with " << keys.front();
+  return Strings(10);
+}
+
+TEST_F(Evaluated, TheReportTellsTheNumbersOfTheSummary) {
+  const std::string run = programs_->run_dir("evaluated");
+  const std::string page = programs_->folder() / "report.html";
+  ASSERT_EQ(programs_->finish({OMENTUM_REPORT, run, "-o", page}).code, 0);
+  const std::string html = read_text(page);
+  const std::string summary = programs_->summary("evaluated");
+  const auto percent = [](const std::string& share) {
+    return fmt::format("{:.1f} %", 100 * std::stod(share));
+  };
+  const std::pair<const char*, const char*> sets[] = {
+      {"grid4_greedy", "4 starts, greedy actions"},
+      {"robot4_sampled", "4 starts of the robot, sampled actions"},
+      {"grasp_lattice", "grasp lattice, 15 grasps"}};
+  for (const auto& [name, words] : sets) {
+    const std::string entry = summary.substr(summary.find(fmt::format("\"{}\"", name)));
+    const auto value = [&entry](const char* key) { return Programs::value(entry, key); };
+    const Strings row = table_row(html, {"evaluated", words});
+    EXPECT_EQ(row[2], value("target_reached") + " / " + value("starts")) << name;
+    EXPECT_EQ(row[4], value("held")) << name;
+    EXPECT_EQ(row[5], value("grasp_held")) << name;
+    EXPECT_EQ(row[6], value("exposed")) << name;
+    EXPECT_EQ(row[7], percent(value("mean_exposure"))) << name;
+    if (std::string(name) != "grasp_lattice") {
+      EXPECT_EQ(row[8], fmt::format("{:.1f}", std::stod(value("mean_return")))) << name;
+    }
+    EXPECT_EQ(row[9], value("failed")) << name;
+  }
+  const Strings training = table_row(html, {"evaluated", Programs::value(summary, "steps")});
+  EXPECT_EQ(training[2], fmt::format("{:.1f}", std::stod(Programs::value(summary, "mean_return"))));
+  // What counts as exposed is told, with the number it is of this run.
+  const double best = std::stod(Programs::value(summary, "best_exposure"));
+  if (best > 0) {
+    EXPECT_NE(html.find(fmt::format("here {:.1f} %", 90 * best)), std::string::npos);
+  }
+  // Console, too.
+  const Strings out = test::lines_of(read_text(programs_->out("evaluated")));
+  const auto line = std::find_if(out.begin(), out.end(), [](const std::string& text) {
+    return text.starts_with("evaluation grasp_lattice");
+  });
+  ASSERT_NE(line, out.end());
+  const std::string entry = summary.substr(summary.find("\"grasp_lattice\""));
+  for (const char* key : {"target_reached", "exposed", "grasp_held"})
+    EXPECT_NE(line->find(fmt::format("{} {:>3}", key, Programs::value(entry, key))),
+              std::string::npos)
+        << *line;
+}
+
+// One number, whoever asks again: a finished run that is started again has the same means.
+TEST_F(Evaluated, AResumedRunTellsTheReturnThatItEndedWith) {
+  const std::string before = programs_->summary("evaluated");
+  programs_->train("evaluated", sets(), {{"--lanes", "4"}});
+  const std::string after = programs_->summary("evaluated");
+  for (const char* key : {"mean_return", "episodes", "weights_hash"})
+    EXPECT_EQ(Programs::value(after, key), Programs::value(before, key)) << key;
+  EXPECT_NE(Programs::value(after, "mean_return"), "0");
+}
+
+// docs/formats.md names every column and every field, so that the definitions there are of these.
+TEST_F(Evaluated, FormatsNameEveryColumnAndField) {
+  const std::string formats =
+      read_text(std::string(OMENTUM_TESTS_DIR) + "/../" + "docs/formats.md");
+  const std::string folder = programs_->run_dir("evaluated") + "/evaluation/";
+  for (const char* table : {"grid4_greedy.csv", "grasp_lattice.csv"}) {
+    for (const std::string& name : cells(test::lines_of(read_text(folder + table)).at(0)))
+      EXPECT_NE(formats.find(fmt::format("`{}`", name)), std::string::npos) << name;
+  }
+  const std::string summary = programs_->summary("evaluated");
+  const std::regex key("\"([a-z_]+)\":");
+  for (std::sregex_iterator it(summary.begin(), summary.end(), key), end; it != end; ++it)
+    EXPECT_NE(formats.find(fmt::format("`{}`", (*it)[1].str())), std::string::npos) << (*it)[1];
 }
 
 // 12 updates: after the fifth, the tenth and at the end.
@@ -196,20 +320,30 @@ TEST_F(Evaluated, TablesAndSummaryAgree) {
   double best = 0;
   const Strings exposure = column(lattice, "exposure");
   const Strings reached = column(lattice, "reached");
+  const Strings held = column(lattice, "held");
   for (std::size_t i = 0; i < exposure.size(); ++i) {
-    if (reached[i] == "1") best = std::max(best, std::stod(exposure[i]));
+    if (reached[i] == "1" && held[i] == "1") best = std::max(best, std::stod(exposure[i]));
   }
   for (const std::string name :
-       {"grid4_greedy", "grid4_sampled", "robot4_greedy", "robot4_sampled"}) {
+       {"grid4_greedy", "grid4_sampled", "robot4_greedy", "robot4_sampled", "grasp_lattice"}) {
+    const bool is_lattice = name == "grasp_lattice";
     const std::string csv = read_text(folder + name + ".csv");
     const std::size_t at = summary.find("\"" + name + "\"");
     ASSERT_NE(at, std::string::npos) << name << summary;
     const std::string entry = summary.substr(at);
-    EXPECT_EQ(Programs::value(entry, "starts"), std::to_string(column(csv, "index").size()));
+    EXPECT_EQ(Programs::value(entry, "starts"), std::to_string(column(csv, "reached").size()));
     EXPECT_EQ(Programs::value(entry, "target_reached"), count(column(csv, "reached")));
     EXPECT_EQ(Programs::value(entry, "exposed"), count(column(csv, "exposed")));
     EXPECT_EQ(Programs::value(entry, "failed"), count(column(csv, "failed")));
+    EXPECT_EQ(Programs::value(entry, "held"), count(column(csv, "held")));
+    EXPECT_EQ(Programs::value(entry, "lost"), count(column(csv, "lost")));
+    EXPECT_EQ(Programs::value(entry, "grasp_held"), count(column(csv, "grasp_held")));
+    double shown = 0;
+    for (const std::string& value : column(csv, "exposure")) shown += std::stod(value);
+    EXPECT_NEAR(std::stod(Programs::value(entry, "mean_exposure")),
+                shown / static_cast<double>(column(csv, "exposure").size()), 1e-12);
     EXPECT_DOUBLE_EQ(std::stod(Programs::value(entry, "best_exposure")), best);
+    if (is_lattice) continue;
     for (const std::string& value : column(csv, "best_exposure"))
       EXPECT_DOUBLE_EQ(std::stod(value), best);
   }

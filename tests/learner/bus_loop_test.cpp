@@ -242,6 +242,21 @@ TEST(BusLoop, AGracefulLeaveReturnsTheTasksAtOnce) {
   EXPECT_EQ(loop.bus().statistics().worker_leaves, 1u);
 }
 
+TEST(BusLoop, AWorkerThatMakesItsSceneIsNotSaidToBeSilent) {
+  const PrivateDomain domain;
+  Loop loop(domain.id(), loop_config(8, 0));
+  FakeWorker slow = worker_in(domain, 4);
+  slow.setup_ms = 4000;  // silence begins at 2 s and is looked for every second
+  testing::internal::CaptureStderr();
+  WorkerThread worker(slow);
+  loop.start();
+  loop.collect(1);
+  const std::string said = testing::internal::GetCapturedStderr();
+  EXPECT_NE(said.find("event=worker_joined"), std::string::npos) << said;
+  EXPECT_EQ(said.find("silent"), std::string::npos) << said;
+  EXPECT_EQ(said.find("speaks_again"), std::string::npos) << said;
+}
+
 TEST(BusLoop, AWorkerOfAnotherConfigurationDeclinesVisibly) {
   const PrivateDomain domain;
   Loop loop(domain.id(), loop_config(8, 0));

@@ -55,6 +55,7 @@ struct FakeWorker {
   std::uint32_t domain = 0;
   int lanes = 4;
   std::int64_t group_ms = 0;  ///< pretended duration of one group
+  std::int64_t setup_ms = 0;  ///< and of making the scene
   std::size_t state_bytes = 16;
   std::uint64_t config_hash = kFakeConfigHash;
   std::uint64_t build = kFakeBuild;
@@ -69,6 +70,7 @@ inline BusWorkerOptions fake_options(const FakeWorker& fake) {
   options.build_id = fake.build;
   options.program_version = "test";
   options.make_setup = [fake](const RunManifest&) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(fake.setup_ms));
     WorkerSetup setup;
     setup.backend = std::make_unique<LanesOnly>(fake.lanes);
     setup.shape = fake_shape();

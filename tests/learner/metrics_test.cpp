@@ -9,6 +9,7 @@
 #include <limits>
 #include <sstream>
 
+#include "core/csv.h"
 #include "core/durable_file.h"
 #include "learner/json.h"
 #include "learner/summary.h"
@@ -43,9 +44,9 @@ MetricsRow row_of(const std::vector<std::string>& branches, double steps) {
 
 TEST_F(MetricsTest, NamesAreThoseOfTheDesign) {
   const std::vector<std::string> names = metric_names(branches_);
-  for (const char* name : {"charts/SPS", "losses/entropy_x", "losses/kl_gripper",
-                           "losses/value_delta", "policy/logp_check_max", "ledger/audit_mismatch",
-                           "workers/segment_time_p95_s", "wire/fuse_level", "time/save_s"}) {
+  for (const char* name :
+       {"charts/SPS", "losses/entropy_x", "losses/kl_gripper", "losses/value_delta",
+        "policy/logp_check_max", "ledger/audit_mismatch", "workers/declined", "time/save_s"}) {
     EXPECT_THAT(names, testing::Contains(std::string(name)));
   }
   EXPECT_EQ(std::set<std::string>(names.begin(), names.end()).size(), names.size());
@@ -87,6 +88,18 @@ TEST_F(MetricsTest, ResumeDropsRowsThatWillBeRepeated) {
   EXPECT_THAT(csv[3], testing::StartsWith("3,"));
   EXPECT_THAT(csv[4], testing::StartsWith("4,2.000,"));
   EXPECT_EQ(lines("metrics.jsonl").size(), 4u);
+}
+
+TEST_F(MetricsTest, ResumePutsRowsOfOtherColumnsBelowItsOwn) {
+  std::ofstream(folder_ + "/metrics.csv")
+      << "update,wall_time_s,wire/fuse_level,charts/steps_total,charts/episodic_return\n"
+         "1,0.5,,100,-3\n2,0.6,7,200,-2\n";
+  { MetricsWriter writer(folder_, branches_, 2, false); }
+  const Result<CsvTable> table = load_csv(folder_ + "/metrics.csv");
+  ASSERT_TRUE(table) << table.error();
+  EXPECT_FALSE(table.value().column("wire/fuse_level"));
+  EXPECT_EQ(table.value().numbers("charts/steps_total"), (std::vector<double>{100, 200}));
+  EXPECT_EQ(table.value().numbers("charts/episodic_return"), (std::vector<double>{-3, -2}));
 }
 
 TEST_F(MetricsTest, TensorboardFileReadsBack) {
