@@ -164,6 +164,9 @@ class Camera::Renderer {
   struct Buffers {
     GLuint array = 0, vertices = 0, indices = 0;
   };
+  struct Target {
+    GLuint framebuffer = 0, colour = 0, depth = 0;
+  };
   struct Body {
     Buffers buffers;
     GLsizei count = 0;
@@ -185,10 +188,8 @@ class Camera::Renderer {
 
   void render(const CameraFrame& frame, const CameraPose& pose, int w, int h, bool shaded,
               bool thick) {
-    bind_target(w, h);
+    prepare_targets(w, h);
     glViewport(0, 0, w, h);
-    shaded ? glClearColor(0.055F, 0.06F, 0.075F, 1) : glClearColor(0, 0, 0, 1);
-    glClear(GL_COLOR_BUFFER_BIT | GL_DEPTH_BUFFER_BIT);
     glEnable(GL_DEPTH_TEST);
     glDisable(GL_CULL_FACE);
     glDisable(GL_DITHER);
@@ -201,7 +202,7 @@ class Camera::Renderer {
         (pose.R_WC * Eigen::Vector3d(-0.75, 0.65, 0.35)).normalized().cast<float>();
     glUniform3fv(uniform("side_light"), 1, side.data());
     glUniform1i(uniform("shaded"), shaded ? 1 : 0);
-    for (const Body& body : bodies_) draw_buffers(body.buffers, body.count, body.id);
+    draw_background(matrix, w, h, shaded);
     const std::size_t of_sheet = std::min(3 * rest_.size(), frame.tissue_vertices_W.size());
     if (of_sheet > 0) {
       draw_moving(make_tissue_surface(frame.tissue_vertices_W.first(of_sheet), rest_, triangles_,
@@ -214,10 +215,49 @@ class Camera::Renderer {
           make_tissue_surface(given.empty() ? soft_rest_W_ : given, soft_rest_, soft_triangles_, 0),
           soft_id_);
     }
-    if (frame.tool) {
-      draw_moving(make_tool_surface(*frame.tool, shaft_radius_, shaft_start_, kToolLength),
-                  ObjectId::kTool);
+    if (frame.tool) draw_moving(tool_surface(*frame.tool), ObjectId::kTool);
+  }
+
+  /// The rigid bodies, which are most of the triangles and never move: drawn once for a view, then
+  /// copied, colours and depths, into every picture of it.
+  void draw_background(const Eigen::Matrix4f& matrix, int w, int h, bool shaded) {
+    if (!background_drawn_ || matrix != background_matrix_ || shaded != background_shaded_) {
+      glBindFramebuffer(GL_FRAMEBUFFER, background_.framebuffer);
+      shaded ? glClearColor(0.055F, 0.06F, 0.075F, 1) : glClearColor(0, 0, 0, 1);
+      glClear(GL_COLOR_BUFFER_BIT | GL_DEPTH_BUFFER_BIT);
+      for (const Body& body : bodies_) draw_buffers(body.buffers, body.count, body.id);
+      background_drawn_ = true;
+      background_matrix_ = matrix;
+      background_shaded_ = shaded;
     }
+    glBindFramebuffer(GL_READ_FRAMEBUFFER, background_.framebuffer);
+    glBindFramebuffer(GL_DRAW_FRAMEBUFFER, target_.framebuffer);
+    glBlitFramebuffer(0, 0, w, h, 0, 0, w, h, GL_COLOR_BUFFER_BIT | GL_DEPTH_BUFFER_BIT,
+                      GL_NEAREST);
+    glBindFramebuffer(GL_FRAMEBUFFER, target_.framebuffer);
+  }
+
+  /// The tool moves without turning but for its jaws, which take few angles: made once per angle
+  /// with the tip in the origin, then shifted.
+  DrawSurface tool_surface(const ToolPose& pose) {
+    const auto same = [&pose](const auto& made) {
+      return made.first.jaw_rad == pose.jaw_rad && made.first.roll_rad == pose.roll_rad &&
+             made.first.shaft_axis_W == pose.shaft_axis_W;
+    };
+    auto found = std::find_if(tools_.begin(), tools_.end(), same);
+    if (found == tools_.end()) {
+      constexpr std::size_t kMost = 32;
+      if (tools_.size() >= kMost) tools_.clear();
+      ToolPose at_origin = pose;
+      at_origin.p_WT.setZero();
+      tools_.emplace_back(at_origin,
+                          make_tool_surface(at_origin, shaft_radius_, shaft_start_, kToolLength));
+      found = tools_.end() - 1;
+    }
+    DrawSurface surface = found->second;
+    const Eigen::Vector3f tip = pose.p_WT.cast<float>();
+    for (DrawSurface::Vertex& vertex : surface.vertices) vertex.position += tip;
+    return surface;
   }
 
   GLint uniform(const char* name) const { return glGetUniformLocation(program_, name); }
@@ -243,24 +283,30 @@ class Camera::Renderer {
     OMENTUM_CHECK(linked != 0, "camera program does not link");
     glDeleteShader(vertex);
     glDeleteShader(fragment);
-    glGenFramebuffers(1, &target_);
-    glGenRenderbuffers(1, &colour_);
-    glGenRenderbuffers(1, &depth_);
+    for (Target* target : {&target_, &background_}) {
+      glGenFramebuffers(1, &target->framebuffer);
+      glGenRenderbuffers(1, &target->colour);
+      glGenRenderbuffers(1, &target->depth);
+    }
   }
 
-  void bind_target(int w, int h) {
-    glBindFramebuffer(GL_FRAMEBUFFER, target_);
+  void prepare_targets(int w, int h) {
     if (w == target_width_ && h == target_height_) return;
-    glBindRenderbuffer(GL_RENDERBUFFER, colour_);
-    glRenderbufferStorage(GL_RENDERBUFFER, GL_RGBA8, w, h);
-    glFramebufferRenderbuffer(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_RENDERBUFFER, colour_);
-    glBindRenderbuffer(GL_RENDERBUFFER, depth_);
-    glRenderbufferStorage(GL_RENDERBUFFER, GL_DEPTH_COMPONENT32F, w, h);
-    glFramebufferRenderbuffer(GL_FRAMEBUFFER, GL_DEPTH_ATTACHMENT, GL_RENDERBUFFER, depth_);
-    OMENTUM_CHECK(glCheckFramebufferStatus(GL_FRAMEBUFFER) == GL_FRAMEBUFFER_COMPLETE,
-                  "target of {} x {} pixels", w, h);
+    for (const Target& target : {target_, background_}) {
+      glBindFramebuffer(GL_FRAMEBUFFER, target.framebuffer);
+      glBindRenderbuffer(GL_RENDERBUFFER, target.colour);
+      glRenderbufferStorage(GL_RENDERBUFFER, GL_RGBA8, w, h);
+      glFramebufferRenderbuffer(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_RENDERBUFFER,
+                                target.colour);
+      glBindRenderbuffer(GL_RENDERBUFFER, target.depth);
+      glRenderbufferStorage(GL_RENDERBUFFER, GL_DEPTH_COMPONENT32F, w, h);
+      glFramebufferRenderbuffer(GL_FRAMEBUFFER, GL_DEPTH_ATTACHMENT, GL_RENDERBUFFER, target.depth);
+      OMENTUM_CHECK(glCheckFramebufferStatus(GL_FRAMEBUFFER) == GL_FRAMEBUFFER_COMPLETE,
+                    "target of {} x {} pixels", w, h);
+    }
     target_width_ = w;
     target_height_ = h;
+    background_drawn_ = false;
   }
 
   static Buffers make_buffers() {
@@ -326,10 +372,14 @@ class Camera::Renderer {
   static constexpr int kWindow = 4;  // pixels; pictures go to a target of their own
   std::array<std::uint8_t, 4 * kWindow * kWindow> window_{};
   OSMesaContext context_ = nullptr;
-  GLuint program_ = 0, target_ = 0, colour_ = 0, depth_ = 0;
+  GLuint program_ = 0;
+  Target target_, background_;
   int target_width_ = 0, target_height_ = 0;
+  bool background_drawn_ = false, background_shaded_ = false;
+  Eigen::Matrix4f background_matrix_ = Eigen::Matrix4f::Zero();
   std::vector<Body> bodies_;
   Buffers moving_;
+  std::vector<std::pair<ToolPose, DrawSurface>> tools_;  ///< by their pose, but for the tip
   std::vector<Eigen::Vector3i> triangles_;
   std::vector<Eigen::Vector3d> rest_;
   ObjectId soft_id_ = ObjectId::kOrgan;
