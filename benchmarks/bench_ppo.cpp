@@ -117,6 +117,23 @@ double flop_per_sample(const PolicyShape& shape) {
   return network(shape.logits()) + network(1);
 }
 
+/// The same with a picture of 32 px object ids and its convolutions.
+void measure_picture() {
+  constexpr int kSlots = 16, kSteps = 64;
+  pb::Config config = config_of(256, kSlots);
+  config.mutable_task()->set_observation(pb::OBSERVATION_IMAGE);
+  const PolicyShape shape = policy_shape(config);
+  Ppo ppo(config, shape, 1);
+  Policy policy(shape, ppo.weights());
+  Batch batch = make_batch(policy, kSlots, kSteps);
+  const auto rows = static_cast<double>(batch.rows());
+  const double update = best_time(5, CLOCK_THREAD_CPUTIME_ID, [&] { ppo.update(batch); });
+  fmt::print("ppo.us_per_sample_epoch.picture_32 {:.1f} us\n", update * 1e6 / (3 * rows));
+  const double check =
+      best_time(5, CLOCK_THREAD_CPUTIME_ID, [&] { complete_batch(policy, batch); });
+  fmt::print("policy.check_us_per_step.picture_32 {:.1f} us\n", check * 1e6 / rows);
+}
+
 int run() {
   constexpr int kSlots = 32, kSteps = 320;
   const double peak = fma_peak_gflops();
@@ -171,6 +188,7 @@ int run() {
       best_time(5, CLOCK_THREAD_CPUTIME_ID, [&] { complete_batch(policy, checked); });
   fmt::print("policy.check_us_per_step {:.3f} us\n",
              check * 1e6 / static_cast<double>(batch.rows()));
+  measure_picture();
   return 0;
 }
 

@@ -10,6 +10,7 @@
 #include "core/clock.h"
 #include "core/config.h"
 #include "core/rng.h"
+#include "sim_worker/backend/image_source.h"
 #include "sim_worker/backend/sim_backend.h"
 #include "sim_worker/cluster/cluster_tissue.h"
 #include "sim_worker/models.h"
@@ -114,6 +115,45 @@ void measure_exposure(const omentum::pb::Config& config, unsigned width) {
                estimator.subset_samples().size(), mean);
 }
 
+/// Time of one observation with the picture of preset omentum_image, sheets held on their way up:
+/// of the caller, and of all threads of the process (the rasteriser has its own).
+void measure_picture(const std::string& kind, int size) {
+  using namespace omentum;  // NOLINT
+  const auto setup = make_sim_setup(
+      load_config(
+          "omentum_image",
+          std::vector<std::string>{"task.image=" + kind, fmt::format("task.image_size={}", size)}),
+      deploy_dir() + "/scenes");
+  SimBackend backend(setup, 1, 1, make_image_source(*setup));
+  EpisodeStart start;
+  start.start_set = StartSet::kGraspLattice;
+  start.start_index = 420;
+  start.episode_limit = 1U << 30;
+  backend.reset(0, start);
+  std::vector<float> observation(static_cast<std::size_t>(backend.observation_size()));
+  std::vector<Action> actions(1);
+  std::vector<StepOutcome> outcomes(1);
+  double best_wall = 1e9, best_cpu = 1e9;
+  constexpr int kChunk = 50;
+  for (int chunk = 0; chunk < 6; ++chunk) {
+    for (int step = 0; step < 20; ++step) {
+      actions[0] = backend.hold_action(0);
+      backend.step(actions, outcomes);
+    }
+    const std::int64_t began = steady_now_ns();
+    const std::int64_t cpu = clock_ns(CLOCK_PROCESS_CPUTIME_ID);
+    for (int i = 0; i < kChunk; ++i) backend.observe(0, observation);
+    best_wall = std::min(best_wall, 1e-3 * static_cast<double>(steady_now_ns() - began) / kChunk);
+    best_cpu = std::min(
+        best_cpu, 1e-3 * static_cast<double>(clock_ns(CLOCK_PROCESS_CPUTIME_ID) - cpu) / kChunk);
+  }
+  std::printf("tissue.picture.%s_%d.us %.1f us\n", kind == "IMAGE_SHADED" ? "shaded" : "ids", size,
+              best_cpu);
+  std::fprintf(
+      stderr, "# picture %s %d px: %.1f us of wall time, %.1f us of all threads, hash %016lx\n",
+      kind.c_str(), size, best_wall, best_cpu, fnv1a64(std::as_bytes(std::span(observation))));
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -132,6 +172,9 @@ int main(int argc, char** argv) {
     measure("tissue.paper_swapped.env_steps_per_s", omentum::load_config("paper_swapped", {}),
             width);
     measure_exposure(omentum::load_config("omentum", {}), width);
+    for (const char* kind : {"IMAGE_OBJECT_IDS", "IMAGE_SHADED"}) {
+      for (const int size : {16, 32, 64}) measure_picture(kind, size);
+    }
   } catch (const std::exception& error) {
     std::fprintf(stderr, "bench_tissue: %s\n", error.what());
     return 2;

@@ -43,7 +43,7 @@ Policy::Policy(const PolicyShape& shape, PolicyWeights weights)
   OMENTUM_CHECK(shape_.logits() >= 1 && shape_.logits() <= kMaxLogits &&
                 shape_.branch_count() <= 4);
   OMENTUM_CHECK(weights_.obs_inv_std.size() == weights_.obs_mean.size());
-  OMENTUM_CHECK(weights_.obs_mean.empty() || std::ssize(weights_.obs_mean) == shape_.observations);
+  OMENTUM_CHECK(weights_.obs_mean.empty() || std::ssize(weights_.obs_mean) == shape_.numbers());
   actor_ = pack(layout.actor);
   critic_ = pack(layout.critic);
   if (shape_.continuous) {
@@ -57,6 +57,16 @@ Policy::Policy(const PolicyShape& shape, PolicyWeights weights)
   const auto hidden = static_cast<std::size_t>(padded_hidden_);
   if (!weights_.obs_mean.empty())
     normalised_.resize(rows * static_cast<std::size_t>(shape_.observations));
+  if (shape_.convolution) {
+    convolution1_ = first_convolution(shape_.picture);
+    convolution2_ = second_convolution(shape_.picture);
+    planes_.resize(static_cast<std::size_t>(convolution1_.inputs()));
+    patches_.resize(static_cast<std::size_t>(convolution1_.positions() * convolution1_.patch()));
+    outputs1_.resize(static_cast<std::size_t>(convolution1_.outputs()));
+    patches2_.resize(static_cast<std::size_t>(convolution2_.positions() * convolution2_.patch()));
+    outputs2_.resize(static_cast<std::size_t>(convolution2_.outputs()));
+    inputs_.resize(rows * static_cast<std::size_t>(shape_.inputs()));
+  }
   hidden1_.resize(rows * hidden);
   hidden2_.resize(rows * hidden);
   logits_.resize(rows * kPanel);
@@ -66,16 +76,22 @@ Policy::Policy(const PolicyShape& shape, PolicyWeights weights)
 Policy::Packed Policy::pack(const NetworkLayout& layout) const {
   const int hidden = shape_.hidden;
   const auto padded = static_cast<std::size_t>(padded_hidden_);
-  const auto observations = static_cast<std::size_t>(shape_.observations);
   const float* p = weights_.parameters.data();
   const auto copy = [&](std::size_t from, int count, std::size_t size) {
     AlignedFloats values(size, 0.0F);
     std::copy_n(p + from, count, values.begin());
     return values;
   };
+  const auto all = [&](std::size_t from, std::size_t to) {
+    return AlignedFloats(p + from, p + to);
+  };
   Packed packed;
-  packed.weights1.resize(observations * padded);
-  pack_panels(p + layout.weights1, shape_.observations, hidden, hidden, packed.weights1.data());
+  packed.filters1 = all(layout.filters1, layout.filters1_bias);
+  packed.filters1_bias = all(layout.filters1_bias, layout.filters2);
+  packed.filters2 = all(layout.filters2, layout.filters2_bias);
+  packed.filters2_bias = all(layout.filters2_bias, layout.weights1);
+  packed.weights1.resize(static_cast<std::size_t>(shape_.inputs()) * padded);
+  pack_panels(p + layout.weights1, shape_.inputs(), hidden, hidden, packed.weights1.data());
   packed.bias1 = copy(layout.bias1, hidden, padded);
   packed.weights2.resize(static_cast<std::size_t>(hidden) * padded);
   pack_panels(p + layout.weights2, hidden, hidden, hidden, packed.weights2.data());
@@ -89,8 +105,11 @@ Policy::Packed Policy::pack(const NetworkLayout& layout) const {
 const float* Policy::normalise(const float* observations, int count) {
   if (weights_.obs_mean.empty()) return observations;
   const auto size = static_cast<std::size_t>(shape_.observations);
+  const std::size_t numbers = weights_.obs_mean.size();
   for (std::size_t row = 0; row < static_cast<std::size_t>(count); ++row) {
-    for (std::size_t i = 0; i < size; ++i) {
+    std::copy_n(observations + row * size + numbers, size - numbers,
+                normalised_.data() + row * size + numbers);  // pixels stay as they are
+    for (std::size_t i = 0; i < numbers; ++i) {
       const float x =
           (observations[row * size + i] - weights_.obs_mean[i]) * weights_.obs_inv_std[i];
       const float above = x < -kObservationClip ? -kObservationClip : x;
@@ -100,9 +119,8 @@ const float* Policy::normalise(const float* observations, int count) {
   return normalised_.data();
 }
 
-void Policy::activate(float* values, int count) const {
+void Policy::activate(float* values, int total) const {
   // Four independent evaluations at a time hide the latency of polynomial and division.
-  const int total = count * padded_hidden_;
   const auto apply = [&](auto function) {
     int i = 0;
     for (; i + 32 <= total; i += 32) {
@@ -119,7 +137,33 @@ void Policy::activate(float* values, int count) const {
   }
 }
 
-void Policy::forward(const Packed& network, int count, int output_columns, float* outputs) {
+// The inputs of the first hidden layer: behind its numbers each row gets the outputs of the
+// convolutions over its picture.
+const float* Policy::see(const Packed& network, const float* observations, int count) {
+  if (!shape_.convolution) return observations;
+  for (int row = 0; row < count; ++row) {
+    const float* observation =
+        observations + static_cast<std::ptrdiff_t>(row) * shape_.observations;
+    make_planes(shape_.picture, observation + shape_.numbers(), planes_.data());
+    gather_patches(convolution1_, planes_.data(), patches_.data());
+    convolve(convolution1_, patches_.data(), network.filters1.data(), network.filters1_bias.data(),
+             outputs1_.data());
+    activate(outputs1_.data(), convolution1_.outputs());
+    gather_patches(convolution2_, outputs1_.data(), patches2_.data());
+    convolve(convolution2_, patches2_.data(), network.filters2.data(), network.filters2_bias.data(),
+             outputs2_.data());
+    activate(outputs2_.data(), convolution2_.outputs());
+    float* to = inputs_.data() + static_cast<std::ptrdiff_t>(row) * shape_.inputs();
+    std::copy_n(observation, shape_.numbers(), to);
+    const float scale = feature_scale(shape_.picture);
+    std::transform(outputs2_.begin(), outputs2_.end(), to + shape_.numbers(),
+                   [scale](float feature) { return feature * scale; });
+  }
+  return inputs_.data();
+}
+
+void Policy::forward(const Packed& network, const float* inputs, int count, int output_columns,
+                     float* outputs) {
   const int hidden = shape_.hidden;
   const auto layer = [count](const float* from, int size, int leading, const AlignedFloats& weights,
                              const AlignedFloats& bias, int columns, float* to) {
@@ -127,12 +171,12 @@ void Policy::forward(const Packed& network, int count, int output_columns, float
          {from, leading, 1, weights.data(), kPanel, static_cast<std::ptrdiff_t>(size) * kPanel, to,
           columns, bias.data()});
   };
-  layer(inputs_, shape_.observations, shape_.observations, network.weights1, network.bias1,
-        padded_hidden_, hidden1_.data());
-  activate(hidden1_.data(), count);
+  layer(inputs, shape_.inputs(), shape_.inputs(), network.weights1, network.bias1, padded_hidden_,
+        hidden1_.data());
+  activate(hidden1_.data(), count * padded_hidden_);
   layer(hidden1_.data(), hidden, padded_hidden_, network.weights2, network.bias2, padded_hidden_,
         hidden2_.data());
-  activate(hidden2_.data(), count);
+  activate(hidden2_.data(), count * padded_hidden_);
   layer(hidden2_.data(), hidden, padded_hidden_, network.head, network.head_bias, output_columns,
         outputs);
 }
@@ -239,10 +283,10 @@ void Policy::score(Panel& panel) const {
 
 // Runs networks for `rows` observations from row `start` on: values_, and logits_ if wanted.
 void Policy::run_block(std::span<const float> observations, int start, int rows, bool logits) {
-  inputs_ = normalise(
+  const float* seen = normalise(
       observations.data() + static_cast<std::ptrdiff_t>(start) * shape_.observations, rows);
-  if (logits) forward(actor_, rows, kPanel, logits_.data());
-  forward(critic_, rows, 8, values_.data());
+  if (logits) forward(actor_, see(actor_, seen, rows), rows, kPanel, logits_.data());
+  forward(critic_, see(critic_, seen, rows), rows, 8, values_.data());
 }
 
 void Policy::act(std::span<const float> observations, std::span<const ActionCounter> counters,

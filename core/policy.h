@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "core/aligned.h"
+#include "core/convolution.h"
 #include "core/rng.h"
 #include "core/types.h"
 #include "proto/config.pb.h"
@@ -22,26 +23,37 @@ inline constexpr int kContinuousDimensions = 4;
 
 /// Shape of actor and critic: two separate networks O -> hidden -> hidden -> heads, and -> 1.
 /// With `continuous` the actor head is 4 means and 4 state-independent log standard deviations
-/// follow.
+/// follow. With `convolution` each network has two convolutions over the picture, whose outputs
+/// take the place of the pixels.
 struct PolicyShape {
-  int observations = 0;
+  int observations = 0;       ///< O: numbers, then the values of the picture
+  PictureShape picture;       ///< of size 0 where there is none
+  bool convolution = false;   ///< needs a picture that can_convolve()
   std::vector<int> branches;  ///< sizes of the discrete ones, 3 3 3 2; empty with `continuous`
   bool continuous = false;
   int hidden = 128;
   pb::Activation activation = pb::ACTIVATION_TANH;
   bool head_bias = true;
 
+  int numbers() const { return observations - picture.values(); }
+  int features() const;      ///< of the picture, by the convolutions; 0 without
+  int inputs() const;        ///< of the first hidden layer: numbers and features, or O
   int logits() const;        ///< sum of branches (at most 16), or 4
   int branch_count() const;  ///< branches, or 4: terms of the joint log-probability
   std::size_t parameter_count() const;
   std::uint64_t layout_hash() const;  ///< over every field above
 };
 
-/// Offsets of one network inside PolicyWeights::parameters. O observations, H hidden, L outputs.
+/// Offsets of one network inside PolicyWeights::parameters. I inputs, H hidden, L outputs; the
+/// convolutions as in core/convolution.h, absent without PolicyShape::convolution.
 struct NetworkLayout {
   int outputs = 0;
   bool has_head_bias = true;
-  std::size_t weights1 = 0;   ///< O x H, row = input
+  std::size_t filters1 = 0;       ///< patch x filters of the first convolution, row = input
+  std::size_t filters1_bias = 0;  ///< filters
+  std::size_t filters2 = 0;       ///< of the second
+  std::size_t filters2_bias = 0;
+  std::size_t weights1 = 0;   ///< I x H, row = input
   std::size_t bias1 = 0;      ///< H
   std::size_t weights2 = 0;   ///< H x H, row = input
   std::size_t bias2 = 0;      ///< H
@@ -110,6 +122,7 @@ class Policy {
  private:
   /// Weights of one network, packed for gemm().
   struct Packed {
+    AlignedFloats filters1, filters1_bias, filters2, filters2_bias;
     AlignedFloats weights1, bias1, weights2, bias2, head, head_bias;
   };
   /// Eight samples with the sample as the innermost index.
@@ -118,7 +131,9 @@ class Policy {
   Packed pack(const NetworkLayout& layout) const;
   void check_sizes(std::span<const float> observations, std::size_t rows) const;
   void run_block(std::span<const float> observations, int start, int rows, bool logits);
-  void forward(const Packed& network, int count, int output_columns, float* outputs);
+  const float* see(const Packed& network, const float* observations, int count);
+  void forward(const Packed& network, const float* inputs, int count, int output_columns,
+               float* outputs);
   void activate(float* values, int count) const;
   const float* normalise(const float* observations, int count);
   Panel load_panel(int first, int count) const;
@@ -131,8 +146,9 @@ class Policy {
   int padded_hidden_ = 0;
   Packed actor_, critic_;
   std::array<float, 4> std_{}, inverse_std_{}, log_std_{};
-  const float* inputs_ = nullptr;  ///< of the block in work: normalised or the caller's
-  AlignedFloats normalised_, hidden1_, hidden2_, logits_, values_;
+  Convolution convolution1_, convolution2_;
+  AlignedFloats planes_, patches_, outputs1_, patches2_, outputs2_;  ///< of one picture
+  AlignedFloats normalised_, inputs_, hidden1_, hidden2_, logits_, values_;
 };
 
 /// SHA-256 over parameters and normaliser in canonical little-endian bytes.

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "core/backend.h"
+#include "core/picture_shape.h"
 #include "core/psm.h"
 #include "core/reward.h"
 #include "proto/config.pb.h"
@@ -42,18 +43,22 @@ struct ToolCommand {
   bool closed = false;                                  ///< the jaw
 };
 
-/// One number of the observation.
-struct ObservedNumber {
+/// One entry of the observation: a number, or a picture. The name of a picture ends in its shape,
+/// row-major: image[32][32] (row, column), image[32][32][3] (row, column; red, green, blue).
+struct ObservedEntry {
   std::string name;
   std::string unit;  ///< with range and frame where it has them; holds no comma
+  int size = 1;      ///< values
 };
 
 /// What a policy of this task observes, in order: the list by which Task::observe() writes.
-std::vector<ObservedNumber> observed_numbers(const pb::Task& task);
+std::vector<ObservedEntry> observed_entries(const pb::Task& task);
 std::vector<std::string> observation_names(const pb::Task& task);
 int observation_size(const pb::Task& task);
-/// As observation_names(), with one name for all pixels of an image.
-std::vector<std::string> observation_titles(const pb::Task& task);
+/// Of one value, such as p_x or image[3][17]. Precondition: index < observation_size().
+std::string observation_name(const pb::Task& task, int index);
+/// The picture behind the numbers; of size 0 where the task observes none.
+PictureShape picture_shape(const pb::Task& task);
 
 /// One name per branch (or continuous dimension): x, y, z, gripper; jaw for the Gaussian head.
 std::vector<std::string> action_names(const pb::Task& task);

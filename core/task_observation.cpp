@@ -116,54 +116,57 @@ std::string unit_of(const Entry& entry, bool raw, int axis) {
   return fmt::format("{:g} mm along {} of W; within -1 ... 1", 1e3 * kNearRange, kAxes[axis]);
 }
 
-std::vector<ObservedNumber> numbers_of_entries(const pb::Task& task) {
-  std::vector<ObservedNumber> numbers;
+}  // namespace
+
+PictureShape picture_shape(const pb::Task& task) {
+  if (task.observation() != pb::OBSERVATION_IMAGE) return {};
+  return {static_cast<int>(task.image_size()), task.image() == pb::IMAGE_SHADED ? 3 : 1};
+}
+
+std::vector<ObservedEntry> observed_entries(const pb::Task& task) {
+  std::vector<ObservedEntry> observed;
   const bool raw = is_raw(task);
   for (const Entry& entry : entries(task.observation())) {
     if (entry.quantity == kNumber || entry.quantity == kDistance) {
-      numbers.push_back({entry.name, unit_of(entry, raw, 0)});
+      observed.push_back({entry.name, unit_of(entry, raw, 0)});
       continue;
     }
     for (int k = 0; k < 3; ++k)
-      numbers.push_back({fmt::format("{}_{}", entry.name, "xyz"[k]), unit_of(entry, raw, k)});
+      observed.push_back({fmt::format("{}_{}", entry.name, "xyz"[k]), unit_of(entry, raw, k)});
   }
-  return numbers;
-}
-
-}  // namespace
-
-std::vector<ObservedNumber> observed_numbers(const pb::Task& task) {
-  std::vector<ObservedNumber> numbers = numbers_of_entries(task);
-  if (task.observation() != pb::OBSERVATION_IMAGE) return numbers;
-  const bool ids = task.image() == pb::IMAGE_OBJECT_IDS;
-  using Names = std::vector<std::string>;
-  const Names channels = ids ? Names{"object"} : Names{"red", "green", "blue"};
-  for (std::uint32_t row = 0; row < task.image_size(); ++row) {
-    for (std::uint32_t column = 0; column < task.image_size(); ++column) {
-      for (const std::string& channel : channels) {
-        numbers.push_back({fmt::format("{}_{}_{}", channel, row, column),
-                           ids ? "object id / 6" : "intensity 0 ... 1"});
-      }
-    }
+  const PictureShape picture = picture_shape(task);
+  if (picture.size == 0) return observed;
+  std::string name = fmt::format("image[{}][{}]", picture.size, picture.size);
+  if (picture.channels == 1) {
+    observed.push_back(
+        {std::move(name), fmt::format("object id / {}", kObjectIds), picture.values()});
+  } else {
+    observed.push_back(
+        {fmt::format("{}[{}]", name, picture.channels), "intensity 0 ... 1", picture.values()});
   }
-  return numbers;
+  return observed;
 }
 
 std::vector<std::string> observation_names(const pb::Task& task) {
   std::vector<std::string> names;
-  for (ObservedNumber& number : observed_numbers(task)) names.push_back(std::move(number.name));
+  for (ObservedEntry& entry : observed_entries(task)) names.push_back(std::move(entry.name));
   return names;
 }
 
-std::vector<std::string> observation_titles(const pb::Task& task) {
-  std::vector<std::string> titles;
-  for (ObservedNumber& number : numbers_of_entries(task)) titles.push_back(std::move(number.name));
-  if (task.observation() == pb::OBSERVATION_IMAGE) titles.emplace_back("image");
-  return titles;
+std::string observation_name(const pb::Task& task, int index) {
+  const std::vector<ObservedEntry> observed = observed_entries(task);
+  const PictureShape picture = picture_shape(task);
+  const int pixel = index - static_cast<int>(observed.size()) + 1;
+  if (picture.size == 0 || pixel < 0) return observed[static_cast<std::size_t>(index)].name;
+  const int column = pixel / picture.channels;
+  std::string name = fmt::format("image[{}][{}]", column / picture.size, column % picture.size);
+  return picture.channels == 1 ? name : fmt::format("{}[{}]", name, pixel % picture.channels);
 }
 
 int observation_size(const pb::Task& task) {
-  return static_cast<int>(observed_numbers(task).size());
+  int size = 0;
+  for (const ObservedEntry& entry : observed_entries(task)) size += entry.size;
+  return size;
 }
 
 std::span<float> Task::observe(const TaskState& state, std::span<float> observation) const {

@@ -5,6 +5,7 @@
 #include "core/activation.h"
 #include "core/check.h"
 #include "core/gemm.h"
+#include "learner/activate.h"
 
 namespace omentum {
 
@@ -14,17 +15,22 @@ PackedWeights::PackedWeights(const PolicyShape& shape, const TrainingLayout& lay
     : shape_(shape), layout_(layout) {
   const auto hidden = static_cast<std::size_t>(layout.hidden());
   for (Network* network : {&actor_, &critic_}) {
-    network->weights1.resize(static_cast<std::size_t>(shape.observations) * hidden);
+    network->weights1.resize(static_cast<std::size_t>(shape.inputs()) * hidden);
     network->weights2.resize(hidden * hidden);
     network->weights2_transposed.resize(hidden * hidden);
     network->head.resize(hidden * kPanel);
     network->head_bias.resize(kPanel);
+    if (!shape.convolution) continue;
+    const Convolution second = second_convolution(shape.picture);
+    network->features_transposed.resize(static_cast<std::size_t>(shape.features()) * hidden);
+    network->filters2_transposed.resize(
+        static_cast<std::size_t>(second.filters * padded_columns(second.patch())));
   }
 }
 
 void PackedWeights::pack_network(const NetworkLayout& blocks, Network& network) const {
   const int hidden = layout_.hidden();
-  pack_panels(parameters_ + blocks.weights1, shape_.observations, hidden, hidden,
+  pack_panels(parameters_ + blocks.weights1, shape_.inputs(), hidden, hidden,
               network.weights1.data());
   pack_panels(parameters_ + blocks.weights2, hidden, hidden, hidden, network.weights2.data());
   pack_panels_transposed(parameters_ + blocks.weights2, hidden, hidden, hidden,
@@ -33,6 +39,13 @@ void PackedWeights::pack_network(const NetworkLayout& blocks, Network& network) 
                          network.head.data());
   if (blocks.has_head_bias)
     std::copy_n(parameters_ + blocks.head_bias, blocks.outputs, network.head_bias.begin());
+  if (!shape_.convolution) return;
+  const Convolution second = second_convolution(shape_.picture);
+  pack_panels_transposed(
+      parameters_ + blocks.weights1 + static_cast<std::ptrdiff_t>(shape_.numbers()) * hidden,
+      shape_.features(), hidden, hidden, network.features_transposed.data());
+  pack_panels_transposed(parameters_ + blocks.filters2, second.patch(), second.filters,
+                         second.filters, network.filters2_transposed.data());
 }
 
 void PackedWeights::pack(std::span<const float> parameters) {
@@ -52,6 +65,7 @@ ChunkGradient::ChunkGradient(const PolicyShape& shape, const TrainingLayout& lay
   // No power of two as leading dimension: entries of a column would map to a few cache sets.
   const auto size = static_cast<std::size_t>(kChunk * leading_);
   x_.resize(static_cast<std::size_t>(kChunk * shape.observations));
+  if (shape.convolution) convolutions_.emplace(shape, layout);
   for (Activations* a : {&actor_, &critic_}) {
     a->y1.resize(size);
     a->y2.resize(size);
@@ -90,49 +104,27 @@ void ChunkGradient::gather(const MinibatchView& m, int first, int count) {
   }
 }
 
-void ChunkGradient::activate(float* values, float* slopes, int count) const {
-  const int hidden = layout_.hidden();
+void ChunkGradient::activate_rows(float* values, float* slopes, int count) const {
   for (int row = 0; row < count; ++row) {
-    float* y = values + row * leading_;
-    if (shape_.activation == pb::ACTIVATION_TANH) {
-      int i = 0;
-      for (; i + 32 <= hidden; i += 32) {
-        Lane t[4];
-        for (int j = 0; j < 4; ++j) t[j] = lanes::tanh(_mm256_load_ps(y + i + 8 * j));
-        for (int j = 0; j < 4; ++j) _mm256_store_ps(y + i + 8 * j, t[j]);
-      }
-      for (; i < hidden; i += 8) _mm256_store_ps(y + i, lanes::tanh(_mm256_load_ps(y + i)));
-      continue;
-    }
-    // swish y = x s, y' = s + y (1 - s)
-    float* slope = slopes + row * leading_;
-    for (int i = 0; i < hidden; i += 16) {
-      for (int j = i; j < i + 16; j += 8) {
-        const Lane x = _mm256_load_ps(y + j);
-        const Lane s = lanes::sigmoid(x);
-        const Lane out = _mm256_mul_ps(x, s);
-        _mm256_store_ps(y + j, out);
-        _mm256_store_ps(slope + j, lanes::fma(out, _mm256_sub_ps(lanes::splat(1.0F), s), s));
-      }
-    }
+    float* slope = slopes == nullptr ? nullptr : slopes + row * leading_;
+    activate(shape_.activation, values + row * leading_, slope, layout_.hidden());
   }
 }
 
 void ChunkGradient::forward(const PackedWeights::Network& w, const NetworkLayout& blocks,
-                            const float* parameters, int count, Activations& a, int columns,
-                            float* outputs) {
+                            const float* parameters, const float* x, int count, Activations& a,
+                            int columns, float* outputs) {
   const int hidden = layout_.hidden();
-  const int observations = shape_.observations;
-  gemm(count, hidden, observations,
-       {x_.data(), observations, 1, w.weights1.data(), kPanel,
-        static_cast<std::ptrdiff_t>(observations) * kPanel, a.y1.data(), leading_,
-        parameters + blocks.bias1});
-  activate(a.y1.data(), a.s1.data(), count);
+  const int inputs = shape_.inputs();
+  gemm(count, hidden, inputs,
+       {x, inputs, 1, w.weights1.data(), kPanel, static_cast<std::ptrdiff_t>(inputs) * kPanel,
+        a.y1.data(), leading_, parameters + blocks.bias1});
+  activate_rows(a.y1.data(), a.s1.data(), count);
   gemm(count, hidden, hidden,
        {a.y1.data(), leading_, 1, w.weights2.data(), kPanel,
         static_cast<std::ptrdiff_t>(hidden) * kPanel, a.y2.data(), leading_,
         parameters + blocks.bias2});
-  activate(a.y2.data(), a.s2.data(), count);
+  activate_rows(a.y2.data(), a.s2.data(), count);
   gemm(count, columns, hidden,
        {a.y2.data(), leading_, 1, w.head.data(), kPanel,
         static_cast<std::ptrdiff_t>(hidden) * kPanel, outputs, columns, w.head_bias.data()});
@@ -161,10 +153,11 @@ void ChunkGradient::differentiate(float* gradient, const float* outputs, const f
 }
 
 void ChunkGradient::backward(const PackedWeights::Network& w, const NetworkLayout& blocks,
-                             const float* parameters, int count, const Activations& a, int columns,
-                             const float* output_gradient, float* gradient) {
+                             const float* parameters, const float* x, int count,
+                             const Activations& a, int columns, const float* output_gradient,
+                             float* gradient) {
   const int hidden = layout_.hidden();
-  const int observations = shape_.observations;
+  const int inputs = shape_.inputs();
   const int outputs = blocks.outputs;
   // head: dW = dL^T y2, db = sum dL, dy2 = dL W
   gemm(outputs, hidden, count,
@@ -190,9 +183,18 @@ void ChunkGradient::backward(const PackedWeights::Network& w, const NetworkLayou
         static_cast<std::ptrdiff_t>(hidden) * kPanel, d1_.data(), leading_, nullptr});
   differentiate(d1_.data(), a.y1.data(), a.s1.data(), count, gradient + blocks.bias1);
   // first layer: dW = x^T dz1
-  gemm(observations, hidden, count,
-       {x_.data(), 1, observations, d1_.data(), leading_, kPanel, gradient + blocks.weights1,
-        hidden, nullptr});
+  gemm(inputs, hidden, count,
+       {x, 1, inputs, d1_.data(), leading_, kPanel, gradient + blocks.weights1, hidden, nullptr});
+}
+
+/// From the first layer of the network that backward() was just run for to its features.
+void ChunkGradient::to_features(const PackedWeights::Network& w, int count,
+                                float* feature_gradient) const {
+  const int hidden = layout_.hidden();
+  gemm(
+      count, shape_.features(), hidden,
+      {d1_.data(), leading_, 1, w.features_transposed.data(), kPanel,
+       static_cast<std::ptrdiff_t>(hidden) * kPanel, feature_gradient, shape_.features(), nullptr});
 }
 
 LossSums ChunkGradient::operator()(const PackedWeights& weights, const LossSettings& settings,
@@ -202,16 +204,33 @@ LossSums ChunkGradient::operator()(const PackedWeights& weights, const LossSetti
   const ParameterLayout& blocks = layout_.blocks();
   const float* parameters = weights.parameters();
   gather(minibatch, first, count);
-  forward(weights.actor(), blocks.actor, parameters, count, actor_, kPanel, logits_.data());
-  forward(weights.critic(), blocks.critic, parameters, count, critic_, 8, values_.data());
+  const float* actor_x = x_.data();
+  const float* critic_x = x_.data();
+  if (convolutions_) {
+    convolutions_->forward(x_.data(), parameters, count);
+    actor_x = convolutions_->actor().inputs.data();
+    critic_x = convolutions_->critic().inputs.data();
+  }
+  forward(weights.actor(), blocks.actor, parameters, actor_x, count, actor_, kPanel,
+          logits_.data());
+  forward(weights.critic(), blocks.critic, parameters, critic_x, count, critic_, 8, values_.data());
   if (shape_.continuous) std::fill_n(gradient.data() + blocks.log_std, kPanel, 0.0F);
   const LossSums sums =
       loss_(settings, weights.gaussian(), inputs_, count, logits_.data(), values_.data(),
             logit_gradient_.data(), value_gradient_.data(), gradient.data() + blocks.log_std);
-  backward(weights.actor(), blocks.actor, parameters, count, actor_, kPanel, logit_gradient_.data(),
-           gradient.data());
-  backward(weights.critic(), blocks.critic, parameters, count, critic_, 8, value_gradient_.data(),
-           gradient.data());
+  backward(weights.actor(), blocks.actor, parameters, actor_x, count, actor_, kPanel,
+           logit_gradient_.data(), gradient.data());
+  if (convolutions_)
+    to_features(weights.actor(), count, convolutions_->actor().feature_gradient.data());
+  backward(weights.critic(), blocks.critic, parameters, critic_x, count, critic_, 8,
+           value_gradient_.data(), gradient.data());
+  if (convolutions_) {
+    to_features(weights.critic(), count, convolutions_->critic().feature_gradient.data());
+    convolutions_->backward(
+        x_.data(),
+        {weights.actor().filters2_transposed.data(), weights.critic().filters2_transposed.data()},
+        count, gradient.data());
+  }
   return sums;
 }
 

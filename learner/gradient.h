@@ -1,10 +1,12 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <span>
 
 #include "core/aligned.h"
 #include "learner/batch.h"
+#include "learner/convolution_gradient.h"
 #include "learner/loss.h"
 #include "learner/training_layout.h"
 
@@ -24,6 +26,8 @@ class PackedWeights {
     AlignedFloats weights2_transposed;  // panels of the transpose
     AlignedFloats head;                 // panels of the transpose: hidden x outputs
     AlignedFloats head_bias;            // 16, zero without bias
+    AlignedFloats features_transposed;  // convolution: panels, of the rows of weights1 for features
+    AlignedFloats filters2_transposed;  // convolution: panels
   };
   const Network& actor() const { return actor_; }
   const Network& critic() const { return critic_; }
@@ -73,11 +77,13 @@ class ChunkGradient {
   };
   void gather(const MinibatchView& minibatch, int first, int count);
   void forward(const PackedWeights::Network& weights, const NetworkLayout& blocks,
-               const float* parameters, int count, Activations& a, int columns, float* outputs);
+               const float* parameters, const float* x, int count, Activations& a, int columns,
+               float* outputs);
   void backward(const PackedWeights::Network& weights, const NetworkLayout& blocks,
-                const float* parameters, int count, const Activations& a, int columns,
-                const float* output_gradient, float* gradient);
-  void activate(float* values, float* slopes, int count) const;
+                const float* parameters, const float* x, int count, const Activations& a,
+                int columns, const float* output_gradient, float* gradient);
+  void to_features(const PackedWeights::Network& weights, int count, float* feature_gradient) const;
+  void activate_rows(float* values, float* slopes, int count) const;
   void differentiate(float* gradient, const float* outputs, const float* slopes, int count,
                      float* bias_gradient) const;
 
@@ -87,6 +93,7 @@ class ChunkGradient {
   int leading_ = 0;
   LossInputs inputs_{};
   AlignedFloats x_;  // 64 x O
+  std::optional<ConvolutionGradient> convolutions_;
   Activations actor_, critic_;
   AlignedFloats d1_, d2_;  // 64 x leading
   AlignedFloats logits_, values_, logit_gradient_, value_gradient_;

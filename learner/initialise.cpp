@@ -89,13 +89,13 @@ std::vector<float> initial_parameters(const PolicyShape& shape, const pb::Ppo& s
   const ParameterLayout layout = parameter_layout(shape);
   std::vector<float> parameters(layout.count, 0.0F);
   const auto hidden = static_cast<std::size_t>(shape.hidden);
-  const auto observations = static_cast<std::size_t>(shape.observations);
+  const auto inputs = static_cast<std::size_t>(shape.inputs());
   const bool orthogonal = settings.initialisation() == pb::INIT_ORTHOGONAL;
   std::uint32_t tensor = 0;
   for (const NetworkLayout* network : {&layout.actor, &layout.critic}) {
     const bool actor = network == &layout.actor;
     const auto outputs = static_cast<std::size_t>(network->outputs);
-    const Matrix first{parameters.data() + network->weights1, observations, hidden, hidden, 1};
+    const Matrix first{parameters.data() + network->weights1, inputs, hidden, hidden, 1};
     const Matrix second{parameters.data() + network->weights2, hidden, hidden, hidden, 1};
     const Matrix head{parameters.data() + network->head, hidden, outputs, 1, hidden};
     const auto stream = [&] { return RandomStream(run_seed, tensor++, Purpose::kWeights, 0); };
@@ -113,6 +113,22 @@ std::vector<float> initial_parameters(const PolicyShape& shape, const pb::Ppo& s
         fill_glorot_uniform(head, draws[2]);
       }
     }
+  }
+  const auto fill_filters = [&](const Convolution& c, std::size_t offset) {
+    const auto filters = static_cast<std::size_t>(c.filters);
+    const Matrix matrix{parameters.data() + offset, static_cast<std::size_t>(c.patch()), filters,
+                        filters, 1};
+    const RandomStream stream(run_seed, tensor++, Purpose::kWeights, 0);
+    if (orthogonal) {
+      fill_orthogonal(matrix, std::sqrt(2.0), stream);
+    } else {
+      fill_variance_scaling(matrix, 1, stream);
+    }
+  };
+  for (const NetworkLayout* network : {&layout.actor, &layout.critic}) {
+    if (!shape.convolution) break;
+    fill_filters(first_convolution(shape.picture), network->filters1);
+    fill_filters(second_convolution(shape.picture), network->filters2);
   }
   if (shape.continuous) {
     std::fill_n(parameters.begin() + static_cast<std::ptrdiff_t>(layout.log_std),

@@ -169,7 +169,8 @@ int Learner::run(const std::function<bool()>& stop) {
   options.domain = config_.run().domain();
   options.slots = config_.rollout().slots();
   options.learner_epoch = epoch_;
-  const std::size_t segment_bytes = 40000 + 80 * std::size_t{config_.rollout().steps_per_segment()};
+  const std::size_t step_bytes = 20 + sizeof(float) * static_cast<std::size_t>(shape_.observations);
+  const std::size_t segment_bytes = 40000 + step_bytes * config_.rollout().steps_per_segment();
   options.profile = choose_dds_profile(learner_receive_bytes(options.slots, segment_bytes));
   bus_ = std::make_unique<LearnerBus>(options);
 
@@ -185,7 +186,7 @@ int Learner::run(const std::function<bool()>& stop) {
   manifest.steps_per_segment = config_.rollout().steps_per_segment();
   manifest.lead = static_cast<std::uint32_t>(config_.rollout().lead());
   manifest.state_format = kSimStateFormat;
-  manifest.observation_names = observation_titles(config_.task());
+  manifest.observation_names = observation_names(config_.task());
   manifest.action_names = action_names(config_.task());
   if (const Result<void> sent = bus_->publish_manifest(manifest); !sent)
     throw_error("manifest: {}", sent.error());

@@ -23,22 +23,22 @@ RunningMoments::RunningMoments(int dimensions)
 //   mean = mean_A + d n_B / n,   M2 = M2_A + M2_B + d^2 n_A n_B / n.
 // Moments of the batch itself take two passes, which is exact enough at any offset.
 template <typename T>
-void RunningMoments::merge_rows(std::span<const T> values) {
+void RunningMoments::merge_rows(std::span<const T> values, std::size_t width) {
   const std::size_t dimensions = mean_.size();
-  OMENTUM_CHECK(dimensions > 0 && values.size() % dimensions == 0);
-  const std::size_t rows = values.size() / dimensions;
+  OMENTUM_CHECK(dimensions > 0 && width >= dimensions && values.size() % width == 0);
+  const std::size_t rows = values.size() / width;
   if (rows == 0) return;
   const auto added = static_cast<double>(rows);
   std::vector<double> mean(dimensions, 0.0);
   std::vector<double> squares(dimensions, 0.0);
   for (std::size_t row = 0; row < rows; ++row) {
     for (std::size_t i = 0; i < dimensions; ++i)
-      mean[i] += static_cast<double>(values[row * dimensions + i]);
+      mean[i] += static_cast<double>(values[row * width + i]);
   }
   for (double& value : mean) value /= added;
   for (std::size_t row = 0; row < rows; ++row) {
     for (std::size_t i = 0; i < dimensions; ++i) {
-      const double d = static_cast<double>(values[row * dimensions + i]) - mean[i];
+      const double d = static_cast<double>(values[row * width + i]) - mean[i];
       squares[i] += d * d;
     }
   }
@@ -51,8 +51,10 @@ void RunningMoments::merge_rows(std::span<const T> values) {
   count_ = total;
 }
 
-void RunningMoments::merge(std::span<const float> values) { merge_rows(values); }
-void RunningMoments::merge(std::span<const double> values) { merge_rows(values); }
+void RunningMoments::merge(std::span<const float> values, std::size_t width) {
+  merge_rows(values, width);
+}
+void RunningMoments::merge(std::span<const double> values) { merge_rows(values, mean_.size()); }
 
 double RunningMoments::variance(std::size_t dimension) const {
   return count_ > 0 ? squares_[dimension] / count_ : 1.0;

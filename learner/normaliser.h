@@ -16,8 +16,9 @@ class RunningMoments {
  public:
   explicit RunningMoments(int dimensions);
 
+  /// Merges rows of `width` values, of which the first `dimensions` count.
+  void merge(std::span<const float> values, std::size_t width);
   /// Merges rows x dimensions values.
-  void merge(std::span<const float> values);
   void merge(std::span<const double> values);
 
   double count() const { return count_; }
@@ -31,7 +32,7 @@ class RunningMoments {
 
  private:
   template <typename T>
-  void merge_rows(std::span<const T> values);
+  void merge_rows(std::span<const T> values, std::size_t width);
 
   double count_ = 0;
   std::vector<double> mean_;

@@ -56,6 +56,14 @@ class GraphMaker {
     made.set_i(value);
   }
 
+  static void attribute(onnx::NodeProto& node, const char* name,
+                        std::initializer_list<std::int64_t> values) {
+    onnx::AttributeProto& made = *node.add_attribute();
+    made.set_name(name);
+    made.set_type(onnx::AttributeProto_AttributeType_INTS);
+    for (const std::int64_t value : values) made.add_ints(value);
+  }
+
   static void describe(onnx::ValueInfoProto& info, const char* name, std::int64_t columns,
                        int type) {
     info.set_name(name);
@@ -79,39 +87,119 @@ void add_activation(GraphMaker& maker, const PolicyShape& shape, const std::stri
   maker.node("Mul", {input, output + "_gate"}, {output});
 }
 
+/// "numbers" [N, numbers] and "planes" [N, planes, size, size] of the normalised observation.
+void add_picture(GraphMaker& maker, const PolicyShape& shape) {
+  const PictureShape& picture = shape.picture;
+  const std::int64_t parts[] = {shape.numbers(), picture.values()};
+  const std::int64_t sides[] = {-1, picture.size, picture.size, picture.channels};
+  maker.constant("observation_parts", parts);
+  maker.constant("picture_sides", sides);
+  GraphMaker::attribute(
+      maker.node("Split", {"normalised", "observation_parts"}, {"numbers", "pixels"}), "axis", 1);
+  maker.node("Reshape", {"pixels", "picture_sides"}, {"rows_of_pixels"});
+  const bool ids = picture.channels == 1;
+  const std::string channels_first = ids ? "object_ids" : "planes";
+  GraphMaker::attribute(maker.node("Transpose", {"rows_of_pixels"}, {channels_first}), "perm",
+                        {0, 3, 1, 2});
+  const float scale = feature_scale(picture);
+  maker.constant("feature_scale", std::span(&scale, 1), {});
+  if (!ids) return;
+  const float highest = kObjectIds, half = 0.5F;
+  std::vector<float> every_id;
+  for (int id = 1; id <= kObjectIds; ++id) every_id.push_back(static_cast<float>(id));
+  maker.constant("highest_id", std::span(&highest, 1), {});
+  maker.constant("every_id", every_id, {1, kObjectIds, 1, 1});
+  maker.constant("half", std::span(&half, 1), {});
+  maker.node("Mul", {"object_ids", "highest_id"}, {"whole_ids"});
+  maker.node("Sub", {"whole_ids", "every_id"}, {"from_id"});
+  maker.node("Abs", {"from_id"}, {"distance_from_id"});
+  maker.node("Less", {"distance_from_id", "half"}, {"shows_id"});
+  GraphMaker::attribute(maker.node("Cast", {"shows_id"}, {"planes"}), "to",
+                        onnx::TensorProto_DataType_FLOAT);
+}
+
+/// One convolution and its activation. Ours are [dy][dx][plane][filter], those of ONNX [filter,
+/// plane, dy, dx].
+void add_convolution(GraphMaker& maker, const PolicyShape& shape, const Convolution& c,
+                     std::span<const float> filters, std::span<const float> bias,
+                     const std::string& input, const std::string& output) {
+  std::vector<float> weights;
+  for (int filter = 0; filter < c.filters; ++filter) {
+    for (int plane = 0; plane < c.planes; ++plane) {
+      for (int place = 0; place < c.kernel * c.kernel; ++place)
+        weights.push_back(
+            filters[static_cast<std::size_t>((place * c.planes + plane) * c.filters + filter)]);
+    }
+  }
+  maker.constant(output + "_filters", weights, {c.filters, c.planes, c.kernel, c.kernel});
+  maker.constant(output + "_bias", bias, {c.filters});
+  onnx::NodeProto& node =
+      maker.node("Conv", {input, output + "_filters", output + "_bias"}, {output + "_sum"});
+  GraphMaker::attribute(node, "kernel_shape", {c.kernel, c.kernel});
+  GraphMaker::attribute(node, "strides", {c.stride, c.stride});
+  add_activation(maker, shape, output + "_sum", output);
+}
+
+/// "<name>_inputs" [N, inputs]: the numbers and the features of the picture.
+void add_convolutions(GraphMaker& maker, const PolicyShape& shape, const NetworkLayout& net,
+                      std::span<const float> p, const std::string& name) {
+  const auto part = [p](std::size_t from, std::size_t to) { return p.subspan(from, to - from); };
+  add_convolution(maker, shape, first_convolution(shape.picture),
+                  part(net.filters1, net.filters1_bias), part(net.filters1_bias, net.filters2),
+                  "planes", name + "_picture1");
+  add_convolution(maker, shape, second_convolution(shape.picture),
+                  part(net.filters2, net.filters2_bias), part(net.filters2_bias, net.weights1),
+                  name + "_picture1", name + "_picture2");
+  GraphMaker::attribute(maker.node("Transpose", {name + "_picture2"}, {name + "_rows_of_features"}),
+                        "perm", {0, 2, 3, 1});
+  const std::int64_t sides[] = {-1, shape.features()};
+  maker.constant(name + "_feature_sides", sides);
+  maker.node("Reshape", {name + "_rows_of_features", name + "_feature_sides"},
+             {name + "_every_feature"});
+  maker.node("Mul", {name + "_every_feature", "feature_scale"}, {name + "_features"});
+  GraphMaker::attribute(maker.node("Concat", {"numbers", name + "_features"}, {name + "_inputs"}),
+                        "axis", 1);
+}
+
 void add_network(GraphMaker& maker, const PolicyShape& shape, const NetworkLayout& net,
                  const std::vector<float>& p, const std::string& name, const std::string& output) {
   const auto hidden = static_cast<std::size_t>(shape.hidden);
   const auto outputs = static_cast<std::size_t>(net.outputs);
   const std::span<const float> all(p);
-  const std::int64_t h = shape.hidden, o = shape.observations, l = net.outputs;
+  const std::int64_t h = shape.hidden, i = shape.inputs(), l = net.outputs;
+  if (shape.convolution) add_convolutions(maker, shape, net, all, name);
+  const std::string inputs = shape.convolution ? name + "_inputs" : "normalised";
   maker.constant(name + "_weights1",
-                 all.subspan(net.weights1, static_cast<std::size_t>(o) * hidden), {o, h});
+                 all.subspan(net.weights1, static_cast<std::size_t>(i) * hidden), {i, h});
   maker.constant(name + "_bias1", all.subspan(net.bias1, hidden), {h});
   maker.constant(name + "_weights2", all.subspan(net.weights2, hidden * hidden), {h, h});
   maker.constant(name + "_bias2", all.subspan(net.bias2, hidden), {h});
   maker.constant(name + "_head", all.subspan(net.head, outputs * hidden), {l, h});
-  maker.node("Gemm", {"normalised", name + "_weights1", name + "_bias1"}, {name + "_sum1"});
+  maker.node("Gemm", {inputs, name + "_weights1", name + "_bias1"}, {name + "_sum1"});
   add_activation(maker, shape, name + "_sum1", name + "_hidden1");
   maker.node("Gemm", {name + "_hidden1", name + "_weights2", name + "_bias2"}, {name + "_sum2"});
   add_activation(maker, shape, name + "_sum2", name + "_hidden2");
-  std::vector<std::string> inputs = {name + "_hidden2", name + "_head"};
+  std::vector<std::string> of_head = {name + "_hidden2", name + "_head"};
   if (net.has_head_bias) {
     maker.constant(name + "_head_bias", all.subspan(net.head_bias, outputs), {l});
-    inputs.push_back(name + "_head_bias");
+    of_head.push_back(name + "_head_bias");
   }
-  GraphMaker::attribute(maker.node("Gemm", inputs, {output}), "transB", 1);
+  GraphMaker::attribute(maker.node("Gemm", of_head, {output}), "transB", 1);
 }
 
-void add_normaliser(GraphMaker& maker, const PolicyWeights& weights) {
+void add_normaliser(GraphMaker& maker, const PolicyShape& shape, const PolicyWeights& weights) {
   if (weights.obs_mean.empty()) {
     maker.node("Identity", {"observation"}, {"normalised"});
     return;
   }
-  const auto size = static_cast<std::int64_t>(weights.obs_mean.size());
+  const auto size = static_cast<std::int64_t>(shape.observations);
+  // Pixels, within 0 ... 1, pass as they are.
+  std::vector<float> mean = weights.obs_mean, inverse_deviation = weights.obs_inv_std;
+  mean.resize(static_cast<std::size_t>(size), 0.0F);
+  inverse_deviation.resize(static_cast<std::size_t>(size), 1.0F);
   const float low = -kObservationClip, high = kObservationClip;
-  maker.constant("observation_mean", weights.obs_mean, {size});
-  maker.constant("observation_inverse_deviation", weights.obs_inv_std, {size});
+  maker.constant("observation_mean", mean, {size});
+  maker.constant("observation_inverse_deviation", inverse_deviation, {size});
   maker.constant("clip_low", std::span(&low, 1), {});
   maker.constant("clip_high", std::span(&high, 1), {});
   maker.node("Sub", {"observation", "observation_mean"}, {"centred"});
@@ -150,14 +238,16 @@ void add_action(GraphMaker& maker, const PolicyShape& shape) {
 }  // namespace
 
 OnnxMetadata onnx_metadata(const pb::Task& task, const std::string& git_revision) {
-  return {observed_numbers(task), action_names(task), action_meanings(task), git_revision};
+  return {observed_entries(task), action_names(task), action_meanings(task), git_revision};
 }
 
 std::string onnx_model(const PolicyShape& shape, const PolicyWeights& weights,
                        const OnnxMetadata& metadata) {
   const ParameterLayout layout = parameter_layout(shape);
   OMENTUM_CHECK(weights.parameters.size() == layout.count);
-  OMENTUM_CHECK(metadata.observation.size() == static_cast<std::size_t>(shape.observations));
+  int observed = 0;
+  for (const ObservedEntry& entry : metadata.observation) observed += entry.size;
+  OMENTUM_CHECK(observed == shape.observations);
   onnx::ModelProto model;
   model.set_ir_version(kIrVersion);
   model.set_producer_name("omentum");
@@ -170,7 +260,8 @@ std::string onnx_model(const PolicyShape& shape, const PolicyWeights& weights,
   onnx::GraphProto& graph = *model.mutable_graph();
   graph.set_name("omentum_policy");
   GraphMaker maker(graph);
-  add_normaliser(maker, weights);
+  add_normaliser(maker, shape, weights);
+  if (shape.convolution) add_picture(maker, shape);
   add_network(maker, shape, layout.actor, weights.parameters, "actor", "logits");
   add_network(maker, shape, layout.critic, weights.parameters, "critic", "value");
   add_action(maker, shape);
@@ -184,9 +275,9 @@ std::string onnx_model(const PolicyShape& shape, const PolicyWeights& weights,
       shape.continuous ? onnx::TensorProto_DataType_FLOAT : onnx::TensorProto_DataType_INT64);
 
   std::vector<std::string> names, units;
-  for (const auto& [name, unit] : metadata.observation) {
-    names.push_back(name);
-    units.push_back(unit);
+  for (const ObservedEntry& entry : metadata.observation) {
+    names.push_back(entry.name);
+    units.push_back(entry.unit);
   }
   const auto joined = [](const auto& list) { return fmt::format("{}", fmt::join(list, ",")); };
   const std::pair<const char*, std::string> entries[] = {

@@ -70,7 +70,7 @@ Ppo::Ppo(const pb::Config& config, const PolicyShape& shape, int threads)
       pool_(std::make_unique<ThreadPool>(threads)),
       parameters_(layout_.count()),
       adam_(settings_, layout_.count()),
-      observation_moments_(shape.observations),
+      observation_moments_(shape.numbers()),
       reward_scaler_(static_cast<int>(config.rollout().slots()), settings_.gamma()),
       adaptive_rate_(settings_.learning_rate()),
       packed_(shape_, layout_) {
@@ -117,12 +117,14 @@ void Ppo::prepare(const Batch& batch) {
   const auto width = static_cast<std::size_t>(shape_.observations);
   inputs_ = batch.observations;
   if (settings_.normalise_observations()) {
-    observation_moments_.merge(std::span<const float>(batch.observations));
+    observation_moments_.merge(batch.observations, width);
     refresh_normaliser();
-    for (std::size_t i = 0; i < inputs_.size(); ++i) {
-      const float x =
-          (inputs_[i] - normaliser_.mean[i % width]) * normaliser_.inverse_deviation[i % width];
-      inputs_[i] = std::clamp(x, -kObservationClip, kObservationClip);
+    for (std::size_t row = 0; row < rows; ++row) {
+      for (std::size_t i = 0; i < normaliser_.mean.size(); ++i) {  // the numbers, not the pixels
+        float& input = inputs_[row * width + i];
+        const float x = (input - normaliser_.mean[i]) * normaliser_.inverse_deviation[i];
+        input = std::clamp(x, -kObservationClip, kObservationClip);
+      }
     }
   }
   rewards_ = batch.rewards;
@@ -358,9 +360,8 @@ Result<void> Ppo::initialise_from(const pb::PpoState& state) {
   }
   const std::vector<float> parameters(weights.parameters().begin(), weights.parameters().end());
   layout_.spread(parameters, parameters_);
-  if (settings_.normalise_observations() &&
-      fits(state.observation_moments(), shape_.observations)) {
-    observation_moments_ = load_moments(state.observation_moments(), shape_.observations);
+  if (settings_.normalise_observations() && fits(state.observation_moments(), shape_.numbers())) {
+    observation_moments_ = load_moments(state.observation_moments(), shape_.numbers());
     refresh_normaliser();
   }
   return {};
@@ -374,7 +375,7 @@ Result<void> Ppo::load(const pb::PpoState& state) {
     return Failure{fmt::format("Adam moments of {} and {} parameters instead of {}",
                                adam.first_size(), adam.second_size(), count)};
   }
-  if (!fits(state.observation_moments(), shape_.observations) || !fits(state.reward_moments(), 1) ||
+  if (!fits(state.observation_moments(), shape_.numbers()) || !fits(state.reward_moments(), 1) ||
       static_cast<std::size_t>(state.discounted_rewards_size()) !=
           reward_scaler_.discounted().size()) {
     return Failure{"normaliser or reward moments of another size"};

@@ -24,9 +24,17 @@ TrainingLayout::TrainingLayout(const PolicyShape& shape) : hidden_(padded_column
   };
   const auto network = [&](const NetworkLayout& from) {
     NetworkLayout to = from;
-    const auto observations = static_cast<std::size_t>(shape.observations);
+    const auto inputs = static_cast<std::size_t>(shape.inputs());
     const auto outputs = static_cast<std::size_t>(from.outputs);
-    to.weights1 = place(from.weights1, observations, width, padded_width, observations);
+    // Filters are multiples of 16 and need no padding.
+    const auto copy = [&](std::size_t first, std::size_t end) {
+      return place(first, 1, end - first, end - first, 1);
+    };
+    to.filters1 = copy(from.filters1, from.filters1_bias);
+    to.filters1_bias = copy(from.filters1_bias, from.filters2);
+    to.filters2 = copy(from.filters2, from.filters2_bias);
+    to.filters2_bias = copy(from.filters2_bias, from.weights1);
+    to.weights1 = place(from.weights1, inputs, width, padded_width, inputs);
     to.bias1 = place(from.bias1, 1, width, padded_width, 1);
     to.weights2 = place(from.weights2, width, width, padded_width, padded_width);
     to.bias2 = place(from.bias2, 1, width, padded_width, 1);

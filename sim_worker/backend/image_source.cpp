@@ -4,9 +4,12 @@
 
 #include "core/check.h"
 #include "core/constants.h"
+#include "core/picture_shape.h"
 #include "sim_worker/camera/camera.h"
 
 namespace omentum {
+
+static_assert(static_cast<int>(ObjectId::kObstacle) == kObjectIds);
 
 SimBackend::ImageSource make_image_source(const SimSetup& setup) {
   const pb::Task& task = setup.config.task();
@@ -26,7 +29,7 @@ SimBackend::ImageSource make_image_source(const SimSetup& setup) {
                                : camera->draw_ids(frame, camera->endoscope(), size, size);
     OMENTUM_CHECK(image.pixels.size() == out.size(), "image of {} values for {}",
                   image.pixels.size(), out.size());
-    const float scale = shaded ? 1.0F / 255.0F : 1.0F / 6.0F;
+    const float scale = 1.0F / (shaded ? 255.0F : static_cast<float>(kObjectIds));
     for (std::size_t i = 0; i < out.size(); ++i)
       out[i] = scale * static_cast<float>(image.pixels[i]);
   };

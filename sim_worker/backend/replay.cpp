@@ -139,12 +139,12 @@ ReplayReport Replayer::replay(const std::string& name, const EpisodeRecording& r
   const RolloutSegment now = run_again(recording.task, segment);
   if (now.failed != 0 && now.steps == 0) throw_error("{}: {}", name, now.failure);
 
-  const std::vector<std::string> names = observation_names(backend_->setup().config.task());
   for (std::uint32_t step = 0; step < now.steps; ++step, ++report.steps) {
     for (std::size_t k = step * width; k < (step + 1) * width; ++k) {
       if (!same(segment.observations[k], now.observations[k]))
-        return differ("observation " + names[k % width], segment.observations[k],
-                      now.observations[k]);
+        return differ("observation " + observation_name(backend_->setup().config.task(),
+                                                        static_cast<int>(k % width)),
+                      segment.observations[k], now.observations[k]);
     }
     if (!same(segment.rewards[step], now.rewards[step]))
       return differ("reward", segment.rewards[step], now.rewards[step]);

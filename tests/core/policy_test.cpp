@@ -11,6 +11,7 @@
 #include <numeric>
 
 #include "core/activation.h"
+#include "tests/support/plain_convolution.h"
 
 namespace {
 std::atomic<std::size_t> allocations{0};  // of this program, by the operators below
@@ -47,6 +48,15 @@ PolicyShape gaussian_shape(int observations) {
   return shape;
 }
 
+/// Three numbers and a picture of `size` pixels, seen by convolutions.
+PolicyShape picture_shape_of(int size, int channels, pb::Activation activation) {
+  PolicyShape shape = discrete_shape(3, activation, 24);
+  shape.picture = {size, channels};
+  shape.observations += shape.picture.values();
+  shape.convolution = true;
+  return shape;
+}
+
 /// Numbers in [-size, size] from the counters, so that tests need no generator state.
 std::vector<float> noise(std::size_t count, std::uint32_t stream, float size) {
   std::vector<float> values(count);
@@ -61,8 +71,8 @@ PolicyWeights random_weights(const PolicyShape& shape, float size = 0.3F, bool n
   PolicyWeights weights;
   weights.parameters = noise(shape.parameter_count(), 99, size);
   if (normalised) {
-    weights.obs_mean = noise(static_cast<std::size_t>(shape.observations), 98, 0.5F);
-    weights.obs_inv_std.assign(static_cast<std::size_t>(shape.observations), 1.7F);
+    weights.obs_mean = noise(static_cast<std::size_t>(shape.numbers()), 98, 0.5F);
+    weights.obs_inv_std.assign(weights.obs_mean.size(), 1.7F);
   }
   return weights;
 }
@@ -96,19 +106,25 @@ std::vector<float> scalar_network(const PolicyShape& shape, const PolicyWeights&
                                   const NetworkLayout& net, const std::vector<float>& input) {
   const float* p = weights.parameters.data();
   const auto hidden = static_cast<std::size_t>(shape.hidden);
+  const auto activation = [&](float sum) {
+    return shape.activation == pb::ACTIVATION_TANH
+               ? lanes::tanh(sum)
+               : sum * _mm256_cvtss_f32(lanes::sigmoid(lanes::splat(sum)));
+  };
+  const auto multiply_add = [](float a, float b, float sum) { return std::fma(a, b, sum); };
   const auto layer = [&](const std::vector<float>& x, std::size_t w, std::size_t b) {
     std::vector<float> y(hidden);
     for (std::size_t j = 0; j < hidden; ++j) {
       float sum = p[b + j];
       for (std::size_t k = 0; k < x.size(); ++k) sum = std::fma(x[k], p[w + k * hidden + j], sum);
-      y[j] = shape.activation == pb::ACTIVATION_TANH
-                 ? lanes::tanh(sum)
-                 : sum * _mm256_cvtss_f32(lanes::sigmoid(lanes::splat(sum)));
+      y[j] = activation(sum);
     }
     return y;
   };
+  const std::vector<float> inputs =
+      test::plain_inputs(shape, net, weights.parameters, input, multiply_add, activation);
   const std::vector<float> h =
-      layer(layer(input, net.weights1, net.bias1), net.weights2, net.bias2);
+      layer(layer(inputs, net.weights1, net.bias1), net.weights2, net.bias2);
   std::vector<float> out(static_cast<std::size_t>(net.outputs));
   for (std::size_t o = 0; o < out.size(); ++o) {
     float sum = net.has_head_bias ? p[net.head_bias + o] : 0.0F;
@@ -132,13 +148,18 @@ TEST(PolicyLayout, CountsAreThoseOfTheDesign) {
 
 TEST(PolicyLayout, HashSeesEveryField) {
   const PolicyShape base = discrete_shape(14, pb::ACTIVATION_TANH);
-  std::vector<PolicyShape> others(6, base);
+  std::vector<PolicyShape> others(9, base);
   others[0].observations = 15;
   others[1].branches = {3, 3, 3};
   others[2].continuous = true;
   others[3].hidden = 64;
   others[4].activation = pb::ACTIVATION_SWISH;
   others[5].head_bias = false;
+  others[6].picture = {2, 1};
+  others[7].picture = {2, 3};
+  others[8].picture = {2, 1};
+  others[8].convolution = true;
+  EXPECT_NE(others[6].layout_hash(), others[8].layout_hash());
   for (const PolicyShape& other : others) EXPECT_NE(other.layout_hash(), base.layout_hash());
 }
 
@@ -233,7 +254,9 @@ TEST_P(PolicyBatch, EqualsScalarLoops) {
   for (std::size_t i = 0; i < total; ++i) {
     std::vector<float> x(width);
     for (std::size_t k = 0; k < width; ++k) {
-      x[k] = (observations[i * width + k] - weights.obs_mean[k]) * weights.obs_inv_std[k];
+      x[k] = observations[i * width + k];
+      if (k >= weights.obs_mean.size()) continue;  // pixels stay as they are
+      x[k] = (x[k] - weights.obs_mean[k]) * weights.obs_inv_std[k];
       x[k] = std::min(kObservationClip, std::max(-kObservationClip, x[k]));
     }
     EXPECT_TRUE(same_bits(decisions[i].value, scalar_network(shape, weights, layout.critic, x)[0]));
@@ -266,7 +289,10 @@ INSTANTIATE_TEST_SUITE_P(Shapes, PolicyBatch,
                                          discrete_shape(12, pb::ACTIVATION_SWISH),
                                          discrete_shape(8, pb::ACTIVATION_TANH, 40),
                                          discrete_shape(1038, pb::ACTIVATION_TANH, 64),
-                                         gaussian_shape(14)));
+                                         gaussian_shape(14),
+                                         picture_shape_of(12, 1, pb::ACTIVATION_TANH),
+                                         picture_shape_of(20, 3, pb::ACTIVATION_SWISH),
+                                         picture_shape_of(32, 1, pb::ACTIVATION_TANH)));
 
 TEST(PolicySampling, FrequenciesFollowTheProbabilities) {
   PolicyShape shape = discrete_shape(4, pb::ACTIVATION_TANH, 16);

@@ -88,10 +88,12 @@ TEST_P(EveryPreset, ObservesWhatNamesAndUnitsSay) {
         {"distance_p_q", (state.measured_tip - places().tumour_point).norm()},
         {"distance_p_p_T", (state.measured_tip - places().target).norm()},
         {"distance_p_goal", (state.measured_tip - goal).norm()}};
-    const std::vector<ObservedNumber> numbers = observed_numbers(config);
-    ASSERT_EQ(numbers.size(), seen.size());
+    const std::vector<ObservedEntry> entries = observed_entries(config);
+    ASSERT_EQ(entries.size(), seen.size());
     for (std::size_t i = 0; i < seen.size(); ++i) {
-      const auto& [name, unit] = numbers[i];
+      const auto& [name, unit, size] = entries[i];
+      EXPECT_EQ(size, 1);
+      EXPECT_EQ(observation_name(config, static_cast<int>(i)), name);
       const auto value = static_cast<double>(seen[i]);
       EXPECT_EQ(unit.find(','), std::string::npos) << name;
       if (name == "held_flag") {
@@ -132,18 +134,23 @@ TEST_P(EveryPreset, ActionNamesAndBranchesAreOfOneTable) {
   EXPECT_EQ(action_names(config).size(), action_branches(config).size());
 }
 
-TEST(ObservedImage, PixelsAreNamedInTheOrderOfTheirBytes) {
+TEST(ObservedImage, IsOneEntryWithItsShapeAndNamesItsPixelsInTheOrderOfTheirBytes) {
   pb::Task config = load_config("omentum", Strings{"task.observation=OBSERVATION_IMAGE"}).task();
   config.set_image_size(8);
   config.set_image(pb::IMAGE_SHADED);
-  const Strings names = observation_names(config);
-  ASSERT_EQ(names.size(), 20U + 3 * 64);
-  EXPECT_THAT(Strings(names.begin() + 20, names.begin() + 25),
-              testing::ElementsAre("red_0_0", "green_0_0", "blue_0_0", "red_0_1", "green_0_1"));
-  EXPECT_EQ(observed_numbers(config).back().unit, "intensity 0 ... 1");
+  EXPECT_EQ(observation_size(config), 20 + 3 * 64);
+  EXPECT_EQ(observation_names(config).size(), 21U);
+  EXPECT_EQ(observation_names(config).back(), "image[8][8][3]");
+  EXPECT_EQ(observed_entries(config).back().unit, "intensity 0 ... 1");
+  EXPECT_EQ(observation_name(config, 19), "near_goal_z");
+  EXPECT_EQ(observation_name(config, 20), "image[0][0][0]");
+  EXPECT_EQ(observation_name(config, 24), "image[0][1][1]");
+  EXPECT_EQ(observation_name(config, 20 + 3 * 64 - 1), "image[7][7][2]");
   config.set_image(pb::IMAGE_OBJECT_IDS);
-  EXPECT_EQ(observed_numbers(config).back().unit, "object id / 6");
-  EXPECT_EQ(observation_titles(config).size(), 21U) << "short enough for a manifest";
+  EXPECT_EQ(observation_size(config), 20 + 64);
+  EXPECT_EQ(observation_names(config).back(), "image[8][8]");
+  EXPECT_EQ(observed_entries(config).back().unit, "object id / 6");
+  EXPECT_EQ(observation_name(config, 20 + 9), "image[1][1]");
   const Task task = task_of("omentum", {"task.observation=OBSERVATION_IMAGE", "task.image_size=8"});
   std::vector<float> seen(20 + 64);
   EXPECT_EQ(task.observe(held_state(), seen).data(), seen.data() + 20);

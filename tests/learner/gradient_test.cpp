@@ -11,6 +11,7 @@
 #include <string>
 
 #include "learner/initialise.h"
+#include "tests/support/plain_convolution.h"
 
 namespace omentum {
 namespace {
@@ -91,7 +92,9 @@ std::vector<double> network(const PolicyShape& shape, const NetworkLayout& net,
   const auto activation = [&](double v) {
     return shape.activation == pb::ACTIVATION_TANH ? std::tanh(v) : v / (1 + std::exp(-v));
   };
-  std::vector<double> input(x, x + shape.observations);
+  std::vector<double> input = test::plain_inputs(
+      shape, net, p, std::vector<double>(x, x + shape.observations),
+      [](double a, double b, double sum) { return a * b + sum; }, activation);
   for (const auto& [w, b] :
        {std::pair{net.weights1, net.bias1}, std::pair{net.weights2, net.bias2}}) {
     std::vector<double> out(hidden);
@@ -216,6 +219,12 @@ TEST_P(KernelGradient, EqualsCentralDifferences) {
   const auto hidden = static_cast<std::size_t>(c.shape.hidden);
   const auto add = [&](const std::string& name, const NetworkLayout& net) {
     const auto outputs = static_cast<std::size_t>(net.outputs);
+    if (c.shape.convolution) {
+      ranges.push_back({name + ".filters1", {net.filters1, net.filters1_bias}});
+      ranges.push_back({name + ".filters1_bias", {net.filters1_bias, net.filters2}});
+      ranges.push_back({name + ".filters2", {net.filters2, net.filters2_bias}});
+      ranges.push_back({name + ".filters2_bias", {net.filters2_bias, net.weights1}});
+    }
     ranges.push_back({name + ".weights1", {net.weights1, net.bias1}});
     ranges.push_back({name + ".bias1", {net.bias1, net.weights2}});
     ranges.push_back({name + ".weights2", {net.weights2, net.bias2}});
@@ -280,6 +289,18 @@ std::vector<Case> cases() {
     c.shape = gaussian;
     c.shape.activation = pb::ACTIVATION_SWISH;
     c.settings.ratio = pb::RATIO_PER_BRANCH;
+  });
+  const auto see = [](Case& c, int size, int channels) {
+    c.shape.hidden = 16;
+    c.shape.picture = {size, channels};
+    c.shape.observations += c.shape.picture.values();
+    c.shape.convolution = true;
+  };
+  add("PictureOfIds", [&](Case& c) { see(c, 12, 1); });
+  add("PictureOfIdsOddWidth", [&](Case& c) { see(c, 12, 1), c.shape.hidden = 21; });
+  add("ShadedPictureSwish", [&](Case& c) {
+    see(c, 20, 3);
+    c.shape.activation = pb::ACTIVATION_SWISH;
   });
   return all;
 }

@@ -6,6 +6,8 @@ EXPECTED is a text file: first line N O L, then N lines of O observations, L log
 The model is checked by onnx.checker and run by onnxruntime if that is installed, else by the few numpy lines below.
 Exit codes: 0 agrees, 1 differs, 77 the onnx package is missing.
 """
+import math
+import re
 import sys
 
 try:
@@ -22,7 +24,7 @@ def run_numpy(model, observation):
     values["observation"] = observation
     for node in model.graph.node:
         inputs = [values[name] for name in node.input]
-        attributes = {a.name: a.i for a in node.attribute}
+        attributes = {a.name: list(a.ints) or a.i for a in node.attribute}
         if node.op_type == "Identity":
             outputs = [inputs[0]]
         elif node.op_type == "Sub":
@@ -42,6 +44,21 @@ def run_numpy(model, observation):
             outputs = np.split(inputs[0], np.cumsum(inputs[1])[:-1], axis=attributes["axis"])
         elif node.op_type == "ArgMax":
             outputs = [np.argmax(inputs[0], axis=attributes["axis"])[:, None]]
+        elif node.op_type == "Reshape":
+            outputs = [inputs[0].reshape(inputs[1])]
+        elif node.op_type == "Transpose":
+            outputs = [inputs[0].transpose(attributes["perm"])]
+        elif node.op_type == "Abs":
+            outputs = [np.abs(inputs[0])]
+        elif node.op_type == "Less":
+            outputs = [inputs[0] < inputs[1]]
+        elif node.op_type == "Cast":
+            outputs = [inputs[0].astype(np.float32)]
+        elif node.op_type == "Conv":
+            windows = np.lib.stride_tricks.sliding_window_view(inputs[0], attributes["kernel_shape"], axis=(2, 3))
+            down, across = attributes["strides"]
+            sums = np.einsum("ncyxuv,fcuv->nfyx", windows[:, :, ::down, ::across], inputs[1])
+            outputs = [sums + inputs[2][None, :, None, None]]
         elif node.op_type == "Concat":
             outputs = [np.concatenate(inputs, axis=attributes["axis"])]
         else:
@@ -72,10 +89,12 @@ def main():
         if key not in metadata:
             print("metadata lacks", key)
             return 1
-    for key in ("observation_names", "observation_units"):
-        if len(metadata[key].split(",")) != observations:
-            print(key, "are not of", observations, "observations:", metadata[key])
-            return 1
+    names = metadata["observation_names"].split(",")
+    # A picture is one entry, whose name ends in its shape.
+    named = sum(math.prod(int(side) for side in re.findall(r"\[(\d+)\]", name)) for name in names)
+    if named != observations or len(metadata["observation_units"].split(",")) != len(names):
+        print("names and units are not of", observations, "observations:", names, metadata["observation_units"])
+        return 1
     largest = max(float(np.abs(a - b).max()) for a, b in zip(got, expected))
     print(f"{engine}: largest difference {largest:.3g} over {len(rows)} observations")
     return 0 if largest < 2e-5 else 1  # f32 sums of 128 terms in another order

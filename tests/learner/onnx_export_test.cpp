@@ -17,6 +17,7 @@
 #include "core/task.h"
 #include "learner/initialise.h"
 #include "support/temp_dir.h"
+#include "tests/support/plain_convolution.h"
 
 namespace omentum {
 namespace {
@@ -45,13 +46,19 @@ std::vector<double> plain_logits(const PolicyShape& shape, const PolicyWeights& 
   std::vector<double> x;
   for (std::size_t i = 0; i < static_cast<std::size_t>(shape.observations); ++i) {
     double value = static_cast<double>(observation[i]);
-    if (!weights.obs_mean.empty()) {
+    if (i < weights.obs_mean.size()) {
       value = (value - static_cast<double>(weights.obs_mean[i])) *
               static_cast<double>(weights.obs_inv_std[i]);
       value = std::clamp(value, -10.0, 10.0);
     }
     x.push_back(value);
   }
+  const auto activation = [&](double sum) {
+    return shape.activation == pb::ACTIVATION_TANH ? std::tanh(sum) : sum / (1 + std::exp(-sum));
+  };
+  x = test::plain_inputs(
+      shape, net, std::vector<double>(p.begin(), p.end()), x,
+      [](double a, double b, double sum) { return a * b + sum; }, activation);
   for (const auto& [w, b] :
        {std::pair{net.weights1, net.bias1}, std::pair{net.weights2, net.bias2}}) {
     std::vector<double> y(hidden);
@@ -59,7 +66,7 @@ std::vector<double> plain_logits(const PolicyShape& shape, const PolicyWeights& 
       double sum = static_cast<double>(p[b + j]);
       for (std::size_t k = 0; k < x.size(); ++k)
         sum += x[k] * static_cast<double>(p[w + k * hidden + j]);
-      y[j] = shape.activation == pb::ACTIVATION_TANH ? std::tanh(sum) : sum / (1 + std::exp(-sum));
+      y[j] = activation(sum);
     }
     x = y;
   }
@@ -84,8 +91,9 @@ TEST_P(OnnxExport, IndependentReaderAgrees) {
     weights.parameters[i] += 0.1F * noise(static_cast<std::uint32_t>(i), 1);
   }
   if (c.normalised) {
-    for (std::uint32_t i = 0; i < width; ++i) weights.obs_mean.push_back(noise(i, 2));
-    weights.obs_inv_std.assign(width, 8);  // large, so that some observations are clipped
+    for (int i = 0; i < c.shape.numbers(); ++i)
+      weights.obs_mean.push_back(noise(static_cast<std::uint32_t>(i), 2));
+    weights.obs_inv_std.assign(weights.obs_mean.size(), 8);  // large: some are clipped
   }
   Policy policy(c.shape, weights);
   std::vector<float> observations(rows * width);
@@ -96,9 +104,15 @@ TEST_P(OnnxExport, IndependentReaderAgrees) {
   policy.act(observations, counters, true, decisions);
 
   const test::TempDir folder;
+  std::vector<ObservedEntry> entries(static_cast<std::size_t>(c.shape.numbers()), {"a", "m"});
+  const PictureShape& picture = c.shape.picture;
+  if (picture.size > 0) {
+    entries.push_back(
+        {fmt::format("image[{}][{}][{}]", picture.size, picture.size, picture.channels), "1",
+         picture.values()});
+  }
   const Result<void> written =
-      export_onnx(folder / "policy.onnx", c.shape, weights,
-                  {std::vector<ObservedNumber>(width, {"a", "m"}), {"x"}, {"x_W 0=0 m"}, "rev"});
+      export_onnx(folder / "policy.onnx", c.shape, weights, {entries, {"x"}, {"x_W 0=0 m"}, "rev"});
   ASSERT_TRUE(written.has_value()) << written.error();
   {
     std::ofstream expected(folder / "expected.txt");
@@ -140,7 +154,18 @@ std::vector<Case> cases() {
   PolicyShape gaussian = shape;
   gaussian.branches.clear();
   gaussian.continuous = true;
-  return {{"Omentum", shape, true},
+  const auto sees = [](PolicyShape base, int size, int channels) {
+    base.picture = {size, channels};
+    base.observations += base.picture.values();
+    base.convolution = true;
+    return base;
+  };
+  PolicyShape pixels = sees(shape, 12, 1);
+  pixels.convolution = false;
+  return {{"ObjectIds", sees(shape, 20, 1), true},
+          {"Shaded", sees(paper, 16, 3), false},
+          {"PixelsOfADenseNetwork", pixels, true},
+          {"Omentum", shape, true},
           {"Paper", paper, false},
           {"Derived", derived, true},
           {"Gaussian", gaussian, true}};
@@ -193,6 +218,7 @@ TEST(OnnxMetadata, SaysWhatEveryPresetObserves) {
       {"derived_head", {8, {{"goal_z", "100 mm along y of W"}, {"distance_p_goal", "100 mm"}}}},
       {"omentum", {20, fine}},
       {"omentum_elastic", {20, fine}},
+      {"omentum_image", {21, {{"image[32][32]", "object id / 6"}}}},
       {"omentum_soft", {20, fine}}};
   for (const auto& file : fs::directory_iterator(deploy_dir() + "/presets")) {
     const std::string preset = file.path().stem();
@@ -202,7 +228,8 @@ TEST(OnnxMetadata, SaysWhatEveryPresetObserves) {
     const Units units = units_in(model);
     const auto& [size, some] = expected.at(preset);
     EXPECT_EQ(units.size(), size) << preset;
-    EXPECT_EQ(model.graph().input(0).type().tensor_type().shape().dim(1).dim_value(), size);
+    EXPECT_EQ(model.graph().input(0).type().tensor_type().shape().dim(1).dim_value(),
+              observation_size(config.task()));
     for (const auto& [name, unit] : some) EXPECT_EQ(units.at(name), unit) << preset << " " << name;
     EXPECT_EQ(metadata_list(model, "action_names"), action_names(config.task()));
   }
@@ -240,11 +267,11 @@ TEST(OnnxMetadata, SaysWhatAnImageShows) {
   const auto units = [](const std::string& image) {
     return units_in(exported(load_config(
         "omentum", std::vector<std::string>{"task.observation=OBSERVATION_IMAGE",
-                                            "task.image_size=8", "task.image=" + image})));
+                                            "task.image_size=16", "task.image=" + image})));
   };
-  EXPECT_EQ(units("IMAGE_OBJECT_IDS").at("object_7_7"), "object id / 6");
-  EXPECT_EQ(units("IMAGE_SHADED").at("blue_7_7"), "intensity 0 ... 1");
-  EXPECT_EQ(units("IMAGE_SHADED").size(), 20U + 3 * 64);
+  EXPECT_EQ(units("IMAGE_OBJECT_IDS").at("image[16][16]"), "object id / 6");
+  EXPECT_EQ(units("IMAGE_SHADED").at("image[16][16][3]"), "intensity 0 ... 1");
+  EXPECT_EQ(units("IMAGE_SHADED").size(), 21U);
 }
 
 INSTANTIATE_TEST_SUITE_P(Shapes, OnnxExport, testing::ValuesIn(cases()),
