@@ -8,11 +8,13 @@
 #include <type_traits>
 #include <utility>
 
+#include "core/limits.h"
 #include "core/wire_fields.h"
 
 namespace omentum {
 
 static_assert(kMaxStateBytes == omentum_v1_MAX_STATE_BYTES &&
+              kMaxParameters == omentum_v1_MAX_PARAMETERS &&
               segment_limit::kSteps == omentum_v1_MAX_STEPS &&
               segment_limit::kStepValues == omentum_v1_MAX_STEP_VALUES &&
               segment_limit::kObservation == omentum_v1_MAX_OBSERVATION &&

@@ -3,9 +3,9 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <cmath>
 
 #include "core/check.h"
+#include "core/limits.h"
 
 namespace omentum {
 namespace {
@@ -95,16 +95,7 @@ std::uint32_t particles_of(std::span<const RolloutSegment> segments, std::uint32
 std::vector<EvaluationTask> evaluation_tasks(const pb::Config& config, const EvaluationSet& set,
                                              std::uint64_t version) {
   const pb::Task& task = config.task();
-  const auto hold = static_cast<std::uint32_t>(std::ceil(task.hold_s() / decision_s(config)));
-  const double stride = task.increment_m() * task.action_repeat();
   const bool lattice = set.start_set == StartSet::kGraspLattice;
-  const pb::Scene& scene = config.scene();
-  // The longest path of the hold script: across the workspace for a lattice grasp, the success
-  // radius otherwise.
-  const double longest = std::max({scene.workspace_max_m().x() - scene.workspace_min_m().x(),
-                                   scene.workspace_max_m().y() - scene.workspace_min_m().y(),
-                                   scene.workspace_max_m().z() - scene.workspace_min_m().z()});
-  const double path = lattice ? longest : std::max(task.success_radius_m(), task.end_distance_m());
   std::vector<EvaluationTask> tasks;
   for (const std::uint32_t index : set.start_indices) {
     EvaluationTask t;
@@ -113,8 +104,8 @@ std::vector<EvaluationTask> evaluation_tasks(const pb::Config& config, const Eva
     t.greedy = set.greedy;
     t.policy_version = version;
     t.policy_steps = lattice ? 0 : std::max(1U, task.episode_steps() / task.action_repeat());
-    t.hold_steps = hold;
-    t.steps = t.policy_steps + hold + static_cast<std::uint32_t>(std::ceil(path / stride)) + 2;
+    t.hold_steps = hold_steps(task);
+    t.steps = evaluation_steps(config, lattice);
     t.frame_stride = set.record ? config.evaluation().frame_stride() : 0;
     tasks.push_back(t);
   }

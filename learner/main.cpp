@@ -4,6 +4,7 @@
 
 #include "core/command_line.h"
 #include "core/config.h"
+#include "core/limits.h"
 #include "core/log.h"
 #include "core/topics.h"
 #include "learner/check_scene.h"
@@ -71,8 +72,9 @@ int run(int argc, char** argv) {
     std::printf("%s# config_hash %016llx\n", print_config(config).c_str(),
                 static_cast<unsigned long long>(config_hash(config)));
     std::fflush(stdout);
-    return check_scene(print_config(config));
   }
+  check_limits(config);
+  if (dry_run) return check_scene(print_config(config));
   std::signal(SIGINT, on_signal);
   std::signal(SIGTERM, on_signal);
   Learner learner(std::move(config), std::move(options));

@@ -258,6 +258,9 @@ Verdict TaskBook::receive(RolloutSegment segment, std::int64_t now_ns) {
     ++ledger_.evaluated;
     Evaluation& evaluation = evaluations_[segment.slot - kEvaluationSlot];
     evaluation.admitted = record;
+    // A recorded evaluation keeps its observations; of one that is only judged pictures would fill
+    // the memory.
+    if (evaluation.job.task.frame_stride == 0) segment.observations = {};
     evaluation.result = std::move(segment);
     return Verdict::kAdmitted;
   }

@@ -10,6 +10,7 @@
 #include "core/dds_profile.h"
 #include "core/durable_file.h"
 #include "core/fp_mode.h"
+#include "core/limits.h"
 #include "core/log.h"
 #include "core/read_file.h"
 #include "core/rollout.h"
@@ -26,6 +27,20 @@ namespace {
 volatile std::sig_atomic_t stop_requested = 0;
 void on_signal(int) { stop_requested = 1; }
 
+/// The simulation of a configuration, or Error with the reason why a worker cannot run it.
+std::unique_ptr<omentum::SimBackend> make_backend(const omentum::pb::Config& config, int lanes,
+                                                  unsigned width) {
+  using namespace omentum;  // NOLINT(google-build-using-namespace)
+  check_limits(config);
+  const auto setup = make_sim_setup(config);
+  for (const std::string& warning : setup->warnings) log().warn("{}", warning);
+  auto backend = std::make_unique<SimBackend>(setup, lanes, width, make_image_source(*setup));
+  std::vector<float> frame;
+  backend->positions(0, frame);
+  check_scene_limits(config, backend->save(0).size(), frame.size());
+  return backend;
+}
+
 /// Everything a worker does with a configuration before the first task.
 int check(const std::string& path) {
   using namespace omentum;  // NOLINT(google-build-using-namespace)
@@ -33,12 +48,12 @@ int check(const std::string& path) {
   if (!text) throw_error("--check-config {}", text.error());
   if (text.value().empty()) throw_error("--check-config {}: is empty", path);
   const pb::Config config = parse_config(path, text.value());
-  const auto setup = make_sim_setup(config);
-  for (const std::string& warning : setup->warnings) log().warn("{}", warning);
+  const auto backend = make_backend(config, 1, 0);
+  const SimSetup& setup = backend->setup();
   std::printf("%s: config_hash=%016llx particles=%zu rigid_bodies=%zu observations=%d\n",
               path.c_str(), static_cast<unsigned long long>(config_hash(config)),
-              setup->scene.tissue.particles.size(), setup->scene.bodies.size(),
-              policy_shape(config).observations);
+              setup.scene.tissue.particles.size(), setup.scene.bodies.size(),
+              backend->observation_size());
   return 0;
 }
 
@@ -182,19 +197,8 @@ int run(int argc, char** argv) {
   };
   options.make_setup = [&](const RunManifest& manifest) {
     pb::Config config = parse_config("manifest of run " + manifest.run_id, manifest.config_text);
-    const auto setup = make_sim_setup(config);
-    for (const std::string& warning : setup->warnings) log().warn("{}", warning);
-    auto backend = std::make_unique<SimBackend>(setup, static_cast<int>(lanes), width,
-                                                make_image_source(*setup));
-    const std::size_t state = backend->save(0).size();
-    if (state > kMaxStateBytes) {
-      throw_error(
-          "scene.tissue: its state takes {} bytes, allowed up to {}: fewer particles or "
-          "elements, or fewer effects with memory",
-          state, kMaxStateBytes);
-    }
     WorkerSetup made;
-    made.backend = std::move(backend);
+    made.backend = make_backend(config, static_cast<int>(lanes), width);
     made.shape = policy_shape(config);
     made.config_hash = config_hash(config);
     return made;

@@ -248,6 +248,34 @@ TEST_F(BadInput, ScenesAreRefusedByTheWorkersCheck) {
   expect_scene_refused(bodies, {"scene.rigid_body", "15", "at most 11"});
 }
 
+TEST_F(BadInput, WhatTheBusCannotCarryIsRefusedByLearnerDryRunAndCheckAlike) {
+  const Strings image = {"task.observation=OBSERVATION_IMAGE"};
+  expect_learner_refuses(image + Strings{"task.image_size=200"},
+                         {"task.image_size: 200 px", "allowed 8 ... 128"});
+  const std::vector<std::pair<Strings, Strings>> refused = {
+      {image + Strings{"task.image_size=30"}, {"task.image_size: 30 px", "multiples of 4 from 12"}},
+      {{"ppo.network=NETWORK_CONVOLUTION"}, {"ppo.network: NETWORK_CONVOLUTION", "NETWORK_DENSE"}},
+      {image + Strings{"task.image_size=128", "ppo.hidden=1024"},
+       {"ppo.hidden: 1024", "parameters", "allowed up to "}},
+      {image + Strings{"rollout.steps_per_segment=20000"},
+       {"rollout.steps_per_segment: 20000", "allowed up to 16070"}},
+      {image + Strings{"task.episode_steps=19000"},
+       {"task.episode_steps: 19000", "allowed up to 16070"}}};
+  for (const auto& [sets, parts] : refused) {
+    expect_learner_refuses(sets, parts);
+    expect_scene_refused(sets, parts);
+  }
+  // What only the scene tells.
+  const Strings fine = {"scene.tissue.model=TISSUE_ELASTIC", "scene.tissue.grid.count_x=120",
+                        "scene.tissue.grid.count_y=120", "scene.tissue.grid.pitch_m=0.0006",
+                        "scene.tissue.anchor_max_y_m=-0.014"};
+  expect_scene_refused(
+      fine + Strings{"scene.tissue.effects={ viscoelastic { share: 0.3 time_s: 1 } }"},
+      {"scene.tissue: its state takes", "allowed up to 1048576"});
+  expect_scene_refused(fine + Strings{"evaluation.frame_stride=1"},
+                       {"evaluation.frame_stride: 1", "allowed from 2 on"});
+}
+
 TEST_F(BadInput, ScenesThatCannotBeMeantAreRefusedOddOnesToldByTheDryRun) {
   const std::string preset = test::read_text(kTests + "/../deploy/scenes/omentum.txtpb");
   const std::string file = programs_.folder() / "mine.txtpb";
