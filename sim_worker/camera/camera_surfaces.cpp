@@ -2,6 +2,7 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <map>
 #include <utility>
@@ -42,6 +43,25 @@ void append_mesh(const TriangleMesh& mesh, const Eigen::Isometry3d& X_WS, DrawSu
                                   mesh.vertices[k].cast<float>()});
     }
   }
+}
+
+/// The same triangles with every vertex once: the rasteriser shades each of them.
+DrawSurface weld(const DrawSurface& surface) {
+  using Key = std::array<float, 9>;
+  std::map<Key, std::uint32_t> known;
+  DrawSurface welded;
+  for (const std::uint32_t index : surface.indices) {
+    const DrawSurface::Vertex& v = surface.vertices[index];
+    Key key;
+    Eigen::Vector3f::Map(key.data()) = v.position;
+    Eigen::Vector3f::Map(key.data() + 3) = v.normal;
+    Eigen::Vector3f::Map(key.data() + 6) = v.texture;
+    const auto [place, added] =
+        known.try_emplace(key, static_cast<std::uint32_t>(welded.vertices.size()));
+    if (added) welded.vertices.push_back(v);
+    welded.indices.push_back(place->second);
+  }
+  return welded;
 }
 
 /// The plane z = 0 of a half space, over the workspace.
@@ -197,7 +217,7 @@ DrawSurface make_tool_surface(const ToolPose& pose, double shaft_radius, double 
       jaw = jaw * Eigen::AngleAxisd(std::acos(-1.0), Eigen::Vector3d::UnitZ()).toRotationMatrix();
     append_mesh(make_jaw_mesh(jaw, pivot), identity, surface);
   }
-  return surface;
+  return weld(surface);
 }
 
 }  // namespace omentum
