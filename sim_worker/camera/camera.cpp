@@ -92,6 +92,7 @@ class Camera::Renderer {
     OMENTUM_CHECK(width > 0 && height > 0 && samples > 0 && samples <= 8, "{} x {}, {} samples",
                   width, height, samples);
     triangles_ = scene.tissue.surface_triangles;
+    rim_ = find_rim(triangles_);
     rest_ =
         scene.tissue.surface_is_particles ? scene.tissue.particles : scene.tissue.surface_vertices;
     // A body sampled through its volume has a closed surface and needs no thickness in pictures.
@@ -206,14 +207,14 @@ class Camera::Renderer {
     const std::size_t of_sheet = std::min(3 * rest_.size(), frame.tissue_vertices_W.size());
     if (of_sheet > 0) {
       draw_moving(make_tissue_surface(frame.tissue_vertices_W.first(of_sheet), rest_, triangles_,
-                                      thick ? thickness_ : 0),
+                                      rim_, thick ? thickness_ : 0),
                   ObjectId::kTissue);
     }
     if (!soft_rest_.empty()) {
       const std::span<const float> given = frame.tissue_vertices_W.subspan(of_sheet);
-      draw_moving(
-          make_tissue_surface(given.empty() ? soft_rest_W_ : given, soft_rest_, soft_triangles_, 0),
-          soft_id_);
+      draw_moving(make_tissue_surface(given.empty() ? soft_rest_W_ : given, soft_rest_,
+                                      soft_triangles_, {}, 0),
+                  soft_id_);
     }
     if (frame.tool) draw_moving(tool_surface(*frame.tool), ObjectId::kTool);
   }
@@ -381,6 +382,7 @@ class Camera::Renderer {
   Buffers moving_;
   std::vector<std::pair<ToolPose, DrawSurface>> tools_;  ///< by their pose, but for the tip
   std::vector<Eigen::Vector3i> triangles_;
+  std::vector<Edge> rim_;
   std::vector<Eigen::Vector3d> rest_;
   ObjectId soft_id_ = ObjectId::kOrgan;
   std::vector<Eigen::Vector3i> soft_triangles_;

@@ -2,7 +2,6 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <map>
 #include <utility>
@@ -128,9 +127,25 @@ DrawSurface make_body_surface(const RigidShape& body, const Eigen::AlignedBox3d&
   return surface;
 }
 
+std::vector<Edge> find_rim(const std::vector<Eigen::Vector3i>& triangles) {
+  std::map<std::pair<int, int>, int> uses;
+  for (const Eigen::Vector3i& t : triangles) {
+    for (int k = 0; k < 3; ++k) ++uses[std::minmax({t[k], t[(k + 1) % 3]})];
+  }
+  std::vector<Edge> rim;
+  for (const Eigen::Vector3i& t : triangles) {
+    for (int k = 0; k < 3; ++k) {
+      const Edge edge = {t[k], t[(k + 1) % 3]};
+      if (uses[std::minmax({edge[0], edge[1]})] == 1) rim.push_back(edge);
+    }
+  }
+  return rim;
+}
+
 DrawSurface make_tissue_surface(std::span<const float> vertices_W,
                                 const std::vector<Eigen::Vector3d>& rest,
-                                const std::vector<Eigen::Vector3i>& triangles, double thickness) {
+                                const std::vector<Eigen::Vector3i>& triangles,
+                                const std::vector<Edge>& rim, double thickness) {
   DrawSurface surface;
   const int count = static_cast<int>(vertices_W.size() / 3);
   OMENTUM_CHECK(static_cast<int>(rest.size()) == count, "{} vertices at rest, {} drawn",
@@ -161,29 +176,19 @@ DrawSurface make_tissue_surface(std::span<const float> vertices_W,
   add_face(1);
   if (half <= 0) return surface;
   add_face(-1);
-  // The rim joins the two faces along every edge that only one triangle uses.
-  std::map<std::pair<int, int>, int> uses;
-  for (const Eigen::Vector3i& t : triangles) {
-    for (int k = 0; k < 3; ++k) ++uses[std::minmax({t[k], t[(k + 1) % 3]})];
-  }
-  for (const Eigen::Vector3i& t : triangles) {
-    for (int k = 0; k < 3; ++k) {
-      const int a = t[k];
-      const int b = t[(k + 1) % 3];
-      if (uses[std::minmax({a, b})] != 1) continue;
-      const Eigen::Vector3f& na = normal[a];
-      const Eigen::Vector3f& nb = normal[b];
-      const Eigen::Vector3f outside = (point(b) - point(a)).cross(na).normalized();
-      const auto first = static_cast<std::uint32_t>(surface.vertices.size());
-      const Eigen::Vector3f ra = rest[a].cast<float>();
-      const Eigen::Vector3f rb = rest[b].cast<float>();
-      surface.vertices.push_back({point(a) + half * na, outside, ra});
-      surface.vertices.push_back({point(b) + half * nb, outside, rb});
-      surface.vertices.push_back({point(b) - half * nb, outside, rb});
-      surface.vertices.push_back({point(a) - half * na, outside, ra});
-      for (const std::uint32_t corner : {0U, 3U, 2U, 0U, 2U, 1U})
-        surface.indices.push_back(first + corner);
-    }
+  for (const auto& [a, b] : rim) {
+    const Eigen::Vector3f& na = normal[a];
+    const Eigen::Vector3f& nb = normal[b];
+    const Eigen::Vector3f outside = (point(b) - point(a)).cross(na).normalized();
+    const auto first = static_cast<std::uint32_t>(surface.vertices.size());
+    const Eigen::Vector3f ra = rest[a].cast<float>();
+    const Eigen::Vector3f rb = rest[b].cast<float>();
+    surface.vertices.push_back({point(a) + half * na, outside, ra});
+    surface.vertices.push_back({point(b) + half * nb, outside, rb});
+    surface.vertices.push_back({point(b) - half * nb, outside, rb});
+    surface.vertices.push_back({point(a) - half * na, outside, ra});
+    for (const std::uint32_t corner : {0U, 3U, 2U, 0U, 2U, 1U})
+      surface.indices.push_back(first + corner);
   }
   return surface;
 }

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Geometry>
+#include <array>
 #include <span>
 #include <vector>
 
@@ -24,11 +25,18 @@ struct DrawSurface {
 /// workspace.
 DrawSurface make_body_surface(const RigidShape& body, const Eigen::AlignedBox3d& workspace);
 
+/// Vertices of an edge, in the order of its triangle.
+using Edge = std::array<int, 2>;
+/// The edges that only one triangle uses.
+std::vector<Edge> find_rim(const std::vector<Eigen::Vector3i>& triangles);
+
 /// The sheet: with thickness 0 [m] its middle surface (for object ids), else both faces, offset by
-/// half the thickness along the vertex normals, and the rim. `rest`: the vertices at rest in B.
+/// half the thickness along the vertex normals, joined along the rim. `rest`: the vertices at rest
+/// in B.
 DrawSurface make_tissue_surface(std::span<const float> vertices_W,
                                 const std::vector<Eigen::Vector3d>& rest,
-                                const std::vector<Eigen::Vector3i>& triangles, double thickness);
+                                const std::vector<Eigen::Vector3i>& triangles,
+                                const std::vector<Edge>& rim, double thickness);
 
 /// Shaft, wrist and two tapered jaws [m].
 DrawSurface make_tool_surface(const ToolPose& pose, double shaft_radius, double shaft_start,
