@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <csignal>
 #include <cstdio>
+#include <cstdlib>
 #include <filesystem>
 
 #include "core/build_id.h"
@@ -115,6 +116,9 @@ int grasp_study(const std::string& folder) {
 
 int run(int argc, char** argv) {
   using namespace omentum;  // NOLINT(google-build-using-namespace)
+  // A picture that a policy sees is one tile of the rasteriser (llvmpipe), whose threads would only
+  // hand it to and fro. Read once at start, before any thread is made.
+  setenv("LP_NUM_THREADS", "0", 0);  // NOLINT(concurrency-mt-unsafe)
   CLI::App app{
       "Omentum simulation worker: takes rollout tasks from the bus, runs one environment per SIMD "
       "lane and "
