@@ -10,10 +10,6 @@
 namespace omentum {
 namespace {
 
-double decision_s(const pb::Config& config) {
-  return config.task().control_period_s() * config.task().action_repeat();
-}
-
 EvaluationSet make_set(const std::string& name, StartSet start_set, const pb::StartGrid& grid,
                        bool greedy) {
   EvaluationSet set;
