@@ -9,6 +9,7 @@
 #include "report/episodes.h"
 #include "report/html.h"
 #include "report/replay3d.h"
+#include "report/section_parts.h"
 #include "report/sections.h"
 
 namespace omentum {
@@ -40,6 +41,16 @@ std::string subtitle_of(const std::vector<RunFolder>& runs,
   return text;
 }
 
+/// What the comparison of workers found wrong, above everything else.
+std::string audit_of(const std::vector<RunFolder>& runs) {
+  std::string text;
+  for (const RunFolder& run : runs) {
+    if (run.audit_mismatch.empty()) continue;
+    text += missing(fmt::format("{} is not to be trusted: {}.", run.name, run.audit_mismatch));
+  }
+  return text;
+}
+
 }  // namespace
 
 std::string make_report(const std::vector<RunFolder>& runs, const Scene* scene,
@@ -62,8 +73,8 @@ std::string make_report(const std::vector<RunFolder>& runs, const Scene* scene,
                                          make_grasp_section(runs),
                                          make_numbers_section(runs),
                                          make_config_section(runs, all)};
-  return make_page(title_of(runs), subtitle_of(runs, episodes), make_overview(runs), sections,
-                   replay_script());
+  return make_page(title_of(runs), subtitle_of(runs, episodes),
+                   audit_of(runs) + make_overview(runs), sections, replay_script());
 }
 
 }  // namespace omentum

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <filesystem>
+#include <nlohmann/json.hpp>
 #include <optional>
 #include <utility>
 
@@ -125,6 +126,15 @@ RunFolder load_run(const std::string& path) {
       };
       run.figures.push_back(
           {cell("name"), cell("value"), cell("unit"), cell("command"), cell("machine")});
+    }
+  }
+  if (const Result<std::string> text = read_file((folder / "summary.json").string())) {
+    const auto summary = nlohmann::json::parse(text.value(), nullptr, false);
+    if (summary.is_object()) {
+      run.results_compared = summary.value("results_compared", std::uint64_t{0});
+      run.audit_mismatch = summary.value("audit_mismatch", std::string());
+    } else {
+      run.warnings.emplace_back("summary.json is damaged");
     }
   }
   if (const Result<std::string> text = read_file((folder / "config.txtpb").string()))

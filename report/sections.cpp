@@ -224,8 +224,9 @@ Section make_numbers_section(const std::vector<RunFolder>& runs) {
     section.content += card("<h3>Evaluation, after the training</h3>" +
                             make_table(rows, {2, 3, 4, 5, 6, 7, 8, 9}));
   }
-  std::vector<std::vector<std::string>> training = {
-      {"run", "steps", "mean return", "mean length", "success", "mean exposure"}};
+  std::vector<std::vector<std::string>> training = {{"run", "steps", "mean return", "mean length",
+                                                     "success", "mean exposure",
+                                                     "results compared"}};
   for (const RunFolder& run : runs) {
     if (run.metrics.rows.empty()) continue;
     const auto last = [&run](const char* name) { return last_finite(run.metrics.numbers(name)); };
@@ -233,11 +234,12 @@ Section make_numbers_section(const std::vector<RunFolder>& runs) {
                         fmt::format("{:.1f}", last("charts/episodic_return")),
                         fmt::format("{:.1f}", last("charts/episodic_length")),
                         percent(last("charts/success_rate"), 1),
-                        percent(last("charts/exposure_fraction"), 1)});
+                        percent(last("charts/exposure_fraction"), 1),
+                        fmt::format("{}", run.results_compared)});
   }
   if (training.size() > 1) {
     section.content += "<p></p>" + card("<h3>Training, the last 100 episodes</h3>" +
-                                        make_table(training, {1, 2, 3, 4, 5}));
+                                        make_table(training, {1, 2, 3, 4, 5, 6}));
   }
   std::vector<std::vector<std::string>> figures = {
       {"figure", "value", "unit", "command", "machine"}};

@@ -288,6 +288,15 @@ TEST_F(ChangedRun, NoneIsBestOrWorstWhereAllAreEqual) {
   EXPECT_THAT(page, HasSubstr("end with the same exposure: none is best"));
 }
 
+TEST_F(ChangedRun, ARunWhoseWorkersDifferedIsNotToBeTrusted) {
+  EXPECT_THAT(html(), Not(HasSubstr("not to be trusted")));
+  std::ofstream(run_ + "/summary.json")
+      << R"({"results_compared": 37, "audit_mismatch": "two results of slot 3 differ: <a> and b"})";
+  EXPECT_THAT(html(), testing::AllOf(HasSubstr("run is not to be trusted: two results of slot 3 "
+                                               "differ: &lt;a&gt; and b"),
+                                     HasSubstr(">37<")));
+}
+
 TEST_F(ChangedRun, StartsAreCountedFromTheRowsThatAreThere) {
   const std::string table = run_ + "/evaluation/grid100_greedy.csv";
   std::string text = "index,row,column,exposure,reached\n";
