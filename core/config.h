@@ -16,9 +16,9 @@ std::string deploy_dir();
 std::vector<std::string> preset_names();
 
 /// common.txtpb of deploy_dir(), if there is one -> preset -> scene file -> overrides "a.b=c" in
-/// order; every knob checked. All defaults and the hashes of mesh files are filled in explicitly, so
-/// the result is the resolved configuration. Throws Error: one line with file:line:column or the knob, its value and the
-/// allowed range.
+/// order; every knob checked. All defaults and the hashes of mesh files are filled in explicitly,
+/// so the result is the resolved configuration. Throws Error: one line with file:line:column or the
+/// knob, its value and the allowed range.
 pb::Config load_config(const std::string& preset, std::span<const std::string> overrides);
 
 /// As above from a resolved configuration text (a checkpoint, a manifest).

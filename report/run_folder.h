@@ -41,8 +41,8 @@ struct RunFolder {
   std::vector<GraspStudyPoint> grasp_study;
   std::vector<FigureRow> figures;
   std::map<std::string, std::string> recordings;  ///< path by file name without ending
-  std::uint64_t results_compared = 0;  ///< second results of a task, of summary.json
-  std::string audit_mismatch;          ///< whose results differed; empty: they agree
+  std::uint64_t results_compared = 0;             ///< second results of a task, of summary.json
+  std::string audit_mismatch;                     ///< whose results differed; empty: they agree
   std::string config_text;
   std::optional<pb::Config> config;  ///< of config_text
   std::vector<std::string> warnings;

@@ -26,8 +26,8 @@ struct TriangleMesh {
 /// Reads OBJ (v and f lines; polygons are fanned) or STL (ASCII or binary; equal vertices are
 /// merged), scaled by unit_m to metres. Triangles with a repeated corner and unused vertices are
 /// dropped. Throws Error naming file and line (or byte) for a missing, malformed, empty, huge or
-/// non-finite file, and for an extent outside [0.1 mm, 10 m], which is how a wrong unit shows; for a
-/// content of another SHA-256 (hexadecimal) than the one given, empty: any.
+/// non-finite file, and for an extent outside [0.1 mm, 10 m], which is how a wrong unit shows; for
+/// a content of another SHA-256 (hexadecimal) than the one given, empty: any.
 TriangleMesh load_mesh(const std::string& path, double unit_m, const std::string& sha256 = {});
 
 /// load_mesh and require_closed.
