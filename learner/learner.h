@@ -36,8 +36,9 @@ struct LearnerOptions {
 
 /// One training run: owns the task book, PPO, the bus and the run folder. A run folder with a
 /// checkpoint is continued bit for bit. One thread, plus the bus's drain thread and PPO's helpers.
-/// learner.cpp has the run, learner_saving.cpp what it leaves on disk, learner_report.cpp metrics
-/// and status of each update, learner_evaluation.cpp the evaluation and the summary.
+/// learner.cpp has the run, learner_waiting.cpp what it says without workers, learner_saving.cpp
+/// what it leaves on disk, learner_report.cpp metrics and status of each update,
+/// learner_evaluation.cpp the evaluation and the summary.
 class Learner {
  public:
   /// Reads or makes the run folder. Throws Error: one line.

@@ -17,36 +17,18 @@ namespace {
 constexpr std::int64_t kMs = 1'000'000;
 constexpr std::int64_t kS = 1'000 * kMs;
 constexpr std::int64_t kStatusPeriodNs = 500 * kMs;
-constexpr std::int64_t kLearnerFreshNs = 3 * kS;  // a learner speaks twice a second
 constexpr std::int64_t kParkNs = 5 * kS;  // docs/wire.md 1: then a task without weights is declined
 constexpr std::int64_t kKeepSegmentNs = 30 * kS;  // B5
 constexpr std::int64_t kPollNs = 50 * kMs;        // stop flag
 constexpr std::int64_t kRetryNs = 10 * kMs;       // delivery
-constexpr std::size_t kWeightsKept = 2;           // lead 1 has two versions alive
-constexpr std::size_t kMaxSources = 8;            // of weights, before strangers' go
 constexpr std::size_t kMaxWarnings = 8;
-constexpr std::int64_t kJoinNs = 2 * kS;   // a learner that was started together joins within it
-constexpr std::int64_t kTellNs = 60 * kS;  // what waits is told of this often
 // Samples that a reader keeps beside those of a stranger who writes to the same instances.
 constexpr std::int32_t kWeightsDepth = 64;
 constexpr std::int32_t kTaskDepth = 8;
-constexpr std::size_t kMaxEarly = 4096;
-// A configuration that does not fit is tried again after this long, then twice it ...: a file that
-// was missing may be there.
-constexpr std::int64_t kFirstRetryNs = 10 * kS;
-constexpr std::int64_t kMostRetryNs = 320 * kS;
 
 std::string host_name() {
   std::array<char, 256> name{};
   return gethostname(name.data(), name.size() - 1) == 0 ? name.data() : "unknown";
-}
-
-/// Takes what has arrived.
-template <typename Record, typename Fn>
-void take_all(BusReader<Record>& reader, Fn&& fn) {
-  constexpr int kLimit = 4096;
-  if (const Result<int> taken = reader.take(kLimit, fn); !taken)
-    log().error("event=take_failed reason=\"{}\"", taken.error());
 }
 
 BusWorkerOptions checked(BusWorkerOptions options) {
@@ -128,184 +110,6 @@ int BusWorker::run(const std::function<bool()>& stop) {
   }
   leave();
   return waited_too_long_ ? 1 : 0;
-}
-
-// ------------------------------------------------------------------------------------------ intake
-
-void BusWorker::follow(const LearnerChoice::Learner& learner) {
-  const RunManifest& manifest = learner.manifest;
-  const bool same = learner.participant == learner_ && manifest_ &&
-                    manifest_->learner_epoch == manifest.learner_epoch &&
-                    manifest_->config_hash == manifest.config_hash;
-  if (same) return;
-  log().info("event=follow_learner run={} epoch={} before={}", options_.run, manifest.learner_epoch,
-             epoch_);
-  learner_ = learner.participant;
-  epoch_ = manifest.learner_epoch;
-  manifest_ = manifest;
-  prepared_ = false;
-  retry_span_ns_ = 0;
-  status_.learner_epoch = epoch_;
-  learner_gone_ = false;
-  status_.warnings.clear();  // they were meant for another learner
-  // Tasks of the other learner go; its finished segments stay, this one may admit them.
-  status_.tasks_abandoned += pending_.size();
-  pending_.clear();
-  status_sent_ns_ = 0;
-  for (auto& [participant, task] : std::exchange(early_, {})) accept(participant, std::move(task));
-}
-
-void BusWorker::take_control() {
-  take_all(manifest_reader_, [this](Arrival<RunManifest>&& arrival) {
-    if (!arrival.info.valid || arrival.record.run_id != options_.run) return;
-    choice_.offered(arrival.info.participant, std::move(arrival.record));
-  });
-  take_all(learner_reader_, [this](Arrival<LearnerStatus>&& arrival) {
-    const LearnerStatus& learner = arrival.record;
-    if (learner.run_id != options_.run) return;
-    if (!arrival.info.valid || arrival.info.state != dds::InstanceState::kAlive) {
-      if (learner.learner_epoch == epoch_) learner_gone_ = true;
-      return;
-    }
-    choice_.spoke(arrival.info.participant, learner.learner_epoch, steady_now_ns());
-    if (learner.learner_epoch != epoch_ || arrival.info.participant != learner_) return;
-    learner_at_ns_ = steady_now_ns();
-    learner_gone_ = false;
-    if (learner.phase == LearnerPhase::kDone) done_ = true;
-    tell_if_barred(learner);
-  });
-  if (const LearnerChoice::Learner* learner = choice_.choose(steady_now_ns())) {
-    learner_at_ns_ = learner->spoke_ns;
-    follow(*learner);
-  }
-}
-
-void BusWorker::tell_if_barred(const LearnerStatus& learner) {
-  std::string reason;
-  for (std::size_t i = 0; i < learner.barred_worker_ids.size(); ++i) {
-    if (learner.barred_worker_ids[i] == status_.worker_id) reason = learner.barred_reasons[i];
-  }
-  if (reason == barred_for_) return;
-  barred_for_ = reason;
-  if (reason.empty()) {
-    log().info("event=not_barred_any_more");
-  } else {
-    log().warn("event=barred reason=\"{}\" the learner gives no tasks for a while", reason);
-  }
-}
-
-/// Without a learner the worker says at once and every minute what to start.
-void BusWorker::tell_while_alone(std::int64_t now_ns) {
-  const bool served =
-      manifest_ && setup_error_.empty() && now_ns - learner_at_ns_ < kLearnerFreshNs;
-  if (served) {
-    alone_since_ns_ = 0;
-    return;
-  }
-  if (alone_since_ns_ == 0) alone_since_ns_ = now_ns;
-  waited_too_long_ = options_.max_wait_ns > 0 && now_ns - alone_since_ns_ > options_.max_wait_ns;
-  if (waited_too_long_) log().error("no learner to work for in the time of --max-wait");
-  if (now_ns - alone_since_ns_ < kJoinNs) return;
-  if (alone_told_ns_ > alone_since_ns_ && now_ns - alone_told_ns_ < kTellNs) return;
-  alone_told_ns_ = now_ns;
-  log().warn("waiting for a learner: start learner --run {} --set run.domain={}{}{}", options_.run,
-             options_.domain,
-             setup_error_.empty() ? "" : "; the present one does not fit: ", setup_error_);
-}
-
-/// Counts what came from somebody who is not the learner; told once and then every minute.
-void BusWorker::count_stranger(const char* what) {
-  ++strangers_;
-  const std::int64_t now = steady_now_ns();
-  if (stranger_told_ns_ > 0 && now - stranger_told_ns_ < kTellNs) return;
-  stranger_told_ns_ = now;
-  warn(fmt::format("{} of a participant that is not the learner ignored, {} so far", what,
-                   strangers_));
-}
-
-void BusWorker::prepare() {
-  if (!manifest_) return;
-  const std::int64_t now = steady_now_ns();
-  if (prepared_ && (setup_error_.empty() || now < retry_ns_)) return;
-  prepared_ = true;
-  retry_span_ns_ = std::clamp(2 * retry_span_ns_, kFirstRetryNs, kMostRetryNs);
-  retry_ns_ = now + retry_span_ns_;
-  setup_error_.clear();
-  const auto require_same = [this](const char* what, std::uint64_t own, std::uint64_t learner) {
-    if (!setup_error_.empty() || own == learner) return;
-    setup_error_ = fmt::format("{} {:016x} differs from the learner's {:016x}", what, own, learner);
-  };
-  require_same("build", options_.build_id, manifest_->build_id);
-  const bool other = !setup_.backend || setup_.config_hash != manifest_->config_hash;
-  if (setup_error_.empty() && other) {
-    try {
-      setup_ = options_.make_setup(*manifest_);
-      OMENTUM_CHECK(setup_.backend != nullptr);
-      policy_.reset();
-    } catch (const Error& error) {
-      setup_ = {};
-      setup_error_ = error.what();
-    }
-  }
-  require_same("config_hash", setup_.config_hash, manifest_->config_hash);
-  require_same("layout_hash", setup_.shape.layout_hash(), manifest_->layout_hash);
-  status_.lanes = setup_.backend ? static_cast<std::uint32_t>(setup_.backend->lanes()) : 0;
-  if (!setup_error_.empty()) {
-    warn(setup_error_);
-  } else {
-    status_.warnings.clear();
-  }
-  status_sent_ns_ = 0;
-}
-
-void BusWorker::take_weights() {
-  take_all(weights_reader_, [this](Arrival<PolicyWeights>&& arrival) {
-    PolicyWeights& weights = arrival.record;
-    if (!arrival.info.valid || weights.policy_id != policy_id_) return;
-    if (hash_weights(weights.parameters, weights.obs_mean, weights.obs_inv_std) !=
-        weights.weights_hash) {
-      warn(fmt::format("weights {} do not match their hash", weights.policy_version));
-      return;
-    }
-    // Those of a new learner may arrive before its manifest: kept apart by where they come from.
-    if (!weights_.contains(arrival.info.participant) && weights_.size() > kMaxSources) {
-      std::erase_if(weights_, [this](const auto& source) { return source.first != learner_; });
-    }
-    if (arrival.info.participant == learner_) {
-      status_.policy_version = weights.policy_version;
-    } else if (learner_ != 0 && weights.learner_epoch <= epoch_) {
-      count_stranger("weights");
-      return;
-    }
-    std::deque<PolicyWeights>& kept = weights_[arrival.info.participant];
-    kept.push_back(std::move(weights));
-    if (kept.size() > kWeightsKept) kept.pop_front();
-  });
-}
-
-void BusWorker::take_tasks() {
-  take_all(task_reader_, [this](Arrival<RolloutTask>&& arrival) {
-    if (arrival.info.valid) accept(arrival.info.participant, std::move(arrival.record));
-  });
-}
-
-void BusWorker::accept(std::uint64_t participant, RolloutTask task) {
-  if (participant != learner_) {
-    // The first tasks of a new learner may arrive before its manifest.
-    if (task.learner_epoch > epoch_ && early_.size() < kMaxEarly) {
-      early_.emplace_back(participant, std::move(task));
-    } else {
-      count_stranger("task");
-    }
-    return;
-  }
-  ++status_.tasks_received;
-  if (task.learner_epoch != epoch_ || task.worker_id != status_.worker_id) {
-    ++status_.tasks_declined_epoch;
-    status_sent_ns_ = 0;
-    return;
-  }
-  if (pending_.push(std::move(task), steady_now_ns())) ++status_.tasks_abandoned;
 }
 
 const PolicyWeights* BusWorker::weights_of(const RolloutTask& task) const {

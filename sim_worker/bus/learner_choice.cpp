@@ -7,7 +7,6 @@
 namespace omentum {
 namespace {
 
-constexpr std::int64_t kFreshNs = 3'000'000'000;  // a learner speaks twice a second
 // Manifests of strangers are not kept without end.
 constexpr std::size_t kMaxLearners = 64;
 
@@ -33,7 +32,7 @@ void LearnerChoice::spoke(std::uint64_t participant, std::uint32_t epoch, std::i
 
 const LearnerChoice::Learner* LearnerChoice::choose(std::int64_t now_ns) const {
   const auto rank = [now_ns](const Learner& learner) {
-    const bool fresh = learner.spoke_ns > 0 && now_ns - learner.spoke_ns < kFreshNs;
+    const bool fresh = learner.spoke_ns > 0 && now_ns - learner.spoke_ns < kLearnerFreshNs;
     return std::tuple(fresh, learner.manifest.learner_epoch, learner.participant);
   };
   const Learner* best = nullptr;

@@ -8,6 +8,9 @@
 
 namespace omentum {
 
+/// A learner speaks twice a second: after this long it is silent [ns].
+inline constexpr std::int64_t kLearnerFreshNs = 3'000'000'000;
+
 /// Which learner a worker follows. A learner is a participant that has published a manifest of the
 /// run and speaks. The one with the highest epoch is followed; one that has fallen silent only
 /// until another one speaks. What others publish under a learner's name or epoch is not believed.

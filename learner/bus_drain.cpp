@@ -1,0 +1,158 @@
+// The drain thread of the bus: takes what arrives and sends the status, also while the learner
+// thread is busy.
+#include <pthread.h>
+
+#include <algorithm>
+
+#include "core/clock.h"
+#include "core/log.h"
+#include "learner/bus.h"
+
+namespace omentum {
+namespace {
+
+constexpr std::int64_t kMs = 1'000'000;
+constexpr std::int64_t kStatusPeriodNs = 500 * kMs;
+constexpr std::int64_t kRatePeriodNs = 1'000 * kMs;
+constexpr int kTakenAtOnce = 64;
+
+}  // namespace
+
+void LearnerBus::drain(const std::stop_token& stop) {
+  pthread_setname_np(pthread_self(), "bus-drain");
+  while (!stop.stop_requested()) {
+    const std::int64_t now = steady_now_ns();
+    send_status(now);
+    waitset_.wait(
+        std::max(kMs, std::min(kStatusPeriodNs, status_sent_ns_ + kStatusPeriodNs - now)));
+    drain_worker_status();  // first: whose segments count
+    drain_segments();
+    drain_learner_status();
+  }
+}
+
+void LearnerBus::drain_segments() {
+  // Never stops taking: a full reader would stall every topic of this process (docs/wire.md 5.1).
+  const Result<int> taken =
+      segment_reader_->take(kTakenAtOnce, [this](Arrival<RolloutSegment>&& arrival) {
+        if (!arrival.info.valid) return;
+        const std::size_t bytes = wire_bytes(arrival.record);
+        const std::lock_guard lock(mutex_);
+        // A segment counts only from the process that announced its worker.
+        const auto own = participant_of_.find(arrival.record.worker_id);
+        if (own == participant_of_.end() || own->second != arrival.info.participant) {
+          ++statistics_.foreign;
+          return;
+        }
+        statistics_.bytes_up += bytes;
+        if (ring_.size() >= ring_capacity_) {
+          overflown_.emplace_back(arrival.record.slot, arrival.record.task_hash);
+        } else {
+          ring_.push_back(std::move(arrival.record));
+        }
+      });
+  if (!taken) log().error("event=take_failed reason=\"{}\"", taken.error());
+  bool wake = false;
+  {
+    const std::lock_guard lock(mutex_);
+    const std::uint64_t lost = segment_reader_->raw().lost();
+    const std::uint64_t full = segment_reader_->raw().rejected();
+    const std::uint64_t refused = segment_reader_->refused();
+    if (lost > statistics_.lost) log().error("event=segments_lost total={}", lost);
+    // Only a sender without tasks can fill the reader. Told once.
+    if (full > 0 && statistics_.full == 0) log().error("event=segment_reader_full flood=true");
+    if (refused > statistics_.refused) {
+      log().warn("event=segment_refused total={} reason=\"{}\"", refused,
+                 segment_reader_->last_refusal());
+    }
+    wake = refused > statistics_.refused || !ring_.empty() || !overflown_.empty();
+    statistics_.lost = lost;
+    statistics_.full = full;
+    statistics_.refused = refused;
+  }
+  if (wake) something_.notify_all();
+}
+
+void LearnerBus::drain_worker_status() {
+  bool changed = false;
+  const Result<int> taken =
+      worker_reader_.take(1024, [this, &changed](Arrival<WorkerStatus>&& arrival) {
+        const std::lock_guard lock(mutex_);
+        Seen& seen = seen_[arrival.record.worker_id];
+        const bool alive = arrival.info.valid && arrival.info.state == dds::InstanceState::kAlive;
+        if (alive) {
+          if (seen.alive && seen.writer != arrival.info.writer) {
+            ++statistics_.id_conflicts;
+            log().warn("event=worker_refused worker={} reason=\"id has a live writer\"",
+                       arrival.record.worker_id);
+            return;
+          }
+          if (!seen.alive) ++statistics_.workers_alive;
+          participant_of_.try_emplace(arrival.record.worker_id, arrival.info.participant);
+          seen.status = std::move(arrival.record);
+          seen.writer = arrival.info.writer;
+          seen.at_ns = steady_now_ns();
+        } else if (seen.alive) {
+          --statistics_.workers_alive;
+          seen.crashed = arrival.info.state != dds::InstanceState::kDisposed;
+          ++(seen.crashed ? statistics_.worker_crashes : statistics_.worker_leaves);
+        }
+        seen.alive = alive;
+        seen.changed = true;
+        workers_changed_ = true;
+        changed = true;
+      });
+  if (!taken) log().error("event=take_failed reason=\"{}\"", taken.error());
+  if (changed) something_.notify_all();
+}
+
+void LearnerBus::drain_learner_status() {
+  const Result<int> taken = learner_reader_.take(256, [this](Arrival<LearnerStatus>&& arrival) {
+    if (!arrival.info.valid || arrival.record.run_id != options_.run) return;
+    const std::uint32_t epoch = arrival.record.learner_epoch;
+    if (epoch <= options_.learner_epoch || epoch <= superseding_epoch()) return;
+    superseding_epoch_.store(epoch);
+    log().error("event=superseded run={} epoch={} by_epoch={}", options_.run,
+                options_.learner_epoch, epoch);
+    something_.notify_all();
+  });
+  if (!taken) log().error("event=take_failed reason=\"{}\"", taken.error());
+}
+
+void LearnerBus::send_status(std::int64_t now_ns) {
+  if (superseded()) {
+    status_sent_ns_ = now_ns;
+    return;
+  }
+  LearnerStatus status;
+  {
+    const std::lock_guard lock(mutex_);
+    if (!status_urgent_ && now_ns - status_sent_ns_ < kStatusPeriodNs) return;
+    status_urgent_ = false;
+    if (now_ns - rate_from_ns_ >= kRatePeriodNs) {
+      const double seconds = static_cast<double>(now_ns - rate_from_ns_) * 1e-9;
+      status_.bytes_up_per_s = static_cast<double>(statistics_.bytes_up - rate_bytes_up_) / seconds;
+      status_.bytes_down_per_s =
+          static_cast<double>(statistics_.bytes_down - rate_bytes_down_) / seconds;
+      rate_from_ns_ = now_ns;
+      rate_bytes_up_ = statistics_.bytes_up;
+      rate_bytes_down_ = statistics_.bytes_down;
+    }
+    status_.workers_alive = statistics_.workers_alive;
+    status_.worker_ids.clear();
+    status_.worker_phases.clear();
+    status_.worker_steps_per_s.clear();
+    for (const auto& [id, seen] : seen_) {
+      if (!seen.alive) continue;
+      status_.worker_ids.push_back(id);
+      status_.worker_phases.push_back(static_cast<std::uint8_t>(seen.status.phase));
+      status_.worker_steps_per_s.push_back(seen.status.steps_per_s);
+    }
+    status = status_;
+  }
+  status_sent_ns_ = now_ns;
+  const Result<void> ok = status_writer_.write(status);
+  if (!ok) log().warn("event=status_not_sent reason=\"{}\"", ok.error());
+}
+
+}  // namespace omentum
