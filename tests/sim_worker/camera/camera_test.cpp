@@ -72,6 +72,33 @@ TEST(Exposure, ToolIsCountedApart) {
   EXPECT_EQ(exposure.visible + exposure.hidden_by_tool, exposure.unoccluded);
 }
 
+TEST(Camera, PicturesOfDifferentViewsInTurnAreThoseOfCamerasOfTheirOwn) {
+  const Scene scene = make_paper_scene();
+  const std::vector<float> lifted = test::lifted_positions(scene, 0.02, 0.03, scene.target, 0.8);
+  CameraPose near = scene.camera;
+  near.position = 0.7 * near.position + 0.3 * scene.target;
+  const auto draw = [&](Camera& camera, int view) {
+    CameraFrame frame{lifted, ToolPose{}};
+    frame.tool->p_WT = scene.target + Eigen::Vector3d(0.004 * view, 0, 0);
+    frame.tool->jaw_rad = 0.1 * (view % 2);
+    switch (view % 4) {
+      case 0:
+        return camera.draw_ids(frame);
+      case 1:
+        return camera.draw_shaded(frame);
+      case 2:
+        return camera.draw_ids(frame, near, 64, 64);
+      default:
+        return camera.draw_ids(frame, near, 16, 16);
+    }
+  };
+  Camera camera(scene, 64, 64);
+  for (const int view : {0, 1, 0, 2, 3, 2, 1, 4, 5}) {
+    Camera own(scene, 64, 64);
+    EXPECT_EQ(draw(camera, view).pixels, draw(own, view).pixels) << "view " << view;
+  }
+}
+
 TEST(Exposure, IsAPureFunctionOfTheFrame) {
   const Scene scene = make_paper_scene();
   Camera camera(scene, 64, 64);
