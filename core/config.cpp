@@ -200,7 +200,11 @@ pb::Config load_config(const std::string& preset, std::span<const std::string> o
   for (const std::string& assignment : overrides) config_parts::apply_override(config, assignment);
   fill_defaults(config);
   check_knobs(config);
-  fill_mesh_contents(*config.mutable_scene(), scene_directory(config));
+  try {
+    fill_mesh_contents(*config.mutable_scene(), scene_directory(config));
+  } catch (const Error& error) {
+    throw_error("{}{}", place_in_scene(scene_path(config), error.what()), error.what());
+  }
   return config;
 }
 

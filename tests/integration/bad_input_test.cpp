@@ -226,7 +226,8 @@ TEST_F(BadInput, ScenesAreRefusedByTheWorkersCheck) {
   const auto organ = [](const std::string& path) {
     return R"(scene.rigid_body={ name: "organ" mesh { path: ")" + path + R"(" } })";
   };
-  expect_scene_refused({organ("/nowhere/organ.stl")}, {"/nowhere/organ.stl"});
+  expect_learner_refuses({organ("/nowhere/organ.stl")},
+                         {"scene.rigid_body[3].mesh.path", "/nowhere/organ.stl"});
   expect_scene_refused({organ(open)}, {"open.obj", "edge"});
   expect_scene_refused({R"(scene.tissue.volume={ mesh { path: ")" + kTests +
                         R"(/fixtures/fat_pad.obj" unit_m: 1 } })"},
@@ -299,9 +300,17 @@ TEST_F(BadInput, ScenesThatCannotBeMeantAreRefusedOddOnesToldByTheDryRun) {
   write_scene("workspace_min_m",
               "rigid_body { name: \"spleen\" mesh { path: \"organ.stl\" unit_m: 0.0005 } pose { "
               "translation_m { x: -0.05 y: 0.03 z: 0.01 } } }\nworkspace_min_m");
-  EXPECT_EQ(programs_.finish(with_sets({OMENTUM_LEARNER, "--dry-run"}, mine)).code, 0);
+  const Strings dry_run = with_sets({OMENTUM_LEARNER, "--dry-run"}, mine);
+  const Finished good = programs_.finish(dry_run);
+  EXPECT_EQ(good.code, 0);
   std::filesystem::remove(programs_.folder() / "organ.stl");
-  expect_scene_refused(mine, {programs_.folder() / "organ.stl: cannot be opened"});
+  expect_refused(programs_.finish(dry_run),
+                 {file + ":", "scene.rigid_body[3].mesh.path: cannot open " +
+                                  (programs_.folder() / "organ.stl")});
+  std::ofstream(programs_.folder() / "config.txtpb") << good.out;
+  expect_refused(
+      programs_.finish({OMENTUM_SIM_WORKER, "--check-config", programs_.folder() / "config.txtpb"}),
+      {programs_.folder() / "organ.stl: cannot be opened"});
 }
 
 TEST_F(BadInput, ASceneThatNoWorkerCanMakeStopsTheLearnerWithTheirReason) {
