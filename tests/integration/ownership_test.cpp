@@ -75,6 +75,25 @@ TEST(Ownership, ARunThatCannotSavePausesAndGoesOnWhenItCan) {
   EXPECT_EQ(programs.hash("full"), undisturbed);
 }
 
+TEST(Ownership, AnEvaluationThatCannotBeWrittenWaitsAndGoesOn) {
+  Programs programs;
+  test::Process learner = programs.learner(
+      "tables", test::tiny_task() + test::Strings{"evaluation.enabled=true", "task.hold_s=0.1",
+                                                  "evaluation.lattice_stride=10"});
+  test::Process worker = programs.worker("tables", {"--lanes", "6"});
+  ASSERT_TRUE(programs.reaches_update("tables", 1));
+  const std::string folder = programs.run_dir("tables") + "/evaluation";
+  std::ofstream(folder) << "no folder";
+  ASSERT_TRUE(test::eventually([&] {
+    return test::read_text(programs.err("tables")).find("event=not_written") != std::string::npos;
+  })) << test::read_text(programs.err("tables"));
+  EXPECT_TRUE(programs.summary("tables").empty());
+  fs::remove(folder);
+  EXPECT_EQ(learner.wait(test::kRunTime), 0);
+  EXPECT_TRUE(fs::exists(folder + "/grasp_lattice.csv"));
+  EXPECT_EQ(programs.hash("tables").size(), 64u);
+}
+
 TEST(Ownership, AStopThatCouldNotSaveSaysSoAndIsNoSuccess) {
   Programs programs;
   test::Process learner =
