@@ -16,7 +16,6 @@
 #include "core/log.h"
 #include "core/rollout.h"
 #include "core/task.h"
-#include "learner/onnx_export.h"
 
 namespace omentum {
 namespace {
@@ -261,11 +260,11 @@ int Learner::run(const std::function<bool()>& stop) {
   for (const auto& [name, seconds] : timings_) spent += fmt::format(" {}_s={:.1f}", name, seconds);
   log().info("trained steps={} wall_s={:.1f} weights={}{}", ppo_->steps_total(), wall_s(),
              hex(current_.weights_hash), spent);
-  const auto export_policy = [this] {
-    return export_onnx(options_.run_dir + "/policy.onnx", shape_, current_,
-                       onnx_metadata(config_.task(), git_revision()));
-  };
-  const bool evaluated = until_written(export_policy, stop) && finish_run(stop);
+  const auto export_policy = [this] { return this->export_policy(); };
+  RunSummary results;
+  const auto write = [&] { return write_results(results); };
+  bool finished =
+      until_written(export_policy, stop) && finish_run(results, stop) && until_written(write, stop);
   if (book_->audit_difference()) return audit_failed();
   std::string counters;
   for (const auto& [name, value] : kLedgerCounters)
@@ -273,7 +272,10 @@ int Learner::run(const std::function<bool()>& stop) {
   log().info("ledger{}", counters);
   say_phase(LearnerPhase::kDone);
   bus_->finish(std::int64_t{5'000'000'000});
-  return evaluated ? 0 : 130;
+  // Exit code 0 means that the results are there, whatever happened to the folder meanwhile.
+  if (finished && !std::filesystem::exists(options_.run_dir + "/summary.json"))
+    finished = until_written(write, stop);
+  return finished ? 0 : 130;
 }
 
 int Learner::audit_failed() {

@@ -87,7 +87,11 @@ class Learner {
   std::optional<std::vector<EvaluationSummary>> evaluate(const std::string& folder, bool record,
                                                          const std::function<bool()>& stop);
   bool evaluate_on_the_way(const std::function<bool()>& stop);
-  bool finish_run(const std::function<bool()>& stop);
+  /// Evaluates the trained policy; false when asked to stop.
+  bool finish_run(RunSummary& results, const std::function<bool()>& stop);
+  Result<void> export_policy() const;
+  /// summary.json, and what belongs to it where the folder was removed.
+  Result<void> write_results(const RunSummary& results);
   /// After two workers gave different results for one task; the exit code.
   int audit_failed();
   RunSummary summary() const;

@@ -9,6 +9,7 @@
 #include "core/durable_file.h"
 #include "core/log.h"
 #include "learner/learner.h"
+#include "learner/onnx_export.h"
 
 namespace omentum {
 namespace {
@@ -99,6 +100,20 @@ bool Learner::until_written(const std::function<Result<void>()>& write,
     }
     if (!wait_for_disk(stop)) return false;
   }
+}
+
+Result<void> Learner::export_policy() const {
+  return export_onnx(options_.run_dir + "/policy.onnx", shape_, current_,
+                     onnx_metadata(config_.task(), git_revision()));
+}
+
+Result<void> Learner::write_results(const RunSummary& results) {
+  // Without it the folder was removed since the last checkpoint.
+  if (!std::filesystem::exists(options_.run_dir + "/config.txtpb")) {
+    if (!save_checkpoint(std::nullopt)) return Failure{unsaved_};
+    if (const Result<void> exported = export_policy(); !exported) return exported;
+  }
+  return write_summary(options_.run_dir + "/summary.json", results);
 }
 
 bool Learner::wait_for_disk(const std::function<bool()>& stop) {

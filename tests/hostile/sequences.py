@@ -312,9 +312,9 @@ def main():
         try:
             sequence.play()
             shutil.rmtree(folder)
-        except Broken as reason:
+        except (Broken, OSError, ValueError) as reason:
             broken += 1
-            result = f"BROKEN: {reason} (logs in {folder})"
+            result = f"BROKEN: {reason!r} (logs in {folder})"
         left = (time.monotonic() - began) / (number - first + 1) * (first + count - number - 1)
         print(f"{number} {' '.join(sequence.told)}: {result}; {left:.0f} s left", flush=True)
     print(f"{count - broken} held, {broken} broken{'' if sequence.disk.own else '; no full disk: mount is not allowed'}")
