@@ -54,9 +54,21 @@ Result<void> write_temporary(const std::string& path, std::span<const std::byte>
   return {};
 }
 
+/// Into what is there already: a device, a pipe.
+Result<void> write_into(const std::string& path, std::span<const std::byte> bytes) {
+  Descriptor file(::open(path.c_str(), O_WRONLY | O_CLOEXEC));
+  if (file.get() < 0) return failed("cannot open", path);
+  if (!write_all(file.get(), bytes)) return failed("cannot write", path);
+  if (!file.close()) return failed("cannot close", path);
+  return {};
+}
+
 }  // namespace
 
 Result<void> write_durably(const std::string& path, std::span<const std::byte> bytes) {
+  std::error_code unknown;  // then there is nothing, or it shows below
+  if (std::filesystem::is_other(std::filesystem::status(path, unknown)))
+    return write_into(path, bytes);
   const std::string temporary = path + ".tmp";
   const std::filesystem::path parent = std::filesystem::path(path).parent_path();
   std::error_code ignored;  // shows as the failed write below
