@@ -216,10 +216,12 @@ class Sequence:
         if code == 2 and "No space left" not in text:
             raise Broken(f"{self.learner.name}: refused: {text[-400:]}")
 
-    def wait_for_end(self):
-        """Until the learner ends; Broken when nobody says anything for too long."""
+    def wait_for_end(self, with_worker=False):
+        """Until the learner ends; Broken when nobody says anything for too long. A learner alone waits for a worker."""
         heard, size = time.monotonic(), -1
         while self.learner.alive():
+            if with_worker and not self.workers():
+                self.start_worker()
             now = sum(p.log.stat().st_size for p in self.programs if not p.name.endswith("stranger"))
             if now != size:
                 heard, size = time.monotonic(), now
@@ -232,9 +234,7 @@ class Sequence:
         self.disk.free()
         for _ in range(3):
             self.start_learner()
-            if not self.workers():
-                self.start_worker()
-            self.wait_for_end()
+            self.wait_for_end(with_worker=True)
             if self.learner.process.returncode == 0:
                 break
         self.check_ended()
@@ -260,7 +260,8 @@ class Sequence:
         for path in [self.run_dir / "config.txtpb", *(self.run_dir / "checkpoints").iterdir()]:
             if other in path.read_bytes():
                 raise Broken(f"{path.name} is of another configuration")
-        rows = (self.run_dir / "metrics.csv").read_text().splitlines()[1:]
+        metrics = self.run_dir / "metrics.csv"  # begun again with the next update where the folder was deleted
+        rows = metrics.read_text().splitlines()[1:] if metrics.exists() else []
         updates = [int(row.split(",")[0]) for row in rows]
         if updates != sorted(set(updates)):
             raise Broken(f"metrics.csv holds updates {updates}")
