@@ -8,7 +8,7 @@ bin=${OMENTUM_BIN:-$root/build/release/bin}
 
 usage() {
   cat <<'TEXT'
-usage: benchmarks/run.sh [--steps N] [--save] [tissue] [elastic] [compare] [ppo] [workers] [train] [camera]
+usage: benchmarks/run.sh [--steps N] [--save] [tissue] [elastic] [compare] [ppo] [workers] [train] [camera] [bus] [monitor]
 
 Figures of the groups named (default: tissue elastic ppo workers train):
   tissue    tissue.<scene>.env_steps_per_s: environment steps (20 ms simulated) per second of one core, all of a step
@@ -25,6 +25,13 @@ Figures of the groups named (default: tissue elastic ppo workers train):
             workers.machine_speedup_2_over_1: two systems of one worker each, what the cores can give at that time
   train     train.wall_3M_s (preset paper), train.omentum.wall_3M_s, train.small_buffer.wall_3M_s (preset paper with
             socket buffers of 208 KiB): learner start to last checkpoint, two workers, no evaluation
+  bus       bus.steps_per_s: tasks to segments over DDS, nothing simulated, 8 worker processes, 64 slots of 256 steps,
+            states of 23,064 bytes; bus.core_share_at_20k: of the learner; bus.weights_p99_ms_8_workers: published to
+            received and compared with their hash, workers computing preset paper; bus.throughput_kept_16_workers:
+            preset omentum, 256 slots, no updates, 16 workers against 2; bus.updates_ceiling_steps_per_s: what one learner
+            of preset omentum learns from workers that need no time
+  monitor   monitor.core_share: of `omentum monitor` beside 20 workers while one slot is watched at 10 Hz;
+            monitor.frames_per_s: that came
   camera    camera.* of bench_camera, where that program is built
 Options:
   --steps N   shorter or longer training runs; the figures are then named by N instead of 3M
@@ -46,7 +53,7 @@ while (($#)); do
     --steps) [[ ${2-} =~ ^[1-9][0-9]{3,10}$ ]] || wrong "--steps needs a number from 1000"; steps=$2; shift ;;
     --save) save=1 ;;
     -h | --help) usage; exit 0 ;;
-    tissue | elastic | compare | ppo | workers | train | camera) groups+=("$1") ;;
+    tissue | elastic | compare | ppo | workers | train | camera | bus | monitor) groups+=("$1") ;;
     *) wrong "unknown option or group $1" ;;
   esac
   shift
@@ -124,6 +131,7 @@ choose_domain() {
   return 1
 }
 
+worker_program=("$bin/sim_worker")
 # One run of the learner and its workers. $1 = workers, $2 = run name, rest = learner options. The log is
 # $scratch/<name>.log. With two or more cores worker i sits on core i, counted from $first_core.
 run_system() {
@@ -136,7 +144,7 @@ run_system() {
   children=("$learner")
   for ((i = 0; i < workers; ++i)); do
     ((cores < 2)) || pin=(taskset -c "$(((i + first_core) % cores))")
-    "${pin[@]}" "$bin/sim_worker" --run "$name" --domain "$domain" >"$scratch/$name.worker$i.log" 2>&1 &
+    "${pin[@]}" "${worker_program[@]}" --run "$name" --domain "$domain" >"$scratch/$name.worker$i.log" 2>&1 &
     children+=($!)
   done
   wait "$learner"
@@ -220,16 +228,9 @@ bench_train() {
   CYCLONEDDS_URI=$small train_wall "train.small_buffer.wall_${size}_s" paper
 }
 
-# Steps per second of a collecting run without its first batches, in which the processes start. $1 = workers, $2 = name.
+# Steps per second of a collecting run. $1 = workers, $2 = name.
 collect_rate() {
-  local workers=$1 name=$2 columns
-  run_system "$workers" "$name" --preset paper --set run.updates=false --set rollout.max_steps=120000 || return
-  columns=$(head -n 1 "$scratch/$name/metrics.csv")
-  awk -F, -v columns="$columns" '
-    NR == 1 { for (i = 1; i <= NF; ++i) { if ($i == "wall_time_s") wall = i; if ($i == "charts/steps_total") total = i } }
-    NR > 1 { at[++n] = $wall; steps[n] = $total }
-    END { if (n < 6 || !wall || !total) exit 1
-          printf "%.0f", (steps[n] - steps[3]) / (at[n] - at[3]) }' "$scratch/$name/metrics.csv"
+  run_system "$1" "$2" --preset paper --set run.updates=false --set rollout.max_steps=120000 && rate_of_run "$2"
 }
 # The same of two systems of one worker each at the same time, added up: what the machine's two cores give.
 collect_rate_apart() {
@@ -245,6 +246,44 @@ collect_rate_apart() {
   wait "${pids[0]}" && wait "${pids[1]}" || { end_children; return 1; }
   children=()
   echo $(($(<"$scratch/apart_0") + $(<"$scratch/apart_1")))
+}
+
+# Steps per second at the end of a run's metrics, without its first batches. $1 = run name.
+rate_of_run() {
+  awk -F, '
+    NR == 1 { for (i = 1; i <= NF; ++i) { if ($i == "wall_time_s") wall = i; if ($i == "charts/steps_total") total = i } }
+    NR > 1 { at[++n] = $wall; steps[n] = $total }
+    END { if (n < 6 || !wall || !total) exit 1
+          printf "%.0f", (steps[n] - steps[3]) / (at[n] - at[3]) }' "$scratch/$1/metrics.csv"
+}
+
+bench_bus() {
+  need bench_bus && need learner && need sim_worker || return
+  local group two sixteen
+  for group in loop share weights; do
+    choose_domain || return
+    figures_of "$bin/bench_bus" "$group" --domain "$domain"
+    exec {lock}>&-
+  done
+  run_system 2 bus_2 --preset omentum --set run.updates=false --set rollout.slots=256 --set rollout.max_steps=600000 &&
+    two=$(rate_of_run bus_2) &&
+    run_system 16 bus_16 --preset omentum --set run.updates=false --set rollout.slots=256 --set rollout.max_steps=600000 &&
+    sixteen=$(rate_of_run bus_16) || { broken "bus.throughput_kept_16_workers"; return; }
+  figure bus.throughput_kept_16_workers "$(awk -v a="$sixteen" -v b="$two" 'BEGIN { printf "%.1f", 100 * a / b }')" %
+  note "bus.throughput_kept_16_workers: $sixteen steps/s of 16 workers, $two of 2"
+  worker_program=("$bin/bench_bus" worker)
+  run_system 4 bus_updates --preset omentum --set ppo.check_log_probs=false --set rollout.max_steps=400000 &&
+    figure bus.updates_ceiling_steps_per_s "$(rate_of_run bus_updates)" steps/s
+  worker_program=("$bin/sim_worker")
+}
+
+bench_monitor() {
+  need omentum && need learner && need sim_worker || return
+  local figures name value
+  figures=$("$root/benchmarks/monitor_cost.sh" 30) || { broken "monitor.core_share"; return; }
+  while read -r name value; do
+    figure "$name" "$value" "$([[ $name == *share ]] && echo cores || echo 1/s)"
+  done <<<"$figures"
 }
 
 # $1 = column: its median in the rounds.

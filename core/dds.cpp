@@ -3,13 +3,17 @@
 #include <dds/dds.h>
 #include <dds/ddsc/dds_statistics.h>
 #include <dds/ddsrt/log.h>
+#include <fmt/ranges.h>
 
 #include <array>
+#include <filesystem>
 #include <map>
 #include <mutex>
 #include <utility>
 
+#include "core/certificate.h"
 #include "core/check.h"
+#include "core/clock.h"
 #include "core/log.h"
 #include "core/loopback_sockets.h"
 
@@ -107,7 +111,8 @@ Qos make_qos() {
 Qos topic_qos(const TopicSpec& spec) {
   Qos qos = make_qos();
   dds_qos_t* q = qos.get();
-  dds_qset_reliability(q, DDS_RELIABILITY_RELIABLE, spec.max_blocking_ns);
+  dds_qset_reliability(q, spec.reliable ? DDS_RELIABILITY_RELIABLE : DDS_RELIABILITY_BEST_EFFORT,
+                       spec.max_blocking_ns);
   const bool all = spec.history == History::kKeepAll;
   dds_qset_history(q, all ? DDS_HISTORY_KEEP_ALL : DDS_HISTORY_KEEP_LAST, all ? 0 : spec.depth);
   const bool late = spec.durability == Durability::kTransientLocal;
@@ -124,6 +129,7 @@ Qos topic_qos(const TopicSpec& spec) {
 Qos writer_qos(const TopicSpec& spec, const EndpointUse& use) {
   Qos qos = topic_qos(spec);
   if (spec.deadline_ns > 0) dds_qset_deadline(qos.get(), spec.deadline_ns);
+  if (use.keep_last > 0) dds_qset_history(qos.get(), DDS_HISTORY_KEEP_LAST, use.keep_last);
   // A crash must look different from leaving: only an explicit dispose() disposes.
   dds_qset_writer_data_lifecycle(qos.get(), false);
   dds_qset_entity_name(qos.get(), use.entity_name.c_str());
@@ -138,12 +144,16 @@ Qos reader_qos(const TopicSpec& spec, const EndpointUse& use) {
     // Never max_instances: exceeding it blocks the receive thread for ever.
     dds_qset_resource_limits(qos.get(), use.max_samples, DDS_LENGTH_UNLIMITED, use.max_samples);
   }
+  if (use.best_effort) dds_qset_reliability(qos.get(), DDS_RELIABILITY_BEST_EFFORT, 0);
   dds_qset_entity_name(qos.get(), use.entity_name.c_str());
   return qos;
 }
 
 // Partitions are a policy of publisher and subscriber, so each endpoint has its own.
 Entity make_group(const Participant& participant, const EndpointUse& use, bool publisher) {
+  if (participant.expired())
+    throw_error("the certificate of {} has ended: {} cannot be made",
+                participant.certificate_name(), use.entity_name);
   const Qos qos = make_qos();
   std::vector<const char*> names;
   for (const std::string& partition : use.partitions) names.push_back(partition.c_str());
@@ -152,6 +162,30 @@ Entity make_group(const Participant& participant, const EndpointUse& use, bool p
   return Entity(
       create(participant.handle(), qos.get(), nullptr),
       fmt::format("create {} of {}", publisher ? "publisher" : "subscriber", use.entity_name));
+}
+
+/// Handle of a new writer or reader; where permissions forbid it the line says whom and what.
+Entity permitted(const Participant& participant, dds_entity_t handle, bool writer,
+                 const std::string& topic, const EndpointUse& use) {
+  if (handle == DDS_RETCODE_NOT_ALLOWED_BY_SECURITY) {
+    throw_error(
+        "the certificate of {} may not {} {} in partition \"{}\": Not Allowed By Security; "
+        "give --security-dir the folder of this program's role and run",
+        participant.certificate_name(), writer ? "write" : "read", topic,
+        fmt::join(use.partitions, "\", \""));
+  }
+  return Entity(handle, fmt::format("create {} of {} as {}", writer ? "writer" : "reader", topic,
+                                    use.entity_name));
+}
+
+/// Path of the certificate that a configuration names; Cyclone has no function for it. Empty
+/// without security.
+std::string certificate_path(const std::string& uri) {
+  constexpr std::string_view kTag = "<IdentityCertificate>file:";
+  const std::size_t at = uri.find(kTag);
+  if (at == std::string::npos) return "";
+  const std::size_t begin = at + kTag.size();
+  return uri.substr(begin, uri.find('<', begin) - begin);
 }
 
 Failure failure_of(const std::string& operation, const std::string& topic, dds_return_t code) {
@@ -188,6 +222,12 @@ Participant::Participant(std::uint32_t domain, const std::string& uri, const std
   std::call_once(once, [] { dds_set_log_sink(&receive_log, nullptr); });
   const bool loopback = uri.find("<NetworkInterface name=\"lo\"") != std::string::npos;
   const std::set<int> others = loopback ? open_udp_sockets() : std::set<int>{};
+  if (const std::string path = certificate_path(uri); !path.empty()) {
+    certificate_name_ = omentum::certificate_name(path);
+    // Before Cyclone reads the files: where they are exchanged in between, this is the earlier end.
+    const Result<std::int64_t> end = certificate_end(std::filesystem::path(path).parent_path());
+    if (end) certificate_end_s_ = end.value();
+  }
   domain_lease_ = lease_domain(domain, uri);
   const Qos qos = make_qos();
   dds_qset_entity_name(qos.get(), name.c_str());
@@ -202,6 +242,11 @@ Participant::Participant(std::uint32_t domain, const std::string& uri, const std
   }
 }
 
+bool Participant::expired() const {
+  constexpr std::int64_t kNsPerS = 1'000'000'000;
+  return certificate_end_s_ > 0 && wall_now_ns() / kNsPerS >= certificate_end_s_ - 1;
+}
+
 Topic::Topic(const Participant& participant, const TopicSpec& spec,
              const dds_topic_descriptor& descriptor)
     : spec_(&spec) {
@@ -213,8 +258,9 @@ Topic::Topic(const Participant& participant, const TopicSpec& spec,
 Writer::Writer(const Participant& participant, const Topic& topic, const EndpointUse& use)
     : publisher_(make_group(participant, use, true)), name_(topic.spec().name) {
   const Qos qos = writer_qos(topic.spec(), use);
-  entity_ = Entity(dds_create_writer(publisher_.handle(), topic.handle(), qos.get(), nullptr),
-                   fmt::format("create writer of {} as {}", name_, use.entity_name));
+  entity_ = permitted(participant,
+                      dds_create_writer(publisher_.handle(), topic.handle(), qos.get(), nullptr),
+                      true, name_, use);
 }
 
 Result<void> Writer::write(const void* sample) {
@@ -227,6 +273,12 @@ Result<void> Writer::write(const void* sample) {
 Result<void> Writer::dispose(const void* sample) {
   const dds_return_t code = dds_dispose(entity_.handle(), sample);
   if (code < 0) return failure_of("dispose", name_, code);
+  return {};
+}
+
+Result<void> Writer::unregister(const void* sample) {
+  const dds_return_t code = dds_unregister_instance(entity_.handle(), sample);
+  if (code < 0) return failure_of("unregister", name_, code);
   return {};
 }
 
@@ -258,8 +310,9 @@ bool Writer::wait_for_acknowledgments(std::int64_t timeout_ns) const {
 Reader::Reader(const Participant& participant, const Topic& topic, const EndpointUse& use)
     : subscriber_(make_group(participant, use, false)), name_(topic.spec().name) {
   const Qos qos = reader_qos(topic.spec(), use);
-  entity_ = Entity(dds_create_reader(subscriber_.handle(), topic.handle(), qos.get(), nullptr),
-                   fmt::format("create reader of {} as {}", name_, use.entity_name));
+  entity_ = permitted(participant,
+                      dds_create_reader(subscriber_.handle(), topic.handle(), qos.get(), nullptr),
+                      false, name_, use);
   // Level-triggered, unlike the data-available status, which a partial take resets.
   condition_ = Entity(dds_create_readcondition(entity_.handle(), DDS_ANY_STATE),
                       fmt::format("create read condition of {}", name_));

@@ -49,6 +49,10 @@ struct EndpointUse {
   /// Reader: samples it holds at most with KEEP_ALL, samples per instance with KEEP_LAST; 0 = no
   /// limit, or as the topic.
   std::int32_t max_samples = 0;
+  /// Writer: KEEP_LAST of so many on a KEEP_ALL topic, so that it never waits; 0 = as the topic.
+  std::int32_t keep_last = 0;
+  /// Reader: takes what comes and asks for nothing again, so that no writer ever waits for it.
+  bool best_effort = false;
 };
 
 /// Membership of this process in a domain. Participants of one process in the same domain use the
@@ -64,8 +68,17 @@ class Participant {
   Participant(std::uint32_t domain, const std::string& uri, const std::string& name);
 
   std::int32_t handle() const { return entity_.handle(); }
+  /// Whom its certificate names; empty without security.
+  const std::string& certificate_name() const { return certificate_name_; }
+  /// From one second before the certificate ends, and for good. Cyclone 0.10.2 deletes its half of
+  /// the participant then, without a word: write and take go on to succeed and reach nobody, and to
+  /// create a writer or reader would crash; here that throws Error from then on (docs/cluster.md
+  /// 5). Destroy all that was made from it and join anew with renewed files, or end. Any thread.
+  bool expired() const;
 
  private:
+  std::string certificate_name_;
+  std::int64_t certificate_end_s_ = 0;  ///< since 1970 UTC; 0 without security
   std::shared_ptr<void> domain_lease_;  // outlives entity_
   Entity entity_;
 };
@@ -116,6 +129,8 @@ class Writer {
   bool timed_out() const { return timed_out_; }
   /// Announces that the instance of the sample's key left on purpose.
   [[nodiscard]] Result<void> dispose(const void* sample);
+  /// Leaves the instance of the sample's key: readers see it as if this writer had crashed.
+  [[nodiscard]] Result<void> unregister(const void* sample);
   /// Readers matched now.
   int matched() const;
   WriterCounters counters() const;

@@ -9,21 +9,27 @@ namespace {
 
 constexpr std::int64_t kS = 1'000'000'000;
 
-constexpr std::array<TopicSpec, 7> kTopics{{
-    {TopicId::kPolicyWeights, "omentum/policy/weights", History::kKeepLast, 2,
+constexpr std::array<TopicSpec, 10> kTopics{{
+    {TopicId::kPolicyWeights, "omentum/policy/weights", true, History::kKeepLast, 2,
      Durability::kTransientLocal, 2, 1 * kS, 0},
-    {TopicId::kRolloutTask, "omentum/rollout/task", History::kKeepLast, 1, Durability::kVolatile, 0,
-     1 * kS, 0},
-    {TopicId::kRolloutSegment, "omentum/rollout/segment", History::kKeepAll, 0,
-     Durability::kVolatile, 0, 2 * kS, 0},
-    {TopicId::kWorkerStatus, "omentum/worker/status", History::kKeepLast, 1,
-     Durability::kTransientLocal, 1, 1 * kS, 2 * kS},
-    {TopicId::kLearnerStatus, "omentum/learner/status", History::kKeepLast, 1,
-     Durability::kTransientLocal, 1, 1 * kS, 2 * kS},
-    {TopicId::kEpisodeSummary, "omentum/episode/summary", History::kKeepLast, 256,
+    {TopicId::kRolloutTask, "omentum/rollout/task", true, History::kKeepLast, 1,
      Durability::kVolatile, 0, 1 * kS, 0},
-    {TopicId::kRunManifest, "omentum/run/manifest", History::kKeepLast, 1,
+    {TopicId::kRolloutSegment, "omentum/rollout/segment", true, History::kKeepAll, 0,
+     Durability::kVolatile, 0, 2 * kS, 0},
+    {TopicId::kWorkerStatus, "omentum/worker/status", true, History::kKeepLast, 1,
+     Durability::kTransientLocal, 1, 1 * kS, 2 * kS},
+    {TopicId::kLearnerStatus, "omentum/learner/status", true, History::kKeepLast, 1,
+     Durability::kTransientLocal, 1, 1 * kS, 2 * kS},
+    {TopicId::kEpisodeSummary, "omentum/episode/summary", true, History::kKeepLast, 256,
+     Durability::kVolatile, 0, 1 * kS, 0},
+    {TopicId::kRunManifest, "omentum/run/manifest", true, History::kKeepLast, 1,
      Durability::kTransientLocal, 1, 1 * kS, 0},
+    {TopicId::kControlCommand, "omentum/control/command", true, History::kKeepLast, 16,
+     Durability::kVolatile, 0, 1 * kS, 0},
+    {TopicId::kControlReply, "omentum/control/reply", true, History::kKeepLast, 16,
+     Durability::kVolatile, 0, 1 * kS, 0},
+    {TopicId::kSimFrame, "omentum/sim/frame", false, History::kKeepLast, 1, Durability::kVolatile,
+     0, 1 * kS, 0},
 }};
 
 }  // namespace
@@ -37,6 +43,10 @@ const TopicSpec& topic_spec(TopicId id) {
 }
 
 std::vector<std::string> public_partitions(const std::string& run) { return {"", run}; }
+
+std::vector<std::string> mirror_partitions(const std::string& run) { return {"", run + "/hub"}; }
+
+std::vector<std::string> tool_partitions(const std::string& run) { return {run, run + "/hub"}; }
 
 std::vector<std::string> run_partition(const std::string& run) { return {run}; }
 

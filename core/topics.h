@@ -16,17 +16,21 @@ enum class TopicId : std::uint32_t {
   kLearnerStatus,
   kEpisodeSummary,
   kRunManifest,
+  kControlCommand,
+  kControlReply,
+  kSimFrame,
 };
 
 enum class History { kKeepLast, kKeepAll };
 enum class Durability { kVolatile, kTransientLocal };
 
 /// One row of the table of docs/wire.md 3, which says why: everything about a topic but its fields.
-/// Nothing else in the product names a topic or a policy. All topics are RELIABLE with SHARED
-/// ownership and AUTOMATIC liveliness: other kinds would hide them from generic tools.
+/// Nothing else in the product names a topic or a policy. All topics have SHARED ownership and
+/// AUTOMATIC liveliness: other kinds would hide them from generic tools.
 struct TopicSpec {
   TopicId id;
   const char* name;
+  bool reliable;
   History history;
   int depth;  ///< of KEEP_LAST, both sides
   Durability durability;
@@ -41,6 +45,10 @@ const TopicSpec& topic_spec(TopicId id);
 /// Partitions a public topic is written into: "" for generic tools, which have no partition option,
 /// and the run.
 std::vector<std::string> public_partitions(const std::string& run);
+/// Where the learner of a hub repeats what workers publish, and what tools of ours read: the run
+/// itself and, in a hub, that.
+std::vector<std::string> mirror_partitions(const std::string& run);
+std::vector<std::string> tool_partitions(const std::string& run);
 /// The partition our readers join.
 std::vector<std::string> run_partition(const std::string& run);
 /// Tasks of one worker: "<run>/w<worker_id>".

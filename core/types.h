@@ -19,6 +19,9 @@ using Bytes = std::vector<std::byte>;
 /// and disk.
 inline constexpr std::uint32_t kSimStateFormat = 3;
 
+inline constexpr float kMaxFramesHz = 50;                ///< of live frames of one slot
+inline constexpr std::size_t kMaxFrameValues = 196'608;  ///< of one live frame: 65,536 particles
+
 /// Values reach the wire: do not change.
 enum class TaskKind : std::uint32_t { kRollout = 0, kEvaluate = 1 };
 
@@ -96,6 +99,8 @@ struct RolloutTask {
   Bytes start_state;
   std::uint32_t frame_stride = 0;  ///< > 0: the segment carries tissue frames and state hashes
   std::int64_t granted_at_ns = 0;
+  /// > 0: the worker publishes SimFrame so often while the task runs [Hz]; no part of its hash.
+  float live_frames_hz = 0;
 };
 
 /// Result of a task: steps and end state. Arrays are row-major, first index the step.
@@ -177,6 +182,9 @@ struct WorkerStatus {
   std::uint64_t throttle_count = 0;
   std::uint64_t time_throttle_ns = 0;
   std::vector<std::string> warnings;
+  std::vector<std::string> alarms;  ///< that hold now; at most 16
+  std::uint64_t alarms_raised = 0;  ///< since the start
+  std::uint64_t frames_published = 0;
 };
 
 enum class LearnerPhase : std::uint32_t {
@@ -239,6 +247,9 @@ struct LearnerStatus : Ledger {
   std::vector<double> worker_steps_per_s;
   std::vector<std::uint32_t> barred_worker_ids;  ///< get no task for a while; at most 64 are told
   std::vector<std::string> barred_reasons;
+  std::vector<std::string> alarms;  ///< that hold now; at most 16
+  std::uint64_t alarms_raised = 0;  ///< since the start
+  std::uint64_t steps_wanted = 0;   ///< of the whole run
 };
 
 struct EpisodeSummary {
@@ -263,6 +274,53 @@ struct RunManifest {
   std::uint64_t run_seed = 0;
   std::uint32_t slots = 0, steps_per_segment = 0, lead = 0, state_format = 0;
   std::vector<std::string> observation_names, action_names;
+};
+
+/// Values reach the wire: do not change.
+enum class ControlAction : std::uint32_t {
+  kPause = 0,  ///< no grants until kResume; what is out comes in
+  kResume = 1,
+  kEvaluate = 2,    ///< the present weights, before the next batch
+  kCheckpoint = 3,  ///< now
+  kStop = 4,        ///< as Ctrl-C: with a resumable checkpoint
+  kDrain = 5,       ///< one worker hands its work back and leaves
+  kFramesOn = 6,    ///< SimFrame of one slot from its next task on
+  kFramesOff = 7,
+};
+
+/// The operator's wish (docs/wire.md 3.1).
+struct ControlCommand {
+  std::string run_id;
+  std::uint64_t request = 0;  ///< chosen by the operator; the reply repeats it
+  std::string issuer;         ///< for the log
+  ControlAction action = ControlAction::kPause;
+  std::uint32_t worker_id = 0;  ///< kDrain
+  std::uint32_t slot = 0;       ///< kFramesOn, kFramesOff
+  float frames_hz = 0;          ///< kFramesOn
+  std::int64_t sent_at_ns = 0;
+};
+
+struct ControlReply {
+  std::string run_id;
+  std::uint64_t request = 0;
+  std::string program;          ///< "learner" or "sim_worker"
+  std::uint32_t worker_id = 0;  ///< 0: the learner
+  bool done = false;
+  std::string text;  ///< what was done, or why it was not
+};
+
+/// One environment while it runs, for viewers.
+struct SimFrame {
+  std::uint32_t slot = 0;
+  std::string run_id;
+  std::uint32_t worker_id = 0;
+  std::uint64_t policy_version = 0;
+  std::uint64_t episode = 0;
+  std::uint32_t episode_step = 0;
+  double sim_time_s = 0;                             ///< of the episode
+  std::vector<float> particle_positions_in_world_m;  ///< 3 per particle, in W
+  std::array<double, 3> tool_position_in_world_m{};
+  bool grasped = false;
 };
 
 /// Identity of a task (docs/wire.md 2): FNV-1a over the canonical little-endian bytes of everything

@@ -19,7 +19,8 @@ static_assert(kMaxStateBytes == omentum_v1_MAX_STATE_BYTES &&
               segment_limit::kStepValues == omentum_v1_MAX_STEP_VALUES &&
               segment_limit::kObservation == omentum_v1_MAX_OBSERVATION &&
               segment_limit::kObservations == omentum_v1_MAX_OBSERVATIONS &&
-              segment_limit::kEpisodes == omentum_v1_MAX_EPISODES);
+              segment_limit::kEpisodes == omentum_v1_MAX_EPISODES &&
+              kMaxFrameValues == omentum_v1_MAX_FRAME_VALUES);
 
 namespace {
 
@@ -159,6 +160,8 @@ void check_relations(const PolicyWeights& weights, FirstFailure& result) {
 void check_relations(const RolloutTask& task, FirstFailure& result) {
   if (task.steps > omentum_v1_MAX_STEPS) result.fail("steps", "out of range");
   if (!task.reset && task.start_state.empty()) result.fail("start_state", "empty without reset");
+  if (!(task.live_frames_hz >= 0 && task.live_frames_hz <= kMaxFramesHz))
+    result.fail("live_frames_hz", "out of range");
 }
 
 void check_relations(const LearnerStatus& status, FirstFailure& result) {
@@ -169,13 +172,29 @@ void check_relations(const LearnerStatus& status, FirstFailure& result) {
     result.fail("barred_reasons", "length is not that of barred_worker_ids");
 }
 
+void check_relations(const ControlCommand& command, FirstFailure& result) {
+  if (!(command.frames_hz >= 0 && command.frames_hz <= kMaxFramesHz))
+    result.fail("frames_hz", "out of range");
+}
+
+void check_relations(const SimFrame& frame, FirstFailure& result) {
+  if (frame.particle_positions_in_world_m.size() % 3 != 0)
+    result.fail("particle_positions_in_world_m", "length is no multiple of 3");
+}
+
 }  // namespace
 
 template <typename Record>
 BusWriter<Record>::BusWriter(const dds::Participant& participant,
-                             std::vector<std::string> partitions, const std::string& name)
+                             std::vector<std::string> partitions, const std::string& name,
+                             std::int32_t keep_last)
     : topic_(participant, topic_spec(Wire<Record>::kTopic), Wire<Record>::kDescriptor),
-      writer_(participant, topic_, {.partitions = std::move(partitions), .entity_name = name}) {}
+      writer_(participant, topic_,
+              {.partitions = std::move(partitions),
+               .entity_name = name,
+               .max_samples = 0,
+               .keep_last = keep_last,
+               .best_effort = false}) {}
 
 template <typename Record>
 Result<void> BusWriter<Record>::write(const Record& record) {
@@ -198,13 +217,24 @@ Result<void> BusWriter<Record>::dispose(const Record& record) {
 }
 
 template <typename Record>
+Result<void> BusWriter<Record>::unregister(const Record& record) {
+  typename Wire<Record>::Generated generated{};
+  Borrow borrow;
+  fields(generated, record, borrow);
+  return writer_.unregister(&generated);
+}
+
+template <typename Record>
 BusReader<Record>::BusReader(const dds::Participant& participant,
                              std::vector<std::string> partitions, const std::string& name,
-                             std::int32_t max_samples)
+                             std::int32_t max_samples, bool best_effort)
     : topic_(participant, topic_spec(Wire<Record>::kTopic), Wire<Record>::kDescriptor),
-      reader_(
-          participant, topic_,
-          {.partitions = std::move(partitions), .entity_name = name, .max_samples = max_samples}) {}
+      reader_(participant, topic_,
+              {.partitions = std::move(partitions),
+               .entity_name = name,
+               .max_samples = max_samples,
+               .keep_last = 0,
+               .best_effort = best_effort}) {}
 
 template <typename Record>
 Result<int> BusReader<Record>::take(int limit, const std::function<void(Arrival<Record>&&)>& fn) {
@@ -261,5 +291,11 @@ template class BusWriter<EpisodeSummary>;
 template class BusReader<EpisodeSummary>;
 template class BusWriter<RunManifest>;
 template class BusReader<RunManifest>;
+template class BusWriter<ControlCommand>;
+template class BusReader<ControlCommand>;
+template class BusWriter<ControlReply>;
+template class BusReader<ControlReply>;
+template class BusWriter<SimFrame>;
+template class BusReader<SimFrame>;
 
 }  // namespace omentum

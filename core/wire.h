@@ -14,7 +14,7 @@
 
 /// The bus in terms of core/types.h. core/wire.cpp and wire_fields.h alone know the types idlc
 /// generates. Records: PolicyWeights, RolloutTask, RolloutSegment, WorkerStatus, LearnerStatus,
-/// EpisodeSummary, RunManifest.
+/// EpisodeSummary, RunManifest, ControlCommand, ControlReply, SimFrame.
 ///
 /// On the way out sequences borrow the memory of the record's vectors; nothing is copied before
 /// serialisation. On the way in every length, enumerator and relation between lengths is checked
@@ -33,15 +33,18 @@ struct Arrival {
 template <typename Record>
 class BusWriter {
  public:
-  /// Throws Error. `partitions` from core/topics.h; `name` is shown by tools.
+  /// Throws Error. `partitions` from core/topics.h; `name` is shown by tools; `keep_last` > 0:
+  /// never waits for readers, also where the topic keeps all.
   BusWriter(const dds::Participant& participant, std::vector<std::string> partitions,
-            const std::string& name);
+            const std::string& name, std::int32_t keep_last = 0);
 
   /// Returns when the record is serialised. A failure with timed_out() may be retried with the same
   /// record.
   [[nodiscard]] Result<void> write(const Record& record);
   /// Announces that the instance with the key of `record` left on purpose.
   [[nodiscard]] Result<void> dispose(const Record& record);
+  /// Leaves the instance with the key of `record`: readers see it as if this writer had crashed.
+  [[nodiscard]] Result<void> unregister(const Record& record);
 
   // See dds::Writer.
   bool timed_out() const { return writer_.timed_out(); }
@@ -63,8 +66,10 @@ class BusReader {
  public:
   /// Throws Error. `max_samples`: limit of a KEEP_ALL reader, beyond which the whole process
   /// receives nothing (docs/wire.md 5.1), 0 = none; depth of a KEEP_LAST reader, 0 = the topic's.
+  /// `best_effort`: no writer waits for this reader; every tool's but a recorder's (docs/wire.md
+  /// 5.2 B7).
   BusReader(const dds::Participant& participant, std::vector<std::string> partitions,
-            const std::string& name, std::int32_t max_samples = 0);
+            const std::string& name, std::int32_t max_samples = 0, bool best_effort = false);
 
   /// Hands up to `limit` arrivals to fn and returns how many were taken, refused ones included.
   [[nodiscard]] Result<int> take(int limit, const std::function<void(Arrival<Record>&&)>& fn);

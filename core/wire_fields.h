@@ -39,7 +39,8 @@ void fields(G& g, C& c, V& v) {
     return std::tie(r.slot, r.segment, r.grant, r.worker_id, r.learner_epoch, r.task_hash,
                     r.policy_version, r.config_hash, r.greedy, r.start_index, r.steps, r.run_seed,
                     r.episode, r.episode_step, r.episode_limit, r.reset, r.state_format,
-                    r.start_hash, r.frame_stride, r.policy_steps, r.hold_steps, r.granted_at_ns);
+                    r.start_hash, r.frame_stride, r.policy_steps, r.hold_steps, r.granted_at_ns,
+                    r.live_frames_hz);
   });
   v.fixed(g.weights_hash, c.weights_hash, "weights_hash");
   v.enumerator(g.kind, c.kind, TaskKind::kEvaluate, "kind");
@@ -60,12 +61,14 @@ void fields(G& g, C& c, V& v) {
                     r.tasks_declined_state, r.tasks_declined_epoch, r.tasks_abandoned,
                     r.tasks_in_progress, r.segments_published, r.write_timeouts, r.steps,
                     r.steps_per_s, r.sim_time_fraction, r.socket_receive_buffer_bytes,
-                    r.rexmit_bytes, r.throttle_count, r.time_throttle_ns);
+                    r.rexmit_bytes, r.throttle_count, r.time_throttle_ns, r.alarms_raised,
+                    r.frames_published);
   });
   v.text(g.host, c.host, "host");
   v.text(g.program_version, c.program_version, "program_version");
   v.enumerator(g.phase, c.phase, WorkerPhase::kDraining, "phase");
   v.texts(g.warnings, c.warnings, kMaxWarnings, "warnings");
+  v.texts(g.alarms, c.alarms, omentum_v1_MAX_ALARMS, "alarms");
 }
 
 template <typename G, Is<LearnerStatus> C, typename V>
@@ -75,7 +78,8 @@ void fields(G& g, C& c, V& v) {
                     r.admitted, r.duplicate, r.stale, r.invalid, r.cancelled, r.foreign, r.overflow,
                     r.outstanding, r.audit_mismatch, r.workers_alive, r.oldest_task_age_s,
                     r.steps_total, r.steps_per_s, r.bytes_up_per_s, r.bytes_down_per_s,
-                    r.mean_return, r.mean_length, r.approx_kl, r.entropy, r.explained_variance);
+                    r.mean_return, r.mean_length, r.approx_kl, r.entropy, r.explained_variance,
+                    r.alarms_raised, r.steps_wanted);
   });
   v.text(g.run_id, c.run_id, "run_id");
   v.enumerator(g.phase, c.phase, LearnerPhase::kDone, "phase");
@@ -86,6 +90,7 @@ void fields(G& g, C& c, V& v) {
           {"worker_steps_per_s", omentum_v1_MAX_WORKERS});
   v.array(g.barred_worker_ids, c.barred_worker_ids, {"barred_worker_ids", omentum_v1_MAX_BARRED});
   v.texts(g.barred_reasons, c.barred_reasons, omentum_v1_MAX_BARRED, "barred_reasons");
+  v.texts(g.alarms, c.alarms, omentum_v1_MAX_ALARMS, "alarms");
 }
 
 template <typename G, Is<EpisodeSummary> C, typename V>
@@ -111,6 +116,36 @@ void fields(G& g, C& c, V& v) {
   v.text(g.git_revision, c.git_revision, "git_revision");
   v.texts(g.observation_names, c.observation_names, kMaxNames, "observation_names");
   v.texts(g.action_names, c.action_names, kMaxNames, "action_names");
+}
+
+template <typename G, Is<ControlCommand> C, typename V>
+void fields(G& g, C& c, V& v) {
+  v.values(g, c, [](auto& r) {
+    return std::tie(r.request, r.worker_id, r.slot, r.frames_hz, r.sent_at_ns);
+  });
+  v.text(g.run_id, c.run_id, "run_id");
+  v.text(g.issuer, c.issuer, "issuer");
+  v.enumerator(g.action, c.action, ControlAction::kFramesOff, "action");
+}
+
+template <typename G, Is<ControlReply> C, typename V>
+void fields(G& g, C& c, V& v) {
+  v.values(g, c, [](auto& r) { return std::tie(r.request, r.worker_id, r.done); });
+  v.text(g.run_id, c.run_id, "run_id");
+  v.text(g.program, c.program, "program");
+  v.text(g.text, c.text, "text");
+}
+
+template <typename G, Is<SimFrame> C, typename V>
+void fields(G& g, C& c, V& v) {
+  v.values(g, c, [](auto& r) {
+    return std::tie(r.slot, r.worker_id, r.policy_version, r.episode, r.episode_step, r.sim_time_s,
+                    r.grasped);
+  });
+  v.text(g.run_id, c.run_id, "run_id");
+  v.array(g.particle_positions_in_world_m, c.particle_positions_in_world_m,
+          {"particle_positions_in_world_m", omentum_v1_MAX_FRAME_VALUES});
+  v.fixed(g.tool_position_in_world_m, c.tool_position_in_world_m, "tool_position_in_world_m");
 }
 
 /// What carries a record: its topic, generated type, and key(), the members that a sample without
@@ -157,6 +192,17 @@ template <>
 struct Wire<RunManifest>
     : Carrier<TopicId::kRunManifest, omentum_v1_RunManifest, omentum_v1_RunManifest_desc> {
   static auto key(auto& r) { return std::tie(r.run_id, r.learner_epoch); }
+};
+template <>
+struct Wire<ControlCommand>
+    : Carrier<TopicId::kControlCommand, omentum_v1_ControlCommand, omentum_v1_ControlCommand_desc> {
+};
+template <>
+struct Wire<ControlReply>
+    : Carrier<TopicId::kControlReply, omentum_v1_ControlReply, omentum_v1_ControlReply_desc> {};
+template <>
+struct Wire<SimFrame> : Carrier<TopicId::kSimFrame, omentum_v1_SimFrame, omentum_v1_SimFrame_desc> {
+  static auto key(auto& r) { return std::tie(r.slot); }
 };
 
 }  // namespace omentum

@@ -5,21 +5,21 @@ set -euo pipefail
 
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 
-# What the three programs need to build and run.
+# What the programs need to build and run.
 program_packages=(build-essential cmake ninja-build pkg-config git ccache libeigen3-dev cyclonedds-dev
   cyclonedds-tools libprotobuf-dev protobuf-compiler libspdlog-dev libfmt-dev libosmesa6-dev libcli11-dev
-  libpng-dev libzstd-dev zlib1g-dev libssl-dev libonnx-dev
+  libcpp-httplib-dev libpng-dev libzstd-dev zlib1g-dev libssl-dev openssl libonnx-dev
   libnglib-dev nlohmann-json3-dev)
 # What the tests need on top: their framework, the checkers, and the peers that read our files.
 test_packages=(libgtest-dev libgmock-dev procps clang-format-14 clang-tidy-14 python3 python3-numpy python3-onnx
-  chromium qemu-user)
+  chromium iproute2 qemu-user prometheus)
 
 usage() {
   cat <<'TEXT'
 usage: deploy/setup.sh [--no-tests] [--packages-only] [--jobs N]
 
 Installs what a Debian 12 machine lacks (needs root or sudo only then) and builds Omentum into build/release.
-  --no-tests        only what learner, sim_worker and report need, and only these three programs
+  --no-tests        only what learner, sim_worker, report and omentum need, and only these four programs
   --packages-only   install, do not build
   --jobs N          compiler processes at a time (default: cores, less where memory is short)
   --times FILE      also write setup_s=... and build_s=... to FILE
@@ -96,7 +96,7 @@ default_jobs() {
 
 build_release() {
   local targets=()
-  ((tests)) || targets=(--target learner sim_worker report)
+  ((tests)) || targets=(--target learner sim_worker report omentum)
   export NINJA_STATUS='[%f/%t, %es] '
   cd "$root"
   say "building into $root/build/release with ${jobs:=$(default_jobs)} jobs"

@@ -181,6 +181,7 @@ supervise_worker() {
   local number=$1 pause=1 born code main worker log=$folder/worker$1.log
   trap 'trap "" TERM; insist 100 $(jobs -p); exit 0' TERM
   trap '' INT HUP
+  exec {run_lock}>&-  # the run is the main process's; what waits here for its end must not hold it
   # Ends when the main process does, however that ends.
   tail --pid=$$ -f /dev/null 2>/dev/null &
   main=$!
@@ -252,7 +253,7 @@ train_one() {
   local number status code
   mkdir -p "$folder" || fail "$folder cannot be made"
   # Interrupts are ignored by tee: the learner still has to print that it has stopped.
-  exec {output}> >(exec tee -i -a "$folder/learner.log")
+  exec {output}> >(exec {run_lock}>&- tee -i -a "$folder/learner.log")
   tee_pid=$!
   setpriv --pdeathsig TERM "$bin/learner" "${common[@]}" --run "$name" --set "run.domain=$domain" "$@" >&"$output" 2>&1 &
   learner_pid=$!

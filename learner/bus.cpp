@@ -43,12 +43,23 @@ LearnerBus::LearnerBus(const LearnerBusOptions& options)
                       static_cast<std::int32_t>(ring_capacity_)),
       worker_reader_(participant_, run_partition(options_.run), "learner-workers"),
       learner_reader_(participant_, run_partition(options_.run), "learner-epochs"),
-      waitset_(participant_) {
+      command_reader_(participant_, run_partition(options_.run), "learner-commands"),
+      reply_writer_(participant_, public_partitions(options_.run), "learner-replies"),
+      waitset_(participant_),
+      heartbeat_(options_.heartbeat) {
   status_.run_id = options_.run;
   status_.learner_epoch = options_.learner_epoch;
   waitset_.attach(segment_reader_->raw());
   waitset_.attach(worker_reader_.raw());
   waitset_.attach(learner_reader_.raw());
+  waitset_.attach(command_reader_.raw());
+  if (options_.profile.discovery == Discovery::kHub) {
+    mirror_.emplace(participant_, options_.run);
+    frame_reader_.emplace(participant_, run_partition(options_.run), "learner-frames");
+    reply_reader_.emplace(participant_, run_partition(options_.run), "learner-worker-replies");
+    waitset_.attach(frame_reader_->raw());
+    waitset_.attach(reply_reader_->raw());
+  }
   drain_thread_ = std::jthread([this](const std::stop_token& stop) { drain(stop); });
 }
 
@@ -120,6 +131,8 @@ void LearnerBus::set_status(const LearnerStatus& status) {
   status_.bytes_down_per_s = old.bytes_down_per_s;
   status_.barred_worker_ids = old.barred_worker_ids;
   status_.barred_reasons = old.barred_reasons;
+  status_.alarms = old.alarms;
+  status_.alarms_raised = old.alarms_raised;
   if (old.phase != status_.phase) {
     status_urgent_ = true;
     waitset_.wake();
@@ -145,7 +158,10 @@ void LearnerBus::report_book(const TaskBook& book, std::int64_t now_ns) {
     reasons.push_back(barred.reason);
   }
   barred_told_ = ids;
+  raise_alarms();
   const std::lock_guard lock(mutex_);
+  status_.alarms = alarms_.texts();
+  status_.alarms_raised = alarms_.raised();
   static_cast<Ledger&>(status_) = ledger;
   status_.oldest_task_age_s = age;
   status_.barred_worker_ids = std::move(ids);
@@ -169,11 +185,14 @@ bool LearnerBus::wait(std::int64_t timeout_ns) {
   if (matching) timeout_ns = std::min(timeout_ns, kMatchPollNs);
   std::unique_lock lock(mutex_);
   return something_.wait_for(lock, std::chrono::nanoseconds(timeout_ns), [this] {
-    return !ring_.empty() || !overflown_.empty() || workers_changed_ || superseded();
+    return !ring_.empty() || !overflown_.empty() || !commands_.empty() || workers_changed_ ||
+           superseded();
   });
 }
 
 void LearnerBus::serve(TaskBook& book, std::int64_t now_ns) {
+  heartbeat_.beat(steady_now_ns());
+  if (expired()) return;
   std::deque<RolloutSegment> segments;
   std::vector<std::pair<std::uint32_t, std::uint64_t>> overflown;
   std::vector<std::pair<std::uint32_t, Seen>> changed;
@@ -228,7 +247,7 @@ void LearnerBus::serve(TaskBook& book, std::int64_t now_ns) {
   });
   if (!superseded()) {
     repeat_for_workers(now_ns);
-    write_grants(book, now_ns);
+    if (!paused_) write_grants(book, now_ns);
   }
   report_book(book, now_ns);
 }
@@ -248,6 +267,8 @@ void LearnerBus::follow_silence(TaskBook& book) {
 
 void LearnerBus::follow_worker(TaskBook& book, std::uint32_t id, const Seen& seen,
                                std::int64_t now_ns) {
+  if (seen.status.learner_epoch < options_.learner_epoch)
+    epoch_of_workers_ = std::max(epoch_of_workers_, seen.status.learner_epoch);
   const auto found = served_.find(id);
   if (!seen.alive) {
     if (found == served_.end()) return;
@@ -301,7 +322,9 @@ void LearnerBus::follow_declines(TaskBook& book, std::uint32_t id, const WorkerS
 
 void LearnerBus::write_grants(TaskBook& book, std::int64_t now_ns) {
   std::uint64_t bytes = 0;
-  for (const RolloutTask& task : book.grant(now_ns)) {
+  for (RolloutTask& task : book.grant(now_ns)) {
+    if (const auto watched = watched_.find(task.slot); watched != watched_.end())
+      task.live_frames_hz = watched->second;
     const auto served = served_.find(task.worker_id);
     const Result<void> ok = served == served_.end() ? Result<void>(Failure{"worker is unknown"})
                                                     : served->second.writer->write(task);
@@ -320,6 +343,53 @@ void LearnerBus::write_grants(TaskBook& book, std::int64_t now_ns) {
   if (bytes == 0) return;
   const std::lock_guard lock(mutex_);
   statistics_.bytes_down += bytes;
+}
+
+void LearnerBus::raise_alarms() {
+  std::size_t ring = 0;
+  std::uint64_t full = 0;
+  {
+    const std::lock_guard lock(mutex_);
+    ring = std::exchange(ring_peak_, 0);
+    full = statistics_.full;
+  }
+  std::uint64_t lanes = 0;
+  for (const auto& [id, served] : served_) lanes += served.joined ? served.last.lanes : 0;
+  alarms_.set("ring", 4 * ring >= 3 * ring_capacity_,
+              fmt::format("{} of {} places for segments are taken: the learner does not keep up",
+                          ring, ring_capacity_));
+  alarms_.set("flood", full > 0,
+              "the segment reader was full: somebody sends segments without tasks");
+  alarms_.set(
+      "slots", lanes > options_.slots,
+      fmt::format("{} lanes of workers share {} slots: some stand idle; raise rollout.slots "
+                  "in a new run or stop workers",
+                  lanes, options_.slots));
+  profile_alarms_.raise(alarms_, options_.profile, steady_now_ns());
+}
+
+std::vector<ControlCommand> LearnerBus::take_commands() {
+  const std::lock_guard lock(mutex_);
+  return std::exchange(commands_, {});
+}
+
+void LearnerBus::reply(const ControlCommand& command, bool done, const std::string& text) {
+  ControlReply reply;
+  reply.run_id = options_.run;
+  reply.request = command.request;
+  reply.program = "learner";
+  reply.done = done;
+  reply.text = text;
+  if (const Result<void> sent = reply_writer_.write(reply); !sent)
+    log().warn("event=reply_not_sent reason=\"{}\"", sent.error());
+}
+
+void LearnerBus::watch_slot(std::uint32_t slot, float hz) {
+  if (hz > 0) {
+    watched_[slot] = hz;
+  } else {
+    watched_.erase(slot);
+  }
 }
 
 bool LearnerBus::finish(std::int64_t timeout_ns) {

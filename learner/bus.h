@@ -13,8 +13,11 @@
 #include <utility>
 #include <vector>
 
-#include "core/dds_profile.h"
+#include "core/alarms.h"
+#include "core/dds_options.h"
+#include "core/heartbeat.h"
 #include "core/wire.h"
+#include "learner/hub_mirror.h"
 #include "learner/task_book.h"
 
 namespace omentum {
@@ -22,8 +25,9 @@ namespace omentum {
 struct LearnerBusOptions {
   std::string run;  ///< name; partition of the run
   std::uint32_t domain = 0;
-  DdsProfile profile;  ///< of choose_dds_profile(learner_receive_bytes(...))
+  DdsProfile profile;  ///< of find_dds_profile()
   std::uint32_t learner_epoch = 1;
+  std::string heartbeat;    ///< file that serve() touches; empty: none
   std::uint32_t slots = 1;  ///< E; ring and reader hold 4 E segments, at least 64
 };
 
@@ -72,6 +76,19 @@ class LearnerBus {
   /// Sleeps until there is something to serve; true when there is.
   bool wait(std::int64_t timeout_ns);
 
+  /// What operators have asked since the last call.
+  std::vector<ControlCommand> take_commands();
+  void reply(const ControlCommand& command, bool done, const std::string& text);
+  /// Nothing is granted while paused; what is out comes in.
+  void pause_grants(bool paused) { paused_ = paused; }
+  /// Workers publish frames of the slot from its next task on, so often [Hz]; 0 ends it.
+  void watch_slot(std::uint32_t slot, float hz);
+  /// Highest epoch of another learner that workers report to have followed; 0 = none.
+  std::uint32_t epoch_of_workers() const { return epoch_of_workers_; }
+
+  /// The certificate has ended (dds::Participant::expired): nobody hears this process any more.
+  bool expired() const { return participant_.expired(); }
+
   /// A learner with a higher epoch serves this run: stop and exit with an error. Nothing more is
   /// published.
   bool superseded() const { return superseding_epoch() != 0; }
@@ -111,6 +128,8 @@ class LearnerBus {
   void drain_segments();
   void drain_worker_status();
   void drain_learner_status();
+  void drain_commands();
+  void drain_mirrored();
   void send_status(std::int64_t now_ns);
 
   void follow_worker(TaskBook& book, std::uint32_t id, const Seen& seen, std::int64_t now_ns);
@@ -120,6 +139,7 @@ class LearnerBus {
   void write_grants(TaskBook& book, std::int64_t now_ns);
   void repeat_for_workers(std::int64_t now_ns);
   void report_book(const TaskBook& book, std::int64_t now_ns);
+  void raise_alarms();
 
   LearnerBusOptions options_;
   std::uint32_t policy_id_;
@@ -133,6 +153,12 @@ class LearnerBus {
   std::optional<BusReader<RolloutSegment>> segment_reader_;  // drain thread only
   BusReader<WorkerStatus> worker_reader_;                    // drain thread only
   BusReader<LearnerStatus> learner_reader_;                  // drain thread only
+  BusReader<ControlCommand> command_reader_;                 // drain thread only
+  BusWriter<ControlReply> reply_writer_;
+  // In a hub; drain thread only.
+  std::optional<HubMirror> mirror_;
+  std::optional<BusReader<SimFrame>> frame_reader_;
+  std::optional<BusReader<ControlReply>> reply_reader_;
   dds::Waitset waitset_;
 
   // Learner thread only.
@@ -146,6 +172,12 @@ class LearnerBus {
   RunManifest manifest_;                    ///< as published
   std::deque<PolicyWeights> sent_weights_;  ///< the last two
   bool weights_wanted_ = false;             ///< a worker declined for lack of them
+  bool paused_ = false;
+  std::map<std::uint32_t, float> watched_;  ///< frames [Hz] by slot
+  std::uint32_t epoch_of_workers_ = 0;
+  Alarms alarms_;
+  ProfileAlarms profile_alarms_;
+  Heartbeat heartbeat_;
 
   mutable std::mutex mutex_;
   std::condition_variable something_;
@@ -155,10 +187,12 @@ class LearnerBus {
   std::map<std::uint32_t, Seen> seen_;  // guarded by mutex_
   // Of every worker seen, also after it left; guarded by mutex_.
   std::map<std::uint32_t, std::uint64_t> participant_of_;
-  bool workers_changed_ = false;  // guarded by mutex_
-  LearnerStatus status_;          // guarded by mutex_
-  bool status_urgent_ = true;     // guarded by mutex_
-  BusStatistics statistics_;      // guarded by mutex_
+  bool workers_changed_ = false;          // guarded by mutex_
+  std::vector<ControlCommand> commands_;  // guarded by mutex_
+  std::size_t ring_peak_ = 0;             // since the last report; guarded by mutex_
+  LearnerStatus status_;                  // guarded by mutex_
+  bool status_urgent_ = true;             // guarded by mutex_
+  BusStatistics statistics_;              // guarded by mutex_
 
   // Drain thread only.
   std::int64_t status_sent_ns_ = 0, rate_from_ns_ = 0;

@@ -15,6 +15,7 @@ constexpr std::int64_t kMs = 1'000'000;
 constexpr std::int64_t kStatusPeriodNs = 500 * kMs;
 constexpr std::int64_t kRatePeriodNs = 1'000 * kMs;
 constexpr int kTakenAtOnce = 64;
+constexpr std::size_t kMostCommands = 64;  // of a flood; an operator sends one
 
 }  // namespace
 
@@ -28,6 +29,8 @@ void LearnerBus::drain(const std::stop_token& stop) {
     drain_worker_status();  // first: whose segments count
     drain_segments();
     drain_learner_status();
+    drain_commands();
+    drain_mirrored();
   }
 }
 
@@ -44,11 +47,13 @@ void LearnerBus::drain_segments() {
           ++statistics_.foreign;
           return;
         }
+        if (mirror_) mirror_->segment(arrival.record);
         statistics_.bytes_up += bytes;
         if (ring_.size() >= ring_capacity_) {
           overflown_.emplace_back(arrival.record.slot, arrival.record.task_hash);
         } else {
           ring_.push_back(std::move(arrival.record));
+          ring_peak_ = std::max(ring_peak_, ring_.size());
         }
       });
   if (!taken) log().error("event=take_failed reason=\"{}\"", taken.error());
@@ -88,13 +93,16 @@ void LearnerBus::drain_worker_status() {
             return;
           }
           if (!seen.alive) ++statistics_.workers_alive;
-          participant_of_.try_emplace(arrival.record.worker_id, arrival.info.participant);
+          // One that rejoined, with a certificate renewed, is another participant.
+          if (!seen.alive) participant_of_[arrival.record.worker_id] = arrival.info.participant;
+          if (mirror_) mirror_->worker(arrival.record);
           seen.status = std::move(arrival.record);
           seen.writer = arrival.info.writer;
           seen.at_ns = steady_now_ns();
         } else if (seen.alive) {
           --statistics_.workers_alive;
           seen.crashed = arrival.info.state != dds::InstanceState::kDisposed;
+          if (mirror_) mirror_->gone(seen.status);
           ++(seen.crashed ? statistics_.worker_crashes : statistics_.worker_leaves);
         }
         seen.alive = alive;
@@ -117,6 +125,36 @@ void LearnerBus::drain_learner_status() {
     something_.notify_all();
   });
   if (!taken) log().error("event=take_failed reason=\"{}\"", taken.error());
+}
+
+void LearnerBus::drain_commands() {
+  const Result<int> taken =
+      command_reader_.take(kTakenAtOnce, [this](Arrival<ControlCommand>&& arrival) {
+        if (!arrival.info.valid || arrival.record.run_id != options_.run) return;
+        if (HubMirror::is_forwarded(arrival.record)) return;
+        if (mirror_ && arrival.record.action == ControlAction::kDrain)
+          mirror_->forward(arrival.record);
+        const std::lock_guard lock(mutex_);
+        if (commands_.size() < kMostCommands) {
+          commands_.push_back(std::move(arrival.record));
+        } else {
+          log().warn("event=command_dropped reason=\"a flood\"");  // the log counts what repeats
+        }
+      });
+  if (!taken) log().error("event=take_failed reason=\"{}\"", taken.error());
+  if (taken && taken.value() > 0) something_.notify_all();
+}
+
+void LearnerBus::drain_mirrored() {
+  if (!mirror_) return;
+  const Result<int> frames = frame_reader_->take(kTakenAtOnce, [this](Arrival<SimFrame>&& arrival) {
+    if (arrival.info.valid) mirror_->frame(arrival.record);
+  });
+  const Result<int> replies =
+      reply_reader_->take(kTakenAtOnce, [this](Arrival<ControlReply>&& arrival) {
+        if (arrival.info.valid && arrival.record.worker_id != 0) mirror_->reply(arrival.record);
+      });
+  if (!frames || !replies) log().error("event=take_failed topic=mirrored");
 }
 
 void LearnerBus::send_status(std::int64_t now_ns) {

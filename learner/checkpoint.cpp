@@ -297,26 +297,27 @@ Result<void> check_same_config(const pb::Checkpoint& checkpoint, std::uint64_t c
                                      : difference)};
 }
 
-Result<std::uint32_t> next_learner_epoch(const std::string& folder, std::uint32_t unix_s) {
+Result<std::uint32_t> last_learner_epoch(const std::string& folder) {
   const std::string path = folder + "/learner_epoch";
-  std::uint64_t epoch = 0;
-  if (fs::exists(path)) {
-    const Result<std::string> read = read_file(path);
-    if (!read) return Failure{read.error()};
-    std::string_view text = read.value();
-    if (text.ends_with('\n')) text.remove_suffix(1);
-    const std::optional<std::uint64_t> number = parse_number(text);
-    if (!number || *number >= std::numeric_limits<std::uint32_t>::max()) {
-      return Failure{fmt::format("{} does not hold a number: remove the file to go on", path)};
-    }
-    epoch = *number;
-  }
-  epoch = std::max<std::uint64_t>(epoch + 1, unix_s);
-  const std::string text = fmt::format("{}\n", epoch);
-  if (Result<void> result = write_durably(path, text); !result) {
+  if (!fs::exists(path)) return std::uint32_t{0};
+  const Result<std::string> read = read_file(path);
+  if (!read) return Failure{read.error()};
+  std::string_view text = read.value();
+  if (text.ends_with('\n')) text.remove_suffix(1);
+  const std::optional<std::uint64_t> number = parse_number(text);
+  if (!number || *number >= std::numeric_limits<std::uint32_t>::max())
+    return Failure{fmt::format("{} does not hold a number: remove the file to go on", path)};
+  return static_cast<std::uint32_t>(*number);
+}
+
+Result<std::uint32_t> next_learner_epoch(const std::string& folder, std::uint32_t unix_s) {
+  const Result<std::uint32_t> last = last_learner_epoch(folder);
+  if (!last) return last;
+  const std::uint32_t epoch = std::max(last.value() + 1, unix_s);
+  const std::string path = folder + "/learner_epoch";
+  if (Result<void> result = write_durably(path, fmt::format("{}\n", epoch)); !result)
     return Failure{result.error()};
-  }
-  return static_cast<std::uint32_t>(epoch);
+  return epoch;
 }
 
 }  // namespace omentum

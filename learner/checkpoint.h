@@ -77,6 +77,8 @@ Result<pb::Checkpoint> load_checkpoint(const std::string& path);
 Result<void> check_same_config(const pb::Checkpoint& checkpoint, std::uint64_t config_hash,
                                const std::string& config_text);
 
+/// Epoch of the last session in this folder; 0 = none.
+Result<std::uint32_t> last_learner_epoch(const std::string& folder);
 /// Epoch of a new session, kept durably in <folder>/learner_epoch: above every earlier one of the
 /// folder, and the present time [s since 1970] at least, so that it also grows when the folder was
 /// removed. Call before the first publication.

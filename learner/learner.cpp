@@ -107,6 +107,9 @@ void Learner::restore() {
                   options_.run_dir, one_line(same.error()));
     }
   }
+  const Result<std::uint32_t> last = last_learner_epoch(options_.run_dir);
+  if (!last) throw_error("{}", last.error());
+  folder_epoch_ = last.value();
   const Result<std::uint32_t> epoch = next_learner_epoch(
       options_.run_dir, static_cast<std::uint32_t>(wall_now_ns() / 1'000'000'000));
   if (!epoch) throw_error("{}", epoch.error());
@@ -156,15 +159,24 @@ void Learner::restore() {
 }
 
 // The whole run: collect a batch, check it, learn, publish, report, save; then evaluate.
-int Learner::run(const std::function<bool()>& stop) {
+int Learner::run(const std::function<bool()>& stop_from_outside) {
+  const std::function<bool()> stop = [&] {
+    return stop_wanted_ || bus_->expired() || stop_from_outside();
+  };
   LearnerBusOptions options;
   options.run = config_.run().name();
   options.domain = config_.run().domain();
   options.slots = config_.rollout().slots();
+  options.heartbeat = options_.heartbeat;
   options.learner_epoch = epoch_;
   const std::size_t step_bytes = 20 + sizeof(float) * static_cast<std::size_t>(shape_.observations);
   const std::size_t segment_bytes = 40000 + step_bytes * config_.rollout().steps_per_segment();
-  options.profile = choose_dds_profile(learner_receive_bytes(options.slots, segment_bytes));
+  std::optional<DdsProfile> profile =
+      wait_for_dds_profile(options_.dds, DdsRole::kHub, options.domain,
+                           learner_receive_bytes(options.slots, segment_bytes),
+                           static_cast<std::int64_t>(1e9 * options_.max_wait_s), stop_from_outside);
+  if (!profile) return stop_from_outside() ? 130 : 1;
+  options.profile = std::move(*profile);
   bus_ = std::make_unique<LearnerBus>(options);
 
   RunManifest manifest;
@@ -209,7 +221,20 @@ int Learner::run(const std::function<bool()>& stop) {
         bus_->finish(std::int64_t{2'000'000'000});
         return 1;
       }
+      if (folder_is_old()) {
+        log().error(
+            "workers have followed epoch {} of run {}, {} knows of {} only: the wrong folder, or "
+            "an "
+            "old copy; --restart begins anew",
+            bus_->epoch_of_workers(), options.run, options_.run_dir, folder_epoch_);
+        return 1;
+      }
       const int code = stopped();
+      if (bus_->expired()) {
+        log().error("the certificate has ended: {}",
+                    certificate_warning(options.profile).value_or(""));
+        return 1;
+      }
       return waited_too_long_ ? 1 : code;
     }
     const std::vector<RolloutSegment> segments = book_->take_batch();
@@ -305,9 +330,11 @@ void Learner::publish_weights(const PolicyWeights& weights) {
 
 bool Learner::collect_batch(const std::function<bool()>& stop) {
   const std::int64_t mark = steady_now_ns();
-  say_phase(LearnerPhase::kWaiting);
+  say_phase(paused_ ? LearnerPhase::kPaused : LearnerPhase::kWaiting);
   while (!book_->batch_complete()) {
-    if (stop() || bus_->superseded() || book_->failures() > kMaxFailures) return false;
+    obey_commands();
+    if (stop() || folder_is_old() || bus_->superseded() || book_->failures() > kMaxFailures)
+      return false;
     if (book_->audit_difference()) return false;
     bus_->serve(*book_, steady_now_ns());
     if (book_->batch_complete()) break;
@@ -348,13 +375,13 @@ bool Learner::check_batch(Batch& batch) {
 }
 
 void Learner::say_phase(LearnerPhase phase) {
-  LearnerStatus status;
-  status.phase = phase;
-  status.policy_version = ppo_->version();
-  status.batch = ppo_->version();
-  status.steps_total = ppo_->steps_total();
-  status.weights_hash = current_.weights_hash;
-  bus_->set_status(status);
+  status_.phase = phase;
+  status_.policy_version = ppo_->version();
+  status_.batch = ppo_->version();
+  status_.steps_total = ppo_->steps_total();
+  status_.steps_wanted = config_.rollout().max_steps();
+  status_.weights_hash = current_.weights_hash;
+  bus_->set_status(status_);
 }
 
 }  // namespace omentum

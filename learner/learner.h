@@ -9,6 +9,8 @@
 #include <string>
 #include <vector>
 
+#include "core/dds_options.h"
+#include "core/heartbeat.h"
 #include "core/policy.h"
 #include "learner/batch.h"
 #include "learner/bus.h"
@@ -25,6 +27,8 @@
 namespace omentum {
 
 struct LearnerOptions {
+  DdsOptions dds;
+  std::string heartbeat;        ///< file that the loop touches; empty: none
   std::string run_dir;          ///< runs/<name>; made if missing
   bool restart = false;         ///< move an existing run aside
   std::string initialise_from;  ///< checkpoint file whose weights a new run starts from
@@ -37,8 +41,8 @@ struct LearnerOptions {
 /// One training run: owns the task book, PPO, the bus and the run folder. A run folder with a
 /// checkpoint is continued bit for bit. One thread, plus the bus's drain thread and PPO's helpers.
 /// learner.cpp has the run, learner_waiting.cpp what it says without workers, learner_saving.cpp
-/// what it leaves on disk, learner_report.cpp metrics and status of each update,
-/// learner_evaluation.cpp the evaluation and the summary.
+/// what it leaves on disk, learner_control.cpp what operators ask, learner_report.cpp metrics and
+/// status of each update, learner_evaluation.cpp the evaluation and the summary.
 class Learner {
  public:
   /// Reads or makes the run folder. Throws Error: one line.
@@ -96,6 +100,11 @@ class Learner {
   int audit_failed();
   RunSummary summary() const;
   void say_phase(LearnerPhase phase);
+  /// Does what operators have asked since the last call; not during an update.
+  void obey_commands();
+  void obey(const ControlCommand& command);
+  /// Workers have followed a later learner than this folder knows of.
+  bool folder_is_old() const;
   double wall_s() const;
 
   pb::Config config_;
@@ -104,6 +113,7 @@ class Learner {
   PolicyShape shape_;
   std::uint64_t updates_wanted_ = 0;
   std::uint32_t epoch_ = 0;
+  std::uint32_t folder_epoch_ = 0;  ///< of the last session in the run folder; 0 = none
 
   std::unique_ptr<RunLock> lock_;
   std::unique_ptr<CheckpointStore> checkpoints_;
@@ -113,6 +123,9 @@ class Learner {
   std::unique_ptr<MetricsWriter> metrics_;
   RecentEpisodes episodes_;
   PolicyWeights current_, previous_;  ///< v(k) and v(k-1)
+
+  LearnerStatus status_;                                                   ///< as published last
+  bool stop_wanted_ = false, paused_ = false, evaluation_wanted_ = false;  ///< by an operator
 
   std::uint64_t physics_ticks_ = 0;
   double log_prob_check_max_ = 0;

@@ -24,6 +24,7 @@ bool Learner::run_evaluation_set(const EvaluationSet& set, const std::function<b
                                  Evaluated& result) {
   book_->evaluate(evaluation_tasks(config_, set, current_.policy_version));
   while (!book_->evaluation_complete()) {
+    obey_commands();
     if (stop() || bus_->superseded() || book_->audit_difference()) return false;
     bus_->serve(*book_, steady_now_ns());
     if (!book_->evaluation_complete()) bus_->wait(std::int64_t{20'000'000});
@@ -84,8 +85,9 @@ std::optional<std::vector<EvaluationSummary>> Learner::evaluate(const std::strin
 bool Learner::evaluate_on_the_way(const std::function<bool()>& stop) {
   const pb::Evaluation& knobs = config_.evaluation();
   const std::uint64_t updates = ppo_->version();
-  if (!knobs.enabled() || knobs.interval_updates() == 0 || updates == 0) return true;
-  if (updates % knobs.interval_updates() != 0) return true;
+  const bool due = knobs.enabled() && knobs.interval_updates() > 0 && updates > 0 &&
+                   updates % knobs.interval_updates() == 0;
+  if (!std::exchange(evaluation_wanted_, false) && !due) return true;
   const std::string folder = fmt::format("{}/evaluation/update-{}", options_.run_dir, updates);
   if (!options_.quiet) fmt::print("after update {}:\n", updates);
   return evaluate(folder, false, stop).has_value();

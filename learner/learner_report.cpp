@@ -98,18 +98,13 @@ void Learner::report_update(const UpdateStats& stats) {
     log().warn("metrics: {}", written.error());
   }
 
-  LearnerStatus status;
-  status.policy_version = stats.version;
-  status.batch = stats.version;
-  status.steps_total = ppo_->steps_total();
-  status.steps_per_s = rate;
-  status.mean_return = mean_return;
-  status.mean_length = mean_length;
-  status.approx_kl = stats.approx_kl;
-  status.entropy = stats.entropy;
-  status.explained_variance = stats.explained_variance;
-  status.weights_hash = current_.weights_hash;
-  bus_->set_status(status);
+  status_.steps_per_s = rate;
+  status_.mean_return = mean_return;
+  status_.mean_length = mean_length;
+  status_.approx_kl = stats.approx_kl;
+  status_.entropy = stats.entropy;
+  status_.explained_variance = stats.explained_variance;
+  say_phase(LearnerPhase::kWaiting);
 
   if (options_.quiet) return;
   fmt::print(

@@ -51,15 +51,23 @@ int run(int argc, char** argv) {
                "Print the resolved configuration and its hash, have the sim_worker beside this "
                "program check its scene, and exit: 0, or 2 with the reason");
   app.add_flag("--print-dds-env", print_dds, "Print CYCLONEDDS_URI for other tools and exit");
+  add_dds_options(app, options.dds);
+  app.add_option(
+         "--heartbeat", options.heartbeat,
+         "File that the main loop touches every second, for the health check of a container")
+      ->envname("OMENTUM_HEARTBEAT");
   app.footer("\n" + knob_help() +
              "\nExit codes: 0 done, 2 wrong input, 130 stopped with a resumable checkpoint, 1 "
              "integrity check failed, physics diverged or a newer learner serves the run.");
   if (const std::optional<int> code = parse_command_line(app, argc, argv)) return *code;
+  pb::Config config = load_config(preset, overrides);
   if (print_dds) {
-    std::puts(dds_environment(choose_dds_profile(0)).c_str());
+    const Result<DdsProfile> profile =
+        find_dds_profile(options.dds, DdsRole::kOther, config.run().domain(), 0);
+    if (!profile) throw_error("--print-dds-env: {}", profile.error());
+    std::puts(dds_environment(profile.value()).c_str());
     return 0;
   }
-  pb::Config config = load_config(preset, overrides);
   if (name.empty()) name = config.run().name().empty() ? preset : config.run().name();
   check_run_name(name);
   config.mutable_run()->set_name(name);

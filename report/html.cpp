@@ -203,7 +203,7 @@ std::string make_table(const std::vector<std::vector<std::string>>& rows,
 
 std::string make_page(const std::string& title, const std::string& subtitle,
                       const std::string& tiles, const std::vector<Section>& sections,
-                      const std::string& script) {
+                      const std::string& script, const std::string& footer) {
   std::string html = fmt::format(
       "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n"
       "<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n"
@@ -221,9 +221,7 @@ std::string make_page(const std::string& title, const std::string& subtitle,
       html += fmt::format("<p class=\"lead\">{}</p>\n", escape_html(section.lead));
     html += section.content + "</section>\n";
   }
-  html +=
-      "</main>\n<footer>Made by the program <code>report</code> of Omentum. This file is complete "
-      "in itself: it loads nothing from anywhere.</footer>\n";
+  html += "</main>\n<footer>" + footer + "</footer>\n";
   html += fmt::format("<script>\n{}</script>\n", kScrollScript);
   if (!script.empty()) html += "<script>\n" + script + "</script>\n";
   return html + "</body>\n</html>\n";

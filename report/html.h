@@ -31,8 +31,9 @@ struct Section {
 };
 
 /// The whole document: style, header, contents, sections, script. Refers to nothing outside itself.
+/// `footer` is markup under everything.
 std::string make_page(const std::string& title, const std::string& subtitle,
                       const std::string& tiles, const std::vector<Section>& sections,
-                      const std::string& script);
+                      const std::string& script, const std::string& footer);
 
 }  // namespace omentum

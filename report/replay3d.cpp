@@ -138,6 +138,64 @@ TriangleMesh board_mesh(const Scene& scene) {
   return mesh;
 }
 
+/// What of a scene does not move, or is drawn at rest.
+struct StillBodies {
+  std::vector<TriangleMesh> meshes;
+  std::vector<std::string> kinds;
+};
+
+StillBodies still_bodies(const Scene& scene) {
+  StillBodies still{{board_mesh(scene)}, {"board"}};
+  for (const RigidShape& body : scene.bodies) {
+    TriangleMesh mesh = page_mesh(body);
+    if (mesh.triangles.empty()) continue;
+    still.meshes.push_back(std::move(mesh));
+    still.kinds.emplace_back(kind_of(body.role));
+  }
+  if (scene.soft_body) {
+    TriangleMesh mesh{{}, scene.soft_body->body.surface_triangles};
+    for (const Eigen::Vector3d& p : scene.soft_body->body.particles)
+      mesh.vertices.push_back(scene.soft_body->body.X_WB * p);
+    still.meshes.push_back(std::move(mesh));
+    still.kinds.emplace_back(kind_of(scene.soft_body->role));
+  }
+  return still;
+}
+
+/// Everything of the page's data but the episodes.
+Json scene_json(const Scene& scene, const StillBodies& still, const Eigen::AlignedBox3d& box,
+                const SurfaceSkin& skin, Quantiser& quantiser) {
+  Json bodies = Json::array();
+  for (std::size_t k = 0; k < still.meshes.size(); ++k) {
+    for (const Eigen::Vector3d& p : still.meshes[k].vertices) quantiser.add(p);
+    bodies.push_back({{"kind", still.kinds[k]},
+                      {"data", quantiser.take()},
+                      {"triangles", json_triangles(still.meshes[k].triangles)}});
+  }
+  const Eigen::Vector3d target =
+      scene.tissue.X_WB.translation() + Eigen::Vector3d(0.012, -0.012, 0.012);
+  return {{"low", json_point(box.min())},
+          {"high", json_point(box.max())},
+          {"vertices", skin.vertices()},
+          {"triangles", json_triangles(scene.tissue.surface_triangles)},
+          {"bodies", bodies},
+          {"target", json_point(target)},
+          {"yaw", 1.05},
+          {"pitch", 0.52},
+          {"distance", 0.36},
+          {"roll", scene.config.tool().roll_deg() * kDegree},
+          {"speed", 2}};
+}
+
+constexpr const char* kPane =
+    "<div class=\"pane\"><canvas tabindex=\"0\" role=\"img\" aria-label=\"3-D view of the episode "
+    "below; arrow keys turn it, plus and minus zoom, 0 goes back to the first view\"></canvas><div "
+    "class=\"over\"><select aria-label=\"episode\"{}></select><span class=\"state\"></span></div>"
+    "</div>\n";
+constexpr const char* kHint =
+    "<p class=\"hint\">Drag to turn, wheel or pinch to zoom, double click to go back to the first "
+    "view. By keyboard, in a view: arrow keys, + and -, 0.</p>\n";
+
 /// Frames of an episode that are embedded: all, or evenly chosen with first and last.
 std::vector<std::size_t> chosen_frames(std::size_t count) {
   std::vector<std::size_t> frames;
@@ -247,31 +305,11 @@ std::string make_replay_markup(const Scene& scene, const std::vector<ReplayEpiso
     return missing(
         "No recording with frames of this sheet: run the evaluation with recordings on.");
   }
-  std::vector<TriangleMesh> meshes{board_mesh(scene)};
-  std::vector<std::string> kinds{"board"};
-  for (const RigidShape& body : scene.bodies) {
-    TriangleMesh mesh = page_mesh(body);
-    if (mesh.triangles.empty()) continue;
-    meshes.push_back(std::move(mesh));
-    kinds.emplace_back(kind_of(body.role));
-  }
-  if (scene.soft_body) {  // drawn at rest
-    TriangleMesh mesh{{}, scene.soft_body->body.surface_triangles};
-    for (const Eigen::Vector3d& p : scene.soft_body->body.particles)
-      mesh.vertices.push_back(scene.soft_body->body.X_WB * p);
-    meshes.push_back(std::move(mesh));
-    kinds.emplace_back(kind_of(scene.soft_body->role));
-  }
-  const Eigen::AlignedBox3d box = extent_of(meshes, episodes);
+  const StillBodies still = still_bodies(scene);
+  const Eigen::AlignedBox3d box = extent_of(still.meshes, episodes);
   const SurfaceSkin skin(scene.tissue);
   Quantiser quantiser(box);
-  Json bodies = Json::array();
-  for (std::size_t k = 0; k < meshes.size(); ++k) {
-    for (const Eigen::Vector3d& p : meshes[k].vertices) quantiser.add(p);
-    bodies.push_back({{"kind", kinds[k]},
-                      {"data", quantiser.take()},
-                      {"triangles", json_triangles(meshes[k].triangles)}});
-  }
+  Json data = scene_json(scene, still, box, skin, quantiser);
   Json shown = Json::array();
   std::string blocks;
   for (std::size_t k = 0; k < episodes.size(); ++k) {
@@ -279,40 +317,54 @@ std::string make_replay_markup(const Scene& scene, const std::vector<ReplayEpiso
     shown.push_back(std::move(text.json));
     blocks += text.block;
   }
-  const Eigen::Vector3d target =
-      scene.tissue.X_WB.translation() + Eigen::Vector3d(0.012, -0.012, 0.012);
-  const double roll = scene.config.tool().roll_deg() * kDegree;
   std::string html = "<div class=\"replay\">\n";
   for (int pane = 0; pane < (episodes.size() > 1 ? 2 : 1); ++pane) {
-    html +=
-        "<div class=\"pane\"><canvas tabindex=\"0\" role=\"img\" aria-label=\"3-D view of the "
-        "episode below; arrow "
-        "keys turn it, plus and minus zoom, 0 goes back to the first view\"></canvas><div "
-        "class=\"over\"><select "
-        "aria-label=\"episode\"></select>"
-        "<span class=\"state\"></span></div></div>\n";
+    html += fmt::format(kPane, "");
   }
   html +=
       "</div>\n<div class=\"controls\"><button id=\"replay-play\" type=\"button\">Play</button>"
       "<input id=\"replay-time\" type=\"range\" min=\"0\" value=\"0\" aria-label=\"time\">"
-      "<span class=\"time\" id=\"replay-clock\"></span></div>\n"
-      "<p class=\"hint\">Drag to turn, wheel or pinch to zoom, double click to go back to the "
-      "first view. By keyboard, in a view: arrow keys, + and -, 0.</p>\n";
-  const Json data = {{"low", json_point(box.min())},
-                     {"high", json_point(box.max())},
-                     {"vertices", skin.vertices()},
-                     {"triangles", json_triangles(scene.tissue.surface_triangles)},
-                     {"bodies", bodies},
-                     {"episodes", shown},
-                     {"target", json_point(target)},
-                     {"yaw", 1.05},
-                     {"pitch", 0.52},
-                     {"distance", 0.36},
-                     {"roll", roll},
-                     {"speed", 2}};
+      "<span class=\"time\" id=\"replay-clock\"></span></div>\n";
+  html += kHint;
+  data["episodes"] = shown;
   html +=
       "<script type=\"application/json\" id=\"replay-data\">" + script_text(data) + "</script>\n";
   return html + blocks;
+}
+
+std::string make_live_markup(const Scene& scene) {
+  const SurfaceSkin skin(scene.tissue);
+  if (skin.vertices() > 65535) return {};
+  const StillBodies still = still_bodies(scene);
+  std::vector<float> rest;
+  Eigen::AlignedBox3d box = extent_of(still.meshes, {});
+  for (const Eigen::Vector3d& p_B : scene.tissue.particles) {
+    const Eigen::Vector3d p_W = scene.tissue.X_WB * p_B;
+    box.extend(p_W);
+    for (int axis = 0; axis < 3; ++axis) rest.push_back(static_cast<float>(p_W[axis]));
+  }
+  box.extend(scene.tool_start);
+  Quantiser quantiser(box);
+  Json data = scene_json(scene, still, box, skin, quantiser);
+  quantiser.add(skin.apply(rest));
+  const std::string positions = quantiser.take();
+  quantiser.add(scene.tool_start);
+  data["live"] = true;
+  const Json episode = {{"label", "live"},
+                        {"block", "replay-block-0"},
+                        {"times", Json::array({0})},
+                        {"held", Json::array({0})},
+                        {"exposure", Json::array({0})},
+                        {"note", "no frame yet"},
+                        {"tool_data", quantiser.take()}};
+  data["episodes"] = Json::array({episode});
+  // The script's own controls choose among recorded frames.
+  return "<div class=\"replay\">\n" + fmt::format(kPane, " style=\"display:none\"") +
+         "</div>\n<div style=\"display:none\"><button id=\"replay-play\"></button><input "
+         "id=\"replay-time\" type=\"range\"><span id=\"replay-clock\"></span></div>\n" +
+         kHint + "<script type=\"application/json\" id=\"replay-data\">" + script_text(data) +
+         "</script>\n<script type=\"text/plain\" id=\"replay-block-0\">" + positions +
+         "</script>\n";
 }
 
 }  // namespace omentum

@@ -35,9 +35,15 @@ struct ReplayEpisode {
 /// 120 frames per episode.
 std::string make_replay_markup(const Scene& scene, const std::vector<ReplayEpisode>& episodes);
 
-/// The script behind it: plain JavaScript, WebGL with a 2-D canvas as fallback, no network. Opening
-/// the report with #selftest (or #selftest-2d for the fallback) moves the slider, compares the
-/// drawn pictures and writes "ok ..." or "failed ..." into data-selftest of the html element.
+/// One pane for an environment that runs now: the scene with its tissue at rest, until the page
+/// calls show_frame({positions, tools, held, note}): Float32Array of x y z of SurfaceSkin's
+/// vertices and of the tool [m, W], [1] or [0], and the words in the pane's corner. Empty where the
+/// surface has too many vertices for a page.
+std::string make_live_markup(const Scene& scene);
+
+/// The script behind both: plain JavaScript, WebGL with a 2-D canvas as fallback, no network.
+/// Opening the report with #selftest (or #selftest-2d for the fallback) moves the slider, compares
+/// the drawn pictures and writes "ok ..." or "failed ..." into data-selftest of the html element.
 std::string replay_script();
 
 }  // namespace omentum

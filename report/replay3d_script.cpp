@@ -285,7 +285,7 @@ constexpr const char* kScript = R"js("use strict";
       const meshes = scene.bodies.map((body) => ({ mesh: body, kind: body.kind }));
       meshes.push({ mesh: sheet, kind: "tissue" }, { mesh: tool_mesh(tip, episode.held[k]), kind: "tool" });
       painter.paint(meshes, camera(w / h));
-      pane.state.textContent = `exposure ${(100 * episode.exposure[k]).toFixed(0)} %` + (episode.held[k] ? " \u00b7 held" : "");
+      pane.state.textContent = episode.note ?? `exposure ${(100 * episode.exposure[k]).toFixed(0)} %` + (episode.held[k] ? " \u00b7 held" : "");
     }
   }
 
@@ -355,6 +355,12 @@ constexpr const char* kScript = R"js("use strict";
   function zoom(factor) { view.distance = Math.min(1.2, Math.max(0.08, view.distance * factor)); }
   slider.value = 0.8 * duration;  // something has happened by then
   draw();
+  if (scene.live) {
+    window.show_frame = (frame) => {
+      Object.assign(scene.episodes[0], frame);
+      draw();
+    };
+  }
 
   // ---- self-test ------------------------------------------------------------------------------------------------
   if (selftest) {

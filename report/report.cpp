@@ -74,7 +74,9 @@ std::string make_report(const std::vector<RunFolder>& runs, const Scene* scene,
                                          make_numbers_section(runs),
                                          make_config_section(runs, all)};
   return make_page(title_of(runs), subtitle_of(runs, episodes),
-                   audit_of(runs) + make_overview(runs), sections, replay_script());
+                   audit_of(runs) + make_overview(runs), sections, replay_script(),
+                   "Made by the program <code>report</code> of Omentum. This file is complete in "
+                   "itself: it loads nothing from anywhere.");
 }
 
 }  // namespace omentum

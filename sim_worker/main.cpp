@@ -8,7 +8,7 @@
 #include "core/build_id.h"
 #include "core/command_line.h"
 #include "core/config.h"
-#include "core/dds_profile.h"
+#include "core/dds_options.h"
 #include "core/durable_file.h"
 #include "core/fp_mode.h"
 #include "core/limits.h"
@@ -119,6 +119,8 @@ int run(int argc, char** argv) {
   // A picture that a policy sees is one tile of the rasteriser (llvmpipe), whose threads would only
   // hand it to and fro. Read once at start, before any thread is made.
   setenv("LP_NUM_THREADS", "0", 0);  // NOLINT(concurrency-mt-unsafe)
+  // A name server that does not answer must not keep a worker from leaving.
+  setenv("RES_OPTIONS", "timeout:2 attempts:1", 0);  // NOLINT(concurrency-mt-unsafe)
   CLI::App app{
       "Omentum simulation worker: takes rollout tasks from the bus, runs one environment per SIMD "
       "lane and "
@@ -158,6 +160,13 @@ int run(int argc, char** argv) {
                  "Vary each parameter of the grasp of this run folder alone, write its "
                  "evaluation/grasp_study.csv for the report, and exit: 0, or 2 with the reason");
   app.add_flag("--print-dds-env", print_dds, "Print CYCLONEDDS_URI for other tools and exit");
+  DdsOptions dds;
+  add_dds_options(app, dds);
+  std::string heartbeat;
+  app.add_option(
+         "--heartbeat", heartbeat,
+         "File that the main loop touches every second, for the health check of a container")
+      ->envname("OMENTUM_HEARTBEAT");
   app.add_flag("--knobs", print_knobs,
                "Print every knob of a run with unit, range, default and source, and exit");
   app.footer(
@@ -178,23 +187,34 @@ int run(int argc, char** argv) {
   // preset.
   constexpr std::size_t kStateBytes = 105000;
   constexpr std::size_t kWeightBytes = 400000;
-  const DdsProfile profile =
-      choose_dds_profile(worker_receive_bytes(lanes, kStateBytes, kWeightBytes));
+  const std::size_t needed_bytes = worker_receive_bytes(lanes, kStateBytes, kWeightBytes);
+  const auto find_profile = [&] {
+    return find_dds_profile(dds, DdsRole::kOther, domain, needed_bytes);
+  };
   if (print_dds) {
-    std::puts(dds_environment(profile).c_str());
+    const Result<DdsProfile> profile = find_profile();
+    if (!profile) throw_error("--print-dds-env: {}", profile.error());
+    std::puts(dds_environment(profile.value()).c_str());
     return 0;
   }
   std::signal(SIGINT, on_signal);
   std::signal(SIGTERM, on_signal);
   OMENTUM_CHECK(fp_mode_is_default());
+  const auto stopped = [] { return stop_requested != 0; };
+  const auto max_wait_ns = static_cast<std::int64_t>(1e9 * max_wait_s);
+  const std::optional<DdsProfile> profile =
+      wait_for_dds_profile(dds, DdsRole::kOther, domain, needed_bytes, max_wait_ns, stopped);
+  if (!profile) return stopped() ? 0 : 1;
 
   BusWorkerOptions options;
   options.run = run_name;
   options.domain = domain;
-  options.profile = profile;
+  options.profile = *profile;
+  options.find_profile = find_profile;
+  options.heartbeat = heartbeat;
   options.build_id = build_id();
   options.program_version = git_revision();
-  options.max_wait_ns = static_cast<std::int64_t>(1e9 * max_wait_s);
+  options.max_wait_ns = max_wait_ns;
   options.rollout = [](Backend& backend, Policy& policy, std::span<const RolloutTask> tasks,
                        const std::function<bool()>& stop) {
     return run_rollout(backend, policy, tasks, stop);
@@ -205,12 +225,13 @@ int run(int argc, char** argv) {
     made.backend = make_backend(config, static_cast<int>(lanes), width);
     made.shape = policy_shape(config);
     made.config_hash = config_hash(config);
+    made.decision_s = config.task().control_period_s() * config.task().action_repeat();
     return made;
   };
   log().info("run={} domain={} lanes={} kernel={} dds={} receive_buffer_bytes={}", run_name, domain,
-             lanes, kernel.name, profile.name, profile.receive_buffer_bytes);
+             lanes, kernel.name, profile->name, profile->receive_buffer_bytes);
   BusWorker worker(std::move(options));
-  return worker.run([] { return stop_requested != 0; });
+  return worker.run(stopped);
 }
 
 }  // namespace

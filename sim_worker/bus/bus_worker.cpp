@@ -1,14 +1,10 @@
 #include "sim_worker/bus/bus_worker.h"
 
-#include <unistd.h>
-
 #include <algorithm>
-#include <array>
 #include <utility>
 
 #include "core/check.h"
 #include "core/clock.h"
-#include "core/hash.h"
 #include "core/log.h"
 
 namespace omentum {
@@ -16,20 +12,10 @@ namespace {
 
 constexpr std::int64_t kMs = 1'000'000;
 constexpr std::int64_t kS = 1'000 * kMs;
-constexpr std::int64_t kStatusPeriodNs = 500 * kMs;
 constexpr std::int64_t kParkNs = 5 * kS;  // docs/wire.md 1: then a task without weights is declined
 constexpr std::int64_t kKeepSegmentNs = 30 * kS;  // B5
 constexpr std::int64_t kPollNs = 50 * kMs;        // stop flag
 constexpr std::int64_t kRetryNs = 10 * kMs;       // delivery
-constexpr std::size_t kMaxWarnings = 8;
-// Samples that a reader keeps beside those of a stranger who writes to the same instances.
-constexpr std::int32_t kWeightsDepth = 64;
-constexpr std::int32_t kTaskDepth = 8;
-
-std::string host_name() {
-  std::array<char, 256> name{};
-  return gethostname(name.data(), name.size() - 1) == 0 ? name.data() : "unknown";
-}
 
 BusWorkerOptions checked(BusWorkerOptions options) {
   check_run_name(options.run);
@@ -37,60 +23,36 @@ BusWorkerOptions checked(BusWorkerOptions options) {
   return options;
 }
 
-WorkerStatus first_status(const BusWorkerOptions& options) {
-  WorkerStatus status;
-  status.worker_id = make_worker_id();
-  status.host = host_name();
-  status.program_version = options.program_version;
-  status.pid = static_cast<std::uint32_t>(getpid());
-  status.build_id = options.build_id;
-  status.socket_receive_buffer_bytes = options.profile.receive_buffer_bytes;
-  return status;
-}
-
 }  // namespace
-
-std::uint32_t make_worker_id() {
-  // Two workers in one process (tests) differ by the clock.
-  const std::string identity = fmt::format("{} {} {}", host_name(), getpid(), wall_now_ns());
-  const std::uint64_t hash = fnv1a64(identity);
-  return std::max(std::uint32_t{1}, static_cast<std::uint32_t>(hash ^ (hash >> 32)));
-}
 
 BusWorker::BusWorker(BusWorkerOptions options)
     : options_(checked(std::move(options))),
-      policy_id_(static_cast<std::uint32_t>(fnv1a64(options_.run))),
-      status_(first_status(options_)),
-      participant_(options_.domain, options_.profile.uri, "omentum-worker"),
-      learner_reader_(participant_, run_partition(options_.run), "worker-learner"),
-      manifest_reader_(participant_, run_partition(options_.run), "worker-manifest"),
-      weights_reader_(participant_, run_partition(options_.run), "worker-weights", kWeightsDepth),
-      task_reader_(participant_, worker_partition(options_.run, status_.worker_id), "worker-tasks",
-                   kTaskDepth),
-      segment_writer_(participant_, public_partitions(options_.run), "worker-segments"),
-      status_writer_(participant_, public_partitions(options_.run), "worker-status"),
-      waitset_(participant_) {
-  waitset_.attach(learner_reader_.raw());
-  waitset_.attach(manifest_reader_.raw());
-  waitset_.attach(weights_reader_.raw());
-  waitset_.attach(task_reader_.raw());
+      status_(first_worker_status(options_)),
+      heartbeat_(options_.heartbeat) {
+  join(options_.profile);
+}
+
+void BusWorker::join(const DdsProfile& profile) {
+  bus_.reset();  // the domain has one configuration per process
+  options_.profile = profile;
+  bus_ = std::make_unique<WorkerBus>(
+      WorkerBusOptions{options_.run, options_.domain, profile, status_.worker_id, {}});
 }
 
 int BusWorker::run(const std::function<bool()>& stop) {
   publish_status(steady_now_ns());
-  while (!stop() && !done_) {
+  while (!stop() && !done_ && !drained_) {
     std::int64_t now = steady_now_ns();
     std::int64_t timeout = kPollNs;
     if (!outbox_.empty()) timeout = kRetryNs;
     if (const std::int64_t hold = pending_.hold_until_ns(); hold > 0)
       timeout = std::clamp<std::int64_t>(hold - now, 0, timeout);
-    waitset_.wait(timeout);
-    take_control();
+    bus_->wait(timeout);
+    take_arrivals();
     prepare();
-    take_weights();
-    take_tasks();
     now = steady_now_ns();
     tell_while_alone(now);
+    rejoin_if_moved(now);
     if (waited_too_long_) break;
     decline_unfit(now);
     flush(now);
@@ -103,7 +65,7 @@ int BusWorker::run(const std::function<bool()>& stop) {
     }
     flush(steady_now_ns());
     // Ready only when the learner's segment reader is matched.
-    const bool ready = setup_.backend != nullptr && segment_writer_.matched() > 0;
+    const bool ready = setup_.backend != nullptr && bus_->segments().matched() > 0;
     say(ready ? (running_ + pending_.size() > 0 ? WorkerPhase::kCollecting : WorkerPhase::kIdle)
               : WorkerPhase::kStarting);
     if (steady_now_ns() - status_sent_ns_ >= kStatusPeriodNs) publish_status(steady_now_ns());
@@ -203,13 +165,12 @@ void BusWorker::run_group(std::vector<TaskQueue::Entry> group, const std::functi
   running_ = static_cast<std::uint32_t>(tasks.size());
   say(WorkerPhase::kCollecting);
   std::vector<RolloutSegment> segments =
-      options_.rollout(*setup_.backend, policy_of(tasks.front()), tasks, [this, &stop] {
+      options_.rollout(*setup_.backend, policy_of(tasks.front()), tasks, [this, &stop, &tasks] {
         const std::int64_t now = steady_now_ns();
-        if (now - status_sent_ns_ >= kStatusPeriodNs) {
-          take_control();
-          publish_status(now);
-        }
-        return stop() || done_;
+        if (bus_->has_arrivals()) take_arrivals();
+        if (now - status_sent_ns_ >= kStatusPeriodNs) publish_status(now);
+        publish_frames(tasks, now);
+        return stop() || done_ || drained_;
       });
   running_ = 0;
   const std::int64_t end = steady_now_ns();
@@ -240,8 +201,8 @@ void BusWorker::run_group(std::vector<TaskQueue::Entry> group, const std::functi
 // delivery
 
 bool BusWorker::deliverable(std::int64_t now) const {
-  return segment_writer_.matched() > 0 && !learner_gone_ && learner_at_ns_ > 0 &&
-         now - learner_at_ns_ < kLearnerFreshNs;
+  return !bus_->expired() && bus_->segments().matched() > 0 && !learner_gone_ &&
+         learner_at_ns_ > 0 && now - learner_at_ns_ < kLearnerFreshNs;
 }
 
 void BusWorker::flush(std::int64_t now) {
@@ -253,8 +214,8 @@ void BusWorker::flush(std::int64_t now) {
       outbox_.pop_front();
       continue;
     }
-    const Result<void> ok = segment_writer_.write(outbox_.front().segment);
-    if (!ok && segment_writer_.timed_out()) {
+    const Result<void> ok = bus_->segments().write(outbox_.front().segment);
+    if (!ok && bus_->segments().timed_out()) {
       ++status_.write_timeouts;  // nothing was stored: the same segment again, after a look at stop
       return;
     }
@@ -266,57 +227,6 @@ void BusWorker::flush(std::int64_t now) {
     }
     outbox_.pop_front();
   }
-}
-
-// -------------------------------------------------------------------------------------------
-// status
-
-void BusWorker::say(WorkerPhase phase) {
-  if (status_.phase == phase) return;
-  const bool matters = status_.phase == WorkerPhase::kStarting || phase == WorkerPhase::kStarting ||
-                       phase == WorkerPhase::kDraining;
-  status_.phase = phase;
-  if (matters) publish_status(steady_now_ns());  // idle <-> collecting goes out with the next beat
-}
-
-void BusWorker::publish_status(std::int64_t now) {
-  const double seconds = static_cast<double>(now - status_sent_ns_) * 1e-9;
-  if (status_sent_ns_ > 0 && seconds > 0.1) {
-    status_.steps_per_s = static_cast<double>(status_.steps - steps_sent_) / seconds;
-    status_.sim_time_fraction = std::min(1.0, static_cast<double>(busy_ns_) * 1e-9 / seconds);
-    steps_sent_ = status_.steps;
-    busy_ns_ = 0;
-  }
-  status_.tasks_in_progress = pending_.size() + running_ + outbox_.size();
-  const dds::WriterCounters counters = segment_writer_.counters();
-  status_.rexmit_bytes = counters.rexmit_bytes;
-  status_.throttle_count = counters.throttle_count;
-  status_.time_throttle_ns = counters.time_throttle_ns;
-  status_sent_ns_ = now;
-  const Result<void> ok = status_writer_.write(status_);
-  if (!ok) log().warn("event=status_not_sent reason=\"{}\"", ok.error());
-}
-
-void BusWorker::warn(const std::string& text) {
-  if (!status_.warnings.empty() && status_.warnings.back() == text) return;
-  log().warn("event=worker_warning text=\"{}\"", text);
-  status_.warnings.push_back(text);
-  if (status_.warnings.size() > kMaxWarnings) status_.warnings.erase(status_.warnings.begin());
-}
-
-void BusWorker::leave() {
-  status_.tasks_abandoned += pending_.size();
-  pending_.clear();
-  flush(steady_now_ns());
-  status_.tasks_abandoned += outbox_.size();
-  outbox_.clear();
-  say(WorkerPhase::kDraining);
-  segment_writer_.wait_for_acknowledgments(kS);
-  const Result<void> ok = status_writer_.dispose(status_);
-  if (!ok) log().warn("event=status_not_disposed reason=\"{}\"", ok.error());
-  status_writer_.wait_for_acknowledgments(kS);
-  log().info("event=worker_leaves run={} segments={} abandoned={}", options_.run,
-             status_.segments_published, status_.tasks_abandoned);
 }
 
 }  // namespace omentum

@@ -10,12 +10,15 @@
 #include <string>
 #include <vector>
 
+#include "core/alarms.h"
 #include "core/backend.h"
-#include "core/dds_profile.h"
+#include "core/dds_options.h"
+#include "core/heartbeat.h"
 #include "core/policy.h"
 #include "core/wire.h"
 #include "sim_worker/bus/learner_choice.h"
 #include "sim_worker/bus/task_queue.h"
+#include "sim_worker/bus/worker_bus.h"
 
 // bus/ is the end of a simulation worker on the DDS bus: it takes tasks and weights, groups tasks
 // into lanes, runs them through a function it is given, and publishes segments and status.
@@ -27,12 +30,17 @@ struct WorkerSetup {
   std::unique_ptr<Backend> backend;
   PolicyShape shape;
   std::uint64_t config_hash = 0;  ///< of the backend's configuration, computed by this build
+  double decision_s = 0;          ///< simulated time of one decision
 };
 
 struct BusWorkerOptions {
   std::string run;
   std::uint32_t domain = 0;
-  DdsProfile profile;          ///< of choose_dds_profile(worker_receive_bytes(...))
+  DdsProfile profile;  ///< of find_dds_profile()
+  /// The profile as of now, asked for while no learner is heard: one that comes back at another
+  /// address, or a name that did not exist. Empty: the profile never changes.
+  std::function<Result<DdsProfile>()> find_profile;
+  std::string heartbeat;       ///< file that the loop touches; empty: none
   std::uint64_t build_id = 0;  ///< tasks of a run made by another build are declined
   std::string program_version;
   std::int64_t max_wait_ns = 0;  ///< without a learner; then run() ends with 1. 0 = for ever
@@ -45,19 +53,26 @@ struct BusWorkerOptions {
       rollout;
 };
 
+/// A status is published at least so often [ns].
+inline constexpr std::int64_t kStatusPeriodNs = 500'000'000;
+
 /// Id of this process: hash of host, process id and start time; never 0.
 std::uint32_t make_worker_id();
+/// Identity and machine of this process.
+WorkerStatus first_worker_status(const BusWorkerOptions& options);
 
 /// The worker's end of the bus (docs/wire.md 1, 4.2, 5.2). It waits for a learner, follows the
 /// highest learner epoch of its run, groups tasks of one policy version, kind and length, runs
 /// them, publishes the segments, and declines what it must not run with a reason in its status. One
-/// thread.
+/// thread; another one receives (WorkerBus). bus_worker.cpp runs tasks, bus_worker_learner.cpp
+/// follows the learner, bus_worker_status.cpp says what the worker does.
 class BusWorker {
  public:
   /// Joins the domain. Throws Error.
   explicit BusWorker(BusWorkerOptions options);
 
-  /// Serves until stop() is true or the learner's phase is kDone; then disposes its status.
+  /// Serves until stop() is true, the operator drains it or the learner's phase is kDone; then
+  /// hands back what it holds and disposes its status.
   /// `stop` is polled at least every 50 ms and once per step of a rollout. Returns the exit code of
   /// the program, 0.
   int run(const std::function<bool()>& stop);
@@ -71,9 +86,12 @@ class BusWorker {
     std::int64_t at_ns = 0;
   };
 
-  void take_control();
-  void take_weights();
-  void take_tasks();
+  void join(const DdsProfile& profile);
+  void take_arrivals();
+  void take_weights(std::vector<Arrival<PolicyWeights>> weights);
+  void take_learners(const std::vector<Arrival<LearnerStatus>>& learners);
+  void take_commands(const std::vector<Arrival<ControlCommand>>& commands);
+  void rejoin_if_moved(std::int64_t now_ns);
   void follow(const LearnerChoice::Learner& learner);
   void tell_while_alone(std::int64_t now_ns);
   void tell_if_barred(const LearnerStatus& learner);
@@ -87,34 +105,34 @@ class BusWorker {
   const PolicyWeights* weights_of(const RolloutTask& task) const;
 
   void run_group(std::vector<TaskQueue::Entry> group, const std::function<bool()>& stop);
+  void publish_frames(std::span<const RolloutTask> tasks, std::int64_t now_ns);
   Policy& policy_of(const RolloutTask& task);
 
   void flush(std::int64_t now_ns);
   bool deliverable(std::int64_t now_ns) const;
   void say(WorkerPhase phase);
   void publish_status(std::int64_t now_ns);
+  void raise_alarms(std::uint64_t throttled_ns);
+  void count_wrong(std::uint64_t wrong_weights, std::uint64_t dropped);
   void warn(const std::string& text);
   void leave();
 
   BusWorkerOptions options_;
-  std::uint32_t policy_id_;
   WorkerStatus status_;
+  Alarms alarms_;
+  ProfileAlarms profile_alarms_;
+  Heartbeat heartbeat_;
 
-  dds::Participant participant_;
-  BusReader<LearnerStatus> learner_reader_;
-  BusReader<RunManifest> manifest_reader_;
-  BusReader<PolicyWeights> weights_reader_;
-  BusReader<RolloutTask> task_reader_;
-  BusWriter<RolloutSegment> segment_writer_;
-  BusWriter<WorkerStatus> status_writer_;
-  dds::Waitset waitset_;
+  std::unique_ptr<WorkerBus> bus_;
 
   LearnerChoice choice_;
-  std::uint64_t learner_ = 0;       ///< participant that is followed; 0 = none yet
-  std::uint32_t epoch_ = 0;         ///< of learner_
-  std::int64_t learner_at_ns_ = 0;  ///< last status of the learner of epoch_
+  std::uint64_t learner_ = 0;            ///< participant that is followed; 0 = none yet
+  std::uint32_t epoch_ = 0;              ///< of learner_
+  std::int64_t epoch_told_from_ns_ = 0;  ///< when the status begins to name it
+  std::int64_t learner_at_ns_ = 0;       ///< last status of the learner of epoch_
   bool learner_gone_ = false;
   bool done_ = false;
+  bool drained_ = false;                 ///< the operator wants this worker to leave
   std::optional<RunManifest> manifest_;  ///< of learner_
   bool prepared_ = false;                ///< setup_ was checked against manifest_
   std::string setup_error_;
@@ -125,14 +143,17 @@ class BusWorker {
   std::map<std::uint64_t, std::deque<PolicyWeights>> weights_;
   /// Tasks from participants that have not offered their manifest yet.
   std::vector<std::pair<std::uint64_t, RolloutTask>> early_;
+  std::uint64_t wrong_weights_ = 0, dropped_ = 0, timeouts_ = 0;
   std::uint64_t strangers_ = 0;  ///< samples of others than the learner
   std::int64_t stranger_told_ns_ = 0;
   std::int64_t alone_since_ns_ = 0, alone_told_ns_ = 0;  ///< without a learner; 0 = not so
   bool waited_too_long_ = false;
+  std::int64_t profile_asked_ns_ = 0;
   std::unique_ptr<Policy> policy_;
   TaskQueue pending_;
   std::deque<Outgoing> outbox_;
   std::uint32_t running_ = 0;
+  std::map<std::uint32_t, std::int64_t> frame_sent_ns_;  ///< by slot
 
   std::int64_t status_sent_ns_ = 0;
   std::int64_t busy_ns_ = 0;

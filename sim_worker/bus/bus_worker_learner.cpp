@@ -5,7 +5,6 @@
 #include "core/check.h"
 #include "core/clock.h"
 #include "core/log.h"
-#include "core/policy.h"
 #include "sim_worker/bus/bus_worker.h"
 
 namespace omentum {
@@ -17,18 +16,12 @@ constexpr std::size_t kMaxSources = 8;     // of weights, before strangers' go
 constexpr std::int64_t kJoinNs = 2 * kS;   // a learner that was started together joins within it
 constexpr std::int64_t kTellNs = 60 * kS;  // what waits is told of this often
 constexpr std::size_t kMaxEarly = 4096;
+constexpr std::int64_t kTellEpochNs = kS / 2;
+constexpr std::int64_t kAskNs = 1 * kS;  // for the address of a learner that is not heard
 // A configuration that does not fit is tried again after this long, then twice it ...: a file that
 // was missing may be there.
 constexpr std::int64_t kFirstRetryNs = 10 * kS;
 constexpr std::int64_t kMostRetryNs = 320 * kS;
-
-/// Takes what has arrived.
-template <typename Record, typename Fn>
-void take_all(BusReader<Record>& reader, Fn&& fn) {
-  constexpr int kLimit = 4096;
-  if (const Result<int> taken = reader.take(kLimit, fn); !taken)
-    log().error("event=take_failed reason=\"{}\"", taken.error());
-}
 
 }  // namespace
 
@@ -45,7 +38,9 @@ void BusWorker::follow(const LearnerChoice::Learner& learner) {
   manifest_ = manifest;
   prepared_ = false;
   retry_span_ns_ = 0;
-  status_.learner_epoch = epoch_;
+  // The status names the epoch before for a moment: a learner whose folder does not know of it must
+  // see it (docs/wire.md 4.2), and may not have found our writer yet.
+  epoch_told_from_ns_ = status_.learner_epoch == 0 ? 0 : steady_now_ns() + kTellEpochNs;
   learner_gone_ = false;
   status_.warnings.clear();  // they were meant for another learner
   // Tasks of the other learner go; its finished segments stay, this one may admit them.
@@ -55,29 +50,70 @@ void BusWorker::follow(const LearnerChoice::Learner& learner) {
   for (auto& [participant, task] : std::exchange(early_, {})) accept(participant, std::move(task));
 }
 
-void BusWorker::take_control() {
-  take_all(manifest_reader_, [this](Arrival<RunManifest>&& arrival) {
-    if (!arrival.info.valid || arrival.record.run_id != options_.run) return;
-    choice_.offered(arrival.info.participant, std::move(arrival.record));
-  });
-  take_all(learner_reader_, [this](Arrival<LearnerStatus>&& arrival) {
-    const LearnerStatus& learner = arrival.record;
-    if (learner.run_id != options_.run) return;
-    if (!arrival.info.valid || arrival.info.state != dds::InstanceState::kAlive) {
+void BusWorker::take_arrivals() {
+  WorkerInbox inbox = bus_->take();
+  for (Arrival<RunManifest>& arrival : inbox.manifests) {
+    if (arrival.info.valid) choice_.offered(arrival.info.participant, std::move(arrival.record));
+  }
+  take_learners(inbox.learners);
+  take_weights(std::move(inbox.weights));
+  for (Arrival<RolloutTask>& arrival : inbox.tasks)
+    accept(arrival.info.participant, std::move(arrival.record));
+  take_commands(inbox.commands);
+  count_wrong(inbox.wrong_weights, inbox.dropped);
+}
+
+void BusWorker::take_learners(const std::vector<Arrival<LearnerStatus>>& learners) {
+  for (const auto& [learner, info] : learners) {
+    if (!info.valid || info.state != dds::InstanceState::kAlive) {
       if (learner.learner_epoch == epoch_) learner_gone_ = true;
-      return;
+      continue;
     }
-    choice_.spoke(arrival.info.participant, learner.learner_epoch, steady_now_ns());
-    if (learner.learner_epoch != epoch_ || arrival.info.participant != learner_) return;
+    choice_.spoke(info.participant, learner.learner_epoch, steady_now_ns());
+    if (learner.learner_epoch != epoch_ || info.participant != learner_) continue;
     learner_at_ns_ = steady_now_ns();
     learner_gone_ = false;
     if (learner.phase == LearnerPhase::kDone) done_ = true;
     tell_if_barred(learner);
-  });
+  }
   if (const LearnerChoice::Learner* learner = choice_.choose(steady_now_ns())) {
     learner_at_ns_ = learner->spoke_ns;
     follow(*learner);
   }
+}
+
+void BusWorker::take_commands(const std::vector<Arrival<ControlCommand>>& commands) {
+  for (const auto& [command, info] : commands) {
+    if (command.action != ControlAction::kDrain || command.worker_id != status_.worker_id) continue;
+    log().info("event=drained issuer={} request={}", command.issuer, command.request);
+    drained_ = true;
+    ControlReply reply;
+    reply.run_id = options_.run;
+    reply.request = command.request;
+    reply.program = "sim_worker";
+    reply.worker_id = status_.worker_id;
+    reply.done = true;
+    reply.text = fmt::format("worker {} hands its work back and leaves", status_.worker_id);
+    if (const Result<void> sent = bus_->replies().write(reply); !sent) warn(sent.error());
+  }
+}
+
+/// While no learner is heard: its name may mean another address by now. After the end of the
+/// certificate: throws Error unless it was renewed.
+void BusWorker::rejoin_if_moved(std::int64_t now_ns) {
+  const bool expired = bus_->expired();
+  const bool alone = learner_gone_ || now_ns - learner_at_ns_ > kLearnerFreshNs;
+  if ((!alone && !expired) || !options_.find_profile || now_ns - profile_asked_ns_ < kAskNs) return;
+  profile_asked_ns_ = now_ns;
+  const Result<DdsProfile> profile = options_.find_profile();
+  if (!profile || (profile.value().uri == bus_->uri() && !expired)) return;
+  log().info("event=rejoin reason=\"{}\"",
+             expired ? "the certificate was renewed" : "the learner's host has another address");
+  join(profile.value());
+  // Identities of participants are of the participant that saw them.
+  choice_ = {};
+  learner_ = 0;
+  publish_status(now_ns);
 }
 
 void BusWorker::tell_if_barred(const LearnerStatus& learner) {
@@ -158,45 +194,32 @@ void BusWorker::prepare() {
   status_sent_ns_ = 0;
 }
 
-void BusWorker::take_weights() {
-  take_all(weights_reader_, [this](Arrival<PolicyWeights>&& arrival) {
+void BusWorker::take_weights(std::vector<Arrival<PolicyWeights>> arrivals) {
+  for (Arrival<PolicyWeights>& arrival : arrivals) {
     PolicyWeights& weights = arrival.record;
-    if (!arrival.info.valid || weights.policy_id != policy_id_) return;
-    if (hash_weights(weights.parameters, weights.obs_mean, weights.obs_inv_std) !=
-        weights.weights_hash) {
-      warn(fmt::format("weights {} do not match their hash", weights.policy_version));
-      return;
-    }
-    // Those of a new learner may arrive before its manifest: kept apart by where they come from.
-    if (!weights_.contains(arrival.info.participant) && weights_.size() > kMaxSources) {
-      std::erase_if(weights_, [this](const auto& source) { return source.first != learner_; });
-    }
-    if (arrival.info.participant == learner_) {
+    const std::uint64_t participant = arrival.info.participant;
+    if (participant == learner_) {
       status_.policy_version = weights.policy_version;
     } else if (learner_ != 0 && weights.learner_epoch <= epoch_) {
       count_stranger("weights");
-      return;
+      // Two learners started within a second have one epoch: the other may be followed next.
+      if (weights.learner_epoch < epoch_) continue;
     }
-    std::deque<PolicyWeights>& kept = weights_[arrival.info.participant];
+    // Those of a new learner may arrive before its manifest: kept apart by where they come from.
+    if (!weights_.contains(participant) && weights_.size() > kMaxSources)
+      std::erase_if(weights_, [this](const auto& source) { return source.first != learner_; });
+    std::deque<PolicyWeights>& kept = weights_[participant];
     kept.push_back(std::move(weights));
     if (kept.size() > kWeightsKept) kept.pop_front();
-  });
-}
-
-void BusWorker::take_tasks() {
-  take_all(task_reader_, [this](Arrival<RolloutTask>&& arrival) {
-    if (arrival.info.valid) accept(arrival.info.participant, std::move(arrival.record));
-  });
+  }
 }
 
 void BusWorker::accept(std::uint64_t participant, RolloutTask task) {
   if (participant != learner_) {
     // The first tasks of a new learner may arrive before its manifest.
-    if (task.learner_epoch > epoch_ && early_.size() < kMaxEarly) {
+    if (task.learner_epoch <= epoch_) count_stranger("task");
+    if (task.learner_epoch >= epoch_ && early_.size() < kMaxEarly)
       early_.emplace_back(participant, std::move(task));
-    } else {
-      count_stranger("task");
-    }
     return;
   }
   ++status_.tasks_received;

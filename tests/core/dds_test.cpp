@@ -43,7 +43,7 @@ bool wait_until(dds::Waitset& waitset, const std::function<bool()>& condition) {
 
 TEST(DdsParticipant, ABadDomainIsOneLineWithTheRange) {
   const std::string text =
-      message_of([] { dds::Participant(231, test::mesh_profile().uri, "test"); });
+      message_of([] { dds::Participant(231, test::loopback_profile().uri, "test"); });
   EXPECT_NE(text.find("231"), std::string::npos) << text;
   EXPECT_NE(text.find("[0, 230]"), std::string::npos) << text;
   EXPECT_EQ(text.find('\n'), std::string::npos) << text;
@@ -63,7 +63,7 @@ TEST(DdsParticipant, ABadConfigurationIsOneLine) {
 
 TEST(DdsParticipant, ATakenParticipantIndexIsOneLineWithAHint) {
   const PrivateDomain domain;
-  std::string uri = test::mesh_profile().uri;
+  std::string uri = test::loopback_profile().uri;
   const std::string many = "<MaxAutoParticipantIndex>80<";
   uri.replace(uri.find(many), many.size(), "<MaxAutoParticipantIndex>0<");
   // Another process would hold the index; a bound socket on its port does the same.
@@ -83,7 +83,7 @@ TEST(DdsParticipant, ATakenParticipantIndexIsOneLineWithAHint) {
 TEST(DdsParticipant, OnLoopbackHasNoSocketThatListensToOtherInterfaces) {
   const std::set<int> before = open_udp_sockets();
   const PrivateDomain domain;
-  const dds::Participant participant(domain.id(), test::mesh_profile().uri, "loopback");
+  const dds::Participant participant(domain.id(), test::loopback_profile().uri, "loopback");
   int sockets = 0;
   for (const int socket : open_udp_sockets()) {
     if (before.contains(socket)) continue;
@@ -99,8 +99,8 @@ TEST(DdsParticipant, OnLoopbackHasNoSocketThatListensToOtherInterfaces) {
 TEST(DdsParticipant, SeveralShareADomainAndItCanBeMadeAgain) {
   const PrivateDomain domain;
   for (int i = 0; i < 3; ++i) {
-    const dds::Participant a(domain.id(), test::mesh_profile().uri, "a");
-    const dds::Participant b(domain.id(), test::mesh_profile().uri, "b");
+    const dds::Participant a(domain.id(), test::loopback_profile().uri, "a");
+    const dds::Participant b(domain.id(), test::loopback_profile().uri, "b");
     EXPECT_GT(a.handle(), 0);
     EXPECT_NE(a.handle(), b.handle());
   }
@@ -108,7 +108,7 @@ TEST(DdsParticipant, SeveralShareADomainAndItCanBeMadeAgain) {
 
 TEST(DdsReader, LoansGoBackWhenTheCallbackThrows) {
   const PrivateDomain domain;
-  const dds::Participant participant(domain.id(), test::mesh_profile().uri, "test");
+  const dds::Participant participant(domain.id(), test::loopback_profile().uri, "test");
   BusWriter<RolloutSegment> writer(participant, run_partition("r"), "w");
   BusReader<RolloutSegment> reader(participant, run_partition("r"), "r", 8);
   dds::Waitset waitset(participant);
@@ -125,7 +125,7 @@ TEST(DdsReader, LoansGoBackWhenTheCallbackThrows) {
 
 TEST(DdsReader, LeavingAndCrashingLookDifferent) {
   const PrivateDomain domain;
-  const dds::Participant learner(domain.id(), test::mesh_profile().uri, "learner");
+  const dds::Participant learner(domain.id(), test::loopback_profile().uri, "learner");
   BusReader<WorkerStatus> reader(learner, run_partition("r"), "r");
   dds::Waitset waitset(learner);
   waitset.attach(reader.raw());
@@ -133,7 +133,7 @@ TEST(DdsReader, LeavingAndCrashingLookDifferent) {
     WorkerStatus status;
     status.worker_id = graceful ? 11 : 12;
     {
-      const dds::Participant worker(domain.id(), test::mesh_profile().uri, "worker");
+      const dds::Participant worker(domain.id(), test::loopback_profile().uri, "worker");
       BusWriter<WorkerStatus> writer(worker, public_partitions("r"), "w");
       ASSERT_TRUE(writer.write(status));
       ASSERT_TRUE(wait_until(waitset, [&] { return writer.matched() == 1; }));
@@ -159,7 +159,7 @@ TEST(DdsReader, LeavingAndCrashingLookDifferent) {
 
 TEST(DdsReader, ALateJoinerGetsTheLastTwoWeights) {
   const PrivateDomain domain;
-  const dds::Participant participant(domain.id(), test::mesh_profile().uri, "test");
+  const dds::Participant participant(domain.id(), test::loopback_profile().uri, "test");
   BusWriter<PolicyWeights> writer(participant, public_partitions("r"), "w");
   PolicyWeights weights;
   for (std::uint64_t version = 0; version < 5; ++version) {
@@ -181,7 +181,7 @@ TEST(DdsReader, ALateJoinerGetsTheLastTwoWeights) {
 
 TEST(DdsReader, RunsDoNotSeeEachOther) {
   const PrivateDomain domain;
-  const dds::Participant participant(domain.id(), test::mesh_profile().uri, "test");
+  const dds::Participant participant(domain.id(), test::loopback_profile().uri, "test");
   BusWriter<RolloutTask> other(participant, run_partition("b"), "w");
   BusWriter<RolloutTask> writer(participant, worker_partition("a", 3), "w");
   BusReader<RolloutTask> reader(participant, worker_partition("a", 3), "r");
@@ -203,7 +203,7 @@ TEST(DdsReader, RunsDoNotSeeEachOther) {
 
 TEST(DdsWriter, AFullReaderTimesOutTheWriteAndTheRetryLosesNothing) {
   const PrivateDomain domain;
-  const dds::Participant participant(domain.id(), test::mesh_profile().uri, "test");
+  const dds::Participant participant(domain.id(), test::loopback_profile().uri, "test");
   BusWriter<RolloutSegment> writer(participant, run_partition("r"), "w");
   BusReader<RolloutSegment> reader(participant, run_partition("r"), "r", 4);
   dds::Waitset waitset(participant);
@@ -232,73 +232,11 @@ TEST(DdsWriter, AFullReaderTimesOutTheWriteAndTheRetryLosesNothing) {
 
 TEST(DdsWaitset, WakeEndsAWaitFromAnotherThread) {
   const PrivateDomain domain;
-  const dds::Participant participant(domain.id(), test::mesh_profile().uri, "test");
+  const dds::Participant participant(domain.id(), test::loopback_profile().uri, "test");
   dds::Waitset waitset(participant);
   std::jthread waker([&] { waitset.wake(); });
   EXPECT_TRUE(waitset.wait(10 * kS));
   EXPECT_FALSE(waitset.wait(0));  // consumed
-}
-
-// ------------------------------------------------------------------------------------------
-// profiles
-
-std::string file_text(const std::string& path) {
-  std::ifstream file(path);
-  std::stringstream text;
-  text << file.rdbuf();
-  return text.str();
-}
-
-TEST(DdsProfile, BuiltInProfilesAreTheShippedFiles) {
-  for (const std::string name : {"mesh", "small-buffer"}) {
-    EXPECT_EQ(dds_profile_xml(name),
-              file_text(std::string(OMENTUM_SOURCE_DIR) + "/deploy/dds/" + name + ".xml"));
-  }
-  EXPECT_THROW(dds_profile_xml("fast"), Error);
-}
-
-TEST(DdsProfile, ShippedFilesAreAcceptedByTheMiddleware) {
-  for (const std::string name : {"mesh", "small-buffer"}) {
-    const PrivateDomain domain;
-    const dds::Participant participant(
-        domain.id(), "file://" + std::string(OMENTUM_SOURCE_DIR) + "/deploy/dds/" + name + ".xml",
-        "test");
-    EXPECT_GT(participant.handle(), 0);
-  }
-  // hub takes its addresses from the environment.
-  setenv("OMENTUM_DDS_INTERFACE", "lo", 1);
-  setenv("OMENTUM_DDS_HUB", "127.0.0.1", 1);
-  const PrivateDomain domain;
-  const dds::Participant participant(
-      domain.id(), "file://" + std::string(OMENTUM_SOURCE_DIR) + "/deploy/dds/hub.xml", "test");
-  EXPECT_GT(participant.handle(), 0);
-}
-
-TEST(DdsProfile, TheEnvironmentWinsAndSmallBuffersAreNoticed) {
-  const char* before = std::getenv("CYCLONEDDS_URI");
-  const std::string saved = before == nullptr ? "" : before;
-  setenv("CYCLONEDDS_URI", "<CycloneDDS/>", 1);
-  EXPECT_EQ(choose_dds_profile(1).name, "environment");
-  EXPECT_EQ(choose_dds_profile(1).uri, "<CycloneDDS/>");
-  unsetenv("CYCLONEDDS_URI");
-  const DdsProfile small_need = choose_dds_profile(1);
-  EXPECT_EQ(small_need.name, "mesh");
-  EXPECT_EQ(small_need.task_spacing_ns, 0);
-  EXPECT_GT(small_need.receive_buffer_bytes, 100'000u);
-  if (small_need.receive_buffer_bytes < kReceiveBufferBytes) {
-    const DdsProfile big_need = choose_dds_profile(kReceiveBufferBytes);
-    EXPECT_EQ(big_need.name, "small-buffer");
-    EXPECT_EQ(big_need.task_spacing_ns, 200'000);
-  }
-  if (!saved.empty()) setenv("CYCLONEDDS_URI", saved.c_str(), 1);
-  EXPECT_EQ(learner_receive_bytes(64, 38'680), std::size_t{64} * 38'680);
-  EXPECT_EQ(worker_receive_bytes(16, 23'400, 150'600), 2 * (std::size_t{16} * 23'400 + 150'600));
-}
-
-TEST(DdsProfile, TheEnvironmentLineSurvivesAShell) {
-  DdsProfile profile;
-  profile.uri = "a'b\n<c d=\"e\"/>";
-  EXPECT_EQ(dds_environment(profile), "export CYCLONEDDS_URI='a'\\''b<c d=\"e\"/>'\n");
 }
 
 }  // namespace

@@ -34,7 +34,7 @@ void publish_until_killed(const dds::Participant& participant, const Record& rec
 }
 
 int publish(std::uint32_t domain) {
-  const dds::Participant participant(domain, test::mesh_profile().uri, "publisher");
+  const dds::Participant participant(domain, test::loopback_profile().uri, "publisher");
   PolicyWeights weights;
   weights.policy_version = kMark;
   weights.parameters = {1, 2, 3};
@@ -66,6 +66,18 @@ int publish(std::uint32_t domain) {
   manifest.config_text = "text";
   manifest.observation_names = {"x", "y"};
   publish_until_killed(participant, manifest);
+  ControlCommand command;
+  command.request = kMark;
+  command.run_id = "generic";
+  publish_until_killed(participant, command);
+  ControlReply reply;
+  reply.request = kMark;
+  reply.text = "done";
+  publish_until_killed(participant, reply);
+  SimFrame frame;
+  frame.policy_version = kMark;
+  frame.particle_positions_in_world_m = {1, 2, 3};
+  publish_until_killed(participant, frame);
   pause();
   return 0;
 }
@@ -112,6 +124,22 @@ const std::vector<Expectation>& expectations() {
          const auto& s = *static_cast<const omentum_v1_RunManifest*>(p);
          return s.config_hash == kMark && std::strcmp(s.config_text, "text") == 0 &&
                 s.observation_names._length == 2;
+       }},
+      {TopicId::kControlCommand, &omentum_v1_ControlCommand_desc,
+       [](const void* p) {
+         const auto& s = *static_cast<const omentum_v1_ControlCommand*>(p);
+         return s.request == kMark && std::strcmp(s.run_id, "generic") == 0;
+       }},
+      {TopicId::kControlReply, &omentum_v1_ControlReply_desc,
+       [](const void* p) {
+         const auto& s = *static_cast<const omentum_v1_ControlReply*>(p);
+         return s.request == kMark && std::strcmp(s.text, "done") == 0;
+       }},
+      {TopicId::kSimFrame, &omentum_v1_SimFrame_desc,
+       [](const void* p) {
+         const auto& s = *static_cast<const omentum_v1_SimFrame*>(p);
+         return s.policy_version == kMark && s.particle_positions_in_world_m._length == 3 &&
+                s.tool_position_in_world_m._length == 3;
        }},
   };
   return all;
@@ -163,7 +191,7 @@ TEST(GenericSubscriber, DecodesEveryPublicTopicWithoutCompiledTypes) {
   const test::PrivateDomain domain;
   const test::Process publisher(
       {test::this_executable(), "--publish", std::to_string(domain.id())});
-  const dds::Participant participant(domain.id(), test::mesh_profile().uri, "generic");
+  const dds::Participant participant(domain.id(), test::loopback_profile().uri, "generic");
   const std::size_t public_topics = topics().size() - 1;  // all but the tasks
   EXPECT_EQ(expectations().size(), public_topics);
 

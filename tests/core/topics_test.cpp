@@ -22,10 +22,11 @@ std::string wanted_qos(const TopicSpec& spec, bool writer, std::int32_t max_samp
   const std::int32_t limit = max_samples > 0 ? max_samples : -1;
   const bool late = spec.durability == Durability::kTransientLocal;
   return fmt::format(
-      "reliability=reliable blocking_ns={} history={} depth={} durability={} service_depth={} "
+      "reliability={} blocking_ns={} history={} depth={} durability={} service_depth={} "
       "ownership=shared deadline_ns={} autodispose={} max_samples={} max_instances=-1 "
       "max_samples_per_instance={}",
-      spec.max_blocking_ns, spec.history == History::kKeepAll ? "keep_all" : "keep_last",
+      spec.reliable ? "reliable" : "best_effort", spec.max_blocking_ns,
+      spec.history == History::kKeepAll ? "keep_all" : "keep_last",
       spec.history == History::kKeepAll ? 0 : spec.depth, late ? "transient_local" : "volatile",
       late ? spec.service_depth : 0, writer ? spec.deadline_ns : 0, writer ? "false" : "true",
       limit, limit);
@@ -83,7 +84,7 @@ std::string comparable(std::string text, const TopicSpec& spec, bool writer) {
 template <typename Record>
 void check_endpoints(TopicId id) {
   const test::PrivateDomain domain;
-  const dds::Participant participant(domain.id(), test::mesh_profile().uri, "test");
+  const dds::Participant participant(domain.id(), test::loopback_profile().uri, "test");
   const TopicSpec& spec = topic_spec(id);
   const std::int32_t fuse = spec.history == History::kKeepAll ? 256 : 0;
   const BusWriter<Record> writer(participant, public_partitions("r"), "w");
@@ -104,6 +105,9 @@ TEST(Topics, EffectiveQosIsTheTable) {
   check_endpoints<LearnerStatus>(TopicId::kLearnerStatus);
   check_endpoints<EpisodeSummary>(TopicId::kEpisodeSummary);
   check_endpoints<RunManifest>(TopicId::kRunManifest);
+  check_endpoints<ControlCommand>(TopicId::kControlCommand);
+  check_endpoints<ControlReply>(TopicId::kControlReply);
+  check_endpoints<SimFrame>(TopicId::kSimFrame);
 }
 
 TEST(Topics, TheTableKeepsItsRules) {

@@ -82,6 +82,7 @@ RolloutTask some(const RolloutTask&) {
   r.policy_steps = c.next<std::uint32_t>();
   r.hold_steps = c.next<std::uint32_t>();
   r.granted_at_ns = -c.next<std::int64_t>();
+  r.live_frames_hz = 12.5F;
   return r;
 }
 
@@ -158,6 +159,9 @@ WorkerStatus some(const WorkerStatus&) {
   r.steps_per_s = c.next<double>();
   r.sim_time_fraction = c.next<double>();
   r.warnings = {c.text(), "", c.text()};
+  r.alarms = {c.text()};
+  r.alarms_raised = c.next<std::uint64_t>();
+  r.frames_published = c.next<std::uint64_t>();
   return r;
 }
 
@@ -185,6 +189,9 @@ LearnerStatus some(const LearnerStatus&) {
   r.barred_worker_ids = c.list<std::uint32_t>(2);
   r.barred_reasons = {"declines", "invalid results"};
   r.worker_steps_per_s = c.list<double>(3);
+  r.alarms = {c.text(), c.text()};
+  r.alarms_raised = c.next<std::uint64_t>();
+  r.steps_wanted = c.next<std::uint64_t>();
   return r;
 }
 
@@ -226,6 +233,48 @@ RunManifest some(const RunManifest&) {
   return r;
 }
 
+ControlCommand some(const ControlCommand&) {
+  Counter c;
+  ControlCommand r;
+  r.run_id = c.text();
+  r.request = c.next<std::uint64_t>();
+  r.issuer = c.text();
+  r.action = ControlAction::kFramesOff;
+  r.worker_id = c.next<std::uint32_t>();
+  r.slot = c.next<std::uint32_t>();
+  r.frames_hz = 12.5F;
+  r.sent_at_ns = c.next<std::int64_t>();
+  return r;
+}
+
+ControlReply some(const ControlReply&) {
+  Counter c;
+  ControlReply r;
+  r.run_id = c.text();
+  r.request = c.next<std::uint64_t>();
+  r.program = c.text();
+  r.worker_id = c.next<std::uint32_t>();
+  r.done = true;
+  r.text = c.text();
+  return r;
+}
+
+SimFrame some(const SimFrame&) {
+  Counter c;
+  SimFrame r;
+  r.slot = c.next<std::uint32_t>();
+  r.run_id = c.text();
+  r.worker_id = c.next<std::uint32_t>();
+  r.policy_version = c.next<std::uint64_t>();
+  r.episode = c.next<std::uint64_t>();
+  r.episode_step = c.next<std::uint32_t>();
+  r.sim_time_s = c.next<double>();
+  r.particle_positions_in_world_m = c.list<float>(30);
+  r.tool_position_in_world_m = {c.next<double>(), c.next<double>(), c.next<double>()};
+  r.grasped = true;
+  return r;
+}
+
 // Field-by-field text of a record; two records are equal when their texts are.
 template <typename... Fields>
 std::string texts(const Fields&... fields) {
@@ -263,7 +312,7 @@ std::string text_of(const RolloutTask& r) {
                r.policy_version, r.weights_hash, r.config_hash, r.kind, r.greedy, r.start_set,
                r.start_index, r.steps, r.run_seed, r.episode, r.episode_step, r.episode_limit,
                r.reset, r.state_format, r.start_hash, r.start_state, r.frame_stride, r.policy_steps,
-               r.hold_steps, r.granted_at_ns);
+               r.hold_steps, r.granted_at_ns, r.live_frames_hz);
 }
 std::string text_of(const RolloutSegment& r) {
   return texts(
@@ -283,7 +332,8 @@ std::string text_of(const WorkerStatus& r) {
                r.tasks_declined_config, r.tasks_declined_state, r.tasks_declined_epoch,
                r.tasks_abandoned, r.tasks_in_progress, r.segments_published, r.write_timeouts,
                r.steps, r.steps_per_s, r.sim_time_fraction, r.socket_receive_buffer_bytes,
-               r.rexmit_bytes, r.throttle_count, r.time_throttle_ns, r.warnings);
+               r.rexmit_bytes, r.throttle_count, r.time_throttle_ns, r.warnings, r.alarms,
+               r.alarms_raised, r.frames_published);
 }
 std::string text_of(const LearnerStatus& r) {
   return texts(r.run_id, r.learner_epoch, r.policy_version, r.batch, r.phase, r.granted,
@@ -292,7 +342,8 @@ std::string text_of(const LearnerStatus& r) {
                r.oldest_task_age_s, r.steps_total, r.steps_per_s, r.bytes_up_per_s,
                r.bytes_down_per_s, r.mean_return, r.mean_length, r.approx_kl, r.entropy,
                r.explained_variance, r.weights_hash, r.worker_ids, r.worker_phases,
-               r.worker_steps_per_s, r.barred_worker_ids, r.barred_reasons);
+               r.worker_steps_per_s, r.barred_worker_ids, r.barred_reasons, r.alarms,
+               r.alarms_raised, r.steps_wanted);
 }
 std::string text_of(const EpisodeSummary& r) {
   return texts(r.source, r.slot, r.episode, r.first_version, r.last_version, r.length_steps,
@@ -305,11 +356,24 @@ std::string text_of(const RunManifest& r) {
                r.observation_names, r.action_names);
 }
 
+std::string text_of(const ControlCommand& r) {
+  return texts(r.run_id, r.request, r.issuer, r.action, r.worker_id, r.slot, r.frames_hz,
+               r.sent_at_ns);
+}
+std::string text_of(const ControlReply& r) {
+  return texts(r.run_id, r.request, r.program, r.worker_id, r.done, r.text);
+}
+std::string text_of(const SimFrame& r) {
+  return texts(r.slot, r.run_id, r.worker_id, r.policy_version, r.episode, r.episode_step,
+               r.sim_time_s, r.particle_positions_in_world_m, r.tool_position_in_world_m,
+               r.grasped);
+}
+
 // A writer and a reader of one topic in a domain of their own.
 template <typename Record>
 struct Pair {
   Pair()
-      : participant(domain.id(), test::mesh_profile().uri, "test"),
+      : participant(domain.id(), test::loopback_profile().uri, "test"),
         writer(participant, run_partition("r"), "w"),
         reader(participant, run_partition("r"), "r"),
         waitset(participant) {
@@ -338,8 +402,9 @@ struct Pair {
 
 template <typename Record>
 class Wire : public testing::Test {};
-using Records = testing::Types<PolicyWeights, RolloutTask, RolloutSegment, WorkerStatus,
-                               LearnerStatus, EpisodeSummary, RunManifest>;
+using Records =
+    testing::Types<PolicyWeights, RolloutTask, RolloutSegment, WorkerStatus, LearnerStatus,
+                   EpisodeSummary, RunManifest, ControlCommand, ControlReply, SimFrame>;
 TYPED_TEST_SUITE(Wire, Records);
 
 TYPED_TEST(Wire, EveryFieldMakesTheRoundTrip) {
@@ -414,7 +479,7 @@ TEST(WireChecks, TasksAndStatusAndWeightsWithBadLengthsAreRefused) {
 // Somebody writes our topics with our types but without our code.
 TEST(WireChecks, GarbageInTheGeneratedTypesIsRefused) {
   const PrivateDomain domain;
-  const dds::Participant participant(domain.id(), test::mesh_profile().uri, "test");
+  const dds::Participant participant(domain.id(), test::loopback_profile().uri, "test");
   const TopicSpec& spec = topic_spec(TopicId::kPolicyWeights);
   const dds::Topic topic(participant, spec, omentum_v1_PolicyWeights_desc);
   dds::Writer writer(participant, topic,

@@ -131,7 +131,9 @@ class Sequence:
     def start_learner(self):
         if not self.learner or not self.learner.alive():
             self.check_ended()
-            self.learner = self.start("learner", self.learner_arguments(self.seed))
+            # The folder was deleted under workers that remember its run: said once, then begun anew.
+            anew = self.learner and "--restart begins anew" in self.learner.text()
+            self.learner = self.start("learner", self.learner_arguments(self.seed, ["--restart"] if anew else []))
 
     def restart(self):
         """With either configuration; beside a live learner it is refused."""
@@ -209,9 +211,10 @@ class Sequence:
         code, text = self.learner.process.returncode, self.learner.text()
         if code == 0 and "trained steps=" not in text:
             raise Broken(f"{self.learner.name}: exit code 0 without a training")
-        if code == 1 and not any(word in text for word in ("NOT SAVED", "this one stops")):
+        if code == 1 and not any(word in text for word in ("NOT SAVED", "this one stops", "--restart begins anew")):
             raise Broken(f"{self.learner.name}: exit code 1 without a reason: {text[-400:]}")
-        if code not in (0, 1, 2, 130, -signal.SIGKILL):
+        early = code == -signal.SIGTERM and not text  # stopped before its main() began
+        if code not in (0, 1, 2, 130, -signal.SIGKILL) and not early:
             raise Broken(f"{self.learner.name}: exit code {code}: {text[-400:]}")
         if code == 2 and "No space left" not in text:
             raise Broken(f"{self.learner.name}: refused: {text[-400:]}")

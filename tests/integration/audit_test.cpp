@@ -30,7 +30,7 @@ BusWorkerOptions wrong_worker(const Programs& programs, const std::string& run) 
   BusWorkerOptions options;
   options.run = run;
   options.domain = programs.domain();
-  options.profile = test::mesh_profile();
+  options.profile = test::loopback_profile();
   options.build_id = build_id();
   options.program_version = "test";
   options.rollout = [](Backend& backend, Policy& policy, std::span<const RolloutTask> tasks,

@@ -29,7 +29,7 @@ TEST(DivergingPhysics, StopsTheLearnerWithExitCode1AndTheReason) {
   BusWorkerOptions options;
   options.run = "diverging";
   options.domain = programs.domain();
-  options.profile = test::mesh_profile();
+  options.profile = test::loopback_profile();
   options.build_id = build_id();
   options.program_version = "test";
   options.rollout = [](Backend& backend, Policy& policy, std::span<const RolloutTask> tasks,

@@ -49,7 +49,7 @@ std::uint64_t content_hash(const std::vector<RolloutSegment>& batch) {
 class Loop {
  public:
   Loop(std::uint32_t domain, TaskBookConfig config, std::uint32_t epoch = 1,
-       const DdsProfile& profile = test::mesh_profile())
+       const DdsProfile& profile = test::loopback_profile())
       : config_(std::move(config)), bus_(options(domain, epoch, profile)) {
     config_.learner_epoch = epoch;
     book = std::make_unique<TaskBook>(config_);
@@ -360,7 +360,7 @@ TEST(BusLoop, ASecondWriterOfAWorkerIdIsRefused) {
   const PrivateDomain domain;
   Loop loop(domain.id(), loop_config(4, 0));
   loop.start();
-  const dds::Participant participant(domain.id(), test::mesh_profile().uri, "twins");
+  const dds::Participant participant(domain.id(), test::loopback_profile().uri, "twins");
   BusWriter<WorkerStatus> first(participant, run_partition("loop"), "first");
   BusWriter<WorkerStatus> second(participant, run_partition("loop"), "second");
   WorkerStatus status;
@@ -377,8 +377,10 @@ TEST(BusLoop, ASecondWriterOfAWorkerIdIsRefused) {
 
 TEST(BusLoop, SmallBuffersChangeNothingButTheTime) {
   const PrivateDomain domain;
-  DdsProfile profile = test::mesh_profile();
-  profile.uri = dds_profile_xml("small-buffer");
+  DdsProfile profile = test::loopback_profile();
+  DdsConfig small;
+  small.large_buffers = false;
+  profile.uri = dds_config_xml(small);
   profile.small_buffer = true;
   profile.task_spacing_ns = 200'000;
   Loop loop(domain.id(), loop_config(16, 1), 1, profile);
@@ -405,7 +407,7 @@ TEST(BusLoop, AFloodFromARogueWriterIsDroppedAndCounted) {
   const PrivateDomain domain;
   Loop loop(domain.id(), loop_config(4, 0));
   loop.start();
-  const dds::Participant participant(domain.id(), test::mesh_profile().uri, "rogue");
+  const dds::Participant participant(domain.id(), test::loopback_profile().uri, "rogue");
   BusWriter<RolloutSegment> rogue(participant, run_partition("loop"), "rogue");
   BusWriter<WorkerStatus> announcement(participant, run_partition("loop"), "rogue-status");
   WorkerStatus status;
@@ -433,7 +435,7 @@ TEST(BusLoop, AFloodFromARogueWriterIsDroppedAndCounted) {
 TEST(BusLoop, ALearnerLeavesWhileSegmentsOfARogueWriterPourIn) {
   const PrivateDomain domain;
   std::jthread rogue([&domain](const std::stop_token& stop) {
-    dds::Participant participant(domain.id(), test::mesh_profile().uri, "rogue");
+    dds::Participant participant(domain.id(), test::loopback_profile().uri, "rogue");
     BusWriter<RolloutSegment> writer(participant, run_partition("loop"), "rogue");
     RolloutSegment segment;
     segment.observations.resize(1000);

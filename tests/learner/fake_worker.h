@@ -4,6 +4,7 @@
 #include <chrono>
 #include <thread>
 
+#include "benchmarks/lanes_only.h"
 #include "sim_worker/bus/bus_worker.h"
 #include "tests/learner/fake_rollout.h"
 #include "tests/support/domain.h"
@@ -25,31 +26,6 @@ inline PolicyWeights fake_weights(std::uint64_t version) {
   return weights;
 }
 
-/// Lanes and a state format; the fake rollout never steps it.
-class LanesOnly final : public Backend, public Snapshots {
- public:
-  explicit LanesOnly(int lanes) : lanes_(lanes) {}
-  int lanes() const override { return lanes_; }
-  int observation_size() const override { return kFakeObservation; }
-  Snapshots* snapshots() override { return this; }
-  std::uint32_t state_format() const override { return kFakeStateFormat; }
-  void reset(int, const EpisodeStart&) override {}
-  Result<void> load(int, std::span<const std::byte>) override { return {}; }
-  Bytes save(int) const override { return {}; }
-  void observe(int, std::span<float>) const override {}
-  void step(std::span<const Action>, std::span<StepOutcome>) override {}
-  EpisodeFacts facts(int) const override { return {}; }
-  EpisodeFacts clock(int) const override { return {}; }
-  bool at_target(int) const override { return false; }
-  Action hold_action(int) const override { return {}; }
-  bool healthy(int) const override { return true; }
-  void positions(int, std::vector<float>&) const override {}
-  std::uint32_t ticks_per_step() const override { return 1; }
-
- private:
-  int lanes_;
-};
-
 struct FakeWorker {
   std::string run = "loop";
   std::uint32_t domain = 0;
@@ -66,13 +42,13 @@ inline BusWorkerOptions fake_options(const FakeWorker& fake) {
   BusWorkerOptions options;
   options.run = fake.run;
   options.domain = fake.domain;
-  options.profile = mesh_profile();
+  options.profile = loopback_profile();
   options.build_id = fake.build;
   options.program_version = "test";
   options.make_setup = [fake](const RunManifest&) {
     std::this_thread::sleep_for(std::chrono::milliseconds(fake.setup_ms));
     WorkerSetup setup;
-    setup.backend = std::make_unique<LanesOnly>(fake.lanes);
+    setup.backend = std::make_unique<LanesOnly>(fake.lanes, kFakeObservation, kFakeStateFormat);
     setup.shape = fake_shape();
     setup.config_hash = fake.config_hash;
     return setup;

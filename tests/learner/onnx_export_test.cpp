@@ -219,7 +219,8 @@ TEST(OnnxMetadata, SaysWhatEveryPresetObserves) {
       {"omentum", {20, fine}},
       {"omentum_elastic", {20, fine}},
       {"omentum_image", {21, {{"image[32][32]", "object id / 6"}}}},
-      {"omentum_soft", {20, fine}}};
+      {"omentum_soft", {20, fine}},
+      {"omentum_wide", {20, fine}}};
   for (const auto& file : fs::directory_iterator(deploy_dir() + "/presets")) {
     const std::string preset = file.path().stem();
     ASSERT_TRUE(expected.contains(preset)) << preset << " is not in the table of this test";

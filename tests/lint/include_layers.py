@@ -11,6 +11,7 @@ ALLOWED = {
     "learner": {"learner", "core", "proto"},
     "mismatch": {"mismatch", "sim_worker", "core", "proto"},
     "report": {"report", "sim_worker", "core", "proto"},
+    "monitor": {"monitor", "report", "sim_worker", "core", "proto"},
     "benchmarks": {"benchmarks", "report", "sim_worker", "learner", "core", "proto"},
 }
 # Within sim_worker: a folder includes itself and what stands before it. "models" is models.h, "" is main.cpp.
@@ -20,7 +21,7 @@ SIM_WORKER = ["lanes", "geometry", "instrument", "scene", "tissue", "cluster", "
 MODELS = {"cluster", "shell", "solid", "coupled", "reference"}
 JOINED = {"coupled": {"shell", "solid"}}
 # Folders of the tests are named from the tests' own root as well.
-TESTS = {"tests", "support", "contract", "fuzz", "learner", "sim_worker", "report", "mismatch", "core", "proto", "benchmarks"}
+TESTS = {"tests", "support", "contract", "fuzz", "learner", "sim_worker", "report", "mismatch", "monitor", "core", "proto", "benchmarks"}
 GENERATED_WIRE = ("core/wire.cpp", "core/wire_fields.h")
 INCLUDE = re.compile(r'^\s*#\s*include\s*([<"])([^>"]+)[>"]')
 

@@ -6,7 +6,7 @@ import re
 import sys
 
 # Used by people or by the tool of the same name, not by a test.
-BY_HAND = {"tests/.clang-tidy", "tests/run.sh", "tests/lint/run_tidy.sh", "tests/support/tsan.supp", "tests/reference/README.md"}
+BY_HAND = {"tests/.clang-tidy", "tests/run.sh", "tests/chaos/containers.sh", "tests/chaos/slurm.sh", "tests/lint/run_tidy.sh", "tests/support/tsan.supp", "tests/reference/README.md"}
 # Folders whose files a test finds by composed names.
 BY_FOLDER = {"corpus", "results"}
 
@@ -14,7 +14,7 @@ BY_FOLDER = {"corpus", "results"}
 def main():
     root = pathlib.Path(sys.argv[1])
     missing = []
-    for package in ("core", "sim_worker", "learner", "report", "mismatch", "benchmarks"):
+    for package in ("core", "sim_worker", "learner", "report", "mismatch", "monitor", "benchmarks"):
         lists = (root / package / "CMakeLists.txt").read_text()
         missing += [f"{path.relative_to(root)} is not in {package}/CMakeLists.txt"
                     for path in sorted((root / package).rglob("*.cpp"))

@@ -8,7 +8,7 @@
 #include <cstdint>
 #include <string>
 
-#include "core/dds_profile.h"
+#include "core/dds_options.h"
 
 namespace omentum::test {
 
@@ -46,11 +46,11 @@ class PrivateDomain {
   int fd_ = -1;
 };
 
-/// The mesh profile whatever the environment says.
-inline DdsProfile mesh_profile() {
+/// Loopback, whatever the environment says.
+inline DdsProfile loopback_profile() {
   DdsProfile profile;
-  profile.name = "mesh";
-  profile.uri = dds_profile_xml("mesh");
+  profile.name = "loopback";
+  profile.uri = dds_config_xml({});
   profile.receive_buffer_bytes = probe_receive_buffer(kReceiveBufferBytes);
   return profile;
 }

@@ -17,7 +17,7 @@ namespace omentum::test {
 class Stranger {
  public:
   Stranger(std::uint32_t domain, std::string run)
-      : run_(std::move(run)), participant_(domain, mesh_profile().uri, "stranger") {
+      : run_(std::move(run)), participant_(domain, loopback_profile().uri, "stranger") {
     thread_ = std::jthread([this](const std::stop_token& stop) { forge(stop); });
   }
   int sent() const { return sent_; }

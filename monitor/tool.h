@@ -1,0 +1,36 @@
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <string>
+
+#include "core/dds.h"
+#include "core/dds_options.h"
+
+namespace CLI {
+class App;
+class Option;
+}  // namespace CLI
+
+namespace omentum {
+
+/// What every subcommand of the program is told: the run, its domain and how to reach it.
+struct ToolOptions {
+  std::string run;
+  std::uint32_t domain = 0;  ///< 0 ... 230
+  DdsOptions dds;
+};
+
+/// Adds --run (required), --domain and the network options; returns --run.
+CLI::Option* add_tool_options(CLI::App& app, ToolOptions& options);
+
+/// Says at once whether SIGINT or SIGTERM came; async-signal-safe flag behind it.
+bool stop_requested();
+/// From now on SIGINT and SIGTERM set that flag instead of ending the process.
+void catch_stop_signals();
+
+/// Joins the run's domain as a tool, waiting for names of hosts as learner and workers do. Null
+/// when asked to stop meanwhile. Throws Error.
+std::unique_ptr<dds::Participant> join_run(const ToolOptions& options, const std::string& name);
+
+}  // namespace omentum

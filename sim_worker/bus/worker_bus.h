@@ -1,0 +1,90 @@
+#pragma once
+
+#include <atomic>
+#include <condition_variable>
+#include <cstdint>
+#include <functional>
+#include <mutex>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "core/dds_options.h"
+#include "core/wire.h"
+
+namespace omentum {
+
+/// What has arrived for a worker since it was asked last, in order of arrival per topic.
+struct WorkerInbox {
+  std::vector<Arrival<RunManifest>> manifests;
+  std::vector<Arrival<LearnerStatus>> learners;
+  std::vector<Arrival<PolicyWeights>> weights;  ///< of this run, compared with their hash
+  std::vector<Arrival<RolloutTask>> tasks;
+  std::vector<Arrival<ControlCommand>> commands;
+  std::uint64_t wrong_weights = 0;  ///< did not match their hash
+  std::uint64_t dropped = 0;        ///< the oldest of a topic, beyond what is kept of it
+};
+
+struct WorkerBusOptions {
+  std::string run;
+  std::uint32_t domain = 0;
+  DdsProfile profile;
+  std::uint32_t worker_id = 0;
+  /// Called by the receiving thread when weights are there and have the hash they name.
+  std::function<void(const PolicyWeights&)> on_weights;
+};
+
+/// DDS entities of a worker, and the thread that receives while its lanes compute. Writers and all
+/// public functions are for the worker's thread.
+class WorkerBus {
+ public:
+  /// Joins the domain. Throws Error.
+  explicit WorkerBus(const WorkerBusOptions& options);
+  ~WorkerBus();
+  WorkerBus(const WorkerBus&) = delete;
+  WorkerBus& operator=(const WorkerBus&) = delete;
+
+  /// Sleeps until something has arrived, at most so long.
+  void wait(std::int64_t timeout_ns);
+  bool has_arrivals() const { return arrived_.load(std::memory_order_acquire); }
+  WorkerInbox take();
+
+  const std::string& uri() const { return uri_; }
+  /// The certificate has ended: nobody hears this process any more.
+  bool expired() const { return participant_.expired(); }
+
+  BusWriter<RolloutSegment>& segments() { return segment_writer_; }
+  BusWriter<WorkerStatus>& status() { return status_writer_; }
+  BusWriter<ControlReply>& replies() { return reply_writer_; }
+  BusWriter<SimFrame>& frames() { return frame_writer_; }
+
+ private:
+  void receive(const std::stop_token& stop);
+
+  std::string run_;
+  std::string uri_;
+  std::uint32_t policy_id_;
+  std::function<void(const PolicyWeights&)> on_weights_;
+
+  dds::Participant participant_;
+  // Receiving thread only.
+  BusReader<LearnerStatus> learner_reader_;
+  BusReader<RunManifest> manifest_reader_;
+  BusReader<PolicyWeights> weights_reader_;
+  BusReader<RolloutTask> task_reader_;
+  BusReader<ControlCommand> command_reader_;
+  // The worker's thread only.
+  BusWriter<RolloutSegment> segment_writer_;
+  BusWriter<WorkerStatus> status_writer_;
+  BusWriter<ControlReply> reply_writer_;
+  BusWriter<SimFrame> frame_writer_;
+  dds::Waitset waitset_;
+
+  std::atomic<bool> arrived_{false};
+  std::mutex mutex_;
+  std::condition_variable something_;
+  WorkerInbox inbox_;     // guarded by mutex_
+  std::jthread receive_;  // last: stops before anything it uses goes
+};
+
+}  // namespace omentum

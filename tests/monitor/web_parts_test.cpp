@@ -1,0 +1,153 @@
+// What the page and /metrics are made of, without a bus.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cstdio>
+#include <cstdlib>
+#include <fstream>
+#include <limits>
+
+#include "monitor/frame_desk.h"
+#include "monitor/metrics.h"
+#include "monitor/web_page.h"
+#include "monitor/web_server.h"
+#include "tests/monitor/run_fixture.h"
+#include "tests/support/temp_dir.h"
+
+namespace omentum {
+namespace {
+
+using test::arrived;
+using test::some_learner;
+using test::some_worker;
+using testing::HasSubstr;
+using testing::IsEmpty;
+using testing::Not;
+
+constexpr std::int64_t kNow = 100'000'000'000;
+
+RunState busy_state() {
+  RunState state("fixture");
+  state.apply(arrived(some_learner()), kNow);
+  WorkerStatus worker = some_worker(3);
+  worker.host = "a\"b\\c\nd<script>";
+  worker.warnings = {"<b>hot</b>"};
+  state.apply(arrived(worker), kNow);
+  state.apply(arrived(some_worker(4)), kNow);
+  return state;
+}
+
+TEST(Metrics, HoldTheFiguresWithEscapedLabels) {
+  const std::string text = make_metrics(busy_state(), kNow);
+  EXPECT_THAT(text, HasSubstr("omentum_learner_up{run=\"fixture\"} 1\n"));
+  EXPECT_THAT(text, HasSubstr("omentum_learner_steps{run=\"fixture\"} 250000\n"));
+  EXPECT_THAT(text, HasSubstr("omentum_ledger_granted_total{run=\"fixture\"} 110\n"));
+  EXPECT_THAT(text, HasSubstr("worker=\"3\",host=\"a\\\"b\\\\c\\nd<script>\"} 1\n"));
+  EXPECT_THAT(
+      text,
+      HasSubstr("omentum_worker_version_lag{run=\"fixture\",worker=\"4\",host=\"node4\"} 1\n"));
+}
+
+TEST(Metrics, OfARunThatNobodyServesSayThatItIsDown) {
+  const std::string text = make_metrics(RunState("fixture"), kNow);
+  EXPECT_THAT(text, HasSubstr("omentum_learner_up{run=\"fixture\"} 0\n"));
+  EXPECT_THAT(text, Not(HasSubstr("omentum_learner_steps")));
+}
+
+TEST(Metrics, PromtoolAcceptsThem) {
+  if (std::system("command -v promtool > /dev/null") != 0) GTEST_SKIP() << "no promtool";
+  RunState state = busy_state();
+  LearnerStatus learner = some_learner();
+  learner.mean_return = std::numeric_limits<double>::quiet_NaN();
+  learner.entropy = -std::numeric_limits<double>::infinity();
+  state.apply(arrived(learner), kNow);
+  const test::TempDir folder;
+  std::ofstream(folder / "metrics") << make_metrics(state, kNow);
+  const std::string command = "promtool check metrics < '" + (folder / "metrics") + "'";
+  EXPECT_EQ(std::system(command.c_str()), 0);
+}
+
+TEST(MonitorPage, TextOfOthersIsNoMarkup) {
+  const std::string json = make_state_json(busy_state(), {}, kNow);
+  EXPECT_THAT(json, Not(HasSubstr("<script>")));
+  EXPECT_THAT(json, Not(HasSubstr("<b>hot")));
+  EXPECT_THAT(json, HasSubstr("&lt;b&gt;hot"));
+}
+
+TEST(MonitorPage, LoadsNothingFromOutside) {
+  const std::string page = make_monitor_page("fixture", {});
+  EXPECT_THAT(page, Not(HasSubstr("http://")));
+  EXPECT_THAT(page, Not(HasSubstr("https://")));
+}
+
+TEST(MonitorPage, AManifestThatIsNoConfigurationIsTold) {
+  RunManifest manifest;
+  manifest.config_text = "no such knob: 1";
+  const LiveScene scene = make_live_scene(manifest);
+  EXPECT_EQ(scene.skin, nullptr);
+  EXPECT_THAT(scene.problem, HasSubstr("No 3-D view: "));
+  EXPECT_THAT(make_monitor_page("fixture", scene), HasSubstr("No 3-D view: "));
+}
+
+TEST(MonitorRequest, ParametersAreDigitsWithinTheirRange) {
+  EXPECT_EQ(parse_parameter("slot", "0", 63).value(), 0u);
+  EXPECT_EQ(parse_parameter("slot", "63", 63).value(), 63u);
+  for (const char* wrong :
+       {"", "64", "-1", "+1", " 1", "1 ", "0x1", "1.0", "nan", "99999999999999999999999", "1\n"}) {
+    const auto parsed = parse_parameter("slot", wrong, 63);
+    ASSERT_FALSE(parsed) << wrong;
+    EXPECT_EQ(parsed.error(), "slot: not a number of 0 ... 63");
+  }
+}
+
+SimFrame frame_of(std::uint32_t slot) {
+  SimFrame frame;
+  frame.slot = slot;
+  return frame;
+}
+
+TEST(FrameDesk, AsksOnceWhileFramesComeAndAgainWhenTheyStop) {
+  FrameDesk desk;
+  ASSERT_TRUE(desk.look(5, 10, kNow));
+  auto due = desk.due(kNow);
+  ASSERT_EQ(due.size(), 1u);
+  EXPECT_EQ(due[0].action, ControlAction::kFramesOn);
+  EXPECT_EQ(due[0].slot, 5u);
+  EXPECT_EQ(due[0].frames_hz, 10);
+  std::int64_t now = kNow;
+  for (int k = 0; k < 100; ++k) {
+    now += 100'000'000;
+    desk.put(frame_of(5), now);
+    ASSERT_TRUE(desk.look(5, 10, now));
+    EXPECT_THAT(desk.due(now), IsEmpty());
+  }
+  EXPECT_EQ(desk.newest(5)->number, 100u);
+  now += FrameDesk::kMissingNs + 1;
+  ASSERT_TRUE(desk.look(5, 10, now));
+  EXPECT_EQ(desk.due(now).size(), 1u);
+}
+
+TEST(FrameDesk, TurnsOffWhatNobodyLooksAt) {
+  FrameDesk desk;
+  ASSERT_TRUE(desk.look(5, 10, kNow));
+  EXPECT_EQ(desk.due(kNow).size(), 1u);
+  const auto due = desk.due(kNow + FrameDesk::kIdleNs + 1);
+  ASSERT_EQ(due.size(), 1u);
+  EXPECT_EQ(due[0].action, ControlAction::kFramesOff);
+  desk.put(frame_of(5), kNow);
+  EXPECT_EQ(desk.newest(5), nullptr);
+  EXPECT_THAT(desk.all_off(), IsEmpty());
+}
+
+TEST(FrameDesk, RefusesTooManySlots) {
+  FrameDesk desk;
+  for (std::uint32_t slot = 0; slot < FrameDesk::kMaxSlots; ++slot)
+    EXPECT_TRUE(desk.look(slot, 10, kNow));
+  EXPECT_FALSE(desk.look(99, 10, kNow));
+  EXPECT_TRUE(desk.look(0, 20, kNow));
+  EXPECT_EQ(desk.due(kNow).size(), FrameDesk::kMaxSlots);
+  EXPECT_EQ(desk.all_off().size(), FrameDesk::kMaxSlots);
+}
+
+}  // namespace
+}  // namespace omentum
