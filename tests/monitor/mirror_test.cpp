@@ -5,6 +5,7 @@
 #include <optional>
 #include <set>
 
+#include "core/wire.h"
 #include "tests/monitor/tool_programs.h"
 #include "tests/security/certificates.h"
 

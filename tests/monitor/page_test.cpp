@@ -6,6 +6,7 @@
 #include <cstdio>
 #include <regex>
 
+#include "core/types.h"
 #include "tests/monitor/tool_programs.h"
 
 namespace omentum {
@@ -25,7 +26,6 @@ class Page : public testing::Test {
                                  test::tiny_task() + test::Strings{"rollout.max_steps=2000000000"});
     worker_ = programs_.worker("page", {"--lanes", "6"});
     ASSERT_TRUE(programs_.reaches_update("page", 2));
-    responder_ = std::make_unique<test::Responder>(programs_.domain(), "page");
     const std::string out = programs_.folder() / "monitor.out";
     monitor_ = test::Process(tool(programs_, "monitor", "page", {"--port", "0"}), out,
                              programs_.folder() / "monitor.err");
@@ -46,11 +46,19 @@ class Page : public testing::Test {
     const auto result = client().Get(path.c_str());
     return result && result->status == 200 ? result->body : "";
   }
+  /// How often the learner was told to begin or to end frames, by its log.
+  int commands(ControlAction action) const {
+    const std::string wanted =
+        "event=command action=" + std::to_string(static_cast<std::uint32_t>(action)) + " ";
+    int found = 0;
+    for (const std::string& line : test::lines_of(test::read_text(programs_.err("page"))))
+      found += line.find(wanted) != std::string::npos ? 1 : 0;
+    return found;
+  }
   std::string address() const { return "http://127.0.0.1:" + std::to_string(port_) + "/"; }
 
   Programs programs_;
   test::Process learner_{{"/bin/true"}}, worker_{{"/bin/true"}}, monitor_{{"/bin/true"}};
-  std::unique_ptr<test::Responder> responder_;
   int port_ = 0;
 };
 
@@ -62,13 +70,14 @@ TEST_F(Page, ServesPageStateCurvesMetricsAndFrames) {
   EXPECT_THAT(body("/metrics"), HasSubstr("omentum_learner_up{run=\"page\"} 1\n"));
   EXPECT_TRUE(eventually(
       [&] { return body("/frame?slot=3&hz=20").find("\"positions\"") != std::string::npos; }));
-  EXPECT_TRUE(responder_->frames_on());
+  EXPECT_GE(commands(ControlAction::kFramesOn), 1);
   // Nobody looks any more: the learner is told so.
-  EXPECT_TRUE(eventually([&] { return !responder_->frames_on(); }));
+  EXPECT_TRUE(eventually([&] { return commands(ControlAction::kFramesOff) > 0; }));
   EXPECT_TRUE(eventually([&] { return !body("/frame?slot=3").empty(); }));
+  const int told_off = commands(ControlAction::kFramesOff);
   monitor_.kill(SIGTERM);
   EXPECT_EQ(monitor_.wait(std::chrono::seconds(20)), 0);
-  EXPECT_TRUE(eventually([&] { return !responder_->frames_on(); }));
+  EXPECT_TRUE(eventually([&] { return commands(ControlAction::kFramesOff) > told_off; }));
 }
 
 TEST_F(Page, WrongRequestsAreRefusedAndTheNextIsServed) {
