@@ -14,6 +14,7 @@
 #include "core/command_line.h"
 #include "core/config.h"
 #include "core/log.h"
+#include "core/scheduling.h"
 #include "learner/bus.h"
 #include "sim_worker/backend/sim_backend.h"
 
@@ -200,6 +201,7 @@ int run_physics_worker(const std::string& run, std::uint32_t domain, int delays)
             delay_ms);
   };
   WorkerBus bus(options);
+  yield_to_bus();
   const std::vector<Action> actions(static_cast<std::size_t>(backend.lanes()));
   std::vector<StepOutcome> outcomes(actions.size());
   while (!stopped()) {
@@ -284,6 +286,7 @@ int run(int argc, char** argv) {
 
 int main(int argc, char** argv) {
   omentum::name_log("bench_bus");
+  omentum::keep_freed_memory();
   try {
     return omentum::run(argc, argv);
   } catch (const std::exception& error) {

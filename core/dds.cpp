@@ -16,6 +16,7 @@
 #include "core/clock.h"
 #include "core/log.h"
 #include "core/loopback_sockets.h"
+#include "core/scheduling.h"
 
 namespace omentum::dds {
 namespace {
@@ -228,6 +229,7 @@ Participant::Participant(std::uint32_t domain, const std::string& uri, const std
     const Result<std::int64_t> end = certificate_end(std::filesystem::path(path).parent_path());
     if (end) certificate_end_s_ = end.value();
   }
+  const ShortSlices of_the_middleware;  // its threads are made here
   domain_lease_ = lease_domain(domain, uri);
   const Qos qos = make_qos();
   dds_qset_entity_name(qos.get(), name.c_str());

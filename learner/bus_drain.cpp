@@ -6,6 +6,7 @@
 
 #include "core/clock.h"
 #include "core/log.h"
+#include "core/scheduling.h"
 #include "learner/bus.h"
 
 namespace omentum {
@@ -21,6 +22,7 @@ constexpr std::size_t kMostCommands = 64;  // of a flood; an operator sends one
 
 void LearnerBus::drain(const std::stop_token& stop) {
   pthread_setname_np(pthread_self(), "bus-drain");
+  const ShortSlices of_this_thread;
   while (!stop.stop_requested()) {
     const std::int64_t now = steady_now_ns();
     send_status(now);

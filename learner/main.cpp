@@ -6,6 +6,7 @@
 #include "core/config.h"
 #include "core/limits.h"
 #include "core/log.h"
+#include "core/scheduling.h"
 #include "core/topics.h"
 #include "learner/check_scene.h"
 #include "learner/learner.h"
@@ -93,6 +94,7 @@ int run(int argc, char** argv) {
 
 int main(int argc, char** argv) {
   omentum::name_log("learner");
+  omentum::keep_freed_memory();
   try {
     return run(argc, argv);
   } catch (const std::exception& error) {

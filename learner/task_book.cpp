@@ -153,7 +153,7 @@ void TaskBook::advance(std::uint32_t slot, RolloutSegment segment) {
   next.episode_limit = segment.end_episode_limit;
   next.reset = segment.end_state.empty();
   next.hash = next.reset ? 0 : segment.end_hash;
-  next.state = segment.end_state;
+  next.state = std::move(segment.end_state);  // the batch has no use for it
   row.done.push_back(std::move(segment));
   if (row.done.size() == 1) ++admitted_in_batch_;
   open_job(slot);

@@ -15,6 +15,7 @@
 #include "core/log.h"
 #include "core/read_file.h"
 #include "core/rollout.h"
+#include "core/scheduling.h"
 #include "core/topics.h"
 #include "sim_worker/backend/grasp_study.h"
 #include "sim_worker/backend/image_source.h"
@@ -238,6 +239,7 @@ int run(int argc, char** argv) {
 
 int main(int argc, char** argv) {
   omentum::name_log("sim_worker");
+  omentum::keep_freed_memory();
   try {
     return run(argc, argv);
   } catch (const std::exception& error) {

@@ -6,6 +6,7 @@
 #include "core/check.h"
 #include "core/clock.h"
 #include "core/log.h"
+#include "core/scheduling.h"
 
 namespace omentum {
 namespace {
@@ -40,6 +41,7 @@ void BusWorker::join(const DdsProfile& profile) {
 }
 
 int BusWorker::run(const std::function<bool()>& stop) {
+  yield_to_bus();  // after join(): its threads do not
   publish_status(steady_now_ns());
   while (!stop() && !done_ && !drained_) {
     std::int64_t now = steady_now_ns();

@@ -8,6 +8,7 @@
 #include "core/hash.h"
 #include "core/log.h"
 #include "core/policy.h"
+#include "core/scheduling.h"
 
 namespace omentum {
 namespace {
@@ -75,6 +76,7 @@ WorkerBus::~WorkerBus() {
 
 void WorkerBus::receive(const std::stop_token& stop) {
   pthread_setname_np(pthread_self(), "bus-receive");
+  const ShortSlices of_this_thread;
   const auto put = [this](auto member, auto&& arrival, std::size_t most) {
     const std::lock_guard lock(mutex_);
     keep(inbox_.*member, std::move(arrival), most, inbox_.dropped);
