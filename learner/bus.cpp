@@ -20,6 +20,7 @@ constexpr std::size_t kWeightsKept = 2;  // lead 1 has two versions alive
 constexpr std::int64_t kWarnPeriodNs = 10'000 * kMs;
 constexpr std::size_t kLeastRing = 64;
 constexpr std::size_t kMostBarredTold = 64;
+constexpr std::size_t kRepliesKept = 64;
 
 // Runs in the member initialisers: nothing may be created for a run that cannot have a partition.
 LearnerBusOptions checked(LearnerBusOptions options) {
@@ -369,8 +370,21 @@ void LearnerBus::raise_alarms() {
 }
 
 std::vector<ControlCommand> LearnerBus::take_commands() {
-  const std::lock_guard lock(mutex_);
-  return std::exchange(commands_, {});
+  std::vector<ControlCommand> commands;
+  {
+    const std::lock_guard lock(mutex_);
+    commands.swap(commands_);
+  }
+  // Operators repeat a command until they hear of it: it is obeyed once and answered each time.
+  std::erase_if(commands, [this](const ControlCommand& command) {
+    const auto before = std::find_if(
+        replies_.begin(), replies_.end(),
+        [&command](const ControlReply& reply) { return reply.request == command.request; });
+    if (before == replies_.end()) return false;
+    send(*before);
+    return true;
+  });
+  return commands;
 }
 
 void LearnerBus::reply(const ControlCommand& command, bool done, const std::string& text) {
@@ -380,6 +394,12 @@ void LearnerBus::reply(const ControlCommand& command, bool done, const std::stri
   reply.program = "learner";
   reply.done = done;
   reply.text = text;
+  send(reply);
+  replies_.push_back(std::move(reply));
+  if (replies_.size() > kRepliesKept) replies_.pop_front();
+}
+
+void LearnerBus::send(const ControlReply& reply) {
   if (const Result<void> sent = reply_writer_.write(reply); !sent)
     log().warn("event=reply_not_sent reason=\"{}\"", sent.error());
 }

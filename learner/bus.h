@@ -76,7 +76,8 @@ class LearnerBus {
   /// Sleeps until there is something to serve; true when there is.
   bool wait(std::int64_t timeout_ns);
 
-  /// What operators have asked since the last call.
+  /// What operators have asked since the last call. A request that was answered is answered again
+  /// in the same words and left out.
   std::vector<ControlCommand> take_commands();
   void reply(const ControlCommand& command, bool done, const std::string& text);
   /// Nothing is granted while paused; what is out comes in.
@@ -140,6 +141,7 @@ class LearnerBus {
   void repeat_for_workers(std::int64_t now_ns);
   void report_book(const TaskBook& book, std::int64_t now_ns);
   void raise_alarms();
+  void send(const ControlReply& reply);
 
   LearnerBusOptions options_;
   std::uint32_t policy_id_;
@@ -174,6 +176,7 @@ class LearnerBus {
   bool weights_wanted_ = false;             ///< a worker declined for lack of them
   bool paused_ = false;
   std::map<std::uint32_t, float> watched_;  ///< frames [Hz] by slot
+  std::deque<ControlReply> replies_;        ///< the last ones
   std::uint32_t epoch_of_workers_ = 0;
   Alarms alarms_;
   ProfileAlarms profile_alarms_;

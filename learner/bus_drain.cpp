@@ -137,6 +137,10 @@ void LearnerBus::drain_commands() {
         if (mirror_ && arrival.record.action == ControlAction::kDrain)
           mirror_->forward(arrival.record);
         const std::lock_guard lock(mutex_);
+        const bool repeated = std::any_of(
+            commands_.begin(), commands_.end(),
+            [&](const ControlCommand& c) { return c.request == arrival.record.request; });
+        if (repeated) return;
         if (commands_.size() < kMostCommands) {
           commands_.push_back(std::move(arrival.record));
         } else {

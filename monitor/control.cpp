@@ -14,6 +14,7 @@
 namespace omentum {
 namespace {
 
+constexpr double kRepeatS = 1;
 constexpr std::int64_t kLookNs = 50'000'000;  // a signal does not wake the wait set
 
 std::string issuer_name() {
@@ -93,9 +94,8 @@ int run_control(const ControlOptions& options) {
       return 1;
     }
     command.request = request.value();
-    // A worker may be discovered after the learner; to ask it twice to leave does no harm.
-    const bool again = command.action == ControlAction::kDrain;
-    reply = from.wait_for_reply(command.request, again ? std::min(1.0, left()) : left());
+    // Again with the same number: whom we see need not see us yet, and would not hear us.
+    reply = from.wait_for_reply(command.request, std::min(kRepeatS, left()));
   } while (!reply && left() > 0 && !stop_requested());
   if (!reply) {
     fmt::print(stderr, "no answer within {} s\n", options.timeout_s);

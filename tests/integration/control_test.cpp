@@ -36,22 +36,30 @@ class Operator {
 
   std::optional<ControlReply> ask(ControlAction action, std::uint32_t worker = 0,
                                   std::uint32_t slot = 0, float hz = 0) {
-    ControlCommand command;
-    command.run_id = run_;
-    command.request = ++request_;
-    command.issuer = "test";
-    command.action = action;
-    command.worker_id = worker;
-    command.slot = slot;
-    command.frames_hz = hz;
-    EXPECT_TRUE(commands_.write(command));
+    command_.run_id = run_;
+    ++command_.request;
+    command_.issuer = "test";
+    command_.action = action;
+    command_.worker_id = worker;
+    command_.slot = slot;
+    command_.frames_hz = hz;
+    return ask_again();
+  }
+
+  /// The last command under the same number, once a second until it is answered.
+  std::optional<ControlReply> ask_again() {
     std::optional<ControlReply> answer;
-    test::eventually([&] {
+    const auto answered = [&] {
       (void)replies_.take(64, [&](Arrival<ControlReply>&& arrival) {
-        if (arrival.info.valid && arrival.record.request == request_) answer = arrival.record;
+        if (arrival.info.valid && arrival.record.request == command_.request)
+          answer = arrival.record;
       });
       return answer.has_value();
-    });
+    };
+    for (int tries = 0; tries < 60 && !answer; ++tries) {
+      EXPECT_TRUE(commands_.write(command_));
+      test::eventually(answered, std::chrono::seconds(1));
+    }
     return answer;
   }
 
@@ -95,7 +103,7 @@ class Operator {
   BusReader<SimFrame> frames_;
   BusReader<LearnerStatus> learners_;
   BusReader<WorkerStatus> workers_;
-  std::uint64_t request_ = 100;
+  ControlCommand command_;  ///< the last one
 };
 
 test::Strings long_task() {
@@ -137,6 +145,21 @@ TEST(Control, PausesResumesSavesEvaluatesAndStops) {
   ASSERT_TRUE(op.ask(ControlAction::kStop).value().done);
   EXPECT_EQ(learner.wait(test::kRunTime), 130);
   EXPECT_THAT(test::read_text(programs.err("steered")), HasSubstr("resume with the same run name"));
+}
+
+TEST(Control, ARepeatedCommandIsObeyedOnceAndAnsweredInTheSameWords) {
+  Programs programs;
+  test::Process learner =
+      programs.learner("asked", long_task() + test::Strings{"run.checkpoint_interval_s=3600"});
+  test::Process worker = programs.worker("asked", {"--lanes", "6"});
+  Operator op(programs.domain(), "asked");
+  ASSERT_TRUE(programs.reaches_update("asked", 1));
+  ASSERT_TRUE(op.heard_by(2));
+  const std::string first = op.ask(ControlAction::kCheckpoint).value().text;
+  EXPECT_THAT(first, HasSubstr("saved at "));
+  ASSERT_TRUE(programs.reaches_update("asked", 4));
+  EXPECT_EQ(op.ask_again().value().text, first);  // not saved anew at more steps
+  EXPECT_NE(op.ask(ControlAction::kCheckpoint).value().text, first);
 }
 
 TEST(Control, ADrainedWorkerHandsItsWorkBackAndLeaves) {
