@@ -8,7 +8,8 @@ bin=${OMENTUM_BIN:-$root/build/release/bin}
 
 usage() {
   cat <<'TEXT'
-usage: benchmarks/run.sh [--steps N] [--save] [tissue] [elastic] [compare] [ppo] [workers] [train] [camera] [bus] [monitor]
+usage: benchmarks/run.sh [--steps N] [--save] [tissue] [elastic] [compare] [ppo] [workers] [train] [camera] [bus] [security]
+                         [monitor]
 
 Figures of the groups named (default: tissue elastic ppo workers train):
   tissue    tissue.<scene>.env_steps_per_s: environment steps (20 ms simulated) per second of one core, all of a step
@@ -30,6 +31,8 @@ Figures of the groups named (default: tissue elastic ppo workers train):
             received and compared with their hash, workers computing preset paper; bus.throughput_kept_16_workers:
             preset omentum, 256 slots, no updates, 16 workers against 2; bus.updates_ceiling_steps_per_s: what one learner
             of preset omentum learns from workers that need no time
+  security  security.cost_percent: preset omentum with updates, two workers, DDS Security on against off, taking turns:
+            median of the times per step in 5 rounds
   monitor   monitor.core_share: of `omentum monitor` beside 20 workers while one slot is watched at 10 Hz;
             monitor.frames_per_s: that came
   camera    camera.* of bench_camera, where that program is built
@@ -53,7 +56,7 @@ while (($#)); do
     --steps) [[ ${2-} =~ ^[1-9][0-9]{3,10}$ ]] || wrong "--steps needs a number from 1000"; steps=$2; shift ;;
     --save) save=1 ;;
     -h | --help) usage; exit 0 ;;
-    tissue | elastic | compare | ppo | workers | train | camera | bus | monitor) groups+=("$1") ;;
+    tissue | elastic | compare | ppo | workers | train | camera | bus | security | monitor) groups+=("$1") ;;
     *) wrong "unknown option or group $1" ;;
   esac
   shift
@@ -132,19 +135,22 @@ choose_domain() {
 }
 
 worker_program=("$bin/sim_worker")
+security=  # folder of deploy/security/make.sh; empty: none
 # One run of the learner and its workers. $1 = workers, $2 = run name, rest = learner options. The log is
 # $scratch/<name>.log. With two or more cores worker i sits on core i, counted from $first_core.
 run_system() {
   local workers=$1 name=$2 i pin=() status
   shift 2
   choose_domain || return 1
-  "$bin/learner" --run "$name" --set "run.runs_dir=$scratch" --set "run.domain=$domain" --set evaluation.enabled=false \
+  OMENTUM_SECURITY_DIR=${security:+$security/learner} \
+    "$bin/learner" --run "$name" --set "run.runs_dir=$scratch" --set "run.domain=$domain" --set evaluation.enabled=false \
     "$@" >"$scratch/$name.log" 2>&1 &
   local learner=$!
   children=("$learner")
   for ((i = 0; i < workers; ++i)); do
     ((cores < 2)) || pin=(taskset -c "$(((i + first_core) % cores))")
-    "${pin[@]}" "${worker_program[@]}" --run "$name" --domain "$domain" >"$scratch/$name.worker$i.log" 2>&1 &
+    OMENTUM_SECURITY_DIR=${security:+$security/worker} \
+      "${pin[@]}" "${worker_program[@]}" --run "$name" --domain "$domain" >"$scratch/$name.worker$i.log" 2>&1 &
     children+=($!)
   done
   wait "$learner"
@@ -275,6 +281,24 @@ bench_bus() {
   run_system 4 bus_updates --preset omentum --set ppo.check_log_probs=false --set rollout.max_steps=400000 &&
     figure bus.updates_ceiling_steps_per_s "$(rate_of_run bus_updates)" steps/s
   worker_program=("$bin/sim_worker")
+}
+
+bench_security() {
+  need learner && need sim_worker || return
+  "$root/deploy/security/make.sh" --out "$scratch/security" >/dev/null || { broken "security: no certificates"; return; }
+  local round name rates
+  for round in 1 2 3 4 5; do
+    rates=()
+    for security in "" "$scratch/security"; do
+      name=${security:+secure_}round_$round
+      run_system 2 "$name" --preset omentum --set rollout.max_steps=600000 || return
+      rates+=("$(rate_of_run "$name")") || { broken "security.cost_percent"; return; }
+    done
+    awk -v a="${rates[0]}" -v b="${rates[1]}" 'BEGIN { print 100 * (a / b - 1) }' >>"$scratch/rounds"
+    note "without ${rates[0]}, with ${rates[1]} steps/s"
+  done
+  security=
+  figure security.cost_percent "$(median 1)" %
 }
 
 bench_monitor() {

@@ -218,8 +218,9 @@ void BusWorker::accept(std::uint64_t participant, RolloutTask task) {
   if (participant != learner_) {
     // The first tasks of a new learner may arrive before its manifest.
     if (task.learner_epoch <= epoch_) count_stranger("task");
-    if (task.learner_epoch >= epoch_ && early_.size() < kMaxEarly)
-      early_.emplace_back(participant, std::move(task));
+    if (task.learner_epoch < epoch_) return;
+    if (early_.size() >= kMaxEarly) return count_wrong(0, 1);
+    early_.emplace_back(participant, std::move(task));
     return;
   }
   ++status_.tasks_received;
