@@ -3,6 +3,7 @@
 #include <array>
 #include <cstdint>
 #include <span>
+#include <string>
 
 #include "core/result.h"
 #include "core/types.h"
@@ -24,6 +25,7 @@ struct StepOutcome {
   bool truncated = false;
   bool held_before = false;
   bool grasp_lost = false;
+  bool stopped = false;  ///< the episode ends here by a stop: Backend::failure() says why
 };
 
 /// Facts of the running episode, for evaluation and summaries. Positions in W [m].
@@ -111,9 +113,13 @@ class Backend {
   virtual Action hold_action(int lane) const = 0;
   /// False once the state of the lane went non-finite; the other lanes are untouched.
   virtual bool healthy(int lane) const = 0;
+  /// Why the lane is not healthy or was stopped.
+  virtual std::string failure(int /*lane*/) const { return "state not finite"; }
   /// Solver substeps per decision, for step accounting.
   virtual std::uint32_t ticks_per_step() const = 0;
 
+  /// Who makes the segments; those of a robot are never trained on.
+  virtual Source source() const { return Source::kSimulation; }
   /// Null for a back end whose states cannot be saved.
   virtual Snapshots* snapshots() { return nullptr; }
 };

@@ -30,15 +30,19 @@ void fail(RolloutSegment& segment, LaneRun& run, const std::string& reason) {
   run.done = true;
 }
 
-void close_episode(const Backend& backend, int lane, bool terminated, RolloutSegment& segment) {
+Outcome outcome_of(const EpisodeFacts& facts, const StepOutcome& last) {
+  if (last.stopped) return Outcome::kSafetyStop;
+  if (facts.reached || last.terminated) return Outcome::kTargetReached;
+  return facts.lost_ever ? Outcome::kGraspLost : Outcome::kTruncated;
+}
+
+void close_episode(const Backend& backend, int lane, const StepOutcome& last,
+                   RolloutSegment& segment) {
   const EpisodeFacts facts = backend.facts(lane);
   segment.episode_end_step.push_back(segment.steps - 1);
   segment.episode_return.push_back(facts.episode_return);
   segment.episode_length.push_back(facts.episode_step);
-  const Outcome outcome = facts.reached || terminated ? Outcome::kTargetReached
-                          : facts.lost_ever           ? Outcome::kGraspLost
-                                                      : Outcome::kTruncated;
-  segment.episode_outcome.push_back(static_cast<std::uint8_t>(outcome));
+  segment.episode_outcome.push_back(static_cast<std::uint8_t>(outcome_of(facts, last)));
   segment.episode_exposure.push_back(facts.exposure);
   segment.episode_grasped.push_back(facts.grasped_ever ? 1 : 0);
   segment.episode_held.push_back(facts.held ? 1 : 0);
@@ -121,6 +125,7 @@ std::vector<RolloutSegment> run_rollout(Backend& backend, const Actor& actor,
     segment.task_hash = task.task_hash;
     segment.policy_version = task.policy_version;
     segment.granted_at_ns = task.granted_at_ns;
+    segment.source = backend.source();
     if (backend.snapshots() != nullptr) segment.state_format = backend.snapshots()->state_format();
     longest = std::max(longest, task.steps);
     if (const Result<void> started = start_lane(backend, static_cast<int>(k), task); !started)
@@ -167,8 +172,8 @@ std::vector<RolloutSegment> run_rollout(Backend& backend, const Actor& actor,
       if (run.done) continue;
       if (!backend.healthy(lane)) {
         fail(segment, run,
-             fmt::format("state not finite at step {} of episode {}", before[k].episode_step,
-                         before[k].episode));
+             fmt::format("{} at step {} of episode {}", backend.failure(lane),
+                         before[k].episode_step, before[k].episode));
         continue;
       }
       const StepOutcome& outcome = outcomes[k];
@@ -189,6 +194,11 @@ std::vector<RolloutSegment> run_rollout(Backend& backend, const Actor& actor,
       ++segment.steps;
       segment.physics_ticks += backend.ticks_per_step();
       if (task.frame_stride > 0) record_step(backend, lane, segment);
+      if (outcome.stopped) {  // what was done stays
+        close_episode(backend, lane, outcome, segment);
+        fail(segment, run, backend.failure(lane));
+        continue;
+      }
 
       if (run.rollout) {
         if (outcome.truncated && !outcome.terminated) {
@@ -196,7 +206,7 @@ std::vector<RolloutSegment> run_rollout(Backend& backend, const Actor& actor,
           backend.observe(lane, std::span(segment.final_observations).last(width));
         }
         if (outcome.terminated || outcome.truncated) {
-          close_episode(backend, lane, outcome.terminated, segment);
+          close_episode(backend, lane, outcome, segment);
           EpisodeStart next = start_of(task);
           next.episode = before[k].episode + 1;
           next.episode_limit = 0;
@@ -219,7 +229,7 @@ std::vector<RolloutSegment> run_rollout(Backend& backend, const Actor& actor,
       if (segment.steps >= task.steps) run.done = true;
       if (run.done && !run.rollout) {
         record_frame(backend, lane, task.frame_stride, scratch, segment);
-        close_episode(backend, lane, false, segment);
+        close_episode(backend, lane, {}, segment);
       }
     }
   }

@@ -43,9 +43,10 @@ class Actor {
 /// The one rollout loop. Runs `tasks` (at most backend.lanes(), all of the same policy version,
 /// kind and length) to their end and returns one segment per task in the same order. segment =
 /// run_task(policy, task): the result of a task does not depend on the other tasks, the backend's
-/// lane count, or anything outside the arguments. `stop` is polled once per step; when it turns
-/// true the loop returns an empty vector (nothing half-done). A back end without Snapshots runs
-/// tasks that begin with a reset; its segments have no states, hashes or frames.
+/// lane count, or anything outside the arguments (a robot's does: a lane that it stops ends its
+/// task there, failed, with the steps that were done). `stop` is polled once per step; when it
+/// turns true the loop returns an empty vector (nothing half-done). A back end without Snapshots
+/// runs tasks that begin with a reset; its segments have no states, hashes or frames.
 std::vector<RolloutSegment> run_rollout(Backend& backend, const Actor& actor,
                                         std::span<const RolloutTask> tasks,
                                         const std::function<bool()>& stop);

@@ -37,6 +37,7 @@ Result<void> check_identity(const RolloutSegment& s, const RolloutTask& t) {
   if (s.state_format != t.state_format) {
     return failure("state format {} instead of {}", s.state_format, t.state_format);
   }
+  if (s.source != Source::kSimulation) return failure("not of a simulation: never trained on");
   if (s.failed > 1) return failure("failed is {}", s.failed);
   // A failed one ends early; an evaluation as soon as its hold is over.
   const bool whole = is_rollout(t) && s.failed == 0;

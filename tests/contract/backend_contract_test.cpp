@@ -79,5 +79,30 @@ TEST(BackendWithoutSnapshots, RefusesATaskThatContinuesAState) {
   EXPECT_EQ(s.steps, 0U);
 }
 
+/// A robot whose third decision is not carried out.
+class StoppingRobot : public DummyBackend {
+ public:
+  using DummyBackend::DummyBackend;
+  void step(std::span<const Action> actions, std::span<StepOutcome> outcomes) override {
+    DummyBackend::step(actions, outcomes);
+    outcomes[0].stopped = clock(0).episode_step == 3;
+  }
+  std::string failure(int /*lane*/) const override { return "stale state"; }
+  Source source() const override { return Source::kDvrk; }
+};
+
+TEST(BackendThatStops, KeepsTheStepsThatWereDoneAndSaysWhy) {
+  Policy policy = make_policy(dummy_shape());
+  StoppingRobot robot(1);
+  const RolloutSegment s = run_rollout(robot, policy, make_tasks(1, 10), {})[0];
+  EXPECT_EQ(s.failed, 1U);
+  EXPECT_EQ(s.failure, "stale state");
+  EXPECT_EQ(s.steps, 3U);
+  EXPECT_EQ(s.rewards.size(), 3U);
+  EXPECT_EQ(s.episode_end_step, std::vector<std::uint32_t>{2});
+  EXPECT_EQ(s.episode_outcome[0], static_cast<std::uint8_t>(Outcome::kSafetyStop));
+  EXPECT_EQ(s.source, Source::kDvrk);
+}
+
 }  // namespace
 }  // namespace omentum::test

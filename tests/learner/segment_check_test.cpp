@@ -80,6 +80,7 @@ TEST(CheckSegment, RefusesEveryDamage) {
       {"version", [](RolloutSegment& s) { ++s.policy_version; }},
       {"state format", [](RolloutSegment& s) { ++s.state_format; }},
       {"failed", [](RolloutSegment& s) { s.failed = 2; }},
+      {"of a robot", [](RolloutSegment& s) { s.source = Source::kDvrk; }},
       {"too few steps", [](RolloutSegment& s) { --s.steps; }},
       {"too many steps", [](RolloutSegment& s) { ++s.steps; }},
       {"steps", [](RolloutSegment& s) { s.steps = 0xffffffff; }},
