@@ -1,12 +1,11 @@
 #pragma once
 
-#include <cstddef>
 #include <cstdint>
 #include <optional>
-#include <span>
 #include <string>
 #include <vector>
 
+#include "core/checkpoint_file.h"
 #include "core/result.h"
 #include "core/types.h"
 #include "learner/task_book.h"
@@ -14,19 +13,6 @@
 
 namespace omentum {
 
-/// Format of pb::Checkpoint; other versions are refused.
-inline constexpr std::uint32_t kCheckpointFormat = 1;
-
-/// File = "OMCKPT01", u64 payload size, payload (pb::Checkpoint), u32 CRC-32C of everything before
-/// it; little-endian.
-Bytes encode_checkpoint(const pb::Checkpoint& checkpoint);
-/// Total over arbitrary bytes: any truncation or flipped bit is a failure with a reason.
-Result<pb::Checkpoint> decode_checkpoint(std::span<const std::byte> bytes);
-
-/// weights <-> disk. `learner_epoch` and times are of a session and do not travel.
-void to_disk(const PolicyWeights& weights, pb::Weights& disk);
-/// Recomputes the hash and fails when it differs from the stored one.
-Result<PolicyWeights> from_disk(const pb::Weights& disk);
 /// Slots and ledger of a checkpoint, there and back.
 void to_disk(const SlotTable& table, std::uint32_t state_format, pb::Checkpoint& disk);
 SlotTable slots_from_disk(const pb::Checkpoint& disk);
@@ -68,9 +54,6 @@ class CheckpointStore {
   std::string folder_;
   std::vector<std::uint64_t> milestones_;
 };
-
-/// One checkpoint file by path (best.pb, --initialise-from).
-Result<pb::Checkpoint> load_checkpoint(const std::string& path);
 
 /// Refuses to resume with another configuration: a readable difference, one "path: old -> new" per
 /// line, without the `run` part that may differ.

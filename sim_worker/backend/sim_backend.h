@@ -66,6 +66,12 @@ class SimBackend : public Backend, public Snapshots {
   /// The tissue of a lane, for tests and pictures.
   Tissue<float>& tissue_of(int lane) { return *groups_[lane / width_]; }
   int lane_in_group(int lane) const { return lane % width_; }
+  /// Goal of the last command, p_WT [m], and whether it closes the jaw: what a robot would follow.
+  Eigen::Vector3d commanded_tip(int lane) const {
+    const double* tip = environments_[lane].tip;
+    return {tip[0], tip[1], tip[2]};
+  }
+  bool jaw_closed(int lane) const { return environments_[lane].jaw_closed != 0; }
   double jaw_deg(int lane) const { return environments_[lane].jaw_deg; }
 
  private:

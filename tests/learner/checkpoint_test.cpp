@@ -190,6 +190,22 @@ TEST_F(CheckpointTest, DamagedWeightsAreNotBelieved) {
   EXPECT_FALSE(from_disk(weights).has_value());
 }
 
+TEST_F(CheckpointTest, PolicyOfARunIsItsBestCheckpointElseItsNewest) {
+  EXPECT_FALSE(load_policy(folder_));
+  CheckpointStore store(folder_ + "/checkpoints", {});
+  ASSERT_TRUE(store.save(small_checkpoint(9), {}));
+  ASSERT_TRUE(store.save(small_checkpoint(10), {}));
+  const Result<SavedPolicy> newest = load_policy(folder_);
+  ASSERT_TRUE(newest) << newest.error();
+  EXPECT_THAT(newest.value().path, testing::EndsWith("checkpoint-00000010.pb"));
+  EXPECT_EQ(newest.value().config.rollout().slots(), 2U);
+  EXPECT_FALSE(newest.value().weights.parameters.empty());
+  ASSERT_TRUE(store.save(small_checkpoint(11), {.best = true, .milestone = {}}));
+  EXPECT_THAT(load_policy(folder_).value().path, testing::EndsWith("best.pb"));
+  EXPECT_THAT(load_policy(folder_ + "/checkpoints/checkpoint-00000010.pb").value().path,
+              testing::EndsWith("checkpoint-00000010.pb"));
+}
+
 TEST_F(CheckpointTest, LearnerEpochsGrowWhateverHappensToTheFolder) {
   EXPECT_EQ(next_learner_epoch(folder_, 1000).value(), 1000u);
   EXPECT_EQ(next_learner_epoch(folder_, 1000).value(), 1001u);  // within a second
