@@ -24,13 +24,6 @@ bool any(const std::array<double, 6>& v) {
   return std::any_of(v.begin(), v.end(), [](double x) { return x != 0; });
 }
 
-/// Of disc angles to roll, pitch, yaw, jaw (docs/dvrk.md 1).
-Matrix4d joints_of_discs() {
-  Matrix4d m;
-  m << -1.5632, 0, 0, 0, 0, 1.0186, 0, 0, 0, -0.8306, 0.6089, 0.6089, 0, 0, -1.2177, 1.2177;
-  return m;
-}
-
 /// Disc angles of a pose with the jaw's joint at zero, since the jaw does not move the tip.
 Eigen::Vector4d discs_of(const PsmJoints& q) {
   return joints_of_discs().inverse() * Eigen::Vector4d(q[3], q[4], q[5], 0);
@@ -53,6 +46,12 @@ double lag(double y, double u0, double u1, double T, double decay, double dt) {
 double play(double y, double x, double b) { return std::clamp(y, x - b, x + b); }
 
 }  // namespace
+
+Matrix4d joints_of_discs() {
+  Matrix4d m;
+  m << -1.5632, 0, 0, 0, 0, 1.0186, 0, 0, 0, -0.8306, 0.6089, 0.6089, 0, 0, -1.2177, 1.2177;
+  return m;
+}
 
 Arm::Arm(const pb::ArmEffects& effects, const ToolMount& mount, double control_period)
     : effects_(effects),
@@ -142,17 +141,19 @@ PsmJoints Arm::play_of_discs(ArmState& state, const PsmJoints& q) const {
   return result;
 }
 
+void Arm::reset_joints(ArmState& state, const PsmJoints& q) const {
+  for (double* memory :
+       {state.target, state.droop, state.pole[0], state.pole[1], state.motor, state.joint}) {
+    std::copy(q.begin(), q.end(), memory);
+  }
+  Eigen::Vector4d::Map(state.disc) = discs_of(q);
+}
+
 void Arm::reset(ArmState& state, const Vector3d& p_WT) const {
   state = {};
   for (auto& command : state.command) assign(command, p_WT);
-  if (const Result<PsmJoints> solved = joints_for_tip(mount_, p_WT)) {
-    const PsmJoints& q = solved.value();
-    for (double* memory :
-         {state.target, state.droop, state.pole[0], state.pole[1], state.motor, state.joint}) {
-      std::copy(q.begin(), q.end(), memory);
-    }
-    Eigen::Vector4d::Map(state.disc) = discs_of(q);
-  }
+  if (const Result<PsmJoints> solved = joints_for_tip(mount_, p_WT))
+    reset_joints(state, solved.value());
   assign(state.p_WT_true, p_WT);
   assign(state.p_WT_measured, p_WT);
   step(state, p_WT, Vector3d::Zero());  // offsets act at rest as well
@@ -164,16 +165,41 @@ ArmReport Arm::step(ArmState& state, const Vector3d& p_WT, const Vector3d& load_
   assign(state.command[0], p_WT);
   const Vector3d goal = delayed(state);
 
-  ArmReport report;
   PsmJoints target{};
   std::copy_n(state.target, 6, target.begin());
   if (const Result<PsmJoints> q = joints_for_tip(mount_, goal)) target = q.value();
-  report.commanded = target;
-
-  const Vector3d force = load_W - Vector3d(0, 0, effects_.payload_kg() * kStandardGravity);
-  const std::array<double, 6> load = load_efforts(target, force);
-  PsmJoints measured{};
   PsmJoints joints{};
+  ArmReport report = follow(state, target, load_W, joints);
+
+  // As differences from the nominal arm: zero effects leave the goal to the bit.
+  const Vector3d nominal = tip_of(target, 0);
+  assign(state.p_WT_measured, goal + (tip_of(report.measured, 0) - nominal));
+  assign(state.p_WT_true, goal + (tip_of(joints, effects_.tool_length_offset_m()) - nominal) +
+                              bending(target, load_W));
+  return report;
+}
+
+Vector3d Arm::force(const Vector3d& load_W) const {
+  return load_W - Vector3d(0, 0, effects_.payload_kg() * kStandardGravity);
+}
+
+Vector3d Arm::bending(const PsmJoints& target, const Vector3d& load_W) const {
+  const pb::AxisValues& c = effects_.tip_compliance();
+  const double depth = 1 + effects_.compliance_depth_slope() * (target[2] - 0.12);
+  return depth * Vector3d(c.x(), c.y(), c.z()).cwiseProduct(force(load_W));
+}
+
+Vector3d Arm::true_tip(const PsmJoints& tip_joints, const PsmJoints& target,
+                       const Vector3d& load_W) const {
+  return tip_of(tip_joints, effects_.tool_length_offset_m()) + bending(target, load_W);
+}
+
+ArmReport Arm::follow(ArmState& state, const PsmJoints& target, const Vector3d& load_W,
+                      PsmJoints& tip_joints) const {
+  ArmReport report;
+  report.commanded = target;
+  const std::array<double, 6> load = load_efforts(target, force(load_W));
+  PsmJoints measured{};
   for (std::size_t j = 0; j < 6; ++j) {
     // Servo: droop, two poles of the bandwidth, Coulomb friction against the position gain.
     const double u0 = state.target[j];
@@ -197,20 +223,11 @@ ArmReport Arm::step(ArmState& state, const Vector3d& p_WT, const Vector3d& load_
   const PsmJoints behind_discs = play_of_discs(state, measured);
   for (std::size_t j = 0; j < 6; ++j) {
     state.joint[j] = play(state.joint[j], behind_discs[j], backlash_[j]);
-    joints[j] = state.joint[j] + compliance_[j] * load[j] + offset_[j];
+    tip_joints[j] = state.joint[j] + compliance_[j] * load[j] + offset_[j];
   }
   for (const pb::JointCoupling& c : effects_.coupling()) {
-    joints[c.driven()] += c.slope() * state.joint[c.driving()];
+    tip_joints[c.driven()] += c.slope() * state.joint[c.driving()];
   }
-
-  // As differences from the nominal arm: zero effects leave the goal to the bit.
-  const Vector3d nominal = tip_of(target, 0);
-  const pb::AxisValues& c = effects_.tip_compliance();
-  const double depth = 1 + effects_.compliance_depth_slope() * (target[2] - 0.12);
-  const Vector3d bending = depth * Vector3d(c.x(), c.y(), c.z()).cwiseProduct(force);
-  assign(state.p_WT_measured, goal + (tip_of(measured, 0) - nominal));
-  assign(state.p_WT_true,
-         goal + (tip_of(joints, effects_.tool_length_offset_m()) - nominal) + bending);
   return report;
 }
 
