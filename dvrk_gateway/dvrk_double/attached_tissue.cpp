@@ -20,7 +20,8 @@ const Vector3d kFarAway_W(0, 0, 1);
 AttachedTissue::AttachedTissue(std::shared_ptr<const SimSetup> setup)
     : setup_(std::move(setup)), tissue_(setup_->tissue->make_tissue(choose_kernel(1))) {
   const std::array<ToolMotion, 1> away = {{{kFarAway_W, kFarAway_W}}};
-  for (double t = 0; t < kSettleTime_s; t += control_period_s()) tissue_->step(away);
+  const int steps = static_cast<int>(kSettleTime_s / control_period_s());
+  for (int k = 0; k < steps; ++k) tissue_->step(away);
 }
 
 void AttachedTissue::pinch(double jaw_deg) {

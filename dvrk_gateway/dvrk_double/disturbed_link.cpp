@@ -23,7 +23,7 @@ bool DisturbedLink::chance(double share) {
   return share > 0 && uniform_between(random_.next(), 0, 1) < share;
 }
 
-void DisturbedLink::put(Queue& queue, const Disturbance& disturbance, Waiting datagram) {
+void DisturbedLink::put(Queue& queue, const Disturbance& disturbance, const Waiting& datagram) {
   if (chance(disturbance.loss)) {
     ++lost_;
     return;

@@ -52,7 +52,7 @@ class DisturbedLink final : public Link {
   };
   using Queue = std::vector<Waiting>;  ///< heap, the next one first
   bool chance(double share);
-  void put(Queue& queue, const Disturbance& disturbance, Waiting datagram);
+  void put(Queue& queue, const Disturbance& disturbance, const Waiting& datagram);
   static Waiting take(Queue& queue);
 
   Link& under_;

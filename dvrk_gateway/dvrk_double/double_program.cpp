@@ -1,5 +1,6 @@
 #include "dvrk_gateway/dvrk_double/double_program.h"
 
+#include <fmt/format.h>
 #include <netinet/in.h>
 #include <poll.h>
 #include <unistd.h>
@@ -125,7 +126,7 @@ void DoubleProgram::start_robot() {
 }
 
 Result<void> DoubleProgram::execute(const std::string& command) {
-  if (const Result<void> can = check_command(command); !can) return can;
+  if (Result<void> can = check_command(command); !can) return can;
   for (const OperatorCommand& known : kCommands) {
     if (command == known.name) known.run(*robot_);
   }

@@ -1,5 +1,7 @@
 #include "dvrk_gateway/dvrk_double/dvrk_double.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <limits>
 

@@ -1,5 +1,6 @@
 #include "dvrk_gateway/protocol/codec.h"
 
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 

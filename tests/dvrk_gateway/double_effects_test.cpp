@@ -144,6 +144,41 @@ TEST(DoubleEffects, VelocityOfTheClientRemovesTheDroopAndIsKept) {
   EXPECT_NEAR(drive(arm, -0.02).lag, -2 * 0.02 * 0.0333, 0.02 * 0.0333 * 0.05);
 }
 
+TEST(DoubleEffects, CartesianVelocityRemovesTheDroopToo) {
+  const auto droop = effects_with([](pb::ArmEffects& e) {
+    for (const auto set :
+         {&pb::JointValues::set_yaw, &pb::JointValues::set_pitch, &pb::JointValues::set_insertion,
+          &pb::JointValues::set_wrist_pitch, &pb::JointValues::set_wrist_yaw})
+      (e.mutable_droop_s()->*set)(0.05);
+  });
+  const auto lag = [&](bool send_velocity) {
+    DoubleSession session({}, droop);
+    session.home();
+    const Vector3d v(0.02, 0.01, -0.01);
+    const Vector3d from = session.state.setpoint_cp.payload.translation;
+    RobotCommand command;
+    command.kind = RobotCommand::Kind::kServoCp;
+    command.rotation = session.state.setpoint_cp.payload.rotation;
+    command.has_velocity = send_velocity;
+    command.velocity = v;
+    double mean = 0;
+    for (int k = 1; k <= 50; ++k) {
+      command.translation = from + 0.02 * k * v;
+      session.say(command);
+      for (int half = 0; half < 2; ++half) {
+        session.run_for(0.01);
+        const Vector3d behind = session.state.setpoint_cp.payload.translation -
+                                session.state.measured_cp.payload.translation;
+        if (k > 25) mean += behind.dot(v.normalized()) / 50;
+      }
+    }
+    return mean / v.norm();
+  };
+  // Two samples per action stand for its mean: half a period of 10 ms either way.
+  EXPECT_NEAR(lag(false), 0.05, 0.005);
+  EXPECT_NEAR(lag(true), 0, 0.005);
+}
+
 TEST(DoubleEffects, PlayIsHiddenFromTheEncoder) {
   RobotArm arm = homed(effects_with([](auto& e) { e.mutable_backlash()->set_insertion(0.001); }));
   const Means down = drive(arm, 0.02);
