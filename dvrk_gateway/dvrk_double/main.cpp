@@ -23,6 +23,7 @@ struct SceneOptions {
   std::string file;
   std::vector<std::string> overrides;
   bool tissue = false;
+  std::string instrument = large_needle_driver().name;
 };
 
 void add_robot(CLI::App& app, DoubleProgramOptions& options) {
@@ -78,6 +79,8 @@ void add_scene(CLI::App& app, SceneOptions& scene) {
   app.add_option("--set", scene.overrides,
                  "Override a knob, a.b=value, as scene.arm.droop_s.yaw=0.05; may be repeated")
       ->allow_extra_args(false);
+  app.add_option("--instrument", scene.instrument, "What the arm holds, docs/dvrk.md 1.1")
+      ->capture_default_str();
   app.add_flag("--tissue", scene.tissue,
                "Simulate the scene's tissue under the jaw: it pulls at the arm");
 }
@@ -90,9 +93,10 @@ void read_scene(const SceneOptions& chosen, DoubleProgramOptions& options) {
   if (chosen.tissue) {
     options.tissue = make_sim_setup(config);
     options.mount = options.tissue->mount;
-    return;
+  } else {
+    options.mount = scene_tool_mount(make_scene(config.scene(), scene_directory(config)));
   }
-  options.mount = scene_tool_mount(make_scene(config.scene(), scene_directory(config)));
+  options.mount.instrument = &find_instrument(chosen.instrument);
 }
 
 int run(int argc, char** argv) {

@@ -16,9 +16,6 @@ constexpr double kTick_s = 1.0 / RobotArm::kTicksPerSecond;
 constexpr double kHomedInsertion_m = 0.12;
 constexpr double kHardwareInsertion_m = 0.02;
 constexpr std::int64_t kHomingTicks = 2175;  // 1.45 s, as recorded
-constexpr JointRange kJawLimits = {"jaw", -0.698, 1.396};
-/// The wrist-pitch axis is that much nearer to the remote centre than the insertion (section 1).
-constexpr double kWristBehind_m = 0.0156;
 constexpr double kCartesianEntry_m = 0.043;  // row 14
 /// Row 12: what a set-point may be from the encoder, yaw, pitch [rad], insertion [m], disc [rad].
 constexpr std::array<double, 3> kTolerance = {0.5, 0.5, 0.05};
@@ -32,27 +29,7 @@ constexpr double kDiscDamping = 0.09;
 /// Reported velocities last two periods of the streamer.
 constexpr std::int64_t kVelocityTicks = 2 * RobotArm::kTicksPerSecond / 100;
 
-const JointRange& limits(std::size_t joint) { return joint < 6 ? kPsmLimits[joint] : kJawLimits; }
-
-bool at_limit(const RobotArm::Joints& q, std::size_t joint) {
-  return q[joint] == limits(joint).min || q[joint] == limits(joint).max;
-}
-
-double clip(double q, std::size_t joint) {
-  return std::clamp(q, limits(joint).min, limits(joint).max);
-}
-
 PsmJoints arm_of(const RobotArm::Joints& q) { return {q[0], q[1], q[2], q[3], q[4], q[5]}; }
-
-CartesianPose pose_of(const RobotArm::Joints& q, double timestamp_s) {
-  const PsmPose forward = psm_forward(arm_of(q));
-  CartesianPose pose;
-  pose.rotation = forward.R;
-  pose.translation = forward.p;
-  pose.valid = true;
-  pose.timestamp_s = timestamp_s;
-  return pose;
-}
 
 /// The robot takes the rotation that is meant; one within rounding stays as it is, one that is
 /// none, too, and has no inverse.
@@ -114,6 +91,18 @@ RobotArm::RobotArm(const pb::ArmEffects& effects, const ToolMount& mount, bool h
   state_.valid = true;
   const State first = hardware_like ? State::kDisabled : State::kEnabled;
   change(first, hardware_like ? "DISABLED" : "ENABLED", false, false, 0);
+}
+
+const JointRange& RobotArm::limits(std::size_t joint) const {
+  return joint < 6 ? mount_.instrument->limits[joint] : mount_.instrument->jaw;
+}
+
+double RobotArm::clip(double q, std::size_t joint) const {
+  return std::clamp(q, limits(joint).min, limits(joint).max);
+}
+
+bool RobotArm::at_limit(std::size_t joint) const {
+  return setpoint_[joint] == limits(joint).min || setpoint_[joint] == limits(joint).max;
 }
 
 // ---- operator --------------------------------------------------------------------------------
@@ -295,7 +284,7 @@ void RobotArm::move_jaw(const JointGoal& goal) {
 }
 
 bool RobotArm::enter_cartesian() {
-  const bool inside = measured_[2] - kWristBehind_m < kCartesianEntry_m;
+  const bool inside = psm_wrist_distance(measured_[2], *mount_.instrument) < kCartesianEntry_m;
   if (space_ == Space::kJoint && inside) {
     refuse(Refusal::kInCannula);
     return false;
@@ -312,13 +301,13 @@ bool RobotArm::inverse(const CartesianGoal& goal, Joints& q) {
   }
   if (!enter_cartesian()) return false;
   const Result<PsmJoints> solved =
-      psm_inverse({rotation_of(goal.rotation), goal.translation}, measured_[3]);
+      psm_inverse({rotation_of(goal.rotation), goal.translation}, measured_[3], *mount_.instrument);
   if (!solved) {
     refuse(Refusal::kNoInverse);
     return false;
   }
   std::copy_n(solved.value().begin(), 6, q.begin());
-  const double c = q[2] - kWristBehind_m;
+  const double c = psm_wrist_distance(q[2], *mount_.instrument);
   if (c < kPsmCannula) {
     const double least = q[2] + (kPsmCannula - c);
     q[2] = measured_[2] <= least ? std::max(measured_[2], q[2]) : least;
@@ -336,15 +325,15 @@ void RobotArm::feed_forward(const CartesianGoal& goal) {
   const double turn = sticky_cp_.angular_velocity.norm();
   if (turn == 0 && sticky_cp_.velocity.norm() == 0) return;
   constexpr double kStep_s = 1e-5;
-  const PsmPose here = psm_forward(arm_of(setpoint_));
+  const PsmPose here = psm_forward(arm_of(setpoint_), *mount_.instrument);
   PsmPose there = here;
   there.p += kStep_s * sticky_cp_.velocity;
   if (turn > 0) {
     const Eigen::AngleAxisd rotated(turn * kStep_s, sticky_cp_.angular_velocity / turn);
     there.R = rotated.toRotationMatrix() * here.R;
   }
-  const Result<PsmJoints> from = psm_inverse(here, setpoint_[3]);
-  const Result<PsmJoints> to = psm_inverse(there, setpoint_[3]);
+  const Result<PsmJoints> from = psm_inverse(here, setpoint_[3], *mount_.instrument);
+  const Result<PsmJoints> to = psm_inverse(there, setpoint_[3], *mount_.instrument);
   if (!from || !to) return;
   for (std::size_t j = 0; j < 6; ++j)
     feed_forward_[j] = (to.value()[j] - from.value()[j]) / kStep_s;
@@ -400,14 +389,14 @@ void RobotArm::advance_move() {
 bool RobotArm::beyond_tolerance() const {
   for (std::size_t j = 0; j < 3; ++j) {
     const bool far = std::fabs(setpoint_[j] - measured_[j]) > kTolerance[j];
-    if (far && !at_limit(setpoint_, j)) return true;
+    if (far && !at_limit(j)) return true;
   }
   Eigen::Vector4d off;
   for (std::size_t j = 3; j < 7; ++j) {
-    if (at_limit(setpoint_, j)) return false;
+    if (at_limit(j)) return false;
     off[static_cast<int>(j) - 3] = setpoint_[j] - measured_[j];
   }
-  const Eigen::Vector4d discs = joints_of_discs().inverse() * off;
+  const Eigen::Vector4d discs = mount_.instrument->disc_coupling().inverse() * off;
   return discs.cwiseAbs().maxCoeff() > kDiscTolerance;
 }
 
@@ -509,7 +498,7 @@ JointState RobotArm::setpoint_js() const {
   Eigen::Vector4d wrist;
   for (int j = 0; j < 3; ++j) wrist[j] = velocity_[3 + static_cast<std::size_t>(j)];
   wrist[3] = velocity_[6];
-  const Eigen::Matrix4d from_discs = joints_of_discs().inverse();
+  const Eigen::Matrix4d from_discs = mount_.instrument->disc_coupling().inverse();
   const Eigen::Vector4d damping = from_discs.transpose() * (kDiscDamping * (from_discs * wrist));
   for (std::size_t j = 0; j < 6; ++j) {
     joints.position[j] = setpoint_[j];
@@ -540,12 +529,15 @@ JointState RobotArm::jaw_setpoint_js() const {
   return jaw;
 }
 
-CartesianPose RobotArm::measured_cp() const {
-  return engaged() ? pose_of(measured_, time_s()) : CartesianPose{};
-}
-
-CartesianPose RobotArm::setpoint_cp() const {
-  return engaged() ? pose_of(setpoint_, time_s()) : CartesianPose{};
+CartesianPose RobotArm::pose_of(const Joints& q) const {
+  CartesianPose pose;
+  if (!engaged()) return pose;
+  const PsmPose forward = psm_forward(arm_of(q), *mount_.instrument);
+  pose.rotation = forward.R;
+  pose.translation = forward.p;
+  pose.valid = true;
+  pose.timestamp_s = time_s();
+  return pose;
 }
 
 Eigen::Vector3d RobotArm::true_tip() const {

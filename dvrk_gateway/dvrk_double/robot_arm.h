@@ -32,8 +32,9 @@ class RobotArm {
   /// yaw, pitch, insertion, roll, wrist pitch, wrist yaw, jaw [rad, insertion m].
   using Joints = std::array<double, 7>;
 
-  /// `hardware_like`: starts DISABLED and homes where it stands, at an insertion of 0.02 m. With
-  /// zero effects every bit is that of an ideal arm. Throws Error for effects that Arm refuses.
+  /// The instrument is that of `mount`. `hardware_like`: starts DISABLED and homes where it stands,
+  /// at an insertion of 0.02 m. With zero effects every bit is that of an ideal arm. Throws Error
+  /// for effects that Arm refuses.
   RobotArm(const pb::ArmEffects& effects, const ToolMount& mount, bool hardware_like);
 
   // What only the operator can do; each is a request for the next tick. A wrong one is passed over.
@@ -59,8 +60,8 @@ class RobotArm {
   JointState setpoint_js() const;
   JointState jaw_measured_js() const;
   JointState jaw_setpoint_js() const;
-  CartesianPose measured_cp() const;
-  CartesianPose setpoint_cp() const;
+  CartesianPose measured_cp() const { return pose_of(measured_); }
+  CartesianPose setpoint_cp() const { return pose_of(setpoint_); }
   const OperatingState& operating_state() const { return state_; }
   /// Homed, tool engaged: six joints and valid poses, whatever the state.
   bool engaged() const { return stage_ == Stage::kEngaged; }
@@ -115,6 +116,10 @@ class RobotArm {
   void advance_servo();
   Joints delayed_target();
   void rest_at(const Joints& q);
+  CartesianPose pose_of(const Joints& q) const;
+  const JointRange& limits(std::size_t joint) const;
+  double clip(double q, std::size_t joint) const;
+  bool at_limit(std::size_t joint) const;
   void note_change(const Joints& before);
   bool effects_active() const;
 

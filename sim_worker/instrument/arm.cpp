@@ -10,7 +10,6 @@
 namespace omentum {
 namespace {
 
-using Eigen::Matrix4d;
 using Eigen::Vector3d;
 
 // Position gains P of the dVRK's servo (sawControllers, docs/mismatch.md 2.2) [N m/rad, N/m].
@@ -25,8 +24,8 @@ bool any(const std::array<double, 6>& v) {
 }
 
 /// Disc angles of a pose with the jaw's joint at zero, since the jaw does not move the tip.
-Eigen::Vector4d discs_of(const PsmJoints& q) {
-  return joints_of_discs().inverse() * Eigen::Vector4d(q[3], q[4], q[5], 0);
+Eigen::Vector4d discs_of(const PsmInstrument& instrument, const PsmJoints& q) {
+  return instrument.disc_coupling().inverse() * Eigen::Vector4d(q[3], q[4], q[5], 0);
 }
 
 Vector3d to_vector(const double* p) { return {p[0], p[1], p[2]}; }
@@ -46,12 +45,6 @@ double lag(double y, double u0, double u1, double T, double decay, double dt) {
 double play(double y, double x, double b) { return std::clamp(y, x - b, x + b); }
 
 }  // namespace
-
-Matrix4d joints_of_discs() {
-  Matrix4d m;
-  m << -1.5632, 0, 0, 0, 0, 1.0186, 0, 0, 0, -0.8306, 0.6089, 0.6089, 0, 0, -1.2177, 1.2177;
-  return m;
-}
 
 Arm::Arm(const pb::ArmEffects& effects, const ToolMount& mount, double control_period)
     : effects_(effects),
@@ -75,7 +68,8 @@ Arm::Arm(const pb::ArmEffects& effects, const ToolMount& mount, double control_p
                                       {"backlash", backlash_[j]},
                                       {"joint_compliance", compliance_[j]}}) {
       if (value < 0)
-        throw_error("scene.arm.{}.{}: {}, allowed 0 or more", name, kPsmLimits[j].name, value);
+        throw_error("scene.arm.{}.{}: {}, allowed 0 or more", name,
+                    mount.instrument->limits[j].name, value);
     }
   }
   const pb::DiscValues& discs = effects.disc_backlash();
@@ -97,7 +91,7 @@ Arm::Arm(const pb::ArmEffects& effects, const ToolMount& mount, double control_p
 }
 
 Vector3d Arm::tip_of(const PsmJoints& q, double extra_length) const {
-  const PsmPose pose = psm_forward(q);
+  const PsmPose pose = psm_forward(q, *mount_.instrument);
   return mount_.X_WR * (pose.p + (mount_.tip_offset + extra_length) * pose.R.col(2));
 }
 
@@ -129,13 +123,13 @@ PsmJoints Arm::play_of_discs(ArmState& state, const PsmJoints& q) const {
   const pb::DiscValues& b = effects_.disc_backlash();
   const std::array<double, 4> widths = {b.roll(), b.pitch(), b.yaw(), b.jaw()};
   if (std::all_of(widths.begin(), widths.end(), [](double w) { return w == 0; })) return q;
-  const Eigen::Vector4d discs = discs_of(q);
+  const Eigen::Vector4d discs = discs_of(*mount_.instrument, q);
   Eigen::Vector4d played;
   for (int k = 0; k < 4; ++k) {
     state.disc[k] = play(state.disc[k], discs[k], widths[k]);
     played[k] = state.disc[k];
   }
-  const Eigen::Vector4d joints = joints_of_discs() * (played - discs);
+  const Eigen::Vector4d joints = mount_.instrument->disc_coupling() * (played - discs);
   PsmJoints result = q;
   for (int k = 0; k < 3; ++k) result[3 + k] += joints[k];
   return result;
@@ -146,7 +140,7 @@ void Arm::reset_joints(ArmState& state, const PsmJoints& q) const {
        {state.target, state.droop, state.pole[0], state.pole[1], state.motor, state.joint}) {
     std::copy(q.begin(), q.end(), memory);
   }
-  Eigen::Vector4d::Map(state.disc) = discs_of(q);
+  Eigen::Vector4d::Map(state.disc) = discs_of(*mount_.instrument, q);
 }
 
 void Arm::reset(ArmState& state, const Vector3d& p_WT) const {

@@ -26,9 +26,6 @@ struct ArmState {
   double p_WT_measured[3];      ///< tip by the encoders [m]
 };
 
-/// Of disc angles to roll, wrist pitch, wrist yaw and jaw (docs/dvrk.md 1).
-Eigen::Matrix4d joints_of_discs();
-
 /// What a robot would report of a step.
 struct ArmReport {
   PsmJoints commanded{};           ///< rad, insertion m

@@ -23,8 +23,9 @@ inline ToolMount plain_mount() {
 
 /// A double in simulated time and the client that listens to it.
 struct DoubleSession {
-  explicit DoubleSession(const DoubleOptions& options = {}, const pb::ArmEffects& effects = {})
-      : robot(options, effects, plain_mount(), kClient) {}
+  explicit DoubleSession(const DoubleOptions& options = {}, const pb::ArmEffects& effects = {},
+                         const ToolMount& mount = plain_mount())
+      : robot(options, effects, mount, kClient) {}
 
   /// Whole periods until that time.
   void run_to(double time_s) {

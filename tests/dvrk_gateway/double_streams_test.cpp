@@ -10,6 +10,7 @@ namespace omentum {
 namespace {
 
 using test::DoubleSession;
+using test::jaw_servo_jp;
 using test::kClient;
 using test::servo_jp;
 using testing::ElementsAreArray;
@@ -152,6 +153,33 @@ TEST(DoubleLifeCycle, PausedAndDisabledArmsTakeNoCommands) {
     paused ? session.robot.arm().recover() : session.robot.arm().power();
     session.run_for(0.01);
     EXPECT_EQ(session.operating().state, State::kEnabled);
+  }
+}
+
+TEST(DoubleInstruments, PosesAndLimitsAreThoseOfTheInstrument) {
+  for (const PsmInstrument& instrument : psm_instruments()) {
+    ToolMount mount = test::plain_mount();
+    mount.instrument = &instrument;
+    DoubleSession session({}, {}, mount);
+    session.home();
+    session.say(servo_jp({0.1, 0.2, 0.15, 0.3, 0.4, -0.5}));
+    session.run_for(0.02);
+    PsmJoints q{};
+    std::copy_n(session.setpoint().position.begin(), 6, q.begin());
+    EXPECT_EQ(q[5], -0.5) << instrument.name;
+    const CartesianPose& pose = session.state.local_measured_cp.payload;
+    EXPECT_TRUE(check_instrument(q, {pose.rotation, pose.translation}, instrument));
+    const bool alike = instrument.tool_length == large_needle_driver().tool_length &&
+                       instrument.pitch_to_yaw == large_needle_driver().pitch_to_yaw;
+    EXPECT_EQ(
+        check_instrument(q, {pose.rotation, pose.translation}, large_needle_driver()).has_value(),
+        alike)
+        << instrument.name;
+    for (int k = 1; k <= 20; ++k) {
+      session.say(jaw_servo_jp(-0.05 * k));
+      session.run_for(0.02);
+    }
+    EXPECT_EQ(session.jaw(), instrument.jaw.min) << instrument.name;
   }
 }
 
