@@ -69,6 +69,7 @@ class DoubleProgram {
   std::array<std::uint64_t, static_cast<std::size_t>(Refusal::kCount)> told_refusals_{};
   double started_s_ = 0;  ///< of this robot process, since the program's start
   double touched_s_ = 0;
+  std::uint64_t missed_periods_ = 0;
   bool operator_listens_ = true, foreign_ = false, restart_asked_ = false, quit_ = false;
 };
 
