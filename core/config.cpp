@@ -246,9 +246,14 @@ std::string place_in_scene(const std::string& path, const std::string& error) {
 std::string place_of_field(const std::string& file, const protobuf::Message& kind,
                            const std::string& wanted) {
   if (!std::filesystem::is_regular_file(file)) return "";
+  return place_in_text(file, text_of_file(file), kind, wanted);
+}
+
+std::string place_in_text(const std::string& name, const std::string& text,
+                          const protobuf::Message& kind, const std::string& wanted) {
   std::unique_ptr<ParseInfoTree> places;
   const std::unique_ptr<protobuf::Message> message(kind.New());
-  if (!config_parts::parse_text(text_of_file(file), *message, nullptr, &places).empty()) return "";
+  if (!config_parts::parse_text(text, *message, nullptr, &places).empty()) return "";
   std::string place;
   const ParseInfoTree* tree = places.get();
   const protobuf::Descriptor* descriptor = kind.GetDescriptor();
@@ -261,7 +266,7 @@ std::string place_of_field(const std::string& file, const protobuf::Message& kin
     const int index = field->is_repeated() ? std::atoi(part.c_str() + bracket + 1) : -1;
     const auto at = tree->GetLocation(field, index);
     if (at.line < 0) break;
-    place = fmt::format("{}:{}:{}: ", file, at.line + 1, at.column + 1);
+    place = fmt::format("{}:{}:{}: ", name, at.line + 1, at.column + 1);
     tree = tree->GetTreeForNested(field, index);
     descriptor = field->message_type();
   }
@@ -270,6 +275,15 @@ std::string place_of_field(const std::string& file, const protobuf::Message& kin
 
 void read_text_proto(const std::string& path, protobuf::Message& message) {
   merge_text(path, text_of_file(path), message);
+}
+
+void parse_text_proto(const std::string& name, const std::string& text,
+                      protobuf::Message& message) {
+  merge_text(name, text, message);
+}
+
+void check_ranges(const protobuf::Message& message, const std::string& prefix) {
+  check_knobs(message, prefix);
 }
 
 std::string print_config(const pb::Config& config) {

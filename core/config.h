@@ -38,6 +38,10 @@ std::string place_in_scene(const std::string& path, const std::string& error);
 std::string place_of_field(const std::string& file, const google::protobuf::Message& kind,
                            const std::string& field);
 
+/// As above of a text that is called `name`.
+std::string place_in_text(const std::string& name, const std::string& text,
+                          const google::protobuf::Message& kind, const std::string& field);
+
 /// The file that `scene_file` names; empty without one.
 std::string scene_path(const pb::Config& config);
 
@@ -46,6 +50,13 @@ std::string scene_directory(const pb::Config& config);
 
 /// Reads a protobuf text file over what `message` holds. Throws Error with file:line:column.
 void read_text_proto(const std::string& path, google::protobuf::Message& message);
+
+/// As above from a text that is called `name` in errors.
+void parse_text_proto(const std::string& name, const std::string& text,
+                      google::protobuf::Message& message);
+
+/// Throws Error for a number outside its knob's range or NaN, naming it behind `prefix`.
+void check_ranges(const google::protobuf::Message& message, const std::string& prefix);
 
 /// Deterministic text form, the inverse of parse_config().
 std::string print_config(const pb::Config& config);

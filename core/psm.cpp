@@ -1,6 +1,10 @@
 #include "core/psm.h"
 
+#include <fmt/format.h>
+
 #include <cmath>
+#include <limits>
+#include <vector>
 
 #include "core/constants.h"
 #include "core/trig.h"
@@ -13,8 +17,15 @@ using Eigen::Vector3d;
 
 constexpr double kHalfPi = kPi / 2;
 constexpr double kRemoteCentreLength = 0.4318;  // L_rcc [m]
-constexpr double kToolLength = 0.4162;          // L_tool [m]
-constexpr double kPitchToYaw = 0.0091;          // [m]
+
+/// Largest size of an element, infinite if one is not finite: maxCoeff() may pass over NaN.
+double largest(const Matrix3d& M) {
+  return M.allFinite() ? M.cwiseAbs().maxCoeff() : std::numeric_limits<double>::infinity();
+}
+
+double deviation_from_orthonormal(const Matrix3d& R) {
+  return largest(R.transpose() * R - Matrix3d::Identity());
+}
 
 /// One row of the modified DH table: RotX(alpha) TransX(a) RotZ(theta) TransZ(d), alpha a multiple
 /// of pi/2 whose sine and cosine are exact.
@@ -43,48 +54,37 @@ Matrix3d tip_rotation() {
   return off;
 }
 
-/// Distance of the wrist-pitch axis from the remote centre.
-double wrist_distance(double insertion) { return insertion - kRemoteCentreLength + kToolLength; }
-
 }  // namespace
 
-const std::array<JointRange, 6> kPsmLimits = {{{"yaw", -1.588, 1.588},
-                                               {"pitch", -0.925025, 0.925025},
-                                               {"insertion", 0.0, 0.24},
-                                               {"roll", -4.53786, 4.53786},
-                                               {"wrist_pitch", -1.39626, 1.39626},
-                                               {"wrist_yaw", -1.39626, 1.39626}}};
+double psm_wrist_distance(double insertion, const PsmInstrument& instrument) noexcept {
+  return insertion - kRemoteCentreLength + instrument.tool_length;
+}
 
-PsmPose psm_forward(const PsmJoints& q, double theta_offset) {
+PsmPose psm_forward(const PsmJoints& q, const PsmInstrument& instrument, double theta_offset) {
   PsmPose pose;
   append(pose, make_link(1, 0, 0, q[0] + theta_offset, 0));
   append(pose, make_link(-1, 0, 0, q[1] - theta_offset, 0));
   append(pose, make_link(1, 0, 0, 0, q[2] - kRemoteCentreLength));
-  append(pose, make_link(0, 1, 0, q[3], kToolLength));
+  append(pose, make_link(0, 1, 0, q[3], instrument.tool_length));
   append(pose, make_link(-1, 0, 0, q[4] - theta_offset, 0));
-  append(pose, make_link(-1, 0, kPitchToYaw, q[5] - theta_offset, 0));
+  append(pose, make_link(-1, 0, instrument.pitch_to_yaw, q[5] - theta_offset, 0));
   pose.R = pose.R * tip_rotation();
   return pose;
 }
 
-Result<PsmJoints> psm_inverse(const PsmPose& pose, double roll_near, double theta_offset) {
-  const double orthonormality =
-      (pose.R.transpose() * pose.R - Matrix3d::Identity()).cwiseAbs().maxCoeff();
-  if (!(orthonormality < 1e-6))
-    return Failure{fmt::format("rotation is not orthonormal by {:.3g}", orthonormality)};
-  if (!(pose.p.norm() >= 1e-3)) {
-    return Failure{fmt::format("goal is {:.3g} m from the remote centre, allowed at least 0.001",
-                               pose.p.norm())};
-  }
+InverseSolution psm_solve(const PsmPose& pose, double roll_near, const PsmInstrument& instrument,
+                          double theta_offset) noexcept {
+  if (!(deviation_from_orthonormal(pose.R) < 1e-6)) return {InverseFault::kNotOrthonormal, {}};
+  if (!(pose.p.norm() >= 1e-3)) return {InverseFault::kNearRemoteCentre, {}};
   const Vector3d z6 = -pose.R.col(0);
   const Vector3d in_plane = pose.p - pose.p.dot(z6) * z6;
-  if (!(in_plane.norm() > 1e-9)) return Failure{"wrist axis passes through the remote centre"};
-  const Vector3d c = pose.p - kPitchToYaw * in_plane.normalized();
+  if (!(in_plane.norm() > 1e-9)) return {InverseFault::kWristAxisThroughCentre, {}};
+  const Vector3d c = pose.p - instrument.pitch_to_yaw * in_plane.normalized();
 
   PsmJoints q{};
   q[0] = trig::atan2(c.x(), -c.z());
   q[1] = -trig::atan2(c.y(), std::sqrt(c.x() * c.x() + c.z() * c.z()));
-  q[2] = c.norm() + kRemoteCentreLength - kToolLength;
+  q[2] = c.norm() + kRemoteCentreLength - instrument.tool_length;
 
   PsmPose shaft;
   append(shaft, make_link(1, 0, 0, q[0] + kHalfPi, 0));
@@ -101,21 +101,83 @@ Result<PsmJoints> psm_inverse(const PsmPose& pose, double roll_near, double thet
   q[4] += e;
   q[5] += e;
   q[3] += 2 * 2 * kHalfPi * std::nearbyint((roll_near - q[3]) / (4 * kHalfPi));
-  return q;
+  return {InverseFault::kNone, q};
 }
 
-std::string psm_limit_violation(const PsmJoints& q) {
+Result<PsmJoints> psm_inverse(const PsmPose& pose, double roll_near,
+                              const PsmInstrument& instrument, double theta_offset) {
+  const InverseSolution solution = psm_solve(pose, roll_near, instrument, theta_offset);
+  switch (solution.fault) {
+    case InverseFault::kNone:
+      return solution.q;
+    case InverseFault::kNotOrthonormal:
+      return Failure{
+          fmt::format("rotation is not orthonormal by {:.3g}", deviation_from_orthonormal(pose.R))};
+    case InverseFault::kNearRemoteCentre:
+      return Failure{fmt::format("goal is {:.3g} m from the remote centre, allowed at least 0.001",
+                                 pose.p.norm())};
+    case InverseFault::kWristAxisThroughCentre:
+      break;
+  }
+  return Failure{"wrist axis passes through the remote centre"};
+}
+
+std::string psm_limit_violation(const PsmJoints& q, const PsmInstrument& instrument) {
   for (std::size_t i = 0; i < q.size(); ++i) {
-    if (!(q[i] >= kPsmLimits[i].min && q[i] <= kPsmLimits[i].max)) {
-      return fmt::format("joint {} at {:.6g}, allowed {} ... {}", kPsmLimits[i].name, q[i],
-                         kPsmLimits[i].min, kPsmLimits[i].max);
+    const JointRange& limit = instrument.limits[i];
+    if (!(q[i] >= limit.min && q[i] <= limit.max)) {
+      return fmt::format("joint {} at {:.6g}, allowed {} ... {}", limit.name, q[i], limit.min,
+                         limit.max);
     }
   }
-  if (!(wrist_distance(q[2]) >= kPsmCannula)) {
+  const double distance = psm_wrist_distance(q[2], instrument);
+  if (!(distance >= kPsmCannula)) {
     return fmt::format("wrist-pitch axis {:.6g} m from the remote centre, allowed at least {}",
-                       wrist_distance(q[2]), kPsmCannula);
+                       distance, kPsmCannula);
   }
   return {};
+}
+
+PsmMismatch psm_mismatch(const PsmJoints& q, const PsmPose& pose,
+                         const PsmInstrument& instrument) noexcept {
+  const PsmPose expected = psm_forward(q, instrument);
+  return {(pose.p - expected.p).norm(), largest(pose.R - expected.R)};
+}
+
+Result<void> check_instrument(const PsmJoints& q, const PsmPose& pose,
+                              const PsmInstrument& instrument) {
+  const PsmMismatch mismatch = psm_mismatch(q, pose, instrument);
+  if (mismatch.agrees()) return {};
+  if (!(mismatch.rotation <= 2e-5)) {
+    return Failure{
+        fmt::format("local/measured_cp is turned by {:.3g} from the pose of measured_js, allowed "
+                    "2e-05: another "
+                    "arm, or not of one Timestamp",
+                    mismatch.rotation)};
+  }
+  const auto lengths = [](const PsmInstrument& of) {
+    return fmt::format("{:.4f} m, pitch to yaw {:.4f} m", of.tool_length, of.pitch_to_yaw);
+  };
+  const std::string given =
+      fmt::format("instrument {} has tool length {}", instrument.name, lengths(instrument));
+  std::vector<std::string> alike;
+  std::string found;
+  for (const PsmInstrument& other : psm_instruments()) {
+    if (!psm_mismatch(q, pose, other).agrees()) continue;
+    alike.emplace_back(other.name);
+    found = lengths(other);
+  }
+  if (!alike.empty()) {
+    return Failure{fmt::format("{}; the robot computes with tool length {}: {}", given, found,
+                               fmt::join(alike, " or "))};
+  }
+  // A longer tool moves the control point along the shaft.
+  const PsmPose shaft = psm_forward({q[0], q[1], q[2], 0, 0, 0}, instrument);
+  const double longer = shaft.R.col(2).dot(pose.p - psm_forward(q, instrument).p);
+  return Failure{fmt::format(
+      "{}; the robot computes with tool length {:.4f} m or another wrist, {:.3g} m away: no "
+      "instrument known",
+      given, instrument.tool_length + longer, mismatch.position)};
 }
 
 Vector3d ToolMount::jaw_direction() const { return R_WC.col(2); }
@@ -142,9 +204,9 @@ Result<PsmJoints> joints_for_tip(const ToolMount& mount, const Vector3d& p_WT) {
   const Eigen::Isometry3d X_RW = mount.X_WR.inverse();
   pose.R = X_RW.linear() * mount.R_WC;
   pose.p = X_RW * mount.control_point(p_WT);
-  Result<PsmJoints> joints = psm_inverse(pose);
+  Result<PsmJoints> joints = psm_inverse(pose, 0, *mount.instrument);
   if (!joints) return joints;
-  const std::string violation = psm_limit_violation(joints.value());
+  const std::string violation = psm_limit_violation(joints.value(), *mount.instrument);
   if (!violation.empty()) return Failure{violation};
   return joints;
 }

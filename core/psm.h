@@ -3,16 +3,18 @@
 #include <Eigen/Core>
 #include <Eigen/Geometry>
 #include <array>
+#include <string>
 
+#include "core/psm_instrument.h"
 #include "core/result.h"
 
 namespace omentum {
 
-/// Kinematics of the da Vinci PSM (classic) with a Large Needle Driver 400006, in double precision
-/// and with our own sine, cosine and arc tangent: the same bits on every machine. Frames: R remote
-/// centre of motion, C dVRK control point (wrist yaw axis), T jaw tip. Numbers and sources:
-/// docs/dvrk.md 1 (sawIntuitiveResearchKit share/kinematic/PSM.json,
-/// share/tool/LARGE_NEEDLE_DRIVER_400006.json).
+/// Kinematics of the da Vinci PSM (classic) with an instrument, the Large Needle Driver 400006
+/// where none is named, in double precision and with our own sine, cosine and arc tangent: the same
+/// bits on every machine. Frames: R remote centre of motion, C dVRK control point (wrist yaw axis),
+/// T jaw tip. Numbers and sources: docs/dvrk.md 1 (sawIntuitiveResearchKit
+/// share/kinematic/PSM.json).
 
 /// yaw, pitch [rad], insertion [m], roll, wrist pitch, wrist yaw [rad].
 using PsmJoints = std::array<double, 6>;
@@ -25,27 +27,58 @@ struct PsmPose {
 /// The theta offset of the robot's files; M_PI/2 is the textbook variant (1.2 um apart).
 inline constexpr double kPsmThetaOffset = 1.5708;
 
-PsmPose psm_forward(const PsmJoints& q, double theta_offset = kPsmThetaOffset);
+PsmPose psm_forward(const PsmJoints& q, const PsmInstrument& instrument = large_needle_driver(),
+                    double theta_offset = kPsmThetaOffset);
+
+/// Why a pose has no inverse.
+enum class InverseFault { kNone, kNotOrthonormal, kNearRemoteCentre, kWristAxisThroughCentre };
+
+struct InverseSolution {
+  InverseFault fault = InverseFault::kNone;
+  PsmJoints q{};  ///< where there is no fault
+};
 
 /// Closed form (docs/dvrk.md 3), branch |wrist pitch| < 90 deg; roll is unwrapped towards
-/// `roll_near`. Fails on a pose nearer than 1 mm to the remote centre or a rotation that is not
-/// orthonormal to 1e-6. Joint limits are not judged: see psm_limit_violation().
-Result<PsmJoints> psm_inverse(const PsmPose& pose, double roll_near = 0,
-                              double theta_offset = kPsmThetaOffset);
+/// `roll_near`. Faults: a pose nearer than 1 mm to the remote centre, a rotation that is not
+/// orthonormal to 1e-6, also where a number is not finite. Joint limits are not judged: see
+/// psm_limit_violation(). Allocates nothing.
+InverseSolution psm_solve(const PsmPose& pose, double roll_near = 0,
+                          const PsmInstrument& instrument = large_needle_driver(),
+                          double theta_offset = kPsmThetaOffset) noexcept;
 
-struct JointRange {
-  const char* name;
-  double min, max;
-};
-/// Joint limits, rad (insertion m).
-extern const std::array<JointRange, 6> kPsmLimits;
+/// psm_solve() with the fault as one line.
+Result<PsmJoints> psm_inverse(const PsmPose& pose, double roll_near = 0,
+                              const PsmInstrument& instrument = large_needle_driver(),
+                              double theta_offset = kPsmThetaOffset);
 
 /// Distance of the wrist-pitch axis from the remote centre below which the robot refuses to go [m].
 inline constexpr double kPsmCannula = 0.045;
 
+/// Distance of the wrist-pitch axis from the remote centre at an insertion [m].
+double psm_wrist_distance(double insertion, const PsmInstrument& instrument) noexcept;
+
 /// Empty when the joints are inside their limits and the wrist-pitch axis is at least kPsmCannula
 /// from the remote centre; else which rule is broken and by how much.
-std::string psm_limit_violation(const PsmJoints& q);
+std::string psm_limit_violation(const PsmJoints& q,
+                                const PsmInstrument& instrument = large_needle_driver());
+
+/// How far a pose that the robot reports (local/measured_cp) is from that of its joints
+/// (measured_js of the same Timestamp) with this instrument.
+struct PsmMismatch {
+  double position = 0;  ///< [m]
+  double rotation = 0;  ///< largest difference of an element
+
+  /// Within 2 um and 2e-5, what the two theta offsets differ by (docs/dvrk.md 1.1).
+  bool agrees() const { return position <= 2e-6 && rotation <= 2e-5; }
+};
+PsmMismatch psm_mismatch(const PsmJoints& q, const PsmPose& pose,
+                         const PsmInstrument& instrument) noexcept;
+
+/// The robot computes its pose with this instrument, or one that moves alike; else one line with
+/// the tool length of `instrument` and the one the pose speaks for, and the instruments of that
+/// length.
+Result<void> check_instrument(const PsmJoints& q, const PsmPose& pose,
+                              const PsmInstrument& instrument);
 
 /// Where the arm stands and how the tool is held: constant orientation, as the paper does (P
 /// III-A).
@@ -56,6 +89,7 @@ struct ToolMount {
   double tip_offset = 0.0102;                               ///< |p_CT| along the jaw [m]
   Eigen::Vector3d workspace_min = Eigen::Vector3d::Zero();  ///< box for the tip in W [m]
   Eigen::Vector3d workspace_max = Eigen::Vector3d::Zero();
+  const PsmInstrument* instrument = &large_needle_driver();
 
   /// Direction of the jaw in W: from C to T.
   Eigen::Vector3d jaw_direction() const;

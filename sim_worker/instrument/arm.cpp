@@ -10,7 +10,6 @@
 namespace omentum {
 namespace {
 
-using Eigen::Matrix4d;
 using Eigen::Vector3d;
 
 // Position gains P of the dVRK's servo (sawControllers, docs/mismatch.md 2.2) [N m/rad, N/m].
@@ -24,16 +23,9 @@ bool any(const std::array<double, 6>& v) {
   return std::any_of(v.begin(), v.end(), [](double x) { return x != 0; });
 }
 
-/// Of disc angles to roll, pitch, yaw, jaw (docs/dvrk.md 1).
-Matrix4d joints_of_discs() {
-  Matrix4d m;
-  m << -1.5632, 0, 0, 0, 0, 1.0186, 0, 0, 0, -0.8306, 0.6089, 0.6089, 0, 0, -1.2177, 1.2177;
-  return m;
-}
-
 /// Disc angles of a pose with the jaw's joint at zero, since the jaw does not move the tip.
-Eigen::Vector4d discs_of(const PsmJoints& q) {
-  return joints_of_discs().inverse() * Eigen::Vector4d(q[3], q[4], q[5], 0);
+Eigen::Vector4d discs_of(const PsmInstrument& instrument, const PsmJoints& q) {
+  return instrument.disc_coupling().inverse() * Eigen::Vector4d(q[3], q[4], q[5], 0);
 }
 
 Vector3d to_vector(const double* p) { return {p[0], p[1], p[2]}; }
@@ -76,7 +68,8 @@ Arm::Arm(const pb::ArmEffects& effects, const ToolMount& mount, double control_p
                                       {"backlash", backlash_[j]},
                                       {"joint_compliance", compliance_[j]}}) {
       if (value < 0)
-        throw_error("scene.arm.{}.{}: {}, allowed 0 or more", name, kPsmLimits[j].name, value);
+        throw_error("scene.arm.{}.{}: {}, allowed 0 or more", name,
+                    mount.instrument->limits[j].name, value);
     }
   }
   const pb::DiscValues& discs = effects.disc_backlash();
@@ -98,7 +91,7 @@ Arm::Arm(const pb::ArmEffects& effects, const ToolMount& mount, double control_p
 }
 
 Vector3d Arm::tip_of(const PsmJoints& q, double extra_length) const {
-  const PsmPose pose = psm_forward(q);
+  const PsmPose pose = psm_forward(q, *mount_.instrument);
   return mount_.X_WR * (pose.p + (mount_.tip_offset + extra_length) * pose.R.col(2));
 }
 
@@ -130,29 +123,31 @@ PsmJoints Arm::play_of_discs(ArmState& state, const PsmJoints& q) const {
   const pb::DiscValues& b = effects_.disc_backlash();
   const std::array<double, 4> widths = {b.roll(), b.pitch(), b.yaw(), b.jaw()};
   if (std::all_of(widths.begin(), widths.end(), [](double w) { return w == 0; })) return q;
-  const Eigen::Vector4d discs = discs_of(q);
+  const Eigen::Vector4d discs = discs_of(*mount_.instrument, q);
   Eigen::Vector4d played;
   for (int k = 0; k < 4; ++k) {
     state.disc[k] = play(state.disc[k], discs[k], widths[k]);
     played[k] = state.disc[k];
   }
-  const Eigen::Vector4d joints = joints_of_discs() * (played - discs);
+  const Eigen::Vector4d joints = mount_.instrument->disc_coupling() * (played - discs);
   PsmJoints result = q;
   for (int k = 0; k < 3; ++k) result[3 + k] += joints[k];
   return result;
 }
 
+void Arm::reset_joints(ArmState& state, const PsmJoints& q) const {
+  for (double* memory :
+       {state.target, state.droop, state.pole[0], state.pole[1], state.motor, state.joint}) {
+    std::copy(q.begin(), q.end(), memory);
+  }
+  Eigen::Vector4d::Map(state.disc) = discs_of(*mount_.instrument, q);
+}
+
 void Arm::reset(ArmState& state, const Vector3d& p_WT) const {
   state = {};
   for (auto& command : state.command) assign(command, p_WT);
-  if (const Result<PsmJoints> solved = joints_for_tip(mount_, p_WT)) {
-    const PsmJoints& q = solved.value();
-    for (double* memory :
-         {state.target, state.droop, state.pole[0], state.pole[1], state.motor, state.joint}) {
-      std::copy(q.begin(), q.end(), memory);
-    }
-    Eigen::Vector4d::Map(state.disc) = discs_of(q);
-  }
+  if (const Result<PsmJoints> solved = joints_for_tip(mount_, p_WT))
+    reset_joints(state, solved.value());
   assign(state.p_WT_true, p_WT);
   assign(state.p_WT_measured, p_WT);
   step(state, p_WT, Vector3d::Zero());  // offsets act at rest as well
@@ -164,16 +159,41 @@ ArmReport Arm::step(ArmState& state, const Vector3d& p_WT, const Vector3d& load_
   assign(state.command[0], p_WT);
   const Vector3d goal = delayed(state);
 
-  ArmReport report;
   PsmJoints target{};
   std::copy_n(state.target, 6, target.begin());
   if (const Result<PsmJoints> q = joints_for_tip(mount_, goal)) target = q.value();
-  report.commanded = target;
-
-  const Vector3d force = load_W - Vector3d(0, 0, effects_.payload_kg() * kStandardGravity);
-  const std::array<double, 6> load = load_efforts(target, force);
-  PsmJoints measured{};
   PsmJoints joints{};
+  ArmReport report = follow(state, target, load_W, joints);
+
+  // As differences from the nominal arm: zero effects leave the goal to the bit.
+  const Vector3d nominal = tip_of(target, 0);
+  assign(state.p_WT_measured, goal + (tip_of(report.measured, 0) - nominal));
+  assign(state.p_WT_true, goal + (tip_of(joints, effects_.tool_length_offset_m()) - nominal) +
+                              bending(target, load_W));
+  return report;
+}
+
+Vector3d Arm::force(const Vector3d& load_W) const {
+  return load_W - Vector3d(0, 0, effects_.payload_kg() * kStandardGravity);
+}
+
+Vector3d Arm::bending(const PsmJoints& target, const Vector3d& load_W) const {
+  const pb::AxisValues& c = effects_.tip_compliance();
+  const double depth = 1 + effects_.compliance_depth_slope() * (target[2] - 0.12);
+  return depth * Vector3d(c.x(), c.y(), c.z()).cwiseProduct(force(load_W));
+}
+
+Vector3d Arm::true_tip(const PsmJoints& tip_joints, const PsmJoints& target,
+                       const Vector3d& load_W) const {
+  return tip_of(tip_joints, effects_.tool_length_offset_m()) + bending(target, load_W);
+}
+
+ArmReport Arm::follow(ArmState& state, const PsmJoints& target, const Vector3d& load_W,
+                      PsmJoints& tip_joints) const {
+  ArmReport report;
+  report.commanded = target;
+  const std::array<double, 6> load = load_efforts(target, force(load_W));
+  PsmJoints measured{};
   for (std::size_t j = 0; j < 6; ++j) {
     // Servo: droop, two poles of the bandwidth, Coulomb friction against the position gain.
     const double u0 = state.target[j];
@@ -197,20 +217,11 @@ ArmReport Arm::step(ArmState& state, const Vector3d& p_WT, const Vector3d& load_
   const PsmJoints behind_discs = play_of_discs(state, measured);
   for (std::size_t j = 0; j < 6; ++j) {
     state.joint[j] = play(state.joint[j], behind_discs[j], backlash_[j]);
-    joints[j] = state.joint[j] + compliance_[j] * load[j] + offset_[j];
+    tip_joints[j] = state.joint[j] + compliance_[j] * load[j] + offset_[j];
   }
   for (const pb::JointCoupling& c : effects_.coupling()) {
-    joints[c.driven()] += c.slope() * state.joint[c.driving()];
+    tip_joints[c.driven()] += c.slope() * state.joint[c.driving()];
   }
-
-  // As differences from the nominal arm: zero effects leave the goal to the bit.
-  const Vector3d nominal = tip_of(target, 0);
-  const pb::AxisValues& c = effects_.tip_compliance();
-  const double depth = 1 + effects_.compliance_depth_slope() * (target[2] - 0.12);
-  const Vector3d bending = depth * Vector3d(c.x(), c.y(), c.z()).cwiseProduct(force);
-  assign(state.p_WT_measured, goal + (tip_of(measured, 0) - nominal));
-  assign(state.p_WT_true,
-         goal + (tip_of(joints, effects_.tool_length_offset_m()) - nominal) + bending);
   return report;
 }
 

@@ -50,8 +50,20 @@ class Arm {
   /// tool [N]. Where inverse kinematics has no solution the joints keep their target.
   ArmReport step(ArmState& state, const Eigen::Vector3d& p_WT, const Eigen::Vector3d& load_W) const;
 
+  /// For a robot that takes joints, of any orientation of the tool: the chain from `target` to the
+  /// joints behind the cables, `tip_joints`, without the transport delay. `reset_joints` puts it
+  /// at rest. Of the state the tips and the history of commands are not used.
+  void reset_joints(ArmState& state, const PsmJoints& q) const;
+  ArmReport follow(ArmState& state, const PsmJoints& target, const Eigen::Vector3d& load_W,
+                   PsmJoints& tip_joints) const;
+  /// True p_WT [m] of joints behind the cables when `target` is commanded under this load.
+  Eigen::Vector3d true_tip(const PsmJoints& tip_joints, const PsmJoints& target,
+                           const Eigen::Vector3d& load_W) const;
+
  private:
   Eigen::Vector3d tip_of(const PsmJoints& q, double extra_length) const;
+  Eigen::Vector3d force(const Eigen::Vector3d& load_W) const;
+  Eigen::Vector3d bending(const PsmJoints& target, const Eigen::Vector3d& load_W) const;
   Eigen::Vector3d delayed(const ArmState& state) const;
   std::array<double, 6> load_efforts(const PsmJoints& q, const Eigen::Vector3d& load_W) const;
   PsmJoints play_of_discs(ArmState& state, const PsmJoints& q) const;

@@ -85,32 +85,40 @@ TEST(Psm, ForwardReproducesTheTable) {
 
 TEST(Psm, TextbookVariantIsWithinTwoMicrometres) {
   for (const Vector& v : table()) {
-    const PsmPose pose = psm_forward(v.q, kPi / 2);
+    const PsmPose pose = psm_forward(v.q, large_needle_driver(), kPi / 2);
     EXPECT_LT((pose.p - v.p).cwiseAbs().maxCoeff(), 2e-6);
     EXPECT_LT((pose.R - v.R).cwiseAbs().maxCoeff(), 2e-5);
   }
 }
 
-TEST(Psm, InverseUndoesForwardOnRandomPoses) {
-  for (std::uint32_t i = 0; i < 20000; ++i) {
-    const PhiloxWords a = philox({i, 0, 0, 0}, {5, 6});
-    const PhiloxWords b = philox({i, 1, 0, 0}, {5, 6});
-    PsmJoints q{};
-    for (std::size_t k = 0; k < 6; ++k) {
-      q[k] = uniform(k < 4 ? a[k] : b[k - 4], 0.98 * kPsmLimits[k].min, 0.98 * kPsmLimits[k].max);
+TEST(Psm, InverseUndoesForwardOnRandomPosesOfEveryInstrument) {
+  for (const PsmInstrument& instrument : psm_instruments()) {
+    // From a wrist-pitch axis 50 mm inside: 5e-3 m of insertion and more for an Si instrument.
+    const double nearest = 0.05 - psm_wrist_distance(0, instrument);
+    for (std::uint32_t i = 0; i < 5000; ++i) {
+      const PhiloxWords a = philox({i, 0, 0, 0}, {5, 6});
+      const PhiloxWords b = philox({i, 1, 0, 0}, {5, 6});
+      PsmJoints q{};
+      for (std::size_t k = 0; k < 6; ++k) {
+        const JointRange& limit = instrument.limits[k];
+        q[k] = uniform(k < 4 ? a[k] : b[k - 4], 0.98 * limit.min, 0.98 * limit.max);
+      }
+      q[2] = uniform(a[2], std::max(nearest, 0.0), 0.235);
+      ASSERT_EQ(psm_limit_violation(q, instrument), "");
+      const Result<PsmJoints> back = psm_inverse(psm_forward(q, instrument), q[3], instrument);
+      ASSERT_TRUE(back.has_value()) << back.error();
+      for (std::size_t k = 0; k < 6; ++k) {
+        ASSERT_NEAR(back.value()[k], q[k], 1e-12)
+            << instrument.name << " joint " << k << " pose " << i;
+      }
     }
-    q[2] = uniform(a[2], 0.07, 0.235);
-    const Result<PsmJoints> back = psm_inverse(psm_forward(q), q[3]);
-    ASSERT_TRUE(back.has_value()) << back.error();
-    for (std::size_t k = 0; k < 6; ++k)
-      ASSERT_NEAR(back.value()[k], q[k], 1e-12) << "joint " << k << " pose " << i;
   }
 }
 
 TEST(Psm, FortyFiveMillimetreRuleGivesTheRecordedInsertion) {
   // docs/dvrk.md 3: goal (0, 0, -0.02) with the rotation of q = 0 ends at q3 = 0.0606, tip z =
   // -0.0541.
-  PsmPose pose = psm_forward({0, 0, 0.12, 0, 0, 0}, kPi / 2);
+  PsmPose pose = psm_forward({0, 0, 0.12, 0, 0, 0}, large_needle_driver(), kPi / 2);
   pose.p = Vector3d(0, 0, -0.02);
   const Result<PsmJoints> goal = psm_inverse(pose);
   ASSERT_TRUE(goal.has_value());

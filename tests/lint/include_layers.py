@@ -12,6 +12,7 @@ ALLOWED = {
     "mismatch": {"mismatch", "sim_worker", "core", "proto"},
     "report": {"report", "sim_worker", "core", "proto"},
     "monitor": {"monitor", "report", "sim_worker", "core", "proto"},
+    "dvrk_gateway": {"dvrk_gateway", "sim_worker", "core", "proto"},
     "benchmarks": {"benchmarks", "report", "sim_worker", "learner", "core", "proto"},
 }
 # Within sim_worker: a folder includes itself and what stands before it. "models" is models.h, "" is main.cpp.
@@ -21,7 +22,7 @@ SIM_WORKER = ["lanes", "geometry", "instrument", "scene", "tissue", "cluster", "
 MODELS = {"cluster", "shell", "solid", "coupled", "reference"}
 JOINED = {"coupled": {"shell", "solid"}}
 # Folders of the tests are named from the tests' own root as well.
-TESTS = {"tests", "support", "contract", "fuzz", "learner", "sim_worker", "report", "mismatch", "monitor", "core", "proto", "benchmarks"}
+TESTS = {"tests", "support", "contract", "fuzz", "learner", "sim_worker", "report", "mismatch", "monitor", "dvrk_gateway", "core", "proto", "benchmarks"}
 GENERATED_WIRE = ("core/wire.cpp", "core/wire_fields.h")
 INCLUDE = re.compile(r'^\s*#\s*include\s*([<"])([^>"]+)[>"]')
 

@@ -1,0 +1,132 @@
+// Program dvrk_double: a UDP robot for tests and demonstrations. See --help and docs/dvrk.md 5.
+#include <unistd.h>
+
+#include <csignal>
+#include <cstdio>
+#include <map>
+
+#include "core/command_line.h"
+#include "core/config.h"
+#include "core/log.h"
+#include "dvrk_gateway/dvrk_double/double_program.h"
+#include "sim_worker/scene/scene.h"
+
+namespace {
+
+using namespace omentum;  // NOLINT(google-build-using-namespace): a program of this very namespace
+
+volatile std::sig_atomic_t stop_requested = 0;
+void on_signal(int) { stop_requested = 1; }
+
+struct SceneOptions {
+  std::string preset = "omentum";
+  std::string file;
+  std::vector<std::string> overrides;
+  bool tissue = false;
+  std::string instrument = large_needle_driver().name;
+};
+
+void add_robot(CLI::App& app, DoubleProgramOptions& options) {
+  app.add_option("--port", options.port, "UDP port the stream is sent to")
+      ->check(CLI::Range(1, 65535))
+      ->required();
+  app.add_option("--to", options.host, "Machine the stream is sent to")->capture_default_str();
+  options.robot.home_at_s = 0.9;
+  app.add_option("--home-at", options.robot.home_at_s,
+                 "The operator powers and homes the arm then [s]; -1: not before `home` is typed")
+      ->check(number_between(-1, 1e6))
+      ->capture_default_str();
+  app.add_flag("--hardware-like", options.robot.hardware_like,
+               "Start DISABLED; home in place at an insertion of 0.02 m");
+  const std::map<std::string, DoubleOptions::Shape> shapes = {
+      {"today", DoubleOptions::Shape::kToday},
+      {"all-in-one", DoubleOptions::Shape::kAllInOne},
+      {"2019", DoubleOptions::Shape::k2019}};
+  app.add_option("--shape", options.robot.shape, "Shape of the messages, docs/dvrk.md 4.6")
+      ->transform(CLI::CheckedTransformer(shapes));
+  app.add_option("--missing", options.robot.missing_stream, "Stream that is not sent");
+  app.add_option("--invalid", options.robot.invalid_stream, "Stream whose Valid is false");
+  app.add_option("--not-finite", options.robot.not_finite_stream, "Stream whose numbers are null");
+  app.add_option("--at", options.at, "\"SECONDS COMMAND\": as typed then; may be repeated")
+      ->allow_extra_args(false);
+  app.add_option("--seconds", options.seconds, "End after so long [s]; 0: until Ctrl-C or `quit`")
+      ->check(number_between(0, 1e9))
+      ->capture_default_str();
+}
+
+void add_network(CLI::App& app, DoubleProgramOptions& options) {
+  Disturbance& network = options.network;
+  app.add_option("--loss", network.loss, "Share of datagrams lost, each way")
+      ->check(number_between(0, 1));
+  app.add_option("--duplication", network.duplication, "Share that arrives twice")
+      ->check(number_between(0, 1));
+  app.add_option("--reordering", network.reordering, "Share that is held back by 15 ms")
+      ->check(number_between(0, 1));
+  app.add_option("--delay", network.delay_s, "Of every datagram [s]")->check(number_between(0, 10));
+  app.add_option("--jitter", network.jitter_s, "Beside the delay, uniform from 0 [s]")
+      ->check(number_between(0, 10));
+  app.add_option("--period-jitter", options.period_jitter_s, "Periods begin late by up to this [s]")
+      ->check(number_between(0, 0.01));
+  app.add_option("--seed", options.seed, "Of all chance")
+      ->check(whole_number())
+      ->capture_default_str();
+}
+
+void add_scene(CLI::App& app, SceneOptions& scene) {
+  app.add_option("--preset", scene.preset, "Configuration that the scene belongs to")
+      ->capture_default_str();
+  app.add_option("--scene", scene.file, "Scene file: effects of the arm, its base, the tissue");
+  app.add_option("--set", scene.overrides,
+                 "Override a knob, a.b=value, as scene.arm.droop_s.yaw=0.05; may be repeated")
+      ->allow_extra_args(false);
+  app.add_option("--instrument", scene.instrument, "What the arm holds, docs/dvrk.md 1.1")
+      ->capture_default_str();
+  app.add_flag("--tissue", scene.tissue,
+               "Simulate the scene's tissue under the jaw: it pulls at the arm");
+}
+
+void read_scene(const SceneOptions& chosen, DoubleProgramOptions& options) {
+  std::vector<std::string> overrides = chosen.overrides;
+  if (!chosen.file.empty()) overrides.insert(overrides.begin(), "scene_file=" + chosen.file);
+  const pb::Config config = load_config(chosen.preset, overrides);
+  options.effects = config.scene().arm();
+  if (chosen.tissue) {
+    options.tissue = make_sim_setup(config);
+    options.mount = options.tissue->mount;
+  } else {
+    options.mount = scene_tool_mount(make_scene(config.scene(), scene_directory(config)));
+  }
+  options.mount.instrument = &find_instrument(chosen.instrument);
+}
+
+int run(int argc, char** argv) {
+  CLI::App app{
+      "A UDP robot: a da Vinci PSM that speaks sawSocketStreamer's JSON and answers as one does, "
+      "in real time. Its operator types commands:\n" +
+      DoubleProgram::commands_help()};
+  DoubleProgramOptions options;
+  SceneOptions scene;
+  add_robot(app, options);
+  add_network(app, options);
+  add_scene(app, scene);
+  app.footer("Exit codes: 0 ended, 2 wrong input.");
+  if (const std::optional<int> code = parse_command_line(app, argc, argv)) return *code;
+  read_scene(scene, options);
+  std::signal(SIGINT, on_signal);
+  std::signal(SIGTERM, on_signal);
+  DoubleProgram program(options);
+  program.run(stop_requested, STDIN_FILENO);
+  return 0;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  omentum::name_log("dvrk_double");
+  try {
+    return run(argc, argv);
+  } catch (const std::exception& error) {
+    std::fprintf(stderr, "dvrk_double: %s\n", error.what());
+  }
+  return 2;
+}
