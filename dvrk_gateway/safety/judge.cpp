@@ -121,7 +121,8 @@ void arm(const RobotState& robot, const Goal& start, const SafetySetup& setup,
   memory.goal_count = 0;
   put_in_force(start, memory);
   const JointState& setpoint = robot.jaw_setpoint_js.payload;
-  const bool has_setpoint = robot.jaw_setpoint_js.seen && setpoint.valid && setpoint.count == 1;
+  const bool has_setpoint = robot.jaw_setpoint_js.seen && setpoint.valid && setpoint.count == 1 &&
+                            std::isfinite(setpoint.position[0]);
   memory.jaw = has_setpoint ? setpoint.position[0] : robot.jaw_measured_js.payload.position[0];
   memory.credit_ns = 2 * setup.period_ns;
 }

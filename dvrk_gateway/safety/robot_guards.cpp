@@ -157,6 +157,11 @@ Finding check_robot(const SafetySetup& setup, const SafetyMemory& memory, const 
   const int jaws = robot.jaw_measured_js.payload.count;
   if (joints != 6) return {StopReason::kJointCount, static_cast<double>(joints), 6, 0};
   if (jaws != 1) return {StopReason::kJointCount, static_cast<double>(jaws), 1, 4};
+  const auto finite = [](double v) { return std::isfinite(v); };
+  const auto& positions = robot.measured_js.payload.position;
+  if (!std::all_of(positions.begin(), positions.begin() + 6, finite))
+    return {StopReason::kInvalid, 0, 0, 0};
+  if (!finite(robot.jaw_measured_js.payload.position[0])) return {StopReason::kInvalid, 0, 0, 4};
   return check_poses(setup, robot);
 }
 

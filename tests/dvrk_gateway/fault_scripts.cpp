@@ -268,8 +268,7 @@ class FaultScript {
     if (active(Fault::kRobotFault) != nullptr) operating.state = State::kFault;
     CartesianPose* const poses[] = {&state.measured_cp.payload, &state.setpoint_cp.payload,
                                     &state.local_measured_cp.payload};
-    if (const Event* event = active(Fault::kNotFinite))
-      poses[event->part % 3]->translation[event->part % 2] = not_finite();
+    if (const Event* event = active(Fault::kNotFinite)) spoil_number(state, event->part);
     if (const Event* event = active(Fault::kInvalid)) poses[event->part % 3]->valid = false;
     if (const Event* event = active(Fault::kSkewed))
       poses[event->part % 3]->rotation *= 1 + 1e-4 * event->size;
@@ -297,6 +296,15 @@ class FaultScript {
     if (const Event* event = active(Fault::kOtherBase))
       state.measured_cp.payload.translation.x() += 0.02 * event->size;
     if (active(Fault::kCannula) != nullptr) stand_in_cannula(state);
+  }
+
+  void spoil_number(RobotState& state, int part) {
+    double* const numbers[] = {
+        &state.measured_cp.payload.translation[0],       &state.setpoint_cp.payload.translation[1],
+        &state.local_measured_cp.payload.translation[2], &state.setpoint_cp.payload.rotation(1, 2),
+        &state.measured_js.payload.position[3],          &state.jaw_measured_js.payload.position[0],
+        &state.jaw_setpoint_js.payload.position[0],      &state.measured_js.payload.effort[1]};
+    *numbers[part] = not_finite();
   }
 
   void stand_in_cannula(RobotState& state) {

@@ -43,6 +43,7 @@ class Witness {
       moved_ = false;
       sent_.clear();
       jaw_ = robot.jaw_setpoint_js.payload.position[0];
+      if (!std::isfinite(jaw_)) jaw_ = robot.jaw_measured_js.payload.position[0];
     }
     last_arm_ns_ = events.arm_ns;
     last_stop_ns_ = events.stop_ns;
