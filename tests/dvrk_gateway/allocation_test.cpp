@@ -1,27 +1,12 @@
 // What the gateway's real-time thread calls takes no memory.
 #include <gtest/gtest.h>
 
-#include <atomic>
-#include <cstdlib>
-#include <new>
+#include <array>
+#include <string>
 
 #include "dvrk_gateway/protocol/codec.h"
 #include "dvrk_gateway/protocol/udp_socket.h"
-
-namespace {
-std::atomic<std::size_t> allocations{0};  // of this program, by the operators below
-}  // namespace
-
-// Not inlined: g++ would see malloc meet operator delete and warn.
-__attribute__((noinline)) void* operator new(std::size_t size) {
-  ++allocations;
-  if (void* memory = std::malloc(size == 0 ? 1 : size)) return memory;
-  throw std::bad_alloc();
-}
-__attribute__((noinline)) void operator delete(void* memory) noexcept { std::free(memory); }
-__attribute__((noinline)) void operator delete(void* memory, std::size_t) noexcept {
-  std::free(memory);
-}
+#include "tests/support/allocation_count.h"
 
 namespace omentum {
 namespace {
@@ -44,7 +29,7 @@ TEST(Allocations, NoneFromSocketToStateAndBack) {
       "{\"" + long_name + "\":\"" + long_name + "\"}"};
   std::array<char, 2000> memory{};
 
-  const std::size_t before = allocations;
+  const std::uint64_t before = test::allocation_count();
   for (int k = 0; k < 100; ++k) {
     for (const std::string& text : texts) take_datagram(state, text, k, self);
     for (int joints = 0; joints < 2; ++joints) {
@@ -55,7 +40,7 @@ TEST(Allocations, NoneFromSocketToStateAndBack) {
     while (socket.receive(memory)) {
     }
   }
-  EXPECT_EQ(allocations, before);
+  EXPECT_EQ(test::allocation_count(), before);
   EXPECT_EQ(state.datagrams, 400u);
   EXPECT_EQ(state.malformed, 200u);
 }
