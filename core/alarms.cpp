@@ -1,5 +1,7 @@
 #include "core/alarms.h"
 
+#include <fmt/format.h>
+
 #include "core/log.h"
 
 namespace omentum {
@@ -19,7 +21,7 @@ std::vector<std::string> Alarms::texts() const {
   constexpr std::size_t kMost = 16;
   std::vector<std::string> texts;
   for (const auto& [name, text] : holding_) {
-    if (texts.size() < kMost) texts.push_back(name + ": " + text);
+    if (texts.size() < kMost) texts.push_back(fmt::format("{}: {}", name, text));
   }
   return texts;
 }

@@ -247,7 +247,7 @@ Result<Validity> check_permissions(const std::string& dir, const SecurityFiles& 
                     "made again",
                     path, named, subject, kMake)};
   }
-  const Result<Validity> validity = validity_of(path, text.value());
+  Result<Validity> validity = validity_of(path, text.value());
   if (!validity) return Failure{validity.error()};
   const std::string role = role_of(common_name(files.certificate.get()));
   if (Result<void> timely =

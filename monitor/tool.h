@@ -7,7 +7,7 @@
 #include "core/dds.h"
 #include "core/dds_options.h"
 
-namespace CLI {
+namespace CLI {  // NOLINT(readability-identifier-naming): the library's name
 class App;
 class Option;
 }  // namespace CLI

@@ -4,6 +4,7 @@
 #include <httplib.h>
 
 #include <algorithm>
+#include <atomic>
 #include <condition_variable>
 #include <cstdio>
 #include <mutex>
@@ -256,7 +257,11 @@ int run_monitor(const MonitorOptions& options) {
   if (!participant) return 0;
   const std::unique_ptr<Operator> to_learner = make_operator(*participant, options.tool.run);
   RunWatch watch(*participant, options.tool.run, true);
-  std::jthread listening([&server] { server.listen_after_bind(); });
+  std::atomic<bool> listened = false;
+  std::jthread listening([&server, &listened] {
+    server.listen_after_bind();
+    listened = true;
+  });
   fmt::print("http://{}:{}/ shows run {}\n", options.address, port, options.tool.run);
   std::fflush(stdout);
   while (!stop_requested()) {
@@ -273,6 +278,8 @@ int run_monitor(const MonitorOptions& options) {
   send_all(to_learner.get(),
            board.with([](RunState&, FrameDesk& frames) { return frames.all_off(); }));
   board.close();
+  // stop() does nothing before the thread listens, and then the thread would never end.
+  while (!server.is_running() && !listened) std::this_thread::yield();
   server.stop();
   return 0;
 }

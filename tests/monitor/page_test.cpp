@@ -2,6 +2,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <httplib.h>
+#include <netinet/in.h>
+#include <sys/socket.h>
 
 #include <cstdio>
 #include <regex>
@@ -120,6 +122,30 @@ TEST_F(Page, ATakenPortIsOneLineAndCodeTwo) {
       programs_.finish(tool(programs_, "monitor", "page", {"--port", std::to_string(port_)}));
   EXPECT_EQ(second.code, 2);
   EXPECT_EQ(test::lines_of(second.err).size(), 1u) << second.err;
+}
+
+/// Whether something listens there, though it may not answer yet.
+bool can_connect(int port) {
+  sockaddr_in address{};
+  address.sin_family = AF_INET;
+  address.sin_port = htons(static_cast<std::uint16_t>(port));
+  address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+  const int fd = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
+  const bool connected =
+      connect(fd, reinterpret_cast<const sockaddr*>(&address), sizeof address) == 0;
+  close(fd);
+  return connected;
+}
+
+TEST_F(Page, EndsWhenToldToWhileItStarts) {
+  for (int start = 0; start < 8; ++start) {
+    monitor_.kill(SIGTERM);
+    ASSERT_EQ(monitor_.wait(std::chrono::seconds(20)), 0) << "start " << start;
+    monitor_ = test::Process(tool(programs_, "monitor", "page", {"--port", std::to_string(port_)}),
+                             "/dev/null");
+    // The port is taken before the run is joined, and the signal comes in between.
+    ASSERT_TRUE(eventually([&] { return can_connect(port_); }));
+  }
 }
 
 std::string output_of(const std::string& command) {
