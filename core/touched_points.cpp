@@ -15,6 +15,18 @@ constexpr std::array<const char*, 4> kWorld = {"name", "world_x_m", "world_y_m",
 constexpr std::array<const char*, 7> kControl = {"control_x_m", "control_y_m", "control_z_m", "q_w",
                                                  "q_x",         "q_y",         "q_z"};
 
+bool is_control(char c) { return static_cast<unsigned char>(c) < 0x20; }
+
+/// A cell as one line of an error may show it: quoted cells hold line ends.
+std::string one_line(std::string text) {
+  std::replace_if(text.begin(), text.end(), is_control, ' ');
+  return text;
+}
+
+bool is_name(const std::string& text) {
+  return !text.empty() && std::none_of(text.begin(), text.end(), is_control);
+}
+
 bool is_column(const std::string& name) {
   const auto is_it = [&](const char* known) { return name == known; };
   return std::any_of(kWorld.begin(), kWorld.end(), is_it) ||
@@ -25,8 +37,8 @@ Result<void> check_columns(const CsvTable& table, bool with_world) {
   for (const CsvCell& cell : table.header) {
     if (is_column(cell.text)) continue;
     return Failure{fmt::format("{}:{}:{}: unknown column \"{}\", allowed: {}, {}", table.path,
-                               table.header_line, cell.at, cell.text, fmt::join(kWorld, ", "),
-                               fmt::join(kControl, ", "))};
+                               table.header_line, cell.at, one_line(cell.text),
+                               fmt::join(kWorld, ", "), fmt::join(kControl, ", "))};
   }
   const auto missing = [&](const char* name) { return !table.column(name); };
   for (const char* name : kControl) {
@@ -54,10 +66,11 @@ Result<std::vector<Touch>> read_touches(const CsvTable& table, bool with_world) 
   for (std::size_t row = 0; row < table.rows.size(); ++row) {
     for (std::size_t column = 0; column < table.header.size(); ++column) {
       const std::string& cell = table.rows[row][column].text;
-      const bool is_name = table.header[column].text == "name";
-      if (is_name ? !cell.empty() : std::isfinite(parse_number(cell).value_or(NAN))) continue;
-      return Failure{fmt::format("{}: \"{}\" in column {} is no {}", table.place(row, column), cell,
-                                 table.header[column].text, is_name ? "name" : "finite number")};
+      const bool names = table.header[column].text == "name";
+      if (names ? is_name(cell) : std::isfinite(parse_number(cell).value_or(NAN))) continue;
+      return Failure{fmt::format("{}: \"{}\" in column {} is no {}", table.place(row, column),
+                                 one_line(cell), table.header[column].text,
+                                 names ? "name" : "finite number")};
     }
   }
   std::vector<Touch> touches;

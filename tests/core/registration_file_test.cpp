@@ -138,6 +138,10 @@ TEST(RegistrationTables, TellWhatIsWrongWithFileLineAndCharacter) {
   EXPECT_THAT(error_of(replaced(touches(), "0.05,0.02,", "0.05,inf,")),
               AllOf(HasSubstr(":6:"), HasSubstr("\"inf\" in column world_y_m")));
   EXPECT_THAT(error_of(replaced(touches(), "board 2", "")), HasSubstr(":3:1: \"\" in column name"));
+  EXPECT_THAT(error_of(replaced(touches(), "board 2", "\"board\n2\"")),
+              HasSubstr(":3:1: \"board 2\" in column name is no name"));
+  EXPECT_THAT(error_of(replaced(touches(), "world_x_m", "\"world\nx\"")),
+              HasSubstr("unknown column \"world x\""));
   EXPECT_THAT(error_of(replaced(touches(), "0,1,0,0", "0,1,1,0")),
               HasSubstr("quaternion of length 1.41421"));
   EXPECT_THAT(error_of(replaced(touches(), "board 2", "board 1")), HasSubstr("called board 1"));
