@@ -1,0 +1,61 @@
+#include "dvrk_gateway/loop/control_loop.h"
+
+#include <string_view>
+
+#include "dvrk_gateway/protocol/codec.h"
+
+namespace omentum {
+namespace {
+
+// A robot sends 16 datagrams in a period; a flood must not hold up the command.
+constexpr int kMostDatagrams = 512;
+
+}  // namespace
+
+ControlLoop::ControlLoop(Link& link, Clock& clock, const SafetySetup& setup,
+                         std::uint32_t robot_ipv4, bool dry_run)
+    : link_(link), clock_(clock), setup_(setup), robot_ipv4_(robot_ipv4), dry_run_(dry_run) {}
+
+const Period& ControlLoop::receive() noexcept {
+  ++period_.number;
+  period_.began_ns = clock_.now_ns();
+  for (int i = 0; i < kMostDatagrams; ++i) {
+    const std::optional<Link::Received> received = link_.receive(memory_);
+    if (!received) break;
+    if (received->cut) {
+      ++period_.cut;
+      continue;
+    }
+    RobotState& robot = period_.robot;
+    if (!robot.has_source && robot_ipv4_ != 0 && received->source.ipv4 != robot_ipv4_) {
+      ++robot.foreign;
+      robot.foreign_source = received->source;
+      continue;
+    }
+    take_datagram(period_.robot, std::string_view(memory_.data(), received->size), clock_.now_ns(),
+                  received->source);
+  }
+  return period_;
+}
+
+const Period& ControlLoop::send(const PolicyRequest& request,
+                                const GatewayEvents& events) noexcept {
+  period_.judgement =
+      judge(setup_, period_.judgement.memory, period_.robot, request, events, clock_.now_ns());
+  period_.sent_ns = 0;
+  period_.sent_bytes = 0;
+  if (!period_.judgement.send || dry_run_) return period_;
+  std::array<char, kMaxCommandBytes> command{};
+  const std::size_t size = encode_command(period_.judgement.command, command);
+  const bool sent = size > 0 && link_.send(std::string_view(command.data(), size),
+                                           period_.robot.source) == SendOutcome::kSent;
+  if (sent) {
+    period_.sent_ns = clock_.now_ns();
+    period_.sent_bytes = size;
+  } else {
+    ++period_.unsent;
+  }
+  return period_;
+}
+
+}  // namespace omentum

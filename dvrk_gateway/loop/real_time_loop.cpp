@@ -1,0 +1,120 @@
+#include "dvrk_gateway/loop/real_time_loop.h"
+
+#include <fmt/core.h>
+#include <pthread.h>
+#include <sched.h>
+#include <sys/mman.h>
+
+#include <cerrno>
+#include <chrono>
+#include <cstring>
+
+namespace omentum {
+namespace {
+
+constexpr int kPriority = 80;  // above threaded interrupts (50), below the kernel's own (99)
+constexpr std::int64_t kLateNs = 5'000'000;
+/// Share of a period in which the request of that period is waited for; the rest is for judging and
+/// sending it, and for the next to begin on time.
+constexpr double kRequestShare = 0.5;
+
+}  // namespace
+
+RealTimeLoop::RealTimeLoop(ControlLoop& loop, Clock& clock, const OperatorEvents& events)
+    : loop_(loop), clock_(clock), events_(events), watched_(kWatched) {}
+
+RealTimeLoop::~RealTimeLoop() { stop(); }
+
+std::vector<std::string> RealTimeLoop::start() {
+  std::vector<std::string> warnings;
+  if (mlockall(MCL_CURRENT | MCL_FUTURE) != 0) {
+    warnings.push_back(
+        fmt::format("memory is not locked ({}): a period may wait for the disk; raise `ulimit -l`",
+                    std::strerror(errno)));  // NOLINT(concurrency-mt-unsafe): one thread so far
+  }
+  thread_ = std::thread([this] { run(); });
+  sched_param priority{};
+  priority.sched_priority = kPriority;
+  if (const int code = pthread_setschedparam(thread_.native_handle(), SCHED_FIFO, &priority);
+      code != 0) {
+    warnings.push_back(
+        fmt::format("SCHED_FIFO was refused ({}): periods begin late on a busy "
+                    "machine; run as root or raise `ulimit -r` to {}",
+                    std::strerror(code), kPriority));  // NOLINT(concurrency-mt-unsafe)
+  }
+  return warnings;
+}
+
+void RealTimeLoop::stop() {
+  stop_ = true;
+  if (thread_.joinable()) thread_.join();
+}
+
+void RealTimeLoop::run() {
+  pthread_setname_np(pthread_self(), "control-loop");
+  const std::int64_t period_ns = loop_.setup().period_ns;
+  std::int64_t next_ns = clock_.now_ns() + period_ns;
+  while (!stop_) {
+    clock_.sleep_until(next_ns);
+    const Period& period = loop_.receive();
+    const std::int64_t late_ns = period.began_ns - next_ns;
+    ++times_.periods;
+    times_.jitter.add(late_ns);
+    if (late_ns > kLateNs) ++times_.late;
+
+    began_.next() = period;
+    began_.publish();
+    number_.store(period.number, std::memory_order_release);
+    number_.notify_one();
+    const auto wait = std::chrono::nanoseconds(
+        static_cast<std::int64_t>(kRequestShare * static_cast<double>(period_ns)));
+    const bool asked = requested_.try_acquire_for(wait);
+    while (requested_.try_acquire()) {  // of several requests the newest counts
+    }
+    PolicyRequest request;
+    if (asked && requests_.refresh()) request = requests_.value();
+    loop_.send(request, events_.now());
+
+    if (period.sent_ns != 0) {
+      times_.latency.add(period.sent_ns - period.began_ns);
+      times_.state_age.add(period.sent_ns - period.robot.measured_cp.arrival_ns);
+    }
+    leave_to_watcher(period);
+    next_ns += period_ns;
+    for (const std::int64_t now = clock_.now_ns(); next_ns < now; next_ns += period_ns)
+      ++times_.missed;
+  }
+  ended_ = true;
+  number_.fetch_add(1, std::memory_order_release);
+  number_.notify_one();
+}
+
+const Period& RealTimeLoop::exchange(const PolicyRequest& request) {
+  requests_.next() = request;
+  requests_.publish();
+  requested_.release();
+  number_.wait(seen_, std::memory_order_acquire);
+  seen_ = number_.load(std::memory_order_acquire);
+  began_.refresh();
+  return began_.value();
+}
+
+void RealTimeLoop::leave_to_watcher(const Period& period) noexcept {
+  const std::uint64_t written = written_.load(std::memory_order_relaxed);
+  if (written - read_.load(std::memory_order_acquire) >= kWatched) {
+    ++times_.unwatched;
+    return;
+  }
+  watched_[written % kWatched] = period;
+  written_.store(written + 1, std::memory_order_release);
+}
+
+bool RealTimeLoop::watch(Period& period) {
+  const std::uint64_t read = read_.load(std::memory_order_relaxed);
+  if (read == written_.load(std::memory_order_acquire)) return false;
+  period = watched_[read % kWatched];
+  read_.store(read + 1, std::memory_order_release);
+  return true;
+}
+
+}  // namespace omentum

@@ -1,0 +1,88 @@
+#pragma once
+
+#include <atomic>
+#include <functional>
+#include <semaphore>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "dvrk_gateway/loop/control_loop.h"
+#include "dvrk_gateway/loop/control_port.h"
+#include "dvrk_gateway/loop/histogram.h"
+#include "dvrk_gateway/loop/latest.h"
+
+namespace omentum {
+
+/// What the operator asks on this machine, as GatewayEvents; any thread and signal handler.
+struct OperatorEvents {
+  std::atomic<std::int64_t> arm_ns{0}, stop_ns{0}, acknowledge_ns{0}, held_ns{0};
+  std::atomic<bool> fault{false};
+
+  GatewayEvents now() const {
+    return {.arm_ns = arm_ns,
+            .stop_ns = stop_ns,
+            .acknowledge_ns = acknowledge_ns,
+            .held_ns = held_ns,
+            .fault = fault};
+  }
+};
+
+/// How well the period was kept, since start().
+struct LoopTimes {
+  Histogram jitter;     ///< begin of a period after its time
+  Histogram latency;    ///< begin of a period -> command handed to the socket
+  Histogram state_age;  ///< arrival of the newest measured_cp -> command handed to the socket
+  std::uint64_t periods = 0;
+  std::uint64_t late = 0;       ///< began more than 5 ms late
+  std::uint64_t missed = 0;     ///< did not take place: the one before took so long
+  std::uint64_t unwatched = 0;  ///< not seen by `watch`, which was busy
+};
+
+/// The control loop on a thread of its own, on an absolute clock: SCHED_FIFO and locked memory
+/// where the system grants them. The thread that calls exchange() is the port's; a second one that
+/// calls watch() gets every period for recordings.
+class RealTimeLoop final : public ControlPort {
+ public:
+  /// `loop`, `clock` and `events` must outlive it.
+  RealTimeLoop(ControlLoop& loop, Clock& clock, const OperatorEvents& events);
+  ~RealTimeLoop() override;
+
+  /// One line for each thing the system did not grant.
+  std::vector<std::string> start();
+  /// No period follows; the thread has ended when it returns. Wakes who waits in exchange().
+  void stop();
+
+  const Period& exchange(const PolicyRequest& request) override;
+  const Period& period() const override { return began_.value(); }
+  bool ended() const override { return ended_; }
+
+  /// Takes the oldest period not yet watched, at its end; false where there is none.
+  bool watch(Period& period);
+  /// After stop().
+  const LoopTimes& times() const { return times_; }
+
+ private:
+  static constexpr std::size_t kWatched = 256;  // 5 s at 50 Hz
+  void run();
+  void leave_to_watcher(const Period& period) noexcept;
+
+  ControlLoop& loop_;
+  Clock& clock_;
+  const OperatorEvents& events_;
+  LoopTimes times_;
+
+  Latest<Period> began_;            // to the port
+  Latest<PolicyRequest> requests_;  // from the port
+  std::counting_semaphore<1'000'000'000> requested_{0};
+  std::atomic<std::uint64_t> number_{0};  // of the period that began last
+  std::uint64_t seen_ = 0;                // by the port
+
+  std::vector<Period> watched_;
+  std::atomic<std::uint64_t> written_{0}, read_{0};
+
+  std::atomic<bool> stop_{false}, ended_{false};
+  std::thread thread_;  // last: uses everything above
+};
+
+}  // namespace omentum

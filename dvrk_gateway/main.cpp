@@ -1,0 +1,81 @@
+// Program dvrk_gateway: a trained policy on a da Vinci PSM. See --help and docs/dvrk.md 8.
+#include <cstdio>
+
+#include "core/command_line.h"
+#include "core/log.h"
+#include "dvrk_gateway/gateway_program.h"
+
+namespace {
+
+using namespace omentum;  // NOLINT(google-build-using-namespace): a program of this very namespace
+
+/// HOST:PORT
+void split_robot(const std::string& text, GatewayOptions& options) {
+  const std::size_t colon = text.rfind(':');
+  const double port =
+      colon == std::string::npos ? 0 : parse_number(text.substr(colon + 1)).value_or(0);
+  if (colon == 0 || !(port >= 1 && port <= 65535) || port != static_cast<std::uint16_t>(port)) {
+    throw_error(
+        "--robot {}: HOST:PORT, the host that sends and the port 1 ... 65535 of this "
+        "machine to which it sends",
+        text);
+  }
+  options.robot_host = text.substr(0, colon);
+  options.robot_port = static_cast<std::uint16_t>(port);
+}
+
+int run(int argc, char** argv) {
+  CLI::App app{
+      "Omentum gateway: runs a trained policy on a da Vinci Research Kit over UDP. The arm moves "
+      "only after you armed it here; any stop disarms, and nothing resumes by itself."};
+  GatewayOptions options;
+  std::string robot, mode = "twin", starts = "training";
+  app.fallthrough();
+  app.add_option("--robot", robot, "HOST:PORT: HOST sends, PORT is of this machine");
+  app.add_option("--policy", options.policy, "Run folder or checkpoint file")->required();
+  app.add_option("--mode", mode, "twin: the robot follows the tool of the simulated scene")
+      ->check(CLI::IsMember({"twin"}))
+      ->capture_default_str();
+  app.add_option("--registration", options.registration,
+                 "registration.txtpb: where the arm stands");
+  app.add_option("--instrument", options.instrument, "On the arm now")->capture_default_str();
+  app.add_option("--limits", options.limits, "File with SafetyLimits; default: built in");
+  app.add_option("--episodes", options.episodes, "How many")
+      ->check(CLI::Range(1, 1'000'000))
+      ->capture_default_str();
+  app.add_option("--starts", starts, "training: drawn by --seed; robot_grid: that of the scene")
+      ->check(CLI::IsMember({"training", "robot_grid"}))
+      ->capture_default_str();
+  app.add_option("--seed", options.run_seed, "Of drawn starts")
+      ->check(whole_number())
+      ->capture_default_str();
+  app.add_flag("--dry-run", options.dry_run, "Judge everything, send nothing");
+  CLI::App* check = app.add_subcommand("check", "List what the robot sends and what is missing");
+  check->add_option("--seconds", options.seconds, "Time to listen [s]")
+      ->check(number_between(0.5, 3600))
+      ->capture_default_str();
+  CLI::App* touch =
+      app.add_subcommand("register", "Find where the arm stands; writes --registration");
+  touch->add_option("--touches", options.touches, "CSV, docs/formats.md 8")->required();
+  touch->add_option("--pivots", options.pivots, "CSV of turning the tip about one point");
+  if (const std::optional<int> code = parse_command_line(app, argc, argv)) return *code;
+  if (touch->parsed()) {
+    if (options.registration.empty()) throw_error("--registration: names the file to write");
+    return register_robot(options);
+  }
+  split_robot(robot, options);
+  options.robot_grid = starts == "robot_grid";
+  return check->parsed() ? check_robot(options) : run_gateway(options);
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  omentum::name_log("dvrk_gateway");
+  try {
+    return run(argc, argv);
+  } catch (const std::exception& error) {
+    std::fprintf(stderr, "dvrk_gateway: %s\n", error.what());
+  }
+  return 2;
+}
