@@ -3,6 +3,7 @@
 // CPU time; the end state hash tells whether two figures are of the same physics.
 //
 //   bench_reference [ELEMENTS]          cost
+//   bench_reference columns [ELEMENTS]  cost of 60 columns beside a recording, of 290 at 16 x 16
 //   bench_reference refine [ELEMENTS]   what a finer mesh, two layers and half the step change:
 //                                       rms over the particles, of static lifts in air and of whole
 //                                       recordings (frames every 100 ms)
@@ -29,7 +30,7 @@ constexpr double kPatchRadius = 0.005;        // [m]
 
 struct Case {
   double young = 6e4, poisson = 0.45;
-  unsigned elements = pb::ReferenceModel().elements_x();  ///< of the production mesh
+  unsigned elements = 24;  ///< of the production mesh
   unsigned layers = 1, substeps = 1;
   bool air = false;        ///< no board, statics
   bool laid_back = false;  ///< else held to the end
@@ -50,7 +51,9 @@ std::vector<Vector3d> positions(const ReferenceTissue& tissue) {
   return frame;
 }
 
-std::shared_ptr<const ReferenceTissueModel> make_sheet(const Case& c) {
+std::shared_ptr<const ReferenceTissueModel> make_sheet(
+    const Case& c, const pb::TissueEffects& effects = {},
+    const ReferenceTissueModel* mesh_of = nullptr) {
   Scene scene;
   pb::Tissue& tissue = *scene.config.mutable_tissue();
   tissue.set_model(pb::TISSUE_REFERENCE);
@@ -79,19 +82,58 @@ std::shared_ptr<const ReferenceTissueModel> make_sheet(const Case& c) {
   }
   std::vector<std::string> warnings;
   const std::array<PinchCircle, 1> pinches = {{{kPinch.head<2>(), kPatchRadius}}};
-  return make_reference_model(scene, c.air ? 0.2 : 0.02, warnings, pinches);
+  *tissue.mutable_effects() = effects;
+  return make_reference_model(scene, c.air ? 0.2 : 0.02, warnings, pinches, mesh_of);
+}
+
+/// Sites of stiffness on a grid of the sheet, and as many more columns of forces there.
+std::vector<ColumnParameter> columns_of_sites(int count) {
+  std::vector<ColumnParameter> list;
+  for (int k = 0; k < count; ++k) {
+    ColumnParameter p;
+    p.kind = k % 2 == 0 ? ColumnKind::kStiffnessSite : ColumnKind::kForceSite;
+    p.place = {-0.036 + 0.012 * (k / 2 % 7), -0.036 + 0.012 * (k / 14 % 7)};
+    p.radius = 0.01;
+    p.axis = k / 2 % 3;
+    list.push_back(p);
+  }
+  return list;
+}
+
+/// Of the first `count` effects of the catalogue that have one.
+std::vector<ColumnParameter> columns_of_effects(const Case& c, const ReferenceTissueModel& base,
+                                                int count) {
+  std::vector<ColumnParameter> list;
+  for (const EffectRow& row : effect_catalogue()) {
+    if (static_cast<int>(list.size()) == count) break;
+    if ((row.models & kReferenceModel) == 0 || row.of != nullptr || row.member == nullptr ||
+        row.part == EffectPart::kAnchor)
+      continue;
+    ColumnParameter p;
+    p.step = 1e-6;
+    pb::TissueEffects effects;
+    set_effect(effects, row.path, p.step);
+    p.changed = make_sheet(c, effects, &base);
+    list.push_back(p);
+  }
+  return list;
 }
 
 constexpr int kSteps = 300;
 
 /// Rests 0.2 s, is pinched near a free corner, lifted by 40 mm and inwards at 25 mm/s, held; where
 /// it is laid back that begins after 1.8 s, goes the same way, and the sheet is released and left
-/// alone for 0.72 s.
-Recording record(const Case& c) {
+/// alone for 0.72 s. Carries columns by effects of the catalogue and by sites.
+Recording record(const Case& c, int effects = 0, int sites = 0) {
   constexpr int kRest = 10;
   constexpr int kWay = 82;
   constexpr int kBack = 182;
-  ReferenceTissue tissue(make_sheet(c));
+  const auto model = make_sheet(c);
+  ReferenceTissue tissue(model);
+  std::vector<ColumnParameter> columns = columns_of_sites(sites);
+  for (const ColumnParameter& column : columns_of_effects(c, *model, effects))
+    columns.push_back(column);
+  if (!columns.empty()) tissue.carry_columns(columns);
   const Vector3d lift(-0.005, -0.008, 0.04);
   Recording recording;
   const double begin = thread_seconds();
@@ -114,7 +156,8 @@ Recording record(const Case& c) {
   recording.factors_per_step = static_cast<double>(tissue.factorisations()) / kSteps;
   recording.halved_steps = static_cast<double>(tissue.implicit_steps()) - kSteps * c.substeps;
   recording.hash = tissue.hash(0);
-  recording.failure = tissue.failure();
+  recording.failure = tissue.failure(0);
+  if (tissue.columns() != nullptr && !tissue.columns()->valid) recording.failure = "no columns";
   return recording;
 }
 
@@ -195,9 +238,38 @@ void refine(const Case& base) {
   compare("two layers", recording, layers);
 }
 
+/// Of a factor [ms], and of one column of a solve of 60 [us], by the thread's clock.
+void time_columns(unsigned elements) {
+  constexpr int kEffects = 24;
+  Case c;
+  c.elements = elements;
+  Case coarse = c;
+  coarse.elements = 16;
+  const Recording plain = record(c);
+  const Recording one = record(c, 0, 1);
+  const Recording forty = record(c, 0, 40);
+  const Recording sixty = record(c, kEffects, 60 - kEffects);
+  const Recording many = record(coarse, 0, 290);
+  print("plain", c, plain);
+  print("one column", c, one);
+  print("40 sites", c, forty);
+  print("24 effects, 36 sites", c, sixty);
+  print("290 columns", coarse, many);
+  std::printf("columns.factor_ms %.3f ms\n", 1e3 * (one.seconds - plain.seconds) / kSteps);
+  std::printf("columns.solve_us_per_column %.2f us\n",
+              1e6 * (forty.seconds - one.seconds) / (39.0 * kSteps));
+  std::printf("columns.case10_60_columns_s %.1f s\n", 10 * sixty.seconds);
+  std::printf("columns.case10_sites_s %.1f s\n", 10 * many.seconds);
+  std::printf("columns.overhead_ratio_60 %.3f\n", (sixty.seconds - plain.seconds) / plain.seconds);
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
+  if (argc > 1 && std::string(argv[1]) == "columns") {
+    time_columns(argc > 2 ? static_cast<unsigned>(std::stoul(argv[2])) : 24);
+    return 0;
+  }
   const bool refined = argc > 1 && std::string(argv[1]) == "refine";
   Case base;
   if (argc > (refined ? 2 : 1))

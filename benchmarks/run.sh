@@ -9,7 +9,7 @@ bin=${OMENTUM_BIN:-$root/build/release/bin}
 usage() {
   cat <<'TEXT'
 usage: benchmarks/run.sh [--steps N] [--save] [tissue] [elastic] [compare] [ppo] [workers] [train] [camera] [bus] [security]
-                         [monitor]
+                         [monitor] [gateway] [columns]
 
 Figures of the groups named (default: tissue elastic ppo workers train):
   tissue    tissue.<scene>.env_steps_per_s: environment steps (20 ms simulated) per second of one core, all of a step
@@ -35,6 +35,12 @@ Figures of the groups named (default: tissue elastic ppo workers train):
             median of the times per step in 5 rounds
   monitor   monitor.core_share: of `omentum monitor` beside 20 workers while one slot is watched at 10 Hz;
             monitor.frames_per_s: that came
+  gateway   gateway.latency_p99_ms (period begins to command handed to the socket, policy included),
+            gateway.jitter_p99_ms, gateway.missed_ticks (late by more than 5 ms, or missed), gateway.state_age_p99_ms,
+            gateway.machine_stood_still: dvrk_gateway in mode twin against dvrk_double for 60 s beside busy cores
+  columns   columns.factor_ms, columns.solve_us_per_column (per step, 40 sites at 24 x 24), columns.case10_60_columns_s:
+            10 recordings of 6 s at 24 x 24 with 24 effects and 36 sites, columns.case10_sites_s: with 290 sites at
+            16 x 16, columns.overhead_ratio_60: what 60 columns cost over the recording without; of one core
   camera    camera.* of bench_camera, where that program is built
 Options:
   --steps N   shorter or longer training runs; the figures are then named by N instead of 3M
@@ -56,7 +62,7 @@ while (($#)); do
     --steps) [[ ${2-} =~ ^[1-9][0-9]{3,10}$ ]] || wrong "--steps needs a number from 1000"; steps=$2; shift ;;
     --save) save=1 ;;
     -h | --help) usage; exit 0 ;;
-    tissue | elastic | compare | ppo | workers | train | camera | bus | security | monitor) groups+=("$1") ;;
+    tissue | elastic | compare | ppo | workers | train | camera | bus | security | monitor | gateway | columns) groups+=("$1") ;;
     *) wrong "unknown option or group $1" ;;
   esac
   shift
@@ -186,6 +192,10 @@ bench_compare() {
   need compare_elastic && figures_of "$bin/compare_elastic" air && figures_of "$bin/compare_elastic" board
 }
 
+bench_columns() {
+  need bench_reference && figures_of "$bin/bench_reference" columns
+}
+
 bench_ppo() {
   need bench_ppo || return
   figures_of "$bin/bench_ppo"
@@ -308,6 +318,14 @@ bench_monitor() {
   while read -r name value; do
     figure "$name" "$value" "$([[ $name == *share ]] && echo cores || echo 1/s)"
   done <<<"$figures"
+}
+
+bench_gateway() {
+  need dvrk_gateway && need dvrk_double && need learner && need sim_worker || return
+  # Figures are printed whatever the verdict, which is that of tests/gateway_soak.sh.
+  python3 "$root/tests/dvrk_gateway/gateway_soak.py" "$bin" 60 >"$scratch/gateway"
+  note "verdict of tests/gateway_soak.sh: code $?"
+  figures_of cat "$scratch/gateway"
 }
 
 # $1 = column: its median in the rounds.

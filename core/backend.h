@@ -26,6 +26,7 @@ struct StepOutcome {
   bool held_before = false;
   bool grasp_lost = false;
   bool stopped = false;  ///< the episode ends here by a stop: Backend::failure() says why
+  bool ended = false;    ///< the episode ends here, and that is no failure
 };
 
 /// Facts of the running episode, for evaluation and summaries. Positions in W [m].

@@ -111,13 +111,13 @@ Result<void> check_time(const std::string& what, const std::string& role, std::i
     return Failure{fmt::format(
         "{} is valid from {}, and the clock of this machine says {}, {} min before it: set the "
         "clock (timedatectl set-ntp true)",
-        what, utc_text(begin_s), utc_text(now_s), (begin_s - now_s + 59) / 60)};
+        what, date_text(begin_s), date_text(now_s), (begin_s - now_s + 59) / 60)};
   }
   if (now_s >= end_s) {
     return Failure{fmt::format(
         "{} was valid until {}, and the clock of this machine says {}: {} --renew --role {}, or "
         "set the clock (timedatectl set-ntp true) if that is not the time",
-        what, utc_text(end_s), utc_text(now_s), kMake, role)};
+        what, date_text(end_s), date_text(now_s), kMake, role)};
   }
   return {};
 }
@@ -259,7 +259,7 @@ Result<Validity> check_permissions(const std::string& dir, const SecurityFiles& 
 
 }  // namespace
 
-std::string utc_text(std::int64_t time_s) {
+std::string date_text(std::int64_t time_s) {
   const auto time = static_cast<std::time_t>(time_s);
   std::tm parts{};
   gmtime_r(&time, &parts);

@@ -28,6 +28,6 @@ Result<std::int64_t> certificate_end(const std::string& dir);
 std::string certificate_name(const std::string& path);
 
 /// "2026-11-23 05:00:00 UTC"
-std::string utc_text(std::int64_t time_s);
+std::string date_text(std::int64_t time_s);
 
 }  // namespace omentum

@@ -250,11 +250,11 @@ std::optional<std::string> certificate_warning(const DdsProfile& profile) {
   constexpr std::int64_t kWarnS = std::int64_t{14} * 24 * 3600;
   const std::int64_t left_s = profile.certificate_end_s - wall_now_ns() / kNsPerS;
   if (profile.certificate_end_s == 0 || left_s > kWarnS) return std::nullopt;
-  const std::string end = utc_text(profile.certificate_end_s);
+  const std::string end = date_text(profile.certificate_end_s);
   const Result<std::int64_t> now = certificate_end(profile.security_dir);
   if (now && now.value() > profile.certificate_end_s) {
     return fmt::format("certificate {} ends {}; its renewed one, valid until {}, is taken then",
-                       profile.certificate_name, end, utc_text(now.value()));
+                       profile.certificate_name, end, date_text(now.value()));
   }
   return fmt::format("certificate {} ends {}: deploy/security/make.sh --renew --role {}",
                      profile.certificate_name, end,

@@ -11,6 +11,7 @@
 #include <type_traits>
 
 #include "core/check.h"
+#include "core/cloud_message.h"
 #include "core/durable_file.h"
 #include "core/mcap.h"
 #include "core/message_rows.h"
@@ -26,7 +27,6 @@ using message_rows::get_one, message_rows::put_one, message_rows::put_row;
 using message_rows::take_row, message_rows::width_of;
 
 constexpr std::uint32_t kFormatVersion = 1;
-constexpr std::uint32_t kPointBytes = 12;
 // A recording is one episode of one process; these bound what a damaged header can ask for.
 constexpr std::uint32_t kMaxSteps = 1'000'000;
 constexpr std::uint32_t kMaxObservation = 1'000'000;
@@ -132,23 +132,6 @@ foxglove::PoseInFrame make_pose(const float* p, std::uint64_t time_ns) {
   return message;
 }
 
-foxglove::PointCloud make_cloud(const float* positions, std::uint32_t particles,
-                                std::uint64_t time_ns) {
-  foxglove::PointCloud cloud;
-  *cloud.mutable_timestamp() = stamp_of(time_ns);
-  cloud.set_frame_id("W");
-  cloud.mutable_pose()->mutable_orientation()->set_w(1);
-  cloud.set_point_stride(kPointBytes);
-  for (const auto& [name, offset] : {std::pair{"x", 0U}, {"y", 4U}, {"z", 8U}}) {
-    foxglove::PackedElementField& field = *cloud.add_fields();
-    field.set_name(name);
-    field.set_offset(offset);
-    field.set_type(foxglove::PackedElementField::FLOAT32);
-  }
-  cloud.set_data(positions, std::size_t{kPointBytes} * particles);
-  return cloud;
-}
-
 pb::EpisodeResult make_result(const RolloutSegment& segment) {
   pb::EpisodeResult result;
   for_each_recorded(segment, false, [&](const auto& array, const ArrayField& about) {
@@ -221,8 +204,8 @@ bool take_step(const pb::StepRecord& record, std::size_t observation, RolloutSeg
 
 bool take_cloud(const foxglove::PointCloud& cloud, std::uint32_t step,
                 EpisodeRecording& recording) {
-  const std::size_t bytes = std::size_t{kPointBytes} * recording.context.particles;
-  if (bytes == 0 || cloud.data().size() != bytes || cloud.point_stride() != kPointBytes)
+  const std::size_t bytes = std::size_t{kCloudPointBytes} * recording.context.particles;
+  if (bytes == 0 || cloud.data().size() != bytes || cloud.point_stride() != kCloudPointBytes)
     return false;
   std::vector<float>& positions = recording.segment.frame_positions_in_world_m;
   const std::size_t before = positions.size();
@@ -243,17 +226,46 @@ void take_result(const pb::EpisodeResult& result, RolloutSegment& segment) {
   segment.physics_ticks = result.physics_ticks();
 }
 
-}  // namespace
+/// A header with the messages that follow it, up to the next header, in file order.
+struct EpisodeMessages {
+  const McapMessage* header = nullptr;
+  std::vector<const McapMessage*> messages;
+};
 
-Result<EpisodeRecording> parse_episode(const std::string& name, const std::string& bytes) {
-  const McapContent content = read_mcap(bytes);
-  const auto headers = content.of_topic("/episode");
-  pb::EpisodeHeader header;
-  if (headers.empty() || !header.ParseFromString(headers.front()->data)) {
-    const std::string corrupt =
-        content.problems.empty() ? "" : fmt::format("corrupt: {}; ", content.problems.front());
-    return Failure{fmt::format("{}: {}no episode header", name, corrupt)};
+std::vector<EpisodeMessages> split_episodes(const McapContent& content) {
+  std::vector<EpisodeMessages> episodes;
+  for (const McapMessage& message : content.messages) {
+    const std::string& topic = content.channels.at(message.channel).topic;
+    if (topic == "/episode") episodes.push_back({&message, {}});
+    if (!episodes.empty() && (topic == "/step" || topic == "/tissue" || topic == "/result"))
+      episodes.back().messages.push_back(&message);
   }
+  return episodes;
+}
+
+bool take_message(const std::string& topic, const McapMessage& message,
+                  const pb::EpisodeHeader& header, EpisodeRecording& recording) {
+  if (topic == "/step") {
+    pb::StepRecord record;
+    // Behind the last step: of an episode whose header is damaged.
+    return record.ParseFromString(message.data) && record.step() < header.steps() &&
+           take_step(record, header.observation_size(), recording.segment);
+  }
+  if (topic == "/tissue") {
+    foxglove::PointCloud cloud;
+    return cloud.ParseFromString(message.data) && take_cloud(cloud, message.sequence, recording);
+  }
+  pb::EpisodeResult result;
+  if (!result.ParseFromString(message.data)) return false;
+  take_result(result, recording.segment);
+  return true;
+}
+
+Result<EpisodeRecording> read_episode(const std::string& name, const McapContent& content,
+                                      const EpisodeMessages& part) {
+  pb::EpisodeHeader header;
+  if (!header.ParseFromString(part.header->data))
+    return Failure{fmt::format("{}: no episode header", name)};
   if (header.format_version() != kFormatVersion) {
     return Failure{fmt::format("{}: recording format {}, this program reads {}", name,
                                header.format_version(), kFormatVersion)};
@@ -267,22 +279,10 @@ Result<EpisodeRecording> parse_episode(const std::string& name, const std::strin
   recording.problems = content.problems;
   take_header(header, recording);
   std::size_t bad = 0;
-  const auto take_all = [&](const char* topic, auto parsed, auto take) {
-    for (const McapMessage* message : content.of_topic(topic))
-      bad += parsed.ParseFromString(message->data) && take(parsed, *message) ? 0 : 1;
-  };
-  take_all("/step", pb::StepRecord(), [&](const pb::StepRecord& record, const McapMessage&) {
-    return take_step(record, header.observation_size(), recording.segment);
-  });
-  take_all("/tissue", foxglove::PointCloud(),
-           [&](const foxglove::PointCloud& cloud, const McapMessage& message) {
-             return take_cloud(cloud, message.sequence, recording);
-           });
-  take_all("/result", pb::EpisodeResult(),
-           [&](const pb::EpisodeResult& result, const McapMessage&) {
-             take_result(result, recording.segment);
-             return true;
-           });
+  for (const McapMessage* message : part.messages) {
+    const std::string& topic = content.channels.at(message->channel).topic;
+    bad += take_message(topic, *message, header, recording) ? 0 : 1;
+  }
   if (bad > 0)
     recording.problems.push_back(
         fmt::format("{} messages out of order or malformed, dropped", bad));
@@ -293,42 +293,87 @@ Result<EpisodeRecording> parse_episode(const std::string& name, const std::strin
   return recording;
 }
 
-Result<void> save_episode(const std::string& path, const RolloutTask& task,
-                          const RolloutSegment& segment, const RecordingContext& context) {
+}  // namespace
+
+Result<std::vector<EpisodeRecording>> parse_episodes(const std::string& name,
+                                                     const std::string& bytes) {
+  const McapContent content = read_mcap(bytes);
+  const std::vector<EpisodeMessages> parts = split_episodes(content);
+  if (parts.empty()) {
+    const std::string corrupt =
+        content.problems.empty() ? "" : fmt::format("corrupt: {}; ", content.problems.front());
+    return Failure{fmt::format("{}: {}no episode header", name, corrupt)};
+  }
+  std::vector<EpisodeRecording> episodes;
+  for (const EpisodeMessages& part : parts) {
+    Result<EpisodeRecording> episode = read_episode(name, content, part);
+    if (!episode) return Failure{episode.error()};
+    episodes.push_back(std::move(episode).value());
+  }
+  return episodes;
+}
+
+Result<EpisodeRecording> parse_episode(const std::string& name, const std::string& bytes) {
+  Result<std::vector<EpisodeRecording>> episodes = parse_episodes(name, bytes);
+  if (!episodes) return Failure{episodes.error()};
+  std::vector<EpisodeRecording> all = std::move(episodes).value();
+  if (all.size() > 1) {
+    all.front().problems.push_back(
+        fmt::format("{} episodes are there, this is the first", all.size()));
+  }
+  return std::move(all.front());
+}
+
+EpisodeWriter::EpisodeWriter(McapWriter& writer, bool with_tool)
+    : writer_(writer),
+      episode_(writer.add_channel("/episode", *pb::EpisodeHeader::descriptor())),
+      step_(writer.add_channel("/step", *pb::StepRecord::descriptor())) {
+  if (with_tool) tool_ = writer.add_channel("/tool", *foxglove::PoseInFrame::descriptor());
+  tissue_ = writer.add_channel("/tissue", *foxglove::PointCloud::descriptor());
+  result_ = writer.add_channel("/result", *pb::EpisodeResult::descriptor());
+}
+
+Result<void> EpisodeWriter::write(const std::string& path, const RolloutTask& task,
+                                  const RolloutSegment& segment, const RecordingContext& context,
+                                  std::uint64_t start_ns) {
   if (const Result<void> sizes = check_sizes(path, segment, context); !sizes)
     return Failure{sizes.error()};
-  std::ostringstream file(std::ios::binary);
-  McapWriter writer(file);
-  const auto episode = writer.add_channel("/episode", *pb::EpisodeHeader::descriptor());
-  const auto step_channel = writer.add_channel("/step", *pb::StepRecord::descriptor());
-  const auto tool = writer.add_channel("/tool", *foxglove::PoseInFrame::descriptor());
-  const auto tissue = writer.add_channel("/tissue", *foxglove::PointCloud::descriptor());
-  const auto result = writer.add_channel("/result", *pb::EpisodeResult::descriptor());
-  writer.write(episode, 0, 0, make_header(task, segment, context));
-  writer.flush();  // however early the file is cut off, it says what it is of
+  writer_.write(episode_, start_ns, 0, make_header(task, segment, context));
+  writer_.flush();  // however early the file is cut off, it says what it is of
   const std::size_t frame = std::size_t{3} * context.particles;
   const std::size_t frames = frame > 0 ? segment.frame_positions_in_world_m.size() / frame : 0;
   const std::uint32_t stride = std::max(1U, task.frame_stride);
   std::size_t next_frame = 0;
   const auto write_frame = [&](std::uint32_t step) {
-    const std::uint64_t time_ns = time_of(step, context);
+    const std::uint64_t time_ns = start_ns + time_of(step, context);
     const float* positions = segment.frame_positions_in_world_m.data() + next_frame++ * frame;
-    writer.write(tissue, time_ns, step, make_cloud(positions, context.particles, time_ns));
+    writer_.write(tissue_, time_ns, step, make_cloud(positions, context.particles, time_ns));
   };
   const auto write_tool = [&](std::uint32_t steps_taken, const float* position) {
-    const std::uint64_t time_ns = time_of(steps_taken, context);
-    writer.write(tool, time_ns, steps_taken, make_pose(position, time_ns));
+    if (!tool_) return;
+    const std::uint64_t time_ns = start_ns + time_of(steps_taken, context);
+    writer_.write(*tool_, time_ns, steps_taken, make_pose(position, time_ns));
   };
   if (segment.episode_start_position_in_world_m.size() >= 3)
     write_tool(0, segment.episode_start_position_in_world_m.data());
   for (std::uint32_t step = 0; step < segment.steps; ++step) {
     if (next_frame < frames && step == next_frame * stride) write_frame(step);
-    writer.write(step_channel, time_of(step, context), step, make_step(segment, step));
+    writer_.write(step_, start_ns + time_of(step, context), step, make_step(segment, step));
     if (!segment.tool_positions_in_world_m.empty())
       write_tool(step + 1, segment.tool_positions_in_world_m.data() + std::size_t{3} * step);
   }
   if (next_frame < frames) write_frame(segment.steps);  // the state after the last step
-  writer.write(result, time_of(segment.steps, context), 0, make_result(segment));
+  writer_.write(result_, start_ns + time_of(segment.steps, context), 0, make_result(segment));
+  return {};
+}
+
+Result<void> save_episode(const std::string& path, const RolloutTask& task,
+                          const RolloutSegment& segment, const RecordingContext& context) {
+  std::ostringstream file(std::ios::binary);
+  McapWriter writer(file);
+  EpisodeWriter episode(writer, true);
+  if (const Result<void> made = episode.write(path, task, segment, context, 0); !made)
+    return Failure{made.error()};
   if (const Result<void> finished = writer.finish(); !finished) return Failure{finished.error()};
   return write_durably(path, file.view());
 }

@@ -2,9 +2,11 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
+#include "core/mcap.h"
 #include "core/result.h"
 #include "core/types.h"
 
@@ -31,19 +33,44 @@ struct EpisodeRecording {
   std::vector<std::string> problems;  ///< one line each: the MCAP reader's, and messages dropped
 };
 
-/// Writes the episode to an MCAP file (channels: proto/recording.proto), replacing it. Frames are
-/// taken to be task.frame_stride steps apart, beginning at step 0; the last one may lie after the
-/// last step. Fails, naming the path, if the arrays of the segment do not fit `steps`, or the disk
-/// does not take it.
+/// Writes episodes into an MCAP file that may hold other streams too (channels:
+/// proto/recording.proto).
+class EpisodeWriter {
+ public:
+  /// Declares the channels; `with_tool`: that of the simulated tool as well, which in a recording
+  /// of a robot shows the robot's. `writer` must outlive it.
+  EpisodeWriter(McapWriter& writer, bool with_tool);
+
+  /// One episode as a block, its first decision at `start_ns` of the log clock. Frames are taken to
+  /// be task.frame_stride steps apart, beginning at step 0; the last one may lie after the last
+  /// step. Fails, naming `path`, if the arrays of the segment do not fit `steps`; nothing is
+  /// written then.
+  Result<void> write(const std::string& path, const RolloutTask& task,
+                     const RolloutSegment& segment, const RecordingContext& context,
+                     std::uint64_t start_ns);
+
+ private:
+  McapWriter& writer_;
+  McapWriter::ChannelId episode_, step_;
+  std::optional<McapWriter::ChannelId> tool_;
+  McapWriter::ChannelId tissue_ = 0, result_ = 0;
+};
+
+/// Writes one episode to an MCAP file of its own, replacing it; log time 0 is its first decision.
+/// Fails, naming the path, as EpisodeWriter::write does, or if the disk does not take it.
 Result<void> save_episode(const std::string& path, const RolloutTask& task,
                           const RolloutSegment& segment, const RecordingContext& context);
 
 /// Reads it back; save and load are inverse for every field that recording.proto names. Of a
 /// truncated file the steps of its whole chunks are read. Fails if there is no file or no episode
-/// header in it.
+/// header in it. Of a file of several episodes this is the first, and `problems` says so.
 Result<EpisodeRecording> load_episode(const std::string& path);
 
 /// As load_episode, from bytes; the entry of the fuzz target.
 Result<EpisodeRecording> parse_episode(const std::string& name, const std::string& bytes);
+
+/// All episodes of a file, in file order.
+Result<std::vector<EpisodeRecording>> parse_episodes(const std::string& name,
+                                                     const std::string& bytes);
 
 }  // namespace omentum

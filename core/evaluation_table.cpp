@@ -13,6 +13,28 @@ std::uint32_t whole(double value) {
 
 }  // namespace
 
+EvaluationRow row_of_episode(const RolloutSegment& s) {
+  EvaluationRow r;
+  r.failed = s.failed != 0 || s.episode_outcome.empty();
+  if (r.failed) return r;
+  r.reached = static_cast<Outcome>(s.episode_outcome.front()) == Outcome::kTargetReached;
+  r.lost = std::any_of(s.flags.begin(), s.flags.end(),
+                       [](std::uint8_t f) { return (f & step_flag::kGraspLost) != 0; });
+  r.held = s.episode_held.front() != 0;
+  r.grasp_held = s.episode_grasped.front() != 0 && !r.lost;
+  r.exposure = static_cast<double>(s.episode_exposure.front());
+  for (std::uint32_t k = 0; k < s.steps; ++k) {
+    if ((s.flags[k] & step_flag::kScripted) != 0) continue;
+    ++r.length;
+    r.episode_return += static_cast<double>(s.rewards[k]);
+  }
+  for (std::size_t k = 0; k < 3; ++k) {
+    r.start[k] = static_cast<double>(s.episode_start_position_in_world_m[k]);
+    r.grasp[k] = static_cast<double>(s.episode_grasp_position_in_world_m[k]);
+  }
+  return r;
+}
+
 bool is_exposed(const EvaluationRow& row, double best_exposure) {
   return row.reached && row.held && best_exposure > 0 &&
          row.exposure >= kExposedShare * best_exposure;

@@ -9,6 +9,7 @@
 
 #include "core/csv.h"
 #include "core/result.h"
+#include "core/types.h"
 
 // The tables of an evaluation (docs/formats.md 7) and every figure that is told of them. Learner
 // and report count here, so that console, summary.json, table and report agree.
@@ -36,6 +37,10 @@ struct EvaluationRow {
   std::uint32_t length = 0;       ///< decisions until reached or ended, hold left out
   std::array<double, 3> grasp{};  ///< tip at the first grasp in W [m], NaN if none
 };
+
+/// What the one episode of a segment says: all fields but index, row, column, greedy and those of
+/// exposure measured by the best. `failed` where the segment is or has no episode.
+EvaluationRow row_of_episode(const RolloutSegment& segment);
 
 /// Reached, held, and of at least kExposedShare of the best grasp's exposure; false without one.
 bool is_exposed(const EvaluationRow& row, double best_exposure);

@@ -124,6 +124,7 @@ std::vector<RolloutSegment> run_rollout(Backend& backend, const Actor& actor,
     segment.learner_epoch = task.learner_epoch;
     segment.task_hash = task.task_hash;
     segment.policy_version = task.policy_version;
+    segment.weights_hash = task.weights_hash;
     segment.granted_at_ns = task.granted_at_ns;
     segment.source = backend.source();
     if (backend.snapshots() != nullptr) segment.state_format = backend.snapshots()->state_format();
@@ -197,6 +198,11 @@ std::vector<RolloutSegment> run_rollout(Backend& backend, const Actor& actor,
       if (outcome.stopped) {  // what was done stays
         close_episode(backend, lane, outcome, segment);
         fail(segment, run, backend.failure(lane));
+        continue;
+      }
+      if (outcome.ended) {
+        close_episode(backend, lane, outcome, segment);
+        run.done = true;
         continue;
       }
 

@@ -15,8 +15,8 @@ namespace omentum {
 using Script = std::function<void(std::uint32_t step, std::span<Action> actions)>;
 
 /// Who acts in a rollout: a policy, or a script (a replay of recorded actions, a study). Under a
-/// script a task is one episode of exactly `steps` decisions: no hold at p_T, no next episode, no
-/// end state.
+/// script a task is one episode of exactly `steps` decisions, unless the back end ends it: no hold
+/// at p_T, no next episode, no end state.
 class Actor {
  public:
   Actor(Policy& policy) : policy_(&policy) {}  // NOLINT(google-explicit-constructor)

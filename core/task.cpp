@@ -104,27 +104,30 @@ ToolCommand Task::decode(const Action& action) const {
 }
 
 Action Task::hold_action(const Vector3d& commanded_tip) const {
-  const Vector3d offset = places_.target - commanded_tip;
+  return action_towards(places_.target - commanded_tip, true);
+}
+
+Action Task::action_towards(const Vector3d& way, bool closed) const {
   const double reach = task_.increment_m() * task_.action_repeat();
   Action action;
   if (task_.action() == pb::ACTION_CONTINUOUS) {
     for (int k = 0; k < 3; ++k) {
       action.continuous[static_cast<std::size_t>(k)] =
-          static_cast<float>(std::clamp(offset[k] / reach, -1.0, 1.0));
+          static_cast<float>(std::clamp(way[k] / reach, -1.0, 1.0));
     }
-    action.continuous[3] = 1;
+    action.continuous[3] = closed ? 1.0F : -1.0F;
     return action;
   }
   const ActionTable& table = action_table(task_.action());
   for (std::size_t b = 0; b < 3; ++b) {
-    const double distance = offset[table.axis[b]];
+    const double distance = way[table.axis[b]];
     // Half a step: nearer than that, another step would only overshoot.
     const int wanted = distance > 0.5 * reach ? 1 : distance < -0.5 * reach ? -1 : 0;
     const auto index =
         std::find(table.value.begin(), table.value.end(), wanted) - table.value.begin();
     action.branch[b] = static_cast<std::uint8_t>(index);
   }
-  action.branch[3] = table.jaw != nullptr ? 1 : 0;
+  action.branch[3] = table.jaw != nullptr && closed ? 1 : 0;
   return action;
 }
 

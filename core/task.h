@@ -80,6 +80,8 @@ class Task {
   /// The hold script: jaw closed, straight towards p_T, then stay within half a step of it.
   /// `commanded_tip`: goal of the last command, p_WT [m].
   Action hold_action(const Eigen::Vector3d& commanded_tip) const;
+  /// The action that brings the tip nearest to `way` from where it is [m, in W] in one decision.
+  Action action_towards(const Eigen::Vector3d& way, bool closed) const;
   /// hold_action() would stay.
   bool at_target(const Eigen::Vector3d& commanded_tip) const;
 

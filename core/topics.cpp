@@ -9,7 +9,7 @@ namespace {
 
 constexpr std::int64_t kS = 1'000'000'000;
 
-constexpr std::array<TopicSpec, 10> kTopics{{
+constexpr std::array<TopicSpec, 11> kTopics{{
     {TopicId::kPolicyWeights, "omentum/policy/weights", true, History::kKeepLast, 2,
      Durability::kTransientLocal, 2, 1 * kS, 0},
     {TopicId::kRolloutTask, "omentum/rollout/task", true, History::kKeepLast, 1,
@@ -30,6 +30,8 @@ constexpr std::array<TopicSpec, 10> kTopics{{
      Durability::kVolatile, 0, 1 * kS, 0},
     {TopicId::kSimFrame, "omentum/sim/frame", false, History::kKeepLast, 1, Durability::kVolatile,
      0, 1 * kS, 0},
+    {TopicId::kRobotState, "omentum/robot/state", false, History::kKeepLast, 1,
+     Durability::kVolatile, 0, 1 * kS, 0},
 }};
 
 }  // namespace

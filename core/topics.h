@@ -19,6 +19,7 @@ enum class TopicId : std::uint32_t {
   kControlCommand,
   kControlReply,
   kSimFrame,
+  kRobotState,
 };
 
 enum class History { kKeepLast, kKeepAll };

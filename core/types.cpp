@@ -42,4 +42,22 @@ std::uint64_t hash_task(const RolloutTask& task) {
   return hash;
 }
 
+EpisodeSummary summary_of(const RolloutSegment& segment, std::size_t i) {
+  EpisodeSummary summary;
+  summary.source = segment.source;
+  summary.slot = segment.slot;
+  summary.first_version = summary.last_version = segment.policy_version;
+  summary.length_steps = segment.episode_length[i];
+  summary.return_sum = segment.episode_return[i];
+  summary.outcome = static_cast<Outcome>(segment.episode_outcome[i]);
+  summary.exposure_fraction = segment.episode_exposure[i];
+  for (std::size_t k = 0; k < 3; ++k) {
+    summary.start_position_in_world_m[k] =
+        static_cast<double>(segment.episode_start_position_in_world_m[3 * i + k]);
+    summary.grasp_position_in_world_m[k] =
+        static_cast<double>(segment.episode_grasp_position_in_world_m[3 * i + k]);
+  }
+  return summary;
+}
+
 }  // namespace omentum

@@ -6,6 +6,7 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 #include <string>
 #include <vector>
 
@@ -151,6 +152,7 @@ struct RolloutSegment {
   std::int64_t compute_time_ns = 0;
   std::int64_t wait_time_ns = 0;
   std::int64_t granted_at_ns = 0;
+  Sha256 weights_hash{};  ///< of the policy, as the task named it
 };
 
 enum class WorkerPhase : std::uint32_t { kStarting = 0, kIdle = 1, kCollecting = 2, kDraining = 3 };
@@ -322,6 +324,66 @@ struct SimFrame {
   std::array<double, 3> tool_position_in_world_m{};
   bool grasped = false;
 };
+
+/// Values reach the wire and are those of SafetyPhase: do not change.
+enum class RobotPhase : std::uint32_t {
+  kListening = 0,
+  kWaiting = 1,
+  kReady = 2,
+  kActive = 3,
+  kStopped = 4
+};
+
+inline constexpr double kNotKnown = std::numeric_limits<double>::quiet_NaN();
+
+/// A robot as its gateway sees it (topic omentum/robot/state, docs/dvrk.md 10), in CRTK words.
+/// Positions in W; counters since the gateway's start; kNotKnown for a number that is not known.
+struct RobotStatus {
+  std::uint32_t gateway_id = 0;  ///< hash of host, process and start time
+  std::string run_id;
+  std::string robot;  ///< name of the arm, as PSM1
+  std::string host;
+  std::uint32_t pid = 0;
+  std::string program_version;
+  RobotPhase phase = RobotPhase::kListening;
+  bool armed = false;        ///< goals are taken and sent
+  bool dry_run = false;      ///< nothing is sent, whatever the phase
+  std::uint32_t reason = 0;  ///< StopReason: of the stop while stopped, else why it is not ready
+  std::string reason_name;
+  std::string reason_text;      ///< with its figures
+  std::string operating_state;  ///< CRTK: DISABLED, ENABLED, PAUSED, FAULT, ...
+  bool is_homed = false;
+  bool is_busy = false;
+  bool registered = false;  ///< positions in W are of a registration, not of the scene file
+  std::array<double, 3> measured_cp_in_world_m{kNotKnown, kNotKnown, kNotKnown};
+  std::array<double, 3> setpoint_cp_in_world_m{kNotKnown, kNotKnown, kNotKnown};
+  std::array<double, 3> goal_cp_in_world_m{kNotKnown, kNotKnown, kNotKnown};  ///< the goal in force
+  std::array<double, 3> measured_tip_in_world_m{kNotKnown, kNotKnown, kNotKnown};
+  std::vector<double> measured_jp;  ///< yaw, pitch [rad], insertion [m], roll ... [rad]
+  std::vector<double> setpoint_jp;
+  std::vector<double> goal_jp;
+  double measured_jaw_rad = kNotKnown, setpoint_jaw_rad = kNotKnown, goal_jaw_rad = kNotKnown;
+  std::uint64_t datagrams = 0;  ///< taken; what became of the others follows
+  std::uint64_t malformed = 0, foreign = 0, unknown_keys = 0, not_finite = 0, reordered = 0;
+  std::uint64_t restarts = 0, cut = 0;
+  std::uint64_t sent = 0, unsent = 0;      ///< commands
+  std::vector<std::uint64_t> refusals;     ///< stops by reason, index = StopReason
+  std::vector<std::string> refusal_names;  ///< of the indices of refusals
+  std::uint64_t stops = 0;                 ///< their sum
+  // Of the last second, as LoopTimes has them.
+  double latency_p50_ms = kNotKnown, latency_max_ms = kNotKnown;
+  double jitter_p50_ms = kNotKnown, jitter_max_ms = kNotKnown;
+  double state_age_p50_ms = kNotKnown, state_age_max_ms = kNotKnown;
+  std::uint64_t periods = 0, late = 0, missed = 0, unwatched = 0;
+  std::uint64_t episodes = 0;  ///< that ended
+  std::uint64_t segments_published = 0, write_failures = 0;
+  std::uint64_t policy_version = 0;  ///< pinned for the present or next episode
+  Sha256 weights_hash{};
+  std::int64_t sent_at_ns = 0;
+};
+
+/// Of the i-th episode that ended in the segment; its number, `episode`, is left to the caller.
+EpisodeSummary summary_of(const RolloutSegment& segment, std::size_t i);
 
 /// Identity of a task (docs/wire.md 2): FNV-1a over the canonical little-endian bytes of everything
 /// that decides its result. Grant, worker, epoch and times are excluded.

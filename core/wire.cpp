@@ -172,6 +172,11 @@ void check_relations(const LearnerStatus& status, FirstFailure& result) {
     result.fail("barred_reasons", "length is not that of barred_worker_ids");
 }
 
+void check_relations(const RobotStatus& status, FirstFailure& result) {
+  if (status.refusal_names.size() != status.refusals.size())
+    result.fail("refusal_names", "length is not that of refusals");
+}
+
 void check_relations(const ControlCommand& command, FirstFailure& result) {
   if (!(command.frames_hz >= 0 && command.frames_hz <= kMaxFramesHz))
     result.fail("frames_hz", "out of range");
@@ -297,5 +302,7 @@ template class BusWriter<ControlReply>;
 template class BusReader<ControlReply>;
 template class BusWriter<SimFrame>;
 template class BusReader<SimFrame>;
+template class BusWriter<RobotStatus>;
+template class BusReader<RobotStatus>;
 
 }  // namespace omentum

@@ -51,6 +51,7 @@ void fields(G& g, C& c, V& v) {
 template <typename G, Is<RolloutSegment> C, typename V>
 void fields(G& g, C& c, V& v) {
   segment_fields(g, c, v);
+  v.fixed(g.weights_hash, c.weights_hash, "weights_hash");
 }
 
 template <typename G, Is<WorkerStatus> C, typename V>
@@ -148,6 +149,37 @@ void fields(G& g, C& c, V& v) {
   v.fixed(g.tool_position_in_world_m, c.tool_position_in_world_m, "tool_position_in_world_m");
 }
 
+template <typename G, Is<RobotStatus> C, typename V>
+void fields(G& g, C& c, V& v) {
+  v.values(g, c, [](auto& r) {
+    return std::tie(r.gateway_id, r.pid, r.armed, r.dry_run, r.reason, r.is_homed, r.is_busy,
+                    r.registered, r.measured_jaw_rad, r.setpoint_jaw_rad, r.goal_jaw_rad,
+                    r.datagrams, r.malformed, r.foreign, r.unknown_keys, r.not_finite, r.reordered,
+                    r.restarts, r.cut, r.unsent, r.sent, r.stops, r.latency_p50_ms,
+                    r.latency_max_ms, r.jitter_p50_ms, r.jitter_max_ms, r.state_age_p50_ms,
+                    r.state_age_max_ms, r.periods, r.late, r.missed, r.unwatched, r.episodes,
+                    r.segments_published, r.write_failures, r.policy_version, r.sent_at_ns);
+  });
+  v.text(g.run_id, c.run_id, "run_id");
+  v.text(g.robot, c.robot, "robot");
+  v.text(g.host, c.host, "host");
+  v.text(g.program_version, c.program_version, "program_version");
+  v.enumerator(g.phase, c.phase, RobotPhase::kStopped, "phase");
+  v.text(g.reason_name, c.reason_name, "reason_name");
+  v.text(g.reason_text, c.reason_text, "reason_text");
+  v.text(g.operating_state, c.operating_state, "operating_state");
+  v.fixed(g.measured_cp_in_world_m, c.measured_cp_in_world_m, "measured_cp_in_world_m");
+  v.fixed(g.setpoint_cp_in_world_m, c.setpoint_cp_in_world_m, "setpoint_cp_in_world_m");
+  v.fixed(g.goal_cp_in_world_m, c.goal_cp_in_world_m, "goal_cp_in_world_m");
+  v.fixed(g.measured_tip_in_world_m, c.measured_tip_in_world_m, "measured_tip_in_world_m");
+  v.array(g.measured_jp, c.measured_jp, {"measured_jp", omentum_v1_MAX_ROBOT_JOINTS});
+  v.array(g.setpoint_jp, c.setpoint_jp, {"setpoint_jp", omentum_v1_MAX_ROBOT_JOINTS});
+  v.array(g.goal_jp, c.goal_jp, {"goal_jp", omentum_v1_MAX_ROBOT_JOINTS});
+  v.array(g.refusals, c.refusals, {"refusals", omentum_v1_MAX_STOP_REASONS});
+  v.texts(g.refusal_names, c.refusal_names, omentum_v1_MAX_STOP_REASONS, "refusal_names");
+  v.fixed(g.weights_hash, c.weights_hash, "weights_hash");
+}
+
 /// What carries a record: its topic, generated type, and key(), the members that a sample without
 /// data has as well.
 template <TopicId kId, typename G, const dds_topic_descriptor_t& kDescription>
@@ -203,6 +235,12 @@ struct Wire<ControlReply>
 template <>
 struct Wire<SimFrame> : Carrier<TopicId::kSimFrame, omentum_v1_SimFrame, omentum_v1_SimFrame_desc> {
   static auto key(auto& r) { return std::tie(r.slot); }
+};
+
+template <>
+struct Wire<RobotStatus>
+    : Carrier<TopicId::kRobotState, omentum_v1_RobotStatus, omentum_v1_RobotStatus_desc> {
+  static auto key(auto& r) { return std::tie(r.gateway_id); }
 };
 
 }  // namespace omentum

@@ -7,7 +7,7 @@ mkdir -p "$out/bin"
 for program in learner sim_worker solid_mesher report; do
   install -m 755 "$bin/$program" "$out/bin/"
 done
-for program in mismatch omentum; do  # where they were built
+for program in mismatch omentum dvrk_gateway dvrk_double; do  # where they were built
   if [[ -x $bin/$program ]]; then install -m 755 "$bin/$program" "$out/bin/"; fi
 done
 strip --strip-debug "$out"/bin/*

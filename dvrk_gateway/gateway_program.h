@@ -1,27 +1,10 @@
 #pragma once
 
-#include <cstdint>
-#include <string>
+#include "dvrk_gateway/gateway_options.h"
 
 namespace omentum {
 
-/// The command line of dvrk_gateway (docs/dvrk.md 8).
-struct GatewayOptions {
-  std::string robot_host;        ///< sends the stream
-  std::uint16_t robot_port = 0;  ///< of this machine, where the stream arrives
-  std::string policy;            ///< checkpoint or run folder
-  std::string registration;      ///< registration.txtpb; empty: the base of the scene file
-  std::string instrument = "large_needle_driver";
-  std::string limits;          ///< SafetyLimits as protobuf text; empty: the defaults
-  std::uint64_t run_seed = 1;  ///< of drawn starts
-  int episodes = 1;
-  bool robot_grid = false;  ///< starts are the robot grid of the scene, not drawn
-  bool dry_run = false;
-  double seconds = 3;           ///< of `check`
-  std::string touches, pivots;  ///< tables of `register`; pivots may be empty
-};
-
-/// Runs episodes of the policy in mode twin; keys and signals arm, stop and end (docs/dvrk.md 8.2).
+/// Runs episodes in the mode of the options; keys and signals arm, stop and end (docs/dvrk.md 8.2).
 /// Throws Error for what is wrong at the start. Exit code: 0 all episodes ran, 1 ended before.
 int run_gateway(const GatewayOptions& options);
 

@@ -1,9 +1,12 @@
 // Program dvrk_gateway: a trained policy on a da Vinci PSM. See --help and docs/dvrk.md 8.
 #include <cstdio>
+#include <map>
 
 #include "core/command_line.h"
 #include "core/log.h"
+#include "dvrk_gateway/experiment.h"
 #include "dvrk_gateway/gateway_program.h"
+#include "dvrk_gateway/recording/convert_program.h"
 
 namespace {
 
@@ -25,20 +28,39 @@ void split_robot(const std::string& text, GatewayOptions& options) {
 }
 
 int run(int argc, char** argv) {
+  // It needs neither policy nor robot.
+  if (argc > 1 && std::string_view(argv[1]) == "convert")
+    return convert_program(argc - 1, argv + 1);
   CLI::App app{
       "Omentum gateway: runs a trained policy on a da Vinci Research Kit over UDP. The arm moves "
       "only after you armed it here; any stop disarms, and nothing resumes by itself."};
   GatewayOptions options;
-  std::string robot, mode = "twin", starts = "training";
+  std::string robot, starts = "training", outcome = "jaw";
   app.fallthrough();
   app.add_option("--robot", robot, "HOST:PORT: HOST sends, PORT is of this machine");
-  app.add_option("--policy", options.policy, "Run folder or checkpoint file")->required();
-  app.add_option("--mode", mode, "twin: the robot follows the tool of the simulated scene")
-      ->check(CLI::IsMember({"twin"}))
+  app.add_option("--policy", options.policy,
+                 "Run folder, checkpoint file, or bus: what the learner of --run publishes")
+      ->required();
+  const std::map<std::string, GatewayMode> modes = {{"twin", GatewayMode::kTwin},
+                                                    {"measured", GatewayMode::kMeasured},
+                                                    {"replay", GatewayMode::kReplay},
+                                                    {"teach", GatewayMode::kTeach}};
+  app.add_option(
+         "--mode", options.mode,
+         "twin (default): the policy acts in the simulated scene, the robot follows; "
+         "measured: it observes the robot, the scene follows; replay: of --motion; teach: an "
+         "operator moves the robot, nothing is sent")
+      ->transform(CLI::CheckedTransformer(modes));
+  app.add_option("--motion", options.motion, "Of mode replay: a recording (.mcap) or a tool.csv");
+  app.add_option("--slow", options.slow, "The motion takes so many times as long")
+      ->check(number_between(0.1, 1000))
       ->capture_default_str();
   app.add_option("--registration", options.registration,
                  "registration.txtpb: where the arm stands");
   app.add_option("--instrument", options.instrument, "On the arm now")->capture_default_str();
+  app.add_option("--base-frame", options.base_frame,
+                 "As set on the robot's console: x,y,z,qw,qx,qy,qz [m]")
+      ->capture_default_str();
   app.add_option("--limits", options.limits, "File with SafetyLimits; default: built in");
   app.add_option("--episodes", options.episodes, "How many")
       ->check(CLI::Range(1, 1'000'000))
@@ -50,6 +72,8 @@ int run(int argc, char** argv) {
       ->check(whole_number())
       ->capture_default_str();
   app.add_flag("--dry-run", options.dry_run, "Judge everything, send nothing");
+  add_recording_options(app, options.recording);
+  add_bus_options(app, options.bus);
   CLI::App* check = app.add_subcommand("check", "List what the robot sends and what is missing");
   check->add_option("--seconds", options.seconds, "Time to listen [s]")
       ->check(number_between(0.5, 3600))
@@ -58,13 +82,34 @@ int run(int argc, char** argv) {
       app.add_subcommand("register", "Find where the arm stands; writes --registration");
   touch->add_option("--touches", options.touches, "CSV, docs/formats.md 8")->required();
   touch->add_option("--pivots", options.pivots, "CSV of turning the tip about one point");
+  CLI::App* experiment = app.add_subcommand(
+      "experiment",
+      "The policy once from each start of the robot's grid, beside what simulation says");
+  experiment
+      ->add_option("--out", options.folder, "Folder of the table and the report; gone on with")
+      ->required();
+  experiment->add_option("--starts", options.starts, "The first so many of the grid")
+      ->check(CLI::Range(1, 1'000'000))
+      ->capture_default_str();
+  experiment
+      ->add_option(
+          "--outcome", outcome,
+          "jaw: read from the jaw, which stops short on tissue; ask: by a key after each start")
+      ->check(CLI::IsMember({"jaw", "ask"}))
+      ->capture_default_str();
+  const CLI::App* convert =
+      app.add_subcommand("convert", "Make a recording of a captured wire log; the first word");
   if (const std::optional<int> code = parse_command_line(app, argc, argv)) return *code;
+  if (convert->parsed()) throw_error("convert: is the first word: dvrk_gateway convert LOG ...");
   if (touch->parsed()) {
     if (options.registration.empty()) throw_error("--registration: names the file to write");
     return register_robot(options);
   }
   split_robot(robot, options);
+  check_bus_options(options.bus);
   options.robot_grid = starts == "robot_grid";
+  options.ask_outcome = outcome == "ask";
+  if (experiment->parsed()) return run_experiment(options);
   return check->parsed() ? check_robot(options) : run_gateway(options);
 }
 

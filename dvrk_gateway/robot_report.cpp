@@ -4,6 +4,8 @@
 
 #include <algorithm>
 
+#include "core/clock.h"
+#include "core/utc_time.h"
 #include "dvrk_gateway/protocol/udp_socket.h"
 
 namespace omentum {
@@ -54,31 +56,73 @@ std::string StreamRates::table(const RobotState& robot) const {
   return text;
 }
 
-std::string describe_robot(const Period& period, const StreamRates& rates,
-                           const SafetySetup& setup) {
-  const RobotState& robot = period.robot;
+RobotReport::RobotReport(const SafetySetup& setup, const Registration* registration)
+    : setup_(setup), registration_("registration       none\n") {
+  if (registration == nullptr) return;
+  const double age_h = 1e-9 * static_cast<double>(wall_now_ns() - registration->date_ns) / 3600;
+  registration_ = fmt::format(
+      "registration       of {}, {:.1f} h ago, {} points, residual {:.2f} mm, predicted error of "
+      "the "
+      "tip up to {:.2f} mm\n",
+      utc_text(registration->date_ns), age_h, registration->points.size(),
+      1e3 * registration->residual_rms,
+      1e3 * worst_predicted_error(
+                *registration,
+                std::max(registration->touch_error, pb::RegistrationRules{}.touch_noise_m()),
+                setup.mount.workspace_min, setup.mount.workspace_max));
+}
+
+/// Units show here: a robot that told mm or degrees would be far outside.
+std::string RobotReport::frames() const {
+  const RobotState& robot = last_.robot;
+  const CartesianPose& pose = robot.measured_cp.payload;
+  const CartesianPose& local = robot.local_measured_cp.payload;
+  if (!pose.valid || !local.valid) return {};
+  const Eigen::Isometry3d X_RA = setup_.X_AR.inverse();
+  const double apart = (X_RA * pose.translation - local.translation).norm();
+  const Eigen::Vector3d p_WC = setup_.mount.X_WR * local.translation;
+  return fmt::format(
+      "frames             measured_cp in {}, {:.4f} mm from local/measured_cp in the base frame "
+      "given\n"
+      "control point      at {:.1f}, {:.1f}, {:.1f} mm in W, {:.1f} mm from the remote centre\n",
+      robot.reference_frame[0] != 0 ? robot.reference_frame.data() : "a frame without a name",
+      1e3 * apart, 1e3 * p_WC.x(), 1e3 * p_WC.y(), 1e3 * p_WC.z(), 1e3 * local.translation.norm());
+}
+
+std::string RobotReport::instrument() const {
+  const JointState& joints = last_.robot.measured_js.payload;
+  const CartesianPose& pose = last_.robot.local_measured_cp.payload;
+  if (!joints.valid || joints.count != 6 || !pose.valid) return {};
+  PsmJoints q{};
+  std::copy_n(joints.position.begin(), q.size(), q.begin());
+  const Result<void> fits =
+      check_instrument(q, {pose.rotation, pose.translation}, *setup_.mount.instrument);
+  return fmt::format(
+      "instrument         {}\n",
+      fits ? std::string(setup_.mount.instrument->name) + ", kinematics agree" : fits.error());
+}
+
+void RobotReport::on_period(const Period& period) {
+  rates_.add(period);
+  last_ = period;
+}
+
+std::string RobotReport::text() const {
+  const RobotState& robot = last_.robot;
+  const std::string verdict =
+      ready() ? "go\n" : "no go: " + describe(last_.judgement.finding, robot) + "\n";
   std::string text;
-  if (!robot.has_source) return "nothing was received\n";
+  if (!robot.has_source) return "nothing was received\n" + verdict;
   text += fmt::format(
       "source             {}; {} datagrams, {} malformed, {} foreign, {} unknown keys\n",
       to_string(robot.source), robot.datagrams, robot.malformed, robot.foreign, robot.unknown_keys);
-  text += rates.table(robot);
+  text += rates_.table(robot);
   text += fmt::format("state              {}{}{}\n", robot.operating_state.payload.sub_state.data(),
                       robot.operating_state.payload.is_homed ? ", homed" : ", not homed",
                       robot.operating_state.payload.is_busy ? ", busy" : "");
-  const JointState& joints = robot.measured_js.payload;
-  if (joints.valid && joints.count == 6 && robot.local_measured_cp.payload.valid) {
-    PsmJoints q{};
-    std::copy_n(joints.position.begin(), q.size(), q.begin());
-    const CartesianPose& pose = robot.local_measured_cp.payload;
-    const Result<void> fits =
-        check_instrument(q, {pose.rotation, pose.translation}, *setup.mount.instrument);
-    text += fmt::format(
-        "instrument         {}\n",
-        fits ? std::string(setup.mount.instrument->name) + ", kinematics agree" : fits.error());
-  }
-  text += fmt::format("registration       {}\n", setup.registered ? "loaded" : "none");
-  return text;
+  text += frames();
+  text += instrument();
+  return text + registration_ + verdict;
 }
 
 }  // namespace omentum

@@ -4,7 +4,8 @@
 #include <cstdint>
 #include <string>
 
-#include "dvrk_gateway/loop/control_loop.h"
+#include "core/registration.h"
+#include "dvrk_gateway/loop/session.h"
 
 namespace omentum {
 
@@ -25,9 +26,26 @@ class StreamRates {
   std::array<Row, kStreams> rows_{};
 };
 
-/// What `check` found, line by line: source, streams, state, instrument by both lengths, frames and
-/// registration.
-std::string describe_robot(const Period& period, const StreamRates& rates,
-                           const SafetySetup& setup);
+/// What `check` finds: source, streams, state, frames, where the tip is, instrument by both
+/// lengths, age and figures of the registration, then "go" or "no go" with the reason.
+class RobotReport final : public GatewayObserver {
+ public:
+  /// `registration`: the fit behind setup.mount.X_WR; null without one.
+  RobotReport(const SafetySetup& setup, const Registration* registration);
+
+  void on_period(const Period& period) override;
+  /// As of the last period: the arm could be armed.
+  bool ready() const { return last_.judgement.memory.phase == SafetyPhase::kReady; }
+  std::string text() const;
+
+ private:
+  std::string frames() const;
+  std::string instrument() const;
+
+  SafetySetup setup_;
+  std::string registration_;
+  StreamRates rates_;
+  Period last_;
+};
 
 }  // namespace omentum

@@ -60,6 +60,8 @@ LearnerBus::LearnerBus(const LearnerBusOptions& options)
     reply_reader_.emplace(participant_, run_partition(options_.run), "learner-worker-replies");
     waitset_.attach(frame_reader_->raw());
     waitset_.attach(reply_reader_->raw());
+    robot_reader_.emplace(participant_, run_partition(options_.run), "learner-robots");
+    waitset_.attach(robot_reader_->raw());
   }
   drain_thread_ = std::jthread([this](const std::stop_token& stop) { drain(stop); });
 }
@@ -198,13 +200,14 @@ void LearnerBus::serve(TaskBook& book, std::int64_t now_ns) {
   std::vector<std::pair<std::uint32_t, std::uint64_t>> overflown;
   std::vector<std::pair<std::uint32_t, Seen>> changed;
   std::uint64_t refused = 0;
-  std::uint64_t foreign = 0;
+  std::uint64_t foreign = 0, of_robots = 0;
   {
     const std::lock_guard lock(mutex_);
     segments.swap(ring_);
     overflown.swap(overflown_);
     refused = statistics_.refused;
     foreign = statistics_.foreign;
+    of_robots = statistics_.of_robots;
     if (std::exchange(workers_changed_, false)) {
       for (auto& [id, seen] : seen_) {
         if (!std::exchange(seen.changed, false)) continue;
@@ -222,13 +225,18 @@ void LearnerBus::serve(TaskBook& book, std::int64_t now_ns) {
   }
   if (!invalid.empty()) log().warn("event=segment_invalid last=\"{}\"", invalid);
   for (const auto& [slot, hash] : overflown) book.overflowed(slot, hash);
-  if (foreign > foreign_told_) {
-    book.foreign(foreign - std::exchange(foreign_told_, foreign));
-    if (foreign_warned_ns_ == 0 || now_ns - foreign_warned_ns_ > kWarnPeriodNs) {
-      foreign_warned_ns_ = now_ns;
-      log().warn("event=segment_of_stranger total={} reason=\"not from the process of its worker\"",
-                 foreign);
-    }
+  if (foreign > foreign_told_) book.foreign(foreign - std::exchange(foreign_told_, foreign));
+  if (of_robots > robots_told_) {
+    robots_told_ = of_robots;
+    log().info("event=segment_of_robot total={} reason=\"never trained on\"", of_robots);
+  }
+  const std::uint64_t strangers = foreign - of_robots;
+  if (strangers > strangers_told_ &&
+      (foreign_warned_ns_ == 0 || now_ns - foreign_warned_ns_ > kWarnPeriodNs)) {
+    strangers_told_ = strangers;
+    foreign_warned_ns_ = now_ns;
+    log().warn("event=segment_of_stranger total={} reason=\"not from the process of its worker\"",
+               strangers);
   }
   if (refused > refused_told_) book.refused(refused - std::exchange(refused_told_, refused));
   for (const auto& [id, seen] : changed) follow_worker(book, id, seen, now_ns);

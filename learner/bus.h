@@ -37,6 +37,7 @@ struct BusStatistics {
   std::uint64_t bytes_down = 0;  ///< tasks, and weights once per worker
   std::uint64_t refused = 0;     ///< samples the wire layer refused
   std::uint64_t foreign = 0;     ///< segments not from the process of the worker they name
+  std::uint64_t of_robots = 0;   ///< of them, those that a gateway recorded on a robot
   std::uint64_t lost = 0;        ///< by the middleware
   std::uint64_t full = 0;  ///< times the segment reader was full: this process received nothing
   std::uint64_t worker_crashes = 0;
@@ -161,6 +162,7 @@ class LearnerBus {
   std::optional<HubMirror> mirror_;
   std::optional<BusReader<SimFrame>> frame_reader_;
   std::optional<BusReader<ControlReply>> reply_reader_;
+  std::optional<BusReader<RobotStatus>> robot_reader_;
   dds::Waitset waitset_;
 
   // Learner thread only.
@@ -168,7 +170,7 @@ class LearnerBus {
   std::map<std::uint32_t, WorkerStatus> known_;  ///< first status of every worker of this session
   std::vector<std::uint32_t> barred_told_;
   std::vector<std::pair<std::unique_ptr<BusWriter<RolloutTask>>, std::int64_t>> retired_;
-  std::uint64_t refused_told_ = 0, foreign_told_ = 0;
+  std::uint64_t refused_told_ = 0, foreign_told_ = 0, strangers_told_ = 0, robots_told_ = 0;
   std::int64_t foreign_warned_ns_ = 0;
   std::int64_t reported_ns_ = 0, repeated_ns_ = 0;
   RunManifest manifest_;                    ///< as published

@@ -43,6 +43,13 @@ void LearnerBus::drain_segments() {
         if (!arrival.info.valid) return;
         const std::size_t bytes = wire_bytes(arrival.record);
         const std::lock_guard lock(mutex_);
+        if (arrival.record.source != Source::kSimulation) {
+          // Of a gateway: for tools, never trained on.
+          ++statistics_.foreign;
+          ++statistics_.of_robots;
+          if (mirror_) mirror_->segment(arrival.record);
+          return;
+        }
         // A segment counts only from the process that announced its worker.
         const auto own = participant_of_.find(arrival.record.worker_id);
         if (own == participant_of_.end() || own->second != arrival.info.participant) {
@@ -160,7 +167,11 @@ void LearnerBus::drain_mirrored() {
       reply_reader_->take(kTakenAtOnce, [this](Arrival<ControlReply>&& arrival) {
         if (arrival.info.valid && arrival.record.worker_id != 0) mirror_->reply(arrival.record);
       });
-  if (!frames || !replies) log().error("event=take_failed topic=mirrored");
+  const Result<int> robots =
+      robot_reader_->take(kTakenAtOnce, [this](Arrival<RobotStatus>&& arrival) {
+        if (arrival.info.valid) mirror_->robot(arrival.record);
+      });
+  if (!frames || !replies || !robots) log().error("event=take_failed topic=mirrored");
 }
 
 void LearnerBus::send_status(std::int64_t now_ns) {

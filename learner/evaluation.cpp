@@ -31,25 +31,6 @@ std::array<double, 3> rest_place(const pb::GridMaker& grid, std::uint32_t partic
           (particle % grid.count_y() - 0.5 * (grid.count_y() - 1)) * grid.pitch_m(), 0};
 }
 
-/// What a segment that did not fail says of its one episode.
-void read_outcome(const RolloutSegment& s, EvaluationRow& r) {
-  r.reached = static_cast<Outcome>(s.episode_outcome.front()) == Outcome::kTargetReached;
-  r.lost = std::any_of(s.flags.begin(), s.flags.end(),
-                       [](std::uint8_t f) { return (f & step_flag::kGraspLost) != 0; });
-  r.held = s.episode_held.front() != 0;
-  r.grasp_held = s.episode_grasped.front() != 0 && !r.lost;
-  r.exposure = static_cast<double>(s.episode_exposure.front());
-  for (std::uint32_t k = 0; k < s.steps; ++k) {
-    if ((s.flags[k] & step_flag::kScripted) != 0) continue;
-    ++r.length;
-    r.episode_return += static_cast<double>(s.rewards[k]);
-  }
-  for (std::size_t k = 0; k < 3; ++k) {
-    r.start[k] = static_cast<double>(s.episode_start_position_in_world_m[k]);
-    r.grasp[k] = static_cast<double>(s.episode_grasp_position_in_world_m[k]);
-  }
-}
-
 }  // namespace
 
 std::vector<EvaluationSet> evaluation_sets(const pb::Config& config) {
@@ -116,14 +97,12 @@ std::vector<EvaluationRow> judge(const pb::Config& config, const EvaluationSet& 
   std::vector<EvaluationRow> rows;
   for (std::size_t i = 0; i < segments.size(); ++i) {
     const RolloutSegment& s = segments[i];
-    EvaluationRow& r = rows.emplace_back();
+    EvaluationRow& r = rows.emplace_back(row_of_episode(s));
     r.index = set.start_indices[i];
     r.row = lattice ? 0 : r.index / columns + 1;
     r.column = lattice ? 0 : r.index % columns + 1;
     r.greedy = set.greedy;
     r.best_exposure = best_exposure;
-    r.failed = s.failed != 0 || s.episode_outcome.empty();
-    if (!r.failed) read_outcome(s, r);
     r.exposed = is_exposed(r, best_exposure);
     if (lattice && config.scene().tissue().has_grid())
       r.start = rest_place(config.scene().tissue().grid(), r.index);

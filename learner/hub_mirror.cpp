@@ -24,6 +24,7 @@ HubMirror::HubMirror(const dds::Participant& participant, const std::string& run
       segments_(participant, mirror_partitions(run), "learner-mirror-segments", kSegmentsKept),
       frames_(participant, mirror_partitions(run), "learner-mirror-frames"),
       replies_(participant, mirror_partitions(run), "learner-mirror-replies"),
+      robots_(participant, mirror_partitions(run), "learner-mirror-robots"),
       commands_(participant, run_partition(run), "learner-forwarded-commands") {}
 
 void HubMirror::worker(const WorkerStatus& status) {
@@ -40,6 +41,7 @@ void HubMirror::gone(const WorkerStatus& status) {
 void HubMirror::segment(const RolloutSegment& segment) { write(segments_, segment); }
 void HubMirror::frame(const SimFrame& frame) { write(frames_, frame); }
 void HubMirror::reply(const ControlReply& reply) { write(replies_, reply); }
+void HubMirror::robot(const RobotStatus& status) { write(robots_, status); }
 
 void HubMirror::forward(ControlCommand command) {
   command.issuer = kForwarded + command.issuer;

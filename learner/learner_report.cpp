@@ -39,20 +39,8 @@ void Learner::count_episodes(std::span<const RolloutSegment> segments) {
       one.lost = outcome == Outcome::kGraspLost;
       episodes_.add(one);
 
-      EpisodeSummary summary;
-      summary.slot = s.slot;
+      EpisodeSummary summary = summary_of(s, i);
       summary.episode = s.end_episode - (s.episode_end_step.size() - i);
-      summary.first_version = summary.last_version = s.policy_version;
-      summary.length_steps = s.episode_length[i];
-      summary.return_sum = s.episode_return[i];
-      summary.outcome = outcome;
-      summary.exposure_fraction = s.episode_exposure[i];
-      for (std::size_t k = 0; k < 3; ++k) {
-        summary.start_position_in_world_m[k] =
-            static_cast<double>(s.episode_start_position_in_world_m[3 * i + k]);
-        summary.grasp_position_in_world_m[k] =
-            static_cast<double>(s.episode_grasp_position_in_world_m[3 * i + k]);
-      }
       if (const Result<void> sent = bus_->publish_summary(summary); !sent)
         log().debug("summary: {}", sent.error());
     }

@@ -3,16 +3,14 @@
 #include <fmt/format.h>
 #include <google/protobuf/text_format.h>
 
-#include <bit>
 #include <filesystem>
 #include <iterator>
 
 #include "core/check.h"
+#include "core/ply.h"
 
 namespace omentum {
 namespace {
-
-static_assert(std::endian::native == std::endian::little, "PLY is written as it lies in memory");
 
 /// Fifteen digits: 10 us on a clock that began in 1970.
 std::string time_stamp(double t) { return fmt::format("{:.15g}", t); }
@@ -83,20 +81,9 @@ void write_markers(const OutputFolder& folder, const SimulatedRecording& recordi
 
 }  // namespace
 
-std::string encode_ply(const std::vector<Eigen::Vector3f>& points) {
-  std::string ply = fmt::format(
-      "ply\nformat binary_little_endian 1.0\ncomment metres, frame W\nelement vertex {}\n"
-      "property float x\nproperty float y\nproperty float z\nend_header\n",
-      points.size());
-  for (const Eigen::Vector3f& p : points)
-    ply.append(reinterpret_cast<const char*>(p.data()), 3 * sizeof(float));
-  return ply;
-}
-
 void write_recording(OutputFolder& folder, const pb::RecordingInfo& info, const ToolTrack& commands,
                      const SimulatedRecording& recording, const CloudOf& cloud,
                      std::size_t cloud_stride) {
-  folder.begin();
   folder.write("tool.csv", tool_table(commands, recording));
   if (!recording.arm.empty()) folder.write("joints.csv", joint_table(recording));
   folder.write("force.csv", force_table(recording));

@@ -30,11 +30,12 @@ SeenState seen_at(const SimulatedRecording& recording, double t) {
 
 namespace {
 
-/// Control steps of the commands. Throws Error where what they leave does not fit into memory.
-std::size_t count_steps(const ToolTrack& track, double period, const Tissue<double>& tissue) {
+/// Throws Error where what the steps leave does not fit into memory.
+void check_memory(const ToolTrack& track, double period, const Tissue<double>& tissue) {
   const double steps = std::ceil((track.end() - track.begin()) / period - 1e-9);
-  const double step_bytes = static_cast<double>(sizeof(Vector3d)) * tissue.particles() +
-                            3.0 * sizeof(float) * tissue.surface_vertices() +
+  const double faces = dynamic_cast<const ReferenceTissue*>(&tissue) != nullptr ? 2 : 1;
+  const double step_bytes = faces * static_cast<double>(sizeof(Vector3d)) * tissue.particles() +
+                            faces * 3.0 * sizeof(float) * tissue.surface_vertices() +
                             500;  // tip, arm, time
   const double bytes = (steps + 1) * step_bytes;
   if (const double memory = machine_memory(); !(bytes <= memory)) {
@@ -44,17 +45,97 @@ std::size_t count_steps(const ToolTrack& track, double period, const Tissue<doub
         track.path, track.end() - track.begin(), steps, period, tissue.particles(), bytes / 1e9,
         memory / 1e9);
   }
-  return static_cast<std::size_t>(steps);
+}
+
+/// A recording without a jaw is one of tissue that is held all the time.
+bool is_closed(const ToolTrack& track, const GraspSettings& grasp, double t) {
+  return track.jaw_rad.empty() || track.jaw_at(t) <= grasp.closed_rad;
+}
+
+void add_surface(Tissue<double>& tissue, SimulatedRecording& result) {
+  std::vector<Vector3d>& points = result.points.emplace_back();
+  std::vector<float>& surface = result.surface.emplace_back();
+  if (const auto* reference = dynamic_cast<const ReferenceTissue*>(&tissue)) {
+    const auto& model = static_cast<const ReferenceTissueModel&>(reference->model());
+    for (const BodyPoint& point : model.upper_points) points.push_back(reference->point(point));
+    for (const BodyPoint& point : model.lower_points) points.push_back(reference->point(point));
+    for (const Vector3d& p : points) {
+      for (const double c : p) surface.push_back(static_cast<float>(c));
+    }
+    return;
+  }
+  for (int i = 0; i < tissue.particles(); ++i) points.push_back(tissue.position(0, i));
+  const double* drawn = tissue.surface_positions();
+  surface.assign(drawn, drawn + 3L * tissue.surface_vertices());
 }
 
 }  // namespace
 
+std::size_t count_steps(const ToolTrack& track, double period) {
+  return static_cast<std::size_t>(std::ceil((track.end() - track.begin()) / period - 1e-9));
+}
+
+std::vector<PinchCircle> pinches_of(const ToolTrack& track, const Scene& scene,
+                                    const GraspSettings& grasp) {
+  constexpr double kNear = 0.02;  // [m] above or below the sheet at rest
+  Eigen::AlignedBox3d sheet;
+  for (const Vector3d& p : scene.tissue.particles) sheet.extend(p);
+  const Eigen::Isometry3d X_BW = scene.tissue.X_WB.inverse();
+  std::vector<PinchCircle> pinches;
+  bool was_closed = false;
+  for (const double t : track.time) {
+    const bool closed = is_closed(track, grasp, t);
+    const Vector3d p_BT = X_BW * track.tip_at(t);
+    if (closed && !was_closed && sheet.exteriorDistance(p_BT) < kNear)
+      pinches.push_back({p_BT.head<2>(), grasp.patch_radius_m});
+    was_closed = closed;
+  }
+  return pinches;
+}
+
+pb::ReferenceModel coarser_mesh(pb::ReferenceModel mesh, const std::array<int, 3>& cells,
+                                double ratio) {
+  const auto fewer = [&](int count) {
+    return static_cast<std::uint32_t>(std::max(1.0, std::round(count / ratio)));
+  };
+  // The cell follows the root 3/8 of the tolerance (reference_model.cpp).
+  mesh.set_tolerance_m(mesh.tolerance_m() * std::pow(ratio, 8.0 / 3));
+  if (mesh.elements_x() > 0) mesh.set_elements_x(fewer(cells[0]));
+  if (mesh.elements_y() > 0) mesh.set_elements_y(fewer(cells[1]));
+  if (mesh.elements_z() > 0) mesh.set_elements_z(fewer(cells[2]));
+  return mesh;
+}
+
+MeshError estimate_mesh_error(const SimulatedRecording& fine, const SimulatedRecording& coarse,
+                              double ratio) {
+  const double fall = 1 / (std::pow(ratio, 2.5) - 1);
+  MeshError error;
+  double forces = 0;
+  const std::size_t steps = fine.time.size();
+  for (std::size_t k = 0; k < steps; ++k) {
+    double squares = 0;
+    for (std::size_t i = 0; i < fine.points[k].size(); ++i)
+      squares += (fine.points[k][i] - coarse.points[k][i]).squaredNorm();
+    squares /= static_cast<double>(fine.points[k].size());
+    error.rms_m += squares / static_cast<double>(steps);
+    error.worst_rms_m = std::max(error.worst_rms_m, squares);
+    error.force += (fine.force[k] - coarse.force[k]).squaredNorm();
+    forces += fine.force[k].squaredNorm();
+  }
+  error.rms_m = fall * std::sqrt(error.rms_m);
+  error.worst_rms_m = fall * std::sqrt(error.worst_rms_m);
+  error.force = forces > 0 ? fall * std::sqrt(error.force / forces) : 0;
+  return error;
+}
+
 SimulatedRecording simulate_recording(const TissueModel& model, const Arm& arm,
-                                      const ToolTrack& track, const GraspSettings& grasp) {
+                                      const ToolTrack& track, const GraspSettings& grasp,
+                                      ColumnRecorder* columns, std::size_t stride) {
   const std::unique_ptr<Tissue<double>> tissue = model.make_tissue(f64x1());
   tissue->reset(0, Vector3d::Zero());
   const double period = model.control_period;
-  const std::size_t steps = count_steps(track, period, *tissue);
+  check_memory(track, period, *tissue);
+  const std::size_t steps = count_steps(track, period);
   SimulatedRecording result;
   std::vector<ArmState> arms(arm.active() ? 1 : 0);  // none: the tip is where it was told to be
   std::vector<ArmReport> reports(arms.size());
@@ -64,11 +145,17 @@ SimulatedRecording simulate_recording(const TissueModel& model, const Arm& arm,
     reports[0] = arm.step(arms[0], tip, Vector3d::Zero());
     tip = Eigen::Map<const Vector3d>(arms[0].p_WT_true);
   }
+  auto* reference = columns != nullptr ? dynamic_cast<ReferenceTissue*>(tissue.get()) : nullptr;
+  OMENTUM_CHECK(columns == nullptr || reference != nullptr, "columns of a tissue without");
+  if (reference != nullptr) columns->begin(*reference, track.tip_at(track.begin()));
   bool was_closed = false;
   for (std::size_t step = 0; step <= steps; ++step) {
     const double t = track.begin() + static_cast<double>(step) * period;
-    // A recording without a jaw is one of tissue that is held all the time.
-    const bool closed = track.jaw_rad.empty() || track.jaw_at(t) <= grasp.closed_rad;
+    if (reference != nullptr) {
+      if (step % stride == 0) columns->add_frame(t, *reference);
+      columns->begin_step(*reference, track.tip_at(t + period));
+    }
+    const bool closed = is_closed(track, grasp, t);
     if (closed && !was_closed) {
       tissue->hold(0, tip, grasp.patch_radius_m, false);
       if (tissue->held(0).empty()) ++result.missed_grasps;
@@ -82,17 +169,16 @@ SimulatedRecording simulate_recording(const TissueModel& model, const Arm& arm,
         arm.active() ? Vector3d(Eigen::Map<const Vector3d>(arms[0].p_WT_measured)) : tip);
     result.arm.insert(result.arm.end(), reports.begin(), reports.end());
     result.force.push_back(tissue->held_force(0));
-    std::vector<Vector3d>& points = result.points.emplace_back();
-    for (int i = 0; i < tissue->particles(); ++i) points.push_back(tissue->position(0, i));
-    const double* surface = tissue->surface_positions();
-    result.surface.emplace_back(surface, surface + 3L * tissue->surface_vertices());
+    add_surface(*tissue, result);
     if (step == steps) break;
     std::vector<ToolMotion> motion = {{tip, track.tip_at(t + period)}};
     control_step<double>(arm, arms, *tissue, motion, reports);
     tip = motion[0].to;
-    if (!tissue->healthy(0))
-      throw_error("{}: the state of the tissue is not finite under the commands at {:.6g} s",
-                  track.path, t + period);
+    if (!tissue->healthy(0)) {
+      result.failure = fmt::format("{}: the tissue fails under the commands at {:.6g} s: {}",
+                                   track.path, t + period, tissue->failure(0));
+      break;
+    }
   }
   return result;
 }

@@ -1,12 +1,15 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <array>
 #include <memory>
 #include <string>
 #include <vector>
 
+#include "mismatch/columns.h"
 #include "mismatch/tool_track.h"
 #include "sim_worker/instrument/arm.h"
+#include "sim_worker/reference/reference_model.h"
 #include "sim_worker/scene/scene.h"
 #include "sim_worker/tissue/tissue.h"
 
@@ -21,15 +24,19 @@ struct GraspSettings {
 /// What a simulation of recorded commands gives, one entry per control step, the state at t = 0
 /// included.
 struct SimulatedRecording {
-  std::vector<double> time;                          ///< [s], on the clock of the commands
-  std::vector<Eigen::Vector3d> tip;                  ///< true p_WT [m]
-  std::vector<Eigen::Vector3d> measured_tip;         ///< p_WT by the encoders [m]
-  std::vector<ArmReport> arm;                        ///< empty while the arm has no effects
-  std::vector<Eigen::Vector3d> force;                ///< of the tissue on the tool, in W [N]
-  std::vector<std::vector<Eigen::Vector3d>> points;  ///< every node, p_W [m]
-  std::vector<std::vector<float>> surface;           ///< drawn surface, x y z interleaved, in W [m]
-  pb::StreamClocks clocks;                           ///< added to time stamps of the streams
-  int missed_grasps = 0;                             ///< the jaw closed and held nothing
+  std::vector<double> time;                   ///< [s], on the clock of the commands
+  std::vector<Eigen::Vector3d> tip;           ///< true p_WT [m]
+  std::vector<Eigen::Vector3d> measured_tip;  ///< p_WT by the encoders [m]
+  std::vector<ArmReport> arm;                 ///< empty while the arm has no effects
+  std::vector<Eigen::Vector3d> force;         ///< of the tissue on the tool, in W [N]
+  /// Every node, p_W [m]; of the reference the upper face at the places of the grid, then the
+  /// lower.
+  std::vector<std::vector<Eigen::Vector3d>> points;
+  /// Drawn surface, x y z interleaved, in W [m]; of the reference the two faces, as `points`.
+  std::vector<std::vector<float>> surface;
+  pb::StreamClocks clocks;  ///< added to time stamps of the streams
+  int missed_grasps = 0;    ///< the jaw closed and held nothing
+  std::string failure;      ///< why it ends before the commands do: time and reason; else empty
 };
 
 /// State at time t [s] for a camera that lags: surface and tip, linear between steps.
@@ -39,11 +46,38 @@ struct SeenState {
 };
 SeenState seen_at(const SimulatedRecording& recording, double t);
 
+/// Where the jaw closes, as circles on the rest sheet: a mesh is graded there. Closings away from
+/// the sheet are left out.
+std::vector<PinchCircle> pinches_of(const ToolTrack& track, const Scene& scene,
+                                    const GraspSettings& grasp);
+
+/// Control steps of the commands.
+std::size_t count_steps(const ToolTrack& track, double period);
+
 /// Runs the tissue of a scene under recorded tool commands: one environment, double precision, one
 /// control step per control_period. What was commanded is what is done, but for the effects of the
-/// arm: no workspace box, no speed cap. Throws Error when a number of the state is no longer
-/// finite, with the time.
+/// arm: no workspace box, no speed cap. Ends early where the tissue fails. `columns`, of a tissue
+/// of the reference, gets a frame every `stride` steps. A pure function of its arguments; several
+/// at a time share nothing that changes. Throws Error where the result does not fit into memory.
 SimulatedRecording simulate_recording(const TissueModel& model, const Arm& arm,
-                                      const ToolTrack& track, const GraspSettings& grasp);
+                                      const ToolTrack& track, const GraspSettings& grasp,
+                                      ColumnRecorder* columns = nullptr, std::size_t stride = 1);
+
+/// What a coarser mesh changes, scaled to an estimate of the error of the finer one.
+struct MeshError {
+  double rms_m = 0;        ///< over all points and times
+  double worst_rms_m = 0;  ///< of the worst time
+  double force = 0;  ///< rms over the times, relative to the rms of the force; 0 without force
+};
+
+/// A mesh whose cells are `ratio` times as long; `cells` along x, y, z of the given one.
+pb::ReferenceModel coarser_mesh(pb::ReferenceModel mesh, const std::array<int, 3>& cells,
+                                double ratio);
+
+/// Both of the same commands; `ratio` of the edges of their cells, above 1. The error is taken to
+/// fall with the power 2.5 of the cell (docs/results.md), so that of the fine one is the difference
+/// divided by ratio^2.5 - 1.
+MeshError estimate_mesh_error(const SimulatedRecording& fine, const SimulatedRecording& coarse,
+                              double ratio);
 
 }  // namespace omentum

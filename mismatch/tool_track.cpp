@@ -5,8 +5,8 @@
 
 #include "core/check.h"
 #include "core/constants.h"
-#include "mismatch/recording_info.h"
-#include "mismatch/table.h"
+#include "core/recording_info.h"
+#include "core/table.h"
 
 namespace omentum {
 

@@ -81,6 +81,7 @@ pb::bus::RolloutSegment to_message(const RolloutSegment& from) {
   to.set_compute_time_ns(from.compute_time_ns);
   to.set_wait_time_ns(from.wait_time_ns);
   to.set_granted_at_ns(from.granted_at_ns);
+  to.set_weights_hash(bytes_of(from.weights_hash));
   return to;
 }
 
@@ -239,6 +240,70 @@ pb::bus::SimFrame to_message(const SimFrame& from) {
   to.mutable_tool_position_in_world_m()->Assign(from.tool_position_in_world_m.begin(),
                                                 from.tool_position_in_world_m.end());
   to.set_grasped(from.grasped);
+  return to;
+}
+
+pb::bus::RobotStatus to_message(const RobotStatus& from) {
+  pb::bus::RobotStatus to;
+  to.set_gateway_id(from.gateway_id);
+  to.set_run_id(from.run_id);
+  to.set_robot(from.robot);
+  to.set_host(from.host);
+  to.set_pid(from.pid);
+  to.set_program_version(from.program_version);
+  to.set_phase(static_cast<pb::bus::RobotPhase>(from.phase));
+  to.set_armed(from.armed);
+  to.set_dry_run(from.dry_run);
+  to.set_reason(from.reason);
+  to.set_reason_name(from.reason_name);
+  to.set_reason_text(from.reason_text);
+  to.set_operating_state(from.operating_state);
+  to.set_is_homed(from.is_homed);
+  to.set_is_busy(from.is_busy);
+  to.set_registered(from.registered);
+  to.mutable_measured_cp_in_world_m()->Assign(from.measured_cp_in_world_m.begin(),
+                                              from.measured_cp_in_world_m.end());
+  to.mutable_setpoint_cp_in_world_m()->Assign(from.setpoint_cp_in_world_m.begin(),
+                                              from.setpoint_cp_in_world_m.end());
+  to.mutable_goal_cp_in_world_m()->Assign(from.goal_cp_in_world_m.begin(),
+                                          from.goal_cp_in_world_m.end());
+  to.mutable_measured_tip_in_world_m()->Assign(from.measured_tip_in_world_m.begin(),
+                                               from.measured_tip_in_world_m.end());
+  to.mutable_measured_jp()->Assign(from.measured_jp.begin(), from.measured_jp.end());
+  to.mutable_setpoint_jp()->Assign(from.setpoint_jp.begin(), from.setpoint_jp.end());
+  to.mutable_goal_jp()->Assign(from.goal_jp.begin(), from.goal_jp.end());
+  to.set_measured_jaw_rad(from.measured_jaw_rad);
+  to.set_setpoint_jaw_rad(from.setpoint_jaw_rad);
+  to.set_goal_jaw_rad(from.goal_jaw_rad);
+  to.set_datagrams(from.datagrams);
+  to.set_malformed(from.malformed);
+  to.set_foreign(from.foreign);
+  to.set_unknown_keys(from.unknown_keys);
+  to.set_not_finite(from.not_finite);
+  to.set_reordered(from.reordered);
+  to.set_restarts(from.restarts);
+  to.set_cut(from.cut);
+  to.set_unsent(from.unsent);
+  to.set_sent(from.sent);
+  to.mutable_refusals()->Assign(from.refusals.begin(), from.refusals.end());
+  to.mutable_refusal_names()->Assign(from.refusal_names.begin(), from.refusal_names.end());
+  to.set_stops(from.stops);
+  to.set_latency_p50_ms(from.latency_p50_ms);
+  to.set_latency_max_ms(from.latency_max_ms);
+  to.set_jitter_p50_ms(from.jitter_p50_ms);
+  to.set_jitter_max_ms(from.jitter_max_ms);
+  to.set_state_age_p50_ms(from.state_age_p50_ms);
+  to.set_state_age_max_ms(from.state_age_max_ms);
+  to.set_periods(from.periods);
+  to.set_late(from.late);
+  to.set_missed(from.missed);
+  to.set_unwatched(from.unwatched);
+  to.set_episodes(from.episodes);
+  to.set_segments_published(from.segments_published);
+  to.set_write_failures(from.write_failures);
+  to.set_policy_version(from.policy_version);
+  to.set_weights_hash(bytes_of(from.weights_hash));
+  to.set_sent_at_ns(from.sent_at_ns);
   return to;
 }
 

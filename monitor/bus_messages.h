@@ -15,5 +15,6 @@ pb::bus::RunManifest to_message(const RunManifest& from);
 pb::bus::ControlCommand to_message(const ControlCommand& from);
 pb::bus::ControlReply to_message(const ControlReply& from);
 pb::bus::SimFrame to_message(const SimFrame& from);
+pb::bus::RobotStatus to_message(const RobotStatus& from);
 
 }  // namespace omentum

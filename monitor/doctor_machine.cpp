@@ -117,7 +117,7 @@ Finding check_certificates(const std::string& dir, std::int64_t now_s) {
   const Result<Certificate> found = check_security_dir(dir);
   if (!found) return {false, "certificates", found.error(), "deploy/security/make.sh --help"};
   const Certificate& c = found.value();
-  const std::string detail = fmt::format("{} until {}", c.name, utc_text(c.end_s));
+  const std::string detail = fmt::format("{} until {}", c.name, date_text(c.end_s));
   if (c.end_s - now_s > kNearS) return {true, "certificates", detail, ""};
   return {false, "certificates", detail + ", in less than 14 days",
           "deploy/security/make.sh --renew, and copy the folder to its host again"};

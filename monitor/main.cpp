@@ -23,7 +23,8 @@ void add_top(CLI::App& app, TopOptions& options) {
   app.add_option("--interval", options.interval_s, "Time between two tables [s]")
       ->check(number_between(0.1, 3600))
       ->capture_default_str();
-  app.add_option("--patience", options.patience_s, "--once: wait so long for a learner [s]")
+  app.add_option("--patience", options.patience_s,
+                 "--once: wait so long for a learner or robot [s]")
       ->check(number_between(0, kLongestS))
       ->capture_default_str();
 }

@@ -164,12 +164,52 @@ void add_workers(Exposition& out) {
       [](const W& w) { return w.alarms_raised; });
 }
 
+void add_robots(Exposition& out) {
+  const RunState& state = out.state();
+  const std::int64_t now = out.now_ns();
+  const auto add = [&](const char* name, const char* type, const char* help, auto value_of) {
+    if (state.robots().empty()) return;
+    const std::string full = fmt::format("omentum_robot_{}", name);
+    out.head(full, type, help);
+    for (const auto& [id, row] : state.robots()) {
+      out.line(full, static_cast<double>(value_of(row)),
+               fmt::format(",robot=\"{}\",host=\"{}\"", escaped(row.status.robot),
+                           escaped(row.status.host)));
+    }
+  };
+  using R = RobotRow;
+  constexpr const char* kGauge = "gauge";
+  constexpr const char* kCounter = "counter";
+  add("up", kGauge, "1 while the gateway speaks", [now](const R& row) {
+    return RunState::presence_of(row, now) == Presence::kAlive ? 1.0 : 0.0;
+  });
+  add("armed", kGauge, "1 while goals are sent", [](const R& r) { return r.status.armed; });
+  add("reason", kGauge, "Why it is stopped or not ready (docs/dvrk.md 7.3), 0: nothing",
+      [](const R& r) { return r.status.reason; });
+  add("latency_max_seconds", kGauge, "Of the last second, begin of a period to command",
+      [](const R& r) { return 1e-3 * r.status.latency_max_ms; });
+  add("jitter_max_seconds", kGauge, "Of the last second",
+      [](const R& r) { return 1e-3 * r.status.jitter_max_ms; });
+  add("state_age_max_seconds", kGauge, "Of the last second",
+      [](const R& r) { return 1e-3 * r.status.state_age_max_ms; });
+  add("stops_total", kCounter, "Stops, refused goals among them",
+      [](const R& r) { return r.status.stops; });
+  add("datagrams_total", kCounter, "Taken", [](const R& r) { return r.status.datagrams; });
+  add("datagrams_refused_total", kCounter, "Malformed, foreign or cut",
+      [](const R& r) { return r.status.malformed + r.status.foreign + r.status.cut; });
+  add("commands_sent_total", kCounter, "To the robot", [](const R& r) { return r.status.sent; });
+  add("periods_missed_total", kCounter, "Did not take place",
+      [](const R& r) { return r.status.missed; });
+  add("episodes_total", kCounter, "That ended", [](const R& r) { return r.status.episodes; });
+}
+
 }  // namespace
 
 std::string make_metrics(const RunState& state, std::int64_t now_ns) {
   Exposition out(state, now_ns);
   add_learner(out);
   add_workers(out);
+  add_robots(out);
   out.value("omentum_episodes_seen_total", "counter", "Episodes told since the monitor's start",
             count(state.episodes()));
   out.value("omentum_targets_reached_seen_total", "counter", "Those that reached their target",

@@ -98,6 +98,7 @@ int run_mirror(const MirrorOptions& options) {
     const Relay<ControlCommand> commands(*from, to, run, counts);
     const Relay<ControlReply> replies(*from, to, run, counts);
     const Relay<SimFrame> frames(*from, to, run, counts);
+    const Relay<RobotStatus> robots(*from, to, run, counts);
     fmt::print("run {} of domain {} can be read in domain {} on loopback\n", run,
                options.tool.domain, options.to_domain);
     std::fflush(stdout);

@@ -30,10 +30,11 @@ constexpr std::size_t kQueueBytes = std::size_t{256} << 20;  // between bus and 
 constexpr std::int32_t kMaxSegments = 4096;                  // of the best-effort reader
 
 /// Every topic that can be recorded; the learner's tasks are for one worker each and not public.
-constexpr TopicId kRecordable[] = {
-    TopicId::kPolicyWeights,  TopicId::kRolloutSegment, TopicId::kWorkerStatus,
-    TopicId::kLearnerStatus,  TopicId::kEpisodeSummary, TopicId::kRunManifest,
-    TopicId::kControlCommand, TopicId::kControlReply,   TopicId::kSimFrame};
+constexpr TopicId kRecordable[] = {TopicId::kPolicyWeights,  TopicId::kRolloutSegment,
+                                   TopicId::kWorkerStatus,   TopicId::kLearnerStatus,
+                                   TopicId::kEpisodeSummary, TopicId::kRunManifest,
+                                   TopicId::kControlCommand, TopicId::kControlReply,
+                                   TopicId::kSimFrame,       TopicId::kRobotState};
 
 /// A message on its way to the file.
 struct Item {
@@ -140,6 +141,8 @@ std::unique_ptr<Tap> make_tap(TopicId topic, const dds::Participant& participant
       return std::make_unique<TapOf<ControlReply>>(participant, run, topic);
     case TopicId::kSimFrame:
       return std::make_unique<TapOf<SimFrame>>(participant, run, topic);
+    case TopicId::kRobotState:
+      return std::make_unique<TapOf<RobotStatus>>(participant, run, topic);
     case TopicId::kRolloutTask:
       break;
   }

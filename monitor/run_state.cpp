@@ -72,12 +72,28 @@ void RunState::apply(Arrival<EpisodeSummary>&& arrival, std::int64_t /*now_ns*/)
   if (arrival.record.outcome == Outcome::kTargetReached) ++targets_reached_;
 }
 
+void RunState::apply(Arrival<RobotStatus>&& arrival, std::int64_t now_ns) {
+  const std::uint32_t id = arrival.record.gateway_id;
+  if (arrival.info.valid) {
+    robots_[id] = {std::move(arrival.record), now_ns, false};
+  } else if (arrival.info.state == dds::InstanceState::kDisposed) {
+    robots_.erase(id);
+  } else if (const auto found = robots_.find(id); found != robots_.end()) {
+    found->second.lost = true;
+  }
+}
+
 Presence RunState::learner_presence(std::int64_t now_ns) const {
   if (!learner_ || learner_lost_) return Presence::kLost;
   return now_ns - learner_heard_at_ns_ > kSilentNs ? Presence::kSilent : Presence::kAlive;
 }
 
 Presence RunState::presence_of(const WorkerRow& row, std::int64_t now_ns) {
+  if (row.lost) return Presence::kLost;
+  return now_ns - row.heard_at_ns > kSilentNs ? Presence::kSilent : Presence::kAlive;
+}
+
+Presence RunState::presence_of(const RobotRow& row, std::int64_t now_ns) {
   if (row.lost) return Presence::kLost;
   return now_ns - row.heard_at_ns > kSilentNs ? Presence::kSilent : Presence::kAlive;
 }
@@ -106,9 +122,10 @@ std::optional<double> seconds_left(const LearnerStatus& learner) {
   return static_cast<double>(learner.steps_wanted - learner.steps_total) / learner.steps_per_s;
 }
 
-std::vector<std::string> alarms_of(const RunState& state, std::int64_t now_ns) {
-  std::vector<std::string> alarms;
-  if (!state.learner()) return {"no learner of this run has spoken yet"};
+namespace {
+
+void add_training_alarms(std::vector<std::string>& alarms, const RunState& state,
+                         std::int64_t now_ns) {
   const Presence presence = state.learner_presence(now_ns);
   if (presence == Presence::kLost && state.learner()->phase != LearnerPhase::kDone)
     alarms.emplace_back("learner: lost (crashed or unreachable)");
@@ -128,6 +145,31 @@ std::vector<std::string> alarms_of(const RunState& state, std::int64_t now_ns) {
     for (const std::string& alarm : row.status.alarms)
       alarms.push_back(fmt::format("worker {} on {}: {}", id, row.status.host, alarm));
   }
+}
+
+void add_robot_alarms(std::vector<std::string>& alarms, const RunState& state,
+                      std::int64_t now_ns) {
+  for (const auto& [id, row] : state.robots()) {
+    const std::string who = fmt::format("robot {} of {}", row.status.robot, row.status.host);
+    const Presence robot = RunState::presence_of(row, now_ns);
+    if (robot != Presence::kAlive) {
+      alarms.push_back(fmt::format("{}: {}", who, name_of(robot)));
+    } else if (row.status.phase == RobotPhase::kStopped) {
+      alarms.push_back(fmt::format("{}: stopped: {}", who, row.status.reason_text));
+    }
+  }
+}
+
+}  // namespace
+
+std::vector<std::string> alarms_of(const RunState& state, std::int64_t now_ns) {
+  std::vector<std::string> alarms;
+  if (state.learner()) {
+    add_training_alarms(alarms, state, now_ns);
+  } else if (state.robots().empty()) {  // a robot runs a policy of a file without a learner
+    alarms.emplace_back("no learner of this run has spoken yet");
+  }
+  add_robot_alarms(alarms, state, now_ns);
   return alarms;
 }
 
@@ -139,6 +181,11 @@ const char* name_of(LearnerPhase phase) {
 
 const char* name_of(WorkerPhase phase) {
   constexpr std::array<const char*, 4> kNames{"starting", "idle", "collecting", "draining"};
+  return name_in(kNames, phase);
+}
+
+const char* name_of(RobotPhase phase) {
+  constexpr std::array<const char*, 5> kNames{"listening", "waiting", "ready", "active", "stopped"};
   return name_in(kNames, phase);
 }
 

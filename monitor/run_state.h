@@ -18,13 +18,20 @@ enum class Presence {
   kLost,    ///< crashed or unreachable
 };
 
-/// A status is published once a second or more often; the deadline of its topic is 2 s
-/// (docs/wire.md 3).
+/// A worker's or learner's status is published once a second or more often, a robot's ten times;
+/// the deadline of its topic is 2 s (docs/wire.md 3).
 inline constexpr std::int64_t kSilentNs = 5'000'000'000;
 
 /// A worker as last heard of.
 struct WorkerRow {
   WorkerStatus status;
+  std::int64_t heard_at_ns = 0;  ///< steady clock
+  bool lost = false;
+};
+
+/// A robot as its gateway was last heard of.
+struct RobotRow {
+  RobotStatus status;
   std::int64_t heard_at_ns = 0;  ///< steady clock
   bool lost = false;
 };
@@ -46,18 +53,22 @@ class RunState {
   void apply(Arrival<WorkerStatus>&& arrival, std::int64_t now_ns);
   void apply(Arrival<RunManifest>&& arrival, std::int64_t now_ns);
   void apply(Arrival<EpisodeSummary>&& arrival, std::int64_t now_ns);
+  void apply(Arrival<RobotStatus>&& arrival, std::int64_t now_ns);
 
   const std::string& run() const { return run_; }
   const std::optional<LearnerStatus>& learner() const { return learner_; }
   const std::optional<RunManifest>& manifest() const { return manifest_; }
   /// By id; those that left on purpose are gone from it.
   const std::map<std::uint32_t, WorkerRow>& workers() const { return workers_; }
+  /// By gateway; those that left on purpose are gone from it.
+  const std::map<std::uint32_t, RobotRow>& robots() const { return robots_; }
   const std::vector<CurvePoint>& curve() const { return curve_; }
   std::uint64_t episodes() const { return episodes_; }
   std::uint64_t targets_reached() const { return targets_reached_; }
 
   Presence learner_presence(std::int64_t now_ns) const;
   static Presence presence_of(const WorkerRow& row, std::int64_t now_ns);
+  static Presence presence_of(const RobotRow& row, std::int64_t now_ns);
 
  private:
   void add_to_curve();
@@ -68,6 +79,7 @@ class RunState {
   bool learner_lost_ = false;
   std::optional<RunManifest> manifest_;
   std::map<std::uint32_t, WorkerRow> workers_;
+  std::map<std::uint32_t, RobotRow> robots_;
   std::vector<CurvePoint> curve_;
   std::size_t curve_stride_ = 1;  ///< updates per point that is kept
   std::size_t updates_seen_ = 0;
@@ -95,6 +107,7 @@ std::vector<std::string> alarms_of(const RunState& state, std::int64_t now_ns);
 
 const char* name_of(LearnerPhase phase);
 const char* name_of(WorkerPhase phase);
+const char* name_of(RobotPhase phase);
 const char* name_of(Presence presence);
 
 }  // namespace omentum

@@ -21,11 +21,13 @@ RunWatch::RunWatch(const dds::Participant& participant, const std::string& run, 
       workers_(participant, tool_partitions(run), "tool-workers"),
       manifest_(participant, tool_partitions(run), "tool-manifest"),
       episodes_(participant, tool_partitions(run), "tool-episodes"),
+      robots_(participant, tool_partitions(run), "tool-robots"),
       waitset_(participant) {
   waitset_.attach(learner_.raw());
   waitset_.attach(workers_.raw());
   waitset_.attach(manifest_.raw());
   waitset_.attach(episodes_.raw());
+  waitset_.attach(robots_.raw());
   if (!with_frames) return;
   frames_.emplace(participant, tool_partitions(run), "tool-frames");
   waitset_.attach(frames_->raw());
@@ -39,6 +41,7 @@ void RunWatch::take_into(RunState& state, const std::function<void(SimFrame&&)>&
   take_all<WorkerStatus>(workers_, [&](auto&& a) { state.apply(std::move(a), now); });
   take_all<RunManifest>(manifest_, [&](auto&& a) { state.apply(std::move(a), now); });
   take_all<EpisodeSummary>(episodes_, [&](auto&& a) { state.apply(std::move(a), now); });
+  take_all<RobotStatus>(robots_, [&](auto&& a) { state.apply(std::move(a), now); });
   if (!frames_) return;
   take_all<SimFrame>(*frames_, [&](auto&& a) {
     if (a.info.valid) on_frame(std::move(a.record));
@@ -47,7 +50,7 @@ void RunWatch::take_into(RunState& state, const std::function<void(SimFrame&&)>&
 
 std::uint64_t RunWatch::refused() const {
   return learner_.refused() + workers_.refused() + manifest_.refused() + episodes_.refused() +
-         (frames_ ? frames_->refused() : 0);
+         robots_.refused() + (frames_ ? frames_->refused() : 0);
 }
 
 }  // namespace omentum

@@ -30,6 +30,7 @@ class RunWatch {
   BusReader<WorkerStatus> workers_;
   BusReader<RunManifest> manifest_;
   BusReader<EpisodeSummary> episodes_;
+  BusReader<RobotStatus> robots_;
   std::optional<BusReader<SimFrame>> frames_;
   dds::Waitset waitset_;
 };

@@ -8,6 +8,7 @@
 #include <cstdio>
 
 #include "core/clock.h"
+#include "monitor/robot_figures.h"
 #include "monitor/run_watch.h"
 
 namespace omentum {
@@ -67,6 +68,14 @@ void add_workers(std::string& out, const RunState& state, std::int64_t now_ns) {
   if (state.workers().empty()) out += "           none\n";
 }
 
+void add_robots(std::string& out, const RunState& state, std::int64_t now_ns) {
+  for (const auto& [id, row] : state.robots()) {
+    out += fmt::format("\nrobot      {}\n", printable(describe_robot(row, now_ns)));
+    for (const RobotFigure& figure : robot_figures(row.status))
+      out += fmt::format("  {:<9}{}\n", figure.name, printable(figure.text));
+  }
+}
+
 }  // namespace
 
 std::string short_duration(double seconds) {
@@ -82,6 +91,7 @@ std::string make_top_table(const RunState& state, std::int64_t now_ns) {
   std::string out = fmt::format("run        {}\n", state.run());
   add_learner(out, state, now_ns);
   add_workers(out, state, now_ns);
+  add_robots(out, state, now_ns);
   const std::vector<std::string> alarms = alarms_of(state, now_ns);
   out += alarms.empty() ? "\nalarms     none\n" : "\nalarms\n";
   for (const std::string& alarm : alarms) out += "  " + printable(alarm) + "\n";
@@ -103,13 +113,14 @@ int run_top(const TopOptions& options) {
     watch.wait(100'000'000);
     watch.take_into(state);
     const std::int64_t now = steady_now_ns();
-    if (state.learner() && heard_at == 0) heard_at = now;
+    const bool heard = state.learner() || !state.robots().empty();
+    if (heard && heard_at == 0) heard_at = now;
     if (once) {
       // Workers publish at least once a second: so long after the learner everybody has spoken.
       const bool complete = heard_at != 0 && now - heard_at > 1'500'000'000;
       if (!complete && seconds_since(began) < options.patience_s) continue;
       std::fputs(make_top_table(state, now).c_str(), stdout);
-      return state.learner() ? 0 : 1;
+      return heard ? 0 : 1;
     }
     if (now - drawn_at < interval) continue;
     drawn_at = now;

@@ -8,6 +8,7 @@
 
 #include "core/check.h"
 #include "core/config.h"
+#include "monitor/robot_figures.h"
 #include "monitor/top.h"
 #include "monitor/web_script.h"
 #include "report/html.h"
@@ -103,6 +104,17 @@ std::string workers_markup(const RunState& state, std::int64_t now_ns) {
   return make_table(rows, {2, 4, 5, 6, 7, 8});
 }
 
+std::string robots_markup(const RunState& state, std::int64_t now_ns) {
+  std::string html;
+  for (const auto& [id, row] : state.robots()) {
+    std::vector<std::vector<std::string>> rows = {{"robot", describe_robot(row, now_ns)}};
+    for (const RobotFigure& figure : robot_figures(row.status))
+      rows.push_back({figure.name, figure.text});
+    html += make_table(rows, {});
+  }
+  return html.empty() ? "<p>None speaks.</p>" : html;
+}
+
 std::string ledger_markup(const RunState& state) {
   if (!state.learner()) return "";
   std::vector<std::vector<std::string>> rows(2);
@@ -173,6 +185,7 @@ std::string make_monitor_page(const std::string& run, const LiveScene& scene) {
        "Positions as the worker that computes the slot publishes them, from its next task on.",
        view_markup(scene)},
       {"workers-section", "Workers", "", "<div id=\"workers\"></div>"},
+      {"robots-section", "Robots", "Positions in the world frame.", "<div id=\"robots\"></div>"},
       {"ledger-section", "Ledger", "Every grant and every segment has exactly one fate.",
        "<div id=\"ledger\"></div>"}};
   return make_page(
@@ -192,6 +205,7 @@ std::string make_state_json(const RunState& state, const LiveScene& scene, std::
                 {{"tiles", tiles_of(state, now_ns)},
                  {"alarms", alarms_markup(alarms_of(state, now_ns))},
                  {"workers", workers_markup(state, now_ns)},
+                 {"robots", robots_markup(state, now_ns)},
                  {"ledger", ledger_markup(state)}}}});
 }
 

@@ -39,6 +39,8 @@ nav a:hover { text-decoration: underline; }
 section { margin: 52px 0; }
 h2 { font-size: 22px; letter-spacing: -0.01em; margin: 0 0 4px; font-weight: 640; }
 h2 + .row, h2 + .card, h2 + details { margin-top: 18px; }
+.row + .card, .card + .card, .card + .row { margin-top: 20px; }
+.row > .card + .card { margin-top: 0; }
 h3 { font-size: 15px; margin: 0 0 8px; font-weight: 640; }
 .lead { color: var(--muted); max-width: 74ch; margin: 0 0 20px; }
 .tiles { display: grid; grid-template-columns: repeat(auto-fit, minmax(150px, 1fr)); gap: 14px; margin: 0 0 30px; }

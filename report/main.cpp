@@ -3,6 +3,7 @@
 #include <fmt/core.h>
 
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <cstdio>
 #include <filesystem>
 #include <optional>
@@ -13,6 +14,8 @@
 #include "core/command_line.h"
 #include "core/config.h"
 #include "core/durable_file.h"
+#include "core/read_file.h"
+#include "report/recording_page.h"
 #include "report/report.h"
 
 namespace {
@@ -53,6 +56,47 @@ void write_report(const std::vector<std::string>& folders, std::string output) {
              static_cast<double>(html.size()) / 1e6);
 }
 
+/// Recordings of a robot that these paths name: files, or folders that hold files and no run.
+std::vector<std::string> recordings_in(const std::vector<std::string>& paths) {
+  std::vector<std::string> files;
+  for (const std::string& path : paths) {
+    if (path.ends_with(".mcap")) files.push_back(path);
+    if (!fs::is_directory(path) || fs::exists(fs::path(path) / "config.txtpb")) continue;
+    for (const auto& entry : fs::directory_iterator(path)) {
+      if (entry.path().extension() == ".mcap") files.push_back(entry.path().string());
+    }
+  }
+  std::sort(files.begin(), files.end());
+  return files;
+}
+
+void write_recording_page(const std::vector<std::string>& files, std::string output) {
+  std::vector<RobotRecording> recordings;
+  for (const std::string& file : files) {
+    const Result<std::string> bytes = read_file(file);
+    if (!bytes) throw_error("{}", bytes.error());
+    Result<RobotRecording> recording = read_robot_recording(file, bytes.value());
+    if (!recording && files.size() == 1) throw_error("{}", recording.error());
+    if (!recording) fmt::print(stderr, "report: {}: left out\n", recording.error());
+    if (!recording) continue;
+    for (const std::string& problem : recording.value().problems)
+      fmt::print(stderr, "report: {}: {}\n", file, problem);
+    recordings.push_back(std::move(recording).value());
+  }
+  if (recordings.empty()) throw_error("{}: no recording that can be shown", files.front());
+  if (output.empty()) {
+    const fs::path first(files.front());
+    output = (files.size() == 1 ? fs::path(first).replace_extension(".html")
+                                : first.parent_path() / "report.html")
+                 .string();
+  }
+  const std::string html = make_recording_page(recordings);
+  if (const Result<void> written = write_durably(output, html); !written)
+    throw_error("{}", written.error());
+  fmt::print("{}: {} recording(s), {:.1f} MB\n", output, recordings.size(),
+             static_cast<double>(html.size()) / 1e6);
+}
+
 }  // namespace
 
 int main(int count, char** arguments) {
@@ -63,12 +107,18 @@ int main(int count, char** arguments) {
     std::vector<std::string> folders;
     std::string output;
     app.add_option("runs", folders,
-                   "run folders, seeds of one experiment; or one folder that holds them")
+                   "run folders, seeds of one experiment; or one folder that holds them; or "
+                   "recordings of a robot, FILE.mcap or a folder of them")
         ->required();
     app.add_option("-o,--output", output,
-                   "file to write (default: report.html in the folder, or beside the folders)");
+                   "file to write (default: report.html in the folder, or beside the folders; of a "
+                   "recording FILE.html beside it)");
     if (const std::optional<int> code = parse_command_line(app, count, arguments)) return *code;
-    write_report(folders, output);
+    const std::vector<std::string> recordings = recordings_in(folders);
+    if (recordings.empty())
+      write_report(folders, output);
+    else
+      write_recording_page(recordings, output);
     return 0;
   } catch (const std::exception& error) {
     std::fprintf(stderr, "report: %s\n", error.what());

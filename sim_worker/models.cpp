@@ -10,7 +10,8 @@
 namespace omentum {
 
 std::shared_ptr<const TissueModel> make_tissue_model(const Scene& scene, double control_period,
-                                                     std::vector<std::string>& warnings) {
+                                                     std::vector<std::string>& warnings,
+                                                     std::span<const PinchCircle> pinches) {
   if (scene.soft_body) {
     const pb::Tissue& tissue = scene.config.tissue();
     if (tissue.model() != pb::TISSUE_ELASTIC || !tissue.has_grid()) {
@@ -25,7 +26,7 @@ std::shared_ptr<const TissueModel> make_tissue_model(const Scene& scene, double 
     return make_shell_model(scene, control_period, warnings);
   }
   if (scene.config.tissue().model() == pb::TISSUE_REFERENCE)
-    return make_reference_model(scene, control_period, warnings);
+    return make_reference_model(scene, control_period, warnings, pinches);
   return make_cluster_model(scene, control_period, warnings);
 }
 

@@ -70,7 +70,7 @@ command -v openssl >/dev/null || fail "openssl is missing: apt-get install opens
 # workers say, for tools.
 declare -A writes=(
   [learner]="policy/weights rollout/task rollout/segment learner/status worker/status episode/summary run/manifest
-             sim/frame control/command control/reply"
+             sim/frame robot/state control/command control/reply"
   [worker]="rollout/segment worker/status sim/frame control/reply"
   [gateway]="robot/state rollout/segment episode/summary control/reply"
   [tool]=""

@@ -35,7 +35,7 @@ RobotCommand ArmGuide::command_of(const Goal& goal) const {
   command.kind = RobotCommand::Kind::kServoCp;
   command.rotation = X_AW.linear() * goal.R_WC;
   command.translation = X_AW * (goal.p_WT - goal.R_WC * p_CT);
-  command.jaw = jaw_closed_ ? options_.jaw_closed_rad : options_.jaw_open_rad;
+  command.jaw = jaw_rad_;
   return command;
 }
 
@@ -43,11 +43,20 @@ Vector3d ArmGuide::measured_tip() const {
   return in_world(port_.period().robot.measured_cp.payload).p_WT;
 }
 
+double ArmGuide::measured_jaw_rad() const {
+  return port_.period().robot.jaw_measured_js.payload.position[0];
+}
+
+bool ArmGuide::measures() const {
+  const RobotState& robot = port_.period().robot;
+  return robot.measured_cp.payload.valid && robot.jaw_measured_js.payload.valid;
+}
+
 Result<void> ArmGuide::request(const PolicyRequest& request) {
   const Period& period = port_.exchange(request);
   if (port_.ended()) return Failure{"the program ends"};
   if (period.judgement.memory.phase == SafetyPhase::kActive) return {};
-  return Failure{describe(period.judgement.memory.stop)};
+  return Failure{describe(period.judgement.memory.stop, period.robot)};
 }
 
 Result<void> ArmGuide::hold() {
@@ -56,10 +65,31 @@ Result<void> ArmGuide::hold() {
   return request(hold);
 }
 
-Result<void> ArmGuide::follow(const Vector3d& p_WT, bool jaw_closed) {
+Result<void> ArmGuide::watch() {
+  port_.exchange({});
+  if (port_.ended()) return Failure{"the program ends"};
+  return {};
+}
+
+Result<void> ArmGuide::follow(const Vector3d& p_WT) { return follow(p_WT, jaw_rad_); }
+
+Result<void> ArmGuide::follow(const Vector3d& p_WT, double jaw_rad) {
   goal_ = {setup_.mount.R_WC, p_WT};
-  jaw_closed_ = jaw_closed;
+  jaw_rad_ = jaw_rad;
   return request({.fresh = true, .command = command_of(goal_)});
+}
+
+Result<void> ArmGuide::turn_jaw(bool closed) {
+  const double wanted = closed ? options_.jaw_closed_rad : options_.jaw_open_rad;
+  if (jaw_rad_ == wanted) return {};
+  jaw_rad_ = wanted;
+  const double clipped = std::clamp(wanted, setup_.jaw_min, setup_.jaw_max);
+  for (int there = 0; there < options_.jaw_settle_periods;) {
+    const Result<void> went = request({.fresh = true, .command = command_of(goal_)});
+    if (!went) return went;
+    if (std::abs(port_.period().judgement.memory.jaw - clipped) < 1e-9) ++there;
+  }
+  return {};
 }
 
 Result<void> ArmGuide::wait_until_armed() {
@@ -98,22 +128,41 @@ Result<void> ArmGuide::turn() {
   return {};
 }
 
+bool ArmGuide::reaches(const Vector3d& p_WT) const {
+  const Eigen::Isometry3d X_RW = setup_.mount.X_WR.inverse();
+  const InverseSolution solution =
+      psm_solve({X_RW.linear() * setup_.mount.R_WC, X_RW * setup_.mount.control_point(p_WT)},
+                port_.period().robot.measured_js.payload.position[3], *setup_.mount.instrument);
+  bool inside = solution.fault == InverseFault::kNone;
+  for (std::size_t k = 0; k < solution.q.size(); ++k) {
+    inside &= solution.q[k] >= setup_.joint_min[k] && solution.q[k] <= setup_.joint_max[k];
+  }
+  return inside;
+}
+
+double ArmGuide::crossing_height(const Vector3d& p_WT) const {
+  // Far from the base the wrist reaches its limit a little above a start (docs/task.md 3).
+  const Vector3d& from = goal_.p_WT;
+  const double least = std::max(p_WT.z(), from.z());
+  const double most = std::min(least + options_.clearance_m, setup_.mount.workspace_max.z());
+  constexpr double kStep_m = 0.001;
+  for (double z = most; z > least; z -= kStep_m) {
+    if (reaches({p_WT.x(), p_WT.y(), z}) && reaches({from.x(), from.y(), z})) return z;
+  }
+  return least;
+}
+
 Result<void> ArmGuide::go_to(const Vector3d& p_WT) {
   if (const Result<void> armed = wait_until_armed(); !armed) return armed;
   goal_ = in_world(port_.period().robot.setpoint_cp.payload);
-  jaw_closed_ = false;
-  const double top = std::min(std::max(p_WT.z(), goal_.p_WT.z()) + options_.clearance_m,
-                              setup_.mount.workspace_max.z());
-  const Vector3d above(goal_.p_WT.x(), goal_.p_WT.y(), std::max(top, goal_.p_WT.z()));
-  for (const auto& leg :
-       {std::function<Result<void>()>([&] { return line_to(above); }),
-        std::function<Result<void>()>([&] { return turn(); }), std::function<Result<void>()>([&] {
-          return line_to({p_WT.x(), p_WT.y(), above.z()});
-        }),
-        std::function<Result<void>()>([&] { return line_to(p_WT); })}) {
-    if (const Result<void> went = leg(); !went) return went;
-  }
-  return {};
+  jaw_rad_ = port_.period().judgement.memory.jaw;
+  const Vector3d above(goal_.p_WT.x(), goal_.p_WT.y(), crossing_height(p_WT));
+  Result<void> went = turn_jaw(false);
+  if (went) went = line_to(above);
+  if (went) went = turn();
+  if (went) went = line_to({p_WT.x(), p_WT.y(), above.z()});
+  if (went) went = line_to(p_WT);
+  return went;
 }
 
 }  // namespace omentum

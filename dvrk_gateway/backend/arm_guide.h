@@ -11,8 +11,10 @@ namespace omentum {
 struct ArmGuideOptions {
   double jaw_open_rad = 0.7;
   double jaw_closed_rad = -0.2;  ///< below 0 the jaws press
+  int jaw_settle_periods = 3;    ///< between the last goal of the jaw and its arrival
   double turn_step_rad = 0.02;   ///< of the orientation on the way to a start, per period
-  /// Height above the highest start at which the arm crosses [m]; the workspace box ends it.
+  /// Height above the highest start at which the arm crosses [m], less where the workspace box or
+  /// the joints end it.
   double clearance_m = 0.01;
 };
 
@@ -25,18 +27,29 @@ class ArmGuide {
   ArmGuide(ControlPort& port, const SafetySetup& setup, const ArmGuideOptions& options,
            std::function<void(const Period&)> waits = {});
 
-  /// Waits for the operator to arm, then leads from setpoint_cp up, turns to the mount's
-  /// orientation, across, and down to p_WT [m], in steps that the safety function allows. Fails
-  /// with the reason of a stop.
+  /// Waits for the operator to arm, then opens the jaw and leads from setpoint_cp up, turns to the
+  /// mount's orientation, across, and down to p_WT [m], in steps that the safety function allows.
+  /// Fails with the reason of a stop.
   Result<void> go_to(const Eigen::Vector3d& p_WT);
-  /// The goal of the next period. Fails with the reason when the arm was stopped.
-  Result<void> follow(const Eigen::Vector3d& p_WT, bool jaw_closed);
+  /// The goal of the next period; the jaw stays as it is. Fails with the reason when the arm was
+  /// stopped, as all of these do.
+  Result<void> follow(const Eigen::Vector3d& p_WT);
+  /// The same with the jaw [rad], which turns at the rate of the safety limits.
+  Result<void> follow(const Eigen::Vector3d& p_WT, double jaw_rad);
+  /// Closes or opens the jaw while the tip stays: a jaw takes many periods, and tissue that is to
+  /// be taken must not be left meanwhile. At once where it is so already.
+  Result<void> turn_jaw(bool closed);
   /// The arm stays where it is, armed.
   Result<void> hold();
+  /// A period in which nothing is asked. Fails only when the program ends.
+  Result<void> watch();
 
   const Period& period() const { return port_.period(); }
   /// Where the robot measures its tip, p_WT [m].
   Eigen::Vector3d measured_tip() const;
+  double measured_jaw_rad() const;
+  /// The robot tells a valid pose and jaw.
+  bool measures() const;
 
  private:
   /// A pose of the control point in W.
@@ -46,6 +59,10 @@ class ArmGuide {
   };
   Goal in_world(const CartesianPose& pose) const;
   RobotCommand command_of(const Goal& goal) const;
+  /// The orientation of the mount at p_WT is inside the safety function's joint limits.
+  bool reaches(const Eigen::Vector3d& p_WT) const;
+  /// Height at which the arm crosses from the goal in force to p_WT.
+  double crossing_height(const Eigen::Vector3d& p_WT) const;
   Result<void> wait_until_armed();
   Result<void> request(const PolicyRequest& request);
   Result<void> line_to(const Eigen::Vector3d& p_WT);
@@ -57,7 +74,7 @@ class ArmGuide {
   std::function<void(const Period&)> waits_;
   Eigen::Isometry3d X_WA_;
   Goal goal_;  ///< in force
-  bool jaw_closed_ = false;
+  double jaw_rad_ = 0;
 };
 
 }  // namespace omentum

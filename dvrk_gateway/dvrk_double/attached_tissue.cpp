@@ -3,6 +3,7 @@
 #include <array>
 
 #include "core/constants.h"
+#include "sim_worker/backend/pinch_contact.h"
 #include "sim_worker/instrument/jaw.h"
 #include "sim_worker/models.h"
 
@@ -17,8 +18,12 @@ const Vector3d kFarAway_W(0, 0, 1);
 
 }  // namespace
 
-AttachedTissue::AttachedTissue(std::shared_ptr<const SimSetup> setup)
-    : setup_(std::move(setup)), tissue_(setup_->tissue->make_tissue(choose_kernel(1))) {
+AttachedTissue::AttachedTissue(std::shared_ptr<const SimSetup> setup) : setup_(std::move(setup)) {
+  lay();
+}
+
+void AttachedTissue::lay() {
+  tissue_ = setup_->tissue->make_tissue(choose_kernel(1));
   const std::array<ToolMotion, 1> away = {{{kFarAway_W, kFarAway_W}}};
   const int steps = static_cast<int>(kSettleTime_s / control_period_s());
   for (int k = 0; k < steps; ++k) tissue_->step(away);
@@ -29,10 +34,7 @@ void AttachedTissue::pinch(double jaw_deg) {
   const pb::Grasp& grasp = setup_->config.grasp();
   std::array<Nearest, 1> nearest{};
   tissue_->find_nearest(std::array{tip_}, nearest);
-  PinchContact contact;
-  contact.distance = nearest[0].distance;
-  contact.jaw_deg = jaw_deg;
-  contact.thickness = setup_->scene.tissue.thickness;
+  const PinchContact contact = pinch_contact(*setup_, *tissue_, 0, tip_, nearest[0], jaw_deg);
   if (judge_pinch(grasp, contact) != PinchResult::kHeld) return;
   tissue_->hold(0, tip_, grasp.patch_radius_m(), false);
   slip_ = 0;
@@ -50,6 +52,11 @@ void AttachedTissue::slip() {
   if (!slipped_out(grasp, slip_)) return;
   tissue_->release(0);
   ++losses_;
+}
+
+double AttachedTissue::jaw_stop_rad() const {
+  if (!holds()) return -10;
+  return 0.8 * kDegree * jaw_contact_deg(setup_->config.grasp(), setup_->scene.tissue.thickness);
 }
 
 Vector3d AttachedTissue::step(const Vector3d& p_WT, double jaw_rad) {

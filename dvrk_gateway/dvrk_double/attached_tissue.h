@@ -15,11 +15,17 @@ class AttachedTissue {
  public:
   explicit AttachedTissue(std::shared_ptr<const SimSetup> setup);
 
+  /// Lays the tissue anew: at rest, out of the jaw, as an operator does between two trials.
+  void lay();
+
   /// One control period: the tip moves in a straight line to `p_WT` [m], the jaw to `jaw_rad`.
   /// Returns the force on the tool through the grasp, in W [N].
   Eigen::Vector3d step(const Eigen::Vector3d& p_WT, double jaw_rad);
 
   double control_period_s() const { return setup_->config.task().control_period_s(); }
+  /// How far held tissue lets the jaw close [rad]: it is pressed by a fifth of its thickness. Below
+  /// every jaw's range while nothing is held.
+  double jaw_stop_rad() const;
   bool holds() const { return !tissue_->held(0).empty(); }
   std::uint64_t pinches() const { return pinches_; }  ///< attempts
   std::uint64_t grasps() const { return grasps_; }

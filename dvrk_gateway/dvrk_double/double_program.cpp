@@ -3,6 +3,8 @@
 #include <fmt/format.h>
 #include <netinet/in.h>
 #include <poll.h>
+#include <pthread.h>
+#include <sched.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -15,22 +17,7 @@
 namespace omentum {
 namespace {
 
-using State = OperatingState::State;
-
-const char* word_of(State state) {
-  switch (state) {
-    case State::kDisabled:
-      return "DISABLED";
-    case State::kEnabled:
-      return "ENABLED";
-    case State::kPaused:
-      return "PAUSED";
-    case State::kFault:
-      return "FAULT";
-    default:
-      return "UNDEFINED";
-  }
-}
+constexpr int kPriority = 70;  // below the gateway's control loop
 
 struct OperatorCommand {
   const char* name;
@@ -71,9 +58,10 @@ Result<void> check_command(const std::string& command) {
     return Failure{
         fmt::format("{}: no such stream, allowed {}", command, fmt::join(kStreamNames, ", "))};
   }
-  const bool known = is_word(command, "restart", "steal", "foreign", "state", "quit") ||
-                     std::any_of(std::begin(kCommands), std::end(kCommands),
-                                 [&](const OperatorCommand& one) { return command == one.name; });
+  const bool known =
+      is_word(command, "place", "lay", "restart", "steal", "foreign", "state", "quit") ||
+      std::any_of(std::begin(kCommands), std::end(kCommands),
+                  [&](const OperatorCommand& one) { return command == one.name; });
   if (known) return {};
   return Failure{fmt::format("{}: no such command, see --help", command)};
 }
@@ -85,6 +73,8 @@ std::string DoubleProgram::commands_help() {
   for (const OperatorCommand& command : kCommands)
     help += fmt::format("  {:11}{}\n", command.name, command.help);
   return help +
+         "  place      move the tip over the middle of the scene's workspace\n"
+         "  lay        lay the tissue anew, as between two trials\n"
          "  restart    another robot process: other port, Timestamps from 0, not homed\n"
          "  steal      a second sender speaks to the robot and gets the stream\n"
          "  foreign    a second sender speaks to the client as a robot; again: it ends\n"
@@ -135,11 +125,26 @@ Result<void> DoubleProgram::execute(const std::string& command) {
   if (word == "invalid") robot_->options().invalid_stream = stream;
   if (word == "not-finite") robot_->options().not_finite_stream = stream;
   if (word == "restart") restart_asked_ = true;  // by the next period
+  if (word == "place") place_arm();
+  if (word == "lay" && tissue_) tissue_->lay();
   if (word == "steal") stranger_.send("{}", {INADDR_LOOPBACK, socket_->port()});
   if (word == "foreign") foreign_ = !foreign_;
   if (word == "state") tell_state();
   if (word == "quit") quit_ = true;
   return {};
+}
+
+void DoubleProgram::place_arm() {
+  const Eigen::Vector3d middle =
+      0.5 * (options_.mount.workspace_min + options_.mount.workspace_max);
+  const Result<PsmJoints> q = joints_for_tip(options_.mount, middle);
+  if (!q) return log().warn("the middle of the workspace is out of reach: {}", q.error());
+  CommandDatagram by_hand;
+  by_hand.known_keys = 1;
+  by_hand.move_jp.emplace();
+  by_hand.move_jp->goal_count = 6;
+  std::copy_n(q.value().begin(), 6, by_hand.move_jp->goal.begin());
+  robot_->arm().command(by_hand);
 }
 
 void DoubleProgram::tell_state() {
@@ -148,7 +153,7 @@ void DoubleProgram::tell_state() {
   const Eigen::Vector3d tip = arm.true_tip();
   std::printf(
       "state=%s sub_state=%s busy=%d homed=%d q=[%s] jaw=%.6g p_WT=[%.6g %.6g %.6g] m held=%d\n",
-      word_of(arm.operating_state().state), arm.operating_state().sub_state.data(),
+      operating_state_word(arm.operating_state().state), arm.operating_state().sub_state.data(),
       arm.operating_state().is_busy, arm.operating_state().is_homed,
       fmt::format("{:.6g}",
                   fmt::join(joints.position.begin(), joints.position.begin() + joints.count, " "))
@@ -160,8 +165,8 @@ void DoubleProgram::tell_state() {
 void DoubleProgram::tell_changes() {
   const RobotArm& arm = robot_->arm();
   if (const OperatingState& now = arm.operating_state(); now != told_) {
-    log().info("state={} sub_state={} busy={} homed={}", word_of(now.state), now.sub_state.data(),
-               now.is_busy, now.is_homed);
+    log().info("state={} sub_state={} busy={} homed={}", operating_state_word(now.state),
+               now.sub_state.data(), now.is_busy, now.is_homed);
     told_ = now;
   }
   for (std::size_t k = 0; k < told_refusals_.size(); ++k) {
@@ -204,6 +209,7 @@ void DoubleProgram::touch_tissue() {
   if (time_s - touched_s_ < tissue_->control_period_s() - 1e-6) return;  // a tick is 7e-4 s
   touched_s_ = time_s;
   robot_->arm().set_load(tissue_->step(robot_->arm().true_tip(), robot_->arm().jaw()));
+  robot_->arm().set_jaw_stop(tissue_->jaw_stop_rad());
 }
 
 void DoubleProgram::period(double time_s) {
@@ -226,6 +232,10 @@ void DoubleProgram::period(double time_s) {
 }
 
 void DoubleProgram::run(const volatile std::sig_atomic_t& stop, int operator_input) {
+  // As the process of a real robot does; without the right to it a busy machine delays the periods.
+  sched_param priority{};
+  priority.sched_priority = kPriority;
+  pthread_setschedparam(pthread_self(), SCHED_FIFO, &priority);
   RandomStream random(options_.seed, 1, Purpose::kDynamics, 0);
   const std::int64_t begin_ns = clock_.now_ns();
   const auto time_s = [&] { return 1e-9 * static_cast<double>(clock_.now_ns() - begin_ns); };

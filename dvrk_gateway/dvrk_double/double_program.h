@@ -52,6 +52,7 @@ class DoubleProgram {
   void touch_tissue();
   void tell_changes();
   void tell_state();
+  void place_arm();
   void read_operator(int input);
   void send_foreign();
 

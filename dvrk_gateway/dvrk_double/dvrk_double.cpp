@@ -21,13 +21,25 @@ constexpr double kNotFinite = std::numeric_limits<double>::quiet_NaN();
 
 void spoil(JointState& joints) { joints.position.fill(kNotFinite); }
 void spoil(CartesianPose& pose) { pose.translation.setConstant(kNotFinite); }
+/// A goal of a client in A.
+void turn_to_R(const Eigen::Isometry3d& X_RA, std::optional<CartesianGoal>& goal) {
+  if (!goal) return;
+  goal->rotation = X_RA.linear() * goal->rotation;
+  goal->translation = X_RA * goal->translation;
+  goal->velocity = X_RA.linear() * goal->velocity;
+  goal->angular_velocity = X_RA.linear() * goal->angular_velocity;
+}
+
 void spoil(OperatingState& state) { state.timestamp_s = kNotFinite; }
 
 }  // namespace
 
 DvrkDouble::DvrkDouble(const DoubleOptions& options, const pb::ArmEffects& effects,
                        const ToolMount& mount, const UdpAddress& destination)
-    : options_(options), arm_(effects, mount, options.hardware_like), destination_(destination) {
+    : options_(options),
+      has_base_frame_(!options.X_AR.matrix().isIdentity(0)),
+      arm_(effects, mount, options.hardware_like),
+      destination_(destination) {
   require_stream("--missing", options.missing_stream);
   require_stream("--invalid", options.invalid_stream);
   require_stream("--not-finite", options.not_finite_stream);
@@ -74,6 +86,14 @@ void DvrkDouble::send_stream(std::string_view name, Payload payload, Link& link)
   }
 }
 
+/// Where there is no base frame every bit stays as it is.
+CartesianPose DvrkDouble::in_A(CartesianPose pose_R) const {
+  if (!has_base_frame_ || !pose_R.valid) return pose_R;
+  pose_R.rotation = options_.X_AR.linear() * pose_R.rotation;
+  pose_R.translation = options_.X_AR * pose_R.translation;
+  return pose_R;
+}
+
 void DvrkDouble::send_all(Link& link) {
   const std::vector<OperatingState> events = arm_.take_events();
   if (options_.shape == DoubleOptions::Shape::k2019) {
@@ -88,10 +108,10 @@ void DvrkDouble::send_all(Link& link) {
   send_stream(kStreamNames[0], arm_.jaw_measured_js(), link);
   send_stream(kStreamNames[1], arm_.jaw_setpoint_js(), link);
   send_stream(kStreamNames[2], arm_.measured_cp(), link);
-  send_stream(kStreamNames[3], arm_.measured_cp(), link);
+  send_stream(kStreamNames[3], in_A(arm_.measured_cp()), link);
   send_stream(kStreamNames[4], arm_.measured_js(), link);
   send_stream(kStreamNames[5], arm_.operating_state(), link);
-  send_stream(kStreamNames[6], arm_.setpoint_cp(), link);
+  send_stream(kStreamNames[6], in_A(arm_.setpoint_cp()), link);
   send_stream(kStreamNames[7], arm_.setpoint_js(), link);
   if (!burst_.empty()) send(burst_ + "}\n", link);
 }
@@ -106,7 +126,11 @@ void DvrkDouble::receive_all(Link& link) {
     ++received_;
     if (received->size == 0) return;
     if (received->cut) ++cut_;
-    const CommandDatagram commands = decode_commands({memory.data(), received->size});
+    CommandDatagram commands = decode_commands({memory.data(), received->size});
+    if (has_base_frame_) {
+      turn_to_R(options_.X_AR.inverse(), commands.move_cp);
+      turn_to_R(options_.X_AR.inverse(), commands.servo_cp);
+    }
     if (!commands.whole) arm_.refuse(Refusal::kNotJson);
     for (int k = 0; k < commands.unknown_keys; ++k) arm_.refuse(Refusal::kUnknownKey);
     if (commands.whole || commands.known_keys > 0) kept = commands;

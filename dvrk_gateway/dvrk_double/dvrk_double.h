@@ -22,6 +22,9 @@ struct DoubleOptions {
   double home_at_s = -1;  ///< the operator powers and homes then; negative: not by itself
   bool hardware_like = false;
   Shape shape = Shape::kToday;
+  /// Base frame of the console: measured_cp, setpoint_cp and Cartesian goals are in A, local ones
+  /// in R.
+  Eigen::Isometry3d X_AR = Eigen::Isometry3d::Identity();
   std::string missing_stream;     ///< one of kStreamNames is not sent
   std::string invalid_stream;     ///< one of kStreamNames has Valid false
   std::string not_finite_stream;  ///< numbers of one of kStreamNames are null
@@ -63,11 +66,13 @@ class DvrkDouble {
  private:
   template <typename Payload>
   void send_stream(std::string_view name, Payload payload, Link& link);
+  CartesianPose in_A(CartesianPose pose_R) const;
   void send_all(Link& link);
   void send(std::string_view datagram, Link& link);
   void receive_all(Link& link);
 
   DoubleOptions options_;
+  bool has_base_frame_;  ///< X_AR is not the identity
   RobotArm arm_;
   UdpAddress destination_;
   std::int64_t ticks_ = 0;

@@ -9,6 +9,7 @@
 #include "core/config.h"
 #include "core/log.h"
 #include "dvrk_gateway/dvrk_double/double_program.h"
+#include "dvrk_gateway/protocol/base_frame.h"
 #include "sim_worker/scene/scene.h"
 
 namespace {
@@ -23,6 +24,7 @@ struct SceneOptions {
   std::string file;
   std::vector<std::string> overrides;
   bool tissue = false;
+  std::string base_frame = "0,0,0,1,0,0,0";
   std::string instrument = large_needle_driver().name;
 };
 
@@ -79,6 +81,11 @@ void add_scene(CLI::App& app, SceneOptions& scene) {
   app.add_option("--set", scene.overrides,
                  "Override a knob, a.b=value, as scene.arm.droop_s.yaw=0.05; may be repeated")
       ->allow_extra_args(false);
+  app.add_option(
+         "--base-frame", scene.base_frame,
+         "As set on the console, x,y,z,qw,qx,qy,qz: where the arm stands in the frame of its "
+         "poses and goals [m]")
+      ->capture_default_str();
   app.add_option("--instrument", scene.instrument, "What the arm holds, docs/dvrk.md 1.1")
       ->capture_default_str();
   app.add_flag("--tissue", scene.tissue,
@@ -97,6 +104,7 @@ void read_scene(const SceneOptions& chosen, DoubleProgramOptions& options) {
     options.mount = scene_tool_mount(make_scene(config.scene(), scene_directory(config)));
   }
   options.mount.instrument = &find_instrument(chosen.instrument);
+  options.robot.X_AR = parse_base_frame(chosen.base_frame);
 }
 
 int run(int argc, char** argv) {

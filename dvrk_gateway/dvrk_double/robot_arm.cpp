@@ -441,6 +441,7 @@ void RobotArm::advance_servo() {
     effort_ = report.effort;
     measured_[6] = target[6];
   }
+  measured_[6] = std::max(measured_[6], jaw_stop_);
   note_change(before);
 }
 

@@ -53,6 +53,9 @@ class RobotArm {
   /// Force on the tip in W [N] from the next tick on; zero at first.
   void set_load(const Eigen::Vector3d& load_W) { load_W_ = load_W; }
 
+  /// Something between the jaw's faces keeps them so far open from the next tick on [rad].
+  void set_jaw_stop(double jaw_rad) { jaw_stop_ = jaw_rad; }
+
   void tick();
   double time_s() const { return static_cast<double>(ticks_) / kTicksPerSecond; }
 
@@ -131,6 +134,7 @@ class RobotArm {
   std::vector<Joints> history_;  ///< targets of the last ticks, a ring
   std::size_t newest_ = 0;
   PsmJoints tip_joints_{};
+  double jaw_stop_ = -10;          ///< no jaw closes so far
   std::array<double, 6> droop_{};  ///< D/P [s]
 
   std::int64_t ticks_ = 0;

@@ -19,6 +19,7 @@ ControlLoop::ControlLoop(Link& link, Clock& clock, const SafetySetup& setup,
 const Period& ControlLoop::receive() noexcept {
   ++period_.number;
   period_.began_ns = clock_.now_ns();
+  period_.robot.gap_s = 0;
   for (int i = 0; i < kMostDatagrams; ++i) {
     const std::optional<Link::Received> received = link_.receive(memory_);
     if (!received) break;

@@ -19,6 +19,11 @@ struct Period {
   std::size_t sent_bytes = 0;  ///< of judgement.command
   std::uint64_t cut = 0;       ///< datagrams longer than the memory so far; not taken
   std::uint64_t unsent = 0;    ///< commands so far that link or encoder refused
+  // Of a loop that keeps time, as LoopTimes counts them; so far.
+  std::int64_t late_ns = 0;     ///< began so long after its time
+  std::uint64_t late = 0;       ///< periods that began more than 5 ms late
+  std::uint64_t missed = 0;     ///< that did not take place
+  std::uint64_t unwatched = 0;  ///< that observers did not see
 };
 
 /// The gateway's control period (docs/dvrk.md 8) in two halves: receive(), then, when it is known

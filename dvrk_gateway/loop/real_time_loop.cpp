@@ -8,17 +8,25 @@
 #include <cerrno>
 #include <chrono>
 #include <cstring>
+#include <future>
+#include <utility>
 
 namespace omentum {
 namespace {
 
 constexpr int kPriority = 80;  // above threaded interrupts (50), below the kernel's own (99)
 constexpr std::int64_t kLateNs = 5'000'000;
-/// Share of a period in which the request of that period is waited for; the rest is for judging and
-/// sending it, and for the next to begin on time.
-constexpr double kRequestShare = 0.5;
+
+/// 0, or the error number.
+int raise_this_thread(int priority) {
+  sched_param wanted{};
+  wanted.sched_priority = priority;
+  return pthread_setschedparam(pthread_self(), SCHED_FIFO, &wanted);
+}
 
 }  // namespace
+
+bool raise_deciding_thread() { return raise_this_thread(kPriority - 1) == 0; }
 
 RealTimeLoop::RealTimeLoop(ControlLoop& loop, Clock& clock, const OperatorEvents& events)
     : loop_(loop), clock_(clock), events_(events), watched_(kWatched) {}
@@ -32,11 +40,14 @@ std::vector<std::string> RealTimeLoop::start() {
         fmt::format("memory is not locked ({}): a period may wait for the disk; raise `ulimit -l`",
                     std::strerror(errno)));  // NOLINT(concurrency-mt-unsafe): one thread so far
   }
-  thread_ = std::thread([this] { run(); });
-  sched_param priority{};
-  priority.sched_priority = kPriority;
-  if (const int code = pthread_setschedparam(thread_.native_handle(), SCHED_FIFO, &priority);
-      code != 0) {
+  // The thread raises itself before its first period, which on a busy machine would begin late.
+  std::promise<int> raised;
+  std::future<int> outcome = raised.get_future();
+  thread_ = std::thread([this, raised = std::move(raised)]() mutable {
+    raised.set_value(raise_this_thread(kPriority));
+    run();
+  });
+  if (const int code = outcome.get(); code != 0) {
     warnings.push_back(
         fmt::format("SCHED_FIFO was refused ({}): periods begin late on a busy "
                     "machine; run as root or raise `ulimit -r` to {}",
@@ -62,24 +73,26 @@ void RealTimeLoop::run() {
     times_.jitter.add(late_ns);
     if (late_ns > kLateNs) ++times_.late;
 
-    began_.next() = period;
+    began_.next() = {period, requests_.value().number};
     began_.publish();
     number_.store(period.number, std::memory_order_release);
     number_.notify_one();
     const auto wait = std::chrono::nanoseconds(
         static_cast<std::int64_t>(kRequestShare * static_cast<double>(period_ns)));
-    const bool asked = requested_.try_acquire_for(wait);
+    // Only an armed arm waits to be led; a hold leaves at once.
+    const bool armed = period.judgement.memory.phase == SafetyPhase::kActive;
+    const bool asked = armed ? requested_.try_acquire_for(wait) : requested_.try_acquire();
     while (requested_.try_acquire()) {  // of several requests the newest counts
     }
     PolicyRequest request;
-    if (asked && requests_.refresh()) request = requests_.value();
+    if (asked && requests_.refresh()) request = requests_.value().request;
     loop_.send(request, events_.now());
 
     if (period.sent_ns != 0) {
       times_.latency.add(period.sent_ns - period.began_ns);
       times_.state_age.add(period.sent_ns - period.robot.measured_cp.arrival_ns);
     }
-    leave_to_watcher(period);
+    leave_to_watcher(period, late_ns);
     next_ns += period_ns;
     for (const std::int64_t now = clock_.now_ns(); next_ns < now; next_ns += period_ns)
       ++times_.missed;
@@ -90,22 +103,29 @@ void RealTimeLoop::run() {
 }
 
 const Period& RealTimeLoop::exchange(const PolicyRequest& request) {
-  requests_.next() = request;
+  requests_.next() = {request, ++asked_};
   requests_.publish();
   requested_.release();
-  number_.wait(seen_, std::memory_order_acquire);
-  seen_ = number_.load(std::memory_order_acquire);
-  began_.refresh();
-  return began_.value();
+  while (began_.value().taken < asked_ && !ended_) {
+    number_.wait(seen_, std::memory_order_acquire);
+    seen_ = number_.load(std::memory_order_acquire);
+    began_.refresh();
+  }
+  return began_.value().period;
 }
 
-void RealTimeLoop::leave_to_watcher(const Period& period) noexcept {
+void RealTimeLoop::leave_to_watcher(const Period& period, std::int64_t late_ns) noexcept {
   const std::uint64_t written = written_.load(std::memory_order_relaxed);
   if (written - read_.load(std::memory_order_acquire) >= kWatched) {
     ++times_.unwatched;
     return;
   }
-  watched_[written % kWatched] = period;
+  Period& watched = watched_[written % kWatched];
+  watched = period;
+  watched.late_ns = late_ns;
+  watched.late = times_.late;
+  watched.missed = times_.missed;
+  watched.unwatched = times_.unwatched;
   written_.store(written + 1, std::memory_order_release);
 }
 

@@ -1,7 +1,9 @@
 #include "dvrk_gateway/protocol/codec.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <utility>
 
 #include "dvrk_gateway/protocol/json_text.h"
 #include "dvrk_gateway/protocol/json_writer.h"
@@ -12,12 +14,17 @@ namespace {
 
 using State = OperatingState::State;
 
+constexpr std::array<std::pair<State, const char*>, 5> kStateWords = {
+    {{State::kUndefined, "UNDEFINED"},
+     {State::kDisabled, "DISABLED"},
+     {State::kEnabled, "ENABLED"},
+     {State::kPaused, "PAUSED"},
+     {State::kFault, "FAULT"}}};
+
 State state_of(std::string_view word) {
-  if (word == "UNDEFINED") return State::kUndefined;
-  if (word == "DISABLED") return State::kDisabled;
-  if (word == "ENABLED") return State::kEnabled;
-  if (word == "PAUSED") return State::kPaused;
-  if (word == "FAULT") return State::kFault;
+  for (const auto& [state, name] : kStateWords) {
+    if (word == name) return state;
+  }
   return State::kUnknown;
 }
 
@@ -68,7 +75,7 @@ JointState read_joints(JsonText& text, int& not_finite) {
   return joints;
 }
 
-CartesianPose read_pose(JsonText& text, int& not_finite) {
+CartesianPose read_pose(JsonText& text, int& not_finite, JsonText::Word& frame) {
   CartesianPose pose;
   Stamp stamp;
   bool finite = true;
@@ -85,6 +92,8 @@ CartesianPose read_pose(JsonText& text, int& not_finite) {
           text.skip();
         }
       });
+    } else if (field == "ReferenceFrame") {
+      if (!text.null()) text.word(frame);
     } else if (!stamp.take(text, field)) {
       text.skip();
     }
@@ -120,6 +129,7 @@ OperatingState read_operating_state(JsonText& text, int& not_finite) {
 void read_stream(JsonText& text, std::string_view key, RobotDatagram& said) {
   ++said.known_keys;
   int& bad = said.not_finite;
+  JsonText::Word frame;
   if (key == "measured_js") {
     said.measured_js = read_joints(text, bad);
   } else if (key == "setpoint_js") {
@@ -129,11 +139,12 @@ void read_stream(JsonText& text, std::string_view key, RobotDatagram& said) {
   } else if (key == "jaw/setpoint_js") {
     said.jaw_setpoint_js = read_joints(text, bad);
   } else if (key == "measured_cp") {
-    said.measured_cp = read_pose(text, bad);
+    said.measured_cp = read_pose(text, bad, frame);
+    said.reference_frame = frame.characters;
   } else if (key == "setpoint_cp") {
-    said.setpoint_cp = read_pose(text, bad);
+    said.setpoint_cp = read_pose(text, bad, frame);
   } else if (key == "local/measured_cp") {
-    said.local_measured_cp = read_pose(text, bad);
+    said.local_measured_cp = read_pose(text, bad, frame);
   } else if (key == "operating_state") {
     said.operating_state = read_operating_state(text, bad);
   } else if (key == "GetStateJoint" || key == "state_joint_current") {
@@ -158,12 +169,19 @@ void keep(RobotState& state, Stream<Payload>& stream, const std::optional<Payloa
   const bool timed = said->timestamp_s >= 0;
   const double behind_s = stream.seen && timed ? held_s - said->timestamp_s : 0;
   if (behind_s > kLatestReordering_s) {
-    ++state.restarts;
+    if (said->valid) {  // what is not may hold anything, as a robot's that forgot its homing
+      ++state.restarts;
+      state.newest_s = said->timestamp_s;
+    }
   } else if (behind_s > 0) {
     ++state.reordered;
     return;
   }
   if (!stream.seen || (timed && said->timestamp_s != held_s)) stream.advanced_ns = arrival_ns;
+  if (said->timestamp_s > state.newest_s) {
+    if (state.newest_s > 0) state.gap_s = std::max(state.gap_s, said->timestamp_s - state.newest_s);
+    state.newest_s = said->timestamp_s;
+  }
   stream.payload = *said;
   if (!timed) stream.payload.timestamp_s = held_s;
   stream.seen = true;
@@ -181,6 +199,13 @@ bool is_finite(const RobotCommand& command) {
 }
 
 }  // namespace
+
+const char* operating_state_word(OperatingState::State state) {
+  for (const auto& [known, word] : kStateWords) {
+    if (state == known) return word;
+  }
+  return "UNKNOWN";
+}
 
 std::optional<RobotDatagram> decode_robot(std::string_view datagram) noexcept {
   RobotDatagram said;
@@ -215,6 +240,7 @@ void take_datagram(RobotState& state, std::string_view text, std::int64_t arriva
   keep(state, state.jaw_measured_js, said->jaw_measured_js, arrival_ns);
   keep(state, state.jaw_setpoint_js, said->jaw_setpoint_js, arrival_ns);
   keep(state, state.measured_cp, said->measured_cp, arrival_ns);
+  if (said->measured_cp) state.reference_frame = said->reference_frame;
   keep(state, state.setpoint_cp, said->setpoint_cp, arrival_ns);
   keep(state, state.local_measured_cp, said->local_measured_cp, arrival_ns);
   keep(state, state.operating_state, said->operating_state, arrival_ns);

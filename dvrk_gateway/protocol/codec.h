@@ -18,6 +18,7 @@ struct RobotDatagram {
   std::optional<JointState> measured_js, setpoint_js, jaw_measured_js, jaw_setpoint_js;
   std::optional<CartesianPose> measured_cp, setpoint_cp, local_measured_cp;
   std::optional<OperatingState> operating_state;
+  std::array<char, kMaxFrameName + 1> reference_frame{};  ///< of measured_cp
   int known_keys = 0;
   int unknown_keys = 0;
   int not_finite = 0;  ///< payloads with a number that is null, infinite or absent: made invalid

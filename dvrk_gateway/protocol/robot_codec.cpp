@@ -78,22 +78,6 @@ std::string_view names_of(int count) {
   }
 }
 
-std::string_view word_of(OperatingState::State state) {
-  using State = OperatingState::State;
-  switch (state) {
-    case State::kDisabled:
-      return "DISABLED";
-    case State::kEnabled:
-      return "ENABLED";
-    case State::kPaused:
-      return "PAUSED";
-    case State::kFault:
-      return "FAULT";
-    default:
-      return "UNDEFINED";
-  }
-}
-
 std::span<const double> first(const std::array<double, kMaxJoints>& values, int count) {
   return std::span(values).first(static_cast<std::size_t>(count));
 }
@@ -167,7 +151,7 @@ std::size_t encode_stream(std::string_view name, const OperatingState& state,
   writer.put(R"(,"IsHomed":)");
   writer.boolean(state.is_homed);
   writer.put(R"(,"State":")");
-  writer.put(word_of(state.state));
+  writer.put(operating_state_word(state.state));
   writer.put(R"(","SubState":")");
   writer.put(state.sub_state.data());
   writer.put(R"(","Timestamp":)");

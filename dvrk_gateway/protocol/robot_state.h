@@ -13,6 +13,7 @@ namespace omentum {
 inline constexpr int kMaxJoints = 8;
 /// Longest sub-state the robot has is CALIBRATING_ENCODERS_FROM_POTS.
 inline constexpr int kMaxSubState = 63;
+inline constexpr int kMaxFrameName = 63;  ///< PSM1_base
 
 /// A payload with `valid` false may hold anything. So has a payload with a number that is not
 /// finite been marked, and that number is 0 here.
@@ -52,6 +53,9 @@ struct OperatingState {
   bool operator==(const OperatingState&) const = default;
 };
 
+/// CRTK's word for a state, as on the wire; UNKNOWN for kUnknown.
+const char* operating_state_word(OperatingState::State state);
+
 /// The newest payload of one stream.
 template <typename Payload>
 struct Stream {
@@ -75,10 +79,18 @@ struct RobotState {
   Stream<CartesianPose> measured_cp, setpoint_cp, local_measured_cp;
   Stream<OperatingState> operating_state;
 
+  /// Name of the frame of measured_cp, as PSM1_base; ends with 0, empty where none was told.
+  std::array<char, kMaxFrameName + 1> reference_frame{};
+
   bool has_source = false;
   UdpAddress source;          ///< of the first datagram that was understood; others are not taken
   UdpAddress foreign_source;  ///< of the newest datagram from elsewhere, if foreign > 0
   bool old_shapes_only = false;  ///< everything so far came from GetState*: show, never arm
+
+  double newest_s = 0;  ///< Timestamp of the robot, of whatever stream
+  /// Widest step of newest_s since the caller set this to 0. One datagram of many that get lost
+  /// leaves no gap: a stream that went elsewhere does.
+  double gap_s = 0;
 
   std::uint64_t datagrams = 0;  ///< from `source`, whole and understood
   std::uint64_t malformed = 0;  ///< not JSON of the protocol, from anybody: nothing of it is taken

@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "dvrk_gateway/protocol/udp_socket.h"
 #include "dvrk_gateway/safety/guards.h"
 #include "dvrk_gateway/safety/safety.h"
 
@@ -271,6 +272,19 @@ const char* safety_phase_name(SafetyPhase phase) {
       break;
   }
   return "stopped";
+}
+
+std::string describe(const Finding& finding, const RobotState& robot) {
+  switch (finding.reason) {
+    case StopReason::kForeignSource:
+      return describe(finding) + ", the last one " + to_string(robot.foreign_source) +
+             ", the robot is " + to_string(robot.source);
+    case StopReason::kTimestampBackward:
+    case StopReason::kStale:
+      return describe(finding) + "; the robot is " + to_string(robot.source);
+    default:
+      return describe(finding);
+  }
 }
 
 Judgement judge(const SafetySetup& setup, const SafetyMemory& memory, const RobotState& robot,

@@ -62,6 +62,21 @@ Finding check_age(const SafetySetup& setup, const StreamState& stream, int part,
           setup.limits.state_age_s(), part};
 }
 
+/// Streams go stale one by one where datagrams get lost. All of them stop where the robot is gone,
+/// and all of them leave a period out where another client had the stream until our next goal took
+/// it back. Longer gaps than silence were judged when they were.
+Finding check_silence(const SafetySetup& setup, const std::array<StreamState, kStreams>& streams,
+                      double gap_s, std::int64_t now_ns) {
+  std::int64_t newest_ns = streams[0].arrival_ns;
+  for (const StreamState& stream : streams) newest_ns = std::max(newest_ns, stream.arrival_ns);
+  const std::int64_t silence = now_ns - newest_ns;
+  if (silence > setup.silence_ns)
+    return {StopReason::kStale, 1e-9 * static_cast<double>(silence), setup.limits.silence_s(), -1};
+  if (gap_s > setup.limits.gap_s() && gap_s <= 2 * setup.limits.state_age_s())
+    return {StopReason::kStale, gap_s, setup.limits.gap_s(), -1};
+  return {};
+}
+
 Finding check_operating_state(const OperatingState& state) {
   using State = OperatingState::State;
   if (state.state == State::kFault) return {StopReason::kFault, 0, 0, -1};
@@ -143,6 +158,7 @@ Finding check_robot(const SafetySetup& setup, const SafetyMemory& memory, const 
     if (!streams[static_cast<std::size_t>(k)].seen) return {StopReason::kStreamMissing, 0, 0, k};
   }
   if (const Finding found = check_backward(memory, robot, streams)) return found;
+  if (const Finding found = check_silence(setup, streams, robot.gap_s, now_ns)) return found;
   // The state first: it says why the other streams are invalid or stand still.
   constexpr int kState = kStreams - 1;
   if (const Finding found = check_age(setup, streams[kState], kState, now_ns)) return found;

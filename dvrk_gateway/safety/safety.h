@@ -4,6 +4,7 @@
 #include <Eigen/Geometry>
 #include <array>
 #include <cstdint>
+#include <string>
 
 #include "core/psm.h"
 #include "dvrk_gateway/protocol/robot_state.h"
@@ -26,7 +27,8 @@ struct SafetySetup {
   bool registered = false;                                 ///< X_WR is of a registration
 
   // Limits in the units they are compared in.
-  std::int64_t period_ns = 0, state_age_ns = 0, tick_gap_ns = 0, arm_age_ns = 0, dead_man_ns = 0;
+  std::int64_t period_ns = 0, state_age_ns = 0, silence_ns = 0, tick_gap_ns = 0, arm_age_ns = 0,
+               dead_man_ns = 0;
   std::int64_t tracking_error_ns = 0, effort_ns = 0;
   std::array<double, 6> joint_steps{};
   std::array<double, 6> joint_min{}, joint_max{};  ///< limits of the instrument less the margin
@@ -111,6 +113,9 @@ struct Judgement {
   Finding finding;
   bool stopped_now = false;  ///< finding stopped the arm
 };
+
+/// describe() with the addresses that the reason is about.
+std::string describe(const Finding& finding, const RobotState& robot);
 
 /// One period of the control loop.
 Judgement judge(const SafetySetup& setup, const SafetyMemory& memory, const RobotState& robot,

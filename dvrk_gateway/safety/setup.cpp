@@ -31,6 +31,7 @@ SafetySetup make_safety_setup(const pb::SafetyLimits& limits, const ToolMount& m
   setup.registered = registered;
   setup.period_ns = ns(limits.period_s());
   setup.state_age_ns = ns(limits.state_age_s());
+  setup.silence_ns = ns(limits.silence_s());
   setup.tick_gap_ns = ns(limits.tick_gap_s());
   setup.arm_age_ns = ns(limits.arm_age_s());
   setup.dead_man_ns = ns(limits.dead_man_s());

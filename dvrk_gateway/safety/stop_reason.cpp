@@ -90,6 +90,12 @@ constexpr std::array<Text, kStopReasons + 1> kTexts = {{
      "goals follow each other after {value:.3g} s, the period is {allowed:.3g} s"},
 }};
 
+/// STALE of no stream in particular.
+constexpr const char* kSilent =
+    "nothing came from the robot for {value:.3g} s, allowed {allowed:.3g} s: it has ended, the "
+    "network "
+    "is cut, or another client spoke to it and took the stream";
+
 const Text& text_of(StopReason reason) {
   const auto at = static_cast<std::size_t>(reason);
   OMENTUM_CHECK(at < kTexts.size() && kTexts[at].reason == reason, "reason {}", at);
@@ -110,8 +116,9 @@ const char* stream_name(int part) {
 std::string describe(const Finding& finding) {
   constexpr std::array<const char*, 3> kAxes = {"x", "y", "z"};
   const auto part = static_cast<std::size_t>(finding.part);
-  return fmt::format(fmt::runtime(text_of(finding.reason).text), fmt::arg("value", finding.value),
-                     fmt::arg("allowed", finding.allowed),
+  const bool silent = finding.reason == StopReason::kStale && finding.part < 0;
+  return fmt::format(fmt::runtime(silent ? kSilent : text_of(finding.reason).text),
+                     fmt::arg("value", finding.value), fmt::arg("allowed", finding.allowed),
                      fmt::arg("stream", stream_name(finding.part)),
                      fmt::arg("axis", part < 3 ? kAxes[part] : ""),
                      fmt::arg("joint", part < 6 ? large_needle_driver().limits[part].name : ""));

@@ -225,11 +225,40 @@ void SimBackend::move_tissue(std::span<ToolMotion> motion, std::span<StepOutcome
     const std::size_t first = g * W;
     const std::size_t used = std::min(W, environments_.size() - first);
     const auto arms = arms_.empty() ? std::span<ArmState>() : std::span(arms_).subspan(first, used);
-    control_step(*setup_->arm, arms, *groups_[g], motion.subspan(first, W));
+    if (robot_) {
+      move_with_robot(motion);
+    } else {
+      control_step(*setup_->arm, arms, *groups_[g], motion.subspan(first, W));
+    }
     for (std::size_t k = first; k < first + used; ++k)
       slip_or_lose(static_cast<int>(k), outcomes[k]);
     estimate_exposure(g);
   }
+}
+
+void SimBackend::follow_robot(RobotTip robot) {
+  OMENTUM_CHECK(lanes() == 1, "a robot is one lane, not {}", lanes());
+  robot_ = std::move(robot);
+  arms_.resize(environments_.size());
+  const Vector3d tip = to_vector(environments_[0].tip);
+  place_tip(0, tip, tip);
+}
+
+void SimBackend::place_tip(int lane, const Vector3d& commanded, const Vector3d& robot) {
+  Environment& e = environments_[lane];
+  assign(e.tip, commanded);
+  assign(e.start_position, commanded);
+  assign(arms_[lane].p_WT_true, robot);
+  assign(arms_[lane].p_WT_measured, robot);
+}
+
+void SimBackend::move_with_robot(std::span<ToolMotion> motion) {
+  const Vector3d from = tip_of(0);
+  const Vector3d to = robot_(motion[0].to);
+  motion[0] = {from, to};
+  assign(arms_[0].p_WT_true, to);
+  assign(arms_[0].p_WT_measured, to);
+  groups_[0]->step(motion);
 }
 
 void SimBackend::estimate_exposure(std::size_t group) {

@@ -49,7 +49,7 @@ class SimBackend : public Backend, public Snapshots {
   bool healthy(int lane) const override;
   std::uint32_t ticks_per_step() const override;
 
-  Snapshots* snapshots() override { return this; }
+  Snapshots* snapshots() override { return robot_ ? nullptr : this; }
   std::uint32_t state_format() const override { return kSimStateFormat; }
   Bytes save(int lane) const override;
   Result<void> load(int lane, std::span<const std::byte> state) override;
@@ -57,6 +57,15 @@ class SimBackend : public Backend, public Snapshots {
 
   /// What a pinch on the given particle would come to now.
   PinchResult judge(int lane, const Nearest& nearest) const;
+
+  /// Where the tip of a robot is at the end of a control period in which it was led towards a goal,
+  /// both p_WT [m].
+  using RobotTip = std::function<Eigen::Vector3d(const Eigen::Vector3d& goal)>;
+  /// One lane alone: from here on the tool is where `robot` says, in place of the arm of the scene.
+  /// States of such a back end cannot be saved.
+  void follow_robot(RobotTip robot);
+  /// The episode begins with the tip commanded to one place and the robot's at another, p_WT [m].
+  void place_tip(int lane, const Eigen::Vector3d& commanded, const Eigen::Vector3d& robot);
 
   const SimCounters& counters() const { return counters_; }
   const SimSetup& setup() const { return *setup_; }
@@ -116,6 +125,7 @@ class SimBackend : public Backend, public Snapshots {
   void move_jaw_and_grasp(std::span<const ToolCommand> commands);
   void limit_motion(std::span<const ToolCommand> commands, std::span<ToolMotion> motion);
   void move_tissue(std::span<ToolMotion> motion, std::span<StepOutcome> outcomes);
+  void move_with_robot(std::span<ToolMotion> motion);
   void estimate_exposure(std::size_t group);
 
   void try_grasp(int lane, const Nearest& nearest);
@@ -123,9 +133,6 @@ class SimBackend : public Backend, public Snapshots {
   void take_body(int lane);
   void slip_or_lose(int lane, StepOutcome& outcome);
   void release(int lane);
-  double approach_deg(int lane, int particle) const;
-  /// Tip to the sheet: the triangles around the nearest particle [m].
-  double sheet_distance(int lane, const Nearest& nearest) const;
   void draw_parameters(int lane);
   void place_on_lattice(int lane, std::uint32_t particle);
   const Bytes& settled_state() const;
@@ -138,7 +145,9 @@ class SimBackend : public Backend, public Snapshots {
   int width_;
   std::vector<std::unique_ptr<Tissue<float>>> groups_;
   std::vector<Environment> environments_;
-  std::vector<ArmState> arms_;  ///< per environment; empty while the arm has no effects
+  /// Per environment; empty while the arm has no effects and no robot is followed.
+  std::vector<ArmState> arms_;
+  RobotTip robot_;
   mutable ExposureEstimator exposure_;
   ImageSource image_;
   SimCounters counters_;

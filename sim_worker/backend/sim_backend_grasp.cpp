@@ -3,47 +3,12 @@
 #include <algorithm>
 #include <cmath>
 
-#include "core/constants.h"
-#include "core/trig.h"
+#include "sim_worker/backend/pinch_contact.h"
 #include "sim_worker/backend/sim_backend.h"
 
 namespace omentum {
 
 using Eigen::Vector3d;
-
-double SimBackend::approach_deg(int lane, int particle) const {
-  // Sheet normal at the particle: sum of the normals of its triangles.
-  const TissueBody& body = setup_->scene.tissue;
-  // A volume has no sheet normal: its jaws take a fold from any side.
-  if (!body.surface_is_particles) return 0;
-  const auto& tissue = *groups_[lane / width_];
-  const int l = lane_in_group(lane);
-  Vector3d normal = Vector3d::Zero();
-  for (const Eigen::Vector3i& t : body.surface_triangles) {
-    if (t[0] != particle && t[1] != particle && t[2] != particle) continue;
-    const Vector3d a = tissue.position(l, t[0]);
-    normal += (tissue.position(l, t[1]) - a).cross(tissue.position(l, t[2]) - a);
-  }
-  const double length = normal.norm();
-  if (!(length > 0)) return 90;
-  const double cosine =
-      std::min(1.0, std::fabs(normal.dot(setup_->mount.jaw_direction())) / length);
-  return trig::atan2(std::sqrt(1 - cosine * cosine), cosine) * 180 / kPi;
-}
-
-double SimBackend::sheet_distance(int lane, const Nearest& nearest) const {
-  const auto& tissue = *groups_[lane / width_];
-  const int l = lane_in_group(lane);
-  const Vector3d tip = tip_of(lane);
-  double squared = nearest.distance * nearest.distance;
-  for (const Eigen::Vector3i& t : setup_->scene.tissue.surface_triangles) {
-    if (t[0] != nearest.particle && t[1] != nearest.particle && t[2] != nearest.particle) continue;
-    squared = std::min(
-        squared, squared_distance_to_triangle(tip, tissue.position(l, t[0]),
-                                              tissue.position(l, t[1]), tissue.position(l, t[2])));
-  }
-  return std::sqrt(squared);
-}
 
 bool SimBackend::is_held(int lane) const {
   const auto& tissue = *groups_[lane / width_];
@@ -96,20 +61,9 @@ void SimBackend::release(int lane) {
 }
 
 PinchResult SimBackend::judge(int lane, const Nearest& nearest) const {
-  const pb::Grasp& grasp = setup_->config.grasp();
-  PinchContact contact;
-  // A pinch takes the sheet between its particles as well; the plain grasp knows particles only.
-  contact.distance = grasp.min_pinch_m() > 0 && setup_->scene.tissue.surface_is_particles
-                         ? sheet_distance(lane, nearest)
-                         : nearest.distance;
-  contact.jaw_deg = environments_[lane].jaw_deg;
-  contact.thickness = setup_->scene.tissue.thickness;
-  // The normal costs a walk over the triangles: only where tissue is in reach and the angle
-  // matters.
-  if (grasp.max_approach_deg() > 0 && contact.distance < grasp.radius_m()) {
-    contact.approach_deg = approach_deg(lane, nearest.particle);
-  }
-  return judge_pinch(grasp, contact);
+  return judge_pinch(setup_->config.grasp(),
+                     pinch_contact(*setup_, *groups_[lane / width_], lane_in_group(lane),
+                                   tip_of(lane), nearest, environments_[lane].jaw_deg));
 }
 
 void SimBackend::try_grasp(int lane, const Nearest& nearest) {

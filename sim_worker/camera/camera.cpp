@@ -207,7 +207,7 @@ class Camera::Renderer {
     const std::size_t of_sheet = std::min(3 * rest_.size(), frame.tissue_vertices_W.size());
     if (of_sheet > 0) {
       draw_moving(make_tissue_surface(frame.tissue_vertices_W.first(of_sheet), rest_, triangles_,
-                                      rim_, thick ? thickness_ : 0),
+                                      rim_, thick ? thickness_ : 0, frame.lower_face_W),
                   ObjectId::kTissue);
     }
     if (!soft_rest_.empty()) {

@@ -36,10 +36,13 @@ struct ToolPose {
 
 /// The moving things of one picture. `tissue_vertices_W` holds x y z [m] of every vertex that
 /// scene.tissue.surface_triangles refers to (the particles of a sheet), then of every node of
-/// scene.soft_body; empty = no sheet, and the soft body at rest. Read during the call only.
+/// scene.soft_body; empty = no sheet, and the soft body at rest. With `lower_face_W` these are the
+/// two faces of a sheet as they are; else its mid-surface, half the thickness from both. Read
+/// during the call only.
 struct CameraFrame {
   std::span<const float> tissue_vertices_W;
-  std::optional<ToolPose> tool;
+  std::optional<ToolPose> tool = {};
+  std::span<const float> lower_face_W = {};
 };
 
 /// What a depth camera without error would measure, per pixel, top row first.

@@ -145,13 +145,19 @@ std::vector<Edge> find_rim(const std::vector<Eigen::Vector3i>& triangles) {
 DrawSurface make_tissue_surface(std::span<const float> vertices_W,
                                 const std::vector<Eigen::Vector3d>& rest,
                                 const std::vector<Eigen::Vector3i>& triangles,
-                                const std::vector<Edge>& rim, double thickness) {
+                                const std::vector<Edge>& rim, double thickness,
+                                std::span<const float> lower) {
   DrawSurface surface;
   const int count = static_cast<int>(vertices_W.size() / 3);
   OMENTUM_CHECK(static_cast<int>(rest.size()) == count, "{} vertices at rest, {} drawn",
                 rest.size(), count);
   std::vector<Eigen::Vector3f> normal(count, Eigen::Vector3f::Zero());
-  const auto point = [&](int k) { return Eigen::Vector3f::Map(&vertices_W[3 * k]); };
+  OMENTUM_CHECK(lower.empty() || lower.size() == vertices_W.size());
+  const auto point = [&](int k) -> Eigen::Vector3f {  // of the mid-surface
+    const Eigen::Vector3f given = Eigen::Vector3f::Map(&vertices_W[3 * k]);
+    return lower.empty() ? given
+                         : Eigen::Vector3f(0.5F * (given + Eigen::Vector3f::Map(&lower[3 * k])));
+  };
   for (const Eigen::Vector3i& t : triangles) {
     OMENTUM_CHECK(t.minCoeff() >= 0 && t.maxCoeff() < count, "triangle refers to vertex {} of {}",
                   t.maxCoeff(), count);
@@ -161,11 +167,14 @@ DrawSurface make_tissue_surface(std::span<const float> vertices_W,
   for (Eigen::Vector3f& n : normal)
     n = n.norm() > 0 ? Eigen::Vector3f(n.normalized()) : Eigen::Vector3f::UnitZ();
   const float half = static_cast<float>(thickness / 2);
+  const auto face_point = [&](int k, float side) -> Eigen::Vector3f {
+    if (lower.empty() || half <= 0) return point(k) + side * half * normal[k];
+    return Eigen::Vector3f::Map(side > 0 ? &vertices_W[3 * k] : &lower[3 * k]);
+  };
   const auto add_face = [&](float side) {
     const auto first = static_cast<std::uint32_t>(surface.vertices.size());
     for (int k = 0; k < count; ++k) {
-      surface.vertices.push_back(
-          {point(k) + side * half * normal[k], side * normal[k], rest[k].cast<float>()});
+      surface.vertices.push_back({face_point(k, side), side * normal[k], rest[k].cast<float>()});
     }
     for (const Eigen::Vector3i& t : triangles) {
       surface.indices.push_back(first + static_cast<std::uint32_t>(t[0]));
@@ -177,16 +186,14 @@ DrawSurface make_tissue_surface(std::span<const float> vertices_W,
   if (half <= 0) return surface;
   add_face(-1);
   for (const auto& [a, b] : rim) {
-    const Eigen::Vector3f& na = normal[a];
-    const Eigen::Vector3f& nb = normal[b];
-    const Eigen::Vector3f outside = (point(b) - point(a)).cross(na).normalized();
+    const Eigen::Vector3f outside = (point(b) - point(a)).cross(normal[a]).normalized();
     const auto first = static_cast<std::uint32_t>(surface.vertices.size());
     const Eigen::Vector3f ra = rest[a].cast<float>();
     const Eigen::Vector3f rb = rest[b].cast<float>();
-    surface.vertices.push_back({point(a) + half * na, outside, ra});
-    surface.vertices.push_back({point(b) + half * nb, outside, rb});
-    surface.vertices.push_back({point(b) - half * nb, outside, rb});
-    surface.vertices.push_back({point(a) - half * na, outside, ra});
+    surface.vertices.push_back({face_point(a, 1), outside, ra});
+    surface.vertices.push_back({face_point(b, 1), outside, rb});
+    surface.vertices.push_back({face_point(b, -1), outside, rb});
+    surface.vertices.push_back({face_point(a, -1), outside, ra});
     for (const std::uint32_t corner : {0U, 3U, 2U, 0U, 2U, 1U})
       surface.indices.push_back(first + corner);
   }

@@ -32,11 +32,12 @@ std::vector<Edge> find_rim(const std::vector<Eigen::Vector3i>& triangles);
 
 /// The sheet: with thickness 0 [m] its middle surface (for object ids), else both faces, offset by
 /// half the thickness along the vertex normals, joined along the rim. `rest`: the vertices at rest
-/// in B.
+/// in B. With `lower` the vertices are those of the upper face and these of the lower one.
 DrawSurface make_tissue_surface(std::span<const float> vertices_W,
                                 const std::vector<Eigen::Vector3d>& rest,
                                 const std::vector<Eigen::Vector3i>& triangles,
-                                const std::vector<Edge>& rim, double thickness);
+                                const std::vector<Edge>& rim, double thickness,
+                                std::span<const float> lower = {});
 
 /// Shaft, wrist and two tapered jaws [m].
 DrawSurface make_tool_surface(const ToolPose& pose, double shaft_radius, double shaft_start,

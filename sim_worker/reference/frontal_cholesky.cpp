@@ -210,8 +210,6 @@ std::size_t Dissection::index(int row, int column) const {
 }
 
 FrontalCholesky::FrontalCholesky(const Dissection& order) : order_(order) {
-  entries_.assign(order_.entries, 0);
-  panels_.assign(order_.entries, 0);
   stale_.assign(order_.fronts.size(), 1);
   // Below kKeptDepth one place for each depth and side suffices, since a front is done right after
   // its two children; it stays in the cache.
@@ -234,12 +232,22 @@ FrontalCholesky::FrontalCholesky(const Dissection& order) : order_(order) {
     if (is_new) end += shared[key];
     update_at_.push_back(at->second);
   }
-  update_.resize(end + 1);
+  update_size_ = end + 1;
 }
 
-void FrontalCholesky::set_zero() { std::fill(entries_.begin(), entries_.end(), 0.0); }
+double* FrontalCholesky::entries() {
+  if (entries_.empty()) {
+    entries_.assign(order_.entries, 0);
+    panels_.assign(order_.entries, 0);
+    update_.assign(update_size_, 0);
+  }
+  return entries_.data();
+}
+
+void FrontalCholesky::set_zero() { std::fill_n(entries(), order_.entries, 0.0); }
 
 bool FrontalCholesky::factor() {
+  entries();
   std::fill(stale_.begin(), stale_.end(), 1);
   return factor_fronts();
 }

@@ -54,12 +54,12 @@ Dissection dissect(int nx, int ny, std::span<const int> unknowns);
 /// parent. One thread at a time.
 class FrontalCholesky {
  public:
-  /// `order` must outlive this. Entries start at zero.
+  /// `order` must outlive this. Entries start at zero; their memory is taken at their first use.
   explicit FrontalCholesky(const Dissection& order);
 
   void set_zero();
   /// Of A, by Dissection::index(); the upper triangle is never read.
-  double* entries() { return entries_.data(); }
+  double* entries();
   /// A = L L^T; false, and no factor, where A is not positive definite.
   bool factor();
   /// The same, to the last bit, where A changed since the last factor in the columns of these
@@ -75,9 +75,10 @@ class FrontalCholesky {
   double* update_of(std::size_t front) { return &update_[update_at_[front]]; }
 
   const Dissection& order_;
-  std::vector<double> entries_;         ///< of A, per front: own columns of all its rows
-  std::vector<double> panels_;          ///< of L, alike
-  std::vector<double> update_;          ///< update matrices
+  std::vector<double> entries_;  ///< of A, per front: own columns of all its rows
+  std::vector<double> panels_;   ///< of L, alike
+  std::vector<double> update_;   ///< update matrices
+  std::size_t update_size_ = 0;
   std::vector<std::size_t> update_at_;  ///< start of each front's in update_
   std::vector<std::uint8_t> stale_;     ///< per front: to be factored
   Eigen::Index widest_border_ = 0;

@@ -1,52 +1,32 @@
 #include "sim_worker/reference/hexahedron.h"
 
+#include "sim_worker/reference/tensor.h"
+
 namespace omentum {
 namespace {
 
-constexpr int kFunctions = kHexNodes + 3;  // eight nodes, three parabolas
 constexpr int kPoints = kHexPoints;
 constexpr double kGauss = 0.57735026918962576451;  // 1 / sqrt(3)
 
-using Gradients = std::array<std::array<Pack, 3>, kFunctions>;
+/// Of the shape functions of the nodes.
+using Gradients = std::array<std::array<Pack, 3>, kHexNodes>;
 
 constexpr double side(int node, int axis) { return ((node >> axis) & 1) != 0 ? 1.0 : -1.0; }
 
-/// Gradients of the shape functions with respect to the box at a Gauss point. Parabola k varies
-/// along axis k only.
+/// Gradients with respect to the box at a Gauss point.
 void box_gradients_at(int point, const std::array<Pack, 3>& size, Gradients& g) {
-  std::array<double, 3> xi{};
-  std::array<Pack, 3> inverse;  // d xi / d X
-  for (int axis = 0; axis < 3; ++axis) {
-    xi[axis] = side(point, axis) * kGauss;
-    inverse[axis] = Pack(2.0) / size[axis];
-  }
   for (int a = 0; a < kHexNodes; ++a) {
     for (int axis = 0; axis < 3; ++axis) {
       double d = 0.125 * side(a, axis);
       for (int other = 0; other < 3; ++other) {
-        if (other != axis) d *= 1 + side(a, other) * xi[other];
+        if (other != axis) d *= 1 + side(a, other) * side(point, other) * kGauss;
       }
-      g[a][axis] = Pack(d) * inverse[axis];
-    }
-  }
-  for (int k = 0; k < 3; ++k) {
-    g[kHexNodes + k] = {};
-    g[kHexNodes + k][k] = Pack(-2 * xi[k]) * inverse[k];
-  }
-}
-
-void deformation_gradient(const HexShape& shape, const Gradients& g, PackTensor& F) {
-  for (int i = 0; i < 3; ++i) {
-    for (int axis = 0; axis < 3; ++axis) {
-      Pack sum = shape.bubble[3 * axis + i] * g[kHexNodes + axis][axis];
-      for (int a = 0; a < kHexNodes; ++a) sum = fma(shape.x[3 * a + i], g[a][axis], sum);
-      F[3 * i + axis] = sum;
+      g[a][axis] = Pack(2 * d) / size[axis];
     }
   }
 }
 
-/// The same with respect to the stress-free shape. The parabolas are enhancements of the strain:
-/// theirs stay those of the box.
+/// The same with respect to the stress-free shape.
 void gradients_at(const HexShape& shape, int point, Gradients& g) {
   box_gradients_at(point, shape.size, g);
   if (shape.effects == nullptr || shape.effects->rest == nullptr) return;
@@ -55,6 +35,60 @@ void gradients_at(const HexShape& shape, int point, Gradients& g) {
     const std::array<Pack, 3> box = g[a];
     for (int axis = 0; axis < 3; ++axis)
       g[a][axis] = fma(box[0], map[axis], fma(box[1], map[3 + axis], box[2] * map[6 + axis]));
+  }
+}
+
+/// sum_a x_a grad_a^T.
+PackTensor gradient_of(const std::array<Pack, 24>& x, const Gradients& g) {
+  PackTensor F;
+  for (int i = 0; i < 3; ++i) {
+    for (int axis = 0; axis < 3; ++axis) {
+      Pack sum = x[i] * g[0][axis];
+      for (int a = 1; a < kHexNodes; ++a) sum = fma(x[3 * a + i], g[a][axis], sum);
+      F[3 * i + axis] = sum;
+    }
+  }
+  return F;
+}
+
+/// Kinematics of the element: F is linear in the nodes while the modes stay,
+/// F = sum_a x_a (grad_a + G^T mean_a)^T.
+struct Kinematics {
+  std::array<Gradients, kPoints> gradient;  ///< of the nodes
+  Gradients mean;                           ///< over the Gauss points
+  PackTensor F0;                            ///< mean deformation gradient
+  std::array<Pack, 9> scaled;               ///< G_iJ / xi_i
+  std::array<Pack, 3> inverse;              ///< 2 / size
+};
+
+Kinematics make_kinematics(const HexShape& shape) {
+  Kinematics k;
+  for (int point = 0; point < kPoints; ++point) gradients_at(shape, point, k.gradient[point]);
+  for (int a = 0; a < kHexNodes; ++a) {
+    for (int axis = 0; axis < 3; ++axis) {
+      Pack sum;
+      for (const Gradients& g : k.gradient) sum = sum + g[a][axis];
+      k.mean[a][axis] = Pack(1.0 / kPoints) * sum;
+    }
+  }
+  k.F0 = gradient_of(shape.x, k.mean);
+  for (int axis = 0; axis < 3; ++axis) k.inverse[axis] = Pack(2.0) / shape.size[axis];
+  for (int m = 0; m < 9; ++m) k.scaled[m] = shape.mode[m] * k.inverse[m % 3];
+  return k;
+}
+
+/// Local coordinate of a Gauss point.
+constexpr double xi_at(int point, int axis) { return side(point, axis) * kGauss; }
+
+/// grad_a + G^T mean_a at a Gauss point.
+void enhanced_gradients(const Kinematics& k, int point, Gradients& g) {
+  g = k.gradient[point];
+  for (int a = 0; a < kHexNodes; ++a) {
+    for (int i = 0; i < 3; ++i) {
+      const Pack part = Pack(xi_at(point, i)) * k.mean[a][i];
+      for (int axis = 0; axis < 3; ++axis)
+        g[a][axis] = fma(part, k.scaled[3 * i + axis], g[a][axis]);
+    }
   }
 }
 
@@ -77,43 +111,43 @@ void add_node_force(const PackTensor& stress, const Gradients& g, Pack volume,
   }
 }
 
-void add_bubble_force(const PackTensor& stress, const Gradients& g, Pack volume,
-                      std::array<Pack, 9>& force) {
-  for (int i = 0; i < 3; ++i) {
-    for (int k = 0; k < 3; ++k)
-      force[3 * k + i] = fma(volume * stress[3 * i + k], g[kHexNodes + k][k], force[3 * k + i]);
+/// d energy / d mode_iJ = volume xi_i 2 / size_J (F0^T P)_iJ.
+void add_mode_force(const PackTensor& stress, const Kinematics& k, int point, Pack volume,
+                    std::array<Pack, 9>& force) {
+  const PackTensor pulled = product_transposed(k.F0, stress);
+  for (int m = 0; m < 9; ++m) {
+    const Pack scale = volume * Pack(xi_at(point, m / 3)) * k.inverse[m % 3];
+    force[m] = fma(scale, pulled[m], force[m]);
   }
 }
 
 constexpr int block_index(int a, int b) { return 9 * (a * (a + 1) / 2 + b); }
+constexpr int packed(int row, int column) { return row * (row + 1) / 2 + column; }
 
-using FullStiffness = std::array<Pack, 9 * kFunctions*(kFunctions + 1) / 2>;
+/// Second derivative by nodes and modes.
+struct FullStiffness {
+  std::array<Pack, 324> nodes{};  ///< as HexTangent::stiffness
+  std::array<Pack, 216> mixed{};  ///< [mode][node, xyz]
+  std::array<Pack, 45> modes{};   ///< lower triangle, row by row
+};
 
-/// K_ab += volume grad_a . A . grad_b for all a >= b; A_iJkL the tangent of the law.
-void add_stiffness(const std::array<Pack, 81>& A, const Gradients& g, Pack volume,
-                   FullStiffness& K) {
-  for (int b = 0; b < kFunctions; ++b) {
+/// Nodes: volume grad_a . A . grad_b for all a >= b; A_iJkL the tangent of the law.
+void add_node_stiffness(const std::array<Pack, 81>& A, const Gradients& g, Pack volume,
+                        std::array<Pack, 324>& K) {
+  for (int b = 0; b < kHexNodes; ++b) {
     std::array<Pack, 27> T;  // volume A . grad_b, [iJ][k]
     for (int row = 0; row < 9; ++row) {
       for (int k = 0; k < 3; ++k) {
         const Pack* a = &A[9 * row + 3 * k];
-        Pack sum;
-        if (b < kHexNodes) {
-          sum = fma(a[0], g[b][0], fma(a[1], g[b][1], a[2] * g[b][2]));
-        } else {
-          sum = a[b - kHexNodes] * g[b][b - kHexNodes];
-        }
-        T[3 * row + k] = volume * sum;
+        T[3 * row + k] = volume * fma(a[0], g[b][0], fma(a[1], g[b][1], a[2] * g[b][2]));
       }
     }
-    for (int a = b; a < kFunctions; ++a) {
+    for (int a = b; a < kHexNodes; ++a) {
       Pack* block = &K[block_index(a, b)];
-      const int first = a < kHexNodes ? 0 : a - kHexNodes;
-      const int last = a < kHexNodes ? 2 : a - kHexNodes;
       for (int i = 0; i < 3; ++i) {
         for (int k = 0; k < 3; ++k) {
           Pack sum = block[3 * i + k];
-          for (int axis = first; axis <= last; ++axis)
+          for (int axis = 0; axis < 3; ++axis)
             sum = fma(g[a][axis], T[3 * (3 * i + axis) + k], sum);
           block[3 * i + k] = sum;
         }
@@ -122,15 +156,48 @@ void add_stiffness(const std::array<Pack, 81>& A, const Gradients& g, Pack volum
   }
 }
 
-constexpr int packed(int row, int column) { return row * (row + 1) / 2 + column; }
+/// Modes with nodes and with each other. A change of mode iJ changes F by xi_i 2 / size_J f_i e_J^T
+/// with f_i column i of F0; what it does to F0 itself adds the stress to the mixed part.
+void add_mode_stiffness(const std::array<Pack, 81>& A, const PackTensor& stress,
+                        const Kinematics& kin, const Gradients& g, int point, Pack volume,
+                        FullStiffness& K) {
+  for (int i = 0; i < 3; ++i) {
+    for (int J = 0; J < 3; ++J) {
+      const int m = 3 * i + J;
+      const Pack scale = volume * Pack(xi_at(point, i)) * kin.inverse[J];
+      std::array<Pack, 9> row;  // scale f_i . A_J
+      for (int kL = 0; kL < 9; ++kL) {
+        row[kL] = scale *
+                  fma(kin.F0[i], A[9 * J + kL],
+                      fma(kin.F0[3 + i], A[9 * (3 + J) + kL], kin.F0[6 + i] * A[9 * (6 + J) + kL]));
+      }
+      for (int a = 0; a < kHexNodes; ++a) {
+        const Pack geometric = scale * kin.mean[a][i];
+        for (int k = 0; k < 3; ++k) {
+          Pack& entry = K.mixed[24 * m + 3 * a + k];
+          entry = fma(geometric, stress[3 * k + J], entry);
+          for (int L = 0; L < 3; ++L) entry = fma(row[3 * k + L], g[a][L], entry);
+        }
+      }
+      for (int n = 0; n <= m; ++n) {
+        const int other = n / 3;
+        const int L = n % 3;
+        const Pack along = fma(row[L], kin.F0[other],
+                               fma(row[3 + L], kin.F0[3 + other], row[6 + L] * kin.F0[6 + other]));
+        Pack& entry = K.modes[packed(m, n)];
+        entry = fma(Pack(xi_at(point, other)) * kin.inverse[L], along, entry);
+      }
+    }
+  }
+}
 
-/// Cholesky factor of the 9 x 9 block of the parabolas. A pivot that vanishes at an instability is
-/// held at a small fraction of its diagonal, so that the step stays a descent direction.
-void factor_inner(const FullStiffness& K, HexInner& inner) {
+/// Cholesky factor of the 9 x 9 block of the modes. A pivot that vanishes at an instability is held
+/// at a small fraction of its diagonal, so that the step stays a descent direction.
+void factor_inner(const std::array<Pack, 45>& K, HexInner& inner) {
   for (int r = 0; r < 9; ++r) {
     for (int c = 0; c <= r; ++c) {
-      Pack sum = K[block_index(kHexNodes + r / 3, kHexNodes + c / 3) + 3 * (r % 3) + c % 3];
-      const Pack diagonal = sum;
+      const Pack diagonal = K[packed(r, c)];
+      Pack sum = diagonal;
       for (int m = 0; m < c; ++m)
         sum = sum - inner.factor[packed(r, m)] * inner.factor[packed(c, m)];
       inner.factor[packed(r, c)] =
@@ -145,42 +212,41 @@ void factor_inner(const FullStiffness& K, HexInner& inner) {
 void hex_force(pb::ElasticLaw law, const HexShape& shape, HexForce& out) {
   out = {};
   const Pack box = point_volume(shape.size);
+  const Kinematics kinematics = make_kinematics(shape);
   Gradients g;
-  PackTensor F;
   ElasticResponse<Pack> response;
   for (int point = 0; point < kPoints; ++point) {
-    gradients_at(shape, point, g);
-    deformation_gradient(shape, g, F);
-    point_response(law, shape, point, F, false, response);
+    enhanced_gradients(kinematics, point, g);
+    point_response(law, shape, point, gradient_of(shape.x, g), false, response);
     const Pack volume = volume_at(shape, point, box);
     out.energy = fma(volume, response.energy, out.energy);
     add_node_force(response.stress, g, volume, out.force);
-    add_bubble_force(response.stress, g, volume, out.bubble_force);
+    add_mode_force(response.stress, kinematics, point, volume, out.mode_force);
   }
 }
 
 void hex_tangent(pb::ElasticLaw law, const HexShape& shape, HexTangent& out) {
-  FullStiffness K{};
-  std::array<Pack, 9> bubble_force{};
+  FullStiffness K;
+  std::array<Pack, 9> mode_force{};
   const Pack box = point_volume(shape.size);
+  const Kinematics kinematics = make_kinematics(shape);
   Gradients g;
-  PackTensor F;
   ElasticResponse<Pack> response;
   for (int point = 0; point < kPoints; ++point) {
-    gradients_at(shape, point, g);
-    deformation_gradient(shape, g, F);
-    point_response(law, shape, point, F, true, response);
+    enhanced_gradients(kinematics, point, g);
+    point_response(law, shape, point, gradient_of(shape.x, g), true, response);
     const Pack volume = volume_at(shape, point, box);
-    add_bubble_force(response.stress, g, volume, bubble_force);
-    add_stiffness(response.tangent, g, volume, K);
+    add_mode_force(response.stress, kinematics, point, volume, mode_force);
+    add_node_stiffness(response.tangent, g, volume, K.nodes);
+    add_mode_stiffness(response.tangent, response.stress, kinematics, g, point, volume, K);
   }
 
   HexInner& inner = out.inner;
-  factor_inner(K, inner);
-  hex_condense(bubble_force, inner);
+  factor_inner(K.modes, inner);
+  hex_condense(mode_force, inner);
   for (int r = 0; r < 9; ++r) {
     for (int c = 0; c < 24; ++c) {
-      Pack sum = K[block_index(kHexNodes + r / 3, c / 3) + 3 * (r % 3) + c % 3];
+      Pack sum = K.mixed[24 * r + c];
       for (int m = 0; m < r; ++m)
         sum = sum - inner.factor[packed(r, m)] * inner.coupling[24 * m + c];
       inner.coupling[24 * r + c] = sum * inner.factor[packed(r, r)];
@@ -191,7 +257,7 @@ void hex_tangent(pb::ElasticLaw law, const HexShape& shape, HexTangent& out) {
       for (int i = 0; i < 3; ++i) {
         for (int k = 0; k < 3; ++k) {
           const int entry = block_index(a, b) + 3 * i + k;
-          Pack sum = K[entry];
+          Pack sum = K.nodes[entry];
           for (int r = 0; r < 9; ++r) {
             sum = sum - inner.coupling[24 * r + 3 * a + i] * inner.coupling[24 * r + 3 * b + k];
           }
@@ -204,25 +270,24 @@ void hex_tangent(pb::ElasticLaw law, const HexShape& shape, HexTangent& out) {
 
 void hex_remember(pb::ElasticLaw law, const HexShape& shape, const PronyStep& prony,
                   HexMemory& memory) {
+  const Kinematics kinematics = make_kinematics(shape);
   Gradients g;
-  PackTensor F;
   for (int point = 0; point < kPoints; ++point) {
-    gradients_at(shape, point, g);
-    deformation_gradient(shape, g, F);
-    remember_point(law, shape, point, F, prony, memory);
+    enhanced_gradients(kinematics, point, g);
+    remember_point(law, shape, point, gradient_of(shape.x, g), prony, memory);
   }
 }
 
-void hex_condense(const std::array<Pack, 9>& bubble_force, HexInner& inner) {
+void hex_condense(const std::array<Pack, 9>& mode_force, HexInner& inner) {
   for (int r = 0; r < 9; ++r) {
-    Pack rhs = bubble_force[r];
+    Pack rhs = mode_force[r];
     for (int m = 0; m < r; ++m) rhs = rhs - inner.factor[packed(r, m)] * inner.rhs[m];
     inner.rhs[r] = rhs * inner.factor[packed(r, r)];
   }
 }
 
 void hex_recover(const HexInner& inner, const std::array<Pack, 24>& dx,
-                 std::array<Pack, 9>& dbubble) {
+                 std::array<Pack, 9>& dmode) {
   std::array<Pack, 9> y;
   for (int r = 0; r < 9; ++r) {
     y[r] = inner.rhs[r];
@@ -230,8 +295,8 @@ void hex_recover(const HexInner& inner, const std::array<Pack, 24>& dx,
   }
   for (int r = 8; r >= 0; --r) {
     Pack sum = -y[r];
-    for (int m = r + 1; m < 9; ++m) sum = sum - inner.factor[packed(m, r)] * dbubble[m];
-    dbubble[r] = sum * inner.factor[packed(r, r)];
+    for (int m = r + 1; m < 9; ++m) sum = sum - inner.factor[packed(m, r)] * dmode[m];
+    dmode[r] = sum * inner.factor[packed(r, r)];
   }
 }
 

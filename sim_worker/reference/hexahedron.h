@@ -8,17 +8,20 @@
 
 namespace omentum {
 
-/// Brick with eight nodes and incompatible modes, four bricks at a time. At rest it is a box of
-/// edge lengths `size`, axes along B.
+/// Brick with eight nodes and enhanced modes, four bricks at a time. At rest it is a box of edge
+/// lengths `size`, axes along B.
 ///
 ///   node a = ix + 2 iy + 4 iz, each 0 or 1 along its axis; local coordinates xi in [-1, 1]^3
-///   x(xi) = sum_a N_a(xi) x_a + sum_k (1 - xi_k^2) b_k
+///   F(xi) = sum_a x_a (grad N_a(xi))^T + F0 G(xi),   G_iJ = xi_i (2 / size_J) m_iJ
 ///
-/// The three parabolas b_k (nine unknowns, internal to the element and without mass) are the modes
-/// of Wilson in the finite-strain form of Simo and Armero (Q1/E9): with them bending is free of
-/// shear locking and, in thickness direction, of Poisson locking, so one element through a thin
-/// sheet is enough. Their gradients integrate to zero over the box, so every constant strain is
-/// exact (patch test). Quadrature 2 x 2 x 2 Gauss points.
+/// F0 is the deformation gradient in the middle. The nine modes m_iJ (internal to the element,
+/// without mass, the same in every frame of reference) let the strains vary as bending needs: no
+/// shear locking and, in thickness direction, no Poisson locking, so one element through a thin
+/// sheet is enough. They integrate to zero over the box, so every constant strain is exact (patch
+/// test). At small strain they are the incompatible modes of Wilson; at large strain they are the
+/// transpose of those (Q1/ET9 [GlaserArmero97]): they take the parasitic shear away instead
+/// of turning it into a rotation, whose geometric stiffness makes Q1/E9 give way under compression
+/// (docs/decisions/0028). Quadrature 2 x 2 x 2 Gauss points.
 constexpr int kHexNodes = 8;
 
 inline constexpr int kHexPoints = 8;  ///< Gauss points
@@ -66,7 +69,7 @@ struct HexEffects {
 /// Four bricks and where they are.
 struct HexShape {
   std::array<Pack, 24> x;               ///< nodes, [node][xyz] [m]
-  std::array<Pack, 9> bubble;           ///< b_k, [k][xyz] [m]
+  std::array<Pack, 9> mode;             ///< m, row by row [m]
   std::array<Pack, 3> size;             ///< edge lengths at rest [m]
   Pack mu, lambda;                      ///< [Pa]
   const HexEffects* effects = nullptr;  ///< null = none
@@ -74,12 +77,12 @@ struct HexShape {
 
 /// First derivative of the elastic energy.
 struct HexForce {
-  Pack energy;                       ///< [J]
-  std::array<Pack, 24> force;        ///< d energy / d x, [node][xyz] [N]
-  std::array<Pack, 9> bubble_force;  ///< d energy / d b [N]
+  Pack energy;                     ///< [J]
+  std::array<Pack, 24> force;      ///< d energy / d x, [node][xyz] [N]
+  std::array<Pack, 9> mode_force;  ///< d energy / d b [N]
 };
 
-/// Static condensation of the parabolas: with H = L L^T the tangent of b,
+/// Static condensation of the modes: with H = L L^T the tangent of b,
 /// db = -L^-T (rhs + coupling dx).
 struct HexInner {
   std::array<Pack, 45> factor;     ///< L, row by row; the diagonal holds 1 / L_rr
@@ -110,10 +113,9 @@ void hex_remember(pb::ElasticLaw law, const HexShape& shape, const PronyStep& pr
                   HexMemory& memory);
 
 /// Renews `rhs` for another state and the same factor.
-void hex_condense(const std::array<Pack, 9>& bubble_force, HexInner& inner);
+void hex_condense(const std::array<Pack, 9>& mode_force, HexInner& inner);
 
-/// Change of the parabolas for a change of the nodes.
-void hex_recover(const HexInner& inner, const std::array<Pack, 24>& dx,
-                 std::array<Pack, 9>& dbubble);
+/// Change of the modes for a change of the nodes.
+void hex_recover(const HexInner& inner, const std::array<Pack, 24>& dx, std::array<Pack, 9>& dmode);
 
 }  // namespace omentum

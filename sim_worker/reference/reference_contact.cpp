@@ -11,9 +11,7 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
-// Contact pressure per depth [Pa/m] and half width of its smooth start [m]. Stiff against the
-// sheet's inertia per area (rho t / h^2, 7500 Pa/m), soft enough for rounding.
-constexpr double kContactStiffness = 2e8;
+// Half width of the smooth start of contact [m].
 constexpr double kContactStart = 2e-6;
 
 struct Pressure {
@@ -55,6 +53,7 @@ std::vector<ReferenceTissue::Contact> ReferenceTissue::find_contacts(const Terms
   const Vector3d shaft_end =
       shaft + model_->surroundings.tool_length * model_->surroundings.shaft_axis;
   for (const FaceNode& face : model_->face_nodes) {
+    if (has_pad() && grasp_->in_pad[face.node] != 0) continue;  // between the jaws
     for (int body = 0; body < bodies(); ++body) {
       const Vector3d& p = x[face.node];
       const Gap gap = body < rigid
@@ -62,7 +61,7 @@ std::vector<ReferenceTissue::Contact> ReferenceTissue::find_contacts(const Terms
                           : capsule_gap(shaft, shaft_end, model_->surroundings.tool_radius, p);
       const Pressure pressure = contact_pressure(gap.distance + model_->face_inset);
       if (!(pressure.force > 0)) continue;
-      const double k = kContactStiffness * face.area;
+      const double k = model_->numerics.contact_stiffness_pa_per_m() * face.area;
       contacts.push_back({face.node, body, gap.normal, k * pressure.force, k * pressure.stiffness,
                           k * pressure.energy});
     }
@@ -116,6 +115,12 @@ void ReferenceTissue::contact_stiffness(
     const Terms& terms, const std::function<void(int, const Matrix3d&)>& add) const {
   for (const Contact& c : find_contacts(terms, trial_x_))
     add(c.node, c.stiffness * c.normal * c.normal.transpose());
+  friction_stiffness(terms, add);
+}
+
+/// By the nodes; by x~ it is minus that.
+void ReferenceTissue::friction_stiffness(
+    const Terms& terms, const std::function<void(int, const Matrix3d&)>& add) const {
   const double slip = model_->numerics.friction_slip_speed_m_per_s();
   for (const FrictionPoint& f : friction_) {
     const Matrix3d tangential = Matrix3d::Identity() - f.normal * f.normal.transpose();
@@ -129,6 +134,28 @@ void ReferenceTissue::contact_stiffness(
               law.slope / slip * along * along.transpose();
     }
     add(f.node, f.limit / terms.beta * block);
+  }
+}
+
+/// What the limits of friction do that follow the normal forces of columns s.
+void ReferenceTissue::add_limit_loads(const Terms& terms, const Eigen::MatrixXd& s,
+                                      Eigen::MatrixXd& loads) const {
+  const double slip = model_->numerics.friction_slip_speed_m_per_s();
+  std::vector<Contact> contacts = find_contacts(terms, trial_x_);
+  auto contact = contacts.begin();
+  for (const FrictionPoint& f : friction_) {
+    while (contact != contacts.end() && (contact->node != f.node || contact->body != f.body))
+      ++contact;
+    if (contact == contacts.end()) return;
+    const int row = model_->unknown[f.node];
+    const Vector3d v = slip_velocity(terms, f, trial_x_[f.node]);
+    const double speed = v.norm();
+    if (row < 0 || !(speed > 0) || !(contact->force > 0)) continue;
+    // limit = mu force, and the force grows by stiffness per depth.
+    const double per_depth = f.limit / contact->force * contact->stiffness;
+    const Vector3d along = friction_law(speed / slip).force / speed * v;
+    loads.middleRows<3>(row) +=
+        along * (per_depth * contact->normal.transpose() * s.middleRows<3>(row));
   }
 }
 

@@ -27,13 +27,22 @@ Eigen::Vector4d ReferenceTissue::grasp_compliances() const {
   return c;
 }
 
+/// Force per displacement of the patch along a direction in the next step [N/m]: K = S^-1 of the
+/// mean position, see prepare_constraint(). That of the sheet where there is no factor.
+double ReferenceTissue::patch_stiffness(const Vector3d& along) {
+  if (!tangent_.usable || !carry_factor())
+    return model_->material.young_modulus_pa() * model_->body.thickness;
+  VectorXd unit = VectorXd::Zero(3L * GraspPatch::kRows);
+  unit.head<3>() = along;
+  return unit.dot(constraint_solver_.solve(unit));
+}
+
 /// Slip of the patch in the jaws over a control step; may release it.
 void ReferenceTissue::slip() {
   const EffectValues& fx = effects_.values();
-  if (!grasp_ || !(fx.slip_speed > 0)) return;
+  if (!grasp_ || !(fx.slip_speed > 0) || held_force_.isZero(0)) return;
   const Vector3d slip =
-      slip_of(fx, held_force_, model_->material.young_modulus_pa() * model_->body.thickness,
-              model_->control_period);
+      slip_of(fx, held_force_, patch_stiffness(held_force_.normalized()), model_->control_period);
   slipped_ += slip.norm();
   if (fx.slip_loss > 0 && slipped_ > fx.slip_loss) {
     release(0);
@@ -45,6 +54,7 @@ void ReferenceTissue::slip() {
 /// Augmented Lagrangian of the constraint with the multipliers p of the trial: with r = C x -
 /// targets and m = r - c p, the force C^T p and the energy p . r + m^2 / (2 (c + kMissCompliance)).
 void ReferenceTissue::add_grasp(const Terms& terms, const Nodes& x, Residual& out) const {
+  if (has_pad()) return add_pad(x, out);
   const Targets offset = patch_rows(x) - terms.target;
   const Eigen::Vector4d compliances = grasp_compliances();
   out.miss = offset - trial_multiplier_ * compliances.asDiagonal();
@@ -61,10 +71,31 @@ void ReferenceTissue::add_grasp(const Terms& terms, const Nodes& x, Residual& ou
 /// A dx + C^T dp = -force, C dx - c dp = -m with y = -L^-1 force is
 /// (c I + Y^T Y) dp = Y^T y + m, dx = L^-T (y - Y dp).
 void ReferenceTissue::prepare_constraint() {
-  const GraspPatch& patch = grasp_->patch;
+  constrained_ = true;
+  if (has_pad()) {
+    // Of the pose eliminated, A - C^T D^-1 C: the same with S = Y^T Y - D.
+    const PadPose pose = pad_pose(trial_x_);
+    Vector6 gradient;
+    constraint_response_ = pad_columns(pose);
+    factor_.solve_lower(constraint_response_);
+    constraint_solver_.compute(constraint_response_.transpose() * constraint_response_ -
+                               pad_balance(pose, trial_x_, gradient));
+    return;
+  }
   constexpr int kColumns = 3 * GraspPatch::kRows;
   MatrixXd& Y = constraint_response_;
-  Y.setZero(model_->unknowns, kColumns);
+  Y = grasp_columns();
+  factor_.solve_lower(Y);
+  MatrixXd S = Y.transpose() * Y;
+  const Eigen::Vector4d compliances = grasp_compliances();
+  for (int k = 0; k < kColumns; ++k) S(k, k) += compliances[k / 3];
+  constraint_solver_.compute(S);
+}
+
+/// C^T of the rows of the patch, [unknown][3 row + axis].
+MatrixXd ReferenceTissue::grasp_columns() const {
+  const GraspPatch& patch = grasp_->patch;
+  MatrixXd Y = MatrixXd::Zero(model_->unknowns, 3L * GraspPatch::kRows);
   for (int k = 0; k < patch.weight.rows(); ++k) {
     const int row = model_->unknown[patch.node[k]];
     if (row < 0) continue;
@@ -72,16 +103,17 @@ void ReferenceTissue::prepare_constraint() {
       for (int axis = 0; axis < 3; ++axis) Y(row + axis, 3 * r + axis) += patch.weight(k, r);
     }
   }
-  factor_.solve_lower(Y);
-  MatrixXd S = Y.transpose() * Y;
-  const Eigen::Vector4d compliances = grasp_compliances();
-  for (int k = 0; k < kColumns; ++k) S(k, k) += compliances[k / 3];
-  constraint_solver_.compute(S);
-  constrained_ = true;
+  return Y;
 }
 
 /// y <- y - Y dp, between the forward and the backward solve; next_multiplier_ = p + dp.
 void ReferenceTissue::constrain(const Targets& miss, Eigen::Ref<VectorXd> direction) {
+  if (has_pad()) {
+    const VectorXd pose = constraint_solver_.solve(constraint_response_.transpose() * direction);
+    direction -= constraint_response_ * pose;
+    next_multiplier_ = trial_multiplier_;
+    return;
+  }
   const VectorXd more = constraint_solver_.solve(constraint_response_.transpose() * direction +
                                                  VectorXd::Map(miss.data(), miss.size()));
   direction -= constraint_response_ * more;
@@ -112,26 +144,36 @@ ReferenceTissue::Grasp ReferenceTissue::make_grasp(const Vector2d& centre, doubl
   Grasp grasp;
   grasp.centre = centre;
   grasp.radius = radius;
-  grasp.patch = model_->make_patch(centre, radius);
+  if (model_->surroundings.grip.pad) {
+    make_pad(grasp);
+  } else {
+    grasp.patch = model_->make_patch(centre, radius);
+  }
   return grasp;
 }
 
-void ReferenceTissue::hold(int, const Vector3d& tip, double radius, bool collapse) {
+void ReferenceTissue::hold(int lane, const Vector3d& tip, double nominal_radius, bool collapse) {
   release(0);
   const EffectValues& fx = effects_.values();
-  radius += fx.grasp_radius;
+  const double radius = nominal_radius + fx.grasp_radius;
   const auto nearest =
       nearest_point(tip + model_->body.X_WB.linear() * Vector3d(fx.grasp_x, fx.grasp_y, 0));
   if (!nearest || !(nearest->distance < radius)) return;
   const double patch_radius = std::sqrt(radius * radius - nearest->distance * nearest->distance);
+  const Eigen::Matrix3d jaw = jaw_rotation(fx, model_->surroundings.shaft_axis);
   if (!(patch_radius > 1e-5)) return;  // [m]: the sphere only grazes the sheet
   grasp_ = make_grasp(nearest->X, patch_radius);
   constrained_ = false;
+  if (has_pad()) return take_pad(jaw, tip, collapse);
   grasp_->offset = patch_rows(state_.x);
   grasp_->offset.col(0) -= tip;
-  if (fx.jaw_roll != 0 || fx.jaw_tilt != 0)
-    grasp_->offset = jaw_rotation(fx, model_->surroundings.shaft_axis) * Targets(grasp_->offset);
+  if (fx.jaw_roll != 0 || fx.jaw_tilt != 0) grasp_->offset = jaw * Targets(grasp_->offset);
   if (collapse) grasp_->offset.col(0).setZero();
+  if (columns_) hold_columns(jaw, collapse);
+  for_each_follower([&](ReferenceTissue& follower) {
+    follower.follow(*this);
+    follower.hold(lane, tip, nominal_radius, collapse);
+  });
 }
 
 void ReferenceTissue::release(int) {
@@ -139,6 +181,7 @@ void ReferenceTissue::release(int) {
   slipped_ = 0;
   held_force_.setZero();
   state_.multiplier.setZero();
+  for_each_follower([](ReferenceTissue& follower) { follower.release(0); });
 }
 
 std::span<const std::int32_t> ReferenceTissue::held(int) const {
@@ -148,6 +191,7 @@ std::span<const std::int32_t> ReferenceTissue::held(int) const {
 
 void ReferenceTissue::shift_held(int, const Vector3d& by) {
   if (grasp_) grasp_->offset.col(0) += by;
+  for_each_follower([&](ReferenceTissue& follower) { follower.shift_held(0, by); });
 }
 
 Vector3d ReferenceTissue::held_force(int) const { return held_force_; }

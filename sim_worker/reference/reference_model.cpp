@@ -7,7 +7,9 @@
 #include <map>
 
 #include "core/check.h"
+#include "core/constants.h"
 #include "core/machine_memory.h"
+#include "core/trig.h"
 #include "sim_worker/reference/reference_tissue.h"
 #include "sim_worker/tissue/effect_laws.h"
 
@@ -22,29 +24,42 @@ std::vector<double> even_lines(double from, double to, int count) {
   return lines;
 }
 
-/// Somewhere along an axis where the solution has a kink [m].
+/// Somewhere along an axis where the solution has a kink.
 struct Kink {
-  double at = 0;
-  double reach = 0;  ///< over which cells grow to full size
+  double at = 0;          ///< [m]
+  double reach = 0;       ///< over which cells grow to full size [m]
+  double denser = 0;      ///< times as many lines there in addition
+  bool singular = false;  ///< cells as long as they are far from it, down to the reach
 };
 
-/// Lines denser at kinks, with a line on each: cells there are a third of the largest. A density of
-/// lines, so that twice the count halves every cell (docs/tissue.md 13). Kinks outside are ignored.
-std::vector<double> graded_lines(double from, double to, int count,
+// Singular lines (docs/decisions/0013, 0030): at the clamp the stress grows without bound. Where
+// the law bears it, cells shrink with the distance; the other laws lose ellipticity in cells that
+// small. At a pinch the curvature jumps, which a few smaller cells resolve.
+constexpr double kDenserAtSingularClamp = 60;
+constexpr double kDenserAtClamp = 4;
+constexpr double kDenserAtPinch = 2;
+
+/// Relative number of lines per length at x.
+double line_density(const std::vector<Kink>& kinks, double x) {
+  double value = 1;
+  for (const Kink& kink : kinks) {
+    const double u = std::fabs(x - kink.at) / kink.reach;
+    value = std::max(value, 1 + kink.denser / (1 + (kink.singular ? u : u * u)));
+  }
+  return value;
+}
+
+/// Lines denser at kinks, with a line on each. A density of lines, so that twice the count halves
+/// every cell (docs/tissue.md 13). Kinks outside are ignored. `count` 0: cells of `size` away from
+/// kinks.
+std::vector<double> graded_lines(double from, double to, int count, double size,
                                  const std::vector<Kink>& kinks) {
-  const auto density = [&](double x) {
-    double value = 1;
-    for (const Kink& kink : kinks) {
-      const double u = (x - kink.at) / kink.reach;
-      value = std::max(value, 1 + 2 / (1 + u * u));
-    }
-    return value;
-  };
   constexpr int kSamples = 4000;
   std::vector<double> integral = {0};  // of the density, at even steps
   const double step = (to - from) / kSamples;
   for (int k = 0; k < kSamples; ++k)
-    integral.push_back(integral.back() + step * density(from + (k + 0.5) * step));
+    integral.push_back(integral.back() + step * line_density(kinks, from + (k + 0.5) * step));
+  if (count == 0) count = static_cast<int>(std::ceil(integral.back() / size));
   const auto line_number = [&](double x) {  // of `count` in all, fractional
     const double t = (x - from) / step;
     const int k = std::min(static_cast<int>(t), kSamples - 1);
@@ -163,8 +178,25 @@ void make_rest(ReferenceTissueModel& model) {
   }
 }
 
+/// Cells that meet a tolerance, measured on droops and lifts of sheets of 10 to 200 kPa
+/// (docs/results.md): about 0.05 mm with cells as long as the sheet is thick and three layers. The
+/// cell follows the root 3/8 of the error.
+struct MeshSize {
+  double in_plane = 0;  ///< edge of the cells away from kinks [m]
+  int layers = 0;
+};
+MeshSize mesh_size(double tolerance, double thickness, double length, int layers) {
+  const double fourth_root = std::sqrt(std::sqrt(tolerance / 5e-5));
+  const double scale = fourth_root * std::sqrt(fourth_root);
+  MeshSize size;
+  size.in_plane = scale * std::min(thickness, length / 24);
+  size.layers = static_cast<int>(
+      std::ceil(std::max(std::round(layers / scale), thickness / size.in_plane - 1e-9)));
+  return size;
+}
+
 void make_lines(const Scene& scene, std::span<const PinchCircle> pinches,
-                ReferenceTissueModel& model) {
+                const ReferenceTissueModel* mesh_of, ReferenceTissueModel& model) {
   Eigen::AlignedBox3d box;
   for (const Vector3d& p : model.body.particles) box.extend(p);
   const Vector3d min = box.min();
@@ -174,22 +206,42 @@ void make_lines(const Scene& scene, std::span<const PinchCircle> pinches,
   const double anchor = scene.config.tissue().anchor_max_y_m();
   model.clamp_edge = any_fixed ? std::max(anchor, min.y()) : min.y();
   std::array<std::vector<Kink>, 2> kinks;
-  constexpr double kClampReach = 0.1;  // of the free length
-  if (any_fixed) kinks[1].push_back({model.clamp_edge, kClampReach * (max.y() - model.clamp_edge)});
+  const double thickness = scene.tissue.thickness;
+  // A stated number of cells is spread more evenly: few of them would all lie at the clamp.
+  const bool bears_singularity =
+      model.material.law() == pb::LAW_NEO_HOOKE && n.elements_y() == 0 && n.elements_z() == 0;
+  if (any_fixed && bears_singularity) {
+    kinks[1].push_back({model.clamp_edge, thickness / 15, kDenserAtSingularClamp, true});
+  } else if (any_fixed) {
+    kinks[1].push_back({model.clamp_edge, thickness, kDenserAtClamp});
+  }
   for (const PinchCircle& pinch : pinches) {
+    const Eigen::Vector2d half = model.surroundings.grip.box(pinch.radius);
     for (int axis = 0; axis < 2; ++axis) {
-      kinks[axis].push_back({pinch.centre[axis] - pinch.radius, pinch.radius});
-      kinks[axis].push_back({pinch.centre[axis] + pinch.radius, pinch.radius});
+      for (const double side : {-half[axis], half[axis]})
+        kinks[axis].push_back({pinch.centre[axis] + side, half[axis], kDenserAtPinch});
     }
   }
-  model.lines[0] = graded_lines(min.x(), max.x(), static_cast<int>(n.elements_x()), kinks[0]);
-  model.lines[1] =
-      graded_lines(model.clamp_edge, max.y(), static_cast<int>(n.elements_y()), kinks[1]);
+  const MeshSize size =
+      mesh_size(n.tolerance_m(), thickness, max.y() - model.clamp_edge, bears_singularity ? 3 : 2);
+  model.lines[0] =
+      graded_lines(min.x(), max.x(), static_cast<int>(n.elements_x()), size.in_plane, kinks[0]);
+  model.lines[1] = graded_lines(model.clamp_edge, max.y(), static_cast<int>(n.elements_y()),
+                                size.in_plane, kinks[1]);
   // The clamped strip is rigid: one row of elements, for the positions of its particles.
   if (model.clamp_edge > min.y() + kSameLine)
     model.lines[1].insert(model.lines[1].begin(), min.y());
+  int layers = n.elements_z() > 0 ? static_cast<int>(n.elements_z()) : size.layers;
+  if (mesh_of != nullptr) {
+    model.lines = mesh_of->lines;
+    layers = mesh_of->cells(2);
+  }
   const double half = 0.5 * model.body.thickness;
-  model.lines[2] = even_lines(-half, half, static_cast<int>(n.elements_z()));
+  model.lines[2] = even_lines(-half, half, layers);
+  if (bears_singularity) {  // the clamp ends at the faces
+    for (int k = 1; k < layers; ++k)
+      model.lines[2][k] = half * trig::sin_cos(0.5 * kPi * model.lines[2][k] / half).sin;
+  }
   for (const double y : model.lines[1]) {
     for (const double x : model.lines[0]) {
       const double h =
@@ -252,8 +304,7 @@ void check_memory(const ReferenceTissueModel& model) {
   if (needed <= allowed) return;
   throw_error(
       "scene.tissue.reference: {} x {} x {} elements need {:.3g} GB of memory, allowed {:.3g} GB",
-      model.numerics.elements_x(), model.numerics.elements_y(), model.numerics.elements_z(),
-      needed / 1e9, allowed / 1e9);
+      model.cells(0), model.free_cells_y(), model.cells(2), needed / 1e9, allowed / 1e9);
 }
 
 /// Numbers the unknowns in the order of elimination, nodes above one another together.
@@ -315,7 +366,7 @@ std::unique_ptr<Tissue<double>> ReferenceTissueModel::make_tissue(
 
 std::shared_ptr<const ReferenceTissueModel> make_reference_model(
     const Scene& scene, double control_period, std::vector<std::string>& warnings,
-    std::span<const PinchCircle> pinches) {
+    std::span<const PinchCircle> pinches, const ReferenceTissueModel* mesh_of) {
   const pb::Tissue& config = scene.config.tissue();
   if (!scene.tissue.surface_is_particles || config.has_sheet())
     throw_error("scene.tissue: TISSUE_REFERENCE takes a rectangular sheet, give grid");
@@ -341,7 +392,7 @@ std::shared_ptr<const ReferenceTissueModel> make_reference_model(
   model->lame = make_lame(config.material().young_modulus_pa() / thicker,
                           config.material().poisson_ratio() + model->effects.poisson_change);
   model->surroundings = make_surroundings(scene);
-  make_lines(scene, pinches, *model);
+  make_lines(scene, pinches, mesh_of, *model);
   make_elements(config.density_kg_per_m3() * (1 + model->effects.density_change) / thicker, *model);
   make_rest(*model);
   number_unknowns(*model);
@@ -349,6 +400,10 @@ std::shared_ptr<const ReferenceTissueModel> make_reference_model(
   for (std::size_t i = 0; i < model->body.particles.size(); ++i) {
     model->particle_points.push_back(model->locate(model->body.particles[i]));
     model->particle_points.back().fixed = model->body.fixed[i] != 0;
+    const Vector3d& p = model->body.particles[i];
+    const double face = std::min(0.5 * scene.tissue.thickness, model->lines[2].back());
+    model->upper_points.push_back(model->locate({p.x(), p.y(), face}));
+    model->lower_points.push_back(model->locate({p.x(), p.y(), -face}));
   }
   const double lift = model->body.particle_radius - 0.5 * scene.tissue.thickness;
   if (!model->surroundings.bodies.empty() && std::fabs(lift) > 1e-6) {  // [m]

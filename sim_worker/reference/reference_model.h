@@ -58,6 +58,13 @@ struct GraspPatch {
   std::vector<std::int32_t> particles;  ///< grid particles in the patch, ascending, never empty
 };
 
+/// Both faces under a pad of the jaws: columns of nodes and the area of the pad that each bears.
+struct GraspPad {
+  std::vector<int> lower, upper;        ///< node of each face, per column
+  std::vector<double> area;             ///< [m^2]
+  std::vector<std::int32_t> particles;  ///< grid particles under it, ascending, never empty
+};
+
 /// Model of the converged solid (docs/tissue.md 13): a sheet of the grid maker as a box of bricks,
 /// thickness_m thick, its mid-surface through the particles; particle_radius_m does not apply. One
 /// grid line lies on the clamp edge y_B = anchor_max_y_m; material beyond it is rigid.
@@ -73,6 +80,8 @@ struct ReferenceTissueModel : TissueModel, std::enable_shared_from_this<Referenc
   /// compliant than a glued rigid disc, like one of 0.78 of the radius in plane (from the
   /// logarithmic field around a disc), but converges faster with the mesh.
   GraspPatch make_patch(const Eigen::Vector2d& centre, double radius) const;
+  /// The nodes under the pad of scene.tool.grip around `centre` that are free, or the nearest one.
+  GraspPad make_pad(const Eigen::Vector2d& centre, double radius) const;
   BodyPoint locate(const Eigen::Vector3d& p_B) const;
   /// Elements along an axis.
   int cells(int axis) const { return static_cast<int>(lines[axis].size()) - 1; }
@@ -80,6 +89,10 @@ struct ReferenceTissueModel : TissueModel, std::enable_shared_from_this<Referenc
     return (iy * (cells(0) + 1) + ix) * (cells(2) + 1) + iz;
   }
   int element_index(int ix, int iy, int iz) const { return (iy * cells(0) + ix) * cells(2) + iz; }
+  /// Of them along y those that are not in the rigid strip beyond the clamp edge.
+  int free_cells_y() const {
+    return cells(1) - (lines[1].front() < clamp_edge - kSameLine ? 1 : 0);
+  }
   /// Batches of Pack::kLanes elements.
   std::size_t batches() const { return (elements.size() + Pack::kLanes - 1) / Pack::kLanes; }
   /// The sheet without its clamp in x_B, y_B [m].
@@ -108,7 +121,8 @@ struct ReferenceTissueModel : TissueModel, std::enable_shared_from_this<Referenc
   std::vector<std::array<BlockPlace, 36>> element_blocks;
   std::vector<BlockPlace> node_blocks;  ///< of every node with itself
   std::vector<FaceNode> face_nodes;
-  std::vector<BodyPoint> particle_points;  ///< of the grid particles
+  std::vector<BodyPoint> particle_points;             ///< of the grid particles
+  std::vector<BodyPoint> upper_points, lower_points;  ///< of the faces above and below them
 
   // Effects that are part of the mesh. A change of bending by f is a sheet of thickness t sqrt(f),
   // modulus E / sqrt(f) and density rho / sqrt(f): stretch and weight stay, bending is f times.
@@ -127,12 +141,19 @@ struct PinchCircle {
 };
 
 /// Meshes the scene's sheet; throws Error where the tissue is not a grid or an effect does not fit.
-/// Grid lines lie, and are denser, at the clamp edge and the sides of the squares around `pinches`.
+/// Grid lines lie, and are denser, at the clamp edge and the sides of the squares around `pinches`;
+/// with `mesh_of`, a model of the same sheet, they are that model's.
 std::shared_ptr<const ReferenceTissueModel> make_reference_model(
     const Scene& scene, double control_period, std::vector<std::string>& warnings,
-    std::span<const PinchCircle> pinches = {});
+    std::span<const PinchCircle> pinches = {}, const ReferenceTissueModel* mesh_of = nullptr);
 
 /// Shape functions of the eight nodes at xi.
 std::array<double, 8> hex_functions(const Eigen::Vector3d& xi);
+
+/// Displacement of a point inside an element of edges `size` with nodes x against its nodes [m]:
+/// the parabolas that the modes are at small strain, F0 sum_k (1 - xi_k^2) v_k with v_kj = -m_kj
+/// size_k / (2 size_j). Linear in x and in the modes.
+Eigen::Vector3d hex_bow(const Eigen::Vector3d& size, const std::array<Eigen::Vector3d, 8>& x,
+                        const std::array<double, 9>& mode, const Eigen::Vector3d& xi);
 
 }  // namespace omentum

@@ -39,6 +39,23 @@ std::array<double, 8> hex_functions(const Vector3d& xi) {
   return N;
 }
 
+Vector3d hex_bow(const Vector3d& size, const std::array<Vector3d, 8>& x,
+                 const std::array<double, 9>& mode, const Vector3d& xi) {
+  Vector3d bow = Vector3d::Zero();  // in the rest frame
+  for (int k = 0; k < 3; ++k) {
+    for (int j = 0; j < 3; ++j)
+      bow[j] -= (1 - xi[k] * xi[k]) * mode[3 * k + j] * size[k] / (2 * size[j]);
+  }
+  Vector3d turned = Vector3d::Zero();
+  for (int a = 0; a < kHexNodes; ++a) {
+    double along = 0;  // gradient of the node's function in the middle, times bow
+    for (int axis = 0; axis < 3; ++axis)
+      along += (((a >> axis) & 1) != 0 ? 0.25 : -0.25) / size[axis] * bow[axis];
+    turned += along * x[a];
+  }
+  return turned;
+}
+
 BodyPoint ReferenceTissueModel::locate(const Vector3d& p_B) const {
   BodyPoint point;
   for (const int iy : cells_at(lines[1], p_B.y())) {
@@ -99,6 +116,68 @@ GraspPatch ReferenceTissueModel::make_patch(const Vector2d& centre, double radiu
   }
   if (patch.particles.empty()) patch.particles.push_back(nearest);
   return patch;
+}
+
+GraspPad ReferenceTissueModel::make_pad(const Vector2d& centre, double radius) const {
+  const Grip& grip = surroundings.grip;
+  // Area of the pad at the nodes of the face, by samples.
+  constexpr int kSamples = 64;
+  const Eigen::AlignedBox2d free = free_sheet();
+  const Vector2d half = grip.rectangle ? grip.half : Vector2d::Constant(radius);
+  const Vector2d across(-grip.axis.y(), grip.axis.x());
+  const double part = 4 * half.prod() / (kSamples * kSamples);
+  std::map<std::pair<int, int>, double> areas;  // by ix, iy
+  double total = 0;
+  for (int i = 0; i < kSamples; ++i) {
+    for (int k = 0; k < kSamples; ++k) {
+      const Vector2d local =
+          half.cwiseProduct(Vector2d(2 * i + 1, 2 * k + 1) / kSamples - Vector2d::Ones());
+      const Vector2d from_centre = local.x() * grip.axis + local.y() * across;
+      const Vector2d p = centre + from_centre;
+      if (!grip.covers(from_centre, radius) || !free.contains(p)) continue;
+      total += part;
+      const int ix = cells_at(lines[0], p.x()).front();
+      const int iy = cells_at(lines[1], p.y()).front();
+      const double u = 0.5 + 0.5 * local_coordinate(lines[0], ix, p.x());
+      const double v = 0.5 + 0.5 * local_coordinate(lines[1], iy, p.y());
+      areas[{ix, iy}] += part * (1 - u) * (1 - v);
+      areas[{ix + 1, iy}] += part * u * (1 - v);
+      areas[{ix, iy + 1}] += part * (1 - u) * v;
+      areas[{ix + 1, iy + 1}] += part * u * v;
+    }
+  }
+  // Nodes beside the pad are free: those under it bear what cells across its rim give them.
+  const auto add = [&](int ix, int iy, double area, GraspPad& pad) {
+    pad.lower.push_back(node_index(ix, iy, 0));
+    pad.upper.push_back(node_index(ix, iy, cells(2)));
+    pad.area.push_back(area);
+  };
+  GraspPad pad;
+  double borne = 0;
+  std::pair<int, int> nearest;
+  double least = -1;
+  for (const auto& [at, area] : areas) {
+    if (unknown[node_index(at.first, at.second, 0)] < 0) continue;
+    const Vector2d off = Vector2d(lines[0][at.first], lines[1][at.second]) - centre;
+    if (least < 0 || off.norm() < least) {
+      least = off.norm();
+      nearest = at;
+    }
+    if (!grip.covers(off, radius)) continue;
+    add(at.first, at.second, area, pad);
+    borne += area;
+  }
+  if (pad.area.empty() && least >= 0) {
+    add(nearest.first, nearest.second, total, pad);
+    borne = total;
+  }
+  for (double& area : pad.area) area *= total / borne;
+  for (int i = 0; i < static_cast<int>(body.particles.size()); ++i) {
+    if (body.fixed[i] == 0 && grip.covers(body.particles[i].head<2>() - centre, radius))
+      pad.particles.push_back(i);
+  }
+  if (pad.particles.empty()) pad.particles = make_patch(centre, radius).particles;
+  return pad;
 }
 
 }  // namespace omentum

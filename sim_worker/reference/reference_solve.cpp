@@ -34,7 +34,7 @@ using Values = std::array<double, Pack::kLanes>;
 
 bool ReferenceTissue::solve(const Terms& terms) {
   trial_x_ = state_.x;
-  trial_bubble_ = state_.bubble;
+  trial_mode_ = state_.mode;
   trial_multiplier_ = state_.multiplier;
   update_friction(terms, trial_x_);
   for (std::size_t i = 0; i < trial_x_.size(); ++i) {
@@ -43,10 +43,10 @@ bool ReferenceTissue::solve(const Terms& terms) {
   const double weight = model_->total_mass * kStandardGravity;
   const double tolerance = model_->numerics.newton_tolerance() * weight;
   Residual residual;
-  evaluate(terms, trial_x_, trial_bubble_, residual);
+  evaluate(terms, trial_x_, trial_mode_, residual);
   if (!std::isfinite(residual.energy)) {  // the guess inverts an element: start from x_n
     trial_x_ = state_.x;
-    evaluate(terms, trial_x_, trial_bubble_, residual);
+    evaluate(terms, trial_x_, trial_mode_, residual);
   }
   Renewal renewal = carry_factor() ? Renewal::kNodes : Renewal::kAll;
   int updates = 0;  // of friction
@@ -67,7 +67,7 @@ bool ReferenceTissue::solve(const Terms& terms) {
     const bool fresh = factorisations_ > factors;
     const double before = residual.norm;
     const bool found = newton_direction(residual) && search_line(terms, residual);
-    if (!found && fresh && kept_ == 0) return false;
+    if (!found && fresh && kept_ == 0) return residual.norm <= rounding_;
     renewal = !found                                 ? Renewal::kAll
               : residual.norm > kKeepFactor * before ? Renewal::kNodes
                                                      : Renewal::kNone;
@@ -91,31 +91,41 @@ double ReferenceTissue::inertia(const Terms& terms) const {
 }
 
 /// Incremental potential of the step and its derivative by the free nodes and the parabolas.
-void ReferenceTissue::evaluate(const Terms& terms, const Nodes& x, const Bubbles& bubble,
+void ReferenceTissue::evaluate(const Terms& terms, const Nodes& x, const Modes& mode,
                                Residual& out) const {
+  evaluate_elements(x, mode, out);
+  evaluate_nodes(terms, x, out);
+}
+
+/// The part of the elements.
+void ReferenceTissue::evaluate_elements(const Nodes& x, const Modes& mode, Residual& out) const {
   out.energy = 0;
   out.scale = 0;
-  out.force.setZero(direction_.size());
+  out.elements.setZero(model_->unknowns + 9 * static_cast<Eigen::Index>(model_->elements.size()));
   HexForce hex;
   Values values{};
-  for (std::size_t batch = 0; batch < inner_.size(); ++batch) {
-    hex_force(model_->material.law(), gather(batch, x, bubble), hex);
+  for (std::size_t batch = 0; batch < model_->batches(); ++batch) {
+    hex_force(model_->material.law(), gather(batch, x, mode), hex);
     hex.energy.store(values.data());
     for (int lane = 0; lane < elements_in(batch); ++lane) out.count_energy(values[lane]);
     for (int c = 0; c < 24; ++c) {
       hex.force[c].store(values.data());
       for (int lane = 0; lane < elements_in(batch); ++lane) {
         const int row = node_unknown(Pack::kLanes * batch + lane, c);
-        if (row >= 0) out.force[row] += values[lane];
+        if (row >= 0) out.elements[row] += values[lane];
       }
     }
     for (int c = 0; c < 9; ++c) {
-      hex.bubble_force[c].store(values.data());
+      hex.mode_force[c].store(values.data());
       for (int lane = 0; lane < elements_in(batch); ++lane)
-        out.force[bubble_unknown(Pack::kLanes * batch + lane, c)] = values[lane];
+        out.elements[mode_unknown(Pack::kLanes * batch + lane, c)] = values[lane];
     }
   }
+}
 
+/// Adds that of the nodes: inertia, gravity, springs, then what evaluate_outside() has.
+void ReferenceTissue::evaluate_nodes(const Terms& terms, const Nodes& x, Residual& out) const {
+  out.force = out.elements;
   const double beta = terms.beta;
   const double inertia = this->inertia(terms);
   const Vector3d& g = gravity_;
@@ -147,26 +157,29 @@ void ReferenceTissue::evaluate_outside(const Terms& terms, const Nodes& x, Resid
 }
 
 /// Sets the diagonal block of a node: elements and inertia, plus `more`.
-void ReferenceTissue::set_block(int node, const Matrix3d& more) {
+void ReferenceTissue::set_block(int node, const Matrix3d& block, FrontalCholesky& factor) const {
   const BlockPlace& place = model_->node_blocks[node];
   if (place.at < 0) return;
-  const Matrix3d block = body_blocks_[node] + more;
   for (int i = 0; i < 3; ++i) {
-    for (int k = 0; k < 3; ++k) factor_.entries()[place.entry(i, k)] = block(i, k);
+    for (int k = 0; k < 3; ++k) factor.entries()[place.entry(i, k)] = block(i, k);
   }
 }
 
-/// Matrix of tangent_: elements with the parabolas eliminated, inertia, blocks of the nodes.
-void ReferenceTissue::assemble() {
-  factor_.set_zero();
-  double* entries = factor_.entries();
-  HexTangent tangent;
+void ReferenceTissue::assemble() { assemble(tangent_, factor_, inner_, body_blocks_); }
+
+/// Matrix of a tangent: elements with the modes eliminated, inertia, blocks of the nodes.
+void ReferenceTissue::assemble(const Tangent& tangent, FrontalCholesky& factor,
+                               std::vector<HexInner>& inner,
+                               std::vector<Matrix3d>& body_blocks) const {
+  factor.set_zero();
+  inner.resize(model_->batches());
+  double* entries = factor.entries();
+  HexTangent hex;
   std::array<Values, 324> stiffness{};
-  for (std::size_t batch = 0; batch < inner_.size(); ++batch) {
-    hex_tangent(model_->material.law(), gather(batch, tangent_.x, tangent_.bubble), tangent);
-    inner_[batch] = tangent.inner;
-    for (std::size_t k = 0; k < stiffness.size(); ++k)
-      tangent.stiffness[k].store(stiffness[k].data());
+  for (std::size_t batch = 0; batch < inner.size(); ++batch) {
+    hex_tangent(model_->material.law(), gather(batch, tangent.x, tangent.mode), hex);
+    inner[batch] = hex.inner;
+    for (std::size_t k = 0; k < stiffness.size(); ++k) hex.stiffness[k].store(stiffness[k].data());
     for (int lane = 0; lane < elements_in(batch); ++lane) {
       const auto& places = model_->element_blocks[Pack::kLanes * batch + lane];
       for (std::size_t b = 0; b < places.size(); ++b) {
@@ -178,15 +191,15 @@ void ReferenceTissue::assemble() {
       }
     }
   }
-  body_blocks_.resize(model_->nodes.size());
+  body_blocks.resize(model_->nodes.size());
   for (std::size_t i = 0; i < model_->nodes.size(); ++i) {
     const BlockPlace& place = model_->node_blocks[i];
     if (place.at < 0) continue;
     for (int r = 0; r < 3; ++r) {
-      for (int c = 0; c < 3; ++c) body_blocks_[i](r, c) = entries[place.entry(r, c)];
+      for (int c = 0; c < 3; ++c) body_blocks[i](r, c) = entries[place.entry(r, c)];
     }
-    body_blocks_[i].diagonal().array() += model_->mass[i] * tangent_.inertia;
-    set_block(static_cast<int>(i), tangent_.node_blocks[i]);
+    body_blocks[i].diagonal().array() += model_->mass[i] * tangent.inertia;
+    set_block(static_cast<int>(i), body_blocks[i] + tangent.node_blocks[i], factor);
   }
 }
 
@@ -204,7 +217,7 @@ bool ReferenceTissue::renew_factor(const Terms& terms, Renewal renewal, bool mus
       if (model_->unknown[i] < 0 || !(change > kBlockChange * size)) continue;
       changed.push_back(model_->unknown[i]);
       old = blocks[i];
-      set_block(static_cast<int>(i), old);
+      set_block(static_cast<int>(i), body_blocks_[i] + old, factor_);
     }
     if (changed.empty() && !must) return true;
     if (!changed.empty()) {
@@ -226,15 +239,17 @@ bool ReferenceTissue::make_factor(const Terms& terms, std::vector<Matrix3d> bloc
   kept_ = 0;
   tangent_.inertia = inertia(terms);
   tangent_.x = trial_x_;
-  tangent_.bubble = trial_bubble_;
+  tangent_.mode = trial_mode_;
   tangent_.node_blocks = std::move(blocks);
   assemble();
+  rounding_ = rounding();
   double shift = 0;
   for (int attempt = 0; attempt <= kMaxShifts; ++attempt) {
     const double more = shift / (terms.beta * terms.beta);
     for (std::size_t i = 0; i < model_->nodes.size() && shift > 0; ++i) {
-      set_block(static_cast<int>(i),
-                more * model_->mass[i] * Matrix3d::Identity() + tangent_.node_blocks[i]);
+      const Matrix3d block =
+          more * model_->mass[i] * Matrix3d::Identity() + tangent_.node_blocks[i];
+      set_block(static_cast<int>(i), body_blocks_[i] + block, factor_);
     }
     factored_ = factor_.factor();
     if (factored_) {
@@ -248,6 +263,18 @@ bool ReferenceTissue::make_factor(const Terms& terms, std::vector<Matrix3d> bloc
   return false;
 }
 
+/// Residual that rounding of the coordinates alone makes [N]: no iteration gets below it. It counts
+/// where stiff material meets small cells.
+double ReferenceTissue::rounding() const {
+  constexpr double kUlp = 0x1p-53;
+  double squares = 0;
+  for (std::size_t i = 0; i < body_blocks_.size(); ++i) {
+    const double force = kUlp * trial_x_[i].norm() * body_blocks_[i].diagonal().maxCoeff();
+    if (model_->unknown[i] >= 0) squares += force * force;
+  }
+  return 4 * std::sqrt(squares);
+}
+
 /// Stiffness of contact, friction and springs at the trial, per node [N/m].
 std::vector<Matrix3d> ReferenceTissue::node_blocks(const Terms& terms) const {
   std::vector<Matrix3d> sum(model_->nodes.size(), Matrix3d::Zero());
@@ -256,6 +283,8 @@ std::vector<Matrix3d> ReferenceTissue::node_blocks(const Terms& terms) const {
   effects_.for_each_force(trial_x_, [&](int node, double, const Vector3d&, const Matrix3d& block) {
     add(node, block);
   });
+  for (std::size_t k = 0; has_pad() && k < grasp_->pad_node.size(); ++k)
+    add(grasp_->pad_node[k], grasp_->pad_stiffness[k] * Matrix3d::Identity());
   return sum;
 }
 
@@ -277,16 +306,16 @@ bool ReferenceTissue::carry_factor() {
 bool ReferenceTissue::newton_direction(const Residual& residual) {
   direction_ = -residual.force;
   Values values{};
-  std::array<Pack, 9> bubble_force;
+  std::array<Pack, 9> mode_force;
   // Parabolas eliminated: f - K_xb K_bb^-1 f_b = f - coupling^T rhs.
-  for (std::size_t batch = 0; batch < inner_.size(); ++batch) {
+  for (std::size_t batch = 0; batch < model_->batches(); ++batch) {
     HexInner& inner = inner_[batch];
     for (int c = 0; c < 9; ++c) {
       for (int lane = 0; lane < elements_in(batch); ++lane)
-        values[lane] = -direction_[bubble_unknown(Pack::kLanes * batch + lane, c)];
-      bubble_force[c] = Pack::load(values.data());
+        values[lane] = -direction_[mode_unknown(Pack::kLanes * batch + lane, c)];
+      mode_force[c] = Pack::load(values.data());
     }
-    hex_condense(bubble_force, inner);
+    hex_condense(mode_force, inner);
     for (int c = 0; c < 24; ++c) {
       Pack sum;
       for (int r = 0; r < 9; ++r) sum = fma(inner.coupling[24 * r + c], inner.rhs[r], sum);
@@ -303,8 +332,8 @@ bool ReferenceTissue::newton_direction(const Residual& residual) {
   factor_.solve_upper(nodes);
 
   std::array<Pack, 24> dx;
-  std::array<Pack, 9> dbubble;
-  for (std::size_t batch = 0; batch < inner_.size(); ++batch) {
+  std::array<Pack, 9> dmode;
+  for (std::size_t batch = 0; batch < model_->batches(); ++batch) {
     for (int c = 0; c < 24; ++c) {
       values.fill(0);
       for (int lane = 0; lane < elements_in(batch); ++lane) {
@@ -313,33 +342,35 @@ bool ReferenceTissue::newton_direction(const Residual& residual) {
       }
       dx[c] = Pack::load(values.data());
     }
-    hex_recover(inner_[batch], dx, dbubble);
+    hex_recover(inner_[batch], dx, dmode);
     for (int c = 0; c < 9; ++c) {
-      dbubble[c].store(values.data());
+      dmode[c].store(values.data());
       for (int lane = 0; lane < elements_in(batch); ++lane)
-        direction_[bubble_unknown(Pack::kLanes * batch + lane, c)] = values[lane];
+        direction_[mode_unknown(Pack::kLanes * batch + lane, c)] = values[lane];
     }
   }
   return direction_.allFinite();
 }
 
-/// Sets the trial to (x, bubble) plus a step length times the direction. A node whose slip would
+/// Sets the trial to (x, mode) plus a step length times the direction. A node whose slip would
 /// reverse stops instead, at the kink of the friction law, from where the next iteration sticks or
-/// slips in the right direction; plain Newton steps would oscillate.
+/// slips in the right direction; plain Newton steps would oscillate. A stopped node has the speed
+/// of its rounding: what is a millionth of the slip speed may go anywhere.
 void ReferenceTissue::move_trial(const Terms& terms, double length, const Nodes& x,
-                                 const Bubbles& bubble) {
+                                 const Modes& mode) {
   for (std::size_t i = 0; i < x.size(); ++i) {
     const int row = model_->unknown[i];
     if (row >= 0) trial_x_[i] = x[i] + length * direction_.segment<3>(row);
   }
-  for (std::size_t e = 0; e < bubble.size(); ++e) {
+  for (std::size_t e = 0; e < mode.size(); ++e) {
     for (int c = 0; c < 9; ++c)
-      trial_bubble_[e][c] = bubble[e][c] + length * direction_[bubble_unknown(e, c)];
+      trial_mode_[e][c] = mode[e][c] + length * direction_[mode_unknown(e, c)];
   }
+  const double still = 1e-6 * model_->numerics.friction_slip_speed_m_per_s();
   for (const FrictionPoint& f : friction_) {
     const Vector3d before = slip_velocity(terms, f, x[f.node]);
     const Vector3d after = slip_velocity(terms, f, trial_x_[f.node]);
-    if (after.dot(before) < 0) trial_x_[f.node] -= terms.beta * after;
+    if (before.norm() > still && after.dot(before) < 0) trial_x_[f.node] -= terms.beta * after;
   }
 }
 
@@ -355,12 +386,12 @@ bool ReferenceTissue::search_line(const Terms& terms, Residual& residual) {
       residual.force.dot(direction_) - residual.miss.cwiseProduct(residual.miss_force).sum();
   const bool hidden = std::fabs(slope) < kRounding * residual.scale;
   const Nodes x = trial_x_;
-  const Bubbles bubble = trial_bubble_;
+  const Modes mode = trial_mode_;
   Residual trial;
   double length = 1;
   for (int attempt = 0; attempt < kMaxLineSearch; ++attempt, length *= 0.5) {
-    move_trial(terms, length, x, bubble);
-    evaluate(terms, trial_x_, trial_bubble_, trial);
+    move_trial(terms, length, x, mode);
+    evaluate(terms, trial_x_, trial_mode_, trial);
     if (!std::isfinite(trial.energy)) continue;
     if (hidden ? trial.norm < residual.norm
                : trial.energy <= residual.energy + 1e-4 * length * slope) {
@@ -369,7 +400,7 @@ bool ReferenceTissue::search_line(const Terms& terms, Residual& residual) {
     }
   }
   trial_x_ = x;
-  trial_bubble_ = bubble;
+  trial_mode_ = mode;
   trial_multiplier_ = multiplier;
   evaluate_outside(terms, trial_x_, residual);
   return false;

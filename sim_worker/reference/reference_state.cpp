@@ -22,8 +22,8 @@ constexpr std::size_t kEffectValues = sizeof(EffectValues) / sizeof(double);
 std::span<double> numbers(std::vector<Vector3d>& points) {
   return points.empty() ? std::span<double>() : std::span(points[0].data(), 3 * points.size());
 }
-std::span<double> numbers(std::vector<std::array<double, 9>>& bubbles) {
-  return {bubbles.front().data(), 9 * bubbles.size()};
+std::span<double> numbers(std::vector<std::array<double, 9>>& modes) {
+  return {modes.front().data(), 9 * modes.size()};
 }
 template <int kRows, int kColumns>
 std::span<double> numbers(Eigen::Matrix<double, kRows, kColumns>& matrix) {
@@ -73,7 +73,7 @@ struct ReferenceTissue::Saved {
             numbers(state.x_before),
             numbers(state.v_before),
             std::span(&state.step_before, 1),
-            numbers(state.bubble),
+            numbers(state.mode),
             std::span(&parameters.stiffness_scale, 1),
             std::span(&parameters.gravity_scale, 1),
             std::span(&parameters.damping_scale, 1),
@@ -100,6 +100,7 @@ void ReferenceTissue::save(int, Bytes& out) const {
     writer.add(grasp.radius);
     add(numbers(grasp.offset));
     add(numbers(saved.state.multiplier));
+    add(numbers(grasp.arm));
   }
   if (has_effects) {
     writer.add(effects_.values());
@@ -112,7 +113,7 @@ void ReferenceTissue::save(int, Bytes& out) const {
   Tangent tangent = tangent_;
   writer.add(tangent.inertia);
   add(numbers(tangent.x));
-  add(numbers(tangent.bubble));
+  add(numbers(tangent.mode));
   std::vector<double> blocks;
   for (std::size_t i = 0; i < tangent.node_blocks.size(); ++i) {
     const Matrix3d& b = tangent.node_blocks[i];
@@ -150,6 +151,10 @@ Result<std::size_t> ReferenceTissue::load(int, std::span<const std::byte> bytes)
       return Failure{fmt::format("reference tissue state: patch at ({}, {}) m of radius {} m",
                                  grasp.centre.x(), grasp.centre.y(), grasp.radius)};
     }
+    if (model_->surroundings.grip.pad) {
+      make_pad(grasp);
+      if (!reader.read(numbers(grasp.arm))) return ends;
+    }
   }
   EffectValues effects;
   double slipped = 0;
@@ -165,11 +170,11 @@ Result<std::size_t> ReferenceTissue::load(int, std::span<const std::byte> bytes)
   }
   if (!effects_.fits(effects))
     return Failure{"reference tissue state holds effects of another mesh"};
-  Tangent tangent{true, 0, saved.state.x, saved.state.bubble, {}};
+  Tangent tangent{true, 0, saved.state.x, saved.state.mode, {}};
   if ((parts & kTangent) != 0) {
     double count = 0;
     if (!reader.read(tangent.inertia) || !reader.read(numbers(tangent.x)) ||
-        !reader.read(numbers(tangent.bubble)) || !reader.read(count) ||
+        !reader.read(numbers(tangent.mode)) || !reader.read(count) ||
         !(count >= 0 && count <= static_cast<double>(state_.x.size())))
       return ends;
     tangent.node_blocks.assign(state_.x.size(), Matrix3d::Zero());
@@ -195,6 +200,7 @@ Result<std::size_t> ReferenceTissue::load(int, std::span<const std::byte> bytes)
   if ((parts & kGrasp) != 0) {
     grasp_ = make_grasp(grasp.centre, grasp.radius);
     grasp_->offset = grasp.offset;
+    grasp_->arm = std::move(grasp.arm);
   }
   factored_ = constrained_ = false;
   if ((parts & kTangent) != 0) tangent_ = std::move(tangent);

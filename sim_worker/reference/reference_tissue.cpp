@@ -22,14 +22,13 @@ bool is_finite(const std::vector<Vector3d>& values) {
 
 ReferenceTissue::ReferenceTissue(std::shared_ptr<const ReferenceTissueModel> model)
     : model_(std::move(model)), effects_(model_), factor_(model_->order) {
-  inner_.resize(model_->batches());
-  direction_.setZero(model_->unknowns + 9 * static_cast<Eigen::Index>(model_->elements.size()));
   set_parameters(0, {});
   reset(0, Vector3d::Zero());
 }
 
 void ReferenceTissue::reset(int, const Vector3d& offset) {
   release(0);
+  offset_ = offset;
   const std::size_t n = model_->nodes.size();
   state_.x.resize(n);
   for (std::size_t i = 0; i < n; ++i) state_.x[i] = model_->body.X_WB * model_->nodes[i] + offset;
@@ -37,12 +36,13 @@ void ReferenceTissue::reset(int, const Vector3d& offset) {
   state_.x_before = state_.x;
   state_.v_before = state_.v;
   state_.step_before = 0;
-  state_.bubble.assign(model_->elements.size(), {});
+  state_.mode.assign(model_->elements.size(), {});
   contact_forces_.assign(bodies(), Vector3d::Zero());
   held_force_.setZero();
   effects_.reset(offset);
   failure_.clear();
   tangent_.usable = false;
+  if (columns_) carry_columns(columns_->parameters);
 }
 
 void ReferenceTissue::set_parameters(int, const LaneParameters& parameters) {
@@ -51,11 +51,20 @@ void ReferenceTissue::set_parameters(int, const LaneParameters& parameters) {
   tangent_.usable = false;
   gravity_ =
       parameters_.gravity_scale * tilted_gravity(effects_.values(), model_->surroundings.gravity);
+  for_each_follower([&](ReferenceTissue& follower) {
+    LaneParameters own = parameters;
+    own.effects = follower.model_->effects;
+    follower.set_parameters(0, own);
+  });
 }
 
 void ReferenceTissue::begin_step(std::span<const ToolMotion> motion) {
   motion_ = motion[0];
   slip();
+  for_each_follower([&](ReferenceTissue& follower) {
+    follower.follow(*this);
+    follower.begin_step(motion);
+  });
 }
 
 void ReferenceTissue::begin_substep(std::span<const ToolMotion> /*motion*/, int substep) {
@@ -75,6 +84,8 @@ void ReferenceTissue::end_substep(bool /*last*/) {}
 bool ReferenceTissue::advance(double from, double to, int depth) {
   const State start = state_;
   const Terms terms = make_terms(from, to);
+  pad_centre_ = terms.target.col(0);
+  if (has_pad()) constrained_ = false;  // its pose is that of the start of the step
   ++implicit_steps_;
   effects_.begin(terms.h, state_.x, state_.v, terms.x_tilde, terms.beta);
   const bool carried = tangent_.usable;
@@ -110,6 +121,9 @@ ReferenceTissue::Terms ReferenceTissue::make_terms(double from, double to) const
   const double now = (1 + r) * (1 + r) / (1 + 2 * r);
   const double before = r * r / (1 + 2 * r);
   terms.beta = terms.h * (1 + r) / (1 + 2 * r);
+  terms.end = to;
+  terms.now = now;
+  terms.before = before;
   terms.x_tilde.resize(state_.x.size());
   terms.v_tilde.resize(state_.x.size());
   for (std::size_t i = 0; i < state_.x.size(); ++i) {
@@ -126,23 +140,25 @@ ReferenceTissue::Terms ReferenceTissue::make_terms(double from, double to) const
 }
 
 void ReferenceTissue::finish(const Terms& terms) {
+  if (columns_) advance_columns(terms);
   std::swap(state_.x_before, state_.x);
   std::swap(state_.v_before, state_.v);
   state_.step_before = terms.h;
   state_.x = trial_x_;
-  state_.bubble = trial_bubble_;
+  state_.mode = trial_mode_;
   state_.multiplier = trial_multiplier_;
+  if (has_pad()) remember_pad(terms);
   for (std::size_t i = 0; i < state_.x.size(); ++i) {
     if (model_->unknown[i] >= 0) state_.v[i] = (state_.x[i] - terms.x_tilde[i]) / terms.beta;
   }
   held_force_ = state_.multiplier.col(0);
   effects_.remember(state_.x,
-                    [this](std::size_t batch) { return gather(batch, state_.x, state_.bubble); });
+                    [this](std::size_t batch) { return gather(batch, state_.x, state_.mode); });
   collect_contact_forces(terms);
 }
 
 /// Four elements; the last batch repeats its last element.
-HexShape ReferenceTissue::gather(std::size_t batch, const Nodes& x, const Bubbles& bubble) const {
+HexShape ReferenceTissue::gather(std::size_t batch, const Nodes& x, const Modes& mode) const {
   std::array<std::size_t, Pack::kLanes> index{};
   std::array<const ReferenceElement*, Pack::kLanes> element{};
   for (int lane = 0; lane < Pack::kLanes; ++lane) {
@@ -157,8 +173,7 @@ HexShape ReferenceTissue::gather(std::size_t batch, const Nodes& x, const Bubble
   HexShape shape;
   for (int c = 0; c < 24; ++c)
     shape.x[c] = pack([&](int lane) { return x[element[lane]->node[c / 3]][c % 3]; });
-  for (int k = 0; k < 9; ++k)
-    shape.bubble[k] = pack([&](int lane) { return bubble[index[lane]][k]; });
+  for (int k = 0; k < 9; ++k) shape.mode[k] = pack([&](int lane) { return mode[index[lane]][k]; });
   for (int axis = 0; axis < 3; ++axis)
     shape.size[axis] = pack([&](int lane) { return element[lane]->size[axis]; });
   const Pack stiffness = pack([&](int lane) { return element[lane]->stiffness; });
@@ -170,17 +185,20 @@ HexShape ReferenceTissue::gather(std::size_t batch, const Nodes& x, const Bubble
 
 // ---- points -----------------------------------------------------------------------------------
 
+std::array<Vector3d, 8> ReferenceTissue::nodes_of(int element) const {
+  std::array<Vector3d, 8> x;
+  for (int a = 0; a < 8; ++a) x[a] = state_.x[model_->elements[element].node[a]];
+  return x;
+}
+
 Vector3d ReferenceTissue::point(const BodyPoint& point) const {
   Vector3d p = Vector3d::Zero();
   for (const BodyPoint::Location& at : point.locations) {
     const std::array<double, 8> N = hex_functions(at.xi);
-    for (int a = 0; a < 8; ++a) p += N[a] * state_.x[model_->elements[at.element].node[a]];
+    const std::array<Vector3d, 8> x = nodes_of(at.element);
+    for (int a = 0; a < 8; ++a) p += N[a] * x[a];
     if (point.fixed) continue;
-    const std::array<double, 9>& bubble = state_.bubble[at.element];
-    for (int k = 0; k < 3; ++k) {
-      const double parabola = 1 - at.xi[k] * at.xi[k];
-      for (int axis = 0; axis < 3; ++axis) p[axis] += parabola * bubble[3 * k + axis];
-    }
+    p += hex_bow(model_->elements[at.element].size, x, state_.mode[at.element], at.xi);
   }
   return p / static_cast<double>(point.locations.size());
 }
@@ -190,7 +208,10 @@ Vector3d ReferenceTissue::position(int, int particle) const {
 }
 
 Vector3d ReferenceTissue::velocity(int, int particle) const {
-  const BodyPoint& point = model_->particle_points[particle];
+  return point_velocity(model_->particle_points[particle]);
+}
+
+Vector3d ReferenceTissue::point_velocity(const BodyPoint& point) const {
   Vector3d v = Vector3d::Zero();
   for (const BodyPoint::Location& at : point.locations) {
     const ReferenceElement& element = model_->elements[at.element];
@@ -237,7 +258,7 @@ void ReferenceTissue::set_nodes(const std::function<Vector3d(int node)>& positio
     state_.v[i] = velocity(static_cast<int>(i));
   }
   state_.step_before = 0;
-  state_.bubble.assign(model_->elements.size(), {});
+  state_.mode.assign(model_->elements.size(), {});
 }
 
 void ReferenceTissue::find_nearest(std::span<const Vector3d> points,
@@ -264,11 +285,15 @@ bool ReferenceTissue::healthy(int) const {
   return failure_.empty() && is_finite(state_.x) && is_finite(state_.v);
 }
 
+std::string ReferenceTissue::failure(int lane) const {
+  return failure_.empty() ? Tissue<double>::failure(lane) : failure_;
+}
+
 ReferenceTissue::Energy ReferenceTissue::energy() const {
   Energy energy;
   HexForce hex;
-  for (std::size_t batch = 0; batch < inner_.size(); ++batch) {
-    hex_force(model_->material.law(), gather(batch, state_.x, state_.bubble), hex);
+  for (std::size_t batch = 0; batch < model_->batches(); ++batch) {
+    hex_force(model_->material.law(), gather(batch, state_.x, state_.mode), hex);
     for (int lane = 0; lane < elements_in(batch); ++lane) energy.elastic += hex.energy.lane(lane);
   }
   for (std::size_t i = 0; i < state_.x.size(); ++i) {

@@ -13,6 +13,7 @@
 
 #include "sim_worker/reference/frontal_cholesky.h"
 #include "sim_worker/reference/hexahedron.h"
+#include "sim_worker/reference/reference_columns.h"
 #include "sim_worker/reference/reference_effects.h"
 #include "sim_worker/reference/reference_model.h"
 #include "sim_worker/tissue/grasp_patch.h"
@@ -36,7 +37,9 @@ namespace omentum {
 /// says why, and step() does nothing until reset() or load().
 ///
 /// Contact is a penalty per area at the nodes of the lower and upper face that starts smoothly 2 um
-/// before touching: 2000 Pa, 68 times the weight of a 3 mm sheet, press 0.01 mm deep. Coulomb
+/// before touching; its stiffness is stiff against the sheet's inertia per area (rho t / h^2, 7500
+/// Pa/m) and soft enough for rounding: 2000 Pa, 68 times the weight of a 3 mm sheet, press 0.01 mm
+/// deep at 2e8 Pa/m. Coulomb
 /// friction is smooth below friction_slip_speed_m_per_s; static_friction holds at a node that was
 /// slower than this at the end of the last step, dynamic_friction at others.
 class ReferenceTissue : public Tissue<double> {
@@ -62,8 +65,9 @@ class ReferenceTissue : public Tissue<double> {
   std::span<const std::int32_t> held(int lane) const override;
   void shift_held(int lane, const Eigen::Vector3d& by) override;
   Eigen::Vector3d held_force(int lane) const override;
+  /// Moment about the tip that goes with it [N m].
+  Eigen::Vector3d held_moment() const;
   Eigen::Vector3d position(int lane, int particle) const override;
-  /// The parabolas of the elements are taken to move with the nodes.
   Eigen::Vector3d velocity(int lane, int particle) const override;
   /// By the least change of the nodes around the particle; neighbours follow, fixed particles stay.
   /// For displacing a whole sheet use set_nodes().
@@ -74,12 +78,11 @@ class ReferenceTissue : public Tissue<double> {
   const double* surface_positions() override;
   int surface_vertices() const override { return particles(); }
   bool healthy(int lane) const override;
+  std::string failure(int lane) const override;
   void save(int lane, Bytes& out) const override;
   Result<std::size_t> load(int lane, std::span<const std::byte> state) override;
   std::uint64_t hash(int lane) const override;
 
-  /// Why the tissue is unhealthy; empty while it is not.
-  const std::string& failure() const { return failure_; }
   /// Newton iterations since construction.
   long newton_iterations() const { return newton_iterations_; }
   long factorisations() const { return factorisations_; }
@@ -94,6 +97,19 @@ class ReferenceTissue : public Tissue<double> {
                  const std::function<Eigen::Vector3d(int node)>& velocity);
   /// Point of the body in W [m].
   Eigen::Vector3d point(const BodyPoint& point) const;
+  /// The parabolas of the elements are taken to move with the nodes [m/s].
+  Eigen::Vector3d point_velocity(const BodyPoint& point) const;
+
+  /// From the next step on derivatives by these parameters are carried along; now they are zero but
+  /// for what moves the mesh itself. Throws Error where the scene has none.
+  void carry_columns(std::vector<ColumnParameter> parameters);
+  /// Of the tip at the start and the end of the coming control step, one column per parameter [m
+  /// per unit]; told before its hold(). Zero until told.
+  void set_tip_columns(const Eigen::Matrix3Xd& from, const Eigen::Matrix3Xd& to);
+  /// Null while none are carried.
+  const ReferenceColumns* columns() const { return columns_.get(); }
+  /// Derivative of a point of the body in W, one column per parameter [m per unit].
+  Eigen::Matrix3Xd point_columns(const BodyPoint& point) const;
 
   struct Energy {
     double kinetic = 0, elastic = 0, gravity = 0;  ///< [J]
@@ -108,7 +124,7 @@ class ReferenceTissue : public Tissue<double> {
 
  private:
   using Nodes = std::vector<Eigen::Vector3d>;
-  using Bubbles = std::vector<std::array<double, 9>>;  ///< per element, [axis][xyz] [m]
+  using Modes = std::vector<std::array<double, 9>>;  ///< per element, [axis][xyz] [m]
   using Targets = Eigen::Matrix<double, 3, GraspPatch::kRows>;
 
   /// Added to the compliance of a row of the grasp where its residual is weighed as a force [m/N]:
@@ -119,7 +135,7 @@ class ReferenceTissue : public Tissue<double> {
     Nodes x, v;                ///< [m], [m/s]
     Nodes x_before, v_before;  ///< at the end of the step before
     double step_before = 0;    ///< its length [s]; 0 = no history
-    Bubbles bubble;
+    Modes mode;
     Targets multiplier = Targets::Zero();  ///< p: force of the tissue on the grasp's rows [N]
   };
   struct Grasp {
@@ -127,10 +143,25 @@ class ReferenceTissue : public Tissue<double> {
     double radius = 0;                                 ///< [m]
     Targets offset = Targets::Zero();  ///< targets of the rows; the first is relative to the tip
     GraspPatch patch;
+    // Of a pad (reference_pad.cpp); the first target is the way from the tip to its centre.
+    std::vector<int> pad_node;          ///< lower and upper one of each column
+    std::vector<double> pad_stiffness;  ///< of the bed at each node [N/m]
+    Nodes arm;                         ///< of each node from the centre when it was taken, in W [m]
+    std::vector<std::uint8_t> in_pad;  ///< per node of the mesh; empty = the means are held
   };
+  /// How far a pad has given way and turned.
+  struct PadPose {
+    Eigen::Vector3d shift = Eigen::Vector3d::Zero();  ///< [m]
+    Eigen::Vector3d angle = Eigen::Vector3d::Zero();  ///< rotation vector [rad]
+    Eigen::Matrix3d turn = Eigen::Matrix3d::Identity();
+  };
+  using Vector6 = Eigen::Matrix<double, 6, 1>;
+  using Matrix6 = Eigen::Matrix<double, 6, 6>;
   /// Constants of one implicit step: of the integrator, of the tool at its end.
   struct Terms {
-    double h = 0, beta = 0;  ///< [s]
+    double h = 0, beta = 0;      ///< [s]
+    double now = 1, before = 0;  ///< x~ = now x_n - before x_{n-1}
+    double end = 1;              ///< fraction of the control step
     Nodes x_tilde, v_tilde;
     Targets target = Targets::Zero();
     Eigen::Vector3d tip = Eigen::Vector3d::Zero();
@@ -151,6 +182,7 @@ class ReferenceTissue : public Tissue<double> {
     double norm = 0;                       ///< of force and miss_force [N]
     double energy_inside = 0;              ///< energy without contact and grasp
     Eigen::VectorXd inside;                ///< force without contact and grasp
+    Eigen::VectorXd elements;              ///< force of the elements
 
     void count_energy(double term) {
       energy += term;
@@ -162,7 +194,7 @@ class ReferenceTissue : public Tissue<double> {
     bool usable = false;  ///< for the next step
     double inertia = 0;   ///< factor of the masses [1/s^2]
     Nodes x;              ///< of the elements' part, with the parabolas
-    Bubbles bubble;
+    Modes mode;
     std::vector<Eigen::Matrix3d> node_blocks;  ///< of the other forces, per node [N/m]
   };
   struct Saved;
@@ -179,14 +211,18 @@ class ReferenceTissue : public Tissue<double> {
   Terms make_terms(double from, double to) const;
   bool solve(const Terms& terms);
   void finish(const Terms& terms);
-  HexShape gather(std::size_t batch, const Nodes& x, const Bubbles& bubble) const;
-  void evaluate(const Terms& terms, const Nodes& x, const Bubbles& bubble, Residual& out) const;
+  std::array<Eigen::Vector3d, 8> nodes_of(int element) const;
+  HexShape gather(std::size_t batch, const Nodes& x, const Modes& mode) const;
+  void evaluate(const Terms& terms, const Nodes& x, const Modes& mode, Residual& out) const;
+  void evaluate_elements(const Nodes& x, const Modes& mode, Residual& out) const;
+  void evaluate_nodes(const Terms& terms, const Nodes& x, Residual& out) const;
   void evaluate_outside(const Terms& terms, const Nodes& x, Residual& out) const;
   void add_force(int node, const Eigen::Vector3d& force, Residual& out) const;
   double inertia(const Terms& terms) const;
   bool renew_factor(const Terms& terms, Renewal renewal, bool must);
   bool make_factor(const Terms& terms, std::vector<Eigen::Matrix3d> blocks);
   bool carry_factor();
+  double rounding() const;
   /// Elements of a batch of Pack::kLanes.
   int elements_in(std::size_t batch) const {
     const std::size_t left = model_->elements.size() - Pack::kLanes * batch;
@@ -197,14 +233,16 @@ class ReferenceTissue : public Tissue<double> {
     const int first = model_->unknown[model_->elements[element].node[c / 3]];
     return first < 0 ? -1 : first + c % 3;
   }
-  int bubble_unknown(std::size_t element, int c) const {
+  int mode_unknown(std::size_t element, int c) const {
     return model_->unknowns + 9 * static_cast<int>(element) + c;
   }
   bool newton_direction(const Residual& residual);
   void assemble();
+  void assemble(const Tangent& tangent, FrontalCholesky& factor, std::vector<HexInner>& inner,
+                std::vector<Eigen::Matrix3d>& body_blocks) const;
   std::vector<Eigen::Matrix3d> node_blocks(const Terms& terms) const;
-  void set_block(int node, const Eigen::Matrix3d& more);
-  void move_trial(const Terms& terms, double length, const Nodes& x, const Bubbles& bubble);
+  void set_block(int node, const Eigen::Matrix3d& block, FrontalCholesky& factor) const;
+  void move_trial(const Terms& terms, double length, const Nodes& x, const Modes& mode);
   bool search_line(const Terms& terms, Residual& residual);
   int bodies() const;
   std::vector<Contact> find_contacts(const Terms& terms, const Nodes& x) const;
@@ -212,19 +250,51 @@ class ReferenceTissue : public Tissue<double> {
   void contact_stiffness(
       const Terms& terms,
       const std::function<void(int node, const Eigen::Matrix3d& block)>& add) const;
+  void friction_stiffness(
+      const Terms& terms,
+      const std::function<void(int node, const Eigen::Matrix3d& block)>& add) const;
+  void add_limit_loads(const Terms& terms, const Eigen::MatrixXd& s, Eigen::MatrixXd& loads) const;
   void collect_contact_forces(const Terms& terms);
   void update_friction(const Terms& terms, const Nodes& x);
   static Eigen::Vector3d slip_velocity(const Terms& terms, const FrictionPoint& point,
                                        const Eigen::Vector3d& x);
   Targets patch_rows(const Nodes& x) const;
   Eigen::Vector4d grasp_compliances() const;
+  double patch_stiffness(const Eigen::Vector3d& along);
   void slip();
   void add_grasp(const Terms& terms, const Nodes& x, Residual& out) const;
+  Eigen::MatrixXd grasp_columns() const;
+  bool has_pad() const { return grasp_ && !grasp_->in_pad.empty(); }
+  void make_pad(Grasp& grasp) const;
+  void take_pad(const Eigen::Matrix3d& jaw, const Eigen::Vector3d& tip, bool collapse);
+  Eigen::Matrix3d pad_turn_stiffness() const;
+  Matrix6 pad_balance(const PadPose& pose, const Nodes& x, Vector6& gradient) const;
+  PadPose pad_pose(const Nodes& x) const;
+  void add_pad(const Nodes& x, Residual& out) const;
+  Eigen::MatrixXd pad_columns(const PadPose& pose) const;
+  void remember_pad(const Terms& terms);
   void prepare_constraint();
   void constrain(const Targets& miss, Eigen::Ref<Eigen::VectorXd> direction);
   std::optional<SheetPoint> nearest_point(const Eigen::Vector3d& tip) const;
   void move_particle(int particle, const Eigen::Vector3d& by, Nodes& field);
   Grasp make_grasp(const Eigen::Vector2d& centre, double radius) const;
+
+  void advance_columns(const Terms& terms);
+  bool factor_columns(const Terms& terms);
+  void hold_columns(const Eigen::Matrix3d& jaw, bool collapse);
+  Eigen::Matrix3Xd node_columns(int node) const;
+  Eigen::MatrixXd patch_columns() const;
+  Eigen::Matrix2Xd patch_shift() const;
+  void follow(const ReferenceTissue& base);
+  void evaluate_along(const ReferenceTissue& base, Terms terms, const Residual* elements,
+                      Residual& out);
+  void column_loads(const Terms& terms, Eigen::MatrixXd& nodes, Eigen::MatrixXd& modes,
+                    Eigen::MatrixXd& grasp);
+  void site_loads(const Terms& terms, Eigen::MatrixXd& nodes, Eigen::MatrixXd& modes) const;
+  void for_each_follower(const std::function<void(ReferenceTissue&)>& fn);
+  void solve_columns(const Eigen::MatrixXd& grasp, Eigen::MatrixXd& nodes,
+                     const Eigen::MatrixXd& modes, Eigen::MatrixXd& multiplier) const;
+  void recover_modes() const;
 
   std::shared_ptr<const ReferenceTissueModel> model_;
   State state_;
@@ -233,16 +303,20 @@ class ReferenceTissue : public Tissue<double> {
   int substep_ = 0;
   ReferenceEffects effects_;
   Eigen::Vector3d gravity_ = Eigen::Vector3d::Zero();  ///< of the lane, tilted [m/s^2]
+  Eigen::Vector3d offset_ = Eigen::Vector3d::Zero();   ///< of the last reset [m]
   double slipped_ = 0;                                 ///< slip of the patch, summed [m]
   std::optional<Grasp> grasp_;
+  Eigen::Vector3d pad_centre_ = Eigen::Vector3d::Zero();  ///< if it did not give way, of this step
   Eigen::Vector3d held_force_ = Eigen::Vector3d::Zero();
   std::vector<Eigen::Vector3d> contact_forces_;
   std::string failure_;
+  std::unique_ptr<ReferenceColumns> columns_;
   Tangent tangent_;
   long newton_iterations_ = 0, factorisations_ = 0, implicit_steps_ = 0;
 
   // Scratch of one implicit step.
   FrontalCholesky factor_;
+  double rounding_ = 0;                       ///< rounding() at the last factor [N]
   bool factored_ = false;                     ///< factor_ belongs to tangent_
   bool constrained_ = false;                  ///< constraint_solver_ belongs to factor_ and grasp_
   std::vector<Eigen::Matrix3d> body_blocks_;  ///< diagonal blocks of the last assemble()
@@ -253,7 +327,7 @@ class ReferenceTissue : public Tissue<double> {
   Eigen::LDLT<Eigen::MatrixXd> constraint_solver_;
   std::vector<FrictionPoint> friction_;
   Nodes trial_x_;
-  Bubbles trial_bubble_;
+  Modes trial_mode_;
   Targets trial_multiplier_ = Targets::Zero();
   Targets next_multiplier_ = Targets::Zero();  ///< after a full step along direction_
   Eigen::VectorXd direction_;                  ///< of the unknowns, then of the parabolas [m]

@@ -3,6 +3,7 @@
 #include <Eigen/Cholesky>
 #include <algorithm>
 #include <array>
+#include <cmath>
 
 #include "core/constants.h"
 #include "core/trig.h"
@@ -28,6 +29,18 @@ double ray_length(const AlignedBox2d& free, const Vector2d& centre, const Vector
 }
 
 }  // namespace
+
+Vector2d Grip::box(double radius) const {
+  if (!rectangle) return Vector2d::Constant(radius);
+  return half.x() * axis.cwiseAbs() + half.y() * Vector2d(axis.y(), axis.x()).cwiseAbs();
+}
+
+bool Grip::covers(const Vector2d& p, double radius) const {
+  constexpr double kRim = 1e-9;  // [m]: rounding of grid lines on the rim
+  if (!rectangle) return p.norm() <= radius + kRim;
+  const Vector2d across(-axis.y(), axis.x());
+  return std::fabs(p.dot(axis)) <= half.x() + kRim && std::fabs(p.dot(across)) <= half.y() + kRim;
+}
 
 std::vector<PatchPoint> patch_points(const AlignedBox2d& free, const Vector2d& centre,
                                      double radius) {

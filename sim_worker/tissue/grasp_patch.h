@@ -12,6 +12,21 @@ namespace omentum {
 /// position and of its slopes over the disc, every part weighted by its area; so the grasp changes
 /// continuously with the pinch point, whatever the mesh (docs/tissue.md 8).
 
+/// How the jaws hold (scene.tool.grip).
+struct Grip {
+  bool pad = false;        ///< every point of both faces, instead of the means
+  bool rectangle = false;  ///< instead of a disc
+  Eigen::Vector2d half = Eigen::Vector2d::Zero();   ///< sizes of the rectangle [m]
+  Eigen::Vector2d axis = Eigen::Vector2d::UnitX();  ///< of the first one, in x_B, y_B
+  double stiffness = 0;        ///< of the pad's bed, per area [N/m^3]; 0 = rigid
+  double turn_compliance = 0;  ///< of the pad [rad/(N m)]; 0 = from its size
+
+  /// Half sizes of the box along x_B, y_B around the grip, whose disc has this radius [m].
+  Eigen::Vector2d box(double radius) const;
+  /// Whether a point at `p` from the centre is under the grip, rim included.
+  bool covers(const Eigen::Vector2d& p, double radius) const;
+};
+
 /// Part of a disc: where it lies on the rest sheet, x_B and y_B [m], and its share of the area.
 struct PatchPoint {
   Eigen::Vector2d p = Eigen::Vector2d::Zero();

@@ -5,6 +5,7 @@
 
 #include "sim_worker/geometry/rigid_shape.h"
 #include "sim_worker/scene/scene.h"
+#include "sim_worker/tissue/grasp_patch.h"
 
 namespace omentum {
 
@@ -18,6 +19,7 @@ struct Surroundings {
   double tool_start = 0;           ///< of the capsule's axis, behind the tip [m]
   double tool_length = 0;          ///< of that axis [m]
   Eigen::Vector3d shaft_axis = Eigen::Vector3d::UnitZ();  ///< from the tip up the shaft, in W
+  Grip grip;
 
   /// The foot of the capsule's axis when the tip is at p_WT [m].
   Eigen::Vector3d capsule_at(const Eigen::Vector3d& p_WT) const {
@@ -26,7 +28,7 @@ struct Surroundings {
 };
 
 /// Throws Error where the scene has more bodies than the lane kernels take (kMaxShapes, the tool
-/// included).
+/// included), or of a grip that the model does not have.
 Surroundings make_surroundings(const Scene& scene);
 
 }  // namespace omentum

@@ -6,6 +6,7 @@
 #include <memory>
 #include <optional>
 #include <span>
+#include <string>
 #include <vector>
 
 #include "core/result.h"
@@ -118,8 +119,12 @@ class Tissue {
   virtual const Real* surface_positions() = 0;
   virtual int surface_vertices() const = 0;
 
-  /// True while every number of the lane is finite.
+  /// True while every number of the lane is finite and its solver has not given up.
   virtual bool healthy(int lane) const = 0;
+  /// Why a lane is not healthy; empty while it is.
+  virtual std::string failure(int lane) const {
+    return healthy(lane) ? "" : "the state is not finite";
+  }
 
   /// Whole state of a lane, canonical: particle order, independent of lane and width. load()
   /// refuses, changing nothing, bytes of another size or with a non-finite number or an index out

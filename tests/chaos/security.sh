@@ -119,11 +119,11 @@ wrong_role() {
 # A worker whose certificate ends in mid-run and is renewed.
 expired() {
   local calm learner
-  calm=$(security_calm_hash 92160)
+  calm=$(security_calm_hash 276480)
   "$security_make" --out "$keys" --role worker --renew --until '6 seconds' >/dev/null || return 1
   # Slow, so that the run outlasts the certificate.
   security_worker closed ends.worker --lanes 1 --lane-width 1 --security-dir "$keys/worker"
-  security_learner closed 92160 --security-dir "$keys/learner"
+  security_learner closed 276480 --security-dir "$keys/learner"
   learner=$!
   security_wait_for 60 "$security_folder/closed.learner" event=worker_lost ||
     { echo "the learner still has the worker"; return 1; }

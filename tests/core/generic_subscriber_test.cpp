@@ -78,6 +78,12 @@ int publish(std::uint32_t domain) {
   frame.policy_version = kMark;
   frame.particle_positions_in_world_m = {1, 2, 3};
   publish_until_killed(participant, frame);
+  RobotStatus robot;
+  robot.policy_version = kMark;
+  robot.robot = "PSM1";
+  robot.refusals = {0, 2};
+  robot.refusal_names = {"NONE", "STEP"};
+  publish_until_killed(participant, robot);
   pause();
   return 0;
 }
@@ -140,6 +146,12 @@ const std::vector<Expectation>& expectations() {
          const auto& s = *static_cast<const omentum_v1_SimFrame*>(p);
          return s.policy_version == kMark && s.particle_positions_in_world_m._length == 3 &&
                 s.tool_position_in_world_m._length == 3;
+       }},
+      {TopicId::kRobotState, &omentum_v1_RobotStatus_desc,
+       [](const void* p) {
+         const auto& s = *static_cast<const omentum_v1_RobotStatus*>(p);
+         return s.policy_version == kMark && std::strcmp(s.robot, "PSM1") == 0 &&
+                s.refusals._length == 2 && s.refusals._buffer[1] == 2;
        }},
   };
   return all;

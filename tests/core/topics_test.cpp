@@ -108,6 +108,7 @@ TEST(Topics, EffectiveQosIsTheTable) {
   check_endpoints<ControlCommand>(TopicId::kControlCommand);
   check_endpoints<ControlReply>(TopicId::kControlReply);
   check_endpoints<SimFrame>(TopicId::kSimFrame);
+  check_endpoints<RobotStatus>(TopicId::kRobotState);
 }
 
 TEST(Topics, TheTableKeepsItsRules) {

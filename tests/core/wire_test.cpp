@@ -134,6 +134,7 @@ RolloutSegment some(const RolloutSegment&) {
   r.compute_time_ns = c.next<std::int64_t>();
   r.wait_time_ns = c.next<std::int64_t>();
   r.granted_at_ns = c.next<std::int64_t>();
+  r.weights_hash = c.hash();
   return r;
 }
 
@@ -275,6 +276,67 @@ SimFrame some(const SimFrame&) {
   return r;
 }
 
+RobotStatus some(const RobotStatus&) {
+  Counter c;
+  RobotStatus r;
+  r.gateway_id = c.next<std::uint32_t>();
+  r.run_id = c.text();
+  r.robot = c.text();
+  r.host = c.text();
+  r.pid = c.next<std::uint32_t>();
+  r.program_version = c.text();
+  r.phase = RobotPhase::kStopped;
+  r.armed = true;
+  r.dry_run = true;
+  r.reason = c.next<std::uint32_t>();
+  r.reason_name = c.text();
+  r.reason_text = c.text();
+  r.operating_state = c.text();
+  r.is_homed = true;
+  r.is_busy = true;
+  r.registered = true;
+  r.measured_cp_in_world_m = {c.next<double>(), c.next<double>(), c.next<double>()};
+  r.setpoint_cp_in_world_m = {c.next<double>(), c.next<double>(), c.next<double>()};
+  r.goal_cp_in_world_m = {c.next<double>(), c.next<double>(), c.next<double>()};
+  r.measured_tip_in_world_m = {c.next<double>(), c.next<double>(), c.next<double>()};
+  r.measured_jp = c.list<double>(6);
+  r.setpoint_jp = c.list<double>(6);
+  r.goal_jp = c.list<double>(6);
+  r.measured_jaw_rad = c.next<double>();
+  r.setpoint_jaw_rad = c.next<double>();
+  r.goal_jaw_rad = c.next<double>();
+  r.datagrams = c.next<std::uint64_t>();
+  r.malformed = c.next<std::uint64_t>();
+  r.foreign = c.next<std::uint64_t>();
+  r.unknown_keys = c.next<std::uint64_t>();
+  r.not_finite = c.next<std::uint64_t>();
+  r.reordered = c.next<std::uint64_t>();
+  r.restarts = c.next<std::uint64_t>();
+  r.cut = c.next<std::uint64_t>();
+  r.unsent = c.next<std::uint64_t>();
+  r.sent = c.next<std::uint64_t>();
+  r.refusals = c.list<std::uint64_t>(2);
+  r.refusal_names = {c.text(), c.text()};
+  r.stops = c.next<std::uint64_t>();
+  r.latency_p50_ms = c.next<double>();
+  r.latency_max_ms = c.next<double>();
+  r.jitter_p50_ms = c.next<double>();
+  r.jitter_max_ms = c.next<double>();
+  r.state_age_p50_ms = c.next<double>();
+  r.state_age_max_ms = c.next<double>();
+  r.periods = c.next<std::uint64_t>();
+  r.late = c.next<std::uint64_t>();
+  r.missed = c.next<std::uint64_t>();
+  r.unwatched = c.next<std::uint64_t>();
+  r.episodes = c.next<std::uint64_t>();
+  r.segments_published = c.next<std::uint64_t>();
+  r.write_failures = c.next<std::uint64_t>();
+  r.policy_version = c.next<std::uint64_t>();
+  r.weights_hash = c.hash();
+  r.sent_at_ns = c.next<std::int64_t>();
+  return r;
+}
+
 // Field-by-field text of a record; two records are equal when their texts are.
 template <typename... Fields>
 std::string texts(const Fields&... fields) {
@@ -324,7 +386,7 @@ std::string text_of(const RolloutSegment& r) {
       r.episode_start_position_in_world_m, r.end_episode, r.end_episode_step, r.end_episode_limit,
       r.state_format, r.end_hash, r.end_state, r.failed, r.failure, r.physics_ticks, r.state_hashes,
       r.frame_positions_in_world_m, r.tool_positions_in_world_m, r.exposures, r.payload_crc32c,
-      r.compute_time_ns, r.wait_time_ns, r.granted_at_ns);
+      r.compute_time_ns, r.wait_time_ns, r.granted_at_ns, r.weights_hash);
 }
 std::string text_of(const WorkerStatus& r) {
   return texts(r.worker_id, r.host, r.program_version, r.pid, r.build_id, r.lanes, r.phase,
@@ -369,6 +431,19 @@ std::string text_of(const SimFrame& r) {
                r.grasped);
 }
 
+std::string text_of(const RobotStatus& r) {
+  return texts(
+      r.gateway_id, r.run_id, r.robot, r.host, r.pid, r.program_version, r.phase, r.armed,
+      r.dry_run, r.reason, r.reason_name, r.reason_text, r.operating_state, r.is_homed, r.is_busy,
+      r.registered, r.measured_cp_in_world_m, r.setpoint_cp_in_world_m, r.goal_cp_in_world_m,
+      r.measured_tip_in_world_m, r.measured_jp, r.setpoint_jp, r.goal_jp, r.measured_jaw_rad,
+      r.setpoint_jaw_rad, r.goal_jaw_rad, r.datagrams, r.malformed, r.foreign, r.unknown_keys,
+      r.not_finite, r.reordered, r.restarts, r.cut, r.unsent, r.sent, r.refusals, r.refusal_names,
+      r.stops, r.latency_p50_ms, r.latency_max_ms, r.jitter_p50_ms, r.jitter_max_ms,
+      r.state_age_p50_ms, r.state_age_max_ms, r.periods, r.late, r.missed, r.unwatched, r.episodes,
+      r.segments_published, r.write_failures, r.policy_version, r.weights_hash, r.sent_at_ns);
+}
+
 // A writer and a reader of one topic in a domain of their own.
 template <typename Record>
 struct Pair {
@@ -402,9 +477,9 @@ struct Pair {
 
 template <typename Record>
 class Wire : public testing::Test {};
-using Records =
-    testing::Types<PolicyWeights, RolloutTask, RolloutSegment, WorkerStatus, LearnerStatus,
-                   EpisodeSummary, RunManifest, ControlCommand, ControlReply, SimFrame>;
+using Records = testing::Types<PolicyWeights, RolloutTask, RolloutSegment, WorkerStatus,
+                               LearnerStatus, EpisodeSummary, RunManifest, ControlCommand,
+                               ControlReply, SimFrame, RobotStatus>;
 TYPED_TEST_SUITE(Wire, Records);
 
 TYPED_TEST(Wire, EveryFieldMakesTheRoundTrip) {

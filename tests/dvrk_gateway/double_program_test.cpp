@@ -121,6 +121,7 @@ TEST(DoubleProgram, WrongInputIsOneLineAndCode2) {
       {{"--port", "48051", "--scene", "nowhere.txtpb"}, "nowhere.txtpb"},
       {{"--port", "48051", "--set", "scene.arm.payload_kg=7"}, "payload_kg"},
       {{"--port", "48051", "--to", "256.0.0.1"}, "256.0.0.1"},
+      {{"--port", "48051", "--base-frame", "1,2,3"}, "x,y,z,qw,qx,qy,qz"},
   };
   for (const auto& one : cases) {
     std::vector<std::string> arguments = {OMENTUM_DVRK_DOUBLE};

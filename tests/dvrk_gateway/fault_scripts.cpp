@@ -3,15 +3,13 @@
 // the function says of every command whether it was safe. Prints the reasons and what was unsafe;
 // last line scripts=N armed=A unsafe=U reasons=R/T. Exit code 1 when U > 0, R < T or A < N / 20.
 #include <array>
-#include <cstdio>
-#include <cstdlib>
 #include <limits>
-#include <thread>
 #include <vector>
 
 #include "core/rng.h"
 #include "dvrk_gateway/safety/safety.h"
 #include "tests/dvrk_gateway/ideal_robot.h"
+#include "tests/dvrk_gateway/script_tally.h"
 #include "tests/dvrk_gateway/witness.h"
 
 namespace omentum {
@@ -19,6 +17,7 @@ namespace {
 
 using Eigen::Isometry3d;
 using Eigen::Vector3d;
+using test::Tally;
 
 constexpr std::int64_t kPeriod = 20'000'000;
 
@@ -39,6 +38,7 @@ enum class Fault : int {
   kBusy,
   kRestart,
   kTimestampBack,
+  kTheft,
   kForeignDatagram,
   kForeignSource,
   kClockBack,
@@ -68,20 +68,6 @@ enum class Fault : int {
   kGatewayFault,
   kArmAtRandom,
   kCount
-};
-
-struct Tally {
-  std::uint64_t armed = 0, unsafe = 0;
-  std::array<std::uint64_t, kStopReasons + 1> stopped{}, waited{};
-
-  void add(const Tally& other) {
-    armed += other.armed;
-    unsafe += other.unsafe;
-    for (std::size_t k = 0; k < stopped.size(); ++k) {
-      stopped[k] += other.stopped[k];
-      waited[k] += other.waited[k];
-    }
-  }
 };
 
 /// One fault and when it acts.
@@ -211,6 +197,7 @@ class FaultScript {
       robot_s_ = 1;
       ++state.restarts;
     }
+    state.gap_s = active(Fault::kTheft) != nullptr ? 0.02 : 0.01;
     if (active(Fault::kForeignDatagram) != nullptr) {
       ++state.foreign;
       state.foreign_source = {0x0a000001, 9};
@@ -413,40 +400,13 @@ class FaultScript {
     const char* wrong = witness_.judge(robot_.state, events_now_, now_ns_,
                                        judged.send ? &judged.command : nullptr, judged.stopped_now);
     robot_.state.has_source = true;
-    if (wrong == nullptr) wrong = broken_law(judged);
-    if (wrong != nullptr) {
-      if (++tally.unsafe <= 20) {
-        std::printf("script %llu tick %d: %s\n", static_cast<unsigned long long>(number_), tick_,
-                    wrong);
-      }
-    }
+    if (wrong == nullptr) wrong = holds_.judge(judged, events_now_);
+    if (wrong != nullptr) tally.note_unsafe(number_, tick_, wrong);
     const auto reason = static_cast<std::size_t>(judged.finding.reason);
     ++(judged.stopped_now ? tally.stopped : tally.waited)[reason];
     memory_ = judged.memory;
     if (judged.send && active(Fault::kRobotDeaf) == nullptr && !chance(0.01))
       robot_.obey(judged.command);
-  }
-
-  /// A stop sends hold in its own period and the two after it, then nothing until the operator has
-  /// acknowledged.
-  const char* broken_law(const Judgement& judged) {
-    const bool hold = judged.send && judged.command.kind == RobotCommand::Kind::kHold;
-    if (judged.stopped_now) {
-      holds_due_ = 3;
-      silent_ = true;
-      acknowledged_ns_ = events_now_.acknowledge_ns;
-    }
-    if (holds_due_ > 0) {
-      --holds_due_;
-      return hold ? nullptr : "no hold after a stop";
-    }
-    if (!silent_) return nullptr;
-    if (judged.send) return "not silent after a stop";
-    if (judged.memory.phase != SafetyPhase::kStopped) {
-      silent_ = false;
-      if (events_now_.acknowledge_ns == acknowledged_ns_) return "left stopped by itself";
-    }
-    return nullptr;
   }
 
   std::uint64_t number_;
@@ -462,56 +422,14 @@ class FaultScript {
   Vector3d direction_ = Vector3d::Zero();
   double jaw_ = 0.5;
   int tick_ = 0, arm_at_ = 0;
-  int holds_due_ = 0;
-  bool silent_ = false;
-  std::int64_t acknowledged_ns_ = 0;  ///< at the last stop
+  test::HoldLaw holds_;
   std::int64_t now_ns_ = 5'000'000'000;
   double robot_s_ = 100;
 };
-
-/// These are told before arming; all others must have stopped an armed arm.
-bool is_hit(const Tally& tally, StopReason reason) {
-  const auto k = static_cast<std::size_t>(reason);
-  return reason <= StopReason::kNoRegistration ? tally.waited[k] > 0 : tally.stopped[k] > 0;
-}
 
 }  // namespace
 }  // namespace omentum
 
 int main(int argc, char** argv) {
-  using omentum::kStopReasons;
-  using omentum::StopReason;
-  const long long count = argc > 1 ? std::atoll(argv[1]) : 0;
-  const long long first = argc > 2 ? std::atoll(argv[2]) : 0;
-  if (count <= 0 || first < 0) {
-    std::fprintf(stderr, "usage: fault_scripts N [FIRST=0]\n");
-    return 2;
-  }
-  const unsigned threads = std::max(1U, std::thread::hardware_concurrency());
-  std::vector<omentum::Tally> parts(threads);
-  {
-    std::vector<std::jthread> workers;
-    for (unsigned t = 0; t < threads; ++t) {
-      workers.emplace_back([&, t] {
-        for (long long n = t; n < count; n += threads)
-          omentum::FaultScript(static_cast<std::uint64_t>(first + n)).run(parts[t]);
-      });
-    }
-  }
-  omentum::Tally tally;
-  for (const omentum::Tally& part : parts) tally.add(part);
-  int reasons = 0;
-  for (int k = 1; k <= kStopReasons; ++k) {
-    const auto reason = static_cast<StopReason>(k);
-    reasons += omentum::is_hit(tally, reason) ? 1 : 0;
-    std::printf("%-20s stopped %llu, not ready %llu\n", omentum::stop_reason_name(reason),
-                static_cast<unsigned long long>(tally.stopped[static_cast<std::size_t>(k)]),
-                static_cast<unsigned long long>(tally.waited[static_cast<std::size_t>(k)]));
-  }
-  std::printf("scripts=%lld armed=%llu unsafe=%llu reasons=%d/%d\n", count,
-              static_cast<unsigned long long>(tally.armed),
-              static_cast<unsigned long long>(tally.unsafe), reasons, kStopReasons);
-  const bool good = tally.unsafe == 0 && reasons == kStopReasons &&
-                    tally.armed >= static_cast<std::uint64_t>(count) / 20;
-  return good ? 0 : 1;
+  return omentum::test::run_scripts<omentum::FaultScript>("fault_scripts", argc, argv);
 }

@@ -151,7 +151,7 @@ TEST(SafetyPhases, PeriodsWithoutANewTimestampDoNotCount) {
   Script script;
   script.tick();
   script.reports = false;
-  for (int k = 0; k < 30; ++k) script.tick(1'000'000);
+  for (int k = 0; k < 20; ++k) script.tick(1'000'000);
   EXPECT_EQ(script.memory.ready_count, 1U);
 }
 
@@ -323,7 +323,8 @@ std::vector<Row> rows() {
       {StopReason::kTimestampBackward, 1, [](Script& s) { ++s.robot.state.restarts; }},
       {StopReason::kTimestampBackward, 1,
        [](Script& s) { s.robot.state.setpoint_cp.payload.timestamp_s = 1; }},
-      {StopReason::kStale, 4, [](Script& s) { s.reports = false; }},
+      {StopReason::kStale, 3, [](Script& s) { s.reports = false; }},
+      {StopReason::kStale, 1, [](Script& s) { s.robot.state.gap_s = 0.02; }},
       {StopReason::kStale, 3,
        [](Script& s) { s.robot.state.measured_js.advanced_ns = 1'300'000'000; }},
       {StopReason::kStale, 3,

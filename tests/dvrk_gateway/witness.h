@@ -70,7 +70,8 @@ class Witness {
     };
     const OperatingState& state = robot.operating_state.payload;
     return !robot.has_source || robot.old_shapes_only || robot.foreign != foreign_ ||
-           robot.restarts != restarts_ || (port_ != 0 && robot.source.port != port_) ||
+           robot.restarts != restarts_ || (robot.gap_s > 0.017 && robot.gap_s <= 0.1) ||
+           (port_ != 0 && robot.source.port != port_) ||
            state.state != OperatingState::State::kEnabled || !state.is_homed || state.is_busy ||
            old(robot.operating_state, false) || old(robot.measured_js, true) ||
            old(robot.measured_cp, true) || old(robot.setpoint_cp, true) ||

@@ -1,14 +1,17 @@
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <cstring>
 #include <string_view>
 
 #include "dvrk_gateway/protocol/codec.h"
 #include "dvrk_gateway/protocol/robot_codec.h"
 
 // Any bytes are a datagram of the robot, whose numbers are finite and which reads the same after
-// it was written again, or nothing; and commands, or nothing.
+// it was written again, or nothing; and commands, or nothing. Taken as numbers they are a command
+// of ours, which is refused or fits into a datagram that the robot reads as it was meant.
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size);
 
 namespace {
@@ -44,9 +47,47 @@ void check_stream(const char* name, const std::optional<Payload>& said,
   require(again && (*again).*member && *((*again).*member) == *said);
 }
 
+RobotCommand command_of(const std::uint8_t* data, std::size_t size) {
+  std::array<double, 32> numbers{};
+  std::memcpy(numbers.data(), data, std::min(size, sizeof numbers));
+  RobotCommand command;
+  const double kind = numbers[31];
+  command.kind = kind < 0   ? RobotCommand::Kind::kServoJp
+                 : kind > 0 ? RobotCommand::Kind::kHold
+                            : RobotCommand::Kind::kServoCp;
+  command.has_velocity = numbers[30] > 0;
+  command.rotation = Eigen::Map<const Eigen::Matrix3d>(numbers.data());
+  command.translation = Eigen::Map<const Eigen::Vector3d>(numbers.data() + 9);
+  std::copy_n(numbers.begin() + 12, 6, command.joints.begin());
+  command.jaw = numbers[18];
+  command.velocity = Eigen::Map<const Eigen::Vector3d>(numbers.data() + 19);
+  command.angular_velocity = Eigen::Map<const Eigen::Vector3d>(numbers.data() + 22);
+  std::copy_n(numbers.begin() + 24, 6, command.joint_velocity.begin());
+  return command;
+}
+
+void check_command(const RobotCommand& command) {
+  std::array<char, 2000> memory{};
+  const std::size_t written = encode_command(command, memory);
+  require(written <= kMaxCommandBytes);
+  if (written == 0) return;
+  const CommandDatagram read = decode_commands({memory.data(), written});
+  require(read.whole && read.finite && read.unknown_keys == 0);
+  if (command.kind == RobotCommand::Kind::kHold) return require(read.hold && read.known_keys == 1);
+  require(read.known_keys == 2 && read.jaw_servo_jp && read.jaw_servo_jp->goal[0] == command.jaw);
+  if (command.kind == RobotCommand::Kind::kServoCp) {
+    require(read.servo_cp && read.servo_cp->rotation == command.rotation &&
+            read.servo_cp->translation == command.translation);
+  } else {
+    require(read.servo_jp &&
+            std::equal(command.joints.begin(), command.joints.end(), read.servo_jp->goal.begin()));
+  }
+}
+
 }  // namespace
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  check_command(command_of(data, size));
   const std::string_view text(reinterpret_cast<const char*>(data), size);
   if (auto said = decode_robot(text)) {
     // A word that is not known is written as UNDEFINED.

@@ -76,7 +76,8 @@ TEST(Audit, AWorkerWithOtherResultsStopsTheRunByDefaultAndIsNamed) {
 
 TEST(Audit, ResultsOfEqualWorkersAreComparedByDefaultAndAgree) {
   Programs programs;
-  programs.train("two", test::tiny_task() + Strings{"rollout.max_steps=20000"},
+  // Long enough that the second worker is there while tasks are left, on a loaded machine too.
+  programs.train("two", test::tiny_task() + Strings{"rollout.max_steps=115200"},
                  {{"--lanes", "3"}, {"--lanes", "3"}});
   const std::string summary = programs.summary("two");
   EXPECT_GT(std::stoi(Programs::value(summary, "results_compared")), 0);

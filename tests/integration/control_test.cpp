@@ -164,8 +164,10 @@ TEST(Control, ARepeatedCommandIsObeyedOnceAndAnsweredInTheSameWords) {
 
 TEST(Control, ADrainedWorkerHandsItsWorkBackAndLeaves) {
   Programs programs;
-  const std::string undisturbed = programs.train("calm", test::tiny_task());
-  test::Process learner = programs.learner("drained", test::tiny_task());
+  // Long enough that the run goes on when the worker is told to leave.
+  const test::Strings task = test::tiny_task() + test::Strings{"rollout.max_steps=115200"};
+  const std::string undisturbed = programs.train("calm", task);
+  test::Process learner = programs.learner("drained", task);
   test::Process first = programs.worker("drained", {"--lanes", "6"});
   Operator op(programs.domain(), "drained");
   const std::uint32_t id = op.some_worker();
@@ -225,7 +227,15 @@ TEST(Hub, ToolsSeeEveryTopicOfEveryProcessAndTheWeightsStayTheSame) {
   BusReader<EpisodeSummary> summaries(tool, {""}, "t6");
   BusReader<SimFrame> frames(tool, {""}, "t7");
   BusWriter<ControlCommand> commands(tool, run_partition("hub"), "t8");
-  int seen[7] = {};
+  BusReader<RobotStatus> robots(tool, {""}, "t9");
+  // A gateway, whom the learner hears in the partition of the run.
+  BusWriter<RobotStatus> robot_writer(tool, run_partition("hub"), "g1");
+  BusWriter<RolloutSegment> robot_segments(tool, run_partition("hub"), "g2", 16);
+  RobotStatus robot;
+  robot.gateway_id = 77;
+  RolloutSegment of_robot;
+  of_robot.source = Source::kDvrk;
+  int seen[9] = {};
   std::uint32_t host_of_worker = 0;
   ControlCommand watch;
   watch.run_id = "hub";
@@ -243,7 +253,12 @@ TEST(Hub, ToolsSeeEveryTopicOfEveryProcessAndTheWeightsStayTheSame) {
       seen[3] += arrival.info.valid ? 1 : 0;
       host_of_worker = arrival.record.pid;
     });
-    (void)segments.take(64, count(4));
+    (void)segments.take(64, [&](Arrival<RolloutSegment>&& arrival) {
+      if (arrival.info.valid) ++seen[arrival.record.source == Source::kDvrk ? 8 : 4];
+    });
+    if (seen[7] == 0) (void)robot_writer.write(robot);
+    if (seen[8] == 0) (void)robot_segments.write(of_robot);
+    (void)robots.take(64, count(7));
     (void)summaries.take(64, count(5));
     (void)frames.take(64, count(6));
     return std::ranges::all_of(seen, [](int n) { return n > 0; });

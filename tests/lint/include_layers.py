@@ -12,7 +12,7 @@ ALLOWED = {
     "mismatch": {"mismatch", "sim_worker", "core", "proto"},
     "report": {"report", "sim_worker", "core", "proto"},
     "monitor": {"monitor", "report", "sim_worker", "core", "proto"},
-    "dvrk_gateway": {"dvrk_gateway", "sim_worker", "core", "proto"},
+    "dvrk_gateway": {"dvrk_gateway", "report", "sim_worker", "core", "proto"},
     "benchmarks": {"benchmarks", "report", "sim_worker", "learner", "core", "proto"},
 }
 # Within sim_worker: a folder includes itself and what stands before it. "models" is models.h, "" is main.cpp.
@@ -21,6 +21,8 @@ SIM_WORKER = ["lanes", "geometry", "instrument", "scene", "tissue", "cluster", "
 # No model includes another model, except coupled, which joins two.
 MODELS = {"cluster", "shell", "solid", "coupled", "reference"}
 JOINED = {"coupled": {"shell", "solid"}}
+# Within dvrk_gateway the same; "" are the files of the program itself.
+DVRK_GATEWAY = ["protocol", "dvrk_double", "safety", "loop", "recording", "backend", "bus", ""]
 # Folders of the tests are named from the tests' own root as well.
 TESTS = {"tests", "support", "contract", "fuzz", "learner", "sim_worker", "report", "mismatch", "monitor", "dvrk_gateway", "core", "proto", "benchmarks"}
 GENERATED_WIRE = ("core/wire.cpp", "core/wire_fields.h")
@@ -46,6 +48,15 @@ def problem_within_sim_worker(source, target):
     return None
 
 
+def problem_within_dvrk_gateway(source, target):
+    here, there = (path.split("/")[1] if path.count("/") > 1 else "" for path in (source, target))
+    if there not in DVRK_GATEWAY or here not in DVRK_GATEWAY:
+        return f"dvrk_gateway has the folders {', '.join(DVRK_GATEWAY[:-1])}"
+    if DVRK_GATEWAY.index(there) > DVRK_GATEWAY.index(here):
+        return f"{here} stands before {there or 'the program'}"
+    return None
+
+
 def problems_of(root, path):
     relative = path.relative_to(root).as_posix()
     package = relative.split("/")[0]
@@ -64,8 +75,9 @@ def problems_of(root, path):
             allowed = TESTS if package == "tests" else ALLOWED[package]
             if target not in allowed:
                 yield where + f"{package} may include {', '.join(sorted(allowed))}"
-            if package == target == "sim_worker":
-                problem = problem_within_sim_worker(relative, name)
+            within = {"sim_worker": problem_within_sim_worker, "dvrk_gateway": problem_within_dvrk_gateway}
+            if package == target and package in within:
+                problem = within[package](relative, name)
                 if problem:
                     yield where + problem
         if name.endswith("main.cpp"):

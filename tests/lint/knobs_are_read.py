@@ -1,13 +1,14 @@
 #!/usr/bin/env python3
-"""Every knob of proto/config.proto and of what it is made of is read by some program. A knob is read where its accessor is
-called, a case names it, or a table gives its path. Names are compared, not types: a knob that shares its name with
-another field can hide behind it. Argument: repository root; a second one checks other sources than the packages'."""
+"""Every knob of proto/config.proto and of what it is made of, of proto/registration.proto and of proto/safety.proto is
+read by some program. A knob is read where its accessor is called, a case names it, or a table gives its path. Names are
+compared, not types: a knob that shares its name with another field can hide behind it. Argument: repository root; a
+second one checks other sources than the packages'."""
 import pathlib
 import re
 import sys
 
-PROTOS = ("config", "scene", "effects", "tissue_effects")
-PACKAGES = ("core", "sim_worker", "learner", "report", "mismatch")
+PROTOS = ("config", "scene", "effects", "tissue_effects", "registration", "safety")
+PACKAGES = ("core", "sim_worker", "learner", "report", "mismatch", "dvrk_gateway")
 FOR_PEOPLE = {
     "preset": "says in the printed configuration where it came from",
 }

@@ -8,9 +8,9 @@
 
 #include "core/check.h"
 #include "core/config.h"
-#include "mismatch/output_folder.h"
-#include "mismatch/recording_info.h"
-#include "mismatch/table.h"
+#include "core/output_folder.h"
+#include "core/recording_info.h"
+#include "core/table.h"
 #include "mismatch/tool_track.h"
 #include "support/temp_dir.h"
 

@@ -11,9 +11,9 @@
 
 #include "core/check.h"
 #include "core/config.h"
+#include "core/recording_info.h"
+#include "core/table.h"
 #include "mismatch/recording_folder.h"
-#include "mismatch/recording_info.h"
-#include "mismatch/table.h"
 #include "sim_worker/models.h"
 #include "support/temp_dir.h"
 
@@ -107,6 +107,7 @@ TEST(Simulate, TheWrittenFolderIsARecordingWithTheSameCommands) {
     return std::vector<Eigen::Vector3f>(step + 1, Eigen::Vector3f(1, 2, 3));
   };
   OutputFolder out(folder);
+  out.begin();
   write_recording(out, info, track, r, cloud, 25);
   std::vector<std::string> warnings;
   const ToolTrack again = read_tool_track(folder, read_recording_info(folder), {}, warnings);
@@ -152,6 +153,7 @@ TEST(Simulate, ClocksShiftTheTimeStampsOfTheirStreamOnly) {
   const test::TempDir place;
   const std::string folder = place / "recording";
   OutputFolder out(folder);
+  out.begin();
   write_recording(out, {}, track, r, {}, 0);
   EXPECT_NEAR(read_table(folder + "/force.csv").column("t_s")[3], r.time[3] + 0.013, 1e-9);
   EXPECT_NEAR(read_table(folder + "/markers.csv").column("t_s")[3], r.time[3], 1e-9);

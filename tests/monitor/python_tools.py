@@ -7,7 +7,8 @@ import time
 
 FLOWING = ["omentum/policy/weights", "omentum/rollout/segment", "omentum/worker/status", "omentum/learner/status",
            "omentum/episode/summary", "omentum/run/manifest"]
-QUIET = ["omentum/control/command", "omentum/control/reply", "omentum/sim/frame"]
+QUIET = ["omentum/control/command", "omentum/control/reply", "omentum/sim/frame",
+         "omentum/robot/state"]
 LONGEST_S = 60
 
 

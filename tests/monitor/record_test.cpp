@@ -44,7 +44,7 @@ TEST_F(Record, EndsWholeAtSigintWithEveryPublicTopic) {
   const McapContent content = read_mcap(test::read_text(file_));
   EXPECT_TRUE(content.complete);
   EXPECT_THAT(content.problems, testing::IsEmpty());
-  EXPECT_EQ(content.channels.size(), 9u);
+  EXPECT_EQ(content.channels.size(), 10u);
   const auto segments = content.of_topic("omentum/rollout/segment");
   ASSERT_FALSE(segments.empty());
   pb::bus::RolloutSegment segment;

@@ -60,4 +60,31 @@ inline WorkerStatus some_worker(std::uint32_t id) {
   return w;
 }
 
+/// A robot that was stopped on its way.
+inline RobotStatus some_robot() {
+  RobotStatus r;
+  r.gateway_id = 9;
+  r.robot = "PSM1";
+  r.host = "console";
+  r.pid = 77;
+  r.phase = RobotPhase::kStopped;
+  r.reason = 34;
+  r.reason_name = "STEP";
+  r.reason_text = "step of 0.7 mm";
+  r.operating_state = "ENABLED";
+  r.is_homed = true;
+  r.registered = true;
+  r.measured_tip_in_world_m = {0.01, -0.02, 0.0305};
+  r.latency_p50_ms = 0.21;
+  r.latency_max_ms = 1.34;
+  r.malformed = 3;
+  r.stops = 2;
+  r.refusals.assign(38, 0);
+  r.refusal_names.assign(38, "OTHER");
+  r.refusal_names[34] = "STEP";
+  r.refusals[34] = 2;
+  r.policy_version = 12;
+  return r;
+}
+
 }  // namespace omentum::test

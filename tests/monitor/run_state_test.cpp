@@ -137,6 +137,35 @@ TEST(TopTable, TextOfAWorkerCannotSteerTheTerminal) {
   EXPECT_THAT(table, HasSubstr("?[2Jevil"));
 }
 
+TEST(RunState, ARobotThatIsStoppedSilentOrLostIsAnAlarm) {
+  RunState state("fixture");
+  state.apply(arrived(test::some_robot()), kNow);
+  EXPECT_THAT(alarms_of(state, kNow),
+              testing::ElementsAre("robot PSM1 of console: stopped: step of 0.7 mm"))
+      << "and none for a learner, which a policy of a file does not need";
+  EXPECT_THAT(alarms_of(state, kNow + kSilentNs + 1),
+              testing::ElementsAre("robot PSM1 of console: silent"));
+  state.apply(ended(test::some_robot(), dds::InstanceState::kNoWriters), kNow);
+  EXPECT_THAT(alarms_of(state, kNow), testing::ElementsAre("robot PSM1 of console: lost"));
+  state.apply(ended(test::some_robot(), dds::InstanceState::kDisposed), kNow);
+  EXPECT_TRUE(state.robots().empty());
+}
+
+TEST(TopTable, ShowsPhaseReasonPlaceTimesAndCountersOfARobot) {
+  RunState state("fixture");
+  RobotStatus robot = test::some_robot();
+  robot.host = "\x1b[2Jevil";
+  state.apply(arrived(robot), kNow);
+  const std::string table = make_top_table(state, kNow);
+  EXPECT_THAT(table, HasSubstr("PSM1 of ?[2Jevil (pid 77): stopped, ENABLED, homed"));
+  EXPECT_THAT(table, HasSubstr("STEP: step of 0.7 mm"));
+  EXPECT_THAT(table, HasSubstr("(10.0, -20.0, 30.5) mm"));
+  EXPECT_THAT(table, HasSubstr("latency 0.21 (max 1.34) ms, jitter -"));
+  EXPECT_THAT(table, HasSubstr("malformed 3"));
+  EXPECT_THAT(table, HasSubstr("2: 2 STEP"));
+  EXPECT_THAT(table, Not(HasSubstr("\x1b")));
+}
+
 TEST(TopTable, DurationsAreShort) {
   EXPECT_EQ(short_duration(0.4), "0 s");
   EXPECT_EQ(short_duration(150), "2 min 30 s");

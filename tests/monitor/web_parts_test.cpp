@@ -34,6 +34,9 @@ RunState busy_state() {
   worker.warnings = {"<b>hot</b>"};
   state.apply(arrived(worker), kNow);
   state.apply(arrived(some_worker(4)), kNow);
+  RobotStatus robot = test::some_robot();
+  robot.reason_text = "<i>step</i>";
+  state.apply(arrived(robot), kNow);
   return state;
 }
 
@@ -46,6 +49,9 @@ TEST(Metrics, HoldTheFiguresWithEscapedLabels) {
   EXPECT_THAT(
       text,
       HasSubstr("omentum_worker_version_lag{run=\"fixture\",worker=\"4\",host=\"node4\"} 1\n"));
+  EXPECT_THAT(
+      text,
+      HasSubstr("omentum_robot_stops_total{run=\"fixture\",robot=\"PSM1\",host=\"console\"} 2\n"));
 }
 
 TEST(Metrics, OfARunThatNobodyServesSayThatItIsDown) {
@@ -72,6 +78,8 @@ TEST(MonitorPage, TextOfOthersIsNoMarkup) {
   EXPECT_THAT(json, Not(HasSubstr("<script>")));
   EXPECT_THAT(json, Not(HasSubstr("<b>hot")));
   EXPECT_THAT(json, HasSubstr("&lt;b&gt;hot"));
+  EXPECT_THAT(json, Not(HasSubstr("<i>step")));
+  EXPECT_THAT(json, HasSubstr("STEP: &lt;i&gt;step"));
 }
 
 TEST(MonitorPage, LoadsNothingFromOutside) {

@@ -69,8 +69,7 @@ def write_result(name, case, extra, points, remarks=()):
 
 
 def graded_lines(low, high, count, kinks):
-    """The mesh rule of make_reference_model, restated; kinks: (place, reach). The test of the
-    results checks that the model makes the same lines."""
+    """Lines between low and high, one on each of the kinks (place, reach) and denser there."""
     samples = 4000
     step = (high - low) / samples
     middle = low + (np.arange(samples) + 0.5) * step
@@ -95,7 +94,7 @@ def graded_lines(low, high, count, kinks):
 
 
 def reference_lines(case, elements, layers):
-    """Grid lines of make_reference_model without the clamped strip."""
+    """Grid lines of the free sheet, graded at the clamp and at the patch."""
     kinks = [[], [(CLAMP, 0.1 * (SIDE - CLAMP))]]
     if case.patch:
         for axis in range(2):

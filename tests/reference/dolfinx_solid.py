@@ -2,9 +2,9 @@
 
 Two discretisations of the same problem:
 
-  q1e9  8-node bricks with nine incompatible modes, the element of sim_worker/reference/hexahedron.h, here
-        written as an energy from which UFL derives residual and tangent and DOLFINx the code; the
-        modes are unknowns of their own and are not eliminated. 2 x 2 x 2 points, nodal masses.
+  q1e9  8-node bricks with nine incompatible parabolas, written as an energy from which UFL derives
+        residual and tangent and DOLFINx the code; they are unknowns of their own. 2 x 2 x 2 points,
+        nodal masses. At small strain the element of sim_worker/reference (decision 0028).
   q2    27-node bricks, 3 x 3 x 3 points: another element.
 
 Lengths in m, forces in N, coordinates those of the sheet's frame B.

@@ -1,8 +1,5 @@
 """Solves the cases with CalculiX (Debian: calculix-ccx) and stores the results.
 
-/usr/bin/python3 run_calculix.py same [CASE ...]
-                                      8-node bricks with incompatible modes C3D8I, the mesh of
-                                      make_reference_model, 24 x 24 x 1
 /usr/bin/python3 run_calculix.py ELEMENTS LAYERS [CASE ...]
                                       20-node bricks C3D20R, stored results: 16 2
 /usr/bin/python3 run_calculix.py law  which laws CalculiX means, from one element
@@ -22,9 +19,7 @@ import numpy as np
 from cases import (Case, DENSITY, POISSON, THICKNESS, disc_points, mid_surface_points,
                    reference_lines, static_cases, write_result)
 
-SAME = 24, 1  # elements along x and y, layers of the results "same"
-
-# Local coordinates of the 20 nodes in CalculiX's order; bricks with eight have the first eight.
+# Local coordinates of the 20 nodes in CalculiX's order.
 CORNERS = [(-1, -1, -1), (1, -1, -1), (1, 1, -1), (-1, 1, -1),
            (-1, -1, 1), (1, -1, 1), (1, 1, 1), (-1, 1, 1)]
 EDGES = [(0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4),
@@ -32,9 +27,7 @@ EDGES = [(0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4),
 LOCAL = np.array(CORNERS + [tuple((np.array(CORNERS[a]) + CORNERS[b]) // 2) for a, b in EDGES])
 
 
-def shape_functions(nodes, xi):
-    if nodes == 8:
-        return np.prod(1 + xi * LOCAL[:8], axis=1) / 8
+def shape_functions(xi):
     N = np.empty(20)
     for a, node in enumerate(LOCAL):
         terms = 1 + xi * node
@@ -47,9 +40,8 @@ def shape_functions(nodes, xi):
 
 
 class Mesh:
-    def __init__(self, lines, per_element):
-        """Bricks of 8 or 20 nodes between the lines."""
-        self.per_element = per_element
+    def __init__(self, lines):
+        """Bricks of 20 nodes between the lines."""
         self.lines = [np.asarray(line) for line in lines]
         index, self.nodes, self.elements = {}, [], []
         n = [len(line) - 1 for line in lines]
@@ -60,7 +52,7 @@ class Mesh:
             for iy in range(n[1]):
                 for ix in range(n[0]):
                     element = []
-                    for local in LOCAL[:per_element]:
+                    for local in LOCAL:
                         at = tuple(2 * np.array([ix, iy, iz]) + 1 + local)
                         if at not in index:
                             index[at] = len(self.nodes)
@@ -79,7 +71,7 @@ class Mesh:
             cell.append(k)
             xi.append(2 * (point[axis] - line[k]) / (line[k + 1] - line[k]) - 1)
         element = (cell[2] * self.n[1] + cell[1]) * self.n[0] + cell[0]
-        return self.elements[element], shape_functions(self.per_element, np.array(xi))
+        return self.elements[element], shape_functions(np.array(xi))
 
 
 def patch_rows(mesh, centre, radius):
@@ -143,7 +135,7 @@ def write_deck(mesh, case, path):
     control = len(mesh.nodes) + 1
     if case.patch:
         out += ["*NODE, NSET=CONTROL", f"{control}, 0, 0, 0.1"]
-    out.append(f"*ELEMENT, TYPE={'C3D8I' if mesh.per_element == 8 else 'C3D20R'}, ELSET=SHEET")
+    out.append("*ELEMENT, TYPE=C3D20R, ELSET=SHEET")
     for e, element in enumerate(mesh.elements):
         names = [str(i) for i in [e + 1] + [node + 1 for node in element]]
         if len(names) > 11:
@@ -209,7 +201,7 @@ def held_force(mesh, case, clamp_forces):
     weight = np.zeros(len(mesh.nodes))
     for element in mesh.elements:
         volume = np.prod(mesh.nodes[element[6]] - mesh.nodes[element[0]])
-        share = [1 / 8] * 8 if len(element) == 8 else [-1 / 8] * 8 + [1 / 6] * 12
+        share = [-1 / 8] * 8 + [1 / 6] * 12
         weight[element] += DENSITY * case.gravity * volume * np.array(share)
     clamped = mesh.nodes[:, 1] < mesh.lines[1][0] + 1e-9
     total = np.sum([values for values in clamp_forces.values()], axis=0)
@@ -239,24 +231,9 @@ def solve(mesh, case):
     return u, force
 
 
-def run_same(case):
-    begin = time.time()
-    mesh = Mesh(reference_lines(case, *SAME), 8)
-    u, force = solve(mesh, case)
-    x, y, z = mesh.lines
-    points = []
-    for p in [(a, b, z[0]) for a in x[::2] for b in y[2::2]]:
-        nodes, N = mesh.weights_at(p)
-        points.append(tuple(p) + tuple(np.array(p) + N @ u[nodes]))
-    write_result(f"calculix_same_{case.name}", case,
-                 {"force": force, "lines_x": x, "lines_y": y, "lines_z": z}, points,
-                 [f"engine CalculiX {version()}", "element C3D8I"])
-    print(f"{case.name}: force {1e3 * force} mN, {time.time() - begin:.1f} s", flush=True)
-
-
 def run(case, elements, layers):
     begin = time.time()
-    mesh = Mesh(reference_lines(case, elements, layers), 20)
+    mesh = Mesh(reference_lines(case, elements, layers))
     u, force = solve(mesh, case)
     points = []
     for p in mid_surface_points():
@@ -307,12 +284,10 @@ if __name__ == "__main__":
     if sys.argv[1:] == ["law"]:
         check_laws()
         sys.exit()
-    same = sys.argv[1] == "same"
-    wanted = sys.argv[2 if same else 3:]
     for each in static_cases("st_venant_kirchhoff"):
-        if wanted and each.name not in wanted:
+        if sys.argv[3:] and each.name not in sys.argv[3:]:
             continue
         try:
-            run_same(each) if same else run(each, int(sys.argv[1]), int(sys.argv[2]))
+            run(each, int(sys.argv[1]), int(sys.argv[2]))
         except RuntimeError as error:
             print(f"{each.name}: CalculiX gave up: {str(error)[-300:]}", flush=True)

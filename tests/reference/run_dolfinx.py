@@ -1,6 +1,5 @@
 """Solves the cases with DOLFINx (Debian: python3-dolfinx) and stores the results.
 
-/usr/bin/python3 run_dolfinx.py same [CASE ...]        same element, same mesh, 16 x 16 x 1
 /usr/bin/python3 run_dolfinx.py dynamic                lift off a board with friction, 12 x 12 x 1
 /usr/bin/python3 run_dolfinx.py beam                   stubby beam at Poisson 0.49
 """
@@ -10,41 +9,13 @@ import time
 import numpy as np
 
 from cases import (Case, DAMPING, DENSITY, FRAMES, FRICTION, LIFT, POISSON, REST, SLIP, STEP,
-                   dynamic_case, reference_lines, static_cases, write_result)
+                   dynamic_case, reference_lines, write_result)
 from dolfinx_solid import Solid
-
-STEPS = 10  # of the patch's way
-
-
-def solve(case, lines, element):
-    solid = Solid(lines, element, case.law, case.young, POISSON, DENSITY, [0, 0, -case.gravity],
-                  case.inclusion or None)
-    if not case.patch:
-        solid.relax()
-        return solid
-    solid.hold(case.patch[:2], case.patch[2])
-    for _ in range(STEPS):
-        solid.target[0] += np.array(case.lift) / STEPS
-        solid.relax()
-    return solid
 
 
 def remarks(solid, case):
     """What the patch gives way by, m/N; the model's is not that."""
     return [f"compliance {solid.compliance!r}"] if case.patch else []
-
-
-def run(case):
-    begin = time.time()
-    lines = reference_lines(case, 16, 1)
-    solid = solve(case, lines, "q1e9")
-    force = solid.held_force() if case.patch else np.zeros(3)
-    rest = [(x, y, lines[2][0]) for x in lines[0][::2] for y in lines[1][2::2]]
-    write_result(f"dolfinx_same_{case.name}", case,
-                 {"force": force, "lines_x": lines[0], "lines_y": lines[1], "lines_z": lines[2]},
-                 [tuple(p) + tuple(solid.point(p)) for p in rest], remarks(solid, case))
-    print(f"{case.name}: force {1e3 * force} mN, {solid.newton} Newton iterations, "
-          f"{time.time() - begin:.1f} s", flush=True)
 
 
 def move(case):
@@ -82,12 +53,9 @@ def beam():
 
 
 if __name__ == "__main__":
-    if sys.argv[1] == "beam":
+    if sys.argv[1:] == ["beam"]:
         beam()
-        sys.exit()
-    if sys.argv[1] == "dynamic":
+    elif sys.argv[1:] == ["dynamic"]:
         move(dynamic_case())
-        sys.exit()
-    for each in static_cases():
-        if len(sys.argv) < 3 or each.name in sys.argv[2:]:
-            run(each)
+    else:
+        sys.exit(__doc__)

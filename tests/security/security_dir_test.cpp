@@ -203,6 +203,26 @@ TEST_F(SecurityDir, AWorkersCertificateMayNotWriteWeights) {
   }
 }
 
+TEST_F(SecurityDir, AGatewaysCertificateMayTellOfItsRobotAndNothingElse) {
+  certificates_.make({"--role", "gateway"});
+  copy("gateway");
+  DdsOptions options;
+  options.security_dir = dir_;
+  const DdsProfile profile =
+      find_dds_profile(options, DdsRole::kOther, programs_.domain(), 0).value();
+  const dds::Participant participant(programs_.domain(), profile.uri, "gateway");
+  const BusWriter<RobotStatus> state(participant, public_partitions("run"), "state");
+  const BusWriter<RolloutSegment> segments(participant, public_partitions("run"), "segments", 16);
+  const BusWriter<EpisodeSummary> summaries(participant, public_partitions("run"), "summaries");
+  const BusReader<PolicyWeights> weights(participant, run_partition("run"), "weights");
+  const BusReader<RunManifest> manifests(participant, run_partition("run"), "manifests");
+  const BusReader<LearnerStatus> learner(participant, run_partition("run"), "learner");
+  EXPECT_THROW((BusWriter<PolicyWeights>(participant, public_partitions("run"), "w")), Error);
+  EXPECT_THROW((BusWriter<LearnerStatus>(participant, public_partitions("run"), "w")), Error);
+  EXPECT_THROW((BusWriter<WorkerStatus>(participant, public_partitions("run"), "w")), Error);
+  EXPECT_THROW((BusReader<RolloutTask>(participant, worker_partition("run", 1), "r")), Error);
+}
+
 /// Cyclone tells nobody, and crashes on a new writer (seen as SIGSEGV in dds_create_writer).
 TEST_F(SecurityDir, AnExpiredParticipantSaysSoAndTheNextOneIsRenewed) {
   copy_renewed({"--until", "3 seconds"});

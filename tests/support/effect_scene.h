@@ -33,6 +33,7 @@ inline Scene make_effect_scene(const EffectCase& c, Model model) {
     tissue.set_model(pb::TISSUE_REFERENCE);
     tissue.mutable_reference()->set_elements_x(c.ex);
     tissue.mutable_reference()->set_elements_y(c.ey);
+    tissue.mutable_reference()->set_elements_z(1);
   }
   return scene;
 }

@@ -111,7 +111,7 @@ inline RigidShape make_board(double degrees, const Vector3d& at = Vector3d::Zero
 inline void run(ReferenceTissue& tissue, int steps, const Vector3d& tip = Vector3d(0, 0, 1)) {
   const ToolMotion still{tip, tip};
   for (int i = 0; i < steps; ++i) tissue.step({&still, 1});
-  ASSERT_TRUE(tissue.healthy(0)) << tissue.failure();
+  ASSERT_TRUE(tissue.healthy(0)) << tissue.failure(0);
 }
 
 /// Mean over the free edge of what `of` says about a particle.

@@ -154,7 +154,7 @@ TEST(ReferenceContact, ShaftPushesTheSheetAside) {
   for (int step = 0; step < 20; ++step) {
     const ToolMotion motion{at(step), at(step + 1)};
     tissue.step({&motion, 1});
-    ASSERT_TRUE(tissue.healthy(0)) << tissue.failure();
+    ASSERT_TRUE(tissue.healthy(0)) << tissue.failure(0);
   }
   double gap = 1;
   Vector3d momentum = Vector3d::Zero();
@@ -426,7 +426,7 @@ TEST(ReferenceState, StepThatCannotConvergeMarksTheTissue) {
   const ToolMotion still{Vector3d::UnitZ(), Vector3d::UnitZ()};
   tissue.step({&still, 1});
   EXPECT_FALSE(tissue.healthy(0));
-  EXPECT_FALSE(tissue.failure().empty());
+  EXPECT_FALSE(tissue.failure(0).empty());
   tissue.reset(0, Vector3d::Zero());
   EXPECT_TRUE(tissue.healthy(0));
   run(tissue, 1);

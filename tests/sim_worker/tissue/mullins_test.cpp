@@ -254,7 +254,7 @@ TEST(Mullins, BrickFollowsTheSameLawWithEnergyForceAndTangentOfOnePotential) {
       for (int i = 0; i < 3; ++i) shape.x[3 * a + i] = Pack((F * X)[i]);
     }
     shape.size.fill(Pack(kSize));
-    shape.bubble.fill(Pack(0.0));
+    shape.mode.fill(Pack(0.0));
     shape.mu = Pack(lame.mu);
     shape.lambda = Pack(lame.lambda);
     shape.effects = &effects;

@@ -1,0 +1,20 @@
+#pragma once
+
+#include <vector>
+
+#include "dvrk_gateway/backend/arm_guide.h"
+#include "dvrk_gateway/recording/motion.h"
+
+namespace omentum {
+
+/// The motion as one goal per control period, `slow` times as long: places and jaw on straight
+/// lines between the samples. Fails, naming the first moment, where a goal is farther than `step_m`
+/// per axis from the one before, and with the factor that would do.
+Result<std::vector<MotionSample>> goals_of(const std::vector<MotionSample>& motion, double period_s,
+                                           double slow, double step_m);
+
+/// Mode `replay`: waits until the operator has armed, leads the arm to the first goal, then along
+/// them, one per period. A jaw that was not recorded stays open. Fails with the reason of a stop.
+Result<void> replay_goals(ArmGuide& guide, const std::vector<MotionSample>& goals);
+
+}  // namespace omentum

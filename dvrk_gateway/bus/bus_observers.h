@@ -1,0 +1,29 @@
+#pragma once
+
+#include <optional>
+#include <vector>
+
+#include "dvrk_gateway/bus/gateway_bus.h"
+#include "dvrk_gateway/bus/robot_bus.h"
+#include "dvrk_gateway/bus/ros_topics.h"
+
+namespace omentum {
+
+/// All that publishes what the gateway does: nothing without a bus.
+class BusObservers {
+ public:
+  /// `bus` may be null, else it must outlive this. Throws Error.
+  BusObservers(const dds::Participant* bus, const BusOptions& options, const SafetySetup& setup,
+               bool dry_run);
+
+  void append_to(std::vector<GatewayObserver*>& observers);
+  /// The policy of the episodes from now on; another one than before is printed.
+  void pin(const PolicyWeights& weights);
+
+ private:
+  std::optional<RobotBus> robot_;
+  std::optional<RosTopics> ros_;
+  std::optional<PolicyWeights> pinned_;
+};
+
+}  // namespace omentum

@@ -1,0 +1,61 @@
+#pragma once
+
+#include <cstdint>
+#include <mutex>
+#include <string>
+
+#include "core/wire.h"
+#include "dvrk_gateway/bus/robot_account.h"
+#include "dvrk_gateway/loop/session.h"
+
+namespace omentum {
+
+struct RobotBusOptions {
+  std::string run;
+  std::string arm = "PSM1";
+  bool dry_run = false;
+  std::uint64_t build_id = 0;
+  std::string program_version;
+};
+
+/// The gateway on the bus of a run (docs/dvrk.md 10): robot/state ten times a second and at once
+/// when the phase changes, and the segment and summary of each episode, tagged as of a robot. No
+/// write waits for a reader, and none happens on the thread of the control loop. After the end of
+/// the certificate the robot goes on and nobody hears of it: counted and logged.
+class RobotBus final : public GatewayObserver {
+ public:
+  /// `participant` must outlive it. Throws Error.
+  RobotBus(const dds::Participant& participant, const RobotBusOptions& options,
+           const SafetySetup& setup);
+  /// Readers see that the gateway left on purpose.
+  ~RobotBus() override;
+
+  /// The policy of the episodes from now on. Any thread.
+  void pin(const PolicyWeights& weights);
+  void on_period(const Period& period) override;
+  void on_episode(const RolloutTask& task, const RolloutSegment& segment) override;
+
+  /// In robot/state, and as worker_id in segments.
+  std::uint32_t gateway_id() const { return gateway_id_; }
+
+ private:
+  void publish();
+  void count_failure(const std::string& reason);
+
+  const dds::Participant& participant_;
+  const std::uint32_t gateway_id_;
+  const std::uint64_t build_id_;
+  // The thread of on_period alone.
+  RobotAccount account_;
+  BusWriter<RobotStatus> status_writer_;
+  std::int64_t published_ns_ = 0;
+  RobotPhase published_phase_ = RobotPhase::kListening;
+  // The thread of on_episode alone.
+  BusWriter<RolloutSegment> segment_writer_;
+  BusWriter<EpisodeSummary> summary_writer_;
+
+  std::mutex mutex_;
+  RobotStatus shared_;  ///< identity, policy, counts of episodes and writes; guarded by mutex_
+};
+
+}  // namespace omentum

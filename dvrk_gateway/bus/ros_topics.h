@@ -1,0 +1,39 @@
+#pragma once
+
+#include <cstdint>
+#include <string>
+
+#include "core/dds.h"
+#include "dvrk_gateway/loop/session.h"
+
+namespace omentum {
+
+/// What ROS 2 reads of the arm by CRTK's names (docs/dvrk.md 10): rt/ARM/measured_cp, the pose of
+/// the control point in the arm's reference frame, when it is new and valid; and
+/// rt/ARM/operating_state, when it changes and ten times a second. Reliable, volatile, the last
+/// one; no write waits.
+class RosTopics final : public GatewayObserver {
+ public:
+  /// `participant` must outlive it. Throws Error.
+  RosTopics(const dds::Participant& participant, const std::string& arm);
+
+  void on_period(const Period& period) override;
+
+  std::uint64_t write_failures() const { return write_failures_; }
+
+ private:
+  void publish_pose(const RobotState& robot);
+  void publish_state(const RobotState& robot);
+  void write(dds::Writer& writer, const void* sample);
+
+  std::string pose_name_, state_name_;  // the specs point at them
+  TopicSpec pose_spec_, state_spec_;
+  dds::Topic pose_topic_, state_topic_;
+  dds::Writer pose_writer_, state_writer_;
+  std::int64_t pose_told_ns_ = 0;   ///< of the newest pose that was published
+  std::int64_t state_told_ns_ = 0;  ///< when the state was published last
+  OperatingState state_;            ///< as published last
+  std::uint64_t write_failures_ = 0;
+};
+
+}  // namespace omentum

@@ -1,0 +1,199 @@
+#include "dvrk_gateway/gateway.h"
+
+#include <algorithm>
+#include <array>
+#include <chrono>
+#include <thread>
+#include <utility>
+
+#include "core/build_id.h"
+#include "core/clock.h"
+#include "core/config.h"
+#include "core/constants.h"
+#include "core/limits.h"
+#include "core/log.h"
+#include "core/rollout.h"
+#include "sim_worker/backend/image_source.h"
+
+namespace omentum {
+namespace {
+
+constexpr double kLongestDemonstration_s = 600;
+
+/// Of one decision, policy included, as simulation alone takes it [s]: the median.
+double decision_time_s(const std::shared_ptr<const SimSetup>& setup, Policy& policy) {
+  SimBackend alone(setup, 1, 0, make_image_source(*setup));
+  std::vector<float> observation(static_cast<std::size_t>(alone.observation_size()));
+  std::array<double, 21> times{};
+  for (double& time : times) {
+    const std::int64_t begin_ns = steady_now_ns();
+    alone.observe(0, observation);
+    std::array<Decision, 1> decision{};
+    policy.act(observation, std::array<ActionCounter, 1>{}, true, decision);
+    std::array<StepOutcome, 1> outcome{};
+    alone.step(std::array{Action{decision[0].branch, decision[0].continuous}}, outcome);
+    time = 1e-9 * static_cast<double>(steady_now_ns() - begin_ns);
+  }
+  std::nth_element(times.begin(), times.begin() + times.size() / 2, times.end());
+  return times[times.size() / 2];
+}
+
+/// Throws Error for a scene that cannot be computed in the control periods of its decisions.
+void check_speed(const std::shared_ptr<const SimSetup>& setup, Policy& policy) {
+  const pb::Task& task = setup->config.task();
+  const double allowed_s = kRequestShare * task.control_period_s();
+  const double needed_s = decision_time_s(setup, policy) / task.action_repeat();
+  if (needed_s <= allowed_s) return;
+  throw_error(
+      "--policy: its scene needs {:.1f} ms of each control period on this machine, allowed "
+      "{:.1f} ms: take a coarser scene or a faster machine",
+      1e3 * needed_s, 1e3 * allowed_s);
+}
+
+ArmGuideOptions guide_options(const pb::Grasp& grasp) {
+  ArmGuideOptions options;
+  if (grasp.jaw_open_deg() > 0) options.jaw_open_rad = kDegree * grasp.jaw_open_deg();
+  return options;
+}
+
+}  // namespace
+
+std::unique_ptr<Gateway> Gateway::start(const GatewayOptions& options,
+                                        std::vector<GatewayObserver*> more) {
+  catch_operator_signals();
+  std::unique_ptr<dds::Participant> bus = join_bus(options.bus, end_was_signalled);
+  std::unique_ptr<PolicySource> policies = policy_source_of(options, bus.get(), end_was_signalled);
+  if (!policies) return nullptr;
+  return std::unique_ptr<Gateway>(
+      new Gateway(options, std::move(bus), std::move(policies), std::move(more)));
+}
+
+Gateway::Gateway(const GatewayOptions& options, std::unique_ptr<dds::Participant> bus,
+                 std::unique_ptr<PolicySource> policies, std::vector<GatewayObserver*> more)
+    : options_(options),
+      bus_(std::move(bus)),
+      policies_(std::move(policies)),
+      policy_(&policies_->for_next_episode()),
+      setup_(make_sim_setup(config())),
+      scene_(std::make_unique<SimBackend>(setup_, 1, 0, make_image_source(*setup_))),
+      screen_(options.mode == GatewayMode::kTeach),
+      observers_(std::move(more)) {
+  for (const std::string& warning : setup_->warnings) log().warn("{}", warning);
+  check_speed(setup_, *policy_);
+  const SafetySetup safety = safety_of(options, setup_->mount, config());
+  const bool teaches = options.mode == GatewayMode::kTeach;
+  // The other modes never become ready without one, and say so.
+  if (teaches && !safety.registered)
+    throw_error("--registration: mode teach needs to know where the arm stands; see `register`");
+  observers_.insert(observers_.begin(), &screen_);
+  told_ = std::make_unique<BusObservers>(bus_.get(), options.bus, safety, options.dry_run);
+  told_->append_to(observers_);
+  recording_ = std::make_unique<GatewayRecording>(
+      options.recording,
+      RecordedSessionFacts{mode_name(options.mode), options.registration, git_revision(),
+                           options.dry_run},
+      config(), safety);
+  recording_->append_to(observers_);
+  session_ = std::make_unique<GatewaySession>(robot_address(options), options.robot_port, safety,
+                                              options.dry_run || teaches);
+  recording_->stop_on_failure(session_->events());
+  session_->attend([this] { return ask(); }, observers_);
+  const ArmGuideOptions guiding = guide_options(config().grasp());
+  guide_ = std::make_unique<ArmGuide>(session_->port(), safety, guiding);
+  switch (options.mode) {
+    case GatewayMode::kMeasured:
+      backend_ = std::make_unique<MeasuredBackend>(*scene_, *guide_);
+      break;
+    case GatewayMode::kTeach: {
+      auto taught = std::make_unique<TaughtBackend>(
+          *scene_, *guide_, [this] { return demonstration_begins_.exchange(false); },
+          [this] { return demonstration_ends_.exchange(false); },
+          0.5 * (guiding.jaw_open_rad + guiding.jaw_closed_rad));
+      taught_ = taught.get();
+      backend_ = std::move(taught);
+      break;
+    }
+    default:
+      backend_ = std::make_unique<TwinBackend>(*scene_, *guide_);
+      break;
+  }
+}
+
+Gateway::~Gateway() { session_->end(); }
+
+bool Gateway::end() {
+  session_->end();
+  return recording_->finish();
+}
+
+OperatorWishes Gateway::ask() {
+  OperatorWishes wishes = desk_.ask();
+  if (wishes.key != 0) key_ = wishes.key;
+  if (options_.mode != GatewayMode::kTeach) return wishes;
+  // Nothing is sent: the keys begin and end a demonstration.
+  if (std::exchange(wishes.arm, false)) demonstration_begins_ = true;
+  if (std::exchange(wishes.stop, false)) demonstration_ends_ = true;
+  return wishes;
+}
+
+std::optional<char> Gateway::ask_key(std::string_view keys) {
+  key_ = 0;
+  while (!session_->ended()) {
+    const char key = key_.exchange(0);
+    if (key != 0 && keys.find(key) != std::string_view::npos) return key;
+    std::this_thread::sleep_for(std::chrono::milliseconds(20));
+  }
+  return std::nullopt;
+}
+
+RolloutTask Gateway::next_task(StartSet start_set, std::uint32_t start_index,
+                               std::uint64_t episode) {
+  policy_ = &policies_->for_next_episode();
+  told_->pin(weights());
+  const pb::Task& task = config().task();
+  RolloutTask t;
+  t.learner_epoch = weights().learner_epoch;
+  t.config_hash = config_hash(config());
+  t.kind = TaskKind::kEvaluate;
+  t.greedy = true;
+  t.reset = true;
+  t.run_seed = options_.run_seed;
+  t.episode = episode;
+  t.start_set = start_set;
+  t.start_index = start_index;
+  t.policy_version = weights().policy_version;
+  t.weights_hash = weights().weights_hash;
+  t.policy_steps = std::max(1U, task.episode_steps() / task.action_repeat());
+  t.hold_steps = hold_steps(task);
+  t.steps = evaluation_steps(config(), false);
+  if (options_.mode == GatewayMode::kTeach) {
+    const double decision_s = task.control_period_s() * task.action_repeat();
+    t.steps = static_cast<std::uint32_t>(kLongestDemonstration_s / decision_s);
+    t.episode_limit = t.steps;
+  }
+  t.task_hash = hash_task(t);
+  return t;
+}
+
+RolloutSegment Gateway::predict(const RolloutTask& task) const {
+  SimBackend alone(setup_, 1, 0, make_image_source(*setup_));
+  return std::move(run_rollout(alone, *policy_, std::array{task}, {}).front());
+}
+
+std::optional<RolloutSegment> Gateway::run_episode(const RolloutTask& task) {
+  raise_deciding_thread();  // where it is refused the session has warned of it
+  const Actor actor = taught_ == nullptr ? Actor(*policy_)
+                                         : Actor(
+                                               [this](std::uint32_t, std::span<Action> actions) {
+                                                 actions[0] = taught_->next_action();
+                                               },
+                                               policy_->shape().continuous);
+  std::vector<RolloutSegment> segments =
+      run_rollout(*backend_, actor, std::array{task}, [this] { return session_->ended(); });
+  if (segments.empty()) return std::nullopt;
+  if (segments[0].failed == 0 && taught_ == nullptr) (void)guide_->hold();
+  for (GatewayObserver* observer : observers_) observer->on_episode(task, segments[0]);
+  return std::move(segments[0]);
+}
+
+}  // namespace omentum

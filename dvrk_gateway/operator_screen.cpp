@@ -1,0 +1,57 @@
+#include "dvrk_gateway/operator_screen.h"
+
+#include <fmt/core.h>
+
+#include <atomic>
+#include <csignal>
+
+namespace omentum {
+namespace {
+
+// Taken in one step: a signal that arrives while the last is read is the next one.
+std::atomic<bool> signal_arm = false, signal_stop = false, signal_end = false;
+static_assert(std::atomic<bool>::is_always_lock_free);
+void on_signal(int number) {
+  if (number == SIGUSR1) signal_arm = true;
+  if (number == SIGUSR2) signal_stop = true;
+  if (number == SIGINT || number == SIGTERM) signal_end = true;
+}
+
+}  // namespace
+
+void catch_operator_signals() {
+  for (const int number : {SIGUSR1, SIGUSR2, SIGINT, SIGTERM}) std::signal(number, on_signal);
+}
+
+bool end_was_signalled() { return signal_end; }
+
+OperatorWishes OperatorDesk::ask() {
+  const char key = keys_.next(20).value_or('\0');
+  OperatorWishes wishes;
+  wishes.key = key;
+  wishes.arm = signal_arm.exchange(false) || key == 'a';
+  wishes.held = key == 'a' || key == 'h';  // a held key repeats
+  wishes.stop = signal_stop.exchange(false) || key == ' ';
+  wishes.acknowledge = key == 'k';
+  wishes.end = signal_end || key == 'q';
+  return wishes;
+}
+
+void OperatorScreen::on_period(const Period& period) {
+  const SafetyMemory& memory = period.judgement.memory;
+  const bool changed = memory.phase != phase_ || period.judgement.finding.reason != reason_;
+  phase_ = memory.phase;
+  reason_ = period.judgement.finding.reason;
+  if (!changed) return;
+  const std::string why =
+      period.judgement.finding ? ": " + describe(period.judgement.finding, period.robot) : "";
+  fmt::print("{}{}\n", safety_phase_name(phase_), why);
+  if (phase_ == SafetyPhase::kReady) {
+    fmt::print("{}\n", teaches_ ? "press a to begin a demonstration, space to end it, q to end"
+                                : "press a to arm, space to stop, q to end");
+  }
+  if (phase_ == SafetyPhase::kStopped) fmt::print("press k when you have seen why\n");
+  std::fflush(stdout);
+}
+
+}  // namespace omentum

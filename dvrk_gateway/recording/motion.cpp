@@ -1,0 +1,148 @@
+#include "dvrk_gateway/recording/motion.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <filesystem>
+#include <limits>
+#include <utility>
+
+#include "core/mcap.h"
+#include "core/read_file.h"
+#include "core/recording_info.h"
+#include "core/table.h"
+#include "proto/foxglove.pb.h"
+#include "proto/robot_recording.pb.h"
+
+namespace omentum {
+namespace {
+
+using Motion = std::vector<MotionSample>;
+using Eigen::Vector3d;
+
+constexpr double kNotRecorded = std::numeric_limits<double>::quiet_NaN();
+constexpr std::string_view kMcapMagic = "\x89MCAP";
+
+/// Messages of a topic in the order of their time; a file of several streams need not be in it.
+std::vector<const McapMessage*> in_time(const McapContent& content, const char* topic) {
+  std::vector<const McapMessage*> messages = content.of_topic(topic);
+  std::stable_sort(
+      messages.begin(), messages.end(),
+      [](const McapMessage* a, const McapMessage* b) { return a->log_time < b->log_time; });
+  return messages;
+}
+
+double seconds(const McapMessage& message) { return 1e-9 * static_cast<double>(message.log_time); }
+
+/// Poses of a topic, without the jaw.
+Result<Motion> tips(const std::string& name, const McapContent& content, const char* topic) {
+  Motion motion;
+  for (const McapMessage* message : in_time(content, topic)) {
+    const auto where = [&] {
+      return fmt::format("{}: {} at {} s", name, topic, seconds(*message));
+    };
+    foxglove::PoseInFrame pose;
+    if (!pose.ParseFromString(message->data)) return Failure{where() + ": no foxglove.PoseInFrame"};
+    if (pose.frame_id() != "W") return Failure{where() + ": its frame_id is not W"};
+    const foxglove::Vector3& p = pose.pose().position();
+    const MotionSample sample{seconds(*message), {p.x(), p.y(), p.z()}, kNotRecorded};
+    if (!sample.p_WT.allFinite()) return Failure{where() + ": a position that is not finite"};
+    if (!motion.empty() && !(sample.t_s > motion.back().t_s))
+      return Failure{where() + ": two poses of one time"};
+    motion.push_back(sample);
+  }
+  return motion;
+}
+
+/// Fills in the jaw: of the last sample at or before, of the first one for what is earlier.
+Result<void> add_jaw(const std::string& name, const McapContent& content, bool commanded,
+                     Motion& motion) {
+  std::vector<std::pair<double, double>> jaw;
+  for (const McapMessage* message : in_time(content, "/jaw")) {
+    pb::JawSample sample;
+    if (!sample.ParseFromString(message->data)) {
+      return Failure{
+          fmt::format("{}: /jaw at {} s: no omentum.pb.JawSample", name, seconds(*message))};
+    }
+    const double value = commanded ? sample.commanded_rad() : sample.measured_rad();
+    const bool there = commanded ? sample.has_commanded_rad() : sample.has_measured_rad();
+    if (there && std::isfinite(value)) jaw.emplace_back(seconds(*message), value);
+  }
+  if (jaw.empty()) return {};
+  std::size_t k = 0;
+  for (MotionSample& sample : motion) {
+    while (k + 1 < jaw.size() && jaw[k + 1].first <= sample.t_s) ++k;
+    sample.jaw_rad = jaw[k].second;
+  }
+  return {};
+}
+
+Motion motion_of_table(const std::string& path) {
+  const std::string folder = std::filesystem::path(path).parent_path().string();
+  const pb::RecordingInfo info = read_recording_info(folder.empty() ? "." : folder);
+  if (info.tip_point() != pb::jaw_tip) {
+    throw_error(
+        "{}: its places are those of the control point (tip_point of recording.txtpb), needed "
+        "jaw_tip",
+        path);
+  }
+  const Table table = read_table(path);
+  const std::vector<double> times = table_times(table, info.tool_rate_hz());
+  const bool commanded = table.find("tip_commanded_x_m") != nullptr ||
+                         table.find("tip_measured_x_m") == nullptr;  // then it is what is missing
+  const std::string tip = commanded ? "tip_commanded_" : "tip_measured_";
+  const auto& x = table.column(tip + "x_m");
+  const auto& y = table.column(tip + "y_m");
+  const auto& z = table.column(tip + "z_m");
+  const auto* jaw = table.find(commanded ? "jaw_commanded_rad" : "jaw_measured_rad");
+  const Eigen::Isometry3d X_WF = transform_to_world(info, "tool.csv");
+  Motion motion;
+  for (std::size_t i = 0; i < table.rows(); ++i)
+    motion.push_back(
+        {times[i], X_WF * Vector3d(x[i], y[i], z[i]), jaw == nullptr ? kNotRecorded : (*jaw)[i]});
+  return motion;
+}
+
+Result<Motion> long_enough(const std::string& name, Result<Motion> motion) {
+  if (motion && motion.value().size() < 2) {
+    return Failure{
+        fmt::format("{}: {} places of the tip, needed 2 or more", name, motion.value().size())};
+  }
+  return motion;
+}
+
+}  // namespace
+
+Result<Motion> parse_motion(const std::string& name, const std::string& bytes) {
+  const McapContent content = read_mcap(bytes);
+  const bool commanded = !content.of_topic("/tool_commanded").empty();
+  const char* topic = commanded ? "/tool_commanded" : "/tool";
+  if (content.of_topic(topic).empty()) {
+    const std::string why =
+        content.problems.empty() ? "" : fmt::format("; {}", content.problems.front());
+    return Failure{fmt::format("{}: neither /tool_commanded nor /tool is in it{}", name, why)};
+  }
+  Result<Motion> read = tips(name, content, topic);
+  if (!read) return read;
+  Motion motion = std::move(read).value();
+  if (const Result<void> jaw = add_jaw(name, content, commanded, motion); !jaw)
+    return Failure{jaw.error()};
+  return long_enough(name, std::move(motion));
+}
+
+Result<Motion> load_motion(const std::string& path) {
+  namespace fs = std::filesystem;
+  std::error_code failed;
+  const std::string file =
+      fs::is_directory(path, failed) ? (fs::path(path) / "tool.csv").string() : path;
+  const Result<std::string> bytes = read_file(file);
+  if (!bytes) return Failure{bytes.error()};
+  if (bytes.value().starts_with(kMcapMagic)) return parse_motion(file, bytes.value());
+  try {
+    return long_enough(file, motion_of_table(file));
+  } catch (const Error& error) {
+    return Failure{error.what()};
+  }
+}
+
+}  // namespace omentum

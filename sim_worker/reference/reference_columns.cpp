@@ -1,0 +1,384 @@
+// Forward sensitivities of the reference solid (reference_columns.h).
+#include "sim_worker/reference/reference_columns.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "core/check.h"
+#include "sim_worker/reference/reference_tissue.h"
+
+namespace omentum {
+namespace {
+
+using Eigen::Matrix3d;
+using Eigen::MatrixXd;
+using Eigen::Vector3d;
+using Eigen::VectorXd;
+using Values = std::array<double, Pack::kLanes>;
+
+// Solves after the first, in which friction's limits follow the normal forces: at most, and while
+// they change what the columns do by more than this.
+constexpr int kFrictionRounds = 4;
+constexpr double kFrictionChange = 1e-3;
+
+/// Whether elements have the same forces in both at the same nodes.
+bool same_elements(const ReferenceTissueModel& a, const ReferenceTissueModel& b) {
+  const auto material = [](const ReferenceTissueModel& m) {
+    EffectValues values;
+    for (const EffectRow& row : effect_catalogue()) {
+      const bool of_elements = row.part == EffectPart::kMaterial ||
+                               row.part == EffectPart::kStructure || row.part == EffectPart::kShape;
+      if (row.member != nullptr && of_elements) row.member(values) = row.get(m.effects);
+    }
+    return values;
+  };
+  return a.nodes == b.nodes && a.lame.mu == b.lame.mu && a.lame.lambda == b.lame.lambda &&
+         a.material.law() == b.material.law() && material(a) == material(b);
+}
+
+}  // namespace
+
+double site_weight(const ColumnParameter& site, const Vector3d& p_B) {
+  const double u = (p_B.head<2>() - site.place).norm() / site.radius;
+  const double t = std::clamp((1.25 - u) / 0.5, 0.0, 1.0);
+  return t * t * (3 - 2 * t);
+}
+
+ReferenceColumns::ReferenceColumns(std::vector<ColumnParameter> list,
+                                   const std::shared_ptr<const ReferenceTissueModel>& model)
+    : parameters(std::move(list)), factor(model->order) {
+  const auto unknowns = static_cast<Eigen::Index>(model->unknowns);
+  const auto nodes = static_cast<Eigen::Index>(model->nodes.size());
+  for (MatrixXd* field : {&x, &v, &x_before, &v_before}) field->setZero(unknowns, count());
+  mode.setZero(9 * static_cast<Eigen::Index>(model->elements.size()), count());
+  multiplier.setZero(3 * GraspPatch::kRows, count());
+  offset.setZero(3 * GraspPatch::kRows, count());
+  rest.setZero(3 * nodes, count());
+  tip_from.setZero(3, count());
+  tip_to.setZero(3, count());
+  aside.setZero(2, count());
+  same = std::make_unique<ReferenceTissue>(model);
+  for (int axis = 0; axis < 2; ++axis) {
+    const auto moved = std::make_shared<ReferenceTissueModel>(*model);
+    (axis == 0 ? moved->effects.grasp_x : moved->effects.grasp_y) += kAside;
+    pinched_aside[axis] = std::make_unique<ReferenceTissue>(moved);
+  }
+  site_elements.resize(parameters.size());
+  for (Eigen::Index k = 0; k < count(); ++k) {
+    const ColumnParameter& p = parameters[k];
+    changed.push_back(nullptr);
+    same_elements.push_back(p.kind == ColumnKind::kScene &&
+                            omentum::same_elements(*model, *p.changed));
+    if (p.kind == ColumnKind::kScene) {
+      changed.back() = std::make_unique<ReferenceTissue>(p.changed);
+      for (Eigen::Index i = 0; i < nodes; ++i) {
+        rest.col(k).segment<3>(3 * i) =
+            model->body.X_WB.linear() * (p.changed->nodes[i] - model->nodes[i]) / p.step;
+        if (model->unknown[i] >= 0)
+          x.col(k).segment<3>(model->unknown[i]) = rest.col(k).segment<3>(3 * i);
+      }
+    }
+    if (p.kind == ColumnKind::kStiffnessSite) {
+      for (std::size_t e = 0; e < model->elements.size(); ++e) {
+        const std::array<int, 8>& node = model->elements[e].node;
+        const double w = site_weight(p, 0.5 * (model->nodes[node[0]] + model->nodes[node[7]]));
+        if (w > 0) site_elements[k].emplace_back(static_cast<int>(e), w);
+      }
+    }
+  }
+  x_before = x;
+}
+
+ReferenceColumns::~ReferenceColumns() = default;
+
+void ReferenceTissue::carry_columns(std::vector<ColumnParameter> parameters) {
+  if (model_->surroundings.grip.pad)
+    throw_error("scene.tool.grip.hold: HOLD_PAD has no derivatives, allowed for them: HOLD_MEAN");
+  const EffectValues& fx = effects_.values();
+  if (fx.has_memory() || fx.suction > 0 || fx.adhesion > 0 || fx.air_drag > 0 ||
+      fx.slip_speed > 0) {
+    throw_error(
+        "columns: a scene with memory in its material, adhesion, suction, air drag or slip has "
+        "none");
+  }
+  if (!(fx == model_->effects))
+    throw_error("columns: effects of a lane are not those of the scene");
+  if (grasp_) throw_error("columns: begun while tissue is held");
+  for (const ColumnParameter& p : parameters) {
+    OMENTUM_CHECK(p.kind != ColumnKind::kScene || p.changed->unknown == model_->unknown,
+                  "a column's scene has another mesh");
+  }
+  columns_ = std::make_unique<ReferenceColumns>(std::move(parameters), model_);
+  for_each_follower([this](ReferenceTissue& follower) {
+    LaneParameters own = parameters_;
+    own.effects = follower.model_->effects;
+    follower.reset(0, offset_);
+    follower.set_parameters(0, own);
+  });
+}
+
+void ReferenceTissue::set_tip_columns(const Eigen::Matrix3Xd& from, const Eigen::Matrix3Xd& to) {
+  OMENTUM_CHECK(columns_ && from.cols() == columns_->count() && to.cols() == from.cols());
+  columns_->tip_from = from;
+  columns_->tip_to = to;
+}
+
+/// Of a node: clamped ones move with the mesh.
+Eigen::Matrix3Xd ReferenceTissue::node_columns(int node) const {
+  const int row = model_->unknown[node];
+  if (row < 0) return columns_->rest.middleRows<3>(3L * node);
+  return columns_->x.middleRows<3>(row);
+}
+
+/// C s of the patch: [3 row + axis][column].
+MatrixXd ReferenceTissue::patch_columns() const {
+  MatrixXd rows = MatrixXd::Zero(3L * GraspPatch::kRows, columns_->count());
+  const GraspPatch& patch = grasp_->patch;
+  for (int k = 0; k < patch.weight.rows(); ++k) {
+    for (int r = 0; r < GraspPatch::kRows; ++r)
+      rows.middleRows<3>(3L * r) += patch.weight(k, r) * node_columns(patch.node[k]);
+  }
+  return rows;
+}
+
+/// Where the tip finds the sheet, per parameter: the shift of the tip in x_B, y_B that finds, on
+/// the sheet as it is, what the moved tip finds on the moved sheet.
+Eigen::Matrix2Xd ReferenceTissue::patch_shift() const {
+  const BodyPoint::Location at =
+      model_->locate({grasp_->centre.x(), grasp_->centre.y(), 0}).locations.front();
+  const ReferenceElement& element = model_->elements[at.element];
+  const std::array<double, 8> N = hex_functions(at.xi);
+  const std::array<Vector3d, 8> x = nodes_of(at.element);
+  Eigen::Matrix3Xd moved = columns_->tip_from;
+  Eigen::Matrix<double, 3, 2> tangent = Eigen::Matrix<double, 3, 2>::Zero();
+  for (int a = 0; a < kHexNodes; ++a) {
+    moved -= N[a] * node_columns(element.node[a]);
+    for (int axis = 0; axis < 2; ++axis) {
+      double slope = 0.125;
+      for (int other = 0; other < 3; ++other) {
+        const double side = ((a >> other) & 1) != 0 ? 1 : -1;
+        slope *= other == axis ? 2 * side / element.size[axis] : 1 + side * at.xi[other];
+      }
+      tangent.col(axis) += slope * x[a];
+    }
+  }
+  const Eigen::Matrix<double, 3, 2> of_shift = model_->body.X_WB.linear().leftCols<2>();
+  return Eigen::Matrix2d(tangent.transpose() * of_shift).inverse() * tangent.transpose() * moved;
+}
+
+void ReferenceTissue::hold_columns(const Matrix3d& jaw, bool collapse) {
+  ReferenceColumns& c = *columns_;
+  c.offset = patch_columns();
+  c.offset.topRows<3>() -= c.tip_from;
+  for (int r = 0; r < GraspPatch::kRows; ++r)
+    c.offset.middleRows<3>(3L * r) = jaw * MatrixXd(c.offset.middleRows<3>(3L * r));
+  c.aside = patch_shift();
+  if (collapse) c.offset.topRows<3>().setZero();
+  c.multiplier.setZero();
+}
+
+/// x <- dx/dtheta of right sides `nodes` and `modes` and of the grasp's rows.
+void ReferenceTissue::solve_columns(const MatrixXd& grasp, MatrixXd& nodes, const MatrixXd& modes,
+                                    MatrixXd& multiplier) const {
+  const ReferenceColumns& c = *columns_;
+  const Eigen::Index count = nodes.cols();
+  // Modes eliminated, element by element: b - K_xm K_mm^-1 b_m.
+  for (std::size_t batch = 0; batch < model_->batches(); ++batch) {
+    HexInner inner = c.inner[batch];
+    for (Eigen::Index k = 0; k < count; ++k) {
+      std::array<Pack, 9> load;
+      bool any = false;
+      for (int m = 0; m < 9; ++m) {
+        Values values{};
+        for (int lane = 0; lane < elements_in(batch); ++lane)
+          values[lane] = modes(9 * static_cast<Eigen::Index>(Pack::kLanes * batch + lane) + m, k);
+        any = any || std::ranges::any_of(values, [](double value) { return value != 0; });
+        load[m] = Pack::load(values.data());
+      }
+      if (!any) continue;
+      hex_condense(load, inner);
+      for (int row = 0; row < 24; ++row) {
+        Pack sum;
+        for (int r = 0; r < 9; ++r) sum = fma(inner.coupling[24 * r + row], inner.rhs[r], sum);
+        for (int lane = 0; lane < elements_in(batch); ++lane) {
+          const int at = node_unknown(Pack::kLanes * batch + lane, row);
+          if (at >= 0) nodes(at, k) -= sum.lane(lane);
+        }
+      }
+    }
+  }
+  c.factor.solve_lower(nodes);
+  if (grasp_) {
+    // Rows of the grasp, then the springs that the factor has too much (brace).
+    const Eigen::Index rows = 3L * GraspPatch::kRows;
+    MatrixXd right = MatrixXd::Zero(c.border.cols(), nodes.cols());
+    right.topRows(rows) = grasp;
+    const MatrixXd border = c.border_solver.solve(c.border.transpose() * nodes - right);
+    nodes.noalias() -= c.border * border;
+    multiplier = border.topRows(rows);
+  }
+  c.factor.solve_upper(nodes);
+}
+
+/// Factor at the converged trial. Held tissue under compression may be stable only because it is
+/// held: then springs on the nodes of the patch make the matrix positive definite, and the border
+/// takes them off again. With Z = [C^T, -E], E the unknowns of these nodes, k their spring,
+///
+///   (A + k E E^T) s + Z [p; q] = b,   C s - c p = targets,   q = k E^T s
+bool ReferenceTissue::factor_columns(const Terms& terms) {
+  ReferenceColumns& c = *columns_;
+  const Tangent tangent{true, inertia(terms), trial_x_, trial_mode_, node_blocks(terms)};
+  assemble(tangent, c.factor, c.inner, c.body_blocks);
+  bool braced = false;
+  double spring = 0;
+  if (!c.factor.factor()) {
+    if (!grasp_) return false;
+    braced = true;
+    for (const int node : grasp_->patch.node)
+      spring = std::max(spring, c.body_blocks[node].diagonal().maxCoeff());
+    for (const int node : grasp_->patch.node) {
+      set_block(node,
+                c.body_blocks[node] + tangent.node_blocks[node] + spring * Matrix3d::Identity(),
+                c.factor);
+    }
+    if (!c.factor.factor()) return false;
+  }
+  if (!grasp_) return true;
+  c.border = grasp_columns();
+  const Eigen::Index rows = c.border.cols();
+  if (braced) {
+    std::vector<int> unknowns;
+    for (const int node : grasp_->patch.node) {
+      for (int axis = 0; axis < 3 && model_->unknown[node] >= 0; ++axis)
+        unknowns.push_back(model_->unknown[node] + axis);
+    }
+    c.border.conservativeResize(Eigen::NoChange, rows + static_cast<Eigen::Index>(unknowns.size()));
+    c.border.rightCols(static_cast<Eigen::Index>(unknowns.size())).setZero();
+    for (std::size_t k = 0; k < unknowns.size(); ++k)
+      c.border(unknowns[k], rows + static_cast<Eigen::Index>(k)) = -1;
+  }
+  c.factor.solve_lower(c.border);
+  MatrixXd S = c.border.transpose() * c.border;
+  const Eigen::Vector4d compliances = grasp_compliances();
+  for (Eigen::Index r = 0; r < S.rows(); ++r)
+    S(r, r) += r < rows ? compliances[r / 3] : -1 / spring;
+  c.border_solver.compute(S);
+  return true;
+}
+
+/// Of the converged trial, before the state takes it over.
+void ReferenceTissue::advance_columns(const Terms& terms) {
+  ReferenceColumns& c = *columns_;
+  if (!c.valid) return;
+  c.valid = factor_columns(terms);
+  if (!c.valid) c.reason = "the tangent of a converged step is not positive definite";
+  if (!c.valid) return;
+  const MatrixXd x_tilde = terms.now * c.x - terms.before * c.x_before;
+  const MatrixXd v_tilde = terms.now * c.v - terms.before * c.v_before;
+  MatrixXd loads(c.x.rows(), c.count());
+  for (std::size_t i = 0; i < trial_x_.size(); ++i) {
+    const int row = model_->unknown[i];
+    if (row < 0) continue;
+    loads.middleRows<3>(row) = model_->mass[i] * (inertia(terms) * x_tilde.middleRows<3>(row) +
+                                                  v_tilde.middleRows<3>(row) / terms.beta);
+  }
+  friction_stiffness(terms, [&](int node, const Matrix3d& block) {
+    const int row = model_->unknown[node];
+    if (row >= 0) loads.middleRows<3>(row) += block * x_tilde.middleRows<3>(row);
+  });
+  MatrixXd& modes = c.mode_load;
+  modes.setZero(c.mode.rows(), c.count());
+  MatrixXd grasp = c.offset;
+  column_loads(terms, loads, modes, grasp);
+
+  MatrixXd s = loads;
+  solve_columns(grasp, s, modes, c.multiplier);
+  MatrixXd last = MatrixXd::Zero(loads.rows(), loads.cols());
+  for (int round = 0; round < kFrictionRounds && !friction_.empty(); ++round) {
+    MatrixXd more = MatrixXd::Zero(loads.rows(), loads.cols());
+    add_limit_loads(terms, s, more);
+    if ((more - last).squaredNorm() <= kFrictionChange * kFrictionChange * more.squaredNorm())
+      break;
+    last = more;
+    s = loads + more;
+    solve_columns(grasp, s, modes, c.multiplier);
+  }
+  std::swap(c.x_before, c.x);
+  std::swap(c.v_before, c.v);
+  c.x = std::move(s);
+  c.v = (c.x - x_tilde) / terms.beta;
+  c.modes_recovered = false;
+}
+
+/// Columns of the modes from those of the nodes: nothing else needs them, so when they are asked
+/// for.
+void ReferenceTissue::recover_modes() const {
+  ReferenceColumns& c = *columns_;
+  if (c.modes_recovered) return;
+  c.modes_recovered = true;
+  const MatrixXd& modes = c.mode_load;
+  for (std::size_t batch = 0; batch < model_->batches(); ++batch) {
+    HexInner& inner = c.inner[batch];
+    for (Eigen::Index k = 0; k < c.count(); ++k) {
+      std::array<Pack, 9> load;
+      std::array<Pack, 9> change;
+      std::array<Pack, 24> dx;
+      Values values{};
+      for (int m = 0; m < 9; ++m) {
+        for (int lane = 0; lane < elements_in(batch); ++lane)
+          values[lane] = -modes(9 * static_cast<Eigen::Index>(Pack::kLanes * batch + lane) + m, k);
+        load[m] = Pack::load(values.data());
+      }
+      hex_condense(load, inner);
+      for (int row = 0; row < 24; ++row) {
+        for (int lane = 0; lane < elements_in(batch); ++lane) {
+          const std::size_t element = Pack::kLanes * batch + lane;
+          const int at = node_unknown(element, row);
+          values[lane] = at >= 0 ? c.x(at, k) : 0;
+        }
+        dx[row] = Pack::load(values.data());
+      }
+      hex_recover(inner, dx, change);
+      for (int m = 0; m < 9; ++m) {
+        for (int lane = 0; lane < elements_in(batch); ++lane)
+          c.mode(9 * static_cast<Eigen::Index>(Pack::kLanes * batch + lane) + m, k) =
+              change[m].lane(lane);
+      }
+    }
+  }
+}
+
+Eigen::Matrix3Xd ReferenceTissue::point_columns(const BodyPoint& point) const {
+  const ReferenceColumns& c = *columns_;
+  recover_modes();
+  Eigen::Matrix3Xd sum = Eigen::Matrix3Xd::Zero(3, c.count());
+  for (const BodyPoint::Location& at : point.locations) {
+    const ReferenceElement& element = model_->elements[at.element];
+    const std::array<double, 8> N = hex_functions(at.xi);
+    const std::array<Vector3d, 8> x = nodes_of(at.element);
+    std::array<Eigen::Matrix3Xd, 8> nodes;
+    for (int a = 0; a < kHexNodes; ++a) nodes[a] = node_columns(element.node[a]);
+    for (Eigen::Index k = 0; k < c.count(); ++k) {
+      std::array<Vector3d, 8> dx;
+      for (int a = 0; a < kHexNodes; ++a) {
+        dx[a] = nodes[a].col(k);
+        sum.col(k) += N[a] * dx[a];
+      }
+      if (point.fixed) continue;
+      std::array<double, 9> mode{};
+      for (int m = 0; m < 9; ++m) mode[m] = c.mode(9L * at.element + m, k);
+      const std::array<double, 9>& base = state_.mode[at.element];
+      sum.col(k) += hex_bow(element.size, x, mode, at.xi) + hex_bow(element.size, dx, base, at.xi);
+      const ColumnParameter& p = c.parameters[k];
+      if (p.kind != ColumnKind::kScene) continue;
+      const Vector3d& size = p.changed->elements[at.element].size;
+      if (size != element.size) {
+        sum.col(k) +=
+            (hex_bow(size, x, base, at.xi) - hex_bow(element.size, x, base, at.xi)) / p.step;
+      }
+    }
+  }
+  return sum / static_cast<double>(point.locations.size());
+}
+
+}  // namespace omentum

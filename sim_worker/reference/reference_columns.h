@@ -1,0 +1,90 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <Eigen/LU>
+#include <array>
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "sim_worker/reference/reference_model.h"
+
+namespace omentum {
+
+class ReferenceTissue;
+
+/// How a simulation depends on a number (docs/tissue.md 13).
+enum class ColumnKind {
+  kScene,          ///< a number of the scene: `changed` differs in it by `step`
+  kToolPath,       ///< what moves the tip, told by set_tip_columns()
+  kStiffnessSite,  ///< relative change of stiffness at a place, as `inclusion`, unit 1
+  kDensitySite,    ///< relative change of density at a place, unit 1
+  kForceSite,      ///< force along `axis` of W spread over a place, unit N
+};
+
+struct ColumnParameter {
+  ColumnKind kind = ColumnKind::kScene;
+  /// A model on the same mesh (make_reference_model's `mesh_of`), `step` units of the parameter
+  /// away; small against what the simulation is linear over, large against rounding.
+  std::shared_ptr<const ReferenceTissueModel> changed;
+  double step = 1;
+  Eigen::Vector2d place = Eigen::Vector2d::Zero();  ///< of sites: x_B, y_B at rest [m]
+  double radius = 0.01;                             ///< of sites [m]
+  int axis = 2;                                     ///< of kForceSite
+};
+
+/// Weight of a site at a place of the rest sheet: 1 inside, falling smoothly from 3/4 to 5/4 of the
+/// radius, as the catalogue's inclusion.
+double site_weight(const ColumnParameter& site, const Eigen::Vector3d& p_B);
+
+/// Derivatives of the state of a ReferenceTissue by parameters, carried beside it step by step: one
+/// column each. The converged step solves R(x, history; theta) = 0, so a column s = dx/dtheta obeys
+///
+///   (dR/dx) s = -dR/dtheta - (dR/dhistory) s_history
+///
+/// with the factor of dR/dx at the converged state. The history are the last two states and, at a
+/// grasp, the place of the patch. dR/dtheta is the residual of a tissue of the changed scene that
+/// follows the path of the base, with memory, friction and grasp of its own, less that of one of
+/// the same scene: both are functions of the path, so the difference is exact to rounding. The base
+/// keeps its bits. Friction's limit follows the normal force by a few more solves. One-sided where
+/// the base is at a kink: a node that begins to touch or to slip, an effect that only adds.
+struct ReferenceColumns {
+  ReferenceColumns(std::vector<ColumnParameter> list,
+                   const std::shared_ptr<const ReferenceTissueModel>& model);
+  ~ReferenceColumns();
+  Eigen::Index count() const { return static_cast<Eigen::Index>(parameters.size()); }
+
+  std::vector<ColumnParameter> parameters;
+  // Rows: unknowns of the model; columns: parameters.
+  Eigen::MatrixXd x, v, x_before, v_before;  ///< per unit of the parameter
+  Eigen::MatrixXd mode;       ///< of the elements, [9 element + mode]; see recover_modes()
+  Eigen::MatrixXd mode_load;  ///< -dR/dtheta of the modes in the last step
+  bool modes_recovered = true;
+  Eigen::MatrixXd multiplier, offset;  ///< of the grasp, [3 row + axis]
+  Eigen::MatrixXd rest;  ///< of all nodes at rest, [3 node]: what changes the mesh moves them
+  Eigen::Matrix3Xd tip_from, tip_to;  ///< of the tip at the ends of the control step
+  bool valid = true;                  ///< false from the first step on that has no columns
+  std::string reason;                 ///< of that
+
+  std::unique_ptr<ReferenceTissue> same;                  ///< follows the base in its own scene
+  std::vector<std::unique_ptr<ReferenceTissue>> changed;  ///< of kScene, else null
+  std::vector<std::uint8_t> same_elements;  ///< per column: its scene changes no element
+  /// Pinched kAside further along x_B and y_B: what a parameter that moves the tissue before the
+  /// grasp, or the tip, does to the place of the patch, `aside` [m per unit].
+  static constexpr double kAside = 1e-7;  // [m]
+  std::array<std::unique_ptr<ReferenceTissue>, 2> pinched_aside;
+  Eigen::Matrix2Xd aside;
+  /// Of the elements in a stiffness site, and their weights; one list per parameter.
+  std::vector<std::vector<std::pair<int, double>>> site_elements;
+
+  // Scratch of a step.
+  FrontalCholesky factor;
+  std::vector<HexInner> inner;
+  std::vector<Eigen::Matrix3d> body_blocks;
+  Eigen::MatrixXd border;  ///< L^-1 of the columns that border the matrix
+  Eigen::PartialPivLU<Eigen::MatrixXd> border_solver;
+};
+
+}  // namespace omentum

@@ -1,0 +1,61 @@
+#include "core/ply.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+namespace omentum {
+namespace {
+
+using Eigen::Vector3f;
+using testing::HasSubstr;
+
+const std::string kAscii =
+    "ply\nformat ascii 1.0\nelement vertex 2\nproperty uchar red\nproperty double z\n"
+    "property float x\nproperty float y\nelement face 1\nproperty list uchar int index\n"
+    "end_header\n255 3 1 2\n0 0.25 -1e-3 7\n3 0 1 1\n";
+
+TEST(Ply, ReadsBackWhatItWrites) {
+  const std::vector<Vector3f> points = {{1, 2, 3}, {-0.5F, 1e-7F, 0}};
+  const auto read = parse_ply("a.ply", encode_ply(points));
+  ASSERT_TRUE(read) << read.error();
+  EXPECT_EQ(read.value(), points);
+}
+
+TEST(Ply, TakesAnyOrderAndPassesOverTheRest) {
+  const auto read = parse_ply("a.ply", kAscii);
+  ASSERT_TRUE(read) << read.error();
+  EXPECT_EQ(read.value(), (std::vector<Vector3f>{{1, 2, 3}, {-1e-3F, 7, 0.25F}}));
+}
+
+TEST(Ply, OfAFileCutAnywhereIsPointsOrOneLine) {
+  const std::string binary = encode_ply({{1, 2, 3}, {4, 5, 6}});
+  for (std::size_t size = 0; size < binary.size(); ++size) {
+    const auto read = parse_ply("a.ply", binary.substr(0, size));
+    ASSERT_FALSE(read) << size;
+    EXPECT_THAT(read.error(), testing::StartsWith("a.ply: "));
+  }
+  for (std::size_t size = 0; size < kAscii.size(); ++size)
+    (void)parse_ply("a.ply", kAscii.substr(0, size));
+}
+
+TEST(Ply, WhatCannotBeMeantIsRefused) {
+  const auto refusal = [](const std::string& format, const std::string& count,
+                          const std::string& last) {
+    const auto read = parse_ply("a.ply", "ply\nformat " + format + " 1.0\nelement " + count +
+                                             "\nproperty float x\nproperty float y\n" + last +
+                                             "\nend_header\n1 2 nan\n");
+    return read ? "taken" : read.error();
+  };
+  EXPECT_THAT(refusal("binary_big_endian", "vertex 1", "property float z"), HasSubstr("neither"));
+  EXPECT_THAT(refusal("ascii", "face 1", "property float z"), HasSubstr("first element"));
+  EXPECT_THAT(refusal("ascii", "vertex 0", "property float z"), HasSubstr("0 vertices"));
+  EXPECT_THAT(refusal("ascii", "vertex 99999999999", "property float z"), HasSubstr("allowed 1"));
+  EXPECT_THAT(refusal("ascii", "vertex 1", "property float w"), HasSubstr("no x, y or z"));
+  EXPECT_THAT(refusal("ascii", "vertex 1", "property list uchar int z"), HasSubstr("no scalar"));
+  EXPECT_THAT(refusal("ascii", "vertex 1", "property float z"), HasSubstr("not finite"));
+}
+
+}  // namespace
+}  // namespace omentum

@@ -1,0 +1,112 @@
+#!/usr/bin/env python3
+"""The gateway's periods beside busy cores: dvrk_gateway against dvrk_double. usage: gateway_soak.py BIN_DIR SECONDS
+
+Prints figures as "name value unit" and what was seen behind #. Exit code 1: a period began more than 5 ms late or was
+missed, the arm was stopped, the p99 of the latency is above 2 ms, or memory grew; 77, no verdict, where SCHED_FIFO is not
+granted or a core stood still for more than 5 ms under a thread of highest priority, as in a virtual machine.
+"""
+import os
+import pathlib
+import re
+import subprocess
+import sys
+import tempfile
+import time
+
+import gateway_rig as rig
+from machine_watch import MachineWatch
+
+ARMED_S = 60  # patience
+SETTLED_S = 20  # after which memory must stay as it is
+GROWTH_KB = 512
+
+
+def memory_kb(pid):
+    for line in pathlib.Path(f"/proc/{pid}/status").read_text().splitlines():
+        if line.startswith("VmRSS:"):
+            return int(line.split()[1])
+    return 0
+
+
+def figures_of(text):
+    """Of what the gateway prints at its end."""
+    figures = {}
+    found = re.search(r"^periods +(\d+), (\d+) late by more than 5 ms, (\d+) missed", text, re.MULTILINE)
+    if not found:
+        raise RuntimeError("the gateway printed no times: " + text[-500:])
+    figures["periods"], figures["late"], figures["missed"] = (int(g) for g in found.groups())
+    for name in ("jitter", "latency", "state age"):
+        found = re.search(rf"^{name} +p50 ([0-9.]+) p99 ([0-9.]+) max ([0-9.]+) ms", text, re.MULTILINE)
+        for quantile, value in zip(("p50", "p99", "max"), found.groups()):
+            figures[f"{name.replace(' ', '_')}_{quantile}"] = float(value)
+    return figures
+
+
+def attend(gateway, seconds):
+    """Arms whenever the gateway is ready. Returns memory when it had settled and at the end [kB]."""
+    begin = time.monotonic()
+    settled = last = memory_kb(gateway.process.pid)
+    while time.monotonic() < begin + seconds:
+        time.sleep(0.2)
+        if gateway.process.poll() is not None:
+            raise RuntimeError("the gateway ended: " + gateway.text()[-500:])
+        words = rig.phases(gateway.text())
+        if words and words[-1] == "ready":
+            gateway.type("a")
+        if words and words[-1] == "stopped":
+            gateway.type("k")
+        if "active" not in words and time.monotonic() > begin + ARMED_S:
+            raise RuntimeError("not armed: " + gateway.text()[-500:])
+        last = memory_kb(gateway.process.pid)
+        if time.monotonic() < begin + min(SETTLED_S, seconds / 2):
+            settled = last
+    return settled, last
+
+
+def main():
+    programs, seconds = rig.programs_folder(pathlib.Path(sys.argv[1])), float(sys.argv[2])
+    busy = []
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = pathlib.Path(scratch)
+        policy = rig.make_policy(programs, folder, 1 + os.getpid() % 200)
+        registration = rig.make_registration(programs, folder, policy)
+        port = rig.free_port()
+        double = rig.start_double(programs, folder, port)
+        try:
+            with rig.datagram_socket(port) as link:
+                rig.lead_to_start(link)
+            gateway = rig.start_gateway(programs, folder, port, policy, registration)
+            for _ in range(os.cpu_count() or 1):
+                busy.append(subprocess.Popen(["nice", "-n", "19", "sh", "-c", "while :; do :; done"]))
+            machine = MachineWatch()
+            settled, last = attend(gateway, seconds)
+            gateway.end()
+            stood_still, longest_ms = machine.end()
+        finally:
+            for process in busy:
+                process.kill()
+                process.wait()
+            double.end()
+        text = gateway.text()
+    figures = figures_of(text)
+    stops = rig.phases(text).count("stopped") - 1  # the last one is the end
+    print(f"gateway.latency_p99_ms {figures['latency_p99']} ms # p50 {figures['latency_p50']} max {figures['latency_max']}")
+    print(f"gateway.jitter_p99_ms {figures['jitter_p99']} ms # p50 {figures['jitter_p50']} max {figures['jitter_max']}")
+    print(f"gateway.missed_ticks {figures['late'] + figures['missed']} ticks # of {figures['periods']}, "
+          f"{figures['late']} late by more than 5 ms")
+    print(f"gateway.state_age_p99_ms {figures['state_age_p99']} ms # p50 {figures['state_age_p50']} "
+          f"max {figures['state_age_max']}")
+    print(f"gateway.machine_stood_still {stood_still} times # a core for more than 5 ms, up to {longest_ms:.1f} ms")
+    print(f"# memory {settled} kB, at the end {last} kB; {text.count('episode ')} episodes, {stops} stops")
+    told = [re.sub(r"[0-9][0-9.]*", "#", line) for line in text.splitlines() if line.startswith("stopped:") or "warn" in line]
+    for line in sorted(set(told)):
+        print(f"# {told.count(line)} x {line}")
+    if last - settled > GROWTH_KB:
+        return 1
+    if figures["late"] + figures["missed"] == 0 and stops <= 0 and figures["latency_p99"] <= 2:
+        return 0
+    return 77 if "SCHED_FIFO was refused" in text or stood_still > 0 else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,210 @@
+// The gateway against the double in simulated time: what stops it, how fast, and what a bad network
+// changes.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <functional>
+#include <memory>
+
+#include "dvrk_gateway/backend/arm_guide.h"
+#include "tests/dvrk_gateway/ideal_robot.h"
+#include "tests/dvrk_gateway/two_sides.h"
+
+namespace omentum {
+namespace {
+
+using Eigen::Vector3d;
+using test::TwoSides;
+using testing::HasSubstr;
+
+constexpr std::int64_t kMs = TwoSides::kMs;
+const Vector3d kStart(-0.02, 0.055, 0.09);  // p_WT
+
+Eigen::Isometry3d turned_base() {
+  Eigen::Isometry3d X_AR = Eigen::Isometry3d::Identity();
+  X_AR.linear() = Eigen::AngleAxisd(0.8, Vector3d(1, 2, -1).normalized()).toRotationMatrix();
+  X_AR.translation() = Vector3d(0.3, -0.2, 0.1);
+  return X_AR;
+}
+
+/// A gateway whose arm is armed and follows goals.
+struct Session {
+  explicit Session(const Disturbance& network = {},
+                   const Eigen::Isometry3d& X_AR = Eigen::Isometry3d::Identity(),
+                   std::uint64_t seed = 1)
+      : setup(make_safety_setup({}, test::paper_mount(), X_AR, true)),
+        sides(robot_options(X_AR), {}, setup.mount, network, seed) {
+    sides.bring_to(joints_for_tip(setup.mount, kStart).value());
+    loop = std::make_unique<ControlLoop>(sides.gateway_link, sides, setup);
+    port = std::make_unique<SteppedPort>(*loop, sides, events);
+    guide = std::make_unique<ArmGuide>(*port, setup, ArmGuideOptions{}, [this](const Period& now) {
+      if (now.judgement.memory.phase == SafetyPhase::kReady) events.arm_ns = sides.now_ns();
+      if (sides.now_ns() > 20 * TwoSides::kS) throw_error("{}", describe(now.judgement.finding));
+    });
+  }
+  static DoubleOptions robot_options(const Eigen::Isometry3d& X_AR) {
+    DoubleOptions options;
+    options.X_AR = X_AR;
+    return options;
+  }
+
+  /// A circle of 10 mm radius in half a minute at most; why it ended before, where it did.
+  Result<void> follow_circle(int steps, const std::function<void()>& each = {}) {
+    for (int k = 0; k < steps; ++k) {
+      const double angle = 0.04 * ++step;
+      const Vector3d aside(0.01 * (1 - std::cos(angle)), 0.01 * std::sin(angle), 0);
+      if (const Result<void> went = guide->follow(kStart + aside); !went) return went;
+      if (each) each();
+    }
+    return {};
+  }
+  /// True tip of the robot [m].
+  Vector3d tip() const { return setup.mount.X_WR * local_tip(); }
+  Vector3d local_tip() const {
+    const JointState q = sides.robot().arm().measured_js();
+    PsmJoints joints{};
+    std::copy_n(q.position.begin(), 6, joints.begin());
+    const PsmPose pose = psm_forward(joints);
+    return pose.p + setup.mount.tip_offset * pose.R.col(2);
+  }
+  std::vector<std::int64_t> hold_times() const {
+    std::vector<std::int64_t> times;
+    for (const auto& datagram : sides.gateway_link.sent) {
+      if (datagram.text.find("hold") != std::string::npos) times.push_back(datagram.time_ns);
+    }
+    return times;
+  }
+
+  int step = 0;  ///< of the circle
+  SafetySetup setup;
+  mutable TwoSides sides;
+  GatewayEvents events;
+  std::unique_ptr<ControlLoop> loop;
+  std::unique_ptr<SteppedPort> port;
+  std::unique_ptr<ArmGuide> guide;
+};
+
+struct Stop {
+  const char* name;
+  StopReason reason;
+  const char* told;  ///< what the operator reads, with the address
+  std::function<void(Session&)> cause;
+};
+
+/// The cause comes `after_ns` into a period.
+void expect_held_within_50_ms(const Stop& stop, std::int64_t after_ns) {
+  SCOPED_TRACE(std::string(stop.name) + ", ns into the period: " + std::to_string(after_ns));
+  Session session;
+  ASSERT_TRUE(session.guide->go_to(kStart));
+  ASSERT_TRUE(session.follow_circle(20));
+  session.sides.sleep_until(session.sides.now_ns() + after_ns);
+  const std::int64_t caused_ns = session.sides.now_ns();
+  stop.cause(session);
+  const Result<void> went = session.follow_circle(60);
+  ASSERT_FALSE(went);
+  EXPECT_THAT(went.error(), HasSubstr(stop.told));
+  EXPECT_EQ(session.port->period().judgement.memory.stop.reason, stop.reason) << went.error();
+  for (int k = 0; k < 20; ++k) session.port->exchange({});
+  const std::vector<std::int64_t> holds = session.hold_times();
+  ASSERT_EQ(holds.size(), 3U);
+  EXPECT_LE(holds[0] - caused_ns, 50 * kMs);
+}
+
+TEST(GatewayStops, ATheftARestartAndASecondRobotAreHeldWithin50MsAndNamed) {
+  const Stop stops[] = {
+      {"theft", StopReason::kStale, "127.0.0.1:40000",
+       [](Session& s) { s.sides.robot().steal(test::kStranger); }},
+      {"restart", StopReason::kForeignSource, "127.0.0.1:40001",
+       [](Session& s) { s.sides.restart(); }},
+      {"restart behind one address", StopReason::kTimestampBackward, "127.0.0.1:40000",
+       [](Session& s) { s.sides.robot().restart_timestamps(); }},
+      {"second robot", StopReason::kForeignSource, "10.0.0.7:9",
+       [](Session& s) { s.sides.tell_gateway("{}", test::kStranger); }},
+  };
+  for (const Stop& stop : stops) {
+    for (const std::int64_t after_ms : {0, 1, 5, 9, 10, 11, 15, 19})
+      expect_held_within_50_ms(stop, after_ms * kMs);
+  }
+}
+
+TEST(GatewayStops, AfterATheftTheHoldsTakeTheStreamBack) {
+  Session session;
+  ASSERT_TRUE(session.guide->go_to(kStart));
+  session.sides.robot().steal(test::kStranger);
+  ASSERT_FALSE(session.follow_circle(60));
+  for (int k = 0; k < 10; ++k) session.port->exchange({});
+  EXPECT_EQ(session.sides.robot().destination(), test::kClient);
+  EXPECT_EQ(session.port->period().judgement.memory.phase, SafetyPhase::kStopped);
+}
+
+TEST(GatewayStops, APolicyThatStallsIsHeldWithin50Ms) {
+  Session session;
+  ASSERT_TRUE(session.guide->go_to(kStart));
+  ASSERT_TRUE(session.follow_circle(20));
+  const std::int64_t last_ns = session.sides.gateway_link.sent.back().time_ns;
+  for (int k = 0; k < 20; ++k) session.port->exchange({});
+  const std::vector<std::int64_t> holds = session.hold_times();
+  ASSERT_EQ(holds.size(), 3U);
+  EXPECT_LE(holds[0] - last_ns, 50 * kMs);
+  EXPECT_EQ(session.port->period().judgement.memory.stop.reason, StopReason::kPolicyLate);
+}
+
+TEST(GatewayNetwork, LossDuplicationReorderingAndJitterChangeThePathByLessThanOneAction) {
+  Disturbance bad;
+  bad.loss = 0.1;
+  bad.duplication = 0.1;
+  bad.reordering = 0.1;
+  bad.jitter_s = 0.005;
+  std::vector<Vector3d> undisturbed;
+  Session plain;
+  ASSERT_TRUE(plain.guide->go_to(kStart));
+  ASSERT_TRUE(plain.follow_circle(500, [&] { undisturbed.push_back(plain.tip()); }));
+  int ended = 0;
+  for (std::uint64_t seed = 1; seed <= 10; ++seed) {
+    Session session(bad, Eigen::Isometry3d::Identity(), seed);
+    ASSERT_TRUE(session.guide->go_to(kStart));
+    std::vector<Vector3d> path;
+    const Result<void> went = session.follow_circle(500, [&] { path.push_back(session.tip()); });
+    ended += went ? 0 : 1;
+    double apart = 0;
+    for (const Vector3d& tip : path) {
+      double nearest = 1;
+      for (const Vector3d& other : undisturbed) nearest = std::min(nearest, (tip - other).norm());
+      apart = std::max(apart, nearest);
+    }
+    EXPECT_LE(apart, 0.0005) << "seed " << seed;
+    EXPECT_LE((path.back() - undisturbed[path.size() - 1]).norm(), 0.0015) << "seed " << seed;
+  }
+  EXPECT_LE(ended, 1) << "paths that a stop cut short";
+}
+
+TEST(GatewayBaseFrame, ATurnedBaseOfTheConsoleGivesTheSamePath) {
+  Session plain, turned({}, turned_base());
+  ASSERT_TRUE(plain.guide->go_to(kStart));
+  ASSERT_TRUE(turned.guide->go_to(kStart));
+  ASSERT_TRUE(plain.follow_circle(100));
+  ASSERT_TRUE(turned.follow_circle(100));
+  EXPECT_LT((plain.tip() - turned.tip()).norm(), 1e-9);
+  EXPECT_GT((plain.port->period().robot.measured_cp.payload.translation -
+             turned.port->period().robot.measured_cp.payload.translation)
+                .norm(),
+            0.1);
+}
+
+TEST(GatewayBaseFrame, AnotherBaseThanThatOfTheConsoleIsNeverArmed) {
+  Session session;
+  session.setup.X_AR = turned_base();
+  session.loop =
+      std::make_unique<ControlLoop>(session.sides.gateway_link, session.sides, session.setup);
+  SteppedPort port(*session.loop, session.sides, session.events);
+  for (int k = 0; k < 100; ++k) {
+    session.events.arm_ns = session.sides.now_ns();
+    const Period& now = port.exchange({.fresh = true, .command = {}});
+    ASSERT_NE(now.judgement.memory.phase, SafetyPhase::kActive);
+  }
+  EXPECT_EQ(port.period().judgement.finding.reason, StopReason::kBaseFrame);
+  EXPECT_TRUE(session.sides.gateway_link.sent.empty());
+}
+
+}  // namespace
+}  // namespace omentum

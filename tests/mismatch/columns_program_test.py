@@ -1,0 +1,121 @@
+#!/usr/bin/env python3
+"""mismatch simulate --columns: columns.npz as numpy reads it, against differences of runs of the program.
+
+usage: columns_program_test.py MISMATCH
+"""
+import pathlib
+import subprocess
+import sys
+import tempfile
+
+import numpy as np
+
+SCENE = """format_version: 1
+name: "sheet on a board"
+gravity_m_per_s2: 9.80665
+tissue {
+  pose { translation_m { z: 0.0015 } }
+  grid { count_x: 16 count_y: 16 pitch_m: 0.003 }
+  density_kg_per_m3: 1000
+  thickness_m: 0.003
+  anchor_max_y_m: -0.0195
+  static_friction: 0.3
+  dynamic_friction: 0.3
+  model: TISSUE_REFERENCE
+  material { young_modulus_pa: 60000 poisson_ratio: 0.45 damping_per_s: 5 law: LAW_NEO_HOOKE }
+  reference { elements_x: 8 elements_y: 8 elements_z: 1 friction_slip_speed_m_per_s: 1e-3 newton_tolerance: 1e-9 }
+}
+tool { base { translation_m { x: 0.1427 y: 0 z: 0.1584 } } roll_deg: 30 tip_offset_m: 0.0102 contact: false }
+camera { position_m { z: 0.25 } axis { z: -1 } up { y: 1 } vertical_fov_deg: 60 exposure_fov_deg: 7 exposure_pixels: 64 }
+rigid_body { name: "board" role: ROLE_BOARD half_space: true }
+rigid_body { name: "tumour" role: ROLE_TUMOUR pose { translation_m { x: 0.05 y: 0.05 z: 0.006 } } sphere_radius_m: 0.005 }
+workspace_min_m { x: -0.1 y: -0.1 z: 0.0005 }
+workspace_max_m { x: 0.1 y: 0.1 z: 0.12 }
+tool_start_m { x: 0 y: 0 z: 0.1 }
+target_m { x: 0 y: 0 z: 0.1 }
+tumour_point_m { x: 0.05 y: 0.05 z: 0.011 }
+start_grid { rows: 1 columns: 1 centre_m { x: 0 y: 0 z: 0.1 } }
+robot_grid { rows: 1 columns: 1 centre_m { x: 0 y: 0 z: 0.1 } }
+"""
+
+# Name, what a scene with the difference is, the difference, largest relative error.
+DIFFERENCES = [
+    ("young_modulus", "scene.tissue.material.young_modulus_pa={}", (59400, 60600), 1200, 0.01),
+    ("poisson.nu", "scene.tissue.material.poisson_ratio={}", (0.447, 0.453), 0.006, 0.03),
+    ("density.factor", "scene.tissue.effects.density_change={}", (-0.01, 0.01), 0.02, 0.01),
+    ("viscoelastic.g@tau=0.3", "scene.tissue.effects.viscoelastic={{ share: {} time_s: 0.3 }}", (0, 0.01), 0.01, 0.05),
+    ("grasp_offset.x", "scene.tissue.effects.grasp_offset.x_m={}", (-2e-5, 2e-5), 4e-5, 0.01),
+    ("actuation_delay.tau", "scene.arm.transport_delay_s={}", (0, 5e-4), 5e-4, 0.02),
+    ("tool_compliance.C_z", "scene.arm.tip_compliance.z={}", (0, 1e-4), 1e-4, 0.05),
+    ("contact_stiffness", "scene.tissue.reference.contact_stiffness_pa_per_m={}", (1.6e8, 2.4e8), 8e7, 0.05),
+]
+
+
+def run(program, folder, out, more, code=0):
+    command = [program, "simulate", "--scene", folder / "scene.txtpb", "--commands", folder / "commands",
+               "-o", folder / out, "--cloud-rate", "10", *more]
+    done = subprocess.run([str(c) for c in command], capture_output=True, text=True)
+    assert done.returncode == code, (more, done.returncode, done.stderr)
+    return done.stderr
+
+
+def markers(folder):
+    rows = np.loadtxt(folder / "markers.csv", delimiter=",", skiprows=1)
+    return rows[:, 0], rows[:, 1:].reshape(len(rows), -1, 3)[:, :256]  # of the upper face
+
+
+def check_differences(program, folder):
+    names = [row[0] for row in DIFFERENCES]
+    run(program, folder, "base", ["--columns", ",".join(names)])
+    data = np.load(folder / "base" / "columns.npz")
+    assert sorted(data) == ["force", "names", "t_s", "units", "upper", "uv_B"], sorted(data)
+    assert list(data["names"]) == names and data["units"][0] == "Pa", data["names"]
+    assert data["upper"].shape == (len(names), len(data["t_s"]), 256, 3) and data["uv_B"].shape == (256, 2)
+    times, base = markers(folder / "base")
+    frames = [int(np.argmin(abs(times - t))) for t in data["t_s"]]
+    for k, (name, change, values, step, bound) in enumerate(DIFFERENCES):
+        sides = []
+        for side, value in enumerate(values):
+            if value == 0:
+                sides.append(base)
+                continue
+            run(program, folder, f"{k}_{side}", ["--set", change.format(value)])
+            sides.append(markers(folder / f"{k}_{side}")[1])
+        difference = (sides[1] - sides[0])[frames] / step
+        error = np.linalg.norm(data["upper"][k] - difference) / np.linalg.norm(difference)
+        print(f"# {name:26s} {100 * error:.3f} %")
+        assert error < bound, (name, error)
+
+
+def check_refusals(program, folder):
+    for columns, said in (
+        ("colour", "colour: no parameter of that name"),
+        ("anchor_compliance", "anchor_compliance has no column: a rigid clamp"),
+        ("poisson.nu,poisson.nu", "poisson.nu is named twice"),
+        ("viscoelastic.g@time=1", 'viscoelastic.g: "time=1", allowed key=value with a number and a key of: tau'),
+        ("viscoelastic.g@tau=x", 'viscoelastic.g: "tau=x"'),
+        ("inclusion.k@r=0", "r must be above 0"),
+    ):
+        error = run(program, folder, "refused", ["--columns", columns], code=2)
+        assert said in error.splitlines()[-1], (columns, error)
+    error = run(program, folder, "refused", ["--columns", "poisson.nu", "--model", "elastic", "--set", "scene.tissue.material.law=LAW_COROTATED"], code=2)
+    assert "--columns: the tissue is not TISSUE_REFERENCE" in error, error
+
+
+def main():
+    program = sys.argv[1]
+    with tempfile.TemporaryDirectory() as name:
+        folder = pathlib.Path(name)
+        (folder / "scene.txtpb").write_text(SCENE)
+        (folder / "commands").mkdir()
+        rows = ["t_s,tip_commanded_x_m,tip_commanded_y_m,tip_commanded_z_m,jaw_commanded_rad"]
+        for k in range(41):  # a smooth lift: a kink of the path has no derivative by a delay
+            u = min(max((k - 4) / 30, 0), 1)
+            s = u**3 * (10 - 15 * u + 6 * u * u)
+            rows.append(f"{0.02 * k:.2f},{0.018 - 0.003 * s},{0.018 - 0.006 * s},{0.0015 + 0.02 * s},{0.4 if k < 4 else 0}")
+        (folder / "commands" / "tool.csv").write_text("\n".join(rows) + "\n")
+        check_differences(program, folder)
+        check_refusals(program, folder)
+
+
+main()

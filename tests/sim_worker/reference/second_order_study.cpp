@@ -1,0 +1,118 @@
+// Tables of docs/results.md: reference solid at its default tolerance and shell against
+// second-order bricks (tests/reference/README.md), and the error that `mismatch simulate` prints
+// against the true one. Run by hand:
+//
+//   second_order_study [--tolerance M] FILE ...     of tests/reference/results/second_order
+
+#include <array>
+#include <cmath>
+#include <cstdio>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "core/check.h"
+#include "core/command_line.h"
+#include "mismatch/simulate.h"
+#include "sim_worker/shell/shell_tissue.h"
+#include "support/second_order.h"
+
+namespace omentum {
+namespace {
+
+SimulatedRecording recording_of(const test::StaticState& state) {
+  SimulatedRecording recording;
+  recording.time = {0};
+  recording.points = {state.points};
+  recording.force = {state.force};
+  return recording;
+}
+
+/// As print_mesh_error of `mismatch simulate` does it.
+MeshError estimate(const test::SecondOrder& c, const Scene& fine, const std::array<int, 3>& cells,
+                   const test::StaticState& state) {
+  constexpr double kRatio = 1.5;
+  Scene coarse = fine;
+  pb::ReferenceModel& mesh = *coarse.config.mutable_tissue()->mutable_reference();
+  mesh = coarser_mesh(mesh, cells, kRatio);
+  return estimate_mesh_error(recording_of(state), recording_of(test::settle_reference(c, coarse)),
+                             kRatio);
+}
+
+/// The shell knows one law; at the strains of these cases the laws differ by little.
+test::StaticState settle_shell(const test::SecondOrder& c, Scene scene) {
+  scene.config.mutable_tissue()->set_model(pb::TISSUE_ELASTIC);
+  scene.config.mutable_tissue()->mutable_material()->set_law(pb::LAW_COROTATED);
+  constexpr double kPeriod = 0.02;
+  std::vector<std::string> warnings;
+  const auto model = make_shell_model(scene, kPeriod, warnings);
+  ShellTissue<double> tissue(model, f64x1());
+  const auto particle = [&](const Eigen::Vector3d& p) {
+    int nearest = 0;
+    for (int k = 0; k < tissue.particles(); ++k) {
+      if ((model->body.particles[k] - p).norm() < (model->body.particles[nearest] - p).norm())
+        nearest = k;
+    }
+    return nearest;
+  };
+  return test::settle(c, kPeriod, tissue, [&](const Eigen::Vector3d& p) {
+    return Eigen::Vector3d(tissue.position(0, particle(p)));
+  });
+}
+
+double force_error(const test::SecondOrder& c, const test::StaticState& state) {
+  if (!c.has("force")) return 0;
+  return (state.force - c.vector("force")).norm() / c.vector("force").norm();
+}
+
+void print_row(const std::string& path, double tolerance) {
+  const test::SecondOrder c = test::read_second_order(path);
+  const std::string name = std::filesystem::path(path).stem().string();
+  if (c.has("pad")) {
+    std::printf("| %s | the model has no pad |\n", name.c_str());
+    return;
+  }
+  Scene scene = test::make_second_order_scene(c);
+  scene.config.mutable_tissue()->mutable_reference()->set_tolerance_m(tolerance);
+  std::array<int, 3> cells{};
+  const test::StaticState state = test::settle_reference(c, scene, &cells);
+  const double rms = test::rms_distance(state.points, c.deformed);
+  const MeshError error = estimate(c, scene, cells, state);
+  std::printf("| %s | %.4f | %d x %d x %d | %.4f | %.2f | %.4f | %.2f |", name.c_str(),
+              1e3 * c.values.at("own_error")[0], cells[0], cells[1], cells[2], 1e3 * rms,
+              100 * force_error(c, state), 1e3 * error.rms_m, error.rms_m / rms);
+  if (!state.failure.empty()) std::printf(" %s", state.failure.c_str());
+  if (c.body == "sheet" && c.law == "neo_hooke") {
+    const test::StaticState shell = settle_shell(c, scene);
+    std::printf(" %.3f | %.2f |", 1e3 * test::rms_distance(shell.points, c.deformed),
+                100 * force_error(c, shell));
+    if (!shell.failure.empty()) std::printf(" %s", shell.failure.c_str());
+  } else {
+    std::printf(" - | - |");
+  }
+  std::printf("\n");
+  std::fflush(stdout);
+}
+
+}  // namespace
+}  // namespace omentum
+
+int main(int argc, char** argv) {
+  double tolerance = 5e-5;
+  std::vector<std::string> files;
+  CLI::App app{"Reference solid and shell against second-order bricks."};
+  app.add_option("--tolerance", tolerance, "Of the reference's mesh [m]");
+  app.add_option("files", files, "Results of tests/reference/run_second_order.py")->required();
+  CLI11_PARSE(app, argc, argv);
+  std::puts(
+      "| case | own error, mm | mesh | reference, mm rms | force, % | printed error, mm | printed "
+      "/ true | shell, mm rms | force, % |\n|---|---|---|---|---|---|---|---|---|");
+  for (const std::string& file : files) {
+    try {
+      omentum::print_row(file, tolerance);
+    } catch (const omentum::Error& error) {
+      std::printf("| %s | %s |\n", file.c_str(), error.what());
+    }
+  }
+  return 0;
+}

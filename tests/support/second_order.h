@@ -1,0 +1,154 @@
+#pragma once
+
+// Static states that second-order bricks of another engine found (tests/reference), and the same
+// states of the product.
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <fstream>
+#include <map>
+#include <memory>
+#include <span>
+#include <sstream>
+#include <string>
+#include <vector>
+
+#include "support/reference_scene.h"
+
+namespace omentum::test {
+
+/// tests/reference/results/second_order/NAME.txt.
+struct SecondOrder {
+  std::map<std::string, std::vector<double>> values;  ///< of the lines "# key values"
+  std::string law, body;
+  std::vector<Vector3d> rest, deformed;  ///< points of the mid-surface [m]
+
+  bool has(const char* key) const { return values.count(key) != 0; }
+  Vector3d vector(const char* key) const { return Vector3d::Map(values.at(key).data()); }
+};
+
+inline SecondOrder read_second_order(const std::string& path) {
+  std::ifstream file(path);
+  EXPECT_TRUE(file.is_open()) << path;
+  SecondOrder result;
+  for (std::string line; std::getline(file, line);) {
+    std::istringstream words(line);
+    if (line.front() == '#') {
+      std::string hash;
+      std::string key;
+      words >> hash >> key;
+      if (key == "law" || key == "body") {
+        words >> (key == "law" ? result.law : result.body);
+        continue;
+      }
+      for (double value = 0; words >> value;) result.values[key].push_back(value);
+      continue;
+    }
+    Vector3d a;
+    Vector3d b;
+    words >> a.x() >> a.y() >> a.z() >> b.x() >> b.y() >> b.z();
+    EXPECT_TRUE(words) << path << ": " << line;
+    result.rest.push_back(a);
+    result.deformed.push_back(b);
+  }
+  return result;
+}
+
+/// Body, material and effects of the case; elements and layers from the default tolerance.
+inline Scene make_second_order_scene(const SecondOrder& c) {
+  ReferenceCase r;
+  r.nx = c.body == "beam" ? 3 : c.body == "stubby" ? 11 : 31;
+  r.ny = 31;
+  r.thickness = c.body == "stubby" ? 0.027 : 0.003;
+  r.anchor = -0.042;
+  r.ex = r.ey = r.ez = 0;
+  r.young = c.values.at("young")[0];
+  r.poisson = 0.45;
+  r.gravity = c.values.at("gravity")[0];
+  r.damping = 20;
+  r.integrator = pb::INTEGRATOR_BACKWARD_EULER;
+  r.law = c.law == "neo_hooke"   ? pb::LAW_NEO_HOOKE
+          : c.law == "corotated" ? pb::LAW_COROTATED
+                                 : pb::LAW_ST_VENANT_KIRCHHOFF;
+  Scene scene = make_reference_scene(r);
+  pb::TissueEffects& effects = *scene.config.mutable_tissue()->mutable_effects();
+  if (c.has("inclusion")) {
+    const std::vector<double>& disc = c.values.at("inclusion");
+    effects.mutable_inclusion()->set_x_m(disc[0]);
+    effects.mutable_inclusion()->set_y_m(disc[1]);
+    effects.mutable_inclusion()->set_radius_m(disc[2]);
+    effects.mutable_inclusion()->set_stiffness_change(disc[3]);
+  }
+  if (c.has("compliance")) effects.set_grasp_compliance_m_per_n(c.values.at("compliance")[0]);
+  if (c.has("anchor_compliance"))
+    effects.mutable_anchor()->set_compliance_m2_per_n(c.values.at("anchor_compliance")[0]);
+  return scene;
+}
+
+inline std::vector<PinchCircle> pinches_of(const SecondOrder& c) {
+  if (!c.has("disc")) return {};
+  const std::vector<double>& disc = c.values.at("disc");
+  return {{{disc[0], disc[1]}, disc[2]}};
+}
+
+struct StaticState {
+  std::vector<Vector3d> points;  ///< those of the case [m]
+  Vector3d force = Vector3d::Zero();
+  std::string failure;
+};
+
+/// The case on a tissue of the scene, lifted and let come to rest in control steps of `period` [s].
+template <typename PointOf>
+StaticState settle(const SecondOrder& c, double period, Tissue<double>& tissue,
+                   const PointOf& point) {
+  Vector3d tip(0, 0, 1);
+  Vector3d way = Vector3d::Zero();
+  if (c.has("disc")) {
+    const std::vector<double>& disc = c.values.at("disc");
+    tip = Vector3d(disc[0], disc[1], 0);
+    way = c.vector("lift");
+    tissue.hold(0, tip, disc[2], false);
+  }
+  std::vector<Vector3d> last;
+  const auto moves = [&] {
+    std::vector<Vector3d> now;
+    for (const Vector3d& p : c.rest) now.push_back(point(p));
+    double most = last.empty() ? 1 : 0;
+    for (std::size_t i = 0; i < last.size(); ++i) most = std::max(most, (now[i] - last[i]).norm());
+    last = now;
+    return most > 1e-7 * period;
+  };
+  const auto at = [&](int k) { return Vector3d(tip + std::min(1.0, k * period / 2) * way); };
+  const int lift = static_cast<int>(std::lround(2 / period));
+  int step = 0;
+  for (; (step <= lift || moves()) && step * period < 80 && tissue.healthy(0); ++step) {
+    const ToolMotion motion{at(step), at(step + 1)};
+    tissue.step({&motion, 1});
+  }
+  StaticState state;
+  for (const Vector3d& p : c.rest) state.points.push_back(point(p));
+  state.force = tissue.held_force(0);
+  state.failure = tissue.failure(0);
+  return state;
+}
+
+/// Of the model reference; `scene` from make_second_order_scene, its mesh as it says.
+inline StaticState settle_reference(const SecondOrder& c, const Scene& scene,
+                                    std::array<int, 3>* cells = nullptr) {
+  constexpr double kPeriod = 0.2;
+  std::vector<std::string> warnings;
+  const auto model = make_reference_model(scene, kPeriod, warnings, pinches_of(c));
+  if (cells != nullptr) *cells = {model->cells(0), model->free_cells_y(), model->cells(2)};
+  ReferenceTissue tissue(model);
+  return settle(c, kPeriod, tissue,
+                [&](const Vector3d& p) { return tissue.point(model->locate(p)); });
+}
+
+inline double rms_distance(std::span<const Vector3d> a, std::span<const Vector3d> b) {
+  double squares = 0;
+  for (std::size_t i = 0; i < a.size(); ++i) squares += (a[i] - b[i]).squaredNorm();
+  return std::sqrt(squares / static_cast<double>(a.size()));
+}
+
+}  // namespace omentum::test
