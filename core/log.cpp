@@ -1,6 +1,7 @@
 #include "core/log.h"
 
 #include <fmt/format.h>
+#include <spdlog/logger.h>
 #include <spdlog/sinks/base_sink.h>
 #include <spdlog/sinks/stdout_color_sinks.h>
 
@@ -75,9 +76,7 @@ class LimitedSink : public spdlog::sinks::base_sink<std::mutex> {
   std::map<std::string, Told> told_;
 };
 
-}  // namespace
-
-spdlog::logger& log() {
+spdlog::logger& logger() {
   static const std::shared_ptr<spdlog::logger> logger = [] {
     auto made = std::make_shared<spdlog::logger>("omentum", std::make_shared<LimitedSink>());
     made->set_pattern("%H:%M:%S.%e %^%l%$ %v");
@@ -86,8 +85,17 @@ spdlog::logger& log() {
   return *logger;
 }
 
+}  // namespace
+
+void Log::say(Level level, fmt::string_view text, fmt::format_args values) {
+  using enum spdlog::level::level_enum;
+  constexpr spdlog::level::level_enum kOfSpdlog[] = {debug, info, warn, err};
+  const auto its = kOfSpdlog[static_cast<int>(level)];
+  if (logger().should_log(its)) logger().log(its, fmt::vformat(text, values));
+}
+
 void name_log(std::string_view program) {
-  log().set_pattern("%H:%M:%S.%e " + std::string(program) + " %^%l%$ %v");
+  logger().set_pattern("%H:%M:%S.%e " + std::string(program) + " %^%l%$ %v");
 }
 
 }  // namespace omentum

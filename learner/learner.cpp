@@ -291,16 +291,20 @@ int Learner::run(const std::function<bool()>& stop_from_outside) {
   bool finished =
       until_written(export_policy, stop) && finish_run(results, stop) && until_written(write, stop);
   if (book_->audit_difference()) return audit_failed();
-  std::string counters;
-  for (const auto& [name, value] : kLedgerCounters)
-    counters += fmt::format(" {}={}", name, book_->ledger().*value);
-  log().info("ledger{}", counters);
+  say_ledger();
   say_phase(LearnerPhase::kDone);
   bus_->finish(std::int64_t{5'000'000'000});
   // Exit code 0 means that the results are there, whatever happened to the folder meanwhile.
   if (finished && !std::filesystem::exists(options_.run_dir + "/summary.json"))
     finished = until_written(write, stop);
   return finished ? 0 : 130;
+}
+
+void Learner::say_ledger() const {
+  std::string counters;
+  for (const auto& [name, value] : kLedgerCounters)
+    counters += fmt::format(" {}={}", name, book_->ledger().*value);
+  log().info("ledger{}", counters);
 }
 
 int Learner::audit_failed() {

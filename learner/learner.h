@@ -79,6 +79,7 @@ class Learner {
   bool until_written(const std::function<Result<void>()>& write, const std::function<bool()>& stop);
   /// Serves the bus until the next try to write; false when asked to stop.
   bool wait_for_disk(const std::function<bool()>& stop);
+  void say_ledger() const;
   /// Ends an unfinished run; the exit code.
   int stopped();
   void tell_while_alone();

@@ -128,6 +128,7 @@ bool Learner::wait_for_disk(const std::function<bool()>& stop) {
 
 int Learner::stopped() {
   const bool saved = save_checkpoint(std::nullopt);
+  say_ledger();
   bus_->finish(std::int64_t{2'000'000'000});
   if (saved) {
     log().info("stopped steps={} of={} resume with the same run name", ppo_->steps_total(),

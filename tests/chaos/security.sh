@@ -18,13 +18,15 @@ security_take_domain() {
   done
   return 1
 }
-# Starts a learner of run $1 in the background; $2 = steps, $3... = further options. Its id is $!.
+# Starts a learner of run $1 in the background; $2 = steps, $3... = further options. Its id is $!. Its updates go to
+# $run.updates.
 security_learner() {
   local run=$1 steps=$2 sets=() set
   shift 2
   for set in "${security_task[@]}" "rollout.max_steps=$steps" "run.domain=$security_domain" \
     "run.runs_dir=$security_folder/runs"; do sets+=(--set "$set"); done
-  "$BIN/learner" --run "$run" --quiet --max-wait 60 "${sets[@]}" "$@" 2>"$security_folder/$run.learner" &
+  "$BIN/learner" --run "$run" --max-wait 60 "${sets[@]}" "$@" >"$security_folder/$run.updates" \
+    2>"$security_folder/$run.learner" &
 }
 # Starts a worker of run $1 in the background, log $2; $3... = further options.
 security_worker() {
@@ -116,20 +118,37 @@ wrong_role() {
   security_judge "$learner" closed "$calm" "refused: ${line%%: Not*}"
 }
 
-# A worker whose certificate ends in mid-run and is renewed.
+# The first digits of the weights after each update of run $1, numbered; $2 = up to this update.
+security_weights() {
+  sed -n 's/^update \([0-9]*\)\/.* weights \([0-9a-f]*\)$/\1 \2/p' "$security_folder/$1.updates" | head -n "$2"
+}
+
+# A worker whose certificate ends in mid-run and is renewed. The run goes on until it is stopped, on a machine of any
+# speed; what it learned is compared update by update with a run that nothing disturbed.
 expired() {
-  local calm learner
-  calm=$(security_calm_hash 276480)
+  local learner updates steps=2000000000 log=$security_folder/closed.learner
   "$security_make" --out "$keys" --role worker --renew --until '6 seconds' >/dev/null || return 1
-  # Slow, so that the run outlasts the certificate.
-  security_worker closed ends.worker --lanes 1 --lane-width 1 --security-dir "$keys/worker"
-  security_learner closed 276480 --security-dir "$keys/learner"
+  security_worker closed ends.worker --lanes 6 --security-dir "$keys/worker"
+  security_learner closed $steps --security-dir "$keys/learner"
   learner=$!
-  security_wait_for 60 "$security_folder/closed.learner" event=worker_lost ||
-    { echo "the learner still has the worker"; return 1; }
+  security_wait_for 60 "$log" event=worker_lost || { echo "the learner still has the worker"; return 1; }
+  updates=$(security_weights closed $steps | wc -l)
   "$security_make" --out "$keys" --role worker --renew >/dev/null || return 1
   security_worker closed renewed.worker --lanes 6 --security-dir "$keys/worker"
-  security_judge "$learner" closed "$calm" "worker left at the end of its certificate, the renewed one went on"
+  security_wait_for 60 "$security_folder/closed.updates" "^update $((updates + 10))/" ||
+    { echo "the renewed worker does not go on: $(tail -n 1 "$log")"; return 1; }
+  kill -TERM "$learner"
+  wait "$learner"
+  (($? == 130)) || { echo "the learner did not stop: $(tail -n 1 "$log")"; return 1; }
+  updates=$(security_weights closed $steps | wc -l)
+
+  security_worker calm calm.worker --lanes 6
+  security_learner calm $steps
+  security_wait_for 60 "$security_folder/calm.updates" "^update $updates/" || { echo "no undisturbed run"; return 1; }
+  cmp -s <(security_weights closed "$updates") <(security_weights calm "$updates") ||
+    { echo "other weights than undisturbed"; return 1; }
+  security_balanced closed || { echo "ledger: $(grep -o 'ledger .*' "$log" | tail -n 1)"; return 1; }
+  echo "worker left at the end of its certificate, the renewed one went on; ledger balanced, $updates updates as undisturbed"
 }
 
 row_stranger() { security_row stranger; }

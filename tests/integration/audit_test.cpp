@@ -60,8 +60,7 @@ TEST(Audit, AWorkerWithOtherResultsStopsTheRunByDefaultAndIsNamed) {
   std::jthread wrong(
       [&] { BusWorker(wrong_worker(programs, "off")).run([&] { return stop.load(); }); });
   test::Process right = programs.worker("off", {"--lanes", "6"});
-  test::Process learner =
-      programs.learner("off", test::tiny_task() + Strings{"rollout.max_steps=2000000"});
+  test::Process learner = programs.learner("off", test::endless_task());
   EXPECT_EQ(learner.wait(test::kRunTime), 1);
   stop = true;
   const std::string err = test::read_text(programs.err("off"));
@@ -70,18 +69,25 @@ TEST(Audit, AWorkerWithOtherResultsStopsTheRunByDefaultAndIsNamed) {
     EXPECT_THAT(err, testing::ContainsRegex("event=audit_mismatch.* host=[^ ]+ pid=" +
                                             std::to_string(pid) + " build=[0-9a-f]{16}"));
   }
-  EXPECT_THAT(programs.summary("off"), HasSubstr("\"audit_mismatch\": \"two results of slot "));
+  const std::string summary = programs.summary("off");
+  EXPECT_THAT(summary, HasSubstr("\"audit_mismatch\": \"two results of slot "));
+  EXPECT_GT(std::stoi(Programs::value(summary, "results_compared")), 0);
   EXPECT_EQ(right.wait(test::kRunTime), 0);  // sent home
 }
 
 TEST(Audit, ResultsOfEqualWorkersAreComparedByDefaultAndAgree) {
   Programs programs;
-  // Long enough that the second worker is there while tasks are left, on a loaded machine too.
-  programs.train("two", test::tiny_task() + Strings{"rollout.max_steps=115200"},
-                 {{"--lanes", "3"}, {"--lanes", "3"}});
-  const std::string summary = programs.summary("two");
-  EXPECT_GT(std::stoi(Programs::value(summary, "results_compared")), 0);
-  EXPECT_THAT(summary, HasSubstr("\"audit_mismatch\": \"\""));
+  const test::Process one = programs.worker("two", {"--lanes", "3"});
+  const test::Process two = programs.worker("two", {"--lanes", "3"});
+  test::Process learner = programs.learner("two", test::endless_task());
+  const std::string metrics = programs.run_dir("two") + "/metrics.csv";
+  EXPECT_TRUE(test::eventually([&] {
+    const std::vector<double> compared = test::metric(test::read_text(metrics), "ledger/duplicate");
+    return !compared.empty() && compared.back() > 0;
+  }));
+  learner.kill(SIGTERM);
+  EXPECT_EQ(learner.wait(test::kRunTime), 130);
+  EXPECT_THAT(test::read_text(programs.err("two")), testing::Not(HasSubstr("audit_mismatch two")));
 }
 
 /// A scene with an obstacle from a file.

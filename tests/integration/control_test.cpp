@@ -106,14 +106,10 @@ class Operator {
   ControlCommand command_;  ///< the last one
 };
 
-test::Strings long_task() {
-  return test::tiny_task() + test::Strings{"rollout.max_steps=2000000000"};
-}
-
 TEST(Control, PausesResumesSavesEvaluatesAndStops) {
   Programs programs;
-  test::Process learner =
-      programs.learner("steered", long_task() + test::Strings{"run.checkpoint_interval_s=3600"});
+  test::Process learner = programs.learner(
+      "steered", test::endless_task() + test::Strings{"run.checkpoint_interval_s=3600"});
   test::Process worker = programs.worker("steered", {"--lanes", "6"});
   Operator op(programs.domain(), "steered");
   ASSERT_TRUE(programs.reaches_update("steered", 2));
@@ -149,8 +145,8 @@ TEST(Control, PausesResumesSavesEvaluatesAndStops) {
 
 TEST(Control, ARepeatedCommandIsObeyedOnceAndAnsweredInTheSameWords) {
   Programs programs;
-  test::Process learner =
-      programs.learner("asked", long_task() + test::Strings{"run.checkpoint_interval_s=3600"});
+  test::Process learner = programs.learner(
+      "asked", test::endless_task() + test::Strings{"run.checkpoint_interval_s=3600"});
   test::Process worker = programs.worker("asked", {"--lanes", "6"});
   Operator op(programs.domain(), "asked");
   ASSERT_TRUE(programs.reaches_update("asked", 1));
@@ -164,10 +160,7 @@ TEST(Control, ARepeatedCommandIsObeyedOnceAndAnsweredInTheSameWords) {
 
 TEST(Control, ADrainedWorkerHandsItsWorkBackAndLeaves) {
   Programs programs;
-  // Long enough that the run goes on when the worker is told to leave.
-  const test::Strings task = test::tiny_task() + test::Strings{"rollout.max_steps=115200"};
-  const std::string undisturbed = programs.train("calm", task);
-  test::Process learner = programs.learner("drained", task);
+  test::Process learner = programs.learner("drained", test::endless_task());
   test::Process first = programs.worker("drained", {"--lanes", "6"});
   Operator op(programs.domain(), "drained");
   const std::uint32_t id = op.some_worker();
@@ -178,15 +171,12 @@ TEST(Control, ADrainedWorkerHandsItsWorkBackAndLeaves) {
   EXPECT_EQ(first.wait(std::chrono::seconds(10)), 0);
   EXPECT_TRUE(test::eventually([&] { return !op.ask(ControlAction::kDrain, id).value().done; }));
   test::Process second = programs.worker("drained", {"--lanes", "6"});
-  EXPECT_EQ(learner.wait(test::kRunTime), 0);
-  EXPECT_EQ(programs.hash("drained"), undisturbed);
+  programs.expect_goes_on_undisturbed("drained", learner);
 }
 
 TEST(Control, FramesOfASlotComeWhileItIsWatchedAndChangeNothing) {
   Programs programs;
-  const test::Strings task = test::tiny_task() + test::Strings{"rollout.max_steps=115200"};
-  const std::string undisturbed = programs.train("calm", task);
-  test::Process learner = programs.learner("watched", task);
+  test::Process learner = programs.learner("watched", test::endless_task());
   test::Process worker = programs.worker("watched", {"--lanes", "6"});
   Operator op(programs.domain(), "watched");
   ASSERT_TRUE(op.heard_by(2));
@@ -199,17 +189,14 @@ TEST(Control, FramesOfASlotComeWhileItIsWatchedAndChangeNothing) {
   EXPECT_FALSE(wrong.done);
   EXPECT_EQ(wrong.text, "slot 6, allowed 0 ... 5");
   EXPECT_TRUE(op.ask(ControlAction::kFramesOff, 0, 3).value().done);
-  EXPECT_EQ(learner.wait(test::kRunTime), 0);
-  EXPECT_EQ(programs.hash("watched"), undisturbed);
+  programs.expect_goes_on_undisturbed("watched", learner);
 }
 
 // A tool of a hub peers with the learner's host alone.
 TEST(Hub, ToolsSeeEveryTopicOfEveryProcessAndTheWeightsStayTheSame) {
   Programs programs;
-  const test::Strings task = test::tiny_task() + test::Strings{"rollout.max_steps=115200"};
-  const std::string undisturbed = programs.train("calm", task);
   const test::Strings hub = {"--discovery", "hub", "--hub", "127.0.0.1"};
-  test::Process learner = programs.learner("hub", task, hub);
+  test::Process learner = programs.learner("hub", test::endless_task(), hub);
   test::Process worker = programs.worker("hub", test::Strings{"--lanes", "6"} + hub);
 
   DdsOptions options;
@@ -264,8 +251,7 @@ TEST(Hub, ToolsSeeEveryTopicOfEveryProcessAndTheWeightsStayTheSame) {
     return std::ranges::all_of(seen, [](int n) { return n > 0; });
   })) << testing::PrintToString(seen);
   EXPECT_EQ(host_of_worker, static_cast<std::uint32_t>(worker.pid()));
-  EXPECT_EQ(learner.wait(test::kRunTime), 0);
-  EXPECT_EQ(programs.hash("hub"), undisturbed);
+  programs.expect_goes_on_undisturbed("hub", learner);
 }
 
 }  // namespace

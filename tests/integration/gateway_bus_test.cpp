@@ -23,8 +23,7 @@ TEST(GatewayBus, TakesThePolicyOfTheLearnerAndTellsWhatTheRobotDoes) {
   Programs programs;
   test::Process robot({OMENTUM_DVRK_DOUBLE, "--port", port()}, programs.folder() / "double.out",
                       programs.folder() / "double.err");
-  test::Process learner =
-      programs.learner("live", test::tiny_task() + test::Strings{"rollout.max_steps=2000000000"});
+  test::Process learner = programs.learner("live", test::endless_task());
   test::Process worker = programs.worker("live", {"--lanes", "6"});
   ASSERT_TRUE(programs.reaches_update("live", 1));
   const std::string out = programs.folder() / "gateway.out",

@@ -9,31 +9,13 @@
 namespace omentum {
 namespace {
 
+using test::metric;
 using test::operator+;
 using test::Process;
 using test::Programs;
 using test::Strings;
 
 const std::string kFixtures = std::string(OMENTUM_TESTS_DIR) + "/fixtures/";
-
-/// Column of metrics.csv by name, as numbers.
-std::vector<double> metric(const std::string& csv, const std::string& name) {
-  std::vector<double> values;
-  std::size_t at = 0;
-  for (const std::string& line : test::lines_of(csv)) {
-    std::istringstream cells(line);
-    std::vector<std::string> row;
-    for (std::string cell; std::getline(cells, cell, ',');) row.push_back(cell);
-    if (values.empty() && at == 0) {
-      while (at < row.size() && row[at] != name) ++at;
-      EXPECT_LT(at, row.size()) << name;
-      if (at >= row.size()) return values;
-      continue;
-    }
-    if (at < row.size() && !row[at].empty()) values.push_back(std::stod(row[at]));
-  }
-  return values;
-}
 
 TEST(MeshScene, TrainsAHundredThousandStepsOnAFatPadBesideAnStlOrgan) {
   Programs programs;

@@ -14,13 +14,9 @@ using test::operator+;
 using testing::HasSubstr;
 namespace fs = std::filesystem;
 
-test::Strings long_task() {
-  return test::tiny_task() + test::Strings{"rollout.max_steps=2000000000"};
-}
-
 TEST(Ownership, ASecondLearnerOfARunIsToldHostAndPid) {
   Programs programs;
-  test::Process first = programs.learner("owned", long_task());
+  test::Process first = programs.learner("owned", test::endless_task());
   test::Process worker = programs.worker("owned", {"--lanes", "6"});
   ASSERT_TRUE(programs.reaches_update("owned", 1));
   for (const char* option : {"--restart", "--quiet"}) {
@@ -96,8 +92,8 @@ TEST(Ownership, AnEvaluationThatCannotBeWrittenWaitsAndGoesOn) {
 
 TEST(Ownership, AStopThatCouldNotSaveSaysSoAndIsNoSuccess) {
   Programs programs;
-  test::Process learner =
-      programs.learner("lost", long_task() + test::Strings{"run.checkpoint_interval_s=86400"});
+  test::Process learner = programs.learner(
+      "lost", test::endless_task() + test::Strings{"run.checkpoint_interval_s=86400"});
   test::Process worker = programs.worker("lost", {"--lanes", "6"});
   ASSERT_TRUE(programs.reaches_update("lost", 2));
   const std::string folder = programs.run_dir("lost") + "/checkpoints";
@@ -132,7 +128,7 @@ TEST(Waiting, AWorkerAloneSaysWhatToStartAndStopsAfterMaxWait) {
 
 TEST(Waiting, AWorkerOfAnOlderSessionFollowsARestartWithAnotherConfiguration) {
   Programs programs;
-  test::Process first = programs.learner("again", long_task());
+  test::Process first = programs.learner("again", test::endless_task());
   test::Process worker = programs.worker("again", {"--lanes", "6"});
   ASSERT_TRUE(programs.reaches_update("again", 1));
   first.kill(SIGKILL);

@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <fstream>
 #include <functional>
+#include <regex>
 #include <sstream>
 #include <string>
 #include <thread>
@@ -34,6 +35,25 @@ inline Strings lines_of(const std::string& text) {
   std::istringstream in(text);
   for (std::string line; std::getline(in, line);) lines.push_back(line);
   return lines;
+}
+
+/// Column of a table such as metrics.csv by name, as numbers.
+inline std::vector<double> metric(const std::string& csv, const std::string& name) {
+  std::vector<double> values;
+  std::size_t at = 0;
+  for (const std::string& line : lines_of(csv)) {
+    std::istringstream cells(line);
+    Strings row;
+    for (std::string cell; std::getline(cells, cell, ',');) row.push_back(cell);
+    if (values.empty() && at == 0) {
+      while (at < row.size() && row[at] != name) ++at;
+      EXPECT_LT(at, row.size()) << name;
+      if (at >= row.size()) return values;
+      continue;
+    }
+    if (at < row.size() && !row[at].empty()) values.push_back(std::stod(row[at]));
+  }
+  return values;
 }
 
 /// Polls with a deadline; true when it came true.
@@ -72,6 +92,10 @@ inline Strings operator+(Strings a, const Strings& b) {
   a.insert(a.end(), b.begin(), b.end());
   return a;
 }
+
+/// The same task for a test in which something happens meanwhile: it goes on, on a machine of any
+/// speed, until the learner is told to stop.
+inline Strings endless_task() { return tiny_task() + Strings{"rollout.max_steps=2000000000"}; }
 
 /// The real programs on a DDS domain and in a folder of their own.
 class Programs {
@@ -113,6 +137,37 @@ class Programs {
     if (code != 0) return {};
     for (Process& other : others) EXPECT_EQ(other.wait(std::chrono::seconds(20)), 0);
     return hash(run);
+  }
+
+  /// The first digits of the weights after each update, as the learner of a run printed them.
+  Strings weights_of_updates(const std::string& run) const {
+    static const std::regex line("update ([0-9]+)/.* weights ([0-9a-f]{8})");
+    Strings weights;
+    for (const std::string& text : lines_of(read_text(out(run)))) {
+      std::smatch found;
+      if (!std::regex_match(text, found, line)) continue;
+      EXPECT_EQ(std::stoul(found[1]), weights.size() + 1) << text;
+      weights.push_back(found[2]);
+    }
+    return weights;
+  }
+  /// The training of an endless task must go on; then it is stopped, and every update must have led
+  /// to the weights of a training that nothing disturbed.
+  void expect_goes_on_undisturbed(const std::string& run, Process& learner,
+                                  const Strings& sets = endless_task()) {
+    const auto updates = static_cast<int>(weights_of_updates(run).size());
+    ASSERT_TRUE(reaches_update(run, updates + 10));
+    learner.kill(SIGTERM);
+    ASSERT_EQ(learner.wait(kRunTime), 130) << read_text(err(run));
+    const Strings disturbed = weights_of_updates(run);
+    ASSERT_FALSE(disturbed.empty()) << read_text(err(run));
+    const std::string calm = run + "_calm";
+    Process other = worker(calm, {"--lanes", "6"});
+    Process process = this->learner(calm, sets);
+    ASSERT_TRUE(reaches_update(calm, static_cast<int>(disturbed.size())));
+    Strings undisturbed = weights_of_updates(calm);
+    undisturbed.resize(disturbed.size());
+    EXPECT_EQ(disturbed, undisturbed);
   }
 
   std::string run_dir(const std::string& run) const { return folder_ / ("runs/" + run); }

@@ -64,18 +64,12 @@ class Echo {
 
 TEST(RobotSegments, TrainingEndsWithTheSameWeightsAndCountsThemAsForeign) {
   Programs programs;
-  // Several statuses of the learner long.
-  const test::Strings task = test::tiny_task() + test::Strings{"rollout.max_steps=11520"};
-  const std::string alone = programs.train("alone", task);
-  ASSERT_EQ(alone.size(), 64U);
-  {
-    const Echo robot(programs.domain(), "watched");
-    EXPECT_EQ(programs.train("watched", task), alone);
-    EXPECT_GT(robot.sent(), 0U);
-    EXPECT_TRUE(
-        test::eventually([&] { return robot.counted_foreign() > 0; }, std::chrono::seconds(10)));
-    EXPECT_LE(robot.counted_foreign(), robot.sent());
-  }
+  test::Process worker = programs.worker("watched", {"--lanes", "6"});
+  test::Process learner = programs.learner("watched", test::endless_task());
+  const Echo robot(programs.domain(), "watched");
+  EXPECT_TRUE(test::eventually([&] { return robot.counted_foreign() > 0; }));
+  EXPECT_LE(robot.counted_foreign(), robot.sent());
+  programs.expect_goes_on_undisturbed("watched", learner);
   const std::string log = test::read_text(programs.err("watched"));
   EXPECT_THAT(log, testing::Not(HasSubstr("event=segment_of_stranger")));
 }

@@ -21,8 +21,7 @@ using test::operator+;
 class Mirror : public testing::Test {
  protected:
   void start_run() {
-    learner_ = programs_.learner("seen",
-                                 test::tiny_task() + test::Strings{"rollout.max_steps=2000000000"});
+    learner_ = programs_.learner("seen", test::endless_task());
     worker_ = programs_.worker("seen", {"--lanes", "6"});
     ASSERT_TRUE(programs_.reaches_update("seen", 4));
   }
@@ -149,9 +148,7 @@ TEST_F(Mirror, NothingFlowsBack) {
 
 TEST_F(Mirror, ASecuredRunCanBeReadOpenly) {
   test::Certificates certificates(programs_);
-  learner_ =
-      programs_.learner("seen", test::tiny_task() + test::Strings{"rollout.max_steps=2000000000"},
-                        certificates.option("learner"));
+  learner_ = programs_.learner("seen", test::endless_task(), certificates.option("learner"));
   worker_ = programs_.worker("seen", test::Strings{"--lanes", "6"} + certificates.option("worker"));
   ASSERT_TRUE(programs_.reaches_update("seen", 2)) << test::read_text(programs_.err("seen"));
   start_mirror(certificates.option("tool"));

@@ -24,8 +24,7 @@ using testing::HasSubstr;
 class Page : public testing::Test {
  protected:
   void SetUp() override {
-    learner_ = programs_.learner("page",
-                                 test::tiny_task() + test::Strings{"rollout.max_steps=2000000000"});
+    learner_ = programs_.learner("page", test::endless_task());
     worker_ = programs_.worker("page", {"--lanes", "6"});
     ASSERT_TRUE(programs_.reaches_update("page", 2));
     const std::string out = programs_.folder() / "monitor.out";

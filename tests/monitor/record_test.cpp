@@ -18,8 +18,7 @@ using testing::HasSubstr;
 class Record : public testing::Test {
  protected:
   void SetUp() override {
-    learner_ = programs_.learner("kept",
-                                 test::tiny_task() + test::Strings{"rollout.max_steps=2000000000"});
+    learner_ = programs_.learner("kept", test::endless_task());
     worker_ = programs_.worker("kept", {"--lanes", "6"});
     ASSERT_TRUE(programs_.reaches_update("kept", 2));
   }

@@ -13,16 +13,12 @@ using test::tool;
 using test::operator+;
 using testing::HasSubstr;
 
-test::Strings long_task() {
-  return test::tiny_task() + test::Strings{"rollout.max_steps=2000000000"};
-}
-
 /// A process as it stands in a table, between blanks.
 std::string cell_of(const test::Process& process) { return fmt::format(" {} ", process.pid()); }
 
 TEST(Top, WithoutATerminalPrintsOneTableOfALiveRun) {
   Programs programs;
-  test::Process learner = programs.learner("seen", long_task());
+  test::Process learner = programs.learner("seen", test::endless_task());
   test::Process worker = programs.worker("seen", {"--lanes", "6"});
   ASSERT_TRUE(programs.reaches_update("seen", 2));
   const test::Finished top = programs.finish(tool(programs, "top", "seen"));
@@ -42,7 +38,7 @@ TEST(Top, ARunThatNobodyServesIsAnAlarmAndCodeOne) {
 
 TEST(Control, PrintsTheReplyAndEndsByIt) {
   Programs programs;
-  test::Process learner = programs.learner("asked", long_task());
+  test::Process learner = programs.learner("asked", test::endless_task());
   const test::Finished done = programs.finish(tool(programs, "control", "asked", {"pause"}));
   EXPECT_EQ(done.code, 0) << done.err;
   EXPECT_EQ(done.out, "done: learner: no grants until resume; what is out comes in\n");
@@ -54,7 +50,7 @@ TEST(Control, PrintsTheReplyAndEndsByIt) {
 
 TEST(Control, ARealLearnerPausesAndGoesOnAndAWorkerLeaves) {
   Programs programs;
-  test::Process learner = programs.learner("held", long_task());
+  test::Process learner = programs.learner("held", test::endless_task());
   test::Process worker = programs.worker("held", {"--lanes", "6"});
   ASSERT_TRUE(programs.reaches_update("held", 1));
   const auto control = [&](const test::Strings& words) {
@@ -93,7 +89,7 @@ TEST(Doctor, TellsWhoSpeaksInARunAndWhatDoesNot) {
   EXPECT_EQ(alone.code, 1);
   EXPECT_THAT(alone.out, HasSubstr("WRONG  learner          none of run sick speaks"));
   EXPECT_THAT(alone.out, HasSubstr("-> start learner --run sick"));
-  test::Process learner = programs.learner("sick", long_task());
+  test::Process learner = programs.learner("sick", test::endless_task());
   test::Process worker = programs.worker("sick", {"--lanes", "6"});
   ASSERT_TRUE(programs.reaches_update("sick", 1));
   const test::Finished both =
