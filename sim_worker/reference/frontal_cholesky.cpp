@@ -289,8 +289,9 @@ bool FrontalCholesky::factor_fronts() {
   return true;
 }
 
-void FrontalCholesky::solve_lower(Eigen::Ref<MatrixXd> rhs) const {
-  MatrixXd border(widest_border_, rhs.cols());
+template <typename Matrix>
+void FrontalCholesky::lower(Matrix& rhs) const {
+  typename Matrix::PlainObject border(widest_border_, rhs.cols());
   for (const Dissection::Front& front : order_.fronts) {
     const auto rim = static_cast<Eigen::Index>(front.border.size());
     auto own = rhs.middleRows(front.first, front.own);
@@ -303,8 +304,9 @@ void FrontalCholesky::solve_lower(Eigen::Ref<MatrixXd> rhs) const {
   }
 }
 
-void FrontalCholesky::solve_upper(Eigen::Ref<MatrixXd> rhs) const {
-  MatrixXd border(widest_border_, rhs.cols());
+template <typename Matrix>
+void FrontalCholesky::upper(Matrix& rhs) const {
+  typename Matrix::PlainObject border(widest_border_, rhs.cols());
   for (auto front = order_.fronts.rbegin(); front != order_.fronts.rend(); ++front) {
     const auto rim = static_cast<Eigen::Index>(front->border.size());
     auto own = rhs.middleRows(front->first, front->own);
@@ -314,5 +316,10 @@ void FrontalCholesky::solve_upper(Eigen::Ref<MatrixXd> rhs) const {
     panel.topRows(front->own).triangularView<Eigen::Lower>().transpose().solveInPlace(own);
   }
 }
+
+void FrontalCholesky::solve_lower(Eigen::Ref<MatrixXd> rhs) const { lower(rhs); }
+void FrontalCholesky::solve_lower(RightSides& rhs) const { lower(rhs); }
+void FrontalCholesky::solve_upper(Eigen::Ref<MatrixXd> rhs) const { upper(rhs); }
+void FrontalCholesky::solve_upper(RightSides& rhs) const { upper(rhs); }
 
 }  // namespace omentum

@@ -49,6 +49,10 @@ struct Dissection {
 /// `unknowns[iy nx + ix]`: of each grid column, >= 0.
 Dissection dissect(int nx, int ny, std::span<const int> unknowns);
 
+/// Many right sides at once: the values of an unknown lie side by side, so that fronts gather and
+/// scatter whole rows.
+using RightSides = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+
 /// Multifrontal Cholesky factorisation of a symmetric positive definite matrix [Duff83]: each front
 /// is a dense matrix that adds its update matrix, the Schur complement on its border, to its
 /// parent. One thread at a time.
@@ -67,11 +71,17 @@ class FrontalCholesky {
   bool factor_again(std::span<const int> changed);
   /// rhs <- L^-1 rhs; skips fronts where rhs is zero.
   void solve_lower(Eigen::Ref<Eigen::MatrixXd> rhs) const;
+  void solve_lower(RightSides& rhs) const;
   /// rhs <- L^-T rhs.
   void solve_upper(Eigen::Ref<Eigen::MatrixXd> rhs) const;
+  void solve_upper(RightSides& rhs) const;
 
  private:
   bool factor_fronts();
+  template <typename Matrix>
+  void lower(Matrix& rhs) const;
+  template <typename Matrix>
+  void upper(Matrix& rhs) const;
   double* update_of(std::size_t front) { return &update_[update_at_[front]]; }
 
   const Dissection& order_;

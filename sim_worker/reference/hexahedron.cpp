@@ -286,6 +286,18 @@ void hex_condense(const std::array<Pack, 9>& mode_force, HexInner& inner) {
   }
 }
 
+void hex_condense(const HexInner& inner, int lane, Eigen::Ref<Eigen::MatrixXd> mode_loads,
+                  Eigen::MatrixXd& node_loads) {
+  Eigen::Matrix<double, 9, 24> coupling;
+  for (int r = 0; r < 9; ++r) {
+    for (int m = 0; m < r; ++m)
+      mode_loads.row(r) -= inner.factor[packed(r, m)].lane(lane) * mode_loads.row(m);
+    mode_loads.row(r) *= inner.factor[packed(r, r)].lane(lane);
+    for (int row = 0; row < 24; ++row) coupling(r, row) = inner.coupling[24 * r + row].lane(lane);
+  }
+  node_loads.noalias() = -coupling.transpose() * mode_loads;
+}
+
 void hex_recover(const HexInner& inner, const std::array<Pack, 24>& dx,
                  std::array<Pack, 9>& dmode) {
   std::array<Pack, 9> y;

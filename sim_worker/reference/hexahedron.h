@@ -114,6 +114,10 @@ void hex_remember(pb::ElasticLaw law, const HexShape& shape, const PronyStep& pr
 
 /// Renews `rhs` for another state and the same factor.
 void hex_condense(const std::array<Pack, 9>& mode_force, HexInner& inner);
+/// Many loads of the modes of one element at once, [9][load]: replaced by L^-1 of them; what they
+/// do to the nodes once the modes are eliminated, [24][load].
+void hex_condense(const HexInner& inner, int lane, Eigen::Ref<Eigen::MatrixXd> mode_loads,
+                  Eigen::MatrixXd& node_loads);
 
 /// Change of the modes for a change of the nodes.
 void hex_recover(const HexInner& inner, const std::array<Pack, 24>& dx, std::array<Pack, 9>& dmode);

@@ -65,7 +65,7 @@ void ReferenceTissue::evaluate_along(const ReferenceTissue& base, Terms terms,
 
 /// Adds -dR/dtheta of every parameter at the converged trial: of the unknowns, of the modes, of the
 /// rows of the grasp.
-void ReferenceTissue::column_loads(const Terms& terms, MatrixXd& nodes, MatrixXd& modes,
+void ReferenceTissue::column_loads(const Terms& terms, RightSides& nodes, RightSides& modes,
                                    MatrixXd& grasp) {
   ReferenceColumns& c = *columns_;
   Residual same;
@@ -100,7 +100,7 @@ void ReferenceTissue::column_loads(const Terms& terms, MatrixXd& nodes, MatrixXd
 }
 
 /// The same of the sites: a share of the elements' forces, of the masses' or a force.
-void ReferenceTissue::site_loads(const Terms& terms, MatrixXd& nodes, MatrixXd& modes) const {
+void ReferenceTissue::site_loads(const Terms& terms, RightSides& nodes, RightSides& modes) const {
   const ReferenceColumns& c = *columns_;
   const bool any_stiffness =
       std::ranges::any_of(c.site_elements, [](const auto& list) { return !list.empty(); });

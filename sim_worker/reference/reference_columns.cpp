@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 
 #include "core/check.h"
 #include "sim_worker/reference/reference_tissue.h"
@@ -16,9 +17,9 @@ using Eigen::Vector3d;
 using Eigen::VectorXd;
 using Values = std::array<double, Pack::kLanes>;
 
-// Solves after the first, in which friction's limits follow the normal forces: at most, and while
-// they change what the columns do by more than this.
-constexpr int kFrictionRounds = 4;
+// Solves in which friction's limits follow the normal forces: at most, and while those of any
+// column change by more than this share.
+constexpr int kFrictionRounds = 5;
 constexpr double kFrictionChange = 1e-3;
 
 /// Whether elements have the same forces in both at the same nodes.
@@ -49,7 +50,8 @@ ReferenceColumns::ReferenceColumns(std::vector<ColumnParameter> list,
     : parameters(std::move(list)), factor(model->order) {
   const auto unknowns = static_cast<Eigen::Index>(model->unknowns);
   const auto nodes = static_cast<Eigen::Index>(model->nodes.size());
-  for (MatrixXd* field : {&x, &v, &x_before, &v_before}) field->setZero(unknowns, count());
+  for (RightSides* field : {&x, &v, &x_before, &v_before, &limit_load})
+    field->setZero(unknowns, count());
   mode.setZero(9 * static_cast<Eigen::Index>(model->elements.size()), count());
   multiplier.setZero(3 * GraspPatch::kRows, count());
   offset.setZero(3 * GraspPatch::kRows, count());
@@ -177,36 +179,37 @@ void ReferenceTissue::hold_columns(const Matrix3d& jaw, bool collapse) {
   c.multiplier.setZero();
 }
 
-/// x <- dx/dtheta of right sides `nodes` and `modes` and of the grasp's rows.
-void ReferenceTissue::solve_columns(const MatrixXd& grasp, MatrixXd& nodes, const MatrixXd& modes,
-                                    MatrixXd& multiplier) const {
+/// Eliminates the modes from the right sides, element by element: b <- b - K_xm K_mm^-1 b_m, with
+/// K_mm = L L^T and the factor's coupling L^-1 K_mx.
+void ReferenceTissue::condense_columns(const RightSides& modes, RightSides& nodes) const {
   const ReferenceColumns& c = *columns_;
-  const Eigen::Index count = nodes.cols();
-  // Modes eliminated, element by element: b - K_xm K_mm^-1 b_m.
-  for (std::size_t batch = 0; batch < model_->batches(); ++batch) {
-    HexInner inner = c.inner[batch];
-    for (Eigen::Index k = 0; k < count; ++k) {
-      std::array<Pack, 9> load;
-      bool any = false;
-      for (int m = 0; m < 9; ++m) {
-        Values values{};
-        for (int lane = 0; lane < elements_in(batch); ++lane)
-          values[lane] = modes(9 * static_cast<Eigen::Index>(Pack::kLanes * batch + lane) + m, k);
-        any = any || std::ranges::any_of(values, [](double value) { return value != 0; });
-        load[m] = Pack::load(values.data());
-      }
-      if (!any) continue;
-      hex_condense(load, inner);
-      for (int row = 0; row < 24; ++row) {
-        Pack sum;
-        for (int r = 0; r < 9; ++r) sum = fma(inner.coupling[24 * r + row], inner.rhs[r], sum);
-        for (int lane = 0; lane < elements_in(batch); ++lane) {
-          const int at = node_unknown(Pack::kLanes * batch + lane, row);
-          if (at >= 0) nodes(at, k) -= sum.lane(lane);
-        }
-      }
+  std::vector<Eigen::Index> loaded;  // columns that load the element's modes
+  MatrixXd mode_loads(9, c.count());
+  MatrixXd node_loads;
+  for (std::size_t element = 0; element < model_->elements.size(); ++element) {
+    const auto load = modes.middleRows<9>(9 * static_cast<Eigen::Index>(element));
+    loaded.clear();
+    for (Eigen::Index k = 0; k < c.count(); ++k) {
+      if ((load.col(k).array() == 0).all()) continue;
+      mode_loads.col(static_cast<Eigen::Index>(loaded.size())) = load.col(k);
+      loaded.push_back(k);
+    }
+    if (loaded.empty()) continue;
+    hex_condense(c.inner[element / Pack::kLanes], static_cast<int>(element % Pack::kLanes),
+                 mode_loads.leftCols(static_cast<Eigen::Index>(loaded.size())), node_loads);
+    for (int row = 0; row < 24; ++row) {
+      const int at = node_unknown(element, row);
+      if (at < 0) continue;
+      for (std::size_t k = 0; k < loaded.size(); ++k)
+        nodes(at, loaded[k]) += node_loads(row, static_cast<Eigen::Index>(k));
     }
   }
+}
+
+/// nodes <- dx/dtheta of right sides without modes and of the grasp's rows.
+void ReferenceTissue::solve_columns(const MatrixXd& grasp, RightSides& nodes,
+                                    MatrixXd& multiplier) const {
+  const ReferenceColumns& c = *columns_;
   c.factor.solve_lower(nodes);
   if (grasp_) {
     // Rows of the grasp, then the springs that the factor has too much (brace).
@@ -273,39 +276,46 @@ void ReferenceTissue::advance_columns(const Terms& terms) {
   c.valid = factor_columns(terms);
   if (!c.valid) c.reason = "the tangent of a converged step is not positive definite";
   if (!c.valid) return;
-  const MatrixXd x_tilde = terms.now * c.x - terms.before * c.x_before;
-  const MatrixXd v_tilde = terms.now * c.v - terms.before * c.v_before;
-  MatrixXd loads(c.x.rows(), c.count());
+  RightSides& x_tilde = c.x_tilde;
+  RightSides& loads = c.loads;
+  x_tilde = terms.now * c.x - terms.before * c.x_before;
+  loads = terms.now * c.v - terms.before * c.v_before;
   for (std::size_t i = 0; i < trial_x_.size(); ++i) {
     const int row = model_->unknown[i];
     if (row < 0) continue;
     loads.middleRows<3>(row) = model_->mass[i] * (inertia(terms) * x_tilde.middleRows<3>(row) +
-                                                  v_tilde.middleRows<3>(row) / terms.beta);
+                                                  loads.middleRows<3>(row) / terms.beta);
   }
   friction_stiffness(terms, [&](int node, const Matrix3d& block) {
     const int row = model_->unknown[node];
     if (row >= 0) loads.middleRows<3>(row) += block * x_tilde.middleRows<3>(row);
   });
-  MatrixXd& modes = c.mode_load;
-  modes.setZero(c.mode.rows(), c.count());
+  c.mode_load.setZero(c.mode.rows(), c.count());
   MatrixXd grasp = c.offset;
-  column_loads(terms, loads, modes, grasp);
+  column_loads(terms, loads, c.mode_load, grasp);
+  condense_columns(c.mode_load, loads);
 
-  MatrixXd s = loads;
-  solve_columns(grasp, s, modes, c.multiplier);
-  MatrixXd last = MatrixXd::Zero(loads.rows(), loads.cols());
-  for (int round = 0; round < kFrictionRounds && !friction_.empty(); ++round) {
-    MatrixXd more = MatrixXd::Zero(loads.rows(), loads.cols());
-    add_limit_loads(terms, s, more);
-    if ((more - last).squaredNorm() <= kFrictionChange * kFrictionChange * more.squaredNorm())
-      break;
-    last = more;
-    s = loads + more;
-    solve_columns(grasp, s, modes, c.multiplier);
+  std::swap(c.x, c.x_before);
+  std::swap(c.v, c.v_before);
+  // Friction's limits from those of the last step on: in slow motion they are nearly the same.
+  if (friction_.empty()) c.limit_load.setZero();
+  std::vector<Eigen::Index> open(c.parameters.size());  // columns still to be solved
+  std::iota(open.begin(), open.end(), 0);
+  for (int round = 0; round < kFrictionRounds && !open.empty(); ++round) {
+    RightSides& s = c.part;
+    s = loads(Eigen::all, open) + c.limit_load(Eigen::all, open);
+    MatrixXd multiplier = MatrixXd::Zero(grasp.rows(), s.cols());
+    solve_columns(grasp(Eigen::all, open), s, multiplier);
+    c.x(Eigen::all, open) = s;
+    c.multiplier(Eigen::all, open) = multiplier;
+    if (friction_.empty()) break;
+    c.next_limit_load.setZero(loads.rows(), loads.cols());
+    add_limit_loads(terms, c.x, c.next_limit_load);
+    const Eigen::ArrayXd change = (c.next_limit_load - c.limit_load).colwise().norm();
+    const Eigen::ArrayXd size = c.next_limit_load.colwise().norm();
+    std::swap(c.limit_load, c.next_limit_load);
+    std::erase_if(open, [&](Eigen::Index k) { return change[k] <= kFrictionChange * size[k]; });
   }
-  std::swap(c.x_before, c.x);
-  std::swap(c.v_before, c.v);
-  c.x = std::move(s);
   c.v = (c.x - x_tilde) / terms.beta;
   c.modes_recovered = false;
 }
@@ -316,7 +326,7 @@ void ReferenceTissue::recover_modes() const {
   ReferenceColumns& c = *columns_;
   if (c.modes_recovered) return;
   c.modes_recovered = true;
-  const MatrixXd& modes = c.mode_load;
+  const RightSides& modes = c.mode_load;
   for (std::size_t batch = 0; batch < model_->batches(); ++batch) {
     HexInner& inner = c.inner[batch];
     for (Eigen::Index k = 0; k < c.count(); ++k) {

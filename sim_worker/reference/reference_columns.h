@@ -58,10 +58,11 @@ struct ReferenceColumns {
 
   std::vector<ColumnParameter> parameters;
   // Rows: unknowns of the model; columns: parameters.
-  Eigen::MatrixXd x, v, x_before, v_before;  ///< per unit of the parameter
-  Eigen::MatrixXd mode;       ///< of the elements, [9 element + mode]; see recover_modes()
-  Eigen::MatrixXd mode_load;  ///< -dR/dtheta of the modes in the last step
+  RightSides x, v, x_before, v_before;  ///< per unit of the parameter
+  RightSides mode;       ///< of the elements, [9 element + mode]; see recover_modes()
+  RightSides mode_load;  ///< -dR/dtheta of the modes in the last step
   bool modes_recovered = true;
+  RightSides limit_load;  ///< of friction, whose limits follow the normal forces, in the last step
   Eigen::MatrixXd multiplier, offset;  ///< of the grasp, [3 row + axis]
   Eigen::MatrixXd rest;  ///< of all nodes at rest, [3 node]: what changes the mesh moves them
   Eigen::Matrix3Xd tip_from, tip_to;  ///< of the tip at the ends of the control step
@@ -80,6 +81,7 @@ struct ReferenceColumns {
   std::vector<std::vector<std::pair<int, double>>> site_elements;
 
   // Scratch of a step.
+  RightSides x_tilde, loads, next_limit_load, part;
   FrontalCholesky factor;
   std::vector<HexInner> inner;
   std::vector<Eigen::Matrix3d> body_blocks;

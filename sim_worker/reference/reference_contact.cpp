@@ -138,8 +138,8 @@ void ReferenceTissue::friction_stiffness(
 }
 
 /// What the limits of friction do that follow the normal forces of columns s.
-void ReferenceTissue::add_limit_loads(const Terms& terms, const Eigen::MatrixXd& s,
-                                      Eigen::MatrixXd& loads) const {
+void ReferenceTissue::add_limit_loads(const Terms& terms, const RightSides& s,
+                                      RightSides& loads) const {
   const double slip = model_->numerics.friction_slip_speed_m_per_s();
   std::vector<Contact> contacts = find_contacts(terms, trial_x_);
   auto contact = contacts.begin();

@@ -253,7 +253,7 @@ class ReferenceTissue : public Tissue<double> {
   void friction_stiffness(
       const Terms& terms,
       const std::function<void(int node, const Eigen::Matrix3d& block)>& add) const;
-  void add_limit_loads(const Terms& terms, const Eigen::MatrixXd& s, Eigen::MatrixXd& loads) const;
+  void add_limit_loads(const Terms& terms, const RightSides& s, RightSides& loads) const;
   void collect_contact_forces(const Terms& terms);
   void update_friction(const Terms& terms, const Nodes& x);
   static Eigen::Vector3d slip_velocity(const Terms& terms, const FrictionPoint& point,
@@ -288,12 +288,13 @@ class ReferenceTissue : public Tissue<double> {
   void follow(const ReferenceTissue& base);
   void evaluate_along(const ReferenceTissue& base, Terms terms, const Residual* elements,
                       Residual& out);
-  void column_loads(const Terms& terms, Eigen::MatrixXd& nodes, Eigen::MatrixXd& modes,
+  void column_loads(const Terms& terms, RightSides& nodes, RightSides& modes,
                     Eigen::MatrixXd& grasp);
-  void site_loads(const Terms& terms, Eigen::MatrixXd& nodes, Eigen::MatrixXd& modes) const;
+  void site_loads(const Terms& terms, RightSides& nodes, RightSides& modes) const;
   void for_each_follower(const std::function<void(ReferenceTissue&)>& fn);
-  void solve_columns(const Eigen::MatrixXd& grasp, Eigen::MatrixXd& nodes,
-                     const Eigen::MatrixXd& modes, Eigen::MatrixXd& multiplier) const;
+  void condense_columns(const RightSides& modes, RightSides& nodes) const;
+  void solve_columns(const Eigen::MatrixXd& grasp, RightSides& nodes,
+                     Eigen::MatrixXd& multiplier) const;
   void recover_modes() const;
 
   std::shared_ptr<const ReferenceTissueModel> model_;
