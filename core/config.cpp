@@ -217,8 +217,14 @@ pb::Config parse_config(const std::string& name, const std::string& text) {
 }
 
 pb::Scene load_scene(const std::string& path, std::span<const std::string> overrides) {
+  pb::Scene scene;
+  read_text_proto(path, scene);
+  return override_scene(scene, overrides);
+}
+
+pb::Scene override_scene(const pb::Scene& scene, std::span<const std::string> overrides) {
   pb::Config config;
-  read_text_proto(path, *config.mutable_scene());
+  *config.mutable_scene() = scene;
   for (const std::string& assignment : overrides) config_parts::apply_override(config, assignment);
   fill_defaults(config);
   check_knobs(config);

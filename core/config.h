@@ -26,6 +26,8 @@ pb::Config parse_config(const std::string& name, const std::string& text);
 
 /// A scene file by itself, with overrides "scene.a.b=c"; checked and filled in as in load_config.
 pb::Scene load_scene(const std::string& path, std::span<const std::string> overrides);
+/// The same of a scene in memory.
+pb::Scene override_scene(const pb::Scene& scene, std::span<const std::string> overrides);
 
 /// Where an error that begins with the path of a knob ("scene.tissue.anchor_max_y_m: ...") has its
 /// cause in a scene file: "file:line:column: " of the innermost part of the path that the file

@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
-"""mismatch simulate --columns: columns.npz as numpy reads it, against differences of runs of the program.
+"""mismatch simulate --columns: columns.npz as numpy reads it, against differences of runs of the program; several
+recordings at a time.
 
 usage: columns_program_test.py MISMATCH
 """
@@ -51,8 +52,8 @@ DIFFERENCES = [
 ]
 
 
-def run(program, folder, out, more, code=0):
-    command = [program, "simulate", "--scene", folder / "scene.txtpb", "--commands", folder / "commands",
+def run(program, folder, out, more, code=0, commands=("commands",)):
+    command = [program, "simulate", "--scene", folder / "scene.txtpb", "--commands", *[folder / c for c in commands],
                "-o", folder / out, "--cloud-rate", "10", *more]
     done = subprocess.run([str(c) for c in command], capture_output=True, text=True)
     assert done.returncode == code, (more, done.returncode, done.stderr)
@@ -102,20 +103,50 @@ def check_refusals(program, folder):
     assert "--columns: the tissue is not TISSUE_REFERENCE" in error, error
 
 
+def write_lift(folder, height, jump=0.0):
+    """A smooth lift: a kink of the path has no derivative by a delay. From 0.4 s on the tip is `jump` aside."""
+    rows = ["t_s,tip_commanded_x_m,tip_commanded_y_m,tip_commanded_z_m,jaw_commanded_rad"]
+    for k in range(41):
+        u = min(max((k - 4) / 30, 0), 1)
+        s = u**3 * (10 - 15 * u + 6 * u * u)
+        x = 0.018 - 0.003 * s + (jump if k >= 20 else 0)
+        rows.append(f"{0.02 * k:.2f},{x},{0.018 - 0.006 * s},{0.0015 + height * s},{0.4 if k < 4 else 0}")
+    folder.mkdir()
+    (folder / "tool.csv").write_text("\n".join(rows) + "\n")
+
+
+def check_several(program, folder):
+    """Recordings side by side: the same bytes on any number of threads; one that fails leaves what there is of it."""
+    write_lift(folder / "low", 0.01)
+    write_lift(folder / "torn", 0.02, jump=0.25)
+    every = ("commands", "low", "torn")
+    columns = ["--columns", "young_modulus,density.factor"]
+    for threads in (1, 3):
+        run(program, folder, f"on{threads}", [*columns, "--threads", threads], code=1, commands=every)
+    files = sorted(f.relative_to(folder / "on1") for f in (folder / "on1").rglob("*") if f.is_file())
+    assert files == sorted(f.relative_to(folder / "on3") for f in (folder / "on3").rglob("*") if f.is_file())
+    assert len(files) > 3 * 5, files
+    for file in files:
+        assert (folder / "on1" / file).read_bytes() == (folder / "on3" / file).read_bytes(), file
+    assert "incomplete" not in (folder / "on1" / "low" / "recording.txtpb").read_text()
+    said = (folder / "on1" / "torn" / "recording.txtpb").read_text()
+    assert "incomplete:" in said and "the tissue fails under the commands at 0.4 s: Newton" in said, said
+    data = np.load(folder / "on1" / "torn" / "columns.npz")
+    ended = np.isnan(data["t_s"])
+    assert 0 < ended.sum() < len(ended) and np.isfinite(data["upper"][:, ~ended]).all(), data["t_s"]
+    error = run(program, folder, "same", [], code=2, commands=("low", "low"))
+    assert "low has no name of its own" in error, error
+
+
 def main():
     program = sys.argv[1]
     with tempfile.TemporaryDirectory() as name:
         folder = pathlib.Path(name)
         (folder / "scene.txtpb").write_text(SCENE)
-        (folder / "commands").mkdir()
-        rows = ["t_s,tip_commanded_x_m,tip_commanded_y_m,tip_commanded_z_m,jaw_commanded_rad"]
-        for k in range(41):  # a smooth lift: a kink of the path has no derivative by a delay
-            u = min(max((k - 4) / 30, 0), 1)
-            s = u**3 * (10 - 15 * u + 6 * u * u)
-            rows.append(f"{0.02 * k:.2f},{0.018 - 0.003 * s},{0.018 - 0.006 * s},{0.0015 + 0.02 * s},{0.4 if k < 4 else 0}")
-        (folder / "commands" / "tool.csv").write_text("\n".join(rows) + "\n")
+        write_lift(folder / "commands", 0.02)
         check_differences(program, folder)
         check_refusals(program, folder)
+        check_several(program, folder)
 
 
 main()

@@ -1,0 +1,282 @@
+#include "mismatch/simulate_program.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <filesystem>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <set>
+#include <thread>
+
+#include "core/check.h"
+#include "core/command_line.h"
+#include "core/config.h"
+#include "core/recording_info.h"
+#include "mismatch/recording_folder.h"
+#include "mismatch/simulation.h"
+#include "sim_worker/camera/depth_sensor.h"
+
+namespace omentum {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct SimulateOptions {
+  std::string scene, output, model;
+  std::vector<std::string> commands, overrides;
+  GraspSettings grasp;
+  std::optional<double> patch_radius_m;  ///< none: the scene's
+  double cloud_rate_hz = 10;
+  double tolerance_mm = 0;  ///< 0 = what the scene says
+  std::string columns;      ///< names of parameters; empty = none
+  std::uint64_t seed = 1;
+  std::size_t threads = std::max(1U, std::thread::hardware_concurrency());
+
+  /// Control steps from one cloud to the next; 0 = no clouds.
+  std::size_t stride() const {
+    if (cloud_rate_hz == 0) return 0;
+    return static_cast<std::size_t>(
+        std::max(1.0, std::round(1 / kRecordingPeriod / cloud_rate_hz)));
+  }
+};
+
+/// Of several recordings at a time; a line is never torn, a warning told once.
+class Reports {
+ public:
+  void print(const std::string& line) {
+    const std::lock_guard lock(mutex_);
+    std::printf("%s\n", line.c_str());
+  }
+  void warn(const std::vector<std::string>& warnings) {
+    const std::lock_guard lock(mutex_);
+    for (const std::string& warning : warnings) {
+      if (told_.insert(warning).second) std::fprintf(stderr, "warning: %s\n", warning.c_str());
+    }
+  }
+  void failed(const std::string& line) {
+    const std::lock_guard lock(mutex_);
+    std::fprintf(stderr, "mismatch: %s\n", line.c_str());
+    any_failed_ = true;
+  }
+  bool any_failed() const { return any_failed_; }
+
+ private:
+  std::mutex mutex_;
+  std::set<std::string> told_;
+  bool any_failed_ = false;
+};
+
+/// The scene of the options.
+pb::Scene make_config(const SimulateOptions& options) {
+  pb::Scene config = load_scene(options.scene, options.overrides);
+  if (!options.model.empty()) {
+    config.mutable_tissue()->set_model(options.model == "cluster"   ? pb::TISSUE_CLUSTER
+                                       : options.model == "elastic" ? pb::TISSUE_ELASTIC
+                                                                    : pb::TISSUE_REFERENCE);
+  }
+  if (options.tolerance_mm > 0) {
+    pb::ReferenceModel& mesh = *config.mutable_tissue()->mutable_reference();
+    mesh.set_tolerance_m(1e-3 * options.tolerance_mm);
+    mesh.clear_elements_x();
+    mesh.clear_elements_y();
+    mesh.clear_elements_z();
+  }
+  return config;
+}
+
+SimulationTask make_task(const SimulateOptions& options, const std::string& commands,
+                         Reports& reports) {
+  SimulationTask task;
+  task.scene = make_config(options);
+  task.folder = fs::path(options.scene).parent_path().string();
+  const Scene scene = make_scene(task.scene, task.folder);
+  std::vector<std::string> warnings;
+  task.commands =
+      read_tool_track(commands, read_recording_info(commands), scene_tool_mount(scene), warnings);
+  check_reach(task.commands, scene, warnings);
+  reports.warn(warnings);
+  const pb::Grip& grip = task.scene.tool().grip();
+  if (options.patch_radius_m && grip.shape() == pb::GRIP_RECTANGLE)
+    throw_error(
+        "--patch-radius: {} m with scene.tool.grip.shape GRIP_RECTANGLE, allowed: GRIP_DISC",
+        *options.patch_radius_m);
+  task.grasp = options.grasp;
+  task.grasp.patch_radius_m = options.patch_radius_m.value_or(
+      grip.shape() == pb::GRIP_RECTANGLE ? std::max(grip.half_x_m(), grip.half_y_m())
+                                         : grip.half_x_m());
+  if (!options.columns.empty()) task.parameters = parse_parameters(options.columns, task.scene);
+  task.stride = std::max<std::size_t>(1, options.stride());
+  task.estimate_error = true;
+  return task;
+}
+
+pb::RecordingInfo info_of(const Scene& scene, const SimulateOptions& options,
+                          const std::string& output) {
+  pb::RecordingInfo info;
+  info.set_name(fs::path(output).filename().string());
+  info.set_frame("W");
+  info.set_units("m, s, N, rad");
+  info.set_tip_point(pb::jaw_tip);
+  info.set_tool_rate_hz(1 / kRecordingPeriod);
+  info.set_force_rate_hz(1 / kRecordingPeriod);
+  info.set_markers_rate_hz(1 / kRecordingPeriod);
+  if (options.cloud_rate_hz == 0) return info;
+  info.set_cloud_rate_hz(options.cloud_rate_hz);
+  pb::RecordingCamera& camera = *info.mutable_camera();
+  for (int k = 0; k < 3; ++k) {
+    camera.add_p_m(scene.camera.position[k]);
+    camera.add_view_direction(-scene.camera.R_WC(k, 2));
+    camera.add_up(scene.camera.R_WC(k, 1));
+  }
+  camera.set_width(scene.config.depth_sensor().width_px());
+  camera.set_height(scene.config.depth_sensor().height_px());
+  camera.set_vertical_fov_rad(scene.camera.vertical_fov_rad);
+  return info;
+}
+
+/// What the depth camera of the scene sees at a control step.
+std::vector<Eigen::Vector3f> cloud_at(std::size_t step, Camera& camera, const ToolTrack& commands,
+                                      const Simulation& simulation, std::uint64_t seed) {
+  const pb::DepthSensor& sensor = simulation.scene.config.depth_sensor();
+  const double t = simulation.recording.time[step] - sensor.time_offset_s();
+  const SeenState seen = seen_at(simulation.recording, t);
+  ToolPose tool;
+  tool.p_WT = seen.tip;
+  tool.jaw_rad = commands.jaw_rad.empty() ? 0 : commands.jaw_at(t);
+  CameraFrame frame{seen.surface, tool, {}};
+  if (dynamic_cast<const ReferenceTissueModel*>(simulation.model.get()) != nullptr) {  // two faces
+    frame.lower_face_W = frame.tissue_vertices_W.last(seen.surface.size() / 2);
+    frame.tissue_vertices_W = frame.tissue_vertices_W.first(seen.surface.size() / 2);
+  }
+  return sense_cloud(camera, frame, sensor, seed, static_cast<std::uint32_t>(step));
+}
+
+void describe(const Simulation& simulation, const std::string& output, Reports& reports) {
+  const SimulatedRecording& recording = simulation.recording;
+  double largest = 0;
+  for (const Eigen::Vector3d& f : recording.force) largest = std::max(largest, f.norm());
+  reports.print(fmt::format("{}: {} steps, {} nodes, largest force {:.4f} N", output,
+                            recording.time.size() - 1, recording.points.front().size(), largest));
+  if (simulation.column_frames > 0)
+    reports.print(fmt::format("{}: columns.npz, {} frames", output, simulation.column_frames));
+  if (const auto& error = simulation.mesh_error) {
+    const auto& mesh = dynamic_cast<const ReferenceTissueModel&>(*simulation.model);
+    reports.print(fmt::format(
+        "{}: mesh {} x {} x {}, discretisation error about {:.4f} mm rms, {:.4f} mm at the worst "
+        "time, {:.2f} % of force",
+        output, mesh.cells(0), mesh.free_cells_y(), mesh.cells(2), 1e3 * error->rms_m,
+        1e3 * error->worst_rms_m, 100 * error->force));
+  }
+}
+
+/// One recording, from commands to a finished folder.
+void simulate_folder(const SimulateOptions& options, const std::string& commands,
+                     const std::string& output, Reports& reports) {
+  SimulationTask task = make_task(options, commands, reports);
+  OutputFolder folder(output);
+  folder.begin();
+  task.columns_folder = folder.path().string();
+  Simulation simulation = simulate(task);
+  for (std::string& warning : simulation.scene.warnings)
+    warning = with_place(options.scene, warning);
+  reports.warn(simulation.scene.warnings);
+  reports.warn(simulation.warnings);
+  std::unique_ptr<Camera> camera;
+  if (options.stride() > 0) camera = std::make_unique<Camera>(simulation.scene, 64, 64);
+  const std::string& failure = simulation.recording.failure;
+  pb::RecordingInfo info = info_of(simulation.scene, options, output);
+  if (!failure.empty()) info.set_incomplete(failure);
+  write_recording(
+      folder, info, task.commands, simulation.recording,
+      [&](std::size_t step) {
+        return cloud_at(step, *camera, task.commands, simulation, options.seed);
+      },
+      options.stride());
+  describe(simulation, output, reports);
+  if (!failure.empty())
+    reports.failed(fmt::format("{}; what there is up to there is in {}", failure, output));
+}
+
+/// Where each recording goes: the output itself for one, else folders in it.
+std::vector<std::string> outputs_of(const SimulateOptions& options) {
+  if (options.commands.size() == 1) return {options.output};
+  std::vector<std::string> outputs;
+  std::set<std::string> names;
+  for (const std::string& commands : options.commands) {
+    const std::string name = fs::path(commands).lexically_normal().filename().string();
+    if (name.empty() || !names.insert(name).second)
+      throw_error("--commands: {} has no name of its own, allowed: folders of different names",
+                  commands);
+    outputs.push_back((fs::path(options.output) / name).string());
+  }
+  std::error_code error;
+  fs::create_directories(options.output, error);
+  if (error) throw_error("--output: {}: {}", options.output, error.message());
+  return outputs;
+}
+
+int simulate_folders(const SimulateOptions& options) {
+  const std::vector<std::string> outputs = outputs_of(options);
+  Reports reports;
+  run_parallel(outputs.size(), options.threads, [&](std::size_t k) {
+    try {
+      simulate_folder(options, options.commands[k], outputs[k], reports);
+    } catch (const Error& error) {
+      throw_error("{}", with_place(options.scene, error.what()));
+    }
+  });
+  if (std::fflush(stdout) != 0) throw_error("standard output: cannot be written");
+  return reports.any_failed() ? 1 : 0;
+}
+
+}  // namespace
+
+std::function<int()> add_simulate_command(CLI::App& app) {
+  const auto made = std::make_shared<SimulateOptions>();
+  SimulateOptions& options = *made;
+  CLI::App& sub = *app.add_subcommand(
+      "simulate",
+      "Run a scene under the tool commands of recording folders and write what recordings of it "
+      "would hold (docs/formats.md 3)");
+  sub.add_option("--scene", options.scene, "Scene file (deploy/scenes/*.txtpb)")->required();
+  sub.add_option("--commands", options.commands,
+                 "Recording folder with tool.csv; several are simulated side by side")
+      ->required();
+  sub.add_option("-o,--output", options.output,
+                 "Folder to write, new or empty; of several recordings a folder of folders named "
+                 "as they are")
+      ->required();
+  sub.add_option("--model", options.model, "Tissue model instead of the scene's")
+      ->check(CLI::IsMember({"cluster", "elastic", "reference"}));
+  sub.add_option("--set", options.overrides, "Override of the scene, a.b=c (scene.tissue...)");
+  sub.add_option("--patch-radius", options.patch_radius_m,
+                 "Tissue this near the tip is held, instead of scene.tool.grip.half_x_m [m]")
+      ->check(number_between(1e-4, 0.05));
+  sub.add_option("--tolerance-mm", options.tolerance_mm,
+                 "Mesh of the reference for this rms error of the surface, instead of the "
+                 "scene's [mm]")
+      ->check(number_between(1e-3, 10));
+  sub.add_option("--columns", options.columns,
+                 "Derivatives by these parameters too, to columns.npz: all, sites, or names of the "
+                 "list below with commas");
+  sub.footer("Parameters of --columns, their units and settings (name@key=value:key=value):\n" +
+             describe_parameters());
+  sub.add_option("--closed", options.grasp.closed_rad, "The jaw holds at or below this angle [rad]")
+      ->check(number_between(0, 3.2))
+      ->capture_default_str();
+  sub.add_option("--cloud-rate", options.cloud_rate_hz, "Clouds per second; 0 = none [Hz]")
+      ->check(number_between(0, 50))
+      ->capture_default_str();
+  sub.add_option("--seed", options.seed, "Seed of the depth sensor")
+      ->check(whole_number())
+      ->capture_default_str();
+  sub.add_option("--threads", options.threads,
+                 "Recordings simulated at a time; results do not depend on it")
+      ->check(number_between(1, 1024))
+      ->capture_default_str();
+  return [made] { return simulate_folders(*made); };
+}
+
+}  // namespace omentum

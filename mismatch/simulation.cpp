@@ -1,0 +1,138 @@
+#include "mismatch/simulation.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <atomic>
+#include <exception>
+#include <thread>
+#include <utility>
+
+#include "core/check.h"
+#include "core/config.h"
+#include "sim_worker/models.h"
+
+namespace omentum {
+namespace {
+
+/// Scenes and arms in which the parameters are larger by their step.
+std::vector<PreparedParameter> prepare_parameters(const SimulationTask& task,
+                                                  const std::vector<PinchCircle>& pinches,
+                                                  const Scene& scene,
+                                                  const ReferenceTissueModel& model,
+                                                  std::vector<std::string>& warnings) {
+  std::vector<PreparedParameter> prepared;
+  for (const Parameter& parameter : task.parameters) {
+    PreparedParameter p;
+    p.parameter = parameter;
+    p.tissue.kind = ColumnKind::kToolPath;
+    try {
+      if (parameter.kind == Parameter::Kind::kSite) p.tissue = parameter.site;
+      if (!parameter.overrides.empty()) {
+        const pb::Scene config = override_scene(task.scene, parameter.overrides);
+        if (parameter.kind == Parameter::Kind::kArm) {
+          p.arm = std::make_shared<Arm>(config.arm(), scene_tool_mount(scene), kRecordingPeriod);
+        } else {
+          std::vector<std::string> ignored;
+          p.tissue.kind = ColumnKind::kScene;
+          p.tissue.step = parameter.step;
+          p.tissue.changed = make_reference_model(make_scene(config, task.folder), kRecordingPeriod,
+                                                  ignored, pinches, &model);
+        }
+      }
+    } catch (const Error& error) {
+      if (parameter.from_all) {
+        warnings.push_back(
+            fmt::format("--columns: {} is left out: {}", parameter.name, error.what()));
+        continue;
+      }
+      throw_error("--columns: {} has no column in this scene: {}", parameter.name, error.what());
+    }
+    prepared.push_back(std::move(p));
+  }
+  return prepared;
+}
+
+std::unique_ptr<ColumnRecorder> make_columns(const SimulationTask& task,
+                                             const std::vector<PinchCircle>& pinches,
+                                             const Arm& arm, Simulation& made) {
+  if (task.parameters.empty()) return nullptr;
+  const auto model = std::dynamic_pointer_cast<const ReferenceTissueModel>(made.model);
+  if (!model) throw_error("--columns: the tissue is not TISSUE_REFERENCE; give --model reference");
+  const std::size_t frames = count_steps(task.commands, kRecordingPeriod) / task.stride + 1;
+  return std::make_unique<ColumnRecorder>(
+      prepare_parameters(task, pinches, made.scene, *model, made.warnings), made.scene, model, arm,
+      task.columns_folder, frames);
+}
+
+/// From the same commands on a mesh with 1.5 times larger cells.
+std::optional<MeshError> find_mesh_error(const SimulationTask& task,
+                                         const std::vector<PinchCircle>& pinches, const Arm& arm,
+                                         const ReferenceTissueModel& fine, Simulation& made) {
+  constexpr double kRatio = 1.5;
+  Scene scene = made.scene;
+  *scene.config.mutable_tissue()->mutable_reference() =
+      coarser_mesh(fine.numerics, {fine.cells(0), fine.free_cells_y(), fine.cells(2)}, kRatio);
+  std::vector<std::string> ignored;
+  const auto model = make_tissue_model(scene, kRecordingPeriod, ignored, pinches);
+  const SimulatedRecording coarse = simulate_recording(*model, arm, task.commands, task.grasp);
+  if (coarse.failure.empty()) return estimate_mesh_error(made.recording, coarse, kRatio);
+  made.warnings.push_back("no estimate of the discretisation error: with larger cells " +
+                          coarse.failure);
+  return std::nullopt;
+}
+
+}  // namespace
+
+Simulation simulate(const SimulationTask& task) {
+  Simulation made;
+  made.scene = make_scene(task.scene, task.folder);
+  const std::vector<PinchCircle> pinches = pinches_of(task.commands, made.scene, task.grasp);
+  made.model = make_tissue_model(made.scene, kRecordingPeriod, made.scene.warnings, pinches);
+  const Arm arm(task.scene.arm(), scene_tool_mount(made.scene), kRecordingPeriod);
+  const std::unique_ptr<ColumnRecorder> columns = make_columns(task, pinches, arm, made);
+  made.recording =
+      simulate_recording(*made.model, arm, task.commands, task.grasp, columns.get(), task.stride);
+  SimulatedRecording& recording = made.recording;
+  recording.clocks = task.scene.clocks();
+  if (columns) {
+    columns->finish();
+    made.column_frames = columns->frames();
+    if (recording.failure.empty()) recording.failure = columns->failure();
+    made.warnings.insert(made.warnings.end(), columns->warnings().begin(),
+                         columns->warnings().end());
+  }
+  if (recording.missed_grasps > 0) {
+    made.warnings.push_back(fmt::format("{}: the jaw closed {} times and held nothing",
+                                        task.commands.path, recording.missed_grasps));
+  }
+  const auto* reference = dynamic_cast<const ReferenceTissueModel*>(made.model.get());
+  if (task.estimate_error && reference != nullptr && recording.failure.empty())
+    made.mesh_error = find_mesh_error(task, pinches, arm, *reference, made);
+  return made;
+}
+
+void run_parallel(std::size_t count, std::size_t threads,
+                  const std::function<void(std::size_t)>& job) {
+  std::vector<std::exception_ptr> errors(count);
+  std::atomic<std::size_t> next{0};
+  {
+    std::vector<std::jthread> workers;
+    for (std::size_t i = 0; i < std::min(count, threads); ++i) {
+      workers.emplace_back([&] {
+        for (std::size_t k = next++; k < count; k = next++) {
+          try {
+            job(k);
+          } catch (...) {
+            errors[k] = std::current_exception();
+          }
+        }
+      });
+    }
+  }
+  for (const std::exception_ptr& error : errors) {
+    if (error) std::rethrow_exception(error);
+  }
+}
+
+}  // namespace omentum

@@ -1,0 +1,49 @@
+#pragma once
+
+#include <functional>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "mismatch/simulate.h"
+
+namespace omentum {
+
+/// Control period of every recording [s] (docs/formats.md 3).
+inline constexpr double kRecordingPeriod = 0.02;
+
+/// The commands of a recording under a scene: all that its simulation depends on.
+struct SimulationTask {
+  pb::Scene scene;     ///< checked and filled in (load_scene)
+  std::string folder;  ///< relative paths of the scene's meshes begin here
+  ToolTrack commands;
+  GraspSettings grasp;
+  std::vector<Parameter> parameters;  ///< differentiated by; TISSUE_REFERENCE only
+  std::string columns_folder;         ///< exists, takes columns.npz; unused without parameters
+  std::size_t stride = 1;             ///< control steps from one frame of the columns to the next
+  bool estimate_error = false;        ///< of the mesh of the reference, by a coarser one
+};
+
+/// Surfaces and forces of a task; its columns are in their file.
+struct Simulation {
+  Scene scene;
+  std::shared_ptr<const TissueModel> model;
+  SimulatedRecording recording;
+  std::size_t column_frames = 0;
+  std::optional<MeshError> mesh_error;  ///< none where the coarser mesh fails under the commands
+  std::vector<std::string> warnings;    ///< a line each
+};
+
+/// A pure function of the task; any number of tasks at a time share nothing that changes. Throws
+/// Error for a scene that cannot be, a parameter without a column, and a result that does not fit
+/// into memory; tissue that fails on the way is no Error: the recording says so and ends there.
+Simulation simulate(const SimulationTask& task);
+
+/// Calls job(0) ... job(count - 1), each on one of so many threads; returns when all have ended.
+/// The first exception in the order of the jobs is thrown again.
+void run_parallel(std::size_t count, std::size_t threads,
+                  const std::function<void(std::size_t)>& job);
+
+}  // namespace omentum
