@@ -71,6 +71,25 @@ void add_surface(Tissue<double>& tissue, SimulatedRecording& result) {
 
 }  // namespace
 
+double settle(Tissue<double>& tissue, const Vector3d& tip) {
+  constexpr double kAtRest = 1e-4;  // [m/s]
+  constexpr double kFor = 0.2;      // [s] a swing stands still at its ends
+  constexpr double kMaxTime = 30;   // [s]
+  if (auto* reference = dynamic_cast<ReferenceTissue*>(&tissue)) return reference->settle(tip);
+  const double period = tissue.model().control_period;
+  const ToolMotion standing{tip, tip};
+  double speed = 0;
+  double resting = 0;
+  for (double t = 0; t < kMaxTime && resting < kFor && tissue.healthy(0); t += period) {
+    tissue.step({&standing, 1});
+    speed = 0;
+    for (int i = 0; i < tissue.particles(); ++i)
+      speed = std::max(speed, tissue.velocity(0, i).norm());
+    resting = speed <= kAtRest ? resting + period : 0;
+  }
+  return speed;
+}
+
 std::size_t count_steps(const ToolTrack& track, double period) {
   return static_cast<std::size_t>(std::ceil((track.end() - track.begin()) / period - 1e-9));
 }
@@ -130,7 +149,7 @@ MeshError estimate_mesh_error(const SimulatedRecording& fine, const SimulatedRec
 
 SimulatedRecording simulate_recording(const TissueModel& model, const Arm& arm,
                                       const ToolTrack& track, const GraspSettings& grasp,
-                                      ColumnRecorder* columns, std::size_t stride) {
+                                      bool from_rest, ColumnRecorder* columns, std::size_t stride) {
   const std::unique_ptr<Tissue<double>> tissue = model.make_tissue(f64x1());
   tissue->reset(0, Vector3d::Zero());
   const double period = model.control_period;
@@ -148,6 +167,11 @@ SimulatedRecording simulate_recording(const TissueModel& model, const Arm& arm,
   auto* reference = columns != nullptr ? dynamic_cast<ReferenceTissue*>(tissue.get()) : nullptr;
   OMENTUM_CHECK(columns == nullptr || reference != nullptr, "columns of a tissue without");
   if (reference != nullptr) columns->begin(*reference, track.tip_at(track.begin()));
+  if (from_rest) result.start_speed = settle(*tissue, tip);
+  if (!tissue->healthy(0)) {
+    throw_error("{}: the tissue fails before the first command: {}", track.path,
+                tissue->failure(0));
+  }
   bool was_closed = false;
   for (std::size_t step = 0; step <= steps; ++step) {
     const double t = track.begin() + static_cast<double>(step) * period;

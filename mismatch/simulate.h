@@ -36,6 +36,7 @@ struct SimulatedRecording {
   std::vector<std::vector<float>> surface;
   pb::StreamClocks clocks;  ///< added to time stamps of the streams
   int missed_grasps = 0;    ///< the jaw closed and held nothing
+  double start_speed = 0;   ///< of the fastest particle at rest [m/s]; 0 where it need not rest
   std::string failure;      ///< why it ends before the commands do: time and reason; else empty
 };
 
@@ -51,17 +52,24 @@ SeenState seen_at(const SimulatedRecording& recording, double t);
 std::vector<PinchCircle> pinches_of(const ToolTrack& track, const Scene& scene,
                                     const GraspSettings& grasp);
 
+/// Lets tissue come to rest before its first command, with the tool at `tip`; the speed of its
+/// fastest particle then [m/s]. Others than the reference move for as long as they are faster than
+/// 0.1 mm/s, up to 30 s.
+double settle(Tissue<double>& tissue, const Eigen::Vector3d& tip);
+
 /// Control steps of the commands.
 std::size_t count_steps(const ToolTrack& track, double period);
 
 /// Runs the tissue of a scene under recorded tool commands: one environment, double precision, one
-/// control step per control_period. What was commanded is what is done, but for the effects of the
-/// arm: no workspace box, no speed cap. Ends early where the tissue fails. `columns`, of a tissue
-/// of the reference, gets a frame every `stride` steps. A pure function of its arguments; several
-/// at a time share nothing that changes. Throws Error where the result does not fit into memory.
+/// control step per control_period, from rest or from the shape of the scene. What was commanded is
+/// what is done, but for the effects of the arm: no workspace box, no speed cap. Ends early where
+/// the tissue fails. `columns`, of a tissue of the reference, gets a frame every `stride` steps. A
+/// pure function of its arguments; several at a time share nothing that changes. Throws Error where
+/// the result does not fit into memory.
 SimulatedRecording simulate_recording(const TissueModel& model, const Arm& arm,
                                       const ToolTrack& track, const GraspSettings& grasp,
-                                      ColumnRecorder* columns = nullptr, std::size_t stride = 1);
+                                      bool from_rest = false, ColumnRecorder* columns = nullptr,
+                                      std::size_t stride = 1);
 
 /// What a coarser mesh changes, scaled to an estimate of the error of the finer one.
 struct MeshError {

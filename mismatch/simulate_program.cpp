@@ -31,6 +31,7 @@ struct SimulateOptions {
   double cloud_rate_hz = 10;
   double tolerance_mm = 0;  ///< 0 = what the scene says
   std::string columns;      ///< names of parameters; empty = none
+  bool no_settle = false;
   std::uint64_t seed = 1;
   std::size_t threads = std::max(1U, std::thread::hardware_concurrency());
 
@@ -108,6 +109,7 @@ SimulationTask make_task(const SimulateOptions& options, const std::string& comm
                                          : grip.half_x_m());
   if (!options.columns.empty()) task.parameters = parse_parameters(options.columns, task.scene);
   task.stride = std::max<std::size_t>(1, options.stride());
+  task.from_rest = !options.no_settle;
   task.estimate_error = true;
   return task;
 }
@@ -269,6 +271,8 @@ std::function<int()> add_simulate_command(CLI::App& app) {
   sub.add_option("--cloud-rate", options.cloud_rate_hz, "Clouds per second; 0 = none [Hz]")
       ->check(number_between(0, 50))
       ->capture_default_str();
+  sub.add_flag("--no-settle", options.no_settle,
+               "Begin from the shape of the scene instead of at rest under gravity");
   sub.add_option("--seed", options.seed, "Seed of the depth sensor")
       ->check(whole_number())
       ->capture_default_str();

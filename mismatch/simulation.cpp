@@ -75,7 +75,8 @@ std::optional<MeshError> find_mesh_error(const SimulationTask& task,
       coarser_mesh(fine.numerics, {fine.cells(0), fine.free_cells_y(), fine.cells(2)}, kRatio);
   std::vector<std::string> ignored;
   const auto model = make_tissue_model(scene, kRecordingPeriod, ignored, pinches);
-  const SimulatedRecording coarse = simulate_recording(*model, arm, task.commands, task.grasp);
+  const SimulatedRecording coarse =
+      simulate_recording(*model, arm, task.commands, task.grasp, task.from_rest);
   if (coarse.failure.empty()) return estimate_mesh_error(made.recording, coarse, kRatio);
   made.warnings.push_back("no estimate of the discretisation error: with larger cells " +
                           coarse.failure);
@@ -91,8 +92,8 @@ Simulation simulate(const SimulationTask& task) {
   made.model = make_tissue_model(made.scene, kRecordingPeriod, made.scene.warnings, pinches);
   const Arm arm(task.scene.arm(), scene_tool_mount(made.scene), kRecordingPeriod);
   const std::unique_ptr<ColumnRecorder> columns = make_columns(task, pinches, arm, made);
-  made.recording =
-      simulate_recording(*made.model, arm, task.commands, task.grasp, columns.get(), task.stride);
+  made.recording = simulate_recording(*made.model, arm, task.commands, task.grasp, task.from_rest,
+                                      columns.get(), task.stride);
   SimulatedRecording& recording = made.recording;
   recording.clocks = task.scene.clocks();
   if (columns) {
@@ -101,6 +102,13 @@ Simulation simulate(const SimulationTask& task) {
     if (recording.failure.empty()) recording.failure = columns->failure();
     made.warnings.insert(made.warnings.end(), columns->warnings().begin(),
                          columns->warnings().end());
+  }
+  constexpr double kAtRest = 1e-4;  // [m/s]
+  if (recording.start_speed > kAtRest) {
+    made.warnings.push_back(
+        fmt::format("{}: the tissue still moves at {:.3g} m/s when the commands begin, at rest are "
+                    "{} m/s; scene.tissue.material.damping_per_s damps it",
+                    task.commands.path, recording.start_speed, kAtRest));
   }
   if (recording.missed_grasps > 0) {
     made.warnings.push_back(fmt::format("{}: the jaw closed {} times and held nothing",

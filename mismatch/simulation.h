@@ -23,6 +23,7 @@ struct SimulationTask {
   std::vector<Parameter> parameters;  ///< differentiated by; TISSUE_REFERENCE only
   std::string columns_folder;         ///< exists, takes columns.npz; unused without parameters
   std::size_t stride = 1;             ///< control steps from one frame of the columns to the next
+  bool from_rest = true;              ///< else from the shape that the scene gives the tissue
   bool estimate_error = false;        ///< of the mesh of the reference, by a coarser one
 };
 

@@ -139,6 +139,46 @@ ReferenceTissue::Terms ReferenceTissue::make_terms(double from, double to) const
   return terms;
 }
 
+/// No speed, and no history that a second-order step would take one from.
+void ReferenceTissue::stop() {
+  for (Nodes* speeds : {&state_.v, &state_.v_before})
+    std::fill(speeds->begin(), speeds->end(), Vector3d::Zero());
+  state_.x_before = state_.x;
+  state_.step_before = 0;
+  if (!columns_) return;
+  columns_->v.setZero();
+  columns_->v_before.setZero();
+  columns_->x_before = columns_->x;
+}
+
+// Steps of backward Euler, each from rest: what oscillates with angular frequency w is nearer to
+// rest by 1 / (1 + (w h)^2) after each. Long ones where the tissue allows them: it may fall first.
+double ReferenceTissue::settle(const Vector3d& tip) {
+  constexpr double kLongest = 1, kShortest = 1e-4;  // [s]
+  constexpr double kSpeed = 1e-5;                   // [m/s] friction of slow tissue creeps
+  constexpr int kMaxSteps = 1000;
+  OMENTUM_CHECK(!grasp_, "settles while tissue is held");
+  motion_ = {tip, tip};
+  double h = model_->substep();
+  double speed = 0;
+  for (int step = 0; step < kMaxSteps && h >= kShortest; ++step) {
+    stop();
+    failure_.clear();
+    const Nodes before = state_.x;
+    if (!advance(0, h / model_->control_period, kMaxHalvings)) {
+      h /= 4;
+      continue;
+    }
+    speed = 0;
+    for (std::size_t i = 0; i < before.size(); ++i)
+      speed = std::max(speed, (state_.x[i] - before[i]).norm() / h);
+    if (speed <= kSpeed && h == kLongest) break;
+    h = std::min(1.5 * h, kLongest);
+  }
+  stop();
+  return speed;
+}
+
 void ReferenceTissue::finish(const Terms& terms) {
   if (columns_) advance_columns(terms);
   std::swap(state_.x_before, state_.x);

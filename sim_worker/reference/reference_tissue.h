@@ -100,6 +100,11 @@ class ReferenceTissue : public Tissue<double> {
   /// The parabolas of the elements are taken to move with the nodes [m/s].
   Eigen::Vector3d point_velocity(const BodyPoint& point) const;
 
+  /// Lets tissue that nothing holds come to rest, under gravity and on what it lies on, with the
+  /// tool at `tip`; its columns with it. The speed that is left [m/s]: 1e-5 or less but for tissue
+  /// that does not come to rest, or that fails on the way.
+  double settle(const Eigen::Vector3d& tip);
+
   /// From the next step on derivatives by these parameters are carried along; now they are zero but
   /// for what moves the mesh itself. Throws Error where the scene has none.
   void carry_columns(std::vector<ColumnParameter> parameters);
@@ -279,6 +284,7 @@ class ReferenceTissue : public Tissue<double> {
   void move_particle(int particle, const Eigen::Vector3d& by, Nodes& field);
   Grasp make_grasp(const Eigen::Vector2d& centre, double radius) const;
 
+  void stop();
   void advance_columns(const Terms& terms);
   bool factor_columns(const Terms& terms);
   void hold_columns(const Eigen::Matrix3d& jaw, bool collapse);

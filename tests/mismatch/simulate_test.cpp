@@ -23,8 +23,9 @@ namespace {
 using Eigen::Vector3d;
 namespace fs = std::filesystem;
 
-std::shared_ptr<const TissueModel> model_of(Scene& scene) {
-  scene = make_scene(load_scene(deploy_dir() + "/scenes/omentum.txtpb", {}), deploy_dir());
+std::shared_ptr<const TissueModel> model_of(Scene& scene,
+                                            const std::vector<std::string>& overrides = {}) {
+  scene = make_scene(load_scene(deploy_dir() + "/scenes/omentum.txtpb", overrides), deploy_dir());
   std::vector<std::string> warnings;
   return make_tissue_model(scene, 0.02, warnings);
 }
@@ -69,6 +70,28 @@ TEST(Simulate, HeldTissueFollowsTheCommandedTipWithoutAnySpeedCap) {
   EXPECT_GT(r.force.back().norm(), 0.01);
   EXPECT_LT(r.force.back().z(), 0) << "the tissue pulls the tool down";
 }
+
+class FromRest : public testing::TestWithParam<const char*> {};
+
+TEST_P(FromRest, TissueDoesNotMoveInTheFirstSecond) {
+  Scene scene;
+  const auto model = model_of(scene, {"scene.tissue.model=" + std::string(GetParam())});
+  ToolTrack track = lift_track(Vector3d(0, 0, 0.1));
+  track.jaw_rad = {0.4, 0.4, 0.4, 0.4};
+  const SimulatedRecording r =
+      simulate_recording(*model, nominal_arm(scene), track, {}, /*from_rest=*/true);
+  EXPECT_LE(r.start_speed, 1e-4);
+  double hangs = 0;
+  for (std::size_t i = 0; i < r.points.front().size(); ++i) {
+    const Vector3d& rest = r.points.front()[i];
+    EXPECT_LT((r.points.back()[i] - rest).norm(), 1e-5) << i;
+    if (i < scene.tissue.particles.size())
+      hangs = std::max(hangs, (rest - scene.tissue.X_WB * scene.tissue.particles[i]).norm());
+  }
+  EXPECT_GT(hangs, 1e-4) << "rest is not the shape of the scene";
+}
+
+INSTANTIATE_TEST_SUITE_P(Models, FromRest, testing::Values("TISSUE_CLUSTER", "TISSUE_ELASTIC"));
 
 TEST(Simulate, AJawThatClosesOnNothingIsCounted) {
   Scene scene;
