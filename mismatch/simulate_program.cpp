@@ -23,25 +23,27 @@ namespace {
 
 namespace fs = std::filesystem;
 
+constexpr double kScenePeriod = 0.02;  // [s] what the substeps of a scene are counted for
+
 struct SimulateOptions {
   std::string scene, output, model;
   std::vector<std::string> commands, overrides;
   GraspSettings grasp;
   std::optional<double> patch_radius_m;  ///< none: the scene's
+  double rate_hz = 0;                    ///< of control steps; 0 = the recording's
   double cloud_rate_hz = 10;
   double tolerance_mm = 0;  ///< 0 = what the scene says
   std::string columns;      ///< names of parameters; empty = none
   bool no_settle = false;
   std::uint64_t seed = 1;
   std::size_t threads = std::max(1U, std::thread::hardware_concurrency());
-
-  /// Control steps from one cloud to the next; 0 = no clouds.
-  std::size_t stride() const {
-    if (cloud_rate_hz == 0) return 0;
-    return static_cast<std::size_t>(
-        std::max(1.0, std::round(1 / kRecordingPeriod / cloud_rate_hz)));
-  }
 };
+
+/// Control steps from one cloud to the next; 0 = no clouds.
+std::size_t cloud_stride(const SimulateOptions& options, double period) {
+  if (options.cloud_rate_hz == 0) return 0;
+  return static_cast<std::size_t>(std::max(1.0, std::round(1 / period / options.cloud_rate_hz)));
+}
 
 /// Of several recordings at a time; a line is never torn, a warning told once.
 class Reports {
@@ -87,15 +89,43 @@ pb::Scene make_config(const SimulateOptions& options) {
   return config;
 }
 
+/// Control steps of a recording [s]: as it was commanded, else of the task.
+double find_period(const SimulateOptions& options, const std::string& commands,
+                   const pb::RecordingInfo& info) {
+  constexpr double kMin = 10, kMax = 1000;  // [Hz]
+  if (options.rate_hz > 0) return 1 / options.rate_hz;
+  if (!info.has_tool_rate_hz()) return kScenePeriod;
+  const double rate = info.tool_rate_hz();
+  if (rate < kMin || rate > kMax)
+    throw_error("{}/recording.txtpb: tool_rate_hz: {} Hz, allowed {} ... {}, or give --rate",
+                commands, rate, kMin, kMax);
+  return 1 / rate;
+}
+
+/// As long substeps as the scene has in its control step.
+void scale_substeps(double share, pb::Tissue& tissue) {
+  const auto scaled = [&](std::uint32_t substeps) {
+    return static_cast<std::uint32_t>(std::max(1.0, std::round(share * substeps)));
+  };
+  tissue.mutable_cluster()->set_substeps(scaled(tissue.cluster().substeps()));
+  tissue.mutable_elastic()->set_substeps(scaled(tissue.elastic().substeps()));
+  tissue.mutable_reference()->set_substeps(scaled(tissue.reference().substeps()));
+}
+
 SimulationTask make_task(const SimulateOptions& options, const std::string& commands,
                          Reports& reports) {
   SimulationTask task;
+  const pb::RecordingInfo info = read_recording_info(commands);
+  task.period = find_period(options, commands, info);
+  if (options.cloud_rate_hz * task.period > 1 + 1e-9)
+    throw_error("--cloud-rate: {} Hz, allowed 0 ... {:.6g} (the control rate)",
+                options.cloud_rate_hz, 1 / task.period);
   task.scene = make_config(options);
+  scale_substeps(task.period / kScenePeriod, *task.scene.mutable_tissue());
   task.folder = fs::path(options.scene).parent_path().string();
   const Scene scene = make_scene(task.scene, task.folder);
   std::vector<std::string> warnings;
-  task.commands =
-      read_tool_track(commands, read_recording_info(commands), scene_tool_mount(scene), warnings);
+  task.commands = read_tool_track(commands, info, scene_tool_mount(scene), warnings);
   check_reach(task.commands, scene, warnings);
   reports.warn(warnings);
   const pb::Grip& grip = task.scene.tool().grip();
@@ -108,22 +138,22 @@ SimulationTask make_task(const SimulateOptions& options, const std::string& comm
       grip.shape() == pb::GRIP_RECTANGLE ? std::max(grip.half_x_m(), grip.half_y_m())
                                          : grip.half_x_m());
   if (!options.columns.empty()) task.parameters = parse_parameters(options.columns, task.scene);
-  task.stride = std::max<std::size_t>(1, options.stride());
+  task.stride = std::max<std::size_t>(1, cloud_stride(options, task.period));
   task.from_rest = !options.no_settle;
   task.estimate_error = true;
   return task;
 }
 
-pb::RecordingInfo info_of(const Scene& scene, const SimulateOptions& options,
+pb::RecordingInfo info_of(const Scene& scene, const SimulateOptions& options, double rate_hz,
                           const std::string& output) {
   pb::RecordingInfo info;
   info.set_name(fs::path(output).filename().string());
   info.set_frame("W");
   info.set_units("m, s, N, rad");
   info.set_tip_point(pb::jaw_tip);
-  info.set_tool_rate_hz(1 / kRecordingPeriod);
-  info.set_force_rate_hz(1 / kRecordingPeriod);
-  info.set_markers_rate_hz(1 / kRecordingPeriod);
+  info.set_tool_rate_hz(rate_hz);
+  info.set_force_rate_hz(rate_hz);
+  info.set_markers_rate_hz(rate_hz);
   if (options.cloud_rate_hz == 0) return info;
   info.set_cloud_rate_hz(options.cloud_rate_hz);
   pb::RecordingCamera& camera = *info.mutable_camera();
@@ -186,16 +216,17 @@ void simulate_folder(const SimulateOptions& options, const std::string& commands
   reports.warn(simulation.scene.warnings);
   reports.warn(simulation.warnings);
   std::unique_ptr<Camera> camera;
-  if (options.stride() > 0) camera = std::make_unique<Camera>(simulation.scene, 64, 64);
+  const std::size_t stride = cloud_stride(options, task.period);
+  if (stride > 0) camera = std::make_unique<Camera>(simulation.scene, 64, 64);
   const std::string& failure = simulation.recording.failure;
-  pb::RecordingInfo info = info_of(simulation.scene, options, output);
+  pb::RecordingInfo info = info_of(simulation.scene, options, 1 / task.period, output);
   if (!failure.empty()) info.set_incomplete(failure);
   write_recording(
       folder, info, task.commands, simulation.recording,
       [&](std::size_t step) {
         return cloud_at(step, *camera, task.commands, simulation, options.seed);
       },
-      options.stride());
+      stride);
   describe(simulation, output, reports);
   if (!failure.empty())
     reports.failed(fmt::format("{}; what there is up to there is in {}", failure, output));
@@ -268,8 +299,11 @@ std::function<int()> add_simulate_command(CLI::App& app) {
   sub.add_option("--closed", options.grasp.closed_rad, "The jaw holds at or below this angle [rad]")
       ->check(number_between(0, 3.2))
       ->capture_default_str();
+  sub.add_option("--rate", options.rate_hz,
+                 "Control steps per second; default: tool_rate_hz of recording.txtpb, else 50 [Hz]")
+      ->check(number_between(10, 1000));
   sub.add_option("--cloud-rate", options.cloud_rate_hz, "Clouds per second; 0 = none [Hz]")
-      ->check(number_between(0, 50))
+      ->check(number_between(0, 1000))
       ->capture_default_str();
   sub.add_flag("--no-settle", options.no_settle,
                "Begin from the shape of the scene instead of at rest under gravity");

@@ -31,12 +31,12 @@ std::vector<PreparedParameter> prepare_parameters(const SimulationTask& task,
       if (!parameter.overrides.empty()) {
         const pb::Scene config = override_scene(task.scene, parameter.overrides);
         if (parameter.kind == Parameter::Kind::kArm) {
-          p.arm = std::make_shared<Arm>(config.arm(), scene_tool_mount(scene), kRecordingPeriod);
+          p.arm = std::make_shared<Arm>(config.arm(), scene_tool_mount(scene), task.period);
         } else {
           std::vector<std::string> ignored;
           p.tissue.kind = ColumnKind::kScene;
           p.tissue.step = parameter.step;
-          p.tissue.changed = make_reference_model(make_scene(config, task.folder), kRecordingPeriod,
+          p.tissue.changed = make_reference_model(make_scene(config, task.folder), task.period,
                                                   ignored, pinches, &model);
         }
       }
@@ -59,7 +59,7 @@ std::unique_ptr<ColumnRecorder> make_columns(const SimulationTask& task,
   if (task.parameters.empty()) return nullptr;
   const auto model = std::dynamic_pointer_cast<const ReferenceTissueModel>(made.model);
   if (!model) throw_error("--columns: the tissue is not TISSUE_REFERENCE; give --model reference");
-  const std::size_t frames = count_steps(task.commands, kRecordingPeriod) / task.stride + 1;
+  const std::size_t frames = count_steps(task.commands, task.period) / task.stride + 1;
   return std::make_unique<ColumnRecorder>(
       prepare_parameters(task, pinches, made.scene, *model, made.warnings), made.scene, model, arm,
       task.columns_folder, frames);
@@ -74,7 +74,7 @@ std::optional<MeshError> find_mesh_error(const SimulationTask& task,
   *scene.config.mutable_tissue()->mutable_reference() =
       coarser_mesh(fine.numerics, {fine.cells(0), fine.free_cells_y(), fine.cells(2)}, kRatio);
   std::vector<std::string> ignored;
-  const auto model = make_tissue_model(scene, kRecordingPeriod, ignored, pinches);
+  const auto model = make_tissue_model(scene, task.period, ignored, pinches);
   const SimulatedRecording coarse =
       simulate_recording(*model, arm, task.commands, task.grasp, task.from_rest);
   if (coarse.failure.empty()) return estimate_mesh_error(made.recording, coarse, kRatio);
@@ -89,8 +89,8 @@ Simulation simulate(const SimulationTask& task) {
   Simulation made;
   made.scene = make_scene(task.scene, task.folder);
   const std::vector<PinchCircle> pinches = pinches_of(task.commands, made.scene, task.grasp);
-  made.model = make_tissue_model(made.scene, kRecordingPeriod, made.scene.warnings, pinches);
-  const Arm arm(task.scene.arm(), scene_tool_mount(made.scene), kRecordingPeriod);
+  made.model = make_tissue_model(made.scene, task.period, made.scene.warnings, pinches);
+  const Arm arm(task.scene.arm(), scene_tool_mount(made.scene), task.period);
   const std::unique_ptr<ColumnRecorder> columns = make_columns(task, pinches, arm, made);
   made.recording = simulate_recording(*made.model, arm, task.commands, task.grasp, task.from_rest,
                                       columns.get(), task.stride);

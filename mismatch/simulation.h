@@ -11,14 +11,12 @@
 
 namespace omentum {
 
-/// Control period of every recording [s] (docs/formats.md 3).
-inline constexpr double kRecordingPeriod = 0.02;
-
 /// The commands of a recording under a scene: all that its simulation depends on.
 struct SimulationTask {
   pb::Scene scene;     ///< checked and filled in (load_scene)
   std::string folder;  ///< relative paths of the scene's meshes begin here
   ToolTrack commands;
+  double period = 0.02;  ///< control step, by which states are recorded [s]
   GraspSettings grasp;
   std::vector<Parameter> parameters;  ///< differentiated by; TISSUE_REFERENCE only
   std::string columns_folder;         ///< exists, takes columns.npz; unused without parameters

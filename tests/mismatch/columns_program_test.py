@@ -138,6 +138,23 @@ def check_several(program, folder):
     assert "low has no name of its own" in error, error
 
 
+def check_rates(program, folder):
+    """A recording is simulated at its own rate; the motion does not depend on it."""
+    (folder / "low" / "recording.txtpb").write_text("tool_rate_hz: 100\n")
+    run(program, folder, "fast", [], commands=("low",))
+    run(program, folder, "slow", ["--rate", "50"], commands=("low",))
+    times, fast = markers(folder / "fast")
+    slow_times, slow = markers(folder / "slow")
+    assert len(times) == 81 and len(slow_times) == 41 and abs(times[1] - 0.01) < 1e-9, (len(times), len(slow_times))
+    assert np.abs(slow_times - times[::2]).max() < 1e-9
+    distance = np.sqrt(((fast[::2] - slow) ** 2).sum(axis=2).mean(axis=1)).max()
+    print(f"# 100 Hz against 50 Hz {1e3 * distance:.4f} mm rms")
+    assert distance < 5e-5, distance
+    (folder / "low" / "recording.txtpb").write_text("tool_rate_hz: 5\n")
+    error = run(program, folder, "refused", [], code=2, commands=("low",))
+    assert "tool_rate_hz: 5 Hz, allowed 10 ... 1000" in error, error
+
+
 def main():
     program = sys.argv[1]
     with tempfile.TemporaryDirectory() as name:
@@ -147,6 +164,7 @@ def main():
         check_differences(program, folder)
         check_refusals(program, folder)
         check_several(program, folder)
+        check_rates(program, folder)
 
 
 main()

@@ -74,7 +74,8 @@ TEST_F(MismatchProgram, NumbersOfOptionsAreRefusedOutsideTheirRange) {
                    {"--patch-radius", value, "allowed 0.0001 ... 0.05"});
   }
   expect_refused(arguments({"--closed", "nan"}), {"--closed", "nan", "allowed 0 ... 3.2"});
-  expect_refused(arguments({"--cloud-rate", "nan"}), {"--cloud-rate", "nan", "allowed 0 ... 50"});
+  expect_refused(arguments({"--cloud-rate", "nan"}), {"--cloud-rate", "nan", "allowed 0 ... 1000"});
+  expect_refused(arguments({"--cloud-rate", "60"}), {"--cloud-rate: 60 Hz, allowed 0 ... 50"});
   for (const std::string value : {"-1", "1e3", "99999999999999999999", ""})
     expect_refused(arguments({"--seed", value}), {"--seed", value, "allowed 0 ..."});
 }
