@@ -1,4 +1,5 @@
-// mismatch: where simulation and recordings differ. So far: simulate recorded commands.
+// mismatch: where simulation and recordings differ. So far: recordings in and out, simulation of
+// recorded commands.
 
 #include <algorithm>
 #include <cmath>
@@ -12,6 +13,7 @@
 #include "core/config.h"
 #include "core/recording_info.h"
 #include "mismatch/recording_folder.h"
+#include "mismatch/recording_program.h"
 #include "mismatch/simulate.h"
 #include "sim_worker/camera/depth_sensor.h"
 #include "sim_worker/models.h"
@@ -305,11 +307,12 @@ int run(int argc, char** argv) {
   sub.add_option("--seed", options.seed, "Seed of the depth sensor")
       ->check(whole_number())
       ->capture_default_str();
+  const std::function<int()> recordings = add_recording_commands(app);
   app.footer(
       "Exit codes: 0 done, 1 the tissue fails under the commands, 2 wrong input, or the output "
       "cannot be written.");
   if (const std::optional<int> code = parse_command_line(app, argc, argv)) return *code;
-  return simulate(options);
+  return sub.parsed() ? simulate(options) : recordings();
 }
 
 }  // namespace
