@@ -4,7 +4,9 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <istream>
 #include <map>
+#include <memory>
 #include <ostream>
 #include <string>
 #include <string_view>
@@ -13,13 +15,13 @@
 #include "core/result.h"
 
 // MCAP, the container of recordings (specification: mcap.dev/spec, version 0). What we use of it:
-// protobuf channels with embedded schemas, chunks with zstd and a CRC, message and chunk index,
-// statistics. Files written here open in Foxglove, PlotJuggler and the `mcap` tools; files of
-// others are read as far as they use no lz4.
+// protobuf channels with embedded schemas, chunks with lz4 or zstd and a CRC, message and chunk
+// index, statistics. Files written here open in Foxglove, PlotJuggler and the `mcap` tools; files
+// of others are read, chunk by chunk, whatever they are compressed with.
 
 namespace omentum {
 
-enum class McapCompression { kNone, kZstd };
+enum class McapCompression { kNone, kLz4, kZstd };
 
 /// Writes one file, front to back, so that a killed process leaves whole chunks that any reader can
 /// use. Times are nanoseconds of the log clock. Not thread-safe. The stream must outlive the writer
@@ -90,12 +92,90 @@ struct McapMessage {
   std::string data;
 };
 
+/// Where a message lies: the chunk, or the message itself outside of chunks, and its place in it.
+struct McapPlace {
+  std::uint64_t record = 0;  ///< byte of the file
+  std::uint64_t within = 0;  ///< byte of the unpacked chunk
+};
+
+/// A message where it lies; `data` goes with the next call of the reader.
+struct McapView {
+  std::uint16_t channel = 0;
+  std::uint32_t sequence = 0;
+  std::uint64_t log_time = 0;  ///< [ns]
+  std::string_view data;
+  McapPlace place;
+};
+
+/// Reads a file of any size front to back, one chunk in memory at a time, and checks every CRC
+/// there is. Accepts any bytes and lists what is wrong with them: of a truncated file the whole
+/// chunks are read. Memory: one chunk and what it unpacks to, at most 1 GiB each. Not thread-safe.
+/// The stream, which must stand at byte 0, must outlive the reader.
+class McapReader {
+ public:
+  /// At most `most_unpacked` bytes are read of all chunks together.
+  explicit McapReader(std::istream& in, std::uint64_t most_unpacked = ~std::uint64_t{0});
+
+  /// The next message in file order; false at the end. Its channel is in channels() by then.
+  bool next(McapView& message);
+
+  const std::map<std::uint16_t, McapChannel>& channels() const { return channels_; }
+  std::size_t chunks() const { return chunks_; }
+  std::size_t chunks_skipped() const { return chunks_skipped_; }
+  // At the end of the file:
+  bool complete() const { return complete_; }
+  const std::vector<std::string>& problems() const { return problems_; }
+
+ private:
+  bool next_record(McapView& message);
+  bool inner_record(McapView& message);
+  bool data_record(std::uint8_t opcode, std::string_view body, McapView& message);
+  void chunk();
+  void data_end();
+  void footer(std::string_view head);
+  bool read(std::size_t size, std::string& bytes);
+  bool pass_over(std::uint64_t size);
+  void problem(std::uint64_t at, const std::string& text);
+
+  std::istream& in_;
+  std::uint64_t most_unpacked_, unpacked_bytes_ = 0;
+  std::uint64_t at_ = 0;        ///< of the record in hand
+  std::uint64_t position_ = 0;  ///< of the stream
+  std::uint64_t summary_start_ = 0;
+  std::uint32_t crc_ = 0;     ///< of what was read of the data section or the summary
+  std::string head_, body_;   ///< of the record in hand
+  std::string unpacked_;      ///< chunk in hand
+  std::string_view records_;  ///< of it, what is not read yet
+  std::size_t in_chunk_ = 0;  ///< bytes of records in it
+  std::map<std::uint16_t, McapSchema> schemas_;
+  std::map<std::uint16_t, McapChannel> channels_;
+  std::vector<std::string> problems_;
+  std::size_t chunks_ = 0, chunks_skipped_ = 0;
+  bool begun_ = false, ended_ = false, data_ended_ = false, complete_ = false;
+};
+
+/// Fetches single messages of a file again, in any order; those of one chunk one after the other
+/// cost it once. Not thread-safe.
+class McapFetcher {
+ public:
+  /// Throws Error where the file cannot be opened.
+  explicit McapFetcher(const std::string& path);
+  /// Data of the message at a place that McapReader gave. Throws Error where the file has changed.
+  std::string_view fetch(const McapPlace& place);
+
+ private:
+  std::string path_, body_, unpacked_;
+  std::unique_ptr<std::istream> in_;
+  std::uint64_t record_ = ~std::uint64_t{0};
+  std::string_view records_;
+};
+
 /// Whatever could be read of a file, and what could not.
 struct McapContent {
   std::map<std::uint16_t, McapChannel> channels;
   std::vector<McapMessage> messages;  ///< in file order
   std::size_t chunks = 0;             ///< read
-  std::size_t chunks_skipped = 0;     ///< truncated, damaged or in an unknown compression
+  std::size_t chunks_skipped = 0;     ///< truncated, damaged or compressed in an unknown way
   bool complete = false;              ///< DataEnd, footer and closing magic are there
   std::vector<std::string> problems;  ///< one line each, with the byte offset
 
@@ -103,9 +183,8 @@ struct McapContent {
   std::vector<const McapMessage*> of_topic(std::string_view topic) const;
 };
 
-/// Reads the data section front to back and checks every CRC there is. Accepts any bytes and lists
-/// what is wrong with them; a truncated last chunk is reported, counted and skipped. Memory is
-/// bounded by 1 GiB of decompressed chunks.
+/// What McapReader gives of a small file, all at once. Memory is bounded by 1 GiB of decompressed
+/// chunks.
 McapContent read_mcap(std::string_view bytes);
 
 }  // namespace omentum

@@ -1,7 +1,6 @@
 #include <google/protobuf/descriptor.h>
 #include <google/protobuf/descriptor.pb.h>
 #include <zlib.h>
-#include <zstd.h>
 
 #include <algorithm>
 #include <limits>
@@ -9,6 +8,7 @@
 
 #include "core/check.h"
 #include "core/mcap.h"
+#include "core/mcap_chunk.h"
 #include "core/mcap_format.h"
 
 namespace omentum {
@@ -27,17 +27,6 @@ void collect_files(const google::protobuf::FileDescriptor& file, std::set<std::s
   if (!seen.insert(file.name()).second) return;
   for (int k = 0; k < file.dependency_count(); ++k) collect_files(*file.dependency(k), seen, set);
   file.CopyTo(set.add_file());
-}
-
-constexpr int kZstdLevel = 3;
-
-std::string compress_zstd(const std::string& bytes) {
-  std::string compressed(ZSTD_compressBound(bytes.size()), '\0');
-  const std::size_t size =
-      ZSTD_compress(compressed.data(), compressed.size(), bytes.data(), bytes.size(), kZstdLevel);
-  OMENTUM_CHECK(ZSTD_isError(size) == 0, "zstd: {}", ZSTD_getErrorName(size));
-  compressed.resize(size);
-  return compressed;
 }
 
 }  // namespace
@@ -108,14 +97,13 @@ void McapWriter::write(ChannelId channel, std::uint64_t time_ns, std::uint32_t s
 
 void McapWriter::flush() {
   if (chunk_.empty()) return;
-  const bool zstd = compression_ == McapCompression::kZstd;
-  const std::string records = zstd ? compress_zstd(chunk_) : chunk_;
+  const std::string records = compress(compression_, chunk_);
   std::string content;
   put(content, chunk_start_);
   put(content, chunk_end_);
   put(content, static_cast<std::uint64_t>(chunk_.size()));
   put(content, crc32_of(chunk_));
-  put_string(content, zstd ? "zstd" : "");
+  put_string(content, name_of(compression_));
   put(content, static_cast<std::uint64_t>(records.size()));
   content.append(records);
   const std::string record = make_record(kChunk, content);
@@ -193,7 +181,7 @@ std::string McapWriter::summary_groups(std::string& offsets) const {
     }
     put_string(content, index_offsets);
     put(content, chunk.index_length);
-    put_string(content, compression_ == McapCompression::kZstd ? "zstd" : "");
+    put_string(content, name_of(compression_));
     put(content, chunk.compressed);
     put(content, chunk.uncompressed);
     summary += make_record(kChunkIndex, content);

@@ -54,17 +54,6 @@ std::string shown(std::string_view text) {
   return text.size() > kLongest ? line + "..." : line;
 }
 
-const Unit& unit_of(std::string_view name, const std::string& where) {
-  for (const Unit& unit : kUnits) {
-    if (!name.ends_with(unit.suffix)) continue;
-    // Metres per second are known above; anything else per second is not a time.
-    if (unit.suffix == "_s" && name.ends_with("_per_s")) break;
-    return unit;
-  }
-  throw_error("{}: column \"{}\" ends in no known unit (_s _m _rad _N _Nm _Pa _mm _deg ...)", where,
-              shown(name));
-}
-
 Table make_table(const Result<CsvTable>& read) {
   if (!read) throw_error("{}", read.error());
   const CsvTable& csv = read.value();
@@ -80,9 +69,9 @@ Table make_table(const Result<CsvTable>& read) {
     if (given.find_first_of(";\t") != std::string::npos)
       throw_error("{}: \"{}\" is separated by semicolons or tabs, needed commas", where,
                   shown(given));
-    const Unit& unit = unit_of(given, where);
-    const std::string name =
-        given.substr(0, given.size() - unit.suffix.size()) + std::string(unit.si);
+    const Result<SiColumn> si = si_column(given);
+    if (!si) throw_error("{}: {}", where, si.error());
+    const auto& [name, factor] = si.value();
     if (table.find(name) != nullptr) throw_error("{}: column {} appears twice", where, shown(name));
     table.names.push_back(name);
     for (std::size_t row = 0; row < csv.rows.size(); ++row) {
@@ -91,7 +80,7 @@ Table make_table(const Result<CsvTable>& read) {
       if (!value || !std::isfinite(*value))
         throw_error("{}: \"{}\" in column {} is no finite number", csv.place(row, k), shown(text),
                     shown(name));
-      table.columns[k].push_back(*value * unit.factor);
+      table.columns[k].push_back(*value * factor);
       table.characters[k].push_back(csv.rows[row][k].at);
     }
   }
@@ -99,6 +88,18 @@ Table make_table(const Result<CsvTable>& read) {
 }
 
 }  // namespace
+
+Result<SiColumn> si_column(std::string_view name) {
+  for (const Unit& unit : kUnits) {
+    if (!name.ends_with(unit.suffix)) continue;
+    // Metres per second are known above; anything else per second is not a time.
+    if (unit.suffix == "_s" && name.ends_with("_per_s")) break;
+    name.remove_suffix(unit.suffix.size());
+    return SiColumn{std::string(name) + std::string(unit.si), unit.factor};
+  }
+  return Failure{fmt::format(
+      "column \"{}\" ends in no known unit (_s _m _rad _N _Nm _Pa _mm _deg ...)", shown(name))};
+}
 
 const std::vector<double>* Table::find(const std::string& name) const {
   const auto at = std::find(names.begin(), names.end(), name);

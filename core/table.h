@@ -5,6 +5,8 @@
 #include <string_view>
 #include <vector>
 
+#include "core/result.h"
+
 namespace omentum {
 
 /// A table of numbers with one header line, as recording folders hold them (docs/formats.md 3):
@@ -27,6 +29,14 @@ struct Table {
   /// "path:line:character" of a cell of a column that there is.
   std::string place(std::size_t row, const std::string& name) const;
 };
+
+/// A name of a column in SI units, and what its numbers are multiplied by.
+struct SiColumn {
+  std::string name;
+  double factor = 1;
+};
+/// Fails where the name ends in no known unit.
+Result<SiColumn> si_column(std::string_view name);
 
 /// Throws Error, one line with file:line:column and what was expected there: no header, two columns
 /// of one name, a cell that is no finite number, a row of another length, an unknown unit suffix.

@@ -8,7 +8,7 @@ root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 # What the programs need to build and run.
 program_packages=(build-essential cmake ninja-build pkg-config git ccache libeigen3-dev cyclonedds-dev
   cyclonedds-tools libprotobuf-dev protobuf-compiler libspdlog-dev libfmt-dev libosmesa6-dev libcli11-dev
-  libcpp-httplib-dev libpng-dev libzstd-dev zlib1g-dev libssl-dev openssl libonnx-dev
+  libcpp-httplib-dev libpng-dev liblz4-dev libzstd-dev zlib1g-dev libssl-dev openssl libonnx-dev
   libnglib-dev nlohmann-json3-dev libzip-dev)
 # What the tests need on top: their framework, the checkers, and the peers that read our files.
 test_packages=(libgtest-dev libgmock-dev procps clang-format-14 clang-tidy-14 python3 python3-numpy python3-onnx

@@ -1,4 +1,5 @@
-// mismatch: where simulation and recordings differ. So far: simulate recorded commands.
+// mismatch: where simulation and recordings differ. So far: recordings in and out, simulation of
+// recorded commands.
 
 #include <cstdio>
 #include <exception>
@@ -6,6 +7,7 @@
 #include <optional>
 
 #include "core/command_line.h"
+#include "mismatch/recording_program.h"
 #include "mismatch/simulate_program.h"
 
 namespace {
@@ -16,11 +18,12 @@ int run(int argc, char** argv) {
   CLI::App app{"Omentum mismatch: compares simulation with recordings of the real thing."};
   app.require_subcommand(1);
   const std::function<int()> simulate = add_simulate_command(app);
+  const std::function<int()> recordings = add_recording_commands(app);
   app.footer(
       "Exit codes: 0 done, 1 the tissue fails under the commands, 2 wrong input, or the output "
       "cannot be written.");
   if (const std::optional<int> code = parse_command_line(app, argc, argv)) return *code;
-  return simulate();
+  return app.got_subcommand("simulate") ? simulate() : recordings();
 }
 
 }  // namespace

@@ -7,6 +7,7 @@
 #include <fstream>
 #include <sstream>
 
+#include "core/check.h"
 #include "core/episode_recording.h"
 #include "proto/foxglove.pb.h"
 #include "proto/recording.pb.h"
@@ -53,7 +54,8 @@ std::string make_file(McapCompression compression, int messages = 12) {
 }
 
 TEST(Mcap, RoundTrip) {
-  for (const McapCompression compression : {McapCompression::kNone, McapCompression::kZstd}) {
+  for (const McapCompression compression :
+       {McapCompression::kNone, McapCompression::kLz4, McapCompression::kZstd}) {
     const McapContent content = read_mcap(make_file(compression));
     EXPECT_TRUE(content.complete);
     EXPECT_THAT(content.problems, testing::IsEmpty());
@@ -87,7 +89,8 @@ TEST(Mcap, EmptyFileIsLegal) {
 }
 
 TEST(McapReader, TruncationAtEveryByteIsReported) {
-  for (const McapCompression compression : {McapCompression::kNone, McapCompression::kZstd}) {
+  for (const McapCompression compression :
+       {McapCompression::kNone, McapCompression::kLz4, McapCompression::kZstd}) {
     const std::string file = make_file(compression);
     std::size_t messages_before = 0;
     for (std::size_t size = 0; size < file.size(); ++size) {
@@ -112,7 +115,8 @@ TEST(McapReader, TruncatedTailIsReportedAndSkipped) {
 }
 
 TEST(McapReader, EveryFlippedByteIsCaught) {
-  for (const McapCompression compression : {McapCompression::kNone, McapCompression::kZstd}) {
+  for (const McapCompression compression :
+       {McapCompression::kNone, McapCompression::kLz4, McapCompression::kZstd}) {
     const std::string file = make_file(compression, 6);
     for (std::size_t at = 0; at < file.size(); ++at) {
       std::string flipped = file;
@@ -140,6 +144,37 @@ TEST(McapReader, ChunkThatClaimsTooMuchIsSkipped) {
       '\x7f';  // a high byte of uncompressed_size, before CRC and length of the name
   const McapContent content = read_mcap(file);
   EXPECT_GE(content.chunks_skipped, 1);
+}
+
+TEST(McapReader, MessagesAreFetchedAgainInAnyOrder) {
+  for (const McapCompression compression :
+       {McapCompression::kNone, McapCompression::kLz4, McapCompression::kZstd}) {
+    const std::string path = temp_path("fetch.mcap");
+    std::ofstream(path, std::ios::binary) << make_file(compression);
+    std::ifstream in(path, std::ios::binary);
+    McapReader reader(in);
+    std::vector<std::pair<McapPlace, std::string>> messages;
+    for (McapView view; reader.next(view);) messages.emplace_back(view.place, view.data);
+    EXPECT_TRUE(reader.complete());
+    ASSERT_EQ(messages.size(), 16);
+    McapFetcher fetcher(path);
+    for (const std::size_t k : {15U, 0U, 7U, 8U, 1U, 15U})
+      EXPECT_EQ(fetcher.fetch(messages[k].first), messages[k].second) << k;
+    EXPECT_THROW(fetcher.fetch({messages[3].first.record + 1, 0}), Error);
+    EXPECT_THROW(fetcher.fetch({messages[3].first.record, 1U << 20}), Error);
+    std::filesystem::remove(path);
+  }
+}
+
+TEST(McapReader, OneChunkAtATimeIsInMemory) {
+  // A stream that is told how far it was read: the first message comes before the second chunk.
+  const std::string file = make_file(McapCompression::kZstd);
+  std::istringstream in(file);
+  McapReader reader(in);
+  McapView view;
+  ASSERT_TRUE(reader.next(view));
+  EXPECT_EQ(reader.chunks(), 1);
+  EXPECT_LT(static_cast<std::size_t>(in.tellg()), file.size() / 2);
 }
 
 TEST(McapReader, NotAFileAtAll) {

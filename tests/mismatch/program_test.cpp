@@ -115,6 +115,41 @@ TEST_F(MismatchProgram, MeshesLieBesideTheirSceneAndFaceOutside) {
   expect_refused(with_mesh("none.obj"), {folder_ / "none.obj: cannot be opened"});
 }
 
+TEST_F(MismatchProgram, RecordingsGoInAndOutUnchanged) {
+  ASSERT_EQ(run(arguments({"--cloud-rate", "25"})), 0) << text_of(folder_ / "stderr");
+  const Strings in = {OMENTUM_MISMATCH, "import", folder_ / "out", "-o", folder_ / "a.mcap"};
+  ASSERT_EQ(run(in), 0) << text_of(folder_ / "stderr");
+  EXPECT_THAT(text_of(folder_ / "stdout"), HasSubstr("clouds 6"));
+  ASSERT_EQ(run({OMENTUM_MISMATCH, "export", folder_ / "a.mcap", "-o", folder_ / "back"}), 0);
+  std::size_t files = 0;
+  for (const auto& entry : std::filesystem::recursive_directory_iterator(folder_ / "out")) {
+    if (!entry.is_regular_file()) continue;
+    const auto name = std::filesystem::relative(entry.path(), folder_ / "out").string();
+    EXPECT_EQ(text_of(entry.path()), text_of(folder_ / ("back/" + name))) << name;
+    ++files;
+  }
+  EXPECT_EQ(files, 5 + 6);  // recording, tool, force, markers, clouds and each of them
+  ASSERT_EQ(run({OMENTUM_MISMATCH, "import", folder_ / "back", "-o", folder_ / "b.mcap"}), 0);
+  EXPECT_EQ(text_of(folder_ / "a.mcap"), text_of(folder_ / "b.mcap"));
+}
+
+TEST_F(MismatchProgram, NothingIsHalfImported) {
+  std::ofstream(folder_ / "commands/force.csv") << "t_s,fx_N,fy_N,fz_N\n0,1,2,x\n";
+  for (const std::string out : {"out.mcap", "out"}) {
+    expect_refused({OMENTUM_MISMATCH, "import", folder_ / "commands", "-o", folder_ / out},
+                   {"force.csv:2:7: \"x\" in column fz_N is no finite number"});
+  }
+  expect_refused({OMENTUM_MISMATCH, "import", folder_ / "none", "-o", folder_ / "out.mcap"},
+                 {"none"});
+  std::ofstream(folder_ / "map.txtpb") << "source { files: \"*.csv\" }\nsource { fils: \"a\" }";
+  expect_refused({OMENTUM_MISMATCH, "import", folder_ / "commands", "--map", folder_ / "map.txtpb",
+                  "-o", folder_ / "out.mcap"},
+                 {"map.txtpb:2:", "fils"});
+  std::ofstream(folder_ / "no.mcap") << "text";
+  expect_refused({OMENTUM_MISMATCH, "export", folder_ / "no.mcap", "-o", folder_ / "out"},
+                 {"no.mcap", "no MCAP magic"});
+}
+
 TEST_F(MismatchProgram, AFullDiskIsNoSuccess) {
   // No file may grow beyond so many blocks of 512 bytes; the signal of that is ignored, so that
   // writes fail like those on a full disk.

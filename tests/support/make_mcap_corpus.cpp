@@ -7,6 +7,7 @@
 #include <iterator>
 #include <sstream>
 #include <string>
+#include <utility>
 
 #include "core/mcap.h"
 #include "proto/recording.pb.h"
@@ -21,16 +22,19 @@ int main(int count, char** arguments) {
   const auto write = [&](const std::string& name, const std::string& bytes) {
     std::ofstream(folder + "/" + name, std::ios::binary) << bytes;
   };
-  for (const bool zstd : {false, true}) {
+  using omentum::McapCompression;
+  for (const auto& [name, compression] :
+       {std::pair<std::string, McapCompression>{"plain", McapCompression::kNone},
+        {"lz4", McapCompression::kLz4},
+        {"zstd", McapCompression::kZstd}}) {
     std::ostringstream out;
-    omentum::McapWriter writer(
-        out, zstd ? omentum::McapCompression::kZstd : omentum::McapCompression::kNone, 64);
+    omentum::McapWriter writer(out, compression, 64);
     const auto channel = writer.add_channel("/step", *omentum::pb::StepRecord::descriptor());
     omentum::pb::StepRecord record;
     for (std::uint32_t k = 0; k < 3; ++k) writer.write(channel, k, k, record);
     if (!writer.finish()) return 2;
-    write(zstd ? "zstd.mcap" : "plain.mcap", out.str());
-    write(zstd ? "zstd_cut.mcap" : "plain_cut.mcap", out.str().substr(0, out.str().size() / 2));
+    write(name + ".mcap", out.str());
+    write(name + "_cut.mcap", out.str().substr(0, out.str().size() / 2));
   }
   const omentum::EpisodeRecording made = omentum::test::make_episode(2, 2, 1);
   if (!omentum::save_episode(folder + "/episode.mcap", made.task, made.segment, made.context))

@@ -1,0 +1,70 @@
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+namespace omentum {
+
+/// How a table is written down.
+struct TextFormat {
+  std::string delimiter = ",";  ///< one character; a blank stands for any run of blanks and tabs
+  std::string comment;          ///< lines that begin so are no rows; empty: there are none
+  std::string header_starts;    ///< the header is the first line that begins so; empty: the first
+  std::vector<std::string> unknown;  ///< cells that say "not known", beside empty ones
+  std::size_t skip_lines = 0;        ///< before the header
+  std::size_t unit_rows = 0;         ///< behind the header
+  bool decimal_comma = false;
+  bool header = true;  ///< false: columns are called "1", "2", ...
+};
+
+/// A table of text, cells of which are numbers or words. Blanks around cells, quotes around a cell
+/// and lines of nothing but blanks do not count.
+class TextTable {
+ public:
+  /// Throws Error, path:line[:character] and what was expected: no header, a row of another length,
+  /// a byte of zero.
+  TextTable(std::string path, std::string text, const TextFormat& format);
+  /// Of a regular file of at most 1 GB.
+  static TextTable read(const std::string& path, const TextFormat& format);
+
+  const std::string& path() const { return path_; }
+  const std::vector<std::string>& names() const { return names_; }
+  /// Index of a column; an Error names the ones that there are.
+  std::size_t column(const std::string& name) const;
+  std::optional<std::size_t> find(std::string_view name) const;
+  std::size_t rows() const { return lines_.size(); }
+  std::string_view cell(std::size_t row, std::size_t column) const;
+  /// NaN of a cell that is empty or says so; throws Error where it is no finite number.
+  double number(std::size_t row, std::size_t column) const;
+  /// Of seconds, exact; throws Error where it is no number.
+  std::int64_t time_ns(std::size_t row, std::size_t column, double factor) const;
+  std::string place(std::size_t row, std::size_t column) const;
+  std::string header_place(std::size_t column) const;
+  /// Lines that are no rows: comments, what was skipped, the header.
+  const std::vector<std::string>& head() const { return head_; }
+
+ private:
+  using Span = std::pair<std::uint32_t, std::uint32_t>;  ///< begin and end in text_
+  void split(std::size_t begin, std::size_t end, std::vector<Span>& cells) const;
+  std::optional<double> parse(std::string_view cell) const;
+
+  std::string path_, text_;
+  TextFormat format_;
+  std::vector<std::string> names_, head_;
+  std::size_t header_line_ = 1;
+  std::vector<Span> header_cells_;
+  std::vector<Span> cells_;  ///< row by row
+  std::vector<std::uint32_t> lines_, line_begins_;
+};
+
+/// The whole content of a regular file of at most 1 GB. Throws Error.
+std::string read_whole_file(const std::string& path);
+
+/// Text of a file as it may stand in a message of one line: without control characters, cut.
+std::string shown(std::string_view text);
+
+}  // namespace omentum

@@ -1,0 +1,133 @@
+#include "mismatch/recording_program.h"
+
+#include <cstdio>
+#include <filesystem>
+#include <map>
+#include <memory>
+
+#include "core/check.h"
+#include "core/output_folder.h"
+#include "mismatch/import/import_map.h"
+#include "mismatch/recording/columns.h"
+#include "mismatch/recording/plain_folder.h"
+#include "mismatch/recording/recording_mcap.h"
+
+namespace omentum {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct RecordingOptions {
+  std::string input, map, output;
+};
+
+void warn(const std::vector<std::string>& warnings) {
+  for (const std::string& warning : warnings)
+    std::fprintf(stderr, "warning: %s\n", warning.c_str());
+}
+
+std::string summary(const Recording& recording) {
+  std::string text;
+  for (const auto& [topic, series] : recording.series)
+    text += fmt::format(" {} {},", topic, series.rows());
+  const auto frames = [&](const char* what, std::size_t count) {
+    if (count > 0) text += fmt::format(" {} {},", what, count);
+  };
+  frames("clouds", recording.clouds.size());
+  frames("depth", recording.depth.size());
+  frames("color", recording.color.size());
+  if (!text.empty()) text.pop_back();
+  return text;
+}
+
+bool holds_recording(const fs::path& folder) {
+  for (const std::string_view file : kTableFiles) {
+    if (fs::exists(folder / file)) return true;
+  }
+  return fs::exists(folder / "clouds.csv") || fs::exists(folder / "depth.csv");
+}
+
+/// What a folder or file holds, one recording after the other.
+void for_each(const RecordingOptions& options, const TakeRecording& take) {
+  if (!options.map.empty()) return import_mapped(read_import_map(options.map), options.input, take);
+  const fs::path input(options.input);
+  if (!fs::is_directory(input)) return take(input.stem().string(), read_recording_mcap(input));
+  std::vector<fs::path> folders;
+  if (!holds_recording(input)) {  // a case: a folder a recording
+    for (const auto& entry : fs::directory_iterator(input)) {
+      if (entry.is_directory() && holds_recording(entry.path())) folders.push_back(entry.path());
+    }
+    std::sort(folders.begin(), folders.end());
+  }
+  if (folders.empty()) folders.push_back(input);
+  for (const fs::path& folder : folders)
+    take(fs::absolute(folder).lexically_normal().filename().string(),
+         read_recording_folder(folder.string()));
+}
+
+int import_recordings(const RecordingOptions& options) {
+  const auto report = [](const std::string& name, const Recording& recording) {
+    warn(recording.warnings);
+    std::printf("%s:%s\n", name.c_str(), summary(recording).c_str());
+  };
+  if (!options.output.ends_with(".mcap")) {
+    OutputFolder out(options.output);
+    out.begin();
+    for_each(options, [&](const std::string& name, const Recording& recording) {
+      write_recording_mcap(recording, (out.path() / (name + ".mcap")).string());
+      report(name, recording);
+    });
+    out.finish();
+    return 0;
+  }
+  // One file: it is there once it is known that there is no other recording.
+  std::string first;
+  OutputFolder out(options.output + ".parts");  // never finished: it goes with what is in it
+  out.begin();
+  const std::string part = (out.path() / "one.mcap").string();
+  for_each(options, [&](const std::string& name, const Recording& recording) {
+    if (!first.empty())
+      throw_error("-o: {}, but there are recordings {}, {} ...: allowed the name of a folder",
+                  options.output, first, name);
+    first = name;
+    write_recording_mcap(recording, part);
+    report(name, recording);
+  });
+  std::error_code failed;
+  fs::rename(part, options.output, failed);
+  if (failed) throw_error("{}: cannot be written: {}", options.output, failed.message());
+  return 0;
+}
+
+int export_recording(const RecordingOptions& options) {
+  const Recording recording = read_recording_mcap(options.input);
+  warn(recording.warnings);
+  write_recording_folder(recording, options.output);
+  std::printf("%s:%s\n", options.output.c_str(), summary(recording).c_str());
+  return 0;
+}
+
+}  // namespace
+
+std::function<int()> add_recording_commands(CLI::App& app) {
+  const auto options = std::make_shared<RecordingOptions>();
+  CLI::App& in = *app.add_subcommand(
+      "import", "Recordings as MCAP files (docs/formats.md 13, docs/import.md)");
+  in.add_option("input", options->input,
+                "Recording folder, case folder with several, MCAP file, or with --map any folder")
+      ->required();
+  in.add_option("--map", options->map, "Mapping file that says how the recordings stand there");
+  in.add_option("-o,--output", options->output,
+                "NAME.mcap of one recording, or a folder for several; new")
+      ->required();
+  CLI::App& out = *app.add_subcommand("export", "A recording as a folder (docs/formats.md 3)");
+  out.add_option("input", options->input, "MCAP file")->required();
+  out.add_option("-o,--output", options->output, "Folder to write; new or empty")->required();
+  return [&in, &out, options] {
+    if (in.parsed()) return import_recordings(*options);
+    if (out.parsed()) return export_recording(*options);
+    return -1;
+  };
+}
+
+}  // namespace omentum
