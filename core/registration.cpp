@@ -202,48 +202,6 @@ Result<void> check_exchanges(Points points, const Indices& inliers, double cut) 
   return {};
 }
 
-void add_warnings(const pb::RegistrationRules& rules, const Vector3d& box_min,
-                  const Vector3d& box_max, Registration& registration) {
-  std::vector<std::string>& warnings = registration.warnings;
-  std::size_t used = 0;
-  for (const RegisteredPoint& point : registration.points) {
-    used += point.outlier ? 0 : 1;
-    if (!point.outlier) continue;
-    warnings.push_back(fmt::format("point {} is {:.3g} mm off and left out: touch it again",
-                                   point.touched.name, 1e3 * point.residual));
-  }
-  if (used < 6)
-    warnings.push_back(fmt::format("{} points in the fit, 6 and more check each other", used));
-
-  // Distances between the points by the robot over those in W; known to touch_error / spread.
-  const Spread spread = spread_of(registration);
-  double along = 0;
-  double of_robot = 0;
-  Vector3d centre_R = registration.X_WR.inverse() * spread.centre;
-  for (const RegisteredPoint& point : registration.points) {
-    if (point.outlier) continue;
-    const Vector3d turned = registration.X_WR.linear() * (point.touched.p_RT - centre_R);
-    along += turned.dot(point.touched.p_WT - spread.centre);
-    of_robot += turned.squaredNorm();
-  }
-  const double scale = of_robot / along;
-  const double uncertain = registration.touch_error / std::sqrt(3 * along);
-  if (std::abs(scale - 1) > std::max(4 * uncertain, 0.005)) {
-    warnings.push_back(
-        fmt::format("distances by the robot are {:.4f} times those in W: is the instrument, its "
-                    "tip offset or the unit of the points right?",
-                    scale));
-  }
-  const double error = std::max(registration.touch_error, rules.touch_noise_m());
-  const double worst = worst_predicted_error(registration, error, box_min, box_max);
-  if (worst > rules.max_predicted_error_m()) {
-    warnings.push_back(fmt::format(
-        "predicted error of the tip up to {:.3g} mm in the workspace, allowed {:.3g} mm: touch "
-        "more points, farther apart and at several heights",
-        1e3 * worst, 1e3 * rules.max_predicted_error_m()));
-  }
-}
-
 }  // namespace
 
 Isometry3d fit_rigid(std::span<const Vector3d> from, std::span<const Vector3d> to) {
@@ -319,7 +277,7 @@ Result<Registration> register_points(Points points, const pb::RegistrationRules&
   registration.residual_rms = std::sqrt(residuals / count);
   registration.leave_one_out_rms = std::sqrt(left_out / count);
   registration.touch_error = std::sqrt(residuals / (count - 2));
-  add_warnings(rules, workspace_min, workspace_max, registration);
+  registration.warnings = registration_warnings(registration, rules, workspace_min, workspace_max);
   return registration;
 }
 
@@ -361,6 +319,50 @@ double worst_predicted_error(const Registration& registration, double touch_erro
     worst = std::max(worst, predicted_error(registration, touch_error, p_WT));
   }
   return worst;
+}
+
+std::vector<std::string> registration_warnings(const Registration& registration,
+                                               const pb::RegistrationRules& rules,
+                                               const Vector3d& box_min, const Vector3d& box_max) {
+  std::vector<std::string> warnings;
+  std::size_t used = 0;
+  for (const RegisteredPoint& point : registration.points) {
+    used += point.outlier ? 0 : 1;
+    if (!point.outlier) continue;
+    warnings.push_back(fmt::format("point {} is {:.3g} mm off and left out: touch it again",
+                                   point.touched.name, 1e3 * point.residual));
+  }
+  if (used < 6)
+    warnings.push_back(fmt::format("{} points in the fit, 6 and more check each other", used));
+
+  // Distances between the points by the robot over those in W; known to touch_error / spread.
+  const Spread spread = spread_of(registration);
+  double along = 0;
+  double of_robot = 0;
+  Vector3d centre_R = registration.X_WR.inverse() * spread.centre;
+  for (const RegisteredPoint& point : registration.points) {
+    if (point.outlier) continue;
+    const Vector3d turned = registration.X_WR.linear() * (point.touched.p_RT - centre_R);
+    along += turned.dot(point.touched.p_WT - spread.centre);
+    of_robot += turned.squaredNorm();
+  }
+  const double scale = of_robot / along;
+  const double uncertain = registration.touch_error / std::sqrt(3 * along);
+  if (std::abs(scale - 1) > std::max(4 * uncertain, 0.005)) {
+    warnings.push_back(
+        fmt::format("distances by the robot are {:.4f} times those in W: is the instrument, its "
+                    "tip offset or the unit of the points right?",
+                    scale));
+  }
+  const double error = std::max(registration.touch_error, rules.touch_noise_m());
+  const double worst = worst_predicted_error(registration, error, box_min, box_max);
+  if (worst > rules.max_predicted_error_m()) {
+    warnings.push_back(fmt::format(
+        "predicted error of the tip up to {:.3g} mm in the workspace, allowed {:.3g} mm: touch "
+        "more points, farther apart and at several heights",
+        1e3 * worst, 1e3 * rules.max_predicted_error_m()));
+  }
+  return warnings;
 }
 
 std::string age_warning(const Registration& registration, const pb::RegistrationRules& rules,

@@ -40,7 +40,7 @@ struct Registration {
   std::int64_t date_ns = 0;  ///< since 1970-01-01 UTC
   std::string instrument;
   Eigen::Vector3d p_CT = Eigen::Vector3d::Zero();  ///< tip in the frame of the control point [m]
-  std::vector<std::string> warnings;               ///< one line each
+  std::vector<std::string> warnings;  ///< one line each, as it was made; a file has none
 };
 
 /// Least squares X with to = X from [Umeyama91], without scale. Precondition: as many of each, 3
@@ -73,6 +73,13 @@ Eigen::Matrix3d tip_covariance(const Registration& registration, double touch_er
 /// Largest predicted_error() in a box, which one of its corners has.
 double worst_predicted_error(const Registration& registration, double touch_error,
                              const Eigen::Vector3d& box_min, const Eigen::Vector3d& box_max);
+
+/// What speaks against it, one line each: points left out, few points, distances that do not agree,
+/// a large predicted error in the box [m]. The same of one that was just made and of a file.
+std::vector<std::string> registration_warnings(const Registration& registration,
+                                               const pb::RegistrationRules& rules,
+                                               const Eigen::Vector3d& box_min,
+                                               const Eigen::Vector3d& box_max);
 
 /// Empty, or one line: older than `max_age_h`, or of the future. Times since 1970 UTC.
 std::string age_warning(const Registration& registration, const pb::RegistrationRules& rules,

@@ -7,12 +7,12 @@
 #include <utility>
 
 #include "core/build_id.h"
-#include "core/clock.h"
 #include "core/config.h"
 #include "core/constants.h"
 #include "core/limits.h"
 #include "core/log.h"
 #include "core/rollout.h"
+#include "dvrk_gateway/backend/decision_time.h"
 #include "sim_worker/backend/image_source.h"
 
 namespace omentum {
@@ -20,34 +20,12 @@ namespace {
 
 constexpr double kLongestDemonstration_s = 600;
 
-/// Of one decision, policy included, as simulation alone takes it [s]: the median.
-double decision_time_s(const std::shared_ptr<const SimSetup>& setup, Policy& policy) {
-  SimBackend alone(setup, 1, 0, make_image_source(*setup));
-  std::vector<float> observation(static_cast<std::size_t>(alone.observation_size()));
-  std::array<double, 21> times{};
-  for (double& time : times) {
-    const std::int64_t begin_ns = steady_now_ns();
-    alone.observe(0, observation);
-    std::array<Decision, 1> decision{};
-    policy.act(observation, std::array<ActionCounter, 1>{}, true, decision);
-    std::array<StepOutcome, 1> outcome{};
-    alone.step(std::array{Action{decision[0].branch, decision[0].continuous}}, outcome);
-    time = 1e-9 * static_cast<double>(steady_now_ns() - begin_ns);
-  }
-  std::nth_element(times.begin(), times.begin() + times.size() / 2, times.end());
-  return times[times.size() / 2];
-}
-
 /// Throws Error for a scene that cannot be computed in the control periods of its decisions.
-void check_speed(const std::shared_ptr<const SimSetup>& setup, Policy& policy) {
-  const pb::Task& task = setup->config.task();
-  const double allowed_s = kRequestShare * task.control_period_s();
-  const double needed_s = decision_time_s(setup, policy) / task.action_repeat();
-  if (needed_s <= allowed_s) return;
-  throw_error(
-      "--policy: its scene needs {:.1f} ms of each control period on this machine, allowed "
-      "{:.1f} ms: take a coarser scene or a faster machine",
-      1e3 * needed_s, 1e3 * allowed_s);
+void require_speed(const std::shared_ptr<const SimSetup>& setup, Policy& policy) {
+  SimBackend alone(setup, 1, 0, make_image_source(*setup));
+  const Result<void> fits =
+      check_decision_time(setup->config.task(), measure_decision_s(alone, policy));
+  if (!fits) throw_error("--policy: {}", fits.error());
 }
 
 ArmGuideOptions guide_options(const pb::Grasp& grasp) {
@@ -79,7 +57,7 @@ Gateway::Gateway(const GatewayOptions& options, std::unique_ptr<dds::Participant
       screen_(options.mode == GatewayMode::kTeach),
       observers_(std::move(more)) {
   for (const std::string& warning : setup_->warnings) log().warn("{}", warning);
-  check_speed(setup_, *policy_);
+  require_speed(setup_, *policy_);
   const SafetySetup safety = safety_of(options, setup_->mount, config());
   const bool teaches = options.mode == GatewayMode::kTeach;
   // The other modes never become ready without one, and say so.

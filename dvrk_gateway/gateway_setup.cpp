@@ -71,7 +71,9 @@ SafetySetup safety_of(const GatewayOptions& options, const ToolMount& scene_moun
                   found.instrument, mount.instrument->name);
     }
     mount.X_WR = found.X_WR;
-    for (const std::string& warning : found.warnings) log().warn("registration: {}", warning);
+    for (const std::string& warning : registration_warnings(
+             found, pb::RegistrationRules{}, mount.workspace_min, mount.workspace_max))
+      log().warn("registration: {}", warning);
     const std::string age = age_warning(found, pb::RegistrationRules{}, wall_now_ns());
     if (!age.empty()) log().warn("registration: {}", age);
   }

@@ -178,7 +178,7 @@ std::string time_table(const RobotRecording& r) {
     for (const double share : {0.5, 0.99, 0.999, 1.0})
       rows.back().push_back(fmt::format("{:.2f}", quantile(values, share)));
   };
-  line("jitter: begin against the period before", r.jitter_ms);
+  line("jitter: begin of the period after its time", r.jitter_ms);
   line("latency: begin of the period to the socket", r.latency_ms);
   line("state age: arrival of measured_cp to the socket", r.state_age_ms);
   return rows.size() > 1 ? card("<h3>Times</h3>" + make_table(rows, {1, 2, 3, 4, 5})) : "";

@@ -4,6 +4,8 @@
 #include <cmath>
 #include <utility>
 
+#include "dvrk_gateway/safety/tool_point.h"
+
 namespace omentum {
 
 using Eigen::AngleAxisd;
@@ -19,22 +21,16 @@ ArmGuide::ArmGuide(ControlPort& port, const SafetySetup& setup, const ArmGuideOp
       X_WA_(setup.mount.X_WR * setup.X_AR.inverse()) {}
 
 ArmGuide::Goal ArmGuide::in_world(const CartesianPose& pose) const {
-  // The jaw points along R_WC as the mount says of its own orientation.
   const Matrix3d R_WC = X_WA_.linear() * pose.rotation;
-  const Vector3d p_WC = X_WA_ * pose.translation;
-  const Vector3d p_CT =
-      setup_.mount.R_WC.transpose() * (setup_.mount.tip_offset * setup_.mount.jaw_direction());
-  return {R_WC, p_WC + R_WC * p_CT};
+  return {R_WC, tip_of(setup_.mount, R_WC, X_WA_ * pose.translation)};
 }
 
 RobotCommand ArmGuide::command_of(const Goal& goal) const {
-  const Vector3d p_CT =
-      setup_.mount.R_WC.transpose() * (setup_.mount.tip_offset * setup_.mount.jaw_direction());
   const Eigen::Isometry3d X_AW = X_WA_.inverse();
   RobotCommand command;
   command.kind = RobotCommand::Kind::kServoCp;
   command.rotation = X_AW.linear() * goal.R_WC;
-  command.translation = X_AW * (goal.p_WT - goal.R_WC * p_CT);
+  command.translation = X_AW * control_point_of(setup_.mount, goal.R_WC, goal.p_WT);
   command.jaw = jaw_rad_;
   return command;
 }

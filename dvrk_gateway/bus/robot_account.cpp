@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <string>
 
+#include "dvrk_gateway/safety/tool_point.h"
+
 namespace omentum {
 namespace {
 
@@ -78,15 +80,15 @@ void RobotAccount::tell_places(const Period& period) {
   const RobotState& robot = period.robot;
   const SafetyMemory& memory = period.judgement.memory;
   const std::array<double, 3> nowhere{kNotKnown, kNotKnown, kNotKnown};
-  const auto place = [&](const Stream<CartesianPose>& stream, double beyond) {
-    if (!stream.seen || !stream.payload.valid) return nowhere;
-    const Eigen::Vector3d tip =
-        beyond * (setup_.mount.R_WC.transpose() * setup_.mount.jaw_direction());
-    return array_of(X_WA_ * (stream.payload.translation + stream.payload.rotation * tip));
+  const auto place = [&](const Stream<CartesianPose>& stream, bool of_tip) {
+    const CartesianPose& pose = stream.payload;
+    if (!stream.seen || !pose.valid) return nowhere;
+    return array_of(X_WA_ * (of_tip ? tip_of(setup_.mount, pose.rotation, pose.translation)
+                                    : pose.translation));
   };
-  status_.measured_cp_in_world_m = place(robot.measured_cp, 0);
-  status_.measured_tip_in_world_m = place(robot.measured_cp, setup_.mount.tip_offset);
-  status_.setpoint_cp_in_world_m = place(robot.setpoint_cp, 0);
+  status_.measured_cp_in_world_m = place(robot.measured_cp, false);
+  status_.measured_tip_in_world_m = place(robot.measured_cp, true);
+  status_.setpoint_cp_in_world_m = place(robot.setpoint_cp, false);
   status_.measured_jp = positions_of(robot.measured_js);
   status_.setpoint_jp = positions_of(robot.setpoint_js);
   status_.measured_jaw_rad = jaw_of(robot.jaw_measured_js);
@@ -132,7 +134,7 @@ void RobotAccount::measure(const Period& period) {
   second_.jitter.push_back(ms(period.late_ns));
   if (period.sent_ns == 0) return;
   second_.latency.push_back(ms(period.sent_ns - period.began_ns));
-  second_.state_age.push_back(ms(period.sent_ns - period.robot.measured_cp.arrival_ns));
+  second_.state_age.push_back(ms(period.sent_ns - period.state_ns));
 }
 
 }  // namespace omentum

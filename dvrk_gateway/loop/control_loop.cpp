@@ -1,6 +1,7 @@
 #include "dvrk_gateway/loop/control_loop.h"
 
 #include <string_view>
+#include <utility>
 
 #include "dvrk_gateway/protocol/codec.h"
 
@@ -16,10 +17,21 @@ ControlLoop::ControlLoop(Link& link, Clock& clock, const SafetySetup& setup,
                          std::uint32_t robot_ipv4, bool dry_run)
     : link_(link), clock_(clock), setup_(setup), robot_ipv4_(robot_ipv4), dry_run_(dry_run) {}
 
-const Period& ControlLoop::receive() noexcept {
+void ControlLoop::begin() noexcept {
   ++period_.number;
   period_.began_ns = clock_.now_ns();
-  period_.robot.gap_s = 0;
+  period_.state_ns = period_.robot.measured_cp.arrival_ns;
+}
+
+const Period& ControlLoop::receive() noexcept {
+  begin();
+  take_in();
+  period_.state_ns = period_.robot.measured_cp.arrival_ns;
+  return period_;
+}
+
+void ControlLoop::take_in() noexcept {
+  if (std::exchange(judged_, false)) period_.robot.gap_s = 0;
   for (int i = 0; i < kMostDatagrams; ++i) {
     const std::optional<Link::Received> received = link_.receive(memory_);
     if (!received) break;
@@ -36,13 +48,27 @@ const Period& ControlLoop::receive() noexcept {
     take_datagram(period_.robot, std::string_view(memory_.data(), received->size), clock_.now_ns(),
                   received->source);
   }
-  return period_;
+}
+
+bool ControlLoop::is_alarmed(const GatewayEvents& events) noexcept {
+  take_in();
+  return static_cast<bool>(
+      must_hold(setup_, period_.judgement.memory, period_.robot, events, clock_.now_ns()));
+}
+
+bool ControlLoop::look(const GatewayEvents& events) noexcept {
+  if (!is_alarmed(events)) return false;
+  // Nothing more is taken in: it might end the alarm, and a period without a request is no look.
+  begin();
+  send({}, events);
+  return true;
 }
 
 const Period& ControlLoop::send(const PolicyRequest& request,
                                 const GatewayEvents& events) noexcept {
   period_.judgement =
       judge(setup_, period_.judgement.memory, period_.robot, request, events, clock_.now_ns());
+  judged_ = true;
   period_.sent_ns = 0;
   period_.sent_bytes = 0;
   if (!period_.judgement.send || dry_run_) return period_;

@@ -22,7 +22,8 @@ class ControlPort {
   virtual bool ended() const = 0;
 };
 
-/// Simulated time, or one thread for everything: the caller's exchange() carries the periods out.
+/// Simulated time, or one thread for everything: the caller's exchange() carries the periods out
+/// and looks between them.
 class SteppedPort final : public ControlPort {
  public:
   /// `events` is read in every period.
@@ -34,7 +35,8 @@ class SteppedPort final : public ControlPort {
   const Period& exchange(const PolicyRequest& request) override {
     loop_.send(request, events_);
     next_ns_ += loop_.setup().period_ns;
-    clock_.sleep_until(next_ns_);
+    while (sleep_looking(loop_, clock_, next_ns_, [this] { return events_; }))
+      next_ns_ = loop_.period().began_ns + loop_.setup().period_ns;
     return loop_.receive();
   }
   const Period& period() const override { return loop_.period(); }

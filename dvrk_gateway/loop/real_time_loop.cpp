@@ -5,8 +5,8 @@
 #include <sched.h>
 #include <sys/mman.h>
 
+#include <algorithm>
 #include <cerrno>
-#include <chrono>
 #include <cstring>
 #include <future>
 #include <utility>
@@ -65,32 +65,30 @@ void RealTimeLoop::run() {
   pthread_setname_np(pthread_self(), "control-loop");
   const std::int64_t period_ns = loop_.setup().period_ns;
   std::int64_t next_ns = clock_.now_ns() + period_ns;
+  const auto events = [this] { return events_.now(); };
   while (!stop_) {
-    clock_.sleep_until(next_ns);
+    if (sleep_looking(loop_, clock_, next_ns, events)) {
+      // Also where the look itself came late, as on a machine that stood still.
+      const std::int64_t late_ns = std::max<std::int64_t>(0, loop_.period().began_ns - next_ns);
+      if (late_ns > 0) count_begin(late_ns);
+      times_.missed += static_cast<std::uint64_t>(late_ns / period_ns);
+      leave_to_watcher(loop_.period(), late_ns);
+      next_ns = loop_.period().began_ns + period_ns;
+      continue;
+    }
     const Period& period = loop_.receive();
     const std::int64_t late_ns = period.began_ns - next_ns;
-    ++times_.periods;
-    times_.jitter.add(late_ns);
-    if (late_ns > kLateNs) ++times_.late;
-
+    count_begin(late_ns);
     began_.next() = {period, requests_.value().number};
     began_.publish();
-    number_.store(period.number, std::memory_order_release);
-    number_.notify_one();
-    const auto wait = std::chrono::nanoseconds(
-        static_cast<std::int64_t>(kRequestShare * static_cast<double>(period_ns)));
-    // Only an armed arm waits to be led; a hold leaves at once.
-    const bool armed = period.judgement.memory.phase == SafetyPhase::kActive;
-    const bool asked = armed ? requested_.try_acquire_for(wait) : requested_.try_acquire();
-    while (requested_.try_acquire()) {  // of several requests the newest counts
-    }
+    begun_.post();
     PolicyRequest request;
-    if (asked && requests_.refresh()) request = requests_.value().request;
-    loop_.send(request, events_.now());
+    if (wait_for_request(period)) request = requests_.value().request;
+    loop_.send(request, events());
 
     if (period.sent_ns != 0) {
       times_.latency.add(period.sent_ns - period.began_ns);
-      times_.state_age.add(period.sent_ns - period.robot.measured_cp.arrival_ns);
+      times_.state_age.add(period.sent_ns - period.state_ns);
     }
     leave_to_watcher(period, late_ns);
     next_ns += period_ns;
@@ -98,17 +96,43 @@ void RealTimeLoop::run() {
       ++times_.missed;
   }
   ended_ = true;
-  number_.fetch_add(1, std::memory_order_release);
-  number_.notify_one();
+  begun_.post();
+}
+
+void RealTimeLoop::count_begin(std::int64_t late_ns) noexcept {
+  ++times_.periods;
+  times_.jitter.add(late_ns);
+  if (late_ns > kLateNs) ++times_.late;
+}
+
+/// Whether a request came that had not been taken; of several the newest.
+bool RealTimeLoop::wait_for_request(const Period& period) noexcept {
+  const SafetyMemory& memory = period.judgement.memory;
+  // Only an armed arm waits to be led; a hold leaves at once.
+  if (memory.phase != SafetyPhase::kActive) {
+    requested_.drain();  // before looking: a request that came in between would be lost
+    return requests_.refresh();
+  }
+  const bool last = !memory.holding && memory.missed + 1 >= loop_.setup().limits.missed_actions();
+  const double share = last ? kLastRequestShare : kRequestShare;
+  const std::int64_t until_ns =
+      period.began_ns +
+      static_cast<std::int64_t>(share * static_cast<double>(loop_.setup().period_ns));
+  while (!requests_.refresh()) {
+    if (loop_.is_alarmed(events_.now())) return false;
+    const std::int64_t now_ns = clock_.now_ns();
+    if (now_ns >= until_ns) return requests_.refresh();
+    requested_.wait_until(std::min(until_ns, now_ns + kLookInterval_ns));
+  }
+  return true;
 }
 
 const Period& RealTimeLoop::exchange(const PolicyRequest& request) {
   requests_.next() = {request, ++asked_};
   requests_.publish();
-  requested_.release();
+  requested_.post();
   while (began_.value().taken < asked_ && !ended_) {
-    number_.wait(seen_, std::memory_order_acquire);
-    seen_ = number_.load(std::memory_order_acquire);
+    begun_.wait();
     began_.refresh();
   }
   return began_.value().period;

@@ -2,7 +2,6 @@
 
 #include <atomic>
 #include <functional>
-#include <semaphore>
 #include <string>
 #include <thread>
 #include <vector>
@@ -11,13 +10,16 @@
 #include "dvrk_gateway/loop/control_port.h"
 #include "dvrk_gateway/loop/histogram.h"
 #include "dvrk_gateway/loop/latest.h"
+#include "dvrk_gateway/loop/semaphore.h"
 
 namespace omentum {
 
 /// Share of a period in which the request of that period is waited for; the rest is for judging and
-/// sending it, and for the next to begin on time. A policy that stalls misses two requests and is
-/// stopped 2 + 0.4 periods behind its last one: within 50 ms.
+/// sending it, and for the next to begin on time.
 inline constexpr double kRequestShare = 0.4;
+/// The same where the policy is stopped if none comes: 2 + 0.2 periods behind its last one, so that
+/// the hold is out within 50 ms also where the machine is in the way for a moment.
+inline constexpr double kLastRequestShare = 0.2;
 
 /// What the operator asks on this machine, as GatewayEvents; any thread and signal handler.
 struct OperatorEvents {
@@ -84,6 +86,8 @@ class RealTimeLoop final : public ControlPort {
     std::uint64_t number = 0;  ///< from 1
   };
   void run();
+  void count_begin(std::int64_t late_ns) noexcept;
+  bool wait_for_request(const Period& period) noexcept;
   void leave_to_watcher(const Period& period, std::int64_t late_ns) noexcept;
 
   ControlLoop& loop_;
@@ -93,9 +97,9 @@ class RealTimeLoop final : public ControlPort {
 
   Latest<Begun> began_;        // to the port
   Latest<Numbered> requests_;  // from the port
-  std::counting_semaphore<1'000'000'000> requested_{0};
-  std::atomic<std::uint64_t> number_{0};  // of the period that began last
-  std::uint64_t seen_ = 0, asked_ = 0;    // by the port: period, request
+  // They say that there may be something new, not what: began_ and requests_ do.
+  Semaphore begun_, requested_;
+  std::uint64_t asked_ = 0;  // by the port: number of its newest request
 
   std::vector<Period> watched_;
   std::atomic<std::uint64_t> written_{0}, read_{0};

@@ -4,6 +4,7 @@
 #include <utility>
 
 #include "core/log.h"
+#include "dvrk_gateway/protocol/codec.h"
 
 namespace omentum {
 namespace {
@@ -15,7 +16,7 @@ constexpr auto kHoldTime = std::chrono::milliseconds(100);
 
 GatewaySession::GatewaySession(const UdpAddress& robot, std::uint16_t port,
                                const SafetySetup& safety, bool dry_run)
-    : socket_(port),
+    : socket_(port, kMaxCommandBytes),
       control_(socket_, clock_, safety, robot.ipv4, dry_run),
       real_time_(control_, clock_, events_) {
   for (const std::string& warning : real_time_.start()) log().warn("{}", warning);

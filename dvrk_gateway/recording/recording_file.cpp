@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "dvrk_gateway/safety/tool_point.h"
 #include "proto/foxglove.pb.h"
 
 namespace omentum {
@@ -109,7 +110,6 @@ RecordingFile::RecordingFile(std::ostream& out, const RecordingSetup& setup)
       robot_state_(writer_.add_channel("/robot_state", *pb::RobotStateSample::descriptor())),
       latency_(writer_.add_channel("/latency", *pb::LatencySample::descriptor())),
       episodes_(writer_, false),
-      period_s_(setup.info.control_period_s()),
       dry_run_(setup.info.dry_run()) {
   for (const auto set : {&pb::JawSample::set_commanded_rad, &pb::JawSample::set_measured_rad,
                          &pb::JawSample::set_setpoint_rad, &pb::JawSample::set_velocity_rad_per_s,
@@ -160,12 +160,10 @@ void RecordingFile::write_frames() {
 void RecordingFile::write_pose(Channel channel, std::int64_t time_ns, std::int64_t stamp_ns,
                                const CartesianPose& pose) {
   const Matrix3d R_WC = X_WA_.linear() * pose.rotation;
-  const Vector3d p_CT(0, 0, mount_.tip_offset);
   foxglove::PoseInFrame message;
   *message.mutable_timestamp() = stamp(stamp_ns);
   message.set_frame_id("W");
-  put(Vector3d(X_WA_ * pose.translation + R_WC * p_CT),
-      *message.mutable_pose()->mutable_position());
+  put(tip_of(mount_, R_WC, X_WA_ * pose.translation), *message.mutable_pose()->mutable_position());
   put(R_WC, *message.mutable_pose()->mutable_orientation());
   write(channel, time_ns, message);
 }
@@ -320,20 +318,17 @@ void RecordingFile::add_safety(const Period& period) {
 }
 
 void RecordingFile::add_latency(const Period& period) {
-  const bool next = period_seen_ && period.number == last_period_ + 1;
   if (period_seen_ && period.number > last_period_) unseen_ += period.number - last_period_ - 1;
   pb::LatencySample sample;
   sample.set_period(period.number);
-  sample.set_jitter_s(next ? seconds(period.began_ns - last_began_ns_) - period_s_ : kNotKnown);
+  sample.set_jitter_s(seconds(period.late_ns));
   const bool sent = period.sent_ns != 0;
-  const std::int64_t arrival_ns = period.robot.measured_cp.arrival_ns;
   sample.set_latency_s(sent ? seconds(period.sent_ns - period.began_ns) : kNotKnown);
-  sample.set_state_age_s(sent && arrival_ns != 0 ? seconds(period.sent_ns - arrival_ns)
-                                                 : kNotKnown);
+  sample.set_state_age_s(sent && period.state_ns != 0 ? seconds(period.sent_ns - period.state_ns)
+                                                      : kNotKnown);
   sample.set_sent_bytes(static_cast<std::uint32_t>(sent ? period.sent_bytes : 0));
   if (period.judgement.send) sample.set_command(command_name(period.judgement.command.kind));
   last_period_ = period.number;
-  last_began_ns_ = period.began_ns;
   write(latency_, period.began_ns, sample);
 }
 

@@ -91,10 +91,8 @@ class RecordingFile {
   std::int64_t state_written_ns_ = 0;
   bool state_written_ = false, period_seen_ = false;
   std::uint64_t last_period_ = 0;
-  std::int64_t last_began_ns_ = 0;
   SafetyPhase phase_ = SafetyPhase::kListening;
   Finding finding_;
-  double period_s_;
   bool dry_run_;
   std::uint64_t invalid_ = 0, unseen_ = 0, bad_source_lines_ = 0;
 };

@@ -2,6 +2,7 @@
 #include <cmath>
 
 #include "dvrk_gateway/safety/guards.h"
+#include "dvrk_gateway/safety/tool_point.h"
 
 namespace omentum::safety {
 namespace {
@@ -13,7 +14,7 @@ using Eigen::Vector3d;
 constexpr double kRounding = 1e-9;
 
 Vector3d tip_in_W(const SafetySetup& setup, const PsmPose& pose_RC) {
-  return setup.mount.X_WR * (pose_RC.p + setup.mount.tip_offset * pose_RC.R.col(2));
+  return setup.mount.X_WR * tip_of(setup.mount, pose_RC.R, pose_RC.p);
 }
 
 bool is_finite(const RobotCommand& command) {

@@ -234,9 +234,7 @@ Finding follow_policy(const SafetySetup& setup, const RobotState& robot,
 void stay_armed(const SafetySetup& setup, const RobotState& robot, const PolicyRequest& request,
                 const GatewayEvents& events, std::int64_t now_ns, Judgement& result) {
   SafetyMemory& memory = result.memory;
-  Finding found = check_gateway(setup, memory, events, now_ns);
-  if (!found) found = check_operator(setup, memory, events, now_ns);
-  if (!found) found = safety::check_robot(setup, memory, robot, now_ns);
+  Finding found = must_hold(setup, memory, robot, events, now_ns);
   if (!found) found = safety::check_load(setup, memory, robot, now_ns);
   if (!found) found = safety::check_setpoint(setup, memory, robot);
   if (!found) found = follow_policy(setup, robot, request, now_ns - memory.now_ns, result);
@@ -285,6 +283,14 @@ std::string describe(const Finding& finding, const RobotState& robot) {
     default:
       return describe(finding);
   }
+}
+
+Finding must_hold(const SafetySetup& setup, const SafetyMemory& memory, const RobotState& robot,
+                  const GatewayEvents& events, std::int64_t now_ns) noexcept {
+  if (memory.phase != SafetyPhase::kActive) return {};
+  if (const Finding found = check_gateway(setup, memory, events, now_ns)) return found;
+  if (const Finding found = check_operator(setup, memory, events, now_ns)) return found;
+  return safety::check_robot(setup, memory, robot, now_ns);
 }
 
 Judgement judge(const SafetySetup& setup, const SafetyMemory& memory, const RobotState& robot,

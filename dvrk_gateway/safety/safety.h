@@ -117,6 +117,12 @@ struct Judgement {
 /// describe() with the addresses that the reason is about.
 std::string describe(const Finding& finding, const RobotState& robot);
 
+/// What an armed arm is held for whatever the policy asks: operator, gateway, robot; nothing where
+/// the arm is not armed. judge() stops for it with the same finding, so that a loop can look
+/// between its periods.
+Finding must_hold(const SafetySetup& setup, const SafetyMemory& memory, const RobotState& robot,
+                  const GatewayEvents& events, std::int64_t now_ns) noexcept;
+
 /// One period of the control loop.
 Judgement judge(const SafetySetup& setup, const SafetyMemory& memory, const RobotState& robot,
                 const PolicyRequest& request, const GatewayEvents& events,

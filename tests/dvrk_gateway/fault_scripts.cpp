@@ -396,7 +396,10 @@ class FaultScript {
     }
     const PolicyRequest request = ask();
     if (tick_ == 0 && chance(0.01)) robot_.state.has_source = false;
+    const Finding held = must_hold(setup_, memory_, robot_.state, events_now_, now_ns_);
     const Judgement judged = judge(setup_, memory_, robot_.state, request, events_now_, now_ns_);
+    if (held && !(judged.stopped_now && judged.finding.reason == held.reason))
+      tally.note_unsafe(number_, tick_, "a look would hold, the period does not");
     const char* wrong = witness_.judge(robot_.state, events_now_, now_ns_,
                                        judged.send ? &judged.command : nullptr, judged.stopped_now);
     robot_.state.has_source = true;

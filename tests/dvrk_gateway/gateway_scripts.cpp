@@ -280,10 +280,16 @@ class GatewayScript final : public ControlPort {
   void move_clock() {
     next_ns_ += kPeriod;
     std::int64_t until_ns = next_ns_ + static_cast<std::int64_t>(uniform(0, 3e6));
-    if (const Event* late = active(Fault::kTickLate))
+    if (const Event* late =
+            active(Fault::kTickLate)) {  // the gateway stands still: it does not look
       until_ns += static_cast<std::int64_t>(2e8 * late->size);
+      clock_.sleep_until(until_ns);
+    }
     if (active(Fault::kTickBurst) != nullptr) until_ns = clock_.now_ns() + kPeriod / 8;
-    clock_.sleep_until(until_ns);
+    while (sleep_looking(loop_, clock_, until_ns, [this] { return operator_; })) {
+      judge_period(loop_.period());
+      until_ns = next_ns_ = loop_.period().began_ns + kPeriod;
+    }
     next_ns_ = std::max(next_ns_, clock_.now_ns() - 3'000'000);
     if (const Event* back = active(Fault::kClockBack)) {
       const auto by_ns = static_cast<std::int64_t>(3e9 * back->size);

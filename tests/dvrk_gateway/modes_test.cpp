@@ -1,17 +1,26 @@
 // Modes that run episodes, with the double behind them, in simulated time.
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>
 #include <array>
+#include <chrono>
+#include <fstream>
 #include <memory>
+#include <thread>
 #include <utility>
 
 #include "contract/backend_contract.h"
 #include "core/config.h"
 #include "core/segment_fields.h"
+#include "dvrk_gateway/backend/decision_time.h"
 #include "dvrk_gateway/backend/dvrk_backend.h"
 #include "dvrk_gateway/backend/motion_replay.h"
+#include "dvrk_gateway/recording/robot_recorder.h"
+#include "tests/dvrk_gateway/recorded_session.h"
 #include "tests/dvrk_gateway/two_sides.h"
+#include "tests/support/small_disk.h"
+#include "tests/support/temp_dir.h"
 
 namespace omentum::test {
 GTEST_ALLOW_UNINSTANTIATED_PARAMETERIZED_TEST(BackendContract);  // tasks and policy of its header
@@ -102,6 +111,41 @@ TEST_F(Modes, AStopOfTheOperatorEndsTheEpisodeKeepsItsStepsAndHolds) {
   for (const auto& datagram : sent) holds += datagram.text.find("hold") != std::string::npos;
   EXPECT_EQ(holds, 3);
   EXPECT_LT(sent.back().time_ns, sides_->now_ns() - 40 * 20'000'000);
+}
+
+TEST_F(Modes, ADiskThatIsFullUnderAnArmedArmHoldsIt) {
+  make();
+  const test::TempDir folder;
+  RobotRecorderOptions options;
+  options.path = folder / "a.mcap";
+  options.setup = test::recording_setup(setup_->mount);
+  options.min_free_bytes = 0;
+  RobotRecorder recorder(options);
+  recorder.stop_on_failure([this] { events_.fault = true; });
+  TwinBackend twin(*scene_, *guide_);
+  const test::SmallDisk disk(20'000);
+  int steps = 0;
+  const RolloutSegment s = run_rollout(twin, *policy_, task(200), [&] {
+    recorder.on_period(port_->period());
+    if (++steps <= 100) return false;
+    const auto patience = std::chrono::steady_clock::now() + std::chrono::seconds(60);
+    // Two seconds of it are more than the disk takes; the thread that writes finds that in its
+    // time.
+    while (!recorder.failed() && std::chrono::steady_clock::now() < patience)
+      std::this_thread::yield();
+    return false;
+  })[0];
+  EXPECT_EQ(s.failed, 1U);
+  EXPECT_EQ(port_->period().judgement.memory.stop.reason, StopReason::kGatewayFault) << s.failure;
+  EXPECT_THAT(s.failure, testing::HasSubstr("see its log"));
+  for (int i = 0; i < 10; ++i) port_->exchange({.fresh = true, .command = {}});
+  int holds = 0;
+  for (const auto& datagram : sides_->gateway_link.sent)
+    holds += datagram.text.find("hold") != std::string::npos;
+  EXPECT_EQ(holds, 3);
+  const Result<void> finished = recorder.finish();
+  ASSERT_FALSE(finished);
+  EXPECT_THAT(finished.error(), testing::HasSubstr("a.mcap: File too large; "));
 }
 
 TEST_F(Modes, AFaultOfTheRobotIsNamed) {
@@ -244,6 +288,78 @@ TEST_F(Modes, AReplayLeadsTheTipAlongTheMotion) {
   ASSERT_TRUE(went) << went.error();
   EXPECT_LT((guide_->measured_tip() - goals.back().p_WT).norm(), 1e-5);
   EXPECT_NEAR(guide_->measured_jaw_rad(), 0.3, 1e-9);
+}
+
+TEST_F(Modes, AMotionThatWasTaughtIsReplayed) {
+  make();
+  for (int i = 0; i < 20; ++i) ASSERT_TRUE(guide_->watch());
+  const test::TempDir folder;
+  const std::string path = folder / "taught.mcap";
+  std::vector<Eigen::Vector3d> taught_way;
+  {
+    std::ofstream out(path, std::ios::binary);
+    RecordingSetup setup = test::recording_setup(setup_->mount);
+    setup.start_ns = sides_->now_ns();
+    RecordingFile file(out, setup);
+    bool begins = false;
+    TaughtBackend taught(
+        *scene_, *guide_, [&] { return std::exchange(begins, true); },
+        [&] { return scene_->clock(0).episode_step == 100; }, 0.25);
+    const Eigen::Vector3d from = guide_->measured_tip();
+    // An operator at the console: a quarter of a circle of 20 mm, the jaw closes in its second
+    // half.
+    const Actor actor(
+        [&](std::uint32_t step, std::span<Action> actions) {
+          const double angle = 0.0157 * step;
+          const Eigen::Vector3d way(0.02 * std::sin(angle), 0.02 * (1 - std::cos(angle)), 0);
+          const PsmJoints q = joints_for_tip(setup_->mount, from + way).value();
+          sides_->say(test::servo_jp({q.begin(), q.end()}));
+          sides_->say(test::jaw_servo_jp(step < 50 ? 0.5 : 0.5 - 0.01 * (step - 50)));
+          actions[0] = taught.next_action();
+          file.add_period(port_->period());
+          taught_way.push_back(guide_->measured_tip());
+        },
+        false);
+    const RolloutSegment s = run_rollout(taught, actor, task(400), {})[0];
+    ASSERT_EQ(s.failed, 0U) << s.failure;
+    ASSERT_TRUE(file.finish());
+  }
+  const double jaw_at_end = guide_->measured_jaw_rad();
+  ASSERT_LT(jaw_at_end, 0.1) << "or the jaw shows nothing";
+
+  const Result<std::vector<MotionSample>> motion = load_motion(path);
+  ASSERT_TRUE(motion) << motion.error();
+  const Result<std::vector<MotionSample>> goals = goals_of(motion.value(), 0.02, 1, 0.0005);
+  ASSERT_TRUE(goals) << goals.error();
+  make();  // the robot another day
+  std::vector<Eigen::Vector3d> replayed_way;
+  sides_->after_period = [&](DvrkDouble&) { replayed_way.push_back(guide_->measured_tip()); };
+  const Result<void> went = replay_goals(*guide_, goals.value());
+  ASSERT_TRUE(went) << went.error();
+  for (int i = 0; i < 3; ++i) ASSERT_TRUE(guide_->watch());
+  EXPECT_LT((guide_->measured_tip() - taught_way.back()).norm(), 1e-5);
+  EXPECT_NEAR(guide_->measured_jaw_rad(), jaw_at_end, 1e-6);
+  for (const Eigen::Vector3d& tip : taught_way) {
+    double nearest = 1;
+    for (const Eigen::Vector3d& other : replayed_way)
+      nearest = std::min(nearest, (tip - other).norm());
+    EXPECT_LT(nearest, 0.0005) << "one action";
+  }
+}
+
+TEST(DecisionTime, ASceneThatIsTooSlowForThePeriodIsRefusedInOneLine) {
+  pb::Task task;
+  task.set_control_period_s(0.02);
+  task.set_action_repeat(1);
+  EXPECT_TRUE(check_decision_time(task, 0.0079));
+  const Result<void> slow = check_decision_time(task, 0.0121);
+  ASSERT_FALSE(slow);
+  EXPECT_EQ(
+      slow.error(),
+      "its scene needs 12.1 ms of each control period on this machine, allowed 8.0 ms: take a "
+      "coarser scene or a faster machine");
+  task.set_action_repeat(2);  // a decision is for two periods
+  EXPECT_TRUE(check_decision_time(task, 0.0121));
 }
 
 }  // namespace

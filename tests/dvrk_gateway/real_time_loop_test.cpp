@@ -3,8 +3,14 @@
 // benchmarks/run.sh gateway.
 #include "dvrk_gateway/loop/real_time_loop.h"
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sys/resource.h>
+#include <sys/wait.h>
+#include <unistd.h>
 
+#include <algorithm>
+#include <array>
 #include <atomic>
 #include <chrono>
 #include <thread>
@@ -14,6 +20,7 @@
 #include "tests/dvrk_gateway/ideal_robot.h"
 #include "tests/dvrk_gateway/two_sides.h"
 #include "tests/support/allocation_count.h"
+#include "tests/support/script_link.h"
 
 namespace omentum {
 namespace {
@@ -148,6 +155,86 @@ TEST(RealTimeLoop, ALateRequestIsTakenInTheNextPeriodAndTheOneBehindItOnTime) {
            gateway.sent_in(tip + 2 * step) == next_in && next_in == late_in + 2;
   }
   EXPECT_TRUE(seen);
+}
+
+/// Its periods last some microseconds: the thread sleeps just long enough to let others run.
+class HastyClock final : public Clock {
+ public:
+  explicit HastyClock(std::int64_t period_ns) : period_ns_(period_ns) {}
+  std::int64_t now_ns() noexcept override { return now_ns_; }
+  void sleep_until(std::int64_t time_ns) noexcept override {
+    now_ns_ = std::max(now_ns_.load(), time_ns);
+    if (time_ns % period_ns_ == 0) std::this_thread::sleep_for(std::chrono::nanoseconds(1));
+  }
+
+ private:
+  std::int64_t period_ns_;
+  std::atomic<std::int64_t> now_ns_{0};
+};
+
+// Who had asked waited for ever where the request came between the end of the wait for it and the
+// clearing of the semaphore behind that: within 30 of these requests.
+TEST(RealTimeLoop, EveryRequestIsTakenWheneverItComes) {
+  const SafetySetup setup =
+      make_safety_setup({}, test::paper_mount(), Eigen::Isometry3d::Identity(), true);
+  HastyClock clock(setup.period_ns);
+  test::ScriptLink nobody(clock);
+  ControlLoop control(nobody, clock, setup);
+  OperatorEvents events;
+  RealTimeLoop loop(control, clock, events);
+  loop.start();
+  std::uint64_t before = 0;
+  for (int k = 0; k < 5'000; ++k) {
+    const std::uint64_t number = loop.exchange({}).number;
+    ASSERT_GT(number, before);
+    before = number;
+  }
+}
+
+/// May lock memory and raise threads no more.
+void give_up_privileges() {
+  const rlimit none{0, 0};
+  setrlimit(RLIMIT_MEMLOCK, &none);
+  setrlimit(RLIMIT_RTPRIO, &none);
+  if (geteuid() == 0 && setresuid(65534, 65534, 65534) != 0) _exit(3);
+}
+
+TEST(RealTimeLoop, WhatTheSystemRefusesIsALineEachWithWhatToDoAndItRunsAllTheSame) {
+  int ends[2];
+  ASSERT_EQ(pipe(ends), 0);
+  const pid_t child = fork();
+  ASSERT_GE(child, 0);
+  if (child == 0) {
+    give_up_privileges();
+    const SafetySetup setup =
+        make_safety_setup({}, test::paper_mount(), Eigen::Isometry3d::Identity(), true);
+    SteadyClock clock;
+    test::ScriptLink nobody(clock);
+    ControlLoop control(nobody, clock, setup);
+    OperatorEvents events;
+    RealTimeLoop loop(control, clock, events);
+    std::string told;
+    for (const std::string& warning : loop.start()) told += warning + "\n";
+    const std::uint64_t number = loop.exchange({}).number;
+    const bool runs = loop.exchange({}).number > number;
+    const bool whole =
+        write(ends[1], told.data(), told.size()) == static_cast<ssize_t>(told.size());
+    loop.stop();
+    _exit(runs && whole ? 0 : 1);
+  }
+  close(ends[1]);
+  int status = 0;
+  ASSERT_EQ(waitpid(child, &status, 0), child);
+  EXPECT_TRUE(WIFEXITED(status) && WEXITSTATUS(status) == 0) << status;
+  std::array<char, 4096> memory{};
+  const ssize_t size = read(ends[0], memory.data(), memory.size());
+  close(ends[0]);
+  const std::string told(memory.data(), static_cast<std::size_t>(std::max<ssize_t>(size, 0)));
+  EXPECT_EQ(std::count(told.begin(), told.end(), '\n'), 2) << told;
+  EXPECT_THAT(told, testing::HasSubstr("memory is not locked"));
+  EXPECT_THAT(told, testing::HasSubstr("raise `ulimit -l`"));
+  EXPECT_THAT(told, testing::HasSubstr("SCHED_FIFO was refused"));
+  EXPECT_THAT(told, testing::HasSubstr("raise `ulimit -r` to 80"));
 }
 
 TEST(RealTimeLoop, StopWakesTheThreadThatAsksAndEveryLaterCallReturns) {

@@ -2,12 +2,10 @@
 #include <fcntl.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <sys/resource.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
 #include <atomic>
-#include <csignal>
 #include <filesystem>
 #include <fstream>
 #include <map>
@@ -22,6 +20,7 @@
 #include "proto/foxglove.pb.h"
 #include "tests/dvrk_gateway/recorded_session.h"
 #include "tests/support/episode_fixture.h"
+#include "tests/support/small_disk.h"
 #include "tests/support/temp_dir.h"
 
 namespace omentum {
@@ -296,33 +295,13 @@ TEST_F(Recorder, AKilledProcessLeavesAReadableFile) {
   EXPECT_TRUE(load_motion(path).has_value());
 }
 
-/// While it lives files of this process end at some size, as on a full disk.
-class SmallDisk {
- public:
-  explicit SmallDisk(rlim_t bytes) : signal_(std::signal(SIGXFSZ, SIG_IGN)) {
-    EXPECT_EQ(getrlimit(RLIMIT_FSIZE, &before_), 0);
-    const rlimit small{bytes, before_.rlim_max};
-    EXPECT_EQ(setrlimit(RLIMIT_FSIZE, &small), 0);
-  }
-  ~SmallDisk() {
-    setrlimit(RLIMIT_FSIZE, &before_);
-    std::signal(SIGXFSZ, signal_);
-  }
-  SmallDisk(const SmallDisk&) = delete;
-  SmallDisk& operator=(const SmallDisk&) = delete;
-
- private:
-  rlimit before_{};
-  sighandler_t signal_;
-};
-
 TEST_F(Recorder, AFullDiskStopsTheArmAndIsToldWithWhatWasLost) {
   RobotRecorder recorder(options("a.mcap"));
   int faults = 0;
   recorder.stop_on_failure([&faults] { ++faults; });
   std::uint64_t given = 0;
   {
-    const SmallDisk disk(100'000);
+    const test::SmallDisk disk(100'000);
     for (; faults == 0 && given < 100'000; ++given) recorder.on_period(session_.next());
     ASSERT_EQ(faults, 1);
     recorder.on_period(session_.next());

@@ -151,6 +151,7 @@ TEST(RobotAccount, DurationsAreThoseOfTheLastWholeSecond) {
     // The first second is slow, the second one fast; one of each is the slowest.
     const std::int64_t latency = (k < 50 ? 8 : 1) * kMs + (k % 50 == 20 ? 3 * kMs : 0);
     period.sent_ns = period.began_ns + latency;
+    period.state_ns = period.began_ns;
     period.late_ns = latency / 2;
     account.add(period);
     if (k == 49) {

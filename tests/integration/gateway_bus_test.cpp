@@ -2,12 +2,12 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include <Eigen/Core>
 #include <utility>
 
 #include "core/segment_fields.h"
 #include "core/wire.h"
 #include "tests/integration/programs.h"
+#include "tests/integration/robot_touches.h"
 
 namespace omentum {
 namespace {
@@ -62,32 +62,12 @@ TEST(GatewayBus, TakesThePolicyOfTheLearnerAndTellsWhatTheRobotDoes) {
   EXPECT_EQ(gateway.wait(test::kRunTime), 1) << "no episode ran";
 }
 
-/// Touches of a robot whose tool, where the double homes it, stands above the sheet: R is W moved,
-/// and the tool points down.
-std::string touches() {
-  const Eigen::Vector3d p_WR(-0.02, 0.03, 0.1837);
-  const double tip_offset = 0.0102;
-  std::string csv =
-      "name,world_x_m,world_y_m,world_z_m,control_x_m,control_y_m,control_z_m,q_w,q_x,q_y,q_z\n";
-  int k = 0;
-  for (const double x : {-0.05, 0.04}) {
-    for (const double y : {-0.03, 0.07}) {
-      for (const double z : {0.02, 0.05 + 0.1 * x + 0.2 * y}) {
-        const Eigen::Vector3d c = Eigen::Vector3d(x, y, z + tip_offset) - p_WR;
-        csv += fmt::format("p{},{},{},{},{},{},{},0,0.70710678118654757,0.70710678118654757,0\n",
-                           k++, x, y, z, c.x(), c.y(), c.z());
-      }
-    }
-  }
-  return csv;
-}
-
 TEST(GatewayBus, AnEpisodeThatTheOperatorArmsIsPublishedAsOfARobot) {
   Programs programs;
   programs.train("done", test::tiny_task());
   const std::string table = programs.folder() / "touches.csv";
   const std::string registration = programs.folder() / "registration.txtpb";
-  std::ofstream(table) << touches();
+  std::ofstream(table) << test::robot_touches();
   const test::Finished registered =
       programs.finish({OMENTUM_DVRK_GATEWAY, "--policy", programs.run_dir("done"), "--registration",
                        registration, "register", "--touches", table});
