@@ -8,6 +8,7 @@
 #include "core/check.h"
 #include "core/output_folder.h"
 #include "mismatch/import/import_map.h"
+#include "mismatch/intake/intake.h"
 #include "mismatch/recording/columns.h"
 #include "mismatch/recording/plain_folder.h"
 #include "mismatch/recording/recording_mcap.h"
@@ -19,6 +20,7 @@ namespace fs = std::filesystem;
 
 struct RecordingOptions {
   std::string input, map, output;
+  std::vector<std::string> inputs;
 };
 
 void warn(const std::vector<std::string>& warnings) {
@@ -107,6 +109,32 @@ int export_recording(const RecordingOptions& options) {
   return 0;
 }
 
+int print_info(const RecordingOptions& options) {
+  std::map<std::string, std::vector<Recording>> repeats;
+  for (const std::string& path : options.inputs) {
+    Recording recording = read_recording_mcap(path);
+    warn(recording.warnings);
+    const pb::RecordingInfo& info = recording.info;
+    std::printf("%s: %s:%s\n", path.c_str(), info.name().c_str(), summary(recording).c_str());
+    for (const auto& [what, text] : {std::pair{"repeat of", info.repeat_of()},
+                                     {"specimen", info.specimen()},
+                                     {"notes", info.notes()},
+                                     {"held out", std::string(info.held_out() ? "yes" : "")}}) {
+      if (!text.empty()) std::printf("  %s: %s\n", what, text.c_str());
+    }
+    std::printf("%s", print_intake(take_in(recording)).c_str());
+    if (!info.repeat_of().empty()) repeats[info.repeat_of()].push_back(std::move(recording));
+  }
+  for (const auto& [name, recordings] : repeats) {
+    std::vector<const Recording*> all;
+    for (const Recording& recording : recordings) all.push_back(&recording);
+    const std::string floor = print_floor(repeatability(all));
+    if (!floor.empty()) std::printf("repeats of %s:\n%s", name.c_str(), floor.c_str());
+  }
+  if (std::fflush(stdout) != 0) throw_error("standard output: cannot be written");
+  return 0;
+}
+
 }  // namespace
 
 std::function<int()> add_recording_commands(CLI::App& app) {
@@ -123,7 +151,11 @@ std::function<int()> add_recording_commands(CLI::App& app) {
   CLI::App& out = *app.add_subcommand("export", "A recording as a folder (docs/formats.md 3)");
   out.add_option("input", options->input, "MCAP file")->required();
   out.add_option("-o,--output", options->output, "Folder to write; new or empty")->required();
-  return [&in, &out, options] {
+  CLI::App& info = *app.add_subcommand(
+      "info", "What can be known of recordings without simulation: clocks, gaps, noise, repeats");
+  info.add_option("inputs", options->inputs, "MCAP files; of repeats several")->required();
+  return [&in, &out, &info, options] {
+    if (info.parsed()) return print_info(*options);
     if (in.parsed()) return import_recordings(*options);
     if (out.parsed()) return export_recording(*options);
     return -1;

@@ -121,6 +121,9 @@ TEST_F(MismatchProgram, RecordingsGoInAndOutUnchanged) {
   ASSERT_EQ(run(in), 0) << text_of(folder_ / "stderr");
   EXPECT_THAT(text_of(folder_ / "stdout"), HasSubstr("clouds 6"));
   ASSERT_EQ(run({OMENTUM_MISMATCH, "export", folder_ / "a.mcap", "-o", folder_ / "back"}), 0);
+  ASSERT_EQ(run({OMENTUM_MISMATCH, "info", folder_ / "a.mcap"}), 0);
+  EXPECT_THAT(text_of(folder_ / "stdout"),
+              HasSubstr("/tool_commanded: 11 samples, 0 ... 0.2 s, 50 Hz"));
   std::size_t files = 0;
   for (const auto& entry : std::filesystem::recursive_directory_iterator(folder_ / "out")) {
     if (!entry.is_regular_file()) continue;
