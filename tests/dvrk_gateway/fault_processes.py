@@ -129,6 +129,7 @@ class Script:
         self.bad_network = self.kind in FAULTS and self.random.random() < 0.3
         self.rules = CommandRules()
         self.silent, self.change, self.thaw_at = False, None, None
+        self.old_sides = []
         self.holds, self.caused_at = [], None
         self.repeated, self.repeat_until = None, 0.0
         self.robot = None
@@ -155,8 +156,8 @@ class Script:
         self.other_port()
 
     def other_port(self):
-        """Another process sends from another port."""
-        self.gateway_side.close()
+        """Another process sends from another port; what still goes to the old one is heard."""
+        self.old_sides.append(self.gateway_side)
         self.gateway_side = rig.datagram_socket()
         self.gateway_side.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
 
@@ -195,11 +196,14 @@ class Script:
                 self.thaw_at = None
             if time.time() < self.repeat_until:
                 self.repeated()
-            ready = select.select([self.robot_side, self.gateway_side], [], [], 0.002)[0]
+            gateway_sides = [self.gateway_side, *self.old_sides]
+            ready = select.select([self.robot_side, *gateway_sides], [], [], 0.002)[0]
             if self.robot_side in ready:
                 self.from_robot(*self.robot_side.recvfrom(65536))
-            if self.gateway_side in ready:
-                text, ancillary, _, _ = self.gateway_side.recvmsg(65536, 64)
+            for side in gateway_sides:
+                if side not in ready:
+                    continue
+                text, ancillary, _, _ = side.recvmsg(65536, 64)
                 seconds, nanoseconds = (int.from_bytes(ancillary[0][2][k:k + 8], "little") for k in (0, 8))
                 self.from_gateway(text, seconds + 1e-9 * nanoseconds)
 
