@@ -180,10 +180,10 @@ int measure_loop(std::uint32_t domain, int workers, double seconds, double pace)
   return 0;
 }
 
-/// A worker that computes the physics of preset paper for ever and tells of every version when its
-/// weights are there and compared with their hash.
+/// A worker that computes the physics of preset paper_literal for ever and tells of every version
+/// when its weights are there and compared with their hash.
 int run_physics_worker(const std::string& run, std::uint32_t domain, int delays) {
-  const pb::Config config = load_config("paper", {});
+  const pb::Config config = load_config("paper_literal", {});
   SimBackend backend(make_sim_setup(config), 16, 0, nullptr);
   for (int lane = 0; lane < backend.lanes(); ++lane) {
     EpisodeStart start;

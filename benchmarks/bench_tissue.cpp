@@ -168,7 +168,7 @@ int main(int argc, char** argv) {
     measure("tissue.omentum.env_steps_per_s", omentum::load_config("omentum", {}), width);
     measure("tissue.omentum_elastic.env_steps_per_s", omentum::load_config("omentum_elastic", {}),
             width);
-    measure("tissue.paper.env_steps_per_s", omentum::load_config("paper", {}), width);
+    measure("tissue.paper.env_steps_per_s", omentum::load_config("paper_literal", {}), width);
     measure("tissue.paper_swapped.env_steps_per_s", omentum::load_config("paper_swapped", {}),
             width);
     measure_exposure(omentum::load_config("omentum", {}), width);

@@ -22,13 +22,13 @@ Figures of the groups named (default: tissue elastic ppo workers train):
   compare   compare.<air or board>.<case>.<E>_mm: elastic shell against the converged reference at rest, rms;
             compare.*.by_<parameter>_percent: difference of the derivatives of the surface
   ppo       ppo.us_per_sample_epoch and, where python3 has torch, the same of ppo.torch_us_per_sample_epoch
-  workers   workers.speedup_2_over_1: collecting only, preset paper; two pinned workers against one, taking turns;
+  workers   workers.speedup_2_over_1: collecting only, preset paper_literal; two pinned workers against one, taking turns;
             workers.machine_speedup_2_over_1: two systems of one worker each, what the cores can give at that time
-  train     train.wall_3M_s (preset paper), train.omentum.wall_3M_s, train.small_buffer.wall_3M_s (preset paper with
+  train     train.wall_3M_s (preset paper_literal), train.omentum.wall_3M_s, train.small_buffer.wall_3M_s (preset paper with
             socket buffers of 208 KiB): learner start to last checkpoint, two workers, no evaluation
   bus       bus.steps_per_s: tasks to segments over DDS, nothing simulated, 8 worker processes, 64 slots of 256 steps,
             states of 23,064 bytes; bus.core_share_at_20k: of the learner; bus.weights_p99_ms_8_workers: published to
-            received and compared with their hash, workers computing preset paper; bus.throughput_kept_16_workers:
+            received and compared with their hash, workers computing preset paper_literal; bus.throughput_kept_16_workers:
             preset omentum, 256 slots, no updates, 16 workers against 2; bus.updates_ceiling_steps_per_s: what one learner
             of preset omentum learns from workers that need no time
   security  security.cost_percent: preset omentum with updates, two workers, DDS Security on against off, taking turns:
@@ -226,13 +226,13 @@ bench_train() {
   need learner && need sim_worker || return
   local size=$steps
   ((steps % 1000000)) || size=$((steps / 1000000))M
-  train_wall "train.wall_${size}_s" paper
+  train_wall "train.wall_${size}_s" paper_literal
   train_wall "train.omentum.wall_${size}_s" omentum
   # What a machine with the kernel's default net.core.rmem_max gives a socket: the kernel's own limit where we may set
   # it, else the limit of the DDS profile (which leaves out the learner's spacing of bursts).
   own_rmem_max=$(sysctl -n net.core.rmem_max)
   if sysctl -qw net.core.rmem_max=212992 2>/dev/null; then
-    train_wall "train.small_buffer.wall_${size}_s" paper
+    train_wall "train.small_buffer.wall_${size}_s" paper_literal
     restore_rmem_max
     return
   fi
@@ -241,12 +241,12 @@ bench_train() {
   local small
   small=$(sed 's/max="4MiB"/max="208KiB"/' "$root/deploy/dds/small-buffer.xml")
   [[ $small == *208KiB* ]] || { broken "deploy/dds/small-buffer.xml has no receive buffer to limit"; return; }
-  CYCLONEDDS_URI=$small train_wall "train.small_buffer.wall_${size}_s" paper
+  CYCLONEDDS_URI=$small train_wall "train.small_buffer.wall_${size}_s" paper_literal
 }
 
 # Steps per second of a collecting run. $1 = workers, $2 = name.
 collect_rate() {
-  run_system "$1" "$2" --preset paper --set run.updates=false --set rollout.max_steps=120000 && rate_of_run "$2"
+  run_system "$1" "$2" --preset paper_literal --set run.updates=false --set rollout.max_steps=120000 && rate_of_run "$2"
 }
 # The same of two systems of one worker each at the same time, added up: what the machine's two cores give.
 collect_rate_apart() {

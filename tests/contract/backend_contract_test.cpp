@@ -37,7 +37,7 @@ std::vector<BackendCase> with_snapshots() {
   return {
       {"dummy_simulation", [](int lanes) { return std::make_unique<DummySimulation>(lanes); },
        dummy_shape()},
-      sim_case("paper", "paper"),
+      sim_case("paper_literal", "paper_literal"),
       sim_case("omentum", "omentum"),
       // A short episode brings resets, a near start brings grasp and contact into the 40 ... 100
       // steps.

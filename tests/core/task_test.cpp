@@ -62,8 +62,9 @@ double in_world(const std::string& unit, double value, const Task& task) {
 
 class EveryPreset : public testing::TestWithParam<const char*> {};
 INSTANTIATE_TEST_SUITE_P(Presets, EveryPreset,
-                         testing::Values("omentum", "paper", "paper_swapped", "derived",
-                                         "derived_head", "omentum_elastic", "omentum_soft"),
+                         testing::Values("omentum", "paper", "paper_literal", "paper_swapped",
+                                         "derived", "derived_head", "omentum_elastic",
+                                         "omentum_soft"),
                          [](const auto& p) { return std::string(p.param); });
 
 TEST_P(EveryPreset, ObservesWhatNamesAndUnitsSay) {
@@ -192,6 +193,18 @@ TEST(EpisodeEnd, NeedsHeldTissueNearTheTarget) {
   state.held = true;
   EXPECT_FALSE(task_of("paper").is_over(state)) << "its episodes end by steps alone";
   EXPECT_EQ(task.episode_limit({}), 500U);
+}
+
+// docs/decisions/0031: every "step" of the text is a decision, and the jaw's action lets go.
+TEST(PaperLiteral, HasOneMeaningOfAStep) {
+  const pb::Config literal = load_config("paper_literal", {});
+  EXPECT_EQ(task_of("paper_literal").episode_limit({}), 1500U);
+  EXPECT_EQ(literal.task().action_repeat(), 1U);
+  EXPECT_EQ(literal.task().control_period_s(), 0.02);
+  EXPECT_EQ(literal.rollout().max_steps(), 3'000'000U);
+  EXPECT_EQ(literal.rollout().slots() * literal.rollout().steps_per_segment(), 10240U);
+  EXPECT_FALSE(literal.grasp().automatic());
+  EXPECT_FALSE(literal.ppo().scale_rewards());
 }
 
 TEST(RewardOfATask, IsOfTheTrueTipAndOfTheGraspPoint) {

@@ -14,7 +14,7 @@ die() {
   exit 1
 }
 train() {
-  exec "$root/deploy/train.sh" --no-setup --preset paper --run "$run" --workers 2 --set run.runs_dir="$scratch/runs" \
+  exec "$root/deploy/train.sh" --no-setup --preset paper_literal --run "$run" --workers 2 --set run.runs_dir="$scratch/runs" \
     --set rollout.slots=16 --set rollout.steps_per_segment=32 --set run.checkpoint_interval_s=0 "$@"
 }
 

@@ -6,7 +6,7 @@ root=$1
 scratch=$(mktemp -d)
 whole=whole$$ parts=parts$$ lonely=lonely$$  # the processes of another copy of this test have other names
 trap 'kill -KILL $(left "($whole|$parts|$lonely)") 2>/dev/null; rm -rf "$scratch"' EXIT
-small=(--no-setup --preset paper --steps 3000 --workers 2 --set run.runs_dir="$scratch/runs" --set rollout.slots=16
+small=(--no-setup --preset paper_literal --steps 3000 --workers 2 --set run.runs_dir="$scratch/runs" --set rollout.slots=16
   --set rollout.steps_per_segment=32 --set evaluation.enabled=false --set run.checkpoint_interval_s=0)
 
 die() {

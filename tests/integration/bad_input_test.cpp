@@ -113,7 +113,8 @@ TEST_F(BadInput, AGraspStudyNeedsARunFolderAndAGraspThatCanFail) {
   std::filesystem::create_directories(run);
   std::ofstream(run + "/config.txtpb") << "grasp { radius_m: 9 }\n";
   expect_refused(programs_.finish(study), {"radius_m"});
-  const Finished dry = programs_.finish({OMENTUM_LEARNER, "--dry-run", "--preset", "paper"});
+  const Finished dry =
+      programs_.finish({OMENTUM_LEARNER, "--dry-run", "--preset", "paper_literal"});
   std::ofstream(run + "/config.txtpb") << dry.out;
   const Finished plain = programs_.finish(study);
   EXPECT_EQ(plain.code, 0) << plain.err;

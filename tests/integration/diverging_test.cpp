@@ -24,8 +24,9 @@ class DivergingBackend : public test::DummySimulation {
 
 TEST(DivergingPhysics, StopsTheLearnerWithExitCode1AndTheReason) {
   test::Programs programs;
-  test::Process learner = programs.learner(
-      "diverging", {"rollout.slots=16", "rollout.steps_per_segment=8"}, {"--preset", "paper"});
+  test::Process learner =
+      programs.learner("diverging", {"rollout.slots=16", "rollout.steps_per_segment=8"},
+                       {"--preset", "paper_literal"});
   BusWorkerOptions options;
   options.run = "diverging";
   options.domain = programs.domain();

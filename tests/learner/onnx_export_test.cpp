@@ -213,6 +213,7 @@ TEST(OnnxMetadata, SaysWhatEveryPresetObserves) {
                       {"near_goal_z", "5 mm along z of W; within -1 ... 1"}};
   const std::map<std::string, std::pair<std::size_t, Units>> expected = {
       {"paper", {12, workspace}},
+      {"paper_literal", {12, workspace}},
       {"paper_swapped", {12, workspace}},
       {"derived", {12, {{"p_y", "100 mm along z of W"}, {"distance_p_q", "100 mm"}}}},
       {"derived_head", {8, {{"goal_z", "100 mm along y of W"}, {"distance_p_goal", "100 mm"}}}},

@@ -34,7 +34,7 @@ TEST(Grasp, TableOfCauses) {
 }
 
 TEST(Grasp, ZeroParametersAreThePlainProximityGrasp) {
-  const pb::Grasp plain = load_config("paper", {}).grasp();
+  const pb::Grasp plain = load_config("paper_literal", {}).grasp();
   EXPECT_EQ(judge_pinch(plain, {0.00199, 0, 90, 0.003}), PinchResult::kHeld);
   EXPECT_EQ(judge_pinch(plain, {0.002, 0, 0, 0.003}),
             PinchResult::kTooFar);  // strictly nearer than the radius

@@ -53,7 +53,7 @@ const Clusters& clusters_of(const SimSetup& setup) {
 }
 
 TEST(Scene, PaperHas900Particles) {
-  const auto setup = setup_of("paper");
+  const auto setup = setup_of("paper_literal");
   const TissueBody& body = setup->scene.tissue;
   EXPECT_EQ(body.particles.size(), 900U);
   EXPECT_EQ(std::count(body.fixed.begin(), body.fixed.end(), 1), 60);
@@ -81,7 +81,7 @@ TEST(Scene, DerivedSampling) {
 
 TEST(Scene, OrphansOfPaperOptimumAreRefusedByNumber) {
   try {
-    setup_of("paper", {"scene.tissue.cluster.orphan_policy=ORPHANS_REJECT"});
+    setup_of("paper_literal", {"scene.tissue.cluster.orphan_policy=ORPHANS_REJECT"});
     FAIL() << "accepted";
   } catch (const Error& error) {
     EXPECT_THAT(error.what(), testing::HasSubstr("leaves 8 of the particles"));
@@ -89,9 +89,9 @@ TEST(Scene, OrphansOfPaperOptimumAreRefusedByNumber) {
 }
 
 TEST(Units, GravityGuard) {
-  EXPECT_THAT(setup_of("paper")->warnings,
+  EXPECT_THAT(setup_of("paper_literal")->warnings,
               testing::Not(testing::Contains(testing::HasSubstr("gravity"))));
-  EXPECT_THAT(setup_of("paper", {"scene.gravity_m_per_s2=0.981"})->warnings,
+  EXPECT_THAT(setup_of("paper_literal", {"scene.gravity_m_per_s2=0.981"})->warnings,
               testing::Contains(testing::HasSubstr("gravity_m_per_s2: 0.981")));
   const auto derived = setup_of("derived");
   EXPECT_THAT(derived->warnings, testing::Not(testing::Contains(testing::HasSubstr("gravity"))));
@@ -101,7 +101,7 @@ TEST(Units, GravityGuard) {
 TEST(Units, SpeedGuardWarnsAboveFiftyMillimetresPerSecond) {
   EXPECT_THAT(setup_of("derived")->warnings,
               testing::Contains(testing::HasSubstr("0.1 m/s per axis")));
-  EXPECT_THAT(setup_of("paper")->warnings,
+  EXPECT_THAT(setup_of("paper_literal")->warnings,
               testing::Not(testing::Contains(testing::HasSubstr("m/s per axis"))));
 }
 
@@ -120,11 +120,11 @@ TEST(Reward, ReferenceValues) {  // docs/task.md 7
   EXPECT_NEAR(at(pb::REWARD_PAPER, true, 0, 0.08521), -0.15162, 2e-5);
   EXPECT_NEAR(at(pb::REWARD_DERIVED, true, 0, 0.08521), -0.40162, 2e-5);
   EXPECT_EQ(at(pb::REWARD_PAPER, true, 0, 0), 0);
-  EXPECT_NEAR(make_task(*setup_of("paper")).workspace_diagonal(), 0.28098, 5e-6);
+  EXPECT_NEAR(make_task(*setup_of("paper_literal")).workspace_diagonal(), 0.28098, 5e-6);
 }
 
 TEST(Reward, BelongsToTheStateBeforeTheMotion) {
-  SimBackend backend(setup_of("paper"), 1, 1);
+  SimBackend backend(setup_of("paper_literal"), 1, 1);
   backend.reset(0, grid_start(0));
   const Vector3d p = tip(backend);
   const double expected =
@@ -134,11 +134,11 @@ TEST(Reward, BelongsToTheStateBeforeTheMotion) {
 }
 
 TEST(Reward, ClosedJawInAirIsNotHeld) {
-  SimBackend ours(setup_of("paper"), 1, 1);
+  SimBackend ours(setup_of("paper_literal"), 1, 1);
   ours.reset(0, grid_start(0));
   step_one(ours, {1, 1, 1, 1});
   EXPECT_LT(step_one(ours, {1, 1, 1, 1}).reward, -0.5F);
-  SimBackend literal(setup_of("paper", {"defects.reward_jaw_closed=true"}), 1, 1);
+  SimBackend literal(setup_of("paper_literal", {"defects.reward_jaw_closed=true"}), 1, 1);
   literal.reset(0, grid_start(0));
   step_one(literal, {1, 1, 1, 1});
   EXPECT_GT(step_one(literal, {1, 1, 1, 1}).reward, -0.5F);
@@ -146,7 +146,7 @@ TEST(Reward, ClosedJawInAirIsNotHeld) {
 
 TEST(Action, TablesOfEveryPreset) {
   // paper: x, y, z with -1, 0, +1
-  SimBackend paper(setup_of("paper"), 1, 1);
+  SimBackend paper(setup_of("paper_literal"), 1, 1);
   paper.reset(0, grid_start(44));
   Vector3d before = tip(paper);
   step_one(paper, {2, 0, 0, 0});
@@ -177,7 +177,7 @@ TEST(Action, ContinuousIncrementIsBounded) {
 }
 
 TEST(Workspace, DropsIncrement) {
-  SimBackend backend(setup_of("paper"), 1, 1);
+  SimBackend backend(setup_of("paper_literal"), 1, 1);
   backend.reset(0, grid_start(44));
   for (int i = 0; i < 40; ++i) step_one(backend, {1, 1, 2, 0});
   EXPECT_LE(tip(backend).z(), 0.119);
@@ -306,13 +306,13 @@ TEST(Grid, TrainingNeverStartsOnAnEvaluationCell) {
 }
 
 TEST(Episode, LengthsAndAccounting) {
-  SimBackend paper(setup_of("paper", {"task.episode_steps=30"}), 1, 1);
+  SimBackend paper(setup_of("paper_literal", {"task.episode_steps=30"}), 1, 1);
   paper.reset(0, grid_start(0));
   for (int i = 1; i < 30; ++i) ASSERT_FALSE(step_one(paper, kStay).truncated) << i;
   const StepOutcome last = step_one(paper, kStay);
   EXPECT_TRUE(last.truncated);
   EXPECT_FALSE(last.terminated);
-  EXPECT_EQ(load_config("paper", {}).task().episode_steps(), 1500U);
+  EXPECT_EQ(load_config("paper_literal", {}).task().episode_steps(), 1500U);
   EXPECT_EQ(paper.ticks_per_step(), 8U);  // four solver ticks of 2 x 5
   SimBackend derived(setup_of("derived"), 1, 1);
   EXPECT_EQ(derived.ticks_per_step(), 10U);  // five ticks of 2 substeps
@@ -346,7 +346,7 @@ bool grasp_below(SimBackend& backend, double dx = 0, double dy = 0) {
 }
 
 TEST(Grasp, PatchKeepsItsShapeAndMovesRigidly) {
-  SimBackend backend(setup_of("paper"), 1, 1);
+  SimBackend backend(setup_of("paper_literal"), 1, 1);
   ASSERT_TRUE(grasp_below(backend));
   Tissue<float>& tissue = backend.tissue_of(0);
   const auto held = tissue.held(0);
@@ -383,7 +383,7 @@ TEST(Grasp, APinchTakesTheSheetBetweenItsParticles) {
 }
 
 TEST(Grasp, CollapsesOnlyByNamedDefect) {
-  SimBackend backend(setup_of("paper", {"defects.grasp_collapse_to_point=true"}), 1, 1);
+  SimBackend backend(setup_of("paper_literal", {"defects.grasp_collapse_to_point=true"}), 1, 1);
   ASSERT_TRUE(grasp_below(backend));
   step_one(backend, {1, 1, 1, 1});
   for (const int i : backend.tissue_of(0).held(0)) {
@@ -392,16 +392,29 @@ TEST(Grasp, CollapsesOnlyByNamedDefect) {
 }
 
 TEST(Grasp, OpeningReleases) {
-  SimBackend backend(setup_of("paper"), 1, 1);
+  SimBackend backend(setup_of("paper_literal"), 1, 1);
   ASSERT_TRUE(grasp_below(backend));
   step_one(backend, {1, 1, 2, 0});
   EXPECT_FALSE(backend.clock(0).held);
 }
 
+// The reading of P III-B in which taking hold is an event and not a state of the jaw
+// (docs/decisions/0031).
+TEST(Grasp, AutomaticGraspOutlastsAnOpenJawAndStillNeedsAClosedOne) {
+  SimBackend backend(setup_of("paper_literal", {"grasp.automatic=true"}), 1, 1);
+  ASSERT_TRUE(grasp_below(backend));
+  for (int i = 0; i < 5; ++i) step_one(backend, {1, 1, 2, 0});
+  EXPECT_TRUE(backend.clock(0).held);
+  backend.reset(0, grid_start(44));
+  EXPECT_FALSE(backend.clock(0).held);
+  for (int i = 0; i < 300 && !backend.clock(0).held; ++i) step_one(backend, kDown);
+  EXPECT_FALSE(backend.clock(0).held) << "it went through the sheet with its jaw open";
+}
+
 TEST(Grasp, SheetOnlyUnlessTheDefectIsNamed) {
   // The tip at the tumour's pole, sheet far away: nothing to hold for us, the organ for the seed.
   const auto hold = [](const std::vector<std::string>& overrides) {
-    SimBackend backend(setup_of("paper", overrides), 1, 1);
+    SimBackend backend(setup_of("paper_literal", overrides), 1, 1);
     EpisodeStart start;
     backend.reset(0, start);
     Tissue<float>& tissue = backend.tissue_of(0);
@@ -474,7 +487,7 @@ TEST(Reset, IsComplete) {
 TEST(Reset, NamedDefectsCarryTheLastEpisodeOver) {
   for (const char* defect :
        {"defects.reset_positions_only=true", "defects.reset_patch_at_tool=true"}) {
-    const auto setup = setup_of("paper", {defect});
+    const auto setup = setup_of("paper_literal", {defect});
     SimBackend fresh(setup, 1, 1);
     fresh.reset(0, grid_start(12));
     SimBackend used(setup, 1, 1);
