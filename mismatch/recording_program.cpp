@@ -9,9 +9,9 @@
 #include "core/output_folder.h"
 #include "mismatch/import/import_map.h"
 #include "mismatch/intake/intake.h"
-#include "mismatch/recording/columns.h"
 #include "mismatch/recording/plain_folder.h"
 #include "mismatch/recording/recording_mcap.h"
+#include "mismatch/recording/table_columns.h"
 
 namespace omentum {
 namespace {

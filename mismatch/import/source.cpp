@@ -13,8 +13,8 @@
 #include "core/table.h"
 #include "mismatch/import/rigid.h"
 #include "mismatch/import/units.h"
-#include "mismatch/recording/columns.h"
 #include "mismatch/recording/plain_folder.h"
+#include "mismatch/recording/table_columns.h"
 
 namespace omentum {
 namespace {

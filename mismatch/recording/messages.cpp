@@ -9,7 +9,7 @@
 #include <limits>
 #include <numeric>
 
-#include "mismatch/recording/columns.h"
+#include "mismatch/recording/table_columns.h"
 #include "proto/foxglove.pb.h"
 #include "proto/robot_recording.pb.h"
 

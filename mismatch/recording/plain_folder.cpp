@@ -16,9 +16,9 @@
 #include "core/ply.h"
 #include "core/recording_info.h"
 #include "core/table.h"
-#include "mismatch/recording/columns.h"
 #include "mismatch/recording/depth_image.h"
 #include "mismatch/recording/pcd.h"
+#include "mismatch/recording/table_columns.h"
 #include "mismatch/recording/text_table.h"
 
 namespace omentum {

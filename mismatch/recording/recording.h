@@ -13,7 +13,8 @@
 namespace omentum {
 
 /// One channel of numbers. Columns are named as in the tables of a recording folder, their unit at
-/// the end (docs/formats.md 3), SI, in W, and stand in the order of mismatch/recording/columns.h.
+/// the end (docs/formats.md 3), SI, in W, and stand in the order of
+/// mismatch/recording/table_columns.h.
 struct Series {
   std::vector<std::string> columns;
   std::vector<std::int64_t> time_ns;  ///< strictly increasing

@@ -10,11 +10,11 @@
 #include <limits>
 
 #include "core/check.h"
-#include "mismatch/recording/columns.h"
 #include "mismatch/recording/depth_image.h"
 #include "mismatch/recording/pcd.h"
 #include "mismatch/recording/plain_folder.h"
 #include "mismatch/recording/recording_mcap.h"
+#include "mismatch/recording/table_columns.h"
 #include "mismatch/recording/text_table.h"
 #include "support/temp_dir.h"
 

@@ -1,4 +1,4 @@
-#include "mismatch/recording/columns.h"
+#include "mismatch/recording/table_columns.h"
 
 #include <fmt/format.h>
 
