@@ -19,6 +19,7 @@ namespace {
 
 void print_times(const LoopTimes& times) {
   const auto line = [](const char* name, const Histogram& h) {
+    if (h.count() == 0) return;  // nothing was sent
     fmt::print("{:<10} p50 {:.2f} p99 {:.2f} max {:.2f} ms\n", name, h.quantile_ms(0.5),
                h.quantile_ms(0.99), h.max_ms());
   };

@@ -4,6 +4,7 @@
 
 #include <atomic>
 #include <csignal>
+#include <utility>
 
 namespace omentum {
 namespace {
@@ -38,18 +39,21 @@ OperatorWishes OperatorDesk::ask() {
 }
 
 void OperatorScreen::on_period(const Period& period) {
+  // Nothing is armed to teach, so it does not wait for the phase that tells of the keys.
+  if (teaches_ && !std::exchange(told_keys_, true))
+    fmt::print("press a to begin a demonstration, space to end it, q to end\n");
   const SafetyMemory& memory = period.judgement.memory;
-  const bool changed = memory.phase != phase_ || period.judgement.finding.reason != reason_;
+  // Of a stop the first reason counts: behind it there is none.
+  const bool changed = memory.phase != phase_ || (phase_ != SafetyPhase::kStopped &&
+                                                  period.judgement.finding.reason != reason_);
   phase_ = memory.phase;
   reason_ = period.judgement.finding.reason;
   if (!changed) return;
   const std::string why =
       period.judgement.finding ? ": " + describe(period.judgement.finding, period.robot) : "";
   fmt::print("{}{}\n", safety_phase_name(phase_), why);
-  if (phase_ == SafetyPhase::kReady) {
-    fmt::print("{}\n", teaches_ ? "press a to begin a demonstration, space to end it, q to end"
-                                : "press a to arm, space to stop, q to end");
-  }
+  if (phase_ == SafetyPhase::kReady && !teaches_)
+    fmt::print("press a to arm, space to stop, q to end\n");
   if (phase_ == SafetyPhase::kStopped) fmt::print("press k when you have seen why\n");
   std::fflush(stdout);
 }

@@ -30,7 +30,7 @@ class OperatorScreen final : public GatewayObserver {
   void on_period(const Period& period) override;
 
  private:
-  bool teaches_;
+  bool teaches_, told_keys_ = false;
   SafetyPhase phase_ = SafetyPhase::kListening;
   StopReason reason_ = StopReason::kNone;
 };
