@@ -43,17 +43,6 @@ constexpr std::array<Unit, 21> kUnits = {{{"_deg_per_s", "_rad_per_s", kDegree},
                                           {"_qy", "_qy", 1},
                                           {"_qz", "_qz", 1}}};
 
-/// Text of a file as it may stand in a message of one line: without control characters, cut.
-std::string shown(std::string_view text) {
-  constexpr std::size_t kLongest = 40;
-  std::string line;
-  for (const char c : text.substr(0, kLongest)) {
-    const auto byte = static_cast<unsigned char>(c);
-    line += byte < 0x20 || byte >= 0x7f ? fmt::format("\\x{:02x}", byte) : std::string(1, c);
-  }
-  return text.size() > kLongest ? line + "..." : line;
-}
-
 Table make_table(const Result<CsvTable>& read) {
   if (!read) throw_error("{}", read.error());
   const CsvTable& csv = read.value();
@@ -88,6 +77,16 @@ Table make_table(const Result<CsvTable>& read) {
 }
 
 }  // namespace
+
+std::string shown(std::string_view text) {
+  constexpr std::size_t kLongest = 40;
+  std::string line;
+  for (const char c : text.substr(0, kLongest)) {
+    const auto byte = static_cast<unsigned char>(c);
+    line += byte < 0x20 || byte >= 0x7f ? fmt::format("\\x{:02x}", byte) : std::string(1, c);
+  }
+  return text.size() > kLongest ? line + "..." : line;
+}
 
 Result<SiColumn> si_column(std::string_view name) {
   for (const Unit& unit : kUnits) {

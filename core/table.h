@@ -49,4 +49,7 @@ Table read_table(const std::string& path);
 /// there is no such column. Throws Error with file:line for time that does not increase.
 std::vector<double> table_times(const Table& table, double nominal_rate_hz);
 
+/// Text of a file as it may stand in a message of one line: without control characters, cut.
+std::string shown(std::string_view text);
+
 }  // namespace omentum

@@ -11,6 +11,7 @@
 #include <sstream>
 
 #include "core/check.h"
+#include "core/table.h"
 #include "mismatch/import/npy.h"
 #include "mismatch/import/source.h"
 #include "mismatch/import/units.h"

@@ -7,6 +7,7 @@
 #include <ranges>
 
 #include "core/csv.h"
+#include "core/table.h"
 #include "mismatch/recording/text_table.h"
 
 namespace omentum {

@@ -9,6 +9,7 @@
 
 #include "core/check.h"
 #include "core/config.h"
+#include "core/table.h"
 #include "mismatch/import/array.h"
 #include "mismatch/import/rigid.h"
 #include "mismatch/import/source.h"

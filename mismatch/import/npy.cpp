@@ -9,6 +9,7 @@
 #include <optional>
 
 #include "core/csv.h"
+#include "core/table.h"
 #include "mismatch/recording/text_table.h"
 
 namespace omentum {

@@ -7,6 +7,7 @@
 
 #include "core/check.h"
 #include "core/constants.h"
+#include "core/table.h"
 #include "mismatch/import/units.h"
 #include "mismatch/recording/text_table.h"
 

@@ -5,6 +5,7 @@
 #include <array>
 
 #include "core/constants.h"
+#include "core/table.h"
 #include "mismatch/recording/text_table.h"
 
 namespace omentum {

@@ -128,6 +128,7 @@ Result<Cloud> decode_cloud(std::string_view data) {
 
 Recording read_recording_mcap(const std::string& path) {
   std::ifstream in(path, std::ios::binary);
+  if (fs::is_directory(path)) throw_error("{}: a folder, allowed: files .mcap", path);
   if (!in || !fs::is_regular_file(path)) throw_error("{}: cannot be opened", path);
   Recording recording;
   McapReader reader(in);

@@ -10,6 +10,7 @@
 
 #include "core/check.h"
 #include "core/csv.h"
+#include "core/table.h"
 #include "mismatch/recording/recording.h"
 
 namespace omentum {
@@ -26,16 +27,6 @@ std::string_view trim(std::string_view text) {
 }
 
 }  // namespace
-
-std::string shown(std::string_view text) {
-  constexpr std::size_t kLongest = 40;
-  std::string line;
-  for (const char c : text.substr(0, kLongest)) {
-    const auto byte = static_cast<unsigned char>(c);
-    line += byte < 0x20 || byte >= 0x7f ? fmt::format("\\x{:02x}", byte) : std::string(1, c);
-  }
-  return text.size() > kLongest ? line + "..." : line;
-}
 
 std::string read_whole_file(const std::string& path) {
   constexpr std::uintmax_t kLargest = 1'000'000'000;  // [byte]

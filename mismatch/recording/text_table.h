@@ -64,7 +64,4 @@ class TextTable {
 /// The whole content of a regular file of at most 1 GB. Throws Error.
 std::string read_whole_file(const std::string& path);
 
-/// Text of a file as it may stand in a message of one line: without control characters, cut.
-std::string shown(std::string_view text);
-
 }  // namespace omentum
