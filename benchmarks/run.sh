@@ -41,6 +41,9 @@ Figures of the groups named (default: tissue elastic ppo workers train):
   columns   columns.factor_ms, columns.solve_us_per_column (per step, 40 sites at 24 x 24), columns.case10_60_columns_s:
             10 recordings of 6 s at 24 x 24 with 24 effects and 36 sites, columns.case10_sites_s: with 290 sites at
             16 x 16, columns.overhead_ratio_60: what 60 columns cost over the recording without; of one core
+  solve     solve.<preset>.steps, solve.<preset>.wall_s: first greedy evaluation (about every 50,000 steps) that reaches 100 of
+            100 starts and exposes at least 95, and that the following two confirm; training alone, two workers; median of
+            5 seeds (SOLVE_PRESETS, SOLVE_SEEDS: others than omentum, 5)
   camera    camera.* of bench_camera, where that program is built
 Options:
   --steps N   shorter or longer training runs; the figures are then named by N instead of 3M
@@ -62,7 +65,7 @@ while (($#)); do
     --steps) [[ ${2-} =~ ^[1-9][0-9]{3,10}$ ]] || wrong "--steps needs a number from 1000"; steps=$2; shift ;;
     --save) save=1 ;;
     -h | --help) usage; exit 0 ;;
-    tissue | elastic | compare | ppo | workers | train | camera | bus | security | monitor | gateway | columns) groups+=("$1") ;;
+    tissue | elastic | compare | ppo | workers | train | camera | bus | security | monitor | gateway | columns | solve) groups+=("$1") ;;
     *) wrong "unknown option or group $1" ;;
   esac
   shift
@@ -204,6 +207,16 @@ bench_ppo() {
   else
     note "torch is not installed: no ppo.torch_us_per_sample_epoch"
   fi
+}
+
+bench_solve() {
+  need learner && need sim_worker || return
+  local preset
+  for preset in ${SOLVE_PRESETS:-omentum}; do
+    choose_domain || return
+    figures_of python3 "$root/benchmarks/solve.py" "$bin" "$domain" "$preset" "${SOLVE_SEEDS:-5}"
+    exec {lock}>&-
+  done
 }
 
 bench_camera() {

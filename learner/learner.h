@@ -87,9 +87,13 @@ class Learner {
   bool run_evaluation_set(const EvaluationSet& set, const std::function<bool()>& stop,
                           Evaluated& result);
   [[nodiscard]] Result<void> record_evaluation(const EvaluationSet& set, const Evaluated& result);
-  /// All sets with the present weights; tables into `folder`, recordings if `record`. Empty:
-  /// stopped.
-  std::optional<std::vector<EvaluationSummary>> evaluate(const std::string& folder, bool record,
+  /// Fills lattice_ once in a session: its grasps follow a script, whatever the weights are. False
+  /// when asked to stop before.
+  bool run_lattice(EvaluationSet& set, std::uint32_t particles, const std::function<bool()>& stop);
+  /// These sets with the present weights; tables into `folder`, recordings if `record`. Empty:
+  /// stopped. Precondition: the recorded grid comes before the lattice.
+  std::optional<std::vector<EvaluationSummary>> evaluate(std::vector<EvaluationSet> sets,
+                                                         const std::string& folder, bool record,
                                                          const std::function<bool()>& stop);
   bool evaluate_on_the_way(const std::function<bool()>& stop);
   /// Evaluates the trained policy; false when asked to stop.
@@ -123,7 +127,8 @@ class Learner {
   std::unique_ptr<LearnerBus> bus_;
   std::unique_ptr<MetricsWriter> metrics_;
   RecentEpisodes episodes_;
-  PolicyWeights current_, previous_;  ///< v(k) and v(k-1)
+  std::vector<EvaluationRow> lattice_;  ///< judged; empty until the first evaluation with one
+  PolicyWeights current_, previous_;    ///< v(k) and v(k-1)
 
   LearnerStatus status_;                                                   ///< as published last
   bool stop_wanted_ = false, paused_ = false, evaluation_wanted_ = false;  ///< by an operator

@@ -34,36 +34,47 @@ bool Learner::run_evaluation_set(const EvaluationSet& set, const std::function<b
   return true;
 }
 
-std::optional<std::vector<EvaluationSummary>> Learner::evaluate(const std::string& folder,
+bool Learner::run_lattice(EvaluationSet& set, std::uint32_t particles,
+                          const std::function<bool()>& stop) {
+  if (!lattice_.empty()) return true;
+  fill_lattice(config_, particles, set);
+  Evaluated result;
+  if (set.start_indices.empty()) return true;
+  if (!run_evaluation_set(set, stop, result)) return false;
+  const double best = exposure_of_best(judge(config_, set, result.segments, 0));
+  lattice_ = judge(config_, set, result.segments, best);
+  return true;
+}
+
+std::optional<std::vector<EvaluationSummary>> Learner::evaluate(std::vector<EvaluationSet> sets,
+                                                                const std::string& folder,
                                                                 bool record,
                                                                 const std::function<bool()>& stop) {
   const std::int64_t began = steady_now_ns();
   say_phase(LearnerPhase::kEvaluating);
-  double best_exposure = 0;
-  std::vector<EvaluationSet> sets = evaluation_sets(config_);
   std::vector<Evaluated> results(sets.size());
   // The recorded set comes first: the number of particles, for the lattice, is read off its frames.
   for (std::size_t i = 0; i < sets.size(); ++i) {
-    if (sets[i].start_set == StartSet::kGraspLattice) {
-      fill_lattice(config_, particles_of(results[0].segments, config_.evaluation().frame_stride()),
-                   sets[i]);
-    }
-    if (sets[i].start_indices.empty()) continue;
-    if (!run_evaluation_set(sets[i], stop, results[i])) return std::nullopt;
-    if (sets[i].start_set == StartSet::kGraspLattice)
-      best_exposure = exposure_of_best(judge(config_, sets[i], results[i].segments, 0));
+    const bool done =
+        sets[i].start_set == StartSet::kGraspLattice
+            ? run_lattice(sets[i],
+                          particles_of(results[0].segments, config_.evaluation().frame_stride()),
+                          stop)
+            : run_evaluation_set(sets[i], stop, results[i]);
+    if (!done) return std::nullopt;
   }
+  const double best_exposure = exposure_of_best(lattice_);
   std::vector<EvaluationSummary> summaries;
   for (std::size_t i = 0; i < sets.size(); ++i) {
     const EvaluationSet& set = sets[i];
-    if (set.start_indices.empty()) continue;
+    const bool is_lattice = set.start_set == StartSet::kGraspLattice;
     const std::vector<EvaluationRow> judged =
-        judge(config_, set, results[i].segments, best_exposure);
+        is_lattice ? lattice_ : judge(config_, set, results[i].segments, best_exposure);
+    if (judged.empty()) continue;
     const auto write = [&] {
       const std::string table = folder + "/" + set.name + ".csv";
       Result<void> written =
-          write_durably(table, set.start_set == StartSet::kGraspLattice ? lattice_table(judged)
-                                                                        : grid_table(judged));
+          write_durably(table, is_lattice ? lattice_table(judged) : grid_table(judged));
       return written && record && set.record ? record_evaluation(set, results[i]) : written;
     };
     if (!until_written(write, stop)) return std::nullopt;
@@ -87,10 +98,18 @@ bool Learner::evaluate_on_the_way(const std::function<bool()>& stop) {
   const std::uint64_t updates = ppo_->version();
   const bool due = knobs.enabled() && knobs.interval_updates() > 0 && updates > 0 &&
                    updates % knobs.interval_updates() == 0;
-  if (!std::exchange(evaluation_wanted_, false) && !due) return true;
+  const bool wanted = std::exchange(evaluation_wanted_, false);
+  if (!wanted && !due) return true;
+  std::vector<EvaluationSet> sets = evaluation_sets(config_);
+  // The recorded grid is the first, the grasp lattice behind it.
+  if (!wanted && knobs.interval_grid_only()) {
+    std::erase_if(sets, [&](const EvaluationSet& set) {
+      return set.start_set != StartSet::kGraspLattice && set.name != sets.front().name;
+    });
+  }
   const std::string folder = fmt::format("{}/evaluation/update-{}", options_.run_dir, updates);
   if (!options_.quiet) fmt::print("after update {}:\n", updates);
-  return evaluate(folder, false, stop).has_value();
+  return evaluate(std::move(sets), folder, false, stop).has_value();
 }
 
 RunSummary Learner::summary() const {
@@ -114,7 +133,8 @@ RunSummary Learner::summary() const {
 bool Learner::finish_run(RunSummary& results, const std::function<bool()>& stop) {
   std::vector<EvaluationSummary> evaluations;
   if (config_.evaluation().enabled()) {
-    auto evaluated = evaluate(options_.run_dir + "/evaluation", true, stop);
+    auto evaluated =
+        evaluate(evaluation_sets(config_), options_.run_dir + "/evaluation", true, stop);
     if (!evaluated) return false;
     evaluations = std::move(*evaluated);
   }

@@ -310,6 +310,28 @@ TEST_F(Evaluated, OnTheWayAsOftenAsAskedAndTheWeightsStay) {
   EXPECT_EQ(folders, 2u);
 }
 
+TEST_F(Evaluated, OnTheWayOfTheGridAloneIsMeasuredByTheSameLattice) {
+  programs_->train(
+      "grid_alone",
+      sets() + Strings{"evaluation.interval_updates=5", "evaluation.interval_grid_only=true"},
+      {{"--lanes", "4"}});
+  EXPECT_EQ(Programs::value(programs_->summary("grid_alone"), "weights_hash"),
+            Programs::value(programs_->summary("evaluated"), "weights_hash"));
+  const std::string folder = programs_->run_dir("grid_alone") + "/evaluation/";
+  for (const char* update : {"update-5/", "update-10/"}) {
+    Strings names;
+    for (const auto& entry : std::filesystem::directory_iterator(folder + update))
+      names.push_back(entry.path().filename().string());
+    std::sort(names.begin(), names.end());
+    EXPECT_EQ(names, (Strings{"grasp_lattice.csv", "grid4_greedy.csv"})) << update;
+    EXPECT_EQ(read_text(folder + update + "grasp_lattice.csv"),
+              read_text(folder + "grasp_lattice.csv"));
+  }
+  // The lattice is scripted: that of another run is the same.
+  EXPECT_EQ(read_text(folder + "grasp_lattice.csv"),
+            read_text(programs_->run_dir("evaluated") + "/evaluation/grasp_lattice.csv"));
+}
+
 TEST_F(Evaluated, TablesAndSummaryAgree) {
   const std::string folder = programs_->run_dir("evaluated") + "/evaluation/";
   const std::string summary = programs_->summary("evaluated");
