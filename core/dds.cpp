@@ -53,13 +53,17 @@ std::string take_last_error() {
 
 [[noreturn]] void throw_join_error(std::uint32_t domain, dds_return_t code) {
   const std::string reason = take_last_error();
-  const bool index = reason.find("participant index") != std::string::npos;
+  const std::uint32_t port = 7410 + 250 * domain;
+  std::string advice;
+  if (reason.find("free participant index") != std::string::npos)
+    advice = fmt::format("every port {} + 2 x index is taken", port);
+  if (reason.find("participant index 0 ") != std::string::npos)  // the learner of a hub
+    advice = fmt::format("port {} is taken: ss -ulpn shows by whom", port);
+  if (!advice.empty())
+    advice =
+        fmt::format(": {}; another domain: learner --set run.domain=N, others --domain N", advice);
   throw_error("DDS domain {}: {} ({}){}", domain, dds_strretcode(code),
-              reason.empty() ? "check CYCLONEDDS_URI" : reason,
-              index ? fmt::format(": every port {} + 2 x index is taken, raise "
-                                  "MaxAutoParticipantIndex or choose another domain",
-                                  7410 + 250 * domain)
-                    : "");
+              reason.empty() ? "check CYCLONEDDS_URI" : reason, advice);
 }
 
 // Domains of this process. A domain entity carries the configuration and is deleted with its last

@@ -24,8 +24,8 @@ namespace omentum {
 enum class McapCompression { kNone, kLz4, kZstd };
 
 /// Writes one file, front to back, so that a killed process leaves whole chunks that any reader can
-/// use. Times are nanoseconds of the log clock. Not thread-safe. The stream must outlive the writer
-/// and start at byte 0.
+/// use. Times are nanoseconds of the log clock. Memory: one chunk, and some 100 bytes for each
+/// chunk written. Not thread-safe. The stream must outlive the writer and start at byte 0.
 class McapWriter {
  public:
   using ChannelId = std::uint16_t;
@@ -50,14 +50,9 @@ class McapWriter {
   Result<void> finish();
 
  private:
-  struct ChunkEntry {
-    std::uint64_t start_time = 0, end_time = 0, offset = 0, length = 0;
-    std::map<ChannelId, std::uint64_t> index_offsets;
-    std::uint64_t index_length = 0, compressed = 0, uncompressed = 0;
-  };
-
   void emit(const std::string& bytes);
   std::string summary_groups(std::string& offsets) const;
+  std::string chunk_indexes() const;
 
   std::ostream& out_;
   McapCompression compression_;
@@ -70,7 +65,11 @@ class McapWriter {
   std::string chunk_;                                ///< records of the open chunk
   std::map<ChannelId, std::string> index_;           ///< message index entries of the open chunk
   std::uint64_t chunk_start_ = 0, chunk_end_ = 0;
-  std::vector<ChunkEntry> chunks_;
+  /// What the summary tells of each chunk, packed: the one thing that grows with the file, some
+  /// 100 bytes per chunk. A recording that is flushed every second for hours has many.
+  std::string chunk_entries_;
+  std::uint32_t chunk_count_ = 0;
+  std::uint64_t first_chunk_ = 0;  ///< its place in the file
   std::map<ChannelId, std::uint64_t> message_counts_;
   std::uint64_t first_time_ = 0, last_time_ = 0;
   bool finished_ = false;

@@ -107,24 +107,23 @@ void McapWriter::flush() {
   put(content, static_cast<std::uint64_t>(records.size()));
   content.append(records);
   const std::string record = make_record(kChunk, content);
-  ChunkEntry entry;
-  entry.start_time = chunk_start_;
-  entry.end_time = chunk_end_;
-  entry.offset = position_;
-  entry.length = record.size();
-  entry.compressed = records.size();
-  entry.uncompressed = chunk_.size();
+  if (chunk_count_++ == 0) first_chunk_ = position_;
+  put(chunk_entries_, chunk_start_);
+  put(chunk_entries_, chunk_end_);
+  put(chunk_entries_, static_cast<std::uint64_t>(record.size()));
+  put(chunk_entries_, static_cast<std::uint64_t>(records.size()));
+  put(chunk_entries_, static_cast<std::uint64_t>(chunk_.size()));
+  put(chunk_entries_, static_cast<std::uint16_t>(index_.size()));
   emit(record);
   for (const auto& [channel, entries] : index_) {
     std::string index;
     put(index, channel);
     put_string(index, entries);
-    entry.index_offsets[channel] = position_;
     const std::string index_record = make_record(kMessageIndex, index);
-    entry.index_length += index_record.size();
+    put(chunk_entries_, channel);
+    put(chunk_entries_, static_cast<std::uint32_t>(index_record.size()));
     emit(index_record);
   }
-  chunks_.push_back(std::move(entry));
   chunk_.clear();
   index_.clear();
   chunk_start_ = chunk_end_ = 0;
@@ -161,33 +160,47 @@ std::string McapWriter::summary_groups(std::string& offsets) const {
   put(statistics, static_cast<std::uint32_t>(channel_records_.size()));
   put(statistics, std::uint32_t{0});  // attachments
   put(statistics, std::uint32_t{0});  // metadata records
-  put(statistics, static_cast<std::uint32_t>(chunks_.size()));
+  put(statistics, chunk_count_);
   put(statistics, first_time_);
   put(statistics, last_time_);
   put_string(statistics, counts);
   summary += make_record(kStatistics, statistics);
   close_group(kStatistics, start);
   start = summary.size();
-  for (const ChunkEntry& chunk : chunks_) {
-    std::string content;
-    put(content, chunk.start_time);
-    put(content, chunk.end_time);
-    put(content, chunk.offset);
-    put(content, chunk.length);
-    std::string index_offsets;
-    for (const auto& [channel, offset] : chunk.index_offsets) {
-      put(index_offsets, channel);
-      put(index_offsets, offset);
-    }
-    put_string(content, index_offsets);
-    put(content, chunk.index_length);
-    put_string(content, name_of(compression_));
-    put(content, chunk.compressed);
-    put(content, chunk.uncompressed);
-    summary += make_record(kChunkIndex, content);
-  }
+  summary += chunk_indexes();
   close_group(kChunkIndex, start);
   return summary;
+}
+
+std::string McapWriter::chunk_indexes() const {
+  std::string all;
+  ByteCursor entries(chunk_entries_);
+  std::uint64_t position = first_chunk_;  // chunks and their message indexes follow one another
+  for (std::uint32_t i = 0; i < chunk_count_; ++i) {
+    const std::uint64_t chunk = position;
+    std::string content;
+    put(content, entries.get<std::uint64_t>());  // start and end time
+    put(content, entries.get<std::uint64_t>());
+    put(content, chunk);
+    const auto length = entries.get<std::uint64_t>();
+    put(content, length);
+    position += length;
+    const auto compressed = entries.get<std::uint64_t>();
+    const auto uncompressed = entries.get<std::uint64_t>();
+    std::string index_offsets;
+    for (auto left = entries.get<std::uint16_t>(); left > 0; --left) {
+      put(index_offsets, entries.get<ChannelId>());
+      put(index_offsets, position);
+      position += entries.get<std::uint32_t>();
+    }
+    put_string(content, index_offsets);
+    put(content, position - chunk - length);
+    put_string(content, name_of(compression_));
+    put(content, compressed);
+    put(content, uncompressed);
+    all += make_record(kChunkIndex, content);
+  }
+  return all;
 }
 
 Result<void> McapWriter::finish() {

@@ -242,20 +242,27 @@ BusReader<Record>::BusReader(const dds::Participant& participant,
                .best_effort = best_effort}) {}
 
 template <typename Record>
+std::optional<std::string> read_sample(const void* sample, Record& record) {
+  const auto& generated = *static_cast<const typename Wire<Record>::Generated*>(sample);
+  Copy copy;
+  fields(generated, record, copy);
+  if (!copy.failure()) check_relations(record, copy);
+  return copy.failure();
+}
+
+template <typename Record>
 Result<int> BusReader<Record>::take(int limit, const std::function<void(Arrival<Record>&&)>& fn) {
   return reader_.take(limit, [&](const void* sample, const dds::SampleInfo& info) {
-    const auto& generated = *static_cast<const typename Wire<Record>::Generated*>(sample);
     Arrival<Record> arrival{{}, info};
     if (!info.valid) {
+      const auto& generated = *static_cast<const typename Wire<Record>::Generated*>(sample);
       Wire<Record>::key(arrival.record) = Wire<Record>::key(generated);
       return fn(std::move(arrival));
     }
-    Copy copy;
-    fields(generated, arrival.record, copy);
-    if (!copy.failure()) check_relations(arrival.record, copy);
-    if (!copy.failure()) return fn(std::move(arrival));
+    std::optional<std::string> refusal = read_sample(sample, arrival.record);
+    if (!refusal) return fn(std::move(arrival));
     ++refused_;
-    last_refusal_ = *copy.failure();
+    last_refusal_ = *std::move(refusal);
   });
 }
 
@@ -284,25 +291,36 @@ std::size_t wire_bytes(const PolicyWeights& weights) {
 
 template class BusWriter<PolicyWeights>;
 template class BusReader<PolicyWeights>;
+template std::optional<std::string> read_sample(const void*, PolicyWeights&);
 template class BusWriter<RolloutTask>;
 template class BusReader<RolloutTask>;
+template std::optional<std::string> read_sample(const void*, RolloutTask&);
 template class BusWriter<RolloutSegment>;
 template class BusReader<RolloutSegment>;
+template std::optional<std::string> read_sample(const void*, RolloutSegment&);
 template class BusWriter<WorkerStatus>;
 template class BusReader<WorkerStatus>;
+template std::optional<std::string> read_sample(const void*, WorkerStatus&);
 template class BusWriter<LearnerStatus>;
 template class BusReader<LearnerStatus>;
+template std::optional<std::string> read_sample(const void*, LearnerStatus&);
 template class BusWriter<EpisodeSummary>;
 template class BusReader<EpisodeSummary>;
+template std::optional<std::string> read_sample(const void*, EpisodeSummary&);
 template class BusWriter<RunManifest>;
 template class BusReader<RunManifest>;
+template std::optional<std::string> read_sample(const void*, RunManifest&);
 template class BusWriter<ControlCommand>;
 template class BusReader<ControlCommand>;
+template std::optional<std::string> read_sample(const void*, ControlCommand&);
 template class BusWriter<ControlReply>;
 template class BusReader<ControlReply>;
+template std::optional<std::string> read_sample(const void*, ControlReply&);
 template class BusWriter<SimFrame>;
 template class BusReader<SimFrame>;
+template std::optional<std::string> read_sample(const void*, SimFrame&);
 template class BusWriter<RobotStatus>;
 template class BusReader<RobotStatus>;
+template std::optional<std::string> read_sample(const void*, RobotStatus&);
 
 }  // namespace omentum

@@ -3,6 +3,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <functional>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -84,6 +85,12 @@ class BusReader {
   std::uint64_t refused_ = 0;
   std::string last_refusal_;
 };
+
+/// Checks a sample of the generated type, as the middleware hands it out, and copies it into
+/// `record`. Returns what is wrong with it; the record is to be dropped then. What
+/// BusReader::take() does, apart from it for the fuzz target.
+template <typename Record>
+std::optional<std::string> read_sample(const void* sample, Record& record);
 
 /// Serialised size estimate of the bulk records, for the bytes-per-second counters.
 std::size_t wire_bytes(const RolloutSegment& segment);

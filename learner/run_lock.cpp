@@ -26,6 +26,13 @@ std::string owner_of(int fd) {
   return fmt::format("host {}, pid {}", owner.substr(0, space), owner.substr(space + 1));
 }
 
+[[noreturn]] void throw_not_writable(const std::string& path, const std::string& reason) {
+  throw_error(
+      "{}: {}: let user {}, group {} write there, or name another folder: --set "
+      "run.runs_dir=FOLDER",
+      path, reason, ::geteuid(), ::getegid());
+}
+
 }  // namespace
 
 RunLock::RunLock(const std::string& run_dir) {
@@ -34,11 +41,11 @@ RunLock::RunLock(const std::string& run_dir) {
   if (folder.filename().empty()) folder = folder.parent_path();  // "runs/x/"
   std::error_code error;
   fs::create_directories(folder.parent_path(), error);
-  if (error) throw_error("{}: {}", folder.parent_path().string(), error.message());
+  if (error) throw_not_writable(folder.parent_path().string(), error.message());
   const std::string path =
       fmt::format("{}/.{}.lock", folder.parent_path().string(), folder.filename().string());
   fd_ = ::open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0644);
-  if (fd_ < 0) throw_error("{}: {}", path, std::generic_category().message(errno));
+  if (fd_ < 0) throw_not_writable(path, std::generic_category().message(errno));
   if (::flock(fd_, LOCK_EX | LOCK_NB) != 0) {
     const std::string owner = owner_of(fd_);
     ::close(fd_);

@@ -99,9 +99,10 @@ Presence RunState::presence_of(const RobotRow& row, std::int64_t now_ns) {
 }
 
 LedgerBalance balance_of(const Ledger& l) {
-  return {signed_of(l.received) -
-              signed_of(l.admitted + l.duplicate + l.stale + l.invalid + l.foreign + l.overflow),
-          signed_of(l.granted) - signed_of(l.admitted + l.outstanding + l.cancelled + l.regranted)};
+  // Unsigned as far as the difference: what a stranger sends may be anything.
+  return {signed_of(l.received -
+                    (l.admitted + l.duplicate + l.stale + l.invalid + l.foreign + l.overflow)),
+          signed_of(l.granted - (l.admitted + l.outstanding + l.cancelled + l.regranted))};
 }
 
 std::uint64_t version_lag(const RunState& state, const WorkerStatus& worker) {

@@ -39,7 +39,7 @@ Result<std::vector<MotionSample>> goals_of(const std::vector<MotionSample>& moti
   }
   if (longest > step_m) {
     return Failure{
-        fmt::format("the motion at {:.3f} s goes {:.2f} mm in a control period, allowed {:.2f} mm: "
+        fmt::format("the motion at {:.3f} s goes {:.3f} mm in a control period, allowed {:.3f} mm: "
                     "--slow {:.1f} or more",
                     longest_at_s, 1e3 * longest, 1e3 * step_m,
                     std::ceil(10 * slow * longest / step_m - 1e-6) / 10)};

@@ -6,7 +6,8 @@ slurm_root=$(cd "$(dirname "${BASH_SOURCE[0]}")/../.." && pwd)
 # shellcheck source=tests/chaos/security.sh
 . "$slurm_root/tests/chaos/security.sh"
 
-# A learner job and two workers; one worker is requeued, as by a preemption, and comes back when Slurm lets it.
+# A learner job and two workers; one worker is requeued, as by a preemption, and comes back when Slurm lets it. The learner's
+# job ends with the report.
 row_slurm() (
   steps=400000
   command -v sbatch >/dev/null && [[ $(sinfo -h -t idle,mixed 2>/dev/null) ]] || { echo "no Slurm with a free node"; exit 77; }
@@ -26,9 +27,16 @@ row_slurm() (
   scontrol requeue "${workers}_1" || { echo "the worker could not be requeued"; exit 1; }
   security_wait_for 30 "$log" 'event=worker_le\|event=worker_lost' || { echo "the worker did not leave"; exit 1; }
   security_wait_for 240 "$log" 'ledger granted' || { echo "not finished: $(tail -n 1 "$log")"; exit 1; }
+  for ((tries = 0; tries < 240; ++tries)); do
+    state=$(scontrol show job "$learner" | grep -o 'JobState=[A-Z_]*')
+    [[ $state == JobState=RUNNING || $state == JobState=COMPLETING ]] || break
+    sleep 0.5
+  done
+  [[ $state == JobState=COMPLETED ]] || { echo "the learner's job ended as $state: $(tail -n 1 "$log")"; exit 1; }
+  [[ -s $RUNS/slurm/report.html ]] || { echo "no report in the run folder"; exit 1; }
   requeued=$(squeue -h -j "$workers" -o %T | grep -c PENDING)
   security_balanced slurm || { echo "ledger: $(grep -o 'ledger .*' "$log")"; exit 1; }
   hash=$(security_hash slurm)
   [[ -n $calm && $hash == "$calm" ]] || { echo "weights $hash instead of $calm"; exit 1; }
-  echo "one of two worker jobs preempted ($requeued waits to be started again), ledger balanced, weights ${hash:0:8} as undisturbed"
+  echo "one of two worker jobs preempted ($requeued waits to be started again), report written, ledger balanced, weights ${hash:0:8} as undisturbed"
 )

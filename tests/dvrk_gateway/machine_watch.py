@@ -3,11 +3,12 @@ import multiprocessing
 import os
 import time
 
-PERIOD_S, LATE_S = 0.005, 0.005
+PERIOD_S, LATE_S = 0.001, 0.001
 PRIORITY = 95
 
 
-def watch(core, ended, late):
+def watch(core, ended, told):
+    late = []
     os.sched_setaffinity(0, {core})
     os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
     due = time.monotonic()
@@ -16,25 +17,26 @@ def watch(core, ended, late):
         time.sleep(max(0.0, due - time.monotonic()))
         behind = time.monotonic() - due
         if behind > LATE_S:
-            with late.get_lock():
-                late[0] += 1
-                late[1] = max(late[1], 1e3 * behind)
+            now = time.time()
+            late.append((now - behind, now))
             due = time.monotonic()
+    told.put(late)
 
 
 class MachineWatch:
     """While it lives. A core that a hypervisor takes away cannot be had back by any priority."""
 
     def __init__(self):
-        self.ended, self.late = multiprocessing.Event(), multiprocessing.Array("d", 2)
-        self.processes = [multiprocessing.Process(target=watch, args=(core, self.ended, self.late), daemon=True)
+        self.ended, self.told = multiprocessing.Event(), multiprocessing.Queue()
+        self.processes = [multiprocessing.Process(target=watch, args=(core, self.ended, self.told), daemon=True)
                           for core in os.sched_getaffinity(0)]
         for process in self.processes:
             process.start()
 
     def end(self):
-        """How often a core stood still for more than 5 ms, and the longest time [ms]."""
+        """When a core stood still for more than LATE_S: (begin, end) of each time [s since 1970], begin up to PERIOD_S late."""
         self.ended.set()
+        late = sorted(one for _ in self.processes for one in self.told.get())
         for process in self.processes:
             process.join()
-        return int(self.late[0]), self.late[1]
+        return late

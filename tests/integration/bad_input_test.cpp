@@ -2,6 +2,9 @@
 // allowed range, nothing half-written.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <netinet/in.h>
+#include <sys/socket.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <cstdlib>
@@ -387,6 +390,35 @@ TEST_F(BadInput, AFileInTheWayOfTheRunFolderIsNamed) {
   expect_refused(programs_.finish(with_sets({OMENTUM_LEARNER, "--run", "bad"}, runs)),
                  {"runs/bad", "directory"});
   EXPECT_EQ(test::read_text(programs_.folder() / "runs/bad"), "in the way");
+}
+
+TEST_F(BadInput, ARunsFolderThatCannotBeWrittenIsToldWithTheUser) {
+  for (const char* folder : {"/proc", "/proc/runs"}) {
+    const Strings runs = {std::string("run.runs_dir=") + folder};
+    expect_refused(programs_.finish(with_sets({OMENTUM_LEARNER, "--run", "bad"}, runs)),
+                   {folder, "let user " + std::to_string(geteuid()), "--set run.runs_dir="});
+  }
+}
+
+TEST_F(BadInput, PortsThatAreTakenAreToldWithAWayOut) {
+  // Those of every participant of the domain; the first is that of a hub's learner.
+  std::vector<int> held;
+  const auto first = static_cast<std::uint16_t>(7410 + 250 * programs_.domain());
+  for (std::uint16_t port = first; port < first + 200; ++port) {
+    sockaddr_in address{};
+    address.sin_family = AF_INET;
+    address.sin_port = htons(port);
+    held.push_back(socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0));
+    ASSERT_EQ(bind(held.back(), reinterpret_cast<const sockaddr*>(&address), sizeof address), 0);
+  }
+  const Strings sets = {"run.runs_dir=" + (programs_.folder() / "runs"),
+                        "run.domain=" + std::to_string(programs_.domain())};
+  const Strings learner = with_sets({OMENTUM_LEARNER, "--run", "bad"}, sets);
+  const std::string way_out = "another domain: learner --set run.domain=N";
+  expect_refused(programs_.finish(learner), {std::to_string(first) + " + 2 x index", way_out});
+  expect_refused(programs_.finish(learner + Strings{"--discovery", "hub"}),
+                 {"port " + std::to_string(first) + " is taken", way_out});
+  for (const int fd : held) close(fd);
 }
 
 TEST_F(BadInput, ScenesThatCannotBeReadAreNamedWithLineAndColumn) {
