@@ -48,14 +48,4 @@ inline double reward(pb::RewardKind kind, const RewardState& s, const RewardWeig
   }
 }
 
-/// Potential whose difference over a step is added to the reward: -c |p - q| while free,
-/// c (0.13 m - |p - p_T| - |g - q|) while held, g being the grasp point. Such shaping leaves the
-/// optimal policy as it is [Ng99] and makes a motion of half a millimetre visible, which changes
-/// the terms above by 0.0009 only. With |g - q| a grasp far from q does not save the approach to q
-/// (the flaw of its reward that P VI-B names).
-inline double progress_potential(const RewardState& s, double progress_per_m) {
-  return s.held ? progress_per_m * (0.13 - s.distance_target - s.grasp_distance_q)
-                : -progress_per_m * s.distance_q;
-}
-
 }  // namespace omentum

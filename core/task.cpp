@@ -193,9 +193,20 @@ double Task::reward_of(const TaskState& state) const {
   return reward(task_.reward(), reward_state(state), weights);
 }
 
+// -c |p - q| while free, c (l - |p - p_T| - |g - q|) while held, g being the grasp point. With |g -
+// q| a grasp far from q does not save the approach to q (the flaw of its reward that P VI-B names).
 double Task::potential_of(const TaskState& state) const {
-  const double weight = task_.progress_per_m();
-  return weight > 0 ? progress_potential(reward_state(state), weight) : 0;
+  const double c = task_.progress_per_m();
+  if (!(c > 0)) return 0;
+  const bool by_axis = task_.progress_by_axis();
+  const auto length = [by_axis](const Vector3d& way) {
+    return by_axis ? way.lpNorm<1>() : way.norm();
+  };
+  if (!state.held) return -c * length(state.tip - places_.tumour_point);
+  // A little more than there is left at q, so that taking hold is worth little by itself [m].
+  const double taken = by_axis ? 0.15 : 0.13;
+  return c * (taken - length(state.tip - places_.target) -
+              length(state.held_from - places_.tumour_point));
 }
 
 bool Task::is_reached(const TaskState& state) const {

@@ -208,7 +208,8 @@ TEST(PaperLiteral, HasOneMeaningOfAStep) {
 }
 
 TEST(RewardOfATask, IsOfTheTrueTipAndOfTheGraspPoint) {
-  const Task task = task_of("omentum", {"task.grasp_distance_per_m=2", "task.progress_per_m=3"});
+  const Task task = task_of("omentum", {"task.grasp_distance_per_m=2", "task.progress_per_m=3",
+                                        "task.progress_by_axis=false"});
   TaskState state = held_state();
   RewardState s;
   s.held = true;
@@ -221,9 +222,26 @@ TEST(RewardOfATask, IsOfTheTrueTipAndOfTheGraspPoint) {
   EXPECT_EQ(
       task.reward_of(state),
       reward(pb::REWARD_OMENTUM, s, {config.exposure_weight(), config.exposure_distance_m(), 2}));
-  EXPECT_EQ(task.potential_of(state), progress_potential(s, 3));
+  EXPECT_EQ(task.potential_of(state), 3 * (0.13 - s.distance_target - s.grasp_distance_q));
   EXPECT_TRUE(task.needs_exposure());
   EXPECT_FALSE(task_of("paper").needs_exposure());
+}
+
+// Half a millimetre towards the place is worth the same on every axis, however far the others are.
+TEST(ProgressByAxis, CountsEveryAxisAlike) {
+  const Task task = task_of("omentum", {"task.progress_per_m=300", "task.progress_by_axis=true"});
+  for (const bool held : {false, true}) {
+    TaskState state = held_state();
+    state.held = held;
+    const Eigen::Vector3d place = held ? places().target : places().tumour_point;
+    state.tip = place + Eigen::Vector3d(0.05, -0.004, 0.002);
+    const double before = task.potential_of(state);
+    for (int axis = 0; axis < 3; ++axis) {
+      TaskState nearer = state;
+      nearer.tip[axis] += state.tip[axis] > place[axis] ? -0.0005 : 0.0005;
+      EXPECT_NEAR(task.potential_of(nearer) - before, 0.15, 1e-12) << axis << held;
+    }
+  }
 }
 
 }  // namespace
