@@ -73,7 +73,10 @@ def lead_to_start(link, tip=START_M):
         if not select.select([link], [], [], 1.0)[0]:
             continue
         text, robot = link.recvfrom(65536)
-        said = json.loads(text)
+        try:
+            said = json.loads(text)
+        except ValueError:  # another process on this port
+            continue
         state, pose = said.get("operating_state", state), said.get("setpoint_cp", pose)
         if not (pose.get("Valid") and state.get("IsHomed") and not state.get("IsBusy")):
             continue
