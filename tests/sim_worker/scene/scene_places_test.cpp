@@ -60,7 +60,7 @@ TEST_F(ScenePlaces, WhatATaskAloneNeedsASimulationDoesNot) {
   bare.clear_tumour_point_m();
   bare.clear_start_grid();
   bare.clear_robot_grid();
-  const Scene made = make_scene(bare, config_.scene_file().empty() ? "." : "deploy/scenes");
+  const Scene made = make_scene(bare, scene_directory(config_));
   EXPECT_EQ(made.tissue.particles.size(), make_sim_setup(config_)->scene.tissue.particles.size());
   EXPECT_THAT(made.warnings, IsEmpty());
   bare.clear_tissue();
