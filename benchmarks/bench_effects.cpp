@@ -146,6 +146,7 @@ struct Effect {
 using E = pb::TissueEffects;
 const Effect kEffects[] = {
     {"strain_stiffening", [](E& e) { e.set_strain_stiffening(0.3); }},
+    {"exponential_stiffening", [](E& e) { e.set_exponential_stiffening(5); }},
     {"anisotropy", [](E& e) { e.mutable_anisotropy()->set_fibre_ratio(1); }},
     {"viscoelastic",
      [](E& e) {
@@ -155,7 +156,7 @@ const Effect kEffects[] = {
     {"structural_damping", [](E& e) { e.set_structural_damping(0.2); }},
     {"plastic_set", [](E& e) { e.mutable_plastic_set()->set_modulus_ratio(0.3); }},
     {"mullins", [](E& e) { e.mutable_mullins()->set_softening(0.3); }},
-    {"inclusion", [](E& e) { e.mutable_inclusion()->set_stiffness_change(3); }},
+    {"inclusion", [](E& e) { e.add_inclusion()->set_stiffness_change(3); }},
     {"density", [](E& e) { e.set_density_change(0.2); }},
     {"gravity_tilt", [](E& e) { e.set_gravity_tilt_x_deg(3); }},
     {"poisson", [](E& e) { e.set_poisson_change(0.05); }},
@@ -174,6 +175,15 @@ const Effect kEffects[] = {
     {"grasp_slip", [](E& e) { e.mutable_grasp_slip()->set_speed_m_per_s(0.001); }},
     {"grasp_compliance", [](E& e) { e.set_grasp_compliance_m_per_n(5e-3); }},
     {"jaw_orientation", [](E& e) { e.set_jaw_roll_deg(20); }},
+    {"grasp_turn", [](E& e) { e.set_grasp_turn_rad_per_n_m(100); }},
+    {"added_mass", [](E& e) { e.mutable_added_mass()->set_mass_kg(1e-3); }},
+    {"local_force",
+     [](E& e) {
+       e.mutable_local_force()->set_strength(1);
+       e.mutable_local_force()->set_stiffness_n_per_m(1);
+       e.mutable_local_force()->set_slack_m(0.01);
+       e.mutable_local_force()->set_push_z_n(1e-3);
+     }},
     {"air_drag", [](E& e) { e.set_air_drag(1); }},
 };
 
@@ -197,8 +207,8 @@ void measure(const Bench& bench, const LaneKernel<float>& kernel) {
   for (int lane = 0; lane < drawn.tissue().lanes(); ++lane) {
     LaneParameters parameters;
     parameters.effects = EffectValues{};
-    parameters.effects->inclusion_x = 0.001 * lane;
-    parameters.effects->inclusion_change = 0.1;
+    parameters.effects->inclusion_x[0] = 0.001 * lane;
+    parameters.effects->inclusion_change[0] = 0.1;
     drawn.tissue().set_parameters(lane, parameters);
   }
   compare(std::string(bench.prefix) + "inclusion_drawn_per_lane", drawn, plain);

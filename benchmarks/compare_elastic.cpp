@@ -75,7 +75,7 @@ Scene make_scene(const Case& c, bool reference) {
   tissue.mutable_reference()->set_elements_y(elements);
   tissue.mutable_reference()->set_elements_z(every_layers > 0 ? every_layers : c.layers);
   if (c.inclusion) {
-    pb::Inclusion& inclusion = *tissue.mutable_effects()->mutable_inclusion();
+    pb::Inclusion& inclusion = *tissue.mutable_effects()->add_inclusion();
     inclusion.set_y_m(0.005);
     inclusion.set_radius_m(0.02);
     inclusion.set_stiffness_change(4);

@@ -8,6 +8,7 @@
 #include <cmath>
 #include <cstdlib>
 #include <numbers>
+#include <optional>
 #include <span>
 #include <sstream>
 
@@ -25,11 +26,12 @@ constexpr double kDegrees = 180 / std::numbers::pi;  // per radian
 struct Setting {
   const char* key;
   double value;  ///< where none is given
+  bool stated = false;
 };
 
 /// A row of the table of names. `change` is what a scene is given, assignments separated by ';':
-/// $v is the changed value of the first field, or the change alone inside of braces, and $key a
-/// setting.
+/// $v is the changed value of the first field and $key a setting. Of a message in braces that the
+/// scene has switched on only what was stated is changed; a repeated one is added.
 struct Row {
   const char* name;
   const char* unit;
@@ -61,6 +63,7 @@ const std::vector<Row>& rows() {
       {"rest_shape.stretch", "1", Kind::kScene, "tissue.effects.rest_shape.stretch=$v", 1e-7},
       {"strain_stiffening.c2_over_mu", "1", Kind::kScene, "tissue.effects.strain_stiffening=$v",
        1e-5},
+      {"strain_stiffening.b", "1", Kind::kScene, "tissue.effects.exponential_stiffening=$v", 1e-5},
       {"anisotropy.Ef_over_E",
        "1",
        Kind::kScene,
@@ -93,10 +96,11 @@ const std::vector<Row>& rows() {
       {"adhesion.k",
        "N/m3",
        Kind::kScene,
-       "tissue.effects.adhesion={ stiffness_pa_per_m: $v break_m: $break_m }",
+       "tissue.effects.adhesion={ stiffness_pa_per_m: $v break_m: $break_m x_m: $x y_m: $y "
+       "half_x_m: $half_x half_y_m: $half_y }",
        1,
        1,
-       {{"break_m", 0.002}}},
+       {{"break_m", 0.002}, {"x", 0}, {"y", 0}, {"half_x", 0}, {"half_y", 0}}},
       {"suction.c",
        "N s/m3",
        Kind::kScene,
@@ -111,15 +115,31 @@ const std::vector<Row>& rows() {
       {"grasp_slip.v0",
        "m/s",
        Kind::kScene,
-       "tissue.effects.grasp_slip={ speed_m_per_s: $v force_n: $Fs }",
+       "tissue.effects.grasp_slip={ speed_m_per_s: $v force_n: $Fs total_m: $total }",
        1e-8,
        1,
-       {{"Fs", 0.1}}},
+       {{"Fs", 0.1}, {"total", 0}}},
       {"grasp_compliance.C", "m/N", Kind::kScene, "tissue.effects.grasp_compliance_m_per_n=$v",
        1e-8},
+      {"grasp_compliance.C_turn", "rad/(N m)", Kind::kScene,
+       "tissue.effects.grasp_turn_rad_per_n_m=$v", 1e-3},
+      {"added_mass.m",
+       "kg",
+       Kind::kScene,
+       "tissue.effects.added_mass={ mass_kg: $v x_m: $x y_m: $y radius_m: $r }",
+       1e-9,
+       1,
+       {{"x", 0}, {"y", 0}, {"r", 0.005}}},
+      {"unknown_force.strength", "1", Kind::kScene, "tissue.effects.local_force.strength=$v", 1e-6},
+      {"unknown_force.stiffness", "N/m", Kind::kScene,
+       "tissue.effects.local_force={ stiffness_n_per_m: $v }", 1e-6},
+      {"unknown_force.damper", "N s/m", Kind::kScene,
+       "tissue.effects.local_force={ damper_n_s_per_m: $v }", 1e-6},
       {"jaw_orientation.roll", "rad", Kind::kScene, "tissue.effects.jaw_roll_deg=$v", 1e-6,
        kDegrees},
       {"jaw_orientation.tilt", "rad", Kind::kScene, "tissue.effects.jaw_tilt_deg=$v", 1e-6,
+       kDegrees},
+      {"jaw_orientation.lean", "rad", Kind::kScene, "tissue.effects.jaw_lean_deg=$v", 1e-6,
        kDegrees},
       {"air_drag.Cd", "1", Kind::kScene, "tissue.effects.air_drag=$v", 1e-5},
       {"law.corotated", "1", Kind::kScene, "tissue.material.law=LAW_COROTATED", 1},
@@ -137,6 +157,9 @@ const std::vector<Row>& rows() {
       {"tool_compliance.C_x", "m/N", Kind::kArm, "arm.tip_compliance.x=$v", 1e-8},
       {"tool_compliance.C_y", "m/N", Kind::kArm, "arm.tip_compliance.y=$v", 1e-8},
       {"tool_compliance.C_z", "m/N", Kind::kArm, "arm.tip_compliance.z=$v", 1e-8},
+      {"tool_backlash.b_x", "m", Kind::kArm, "arm.tip_backlash.x=$v", 1e-8},
+      {"tool_backlash.b_y", "m", Kind::kArm, "arm.tip_backlash.y=$v", 1e-8},
+      {"tool_backlash.b_z", "m", Kind::kArm, "arm.tip_backlash.z=$v", 1e-8},
       {"tool_backlash.b_yaw", "rad", Kind::kArm, "arm.backlash.yaw=$v", 1e-7},
       {"tool_backlash.b_pitch", "rad", Kind::kArm, "arm.backlash.pitch=$v", 1e-7},
       {"tool_backlash.b_insertion", "m", Kind::kArm, "arm.backlash.insertion=$v", 1e-8},
@@ -148,6 +171,8 @@ const std::vector<Row>& rows() {
       {"force_site.x", "N", Kind::kSite, "", 1, 1, {{"x", 0}, {"y", 0}, {"r", 0.01}}},
       {"force_site.y", "N", Kind::kSite, "", 1, 1, {{"x", 0}, {"y", 0}, {"r", 0.01}}},
       {"force_site.z", "N", Kind::kSite, "", 1, 1, {{"x", 0}, {"y", 0}, {"r", 0.01}}},
+      {"anchor_compliance.inverse_K", "m2/N", Kind::kSite, "", 1},
+      {"anchor_detachment.length", "m", Kind::kSite, "", 1, 1, {{"x", 0}}},
       {"registration.x", "m", Kind::kSensor, "", 1},
       {"registration.y", "m", Kind::kSensor, "", 1},
       {"registration.z", "m", Kind::kSensor, "", 1},
@@ -168,8 +193,6 @@ struct Without {
   const char* reason;
 };
 constexpr Without kWithout[] = {
-    {"anchor_compliance", "a rigid clamp has no unknowns that its springs could act on"},
-    {"anchor_detachment", "a rigid clamp has no unknowns that could come free"},
     {"obstacle", "where nothing touches it yet nothing changes"},
     {"numerics.mesh", "a difference of two runs: give --tolerance-mm"},
 };
@@ -210,6 +233,22 @@ double field_value(const pb::Scene& scene, const std::string& path) {
   }
 }
 
+/// Whether a scene has a message, not one of several, with a number that is not 0.
+bool is_on(const pb::Scene& scene, const std::string& path, const std::string& number) {
+  const protobuf::Message* message = &scene;
+  std::string_view rest = path;
+  while (!rest.empty()) {
+    const std::size_t dot = rest.find('.');
+    const auto* field = message->GetDescriptor()->FindFieldByName(std::string(rest.substr(0, dot)));
+    OMENTUM_CHECK(field != nullptr, "no field {} in a scene", path);
+    if (field->is_repeated()) return false;
+    message = &message->GetReflection()->GetMessage(*message, field);
+    rest.remove_prefix(dot == std::string_view::npos ? rest.size() : dot + 1);
+  }
+  return message->GetReflection()->GetDouble(
+             *message, message->GetDescriptor()->FindFieldByName(number)) != 0;
+}
+
 void replace_all(std::string& text, const std::string& what, const std::string& by) {
   for (std::size_t at = text.find(what); at != std::string::npos; at = text.find(what, at))
     text.replace(at, what.size(), by);
@@ -219,6 +258,23 @@ std::vector<std::string> overrides_of(const Row& row, const std::vector<Setting>
                                       const pb::Scene& scene) {
   std::string change = row.change;
   const std::string path = change.substr(0, change.find('='));
+  const std::size_t number = change.find("={ ");
+  if (number != std::string::npos) {
+    const std::string name = change.substr(number + 3, change.find(':') - number - 3);
+    if (is_on(scene, path, name)) {
+      std::vector<std::string> all = {
+          fmt::format("scene.{}.{}={:.17g}", path, name,
+                      row.factor * row.step + field_value(scene, path + "." + name))};
+      for (const Setting& setting : settings) {
+        const std::size_t at = change.find(std::string(": $") + setting.key);
+        const std::size_t begin = change.rfind(' ', at - 1) + 1;
+        if (setting.stated)
+          all.push_back(fmt::format("scene.{}.{}={:.17g}", path, change.substr(begin, at - begin),
+                                    setting.value));
+      }
+      return all;
+    }
+  }
   const bool field = change.find("=$v") != std::string::npos;
   const double value = row.factor * row.step + (field ? field_value(scene, path) : 0);
   replace_all(change, "$v", fmt::format("{:.17g}", value));
@@ -236,8 +292,39 @@ std::vector<std::string> split(const std::string& text, char separator) {
   return parts;
 }
 
+/// A number of an inclusion that the scene has: "inclusion[0].x". Nothing where the name is none.
+std::optional<Parameter> parse_inclusion(const std::string& name, const pb::Scene& scene) {
+  struct Number {
+    const char* name;
+    const char* field;
+    const char* unit;
+    double step;
+    double (pb::Inclusion::*value)() const;
+  };
+  static const Number numbers[] = {
+      {"k", "stiffness_change", "1", 1e-6, &pb::Inclusion::stiffness_change},
+      {"r", "radius_m", "m", 1e-8, &pb::Inclusion::radius_m},
+      {"x", "x_m", "m", 1e-8, &pb::Inclusion::x_m},
+      {"y", "y_m", "m", 1e-8, &pb::Inclusion::y_m}};
+  const auto& all = scene.tissue().effects().inclusion();
+  for (int index = 0; index < all.size(); ++index) {
+    for (const Number& number : numbers) {
+      if (name != fmt::format("inclusion[{}].{}", index, number.name)) continue;
+      Parameter p;
+      p.name = name;
+      p.unit = number.unit;
+      p.step = number.step;
+      p.effect = fmt::format("inclusion[{}].{}", index, number.field);
+      p.value = (all[index].*number.value)() + number.step;
+      return p;
+    }
+  }
+  return std::nullopt;
+}
+
 /// "name@key=value:key=value"
 Parameter parse_one(const std::string& text, const pb::Scene& scene) {
+  if (std::optional<Parameter> p = parse_inclusion(text, scene)) return *std::move(p);
   const std::string name = split(text, '@')[0];
   for (const Without& w : kWithout) {
     if (name.starts_with(w.name)) throw_error("--columns: {} has no column: {}", name, w.reason);
@@ -260,6 +347,7 @@ Parameter parse_one(const std::string& text, const pb::Scene& scene) {
                   pair, fmt::join(keys, ", "));
     }
     setting->value = value;
+    setting->stated = true;
   }
   Parameter p;
   p.name = text;
@@ -275,6 +363,12 @@ Parameter parse_one(const std::string& text, const pb::Scene& scene) {
       p.axis = name.back() - 'x';
       break;
     case Kind::kSite:
+      if (name.starts_with("anchor_")) {
+        const bool piece = name == "anchor_detachment.length";
+        p.site.kind = piece ? ColumnKind::kClampFree : ColumnKind::kClampGive;
+        if (piece) p.site.place.x() = settings[0].value;
+        break;
+      }
       p.site.kind = name == "inclusion.k"    ? ColumnKind::kStiffnessSite
                     : name == "density_site" ? ColumnKind::kDensitySite
                                              : ColumnKind::kForceSite;
@@ -346,6 +440,7 @@ std::string describe_parameters() {
           fmt::format("{}{}={}", k == 0 ? "@" : ":", row.settings[k].key, row.settings[k].value);
     text += '\n';
   }
+  text += "inclusion[i].k [1], .r, .x, .y [m] of inclusions that the scene has\n";
   for (const Without& w : kWithout) text += fmt::format("{}: no column, {}\n", w.name, w.reason);
   return text;
 }

@@ -28,7 +28,9 @@ struct Parameter {
   std::string name, unit;  ///< the name with its settings: "viscoelastic.g@tau=0.3"
   Kind kind = Kind::kScene;
   std::vector<std::string> overrides;  ///< of the scene where the parameter is `step` larger
-  double step = 1;                     ///< in `unit`
+  std::string effect;                  ///< or one of its effects (set_effect) set to `value`
+  double value = 0;
+  double step = 1;  ///< in `unit`
   int axis = 0;
   ColumnParameter site;
   bool from_all = false;  ///< left out where the scene cannot have it

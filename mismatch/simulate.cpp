@@ -78,6 +78,7 @@ double settle(Tissue<double>& tissue, const Vector3d& tip) {
   if (auto* reference = dynamic_cast<ReferenceTissue*>(&tissue)) return reference->settle(tip);
   const double period = tissue.model().control_period;
   const ToolMotion standing{tip, tip};
+  tissue.stop_clock(0, true);
   double speed = 0;
   double resting = 0;
   for (double t = 0; t < kMaxTime && resting < kFor && tissue.healthy(0); t += period) {
@@ -87,7 +88,29 @@ double settle(Tissue<double>& tissue, const Vector3d& tip) {
       speed = std::max(speed, tissue.velocity(0, i).norm());
     resting = speed <= kAtRest ? resting + period : 0;
   }
+  tissue.stop_clock(0, false);
   return speed;
+}
+
+void hold_at_start(Tissue<double>& tissue, const HeldBody& held) {
+  constexpr double kSpeed = 0.02;  // [m/s]
+  const TissueModel& model = tissue.model();
+  const Vector3d from = model.body.X_WB * Vector3d(held.place.x(), held.place.y(), 0);
+  tissue.hold(0, from, held.radius, false);
+  if (tissue.held(0).empty()) {
+    throw_error(
+        "scene.held_start: no tissue within {} m of ({}, {}) m in B, allowed: a place on the body",
+        held.radius, held.place.x(), held.place.y());
+  }
+  tissue.stop_clock(0, true);
+  const double way = (held.position - from).norm();
+  const auto steps = static_cast<int>(std::ceil(way / (kSpeed * model.control_period) + 1e-9));
+  for (int k = 0; k < steps; ++k) {
+    const ToolMotion motion{from + static_cast<double>(k) / steps * (held.position - from),
+                            from + static_cast<double>(k + 1) / steps * (held.position - from)};
+    tissue.step({&motion, 1});
+  }
+  tissue.stop_clock(0, false);
 }
 
 std::size_t count_steps(const ToolTrack& track, double period) {
@@ -167,7 +190,9 @@ SimulatedRecording simulate_recording(const TissueModel& model, const Arm& arm,
   auto* reference = columns != nullptr ? dynamic_cast<ReferenceTissue*>(tissue.get()) : nullptr;
   OMENTUM_CHECK(columns == nullptr || reference != nullptr, "columns of a tissue without");
   if (reference != nullptr) columns->begin(*reference, track.tip_at(track.begin()));
-  if (from_rest) result.start_speed = settle(*tissue, tip);
+  bool held = grasp.held.has_value();
+  if (held) hold_at_start(*tissue, *grasp.held);
+  if (from_rest) result.start_speed = settle(*tissue, held ? grasp.held->position : tip);
   if (!tissue->healthy(0)) {
     throw_error("{}: the tissue fails before the first command: {}", track.path,
                 tissue->failure(0));
@@ -178,8 +203,13 @@ SimulatedRecording simulate_recording(const TissueModel& model, const Arm& arm,
     if (reference != nullptr) {
       if (step % stride == 0) columns->add_frame(t, *reference);
       columns->begin_step(*reference, track.tip_at(t + period));
+      if (held) reference->set_tip_columns({}, {});
     }
-    const bool closed = is_closed(track, grasp, t);
+    if (held && t >= grasp.held->until - 1e-9) {
+      held = false;
+      tissue->release(0);
+    }
+    const bool closed = !held && is_closed(track, grasp, t);
     if (closed && !was_closed) {
       tissue->hold(0, tip, grasp.patch_radius_m, false);
       if (tissue->held(0).empty()) ++result.missed_grasps;
@@ -196,7 +226,16 @@ SimulatedRecording simulate_recording(const TissueModel& model, const Arm& arm,
     add_surface(*tissue, result);
     if (step == steps) break;
     std::vector<ToolMotion> motion = {{tip, track.tip_at(t + period)}};
-    control_step<double>(arm, arms, *tissue, motion, reports);
+    if (held) {  // by what is no tool of the commands
+      const ToolMotion still{grasp.held->position, grasp.held->position};
+      tissue->step({&still, 1});
+      if (arm.active()) {
+        reports[0] = arm.step(arms[0], motion[0].to, Vector3d::Zero());
+        motion[0].to = Eigen::Map<const Vector3d>(arms[0].p_WT_true);
+      }
+    } else {
+      control_step<double>(arm, arms, *tissue, motion, reports);
+    }
     tip = motion[0].to;
     if (!tissue->healthy(0)) {
       result.failure = fmt::format("{}: the tissue fails under the commands at {:.6g} s: {}",

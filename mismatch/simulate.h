@@ -3,6 +3,7 @@
 #include <Eigen/Core>
 #include <array>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -15,10 +16,19 @@
 
 namespace omentum {
 
+/// A body that is held at a place before the commands begin, and let go (pb::HeldStart).
+struct HeldBody {
+  Eigen::Vector2d place = Eigen::Vector2d::Zero();     ///< in B at rest [m]
+  double radius = 0.005;                               ///< [m]
+  Eigen::Vector3d position = Eigen::Vector3d::Zero();  ///< in W [m]
+  double until = 0;                                    ///< on the clock of the commands [s]
+};
+
 /// How recorded commands take hold of the tissue.
 struct GraspSettings {
   double patch_radius_m = 0.005;  ///< tissue within this of the tip is held
   double closed_rad = 0.2915;     ///< jaw at or below this holds: 2 atan(3 mm / 2 / 10.2 mm)
+  std::optional<HeldBody> held;   ///< before the commands begin
 };
 
 /// What a simulation of recorded commands gives, one entry per control step, the state at t = 0
@@ -56,6 +66,10 @@ std::vector<PinchCircle> pinches_of(const ToolTrack& track, const Scene& scene,
 /// fastest particle then [m/s]. Others than the reference move for as long as they are faster than
 /// 0.1 mm/s, up to 30 s.
 double settle(Tissue<double>& tissue, const Eigen::Vector3d& tip);
+
+/// Takes hold of a body and leads it to its place, 20 mm/s at most, where settle() may follow; the
+/// jaws are there then. Throws Error where there is nothing to hold.
+void hold_at_start(Tissue<double>& tissue, const HeldBody& held);
 
 /// Control steps of the commands.
 std::size_t count_steps(const ToolTrack& track, double period);

@@ -121,6 +121,8 @@ SimulationTask make_task(const SimulateOptions& options, const std::string& comm
     throw_error("--cloud-rate: {} Hz, allowed 0 ... {:.6g} (the control rate)",
                 options.cloud_rate_hz, 1 / task.period);
   task.scene = make_config(options);
+  if (!task.scene.has_camera() && options.cloud_rate_hz > 0)
+    throw_error("scene.camera: missing, clouds need it; allowed without: --cloud-rate 0");
   scale_substeps(task.period / kScenePeriod, *task.scene.mutable_tissue());
   task.folder = fs::path(options.scene).parent_path().string();
   const Scene scene = make_scene(task.scene, task.folder);

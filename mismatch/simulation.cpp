@@ -28,8 +28,15 @@ std::vector<PreparedParameter> prepare_parameters(const SimulationTask& task,
     p.tissue.kind = ColumnKind::kToolPath;
     try {
       if (parameter.kind == Parameter::Kind::kSite) p.tissue = parameter.site;
-      if (!parameter.overrides.empty()) {
-        const pb::Scene config = override_scene(task.scene, parameter.overrides);
+      const bool of_clamp =
+          p.tissue.kind == ColumnKind::kClampGive || p.tissue.kind == ColumnKind::kClampFree;
+      if (of_clamp && model.effects.moves_anchor())
+        throw_error("the clamp gives way already: scene.tissue.effects.anchor, allowed none");
+      if (parameter.kind == Parameter::Kind::kScene || parameter.kind == Parameter::Kind::kArm) {
+        pb::Scene config = override_scene(task.scene, parameter.overrides);
+        if (!parameter.effect.empty())
+          set_effect(*config.mutable_tissue()->mutable_effects(), parameter.effect,
+                     parameter.value);
         if (parameter.kind == Parameter::Kind::kArm) {
           p.arm = std::make_shared<Arm>(config.arm(), scene_tool_mount(scene), task.period);
         } else {
@@ -66,7 +73,7 @@ std::unique_ptr<ColumnRecorder> make_columns(const SimulationTask& task,
 }
 
 /// From the same commands on a mesh with 1.5 times larger cells.
-std::optional<MeshError> find_mesh_error(const SimulationTask& task,
+std::optional<MeshError> find_mesh_error(const SimulationTask& task, const GraspSettings& grasp,
                                          const std::vector<PinchCircle>& pinches, const Arm& arm,
                                          const ReferenceTissueModel& fine, Simulation& made) {
   constexpr double kRatio = 1.5;
@@ -76,7 +83,7 @@ std::optional<MeshError> find_mesh_error(const SimulationTask& task,
   std::vector<std::string> ignored;
   const auto model = make_tissue_model(scene, task.period, ignored, pinches);
   const SimulatedRecording coarse =
-      simulate_recording(*model, arm, task.commands, task.grasp, task.from_rest);
+      simulate_recording(*model, arm, task.commands, grasp, task.from_rest);
   if (coarse.failure.empty()) return estimate_mesh_error(made.recording, coarse, kRatio);
   made.warnings.push_back("no estimate of the discretisation error: with larger cells " +
                           coarse.failure);
@@ -88,11 +95,19 @@ std::optional<MeshError> find_mesh_error(const SimulationTask& task,
 Simulation simulate(const SimulationTask& task) {
   Simulation made;
   made.scene = make_scene(task.scene, task.folder);
-  const std::vector<PinchCircle> pinches = pinches_of(task.commands, made.scene, task.grasp);
+  std::vector<PinchCircle> pinches = pinches_of(task.commands, made.scene, task.grasp);
+  GraspSettings grasp = task.grasp;
+  if (task.scene.has_held_start()) {
+    const pb::HeldStart& start = task.scene.held_start();
+    const pb::Vec3& p = start.position_m();
+    grasp.held = {
+        {start.x_m(), start.y_m()}, start.radius_m(), {p.x(), p.y(), p.z()}, start.until_s()};
+    pinches.push_back({grasp.held->place, grasp.held->radius});
+  }
   made.model = make_tissue_model(made.scene, task.period, made.scene.warnings, pinches);
   const Arm arm(task.scene.arm(), scene_tool_mount(made.scene), task.period);
   const std::unique_ptr<ColumnRecorder> columns = make_columns(task, pinches, arm, made);
-  made.recording = simulate_recording(*made.model, arm, task.commands, task.grasp, task.from_rest,
+  made.recording = simulate_recording(*made.model, arm, task.commands, grasp, task.from_rest,
                                       columns.get(), task.stride);
   SimulatedRecording& recording = made.recording;
   recording.clocks = task.scene.clocks();
@@ -116,7 +131,7 @@ Simulation simulate(const SimulationTask& task) {
   }
   const auto* reference = dynamic_cast<const ReferenceTissueModel*>(made.model.get());
   if (task.estimate_error && reference != nullptr && recording.failure.empty())
-    made.mesh_error = find_mesh_error(task, pinches, arm, *reference, made);
+    made.mesh_error = find_mesh_error(task, grasp, pinches, arm, *reference, made);
   return made;
 }
 

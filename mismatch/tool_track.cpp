@@ -164,6 +164,7 @@ void check_reach(const ToolTrack& track, const Scene& scene, std::vector<std::st
       throw_error("{} is {:.3g} m from the tissue at rest, allowed up to {} m: in metres, in W?",
                   place(), gap, kFarthestTip);
     }
+    if (!scene.config.tool().has_base()) continue;  // no arm, whose reach this would be
     const Result<PsmJoints> joints = joints_for_tip(mount, p);
     if (joints || told) continue;
     if (i == 0) throw_error("{} is out of reach of the arm: {}", place(), joints.error());

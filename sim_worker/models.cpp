@@ -12,6 +12,7 @@ namespace omentum {
 std::shared_ptr<const TissueModel> make_tissue_model(const Scene& scene, double control_period,
                                                      std::vector<std::string>& warnings,
                                                      std::span<const PinchCircle> pinches) {
+  if (!scene.config.has_tissue()) throw_error("scene.tissue: missing, give grid, sheet or volume");
   if (scene.soft_body) {
     const pb::Tissue& tissue = scene.config.tissue();
     if (tissue.model() != pb::TISSUE_ELASTIC || !tissue.has_grid()) {

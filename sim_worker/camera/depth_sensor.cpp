@@ -52,8 +52,9 @@ std::vector<Eigen::Vector3f> sense_cloud(Camera& camera, const CameraFrame& fram
       const double normal =
           std::sqrt(-2 * std::log(unit(words[1]))) * std::cos(2 * kPi * unit(words[2]));
       const auto seen = static_cast<double>(image.depth_m[pixel]);
+      const double beyond = seen - sensor.bias_range_m();
       const double bias =
-          sensor.bias_m() + seen * (sensor.scale_change() + seen * sensor.bias_per_m());
+          sensor.bias_m() + seen * sensor.scale_change() + beyond * (beyond * sensor.bias_per_m());
       double depth = seen + bias + sensor.noise_m() * normal / ray.norm();
       if (sensor.depth_step_m() > 0)
         depth = sensor.depth_step_m() * std::round(depth / sensor.depth_step_m());

@@ -63,6 +63,7 @@ class CoupledTissue final : public Tissue<Real> {
   /// Valid until the next call for this lane.
   std::span<const std::int32_t> held(int lane) const override;
   void shift_held(int lane, const Eigen::Vector3d& by) override;
+  void stop_clock(int lane, bool stopped) override { sheet_.stop_clock(lane, stopped); }
   Eigen::Vector3d held_force(int lane) const override {
     return sheet_.held_force(lane) + contact_.solid().held_force(lane);
   }

@@ -74,12 +74,14 @@ Arm::Arm(const pb::ArmEffects& effects, const ToolMount& mount, double control_p
   }
   const pb::DiscValues& discs = effects.disc_backlash();
   const pb::AxisValues& tip = effects.tip_compliance();
+  const pb::AxisValues& tip_play = effects.tip_backlash();
   active_ = effects.transport_delay_s() > 0 || effects.payload_kg() > 0 || any(droop_) ||
             effects.bandwidth_s() > 0 || any(coulomb_) || any(viscous_) ||
             effects.load_friction() > 0 || any(backlash_) || discs.roll() > 0 ||
             discs.pitch() > 0 || discs.yaw() > 0 || discs.jaw() > 0 ||
             effects.servo_compliance() > 0 || any(compliance_) || tip.x() > 0 || tip.y() > 0 ||
-            tip.z() > 0 || any(offset_) || effects.tool_length_offset_m() != 0 ||
+            tip.z() > 0 || tip_play.x() > 0 || tip_play.y() > 0 || tip_play.z() > 0 ||
+            any(offset_) || effects.tool_length_offset_m() != 0 ||
             std::any_of(effects.coupling().begin(), effects.coupling().end(),
                         [](const pb::JointCoupling& c) { return c.slope() != 0; });
   // Viscous friction lags like the servo's own damping: T = (D + Fv) / P.
@@ -168,8 +170,13 @@ ArmReport Arm::step(ArmState& state, const Vector3d& p_WT, const Vector3d& load_
   // As differences from the nominal arm: zero effects leave the goal to the bit.
   const Vector3d nominal = tip_of(target, 0);
   assign(state.p_WT_measured, goal + (tip_of(report.measured, 0) - nominal));
-  assign(state.p_WT_true, goal + (tip_of(joints, effects_.tool_length_offset_m()) - nominal) +
-                              bending(target, load_W));
+  const Vector3d tip =
+      goal + (tip_of(joints, effects_.tool_length_offset_m()) - nominal) + bending(target, load_W);
+  // Play at the tip, along the axes of W; it begins in the middle.
+  const pb::AxisValues& b = effects_.tip_backlash();
+  const std::array<double, 3> widths = {b.x(), b.y(), b.z()};
+  for (int k = 0; k < 3; ++k)
+    state.p_WT_true[k] = widths[k] > 0 ? play(state.p_WT_true[k], tip[k], widths[k]) : tip[k];
   return report;
 }
 

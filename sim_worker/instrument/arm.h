@@ -51,8 +51,9 @@ class Arm {
   ArmReport step(ArmState& state, const Eigen::Vector3d& p_WT, const Eigen::Vector3d& load_W) const;
 
   /// For a robot that takes joints, of any orientation of the tool: the chain from `target` to the
-  /// joints behind the cables, `tip_joints`, without the transport delay. `reset_joints` puts it
-  /// at rest. Of the state the tips and the history of commands are not used.
+  /// joints behind the cables, `tip_joints`, without the transport delay and the play at the tip.
+  /// `reset_joints` puts it at rest. Of the state the tips and the history of commands are not
+  /// used.
   void reset_joints(ArmState& state, const PsmJoints& q) const;
   ArmReport follow(ArmState& state, const PsmJoints& target, const Eigen::Vector3d& load_W,
                    PsmJoints& tip_joints) const;

@@ -63,6 +63,57 @@ inline void start_lubrication_of(const Args& args, int i, const Surface& surface
   store3(fx.lubrication_normal + 3 * kLanes * i, surface.normal);
 }
 
+/// How a string of length `size` beyond none pulls: its tension and the derivative of that.
+struct Tension {
+  Lane force, slope;
+};
+
+/// Linear beyond the slack, with a smooth corner of 10 um.
+template <typename Effects>
+inline Tension string_tension(const Effects& fx, Lane size) {
+  const Lane half = splat(static_cast<Real>(0.5));
+  const Lane w = splat(static_cast<Real>(1e-5));
+  const Lane over = size - load(fx.pull_slack);
+  const Lane smooth = sqrt(fma(over, over, w * w));
+  const Lane k = half * load(fx.pull_stiffness);
+  // Without slack the string is a spring.
+  const Mask slack = splat(Real{0}) < load(fx.pull_slack);
+  return {select(slack, k * (over + smooth), (k + k) * size),
+          select(slack, k * (splat(Real{1}) + over / smooth), k + k)};
+}
+
+/// Force of the strings, the damper and the push on entry k of pull_node: a node at x, moved by d
+/// in the substep.
+template <typename Effects>
+inline Lane3 pull_force(const Effects& fx, int k, Lane3 x, Lane3 d) {
+  const Lane3 off = x - load3(fx.pull_place + 3 * kLanes * k);
+  const Lane size = sqrt(max(dot(off, off), splat(static_cast<Real>(1e-20))));
+  const Lane tension = string_tension(fx, size).force / size;
+  const Lane left = load(fx.push_left) * load(fx.push_keep);
+  const Lane3 force = fnma(load(fx.pull_damper), d, fnma(tension, off, left * load3(fx.push)));
+  return load(fx.pull_share + kLanes * k) * force;
+}
+
+/// Minus its change with a change p of the node.
+template <typename Effects>
+inline Lane3 pull_product(const Effects& fx, int k, Lane3 x, Lane3 p) {
+  const Lane3 off = x - load3(fx.pull_place + 3 * kLanes * k);
+  const Lane size = sqrt(max(dot(off, off), splat(static_cast<Real>(1e-20))));
+  const Tension tension = string_tension(fx, size);
+  const Lane across = tension.force / size;
+  const Lane along = (tension.slope - across) * (dot(off, p) / (size * size));
+  const Lane3 change = fma(along, off, (across + load(fx.pull_damper)) * p);
+  return load(fx.pull_share + kLanes * k) * change;
+}
+
+/// End of a substep: what is left of the push.
+template <typename Effects>
+inline void fade_push(const Effects& fx) {
+  if (fx.pull == 0) return;
+  const Lane left = load(fx.push_left);
+  store(fx.push_left, select(to_mask(fx.pull), left * load(fx.push_keep), left));
+}
+
 /// Lubrication force on a node of displacement d in the substep, to be subtracted.
 template <typename Effects>
 inline Lane3 lubrication_force(const Effects& fx, int i, Lane3 d) {

@@ -45,14 +45,23 @@ void add_strain_response(const PackTensor& F, const StrainResponse& r, bool want
   }
 }
 
-StrainResponse stiffening(const PackTensor& E, Pack c2) {
+/// Of W(I): S = 4 W' E, dS = 4 W' dE + 16 W'' E (E : dE).
+StrainResponse stiffening(const PackTensor& E, const HexEffects& fx, Pack mu) {
   StrainResponse r;
+  const Pack c2 = Pack(fx.stiffening) * mu;
   const Pack invariant = Pack(2.0) * dot(E, E);
-  const Pack scale = Pack(8.0) * c2 * invariant;
+  Pack scale = Pack(8.0) * c2 * invariant;
   r.energy = c2 * invariant * invariant;
+  r.weight[0] = Pack(32.0) * c2;
+  if (fx.exponential > 0) {
+    const Pack b(fx.exponential);
+    const Exponential e = exponential(b * invariant);
+    scale = fma(Pack(2.0) * mu, e.minus_one, scale);
+    r.energy = fma(mu / (Pack(2.0) * b), e.excess, r.energy);
+    r.weight[0] = fma(Pack(8.0) * mu * b, e.slope, r.weight[0]);
+  }
   for (int k = 0; k < 9; ++k) r.S[k] = scale * E[k];
   r.identity = scale;
-  r.weight[0] = Pack(32.0) * c2;
   r.direction[0] = E;
   return r;
 }
@@ -143,8 +152,8 @@ PackTensor pulled_back(const PackTensor& F, const PackTensor& P) {
 Pack add_elastic_effects(const HexShape& shape, int point, const PackTensor& F, const PackTensor& E,
                          bool want_tangent, ElasticResponse<Pack>& out) {
   const HexEffects& fx = *shape.effects;
-  if (fx.stiffening != 0)
-    add_strain_response(F, stiffening(E, Pack(fx.stiffening) * shape.mu), want_tangent, out);
+  if (fx.stiffening != 0 || fx.exponential > 0)
+    add_strain_response(F, stiffening(E, fx, shape.mu), want_tangent, out);
   const Pack energy = out.energy;
   if (fx.softening > 0) {
     soften(Pack(fx.softening), Pack(fx.softening_energy) * shape.mu,

@@ -92,9 +92,11 @@ void enhanced_gradients(const Kinematics& k, int point, Gradients& g) {
   }
 }
 
+/// What the energy per volume at a point counts for: its volume at rest, times its stiffness.
 Pack volume_at(const HexShape& shape, int point, Pack volume) {
   const bool mapped = shape.effects != nullptr && shape.effects->rest != nullptr;
-  return mapped ? volume * shape.effects->rest->volume[point] : volume;
+  const Pack own = mapped ? volume * shape.effects->rest->volume[point] : volume;
+  return shape.stiffness == nullptr ? own : own * (*shape.stiffness)[point];
 }
 
 Pack point_volume(const std::array<Pack, 3>& size) {
@@ -209,13 +211,17 @@ void factor_inner(const std::array<Pack, 45>& K, HexInner& inner) {
 
 }  // namespace
 
-void hex_force(pb::ElasticLaw law, const HexShape& shape, HexForce& out) {
-  out = {};
+namespace {
+
+/// Adds what each Gauss point does to the force that `out_of` names for it.
+template <typename Function>
+void add_point_forces(pb::ElasticLaw law, const HexShape& shape, Function&& out_of) {
   const Pack box = point_volume(shape.size);
   const Kinematics kinematics = make_kinematics(shape);
   Gradients g;
   ElasticResponse<Pack> response;
   for (int point = 0; point < kPoints; ++point) {
+    HexForce& out = out_of(point);
     enhanced_gradients(kinematics, point, g);
     point_response(law, shape, point, gradient_of(shape.x, g), false, response);
     const Pack volume = volume_at(shape, point, box);
@@ -223,6 +229,19 @@ void hex_force(pb::ElasticLaw law, const HexShape& shape, HexForce& out) {
     add_node_force(response.stress, g, volume, out.force);
     add_mode_force(response.stress, kinematics, point, volume, out.mode_force);
   }
+}
+
+}  // namespace
+
+void hex_force(pb::ElasticLaw law, const HexShape& shape, HexForce& out) {
+  out = {};
+  add_point_forces(law, shape, [&](int) -> HexForce& { return out; });
+}
+
+void hex_point_forces(pb::ElasticLaw law, const HexShape& shape,
+                      std::array<HexForce, kHexPoints>& out) {
+  out = {};
+  add_point_forces(law, shape, [&](int point) -> HexForce& { return out[point]; });
 }
 
 void hex_tangent(pb::ElasticLaw law, const HexShape& shape, HexTangent& out) {

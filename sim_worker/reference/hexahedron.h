@@ -50,12 +50,14 @@ struct HexMemory {
 /// Effects in the material of four bricks. Moduli are relative to mu.
 ///
 ///   stiffening  c2 I^2,  I = 2 E:E                      E = (F^T F - I) / 2
+///   exponential (exp(b I) - 1 - b I) / (2 b)
 ///   fibres      Ef (taut(E4)),  taut' = (E4 + sqrt(E4^2 + w^2) - w) / 2,  E4 = a . E a, w = 1e-3
 ///   softening   of law and stiffening: stress x eta(W), as in the shell (shell_effects.inl)
 ///   branches    (1 + gains) x all elastic stress + bias (sim_worker/tissue/effect_catalogue.h)
 ///   slider      Ep |e|^2 / 2 up to |e| = yield, then Ep yield (|e| - yield / 2);  e = E - plastic
 struct HexEffects {
   double stiffening = 0;                       ///< c2
+  double exponential = 0;                      ///< b
   double fibre = 0;                            ///< Ef
   std::array<double, 2> axis{1, 0};            ///< of the fibres in x_B, y_B
   double softening = 0, softening_energy = 1;  ///< fraction of the stress lost at most, m
@@ -68,10 +70,12 @@ struct HexEffects {
 
 /// Four bricks and where they are.
 struct HexShape {
-  std::array<Pack, 24> x;               ///< nodes, [node][xyz] [m]
-  std::array<Pack, 9> mode;             ///< m, row by row [m]
-  std::array<Pack, 3> size;             ///< edge lengths at rest [m]
-  Pack mu, lambda;                      ///< [Pa]
+  std::array<Pack, 24> x;    ///< nodes, [node][xyz] [m]
+  std::array<Pack, 9> mode;  ///< m, row by row [m]
+  std::array<Pack, 3> size;  ///< edge lengths at rest [m]
+  Pack mu, lambda;           ///< [Pa]
+  /// Factor on the energy at each Gauss point: as many times stiffer there; null = 1.
+  const std::array<Pack, kHexPoints>* stiffness = nullptr;
   const HexEffects* effects = nullptr;  ///< null = none
 };
 
@@ -106,6 +110,9 @@ void remember_point(pb::ElasticLaw law, const HexShape& shape, int point, const 
                     const PronyStep& prony, HexMemory& memory);
 
 void hex_force(pb::ElasticLaw law, const HexShape& shape, HexForce& out);
+/// The same, what each Gauss point adds to it.
+void hex_point_forces(pb::ElasticLaw law, const HexShape& shape,
+                      std::array<HexForce, kHexPoints>& out);
 void hex_tangent(pb::ElasticLaw law, const HexShape& shape, HexTangent& out);
 
 /// End of a step: updates the memory of the effects of the shape.

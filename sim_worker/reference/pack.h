@@ -56,6 +56,34 @@ inline Pack is_less(Pack a, Pack b) {
   return Pack(_mm256_and_pd(_mm256_cmp_pd(a.v, b.v, _CMP_LT_OQ), _mm256_set1_pd(1)));
 }
 
+inline Pack at_most(Pack a, double b) {
+  return Pack(_mm256_min_pd(_mm256_set1_pd(b), a.v));  // NaN where a is
+}
+
+/// e^x - 1, e^x - 1 - x and e^x for x >= 0 without loss of digits near 0, from basic operations
+/// only. Beyond 20 the tangent goes on, its slope 0 in `slope`: no tissue is so stiff.
+struct Exponential {
+  Pack minus_one, excess, slope;
+};
+
+/// With y = x / 64 by the series, then six times e^2y - 1 = (e^y - 1)(e^y + 1) and
+/// e^2y - 1 - 2y = (e^y - 1)^2 + 2 (e^y - 1 - y): sums of positive terms.
+inline Exponential exponential(Pack x) {
+  constexpr double kLargest = 20;
+  const Pack inside = at_most(x, kLargest);
+  const Pack y = Pack(1.0 / 64) * inside;
+  Pack sum(1.0);
+  for (int k = 13; k >= 3; --k) sum = fma(Pack(1.0 / k) * y, sum, Pack(1.0));
+  Pack excess = Pack(0.5) * y * y * sum;
+  Pack minus_one = y + excess;
+  for (int doubling = 0; doubling < 6; ++doubling) {
+    excess = fma(minus_one, minus_one, Pack(2.0) * excess);
+    minus_one = minus_one * (Pack(2.0) + minus_one);
+  }
+  const Pack slope = (Pack(1.0) - is_less(Pack(kLargest), x)) * (Pack(1.0) + minus_one);
+  return {minus_one, fma(minus_one, x - inside, excess), slope};
+}
+
 /// Natural logarithm from basic operations only, so that its bits are the same on every machine
 /// (decision 0005 does so for trigonometry); NaN where a <= 0. Error below 2 units in the last
 /// place: a = 2^k m, sqrt(1/2) <= m < sqrt(2), ln m = 2 artanh((m - 1) / (m + 1)) by its odd

@@ -97,6 +97,68 @@ void ReferenceTissue::column_loads(const Terms& terms, RightSides& nodes, RightS
     if (grasp_) grasp.col(k) += VectorXd::Map(miss.data(), miss.size());
   }
   site_loads(terms, nodes, modes);
+  clamp_loads(same, nodes, modes, grasp);
+}
+
+/// Gradient of the energy by the clamped nodes at the trial, weight included [N]; zero at others.
+ReferenceTissue::Nodes ReferenceTissue::clamp_forces() const {
+  Nodes force(trial_x_.size(), Eigen::Vector3d::Zero());
+  for (std::size_t i = 0; i < force.size(); ++i) {
+    if (model_->unknown[i] < 0) force[i] = -model_->mass[i] * gravity_;
+  }
+  HexForce hex;
+  Values values{};
+  for (const std::size_t batch : columns_->clamp_batches) {
+    hex_force(model_->material.law(), gather(batch, trial_x_, trial_mode_), hex);
+    for (int c = 0; c < 24; ++c) {
+      hex.force[c].store(values.data());
+      for (int lane = 0; lane < elements_in(batch); ++lane) {
+        const int node = model_->elements[Pack::kLanes * batch + lane].node[c / 3];
+        if (model_->unknown[node] < 0) force[node][c % 3] += values[lane];
+      }
+    }
+  }
+  return force;
+}
+
+/// The same of a clamp that is no longer rigid: its nodes hang on springs (release_anchors), so to
+/// first order they give way by what they carry over the spring, and the free ones follow.
+void ReferenceTissue::clamp_loads(const Residual& same, RightSides& nodes, RightSides& modes,
+                                  MatrixXd& grasp) {
+  constexpr double kStep = 1e-7;  // [m] far below what the elements are linear over
+  ReferenceColumns& c = *columns_;
+  Nodes force;
+  for (Eigen::Index k = 0; k < c.count(); ++k) {
+    const ColumnParameter& p = c.parameters[k];
+    if (p.kind != ColumnKind::kClampGive && p.kind != ColumnKind::kClampFree) continue;
+    if (force.empty()) force = clamp_forces();
+    double most = 0;
+    for (std::size_t i = 0; i < force.size(); ++i) {
+      if (model_->unknown[i] >= 0) continue;
+      c.rest.col(k).segment<3>(3 * static_cast<Eigen::Index>(i)) =
+          -model_->clamp_compliance(i, p.kind == ColumnKind::kClampFree, p.place.x()) * force[i];
+      most = std::max(most, c.rest.col(k).segment<3>(3 * static_cast<Eigen::Index>(i)).norm());
+    }
+    if (!(most > 0)) continue;
+    const double step = kStep / most;
+    Nodes moved = trial_x_;
+    for (std::size_t i = 0; i < moved.size(); ++i) {
+      if (model_->unknown[i] < 0)
+        moved[i] += step * c.rest.col(k).segment<3>(3 * static_cast<Eigen::Index>(i));
+    }
+    Residual out;
+    evaluate_elements(moved, trial_mode_, out);
+    const VectorXd load = (same.elements - out.elements) / step;
+    nodes.col(k) += load.head(model_->unknowns);
+    modes.col(k) += load.tail(modes.rows());
+    for (int n = 0; grasp_ && n < grasp_->patch.weight.rows(); ++n) {
+      const int node = grasp_->patch.node[n];
+      if (model_->unknown[node] >= 0) continue;
+      for (int r = 0; r < GraspPatch::kRows; ++r)
+        grasp.col(k).segment<3>(3L * r) -=
+            grasp_->patch.weight(n, r) * c.rest.col(k).segment<3>(3L * node);
+    }
+  }
 }
 
 /// The same of the sites: a share of the elements' forces, of the masses' or a force.
@@ -104,29 +166,41 @@ void ReferenceTissue::site_loads(const Terms& terms, RightSides& nodes, RightSid
   const ReferenceColumns& c = *columns_;
   const bool any_stiffness =
       std::ranges::any_of(c.site_elements, [](const auto& list) { return !list.empty(); });
-  std::vector<std::array<double, 33>> forces;
+  // Per element and Gauss point: of the 24 numbers of its nodes, then of its modes.
+  using ElementForces = std::array<std::array<double, 33>, kHexPoints>;
+  std::vector<ElementForces> forces;
   if (any_stiffness) {
-    HexForce hex;
+    std::array<HexForce, kHexPoints> hex;
     Values values{};
     forces.resize(model_->elements.size());
     for (std::size_t batch = 0; batch < model_->batches(); ++batch) {
-      hex_force(model_->material.law(), gather(batch, trial_x_, trial_mode_), hex);
-      for (int f = 0; f < 33; ++f) {
-        (f < 24 ? hex.force[f] : hex.mode_force[f - 24]).store(values.data());
-        for (int lane = 0; lane < elements_in(batch); ++lane)
-          forces[Pack::kLanes * batch + lane][f] = values[lane];
+      // Relative to the stiffness without inclusions, as theirs.
+      HexShape shape = gather(batch, trial_x_, trial_mode_);
+      shape.stiffness = nullptr;
+      hex_point_forces(model_->material.law(), shape, hex);
+      for (std::size_t point = 0; point < kHexPoints; ++point) {
+        for (std::size_t f = 0; f < 33; ++f) {
+          (f < 24 ? hex[point].force[f] : hex[point].mode_force[f - 24]).store(values.data());
+          for (int lane = 0; lane < elements_in(batch); ++lane)
+            forces[Pack::kLanes * batch + lane][point][f] = values[lane];
+        }
       }
     }
   }
   const double inertia = this->inertia(terms);
   for (Eigen::Index k = 0; k < c.count(); ++k) {
     const ColumnParameter& p = c.parameters[k];
-    for (const auto& [element, weight] : c.site_elements[k]) {
+    for (const auto& [element, weights] : c.site_elements[k]) {
+      std::array<double, 33> sum{};
+      for (std::size_t point = 0; point < kHexPoints; ++point) {
+        for (std::size_t f = 0; f < 33 && weights[point] > 0; ++f)
+          sum[f] += weights[point] * forces[element][point][f];
+      }
       for (int f = 0; f < 24; ++f) {
         const int row = node_unknown(element, f);
-        if (row >= 0) nodes(row, k) -= weight * forces[element][f];
+        if (row >= 0) nodes(row, k) -= sum[f];
       }
-      for (int m = 0; m < 9; ++m) modes(9L * element + m, k) -= weight * forces[element][24 + m];
+      for (int m = 0; m < 9; ++m) modes(9L * element + m, k) -= sum[24 + m];
     }
     if (p.kind != ColumnKind::kDensitySite && p.kind != ColumnKind::kForceSite) continue;
     double whole = 0;

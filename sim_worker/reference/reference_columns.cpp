@@ -7,6 +7,8 @@
 
 #include "core/check.h"
 #include "sim_worker/reference/reference_tissue.h"
+#include "sim_worker/tissue/effect_laws.h"
+#include "sim_worker/tissue/rotation.h"
 
 namespace omentum {
 namespace {
@@ -40,9 +42,7 @@ bool same_elements(const ReferenceTissueModel& a, const ReferenceTissueModel& b)
 }  // namespace
 
 double site_weight(const ColumnParameter& site, const Vector3d& p_B) {
-  const double u = (p_B.head<2>() - site.place).norm() / site.radius;
-  const double t = std::clamp((1.25 - u) / 0.5, 0.0, 1.0);
-  return t * t * (3 - 2 * t);
+  return place_weight((p_B.head<2>() - site.place).norm() / site.radius);
 }
 
 ReferenceColumns::ReferenceColumns(std::vector<ColumnParameter> list,
@@ -82,13 +82,23 @@ ReferenceColumns::ReferenceColumns(std::vector<ColumnParameter> list,
     }
     if (p.kind == ColumnKind::kStiffnessSite) {
       for (std::size_t e = 0; e < model->elements.size(); ++e) {
-        const std::array<int, 8>& node = model->elements[e].node;
-        const double w = site_weight(p, 0.5 * (model->nodes[node[0]] + model->nodes[node[7]]));
-        if (w > 0) site_elements[k].emplace_back(static_cast<int>(e), w);
+        PointWeights weights{};
+        for (int point = 0; point < kHexPoints; ++point)
+          weights[point] = site_weight(p, model->gauss_point(model->elements[e], point));
+        if (std::ranges::any_of(weights, [](double w) { return w > 0; }))
+          site_elements[k].emplace_back(static_cast<int>(e), weights);
       }
     }
   }
   x_before = x;
+  for (std::size_t batch = 0; batch < model->batches(); ++batch) {
+    bool clamped = false;
+    for (std::size_t lane = 0; lane < Pack::kLanes; ++lane) {
+      const std::size_t e = std::min(Pack::kLanes * batch + lane, model->elements.size() - 1);
+      for (const int node : model->elements[e].node) clamped = clamped || model->unknown[node] < 0;
+    }
+    if (clamped) clamp_batches.push_back(batch);
+  }
 }
 
 ReferenceColumns::~ReferenceColumns() = default;
@@ -120,7 +130,13 @@ void ReferenceTissue::carry_columns(std::vector<ColumnParameter> parameters) {
 }
 
 void ReferenceTissue::set_tip_columns(const Eigen::Matrix3Xd& from, const Eigen::Matrix3Xd& to) {
-  OMENTUM_CHECK(columns_ && from.cols() == columns_->count() && to.cols() == from.cols());
+  OMENTUM_CHECK(columns_ && to.cols() == from.cols());
+  if (from.cols() == 0) {
+    columns_->tip_from.setZero();
+    columns_->tip_to.setZero();
+    return;
+  }
+  OMENTUM_CHECK(from.cols() == columns_->count());
   columns_->tip_from = from;
   columns_->tip_to = to;
 }
@@ -177,6 +193,23 @@ void ReferenceTissue::hold_columns(const Matrix3d& jaw, bool collapse) {
   c.aside = patch_shift();
   if (collapse) c.offset.topRows<3>().setZero();
   c.multiplier.setZero();
+}
+
+/// Of the targets of the grasp's rows at these multipliers: jaws that turn lead the slopes with
+/// them.
+MatrixXd ReferenceTissue::grasp_target_columns(const Terms& terms) const {
+  MatrixXd grasp = columns_->offset;
+  if (!grasp_ || !(effects_.values().grasp_turn > 0)) return grasp;
+  const PatchTurn turn = patch_turn(terms.target, trial_multiplier_);
+  MatrixXd moment = MatrixXd::Zero(3, grasp.cols());
+  for (int r = 1; r < GraspPatch::kRows; ++r) {
+    grasp.middleRows<3>(3L * r) = turn.turn * MatrixXd(grasp.middleRows<3>(3L * r));
+    moment -= cross_matrix(trial_multiplier_.col(r)) * grasp.middleRows<3>(3L * r);
+  }
+  const MatrixXd turned = turn.compliance * moment;
+  for (int r = 1; r < GraspPatch::kRows; ++r)
+    grasp.middleRows<3>(3L * r) -= cross_matrix(turn.targets.col(r)) * turned;
+  return grasp;
 }
 
 /// Eliminates the modes from the right sides, element by element: b <- b - K_xm K_mm^-1 b_m, with
@@ -262,9 +295,8 @@ bool ReferenceTissue::factor_columns(const Terms& terms) {
   }
   c.factor.solve_lower(c.border);
   MatrixXd S = c.border.transpose() * c.border;
-  const Eigen::Vector4d compliances = grasp_compliances();
-  for (Eigen::Index r = 0; r < S.rows(); ++r)
-    S(r, r) += r < rows ? compliances[r / 3] : -1 / spring;
+  add_grasp_compliance(patch_turn(terms.target, trial_multiplier_), S.topLeftCorner(rows, rows));
+  for (Eigen::Index r = rows; r < S.rows(); ++r) S(r, r) -= 1 / spring;
   c.border_solver.compute(S);
   return true;
 }
@@ -290,8 +322,12 @@ void ReferenceTissue::advance_columns(const Terms& terms) {
     const int row = model_->unknown[node];
     if (row >= 0) loads.middleRows<3>(row) += block * x_tilde.middleRows<3>(row);
   });
+  effects_.for_each_damper([&](int node, double stiffness) {
+    const int row = model_->unknown[node];
+    if (row >= 0) loads.middleRows<3>(row) += stiffness * x_tilde.middleRows<3>(row);
+  });
   c.mode_load.setZero(c.mode.rows(), c.count());
-  MatrixXd grasp = c.offset;
+  MatrixXd grasp = grasp_target_columns(terms);
   column_loads(terms, loads, c.mode_load, grasp);
   condense_columns(c.mode_load, loads);
 

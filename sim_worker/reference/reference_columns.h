@@ -22,6 +22,8 @@ enum class ColumnKind {
   kStiffnessSite,  ///< relative change of stiffness at a place, as `inclusion`, unit 1
   kDensitySite,    ///< relative change of density at a place, unit 1
   kForceSite,      ///< force along `axis` of W spread over a place, unit N
+  kClampGive,      ///< 1 / K of springs per length of the rigid clamp, unit m^2/N
+  kClampFree,      ///< length of a detached piece of it around place.x(), unit m
 };
 
 struct ColumnParameter {
@@ -64,7 +66,9 @@ struct ReferenceColumns {
   bool modes_recovered = true;
   RightSides limit_load;  ///< of friction, whose limits follow the normal forces, in the last step
   Eigen::MatrixXd multiplier, offset;  ///< of the grasp, [3 row + axis]
-  Eigen::MatrixXd rest;  ///< of all nodes at rest, [3 node]: what changes the mesh moves them
+  /// Of all nodes at rest, [3 node]: what changes the mesh moves them. Of a clamp that gives way
+  /// where its nodes are now.
+  Eigen::MatrixXd rest;
   Eigen::Matrix3Xd tip_from, tip_to;  ///< of the tip at the ends of the control step
   bool valid = true;                  ///< false from the first step on that has no columns
   std::string reason;                 ///< of that
@@ -77,8 +81,12 @@ struct ReferenceColumns {
   static constexpr double kAside = 1e-7;  // [m]
   std::array<std::unique_ptr<ReferenceTissue>, 2> pinched_aside;
   Eigen::Matrix2Xd aside;
-  /// Of the elements in a stiffness site, and their weights; one list per parameter.
-  std::vector<std::vector<std::pair<int, double>>> site_elements;
+  /// Of the elements in a stiffness site, and the weights of their Gauss points; one list per
+  /// parameter.
+  using PointWeights = std::array<double, kHexPoints>;
+  std::vector<std::vector<std::pair<int, PointWeights>>> site_elements;
+
+  std::vector<std::size_t> clamp_batches;  ///< batches with a clamped node
 
   // Scratch of a step.
   RightSides x_tilde, loads, next_limit_load, part;

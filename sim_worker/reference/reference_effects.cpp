@@ -7,6 +7,7 @@
 #include "core/constants.h"
 #include "core/trig.h"
 #include "sim_worker/geometry/rigid_gap.h"
+#include "sim_worker/reference/pack.h"
 #include "sim_worker/tissue/effect_laws.h"
 
 namespace omentum {
@@ -14,6 +15,22 @@ namespace {
 
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
+
+/// Energy of a string of length `size`, its tension and the derivative of that; a smooth corner of
+/// 10 um where it becomes taut, as in the lanes (node_effects.inl).
+struct StringLaw {
+  double energy = 0, tension = 0, slope = 0;
+};
+StringLaw string_law(double stiffness, double slack, double size) {
+  if (!(slack > 0)) return {0.5 * stiffness * size * size, stiffness * size, stiffness};
+  constexpr double w = 1e-5;  // [m]
+  const double over = size - slack;
+  const double smooth = std::sqrt(over * over + w * w);
+  const double sum = over > 0 ? over + smooth : w * w / (smooth - over);
+  const double half = 0.5 * stiffness;
+  return {half * 0.5 * (over * sum + w * w * logarithm(sum / w)), half * sum,
+          half * (1 + over / smooth)};
+}
 
 constexpr double kTouch = 1e-5;  // [m]: nearer than this a face bonds; contact starts at 2 um
 
@@ -40,7 +57,7 @@ void ReferenceEffects::set(const EffectValues& v) {
   }
   values_ = v;
   const bool in_material =
-      v.stiffening != 0 || v.fibre_ratio > 0 || v.has_memory() || !model_->rest.empty();
+      v.stiffens() || v.fibre_ratio > 0 || v.has_memory() || !model_->rest.empty();
   material_.clear();
   if (v.has_memory() && memory_.empty()) memory_.resize(model_->batches());
   if (in_material) {
@@ -48,6 +65,7 @@ void ReferenceEffects::set(const EffectValues& v) {
     const trig::SinCos a = trig::sin_cos(v.fibre_angle);
     HexEffects fx;
     fx.stiffening = v.stiffening;
+    fx.exponential = v.exponential;
     fx.fibre = 2 * (1 + nu) * v.fibre_ratio;
     fx.axis = {a.cos, a.sin};
     fx.softening = v.softening;
@@ -66,9 +84,29 @@ void ReferenceEffects::set(const EffectValues& v) {
     bond_place_.assign(n, Vector3d::Zero());
     bond_longest_.assign(n, -1);
   }
+  sticking_.clear();
+  for (std::size_t i = 0; i < n && v.adhesion > 0 && !v.sticks_everywhere(); ++i)
+    sticking_.push_back(sticking_share(v, model_->node_box(i)));
+  place_pull();
+}
+
+void ReferenceEffects::place_pull() {
+  const EffectValues& v = values_;
+  pulled_.clear();
+  if (!(v.pull > 0)) return;
+  const Vector3d anchor(v.pull_anchor_x, v.pull_anchor_y, v.pull_anchor_z);
+  const std::vector<double> share =
+      disc_shares(model_->nodes, model_->node_area, {v.pull_x, v.pull_y}, v.pull_radius);
+  for (std::size_t i = 0; i < share.size(); ++i) {
+    if (share[i] == 0 || model_->unknown[i] < 0) continue;
+    const Vector3d from_centre = model_->nodes[i] - Vector3d(v.pull_x, v.pull_y, 0);
+    pulled_.push_back({static_cast<int>(i), v.pull * share[i],
+                       anchor + model_->body.X_WB.linear() * from_centre});
+  }
 }
 
 void ReferenceEffects::reset(const Vector3d& offset) {
+  push_left_ = push_now_ = 1;
   std::fill(memory_.begin(), memory_.end(), HexMemory{});
   std::fill(bond_longest_.begin(), bond_longest_.end(), -1);
   std::fill(bond_place_.begin(), bond_place_.end(), Vector3d::Zero());
@@ -96,9 +134,12 @@ void ReferenceEffects::begin(double h, const Nodes& x, const Nodes& v, const Nod
       }
     }
   }
+  beta_ = beta;
+  const bool fades = values_.push_decay > 0 && !clock_stopped_;
+  push_now_ = fades ? push_left_ * trig::decay(h / values_.push_decay) : push_left_;
   drag_.clear();
+  if (values_.air_drag > 0 || !pulled_.empty()) drag_origin_ = x_tilde;
   if (values_.air_drag > 0) {
-    drag_origin_ = x_tilde;
     for (std::size_t i = 0; i < v.size(); ++i) {
       drag_.push_back(0.5 * values_.air_drag * kAirDensity * model_->node_area[i] * v[i].norm() /
                       beta);
@@ -139,7 +180,8 @@ double ReferenceEffects::bond_stiffness(std::size_t i) const {
     const double limit = values_.anchor_break;
     return model_->anchor[i] * (limit > 0 ? cohesive_share(bond_longest_[i], limit) : 1);
   }
-  return values_.adhesion * model_->face_area[i] *
+  const double part = sticking_.empty() ? 1 : sticking_[i];
+  return values_.adhesion * part * model_->face_area[i] *
          cohesive_share(bond_longest_[i], values_.adhesion_break);
 }
 
@@ -157,6 +199,21 @@ void ReferenceEffects::for_each_force(
     const Vector3d off = x[i] - bond_place_[i];
     fn(static_cast<int>(i), 0.5 * k * off.squaredNorm(), k * off, k * Matrix3d::Identity());
   }
+  const Vector3d push(values_.push_x, values_.push_y, values_.push_z);
+  for (const Pulled& p : pulled_) {
+    const Vector3d off = x[p.node] - p.place;
+    const double size = std::max(off.norm(), 1e-10);
+    const StringLaw law = string_law(p.share * values_.pull_stiffness, values_.pull_slack, size);
+    const double damper = p.share * values_.pull_damper / beta_;
+    const Vector3d d = x[p.node] - drag_origin_[p.node];
+    const Vector3d n = off / size;
+    const double across = law.tension / size;
+    const Matrix3d block =
+        (across + damper) * Matrix3d::Identity() + (law.slope - across) * n * n.transpose();
+    const Vector3d constant = p.share * push_now_ * push;
+    fn(p.node, law.energy + 0.5 * damper * d.squaredNorm() - constant.dot(d),
+       law.tension * n + damper * d - constant, block);
+  }
   for (std::size_t i = 0; i < lubrication_.size(); ++i) {
     if (!(lubrication_[i] > 0)) continue;
     const Vector3d& n = lubrication_normal_[i];
@@ -166,8 +223,13 @@ void ReferenceEffects::for_each_force(
   }
 }
 
+void ReferenceEffects::for_each_damper(const std::function<void(int, double)>& fn) const {
+  for (const Pulled& p : pulled_) fn(p.node, p.share * values_.pull_damper / beta_);
+}
+
 void ReferenceEffects::remember(const Nodes& x,
                                 const std::function<HexShape(std::size_t)>& shape_of) {
+  push_left_ = push_now_;
   if (values_.has_memory()) {
     const PronyStep prony = make_prony(values_, step_);
     for (std::size_t b = 0; b < memory_.size(); ++b) {
@@ -181,7 +243,7 @@ void ReferenceEffects::remember(const Nodes& x,
   if (!(values_.adhesion > 0)) return;
   for (const FaceNode& face : model_->face_nodes) {
     const int i = face.node;
-    if (bond_longest_[i] >= 0) continue;
+    if (bond_longest_[i] >= 0 || (!sticking_.empty() && sticking_[i] == 0)) continue;
     for (const RigidShape& body : model_->surroundings.bodies) {
       if (rigid_gap(body, x[i]).distance + model_->face_inset > kTouch) continue;
       bond_place_[i] = x[i];
@@ -192,7 +254,7 @@ void ReferenceEffects::remember(const Nodes& x,
 
 std::size_t ReferenceEffects::saved_size(const EffectValues& v) const {
   return (v.has_memory() ? model_->batches() * sizeof(HexMemory) / sizeof(double) : 0) +
-         (bonds(v) ? 4 * model_->nodes.size() : 0);
+         (bonds(v) ? 4 * model_->nodes.size() : 0) + (v.pull > 0 ? 1 : 0);
 }
 
 void ReferenceEffects::save(std::vector<double>& out) const {
@@ -200,6 +262,7 @@ void ReferenceEffects::save(std::vector<double>& out) const {
     const auto* first = reinterpret_cast<const double*>(memory_.data());
     out.insert(out.end(), first, first + memory_.size() * sizeof(HexMemory) / sizeof(double));
   }
+  if (values_.pull > 0) out.push_back(push_left_);
   if (!bonds(values_)) return;
   for (const Vector3d& p : bond_place_) out.insert(out.end(), p.data(), p.data() + 3);
   out.insert(out.end(), bond_longest_.begin(), bond_longest_.end());
@@ -212,6 +275,7 @@ void ReferenceEffects::load(std::span<const double> in) {
     std::copy(next, next + count, reinterpret_cast<double*>(memory_.data()));
     next += count;
   }
+  if (values_.pull > 0) push_left_ = *next++;
   if (!bonds(values_)) return;
   for (Vector3d& p : bond_place_) {
     std::copy(next, next + 3, p.data());

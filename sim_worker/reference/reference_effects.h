@@ -13,7 +13,8 @@
 namespace omentum {
 
 /// Effects of one reference tissue with state of their own: memory of the material, springs to
-/// ground (anchors, adhesion), lubrication by air, drag. A batch is Pack::kLanes bricks.
+/// ground (anchors, adhesion), lubrication by air, drag, the local force. A batch is Pack::kLanes
+/// bricks.
 class ReferenceEffects {
  public:
   using Nodes = std::vector<Eigen::Vector3d>;
@@ -39,6 +40,10 @@ class ReferenceEffects {
       const Nodes& x,
       const std::function<void(int node, double energy, const Eigen::Vector3d& gradient,
                                const Eigen::Matrix3d& stiffness)>& fn) const;
+  /// Calls fn(node, stiffness) for every damper: its force is that times x - x_tilde.
+  void for_each_damper(const std::function<void(int node, double stiffness)>& fn) const;
+  /// What fades with time stays as it is from here on, or goes on fading.
+  void stop_clock(bool stopped) { clock_stopped_ = stopped; }
   /// End of an implicit step at x. `shape_of`: the bricks of a batch there.
   void remember(const Nodes& x, const std::function<HexShape(std::size_t batch)>& shape_of);
 
@@ -48,7 +53,15 @@ class ReferenceEffects {
   void load(std::span<const double> in);
 
  private:
+  /// A node in the disc of the local force.
+  struct Pulled {
+    int node = 0;
+    double share = 0;
+    Eigen::Vector3d place = Eigen::Vector3d::Zero();  ///< where its string is made fast, in W [m]
+  };
+
   bool bonds(const EffectValues& v) const;
+  void place_pull();
   double bond_stiffness(std::size_t node) const;
 
   std::shared_ptr<const ReferenceTissueModel> model_;
@@ -59,6 +72,11 @@ class ReferenceEffects {
   Nodes bond_place_;                  ///< fixed end of the spring in W [m]
   std::vector<double> bond_longest_;  ///< longest stretch so far [m], -1 = no spring
   Nodes start_;                       ///< positions at the start of the step
+  std::vector<double> sticking_;      ///< per node: share of it that adheres; empty = all of all
+  std::vector<Pulled> pulled_;
+  double push_left_ = 1, push_now_ = 1;  ///< share of the push, before and at the end of the step
+  bool clock_stopped_ = false;
+  double beta_ = 1;  ///< of this step, see begin() [s]
   Nodes drag_origin_;
   std::vector<double> drag_;         ///< [N/m] of this step
   std::vector<double> lubrication_;  ///< [N/m] of this step

@@ -1,10 +1,12 @@
 // Grasp of the reference solid: its patch, and the constraint it puts on the nodes.
 #include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 
 #include "sim_worker/reference/reference_tissue.h"
 #include "sim_worker/tissue/effect_laws.h"
+#include "sim_worker/tissue/rotation.h"
 
 namespace omentum {
 
@@ -27,6 +29,69 @@ Eigen::Vector4d ReferenceTissue::grasp_compliances() const {
   return c;
 }
 
+/// Jaws that turn by theta = C_turn sum_r t_r x p_r, the moment of the multipliers on the rows of
+/// slopes, which they lead to t_r = R(theta) target_r: the minimum of |theta|^2 / (2 C_turn) - sum
+/// p_r . t_r.
+ReferenceTissue::PatchTurn ReferenceTissue::patch_turn(const Targets& targets,
+                                                       const Targets& multiplier) const {
+  constexpr double kSettled = 1e-15, kSmall = 1e-3;  // [rad]
+  constexpr int kMost = 30;
+  PatchTurn result{targets, Eigen::Matrix3d::Identity(), 0, Eigen::Matrix3d::Zero()};
+  const double compliance = effects_.values().grasp_turn;
+  if (!(compliance > 0)) return result;
+  const auto energy = [&](const Turn& turn) {
+    double sum = 0.5 / compliance * turn.angle.squaredNorm();
+    for (int r = 1; r < GraspPatch::kRows; ++r)
+      sum -= multiplier.col(r).dot(turn.matrix * targets.col(r));
+    return sum;
+  };
+  Turn turn;
+  for (int iteration = 0; iteration < kMost; ++iteration) {
+    const Eigen::Matrix3d change = turn_change(turn.angle) / compliance;
+    Vector3d gradient = change.transpose() * turn.angle;
+    Eigen::Matrix3d second = change;
+    for (int r = 1; r < GraspPatch::kRows; ++r) {
+      const Vector3d t = turn.matrix * targets.col(r);
+      const Vector3d p = multiplier.col(r);
+      gradient -= t.cross(p);
+      second += t.dot(p) * Eigen::Matrix3d::Identity() - t * p.transpose();
+    }
+    // Far from the minimum it may bend the other way: then a descent along each axis.
+    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> axes(0.5 * (second + second.transpose()));
+    const Vector3d stiffness = axes.eigenvalues().cwiseAbs().cwiseMax(1e-3 / compliance);
+    result.compliance = axes.eigenvectors() * stiffness.cwiseInverse().asDiagonal() *
+                        axes.eigenvectors().transpose();
+    Vector3d step = -result.compliance * gradient;
+    const double before = energy(turn);
+    Turn next = turn;
+    next.add(step);
+    for (int halving = 0; halving < kMost && step.norm() > kSmall && energy(next) > before;
+         ++halving) {
+      step *= 0.5;
+      next = turn;
+      next.add(step);
+    }
+    turn = next;
+    if (!(step.cwiseAbs().maxCoeff() > kSettled)) break;
+  }
+  for (int r = 1; r < GraspPatch::kRows; ++r) result.targets.col(r) = turn.matrix * targets.col(r);
+  result.turn = turn.matrix;
+  result.energy = 0.5 / compliance * turn.angle.squaredNorm();
+  return result;
+}
+
+/// Adds how far multipliers move the targets, row by row: d t_r = sum_s [t_r]x^T C [t_s]x d p_s.
+void ReferenceTissue::add_grasp_compliance(const PatchTurn& turn, Eigen::Ref<MatrixXd> rows) const {
+  const Eigen::Vector4d compliances = grasp_compliances();
+  for (int r = 0; r < GraspPatch::kRows; ++r) {
+    rows.block<3, 3>(3 * r, 3 * r).diagonal().array() += compliances[r];
+    for (int s = 1; s < GraspPatch::kRows && r > 0 && !turn.compliance.isZero(0); ++s) {
+      rows.block<3, 3>(3 * r, 3 * s) += cross_matrix(turn.targets.col(r)).transpose() *
+                                        turn.compliance * cross_matrix(turn.targets.col(s));
+    }
+  }
+}
+
 /// Force per displacement of the patch along a direction in the next step [N/m]: K = S^-1 of the
 /// mean position, see prepare_constraint(). That of the sheet where there is no factor.
 double ReferenceTissue::patch_stiffness(const Vector3d& along) {
@@ -41,8 +106,8 @@ double ReferenceTissue::patch_stiffness(const Vector3d& along) {
 void ReferenceTissue::slip() {
   const EffectValues& fx = effects_.values();
   if (!grasp_ || !(fx.slip_speed > 0) || held_force_.isZero(0)) return;
-  const Vector3d slip =
-      slip_of(fx, held_force_, patch_stiffness(held_force_.normalized()), model_->control_period);
+  const Vector3d slip = slip_of(fx, held_force_, patch_stiffness(held_force_.normalized()),
+                                slipped_, model_->control_period);
   slipped_ += slip.norm();
   if (fx.slip_loss > 0 && slipped_ > fx.slip_loss) {
     release(0);
@@ -55,12 +120,14 @@ void ReferenceTissue::slip() {
 /// targets and m = r - c p, the force C^T p and the energy p . r + m^2 / (2 (c + kMissCompliance)).
 void ReferenceTissue::add_grasp(const Terms& terms, const Nodes& x, Residual& out) const {
   if (has_pad()) return add_pad(x, out);
-  const Targets offset = patch_rows(x) - terms.target;
+  const PatchTurn turn = patch_turn(terms.target, trial_multiplier_);
+  const Targets offset = patch_rows(x) - turn.targets;
   const Eigen::Vector4d compliances = grasp_compliances();
   out.miss = offset - trial_multiplier_ * compliances.asDiagonal();
   const Eigen::Vector4d stiffness = (compliances.array() + kMissCompliance).inverse();
   out.miss_force = out.miss * stiffness.asDiagonal();
   out.count_energy(trial_multiplier_.cwiseProduct(offset).sum());
+  if (turn.energy > 0) out.count_energy(turn.energy);
   out.count_energy(0.5 * out.miss.cwiseProduct(out.miss_force).sum());
   const GraspPatch& patch = grasp_->patch;
   for (int k = 0; k < patch.weight.rows(); ++k)
@@ -82,13 +149,11 @@ void ReferenceTissue::prepare_constraint() {
                                pad_balance(pose, trial_x_, gradient));
     return;
   }
-  constexpr int kColumns = 3 * GraspPatch::kRows;
   MatrixXd& Y = constraint_response_;
   Y = grasp_columns();
   factor_.solve_lower(Y);
   MatrixXd S = Y.transpose() * Y;
-  const Eigen::Vector4d compliances = grasp_compliances();
-  for (int k = 0; k < kColumns; ++k) S(k, k) += compliances[k / 3];
+  add_grasp_compliance(patch_turn(grasp_->offset, trial_multiplier_), S);
   constraint_solver_.compute(S);
 }
 
@@ -106,6 +171,29 @@ MatrixXd ReferenceTissue::grasp_columns() const {
   return Y;
 }
 
+/// dp of jaws that turn: (c I + Y^T Y) dp + targets(p + dp) - targets(p) = load, exactly, so that
+/// the step of the nodes meets the targets of the multipliers after it.
+VectorXd ReferenceTissue::turned_multipliers(const VectorXd& load, VectorXd more) const {
+  constexpr double kSettled = 1e-12;  // of the load
+  constexpr int kMost = 20;
+  const Targets before = patch_turn(grasp_->offset, trial_multiplier_).targets;
+  const MatrixXd own = constraint_response_.transpose() * constraint_response_;
+  const Eigen::Vector4d compliances = grasp_compliances();
+  for (int iteration = 0; iteration < kMost; ++iteration) {
+    const PatchTurn turn =
+        patch_turn(grasp_->offset, trial_multiplier_ + Targets::Map(more.data()));
+    const Targets moved = turn.targets - before;
+    VectorXd miss = load - own * more - VectorXd::Map(moved.data(), moved.size());
+    for (int r = 0; r < GraspPatch::kRows; ++r)
+      miss.segment<3>(3L * r) -= compliances[r] * more.segment<3>(3L * r);
+    if (!(miss.norm() > kSettled * load.norm())) break;
+    MatrixXd system = own;
+    add_grasp_compliance(turn, system);
+    more += system.ldlt().solve(miss);
+  }
+  return more;
+}
+
 /// y <- y - Y dp, between the forward and the backward solve; next_multiplier_ = p + dp.
 void ReferenceTissue::constrain(const Targets& miss, Eigen::Ref<VectorXd> direction) {
   if (has_pad()) {
@@ -114,8 +202,10 @@ void ReferenceTissue::constrain(const Targets& miss, Eigen::Ref<VectorXd> direct
     next_multiplier_ = trial_multiplier_;
     return;
   }
-  const VectorXd more = constraint_solver_.solve(constraint_response_.transpose() * direction +
-                                                 VectorXd::Map(miss.data(), miss.size()));
+  const VectorXd load =
+      constraint_response_.transpose() * direction + VectorXd::Map(miss.data(), miss.size());
+  VectorXd more = constraint_solver_.solve(load);
+  if (effects_.values().grasp_turn > 0) more = turned_multipliers(load, more);
   direction -= constraint_response_ * more;
   next_multiplier_ = trial_multiplier_ + Targets::Map(more.data());
 }
@@ -167,7 +257,7 @@ void ReferenceTissue::hold(int lane, const Vector3d& tip, double nominal_radius,
   if (has_pad()) return take_pad(jaw, tip, collapse);
   grasp_->offset = patch_rows(state_.x);
   grasp_->offset.col(0) -= tip;
-  if (fx.jaw_roll != 0 || fx.jaw_tilt != 0) grasp_->offset = jaw * Targets(grasp_->offset);
+  if (fx.turns_jaw()) grasp_->offset = jaw * Targets(grasp_->offset);
   if (collapse) grasp_->offset.col(0).setZero();
   if (columns_) hold_columns(jaw, collapse);
   for_each_follower([&](ReferenceTissue& follower) {

@@ -90,6 +90,21 @@ std::vector<double> graded_lines(double from, double to, int count, double size,
   return lines;
 }
 
+/// What of the clamp's edge a clamped node carries, beside those above it and in the other row.
+struct ClampPart {
+  double middle = 0, half_width = 0;  ///< x_B [m]
+  double rows = 1, layers = 1;
+};
+ClampPart clamp_part(const ReferenceTissueModel& model, std::size_t node) {
+  const std::vector<double>& xs = model.lines[0];
+  const auto ix = (node / model.lines[2].size()) % xs.size();
+  const double left = ix > 0 ? 0.5 * (xs[ix] - xs[ix - 1]) : 0;
+  const double right = ix + 1 < xs.size() ? 0.5 * (xs[ix + 1] - xs[ix]) : 0;
+  return {xs[ix] + 0.5 * (right - left), 0.5 * (left + right),
+          model.clamp_edge > model.lines[1].front() + kSameLine ? 2.0 : 1.0,
+          static_cast<double>(model.lines[2].size())};
+}
+
 /// Clamped nodes that the effects of the anchor release get springs, as in the shell: a node that
 /// is detached in part that of a grasp that covers it in part.
 void release_anchors(ReferenceTissueModel& model) {
@@ -97,22 +112,16 @@ void release_anchors(ReferenceTissueModel& model) {
   if (!effects.moves_anchor()) return;
   model.is_anchor.assign(model.nodes.size(), 0);
   model.anchor.assign(model.nodes.size(), 0);
-  const std::vector<double>& xs = model.lines[0];
-  const double layers = static_cast<double>(model.lines[2].size());
-  const double rows = model.clamp_edge > model.lines[1].front() + kSameLine ? 2 : 1;
   bool held = false;
   for (std::size_t i = 0; i < model.nodes.size(); ++i) {
     if (model.unknown[i] >= 0) continue;
-    const auto ix = (i / model.lines[2].size()) % xs.size();
-    const double left = ix > 0 ? 0.5 * (xs[ix] - xs[ix - 1]) : 0;
-    const double right = ix + 1 < xs.size() ? 0.5 * (xs[ix + 1] - xs[ix]) : 0;
-    const double detached =
-        detached_share(effects, xs[ix] + 0.5 * (right - left), 0.5 * (left + right));
+    const ClampPart part = clamp_part(model, i);
+    const double detached = detached_share(effects, part.middle, part.half_width);
     if (effects.anchor_compliance > 0) {
-      model.anchor[i] =
-          (1 - detached) * (left + right) / (effects.anchor_compliance * rows * layers);
+      model.anchor[i] = (1 - detached) * 2 * part.half_width /
+                        (effects.anchor_compliance * part.rows * part.layers);
     } else if (detached > 0) {
-      model.anchor[i] = model.material.young_modulus_pa() * model.body.thickness / layers *
+      model.anchor[i] = model.material.young_modulus_pa() * model.body.thickness / part.layers *
                         (1 - detached) / detached;
     } else {
       held = true;
@@ -246,7 +255,10 @@ void make_lines(const Scene& scene, std::span<const PinchCircle> pinches,
     for (const double x : model.lines[0]) {
       const double h =
           model.body.thickness_map.at({x, y, 0}) * model.effects.thickness_at({x, y, 0});
-      for (const double z : model.lines[2]) model.nodes.emplace_back(x, y, h * z);
+      for (const double z : model.lines[2]) {
+        const bool flat = scene.config.tissue().flat_lower_face();
+        model.nodes.emplace_back(x, y, flat ? h * (z + half) - half : h * z);
+      }
     }
   }
   model.unknown.assign(model.nodes.size(), 0);
@@ -272,7 +284,6 @@ void make_elements(double density, ReferenceTissueModel& model) {
                         model.lines[1][iy + 1] - model.lines[1][iy],
                         model.lines[2][iz + 1] - model.lines[2][iz]};
         const Vector3d centre = 0.5 * (model.nodes[element.node[7]] + model.nodes[element.node[0]]);
-        element.stiffness = model.effects.stiffness_at(centre);
         const double thick =
             model.body.thickness_map.at(centre) * model.effects.thickness_at(centre);
         const double mass = density * thick * element.size.prod() / 8;
@@ -289,9 +300,31 @@ void make_elements(double density, ReferenceTissueModel& model) {
       }
     }
   }
+  if (const EffectValues& v = model.effects; v.added_mass > 0) {
+    model.added_mass =
+        disc_shares(model.nodes, model.node_area, {v.added_x, v.added_y}, v.added_radius);
+    for (std::size_t i = 0; i < model.mass.size(); ++i)
+      model.mass[i] += model.added_mass[i] *= v.added_mass;
+  }
   for (const double m : model.mass) model.total_mass += m;
   for (int i = 0; i < static_cast<int>(area.size()); ++i) {
     if (area[i] > 0 && model.unknown[i] >= 0) model.face_nodes.push_back({i, area[i]});
+  }
+}
+
+/// Stiffness at the Gauss points, where it is not the same everywhere.
+void make_stiffness(ReferenceTissueModel& model) {
+  if (!model.effects.has_inclusion()) return;
+  model.stiffness.resize(model.batches());
+  for (std::size_t batch = 0; batch < model.stiffness.size(); ++batch) {
+    for (int lane = 0; lane < Pack::kLanes; ++lane) {
+      const ReferenceElement& element =
+          model.elements[std::min(Pack::kLanes * batch + lane, model.elements.size() - 1)];
+      for (int point = 0; point < kHexPoints; ++point) {
+        model.stiffness[batch][point].set_lane(
+            lane, model.effects.stiffness_at(model.gauss_point(element, point)));
+      }
+    }
   }
 }
 
@@ -351,6 +384,13 @@ void place_blocks(ReferenceTissueModel& model) {
 
 }  // namespace
 
+double ReferenceTissueModel::clamp_compliance(std::size_t node, bool piece, double x) const {
+  const ClampPart part = clamp_part(*this, node);
+  if (!piece) return part.rows * part.layers / (2 * part.half_width);
+  if (!(std::fabs(x - part.middle) <= part.half_width)) return 0;
+  return part.layers / (material.young_modulus_pa() * body.thickness * 2 * part.half_width);
+}
+
 std::unique_ptr<Tissue<float>> ReferenceTissueModel::make_tissue(const LaneKernel<float>&) const {
   throw_error(
       "scene.tissue.model: TISSUE_REFERENCE runs in double precision, one environment, for "
@@ -395,6 +435,7 @@ std::shared_ptr<const ReferenceTissueModel> make_reference_model(
   make_lines(scene, pinches, mesh_of, *model);
   make_elements(config.density_kg_per_m3() * (1 + model->effects.density_change) / thicker, *model);
   make_rest(*model);
+  make_stiffness(*model);
   number_unknowns(*model);
   place_blocks(*model);
   for (std::size_t i = 0; i < model->body.particles.size(); ++i) {

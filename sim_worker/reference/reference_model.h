@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <Eigen/Geometry>
 #include <array>
 #include <cstdint>
 #include <memory>
@@ -21,7 +22,6 @@ inline constexpr double kSameLine = 1e-9;  ///< [m]: nearer coordinates are one 
 struct ReferenceElement {
   std::array<int, 8> node{};
   Eigen::Vector3d size = Eigen::Vector3d::Zero();  ///< edge lengths at rest [m]
-  double stiffness = 1;                            ///< factor on the Lame constants
 };
 
 /// Where a 3 x 3 block of two nodes lies among the entries of the stiffness matrix; at = -1 where a
@@ -126,12 +126,22 @@ struct ReferenceTissueModel : TissueModel, std::enable_shared_from_this<Referenc
 
   // Effects that are part of the mesh. A change of bending by f is a sheet of thickness t sqrt(f),
   // modulus E / sqrt(f) and density rho / sqrt(f): stretch and weight stay, bending is f times.
-  double face_inset = 0;                ///< contact faces lie this much inside the mesh's [m]
-  std::vector<HexRest> rest;            ///< per batch; empty = boxes
+  double face_inset = 0;      ///< contact faces lie this much inside the mesh's [m]
+  std::vector<HexRest> rest;  ///< per batch; empty = boxes
+  /// Per batch and Gauss point: how many times as stiff it is there; empty = 1.
+  std::vector<std::array<Pack, kHexPoints>> stiffness;
   std::vector<std::uint8_t> is_anchor;  ///< per node: clamped in the scene, on a spring here
   std::vector<double> anchor;           ///< spring per node [N/m]
   std::vector<double> node_area;        ///< sheet area of each node, through all layers [m^2]
   std::vector<double> face_area;        ///< of each node of a face, else 0 [m^2]
+  std::vector<double> added_mass;       ///< part of `mass`, per node [kg]; empty = none
+  /// By how much a clamped node gives way per force [m/N] and per 1 / K of springs along the clamp
+  /// [m^2/N]; `piece`: per length [m] of a detached piece around x_B instead.
+  double clamp_compliance(std::size_t node, bool piece, double x) const;
+  /// Rectangle of the sheet that belongs to a node, x_B and y_B [m].
+  Eigen::AlignedBox2d node_box(std::size_t node) const;
+  /// At rest, p_B [m].
+  Eigen::Vector3d gauss_point(const ReferenceElement& element, int point) const;
 };
 
 /// Where a recording pinches the sheet: x_B and y_B at rest and radius of the patch [m].

@@ -8,40 +8,20 @@
 // u and theta are eliminated exactly: E(x) is the minimum over them. Its gradient is k_i s_i and
 // its second derivative k_i I - C^T D^-1 C (prepare_constraint), D that of E by the pose.
 #include <Eigen/Cholesky>
-#include <Eigen/Geometry>
 #include <cmath>
 
-#include "core/trig.h"
 #include "sim_worker/reference/reference_tissue.h"
+#include "sim_worker/tissue/rotation.h"
 
 namespace omentum {
 namespace {
 
 using Eigen::Matrix3d;
 using Eigen::MatrixXd;
-using Eigen::Quaterniond;
 using Eigen::Vector3d;
 
 // A rigid pad has a bed as well [N/m^3]: 1 N on a square millimetre gives way 1 um.
 constexpr double kRigidBed = 1e12;
-
-Matrix3d cross(const Vector3d& a) {
-  Matrix3d m;
-  m << 0, -a.z(), a.y(), a.z(), 0, -a.x(), -a.y(), a.x(), 0;
-  return m;
-}
-
-Quaterniond quaternion(const Vector3d& angle) {
-  const double size = angle.norm();
-  const trig::SinCos half = trig::sin_cos(0.5 * size);
-  const Vector3d v = (size > 0 ? half.sin / size : 0.5) * angle;
-  return {half.cos, v.x(), v.y(), v.z()};
-}
-
-Vector3d rotation_vector(const Quaterniond& q) {
-  const double sine = q.vec().norm();
-  return (sine > 0 ? 2 * trig::atan2(sine, q.w()) / sine : 2) * q.vec();
-}
 
 }  // namespace
 
@@ -77,7 +57,8 @@ void ReferenceTissue::take_pad(const Matrix3d& jaw, const Vector3d& tip, bool co
 /// K [N m/rad]; zero where the pad does not turn. From its size: springs that give way by C as a
 /// whole, spread over the middle between the faces.
 Matrix3d ReferenceTissue::pad_turn_stiffness() const {
-  const double turn = model_->surroundings.grip.turn_compliance;
+  const double stated = effects_.values().grasp_turn;
+  const double turn = stated > 0 ? stated : model_->surroundings.grip.turn_compliance;
   if (turn > 0) return Matrix3d::Identity() / turn;
   const double compliance = effects_.values().grasp_compliance;
   if (!(compliance > 0)) return Matrix3d::Zero();
@@ -104,7 +85,7 @@ ReferenceTissue::Matrix6 ReferenceTissue::pad_balance(const PadPose& pose, const
     gradient.head<3>() -= k * s;
     gradient.tail<3>() -= k * a.cross(s);
     D.topLeftCorner<3, 3>().diagonal().array() += k;
-    D.topRightCorner<3, 3>() -= k * cross(a);
+    D.topRightCorner<3, 3>() -= k * cross_matrix(a);
     D.bottomRightCorner<3, 3>() += k * ((a + s).dot(a) * Matrix3d::Identity() - a * a.transpose() -
                                         0.5 * (s * a.transpose() + a * s.transpose()));
   }
@@ -126,11 +107,7 @@ ReferenceTissue::Matrix6 ReferenceTissue::pad_balance(const PadPose& pose, const
   if (K.isZero(0)) {
     fix(3);
   } else {
-    // A turn after theta changes theta by (1 - theta x / 2 + c (theta x)^2) of itself.
-    const Matrix3d X = cross(pose.angle);
-    const double square = pose.angle.squaredNorm();
-    const double c = 1.0 / 12 + square / 720 + square * square / 30240;
-    gradient.tail<3>() += (Matrix3d::Identity() + 0.5 * X + c * X * X) * K * pose.angle;
+    gradient.tail<3>() += turn_change(pose.angle).transpose() * K * pose.angle;
     D.bottomRightCorner<3, 3>() += K;
   }
   return D;
@@ -140,15 +117,15 @@ ReferenceTissue::PadPose ReferenceTissue::pad_pose(const Nodes& x) const {
   constexpr double kSettled = 1e-15;  // [m], [rad]
   constexpr int kMost = 30;
   PadPose pose;
-  Quaterniond turn = Quaterniond::Identity();
+  Turn turn;
   for (int iteration = 0; iteration < kMost; ++iteration) {
     Vector6 gradient;
     const Matrix6 D = pad_balance(pose, x, gradient);
     const Vector6 step = -D.ldlt().solve(gradient);
     pose.shift += step.head<3>();
-    turn = (quaternion(step.tail<3>()) * turn).normalized();
-    pose.turn = turn.toRotationMatrix();
-    pose.angle = rotation_vector(turn);
+    turn.add(step.tail<3>());
+    pose.turn = turn.matrix;
+    pose.angle = turn.angle;
     if (!(step.cwiseAbs().maxCoeff() > kSettled)) break;
   }
   return pose;
@@ -180,7 +157,7 @@ MatrixXd ReferenceTissue::pad_columns(const PadPose& pose) const {
     const double k = grasp_->pad_stiffness[i];
     if (row < 0) continue;
     if (shifts) Y.block<3, 3>(row, 0) = -k * Matrix3d::Identity();
-    if (turns) Y.block<3, 3>(row, 3) = k * cross(pose.turn * grasp_->arm[i]);
+    if (turns) Y.block<3, 3>(row, 3) = k * cross_matrix(pose.turn * grasp_->arm[i]);
   }
   return Y;
 }
@@ -204,9 +181,10 @@ void ReferenceTissue::remember_pad(const Terms& terms) {
 Vector3d ReferenceTissue::held_moment() const {
   if (!grasp_) return Vector3d::Zero();
   if (has_pad()) return state_.multiplier.col(1);
+  const Targets targets = patch_turn(grasp_->offset, state_.multiplier).targets;
   Vector3d moment = Vector3d::Zero();
   for (int row = 0; row < GraspPatch::kRows; ++row)
-    moment += grasp_->offset.col(row).cross(state_.multiplier.col(row));
+    moment += targets.col(row).cross(state_.multiplier.col(row));
   return moment;
 }
 

@@ -71,6 +71,28 @@ BodyPoint ReferenceTissueModel::locate(const Vector3d& p_B) const {
   return point;
 }
 
+Eigen::AlignedBox2d ReferenceTissueModel::node_box(std::size_t node) const {
+  const std::size_t column = node / lines[2].size();
+  const std::array<std::size_t, 2> at = {column % lines[0].size(), column / lines[0].size()};
+  Eigen::AlignedBox2d box;
+  for (int axis = 0; axis < 2; ++axis) {
+    const std::vector<double>& line = lines[axis];
+    const std::size_t k = at[axis];
+    box.min()[axis] = k > 0 ? 0.5 * (line[k - 1] + line[k]) : line[k];
+    box.max()[axis] = k + 1 < line.size() ? 0.5 * (line[k] + line[k + 1]) : line[k];
+  }
+  return box;
+}
+
+Vector3d ReferenceTissueModel::gauss_point(const ReferenceElement& element, int point) const {
+  constexpr double kGauss = 0.57735026918962576451;
+  const auto side = [point](int axis) { return ((point >> axis) & 1) != 0 ? kGauss : -kGauss; };
+  const std::array<double, 8> N = hex_functions({side(0), side(1), side(2)});
+  Vector3d p = Vector3d::Zero();
+  for (int a = 0; a < kHexNodes; ++a) p += N[a] * nodes[element.node[a]];
+  return p;
+}
+
 GraspPatch ReferenceTissueModel::make_patch(const Vector2d& centre, double radius) const {
   const std::vector<PatchPoint> points = patch_points(free_sheet(), centre, radius);
   Vector2d mean = Vector2d::Zero();

@@ -85,7 +85,8 @@ bool ReferenceTissue::advance(double from, double to, int depth) {
   const State start = state_;
   const Terms terms = make_terms(from, to);
   pad_centre_ = terms.target.col(0);
-  if (has_pad()) constrained_ = false;  // its pose is that of the start of the step
+  // The pose of jaws that turn is that of the start of the step.
+  if (has_pad() || effects_.values().grasp_turn > 0) constrained_ = false;
   ++implicit_steps_;
   effects_.begin(terms.h, state_.x, state_.v, terms.x_tilde, terms.beta);
   const bool carried = tangent_.usable;
@@ -157,8 +158,8 @@ double ReferenceTissue::settle(const Vector3d& tip) {
   constexpr double kLongest = 1, kShortest = 1e-4;  // [s]
   constexpr double kSpeed = 1e-5;                   // [m/s] friction of slow tissue creeps
   constexpr int kMaxSteps = 1000;
-  OMENTUM_CHECK(!grasp_, "settles while tissue is held");
   motion_ = {tip, tip};
+  stop_clock(0, true);
   double h = model_->substep();
   double speed = 0;
   for (int step = 0; step < kMaxSteps && h >= kShortest; ++step) {
@@ -176,7 +177,13 @@ double ReferenceTissue::settle(const Vector3d& tip) {
     h = std::min(1.5 * h, kLongest);
   }
   stop();
+  stop_clock(0, false);
   return speed;
+}
+
+void ReferenceTissue::stop_clock(int, bool stopped) {
+  effects_.stop_clock(stopped);
+  for_each_follower([stopped](ReferenceTissue& follower) { follower.stop_clock(0, stopped); });
 }
 
 void ReferenceTissue::finish(const Terms& terms) {
@@ -216,9 +223,9 @@ HexShape ReferenceTissue::gather(std::size_t batch, const Nodes& x, const Modes&
   for (int k = 0; k < 9; ++k) shape.mode[k] = pack([&](int lane) { return mode[index[lane]][k]; });
   for (int axis = 0; axis < 3; ++axis)
     shape.size[axis] = pack([&](int lane) { return element[lane]->size[axis]; });
-  const Pack stiffness = pack([&](int lane) { return element[lane]->stiffness; });
-  shape.mu = Pack(model_->lame.mu * parameters_.stiffness_scale) * stiffness;
-  shape.lambda = Pack(model_->lame.lambda * parameters_.stiffness_scale) * stiffness;
+  shape.mu = Pack(model_->lame.mu * parameters_.stiffness_scale);
+  shape.lambda = Pack(model_->lame.lambda * parameters_.stiffness_scale);
+  if (!model_->stiffness.empty()) shape.stiffness = &model_->stiffness[batch];
   shape.effects = effects_.of_batch(batch);
   return shape;
 }

@@ -100,7 +100,9 @@ class ReferenceTissue : public Tissue<double> {
   /// The parabolas of the elements are taken to move with the nodes [m/s].
   Eigen::Vector3d point_velocity(const BodyPoint& point) const;
 
-  /// Lets tissue that nothing holds come to rest, under gravity and on what it lies on, with the
+  void stop_clock(int lane, bool stopped) override;
+
+  /// Lets tissue come to rest, under gravity and on what it lies on, with the
   /// tool at `tip`; its columns with it. The speed that is left [m/s]: 1e-5 or less but for tissue
   /// that does not come to rest, or that fails on the way.
   double settle(const Eigen::Vector3d& tip);
@@ -109,7 +111,7 @@ class ReferenceTissue : public Tissue<double> {
   /// for what moves the mesh itself. Throws Error where the scene has none.
   void carry_columns(std::vector<ColumnParameter> parameters);
   /// Of the tip at the start and the end of the coming control step, one column per parameter [m
-  /// per unit]; told before its hold(). Zero until told.
+  /// per unit]; told before its hold(). Zero until told, and when told without columns.
   void set_tip_columns(const Eigen::Matrix3Xd& from, const Eigen::Matrix3Xd& to);
   /// Null while none are carried.
   const ReferenceColumns* columns() const { return columns_.get(); }
@@ -159,6 +161,13 @@ class ReferenceTissue : public Tissue<double> {
     Eigen::Vector3d shift = Eigen::Vector3d::Zero();  ///< [m]
     Eigen::Vector3d angle = Eigen::Vector3d::Zero();  ///< rotation vector [rad]
     Eigen::Matrix3d turn = Eigen::Matrix3d::Identity();
+  };
+  /// How jaws that turn under the multipliers lead the rows of the patch.
+  struct PatchTurn {
+    Targets targets;  ///< those of the slopes turned
+    Eigen::Matrix3d turn = Eigen::Matrix3d::Identity();
+    double energy = 0;           ///< of the turn's spring [J]
+    Eigen::Matrix3d compliance;  ///< turn per moment on the turned jaws [rad/(N m)]; zero = none
   };
   using Vector6 = Eigen::Matrix<double, 6, 1>;
   using Matrix6 = Eigen::Matrix<double, 6, 6>;
@@ -265,6 +274,8 @@ class ReferenceTissue : public Tissue<double> {
                                        const Eigen::Vector3d& x);
   Targets patch_rows(const Nodes& x) const;
   Eigen::Vector4d grasp_compliances() const;
+  PatchTurn patch_turn(const Targets& targets, const Targets& multiplier) const;
+  void add_grasp_compliance(const PatchTurn& turn, Eigen::Ref<Eigen::MatrixXd> rows) const;
   double patch_stiffness(const Eigen::Vector3d& along);
   void slip();
   void add_grasp(const Terms& terms, const Nodes& x, Residual& out) const;
@@ -280,6 +291,7 @@ class ReferenceTissue : public Tissue<double> {
   void remember_pad(const Terms& terms);
   void prepare_constraint();
   void constrain(const Targets& miss, Eigen::Ref<Eigen::VectorXd> direction);
+  Eigen::VectorXd turned_multipliers(const Eigen::VectorXd& load, Eigen::VectorXd more) const;
   std::optional<SheetPoint> nearest_point(const Eigen::Vector3d& tip) const;
   void move_particle(int particle, const Eigen::Vector3d& by, Nodes& field);
   Grasp make_grasp(const Eigen::Vector2d& centre, double radius) const;
@@ -290,12 +302,16 @@ class ReferenceTissue : public Tissue<double> {
   void hold_columns(const Eigen::Matrix3d& jaw, bool collapse);
   Eigen::Matrix3Xd node_columns(int node) const;
   Eigen::MatrixXd patch_columns() const;
+  Eigen::MatrixXd grasp_target_columns(const Terms& terms) const;
   Eigen::Matrix2Xd patch_shift() const;
   void follow(const ReferenceTissue& base);
   void evaluate_along(const ReferenceTissue& base, Terms terms, const Residual* elements,
                       Residual& out);
   void column_loads(const Terms& terms, RightSides& nodes, RightSides& modes,
                     Eigen::MatrixXd& grasp);
+  Nodes clamp_forces() const;
+  void clamp_loads(const Residual& same, RightSides& nodes, RightSides& modes,
+                   Eigen::MatrixXd& grasp);
   void site_loads(const Terms& terms, RightSides& nodes, RightSides& modes) const;
   void for_each_follower(const std::function<void(ReferenceTissue&)>& fn);
   void condense_columns(const RightSides& modes, RightSides& nodes) const;

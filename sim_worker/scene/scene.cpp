@@ -48,6 +48,28 @@ std::vector<Vector3d> make_starts(const pb::StartGrid& grid) {
   return starts;
 }
 
+bool has_workspace(const pb::Scene& config) {
+  return config.has_workspace_min_m() || config.has_workspace_max_m();
+}
+
+/// The endoscope.
+void make_camera(const pb::Camera& camera, CameraPose& pose) {
+  pose.position = to_vector(camera.position_m());
+  const Vector3d axis = to_vector(camera.axis());
+  const Vector3d up = to_vector(camera.up());
+  if (!(axis.cross(up).norm() > 1e-3))
+    throw_error("scene.camera: axis and up are parallel or zero");
+  pose.R_WC.col(2) = -axis.normalized();
+  pose.R_WC.col(0) = axis.cross(up).normalized();
+  pose.R_WC.col(1) = pose.R_WC.col(2).cross(pose.R_WC.col(0));
+  pose.vertical_fov_rad = camera.vertical_fov_deg() * kDegree;
+  pose.near_m = camera.near_m();
+  pose.far_m = camera.far_m();
+  if (!(camera.near_m() < camera.far_m())) {
+    throw_error("scene.camera.near_m: {}, allowed below far_m {}", camera.near_m(), camera.far_m());
+  }
+}
+
 /// The units guard (docs/task.md 10 row 1): a scale declared once, everything checked against it.
 void check_units(const Scene& scene, std::vector<std::string>& warnings) {
   const double g = scene.config.gravity_m_per_s2();
@@ -60,12 +82,13 @@ void check_units(const Scene& scene, std::vector<std::string>& warnings) {
                     g, kStandardGravity));
   }
   const Vector3d extent = scene.workspace_max - scene.workspace_min;
-  if (!(extent.minCoeff() >= 0.001 && extent.maxCoeff() <= 1.0)) {
+  if (has_workspace(scene.config) && !(extent.minCoeff() >= 0.001 && extent.maxCoeff() <= 1.0)) {
     throw_error(
         "scene.workspace_m: extent {:.4g} ... {:.4g} m, allowed 0.001 ... 1 m: are the lengths in "
         "metres?",
         extent.minCoeff(), extent.maxCoeff());
   }
+  if (scene.tissue.particles.empty()) return;
   Vector3d min = scene.tissue.particles.front();
   Vector3d max = min;
   for (const Vector3d& p : scene.tissue.particles) {
@@ -85,8 +108,10 @@ Scene make_scene(const pb::Scene& config, const std::string& directory) {
   Scene scene;
   scene.config = config;
   scene.gravity = Vector3d(0, 0, -config.gravity_m_per_s2() * config.gravity_scale());
-  scene.tissue = make_tissue_body(config.tissue(), directory, config.rigid_body_size() > 0,
-                                  scene.solid, scene.sheet);
+  if (config.has_tissue()) {
+    scene.tissue = make_tissue_body(config.tissue(), directory, config.rigid_body_size() > 0,
+                                    scene.solid, scene.sheet);
+  }
   for (int i = 0; i < config.rigid_body_size(); ++i) {
     scene.bodies.push_back(
         make_rigid_body(config.rigid_body(i), directory, fmt::format("scene.rigid_body[{}]", i)));
@@ -115,20 +140,7 @@ Scene make_scene(const pb::Scene& config, const std::string& directory) {
   if (config.body_size() == 1)
     scene.soft_body = make_soft_body(config.body(0), directory, !scene.bodies.empty());
   const pb::Camera& camera = config.camera();
-  scene.camera.position = to_vector(camera.position_m());
-  const Vector3d axis = to_vector(camera.axis());
-  const Vector3d up = to_vector(camera.up());
-  if (!(axis.cross(up).norm() > 1e-3))
-    throw_error("scene.camera: axis and up are parallel or zero");
-  scene.camera.R_WC.col(2) = -axis.normalized();
-  scene.camera.R_WC.col(0) = axis.cross(up).normalized();
-  scene.camera.R_WC.col(1) = scene.camera.R_WC.col(2).cross(scene.camera.R_WC.col(0));
-  scene.camera.vertical_fov_rad = camera.vertical_fov_deg() * kDegree;
-  scene.camera.near_m = camera.near_m();
-  scene.camera.far_m = camera.far_m();
-  if (!(camera.near_m() < camera.far_m())) {
-    throw_error("scene.camera.near_m: {}, allowed below far_m {}", camera.near_m(), camera.far_m());
-  }
+  if (config.has_camera()) make_camera(camera, scene.camera);
   scene.exposure_fov_rad = camera.exposure_fov_deg() * kDegree;
   scene.exposure_pixels = static_cast<int>(camera.exposure_pixels());
   scene.workspace_min = to_vector(config.workspace_min_m());
@@ -141,7 +153,7 @@ Scene make_scene(const pb::Scene& config, const std::string& directory) {
   check_units(scene, scene.warnings);
   const ToolMount mount = scene_tool_mount(scene);
   const auto require_in_workspace = [&](const Vector3d& p, const std::string& name) {
-    for (int k = 0; k < 3; ++k) {
+    for (int k = 0; k < 3 && has_workspace(config); ++k) {
       if (p[k] >= scene.workspace_min[k] && p[k] <= scene.workspace_max[k]) continue;
       throw_error("{}: coordinate {} is {} m, allowed {} ... {} m (workspace)", name, "xyz"[k],
                   p[k], scene.workspace_min[k], scene.workspace_max[k]);
@@ -154,12 +166,12 @@ Scene make_scene(const pb::Scene& config, const std::string& directory) {
       throw_error("{}: ({}, {}, {}) m is out of reach: {}", name, p.x(), p.y(), p.z(),
                   joints.error());
   };
-  require_reachable(scene.tool_start, "scene.tool_start_m");
-  require_reachable(scene.target, "scene.target_m");
+  if (config.has_tool_start_m()) require_reachable(scene.tool_start, "scene.tool_start_m");
+  if (config.has_target_m()) require_reachable(scene.target, "scene.target_m");
   for (const Vector3d& p : scene.grid_starts) require_reachable(p, "scene.start_grid");
   for (const Vector3d& p : scene.robot_starts) require_reachable(p, "scene.robot_grid");
   if (config.has_tumour_point_m()) require_in_workspace(scene.tumour_point, "scene.tumour_point_m");
-  check_places(scene, scene.warnings);
+  if (config.has_tissue()) check_places(scene, scene.warnings);
   return scene;
 }
 
@@ -172,8 +184,22 @@ std::string with_place(const std::string& file, const std::string& message) {
 
 ToolMount scene_tool_mount(const Scene& scene) {
   const pb::Tool& tool = scene.config.tool();
-  return make_tool_mount(to_pose(tool.base(), "scene.tool.base"), tool.roll_deg() * kDegree,
-                         tool.tip_offset_m(), scene.workspace_min, scene.workspace_max);
+  ToolMount mount =
+      make_tool_mount(to_pose(tool.base(), "scene.tool.base"), tool.roll_deg() * kDegree,
+                      tool.tip_offset_m(), scene.workspace_min, scene.workspace_max);
+  if (!tool.has_shaft_direction()) return mount;
+  const Vector3d direction = to_vector(tool.shaft_direction());
+  if (!(direction.norm() > 1e-3) || !(direction.z() <= 0)) {
+    throw_error(
+        "scene.tool.shaft_direction: ({}, {}, {}), allowed: not zero, and not upwards (it points "
+        "to the tip)",
+        direction.x(), direction.y(), direction.z());
+  }
+  // The least turn that takes -z_W there: the roll about the shaft stays what it is.
+  mount.R_WC =
+      Eigen::Quaterniond::FromTwoVectors(-Vector3d::UnitZ(), direction).toRotationMatrix() *
+      mount.R_WC;
+  return mount;
 }
 
 }  // namespace omentum

@@ -76,13 +76,15 @@ struct Scene {
   }
 };
 
-/// Resolves a scene; relative mesh paths start at `directory`. Throws Error (one line) for anything
-/// that cannot be simulated: open mesh, lengths or gravity that do not fit metres, unreachable
-/// starts, no particles, a tumour that no motion of the tissue can show.
+/// Resolves a scene; what a task alone needs (camera, workspace, starts, target) may be missing,
+/// and so may the tissue of a scene of an arm. Relative mesh paths start at `directory`. Throws
+/// Error (one line) for anything that cannot be simulated: open mesh, lengths or gravity that do
+/// not fit metres, unreachable starts, no particles, a tumour that no motion of the tissue can
+/// show.
 Scene make_scene(const pb::Scene& config, const std::string& directory);
 
-/// What a task needs of a scene beyond what a simulation does: throws Error without q, warns
-/// without a tumour or start grid.
+/// What a task needs of a scene beyond what a simulation does: throws Error without camera,
+/// workspace, p_0, p_T or q, warns without a tumour or start grid.
 void check_task_parts(const pb::Scene& config, std::vector<std::string>& warnings);
 
 /// A message about a scene made of this file, with its place there: line and column of the knob it

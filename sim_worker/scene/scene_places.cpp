@@ -181,7 +181,9 @@ void check_tumour(const Scene& scene, const AlignedBox3d& tissue,
 void check_tissue(const Scene& scene, const Points& tissue, std::vector<std::string>& warnings) {
   const AlignedBox3d box = box_of(tissue);
   const AlignedBox3d workspace(scene.workspace_min, scene.workspace_max);
-  const double gap = workspace.exteriorDistance(box);
+  const bool has_workspace =
+      scene.config.has_workspace_min_m() || scene.config.has_workspace_max_m();
+  const double gap = has_workspace ? workspace.exteriorDistance(box) : 0;
   if (const double length = box.diagonal().norm(); !(gap <= length)) {
     throw_error(
         "scene.tissue.pose: the tissue at rest is {:.3g} m from the workspace, allowed up "
@@ -229,12 +231,14 @@ void check_tool_places(const Scene& scene, const Points& places, const std::stri
 void check_places(const Scene& scene, std::vector<std::string>& warnings) {
   const Points tissue = in_world(scene.tissue.X_WB, scene.tissue.particles);
   check_tissue(scene, tissue, warnings);
-  require_free(scene, scene.camera.position, "scene.camera.position_m");
-  check_tool_places(scene, {scene.tool_start}, "scene.tool_start_m", warnings);
-  check_tool_places(scene, {scene.target}, "scene.target_m", warnings);
+  const pb::Scene& config = scene.config;
+  if (config.has_camera()) require_free(scene, scene.camera.position, "scene.camera.position_m");
+  if (config.has_tool_start_m())
+    check_tool_places(scene, {scene.tool_start}, "scene.tool_start_m", warnings);
+  if (config.has_target_m()) check_tool_places(scene, {scene.target}, "scene.target_m", warnings);
   check_tool_places(scene, scene.grid_starts, "scene.start_grid", warnings);
   check_tool_places(scene, scene.robot_starts, "scene.robot_grid", warnings);
-  if (scene.tumour >= 0) check_tumour(scene, box_of(tissue), warnings);
+  if (scene.tumour >= 0 && config.has_camera()) check_tumour(scene, box_of(tissue), warnings);
   if (!scene.config.has_tumour_point_m()) return;
   const RigidShape* around = body_around(scene, scene.tumour_point);
   if (around != nullptr && around->role != pb::ROLE_TUMOUR) {
@@ -245,8 +249,17 @@ void check_places(const Scene& scene, std::vector<std::string>& warnings) {
 }
 
 void check_task_parts(const pb::Scene& config, std::vector<std::string>& warnings) {
-  if (!config.has_tumour_point_m())
-    throw_error("scene.tumour_point_m: missing, the reward needs it (q)");
+  const std::pair<bool, const char*> needed[] = {
+      {config.has_tissue(), "tissue: missing, the task is about it"},
+      {config.has_camera(), "camera: missing, the exposure is what it sees"},
+      {config.has_workspace_min_m() && config.has_workspace_max_m(),
+       "workspace_min_m: missing or workspace_max_m is, the tool stays within"},
+      {config.has_tool_start_m(), "tool_start_m: missing, episodes begin there (p_0)"},
+      {config.has_target_m(), "target_m: missing, the reward needs it (p_T)"},
+      {config.has_tumour_point_m(), "tumour_point_m: missing, the reward needs it (q)"}};
+  for (const auto& [there, message] : needed) {
+    if (!there) throw_error("scene.{}", message);
+  }
   if (!config.has_start_grid()) {
     warnings.emplace_back(
         "scene.start_grid: missing: no evaluation on the grid, and every episode of the training "

@@ -58,7 +58,7 @@ void ShellTissue<Real>::set_contact_stiffness(int lane) {
   key_stiffness_[lane] = static_cast<Real>(stiffness);
   const double density = model_->key_density(key);
   for (int i = 0; i < particles(); ++i) {
-    const double own = density * model_->structure.mass[i] / (step * step) +
+    const double own = model_->mass_at(i, density) / (step * step) +
                        stiffness * model_->preconditioner_diagonal[i];
     own_stiffness_(i, lane) = static_cast<Real>(own);
     own_compliance_(i, lane) = static_cast<Real>(1 / own);
@@ -118,7 +118,7 @@ void ShellTissue<Real>::resolve_contacts() {
       solve_for(unsettled, take);
     }
     if (surface_ != nullptr) surface_->take(unsettled);
-    hold_for(unsettled & held_lanes_);
+    hold_for(unsettled);
   }
 }
 

@@ -34,12 +34,18 @@ inline Lane square(Stress e) {
   return fma(splat(Real{2}) * e.xy, e.xy, fma(e.yy, e.yy, e.xx * e.xx));
 }
 
-/// c2 I^2 with I = 2 E:E, thickness strain of plane stress included: S = 8 c2 I (E - n E33).
+/// c2 I^2 with I = 2 E:E, thickness strain of plane stress included: S = 8 c2 I (E - n E33); of an
+/// exponential law mu/(2b) (exp(b I) - 1 - b I), S = 2 mu (exp(b I) - 1) (E - n E33).
 inline Stress add_stiffening(const Args& args, Stress e, Lane shear, Stress s, Lane& invariant) {
   const Lane n = load(args.effects.lateral);
   const Lane through = splat(Real{0}) - n * (e.xx + e.yy);
   invariant = splat(Real{2}) * fma(through, through, square(e));
-  const Lane scale = load(args.effects.stiffening_scale) * shear * invariant;
+  Lane scale = load(args.effects.stiffening_scale) * shear * invariant;
+  if (args.effects.exponential != 0) {
+    const Lane grown = exponential(load(args.effects.exponential_rate) * invariant).minus_one;
+    const Lane more = fma(load(args.effects.exponential_scale) * shear, grown, scale);
+    scale = select(to_mask(args.effects.exponential), more, scale);
+  }
   return fma(scale, Stress{fnma(n, through, e.xx), e.xy, fnma(n, through, e.yy)}, s);
 }
 
@@ -57,7 +63,12 @@ inline Lane matrix_energy(const Args& args, Stress c, Lane invariant) {
   const Lane half = splat(static_cast<Real>(0.5));
   const Lane law = half * fma(load(args.effects.lateral) * trace, trace, square(u));
   const Lane eighth = splat(static_cast<Real>(0.125)) * load(args.effects.stiffening_scale);
-  return fma(eighth * invariant, invariant, law);
+  const Lane yeoh = fma(eighth * invariant, invariant, law);
+  if (args.effects.exponential == 0) return yeoh;
+  const Lane b = load(args.effects.exponential_rate);
+  const Lane tiny = splat(static_cast<Real>(1e-20));
+  const Lane more = exponential(b * invariant).excess / (splat(Real{4}) * max(b, tiny));
+  return select(to_mask(args.effects.exponential), yeoh + more, yeoh);
 }
 
 /// Share of the stress that is left at this energy: 1 - softening s (3 - s^2) / 2 with
@@ -142,8 +153,15 @@ inline void remember_triangle(const Args& args, Stress c, Lane shear, Stress s, 
   Lane invariant = splat(Real{0});
   Lane energy = invariant;
   s = add_elastic_effects(args, c, e, shear, s, triangle, invariant, energy);
-  // Tangent over nominal stiffness: 1 + 12 (c2 / mu) I along the strain.
-  const Lane tangent = fma(splat(Real{3}) * load(fx.stiffening_scale), invariant, splat(Real{1}));
+  // Tangent over nominal stiffness: 1 + 12 (c2 / mu) I along the strain, of an exponential law
+  // exp(b I) (1 + 2 b I).
+  Lane tangent = fma(splat(Real{3}) * load(fx.stiffening_scale), invariant, splat(Real{1}));
+  if (fx.exponential != 0) {
+    const Lane exponent = load(fx.exponential_rate) * invariant;
+    const Exponential grown = exponential(exponent);
+    const Lane more = tangent + fma(splat(Real{2}) * exponent, grown.slope, grown.minus_one);
+    tangent = select(to_mask(fx.exponential), more, tangent);
+  }
   store(fx.peak, max(load(fx.peak), tangent));
   if (fx.softening != 0) {
     Real* const memory = fx.energy_peak + kLanes * triangle;
@@ -208,8 +226,9 @@ inline Lane spring_stiffness(const Args& args, int i, bool only_new) {
   const auto& fx = args.effects;
   const bool anchor = fx.is_anchor[i] != 0;
   if (only_new && anchor) return splat(Real{0});
-  const Lane fresh =
+  Lane fresh =
       anchor ? load(fx.anchor + kLanes * i) : splat(fx.node_area[i]) * load(fx.adhesion_scale);
+  if (!anchor && fx.adhesion_part != nullptr) fresh = load(fx.adhesion_part + kLanes * i) * fresh;
   return bond_stiffness(fx, i, fresh);
 }
 
@@ -229,7 +248,17 @@ void add_lubrication_forces(const Args& args) {
   }
 }
 
+void add_pull_forces(const Args& args) {
+  const auto& fx = args.effects;
+  for (int k = 0; k < fx.pull_nodes; ++k) {
+    const int at = 3 * kLanes * fx.pull_node[k];
+    const Lane3 force = pull_force(fx, k, load3(args.moved + at), load3(args.d + at));
+    add_force(args, fx.pull_node[k], fx.pull, force);
+  }
+}
+
 void add_node_effects(const Args& args) {
+  if (args.effects.pull != 0) add_pull_forces(args);
   if (args.effects.drag != 0) add_drag_forces(args);
   if (args.effects.bonds != 0) add_bond_forces(args);
   if (args.effects.lubrication != 0) add_lubrication_forces(args);
@@ -261,9 +290,15 @@ void remember_bonds(const Args& args) {
 // on (A + D) s = b with A as preconditioner. Each round needs one solve with A, done by the caller;
 // lanes without springs take the first.
 
+/// D p of node i.
 inline Lane3 spring_product(const Args& args, int i, Lane3 p) {
   Lane3 q = zero3();
   if (args.effects.bonds != 0) q = spring_stiffness(args, i, true) * p;
+  if (args.effects.pull != 0 && args.effects.pull_index[i] >= 0) {
+    const Lane3 x = load3(args.moved + 3 * kLanes * i);
+    const Lane3 more = pull_product(args.effects, args.effects.pull_index[i], x, p);
+    q = select(to_mask(args.effects.pull), q + more, q);
+  }
   if (args.effects.lubrication != 0) {
     const Lane3 n = load3(args.effects.lubrication_normal + 3 * kLanes * i);
     q = fma(load(args.effects.lubrication_now + kLanes * i) * dot(n, p), n, q);

@@ -70,7 +70,7 @@ SparseMatrix assemble(const ShellTissueModel& model, double stiffness, double de
   };
   const double inverse_step2 = 1 / (model.effective_step() * model.effective_step());
   for (int i = 0; i < model.nodes(); ++i) {
-    add(i, i, density * structure.mass[i] * inverse_step2 + stiffness * model.anchor[i]);
+    add(i, i, model.mass_at(i, density) * inverse_step2 + stiffness * model.anchor[i]);
     for (int m = structure.bending.begin[i]; m < structure.bending.begin[i + 1]; ++m) {
       const double value = stiffness * structure.bending.value[m];
       add(i, structure.bending.node[m], value);
@@ -157,7 +157,7 @@ void ShellTissueModel::make_preconditioner() {
   };
   for (int i = 0; i < nodes(); ++i) {
     preconditioner_diagonal.push_back(
-        free.row[i] < 0 ? 0.0 : entry(i, i) - structure.mass[i] * inverse_step2);
+        free.row[i] < 0 ? 0.0 : entry(i, i) - mass_at(i, 1) * inverse_step2);
     const NodeMatrix& bending = structure.bending;
     for (int m = bending.begin[i]; m < bending.begin[i + 1]; ++m) {
       preconditioner.push_back(entry(i, bending.node[m]));

@@ -47,8 +47,13 @@ void ShellTissue<Real>::hold(int lane, const Vector3d& tip, double radius, bool 
   held.centre = centre;
   held.radius = std::sqrt(radius * radius - distance * distance);
   if (!model_->can_hold(held.centre, held.radius)) return;
-  held.patch = model_->make_patch(held.centre, held.radius);
+  held.patch = model_->make_grip(held.centre, held.radius);
   if (held.patch.node.empty()) return;
+  if (model_->surroundings.grip.pad) {
+    take_pad(lane, tip, collapse, held);
+    grip(lane, std::move(held));
+    return;
+  }
   for (std::size_t k = 0; k < held.patch.node.size(); ++k) {
     held.target += (position(lane, held.patch.node[k]) - tip) *
                    held.patch.weight.row(static_cast<Eigen::Index>(k));
@@ -56,6 +61,24 @@ void ShellTissue<Real>::hold(int lane, const Vector3d& tip, double radius, bool 
   held.target = jaw_rotation(effects, model_->surroundings.shaft_axis) * Targets(held.target);
   if (collapse) held.target.col(0).setZero();
   grip(lane, std::move(held));
+}
+
+/// Places of the nodes of a pad from their middle, and of that from the tip.
+template <typename Real>
+void ShellTissue<Real>::take_pad(int lane, const Vector3d& tip, bool collapse, Held& held) const {
+  const Eigen::Matrix3d jaw = jaw_rotation(effects_.values(lane), model_->surroundings.shaft_axis);
+  const auto count = static_cast<Eigen::Index>(held.patch.node.size());
+  Vector3d centre = Vector3d::Zero();
+  double whole = 0;
+  held.arm.resize(3, count);
+  for (Eigen::Index k = 0; k < count; ++k) {
+    held.arm.col(k) = position(lane, held.patch.node[k]) - tip;
+    centre += held.patch.area[k] * held.arm.col(k);
+    whole += held.patch.area[k];
+  }
+  centre /= whole;
+  held.arm = jaw * Eigen::Matrix3Xd(held.arm.colwise() - centre);
+  if (!collapse) held.target.col(0) = jaw * centre;
 }
 
 template <typename Real>
@@ -76,6 +99,78 @@ void ShellTissue<Real>::release(int lane) {
   held = {};
 }
 
+/// Rows of the jaws of a lane and how the sheet responds to them. A node that a pad holds in part
+/// hangs on a spring of E t where that part is one half; both faces are on beds.
+template <typename Real>
+ShellJaws ShellTissue<Real>::make_jaws(int lane) const {
+  constexpr double kRigidBed = 1e12;  // [N/m^3], as in the reference
+  const Held& held = held_[lane];
+  const EffectValues& effects = effects_.values(lane);
+  const Grip& grip = model_->surroundings.grip;
+  const auto count = static_cast<Eigen::Index>(held.patch.node.size());
+  ShellJaws::Rows rows;
+  rows.node = held.patch.node;
+  rows.offset = held.target.col(0);
+  rows.give = effects.grasp_compliance;
+  const double turn = effects.grasp_turn > 0 ? effects.grasp_turn : grip.turn_compliance;
+  if (turn > 0) rows.turn_stiffness = Eigen::Matrix3d::Identity() / turn;
+  if (!grip.pad) {
+    rows.weight = held.patch.weight;
+    rows.place = Eigen::Vector3d(1, 0, 0);
+    rows.compliance = Eigen::Vector3d::Zero();
+    rows.arm = held.target;
+    rows.arm.col(0).setZero();
+  } else {
+    rows.weight = Eigen::MatrixXd::Identity(count, count);
+    rows.place = Eigen::VectorXd::Ones(count);
+    rows.arm = held.arm;
+    rows.compliance.resize(count);
+    const double bed = grip.stiffness > 0 ? grip.stiffness : kRigidBed;
+    Eigen::Matrix3d gyration = Eigen::Matrix3d::Zero();
+    double whole = 0;
+    for (Eigen::Index k = 0; k < count; ++k) {
+      const double area = held.patch.area[k];
+      const double part = held.patch.hold[k];
+      rows.compliance[k] =
+          1 / (2 * bed * area) + (1 - part) / (part * model_->membrane_stiffness());
+      const Vector3d a = rows.arm.col(k);
+      gyration += area * (a.squaredNorm() * Eigen::Matrix3d::Identity() - a * a.transpose());
+      whole += area;
+    }
+    if (!(turn > 0) && rows.give > 0) rows.turn_stiffness = gyration / (whole * rows.give);
+  }
+  Eigen::MatrixXd response = Eigen::MatrixXd::Zero(rows.count(), particles());
+  for (std::size_t k = 0; k < rows.node.size(); ++k) {
+    if (!this->is_fixed(rows.node[k]))
+      response.col(rows.node[k]) = rows.weight.row(static_cast<Eigen::Index>(k)).transpose();
+  }
+  model_->factor(key_[lane])->solve(response);
+  return {std::move(rows), std::move(response)};
+}
+
+/// The jaws of a lane on the sheet at x + d.
+template <typename Real>
+void ShellTissue<Real>::hold_jaws(int lane) {
+  ShellJaws& jaws = *held_[lane].jaws;
+  const ShellJaws::Rows& rows = jaws.rows();
+  Eigen::Matrix3Xd places = Eigen::Matrix3Xd::Zero(3, rows.count());
+  for (std::size_t k = 0; k < rows.node.size(); ++k) {
+    const std::int32_t i = rows.node[k];
+    for (int axis = 0; axis < 3; ++axis) {
+      const Real p = (x_(i, axis, lane) - tip_(0, axis, lane)) + d_(i, axis, lane);
+      places.row(axis) += static_cast<double>(p) * rows.weight.row(static_cast<Eigen::Index>(k));
+    }
+  }
+  const Eigen::Matrix3Xd change = jaws.hold(places);
+  for (int axis = 0; axis < 3; ++axis) {
+    const Eigen::RowVectorXd moved = change.row(axis) * jaws.response();
+    for (int i = 0; i < particles(); ++i) {
+      if (!this->is_fixed(i)) d_(i, axis, lane) -= static_cast<Real>(moved[i]);
+    }
+    patch_force_(0, axis, lane) = static_cast<Real>(jaws.force().row(axis).dot(rows.place));
+  }
+}
+
 /// Arrays for patches of `count` nodes; what they held has to be made again.
 template <typename Real>
 void ShellTissue<Real>::make_room(int count) {
@@ -89,7 +184,13 @@ void ShellTissue<Real>::make_room(int count) {
 // Response columns U = A^-1 C^T and the inverse of C U + compliance, in double, once per grasp.
 template <typename Real>
 void ShellTissue<Real>::make_patch(int lane) {
-  const Held& held = held_[lane];
+  Held& held = held_[lane];
+  if (model_->surroundings.grip.pad || effects_.values(lane).grasp_turn > 0) {
+    clear_patch(lane);
+    held.jaws = make_jaws(lane);
+    jaw_lanes_ |= 1U << lane;
+    return;
+  }
   const auto count = static_cast<int>(held.patch.node.size());
   if (count > args_.patch_room) {
     make_room(count);
@@ -131,6 +232,8 @@ void ShellTissue<Real>::clear_patch(int lane) {
     array->fill_lane(lane, Real{0});
   patch_node_.fill_lane(lane, 0);
   held_lanes_ &= ~(1U << lane);
+  jaw_lanes_ &= ~(1U << lane);
+  held_[lane].jaws.reset();
   args_.patch_size = 0;
   for (int other = 0; other < lanes(); ++other) {
     if ((held_lanes_ >> other & 1U) == 0) continue;
@@ -143,7 +246,11 @@ void ShellTissue<Real>::shift_held(int lane, const Vector3d& by) {
   Held& held = held_[lane];
   if (!(held.radius > 0)) return;
   held.target.col(0) += by;
-  patch_offset_.set_vector(0, lane, held.target.col(0));
+  if (held.jaws) {
+    held.jaws->shift(by);
+  } else {
+    patch_offset_.set_vector(0, lane, held.target.col(0));
+  }
 }
 
 /// Before a control step: slip of the grasps. A body that is held beside the sheet slips with it,
@@ -162,7 +269,7 @@ void ShellTissue<Real>::slip_grasps() {
       load += body->held_force(lane);
       stiffness += surface_->held_stiffness();
     }
-    const Vector3d slip = slip_of(effects, load, stiffness, model_->control_period);
+    const Vector3d slip = slip_of(effects, load, stiffness, slipped_[lane], model_->control_period);
     slipped_[lane] += slip.norm();
     if (effects.slip_loss > 0 && slipped_[lane] > effects.slip_loss) {
       release(lane);
@@ -182,6 +289,9 @@ void ShellTissue<Real>::slip_grasps() {
   template void ShellTissue<Real>::make_room(int);                                            \
   template void ShellTissue<Real>::make_patch(int);                                           \
   template void ShellTissue<Real>::clear_patch(int);                                          \
+  template ShellJaws ShellTissue<Real>::make_jaws(int) const;                                 \
+  template void ShellTissue<Real>::hold_jaws(int);                                            \
+  template void ShellTissue<Real>::take_pad(int, const Vector3d&, bool, Held&) const;         \
   template Vector3d ShellTissue<Real>::point_of_sheet(int, const Eigen::Vector2d&) const;     \
   template std::pair<Vector3d, double> ShellTissue<Real>::nearest_point(int, const Vector3d&) \
       const;                                                                                  \

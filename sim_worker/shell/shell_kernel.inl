@@ -15,6 +15,7 @@ using Args = omentum::ShellArgs<Real>;
 
 }  // namespace
 
+#include "sim_worker/lanes/exponential.inl"
 #include "sim_worker/lanes/implicit_step.inl"
 #include "sim_worker/lanes/node_effects.inl"
 #include "sim_worker/lanes/rigid_contact.inl"
@@ -44,9 +45,9 @@ void load_node_forces(const Args& args) {
       store3(args.b + 3 * kLanes * i, zero3());
       continue;
     }
-    const Lane mass =
-        density *
-        (args.effects.mass == nullptr ? splat(args.mass[i]) : load(args.effects.mass + kLanes * i));
+    Lane mass = density * (args.effects.mass == nullptr ? splat(args.mass[i])
+                                                        : load(args.effects.mass + kLanes * i));
+    if (args.effects.added_mass != nullptr) mass = mass + splat(args.effects.added_mass[i]);
     Lane3 force = zero3() - mass * gravity;
     if (args.has_contact) force = force - load3(args.contact_force + 3 * kLanes * i);
     if (!args.at_start) {
@@ -233,6 +234,7 @@ void remember_effects(const Args& args) {
     store3(args.moved + 3 * kLanes * i, moved);
   }
   if (fx.bonds != 0) remember_bonds(args);
+  fade_push(fx);
   if ((fx.prony | fx.slider | fx.stiffening | fx.softening) == 0) return;
   remember_membrane(args);
   if (fx.prony != 0) remember_bending(args);

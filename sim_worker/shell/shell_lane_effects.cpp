@@ -8,9 +8,23 @@
 namespace omentum {
 
 template <typename Real>
+std::vector<typename LaneEffects<Real>::NodePart> ShellLaneEffects<Real>::node_parts(
+    const ShellTissueModel& model) {
+  std::vector<NodePart> parts;
+  for (int i = 0; i < model.nodes(); ++i) {
+    const Eigen::Vector2d p = model.body.particles[i].head<2>();
+    const Eigen::Vector2d half = Eigen::Vector2d::Constant(0.5 * model.node_size(i));
+    Eigen::AlignedBox2d box(p - half, p + half);
+    if (!model.is_mesh()) box = box.intersection(model.sheet());
+    parts.push_back({model.node_area[i], box});
+  }
+  return parts;
+}
+
+template <typename Real>
 ShellLaneEffects<Real>::ShellLaneEffects(std::shared_ptr<const ShellTissueModel> model, int lanes)
     : Base(model->body, model->effects, model->is_anchor,
-           {model->triangles(), 3, model->triangles(), model->nodes()}, lanes),
+           {model->triangles(), 3, model->triangles(), model->nodes()}, node_parts(*model), lanes),
       model_(std::move(model)),
       stiffness_(lanes, 1),
       structures_(lanes),
@@ -21,6 +35,8 @@ ShellLaneEffects<Real>::ShellLaneEffects(std::shared_ptr<const ShellTissueModel>
   args_.inverse_pitch2 = inverse_pitch2_.assign(1, 1, lanes);
   args_.lateral = lateral_.assign(1, 1, lanes);
   args_.node_area = node_area_.data();
+  for (const double m : model_->added_mass) added_mass_.push_back(static_cast<Real>(m));
+  common_.added_mass = added_mass_.empty() ? nullptr : added_mass_.data();
   args_.peak = peak_.assign(1, 1, lanes, Real{1});
   args_.last_product = last_product_.assign(1, 1, lanes);
   for (int lane = 0; lane < lanes; ++lane) set(lane, model_->effects, 1);
@@ -42,6 +58,7 @@ void ShellLaneEffects<Real>::set(int lane, const EffectValues& v, double stiffne
   const double nu = model_->material.poisson_ratio() + v.poisson_change;
   this->set_common(lane, v, model_->substep(),
                    {.stiffening = 4 * v.stiffening,
+                    .exponential = 1,
                     .softening_energy = 0.5 * (1 + nu) * v.softening_strain * v.softening_strain,
                     .fibre = v.fibre_ratio * (1 + nu),
                     .slider = v.slider_ratio * (1 + nu)});
@@ -74,13 +91,26 @@ void ShellLaneEffects<Real>::make_memory() {
     args_.moment_branch = moment_branch_.ensure(kMaxBranches * stencils, 3, lanes_);
   }
   if (args_.bonds != 0) args_.anchor = anchor_.ensure(nodes, 1, lanes_);
-  if ((args_.adhesion | args_.lubrication) != 0) {
+  stiff_pull_ = this->lanes_where([this](const EffectValues& v) { return has_stiff_pull(v); });
+  if ((args_.adhesion | args_.lubrication | stiff_pull_) != 0) {
     args_.rest = rest_.ensure(nodes, 3, lanes_);
     args_.direction = direction_.ensure(nodes, 3, lanes_);
     args_.preconditioner_direction = preconditioner_direction_.ensure(nodes, 3, lanes_);
     args_.solution = solution_.ensure(nodes, 3, lanes_);
     args_.response = response_.ensure(nodes, 3, lanes_);
   }
+}
+
+/// Whether a string or damper is so stiff that the factor, which does not know of it, would not
+/// settle.
+template <typename Real>
+bool ShellLaneEffects<Real>::has_stiff_pull(const EffectValues& v) const {
+  constexpr double kSoft = 0.1;  // of the stretch stiffness of a node
+  if (!(v.pull > 0)) return false;
+  const std::vector<double> share =
+      disc_shares(model_->body.particles, model_->node_area, {v.pull_x, v.pull_y}, v.pull_radius);
+  const double whole = v.pull * (v.pull_stiffness + v.pull_damper / model_->substep());
+  return whole * *std::ranges::max_element(share) > kSoft * model_->membrane_stiffness();
 }
 
 /// Arrays per lane where a lane differs from the scene; the products are those of the kernel
@@ -148,7 +178,7 @@ void ShellLaneEffects<Real>::reset(int lane, const Eigen::Vector3d& offset) {
 
 template <typename Real>
 std::uint32_t ShellLaneEffects<Real>::begin_substep() {
-  args_.springs = args_.lubrication;
+  args_.springs = args_.lubrication | stiff_pull_;
   for (int lane = 0; lane < lanes_; ++lane) {
     for (int i = 0; i < model_->nodes() && (args_.adhesion >> lane & 1U) != 0; ++i) {
       if (model_->is_anchor[i] != 0 || bond_longest_(i, lane) < Real{0}) continue;
@@ -179,7 +209,7 @@ std::vector<typename ShellLaneEffects<Real>::Memory> ShellLaneEffects<Real>::mem
     memory.push_back({&moment_branch_, branches * moments});
     memory.push_back({&moment_bias_, moments});
   }
-  if (v.stiffening != 0) memory.push_back({&peak_, 1});
+  if (v.stiffens()) memory.push_back({&peak_, 1});
   return memory;
 }
 

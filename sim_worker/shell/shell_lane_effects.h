@@ -35,6 +35,9 @@ class ShellLaneEffects final : public LaneEffects<Real> {
   using Base::bond_longest_, Base::common_, Base::lanes_;
   using typename Base::Memory;
 
+  using typename Base::NodePart;
+  static std::vector<NodePart> node_parts(const ShellTissueModel& model);
+  bool has_stiff_pull(const EffectValues& values) const;
   std::vector<Memory> memory_of(const EffectValues& values) const override;
   bool is_curved(const EffectValues& values) const;
   const ShellStructure& structure_of(int lane) const;
@@ -50,7 +53,8 @@ class ShellLaneEffects final : public LaneEffects<Real> {
 
   LaneArray<Real> mass_, plate_, cell_, rest_moment_, shear_, area_, inverse_pitch2_, lateral_,
       anchor_;
-  AlignedVector<Real> node_area_;
+  AlignedVector<Real> node_area_, added_mass_;
+  std::uint32_t stiff_pull_ = 0;  ///< lanes whose local force calls for the solve with springs
   LaneArray<Real> moment_, moment_branch_, moment_bias_, peak_;
   LaneArray<Real> rest_, direction_, preconditioner_direction_, solution_, response_, last_product_;
 };

@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "core/check.h"
+#include "core/constants.h"
 #include "sim_worker/shell/shell_tissue.h"
 #include "sim_worker/tissue/effect_laws.h"
 #include "sim_worker/tissue/grasp_patch.h"
@@ -121,6 +122,11 @@ std::shared_ptr<const ShellTissueModel> make_shell_model(const Scene& scene, dou
   }
   model->structure = model->make_structure(model->effects);
   model->node_area = lump(*model, [&](std::size_t t) { return triangle_area(*model, t); });
+  if (const EffectValues& v = model->effects; v.added_mass > 0) {
+    model->added_mass = disc_shares(model->body.particles, model->node_area, {v.added_x, v.added_y},
+                                    v.added_radius);
+    for (double& m : model->added_mass) m *= v.added_mass;
+  }
   model->anchor = model->make_anchor(model->effects);
   model->is_anchor.assign(model->anchor.size(), 0);
   for (int i = 0; model->effects.moves_anchor() && i < model->nodes(); ++i) {
@@ -210,6 +216,34 @@ SheetPatch ShellTissueModel::make_patch(const Vector3d& centre, double radius) c
   }
   if (patch.inside.empty()) patch.inside.push_back(nearest);
   return patch;
+}
+
+SheetPatch ShellTissueModel::make_pad(const Vector3d& centre, double radius) const {
+  constexpr double kLeastHold = 1e-3;
+  const Grip& grip = surroundings.grip;
+  const Vector2d across(-grip.axis.y(), grip.axis.x());
+  SheetPatch pad;
+  double whole = 0;
+  std::size_t best = 0;
+  for (std::int32_t i = 0; i < nodes(); ++i) {
+    if (body.fixed[i] != 0) continue;
+    const Vector2d from = (body.particles[i] - centre).head<2>();
+    const Vector2d local(std::fabs(from.dot(grip.axis)), std::fabs(from.dot(across)));
+    const double beyond = grip.rectangle ? (local - grip.half).cwiseMax(0.0).norm()
+                                         : std::max(0.0, from.norm() - radius);
+    const double hold = 1 - beyond / pitch;
+    if (!(hold > kLeastHold)) continue;
+    pad.node.push_back(i);
+    pad.hold.push_back(hold);
+    pad.area.push_back(hold * node_area[i]);
+    whole += pad.area.back();
+    if (hold > 0.5) pad.inside.push_back(i);
+    if (hold > pad.hold[best]) best = pad.hold.size() - 1;
+  }
+  const double area = grip.rectangle ? 4 * grip.half.prod() : kPi * radius * radius;
+  for (double& a : pad.area) a *= std::min(1.0, area / whole);
+  if (pad.inside.empty() && !pad.node.empty()) pad.inside.push_back(pad.node[best]);
+  return pad;
 }
 
 double ShellTissueModel::effective_step() const {

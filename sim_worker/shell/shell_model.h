@@ -40,6 +40,9 @@ struct ShellStructure {
 struct SheetPatch {
   std::vector<std::int32_t> node;  ///< ascending
   Eigen::Matrix<double, Eigen::Dynamic, kPatchRows> weight;
+  /// Of a pad, instead of weights: its area on each node [m^2], and how far it holds the node, 1
+  /// under it and falling to 0 one pitch beyond its rim, so that the rim is where it is.
+  std::vector<double> area, hold;
   std::vector<std::int32_t> inside;  ///< free nodes in the disc, ascending; else the nearest one
 };
 
@@ -62,6 +65,7 @@ struct ShellTissueModel : TissueModel, std::enable_shared_from_this<ShellTissueM
   std::vector<double> anchor;           ///< spring per node at the scene's effects [N/m]; 0 = none
   std::vector<std::uint8_t> is_anchor;  ///< per node: clamped in the scene, held by springs here
   std::vector<double> node_area;        ///< [m^2]
+  std::vector<double> added_mass;       ///< per node [kg]; empty = none
   /// A without its mass, at nominal E and the scene's effects [N/m]: entries as those of `bending`,
   /// and the diagonal; zero at fixed nodes.
   std::vector<double> preconditioner, preconditioner_diagonal;
@@ -77,6 +81,11 @@ struct ShellTissueModel : TissueModel, std::enable_shared_from_this<ShellTissueM
   bool is_curved() const;  ///< at rest; only a mesh can be
   /// Width of the patch of tissue that belongs to a node, the rim apart [m].
   double node_size(int i) const;
+  /// Of a node of a sheet that is so many times as dense as the scene's [kg].
+  double mass_at(std::size_t i, double times_as_dense) const {
+    const double sheet = times_as_dense * structure.mass[i];
+    return added_mass.empty() ? sheet : sheet + added_mass[i];
+  }
   /// E t [N/m].
   double membrane_stiffness() const { return material.young_modulus_pa() * thickness; }
   /// The grid sheet at rest, x_B and y_B [m].
@@ -91,6 +100,12 @@ struct ShellTissueModel : TissueModel, std::enable_shared_from_this<ShellTissueM
   bool can_hold(const Eigen::Vector3d& centre, double radius) const;
   /// Patch of a disc that they can hold; of a mesh without nodes where no tissue is.
   SheetPatch make_patch(const Eigen::Vector3d& centre, double radius) const;
+  /// The nodes under the pad of scene.tool.grip, as far as they are free.
+  SheetPatch make_pad(const Eigen::Vector3d& centre, double radius) const;
+  /// What the jaws of the scene hold: make_pad() or make_patch().
+  SheetPatch make_grip(const Eigen::Vector3d& centre, double radius) const {
+    return surroundings.grip.pad ? make_pad(centre, radius) : make_patch(centre, radius);
+  }
   /// Step of the implicit equation: h, or 2 h / 3 for BDF2 [s].
   double effective_step() const;
   bool has_contact() const {

@@ -12,6 +12,7 @@ using Eigen::Vector3d;
 template <typename Real>
 bool ShellTissue<Real>::allows(const EffectValues& effects) const {
   return anchors_fit(model_->effects, effects) &&
+         baked_fit(model_->effects, effects, kShellModel) &&
          usable(effects, model_->material.poisson_ratio(), body_.particles);
 }
 
@@ -24,6 +25,7 @@ void ShellTissue<Real>::save(int lane, Bytes& out) const {
     for (const double v : {held.centre.x(), held.centre.y(), held.centre.z(), held.radius})
       state.add(v);
     state.add_all(std::span<const double>(held.target.data(), held.target.size()));
+    state.add_all(std::span<const double>(held.arm.data(), held.arm.size()));
   }
   effects_.save(lane, state);
 }
@@ -39,11 +41,15 @@ Result<typename ShellTissue<Real>::Held> ShellTissue<Real>::read_grasp(StateRead
   held.radius = disc[3];
   if (!held.target.allFinite()) return Failure{"tissue state holds a grasp that is not finite"};
   if (model_->can_hold(held.centre, held.radius))
-    held.patch = model_->make_patch(held.centre, held.radius);
+    held.patch = model_->make_grip(held.centre, held.radius);
   if (held.patch.node.empty()) {
     return Failure{fmt::format("tissue state holds a patch at ({}, {}, {}) m of radius {} m",
                                disc[0], disc[1], disc[2], disc[3])};
   }
+  if (!model_->surroundings.grip.pad) return held;
+  held.arm.resize(3, static_cast<Eigen::Index>(held.patch.node.size()));
+  if (!state.read_all(std::span<double>(held.arm.data(), held.arm.size())) || !held.arm.allFinite())
+    return Failure{"tissue state ends in its pad"};
   return held;
 }
 

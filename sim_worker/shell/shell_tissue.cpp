@@ -181,9 +181,12 @@ void ShellTissue<Real>::iterate() {
   } else {
     solve_for(~0U, shell_.subtract_solution);
   }
-  if (held_lanes_ != 0) {
+  if ((held_lanes_ | jaw_lanes_) != 0) {
     patch_force_.fill(Real{0});
-    hold_for(held_lanes_);
+    for (Held& held : held_) {
+      if (held.jaws) held.jaws->let_go();
+    }
+    hold_for(~0U);
   }
   if (args_.has_contact && !plane_shape_.empty()) resolve_contacts();
 }
@@ -222,8 +225,11 @@ void ShellTissue<Real>::solve_with_springs() {
 
 template <typename Real>
 void ShellTissue<Real>::hold_for(std::uint32_t active) {
-  args_.lanes = active;
+  args_.lanes = active & held_lanes_;
   if (args_.lanes != 0) shell_.hold_patch(args_);
+  for (int lane = 0; lane < lanes(); ++lane) {
+    if (((active & jaw_lanes_) >> lane & 1U) != 0) hold_jaws(lane);
+  }
 }
 
 template <typename Real>
@@ -234,9 +240,9 @@ std::vector<Vector3d> ShellTissue<Real>::elastic_gradient(int lane) {
   std::vector<Vector3d> gradient;
   for (int i = 0; i < particles(); ++i) {
     Vector3d force = Vector3d::Zero();
-    const Real mass =
-        args_.effects.density[lane] *
-        (args_.effects.mass == nullptr ? mass_[i] : args_.effects.mass[i * lanes() + lane]);
+    Real mass = args_.effects.density[lane] *
+                (args_.effects.mass == nullptr ? mass_[i] : args_.effects.mass[i * lanes() + lane]);
+    if (args_.effects.added_mass != nullptr) mass += args_.effects.added_mass[i];
     for (int axis = 0; axis < 3 && !this->is_fixed(i); ++axis) {
       force[axis] = static_cast<double>(b_(i, axis, lane)) +
                     static_cast<double>(contact_force_(i, axis, lane)) +

@@ -4,11 +4,13 @@
 #include <cstdint>
 #include <map>
 #include <memory>
+#include <optional>
 #include <span>
 #include <utility>
 #include <vector>
 
 #include "core/aligned.h"
+#include "sim_worker/shell/shell_jaws.h"
 #include "sim_worker/shell/shell_kernel.h"
 #include "sim_worker/shell/shell_lane_effects.h"
 #include "sim_worker/shell/shell_model.h"
@@ -25,7 +27,7 @@ namespace omentum {
 /// Grasp: the jaws hold the mean position and slopes of the disc of tissue in them (SheetPatch,
 /// docs/tissue.md 8); its radius is such that the sphere of `radius` about the tip goes through
 /// its rim. held() are the free nodes inside; they do not collide while held. `collapse` pulls the
-/// mean position onto the tip.
+/// mean position onto the tip. Jaws that turn, or a pad (Grip), are ShellJaws.
 template <typename Real>
 class ShellTissue final : public ImplicitTissue<Real> {
  public:
@@ -45,6 +47,7 @@ class ShellTissue final : public ImplicitTissue<Real> {
   void release(int lane) override;
   std::span<const std::int32_t> held(int lane) const override { return held_[lane].patch.inside; }
   void shift_held(int lane, const Eigen::Vector3d& by) override;
+  void stop_clock(int lane, bool stopped) override { effects_.stop_clock(lane, stopped); }
   void save(int lane, Bytes& out) const override;
   Result<std::size_t> load(int lane, std::span<const std::byte> state) override;
 
@@ -68,6 +71,10 @@ class ShellTissue final : public ImplicitTissue<Real> {
     double radius = 0;                                 ///< of the disc [m]; 0 = nothing is held
     Targets target = Targets::Zero();  ///< of the rows in W [m]; the first is from the tip on
     SheetPatch patch;
+    // Of a pad: places of its nodes from its centre, in W [m]; the first target is the way from the
+    // tip to the centre.
+    Eigen::Matrix3Xd arm;
+    std::optional<ShellJaws> jaws;  ///< in the place of the kernel's grasp
   };
   /// One factor in the kernel's precision.
   struct Factor {
@@ -94,6 +101,9 @@ class ShellTissue final : public ImplicitTissue<Real> {
   Result<Held> read_grasp(StateReader& state) const;
   void make_room(int count);
   void make_patch(int lane);
+  ShellJaws make_jaws(int lane) const;
+  void hold_jaws(int lane);
+  void take_pad(int lane, const Eigen::Vector3d& tip, bool collapse, Held& held) const;
   void clear_patch(int lane);
   void prepare_contacts();
   void set_contact_stiffness(int lane);
@@ -121,7 +131,8 @@ class ShellTissue final : public ImplicitTissue<Real> {
   LaneArray<Real> keep_b_;
   ShellLaneEffects<Real> effects_;
   std::vector<Held> held_;
-  std::uint32_t held_lanes_ = 0;
+  std::uint32_t held_lanes_ = 0;  ///< by the kernel
+  std::uint32_t jaw_lanes_ = 0;   ///< by their ShellJaws
   LaneArray<std::int32_t> patch_node_;
   LaneArray<Real> patch_weight_, patch_offset_, patch_inverse_, patch_response_, patch_force_,
       patch_compliance_;

@@ -112,14 +112,32 @@ inline void scale_response(Lane s, Response& r) {
   r.weight[1] = s * r.weight[1];
 }
 
-/// Energy c2 I^2, I = 2 E : E.
+/// Of W(I), I = 2 E : E: the stress 4 W' E and its change 4 W' dE + 16 W'' E (E : dE).
+struct Stiffening {
+  Lane scale, weight;
+};
+
+/// Energy c2 I^2, and mu/(2b) (exp(b I) - 1 - b I) of an exponential law.
+inline Stiffening stiffening_of(const Args& args, Lane square) {
+  const auto& fx = args.effects;
+  const Lane c2 = load(fx.stiffening_scale);
+  Stiffening s{splat(Real{16}) * c2 * square, splat(Real{32}) * c2};
+  if (fx.exponential == 0) return s;
+  const Mask lanes = to_mask(fx.exponential);
+  const Lane b = load(fx.exponential_rate);
+  const Lane scale = load(fx.exponential_scale);
+  const Exponential e = exponential(splat(Real{2}) * b * square);
+  s.scale = select(lanes, fma(scale, e.minus_one, s.scale), s.scale);
+  s.weight = select(lanes, fma(splat(Real{4}) * b * scale, e.slope, s.weight), s.weight);
+  return s;
+}
+
 inline void add_stiffening(const Args& args, const Tensor& e, Response& r) {
   const Mask lanes = to_mask(args.effects.stiffening);
-  const Lane c2 = load(args.effects.stiffening_scale);
-  const Lane scale = splat(Real{16}) * c2 * inner(e, e);
-  r.stress = select(lanes, fma(scale, e, r.stress), r.stress);
-  r.identity = select(lanes, r.identity + scale, r.identity);
-  r.weight[0] = splat(Real{32}) * c2;
+  const Stiffening s = stiffening_of(args, inner(e, e));
+  r.stress = select(lanes, fma(s.scale, e, r.stress), r.stress);
+  r.identity = select(lanes, r.identity + s.scale, r.identity);
+  r.weight[0] = s.weight;
   r.direction[0] = e;
 }
 
@@ -236,7 +254,14 @@ inline Lane element_energy(const Args& args, const Law& law, const Element& elem
     w = fma(law.lambda * grown, fma(half, grown, one - law.alpha), w);
     if (fx.stiffening != 0) {
       const Lane square = inner(e, e);
-      const Lane stiff = fma(splat(Real{4}) * load(fx.stiffening_scale) * square, square, w);
+      Lane stiff = fma(splat(Real{4}) * load(fx.stiffening_scale) * square, square, w);
+      if (fx.exponential != 0) {
+        const Lane b = load(fx.exponential_rate);
+        const Lane tiny = splat(static_cast<Real>(1e-20));
+        const Lane excess = exponential(splat(Real{2}) * b * square).excess;
+        const Lane more = load(fx.exponential_scale) * excess / (splat(Real{4}) * max(b, tiny));
+        stiff = select(to_mask(fx.exponential), stiff + more, stiff);
+      }
       w = select(to_mask(fx.stiffening), stiff, w);
     }
     sum = fma(element.weight[q], w, sum);
@@ -275,7 +300,7 @@ inline Matrix unsoftened(const Args& args, const Matrix& f, const Point& point) 
   const Matrix p = stress(f, point);
   if (args.effects.stiffening == 0) return p;
   const Tensor e = green_strain(f);
-  const Lane scale = splat(Real{16}) * load(args.effects.stiffening_scale) * inner(e, e);
+  const Lane scale = stiffening_of(args, inner(e, e)).scale;
   return select(to_mask(args.effects.stiffening), fma(scale, times(f, e), p), p);
 }
 
@@ -454,6 +479,11 @@ void add_node_effects(const Args& args, Real* to) {
   for (int i = 0; i < args.nodes && fx.drag != 0; ++i) {
     add_node_force(to, i, fx.drag, zero3() - load3(fx.drag_now + 3 * kLanes * i));
   }
+  for (int k = 0; k < fx.pull_nodes; ++k) {
+    const int at = 3 * kLanes * fx.pull_node[k];
+    const Lane3 force = pull_force(fx, k, load3(args.moved + at), load3(args.d + at));
+    add_node_force(to, fx.pull_node[k], fx.pull, zero3() - force);
+  }
 }
 
 void add_node_products(const Args& args) {
@@ -465,6 +495,11 @@ void add_node_products(const Args& args) {
   for (int i = 0; i < args.nodes && fx.lubrication != 0; ++i) {
     add_node_force(args.hp, i, fx.lubrication,
                    lubrication_force(fx, i, load3(args.p + 3 * kLanes * i)));
+  }
+  for (int k = 0; k < fx.pull_nodes; ++k) {
+    const int at = 3 * kLanes * fx.pull_node[k];
+    const Lane3 change = pull_product(fx, k, load3(args.moved + at), load3(args.p + at));
+    add_node_force(args.hp, fx.pull_node[k], fx.pull, change);
   }
 }
 
@@ -481,7 +516,9 @@ void remember_bonds(const Args& args) {
     const Mask bonds = both(touches_anew(args, stretched, surface), splat(Real{0}) < area);
     start_bond(fx, i, bonds, stretched, x);
     Real* const fresh = fx.bond_fresh + kLanes * i;
-    store(fresh, select(bonds, load(fx.adhesion_scale) * area, load(fresh)));
+    Lane stiffness = load(fx.adhesion_scale) * area;
+    if (fx.adhesion_part != nullptr) stiffness = load(fx.adhesion_part + kLanes * i) * stiffness;
+    store(fresh, select(bonds, stiffness, load(fresh)));
   }
 }
 

@@ -24,7 +24,7 @@ void SolidTissue<Real>::hold(int lane, const Vector3d& tip, double radius, bool 
   const EffectValues& effects = effects_.values(lane);
   const Vector3d beside(effects.grasp_x, effects.grasp_y, 0);
   const Vector3d centre = tip + model_->body.X_WB.linear() * beside;
-  const bool rotates = effects.jaw_roll != 0 || effects.jaw_tilt != 0;
+  const bool rotates = effects.turns_jaw();
   const Eigen::Matrix3d R = jaw_rotation(effects, model_->surroundings.shaft_axis);
   for (int i = 0; i < particles(); ++i) {
     if (this->is_fixed(i)) continue;
@@ -116,8 +116,8 @@ void SolidTissue<Real>::slip_grasps() {
     const double size = box.diagonal().norm() + 2 * model_->spacing;
     const double modulus =
         model_->material.young_modulus_pa() * static_cast<double>(stiffness_[lane]);
-    const Vector3d slip =
-        slip_of(effects, this->held_force(lane), modulus * size, model_->control_period);
+    const Vector3d slip = slip_of(effects, this->held_force(lane), modulus * size, slipped_[lane],
+                                  model_->control_period);
     double& slipped = slipped_[lane];
     slipped += slip.norm();
     if (effects.slip_loss > 0 && slipped > effects.slip_loss) {

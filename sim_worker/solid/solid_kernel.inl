@@ -7,6 +7,7 @@
 //   residual  b = dU/dd,   Newton: H step = b by preconditioned conjugate gradients,   d -= step
 //   finish    v = keep d / h,   x = x_n + d
 
+#include "sim_worker/lanes/exponential.inl"
 #include "sim_worker/lanes/implicit_step.inl"
 #include "sim_worker/lanes/node_effects.inl"
 #include "sim_worker/lanes/rigid_contact.inl"
@@ -269,6 +270,7 @@ void remember_effects(const Args& args) {
     store3(args.moved + at, load3(args.x + at) + load3(args.d + at));
   }
   if (fx.bonds != 0) remember_bonds(args);
+  fade_push(fx);
   if ((fx.prony | fx.slider | fx.softening) == 0) return;
   const Law law = load_law(args);
   Element element;
@@ -343,6 +345,13 @@ void find_contact(const Args& args) {
   }
 }
 
+/// m / (effective step)^2 of a node [N/m].
+inline Lane inertia_of(const Args& args, Lane density, int i) {
+  const Lane body = density * splat(args.mass_over_step2[i]);
+  if (args.effects.added_mass == nullptr) return body;
+  return body + splat(args.effects.added_mass[i] * args.inverse_step * args.inverse_step);
+}
+
 /// Inertia, gravity, jaw and contact; the mesh's forces come on top.
 void load_node_forces(const Args& args, Real* to) {
   const Lane3 gravity = load3(args.gravity);
@@ -350,9 +359,11 @@ void load_node_forces(const Args& args, Real* to) {
   for (int i = 0; i < args.nodes; ++i) {
     const int at = 3 * kLanes * i;
     const Lane3 d = load3(args.d + at);
-    const Lane inertia = density * splat(args.mass_over_step2[i]);
+    const Lane inertia = inertia_of(args, density, i);
     Lane3 force = inertia * (d - inertial_displacement(args, i));
-    force = force - density * splat(args.mass[i]) * gravity;
+    Lane mass = density * splat(args.mass[i]);
+    if (args.effects.added_mass != nullptr) mass = mass + splat(args.effects.added_mass[i]);
+    force = force - mass * gravity;
     const Lane3 off = load3(args.moved + at) - load3(args.hold_target + at);
     force = fma(load(args.hold_stiffness + kLanes * i), off, force);
     if (args.load != nullptr) force = force - load3(args.load + at);
@@ -400,7 +411,7 @@ void multiply_hessian(const Args& args) {
   const Lane density = load(args.effects.density);
   for (int i = 0; i < args.nodes; ++i) {
     const int at = 3 * kLanes * i;
-    const Lane inertia = density * splat(args.mass_over_step2[i]);
+    const Lane inertia = inertia_of(args, density, i);
     const Lane own = inertia + load(args.hold_stiffness + kLanes * i);
     store3(args.hp + at, own * load3(args.p + at));
   }

@@ -7,11 +7,23 @@
 namespace omentum {
 
 template <typename Real>
+std::vector<typename LaneEffects<Real>::NodePart> SolidLaneEffects<Real>::node_parts(
+    const SolidTissueModel& model) {
+  std::vector<NodePart> parts;
+  for (int i = 0; i < model.nodes(); ++i) {
+    const Eigen::Vector2d p = model.body.particles[i].head<2>();
+    const Eigen::Vector2d half = Eigen::Vector2d::Constant(0.5 * model.spacing);
+    parts.push_back({model.mass[i], Eigen::AlignedBox2d(p - half, p + half)});
+  }
+  return parts;
+}
+
+template <typename Real>
 SolidLaneEffects<Real>::SolidLaneEffects(std::shared_ptr<const SolidTissueModel> model, int lanes)
     : Base(model->body, model->effects, model->is_anchor,
            {4 * static_cast<int>(model->mesh.tetrahedra.size()), 6,
             static_cast<int>(model->mesh.tetrahedra.size()), model->nodes()},
-           lanes),
+           node_parts(*model), lanes),
       model_(std::move(model)) {
   for (const Eigen::Vector3i& t : model_->mesh.surface) {
     for (int k = 0; k < 3; ++k) skin_.push_back(t[k]);
@@ -20,6 +32,8 @@ SolidLaneEffects<Real>::SolidLaneEffects(std::shared_ptr<const SolidTissueModel>
   args_.lambda = lambda_.assign(1, 1, lanes);
   args_.alpha = alpha_.assign(1, 1, lanes);
   args_.bulk = bulk_.assign(1, 1, lanes);
+  for (const double m : model_->added_mass) added_mass_.push_back(static_cast<Real>(m));
+  common_.added_mass = added_mass_.empty() ? nullptr : added_mass_.data();
   args_.skin = skin_.data();
   args_.skin_triangles = static_cast<std::int32_t>(skin_.size() / 3);
   for (int lane = 0; lane < lanes; ++lane) set(lane, model_->effects);
@@ -31,9 +45,11 @@ double SolidLaneEffects<Real>::stiffer(int lane) const {
   const auto modulus = [](const SolidLaw& law) { return law.lambda + law.bulk + law.mu; };
   const SolidLaw law = make_solid_law(model_->material.young_modulus_pa(),
                                       model_->material.poisson_ratio() + v.poisson_change);
+  double inclusion = 0;
+  for (const double change : v.inclusion_change) inclusion += std::max(0.0, change);
   const double material = 1 + make_prony(v, model_->substep()).gains + v.fibre_ratio;
-  return std::max(1.0, modulus(law) / modulus(model_->law) * (material + v.slider_ratio) *
-                           (1 + std::max(0.0, v.inclusion_change)));
+  return std::max(
+      1.0, modulus(law) / modulus(model_->law) * (material + v.slider_ratio) * (1 + inclusion));
 }
 
 template <typename Real>
@@ -42,6 +58,7 @@ void SolidLaneEffects<Real>::set(int lane, const EffectValues& v) {
   const SolidLaw law = make_solid_law(young, model_->material.poisson_ratio() + v.poisson_change);
   this->set_common(lane, v, model_->substep(),
                    {.stiffening = v.stiffening * law.shear,
+                    .exponential = 2 * law.shear,
                     .softening_energy = 0.5 * young * v.softening_strain * v.softening_strain,
                     .fibre = v.fibre_ratio * young,
                     .slider = v.slider_ratio * young});
@@ -80,8 +97,7 @@ void SolidLaneEffects<Real>::set_anchor(int lane) {
 /// Stiffness at the integration points, where some lane has an inclusion.
 template <typename Real>
 void SolidLaneEffects<Real>::set_map(int lane) {
-  const bool any =
-      this->lanes_where([](const EffectValues& v) { return v.inclusion_change != 0; }) != 0;
+  const bool any = this->lanes_where([](const EffectValues& v) { return v.has_inclusion(); }) != 0;
   const auto tetrahedra = static_cast<int>(model_->mesh.tetrahedra.size());
   args_.map = any ? map_.ensure(4 * tetrahedra, 1, lanes_, Real{1}) : nullptr;
   for (int point = 0; point < 4 * tetrahedra && any; ++point) {

@@ -28,7 +28,7 @@ class SolidLaneEffects final : public LaneEffects<Real> {
   /// Whether some effect is more than a number: the kernel has to start and to remember it.
   bool on_nodes() const { return (args_.bonds | args_.lubrication | args_.drag) != 0; }
   bool remembers() const {
-    return (args_.prony | args_.slider | args_.softening | args_.bonds) != 0;
+    return (args_.prony | args_.slider | args_.softening | args_.bonds | args_.pull) != 0;
   }
   /// Force of the body on its anchor springs at its present places x, in W [N].
   Eigen::Vector3d anchor_force(int lane, const LaneArray<Real>& x) const;
@@ -37,7 +37,9 @@ class SolidLaneEffects final : public LaneEffects<Real> {
   using Base = LaneEffects<Real>;
   using Base::bond_place_, Base::common_, Base::lanes_;
   using typename Base::Memory;
+  using typename Base::NodePart;
 
+  static std::vector<NodePart> node_parts(const SolidTissueModel& model);
   std::vector<Memory> memory_of(const EffectValues& values) const override;
   void make_memory();
   void set_map(int lane);
@@ -46,6 +48,7 @@ class SolidLaneEffects final : public LaneEffects<Real> {
   std::shared_ptr<const SolidTissueModel> model_;
   SolidEffectArgs<Real> args_{};
   std::vector<std::int32_t> skin_;
+  AlignedVector<Real> added_mass_;
   LaneArray<Real> mu_, lambda_, alpha_, bulk_, map_;
   LaneArray<Real> bond_fresh_, bond_now_, area_, drag_now_;
 };

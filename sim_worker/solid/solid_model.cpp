@@ -65,6 +65,11 @@ void set_geometry(SolidTissueModel& model, double density) {
       model.mass[t[k]] += density * volume * (k < 4 ? 1.0 / 36 : 4.0 / 27);
     }
   }
+  if (const EffectValues& v = model.effects; v.added_mass > 0) {
+    model.added_mass =
+        disc_shares(model.body.particles, model.mass, {v.added_x, v.added_y}, v.added_radius);
+    for (double& m : model.added_mass) m *= v.added_mass;
+  }
   model.on_surface.assign(nodes, 0);
   for (const Eigen::Vector3i& triangle : model.mesh.surface) {
     for (int k = 0; k < 3; ++k) model.on_surface[triangle[k]] = 1;
@@ -93,7 +98,7 @@ class FactorMatrix {
     const double density = 1 + model.effects.density_change;
     for (int i = 0; i < model.nodes(); ++i) {
       for (int axis = 0; axis < width_; ++axis)
-        add(i, axis, i, axis, model.mass[i] * density / (step * step));
+        add(i, axis, i, axis, model.mass_at(i, density) / (step * step));
     }
   }
   PanelFactor factor() const {
@@ -119,7 +124,7 @@ void set_factor(SolidTissueModel& model) {
   const double density = 1 + model.effects.density_change;
   model.diagonal.clear();
   for (std::size_t i = 0; i < model.mass.size(); ++i) {
-    model.diagonal.push_back(model.mass[i] * density / (step * step));
+    model.diagonal.push_back(model.mass_at(i, density) / (step * step));
     if (model.anchor[i] == 0) continue;
     model.diagonal[i] += model.anchor[i];
     matrix.add(static_cast<int>(i), 0, static_cast<int>(i), 0, model.anchor[i]);
@@ -315,7 +320,8 @@ std::shared_ptr<const SolidTissueModel> make_solid_model(const Scene& scene,
   }
   refuse_effects(tissue.effects(), kSolidModel, "TISSUE_ELASTIC with a volume");
   auto model = std::make_shared<SolidTissueModel>();
-  model->effects = make_effects(tissue.effects(), tissue.material().poisson_ratio(), {});
+  model->effects =
+      make_effects(tissue.effects(), tissue.material().poisson_ratio(), scene.tissue.particles);
   model->body = scene.tissue;
   model->mesh = scene.solid;
   model->material = tissue.material();

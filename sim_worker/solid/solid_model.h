@@ -33,9 +33,10 @@ struct SolidTissueModel : TissueModel, std::enable_shared_from_this<SolidTissueM
   pb::Material material;
   pb::ElasticModel parameters;
   SolidMesh mesh;
-  std::vector<double> gradient;  ///< [tetrahedron][corner][xyz] of the volume coordinates [1/m]
-  std::vector<double> volume;    ///< of each tetrahedron [m^3]
-  std::vector<double> mass;      ///< per node [kg]
+  std::vector<double> gradient;    ///< [tetrahedron][corner][xyz] of the volume coordinates [1/m]
+  std::vector<double> volume;      ///< of each tetrahedron [m^3]
+  std::vector<double> mass;        ///< per node [kg]
+  std::vector<double> added_mass;  ///< per node, beside that [kg]; empty = none
   std::vector<std::uint8_t> on_surface;  ///< per node
   double spacing = 0;                    ///< half of the longest edge asked for [m]
   SolidLaw law;                          ///< with the scene's effects
@@ -60,6 +61,10 @@ struct SolidTissueModel : TissueModel, std::enable_shared_from_this<SolidTissueM
   int nodes() const { return static_cast<int>(mesh.nodes.size()); }
   /// Step of the implicit equation: h, or 2 h / 3 for BDF2 [s].
   double effective_step() const;
+  /// Of a node of a body that is so many times as dense [kg].
+  double mass_at(std::size_t i, double density) const {
+    return added_mass.empty() ? mass[i] * density : mass[i] * density + added_mass[i];
+  }
 };
 
 /// Makes the solid of the scene's volume. Throws Error for another law than stable neo-Hooke.

@@ -13,6 +13,7 @@ using Eigen::Vector3d;
 template <typename Real>
 bool SolidTissue<Real>::allows(const EffectValues& effects) const {
   return anchors_fit(model_->effects, effects) &&
+         baked_fit(model_->effects, effects, kSolidModel) &&
          usable(effects, model_->material.poisson_ratio(), {});
 }
 

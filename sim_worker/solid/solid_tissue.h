@@ -35,6 +35,7 @@ class SolidTissue final : public ImplicitTissue<Real> {
   void release(int lane) override;
   std::span<const std::int32_t> held(int lane) const override { return held_[lane].nodes; }
   void shift_held(int lane, const Eigen::Vector3d& by) override;
+  void stop_clock(int lane, bool stopped) override { effects_.stop_clock(lane, stopped); }
   void set_position(int lane, int particle, const Eigen::Vector3d& p) override;
   void save(int lane, Bytes& out) const override;
   Result<std::size_t> load(int lane, std::span<const std::byte> state) override;

@@ -51,13 +51,29 @@ const EffectRow kRows[] = {
     {"plastic_set.modulus_ratio", at<&V::slider_ratio>, kMaterial, kElasticModels},
     {"plastic_set.yield_strain", at<&V::slider_yield>, kMaterial, kElasticModels, 0,
      "plastic_set.modulus_ratio"},
-    {"inclusion.x_m", at<&V::inclusion_x>, kStructure, kElasticModels, kReferenceModel,
-     "inclusion.stiffness_change"},
-    {"inclusion.y_m", at<&V::inclusion_y>, kStructure, kElasticModels, kReferenceModel,
-     "inclusion.stiffness_change"},
-    {"inclusion.radius_m", at<&V::inclusion_radius>, kStructure, kElasticModels, kReferenceModel,
-     "inclusion.stiffness_change"},
-    {"inclusion.stiffness_change", at<&V::inclusion_change>, kStructure, kElasticModels,
+    {"inclusion[0].x_m", at<&V::inclusion_x, 0>, kStructure, kElasticModels, kReferenceModel,
+     "inclusion[0].stiffness_change"},
+    {"inclusion[1].x_m", at<&V::inclusion_x, 1>, kStructure, kElasticModels, kReferenceModel,
+     "inclusion[1].stiffness_change"},
+    {"inclusion[2].x_m", at<&V::inclusion_x, 2>, kStructure, kElasticModels, kReferenceModel,
+     "inclusion[2].stiffness_change"},
+    {"inclusion[0].y_m", at<&V::inclusion_y, 0>, kStructure, kElasticModels, kReferenceModel,
+     "inclusion[0].stiffness_change"},
+    {"inclusion[1].y_m", at<&V::inclusion_y, 1>, kStructure, kElasticModels, kReferenceModel,
+     "inclusion[1].stiffness_change"},
+    {"inclusion[2].y_m", at<&V::inclusion_y, 2>, kStructure, kElasticModels, kReferenceModel,
+     "inclusion[2].stiffness_change"},
+    {"inclusion[0].radius_m", at<&V::inclusion_radius, 0>, kStructure, kElasticModels,
+     kReferenceModel, "inclusion[0].stiffness_change"},
+    {"inclusion[1].radius_m", at<&V::inclusion_radius, 1>, kStructure, kElasticModels,
+     kReferenceModel, "inclusion[1].stiffness_change"},
+    {"inclusion[2].radius_m", at<&V::inclusion_radius, 2>, kStructure, kElasticModels,
+     kReferenceModel, "inclusion[2].stiffness_change"},
+    {"inclusion[0].stiffness_change", at<&V::inclusion_change, 0>, kStructure, kElasticModels,
+     kReferenceModel},
+    {"inclusion[1].stiffness_change", at<&V::inclusion_change, 1>, kStructure, kElasticModels,
+     kReferenceModel},
+    {"inclusion[2].stiffness_change", at<&V::inclusion_change, 2>, kStructure, kElasticModels,
      kReferenceModel},
     {"density_change", at<&V::density_change>, kGravity, kElasticModels, kReferenceModel},
     {"gravity_tilt_x_deg", at<&V::tilt_x>, kGravity, kEveryModel, 0, nullptr, kDegree},
@@ -72,6 +88,14 @@ const EffectRow kRows[] = {
     {"thickness.y_per_m", at<&V::thickness_y>, kStructure, kSheetModels, kReferenceModel},
     {"adhesion.stiffness_pa_per_m", at<&V::adhesion>, kContact, kElasticModels},
     {"adhesion.break_m", at<&V::adhesion_break>, kContact, kElasticModels, 0,
+     "adhesion.stiffness_pa_per_m"},
+    {"adhesion.x_m", at<&V::adhesion_x>, kContact, kElasticModels, 0,
+     "adhesion.stiffness_pa_per_m"},
+    {"adhesion.y_m", at<&V::adhesion_y>, kContact, kElasticModels, 0,
+     "adhesion.stiffness_pa_per_m"},
+    {"adhesion.half_x_m", at<&V::adhesion_half_x>, kContact, kElasticModels, 0,
+     "adhesion.stiffness_pa_per_m"},
+    {"adhesion.half_y_m", at<&V::adhesion_half_y>, kContact, kElasticModels, 0,
      "adhesion.stiffness_pa_per_m"},
     {"suction.drag_pa_s_per_m", at<&V::suction>, kContact, kElasticModels},
     {"suction.reach_m", at<&V::suction_reach>, kContact, kElasticModels, 0,
@@ -88,12 +112,45 @@ const EffectRow kRows[] = {
     {"grasp_slip.speed_m_per_s", at<&V::slip_speed>, kJaw, kElasticModels},
     {"grasp_slip.force_n", at<&V::slip_force>, kJaw, kElasticModels, 0, "grasp_slip.speed_m_per_s"},
     {"grasp_slip.loss_m", at<&V::slip_loss>, kJaw, kElasticModels, 0, "grasp_slip.speed_m_per_s"},
+    {"grasp_slip.total_m", at<&V::slip_total>, kJaw, kElasticModels, 0, "grasp_slip.speed_m_per_s"},
     {"grasp_compliance_m_per_n", at<&V::grasp_compliance>, kJaw, kElasticModels | kSoftBodyModel},
+    {"grasp_turn_rad_per_n_m", at<&V::grasp_turn>, kJaw, kSheetModels},
     {"jaw_roll_deg", at<&V::jaw_roll>, kJaw, kElasticModels | kSoftBodyModel, 0, nullptr, kDegree},
     {"jaw_tilt_deg", at<&V::jaw_tilt>, kJaw, kElasticModels | kSoftBodyModel, 0, nullptr, kDegree},
+    {"jaw_lean_deg", at<&V::jaw_lean>, kJaw, kElasticModels | kSoftBodyModel, 0, nullptr, kDegree},
     {"air_drag", at<&V::air_drag>, kContact, kElasticModels},
     {"mullins.softening", at<&V::softening>, kMaterial, kElasticModels},
     {"mullins.strain", at<&V::softening_strain>, kMaterial, kElasticModels, 0, "mullins.softening"},
+    {"exponential_stiffening", at<&V::exponential>, kMaterial, kElasticModels},
+    {"added_mass.mass_kg", at<&V::added_mass>, kGravity, kElasticModels, kElasticModels},
+    {"added_mass.x_m", at<&V::added_x>, kGravity, kElasticModels, kElasticModels,
+     "added_mass.mass_kg"},
+    {"added_mass.y_m", at<&V::added_y>, kGravity, kElasticModels, kElasticModels,
+     "added_mass.mass_kg"},
+    {"added_mass.radius_m", at<&V::added_radius>, kGravity, kElasticModels, kElasticModels,
+     "added_mass.mass_kg"},
+    {"local_force.strength", at<&V::pull>, kContact, kElasticModels},
+    {"local_force.x_m", at<&V::pull_x>, kContact, kElasticModels, 0, "local_force.strength"},
+    {"local_force.y_m", at<&V::pull_y>, kContact, kElasticModels, 0, "local_force.strength"},
+    {"local_force.radius_m", at<&V::pull_radius>, kContact, kElasticModels, 0,
+     "local_force.strength"},
+    {"local_force.stiffness_n_per_m", at<&V::pull_stiffness>, kContact, kElasticModels, 0,
+     "local_force.strength"},
+    {"local_force.slack_m", at<&V::pull_slack>, kContact, kElasticModels, 0,
+     "local_force.strength"},
+    {"local_force.anchor_x_m", at<&V::pull_anchor_x>, kContact, kElasticModels, 0,
+     "local_force.strength"},
+    {"local_force.anchor_y_m", at<&V::pull_anchor_y>, kContact, kElasticModels, 0,
+     "local_force.strength"},
+    {"local_force.anchor_z_m", at<&V::pull_anchor_z>, kContact, kElasticModels, 0,
+     "local_force.strength"},
+    {"local_force.damper_n_s_per_m", at<&V::pull_damper>, kContact, kElasticModels, 0,
+     "local_force.strength"},
+    {"local_force.push_x_n", at<&V::push_x>, kContact, kElasticModels, 0, "local_force.strength"},
+    {"local_force.push_y_n", at<&V::push_y>, kContact, kElasticModels, 0, "local_force.strength"},
+    {"local_force.push_z_n", at<&V::push_z>, kContact, kElasticModels, 0, "local_force.strength"},
+    {"local_force.decay_s", at<&V::push_decay>, kContact, kElasticModels, 0,
+     "local_force.strength"},
     {"obstacle.x_m", nullptr, kContact, kEveryModel, kEveryModel, "obstacle.radius_m"},
     {"obstacle.y_m", nullptr, kContact, kEveryModel, kEveryModel, "obstacle.radius_m"},
     {"obstacle.z_m", nullptr, kContact, kEveryModel, kEveryModel, "obstacle.radius_m"},
@@ -141,6 +198,31 @@ double value_at(const pb::TissueEffects& effects, const char* path) {
              : place.message->GetReflection()->GetDouble(*place.message, place.field);
 }
 
+/// Refuses a place that is not on the body.
+void check_places(const EffectValues& v, std::span<const Vector3d> particles) {
+  if (particles.empty()) return;
+  Eigen::AlignedBox2d body;
+  for (const Vector3d& p : particles) body.extend(Eigen::Vector2d(p.head<2>()));
+  const auto require = [&](bool on, const char* name, double x, double y,
+                           const Eigen::Vector2d& half) {
+    const Eigen::Vector2d centre(x, y);
+    if (!on || body.intersects(Eigen::AlignedBox2d(centre - half, centre + half))) return;
+    throw_error(
+        "scene.tissue.effects.{}: its place ({}, {}) m is off the tissue, which lies within x_B {} "
+        "... {}, y_B {} ... {} m",
+        name, x, y, body.min().x(), body.max().x(), body.min().y(), body.max().y());
+  };
+  const auto round = [](double radius) { return Eigen::Vector2d::Constant(radius).eval(); };
+  for (std::size_t k = 0; k < v.inclusion_change.size(); ++k) {
+    require(v.inclusion_change[k] != 0, "inclusion", v.inclusion_x[k], v.inclusion_y[k],
+            round(1.25 * v.inclusion_radius[k]));
+  }
+  require(v.adhesion > 0 && !v.sticks_everywhere(), "adhesion", v.adhesion_x, v.adhesion_y,
+          {v.adhesion_half_x, v.adhesion_half_y});
+  require(v.added_mass > 0, "added_mass", v.added_x, v.added_y, round(v.added_radius));
+  require(v.pull > 0, "local_force", v.pull_x, v.pull_y, round(v.pull_radius));
+}
+
 std::string effect_name(const EffectRow& row) {
   return std::string(row.path).substr(0, std::string(row.path).find_first_of(".["));
 }
@@ -174,18 +256,27 @@ bool EffectValues::same_structure(const EffectValues& other) const {
   });
 }
 
+bool EffectValues::has_inclusion() const {
+  return std::ranges::any_of(inclusion_change, [](double change) { return change != 0; });
+}
+
 bool EffectValues::has_memory() const {
   return share[0] > 0 || share[1] > 0 || share[2] > 0 || loss_factor > 0 || slider_ratio > 0 ||
          softening > 0;
 }
 
 double EffectValues::stiffness_at(const Vector3d& p) const {
-  if (inclusion_change == 0) return 1;
-  const double dx = p.x() - inclusion_x;
-  const double dy = p.y() - inclusion_y;
-  const double u = std::sqrt(dx * dx + dy * dy) / inclusion_radius;
-  const double t = std::clamp((1.25 - u) / 0.5, 0.0, 1.0);
-  return 1 + inclusion_change * t * t * (3 - 2 * t);
+  double stiffness = 1;
+  for (std::size_t k = 0; k < inclusion_change.size(); ++k) {
+    if (inclusion_change[k] == 0) continue;
+    const double dx = p.x() - inclusion_x[k];
+    const double dy = p.y() - inclusion_y[k];
+    const double u = std::sqrt(dx * dx + dy * dy) / inclusion_radius[k];
+    const double t =
+        std::clamp((1.25 - u) / 0.5, 0.0, 1.0);  // place_weight(), with the bits it had
+    stiffness += inclusion_change[k] * t * t * (3 - 2 * t);
+  }
+  return stiffness;
 }
 
 double EffectValues::thickness_at(const Vector3d& p) const {
@@ -198,6 +289,10 @@ EffectValues make_effects(const pb::TissueEffects& e, double poisson_ratio,
   if (e.viscoelastic_size() > static_cast<int>(v.share.size())) {
     throw_error("scene.tissue.effects.viscoelastic: {} branches, allowed at most {}",
                 e.viscoelastic_size(), v.share.size());
+  }
+  if (e.inclusion_size() > static_cast<int>(v.inclusion_change.size())) {
+    throw_error("scene.tissue.effects.inclusion: {} of them, allowed at most {}",
+                e.inclusion_size(), v.inclusion_change.size());
   }
   for (const EffectRow& row : value_rows()) {
     if (row.of == nullptr || value_at(e, row.of) != 0)
@@ -220,6 +315,7 @@ EffectValues make_effects(const pb::TissueEffects& e, double poisson_ratio,
           v.thickness_x, v.thickness_y, h, p.x(), p.y());
     }
   }
+  check_places(v, particles);
   if (v.anchor_free_from > v.anchor_free_to) {
     throw_error("scene.tissue.effects.anchor.free_to_m: {}, allowed from free_from_m {}",
                 v.anchor_free_to, v.anchor_free_from);

@@ -25,22 +25,35 @@ struct EffectValues {
   std::array<double, 3> share{}, time{1, 1, 1};  ///< Prony branches
   double loss_factor = 0;
   double slider_ratio = 0, slider_yield = 0.05;
-  double inclusion_x = 0, inclusion_y = 0, inclusion_radius = 0.01, inclusion_change = 0;
+  std::array<double, 3> inclusion_x{}, inclusion_y{}, inclusion_radius{0.01, 0.01, 0.01},
+      inclusion_change{};
   double density_change = 0;
   double tilt_x = 0, tilt_y = 0;
   double poisson_change = 0, bending_change = 0;
   double curvature_x = 0, curvature_y = 0, twist = 0, stretch = 0;
   double thickness_x = 0, thickness_y = 0;      ///< [1/m]
   double adhesion = 0, adhesion_break = 0.002;  ///< [Pa/m], [m]
-  double suction = 0, suction_reach = 0.001;    ///< [Pa s/m], [m]
+  double adhesion_x = 0, adhesion_y = 0;        ///< centre of its place [m]
+  double adhesion_half_x = 0, adhesion_half_y = 0;
+  double suction = 0, suction_reach = 0.001;  ///< [Pa s/m], [m]
   double friction_change = 0;
   double anchor_compliance = 0, anchor_free_from = 0, anchor_free_to = 0, anchor_break = 0;
   double grasp_x = 0, grasp_y = 0, grasp_radius = 0;
-  double slip_speed = 0, slip_force = 0.1, slip_loss = 0;
+  double slip_speed = 0, slip_force = 0.1, slip_loss = 0, slip_total = 0;
   double grasp_compliance = 0;
-  double jaw_roll = 0, jaw_tilt = 0;
+  double grasp_turn = 0;  ///< [rad/(N m)]
+  double jaw_roll = 0, jaw_tilt = 0, jaw_lean = 0;
   double air_drag = 0;
   double softening = 0, softening_strain = 0.05;
+  double exponential = 0;  ///< b
+  double added_mass = 0, added_x = 0, added_y = 0, added_radius = 0.005;
+  double pull = 0;                                                 ///< strength of the local force
+  double pull_x = 0, pull_y = 0, pull_radius = 0.01;               ///< its disc [m]
+  double pull_stiffness = 0, pull_slack = 0;                       ///< [N/m], [m]
+  double pull_anchor_x = 0, pull_anchor_y = 0, pull_anchor_z = 0;  ///< in W [m]
+  double pull_damper = 0;                                          ///< [N s/m]
+  double push_x = 0, push_y = 0, push_z = 0;                       ///< in W [N]
+  double push_decay = 0;                                           ///< [s], 0 = it stays
 
   bool operator==(const EffectValues&) const = default;
 
@@ -49,6 +62,10 @@ struct EffectValues {
   bool same_structure(const EffectValues& other) const;
   bool moves_anchor() const { return anchor_compliance > 0 || anchor_free_from != anchor_free_to; }
   bool has_memory() const;  ///< of its material: Prony branches, a slider or softening
+  bool stiffens() const { return stiffening != 0 || exponential > 0; }
+  bool sticks_everywhere() const { return adhesion_half_x == 0 || adhesion_half_y == 0; }
+  bool has_inclusion() const;
+  bool turns_jaw() const { return jaw_roll != 0 || jaw_tilt != 0 || jaw_lean != 0; }
   /// Factors at a place of the sheet at rest, p_B [m].
   double stiffness_at(const Eigen::Vector3d& p_B) const;
   double thickness_at(const Eigen::Vector3d& p_B) const;

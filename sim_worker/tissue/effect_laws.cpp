@@ -34,16 +34,60 @@ Vector3d tilted_gravity(const EffectValues& effects, const Vector3d& gravity) {
 }
 
 Matrix3d jaw_rotation(const EffectValues& effects, const Vector3d& shaft_axis) {
-  if (effects.jaw_roll == 0 && effects.jaw_tilt == 0) return Matrix3d::Identity();
-  return rotation(effects.jaw_tilt, Vector3d::UnitX()) * rotation(effects.jaw_roll, shaft_axis);
+  if (!effects.turns_jaw()) return Matrix3d::Identity();
+  const Matrix3d turn =
+      rotation(effects.jaw_tilt, Vector3d::UnitX()) * rotation(effects.jaw_roll, shaft_axis);
+  if (effects.jaw_lean == 0) return turn;
+  return rotation(effects.jaw_lean, Vector3d::UnitY()) * turn;
 }
 
 // F' = -stiffness v0 (F / Fs - 1) has the solution F - Fs ~ exp(-stiffness v0 t / Fs).
-Vector3d slip_of(const EffectValues& effects, const Vector3d& force, double stiffness, double dt) {
+Vector3d slip_of(const EffectValues& effects, const Vector3d& force, double stiffness,
+                 double slipped, double dt) {
   const double size = force.norm();
   if (!(effects.slip_speed > 0) || !(size > effects.slip_force)) return Vector3d::Zero();
   const double fraction = 1 - trig::decay(stiffness * effects.slip_speed * dt / effects.slip_force);
-  return fraction * (size - effects.slip_force) / stiffness / size * force;
+  const double way = fraction * (size - effects.slip_force) / stiffness;
+  const double left = effects.slip_total - slipped;
+  if (!(effects.slip_total > 0) || way < left) return way / size * force;
+  return std::max(left, 0.0) / size * force;
+}
+
+double place_weight(double distance_over_radius) {
+  const double t = std::clamp((1.25 - distance_over_radius) / 0.5, 0.0, 1.0);
+  return t * t * (3 - 2 * t);
+}
+
+std::vector<double> disc_shares(std::span<const Vector3d> nodes, std::span<const double> measure,
+                                const Eigen::Vector2d& centre, double radius) {
+  std::vector<double> share(nodes.size(), 0.0);
+  double whole = 0;
+  std::size_t nearest = 0;
+  double least = -1;
+  for (std::size_t i = 0; i < nodes.size(); ++i) {
+    const double distance = (nodes[i].head<2>() - centre).norm();
+    share[i] = place_weight(distance / radius) * measure[i];
+    whole += share[i];
+    if (measure[i] > 0 && (least < 0 || distance < least)) {
+      least = distance;
+      nearest = i;
+    }
+  }
+  if (!(whole > 0)) {
+    share[nearest] = 1;
+    return share;
+  }
+  for (double& s : share) s /= whole;
+  return share;
+}
+
+double sticking_share(const EffectValues& effects, const Eigen::AlignedBox2d& part) {
+  if (effects.sticks_everywhere()) return 1;
+  const Eigen::Vector2d centre(effects.adhesion_x, effects.adhesion_y);
+  const Eigen::Vector2d half(effects.adhesion_half_x, effects.adhesion_half_y);
+  const Eigen::AlignedBox2d common =
+      part.intersection(Eigen::AlignedBox2d(centre - half, centre + half));
+  return common.isEmpty() ? 0 : common.volume() / part.volume();
 }
 
 // The loss factor at w = 1 / t of each branch: sum g (x - eta x^2) / (1 + x^2) = eta, x = w t.

@@ -1,7 +1,10 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <Eigen/Geometry>
 #include <array>
+#include <span>
+#include <vector>
 
 #include "sim_worker/tissue/effect_catalogue.h"
 
@@ -15,14 +18,27 @@ inline constexpr int kMaxBranches = 6;
 /// Gravity of a tilted board.
 Eigen::Vector3d tilted_gravity(const EffectValues& effects, const Eigen::Vector3d& gravity);
 
-/// Turn of the held patch: roll about the shaft, then tilt about x_W.
+/// Turn of the held patch: roll about the shaft, then tilt about x_W, then lean about y_W.
 Eigen::Matrix3d jaw_rotation(const EffectValues& effects, const Eigen::Vector3d& shaft_axis);
 
 /// Way that a held patch slips along the force F on the tool within dt [m], for tissue whose force
 /// falls by `stiffness` per metre of slip [N/m]: it does not overshoot the force at which slip
-/// ends.
+/// ends, nor the whole way that the patch may slip, of which it has gone `slipped` [m].
 Eigen::Vector3d slip_of(const EffectValues& effects, const Eigen::Vector3d& force, double stiffness,
-                        double dt);
+                        double slipped, double dt);
+
+/// Weight of a place at a distance from its centre in radii: 1 inside, falling smoothly from 3/4 to
+/// 5/4.
+double place_weight(double distance_over_radius);
+
+/// Shares, sum 1, of the nodes p_B in what lies on a disc of the sheet, by place_weight() and the
+/// `measure` of each node (area or mass); a disc between nodes is all of the nearest one's.
+std::vector<double> disc_shares(std::span<const Eigen::Vector3d> nodes,
+                                std::span<const double> measure, const Eigen::Vector2d& centre,
+                                double radius);
+
+/// Share of a rectangle of the sheet (x_B, y_B) that sticks.
+double sticking_share(const EffectValues& effects, const Eigen::AlignedBox2d& part);
 
 /// Shares of three branches with times 0.5, 0.05 and 0.005 s whose loss factor, that is loss over
 /// storage modulus, is nearly `loss_factor`: 0.95 ... 1.12 of it from 0.3 to 30 Hz up to 0.2, 0.92

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <Eigen/Geometry>
 #include <cstdint>
 #include <span>
 #include <vector>
@@ -21,6 +22,8 @@ class LaneEffects {
  public:
   const EffectValues& values(int lane) const { return values_[lane]; }
 
+  void stop_clock(int lane, bool stopped);
+
   /// The memory of a lane's effects in its saved state. Two halves, so that nothing changes before
   /// all is known to be sound: read() checks, load() takes over after set().
   void save(int lane, StateWriter& state) const;
@@ -36,7 +39,12 @@ class LaneEffects {
   };
   /// Of the parameters of a lane, in the units of the model's stress and energy.
   struct Scales {
-    double stiffening = 0, softening_energy = 0, fibre = 0, slider = 0;
+    double stiffening = 0, exponential = 0, softening_energy = 0, fibre = 0, slider = 0;
+  };
+  /// What of the body belongs to a node.
+  struct NodePart {
+    double measure = 0;       ///< area or mass, up to a factor
+    Eigen::AlignedBox2d box;  ///< about where it lies, x_B, y_B [m]
   };
   /// Memory of an effect: the first `count` numbers of a lane.
   struct Memory {
@@ -46,7 +54,8 @@ class LaneEffects {
 
   /// `scene` are the effects of the scene; the references must outlive the object.
   LaneEffects(const TissueBody& body, const EffectValues& scene,
-              const std::vector<std::uint8_t>& is_anchor, Layout layout, int lanes);
+              const std::vector<std::uint8_t>& is_anchor, Layout layout,
+              std::vector<NodePart> parts, int lanes);
   ~LaneEffects() = default;
 
   /// Parameters and masks; makes what memory they need.
@@ -69,16 +78,23 @@ class LaneEffects {
   const std::vector<std::uint8_t>& is_anchor_;
   const Layout layout_;
   const int lanes_;
-  LaneArray<Real> stress_, branch_, bias_, plastic_, energy_peak_, bond_place_, bond_longest_;
+  LaneArray<Real> stress_, branch_, bias_, plastic_, energy_peak_, bond_place_, bond_longest_,
+      push_left_;
 
  private:
   void make_memory();
+  void place_adhesion();
+  void place_pull();
 
+  std::vector<NodePart> parts_;  ///< per node
   std::vector<EffectValues> values_;
-  LaneArray<Real> density_, stiffening_, softening_, softening_energy_, fibre_, fibre_axes_,
-      prony_gains_, prony_keep_, prony_gain_, slider_, yield_, anchor_limit_, adhesion_,
-      adhesion_limit_, lubrication_, lubrication_reach_, drag_, lubrication_now_,
-      lubrication_normal_;
+  std::vector<double> push_step_;  ///< per lane: what a substep leaves of the push
+  std::vector<std::int32_t> pull_node_, pull_index_;
+  LaneArray<Real> density_, stiffening_, exponential_, exponential_rate_, adhesion_part_,
+      pull_share_, pull_place_, pull_stiffness_, pull_slack_, pull_damper_, push_, push_keep_,
+      softening_, softening_energy_, fibre_, fibre_axes_, prony_gains_, prony_keep_, prony_gain_,
+      slider_, yield_, anchor_limit_, adhesion_, adhesion_limit_, lubrication_, lubrication_reach_,
+      drag_, lubrication_now_, lubrication_normal_;
 };
 
 extern template class LaneEffects<float>;

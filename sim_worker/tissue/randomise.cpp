@@ -19,10 +19,11 @@ std::string effect_path(const pb::Randomise& r) {
 void check_drawn_effect(const pb::Randomise& r, const Scene& scene) {
   const std::string path = effect_path(r);
   const pb::Tissue& tissue = scene.config.tissue();
-  if (path.rfind("obstacle.", 0) == 0 ||
+  if (path.rfind("obstacle.", 0) == 0 || path.rfind("added_mass.", 0) == 0 ||
       (path.rfind("anchor.", 0) == 0 && !(tissue.effects().anchor().compliance_m2_per_n() > 0))) {
     throw_error("randomise.parameter: {} is part of the scene, allowed: {}", r.parameter(),
-                path[0] == 'o' ? "the other effects" : "with anchor.compliance_m2_per_n above 0");
+                path.rfind("anchor.", 0) != 0 ? "the other effects"
+                                              : "with anchor.compliance_m2_per_n above 0");
   }
   if (!(r.min() <= r.max()))
     throw_error("randomise {}: {} ... {}, allowed min <= max", r.parameter(), r.min(), r.max());

@@ -12,9 +12,11 @@ Grip make_grip(const Scene& scene) {
   Grip grip;
   grip.pad = config.hold() == pb::HOLD_PAD;
   grip.rectangle = config.shape() == pb::GRIP_RECTANGLE;
-  if (grip.pad && scene.config.tissue().model() != pb::TISSUE_REFERENCE) {
-    throw_error("scene.tool.grip.hold: HOLD_PAD with {}, allowed there: HOLD_MEAN",
-                pb::TissueModelKind_Name(scene.config.tissue().model()));
+  if (grip.pad &&
+      (scene.config.tissue().model() == pb::TISSUE_CLUSTER || !scene.config.tissue().has_grid())) {
+    throw_error("scene.tool.grip.hold: HOLD_PAD with {}{}, allowed there: HOLD_MEAN",
+                pb::TissueModelKind_Name(scene.config.tissue().model()),
+                scene.config.tissue().has_grid() ? "" : " and no scene.tissue.grid");
   }
   if (grip.rectangle && !grip.pad)
     throw_error("scene.tool.grip.shape: GRIP_RECTANGLE with HOLD_MEAN, allowed there: GRIP_DISC");

@@ -88,6 +88,9 @@ class Tissue {
   /// kept, until release. `collapse` pulls it onto the tip instead (a named defect of the seed).
   /// Fixed tissue cannot be held.
   virtual void hold(int lane, const Eigen::Vector3d& tip, double radius, bool collapse) = 0;
+  /// What fades with time (local_force.decay_s) stays as it is while the clock is stopped, as
+  /// tissue comes to rest before a recording. Not part of the state.
+  virtual void stop_clock(int /*lane*/, bool /*stopped*/) {}
   /// Distance of a point from a body that lies beside the sheet and can be held with it [m]; 0
   /// inside, infinite where there is none.
   virtual double distance_to_body(int /*lane*/, const Eigen::Vector3d& /*p*/) {

@@ -58,6 +58,11 @@ inline RigidShape make_board(double below) {
   return board;
 }
 
+/// The first inclusion, made where there is none.
+inline pb::Inclusion* inclusion_of(pb::TissueEffects& effects) {
+  return effects.inclusion_size() > 0 ? effects.mutable_inclusion(0) : effects.add_inclusion();
+}
+
 struct NamedEffect {
   const char* name;
   void (*set)(pb::TissueEffects& effects, double amplitude);
@@ -69,6 +74,7 @@ inline std::span<const NamedEffect> all_effects() {
   using E = pb::TissueEffects;
   static const NamedEffect effects[] = {
       {"strain_stiffening", [](E& e, double a) { e.set_strain_stiffening(5 * a); }},
+      {"exponential_stiffening", [](E& e, double a) { e.set_exponential_stiffening(20 * a); }},
       {"anisotropy",
        [](E& e, double a) {
          e.mutable_anisotropy()->set_fibre_ratio(a);
@@ -94,15 +100,36 @@ inline std::span<const NamedEffect> all_effects() {
        }},
       {"inclusion",
        [](E& e, double a) {
-         e.mutable_inclusion()->set_radius_m(0.006);
-         e.mutable_inclusion()->set_stiffness_change(3 * a);
+         inclusion_of(e)->set_radius_m(0.006);
+         inclusion_of(e)->set_stiffness_change(3 * a);
        }},
       {"soft_spot",
        [](E& e, double a) {
-         e.mutable_inclusion()->set_radius_m(0.006);
-         e.mutable_inclusion()->set_stiffness_change(-0.6 * a);
+         inclusion_of(e)->set_radius_m(0.006);
+         inclusion_of(e)->set_stiffness_change(-0.6 * a);
        }},
       {"density", [](E& e, double a) { e.set_density_change(0.3 * a); }},
+      {"added_mass",
+       [](E& e, double a) {
+         e.mutable_added_mass()->set_mass_kg(2e-4 * a);
+         e.mutable_added_mass()->set_y_m(0.004);
+       }},
+      {"local_force",
+       [](E& e, double a) {
+         auto& force = *e.mutable_local_force();
+         force.set_strength(a);
+         force.set_x_m(-0.004);
+         force.set_y_m(0.002);
+         force.set_radius_m(0.005);
+         force.set_stiffness_n_per_m(0.5);
+         force.set_slack_m(0.002);
+         force.set_anchor_x_m(-0.004);
+         force.set_anchor_y_m(0.002);
+         force.set_anchor_z_m(0.006);
+         force.set_damper_n_s_per_m(0.01);
+         force.set_push_z_n(5e-4);
+         force.set_decay_s(0.2);
+       }},
       {"gravity_tilt",
        [](E& e, double a) {
          e.set_gravity_tilt_x_deg(3 * a);
@@ -146,6 +173,8 @@ inline std::span<const NamedEffect> all_effects() {
       {"grasp_compliance", [](E& e, double a) { e.set_grasp_compliance_m_per_n(5e-3 * a); }},
       {"jaw_roll", [](E& e, double a) { e.set_jaw_roll_deg(10 * a); }},
       {"jaw_tilt", [](E& e, double a) { e.set_jaw_tilt_deg(10 * a); }},
+      {"jaw_lean", [](E& e, double a) { e.set_jaw_lean_deg(10 * a); }},
+      {"grasp_turn", [](E& e, double a) { e.set_grasp_turn_rad_per_n_m(20 * a); }},
       {"air_drag", [](E& e, double a) { e.set_air_drag(50 * a); }},
   };
   return effects;

@@ -75,10 +75,11 @@ inline Scene make_second_order_scene(const SecondOrder& c) {
   pb::TissueEffects& effects = *scene.config.mutable_tissue()->mutable_effects();
   if (c.has("inclusion")) {
     const std::vector<double>& disc = c.values.at("inclusion");
-    effects.mutable_inclusion()->set_x_m(disc[0]);
-    effects.mutable_inclusion()->set_y_m(disc[1]);
-    effects.mutable_inclusion()->set_radius_m(disc[2]);
-    effects.mutable_inclusion()->set_stiffness_change(disc[3]);
+    auto& inclusion = *effects.add_inclusion();
+    inclusion.set_x_m(disc[0]);
+    inclusion.set_y_m(disc[1]);
+    inclusion.set_radius_m(disc[2]);
+    inclusion.set_stiffness_change(disc[3]);
   }
   if (c.has("compliance")) effects.set_grasp_compliance_m_per_n(c.values.at("compliance")[0]);
   if (c.has("anchor_compliance"))

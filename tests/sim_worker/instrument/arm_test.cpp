@@ -149,6 +149,14 @@ TEST(Arm, LoopsScaleAsTheirLawsSay) {  // docs/mismatch.md 2.4
     for (const double frequency : {0.25, 1.0})
       EXPECT_NEAR(loop_width(play, amplitude, frequency), 2 * 0.0007, 1e-7);
   }
+  // Play at the tip: the same loop, along its axis only.
+  pb::ArmEffects tip;
+  tip.mutable_tip_backlash()->set_z(0.0007);
+  for (const double frequency : {0.25, 1.0})
+    EXPECT_NEAR(loop_width(tip, 0.01, frequency), 2 * 0.0007, 1e-7);
+  tip.mutable_tip_backlash()->set_z(0);
+  tip.mutable_tip_backlash()->set_x(0.0007);
+  EXPECT_NEAR(loop_width(tip, 0.01, 0.5), 0, 1e-12);
   pb::ArmEffects coulomb;
   coulomb.mutable_coulomb_friction()->set_insertion(3);
   EXPECT_NEAR(loop_width(coulomb, 0.01, 0.5), 2 * 3.0 / 6000, 1e-7);

@@ -27,6 +27,7 @@ struct Lift {
   Vector3d way = Vector3d(-0.003, -0.006, 0.02);
   int rest = 0;  ///< steps before the grasp
   int steps = 28;
+  void (*effects)(pb::TissueEffects&) = nullptr;  ///< of the base
 };
 
 const Vector3d kPinch(0.021, 0.018, 0);
@@ -61,6 +62,7 @@ std::shared_ptr<const ReferenceTissueModel> make_sheet(
   pb::Tissue& tissue = *scene.config.mutable_tissue();
   tissue.mutable_reference()->set_friction_slip_speed_m_per_s(1e-3);
   tissue.mutable_reference()->set_newton_tolerance(lift.board ? 1e-9 : 1e-8);
+  if (lift.effects != nullptr) lift.effects(*tissue.mutable_effects());
   if (change.of_effects) change.of_effects(*tissue.mutable_effects());
   if (change.of_scene) change.of_scene(tissue);
   std::vector<std::string> warnings;
@@ -203,20 +205,35 @@ std::vector<Named> all_parameters() {
     named.push_back(of_effect(effect.name, slips ? 1e-5 : 1e-3, effect.set));
     named.back().needs_board = effect.needs_board;
     const std::vector<std::string> both_ways = {
-        "inclusion",  "soft_spot", "density",     "gravity_tilt", "poisson",  "bending_stiffness",
-        "rest_shape", "thickness", "pre_stretch", "grasp_offset", "jaw_roll", "jaw_tilt"};
+        "inclusion",         "soft_spot",  "density",   "gravity_tilt", "poisson",
+        "bending_stiffness", "rest_shape", "thickness", "pre_stretch",  "grasp_offset",
+        "jaw_roll",          "jaw_tilt",   "jaw_lean"};
     named.back().one_sided = std::ranges::find(both_ways, effect.name) == both_ways.end();
   }
   Named site = of_effect("stiffness_site", 1e-2, [](pb::TissueEffects& e, double d) {
-    e.mutable_inclusion()->set_x_m(0.003);
-    e.mutable_inclusion()->set_y_m(0.004);
-    e.mutable_inclusion()->set_radius_m(0.008);
-    e.mutable_inclusion()->set_stiffness_change(d);
+    test::inclusion_of(e)->set_x_m(0.003);
+    test::inclusion_of(e)->set_y_m(0.004);
+    test::inclusion_of(e)->set_radius_m(0.008);
+    test::inclusion_of(e)->set_stiffness_change(d);
   });
   site.parameter.kind = ColumnKind::kStiffnessSite;
   site.parameter.place = {0.003, 0.004};
   site.parameter.radius = 0.008;
   named.push_back(site);
+  Named clamp = of_effect("clamp_give", 1e-8, [](pb::TissueEffects& e, double d) {
+    e.mutable_anchor()->set_compliance_m2_per_n(d);
+  });
+  clamp.parameter.kind = ColumnKind::kClampGive;
+  clamp.one_sided = true;
+  named.push_back(clamp);
+  Named piece = of_effect("clamp_piece", 1e-5, [](pb::TissueEffects& e, double d) {
+    e.mutable_anchor()->set_free_from_m(0.006 - 0.5 * d);
+    e.mutable_anchor()->set_free_to_m(0.006 + 0.5 * d);
+  });
+  piece.parameter.kind = ColumnKind::kClampFree;
+  piece.parameter.place.x() = 0.006;
+  piece.one_sided = true;
+  named.push_back(piece);
   Named offset{"tip_offset_x",
                [](double d) {
                  Change c;
@@ -301,6 +318,62 @@ TEST(Columns, AreTheDifferencesOfTheSimulation) {
       EXPECT_LT(error, std::max(lift.board ? 0.05 : 0.01, own))
           << lift.name << " " << named[k].name;
     }
+  }
+}
+
+TEST(Columns, OfABaseWithEffectsOnAreItsDifferences) {
+  Lift lift{"effects on"};
+  lift.effects = [](pb::TissueEffects& e) {
+    e.set_grasp_turn_rad_per_n_m(300);
+    e.set_jaw_lean_deg(8);
+    e.set_exponential_stiffening(10);
+    e.mutable_added_mass()->set_mass_kg(5e-4);
+    auto& inclusion = *e.add_inclusion();
+    inclusion.set_x_m(-0.004);
+    inclusion.set_radius_m(0.008);
+    inclusion.set_stiffness_change(2);
+    auto& force = *e.mutable_local_force();
+    force.set_strength(1);
+    force.set_x_m(-0.01);
+    force.set_radius_m(0.006);
+    force.set_stiffness_n_per_m(2);
+    force.set_anchor_x_m(-0.01);
+    force.set_anchor_z_m(-0.004);
+    force.set_damper_n_s_per_m(0.05);
+    force.set_push_z_n(2e-3);
+    force.set_decay_s(0.3);
+  };
+  std::vector<Named> named = {
+      of_case("young_modulus", 600, [](test::ReferenceCase& c, double d) { c.young += d; }),
+      of_effect("turn", 3,
+                [](pb::TissueEffects& e, double d) { e.set_grasp_turn_rad_per_n_m(300 + d); }),
+      of_effect("lean", 0.1, [](pb::TissueEffects& e, double d) { e.set_jaw_lean_deg(8 + d); }),
+      of_effect("b", 0.1,
+                [](pb::TissueEffects& e, double d) { e.set_exponential_stiffening(10 + d); }),
+      of_effect(
+          "added_mass", 5e-6,
+          [](pb::TissueEffects& e, double d) { e.mutable_added_mass()->set_mass_kg(5e-4 + d); }),
+      of_effect(
+          "inclusion_x", 1e-5,
+          [](pb::TissueEffects& e, double d) { e.mutable_inclusion(0)->set_x_m(-0.004 + d); }),
+      of_effect(
+          "force_strength", 1e-2,
+          [](pb::TissueEffects& e, double d) { e.mutable_local_force()->set_strength(1 + d); }),
+      of_effect("force_damper", 5e-4, [](pb::TissueEffects& e, double d) {
+        e.mutable_local_force()->set_damper_n_s_per_m(0.05 + d);
+      })};
+  for (const Named& n : all_parameters()) {
+    if (n.name == "gravity_tilt" || n.name == "tip_offset_x" || n.name == "delay")
+      named.push_back(n);
+  }
+  const MatrixXd s = columns(lift, named);
+  const VectorXd base = surface(lift, {});
+  for (std::size_t k = 0; k < named.size(); ++k) {
+    const Difference expected = difference(lift, named[k], base, {1});
+    const VectorXd column = s.col(static_cast<Eigen::Index>(k));
+    const double error = (column - expected.value).norm() / expected.value.norm();
+    std::printf("# %-10s %-18s %9.4f %%\n", lift.name, named[k].name.c_str(), 100 * error);
+    EXPECT_LT(error, 0.01) << named[k].name;
   }
 }
 

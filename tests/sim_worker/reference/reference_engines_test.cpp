@@ -92,12 +92,16 @@ std::shared_ptr<ReferenceTissueModel> make_model(const EngineResult& result, con
     model->grasp_compliance = result.values.at("compliance")[0];
   if (result.values.count("inclusion") != 0) {
     const std::vector<double>& disc = result.values.at("inclusion");  // x, y, radius, factor
-    for (ReferenceElement& element : model->elements) {
+    model->stiffness.resize(model->batches());
+    for (std::size_t lane = 0; lane < Pack::kLanes * model->batches(); ++lane) {
+      const ReferenceElement& element = model->elements[std::min(lane, model->elements.size() - 1)];
       const Vector3d centre = 0.5 * (model->nodes[static_cast<std::size_t>(element.node[0])] +
                                      model->nodes[static_cast<std::size_t>(element.node[7])]);
       const double far2 = (centre.head<2>() - Eigen::Vector2d(disc[0], disc[1])).squaredNorm() /
                           (disc[2] * disc[2]);
-      if (far2 < 1) element.stiffness = 1 + (disc[3] - 1) * (1 - far2) * (1 - far2);
+      const double inside = std::max(0.0, 1 - far2);
+      for (Pack& factor : model->stiffness[lane / Pack::kLanes])
+        factor.set_lane(static_cast<int>(lane % Pack::kLanes), 1 + (disc[3] - 1) * inside * inside);
     }
   }
   return model;

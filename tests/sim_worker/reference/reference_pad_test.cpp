@@ -228,7 +228,7 @@ TEST(GripPad, IsRefusedInOneLineWhereItCannotBe) {
   EXPECT_THAT([&] { make_surroundings(scene); },
               testing::ThrowsMessage<Error>(testing::HasSubstr("allowed there: GRIP_DISC")));
   scene.config.mutable_tool()->mutable_grip()->set_hold(pb::HOLD_PAD);
-  scene.config.mutable_tissue()->set_model(pb::TISSUE_ELASTIC);
+  scene.config.mutable_tissue()->set_model(pb::TISSUE_CLUSTER);
   EXPECT_THAT([&] { make_surroundings(scene); },
               testing::ThrowsMessage<Error>(testing::HasSubstr("allowed there: HOLD_MEAN")));
 }

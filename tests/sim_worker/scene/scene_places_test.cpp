@@ -50,6 +50,54 @@ TEST_F(ScenePlaces, EveryPresetIsMeant) {
   }
 }
 
+TEST_F(ScenePlaces, WhatATaskAloneNeedsASimulationDoesNot) {
+  pb::Scene bare = scene();
+  bare.clear_camera();
+  bare.clear_workspace_min_m();
+  bare.clear_workspace_max_m();
+  bare.clear_tool_start_m();
+  bare.clear_target_m();
+  bare.clear_tumour_point_m();
+  bare.clear_start_grid();
+  bare.clear_robot_grid();
+  const Scene made = make_scene(bare, scene_directory(config_));
+  EXPECT_EQ(made.tissue.particles.size(), make_sim_setup(config_)->scene.tissue.particles.size());
+  EXPECT_THAT(made.warnings, IsEmpty());
+  bare.clear_tissue();
+  bare.clear_rigid_body();
+  EXPECT_TRUE(make_scene(bare, ".").tissue.particles.empty()) << "an arm alone";
+
+  const std::pair<void (pb::Scene::*)(), const char*> parts[] = {
+      {&pb::Scene::clear_camera, "scene.camera: missing"},
+      {&pb::Scene::clear_workspace_max_m, "scene.workspace_m"},
+      {&pb::Scene::clear_tool_start_m, "scene.tool_start_m: missing"},
+      {&pb::Scene::clear_target_m, "scene.target_m: missing"},
+      {&pb::Scene::clear_tissue, "scene.tissue: missing"}};
+  const pb::Scene whole = scene();
+  for (const auto& [clear, said] : parts) {
+    scene() = whole;
+    (scene().*clear)();
+    EXPECT_THAT(refusal(), HasSubstr(said));
+  }
+}
+
+TEST_F(ScenePlaces, TheShaftPointsWhereTheSceneSays) {
+  const auto direction = [&](double x, double y, double z) -> Eigen::Vector3d {
+    pb::Vec3& to = *scene().mutable_tool()->mutable_shaft_direction();
+    to.set_x(x);
+    to.set_y(y);
+    to.set_z(z);
+    Scene made;
+    made.config = scene();
+    return scene_tool_mount(made).jaw_direction();
+  };
+  EXPECT_NEAR((direction(0, 0, -2) - Eigen::Vector3d(0, 0, -1)).norm(), 0, 1e-15);
+  EXPECT_NEAR((direction(0.3, -0.4, -1.2) - Eigen::Vector3d(0.3, -0.4, -1.2) / 1.3).norm(), 0,
+              1e-15);
+  EXPECT_THROW(direction(0, 0, 1), Error);
+  EXPECT_THROW(direction(0, 0, 0), Error);
+}
+
 TEST_F(ScenePlaces, ATumourThatNothingCanExposeIsRefused) {
   const std::string place = "scene.rigid_body[1].pose: ";
   put_tumour(36, 0.0361, 0.0192);

@@ -58,7 +58,7 @@ TEST(EverySolidEffect, ZeroIsOffToTheBit) {
   SolidCase c = pad(true);
   Solid off(make_solid(c), f64x1());
   for (const NamedEffect& effect : solid_effects()) effect.set(c.effects, 0);
-  c.effects.mutable_inclusion()->set_x_m(0.003);
+  test::inclusion_of(c.effects)->set_x_m(0.003);
   c.effects.mutable_plastic_set()->set_yield_strain(0.3);
   c.effects.mutable_suction()->set_reach_m(0.002);
   c.effects.mutable_mullins()->set_strain(0.3);

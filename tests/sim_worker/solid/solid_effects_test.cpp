@@ -107,8 +107,8 @@ TEST(SolidEffect, InclusionOverEverythingIsAnotherModulus) {
   c.poisson = 0.45;
   const Matrix3d F = (Matrix3d() << 1.02, 0.1, 0, -0.05, 1.1, 0.02, 0, 0.1, 0.97).finished();
   Solid plain(make_solid(c), f64x1());
-  c.effects.mutable_inclusion()->set_radius_m(0.5);
-  c.effects.mutable_inclusion()->set_stiffness_change(1);
+  test::inclusion_of(c.effects)->set_radius_m(0.5);
+  test::inclusion_of(c.effects)->set_stiffness_change(1);
   Solid stiff(make_solid(c), f64x1());
   deform(plain, F);
   deform(stiff, F);
@@ -127,9 +127,9 @@ TEST(SolidEffect, SoftSpotThroughTheSectionStretchesAsSlicesInSeries) {
     return tip_of(tissue).y();
   };
   const double plain = end();
-  c.effects.mutable_inclusion()->set_y_m(-0.02);
-  c.effects.mutable_inclusion()->set_radius_m(0.025);
-  c.effects.mutable_inclusion()->set_stiffness_change(-0.5);
+  test::inclusion_of(c.effects)->set_y_m(-0.02);
+  test::inclusion_of(c.effects)->set_radius_m(0.025);
+  test::inclusion_of(c.effects)->set_stiffness_change(-0.5);
   double expected = 0;
   for (int k = 0; k < 1200; ++k) {
     const double y = -0.06 + (k + 0.5) * 1e-4;
@@ -328,8 +328,8 @@ TEST(SolidMaterialEffect, TheHessianIsTheDerivativeOfTheGradient) {
   all.add_viscoelastic()->set_share(0.5);
   all.mutable_plastic_set()->set_modulus_ratio(0.4);
   all.mutable_plastic_set()->set_yield_strain(0.05);
-  all.mutable_inclusion()->set_stiffness_change(2);
-  all.mutable_inclusion()->set_radius_m(0.03);
+  test::inclusion_of(all)->set_stiffness_change(2);
+  test::inclusion_of(all)->set_radius_m(0.03);
   all.mutable_mullins()->set_softening(0.5);
   all.mutable_mullins()->set_strain(0.05);
   for (const pb::TissueEffects& effects : {none, all}) {

@@ -146,8 +146,9 @@ TEST(EffectCatalogue, EveryEffectIsOnTheTestsList) {
     }
   }
   // More of the same effect, with tests of their own.
-  const std::set<std::string> variants = {"viscoelastic[1].share", "viscoelastic[2].share",
-                                          "anchor.break_m", "grasp_offset.radius_m"};
+  const std::set<std::string> variants = {
+      "viscoelastic[1].share",         "viscoelastic[2].share", "inclusion[1].stiffness_change",
+      "inclusion[2].stiffness_change", "anchor.break_m",        "grasp_offset.radius_m"};
   for (const EffectRow& row : value_rows()) {
     if (row.of != nullptr || variants.count(row.path) != 0) continue;
     EXPECT_EQ(on.count(row.path), 1U) << row.path;

@@ -38,7 +38,7 @@ INSTANTIATE_TEST_SUITE_P(Both, EveryEffect, testing::Values(Model::kElastic, Mod
 /// Every message and number present, everything zero but for scales.
 void set_all_to_zero(pb::TissueEffects& effects) {
   for (const NamedEffect& effect : all_effects()) effect.set(effects, 0);
-  effects.mutable_inclusion()->set_x_m(0.003);
+  test::inclusion_of(effects)->set_x_m(0.003);
   effects.mutable_plastic_set()->set_yield_strain(0.3);
   effects.mutable_suction()->set_reach_m(0.002);
   effects.mutable_mullins()->set_strain(0.3);
@@ -156,7 +156,7 @@ EffectValues lane_effects(int lane) {
     const PhiloxWords words = philox({static_cast<std::uint32_t>(lane), k, 0, 0}, {3, 1});
     const NamedEffect& effect = list[words[0] % list.size()];
     const std::string name = effect.name;
-    if (lane % 4 == 0 || name.find("anchor") != std::string::npos) continue;
+    if (lane % 4 == 0 || name.find("anchor") != std::string::npos || name == "added_mass") continue;
     effect.set(effects, 0.3 + 0.7 * static_cast<double>(words[1]) * 0x1p-32);
   }
   if (lane % 4 == 1) effects.mutable_mullins()->set_softening(0.1 + 0.04 * lane);
@@ -250,6 +250,21 @@ TEST(EffectInput, WhatAModelCannotDoIsRefusedInOneLine) {
   c.effects.Clear();
   for (int k = 0; k < 4; ++k) c.effects.add_viscoelastic()->set_share(0.1);
   EXPECT_THAT(message(c, pb::TISSUE_ELASTIC), testing::HasSubstr("4 branches, allowed at most 3"));
+  c.effects.Clear();
+  for (int k = 0; k < 4; ++k) c.effects.add_inclusion();
+  EXPECT_THAT(message(c, pb::TISSUE_REFERENCE), testing::HasSubstr("4 of them, allowed at most 3"));
+  c = lift_case(false);
+  for (const char* path :
+       {"added_mass.mass_kg", "local_force.strength", "inclusion[1].stiffness_change"}) {
+    c.effects.Clear();
+    set_effect(c.effects, path, 0.1);
+    const std::string name = std::string(path).substr(0, std::string(path).find_first_of(".["));
+    set_effect(c.effects, std::string(path).substr(0, std::string(path).find('.')) + ".x_m", 0.3);
+    for (const auto kind : {pb::TISSUE_ELASTIC, pb::TISSUE_REFERENCE})
+      EXPECT_THAT(message(c, kind), testing::HasSubstr("effects." + name +
+                                                       ": its place (0.3, 0) m "
+                                                       "is off the tissue"));
+  }
 }
 
 TEST(EffectInput, PathsAreCheckedByNameAndRange) {
@@ -259,7 +274,7 @@ TEST(EffectInput, PathsAreCheckedByNameAndRange) {
   set_effect(effects, "strain_stiffening", 2);
   set_effect(effects, "mullins.softening", 0.4);
   EXPECT_EQ(effects.mullins().softening(), 0.4);
-  EXPECT_EQ(effects.inclusion().x_m(), 0.01);
+  EXPECT_EQ(effects.inclusion(0).x_m(), 0.01);
   EXPECT_EQ(effects.viscoelastic(1).share(), 0.2);
   EXPECT_EQ(effects.viscoelastic(0).share(), 0);
   EXPECT_EQ(effects.strain_stiffening(), 2);

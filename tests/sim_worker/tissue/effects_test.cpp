@@ -79,8 +79,8 @@ TEST_P(EffectLaw, BendingChangeScalesThePlateAlone) {
 
 TEST_P(EffectLaw, InclusionOverEverythingIsAnotherModulus) {
   EffectCase c = strip(30e3);
-  c.effects.mutable_inclusion()->set_radius_m(0.5);
-  c.effects.mutable_inclusion()->set_stiffness_change(1);
+  test::inclusion_of(c.effects)->set_radius_m(0.5);
+  test::inclusion_of(c.effects)->set_stiffness_change(1);
   const double expected = kDensity * kGravity * kLength * kLength / (2 * 2 * c.young);
   EXPECT_NEAR(extension(c) / expected, 1, 0.004);
 }
@@ -88,9 +88,9 @@ TEST_P(EffectLaw, InclusionOverEverythingIsAnotherModulus) {
 TEST_P(EffectLaw, SoftSpotStretchesWhereItIs) {
   EffectCase c = strip(50e3);
   const double plain = extension(c);
-  c.effects.mutable_inclusion()->set_y_m(0.02);
-  c.effects.mutable_inclusion()->set_radius_m(0.012);
-  c.effects.mutable_inclusion()->set_stiffness_change(-0.5);
+  test::inclusion_of(c.effects)->set_y_m(0.02);
+  test::inclusion_of(c.effects)->set_radius_m(0.012);
+  test::inclusion_of(c.effects)->set_stiffness_change(-0.5);
   const auto tissue = make(c);
   rest(*tissue, 2);
   const double soft = -0.045 - edge(c, *tissue).z();
