@@ -19,23 +19,16 @@ Vector3d true_tip(const ArmState& state) { return Eigen::Map<const Vector3d>(sta
 
 }  // namespace
 
-ColumnRecorder::ColumnRecorder(std::vector<PreparedParameter> parameters, const Scene& scene,
-                               std::shared_ptr<const ReferenceTissueModel> model, const Arm& base,
-                               std::string folder, std::size_t frames)
+ColumnCarrier::ColumnCarrier(std::vector<PreparedParameter> parameters, const Scene& scene,
+                             std::shared_ptr<const ReferenceTissueModel> model, const Arm& base)
     : parameters_(std::move(parameters)),
       model_(std::move(model)),
       base_(base),
       camera_(scene.camera.position),
-      folder_(std::move(folder)),
-      planned_(frames),
       arms_(parameters_.size()),
-      ended_(parameters_.size(), 0),
-      upper_(folder_ + "/upper.npy",
-             {parameters_.size(), frames, scene.tissue.particles.size(), 3}) {
-  for (const Vector3d& p : scene.tissue.particles) uv_.insert(uv_.end(), {p.x(), p.y()});
-}
+      ended_(parameters_.size(), 0) {}
 
-void ColumnRecorder::begin(ReferenceTissue& tissue, const Vector3d& tip) {
+void ColumnCarrier::begin(ReferenceTissue& tissue, const Vector3d& tip) {
   std::vector<ColumnParameter> columns;
   for (const PreparedParameter& p : parameters_) columns.push_back(p.tissue);
   tissue.carry_columns(columns);
@@ -47,7 +40,7 @@ void ColumnRecorder::begin(ReferenceTissue& tissue, const Vector3d& tip) {
 }
 
 /// Derivatives of the true tip.
-Eigen::Matrix3Xd ColumnRecorder::tip_columns() {
+Eigen::Matrix3Xd ColumnCarrier::tip_columns() {
   Eigen::Matrix3Xd tip = Eigen::Matrix3Xd::Zero(3, static_cast<Eigen::Index>(parameters_.size()));
   for (std::size_t k = 0; k < parameters_.size(); ++k) {
     const PreparedParameter& p = parameters_[k];
@@ -58,7 +51,7 @@ Eigen::Matrix3Xd ColumnRecorder::tip_columns() {
   return tip;
 }
 
-void ColumnRecorder::begin_step(ReferenceTissue& tissue, const Vector3d& tip) {
+void ColumnCarrier::begin_step(ReferenceTissue& tissue, const Vector3d& tip) {
   const Vector3d load = tissue.held_force(0);
   base_.step(base_arm_, tip, load);
   for (std::size_t k = 0; k < arms_.size(); ++k) {
@@ -69,16 +62,18 @@ void ColumnRecorder::begin_step(ReferenceTissue& tissue, const Vector3d& tip) {
   tip_ = to;
 }
 
-void ColumnRecorder::add_frame(double t, const ReferenceTissue& tissue) {
-  OMENTUM_CHECK(time_.size() < planned_, "frame {} of {}", time_.size(), planned_);
+void ColumnCarrier::add_state(std::size_t step, double t, const ReferenceTissue& tissue) {
+  if (!wants(step)) return;
   const ReferenceColumns& columns = *tissue.columns();
   if (!columns.valid && failure_.empty())
     failure_ = fmt::format("no columns from {:.6g} s on: {}", t, columns.reason);
-  if (!columns.valid) return;
-  const std::size_t frame = time_.size();
-  const std::size_t points = model_->upper_points.size();
+  if (columns.valid) take(step, t, tissue);
+}
+
+std::vector<std::vector<float>> ColumnCarrier::columns_at(const std::vector<BodyPoint>& points,
+                                                          const ReferenceTissue& tissue) const {
   std::vector<std::vector<float>> values(parameters_.size());
-  for (const BodyPoint& point : model_->upper_points) {
+  for (const BodyPoint& point : points) {
     const SeenPoint seen{tissue.point(point), tissue.point_velocity(point), camera_};
     const Eigen::Matrix3Xd s = tissue.point_columns(point);
     for (std::size_t k = 0; k < parameters_.size(); ++k) {
@@ -88,8 +83,11 @@ void ColumnRecorder::add_frame(double t, const ReferenceTissue& tissue) {
       for (int axis = 0; axis < 3; ++axis) values[k].push_back(static_cast<float>(change[axis]));
     }
   }
+  return values;
+}
+
+void ColumnCarrier::tell_ends(double t, const std::vector<std::vector<float>>& values) {
   for (std::size_t k = 0; k < parameters_.size(); ++k) {
-    upper_.write((k * planned_ + frame) * points * 3, values[k]);
     if (ended_[k] != 0 || std::ranges::all_of(values[k], [](float x) { return std::isfinite(x); }))
       continue;
     ended_[k] = 1;
@@ -97,17 +95,38 @@ void ColumnRecorder::add_frame(double t, const ReferenceTissue& tissue) {
         fmt::format("--columns: {} ends at {:.6g} s: its scene has no finite force on the path",
                     parameters_[k].parameter.name, t));
   }
-  const Eigen::MatrixXd force = columns.multiplier.topRows<3>();
+}
+
+ColumnRecorder::ColumnRecorder(std::vector<PreparedParameter> parameters, const Scene& scene,
+                               std::shared_ptr<const ReferenceTissueModel> model, const Arm& base,
+                               std::string folder, std::size_t frames, std::size_t stride)
+    : ColumnCarrier(std::move(parameters), scene, std::move(model), base),
+      folder_(std::move(folder)),
+      planned_(frames),
+      stride_(stride),
+      upper_(folder_ + "/upper.npy",
+             {this->parameters().size(), frames, scene.tissue.particles.size(), 3}) {
+  for (const Vector3d& p : scene.tissue.particles) uv_.insert(uv_.end(), {p.x(), p.y()});
+}
+
+void ColumnRecorder::take(std::size_t /*step*/, double t, const ReferenceTissue& tissue) {
+  OMENTUM_CHECK(time_.size() < planned_, "frame {} of {}", time_.size(), planned_);
+  const std::size_t frame = time_.size();
+  const std::vector<std::vector<float>> values = columns_at(model().upper_points, tissue);
+  for (std::size_t k = 0; k < values.size(); ++k)
+    upper_.write((k * planned_ + frame) * values[k].size(), values[k]);
+  tell_ends(t, values);
+  const Eigen::MatrixXd force = tissue.columns()->multiplier.topRows<3>();
   force_.insert(force_.end(), force.data(), force.data() + force.size());
   time_.push_back(t);
 }
 
 void ColumnRecorder::finish() {
   upper_.close();
-  const std::size_t count = parameters_.size();
+  const std::size_t count = parameters().size();
   std::vector<std::string> names;
   std::vector<std::string> units;
-  for (const PreparedParameter& p : parameters_) {
+  for (const PreparedParameter& p : parameters()) {
     names.push_back(p.parameter.name);
     units.push_back(p.parameter.unit);
   }
@@ -129,6 +148,27 @@ void ColumnRecorder::finish() {
   archive.add_file("upper", upper_.path());
   archive.write(folder_ + "/columns.npz");
   std::filesystem::remove(upper_.path());
+}
+
+ColumnKeeper::ColumnKeeper(std::vector<PreparedParameter> parameters, const Scene& scene,
+                           std::shared_ptr<const ReferenceTissueModel> model, const Arm& base,
+                           std::vector<std::size_t> steps)
+    : ColumnCarrier(std::move(parameters), scene, std::move(model), base),
+      steps_(std::move(steps)) {}
+
+bool ColumnKeeper::wants(std::size_t step) const {
+  return std::binary_search(steps_.begin(), steps_.end(), step);
+}
+
+void ColumnKeeper::take(std::size_t step, double t, const ReferenceTissue& tissue) {
+  StateColumns& state = kept[step];
+  state.surface = columns_at(model().upper_points, tissue);
+  const std::vector<std::vector<float>> lower = columns_at(model().lower_points, tissue);
+  for (std::size_t k = 0; k < lower.size(); ++k)
+    state.surface[k].insert(state.surface[k].end(), lower[k].begin(), lower[k].end());
+  tell_ends(t, state.surface);
+  const Eigen::MatrixXd force = tissue.columns()->multiplier.topRows<3>();
+  for (Eigen::Index k = 0; k < force.cols(); ++k) state.force.emplace_back(force.col(k));
 }
 
 }  // namespace omentum

@@ -1,5 +1,5 @@
 // mismatch: where simulation and recordings differ. So far: recordings in and out, simulation of
-// recorded commands.
+// recorded commands, calibration.
 
 #include <cstdio>
 #include <exception>
@@ -7,7 +7,9 @@
 #include <optional>
 
 #include "core/command_line.h"
+#include "mismatch/calibrate_program.h"
 #include "mismatch/recording_program.h"
+#include "mismatch/scene_program.h"
 #include "mismatch/simulate_program.h"
 
 namespace {
@@ -19,10 +21,14 @@ int run(int argc, char** argv) {
   app.require_subcommand(1);
   const std::function<int()> simulate = add_simulate_command(app);
   const std::function<int()> recordings = add_recording_commands(app);
+  const std::function<int()> scene = add_scene_command(app);
+  const std::function<int()> calibrate = add_calibrate_command(app);
   app.footer(
       "Exit codes: 0 done, 1 the tissue fails under the commands, 2 wrong input, or the output "
       "cannot be written.");
   if (const std::optional<int> code = parse_command_line(app, argc, argv)) return *code;
+  if (app.got_subcommand("calibrate")) return calibrate();
+  if (app.got_subcommand("scene")) return scene();
   return app.got_subcommand("simulate") ? simulate() : recordings();
 }
 

@@ -10,8 +10,8 @@
 #include "mismatch/import/import_map.h"
 #include "mismatch/intake/intake.h"
 #include "mismatch/recording/plain_folder.h"
+#include "mismatch/recording/read_recording.h"
 #include "mismatch/recording/recording_mcap.h"
-#include "mismatch/recording/table_columns.h"
 
 namespace omentum {
 namespace {
@@ -42,29 +42,10 @@ std::string summary(const Recording& recording) {
   return text;
 }
 
-bool holds_recording(const fs::path& folder) {
-  for (const std::string_view file : kTableFiles) {
-    if (fs::exists(folder / file)) return true;
-  }
-  return fs::exists(folder / "clouds.csv") || fs::exists(folder / "depth.csv");
-}
-
 /// What a folder or file holds, one recording after the other.
 void for_each(const RecordingOptions& options, const TakeRecording& take) {
   if (!options.map.empty()) return import_mapped(read_import_map(options.map), options.input, take);
-  const fs::path input(options.input);
-  if (!fs::is_directory(input)) return take(input.stem().string(), read_recording_mcap(input));
-  std::vector<fs::path> folders;
-  if (!holds_recording(input)) {  // a case: a folder a recording
-    for (const auto& entry : fs::directory_iterator(input)) {
-      if (entry.is_directory() && holds_recording(entry.path())) folders.push_back(entry.path());
-    }
-    std::sort(folders.begin(), folders.end());
-  }
-  if (folders.empty()) folders.push_back(input);
-  for (const fs::path& folder : folders)
-    take(fs::absolute(folder).lexically_normal().filename().string(),
-         read_recording_folder(folder.string()));
+  for_each_recording(options.input, take);
 }
 
 int import_recordings(const RecordingOptions& options) {

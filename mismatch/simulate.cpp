@@ -172,7 +172,7 @@ MeshError estimate_mesh_error(const SimulatedRecording& fine, const SimulatedRec
 
 SimulatedRecording simulate_recording(const TissueModel& model, const Arm& arm,
                                       const ToolTrack& track, const GraspSettings& grasp,
-                                      bool from_rest, ColumnRecorder* columns, std::size_t stride) {
+                                      bool from_rest, ColumnCarrier* columns) {
   const std::unique_ptr<Tissue<double>> tissue = model.make_tissue(f64x1());
   tissue->reset(0, Vector3d::Zero());
   const double period = model.control_period;
@@ -201,7 +201,7 @@ SimulatedRecording simulate_recording(const TissueModel& model, const Arm& arm,
   for (std::size_t step = 0; step <= steps; ++step) {
     const double t = track.begin() + static_cast<double>(step) * period;
     if (reference != nullptr) {
-      if (step % stride == 0) columns->add_frame(t, *reference);
+      columns->add_state(step, t, *reference);
       columns->begin_step(*reference, track.tip_at(t + period));
       if (held) reference->set_tip_columns({}, {});
     }

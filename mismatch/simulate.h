@@ -77,13 +77,12 @@ std::size_t count_steps(const ToolTrack& track, double period);
 /// Runs the tissue of a scene under recorded tool commands: one environment, double precision, one
 /// control step per control_period, from rest or from the shape of the scene. What was commanded is
 /// what is done, but for the effects of the arm: no workspace box, no speed cap. Ends early where
-/// the tissue fails. `columns`, of a tissue of the reference, gets a frame every `stride` steps. A
-/// pure function of its arguments; several at a time share nothing that changes. Throws Error where
-/// the result does not fit into memory.
+/// the tissue fails. `columns`: of a tissue of the reference. A pure function of its arguments;
+/// several at a time share nothing that changes. Throws Error where the result does not fit into
+/// memory.
 SimulatedRecording simulate_recording(const TissueModel& model, const Arm& arm,
                                       const ToolTrack& track, const GraspSettings& grasp,
-                                      bool from_rest = false, ColumnRecorder* columns = nullptr,
-                                      std::size_t stride = 1);
+                                      bool from_rest = false, ColumnCarrier* columns = nullptr);
 
 /// What a coarser mesh changes, scaled to an estimate of the error of the finer one.
 struct MeshError {

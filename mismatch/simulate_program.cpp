@@ -13,8 +13,10 @@
 #include "core/check.h"
 #include "core/command_line.h"
 #include "core/config.h"
-#include "core/recording_info.h"
-#include "mismatch/recording_folder.h"
+#include "mismatch/recording/plain_folder.h"
+#include "mismatch/recording/read_recording.h"
+#include "mismatch/recording/recording_mcap.h"
+#include "mismatch/simulated_recording.h"
 #include "mismatch/simulation.h"
 #include "sim_worker/camera/depth_sensor.h"
 
@@ -38,6 +40,8 @@ struct SimulateOptions {
   std::uint64_t seed = 1;
   std::size_t threads = std::max(1U, std::thread::hardware_concurrency());
 };
+
+bool is_mcap(const std::string& path) { return fs::path(path).extension() == ".mcap"; }
 
 /// Control steps from one cloud to the next; 0 = no clouds.
 std::size_t cloud_stride(const SimulateOptions& options, double period) {
@@ -97,7 +101,7 @@ double find_period(const SimulateOptions& options, const std::string& commands,
   if (!info.has_tool_rate_hz()) return kScenePeriod;
   const double rate = info.tool_rate_hz();
   if (rate < kMin || rate > kMax)
-    throw_error("{}/recording.txtpb: tool_rate_hz: {} Hz, allowed {} ... {}, or give --rate",
+    throw_error("{}: tool_rate_hz of recording.txtpb: {} Hz, allowed {} ... {}, or give --rate",
                 commands, rate, kMin, kMax);
   return 1 / rate;
 }
@@ -115,8 +119,8 @@ void scale_substeps(double share, pb::Tissue& tissue) {
 SimulationTask make_task(const SimulateOptions& options, const std::string& commands,
                          Reports& reports) {
   SimulationTask task;
-  const pb::RecordingInfo info = read_recording_info(commands);
-  task.period = find_period(options, commands, info);
+  const Recording recording = read_recording(commands);
+  task.period = find_period(options, commands, recording.info);
   if (options.cloud_rate_hz * task.period > 1 + 1e-9)
     throw_error("--cloud-rate: {} Hz, allowed 0 ... {:.6g} (the control rate)",
                 options.cloud_rate_hz, 1 / task.period);
@@ -126,8 +130,8 @@ SimulationTask make_task(const SimulateOptions& options, const std::string& comm
   scale_substeps(task.period / kScenePeriod, *task.scene.mutable_tissue());
   task.folder = fs::path(options.scene).parent_path().string();
   const Scene scene = make_scene(task.scene, task.folder);
-  std::vector<std::string> warnings;
-  task.commands = read_tool_track(commands, info, scene_tool_mount(scene), warnings);
+  std::vector<std::string> warnings = recording.warnings;
+  task.commands = tool_track_of(recording, commands, scene_tool_mount(scene), warnings);
   check_reach(task.commands, scene, warnings);
   reports.warn(warnings);
   const pb::Grip& grip = task.scene.tool().grip();
@@ -149,7 +153,7 @@ SimulationTask make_task(const SimulateOptions& options, const std::string& comm
 pb::RecordingInfo info_of(const Scene& scene, const SimulateOptions& options, double rate_hz,
                           const std::string& output) {
   pb::RecordingInfo info;
-  info.set_name(fs::path(output).filename().string());
+  info.set_name((is_mcap(output) ? fs::path(output).stem() : fs::path(output).filename()).string());
   info.set_frame("W");
   info.set_units("m, s, N, rad");
   info.set_tip_point(pb::jaw_tip);
@@ -205,13 +209,18 @@ void describe(const Simulation& simulation, const std::string& output, Reports& 
   }
 }
 
-/// One recording, from commands to a finished folder.
-void simulate_folder(const SimulateOptions& options, const std::string& commands,
-                     const std::string& output, Reports& reports) {
+/// One recording, from commands to a finished folder or file.
+void simulate_one(const SimulateOptions& options, const std::string& commands,
+                  const std::string& output, Reports& reports) {
   SimulationTask task = make_task(options, commands, reports);
-  OutputFolder folder(output);
-  folder.begin();
-  task.columns_folder = folder.path().string();
+  std::optional<OutputFolder> folder;
+  if (!is_mcap(output)) {
+    folder.emplace(output);
+    folder->begin();
+    task.columns_folder = folder->path().string();
+  } else if (!task.parameters.empty()) {
+    throw_error("--columns: they need a folder, not {}", output);
+  }
   Simulation simulation = simulate(task);
   for (std::string& warning : simulation.scene.warnings)
     warning = with_place(options.scene, warning);
@@ -223,12 +232,18 @@ void simulate_folder(const SimulateOptions& options, const std::string& commands
   const std::string& failure = simulation.recording.failure;
   pb::RecordingInfo info = info_of(simulation.scene, options, 1 / task.period, output);
   if (!failure.empty()) info.set_incomplete(failure);
-  write_recording(
-      folder, info, task.commands, simulation.recording,
+  const Recording recording = make_recording(
+      info, task.commands, simulation.recording,
       [&](std::size_t step) {
         return cloud_at(step, *camera, task.commands, simulation, options.seed);
       },
       stride);
+  if (folder) {
+    write_recording_files(recording, *folder);
+    folder->finish();
+  } else {
+    write_recording_mcap(recording, output);
+  }
   describe(simulation, output, reports);
   if (!failure.empty())
     reports.failed(fmt::format("{}; what there is up to there is in {}", failure, output));
@@ -240,7 +255,8 @@ std::vector<std::string> outputs_of(const SimulateOptions& options) {
   std::vector<std::string> outputs;
   std::set<std::string> names;
   for (const std::string& commands : options.commands) {
-    const std::string name = fs::path(commands).lexically_normal().filename().string();
+    const fs::path path = fs::path(commands).lexically_normal();
+    const std::string name = (is_mcap(commands) ? path.stem() : path.filename()).string();
     if (name.empty() || !names.insert(name).second)
       throw_error("--commands: {} has no name of its own, allowed: folders of different names",
                   commands);
@@ -257,7 +273,7 @@ int simulate_folders(const SimulateOptions& options) {
   Reports reports;
   run_parallel(outputs.size(), options.threads, [&](std::size_t k) {
     try {
-      simulate_folder(options, options.commands[k], outputs[k], reports);
+      simulate_one(options, options.commands[k], outputs[k], reports);
     } catch (const Error& error) {
       throw_error("{}", with_place(options.scene, error.what()));
     }
@@ -273,15 +289,15 @@ std::function<int()> add_simulate_command(CLI::App& app) {
   SimulateOptions& options = *made;
   CLI::App& sub = *app.add_subcommand(
       "simulate",
-      "Run a scene under the tool commands of recording folders and write what recordings of it "
+      "Run a scene under the tool commands of recordings and write what recordings of it "
       "would hold (docs/formats.md 3)");
   sub.add_option("--scene", options.scene, "Scene file (deploy/scenes/*.txtpb)")->required();
   sub.add_option("--commands", options.commands,
-                 "Recording folder with tool.csv; several are simulated side by side")
+                 "Recording, a folder or an MCAP file; several are simulated side by side")
       ->required();
   sub.add_option("-o,--output", options.output,
-                 "Folder to write, new or empty; of several recordings a folder of folders named "
-                 "as they are")
+                 "Folder to write, new or empty, or X.mcap; of several recordings a folder of "
+                 "folders named as they are")
       ->required();
   sub.add_option("--model", options.model, "Tissue model instead of the scene's")
       ->check(CLI::IsMember({"cluster", "elastic", "reference"}));

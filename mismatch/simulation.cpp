@@ -60,16 +60,40 @@ std::vector<PreparedParameter> prepare_parameters(const SimulationTask& task,
   return prepared;
 }
 
-std::unique_ptr<ColumnRecorder> make_columns(const SimulationTask& task,
-                                             const std::vector<PinchCircle>& pinches,
-                                             const Arm& arm, Simulation& made) {
-  if (task.parameters.empty()) return nullptr;
-  const auto model = std::dynamic_pointer_cast<const ReferenceTissueModel>(made.model);
+/// The model of a task whose columns are wanted.
+std::shared_ptr<const ReferenceTissueModel> differentiable(const Simulation& made) {
+  auto model = std::dynamic_pointer_cast<const ReferenceTissueModel>(made.model);
   if (!model) throw_error("--columns: the tissue is not TISSUE_REFERENCE; give --model reference");
+  return model;
+}
+
+/// Runs the task with its columns, if it has any.
+void run_task(const SimulationTask& task, const GraspSettings& grasp,
+              const std::vector<PinchCircle>& pinches, const Arm& arm, Simulation& made) {
+  SimulatedRecording& recording = made.recording;
+  const auto run = [&](ColumnCarrier* columns) {
+    recording = simulate_recording(*made.model, arm, task.commands, grasp, task.from_rest, columns);
+    if (columns == nullptr) return;
+    if (recording.failure.empty()) recording.failure = columns->failure();
+    made.warnings.insert(made.warnings.end(), columns->warnings().begin(),
+                         columns->warnings().end());
+  };
+  if (task.parameters.empty()) return run(nullptr);
+  const auto model = differentiable(made);
+  std::vector<PreparedParameter> parameters =
+      prepare_parameters(task, pinches, made.scene, *model, made.warnings);
+  if (task.columns_folder.empty()) {
+    ColumnKeeper keeper(std::move(parameters), made.scene, model, arm, task.column_steps);
+    run(&keeper);
+    made.columns = std::move(keeper.kept);
+    return;
+  }
   const std::size_t frames = count_steps(task.commands, task.period) / task.stride + 1;
-  return std::make_unique<ColumnRecorder>(
-      prepare_parameters(task, pinches, made.scene, *model, made.warnings), made.scene, model, arm,
-      task.columns_folder, frames);
+  ColumnRecorder recorder(std::move(parameters), made.scene, model, arm, task.columns_folder,
+                          frames, task.stride);
+  run(&recorder);
+  recorder.finish();
+  made.column_frames = recorder.frames();
 }
 
 /// From the same commands on a mesh with 1.5 times larger cells.
@@ -106,18 +130,9 @@ Simulation simulate(const SimulationTask& task) {
   }
   made.model = make_tissue_model(made.scene, task.period, made.scene.warnings, pinches);
   const Arm arm(task.scene.arm(), scene_tool_mount(made.scene), task.period);
-  const std::unique_ptr<ColumnRecorder> columns = make_columns(task, pinches, arm, made);
-  made.recording = simulate_recording(*made.model, arm, task.commands, grasp, task.from_rest,
-                                      columns.get(), task.stride);
+  run_task(task, grasp, pinches, arm, made);
   SimulatedRecording& recording = made.recording;
   recording.clocks = task.scene.clocks();
-  if (columns) {
-    columns->finish();
-    made.column_frames = columns->frames();
-    if (recording.failure.empty()) recording.failure = columns->failure();
-    made.warnings.insert(made.warnings.end(), columns->warnings().begin(),
-                         columns->warnings().end());
-  }
   constexpr double kAtRest = 1e-4;  // [m/s]
   if (recording.start_speed > kAtRest) {
     made.warnings.push_back(

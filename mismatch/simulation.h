@@ -1,6 +1,7 @@
 #pragma once
 
 #include <functional>
+#include <map>
 #include <memory>
 #include <optional>
 #include <span>
@@ -19,18 +20,21 @@ struct SimulationTask {
   double period = 0.02;  ///< control step, by which states are recorded [s]
   GraspSettings grasp;
   std::vector<Parameter> parameters;  ///< differentiated by; TISSUE_REFERENCE only
-  std::string columns_folder;         ///< exists, takes columns.npz; unused without parameters
-  std::size_t stride = 1;             ///< control steps from one frame of the columns to the next
-  bool from_rest = true;              ///< else from the shape that the scene gives the tissue
-  bool estimate_error = false;        ///< of the mesh of the reference, by a coarser one
+  /// Exists, takes columns.npz; empty: the columns of `column_steps` are kept in memory.
+  std::string columns_folder;
+  std::vector<std::size_t> column_steps;  ///< control steps, ascending
+  std::size_t stride = 1;       ///< control steps from one frame of the columns to the next
+  bool from_rest = true;        ///< else from the shape that the scene gives the tissue
+  bool estimate_error = false;  ///< of the mesh of the reference, by a coarser one
 };
 
-/// Surfaces and forces of a task; its columns are in their file.
+/// Surfaces and forces of a task; its columns are here or in their file.
 struct Simulation {
   Scene scene;
   std::shared_ptr<const TissueModel> model;
   SimulatedRecording recording;
   std::size_t column_frames = 0;
+  std::map<std::size_t, StateColumns> columns;  ///< of SimulationTask::column_steps
   std::optional<MeshError> mesh_error;  ///< none where the coarser mesh fails under the commands
   std::vector<std::string> warnings;    ///< a line each
 };

@@ -1,11 +1,12 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <cstdint>
 #include <string>
 #include <vector>
 
 #include "core/psm.h"
-#include "proto/recording_folder.pb.h"
+#include "mismatch/recording/recording.h"
 #include "sim_worker/scene/scene.h"
 
 namespace omentum {
@@ -15,8 +16,8 @@ struct ToolTrack {
   std::vector<double> time;           ///< [s], increasing
   std::vector<Eigen::Vector3d> p_WT;  ///< commanded jaw tip in W [m]
   std::vector<double> jaw_rad;        ///< full opening angle commanded; empty = not recorded
-  std::string path;                   ///< of the table it was read from
-  std::vector<std::size_t> lines;     ///< of each row in it
+  std::string path;                   ///< of the table or file it was read from
+  std::vector<std::uint32_t> lines;   ///< of each row in the table; empty: it is no table
 
   double begin() const { return time.front(); }
   double end() const { return time.back(); }
@@ -24,13 +25,16 @@ struct ToolTrack {
   Eigen::Vector3d tip_at(double t) const;
   /// Of the last row at or before t (a jaw command is a step).
   double jaw_at(double t) const;
+  /// "path:line" of a row, or "path: at 1.2 s".
+  std::string place(std::size_t row) const;
 };
 
-/// tool.csv of a recording folder, in W by the transform the recording states. Commands given for
-/// the dVRK control point are moved to the jaw tip of `mount`. Throws Error: file, line, column and
-/// what was expected; what is odd is appended to `warnings`, with the line.
-ToolTrack read_tool_track(const std::string& folder, const pb::RecordingInfo& info,
-                          const ToolMount& mount, std::vector<std::string>& warnings);
+/// The commanded tip and jaw of a recording; the measured tip where no command was recorded, which
+/// is told. `path`: of the recording. Commands given for the dVRK control point are moved to the
+/// jaw tip of `mount`. Throws Error: place and what was expected; what is odd is appended to
+/// `warnings`.
+ToolTrack tool_track_of(const Recording& recording, const std::string& path, const ToolMount& mount,
+                        std::vector<std::string>& warnings);
 
 /// The track against the arm and the tissue of a scene: throws Error for a start that the arm does
 /// not reach and a tip that is nowhere near; a later place out of reach is a warning, since what

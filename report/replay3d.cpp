@@ -196,14 +196,13 @@ constexpr const char* kHint =
     "<p class=\"hint\">Drag to turn, wheel or pinch to zoom, double click to go back to the first "
     "view. By keyboard, in a view: arrow keys, + and -, 0.</p>\n";
 
-/// Frames of an episode that are embedded: all, or evenly chosen with first and last.
-std::vector<std::size_t> chosen_frames(std::size_t count) {
-  std::vector<std::size_t> frames;
-  const std::size_t wanted = std::min(count, kMaxFrames);
-  for (std::size_t k = 0; k < wanted; ++k) {
-    frames.push_back(wanted > 1 ? k * (count - 1) / (wanted - 1) : 0);
-  }
-  return frames;
+/// So many of `count`, evenly chosen with first and last.
+std::vector<std::size_t> evenly(std::size_t count, std::size_t most) {
+  std::vector<std::size_t> list;
+  const std::size_t wanted = std::min(count, most);
+  for (std::size_t k = 0; k < wanted; ++k)
+    list.push_back(wanted > 1 ? k * (count - 1) / (wanted - 1) : 0);
+  return list;
 }
 
 struct EpisodeText {
@@ -216,7 +215,7 @@ EpisodeText episode_text(const ReplayEpisode& episode, std::size_t number, const
   const EpisodeRecording& recording = *episode.recording;
   const std::size_t width = std::size_t{3} * recording.context.particles;
   Json times = Json::array(), held = Json::array(), exposure = Json::array();
-  const std::vector<std::size_t> frames = chosen_frames(recording.frame_steps.size());
+  const std::vector<std::size_t> frames = evenly(recording.frame_steps.size(), kMaxFrames);
   for (const std::size_t frame : frames) {
     const FrameState state = frame_state(recording, frame);
     times.push_back(rounded(state.time, 1e3));
@@ -297,6 +296,21 @@ FrameState frame_state(const EpisodeRecording& recording, std::size_t frame) {
   return state;
 }
 
+namespace {
+
+/// Panes, slider and hint of a page of recorded frames.
+std::string panes_and_controls(std::size_t episodes) {
+  std::string html = "<div class=\"replay\">\n";
+  for (int pane = 0; pane < (episodes > 1 ? 2 : 1); ++pane) html += fmt::format(kPane, "");
+  html +=
+      "</div>\n<div class=\"controls\"><button id=\"replay-play\" type=\"button\">Play</button>"
+      "<input id=\"replay-time\" type=\"range\" min=\"0\" value=\"0\" aria-label=\"time\">"
+      "<span class=\"time\" id=\"replay-clock\"></span></div>\n";
+  return html + kHint;
+}
+
+}  // namespace
+
 std::string make_replay_markup(const Scene& scene, const std::vector<ReplayEpisode>& all) {
   std::vector<ReplayEpisode> episodes;
   std::copy_if(all.begin(), all.end(), std::back_inserter(episodes),
@@ -317,19 +331,80 @@ std::string make_replay_markup(const Scene& scene, const std::vector<ReplayEpiso
     shown.push_back(std::move(text.json));
     blocks += text.block;
   }
-  std::string html = "<div class=\"replay\">\n";
-  for (int pane = 0; pane < (episodes.size() > 1 ? 2 : 1); ++pane) {
-    html += fmt::format(kPane, "");
-  }
-  html +=
-      "</div>\n<div class=\"controls\"><button id=\"replay-play\" type=\"button\">Play</button>"
-      "<input id=\"replay-time\" type=\"range\" min=\"0\" value=\"0\" aria-label=\"time\">"
-      "<span class=\"time\" id=\"replay-clock\"></span></div>\n";
-  html += kHint;
+  std::string html = panes_and_controls(episodes.size());
   data["episodes"] = shown;
   html +=
       "<script type=\"application/json\" id=\"replay-data\">" + script_text(data) + "</script>\n";
   return html + blocks;
+}
+
+std::string make_surface_markup(const Scene& scene, const std::vector<Eigen::Vector3i>& triangles,
+                                const std::vector<SurfaceReplay>& replays) {
+  constexpr std::size_t kMostFrames = 30, kMostPoints = 900;
+  std::vector<const SurfaceReplay*> shown;
+  for (const SurfaceReplay& replay : replays) {
+    if (!replay.times.empty()) shown.push_back(&replay);
+  }
+  if (shown.empty() || shown.front()->vertices.front().size() > 65535)
+    return missing("No frame that was seen and simulated.");
+  const StillBodies still = still_bodies(scene);
+  Eigen::AlignedBox3d box = extent_of(still.meshes, {});
+  for (const SurfaceReplay* replay : shown) {
+    for (const auto* lists : {&replay->vertices, &replay->clouds}) {
+      for (const auto& points : *lists) {
+        for (const Eigen::Vector3d& p : points) box.extend(p);
+      }
+    }
+    for (const Eigen::Vector3d& p : replay->tips) box.extend(p);
+  }
+  const SurfaceSkin skin(scene.tissue);
+  Quantiser quantiser(box);
+  Json data = scene_json(scene, still, box, skin, quantiser);
+  data["vertices"] = shown.front()->vertices.front().size();
+  data["triangles"] = json_triangles(triangles);
+  data["speed"] = 1;
+  Json episodes = Json::array();
+  std::string blocks;
+  for (std::size_t k = 0; k < shown.size(); ++k) {
+    const SurfaceReplay& replay = *shown[k];
+    const std::vector<std::size_t> frames = evenly(replay.times.size(), kMostFrames);
+    Json times = Json::array(), held = Json::array(), exposure = Json::array(),
+         notes = Json::array(), counts = Json::array();
+    for (const std::size_t f : frames) {
+      times.push_back(rounded(replay.times[f] - replay.times.front(), 1e3));
+      held.push_back(1);
+      exposure.push_back(0);
+      notes.push_back(replay.notes[f]);
+      for (const Eigen::Vector3d& p : replay.vertices[f]) quantiser.add(p);
+    }
+    const std::string positions = quantiser.take();
+    for (const std::size_t f : frames) {
+      const auto points = evenly(replay.clouds[f].size(), kMostPoints);
+      counts.push_back(points.size());
+      for (const std::size_t i : points) quantiser.add(replay.clouds[f][i]);
+    }
+    const std::string clouds = quantiser.take();
+    for (const std::size_t f : frames) quantiser.add(replay.tips[f]);
+    const std::string block = fmt::format("replay-block-{}", k);
+    const std::string cloud_block = fmt::format("replay-cloud-{}", k);
+    episodes.push_back({{"label", replay.label},
+                        {"block", block},
+                        {"times", times},
+                        {"held", held},
+                        {"exposure", exposure},
+                        {"notes", notes},
+                        {"cloud_block", cloud_block},
+                        {"cloud_counts", counts},
+                        {"tool_data", quantiser.take()}});
+    blocks += fmt::format(
+        "<script type=\"text/plain\" id=\"{}\">{}</script>\n<script type=\"text/plain\" "
+        "id=\"{}\">{}</script>\n",
+        block, positions, cloud_block, clouds);
+  }
+  data["episodes"] = episodes;
+  return panes_and_controls(shown.size()) +
+         "<script type=\"application/json\" id=\"replay-data\">" + script_text(data) +
+         "</script>\n" + blocks;
 }
 
 std::string make_live_markup(const Scene& scene) {

@@ -35,6 +35,22 @@ struct ReplayEpisode {
 /// 120 frames per episode.
 std::string make_replay_markup(const Scene& scene, const std::vector<ReplayEpisode>& episodes);
 
+/// A surface over time with what a camera saw of it.
+struct SurfaceReplay {
+  std::string label;
+  std::vector<double> times;                           ///< of the frames [s]
+  std::vector<std::vector<Eigen::Vector3d>> vertices;  ///< of every frame, p_W [m]
+  std::vector<std::vector<Eigen::Vector3d>> clouds;    ///< of every frame, p_W [m]
+  std::vector<Eigen::Vector3d> tips;                   ///< of the tool, p_WT [m]
+  std::vector<std::string> notes;                      ///< in the pane's corner
+};
+
+/// The same viewer for surfaces of these triangles: clouds as dots over them, the cloud of the
+/// nearest frame. Two panes, the first two replays. At most 30 frames of a replay and 900 points of
+/// a cloud are embedded.
+std::string make_surface_markup(const Scene& scene, const std::vector<Eigen::Vector3i>& triangles,
+                                const std::vector<SurfaceReplay>& replays);
+
 /// One pane for an environment that runs now: the scene with its tissue at rest, until the page
 /// calls show_frame({positions, tools, held, note}): Float32Array of x y z of SurfaceSkin's
 /// vertices and of the tool [m, W], [1] or [0], and the words in the pane's corner. Empty where the

@@ -41,6 +41,10 @@ constexpr const char* kScript = R"js("use strict";
   for (const episode of scene.episodes) {
     episode.positions = unpack(decode(document.getElementById(episode.block).textContent));
     episode.tools = unpack(decode(episode.tool_data));
+    if (!episode.cloud_block) continue;
+    const points = unpack(decode(document.getElementById(episode.cloud_block).textContent));
+    let first = 0;
+    episode.clouds = episode.cloud_counts.map((count) => points.subarray(3 * first, 3 * (first += count)));
   }
   const stride = 3 * scene.vertices;
 
@@ -59,6 +63,28 @@ constexpr const char* kScript = R"js("use strict";
       n[k] /= length; n[k + 1] /= length; n[k + 2] /= length;
     }
     return n;
+  }
+  // A small triangle across the line of sight for every point.
+  function cloud_mesh(points, eye) {
+    const size = 0.0007, count = points.length / 3;
+    const positions = new Float32Array(9 * count), normals = new Float32Array(9 * count), index = new Uint16Array(3 * count);
+    for (let k = 0; k < count; ++k) {
+      const p = points.subarray(3 * k, 3 * k + 3);
+      const to = [eye[0] - p[0], eye[1] - p[1], eye[2] - p[2]];
+      const far = Math.hypot(to[0], to[1], to[2]) || 1;
+      const n = to.map((v) => v / far);
+      const flat = Math.hypot(n[0], n[1]) || 1;
+      const right = [-n[1] / flat, n[0] / flat, 0];
+      const up = [n[1] * right[2] - n[2] * right[1], n[2] * right[0] - n[0] * right[2], n[0] * right[1] - n[1] * right[0]];
+      [[-1, -0.6], [1, -0.6], [0, 1.1]].forEach(([u, v], corner) => {
+        for (let a = 0; a < 3; ++a) {
+          positions[9 * k + 3 * corner + a] = p[a] + size * (u * right[a] + v * up[a]) + 0.0003 * n[a];
+          normals[9 * k + 3 * corner + a] = n[a];
+        }
+        index[3 * k + corner] = 3 * k + corner;
+      });
+    }
+    return { positions, normals, index };
   }
   // Shaft and two jaws above the tip: a lathe of (height, radius) pairs and two prisms.
   function tool_mesh(tip, closed) {
@@ -123,7 +149,8 @@ constexpr const char* kScript = R"js("use strict";
     return { matrix: m, eye };
   }
   const tints = { board: [0.19, 0.22, 0.25], organ: [0.40, 0.11, 0.10], tumour: [0.22, 0.50, 0.24],
-                  tissue: [0.86, 0.62, 0.24], tool: [0.62, 0.65, 0.69], obstacle: [0.34, 0.26, 0.44] };
+                  tissue: [0.86, 0.62, 0.24], tool: [0.62, 0.65, 0.69], obstacle: [0.34, 0.26, 0.44],
+                  cloud: [0.10, 0.45, 0.85] };
 
   // ---- WebGL ----------------------------------------------------------------------------------------------------
   const vertex_source = `
@@ -284,8 +311,13 @@ constexpr const char* kScript = R"js("use strict";
       const tip = between(episode.tools, 3, k, share);
       const meshes = scene.bodies.map((body) => ({ mesh: body, kind: body.kind }));
       meshes.push({ mesh: sheet, kind: "tissue" }, { mesh: tool_mesh(tip, episode.held[k]), kind: "tool" });
-      painter.paint(meshes, camera(w / h));
-      pane.state.textContent = episode.note ?? `exposure ${(100 * episode.exposure[k]).toFixed(0)} %` + (episode.held[k] ? " \u00b7 held" : "");
+      const cam = camera(w / h);
+      if (episode.clouds) {
+        const nearest = Math.min(episode.clouds.length - 1, k + (share > 0.5 ? 1 : 0));
+        meshes.push({ mesh: cloud_mesh(episode.clouds[nearest], cam.eye), kind: "cloud" });
+      }
+      painter.paint(meshes, cam);
+      pane.state.textContent = episode.notes ? episode.notes[k] : episode.note ?? `exposure ${(100 * episode.exposure[k]).toFixed(0)} %` + (episode.held[k] ? " \u00b7 held" : "");
     }
   }
 

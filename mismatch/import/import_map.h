@@ -1,18 +1,14 @@
 #pragma once
 
-#include <functional>
 #include <string>
 
-#include "mismatch/recording/recording.h"
+#include "mismatch/recording/read_recording.h"
 #include "proto/import_map.pb.h"
 
 namespace omentum {
 
 /// A mapping file (docs/import.md). Throws Error with file:line:column.
 pb::ImportMap read_import_map(const std::string& path);
-
-/// A recording that is done, under its name.
-using TakeRecording = std::function<void(const std::string& name, const Recording& recording)>;
 
 /// Recordings of a folder as a mapping file describes it, one after the other, in the order of
 /// their files. Throws Error: a source without files, a column that is missing, two recordings of

@@ -38,6 +38,13 @@ double rate_of(const pb::RecordingInfo& info, std::string_view file) {
   return info.cloud_rate_hz();
 }
 
+bool has_times(const TextTable& table) {
+  return std::ranges::any_of(table.names(), [](const std::string& name) {
+    const Result<SiColumn> si = si_column(name);
+    return si && si.value().name == "t_s";
+  });
+}
+
 /// Of every row; rows at the nominal rate where there is no time.
 std::vector<std::int64_t> times_of(const TextTable& table, double rate_hz) {
   std::optional<std::size_t> column;
@@ -62,7 +69,20 @@ std::vector<std::int64_t> times_of(const TextTable& table, double rate_hz) {
 void read_table_file(const std::string& folder, std::string_view file, Recording& recording) {
   const std::string path = folder + "/" + std::string(file);
   const TextTable table = TextTable::read(path, {});
+  if (table.names().size() == 1 && table.names()[0].find_first_of(";\t") != std::string::npos)
+    throw_error("{}:1: separated by semicolons or tabs, needed commas", path);
   const std::vector<std::int64_t> times = times_of(table, rate_of(recording.info, file));
+  if (file == "tool.csv" && !has_times(table) && !recording.info.has_tool_rate_hz()) {
+    recording.warnings.push_back(fmt::format(
+        "{}:1: no column t_s and no tool_rate_hz in recording.txtpb: rows are taken to be {:g} s "
+        "apart",
+        path, 1 / recording.info.tool_rate_hz()));
+  }
+  if (table.open_end() && table.rows() > 0) {
+    recording.warnings.push_back(
+        fmt::format("{}:{}: the last line has no end: is a part of its last number missing?", path,
+                    table.lines().back()));
+  }
   struct Taken {
     std::size_t column = 0;
     double factor = 1;
@@ -85,6 +105,8 @@ void read_table_file(const std::string& folder, std::string_view file, Recording
   }
   for (auto& [topic, series] : found) {
     series.time_ns = times;
+    series.path = path;
+    series.lines = table.lines();
     series.values.reserve(times.size() * series.columns.size());
     for (std::size_t row = 0; row < times.size(); ++row) {
       for (const auto& [column, factor] : taken[topic])
@@ -298,9 +320,7 @@ void write_frames(const OutputFolder& out, const Frames<T>& frames, const std::s
 
 }  // namespace
 
-void write_recording_folder(const Recording& recording, const std::string& folder) {
-  OutputFolder out(folder);
-  out.begin();
+void write_recording_files(const Recording& recording, const OutputFolder& out) {
   for (const std::string_view file : kTableFiles) write_table(out, recording, file);
   const auto as_it_is = [](const std::string& png) { return png; };
   write_frames(out, recording.clouds, "clouds", ".ply", encode_ply);
@@ -314,12 +334,18 @@ void write_recording_folder(const Recording& recording, const std::string& folde
   }
   if (info.has_scene_believed_text()) {
     out.write("scene_believed.txt", info.scene_believed_text());
-    if (info.has_scene()) throw_error("{}: two believed scenes", folder);
+    if (info.has_scene()) throw_error("{}: two believed scenes", out.path().string());
     info.clear_scene_believed_text();
   }
   std::string text;
   OMENTUM_CHECK(google::protobuf::TextFormat::PrintToString(info, &text));
   out.write("recording.txtpb", text);
+}
+
+void write_recording_folder(const Recording& recording, const std::string& folder) {
+  OutputFolder out(folder);
+  out.begin();
+  write_recording_files(recording, out);
   out.finish();
 }
 

@@ -3,6 +3,7 @@
 #include <Eigen/Geometry>
 #include <string>
 
+#include "core/output_folder.h"
 #include "mismatch/recording/recording.h"
 
 namespace omentum {
@@ -17,6 +18,8 @@ Recording read_recording_folder(const std::string& folder);
 /// Writes a folder that is not there yet; it appears whole or not at all. Channels of one table are
 /// joined by time, cells without a sample stay empty. Throws Error.
 void write_recording_folder(const Recording& recording, const std::string& folder);
+/// The same into a folder that holds other files too and is finished by the caller.
+void write_recording_files(const Recording& recording, const OutputFolder& out);
 
 /// Turns positions, orientations and forces of a table into another frame.
 void transform_series(const Eigen::Isometry3d& X_WF, Series& series);

@@ -19,6 +19,8 @@ struct Series {
   std::vector<std::string> columns;
   std::vector<std::int64_t> time_ns;  ///< strictly increasing
   std::vector<double> values;         ///< row by row; NaN: not known
+  std::string path;                   ///< of the table it was read from; empty: of none
+  std::vector<std::uint32_t> lines;   ///< of each row in that table; empty: of none
 
   std::size_t rows() const { return time_ns.size(); }
   double at(std::size_t row, std::size_t column) const {
@@ -27,7 +29,8 @@ struct Series {
   /// Index of a column; columns.size() where there is none.
   std::size_t find(std::string_view name) const;
 };
-bool operator==(const Series& a, const Series& b);  ///< NaN equals NaN
+/// NaN equals NaN; where it was read from does not count.
+bool operator==(const Series& a, const Series& b);
 
 /// Pictures or clouds, which are too large to be held all at once: fetched one by one.
 template <typename T>

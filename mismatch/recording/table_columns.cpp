@@ -222,10 +222,12 @@ Result<void> normalise(std::string_view file, Series& series) {
               [&](std::size_t a, std::size_t b) { return keys[a] < keys[b]; });
   }
   Series sorted;
+  sorted.path = std::move(series.path);
   for (const std::size_t k : order) sorted.columns.push_back(series.columns[k]);
   sorted.values.reserve(rows.size() * order.size());
   for (const std::size_t row : rows) {
     sorted.time_ns.push_back(series.time_ns[row]);
+    if (!series.lines.empty()) sorted.lines.push_back(series.lines[row]);
     for (const std::size_t k : order) sorted.values.push_back(series.at(row, k));
   }
   series = std::move(sorted);

@@ -43,6 +43,10 @@ class TextTable {
   /// Of seconds, exact; throws Error where it is no number.
   std::int64_t time_ns(std::size_t row, std::size_t column, double factor) const;
   std::string place(std::size_t row, std::size_t column) const;
+  /// Lines of the rows in the file.
+  const std::vector<std::uint32_t>& lines() const { return lines_; }
+  /// The last line has no end: of its last number a part may be missing.
+  bool open_end() const { return !text_.empty() && text_.back() != '\n'; }
   std::string header_place(std::size_t column) const;
   /// Lines that are no rows: comments, what was skipped, the header.
   const std::vector<std::string>& head() const { return head_; }

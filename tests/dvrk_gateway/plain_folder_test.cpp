@@ -13,6 +13,7 @@
 #include "dvrk_gateway/recording/gateway_recording.h"
 #include "dvrk_gateway/recording/motion.h"
 #include "dvrk_gateway/recording/robot_recorder.h"
+#include "mismatch/recording/plain_folder.h"
 #include "mismatch/tool_track.h"
 #include "tests/dvrk_gateway/recorded_session.h"
 #include "tests/support/temp_dir.h"
@@ -55,7 +56,8 @@ TEST_F(PlainFolder, IsReadByTheImporterAsItWasRecorded) {
   EXPECT_EQ(info.scene(), "scene.txtpb");
   EXPECT_EQ(read_file(plain + "/scene.txtpb").value(), "name: \"believed\"\n");
   std::vector<std::string> warnings;
-  const ToolTrack track = read_tool_track(plain, info, session_.mount, warnings);
+  const ToolTrack track =
+      tool_track_of(read_recording_folder(plain), plain, session_.mount, warnings);
   EXPECT_THAT(warnings, testing::IsEmpty());
   ASSERT_EQ(track.time.size(), periods_.size());
   // The goal in force when the robot measured is that of the period before.

@@ -9,7 +9,7 @@ ALLOWED = {
     "core": {"core", "proto"},
     "sim_worker": {"sim_worker", "core", "proto"},
     "learner": {"learner", "core", "proto"},
-    "mismatch": {"mismatch", "sim_worker", "core", "proto"},
+    "mismatch": {"mismatch", "report", "sim_worker", "core", "proto"},
     "report": {"report", "sim_worker", "core", "proto"},
     "monitor": {"monitor", "report", "sim_worker", "core", "proto"},
     "dvrk_gateway": {"dvrk_gateway", "report", "sim_worker", "core", "proto"},
@@ -23,6 +23,9 @@ MODELS = {"cluster", "shell", "solid", "coupled", "reference"}
 JOINED = {"coupled": {"shell", "solid"}}
 # Within dvrk_gateway the same; "" are the files of the program itself.
 DVRK_GATEWAY = ["protocol", "dvrk_double", "safety", "loop", "recording", "backend", "bus", ""]
+# Within mismatch the same: recordings know nothing of simulation, which is in files of the package itself (".").
+MISMATCH = ["recording", "import", "intake", ".", "scene", "calibrate", ""]
+MISMATCH_PROGRAM = ("main.cpp", "_program.h", "_program.cpp")
 # Folders of the tests are named from the tests' own root as well.
 TESTS = {"tests", "support", "contract", "fuzz", "learner", "sim_worker", "report", "mismatch", "monitor", "dvrk_gateway", "core", "proto", "benchmarks"}
 GENERATED_WIRE = ("core/wire.cpp", "core/wire_fields.h")
@@ -57,6 +60,22 @@ def problem_within_dvrk_gateway(source, target):
     return None
 
 
+def mismatch_folder(path):
+    parts = path.split("/")[1:]
+    if len(parts) > 1:
+        return parts[0]
+    return "" if parts[0].endswith(MISMATCH_PROGRAM) else "."
+
+
+def problem_within_mismatch(source, target):
+    here, there = mismatch_folder(source), mismatch_folder(target)
+    if there not in MISMATCH or here not in MISMATCH:
+        return f"mismatch has the folders {', '.join(MISMATCH[:3] + MISMATCH[4:-1])}"
+    if MISMATCH.index(there) > MISMATCH.index(here):
+        return f"{here or 'the program'} stands before {there or 'the program'}"
+    return None
+
+
 def problems_of(root, path):
     relative = path.relative_to(root).as_posix()
     package = relative.split("/")[0]
@@ -75,7 +94,8 @@ def problems_of(root, path):
             allowed = TESTS if package == "tests" else ALLOWED[package]
             if target not in allowed:
                 yield where + f"{package} may include {', '.join(sorted(allowed))}"
-            within = {"sim_worker": problem_within_sim_worker, "dvrk_gateway": problem_within_dvrk_gateway}
+            within = {"sim_worker": problem_within_sim_worker, "dvrk_gateway": problem_within_dvrk_gateway,
+                      "mismatch": problem_within_mismatch}
             if package == target and package in within:
                 problem = within[package](relative, name)
                 if problem:

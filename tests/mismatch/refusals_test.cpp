@@ -9,8 +9,8 @@
 #include "core/check.h"
 #include "core/config.h"
 #include "core/output_folder.h"
-#include "core/recording_info.h"
 #include "core/table.h"
+#include "mismatch/recording/plain_folder.h"
 #include "mismatch/tool_track.h"
 #include "support/temp_dir.h"
 
@@ -43,9 +43,9 @@ class RecordingInput : public testing::Test {
   void read(const std::string& tool, const std::string& info) {
     write("tool.csv", tool);
     if (!info.empty()) write("recording.txtpb", info);
-    warnings_.clear();
-    track_ = read_tool_track(folder_.path(), read_recording_info(folder_.path()),
-                             scene_tool_mount(scene()), warnings_);
+    const Recording recording = read_recording_folder(folder_.path());
+    warnings_ = recording.warnings;
+    track_ = tool_track_of(recording, folder_.path(), scene_tool_mount(scene()), warnings_);
     check_reach(track_, scene(), warnings_);
   }
   /// The line with which a recording is refused; empty = it was read.
@@ -126,16 +126,16 @@ TEST_F(RecordingInput, AStatedTransformIsObeyed) {
 
 TEST_F(RecordingInput, TimeInAnotherUnitIsTold) {
   EXPECT_EQ(refusal(commands("1e9,0.0154,0.0521,0.04,0\n")),
-            "tool.csv:4:1: 1e+09 s after the row before, allowed up to 3600 s");
+            "tool.csv:4: 1e+09 s after the row before, allowed up to 3600 s");
   EXPECT_THAT(warning(commands("200,0.0154,0.0521,0.04,0\n")),
-              StartsWith("tool.csv:4:1: 199.9 s after the row before, usual up to 60 s"));
+              StartsWith("tool.csv:4: 199.9 s after the row before, usual up to 60 s"));
   const std::string milliseconds =
       kHeader + "0,0.0154,0.0521,0.0236,0\n20,0.0154,0.0521,0.0236,0\n";
   EXPECT_THAT(warning(milliseconds),
-              StartsWith("tool.csv:3:1: rows are 20 s apart, usual up to 1 s"));
+              StartsWith("tool.csv:3: rows are 20 s apart, usual up to 1 s"));
   EXPECT_THAT(refusal(milliseconds, "tool_rate_hz: 50"), HasSubstr("is t_s in seconds?"));
   EXPECT_THAT(warning(commands(), "tool_rate_hz: 50"),
-              StartsWith("tool.csv:3:1: rows are 0.1 s apart, tool_rate_hz"));
+              StartsWith("tool.csv:3: rows are 0.1 s apart, tool_rate_hz"));
   std::filesystem::remove(folder_ / "recording.txtpb");
   EXPECT_THAT(refusal("t_ms" + commands().substr(3)), HasSubstr("164 m/s"));
 }
@@ -151,9 +151,9 @@ TEST_F(RecordingInput, PlacesAndAnglesInAnotherUnitAreTold) {
   const std::string far = kHeader + "0,0.0154,0.0521,87,0\n0.1,0.0154,0.0521,87,0\n";
   EXPECT_THAT(refusal(far), StartsWith("tool.csv:2: the tip at (0.0154, 0.0521, 87) m is 86.9 m"));
   EXPECT_THAT(refusal(commands("0.2,0.0154,0.0521,87,0\n")),
-              StartsWith("tool.csv:4:5: the tip moves at 870 m/s"));
+              StartsWith("tool.csv:4: the tip moves at 870 m/s"));
   EXPECT_THAT(refusal(commands("0.2,0.0154,0.0521,0.04,30\n")),
-              StartsWith("tool.csv:4:24: jaw_commanded_rad 30 rad, allowed -1.571 ... 3.142 rad"));
+              StartsWith("tool.csv:4: jaw_commanded_rad 30 rad, allowed -1.571 ... 3.142 rad"));
 }
 
 TEST_F(RecordingInput, AStartOutOfReachIsRefusedALaterPlaceIsToldOnce) {
@@ -171,7 +171,7 @@ TEST_F(RecordingInput, ACutOffLineIsTold) {
 
 TEST_F(RecordingInput, WhatIsNoTableIsRefusedInOneShortLine) {
   EXPECT_EQ(refusal(""), "tool.csv:1: no header line");
-  EXPECT_EQ(refusal(kHeader), "tool.csv: 0 rows, needed 2 or more");
+  EXPECT_EQ(refusal(kHeader + "0,0.0154,0.0521,0.0236,0\n"), "tool.csv: 1 rows, needed 2 or more");
   EXPECT_THAT(refusal(std::string(3'000'000, 'x')), HasSubstr("xxx...\" ends in no known unit"));
   EXPECT_LT(refusal(std::string(3'000'000, 'x')).size(), 200u);
   EXPECT_THAT(refusal("t\x01_\x1b[2J\n0\n"), HasSubstr("t\\x01_\\x1b[2J"));

@@ -13,7 +13,8 @@
 #include "core/config.h"
 #include "core/recording_info.h"
 #include "core/table.h"
-#include "mismatch/recording_folder.h"
+#include "mismatch/recording/plain_folder.h"
+#include "mismatch/simulated_recording.h"
 #include "sim_worker/models.h"
 #include "support/temp_dir.h"
 
@@ -129,11 +130,9 @@ TEST(Simulate, TheWrittenFolderIsARecordingWithTheSameCommands) {
   const CloudOf cloud = [](std::size_t step) {
     return std::vector<Eigen::Vector3f>(step + 1, Eigen::Vector3f(1, 2, 3));
   };
-  OutputFolder out(folder);
-  out.begin();
-  write_recording(out, info, track, r, cloud, 25);
+  write_recording_folder(make_recording(info, track, r, cloud, 25), folder);
   std::vector<std::string> warnings;
-  const ToolTrack again = read_tool_track(folder, read_recording_info(folder), {}, warnings);
+  const ToolTrack again = tool_track_of(read_recording_folder(folder), folder, {}, warnings);
   EXPECT_THAT(warnings, testing::IsEmpty());
   ASSERT_EQ(again.time.size(), r.time.size());
   for (std::size_t i = 0; i < r.time.size(); ++i) {
@@ -175,9 +174,7 @@ TEST(Simulate, ClocksShiftTheTimeStampsOfTheirStreamOnly) {
   r.clocks.set_force_s(0.013);
   const test::TempDir place;
   const std::string folder = place / "recording";
-  OutputFolder out(folder);
-  out.begin();
-  write_recording(out, {}, track, r, {}, 0);
+  write_recording_folder(make_recording({}, track, r, {}, 0), folder);
   EXPECT_NEAR(read_table(folder + "/force.csv").column("t_s")[3], r.time[3] + 0.013, 1e-9);
   EXPECT_NEAR(read_table(folder + "/markers.csv").column("t_s")[3], r.time[3], 1e-9);
 }

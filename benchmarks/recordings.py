@@ -1,0 +1,151 @@
+#!/usr/bin/env python3
+"""Figures of `mismatch` with recordings: prints lines "name value unit  # remark".
+
+/usr/bin/python3 recordings.py PROGRAM SCRATCH [--moving] [--skip-paper] [--threads N]
+
+Five lifts off a board at three heights each, computed by DOLFINx (tests/reference/run_lifts.py), are calibrated on. The held-out
+error is that of the true surface, without noise, against what the scene fitted without a pinch point predicts for its
+commands: mean distance from the nodes of the upper face to the predicted surface.
+"""
+import argparse
+import json
+import resource
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "mismatch"))
+import lift_recordings as lifts  # noqa: E402
+
+UP = np.array([0, 0, 0.0015])
+
+
+def point_to_triangles(q, a, b, c):
+    """Distance of each point from the nearest triangle (Ericson 2005, 5.1.5), all pairs."""
+    best = np.full(len(q), np.inf)
+    for k in range(len(a)):
+        ab, ac, ap = b[k] - a[k], c[k] - a[k], q - a[k]
+        n = np.cross(ab, ac)
+        area = n @ n
+        u = np.cross(ab, ap) @ n / area  # of c
+        v = np.cross(ap, ac) @ n / area  # of b
+        inside = (u >= 0) & (v >= 0) & (u + v <= 1)
+        distance = np.where(inside, np.abs(ap @ n) / np.sqrt(area), np.inf)
+        for p, r in ((a[k], b[k]), (b[k], c[k]), (c[k], a[k])):
+            d = r - p
+            t = np.clip((q - p) @ d / (d @ d), 0, 1)
+            distance = np.minimum(distance, np.linalg.norm(q - p - t[:, None] * d, axis=1))
+        best = np.minimum(best, distance)
+    return best
+
+
+def grid_triangles(side):
+    index = np.arange(side * side).reshape(side, side)
+    a, b, c, d = (g.ravel() for g in (index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]))
+    return np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
+
+
+def true_error(program, scene, recording, number, scratch, model, times):
+    """Mean and rms distance of the true upper face from the simulated one, m."""
+    out = scratch / f"predicted_{model}_{number}"
+    command = [program, "simulate", "--scene", scene, "--commands", recording, "-o", out, "--cloud-rate", 0]
+    if model != "cluster":
+        command += ["--model", model]
+    done = subprocess.run([str(c) for c in command], capture_output=True, text=True)
+    if done.returncode:
+        raise SystemExit(done.stderr)
+    rows = np.loadtxt(out / "markers.csv", delimiter=",", skiprows=1)
+    lift = np.load(lifts.LIFTS / f"lift{number}.npz")
+    frames = lifts.frames_of(lift) + UP
+    half = frames.shape[1] // 2
+    all_distances = []
+    for t in times:
+        seen = frames[np.abs(lift["times_s"] - t).argmin(), :half]
+        points = rows[np.abs(rows[:, 0] - t).argmin(), 1:].reshape(-1, 3)
+        count = len(points) // 2 if model == "reference" else len(points)
+        points = points[:count]
+        if model != "reference":  # middle surface: half the thickness below the upper face
+            seen = 0.5 * (seen + frames[np.abs(lift["times_s"] - t).argmin(), half:])
+        triangles = grid_triangles(int(round(np.sqrt(count))))
+        all_distances.append(point_to_triangles(seen, *(points[triangles[:, k]] for k in range(3))))
+    distances = np.concatenate(all_distances)
+    return distances.mean(), np.sqrt((distances**2).mean())
+
+
+def calibrate(program, case, out, more):
+    begin = time.monotonic()
+    done = subprocess.run([str(c) for c in [program, "calibrate", "-r", case, "-o", out, *more]],
+                          stdout=subprocess.PIPE, text=True)
+    if done.returncode:
+        raise SystemExit(done.returncode)
+    print("#", done.stdout.replace("\n", "\n# "))
+    return time.monotonic() - begin, json.loads((out / "calibration.json").read_text())
+
+
+def bench_import(program, scratch):
+    """A recording of raw depth images, 640 x 480."""
+    folder = scratch / "depth"
+    (folder / "depth").mkdir(parents=True)
+    frames, size = 300, (480, 640)
+    import struct
+    import zlib
+
+    def png(rows):
+        def chunk(kind, data):
+            return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+        raw = b"".join(b"\0" + row.tobytes() for row in rows.astype(">u2"))
+        return (b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">IIBBBBB", size[1], size[0], 16, 0, 0, 0, 0))
+                + chunk(b"IDAT", zlib.compress(raw, 0)) + chunk(b"IEND", b""))
+
+    random = np.random.default_rng(1)
+    base = 3000 + random.integers(0, 50, size)
+    index = ["t_s,file"]
+    for k in range(frames):
+        name = f"depth/{k:06}.png"
+        (folder / name).write_bytes(png(base + k))
+        index.append(f"{k / 30:.6f},{name}")
+    (folder / "depth.csv").write_text("\n".join(index) + "\n")
+    (folder / "recording.txtpb").write_text("camera { fx: 600 fy: 600 cx: 320 cy: 240 width: 640 height: 480 }\n")
+    megabytes = sum(f.stat().st_size for f in (folder / "depth").iterdir()) / 1e6
+    begin = time.monotonic()
+    subprocess.run([str(program), "import", str(folder), "-o", str(scratch / "depth.mcap")], check=True,
+                   stdout=subprocess.DEVNULL)
+    print(f"recordings.import_mb_per_s {megabytes / (time.monotonic() - begin):.1f} MB/s  # {megabytes:.0f} MB of depth")
+    peak = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1e3
+    print(f"recordings.import_peak_mb {peak:.0f} MB", flush=True)
+
+
+def main():
+    parser = argparse.ArgumentParser()
+    parser.add_argument("program", type=Path)
+    parser.add_argument("scratch", type=Path)
+    parser.add_argument("--moving", action="store_true")
+    parser.add_argument("--skip-paper", action="store_true")
+    parser.add_argument("--skip-import", action="store_true")
+    parser.add_argument("--threads", default="2")
+    args = parser.parse_args()
+    if not args.skip_import:
+        bench_import(args.program, args.scratch)
+    case = args.scratch / "case"
+    subprocess.run([sys.executable, lifts.__file__, str(case), *(["--moving"] if args.moving else [])], check=True)
+    times = lifts.HOLDS if not args.moving else np.arange(0.2, 3.9, 0.2)
+    for method in ("reference", "paper")[: 1 if args.skip_paper else 2]:
+        out = args.scratch / f"out_{method}"
+        seconds, found = calibrate(args.program, case, out, ["--method", method, "--threads", args.threads])
+        name = "calibrate_s" if method == "reference" else "calibrate_paper_s"
+        print(f"recordings.{name} {seconds:.1f} s")
+        left = [r for r in found["fit"] if r["role"] == "left_out"]
+        errors = [true_error(args.program, out / "left_out" / f"{r['recording']}.txtpb", case / r["recording"],
+                             int(r["recording"][4:]), args.scratch, "reference" if method == "reference" else "cluster",
+                             times) for r in left]
+        name = "held_out_mm" if method == "reference" else "held_out_paper_mm"
+        each = ", ".join(f"{r['recording']} {1e3 * e[0]:.3f}" for r, e in zip(left, errors))
+        print(f"recordings.{name} {1e3 * np.mean([e[0] for e in errors]):.4f} mm  # mean distance of the true surface; {each}",
+              flush=True)
+
+
+if __name__ == "__main__":
+    main()

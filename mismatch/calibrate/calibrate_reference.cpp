@@ -1,0 +1,473 @@
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <ctime>
+#include <map>
+
+#include "core/check.h"
+#include "core/constants.h"
+#include "mismatch/calibrate/calibration.h"
+#include "mismatch/calibrate/findings.h"
+#include "mismatch/calibrate/reference_fit.h"
+#include "mismatch/simulation.h"
+
+namespace omentum {
+namespace {
+
+using Eigen::Vector3d;
+using Eigen::VectorXd;
+
+constexpr double kFarPoint = 0.03;  // [m] from the surface: no tissue, in figures of fit
+constexpr double kMeshRatio = 1.5;
+
+using Which = std::vector<std::size_t>;
+
+/// The calibration in its stages, each a function of the one before.
+class Stages {
+ public:
+  Stages(const pb::Scene& scene, std::vector<Observation> observations,
+         const CalibrationOptions& options)
+      : fit_(scene, std::move(observations), options), options_(options) {
+    result_.method = "reference";
+    result_.triangles = close_sheet(fit_.made.tissue.surface_triangles,
+                                    static_cast<int>(fit_.made.tissue.particles.size()));
+    for (std::size_t r = 0; r < fit_.observations.size(); ++r) {
+      if (!fit_.observations[r].held_out) fitted_.push_back(r);
+    }
+    if (fitted_.empty()) throw_error("every recording is held out: nothing can be fitted");
+    // Work in passes of the fine mesh: starts, coarse, fine, base, numerics, left out.
+    const auto all = static_cast<double>(fit_.observations.size());
+    planned_ = all * (0.4 + 4 * 0.5 + 3 * 1.6 + 1 + 2.2 + 1.2);
+  }
+
+  Calibration run();
+
+ private:
+  void say(const std::string& stage, double passes);
+  void scan();
+  void look_for_mirrors();
+  void drop_failing(const std::vector<Prediction>& predictions);
+  void descend(const Numerics& numerics, int most, double work, const std::string& stage);
+  void choose_law();
+  void add_numerics();
+  void settle_beliefs();
+  void collect();
+  void collect_fit();
+  void leave_out();
+  void show(std::size_t r, const Prediction& base, const FitState& plain);
+  std::map<int, Which> conditions() const;
+  Numerics fine() const { return {pb::TISSUE_REFERENCE, options_.tolerance_m, 1}; }
+  Numerics coarse() const { return {pb::TISSUE_REFERENCE, 6 * options_.tolerance_m, 1}; }
+
+  ReferenceFit fit_;
+  CalibrationOptions options_;
+  Which fitted_;
+  Calibration result_;
+  FitState state_, at_;  ///< `at_`: where predictions_ were simulated
+  std::vector<Prediction> predictions_;
+  std::vector<Prediction> base_;  ///< as believed
+  ArrowStep sure_;
+  double planned_ = 1, done_ = 0;
+  double mesh_rms_ = 0, step_rms_ = 0, law_rms_ = 0;
+};
+
+void Stages::say(const std::string& stage, double passes) {
+  done_ += passes;
+  if (options_.progress) options_.progress(std::min(1.0, done_ / planned_), stage);
+}
+
+double rms_of(const std::vector<std::vector<double>>& distances, double* mean = nullptr) {
+  double squares = 0, sum = 0, count = 0;
+  for (const auto& frame : distances) {
+    for (const double d : frame) {
+      if (!std::isfinite(d)) continue;
+      squares += d * d;
+      sum += d;
+      ++count;
+    }
+  }
+  if (mean != nullptr) *mean = count > 0 ? sum / count : 0;
+  return count > 0 ? std::sqrt(squares / count) : 0;
+}
+
+/// Stiffness and registration by the shell, from many starts.
+void Stages::scan() {
+  const Numerics shell{pb::TISSUE_ELASTIC, 0, 1};
+  const double range = 1.5 * fit_.unknowns.front().sd;
+  constexpr int kStarts = 9;
+  const NoiseModel common{2e-3, 5e-4, 0.025, 4};
+  double least = 0;
+  bool any = false;
+  for (int k = 0; k < kStarts; ++k) {
+    FitState start = fit_.believed();
+    start.shared[0] = range * (2.0 * k / (kStarts - 1) - 1);
+    const auto predictions = fit_.simulate(start, shell, false, fitted_);
+    FitState moved = start;
+    fit_.noise = NoiseModel{0.003, 5e-4, 0.025, 4};
+    fit_.improve(predictions, start, fitted_, 8, moved);
+    moved.shared.head(fit_.layout.unknowns) = start.shared.head(fit_.layout.unknowns);
+    const double cost = fit_.cost(predictions, start, fitted_, moved, common);
+    say("starts", 0.4 / kStarts * static_cast<double>(fitted_.size()));
+    if (any && !(cost < least)) continue;
+    any = true;
+    least = cost;
+    state_ = moved;
+  }
+  fit_.noise = NoiseModel{0.003, 5e-4, 0.02, 4};
+}
+
+/// Whether a recording fits far better with its jaws on the other side of the sheet, or all of them
+/// with the picture mirrored.
+void Stages::look_for_mirrors() {
+  const Numerics shell{pb::TISSUE_ELASTIC, 0, 1};
+  const NoiseModel common{2e-3, 5e-4, 0.025, 4};
+  const Eigen::Isometry3d X_WB = fit_.made.tissue.X_WB;
+  Which wrong;
+  for (const std::size_t r : fitted_) {
+    if (!fit_.observations[r].pinched || std::fabs(fit_.observations[r].pinch.x()) < 0.01) continue;
+    const Which one = {r};
+    const auto as_it_is = fit_.simulate(state_, shell, false, one);
+    const double cost = fit_.cost(as_it_is, state_, one, state_, common);
+    Observation& seen = fit_.observations[r];
+    const ToolTrack track = seen.track;
+    for (Vector3d& p : seen.track.p_WT) {
+      Vector3d p_B = X_WB.inverse() * p;
+      p_B.x() = -p_B.x();
+      p = X_WB * p_B;
+    }
+    const auto mirrored = fit_.simulate(state_, shell, false, one);
+    const double other = fit_.cost(mirrored, state_, one, state_, common);
+    seen.track = track;
+    std::size_t points = 0;
+    for (const SeenFrame& frame : seen.frames) points += frame.points.size();
+    constexpr double kClear = 0.2;  // per point
+    if (!(other < cost - kClear * static_cast<double>(points))) continue;
+    result_.warnings.push_back(
+        fmt::format("recording {}: the cloud shows the sheet held on the other side of its middle: "
+                    "the jaws are "
+                    "recorded at x_B = {:.1f} mm, seen at {:.1f} mm; it is left out of the fit",
+                    seen.name, 1e3 * seen.pinch.x(), -1e3 * seen.pinch.x()));
+    wrong.push_back(r);
+  }
+  if (wrong.size() == fitted_.size())
+    throw_error("every recording shows the sheet held on the other side: is x mirrored?");
+  std::erase_if(fitted_, [&](std::size_t r) { return std::ranges::count(wrong, r) > 0; });
+  if (!wrong.empty()) scan();  // what they had spoilt
+}
+
+/// Recordings whose simulation ends before their first frame tell nothing.
+void Stages::drop_failing(const std::vector<Prediction>& predictions) {
+  Which kept;
+  for (const std::size_t r : fitted_) {
+    const Prediction& p = predictions[r];
+    const auto valid = std::ranges::count_if(p.frames, &PredictedFrame::valid);
+    if (valid < static_cast<std::ptrdiff_t>(p.frames.size())) {
+      result_.warnings.push_back(fmt::format("recording {}: {} of {} frames are simulated{}{}",
+                                             fit_.observations[r].name, valid, p.frames.size(),
+                                             p.failure.empty() ? "" : ": ", p.failure));
+    }
+    if (valid > 0) kept.push_back(r);
+  }
+  if (kept.empty()) throw_error("no recording can be simulated: {}", predictions.front().failure);
+  fitted_ = kept;
+}
+
+/// Simulates, improves on the derivatives, and again; a step that makes it worse is halved.
+void Stages::descend(const Numerics& numerics, int most, double work, const std::string& stage) {
+  FitState best = state_;
+  bool known = false;
+  for (int step = 0; step < most; ++step) {
+    auto predictions = fit_.simulate(state_, numerics, true, fitted_);
+    say(stage, work * static_cast<double>(fitted_.size()));
+    const NoiseModel here = fit_.noise;
+    if (known) {
+      const double now = fit_.cost(predictions, state_, fitted_, state_, here);
+      const double before = fit_.cost(predictions_, at_, fitted_, best, here);
+      if (!(now <= before + 1)) {
+        state_.shared = 0.5 * (state_.shared + best.shared);
+        for (std::size_t r = 0; r < state_.own.size(); ++r)
+          state_.own[r] = 0.5 * (state_.own[r] + best.own[r]);
+        continue;
+      }
+    }
+    if (!known) drop_failing(predictions);
+    known = true;
+    predictions_ = std::move(predictions);
+    at_ = state_;
+    best = state_;
+    fit_.improve(predictions_, at_, fitted_, 12, state_);
+    // Far enough if what is simulated hardly moves any more.
+    double change = 0;
+    for (int k = 0; k < fit_.layout.unknowns; ++k) {
+      if (fit_.unknowns[static_cast<std::size_t>(k)].is_parameter)
+        change = std::max(change, std::fabs(state_.shared[k] - at_.shared[k]));
+    }
+    for (const std::size_t r : fitted_)
+      change = std::max(change, (state_.own[r] - at_.own[r]).head<2>().norm() / 0.02);
+    constexpr double kSmall = 0.015;  // 1.5 % of a factor, 0.3 mm of a pinch
+    if (change < kSmall) break;
+  }
+  if (!known) throw_error("the first simulation of the {} failed", stage);
+}
+
+/// The law whose nuisance is nearest to one becomes that of the model.
+void Stages::choose_law() {
+  int best = -1;
+  for (int k = 0; k < fit_.layout.unknowns; ++k) {
+    const Unknown& unknown = fit_.unknowns[static_cast<std::size_t>(k)];
+    if (!unknown.path.starts_with("law.") || !(state_.shared[k] > 0.5)) continue;
+    if (best < 0 || state_.shared[k] > state_.shared[best]) best = k;
+  }
+  if (best < 0) return;
+  for (const pb::ElasticLaw law :
+       {pb::LAW_COROTATED, pb::LAW_NEO_HOOKE, pb::LAW_ST_VENANT_KIRCHHOFF}) {
+    if (fit_.unknowns[static_cast<std::size_t>(best)].path == "law." + law_column(law)) {
+      fit_.change_law(law, state_);
+      return;
+    }
+  }
+}
+
+/// Rms distance between the surfaces of two predictions.
+double apart(const std::vector<Prediction>& a, const std::vector<Prediction>& b,
+             const Which& which) {
+  double squares = 0, count = 0;
+  for (const std::size_t r : which) {
+    for (std::size_t f = 0; f < a[r].frames.size() && f < b[r].frames.size(); ++f) {
+      if (!a[r].frames[f].valid || !b[r].frames[f].valid) continue;
+      for (std::size_t v = 0; v < a[r].frames[f].vertices.size(); ++v) {
+        squares += (a[r].frames[f].vertices[v] - b[r].frames[f].vertices[v]).squaredNorm();
+        ++count;
+      }
+    }
+  }
+  return count > 0 ? std::sqrt(squares / count) : 0;
+}
+
+/// Mesh and thickness as nuisances by difference; the step as a figure.
+void Stages::add_numerics() {
+  const double all = static_cast<double>(fitted_.size());
+  const double fall = 1 / (std::pow(kMeshRatio, 2.5) - 1);  // docs/results.md: error ~ cell^2.5
+  const Numerics larger{pb::TISSUE_REFERENCE, options_.tolerance_m * std::pow(kMeshRatio, 8.0 / 3),
+                        1};
+  const auto mesh = fit_.simulate(at_, larger, false, fitted_);
+  mesh_rms_ = fall * apart(mesh, predictions_, fitted_);
+  say("mesh", 0.5 * all);
+  // A body a tenth thinner that lies on the same board.
+  constexpr double kThinner = 0.9;
+  const pb::Scene scene = fit_.scene;
+  pb::Tissue& tissue = *fit_.scene.mutable_tissue();
+  const double thickness = tissue.thickness_m();
+  tissue.set_thickness_m(kThinner * thickness);
+  if (fit_.scene.rigid_body_size() > 0) {
+    const Vector3d down = -0.5 * (1 - kThinner) * thickness * fit_.made.tissue.X_WB.linear().col(2);
+    pb::Vec3& place = *tissue.mutable_pose()->mutable_translation_m();
+    place.set_x(place.x() + down.x());
+    place.set_y(place.y() + down.y());
+    place.set_z(place.z() + down.z());
+  }
+  const auto thin = fit_.simulate(at_, fine(), false, fitted_);
+  fit_.scene = scene;
+  say("thickness", all);
+  const Which few(fitted_.begin(),
+                  fitted_.begin() + std::min<std::ptrdiff_t>(2, std::ssize(fitted_)));
+  Numerics shorter = fine();
+  shorter.substeps = 2;
+  const auto step = fit_.simulate(at_, shorter, false, few);
+  step_rms_ = apart(step, predictions_, few);
+  say("step", 2.0 * static_cast<double>(few.size()));
+  fit_.add_difference({"numerics.mesh", "1", "", Unknown::Scale::kShift, 0, 1.5,
+                       "1.5 times its estimated error", false},
+                      mesh, -fall, predictions_, at_, state_);
+  double sd = 0.05;
+  for (const pb::Prior& prior : options_.priors.prior()) {
+    if (prior.path() == "scene.tissue.thickness_m" && prior.sd() > 0) sd = prior.sd() / thickness;
+  }
+  fit_.add_difference({"scene.tissue.thickness_m", "m", "", Unknown::Scale::kFactor, thickness, sd,
+                       "5 %, docs/calibrate.md 3", false},
+                      thin, 1 / std::log(kThinner), predictions_, at_, state_);
+  // Between the laws, at half their distance.
+  double squares = 0, count = 0;
+  for (int k = 0; k < fit_.layout.unknowns; ++k) {
+    if (!fit_.unknowns[static_cast<std::size_t>(k)].path.starts_with("law.")) continue;
+    for (const std::size_t r : fitted_) {
+      for (const PredictedFrame& frame : predictions_[r].frames) {
+        if (frame.columns.size() == 0) continue;
+        squares += 0.25 * frame.columns.col(k).cast<double>().squaredNorm();
+        count += static_cast<double>(frame.columns.rows()) / 3;
+      }
+    }
+  }
+  law_rms_ = count > 0 ? std::sqrt(squares / count) : 0;
+}
+
+/// The smooth discrepancy and the scales of what recordings have of their own, with the numbers.
+void Stages::settle_beliefs() {
+  constexpr double kFirstMode = 3e-4;  // [m]
+  fit_.beliefs.own_sd.tail(kModes).setConstant(kFirstMode);
+  for (int round = 0; round < 6; ++round) {
+    fit_.improve(predictions_, at_, fitted_, round == 0 ? 8 : 3, state_);
+    sure_ = fit_.posterior(predictions_, at_, fitted_, state_);
+    fit_.adapt_beliefs(sure_, fitted_, state_);
+  }
+  fit_.improve(predictions_, at_, fitted_, 8, state_);
+  sure_ = fit_.posterior(predictions_, at_, fitted_, state_);
+}
+
+std::map<int, Which> Stages::conditions() const {
+  std::map<int, Which> groups;
+  for (const std::size_t r : fitted_) groups[fit_.observations[r].condition].push_back(r);
+  return groups;
+}
+
+/// White part of the distances along the rays, from neighbours in a cloud.
+double floor_of(const Block& block) {
+  std::vector<double> steps;
+  for (std::size_t k = 1; k < block.deviation.size(); ++k)
+    steps.push_back(std::fabs(block.deviation[k] - block.deviation[k - 1]));
+  if (steps.size() < 10) return 0;
+  const auto middle = steps.begin() + static_cast<std::ptrdiff_t>(steps.size() / 2);
+  std::nth_element(steps.begin(), middle, steps.end());
+  return 1.4826 * *middle / std::sqrt(2.0);
+}
+
+void Stages::show(std::size_t r, const Prediction& base, const FitState& plain) {
+  ShownRecording shown;
+  const Observation& seen = fit_.observations[r];
+  shown.name = seen.name;
+  FitState no_modes = state_;
+  no_modes.own[r].tail(kModes).setZero();
+  const auto before = fit_.distances(base, r, plain, plain, kFarPoint);
+  const auto after = fit_.distances(predictions_[r], r, at_, no_modes, kFarPoint);
+  for (std::size_t f = 0; f < seen.frames.size(); ++f) {
+    if (!base.frames[f].valid || !predictions_[r].frames[f].valid) continue;
+    shown.times.push_back(seen.frames[f].t);
+    shown.before.push_back(fit_.vertices(base, r, f, plain, plain));
+    shown.after.push_back(fit_.vertices(predictions_[r], r, f, at_, no_modes));
+    shown.tip.push_back(predictions_[r].frames[f].tip);
+    shown.rmse_before.push_back(rms_of({before[f]}));
+    shown.rmse_after.push_back(rms_of({after[f]}));
+    shown.seen.push_back(seen.frames[f].points);
+  }
+  result_.shown.push_back(std::move(shown));
+}
+
+void Stages::collect_fit() {
+  const FitState plain = fit_.believed();
+  for (const std::size_t r : fitted_) {
+    FitRow row;
+    row.recording = fit_.observations[r].name;
+    row.role = "fitted";
+    row.rmse_base = rms_of(fit_.distances(base_[r], r, plain, plain, kFarPoint));
+    FitState no_modes = state_;
+    no_modes.own[r].tail(kModes).setZero();
+    row.rmse_model =
+        rms_of(fit_.distances(predictions_[r], r, at_, no_modes, kFarPoint), &row.mean_model);
+    const Which one = {r};
+    row.floor = floor_of(fit_.compare(predictions_, at_, one, state_, fit_.noise, false).front());
+    result_.fit.push_back(row);
+    show(r, base_[r], plain);
+  }
+}
+
+/// Every pinch point by a fit that has not seen it, and the recordings that never were fitted.
+void Stages::leave_out() {
+  const auto groups = conditions();
+  const FitState plain = fit_.believed();
+  const auto score = [&](const Which& left, const FitState& without, const std::string& role) {
+    FitState blind = without;
+    for (const std::size_t r : left) blind.own[r].setZero();
+    const auto predicted = fit_.simulate(blind, fine(), false, left);
+    const auto base = role == "held_out" ? fit_.simulate(plain, fine(), false, left) : base_;
+    for (const std::size_t r : left) {
+      FitRow row;
+      row.recording = fit_.observations[r].name;
+      row.role = role;
+      row.rmse_base = rms_of(fit_.distances(base[r], r, plain, plain, kFarPoint));
+      // What acts to first order only, from the derivatives beside the fit.
+      Prediction whole = predicted[r];
+      for (std::size_t f = 0; f < whole.frames.size(); ++f) {
+        const bool known = r < predictions_.size() && f < predictions_[r].frames.size() &&
+                           predictions_[r].frames[f].columns.size() > 0;
+        if (!known || !whole.frames[f].valid) continue;
+        const Eigen::MatrixXf& columns = predictions_[r].frames[f].columns;
+        VectorXd x = blind.shared.head(fit_.layout.unknowns);
+        for (int k = 0; k < fit_.layout.unknowns; ++k) {
+          if (fit_.unknowns[static_cast<std::size_t>(k)].is_parameter) x[k] = 0;
+        }
+        const Eigen::VectorXf by = columns.leftCols(fit_.layout.unknowns) * x.cast<float>();
+        for (std::size_t v = 0; v < whole.frames[f].vertices.size(); ++v)
+          whole.frames[f].vertices[v] +=
+              by.segment<3>(3 * static_cast<Eigen::Index>(v)).cast<double>();
+      }
+      row.rmse_model = rms_of(fit_.distances(whole, r, blind, blind, kFarPoint), &row.mean_model);
+      const Which one = {r};
+      std::vector<Prediction> all(fit_.observations.size());
+      all[r] = whole;
+      row.floor = floor_of(fit_.compare(all, blind, one, blind, fit_.noise, false).front());
+      result_.fit.push_back(row);
+      result_.left_out.push_back({row.recording, fit_.shared_scene(blind)});
+    }
+    say("left out", 1.2 * static_cast<double>(left.size()));
+  };
+  if (options_.leave_out && groups.size() > 1) {
+    for (const auto& [condition, left] : groups) {
+      Which others;
+      for (const std::size_t r : fitted_) {
+        if (fit_.observations[r].condition != condition) others.push_back(r);
+      }
+      FitState without = state_;
+      const NoiseModel noise = fit_.noise;
+      fit_.improve(predictions_, at_, others, 8, without);
+      fit_.noise = noise;
+      score(left, without, "left_out");
+    }
+  }
+  Which held;
+  for (std::size_t r = 0; r < fit_.observations.size(); ++r) {
+    if (fit_.observations[r].held_out) held.push_back(r);
+  }
+  if (!held.empty()) score(held, state_, "held_out");
+  if (groups.size() < 2 && held.empty()) {
+    result_.warnings.push_back(
+        "no recording is held out and all have one pinch point: how far the simulation is from "
+        "what it has not seen is not known");
+  }
+}
+
+void Stages::collect() {
+  result_.scene = fit_.shared_scene(state_);
+  const Findings findings{fit_, state_, sure_, fitted_, mesh_rms_, step_rms_, law_rms_};
+  add_numbers(findings, result_);
+  add_groups(findings, result_);
+  add_warnings(findings, result_);
+  finish_scene(findings, result_);
+}
+
+Calibration Stages::run() {
+  const std::clock_t begin = std::clock();
+  scan();
+  look_for_mirrors();
+  descend(coarse(), 4, 0.5, "coarse mesh");
+  choose_law();
+  descend(fine(), 4, 1.6, "fine mesh");
+  add_numerics();
+  settle_beliefs();
+  base_ = fit_.simulate(fit_.believed(), fine(), false, fitted_);
+  say("before", static_cast<double>(fitted_.size()));
+  collect_fit();
+  leave_out();
+  collect();
+  result_.core_seconds = static_cast<double>(std::clock() - begin) / CLOCKS_PER_SEC;
+  return std::move(result_);
+}
+
+}  // namespace
+
+Calibration calibrate_reference(const pb::Scene& scene, std::vector<Observation> observations,
+                                const CalibrationOptions& options) {
+  return Stages(scene, std::move(observations), options).run();
+}
+
+}  // namespace omentum

@@ -1,0 +1,278 @@
+#include "mismatch/calibrate/findings.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "core/constants.h"
+
+namespace omentum {
+namespace {
+
+using Eigen::Vector3d;
+
+constexpr double kNinety = 1.6448536;  // standard deviations of a two-sided interval of 90 %
+constexpr double kUnseen = 0.9;        // of the prior's standard deviation is left
+constexpr double kOddPull = 4;         // standard deviations of a prior
+
+double sd_of(const Findings& f, int k) {
+  return std::sqrt(std::max(f.sure.shared_covariance(k, k), 0.0));
+}
+
+CalibratedNumber shared_number(const Findings& f, int k) {
+  const Unknown& unknown = f.fit.unknowns[static_cast<std::size_t>(k)];
+  const double x = f.state.shared[k], sd = sd_of(f, k);
+  CalibratedNumber number;
+  number.name = unknown.path;
+  number.unit = unknown.unit;
+  number.value = unknown.value(x);
+  number.low90 = unknown.value(x - kNinety * sd);
+  number.high90 = unknown.value(x + kNinety * sd);
+  number.prior_value = unknown.value(0);
+  number.prior_low90 = unknown.value(-kNinety * unknown.sd);
+  number.prior_high90 = unknown.value(kNinety * unknown.sd);
+  number.prior_source = unknown.prior;
+  number.pull = x / unknown.sd;
+  constexpr double kBound = 2.99;
+  number.at_bound = std::fabs(number.pull) > kBound;
+  number.unseen = sd > kUnseen * unknown.sd;
+  return number;
+}
+
+/// Of a number whose value is its x.
+CalibratedNumber plain_number(const std::string& name, const std::string& unit, double x, double sd,
+                              double prior_sd, const std::string& source) {
+  CalibratedNumber number;
+  number.name = name;
+  number.unit = unit;
+  number.value = x;
+  number.low90 = x - kNinety * sd;
+  number.high90 = x + kNinety * sd;
+  number.prior_low90 = -kNinety * prior_sd;
+  number.prior_high90 = kNinety * prior_sd;
+  number.prior_source = source;
+  number.pull = x / prior_sd;
+  number.unseen = sd > kUnseen * prior_sd;
+  return number;
+}
+
+bool recordings_move(const Findings& f) {
+  const int k = f.fit.layout.clock();
+  return sd_of(f, k) < kUnseen * f.fit.beliefs.shared_sd[k];
+}
+
+}  // namespace
+
+void add_numbers(const Findings& f, Calibration& result) {
+  for (int k = 0; k < f.fit.layout.unknowns; ++k) {
+    const bool parameter = f.fit.unknowns[static_cast<std::size_t>(k)].is_parameter;
+    (parameter ? result.parameters : result.nuisances).push_back(shared_number(f, k));
+  }
+  const Layout& layout = f.fit.layout;
+  constexpr std::array<const char*, 6> kNames = {"registration.x",      "registration.y",
+                                                 "registration.z",      "registration.turn_x",
+                                                 "registration.turn_y", "registration.turn_z"};
+  for (int k = 0; k < 7; ++k) {
+    const int at = layout.registration() + k;
+    result.nuisances.push_back(plain_number(
+        k < 6 ? kNames[static_cast<std::size_t>(k)] : "scene.depth_sensor.time_offset_s",
+        k < 3   ? "m"
+        : k < 6 ? "rad"
+                : "s",
+        f.state.shared[at], sd_of(f, at), f.fit.beliefs.shared_sd[at], "believed"));
+  }
+  constexpr std::array<const char*, 4> kOwn = {"pinch.x", "pinch.y", "stiffness.ln_factor",
+                                               "clock"};
+  constexpr std::array<const char*, 4> kUnits = {"m", "m", "1", "s"};
+  for (std::size_t i = 0; i < f.fitted.size(); ++i) {
+    const std::size_t r = f.fitted[i];
+    for (int k = 0; k < 4; ++k) {
+      result.nuisances.push_back(plain_number(
+          fmt::format("{}: {}", f.fit.observations[r].name, kOwn[static_cast<std::size_t>(k)]),
+          kUnits[static_cast<std::size_t>(k)], f.state.own[r][k], f.sure.own_sd[i][k],
+          f.fit.beliefs.own_sd[k], "the other recordings and docs/calibrate.md 3"));
+    }
+  }
+  result.nuisances.push_back(plain_number("discrepancy.constant", "m", 0, f.fit.beliefs.own_sd[4],
+                                          f.fit.beliefs.own_sd[4],
+                                          "standard deviation of each smooth mode"));
+  result.nuisances.push_back(
+      plain_number("discrepancy.with_lift", "m", 0, f.fit.beliefs.own_sd[4 + kModes / 2],
+                   f.fit.beliefs.own_sd[4 + kModes / 2], "standard deviation of each smooth mode"));
+  result.numerics_m = std::sqrt(f.mesh_m * f.mesh_m + f.step_m * f.step_m + f.law_m * f.law_m);
+  result.numerics = {fmt::format("mesh {:.3f} mm", 1e3 * f.mesh_m),
+                     fmt::format("step {:.3f} mm", 1e3 * f.step_m),
+                     fmt::format("law of elasticity {:.3f} mm", 1e3 * f.law_m)};
+}
+
+void add_groups(const Findings& f, Calibration& result) {
+  const pb::Scene& scene = result.scene;
+  // Exact for recordings of places alone: docs/mismatch.md 1.
+  const double weight = scene.tissue().density_kg_per_m3() *
+                        (1 + scene.tissue().effects().density_change()) * scene.gravity_m_per_s2() *
+                        scene.gravity_scale();
+  const auto stiffness =
+      std::ranges::find(result.parameters, std::string("scene.tissue.material.young_modulus_pa"),
+                        &CalibratedNumber::name);
+  if (stiffness != result.parameters.end() && weight > 0) {
+    NumberGroup group;
+    group.name = "E/(rho g)";
+    group.unit.assign(1, 'm');
+    group.value = stiffness->value / weight;
+    group.low90 = stiffness->low90 / weight;
+    group.high90 = stiffness->high90 / weight;
+    group.members = {"scene.tissue.material.young_modulus_pa", "scene.tissue.density_kg_per_m3"};
+    group.text =
+        "Without a force the recordings see stiffness against weight alone: E is that of the "
+        "stated "
+        "density. A force channel parts them, or a known mass hung on the body.";
+    result.groups.push_back(std::move(group));
+  }
+  const int clock = f.fit.layout.clock();
+  if (recordings_move(f)) {
+    NumberGroup group;
+    group.name = "latency";
+    group.unit.assign(1, 's');
+    const double x = f.state.shared[clock], sd = sd_of(f, clock);
+    group.value = x;
+    group.low90 = x - kNinety * sd;
+    group.high90 = x + kNinety * sd;
+    group.members = {"scene.depth_sensor.time_offset_s", "scene.arm.transport_delay_s"};
+    group.text =
+        "Clock of the camera and delay of the arm are seen as their sum alone. It stands in the "
+        "scene as the camera's. A third channel on the robot's clock parts them.";
+    result.groups.push_back(std::move(group));
+  }
+  for (int i = 0; i < f.fit.layout.unknowns; ++i) {
+    const Unknown& a = f.fit.unknowns[static_cast<std::size_t>(i)];
+    if (!a.is_parameter) continue;
+    if (sd_of(f, i) > kUnseen * a.sd) {
+      NumberGroup group;
+      const CalibratedNumber number = shared_number(f, i);
+      group.name = "unseen";
+      group.unit = a.unit;
+      group.value = number.value;
+      group.low90 = number.low90;
+      group.high90 = number.high90;
+      group.members = {a.path};
+      group.text =
+          "The recordings say nothing of it: value and interval are those believed before.";
+      result.groups.push_back(std::move(group));
+    }
+    for (int j = i + 1; j < f.fit.layout.unknowns; ++j) {
+      const Unknown& b = f.fit.unknowns[static_cast<std::size_t>(j)];
+      const double si = sd_of(f, i), sj = sd_of(f, j);
+      if (!(si > 0 && sj > 0)) continue;
+      const double correlation = f.sure.shared_covariance(i, j) / (si * sj);
+      constexpr double kAlike = 0.95;
+      if (std::fabs(correlation) < kAlike || si > kUnseen * a.sd || sj > kUnseen * b.sd) continue;
+      NumberGroup group;
+      group.name = correlation < 0 ? "product" : "ratio";
+      group.unit.assign(1, '1');
+      const double sign = correlation < 0 ? 1 : -1;
+      const double x = f.state.shared[i] / si + sign * f.state.shared[j] / sj;
+      group.value = x;
+      const double spread = kNinety * std::sqrt(2 * (1 - std::fabs(correlation)));
+      group.low90 = x - spread;
+      group.high90 = x + spread;
+      group.members = {a.path, b.path};
+      group.text = fmt::format(
+          "Correlation {:.3f}: one can be exchanged for the other; each interval holds for any "
+          "value "
+          "of the other.",
+          correlation);
+      result.groups.push_back(std::move(group));
+    }
+  }
+}
+
+void add_warnings(const Findings& f, Calibration& result) {
+  std::vector<std::string>& warnings = result.warnings;
+  const Layout& layout = f.fit.layout;
+  for (const CalibratedNumber& number : result.parameters) {
+    if (!number.at_bound) continue;
+    warnings.push_back(fmt::format(
+        "{}: {:.6g} {} is at the bound of what was believed ({}): a sign of physics that the model "
+        "leaves out, or of a wrong belief",
+        number.name, number.value, number.unit, number.prior_source));
+  }
+  const Vector3d shift = f.state.shared.segment<3>(layout.registration());
+  const Vector3d turn = f.state.shared.segment<3>(layout.registration() + 3);
+  const double metres = f.fit.beliefs.shared_sd[layout.registration()];
+  const double angle = f.fit.beliefs.shared_sd[layout.registration() + 3];
+  if (shift.norm() > 3 * metres || turn.norm() > 3 * angle) {
+    warnings.push_back(fmt::format(
+        "registration: the clouds lie {:.1f} mm ({:.1f}, {:.1f}, {:.1f}) and {:.1f} deg from where "
+        "the "
+        "camera is believed to see them, known to {:.1f} mm and {:.1f} deg: register it again",
+        1e3 * shift.norm(), 1e3 * shift.x(), 1e3 * shift.y(), 1e3 * shift.z(),
+        turn.norm() / kDegree, 1e3 * metres, angle / kDegree));
+  }
+  for (const CalibratedNumber& number : result.nuisances) {
+    const bool own = number.name.find(": ") != std::string::npos;
+    if (number.name == "scene.tissue.thickness_m" && std::fabs(number.pull) > 2.5) {
+      warnings.push_back(fmt::format(
+          "{}: the body is seen {:.2f} mm thick ({:.2f} - {:.2f}), believed {:.2f} mm: measure it",
+          number.name, 1e3 * number.value, 1e3 * number.low90, 1e3 * number.high90,
+          1e3 * number.prior_value));
+    } else if (number.name == "numerics.mesh" && std::fabs(number.pull) > 2.5) {
+      warnings.emplace_back(
+          "numerics.mesh: the recordings ask for another mesh: give a smaller --tolerance-mm");
+    } else if (own && std::fabs(number.pull) > kOddPull) {
+      warnings.push_back(
+          fmt::format("{}: {:.3g} {}, {:.1f} standard deviations from what was believed",
+                      number.name, number.value, number.unit, std::fabs(number.pull)));
+    }
+  }
+  double worst = 0, floor = 0;
+  for (const FitRow& row : result.fit) {
+    if (row.role != "fitted") continue;
+    worst = std::max(worst, row.rmse_model);
+    floor = std::max(floor, row.floor);
+  }
+  if (worst > 3 * floor && worst > 0.002) {
+    warnings.push_back(fmt::format(
+        "the fit leaves {:.2f} mm where the sensor has {:.2f} mm: physics is missing, run "
+        "mismatch explain",
+        1e3 * worst, 1e3 * floor));
+  }
+  if (result.numerics_m > 0.5 * std::max(worst, 1e-9)) {
+    warnings.push_back(fmt::format(
+        "numerics: mesh, step and law may be off by {:.2f} mm, as much as the fit leaves",
+        1e3 * result.numerics_m));
+  }
+}
+
+void finish_scene(const Findings& f, Calibration& result) {
+  pb::Scene& scene = result.scene;
+  scene.mutable_tissue()->set_model(pb::TISSUE_ELASTIC);
+  // About the camera, as the sensor of a scene has it; the fit turns about the sheet.
+  const Registration6 registration = f.fit.registration(f.state);
+  const Vector3d pivot = f.fit.made.tissue.X_WB.translation();
+  const Vector3d camera = f.fit.observations.front().p_WC;
+  const Vector3d shift =
+      registration.shift + (pivot - camera) - registration.rotation() * (pivot - camera);
+  pb::DepthSensor& sensor = *scene.mutable_depth_sensor();
+  const auto set = [](pb::Vec3& to, const Vector3d& v) {
+    to.set_x(v.x());
+    to.set_y(v.y());
+    to.set_z(v.z());
+  };
+  set(*sensor.mutable_registration_m(), shift);
+  set(*sensor.mutable_registration_deg(), registration.turn / kDegree);
+  sensor.set_time_offset_s(std::clamp(f.state.shared[f.fit.layout.clock()], -0.25, 0.25));
+  // What is known now is the belief of whoever calibrates next.
+  for (int k = 0; k < f.fit.layout.unknowns; ++k) {
+    const Unknown& unknown = f.fit.unknowns[static_cast<std::size_t>(k)];
+    if (!unknown.is_parameter) continue;
+    pb::Prior& prior = *result.priors.add_prior();
+    prior.set_path(unknown.path);
+    prior.set_factor(std::exp(std::max(sd_of(f, k), 1e-3)));
+    prior.set_source("mismatch calibrate");
+  }
+  scene.set_source("mismatch calibrate");
+}
+
+}  // namespace omentum

@@ -1,0 +1,28 @@
+#pragma once
+
+#include <vector>
+
+#include "mismatch/calibrate/calibration.h"
+#include "mismatch/calibrate/reference_fit.h"
+
+namespace omentum {
+
+/// A finished fit, to be put into words and numbers.
+struct Findings {
+  const ReferenceFit& fit;
+  const FitState& state;
+  const ArrowStep& sure;                     ///< covariances there
+  const std::vector<std::size_t>& fitted;    ///< recordings
+  double mesh_m = 0, step_m = 0, law_m = 0;  ///< rms of the surface
+};
+
+/// Parameters and nuisances with intervals.
+void add_numbers(const Findings& findings, Calibration& result);
+/// What recordings of this kind see only together, and what they do not see.
+void add_groups(const Findings& findings, Calibration& result);
+/// Signs that something is wrong with a recording, the belief or the physics.
+void add_warnings(const Findings& findings, Calibration& result);
+/// Registration and clock into the scene; a model that trains.
+void finish_scene(const Findings& findings, Calibration& result);
+
+}  // namespace omentum

@@ -1,0 +1,163 @@
+#include "mismatch/calibrate/forward.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "core/check.h"
+
+namespace omentum {
+namespace {
+
+using Eigen::Vector3d;
+
+constexpr double kScenePeriod = 0.02;  // [s] what the substeps of a scene are counted for
+
+/// Control steps around a time.
+struct Between {
+  std::size_t step = 0;
+  double share = 0;  ///< of the step behind
+};
+Between between(const Observation& observation, double t) {
+  const std::size_t steps = count_steps(observation.track, observation.period);
+  const double place = (t - observation.track.begin()) / observation.period;
+  if (!(place > 0)) return {0, 0};
+  const auto step = static_cast<std::size_t>(place);
+  if (step >= steps) return {steps - 1, 1};
+  return {step, place - static_cast<double>(step)};
+}
+
+/// Both faces of a surface that is known by its middle, as a shell is.
+std::vector<Vector3d> faces_of(const std::vector<Vector3d>& middle,
+                               const std::vector<Eigen::Vector3i>& triangles, double thickness) {
+  std::vector<Vector3d> normal(middle.size(), Vector3d::Zero());
+  for (const Eigen::Vector3i& t : triangles) {
+    const Vector3d n =
+        (middle[static_cast<std::size_t>(t[1])] - middle[static_cast<std::size_t>(t[0])])
+            .cross(middle[static_cast<std::size_t>(t[2])] - middle[static_cast<std::size_t>(t[0])]);
+    for (const int v : t) normal[static_cast<std::size_t>(v)] += n;
+  }
+  std::vector<Vector3d> faces;
+  for (const double side : {0.5, -0.5}) {
+    for (std::size_t i = 0; i < middle.size(); ++i)
+      faces.push_back(middle[i] + side * thickness * normal[i].normalized());
+  }
+  return faces;
+}
+
+void fill_columns(const Simulation& simulation, const Between& at,
+                  const std::vector<Unknown>& unknowns, const Eigen::VectorXd& x,
+                  PredictedFrame& frame) {
+  const auto first = simulation.columns.find(at.step);
+  const auto second = simulation.columns.find(at.step + 1);
+  if (first == simulation.columns.end() || second == simulation.columns.end()) {
+    frame.valid = false;
+    return;
+  }
+  const auto rows = static_cast<Eigen::Index>(first->second.surface.front().size());
+  frame.columns.setZero(rows, static_cast<Eigen::Index>(unknowns.size()) + kOwnColumns);
+  std::size_t next = 0;
+  const auto take = [&](Eigen::Index column, double factor) {
+    const Eigen::Map<const Eigen::VectorXf> a(first->second.surface[next].data(), rows);
+    const Eigen::Map<const Eigen::VectorXf> b(second->second.surface[next].data(), rows);
+    const auto share = static_cast<float>(at.share);
+    frame.columns.col(column) = static_cast<float>(factor) * ((1 - share) * a + share * b);
+    ++next;
+  };
+  for (std::size_t k = 0; k < unknowns.size(); ++k) {
+    if (unknowns[k].column.empty()) continue;
+    const auto column = static_cast<Eigen::Index>(k);
+    take(column, unknowns[k].slope(x[column]));
+  }
+  for (int k = 0; k < kOwnColumns; ++k) take(static_cast<Eigen::Index>(unknowns.size()) + k, 1);
+  frame.valid = frame.columns.allFinite();
+}
+
+}  // namespace
+
+SimulationTask make_calibration_task(const Observation& observation, const pb::Scene& scene,
+                                     const std::string& folder, const Numerics& numerics) {
+  SimulationTask task;
+  task.scene = scene;
+  task.folder = folder;
+  task.commands = observation.track;
+  task.period = observation.period;
+  task.grasp = observation.grasp;
+  pb::Tissue& tissue = *task.scene.mutable_tissue();
+  tissue.set_model(numerics.model);
+  // Where the shaft is no recording says; it must not push what the jaws hold.
+  task.scene.mutable_tool()->set_contact(false);
+  if (numerics.tolerance_m > 0) {
+    pb::ReferenceModel& mesh = *tissue.mutable_reference();
+    mesh.set_tolerance_m(numerics.tolerance_m);
+    mesh.clear_elements_x();
+    mesh.clear_elements_y();
+    mesh.clear_elements_z();
+  }
+  const double share = numerics.substeps * observation.period / kScenePeriod;
+  const auto scaled = [&](std::uint32_t substeps) {
+    return static_cast<std::uint32_t>(std::max(1.0, std::round(share * substeps)));
+  };
+  tissue.mutable_cluster()->set_substeps(scaled(tissue.cluster().substeps()));
+  tissue.mutable_elastic()->set_substeps(scaled(tissue.elastic().substeps()));
+  tissue.mutable_reference()->set_substeps(scaled(tissue.reference().substeps()));
+  return task;
+}
+
+Prediction predict(const Observation& observation, const pb::Scene& scene,
+                   const std::string& folder, const std::vector<Unknown>& unknowns,
+                   const Eigen::VectorXd& x, double clock, const Numerics& numerics,
+                   bool with_columns) {
+  SimulationTask task = make_calibration_task(observation, scene, folder, numerics);
+  std::vector<Between> places;
+  for (const SeenFrame& frame : observation.frames)
+    places.push_back(between(observation, frame.t - clock));
+  if (with_columns) {
+    std::string list;
+    for (const Unknown& unknown : unknowns) {
+      if (!unknown.column.empty()) list += unknown.column + ",";
+    }
+    task.parameters = parse_parameters(list + "grasp_offset.x,grasp_offset.y", task.scene);
+    for (const Between& place : places) {
+      task.column_steps.push_back(place.step);
+      task.column_steps.push_back(place.step + 1);
+    }
+    std::sort(task.column_steps.begin(), task.column_steps.end());
+    task.column_steps.erase(std::unique(task.column_steps.begin(), task.column_steps.end()),
+                            task.column_steps.end());
+  }
+  const Simulation simulation = simulate(task);
+  const SimulatedRecording& recording = simulation.recording;
+  const bool shell = dynamic_cast<const ReferenceTissueModel*>(simulation.model.get()) == nullptr;
+  Prediction made;
+  made.failure = recording.failure;
+  for (const Vector3d& tip : recording.tip)
+    made.lift = std::max(made.lift, tip.z() - recording.tip.front().z());
+  for (const Between& place : places) {
+    PredictedFrame& frame = made.frames.emplace_back();
+    if (place.step + 1 >= recording.points.size()) continue;
+    frame.valid = true;
+    const auto blend = [&](const std::vector<Vector3d>& a, const std::vector<Vector3d>& b) {
+      for (std::size_t i = 0; i < a.size(); ++i) {
+        frame.vertices.push_back(a[i] + place.share * (b[i] - a[i]));
+        frame.velocity.push_back((b[i] - a[i]) / observation.period);
+      }
+    };
+    const std::vector<Vector3d>& a = recording.points[place.step];
+    const std::vector<Vector3d>& b = recording.points[place.step + 1];
+    if (shell) {
+      const TissueBody& body = simulation.scene.tissue;
+      blend(faces_of(a, body.surface_triangles, body.thickness),
+            faces_of(b, body.surface_triangles, body.thickness));
+    } else {
+      blend(a, b);
+    }
+    frame.tip = recording.tip[place.step] +
+                place.share * (recording.tip[place.step + 1] - recording.tip[place.step]);
+    if (with_columns) fill_columns(simulation, place, unknowns, x, frame);
+  }
+  return made;
+}
+
+}  // namespace omentum

@@ -1,0 +1,53 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <map>
+#include <string>
+#include <vector>
+
+#include "mismatch/calibrate/observation.h"
+#include "mismatch/calibrate/unknowns.h"
+#include "mismatch/simulation.h"
+
+namespace omentum {
+
+/// Columns of a prediction beside those of the shared unknowns, in this order.
+enum OwnColumn { kPinchX, kPinchY, kOwnColumns };
+
+/// What the simulation says of one frame. Vertices are those of close_sheet(): the upper face at
+/// the places of the grid, then the lower.
+struct PredictedFrame {
+  bool valid = false;                     ///< the tissue got there
+  std::vector<Eigen::Vector3d> vertices;  ///< p_W [m]
+  std::vector<Eigen::Vector3d> velocity;  ///< [m/s]
+  /// [3 vertex + axis][unknown, then OwnColumn] per unit of x; empty where none were asked for.
+  Eigen::MatrixXf columns;
+  Eigen::Vector3d tip = Eigen::Vector3d::Zero();  ///< [m]
+};
+
+struct Prediction {
+  std::vector<PredictedFrame> frames;
+  std::string failure;  ///< why it ends before the commands do; empty: it does not
+  double lift = 0;      ///< highest place of the tip above its first [m]
+};
+
+/// How the model is solved.
+struct Numerics {
+  pb::TissueModelKind model = pb::TISSUE_REFERENCE;
+  double tolerance_m = 0;  ///< of the mesh of the reference; 0: as the scene says
+  double substeps = 1;     ///< times as many as the scene has
+};
+
+/// The simulation of a recording in a scene, whose clouds were taken `clock` before their time
+/// stamps [s]; with derivatives by `unknowns` at x and the pinch, of TISSUE_REFERENCE. A pure
+/// function. Throws Error for a scene that cannot be.
+Prediction predict(const Observation& observation, const pb::Scene& scene,
+                   const std::string& folder, const std::vector<Unknown>& unknowns,
+                   const Eigen::VectorXd& x, double clock, const Numerics& numerics,
+                   bool with_columns);
+
+/// The task behind it.
+SimulationTask make_calibration_task(const Observation& observation, const pb::Scene& scene,
+                                     const std::string& folder, const Numerics& numerics);
+
+}  // namespace omentum

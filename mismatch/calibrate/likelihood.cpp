@@ -1,0 +1,377 @@
+#include "mismatch/calibrate/likelihood.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <map>
+#include <numbers>
+
+#include "core/check.h"
+
+namespace omentum {
+
+using Eigen::Vector2d;
+using Eigen::Vector3d;
+
+namespace {
+
+constexpr double kMostGap = 0.008;  // [m] from the next point: farther off nothing was looked at
+constexpr double kShaftShadow = 0.012;  // [m] around the shaft no gap counts
+constexpr double kCropped = 0.25;       // share of places without any point nearby
+
+double cost_of(double squared, double freedom) {
+  return 0.5 * (freedom + 1) * std::log1p(squared / freedom);
+}
+double weight_of(double squared, double freedom) { return (freedom + 1) / (freedom + squared); }
+
+/// Points of a picture in cells, to find the nearest one.
+class PictureIndex {
+ public:
+  PictureIndex(std::vector<Vector2d> points, double cell)
+      : points_(std::move(points)), cell_(cell) {
+    for (std::size_t k = 0; k < points_.size(); ++k) cells_[key(points_[k])].push_back(k);
+  }
+  /// Nearest within two cells; nothing beyond.
+  std::optional<std::size_t> nearest(const Vector2d& q, std::size_t skip) const {
+    std::optional<std::size_t> best;
+    double least = 4 * cell_ * cell_;
+    const auto [x, y] = key(q);
+    for (int dy = -2; dy <= 2; ++dy) {
+      for (int dx = -2; dx <= 2; ++dx) {
+        const auto found = cells_.find({x + dx, y + dy});
+        if (found == cells_.end()) continue;
+        for (const std::size_t k : found->second) {
+          const double squared = (points_[k] - q).squaredNorm();
+          if (k == skip || !(squared < least)) continue;
+          least = squared;
+          best = k;
+        }
+      }
+    }
+    return best;
+  }
+  const Vector2d& at(std::size_t k) const { return points_[k]; }
+  std::size_t size() const { return points_.size(); }
+
+ private:
+  std::pair<int, int> key(const Vector2d& p) const {
+    return {static_cast<int>(std::floor(p.x() / cell_)),
+            static_cast<int>(std::floor(p.y() / cell_))};
+  }
+  std::vector<Vector2d> points_;
+  double cell_;
+  std::map<std::pair<int, int>, std::vector<std::size_t>> cells_;
+};
+
+/// Distance of a point from the shaft, which stands up from the tip.
+double shaft_distance(const Vector3d& p, const Vector3d& tip, const Vector3d& p_WC) {
+  // Of the ray to the point, where it passes the line over the tip.
+  const Vector3d d = (p - p_WC).normalized();
+  const Vector3d w = p_WC - tip;
+  const double b = d.z(), bottom = 1 - b * b;
+  if (bottom < 1e-9) return (p - tip).head<2>().norm();
+  double height = (w.z() - b * d.dot(w)) / bottom;
+  height = std::clamp(height, 0.0, 0.3);
+  const double s = height * b - d.dot(w);
+  if (s > (p - p_WC).norm()) return std::numeric_limits<double>::infinity();
+  return (w + s * d - height * Vector3d::UnitZ()).norm();
+}
+
+}  // namespace
+
+Eigen::Matrix3d Registration6::rotation() const {
+  return (Eigen::AngleAxisd(turn.z(), Vector3d::UnitZ()) *
+          Eigen::AngleAxisd(turn.y(), Vector3d::UnitY()) *
+          Eigen::AngleAxisd(turn.x(), Vector3d::UnitX()))
+      .toRotationMatrix();
+}
+
+/// One number that was seen, less what is predicted.
+struct Likelihood::Row {
+  double e = 0;          ///< [m]
+  double sd_factor = 1;  ///< of sigma
+  Vector3d along;        ///< d predicted / d place of the surface
+  int triangle = -1;     ///< the place: of a triangle,
+  Vector3d share;        ///< at barycentric coordinates
+  Vector3d normal;       ///< of the surface there
+  Vector3d place;        ///< p_W [m]
+};
+
+Likelihood::Likelihood(std::vector<Eigen::Vector3i> triangles, std::span<const Vector3d> rest,
+                       std::vector<Vector2d> uv, const Vector3d& pivot)
+    : surface_(std::move(triangles), rest), uv_(std::move(uv)), pivot_(pivot) {
+  mode_values_.resize(static_cast<Eigen::Index>(uv_.size()), kModesPerSide * kModesPerSide);
+  for (std::size_t p = 0; p < uv_.size(); ++p) {
+    for (int i = 0; i < kModesPerSide; ++i) {
+      for (int j = 0; j < kModesPerSide; ++j) {
+        mode_values_(static_cast<Eigen::Index>(p), i * kModesPerSide + j) =
+            std::cos(std::numbers::pi * i * uv_[p].x()) *
+            std::cos(std::numbers::pi * j * uv_[p].y());
+      }
+    }
+  }
+}
+
+std::vector<Vector3d> Likelihood::moved(const PredictedFrame& frame, const Layout& layout,
+                                        const Registration6& registration,
+                                        const Eigen::VectorXd& delta, double lift) const {
+  std::vector<Vector3d> vertices = frame.vertices;
+  if (frame.columns.size() > 0) {
+    Eigen::VectorXf step(frame.columns.cols());
+    step.head(layout.unknowns) = delta.head(layout.unknowns).cast<float>();
+    step[layout.stiffness] += static_cast<float>(delta[layout.factor()]);
+    step.tail(kOwnColumns) = delta.segment(layout.pinch(), kOwnColumns).cast<float>();
+    const Eigen::VectorXf by = frame.columns * step;
+    for (std::size_t i = 0; i < vertices.size(); ++i)
+      vertices[i] += by.segment<3>(3 * static_cast<Eigen::Index>(i)).cast<double>();
+  }
+  const double clock = delta[layout.clock()] + delta[layout.own_clock()];
+  const Eigen::Matrix3d R = registration.rotation();
+  const Eigen::VectorXd modes = delta.segment(layout.modes(), kModes);
+  Eigen::VectorXd bulge;
+  std::vector<Vector3d> normal;
+  if (!modes.isZero(0)) {
+    const int half = kModes / 2;
+    bulge = mode_values_ * (modes.head(half) + lift * modes.tail(half));
+    normal.assign(vertices.size(), Vector3d::Zero());
+    for (const Eigen::Vector3i& t : surface_.triangles()) {
+      const Vector3d n =
+          (vertices[static_cast<std::size_t>(t[1])] - vertices[static_cast<std::size_t>(t[0])])
+              .cross(vertices[static_cast<std::size_t>(t[2])] -
+                     vertices[static_cast<std::size_t>(t[0])]);
+      for (const int v : t) normal[static_cast<std::size_t>(v)] += n;
+    }
+  }
+  const std::size_t places = uv_.size();
+  for (std::size_t i = 0; i < vertices.size(); ++i) {
+    Vector3d p = vertices[i] - clock * frame.velocity[i];
+    if (!normal.empty()) {
+      // Both faces move the same way: that of the upper face.
+      const double side = i < places ? 1 : -1;
+      p += side * bulge[static_cast<Eigen::Index>(i % places)] * normal[i].normalized();
+    }
+    vertices[i] = pivot_ + R * (p - pivot_) + registration.shift;
+  }
+  return vertices;
+}
+
+void Likelihood::add_row(const Row& row, const PredictedFrame& predicted, double lift,
+                         const Layout& layout, const NoiseModel& noise, Block& block) {
+  const double sd = noise.sigma * row.sd_factor;
+  const double squared = row.e * row.e / (sd * sd);
+  block.cost += cost_of(squared, noise.freedom);
+  if (block.A.size() == 0) return;
+  const double weight = weight_of(squared, noise.freedom) / (sd * sd);
+  Eigen::VectorXd J = Eigen::VectorXd::Zero(layout.size());
+  const Vector3d along = turned_.transpose() * row.along;  // before the registration
+  const Eigen::Vector3i& corner = surface_.triangles()[static_cast<std::size_t>(row.triangle)];
+  const auto places = static_cast<int>(uv_.size());
+  Vector3d velocity = Vector3d::Zero();
+  Eigen::VectorXf columns = Eigen::VectorXf::Zero(predicted.columns.cols());
+  Eigen::VectorXd modes = Eigen::VectorXd::Zero(kModes / 2);
+  for (int k = 0; k < 3; ++k) {
+    const auto v = static_cast<std::size_t>(corner[k]);
+    velocity += row.share[k] * predicted.velocity[v];
+    if (predicted.columns.size() > 0) {
+      columns += static_cast<float>(row.share[k]) *
+                 (predicted.columns.middleRows<3>(3 * corner[k]).transpose() * along.cast<float>());
+    }
+    modes += row.share[k] * mode_values_.row(corner[k] % places).transpose();
+  }
+  if (columns.size() > 0) {
+    J.head(layout.unknowns) = columns.head(layout.unknowns).cast<double>();
+    J.segment(layout.pinch(), kOwnColumns) = columns.tail(kOwnColumns).cast<double>();
+    J[layout.factor()] = J[layout.stiffness];
+  }
+  J.segment<3>(layout.registration()) = row.along;
+  J.segment<3>(layout.registration() + 3) = (row.place - pivot_).cross(row.along);
+  const double late = -along.dot(velocity);
+  J[layout.clock()] = late;
+  J[layout.own_clock()] = late;
+  const double side = corner[0] < places ? 1 : -1;
+  const double bulge = side * row.along.dot(row.normal);
+  J.segment(layout.modes(), kModes / 2) = bulge * modes;
+  J.segment(layout.modes() + kModes / 2, kModes / 2) = lift * bulge * modes;
+  const double root = std::sqrt(weight);
+  for (Eigen::Index k = 0; k < J.size(); ++k) batch_.push_back(root * J[k]);
+  block.b += weight * row.e * J;
+  constexpr std::size_t kBatch = 128;  // rows: a product of matrices is faster than one by one
+  if (batch_.size() >= kBatch * static_cast<std::size_t>(J.size())) {
+    const Eigen::Map<const Eigen::MatrixXd> rows(
+        batch_.data(), J.size(), static_cast<Eigen::Index>(batch_.size()) / J.size());
+    block.A.selfadjointView<Eigen::Lower>().rankUpdate(rows);
+    batch_.clear();
+  }
+}
+
+void Likelihood::add_frame(const Observation& seen, const SeenFrame& frame,
+                           const PredictedFrame& predicted, double lift, const Layout& layout,
+                           const Registration6& registration, const NoiseModel& noise, Block& block,
+                           bool with_columns) {
+  (void)with_columns;
+  constexpr double kEdgeOn = 0.15;  // cosine between ray and normal: flatter counts as this
+  std::vector<Vector2d> picture;
+  for (const Vector3d& p : frame.points) {
+    Row row;
+    const Vector3d d = (p - seen.p_WC).normalized();
+    if (const std::optional<Vector2d> place = surface_.project(p)) picture.push_back(*place);
+    const TrianglePoint near = surface_.nearest(p, noise.reach);
+    if (near.triangle < 0) {
+      ++block.no_tissue;
+      const double far = noise.reach / noise.sigma;
+      block.cost += cost_of(far * far, noise.freedom);
+      continue;
+    }
+    if (const std::optional<RayHit> hit = surface_.cast(p)) {
+      row.triangle = hit->triangle;
+      row.share = hit->share;
+      row.normal = surface_.normal(hit->triangle);
+      const double cosine = row.normal.dot(d);
+      const double flat = std::copysign(std::max(std::fabs(cosine), kEdgeOn), cosine);
+      row.e = (p - seen.p_WC).norm() - hit->range;
+      row.along = row.normal / flat;
+      const double slope = 1 / (flat * flat) - 1;  // tan^2
+      row.sd_factor =
+          std::sqrt(1 + slope * noise.lateral * noise.lateral / (noise.sigma * noise.sigma));
+      // In front of another part of the body: then it is that part's edge that was seen.
+      const double limit = noise.reach / std::max(std::fabs(cosine), kEdgeOn);
+      row.e = std::clamp(row.e, -limit, limit);
+      block.deviation.push_back(row.e / row.sd_factor);
+      ++block.hits;
+    } else {
+      const Vector3d c = surface_.at(near.triangle, near.share);
+      Vector3d w = p - c;
+      w -= w.dot(d) * d;
+      row.e = w.norm();
+      if (!(row.e > 1e-9)) continue;
+      row.triangle = near.triangle;
+      row.share = near.share;
+      row.normal = surface_.normal(near.triangle);
+      row.along = w / row.e;
+      row.sd_factor = std::hypot(1, noise.lateral / noise.sigma);
+      ++block.beside;
+    }
+    row.place = surface_.at(row.triangle, row.share);
+    add_row(row, predicted, lift, layout, noise, block);
+  }
+  // Places that should be seen and were not.
+  if (picture.size() < 20) return;
+  const Vector3d tip = pivot_ + turned_ * (predicted.tip - pivot_) + registration.shift;
+  const double depth = (pivot_ - seen.p_WC).norm();
+  const PictureIndex index(std::move(picture), kMostGap / depth);
+  std::vector<double> spacing;
+  for (std::size_t k = 0; k < index.size(); k += 7) {
+    if (const auto other = index.nearest(index.at(k), k))
+      spacing.push_back((index.at(*other) - index.at(k)).norm());
+  }
+  if (spacing.empty()) return;
+  std::nth_element(spacing.begin(),
+                   spacing.begin() + static_cast<std::ptrdiff_t>(spacing.size() / 2),
+                   spacing.end());
+  const double allowed = 1.2 * spacing[spacing.size() / 2];
+  struct Gap {
+    int vertex;
+    double distance;
+    Vector2d towards;
+  };
+  std::vector<Gap> gaps;
+  std::size_t looked_at = 0, nothing_near = 0;
+  for (int v = 0; v < static_cast<int>(surface_.vertices().size()); ++v) {
+    const Vector3d& p = surface_.vertices()[static_cast<std::size_t>(v)];
+    if (shaft_distance(p, tip, seen.p_WC) < kShaftShadow || !surface_.sees(v)) continue;
+    ++looked_at;
+    const Vector2d place = *surface_.project(p);
+    const auto near = index.nearest(place, index.size());
+    if (!near || (index.at(*near) - place).norm() > kMostGap / depth) {
+      ++nothing_near;
+      continue;
+    }
+    const Vector2d w = index.at(*near) - place;
+    if (w.norm() > allowed) gaps.push_back({v, w.norm() - allowed, w.normalized()});
+  }
+  // Where much is missing the cloud was cut, by whatever: its edge is not that of the tissue.
+  if (static_cast<double>(nothing_near) > kCropped * static_cast<double>(looked_at)) return;
+  for (const Gap& gap : gaps) {
+    Row row;
+    const Vector3d& p = surface_.vertices()[static_cast<std::size_t>(gap.vertex)];
+    const double z = -(seen.R_WC.transpose() * (p - seen.p_WC)).z();
+    row.e = gap.distance * z;
+    row.along = seen.R_WC.col(0) * gap.towards.x() + seen.R_WC.col(1) * gap.towards.y();
+    row.sd_factor = std::hypot(1, 0.5 * allowed * z / noise.sigma);
+    // A triangle with that corner.
+    const TrianglePoint at = surface_.nearest(p, noise.reach);
+    if (at.triangle < 0) continue;
+    row.triangle = at.triangle;
+    row.share = at.share;
+    row.normal = surface_.normal(at.triangle);
+    row.place = p;
+    ++block.gaps;
+    add_row(row, predicted, lift, layout, noise, block);
+  }
+}
+
+Block Likelihood::compare(const Observation& seen, const Prediction& predicted,
+                          const Layout& layout, const Registration6& registration,
+                          const Eigen::VectorXd& delta, const NoiseModel& noise,
+                          bool with_columns) {
+  Block block;
+  if (with_columns) {
+    block.A = Eigen::MatrixXd::Zero(layout.size(), layout.size());
+    block.b = Eigen::VectorXd::Zero(layout.size());
+  }
+  turned_ = registration.rotation();
+  batch_.clear();
+  for (std::size_t k = 0; k < seen.frames.size(); ++k) {
+    const PredictedFrame& frame = predicted.frames[k];
+    if (!frame.valid) {
+      const double far = noise.reach / noise.sigma;
+      block.no_tissue += seen.frames[k].points.size();
+      block.cost +=
+          static_cast<double>(seen.frames[k].points.size()) * cost_of(far * far, noise.freedom);
+      continue;
+    }
+    const double lift =
+        predicted.lift > 0
+            ? std::clamp((frame.tip.z() - seen.track.p_WT.front().z()) / predicted.lift, 0.0, 1.0)
+            : 0;
+    surface_.fit(moved(frame, layout, registration, delta, lift), seen.p_WC, seen.R_WC);
+    add_frame(seen, seen.frames[k], frame, lift, layout, registration, noise, block, with_columns);
+  }
+  if (with_columns) {
+    if (!batch_.empty()) {
+      const Eigen::Map<const Eigen::MatrixXd> rows(
+          batch_.data(), layout.size(), static_cast<Eigen::Index>(batch_.size()) / layout.size());
+      block.A.selfadjointView<Eigen::Lower>().rankUpdate(rows);
+      batch_.clear();
+    }
+    block.A = block.A.selfadjointView<Eigen::Lower>();
+  }
+  return block;
+}
+
+std::vector<std::vector<double>> Likelihood::distances(const Observation& seen,
+                                                       const Prediction& predicted,
+                                                       const Layout& layout,
+                                                       const Registration6& registration,
+                                                       const Eigen::VectorXd& delta, double reach) {
+  std::vector<std::vector<double>> all;
+  for (std::size_t k = 0; k < seen.frames.size(); ++k) {
+    std::vector<double>& list = all.emplace_back();
+    const PredictedFrame& frame = predicted.frames[k];
+    const double lift =
+        predicted.lift > 0 && frame.valid
+            ? std::clamp((frame.tip.z() - seen.track.p_WT.front().z()) / predicted.lift, 0.0, 1.0)
+            : 0;
+    if (frame.valid)
+      surface_.fit(moved(frame, layout, registration, delta, lift), seen.p_WC, seen.R_WC);
+    for (const Vector3d& p : seen.frames[k].points) {
+      const TrianglePoint near = frame.valid ? surface_.nearest(p, reach) : TrianglePoint{};
+      list.push_back(near.triangle < 0 ? std::numeric_limits<double>::quiet_NaN()
+                                       : std::sqrt(near.squared));
+    }
+  }
+  return all;
+}
+
+}  // namespace omentum

@@ -1,0 +1,104 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <cstddef>
+#include <vector>
+
+#include "mismatch/calibrate/forward.h"
+#include "mismatch/calibrate/observation.h"
+#include "mismatch/calibrate/seen_surface.h"
+
+namespace omentum {
+
+/// Where the camera believes to stand against where it stands: its points are turned about `pivot`
+/// and moved, p' = pivot + R (p - pivot) + shift, R = Rz Ry Rx.
+struct Registration6 {
+  Eigen::Vector3d shift = Eigen::Vector3d::Zero();  ///< [m]
+  Eigen::Vector3d turn = Eigen::Vector3d::Zero();   ///< about x_W, then y_W, then z_W [rad]
+  Eigen::Matrix3d rotation() const;
+};
+
+/// Smooth difference between model and tissue, along the surface's normal: so many cosines along
+/// each side of the sheet, constant and growing with the lift.
+inline constexpr int kModesPerSide = 4;
+inline constexpr int kModes = 2 * kModesPerSide * kModesPerSide;
+
+/// Columns of a block: the shared ones (unknowns, further columns, registration, common clock),
+/// then a recording's own (pinch, stiffness, clock, modes of the discrepancy).
+struct Layout {
+  int unknowns = 0;   ///< shared numbers the simulation depends on
+  int stiffness = 0;  ///< which of them is E
+  int registration() const { return unknowns; }
+  int clock() const { return unknowns + 6; }
+  int shared() const { return unknowns + 7; }
+  int pinch() const { return shared(); }
+  int factor() const { return shared() + 2; }
+  int own_clock() const { return shared() + 3; }
+  int modes() const { return shared() + 4; }
+  int own() const { return 4 + kModes; }
+  int size() const { return shared() + own(); }
+};
+
+struct NoiseModel {
+  double sigma = 1e-3;  ///< of a point along its ray [m]
+  double lateral =
+      5e-4;             ///< of where a ray goes [m]: what counts where the surface is seen edge-on
+  double reach = 0.01;  ///< farther from the surface a point is no tissue [m]
+  double freedom = 4;   ///< of Student's t; the weight of a point falls with its distance
+};
+
+/// A recording against a prediction, to first order about it.
+struct Block {
+  Eigen::MatrixXd A;              ///< sum of weight J J^T, [size x size]
+  Eigen::VectorXd b;              ///< sum of weight J e
+  double cost = 0;                ///< - log likelihood but for constants
+  std::size_t hits = 0;           ///< rays that meet the predicted surface
+  std::size_t beside = 0;         ///< rays that pass it nearby
+  std::size_t gaps = 0;           ///< places that should be seen and were not
+  std::size_t no_tissue = 0;      ///< points farther than the reach
+  std::vector<double> deviation;  ///< of hits: distance along the ray over its sd, at sigma 1 m
+};
+
+/// Compares what was seen along the rays of the camera: the range of the point against that of the
+/// predicted surface; a ray that passes the surface by its distance; a place that the camera should
+/// see and that has no point nearby by its distance from the nearest one. `uv`: places of the grid
+/// in 0 ... 1. Without columns A and b are left empty.
+class Likelihood {
+ public:
+  Likelihood(std::vector<Eigen::Vector3i> triangles, std::span<const Eigen::Vector3d> rest,
+             std::vector<Eigen::Vector2d> uv, const Eigen::Vector3d& pivot);
+
+  /// `delta`: step in the unknowns and own numbers from the prediction's, [Layout::size()]; those
+  /// of registration and the common clock are absolute, in `registration` and 0.
+  Block compare(const Observation& seen, const Prediction& predicted, const Layout& layout,
+                const Registration6& registration, const Eigen::VectorXd& delta,
+                const NoiseModel& noise, bool with_columns);
+
+  /// Distances of the points of every frame from the predicted surface [m], NaN beyond `reach`.
+  std::vector<std::vector<double>> distances(const Observation& seen, const Prediction& predicted,
+                                             const Layout& layout,
+                                             const Registration6& registration,
+                                             const Eigen::VectorXd& delta, double reach);
+  /// Predicted vertices as the camera has them.
+  std::vector<Eigen::Vector3d> moved(const PredictedFrame& frame, const Layout& layout,
+                                     const Registration6& registration,
+                                     const Eigen::VectorXd& delta, double lift) const;
+  const std::vector<Eigen::Vector3i>& triangles() const { return surface_.triangles(); }
+
+ private:
+  struct Row;
+  void add_frame(const Observation& seen, const SeenFrame& frame, const PredictedFrame& predicted,
+                 double lift, const Layout& layout, const Registration6& registration,
+                 const NoiseModel& noise, Block& block, bool with_columns);
+  void add_row(const Row& row, const PredictedFrame& predicted, double lift, const Layout& layout,
+               const NoiseModel& noise, Block& block);
+
+  SeenSurface surface_;
+  std::vector<Eigen::Vector2d> uv_;
+  Eigen::MatrixXd mode_values_;  ///< [place of the grid][cosine]
+  Eigen::Vector3d pivot_;
+  Eigen::Matrix3d turned_ = Eigen::Matrix3d::Identity();
+  std::vector<double> batch_;  ///< rows that wait to be added
+};
+
+}  // namespace omentum

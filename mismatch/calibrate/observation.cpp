@@ -1,0 +1,138 @@
+#include "mismatch/calibrate/observation.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "core/check.h"
+#include "mismatch/recording/depth_image.h"
+
+namespace omentum {
+namespace {
+
+using Eigen::Vector3d;
+
+constexpr double kMargin = 0.3;         // [s] behind the last frame: what the clock may be off
+constexpr double kShaftRadius = 0.007;  // [m] of what is cut out around the shaft
+constexpr double kShaftStart = 0.008;   // [m] above the tip
+constexpr double kFarthest = 0.15;      // [m] of tissue from the tissue at rest
+constexpr double kLargestCloud = 3;     // [m]
+
+/// Every k-th, so that at most `most` are left.
+std::vector<std::size_t> chosen(std::size_t count, std::size_t most) {
+  std::vector<std::size_t> list;
+  const std::size_t wanted = std::min(count, most);
+  for (std::size_t k = 0; k < wanted; ++k)
+    list.push_back(wanted > 1 ? k * (count - 1) / (wanted - 1) : 0);
+  return list;
+}
+
+/// Pose of the camera: that of the recording, else the scene's.
+void set_camera(const pb::RecordingCamera& camera, const Scene& scene, Observation& made) {
+  made.p_WC = scene.camera.position;
+  made.R_WC = scene.camera.R_WC;
+  if (camera.p_m_size() != 3) return;
+  made.p_WC = Vector3d(camera.p_m(0), camera.p_m(1), camera.p_m(2));
+  if (camera.view_direction_size() != 3 || camera.up_size() != 3) return;
+  const Vector3d axis(camera.view_direction(0), camera.view_direction(1), camera.view_direction(2));
+  const Vector3d up(camera.up(0), camera.up(1), camera.up(2));
+  if (!(axis.cross(up).norm() > 1e-6 * axis.norm() * up.norm())) return;
+  made.R_WC.col(2) = -axis.normalized();
+  made.R_WC.col(0) = axis.cross(up).normalized();
+  made.R_WC.col(1) = made.R_WC.col(2).cross(made.R_WC.col(0));
+}
+
+/// Whether a point is on the shaft, which stands up along z_W from above the tip.
+bool on_shaft(const Vector3d& p, const Vector3d& tip) {
+  const Vector3d d = p - tip;
+  return d.z() > kShaftStart && d.head<2>().norm() < kShaftRadius;
+}
+
+/// Of the track what is done before `until`, and a row there.
+void cut_track(double until, ToolTrack& track) {
+  if (!(until < track.end())) return;
+  const Vector3d tip = track.tip_at(until);
+  const double jaw = track.jaw_rad.empty() ? 0 : track.jaw_at(until);
+  const auto keep = static_cast<std::size_t>(
+      std::lower_bound(track.time.begin(), track.time.end(), until) - track.time.begin());
+  track.time.resize(keep);
+  track.p_WT.resize(keep);
+  track.time.push_back(until);
+  track.p_WT.push_back(tip);
+  if (track.lines.size() > keep) track.lines.resize(keep + 1);
+  if (track.jaw_rad.empty()) return;
+  track.jaw_rad.resize(keep);
+  track.jaw_rad.push_back(jaw);
+}
+
+}  // namespace
+
+Observation observe(const std::string& name, const std::string& path, const Recording& recording,
+                    const Scene& scene, std::vector<std::string>& warnings) {
+  Observation made;
+  made.name = name;
+  made.track = tool_track_of(recording, path, scene_tool_mount(scene), warnings);
+  const pb::Grip& grip = scene.config.tool().grip();
+  made.grasp.patch_radius_m = grip.shape() == pb::GRIP_RECTANGLE
+                                  ? std::max(grip.half_x_m(), grip.half_y_m())
+                                  : grip.half_x_m();
+  made.held_out = recording.info.held_out();
+  made.repeat_of = recording.info.repeat_of();
+  made.clock_sd = recording.info.clock_offset_uncertainty_s();
+  set_camera(recording.info.camera(), scene, made);
+  Eigen::AlignedBox3d tissue;
+  for (const Vector3d& p : scene.tissue.particles) tissue.extend(scene.tissue.X_WB * p);
+  const Frames<Cloud> clouds = seen_clouds(recording);
+  if (clouds.size() == 0)
+    throw_error("{}: no cloud, needed clouds.csv, depth.csv, /cloud or /depth", path);
+  for (const std::size_t k : chosen(clouds.size(), kMostFrames)) {
+    SeenFrame frame;
+    frame.t = static_cast<double>(clouds.time_ns[k]) / 1e9;
+    const Cloud cloud = clouds.fetch(k);
+    Eigen::AlignedBox3d all;
+    const Vector3d tip = made.track.tip_at(frame.t);
+    std::vector<Vector3d> near;
+    for (const Eigen::Vector3f& point : cloud) {
+      const Vector3d p = point.cast<double>();
+      all.extend(p);
+      if (on_shaft(p, tip) || !(tissue.exteriorDistance(p) < kFarthest)) continue;
+      near.push_back(p);
+    }
+    if (!(all.sizes().maxCoeff() <= kLargestCloud)) {
+      throw_error("{}: the cloud at {:.6g} s is {:.3g} m across, allowed {} m: in metres?", path,
+                  frame.t, all.sizes().maxCoeff(), kLargestCloud);
+    }
+    made.left_out += cloud.size() - near.size();
+    for (const std::size_t i : chosen(near.size(), kMostPoints)) frame.points.push_back(near[i]);
+    if (!frame.points.empty()) made.frames.push_back(std::move(frame));
+  }
+  if (made.frames.empty()) {
+    throw_error("{}: no point of a cloud within {} m of the tissue at rest: in metres, in W?", path,
+                kFarthest);
+  }
+  cut_track(made.frames.back().t + kMargin, made.track);
+  const std::vector<PinchCircle> pinches = pinches_of(made.track, scene, made.grasp);
+  made.pinched = !pinches.empty();
+  if (made.pinched) {
+    made.pinch = pinches.front().centre;
+  } else {
+    warnings.push_back(
+        fmt::format("{}: the jaws close nowhere near the tissue: it is held by nothing", path));
+  }
+  return made;
+}
+
+void number_conditions(std::vector<Observation>& observations) {
+  constexpr double kOnePlace = 0.006;  // [m]
+  std::vector<Eigen::Vector2d> places;
+  for (Observation& o : observations) {
+    const auto found = std::find_if(places.begin(), places.end(), [&](const Eigen::Vector2d& p) {
+      return (p - o.pinch).norm() < kOnePlace;
+    });
+    o.condition = static_cast<int>(found - places.begin());
+    if (found == places.end()) places.push_back(o.pinch);
+  }
+}
+
+}  // namespace omentum

@@ -1,0 +1,51 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+#include <cstddef>
+#include <string>
+#include <vector>
+
+#include "mismatch/recording/recording.h"
+#include "mismatch/simulate.h"
+#include "mismatch/tool_track.h"
+#include "sim_worker/scene/scene.h"
+
+namespace omentum {
+
+/// What a depth camera saw at one time, as far as it may be tissue.
+struct SeenFrame {
+  double t = 0;                         ///< on the clock of the camera [s]
+  std::vector<Eigen::Vector3d> points;  ///< p_W as the camera has them [m]
+};
+
+/// A recording as a calibration looks at it.
+struct Observation {
+  std::string name;
+  ToolTrack track;  ///< no longer than the last frame needs
+  GraspSettings grasp;
+  double period = 0.02;                                ///< of control steps [s]
+  Eigen::Vector3d p_WC = Eigen::Vector3d::Zero();      ///< the camera [m]
+  Eigen::Matrix3d R_WC = Eigen::Matrix3d::Identity();  ///< x right, y up, looks along -z
+  std::vector<SeenFrame> frames;
+  std::size_t left_out = 0;                         ///< points that are shaft or clearly no tissue
+  Eigen::Vector2d pinch = Eigen::Vector2d::Zero();  ///< where the jaws close, x_B, y_B at rest [m]
+  bool pinched = false;
+  int condition = 0;      ///< recordings of one pinch point share it
+  bool held_out = false;  ///< scored, never fitted
+  std::string repeat_of;
+  double clock_sd = 0;  ///< stated uncertainty of the camera's clock [s]; 0: none stated
+};
+
+/// At most so many frames of a recording and points of a frame are looked at, evenly chosen.
+inline constexpr std::size_t kMostFrames = 80, kMostPoints = 1200;
+
+/// Throws Error: no path of the tool, no cloud, a cloud that is not in metres or nowhere near the
+/// tissue, jaws that never close near it. What is odd is appended to `warnings`.
+Observation observe(const std::string& name, const std::string& path, const Recording& recording,
+                    const Scene& scene, std::vector<std::string>& warnings);
+
+/// Numbers the conditions: recordings whose jaws close within 6 mm of each other are one.
+void number_conditions(std::vector<Observation>& observations);
+
+}  // namespace omentum

@@ -1,0 +1,88 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "mismatch/calibrate/arrow_system.h"
+#include "mismatch/calibrate/calibration.h"
+
+namespace omentum {
+
+/// Where all numbers of a calibration stand.
+struct FitState {
+  Eigen::VectorXd shared;            ///< [Layout::shared()]
+  std::vector<Eigen::VectorXd> own;  ///< of every recording [Layout::own()]
+};
+
+/// Recordings, a scene and what may differ between them: simulates at a state, and improves a state
+/// on the simulated surfaces and their derivatives without simulating again. Results do not depend
+/// on the number of threads.
+class ReferenceFit {
+ public:
+  ReferenceFit(const pb::Scene& scene, std::vector<Observation> observations,
+               const CalibrationOptions& options);
+
+  /// A state where everything is as believed.
+  FitState believed() const;
+  /// Of the recordings in `which`; others stay empty.
+  std::vector<Prediction> simulate(const FitState& state, const Numerics& numerics,
+                                   bool with_columns, const std::vector<std::size_t>& which) const;
+  /// Steps of Gauss and Newton on surfaces simulated at `at`, until they are small against what
+  /// the recordings tell. Adapts the scale of the noise.
+  void improve(const std::vector<Prediction>& predictions, const FitState& at,
+               const std::vector<std::size_t>& which, int most_steps, FitState& state);
+  /// - log of likelihood and beliefs, at a noise.
+  double cost(const std::vector<Prediction>& predictions, const FitState& at,
+              const std::vector<std::size_t>& which, const FitState& state,
+              const NoiseModel& noise);
+  std::vector<Block> compare(const std::vector<Prediction>& predictions, const FitState& at,
+                             const std::vector<std::size_t>& which, const FitState& state,
+                             const NoiseModel& noise, bool with_columns);
+  /// Covariances at a state.
+  ArrowStep posterior(const std::vector<Prediction>& predictions, const FitState& at,
+                      const std::vector<std::size_t>& which, const FitState& state);
+  /// Scales of what recordings have of their own, from how they came out.
+  void adapt_beliefs(const ArrowStep& sure, const std::vector<std::size_t>& which,
+                     const FitState& state);
+  /// Distances of points from the surface, per frame; own numbers and modes as given.
+  std::vector<std::vector<double>> distances(const Prediction& prediction, std::size_t recording,
+                                             const FitState& at, const FitState& state,
+                                             double reach);
+  /// Predicted vertices as the camera has them.
+  std::vector<Eigen::Vector3d> vertices(const Prediction& prediction, std::size_t recording,
+                                        std::size_t frame, const FitState& at,
+                                        const FitState& state) const;
+
+  /// Another law of elasticity; numbers of `state` that both have stay.
+  void change_law(pb::ElasticLaw law, FitState& state);
+  /// Shared nuisance whose column is `slope` times (other - base) of the surfaces.
+  void add_difference(const Unknown& unknown, const std::vector<Prediction>& other, double slope,
+                      std::vector<Prediction>& base, FitState& at, FitState& state);
+
+  pb::Scene scene_of(const FitState& state, std::size_t recording) const;
+  /// With the shared numbers alone.
+  pb::Scene shared_scene(const FitState& state) const;
+  Registration6 registration(const FitState& state) const;
+  Eigen::VectorXd delta(const FitState& at, const FitState& state, std::size_t recording) const;
+
+  pb::Scene scene;
+  std::vector<Observation> observations;
+  CalibrationOptions options;
+  std::vector<Unknown> unknowns;
+  Layout layout;
+  Beliefs beliefs;
+  Beliefs first_beliefs;  ///< before adapt_beliefs()
+  NoiseModel noise;
+  Scene made;  ///< of `scene`
+
+ private:
+  void set_beliefs();
+  std::vector<std::unique_ptr<Likelihood>> likelihoods_;
+};
+
+/// All numbers 0 ... count - 1.
+std::vector<std::size_t> all_of(std::size_t count);
+
+}  // namespace omentum

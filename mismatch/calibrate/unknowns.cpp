@@ -1,0 +1,178 @@
+#include "mismatch/calibrate/unknowns.h"
+
+#include <fmt/format.h>
+#include <google/protobuf/message.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "core/check.h"
+#include "core/constants.h"
+#include "proto/knob.pb.h"
+
+namespace omentum {
+namespace {
+
+namespace protobuf = google::protobuf;
+
+struct Place {
+  protobuf::Message* message = nullptr;
+  const protobuf::FieldDescriptor* field = nullptr;
+};
+
+/// The field of a path "scene.a.b"; makes the messages on the way.
+Place find_field(pb::Scene& scene, const std::string& path) {
+  protobuf::Message* message = &scene;
+  std::string_view rest = path;
+  if (rest.starts_with("scene.")) rest.remove_prefix(6);
+  while (true) {
+    const std::size_t dot = rest.find('.');
+    const auto* field = message->GetDescriptor()->FindFieldByName(std::string(rest.substr(0, dot)));
+    if (field == nullptr || field->is_repeated()) throw_error("{}: no number of a scene", path);
+    if (dot == std::string_view::npos) {
+      if (field->cpp_type() != protobuf::FieldDescriptor::CPPTYPE_DOUBLE)
+        throw_error("{}: no number of a scene", path);
+      return {message, field};
+    }
+    if (field->cpp_type() != protobuf::FieldDescriptor::CPPTYPE_MESSAGE)
+      throw_error("{}: no number of a scene", path);
+    message = message->GetReflection()->MutableMessage(message, field);
+    rest.remove_prefix(dot + 1);
+  }
+}
+
+/// Stated prior of a path, as the standard deviation of x.
+void take_prior(const pb::Priors& priors, Unknown& unknown) {
+  for (const pb::Prior& prior : priors.prior()) {
+    if (prior.path() != unknown.path) continue;
+    const bool factor = unknown.scale != Unknown::Scale::kShift;
+    if (factor && prior.factor() > 1) {
+      unknown.sd = std::log(prior.factor());
+    } else if (factor && prior.sd() > 0) {
+      const double whole =
+          unknown.scale == Unknown::Scale::kChange ? 1 + unknown.believed : unknown.believed;
+      unknown.sd = std::log1p(prior.sd() / std::max(whole, 1e-12));
+    } else if (!factor && prior.sd() > 0) {
+      unknown.sd = prior.sd();
+    } else {
+      continue;
+    }
+    unknown.prior = prior.source().empty() ? "stated" : prior.source();
+  }
+}
+
+}  // namespace
+
+double Unknown::value(double x) const {
+  switch (scale) {
+    case Scale::kFactor:
+      return believed * std::exp(x);
+    case Scale::kChange:
+      return (1 + believed) * std::exp(x) - 1;
+    case Scale::kShift:
+      break;
+  }
+  return believed + x;
+}
+
+double Unknown::slope(double x) const {
+  switch (scale) {
+    case Scale::kFactor:
+      return value(x);
+    case Scale::kChange:
+      return 1 + value(x);
+    case Scale::kShift:
+      break;
+  }
+  return 1;
+}
+
+double Unknown::at(double v) const {
+  switch (scale) {
+    case Scale::kFactor:
+      return std::log(v / believed);
+    case Scale::kChange:
+      return std::log((1 + v) / (1 + believed));
+    case Scale::kShift:
+      break;
+  }
+  return v - believed;
+}
+
+double scene_number(const pb::Scene& scene, const std::string& path) {
+  pb::Scene copy = scene;
+  const Place place = find_field(copy, path);
+  return place.message->GetReflection()->GetDouble(*place.message, place.field);
+}
+
+void set_scene_number(pb::Scene& scene, const std::string& path, double value) {
+  const Place place = find_field(scene, path);
+  const pb::Knob& knob = place.field->options().GetExtension(pb::knob);
+  if (knob.has_min()) value = std::max(value, knob.min());
+  if (knob.has_max()) value = std::min(value, knob.max());
+  place.message->GetReflection()->SetDouble(place.message, place.field, value);
+}
+
+std::string law_column(pb::ElasticLaw law) {
+  switch (law) {
+    case pb::LAW_NEO_HOOKE:
+      return "neo_hooke";
+    case pb::LAW_ST_VENANT_KIRCHHOFF:
+      return "st_venant_kirchhoff";
+    default:
+      return "corotated";
+  }
+}
+
+std::vector<Unknown> unknowns_of(const pb::Scene& scene, const pb::Priors& priors) {
+  using Scale = Unknown::Scale;
+  const pb::Tissue& tissue = scene.tissue();
+  std::vector<Unknown> list = {
+      {"scene.tissue.material.young_modulus_pa", "Pa", "young_modulus", Scale::kFactor,
+       tissue.material().young_modulus_pa(), std::log(3.0), "a factor of 3, docs/calibrate.md 3"},
+      {"scene.tissue.effects.bending_change", "1", "bending_stiffness.factor", Scale::kChange,
+       tissue.effects().bending_change(), std::log(1.15), "15 %, docs/calibrate.md 3"},
+      {"scene.tissue.material.damping_per_s", "1/s", "damping", Scale::kFactor,
+       tissue.material().damping_per_s(), std::log(3.0), "a factor of 3, docs/calibrate.md 3"},
+  };
+  if (!(list.back().believed > 0)) list.pop_back();  // no factor makes it other than zero
+  if (scene.rigid_body_size() > 0 && tissue.dynamic_friction() > 0) {
+    list.push_back({"scene.tissue.effects.friction_change", "1", "board_friction.factor",
+                    Scale::kChange, tissue.effects().friction_change(), std::log(1.6),
+                    "a factor of 1.6, docs/calibrate.md 3"});
+  }
+  const auto nuisance = [&](const std::string& path, const std::string& column, double believed,
+                            double sd, const std::string& prior) {
+    Unknown unknown{path, "1", column, Scale::kShift, believed, sd, prior, false};
+    list.push_back(std::move(unknown));
+  };
+  nuisance("scene.tissue.material.poisson_ratio", "poisson.nu", tissue.material().poisson_ratio(),
+           0.03, "0.03, docs/calibrate.md 3");
+  for (const pb::ElasticLaw law :
+       {pb::LAW_COROTATED, pb::LAW_NEO_HOOKE, pb::LAW_ST_VENANT_KIRCHHOFF}) {
+    if (law == tissue.material().law()) continue;
+    nuisance("law." + law_column(law), "law." + law_column(law), 0, 0.5,
+             "half the way to the law, docs/calibrate.md 3");
+  }
+  for (Unknown& unknown : list) take_prior(priors, unknown);
+  return list;
+}
+
+pb::Scene scene_at(const pb::Scene& believed, const std::vector<Unknown>& unknowns,
+                   const Eigen::VectorXd& x, const OwnNumbers& own) {
+  pb::Scene scene = believed;
+  for (std::size_t k = 0; k < unknowns.size(); ++k) {
+    const Unknown& unknown = unknowns[k];
+    if (!unknown.is_parameter) continue;
+    double value = unknown.value(x[static_cast<Eigen::Index>(k)]);
+    if (unknown.column == "young_modulus") value *= std::exp(own.stiffness);
+    set_scene_number(scene, unknown.path, value);
+  }
+  const pb::GraspOffset& offset = believed.tissue().effects().grasp_offset();
+  set_scene_number(scene, "scene.tissue.effects.grasp_offset.x_m", offset.x_m() + own.pinch.x());
+  set_scene_number(scene, "scene.tissue.effects.grasp_offset.y_m", offset.y_m() + own.pinch.y());
+  return scene;
+}
+
+}  // namespace omentum

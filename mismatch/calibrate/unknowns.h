@@ -1,0 +1,59 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <string>
+#include <vector>
+
+#include "proto/prior.pb.h"
+#include "proto/scene.pb.h"
+
+namespace omentum {
+
+/// A number that all recordings share and the simulation depends on, as x: 0 where it is believed.
+struct Unknown {
+  enum class Scale {
+    kFactor,  ///< value = believed exp(x)
+    kChange,  ///< a field that holds a relative change: 1 + value = (1 + believed) exp(x)
+    kShift,   ///< value = believed + x
+  };
+  std::string path;    ///< of the field, "scene.tissue.material.young_modulus_pa"
+  std::string unit;    ///< of the value
+  std::string column;  ///< name of its derivative (mismatch/parameters.h); empty: by difference
+  Scale scale = Scale::kFactor;
+  double believed = 0;
+  double sd = 1;             ///< of x before anything is seen
+  std::string prior;         ///< where sd is from, in words
+  bool is_parameter = true;  ///< else a nuisance, which acts to first order and stays in no scene
+
+  double value(double x) const;
+  /// dvalue/dx
+  double slope(double x) const;
+  /// x of a value.
+  double at(double value) const;
+};
+
+/// The law of elasticity that a scene has, then the two others, as nuisances: 1 = it is the other.
+/// And the parameters: stiffness, bending, damping, friction; Poisson's ratio as a nuisance. Only
+/// what the scene can have; stated priors go before those of docs/calibrate.md 3.
+std::vector<Unknown> unknowns_of(const pb::Scene& scene, const pb::Priors& priors);
+
+/// Numbers that a recording has of its own.
+struct OwnNumbers {
+  Eigen::Vector2d pinch = Eigen::Vector2d::Zero();  ///< held patch from the tip, x_B, y_B [m]
+  double stiffness = 0;                             ///< ln of a factor on E
+  double clock = 0;                                 ///< added to the common clock [s]
+};
+
+/// A scene for one recording: parameters at x, its own numbers beside them. Values stay inside the
+/// range of their knobs.
+pb::Scene scene_at(const pb::Scene& believed, const std::vector<Unknown>& unknowns,
+                   const Eigen::VectorXd& x, const OwnNumbers& own);
+
+/// The number of a field by its path below the scene; throws Error where there is none.
+double scene_number(const pb::Scene& scene, const std::string& path);
+void set_scene_number(pb::Scene& scene, const std::string& path, double value);
+
+/// Name of a law as the columns have it: "neo_hooke".
+std::string law_column(pb::ElasticLaw law);
+
+}  // namespace omentum

@@ -1,0 +1,209 @@
+#include "mismatch/calibrate_program.h"
+
+#include <fmt/format.h>
+#include <google/protobuf/text_format.h>
+#include <unistd.h>
+
+#include <chrono>
+#include <cstdio>
+#include <filesystem>
+#include <memory>
+#include <mutex>
+#include <thread>
+
+#include "core/check.h"
+#include "core/command_line.h"
+#include "core/config.h"
+#include "core/output_folder.h"
+#include "mismatch/calibrate/calibration.h"
+#include "mismatch/calibrate/calibration_file.h"
+#include "mismatch/calibrate/calibration_page.h"
+#include "mismatch/calibrate/observation.h"
+#include "mismatch/recording/read_recording.h"
+#include "mismatch/recording/text_table.h"
+#include "mismatch/scene/believed_scene.h"
+
+namespace omentum {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct CalibrateOptions {
+  std::string scene, output, method = "reference";
+  std::vector<std::string> recordings, overrides;
+  double tolerance_mm = 0.1;
+  bool no_leave_out = false;
+  std::uint64_t seed = 1;
+  std::size_t threads = std::max(1U, std::thread::hardware_concurrency());
+};
+
+/// Share done and time left on standard error, where a person looks at it.
+class ProgressLine {
+ public:
+  ~ProgressLine() { end(); }
+  void show(double share, const std::string& stage) {
+    const std::lock_guard lock(mutex_);
+    using Seconds = std::chrono::duration<double>;
+    const double passed = Seconds(std::chrono::steady_clock::now() - begin_).count();
+    std::string line =
+        fmt::format("calibrate: {:3.0f} %, {}, {:.0f} s", 100 * share, stage, passed);
+    constexpr double kEnough = 0.02;  // of the work, to say when it ends
+    if (share > kEnough) line += fmt::format(", about {:.0f} s left", passed / share * (1 - share));
+    if (terminal_) {
+      std::fprintf(stderr, "\r%-78s", line.c_str());
+      shown_ = true;
+    } else if (stage != stage_) {
+      std::fprintf(stderr, "%s\n", line.c_str());
+    }
+    stage_ = stage;
+    std::fflush(stderr);
+  }
+  void end() {
+    if (shown_) std::fputc('\n', stderr);
+    shown_ = false;
+  }
+
+ private:
+  std::mutex mutex_;
+  const std::chrono::steady_clock::time_point begin_ = std::chrono::steady_clock::now();
+  const bool terminal_ = isatty(STDERR_FILENO) != 0;
+  bool shown_ = false;
+  std::string stage_;
+};
+
+/// "a.prior.txtpb" of the scene "a.txtpb".
+std::string prior_file(const std::string& scene) {
+  return fs::path(scene).replace_extension(".prior.txtpb").string();
+}
+
+/// The scene that was given, else what the recordings say of their set-up; with priors.
+pb::Scene scene_of(const CalibrateOptions& options, const Recording& first, pb::Priors& priors,
+                   std::vector<std::string>& warnings) {
+  pb::Scene scene;
+  if (!options.scene.empty()) {
+    if (!options.scene.ends_with(".txt")) {
+      const std::string file = prior_file(options.scene);
+      if (fs::exists(file)) read_text_proto(file, priors);
+      check_ranges(priors, file);
+      return load_scene(options.scene, options.overrides);
+    }
+    const std::string text = read_whole_file(options.scene);
+    Result<BelievedScene> believed = parse_believed_scene(options.scene, text);
+    if (!believed) throw_error("{}", believed.error());
+    warnings.insert(warnings.end(), believed.value().warnings.begin(),
+                    believed.value().warnings.end());
+    scene = believed.value().scene;
+    priors = believed.value().priors;
+  } else if (first.info.has_scene_believed_text()) {
+    Result<BelievedScene> believed =
+        parse_believed_scene("scene_believed.txt", first.info.scene_believed_text());
+    if (!believed) throw_error("{}", believed.error());
+    warnings.insert(warnings.end(), believed.value().warnings.begin(),
+                    believed.value().warnings.end());
+    scene = believed.value().scene;
+    priors = believed.value().priors;
+  } else if (first.info.has_scene_text()) {
+    parse_text_proto("scene of the recording", first.info.scene_text(), scene);
+  } else {
+    throw_error("--scene: none, and the recordings hold no believed scene");
+  }
+  return override_scene(scene, options.overrides);
+}
+
+int calibrate(const CalibrateOptions& options) {
+  OutputFolder folder(options.output);
+  std::vector<std::pair<std::string, Recording>> recordings;
+  for (const std::string& path : options.recordings) {
+    for_each_recording(path, [&](const std::string& name, const Recording& recording) {
+      for (const auto& [other, unused] : recordings) {
+        if (other == name) throw_error("--recordings: two are called {}", name);
+      }
+      recordings.emplace_back(name, recording);
+    });
+  }
+  std::vector<std::string> warnings;
+  CalibrationOptions chosen;
+  const pb::Scene scene = scene_of(options, recordings.front().second, chosen.priors, warnings);
+  chosen.threads = options.threads;
+  chosen.seed = options.seed;
+  chosen.tolerance_m = 1e-3 * options.tolerance_mm;
+  chosen.leave_out = !options.no_leave_out;
+  chosen.folder = fs::path(options.scene).parent_path().string();
+  const Scene made = make_scene(scene, chosen.folder);
+  warnings.insert(warnings.end(), made.warnings.begin(), made.warnings.end());
+  std::vector<Observation> observations;
+  for (const auto& [name, recording] : recordings) {
+    warnings.insert(warnings.end(), recording.warnings.begin(), recording.warnings.end());
+    observations.push_back(observe(name, name, recording, made, warnings));
+  }
+  // Equal in whatever order they were named.
+  std::sort(observations.begin(), observations.end(),
+            [](const Observation& a, const Observation& b) { return a.name < b.name; });
+  number_conditions(observations);
+  const auto line = std::make_shared<ProgressLine>();
+  chosen.progress = [line](double share, const std::string& stage) { line->show(share, stage); };
+  Calibration result = options.method == "paper"
+                           ? calibrate_paper(scene, std::move(observations), chosen)
+                           : calibrate_reference(scene, std::move(observations), chosen);
+  line->end();
+  result.warnings.insert(result.warnings.begin(), warnings.begin(), warnings.end());
+  folder.begin();
+  std::string text;
+  OMENTUM_CHECK(google::protobuf::TextFormat::PrintToString(result.scene, &text));
+  folder.write("scene.txtpb", text);
+  OMENTUM_CHECK(google::protobuf::TextFormat::PrintToString(result.priors, &text));
+  if (result.priors.prior_size() > 0) folder.write("scene.prior.txtpb", text);
+  folder.write("calibration.json", print_calibration(result));
+  folder.write("report.html", make_calibration_page(result, chosen.folder));
+  for (const Calibration::LeftOut& left : result.left_out) {
+    OMENTUM_CHECK(google::protobuf::TextFormat::PrintToString(left.scene, &text));
+    fs::create_directories(folder.path() / "left_out");
+    folder.write("left_out/" + left.recording + ".txtpb", text);
+  }
+  folder.finish();
+  for (const std::string& warning : result.warnings)
+    std::fprintf(stderr, "warning: %s\n", warning.c_str());
+  std::printf("%s%s: scene.txtpb, calibration.json, report.html; %.0f core-seconds\n",
+              summarise_calibration(result).c_str(), options.output.c_str(), result.core_seconds);
+  if (std::fflush(stdout) != 0) throw_error("standard output: cannot be written");
+  return 0;
+}
+
+}  // namespace
+
+std::function<int()> add_calibrate_command(CLI::App& app) {
+  const auto made = std::make_shared<CalibrateOptions>();
+  CalibrateOptions& options = *made;
+  CLI::App& sub = *app.add_subcommand(
+      "calibrate", "Recordings in, calibrated simulation out (docs/calibrate.md)");
+  sub.add_option("--scene", options.scene,
+                 "Scene (.txtpb) or scene_believed.txt; default: what the recordings say");
+  sub.add_option("-r,--recordings", options.recordings,
+                 "Recordings: folders, MCAP files, or folders of them")
+      ->required();
+  sub.add_option("-o,--output", options.output,
+                 "Folder for scene.txtpb, calibration.json, report.html; new or empty")
+      ->required();
+  sub.add_option("--method", options.method,
+                 "reference: converged solid and its derivatives; paper: genetic algorithm on the "
+                 "clusters")
+      ->check(CLI::IsMember({"reference", "paper"}))
+      ->capture_default_str();
+  sub.add_option("--set", options.overrides, "Override of the scene, a.b=c (scene.tissue...)");
+  sub.add_option("--tolerance-mm", options.tolerance_mm,
+                 "Mesh of the reference for this rms error of the surface [mm]")
+      ->check(number_between(1e-3, 10))
+      ->capture_default_str();
+  sub.add_flag("--no-leave-out", options.no_leave_out,
+               "Without the error on pinch points that were left out");
+  sub.add_option("--seed", options.seed, "Of the genetic algorithm")
+      ->check(whole_number())
+      ->capture_default_str();
+  sub.add_option("--threads", options.threads,
+                 "Recordings simulated at a time; results do not depend on it")
+      ->check(number_between(1, 1024))
+      ->capture_default_str();
+  return [made] { return calibrate(*made); };
+}
+
+}  // namespace omentum

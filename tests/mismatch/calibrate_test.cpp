@@ -1,0 +1,292 @@
+// Parts of a calibration: what a camera sees of a surface, likelihood, the arrow, the search.
+#include <fmt/format.h>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <Eigen/Cholesky>
+#include <cmath>
+#include <map>
+
+#include "core/config.h"
+#include "mismatch/calibrate/arrow_system.h"
+#include "mismatch/calibrate/calibration_file.h"
+#include "mismatch/calibrate/genetic_search.h"
+#include "mismatch/calibrate/likelihood.h"
+#include "mismatch/calibrate/seen_surface.h"
+#include "mismatch/calibrate/unknowns.h"
+
+namespace omentum {
+namespace {
+
+using Eigen::MatrixXd;
+using Eigen::Vector2d;
+using Eigen::Vector3d;
+using Eigen::VectorXd;
+
+constexpr int kSide = 9;          // places of the grid along an edge
+constexpr double kPitch = 0.01;   // [m]
+constexpr double kThick = 0.004;  // [m]
+
+/// A slightly curved sheet, 80 mm wide, its middle at the origin.
+struct Sheet {
+  std::vector<Eigen::Vector3i> triangles;
+  std::vector<Vector3d> vertices;
+  std::vector<Vector2d> uv;
+};
+Sheet make_sheet() {
+  Sheet sheet;
+  std::vector<Eigen::Vector3i> upper;
+  for (const double side : {0.5, -0.5}) {
+    for (int i = 0; i < kSide; ++i) {
+      for (int j = 0; j < kSide; ++j) {
+        const double x = kPitch * (i - (kSide - 1) / 2), y = kPitch * (j - (kSide - 1) / 2);
+        sheet.vertices.emplace_back(x, y, 4 * x * y + 3 * x * x + side * kThick);
+        if (side > 0) sheet.uv.emplace_back(i / (kSide - 1.0), j / (kSide - 1.0));
+        if (side < 0 || i == 0 || j == 0) continue;
+        const int d = i * kSide + j, a = d - kSide - 1, b = d - 1, c = d - kSide;
+        upper.emplace_back(a, b, d);
+        upper.emplace_back(a, d, c);
+      }
+    }
+  }
+  sheet.triangles = close_sheet(upper, kSide * kSide);
+  return sheet;
+}
+
+/// A camera above the sheet, tilted.
+Observation camera_over(const std::vector<Vector3d>& points) {
+  Observation seen;
+  seen.name = "a";
+  seen.p_WC = Vector3d(0.02, 0.15, 0.3);
+  const Vector3d axis = -seen.p_WC.normalized();
+  seen.R_WC.col(2) = -axis;
+  seen.R_WC.col(0) = axis.cross(Vector3d::UnitZ()).normalized();
+  seen.R_WC.col(1) = seen.R_WC.col(2).cross(seen.R_WC.col(0));
+  seen.track.time = {0, 1};
+  seen.track.p_WT = {Vector3d(0, 0, 0.3), Vector3d(0, 0, 0.3)};
+  seen.frames.push_back({0.5, points});
+  return seen;
+}
+
+TEST(CloseSheet, EveryEdgeBelongsToTwoTrianglesThatFaceTheSameWay) {
+  std::map<std::pair<int, int>, int> edges;
+  for (const Eigen::Vector3i& t : make_sheet().triangles) {
+    for (int k = 0; k < 3; ++k) ++edges[{t[k], t[(k + 1) % 3]}];
+  }
+  for (const auto& [edge, count] : edges) {
+    EXPECT_EQ(count, 1) << edge.first << " " << edge.second;
+    EXPECT_TRUE(edges.contains({edge.second, edge.first}));
+  }
+}
+
+TEST(SeenSurface, ARayMeetsTheNearFaceAtItsRange) {
+  const Sheet sheet = make_sheet();
+  SeenSurface surface(sheet.triangles, sheet.vertices);
+  const Observation camera = camera_over({});
+  surface.fit(sheet.vertices, camera.p_WC, camera.R_WC);
+  int met = 0;
+  for (int k = 0; k < 200; ++k) {
+    const Vector3d target(0.038 * std::sin(7.0 * k), 0.038 * std::cos(3.0 * k), 0.001);
+    const auto hit = surface.cast(target);
+    if (!hit) continue;
+    ++met;
+    const Vector3d place = surface.at(*hit);
+    const Vector3d d = (target - camera.p_WC).normalized();
+    EXPECT_NEAR((place - camera.p_WC).norm(), hit->range, 1e-12);
+    EXPECT_NEAR((place - camera.p_WC).cross(d).norm(), 0, 1e-12) << "on the ray";
+    EXPECT_LT(surface.normal(hit->triangle).dot(d), 0) << "a face that looks at the camera";
+  }
+  EXPECT_GT(met, 150);
+  EXPECT_FALSE(surface.cast(Vector3d(0.2, 0, 0)));
+  EXPECT_TRUE(surface.sees(kSide * kSide / 2));
+  EXPECT_FALSE(surface.sees(kSide * kSide + kSide * kSide / 2)) << "the lower face";
+}
+
+/// A prediction with some columns, and points that do not lie on it.
+struct Case {
+  Sheet sheet = make_sheet();
+  Layout layout{2, 0};
+  Prediction prediction;
+  Observation seen;
+  NoiseModel noise{1e-3, 5e-4, 0.02, 4};
+
+  Case() {
+    PredictedFrame frame;
+    frame.valid = true;
+    frame.vertices = sheet.vertices;
+    frame.tip = Vector3d(0, 0, 0.305);  // half of the lift
+    frame.columns.setZero(3 * static_cast<Eigen::Index>(sheet.vertices.size()),
+                          layout.unknowns + kOwnColumns);
+    for (std::size_t i = 0; i < sheet.vertices.size(); ++i) {
+      const Vector3d& p = sheet.vertices[i];
+      frame.velocity.emplace_back(0.02, -0.01, 0.3 * p.x());
+      const auto at = 3 * static_cast<Eigen::Index>(i);
+      frame.columns(at + 2, 0) = static_cast<float>(0.02 * p.y() + 0.001);
+      frame.columns(at + 1, 1) = static_cast<float>(0.05 * p.x());
+      frame.columns(at + 2, 2) = static_cast<float>(p.x());
+      frame.columns(at + 2, 3) = static_cast<float>(p.y() + 0.01);
+    }
+    prediction.frames.push_back(frame);
+    prediction.lift = 0.01;
+    std::vector<Vector3d> points;
+    for (int k = 0; k < 400; ++k) {
+      const double x = 0.036 * std::sin(1.7 * k), y = 0.036 * std::cos(2.9 * k);
+      points.emplace_back(x, y, 4 * x * y + 3 * x * x + kThick / 2 + 0.001 * std::sin(11.0 * k));
+    }
+    seen = camera_over(points);
+  }
+};
+
+TEST(Likelihood, ItsGradientIsTheDerivativeOfItsCost) {
+  Case c;
+  Likelihood likelihood(c.sheet.triangles, c.sheet.vertices, c.sheet.uv, Vector3d::Zero());
+  const VectorXd zero = VectorXd::Zero(c.layout.size());
+  const Block block = likelihood.compare(c.seen, c.prediction, c.layout, {}, zero, c.noise, true);
+  EXPECT_GT(block.hits, 350U);
+  EXPECT_EQ(block.no_tissue, 0U);
+  const auto cost = [&](int k, double by) {
+    VectorXd delta = zero;
+    Registration6 registration;
+    const int place = k - c.layout.registration();
+    if (place >= 0 && place < 3) {
+      registration.shift[place] = by;
+    } else if (place >= 3 && place < 6) {
+      registration.turn[place - 3] = by;
+    } else {
+      delta[k] = by;
+    }
+    return likelihood.compare(c.seen, c.prediction, c.layout, registration, delta, c.noise, false)
+        .cost;
+  };
+  for (int k = 0; k < c.layout.size(); ++k) {
+    // A step that moves the surface by about 1 um.
+    const double step = k < c.layout.unknowns || k == c.layout.factor()            ? 1e-3
+                        : k == c.layout.clock() || k == c.layout.own_clock()       ? 1e-4
+                        : k >= c.layout.registration() + 3 && k < c.layout.clock() ? 3e-5
+                                                                                   : 1e-6;
+    const double slope = (cost(k, step) - cost(k, -step)) / (2 * step);
+    const double scale = std::sqrt(block.A(k, k));
+    EXPECT_NEAR(slope / scale, -block.b[k] / scale,
+                0.05 * std::fabs(block.b[k] / scale) + 1)  // of 400 rows: edges move too
+        << "column " << k;
+  }
+}
+
+TEST(Likelihood, PointsFarFromTheBodyAreNoTissue) {
+  Case c;
+  for (int k = 0; k < 50; ++k) c.seen.frames[0].points.emplace_back(0.01 * k - 0.2, 0.1, 0);
+  Likelihood likelihood(c.sheet.triangles, c.sheet.vertices, c.sheet.uv, Vector3d::Zero());
+  const VectorXd zero = VectorXd::Zero(c.layout.size());
+  const Block block = likelihood.compare(c.seen, c.prediction, c.layout, {}, zero, c.noise, true);
+  EXPECT_EQ(block.no_tissue, 50U);
+}
+
+TEST(Likelihood, ASheetThatIsSeenLargerThanSimulatedIsPulledOutwards) {
+  Case c;
+  // The simulated sheet shrinks by a tenth: its rim has rays beside it.
+  for (Vector3d& p : c.prediction.frames[0].vertices) p.head<2>() *= 0.9;
+  Likelihood likelihood(c.sheet.triangles, c.sheet.vertices, c.sheet.uv, Vector3d::Zero());
+  const VectorXd zero = VectorXd::Zero(c.layout.size());
+  const Block block = likelihood.compare(c.seen, c.prediction, c.layout, {}, zero, c.noise, true);
+  EXPECT_GT(block.beside, 5U);
+}
+
+TEST(ArrowSystem, IsTheDenseSystem) {
+  Layout layout{1, 0};
+  const int n = layout.size(), s = layout.shared(), o = layout.own();
+  std::vector<Block> blocks(3);
+  std::vector<VectorXd> own(3, VectorXd::Constant(o, 0.01));
+  const VectorXd shared = VectorXd::Constant(s, -0.02);
+  Beliefs beliefs{VectorXd::Constant(s, 0.5), VectorXd::Constant(o, 0.2)};
+  MatrixXd H = MatrixXd::Zero(s + 3 * o, s + 3 * o);
+  VectorXd g = VectorXd::Zero(s + 3 * o);
+  H.topLeftCorner(s, s).diagonal().setConstant(1 / 0.25);
+  g.head(s) = -shared / 0.25;
+  std::srand(1);
+  for (int k = 0; k < 3; ++k) {
+    const MatrixXd J = MatrixXd::Random(n, 200);
+    blocks[k].A = J * J.transpose();
+    blocks[k].b = VectorXd::Random(n);
+    const int at = s + k * o;
+    H.topLeftCorner(s, s) += blocks[k].A.topLeftCorner(s, s);
+    H.block(0, at, s, o) += blocks[k].A.topRightCorner(s, o);
+    H.block(at, 0, o, s) += blocks[k].A.bottomLeftCorner(o, s);
+    H.block(at, at, o, o) += blocks[k].A.bottomRightCorner(o, o);
+    H.block(at, at, o, o).diagonal().array() += 1 / 0.04;
+    g.head(s) += blocks[k].b.head(s);
+    g.segment(at, o) += blocks[k].b.tail(o) - own[k] / 0.04;
+  }
+  const MatrixXd covariance = H.inverse();
+  const VectorXd step = covariance * g;
+  const std::vector<const Block*> list = {&blocks[0], &blocks[1], &blocks[2]};
+  const ArrowStep found = solve_arrow(list, layout, beliefs, shared, own, 1);
+  EXPECT_LT((found.shared - step.head(s)).norm(), 1e-9);
+  EXPECT_LT((found.shared_covariance - covariance.topLeftCorner(s, s)).norm(), 1e-9);
+  for (int k = 0; k < 3; ++k) {
+    const int at = s + k * o;
+    EXPECT_LT((found.own[k] - step.segment(at, o)).norm(), 1e-9);
+    EXPECT_LT((found.own_sd[k] - covariance.diagonal().segment(at, o).cwiseSqrt()).norm(), 1e-9);
+  }
+}
+
+TEST(Unknowns, ValueAndItsInverseAgreeAndTheSlopeIsTheDerivative) {
+  const pb::Scene scene = load_scene(deploy_dir() + "/scenes/omentum.txtpb", {});
+  pb::Priors priors;
+  pb::Prior& prior = *priors.add_prior();
+  prior.set_path("scene.tissue.material.young_modulus_pa");
+  prior.set_factor(2);
+  const std::vector<Unknown> unknowns = unknowns_of(scene, priors);
+  EXPECT_EQ(unknowns.front().sd, std::log(2.0));
+  for (const Unknown& u : unknowns) {
+    EXPECT_NEAR(u.value(0), u.believed, 1e-12 * std::fabs(u.believed)) << u.path;
+    for (const double x : {-0.3, 0.2}) {
+      EXPECT_NEAR(u.at(u.value(x)), x, 1e-9) << u.path;
+      EXPECT_NEAR((u.value(x + 1e-6) - u.value(x - 1e-6)) / 2e-6, u.slope(x),
+                  1e-6 * std::fabs(u.slope(x)) + 1e-6)
+          << u.path;
+    }
+  }
+  const VectorXd far = VectorXd::Constant(static_cast<Eigen::Index>(unknowns.size()), 50);
+  EXPECT_NO_THROW(check_ranges(scene_at(scene, unknowns, far, {}), "scene"))
+      << "values stay inside the range of their knobs";
+}
+
+TEST(GeneticSearch, FindsAMinimumAndTheSameOneTwice) {
+  const auto costs = [](std::vector<Candidate>& candidates) {
+    for (Candidate& c : candidates) {
+      const VectorXd d = Vector3d(c.gene[0] - 0.3, c.gene[1] - 0.8, c.gene[2] - 0.55);
+      c.cost = d.squaredNorm() + 0.05 * (1 - std::cos(20 * d[0]));
+    }
+  };
+  GeneticSettings settings{24, 25, 7};
+  const auto all = search_genetically(settings, costs);
+  EXPECT_LT(all.front().cost, 2e-3);
+  const auto again = search_genetically(settings, costs);
+  ASSERT_EQ(all.size(), again.size());
+  for (std::size_t k = 0; k < all.size(); ++k) EXPECT_EQ(all[k].gene, again[k].gene);
+  settings.seed = 8;
+  EXPECT_NE(search_genetically(settings, costs).front().gene, all.front().gene);
+}
+
+TEST(CalibrationFile, HasTheFieldsThatOthersRelyOn) {
+  Calibration c;
+  c.method = "reference";
+  CalibratedNumber n;
+  n.name = "scene.tissue.material.young_modulus_pa";
+  n.value = std::nan("");
+  c.parameters.push_back(n);
+  FitRow row;
+  row.rmse_model = 2;
+  c.fit.push_back(row);
+  const std::string text = print_calibration(c);
+  for (const char* field : {"format_version", "method",     "parameters", "name",       "unit",
+                            "value",          "low90",      "high90",     "prior",      "at_bound",
+                            "groups",         "nuisances",  "fit",        "recording",  "role",
+                            "rmse_base",      "rmse_model", "floor",      "numerics_m", "warnings",
+                            "core_seconds"}) {
+    EXPECT_THAT(text, testing::HasSubstr(fmt::format("\"{}\"", field))) << field;
+  }
+}
+
+}  // namespace
+}  // namespace omentum

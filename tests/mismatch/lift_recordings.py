@@ -1,0 +1,184 @@
+"""Recordings of the lifts that DOLFINx computed (tests/reference/run_lifts.py), as a robot and a depth camera
+would have made them: a case folder of docs/formats.md 3. Shares no code with the simulation.
+
+/usr/bin/python3 lift_recordings.py OUT [--moving] [--lifts 0 1 ...] [--wrong-side N ...] [--shift-mm X Y Z]
+    [--thickness F] [--seed K]
+
+At rest: a cloud at the end of each of three holds; --moving: ten a second. Unknown to whoever reads them: E, friction,
+registration of the camera, its clock, where the jaws closed.
+"""
+import argparse
+from pathlib import Path
+
+import numpy as np
+
+LIFTS = Path(__file__).parents[1] / "reference" / "results" / "lifts"
+HOLDS = (0.8, 1.6, 2.6)  # [s]
+CAMERA = np.array([0.03, 0.26, 0.32])
+LOOKS_AT = np.array([0.0, -0.005, 0.012])
+PIXELS, HALF_WIDTH = (60, 52), 0.17  # of the picture, and of the picture plane at unit depth
+NOISE = 1e-3  # [m] along the ray
+CLOCK = 0.023  # [s]: clouds show what was so long before their time stamp
+TURN_DEG, SHIFT = np.array([0.4, -0.3, 0.5]), np.array([0.0012, -0.0009, 0.0008])
+PINCH = 8e-4  # [m] standard deviation of where the jaws closed against what the robot says, along x and y
+
+BELIEF = """kind: sheet
+sheet_size_x_m: 0.09
+sheet_size_y_m: 0.09
+sheet_thickness_m: {thickness}
+young_modulus_nominal_Pa: 30000
+young_modulus_uncertainty_factor: 3
+poisson_ratio_nominal: 0.45
+density_nominal_kg_per_m3: 1000
+sheet_origin_x_m: 0.045
+sheet_origin_y_m: -0.045
+sheet_origin_z_m: 0
+sheet_axis_x_in_W: 0 1 0
+sheet_axis_y_in_W: -1 0 0
+clamp_strip_width_m: 0.003
+board_plane_normal: 0 0 1
+board_plane_z_m: 0
+board_friction_nominal: 0.25
+gravity_m_per_s2: 9.80665
+camera_position_W_m: {camera}
+camera_view_direction_W: {view}
+camera_registration_uncertainty: 2 mm, 0.7 deg
+sensor_noise_class: depth camera, 1 mm
+clock_offset_uncertainty_s: 0.05
+"""
+
+
+def frames_of(lift):
+    return 1e-6 * np.cumsum(lift["frames_um_differences"], axis=0)
+
+
+def faces_of(rest):
+    """Triangles of the closed surface: both faces on one grid, then the rims."""
+    half = len(rest) // 2
+    nx = len(np.unique(np.round(rest[:half, 0], 9)))
+    ny = half // nx
+    grid = np.arange(half).reshape(nx, ny)
+    a, b, c, d = (g.ravel() for g in (grid[:-1, :-1], grid[1:, :-1], grid[1:, 1:], grid[:-1, 1:]))
+    upper = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
+    lower = upper[:, ::-1] + half
+    rims = []
+    for edge in (grid[:, 0], grid[-1, :], grid[::-1, -1], grid[0, ::-1]):
+        p, q = edge[:-1], edge[1:]
+        rims += [np.stack([p, p + half, q + half], 1), np.stack([p, q + half, q], 1)]
+    return np.concatenate([upper, lower] + rims)
+
+
+def first_hits(origin, rays, points, triangles):
+    """Range of the first hit of each ray; inf where there is none (Moeller and Trumbore)."""
+    a, b, c = (points[triangles[:, k]] for k in range(3))
+    e1, e2 = b - a, c - a
+    nearest = np.full(len(rays), np.inf)
+    for k in range(len(triangles)):
+        h = np.cross(rays, e2[k])
+        det = h @ e1[k]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            s = origin - a[k]
+            u = (h @ s) / det
+            q = np.cross(s, e1[k])
+            v = (rays @ q) / det
+            t = (e2[k] @ q) / det
+        hit = (np.abs(det) > 1e-18) & (u >= -1e-9) & (v >= -1e-9) & (u + v <= 1 + 1e-9) & (t > 0)
+        nearest = np.where(hit & (t < nearest), t, nearest)
+    return nearest
+
+
+def camera_rays():
+    z = (LOOKS_AT - CAMERA) / np.linalg.norm(LOOKS_AT - CAMERA)
+    x = np.cross(z, [0, 0, 1])
+    x /= np.linalg.norm(x)
+    y = np.cross(z, x)
+    half = HALF_WIDTH * np.array([1, PIXELS[1] / PIXELS[0]])
+    u, v = (half[k] * (2 * (np.arange(PIXELS[k]) + 0.5) / PIXELS[k] - 1) for k in range(2))
+    rays = z + u[:, None, None] * x + v[None, :, None] * y
+    rays = rays.reshape(-1, 3)
+    return rays / np.linalg.norm(rays, axis=1)[:, None], z
+
+
+def hidden_by_shaft(rays, tip):
+    """Rays that pass within 5 mm of the shaft, which stands up from 10 mm above the tip."""
+    along = np.array([0, 0, 1.0])
+    w = CAMERA - tip
+    b, d, e = rays @ along, rays @ w, along @ w
+    bottom = 1 - b * b
+    s = (b * e - d) / bottom
+    height = np.clip((e - b * d) / bottom, 0.010, 0.3)
+    s = height * b - d
+    gap = np.linalg.norm(w + s[:, None] * rays - height[:, None] * along, axis=1)
+    return (gap < 0.005) & (s > 0)
+
+
+def turn():
+    x, y, z = np.radians(TURN_DEG)
+    c, s = np.cos, np.sin
+    rx = np.array([[1, 0, 0], [0, c(x), -s(x)], [0, s(x), c(x)]])
+    ry = np.array([[c(y), 0, s(y)], [0, 1, 0], [-s(y), 0, c(y)]])
+    rz = np.array([[c(z), -s(z), 0], [s(z), c(z), 0], [0, 0, 1]])
+    return rz @ ry @ rx
+
+
+def write_ply(path, points):
+    header = (f"ply\nformat binary_little_endian 1.0\nelement vertex {len(points)}\nproperty float x\n"
+              "property float y\nproperty float z\nend_header\n")
+    path.write_bytes(header.encode() + points.astype("<f4").tobytes())
+
+
+def main():
+    parser = argparse.ArgumentParser()
+    parser.add_argument("out", type=Path)
+    parser.add_argument("--moving", action="store_true")
+    parser.add_argument("--lifts", type=int, nargs="+", default=[0, 1, 2, 3, 4])
+    parser.add_argument("--wrong-side", type=int, nargs="+", default=[])
+    parser.add_argument("--shift-mm", type=float, nargs=3, default=[0, 0, 0])
+    parser.add_argument("--believed-thickness-mm", type=float, default=3)
+    parser.add_argument("--seed", type=int, default=1)
+    args = parser.parse_args()
+    rays, view = camera_rays()
+    shift = SHIFT + 1e-3 * np.array(args.shift_mm)
+    args.out.mkdir(parents=True)
+    words = lambda v: " ".join(f"{x:.9g}" for x in v)
+    (args.out / "scene_believed.txt").write_text(
+        BELIEF.format(camera=words(CAMERA), view=words(view), thickness=1e-3 * args.believed_thickness_mm))
+    for number in args.lifts:
+        random = np.random.default_rng([args.seed, number])
+        lift = np.load(LIFTS / f"lift{number}.npz")
+        folder = args.out / f"lift{number}"
+        (folder / "clouds").mkdir(parents=True)
+        up = np.array([0, 0, 0.0015])  # W lies on the board, B in the middle of the sheet
+        offset = np.append(random.normal(0, PINCH, 2), 0)
+        path = lift["path_m"] + up - offset
+        if number in args.wrong_side:
+            path[:, 0] *= -1
+        step = float(lift["step_s"])
+        rows = ["t_s,tip_commanded_x_m,tip_commanded_y_m,tip_commanded_z_m,jaw_commanded_rad"]
+        for k in range(-5, len(path)):
+            rows.append(f"{k * step:.6g},{','.join(f'{x:.9g}' for x in path[max(k, 0)])},{0.4 if k < 0 else 0}")
+        (folder / "tool.csv").write_text("\n".join(rows) + "\n")
+        frames, times = frames_of(lift), lift["times_s"]
+        triangles = faces_of(lift["rest_m"])
+        index = ["t_s,file"]
+        for k, t in enumerate(times):
+            if not args.moving and np.abs(np.array(HOLDS) - t).min() > 1e-6:
+                continue
+            points = frames[k] + up
+            tip = lift["path_m"][int(round(t / step))] + up
+            seen = first_hits(CAMERA, rays, points, triangles)
+            seen[hidden_by_shaft(rays, tip)] = np.inf
+            hit = np.isfinite(seen)
+            depth = seen[hit] + random.normal(0, NOISE, hit.sum())
+            cloud = CAMERA + depth[:, None] * rays[hit]
+            cloud = CAMERA + (cloud - CAMERA) @ turn().T + shift
+            write_ply(folder / "clouds" / f"{k:06}.ply", cloud)
+            index.append(f"{t + CLOCK:.6g},clouds/{k:06}.ply")
+        (folder / "clouds.csv").write_text("\n".join(index) + "\n")
+        (folder / "recording.txtpb").write_text(
+            f'name: "lift{number}"\ntool_rate_hz: 50\ncloud_rate_hz: 10\ntip_point: jaw_tip\n'
+            "clock_offset_uncertainty_s: 0.05\nregistration_uncertainty_m: 0.002\nregistration_uncertainty_rad: 0.012\n")
+
+
+if __name__ == "__main__":
+    main()

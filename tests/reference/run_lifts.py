@@ -1,0 +1,71 @@
+"""Lifts off a board with DOLFINx (Debian: python3-dolfinx), as a calibration records them: five pinch
+points, 10, 20 and 30 mm high with a hold at each, and back. What tests/mismatch/lift_recordings.py
+makes recordings of.
+
+/usr/bin/python3 run_lifts.py [NUMBER ...]             results/lifts/lift<NUMBER>.npz
+
+Neo-Hooke, 12 x 12 x 1 bricks with incompatible parabolas whose lines are graded at the clamp only:
+another mesh than that of the reference model, which follows the jaws. A file holds the path of the
+jaws and, ten times a second, the nodes of both faces, in micrometres.
+"""
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+from cases import CLAMP, SIDE, THICKNESS, graded_lines
+from dolfinx_solid import Solid
+
+YOUNG, POISSON, DENSITY, GRAVITY = 52e3, 0.45, 1000.0, 9.80665
+DAMPING, FRICTION, SLIP, STEP, RADIUS = 5.0, 0.35, 1e-4, 0.02, 0.005
+# Where the jaws close: x_B, y_B of the centre [m]; three on the free edge, one on each side.
+PINCHES = [(-0.0335, 0.0385), (0.0042, 0.0395), (0.0362, 0.0371), (-0.0393, 0.0048), (0.0387, 0.0151)]
+# Height of the jaws [m] at times [s]; they also move towards the clamp by a fifth of it.
+HEIGHTS = [(0, 0), (0.1, 0), (0.5, 0.01), (0.9, 0.01), (1.3, 0.02), (1.7, 0.02), (2.1, 0.03), (2.7, 0.03),
+           (3.5, 0.01), (4.0, 0.01)]
+EVERY = 5  # steps from frame to frame
+
+
+def lift(number):
+    begin = time.time()
+    centre = np.array(PINCHES[number])
+    lines = [np.linspace(-SIDE, SIDE, 13), graded_lines(CLAMP, SIDE, 12, [(CLAMP, 0.008)]),
+             np.array([-THICKNESS / 2, THICKNESS / 2])]
+    solid = Solid(lines, "q1e9", "neo_hooke", YOUNG, POISSON, DENSITY, [0, 0, -GRAVITY])
+    solid.start_motion()
+    rest = 5
+    for _ in range(rest):
+        solid.step(STEP, DAMPING, lines[2][0], FRICTION, SLIP)
+    solid.hold(centre, RADIUS)
+    start = solid.target[0].copy()
+    times, frames, path, force = [], [], [], []
+    faces = [np.flatnonzero(np.isclose(solid.nodes[:, 2], z)) for z in (THICKNESS / 2, -THICKNESS / 2)]
+    order = np.concatenate([face[np.lexsort((solid.nodes[face, 1], solid.nodes[face, 0]))]
+                            for face in faces])
+    knots = np.array(HEIGHTS)
+    for step in range(int(round(knots[-1, 0] / STEP)) + 1):
+        t = step * STEP
+        if step > 0:
+            height = np.interp(t, knots[:, 0], knots[:, 1])
+            solid.target[0] = start + np.array([0, -0.2 * height, height])
+            solid.step(STEP, DAMPING, lines[2][0], FRICTION, SLIP)
+        path.append(solid.target[0].copy())
+        force.append(solid.held_force())
+        if step % EVERY == 0:
+            times.append(t)
+            frames.append(solid.positions()[order])
+            print(number, f"{t:.2f} s", solid.newton, f"{time.time() - begin:.0f} s", flush=True)
+    out = Path(__file__).parent / "results" / "lifts"
+    out.mkdir(parents=True, exist_ok=True)
+    steps_um = np.diff(np.rint(1e6 * np.array(frames)).astype(np.int32), axis=0, prepend=0)
+    np.savez_compressed(out / f"lift{number}.npz", times_s=np.array(times), step_s=STEP,
+                        frames_um_differences=steps_um, path_m=np.array(path), force_N=np.array(force),
+                        rest_m=solid.nodes[order], centre_m=centre, radius_m=RADIUS, young_Pa=YOUNG,
+                        poisson=POISSON, density_kg_per_m3=DENSITY, friction=FRICTION,
+                        damping_per_s=DAMPING, compliance_m_per_N=solid.compliance)
+
+
+if __name__ == "__main__":
+    for number in map(int, sys.argv[1:] or range(len(PINCHES))):
+        lift(number)
