@@ -103,6 +103,7 @@ InCamera look_at(const CameraPose& camera, std::span<const Vector3d> points) {
 
 void check_camera(const Scene& scene, std::span<const Vector3d> points, const std::string& what,
                   std::vector<std::string>& warnings) {
+  if (!scene.config.has_camera()) return;
   const CameraPose& camera = scene.camera;
   const InCamera seen = look_at(camera, points);
   const double angle =
