@@ -24,7 +24,7 @@ JOINED = {"coupled": {"shell", "solid"}}
 # Within dvrk_gateway the same; "" are the files of the program itself.
 DVRK_GATEWAY = ["protocol", "dvrk_double", "safety", "loop", "recording", "backend", "bus", ""]
 # Within mismatch the same: recordings know nothing of simulation, which is in files of the package itself (".").
-MISMATCH = ["recording", "import", "intake", ".", "scene", "calibrate", ""]
+MISMATCH = ["recording", "import", "intake", "catalogue", ".", "scene", "calibrate", ""]
 MISMATCH_PROGRAM = ("main.cpp", "_program.h", "_program.cpp")
 # Folders of the tests are named from the tests' own root as well.
 TESTS = {"tests", "support", "contract", "fuzz", "learner", "sim_worker", "report", "mismatch", "monitor", "dvrk_gateway", "core", "proto", "benchmarks"}
