@@ -48,11 +48,11 @@ std::string text_of_file(const std::string& path) {
 
 /// Messages that always exist; all others only when the scene names them (a mesh, a box, a pose).
 bool always_present(const FieldDescriptor& field) {
-  static const char* const names[] = {
-      "omentum.pb.Config.scene",      "omentum.pb.Config.task",    "omentum.pb.Config.grasp",
-      "omentum.pb.Config.defects",    "omentum.pb.Config.rollout", "omentum.pb.Config.ppo",
-      "omentum.pb.Config.evaluation", "omentum.pb.Config.run",     "omentum.pb.Scene.tissue",
-      "omentum.pb.Scene.tool",        "omentum.pb.Scene.camera",   "omentum.pb.Tissue.cluster"};
+  static const char* const names[] = {"omentum.pb.Config.scene",      "omentum.pb.Config.task",
+                                      "omentum.pb.Config.grasp",      "omentum.pb.Config.defects",
+                                      "omentum.pb.Config.rollout",    "omentum.pb.Config.ppo",
+                                      "omentum.pb.Config.evaluation", "omentum.pb.Config.run",
+                                      "omentum.pb.Scene.tool",        "omentum.pb.Tissue.cluster"};
   return std::any_of(std::begin(names), std::end(names),
                      [&](const char* n) { return field.full_name() == n; });
 }

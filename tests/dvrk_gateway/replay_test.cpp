@@ -46,7 +46,7 @@ TEST(GoalsOf, AFastMotionIsRefusedWithItsMomentAndTheFactorThatWillDo) {
   motion[0].p_WT.x() = 0;
   const auto refused = goals_of(motion, kPeriod_s, 1, kStep_m);
   ASSERT_FALSE(refused);
-  EXPECT_NE(refused.error().find("1.20 mm"), std::string::npos) << refused.error();
+  EXPECT_NE(refused.error().find("1.200 mm"), std::string::npos) << refused.error();
   EXPECT_NE(refused.error().find("--slow 2.4"), std::string::npos) << refused.error();
   EXPECT_TRUE(goals_of(motion, kPeriod_s, 2.5, kStep_m));
 }
