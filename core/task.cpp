@@ -193,8 +193,8 @@ double Task::reward_of(const TaskState& state) const {
   return reward(task_.reward(), reward_state(state), weights);
 }
 
-// -c |p - q| while free, c (l - |p - p_T| - |g - q|) while held, g being the grasp point. With |g -
-// q| a grasp far from q does not save the approach to q (the flaw of its reward that P VI-B names).
+// -c |p - q| while free, c (taken - |p - p_T| - |g - q|) while held, g being the grasp point: with
+// the last term a grasp far from q does not save the approach to q (the flaw that P VI-B names).
 double Task::potential_of(const TaskState& state) const {
   const double c = task_.progress_per_m();
   if (!(c > 0)) return 0;
