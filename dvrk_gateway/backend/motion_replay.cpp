@@ -48,10 +48,10 @@ Result<std::vector<MotionSample>> goals_of(const std::vector<MotionSample>& moti
 }
 
 Result<void> replay_goals(ArmGuide& guide, const std::vector<MotionSample>& goals) {
-  if (const Result<void> there = guide.go_to(goals.front().p_WT); !there) return there;
+  if (Result<void> there = guide.go_to(goals.front().p_WT); !there) return there;
   for (const MotionSample& goal : goals) {
-    const Result<void> went = std::isfinite(goal.jaw_rad) ? guide.follow(goal.p_WT, goal.jaw_rad)
-                                                          : guide.follow(goal.p_WT);
+    Result<void> went = std::isfinite(goal.jaw_rad) ? guide.follow(goal.p_WT, goal.jaw_rad)
+                                                    : guide.follow(goal.p_WT);
     if (!went) return went;
   }
   return guide.hold();
