@@ -32,6 +32,7 @@ enum class Purpose : std::uint32_t {
   kShuffle = 5,
   kWeights = 6,
   kEvaluation = 7,
+  kEvaluationDynamics = 8,  ///< as kDynamics, for StartSet::kGridDrawn
 };
 
 /// Counter layout of docs/learner.md 3.2: key = run seed, counter = (slot, purpose 2^24 + draw,

@@ -138,9 +138,10 @@ bool Task::at_target(const Vector3d& commanded_tip) const {
 }
 
 Vector3d Task::start_position(const EpisodeStart& start) const {
-  if (start.start_set == StartSet::kGrid || start.start_set == StartSet::kRobotGrid) {
+  if (start.start_set == StartSet::kGrid || start.start_set == StartSet::kRobotGrid ||
+      start.start_set == StartSet::kGridDrawn) {
     const auto& starts =
-        start.start_set == StartSet::kGrid ? places_.grid_starts : places_.robot_starts;
+        start.start_set == StartSet::kRobotGrid ? places_.robot_starts : places_.grid_starts;
     OMENTUM_CHECK(start.start_index < starts.size(), "start {} of {}", start.start_index,
                   starts.size());
     return starts[start.start_index];

@@ -44,7 +44,7 @@ void fields(G& g, C& c, V& v) {
   });
   v.fixed(g.weights_hash, c.weights_hash, "weights_hash");
   v.enumerator(g.kind, c.kind, TaskKind::kEvaluate, "kind");
-  v.enumerator(g.start_set, c.start_set, StartSet::kGraspLattice, "start_set");
+  v.enumerator(g.start_set, c.start_set, StartSet::kGridDrawn, "start_set");
   v.array(g.start_state, c.start_state, {"start_state", omentum_v1_MAX_STATE_BYTES});
 }
 
