@@ -50,6 +50,11 @@ std::vector<EvaluationSet> evaluation_sets(const pb::Config& config) {
     if (scene.has_robot_grid())
       sets.push_back(make_set("robot", StartSet::kRobotGrid, scene.robot_grid(), greedy));
   }
+  for (const bool greedy : {true, false}) {
+    if (!scene.has_start_grid() || config.randomise().empty()) break;
+    sets.push_back(make_set("drawn", StartSet::kGridDrawn, scene.start_grid(), greedy));
+    sets.back().record = false;  // a replay is of the scene of the configuration
+  }
   return sets;
 }
 

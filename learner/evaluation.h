@@ -15,7 +15,10 @@ namespace omentum {
 /// One set of evaluation episodes: fixed starts that training never uses, run by the workers over
 /// the bus.
 struct EvaluationSet {
-  std::string name;  ///< grid100_greedy, grid100_sampled, robot25_greedy, ..., grasp_lattice
+  /// grid100_greedy, grid100_sampled, robot25_greedy, ..., grasp_lattice; where the configuration
+  /// draws parameters of the scene also drawn100_greedy, drawn100_sampled: the grid in drawn
+  /// scenes.
+  std::string name;
   StartSet start_set = StartSet::kGrid;
   bool greedy = true;
   bool record = false;  ///< tissue frames and an MCAP file per episode

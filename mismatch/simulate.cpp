@@ -234,7 +234,7 @@ SimulatedRecording simulate_recording(const TissueModel& model, const Arm& arm,
         motion[0].to = Eigen::Map<const Vector3d>(arms[0].p_WT_true);
       }
     } else {
-      control_step<double>(arm, arms, *tissue, motion, reports);
+      control_step<double>({&arm, 1}, arms, *tissue, motion, reports);
     }
     tip = motion[0].to;
     if (!tissue->healthy(0)) {

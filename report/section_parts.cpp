@@ -66,6 +66,7 @@ std::string describe_set(const std::vector<RunFolder>& runs, const std::string& 
   std::string text = configured > there ? fmt::format("{} of {} starts", there, configured)
                                         : fmt::format("{} starts", there);
   if (name.starts_with("robot")) text += " of the robot";
+  if (name.starts_with("drawn")) text += " in drawn scenes";
   if (name.ends_with("_sampled")) return text + ", sampled actions";
   if (name.ends_with("_greedy")) return text + ", greedy actions";
   return text + ", " + name;

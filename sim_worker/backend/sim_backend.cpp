@@ -6,7 +6,6 @@
 #include "core/check.h"
 #include "sim_worker/backend/control_step.h"
 #include "sim_worker/models.h"
-#include "sim_worker/tissue/randomise.h"
 
 namespace omentum {
 namespace {
@@ -36,7 +35,10 @@ SimBackend::SimBackend(std::shared_ptr<const SimSetup> setup, int lanes, unsigne
       image_(std::move(image)),
       lane_width_(lane_width) {
   OMENTUM_CHECK(lanes > 0);
-  if (setup_->arm->active()) arms_.resize(environments_.size());
+  if (setup_->arm->active() || draws_arm(setup_->config)) {
+    arms_.assign(environments_.size(), *setup_->arm);
+    arm_states_.resize(environments_.size());
+  }
   const LaneKernel<float>& kernel = choose_kernel(lane_width);
   for (int first = 0; first < lanes; first += width_) {
     groups_.push_back(setup_->tissue->make_tissue(kernel));
@@ -51,14 +53,16 @@ std::uint32_t SimBackend::ticks_per_step() const {
 // -----------------------------------------------------------------------------------------
 // start of an episode
 
-void SimBackend::draw_parameters(int lane) {
+DrawnParameters SimBackend::parameters_of(int lane) const {
   const Environment& e = environments_[lane];
-  DrawnParameters drawn;
-  if (static_cast<StartSet>(e.start_set) == StartSet::kTraining) {
-    drawn = draw_randomised(setup_->config, setup_->scene, e.run_seed, e.slot, e.episode);
-  }
-  tissue_of(lane).set_parameters(lane_in_group(lane), drawn.parameters);
-  tissue_of(lane).reset(lane_in_group(lane), drawn.offset);
+  EpisodeStart start;
+  start.run_seed = e.run_seed;
+  start.slot = e.slot;
+  start.episode = e.episode;
+  start.start_set = static_cast<StartSet>(e.start_set);
+  start.start_index = e.start_index;
+  const std::optional<DrawKey> key = draw_key(start);
+  return key ? draw_randomised(setup_->config, setup_->scene, *key) : not_drawn(setup_->scene);
 }
 
 void SimBackend::reset(int lane, const EpisodeStart& start) {
@@ -92,14 +96,22 @@ void SimBackend::reset(int lane, const EpisodeStart& start) {
   e.jaw_was_open = 1;
   e.pending_bonus = pending_bonus;
   environments_[lane] = e;
-  if (!arms_.empty()) setup_->arm->reset(arms_[lane], tip);
-  draw_parameters(lane);
+  const DrawnParameters drawn = parameters_of(lane);
+  if (!arms_.empty())
+    arms_[lane] = Arm(drawn.arm, setup_->mount, setup_->config.task().control_period_s());
+  place_arm(lane, tip);
+  tissue.set_parameters(l, drawn.parameters);
+  tissue.reset(l, drawn.offset);
 
   for (std::size_t i = 0; i < old_velocities.size(); ++i) {
     if (body.fixed[i] == 0) tissue.set_velocity(l, static_cast<int>(i), old_velocities[i]);
   }
   for (const std::int32_t i : old_patch) tissue.set_position(l, i, tip);
   if (start.start_set == StartSet::kGraspLattice) place_on_lattice(lane, start.start_index);
+}
+
+void SimBackend::place_arm(int lane, const Vector3d& tip) {
+  if (!arms_.empty()) arms_[lane].reset(arm_states_[lane], tip);
 }
 
 const Bytes& SimBackend::settled_state() const {
@@ -126,7 +138,7 @@ void SimBackend::place_on_lattice(int lane, std::uint32_t particle) {
                            .cwiseMin(setup_->scene.workspace_max);
   assign(e.tip, tip);
   assign(e.start_position, tip);
-  if (!arms_.empty()) setup_->arm->reset(arms_[lane], tip);
+  place_arm(lane, tip);
   e.jaw_closed = 1;
   e.jaw_deg = 0;
   e.jaw_was_open = 0;
@@ -139,11 +151,11 @@ void SimBackend::place_on_lattice(int lane, std::uint32_t particle) {
 // one decision
 
 Vector3d SimBackend::tip_of(int lane) const {
-  return to_vector(arms_.empty() ? environments_[lane].tip : arms_[lane].p_WT_true);
+  return to_vector(arm_states_.empty() ? environments_[lane].tip : arm_states_[lane].p_WT_true);
 }
 
 Vector3d SimBackend::measured_tip(int lane) const {
-  return to_vector(arms_.empty() ? environments_[lane].tip : arms_[lane].p_WT_measured);
+  return to_vector(arm_states_.empty() ? environments_[lane].tip : arm_states_[lane].p_WT_measured);
 }
 
 TaskState SimBackend::task_state(int lane) const {
@@ -224,11 +236,14 @@ void SimBackend::move_tissue(std::span<ToolMotion> motion, std::span<StepOutcome
   for (std::size_t g = 0; g < groups_.size(); ++g) {
     const std::size_t first = g * W;
     const std::size_t used = std::min(W, environments_.size() - first);
-    const auto arms = arms_.empty() ? std::span<ArmState>() : std::span(arms_).subspan(first, used);
     if (robot_) {
       move_with_robot(motion);
+    } else if (arms_.empty()) {
+      groups_[g]->step(motion.subspan(first, W));
     } else {
-      control_step(*setup_->arm, arms, *groups_[g], motion.subspan(first, W));
+      control_step<float>(std::span(arms_).subspan(first, used),
+                          std::span(arm_states_).subspan(first, used), *groups_[g],
+                          motion.subspan(first, W));
     }
     for (std::size_t k = first; k < first + used; ++k)
       slip_or_lose(static_cast<int>(k), outcomes[k]);
@@ -239,7 +254,7 @@ void SimBackend::move_tissue(std::span<ToolMotion> motion, std::span<StepOutcome
 void SimBackend::follow_robot(RobotTip robot) {
   OMENTUM_CHECK(lanes() == 1, "a robot is one lane, not {}", lanes());
   robot_ = std::move(robot);
-  arms_.resize(environments_.size());
+  arm_states_.resize(environments_.size());
   const Vector3d tip = to_vector(environments_[0].tip);
   place_tip(0, tip, tip);
 }
@@ -248,16 +263,16 @@ void SimBackend::place_tip(int lane, const Vector3d& commanded, const Vector3d& 
   Environment& e = environments_[lane];
   assign(e.tip, commanded);
   assign(e.start_position, commanded);
-  assign(arms_[lane].p_WT_true, robot);
-  assign(arms_[lane].p_WT_measured, robot);
+  assign(arm_states_[lane].p_WT_true, robot);
+  assign(arm_states_[lane].p_WT_measured, robot);
 }
 
 void SimBackend::move_with_robot(std::span<ToolMotion> motion) {
   const Vector3d from = tip_of(0);
   const Vector3d to = robot_(motion[0].to);
   motion[0] = {from, to};
-  assign(arms_[0].p_WT_true, to);
-  assign(arms_[0].p_WT_measured, to);
+  assign(arm_states_[0].p_WT_true, to);
+  assign(arm_states_[0].p_WT_measured, to);
   groups_[0]->step(motion);
 }
 

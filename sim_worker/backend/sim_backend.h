@@ -12,6 +12,7 @@
 #include "sim_worker/backend/sim_setup.h"
 #include "sim_worker/instrument/arm.h"
 #include "sim_worker/instrument/jaw.h"
+#include "sim_worker/tissue/randomise.h"
 #include "sim_worker/tissue/tissue.h"
 
 namespace omentum {
@@ -133,7 +134,9 @@ class SimBackend : public Backend, public Snapshots {
   void take_body(int lane);
   void slip_or_lose(int lane, StepOutcome& outcome);
   void release(int lane);
-  void draw_parameters(int lane);
+  /// Parameters of the lane's episode: as drawn, or those of the scene.
+  DrawnParameters parameters_of(int lane) const;
+  void place_arm(int lane, const Eigen::Vector3d& tip);
   void place_on_lattice(int lane, std::uint32_t particle);
   const Bytes& settled_state() const;
   std::size_t head_bytes() const;
@@ -145,8 +148,10 @@ class SimBackend : public Backend, public Snapshots {
   int width_;
   std::vector<std::unique_ptr<Tissue<float>>> groups_;
   std::vector<Environment> environments_;
-  /// Per environment; empty while the arm has no effects and no robot is followed.
-  std::vector<ArmState> arms_;
+  /// Per environment; empty while no arm has effects.
+  std::vector<Arm> arms_;
+  /// Per environment; empty while no arm has effects and no robot is followed.
+  std::vector<ArmState> arm_states_;
   RobotTip robot_;
   mutable ExposureEstimator exposure_;
   ImageSource image_;

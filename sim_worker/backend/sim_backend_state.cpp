@@ -35,14 +35,14 @@ void SimBackend::surface(int lane, std::vector<float>& out) const {
 
 /// Bytes of a state before those of the tissue.
 std::size_t SimBackend::head_bytes() const {
-  return sizeof(Environment) + (arms_.empty() ? 0 : sizeof(ArmState));
+  return sizeof(Environment) + (arm_states_.empty() ? 0 : sizeof(ArmState));
 }
 
 Bytes SimBackend::save(int lane) const {
   Bytes bytes(head_bytes());
   std::memcpy(bytes.data(), &environments_[lane], sizeof(Environment));
-  if (!arms_.empty()) {
-    std::memcpy(bytes.data() + sizeof(Environment), &arms_[lane], sizeof(ArmState));
+  if (!arm_states_.empty()) {
+    std::memcpy(bytes.data() + sizeof(Environment), &arm_states_[lane], sizeof(ArmState));
   }
   groups_[lane / width_]->save(lane_in_group(lane), bytes);
   return bytes;
@@ -70,7 +70,7 @@ Result<void> SimBackend::load(int lane, std::span<const std::byte> state) {
     return Failure{"environment state holds a non-finite number or a zero episode limit"};
   }
   ArmState arm{};
-  if (!arms_.empty()) {
+  if (!arm_states_.empty()) {
     std::memcpy(&arm, state.data() + sizeof(Environment), sizeof arm);
     std::array<double, sizeof(ArmState) / sizeof(double)> numbers{};
     std::memcpy(numbers.data(), &arm, sizeof arm);
@@ -79,8 +79,11 @@ Result<void> SimBackend::load(int lane, std::span<const std::byte> state) {
   }
   const Result<std::size_t> used = tissue_of(lane).load(lane_in_group(lane), state.subspan(head));
   if (!used) return Failure{used.error()};
-  if (!arms_.empty()) arms_[lane] = arm;
   environments_[lane] = e;
+  if (!arm_states_.empty()) arm_states_[lane] = arm;
+  if (!arms_.empty())
+    arms_[lane] =
+        Arm(parameters_of(lane).arm, setup_->mount, setup_->config.task().control_period_s());
   return {};
 }
 

@@ -6,6 +6,7 @@
 #include "core/check.h"
 #include "core/constants.h"
 #include "core/trig.h"
+#include "proto/knob.pb.h"
 
 namespace omentum {
 namespace {
@@ -44,7 +45,48 @@ double lag(double y, double u0, double u1, double T, double decay, double dt) {
 /// Play operator of half-width b; with b = F / P Coulomb friction F on a servo of gain P.
 double play(double y, double x, double b) { return std::clamp(y, x - b, x + b); }
 
+using Message = google::protobuf::Message;
+using Field = google::protobuf::FieldDescriptor;
+
+/// A number of the message, or of one that it holds once.
+const Field& find_effect(const Message& message, const std::string& name, const std::string& path) {
+  const auto* type = message.GetDescriptor();
+  const Field* field = type->FindFieldByName(name);
+  if (field == nullptr || field->is_repeated()) {
+    std::string names;
+    for (int k = 0; k < type->field_count(); ++k) {
+      if (!type->field(k)->is_repeated()) names += " " + type->field(k)->name();
+    }
+    throw_error("arm.{}: no effect of that name, allowed at \"{}\":{}", path, name, names);
+  }
+  return *field;
+}
+
+void set_number(Message& message, const Field& field, const std::string& path, double value) {
+  const pb::Knob& knob = field.options().GetExtension(pb::knob);
+  if (!(value >= knob.min() && value <= knob.max()))
+    throw_error("arm.{}: {}, allowed {} ... {}", path, value, knob.min(), knob.max());
+  message.GetReflection()->SetDouble(&message, &field, value);
+}
+
 }  // namespace
+
+void set_effect(pb::ArmEffects& effects, const std::string& path, double value) {
+  const std::size_t dot = path.find('.');
+  const Field& field = find_effect(effects, path.substr(0, dot), path);
+  if (field.cpp_type() != Field::CPPTYPE_MESSAGE) {
+    if (dot != std::string::npos) find_effect(effects, path, path);  // throws
+    set_number(effects, field, path, value);
+    return;
+  }
+  Message& part = *effects.GetReflection()->MutableMessage(&effects, &field);
+  if (dot != std::string::npos) {
+    set_number(part, find_effect(part, path.substr(dot + 1), path), path, value);
+    return;
+  }
+  for (int k = 0; k < part.GetDescriptor()->field_count(); ++k)
+    set_number(part, *part.GetDescriptor()->field(k), path, value);
+}
 
 Arm::Arm(const pb::ArmEffects& effects, const ToolMount& mount, double control_period)
     : effects_(effects),

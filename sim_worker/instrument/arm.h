@@ -2,6 +2,7 @@
 
 #include <Eigen/Core>
 #include <array>
+#include <string>
 
 #include "core/psm.h"
 #include "proto/effects.pb.h"
@@ -32,6 +33,11 @@ struct ArmReport {
   PsmJoints measured{};            ///< motor encoders
   std::array<double, 6> effort{};  ///< of the motors [N m], insertion [N]
 };
+
+/// Sets the effect of a path below scene.arm, in units of its field; a path that ends at a message,
+/// as droop_s, sets all of its values. Throws Error for an unknown path or a value outside the
+/// knob's range.
+void set_effect(pb::ArmEffects& effects, const std::string& path, double value);
 
 /// Errors of the arm as differences from the nominal arm: with zero effects the true tip is the
 /// commanded one to the bit. Immutable; any thread.

@@ -2,18 +2,25 @@
 
 #include <algorithm>
 #include <string>
+#include <string_view>
 
 #include "core/check.h"
 #include "core/rng.h"
+#include "sim_worker/instrument/arm.h"
 
 namespace omentum {
 namespace {
 
-constexpr const char* kEffectPrefix = "tissue.effects.";
+constexpr std::string_view kEffectPrefix = "tissue.effects.";
+constexpr std::string_view kArmPrefix = "arm.";
+
+bool is_effect(const pb::Randomise& r) { return r.parameter().starts_with(kEffectPrefix); }
+bool is_arm(const pb::Randomise& r) { return r.parameter().starts_with(kArmPrefix); }
 
 std::string effect_path(const pb::Randomise& r) {
-  return r.parameter().substr(std::string(kEffectPrefix).size());
+  return r.parameter().substr(kEffectPrefix.size());
 }
+std::string arm_path(const pb::Randomise& r) { return r.parameter().substr(kArmPrefix.size()); }
 
 /// Both ends of the range have to be possible in the scene, with its model.
 void check_drawn_effect(const pb::Randomise& r, const Scene& scene) {
@@ -44,12 +51,31 @@ void check_drawn_effect(const pb::Randomise& r, const Scene& scene) {
   }
 }
 
+/// Both ends of the range have to be an arm.
+void check_drawn_arm(const pb::Randomise& r, const Scene& scene, double control_period) {
+  if (!(r.min() <= r.max()))
+    throw_error("randomise {}: {} ... {}, allowed min <= max", r.parameter(), r.min(), r.max());
+  for (const double value : {r.min(), r.max()}) {
+    pb::ArmEffects effects = scene.config.arm();
+    try {
+      set_effect(effects, arm_path(r), value);
+      Arm(effects, scene_tool_mount(scene), control_period);
+    } catch (const Error& error) {
+      throw_error("randomise {}: {} ... {}: {}", r.parameter(), r.min(), r.max(), error.what());
+    }
+  }
+}
+
 }  // namespace
 
 void check_randomise(const pb::Config& config, const Scene& scene) {
   for (const pb::Randomise& r : config.randomise()) {
-    if (r.parameter().rfind(kEffectPrefix, 0) == 0) {
+    if (is_effect(r)) {
       check_drawn_effect(r, scene);
+      continue;
+    }
+    if (is_arm(r)) {
+      check_drawn_arm(r, scene, config.task().control_period_s());
       continue;
     }
     static const char* const names[] = {"tissue.stiffness_scale", "tissue.gravity_scale",
@@ -61,7 +87,7 @@ void check_randomise(const pb::Config& config, const Scene& scene) {
       throw_error(
           "randomise.parameter: {}, allowed: tissue.stiffness_scale, tissue.gravity_scale, "
           "tissue.damping_scale, tissue.friction_scale, tissue.offset_x_m, tissue.offset_y_m, "
-          "tissue.offset_z_m, tissue.effects.*",
+          "tissue.offset_z_m, tissue.effects.*, arm.*",
           r.parameter());
     }
     const bool is_scale = r.parameter().find("scale") != std::string::npos;
@@ -76,23 +102,37 @@ void check_randomise(const pb::Config& config, const Scene& scene) {
   for (const bool highest : {false, true}) {
     pb::TissueEffects effects = scene.config.tissue().effects();
     for (const pb::Randomise& r : config.randomise()) {
-      if (r.parameter().rfind(kEffectPrefix, 0) == 0)
-        set_effect(effects, effect_path(r), highest ? r.max() : r.min());
+      if (is_effect(r)) set_effect(effects, effect_path(r), highest ? r.max() : r.min());
     }
     make_effects(effects, scene.config.tissue().material().poisson_ratio(), scene.tissue.particles);
   }
 }
 
-DrawnParameters draw_randomised(const pb::Config& config, const Scene& scene,
-                                std::uint64_t run_seed, std::uint32_t slot, std::uint64_t episode) {
+std::optional<DrawKey> draw_key(const EpisodeStart& start) {
+  if (start.start_set == StartSet::kTraining)
+    return DrawKey{start.run_seed, start.slot, start.episode, Purpose::kDynamics};
+  if (start.start_set == StartSet::kGridDrawn)
+    return DrawKey{start.run_seed, start.start_index, 0, Purpose::kEvaluationDynamics};
+  return std::nullopt;
+}
+
+bool draws_arm(const pb::Config& config) { return std::ranges::any_of(config.randomise(), is_arm); }
+
+DrawnParameters not_drawn(const Scene& scene) {
   DrawnParameters drawn;
+  drawn.arm = scene.config.arm();
+  return drawn;
+}
+
+DrawnParameters draw_randomised(const pb::Config& config, const Scene& scene, const DrawKey& key) {
+  DrawnParameters drawn = not_drawn(scene);
   LaneParameters& parameters = drawn.parameters;
   pb::TissueEffects effects = scene.config.tissue().effects();
   bool draws_effects = false;
   for (int i = 0; i < config.randomise_size(); ++i) {
     const pb::Randomise& r = config.randomise(i);
-    const PhiloxWords words =
-        random_words(run_seed, slot, Purpose::kDynamics, static_cast<std::uint32_t>(i), episode, 0);
+    const PhiloxWords words = random_words(key.run_seed, key.slot, key.purpose,
+                                           static_cast<std::uint32_t>(i), key.episode, 0);
     const double value = uniform_between(words[0], r.min(), r.max());
     if (r.parameter() == "tissue.stiffness_scale") parameters.stiffness_scale = value;
     if (r.parameter() == "tissue.gravity_scale") parameters.gravity_scale = value;
@@ -101,7 +141,8 @@ DrawnParameters draw_randomised(const pb::Config& config, const Scene& scene,
     if (r.parameter() == "tissue.offset_x_m") drawn.offset.x() = value;
     if (r.parameter() == "tissue.offset_y_m") drawn.offset.y() = value;
     if (r.parameter() == "tissue.offset_z_m") drawn.offset.z() = value;
-    if (r.parameter().rfind(kEffectPrefix, 0) != 0) continue;
+    if (is_arm(r)) set_effect(drawn.arm, arm_path(r), value);
+    if (!is_effect(r)) continue;
     set_effect(effects, effect_path(r), value);
     draws_effects = true;
   }

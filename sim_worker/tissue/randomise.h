@@ -2,27 +2,48 @@
 
 #include <Eigen/Core>
 #include <cstdint>
+#include <optional>
 
+#include "core/backend.h"
+#include "core/rng.h"
 #include "proto/config.pb.h"
 #include "sim_worker/scene/scene.h"
 #include "sim_worker/tissue/tissue.h"
 
 namespace omentum {
 
-/// Domain randomisation: parameters of the scene that are drawn per slot and episode from the
+/// Domain randomisation: parameters of tissue and arm that are drawn per slot and episode from the
 /// ranges of config.randomise.
 
 /// Throws Error for an unknown parameter and for a range of which some value is not possible in the
 /// scene, alone or together with the others.
 void check_randomise(const pb::Config& config, const Scene& scene);
 
+/// What the draws of an episode follow from.
+struct DrawKey {
+  std::uint64_t run_seed = 0;
+  std::uint32_t slot = 0;
+  std::uint64_t episode = 0;
+  Purpose purpose = Purpose::kDynamics;
+};
+
+/// The key of an episode; none where its scene is that of the configuration. Training draws by slot
+/// and episode, StartSet::kGridDrawn by the start, with draws of its own.
+std::optional<DrawKey> draw_key(const EpisodeStart& start);
+
 struct DrawnParameters {
   LaneParameters parameters;
   Eigen::Vector3d offset = Eigen::Vector3d::Zero();  ///< of the tissue at the start, in W [m]
+  pb::ArmEffects arm;
 };
 
+/// What the configuration says without a draw.
+DrawnParameters not_drawn(const Scene& scene);
+
 /// A pure function of its arguments: every worker draws the same.
-DrawnParameters draw_randomised(const pb::Config& config, const Scene& scene,
-                                std::uint64_t run_seed, std::uint32_t slot, std::uint64_t episode);
+DrawnParameters draw_randomised(const pb::Config& config, const Scene& scene, const DrawKey& key);
+
+/// Whether effects of the arm are among what is drawn.
+bool draws_arm(const pb::Config& config);
 
 }  // namespace omentum

@@ -545,61 +545,6 @@ TEST(Bonus, BelongsToItsEpisodeUnlessTheDefectIsNamed) {
   EXPECT_NEAR(seed.second - ours.second, 1.0, 1e-5);
 }
 
-TEST(Randomise, DrawsAreReproducibleAndWithinRange) {
-  const auto setup = setup_of(
-      "omentum", {"randomise={ parameter: \"tissue.offset_x_m\" min: -0.002 max: 0.002 }",
-                  "randomise={ parameter: \"tissue.stiffness_scale\" min: 0.5 max: 1.5 }"});
-  SimBackend a(setup, 1, 1);
-  SimBackend b(setup, 8, 8);
-  double low = 1;
-  double high = -1;
-  for (std::uint64_t episode = 0; episode < 50; ++episode) {
-    EpisodeStart start;
-    start.run_seed = 9;
-    start.slot = 3;
-    start.episode = episode;
-    a.reset(0, start);
-    b.reset(5, start);
-    ASSERT_EQ(fnv1a64(a.save(0)), fnv1a64(b.save(5)));
-    const double x = a.tissue_of(0).position(0, 0).x() -
-                     (setup->scene.tissue.X_WB * setup->scene.tissue.particles[0]).x();
-    low = std::min(low, x);
-    high = std::max(high, x);
-  }
-  EXPECT_GE(low, -0.00201);
-  EXPECT_LE(high, 0.00201);
-  EXPECT_GT(high - low, 0.003);
-  EXPECT_THROW(setup_of("omentum", {"randomise={ parameter: \"tissue.colour\" min: 0 max: 1 }"}),
-               Error);
-}
-
-TEST(Randomise, EffectsAreDrawnPerSlotAndEpisodeReproducibly) {
-  const auto setup = setup_of(
-      "omentum", {"scene.tissue.model=TISSUE_ELASTIC", "scene.tool.contact=false",
-                  "randomise={ parameter: \"tissue.effects.gravity_tilt_x_deg\" min: -3 max: 3 }",
-                  "randomise={ parameter: \"tissue.effects.strain_stiffening\" min: 0 max: 0.5 }"});
-  SimBackend a(setup, 1, 1);
-  SimBackend b(setup, 8, 8);
-  std::vector<std::uint64_t> hashes;
-  for (std::uint64_t episode = 0; episode < 3; ++episode) {
-    EpisodeStart start;
-    start.run_seed = 9;
-    start.slot = 3;
-    start.episode = episode;
-    a.reset(0, start);
-    b.reset(5, start);
-    step_one(a, {1, 1, 1, 0});
-    std::vector<Action> actions(8);
-    std::vector<StepOutcome> outcomes(8);
-    for (Action& action : actions) action.branch = {1, 1, 1, 0};
-    b.step(actions, outcomes);
-    ASSERT_EQ(fnv1a64(a.save(0)), fnv1a64(b.save(5))) << episode;
-    hashes.push_back(fnv1a64(a.save(0)));
-  }
-  EXPECT_NE(hashes[0], hashes[1]);
-  EXPECT_NE(hashes[1], hashes[2]);
-}
-
 TEST(BadInput, EffectsAreRefusedWithTheirPlace) {
   const auto message = [](const auto& make) -> std::string {
     try {
