@@ -7,6 +7,7 @@
 #include <cmath>
 
 #include "core/check.h"
+#include "core/constants.h"
 #include "core/rng.h"
 
 namespace omentum {
@@ -81,6 +82,7 @@ std::vector<int> action_branches(const pb::Task& task) {
 Task::Task(const pb::Config& config, TaskPlaces places)
     : task_(config.task()),
       jaw_open_deg_(config.grasp().jaw_open_deg()),
+      jaw_length_(config.grasp().jaw_length_m()),
       places_(std::move(places)),
       workspace_diagonal_((places_.mount.workspace_max - places_.mount.workspace_min).norm()) {}
 
@@ -142,9 +144,10 @@ Vector3d Task::start_position(const EpisodeStart& start) const {
       start.start_set == StartSet::kGridDrawn) {
     const auto& starts =
         start.start_set == StartSet::kRobotGrid ? places_.robot_starts : places_.grid_starts;
-    OMENTUM_CHECK(start.start_index < starts.size(), "start {} of {}", start.start_index,
-                  starts.size());
-    return starts[start.start_index];
+    OMENTUM_CHECK(!starts.empty() && (start.start_set == StartSet::kGridDrawn ||
+                                      start.start_index < starts.size()),
+                  "start {} of {}", start.start_index, starts.size());
+    return starts[start.start_index % starts.size()];
   }
   if (start.start_set == StartSet::kGraspLattice || !task_.random_start() ||
       places_.grid_starts.empty()) {
@@ -194,8 +197,9 @@ double Task::reward_of(const TaskState& state) const {
   return reward(task_.reward(), reward_state(state), weights);
 }
 
-// -c |p - q| while free, c (taken - |p - p_T| - |g - q|) while held, g being the grasp point: with
-// the last term a grasp far from q does not save the approach to q (the flaw that P VI-B names).
+// -c (|p - q| + jaw) while free, c (taken - |p - p_T| - |g - q|) while held, g being the grasp
+// point: with the last term a grasp far from q does not save the approach to q (the flaw that P
+// VI-B names).
 double Task::potential_of(const TaskState& state) const {
   const double c = task_.progress_per_m();
   if (!(c > 0)) return 0;
@@ -203,7 +207,11 @@ double Task::potential_of(const TaskState& state) const {
   const auto length = [by_axis](const Vector3d& way) {
     return by_axis ? way.lpNorm<1>() : way.norm();
   };
-  if (!state.held) return -c * length(state.tip - places_.tumour_point);
+  if (!state.held) {
+    // By axes the jaw is one of them: a closed one has to open before it can take hold.
+    const double jaw = by_axis ? jaw_length_ * kDegree * (jaw_open_deg_ - state.jaw_deg) : 0;
+    return -c * (length(state.tip - places_.tumour_point) + jaw);
+  }
   // A little more than there is left at q, so that taking hold is worth little by itself [m].
   const double taken = by_axis ? 0.15 : 0.13;
   return c * (taken - length(state.tip - places_.target) -

@@ -114,6 +114,7 @@ class Task {
 
   pb::Task task_;
   double jaw_open_deg_;
+  double jaw_length_;  ///< [m]
   TaskPlaces places_;
   double workspace_diagonal_;
 };

@@ -8,6 +8,7 @@
 #include <map>
 
 #include "core/config.h"
+#include "core/constants.h"
 
 namespace omentum {
 namespace {
@@ -241,6 +242,27 @@ TEST(ProgressByAxis, CountsEveryAxisAlike) {
       nearer.tip[axis] += state.tip[axis] > place[axis] ? -0.0005 : 0.0005;
       EXPECT_NEAR(task.potential_of(nearer) - before, 0.15, 1e-12) << axis << held;
     }
+  }
+}
+
+// A jaw that closed beside the tissue has to open before it can take hold: opening it is progress.
+TEST(ProgressByAxis, CountsTheWayOfTheOpeningJaw) {
+  const std::vector<std::string> knobs = {"task.progress_per_m=300", "grasp.jaw_open_deg=24",
+                                          "grasp.jaw_length_m=0.01"};
+  TaskState closed = held_state();
+  closed.held = false;
+  closed.jaw_deg = 0;
+  TaskState half_open = closed;
+  half_open.jaw_deg = 12;
+  for (const bool by_axis : {false, true}) {
+    std::vector<std::string> all = knobs;
+    all.push_back(by_axis ? "task.progress_by_axis=true" : "task.progress_by_axis=false");
+    const Task task = task_of("omentum", all);
+    const double way = by_axis ? 0.01 * 12 * kDegree : 0;
+    EXPECT_NEAR(task.potential_of(half_open) - task.potential_of(closed), 300 * way, 1e-12);
+    half_open.held = closed.held = true;
+    EXPECT_EQ(task.potential_of(half_open), task.potential_of(closed));
+    half_open.held = closed.held = false;
   }
 }
 
