@@ -73,15 +73,15 @@ std::optional<std::size_t> best_grasp(std::span<const EvaluationRow> lattice) {
 std::string grid_table(std::span<const EvaluationRow> rows) {
   std::string text =
       "index,row,column,start_x_m,start_y_m,start_z_m,greedy,reached,held,exposed,exposure,"
-      "best_exposure,lost,return,length,grasp_x_m,grasp_y_m,grasp_z_m,failed,grasp_held\n";
+      "best_exposure,lost,return,length,grasp_x_m,grasp_y_m,grasp_z_m,failed,grasp_held,drawn\n";
   // Places come from f32, whose shortest digits they keep.
   const auto f32 = [](double value) { return static_cast<float>(value); };
   for (const EvaluationRow& r : rows) {
     text += fmt::format(
-        "{},{},{},{},{},{},{:d},{:d},{:d},{:d},{},{},{:d},{},{},{},{},{},{:d},{:d}\n", r.index,
+        "{},{},{},{},{},{},{:d},{:d},{:d},{:d},{},{},{:d},{},{},{},{},{},{:d},{:d},{}\n", r.index,
         r.row, r.column, f32(r.start[0]), f32(r.start[1]), f32(r.start[2]), r.greedy, r.reached,
         r.held, r.exposed, r.exposure, r.best_exposure, r.lost, r.episode_return, r.length,
-        f32(r.grasp[0]), f32(r.grasp[1]), f32(r.grasp[2]), r.failed, r.grasp_held);
+        f32(r.grasp[0]), f32(r.grasp[1]), f32(r.grasp[2]), r.failed, r.grasp_held, r.drawn);
   }
   return text;
 }
@@ -127,6 +127,7 @@ Result<std::vector<EvaluationRow>> read_evaluation(const CsvTable& table) {
     r.length = whole(number("length"));
     r.grasp = {number("grasp_x_m"), number("grasp_y_m"), number("grasp_z_m")};
     const bool grasped = lattice ? r.held : std::isfinite(r.grasp[0]);
+    if (table.column("drawn")) r.drawn = number("drawn");
     r.grasp_held = table.column("grasp_held") ? flag("grasp_held") : grasped && !r.lost;
   }
   if (lattice && !table.column("exposed")) {

@@ -2,6 +2,7 @@
 
 #include <array>
 #include <cstdint>
+#include <limits>
 #include <optional>
 #include <span>
 #include <string>
@@ -36,6 +37,8 @@ struct EvaluationRow {
   double episode_return = 0;      ///< of the policy's decisions, hold left out
   std::uint32_t length = 0;       ///< decisions until reached or ended, hold left out
   std::array<double, 3> grasp{};  ///< tip at the first grasp in W [m], NaN if none
+  /// Value of the parameter that alone was drawn for the scene, in its unit; NaN if none
+  double drawn = std::numeric_limits<double>::quiet_NaN();
 };
 
 /// What the one episode of a segment says: all fields but index, row, column, greedy and those of

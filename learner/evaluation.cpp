@@ -3,9 +3,11 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
 
 #include "core/check.h"
 #include "core/limits.h"
+#include "core/scene_draws.h"
 
 namespace omentum {
 namespace {
@@ -31,6 +33,16 @@ std::array<double, 3> rest_place(const pb::GridMaker& grid, std::uint32_t partic
           (particle % grid.count_y() - 0.5 * (grid.count_y() - 1)) * grid.pitch_m(), 0};
 }
 
+/// Value of the one parameter that the start's scene was drawn with; NaN where none or all are.
+double drawn_alone(const pb::Config& config, const EvaluationSet& set, std::uint32_t index) {
+  EpisodeStart start;
+  start.run_seed = config.rollout().run_seed();
+  start.start_set = set.start_set;
+  start.start_index = index;
+  const std::optional<DrawKey> key = draw_key(start, set.starts);
+  return key && key->alone ? drawn_value(config, *key->alone, *key) : std::nan("");
+}
+
 }  // namespace
 
 std::vector<EvaluationSet> evaluation_sets(const pb::Config& config) {
@@ -54,6 +66,14 @@ std::vector<EvaluationSet> evaluation_sets(const pb::Config& config) {
     if (!scene.has_start_grid() || config.randomise().empty()) break;
     sets.push_back(make_set("drawn", StartSet::kGridDrawn, scene.start_grid(), greedy));
     sets.back().record = false;  // a replay is of the scene of the configuration
+  }
+  for (int k = 0; k < config.randomise_size() && scene.has_start_grid(); ++k) {
+    EvaluationSet set = make_set("drawn", StartSet::kGridDrawn, scene.start_grid(), true);
+    set.name = fmt::format("drawn{}_{}_greedy", set.starts, config.randomise(k).parameter());
+    set.record = false;
+    for (std::uint32_t& index : set.start_indices)
+      index += set.starts * (1 + static_cast<std::uint32_t>(k));
+    sets.push_back(std::move(set));
   }
   return sets;
 }
@@ -104,8 +124,10 @@ std::vector<EvaluationRow> judge(const pb::Config& config, const EvaluationSet& 
     const RolloutSegment& s = segments[i];
     EvaluationRow& r = rows.emplace_back(row_of_episode(s));
     r.index = set.start_indices[i];
-    r.row = lattice ? 0 : r.index / columns + 1;
-    r.column = lattice ? 0 : r.index % columns + 1;
+    const std::uint32_t start = lattice ? 0 : r.index % set.starts;
+    r.row = lattice ? 0 : start / columns + 1;
+    r.column = lattice ? 0 : start % columns + 1;
+    r.drawn = drawn_alone(config, set, r.index);
     r.greedy = set.greedy;
     r.best_exposure = best_exposure;
     r.exposed = is_exposed(r, best_exposure);

@@ -64,15 +64,17 @@ std::string make_report(const std::vector<RunFolder>& runs, const Scene* scene,
   }
   all.insert(all.end(), warnings.begin(), warnings.end());
   if (damaged != nullptr) *damaged = all;
-  const std::vector<Section> sections = {make_learning_section(runs),
-                                         make_grid_section(runs),
-                                         make_episode_section(episodes, scene, warnings),
-                                         make_replay_section(episodes, scene),
-                                         make_lattice_section(runs),
-                                         make_robot_section(runs),
-                                         make_grasp_section(runs),
-                                         make_numbers_section(runs),
-                                         make_config_section(runs, all)};
+  std::vector<Section> sections = {make_learning_section(runs),
+                                   make_grid_section(runs),
+                                   make_drawn_section(runs),
+                                   make_episode_section(episodes, scene, warnings),
+                                   make_replay_section(episodes, scene),
+                                   make_lattice_section(runs),
+                                   make_robot_section(runs),
+                                   make_grasp_section(runs),
+                                   make_numbers_section(runs),
+                                   make_config_section(runs, all)};
+  std::erase_if(sections, [](const Section& section) { return section.content.empty(); });
   return make_page(title_of(runs), subtitle_of(runs, episodes),
                    audit_of(runs) + make_overview(runs), sections, replay_script(),
                    "Made by the program <code>report</code> of Omentum. This file is complete in "

@@ -55,6 +55,12 @@ EvaluationFigures figures_of(const std::vector<RunFolder>& runs, const std::stri
   return figures_of(starts_of(runs, name));
 }
 
+std::string drawn_parameter(const std::string& name) {
+  const std::size_t first = name.find('_'), last = name.rfind('_');
+  if (!name.starts_with("drawn") || first == last) return "";
+  return name.substr(first + 1, last - first - 1);
+}
+
 std::string describe_set(const std::vector<RunFolder>& runs, const std::string& name) {
   std::size_t there = 0, configured = 0;
   for (const RunFolder& run : runs) {
@@ -66,7 +72,11 @@ std::string describe_set(const std::vector<RunFolder>& runs, const std::string& 
   std::string text = configured > there ? fmt::format("{} of {} starts", there, configured)
                                         : fmt::format("{} starts", there);
   if (name.starts_with("robot")) text += " of the robot";
-  if (name.starts_with("drawn")) text += " in drawn scenes";
+  if (const std::string parameter = drawn_parameter(name); !parameter.empty()) {
+    text += fmt::format(", {} drawn alone", parameter);
+  } else if (name.starts_with("drawn")) {
+    text += " in drawn scenes";
+  }
   if (name.ends_with("_sampled")) return text + ", sampled actions";
   if (name.ends_with("_greedy")) return text + ", greedy actions";
   return text + ", " + name;

@@ -39,6 +39,10 @@ std::vector<EvaluationRow> starts_of(const std::vector<RunFolder>& runs, const s
 /// Figures of one set over all runs, by the function that summary.json has them from.
 EvaluationFigures figures_of(const std::vector<RunFolder>& runs, const std::string& name);
 
+/// The parameter of a set in whose scenes it alone was drawn: drawn100_<parameter>_greedy; else
+/// empty.
+std::string drawn_parameter(const std::string& set_name);
+
 /// "grid100_greedy" -> "100 starts, greedy actions", or "28 of 100 starts" where rows are missing;
 /// counted from the rows that are there.
 std::string describe_set(const std::vector<RunFolder>& runs, const std::string& name);

@@ -19,6 +19,10 @@ Section make_learning_section(const std::vector<RunFolder>& runs);
 /// Per evaluation set on the grid of starts: exposure (figure 5) and success, mean over the seeds.
 Section make_grid_section(const std::vector<RunFolder>& runs);
 
+/// Success against each parameter that was drawn alone: a chart per parameter, five ranges of its
+/// values. Without such sets the section is empty.
+Section make_drawn_section(const std::vector<RunFolder>& runs);
+
 /// The starts of the robot's grid: held, lost on lifting, not held (figure 7).
 Section make_robot_section(const std::vector<RunFolder>& runs);
 

@@ -118,7 +118,7 @@ Section make_grid_section(const std::vector<RunFolder>& runs) {
                       report_texts(runs).starts(),
                   ""};
   for (const std::string& name : set_names(runs)) {
-    if (is_robot_set(name)) continue;
+    if (is_robot_set(name) || !drawn_parameter(name).empty()) continue;
     const Grid grid = make_grid(runs, name);
     if (grid.cells.empty()) continue;
     const EvaluationFigures f = figures_of(runs, name);
@@ -131,6 +131,47 @@ Section make_grid_section(const std::vector<RunFolder>& runs) {
     section.content += "</div>\n";
   }
   if (section.content.empty()) section.content = missing("No evaluation on the start grid.");
+  return section;
+}
+
+Section make_drawn_section(const std::vector<RunFolder>& runs) {
+  constexpr std::size_t kRanges = 5;
+  Section section{
+      "drawn", "What the scene is drawn with",
+      "One parameter at a time, the others as the scene has them; each point is a fifth "
+      "of its range. The values are none that training met.",
+      ""};
+  for (const std::string& name : set_names(runs)) {
+    const std::string parameter = drawn_parameter(name);
+    std::vector<EvaluationRow> rows = starts_of(runs, name);
+    std::erase_if(rows, [](const EvaluationRow& r) { return !std::isfinite(r.drawn); });
+    if (parameter.empty() || rows.size() < kRanges) continue;
+    std::ranges::sort(rows, {}, &EvaluationRow::drawn);
+    PlotSeries reached, exposed;
+    reached.name = "target reached";
+    exposed.name = std::string("exposed");
+    exposed.colour = 2;
+    for (std::size_t k = 0; k < kRanges; ++k) {
+      const std::size_t begin = k * rows.size() / kRanges, end = (k + 1) * rows.size() / kRanges;
+      const auto part = std::span(rows).subspan(begin, end - begin);
+      const EvaluationFigures f = figures_of(part);
+      double sum = 0;
+      for (const EvaluationRow& r : part) sum += r.drawn;
+      const auto count = static_cast<double>(part.size());
+      for (PlotSeries* series : {&reached, &exposed}) series->x.push_back(sum / count);
+      reached.y.push_back(static_cast<double>(f.target_reached) / count);
+      exposed.y.push_back(static_cast<double>(f.exposed) / count);
+    }
+    LineChart chart;
+    chart.title = parameter;
+    chart.x_label = parameter;
+    chart.y_label = std::string("share of starts");
+    chart.series = {reached, exposed};
+    chart.y_range = {0, 1};
+    chart.percent = true;
+    section.content += card(draw_line_chart(chart));
+  }
+  if (!section.content.empty()) section.content = row(section.content);
   return section;
 }
 

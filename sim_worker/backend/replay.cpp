@@ -42,8 +42,11 @@ void check_task(const std::string& name, const EpisodeRecording& recording, cons
       starts = std::size_t{task.start_index} + 1;  // the index means nothing
       break;
     case StartSet::kGrid:
-    case StartSet::kGridDrawn:
       starts = setup.scene.grid_starts.size();
+      break;
+    case StartSet::kGridDrawn:
+      starts = setup.scene.grid_starts.size() *
+               (1 + static_cast<std::size_t>(setup.config.randomise_size()));
       break;
     case StartSet::kRobotGrid:
       starts = setup.scene.robot_starts.size();

@@ -61,7 +61,7 @@ DrawnParameters SimBackend::parameters_of(int lane) const {
   start.episode = e.episode;
   start.start_set = static_cast<StartSet>(e.start_set);
   start.start_index = e.start_index;
-  const std::optional<DrawKey> key = draw_key(start);
+  const std::optional<DrawKey> key = draw_key(start, setup_->scene.grid_starts.size());
   return key ? draw_randomised(setup_->config, setup_->scene, *key) : not_drawn(setup_->scene);
 }
 

@@ -5,7 +5,6 @@
 #include <string_view>
 
 #include "core/check.h"
-#include "core/rng.h"
 #include "sim_worker/instrument/arm.h"
 
 namespace omentum {
@@ -108,14 +107,6 @@ void check_randomise(const pb::Config& config, const Scene& scene) {
   }
 }
 
-std::optional<DrawKey> draw_key(const EpisodeStart& start) {
-  if (start.start_set == StartSet::kTraining)
-    return DrawKey{start.run_seed, start.slot, start.episode, Purpose::kDynamics};
-  if (start.start_set == StartSet::kGridDrawn)
-    return DrawKey{start.run_seed, start.start_index, 0, Purpose::kEvaluationDynamics};
-  return std::nullopt;
-}
-
 bool draws_arm(const pb::Config& config) { return std::ranges::any_of(config.randomise(), is_arm); }
 
 DrawnParameters not_drawn(const Scene& scene) {
@@ -131,9 +122,8 @@ DrawnParameters draw_randomised(const pb::Config& config, const Scene& scene, co
   bool draws_effects = false;
   for (int i = 0; i < config.randomise_size(); ++i) {
     const pb::Randomise& r = config.randomise(i);
-    const PhiloxWords words = random_words(key.run_seed, key.slot, key.purpose,
-                                           static_cast<std::uint32_t>(i), key.episode, 0);
-    const double value = uniform_between(words[0], r.min(), r.max());
+    if (!is_drawn(key, i)) continue;
+    const double value = drawn_value(config, i, key);
     if (r.parameter() == "tissue.stiffness_scale") parameters.stiffness_scale = value;
     if (r.parameter() == "tissue.gravity_scale") parameters.gravity_scale = value;
     if (r.parameter() == "tissue.damping_scale") parameters.damping_scale = value;

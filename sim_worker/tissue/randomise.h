@@ -2,10 +2,8 @@
 
 #include <Eigen/Core>
 #include <cstdint>
-#include <optional>
 
-#include "core/backend.h"
-#include "core/rng.h"
+#include "core/scene_draws.h"
 #include "proto/config.pb.h"
 #include "sim_worker/scene/scene.h"
 #include "sim_worker/tissue/tissue.h"
@@ -18,18 +16,6 @@ namespace omentum {
 /// Throws Error for an unknown parameter and for a range of which some value is not possible in the
 /// scene, alone or together with the others.
 void check_randomise(const pb::Config& config, const Scene& scene);
-
-/// What the draws of an episode follow from.
-struct DrawKey {
-  std::uint64_t run_seed = 0;
-  std::uint32_t slot = 0;
-  std::uint64_t episode = 0;
-  Purpose purpose = Purpose::kDynamics;
-};
-
-/// The key of an episode; none where its scene is that of the configuration. Training draws by slot
-/// and episode, StartSet::kGridDrawn by the start, with draws of its own.
-std::optional<DrawKey> draw_key(const EpisodeStart& start);
 
 struct DrawnParameters {
   LaneParameters parameters;

@@ -169,7 +169,7 @@ TEST(Randomise, TheEvaluationDrawsWhatTrainingNeverDid) {
   const auto config = load_config("omentum", knobs);
   const auto setup = make_sim_setup(config, deploy_dir() + "/scenes");
   const auto stiffness = [&](const EpisodeStart& start) {
-    return draw_randomised(config, setup->scene, draw_key(start).value())
+    return draw_randomised(config, setup->scene, draw_key(start, 100).value())
         .parameters.stiffness_scale;
   };
   std::vector<double> evaluated;
@@ -183,7 +183,25 @@ TEST(Randomise, TheEvaluationDrawsWhatTrainingNeverDid) {
   EXPECT_LT(evaluated.front(), 0.55);
   EXPECT_GT(evaluated.back(), 1.45);
   EXPECT_EQ(std::ranges::adjacent_find(evaluated), evaluated.end());
-  EXPECT_FALSE(draw_key(grid_start(StartSet::kGrid, 3)).has_value());
+  EXPECT_FALSE(draw_key(grid_start(StartSet::kGrid, 3), 100).has_value());
+}
+
+TEST(Randomise, AParameterDrawnAloneHasTheValueThatItHasAmongAll) {
+  const std::vector<std::string> knobs = {drawn("tissue.stiffness_scale", 0.5, 1.5),
+                                          drawn("tissue.gravity_scale", 0.8, 1.2)};
+  const auto config = load_config("omentum", knobs);
+  const auto setup = make_sim_setup(config, deploy_dir() + "/scenes");
+  const auto draw = [&](std::uint32_t index) {
+    const auto key = draw_key(grid_start(StartSet::kGridDrawn, index), 100);
+    return draw_randomised(config, setup->scene, key.value()).parameters;
+  };
+  const LaneParameters all = draw(37), stiffness = draw(137), gravity = draw(237);
+  EXPECT_EQ(stiffness.stiffness_scale, all.stiffness_scale);
+  EXPECT_EQ(stiffness.gravity_scale, 1);
+  EXPECT_EQ(gravity.stiffness_scale, 1);
+  EXPECT_EQ(gravity.gravity_scale, all.gravity_scale);
+  EXPECT_NE(all.stiffness_scale, 1);
+  EXPECT_NE(all.gravity_scale, 1);
 }
 
 TEST(Randomise, DrawnStartsAreThoseOfTheGrid) {
@@ -192,7 +210,7 @@ TEST(Randomise, DrawnStartsAreThoseOfTheGrid) {
   SimBackend other(setup, 1, 1);
   for (const std::uint32_t index : {0U, 37U, 99U}) {
     plain.reset(0, grid_start(StartSet::kGrid, index));
-    other.reset(0, grid_start(StartSet::kGridDrawn, index));
+    other.reset(0, grid_start(StartSet::kGridDrawn, index + 100 * (index % 2)));
     EXPECT_EQ(tip(plain), tip(other));
     EXPECT_GE((other.tissue_of(0).position(0, 5) - plain.tissue_of(0).position(0, 5)).x(), 0.00099);
   }
