@@ -158,20 +158,23 @@ void measure_picture(const std::string& kind, int size) {
 
 int main(int argc, char** argv) {
   const unsigned width = argc > 1 ? static_cast<unsigned>(std::stoul(argv[1])) : 0;
+  // A step of these figures is a control period.
+  const std::vector<std::string> period = {"task.action_repeat=1"};
   const std::vector<std::string> cluster_case = {
+      period.front(),
       "scene.tissue.cluster.cluster_spacing_m=0.0127",
       "scene.tissue.cluster.cluster_radius_m=0.0095",
       "scene.tissue.cluster.cluster_stiffness=0.361",
       "scene.tissue.cluster.orphan_policy=ORPHANS_ATTACH_NEAREST"};
   try {
     measure("tissue.cluster.env_steps_per_s", omentum::load_config("omentum", cluster_case), width);
-    measure("tissue.omentum.env_steps_per_s", omentum::load_config("omentum", {}), width);
+    measure("tissue.omentum.env_steps_per_s", omentum::load_config("omentum", period), width);
     measure("tissue.omentum_elastic.env_steps_per_s", omentum::load_config("omentum_elastic", {}),
             width);
     measure("tissue.paper.env_steps_per_s", omentum::load_config("paper_literal", {}), width);
     measure("tissue.paper_swapped.env_steps_per_s", omentum::load_config("paper_swapped", {}),
             width);
-    measure_exposure(omentum::load_config("omentum", {}), width);
+    measure_exposure(omentum::load_config("omentum", period), width);
     for (const char* kind : {"IMAGE_OBJECT_IDS", "IMAGE_SHADED"}) {
       for (const int size : {16, 32, 64}) measure_picture(kind, size);
     }

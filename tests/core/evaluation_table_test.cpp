@@ -24,6 +24,7 @@ std::vector<EvaluationRow> some_rows() {
   rows[2].reached = rows[2].lost = true;  // reached, and lost while it held
   rows[3].reached = rows[3].held = rows[3].grasp_held = rows[3].exposed = true;
   rows[0].failed = true;
+  rows[1].drawn = 0.045;
   return rows;
 }
 
@@ -57,6 +58,8 @@ TEST(EvaluationTable, FiguresOfItsTextAreThoseOfItsRows) {
     expect_equal(figures_of(read.value()), figures);
     if (!lattice) {
       EXPECT_EQ(figures_of(read.value()).mean_return, figures.mean_return);
+      EXPECT_TRUE(std::isnan(read.value()[0].drawn));
+      EXPECT_EQ(read.value()[1].drawn, 0.045);
     }
   }
 }

@@ -91,7 +91,7 @@ TEST(Limits, AnEvaluationFitsOnTheWire) {
                     HasSubstr("allowed up to 1363")));
   EXPECT_EQ(refusal(with("task.episode_steps=1255")), "");
   EXPECT_NE(refusal(with("task.episode_steps=1256")), "");
-  EXPECT_THAT(refusal({"task.episode_steps=50000"}, "omentum"),
+  EXPECT_THAT(refusal({"task.episode_steps=50000", "task.action_repeat=1"}, "omentum"),
               AllOf(HasSubstr("task.episode_steps: 50000"), HasSubstr("allowed up to 20000")));
   EXPECT_EQ(refusal({"task.episode_steps=50000", "evaluation.enabled=false"}, "omentum"), "");
   EXPECT_THAT(refusal(with("task.increment_m=0.0001")),

@@ -240,7 +240,8 @@ TEST(OnnxMetadata, SaysWhatEveryPresetObserves) {
 // Index 0, 1, 2 of a branch are other steps in other tasks.
 TEST(OnnxMetadata, SaysWhatEveryIndexOfTheActionDoes) {
   const std::map<std::string, std::string> expected = {
-      {"omentum", "x_W 0=-0.0005 m 1=0 m 2=0.0005 m"},
+      {"omentum", "x_W 0=-0.001 m 1=0 m 2=0.001 m"},
+      {"paper_literal", "x_W 0=-0.0005 m 1=0 m 2=0.0005 m"},
       {"derived", "x_W 0=0 m 1=0.0025 m 2=-0.0025 m"},
       {"derived_head", "z_W 0=-0.0025 m 1=0 m 2=0.0025 m"}};
   for (const auto& [preset, first] : expected) {

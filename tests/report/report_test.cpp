@@ -15,6 +15,7 @@
 #include "report/html.h"
 #include "report/plot.h"
 #include "report/replay3d.h"
+#include "report/section_parts.h"
 #include "report/sections.h"
 #include "report/skin.h"
 #include "report/statistics.h"
@@ -322,6 +323,29 @@ TEST_F(ChangedRun, TitlesHaveTheUnitsOfTheirAxes) {
   EXPECT_THAT(page, HasSubstr("<figcaption>min pinch</figcaption>"));
   EXPECT_THAT(page, HasSubstr("min pinch [mm]"));
   EXPECT_THAT(page, Not(HasSubstr("min_pinch_m")));
+}
+
+TEST(DrawnSection, ShowsSuccessOverTheValuesOfEachParameter) {
+  RunFolder run;
+  run.name = "robust";
+  std::vector<EvaluationRow> rows(10);
+  for (std::size_t k = 0; k < rows.size(); ++k) {
+    rows[k].index = static_cast<std::uint32_t>(k);
+    rows[k].row = 1;
+    rows[k].column = static_cast<std::uint32_t>(k + 1);
+    rows[k].drawn = 0.01 * static_cast<double>((7 * k) % 10);  // in no order
+    rows[k].reached = rows[k].drawn < 0.05;
+  }
+  run.evaluations["drawn10_arm.transport_delay_s_greedy"] = {rows, 1, 10, 10};
+  const Section section = make_drawn_section({run});
+  EXPECT_THAT(section.content, HasSubstr("arm.transport_delay_s"));
+  EXPECT_THAT(make_grid_section({run}).content, Not(HasSubstr("drawn alone")))
+      << "shown once, as a curve";
+  EXPECT_EQ(drawn_parameter("drawn100_arm.droop_s_greedy"), "arm.droop_s");
+  EXPECT_EQ(drawn_parameter("drawn100_greedy"), "");
+  EXPECT_EQ(drawn_parameter("grid100_greedy"), "");
+  run.evaluations.clear();
+  EXPECT_EQ(make_drawn_section({run}).content, "");
 }
 
 // "Approach" is a stage of the paper's training, its figures 4, 5 and 7 are of its task.

@@ -19,9 +19,12 @@ namespace {
 
 using Eigen::Vector3d;
 
+/// With decisions of one control period in every preset, by which these tests count.
 std::shared_ptr<const SimSetup> setup_of(const std::string& preset,
                                          const std::vector<std::string>& overrides = {}) {
-  return make_sim_setup(load_config(preset, overrides), deploy_dir() + "/scenes");
+  std::vector<std::string> all = {"task.action_repeat=1"};
+  all.insert(all.end(), overrides.begin(), overrides.end());
+  return make_sim_setup(load_config(preset, all), deploy_dir() + "/scenes");
 }
 
 EpisodeStart grid_start(std::uint32_t index) {
