@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numeric>
 
 #include "core/check.h"
@@ -273,21 +274,57 @@ ExposureSamples choose_subset(const ExposureSamples& all, int n) {
   return subset;
 }
 
-/// Nearest hit of a ray with the tumour's triangles, for the pixel count of the derived project.
-double first_hit(const RigidShape& tumour, const Vector3d& origin, const Vector3d& direction) {
-  double nearest = std::numeric_limits<double>::infinity();
+/// A triangle of the tumour and its bounds in the image, a little wider than they are.
+struct SeenTriangle {
+  Vector3d a, e1, e2;  ///< a corner and the two edges from it, in W
+  double u_min, u_max, v_min, v_max;
+};
+
+std::vector<SeenTriangle> seen_triangles(const Scene& scene, const RigidShape& tumour) {
+  constexpr double kMargin = 1e-6;  // far above the rounding of first_hit()
+  const double everywhere = std::numeric_limits<double>::infinity();
+  std::vector<SeenTriangle> seen;
   for (const Eigen::Vector3i& t : tumour.surface.triangles) {
     const Vector3d a = tumour.X_WS * tumour.surface.vertices[t[0]];
-    const Vector3d e1 = tumour.X_WS * tumour.surface.vertices[t[1]] - a;
-    const Vector3d e2 = tumour.X_WS * tumour.surface.vertices[t[2]] - a;
-    const Vector3d p = direction.cross(e2);
-    const double determinant = e1.dot(p);
+    SeenTriangle triangle{a,
+                          tumour.X_WS * tumour.surface.vertices[t[1]] - a,
+                          tumour.X_WS * tumour.surface.vertices[t[2]] - a,
+                          everywhere,
+                          -everywhere,
+                          everywhere,
+                          -everywhere};
+    for (const int corner : t) {
+      const Vector3d c = scene.camera.R_WC.transpose() *
+                         (tumour.X_WS * tumour.surface.vertices[corner] - scene.camera.position);
+      if (!(-c.z() > static_cast<double>(kNear))) {  // beside or behind the camera: no bounds
+        triangle.u_min = triangle.v_min = -everywhere;
+        triangle.u_max = triangle.v_max = everywhere;
+        break;
+      }
+      triangle.u_min = std::min(triangle.u_min, c.x() / -c.z() - kMargin);
+      triangle.u_max = std::max(triangle.u_max, c.x() / -c.z() + kMargin);
+      triangle.v_min = std::min(triangle.v_min, c.y() / -c.z() - kMargin);
+      triangle.v_max = std::max(triangle.v_max, c.y() / -c.z() + kMargin);
+    }
+    seen.push_back(triangle);
+  }
+  return seen;
+}
+
+/// Nearest hit of the ray through (u, v) of the image, for the pixel count of the derived project.
+double first_hit(std::span<const SeenTriangle> triangles, const Vector3d& origin,
+                 const Vector3d& direction, double u, double v) {
+  double nearest = std::numeric_limits<double>::infinity();
+  for (const SeenTriangle& t : triangles) {
+    if (u < t.u_min || u > t.u_max || v < t.v_min || v > t.v_max) continue;
+    const Vector3d p = direction.cross(t.e2);
+    const double determinant = t.e1.dot(p);
     if (std::fabs(determinant) < 1e-18) continue;
-    const Vector3d s = origin - a;
+    const Vector3d s = origin - t.a;
     const double b1 = s.dot(p) / determinant;
-    const Vector3d q = s.cross(e1);
+    const Vector3d q = s.cross(t.e1);
     const double b2 = direction.dot(q) / determinant;
-    const double distance = e2.dot(q) / determinant;
+    const double distance = t.e2.dot(q) / determinant;
     if (b1 >= 0 && b2 >= 0 && b1 + b2 <= 1 && distance > 0) nearest = std::min(nearest, distance);
   }
   return nearest;
@@ -295,13 +332,14 @@ double first_hit(const RigidShape& tumour, const Vector3d& origin, const Vector3
 
 ExposureSamples sample_pixels(const Scene& scene, const RigidShape& tumour, int pixels) {
   ExposureSamples s;
+  const std::vector<SeenTriangle> triangles = seen_triangles(scene, tumour);
   const double half = trig::tan(0.5 * scene.camera.vertical_fov_rad);
   for (int row = 0; row < pixels; ++row) {
     for (int column = 0; column < pixels; ++column) {
       const double u = half * (2 * (column + 0.5) / pixels - 1);
       const double v = half * (2 * (row + 0.5) / pixels - 1);
       const Vector3d direction = scene.camera.R_WC * Vector3d(u, v, -1);
-      const double depth = first_hit(tumour, scene.camera.position, direction);
+      const double depth = first_hit(triangles, scene.camera.position, direction, u, v);
       if (!std::isfinite(depth)) continue;
       s.sample.push_back(
           {static_cast<float>(u), static_cast<float>(v), static_cast<float>(1 / depth), 1.0F});
