@@ -24,6 +24,7 @@ struct ExposureSamples {
   float u_min = 0, u_max = 0, v_min = 0, v_max = 0;
   int bins = 1;
   std::vector<std::int32_t> bin_begin;
+  std::vector<float> u, v, inverse_depth;  ///< of the samples, and eight more that are read only
 
   int size() const { return static_cast<int>(sample.size()); }
 };
@@ -54,14 +55,17 @@ class ExposureEstimator {
 
  private:
   double estimate(const ExposureSamples& samples, std::span<const float> surface_positions) const;
+  /// Of the vertices as projected: triangles that may meet the window, and in which lanes.
+  void find_hits(int vertices, int lanes, std::uint32_t wanted);
 
   CameraPose camera_;
   std::vector<std::int32_t> triangles_;  ///< of the sheet
   ExposureSamples full_, subset_, pixels_;
   // Scratch of of_lanes.
   std::vector<float> projected_;
-  std::vector<std::uint32_t> overlap_;
-  std::vector<std::uint8_t> shadowed_;
+  std::vector<std::uint64_t> outside_;  ///< per vertex: lanes beyond each side of the window
+  std::vector<std::int32_t> hit_;       ///< triangles that may meet the window
+  std::vector<std::uint32_t> hit_lanes_, shadowed_;
 };
 
 }  // namespace omentum

@@ -7,8 +7,7 @@
 
 namespace {
 
-const omentum::ClusterKernel<Real> kKernel = {kLanes, predict, match_clusters, apply_corrections,
-                                              finish_substep};
+const omentum::ClusterKernel<Real> kKernel = {kLanes, predict, match_clusters};
 
 }  // namespace
 

@@ -10,6 +10,13 @@
 
 namespace omentum {
 
+/// What match_clusters does to the particles after their correction.
+enum class AfterMatch : std::int32_t {
+  kIterate,  ///< nothing: another iteration follows
+  kPredict,  ///< ends the substep and predicts the next one
+  kFinish,   ///< ends the last substep of a control step: velocities as well
+};
+
 /// Raw arguments of the lane kernel of the cluster model; see lane_kernel.h.
 template <typename Real>
 struct ClusterArgs : LaneArgs<Real> {
@@ -18,24 +25,33 @@ struct ClusterArgs : LaneArgs<Real> {
   std::int32_t particles;
   std::int32_t clusters;
   const std::int32_t* cluster_begin;
-  const std::int32_t* cluster_member;     ///< particle of each membership
-  const Real* rest;                       ///< r0_B of each membership [xyz]
-  const Real* rest_sum;                   ///< per cluster, sum of r0 as rounded [xyz]
-  const Real* cluster_weight;             ///< per cluster: stiffness relative to the common one
-  const std::uint8_t* first_of_particle;  ///< per membership: 1 = the first of its particle
-  const Real* particle_memberships;       ///< per particle: its number of memberships
-  const Real* particle_weight;            ///< per particle: sum of cluster weights
-  const Real* particle_scale;             ///< per particle: 1 / max(n / relaxation, 1)
-  bool planar;                            ///< r0_z is zero everywhere
+  const std::int32_t* cluster_member;  ///< particle of each membership
+  const Real* rest;                    ///< r0_B of each membership [xyz]
+  const Real* rest_sum;                ///< per cluster, sum of r0 as rounded [xyz]
+  const Real* cluster_weight;          ///< per cluster: stiffness relative to the common one
+  // Memberships of each cluster again, grouped: those that are both the first and the last one of
+  // their particle, the first but not the last, neither, the last but not the first.
+  const std::int32_t* turn;        ///< membership
+  const std::int32_t* turn_begin;  ///< 4 per cluster, and the end
+  std::int32_t loose;              ///< particles in no cluster
+  const std::int32_t* loose_particle;
+  const Real* particle_memberships;  ///< per particle: its number of memberships
+  const Real* particle_weight;       ///< per particle: sum of cluster weights
+  const Real* particle_scale;        ///< per particle: 1 / max(n / relaxation, 1)
+  bool planar;                       ///< r0_z is zero everywhere
   std::int32_t rotation_iterations;
 
   // State and scratch, per lane.
   Real* xs;        ///< x*, the unknown positions
   Real* q;         ///< cluster rotations q_WB, [cluster][xyzw][lane], warm start of the next call
-  Real* goal;      ///< [cluster][c, R row-major, weight = 13][lane]
-  Real* goal_sum;  ///< [particle][sum of goals, sum of weights = 4][lane], by match_clusters
+  Real* goal;      ///< [cluster][c, R row-major, weight = 13][lane] for the skin, or null
+  Real* goal_sum;  ///< [particle][sum of goals, sum of weights = 4][lane], within match_clusters
   Real* plastic_rest;              ///< r0 per lane [membership][xyz][lane], or null
   const std::uint32_t* held_mask;  ///< per particle: lanes in which the grasp holds it
+  // Particles that may reach a shape in the control step, ascending: [shape][particles], and after
+  // the last shape those that may reach any.
+  const std::int32_t* near;
+  const std::int32_t* near_count;
   const Real* pair_sum;  ///< [particle][dx dy dz count][lane] of links and self-contacts, or null
 
   // Parameters of the call.
@@ -43,6 +59,7 @@ struct ClusterArgs : LaneArgs<Real> {
   Real max_speed;
   Real plastic_threshold;
   Real plastic_creep;
+  AfterMatch after;
 
   Real* held_force;  ///< [xyz][lane]: adds the corrections of held particles [m], or null
 };
@@ -53,9 +70,8 @@ struct ClusterKernel {
   using Real = T;
   int lanes;
   void (*predict)(const ClusterArgs<Real>&);
+  /// One iteration: match, correction, contact; then what `after` says.
   void (*match_clusters)(const ClusterArgs<Real>&);
-  void (*apply_corrections)(const ClusterArgs<Real>&);
-  void (*finish_substep)(const ClusterArgs<Real>&);
 };
 
 template <>

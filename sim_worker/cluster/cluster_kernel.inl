@@ -8,7 +8,11 @@
 //   apply        x*_i += s (mean over clusters of (c + R r0_i) - x*_i),  then contact and friction
 //   finish       v = (x* - x) / h,   x = x*
 // A cluster adds its goals c + R r0_i to the sums of its particles right after its match, while the
-// particles are in the cache; clusters go in order, so the sums are the same at every width.
+// particles are in the cache; clusters go in order, so the sums are the same at every width. No
+// later cluster reads a particle whose last cluster has matched: the particle is settled there and
+// then - corrected and, in the last iteration of a substep, finished and predicted for the next one
+// - instead of in passes of its own. Only particles near shapes wait for their contacts, shape by
+// shape.
 
 #include "sim_worker/lanes/rigid_contact.inl"
 
@@ -72,8 +76,123 @@ inline Lane3 rotate(const Rotation& r, Lane3 v, bool planar) {
   return result;
 }
 
+/// What every particle takes in a call.
+struct Step {
+  Lane stiffness, keep, h, inverse_h, limit, limit2;
+  Lane3 gh;
+
+  explicit Step(const Args& args)
+      : stiffness(load(args.stiffness)),
+        keep(load(args.keep)),
+        h(splat(args.h)),
+        inverse_h(splat(Real{1} / args.h)),
+        limit(splat(args.max_speed)),
+        limit2(limit * limit),
+        gh(h * load3(args.gravity)) {}
+};
+
+/// Where inertia and gravity take a particle that moves in the lanes of `free`, at most at the
+/// largest speed.
+inline Lane3 predicted(const Step& step, Lane3 x, Lane3 v_before, Bits free) {
+  Lane3 v = step.keep * (v_before + step.gh);
+  const Lane speed2 = dot(v, v);
+  const Mask fast = step.limit2 < speed2;
+  if (to_bits(fast) != 0) v = select(fast, step.limit / sqrt(speed2) * v, v);
+  return select(to_mask(free), fma(step.h, v, x), x);
+}
+
+/// Correction of particle i at xs towards the mean of its goals, before contact.
+inline Lane3 correction_of(const Args& args, const Step& step, int i, Lane3 xs, Lane3 goals,
+                           Lane weight) {
+  const Lane3 correction = step.stiffness * fma(splat(Real{0}) - weight, xs, goals);
+  if (args.pair_sum == nullptr) return splat(args.particle_scale[i]) * correction;
+  const Real* const pair_sum = args.pair_sum + 4 * kLanes * i;
+  const Lane count = load(pair_sum + 3 * kLanes) + splat(args.particle_memberships[i]);
+  return splat(Real{1}) / max(count, splat(Real{1})) * (correction + load3(pair_sum));
+}
+
+/// End of an iteration for particle i at xs; where it ends the substep: velocity, place, and the
+/// place predicted for the next substep.
+inline void finish(const Args& args, const Step& step, int i, Bits free, Lane3 xs) {
+  if (args.after != omentum::AfterMatch::kIterate) {
+    Real* const x = args.x + 3 * kLanes * i;
+    const Lane3 v = step.inverse_h * (xs - load3(x));
+    store3(x, xs);
+    if (args.after == omentum::AfterMatch::kFinish) {
+      store3(args.v + 3 * kLanes * i, v);
+    } else if (free != 0) {
+      xs = predicted(step, xs, v, free);
+    }
+  }
+  store3(args.xs + 3 * kLanes * i, xs);
+}
+
+/// Particle i has all its goals: correction and, unless a shape may be in reach, the end of its
+/// iteration.
+inline void settle(const Args& args, const Step& step, int i, Lane3 goals, Lane weight) {
+  const Bits free = args.free_mask[i];
+  Lane3 xs = load3(args.xs + 3 * kLanes * i);
+  if (free != 0)
+    xs = select(to_mask(free), xs + correction_of(args, step, i, xs, goals, weight), xs);
+  if (args.candidate_any[i] != 0) {
+    store3(args.xs + 3 * kLanes * i, xs);
+  } else {
+    finish(args, step, i, free, xs);
+  }
+}
+
+/// What a cluster wants of its members: the goal of one at rest offset r0 is centre + rotation r0,
+/// times the weight.
+struct Goal {
+  Lane3 centre;
+  Rotation rotation;
+  Lane weight;
+};
+
+/// Adds the goal to the sums of members in memberships [begin, end) of args.turn, for which it is
+/// the first one, the last one, both or neither. The last one settles the particle.
+template <bool kFirst, bool kLast, bool kPlanar, bool kPlastic>
+inline void add_goals(const Args& args, const Step& step, const Goal& goal, int begin, int end) {
+  for (int k = begin; k < end; ++k) {
+    const int m = args.turn[k];
+    const int i = args.cluster_member[m];
+    Real* const memory = args.goal_sum + 4 * kLanes * i;
+    const Lane3 r0 =
+        kPlastic ? load3(args.plastic_rest + 3 * kLanes * m) : splat3(args.rest + 3 * m);
+    Lane3 sum = goal.centre + (kFirst ? zero3() : load3(memory));
+    sum = fma(r0.x, goal.rotation.column[0], sum);
+    sum = fma(r0.y, goal.rotation.column[1], sum);
+    if constexpr (!kPlanar) sum = fma(r0.z, goal.rotation.column[2], sum);
+    Lane weight = splat(args.particle_weight[i]);
+    if constexpr (kPlastic) {
+      weight = goal.weight + (kFirst ? splat(Real{0}) : load(memory + 3 * kLanes));
+    }
+    if (!kLast || (args.held_force != nullptr && args.held_mask[i] != 0)) {
+      store3(memory, sum);
+      if constexpr (kPlastic) store(memory + 3 * kLanes, weight);
+    }
+    if constexpr (kLast) settle(args, step, i, sum, weight);
+  }
+}
+
+/// Adds the corrections that held particles do not make, in the order of the particles. Where it is
+/// held, a particle is still where it was matched.
+template <bool kPlastic>
+void add_held_force(const Args& args, const Step& step) {
+  for (int i = 0; i < args.particles; ++i) {
+    if (args.held_mask[i] == 0) continue;
+    const Real* const goal_sum = args.goal_sum + 4 * kLanes * i;
+    const Lane weight = kPlastic ? load(goal_sum + 3 * kLanes) : splat(args.particle_weight[i]);
+    const Lane3 correction =
+        correction_of(args, step, i, load3(args.xs + 3 * kLanes * i), load3(goal_sum), weight);
+    const Lane3 force = load3(args.held_force);
+    store3(args.held_force, select(to_mask(args.held_mask[i]), force + correction, force));
+  }
+}
+
 template <bool kPlanar, bool kPlastic>
-void match_clusters_as(const Args& args) {
+void match_clusters_as(const Args args) {  // by value: no store can change it
+  const Step step(args);
   for (int c = 0; c < args.clusters; ++c) {
     const int begin = args.cluster_begin[c];
     const int end = args.cluster_begin[c + 1];
@@ -133,29 +252,33 @@ void match_clusters_as(const Args& args) {
       }
     }
 
-    const Lane3 goal_centre = weight * centre;
-    const Rotation goal_rotation{
-        {weight * r.column[0], weight * r.column[1], weight * r.column[2]}};
-    Real* const goal = args.goal + 13 * kLanes * c;
-    store3(goal, goal_centre);
-    for (int k = 0; k < 3; ++k) store3(goal + (3 + 3 * k) * kLanes, goal_rotation.column[k]);
-    store(goal + 12 * kLanes, weight);
-
-    for (int m = begin; m < end; ++m) {
-      Real* const goal_sum = args.goal_sum + 4 * kLanes * args.cluster_member[m];
-      const Lane3 r0 =
-          kPlastic ? load3(args.plastic_rest + 3 * kLanes * m) : splat3(args.rest + 3 * m);
-      const bool first = args.first_of_particle[m] != 0;
-      Lane3 sum_now = goal_centre + (first ? Lane3{zero, zero, zero} : load3(goal_sum));
-      sum_now = fma(r0.x, goal_rotation.column[0], sum_now);
-      sum_now = fma(r0.y, goal_rotation.column[1], sum_now);
-      if constexpr (!kPlanar) sum_now = fma(r0.z, goal_rotation.column[2], sum_now);
-      store3(goal_sum, sum_now);
-      if constexpr (kPlastic) {
-        store(goal_sum + 3 * kLanes, weight + (first ? zero : load(goal_sum + 3 * kLanes)));
-      }
+    const Goal goal{weight * centre,
+                    {{weight * r.column[0], weight * r.column[1], weight * r.column[2]}},
+                    weight};
+    if (args.goal != nullptr) {
+      Real* const memory = args.goal + 13 * kLanes * c;
+      store3(memory, goal.centre);
+      for (int k = 0; k < 3; ++k) store3(memory + (3 + 3 * k) * kLanes, goal.rotation.column[k]);
+      store(memory + 12 * kLanes, weight);
+    }
+    const std::int32_t* const turn = args.turn_begin + 4 * c;
+    add_goals<true, true, kPlanar, kPlastic>(args, step, goal, turn[0], turn[1]);
+    add_goals<true, false, kPlanar, kPlastic>(args, step, goal, turn[1], turn[2]);
+    add_goals<false, false, kPlanar, kPlastic>(args, step, goal, turn[2], turn[3]);
+    add_goals<false, true, kPlanar, kPlastic>(args, step, goal, turn[3], turn[4]);
+  }
+  for (int k = 0; k < args.loose; ++k) {
+    const int i = args.loose_particle[k];
+    settle(args, step, i, zero3(), splat(args.particle_weight[i]));
+  }
+  for (int k = 0; k < args.shapes; ++k) resolve_contacts(args, k);
+  if (args.after != omentum::AfterMatch::kIterate) {
+    const std::int32_t* const near = args.near + args.particles * args.shapes;
+    for (int j = 0; j < args.near_count[args.shapes]; ++j) {
+      finish(args, step, near[j], args.free_mask[near[j]], load3(args.xs + 3 * kLanes * near[j]));
     }
   }
+  if (args.held_force != nullptr) add_held_force<kPlastic>(args, step);
 }
 
 void match_clusters(const Args& args) {
@@ -169,72 +292,12 @@ void match_clusters(const Args& args) {
 }
 
 void predict(const Args& args) {
-  const Lane h = splat(args.h);
-  const Lane keep = load(args.keep);
-  const Lane3 gh = h * load3(args.gravity);
-  const Lane limit = splat(args.max_speed);
-  const Lane limit2 = limit * limit;
+  const Step step(args);
   for (int i = 0; i < args.particles; ++i) {
     const Lane3 x = load3(args.x + 3 * kLanes * i);
-    if (args.free_mask[i] == 0) {
-      store3(args.xs + 3 * kLanes * i, x);
-      continue;
-    }
-    Lane3 v = keep * (load3(args.v + 3 * kLanes * i) + gh);
-    const Lane speed2 = dot(v, v);
-    const Mask fast = limit2 < speed2;
-    if (to_bits(fast) != 0) v = select(fast, limit / sqrt(speed2) * v, v);
-    store3(args.xs + 3 * kLanes * i, select(to_mask(args.free_mask[i]), fma(h, v, x), x));
-  }
-}
-
-template <bool kPlastic, bool kPairs>
-void apply_as(const Args& args) {
-  const Lane s = load(args.stiffness);
-  const Lane zero = splat(Real{0});
-  const bool wants_force = args.held_force != nullptr;
-  for (int i = 0; i < args.particles; ++i) {
     const Bits free = args.free_mask[i];
-    const Bits held = wants_force ? args.held_mask[i] : 0U;
-    if ((free | held) == 0) continue;
-    const Lane3 xs = load3(args.xs + 3 * kLanes * i);
-    const Real* const goal_sum = args.goal_sum + 4 * kLanes * i;
-    const Lane weight = kPlastic ? load(goal_sum + 3 * kLanes) : splat(args.particle_weight[i]);
-    Lane3 correction = s * fma(zero - weight, xs, load3(goal_sum));
-    if constexpr (kPairs) {
-      const Real* const pair_sum = args.pair_sum + 4 * kLanes * i;
-      const Lane count = load(pair_sum + 3 * kLanes) + splat(args.particle_memberships[i]);
-      correction = correction + load3(pair_sum);
-      correction = splat(Real{1}) / max(count, splat(Real{1})) * correction;
-    } else {
-      correction = splat(args.particle_scale[i]) * correction;
-    }
-    if (held != 0) {
-      const Mask is_held = to_mask(held);
-      const Lane3 force = load3(args.held_force);
-      store3(args.held_force, select(is_held, force + correction, force));
-    }
-    Lane3 moved = xs + correction;
-    if (args.candidate_any[i] != 0) moved = resolve_contacts(args, i, moved);
-    store3(args.xs + 3 * kLanes * i, select(to_mask(free), moved, xs));
-  }
-}
-
-void apply_corrections(const Args& args) {
-  if (args.plastic_rest != nullptr) {
-    args.pair_sum != nullptr ? apply_as<true, true>(args) : apply_as<true, false>(args);
-  } else {
-    args.pair_sum != nullptr ? apply_as<false, true>(args) : apply_as<false, false>(args);
-  }
-}
-
-void finish_substep(const Args& args) {
-  const Lane inverse_h = splat(Real{1} / args.h);
-  for (int i = 0; i < 3 * args.particles; ++i) {
-    const Lane x = load(args.x + kLanes * i);
-    const Lane xs = load(args.xs + kLanes * i);
-    store(args.v + kLanes * i, (xs - x) * inverse_h);
-    store(args.x + kLanes * i, xs);
+    store3(args.xs + 3 * kLanes * i,
+           free == 0 ? x : predicted(step, x, load3(args.v + 3 * kLanes * i), free));
   }
 }
 

@@ -29,13 +29,18 @@ ClusterTissue<Real>::ClusterTissue(std::shared_ptr<const ClusterTissueModel> mod
   args_.clusters = clusters;
   args_.xs = xs_.assign(n, 3, W);
   args_.q = q_.assign(clusters, 4, W);
-  args_.goal = goal_.assign(clusters, 13, W);
+  if (!model_->body.surface_is_particles) args_.goal = goal_.assign(clusters, 13, W);
   args_.goal_sum = goal_sum_.assign(n, 4, W);
   if (model_->parameters.plastic_creep() > 0)
     args_.plastic_rest = plastic_rest_.assign(static_cast<int>(rest_.size() / 3), 3, W);
   if (!model_->links.empty() || model_->parameters.self_collision())
     args_.pair_sum = pair_sum_.assign(n, 4, W);
   args_.held_mask = held_mask_.data();
+  const auto lists = static_cast<std::size_t>(shapes_.count) + 1;
+  near_.resize(lists * candidate_any_.size());
+  near_count_.resize(lists);
+  args_.near = near_.data();
+  args_.near_count = near_count_.data();
   args_.h = static_cast<Real>(model_->substep());
   args_.max_speed = static_cast<Real>(model_->parameters.max_speed_m_per_s());
   args_.plastic_threshold = static_cast<Real>(model_->parameters.plastic_threshold_m2());
@@ -63,13 +68,13 @@ void ClusterTissue<Real>::load_model() {
     for (int m = model_->clusters.begin[c]; m < model_->clusters.begin[c + 1]; ++m) {
       for (int k = 0; k < 3; ++k) sum[k] += rest_[3 * m + k];
       const int i = model_->clusters.member[m];
-      first_of_particle_.push_back(particle_memberships_[i] == 0 ? 1 : 0);
       particle_memberships_[i] += 1;
       particle_weight_[i] += weight;
     }
     rest_sum_.insert(rest_sum_.end(), sum.begin(), sum.end());
     cluster_weight_.push_back(weight);
   }
+  order_memberships();
   const auto relaxation = static_cast<Real>(model_->parameters.relaxation());
   for (const Real memberships : particle_memberships_)
     particle_scale_.push_back(Real{1} / std::max(memberships / relaxation, Real{1}));
@@ -83,12 +88,41 @@ void ClusterTissue<Real>::load_model() {
   args_.rest = rest_.data();
   args_.rest_sum = rest_sum_.data();
   args_.cluster_weight = cluster_weight_.data();
-  args_.first_of_particle = first_of_particle_.data();
+  args_.turn = turn_.data();
+  args_.turn_begin = turn_begin_.data();
+  args_.loose = static_cast<std::int32_t>(loose_.size());
+  args_.loose_particle = loose_.data();
   args_.particle_memberships = particle_memberships_.data();
   args_.particle_weight = particle_weight_.data();
   args_.particle_scale = particle_scale_.data();
   args_.planar = planar;
   args_.rotation_iterations = static_cast<std::int32_t>(model_->parameters.rotation_iterations());
+}
+
+/// Groups the memberships of each cluster by their turn among those of the particle
+/// (cluster_kernel.h).
+template <typename Real>
+void ClusterTissue<Real>::order_memberships() {
+  const Clusters& clusters = model_->clusters;
+  std::vector<int> done(particles(), 0);
+  turn_begin_.push_back(0);
+  for (int c = 0; c < clusters.count(); ++c) {
+    std::array<std::vector<std::int32_t>, 4> group;
+    for (int m = clusters.begin[c]; m < clusters.begin[c + 1]; ++m) {
+      const int i = clusters.member[m];
+      const bool first = done[i]++ == 0;
+      const bool last = static_cast<Real>(done[i]) == particle_memberships_[i];
+      const std::size_t turn = last ? (first ? 0 : 3) : (first ? 1 : 2);
+      group[turn].push_back(m);
+    }
+    for (const auto& memberships : group) {
+      turn_.insert(turn_.end(), memberships.begin(), memberships.end());
+      turn_begin_.push_back(static_cast<std::int32_t>(turn_.size()));
+    }
+  }
+  for (int i = 0; i < particles(); ++i) {
+    if (done[i] == 0) loose_.push_back(i);
+  }
 }
 
 template <typename Real>
@@ -113,15 +147,33 @@ void ClusterTissue<Real>::reset(int lane, const Vector3d& offset) {
   for (int k = 0; k < plastic_rest_.in_lane(); ++k) plastic_rest_.lane_value(k, lane) = rest_[k];
 }
 
+/// Particles that may reach each shape, and any, in this control step.
+template <typename Real>
+void ClusterTissue<Real>::list_near() {
+  std::fill(near_count_.begin(), near_count_.end(), 0);
+  const auto append = [&](std::size_t list, std::int32_t i) {
+    near_[list * candidate_any_.size() + static_cast<std::size_t>(near_count_[list]++)] = i;
+  };
+  const std::size_t shapes = near_count_.size() - 1;
+  for (std::int32_t i = 0; i < particles(); ++i) {
+    if (candidate_any_[i] == 0) continue;
+    for (std::size_t k = 0; k < shapes; ++k) {
+      if ((candidate_any_[i] >> k & 1U) != 0) append(k, i);
+    }
+    append(shapes, i);
+  }
+}
+
 template <typename Real>
 void ClusterTissue<Real>::begin_step(std::span<const ToolMotion> motion) {
   this->find_candidates(motion, free_mask_);
+  list_near();
 }
 
 template <typename Real>
 void ClusterTissue<Real>::begin_substep(std::span<const ToolMotion> motion, int substep) {
   this->place_tool(motion, substep);
-  clusters_.predict(args_);
+  if (substep == 0) clusters_.predict(args_);
   for (int lane = 0; lane < lanes(); ++lane) {
     const Held& held = held_[lane];
     for (std::size_t j = 0; j < held.particles.size(); ++j) {
@@ -130,24 +182,22 @@ void ClusterTissue<Real>::begin_substep(std::span<const ToolMotion> motion, int 
       }
     }
   }
-  const bool last = substep + 1 == this->substeps_;
-  if (last) held_force_.fill(Real{0});
-  args_.held_force = last ? held_force_.data() : nullptr;
+  last_ = substep + 1 == this->substeps_;
+  if (last_) held_force_.fill(Real{0});
+  args_.held_force = last_ ? held_force_.data() : nullptr;
   if (model_->parameters.self_collision()) find_self_contacts();
 }
 
 template <typename Real>
 void ClusterTissue<Real>::solve_substep() {
-  for (std::uint32_t k = 0; k < model_->parameters.iterations(); ++k) {
-    clusters_.match_clusters(args_);
+  const std::uint32_t iterations = model_->parameters.iterations();
+  for (std::uint32_t k = 0; k < iterations; ++k) {
     if (args_.pair_sum != nullptr) add_pair_corrections();
-    clusters_.apply_corrections(args_);
+    args_.after = k + 1 < iterations ? AfterMatch::kIterate
+                  : last_            ? AfterMatch::kFinish
+                                     : AfterMatch::kPredict;
+    clusters_.match_clusters(args_);
   }
-}
-
-template <typename Real>
-void ClusterTissue<Real>::end_substep(bool /*last*/) {
-  clusters_.finish_substep(args_);
 }
 
 template <typename Real>

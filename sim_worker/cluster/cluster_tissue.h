@@ -55,7 +55,7 @@ class ClusterTissue final : public LaneTissue<Real> {
   void begin_step(std::span<const ToolMotion> motion) override;
   void begin_substep(std::span<const ToolMotion> motion, int substep) override;
   void solve_substep() override;
-  void end_substep(bool last) override;
+  void end_substep(bool /*last*/) override {}  // the last iteration does it
   void hold(int lane, const Eigen::Vector3d& tip, double radius, bool collapse) override;
   void release(int lane) override;
   std::span<const std::int32_t> held(int lane) const override { return held_[lane].particles; }
@@ -68,9 +68,9 @@ class ClusterTissue final : public LaneTissue<Real> {
 
  private:
   using Base = LaneTissue<Real>;
-  using Base::capsule_, Base::capsule_motion_, Base::dynamic_friction_, Base::free_mask_,
-      Base::gravity_, Base::held_force_, Base::keep_, Base::kernel_, Base::shapes_,
-      Base::static_friction_, Base::stiffness_, Base::tip_, Base::v_, Base::x_;
+  using Base::candidate_any_, Base::capsule_, Base::capsule_motion_, Base::dynamic_friction_,
+      Base::free_mask_, Base::gravity_, Base::held_force_, Base::keep_, Base::kernel_,
+      Base::shapes_, Base::static_friction_, Base::stiffness_, Base::tip_, Base::v_, Base::x_;
   using typename Base::SavedLane;
 
   struct Held {
@@ -79,6 +79,8 @@ class ClusterTissue final : public LaneTissue<Real> {
   };
 
   void load_model();
+  void order_memberships();
+  void list_near();
   std::vector<const LaneArray<Real>*> saved_arrays() const override;
   bool allows(const EffectValues& effects) const override;
   Result<Held> read_grasp(StateReader& state) const;
@@ -98,7 +100,8 @@ class ClusterTissue final : public LaneTissue<Real> {
   // Model in the kernel's precision.
   std::vector<Real> rest_, rest_sum_, cluster_weight_, particle_memberships_, particle_weight_,
       particle_scale_, link_rest_;
-  std::vector<std::uint8_t> first_of_particle_;
+  std::vector<std::int32_t> turn_, turn_begin_, loose_, near_, near_count_;
+  bool last_ = false;  ///< substep of the control step
 
   // State and scratch, per lane.
   LaneArray<Real> xs_, q_, goal_, goal_sum_, plastic_rest_, pair_sum_;

@@ -106,8 +106,17 @@ inline Mask both(Mask a, Mask b) { return a && b; }
 
 #endif
 
+// a < b ? a : b and b < a ? a : b, which is what the instructions do, with NaN too.
+#if OMENTUM_LANES == 16
+inline Lane min(Lane a, Lane b) { return {_mm512_maskz_min_ps(0xFFFF, a.v, b.v)}; }
+inline Lane max(Lane a, Lane b) { return {_mm512_maskz_max_ps(0xFFFF, a.v, b.v)}; }
+#elif OMENTUM_LANES == 8
+inline Lane min(Lane a, Lane b) { return {_mm256_min_ps(a.v, b.v)}; }
+inline Lane max(Lane a, Lane b) { return {_mm256_max_ps(a.v, b.v)}; }
+#else
 inline Lane min(Lane a, Lane b) { return select(a < b, a, b); }
 inline Lane max(Lane a, Lane b) { return select(b < a, a, b); }
+#endif
 
 struct Lane3 {
   Lane x, y, z;

@@ -182,21 +182,88 @@ inline Lane3 leave_shape(const Args& args, const KernelShape<Real>& shape, Lane 
   return fma(zero - part, tangent, outside);
 }
 
-/// Non-penetration of particle i at p with all shapes, at the particle radius.
-template <typename Args>
-inline Lane3 resolve_contacts(const Args& args, int i, Lane3 p) {
-  const Lane3 x = load3(args.x + 3 * kLanes * i);
-  const Lane zero = splat(Real{0});
-  for (int k = 0; k < args.shapes; ++k) {
-    if ((args.candidate_any[i] >> k & 1U) == 0) continue;
-    const KernelShape<Real>& shape = args.shape[k];
-    const Surface surface = distance_to(shape, args.capsule, p);
-    const Lane depth = splat(args.particle_radius) - surface.phi;
-    const Mask touches = both(zero < depth, to_mask(args.candidates[i * omentum::kMaxShapes + k]));
-    if (to_bits(touches) == 0) continue;
-    p = select(touches, leave_shape(args, shape, depth, surface.normal, p, x), p);
+/// Lanes in which p is certainly farther than `radius` from the shape, without root or division:
+/// distance_to() would find so too, whatever the rounding, hence nothing would happen. Lanes that
+/// are not clear may or may not touch. `inverse_size`: 1 / size.
+[[gnu::always_inline]] inline Mask is_clear(const KernelShape<Real>& s, const Lane3& inverse_size,
+                                            const Real* capsule, Lane3 p, Real radius) {
+  // Squared distances within 1e-5 of the limit are left to distance_to().
+  const Real limit = s.size[0] + radius;
+  const Lane limit2 = splat(limit * limit * static_cast<Real>(1.00001));
+  if (s.kind == ShapeKind::kCapsule) {
+    const Lane3 radial = radial_of_capsule(s, capsule, p);
+    return limit2 < dot(radial, radial);
   }
-  return p;
+  const Lane3 d = p - splat3(s.origin);
+  if (s.kind == ShapeKind::kSphere) return limit2 < dot(d, d);
+  if (s.kind == ShapeKind::kHalfSpace) return splat(radius) < dot(d, normal_of_half_space(s));
+  if (s.kind == ShapeKind::kEllipsoid) {
+    // phi = k0 (k0 - 1) / k1 of distance_to() is at least (k0^2 - 1) / (2 k1) outside. 1e-4 of k0^2
+    // are far above the rounding of both.
+    const Lane3 local = to_shape_frame(s, d);
+    const Lane3 u{inverse_size.x * local.x, inverse_size.y * local.y, inverse_size.z * local.z};
+    const Lane3 w{inverse_size.x * u.x, inverse_size.y * u.y, inverse_size.z * u.z};
+    const Lane above = fma(splat(static_cast<Real>(0.9999)), dot(u, u), splat(Real{-1}));
+    const Lane needed2 = splat(Real{4.001F} * radius * radius) * dot(w, w);
+    return both(splat(Real{0}) < above, needed2 < above * above);
+  }
+  return to_mask(0);
+}
+
+/// Non-penetration of the particles that may reach shape k, of this kind, at the particle radius.
+/// Those that may touch are found first: the long chains of roots and divisions of one then overlap
+/// with those of the next.
+template <ShapeKind kKind, typename Args>
+void resolve_contacts_as(const Args& args, int k) {
+  constexpr int kBlock = 64;
+  KernelShape<Real> shape = args.shape[k];  // a copy: no store can change it
+  shape.kind = kKind;
+  const Lane zero = splat(Real{0});
+  const Lane radius = splat(args.particle_radius);
+  const Lane3 inverse_size{splat(Real{1} / shape.size[0]), splat(Real{1} / shape.size[1]),
+                           splat(Real{1} / shape.size[2])};
+  const std::int32_t* near = args.near + args.particles * k;
+  const std::uint32_t* const candidates = args.candidates + k;
+  for (int left = args.near_count[k]; left > 0; left -= kBlock, near += kBlock) {
+    std::int32_t found[kBlock];
+    int count = 0;
+    for (int j = 0; j < (left < kBlock ? left : kBlock); ++j) {
+      const std::int32_t i = near[j];
+      const Lane3 p = load3(args.xs + 3 * kLanes * i);
+      const Mask clear = is_clear(shape, inverse_size, args.capsule, p, args.particle_radius);
+      found[count] = i;
+      count += (candidates[i * omentum::kMaxShapes] & ~to_bits(clear)) != 0 ? 1 : 0;
+    }
+    for (int j = 0; j < count; ++j) {
+      const std::int32_t i = found[j];
+      Real* const memory = args.xs + 3 * kLanes * i;
+      const Lane3 p = load3(memory);
+      const Surface surface = distance_to(shape, args.capsule, p);
+      const Lane depth = radius - surface.phi;
+      const Mask touches = both(zero < depth, to_mask(candidates[i * omentum::kMaxShapes]));
+      if (to_bits(touches) == 0) continue;
+      const Lane3 x = load3(args.x + 3 * kLanes * i);
+      store3(memory, select(touches, leave_shape(args, shape, depth, surface.normal, p, x), p));
+    }
+  }
+}
+
+template <typename Args>
+void resolve_contacts(const Args& args, int k) {
+  switch (args.shape[k].kind) {
+    case ShapeKind::kSphere:
+      return resolve_contacts_as<ShapeKind::kSphere>(args, k);
+    case ShapeKind::kEllipsoid:
+      return resolve_contacts_as<ShapeKind::kEllipsoid>(args, k);
+    case ShapeKind::kBox:
+      return resolve_contacts_as<ShapeKind::kBox>(args, k);
+    case ShapeKind::kHalfSpace:
+      return resolve_contacts_as<ShapeKind::kHalfSpace>(args, k);
+    case ShapeKind::kSdf:
+      return resolve_contacts_as<ShapeKind::kSdf>(args, k);
+    case ShapeKind::kCapsule:
+      return resolve_contacts_as<ShapeKind::kCapsule>(args, k);
+  }
 }
 
 }  // namespace

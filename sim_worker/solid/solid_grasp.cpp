@@ -86,6 +86,7 @@ void SolidTissue<Real>::release(int lane) {
     hold_stiffness_(node, lane) = Real{0};
     for (int axis = 0; axis < 3; ++axis) contact_force_(node, axis, lane) = Real{0};
   }
+  this->forget_health();
   compliant_ &= ~bit;
   slipped_[lane] = 0;
   held = {};

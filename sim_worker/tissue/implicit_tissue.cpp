@@ -1,7 +1,5 @@
 #include "sim_worker/tissue/implicit_tissue.h"
 
-#include <cmath>
-
 #include "core/trig.h"
 
 namespace omentum {
@@ -49,6 +47,7 @@ template <typename Real>
 void ImplicitTissue<Real>::set_velocity(int lane, int particle, const Eigen::Vector3d& v) {
   const bool fixed = this->is_fixed(particle);
   const auto substep = static_cast<Real>(this->control_period_ / this->substeps_);
+  this->forget_health();
   for (int axis = 0; axis < 3; ++axis) {
     const Real speed = fixed ? Real{0} : static_cast<Real>(v[axis]);
     v_(particle, axis, lane) = speed;
@@ -59,11 +58,8 @@ void ImplicitTissue<Real>::set_velocity(int lane, int particle, const Eigen::Vec
 }
 
 template <typename Real>
-bool ImplicitTissue<Real>::healthy(int lane) const {
-  for (int k = 0; k < contact_force_.in_lane(); ++k) {
-    if (!std::isfinite(contact_force_.lane_value(k, lane))) return false;
-  }
-  return LaneTissue<Real>::healthy(lane);
+std::vector<const LaneArray<Real>*> ImplicitTissue<Real>::watched_arrays() const {
+  return {&x_, &v_, &contact_force_};
 }
 
 template <typename Real>

@@ -16,7 +16,6 @@ class ImplicitTissue : public LaneTissue<Real> {
   using LaneTissue<Real>::lanes, LaneTissue<Real>::particles;
 
   void set_velocity(int lane, int particle, const Eigen::Vector3d& v) final;
-  bool healthy(int lane) const final;
 
   /// Force of the surroundings on a node at the end of the last step, in W [N].
   Eigen::Vector3d contact_force(int lane, int node) const {
@@ -36,6 +35,7 @@ class ImplicitTissue : public LaneTissue<Real> {
   ImplicitArgs<Real> implicit_args();
   /// Damping and stiffness of a lane; damping is that of the material [1/s].
   void set_material(int lane, const LaneParameters& parameters, double damping);
+  std::vector<const LaneArray<Real>*> watched_arrays() const final;
   std::vector<const LaneArray<Real>*> saved_arrays() const final;
 
   LaneArray<Real> v_old_, d_old_, d_, moved_, b_, contact_force_;  ///< see ImplicitArgs

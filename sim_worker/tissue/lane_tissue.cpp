@@ -1,7 +1,11 @@
 #include "sim_worker/tissue/lane_tissue.h"
 
+#include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
+#include <limits>
+#include <type_traits>
 
 #include "core/check.h"
 #include "core/hash.h"
@@ -15,6 +19,33 @@ using Eigen::Vector3d;
 // Displacement of a particle within a control step by elastic forces, beyond its speed and gravity,
 // at most, in the sheets and solids in use [m].
 constexpr double kElasticMotion = 2e-3;
+
+/// Lanes without infinity or NaN among the numbers of an array of this many lanes: the bits of
+/// every other number's size are less than those of infinity.
+template <int kWidth, typename Real>
+std::uint32_t finite_lanes_of(const LaneArray<Real>& array) {
+  using Word = std::conditional_t<sizeof(Real) == 4, std::int32_t, std::int64_t>;
+  std::array<Word, kWidth> largest{};
+  const Real* number = array.data();
+  for (int k = 0; k < array.in_lane(); ++k, number += kWidth) {
+    for (int lane = 0; lane < kWidth; ++lane) {
+      const Word size = std::bit_cast<Word>(number[lane]) & std::numeric_limits<Word>::max();
+      largest[lane] = std::max(largest[lane], size);
+    }
+  }
+  std::uint32_t finite = 0;
+  for (int lane = 0; lane < kWidth; ++lane) {
+    if (largest[lane] < std::bit_cast<Word>(std::numeric_limits<Real>::infinity()))
+      finite |= 1U << lane;
+  }
+  return finite;
+}
+
+template <typename Real>
+std::uint32_t finite_lanes(const LaneArray<Real>& array, int lanes) {
+  if (lanes == 16) return finite_lanes_of<16>(array);
+  return lanes == 8 ? finite_lanes_of<8>(array) : finite_lanes_of<1>(array);
+}
 
 }  // namespace
 
@@ -42,11 +73,13 @@ LaneTissue<Real>::LaneTissue(const TissueModel& model, const LaneKernel<Real>& k
 template <typename Real>
 void LaneTissue<Real>::set_position(int lane, int particle, const Vector3d& p) {
   x_.set_vector(particle, lane, p);
+  forget_health();
 }
 
 template <typename Real>
 void LaneTissue<Real>::set_velocity(int lane, int particle, const Vector3d& v) {
   v_.set_vector(particle, lane, v);
+  forget_health();
 }
 
 template <typename Real>
@@ -57,6 +90,7 @@ void LaneTissue<Real>::place_at_rest(int lane, const Vector3d& offset) {
     if (!is_fixed(i)) set_free(i, lane, true);
   }
   held_force_.fill_lane(lane, Real{0});
+  forget_health();
 }
 
 template <typename Real>
@@ -98,6 +132,7 @@ LaneArgs<Real> LaneTissue<Real>::lane_args() {
 template <typename Real>
 void LaneTissue<Real>::find_candidates(std::span<const ToolMotion> motion,
                                        const std::vector<std::uint32_t>& free_mask) {
+  forget_health();
   for (int lane = 0; lane < lanes(); ++lane) {
     const ToolMotion& m = motion[lane];
     capsule_.set_vector(0, lane, surroundings_.capsule_at(m.from));
@@ -149,11 +184,13 @@ Vector3d LaneTissue<Real>::held_force(int lane) const {
 
 template <typename Real>
 bool LaneTissue<Real>::healthy(int lane) const {
-  for (int k = 0; k < x_.in_lane(); ++k) {
-    if (!std::isfinite(x_.lane_value(k, lane)) || !std::isfinite(v_.lane_value(k, lane)))
-      return false;
+  if (!health_known_) {
+    healthy_lanes_ = ~0U;
+    for (const LaneArray<Real>* array : watched_arrays())
+      healthy_lanes_ &= finite_lanes(*array, lanes());
+    health_known_ = true;
   }
-  return true;
+  return (healthy_lanes_ >> lane & 1U) != 0;
 }
 
 template <typename Real>
@@ -213,6 +250,7 @@ Result<typename LaneTissue<Real>::SavedLane> LaneTissue<Real>::read_lane(StateRe
 template <typename Real>
 void LaneTissue<Real>::load_lane(int lane, const SavedLane& saved) {
   std::size_t next = 0;
+  forget_health();
   for (const LaneArray<Real>* array : saved_arrays()) {
     auto& mine = const_cast<LaneArray<Real>&>(*array);  // NOLINT: of this object
     for (int k = 0; k < mine.in_lane(); ++k) mine.lane_value(k, lane) = saved.numbers[next++];

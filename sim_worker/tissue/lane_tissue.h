@@ -30,7 +30,7 @@ class LaneTissue : public Tissue<Real> {
   Eigen::Vector3d held_force(int lane) const override;
   const Real* surface_positions() override { return x_.data(); }
   int surface_vertices() const override { return particles(); }
-  bool healthy(int lane) const override;
+  bool healthy(int lane) const final;
   std::uint64_t hash(int lane) const final;
 
  protected:
@@ -72,6 +72,10 @@ class LaneTissue : public Tissue<Real> {
     bool has_grasp = false;
   };
   virtual std::vector<const LaneArray<Real>*> saved_arrays() const = 0;
+  /// Arrays whose numbers are finite in a healthy lane.
+  virtual std::vector<const LaneArray<Real>*> watched_arrays() const { return {&x_, &v_}; }
+  /// Numbers of those arrays changed: what healthy() found before counts no more.
+  void forget_health() { health_known_ = false; }
   /// Whether a saved lane may have these effects in this scene.
   virtual bool allows(const EffectValues& effects) const = 0;
   void save_lane(int lane, bool has_grasp, StateWriter& state) const;
@@ -100,6 +104,8 @@ class LaneTissue : public Tissue<Real> {
   LaneArray<Real> capsule_;         ///< foot of the shaft's axis [xyz][lane] [m]
   LaneArray<Real> capsule_motion_;  ///< in a substep [xyz][lane] [m]
   LaneArray<Real> capsule_sweep_;   ///< length of its motion in the control step [lane] [m]
+  mutable bool health_known_ = false;
+  mutable std::uint32_t healthy_lanes_ = 0;   ///< if known
   std::vector<std::uint32_t> candidates_;     ///< [particle][shape] lane masks
   std::vector<std::uint32_t> candidate_any_;  ///< per particle, bit per shape
 };
