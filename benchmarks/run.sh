@@ -43,7 +43,8 @@ Figures of the groups named (default: tissue elastic ppo workers train):
             16 x 16, columns.overhead_ratio_60: what 60 columns cost over the recording without; of one core
   solve     solve.<preset>.steps, solve.<preset>.wall_s: first greedy evaluation (about every 50,000 steps) that reaches 100 of
             100 starts and exposes at least 95, and that the following two confirm; training alone, two workers; median of
-            5 seeds (SOLVE_PRESETS, SOLVE_SEEDS: others than omentum, 5)
+            5 seeds (SOLVE_PRESETS, SOLVE_SEEDS: others than omentum, 5; SOLVE_SETS: knobs to override, "a.b=c d.e=f").
+            SOLVE_DEMONSTRATIONS=N: solve.<preset>.demonstrations_N.*, which begins with N episodes of the scripted expert
   camera    camera.* of bench_camera, where that program is built
 Options:
   --steps N   shorter or longer training runs; the figures are then named by N instead of 3M
@@ -214,7 +215,8 @@ bench_solve() {
   local preset
   for preset in ${SOLVE_PRESETS:-omentum}; do
     choose_domain || return
-    figures_of python3 "$root/benchmarks/solve.py" "$bin" "$domain" "$preset" "${SOLVE_SEEDS:-5}"
+    figures_of python3 "$root/benchmarks/solve.py" "$bin" "$domain" "$preset" "${SOLVE_SEEDS:-5}" \
+      --demonstrations "${SOLVE_DEMONSTRATIONS:-0}" ${SOLVE_SETS:+$(printf -- '--set %s ' $SOLVE_SETS)}
     exec {lock}>&-
   done
 }

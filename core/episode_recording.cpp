@@ -6,12 +6,14 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <filesystem>
 #include <span>
 #include <sstream>
 #include <type_traits>
 
 #include "core/check.h"
 #include "core/cloud_message.h"
+#include "core/config.h"
 #include "core/durable_file.h"
 #include "core/mcap.h"
 #include "core/message_rows.h"
@@ -376,6 +378,32 @@ Result<void> save_episode(const std::string& path, const RolloutTask& task,
     return Failure{made.error()};
   if (const Result<void> finished = writer.finish(); !finished) return Failure{finished.error()};
   return write_durably(path, file.view());
+}
+
+RecordingContext recording_context(const pb::Config& config, const std::string& name,
+                                   const std::string& git_revision) {
+  RecordingContext context;
+  context.name = name;
+  context.config_text = print_config(config);
+  context.config_hash = config_hash(config);
+  context.git_revision = git_revision;
+  context.control_period = config.task().control_period_s() * config.task().action_repeat();
+  return context;
+}
+
+std::vector<std::string> recordings_of(const std::string& path) {
+  namespace fs = std::filesystem;
+  if (!fs::is_directory(path)) return {path};
+  std::vector<std::string> files;
+  for (const std::string& folder : {path, path + "/recordings"}) {
+    std::error_code ignored;
+    for (const auto& entry : fs::directory_iterator(folder, ignored)) {
+      if (entry.path().extension() == ".mcap") files.push_back(entry.path().string());
+    }
+  }
+  if (files.empty()) throw_error("{}: a folder without recordings (*.mcap)", path);
+  std::sort(files.begin(), files.end());
+  return files;
 }
 
 Result<EpisodeRecording> load_episode(const std::string& path) {

@@ -9,6 +9,7 @@
 #include "core/mcap.h"
 #include "core/result.h"
 #include "core/types.h"
+#include "proto/config.pb.h"
 
 namespace omentum {
 
@@ -21,6 +22,10 @@ struct RecordingContext {
   double control_period = 0.02;  ///< time between decisions [s]
   std::uint32_t particles = 0;   ///< of the tissue; 0 = no frames
 };
+
+/// What recordings of a configuration have in common; particles are left at 0.
+RecordingContext recording_context(const pb::Config& config, const std::string& name,
+                                   const std::string& git_revision);
 
 /// One evaluation episode as recorded: the task that made it and the steps it brought. Frame f of
 /// segment.frame_positions_in_world_m is the tissue before step frame_steps[f].
@@ -65,6 +70,10 @@ Result<void> save_episode(const std::string& path, const RolloutTask& task,
 /// truncated file the steps of its whole chunks are read. Fails if there is no file or no episode
 /// header in it. Of a file of several episodes this is the first, and `problems` says so.
 Result<EpisodeRecording> load_episode(const std::string& path);
+
+/// The recordings that a path stands for: itself; of a folder its *.mcap, or those of its
+/// recordings/, in order of name. Throws Error for a folder without any.
+std::vector<std::string> recordings_of(const std::string& path);
 
 /// As load_episode, from bytes; the entry of the fuzz target.
 Result<EpisodeRecording> parse_episode(const std::string& name, const std::string& bytes);

@@ -42,6 +42,24 @@ void estimate_advantages(const Batch& batch, std::span<const float> rewards,
   }
 }
 
+std::vector<float> discounted_returns(std::span<const std::uint8_t> flags,
+                                      std::span<const float> rewards, double gamma) {
+  OMENTUM_CHECK(flags.size() == rewards.size());
+  std::vector<float> returns(rewards.size());
+  double after = 0;
+  for (std::size_t row = rewards.size(); row-- > 0;) {
+    const auto reward = static_cast<double>(rewards[row]);
+    if ((flags[row] & step_flag::kTerminated) != 0) {
+      after = 0;
+    } else if ((flags[row] & step_flag::kTruncated) != 0) {
+      after = gamma < 1 ? reward / (1 - gamma) : 0;
+    }
+    after = reward + gamma * after;
+    returns[row] = static_cast<float>(after);
+  }
+  return returns;
+}
+
 MeanDeviation mean_deviation(std::span<const float> values, std::span<const std::uint32_t> indices,
                              bool population) {
   const std::size_t count = indices.empty() ? values.size() : indices.size();

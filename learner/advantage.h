@@ -26,6 +26,12 @@ void estimate_advantages(const Batch& batch, std::span<const float> rewards,
                          const AdvantageSettings& settings, std::span<float> advantages,
                          std::span<float> returns);
 
+/// Discounted sum of `rewards` (n) from every step to the end of its episode, for whole episodes
+/// one after the other in one slot. Nothing follows a terminated one; a truncated one is taken to
+/// go on for ever as it ended, with its last reward (with gamma 1: nothing follows).
+std::vector<float> discounted_returns(std::span<const std::uint8_t> flags,
+                                      std::span<const float> rewards, double gamma);
+
 /// Mean and deviation of some advantages, chosen by index; all of them when `indices` is empty. In
 /// double, in order.
 struct MeanDeviation {

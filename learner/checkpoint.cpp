@@ -55,7 +55,8 @@ std::map<std::string, std::vector<std::string>> flatten(const std::string& text)
   return values;
 }
 
-/// One "path: old -> new" per line, without the `run` part that may differ; empty when equal.
+}  // namespace
+
 std::string config_difference(const std::string& old_text, const std::string& new_text) {
   const auto before = flatten(old_text);
   const auto after = flatten(new_text);
@@ -74,8 +75,6 @@ std::string config_difference(const std::string& old_text, const std::string& ne
   }
   return text;
 }
-
-}  // namespace
 
 void to_disk(const SlotTable& table, std::uint32_t state_format, pb::Checkpoint& disk) {
   disk.set_batch(table.batch);

@@ -55,6 +55,10 @@ class CheckpointStore {
   std::vector<std::uint64_t> milestones_;
 };
 
+/// Of two printed configurations: one "path: old -> new" per line, without the `run` part that may
+/// differ; empty when equal.
+std::string config_difference(const std::string& old_text, const std::string& new_text);
+
 /// Refuses to resume with another configuration: a readable difference, one "path: old -> new" per
 /// line, without the `run` part that may differ.
 Result<void> check_same_config(const pb::Checkpoint& checkpoint, std::uint64_t config_hash,

@@ -56,11 +56,16 @@ void Learner::open_run_folder() {
   }
   ppo_ = std::make_unique<Ppo>(config_, shape_, threads);
   // Before anything is made or moved: a file that cannot be taken leaves nothing behind.
+  if (!options_.initialise_from.empty() && !options_.initialise_from_recordings.empty())
+    throw_error("--initialise-from and --initialise-from-recordings: allowed one of them");
   if (!options_.initialise_from.empty()) {
     const Result<pb::Checkpoint> other = load_checkpoint(options_.initialise_from);
     if (!other) throw_error("--initialise-from: {}", other.error());
     const Result<void> taken = ppo_->initialise_from(other.value().ppo());
     if (!taken) throw_error("--initialise-from {}: {}", options_.initialise_from, taken.error());
+  }
+  if (!options_.initialise_from_recordings.empty()) {
+    demonstrations_ = read_demonstrations(options_.initialise_from_recordings, config_);
   }
   lock_ = std::make_unique<RunLock>(options_.run_dir);
   if (options_.restart && fs::exists(options_.run_dir)) {
@@ -121,6 +126,11 @@ void Learner::restore() {
       log().warn("event=checkpoint_skipped reason=\"{}\" older taken: {}", warning, loaded.path);
     if (!options_.initialise_from.empty())
       log().warn("event=initialise_from_skipped reason=\"the run goes on from its checkpoint\"");
+    if (demonstrations_) {
+      log().warn(
+          "event=initialise_from_recordings_skipped reason=\"the run goes on from its "
+          "checkpoint\"");
+    }
     const pb::Checkpoint& saved = loaded.checkpoint;
     const Result<void> taken = ppo_->load(saved.ppo());
     if (!taken) throw_error("{}: {}", loaded.path, taken.error());
@@ -143,7 +153,9 @@ void Learner::restore() {
                ppo_->version(), epoch_);
   } else {
     book_ = std::make_unique<TaskBook>(book);
+    if (demonstrations_) clone_demonstrations();
   }
+  demonstrations_.reset();
   steps_before_ = ppo_->steps_total();
   if (found.value().has_value()) saved_steps_ = steps_before_;
   current_ = ppo_->weights();
@@ -156,6 +168,20 @@ void Learner::restore() {
   metrics_ =
       std::make_unique<MetricsWriter>(options_.run_dir, action_names(config_.task()),
                                       ppo_->version(), config_.run().mlagents_metric_aliases());
+}
+
+void Learner::clone_demonstrations() {
+  for (const std::string& file : demonstrations_->left_out)
+    log().warn("event=demonstration_left_out reason=\"{}: p_T was not reached\"", file);
+  const std::int64_t mark = steady_now_ns();
+  const std::size_t episodes = demonstrations_->episodes;
+  const std::size_t steps = demonstrations_->batch.rows();
+  const CloningStats stats = ppo_->clone(std::move(demonstrations_->batch));
+  log().info(
+      "cloned episodes={} steps={} minibatches={} surprise={:.4f} first_surprise={:.4f} "
+      "value_error={:.4f} first_value_error={:.4f} wall_s={:.1f}",
+      episodes, steps, stats.minibatches, stats.surprise, stats.first_surprise, stats.value_error,
+      stats.first_value_error, seconds_since(mark));
 }
 
 // The whole run: collect a batch, check it, learn, publish, report, save; then evaluate.

@@ -15,6 +15,7 @@
 #include "learner/batch.h"
 #include "learner/bus.h"
 #include "learner/checkpoint.h"
+#include "learner/demonstrations.h"
 #include "learner/evaluation.h"
 #include "learner/metrics.h"
 #include "learner/ppo.h"
@@ -32,7 +33,9 @@ struct LearnerOptions {
   std::string run_dir;          ///< runs/<name>; made if missing
   bool restart = false;         ///< move an existing run aside
   std::string initialise_from;  ///< checkpoint file whose weights a new run starts from
-  bool quiet = false;           ///< no progress lines on stdout
+  /// Folder of recordings that a new run clones before PPO begins; with initialise_from: an Error.
+  std::string initialise_from_recordings;
+  bool quiet = false;  ///< no progress lines on stdout
   double unsaved_limit_s =
       300;  ///< training goes on so long while no checkpoint can be written; then it pauses
   double max_wait_s = 0;  ///< without a worker; then the run stops with code 1. 0 = for ever
@@ -65,6 +68,8 @@ class Learner {
 
   void open_run_folder();
   void restore();
+  /// Fits the policy of a new run to options_.initialise_from_recordings.
+  void clone_demonstrations();
   void publish_weights(const PolicyWeights& weights);
   bool collect_batch(const std::function<bool()>& stop);
   std::optional<std::string> refused_by_workers();
@@ -123,6 +128,7 @@ class Learner {
   std::unique_ptr<RunLock> lock_;
   std::unique_ptr<CheckpointStore> checkpoints_;
   std::unique_ptr<Ppo> ppo_;
+  std::optional<Demonstrations> demonstrations_;  ///< until they are cloned or skipped
   std::unique_ptr<TaskBook> book_;
   std::unique_ptr<LearnerBus> bus_;
   std::unique_ptr<MetricsWriter> metrics_;

@@ -4,7 +4,6 @@
 
 #include "core/build_id.h"
 #include "core/clock.h"
-#include "core/config.h"
 #include "core/durable_file.h"
 #include "core/episode_recording.h"
 #include "core/log.h"
@@ -144,12 +143,7 @@ bool Learner::finish_run(RunSummary& results, const std::function<bool()>& stop)
 }
 
 Result<void> Learner::record_evaluation(const EvaluationSet& set, const Evaluated& result) {
-  RecordingContext context;
-  context.name = set.name;
-  context.config_text = print_config(config_);
-  context.config_hash = config_hash_;
-  context.git_revision = git_revision();
-  context.control_period = config_.task().control_period_s() * config_.task().action_repeat();
+  RecordingContext context = recording_context(config_, set.name, git_revision());
   for (std::size_t i = 0; i < result.segments.size(); ++i) {
     const RolloutSegment& segment = result.segments[i];
     const RolloutTask& task = result.tasks[i];

@@ -55,6 +55,12 @@ Surrogate surrogate(Lane log_ratio, Lane advantage, const LossSettings& s) {
   return out;
 }
 
+/// Maximum likelihood in the place of the surrogate: -log pi(action), which nothing clips.
+Surrogate likelihood(Lane log_prob, Lane ratio) {
+  const Lane zero = _mm256_setzero_ps();
+  return {_mm256_sub_ps(zero, log_prob), lanes::splat(-1.0F), ratio, zero};
+}
+
 /// k3 estimator of the KL divergence: (r - 1) - log r, never negative.
 Lane k3(Lane ratio, Lane log_ratio) {
   return _mm256_sub_ps(_mm256_sub_ps(ratio, lanes::splat(1.0F)), log_ratio);
@@ -194,19 +200,22 @@ LossSums Loss::operator()(const LossSettings& settings, const GaussianHead& gaus
 
     const Lane advantage = load(inputs.advantage + first);
     const Lane log_ratio = _mm256_sub_ps(joint, load(inputs.old_log_prob + first));
-    const Surrogate whole = surrogate(log_ratio, advantage, settings);
+    Surrogate whole = surrogate(log_ratio, advantage, settings);
+    if (settings.likelihood) whole = likelihood(joint, whole.ratio);
+    const bool per_branch = settings.ratio == pb::RATIO_PER_BRANCH && !settings.likelihood;
     Lane policy_loss = whole.loss;
     Lane clipped = _mm256_and_ps(whole.clipped, lanes::splat(1.0F));
-    const float share = settings.per_sample / static_cast<float>(branches);
-    if (settings.ratio == pb::RATIO_PER_BRANCH) policy_loss = clipped = zero;
+    const float weight = settings.per_sample * settings.policy_coefficient;
+    const float share = weight / static_cast<float>(branches);
+    if (per_branch) policy_loss = clipped = zero;
     for (int b = 0; b < branches; ++b) {
       const Lane d = _mm256_sub_ps(g.log_prob[b], load(inputs.old_branch_log_prob[b] + first));
       const Surrogate part = surrogate(d, advantage, settings);
       const auto i = static_cast<std::size_t>(b);
       add_lanes(sums.branch_kl[i], k3(part.ratio, d), real);
       add_lanes(sums.entropy[i], g.entropy[b], real);
-      if (settings.ratio == pb::RATIO_JOINT) {
-        g.weight[b] = _mm256_mul_ps(whole.weight, lanes::splat(settings.per_sample));
+      if (!per_branch) {
+        g.weight[b] = _mm256_mul_ps(whole.weight, lanes::splat(weight));
       } else {
         g.weight[b] = _mm256_mul_ps(part.weight, lanes::splat(share));
         const Lane fraction = lanes::splat(1.0F / static_cast<float>(branches));

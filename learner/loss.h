@@ -20,7 +20,9 @@ struct LossSettings {
   float value_range = 0.2F;
   float value_coefficient = 0.5F;
   float entropy = 0.005F;
-  float per_sample = 1.0F;  ///< 1 / samples of the minibatch
+  float per_sample = 1.0F;          ///< 1 / samples of the minibatch
+  bool likelihood = false;          ///< the policy's part is -log pi(action): maximum likelihood
+  float policy_coefficient = 1.0F;  ///< 0 with entropy 0: the actor's gradient is exactly zero
 };
 
 /// Per-sample inputs of the loss, gathered in minibatch order.
@@ -59,11 +61,11 @@ struct GaussianHead {
 
 /// The PPO loss of up to 64 samples and its derivatives, all in f32 lanes of eight samples.
 ///
-///   loss = mean(policy) - entropy mean(sum of H_b) + value_coefficient mean(value)
-///   policy, joint       -min(r A, clip(r) A), r = exp(sum of log ratios)
-///   policy, per branch  -mean over branches of min(r_b A, clip(r_b) A)
-///   value               (v - R)^2, with value_clip the larger of it and (v_old + clip(v - v_old) -
-///   R)^2
+///   loss = policy_coefficient mean(policy) - entropy mean(sum of H_b) + value_coefficient
+///   mean(value) policy, joint       -min(r A, clip(r) A), r = exp(sum of log ratios) policy, per
+///   branch  -mean over branches of min(r_b A, clip(r_b) A) policy, likelihood  -sum of the
+///   branches' log-probabilities, whatever `ratio` is value               (v - R)^2, with
+///   value_clip the larger of it and (v_old + clip(v - v_old) - R)^2
 ///
 /// logits: count x 16 raw head outputs; values: count x 8, column 0. Writes d loss / d logits
 /// (count x 16, other columns zero), d loss / d value (count x 8, other columns zero) and, with the

@@ -38,6 +38,9 @@ int run(int argc, char** argv) {
   app.add_flag("--restart", options.restart, "Move an existing run folder aside and start anew");
   app.add_option("--initialise-from", options.initialise_from,
                  "Checkpoint file whose weights a new run starts from; default: fresh weights");
+  app.add_option("--initialise-from-recordings", options.initialise_from_recordings,
+                 "Folder of recordings (sim_worker --demonstrate makes one) whose actions the "
+                 "policy of a new run is fitted to before PPO begins, with the knobs cloning.*");
   app.add_option("--max-wait", options.max_wait_s,
                  "Stop with code 1 after so long without a worker [s]; 0 = wait for ever")
       ->check(CLI::Range(0.0, 1e9))

@@ -63,6 +63,7 @@ bool fits(const pb::Moments& moments, int dimensions) {
 
 Ppo::Ppo(const pb::Config& config, const PolicyShape& shape, int threads)
     : settings_(config.ppo()),
+      cloning_(config.cloning()),
       run_seed_(config.rollout().run_seed()),
       max_steps_(config.rollout().max_steps()),
       shape_(shape),
@@ -112,21 +113,25 @@ Ppo::Schedule Ppo::schedule() const {
   return now;
 }
 
-void Ppo::prepare(const Batch& batch) {
+void Ppo::normalise_inputs(const Batch& batch) {
   const std::size_t rows = batch.rows();
   const auto width = static_cast<std::size_t>(shape_.observations);
   inputs_ = batch.observations;
-  if (settings_.normalise_observations()) {
-    observation_moments_.merge(batch.observations, width);
-    refresh_normaliser();
-    for (std::size_t row = 0; row < rows; ++row) {
-      for (std::size_t i = 0; i < normaliser_.mean.size(); ++i) {  // the numbers, not the pixels
-        float& input = inputs_[row * width + i];
-        const float x = (input - normaliser_.mean[i]) * normaliser_.inverse_deviation[i];
-        input = std::clamp(x, -kObservationClip, kObservationClip);
-      }
+  if (!settings_.normalise_observations()) return;
+  observation_moments_.merge(batch.observations, width);
+  refresh_normaliser();
+  for (std::size_t row = 0; row < rows; ++row) {
+    for (std::size_t i = 0; i < normaliser_.mean.size(); ++i) {  // the numbers, not the pixels
+      float& input = inputs_[row * width + i];
+      const float x = (input - normaliser_.mean[i]) * normaliser_.inverse_deviation[i];
+      input = std::clamp(x, -kObservationClip, kObservationClip);
     }
   }
+}
+
+void Ppo::prepare(const Batch& batch) {
+  const std::size_t rows = batch.rows();
+  normalise_inputs(batch);
   rewards_ = batch.rewards;
   if (settings_.scale_rewards()) reward_scaler_.scale(batch, rewards_);
   advantages_.resize(rows);
@@ -156,7 +161,18 @@ LossSettings Ppo::loss_settings(const Schedule& now, std::size_t samples) const 
   loss.value_coefficient = static_cast<float>(settings_.value_coefficient());
   loss.entropy = static_cast<float>(now.entropy);
   loss.per_sample = static_cast<float>(1.0 / static_cast<double>(samples));
+  if (critic_alone()) loss.policy_coefficient = loss.entropy = 0;
   return loss;
+}
+
+MinibatchView Ppo::view_of(const Batch& batch, std::span<const std::uint32_t> rows) const {
+  MinibatchView view{&batch, inputs_, advantages_, 0, 1, returns_, rows};
+  if (settings_.advantage_norm() == pb::ADVANTAGE_MINIBATCH) {
+    const MeanDeviation moments = mean_deviation(advantages_, rows, false);
+    view.advantage_mean = moments.mean;
+    view.advantage_scale = 1 / (moments.deviation + 1e-8);
+  }
+  return view;
 }
 
 void Ppo::compute_chunks(const MinibatchView& minibatch, const LossSettings& settings) {
@@ -202,20 +218,13 @@ void Ppo::reduce_range(std::size_t first_block, std::size_t last_block, std::siz
   }
 }
 
-LossSums Ppo::minibatch_step(const Batch& batch, std::span<const std::uint32_t> rows,
-                             const Schedule& now, double& norm) {
-  const std::size_t chunks = (rows.size() + kChunk - 1) / kChunk;
+LossSums Ppo::minibatch_step(const MinibatchView& minibatch, const Step& step, double& norm) {
+  const std::size_t chunks = (minibatch.rows.size() + kChunk - 1) / kChunk;
   while (chunk_gradients_.size() < chunks) chunk_gradients_.emplace_back(layout_.count(), 0.0F);
   chunk_sums_.resize(std::max(chunk_sums_.size(), chunks));
 
-  MinibatchView view{&batch, inputs_, advantages_, 0, 1, returns_, rows};
-  if (settings_.advantage_norm() == pb::ADVANTAGE_MINIBATCH) {
-    const MeanDeviation moments = mean_deviation(advantages_, rows, false);
-    view.advantage_mean = moments.mean;
-    view.advantage_scale = 1 / (moments.deviation + 1e-8);
-  }
   packed_.pack(parameters_);
-  compute_chunks(view, loss_settings(now, rows.size()));
+  compute_chunks(minibatch, step.loss);
 
   const std::size_t blocks = block_squares_.size();
   const int threads = pool_->size();
@@ -226,10 +235,10 @@ LossSums Ppo::minibatch_step(const Batch& batch, std::span<const std::uint32_t> 
   double squares = 0;
   for (const double block : block_squares_) squares += block;
   norm = std::sqrt(squares);
-  const double limit = settings_.max_gradient_norm();
+  const double limit = step.largest_norm;
   const auto scale = static_cast<float>(limit > 0 && norm > limit ? limit / (norm + 1e-6) : 1.0);
 
-  adam_.begin_step(now.learning_rate);
+  adam_.begin_step(step.learning_rate);
   pool_->run([&](int thread) {
     const auto [first, last] = part(blocks, thread, threads);
     adam_.apply(first * kBlock, std::min(last * kBlock, layout_.count()), scale,
@@ -246,6 +255,10 @@ UpdateStats Ppo::update(const Batch& batch, const std::function<void()>& between
                     batch.branch_log_probs.size() == batch.rows() * 4,
                 "batch is not completed");
   const Schedule now = schedule();
+  // The actor joins: its moments are zero but Adam's count is not, which would make its first steps
+  // three times too long.
+  if (updates_ > 0 && updates_ == cloning_.critic_updates())
+    adam_ = Adam(settings_, layout_.count());
   prepare(batch);
   const auto rows = static_cast<std::uint32_t>(batch.rows());
   const std::uint32_t size = std::min(settings_.minibatch(), rows);
@@ -260,8 +273,9 @@ UpdateStats Ppo::update(const Batch& batch, const std::function<void()>& between
       const std::uint32_t count = std::min(size, rows - first);
       if (count < size && settings_.drop_remainder()) break;
       double norm = 0;
-      const LossSums sums =
-          minibatch_step(batch, std::span(order).subspan(first, count), now, norm);
+      const LossSums sums = minibatch_step(
+          view_of(batch, std::span(order).subspan(first, count)),
+          {loss_settings(now, count), now.learning_rate, settings_.max_gradient_norm()}, norm);
       epoch_sums.add(sums);
       stats.approx_kl_max = std::max(stats.approx_kl_max, sums.kl / sums.samples);
       norm_sum += norm;

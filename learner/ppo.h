@@ -42,6 +42,14 @@ struct UpdateStats {
   bool stopped_by_kl = false;
 };
 
+/// What cloning did: means over the samples of the first and of the last pass.
+struct CloningStats {
+  double first_surprise = 0, surprise = 0;  ///< -log pi(action), summed over branches
+  double first_value_error = 0,
+         value_error = 0;  ///< rms of value - return, rewards as PPO has them
+  std::uint32_t minibatches = 0;
+};
+
 /// PPO on complete batches (docs/learner.md 4), with the switches of pb::Ppo. Owns parameters,
 /// Adam, normaliser and schedule position; no random state (counters only). One thread calls it;
 /// `threads` - 1 helpers are started once. Results do not depend on `threads`: chunks of 64
@@ -73,6 +81,14 @@ class Ppo {
   /// (run.updates = false, benchmarks of collecting alone). The batch need not be completed.
   UpdateStats skip_update(const Batch& batch);
 
+  /// Behaviour cloning (learner/cloning.cpp, docs/learner.md 9): fits the policy to the actions of
+  /// demonstrations by maximum likelihood and the critic to their discounted returns by least
+  /// squares, with the knobs of pb::Cloning. Normaliser and scale of the rewards begin with the
+  /// demonstrations; Adam starts fresh afterwards. `demonstrations`: one slot, whole episodes one
+  /// after the other, each ended by a flag; of what a batch has, observations, actions, rewards and
+  /// flags. Precondition: no update yet.
+  CloningStats clone(Batch demonstrations);
+
   /// The whole optimiser state. load() fails, changing nothing, when sizes or layout do not fit.
   void save(pb::PpoState& state) const;
   Result<void> load(const pb::PpoState& state);
@@ -85,16 +101,26 @@ class Ppo {
   struct Schedule {
     double learning_rate, clip, entropy;
   };
+  /// How one minibatch is learnt from.
+  struct Step {
+    LossSettings loss;
+    double learning_rate = 0;
+    double largest_norm = 0;  ///< the gradient is cut to this norm; 0 = never
+  };
   Schedule schedule() const;
   void prepare(const Batch& batch);
+  void normalise_inputs(const Batch& batch);
   LossSettings loss_settings(const Schedule& now, std::size_t samples) const;
-  LossSums minibatch_step(const Batch& batch, std::span<const std::uint32_t> rows,
-                          const Schedule& now, double& norm);
+  MinibatchView view_of(const Batch& batch, std::span<const std::uint32_t> rows) const;
+  LossSums minibatch_step(const MinibatchView& minibatch, const Step& step, double& norm);
+  /// The critic learns alone in this update (cloning.critic_updates).
+  bool critic_alone() const { return updates_ < cloning_.critic_updates(); }
   void compute_chunks(const MinibatchView& minibatch, const LossSettings& settings);
   void reduce_range(std::size_t first_block, std::size_t last_block, std::size_t chunks);
   void refresh_normaliser();
 
   pb::Ppo settings_;
+  pb::Cloning cloning_;
   std::uint64_t run_seed_ = 0, max_steps_ = 0;
   PolicyShape shape_;
   TrainingLayout layout_;

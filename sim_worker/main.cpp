@@ -17,6 +17,7 @@
 #include "core/rollout.h"
 #include "core/scheduling.h"
 #include "core/topics.h"
+#include "sim_worker/backend/demonstrate.h"
 #include "sim_worker/backend/grasp_study.h"
 #include "sim_worker/backend/image_source.h"
 #include "sim_worker/backend/replay.h"
@@ -115,6 +116,23 @@ int grasp_study(const std::string& folder) {
   return 0;
 }
 
+/// Records episodes of the scripted expert.
+int record_demonstrations(const std::string& preset, const std::vector<std::string>& overrides,
+                          omentum::DemonstrationOptions options) {
+  using namespace omentum;  // NOLINT(google-build-using-namespace)
+  if (options.folder.empty()) throw_error("--demonstrate: -o names the folder of the recordings");
+  const pb::Config config = load_config(preset, overrides);
+  check_limits(config);
+  std::signal(SIGINT, on_signal);
+  std::signal(SIGTERM, on_signal);
+  options.git_revision = git_revision();
+  const DemonstrationCount count = demonstrate(config, options, [] { return stop_requested != 0; });
+  if (count.stopped) return 130;
+  std::printf("%s: episodes=%u reached=%u steps=%llu\n", options.folder.c_str(), count.episodes,
+              count.reached, static_cast<unsigned long long>(count.steps));
+  return count.reached > 0 ? 0 : 1;
+}
+
 int run(int argc, char** argv) {
   using namespace omentum;  // NOLINT(google-build-using-namespace)
   // A picture that a policy sees is one tile of the rasteriser (llvmpipe), whose threads would only
@@ -160,6 +178,26 @@ int run(int argc, char** argv) {
   app.add_option("--grasp-study", study,
                  "Vary each parameter of the grasp of this run folder alone, write its "
                  "evaluation/grasp_study.csv for the report, and exit: 0, or 2 with the reason");
+  DemonstrationOptions demonstration;
+  demonstration.episodes = 0;
+  std::string preset = "omentum";
+  std::vector<std::string> overrides;
+  app.add_option("--demonstrate", demonstration.episodes,
+                 "Record so many episodes of a scripted expert into the folder of -o, for learner "
+                 "--initialise-from-recordings, and exit: 0, or 1 if none reached p_T")
+      ->check(CLI::Range(1, 100000));
+  app.add_option("--preset", preset, "Of --demonstrate")->capture_default_str();
+  app.add_option("--set", overrides,
+                 "Of --demonstrate: override a knob, a.b=value; may be repeated")
+      ->allow_extra_args(false);
+  app.add_option(
+         "--tremor", demonstration.tremor,
+         "Of --demonstrate: share of the decisions in which an axis moves at random, so that "
+         "what lies beside the expert's path is shown as well")
+      ->check(number_between(0, 1))
+      ->capture_default_str();
+  app.add_option("-o,--output", demonstration.folder,
+                 "Of --demonstrate: a folder that is not there yet");
   app.add_flag("--print-dds-env", print_dds, "Print CYCLONEDDS_URI for other tools and exit");
   DdsOptions dds;
   add_dds_options(app, dds);
@@ -172,8 +210,10 @@ int run(int argc, char** argv) {
                "Print every knob of a run with unit, range, default and source, and exit");
   app.footer(
       "The learner decides the configuration; see learner --help. Exit codes: 0 stopped or run "
-      "finished, 1 a replay differs or --max-wait has passed, 2 wrong input.");
+      "finished, 1 a replay differs, no demonstration reached p_T or --max-wait has passed, 2 "
+      "wrong input, 130 --demonstrate was stopped.");
   if (const std::optional<int> code = parse_command_line(app, argc, argv)) return *code;
+  if (demonstration.episodes > 0) return record_demonstrations(preset, overrides, demonstration);
   if (!check_config.empty()) return check(check_config);
   if (!study.empty()) return grasp_study(study);
   if (!replays.empty()) return replay(replays, width == 0 ? 1 : width);

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
-#include <filesystem>
 #include <vector>
 
 #include "core/check.h"
@@ -79,21 +78,6 @@ void check_task(const std::string& name, const EpisodeRecording& recording, cons
 }
 
 }  // namespace
-
-std::vector<std::string> recordings_of(const std::string& path) {
-  namespace fs = std::filesystem;
-  if (!fs::is_directory(path)) return {path};
-  std::vector<std::string> files;
-  for (const std::string& folder : {path, path + "/recordings"}) {
-    std::error_code ignored;
-    for (const auto& entry : fs::directory_iterator(folder, ignored)) {
-      if (entry.path().extension() == ".mcap") files.push_back(entry.path().string());
-    }
-  }
-  if (files.empty()) throw_error("{}: a folder without recordings (*.mcap)", path);
-  std::sort(files.begin(), files.end());
-  return files;
-}
 
 void Replayer::prepare(const std::string& name, const EpisodeRecording& recording) {
   const std::string& wanted = recording.context.config_text;

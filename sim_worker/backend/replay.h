@@ -18,10 +18,6 @@ struct ReplayReport {
   std::string text;         ///< one line: "identical steps=N" or the first difference
 };
 
-/// The recordings that a path stands for: itself; of a folder its *.mcap, or those of its
-/// recordings/, in order of name. Throws Error for a folder without any.
-std::vector<std::string> recordings_of(const std::string& path);
-
 /// Runs recorded actions again, in the simulation made from the recording's own configuration text,
 /// and compares observations, rewards, flags, exposures and state hashes bit for bit. Keeps the
 /// simulation as long as recordings of the same configuration follow each other. Not thread-safe.

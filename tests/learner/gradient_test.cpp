@@ -156,7 +156,9 @@ double sample_loss(const Case& c, const Problem& problem, const std::vector<doub
   }
   const auto advantage = static_cast<double>(problem.advantages[i]);
   double policy = 0;
-  if (c.settings.ratio == pb::RATIO_JOINT) {
+  if (c.settings.likelihood) {
+    policy = -std::accumulate(log_prob.begin(), log_prob.end(), 0.0);
+  } else if (c.settings.ratio == pb::RATIO_JOINT) {
     const double joint = std::accumulate(log_prob.begin(), log_prob.end(), 0.0);
     policy = clipped_surrogate(joint - static_cast<double>(b.log_probs[i]), advantage, c.settings);
   } else {
@@ -289,6 +291,16 @@ std::vector<Case> cases() {
     c.shape = gaussian;
     c.shape.activation = pb::ACTIVATION_SWISH;
     c.settings.ratio = pb::RATIO_PER_BRANCH;
+  });
+  add("Likelihood", [](Case& c) { c.settings.likelihood = true; });
+  add("LikelihoodPerBranchSwish", [](Case& c) {
+    c.settings.likelihood = true;
+    c.settings.ratio = pb::RATIO_PER_BRANCH;  // is not asked for
+    c.shape.activation = pb::ACTIVATION_SWISH;
+  });
+  add("LikelihoodGaussian", [&](Case& c) {
+    c.shape = gaussian;
+    c.settings.likelihood = true;
   });
   const auto see = [](Case& c, int size, int channels) {
     c.shape.hidden = 16;
