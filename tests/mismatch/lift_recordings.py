@@ -49,7 +49,13 @@ clock_offset_uncertainty_s: 0.05
 
 
 def frames_of(lift):
-    return 1e-6 * np.cumsum(lift["frames_um_differences"], axis=0)
+    """Nodes at rest and in every frame, those of a face by x, then y. The files have them so but for
+    x that differ by rounding: there the y of two columns are mixed."""
+    rest = lift["rest_m"]
+    half = len(rest) // 2
+    order = np.concatenate([start + np.lexsort(np.round(rest[start:start + half, 1::-1], 9).T)
+                            for start in (0, half)])
+    return rest[order], (1e-6 * np.cumsum(lift["frames_um_differences"], axis=0))[:, order]
 
 
 def faces_of(rest):
@@ -57,6 +63,8 @@ def faces_of(rest):
     half = len(rest) // 2
     nx = len(np.unique(np.round(rest[:half, 0], 9)))
     ny = half // nx
+    x, y = rest[:half, :2].reshape(nx, ny, 2).transpose(2, 0, 1)
+    assert np.ptp(x, axis=1).max() < 1e-9 and (np.diff(y, axis=1) > 0).all(), "no grid"
     grid = np.arange(half).reshape(nx, ny)
     a, b, c, d = (g.ravel() for g in (grid[:-1, :-1], grid[1:, :-1], grid[1:, 1:], grid[:-1, 1:]))
     upper = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
@@ -158,8 +166,8 @@ def main():
         for k in range(-5, len(path)):
             rows.append(f"{k * step:.6g},{','.join(f'{x:.9g}' for x in path[max(k, 0)])},{0.4 if k < 0 else 0}")
         (folder / "tool.csv").write_text("\n".join(rows) + "\n")
-        frames, times = frames_of(lift), lift["times_s"]
-        triangles = faces_of(lift["rest_m"])
+        (rest, frames), times = frames_of(lift), lift["times_s"]
+        triangles = faces_of(rest)
         index = ["t_s,file"]
         for k, t in enumerate(times):
             if not args.moving and np.abs(np.array(HOLDS) - t).min() > 1e-6:
