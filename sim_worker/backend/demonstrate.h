@@ -14,8 +14,8 @@ struct DemonstrationOptions {
   /// Share of the decisions in which an axis moves at random instead, each axis by itself; the jaw
   /// never does. Shows what to do beside the expert's own path.
   double tremor = 0.1;
-  std::string folder;        ///< of the recordings
-  std::string git_revision;  ///< they carry it
+  std::string folder = {};        ///< of the recordings
+  std::string git_revision = {};  ///< they carry it
 };
 
 /// What became of the episodes of a scripted expert.
