@@ -161,8 +161,7 @@ int main(int argc, char** argv) {
   // A step of these figures is a control period.
   const std::vector<std::string> period = {"task.action_repeat=1"};
   const std::vector<std::string> cluster_case = {
-      period.front(),
-      "scene.tissue.cluster.cluster_spacing_m=0.0127",
+      period.front(), "scene.tissue.cluster.cluster_spacing_m=0.0127",
       "scene.tissue.cluster.cluster_radius_m=0.0095",
       "scene.tissue.cluster.cluster_stiffness=0.361",
       "scene.tissue.cluster.orphan_policy=ORPHANS_ATTACH_NEAREST"};

@@ -33,8 +33,8 @@ enum class StartSet : std::uint32_t {
   kRobotGrid = 2,  ///< scene.robot_grid, the 25 cells
   /// Settled sheet, jaw closed on particle start_index, no policy: lift to p_T and hold.
   kGraspLattice = 3,
-  /// The starts of kGrid, with parameters of scene and arm drawn from config.randomise by draws that
-  /// training never makes (Purpose::kEvaluationDynamics, start_index).
+  /// The starts of kGrid, with parameters of scene and arm drawn from config.randomise by draws
+  /// that training never makes (Purpose::kEvaluationDynamics, start_index).
   kGridDrawn = 4,
 };
 

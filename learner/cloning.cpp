@@ -1,4 +1,5 @@
-// Behaviour cloning [Pomerleau89] before PPO begins: the part of Ppo that learns from demonstrations.
+// Behaviour cloning [Pomerleau89] before PPO begins: the part of Ppo that learns from
+// demonstrations.
 
 #include <algorithm>
 #include <cmath>

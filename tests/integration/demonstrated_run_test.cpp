@@ -17,10 +17,12 @@ using testing::HasSubstr;
 
 /// Preset omentum in steps of 2 mm: two episodes and 12 updates of it are seconds.
 Strings short_task() {
-  return {"task.increment_m=0.002",       "task.episode_steps=150", "rollout.slots=6",
-          "rollout.steps_per_segment=32", "rollout.max_steps=2304", "ppo.hidden=16",
-          "ppo.minibatch=64",             "ppo.epochs=2",           "cloning.epochs=5",
-          "cloning.critic_updates=2",     "evaluation.enabled=false"};
+  return {"task.increment_m=0.002",  "task.episode_steps=150",
+          "rollout.slots=6",         "rollout.steps_per_segment=32",
+          "rollout.max_steps=2304",  "ppo.hidden=16",
+          "ppo.minibatch=64",        "ppo.epochs=2",
+          "cloning.epochs=5",        "cloning.critic_updates=2",
+          "evaluation.enabled=false"};
 }
 
 Strings options_of(const Strings& sets) {
