@@ -146,8 +146,8 @@ TEST_F(DemonstrationsTest, OtherTasksScenesAndGraspsAreRefusedByKnob) {
   const auto other = [](const std::string& preset, const std::string& set) {
     return episode(load_config(preset, std::vector<std::string>{set}), 5);
   };
-  expect_bad({"task.exposure_distance_m", "0.01", "0.003"}, [&](EpisodeRecording& bad) {
-    bad = other("omentum", "task.exposure_distance_m=0.01");
+  expect_bad({"task.exposure_distance_m", "0.02"}, [&](EpisodeRecording& bad) {
+    bad = other("omentum", "task.exposure_distance_m=0.02");
   });
   expect_bad({"task.observation", "OBSERVATION_PAPER"}, [&](EpisodeRecording& bad) {
     bad = other("omentum", "task.observation=OBSERVATION_PAPER");

@@ -219,6 +219,7 @@ TEST(OnnxMetadata, SaysWhatEveryPresetObserves) {
       {"derived_head", {8, {{"goal_z", "100 mm along y of W"}, {"distance_p_goal", "100 mm"}}}},
       {"omentum", {20, fine}},
       {"omentum_elastic", {20, fine}},
+      {"omentum_robust", {20, fine}},
       {"omentum_image", {21, {{"image[32][32]", "object id / 6"}}}},
       {"omentum_soft", {20, fine}},
       {"omentum_wide", {20, fine}}};
