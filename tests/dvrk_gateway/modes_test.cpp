@@ -37,7 +37,9 @@ class Modes : public testing::Test {
   static constexpr std::int64_t kS = 1'000'000'000;
 
   void make(const pb::ArmEffects& effects = {}) {
-    const pb::Config config = load_config("omentum", std::vector<std::string>{});
+    // Decisions of one control period, by which these tests count.
+    const pb::Config config =
+        load_config("omentum", std::vector<std::string>{"task.action_repeat=1"});
     setup_ = make_sim_setup(config);
     sides_ = std::make_unique<TwoSides>(DoubleOptions{}, effects, setup_->mount);
     sides_->sleep_until(kS / 100);

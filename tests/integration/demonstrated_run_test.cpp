@@ -46,10 +46,10 @@ TEST(DemonstratedRun, BeginsWithTheExpertAndIsTheSameTwice) {
   const Finished made = programs.finish(
       Strings{OMENTUM_SIM_WORKER, "--demonstrate", "2", "-o", shown} + options_of(short_task()));
   ASSERT_EQ(made.code, 0) << made.err;
-  EXPECT_THAT(made.out, HasSubstr("episodes=2 reached=2 steps=300"));
+  EXPECT_THAT(made.out, HasSubstr("episodes=2 reached=2 steps=150"));
 
   const Strings clone = {"--initialise-from-recordings", shown};
-  EXPECT_THAT(train(programs, "first", clone), HasSubstr("cloned episodes=2 steps=300"));
+  EXPECT_THAT(train(programs, "first", clone), HasSubstr("cloned episodes=2 steps=150"));
   train(programs, "second", clone);
   EXPECT_EQ(programs.hash("first"), programs.hash("second"));
   train(programs, "fresh", {});

@@ -19,10 +19,11 @@ namespace {
 
 using Eigen::Vector3d;
 
-/// With decisions of one control period in every preset, by which these tests count.
+/// Preset omentum with decisions of one control period, by which these tests count.
 std::shared_ptr<const SimSetup> setup_of(const std::string& preset,
                                          const std::vector<std::string>& overrides = {}) {
-  std::vector<std::string> all = {"task.action_repeat=1"};
+  std::vector<std::string> all;
+  if (preset == "omentum") all.emplace_back("task.action_repeat=1");
   all.insert(all.end(), overrides.begin(), overrides.end());
   return make_sim_setup(load_config(preset, all), deploy_dir() + "/scenes");
 }
