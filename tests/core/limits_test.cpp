@@ -101,7 +101,8 @@ TEST(Limits, AnEvaluationFitsOnTheWire) {
 }
 
 TEST(Limits, StatesAndRecordedFramesFitOnTheWire) {
-  const auto why = [](const Strings& sets, std::size_t state_bytes, std::size_t numbers) {
+  const auto why = [](Strings sets, std::size_t state_bytes, std::size_t numbers) {
+    sets.emplace_back("task.action_repeat=1");
     try {
       check_scene_limits(load_config("omentum", sets), state_bytes, numbers);
     } catch (const Error& error) {
