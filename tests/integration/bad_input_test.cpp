@@ -264,15 +264,18 @@ TEST_F(BadInput, WhatTheBusCannotCarryIsRefusedByLearnerDryRunAndCheckAlike) {
        {"ppo.hidden: 1024", "parameters", "allowed up to "}},
       {image + Strings{"rollout.steps_per_segment=20000"},
        {"rollout.steps_per_segment: 20000", "allowed up to 16070"}},
-      {image + Strings{"task.episode_steps=19000"},
+      {image + Strings{"task.episode_steps=19000", "task.action_repeat=1"},
        {"task.episode_steps: 19000", "allowed up to 16070"}}};
   for (const auto& [sets, parts] : refused) {
     expect_learner_refuses(sets, parts);
     expect_scene_refused(sets, parts);
   }
   // What only the scene tells.
-  const Strings fine = {"scene.tissue.model=TISSUE_ELASTIC", "scene.tissue.grid.count_x=120",
-                        "scene.tissue.grid.count_y=120", "scene.tissue.grid.pitch_m=0.0006",
+  const Strings fine = {"task.action_repeat=1",
+                        "scene.tissue.model=TISSUE_ELASTIC",
+                        "scene.tissue.grid.count_x=120",
+                        "scene.tissue.grid.count_y=120",
+                        "scene.tissue.grid.pitch_m=0.0006",
                         "scene.tissue.anchor_max_y_m=-0.014"};
   expect_scene_refused(
       fine + Strings{"scene.tissue.effects={ viscoelastic { share: 0.3 time_s: 1 } }"},

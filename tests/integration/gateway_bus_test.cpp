@@ -111,7 +111,7 @@ TEST(GatewayBus, AnEpisodeThatTheOperatorArmsIsPublishedAsOfARobot) {
     EXPECT_THAT(test::read_text(out), HasSubstr("stopped: "));
     return;
   }
-  EXPECT_EQ(segment.steps, 60U);
+  EXPECT_EQ(segment.steps, 30U) << "60 periods in decisions of two";
   EXPECT_EQ(gateway.wait(test::kRunTime), 0);
   int told = 0;
   EXPECT_TRUE(summaries.take(16, [&](Arrival<EpisodeSummary>&& arrival) {

@@ -116,8 +116,9 @@ TEST_F(Evaluated, RecordingsHoldTheTaskThatWasGranted) {
     ASSERT_TRUE(recording) << recording.error();
     const RolloutTask& task = recording.value().task;
     EXPECT_EQ(task.kind, TaskKind::kEvaluate);
-    EXPECT_EQ(task.policy_steps, 60u);
-    EXPECT_EQ(task.hold_steps, 10u);
+    // 60 and 10 periods in decisions of two.
+    EXPECT_EQ(task.policy_steps, 30u);
+    EXPECT_EQ(task.hold_steps, 5u);
     EXPECT_EQ(task.episode_limit, task.steps);
     EXPECT_EQ(task.frame_stride, 10u);
     EXPECT_GE(task.steps, recording.value().segment.steps);
