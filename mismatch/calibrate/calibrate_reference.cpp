@@ -20,6 +20,7 @@ using Eigen::VectorXd;
 
 constexpr double kFarPoint = 0.03;  // [m] from the surface: no tissue, in figures of fit
 constexpr double kMeshRatio = 1.5;
+constexpr double kCoarseWork = 0.8, kFineWork = 2.6;  // of a simulation with its derivatives
 
 using Which = std::vector<std::size_t>;
 
@@ -38,7 +39,7 @@ class Stages {
     if (fitted_.empty()) throw_error("every recording is held out: nothing can be fitted");
     // Work in passes of the fine mesh: starts, coarse, fine, base, numerics, left out.
     const auto all = static_cast<double>(fit_.observations.size());
-    planned_ = all * (0.4 + 4 * 0.5 + 3 * 1.6 + 1 + 2.2 + 1.2);
+    planned_ = all * (0.4 + 8 * kCoarseWork + 5 * kFineWork + 1 + 2.2 + 1.2);
   }
 
   Calibration run();
@@ -49,6 +50,7 @@ class Stages {
   void look_for_mirrors();
   void drop_failing(const std::vector<Prediction>& predictions);
   void descend(const Numerics& numerics, int most, double work, const std::string& stage);
+  double moved();
   void choose_law();
   void add_numerics();
   void settle_beliefs();
@@ -68,6 +70,7 @@ class Stages {
   std::vector<Prediction> predictions_;
   std::vector<Prediction> base_;  ///< as believed
   ArrowStep sure_;
+  bool settled_ = true;  ///< the last descend() came to rest
   double planned_ = 1, done_ = 0;
   double mesh_rms_ = 0, step_rms_ = 0, law_rms_ = 0;
 };
@@ -173,42 +176,61 @@ void Stages::drop_failing(const std::vector<Prediction>& predictions) {
   fitted_ = kept;
 }
 
-/// Simulates, improves on the derivatives, and again; a step that makes it worse is halved.
+/// How far the state is from what was simulated, the farthest number against how sure it is.
+double Stages::moved() {
+  sure_ = fit_.posterior(predictions_, at_, fitted_, state_);
+  double most = 0;
+  for (int k = 0; k < fit_.layout.unknowns; ++k) {
+    if (!fit_.unknowns[static_cast<std::size_t>(k)].in_scene) continue;
+    const double sd = std::sqrt(std::max(sure_.shared_covariance(k, k), 1e-12));
+    most = std::max(most, std::fabs(state_.shared[k] - at_.shared[k]) / sd);
+  }
+  for (std::size_t i = 0; i < fitted_.size(); ++i) {
+    const VectorXd by = state_.own[fitted_[i]] - at_.own[fitted_[i]];
+    for (int k = 0; k < 3; ++k) most = std::max(most, std::fabs(by[k]) / sure_.own_sd[i][k]);
+  }
+  return most;
+}
+
+/// Simulates, improves on the derivatives, and again, until what is simulated moves no more. A step
+/// after which the simulation fits worse is taken back, and the derivatives are trusted less.
 void Stages::descend(const Numerics& numerics, int most, double work, const std::string& stage) {
-  FitState best = state_;
+  constexpr double kSlack = 0.5;   // of a log likelihood: what rounding does
+  constexpr double kSmall = 0.25;  // standard deviations
+  constexpr double kLeastTrust = 0.01;
+  fit_.trust = 1;
+  settled_ = false;
   bool known = false;
-  for (int step = 0; step < most; ++step) {
+  for (int step = 0; step < most && !settled_; ++step) {
     auto predictions = fit_.simulate(state_, numerics, true, fitted_);
     say(stage, work * static_cast<double>(fitted_.size()));
-    const NoiseModel here = fit_.noise;
+    if (!known) drop_failing(predictions);
     if (known) {
-      const double now = fit_.cost(predictions, state_, fitted_, state_, here);
-      const double before = fit_.cost(predictions_, at_, fitted_, best, here);
-      if (!(now <= before + 1)) {
-        state_.shared = 0.5 * (state_.shared + best.shared);
-        for (std::size_t r = 0; r < state_.own.size(); ++r)
-          state_.own[r] = 0.5 * (state_.own[r] + best.own[r]);
+      const double now = fit_.cost(predictions, state_, fitted_, state_, fit_.noise);
+      const double before = fit_.cost(predictions_, at_, fitted_, at_, fit_.noise);
+      const double foretold = fit_.cost(predictions_, at_, fitted_, state_, fit_.noise);
+      if (!(now < before + kSlack)) {
+        fit_.trust *= 0.3;
+        state_ = at_;
+        fit_.improve(predictions_, at_, fitted_, 12, state_);
+        settled_ = fit_.trust < kLeastTrust || moved() < kSmall;
         continue;
       }
+      if (before - now > 0.5 * (before - foretold)) fit_.trust = std::min(1.0, 2 * fit_.trust);
     }
-    if (!known) drop_failing(predictions);
     known = true;
     predictions_ = std::move(predictions);
     at_ = state_;
-    best = state_;
     fit_.improve(predictions_, at_, fitted_, 12, state_);
-    // Far enough if what is simulated hardly moves any more.
-    double change = 0;
-    for (int k = 0; k < fit_.layout.unknowns; ++k) {
-      if (fit_.unknowns[static_cast<std::size_t>(k)].is_parameter)
-        change = std::max(change, std::fabs(state_.shared[k] - at_.shared[k]));
-    }
-    for (const std::size_t r : fitted_)
-      change = std::max(change, (state_.own[r] - at_.own[r]).head<2>().norm() / 0.02);
-    constexpr double kSmall = 0.015;  // 1.5 % of a factor, 0.3 mm of a pinch
-    if (change < kSmall) break;
+    settled_ = moved() < kSmall;
   }
-  if (!known) throw_error("the first simulation of the {} failed", stage);
+  if (!settled_) {
+    // What was simulated last stays; what needs no simulation follows.
+    state_ = at_;
+    fit_.trust = 0;
+    fit_.improve(predictions_, at_, fitted_, 12, state_);
+  }
+  fit_.trust = 1;
 }
 
 /// The law whose nuisance is nearest to one becomes that of the model.
@@ -245,7 +267,7 @@ double apart(const std::vector<Prediction>& a, const std::vector<Prediction>& b,
   return count > 0 ? std::sqrt(squares / count) : 0;
 }
 
-/// Mesh and thickness as nuisances by difference; the step as a figure.
+/// The mesh as a nuisance by difference; the step as a figure.
 void Stages::add_numerics() {
   const double all = static_cast<double>(fitted_.size());
   const double fall = 1 / (std::pow(kMeshRatio, 2.5) - 1);  // docs/results.md: error ~ cell^2.5
@@ -254,22 +276,6 @@ void Stages::add_numerics() {
   const auto mesh = fit_.simulate(at_, larger, false, fitted_);
   mesh_rms_ = fall * apart(mesh, predictions_, fitted_);
   say("mesh", 0.5 * all);
-  // A body a tenth thinner that lies on the same board.
-  constexpr double kThinner = 0.9;
-  const pb::Scene scene = fit_.scene;
-  pb::Tissue& tissue = *fit_.scene.mutable_tissue();
-  const double thickness = tissue.thickness_m();
-  tissue.set_thickness_m(kThinner * thickness);
-  if (fit_.scene.rigid_body_size() > 0) {
-    const Vector3d down = -0.5 * (1 - kThinner) * thickness * fit_.made.tissue.X_WB.linear().col(2);
-    pb::Vec3& place = *tissue.mutable_pose()->mutable_translation_m();
-    place.set_x(place.x() + down.x());
-    place.set_y(place.y() + down.y());
-    place.set_z(place.z() + down.z());
-  }
-  const auto thin = fit_.simulate(at_, fine(), false, fitted_);
-  fit_.scene = scene;
-  say("thickness", all);
   const Which few(fitted_.begin(),
                   fitted_.begin() + std::min<std::ptrdiff_t>(2, std::ssize(fitted_)));
   Numerics shorter = fine();
@@ -280,13 +286,6 @@ void Stages::add_numerics() {
   fit_.add_difference({"numerics.mesh", "1", "", Unknown::Scale::kShift, 0, 1.5,
                        "1.5 times its estimated error", false},
                       mesh, -fall, predictions_, at_, state_);
-  double sd = 0.05;
-  for (const pb::Prior& prior : options_.priors.prior()) {
-    if (prior.path() == "scene.tissue.thickness_m" && prior.sd() > 0) sd = prior.sd() / thickness;
-  }
-  fit_.add_difference({"scene.tissue.thickness_m", "m", "", Unknown::Scale::kFactor, thickness, sd,
-                       "5 %, docs/calibrate.md 3", false},
-                      thin, 1 / std::log(kThinner), predictions_, at_, state_);
   // Between the laws, at half their distance.
   double squares = 0, count = 0;
   for (int k = 0; k < fit_.layout.unknowns; ++k) {
@@ -305,7 +304,8 @@ void Stages::add_numerics() {
 /// The smooth discrepancy and the scales of what recordings have of their own, with the numbers.
 void Stages::settle_beliefs() {
   constexpr double kFirstMode = 3e-4;  // [m]
-  fit_.beliefs.own_sd.tail(kModes).setConstant(kFirstMode);
+  if (fit_.beliefs.own_sd[fit_.layout.own() - 1] < 1e-6)
+    fit_.beliefs.own_sd.tail(kModes).setConstant(kFirstMode);
   for (int round = 0; round < 6; ++round) {
     fit_.improve(predictions_, at_, fitted_, round == 0 ? 8 : 3, state_);
     sure_ = fit_.posterior(predictions_, at_, fitted_, state_);
@@ -394,7 +394,7 @@ void Stages::leave_out() {
         const Eigen::MatrixXf& columns = predictions_[r].frames[f].columns;
         VectorXd x = blind.shared.head(fit_.layout.unknowns);
         for (int k = 0; k < fit_.layout.unknowns; ++k) {
-          if (fit_.unknowns[static_cast<std::size_t>(k)].is_parameter) x[k] = 0;
+          if (fit_.unknowns[static_cast<std::size_t>(k)].in_scene) x[k] = 0;
         }
         const Eigen::VectorXf by = columns.leftCols(fit_.layout.unknowns) * x.cast<float>();
         for (std::size_t v = 0; v < whole.frames[f].vertices.size(); ++v)
@@ -449,11 +449,19 @@ Calibration Stages::run() {
   const std::clock_t begin = std::clock();
   scan();
   look_for_mirrors();
-  descend(coarse(), 4, 0.5, "coarse mesh");
+  descend(coarse(), 6, kCoarseWork, "coarse mesh");
   choose_law();
-  descend(fine(), 4, 1.6, "fine mesh");
-  add_numerics();
   settle_beliefs();
+  descend(coarse(), 6, kCoarseWork, "coarse mesh");
+  descend(fine(), 4, kFineWork, "fine mesh");
+  add_numerics();
+  // The scales move the numbers, and what is simulated follows them.
+  constexpr int kRounds = 3;
+  for (int round = 0; round < kRounds; ++round) {
+    settle_beliefs();
+    if (settled_ && moved() < 0.25) break;
+    descend(fine(), 3, kFineWork, "settling");
+  }
   base_ = fit_.simulate(fit_.believed(), fine(), false, fitted_);
   say("before", static_cast<double>(fitted_.size()));
   collect_fit();
