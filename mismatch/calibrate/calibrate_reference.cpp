@@ -8,6 +8,7 @@
 #include "core/check.h"
 #include "core/constants.h"
 #include "mismatch/calibrate/calibration.h"
+#include "mismatch/calibrate/descent.h"
 #include "mismatch/calibrate/findings.h"
 #include "mismatch/calibrate/reference_fit.h"
 #include "mismatch/simulation.h"
@@ -48,9 +49,10 @@ class Stages {
   void say(const std::string& stage, double passes);
   void scan();
   void look_for_mirrors();
+  void warn_of_missing(std::size_t r, const Prediction& prediction, const std::string& where);
   void drop_failing(const std::vector<Prediction>& predictions);
+  std::vector<Prediction> begin_descent(const SimulateState& simulate);
   void descend(const Numerics& numerics, int most, double work, const std::string& stage);
-  double moved();
   void choose_law();
   void add_numerics();
   void settle_beliefs();
@@ -159,78 +161,66 @@ void Stages::look_for_mirrors() {
   if (!wrong.empty()) scan();  // what they had spoilt
 }
 
+/// Says once what of a recording could not be simulated.
+void Stages::warn_of_missing(std::size_t r, const Prediction& p, const std::string& where) {
+  const std::ptrdiff_t valid = count_valid(p);
+  if (valid == static_cast<std::ptrdiff_t>(p.frames.size())) return;
+  const std::string line =
+      fmt::format("recording {}: {} of {} frames are simulated{}{}{}", fit_.observations[r].name,
+                  valid, p.frames.size(), where, p.failure.empty() ? "" : ": ", p.failure);
+  if (std::ranges::count(result_.warnings, line) == 0) result_.warnings.push_back(line);
+}
+
 /// Recordings whose simulation ends before their first frame tell nothing.
 void Stages::drop_failing(const std::vector<Prediction>& predictions) {
   Which kept;
   for (const std::size_t r : fitted_) {
     const Prediction& p = predictions[r];
-    const auto valid = std::ranges::count_if(p.frames, &PredictedFrame::valid);
-    if (valid < static_cast<std::ptrdiff_t>(p.frames.size())) {
-      result_.warnings.push_back(fmt::format("recording {}: {} of {} frames are simulated{}{}",
-                                             fit_.observations[r].name, valid, p.frames.size(),
-                                             p.failure.empty() ? "" : ": ", p.failure));
-    }
-    if (valid > 0) kept.push_back(r);
+    warn_of_missing(r, p, "");
+    if (count_valid(p) > 0) kept.push_back(r);
   }
-  if (kept.empty()) throw_error("no recording can be simulated: {}", predictions.front().failure);
+  if (kept.empty())
+    throw_error("no recording can be simulated: {}", predictions[fitted_.front()].failure);
   fitted_ = kept;
 }
 
-/// How far the state is from what was simulated, the farthest number against how sure it is.
-double Stages::moved() {
-  sure_ = fit_.posterior(predictions_, at_, fitted_, state_);
-  double most = 0;
-  for (int k = 0; k < fit_.layout.unknowns; ++k) {
-    if (!fit_.unknowns[static_cast<std::size_t>(k)].in_scene) continue;
-    const double sd = std::sqrt(std::max(sure_.shared_covariance(k, k), 1e-12));
-    most = std::max(most, std::fabs(state_.shared[k] - at_.shared[k]) / sd);
+/// The first simulation of a mesh, of a state that another led to: where it fails, it goes half the
+/// way to what is believed.
+std::vector<Prediction> Stages::begin_descent(const SimulateState& simulate) {
+  const auto failing = [&](const std::vector<Prediction>& predictions) {
+    return std::ranges::count_if(fitted_,
+                                 [&](std::size_t r) { return count_valid(predictions[r]) == 0; });
+  };
+  auto predictions = simulate(state_);
+  FitState nearer = state_;
+  constexpr int kHalvings = 3;
+  for (int k = 0; k < kHalvings && failing(predictions) > 0; ++k) {
+    nearer.shared.head(fit_.layout.unknowns) *= 0.5;
+    auto again = simulate(nearer);
+    if (failing(again) >= failing(predictions)) continue;
+    predictions = std::move(again);
+    state_ = nearer;
   }
-  for (std::size_t i = 0; i < fitted_.size(); ++i) {
-    const VectorXd by = state_.own[fitted_[i]] - at_.own[fitted_[i]];
-    for (int k = 0; k < 3; ++k) most = std::max(most, std::fabs(by[k]) / sure_.own_sd[i][k]);
-  }
-  return most;
+  drop_failing(predictions);
+  return predictions;
 }
 
-/// Simulates, improves on the derivatives, and again, until what is simulated moves no more. A step
-/// after which the simulation fits worse is taken back, and the derivatives are trusted less.
+/// Simulates and improves until what is simulated moves no more, at most so many times.
 void Stages::descend(const Numerics& numerics, int most, double work, const std::string& stage) {
-  constexpr double kSlack = 0.5;   // of a log likelihood: what rounding does
-  constexpr double kSmall = 0.25;  // standard deviations
-  constexpr double kLeastTrust = 0.01;
-  fit_.trust = 1;
-  settled_ = false;
-  bool known = false;
-  for (int step = 0; step < most && !settled_; ++step) {
-    auto predictions = fit_.simulate(state_, numerics, true, fitted_);
+  const SimulateState simulate = [&](const FitState& state) {
+    auto predictions = fit_.simulate(state, numerics, true, fitted_);
     say(stage, work * static_cast<double>(fitted_.size()));
-    if (!known) drop_failing(predictions);
-    if (known) {
-      const double now = fit_.cost(predictions, state_, fitted_, state_, fit_.noise);
-      const double before = fit_.cost(predictions_, at_, fitted_, at_, fit_.noise);
-      const double foretold = fit_.cost(predictions_, at_, fitted_, state_, fit_.noise);
-      if (!(now < before + kSlack)) {
-        fit_.trust *= 0.3;
-        state_ = at_;
-        fit_.improve(predictions_, at_, fitted_, 12, state_);
-        settled_ = fit_.trust < kLeastTrust || moved() < kSmall;
-        continue;
-      }
-      if (before - now > 0.5 * (before - foretold)) fit_.trust = std::min(1.0, 2 * fit_.trust);
-    }
-    known = true;
-    predictions_ = std::move(predictions);
-    at_ = state_;
-    fit_.improve(predictions_, at_, fitted_, 12, state_);
-    settled_ = moved() < kSmall;
-  }
-  if (!settled_) {
-    // What was simulated last stays; what needs no simulation follows.
-    state_ = at_;
-    fit_.trust = 0;
-    fit_.improve(predictions_, at_, fitted_, 12, state_);
-  }
-  fit_.trust = 1;
+    return predictions;
+  };
+  Descent d;
+  d.predictions = begin_descent(simulate);
+  d.at = state_;
+  omentum::descend(fit_, simulate, fitted_, most - 1, d);
+  predictions_ = std::move(d.predictions);
+  at_ = d.at;
+  state_ = d.state;
+  sure_ = d.sure;
+  settled_ = d.settled;
 }
 
 /// The law whose nuisance is nearest to one becomes that of the model.
@@ -359,6 +349,7 @@ void Stages::collect_fit() {
     FitRow row;
     row.recording = fit_.observations[r].name;
     row.role = "fitted";
+    warn_of_missing(r, base_[r], " as believed");
     row.rmse_base = rms_of(fit_.distances(base_[r], r, plain, plain, kFarPoint));
     FitState no_modes = state_;
     no_modes.own[r].tail(kModes).setZero();
@@ -381,6 +372,7 @@ void Stages::leave_out() {
     const auto predicted = fit_.simulate(blind, fine(), false, left);
     const auto base = role == "held_out" ? fit_.simulate(plain, fine(), false, left) : base_;
     for (const std::size_t r : left) {
+      warn_of_missing(r, predicted[r], " where it is " + role);
       FitRow row;
       row.recording = fit_.observations[r].name;
       row.role = role;
@@ -459,7 +451,7 @@ Calibration Stages::run() {
   constexpr int kRounds = 3;
   for (int round = 0; round < kRounds; ++round) {
     settle_beliefs();
-    if (settled_ && moved() < 0.25) break;
+    if (settled_ && moved(fit_, fitted_, at_, state_, sure_) < kSmallMove) break;
     descend(fine(), 3, kFineWork, "settling");
   }
   base_ = fit_.simulate(fit_.believed(), fine(), false, fitted_);

@@ -94,6 +94,10 @@ std::vector<Moment> way_of(const Between& place, double period, std::size_t step
 
 }  // namespace
 
+std::ptrdiff_t count_valid(const Prediction& prediction) {
+  return std::ranges::count_if(prediction.frames, &PredictedFrame::valid);
+}
+
 void move_in_time(const PredictedFrame& frame, double later, std::vector<Vector3d>& vertices,
                   std::vector<Vector3d>& velocity) {
   vertices = frame.vertices;

@@ -44,6 +44,9 @@ struct Prediction {
   double lift = 0;      ///< highest place of the tip above its first [m]
 };
 
+/// Frames that the simulation got to.
+std::ptrdiff_t count_valid(const Prediction& prediction);
+
 /// How the model is solved.
 struct Numerics {
   pb::TissueModelKind model = pb::TISSUE_REFERENCE;

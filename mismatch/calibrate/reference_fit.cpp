@@ -145,9 +145,15 @@ std::vector<Prediction> ReferenceFit::simulate(const FitState& state, const Nume
     const bool second = k >= which.size();
     const FitState& at = second ? thinner : state;
     const double clock = at.shared[layout.clock()] + at.own[r][3];
-    (second ? thin : predictions)[r] =
-        predict(observations[r], scene_of(at, r), options.folder, unknowns,
-                at.shared.head(layout.unknowns), clock, numerics, with_columns && !second);
+    Prediction& made_here = (second ? thin : predictions)[r];
+    try {
+      made_here =
+          predict(observations[r], scene_of(at, r), options.folder, unknowns,
+                  at.shared.head(layout.unknowns), clock, numerics, with_columns && !second);
+    } catch (const Error& error) {
+      made_here.frames.assign(observations[r].frames.size(), {});
+      made_here.failure = error.what();
+    }
   });
   if (!with_columns) return predictions;
   for (const std::size_t r : which) {

@@ -32,7 +32,8 @@ class ReferenceFit {
   /// A state where everything is as believed.
   FitState believed() const;
   /// Of the recordings in `which`; others stay empty. Columns: those of the simulation, that of the
-  /// thickness by a second one, and what add_difference() was given.
+  /// thickness by a second one, and what add_difference() was given. A recording that cannot be
+  /// simulated at `state` has no valid frames, and the reason as its failure.
   std::vector<Prediction> simulate(const FitState& state, const Numerics& numerics,
                                    bool with_columns, const std::vector<std::size_t>& which) const;
   /// Steps of Gauss and Newton on surfaces simulated at `at`, until they are small against what

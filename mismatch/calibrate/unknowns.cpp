@@ -69,7 +69,7 @@ void set_thickness(pb::Scene& scene, double value) {
   const double before = tissue.thickness_m();
   set_scene_number(scene, kThicknessPath, value);
   const double ratio = tissue.thickness_m() / before;
-  tissue.set_particle_radius_m(ratio * tissue.particle_radius_m());
+  set_scene_number(scene, "scene.tissue.particle_radius_m", ratio * tissue.particle_radius_m());
   if (scene.rigid_body_size() == 0) return;
   const Eigen::Vector3d up = 0.5 * (tissue.thickness_m() - before) *
                              to_pose(tissue.pose(), "scene.tissue.pose").linear().col(2);

@@ -9,6 +9,7 @@
 
 #include "core/config.h"
 #include "core/constants.h"
+#include "mismatch/calibrate/descent.h"
 #include "mismatch/calibrate/findings.h"
 
 namespace omentum {
@@ -53,12 +54,13 @@ TEST(SceneAt, AThickerSheetLiesOnTheSameBoard) {
   ASSERT_NE(thickness, unknowns.end());
   VectorXd x = VectorXd::Zero(static_cast<Eigen::Index>(unknowns.size()));
   x[thickness - unknowns.begin()] = std::log(1.1);
-  const auto lower_face = [](const pb::Scene& of) {
-    return of.tissue().pose().translation_m().z() - of.tissue().thickness_m() / 2;
+  const auto lower_face = [](const pb::Scene& of) -> Vector3d {
+    const Eigen::Isometry3d X_WB = make_scene(of, {}).tissue.X_WB;
+    return X_WB * Vector3d(0, 0, -of.tissue().thickness_m() / 2);
   };
   const pb::Scene thicker = scene_at(scene, unknowns, x, {});
   EXPECT_NEAR(thicker.tissue().thickness_m(), 1.1 * scene.tissue().thickness_m(), 1e-12);
-  EXPECT_NEAR(lower_face(thicker), lower_face(scene), 1e-12);
+  EXPECT_NEAR((lower_face(thicker) - lower_face(scene)).norm(), 0, 1e-12);
 }
 
 TEST(RangeOf, EndsInsideTheKnob) {
@@ -187,6 +189,80 @@ TEST(ReferenceFit, NeitherLeavesItsRangesNorFitsWorse) {
     EXPECT_LE(state.shared[j], range.high[j] + 1e-12);
   }
   EXPECT_NEAR(state.shared[k], range.high[k], 1e-6) << "it wants farther than the derivative holds";
+}
+
+/// Surfaces that are as much higher as the stiffness is, and clouds 2 mm above those believed.
+struct Descending : Fitted {
+  static constexpr double kHigher = 0.01;  // [m] per unit of x
+  int simulated = 0;
+
+  Descending() {
+    for (SeenFrame& frame : fit->observations[0].frames) {
+      for (Vector3d& p : frame.points) p.z() += 0.002;
+    }
+    fit->beliefs.shared_sd.segment<6>(fit->layout.registration()).setConstant(1e-7);
+    for (PredictedFrame& frame : predictions[0].frames) {
+      for (Eigen::Index row = 2; row < frame.columns.rows(); row += 3)
+        frame.columns(row, 0) = static_cast<float>(kHigher);
+    }
+  }
+  std::vector<Prediction> at_state(const FitState& state) {
+    ++simulated;
+    std::vector<Prediction> here = predictions;
+    for (PredictedFrame& frame : here[0].frames) {
+      for (Vector3d& p : frame.vertices) p.z() += kHigher * state.shared[0];
+    }
+    return here;
+  }
+  /// Where the search ends if nothing stiffer than `most` can be simulated.
+  Descent descended(double most) {
+    Descent d;
+    d.at = at;
+    d.predictions = predictions;
+    descend(
+        *fit,
+        [&](const FitState& state) {
+          auto here = at_state(state);
+          if (state.shared[0] > most)
+            here[0].frames.assign(kFrames, {});  // as ReferenceFit::simulate leaves an Error
+          return here;
+        },
+        which, 12, d);
+    return d;
+  }
+};
+
+TEST(Descend, EndsWhereTheSimulationFits) {
+  Descending c;
+  const Descent d = c.descended(1e9);
+  EXPECT_NEAR(d.at.shared[0], 0.2, 0.03);
+  EXPECT_TRUE(d.settled);
+}
+
+TEST(Descend, TakesAStateThatCannotBeSimulatedForAWorseFit) {
+  constexpr double kMost = 0.12;
+  Descending c;
+  const NoiseModel noise = c.fit->noise;
+  const double before = c.fit->cost(c.predictions, c.at, c.which, c.at, noise);
+  const Descent d = c.descended(kMost);
+  EXPECT_LE(c.simulated, 12);
+  EXPECT_LE(d.at.shared[0], kMost);
+  EXPECT_GT(d.at.shared[0], kMost / 2) << "as near as can be simulated";
+  EXPECT_EQ(count_valid(d.predictions[0]), std::ptrdiff_t{Fitted::kFrames});
+  EXPECT_LT(c.fit->cost(d.predictions, d.at, c.which, d.at, noise), before);
+}
+
+TEST(Simulate, AnErrorIsAFailureOfThatState) {
+  Fitted c;
+  // Has no derivatives, which the simulation says before its first command.
+  c.fit->scene.mutable_tool()->mutable_grip()->set_hold(pb::HOLD_PAD);
+  const auto predictions = c.fit->simulate(c.at, {pb::TISSUE_REFERENCE, 0.01, 1}, true, c.which);
+  EXPECT_EQ(predictions[0].frames.size(), Fitted::kFrames);
+  EXPECT_EQ(count_valid(predictions[0]), 0);
+  EXPECT_THAT(predictions[0].failure, testing::HasSubstr("HOLD_PAD"));
+  const NoiseModel noise = c.fit->noise;
+  EXPECT_GT(c.fit->cost(predictions, c.at, c.which, c.at, noise),
+            c.fit->cost(c.predictions, c.at, c.which, c.at, noise));
 }
 
 TEST(Findings, AThicknessAtItsBoundIsWarnedOfByName) {
