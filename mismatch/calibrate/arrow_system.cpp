@@ -11,7 +11,7 @@ using Eigen::VectorXd;
 
 ArrowStep solve_arrow(std::span<const Block* const> blocks, const Layout& layout,
                       const Beliefs& beliefs, const VectorXd& shared, std::span<const VectorXd> own,
-                      double information) {
+                      double information, const std::vector<bool>& fixed) {
   const int s = layout.shared(), o = layout.own();
   const VectorXd shared_precision = beliefs.shared_sd.cwiseAbs2().cwiseInverse();
   const VectorXd own_precision = beliefs.own_sd.cwiseAbs2().cwiseInverse();
@@ -39,6 +39,14 @@ ArrowStep solve_arrow(std::span<const Block* const> blocks, const Layout& layout
     S_sure += information * block.A.topLeftCorner(s, s) -
               information * information * part.cross.transpose() * part.sure.solve(part.cross);
     r += block.b.head(s) - part.cross.transpose() * part.own.solve(part.g);
+  }
+  for (std::size_t k = 0; k < fixed.size(); ++k) {
+    if (!fixed[k]) continue;
+    const auto at = static_cast<Eigen::Index>(k);
+    S.row(at).setZero();
+    S.col(at).setZero();
+    S(at, at) = 1;
+    r[at] = 0;
   }
   ArrowStep step;
   step.shared = S.llt().solve(r);

@@ -24,10 +24,12 @@ struct ArrowStep {
 
 /// Shared numbers and those of one recording meet in that recording alone: the matrix has the shape
 /// of an arrow, and each recording is eliminated by itself. `shared`, `own`: where the numbers
-/// stand. `information`: what the blocks count for in the covariance.
+/// stand. `information`: what the blocks count for in the covariance. `fixed`: shared numbers that
+/// the step leaves where they are; empty: none. The covariance does not know of them.
 ArrowStep solve_arrow(std::span<const Block* const> blocks, const Layout& layout,
                       const Beliefs& beliefs, const Eigen::VectorXd& shared,
-                      std::span<const Eigen::VectorXd> own, double information);
+                      std::span<const Eigen::VectorXd> own, double information,
+                      const std::vector<bool>& fixed = {});
 
 /// Scale of Student's t: 1.4826 times the median distance of the hits of all blocks.
 double robust_scale(std::span<const Block* const> blocks, double least);

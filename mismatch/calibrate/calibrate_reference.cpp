@@ -8,6 +8,7 @@
 #include "core/check.h"
 #include "core/constants.h"
 #include "mismatch/calibrate/calibration.h"
+#include "mismatch/calibrate/descent.h"
 #include "mismatch/calibrate/findings.h"
 #include "mismatch/calibrate/reference_fit.h"
 #include "mismatch/simulation.h"
@@ -20,6 +21,7 @@ using Eigen::VectorXd;
 
 constexpr double kFarPoint = 0.03;  // [m] from the surface: no tissue, in figures of fit
 constexpr double kMeshRatio = 1.5;
+constexpr double kCoarseWork = 0.8, kFineWork = 2.6;  // of a simulation with its derivatives
 
 using Which = std::vector<std::size_t>;
 
@@ -38,7 +40,7 @@ class Stages {
     if (fitted_.empty()) throw_error("every recording is held out: nothing can be fitted");
     // Work in passes of the fine mesh: starts, coarse, fine, base, numerics, left out.
     const auto all = static_cast<double>(fit_.observations.size());
-    planned_ = all * (0.4 + 4 * 0.5 + 3 * 1.6 + 1 + 2.2 + 1.2);
+    planned_ = all * (0.4 + 8 * kCoarseWork + 5 * kFineWork + 1 + 2.2 + 1.2);
   }
 
   Calibration run();
@@ -47,7 +49,9 @@ class Stages {
   void say(const std::string& stage, double passes);
   void scan();
   void look_for_mirrors();
+  void warn_of_missing(std::size_t r, const Prediction& prediction, const std::string& where);
   void drop_failing(const std::vector<Prediction>& predictions);
+  std::vector<Prediction> begin_descent(const SimulateState& simulate);
   void descend(const Numerics& numerics, int most, double work, const std::string& stage);
   void choose_law();
   void add_numerics();
@@ -68,6 +72,7 @@ class Stages {
   std::vector<Prediction> predictions_;
   std::vector<Prediction> base_;  ///< as believed
   ArrowStep sure_;
+  bool settled_ = true;  ///< the last descend() came to rest
   double planned_ = 1, done_ = 0;
   double mesh_rms_ = 0, step_rms_ = 0, law_rms_ = 0;
 };
@@ -156,59 +161,66 @@ void Stages::look_for_mirrors() {
   if (!wrong.empty()) scan();  // what they had spoilt
 }
 
+/// Says once what of a recording could not be simulated.
+void Stages::warn_of_missing(std::size_t r, const Prediction& p, const std::string& where) {
+  const std::ptrdiff_t valid = count_valid(p);
+  if (valid == static_cast<std::ptrdiff_t>(p.frames.size())) return;
+  const std::string line =
+      fmt::format("recording {}: {} of {} frames are simulated{}{}{}", fit_.observations[r].name,
+                  valid, p.frames.size(), where, p.failure.empty() ? "" : ": ", p.failure);
+  if (std::ranges::count(result_.warnings, line) == 0) result_.warnings.push_back(line);
+}
+
 /// Recordings whose simulation ends before their first frame tell nothing.
 void Stages::drop_failing(const std::vector<Prediction>& predictions) {
   Which kept;
   for (const std::size_t r : fitted_) {
     const Prediction& p = predictions[r];
-    const auto valid = std::ranges::count_if(p.frames, &PredictedFrame::valid);
-    if (valid < static_cast<std::ptrdiff_t>(p.frames.size())) {
-      result_.warnings.push_back(fmt::format("recording {}: {} of {} frames are simulated{}{}",
-                                             fit_.observations[r].name, valid, p.frames.size(),
-                                             p.failure.empty() ? "" : ": ", p.failure));
-    }
-    if (valid > 0) kept.push_back(r);
+    warn_of_missing(r, p, "");
+    if (count_valid(p) > 0) kept.push_back(r);
   }
-  if (kept.empty()) throw_error("no recording can be simulated: {}", predictions.front().failure);
+  if (kept.empty())
+    throw_error("no recording can be simulated: {}", predictions[fitted_.front()].failure);
   fitted_ = kept;
 }
 
-/// Simulates, improves on the derivatives, and again; a step that makes it worse is halved.
-void Stages::descend(const Numerics& numerics, int most, double work, const std::string& stage) {
-  FitState best = state_;
-  bool known = false;
-  for (int step = 0; step < most; ++step) {
-    auto predictions = fit_.simulate(state_, numerics, true, fitted_);
-    say(stage, work * static_cast<double>(fitted_.size()));
-    const NoiseModel here = fit_.noise;
-    if (known) {
-      const double now = fit_.cost(predictions, state_, fitted_, state_, here);
-      const double before = fit_.cost(predictions_, at_, fitted_, best, here);
-      if (!(now <= before + 1)) {
-        state_.shared = 0.5 * (state_.shared + best.shared);
-        for (std::size_t r = 0; r < state_.own.size(); ++r)
-          state_.own[r] = 0.5 * (state_.own[r] + best.own[r]);
-        continue;
-      }
-    }
-    if (!known) drop_failing(predictions);
-    known = true;
-    predictions_ = std::move(predictions);
-    at_ = state_;
-    best = state_;
-    fit_.improve(predictions_, at_, fitted_, 12, state_);
-    // Far enough if what is simulated hardly moves any more.
-    double change = 0;
-    for (int k = 0; k < fit_.layout.unknowns; ++k) {
-      if (fit_.unknowns[static_cast<std::size_t>(k)].is_parameter)
-        change = std::max(change, std::fabs(state_.shared[k] - at_.shared[k]));
-    }
-    for (const std::size_t r : fitted_)
-      change = std::max(change, (state_.own[r] - at_.own[r]).head<2>().norm() / 0.02);
-    constexpr double kSmall = 0.015;  // 1.5 % of a factor, 0.3 mm of a pinch
-    if (change < kSmall) break;
+/// The first simulation of a mesh, of a state that another led to: where it fails, it goes half the
+/// way to what is believed.
+std::vector<Prediction> Stages::begin_descent(const SimulateState& simulate) {
+  const auto failing = [&](const std::vector<Prediction>& predictions) {
+    return std::ranges::count_if(fitted_,
+                                 [&](std::size_t r) { return count_valid(predictions[r]) == 0; });
+  };
+  auto predictions = simulate(state_);
+  FitState nearer = state_;
+  constexpr int kHalvings = 3;
+  for (int k = 0; k < kHalvings && failing(predictions) > 0; ++k) {
+    nearer.shared.head(fit_.layout.unknowns) *= 0.5;
+    auto again = simulate(nearer);
+    if (failing(again) >= failing(predictions)) continue;
+    predictions = std::move(again);
+    state_ = nearer;
   }
-  if (!known) throw_error("the first simulation of the {} failed", stage);
+  drop_failing(predictions);
+  return predictions;
+}
+
+/// Simulates and improves until what is simulated moves no more, at most so many times.
+void Stages::descend(const Numerics& numerics, int most, double work, const std::string& stage) {
+  const SimulateState simulate = [&](const FitState& state) {
+    auto predictions = fit_.simulate(state, numerics, true, fitted_);
+    say(stage, work * static_cast<double>(fitted_.size()));
+    return predictions;
+  };
+  Descent d;
+  d.predictions = begin_descent(simulate);
+  d.at = state_;
+  omentum::descend(fit_, simulate, fitted_, most - 1, d);
+  predictions_ = std::move(d.predictions);
+  at_ = d.at;
+  state_ = d.state;
+  sure_ = d.sure;
+  settled_ = d.settled;
 }
 
 /// The law whose nuisance is nearest to one becomes that of the model.
@@ -245,7 +257,7 @@ double apart(const std::vector<Prediction>& a, const std::vector<Prediction>& b,
   return count > 0 ? std::sqrt(squares / count) : 0;
 }
 
-/// Mesh and thickness as nuisances by difference; the step as a figure.
+/// The mesh as a nuisance by difference; the step as a figure.
 void Stages::add_numerics() {
   const double all = static_cast<double>(fitted_.size());
   const double fall = 1 / (std::pow(kMeshRatio, 2.5) - 1);  // docs/results.md: error ~ cell^2.5
@@ -254,22 +266,6 @@ void Stages::add_numerics() {
   const auto mesh = fit_.simulate(at_, larger, false, fitted_);
   mesh_rms_ = fall * apart(mesh, predictions_, fitted_);
   say("mesh", 0.5 * all);
-  // A body a tenth thinner that lies on the same board.
-  constexpr double kThinner = 0.9;
-  const pb::Scene scene = fit_.scene;
-  pb::Tissue& tissue = *fit_.scene.mutable_tissue();
-  const double thickness = tissue.thickness_m();
-  tissue.set_thickness_m(kThinner * thickness);
-  if (fit_.scene.rigid_body_size() > 0) {
-    const Vector3d down = -0.5 * (1 - kThinner) * thickness * fit_.made.tissue.X_WB.linear().col(2);
-    pb::Vec3& place = *tissue.mutable_pose()->mutable_translation_m();
-    place.set_x(place.x() + down.x());
-    place.set_y(place.y() + down.y());
-    place.set_z(place.z() + down.z());
-  }
-  const auto thin = fit_.simulate(at_, fine(), false, fitted_);
-  fit_.scene = scene;
-  say("thickness", all);
   const Which few(fitted_.begin(),
                   fitted_.begin() + std::min<std::ptrdiff_t>(2, std::ssize(fitted_)));
   Numerics shorter = fine();
@@ -280,13 +276,6 @@ void Stages::add_numerics() {
   fit_.add_difference({"numerics.mesh", "1", "", Unknown::Scale::kShift, 0, 1.5,
                        "1.5 times its estimated error", false},
                       mesh, -fall, predictions_, at_, state_);
-  double sd = 0.05;
-  for (const pb::Prior& prior : options_.priors.prior()) {
-    if (prior.path() == "scene.tissue.thickness_m" && prior.sd() > 0) sd = prior.sd() / thickness;
-  }
-  fit_.add_difference({"scene.tissue.thickness_m", "m", "", Unknown::Scale::kFactor, thickness, sd,
-                       "5 %, docs/calibrate.md 3", false},
-                      thin, 1 / std::log(kThinner), predictions_, at_, state_);
   // Between the laws, at half their distance.
   double squares = 0, count = 0;
   for (int k = 0; k < fit_.layout.unknowns; ++k) {
@@ -305,7 +294,8 @@ void Stages::add_numerics() {
 /// The smooth discrepancy and the scales of what recordings have of their own, with the numbers.
 void Stages::settle_beliefs() {
   constexpr double kFirstMode = 3e-4;  // [m]
-  fit_.beliefs.own_sd.tail(kModes).setConstant(kFirstMode);
+  if (fit_.beliefs.own_sd[fit_.layout.own() - 1] < 1e-6)
+    fit_.beliefs.own_sd.tail(kModes).setConstant(kFirstMode);
   for (int round = 0; round < 6; ++round) {
     fit_.improve(predictions_, at_, fitted_, round == 0 ? 8 : 3, state_);
     sure_ = fit_.posterior(predictions_, at_, fitted_, state_);
@@ -359,6 +349,7 @@ void Stages::collect_fit() {
     FitRow row;
     row.recording = fit_.observations[r].name;
     row.role = "fitted";
+    warn_of_missing(r, base_[r], " as believed");
     row.rmse_base = rms_of(fit_.distances(base_[r], r, plain, plain, kFarPoint));
     FitState no_modes = state_;
     no_modes.own[r].tail(kModes).setZero();
@@ -381,6 +372,7 @@ void Stages::leave_out() {
     const auto predicted = fit_.simulate(blind, fine(), false, left);
     const auto base = role == "held_out" ? fit_.simulate(plain, fine(), false, left) : base_;
     for (const std::size_t r : left) {
+      warn_of_missing(r, predicted[r], " where it is " + role);
       FitRow row;
       row.recording = fit_.observations[r].name;
       row.role = role;
@@ -394,7 +386,7 @@ void Stages::leave_out() {
         const Eigen::MatrixXf& columns = predictions_[r].frames[f].columns;
         VectorXd x = blind.shared.head(fit_.layout.unknowns);
         for (int k = 0; k < fit_.layout.unknowns; ++k) {
-          if (fit_.unknowns[static_cast<std::size_t>(k)].is_parameter) x[k] = 0;
+          if (fit_.unknowns[static_cast<std::size_t>(k)].in_scene) x[k] = 0;
         }
         const Eigen::VectorXf by = columns.leftCols(fit_.layout.unknowns) * x.cast<float>();
         for (std::size_t v = 0; v < whole.frames[f].vertices.size(); ++v)
@@ -449,11 +441,19 @@ Calibration Stages::run() {
   const std::clock_t begin = std::clock();
   scan();
   look_for_mirrors();
-  descend(coarse(), 4, 0.5, "coarse mesh");
+  descend(coarse(), 6, kCoarseWork, "coarse mesh");
   choose_law();
-  descend(fine(), 4, 1.6, "fine mesh");
-  add_numerics();
   settle_beliefs();
+  descend(coarse(), 6, kCoarseWork, "coarse mesh");
+  descend(fine(), 4, kFineWork, "fine mesh");
+  add_numerics();
+  // The scales move the numbers, and what is simulated follows them.
+  constexpr int kRounds = 3;
+  for (int round = 0; round < kRounds; ++round) {
+    settle_beliefs();
+    if (settled_ && moved(fit_, fitted_, at_, state_, sure_) < kSmallMove) break;
+    descend(fine(), 3, kFineWork, "settling");
+  }
   base_ = fit_.simulate(fit_.believed(), fine(), false, fitted_);
   say("before", static_cast<double>(fitted_.size()));
   collect_fit();

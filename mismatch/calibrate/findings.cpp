@@ -35,8 +35,9 @@ CalibratedNumber shared_number(const Findings& f, int k) {
   number.prior_high90 = unknown.value(kNinety * unknown.sd);
   number.prior_source = unknown.prior;
   number.pull = x / unknown.sd;
-  constexpr double kBound = 2.99;
-  number.at_bound = std::fabs(number.pull) > kBound;
+  const Range range = range_of(unknown);
+  const double near = 1e-3 * unknown.sd;
+  number.at_bound = x < range.low + near || x > range.high - near;
   number.unseen = sd > kUnseen * unknown.sd;
   return number;
 }
@@ -63,11 +64,71 @@ bool recordings_move(const Findings& f) {
   return sd_of(f, k) < kUnseen * f.fit.beliefs.shared_sd[k];
 }
 
+/// What of the stiffness is seen with others alone: its value where they are as believed.
+void add_traded_stiffness(const Findings& f, Calibration& result) {
+  const int stiffness = f.fit.layout.stiffness;
+  const auto n = f.fit.layout.unknowns;
+  const Eigen::MatrixXd C = f.sure.shared_covariance.topLeftCorner(n, n);
+  std::vector<int> others;
+  Eigen::VectorXd slope;
+  // Variance of the stiffness where the others are known.
+  const auto left = [&](const std::vector<int>& list) {
+    const Eigen::MatrixXd among = C(list, list);
+    const Eigen::VectorXd with = C(list, stiffness);
+    slope = among.ldlt().solve(with);
+    return C(stiffness, stiffness) - with.dot(slope);
+  };
+  double variance = C(stiffness, stiffness);
+  constexpr std::size_t kMost = 3;
+  constexpr double kWorth = 0.75;  // of the variance is left
+  while (others.size() < kMost) {
+    int best = -1;
+    double least = kWorth * variance;
+    for (int k = 0; k < n; ++k) {
+      if (k == stiffness || std::ranges::count(others, k) > 0) continue;
+      std::vector<int> more = others;
+      more.push_back(k);
+      if (const double v = left(more); v < least) {
+        least = v;
+        best = k;
+      }
+    }
+    if (best < 0) break;
+    others.push_back(best);
+    variance = least;
+  }
+  constexpr double kTogether = 0.25;  // of the variance: half the interval
+  if (others.empty() || variance > kTogether * C(stiffness, stiffness)) return;
+  left(others);
+  double x = f.state.shared[stiffness];
+  const Unknown& unknown = f.fit.unknowns[static_cast<std::size_t>(stiffness)];
+  NumberGroup group;
+  group.members = {unknown.path};
+  std::string names;
+  for (std::size_t k = 0; k < others.size(); ++k) {
+    const Unknown& other = f.fit.unknowns[static_cast<std::size_t>(others[k])];
+    x -= slope[static_cast<Eigen::Index>(k)] * f.state.shared[others[k]];
+    group.members.push_back(other.path);
+    names += (k > 0 ? ", " : "") + other.path;
+  }
+  const double spread = kNinety * std::sqrt(std::max(variance, 0.0));
+  group.name = "stiffness with the others as believed";
+  group.unit = unknown.unit;
+  group.value = unknown.value(x);
+  group.low90 = unknown.value(x - spread);
+  group.high90 = unknown.value(x + spread);
+  group.text = fmt::format(
+      "Can be exchanged for {}, whose own intervals are mostly those of the belief: measure them, "
+      "or take this value with what was believed of them.",
+      names);
+  result.groups.push_back(std::move(group));
+}
+
 }  // namespace
 
 void add_numbers(const Findings& f, Calibration& result) {
   for (int k = 0; k < f.fit.layout.unknowns; ++k) {
-    const bool parameter = f.fit.unknowns[static_cast<std::size_t>(k)].is_parameter;
+    const bool parameter = f.fit.unknowns[static_cast<std::size_t>(k)].in_scene;
     (parameter ? result.parameters : result.nuisances).push_back(shared_number(f, k));
   }
   const Layout& layout = f.fit.layout;
@@ -130,8 +191,14 @@ void add_groups(const Findings& f, Calibration& result) {
         "density. A force channel parts them, or a known mass hung on the body.";
     result.groups.push_back(std::move(group));
   }
+  add_traded_stiffness(f, result);
   const int clock = f.fit.layout.clock();
-  if (recordings_move(f)) {
+  if (!recordings_move(f)) {
+    result.warnings.push_back(
+        "scene.depth_sensor.time_offset_s: the clouds rest and say nothing of the camera's clock: "
+        "it "
+        "stays as believed; record clouds while the tissue moves");
+  } else {
     NumberGroup group;
     group.name = "latency";
     group.unit.assign(1, 's');
@@ -147,7 +214,7 @@ void add_groups(const Findings& f, Calibration& result) {
   }
   for (int i = 0; i < f.fit.layout.unknowns; ++i) {
     const Unknown& a = f.fit.unknowns[static_cast<std::size_t>(i)];
-    if (!a.is_parameter) continue;
+    if (!a.in_scene) continue;
     if (sd_of(f, i) > kUnseen * a.sd) {
       NumberGroup group;
       const CalibratedNumber number = shared_number(f, i);
@@ -191,12 +258,21 @@ void add_groups(const Findings& f, Calibration& result) {
 void add_warnings(const Findings& f, Calibration& result) {
   std::vector<std::string>& warnings = result.warnings;
   const Layout& layout = f.fit.layout;
+  for (const auto* numbers : {&result.parameters, &result.nuisances}) {
+    for (const CalibratedNumber& number : *numbers) {
+      if (!number.at_bound) continue;
+      warnings.push_back(fmt::format(
+          "{}: {:.6g} {} is at the bound of what can be believed ({}): a sign of physics that the "
+          "model leaves out, or of a wrong belief",
+          number.name, number.value, number.unit, number.prior_source));
+    }
+  }
   for (const CalibratedNumber& number : result.parameters) {
-    if (!number.at_bound) continue;
+    if (number.name != kThicknessPath || number.at_bound || std::fabs(number.pull) < 2.5) continue;
     warnings.push_back(fmt::format(
-        "{}: {:.6g} {} is at the bound of what was believed ({}): a sign of physics that the model "
-        "leaves out, or of a wrong belief",
-        number.name, number.value, number.unit, number.prior_source));
+        "{}: the body is seen {:.2f} mm thick ({:.2f} - {:.2f}), believed {:.2f} mm: measure it",
+        number.name, 1e3 * number.value, 1e3 * number.low90, 1e3 * number.high90,
+        1e3 * number.prior_value));
   }
   const Vector3d shift = f.state.shared.segment<3>(layout.registration());
   const Vector3d turn = f.state.shared.segment<3>(layout.registration() + 3);
@@ -204,20 +280,16 @@ void add_warnings(const Findings& f, Calibration& result) {
   const double angle = f.fit.beliefs.shared_sd[layout.registration() + 3];
   if (shift.norm() > 3 * metres || turn.norm() > 3 * angle) {
     warnings.push_back(fmt::format(
-        "registration: the clouds lie {:.1f} mm ({:.1f}, {:.1f}, {:.1f}) and {:.1f} deg from where "
-        "the "
-        "camera is believed to see them, known to {:.1f} mm and {:.1f} deg: register it again",
+        "registration: the clouds are moved by {:.1f} mm ({:.1f}, {:.1f}, {:.1f}) and turned by "
+        "{:.1f} deg about the camera, whose place is believed to {:.1f} mm and {:.1f} deg: "
+        "register "
+        "it again",
         1e3 * shift.norm(), 1e3 * shift.x(), 1e3 * shift.y(), 1e3 * shift.z(),
         turn.norm() / kDegree, 1e3 * metres, angle / kDegree));
   }
   for (const CalibratedNumber& number : result.nuisances) {
     const bool own = number.name.find(": ") != std::string::npos;
-    if (number.name == "scene.tissue.thickness_m" && std::fabs(number.pull) > 2.5) {
-      warnings.push_back(fmt::format(
-          "{}: the body is seen {:.2f} mm thick ({:.2f} - {:.2f}), believed {:.2f} mm: measure it",
-          number.name, 1e3 * number.value, 1e3 * number.low90, 1e3 * number.high90,
-          1e3 * number.prior_value));
-    } else if (number.name == "numerics.mesh" && std::fabs(number.pull) > 2.5) {
+    if (number.name == "numerics.mesh" && std::fabs(number.pull) > 2.5) {
       warnings.emplace_back(
           "numerics.mesh: the recordings ask for another mesh: give a smaller --tolerance-mm");
     } else if (own && std::fabs(number.pull) > kOddPull) {
@@ -248,28 +320,27 @@ void add_warnings(const Findings& f, Calibration& result) {
 void finish_scene(const Findings& f, Calibration& result) {
   pb::Scene& scene = result.scene;
   scene.mutable_tissue()->set_model(pb::TISSUE_ELASTIC);
-  // About the camera, as the sensor of a scene has it; the fit turns about the sheet.
   const Registration6 registration = f.fit.registration(f.state);
-  const Vector3d pivot = f.fit.made.tissue.X_WB.translation();
-  const Vector3d camera = f.fit.observations.front().p_WC;
-  const Vector3d shift =
-      registration.shift + (pivot - camera) - registration.rotation() * (pivot - camera);
   pb::DepthSensor& sensor = *scene.mutable_depth_sensor();
   const auto set = [](pb::Vec3& to, const Vector3d& v) {
     to.set_x(v.x());
     to.set_y(v.y());
     to.set_z(v.z());
   };
-  set(*sensor.mutable_registration_m(), shift);
+  set(*sensor.mutable_registration_m(), registration.shift);
   set(*sensor.mutable_registration_deg(), registration.turn / kDegree);
   sensor.set_time_offset_s(std::clamp(f.state.shared[f.fit.layout.clock()], -0.25, 0.25));
   // What is known now is the belief of whoever calibrates next.
   for (int k = 0; k < f.fit.layout.unknowns; ++k) {
     const Unknown& unknown = f.fit.unknowns[static_cast<std::size_t>(k)];
-    if (!unknown.is_parameter) continue;
+    if (!unknown.in_scene) continue;
     pb::Prior& prior = *result.priors.add_prior();
     prior.set_path(unknown.path);
-    prior.set_factor(std::exp(std::max(sd_of(f, k), 1e-3)));
+    if (unknown.scale == Unknown::Scale::kShift) {
+      prior.set_sd(std::max(sd_of(f, k), 1e-4));
+    } else {
+      prior.set_factor(std::exp(std::max(sd_of(f, k), 1e-3)));
+    }
     prior.set_source("mismatch calibrate");
   }
   scene.set_source("mismatch calibrate");

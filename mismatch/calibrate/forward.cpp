@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 
 #include "core/check.h"
 
@@ -74,7 +75,56 @@ void fill_columns(const Simulation& simulation, const Between& at,
   frame.valid = frame.columns.allFinite();
 }
 
+using Surface = std::shared_ptr<const std::vector<Vector3d>>;
+
+/// Surfaces of the control steps around `place`, which are made once for all frames.
+std::vector<Moment> way_of(const Between& place, double period, std::size_t steps,
+                           const std::function<Surface(std::size_t)>& surface_at) {
+  const auto beside = static_cast<std::size_t>(std::ceil(kWayBeside / period));
+  const std::size_t first = place.step > beside ? place.step - beside : 0;
+  const std::size_t last = std::min(place.step + 1 + beside, steps - 1);
+  std::vector<Moment> way;
+  for (std::size_t k = first; k <= last; ++k) {
+    const double steps_later =
+        static_cast<double>(k) - static_cast<double>(place.step) - place.share;
+    way.push_back({period * steps_later, surface_at(k)});
+  }
+  return way;
+}
+
 }  // namespace
+
+std::ptrdiff_t count_valid(const Prediction& prediction) {
+  return std::ranges::count_if(prediction.frames, &PredictedFrame::valid);
+}
+
+void move_in_time(const PredictedFrame& frame, double later, std::vector<Vector3d>& vertices,
+                  std::vector<Vector3d>& velocity) {
+  vertices = frame.vertices;
+  velocity = frame.velocity;
+  if (frame.way.empty()) {
+    for (std::size_t i = 0; i < vertices.size(); ++i) vertices[i] += later * velocity[i];
+    return;
+  }
+  // Zero leaves a frame where it is, bit for bit.
+  if (later == 0) return;
+  const std::vector<Moment>& way = frame.way;
+  if (later <= way.front().later || later >= way.back().later) {
+    vertices = later <= way.front().later ? *way.front().vertices : *way.back().vertices;
+    velocity.assign(vertices.size(), Vector3d::Zero());
+    return;
+  }
+  std::size_t k = 1;
+  while (way[k].later <= later) ++k;
+  const double length = way[k].later - way[k - 1].later;
+  const double share = (later - way[k - 1].later) / length;
+  const std::vector<Vector3d>& a = *way[k - 1].vertices;
+  const std::vector<Vector3d>& b = *way[k].vertices;
+  for (std::size_t i = 0; i < vertices.size(); ++i) {
+    vertices[i] = a[i] + share * (b[i] - a[i]);
+    velocity[i] = (b[i] - a[i]) / length;
+  }
+}
 
 SimulationTask make_calibration_task(const Observation& observation, const pb::Scene& scene,
                                      const std::string& folder, const Numerics& numerics) {
@@ -134,25 +184,28 @@ Prediction predict(const Observation& observation, const pb::Scene& scene,
   made.failure = recording.failure;
   for (const Vector3d& tip : recording.tip)
     made.lift = std::max(made.lift, tip.z() - recording.tip.front().z());
+  const TissueBody& body = simulation.scene.tissue;
+  std::vector<Surface> surfaces(recording.points.size());
+  const auto surface_at = [&](std::size_t step) {
+    Surface& surface = surfaces[step];
+    const std::vector<Vector3d>& points = recording.points[step];
+    if (!surface) {
+      surface = std::make_shared<const std::vector<Vector3d>>(
+          shell ? faces_of(points, body.surface_triangles, body.thickness) : points);
+    }
+    return surface;
+  };
   for (const Between& place : places) {
     PredictedFrame& frame = made.frames.emplace_back();
     if (place.step + 1 >= recording.points.size()) continue;
     frame.valid = true;
-    const auto blend = [&](const std::vector<Vector3d>& a, const std::vector<Vector3d>& b) {
-      for (std::size_t i = 0; i < a.size(); ++i) {
-        frame.vertices.push_back(a[i] + place.share * (b[i] - a[i]));
-        frame.velocity.push_back((b[i] - a[i]) / observation.period);
-      }
-    };
-    const std::vector<Vector3d>& a = recording.points[place.step];
-    const std::vector<Vector3d>& b = recording.points[place.step + 1];
-    if (shell) {
-      const TissueBody& body = simulation.scene.tissue;
-      blend(faces_of(a, body.surface_triangles, body.thickness),
-            faces_of(b, body.surface_triangles, body.thickness));
-    } else {
-      blend(a, b);
+    const std::vector<Vector3d>& a = *surface_at(place.step);
+    const std::vector<Vector3d>& b = *surface_at(place.step + 1);
+    for (std::size_t i = 0; i < a.size(); ++i) {
+      frame.vertices.push_back(a[i] + place.share * (b[i] - a[i]));
+      frame.velocity.push_back((b[i] - a[i]) / observation.period);
     }
+    frame.way = way_of(place, observation.period, recording.points.size(), surface_at);
     frame.tip = recording.tip[place.step] +
                 place.share * (recording.tip[place.step + 1] - recording.tip[place.step]);
     if (with_columns) fill_columns(simulation, place, unknowns, x, frame);

@@ -1,7 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <map>
+#include <memory>
 #include <string>
 #include <vector>
 
@@ -14,22 +14,38 @@ namespace omentum {
 /// Columns of a prediction beside those of the shared unknowns, in this order.
 enum OwnColumn { kPinchX, kPinchY, kOwnColumns };
 
+/// The surface at a control step near a frame.
+struct Moment {
+  double later = 0;  ///< than the frame [s]
+  std::shared_ptr<const std::vector<Eigen::Vector3d>> vertices;
+};
+
 /// What the simulation says of one frame. Vertices are those of close_sheet(): the upper face at
 /// the places of the grid, then the lower.
 struct PredictedFrame {
   bool valid = false;                     ///< the tissue got there
   std::vector<Eigen::Vector3d> vertices;  ///< p_W [m]
   std::vector<Eigen::Vector3d> velocity;  ///< [m/s]
+  /// The way of the surface before and after it, ascending; empty: straight, at that velocity.
+  std::vector<Moment> way;
   /// [3 vertex + axis][unknown, then OwnColumn] per unit of x; empty where none were asked for.
   Eigen::MatrixXf columns;
   Eigen::Vector3d tip = Eigen::Vector3d::Zero();  ///< [m]
 };
+
+/// Places and velocities of a frame whose cloud was taken `later` than it was simulated [s], along
+/// its way; at its ends the surface rests.
+void move_in_time(const PredictedFrame& frame, double later, std::vector<Eigen::Vector3d>& vertices,
+                  std::vector<Eigen::Vector3d>& velocity);
 
 struct Prediction {
   std::vector<PredictedFrame> frames;
   std::string failure;  ///< why it ends before the commands do; empty: it does not
   double lift = 0;      ///< highest place of the tip above its first [m]
 };
+
+/// Frames that the simulation got to.
+std::ptrdiff_t count_valid(const Prediction& prediction);
 
 /// How the model is solved.
 struct Numerics {
@@ -38,9 +54,12 @@ struct Numerics {
   double substeps = 1;     ///< times as many as the scene has
 };
 
+/// The way of a frame reaches so far before and after it [s].
+inline constexpr double kWayBeside = 0.15;
+
 /// The simulation of a recording in a scene, whose clouds were taken `clock` before their time
-/// stamps [s]; with derivatives by `unknowns` at x and the pinch, of TISSUE_REFERENCE. A pure
-/// function. Throws Error for a scene that cannot be.
+/// stamps [s]; with derivatives by those `unknowns` at x that have a column, and by the pinch, of
+/// TISSUE_REFERENCE. A pure function. Throws Error for a scene that cannot be.
 Prediction predict(const Observation& observation, const pb::Scene& scene,
                    const std::string& folder, const std::vector<Unknown>& unknowns,
                    const Eigen::VectorXd& x, double clock, const Numerics& numerics,

@@ -101,6 +101,8 @@ struct Likelihood::Row {
 Likelihood::Likelihood(std::vector<Eigen::Vector3i> triangles, std::span<const Vector3d> rest,
                        std::vector<Vector2d> uv, const Vector3d& pivot)
     : surface_(std::move(triangles), rest), uv_(std::move(uv)), pivot_(pivot) {
+  middle_ = Vector3d::Zero();
+  for (const Vector3d& p : rest) middle_ += p / static_cast<double>(rest.size());
   mode_values_.resize(static_cast<Eigen::Index>(uv_.size()), kModesPerSide * kModesPerSide);
   for (std::size_t p = 0; p < uv_.size(); ++p) {
     for (int i = 0; i < kModesPerSide; ++i) {
@@ -115,8 +117,9 @@ Likelihood::Likelihood(std::vector<Eigen::Vector3i> triangles, std::span<const V
 
 std::vector<Vector3d> Likelihood::moved(const PredictedFrame& frame, const Layout& layout,
                                         const Registration6& registration,
-                                        const Eigen::VectorXd& delta, double lift) const {
-  std::vector<Vector3d> vertices = frame.vertices;
+                                        const Eigen::VectorXd& delta, double lift) {
+  std::vector<Vector3d> vertices;
+  move_in_time(frame, -(delta[layout.clock()] + delta[layout.own_clock()]), vertices, velocity_);
   if (frame.columns.size() > 0) {
     Eigen::VectorXf step(frame.columns.cols());
     step.head(layout.unknowns) = delta.head(layout.unknowns).cast<float>();
@@ -126,7 +129,6 @@ std::vector<Vector3d> Likelihood::moved(const PredictedFrame& frame, const Layou
     for (std::size_t i = 0; i < vertices.size(); ++i)
       vertices[i] += by.segment<3>(3 * static_cast<Eigen::Index>(i)).cast<double>();
   }
-  const double clock = delta[layout.clock()] + delta[layout.own_clock()];
   const Eigen::Matrix3d R = registration.rotation();
   const Eigen::VectorXd modes = delta.segment(layout.modes(), kModes);
   Eigen::VectorXd bulge;
@@ -145,7 +147,7 @@ std::vector<Vector3d> Likelihood::moved(const PredictedFrame& frame, const Layou
   }
   const std::size_t places = uv_.size();
   for (std::size_t i = 0; i < vertices.size(); ++i) {
-    Vector3d p = vertices[i] - clock * frame.velocity[i];
+    Vector3d p = vertices[i];
     if (!normal.empty()) {
       // Both faces move the same way: that of the upper face.
       const double side = i < places ? 1 : -1;
@@ -172,7 +174,7 @@ void Likelihood::add_row(const Row& row, const PredictedFrame& predicted, double
   Eigen::VectorXd modes = Eigen::VectorXd::Zero(kModes / 2);
   for (int k = 0; k < 3; ++k) {
     const auto v = static_cast<std::size_t>(corner[k]);
-    velocity += row.share[k] * predicted.velocity[v];
+    velocity += row.share[k] * velocity_[v];
     if (predicted.columns.size() > 0) {
       columns += static_cast<float>(row.share[k]) *
                  (predicted.columns.middleRows<3>(3 * corner[k]).transpose() * along.cast<float>());
@@ -258,7 +260,7 @@ void Likelihood::add_frame(const Observation& seen, const SeenFrame& frame,
   // Places that should be seen and were not.
   if (picture.size() < 20) return;
   const Vector3d tip = pivot_ + turned_ * (predicted.tip - pivot_) + registration.shift;
-  const double depth = (pivot_ - seen.p_WC).norm();
+  const double depth = (middle_ - seen.p_WC).norm();
   const PictureIndex index(std::move(picture), kMostGap / depth);
   std::vector<double> spacing;
   for (std::size_t k = 0; k < index.size(); k += 7) {

@@ -10,8 +10,8 @@
 
 namespace omentum {
 
-/// Where the camera believes to stand against where it stands: its points are turned about `pivot`
-/// and moved, p' = pivot + R (p - pivot) + shift, R = Rz Ry Rx.
+/// Where the camera believes to stand against where it stands: its points are turned about `pivot`,
+/// the camera, and moved, p' = pivot + R (p - pivot) + shift, R = Rz Ry Rx.
 struct Registration6 {
   Eigen::Vector3d shift = Eigen::Vector3d::Zero();  ///< [m]
   Eigen::Vector3d turn = Eigen::Vector3d::Zero();   ///< about x_W, then y_W, then z_W [rad]
@@ -68,8 +68,8 @@ class Likelihood {
   Likelihood(std::vector<Eigen::Vector3i> triangles, std::span<const Eigen::Vector3d> rest,
              std::vector<Eigen::Vector2d> uv, const Eigen::Vector3d& pivot);
 
-  /// `delta`: step in the unknowns and own numbers from the prediction's, [Layout::size()]; those
-  /// of registration and the common clock are absolute, in `registration` and 0.
+  /// `delta`: step in the unknowns and own numbers from the prediction's, [Layout::size()]; that of
+  /// the registration is absolute, in `registration`. The clocks move a frame along its way.
   Block compare(const Observation& seen, const Prediction& predicted, const Layout& layout,
                 const Registration6& registration, const Eigen::VectorXd& delta,
                 const NoiseModel& noise, bool with_columns);
@@ -82,7 +82,7 @@ class Likelihood {
   /// Predicted vertices as the camera has them.
   std::vector<Eigen::Vector3d> moved(const PredictedFrame& frame, const Layout& layout,
                                      const Registration6& registration,
-                                     const Eigen::VectorXd& delta, double lift) const;
+                                     const Eigen::VectorXd& delta, double lift);
   const std::vector<Eigen::Vector3i>& triangles() const { return surface_.triangles(); }
 
  private:
@@ -95,10 +95,11 @@ class Likelihood {
 
   SeenSurface surface_;
   std::vector<Eigen::Vector2d> uv_;
-  Eigen::MatrixXd mode_values_;  ///< [place of the grid][cosine]
-  Eigen::Vector3d pivot_;
+  Eigen::MatrixXd mode_values_;     ///< [place of the grid][cosine]
+  Eigen::Vector3d pivot_, middle_;  ///< the latter of the body at rest
   Eigen::Matrix3d turned_ = Eigen::Matrix3d::Identity();
-  std::vector<double> batch_;  ///< rows that wait to be added
+  std::vector<Eigen::Vector3d> velocity_;  ///< of the vertices of the last moved() [m/s]
+  std::vector<double> batch_;              ///< rows that wait to be added
 };
 
 }  // namespace omentum

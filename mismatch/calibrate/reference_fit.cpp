@@ -26,6 +26,16 @@ double stated_sd(const pb::Priors& priors, const std::string& path, double other
   return otherwise;
 }
 
+/// slope times (other - base), [3 vertex + axis].
+Eigen::VectorXf difference(const PredictedFrame& other, const PredictedFrame& base, double slope) {
+  Eigen::VectorXf by(3 * static_cast<Eigen::Index>(base.vertices.size()));
+  for (std::size_t v = 0; v < base.vertices.size(); ++v) {
+    by.segment<3>(3 * static_cast<Eigen::Index>(v)) =
+        (slope * (other.vertices[v] - base.vertices[v])).cast<float>();
+  }
+  return by;
+}
+
 }  // namespace
 
 std::vector<std::size_t> all_of(std::size_t count) {
@@ -53,7 +63,7 @@ ReferenceFit::ReferenceFit(const pb::Scene& given, std::vector<Observation> seen
       close_sheet(body.surface_triangles, static_cast<int>(body.particles.size()));
   for (std::size_t k = 0; k < observations.size(); ++k)
     likelihoods_.push_back(
-        std::make_unique<Likelihood>(triangles, rest, uv, body.X_WB.translation()));
+        std::make_unique<Likelihood>(triangles, rest, uv, observations.front().p_WC));
   unknowns = unknowns_of(scene, options.priors);
   set_beliefs();
   first_beliefs = beliefs;
@@ -100,7 +110,7 @@ VectorXd ReferenceFit::delta(const FitState& at, const FitState& state,
                              std::size_t recording) const {
   VectorXd d = VectorXd::Zero(layout.size());
   for (int k = 0; k < layout.unknowns; ++k) {
-    const bool simulated = unknowns[static_cast<std::size_t>(k)].is_parameter;
+    const bool simulated = unknowns[static_cast<std::size_t>(k)].in_scene;
     d[k] = state.shared[k] - (simulated ? at.shared[k] : 0);
   }
   d[layout.clock()] = state.shared[layout.clock()] - at.shared[layout.clock()];
@@ -122,13 +132,41 @@ pb::Scene ReferenceFit::shared_scene(const FitState& state) const {
 std::vector<Prediction> ReferenceFit::simulate(const FitState& state, const Numerics& numerics,
                                                bool with_columns,
                                                const std::vector<std::size_t>& which) const {
-  std::vector<Prediction> predictions(observations.size());
-  run_parallel(which.size(), options.threads, [&](std::size_t k) {
-    const std::size_t r = which[k];
-    const double clock = state.shared[layout.clock()] + state.own[r][3];
-    predictions[r] = predict(observations[r], scene_of(state, r), options.folder, unknowns,
-                             state.shared.head(layout.unknowns), clock, numerics, with_columns);
+  // The column of the thickness is a one-sided difference to a body so much thinner.
+  constexpr double kThinner = 0.03;
+  const auto found = std::ranges::find(unknowns, std::string(kThicknessPath), &Unknown::path);
+  const auto thickness = static_cast<int>(found - unknowns.begin());
+  const bool two = with_columns && found != unknowns.end();
+  FitState thinner = state;
+  if (two) thinner.shared[thickness] -= kThinner;
+  std::vector<Prediction> predictions(observations.size()), thin(observations.size());
+  run_parallel(which.size() * (two ? 2 : 1), options.threads, [&](std::size_t k) {
+    const std::size_t r = which[k % which.size()];
+    const bool second = k >= which.size();
+    const FitState& at = second ? thinner : state;
+    const double clock = at.shared[layout.clock()] + at.own[r][3];
+    Prediction& made_here = (second ? thin : predictions)[r];
+    try {
+      made_here =
+          predict(observations[r], scene_of(at, r), options.folder, unknowns,
+                  at.shared.head(layout.unknowns), clock, numerics, with_columns && !second);
+    } catch (const Error& error) {
+      made_here.frames.assign(observations[r].frames.size(), {});
+      made_here.failure = error.what();
+    }
   });
+  if (!with_columns) return predictions;
+  for (const std::size_t r : which) {
+    for (std::size_t f = 0; f < predictions[r].frames.size(); ++f) {
+      PredictedFrame& frame = predictions[r].frames[f];
+      if (frame.columns.size() == 0) continue;
+      if (two && thin[r].frames[f].valid)
+        frame.columns.col(thickness) = difference(thin[r].frames[f], frame, -1 / kThinner);
+      for (const Difference& d : differences_) {
+        if (d.by[r][f].size() > 0) frame.columns.col(d.column) = d.by[r][f];
+      }
+    }
+  }
   return predictions;
 }
 
@@ -162,43 +200,88 @@ std::vector<VectorXd> own_of(const FitState& state, const std::vector<std::size_
 
 }  // namespace
 
+Ranges ReferenceFit::ranges(const FitState& at) const {
+  Ranges range{VectorXd::Constant(layout.shared(), -1e9), VectorXd::Constant(layout.shared(), 1e9)};
+  const auto near = [&](int k, double reach) {
+    range.low[k] = std::max(range.low[k], at.shared[k] - reach);
+    range.high[k] = std::min(range.high[k], at.shared[k] + reach);
+  };
+  for (int k = 0; k < layout.unknowns; ++k) {
+    const Unknown& unknown = unknowns[static_cast<std::size_t>(k)];
+    const Range whole = range_of(unknown);
+    range.low[k] = whole.low;
+    range.high[k] = whole.high;
+    if (unknown.in_scene) near(k, trust * std::min(0.5, 2 * unknown.sd));
+  }
+  near(layout.clock(), std::min(0.05 * trust, 0.5 * kWayBeside));
+  return range;
+}
+
 void ReferenceFit::improve(const std::vector<Prediction>& predictions, const FitState& at,
                            const std::vector<std::size_t>& which, int most_steps, FitState& state) {
+  const Ranges range = ranges(at);
+  // How far one step may go, and how far from `at` a recording's own numbers.
+  constexpr double kMostShift = 0.01, kMostTurn = 0.1;  // [m], [rad]
+  const double pinch = 0.002 * trust, stiffness = 0.3 * trust, clock = 0.02 * trust;
+  const auto inside = [&](FitState& s) {
+    s.shared = s.shared.cwiseMax(range.low).cwiseMin(range.high);
+    for (const std::size_t r : which) {
+      const auto near = [&](int k, double reach) {
+        s.own[r][k] = std::clamp(s.own[r][k], at.own[r][k] - reach, at.own[r][k] + reach);
+      };
+      near(0, pinch);
+      near(1, pinch);
+      near(2, stiffness);
+      near(3, clock);
+    }
+  };
+  inside(state);
   for (int step = 0; step < most_steps; ++step) {
     const std::vector<Block> blocks = compare(predictions, at, which, state, noise, true);
     const auto list = pointers(blocks);
-    const ArrowStep found =
-        solve_arrow(list, layout, beliefs, state.shared, own_of(state, which), 1);
-    // What the first order may be trusted for.
-    double share = 1;
-    const auto limit = [&](double change, double most) {
-      if (std::fabs(change) * share > most) share = most / std::fabs(change);
-    };
-    double largest = 0;  // against how sure it is
+    const auto own = own_of(state, which);
+    // Numbers that want to leave their range stay at its end.
+    std::vector<bool> fixed(static_cast<std::size_t>(layout.shared()), false);
+    ArrowStep found;
+    for (bool more = true; more;) {
+      found = solve_arrow(list, layout, beliefs, state.shared, own, 1, fixed);
+      more = false;
+      for (int k = 0; k < layout.shared(); ++k) {
+        const double x = state.shared[k], by = found.shared[k];
+        if ((by > 0 && x >= range.high[k]) || (by < 0 && x <= range.low[k])) {
+          fixed[static_cast<std::size_t>(k)] = true;
+          more = true;
+        }
+      }
+    }
+    double share = 1, largest = 0;  // the latter against how sure it is
     for (int k = 0; k < layout.shared(); ++k) {
+      const double by = found.shared[k];
       const double sd = std::sqrt(std::max(found.shared_covariance(k, k), 1e-30));
-      largest = std::max(largest, std::fabs(found.shared[k]) / sd);
-      if (k < layout.unknowns) limit(found.shared[k], 0.7);
+      largest = std::max(largest, std::fabs(by) / sd);
+      const double room = (by > 0 ? range.high[k] : range.low[k]) - state.shared[k];
+      if (by != 0) share = std::min(share, room / by);
     }
-    for (int k = 0; k < 3; ++k) {
-      limit(found.shared[layout.registration() + k], 0.01);
-      limit(found.shared[layout.registration() + 3 + k], 0.1);
+    for (int k = 0; k < 6; ++k) {
+      const double by = std::fabs(found.shared[layout.registration() + k]);
+      const double most = k < 3 ? kMostShift : kMostTurn;
+      if (by * share > most) share = most / by;
     }
-    limit(found.shared[layout.clock()], 0.03);
-    for (const VectorXd& own : found.own) {
-      for (int k = 0; k < 2; ++k) limit(own[k], 0.002);
-    }
-    state.shared += share * found.shared;
-    for (std::size_t k = 0; k < which.size(); ++k) state.own[which[k]] += share * found.own[k];
-    for (int k = 0; k < layout.unknowns; ++k) {
-      const Unknown& unknown = unknowns[static_cast<std::size_t>(k)];
-      const double most = 3 * unknown.sd;
-      state.shared[k] = std::clamp(state.shared[k], -most, most);
+    const double before = cost(predictions, at, which, state, noise);
+    bool better = false;
+    constexpr int kHalvings = 5;
+    for (int k = 0; k < kHalvings && !better; ++k, share *= 0.5) {
+      FitState trial = state;
+      trial.shared += share * found.shared;
+      for (std::size_t i = 0; i < which.size(); ++i) trial.own[which[i]] += share * found.own[i];
+      inside(trial);
+      better = cost(predictions, at, which, trial, noise) < before;
+      if (better) state = trial;
     }
     noise.sigma = robust_scale(list, kLeastNoise);
     noise.reach = std::clamp(8 * noise.sigma, 0.008, 0.025);
     constexpr double kSmall = 0.05;
-    if (largest < kSmall && share == 1) break;
+    if (!better || largest < kSmall) break;
   }
 }
 
@@ -273,7 +356,7 @@ void ReferenceFit::change_law(pb::ElasticLaw law, FitState& state) {
   state.shared.tail(7) = tail;
   for (std::size_t k = 0; k < unknowns.size(); ++k) {
     const auto found = std::find_if(before.begin(), before.end(), [&](const Unknown& u) {
-      return u.path == unknowns[k].path && u.is_parameter;
+      return u.path == unknowns[k].path && u.in_scene;
     });
     if (found != before.end())
       state.shared[static_cast<Eigen::Index>(k)] = numbers[found - before.begin()];
@@ -294,17 +377,18 @@ void ReferenceFit::add_difference(const Unknown& unknown, const std::vector<Pred
   };
   widen(at.shared);
   widen(state.shared);
+  Difference& kept = differences_.emplace_back(Difference{place, {}});
   for (std::size_t r = 0; r < base.size(); ++r) {
+    std::vector<Eigen::VectorXf>& by = kept.by.emplace_back(observations[r].frames.size());
     for (std::size_t f = 0; f < base[r].frames.size(); ++f) {
       PredictedFrame& frame = base[r].frames[f];
       if (frame.columns.size() == 0) continue;
       Eigen::MatrixXf wide = Eigen::MatrixXf::Zero(frame.columns.rows(), frame.columns.cols() + 1);
       wide.leftCols(place) = frame.columns.leftCols(place);
       wide.rightCols(kOwnColumns) = frame.columns.rightCols(kOwnColumns);
-      const bool known = f < other[r].frames.size() && other[r].frames[f].valid;
-      for (std::size_t v = 0; known && v < frame.vertices.size(); ++v) {
-        const Vector3d by = slope * (other[r].frames[f].vertices[v] - frame.vertices[v]);
-        wide.block<3, 1>(3 * static_cast<Eigen::Index>(v), place) = by.cast<float>();
+      if (f < other[r].frames.size() && other[r].frames[f].valid) {
+        by[f] = difference(other[r].frames[f], frame, slope);
+        wide.col(place) = by[f];
       }
       frame.columns = std::move(wide);
     }

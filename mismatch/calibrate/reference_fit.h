@@ -16,6 +16,11 @@ struct FitState {
   std::vector<Eigen::VectorXd> own;  ///< of every recording [Layout::own()]
 };
 
+/// Least and largest of the shared numbers.
+struct Ranges {
+  Eigen::VectorXd low, high;  ///< [Layout::shared()]
+};
+
 /// Recordings, a scene and what may differ between them: simulates at a state, and improves a state
 /// on the simulated surfaces and their derivatives without simulating again. Results do not depend
 /// on the number of threads.
@@ -26,11 +31,15 @@ class ReferenceFit {
 
   /// A state where everything is as believed.
   FitState believed() const;
-  /// Of the recordings in `which`; others stay empty.
+  /// Of the recordings in `which`; others stay empty. Columns: those of the simulation, that of the
+  /// thickness by a second one, and what add_difference() was given. A recording that cannot be
+  /// simulated at `state` has no valid frames, and the reason as its failure.
   std::vector<Prediction> simulate(const FitState& state, const Numerics& numerics,
                                    bool with_columns, const std::vector<std::size_t>& which) const;
   /// Steps of Gauss and Newton on surfaces simulated at `at`, until they are small against what
-  /// the recordings tell. Adapts the scale of the noise.
+  /// the recordings tell. None makes the fit worse, and none leads farther from `at` than `trust`
+  /// times what the derivatives hold for, nor out of the ranges of the numbers. Adapts the scale
+  /// of the noise.
   void improve(const std::vector<Prediction>& predictions, const FitState& at,
                const std::vector<std::size_t>& which, int most_steps, FitState& state);
   /// - log of likelihood and beliefs, at a noise.
@@ -57,10 +66,13 @@ class ReferenceFit {
 
   /// Another law of elasticity; numbers of `state` that both have stay.
   void change_law(pb::ElasticLaw law, FitState& state);
-  /// Shared nuisance whose column is `slope` times (other - base) of the surfaces.
+  /// Shared nuisance whose column is `slope` times (other - base) of the surfaces, now and in every
+  /// simulation to come.
   void add_difference(const Unknown& unknown, const std::vector<Prediction>& other, double slope,
                       std::vector<Prediction>& base, FitState& at, FitState& state);
 
+  /// Where shared numbers may go from derivatives at `at`.
+  Ranges ranges(const FitState& at) const;
   pb::Scene scene_of(const FitState& state, std::size_t recording) const;
   /// With the shared numbers alone.
   pb::Scene shared_scene(const FitState& state) const;
@@ -75,10 +87,17 @@ class ReferenceFit {
   Beliefs beliefs;
   Beliefs first_beliefs;  ///< before adapt_beliefs()
   NoiseModel noise;
-  Scene made;  ///< of `scene`
+  double trust = 1;  ///< in the derivatives
+  Scene made;        ///< of `scene`
 
  private:
+  /// Column of a shared number that no simulation derives, of every frame of every recording.
+  struct Difference {
+    int column = 0;
+    std::vector<std::vector<Eigen::VectorXf>> by;
+  };
   void set_beliefs();
+  std::vector<Difference> differences_;
   std::vector<std::unique_ptr<Likelihood>> likelihoods_;
 };
 

@@ -10,6 +10,7 @@
 #include "core/check.h"
 #include "core/constants.h"
 #include "proto/knob.pb.h"
+#include "sim_worker/scene/scene_parts.h"
 
 namespace omentum {
 namespace {
@@ -60,6 +61,22 @@ void take_prior(const pb::Priors& priors, Unknown& unknown) {
     }
     unknown.prior = prior.source().empty() ? "stated" : prior.source();
   }
+}
+
+/// The lower face stays where it is if it may lie on something.
+void set_thickness(pb::Scene& scene, double value) {
+  pb::Tissue& tissue = *scene.mutable_tissue();
+  const double before = tissue.thickness_m();
+  set_scene_number(scene, kThicknessPath, value);
+  const double ratio = tissue.thickness_m() / before;
+  set_scene_number(scene, "scene.tissue.particle_radius_m", ratio * tissue.particle_radius_m());
+  if (scene.rigid_body_size() == 0) return;
+  const Eigen::Vector3d up = 0.5 * (tissue.thickness_m() - before) *
+                             to_pose(tissue.pose(), "scene.tissue.pose").linear().col(2);
+  pb::Vec3& place = *tissue.mutable_pose()->mutable_translation_m();
+  place.set_x(place.x() + up.x());
+  place.set_y(place.y() + up.y());
+  place.set_z(place.z() + up.z());
 }
 
 }  // namespace
@@ -114,6 +131,21 @@ void set_scene_number(pb::Scene& scene, const std::string& path, double value) {
   place.message->GetReflection()->SetDouble(place.message, place.field, value);
 }
 
+Range range_of(const Unknown& unknown) {
+  constexpr double kFarthest = 3;  // standard deviations
+  Range range{-kFarthest * unknown.sd, kFarthest * unknown.sd};
+  if (!unknown.in_scene) return range;
+  pb::Scene scene;
+  const pb::Knob& knob = find_field(scene, unknown.path).field->options().GetExtension(pb::knob);
+  // Beyond the last value there must be room for the step of a derivative.
+  constexpr double kRoom = 1e-4;
+  if (knob.has_min() && unknown.value(range.low) < knob.min())
+    range.low = unknown.at(knob.min() + kRoom);
+  if (knob.has_max() && unknown.value(range.high) > knob.max())
+    range.high = unknown.at(knob.max() - kRoom);
+  return range;
+}
+
 std::string law_column(pb::ElasticLaw law) {
   switch (law) {
     case pb::LAW_NEO_HOOKE:
@@ -130,30 +162,29 @@ std::vector<Unknown> unknowns_of(const pb::Scene& scene, const pb::Priors& prior
   const pb::Tissue& tissue = scene.tissue();
   std::vector<Unknown> list = {
       {"scene.tissue.material.young_modulus_pa", "Pa", "young_modulus", Scale::kFactor,
-       tissue.material().young_modulus_pa(), std::log(3.0), "a factor of 3, docs/calibrate.md 3"},
+       tissue.material().young_modulus_pa(), std::log(3.0), "a factor of 3, docs/calibrate.md 2"},
       {"scene.tissue.effects.bending_change", "1", "bending_stiffness.factor", Scale::kChange,
-       tissue.effects().bending_change(), std::log(1.15), "15 %, docs/calibrate.md 3"},
+       tissue.effects().bending_change(), std::log(1.15), "15 %, docs/calibrate.md 2"},
       {"scene.tissue.material.damping_per_s", "1/s", "damping", Scale::kFactor,
-       tissue.material().damping_per_s(), std::log(3.0), "a factor of 3, docs/calibrate.md 3"},
+       tissue.material().damping_per_s(), std::log(3.0), "a factor of 3, docs/calibrate.md 2"},
   };
   if (!(list.back().believed > 0)) list.pop_back();  // no factor makes it other than zero
   if (scene.rigid_body_size() > 0 && tissue.dynamic_friction() > 0) {
     list.push_back({"scene.tissue.effects.friction_change", "1", "board_friction.factor",
                     Scale::kChange, tissue.effects().friction_change(), std::log(1.6),
-                    "a factor of 1.6, docs/calibrate.md 3"});
+                    "a factor of 1.6, docs/calibrate.md 2"});
   }
-  const auto nuisance = [&](const std::string& path, const std::string& column, double believed,
-                            double sd, const std::string& prior) {
-    Unknown unknown{path, "1", column, Scale::kShift, believed, sd, prior, false};
-    list.push_back(std::move(unknown));
-  };
-  nuisance("scene.tissue.material.poisson_ratio", "poisson.nu", tissue.material().poisson_ratio(),
-           0.03, "0.03, docs/calibrate.md 3");
+  list.push_back({"scene.tissue.material.poisson_ratio", "1", "poisson.nu", Scale::kShift,
+                  tissue.material().poisson_ratio(), 0.03, "0.03, docs/calibrate.md 2"});
+  if (!tissue.has_volume() && tissue.thickness_m() > 0) {
+    list.push_back({kThicknessPath, "m", "", Scale::kFactor, tissue.thickness_m(), std::log(1.05),
+                    "5 %, docs/calibrate.md 2"});
+  }
   for (const pb::ElasticLaw law :
        {pb::LAW_COROTATED, pb::LAW_NEO_HOOKE, pb::LAW_ST_VENANT_KIRCHHOFF}) {
     if (law == tissue.material().law()) continue;
-    nuisance("law." + law_column(law), "law." + law_column(law), 0, 0.5,
-             "half the way to the law, docs/calibrate.md 3");
+    list.push_back({"law." + law_column(law), "1", "law." + law_column(law), Scale::kShift, 0, 0.5,
+                    "half the way to the law, docs/calibrate.md 2", false});
   }
   for (Unknown& unknown : list) take_prior(priors, unknown);
   return list;
@@ -164,8 +195,12 @@ pb::Scene scene_at(const pb::Scene& believed, const std::vector<Unknown>& unknow
   pb::Scene scene = believed;
   for (std::size_t k = 0; k < unknowns.size(); ++k) {
     const Unknown& unknown = unknowns[k];
-    if (!unknown.is_parameter) continue;
+    if (!unknown.in_scene) continue;
     double value = unknown.value(x[static_cast<Eigen::Index>(k)]);
+    if (unknown.path == kThicknessPath) {
+      set_thickness(scene, value);
+      continue;
+    }
     if (unknown.column == "young_modulus") value *= std::exp(own.stiffness);
     set_scene_number(scene, unknown.path, value);
   }

@@ -21,9 +21,9 @@ struct Unknown {
   std::string column;  ///< name of its derivative (mismatch/parameters.h); empty: by difference
   Scale scale = Scale::kFactor;
   double believed = 0;
-  double sd = 1;             ///< of x before anything is seen
-  std::string prior;         ///< where sd is from, in words
-  bool is_parameter = true;  ///< else a nuisance, which acts to first order and stays in no scene
+  double sd = 1;         ///< of x before anything is seen
+  std::string prior;     ///< where sd is from, in words
+  bool in_scene = true;  ///< simulated; else a nuisance, which acts to first order alone
 
   double value(double x) const;
   /// dvalue/dx
@@ -32,9 +32,12 @@ struct Unknown {
   double at(double value) const;
 };
 
-/// The law of elasticity that a scene has, then the two others, as nuisances: 1 = it is the other.
-/// And the parameters: stiffness, bending, damping, friction; Poisson's ratio as a nuisance. Only
-/// what the scene can have; stated priors go before those of docs/calibrate.md 3.
+/// Path of the thickness of a sheet. Its derivative is a difference of simulations.
+inline constexpr const char* kThicknessPath = "scene.tissue.thickness_m";
+
+/// Stiffness, bending, damping, friction, Poisson's ratio and thickness, as far as the scene can
+/// have them; then the two laws of elasticity that it does not have, as nuisances: 1 = it is the
+/// other. Stated priors go before those of docs/calibrate.md 2.
 std::vector<Unknown> unknowns_of(const pb::Scene& scene, const pb::Priors& priors);
 
 /// Numbers that a recording has of its own.
@@ -44,8 +47,14 @@ struct OwnNumbers {
   double clock = 0;                                 ///< added to the common clock [s]
 };
 
+/// Least and largest x that are looked at: three standard deviations, inside the range of the knob.
+struct Range {
+  double low = 0, high = 0;
+};
+Range range_of(const Unknown& unknown);
+
 /// A scene for one recording: parameters at x, its own numbers beside them. Values stay inside the
-/// range of their knobs.
+/// range of their knobs. A sheet of another thickness lies on the same board.
 pb::Scene scene_at(const pb::Scene& believed, const std::vector<Unknown>& unknowns,
                    const Eigen::VectorXd& x, const OwnNumbers& own);
 

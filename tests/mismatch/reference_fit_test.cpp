@@ -1,0 +1,287 @@
+// The search of a calibration on surfaces that were made here, not simulated.
+#include "mismatch/calibrate/reference_fit.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "core/config.h"
+#include "core/constants.h"
+#include "mismatch/calibrate/descent.h"
+#include "mismatch/calibrate/findings.h"
+
+namespace omentum {
+namespace {
+
+using Eigen::Vector3d;
+using Eigen::VectorXd;
+
+constexpr double kTurnDeg = 0.6;
+
+PredictedFrame frame_between(double later) {
+  const auto surface = [](double x) {
+    return std::make_shared<const std::vector<Vector3d>>(1, Vector3d(x, 0, 0));
+  };
+  PredictedFrame frame;
+  frame.valid = true;
+  // It stands, then moves 2 mm in a step of 20 ms.
+  frame.way = {{later - 0.02, surface(0)}, {later, surface(0)}, {later + 0.02, surface(0.002)}};
+  frame.vertices = {Vector3d::Zero()};
+  frame.velocity = {Vector3d::Zero()};
+  return frame;
+}
+
+TEST(MoveInTime, FollowsTheWayAndRestsAtItsEnds) {
+  const PredictedFrame frame = frame_between(0.01);
+  std::vector<Vector3d> place, velocity;
+  move_in_time(frame, 0.02, place, velocity);
+  EXPECT_NEAR(place[0].x(), 0.001, 1e-12) << "what stands now moves later";
+  EXPECT_NEAR(velocity[0].x(), 0.1, 1e-12);
+  move_in_time(frame, 1, place, velocity);
+  EXPECT_EQ(place[0].x(), 0.002);
+  EXPECT_EQ(velocity[0].x(), 0);
+  move_in_time(frame, -1, place, velocity);
+  EXPECT_EQ(place[0].x(), 0);
+}
+
+TEST(SceneAt, AThickerSheetLiesOnTheSameBoard) {
+  const pb::Scene scene = load_scene(deploy_dir() + "/scenes/omentum.txtpb", {});
+  ASSERT_GT(scene.rigid_body_size(), 0);
+  const std::vector<Unknown> unknowns = unknowns_of(scene, {});
+  const auto thickness = std::ranges::find(unknowns, std::string(kThicknessPath), &Unknown::path);
+  ASSERT_NE(thickness, unknowns.end());
+  VectorXd x = VectorXd::Zero(static_cast<Eigen::Index>(unknowns.size()));
+  x[thickness - unknowns.begin()] = std::log(1.1);
+  const auto lower_face = [](const pb::Scene& of) -> Vector3d {
+    const Eigen::Isometry3d X_WB = make_scene(of, {}).tissue.X_WB;
+    return X_WB * Vector3d(0, 0, -of.tissue().thickness_m() / 2);
+  };
+  const pb::Scene thicker = scene_at(scene, unknowns, x, {});
+  EXPECT_NEAR(thicker.tissue().thickness_m(), 1.1 * scene.tissue().thickness_m(), 1e-12);
+  EXPECT_NEAR((lower_face(thicker) - lower_face(scene)).norm(), 0, 1e-12);
+}
+
+TEST(RangeOf, EndsInsideTheKnob) {
+  const pb::Scene scene = load_scene(deploy_dir() + "/scenes/omentum.txtpb", {});
+  for (const Unknown& unknown : unknowns_of(scene, {})) {
+    const Range range = range_of(unknown);
+    EXPECT_LT(range.low, 0) << unknown.path;
+    EXPECT_GT(range.high, 0) << unknown.path;
+    EXPECT_LE(range.high, 3 * unknown.sd) << unknown.path;
+    if (!unknown.in_scene) continue;
+    for (const double x : {range.low, range.high}) {
+      pb::Scene changed = scene;
+      set_scene_number(changed, unknown.path, unknown.value(x));
+      EXPECT_NEAR(scene_number(changed, unknown.path), unknown.value(x),
+                  1e-9 * std::fabs(unknown.value(x)))
+          << unknown.path << " is not cut off by its knob";
+    }
+  }
+}
+
+/// A sheet in the scene omentum, bent, and clouds of it that are `turned` about the camera [rad].
+struct Fitted {
+  static constexpr std::size_t kFrames = 2;
+  pb::Scene scene = load_scene(deploy_dir() + "/scenes/omentum.txtpb", {});
+  CalibrationOptions options;
+  std::unique_ptr<ReferenceFit> fit;
+  std::vector<Prediction> predictions;
+  FitState at;
+  std::vector<std::size_t> which = {0};
+
+  explicit Fitted(const Vector3d& turned = Vector3d::Zero()) {
+    for (const auto& [path, sd] : {std::pair{"scene.depth_sensor.registration_m", 0.002},
+                                   {"scene.depth_sensor.registration_deg", 0.7}}) {
+      pb::Prior& prior = *options.priors.add_prior();
+      prior.set_path(path);
+      prior.set_sd(sd);
+    }
+    const Scene made = make_scene(scene, options.folder);
+    Observation seen;
+    seen.name = "a";
+    seen.p_WC = made.tissue.X_WB * Vector3d(0.03, 0.26, 0.32);
+    const Vector3d axis = (made.tissue.X_WB.translation() - seen.p_WC).normalized();
+    seen.R_WC.col(2) = -axis;
+    seen.R_WC.col(0) = axis.cross(Vector3d::UnitZ()).normalized();
+    seen.R_WC.col(1) = seen.R_WC.col(2).cross(seen.R_WC.col(0));
+    seen.track.time = {0, 1};
+    seen.track.p_WT.assign(2, seen.p_WC);
+    PredictedFrame frame;
+    frame.valid = true;
+    for (const double side : {0.5, -0.5}) {
+      for (const Vector3d& p : made.tissue.particles) {
+        const double bulge = 6 * p.x() * p.y() + 4 * p.x() * p.x();
+        frame.vertices.push_back(made.tissue.X_WB *
+                                 (p + Vector3d(0, 0, bulge + side * made.tissue.thickness)));
+      }
+    }
+    frame.velocity.assign(frame.vertices.size(), Vector3d::Zero());
+    frame.tip = seen.p_WC;
+    const Registration6 registration{Vector3d::Zero(), turned};
+    SeenFrame cloud;
+    const std::size_t half = frame.vertices.size() / 2;
+    for (std::size_t i = 0; i < half; ++i) {
+      // Along the ray, some way to and fro.
+      const Vector3d d = frame.vertices[i] - seen.p_WC;
+      const Vector3d p = d * (1 + 2e-3 * std::sin(7.3 * static_cast<double>(i)));
+      cloud.points.push_back(seen.p_WC + registration.rotation() * p);
+    }
+    for (std::size_t k = 0; k < kFrames; ++k) {
+      cloud.t = 0.2 * static_cast<double>(k);
+      seen.frames.push_back(cloud);
+    }
+    fit = std::make_unique<ReferenceFit>(scene, std::vector<Observation>{seen}, options);
+    frame.columns.setZero(3 * static_cast<Eigen::Index>(frame.vertices.size()),
+                          fit->layout.unknowns + kOwnColumns);
+    predictions.emplace_back().frames.assign(kFrames, frame);
+    at = fit->believed();
+  }
+  FitState improved() {
+    FitState state = at;
+    fit->improve(predictions, at, which, 12, state);
+    return state;
+  }
+};
+
+TEST(ReferenceFit, ATurnOfTheCameraIsATurnAndNoShift) {
+  Fitted c(kDegree * kTurnDeg * Vector3d(1, -1, 1) / std::sqrt(3));
+  const FitState state = c.improved();
+  const Registration6 found = c.fit->registration(state);
+  EXPECT_NEAR(found.turn.norm() / kDegree, kTurnDeg, 0.15);
+  // About the sheet the same turn would be a shift of some 3 mm, beyond what is believed of one.
+  EXPECT_LT(found.shift.norm(), 0.001);
+}
+
+TEST(ReferenceFit, WhatRestsTellsNothingOfClockAndDamping) {
+  Fitted c;
+  const FitState state = c.improved();
+  const ArrowStep sure = c.fit->posterior(c.predictions, c.at, c.which, state);
+  const int clock = c.fit->layout.clock();
+  EXPECT_NEAR(state.shared[clock], 0, 1e-6);
+  EXPECT_NEAR(std::sqrt(sure.shared_covariance(clock, clock)), c.fit->beliefs.shared_sd[clock],
+              1e-6);
+  for (int k = 0; k < c.fit->layout.unknowns; ++k)
+    EXPECT_NEAR(std::sqrt(sure.shared_covariance(k, k)), c.fit->beliefs.shared_sd[k], 1e-6);
+}
+
+TEST(ReferenceFit, NeitherLeavesItsRangesNorFitsWorse) {
+  Fitted c;
+  // Clouds 3 mm above the surface; the column of the thickness says that a tenth is worth 1 um.
+  for (SeenFrame& frame : c.fit->observations[0].frames) {
+    for (Vector3d& p : frame.points) p.z() += 0.003;
+  }
+  const auto found =
+      std::ranges::find(c.fit->unknowns, std::string(kThicknessPath), &Unknown::path);
+  const auto k = found - c.fit->unknowns.begin();
+  for (PredictedFrame& frame : c.predictions[0].frames) {
+    for (Eigen::Index row = 2; row < frame.columns.rows(); row += 3) frame.columns(row, k) = 1e-2F;
+  }
+  c.fit->beliefs.shared_sd.segment<6>(c.fit->layout.registration()).setConstant(1e-7);
+  const NoiseModel noise = c.fit->noise;
+  const double before = c.fit->cost(c.predictions, c.at, c.which, c.at, noise);
+  const FitState state = c.improved();
+  EXPECT_LT(c.fit->cost(c.predictions, c.at, c.which, state, noise), before);
+  const Ranges range = c.fit->ranges(c.at);
+  for (int j = 0; j < c.fit->layout.shared(); ++j) {
+    EXPECT_GE(state.shared[j], range.low[j] - 1e-12);
+    EXPECT_LE(state.shared[j], range.high[j] + 1e-12);
+  }
+  EXPECT_NEAR(state.shared[k], range.high[k], 1e-6) << "it wants farther than the derivative holds";
+}
+
+/// Surfaces that are as much higher as the stiffness is, and clouds 2 mm above those believed.
+struct Descending : Fitted {
+  static constexpr double kHigher = 0.01;  // [m] per unit of x
+  int simulated = 0;
+
+  Descending() {
+    for (SeenFrame& frame : fit->observations[0].frames) {
+      for (Vector3d& p : frame.points) p.z() += 0.002;
+    }
+    fit->beliefs.shared_sd.segment<6>(fit->layout.registration()).setConstant(1e-7);
+    for (PredictedFrame& frame : predictions[0].frames) {
+      for (Eigen::Index row = 2; row < frame.columns.rows(); row += 3)
+        frame.columns(row, 0) = static_cast<float>(kHigher);
+    }
+  }
+  std::vector<Prediction> at_state(const FitState& state) {
+    ++simulated;
+    std::vector<Prediction> here = predictions;
+    for (PredictedFrame& frame : here[0].frames) {
+      for (Vector3d& p : frame.vertices) p.z() += kHigher * state.shared[0];
+    }
+    return here;
+  }
+  /// Where the search ends if nothing stiffer than `most` can be simulated.
+  Descent descended(double most) {
+    Descent d;
+    d.at = at;
+    d.predictions = predictions;
+    descend(
+        *fit,
+        [&](const FitState& state) {
+          auto here = at_state(state);
+          if (state.shared[0] > most)
+            here[0].frames.assign(kFrames, {});  // as ReferenceFit::simulate leaves an Error
+          return here;
+        },
+        which, 12, d);
+    return d;
+  }
+};
+
+TEST(Descend, EndsWhereTheSimulationFits) {
+  Descending c;
+  const Descent d = c.descended(1e9);
+  EXPECT_NEAR(d.at.shared[0], 0.2, 0.03);
+  EXPECT_TRUE(d.settled);
+}
+
+TEST(Descend, TakesAStateThatCannotBeSimulatedForAWorseFit) {
+  constexpr double kMost = 0.12;
+  Descending c;
+  const NoiseModel noise = c.fit->noise;
+  const double before = c.fit->cost(c.predictions, c.at, c.which, c.at, noise);
+  const Descent d = c.descended(kMost);
+  EXPECT_LE(c.simulated, 12);
+  EXPECT_LE(d.at.shared[0], kMost);
+  EXPECT_GT(d.at.shared[0], kMost / 2) << "as near as can be simulated";
+  EXPECT_EQ(count_valid(d.predictions[0]), std::ptrdiff_t{Fitted::kFrames});
+  EXPECT_LT(c.fit->cost(d.predictions, d.at, c.which, d.at, noise), before);
+}
+
+TEST(Simulate, AnErrorIsAFailureOfThatState) {
+  Fitted c;
+  // Has no derivatives, which the simulation says before its first command.
+  c.fit->scene.mutable_tool()->mutable_grip()->set_hold(pb::HOLD_PAD);
+  const auto predictions = c.fit->simulate(c.at, {pb::TISSUE_REFERENCE, 0.01, 1}, true, c.which);
+  EXPECT_EQ(predictions[0].frames.size(), Fitted::kFrames);
+  EXPECT_EQ(count_valid(predictions[0]), 0);
+  EXPECT_THAT(predictions[0].failure, testing::HasSubstr("HOLD_PAD"));
+  const NoiseModel noise = c.fit->noise;
+  EXPECT_GT(c.fit->cost(predictions, c.at, c.which, c.at, noise),
+            c.fit->cost(c.predictions, c.at, c.which, c.at, noise));
+}
+
+TEST(Findings, AThicknessAtItsBoundIsWarnedOfByName) {
+  Fitted c;
+  FitState state = c.improved();
+  const ArrowStep sure = c.fit->posterior(c.predictions, c.at, c.which, state);
+  const auto found =
+      std::ranges::find(c.fit->unknowns, std::string(kThicknessPath), &Unknown::path);
+  state.shared[found - c.fit->unknowns.begin()] = range_of(*found).high;
+  Calibration result;
+  result.scene = c.fit->shared_scene(state);
+  const Findings findings{*c.fit, state, sure, c.which, 0, 0, 0};
+  add_numbers(findings, result);
+  add_warnings(findings, result);
+  EXPECT_THAT(result.warnings, testing::Contains(testing::AllOf(testing::HasSubstr(kThicknessPath),
+                                                                testing::HasSubstr("bound"))));
+  EXPECT_NEAR(result.scene.tissue().thickness_m(), found->value(range_of(*found).high), 1e-9)
+      << "and stands in the scene";
+}
+
+}  // namespace
+}  // namespace omentum
