@@ -124,7 +124,7 @@ std::vector<EvaluationRow> judge(const pb::Config& config, const EvaluationSet& 
     const RolloutSegment& s = segments[i];
     EvaluationRow& r = rows.emplace_back(row_of_episode(s));
     r.index = set.start_indices[i];
-    const std::uint32_t start = lattice ? 0 : r.index % set.starts;
+    const std::uint32_t start = lattice ? 0 : r.index % std::max(1U, set.starts);
     r.row = lattice ? 0 : start / columns + 1;
     r.column = lattice ? 0 : start % columns + 1;
     r.drawn = drawn_alone(config, set, r.index);
