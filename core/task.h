@@ -98,8 +98,9 @@ class Task {
   /// Of one control period, for the state before its motion.
   double reward_of(const TaskState& state) const;
   /// Its difference over a decision is part of the reward: minus the way that is left, times
-  /// task.progress_per_m. Such shaping leaves the optimal policy as it is [Ng99] and makes a motion
-  /// of half a millimetre visible, which changes the distances' reward by 0.0009 only.
+  /// task.progress_per_m; by axes (task.progress_by_axis) that of the opening jaw, too. Such
+  /// shaping leaves the optimal policy as it is [Ng99] and makes a motion of half a millimetre
+  /// visible, which changes the distances' reward by 0.0009 only.
   double potential_of(const TaskState& state) const;
   /// Held within task.success_radius_m of p_T: the aim of the task.
   bool is_reached(const TaskState& state) const;

@@ -61,11 +61,17 @@ struct GaussianHead {
 
 /// The PPO loss of up to 64 samples and its derivatives, all in f32 lanes of eight samples.
 ///
-///   loss = policy_coefficient mean(policy) - entropy mean(sum of H_b) + value_coefficient
-///   mean(value) policy, joint       -min(r A, clip(r) A), r = exp(sum of log ratios) policy, per
-///   branch  -mean over branches of min(r_b A, clip(r_b) A) policy, likelihood  -sum of the
-///   branches' log-probabilities, whatever `ratio` is value               (v - R)^2, with
-///   value_clip the larger of it and (v_old + clip(v - v_old) - R)^2
+///   loss = policy_coefficient mean(policy) - entropy mean(sum of H_b)
+///          + value_coefficient mean(value)
+///
+///   policy, joint       -min(r A, clip(r) A), r = exp(sum of log ratios)
+///
+///   policy, per branch  -mean over branches of min(r_b A, clip(r_b) A)
+///
+///   policy, likelihood  -sum of the branches' log-probabilities, whatever `ratio` is
+///
+///   value               (v - R)^2; with value_clip the larger of it and
+///                       (v_old + clip(v - v_old) - R)^2
 ///
 /// logits: count x 16 raw head outputs; values: count x 8, column 0. Writes d loss / d logits
 /// (count x 16, other columns zero), d loss / d value (count x 8, other columns zero) and, with the

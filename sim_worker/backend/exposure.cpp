@@ -463,13 +463,8 @@ void ExposureEstimator::of_lanes(Tissue<float>& tissue, std::uint32_t wanted,
     args.origin[i] = static_cast<float>(camera_.position[i]);
     for (int j = 0; j < 3; ++j) args.rotation[3 * i + j] = static_cast<float>(camera_.R_WC(j, i));
   }
-  args.window[0] = subset_.u_min;
-  args.window[1] = subset_.u_max;
-  args.window[2] = subset_.v_min;
-  args.window[3] = subset_.v_max;
   args.projected = projected_.data();
-  args.lanes_wanted = wanted;
-  tissue.kernel().project_surface(args);  // without triangles: find_hits() takes less time
+  tissue.kernel().project_surface(args);
   find_hits(vertices, W, wanted);
   for (int lane = 0; lane < W; ++lane) {
     if ((wanted >> lane & 1U) == 0) continue;

@@ -144,7 +144,7 @@ Vector3d Arm::delayed(const ArmState& state) const {
   const double steps = effects_.transport_delay_s() / dt_;
   const int whole = std::min(static_cast<int>(steps), ArmState::kHistory - 2);
   const double fraction = steps - whole;
-  const Vector3d newer = to_vector(state.command[whole]);
+  Vector3d newer = to_vector(state.command[whole]);
   if (fraction == 0) return newer;
   return newer + fraction * (to_vector(state.command[whole + 1]) - newer);
 }

@@ -51,20 +51,14 @@ struct CandidateArgs {
   std::uint32_t* candidate_any;  ///< out per point, bit per shape
 };
 
-/// Projection of the drawn surface into the exposure camera, and search for the triangles in front
-/// of the tumour.
+/// Projection of the drawn surface into the exposure camera.
 template <typename Real>
 struct ProjectArgs {
   std::int32_t vertices;
   const Real* position;  ///< [vertex][xyz][lane]
   Real rotation[9];      ///< R_CW row-major
   Real origin[3];        ///< p_WC
-  Real window[4];        ///< u_min, u_max, v_min, v_max of the tumour's image (tangent plane)
-  std::int32_t triangles;
-  const std::int32_t* triangle;  ///< 3 vertices each
-  Real* projected;               ///< [vertex][u v depth][lane]
-  std::uint32_t* overlap;        ///< per triangle: lanes whose bounding box meets the window
-  std::uint32_t lanes_wanted;
+  Real* projected;       ///< out [vertex][u v depth][lane]; u, v in the tangent plane
 };
 
 /// Skinning of surface vertices by the cluster transforms of the last match.

@@ -100,24 +100,6 @@ void project_surface(const ProjectArgs<Real>& args) {
     const Lane w = fma(splat(r[5]), d.z, fma(splat(r[4]), d.y, splat(r[3]) * d.x));
     store3(args.projected + 3 * kLanes * v, {u * inverse, w * inverse, depth});
   }
-  const Lane u_min = splat(args.window[0]);
-  const Lane u_max = splat(args.window[1]);
-  const Lane v_min = splat(args.window[2]);
-  const Lane v_max = splat(args.window[3]);
-  for (int t = 0; t < args.triangles; ++t) {
-    const Real* const a = args.projected + 3 * kLanes * args.triangle[3 * t];
-    const Real* const b = args.projected + 3 * kLanes * args.triangle[3 * t + 1];
-    const Real* const c = args.projected + 3 * kLanes * args.triangle[3 * t + 2];
-    const Lane au = load(a);
-    const Lane bu = load(b);
-    const Lane cu = load(c);
-    const Lane av = load(a + kLanes);
-    const Lane bv = load(b + kLanes);
-    const Lane cv = load(c + kLanes);
-    const Mask u_meets = both(min(au, min(bu, cu)) < u_max, u_min < max(au, max(bu, cu)));
-    const Mask v_meets = both(min(av, min(bv, cv)) < v_max, v_min < max(av, max(bv, cv)));
-    args.overlap[t] = to_bits(both(u_meets, v_meets)) & args.lanes_wanted & kAllLanes;
-  }
 }
 
 }  // namespace

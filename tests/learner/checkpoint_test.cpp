@@ -88,7 +88,7 @@ TEST_F(CheckpointTest, EveryFlippedByteIsRefused) {
   }
 }
 
-TEST_F(CheckpointTest, ArbitraryPayloadWithAGoodCrcNeverCrashes) {
+TEST_F(CheckpointTest, ARefusedPayloadWithAGoodCrcLeavesTheWeightsAsTheyWere) {
   // What the CRC cannot catch: a well-framed file of another program. Parsing and loading must
   // still be total.
   pb::Config config;
@@ -99,13 +99,20 @@ TEST_F(CheckpointTest, ArbitraryPayloadWithAGoodCrcNeverCrashes) {
   shape.hidden = 8;
   Ppo ppo(config, shape, 1);
   const std::string good = small_checkpoint(3).ppo().SerializeAsString();
+  int refused = 0;
   for (std::size_t i = 0; i < good.size(); i += 3) {
     std::string bad = good;
     bad[i] = static_cast<char>(bad[i] ^ 0x55);
-    pb::PpoState state;
-    if (state.ParseFromString(bad)) (void)ppo.load(state).has_value();
-    if (state.ParseFromString(good.substr(0, i))) (void)ppo.load(state).has_value();
+    for (const std::string& payload : {bad, good.substr(0, i)}) {
+      pb::PpoState state;
+      if (!state.ParseFromString(payload)) continue;
+      const Sha256 before = ppo.weights().weights_hash;
+      if (ppo.load(state).has_value()) continue;
+      ++refused;
+      EXPECT_EQ(ppo.weights().weights_hash, before) << i;
+    }
   }
+  EXPECT_GT(refused, 0);
 }
 
 TEST_F(CheckpointTest, KeepsTheNewestTwoTheBestAndMilestones) {
