@@ -168,8 +168,8 @@ int main(int argc, char** argv) {
   try {
     measure("tissue.cluster.env_steps_per_s", omentum::load_config("omentum", cluster_case), width);
     measure("tissue.omentum.env_steps_per_s", omentum::load_config("omentum", period), width);
-    measure("tissue.omentum_elastic.env_steps_per_s", omentum::load_config("omentum_elastic", {}),
-            width);
+    measure("tissue.omentum_elastic.env_steps_per_s",
+            omentum::load_config("omentum_elastic", period), width);
     measure("tissue.paper.env_steps_per_s", omentum::load_config("paper_literal", {}), width);
     measure("tissue.paper_swapped.env_steps_per_s", omentum::load_config("paper_swapped", {}),
             width);
