@@ -66,8 +66,8 @@ class Run {
     fmt::print("start {} of {}\n", start + 1, starts_);
     std::fflush(stdout);
     jaw_.forget();
-    const std::optional<RolloutSegment> segment =
-        gateway_.run_episode(gateway_.next_task(StartSet::kRobotGrid, start, 0));
+    const RolloutTask task = gateway_.next_task(StartSet::kRobotGrid, start, 0);
+    const std::optional<RolloutSegment> segment = gateway_.run_episode(task);
     if (!segment || gateway_.session().ended()) return false;
     if (segment->failed != 0) {  // once more, when the operator has armed
       ++stops_;
@@ -75,7 +75,7 @@ class Run {
       return true;
     }
     std::this_thread::sleep_for(kWatchDelay);
-    EvaluationRow row = row_of(start, *segment);
+    EvaluationRow row = row_of(task, *segment);
     if (!judge(row)) return !gateway_.session().ended();
     robot_.push_back(row);
     save();
@@ -105,13 +105,13 @@ class Run {
   }
 
  private:
-  EvaluationRow row_of(std::uint32_t start, const RolloutSegment& segment) const {
+  EvaluationRow row_of(const RolloutTask& task, const RolloutSegment& segment) const {
     EvaluationRow row = row_of_episode(segment);
     const std::uint32_t columns = std::max(1U, gateway_.config().scene().robot_grid().columns());
-    row.index = start;
-    row.row = start / columns + 1;
-    row.column = start % columns + 1;
-    row.greedy = true;
+    row.index = task.start_index;
+    row.row = task.start_index / columns + 1;
+    row.column = task.start_index % columns + 1;
+    row.greedy = task.greedy;
     return row;
   }
 
@@ -119,7 +119,7 @@ class Run {
   void predict() {
     for (std::uint32_t start = 0; start < starts_; ++start) {
       const RolloutTask task = gateway_.next_task(StartSet::kRobotGrid, start, 0);
-      prediction_.push_back(row_of(start, gateway_.predict(task)));
+      prediction_.push_back(row_of(task, gateway_.predict(task)));
     }
     write_or_throw(folder_ / "prediction.csv", grid_table(prediction_));
   }

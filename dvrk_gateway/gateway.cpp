@@ -133,7 +133,7 @@ RolloutTask Gateway::next_task(StartSet start_set, std::uint32_t start_index,
   t.learner_epoch = weights().learner_epoch;
   t.config_hash = config_hash(config());
   t.kind = TaskKind::kEvaluate;
-  t.greedy = true;
+  t.greedy = !options_.drawn_actions.value_or(!config().randomise().empty());
   t.reset = true;
   t.run_seed = options_.run_seed;
   t.episode = episode;

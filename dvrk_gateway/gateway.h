@@ -31,7 +31,7 @@ class Gateway {
   /// One episode: leads the arm to its start when the operator has armed, runs, holds. An episode
   /// that was stopped has `failed` set, a reason and its steps. Nothing when the program ends.
   std::optional<RolloutSegment> run_episode(const RolloutTask& task);
-  /// Greedy, from a start of the set, with the hold at p_T at its end.
+  /// From a start of the set, with the hold at p_T at its end; actions as the options say.
   /// Pins the newest version of the policy for it.
   RolloutTask next_task(StartSet start_set, std::uint32_t start_index, std::uint64_t episode);
   /// Holds the arm, ends periods and recording; false where the recording lost something, which has

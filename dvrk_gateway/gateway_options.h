@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <string>
 
 #include "dvrk_gateway/bus/gateway_bus.h"
@@ -23,6 +24,9 @@ struct GatewayOptions {
   std::string limits;                        ///< SafetyLimits as protobuf text; empty: the defaults
   std::uint64_t run_seed = 1;                ///< of drawn starts
   int episodes = 1;
+  /// As the policy draws them, as in training; the most probable ones. Nothing: drawn where the run
+  /// of the policy drew scenes (docs/decisions/0032), else the most probable.
+  std::optional<bool> drawn_actions;
   bool robot_grid = false;  ///< starts are the robot grid of the scene, not drawn
   bool dry_run = false;
   RecordingOptions recording;

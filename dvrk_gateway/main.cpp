@@ -71,6 +71,11 @@ int run(int argc, char** argv) {
   app.add_option("--seed", options.run_seed, "Of drawn starts")
       ->check(whole_number())
       ->capture_default_str();
+  const std::map<std::string, bool> actions = {{"probable", false}, {"drawn", true}};
+  app.add_option("--actions", options.drawn_actions,
+                 "probable: the most probable ones; drawn: as in training. Default: drawn where "
+                 "training drew scenes, as in preset omentum_robust, else probable")
+      ->transform(CLI::CheckedTransformer(actions));
   app.add_flag("--dry-run", options.dry_run, "Judge everything, send nothing");
   add_recording_options(app, options.recording);
   add_bus_options(app, options.bus);

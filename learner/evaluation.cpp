@@ -68,9 +68,9 @@ std::vector<EvaluationSet> evaluation_sets(const pb::Config& config) {
     sets.back().record = false;  // a replay is of the scene of the configuration
   }
   for (int k = 0; k < config.randomise_size() && scene.has_start_grid(); ++k) {
-    EvaluationSet set = make_set("drawn", StartSet::kGridDrawn, scene.start_grid(), true);
-    set.name = fmt::format("drawn{}_{}_greedy", set.starts, config.randomise(k).parameter());
-    set.record = false;
+    // By drawn actions: what is drawn is hidden from the policy (docs/decisions/0032).
+    EvaluationSet set = make_set("drawn", StartSet::kGridDrawn, scene.start_grid(), false);
+    set.name = fmt::format("drawn{}_{}_sampled", set.starts, config.randomise(k).parameter());
     for (std::uint32_t& index : set.start_indices)
       index += set.starts * (1 + static_cast<std::uint32_t>(k));
     sets.push_back(std::move(set));

@@ -17,7 +17,7 @@ namespace omentum {
 struct EvaluationSet {
   /// grid100_greedy, grid100_sampled, robot25_greedy, ..., grasp_lattice; where the configuration
   /// draws parameters of the scene also drawn100_greedy, drawn100_sampled: the grid in drawn
-  /// scenes, and drawn100_<parameter>_greedy: with that parameter drawn alone.
+  /// scenes, and drawn100_<parameter>_sampled: with that parameter drawn alone.
   std::string name;
   StartSet start_set = StartSet::kGrid;
   bool greedy = true;

@@ -39,7 +39,7 @@ std::vector<EvaluationRow> starts_of(const std::vector<RunFolder>& runs, const s
 /// Figures of one set over all runs, by the function that summary.json has them from.
 EvaluationFigures figures_of(const std::vector<RunFolder>& runs, const std::string& name);
 
-/// The parameter of a set in whose scenes it alone was drawn: drawn100_<parameter>_greedy; else
+/// The parameter of a set in whose scenes it alone was drawn: drawn100_<parameter>_sampled; else
 /// empty.
 std::string drawn_parameter(const std::string& set_name);
 

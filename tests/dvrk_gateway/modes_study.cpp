@@ -89,7 +89,8 @@ class Study {
   RolloutTask task(std::uint32_t start) const {
     RolloutTask t;
     t.kind = TaskKind::kEvaluate;
-    t.greedy = t.reset = true;
+    t.greedy = config_.randomise().empty();  // as dvrk_gateway does
+    t.reset = true;
     t.run_seed = 1;
     t.start_set = StartSet::kRobotGrid;
     t.start_index = start;
@@ -103,7 +104,7 @@ class Study {
     row.index = start;
     row.row = start / grid().columns() + 1;
     row.column = start % grid().columns() + 1;
-    row.greedy = true;
+    row.greedy = config_.randomise().empty();
     return row;
   }
   EvaluationRow predict(std::uint32_t start) {

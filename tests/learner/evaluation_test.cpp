@@ -39,8 +39,8 @@ TEST(EvaluationSets, ScenesAreDrawnWhereTrainingDraws) {
   EXPECT_THAT(names_of(drawing_config()),
               ElementsAre("grid100_greedy", "grasp_lattice", "grid100_sampled", "robot25_greedy",
                           "robot25_sampled", "drawn100_greedy", "drawn100_sampled",
-                          "drawn100_tissue.stiffness_scale_greedy",
-                          "drawn100_arm.transport_delay_s_greedy"));
+                          "drawn100_tissue.stiffness_scale_sampled",
+                          "drawn100_arm.transport_delay_s_sampled"));
 }
 
 // Every scene is that of the draw which the table names, from the start which the table names.

@@ -336,12 +336,12 @@ TEST(DrawnSection, ShowsSuccessOverTheValuesOfEachParameter) {
     rows[k].drawn = 0.01 * static_cast<double>((7 * k) % 10);  // in no order
     rows[k].reached = rows[k].drawn < 0.05;
   }
-  run.evaluations["drawn10_arm.transport_delay_s_greedy"] = {rows, 1, 10, 10};
+  run.evaluations["drawn10_arm.transport_delay_s_sampled"] = {rows, 1, 10, 10};
   const Section section = make_drawn_section({run});
   EXPECT_THAT(section.content, HasSubstr("arm.transport_delay_s"));
   EXPECT_THAT(make_grid_section({run}).content, Not(HasSubstr("drawn alone")))
       << "shown once, as a curve";
-  EXPECT_EQ(drawn_parameter("drawn100_arm.droop_s_greedy"), "arm.droop_s");
+  EXPECT_EQ(drawn_parameter("drawn100_arm.droop_s_sampled"), "arm.droop_s");
   EXPECT_EQ(drawn_parameter("drawn100_greedy"), "");
   EXPECT_EQ(drawn_parameter("grid100_greedy"), "");
   run.evaluations.clear();
