@@ -2,9 +2,7 @@
 
 #include <fmt/format.h>
 
-#include <Eigen/Eigenvalues>
 #include <Eigen/LU>
-#include <Eigen/SVD>
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -12,6 +10,7 @@
 #include <set>
 
 #include "core/check.h"
+#include "core/decompositions.h"
 
 namespace omentum {
 namespace {
@@ -123,9 +122,9 @@ Spread spread_of(const Range& range, PointOf point_of) {
     const Vector3d from_centre = point_of(item) - spread.centre;
     second += from_centre * from_centre.transpose() / spread.count;
   }
-  const Eigen::SelfAdjointEigenSolver<Matrix3d> solver(second);
-  spread.axes = solver.eigenvectors();
-  spread.mean_squares = solver.eigenvalues().cwiseMax(0);
+  const PrincipalAxes3 principal = principal_axes(second);
+  spread.axes = principal.axes;
+  spread.mean_squares = principal.values.cwiseMax(0);
   return spread;
 }
 
@@ -216,13 +215,8 @@ Isometry3d fit_rigid(std::span<const Vector3d> from, std::span<const Vector3d> t
   Matrix3d covariance = Matrix3d::Zero();
   for (std::size_t i = 0; i < from.size(); ++i)
     covariance += (to[i] - centre_to) * (from[i] - centre_from).transpose();
-  const Eigen::JacobiSVD<Matrix3d> svd(covariance, Eigen::ComputeFullU | Eigen::ComputeFullV);
-  // The best orthogonal matrix may be a reflection; the best rotation then turns the weakest
-  // direction round.
-  Vector3d signs = Vector3d::Ones();
-  if (svd.matrixU().determinant() * svd.matrixV().determinant() < 0) signs.z() = -1;
   Isometry3d X = Isometry3d::Identity();
-  X.linear() = svd.matrixU() * signs.asDiagonal() * svd.matrixV().transpose();
+  X.linear() = nearest_rotation(covariance);
   X.translation() = centre_to - X.linear() * centre_from;
   return X;
 }
@@ -390,25 +384,24 @@ Result<TipPivot> pivot_tip(std::span<const PsmPose> poses_RC) {
     equations.block<3, 3>(row, 3) = -Matrix3d::Identity();
     right.segment<3>(row) = -pose.p;
   }
-  const Eigen::JacobiSVD<Eigen::MatrixXd> svd(equations, Eigen::ComputeThinU | Eigen::ComputeThinV);
-  const Eigen::VectorXd singular = svd.singularValues();
+  const SingularValues svd = singular_values(equations);
   TipPivot pivot;
-  pivot.condition = singular[0] / singular[5];
+  pivot.condition = svd.values[0] / svd.values[5];
   if (!(pivot.condition <= kWorstCondition)) {
     return Failure{fmt::format(
         "the instrument was turned too little to find its tip: condition {:.3g}, allowed {}; turn "
         "it to all sides about the point",
         pivot.condition, kWorstCondition)};
   }
-  const Eigen::VectorXd solution = svd.solve(right);
+  const Eigen::VectorXd solution =
+      svd.V * svd.values.cwiseInverse().asDiagonal() * (svd.U.transpose() * right);
   pivot.p_CT = solution.head<3>();
   pivot.p_RP = solution.tail<3>();
   const double sum = (equations * solution - right).squaredNorm();
   pivot.residual_rms = std::sqrt(sum / static_cast<double>(poses_RC.size()));
   const double per_axis = sum / static_cast<double>(rows - 6);
-  const Eigen::MatrixXd covariance = svd.matrixV() *
-                                     singular.cwiseAbs2().cwiseInverse().asDiagonal() *
-                                     svd.matrixV().transpose() * per_axis;
+  const Eigen::MatrixXd covariance =
+      svd.V * svd.values.cwiseAbs2().cwiseInverse().asDiagonal() * svd.V.transpose() * per_axis;
   pivot.p_CT_std = covariance.diagonal().head<3>().cwiseSqrt();
   return pivot;
 }

@@ -2,11 +2,11 @@
 
 #include <fmt/format.h>
 
-#include <Eigen/SVD>
 #include <cmath>
 
 #include "core/check.h"
 #include "core/constants.h"
+#include "core/decompositions.h"
 #include "core/table.h"
 #include "mismatch/import/units.h"
 #include "mismatch/recording/text_table.h"
@@ -25,8 +25,7 @@ Result<Quaterniond> of_matrix(const Eigen::Matrix3d& R) {
     return Failure{"no rotation matrix: its rows are not of length 1 and at right angles"};
   if (R.determinant() < 0)
     return Failure{"no rotation matrix: it mirrors, an axis has a wrong sign"};
-  const Eigen::JacobiSVD<Eigen::Matrix3d> svd(R, Eigen::ComputeFullU | Eigen::ComputeFullV);
-  return Quaterniond(Eigen::Matrix3d(svd.matrixU() * svd.matrixV().transpose()));
+  return Quaterniond(nearest_rotation(R));
 }
 
 }  // namespace
@@ -91,18 +90,15 @@ Result<RigidFit> fit_rigid(const std::vector<Vector3d>& from, const std::vector<
     across += (to[k] - to_mean) * (from[k] - from_mean).transpose();
     spread += (from[k] - from_mean) * (from[k] - from_mean).transpose();
   }
-  const Eigen::JacobiSVD<Eigen::Matrix3d> along(spread);
-  const Eigen::JacobiSVD<Eigen::Matrix3d> svd(across, Eigen::ComputeFullU | Eigen::ComputeFullV);
   // Squares of lengths: a millionth of the longest side.
-  if (!(along.singularValues()[1] > 1e-12 * along.singularValues()[0]) ||
-      !(svd.singularValues()[1] > 1e-12 * svd.singularValues()[0]))
-    return Failure{"points that lie on one line"};
-  const Eigen::Matrix3d U = svd.matrixU(), V = svd.matrixV();
-  Eigen::Matrix3d proper = Eigen::Matrix3d::Identity();  // a rotation, no mirror (Kabsch 1976)
-  proper(2, 2) = U.determinant() * V.determinant() < 0 ? -1 : 1;
+  const auto on_a_line = [](const Eigen::Matrix3d& squares) {
+    const Vector3d values = singular_values(squares).values;
+    return !(values[1] > 1e-12 * values[0]);
+  };
+  if (on_a_line(spread) || on_a_line(across)) return Failure{"points that lie on one line"};
   RigidFit fit;
   fit.X_TF = Eigen::Isometry3d::Identity();
-  fit.X_TF.linear() = U * proper * V.transpose();
+  fit.X_TF.linear() = nearest_rotation(across);
   fit.X_TF.translation() = to_mean - fit.X_TF.linear() * from_mean;
   double squares = 0;
   for (std::size_t k = 0; k < from.size(); ++k) {

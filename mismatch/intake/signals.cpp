@@ -1,10 +1,11 @@
 #include "mismatch/intake/signals.h"
 
 #include <Eigen/Core>
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 #include <limits>
+
+#include "core/decompositions.h"
 
 namespace omentum {
 
@@ -80,8 +81,7 @@ Eigen::MatrixXd main_motions(const Series& series, double begin_s, double step_s
   }
   if (motion.cols() == 0) return motion;
   const Eigen::MatrixXd together = motion.transpose() * motion;
-  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(together);
-  return motion * solver.eigenvectors().rightCols(std::min<Eigen::Index>(3, motion.cols()));
+  return motion * principal_axes(together).axes.rightCols(std::min<Eigen::Index>(3, motion.cols()));
 }
 
 }  // namespace omentum

@@ -1,12 +1,12 @@
 #include "sim_worker/geometry/sheet_mesh.h"
 
 #include <Eigen/Geometry>
-#include <Eigen/SVD>
 #include <algorithm>
 #include <cmath>
 #include <utility>
 
 #include "core/check.h"
+#include "core/decompositions.h"
 #include "sim_worker/geometry/surface_search.h"
 
 namespace omentum {
@@ -81,10 +81,10 @@ Eigen::Matrix<double, 5, Eigen::Dynamic> fit_quadratic(
     rows.row(k) << 0.5 * x * x, 0.5 * y * y, x * y, x, y;
     rows.row(k) *= weight[k];
   }
-  const Eigen::JacobiSVD<Eigen::MatrixXd> svd(rows, Eigen::ComputeThinU | Eigen::ComputeThinV);
-  if (!(svd.singularValues()[4] >= kLeastCondition * svd.singularValues()[0])) return {};
-  Eigen::MatrixXd inverse = svd.matrixV() * svd.singularValues().cwiseInverse().asDiagonal() *
-                            svd.matrixU().transpose() * weight.asDiagonal();
+  const SingularValues svd = singular_values(rows);
+  if (!(svd.values[4] >= kLeastCondition * svd.values[0])) return {};
+  Eigen::MatrixXd inverse =
+      svd.V * svd.values.cwiseInverse().asDiagonal() * svd.U.transpose() * weight.asDiagonal();
   inverse.topRows<3>() /= scale * scale;
   inverse.bottomRows<2>() /= scale;
   return inverse;

@@ -1,9 +1,9 @@
 // Grasp of the reference solid: its patch, and the constraint it puts on the nodes.
 #include <Eigen/Cholesky>
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 
+#include "core/decompositions.h"
 #include "sim_worker/reference/reference_tissue.h"
 #include "sim_worker/tissue/effect_laws.h"
 #include "sim_worker/tissue/rotation.h"
@@ -57,10 +57,11 @@ ReferenceTissue::PatchTurn ReferenceTissue::patch_turn(const Targets& targets,
       second += t.dot(p) * Eigen::Matrix3d::Identity() - t * p.transpose();
     }
     // Far from the minimum it may bend the other way: then a descent along each axis.
-    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> axes(0.5 * (second + second.transpose()));
-    const Vector3d stiffness = axes.eigenvalues().cwiseAbs().cwiseMax(1e-3 / compliance);
-    result.compliance = axes.eigenvectors() * stiffness.cwiseInverse().asDiagonal() *
-                        axes.eigenvectors().transpose();
+    const Eigen::Matrix3d symmetric = 0.5 * (second + second.transpose());
+    const PrincipalAxes3 principal = principal_axes(symmetric);
+    const Vector3d stiffness = principal.values.cwiseAbs().cwiseMax(1e-3 / compliance);
+    result.compliance =
+        principal.axes * stiffness.cwiseInverse().asDiagonal() * principal.axes.transpose();
     Vector3d step = -result.compliance * gradient;
     const double before = energy(turn);
     Turn next = turn;
