@@ -79,6 +79,10 @@ std::vector<EvaluationSet> evaluation_sets(const pb::Config& config) {
 }
 
 void fill_lattice(const pb::Config& config, std::uint32_t particles, EvaluationSet& set) {
+  // Frames hold the nodes of a soft body behind the particles of the sheet; only these are grasped.
+  const pb::Tissue& tissue = config.scene().tissue();
+  if (tissue.has_grid())
+    particles = std::min(particles, tissue.grid().count_x() * tissue.grid().count_y());
   for (std::uint32_t i = 0; i < particles; i += config.evaluation().lattice_stride())
     set.start_indices.push_back(i);
   set.starts = static_cast<std::uint32_t>(set.start_indices.size());

@@ -44,6 +44,15 @@ TEST(EvaluationSets, ScenesAreDrawnWhereTrainingDraws) {
 }
 
 // Every scene is that of the draw which the table names, from the start which the table names.
+// A frame of preset omentum_soft holds 961 particles of the sheet and the organ's nodes behind them.
+TEST(EvaluationSets, LatticeGraspsTheSheetAndNotTheBodyUnderIt) {
+  const pb::Config config = load_config("omentum_soft", {});
+  EvaluationSet set;
+  fill_lattice(config, 1100, set);
+  ASSERT_FALSE(set.start_indices.empty());
+  EXPECT_LT(set.start_indices.back(), 961U);
+}
+
 TEST(EvaluationSets, TablesNameTheValueThatWasDrawnAlone) {
   const pb::Config config = drawing_config();
   for (const EvaluationSet& set : evaluation_sets(config)) {
