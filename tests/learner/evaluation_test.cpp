@@ -44,7 +44,8 @@ TEST(EvaluationSets, ScenesAreDrawnWhereTrainingDraws) {
 }
 
 // Every scene is that of the draw which the table names, from the start which the table names.
-// A frame of preset omentum_soft holds 961 particles of the sheet and the organ's nodes behind them.
+// A frame of preset omentum_soft holds 961 particles of the sheet and the organ's nodes behind
+// them.
 TEST(EvaluationSets, LatticeGraspsTheSheetAndNotTheBodyUnderIt) {
   const pb::Config config = load_config("omentum_soft", {});
   EvaluationSet set;
