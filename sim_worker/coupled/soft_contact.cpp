@@ -214,6 +214,11 @@ void SoftContact<Real>::place(const LaneArray<Real>& x, const LaneArray<Real>& d
       const double moved = skin_moved + (q - candidate.place).norm();
       if (candidate.gap - moved > radius_ + kNear && force(lane, i).isZero(0)) {
         plane_(i, 0, lane) = static_cast<Real>(kFar);
+        if (placed_) continue;
+        // Normal and motion are multiplied by zero forces: what a lane that broke down left there
+        // need not be finite.
+        for (int axis = 0; axis < 3; ++axis) plane_(i, 1 + axis, lane) = Real{0};
+        motion_.set_vector(i, lane, Vector3d::Zero());
       } else {
         place_node(candidate, lane, q);
       }

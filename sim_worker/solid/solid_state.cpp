@@ -80,6 +80,7 @@ Result<std::size_t> SolidTissue<Real>::load(int lane, std::span<const std::byte>
   set_parameters(lane, parameters);
   effects_.load(lane, memory.value());
   this->load_lane(lane, saved.value());
+  p_.fill_lane(lane, Real{0});
   for (int i = 0; i < particles(); ++i) {
     if (this->is_fixed(i)) set_position(lane, i, position(lane, i));
   }

@@ -125,6 +125,7 @@ void SolidTissue<Real>::reset(int lane, const Vector3d& offset) {
   effects_.reset(lane, offset);
   this->place_at_rest(lane, offset);
   contact_force_.fill_lane(lane, Real{0});
+  p_.fill_lane(lane, Real{0});  // take_response() multiplies it, by 0 at first: it has to be finite
   for (int i = 0; i < particles(); ++i) {
     // A fixed node is held where it is.
     for (int axis = 0; axis < 3; ++axis) hold_target_(i, axis, lane) = x_(i, axis, lane);

@@ -48,6 +48,13 @@ std::vector<BackendCase> with_snapshots() {
       sim_case("omentum_elastic_short", "omentum_elastic",
                {"task.episode_steps=23", "scene.start_grid.centre_m={ x: 0.005 y: 0.04 z: 0.05 }",
                 "task.start_height_range_m=0.015"}),
+      // Above the soft organ; wide decisions, so that the tool ploughs through sheet and organ.
+      sim_case("omentum_soft", "omentum_soft",
+               {"task.action_repeat=2", "task.increment_m=0.002", "task.episode_steps=23",
+                "scene.start_grid.centre_m={ x: -0.025 y: 0.045 z: 0.045 }",
+                "scene.start_grid.row_pitch_m=0.001", "scene.start_grid.column_pitch_m=0.001",
+                "task.start_height_range_m=0.015", "grasp.radius_m=0.01", "grasp.jaw_open_deg=0",
+                "grasp.max_approach_deg=0", "grasp.min_pinch_m=0"}),
       sim_case("omentum_continuous", "omentum", {"task.action=ACTION_CONTINUOUS"}),
       sim_case("omentum_plastic", "omentum",
                {"scene.tissue.cluster.plastic_creep=0.1",
