@@ -51,10 +51,17 @@ struct ShownRecording {
   std::vector<double> rmse_before, rmse_after;     ///< of every frame [m]
 };
 
+/// A law of elasticity against the one that stands in the scene.
+struct LawRow {
+  std::string law;
+  double behind = 0;  ///< how much less its log likelihood is
+};
+
 struct Calibration {
   std::string method;  ///< shell, reference or paper
   std::vector<CalibratedNumber> parameters, nuisances;
   std::vector<NumberGroup> groups;
+  std::vector<LawRow> laws;  ///< that were fitted; the scene's with 0
   std::vector<FitRow> fit;
   double numerics_m = 0;              ///< what mesh, step and law may be off by, rms of the surface
   std::vector<std::string> numerics;  ///< its parts in words

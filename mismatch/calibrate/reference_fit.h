@@ -32,7 +32,7 @@ class ReferenceFit {
   /// A state where everything is as believed.
   FitState believed() const;
   /// Of the recordings in `which`; others stay empty. Columns: those of the simulation, that of the
-  /// thickness by a second one, and what add_difference() was given. A recording that cannot be
+  /// thickness by a second one, and what set_difference() was given. A recording that cannot be
   /// simulated at `state` has no valid frames, and the reason as its failure.
   std::vector<Prediction> simulate(const FitState& state, const Numerics& numerics,
                                    bool with_columns, const std::vector<std::size_t>& which) const;
@@ -64,11 +64,10 @@ class ReferenceFit {
                                         std::size_t frame, const FitState& at,
                                         const FitState& state) const;
 
-  /// Another law of elasticity; numbers of `state` that both have stay.
-  void change_law(pb::ElasticLaw law, FitState& state);
+  void change_law(pb::ElasticLaw law);
   /// Shared nuisance whose column is `slope` times (other - base) of the surfaces, now and in every
-  /// simulation to come.
-  void add_difference(const Unknown& unknown, const std::vector<Prediction>& other, double slope,
+  /// simulation to come; in place of one of that path, else after all others.
+  void set_difference(const Unknown& unknown, const std::vector<Prediction>& other, double slope,
                       std::vector<Prediction>& base, FitState& at, FitState& state);
 
   /// Where shared numbers may go from derivatives at `at`.
@@ -90,14 +89,15 @@ class ReferenceFit {
   double trust = 1;  ///< in the derivatives
   Scene made;        ///< of `scene`
 
- private:
   /// Column of a shared number that no simulation derives, of every frame of every recording.
   struct Difference {
     int column = 0;
     std::vector<std::vector<Eigen::VectorXf>> by;
   };
+  std::vector<Difference> differences;
+
+ private:
   void set_beliefs();
-  std::vector<Difference> differences_;
   std::vector<std::unique_ptr<Likelihood>> likelihoods_;
 };
 
