@@ -45,7 +45,7 @@ class Stages {
         count_elements(scene, options.folder, fit_.observations, 6 * options.tolerance_m);
     // Work in passes of the fine mesh: starts, coarse, fine, laws, base, numerics, left out.
     const auto all = static_cast<double>(fit_.observations.size());
-    planned_ = all * (0.4 + 8 * kCoarseWork + 9 * kFineWork + 1 + 3.5 + 1.2);
+    planned_ = all * (0.4 + 5 * kCoarseWork + 7 * kFineWork + 1 + 3.5 + 1.2);
   }
 
   Calibration run();

@@ -85,7 +85,7 @@ using ProgressOf = std::function<void(double share, const std::string& stage)>;
 struct CalibrationOptions {
   std::size_t threads = 1;
   std::uint64_t seed = 1;     ///< of the genetic algorithm
-  double tolerance_m = 1e-4;  ///< of the mesh that the answer is from; rms error of the surface
+  double tolerance_m = 3e-4;  ///< of the mesh that the answer is from; rms error of the surface
   bool leave_out = true;      ///< every pinch point once
   pb::Priors priors;          ///< what is believed of numbers of the scene
   std::string folder;         ///< meshes of the scene lie beside it
