@@ -248,7 +248,9 @@ void ReferenceFit::improve(const std::vector<Prediction>& predictions, const Fit
       more = false;
       for (int k = 0; k < layout.shared(); ++k) {
         const double x = state.shared[k], by = found.shared[k];
-        if ((by > 0 && x >= range.high[k]) || (by < 0 && x <= range.low[k])) {
+        // As good as at the end counts: rounding's room would hold all other numbers back.
+        const double edge = 1e-6 * (range.high[k] - range.low[k]);
+        if ((by > 0 && x >= range.high[k] - edge) || (by < 0 && x <= range.low[k] + edge)) {
           fixed[static_cast<std::size_t>(k)] = true;
           more = true;
         }
