@@ -127,7 +127,7 @@ def main():
     parser.add_argument("--moving", action="store_true")
     parser.add_argument("--skip-paper", action="store_true")
     parser.add_argument("--skip-import", action="store_true")
-    parser.add_argument("--lifts", nargs="+", default=["0", "1", "3", "4"])
+    parser.add_argument("--lifts", nargs="+", default=["0", "1", "2", "3", "4"])
     parser.add_argument("--tolerance-mm", default="0.3")
     parser.add_argument("--threads", default="2")
     args = parser.parse_args()

@@ -24,6 +24,7 @@ using Eigen::VectorXd;
 constexpr double kFarPoint = 0.03;  // [m] from the surface: no tissue, in figures of fit
 constexpr double kMeshRatio = 1.5;
 constexpr double kCoarseWork = 0.8, kFineWork = 2.6;  // of a simulation with its derivatives
+constexpr double kKeptWork = 0.6;  // of that with the derivative by thickness of another
 
 using Which = std::vector<std::size_t>;
 
@@ -58,7 +59,6 @@ class Stages {
   void drop_failing(const std::vector<Prediction>& predictions);
   std::vector<Prediction> begin_descent(const SimulateState& simulate);
   void descend(const Numerics& numerics, int most, double work, const std::string& stage);
-  std::vector<Prediction> simulate_fine(const FitState& state, const std::string& stage);
   void take(Descent d);
   LawFit keep() const;
   void restore(const LawFit& fit);
@@ -121,7 +121,7 @@ void Stages::scan() {
   for (int k = 0; k < kStarts; ++k) {
     FitState start = fit_.believed();
     start.shared[0] = range * (2.0 * k / (kStarts - 1) - 1);
-    const auto predictions = fit_.simulate(start, shell, false, fitted_);
+    const auto predictions = fit_.simulate(start, shell, Columns::kNone, fitted_);
     FitState moved = start;
     fit_.noise = NoiseModel{0.003, 5e-4, 0.025, 4};
     fit_.improve(predictions, start, fitted_, 8, moved);
@@ -146,7 +146,7 @@ void Stages::look_for_mirrors() {
   for (const std::size_t r : fitted_) {
     if (!fit_.observations[r].pinched || std::fabs(fit_.observations[r].pinch.x()) < 0.01) continue;
     const Which one = {r};
-    const auto as_it_is = fit_.simulate(state_, shell, false, one);
+    const auto as_it_is = fit_.simulate(state_, shell, Columns::kNone, one);
     const double cost = fit_.cost(as_it_is, state_, one, state_, common);
     Observation& seen = fit_.observations[r];
     const ToolTrack track = seen.track;
@@ -155,7 +155,7 @@ void Stages::look_for_mirrors() {
       p_B.x() = -p_B.x();
       p = X_WB * p_B;
     }
-    const auto mirrored = fit_.simulate(state_, shell, false, one);
+    const auto mirrored = fit_.simulate(state_, shell, Columns::kNone, one);
     const double other = fit_.cost(mirrored, state_, one, state_, common);
     seen.track = track;
     std::size_t points = 0;
@@ -221,13 +221,16 @@ std::vector<Prediction> Stages::begin_descent(const SimulateState& simulate) {
 
 /// Simulates and improves until what is simulated moves no more, at most so many times.
 void Stages::descend(const Numerics& numerics, int most, double work, const std::string& stage) {
+  Columns columns = Columns::kFresh;
   const SimulateState simulate = [&](const FitState& state) {
-    auto predictions = fit_.simulate(state, numerics, true, fitted_);
-    say(stage, work * static_cast<double>(fitted_.size()));
+    auto predictions = fit_.simulate(state, numerics, columns, fitted_);
+    say(stage,
+        (columns == Columns::kFresh ? 1 : kKeptWork) * work * static_cast<double>(fitted_.size()));
     return predictions;
   };
   Descent d;
   d.predictions = begin_descent(simulate);
+  columns = Columns::kKept;
   d.at = state_;
   omentum::descend(fit_, simulate, fitted_, most - 1, d);
   take(std::move(d));
@@ -263,7 +266,7 @@ void Stages::measure_mesh() {
   const double ratio = std::sqrt(static_cast<double>(elements_[0]) * elements_[1] /
                                  (static_cast<double>(fewer[0]) * fewer[1]));
   const double fall = 1 / (std::pow(ratio, 2.5) - 1);  // docs/results.md: error ~ cell^2.5
-  const auto mesh = fit_.simulate(at_, {pb::TISSUE_REFERENCE, fewer, 1}, false, fitted_);
+  const auto mesh = fit_.simulate(at_, {pb::TISSUE_REFERENCE, fewer, 1}, Columns::kNone, fitted_);
   mesh_rms_ = fall * apart(mesh, predictions_, fitted_);
   say("mesh", 0.5 * static_cast<double>(fitted_.size()));
   fit_.set_difference({"numerics.mesh", "1", "", Unknown::Scale::kShift, 0, 1.5,
@@ -274,18 +277,13 @@ void Stages::measure_mesh() {
 /// The step as a nuisance, by a simulation with half of it; its error falls with the square.
 void Stages::measure_step() {
   constexpr double kFall = 4.0 / 3;
-  const auto step = fit_.simulate(at_, {pb::TISSUE_REFERENCE, elements_, 2}, false, fitted_);
+  const auto step =
+      fit_.simulate(at_, {pb::TISSUE_REFERENCE, elements_, 2}, Columns::kNone, fitted_);
   step_rms_ = kFall * apart(step, predictions_, fitted_);
   say("step", 2.0 * static_cast<double>(fitted_.size()));
   fit_.set_difference({"numerics.step", "1", "", Unknown::Scale::kShift, 0, 1.5,
                        "1.5 times its estimated error", false},
                       step, kFall, predictions_, at_, state_);
-}
-
-std::vector<Prediction> Stages::simulate_fine(const FitState& state, const std::string& stage) {
-  auto predictions = fit_.simulate(state, fine(), true, fitted_);
-  say(stage, kFineWork * static_cast<double>(fitted_.size()));
-  return predictions;
 }
 
 LawFit Stages::keep() const {
@@ -314,7 +312,9 @@ void Stages::fit_laws() {
     restore(first);
     fit_.change_law(law);
     const SimulateState simulate = [&](const FitState& state) {
-      return simulate_fine(state, "laws of elasticity");
+      auto predictions = fit_.simulate(state, fine(), Columns::kKept, fitted_);
+      say("laws of elasticity", kKeptWork * kFineWork * static_cast<double>(fitted_.size()));
+      return predictions;
     };
     Descent d;
     d.at = state_;
@@ -456,8 +456,9 @@ void Stages::leave_out() {
   const auto score = [&](const Which& left, const FitState& without, const std::string& role) {
     FitState blind = without;
     for (const std::size_t r : left) blind.own[r].setZero();
-    const auto predicted = fit_.simulate(blind, fine(), false, left);
-    const auto base = role == "held_out" ? fit_.simulate(plain, fine(), false, left) : base_;
+    const auto predicted = fit_.simulate(blind, fine(), Columns::kNone, left);
+    const auto base =
+        role == "held_out" ? fit_.simulate(plain, fine(), Columns::kNone, left) : base_;
     for (const std::size_t r : left) {
       warn_of_missing(r, predicted[r], " where it is " + role);
       FitRow row;
@@ -544,7 +545,7 @@ Calibration Stages::run() {
     descend(fine(), 3, kFineWork, "settling");
   }
   judge_laws();
-  base_ = fit_.simulate(fit_.believed(), fine(), false, fitted_);
+  base_ = fit_.simulate(fit_.believed(), fine(), Columns::kNone, fitted_);
   say("before", static_cast<double>(fitted_.size()));
   collect_fit();
   leave_out();

@@ -130,13 +130,14 @@ pb::Scene ReferenceFit::shared_scene(const FitState& state) const {
 }
 
 std::vector<Prediction> ReferenceFit::simulate(const FitState& state, const Numerics& numerics,
-                                               bool with_columns,
-                                               const std::vector<std::size_t>& which) const {
+                                               Columns columns,
+                                               const std::vector<std::size_t>& which) {
   // The column of the thickness is a one-sided difference to a body so much thinner.
   constexpr double kThinner = 0.03;
+  const bool with_columns = columns != Columns::kNone;
   const auto found = std::ranges::find(unknowns, std::string(kThicknessPath), &Unknown::path);
   const auto thickness = static_cast<int>(found - unknowns.begin());
-  const bool two = with_columns && found != unknowns.end();
+  const bool two = columns == Columns::kFresh && found != unknowns.end();
   FitState thinner = state;
   if (two) thinner.shared[thickness] -= kThinner;
   std::vector<Prediction> predictions(observations.size()), thin(observations.size());
@@ -156,12 +157,16 @@ std::vector<Prediction> ReferenceFit::simulate(const FitState& state, const Nume
     }
   });
   if (!with_columns) return predictions;
+  thickness_.resize(observations.size());
   for (const std::size_t r : which) {
+    thickness_[r].resize(predictions[r].frames.size());
     for (std::size_t f = 0; f < predictions[r].frames.size(); ++f) {
       PredictedFrame& frame = predictions[r].frames[f];
       if (frame.columns.size() == 0) continue;
+      Eigen::VectorXf& by_thickness = thickness_[r][f];
       if (two && thin[r].frames[f].valid)
-        frame.columns.col(thickness) = difference(thin[r].frames[f], frame, -1 / kThinner);
+        by_thickness = difference(thin[r].frames[f], frame, -1 / kThinner);
+      if (by_thickness.size() > 0) frame.columns.col(thickness) = by_thickness;
       for (const Difference& d : differences) {
         if (d.by[r][f].size() > 0) frame.columns.col(d.column) = d.by[r][f];
       }

@@ -275,7 +275,7 @@ TEST(Simulate, AnErrorIsAFailureOfThatState) {
   // Has no derivatives, which the simulation says before its first command.
   c.fit->scene.mutable_tool()->mutable_grip()->set_hold(pb::HOLD_PAD);
   const auto predictions =
-      c.fit->simulate(c.at, {pb::TISSUE_REFERENCE, {4, 4, 1}, 1}, true, c.which);
+      c.fit->simulate(c.at, {pb::TISSUE_REFERENCE, {4, 4, 1}, 1}, Columns::kFresh, c.which);
   EXPECT_EQ(predictions[0].frames.size(), Fitted::kFrames);
   EXPECT_EQ(count_valid(predictions[0]), 0);
   EXPECT_THAT(predictions[0].failure, testing::HasSubstr("HOLD_PAD"));
