@@ -1,9 +1,10 @@
 #!/usr/bin/env python3
 """Figures of `mismatch` with recordings: prints lines "name value unit  # remark".
 
-/usr/bin/python3 recordings.py PROGRAM SCRATCH [--moving] [--skip-paper] [--threads N]
+/usr/bin/python3 recordings.py PROGRAM SCRATCH [--moving] [--skip-paper] [--skip-import] [--lifts N ...]
+    [--tolerance-mm T] [--threads N]
 
-Five lifts off a board at three heights each, computed by DOLFINx (tests/reference/run_lifts.py), are calibrated on. The held-out
+Lifts off a board at three heights each, computed by DOLFINx (tests/reference/run_lifts.py), are calibrated on. The held-out
 error is that of the true surface, without noise, against what the scene fitted without a pinch point predicts for its
 commands: mean distance from the nodes of the upper face to the predicted surface.
 """
@@ -51,7 +52,8 @@ def grid_triangles(side):
 def true_error(program, scene, recording, number, scratch, model, times):
     """Mean and rms distance of the true upper face from the simulated one, m."""
     out = scratch / f"predicted_{model}_{number}"
-    command = [program, "simulate", "--scene", scene, "--commands", recording, "-o", out, "--cloud-rate", 0]
+    command = [program, "simulate", "--scene", scene, "--commands", recording, "-o", out, "--cloud-rate", 0,
+               "--tolerance-mm", 0.1]
     if model != "cluster":
         command += ["--model", model]
     done = subprocess.run([str(c) for c in command], capture_output=True, text=True)
@@ -59,7 +61,7 @@ def true_error(program, scene, recording, number, scratch, model, times):
         raise SystemExit(done.stderr)
     rows = np.loadtxt(out / "markers.csv", delimiter=",", skiprows=1)
     lift = np.load(lifts.LIFTS / f"lift{number}.npz")
-    frames = lifts.frames_of(lift) + UP
+    frames = lifts.frames_of(lift)[1] + UP
     half = frames.shape[1] // 2
     all_distances = []
     for t in times:
@@ -125,16 +127,20 @@ def main():
     parser.add_argument("--moving", action="store_true")
     parser.add_argument("--skip-paper", action="store_true")
     parser.add_argument("--skip-import", action="store_true")
+    parser.add_argument("--lifts", nargs="+", default=["0", "1", "2", "3", "4"])
+    parser.add_argument("--tolerance-mm", default="0.3")
     parser.add_argument("--threads", default="2")
     args = parser.parse_args()
     if not args.skip_import:
         bench_import(args.program, args.scratch)
     case = args.scratch / "case"
-    subprocess.run([sys.executable, lifts.__file__, str(case), *(["--moving"] if args.moving else [])], check=True)
+    subprocess.run([sys.executable, lifts.__file__, str(case), "--lifts", *args.lifts,
+                    *(["--moving"] if args.moving else [])], check=True)
     times = lifts.HOLDS if not args.moving else np.arange(0.2, 3.9, 0.2)
     for method in ("reference", "paper")[: 1 if args.skip_paper else 2]:
         out = args.scratch / f"out_{method}"
-        seconds, found = calibrate(args.program, case, out, ["--method", method, "--threads", args.threads])
+        seconds, found = calibrate(args.program, case, out, ["--method", method, "--threads", args.threads,
+                                                         "--tolerance-mm", args.tolerance_mm])
         name = "calibrate_s" if method == "reference" else "calibrate_paper_s"
         print(f"recordings.{name} {seconds:.1f} s")
         left = [r for r in found["fit"] if r["role"] == "left_out"]

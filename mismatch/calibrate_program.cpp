@@ -31,7 +31,7 @@ namespace fs = std::filesystem;
 struct CalibrateOptions {
   std::string scene, output, method = "reference";
   std::vector<std::string> recordings, overrides;
-  double tolerance_mm = 0.1;
+  double tolerance_mm = 0.3;
   bool no_leave_out = false;
   std::uint64_t seed = 1;
   std::size_t threads = std::max(1U, std::thread::hardware_concurrency());

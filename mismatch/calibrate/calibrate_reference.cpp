@@ -1,6 +1,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <ctime>
 #include <map>
@@ -10,6 +11,7 @@
 #include "mismatch/calibrate/calibration.h"
 #include "mismatch/calibrate/descent.h"
 #include "mismatch/calibrate/findings.h"
+#include "mismatch/calibrate/law_choice.h"
 #include "mismatch/calibrate/reference_fit.h"
 #include "mismatch/simulation.h"
 
@@ -22,6 +24,7 @@ using Eigen::VectorXd;
 constexpr double kFarPoint = 0.03;  // [m] from the surface: no tissue, in figures of fit
 constexpr double kMeshRatio = 1.5;
 constexpr double kCoarseWork = 0.8, kFineWork = 2.6;  // of a simulation with its derivatives
+constexpr double kKeptWork = 0.6;  // of that with the derivative by thickness of another
 
 using Which = std::vector<std::size_t>;
 
@@ -38,9 +41,12 @@ class Stages {
       if (!fit_.observations[r].held_out) fitted_.push_back(r);
     }
     if (fitted_.empty()) throw_error("every recording is held out: nothing can be fitted");
-    // Work in passes of the fine mesh: starts, coarse, fine, base, numerics, left out.
+    elements_ = count_elements(scene, options.folder, fit_.observations, options.tolerance_m);
+    coarse_elements_ =
+        count_elements(scene, options.folder, fit_.observations, 6 * options.tolerance_m);
+    // Work in passes of the fine mesh: starts, coarse, fine, laws, base, numerics, left out.
     const auto all = static_cast<double>(fit_.observations.size());
-    planned_ = all * (0.4 + 8 * kCoarseWork + 5 * kFineWork + 1 + 2.2 + 1.2);
+    planned_ = all * (0.4 + 5 * kCoarseWork + 7 * kFineWork + 1 + 3.5 + 1.2);
   }
 
   Calibration run();
@@ -53,16 +59,22 @@ class Stages {
   void drop_failing(const std::vector<Prediction>& predictions);
   std::vector<Prediction> begin_descent(const SimulateState& simulate);
   void descend(const Numerics& numerics, int most, double work, const std::string& stage);
-  void choose_law();
-  void add_numerics();
+  void take(Descent d);
+  LawFit keep() const;
+  void restore(const LawFit& fit);
+  void fit_laws();
+  void compare_laws();
+  void judge_laws();
+  void measure_mesh();
+  void measure_step();
   void settle_beliefs();
   void collect();
   void collect_fit();
   void leave_out();
   void show(std::size_t r, const Prediction& base, const FitState& plain);
   std::map<int, Which> conditions() const;
-  Numerics fine() const { return {pb::TISSUE_REFERENCE, options_.tolerance_m, 1}; }
-  Numerics coarse() const { return {pb::TISSUE_REFERENCE, 6 * options_.tolerance_m, 1}; }
+  Numerics fine() const { return {pb::TISSUE_REFERENCE, elements_, 1}; }
+  Numerics coarse() const { return {pb::TISSUE_REFERENCE, coarse_elements_, 1}; }
 
   ReferenceFit fit_;
   CalibrationOptions options_;
@@ -72,7 +84,9 @@ class Stages {
   std::vector<Prediction> predictions_;
   std::vector<Prediction> base_;  ///< as believed
   ArrowStep sure_;
-  bool settled_ = true;  ///< the last descend() came to rest
+  bool settled_ = true;       ///< the last descend() came to rest
+  std::vector<LawFit> laws_;  ///< the one chosen among them
+  std::array<int, 3> elements_ = {}, coarse_elements_ = {};
   double planned_ = 1, done_ = 0;
   double mesh_rms_ = 0, step_rms_ = 0, law_rms_ = 0;
 };
@@ -98,7 +112,7 @@ double rms_of(const std::vector<std::vector<double>>& distances, double* mean = 
 
 /// Stiffness and registration by the shell, from many starts.
 void Stages::scan() {
-  const Numerics shell{pb::TISSUE_ELASTIC, 0, 1};
+  const Numerics shell{pb::TISSUE_ELASTIC, {}, 1};
   const double range = 1.5 * fit_.unknowns.front().sd;
   constexpr int kStarts = 9;
   const NoiseModel common{2e-3, 5e-4, 0.025, 4};
@@ -107,7 +121,7 @@ void Stages::scan() {
   for (int k = 0; k < kStarts; ++k) {
     FitState start = fit_.believed();
     start.shared[0] = range * (2.0 * k / (kStarts - 1) - 1);
-    const auto predictions = fit_.simulate(start, shell, false, fitted_);
+    const auto predictions = fit_.simulate(start, shell, Columns::kNone, fitted_);
     FitState moved = start;
     fit_.noise = NoiseModel{0.003, 5e-4, 0.025, 4};
     fit_.improve(predictions, start, fitted_, 8, moved);
@@ -125,14 +139,14 @@ void Stages::scan() {
 /// Whether a recording fits far better with its jaws on the other side of the sheet, or all of them
 /// with the picture mirrored.
 void Stages::look_for_mirrors() {
-  const Numerics shell{pb::TISSUE_ELASTIC, 0, 1};
+  const Numerics shell{pb::TISSUE_ELASTIC, {}, 1};
   const NoiseModel common{2e-3, 5e-4, 0.025, 4};
   const Eigen::Isometry3d X_WB = fit_.made.tissue.X_WB;
   Which wrong;
   for (const std::size_t r : fitted_) {
     if (!fit_.observations[r].pinched || std::fabs(fit_.observations[r].pinch.x()) < 0.01) continue;
     const Which one = {r};
-    const auto as_it_is = fit_.simulate(state_, shell, false, one);
+    const auto as_it_is = fit_.simulate(state_, shell, Columns::kNone, one);
     const double cost = fit_.cost(as_it_is, state_, one, state_, common);
     Observation& seen = fit_.observations[r];
     const ToolTrack track = seen.track;
@@ -141,7 +155,7 @@ void Stages::look_for_mirrors() {
       p_B.x() = -p_B.x();
       p = X_WB * p_B;
     }
-    const auto mirrored = fit_.simulate(state_, shell, false, one);
+    const auto mirrored = fit_.simulate(state_, shell, Columns::kNone, one);
     const double other = fit_.cost(mirrored, state_, one, state_, common);
     seen.track = track;
     std::size_t points = 0;
@@ -207,38 +221,27 @@ std::vector<Prediction> Stages::begin_descent(const SimulateState& simulate) {
 
 /// Simulates and improves until what is simulated moves no more, at most so many times.
 void Stages::descend(const Numerics& numerics, int most, double work, const std::string& stage) {
+  Columns columns = Columns::kFresh;
   const SimulateState simulate = [&](const FitState& state) {
-    auto predictions = fit_.simulate(state, numerics, true, fitted_);
-    say(stage, work * static_cast<double>(fitted_.size()));
+    auto predictions = fit_.simulate(state, numerics, columns, fitted_);
+    say(stage,
+        (columns == Columns::kFresh ? 1 : kKeptWork) * work * static_cast<double>(fitted_.size()));
     return predictions;
   };
   Descent d;
   d.predictions = begin_descent(simulate);
+  columns = Columns::kKept;
   d.at = state_;
   omentum::descend(fit_, simulate, fitted_, most - 1, d);
-  predictions_ = std::move(d.predictions);
-  at_ = d.at;
-  state_ = d.state;
-  sure_ = d.sure;
-  settled_ = d.settled;
+  take(std::move(d));
 }
 
-/// The law whose nuisance is nearest to one becomes that of the model.
-void Stages::choose_law() {
-  int best = -1;
-  for (int k = 0; k < fit_.layout.unknowns; ++k) {
-    const Unknown& unknown = fit_.unknowns[static_cast<std::size_t>(k)];
-    if (!unknown.path.starts_with("law.") || !(state_.shared[k] > 0.5)) continue;
-    if (best < 0 || state_.shared[k] > state_.shared[best]) best = k;
-  }
-  if (best < 0) return;
-  for (const pb::ElasticLaw law :
-       {pb::LAW_COROTATED, pb::LAW_NEO_HOOKE, pb::LAW_ST_VENANT_KIRCHHOFF}) {
-    if (fit_.unknowns[static_cast<std::size_t>(best)].path == "law." + law_column(law)) {
-      fit_.change_law(law, state_);
-      return;
-    }
-  }
+void Stages::take(Descent d) {
+  predictions_ = std::move(d.predictions);
+  at_ = std::move(d.at);
+  state_ = std::move(d.state);
+  sure_ = std::move(d.sure);
+  settled_ = d.settled;
 }
 
 /// Rms distance between the surfaces of two predictions.
@@ -257,38 +260,122 @@ double apart(const std::vector<Prediction>& a, const std::vector<Prediction>& b,
   return count > 0 ? std::sqrt(squares / count) : 0;
 }
 
-/// The mesh as a nuisance by difference; the step as a figure.
-void Stages::add_numerics() {
-  const double all = static_cast<double>(fitted_.size());
-  const double fall = 1 / (std::pow(kMeshRatio, 2.5) - 1);  // docs/results.md: error ~ cell^2.5
-  const Numerics larger{pb::TISSUE_REFERENCE, options_.tolerance_m * std::pow(kMeshRatio, 8.0 / 3),
-                        1};
-  const auto mesh = fit_.simulate(at_, larger, false, fitted_);
+/// The mesh as a nuisance, by a simulation with larger cells.
+void Stages::measure_mesh() {
+  const std::array<int, 3> fewer = fewer_elements(elements_, kMeshRatio);
+  const double ratio = std::sqrt(static_cast<double>(elements_[0]) * elements_[1] /
+                                 (static_cast<double>(fewer[0]) * fewer[1]));
+  const double fall = 1 / (std::pow(ratio, 2.5) - 1);  // docs/results.md: error ~ cell^2.5
+  const auto mesh = fit_.simulate(at_, {pb::TISSUE_REFERENCE, fewer, 1}, Columns::kNone, fitted_);
   mesh_rms_ = fall * apart(mesh, predictions_, fitted_);
-  say("mesh", 0.5 * all);
-  const Which few(fitted_.begin(),
-                  fitted_.begin() + std::min<std::ptrdiff_t>(2, std::ssize(fitted_)));
-  Numerics shorter = fine();
-  shorter.substeps = 2;
-  const auto step = fit_.simulate(at_, shorter, false, few);
-  step_rms_ = apart(step, predictions_, few);
-  say("step", 2.0 * static_cast<double>(few.size()));
-  fit_.add_difference({"numerics.mesh", "1", "", Unknown::Scale::kShift, 0, 1.5,
+  say("mesh", 0.5 * static_cast<double>(fitted_.size()));
+  fit_.set_difference({"numerics.mesh", "1", "", Unknown::Scale::kShift, 0, 1.5,
                        "1.5 times its estimated error", false},
                       mesh, -fall, predictions_, at_, state_);
-  // Between the laws, at half their distance.
-  double squares = 0, count = 0;
-  for (int k = 0; k < fit_.layout.unknowns; ++k) {
-    if (!fit_.unknowns[static_cast<std::size_t>(k)].path.starts_with("law.")) continue;
-    for (const std::size_t r : fitted_) {
-      for (const PredictedFrame& frame : predictions_[r].frames) {
-        if (frame.columns.size() == 0) continue;
-        squares += 0.25 * frame.columns.col(k).cast<double>().squaredNorm();
-        count += static_cast<double>(frame.columns.rows()) / 3;
-      }
+}
+
+/// The step as a nuisance, by a simulation with half of it; its error falls with the square.
+void Stages::measure_step() {
+  constexpr double kFall = 4.0 / 3;
+  const auto step =
+      fit_.simulate(at_, {pb::TISSUE_REFERENCE, elements_, 2}, Columns::kNone, fitted_);
+  step_rms_ = kFall * apart(step, predictions_, fitted_);
+  say("step", 2.0 * static_cast<double>(fitted_.size()));
+  fit_.set_difference({"numerics.step", "1", "", Unknown::Scale::kShift, 0, 1.5,
+                       "1.5 times its estimated error", false},
+                      step, kFall, predictions_, at_, state_);
+}
+
+LawFit Stages::keep() const {
+  return {fit_.scene.tissue().material().law(),
+          {predictions_, at_, state_, sure_, settled_},
+          fit_.differences,
+          mesh_rms_,
+          0};
+}
+
+void Stages::restore(const LawFit& fit) {
+  fit_.change_law(fit.law);
+  fit_.differences = fit.differences;
+  mesh_rms_ = fit.mesh_rms;
+  take(fit.d);
+}
+
+/// The other laws, each fitted from where the believed one led, on the same mesh and with its own
+/// error of the mesh; goes on with the one that is chosen.
+void Stages::fit_laws() {
+  const LawFit first = keep();
+  const NoiseModel noise = fit_.noise;
+  laws_ = {first};
+  for (const pb::ElasticLaw law : kLaws) {
+    if (law == first.law) continue;
+    restore(first);
+    fit_.change_law(law);
+    const SimulateState simulate = [&](const FitState& state) {
+      auto predictions = fit_.simulate(state, fine(), Columns::kKept, fitted_);
+      say("laws of elasticity", kKeptWork * kFineWork * static_cast<double>(fitted_.size()));
+      return predictions;
+    };
+    Descent d;
+    d.at = state_;
+    d.predictions = simulate(state_);
+    const bool fails = std::ranges::any_of(fitted_, [&](std::size_t r) {
+      return count_valid(d.predictions[r]) < count_valid(first.d.predictions[r]);
+    });
+    if (fails) {
+      result_.warnings.push_back(
+          fmt::format("law of elasticity: that of {} cannot be simulated where the recordings lead "
+                      "with that of {}; it is not compared",
+                      law_name(law), law_name(first.law)));
+      continue;
     }
+    omentum::descend(fit_, simulate, fitted_, 3, d);
+    take(std::move(d));
+    measure_mesh();
+    laws_.push_back(keep());
   }
-  law_rms_ = count > 0 ? std::sqrt(squares / count) : 0;
+  restore(first);
+  fit_.noise = noise;
+  compare_laws();
+  restore(choose_law(laws_, first.law));
+}
+
+/// Costs of all laws at the noise and the beliefs found so far.
+void Stages::compare_laws() {
+  const NoiseModel noise = fit_.noise;
+  for (LawFit& law : laws_) {
+    fit_.improve(law.d.predictions, law.d.at, fitted_, 8, law.d.state);
+    fit_.noise = noise;
+    law.cost = fit_.cost(law.d.predictions, law.d.at, fitted_, law.d.state, noise);
+  }
+}
+
+/// What the law is worth at the end: chosen against the others, or not told and intervals that hold
+/// for all that it may be.
+void Stages::judge_laws() {
+  const pb::ElasticLaw law = fit_.scene.tissue().material().law();
+  LawFit& chosen = *std::ranges::find(laws_, law, &LawFit::law);
+  chosen = keep();
+  compare_laws();
+  chosen.d.state = state_;
+  const auto alike = laws_alike(laws_, chosen);
+  widen_over_laws(chosen, alike, fitted_, sure_);
+  for (const LawFit& other : laws_)
+    result_.laws.push_back({law_name(other.law), other.cost - chosen.cost});
+  std::string names;
+  double squares = 0;
+  for (const LawFit* other : alike) {
+    names += fmt::format("{}{} ({:.1f} behind)", names.empty() ? "" : ", ", law_name(other->law),
+                         other->cost - chosen.cost);
+    const double rms = apart(other->d.predictions, predictions_, fitted_);
+    squares = std::max(squares, rms * rms);
+  }
+  law_rms_ = std::sqrt(squares);
+  if (alike.empty()) return;
+  result_.warnings.push_back(
+      fmt::format("law of elasticity: not told, {} stays; as likely by the recordings: {}. The "
+                  "intervals hold for all of them; lift higher to tell them apart",
+                  law_name(law), names));
 }
 
 /// The smooth discrepancy and the scales of what recordings have of their own, with the numbers.
@@ -369,8 +456,9 @@ void Stages::leave_out() {
   const auto score = [&](const Which& left, const FitState& without, const std::string& role) {
     FitState blind = without;
     for (const std::size_t r : left) blind.own[r].setZero();
-    const auto predicted = fit_.simulate(blind, fine(), false, left);
-    const auto base = role == "held_out" ? fit_.simulate(plain, fine(), false, left) : base_;
+    const auto predicted = fit_.simulate(blind, fine(), Columns::kNone, left);
+    const auto base =
+        role == "held_out" ? fit_.simulate(plain, fine(), Columns::kNone, left) : base_;
     for (const std::size_t r : left) {
       warn_of_missing(r, predicted[r], " where it is " + role);
       FitRow row;
@@ -442,11 +530,13 @@ Calibration Stages::run() {
   scan();
   look_for_mirrors();
   descend(coarse(), 6, kCoarseWork, "coarse mesh");
-  choose_law();
   settle_beliefs();
   descend(coarse(), 6, kCoarseWork, "coarse mesh");
   descend(fine(), 4, kFineWork, "fine mesh");
-  add_numerics();
+  measure_mesh();
+  measure_step();
+  settle_beliefs();
+  fit_laws();
   // The scales move the numbers, and what is simulated follows them.
   constexpr int kRounds = 3;
   for (int round = 0; round < kRounds; ++round) {
@@ -454,7 +544,8 @@ Calibration Stages::run() {
     if (settled_ && moved(fit_, fitted_, at_, state_, sure_) < kSmallMove) break;
     descend(fine(), 3, kFineWork, "settling");
   }
-  base_ = fit_.simulate(fit_.believed(), fine(), false, fitted_);
+  judge_laws();
+  base_ = fit_.simulate(fit_.believed(), fine(), Columns::kNone, fitted_);
   say("before", static_cast<double>(fitted_.size()));
   collect_fit();
   leave_out();

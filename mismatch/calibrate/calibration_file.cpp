@@ -59,6 +59,9 @@ std::string print_calibration(const Calibration& c) {
     if (row.paper > 0) entry["paper"] = number(row.paper);
     json["fit"].push_back(std::move(entry));
   }
+  json["laws"] = Json::array();
+  for (const LawRow& row : c.laws)
+    json["laws"].push_back({{"law", row.law}, {"behind", number(row.behind)}});
   json["numerics_m"] = number(c.numerics_m);
   json["warnings"] = c.warnings;
   json["core_seconds"] = std::round(10 * c.core_seconds) / 10;
@@ -76,6 +79,11 @@ std::string summarise_calibration(const Calibration& c) {
     if (g.name == "unseen") continue;
     text += fmt::format("seen together only: {} = {:.5g} {} (90 %: {:.5g} ... {:.5g})\n", g.name,
                         g.value, g.unit, g.low90, g.high90);
+  }
+  for (const LawRow& row : c.laws) {
+    text += row.behind == 0
+                ? fmt::format("law of elasticity: {}\n", row.law)
+                : fmt::format("law of {}: log likelihood less by {:.1f}\n", row.law, row.behind);
   }
   for (const std::string role : {"fitted", "left_out", "held_out"}) {
     double base = 0, model = 0, mean = 0, floor = 0, count = 0;

@@ -7,6 +7,7 @@
 #include <functional>
 
 #include "core/check.h"
+#include "sim_worker/reference/reference_model.h"
 
 namespace omentum {
 namespace {
@@ -126,6 +127,37 @@ void move_in_time(const PredictedFrame& frame, double later, std::vector<Vector3
   }
 }
 
+std::array<int, 3> count_elements(const pb::Scene& scene, const std::string& folder,
+                                  std::span<const Observation> observations, double tolerance_m) {
+  constexpr std::array<int, 3> kMost = {200, 200, 20};  // that a scene can state
+  std::array<int, 3> most = {1, 1, 1};
+  for (const Observation& observation : observations) {
+    SimulationTask task = make_calibration_task(observation, scene, folder, {});
+    pb::Tissue& tissue = *task.scene.mutable_tissue();
+    // The mesh for neo-Hooke is made for the singular clamp: with a stated number it is not.
+    tissue.mutable_material()->set_law(pb::LAW_COROTATED);
+    pb::ReferenceModel& mesh = *tissue.mutable_reference();
+    mesh.set_tolerance_m(tolerance_m);
+    mesh.clear_elements_x();
+    mesh.clear_elements_y();
+    mesh.clear_elements_z();
+    const Scene made = make_scene(task.scene, folder);
+    std::vector<std::string> ignored;
+    const auto model = make_reference_model(made, task.period, ignored,
+                                            pinches_of(task.commands, made, task.grasp));
+    const std::array<int, 3> cells = {model->cells(0), model->free_cells_y(), model->cells(2)};
+    for (std::size_t k = 0; k < 3; ++k) most[k] = std::min(kMost[k], std::max(most[k], cells[k]));
+  }
+  return most;
+}
+
+std::array<int, 3> fewer_elements(const std::array<int, 3>& elements, double ratio) {
+  const auto fewer = [&](int count) {
+    return std::max(1, static_cast<int>(std::lround(count / ratio)));
+  };
+  return {fewer(elements[0]), fewer(elements[1]), fewer(elements[2])};
+}
+
 SimulationTask make_calibration_task(const Observation& observation, const pb::Scene& scene,
                                      const std::string& folder, const Numerics& numerics) {
   SimulationTask task;
@@ -138,12 +170,11 @@ SimulationTask make_calibration_task(const Observation& observation, const pb::S
   tissue.set_model(numerics.model);
   // Where the shaft is no recording says; it must not push what the jaws hold.
   task.scene.mutable_tool()->set_contact(false);
-  if (numerics.tolerance_m > 0) {
+  if (numerics.elements[0] > 0) {
     pb::ReferenceModel& mesh = *tissue.mutable_reference();
-    mesh.set_tolerance_m(numerics.tolerance_m);
-    mesh.clear_elements_x();
-    mesh.clear_elements_y();
-    mesh.clear_elements_z();
+    mesh.set_elements_x(static_cast<std::uint32_t>(numerics.elements[0]));
+    mesh.set_elements_y(static_cast<std::uint32_t>(numerics.elements[1]));
+    mesh.set_elements_z(static_cast<std::uint32_t>(numerics.elements[2]));
   }
   const double share = numerics.substeps * observation.period / kScenePeriod;
   const auto scaled = [&](std::uint32_t substeps) {

@@ -1,7 +1,9 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <array>
 #include <memory>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -50,8 +52,9 @@ std::ptrdiff_t count_valid(const Prediction& prediction);
 /// How the model is solved.
 struct Numerics {
   pb::TissueModelKind model = pb::TISSUE_REFERENCE;
-  double tolerance_m = 0;  ///< of the mesh of the reference; 0: as the scene says
-  double substeps = 1;     ///< times as many as the scene has
+  /// Of the mesh of the reference along x, y (without the clamp) and z; 0: as the scene says.
+  std::array<int, 3> elements = {0, 0, 0};
+  double substeps = 1;  ///< times as many as the scene has
 };
 
 /// The way of a frame reaches so far before and after it [s].
@@ -64,6 +67,14 @@ Prediction predict(const Observation& observation, const pb::Scene& scene,
                    const std::string& folder, const std::vector<Unknown>& unknowns,
                    const Eigen::VectorXd& x, double clock, const Numerics& numerics,
                    bool with_columns);
+
+/// Elements of a mesh of that tolerance, enough for every recording. All states of a fit have them:
+/// where the mesh follows thickness or law, differences of states are differences of meshes. Throws
+/// Error for a scene that cannot be.
+std::array<int, 3> count_elements(const pb::Scene& scene, const std::string& folder,
+                                  std::span<const Observation> observations, double tolerance_m);
+/// Of a mesh whose cells are `ratio` times as large in plane.
+std::array<int, 3> fewer_elements(const std::array<int, 3>& elements, double ratio);
 
 /// The task behind it.
 SimulationTask make_calibration_task(const Observation& observation, const pb::Scene& scene,

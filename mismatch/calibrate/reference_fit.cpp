@@ -130,13 +130,14 @@ pb::Scene ReferenceFit::shared_scene(const FitState& state) const {
 }
 
 std::vector<Prediction> ReferenceFit::simulate(const FitState& state, const Numerics& numerics,
-                                               bool with_columns,
-                                               const std::vector<std::size_t>& which) const {
+                                               Columns columns,
+                                               const std::vector<std::size_t>& which) {
   // The column of the thickness is a one-sided difference to a body so much thinner.
   constexpr double kThinner = 0.03;
+  const bool with_columns = columns != Columns::kNone;
   const auto found = std::ranges::find(unknowns, std::string(kThicknessPath), &Unknown::path);
   const auto thickness = static_cast<int>(found - unknowns.begin());
-  const bool two = with_columns && found != unknowns.end();
+  const bool two = columns == Columns::kFresh && found != unknowns.end();
   FitState thinner = state;
   if (two) thinner.shared[thickness] -= kThinner;
   std::vector<Prediction> predictions(observations.size()), thin(observations.size());
@@ -156,13 +157,17 @@ std::vector<Prediction> ReferenceFit::simulate(const FitState& state, const Nume
     }
   });
   if (!with_columns) return predictions;
+  thickness_.resize(observations.size());
   for (const std::size_t r : which) {
+    thickness_[r].resize(predictions[r].frames.size());
     for (std::size_t f = 0; f < predictions[r].frames.size(); ++f) {
       PredictedFrame& frame = predictions[r].frames[f];
       if (frame.columns.size() == 0) continue;
+      Eigen::VectorXf& by_thickness = thickness_[r][f];
       if (two && thin[r].frames[f].valid)
-        frame.columns.col(thickness) = difference(thin[r].frames[f], frame, -1 / kThinner);
-      for (const Difference& d : differences_) {
+        by_thickness = difference(thin[r].frames[f], frame, -1 / kThinner);
+      if (by_thickness.size() > 0) frame.columns.col(thickness) = by_thickness;
+      for (const Difference& d : differences) {
         if (d.by[r][f].size() > 0) frame.columns.col(d.column) = d.by[r][f];
       }
     }
@@ -248,7 +253,9 @@ void ReferenceFit::improve(const std::vector<Prediction>& predictions, const Fit
       more = false;
       for (int k = 0; k < layout.shared(); ++k) {
         const double x = state.shared[k], by = found.shared[k];
-        if ((by > 0 && x >= range.high[k]) || (by < 0 && x <= range.low[k])) {
+        // As good as at the end counts: rounding's room would hold all other numbers back.
+        const double edge = 1e-6 * (range.high[k] - range.low[k]);
+        if ((by > 0 && x >= range.high[k] - edge) || (by < 0 && x <= range.low[k] + edge)) {
           fixed[static_cast<std::size_t>(k)] = true;
           more = true;
         }
@@ -345,52 +352,46 @@ std::vector<Vector3d> ReferenceFit::vertices(const Prediction& prediction, std::
                                         delta(at, state, recording), 0);
 }
 
-void ReferenceFit::change_law(pb::ElasticLaw law, FitState& state) {
-  const std::vector<Unknown> before = unknowns;
-  const VectorXd tail = state.shared.tail(7);
-  const VectorXd numbers = state.shared.head(layout.unknowns);
+void ReferenceFit::change_law(pb::ElasticLaw law) {
   scene.mutable_tissue()->mutable_material()->set_law(law);
-  unknowns = unknowns_of(scene, options.priors);
-  set_beliefs();
-  state.shared = VectorXd::Zero(layout.shared());
-  state.shared.tail(7) = tail;
-  for (std::size_t k = 0; k < unknowns.size(); ++k) {
-    const auto found = std::find_if(before.begin(), before.end(), [&](const Unknown& u) {
-      return u.path == unknowns[k].path && u.in_scene;
-    });
-    if (found != before.end())
-      state.shared[static_cast<Eigen::Index>(k)] = numbers[found - before.begin()];
-  }
 }
 
-void ReferenceFit::add_difference(const Unknown& unknown, const std::vector<Prediction>& other,
+void ReferenceFit::set_difference(const Unknown& unknown, const std::vector<Prediction>& other,
                                   double slope, std::vector<Prediction>& base, FitState& at,
                                   FitState& state) {
-  const int place = layout.unknowns;
-  unknowns.push_back(unknown);
-  set_beliefs();
-  const auto widen = [&](VectorXd& shared) {
-    VectorXd wide = VectorXd::Zero(shared.size() + 1);
-    wide.head(place) = shared.head(place);
-    wide.tail(7) = shared.tail(7);
-    shared = wide;
-  };
-  widen(at.shared);
-  widen(state.shared);
-  Difference& kept = differences_.emplace_back(Difference{place, {}});
+  const auto found = std::ranges::find(unknowns, unknown.path, &Unknown::path);
+  const auto place = static_cast<int>(found - unknowns.begin());
+  const bool added = found == unknowns.end();
+  if (added) {
+    unknowns.push_back(unknown);
+    set_beliefs();
+    const auto widen = [&](VectorXd& shared) {
+      VectorXd wide = VectorXd::Zero(shared.size() + 1);
+      wide.head(place) = shared.head(place);
+      wide.tail(7) = shared.tail(7);
+      shared = wide;
+    };
+    widen(at.shared);
+    widen(state.shared);
+  }
+  std::erase_if(differences, [&](const Difference& d) { return d.column == place; });
+  Difference& kept = differences.emplace_back(Difference{place, {}});
   for (std::size_t r = 0; r < base.size(); ++r) {
     std::vector<Eigen::VectorXf>& by = kept.by.emplace_back(observations[r].frames.size());
     for (std::size_t f = 0; f < base[r].frames.size(); ++f) {
       PredictedFrame& frame = base[r].frames[f];
       if (frame.columns.size() == 0) continue;
-      Eigen::MatrixXf wide = Eigen::MatrixXf::Zero(frame.columns.rows(), frame.columns.cols() + 1);
-      wide.leftCols(place) = frame.columns.leftCols(place);
-      wide.rightCols(kOwnColumns) = frame.columns.rightCols(kOwnColumns);
+      if (added) {
+        Eigen::MatrixXf wide =
+            Eigen::MatrixXf::Zero(frame.columns.rows(), frame.columns.cols() + 1);
+        wide.leftCols(place) = frame.columns.leftCols(place);
+        wide.rightCols(kOwnColumns) = frame.columns.rightCols(kOwnColumns);
+        frame.columns = std::move(wide);
+      }
       if (f < other[r].frames.size() && other[r].frames[f].valid) {
         by[f] = difference(other[r].frames[f], frame, slope);
-        wide.col(place) = by[f];
+        frame.columns.col(place) = by[f];
       }
-      frame.columns = std::move(wide);
     }
   }
 }

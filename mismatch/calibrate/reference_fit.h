@@ -21,6 +21,9 @@ struct Ranges {
   Eigen::VectorXd low, high;  ///< [Layout::shared()]
 };
 
+/// Which derivatives come with a simulation.
+enum class Columns { kNone, kFresh, kKept };
+
 /// Recordings, a scene and what may differ between them: simulates at a state, and improves a state
 /// on the simulated surfaces and their derivatives without simulating again. Results do not depend
 /// on the number of threads.
@@ -32,10 +35,12 @@ class ReferenceFit {
   /// A state where everything is as believed.
   FitState believed() const;
   /// Of the recordings in `which`; others stay empty. Columns: those of the simulation, that of the
-  /// thickness by a second one, and what add_difference() was given. A recording that cannot be
+  /// thickness by a second one, and what set_difference() was given. A recording that cannot be
   /// simulated at `state` has no valid frames, and the reason as its failure.
-  std::vector<Prediction> simulate(const FitState& state, const Numerics& numerics,
-                                   bool with_columns, const std::vector<std::size_t>& which) const;
+  /// Columns::kKept: that of the thickness is the one of the last simulation with kFresh, for half
+  /// the work.
+  std::vector<Prediction> simulate(const FitState& state, const Numerics& numerics, Columns columns,
+                                   const std::vector<std::size_t>& which);
   /// Steps of Gauss and Newton on surfaces simulated at `at`, until they are small against what
   /// the recordings tell. None makes the fit worse, and none leads farther from `at` than `trust`
   /// times what the derivatives hold for, nor out of the ranges of the numbers. Adapts the scale
@@ -64,11 +69,10 @@ class ReferenceFit {
                                         std::size_t frame, const FitState& at,
                                         const FitState& state) const;
 
-  /// Another law of elasticity; numbers of `state` that both have stay.
-  void change_law(pb::ElasticLaw law, FitState& state);
+  void change_law(pb::ElasticLaw law);
   /// Shared nuisance whose column is `slope` times (other - base) of the surfaces, now and in every
-  /// simulation to come.
-  void add_difference(const Unknown& unknown, const std::vector<Prediction>& other, double slope,
+  /// simulation to come; in place of one of that path, else after all others.
+  void set_difference(const Unknown& unknown, const std::vector<Prediction>& other, double slope,
                       std::vector<Prediction>& base, FitState& at, FitState& state);
 
   /// Where shared numbers may go from derivatives at `at`.
@@ -90,14 +94,16 @@ class ReferenceFit {
   double trust = 1;  ///< in the derivatives
   Scene made;        ///< of `scene`
 
- private:
   /// Column of a shared number that no simulation derives, of every frame of every recording.
   struct Difference {
     int column = 0;
     std::vector<std::vector<Eigen::VectorXf>> by;
   };
+  std::vector<Difference> differences;
+
+ private:
   void set_beliefs();
-  std::vector<Difference> differences_;
+  std::vector<std::vector<Eigen::VectorXf>> thickness_;  ///< column, of every recording's frames
   std::vector<std::unique_ptr<Likelihood>> likelihoods_;
 };
 

@@ -146,17 +146,6 @@ Range range_of(const Unknown& unknown) {
   return range;
 }
 
-std::string law_column(pb::ElasticLaw law) {
-  switch (law) {
-    case pb::LAW_NEO_HOOKE:
-      return "neo_hooke";
-    case pb::LAW_ST_VENANT_KIRCHHOFF:
-      return "st_venant_kirchhoff";
-    default:
-      return "corotated";
-  }
-}
-
 std::vector<Unknown> unknowns_of(const pb::Scene& scene, const pb::Priors& priors) {
   using Scale = Unknown::Scale;
   const pb::Tissue& tissue = scene.tissue();
@@ -179,12 +168,6 @@ std::vector<Unknown> unknowns_of(const pb::Scene& scene, const pb::Priors& prior
   if (!tissue.has_volume() && tissue.thickness_m() > 0) {
     list.push_back({kThicknessPath, "m", "", Scale::kFactor, tissue.thickness_m(), std::log(1.05),
                     "5 %, docs/calibrate.md 2"});
-  }
-  for (const pb::ElasticLaw law :
-       {pb::LAW_COROTATED, pb::LAW_NEO_HOOKE, pb::LAW_ST_VENANT_KIRCHHOFF}) {
-    if (law == tissue.material().law()) continue;
-    list.push_back({"law." + law_column(law), "1", "law." + law_column(law), Scale::kShift, 0, 0.5,
-                    "half the way to the law, docs/calibrate.md 2", false});
   }
   for (Unknown& unknown : list) take_prior(priors, unknown);
   return list;

@@ -36,8 +36,7 @@ struct Unknown {
 inline constexpr const char* kThicknessPath = "scene.tissue.thickness_m";
 
 /// Stiffness, bending, damping, friction, Poisson's ratio and thickness, as far as the scene can
-/// have them; then the two laws of elasticity that it does not have, as nuisances: 1 = it is the
-/// other. Stated priors go before those of docs/calibrate.md 2.
+/// have them. Stated priors go before those of docs/calibrate.md 2.
 std::vector<Unknown> unknowns_of(const pb::Scene& scene, const pb::Priors& priors);
 
 /// Numbers that a recording has of its own.
@@ -61,8 +60,5 @@ pb::Scene scene_at(const pb::Scene& believed, const std::vector<Unknown>& unknow
 /// The number of a field by its path below the scene; throws Error where there is none.
 double scene_number(const pb::Scene& scene, const std::string& path);
 void set_scene_number(pb::Scene& scene, const std::string& path, double value);
-
-/// Name of a law as the columns have it: "neo_hooke".
-std::string law_column(pb::ElasticLaw law);
 
 }  // namespace omentum

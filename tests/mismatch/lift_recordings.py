@@ -55,7 +55,24 @@ def frames_of(lift):
     half = len(rest) // 2
     order = np.concatenate([start + np.lexsort(np.round(rest[start:start + half, 1::-1], 9).T)
                             for start in (0, half)])
-    return rest[order], (1e-6 * np.cumsum(lift["frames_um_differences"], axis=0))[:, order]
+    frames = float(lift["unit_m"]) * np.cumsum(lift["frames_differences"], axis=0, dtype=np.int64)
+    return rest[order], frames[:, order]
+
+
+def refined(nodes, side):
+    """Nodes of both faces with twice as many intervals, on the parabolas of the 27-node bricks: they
+    bend too much for triangles between the nodes alone."""
+    def along(values, axis):
+        v = np.moveaxis(values, axis, 0)
+        a, b, c = v[:-2:2], v[1:-1:2], v[2::2]
+        fine = np.empty((2 * len(v) - 1, *v.shape[1:]))
+        fine[::2] = v
+        fine[1::4] = 0.375 * a + 0.75 * b - 0.125 * c
+        fine[3::4] = -0.125 * a + 0.75 * b + 0.375 * c
+        return np.moveaxis(fine, 0, axis)
+
+    faces = nodes.reshape(2, side, side, 3)
+    return along(along(faces, 1), 2).reshape(-1, 3)
 
 
 def faces_of(rest):
@@ -76,33 +93,55 @@ def faces_of(rest):
     return np.concatenate([upper, lower] + rims)
 
 
-def first_hits(origin, rays, points, triangles):
-    """Range of the first hit of each ray; inf where there is none (Moeller and Trumbore)."""
-    a, b, c = (points[triangles[:, k]] for k in range(3))
-    e1, e2 = b - a, c - a
+def first_hits(rays, points, triangles):
+    """Range of the first hit of each ray of the camera; inf where there is none (Moeller and Trumbore).
+    A triangle is tried with the rays of the rectangle of the picture that it lies in."""
+    place = picture_of(points)[triangles]
+    size = np.array(PIXELS)
+    low = np.clip(np.ceil(place.min(axis=1) - 1e-6), 0, size).astype(int)
+    high = np.clip(np.floor(place.max(axis=1) + 1e-6), -1, size - 1).astype(int)
+    width, height = np.maximum(high - low + 1, 0).T
+    count = width * height
+    of = np.repeat(np.arange(len(triangles)), count)
+    number = np.arange(len(of)) - np.repeat(np.cumsum(count) - count, count)
+    ray = (low[of, 1] + number // width[of]) * PIXELS[0] + low[of, 0] + number % width[of]
+    a, b, c = (points[triangles[of, k]] for k in range(3))
+    e1, e2, d, s = b - a, c - a, rays[ray], CAMERA - a
+    dot = lambda p, q: np.einsum("ij,ij->i", p, q)
+    h, q = np.cross(d, e2), np.cross(s, e1)
+    det = dot(h, e1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        u, v, t = dot(h, s) / det, dot(d, q) / det, dot(e2, q) / det
+    hit = (np.abs(det) > 1e-18) & (u >= -1e-9) & (v >= -1e-9) & (u + v <= 1 + 1e-9) & (t > 0)
     nearest = np.full(len(rays), np.inf)
-    for k in range(len(triangles)):
-        h = np.cross(rays, e2[k])
-        det = h @ e1[k]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            s = origin - a[k]
-            u = (h @ s) / det
-            q = np.cross(s, e1[k])
-            v = (rays @ q) / det
-            t = (e2[k] @ q) / det
-        hit = (np.abs(det) > 1e-18) & (u >= -1e-9) & (v >= -1e-9) & (u + v <= 1 + 1e-9) & (t > 0)
-        nearest = np.where(hit & (t < nearest), t, nearest)
+    np.minimum.at(nearest, ray[hit], t[hit])
     return nearest
 
 
-def camera_rays():
+def camera_axes():
     z = (LOOKS_AT - CAMERA) / np.linalg.norm(LOOKS_AT - CAMERA)
     x = np.cross(z, [0, 0, 1])
     x /= np.linalg.norm(x)
-    y = np.cross(z, x)
-    half = HALF_WIDTH * np.array([1, PIXELS[1] / PIXELS[0]])
+    return x, np.cross(z, x), z
+
+
+def half_size():
+    return HALF_WIDTH * np.array([1, PIXELS[1] / PIXELS[0]])
+
+
+def picture_of(points):
+    """Column and row of points, the middle of the first pixel at 0."""
+    x, y, z = camera_axes()
+    d = points - CAMERA
+    plane = np.stack([d @ x, d @ y], 1) / (d @ z)[:, None]
+    return (plane / half_size() + 1) / 2 * np.array(PIXELS) - 0.5
+
+
+def camera_rays():
+    x, y, z = camera_axes()
+    half = half_size()
     u, v = (half[k] * (2 * (np.arange(PIXELS[k]) + 0.5) / PIXELS[k] - 1) for k in range(2))
-    rays = z + u[:, None, None] * x + v[None, :, None] * y
+    rays = z + u[None, :, None] * x + v[:, None, None] * y  # row by row
     rays = rays.reshape(-1, 3)
     return rays / np.linalg.norm(rays, axis=1)[:, None], z
 
@@ -139,7 +178,7 @@ def main():
     parser = argparse.ArgumentParser()
     parser.add_argument("out", type=Path)
     parser.add_argument("--moving", action="store_true")
-    parser.add_argument("--lifts", type=int, nargs="+", default=[0, 1, 2, 3, 4])
+    parser.add_argument("--lifts", type=int, nargs="+", default=sorted(int(f.stem[4:]) for f in LIFTS.glob("lift*.npz")))
     parser.add_argument("--wrong-side", type=int, nargs="+", default=[])
     parser.add_argument("--shift-mm", type=float, nargs=3, default=[0, 0, 0])
     parser.add_argument("--believed-thickness-mm", type=float, default=3)
@@ -167,14 +206,15 @@ def main():
             rows.append(f"{k * step:.6g},{','.join(f'{x:.9g}' for x in path[max(k, 0)])},{0.4 if k < 0 else 0}")
         (folder / "tool.csv").write_text("\n".join(rows) + "\n")
         (rest, frames), times = frames_of(lift), lift["times_s"]
-        triangles = faces_of(rest)
+        side = int(round(np.sqrt(len(rest) // 2)))
+        triangles = faces_of(refined(rest, side))
         index = ["t_s,file"]
         for k, t in enumerate(times):
             if not args.moving and np.abs(np.array(HOLDS) - t).min() > 1e-6:
                 continue
-            points = frames[k] + up
+            points = refined(frames[k], side) + up
             tip = lift["path_m"][int(round(t / step))] + up
-            seen = first_hits(CAMERA, rays, points, triangles)
+            seen = first_hits(rays, points, triangles)
             seen[hidden_by_shaft(rays, tip)] = np.inf
             hit = np.isfinite(seen)
             depth = seen[hit] + random.normal(0, NOISE, hit.sum())

@@ -191,6 +191,24 @@ TEST(ReferenceFit, NeitherLeavesItsRangesNorFitsWorse) {
   EXPECT_NEAR(state.shared[k], range.high[k], 1e-6) << "it wants farther than the derivative holds";
 }
 
+TEST(ReferenceFit, ANumberAtTheEndOfItsRangeHoldsNoOtherBack) {
+  Fitted c;
+  for (SeenFrame& frame : c.fit->observations[0].frames) {
+    for (Vector3d& p : frame.points) p.z() += 0.003;
+  }
+  const auto found =
+      std::ranges::find(c.fit->unknowns, std::string(kThicknessPath), &Unknown::path);
+  const auto k = found - c.fit->unknowns.begin();
+  for (PredictedFrame& frame : c.predictions[0].frames) {
+    for (Eigen::Index row = 2; row < frame.columns.rows(); row += 3) frame.columns(row, k) = 1e-2F;
+  }
+  FitState state = c.at;
+  // A step that ended there left it a rounding away.
+  state.shared[k] = std::nextafter(c.fit->ranges(c.at).high[k], 0.0);
+  c.fit->improve(c.predictions, c.at, c.which, 12, state);
+  EXPECT_GT(c.fit->registration(state).shift.z(), 0.001);
+}
+
 /// Surfaces that are as much higher as the stiffness is, and clouds 2 mm above those believed.
 struct Descending : Fitted {
   static constexpr double kHigher = 0.01;  // [m] per unit of x
@@ -256,7 +274,8 @@ TEST(Simulate, AnErrorIsAFailureOfThatState) {
   Fitted c;
   // Has no derivatives, which the simulation says before its first command.
   c.fit->scene.mutable_tool()->mutable_grip()->set_hold(pb::HOLD_PAD);
-  const auto predictions = c.fit->simulate(c.at, {pb::TISSUE_REFERENCE, 0.01, 1}, true, c.which);
+  const auto predictions =
+      c.fit->simulate(c.at, {pb::TISSUE_REFERENCE, {4, 4, 1}, 1}, Columns::kFresh, c.which);
   EXPECT_EQ(predictions[0].frames.size(), Fitted::kFrames);
   EXPECT_EQ(count_valid(predictions[0]), 0);
   EXPECT_THAT(predictions[0].failure, testing::HasSubstr("HOLD_PAD"));

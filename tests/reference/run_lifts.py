@@ -2,13 +2,13 @@
 points, 10, 20 and 30 mm high with a hold at each, and back. What tests/mismatch/lift_recordings.py
 makes recordings of.
 
-/usr/bin/python3 run_lifts.py [NUMBER ...]             results/lifts/lift<NUMBER>.npz
+/usr/bin/python3 run_lifts.py [NUMBER ...] [--elements 16] [--out FOLDER]    FOLDER/lift<NUMBER>.npz
 
-Neo-Hooke, 12 x 12 x 1 bricks with incompatible parabolas whose lines are graded at the clamp only:
-another mesh than that of the reference model, which follows the jaws. A file holds the path of the
-jaws and, ten times a second, the nodes of both faces, in micrometres.
+Neo-Hooke, 27-node bricks whose lines are graded at the clamp only: another element and another mesh
+than those of the reference model, whose mesh follows the jaws. A file holds the path of the jaws and, ten times a
+second, the nodes of both faces, corners and middles of the sides alike, to 5 um.
 """
-import sys
+import argparse
 import time
 from pathlib import Path
 
@@ -25,14 +25,15 @@ PINCHES = [(-0.0335, 0.0385), (0.0042, 0.0395), (0.0362, 0.0371), (-0.0393, 0.00
 HEIGHTS = [(0, 0), (0.1, 0), (0.5, 0.01), (0.9, 0.01), (1.3, 0.02), (1.7, 0.02), (2.1, 0.03), (2.7, 0.03),
            (3.5, 0.01), (4.0, 0.01)]
 EVERY = 5  # steps from frame to frame
+UNIT = 5e-6  # of what is stored [m]
 
 
-def lift(number):
+def lift(number, elements, out):
     begin = time.time()
     centre = np.array(PINCHES[number])
-    lines = [np.linspace(-SIDE, SIDE, 13), graded_lines(CLAMP, SIDE, 12, [(CLAMP, 0.008)]),
+    lines = [np.linspace(-SIDE, SIDE, elements + 1), graded_lines(CLAMP, SIDE, elements, [(CLAMP, 0.008)]),
              np.array([-THICKNESS / 2, THICKNESS / 2])]
-    solid = Solid(lines, "q1e9", "neo_hooke", YOUNG, POISSON, DENSITY, [0, 0, -GRAVITY])
+    solid = Solid(lines, "q2", "neo_hooke", YOUNG, POISSON, DENSITY, [0, 0, -GRAVITY])
     solid.start_motion()
     rest = 5
     for _ in range(rest):
@@ -56,16 +57,20 @@ def lift(number):
             times.append(t)
             frames.append(solid.positions()[order])
             print(number, f"{t:.2f} s", solid.newton, f"{time.time() - begin:.0f} s", flush=True)
-    out = Path(__file__).parent / "results" / "lifts"
     out.mkdir(parents=True, exist_ok=True)
-    steps_um = np.diff(np.rint(1e6 * np.array(frames)).astype(np.int32), axis=0, prepend=0)
+    differences = np.diff(np.rint(np.array(frames) / UNIT).astype(np.int16), axis=0, prepend=np.int16(0))
     np.savez_compressed(out / f"lift{number}.npz", times_s=np.array(times), step_s=STEP,
-                        frames_um_differences=steps_um, path_m=np.array(path), force_N=np.array(force),
+                        unit_m=UNIT, frames_differences=differences, path_m=np.array(path), force_N=np.array(force),
                         rest_m=solid.nodes[order], centre_m=centre, radius_m=RADIUS, young_Pa=YOUNG,
                         poisson=POISSON, density_kg_per_m3=DENSITY, friction=FRICTION,
                         damping_per_s=DAMPING, compliance_m_per_N=solid.compliance)
 
 
 if __name__ == "__main__":
-    for number in map(int, sys.argv[1:] or range(len(PINCHES))):
-        lift(number)
+    parser = argparse.ArgumentParser()
+    parser.add_argument("numbers", type=int, nargs="*", default=range(len(PINCHES)))
+    parser.add_argument("--elements", type=int, default=16)  # along x and y
+    parser.add_argument("--out", type=Path, default=Path(__file__).parent / "results" / "lifts")
+    args = parser.parse_args()
+    for wanted in args.numbers:
+        lift(wanted, args.elements, args.out)

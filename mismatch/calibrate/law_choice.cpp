@@ -1,0 +1,50 @@
+#include "mismatch/calibrate/law_choice.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "core/check.h"
+
+namespace omentum {
+
+std::string law_name(pb::ElasticLaw law) {
+  switch (law) {
+    case pb::LAW_NEO_HOOKE:
+      return "neo-Hooke";
+    case pb::LAW_ST_VENANT_KIRCHHOFF:
+      return "St. Venant and Kirchhoff";
+    default:
+      return "corotated";
+  }
+}
+
+const LawFit& choose_law(const std::vector<LawFit>& fits, pb::ElasticLaw believed) {
+  OMENTUM_CHECK(!fits.empty(), "no law was fitted");
+  const LawFit& best = *std::ranges::min_element(fits, {}, &LawFit::cost);
+  const auto first = std::ranges::find(fits, believed, &LawFit::law);
+  if (first == fits.end() || best.cost < first->cost - kLawTold) return best;
+  return *first;
+}
+
+std::vector<const LawFit*> laws_alike(const std::vector<LawFit>& fits, const LawFit& chosen) {
+  std::vector<const LawFit*> alike;
+  for (const LawFit& fit : fits) {
+    if (fit.law != chosen.law && fit.cost <= chosen.cost + kLawTold) alike.push_back(&fit);
+  }
+  return alike;
+}
+
+void widen_over_laws(const LawFit& chosen, const std::vector<const LawFit*>& alike,
+                     const std::vector<std::size_t>& which, ArrowStep& sure) {
+  const double share = 1 / (1 + static_cast<double>(alike.size()));
+  for (const LawFit* other : alike) {
+    const Eigen::VectorXd by = other->d.state.shared - chosen.d.state.shared;
+    sure.shared_covariance += share * by * by.transpose();
+    for (std::size_t i = 0; i < which.size(); ++i) {
+      const Eigen::VectorXd own = other->d.state.own[which[i]] - chosen.d.state.own[which[i]];
+      sure.own_sd[i] = (sure.own_sd[i].array().square() + share * own.array().square()).sqrt();
+    }
+  }
+}
+
+}  // namespace omentum

@@ -1,0 +1,42 @@
+#pragma once
+
+#include <array>
+#include <string>
+#include <vector>
+
+#include "mismatch/calibrate/descent.h"
+
+namespace omentum {
+
+inline constexpr std::array<pb::ElasticLaw, 3> kLaws = {pb::LAW_COROTATED, pb::LAW_NEO_HOOKE,
+                                                        pb::LAW_ST_VENANT_KIRCHHOFF};
+
+/// Of a law in a report: "neo-Hooke".
+std::string law_name(pb::ElasticLaw law);
+
+/// Where a search with one law of elasticity ended.
+struct LawFit {
+  pb::ElasticLaw law = pb::LAW_COROTATED;
+  Descent d;
+  std::vector<ReferenceFit::Difference> differences;  ///< with that law
+  double mesh_rms = 0;                                ///< [m]
+  /// - log of likelihood and beliefs, at a noise and beliefs that all laws share. What mesh and
+  /// step are worth is in it: they are nuisances of the fit.
+  double cost = 0;
+};
+
+/// A law is told from another by so much of the log likelihood: odds of 20.
+inline constexpr double kLawTold = 3;
+
+/// The law of the least cost, if it is told from the believed one; else that.
+const LawFit& choose_law(const std::vector<LawFit>& fits, pb::ElasticLaw believed);
+
+/// Laws that are not told from `chosen`: no worse than it by more than kLawTold.
+std::vector<const LawFit*> laws_alike(const std::vector<LawFit>& fits, const LawFit& chosen);
+
+/// Covariances of a fit of which the law is one of several as likely as each other: what the
+/// numbers of the other laws are apart from those of `chosen` widens them.
+void widen_over_laws(const LawFit& chosen, const std::vector<const LawFit*>& alike,
+                     const std::vector<std::size_t>& which, ArrowStep& sure);
+
+}  // namespace omentum

@@ -1,0 +1,95 @@
+// Which law of elasticity a calibration takes, and that its states share a mesh.
+#include "mismatch/calibrate/law_choice.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "core/config.h"
+#include "mismatch/calibrate/forward.h"
+
+namespace omentum {
+namespace {
+
+using Eigen::VectorXd;
+
+LawFit fit_of(pb::ElasticLaw law, double cost, double stiffness) {
+  LawFit fit;
+  fit.law = law;
+  fit.cost = cost;
+  fit.d.state.shared = VectorXd::Zero(8);
+  fit.d.state.shared[0] = stiffness;
+  fit.d.state.own.assign(1, VectorXd::Zero(3));
+  fit.d.state.own[0][1] = 0.5 * stiffness;
+  return fit;
+}
+
+TEST(ChooseLaw, TakesTheBestOnlyWhereItIsTold) {
+  std::vector<LawFit> fits = {fit_of(pb::LAW_COROTATED, 100, 0),
+                              fit_of(pb::LAW_NEO_HOOKE, 97.5, 0.2),
+                              fit_of(pb::LAW_ST_VENANT_KIRCHHOFF, 108, -0.3)};
+  EXPECT_EQ(choose_law(fits, pb::LAW_COROTATED).law, pb::LAW_COROTATED) << "2.5 tell nothing";
+  fits[1].cost = 90;
+  EXPECT_EQ(choose_law(fits, pb::LAW_COROTATED).law, pb::LAW_NEO_HOOKE);
+  // The believed law could not be simulated.
+  EXPECT_EQ(choose_law({fits[1], fits[2]}, pb::LAW_COROTATED).law, pb::LAW_NEO_HOOKE);
+}
+
+TEST(WidenOverLaws, IntervalsHoldForTheLawsThatAreAlike) {
+  std::vector<LawFit> fits = {fit_of(pb::LAW_COROTATED, 100, 0), fit_of(pb::LAW_NEO_HOOKE, 98, 0.2),
+                              fit_of(pb::LAW_ST_VENANT_KIRCHHOFF, 104, -0.3)};
+  const auto alike = laws_alike(fits, fits[0]);
+  ASSERT_EQ(alike.size(), 1U);
+  EXPECT_EQ(alike[0]->law, pb::LAW_NEO_HOOKE);
+  ArrowStep sure;
+  sure.shared_covariance = 0.0025 * Eigen::MatrixXd::Identity(8, 8);
+  sure.own_sd.assign(1, VectorXd::Constant(3, 0.01));
+  widen_over_laws(fits[0], alike, {0}, sure);
+  // Two laws as likely, 0.2 apart: the interval of the one reaches over the other.
+  EXPECT_NEAR(sure.shared_covariance(0, 0), 0.0025 + 0.02, 1e-12);
+  EXPECT_GT(1.645 * std::sqrt(sure.shared_covariance(0, 0)), 0.2);
+  EXPECT_EQ(sure.shared_covariance(1, 1), 0.0025);
+  EXPECT_NEAR(sure.own_sd[0][1], std::sqrt(1e-4 + 0.005), 1e-12);
+  EXPECT_EQ(sure.own_sd[0][0], 0.01);
+  // Told: nothing widens.
+  fits[1].cost = 103.5;
+  EXPECT_TRUE(laws_alike(fits, fits[0]).empty());
+}
+
+Observation lifted(const Scene& scene, double x) {
+  Observation seen;
+  seen.track.time = {0, 0.1, 0.2};
+  seen.track.p_WT.assign(3, scene.tissue.X_WB * Eigen::Vector3d(x, 0.03, 0));
+  seen.track.jaw_rad = {1, 0, 0};
+  seen.grasp.patch_radius_m = 0.005;
+  return seen;
+}
+
+TEST(CountElements, AllStatesOfAFitHaveOneMesh) {
+  pb::Scene scene = load_scene(deploy_dir() + "/scenes/omentum.txtpb", {});
+  const Scene made = make_scene(scene, {});
+  const std::vector<Observation> seen = {lifted(made, -0.03), lifted(made, 0.01)};
+  const auto elements = count_elements(scene, {}, seen, 3e-4);
+  for (const int count : elements) EXPECT_GT(count, 0);
+  const auto fewer = fewer_elements(elements, 1.5);
+  EXPECT_NEAR(fewer[0], elements[0] / 1.5, 0.5);
+  EXPECT_EQ(fewer_elements({1, 1, 1}, 1.5), (std::array<int, 3>{1, 1, 1}));
+  // The mesh of a tolerance follows thickness and law; that of a state does not.
+  for (const double thickness : {0.0024, 0.003, 0.0036}) {
+    for (const pb::ElasticLaw law : kLaws) {
+      scene.mutable_tissue()->set_thickness_m(thickness);
+      scene.mutable_tissue()->mutable_material()->set_law(law);
+      for (const Observation& observation : seen) {
+        const SimulationTask task =
+            make_calibration_task(observation, scene, {}, {pb::TISSUE_REFERENCE, elements, 1});
+        const pb::ReferenceModel& mesh = task.scene.tissue().reference();
+        EXPECT_EQ(static_cast<int>(mesh.elements_x()), elements[0]);
+        EXPECT_EQ(static_cast<int>(mesh.elements_y()), elements[1]);
+        EXPECT_EQ(static_cast<int>(mesh.elements_z()), elements[2]);
+      }
+    }
+  }
+}
+
+}  // namespace
+}  // namespace omentum
