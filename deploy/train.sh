@@ -196,7 +196,8 @@ supervise_worker() {
       exit 1
     fi
     if ((SECONDS - born >= 60)); then pause=1; fi
-    if ((code == 2 && pause > 4)); then
+    # A start-up error stays what it is; an abort (a check of ours, a bad address) that comes back every time does too.
+    if ((code == 2 && pause > 4 || (code == 134 || code == 139) && pause > 16)); then
       echo "train: worker $number cannot run: $(tail -n 1 "$log")"
       kill -USR1 $$
       return 1

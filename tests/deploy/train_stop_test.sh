@@ -16,13 +16,18 @@ program learner <<'TEXT'
 #!/bin/bash
 [[ " $* " != *" --dry-run "* ]] || { printf 'workers: 2\nmax_steps: 1\n'; exit 0; }
 [[ $LEARNER != dies ]] || exit 1
+if [[ $LEARNER == waits ]]; then
+  trap 'exit 130' TERM
+  while true; do sleep 0.02; done
+fi
 for ((i = 0; i < 200; ++i)); do [[ $(cat "$FOLDER"/started 2>/dev/null | wc -l) == 2 ]] && break; sleep 0.05; done
 exit 130
 TEXT
-# Misses its first two signals, or all of them.
+# Misses its first two signals, or all of them, or aborts as a check of ours does.
 program sim_worker <<'TEXT'
 #!/bin/bash
 [[ " $* " != *" --check-config "* ]] || exit 0
+[[ $MISSES != aborts ]] || kill -ABRT $$
 missed=0
 trap '((++missed <= MISSES)) || exit 0' TERM
 echo $$ >>"$FOLDER/started"
@@ -49,5 +54,6 @@ ends() {  # $1 = what, $2 = expected code, rest = environment
 ends "workers that miss two signals" 130 LEARNER=runs MISSES=2
 ends "workers that miss every signal" 130 LEARNER=runs MISSES=1000000
 for _ in {1..10}; do ends "a learner that dies before its workers begin" 1 LEARNER=dies MISSES=0; done
+ends "workers that abort again and again" 1 LEARNER=waits MISSES=aborts
 ((failed)) || echo "every run ended, no worker is left"
 exit "$failed"
