@@ -4,30 +4,11 @@
 #include <span>
 #include <vector>
 
+#include "sim_worker/backend/exposure_samples.h"
 #include "sim_worker/scene/scene.h"
 #include "sim_worker/tissue/tissue.h"
 
 namespace omentum {
-
-/// A point of the tumour's surface as the camera sees it: on the tangent plane (u right, v up, at
-/// unit depth), 1 / depth [1/m] and weight (solid angle: max(0, n . view) / distance^2).
-struct ExposureSample {
-  float u, v, inverse_depth, weight;
-};
-
-/// Points neither back-facing nor behind an organ: their weights sum to the denominator of the
-/// exposure. Sorted into square bins of the window, so that a triangle looks only at those it may
-/// cover.
-struct ExposureSamples {
-  std::vector<ExposureSample> sample;
-  double total = 0;
-  float u_min = 0, u_max = 0, v_min = 0, v_max = 0;
-  int bins = 1;
-  std::vector<std::int32_t> bin_begin;
-  std::vector<float> u, v, inverse_depth;  ///< of the samples, and eight more that are read only
-
-  int size() const { return static_cast<int>(sample.size()); }
-};
 
 /// Exposure of the tumour: visible weight / weight visible without the sheet (docs/task.md 9). A
 /// soft body that moves before the tumour shadows it; what it hides at rest counts in neither
