@@ -170,6 +170,8 @@ int main(int argc, char** argv) {
     measure("tissue.omentum.env_steps_per_s", omentum::load_config("omentum", period), width);
     measure("tissue.omentum_elastic.env_steps_per_s",
             omentum::load_config("omentum_elastic", period), width);
+    measure("tissue.omentum_soft.env_steps_per_s", omentum::load_config("omentum_soft", period),
+            width);
     measure("tissue.paper.env_steps_per_s", omentum::load_config("paper_literal", {}), width);
     measure("tissue.paper_swapped.env_steps_per_s", omentum::load_config("paper_swapped", {}),
             width);

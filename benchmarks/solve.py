@@ -36,8 +36,10 @@ def options_of(sets):
 
 def steps_per_update(learner, preset, sets):
     """Slots times steps of a segment, as the learner resolves them."""
-    text = subprocess.run([learner, "--preset", preset, "--dry-run", *options_of(sets)], check=True, capture_output=True,
-                          text=True).stdout
+    said = subprocess.run([learner, "--preset", preset, "--dry-run", *options_of(sets)], capture_output=True, text=True)
+    if said.returncode != 0:
+        sys.exit(f"solve.py: {said.stderr.strip()}")
+    text = said.stdout
     rollout = text[text.index("rollout {"):]
     knob = {name: int(re.search(rf"\b{name}: (\d+)", rollout)[1]) for name in ("slots", "steps_per_segment")}
     return knob["slots"] * knob["steps_per_segment"]
