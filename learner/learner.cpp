@@ -336,8 +336,10 @@ void Learner::say_ledger() const {
 int Learner::audit_failed() {
   const AuditDifference& difference = *book_->audit_difference();
   const std::string text =
-      fmt::format("two results of slot {} segment {} differ: {} and {}", difference.slot,
-                  difference.segment, bus_->describe_worker(difference.worker_ids[0]),
+      fmt::format("two results of slot {} segment {} differ in {}: {} and {}", difference.slot,
+                  difference.segment,
+                  difference.end_state ? "the end state" : "their steps, with equal end states",
+                  bus_->describe_worker(difference.worker_ids[0]),
                   bus_->describe_worker(difference.worker_ids[1]));
   log().error("event=audit_mismatch {}; nothing collected since the last comparison can be trusted",
               text);

@@ -192,10 +192,12 @@ Verdict TaskBook::repeat(const Admitted& first, const RolloutSegment& segment) {
     return Verdict::kInvalid;
   }
   ++ledger_.duplicate;
-  if (first.end_hash != segment.end_hash || first.crc != segment.payload_crc32c) {
+  const bool end_state = first.end_hash != segment.end_hash;
+  if (end_state || first.crc != segment.payload_crc32c) {
     ++ledger_.audit_mismatch;
     if (!difference_) {
-      difference_ = {segment.slot, segment.segment, {first.worker_id, segment.worker_id}};
+      difference_ = {
+          segment.slot, segment.segment, end_state, {first.worker_id, segment.worker_id}};
     }
   }
   return Verdict::kDuplicate;

@@ -79,6 +79,7 @@ struct EvaluationTask {
 struct AuditDifference {
   std::uint32_t slot = 0;
   std::uint64_t segment = 0;
+  bool end_state = false;  ///< the environments ended differently, or else only what was told of it
   std::array<std::uint32_t, 2> worker_ids{};
 };
 

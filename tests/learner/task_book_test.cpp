@@ -245,6 +245,27 @@ TEST(TaskBook, LateDuplicateIsDroppedAndDifferenceIsAnAuditMismatch) {
   expect_balance(book);
 }
 
+TEST(TaskBook, ADifferenceTellsTheEndStateFromTheSteps) {
+  for (const bool end_state : {false, true}) {
+    TaskBook book(small_config(0));
+    book.worker_joined(1, 100);
+    book.announce_weights(0, hash_of_version(0));
+    const RolloutTask task = book.grant(0).front();
+    ASSERT_EQ(book.receive(fake_rollout(task), 1), Verdict::kAdmitted);
+    RolloutSegment other = fake_rollout(task);
+    if (end_state) {
+      other.end_state[9] ^= std::byte{1};
+      other.end_hash = hash_state(other.end_state);
+    } else {
+      other.rewards[2] += 1;
+    }
+    other.payload_crc32c = segment_crc(other);
+    ASSERT_EQ(book.receive(other, 2), Verdict::kDuplicate);
+    ASSERT_TRUE(book.audit_difference().has_value());
+    EXPECT_EQ(book.audit_difference()->end_state, end_state);
+  }
+}
+
 TEST(TaskBook, GarbageIsInvalidAndGrantedAgain) {
   using Spoil = void (*)(RolloutSegment&);
   const std::vector<Spoil> spoils{
