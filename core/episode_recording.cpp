@@ -151,9 +151,9 @@ Result<void> check_sizes(const std::string& path, const RolloutSegment& segment,
   bool good = true;
   for_each_recorded(segment, true, [&](const auto& array, const ArrayField& about) {
     if (array.empty() && !required(&array, segment)) return;
-    const bool observation = about.width == kObservationWidth;
-    good = good && (observation ? steps == 0 || array.size() % steps == 0
-                                : array.size() == steps * about.width);
+    const bool varies = about.width == kObservationWidth || about.width == kActionWidth;
+    good = good &&
+           (varies ? steps == 0 || array.size() % steps == 0 : array.size() == steps * about.width);
   });
   if (!good)
     return Failure{fmt::format("{}: arrays of the segment do not fit its {} steps", path, steps)};
@@ -188,12 +188,20 @@ void take_header(const pb::EpisodeHeader& header, EpisodeRecording& recording) {
   recording.segment.build_id = header.build_id();
 }
 
+/// Entries of an action: those of the steps before; of the first step, as many as an action has.
+std::size_t action_width(const RolloutSegment& segment, std::size_t found) {
+  if (segment.steps > 0) return segment.actions.size() / segment.steps;
+  return found == kActionBranches ? kActionBranches : action_columns(0);
+}
+
 /// Appends one step; false if it does not follow the steps before in number and shape.
 bool take_step(const pb::StepRecord& record, std::size_t observation, RolloutSegment& segment) {
   bool good = record.step() == segment.steps;
   for_each_recorded(segment, true, [&](const auto& array, const ArrayField& about) {
     const std::size_t width = width_of(record, about.recorded_as);
-    const std::size_t wanted = about.width == kObservationWidth ? observation : about.width;
+    const std::size_t wanted = about.width == kObservationWidth ? observation
+                               : about.width == kActionWidth    ? action_width(segment, width)
+                                                                : about.width;
     good = good && (width == wanted || (width == 0 && !required(&array, segment)));
   });
   if (!good) return false;
