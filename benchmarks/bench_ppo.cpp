@@ -59,7 +59,7 @@ Batch make_batch(Policy& policy, int slots, int steps) {
     std::vector<Decision> decisions(s.steps);
     policy.act(s.observations, counters, false, decisions);
     for (const Decision& d : decisions) {
-      s.actions.insert(s.actions.end(), d.branch.begin(), d.branch.end());
+      s.actions.insert(s.actions.end(), d.branch.begin(), d.branch.begin() + 4);
       s.log_probs.push_back(d.log_prob);
       s.values.push_back(d.value);
       s.rewards.push_back(noise(n++, 2));

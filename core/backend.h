@@ -10,11 +10,11 @@
 
 namespace omentum {
 
-/// One decision for one environment. Discrete heads fill `branch` (x, y, z, gripper indices of the
-/// preset's action table); the Gaussian head fills `continuous`: increment in units of
-/// task.increment_m, clipped to [-1, 1] per axis, and jaw, closed when > 0.
+/// One decision for one environment. Discrete heads fill `branch` (x, y, z, gripper, roll, pitch,
+/// yaw indices of the preset's action table); the Gaussian head fills `continuous`: increment in
+/// units of task.increment_m, clipped to [-1, 1] per axis, and jaw, closed when > 0.
 struct Action {
-  std::array<std::uint8_t, 4> branch{};
+  std::array<std::uint8_t, kActionBranches> branch{};
   std::array<float, 4> continuous{};
 };
 
@@ -95,6 +95,8 @@ class Backend {
 
   virtual int lanes() const = 0;
   virtual int observation_size() const = 0;
+  /// Entries of an action in its segments: action_columns() of its task.
+  virtual std::size_t columns() const { return action_columns(0); }
 
   /// Begins an episode, independent of what the lane held before.
   virtual void reset(int lane, const EpisodeStart& start) = 0;

@@ -14,11 +14,13 @@
 #include "core/check.h"
 #include "core/cloud_message.h"
 #include "core/config.h"
+#include "core/constants.h"
 #include "core/durable_file.h"
 #include "core/mcap.h"
 #include "core/message_rows.h"
 #include "core/read_file.h"
 #include "core/segment_fields.h"
+#include "core/task.h"
 #include "proto/foxglove.pb.h"
 #include "proto/recording.pb.h"
 
@@ -120,7 +122,7 @@ pb::StepRecord make_step(const RolloutSegment& segment, std::uint32_t step) {
   return record;
 }
 
-foxglove::PoseInFrame make_pose(const float* p, std::uint64_t time_ns) {
+foxglove::PoseInFrame make_pose(const float* p, const RollPitchYaw& turn, std::uint64_t time_ns) {
   foxglove::PoseInFrame message;
   *message.mutable_timestamp() = stamp_of(time_ns);
   message.set_frame_id("W");
@@ -129,8 +131,13 @@ foxglove::PoseInFrame make_pose(const float* p, std::uint64_t time_ns) {
   position.set_y(static_cast<double>(p[1]));
   position.set_z(static_cast<double>(p[2]));
   // Viewers draw poses as an arrow along x; the shaft points down, which is a quarter turn about y.
-  message.mutable_pose()->mutable_orientation()->set_y(std::sqrt(0.5));
-  message.mutable_pose()->mutable_orientation()->set_w(std::sqrt(0.5));
+  Eigen::Quaterniond q(std::sqrt(0.5), 0, std::sqrt(0.5), 0);
+  if (turn != RollPitchYaw::Zero()) q = Eigen::Quaterniond(rotation_of(turn)) * q;
+  foxglove::Quaternion& orientation = *message.mutable_pose()->mutable_orientation();
+  if (q.x() != 0) orientation.set_x(q.x());
+  orientation.set_y(q.y());
+  if (q.z() != 0) orientation.set_z(q.z());
+  orientation.set_w(q.w());
   return message;
 }
 
@@ -151,9 +158,9 @@ Result<void> check_sizes(const std::string& path, const RolloutSegment& segment,
   bool good = true;
   for_each_recorded(segment, true, [&](const auto& array, const ArrayField& about) {
     if (array.empty() && !required(&array, segment)) return;
-    const bool observation = about.width == kObservationWidth;
-    good = good && (observation ? steps == 0 || array.size() % steps == 0
-                                : array.size() == steps * about.width);
+    const bool varies = about.width == kObservationWidth || about.width == kActionWidth;
+    good = good &&
+           (varies ? steps == 0 || array.size() % steps == 0 : array.size() == steps * about.width);
   });
   if (!good)
     return Failure{fmt::format("{}: arrays of the segment do not fit its {} steps", path, steps)};
@@ -188,12 +195,20 @@ void take_header(const pb::EpisodeHeader& header, EpisodeRecording& recording) {
   recording.segment.build_id = header.build_id();
 }
 
+/// Entries of an action: those of the steps before; of the first step, as many as an action has.
+std::size_t action_width(const RolloutSegment& segment, std::size_t found) {
+  if (segment.steps > 0) return segment.actions.size() / segment.steps;
+  return found == kActionBranches ? kActionBranches : action_columns(0);
+}
+
 /// Appends one step; false if it does not follow the steps before in number and shape.
 bool take_step(const pb::StepRecord& record, std::size_t observation, RolloutSegment& segment) {
   bool good = record.step() == segment.steps;
   for_each_recorded(segment, true, [&](const auto& array, const ArrayField& about) {
     const std::size_t width = width_of(record, about.recorded_as);
-    const std::size_t wanted = about.width == kObservationWidth ? observation : about.width;
+    const std::size_t wanted = about.width == kObservationWidth ? observation
+                               : about.width == kActionWidth    ? action_width(segment, width)
+                                                                : about.width;
     good = good && (width == wanted || (width == 0 && !required(&array, segment)));
   });
   if (!good) return false;
@@ -335,6 +350,21 @@ EpisodeWriter::EpisodeWriter(McapWriter& writer, bool with_tool)
   result_ = writer.add_channel("/result", *pb::EpisodeResult::descriptor());
 }
 
+std::vector<RollPitchYaw> turns_of_steps(const RolloutSegment& segment,
+                                         const std::string& config_text) {
+  if (segment.steps == 0 || segment.actions.size() != kActionBranches * segment.steps) return {};
+  const pb::Task task = parse_config("configuration of the recording", config_text).task();
+  const std::vector<std::string> names = observation_names(task);
+  const auto roll = std::find(names.begin(), names.end(), "roll");
+  if (roll == names.end() || segment.observations.size() != names.size() * segment.steps) return {};
+  std::vector<RollPitchYaw> turns;
+  for (std::size_t row = 0; row < segment.steps; ++row) {
+    const float* angles = segment.observations.data() + row * names.size() + (roll - names.begin());
+    turns.push_back(task.turn_limit_deg() * kDegree * Eigen::Vector3f::Map(angles).cast<double>());
+  }
+  return turns;
+}
+
 Result<void> EpisodeWriter::write(const std::string& path, const RolloutTask& task,
                                   const RolloutSegment& segment, const RecordingContext& context,
                                   std::uint64_t start_ns) {
@@ -351,10 +381,14 @@ Result<void> EpisodeWriter::write(const std::string& path, const RolloutTask& ta
     const float* positions = segment.frame_positions_in_world_m.data() + next_frame++ * frame;
     writer_.write(tissue_, time_ns, step, make_cloud(positions, context.particles, time_ns));
   };
+  const std::vector<RollPitchYaw> turns = turns_of_steps(segment, context.config_text);
   const auto write_tool = [&](std::uint32_t steps_taken, const float* position) {
     if (!tool_) return;
     const std::uint64_t time_ns = start_ns + time_of(steps_taken, context);
-    writer_.write(*tool_, time_ns, steps_taken, make_pose(position, time_ns));
+    // Behind the last step nothing was observed: as before it.
+    const RollPitchYaw turn =
+        turns.empty() ? RollPitchYaw::Zero() : turns[std::min(steps_taken, segment.steps - 1)];
+    writer_.write(*tool_, time_ns, steps_taken, make_pose(position, turn, time_ns));
   };
   if (segment.episode_start_position_in_world_m.size() >= 3)
     write_tool(0, segment.episode_start_position_in_world_m.data());

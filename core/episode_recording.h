@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "core/mcap.h"
+#include "core/psm.h"
 #include "core/result.h"
 #include "core/types.h"
 #include "proto/config.pb.h"
@@ -37,6 +38,11 @@ struct EpisodeRecording {
   bool complete = false;              ///< the file has its end; else what was there is here
   std::vector<std::string> problems;  ///< one line each: the MCAP reader's, and messages dropped
 };
+
+/// How the tool is turned before every step, as it was observed; empty where it does not turn.
+/// Throws Error for a configuration that cannot be read.
+std::vector<RollPitchYaw> turns_of_steps(const RolloutSegment& segment,
+                                         const std::string& config_text);
 
 /// Writes episodes into an MCAP file that may hold other streams too (channels:
 /// proto/recording.proto).

@@ -16,7 +16,6 @@ using lanes::Lane;
 namespace {
 
 constexpr int kBlock = 24;  // rows at a time: four register groups of six, three panels of eight
-constexpr int kMaxLogits = 16;
 constexpr float kHalfLog2Pi = 0.918938533F;
 
 int branch_size(const PolicyShape& shape, int branch) {
@@ -27,21 +26,24 @@ int branch_size(const PolicyShape& shape, int branch) {
 
 struct Policy::Panel {
   alignas(32) float logits[kMaxLogits][lanes::kWidth];
-  alignas(32) float uniform[4][lanes::kWidth];
-  alignas(32) std::int32_t branch[4][lanes::kWidth];
-  alignas(32) float continuous[4][lanes::kWidth];
-  alignas(32) float branch_log_prob[4][lanes::kWidth];
+  alignas(32) float uniform[kActionBranches][lanes::kWidth];
+  alignas(32) std::int32_t branch[kActionBranches][lanes::kWidth];
+  alignas(32) float continuous[kContinuousDimensions][lanes::kWidth];
+  alignas(32) float branch_log_prob[kActionBranches][lanes::kWidth];
   alignas(32) float log_prob[lanes::kWidth];
 };
 
 Policy::Policy(const PolicyShape& shape, PolicyWeights weights)
-    : shape_(shape), weights_(std::move(weights)), padded_hidden_(padded_columns(shape.hidden)) {
+    : shape_(shape),
+      weights_(std::move(weights)),
+      padded_hidden_(padded_columns(shape.hidden)),
+      padded_logits_(padded_columns(shape.logits())) {
   OMENTUM_CHECK(fp_mode_is_default());
   const ParameterLayout layout = parameter_layout(shape_);
   OMENTUM_CHECK(weights_.parameters.size() == layout.count, "{} parameters for a layout of {}",
                 weights_.parameters.size(), layout.count);
   OMENTUM_CHECK(shape_.logits() >= 1 && shape_.logits() <= kMaxLogits &&
-                shape_.branch_count() <= 4);
+                shape_.branch_count() <= static_cast<int>(kActionBranches));
   OMENTUM_CHECK(weights_.obs_inv_std.size() == weights_.obs_mean.size());
   OMENTUM_CHECK(weights_.obs_mean.empty() || std::ssize(weights_.obs_mean) == shape_.numbers());
   actor_ = pack(layout.actor);
@@ -69,7 +71,7 @@ Policy::Policy(const PolicyShape& shape, PolicyWeights weights)
   }
   hidden1_.resize(rows * hidden);
   hidden2_.resize(rows * hidden);
-  logits_.resize(rows * kPanel);
+  logits_.resize(rows * static_cast<std::size_t>(padded_logits_));
   values_.resize(rows * 8);
 }
 
@@ -96,9 +98,11 @@ Policy::Packed Policy::pack(const NetworkLayout& layout) const {
   packed.weights2.resize(static_cast<std::size_t>(hidden) * padded);
   pack_panels(p + layout.weights2, hidden, hidden, hidden, packed.weights2.data());
   packed.bias2 = copy(layout.bias2, hidden, padded);
-  packed.head.resize(static_cast<std::size_t>(hidden * kPanel));
+  const int outputs = padded_columns(layout.outputs);
+  packed.head.resize(static_cast<std::size_t>(hidden * outputs));
   pack_panels_transposed(p + layout.head, layout.outputs, hidden, hidden, packed.head.data());
-  packed.head_bias = copy(layout.head_bias, layout.has_head_bias ? layout.outputs : 0, kPanel);
+  packed.head_bias = copy(layout.head_bias, layout.has_head_bias ? layout.outputs : 0,
+                          static_cast<std::size_t>(outputs));
   return packed;
 }
 
@@ -186,7 +190,7 @@ Policy::Panel Policy::load_panel(int first, int count) const {
   const int logits = shape_.logits();
   for (int lane = 0; lane < lanes::kWidth; ++lane) {
     const int row = first + (lane < count ? lane : 0);
-    const float* source = logits_.data() + row * kPanel;
+    const float* source = logits_.data() + row * padded_logits_;
     for (int j = 0; j < logits; ++j) panel.logits[j][lane] = source[j];
   }
   return panel;
@@ -285,7 +289,7 @@ void Policy::score(Panel& panel) const {
 void Policy::run_block(std::span<const float> observations, int start, int rows, bool logits) {
   const float* seen = normalise(
       observations.data() + static_cast<std::ptrdiff_t>(start) * shape_.observations, rows);
-  if (logits) forward(actor_, see(actor_, seen, rows), rows, kPanel, logits_.data());
+  if (logits) forward(actor_, see(actor_, seen, rows), rows, padded_logits_, logits_.data());
   forward(critic_, see(critic_, seen, rows), rows, 8, values_.data());
 }
 
@@ -304,9 +308,13 @@ void Policy::act(std::span<const float> observations, std::span<const ActionCoun
       for (int lane = 0; lane < lanes::kWidth && !greedy; ++lane) {
         const ActionCounter& c =
             counters[static_cast<std::size_t>(start + first + (lane < count ? lane : 0))];
-        const PhiloxWords words =
-            random_words(c.run_seed, c.slot, c.purpose, 0, c.episode, c.episode_step);
-        for (std::size_t b = 0; b < branches; ++b) panel.uniform[b][lane] = uniform_24(words[b]);
+        PhiloxWords words{};
+        for (std::size_t b = 0; b < branches; ++b) {
+          const auto draw = static_cast<std::uint32_t>(b / words.size());
+          if (b % words.size() == 0)
+            words = random_words(c.run_seed, c.slot, c.purpose, draw, c.episode, c.episode_step);
+          panel.uniform[b][lane] = uniform_24(words[b % words.size()]);
+        }
       }
       if (shape_.continuous) {
         sample_gaussian(panel, greedy);
@@ -337,8 +345,9 @@ void Policy::evaluate(std::span<const float> observations,
                       std::span<float> values, std::span<float> branch_log_probs) {
   check_sizes(observations, log_probs.size());
   const std::size_t taken = shape_.continuous ? continuous_taken.size() : branches_taken.size();
-  OMENTUM_CHECK(taken == log_probs.size() * 4 && values.size() == log_probs.size());
-  OMENTUM_CHECK(branch_log_probs.empty() || branch_log_probs.size() == log_probs.size() * 4);
+  const std::size_t columns = shape_.columns();
+  OMENTUM_CHECK(taken == log_probs.size() * columns && values.size() == log_probs.size());
+  OMENTUM_CHECK(branch_log_probs.empty() || branch_log_probs.size() == log_probs.size() * columns);
   const int total = static_cast<int>(log_probs.size());
   const auto branches = static_cast<std::size_t>(shape_.branch_count());
   for (int start = 0; start < total; start += kBlock) {
@@ -351,9 +360,9 @@ void Policy::evaluate(std::span<const float> observations,
         const auto row = static_cast<std::size_t>(start + first + (lane < count ? lane : 0));
         for (std::size_t b = 0; b < branches; ++b) {
           if (shape_.continuous) {
-            panel.continuous[b][lane] = continuous_taken[row * 4 + b];
+            panel.continuous[b][lane] = continuous_taken[row * columns + b];
           } else {
-            panel.branch[b][lane] = branches_taken[row * 4 + b];
+            panel.branch[b][lane] = branches_taken[row * columns + b];
           }
         }
       }
@@ -362,8 +371,8 @@ void Policy::evaluate(std::span<const float> observations,
         const auto row = static_cast<std::size_t>(start + first + lane);
         log_probs[row] = panel.log_prob[lane];
         values[row] = values_[static_cast<std::size_t>((first + lane) * 8)];
-        for (std::size_t b = 0; b < 4 && !branch_log_probs.empty(); ++b)
-          branch_log_probs[row * 4 + b] = b < branches ? panel.branch_log_prob[b][lane] : 0;
+        for (std::size_t b = 0; b < columns && !branch_log_probs.empty(); ++b)
+          branch_log_probs[row * columns + b] = b < branches ? panel.branch_log_prob[b][lane] : 0;
       }
     }
   }

@@ -21,6 +21,9 @@ inline constexpr float kObservationClip = 10.0F;
 /// Dimensions of the Gaussian head: three increments and the jaw.
 inline constexpr int kContinuousDimensions = 4;
 
+/// Outputs of the actor at most: 3 + 3 + 3 + 2 + 3 + 3 + 3.
+inline constexpr int kMaxLogits = 20;
+
 /// Shape of actor and critic: two separate networks O -> hidden -> hidden -> heads, and -> 1.
 /// With `continuous` the actor head is 4 means and 4 state-independent log standard deviations
 /// follow. With `convolution` each network has two convolutions over the picture, whose outputs
@@ -29,7 +32,7 @@ struct PolicyShape {
   int observations = 0;       ///< O: numbers, then the values of the picture
   PictureShape picture;       ///< of size 0 where there is none
   bool convolution = false;   ///< needs a picture that can_convolve()
-  std::vector<int> branches;  ///< sizes of the discrete ones, 3 3 3 2; empty with `continuous`
+  std::vector<int> branches;  ///< sizes of the discrete ones, as 3 3 3 2; empty with `continuous`
   bool continuous = false;
   int hidden = 128;
   pb::Activation activation = pb::ACTIVATION_TANH;
@@ -38,8 +41,9 @@ struct PolicyShape {
   int numbers() const { return observations - picture.values(); }
   int features() const;      ///< of the picture, by the convolutions; 0 without
   int inputs() const;        ///< of the first hidden layer: numbers and features, or O
-  int logits() const;        ///< sum of branches (at most 16), or 4
+  int logits() const;        ///< sum of branches (at most kMaxLogits), or 4
   int branch_count() const;  ///< branches, or 4: terms of the joint log-probability
+  std::size_t columns() const { return action_columns(branches.size()); }  ///< of actions
   std::size_t parameter_count() const;
   std::uint64_t layout_hash() const;  ///< over every field above
 };
@@ -82,7 +86,7 @@ struct ActionCounter {
 
 /// What the policy decided for one environment.
 struct Decision {
-  std::array<std::uint8_t, 4> branch{};
+  std::array<std::uint8_t, kActionBranches> branch{};
   std::array<float, 4> continuous{};
   float log_prob = 0;  ///< joint, of the action taken (also when greedy)
   float value = 0;
@@ -103,15 +107,16 @@ class Policy {
 
   /// Decides for n environments: observations n x O raw, one counter each. `greedy` takes the arg
   /// max (lowest index wins a tie) or the mean. Sampling: one random_words() call gives one word
-  /// per branch; u = uniform_24(word); the first action whose cumulative probability exceeds u, the
+  /// per branch, a second one (draw 1) those of the branches behind the fourth; u =
+  /// uniform_24(word); the first action whose cumulative probability exceeds u, the
   /// last one takes the remainder. Gaussian: mean + std times the normal quantile of (u + 2^-25).
   void act(std::span<const float> observations, std::span<const ActionCounter> counters,
            bool greedy, std::span<Decision> decisions);
 
   /// Joint log-probability of given actions and the value, for the learner's integrity check and
-  /// for replay: the same bits that act() returned. branches_taken: n x 4 (discrete head);
-  /// continuous_taken: n x 4 (Gaussian). `branch_log_probs`, n x 4, may be empty; unused branches
-  /// get 0; their ascending sum is the joint value.
+  /// for replay: the same bits that act() returned. branches_taken: n x columns() (discrete head);
+  /// continuous_taken: n x 4 (Gaussian). `branch_log_probs`, n x columns(), may be empty; unused
+  /// branches get 0; their ascending sum is the joint value.
   void evaluate(std::span<const float> observations, std::span<const std::uint8_t> branches_taken,
                 std::span<const float> continuous_taken, std::span<float> log_probs,
                 std::span<float> values, std::span<float> branch_log_probs = {});
@@ -144,6 +149,7 @@ class Policy {
   PolicyShape shape_;
   PolicyWeights weights_;
   int padded_hidden_ = 0;
+  int padded_logits_ = 0;
   Packed actor_, critic_;
   std::array<float, 4> std_{}, inverse_std_{}, log_std_{};
   Convolution convolution1_, convolution2_;

@@ -199,6 +199,23 @@ ToolMount make_tool_mount(const Eigen::Isometry3d& X_WR, double roll, double tip
   return mount;
 }
 
+Matrix3d rotation_of(const RollPitchYaw& angles) {
+  const auto [sr, cr] = trig::sin_cos(angles[0]);
+  const auto [sp, cp] = trig::sin_cos(angles[1]);
+  const auto [sy, cy] = trig::sin_cos(angles[2]);
+  Matrix3d roll, pitch, yaw;
+  roll << 1, 0, 0, 0, cr, -sr, 0, sr, cr;
+  pitch << cp, 0, sp, 0, 1, 0, -sp, 0, cp;
+  yaw << cy, -sy, 0, sy, cy, 0, 0, 0, 1;
+  return yaw * (pitch * roll);
+}
+
+ToolMount turned(const ToolMount& mount, const RollPitchYaw& angles) {
+  ToolMount held = mount;
+  held.R_WC = rotation_of(angles) * mount.R_WC;
+  return held;
+}
+
 Result<PsmJoints> joints_for_tip(const ToolMount& mount, const Vector3d& p_WT) {
   PsmPose pose;
   const Eigen::Isometry3d X_RW = mount.X_WR.inverse();
@@ -225,6 +242,23 @@ LimitedCommand limit_command(const ToolMount& mount, const Vector3d& previous_p_
   }
   result.unreachable = !joints_for_tip(mount, goal).has_value();
   result.p_WT = result.unreachable ? previous_p_WT : goal;
+  return result;
+}
+
+LimitedTurn limit_turn(const ToolMount& mount, const Vector3d& p_WT, const RollPitchYaw& previous,
+                       const RollPitchYaw& increment, double limit) {
+  LimitedTurn result;
+  RollPitchYaw goal = previous;
+  for (int axis = 0; axis < 3; ++axis) {
+    const double angle = previous[axis] + increment[axis];
+    if (std::fabs(angle) <= limit) {
+      goal[axis] = angle;
+    } else if (increment[axis] != 0) {
+      ++result.axes_dropped;
+    }
+  }
+  result.unreachable = goal != previous && !joints_for_tip(turned(mount, goal), p_WT).has_value();
+  result.angles = result.unreachable ? previous : goal;
   return result;
 }
 

@@ -81,10 +81,10 @@ Result<void> check_instrument(const PsmJoints& q, const PsmPose& pose,
                               const PsmInstrument& instrument);
 
 /// Where the arm stands and how the tool is held: constant orientation, as the paper does (P
-/// III-A).
+/// III-A); turned() is the mount of a tool that is held otherwise.
 struct ToolMount {
   Eigen::Isometry3d X_WR = Eigen::Isometry3d::Identity();
-  /// Constant orientation of the control point frame.
+  /// Orientation of the control point frame.
   Eigen::Matrix3d R_WC = Eigen::Matrix3d::Identity();
   double tip_offset = 0.0102;                               ///< |p_CT| along the jaw [m]
   Eigen::Vector3d workspace_min = Eigen::Vector3d::Zero();  ///< box for the tip in W [m]
@@ -106,6 +106,16 @@ ToolMount make_tool_mount(const Eigen::Isometry3d& X_WR, double roll, double tip
                           const Eigen::Vector3d& workspace_min,
                           const Eigen::Vector3d& workspace_max);
 
+/// Roll, pitch and yaw of the tool [rad]: turns about x, y and z of W in this order, from how the
+/// mount of the scene holds it.
+using RollPitchYaw = Eigen::Vector3d;
+
+/// Rz(yaw) Ry(pitch) Rx(roll).
+Eigen::Matrix3d rotation_of(const RollPitchYaw& angles);
+
+/// The mount with the tool turned about its tip: R_WC = rotation_of(angles) mount.R_WC.
+ToolMount turned(const ToolMount& mount, const RollPitchYaw& angles);
+
 /// Joints that bring the tip to p_WT, or why not (limits and 45 mm rule included).
 Result<PsmJoints> joints_for_tip(const ToolMount& mount, const Eigen::Vector3d& p_WT);
 
@@ -121,5 +131,16 @@ struct LimitedCommand {
 /// rule the previous goal stays in force.
 LimitedCommand limit_command(const ToolMount& mount, const Eigen::Vector3d& previous_p_WT,
                              const Eigen::Vector3d& increment);
+
+/// What limit_turn did with a command.
+struct LimitedTurn {
+  RollPitchYaw angles = RollPitchYaw::Zero();  ///< in force
+  int axes_dropped = 0;      ///< angles that would have left their range and kept their value
+  bool unreachable = false;  ///< no inverse inside the limits: the angles before stay
+};
+
+/// The same of a turn of the tool with its tip at p_WT: every angle stays within +- `limit` [rad].
+LimitedTurn limit_turn(const ToolMount& mount, const Eigen::Vector3d& p_WT,
+                       const RollPitchYaw& previous, const RollPitchYaw& increment, double limit);
 
 }  // namespace omentum

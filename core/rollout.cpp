@@ -107,7 +107,7 @@ std::vector<RolloutSegment> run_rollout(Backend& backend, const Actor& actor,
   OMENTUM_CHECK(!tasks.empty() && tasks.size() <= lanes, "{} tasks for {} lanes", tasks.size(),
                 lanes);
   const auto width = static_cast<std::size_t>(backend.observation_size());
-  OMENTUM_CHECK(actor.takes(backend.observation_size()));
+  OMENTUM_CHECK(actor.takes(backend.observation_size(), backend.columns()));
   const bool continuous = actor.continuous();
   const std::int64_t began = steady_now_ns();
 
@@ -186,7 +186,7 @@ std::vector<RolloutSegment> run_rollout(Backend& backend, const Actor& actor,
       flags |= outcome.grasp_lost ? step_flag::kGraspLost : 0;
       flags |= scripted ? step_flag::kScripted : 0;
       append(segment.observations, std::span(observations).subspan(k * width, width));
-      append(segment.actions, actions[k].branch);
+      append(segment.actions, std::span(actions[k].branch).first(backend.columns()));
       if (continuous) append(segment.actions_continuous, actions[k].continuous);
       segment.log_probs.push_back(scripted ? 0.0F : decisions[k].log_prob);
       segment.values.push_back(decisions[k].value);

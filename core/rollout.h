@@ -25,9 +25,10 @@ class Actor {
 
   bool scripted() const { return policy_ == nullptr; }
   bool continuous() const { return scripted() ? continuous_ : policy_->shape().continuous; }
-  /// Observations of so many numbers can be acted upon.
-  bool takes(int observations) const {
-    return scripted() || policy_->shape().observations == observations;
+  /// Observations of so many numbers can be acted upon by actions of so many entries.
+  bool takes(int observations, std::size_t columns) const {
+    return scripted() ||
+           (policy_->shape().observations == observations && policy_->shape().columns() == columns);
   }
   /// Decides for the tasks of a rollout; under a script log-probability and value are 0.
   void act(std::uint32_t step, std::span<const float> observations,

@@ -17,7 +17,7 @@ inline constexpr std::size_t kMaxStateBytes = std::size_t{1} << 20;
 /// Longest arrays of a segment, as in idl/omentum.idl (core/wire.cpp compares).
 namespace segment_limit {
 inline constexpr std::size_t kSteps = 20000;
-inline constexpr std::size_t kStepValues = 4 * kSteps;
+inline constexpr std::size_t kStepValues = kActionBranches * kSteps;
 inline constexpr std::size_t kObservation = 65536;
 inline constexpr std::size_t kObservations = std::size_t{1} << 24;
 inline constexpr std::size_t kEpisodes = 20000;
@@ -36,13 +36,15 @@ enum class Rows : std::uint8_t {
 
 /// Width of a row that is one observation.
 inline constexpr std::size_t kObservationWidth = 0;
+/// Width of a row that is one action: action_columns() of the task.
+inline constexpr std::size_t kActionWidth = ~std::size_t{0};
 
 /// One array of a record.
 struct ArrayField {
   const char* name;
   std::size_t bound;       ///< most entries on the wire
   Rows rows = Rows::kEnd;  ///< of a segment, as are the rest
-  std::size_t width = 1;   ///< entries per row, or kObservationWidth; unused for frames and state
+  std::size_t width = 1;   ///< entries per row, or one of the above; unused for frames and state
   /// Field of StepRecord (rows per step) or EpisodeResult (per episode) of proto/recording.proto;
   /// null = not recorded.
   const char* recorded_as = nullptr;
@@ -68,7 +70,7 @@ void segment_fields(A& a, B& b, V& v) {
   v.text(a.failure, b.failure, "failure");
   v.array(a.observations, b.observations,
           {"observations", limit::kObservations, kStep, kObservationWidth, "observation"});
-  v.array(a.actions, b.actions, {"actions", limit::kStepValues, kStep, 4, "action"});
+  v.array(a.actions, b.actions, {"actions", limit::kStepValues, kStep, kActionWidth, "action"});
   v.array(a.actions_continuous, b.actions_continuous,
           {"actions_continuous", limit::kStepValues, kStep, 4, "action_continuous"});
   v.array(a.log_probs, b.log_probs, {"log_probs", limit::kSteps, kStep, 1, "log_prob"});

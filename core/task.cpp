@@ -9,6 +9,7 @@
 #include "core/check.h"
 #include "core/constants.h"
 #include "core/rng.h"
+#include "core/trig.h"
 
 namespace omentum {
 namespace {
@@ -39,17 +40,29 @@ const ActionTable& action_table(pb::ActionKind kind) {
     case pb::ACTION_CONTINUOUS:
       return kContinuous;
     case pb::ACTION_XYZ_GRIPPER:
+    case pb::ACTION_ORIENTED:
       break;
   }
   return kPaper;
 }
 
+// The branches behind the jaw's, index 0, 1, 2 = -1, 0, +1.
+constexpr std::array<const char*, 3> kTurns = {"roll", "pitch", "yaw"};
+constexpr std::size_t kFirstTurn = 4;
+constexpr std::uint8_t kNoTurn = 1;
+
+/// Draw of q's place; those below it are of the start position.
+constexpr std::uint32_t kPlaceDraw = 64;
+
 }  // namespace
+
+bool turns_tool(const pb::Task& task) { return task.action() == pb::ACTION_ORIENTED; }
 
 std::vector<std::string> action_names(const pb::Task& task) {
   const ActionTable& table = action_table(task.action());
   std::vector<std::string> names(table.name.begin(), table.name.end());
   if (table.jaw != nullptr) names.emplace_back(table.jaw);
+  if (turns_tool(task)) names.insert(names.end(), kTurns.begin(), kTurns.end());
   return names;
 }
 
@@ -70,11 +83,17 @@ std::vector<std::string> action_meanings(const pb::Task& task) {
   }
   if (table.jaw != nullptr)
     meanings.emplace_back(continuous ? "jaw above 0=closed else open" : "jaw 0=open 1=closed");
+  const double turn = task.turn_increment_deg() * task.action_repeat();
+  for (const char* angle : kTurns) {
+    if (turns_tool(task))
+      meanings.push_back(fmt::format("{} 0={:.6g} deg 1=0 deg 2={:.6g} deg", angle, -turn, turn));
+  }
   return meanings;
 }
 
 std::vector<int> action_branches(const pb::Task& task) {
   if (task.action() == pb::ACTION_CONTINUOUS) return {};
+  if (turns_tool(task)) return {3, 3, 3, 2, 3, 3, 3};
   if (action_table(task.action()).jaw == nullptr) return {3, 3, 3};
   return {3, 3, 3, 2};
 }
@@ -102,6 +121,12 @@ ToolCommand Task::decode(const Action& action) const {
     command.increment[table.axis[b]] = task_.increment_m() * table.value[action.branch[b]];
   }
   command.closed = table.jaw == nullptr || action.branch[3] == 1;
+  if (!turns_tool(task_)) return command;
+  for (std::size_t b = 0; b < 3; ++b) {
+    OMENTUM_DCHECK(action.branch[kFirstTurn + b] < 3);
+    command.turn[static_cast<Eigen::Index>(b)] =
+        task_.turn_increment_deg() * kDegree * (action.branch[kFirstTurn + b] - kNoTurn);
+  }
   return command;
 }
 
@@ -130,6 +155,8 @@ Action Task::action_towards(const Vector3d& way, bool closed) const {
     action.branch[b] = static_cast<std::uint8_t>(index);
   }
   action.branch[3] = table.jaw != nullptr && closed ? 1 : 0;
+  if (turns_tool(task_))
+    std::fill(action.branch.begin() + kFirstTurn, action.branch.end(), kNoTurn);
   return action;
 }
 
@@ -175,6 +202,32 @@ Vector3d Task::start_position(const EpisodeStart& start) const {
   return places_.tool_start;
 }
 
+const TumourPlace* Task::place_of(const EpisodeStart& start) const {
+  const std::vector<TumourPlace>& places = places_.tumour_places;
+  if (places.empty()) return nullptr;
+  const auto count = static_cast<std::uint32_t>(places.size());
+  if (start.start_set != StartSet::kTraining) return &places[start.start_index % count];
+  const PhiloxWords words =
+      random_words(start.run_seed, start.slot, Purpose::kReset, kPlaceDraw, start.episode, 0);
+  return &places[bounded(words[0], count)];
+}
+
+ToolMount Task::mount_of(const RollPitchYaw& angles) const {
+  return turns_tool(task_) ? turned(places_.mount, angles) : places_.mount;
+}
+
+Vector3d Task::orientation_error(const TaskState& state) const {
+  if (state.held || state.place == nullptr) return Vector3d::Zero();
+  return mount_of(state.angles).jaw_direction().cross(-state.place->normal);
+}
+
+/// Between them [deg].
+double Task::approach_angle(const TaskState& state) const {
+  if (state.held || state.place == nullptr) return 0;
+  const double cosine = -mount_of(state.angles).jaw_direction().dot(state.place->normal);
+  return trig::atan2(orientation_error(state).norm(), cosine) / kDegree;
+}
+
 std::uint32_t Task::episode_limit(const EpisodeStart& start) const {
   if (start.episode_limit != 0) return start.episode_limit;
   return std::max(1U, task_.episode_steps() / task_.action_repeat());
@@ -183,10 +236,10 @@ std::uint32_t Task::episode_limit(const EpisodeStart& start) const {
 RewardState Task::reward_state(const TaskState& state) const {
   RewardState s;
   s.held = state.held;
-  s.distance_q = (state.tip - places_.tumour_point).norm();
+  s.distance_q = (state.tip - q_of(state)).norm();
   s.distance_target = (state.tip - places_.target).norm();
   s.workspace_diagonal = workspace_diagonal_;
-  s.grasp_distance_q = (state.held_from - places_.tumour_point).norm();
+  s.grasp_distance_q = (state.held_from - q_of(state)).norm();
   s.exposure = state.exposure;
   return s;
 }
@@ -199,10 +252,12 @@ double Task::reward_of(const TaskState& state) const {
 
 // -c (|p - q| + jaw) while free, c (taken - |p - p_T| - |g - q|) while held, g being the grasp
 // point: with the last term a grasp far from q does not save the approach to q (the flaw that P
-// VI-B names).
+// VI-B names). The angle to the normal at q counts beside it.
 double Task::potential_of(const TaskState& state) const {
   const double c = task_.progress_per_m();
-  if (!(c > 0)) return 0;
+  const double per_deg = task_.progress_per_deg();
+  if (!(c > 0) && !(per_deg > 0)) return 0;
+  const Vector3d& q = q_of(state);
   const bool by_axis = task_.progress_by_axis();
   const auto length = [by_axis](const Vector3d& way) {
     return by_axis ? way.lpNorm<1>() : way.norm();
@@ -210,12 +265,14 @@ double Task::potential_of(const TaskState& state) const {
   if (!state.held) {
     // By axes the jaw is one of them: a closed one has to open before it can take hold.
     const double jaw = by_axis ? jaw_length_ * kDegree * (jaw_open_deg_ - state.jaw_deg) : 0;
-    return -c * (length(state.tip - places_.tumour_point) + jaw);
+    const double way = -c * (length(state.tip - q) + jaw);
+    return per_deg > 0 ? way - per_deg * approach_angle(state) : way;
   }
   // A little more than there is left at q, so that taking hold is worth little by itself [m].
-  const double taken = by_axis ? 0.15 : 0.13;
-  return c * (taken - length(state.tip - places_.target) -
-              length(state.held_from - places_.tumour_point));
+  const double taken = state.place != nullptr ? length(q - places_.target) + 0.01
+                       : by_axis              ? 0.15
+                                              : 0.13;
+  return c * (taken - length(state.tip - places_.target) - length(state.held_from - q));
 }
 
 bool Task::is_reached(const TaskState& state) const {
@@ -229,7 +286,8 @@ bool Task::is_over(const TaskState& state) const {
 
 bool Task::needs_exposure() const {
   return task_.reward() == pb::REWARD_OMENTUM || task_.observation() == pb::OBSERVATION_OMENTUM ||
-         task_.observation() == pb::OBSERVATION_IMAGE;
+         task_.observation() == pb::OBSERVATION_IMAGE ||
+         task_.observation() == pb::OBSERVATION_ORIENTED;
 }
 
 }  // namespace omentum

@@ -17,13 +17,21 @@ namespace omentum {
 /// functions of the configuration and of what a back end measured, the same for simulation and
 /// robot.
 
+/// A place of the sheet where q may be: p_W [m] and the normal out of the sheet's upper face, of
+/// length 1, in W.
+struct TumourPlace {
+  Eigen::Vector3d p = Eigen::Vector3d::Zero();
+  Eigen::Vector3d normal = Eigen::Vector3d::UnitZ();
+};
+
 /// What the task needs of the scene. Points in W [m].
 struct TaskPlaces {
   Eigen::Vector3d tumour_point = Eigen::Vector3d::Zero();  ///< q
   Eigen::Vector3d target = Eigen::Vector3d::Zero();        ///< p_T
   Eigen::Vector3d tool_start = Eigen::Vector3d::Zero();    ///< p_0
   std::vector<Eigen::Vector3d> grid_starts, robot_starts;
-  ToolMount mount;  ///< workspace box and reach of the arm
+  ToolMount mount;  ///< workspace box and reach of the arm, the tool as it is not turned
+  std::vector<TumourPlace> tumour_places;  ///< of which every episode has one; none: q everywhere
 };
 
 /// What a back end measured of one environment. Jaw tip and grasp point are p_WT in W [m].
@@ -35,12 +43,15 @@ struct TaskState {
   bool jaw_closed = false;                                 ///< command in force
   double jaw_deg = 0;   ///< angle of the jaw, where grasp.jaw_open_deg > 0
   double exposure = 0;  ///< visible fraction of the tumour while held, else 0
+  RollPitchYaw angles = RollPitchYaw::Zero();  ///< how the tool is turned [rad]
+  const TumourPlace* place = nullptr;          ///< of the episode; null: TaskPlaces::tumour_point
 };
 
 /// What an action commands for each control period of a decision.
 struct ToolCommand {
   Eigen::Vector3d increment = Eigen::Vector3d::Zero();  ///< of the tip in W [m]
   bool closed = false;                                  ///< the jaw
+  RollPitchYaw turn = RollPitchYaw::Zero();             ///< of the tool [rad]
 };
 
 /// One entry of the observation: a number, or a picture. The name of a picture ends in its shape,
@@ -60,7 +71,11 @@ std::string observation_name(const pb::Task& task, int index);
 /// The picture behind the numbers; of size 0 where the task observes none.
 PictureShape picture_shape(const pb::Task& task);
 
-/// One name per branch (or continuous dimension): x, y, z, gripper; jaw for the Gaussian head.
+/// Whether actions turn the tool.
+bool turns_tool(const pb::Task& task);
+
+/// One name per branch (or continuous dimension): x, y, z, gripper, and roll, pitch, yaw where the
+/// tool is turned; jaw for the Gaussian head.
 std::vector<std::string> action_names(const pb::Task& task);
 /// What each of them does to the tip in W, or to the jaw, by index: "x_W 0=-0.0005 m 1=0 m
 /// 2=0.0005 m", "jaw 0=open 1=closed". Holds no comma.
@@ -88,6 +103,9 @@ class Task {
   /// Where the tool starts, p_WT [m]: the grid point that `start` names, or for training a point
   /// drawn from (run seed, slot, episode). Precondition: the grid has start.start_index.
   Eigen::Vector3d start_position(const EpisodeStart& start) const;
+  /// The place of q: of the starts of a grid the one of their number, for training drawn as the
+  /// start is. Null where the scene names none.
+  const TumourPlace* place_of(const EpisodeStart& start) const;
   /// Decisions until the episode is truncated.
   std::uint32_t episode_limit(const EpisodeStart& start) const;
 
@@ -98,7 +116,8 @@ class Task {
   /// Of one control period, for the state before its motion.
   double reward_of(const TaskState& state) const;
   /// Its difference over a decision is part of the reward: minus the way that is left, times
-  /// task.progress_per_m; by axes (task.progress_by_axis) that of the opening jaw, too. Such
+  /// task.progress_per_m; by axes (task.progress_by_axis) that of the opening jaw, too; and minus
+  /// the angle of the free jaw to the normal, times task.progress_per_deg. Such
   /// shaping leaves the optimal policy as it is [Ng99] and makes a motion of half a millimetre
   /// visible, which changes the distances' reward by 0.0009 only.
   double potential_of(const TaskState& state) const;
@@ -110,8 +129,20 @@ class Task {
   /// Reward or observation need TaskState::exposure after every control period.
   bool needs_exposure() const;
 
+  /// The mount of the tool as it is turned.
+  ToolMount mount_of(const RollPitchYaw& angles) const;
+  /// d x n, of the jaw's direction d and the normal n into the sheet at q: the axis in W about
+  /// which the jaw has to turn, as long as the sine of the angle. Zero while held, and where no
+  /// normal is known.
+  Eigen::Vector3d orientation_error(const TaskState& state) const;
+  /// Where q is in this state, p_W [m].
+  const Eigen::Vector3d& q_of(const TaskState& state) const {
+    return state.place != nullptr ? state.place->p : places_.tumour_point;
+  }
+
  private:
   RewardState reward_state(const TaskState& state) const;
+  double approach_angle(const TaskState& state) const;
 
   pb::Task task_;
   double jaw_open_deg_;

@@ -5,6 +5,7 @@
 #include <algorithm>
 
 #include "core/check.h"
+#include "core/constants.h"
 #include "core/task.h"
 
 namespace omentum {
@@ -20,9 +21,12 @@ struct Seen {
   const TaskState& state;
   const TaskPlaces& places;
   double jaw_open_deg;
+  const Vector3d& tumour_point;
+  double turn_limit;  ///< [rad]
+  Vector3d orientation_error;
 
   const Vector3d& p() const { return state.measured_tip; }
-  const Vector3d& q() const { return places.tumour_point; }
+  const Vector3d& q() const { return tumour_point; }
   const Vector3d& p_T() const { return places.target; }
   const Vector3d& goal() const { return state.held ? p_T() : q(); }
 };
@@ -32,7 +36,8 @@ enum class Quantity {
   kNumber,    ///< one: x of the value
   kPoint,     ///< three
   kDistance,  ///< one: length of the value
-  kOffset     ///< three, clipped to kNearRange
+  kOffset,    ///< three, clipped to kNearRange
+  kDirection  ///< three, of a vector without unit
 };
 
 /// One entry of the observation; its value in SI units.
@@ -76,17 +81,39 @@ constexpr Entry kGraspPoint = {
 constexpr Entry kNearGoal = {"near_goal", kOffset,
                              [](const Seen& s) -> Vector3d { return s.goal() - s.p(); }};
 
+// How the tool is turned, over its range, and what the jaw has to turn to.
+constexpr const char* kOfTurnLimit = "-1 ... 1 over task.turn_limit_deg";
+constexpr Entry kRoll = {
+    "roll", kNumber, [](const Seen& s) { return Vector3d(s.state.angles[0] / s.turn_limit, 0, 0); },
+    kOfTurnLimit};
+constexpr Entry kPitch = {
+    "pitch", kNumber,
+    [](const Seen& s) { return Vector3d(s.state.angles[1] / s.turn_limit, 0, 0); }, kOfTurnLimit};
+constexpr Entry kYaw = {
+    "yaw", kNumber, [](const Seen& s) { return Vector3d(s.state.angles[2] / s.turn_limit, 0, 0); },
+    kOfTurnLimit};
+constexpr Entry kNormal = {"normal", kDirection, [](const Seen& s) -> Vector3d {
+                             return s.state.place != nullptr ? s.state.place->normal
+                                                             : Vector3d::Zero();
+                           }};
+constexpr Entry kOrientationError = {"orientation_error", kDirection,
+                                     [](const Seen& s) { return s.orientation_error; }};
+
 std::span<const Entry> entries(pb::ObservationKind kind) {
-  static constexpr Entry kOmentum[] = {
+  static constexpr Entry kOriented[] = {
       kHeldFlag,       kTip,       kTumourPoint, kTarget,     kDistanceTumour,
-      kDistanceTarget, kJawClosed, kExposure,    kGraspPoint, kNearGoal};
+      kDistanceTarget, kJawClosed, kExposure,    kGraspPoint, kNearGoal,
+      kRoll,           kPitch,     kYaw,         kNormal,     kOrientationError};
+  static constexpr std::span<const Entry> kOmentum = std::span(kOriented).first<10>();
   static constexpr Entry kDerivedHead[] = {kHeldFlag, kTip, kGoal, kDistanceGoal};
   switch (kind) {
     case pb::OBSERVATION_DERIVED_HEAD:
       return kDerivedHead;
     case pb::OBSERVATION_PAPER:
     case pb::OBSERVATION_DERIVED:
-      return std::span(kOmentum).first(6);
+      return kOmentum.first(6);
+    case pb::OBSERVATION_ORIENTED:
+      return kOriented;
     case pb::OBSERVATION_OMENTUM:
     case pb::OBSERVATION_IMAGE:
       break;
@@ -110,6 +137,8 @@ std::string unit_of(const Entry& entry, bool raw, int axis) {
                  : fmt::format("-1 ... 1 over the workspace along {} of W", kAxes[axis]);
     case kDistance:
       return raw ? "100 mm" : "diagonal of the workspace";
+    case kDirection:
+      return fmt::format("-1 ... 1 along {} of W", kAxes[axis]);
     case kOffset:
       break;
   }
@@ -170,7 +199,12 @@ int observation_size(const pb::Task& task) {
 }
 
 std::span<float> Task::observe(const TaskState& state, std::span<float> observation) const {
-  const Seen seen{state, places_, jaw_open_deg_};
+  const Seen seen{state,
+                  places_,
+                  jaw_open_deg_,
+                  q_of(state),
+                  task_.turn_limit_deg() * kDegree,
+                  orientation_error(state)};
   const Vector3d& low = places_.mount.workspace_min;
   const Vector3d& high = places_.mount.workspace_max;
   const bool raw = is_raw(task_);
@@ -193,6 +227,9 @@ std::span<float> Task::observe(const TaskState& state, std::span<float> observat
         break;
       case kOffset:
         for (int k = 0; k < 3; ++k) add(std::clamp(value[k] / kNearRange, -1.0, 1.0));
+        break;
+      case kDirection:
+        for (int k = 0; k < 3; ++k) add(value[k]);
         break;
     }
   }

@@ -20,6 +20,15 @@ using Bytes = std::vector<std::byte>;
 /// and disk.
 inline constexpr std::uint32_t kSimStateFormat = 3;
 
+/// Branches of an action at most: x, y, z, gripper, roll, pitch, yaw.
+inline constexpr std::size_t kActionBranches = 7;
+
+/// Entries of an action in segments, batches and recordings, for a head of this many branches: four
+/// (unused ones are 0), or all seven where the tool is turned as well.
+constexpr std::size_t action_columns(std::size_t branches) {
+  return branches > 4 ? kActionBranches : 4;
+}
+
 inline constexpr float kMaxFramesHz = 50;                ///< of live frames of one slot
 inline constexpr std::size_t kMaxFrameValues = 196'608;  ///< of one live frame: 65,536 particles
 
@@ -120,7 +129,7 @@ struct RolloutSegment {
   Source source = Source::kSimulation;
   std::uint32_t steps = 0;
   std::vector<float> observations;           ///< steps x O, raw
-  std::vector<std::uint8_t> actions;         ///< steps x 4, branch indices
+  std::vector<std::uint8_t> actions;         ///< steps x action_columns(), branch indices
   std::vector<float> actions_continuous;     ///< steps x 4 with a Gaussian head, else empty
   std::vector<float> log_probs;              ///< steps, joint
   std::vector<float> rewards;                ///< steps

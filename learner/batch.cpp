@@ -95,7 +95,7 @@ LogProbCheck complete_batch(Policy& behaviour, Batch& batch) {
   const std::size_t rows = batch.rows();
   std::vector<float> log_probs(rows);
   std::vector<float> values(rows);
-  batch.branch_log_probs.resize(rows * 4);
+  batch.branch_log_probs.resize(rows * behaviour.shape().columns());
   behaviour.evaluate(batch.observations, batch.branches, batch.continuous, log_probs, values,
                      batch.branch_log_probs);
   batch.bootstrap_values.resize(static_cast<std::size_t>(batch.slots));

@@ -18,7 +18,7 @@ struct Batch {
   std::vector<std::uint32_t> slot_ids;         ///< E, ascending
   std::vector<std::uint64_t> policy_versions;  ///< E, the weights each segment was collected with
   std::vector<float> observations;             ///< n x O, raw
-  std::vector<std::uint8_t> branches;          ///< n x 4
+  std::vector<std::uint8_t> branches;          ///< n x action columns
   std::vector<float> continuous;               ///< n x 4, Gaussian head only
   std::vector<float> log_probs;                ///< joint, of the behaviour policy
   std::vector<float> rewards;
@@ -30,7 +30,7 @@ struct Batch {
   std::vector<std::int32_t> final_index;      ///< n, row of final_observations or -1
 
   // Filled by complete_batch().
-  std::vector<float> branch_log_probs;  ///< n x 4, of the behaviour policy
+  std::vector<float> branch_log_probs;  ///< n x action columns, of the behaviour policy
   std::vector<float> bootstrap_values;  ///< E
   std::vector<float> final_values;      ///< F
 

@@ -34,7 +34,7 @@ CloningStats Ppo::clone(Batch demonstrations) {
   advantages_.assign(rows, 0);
   // What the loss reads of a behaviour policy and maximum likelihood has no use for.
   demonstrations.log_probs.assign(rows, 0);
-  demonstrations.branch_log_probs.assign(rows * 4, 0);
+  demonstrations.branch_log_probs.assign(rows * shape_.columns(), 0);
   demonstrations.values = returns_;
 
   const auto count = static_cast<std::uint32_t>(rows);

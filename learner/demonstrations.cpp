@@ -107,8 +107,12 @@ void Reader::check_numbers(const std::string& path, const RolloutSegment& segmen
     if (!all_finite(segment.actions_continuous)) refuse(path, "an action is not finite");
     return;
   }
+  if (segment.actions.size() != shape_.columns() * segment.steps) {
+    refuse(path, fmt::format("{} entries per action, here {}",
+                             segment.actions.size() / segment.steps, shape_.columns()));
+  }
   for (std::size_t i = 0; i < segment.actions.size(); ++i) {
-    const std::size_t branch = i % 4;
+    const std::size_t branch = i % shape_.columns();
     if (branch < shape_.branches.size() && segment.actions[i] >= shape_.branches[branch]) {
       refuse(path, fmt::format("action {} of branch {}, allowed below {}", segment.actions[i],
                                branch, shape_.branches[branch]));
@@ -124,7 +128,7 @@ void Reader::append(const RolloutSegment& segment) {
   Batch& batch = result_.batch;
   add(batch.observations, segment.observations,
       steps * static_cast<std::size_t>(shape_.observations));
-  add(batch.branches, segment.actions, 4 * steps);
+  add(batch.branches, segment.actions, shape_.columns() * steps);
   if (shape_.continuous) add(batch.continuous, segment.actions_continuous, 4 * steps);
   add(batch.rewards, segment.rewards, steps);
   add(batch.flags, segment.flags, steps);

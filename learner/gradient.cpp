@@ -18,8 +18,10 @@ PackedWeights::PackedWeights(const PolicyShape& shape, const TrainingLayout& lay
     network->weights1.resize(static_cast<std::size_t>(shape.inputs()) * hidden);
     network->weights2.resize(hidden * hidden);
     network->weights2_transposed.resize(hidden * hidden);
-    network->head.resize(hidden * kPanel);
-    network->head_bias.resize(kPanel);
+    const auto outputs = static_cast<std::size_t>(
+        padded_columns(network == &actor_ ? shape.logits() : layout.blocks().critic.outputs));
+    network->head.resize(hidden * outputs);
+    network->head_bias.resize(outputs);
     if (!shape.convolution) continue;
     const Convolution second = second_convolution(shape.picture);
     network->features_transposed.resize(static_cast<std::size_t>(shape.features()) * hidden);
@@ -76,8 +78,9 @@ ChunkGradient::ChunkGradient(const PolicyShape& shape, const TrainingLayout& lay
   }
   d1_.resize(size);
   d2_.resize(size);
-  logits_.resize(kChunk * kPanel);
-  logit_gradient_.resize(kChunk * kPanel);
+  const auto logits = static_cast<std::size_t>(kChunk * padded_columns(shape.logits()));
+  logits_.resize(logits);
+  logit_gradient_.resize(logits);
   values_.resize(kChunk * 8);
   value_gradient_.resize(kChunk * 8);
 }
@@ -85,17 +88,19 @@ ChunkGradient::ChunkGradient(const PolicyShape& shape, const TrainingLayout& lay
 void ChunkGradient::gather(const MinibatchView& m, int first, int count) {
   const Batch& batch = *m.batch;
   const auto width = static_cast<std::size_t>(shape_.observations);
+  const std::size_t columns = shape_.columns();
   for (int i = 0; i < kChunk; ++i) {
     // Rows behind the end repeat the first sample; they enter no sum.
     const std::size_t row = m.rows[static_cast<std::size_t>(first + (i < count ? i : 0))];
     if (i < count)
       std::copy_n(m.inputs.data() + row * width, width,
                   x_.data() + static_cast<std::size_t>(i) * width);
-    for (std::size_t b = 0; b < 4; ++b) {
-      inputs_.branch[b][i] = batch.branches[row * 4 + b];
-      inputs_.continuous[b][i] = shape_.continuous ? batch.continuous[row * 4 + b] : 0.0F;
-      inputs_.old_branch_log_prob[b][i] = batch.branch_log_probs[row * 4 + b];
+    for (std::size_t b = 0; b < columns; ++b) {
+      inputs_.branch[b][i] = batch.branches[row * columns + b];
+      inputs_.old_branch_log_prob[b][i] = batch.branch_log_probs[row * columns + b];
     }
+    for (std::size_t d = 0; shape_.continuous && d < kContinuousDimensions; ++d)
+      inputs_.continuous[d][i] = batch.continuous[row * kContinuousDimensions + d];
     inputs_.old_log_prob[i] = batch.log_probs[row];
     inputs_.old_value[i] = batch.values[row];
     inputs_.target[i] = m.returns[row];
@@ -211,14 +216,15 @@ LossSums ChunkGradient::operator()(const PackedWeights& weights, const LossSetti
     actor_x = convolutions_->actor().inputs.data();
     critic_x = convolutions_->critic().inputs.data();
   }
-  forward(weights.actor(), blocks.actor, parameters, actor_x, count, actor_, kPanel,
+  const int logits = padded_columns(shape_.logits());
+  forward(weights.actor(), blocks.actor, parameters, actor_x, count, actor_, logits,
           logits_.data());
   forward(weights.critic(), blocks.critic, parameters, critic_x, count, critic_, 8, values_.data());
   if (shape_.continuous) std::fill_n(gradient.data() + blocks.log_std, kPanel, 0.0F);
   const LossSums sums =
       loss_(settings, weights.gaussian(), inputs_, count, logits_.data(), values_.data(),
             logit_gradient_.data(), value_gradient_.data(), gradient.data() + blocks.log_std);
-  backward(weights.actor(), blocks.actor, parameters, actor_x, count, actor_, kPanel,
+  backward(weights.actor(), blocks.actor, parameters, actor_x, count, actor_, logits,
            logit_gradient_.data(), gradient.data());
   if (convolutions_)
     to_features(weights.actor(), count, convolutions_->actor().feature_gradient.data());

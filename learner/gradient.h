@@ -25,7 +25,7 @@ class PackedWeights {
     AlignedFloats weights2;             // panels
     AlignedFloats weights2_transposed;  // panels of the transpose
     AlignedFloats head;                 // panels of the transpose: hidden x outputs
-    AlignedFloats head_bias;            // 16, zero without bias
+    AlignedFloats head_bias;            // padded outputs, zero without bias
     AlignedFloats features_transposed;  // convolution: panels, of the rows of weights1 for features
     AlignedFloats filters2_transposed;  // convolution: panels
   };

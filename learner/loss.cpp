@@ -19,16 +19,16 @@ Lane load(const float* p) { return _mm256_load_ps(p); }
 
 /// Eight samples in work: lanes are samples.
 struct Group {
-  alignas(32) float logits[kPanel][kWidth];
-  alignas(32) float gradient[kPanel][kWidth];  // d loss / d logits
-  Lane log_prob[4];                            // of the action taken, per branch
-  Lane entropy[4];
-  Lane weight[4];  // d loss / d log_prob
+  alignas(32) float logits[kMaxLogits][kWidth];
+  alignas(32) float gradient[kMaxLogits][kWidth];  // d loss / d logits
+  Lane log_prob[kActionBranches];                  // of the action taken, per branch
+  Lane entropy[kActionBranches];
+  Lane weight[kActionBranches];  // d loss / d log_prob
   // discrete: probabilities and log-probabilities of all actions
-  Lane p[kPanel];
-  Lane log_p[kPanel];
+  Lane p[kMaxLogits];
+  Lane log_p[kMaxLogits];
   // Gaussian: standardised action
-  Lane z[4];
+  Lane z[kContinuousDimensions];
 };
 
 struct Surrogate {
@@ -69,7 +69,7 @@ Lane k3(Lane ratio, Lane log_ratio) {
 void softmax_branch(Group& g, int branch, int base, int size, const std::int32_t* taken) {
   Lane best = load(g.logits[base]);
   for (int j = 1; j < size; ++j) best = lanes::larger(best, load(g.logits[base + j]));
-  Lane e[kPanel];
+  Lane e[kMaxLogits];
   Lane total = _mm256_setzero_ps();
   for (int j = 0; j < size; ++j) {
     e[j] = lanes::exp(_mm256_sub_ps(load(g.logits[base + j]), best));
@@ -151,7 +151,7 @@ void LossSums::add(const LossSums& other) {
   samples += other.samples;
   policy_loss += other.policy_loss;
   value_loss += other.value_loss;
-  for (std::size_t b = 0; b < 4; ++b) {
+  for (std::size_t b = 0; b < kActionBranches; ++b) {
     entropy[b] += other.entropy[b];
     branch_kl[b] += other.branch_kl[b];
   }
@@ -170,6 +170,7 @@ LossSums Loss::operator()(const LossSettings& settings, const GaussianHead& gaus
                           float* log_std_gradient) const {
   const int branches = shape_.branch_count();
   const int width = shape_.logits();
+  const int columns = padded_columns(width);
   const Lane zero = _mm256_setzero_ps();
   const Lane entropy_weight = lanes::splat(settings.entropy * settings.per_sample);
   LossSums sums;
@@ -181,7 +182,7 @@ LossSums Loss::operator()(const LossSettings& settings, const GaussianHead& gaus
     for (int lane = 0; lane < kWidth; ++lane) {
       const int row =
           first + (lane < real ? lane : 0);  // missing samples repeat the first and are not counted
-      for (int j = 0; j < width; ++j) g.logits[j][lane] = logits[row * kPanel + j];
+      for (int j = 0; j < width; ++j) g.logits[j][lane] = logits[row * columns + j];
       value[lane] = values[row * 8];
     }
 
@@ -253,9 +254,9 @@ LossSums Loss::operator()(const LossSettings& settings, const GaussianHead& gaus
                                   lanes::splat(settings.value_coefficient * settings.per_sample)));
 
     for (int lane = 0; lane < real; ++lane) {
-      float* to = logit_gradient + (first + lane) * kPanel;
+      float* to = logit_gradient + (first + lane) * columns;
       for (int j = 0; j < width; ++j) to[j] = g.gradient[j][lane];
-      for (int j = width; j < kPanel; ++j) to[j] = 0;
+      for (int j = width; j < columns; ++j) to[j] = 0;
       float* value_to = value_gradient + (first + lane) * 8;
       std::fill_n(value_to, 8, 0.0F);
       value_to[0] = value_slope[lane];

@@ -27,9 +27,9 @@ struct LossSettings {
 
 /// Per-sample inputs of the loss, gathered in minibatch order.
 struct LossInputs {
-  alignas(64) std::int32_t branch[4][kChunk];
-  alignas(64) float continuous[4][kChunk];
-  alignas(64) float old_branch_log_prob[4][kChunk];
+  alignas(64) std::int32_t branch[kActionBranches][kChunk];
+  alignas(64) float continuous[kContinuousDimensions][kChunk];
+  alignas(64) float old_branch_log_prob[kActionBranches][kChunk];
   alignas(64) float old_log_prob[kChunk];
   alignas(64) float advantage[kChunk];  // normalised
   alignas(64) float target[kChunk];     // return
@@ -41,10 +41,10 @@ struct LossSums {
   double samples = 0;
   double policy_loss = 0;
   double value_loss = 0;
-  std::array<double, 4> entropy{};    ///< per branch
-  std::array<double, 4> branch_kl{};  ///< k3 estimator per branch
-  double kl = 0;                      ///< k3 = (r - 1) - log r of the joint ratio
-  double old_kl = 0;                  ///< k1 = -log r
+  std::array<double, kActionBranches> entropy{};    ///< per branch
+  std::array<double, kActionBranches> branch_kl{};  ///< k3 estimator per branch
+  double kl = 0;                                    ///< k3 = (r - 1) - log r of the joint ratio
+  double old_kl = 0;                                ///< k1 = -log r
   double clipped = 0;  ///< samples (joint) or branch fractions (per branch) outside the clip range
   double ratio = 0;
   double ratio_min = 1e30, ratio_max = -1e30;
@@ -73,9 +73,9 @@ struct GaussianHead {
 ///   value               (v - R)^2; with value_clip the larger of it and
 ///                       (v_old + clip(v - v_old) - R)^2
 ///
-/// logits: count x 16 raw head outputs; values: count x 8, column 0. Writes d loss / d logits
-/// (count x 16, other columns zero), d loss / d value (count x 8, other columns zero) and, with the
-/// Gaussian head, adds to log_std_gradient.
+/// logits: count x padded_columns(logits) raw head outputs; values: count x 8, column 0. Writes
+/// d loss / d logits (as wide, other columns zero), d loss / d value (count x 8, other columns
+/// zero) and, with the Gaussian head, adds to log_std_gradient.
 class Loss {
  public:
   explicit Loss(const PolicyShape& shape) : shape_(shape) {}

@@ -227,7 +227,7 @@ void add_action(GraphMaker& maker, const PolicyShape& shape) {
     GraphMaker::attribute(node, "keepdims", 1);
   }
   // Unused branches are always 0.
-  while (choices.size() < 4) {
+  while (choices.size() < shape.columns()) {
     const std::string name = fmt::format("unused{}", choices.size());
     maker.node("Sub", {choices.front(), choices.front()}, {name});
     choices.push_back(name);
@@ -271,7 +271,7 @@ std::string onnx_model(const PolicyShape& shape, const PolicyWeights& weights,
                        onnx::TensorProto_DataType_FLOAT);
   GraphMaker::describe(*graph.add_output(), "value", 1, onnx::TensorProto_DataType_FLOAT);
   GraphMaker::describe(
-      *graph.add_output(), "action", 4,
+      *graph.add_output(), "action", static_cast<int>(shape.columns()),
       shape.continuous ? onnx::TensorProto_DataType_FLOAT : onnx::TensorProto_DataType_INT64);
 
   std::vector<std::string> names, units;

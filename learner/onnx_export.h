@@ -26,8 +26,8 @@ OnnxMetadata onnx_metadata(const pb::Task& task, const std::string& git_revision
 ///
 ///   input   observation [N, O] float, raw
 ///   outputs logits [N, L] float (means with the Gaussian head), value [N, 1] float,
-///           action: discrete [N, 4] int64, arg max per branch (unused branches 0); Gaussian [N, 4]
-///           float, the mean
+///           action: discrete [N, columns] int64, arg max per branch (unused branches 0); Gaussian
+///           [N, 4] float, the mean
 ///   metadata observation_names (a picture is one entry, ObservedEntry), observation_units,
 ///           action_names, action_meanings (what index 0, 1, 2 of a branch does), branches:
 ///           comma-separated lists;

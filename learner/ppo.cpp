@@ -252,7 +252,7 @@ LossSums Ppo::minibatch_step(const MinibatchView& minibatch, const Step& step, d
 
 UpdateStats Ppo::update(const Batch& batch, const std::function<void()>& between_minibatches) {
   OMENTUM_CHECK(batch.observation_size == shape_.observations &&
-                    batch.branch_log_probs.size() == batch.rows() * 4,
+                    batch.branch_log_probs.size() == batch.rows() * shape_.columns(),
                 "batch is not completed");
   const Schedule now = schedule();
   // The actor joins: its moments are zero but Adam's count is not, which would make its first steps
@@ -297,7 +297,7 @@ UpdateStats Ppo::update(const Batch& batch, const std::function<void()>& between
   stats.entropy_coefficient = now.entropy;
   stats.policy_loss = all.policy_loss / n;
   stats.value_loss = all.value_loss / n;
-  for (std::size_t b = 0; b < 4; ++b) {
+  for (std::size_t b = 0; b < kActionBranches; ++b) {
     stats.branch_entropy[b] = all.entropy[b] / n;
     stats.branch_kl[b] = all.branch_kl[b] / n;
     stats.entropy += stats.branch_entropy[b];

@@ -28,8 +28,8 @@ struct UpdateStats {
   double learning_rate = 0, clip = 0, entropy_coefficient = 0;
   double policy_loss = 0, value_loss = 0;
   double entropy = 0;  ///< sum over branches
-  std::array<double, 4> branch_entropy{};
-  std::array<double, 4> branch_kl{};
+  std::array<double, kActionBranches> branch_entropy{};
+  std::array<double, kActionBranches> branch_kl{};
   double approx_kl = 0, old_approx_kl = 0;  ///< k3 and k1 estimators
   double approx_kl_max = 0;                 ///< largest minibatch mean
   double clip_fraction = 0;

@@ -88,7 +88,8 @@ Result<void> check_lengths(const RolloutSegment& s, const PolicyShape& shape,
     }
     const std::size_t width = field.width == kObservationWidth
                                   ? static_cast<std::size_t>(shape.observations)
-                                  : field.width;
+                              : field.width == kActionWidth ? shape.columns()
+                                                            : field.width;
     std::size_t wanted = rows_of(field.rows) * width;
     const void* self = &array;
     if (self == &s.actions_continuous && !shape.continuous) wanted = 0;
@@ -117,10 +118,10 @@ Result<void> check_numbers(const RolloutSegment& s) {
 
 Result<void> check_actions(const RolloutSegment& s, const PolicyShape& shape) {
   for (std::size_t step = 0; step < s.steps; ++step) {
-    for (std::size_t b = 0; b < 4; ++b) {
+    for (std::size_t b = 0; b < shape.columns(); ++b) {
       const bool used = !shape.continuous && b < shape.branches.size();
       const int size = used ? shape.branches[b] : 1;
-      const int action = s.actions[step * 4 + b];
+      const int action = s.actions[step * shape.columns() + b];
       if (action >= size)
         return failure("step {} branch {}: action {} of {}", step, b, action, size);
     }

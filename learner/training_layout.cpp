@@ -39,7 +39,8 @@ TrainingLayout::TrainingLayout(const PolicyShape& shape) : hidden_(padded_column
     to.weights2 = place(from.weights2, width, width, padded_width, padded_width);
     to.bias2 = place(from.bias2, 1, width, padded_width, 1);
     to.head = place(from.head, outputs, width, padded_width, outputs);
-    to.head_bias = place(from.head_bias, from.has_head_bias ? 1 : 0, outputs, kPanel, 1);
+    to.head_bias = place(from.head_bias, from.has_head_bias ? 1 : 0, outputs,
+                         static_cast<std::size_t>(padded_columns(from.outputs)), 1);
     return to;
   };
   padded_.actor = network(canonical.actor);

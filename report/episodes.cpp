@@ -93,6 +93,13 @@ std::string draw_picture(Studio& studio, const EpisodeRecording& recording, std:
   if (tip.allFinite()) {
     ToolPose tool;
     tool.p_WT = tip.cast<double>();
+    const std::vector<RollPitchYaw> turns =
+        turns_of_steps(recording.segment, recording.context.config_text);
+    if (!turns.empty()) {
+      const std::size_t step =
+          std::min<std::size_t>(recording.frame_steps[frame], turns.size() - 1);
+      tool.shaft_axis_W = rotation_of(turns[step]) * tool.shaft_axis_W;
+    }
     tool.roll_rad = studio.scene.config.tool().roll_deg() * kDegree;
     tool.jaw_rad = state.held ? kClosedJaw : kOpenJaw;
     picture.tool = tool;

@@ -228,8 +228,17 @@ EpisodeText episode_text(const ReplayEpisode& episode, std::size_t number, const
   for (const std::size_t frame : frames) quantiser.add(frame_state(recording, frame).tool_position);
   EpisodeText text;
   const std::string block = fmt::format("replay-block-{}", number);
+  Json turns = Json::array();
+  const std::vector<RollPitchYaw> angles =
+      turns_of_steps(recording.segment, recording.context.config_text);
+  for (const std::size_t frame : frames) {
+    if (angles.empty()) break;
+    const std::size_t step = std::min<std::size_t>(recording.frame_steps[frame], angles.size() - 1);
+    for (int k = 0; k < 3; ++k) turns.push_back(rounded(angles[step][k], 1e4));
+  }
   text.json = {{"label", episode.label}, {"block", block},       {"times", times},
                {"held", held},           {"exposure", exposure}, {"tool_data", quantiser.take()}};
+  if (!angles.empty()) text.json["turns"] = turns;
   text.block = fmt::format("<script type=\"text/plain\" id=\"{}\">{}</script>\n", block, positions);
   return text;
 }

@@ -87,7 +87,7 @@ constexpr const char* kScript = R"js("use strict";
     return { positions, normals, index };
   }
   // Shaft and two jaws above the tip: a lathe of (height, radius) pairs and two prisms.
-  function tool_mesh(tip, closed) {
+  function tool_mesh(tip, closed, turn) {
     const p = [], tri = [];
     const rings = [[0.0115, 0.0018], [0.0155, 0.004], [0.2, 0.004]];
     const sides = 14;
@@ -117,6 +117,14 @@ constexpr const char* kScript = R"js("use strict";
         tri.push(first + k, first + next, first + 4 + next, first + k, first + 4 + next, first + 4 + k);
       }
       tri.push(first, first + 1, first + 2, first, first + 2, first + 3);
+    }
+    if (turn) {                                               // Rz(yaw) Ry(pitch) Rx(roll) about the tip
+      const [cr, cp, cy] = [0, 1, 2].map((a) => Math.cos(turn[a])), [sr, sp, sy] = [0, 1, 2].map((a) => Math.sin(turn[a]));
+      for (let k = 0; k < p.length; k += 3) {
+        const x = p[k] - tip[0], y0 = p[k + 1] - tip[1], z0 = p[k + 2] - tip[2];
+        const y = cr * y0 - sr * z0, z1 = sr * y0 + cr * z0, x1 = cp * x + sp * z1, z = cp * z1 - sp * x;
+        p[k] = tip[0] + cy * x1 - sy * y; p[k + 1] = tip[1] + sy * x1 + cy * y; p[k + 2] = tip[2] + z;
+      }
     }
     const positions = new Float32Array(p);
     return { positions, normals: normals_of(positions, tri), index: new Uint16Array(tri) };
@@ -309,8 +317,9 @@ constexpr const char* kScript = R"js("use strict";
       const sheet = { positions: between(episode.positions, stride, k, share), index: triangles };
       sheet.normals = normals_of(sheet.positions, triangles);
       const tip = between(episode.tools, 3, k, share);
+      const turn = episode.turns && between(episode.turns, 3, k, share);
       const meshes = scene.bodies.map((body) => ({ mesh: body, kind: body.kind }));
-      meshes.push({ mesh: sheet, kind: "tissue" }, { mesh: tool_mesh(tip, episode.held[k]), kind: "tool" });
+      meshes.push({ mesh: sheet, kind: "tissue" }, { mesh: tool_mesh(tip, episode.held[k], turn), kind: "tool" });
       const cam = camera(w / h);
       if (episode.clouds) {
         const nearest = Math.min(episode.clouds.length - 1, k + (share > 0.5 ? 1 : 0));

@@ -3,11 +3,19 @@
 #include <utility>
 
 #include "core/check.h"
+#include "core/task.h"
 
 namespace omentum {
 
 std::unique_ptr<Policy> fitting_policy(const std::string& name, const pb::Config& config,
                                        const PolicyWeights& weights) {
+  if (turns_tool(config.task())) {
+    throw_error(
+        "{}: turns the tool (task.action ACTION_ORIENTED), allowed: the other actions; the arm is "
+        "led "
+        "with the orientation of the scene",
+        name);
+  }
   const PolicyShape shape = policy_shape(config);
   if (weights.layout_hash != shape.layout_hash()) {
     throw_error(

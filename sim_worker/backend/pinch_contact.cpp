@@ -12,7 +12,8 @@ namespace {
 using Eigen::Vector3d;
 
 /// Between the jaw and the sheet's normal at a particle, the sum of the normals of its triangles.
-double approach_deg(const SimSetup& setup, const Tissue<float>& tissue, int lane, int particle) {
+double approach_deg(const SimSetup& setup, const Tissue<float>& tissue, int lane,
+                    const Vector3d& jaw, int particle) {
   const TissueBody& body = setup.scene.tissue;
   // A volume has no sheet normal: its jaws take a fold from any side.
   if (!body.surface_is_particles) return 0;
@@ -24,7 +25,7 @@ double approach_deg(const SimSetup& setup, const Tissue<float>& tissue, int lane
   }
   const double length = normal.norm();
   if (!(length > 0)) return 90;
-  const double cosine = std::min(1.0, std::fabs(normal.dot(setup.mount.jaw_direction())) / length);
+  const double cosine = std::min(1.0, std::fabs(normal.dot(jaw)) / length);
   return trig::atan2(std::sqrt(1 - cosine * cosine), cosine) * 180 / kPi;
 }
 
@@ -44,19 +45,19 @@ double sheet_distance(const SimSetup& setup, const Tissue<float>& tissue, int la
 }  // namespace
 
 PinchContact pinch_contact(const SimSetup& setup, const Tissue<float>& tissue, int lane,
-                           const Vector3d& tip, const Nearest& nearest, double jaw_deg) {
+                           const Jaw& jaw, const Nearest& nearest) {
   const pb::Grasp& grasp = setup.config.grasp();
   PinchContact contact;
   // A pinch takes the sheet between its particles as well; the plain grasp knows particles only.
   contact.distance = grasp.min_pinch_m() > 0 && setup.scene.tissue.surface_is_particles
-                         ? sheet_distance(setup, tissue, lane, tip, nearest)
+                         ? sheet_distance(setup, tissue, lane, jaw.tip, nearest)
                          : nearest.distance;
-  contact.jaw_deg = jaw_deg;
+  contact.jaw_deg = jaw.angle_deg;
   contact.thickness = setup.scene.tissue.thickness;
   // The normal costs a walk over the triangles: only where tissue is in reach and the angle
   // matters.
   if (grasp.max_approach_deg() > 0 && contact.distance < grasp.radius_m())
-    contact.approach_deg = approach_deg(setup, tissue, lane, nearest.particle);
+    contact.approach_deg = approach_deg(setup, tissue, lane, jaw.direction, nearest.particle);
   return contact;
 }
 

@@ -7,9 +7,15 @@
 
 namespace omentum {
 
-/// The contact of a jaw at `tip`, p_WT [m], with the tissue of one lane: what judge_pinch() asks
-/// for. `nearest`: the particle of the tissue nearest to the tip; `jaw_deg`: angle of the jaw.
+/// A jaw in W: its tip, p_WT [m], direction from C to T, and angle.
+struct Jaw {
+  Eigen::Vector3d tip, direction;
+  double angle_deg = 0;
+};
+
+/// The contact of a jaw with the tissue of one lane: what judge_pinch() asks for. `nearest`: the
+/// particle of the tissue nearest to the tip.
 PinchContact pinch_contact(const SimSetup& setup, const Tissue<float>& tissue, int lane,
-                           const Eigen::Vector3d& tip, const Nearest& nearest, double jaw_deg);
+                           const Jaw& jaw, const Nearest& nearest);
 
 }  // namespace omentum

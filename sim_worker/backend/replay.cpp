@@ -69,10 +69,15 @@ void check_task(const std::string& name, const EpisodeRecording& recording, cons
     }
     return;
   }
+  const std::size_t columns = shape.columns();
+  if (segment.actions.size() != columns * segment.steps) {
+    throw_error("{}: {} entries per action, needed {}", name,
+                segment.actions.size() / segment.steps, columns);
+  }
   for (std::size_t i = 0; i < segment.actions.size(); ++i) {
-    const std::size_t branch = i % 4;
+    const std::size_t branch = i % columns;
     if (branch >= shape.branches.size() || segment.actions[i] < shape.branches[branch]) continue;
-    throw_error("{}: action {} of step {}, allowed below {}", name, segment.actions[i], i / 4,
+    throw_error("{}: action {} of step {}, allowed below {}", name, segment.actions[i], i / columns,
                 shape.branches[branch]);
   }
 }
@@ -96,11 +101,11 @@ ReplayReport Replayer::replay(const std::string& path) {
 
 RolloutSegment Replayer::run_again(const RolloutTask& task, const RolloutSegment& recorded) {
   const Script script = [&recorded](std::uint32_t step, std::span<Action> actions) {
-    for (std::size_t k = 0; k < 4; ++k) {
-      actions[0].branch[k] = recorded.actions[std::size_t{4} * step + k];
-      if (!recorded.actions_continuous.empty())
-        actions[0].continuous[k] = recorded.actions_continuous[std::size_t{4} * step + k];
-    }
+    const std::size_t columns = recorded.actions.size() / recorded.steps;
+    std::copy_n(recorded.actions.begin() + static_cast<std::ptrdiff_t>(columns * step), columns,
+                actions[0].branch.begin());
+    for (std::size_t k = 0; k < 4 && !recorded.actions_continuous.empty(); ++k)
+      actions[0].continuous[k] = recorded.actions_continuous[std::size_t{4} * step + k];
   };
   RolloutTask again = task;
   again.steps = recorded.steps;

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <utility>
 
+#include "core/constants.h"
 #include "sim_worker/backend/pinch_contact.h"
 
 namespace omentum {
@@ -28,7 +29,10 @@ std::optional<Vector3d> ScriptedExpert::place_to_pinch(int lane, std::uint32_t f
   const SimSetup& setup = backend_.setup();
   const Tissue<float>& tissue = backend_.tissue_of(lane);
   const int l = backend_.lane_in_group(lane);
-  const Vector3d q = backend_.task().places().tumour_point;
+  const TaskState state = backend_.task_state(lane);
+  const Vector3d& q = backend_.task().q_of(state);
+  const bool turns = turns_tool(setup.config.task()) && state.place != nullptr;
+  const Vector3d direction = turns ? Vector3d(-state.place->normal) : backend_.jaw_direction(lane);
   const Vector3d tip = backend_.commanded_tip(lane);
   std::vector<std::pair<double, int>> by_distance;
   for (int i = 0; i < static_cast<int>(setup.scene.tissue.particles.size()); ++i) {
@@ -44,10 +48,29 @@ std::optional<Vector3d> ScriptedExpert::place_to_pinch(int lane, std::uint32_t f
     Vector3d place = p;
     if (!continuous_) place = tip + reach_ * ((p - tip) / reach_).array().round().matrix();
     const PinchContact contact = pinch_contact(
-        setup, tissue, l, place, {particle, (place - p).norm()}, grasp.jaw_open_deg());
+        setup, tissue, l, {place, direction, grasp.jaw_open_deg()}, {particle, (place - p).norm()});
     if (judge_pinch(grasp, contact) == PinchResult::kHeld) return place;
   }
   return std::nullopt;
+}
+
+bool ScriptedExpert::turn(int lane, Action& action) const {
+  const pb::Task& task = backend_.setup().config.task();
+  if (!turns_tool(task)) return false;
+  const TaskState state = backend_.task_state(lane);
+  // Roll turns about x_W as pitch has turned it, pitch about y_W: yaw stays 0.
+  const Vector3d error = backend_.task().orientation_error(state);
+  const Vector3d of_free(error.dot(rotation_of({0, state.angles[1], 0}).col(0)), error.y(), 0);
+  const Vector3d left = state.held ? Vector3d(-state.angles) : of_free;
+  const double step = task.turn_increment_deg() * task.action_repeat() * kDegree;
+  bool turning = false;
+  for (std::size_t k = 0; k < 3; ++k) {
+    const double angle = left[static_cast<Eigen::Index>(k)];
+    const int way = angle > 0.5 * step ? 1 : angle < -0.5 * step ? -1 : 0;
+    action.branch[4 + k] = static_cast<std::uint8_t>(1 + way);
+    turning = turning || way != 0;
+  }
+  return turning;
 }
 
 Action ScriptedExpert::act_one(int lane) {
@@ -55,14 +78,17 @@ Action ScriptedExpert::act_one(int lane) {
   const Task& task = backend_.task();
   if (backend_.clock(lane).held) {
     o = {};
-    return backend_.hold_action(lane);
+    Action action = backend_.hold_action(lane);
+    turn(lane, action);
+    return action;
   }
   const Vector3d nowhere = Vector3d::Zero();
   if (o.phase == Phase::kApproach) {
     const std::optional<Vector3d> place = place_to_pinch(lane, o.failed);
-    if (!place) return task.action_towards(nowhere, false);
-    const Vector3d way = *place - backend_.commanded_tip(lane);
-    if (way.cwiseAbs().maxCoeff() > kNearer * reach_) return task.action_towards(way, false);
+    const Vector3d way = place ? Vector3d(*place - backend_.commanded_tip(lane)) : nowhere;
+    Action action = task.action_towards(way, false);
+    const bool turning = turn(lane, action);
+    if (!place || turning || way.cwiseAbs().maxCoeff() > kNearer * reach_) return action;
     o = {Phase::kClose, 0, o.failed};
   }
   if (o.phase == Phase::kClose) {

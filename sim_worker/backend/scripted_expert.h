@@ -30,6 +30,9 @@ class ScriptedExpert {
     std::uint32_t failed = 0;  ///< pinches that took nothing
   };
   Action act_one(int lane);
+  /// Turns the jaw towards the normal at q, and with tissue in it back to how the mount holds it,
+  /// from where p_T is in reach. False where nothing is left to turn.
+  bool turn(int lane, Action& action) const;
   /// Where the tip can come to and a pinch would take the sheet, as near to q as there is, p_WT in
   /// W [m]; empty where it takes nothing anywhere.
   std::optional<Eigen::Vector3d> place_to_pinch(int lane, std::uint32_t failed) const;

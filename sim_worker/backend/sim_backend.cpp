@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "core/check.h"
+#include "core/constants.h"
 #include "sim_worker/backend/control_step.h"
 #include "sim_worker/models.h"
 
@@ -29,6 +30,7 @@ SimBackend::SimBackend(std::shared_ptr<const SimSetup> setup, int lanes, unsigne
       task_(make_task(*setup_)),
       defects_(setup_->config.defects()),
       observation_size_(omentum::observation_size(setup_->config.task())),
+      columns_(action_columns(action_branches(setup_->config.task()).size())),
       width_(choose_kernel(lane_width).lanes),
       environments_(lanes),
       exposure_(*setup_->exposure),
@@ -39,6 +41,7 @@ SimBackend::SimBackend(std::shared_ptr<const SimSetup> setup, int lanes, unsigne
     arms_.assign(environments_.size(), *setup_->arm);
     arm_states_.resize(environments_.size());
   }
+  if (turns_tool(setup_->config.task())) angles_.assign(environments_.size(), RollPitchYaw::Zero());
   const LaneKernel<float>& kernel = choose_kernel(lane_width);
   for (int first = 0; first < lanes; first += width_) {
     groups_.push_back(setup_->tissue->make_tissue(kernel));
@@ -53,7 +56,8 @@ std::uint32_t SimBackend::ticks_per_step() const {
 // -----------------------------------------------------------------------------------------
 // start of an episode
 
-DrawnParameters SimBackend::parameters_of(int lane) const {
+/// What the running episode of a lane began with, as far as draws follow from it.
+EpisodeStart SimBackend::start_of_lane(int lane) const {
   const Environment& e = environments_[lane];
   EpisodeStart start;
   start.run_seed = e.run_seed;
@@ -61,7 +65,12 @@ DrawnParameters SimBackend::parameters_of(int lane) const {
   start.episode = e.episode;
   start.start_set = static_cast<StartSet>(e.start_set);
   start.start_index = e.start_index;
-  const std::optional<DrawKey> key = draw_key(start, setup_->scene.grid_starts.size());
+  return start;
+}
+
+DrawnParameters SimBackend::parameters_of(int lane) const {
+  const std::optional<DrawKey> key =
+      draw_key(start_of_lane(lane), setup_->scene.grid_starts.size());
   return key ? draw_randomised(setup_->config, setup_->scene, *key) : not_drawn(setup_->scene);
 }
 
@@ -96,6 +105,7 @@ void SimBackend::reset(int lane, const EpisodeStart& start) {
   e.jaw_was_open = 1;
   e.pending_bonus = pending_bonus;
   environments_[lane] = e;
+  if (!angles_.empty()) angles_[lane].setZero();
   const DrawnParameters drawn = parameters_of(lane);
   if (!arms_.empty())
     arms_[lane] = Arm(drawn.arm, setup_->mount, setup_->config.task().control_period_s());
@@ -168,6 +178,8 @@ TaskState SimBackend::task_state(int lane) const {
   state.jaw_closed = e.jaw_closed != 0;
   state.jaw_deg = e.jaw_deg;
   state.exposure = static_cast<double>(e.exposure);
+  state.angles = angles_of(lane);
+  state.place = task_.place_of(start_of_lane(lane));
   return state;
 }
 
@@ -223,12 +235,29 @@ void SimBackend::limit_motion(std::span<const ToolCommand> commands, std::span<T
   for (std::size_t k = 0; k < environments_.size(); ++k) {
     Environment& e = environments_[k];
     const Vector3d from = to_vector(e.tip);
-    const LimitedCommand limited = limit_command(setup_->mount, from, commands[k].increment);
+    const LimitedCommand limited =
+        limit_command(task_.mount_of(angles_of(static_cast<int>(k))), from, commands[k].increment);
     counters_.axes_dropped += static_cast<std::uint64_t>(limited.axes_dropped);
     counters_.goals_unreachable += limited.unreachable ? 1 : 0;
     motion[k] = {from, limited.p_WT};
     assign(e.tip, limited.p_WT);
+    if (!angles_.empty()) turn_tool(static_cast<int>(k), commands[k].turn, motion[k]);
   }
+}
+
+/// Turns the tool about its tip at the end of the motion; what it holds turns with it.
+void SimBackend::turn_tool(int lane, const RollPitchYaw& turn, ToolMotion& motion) {
+  RollPitchYaw& angles = angles_[lane];
+  const LimitedTurn limited = limit_turn(setup_->mount, motion.to, angles, turn,
+                                         setup_->config.task().turn_limit_deg() * kDegree);
+  counters_.axes_dropped += static_cast<std::uint64_t>(limited.axes_dropped);
+  counters_.goals_unreachable += limited.unreachable ? 1 : 0;
+  const Eigen::Matrix3d before = turned(setup_->mount, angles).R_WC;
+  const Eigen::Matrix3d after = turned(setup_->mount, limited.angles).R_WC;
+  motion.axis = {-before.col(2), -after.col(2)};
+  if (limited.angles != angles && !tissue_of(lane).held(lane_in_group(lane)).empty())
+    tissue_of(lane).turn_held(lane_in_group(lane), after * before.transpose());
+  angles = limited.angles;
 }
 
 void SimBackend::move_tissue(std::span<ToolMotion> motion, std::span<StepOutcome> outcomes) {

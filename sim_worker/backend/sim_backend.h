@@ -40,6 +40,7 @@ class SimBackend : public Backend, public Snapshots {
 
   int lanes() const override { return static_cast<int>(environments_.size()); }
   int observation_size() const override { return observation_size_; }
+  std::size_t columns() const override { return columns_; }
   void reset(int lane, const EpisodeStart& start) override;
   void observe(int lane, std::span<float> observation) const override;
   void step(std::span<const Action> actions, std::span<StepOutcome> outcomes) override;
@@ -83,6 +84,12 @@ class SimBackend : public Backend, public Snapshots {
   }
   bool jaw_closed(int lane) const { return environments_[lane].jaw_closed != 0; }
   double jaw_deg(int lane) const { return environments_[lane].jaw_deg; }
+  /// What the task is told of a lane.
+  TaskState task_state(int lane) const;
+  /// Direction of the jaw in W: from C to T.
+  Eigen::Vector3d jaw_direction(int lane) const {
+    return task_.mount_of(angles_of(lane)).jaw_direction();
+  }
 
  private:
   /// State of one environment beside its tissue; plain numbers, written to the state bytes as they
@@ -115,7 +122,11 @@ class SimBackend : public Backend, public Snapshots {
   Eigen::Vector3d tip_of(int lane) const;
   /// Where the encoders say it is: what a robot can observe.
   Eigen::Vector3d measured_tip(int lane) const;
-  TaskState task_state(int lane) const;
+  /// How the tool is turned.
+  RollPitchYaw angles_of(int lane) const {
+    return angles_.empty() ? RollPitchYaw::Zero() : angles_[static_cast<std::size_t>(lane)];
+  }
+  EpisodeStart start_of_lane(int lane) const;
   /// The state that reward and potential are of.
   TaskState rewarded_state(int lane) const;
   /// Whether the tissue of the task is held; a body under it that is held alone does not count.
@@ -125,6 +136,7 @@ class SimBackend : public Backend, public Snapshots {
   // Parts of a control period, in their order.
   void move_jaw_and_grasp(std::span<const ToolCommand> commands);
   void limit_motion(std::span<const ToolCommand> commands, std::span<ToolMotion> motion);
+  void turn_tool(int lane, const RollPitchYaw& turn, ToolMotion& motion);
   void move_tissue(std::span<ToolMotion> motion, std::span<StepOutcome> outcomes);
   void move_with_robot(std::span<ToolMotion> motion);
   void estimate_exposure(std::size_t group);
@@ -145,6 +157,7 @@ class SimBackend : public Backend, public Snapshots {
   Task task_;
   SeedDefects defects_;
   int observation_size_;
+  std::size_t columns_;
   int width_;
   std::vector<std::unique_ptr<Tissue<float>>> groups_;
   std::vector<Environment> environments_;
@@ -152,6 +165,8 @@ class SimBackend : public Backend, public Snapshots {
   std::vector<Arm> arms_;
   /// Per environment; empty while no arm has effects and no robot is followed.
   std::vector<ArmState> arm_states_;
+  /// Per environment, written to the state bytes; empty unless the task turns the tool.
+  std::vector<RollPitchYaw> angles_;
   RobotTip robot_;
   mutable ExposureEstimator exposure_;
   ImageSource image_;

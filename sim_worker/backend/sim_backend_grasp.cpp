@@ -61,9 +61,10 @@ void SimBackend::release(int lane) {
 }
 
 PinchResult SimBackend::judge(int lane, const Nearest& nearest) const {
-  return judge_pinch(setup_->config.grasp(),
-                     pinch_contact(*setup_, *groups_[lane / width_], lane_in_group(lane),
-                                   tip_of(lane), nearest, environments_[lane].jaw_deg));
+  return judge_pinch(
+      setup_->config.grasp(),
+      pinch_contact(*setup_, *groups_[lane / width_], lane_in_group(lane),
+                    {tip_of(lane), jaw_direction(lane), environments_[lane].jaw_deg}, nearest));
 }
 
 void SimBackend::try_grasp(int lane, const Nearest& nearest) {

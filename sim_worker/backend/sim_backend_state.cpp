@@ -7,6 +7,7 @@
 #include <cmath>
 #include <cstring>
 
+#include "core/constants.h"
 #include "sim_worker/backend/sim_backend.h"
 
 namespace omentum {
@@ -35,7 +36,8 @@ void SimBackend::surface(int lane, std::vector<float>& out) const {
 
 /// Bytes of a state before those of the tissue.
 std::size_t SimBackend::head_bytes() const {
-  return sizeof(Environment) + (arm_states_.empty() ? 0 : sizeof(ArmState));
+  return sizeof(Environment) + (arm_states_.empty() ? 0 : sizeof(ArmState)) +
+         (angles_.empty() ? 0 : sizeof(RollPitchYaw));
 }
 
 Bytes SimBackend::save(int lane) const {
@@ -43,6 +45,10 @@ Bytes SimBackend::save(int lane) const {
   std::memcpy(bytes.data(), &environments_[lane], sizeof(Environment));
   if (!arm_states_.empty()) {
     std::memcpy(bytes.data() + sizeof(Environment), &arm_states_[lane], sizeof(ArmState));
+  }
+  if (!angles_.empty()) {
+    std::memcpy(bytes.data() + bytes.size() - sizeof(RollPitchYaw), angles_[lane].data(),
+                sizeof(RollPitchYaw));
   }
   groups_[lane / width_]->save(lane_in_group(lane), bytes);
   return bytes;
@@ -77,10 +83,22 @@ Result<void> SimBackend::load(int lane, std::span<const std::byte> state) {
     if (!std::all_of(numbers.begin(), numbers.end(), [](double v) { return std::isfinite(v); }))
       return Failure{"arm state holds a non-finite number"};
   }
+  RollPitchYaw angles = RollPitchYaw::Zero();
+  if (!angles_.empty()) {
+    std::memcpy(angles.data(), state.data() + head - sizeof angles, sizeof angles);
+    const double limit = setup_->config.task().turn_limit_deg();
+    if (!(angles.cwiseAbs().maxCoeff() <= limit * kDegree) || !angles.allFinite()) {
+      return Failure{fmt::format(
+          "environment state has the tool turned by {:.4g}, {:.4g}, {:.4g} deg, allowed "
+          "+- {}",
+          angles[0] / kDegree, angles[1] / kDegree, angles[2] / kDegree, limit)};
+    }
+  }
   const Result<std::size_t> used = tissue_of(lane).load(lane_in_group(lane), state.subspan(head));
   if (!used) return Failure{used.error()};
   environments_[lane] = e;
   if (!arm_states_.empty()) arm_states_[lane] = arm;
+  if (!angles_.empty()) angles_[lane] = angles;
   if (!arms_.empty())
     arms_[lane] =
         Arm(parameters_of(lane).arm, setup_->mount, setup_->config.task().control_period_s());

@@ -11,6 +11,26 @@ namespace omentum {
 
 namespace {
 
+/// Whether scene and model can do what the task asks for.
+void check_orientation(const SimSetup& setup) {
+  const pb::Task& task = setup.config.task();
+  if (task.observation() == pb::OBSERVATION_ORIENTED && setup.scene.tumour_places.empty()) {
+    throw_error(
+        "task.observation: OBSERVATION_ORIENTED in a scene without tumour_place, allowed with one "
+        "or more: it holds the normal there");
+  }
+  if (!turns_tool(task)) return;
+  if (!setup.tissue->can_turn()) {
+    throw_error("task.action: ACTION_ORIENTED with {}, allowed with TISSUE_CLUSTER",
+                pb::TissueModelKind_Name(setup.config.scene().tissue().model()));
+  }
+  if (setup.arm->active() || draws_arm(setup.config)) {
+    throw_error(
+        "task.action: ACTION_ORIENTED with effects of the arm (scene.arm or randomise arm.*), "
+        "allowed without: they know one orientation");
+  }
+}
+
 std::shared_ptr<SimSetup> resolve(const pb::Config& config, const std::string& directory) {
   auto setup = std::make_shared<SimSetup>();
   setup->config = config;
@@ -31,6 +51,7 @@ std::shared_ptr<SimSetup> resolve(const pb::Config& config, const std::string& d
                     config.task().increment_m(), config.task().control_period_s(), speed));
   }
   check_randomise(config, setup->scene);
+  check_orientation(*setup);
   return setup;
 }
 
@@ -56,7 +77,7 @@ Task make_task(const SimSetup& setup) {
   const Scene& scene = setup.scene;
   return {setup.config,
           {scene.tumour_point, scene.target, scene.tool_start, scene.grid_starts,
-           scene.robot_starts, setup.mount}};
+           scene.robot_starts, setup.mount, scene.tumour_places}};
 }
 
 }  // namespace omentum

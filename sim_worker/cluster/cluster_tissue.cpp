@@ -242,6 +242,14 @@ void ClusterTissue<Real>::shift_held(int lane, const Vector3d& by) {
 }
 
 template <typename Real>
+void ClusterTissue<Real>::turn_held(int lane, const Eigen::Matrix3d& R) {
+  for (auto& offset : held_[lane].offsets) {
+    const Vector3d turned = R * Vector3d(offset[0], offset[1], offset[2]);
+    for (int axis = 0; axis < 3; ++axis) offset[axis] = static_cast<Real>(turned[axis]);
+  }
+}
+
+template <typename Real>
 Vector3d ClusterTissue<Real>::held_force(int lane) const {
   // The correction d that a held particle does not make is an impulse m d / h in a substep of h:
   // a force m d / h^2, to which its weight adds.

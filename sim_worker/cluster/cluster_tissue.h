@@ -21,6 +21,7 @@ struct ClusterTissueModel : TissueModel, std::enable_shared_from_this<ClusterTis
   std::unique_ptr<Tissue<float>> make_tissue(const LaneKernel<float>& kernel) const override;
   std::unique_ptr<Tissue<double>> make_tissue(const LaneKernel<double>& kernel) const override;
   std::uint32_t substeps() const override { return parameters.substeps(); }
+  bool can_turn() const override { return true; }
 
   Clusters clusters;                      ///< the global cluster, when configured, is the last one
   std::vector<Eigen::Vector3d> rest;      ///< r0_B per membership, from the mean of the members [m]
@@ -60,6 +61,7 @@ class ClusterTissue final : public LaneTissue<Real> {
   void release(int lane) override;
   std::span<const std::int32_t> held(int lane) const override { return held_[lane].particles; }
   void shift_held(int lane, const Eigen::Vector3d& by) override;
+  void turn_held(int lane, const Eigen::Matrix3d& R) override;
   Eigen::Vector3d held_force(int lane) const override;
   const Real* surface_positions() override;
   int surface_vertices() const override;

@@ -27,8 +27,8 @@ struct LaneArgs {
   Real particle_radius;
   std::int32_t shapes;
   const KernelShape<Real>* shape;
-  const Real* capsule;         ///< [xyz][lane]: start of the tool's axis at the substep's end
-  const Real* capsule_motion;  ///< [xyz][lane]: its motion in this substep
+  const Real* capsule;  ///< [foot, direction][xyz][lane] of the tool's axis at the substep's end
+  const Real* capsule_motion;  ///< [xyz][lane]: motion of its foot in this substep
 };
 
 /// The same of models that take implicit steps (implicit_step.inl), in metres and newtons.

@@ -13,15 +13,14 @@ namespace omentum {
 
 enum class ShapeKind : std::int32_t { kSphere, kEllipsoid, kBox, kHalfSpace, kSdf, kCapsule };
 
-/// A rigid contact shape. The capsule is the tool: its axis starts at `capsule_from/to` of the step
-/// (per lane).
+/// A rigid contact shape. The capsule is the tool: foot and direction of its axis are arguments of
+/// the kernels, per lane.
 template <typename Real>
 struct KernelShape {
   ShapeKind kind;
   Real rotation[9];   ///< R_SW row-major: W to shape frame
   Real origin[3];     ///< p_WS
   Real size[3];       ///< radius, semi-axes or half extents
-  Real axis[3];       ///< capsule: direction in W
   Real length;        ///< capsule
   Real bound_radius;  ///< of the bounding sphere around origin; not of half-space and capsule
   const float* sdf;   ///< kSdf: node values, x fastest
@@ -45,8 +44,8 @@ struct CandidateArgs {
   Real margin;                     ///< displacement by elastic forces at most [m]
   std::int32_t shapes;
   const KernelShape<Real>* shape;
-  const Real* capsule;           ///< [xyz][lane] start of the tool's axis
-  const Real* capsule_sweep;     ///< [lane] length of its motion in the whole step
+  const Real* capsule;           ///< [foot, direction][xyz][lane] of the tool's axis
+  const Real* capsule_sweep;     ///< [lane] longest way of a point of it in the whole step
   std::uint32_t* candidates;     ///< out [point][shape] lane masks
   std::uint32_t* candidate_any;  ///< out per point, bit per shape
 };

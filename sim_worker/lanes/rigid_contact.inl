@@ -33,10 +33,11 @@ inline Lane inverse_length(Lane3 d) {
   return splat(Real{1}) / sqrt(max(dot(d, d), splat(static_cast<Real>(1e-30))));
 }
 
-/// From the nearest point of the axis of a capsule, which starts at `capsule`, to x.
+/// From the nearest point of the axis of a capsule to x. `capsule`: foot and direction of that
+/// axis.
 inline Lane3 radial_of_capsule(const KernelShape<Real>& s, const Real* capsule, Lane3 x) {
   const Lane zero = splat(Real{0});
-  const Lane3 axis = splat3(s.axis);
+  const Lane3 axis = load3(capsule + 3 * kLanes);
   const Lane3 d = x - load3(capsule);
   const Lane t = min(max(dot(d, axis), zero), splat(s.length));
   return fma(zero - t, axis, d);

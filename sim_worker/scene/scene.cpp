@@ -48,6 +48,21 @@ std::vector<Vector3d> make_starts(const pb::StartGrid& grid) {
   return starts;
 }
 
+std::vector<TumourPlace> make_tumour_places(const pb::Scene& config) {
+  std::vector<TumourPlace> places;
+  for (const pb::TumourPlace& place : config.tumour_place()) {
+    const Vector3d normal = to_vector(place.normal());
+    // Its length is that of rounded numbers, or it is something else.
+    if (!(std::fabs(normal.norm() - 1) <= 0.01)) {
+      throw_error(
+          "scene.tumour_place[{}].normal: ({}, {}, {}) of length {:.4g}, allowed 0.99 ... 1.01",
+          places.size(), normal.x(), normal.y(), normal.z(), normal.norm());
+    }
+    places.push_back({to_vector(place.position_m()), normal.normalized()});
+  }
+  return places;
+}
+
 bool has_workspace(const pb::Scene& config) {
   return config.has_workspace_min_m() || config.has_workspace_max_m();
 }
@@ -170,6 +185,10 @@ Scene make_scene(const pb::Scene& config, const std::string& directory) {
   if (config.has_target_m()) require_reachable(scene.target, "scene.target_m");
   for (const Vector3d& p : scene.grid_starts) require_reachable(p, "scene.start_grid");
   for (const Vector3d& p : scene.robot_starts) require_reachable(p, "scene.robot_grid");
+  scene.tumour_places = make_tumour_places(config);
+  for (std::size_t i = 0; i < scene.tumour_places.size(); ++i)
+    require_in_workspace(scene.tumour_places[i].p,
+                         fmt::format("scene.tumour_place[{}].position_m", i));
   if (config.has_tumour_point_m()) require_in_workspace(scene.tumour_point, "scene.tumour_point_m");
   if (config.has_tissue()) check_places(scene, scene.warnings);
   return scene;

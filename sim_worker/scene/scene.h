@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "core/psm.h"
+#include "core/task.h"
 #include "proto/scene.pb.h"
 #include "sim_worker/geometry/rigid_shape.h"
 #include "sim_worker/geometry/sheet_mesh.h"
@@ -67,6 +68,7 @@ struct Scene {
   int exposure_pixels = 0;
   Eigen::Vector3d workspace_min, workspace_max;
   Eigen::Vector3d tool_start, target, tumour_point;  ///< p_0, p_T, q in W [m]
+  std::vector<TumourPlace> tumour_places;            ///< of which an episode has its q
   std::vector<Eigen::Vector3d> grid_starts, robot_starts;
   std::vector<std::string> warnings;  ///< units guard and cooker warnings, one line each
 

@@ -63,7 +63,6 @@ KernelShapes<Real> make_kernel_shapes(const Surroundings& around) {
     tool.kind = ShapeKind::kCapsule;
     tool.size[0] = static_cast<Real>(around.tool_radius);
     tool.length = static_cast<Real>(around.tool_length);
-    for (int k = 0; k < 3; ++k) tool.axis[k] = static_cast<Real>(around.shaft_axis[k]);
   }
   return shapes;
 }

@@ -15,7 +15,7 @@ template <typename Real>
 KernelShape<Real> make_kernel_shape(const RigidShape& body);
 
 /// What a tissue collides with: the rigid bodies, then the tool's shaft where it can touch, a
-/// capsule whose foot is an argument of the kernels. Entries from `count` on are zero.
+/// capsule whose axis is an argument of the kernels. Entries from `count` on are zero.
 template <typename Real>
 struct KernelShapes {
   std::array<KernelShape<Real>, kMaxShapes> shape{};

@@ -60,7 +60,9 @@ LaneTissue<Real>::LaneTissue(const TissueModel& model, const LaneKernel<Real>& k
   const int n = particles();
   const int W = kernel_.lanes;
   for (auto* v : {&x_, &v_}) v->assign(n, 3, W);
-  for (auto* v : {&held_force_, &gravity_, &tip_, &capsule_, &capsule_motion_}) v->assign(1, 3, W);
+  for (auto* v : {&held_force_, &gravity_, &tip_, &capsule_motion_}) v->assign(1, 3, W);
+  capsule_.assign(2, 3, W);
+  for (int lane = 0; lane < W; ++lane) capsule_.set_vector(1, lane, surroundings_.shaft_axis);
   for (auto* v : {&stiffness_, &keep_, &static_friction_, &dynamic_friction_, &capsule_sweep_})
     v->assign(1, 1, W);
   parameters_.assign(W, LaneParameters{1, 1, 1, 1, EffectValues{}});
@@ -135,8 +137,15 @@ void LaneTissue<Real>::find_candidates(std::span<const ToolMotion> motion,
   forget_health();
   for (int lane = 0; lane < lanes(); ++lane) {
     const ToolMotion& m = motion[lane];
-    capsule_.set_vector(0, lane, surroundings_.capsule_at(m.from));
-    capsule_sweep_[lane] = static_cast<Real>((m.to - m.from).norm());
+    double sweep = (m.to - m.from).norm();
+    Vector3d axis = surroundings_.shaft_axis;
+    if (m.axis) {
+      axis = m.axis->from;
+      sweep += (surroundings_.tool_start + surroundings_.tool_length) * (m.axis->to - axis).norm();
+    }
+    capsule_.set_vector(0, lane, surroundings_.capsule_at(m.from, axis));
+    capsule_.set_vector(1, lane, axis);
+    capsule_sweep_[lane] = static_cast<Real>(sweep);
   }
   kernel_.find_candidates({particles(), x_.data(), v_.data(), free_mask.data(), gravity_.data(),
                            static_cast<Real>(body_.particle_radius),
@@ -152,8 +161,15 @@ void LaneTissue<Real>::place_tool(std::span<const ToolMotion> motion, int subste
     const ToolMotion& m = motion[lane];
     const Vector3d tip = m.from + fraction * (m.to - m.from);
     tip_.set_vector(0, lane, tip);
-    capsule_.set_vector(0, lane, surroundings_.capsule_at(tip));
-    capsule_motion_.set_vector(0, lane, (m.to - m.from) / substeps_);
+    Vector3d axis = surroundings_.shaft_axis;
+    Vector3d motion_of_foot = m.to - m.from;
+    if (m.axis) {
+      axis = (m.axis->from + fraction * (m.axis->to - m.axis->from)).normalized();
+      motion_of_foot += surroundings_.tool_start * (m.axis->to - m.axis->from);
+      capsule_.set_vector(1, lane, axis);
+    }
+    capsule_.set_vector(0, lane, surroundings_.capsule_at(tip, axis));
+    capsule_motion_.set_vector(0, lane, motion_of_foot / substeps_);
   }
 }
 

@@ -101,9 +101,9 @@ class LaneTissue : public Tissue<Real> {
   LaneArray<Real> static_friction_, dynamic_friction_;
 
   LaneArray<Real> tip_;             ///< of the tool at the end of the substep [xyz][lane] [m]
-  LaneArray<Real> capsule_;         ///< foot of the shaft's axis [xyz][lane] [m]
-  LaneArray<Real> capsule_motion_;  ///< in a substep [xyz][lane] [m]
-  LaneArray<Real> capsule_sweep_;   ///< length of its motion in the control step [lane] [m]
+  LaneArray<Real> capsule_;         ///< foot [m] and direction of the shaft's axis [xyz][lane]
+  LaneArray<Real> capsule_motion_;  ///< of the foot in a substep [xyz][lane] [m]
+  LaneArray<Real> capsule_sweep_;   ///< longest way of a point in the control step [lane] [m]
   mutable bool health_known_ = false;
   mutable std::uint32_t healthy_lanes_ = 0;   ///< if known
   std::vector<std::uint32_t> candidates_;     ///< [particle][shape] lane masks

@@ -23,7 +23,11 @@ struct Surroundings {
 
   /// The foot of the capsule's axis when the tip is at p_WT [m].
   Eigen::Vector3d capsule_at(const Eigen::Vector3d& p_WT) const {
-    return p_WT + tool_start * shaft_axis;
+    return capsule_at(p_WT, shaft_axis);
+  }
+  /// The same of a tool that points elsewhere.
+  Eigen::Vector3d capsule_at(const Eigen::Vector3d& p_WT, const Eigen::Vector3d& axis) const {
+    return p_WT + tool_start * axis;
   }
 };
 

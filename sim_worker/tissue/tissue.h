@@ -19,10 +19,14 @@
 namespace omentum {
 
 /// What the tool does to one lane during a control step: the tip moves on a straight line, p_WT
-/// [m].
+/// [m], and a tool that is turned has its shaft's axis, from the tip up in W, at either end.
 struct ToolMotion {
   Eigen::Vector3d from = Eigen::Vector3d::Zero();
   Eigen::Vector3d to = Eigen::Vector3d::Zero();
+  struct Axis {
+    Eigen::Vector3d from, to;
+  };
+  std::optional<Axis> axis = std::nullopt;  ///< none: Surroundings::shaft_axis
 };
 
 /// Parameters that may differ between lanes (domain randomisation). Factors on the scene's values;
@@ -105,6 +109,8 @@ class Tissue {
   virtual std::span<const std::int32_t> held(int lane) const = 0;
   /// Moves the held patch relative to the tip (slip) [m].
   virtual void shift_held(int lane, const Eigen::Vector3d& by) = 0;
+  /// Turns the held patch about the tip. Precondition: TissueModel::can_turn().
+  virtual void turn_held(int /*lane*/, const Eigen::Matrix3d& /*R*/) {}
   /// Force of the tissue on the tool through the grasp at the end of the last step, in W [N].
   virtual Eigen::Vector3d held_force(int lane) const = 0;
 
@@ -144,6 +150,8 @@ struct TissueModel {
   virtual std::unique_ptr<Tissue<float>> make_tissue(const LaneKernel<float>& kernel) const = 0;
   virtual std::unique_ptr<Tissue<double>> make_tissue(const LaneKernel<double>& kernel) const = 0;
   virtual std::uint32_t substeps() const = 0;  ///< solver substeps per control step
+  /// Held tissue follows a tool that is turned.
+  virtual bool can_turn() const { return false; }
   double substep() const { return control_period / substeps(); }  ///< [s]
 
   TissueBody body;

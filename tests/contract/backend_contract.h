@@ -38,10 +38,13 @@ inline EpisodeStart training_start(std::uint32_t slot) {
 /// Random but reproducible action of a slot at a step.
 inline Action random_action(std::uint32_t slot, std::uint32_t step) {
   const PhiloxWords words = philox({slot, step, 0, 0}, {1, 1});
+  const PhiloxWords more = philox({slot, step, 1, 0}, {1, 1});
   Action action;
   for (std::size_t b = 0; b < 4; ++b) {
     action.branch[b] = static_cast<std::uint8_t>(bounded(words[b], b < 3 ? 3 : 2));
     action.continuous[b] = 2 * uniform_24(words[b]) - 1;
+    if (4 + b < action.branch.size())
+      action.branch[4 + b] = static_cast<std::uint8_t>(bounded(more[b], 3));
   }
   return action;
 }
@@ -150,7 +153,7 @@ TEST_P(BackendContract, SegmentHasARowOfEveryStepAndAStateIfThereIsOne) {
   ASSERT_EQ(s.failed, 0U) << s.failure;
   EXPECT_EQ(s.steps, 30U);
   EXPECT_EQ(s.observations.size(), 30U * static_cast<std::size_t>(backend->observation_size()));
-  EXPECT_EQ(s.actions.size(), 4 * 30U);
+  EXPECT_EQ(s.actions.size(), 30 * GetParam().shape.columns());
   EXPECT_EQ(s.actions_continuous.size(), GetParam().shape.continuous ? 4 * 30U : 0U);
   EXPECT_EQ(s.rewards.size(), 30U);
   EXPECT_EQ(s.flags.size(), 30U);
@@ -178,8 +181,9 @@ TEST_P(BackendContract, ScriptActsInPlaceOfThePolicy) {
   ASSERT_EQ(s.steps, 20U);
   for (std::uint32_t step = 0; step < 20; ++step) {
     const Action expected = random_action(7, step);
-    EXPECT_TRUE(std::equal(expected.branch.begin(), expected.branch.end(),
-                           s.actions.begin() + 4 * static_cast<std::ptrdiff_t>(step)));
+    const auto columns = static_cast<std::ptrdiff_t>(backend->columns());
+    EXPECT_TRUE(std::equal(expected.branch.begin(), expected.branch.begin() + columns,
+                           s.actions.begin() + columns * static_cast<std::ptrdiff_t>(step)));
     EXPECT_EQ(s.flags[step] & step_flag::kScripted, step_flag::kScripted);
   }
   EXPECT_EQ(s.actions_continuous.empty(), !continuous);

@@ -118,11 +118,11 @@ TEST_P(SnapshotsContract, ReplayOfRecordedActionsDerivesTheSameHashesAndRewards)
   ASSERT_EQ(recorded.state_hashes.size(), recorded.steps);
   const Actor replay(
       [&recorded](std::uint32_t step, std::span<Action> actions) {
-        for (std::size_t k = 0; k < 4; ++k) {
-          actions[0].branch[k] = recorded.actions[std::size_t{4} * step + k];
-          if (!recorded.actions_continuous.empty())
-            actions[0].continuous[k] = recorded.actions_continuous[std::size_t{4} * step + k];
-        }
+        const std::size_t columns = recorded.actions.size() / recorded.steps;
+        for (std::size_t k = 0; k < columns; ++k)
+          actions[0].branch[k] = recorded.actions[columns * step + k];
+        for (std::size_t k = 0; k < 4 && !recorded.actions_continuous.empty(); ++k)
+          actions[0].continuous[k] = recorded.actions_continuous[std::size_t{4} * step + k];
       },
       GetParam().shape.continuous);
   task[0].steps = recorded.steps;

@@ -40,6 +40,13 @@ PolicyShape discrete_shape(int observations, pb::Activation activation, int hidd
   return shape;
 }
 
+/// With roll, pitch and yaw: more logits than a panel has columns.
+PolicyShape oriented_shape(int observations, pb::Activation activation) {
+  PolicyShape shape = discrete_shape(observations, activation);
+  shape.branches = {3, 3, 3, 2, 3, 3, 3};
+  return shape;
+}
+
 PolicyShape gaussian_shape(int observations) {
   PolicyShape shape;
   shape.observations = observations;
@@ -214,6 +221,7 @@ TEST_P(PolicyBatch, SizeNeverChangesABit) {
 
 TEST_P(PolicyBatch, EvaluateRepeatsTheBitsOfAct) {
   const PolicyShape& shape = GetParam();
+  const std::size_t columns = shape.columns();
   const std::size_t total = 77;
   Policy policy(shape, random_weights(shape));
   const std::vector<float> observations =
@@ -223,10 +231,11 @@ TEST_P(PolicyBatch, EvaluateRepeatsTheBitsOfAct) {
   std::vector<std::uint8_t> branches;
   std::vector<float> continuous;
   for (const Decision& d : decisions) {
-    branches.insert(branches.end(), d.branch.begin(), d.branch.end());
+    branches.insert(branches.end(), d.branch.begin(),
+                    d.branch.begin() + static_cast<std::ptrdiff_t>(columns));
     continuous.insert(continuous.end(), d.continuous.begin(), d.continuous.end());
   }
-  std::vector<float> log_probs(total), values(total), estimates(total), parts(total * 4);
+  std::vector<float> log_probs(total), values(total), estimates(total), parts(total * columns);
   Policy other(shape,
                policy.weights());  // as the learner does: another object from the same weights
   other.evaluate(observations, branches, continuous, log_probs, values, parts);
@@ -236,7 +245,7 @@ TEST_P(PolicyBatch, EvaluateRepeatsTheBitsOfAct) {
     ASSERT_TRUE(same_bits(values[i], decisions[i].value));
     ASSERT_TRUE(same_bits(estimates[i], decisions[i].value));
     float sum = 0;
-    for (std::size_t b = 0; b < 4; ++b) sum += parts[i * 4 + b];
+    for (std::size_t b = 0; b < columns; ++b) sum += parts[i * columns + b];
     ASSERT_TRUE(same_bits(sum, log_probs[i]));
   }
 }
@@ -288,6 +297,7 @@ INSTANTIATE_TEST_SUITE_P(Shapes, PolicyBatch,
                          testing::Values(discrete_shape(14, pb::ACTIVATION_TANH),
                                          discrete_shape(12, pb::ACTIVATION_SWISH),
                                          discrete_shape(8, pb::ACTIVATION_TANH, 40),
+                                         oriented_shape(29, pb::ACTIVATION_TANH),
                                          discrete_shape(1038, pb::ACTIVATION_TANH, 64),
                                          gaussian_shape(14),
                                          picture_shape_of(12, 1, pb::ACTIVATION_TANH),

@@ -229,5 +229,45 @@ TEST(LimitCommand, NeverLeavesTheBoxWhateverIsAsked) {
   }
 }
 
+TEST(TurnedTool, IsRzRyRxAboutItsTip) {
+  const RollPitchYaw angles(0.4, -0.7, 1.1);
+  const Matrix3d expected = (Eigen::AngleAxisd(angles[2], Vector3d::UnitZ()) *
+                             Eigen::AngleAxisd(angles[1], Vector3d::UnitY()) *
+                             Eigen::AngleAxisd(angles[0], Vector3d::UnitX()))
+                                .toRotationMatrix();
+  EXPECT_LT((rotation_of(angles) - expected).norm(), 1e-15);
+  const ToolMount mount = test_mount();
+  const ToolMount held = turned(mount, angles);
+  EXPECT_LT((held.R_WC - expected * mount.R_WC).norm(), 1e-15);
+  const Vector3d tip(0.01, 0.05, 0.04);
+  EXPECT_LT((held.tip(held.control_point(tip)) - tip).norm(), 1e-15);
+  EXPECT_EQ(turned(mount, RollPitchYaw::Zero()).R_WC, mount.R_WC);
+}
+
+TEST(LimitTurn, KeepsEveryAngleWithinItsLimitAndWithinReach) {
+  const ToolMount mount = test_mount();
+  const Vector3d tip(0.0, 0.05, 0.03);
+  const LimitedTurn limited = limit_turn(mount, tip, {0.1, -0.29, 0.295}, {0.02, -0.02, 0.02}, 0.3);
+  EXPECT_EQ(limited.axes_dropped, 2);
+  EXPECT_FALSE(limited.unreachable);
+  EXPECT_LT((limited.angles - RollPitchYaw(0.12, -0.29, 0.295)).norm(), 1e-15);
+  RollPitchYaw angles = RollPitchYaw::Zero();
+  int unreachable = 0;
+  for (std::uint32_t i = 0; i < 5000; ++i) {
+    const PhiloxWords w = philox({i, 7, 0, 0}, {8, 10});
+    RollPitchYaw turn;
+    for (int k = 0; k < 3; ++k) turn[k] = uniform(w[static_cast<std::size_t>(k)], -0.3, 0.3);
+    const LimitedTurn next = limit_turn(mount, tip, angles, turn, 1.4);
+    if (next.unreachable) {
+      EXPECT_EQ(next.angles, angles);
+      ++unreachable;
+    }
+    angles = next.angles;
+    ASSERT_LE(angles.cwiseAbs().maxCoeff(), 1.4);
+    ASSERT_TRUE(joints_for_tip(turned(mount, angles), tip).has_value());
+  }
+  EXPECT_GT(unreachable, 0);
+}
+
 }  // namespace
 }  // namespace omentum

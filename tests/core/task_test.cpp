@@ -7,6 +7,7 @@
 
 #include <map>
 
+#include "core/check.h"
 #include "core/config.h"
 #include "core/constants.h"
 
@@ -263,6 +264,100 @@ TEST(ProgressByAxis, CountsTheWayOfTheOpeningJaw) {
     half_open.held = closed.held = true;
     EXPECT_EQ(task.potential_of(half_open), task.potential_of(closed));
     half_open.held = closed.held = false;
+  }
+}
+
+// ---- a tool that is turned ----------------------------------------------------------------------
+
+/// Two places, the second inclined by 45 degrees towards +y.
+Task oriented_task(const Strings& sets = {}) {
+  TaskPlaces all = places();
+  all.tumour_places = {{{0.01, 0.05, 0.03}, Vector3d::UnitZ()},
+                       {{-0.01, 0.06, 0.02}, Vector3d(0, 1, 1).normalized()}};
+  return {load_config("omentum_oriented", sets), all};
+}
+
+TEST(OrientedTask, HasThreeMoreBranchesWhichTurnTheTool) {
+  const pb::Task config = load_config("omentum_oriented", {}).task();
+  EXPECT_EQ(action_names(config), (Strings{"x", "y", "z", "gripper", "roll", "pitch", "yaw"}));
+  EXPECT_EQ(action_branches(config), (std::vector<int>{3, 3, 3, 2, 3, 3, 3}));
+  EXPECT_EQ(action_meanings(config)[4], "roll 0=-2 deg 1=0 deg 2=2 deg");
+  EXPECT_FALSE(turns_tool(load_config("omentum", {}).task()));
+  const ToolCommand command = oriented_task().decode({{2, 1, 0, 1, 2, 1, 0}, {}});
+  EXPECT_EQ(command.increment, Vector3d(0.0005, 0, -0.0005));
+  EXPECT_TRUE(command.closed);
+  EXPECT_NEAR((command.turn - Vector3d(kDegree, 0, -kDegree)).norm(), 0, 1e-15);
+  EXPECT_EQ(task_of("omentum").decode({{2, 1, 0, 1, 2, 1, 0}, {}}).turn, Vector3d::Zero());
+  const Task task = oriented_task();
+  EXPECT_EQ(task.decode(task.hold_action({0, 0, 0})).turn, Vector3d::Zero());
+}
+
+TEST(OrientedTask, ObservesAnglesNormalAndOrientationError) {
+  const Task task = oriented_task();
+  TaskState state = held_state();
+  state.held = false;
+  state.angles = {30 * kDegree, -15 * kDegree, 0};
+  state.place = task.place_of({.start_set = StartSet::kGrid, .start_index = 1});
+  ASSERT_NE(state.place, nullptr);
+  std::vector<float> seen(29);
+  EXPECT_TRUE(task.observe(state, seen).empty());
+  const auto from = [&seen](std::size_t i) {
+    return Eigen::Vector3f(seen[i], seen[i + 1], seen[i + 2]).cast<double>().eval();
+  };
+  EXPECT_NEAR((from(20) - Vector3d(30, -15, 0) / 75).norm(), 0, 1e-6);
+  EXPECT_NEAR((from(23) - state.place->normal).norm(), 0, 1e-6);
+  const Vector3d jaw = turned(task.places().mount, state.angles).jaw_direction();
+  EXPECT_NEAR((from(26) - jaw.cross(-state.place->normal)).norm(), 0, 1e-6);
+  // Laid against the sheet the jaw has no error left, and so it is while tissue is held.
+  state.angles = {-45 * kDegree, 0, 0};
+  EXPECT_NEAR(task.orientation_error(state).norm(), 0, 1e-12);
+  state.angles.setZero();
+  EXPECT_NEAR(task.orientation_error(state).norm(), std::sqrt(0.5), 1e-12);
+  state.held = true;
+  EXPECT_EQ(task.orientation_error(state), Vector3d::Zero());
+}
+
+TEST(OrientedTask, DrawsThePlaceOfAnEpisodeAndGoesThroughAllOnAGrid) {
+  const Task task = oriented_task();
+  const TumourPlace* const first = task.places().tumour_places.data();
+  for (std::uint32_t i = 0; i < 4; ++i) {
+    EXPECT_EQ(task.place_of({.start_set = StartSet::kGrid, .start_index = i}), first + i % 2);
+  }
+  int second = 0;
+  for (std::uint64_t episode = 0; episode < 200; ++episode) {
+    const EpisodeStart start{.run_seed = 3, .slot = 5, .episode = episode};
+    EXPECT_EQ(task.place_of(start), task.place_of(start));
+    second += task.place_of(start) == first + 1 ? 1 : 0;
+  }
+  EXPECT_GT(second, 70);
+  EXPECT_LT(second, 130);
+  EXPECT_EQ(task_of("omentum").place_of({}), nullptr);
+}
+
+TEST(OrientedTask, EveryDegreeNearerToTheNormalIsProgress) {
+  const Task task = oriented_task({"task.progress_per_m=0", "task.progress_per_deg=0.25"});
+  TaskState state = held_state();
+  state.held = false;
+  state.place = task.place_of({.start_set = StartSet::kGrid, .start_index = 1});
+  EXPECT_NEAR(task.potential_of(state), -0.25 * 45, 1e-9);
+  state.angles = {-10 * kDegree, 0, 0};
+  EXPECT_NEAR(task.potential_of(state), -0.25 * 35, 1e-9);
+  state.held = true;
+  EXPECT_NEAR(task.potential_of(state), 0, 1e-12);
+}
+
+TEST(OrientedTask, KnobsOutOfRangeAreRefusedByName) {
+  const std::pair<const char*, const char*> bad[] = {
+      {"task.turn_increment_deg=0", "task.turn_increment_deg: 0 deg, allowed 0.01 ... 10"},
+      {"task.turn_limit_deg=90", "task.turn_limit_deg: 90 deg, allowed 1 ... 85"},
+      {"task.progress_per_deg=-1", "task.progress_per_deg: -1 1/deg, allowed 0 ... 100"}};
+  for (const auto& [set, text] : bad) {
+    try {
+      load_config("omentum_oriented", Strings{set});
+      ADD_FAILURE() << set;
+    } catch (const Error& error) {
+      EXPECT_THAT(error.what(), testing::HasSubstr(text));
+    }
   }
 }
 

@@ -140,6 +140,33 @@ TEST(BusPolicySource, APolicyOfOtherObservationsIsRefusedWithOneLine) {
   }
 }
 
+// Nothing here leads an arm whose tool turns.
+TEST(BusPolicySource, APolicyThatTurnsTheToolIsRefusedWithOneLine) {
+  const test::PrivateDomain domain;
+  SmallLearner learner(domain.id());
+  learner.config = load_config("omentum_oriented", std::vector<std::string>{"ppo.hidden=16"});
+  learner.offer();
+  learner.publish(learner.weights(3));
+  const auto refused = [](auto take) {
+    try {
+      take();
+    } catch (const Error& error) {
+      return std::string(error.what());
+    }
+    return std::string("taken");
+  };
+  const std::string why =
+      ": turns the tool (task.action ACTION_ORIENTED), allowed: the other actions; the arm is led "
+      "with the orientation of the scene";
+  EXPECT_EQ(refused([&] { (void)BusPolicySource::wait(learner.participant, "r", never); }),
+            "--policy bus, version 3" + why);
+  SavedPolicy saved;
+  saved.path = "runs/x";
+  saved.config = learner.config;
+  saved.weights = learner.weights(3);
+  EXPECT_EQ(refused([&] { FilePolicySource source(saved); }), "--policy runs/x" + why);
+}
+
 TEST(BusPolicySource, WaitingEndsWhenTheOperatorDoes) {
   const test::PrivateDomain domain;
   const dds::Participant participant(domain.id(), test::loopback_profile().uri, "alone");

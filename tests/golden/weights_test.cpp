@@ -16,7 +16,7 @@ class GoldenWeights : public testing::TestWithParam<const char*> {};
 INSTANTIATE_TEST_SUITE_P(Presets, GoldenWeights,
                          testing::Values("omentum", "paper", "paper_literal", "paper_swapped",
                                          "derived", "derived_head", "omentum_elastic",
-                                         "omentum_soft", "omentum_robust"),
+                                         "omentum_soft", "omentum_robust", "omentum_oriented"),
                          [](const auto& p) { return std::string(p.param); });
 
 /// Trains with one worker and compares the weights with those stored under `key`.

@@ -61,7 +61,8 @@ Batch demonstrations(int episodes, bool continuous = false, float unit = 1) {
       environment.observe(seen);
       const Decision decision = expert(seen);
       batch.observations.insert(batch.observations.end(), seen.begin(), seen.end());
-      batch.branches.insert(batch.branches.end(), decision.branch.begin(), decision.branch.end());
+      batch.branches.insert(batch.branches.end(), decision.branch.begin(),
+                            decision.branch.begin() + 4);
       if (continuous) {
         batch.continuous.insert(batch.continuous.end(), decision.continuous.begin(),
                                 decision.continuous.end());

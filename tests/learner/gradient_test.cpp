@@ -50,13 +50,14 @@ Problem make_problem(const Case& c, int samples) {
   for (std::size_t i = 0; i < n * static_cast<std::size_t>(c.shape.observations); ++i) {
     p.inputs.push_back(1.5F * noise(static_cast<std::uint32_t>(i), 2));
   }
-  b.branches.assign(n * 4, 0);
+  const std::size_t columns = c.shape.columns();
+  b.branches.assign(n * columns, 0);
   if (c.shape.continuous) b.continuous.assign(n * 4, 0);
   for (std::uint32_t i = 0; i < n; ++i) {
-    for (std::uint32_t d = 0; d < 4; ++d) {
+    for (std::uint32_t d = 0; d < columns; ++d) {
       if (c.shape.continuous) b.continuous[i * 4 + d] = 1.2F * noise(i * 4 + d, 3);
       if (!c.shape.continuous && d < c.shape.branches.size()) {
-        b.branches[i * 4 + d] = static_cast<std::uint8_t>((i + d) % 2);
+        b.branches[i * columns + d] = static_cast<std::uint8_t>((i + d) % 2);
       }
     }
     p.advantages.push_back(2 * noise(i, 4));
@@ -67,14 +68,14 @@ Problem make_problem(const Case& c, int samples) {
   weights.parameters = p.parameters;
   Policy policy(c.shape, weights);
   b.log_probs.resize(n);
-  b.branch_log_probs.resize(n * 4);
+  b.branch_log_probs.resize(n * columns);
   std::vector<float> values(n);
   policy.evaluate(p.inputs, b.branches, b.continuous, b.log_probs, values, b.branch_log_probs);
   for (std::uint32_t i = 0; i < n; ++i) {
     float sum = 0;
     for (std::uint32_t d = 0; d < static_cast<std::uint32_t>(c.shape.branch_count()); ++d) {
-      b.branch_log_probs[i * 4 + d] += 0.25F * noise(i * 4 + d, 7);
-      sum += b.branch_log_probs[i * 4 + d];
+      b.branch_log_probs[i * columns + d] += 0.25F * noise(i * 4 + d, 7);
+      sum += b.branch_log_probs[i * columns + d];
     }
     b.log_probs[i] = sum;
   }
@@ -151,7 +152,7 @@ double sample_loss(const Case& c, const Problem& problem, const std::vector<doub
       const double q = std::exp(v) / total;
       if (q > 0) entropy -= q * std::log(q);
     }
-    log_prob.push_back(l[b.branches[i * 4 + branch]] - std::log(total));
+    log_prob.push_back(l[b.branches[i * c.shape.columns() + branch]] - std::log(total));
     base += size;
   }
   const auto advantage = static_cast<double>(problem.advantages[i]);
@@ -163,7 +164,8 @@ double sample_loss(const Case& c, const Problem& problem, const std::vector<doub
     policy = clipped_surrogate(joint - static_cast<double>(b.log_probs[i]), advantage, c.settings);
   } else {
     for (std::size_t branch = 0; branch < log_prob.size(); ++branch) {
-      const double d = log_prob[branch] - static_cast<double>(b.branch_log_probs[i * 4 + branch]);
+      const double d = log_prob[branch] -
+                       static_cast<double>(b.branch_log_probs[i * c.shape.columns() + branch]);
       policy += clipped_surrogate(d, advantage, c.settings) / static_cast<double>(log_prob.size());
     }
   }
@@ -283,6 +285,12 @@ std::vector<Case> cases() {
   add("NoHeadBias", [](Case& c) { c.shape.head_bias = false; });
   add("OddWidth", [](Case& c) { c.shape.hidden = 21; });
   add("Wide", [](Case& c) { c.shape.hidden = 80; });
+  add("SevenBranches", [](Case& c) { c.shape.branches = {3, 3, 3, 2, 3, 3, 3}; });
+  add("SevenBranchesPerBranchSwish", [](Case& c) {
+    c.shape.branches = {3, 3, 3, 2, 3, 3, 3};
+    c.shape.activation = pb::ACTIVATION_SWISH;
+    c.settings.ratio = pb::RATIO_PER_BRANCH;
+  });
   add("OneBranch", [](Case& c) { c.shape.branches = {2}; });
   add("ReciprocalClip",
       [](Case& c) { c.settings.ratio_low = 1 / 1.1F, c.settings.ratio_high = 1.1F; });

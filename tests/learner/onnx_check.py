@@ -2,7 +2,7 @@
 """Reads an exported policy with independent software and compares it with our own outputs.
 
 usage: onnx_check.py MODEL EXPECTED
-EXPECTED is a text file: first line N O L, then N lines of O observations, L logits, 1 value, 4 actions.
+EXPECTED is a text file: first line N O L, then N lines of O observations, L logits, 1 value, the actions.
 The model is checked by onnx.checker and run by onnxruntime if that is installed, else by the few numpy lines below.
 Exit codes: 0 agrees, 1 differs, 77 the onnx package is missing.
 """

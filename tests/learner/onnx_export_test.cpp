@@ -123,7 +123,7 @@ TEST_P(OnnxExport, IndependentReaderAgrees) {
       for (const double logit : plain_logits(c.shape, weights, observations.data() + i * width))
         expected << logit << ' ';
       expected << decisions[i].value;
-      for (std::size_t b = 0; b < 4; ++b) {
+      for (std::size_t b = 0; b < c.shape.columns(); ++b) {
         expected << ' '
                  << (c.shape.continuous ? decisions[i].continuous[b]
                                         : static_cast<float>(decisions[i].branch[b]));
@@ -151,6 +151,8 @@ std::vector<Case> cases() {
   paper.head_bias = false;
   PolicyShape derived = shape;
   derived.branches = {3, 3, 3};
+  PolicyShape oriented = shape;
+  oriented.branches = {3, 3, 3, 2, 3, 3, 3};
   PolicyShape gaussian = shape;
   gaussian.branches.clear();
   gaussian.continuous = true;
@@ -168,6 +170,7 @@ std::vector<Case> cases() {
           {"Omentum", shape, true},
           {"Paper", paper, false},
           {"Derived", derived, true},
+          {"Oriented", oriented, true},
           {"Gaussian", gaussian, true}};
 }
 
@@ -220,6 +223,7 @@ TEST(OnnxMetadata, SaysWhatEveryPresetObserves) {
       {"omentum", {20, fine}},
       {"omentum_elastic", {20, fine}},
       {"omentum_robust", {20, fine}},
+      {"omentum_oriented", {29, fine}},
       {"omentum_image", {21, {{"image[32][32]", "object id / 6"}}}},
       {"omentum_soft", {20, fine}},
       {"omentum_wide", {20, fine}}};

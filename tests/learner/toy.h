@@ -167,7 +167,8 @@ class Slots {
       const Step outcome = slot.environment.step(decision);
       segment.observations.insert(segment.observations.end(), observation.begin(),
                                   observation.end());
-      segment.actions.insert(segment.actions.end(), decision.branch.begin(), decision.branch.end());
+      segment.actions.insert(segment.actions.end(), decision.branch.begin(),
+                             decision.branch.begin() + 4);
       if (policy.shape().continuous) {
         segment.actions_continuous.insert(segment.actions_continuous.end(),
                                           decision.continuous.begin(), decision.continuous.end());

@@ -48,7 +48,8 @@ TEST_P(Demonstrate, TheExpertReachesTheTarget) {
   }
 }
 
-INSTANTIATE_TEST_SUITE_P(Presets, Demonstrate, testing::Values("omentum", "paper_literal"),
+INSTANTIATE_TEST_SUITE_P(Presets, Demonstrate,
+                         testing::Values("omentum", "paper_literal", "omentum_oriented"),
                          [](const auto& i) { return i.param; });
 
 TEST(DemonstrateRecordings, AreReplayedBitForBit) {
