@@ -139,8 +139,7 @@ struct LimitedTurn {
   bool unreachable = false;  ///< all together had no inverse inside the limits
 };
 
-/// The same of a turn of the tool with its tip at p_WT: every angle stays within +- `limit` [rad];
-/// of angles that the arm cannot take together each is taken that it can, in their order.
+/// The same of a turn about p_WT: every angle within +- `limit` [rad], each as far as in reach.
 LimitedTurn limit_turn(const ToolMount& mount, const Eigen::Vector3d& p_WT,
                        const RollPitchYaw& previous, const RollPitchYaw& increment, double limit);
 
