@@ -247,7 +247,7 @@ LimitedCommand limit_command(const ToolMount& mount, const Vector3d& previous_p_
 
 LimitedTurn limit_turn(const ToolMount& mount, const Vector3d& p_WT, const RollPitchYaw& previous,
                        const RollPitchYaw& increment, double limit) {
-  LimitedTurn result;
+  LimitedTurn result{previous};
   RollPitchYaw goal = previous;
   for (int axis = 0; axis < 3; ++axis) {
     const double angle = previous[axis] + increment[axis];
@@ -257,8 +257,20 @@ LimitedTurn limit_turn(const ToolMount& mount, const Vector3d& p_WT, const RollP
       ++result.axes_dropped;
     }
   }
-  result.unreachable = goal != previous && !joints_for_tip(turned(mount, goal), p_WT).has_value();
-  result.angles = result.unreachable ? previous : goal;
+  const auto in_reach = [&](const RollPitchYaw& angles) {
+    return joints_for_tip(turned(mount, angles), p_WT).has_value();
+  };
+  if (goal == previous || in_reach(goal)) {
+    result.angles = goal;
+    return result;
+  }
+  // One by one, so that a tool at the limit of a joint turns along it.
+  result.unreachable = true;
+  for (int axis = 0; axis < 3; ++axis) {
+    RollPitchYaw alone = result.angles;
+    alone[axis] = goal[axis];
+    if (goal[axis] != previous[axis] && in_reach(alone)) result.angles = alone;
+  }
   return result;
 }
 

@@ -136,10 +136,10 @@ LimitedCommand limit_command(const ToolMount& mount, const Eigen::Vector3d& prev
 struct LimitedTurn {
   RollPitchYaw angles = RollPitchYaw::Zero();  ///< in force
   int axes_dropped = 0;      ///< angles that would have left their range and kept their value
-  bool unreachable = false;  ///< no inverse inside the limits: the angles before stay
+  bool unreachable = false;  ///< all together had no inverse inside the limits
 };
 
-/// The same of a turn of the tool with its tip at p_WT: every angle stays within +- `limit` [rad].
+/// The same of a turn about p_WT: every angle within +- `limit` [rad], each as far as in reach.
 LimitedTurn limit_turn(const ToolMount& mount, const Eigen::Vector3d& p_WT,
                        const RollPitchYaw& previous, const RollPitchYaw& increment, double limit);
 

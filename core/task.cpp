@@ -206,9 +206,11 @@ const TumourPlace* Task::place_of(const EpisodeStart& start) const {
   const std::vector<TumourPlace>& places = places_.tumour_places;
   if (places.empty()) return nullptr;
   const auto count = static_cast<std::uint32_t>(places.size());
-  if (start.start_set != StartSet::kTraining) return &places[start.start_index % count];
+  // Of the starts of a grid by their number alone: the same in every run.
   const PhiloxWords words =
-      random_words(start.run_seed, start.slot, Purpose::kReset, kPlaceDraw, start.episode, 0);
+      start.start_set == StartSet::kTraining
+          ? random_words(start.run_seed, start.slot, Purpose::kReset, kPlaceDraw, start.episode, 0)
+          : random_words(0, start.start_index, Purpose::kEvaluation, kPlaceDraw, 0, 0);
   return &places[bounded(words[0], count)];
 }
 

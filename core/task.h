@@ -103,8 +103,8 @@ class Task {
   /// Where the tool starts, p_WT [m]: the grid point that `start` names, or for training a point
   /// drawn from (run seed, slot, episode). Precondition: the grid has start.start_index.
   Eigen::Vector3d start_position(const EpisodeStart& start) const;
-  /// The place of q: of the starts of a grid the one of their number, for training drawn as the
-  /// start is. Null where the scene names none.
+  /// The place of q, drawn: for training as the start is, of the starts of a grid by their number.
+  /// Null where the scene names none.
   const TumourPlace* place_of(const EpisodeStart& start) const;
   /// Decisions until the episode is truncated.
   std::uint32_t episode_limit(const EpisodeStart& start) const;

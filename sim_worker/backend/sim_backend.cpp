@@ -22,6 +22,20 @@ void assign(double* to, const Vector3d& from) {
   for (int k = 0; k < 3; ++k) to[k] = from[k];
 }
 
+/// limit_command() of a tool that turns, which meets the limits of the wrist often: of axes that
+/// the arm cannot follow together each is followed that it can, so that the tip goes along a limit
+/// instead of standing at it.
+LimitedCommand limit_along_reach(const ToolMount& mount, const Vector3d& from,
+                                 const Vector3d& increment) {
+  LimitedCommand limited = limit_command(mount, from, increment);
+  if (!limited.unreachable) return limited;
+  for (int axis = 0; axis < 3; ++axis) {
+    const Vector3d alone = increment[axis] * Vector3d::Unit(axis);
+    limited.p_WT = limit_command(mount, limited.p_WT, alone).p_WT;
+  }
+  return limited;
+}
+
 }  // namespace
 
 SimBackend::SimBackend(std::shared_ptr<const SimSetup> setup, int lanes, unsigned lane_width,
@@ -236,7 +250,9 @@ void SimBackend::limit_motion(std::span<const ToolCommand> commands, std::span<T
     Environment& e = environments_[k];
     const Vector3d from = to_vector(e.tip);
     const LimitedCommand limited =
-        limit_command(task_.mount_of(angles_of(static_cast<int>(k))), from, commands[k].increment);
+        angles_.empty()
+            ? limit_command(setup_->mount, from, commands[k].increment)
+            : limit_along_reach(task_.mount_of(angles_[k]), from, commands[k].increment);
     counters_.axes_dropped += static_cast<std::uint64_t>(limited.axes_dropped);
     counters_.goals_unreachable += limited.unreachable ? 1 : 0;
     motion[k] = {from, limited.p_WT};
