@@ -34,7 +34,8 @@ void AttachedTissue::pinch(double jaw_deg) {
   const pb::Grasp& grasp = setup_->config.grasp();
   std::array<Nearest, 1> nearest{};
   tissue_->find_nearest(std::array{tip_}, nearest);
-  const PinchContact contact = pinch_contact(*setup_, *tissue_, 0, tip_, nearest[0], jaw_deg);
+  const Jaw jaw{tip_, setup_->mount.jaw_direction(), jaw_deg};
+  const PinchContact contact = pinch_contact(*setup_, *tissue_, 0, jaw, nearest[0]);
   if (judge_pinch(grasp, contact) != PinchResult::kHeld) return;
   tissue_->hold(0, tip_, grasp.patch_radius_m(), false);
   slip_ = 0;
