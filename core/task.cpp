@@ -223,13 +223,6 @@ Vector3d Task::orientation_error(const TaskState& state) const {
   return mount_of(state.angles).jaw_direction().cross(-state.place->normal);
 }
 
-/// Between them [deg].
-double Task::approach_angle(const TaskState& state) const {
-  if (state.held || state.place == nullptr) return 0;
-  const double cosine = -mount_of(state.angles).jaw_direction().dot(state.place->normal);
-  return trig::atan2(orientation_error(state).norm(), cosine) / kDegree;
-}
-
 std::uint32_t Task::episode_limit(const EpisodeStart& start) const {
   if (start.episode_limit != 0) return start.episode_limit;
   return std::max(1U, task_.episode_steps() / task_.action_repeat());
@@ -252,14 +245,43 @@ double Task::reward_of(const TaskState& state) const {
   return reward(task_.reward(), reward_state(state), weights);
 }
 
+namespace {
+
+/// The least turn that takes unit vector a to b, which do not oppose each other.
+Eigen::Matrix3d turn_between(const Vector3d& a, const Vector3d& b) {
+  const Vector3d v = a.cross(b);
+  Eigen::Matrix3d cross;
+  cross << 0, -v.z(), v.y(), v.z(), 0, -v.x(), -v.y(), v.x(), 0;
+  return Eigen::Matrix3d::Identity() + cross + cross * cross / (1 + a.dot(b));
+}
+
+/// Angle of a rotation [deg].
+double angle_of(const Eigen::Matrix3d& R) {
+  const Vector3d twice_sine(R(2, 1) - R(1, 2), R(0, 2) - R(2, 0), R(1, 0) - R(0, 1));
+  return trig::atan2(twice_sine.norm(), R.trace() - 1) / kDegree;
+}
+
+/// How far the tool has to turn [deg]: while free to lie along the normal at q by the least turn,
+/// while held back to how the mount holds it, from where p_T is in reach, less what that is at q. A
+/// spin about the jaw counts with the rest: nothing else would keep it from its limit.
+double turn_left(const TaskState& state, const ToolMount& mount) {
+  if (state.place == nullptr) return 0;
+  const Eigen::Matrix3d goal = turn_between(mount.jaw_direction(), -state.place->normal);
+  const Eigen::Matrix3d R = rotation_of(state.angles);
+  return state.held ? angle_of(R) - angle_of(goal) : angle_of(goal.transpose() * R);
+}
+
+}  // namespace
+
 // -c (|p - q| + jaw) while free, c (taken - |p - p_T| - |g - q|) while held, g being the grasp
 // point: with the last term a grasp far from q does not save the approach to q (the flaw that P
-// VI-B names). The angle to the normal at q counts beside it.
+// VI-B names). What is left to turn counts beside it.
 double Task::potential_of(const TaskState& state) const {
   const double c = task_.progress_per_m();
   const double per_deg = task_.progress_per_deg();
   if (!(c > 0) && !(per_deg > 0)) return 0;
   const Vector3d& q = q_of(state);
+  const double turning = per_deg > 0 ? -per_deg * turn_left(state, places_.mount) : 0;
   const bool by_axis = task_.progress_by_axis();
   const auto length = [by_axis](const Vector3d& way) {
     return by_axis ? way.lpNorm<1>() : way.norm();
@@ -267,14 +289,13 @@ double Task::potential_of(const TaskState& state) const {
   if (!state.held) {
     // By axes the jaw is one of them: a closed one has to open before it can take hold.
     const double jaw = by_axis ? jaw_length_ * kDegree * (jaw_open_deg_ - state.jaw_deg) : 0;
-    const double way = -c * (length(state.tip - q) + jaw);
-    return per_deg > 0 ? way - per_deg * approach_angle(state) : way;
+    return turning - c * (length(state.tip - q) + jaw);
   }
   // A little more than there is left at q, so that taking hold is worth little by itself [m].
   const double taken = state.place != nullptr ? length(q - places_.target) + 0.01
                        : by_axis              ? 0.15
                                               : 0.13;
-  return c * (taken - length(state.tip - places_.target) - length(state.held_from - q));
+  return turning + c * (taken - length(state.tip - places_.target) - length(state.held_from - q));
 }
 
 bool Task::is_reached(const TaskState& state) const {
