@@ -7,6 +7,7 @@
 #include <cmath>
 
 #include "core/constants.h"
+#include "mismatch/calibrate/law_choice.h"
 
 namespace omentum {
 namespace {
@@ -320,6 +321,15 @@ void add_warnings(const Findings& f, Calibration& result) {
 void finish_scene(const Findings& f, Calibration& result) {
   pb::Scene& scene = result.scene;
   scene.mutable_tissue()->set_model(pb::TISSUE_ELASTIC);
+  // The shell has one law; all have the same stiffness at small strain.
+  pb::Material& material = *scene.mutable_tissue()->mutable_material();
+  if (material.law() != pb::LAW_COROTATED) {
+    result.warnings.push_back(fmt::format(
+        "scene.tissue.material.law: {} was fitted; scene.txtpb has the corotated one of "
+        "the shell that trains, the same at small strain",
+        law_name(material.law())));
+    material.set_law(pb::LAW_COROTATED);
+  }
   const Registration6 registration = f.fit.registration(f.state);
   pb::DepthSensor& sensor = *scene.mutable_depth_sensor();
   const auto set = [](pb::Vec3& to, const Vector3d& v) {
