@@ -43,9 +43,9 @@ def truth_overrides(truth):
     return overrides + [SMOOTH, f"scene.tissue.pose.translation_m.z={thickness / 2:.12g}"]
 
 
-def write_case(program, folder, truth, offsets, seed, times=HOLDS, factors=None, mesh=()):
+def write_case(program, folder, truth, offsets, seed, times=HOLDS, factors=None, mesh=(), pinches=PINCHES, mirrored=()):
     """Recordings folder/lifts/lift0 ..., the scene folder/believed.txtpb and its priors. `truth`: numbers of the true scene
-    by path; `offsets`: where the jaws closed against what is recorded, m; `factors`: on E, of every recording."""
+    by path; `offsets`: where the jaws closed against what is recorded, m; `factors`: on E, of every recording; `mirrored`: numbers of recordings whose tool.csv has x on the wrong side."""
     scratch = folder / "true"
     scratch.mkdir(parents=True)
     (scratch / "scene.txtpb").write_text(BELIEVED + f"depth_sensor {{ width_px: 60 height_px: 48 noise_m: {NOISE} }}\n")
@@ -53,7 +53,7 @@ def write_case(program, folder, truth, offsets, seed, times=HOLDS, factors=None,
     (folder / "believed.prior.txtpb").write_text(
         "".join(f'prior {{ path: "{path}" {kind}: {value} source: "test" }}\n' for path, kind, value in PRIORS))
     young = "scene.tissue.material.young_modulus_pa"
-    for k, (pinch, offset) in enumerate(zip(PINCHES, offsets)):
+    for k, (pinch, offset) in enumerate(zip(pinches, offsets)):
         commands = scratch / f"commands{k}"
         commands.mkdir()
         (commands / "tool.csv").write_text(tool_rows(pinch, offset))
@@ -65,7 +65,8 @@ def write_case(program, folder, truth, offsets, seed, times=HOLDS, factors=None,
                    "--cloud-rate", "10", "--seed", 100 * seed + k, *mesh, *sets]
         done = subprocess.run([str(c) for c in command], capture_output=True, text=True)
         assert done.returncode == 0, done.stderr
-        write_recording(scratch / f"lift{k}", folder / "lifts" / f"lift{k}", tool_rows(pinch, (0, 0)), times)
+        told = (-pinch[0], pinch[1]) if k in mirrored else pinch
+        write_recording(scratch / f"lift{k}", folder / "lifts" / f"lift{k}", tool_rows(told, (0, 0)), times)
     shutil.rmtree(scratch)
 
 
