@@ -136,7 +136,10 @@ def main():
     case = args.scratch / "case"
     subprocess.run([sys.executable, lifts.__file__, str(case), "--lifts", *args.lifts,
                     *(["--moving"] if args.moving else [])], check=True)
-    times = lifts.HOLDS if not args.moving else np.arange(0.2, 3.9, 0.2)
+    def times_of(number):
+        holds = lifts.holds_of(number)
+        return np.arange(0.2, holds[-1] + 0.4, 0.2) if args.moving else holds
+
     for method in ("reference", "paper")[: 1 if args.skip_paper else 2]:
         out = args.scratch / f"out_{method}"
         seconds, found = calibrate(args.program, case, out, ["--method", method, "--threads", args.threads,
@@ -146,7 +149,7 @@ def main():
         left = [r for r in found["fit"] if r["role"] == "left_out"]
         errors = [true_error(args.program, out / "left_out" / f"{r['recording']}.txtpb", case / r["recording"],
                              int(r["recording"][4:]), args.scratch, "reference" if method == "reference" else "cluster",
-                             times) for r in left]
+                             times_of(int(r["recording"][4:]))) for r in left]
         name = "held_out_mm" if method == "reference" else "held_out_paper_mm"
         each = ", ".join(f"{r['recording']} {1e3 * e[0]:.3f}" for r, e in zip(left, errors))
         print(f"recordings.{name} {1e3 * np.mean([e[0] for e in errors]):.4f} mm  # mean distance of the true surface; {each}",

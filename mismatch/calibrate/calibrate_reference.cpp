@@ -106,8 +106,8 @@ double rms_of(const std::vector<std::vector<double>>& distances, double* mean = 
       ++count;
     }
   }
-  if (mean != nullptr) *mean = count > 0 ? sum / count : 0;
-  return count > 0 ? std::sqrt(squares / count) : 0;
+  if (mean != nullptr) *mean = sum / count;
+  return std::sqrt(squares / count);  // NaN: nothing was simulated
 }
 
 /// Stiffness and registration by the shell, from many starts.

@@ -22,6 +22,10 @@ struct CalibratedNumber {
   bool at_bound = false;
   bool unseen = false;  ///< the recordings say nothing of it: value and interval are the prior's
   double pull = 0;      ///< distance from the prior in its standard deviations
+  /// How far what the recordings say alone is from the prior, in standard deviations of both. A
+  /// weak word against a firm belief moves the value little, and may still speak clearly against
+  /// it.
+  double surprise = 0;
 };
 
 /// What the recordings see only together.

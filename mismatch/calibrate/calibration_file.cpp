@@ -88,7 +88,7 @@ std::string summarise_calibration(const Calibration& c) {
   for (const std::string role : {"fitted", "left_out", "held_out"}) {
     double base = 0, model = 0, mean = 0, floor = 0, count = 0;
     for (const FitRow& row : c.fit) {
-      if (row.role != role) continue;
+      if (row.role != role || !std::isfinite(row.rmse_model + row.rmse_base)) continue;
       base += row.rmse_base * row.rmse_base;
       model += row.rmse_model * row.rmse_model;
       floor += row.floor * row.floor;

@@ -27,7 +27,7 @@ struct Mean {
 Mean mean_of(const Calibration& c, const std::string& role) {
   Mean m;
   for (const FitRow& row : c.fit) {
-    if (row.role != role) continue;
+    if (row.role != role || !std::isfinite(row.rmse_model + row.rmse_base)) continue;
     m.base += row.rmse_base * row.rmse_base;
     m.model += row.rmse_model * row.rmse_model;
     m.floor += row.floor * row.floor;

@@ -7,6 +7,7 @@
 #include <cmath>
 
 #include "core/constants.h"
+#include "mismatch/calibrate/law_choice.h"
 
 namespace omentum {
 namespace {
@@ -16,6 +17,14 @@ using Eigen::Vector3d;
 constexpr double kNinety = 1.6448536;  // standard deviations of a two-sided interval of 90 %
 constexpr double kUnseen = 0.9;        // of the prior's standard deviation is left
 constexpr double kOddPull = 4;         // standard deviations of a prior
+constexpr double kSurprise = 2.5;      // of a parameter: one in 80 by chance
+
+/// The mean of a posterior varies about the prior's by what the variance has become less.
+double surprise_of(double x, double sd, double prior_sd) {
+  constexpr double kLeast = 0.2;  // of the prior's standard deviation: rounding is no surprise
+  const double seen = prior_sd * prior_sd - sd * sd;
+  return x / std::sqrt(std::max(seen, kLeast * kLeast * prior_sd * prior_sd));
+}
 
 double sd_of(const Findings& f, int k) {
   return std::sqrt(std::max(f.sure.shared_covariance(k, k), 0.0));
@@ -35,6 +44,7 @@ CalibratedNumber shared_number(const Findings& f, int k) {
   number.prior_high90 = unknown.value(kNinety * unknown.sd);
   number.prior_source = unknown.prior;
   number.pull = x / unknown.sd;
+  number.surprise = surprise_of(x, sd, unknown.sd);
   const Range range = range_of(unknown);
   const double near = 1e-3 * unknown.sd;
   number.at_bound = x < range.low + near || x > range.high - near;
@@ -268,11 +278,13 @@ void add_warnings(const Findings& f, Calibration& result) {
     }
   }
   for (const CalibratedNumber& number : result.parameters) {
-    if (number.name != kThicknessPath || number.at_bound || std::fabs(number.pull) < 2.5) continue;
+    if (number.at_bound || std::fabs(number.surprise) < kSurprise) continue;
     warnings.push_back(fmt::format(
-        "{}: the body is seen {:.2f} mm thick ({:.2f} - {:.2f}), believed {:.2f} mm: measure it",
-        number.name, 1e3 * number.value, 1e3 * number.low90, 1e3 * number.high90,
-        1e3 * number.prior_value));
+        "{}: {:.4g} {} ({:.4g} - {:.4g}) against the belief of {:.4g} ({:.4g} - {:.4g}): what the "
+        "recordings say alone is {:.1f} standard deviations {} it; measure it",
+        number.name, number.value, number.unit, number.low90, number.high90, number.prior_value,
+        number.prior_low90, number.prior_high90, std::fabs(number.surprise),
+        number.surprise < 0 ? "below" : "above"));
   }
   const Vector3d shift = f.state.shared.segment<3>(layout.registration());
   const Vector3d turn = f.state.shared.segment<3>(layout.registration() + 3);
@@ -320,6 +332,15 @@ void add_warnings(const Findings& f, Calibration& result) {
 void finish_scene(const Findings& f, Calibration& result) {
   pb::Scene& scene = result.scene;
   scene.mutable_tissue()->set_model(pb::TISSUE_ELASTIC);
+  // The shell has one law; all have the same stiffness at small strain.
+  pb::Material& material = *scene.mutable_tissue()->mutable_material();
+  if (material.law() != pb::LAW_COROTATED) {
+    result.warnings.push_back(fmt::format(
+        "scene.tissue.material.law: {} was fitted; scene.txtpb has the corotated one of "
+        "the shell that trains, the same at small strain",
+        law_name(material.law())));
+    material.set_law(pb::LAW_COROTATED);
+  }
   const Registration6 registration = f.fit.registration(f.state);
   pb::DepthSensor& sensor = *scene.mutable_depth_sensor();
   const auto set = [](pb::Vec3& to, const Vector3d& v) {

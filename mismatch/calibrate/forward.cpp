@@ -176,6 +176,9 @@ SimulationTask make_calibration_task(const Observation& observation, const pb::S
     mesh.set_elements_y(static_cast<std::uint32_t>(numerics.elements[1]));
     mesh.set_elements_z(static_cast<std::uint32_t>(numerics.elements[2]));
   }
+  pb::ReferenceModel& solver = *tissue.mutable_reference();
+  solver.set_friction_slip_speed_m_per_s(
+      std::max(solver.friction_slip_speed_m_per_s(), numerics.slip_speed_m_per_s));
   const double share = numerics.substeps * observation.period / kScenePeriod;
   const auto scaled = [&](std::uint32_t substeps) {
     return static_cast<std::uint32_t>(std::max(1.0, std::round(share * substeps)));

@@ -54,7 +54,8 @@ struct Numerics {
   pb::TissueModelKind model = pb::TISSUE_REFERENCE;
   /// Of the mesh of the reference along x, y (without the clamp) and z; 0: as the scene says.
   std::array<int, 3> elements = {0, 0, 0};
-  double substeps = 1;  ///< times as many as the scene has
+  double substeps = 1;            ///< times as many as the scene has
+  double slip_speed_m_per_s = 0;  ///< friction is smooth below this or what the scene says
 };
 
 /// The way of a frame reaches so far before and after it [s].

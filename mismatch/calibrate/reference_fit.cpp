@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 #include <numeric>
+#include <tuple>
+#include <utility>
 
 #include "core/check.h"
 #include "core/constants.h"
@@ -140,22 +142,46 @@ std::vector<Prediction> ReferenceFit::simulate(const FitState& state, const Nume
   const bool two = columns == Columns::kFresh && found != unknowns.end();
   FitState thinner = state;
   if (two) thinner.shared[thickness] -= kThinner;
-  std::vector<Prediction> predictions(observations.size()), thin(observations.size());
-  run_parallel(which.size() * (two ? 2 : 1), options.threads, [&](std::size_t k) {
-    const std::size_t r = which[k % which.size()];
-    const bool second = k >= which.size();
-    const FitState& at = second ? thinner : state;
-    const double clock = at.shared[layout.clock()] + at.own[r][3];
-    Prediction& made_here = (second ? thin : predictions)[r];
-    try {
-      made_here =
-          predict(observations[r], scene_of(at, r), options.folder, unknowns,
-                  at.shared.head(layout.unknowns), clock, numerics, with_columns && !second);
-    } catch (const Error& error) {
-      made_here.frames.assign(observations[r].frames.size(), {});
-      made_here.failure = error.what();
+  std::vector<Prediction> predictions, thin;
+  const auto simulate_all = [&] {
+    predictions.assign(observations.size(), {});
+    thin = predictions;
+    Numerics with = numerics;
+    with.slip_speed_m_per_s = slip_speed_;
+    run_parallel(which.size() * (two ? 2 : 1), options.threads, [&](std::size_t k) {
+      const std::size_t r = which[k % which.size()];
+      const bool second = k >= which.size();
+      const FitState& at = second ? thinner : state;
+      const double clock = at.shared[layout.clock()] + at.own[r][3];
+      Prediction& made_here = (second ? thin : predictions)[r];
+      try {
+        made_here = predict(observations[r], scene_of(at, r), options.folder, unknowns,
+                            at.shared.head(layout.unknowns), clock, with, with_columns && !second);
+      } catch (const Error& error) {
+        made_here.frames.assign(observations[r].frames.size(), {});
+        made_here.failure = error.what();
+      }
+    });
+    std::ptrdiff_t valid = 0;
+    for (const std::size_t r : which)
+      valid += count_valid(predictions[r]) + (two ? count_valid(thin[r]) : 0);
+    return valid;
+  };
+  std::size_t wanted = 0;
+  for (const std::size_t r : which) wanted += (two ? 2 : 1) * observations[r].frames.size();
+  const std::ptrdiff_t valid = simulate_all();
+  // Large cells that rub may not come to rest under sharp friction. What is smooth once stays so:
+  // the difference of two simulations must not be one of friction.
+  constexpr double kSmooth = 1e-4;  // [m/s]
+  if (valid < static_cast<std::ptrdiff_t>(wanted) && slip_speed_ < kSmooth &&
+      numerics.model == pb::TISSUE_REFERENCE) {
+    const auto sharp = std::pair(predictions, thin);
+    slip_speed_ = kSmooth;
+    if (simulate_all() <= valid) {
+      slip_speed_ = 0;
+      std::tie(predictions, thin) = sharp;
     }
-  });
+  }
   if (!with_columns) return predictions;
   thickness_.resize(observations.size());
   for (const std::size_t r : which) {

@@ -36,7 +36,8 @@ class ReferenceFit {
   FitState believed() const;
   /// Of the recordings in `which`; others stay empty. Columns: those of the simulation, that of the
   /// thickness by a second one, and what set_difference() was given. A recording that cannot be
-  /// simulated at `state` has no valid frames, and the reason as its failure.
+  /// simulated at `state` has no valid frames, and the reason as its failure; before that all are
+  /// tried with smoother friction, which stays if it helps.
   /// Columns::kKept: that of the thickness is the one of the last simulation with kFresh, for half
   /// the work.
   std::vector<Prediction> simulate(const FitState& state, const Numerics& numerics, Columns columns,
@@ -103,6 +104,7 @@ class ReferenceFit {
 
  private:
   void set_beliefs();
+  double slip_speed_ = 0;  ///< of friction, where the scene's is too sharp to be solved [m/s]
   std::vector<std::vector<Eigen::VectorXf>> thickness_;  ///< column, of every recording's frames
   std::vector<std::unique_ptr<Likelihood>> likelihoods_;
 };

@@ -302,5 +302,28 @@ TEST(Findings, AThicknessAtItsBoundIsWarnedOfByName) {
       << "and stands in the scene";
 }
 
+TEST(Findings, AWeakWordAgainstAFirmBeliefIsToldWhereItSpeaksClearly) {
+  Fitted c;
+  FitState state = c.improved();
+  ArrowStep sure = c.fit->posterior(c.predictions, c.at, c.which, state);
+  const auto found =
+      std::ranges::find(c.fit->unknowns, std::string(kThicknessPath), &Unknown::path);
+  const auto k = found - c.fit->unknowns.begin();
+  // The recordings leave 0.8 of the belief's standard deviation: alone they say x / 0.36 with 4/3.
+  sure.shared_covariance(k, k) = 0.64 * found->sd * found->sd;
+  for (const auto& [x, told] : {std::pair{-1.2, false}, {-1.6, true}}) {
+    state.shared[k] = x * found->sd;
+    Calibration result;
+    const Findings findings{*c.fit, state, sure, c.which, 0, 0, 0};
+    add_numbers(findings, result);
+    add_warnings(findings, result);
+    EXPECT_EQ(
+        std::ranges::any_of(result.warnings,
+                            [](const std::string& w) { return w.starts_with(kThicknessPath); }),
+        told)
+        << x;
+  }
+}
+
 }  // namespace
 }  // namespace omentum

@@ -1,6 +1,6 @@
 """Lifts off a board with DOLFINx (Debian: python3-dolfinx), as a calibration records them: five pinch
-points, 10, 20 and 30 mm high with a hold at each, and back. What tests/mismatch/lift_recordings.py
-makes recordings of.
+points; 0 - 4 go 10, 20 and 30 mm high with a hold at each, and back; 5 - 9 go 10 mm high and back, 10 - 14
+20 mm. What tests/mismatch/lift_recordings.py makes recordings of.
 
 /usr/bin/python3 run_lifts.py [NUMBER ...] [--elements 16] [--out FOLDER]    FOLDER/lift<NUMBER>.npz
 
@@ -21,16 +21,18 @@ YOUNG, POISSON, DENSITY, GRAVITY = 52e3, 0.45, 1000.0, 9.80665
 DAMPING, FRICTION, SLIP, STEP, RADIUS = 5.0, 0.35, 1e-4, 0.02, 0.005
 # Where the jaws close: x_B, y_B of the centre [m]; three on the free edge, one on each side.
 PINCHES = [(-0.0335, 0.0385), (0.0042, 0.0395), (0.0362, 0.0371), (-0.0393, 0.0048), (0.0387, 0.0151)]
-# Height of the jaws [m] at times [s]; they also move towards the clamp by a fifth of it.
-HEIGHTS = [(0, 0), (0.1, 0), (0.5, 0.01), (0.9, 0.01), (1.3, 0.02), (1.7, 0.02), (2.1, 0.03), (2.7, 0.03),
-           (3.5, 0.01), (4.0, 0.01)]
+# Height of the jaws [m] at times [s], of each five lifts; they also move towards the clamp by a fifth of it.
+HEIGHTS = [[(0, 0), (0.1, 0), (0.5, 0.01), (0.9, 0.01), (1.3, 0.02), (1.7, 0.02), (2.1, 0.03), (2.7, 0.03),
+            (3.5, 0.01), (4.0, 0.01)],
+           [(0, 0), (0.1, 0), (0.5, 0.01), (1.3, 0.01), (1.6, 0.004), (2.0, 0.004)],
+           [(0, 0), (0.1, 0), (0.9, 0.02), (1.7, 0.02), (2.2, 0.008), (2.5, 0.008)]]
 EVERY = 5  # steps from frame to frame
 UNIT = 5e-6  # of what is stored [m]
 
 
 def lift(number, elements, out):
     begin = time.time()
-    centre = np.array(PINCHES[number])
+    centre = np.array(PINCHES[number % len(PINCHES)])
     lines = [np.linspace(-SIDE, SIDE, elements + 1), graded_lines(CLAMP, SIDE, elements, [(CLAMP, 0.008)]),
              np.array([-THICKNESS / 2, THICKNESS / 2])]
     solid = Solid(lines, "q2", "neo_hooke", YOUNG, POISSON, DENSITY, [0, 0, -GRAVITY])
@@ -44,7 +46,7 @@ def lift(number, elements, out):
     faces = [np.flatnonzero(np.isclose(solid.nodes[:, 2], z)) for z in (THICKNESS / 2, -THICKNESS / 2)]
     order = np.concatenate([face[np.lexsort((solid.nodes[face, 1], solid.nodes[face, 0]))]
                             for face in faces])
-    knots = np.array(HEIGHTS)
+    knots = np.array(HEIGHTS[number // len(PINCHES)])
     for step in range(int(round(knots[-1, 0] / STEP)) + 1):
         t = step * STEP
         if step > 0:
@@ -68,7 +70,7 @@ def lift(number, elements, out):
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser()
-    parser.add_argument("numbers", type=int, nargs="*", default=range(len(PINCHES)))
+    parser.add_argument("numbers", type=int, nargs="*", default=range(len(HEIGHTS) * len(PINCHES)))
     parser.add_argument("--elements", type=int, default=16)  # along x and y
     parser.add_argument("--out", type=Path, default=Path(__file__).parent / "results" / "lifts")
     args = parser.parse_args()
