@@ -44,7 +44,7 @@ EpisodeStart grid_start(StartSet set, std::uint32_t index) {
 void step_all(SimBackend& backend, std::array<std::uint8_t, 4> branch) {
   std::vector<Action> actions(static_cast<std::size_t>(backend.lanes()));
   std::vector<StepOutcome> outcomes(actions.size());
-  for (Action& a : actions) a.branch = branch;
+  for (Action& a : actions) std::ranges::copy(branch, a.branch.begin());
   backend.step(actions, outcomes);
 }
 

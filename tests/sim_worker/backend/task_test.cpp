@@ -4,6 +4,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <set>
@@ -39,7 +40,7 @@ EpisodeStart grid_start(std::uint32_t index) {
 StepOutcome step_one(SimBackend& backend, std::array<std::uint8_t, 4> branch) {
   std::vector<Action> actions(static_cast<std::size_t>(backend.lanes()));
   std::vector<StepOutcome> outcomes(actions.size());
-  for (Action& a : actions) a.branch = branch;
+  for (Action& a : actions) std::ranges::copy(branch, a.branch.begin());
   backend.step(actions, outcomes);
   return outcomes[0];
 }
