@@ -351,8 +351,16 @@ TEST(OrientedTask, EveryDegreeNearerToTheNormalIsProgress) {
   EXPECT_NEAR(task.potential_of(state), -0.25 * 45, 1e-9);
   state.angles = {-10 * kDegree, 0, 0};
   EXPECT_NEAR(task.potential_of(state), -0.25 * 35, 1e-9);
+  // A spin about the jaw's axis has to be turned back as well.
+  state.angles = {0, 0, 10 * kDegree};
+  EXPECT_LT(task.potential_of(state), -0.25 * 45);
+  // While held the way back to how the mount holds the tool counts, from where the place let it
+  // begin.
   state.held = true;
-  EXPECT_NEAR(task.potential_of(state), 0, 1e-12);
+  state.angles = {0, 0, 0};
+  EXPECT_NEAR(task.potential_of(state), 0.25 * 45, 1e-9);
+  state.angles = {-10 * kDegree, 0, 0};
+  EXPECT_NEAR(task.potential_of(state), 0.25 * 35, 1e-9);
 }
 
 TEST(OrientedTask, KnobsOutOfRangeAreRefusedByName) {

@@ -123,7 +123,7 @@ TEST(OrientedTool, PushesWithItsShaft) {
   };
   std::vector<StepOutcome> outcomes(2);
   std::vector<Action> actions(2);
-  for (int i = 0; i < 63; ++i) {  // down to the sheet
+  for (int i = 0; i < 70; ++i) {  // down beside the sheet
     for (Action& a : actions) a = {{kStay, kStay, 0, 0, kStay, kStay, kStay}, {}};
     backend.step(actions, outcomes);
   }

@@ -1,0 +1,55 @@
+// Faults that tell where they were (core/crash_report.h).
+#include "core/crash_report.h"
+
+#include <gtest/gtest.h>
+#include <signal.h>
+
+#include "core/check.h"
+
+namespace omentum {
+namespace {
+
+// Whole paths of this program stand in the lines of the stack.
+constexpr const char* kStack = "prog: signal 11 at address 0x[0-9a-f]+; stack.*\n.*_test.*\\+0x";
+
+void crash_at(volatile int* place) { *place = 1; }
+
+TEST(CrashReport, ABadAddressIsToldWithTheStackAndEndsTheProcessByItsSignal) {
+  EXPECT_EXIT(
+      {
+        report_crashes("prog");
+        crash_at(reinterpret_cast<volatile int*>(0x18));
+      },
+      testing::KilledBySignal(SIGSEGV), "prog: signal 11 at address 0x18; stack(.|\n)*\\+0x");
+}
+
+TEST(CrashReport, ASignalSentByAnotherEndsTheProcessToo) {
+  EXPECT_EXIT(
+      {
+        report_crashes("prog");
+        raise(SIGSEGV);
+      },
+      testing::KilledBySignal(SIGSEGV), kStack);
+}
+
+TEST(CrashReport, AFailedCheckTellsItsValuesAndThenItsStack) {
+  EXPECT_EXIT(
+      {
+        report_crashes("prog");
+        OMENTUM_CHECK(1 + 1 == 3, "sum {}", 2);
+      },
+      testing::KilledBySignal(SIGABRT), "check failed: 1 \\+ 1 == 3 sum 2\nprog: signal 6");
+}
+
+TEST(CrashReport, ASignalThatIsHandledAlreadyIsLeftAlone) {
+  EXPECT_EXIT(
+      {
+        std::signal(SIGFPE, [](int) { _exit(7); });
+        report_crashes("prog");
+        raise(SIGFPE);
+      },
+      testing::ExitedWithCode(7), "^$");
+}
+
+}  // namespace
+}  // namespace omentum
