@@ -21,9 +21,9 @@ constexpr double kSurprise = 2.5;      // of a parameter: one in 80 by chance
 
 /// The mean of a posterior varies about the prior's by what the variance has become less.
 double surprise_of(double x, double sd, double prior_sd) {
-  constexpr double kLeast = 0.2;  // of the prior's standard deviation: rounding is no surprise
+  constexpr double kLeast = 0.2;  // of the prior's standard deviation: less says nothing
   const double seen = prior_sd * prior_sd - sd * sd;
-  return x / std::sqrt(std::max(seen, kLeast * kLeast * prior_sd * prior_sd));
+  return seen > kLeast * kLeast * prior_sd * prior_sd ? x / std::sqrt(seen) : 0;
 }
 
 double sd_of(const Findings& f, int k) {
