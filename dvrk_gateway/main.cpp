@@ -3,6 +3,7 @@
 #include <map>
 
 #include "core/command_line.h"
+#include "core/crash_report.h"
 #include "core/log.h"
 #include "dvrk_gateway/experiment.h"
 #include "dvrk_gateway/gateway_program.h"
@@ -121,6 +122,7 @@ int run(int argc, char** argv) {
 }  // namespace
 
 int main(int argc, char** argv) {
+  omentum::report_crashes("dvrk_gateway");
   omentum::name_log("dvrk_gateway");
   try {
     return run(argc, argv);

@@ -4,6 +4,7 @@
 
 #include "core/command_line.h"
 #include "core/config.h"
+#include "core/crash_report.h"
 #include "core/limits.h"
 #include "core/log.h"
 #include "core/scheduling.h"
@@ -96,6 +97,7 @@ int run(int argc, char** argv) {
 }  // namespace
 
 int main(int argc, char** argv) {
+  omentum::report_crashes("learner");
   omentum::name_log("learner");
   omentum::keep_freed_memory();
   try {

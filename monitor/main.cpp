@@ -3,6 +3,7 @@
 #include <cstdio>
 
 #include "core/command_line.h"
+#include "core/crash_report.h"
 #include "core/log.h"
 #include "monitor/control.h"
 #include "monitor/doctor.h"
@@ -149,6 +150,7 @@ int run(int argc, char** argv) {
 }  // namespace
 
 int main(int argc, char** argv) {
+  omentum::report_crashes("omentum");
   omentum::name_log("omentum");
   try {
     return run(argc, argv);

@@ -8,6 +8,7 @@
 #include "core/build_id.h"
 #include "core/command_line.h"
 #include "core/config.h"
+#include "core/crash_report.h"
 #include "core/dds_options.h"
 #include "core/durable_file.h"
 #include "core/fp_mode.h"
@@ -278,6 +279,7 @@ int run(int argc, char** argv) {
 }  // namespace
 
 int main(int argc, char** argv) {
+  omentum::report_crashes("sim_worker");
   omentum::name_log("sim_worker");
   omentum::keep_freed_memory();
   try {

@@ -7,6 +7,7 @@
 
 #include "core/command_line.h"
 #include "core/config.h"
+#include "core/crash_report.h"
 #include "core/log.h"
 #include "dvrk_gateway/dvrk_double/double_program.h"
 #include "dvrk_gateway/protocol/base_frame.h"
@@ -130,6 +131,7 @@ int run(int argc, char** argv) {
 }  // namespace
 
 int main(int argc, char** argv) {
+  omentum::report_crashes("dvrk_double");
   omentum::name_log("dvrk_double");
   try {
     return run(argc, argv);
