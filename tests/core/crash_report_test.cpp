@@ -2,7 +2,9 @@
 #include "core/crash_report.h"
 
 #include <gtest/gtest.h>
-#include <signal.h>
+
+#include <csignal>
+#include <cstdint>
 
 #include "core/check.h"
 
@@ -12,13 +14,16 @@ namespace {
 // Whole paths of this program stand in the lines of the stack.
 constexpr const char* kStack = "prog: signal 11 at address 0x[0-9a-f]+; stack.*\n.*_test.*\\+0x";
 
-void crash_at(volatile int* place) { *place = 1; }
+void write_to(std::uintptr_t address) {
+  volatile std::uintptr_t hidden = address;  // from the compiler, which would refuse it
+  *reinterpret_cast<volatile int*>(hidden) = 1;
+}
 
 TEST(CrashReport, ABadAddressIsToldWithTheStackAndEndsTheProcessByItsSignal) {
   EXPECT_EXIT(
       {
         report_crashes("prog");
-        crash_at(reinterpret_cast<volatile int*>(0x18));
+        write_to(0x18);
       },
       testing::KilledBySignal(SIGSEGV), "prog: signal 11 at address 0x18; stack(.|\n)*\\+0x");
 }
