@@ -91,11 +91,10 @@ TEST_F(Mirror, LeavingAndCrashingLookAsInTheSource) {
   std::map<std::uint32_t, dds::InstanceState> ends;
   const auto look = [&] {
     (void)workers.take(64, [&](Arrival<WorkerStatus>&& arrival) {
-      if (arrival.info.valid) {
-        ids[static_cast<int>(arrival.record.pid)] = arrival.record.worker_id;
-      } else {
+      if (arrival.info.valid) ids[static_cast<int>(arrival.record.pid)] = arrival.record.worker_id;
+      // Beside a last status that was not taken yet, the end comes with it and not by itself.
+      if (arrival.info.state != dds::InstanceState::kAlive)
         ends[arrival.record.worker_id] = arrival.info.state;
-      }
     });
   };
   const pid_t crashed_pid = crashing.pid(), left_pid = worker_.pid();
