@@ -53,11 +53,17 @@ class Relay {
     }
   }
 
+  /// The end of an instance comes by itself or with its last sample.
   void pass_one(const Arrival<Record>& arrival) {
-    const bool left = arrival.info.state == dds::InstanceState::kDisposed;
-    const Result<void> done = arrival.info.valid ? writer_.write(arrival.record)
-                              : left             ? writer_.dispose(arrival.record)
-                                                 : writer_.unregister(arrival.record);
+    if (arrival.info.valid) count(writer_.write(arrival.record));
+    if (arrival.info.state == dds::InstanceState::kDisposed) {
+      count(writer_.dispose(arrival.record));
+    } else if (arrival.info.state == dds::InstanceState::kNoWriters) {
+      count(writer_.unregister(arrival.record));
+    }
+  }
+
+  void count(const Result<void>& done) {
     if (done) {
       ++counts_.passed;
     } else {

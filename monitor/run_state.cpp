@@ -18,22 +18,37 @@ const char* name_in(const std::array<const char*, N>& names, E value) {
   return index < N ? names[index] : "unknown";
 }
 
+/// What a worker or a robot says of itself; its end comes by itself or with its last word.
+template <typename Row, typename Status>
+void hear(std::map<std::uint32_t, Row>& rows, std::uint32_t id, Arrival<Status>&& arrival,
+          std::int64_t now_ns) {
+  if (arrival.info.valid) rows[id] = {std::move(arrival.record), now_ns, false};
+  if (arrival.info.state == dds::InstanceState::kDisposed) {
+    rows.erase(id);
+  } else if (const auto found = rows.find(id);
+             arrival.info.state == dds::InstanceState::kNoWriters && found != rows.end()) {
+    found->second.lost = true;
+  }
+}
+
 }  // namespace
 
 void RunState::apply(Arrival<LearnerStatus>&& arrival, std::int64_t now_ns) {
   const std::uint32_t epoch = arrival.record.learner_epoch;
   if (learner_ && epoch < learner_->learner_epoch) return;  // of an older session
-  if (!arrival.info.valid) {
-    if (learner_ && epoch == learner_->learner_epoch) learner_lost_ = true;
-    return;
+  if (arrival.info.valid) {
+    const bool new_session = !learner_ || epoch != learner_->learner_epoch;
+    const bool new_update =
+        new_session || arrival.record.policy_version != learner_->policy_version;
+    learner_ = std::move(arrival.record);
+    learner_heard_at_ns_ = now_ns;
+    learner_lost_ = false;
+    // A session that was resumed has no figures before its first update, nor a rate.
+    if (new_update && learner_->policy_version > 0 && learner_->steps_per_s > 0) add_to_curve();
   }
-  const bool new_session = !learner_ || epoch != learner_->learner_epoch;
-  const bool new_update = new_session || arrival.record.policy_version != learner_->policy_version;
-  learner_ = std::move(arrival.record);
-  learner_heard_at_ns_ = now_ns;
-  learner_lost_ = false;
-  // A session that was resumed has no figures before its first update, nor a rate.
-  if (new_update && learner_->policy_version > 0 && learner_->steps_per_s > 0) add_to_curve();
+  if (arrival.info.state != dds::InstanceState::kAlive && learner_ &&
+      epoch == learner_->learner_epoch)
+    learner_lost_ = true;
 }
 
 void RunState::add_to_curve() {
@@ -51,13 +66,7 @@ void RunState::add_to_curve() {
 
 void RunState::apply(Arrival<WorkerStatus>&& arrival, std::int64_t now_ns) {
   const std::uint32_t id = arrival.record.worker_id;
-  if (arrival.info.valid) {
-    workers_[id] = {std::move(arrival.record), now_ns, false};
-  } else if (arrival.info.state == dds::InstanceState::kDisposed) {
-    workers_.erase(id);
-  } else if (const auto found = workers_.find(id); found != workers_.end()) {
-    found->second.lost = true;
-  }
+  hear(workers_, id, std::move(arrival), now_ns);
 }
 
 void RunState::apply(Arrival<RunManifest>&& arrival, std::int64_t /*now_ns*/) {
@@ -74,13 +83,7 @@ void RunState::apply(Arrival<EpisodeSummary>&& arrival, std::int64_t /*now_ns*/)
 
 void RunState::apply(Arrival<RobotStatus>&& arrival, std::int64_t now_ns) {
   const std::uint32_t id = arrival.record.gateway_id;
-  if (arrival.info.valid) {
-    robots_[id] = {std::move(arrival.record), now_ns, false};
-  } else if (arrival.info.state == dds::InstanceState::kDisposed) {
-    robots_.erase(id);
-  } else if (const auto found = robots_.find(id); found != robots_.end()) {
-    found->second.lost = true;
-  }
+  hear(robots_, id, std::move(arrival), now_ns);
 }
 
 Presence RunState::learner_presence(std::int64_t now_ns) const {

@@ -56,6 +56,22 @@ TEST(RunState, AWorkerThatLeftIsGoneAndOneThatCrashedIsAnAlarm) {
   EXPECT_THAT(alarms_of(state, kNow), Contains(HasSubstr("worker 2 on node2: lost")));
 }
 
+// DDS tells the end with the last sample where that was not taken yet, and not by itself.
+TEST(RunState, AnEndThatComesWithTheLastStatusCounts) {
+  RunState state("fixture");
+  const auto last_word = [](auto status, dds::InstanceState end) {
+    auto arrival = ended(status, end);
+    arrival.info.valid = true;
+    return arrival;
+  };
+  state.apply(last_word(some_worker(1), dds::InstanceState::kDisposed), kNow);
+  state.apply(last_word(some_worker(2), dds::InstanceState::kNoWriters), kNow);
+  state.apply(last_word(some_learner(), dds::InstanceState::kNoWriters), kNow);
+  EXPECT_FALSE(state.workers().contains(1));
+  EXPECT_TRUE(state.workers().at(2).lost);
+  EXPECT_EQ(state.learner_presence(kNow), Presence::kLost);
+}
+
 TEST(RunState, WhoSaysNothingForLongIsSilent) {
   RunState state("fixture");
   state.apply(arrived(some_learner()), kNow);
