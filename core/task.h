@@ -117,9 +117,9 @@ class Task {
   double reward_of(const TaskState& state) const;
   /// Its difference over a decision is part of the reward: minus the way that is left, times
   /// task.progress_per_m; by axes (task.progress_by_axis) that of the opening jaw, too; and minus
-  /// the angle of the free jaw to the normal, times task.progress_per_deg. Such
-  /// shaping leaves the optimal policy as it is [Ng99] and makes a motion of half a millimetre
-  /// visible, which changes the distances' reward by 0.0009 only.
+  /// what the tool has to turn, times task.progress_per_deg: towards the normal at q, with tissue
+  /// in the jaws back. Such shaping leaves the optimal policy as it is [Ng99] and makes a motion of
+  /// half a millimetre visible, which changes the distances' reward by 0.0009 only.
   double potential_of(const TaskState& state) const;
   /// Held within task.success_radius_m of p_T: the aim of the task.
   bool is_reached(const TaskState& state) const;
@@ -142,7 +142,6 @@ class Task {
 
  private:
   RewardState reward_state(const TaskState& state) const;
-  double approach_angle(const TaskState& state) const;
 
   pb::Task task_;
   double jaw_open_deg_;
