@@ -54,6 +54,30 @@ constexpr std::uint8_t kNoTurn = 1;
 /// Draw of q's place; those below it are of the start position.
 constexpr std::uint32_t kPlaceDraw = 64;
 
+/// The least turn that takes unit vector a to b, which do not oppose each other.
+Eigen::Matrix3d turn_between(const Vector3d& a, const Vector3d& b) {
+  const Vector3d v = a.cross(b);
+  Eigen::Matrix3d cross;
+  cross << 0, -v.z(), v.y(), v.z(), 0, -v.x(), -v.y(), v.x(), 0;
+  return Eigen::Matrix3d::Identity() + cross + cross * cross / (1 + a.dot(b));
+}
+
+/// Angle of a rotation [deg].
+double angle_of(const Eigen::Matrix3d& R) {
+  const Vector3d twice_sine(R(2, 1) - R(1, 2), R(0, 2) - R(2, 0), R(1, 0) - R(0, 1));
+  return trig::atan2(twice_sine.norm(), R.trace() - 1) / kDegree;
+}
+
+/// How far the tool has to turn [deg]: while free to lie along the normal at q by the least turn,
+/// while held back to how the mount holds it, from where p_T is in reach, less what that is at q. A
+/// spin about the jaw counts with the rest: nothing else would keep it from its limit.
+double turn_left(const TaskState& state, const ToolMount& mount) {
+  if (state.place == nullptr) return 0;
+  const Eigen::Matrix3d goal = turn_between(mount.jaw_direction(), -state.place->normal);
+  const Eigen::Matrix3d R = rotation_of(state.angles);
+  return state.held ? angle_of(R) - angle_of(goal) : angle_of(goal.transpose() * R);
+}
+
 }  // namespace
 
 bool turns_tool(const pb::Task& task) { return task.action() == pb::ACTION_ORIENTED; }
@@ -244,34 +268,6 @@ double Task::reward_of(const TaskState& state) const {
                               task_.grasp_distance_per_m()};
   return reward(task_.reward(), reward_state(state), weights);
 }
-
-namespace {
-
-/// The least turn that takes unit vector a to b, which do not oppose each other.
-Eigen::Matrix3d turn_between(const Vector3d& a, const Vector3d& b) {
-  const Vector3d v = a.cross(b);
-  Eigen::Matrix3d cross;
-  cross << 0, -v.z(), v.y(), v.z(), 0, -v.x(), -v.y(), v.x(), 0;
-  return Eigen::Matrix3d::Identity() + cross + cross * cross / (1 + a.dot(b));
-}
-
-/// Angle of a rotation [deg].
-double angle_of(const Eigen::Matrix3d& R) {
-  const Vector3d twice_sine(R(2, 1) - R(1, 2), R(0, 2) - R(2, 0), R(1, 0) - R(0, 1));
-  return trig::atan2(twice_sine.norm(), R.trace() - 1) / kDegree;
-}
-
-/// How far the tool has to turn [deg]: while free to lie along the normal at q by the least turn,
-/// while held back to how the mount holds it, from where p_T is in reach, less what that is at q. A
-/// spin about the jaw counts with the rest: nothing else would keep it from its limit.
-double turn_left(const TaskState& state, const ToolMount& mount) {
-  if (state.place == nullptr) return 0;
-  const Eigen::Matrix3d goal = turn_between(mount.jaw_direction(), -state.place->normal);
-  const Eigen::Matrix3d R = rotation_of(state.angles);
-  return state.held ? angle_of(R) - angle_of(goal) : angle_of(goal.transpose() * R);
-}
-
-}  // namespace
 
 // -c (|p - q| + jaw) while free, c (taken - |p - p_T| - |g - q|) while held, g being the grasp
 // point: with the last term a grasp far from q does not save the approach to q (the flaw that P
