@@ -249,7 +249,7 @@ std::string draw_line_chart(const LineChart& chart) {
     y_low -= room;
     y_high += room;
   }
-  const Axis x{x_low, x_high, 62, kWidth - 14};
+  const Axis x{x_low, x_high, 62, kWidth - 26};  // room for half of the last number
   const Axis y{y_low, y_high, kHeight - 44, 20};
   std::string svg;
   for (const double tick : y_ticks) {
