@@ -8,7 +8,7 @@ bin=${OMENTUM_BIN:-$here/../build/release/bin}
 seconds=${1:-30} hz=${2:-25}
 folder=$(mktemp -d)
 trap 'kill $(jobs -p) 2>/dev/null || true; wait; rm -rf "$folder"' EXIT
-domain=$((120 + $$ % 50)) port=$((20000 + $$ % 10000))
+domain=$((1 + $$ % 90)) port=$((20000 + $$ % 10000))
 for _ in {1..20}; do
   "$bin/sim_worker" --run cost --domain $domain --lanes 8 2>/dev/null &
 done

@@ -115,7 +115,7 @@ def is_at_start(pose):
 
 def main():
     programs = rig.programs_folder(pathlib.Path(sys.argv[1]))
-    domain = 1 + os.getpid() % 200
+    domain = 1 + os.getpid() % 90
     with tempfile.TemporaryDirectory() as scratch:
         folder = pathlib.Path(scratch)
         policy = rig.make_policy(programs, folder, domain)

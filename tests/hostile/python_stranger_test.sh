@@ -9,7 +9,7 @@ python=${PEER_PYTHON:-python3}
 
 folder=$(mktemp -d)
 trap 'kill $(jobs -p) 2>/dev/null || true; rm -rf "$folder"' EXIT
-domain=$((120 + $$ % 100))
+domain=$((1 + $$ % 90))
 
 learner() { # run
   local sets=(run.domain=$domain "run.runs_dir=$folder" scene.tissue.grid.count_x=12 scene.tissue.grid.count_y=12

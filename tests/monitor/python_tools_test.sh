@@ -12,7 +12,7 @@ python=${PEER_PYTHON:-python3}
 
 folder=$(mktemp -d)
 trap 'kill $(jobs -p) 2>/dev/null || true; wait; rm -rf "$folder"' EXIT
-domain=$((120 + $$ % 50)) open=$((170 + $$ % 50))
+domain=$((1 + $$ % 45)) open=$((46 + $$ % 45))
 sets=()
 for set in run.domain=$domain "run.runs_dir=$folder" scene.tissue.grid.count_x=12 scene.tissue.grid.count_y=12 \
   scene.tissue.anchor_max_y_m=-0.014 task.episode_steps=60 rollout.slots=6 rollout.steps_per_segment=32 \
