@@ -8,6 +8,9 @@
 #include <utility>
 #include <vector>
 
+// geometry/ is shapes of bodies and tissue: triangle and tetrahedral meshes, distance grids,
+// nearest points, the middle surface of a sheet; solid_mesher is a program of its own. No physics.
+
 namespace omentum {
 
 /// Axis-aligned bounding boxes of the triangles of a surface in a binary tree, so that a search

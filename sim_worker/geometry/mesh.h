@@ -5,9 +5,6 @@
 #include <string>
 #include <vector>
 
-// geometry/ is shapes of bodies and tissue: triangle and tetrahedral meshes, distance grids,
-// nearest points, the middle surface of a sheet; solid_mesher is a program of its own. No physics.
-//
 // Free functions on plain structs, used at load time and for pictures; any thread may call them.
 //
 //   mesh.cpp           readers

@@ -4,6 +4,11 @@
 
 #include "sim_worker/lanes/lane_kernel.h"
 
+// lanes/ is the arithmetic of many environments at once: one environment per SIMD lane, one source
+// at 1, 8 and 16 lanes of float and 1 of double, the same bits at every width. What all tissue
+// models share of it: contact with rigid shapes, implicit steps, triangular solves, nearest point,
+// skin, picture.
+
 namespace omentum {
 
 /// What the kernels of all tissue models in lanes get: raw arguments, see lane_kernel.h. A node is

@@ -6,11 +6,6 @@
 
 #include "core/aligned.h"
 
-// lanes/ is the arithmetic of many environments at once: one environment per SIMD lane, one source
-// at 1, 8 and 16 lanes of float and 1 of double, the same bits at every width. What all tissue
-// models share of it: contact with rigid shapes, implicit steps, triangular solves, nearest point,
-// skin, picture.
-
 namespace omentum {
 
 /// Numbers of items in every lane, [item][component][lane] with the lane index fastest, as the lane
