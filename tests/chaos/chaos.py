@@ -76,7 +76,8 @@ def worker_kill(bench, run):
     _, ledger = run.finish(bench.hash)
     if max(noticed) > NOTICED_S:
         raise Broken(f"a lost worker was noticed after {max(noticed):.1f} s, allowed {NOTICED_S}")
-    return f"{len(noticed)} kills, noticed within {max(noticed):.2f} s, {ledger['regranted']} granted again"
+    again = ledger["regranted"] + ledger["cancelled"]  # a copy that came first cancels the lost grant
+    return f"{len(noticed)} kills, noticed within {max(noticed):.2f} s, {again} tasks granted again"
 
 
 def learner_kill(bench, run):
