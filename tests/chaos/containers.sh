@@ -26,7 +26,8 @@ containers_begin() {  # $1 = row, $2 = steps
 containers_wait_for() {
   local tries=$1 text=${*: -1}
   set -- "${@:2:$#-2}"
-  until docker "$@" 2>&1 | grep -q -- "$text"; do
+  # `docker service logs` of a task that has ended sometimes never ends itself.
+  until grep -q -- "$text" <(timeout 10 docker "$@" 2>&1); do
     ((tries-- > 0)) || return 1
     sleep 1
   done
