@@ -69,6 +69,16 @@ void add_surface(Tissue<double>& tissue, SimulatedRecording& result) {
   surface.assign(drawn, drawn + 3L * tissue.surface_vertices());
 }
 
+/// Every free point moves at this velocity in W [m/s].
+void start_moving(Tissue<double>& tissue, const Vector3d& velocity) {
+  if (auto* reference = dynamic_cast<ReferenceTissue*>(&tissue))
+    return reference->start_moving(velocity);
+  const std::vector<std::uint8_t>& fixed = tissue.model().body.fixed;
+  for (int i = 0; i < tissue.particles(); ++i) {
+    if (fixed[static_cast<std::size_t>(i)] == 0) tissue.set_velocity(0, i, velocity);
+  }
+}
+
 }  // namespace
 
 double settle(Tissue<double>& tissue, const Vector3d& tip) {
@@ -172,7 +182,7 @@ MeshError estimate_mesh_error(const SimulatedRecording& fine, const SimulatedRec
 
 SimulatedRecording simulate_recording(const TissueModel& model, const Arm& arm,
                                       const ToolTrack& track, const GraspSettings& grasp,
-                                      bool from_rest, ColumnCarrier* columns) {
+                                      const RecordingStart& start, ColumnCarrier* columns) {
   const std::unique_ptr<Tissue<double>> tissue = model.make_tissue(f64x1());
   tissue->reset(0, Vector3d::Zero());
   const double period = model.control_period;
@@ -190,9 +200,10 @@ SimulatedRecording simulate_recording(const TissueModel& model, const Arm& arm,
   auto* reference = columns != nullptr ? dynamic_cast<ReferenceTissue*>(tissue.get()) : nullptr;
   OMENTUM_CHECK(columns == nullptr || reference != nullptr, "columns of a tissue without");
   if (reference != nullptr) columns->begin(*reference, track.tip_at(track.begin()));
-  bool held = grasp.held.has_value();
-  if (held) hold_at_start(*tissue, *grasp.held);
-  if (from_rest) result.start_speed = settle(*tissue, held ? grasp.held->position : tip);
+  bool held = start.held.has_value();
+  if (held) hold_at_start(*tissue, *start.held);
+  if (start.from_rest) result.start_speed = settle(*tissue, held ? start.held->position : tip);
+  if (!start.velocity.isZero(0)) start_moving(*tissue, start.velocity);
   if (!tissue->healthy(0)) {
     throw_error("{}: the tissue fails before the first command: {}", track.path,
                 tissue->failure(0));
@@ -205,7 +216,7 @@ SimulatedRecording simulate_recording(const TissueModel& model, const Arm& arm,
       columns->begin_step(*reference, track.tip_at(t + period));
       if (held) reference->set_tip_columns({}, {});
     }
-    if (held && t >= grasp.held->until - 1e-9) {
+    if (held && t >= start.held->until - 1e-9) {
       held = false;
       tissue->release(0);
     }
@@ -227,7 +238,7 @@ SimulatedRecording simulate_recording(const TissueModel& model, const Arm& arm,
     if (step == steps) break;
     std::vector<ToolMotion> motion = {{tip, track.tip_at(t + period)}};
     if (held) {  // by what is no tool of the commands
-      const ToolMotion still{grasp.held->position, grasp.held->position};
+      const ToolMotion still{start.held->position, start.held->position};
       tissue->step({&still, 1});
       if (arm.active()) {
         reports[0] = arm.step(arms[0], motion[0].to, Vector3d::Zero());

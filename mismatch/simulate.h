@@ -28,7 +28,13 @@ struct HeldBody {
 struct GraspSettings {
   double patch_radius_m = 0.005;  ///< tissue within this of the tip is held
   double closed_rad = 0.2915;     ///< jaw at or below this holds: 2 atan(3 mm / 2 / 10.2 mm)
-  std::optional<HeldBody> held;   ///< before the commands begin
+};
+
+/// How the tissue is when the commands begin.
+struct RecordingStart {
+  bool from_rest = false;                              ///< else in the shape of the scene
+  std::optional<HeldBody> held;                        ///< before the commands begin
+  Eigen::Vector3d velocity = Eigen::Vector3d::Zero();  ///< of every free point, in W [m/s]
 };
 
 /// What a simulation of recorded commands gives, one entry per control step, the state at t = 0
@@ -75,14 +81,14 @@ void hold_at_start(Tissue<double>& tissue, const HeldBody& held);
 std::size_t count_steps(const ToolTrack& track, double period);
 
 /// Runs the tissue of a scene under recorded tool commands: one environment, double precision, one
-/// control step per control_period, from rest or from the shape of the scene. What was commanded is
-/// what is done, but for the effects of the arm: no workspace box, no speed cap. Ends early where
-/// the tissue fails. `columns`: of a tissue of the reference. A pure function of its arguments;
-/// several at a time share nothing that changes. Throws Error where the result does not fit into
-/// memory.
+/// control step per control_period. What was commanded is what is done, but for the effects of the
+/// arm: no workspace box, no speed cap. Ends early where the tissue fails. `columns`: of a tissue
+/// of the reference. A pure function of its arguments; several at a time share nothing that
+/// changes. Throws Error where the result does not fit into memory.
 SimulatedRecording simulate_recording(const TissueModel& model, const Arm& arm,
                                       const ToolTrack& track, const GraspSettings& grasp,
-                                      bool from_rest = false, ColumnCarrier* columns = nullptr);
+                                      const RecordingStart& start = {},
+                                      ColumnCarrier* columns = nullptr);
 
 /// What a coarser mesh changes, scaled to an estimate of the error of the finer one.
 struct MeshError {

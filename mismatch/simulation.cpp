@@ -68,11 +68,11 @@ std::shared_ptr<const ReferenceTissueModel> differentiable(const Simulation& mad
 }
 
 /// Runs the task with its columns, if it has any.
-void run_task(const SimulationTask& task, const GraspSettings& grasp,
+void run_task(const SimulationTask& task, const RecordingStart& start,
               const std::vector<PinchCircle>& pinches, const Arm& arm, Simulation& made) {
   SimulatedRecording& recording = made.recording;
   const auto run = [&](ColumnCarrier* columns) {
-    recording = simulate_recording(*made.model, arm, task.commands, grasp, task.from_rest, columns);
+    recording = simulate_recording(*made.model, arm, task.commands, task.grasp, start, columns);
     if (columns == nullptr) return;
     if (recording.failure.empty()) recording.failure = columns->failure();
     made.warnings.insert(made.warnings.end(), columns->warnings().begin(),
@@ -97,7 +97,7 @@ void run_task(const SimulationTask& task, const GraspSettings& grasp,
 }
 
 /// From the same commands on a mesh with 1.5 times larger cells.
-std::optional<MeshError> find_mesh_error(const SimulationTask& task, const GraspSettings& grasp,
+std::optional<MeshError> find_mesh_error(const SimulationTask& task, const RecordingStart& start,
                                          const std::vector<PinchCircle>& pinches, const Arm& arm,
                                          const ReferenceTissueModel& fine, Simulation& made) {
   constexpr double kRatio = 1.5;
@@ -107,11 +107,27 @@ std::optional<MeshError> find_mesh_error(const SimulationTask& task, const Grasp
   std::vector<std::string> ignored;
   const auto model = make_tissue_model(scene, task.period, ignored, pinches);
   const SimulatedRecording coarse =
-      simulate_recording(*model, arm, task.commands, grasp, task.from_rest);
+      simulate_recording(*model, arm, task.commands, task.grasp, start);
   if (coarse.failure.empty()) return estimate_mesh_error(made.recording, coarse, kRatio);
   made.warnings.push_back("no estimate of the discretisation error: with larger cells " +
                           coarse.failure);
   return std::nullopt;
+}
+
+/// Tissue that nothing holds has no rest to begin from: it begins in the shape of the scene.
+RecordingStart start_of(const SimulationTask& task, const Scene& scene) {
+  RecordingStart start;
+  if (task.scene.has_held_start()) {
+    const pb::HeldStart& held = task.scene.held_start();
+    const pb::Vec3& p = held.position_m();
+    start.held = {{held.x_m(), held.y_m()}, held.radius_m(), {p.x(), p.y(), p.z()}, held.until_s()};
+  }
+  start.from_rest = task.from_rest && (start.held || !scene.falls());
+  const pb::Vec3& v = task.scene.start_velocity_m_per_s();
+  start.velocity = {v.x(), v.y(), v.z()};
+  if (start.held && !start.velocity.isZero(0))
+    throw_error("scene.start_velocity_m_per_s: allowed without scene.held_start");
+  return start;
 }
 
 }  // namespace
@@ -120,17 +136,11 @@ Simulation simulate(const SimulationTask& task) {
   Simulation made;
   made.scene = make_scene(task.scene, task.folder);
   std::vector<PinchCircle> pinches = pinches_of(task.commands, made.scene, task.grasp);
-  GraspSettings grasp = task.grasp;
-  if (task.scene.has_held_start()) {
-    const pb::HeldStart& start = task.scene.held_start();
-    const pb::Vec3& p = start.position_m();
-    grasp.held = {
-        {start.x_m(), start.y_m()}, start.radius_m(), {p.x(), p.y(), p.z()}, start.until_s()};
-    pinches.push_back({grasp.held->place, grasp.held->radius});
-  }
+  const RecordingStart start = start_of(task, made.scene);
+  if (start.held) pinches.push_back({start.held->place, start.held->radius});
   made.model = make_tissue_model(made.scene, task.period, made.scene.warnings, pinches);
   const Arm arm(task.scene.arm(), scene_tool_mount(made.scene), task.period);
-  run_task(task, grasp, pinches, arm, made);
+  run_task(task, start, pinches, arm, made);
   SimulatedRecording& recording = made.recording;
   recording.clocks = task.scene.clocks();
   constexpr double kAtRest = 1e-4;  // [m/s]
@@ -146,7 +156,7 @@ Simulation simulate(const SimulationTask& task) {
   }
   const auto* reference = dynamic_cast<const ReferenceTissueModel*>(made.model.get());
   if (task.estimate_error && reference != nullptr && recording.failure.empty())
-    made.mesh_error = find_mesh_error(task, grasp, pinches, arm, *reference, made);
+    made.mesh_error = find_mesh_error(task, start, pinches, arm, *reference, made);
   return made;
 }
 

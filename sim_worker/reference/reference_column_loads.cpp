@@ -32,6 +32,7 @@ void ReferenceTissue::follow(const ReferenceTissue& base) {
   state_.step_before = from.step_before;
   state_.mode = from.mode;
   state_.multiplier = from.multiplier;
+  state_.turn = from.turn;
   held_force_ = base.held_force_;
 }
 
@@ -49,6 +50,9 @@ void ReferenceTissue::evaluate_along(const ReferenceTissue& base, Terms terms,
   if (grasp_) {
     terms.target = grasp_->offset;
     terms.target.col(0) += terms.tip;
+    trial_turn_ = base.trial_turn_;
+    const PatchTurn turn = patch_turn(trial_turn_, terms.target, trial_multiplier_);
+    if (turns()) trial_turn_.add(-turn.compliance * turn.moment);  // where it now leads the jaws
   }
   effects_.begin(terms.h, state_.x, state_.v, terms.x_tilde, terms.beta);
   update_friction(terms, trial_x_);

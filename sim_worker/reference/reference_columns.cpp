@@ -8,7 +8,6 @@
 #include "core/check.h"
 #include "sim_worker/reference/reference_tissue.h"
 #include "sim_worker/tissue/effect_laws.h"
-#include "sim_worker/tissue/rotation.h"
 
 namespace omentum {
 namespace {
@@ -199,11 +198,11 @@ void ReferenceTissue::hold_columns(const Matrix3d& jaw, bool collapse) {
 /// them.
 MatrixXd ReferenceTissue::grasp_target_columns(const Terms& terms) const {
   MatrixXd grasp = columns_->offset;
-  if (!grasp_ || !(effects_.values().grasp_turn > 0)) return grasp;
-  const PatchTurn turn = patch_turn(terms.target, trial_multiplier_);
+  if (!turns()) return grasp;
+  const PatchTurn turn = patch_turn(trial_turn_, terms.target, trial_multiplier_);
   MatrixXd moment = MatrixXd::Zero(3, grasp.cols());
   for (int r = 1; r < GraspPatch::kRows; ++r) {
-    grasp.middleRows<3>(3L * r) = turn.turn * MatrixXd(grasp.middleRows<3>(3L * r));
+    grasp.middleRows<3>(3L * r) = trial_turn_.matrix * MatrixXd(grasp.middleRows<3>(3L * r));
     moment -= cross_matrix(trial_multiplier_.col(r)) * grasp.middleRows<3>(3L * r);
   }
   const MatrixXd turned = turn.compliance * moment;
@@ -295,7 +294,8 @@ bool ReferenceTissue::factor_columns(const Terms& terms) {
   }
   c.factor.solve_lower(c.border);
   MatrixXd S = c.border.transpose() * c.border;
-  add_grasp_compliance(patch_turn(terms.target, trial_multiplier_), S.topLeftCorner(rows, rows));
+  add_grasp_compliance(patch_turn(trial_turn_, terms.target, trial_multiplier_),
+                       S.topLeftCorner(rows, rows));
   for (Eigen::Index r = rows; r < S.rows(); ++r) S(r, r) -= 1 / spring;
   c.border_solver.compute(S);
   return true;

@@ -6,7 +6,6 @@
 #include "core/decompositions.h"
 #include "sim_worker/reference/reference_tissue.h"
 #include "sim_worker/tissue/effect_laws.h"
-#include "sim_worker/tissue/rotation.h"
 
 namespace omentum {
 
@@ -29,55 +28,31 @@ Eigen::Vector4d ReferenceTissue::grasp_compliances() const {
   return c;
 }
 
-/// Jaws that turn by theta = C_turn sum_r t_r x p_r, the moment of the multipliers on the rows of
-/// slopes, which they lead to t_r = R(theta) target_r: the minimum of |theta|^2 / (2 C_turn) - sum
-/// p_r . t_r.
-ReferenceTissue::PatchTurn ReferenceTissue::patch_turn(const Targets& targets,
+/// Jaws that turn by R(theta) lead the rows of slopes to t_r = R target_r. Their spring, of energy
+/// |theta|^2 / (2 C_turn), bears the moment sum_r t_r x p_r of the multipliers. With w a turn after
+/// R the energy less sum_r p_r . t_r has the gradient `moment` and the inverse Hessian
+/// `compliance`.
+ReferenceTissue::PatchTurn ReferenceTissue::patch_turn(const Turn& turn, const Targets& targets,
                                                        const Targets& multiplier) const {
-  constexpr double kSettled = 1e-15, kSmall = 1e-3;  // [rad]
-  constexpr int kMost = 30;
-  PatchTurn result{targets, Eigen::Matrix3d::Identity(), 0, Eigen::Matrix3d::Zero()};
+  PatchTurn result{targets};
+  if (!turns()) return result;
   const double compliance = effects_.values().grasp_turn;
-  if (!(compliance > 0)) return result;
-  const auto energy = [&](const Turn& turn) {
-    double sum = 0.5 / compliance * turn.angle.squaredNorm();
-    for (int r = 1; r < GraspPatch::kRows; ++r)
-      sum -= multiplier.col(r).dot(turn.matrix * targets.col(r));
-    return sum;
-  };
-  Turn turn;
-  for (int iteration = 0; iteration < kMost; ++iteration) {
-    const Eigen::Matrix3d change = turn_change(turn.angle) / compliance;
-    Vector3d gradient = change.transpose() * turn.angle;
-    Eigen::Matrix3d second = change;
-    for (int r = 1; r < GraspPatch::kRows; ++r) {
-      const Vector3d t = turn.matrix * targets.col(r);
-      const Vector3d p = multiplier.col(r);
-      gradient -= t.cross(p);
-      second += t.dot(p) * Eigen::Matrix3d::Identity() - t * p.transpose();
-    }
-    // Far from the minimum it may bend the other way: then a descent along each axis.
-    const Eigen::Matrix3d symmetric = 0.5 * (second + second.transpose());
-    const PrincipalAxes3 principal = principal_axes(symmetric);
-    const Vector3d stiffness = principal.values.cwiseAbs().cwiseMax(1e-3 / compliance);
-    result.compliance =
-        principal.axes * stiffness.cwiseInverse().asDiagonal() * principal.axes.transpose();
-    Vector3d step = -result.compliance * gradient;
-    const double before = energy(turn);
-    Turn next = turn;
-    next.add(step);
-    for (int halving = 0; halving < kMost && step.norm() > kSmall && energy(next) > before;
-         ++halving) {
-      step *= 0.5;
-      next = turn;
-      next.add(step);
-    }
-    turn = next;
-    if (!(step.cwiseAbs().maxCoeff() > kSettled)) break;
-  }
-  for (int r = 1; r < GraspPatch::kRows; ++r) result.targets.col(r) = turn.matrix * targets.col(r);
-  result.turn = turn.matrix;
   result.energy = 0.5 / compliance * turn.angle.squaredNorm();
+  result.moment = turn.angle / compliance;
+  Eigen::Matrix3d second = turn_change(turn.angle) / compliance;
+  for (int r = 1; r < GraspPatch::kRows; ++r) {
+    const Vector3d t = turn.matrix * targets.col(r);
+    const Vector3d p = multiplier.col(r);
+    result.targets.col(r) = t;
+    result.moment -= t.cross(p);
+    second += t.dot(p) * Eigen::Matrix3d::Identity() - t * p.transpose();
+  }
+  // Far from equilibrium it may bend the other way: then a descent along each axis.
+  const Eigen::Matrix3d symmetric = 0.5 * (second + second.transpose());
+  const PrincipalAxes3 principal = principal_axes(symmetric);
+  const Vector3d stiffness = principal.values.cwiseAbs().cwiseMax(1e-3 / compliance);
+  result.compliance =
+      principal.axes * stiffness.cwiseInverse().asDiagonal() * principal.axes.transpose();
   return result;
 }
 
@@ -121,14 +96,18 @@ void ReferenceTissue::slip() {
 /// targets and m = r - c p, the force C^T p and the energy p . r + m^2 / (2 (c + kMissCompliance)).
 void ReferenceTissue::add_grasp(const Terms& terms, const Nodes& x, Residual& out) const {
   if (has_pad()) return add_pad(x, out);
-  const PatchTurn turn = patch_turn(terms.target, trial_multiplier_);
+  const PatchTurn turn = patch_turn(trial_turn_, terms.target, trial_multiplier_);
   const Targets offset = patch_rows(x) - turn.targets;
   const Eigen::Vector4d compliances = grasp_compliances();
   out.miss = offset - trial_multiplier_ * compliances.asDiagonal();
   const Eigen::Vector4d stiffness = (compliances.array() + kMissCompliance).inverse();
   out.miss_force = out.miss * stiffness.asDiagonal();
   out.count_energy(trial_multiplier_.cwiseProduct(offset).sum());
-  if (turn.energy > 0) out.count_energy(turn.energy);
+  if (turns()) {
+    out.count_energy(turn.energy);
+    out.moment = turn.moment;
+    out.moment_force = turn.moment.norm() / turn.targets.rightCols<2>().colwise().norm().maxCoeff();
+  }
   out.count_energy(0.5 * out.miss.cwiseProduct(out.miss_force).sum());
   const GraspPatch& patch = grasp_->patch;
   for (int k = 0; k < patch.weight.rows(); ++k)
@@ -154,7 +133,7 @@ void ReferenceTissue::prepare_constraint() {
   Y = grasp_columns();
   factor_.solve_lower(Y);
   MatrixXd S = Y.transpose() * Y;
-  add_grasp_compliance(patch_turn(grasp_->offset, trial_multiplier_), S);
+  add_grasp_compliance(patch_turn(trial_turn_, grasp_->offset, trial_multiplier_), S);
   constraint_solver_.compute(S);
 }
 
@@ -172,30 +151,9 @@ MatrixXd ReferenceTissue::grasp_columns() const {
   return Y;
 }
 
-/// dp of jaws that turn: (c I + Y^T Y) dp + targets(p + dp) - targets(p) = load, exactly, so that
-/// the step of the nodes meets the targets of the multipliers after it.
-VectorXd ReferenceTissue::turned_multipliers(const VectorXd& load, VectorXd more) const {
-  constexpr double kSettled = 1e-12;  // of the load
-  constexpr int kMost = 20;
-  const Targets before = patch_turn(grasp_->offset, trial_multiplier_).targets;
-  const MatrixXd own = constraint_response_.transpose() * constraint_response_;
-  const Eigen::Vector4d compliances = grasp_compliances();
-  for (int iteration = 0; iteration < kMost; ++iteration) {
-    const PatchTurn turn =
-        patch_turn(grasp_->offset, trial_multiplier_ + Targets::Map(more.data()));
-    const Targets moved = turn.targets - before;
-    VectorXd miss = load - own * more - VectorXd::Map(moved.data(), moved.size());
-    for (int r = 0; r < GraspPatch::kRows; ++r)
-      miss.segment<3>(3L * r) -= compliances[r] * more.segment<3>(3L * r);
-    if (!(miss.norm() > kSettled * load.norm())) break;
-    MatrixXd system = own;
-    add_grasp_compliance(turn, system);
-    more += system.ldlt().solve(miss);
-  }
-  return more;
-}
-
-/// y <- y - Y dp, between the forward and the backward solve; next_multiplier_ = p + dp.
+/// y <- y - Y dp, between the forward and the backward solve; next_multiplier_ = p + dp. Jaws that
+/// turn, with D their compliance and T_r = [t_r]x^T, turn by w = D (T^T dp - moment), which
+/// eliminated makes it (c I + Y^T Y + T D T^T) dp = Y^T y + m + T D moment.
 void ReferenceTissue::constrain(const Targets& miss, Eigen::Ref<VectorXd> direction) {
   if (has_pad()) {
     const VectorXd pose = constraint_solver_.solve(constraint_response_.transpose() * direction);
@@ -203,12 +161,25 @@ void ReferenceTissue::constrain(const Targets& miss, Eigen::Ref<VectorXd> direct
     next_multiplier_ = trial_multiplier_;
     return;
   }
-  const VectorXd load =
+  VectorXd load =
       constraint_response_.transpose() * direction + VectorXd::Map(miss.data(), miss.size());
-  VectorXd more = constraint_solver_.solve(load);
-  if (effects_.values().grasp_turn > 0) more = turned_multipliers(load, more);
+  PatchTurn turn;
+  if (turns()) {
+    turn = patch_turn(trial_turn_, grasp_->offset, trial_multiplier_);
+    MatrixXd S = constraint_response_.transpose() * constraint_response_;
+    add_grasp_compliance(turn, S);
+    constraint_solver_.compute(S);
+    const Vector3d by_moment = turn.compliance * turn.moment;
+    for (int r = 1; r < GraspPatch::kRows; ++r)
+      load.segment<3>(3L * r) += by_moment.cross(turn.targets.col(r));
+  }
+  const VectorXd more = constraint_solver_.solve(load);
   direction -= constraint_response_ * more;
   next_multiplier_ = trial_multiplier_ + Targets::Map(more.data());
+  if (turns()) {
+    const PatchTurn next = patch_turn(trial_turn_, grasp_->offset, next_multiplier_);
+    turn_step_ = -turn.compliance * next.moment;
+  }
 }
 
 /// Nearest point of the bilinear mid-surface, searched from the nearest particle; none on the
@@ -228,6 +199,7 @@ std::optional<SheetPoint> ReferenceTissue::nearest_point(const Vector3d& tip) co
   const SheetPoint found =
       nearest_on_sheet(at, sheet, model_->body.particles[nearest[0].particle].head<2>(), tip);
   if (!(found.X.y() > model_->clamp_edge) && model_->unknown.front() < 0) return std::nullopt;
+  if (!(found.X.y() < model_->second_edge) && model_->unknown.back() < 0) return std::nullopt;
   return found;
 }
 
@@ -272,6 +244,7 @@ void ReferenceTissue::release(int) {
   slipped_ = 0;
   held_force_.setZero();
   state_.multiplier.setZero();
+  state_.turn = {};
   for_each_follower([](ReferenceTissue& follower) { follower.release(0); });
 }
 

@@ -98,10 +98,12 @@ struct ClampPart {
 ClampPart clamp_part(const ReferenceTissueModel& model, std::size_t node) {
   const std::vector<double>& xs = model.lines[0];
   const auto ix = (node / model.lines[2].size()) % xs.size();
+  const double y = model.lines[1][node / model.lines[2].size() / xs.size()];
+  const bool strip =
+      y > model.clamp_edge + kSameLine ? model.has_second_strip() : model.has_strip();
   const double left = ix > 0 ? 0.5 * (xs[ix] - xs[ix - 1]) : 0;
   const double right = ix + 1 < xs.size() ? 0.5 * (xs[ix + 1] - xs[ix]) : 0;
-  return {xs[ix] + 0.5 * (right - left), 0.5 * (left + right),
-          model.clamp_edge > model.lines[1].front() + kSameLine ? 2.0 : 1.0,
+  return {xs[ix] + 0.5 * (right - left), 0.5 * (left + right), strip ? 2.0 : 1.0,
           static_cast<double>(model.lines[2].size())};
 }
 
@@ -210,19 +212,22 @@ void make_lines(const Scene& scene, std::span<const PinchCircle> pinches,
   for (const Vector3d& p : model.body.particles) box.extend(p);
   const Vector3d min = box.min();
   const Vector3d max = box.max();
-  const bool any_fixed = std::ranges::any_of(model.body.fixed, [](auto f) { return f != 0; });
+  const pb::Tissue& tissue = scene.config.tissue();
   const pb::ReferenceModel& n = model.numerics;
-  const double anchor = scene.config.tissue().anchor_max_y_m();
-  model.clamp_edge = any_fixed ? std::max(anchor, min.y()) : min.y();
+  const bool clamped = tissue.anchor_max_y_m() >= min.y() - 1e-9;  // as scene_tissue.cpp has it
+  model.clamp_edge = clamped ? std::max(tissue.anchor_max_y_m(), min.y()) : min.y();
+  model.second_edge = model.body.two_clamps ? std::min(tissue.anchor_min_y_m(), max.y()) : max.y();
+  std::vector<double> edges;
+  if (clamped) edges.push_back(model.clamp_edge);
+  if (model.body.two_clamps) edges.push_back(model.second_edge);
   std::array<std::vector<Kink>, 2> kinks;
   const double thickness = scene.tissue.thickness;
   // A stated number of cells is spread more evenly: few of them would all lie at the clamp.
   const bool bears_singularity =
       model.material.law() == pb::LAW_NEO_HOOKE && n.elements_y() == 0 && n.elements_z() == 0;
-  if (any_fixed && bears_singularity) {
-    kinks[1].push_back({model.clamp_edge, thickness / 15, kDenserAtSingularClamp, true});
-  } else if (any_fixed) {
-    kinks[1].push_back({model.clamp_edge, thickness, kDenserAtClamp});
+  for (const double edge : edges) {
+    kinks[1].push_back(bears_singularity ? Kink{edge, thickness / 15, kDenserAtSingularClamp, true}
+                                         : Kink{edge, thickness, kDenserAtClamp});
   }
   for (const PinchCircle& pinch : pinches) {
     const Eigen::Vector2d half = model.surroundings.grip.box(pinch.radius);
@@ -231,15 +236,16 @@ void make_lines(const Scene& scene, std::span<const PinchCircle> pinches,
         kinks[axis].push_back({pinch.centre[axis] + side, half[axis], kDenserAtPinch});
     }
   }
-  const MeshSize size =
-      mesh_size(n.tolerance_m(), thickness, max.y() - model.clamp_edge, bears_singularity ? 3 : 2);
+  const MeshSize size = mesh_size(n.tolerance_m(), thickness, model.second_edge - model.clamp_edge,
+                                  bears_singularity ? 3 : 2);
   model.lines[0] =
       graded_lines(min.x(), max.x(), static_cast<int>(n.elements_x()), size.in_plane, kinks[0]);
-  model.lines[1] = graded_lines(model.clamp_edge, max.y(), static_cast<int>(n.elements_y()),
-                                size.in_plane, kinks[1]);
-  // The clamped strip is rigid: one row of elements, for the positions of its particles.
+  model.lines[1] = graded_lines(model.clamp_edge, model.second_edge,
+                                static_cast<int>(n.elements_y()), size.in_plane, kinks[1]);
+  // A clamped strip is rigid: one row of elements, for the positions of its particles.
   if (model.clamp_edge > min.y() + kSameLine)
     model.lines[1].insert(model.lines[1].begin(), min.y());
+  if (model.second_edge < max.y() - kSameLine) model.lines[1].push_back(max.y());
   int layers = n.elements_z() > 0 ? static_cast<int>(n.elements_z()) : size.layers;
   if (mesh_of != nullptr) {
     model.lines = mesh_of->lines;
@@ -256,14 +262,16 @@ void make_lines(const Scene& scene, std::span<const PinchCircle> pinches,
       const double h =
           model.body.thickness_map.at({x, y, 0}) * model.effects.thickness_at({x, y, 0});
       for (const double z : model.lines[2]) {
-        const bool flat = scene.config.tissue().flat_lower_face();
+        const bool flat = tissue.flat_lower_face();
         model.nodes.emplace_back(x, y, flat ? h * (z + half) - half : h * z);
       }
     }
   }
   model.unknown.assign(model.nodes.size(), 0);
   for (std::size_t i = 0; i < model.nodes.size(); ++i) {
-    if (any_fixed && model.nodes[i].y() <= model.clamp_edge + kSameLine) model.unknown[i] = -1;
+    const double y = model.nodes[i].y();
+    const bool second = model.body.two_clamps && y >= model.second_edge - kSameLine;
+    if (second || (clamped && y <= model.clamp_edge + kSameLine)) model.unknown[i] = -1;
   }
   release_anchors(model);
 }

@@ -66,8 +66,9 @@ struct GraspPad {
 };
 
 /// Model of the converged solid (docs/tissue.md 13): a sheet of the grid maker as a box of bricks,
-/// thickness_m thick, its mid-surface through the particles; particle_radius_m does not apply. One
-/// grid line lies on the clamp edge y_B = anchor_max_y_m; material beyond it is rigid.
+/// thickness_m thick, its mid-surface through the particles; particle_radius_m does not apply. A
+/// grid line lies on the edge of each clamp, y_B = anchor_max_y_m and anchor_min_y_m; material
+/// beyond them is rigid.
 struct ReferenceTissueModel : TissueModel, std::enable_shared_from_this<ReferenceTissueModel> {
   /// Throws Error: double precision only.
   std::unique_ptr<Tissue<float>> make_tissue(const LaneKernel<float>& kernel) const override;
@@ -89,16 +90,18 @@ struct ReferenceTissueModel : TissueModel, std::enable_shared_from_this<Referenc
     return (iy * (cells(0) + 1) + ix) * (cells(2) + 1) + iz;
   }
   int element_index(int ix, int iy, int iz) const { return (iy * cells(0) + ix) * cells(2) + iz; }
-  /// Of them along y those that are not in the rigid strip beyond the clamp edge.
+  /// Of them along y those that are not in the rigid strips beyond the clamps.
   int free_cells_y() const {
-    return cells(1) - (lines[1].front() < clamp_edge - kSameLine ? 1 : 0);
+    return cells(1) - (has_strip() ? 1 : 0) - (has_second_strip() ? 1 : 0);
   }
+  bool has_strip() const { return lines[1].front() < clamp_edge - kSameLine; }
+  bool has_second_strip() const { return lines[1].back() > second_edge + kSameLine; }
   /// Batches of Pack::kLanes elements.
   std::size_t batches() const { return (elements.size() + Pack::kLanes - 1) / Pack::kLanes; }
-  /// The sheet without its clamp in x_B, y_B [m].
+  /// The sheet without its clamps in x_B, y_B [m].
   Eigen::AlignedBox2d free_sheet() const {
     return {Eigen::Vector2d(lines[0].front(), clamp_edge),
-            Eigen::Vector2d(lines[0].back(), lines[1].back())};
+            Eigen::Vector2d(lines[0].back(), second_edge)};
   }
 
   pb::ReferenceModel numerics;
@@ -110,6 +113,7 @@ struct ReferenceTissueModel : TissueModel, std::enable_shared_from_this<Referenc
 
   std::array<std::vector<double>, 3> lines;  ///< grid lines along x, y, z of B [m]
   double clamp_edge = 0;                     ///< y_B of the clamp edge, or the lower end [m]
+  double second_edge = 0;                    ///< of the second clamp, or the upper end [m]
   std::vector<Eigen::Vector3d> nodes;        ///< p_B at rest [m]
   std::vector<double> mass;                  ///< lumped, per node [kg]
   double total_mass = 0;                     ///< [kg]

@@ -11,7 +11,6 @@
 #include <cmath>
 
 #include "sim_worker/reference/reference_tissue.h"
-#include "sim_worker/tissue/rotation.h"
 
 namespace omentum {
 namespace {
@@ -181,7 +180,7 @@ void ReferenceTissue::remember_pad(const Terms& terms) {
 Vector3d ReferenceTissue::held_moment() const {
   if (!grasp_) return Vector3d::Zero();
   if (has_pad()) return state_.multiplier.col(1);
-  const Targets targets = patch_turn(grasp_->offset, state_.multiplier).targets;
+  const Targets targets = patch_turn(state_.turn, grasp_->offset, state_.multiplier).targets;
   Vector3d moment = Vector3d::Zero();
   for (int row = 0; row < GraspPatch::kRows; ++row)
     moment += targets.col(row).cross(state_.multiplier.col(row));

@@ -36,6 +36,7 @@ bool ReferenceTissue::solve(const Terms& terms) {
   trial_x_ = state_.x;
   trial_mode_ = state_.mode;
   trial_multiplier_ = state_.multiplier;
+  trial_turn_ = state_.turn;
   update_friction(terms, trial_x_);
   for (std::size_t i = 0; i < trial_x_.size(); ++i) {
     if (model_->unknown[i] >= 0) trial_x_[i] += terms.h * state_.v[i];
@@ -153,7 +154,8 @@ void ReferenceTissue::evaluate_outside(const Terms& terms, const Nodes& x, Resid
   out.energy = out.energy_inside;
   add_contact(terms, x, out);
   if (grasp_) add_grasp(terms, x, out);
-  out.norm = std::sqrt(out.force.squaredNorm() + out.miss_force.squaredNorm());
+  out.norm = std::sqrt(out.force.squaredNorm() + out.miss_force.squaredNorm() +
+                       out.moment_force * out.moment_force);
 }
 
 /// Sets the diagonal block of a node: elements and inertia, plus `more`.
@@ -380,10 +382,12 @@ void ReferenceTissue::move_trial(const Terms& terms, double length, const Nodes&
 bool ReferenceTissue::search_line(const Terms& terms, Residual& residual) {
   constexpr double kRounding = 1e-13;  // of a sum over some thousand terms
   const Targets multiplier = trial_multiplier_;
+  const Turn turn = trial_turn_;
   if (grasp_) trial_multiplier_ = next_multiplier_;
   evaluate_outside(terms, trial_x_, residual);
-  const double slope =
+  double slope =
       residual.force.dot(direction_) - residual.miss.cwiseProduct(residual.miss_force).sum();
+  if (turns()) slope += residual.moment.dot(turn_step_);
   const bool hidden = std::fabs(slope) < kRounding * residual.scale;
   const Nodes x = trial_x_;
   const Modes mode = trial_mode_;
@@ -391,6 +395,8 @@ bool ReferenceTissue::search_line(const Terms& terms, Residual& residual) {
   double length = 1;
   for (int attempt = 0; attempt < kMaxLineSearch; ++attempt, length *= 0.5) {
     move_trial(terms, length, x, mode);
+    trial_turn_ = turn;
+    if (turns()) trial_turn_.add(length * turn_step_);
     evaluate(terms, trial_x_, trial_mode_, trial);
     if (!std::isfinite(trial.energy)) continue;
     if (hidden ? trial.norm < residual.norm
@@ -402,6 +408,7 @@ bool ReferenceTissue::search_line(const Terms& terms, Residual& residual) {
   trial_x_ = x;
   trial_mode_ = mode;
   trial_multiplier_ = multiplier;
+  trial_turn_ = turn;
   evaluate_outside(terms, trial_x_, residual);
   return false;
 }

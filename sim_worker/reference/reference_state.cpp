@@ -56,9 +56,9 @@ class NumberReader {
 
 }  // namespace
 
-// Layout, all doubles: the fixed part; grasp: patch centre, radius, targets, multipliers; effects:
-// their values, slip, memory; tangent: inertia, nodes, parabolas, number of blocks, each block as
-// its node and its lower triangle.
+// Layout, all doubles: the fixed part; grasp: patch centre, radius, targets, multipliers, turn;
+// effects: their values, slip, memory; tangent: inertia, nodes, parabolas, number of blocks, each
+// block as its node and its lower triangle.
 struct ReferenceTissue::Saved {
   State state;
   LaneParameters parameters;
@@ -100,6 +100,7 @@ void ReferenceTissue::save(int, Bytes& out) const {
     writer.add(grasp.radius);
     add(numbers(grasp.offset));
     add(numbers(saved.state.multiplier));
+    add(numbers(saved.state.turn.quaternion.coeffs()));
     add(numbers(grasp.arm));
   }
   if (has_effects) {
@@ -130,6 +131,8 @@ Result<std::size_t> ReferenceTissue::load(int, std::span<const std::byte> bytes)
   NumberReader reader(bytes);
   Saved saved{state_, {}, {}, contact_forces_};
   saved.state.multiplier.setZero();
+  saved.state.turn = {};
+  Eigen::Quaterniond turn;
   for (const std::span<double> values : saved.fixed()) {
     if (!reader.read(values)) return ends;
   }
@@ -144,8 +147,12 @@ Result<std::size_t> ReferenceTissue::load(int, std::span<const std::byte> bytes)
   Grasp grasp;
   if ((parts & kGrasp) != 0) {
     if (!reader.read(numbers(grasp.centre)) || !reader.read(grasp.radius) ||
-        !reader.read(numbers(grasp.offset)) || !reader.read(numbers(saved.state.multiplier)))
+        !reader.read(numbers(grasp.offset)) || !reader.read(numbers(saved.state.multiplier)) ||
+        !reader.read(numbers(turn.coeffs())))
       return ends;
+    if (!(std::fabs(turn.norm() - 1) < 1e-9))
+      return Failure{fmt::format("reference tissue state: turn of norm {}", turn.norm())};
+    saved.state.turn.set(turn);
     const Eigen::AlignedBox2d sheet = model_->free_sheet();
     if (!sheet.contains(grasp.centre) || !(grasp.radius > 0 && grasp.radius <= 1)) {
       return Failure{fmt::format("reference tissue state: patch at ({}, {}) m of radius {} m",

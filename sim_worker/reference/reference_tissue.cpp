@@ -181,6 +181,14 @@ double ReferenceTissue::settle(const Vector3d& tip) {
   return speed;
 }
 
+void ReferenceTissue::start_moving(const Vector3d& velocity) {
+  for (std::size_t i = 0; i < state_.v.size(); ++i) {
+    if (model_->unknown[i] >= 0) state_.v[i] = velocity;
+  }
+  state_.step_before = 0;
+  for_each_follower([&](ReferenceTissue& follower) { follower.start_moving(velocity); });
+}
+
 void ReferenceTissue::stop_clock(int, bool stopped) {
   effects_.stop_clock(stopped);
   for_each_follower([stopped](ReferenceTissue& follower) { follower.stop_clock(0, stopped); });
@@ -194,6 +202,7 @@ void ReferenceTissue::finish(const Terms& terms) {
   state_.x = trial_x_;
   state_.mode = trial_mode_;
   state_.multiplier = trial_multiplier_;
+  state_.turn = trial_turn_;
   if (has_pad()) remember_pad(terms);
   for (std::size_t i = 0; i < state_.x.size(); ++i) {
     if (model_->unknown[i] >= 0) state_.v[i] = (state_.x[i] - terms.x_tilde[i]) / terms.beta;

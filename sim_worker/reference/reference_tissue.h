@@ -17,6 +17,7 @@
 #include "sim_worker/reference/reference_effects.h"
 #include "sim_worker/reference/reference_model.h"
 #include "sim_worker/tissue/grasp_patch.h"
+#include "sim_worker/tissue/rotation.h"
 
 namespace omentum {
 
@@ -29,6 +30,8 @@ namespace omentum {
 ///
 ///   M ((x - x~) / beta^2 - v~ / beta + damping (x - x~) / beta - g) + dPsi/dx
 ///       + contact + friction + C^T p = 0,   C x - c p = targets,   v = (x - x~) / beta
+///
+/// and, of jaws that turn, theta / C_turn = sum_r t_r x p_r of the slopes t_r that they lead.
 ///
 /// The grasp is a constraint on its rows C with compliance c and multipliers p, and the line search
 /// descends an augmented Lagrangian: a penalty as stiff as a rigid patch would lose the residual in
@@ -107,6 +110,10 @@ class ReferenceTissue : public Tissue<double> {
   /// that does not come to rest, or that fails on the way.
   double settle(const Eigen::Vector3d& tip);
 
+  /// From now on every free node moves at this velocity in W [m/s]. Columns stay: it depends on no
+  /// parameter.
+  void start_moving(const Eigen::Vector3d& velocity);
+
   /// From the next step on derivatives by these parameters are carried along; now they are zero but
   /// for what moves the mesh itself. Throws Error where the scene has none.
   void carry_columns(std::vector<ColumnParameter> parameters);
@@ -144,6 +151,7 @@ class ReferenceTissue : public Tissue<double> {
     double step_before = 0;    ///< its length [s]; 0 = no history
     Modes mode;
     Targets multiplier = Targets::Zero();  ///< p: force of the tissue on the grasp's rows [N]
+    Turn turn;                             ///< of jaws that turn, from the targets
   };
   struct Grasp {
     Eigen::Vector2d centre = Eigen::Vector2d::Zero();  ///< of the patch, x_B and y_B at rest [m]
@@ -162,12 +170,12 @@ class ReferenceTissue : public Tissue<double> {
     Eigen::Vector3d angle = Eigen::Vector3d::Zero();  ///< rotation vector [rad]
     Eigen::Matrix3d turn = Eigen::Matrix3d::Identity();
   };
-  /// How jaws that turn under the multipliers lead the rows of the patch.
+  /// How jaws that turn lead the rows of the patch.
   struct PatchTurn {
-    Targets targets;  ///< those of the slopes turned
-    Eigen::Matrix3d turn = Eigen::Matrix3d::Identity();
-    double energy = 0;           ///< of the turn's spring [J]
-    Eigen::Matrix3d compliance;  ///< turn per moment on the turned jaws [rad/(N m)]; zero = none
+    Targets targets;                                   ///< those of the slopes turned
+    double energy = 0;                                 ///< of the turn's spring [J]
+    Eigen::Vector3d moment = Eigen::Vector3d::Zero();  ///< of it less that of the multipliers [N m]
+    Eigen::Matrix3d compliance = Eigen::Matrix3d::Zero();  ///< turn per moment [rad/(N m)]
   };
   using Vector6 = Eigen::Matrix<double, 6, 1>;
   using Matrix6 = Eigen::Matrix<double, 6, 6>;
@@ -193,10 +201,12 @@ class ReferenceTissue : public Tissue<double> {
     Eigen::VectorXd force;                 ///< its derivative by the unknowns and the parabolas [N]
     Targets miss = Targets::Zero();        ///< residual of the rows of the grasp [m]
     Targets miss_force = Targets::Zero();  ///< the same weighed as a force, see kMissCompliance [N]
-    double norm = 0;                       ///< of force and miss_force [N]
-    double energy_inside = 0;              ///< energy without contact and grasp
-    Eigen::VectorXd inside;                ///< force without contact and grasp
-    Eigen::VectorXd elements;              ///< force of the elements
+    Eigen::Vector3d moment = Eigen::Vector3d::Zero();  ///< on jaws that turn [N m]
+    double moment_force = 0;   ///< the same at the longest slope of the patch [N]
+    double norm = 0;           ///< of force, miss_force and moment_force [N]
+    double energy_inside = 0;  ///< energy without contact and grasp
+    Eigen::VectorXd inside;    ///< force without contact and grasp
+    Eigen::VectorXd elements;  ///< force of the elements
 
     void count_energy(double term) {
       energy += term;
@@ -274,7 +284,7 @@ class ReferenceTissue : public Tissue<double> {
                                        const Eigen::Vector3d& x);
   Targets patch_rows(const Nodes& x) const;
   Eigen::Vector4d grasp_compliances() const;
-  PatchTurn patch_turn(const Targets& targets, const Targets& multiplier) const;
+  PatchTurn patch_turn(const Turn& turn, const Targets& targets, const Targets& multiplier) const;
   void add_grasp_compliance(const PatchTurn& turn, Eigen::Ref<Eigen::MatrixXd> rows) const;
   double patch_stiffness(const Eigen::Vector3d& along);
   void slip();
@@ -291,7 +301,7 @@ class ReferenceTissue : public Tissue<double> {
   void remember_pad(const Terms& terms);
   void prepare_constraint();
   void constrain(const Targets& miss, Eigen::Ref<Eigen::VectorXd> direction);
-  Eigen::VectorXd turned_multipliers(const Eigen::VectorXd& load, Eigen::VectorXd more) const;
+  bool turns() const { return grasp_ && !has_pad() && effects_.values().grasp_turn > 0; }
   std::optional<SheetPoint> nearest_point(const Eigen::Vector3d& tip) const;
   void move_particle(int particle, const Eigen::Vector3d& by, Nodes& field);
   Grasp make_grasp(const Eigen::Vector2d& centre, double radius) const;
@@ -353,7 +363,9 @@ class ReferenceTissue : public Tissue<double> {
   Modes trial_mode_;
   Targets trial_multiplier_ = Targets::Zero();
   Targets next_multiplier_ = Targets::Zero();  ///< after a full step along direction_
-  Eigen::VectorXd direction_;                  ///< of the unknowns, then of the parabolas [m]
+  Turn trial_turn_;
+  Eigen::Vector3d turn_step_ = Eigen::Vector3d::Zero();  ///< of a full step [rad]
+  Eigen::VectorXd direction_;  ///< of the unknowns, then of the parabolas [m]
   std::vector<double> surface_;
 };
 

@@ -1,5 +1,6 @@
 #include "sim_worker/scene/scene.h"
 
+#include <algorithm>
 #include <cmath>
 
 #include "core/check.h"
@@ -117,15 +118,37 @@ void check_units(const Scene& scene, std::vector<std::string>& warnings) {
   }
 }
 
+/// Tissue that no clamp holds may lie on something, and in a recording without a task also fall.
+void check_support(const Scene& scene, std::vector<std::string>& warnings) {
+  if (scene.is_clamped()) return;
+  if (!scene.falls()) {
+    warnings.push_back("scene.tissue.anchor_max_y_m: fixes nothing, the tissue lies free");
+  } else if (scene.config.has_target_m()) {
+    throw_error(
+        "scene.tissue.anchor_max_y_m: {} fixes no particle and nothing lies under the tissue, "
+        "allowed where the scene has no target_m",
+        scene.config.tissue().anchor_max_y_m());
+  } else {
+    warnings.push_back("scene.tissue: nothing holds it and nothing lies under it, so it falls");
+  }
+}
+
 }  // namespace
+
+bool Scene::is_clamped() const {
+  return std::ranges::any_of(tissue.fixed, [](std::uint8_t fixed) { return fixed != 0; });
+}
+
+bool Scene::falls() const {
+  return !is_clamped() && bodies.empty() && !soft_body && !gravity.isZero(0);
+}
 
 Scene make_scene(const pb::Scene& config, const std::string& directory) {
   Scene scene;
   scene.config = config;
   scene.gravity = Vector3d(0, 0, -config.gravity_m_per_s2() * config.gravity_scale());
   if (config.has_tissue()) {
-    scene.tissue = make_tissue_body(config.tissue(), directory, config.rigid_body_size() > 0,
-                                    scene.solid, scene.sheet);
+    scene.tissue = make_tissue_body(config.tissue(), directory, scene.solid, scene.sheet);
   }
   for (int i = 0; i < config.rigid_body_size(); ++i) {
     scene.bodies.push_back(
@@ -190,7 +213,10 @@ Scene make_scene(const pb::Scene& config, const std::string& directory) {
     require_in_workspace(scene.tumour_places[i].p,
                          fmt::format("scene.tumour_place[{}].position_m", i));
   if (config.has_tumour_point_m()) require_in_workspace(scene.tumour_point, "scene.tumour_point_m");
-  if (config.has_tissue()) check_places(scene, scene.warnings);
+  if (config.has_tissue()) {
+    check_support(scene, scene.warnings);
+    check_places(scene, scene.warnings);
+  }
   return scene;
 }
 

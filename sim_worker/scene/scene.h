@@ -22,6 +22,7 @@ struct TissueBody {
   Eigen::Isometry3d X_WB = Eigen::Isometry3d::Identity();
   std::vector<Eigen::Vector3d> particles;  ///< p_B at rest [m]
   std::vector<std::uint8_t> fixed;         ///< 1 = anchored
+  bool two_clamps = false;                 ///< some of them by anchor_min_y_m
   double particle_mass = 0;                ///< [kg]
   double particle_radius = 0;              ///< collision distance [m]
   double thickness = 0;                    ///< of a single layer [m]
@@ -72,6 +73,9 @@ struct Scene {
   std::vector<Eigen::Vector3d> grid_starts, robot_starts;
   std::vector<std::string> warnings;  ///< units guard and cooker warnings, one line each
 
+  bool is_clamped() const;
+  /// Nothing holds the tissue, nothing lies under it, and there is gravity.
+  bool falls() const;
   /// Points of a state: particles of the tissue, then nodes of the soft body.
   std::size_t points() const {
     return tissue.particles.size() + (soft_body ? soft_body->body.particles.size() : 0);

@@ -30,7 +30,7 @@ SoftBody make_soft_body(const pb::DeformableBody& config, const std::string& dir
                         bool supported);
 
 /// Particles, surface and anchors; fills `solid` or `sheet` where the tissue has such a mesh.
-TissueBody make_tissue_body(const pb::Tissue& config, const std::string& directory, bool supported,
+TissueBody make_tissue_body(const pb::Tissue& config, const std::string& directory,
                             SolidMesh& solid, SheetGeometry& sheet);
 
 /// Tumour, tissue, starts, target and q against each other, the other bodies, the workspace and the

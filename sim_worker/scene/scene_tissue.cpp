@@ -161,7 +161,7 @@ void make_volume_tissue(const pb::VolumeMaker& maker, const std::string& directo
 
 }  // namespace
 
-TissueBody make_tissue_body(const pb::Tissue& config, const std::string& directory, bool supported,
+TissueBody make_tissue_body(const pb::Tissue& config, const std::string& directory,
                             SolidMesh& solid, SheetGeometry& sheet) {
   TissueBody body;
   body.X_WB = to_pose(config.pose(), "scene.tissue.pose");
@@ -186,15 +186,26 @@ TissueBody make_tissue_body(const pb::Tissue& config, const std::string& directo
   std::size_t fixed = 0;
   for (const Vector3d& p : body.particles) {
     // 1e-9 m: a row that lies exactly on the bound is anchored whatever its rounding.
-    body.fixed.push_back(p.y() <= config.anchor_max_y_m() + 1e-9 ? 1 : 0);
+    const bool first = p.y() <= config.anchor_max_y_m() + 1e-9;
+    const bool second = p.y() >= config.anchor_min_y_m() - 1e-9;
+    body.fixed.push_back(first || second ? 1 : 0);
+    body.two_clamps = body.two_clamps || second;
     fixed += body.fixed.back();
   }
-  // An elastic solid may lie on something instead.
-  const std::size_t least = supported && !solid.nodes.empty() ? 0 : 1;
+  // The sheet of clusters is that of the paper, which is anchored.
+  const std::size_t least = config.model() == pb::TISSUE_CLUSTER ? 1 : 0;
   if (fixed < least || fixed == body.particles.size()) {
-    throw_error("scene.tissue.anchor_max_y_m: {} fixes {} of {} particles, allowed {} ... {}",
-                config.anchor_max_y_m(), fixed, body.particles.size(), least,
-                body.particles.size() - 1);
+    throw_error(
+        "scene.tissue.anchor_max_y_m: {} and anchor_min_y_m {} fix {} of {} particles, allowed {} "
+        "... {}",
+        config.anchor_max_y_m(), config.anchor_min_y_m(), fixed, body.particles.size(), least,
+        body.particles.size() - 1);
+  }
+  const pb::Anchor& anchor = config.effects().anchor();
+  if (body.two_clamps &&
+      (anchor.compliance_m2_per_n() > 0 || anchor.free_from_m() != anchor.free_to_m())) {
+    throw_error("scene.tissue.effects.anchor: allowed with one clamp, anchor_min_y_m {} makes two",
+                config.anchor_min_y_m());
   }
   return body;
 }

@@ -116,9 +116,15 @@ std::shared_ptr<const ShellTissueModel> make_shell_model(const Scene& scene, dou
                                      : grid_stencils(nodes, model->count_x, model->count_y,
                                                      model->pitch, clamped);
   model->clamp_edge = model->sheet().min().y();
+  model->second_edge = model->sheet().max().y();
   for (std::size_t i = 0; i < model->body.particles.size(); ++i) {
-    if (model->body.fixed[i] != 0)
-      model->clamp_edge = std::max(model->clamp_edge, model->body.particles[i].y());
+    if (model->body.fixed[i] == 0) continue;
+    const double y = model->body.particles[i].y();
+    if (y >= tissue.anchor_min_y_m() - 1e-9) {  // as scene_tissue.cpp has it
+      model->second_edge = std::min(model->second_edge, y);
+    } else {
+      model->clamp_edge = std::max(model->clamp_edge, y);
+    }
   }
   model->structure = model->make_structure(model->effects);
   model->node_area = lump(*model, [&](std::size_t t) { return triangle_area(*model, t); });
@@ -155,7 +161,8 @@ bool ShellTissueModel::can_hold(const Vector3d& centre, double radius) const {
   // 1e-5 m: with less the sphere of the jaws only grazes the sheet. 1 m: no sheet is larger.
   if (!(radius > 1e-5 && radius <= 1)) return false;
   if (is_mesh()) return radius > 0.05 * mesh.edge && (centre.cwiseAbs().array() <= 1).all();
-  return sheet().contains(centre.head<2>()) && centre.y() > clamp_edge && centre.z() == 0;
+  const bool clamped = centre.y() <= clamp_edge || (body.two_clamps && centre.y() >= second_edge);
+  return sheet().contains(centre.head<2>()) && !clamped && centre.z() == 0;
 }
 
 Eigen::AlignedBox2d ShellTissueModel::sheet() const {
@@ -185,7 +192,8 @@ SheetPatch ShellTissueModel::make_patch(const Vector3d& centre, double radius) c
     for (const DiscPoint& point : sample_disc(mesh, body.particles, body.fixed, centre, radius))
       add(mesh.triangles[point.triangle].node, point.share, point.weight, point.arm);
   } else {
-    const Eigen::AlignedBox2d free(Vector2d(sheet().min().x(), clamp_edge), sheet().max());
+    const Eigen::AlignedBox2d free(Vector2d(sheet().min().x(), clamp_edge),
+                                   Vector2d(sheet().max().x(), second_edge));
     const std::vector<PatchPoint> points = patch_points(free, centre.head<2>(), radius);
     Vector2d mean = Vector2d::Zero();
     for (const PatchPoint& point : points) mean += point.weight * point.p;

@@ -71,6 +71,7 @@ struct ShellTissueModel : TissueModel, std::enable_shared_from_this<ShellTissueM
   std::vector<double> preconditioner, preconditioner_diagonal;
   std::vector<PlateStencil> stencils;  ///< of its bending
   double clamp_edge = 0;      ///< y_B of the clamped row that is furthest in, or the lower end [m]
+  double second_edge = 0;     ///< of the second clamp, or the upper end [m]
   bool on_soft_body = false;  ///< scene.soft_body, which ShellTissue::lie_on() names
 
   int nodes() const { return static_cast<int>(body.particles.size()); }

@@ -44,8 +44,9 @@ struct Turn {
   Eigen::Matrix3d matrix = Eigen::Matrix3d::Identity();
 
   /// Turns further by w.
-  void add(const Eigen::Vector3d& w) {
-    quaternion = (turn_quaternion(w) * quaternion).normalized();
+  void add(const Eigen::Vector3d& w) { set((turn_quaternion(w) * quaternion).normalized()); }
+  void set(const Eigen::Quaterniond& q) {
+    quaternion = q;
     angle = rotation_vector(quaternion);
     matrix = quaternion.toRotationMatrix();
   }

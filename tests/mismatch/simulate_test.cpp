@@ -79,8 +79,9 @@ TEST_P(FromRest, TissueDoesNotMoveInTheFirstSecond) {
   const auto model = model_of(scene, {"scene.tissue.model=" + std::string(GetParam())});
   ToolTrack track = lift_track(Vector3d(0, 0, 0.1));
   track.jaw_rad = {0.4, 0.4, 0.4, 0.4};
-  const SimulatedRecording r =
-      simulate_recording(*model, nominal_arm(scene), track, {}, /*from_rest=*/true);
+  RecordingStart start;
+  start.from_rest = true;
+  const SimulatedRecording r = simulate_recording(*model, nominal_arm(scene), track, {}, start);
   EXPECT_LE(r.start_speed, 1e-4);
   double hangs = 0;
   for (std::size_t i = 0; i < r.points.front().size(); ++i) {
