@@ -70,7 +70,7 @@ void place_contacts(const Args& args) {
       const Surface surface = shape == args.shapes
                                   ? Surface{load(found), load3(found + kLanes)}
                                   : distance_to(args.shape[shape], args.capsule, p);
-      const Lane depth = splat(args.particle_radius) - surface.phi;
+      const Lane depth = load(args.particle_radius) - surface.phi;
       store(args.plane + 4 * kLanes * n, depth);
       store3(args.plane + 4 * kLanes * n + kLanes, surface.normal);
       Lane3 slip = d;
