@@ -13,8 +13,23 @@ namespace omentum {
 
 namespace {
 
+/// `mask` selects the columns of a panel that exist; where there are several, all do.
+template <int Panels>
+inline __attribute__((always_inline)) __m512 load(const float* p, __mmask16 mask) {
+  return Panels > 1 ? _mm512_loadu_ps(p) : _mm512_maskz_loadu_ps(mask, p);
+}
+
+template <int Panels>
+inline __attribute__((always_inline)) void store(float* p, __m512 v, __mmask16 mask) {
+  if (Panels > 1) {
+    _mm512_storeu_ps(p, v);
+  } else {
+    _mm512_mask_storeu_ps(p, mask, v);
+  }
+}
+
 /// Rows x (Panels * 16) outputs in registers; the loops must be unrolled whole or the sums go
-/// through memory. `mask` selects the columns of the last panel that exist.
+/// through memory.
 template <int Rows, int Panels>
 inline __attribute__((always_inline)) void tile(int inner, const GemmOperands& o, const float* a,
                                                 const float* b, const float* init, float* c,
@@ -22,8 +37,7 @@ inline __attribute__((always_inline)) void tile(int inner, const GemmOperands& o
   __m512 sum[Rows][Panels];
 #pragma GCC unroll 16
   for (int p = 0; p < Panels; ++p) {
-    const __m512 start =
-        init != nullptr ? _mm512_maskz_loadu_ps(mask, init + p * 16) : _mm512_setzero_ps();
+    const __m512 start = init != nullptr ? load<Panels>(init + p * 16, mask) : _mm512_setzero_ps();
 #pragma GCC unroll 16
     for (int r = 0; r < Rows; ++r) sum[r][p] = start;
   }
@@ -32,7 +46,7 @@ inline __attribute__((always_inline)) void tile(int inner, const GemmOperands& o
   for (int k = 0; k < inner; ++k) {
     __m512 right[Panels];
 #pragma GCC unroll 16
-    for (int p = 0; p < Panels; ++p) right[p] = _mm512_maskz_loadu_ps(mask, b + p * o.b_panel);
+    for (int p = 0; p < Panels; ++p) right[p] = load<Panels>(b + p * o.b_panel, mask);
       // Rows by threes from four pointers: three strides fit the address modes, twelve offsets do
       // not fit the registers.
 #pragma GCC unroll 16
@@ -48,8 +62,7 @@ inline __attribute__((always_inline)) void tile(int inner, const GemmOperands& o
 #pragma GCC unroll 16
   for (int r = 0; r < Rows; ++r) {
 #pragma GCC unroll 16
-    for (int p = 0; p < Panels; ++p)
-      _mm512_mask_storeu_ps(c + r * o.c_row + p * 16, mask, sum[r][p]);
+    for (int p = 0; p < Panels; ++p) store<Panels>(c + r * o.c_row + p * 16, sum[r][p], mask);
   }
 }
 

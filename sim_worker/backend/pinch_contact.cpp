@@ -53,7 +53,7 @@ PinchContact pinch_contact(const SimSetup& setup, const Tissue<float>& tissue, i
                          ? sheet_distance(setup, tissue, lane, jaw.tip, nearest)
                          : nearest.distance;
   contact.jaw_deg = jaw.angle_deg;
-  contact.thickness = setup.scene.tissue.thickness;
+  contact.thickness = setup.scene.tissue.thickness * tissue.thickness_scale(lane);
   // The normal costs a walk over the triangles: only where tissue is in reach and the angle
   // matters.
   if (grasp.max_approach_deg() > 0 && contact.distance < grasp.radius_m())

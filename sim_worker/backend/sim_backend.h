@@ -132,6 +132,8 @@ class SimBackend : public Backend, public Snapshots {
   /// Whether the tissue of the task is held; a body under it that is held alone does not count.
   bool is_held(int lane) const;
   bool jaws_hold(int lane) const;
+  /// Of the lane's tissue [m].
+  double thickness_of(int lane) const;
 
   // Parts of a control period, in their order.
   void move_jaw_and_grasp(std::span<const ToolCommand> commands);

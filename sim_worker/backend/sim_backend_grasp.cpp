@@ -19,6 +19,11 @@ bool SimBackend::is_held(int lane) const {
   return tissue_held || environments_[lane].holds_rigid != 0;
 }
 
+double SimBackend::thickness_of(int lane) const {
+  const auto& tissue = *groups_[lane / width_];
+  return setup_->scene.tissue.thickness * tissue.thickness_scale(lane_in_group(lane));
+}
+
 bool SimBackend::jaws_hold(int lane) const {
   const auto& tissue = *groups_[lane / width_];
   return is_held(lane) || !tissue.held(lane_in_group(lane)).empty();
@@ -48,7 +53,7 @@ void SimBackend::take_body(int lane) {
   PinchContact contact;
   contact.distance = tissue.distance_to_body(l, tip);
   contact.jaw_deg = e.jaw_deg;
-  contact.thickness = setup_->scene.tissue.thickness;
+  contact.thickness = thickness_of(lane);
   if (judge_pinch(setup_->config.grasp(), contact) != PinchResult::kHeld) return;
   tissue.hold_body(l, tip, setup_->config.grasp().patch_radius_m(),
                    defects_.grasp_collapse_to_point());
@@ -97,8 +102,7 @@ void SimBackend::move_jaw_and_grasp(std::span<const ToolCommand> commands) {
     e.jaw_closed = closed ? 1 : 0;
     // A jaw with an angle pinches once per closing: at the step that brings its faces onto the
     // tissue. A jaw without one tries in every closed step (the paper's grasp).
-    const double contact_deg =
-        has_angle ? jaw_contact_deg(grasp, setup_->scene.tissue.thickness) : 0;
+    const double contact_deg = has_angle ? jaw_contact_deg(grasp, thickness_of(lane)) : 0;
     const double next_deg = has_angle ? move_jaw(grasp, e.jaw_deg, closed, dt) : 0;
     const bool closes_now = !has_angle || (e.jaw_was_open != 0 && next_deg < contact_deg);
     if (closed && !jaws_hold(lane) && closes_now) {

@@ -7,7 +7,7 @@
 
 namespace {
 
-const omentum::ClusterKernel<Real> kKernel = {kLanes, predict, match_clusters};
+const omentum::ClusterKernel<Real> kKernel = {kLanes, predict, pull_bonds, match_clusters};
 
 }  // namespace
 

@@ -3,6 +3,7 @@
 #include <cstdint>
 
 #include "sim_worker/lanes/lane_args.h"
+#include "sim_worker/lanes/lane_effect_args.h"
 
 // cluster/ is the tissue of the paper: particles and shape-matched clusters (docs/tissue.md 2-5).
 // Fast and robust; its stiffness depends on step and iterations, so it has no material in SI units.
@@ -61,6 +62,9 @@ struct ClusterArgs : LaneArgs<Real> {
   Real plastic_creep;
   AfterMatch after;
 
+  LaneEffectArgs<Real> effects;  ///< adhesion
+  const Real* bond_gain;  ///< [lane]: h^2 over the mass per area: way in a substep per Pa [m/Pa]
+
   Real* held_force;  ///< [xyz][lane]: adds the corrections of held particles [m], or null
 };
 
@@ -70,6 +74,8 @@ struct ClusterKernel {
   using Real = T;
   int lanes;
   void (*predict)(const ClusterArgs<Real>&);
+  /// What sticks is pulled from where it was predicted towards where it first touched.
+  void (*pull_bonds)(const ClusterArgs<Real>&);
   /// One iteration: match, correction, contact; then what `after` says.
   void (*match_clusters)(const ClusterArgs<Real>&);
 };

@@ -3,7 +3,7 @@
 // (lanes.h says why).
 //
 // Per substep (docs/tissue.md 4):
-//   predict      v <- (v + g h)(1 - damping h),   x* = x + v h
+//   predict      v <- (v + g h)(1 - damping h),   x* = x + v h,   then adhesion
 //   match        c = mean x*,  A = sum (x* - c) r0^T,  one warm rotation step [Mueller16] -> R
 //   apply        x*_i += s (mean over clusters of (c + R r0_i) - x*_i),  then contact and friction
 //   finish       v = (x* - x) / h,   x = x*
@@ -14,6 +14,7 @@
 // - instead of in passes of its own. Only particles near shapes wait for their contacts, shape by
 // shape.
 
+#include "sim_worker/lanes/node_effects.inl"
 #include "sim_worker/lanes/rigid_contact.inl"
 
 namespace {
@@ -298,6 +299,49 @@ void predict(const Args& args) {
     const Bits free = args.free_mask[i];
     store3(args.xs + 3 * kLanes * i,
            free == 0 ? x : predicted(step, x, load3(args.v + 3 * kLanes * i), free));
+  }
+}
+
+/// Nearest of the rigid bodies that particle i at x may reach in each lane, the tool apart; none is
+/// 1 m away.
+inline Surface nearest_in_reach(const Args& args, int i, Lane3 x) {
+  Surface nearest{splat(Real{1}), zero3()};
+  for (int k = 0; k < args.shapes; ++k) {
+    if ((args.candidate_any[i] >> k & 1U) == 0 || args.shape[k].kind == ShapeKind::kCapsule)
+      continue;
+    const Surface surface = distance_to(args.shape[k], args.capsule, x);
+    const Mask nearer =
+        both(surface.phi < nearest.phi, to_mask(args.candidates[i * omentum::kMaxShapes + k]));
+    nearest = {select(nearer, surface.phi, nearest.phi),
+               select(nearer, surface.normal, nearest.normal)};
+  }
+  return nearest;
+}
+
+/// Adhesion of particle i to a place p: with the way u = bond_gain * stiffness that its spring
+/// pulls in a substep per metre of stretch, implicitly x* <- x* + u / (1 + u) (p - x*); a held
+/// particle passes u (p - x*) on to the tool.
+void pull_bonds(const Args& args) {
+  const auto& fx = args.effects;
+  const Lane fresh = load(args.bond_gain) * load(fx.adhesion_scale);
+  for (int i = 0; i < args.particles; ++i) {
+    const Lane3 x = load3(args.x + 3 * kLanes * i);
+    const Lane stretched = stretch_bond(fx, i, x);
+    if (args.candidate_any[i] != 0)
+      start_bond(fx, i, touches_anew(args, stretched, nearest_in_reach(args, i, x)), stretched, x);
+    const Lane own =
+        fx.adhesion_part == nullptr ? fresh : load(fx.adhesion_part + kLanes * i) * fresh;
+    const Lane u = bond_stiffness(fx, i, own);
+    if (to_bits(splat(Real{0}) < u) == 0) continue;
+    Real* const memory = args.xs + 3 * kLanes * i;
+    const Lane3 xs = load3(memory);
+    const Lane3 off = load3(fx.bond_place + 3 * kLanes * i) - xs;
+    const Lane3 pulled = fma(u / (splat(Real{1}) + u), off, xs);
+    store3(memory, select(to_mask(args.free_mask[i] & fx.bonds), pulled, xs));
+    if (args.held_force == nullptr || args.held_mask[i] == 0) continue;
+    const Lane3 force = load3(args.held_force);
+    store3(args.held_force,
+           select(to_mask(args.held_mask[i] & fx.bonds), fma(u, off, force), force));
   }
 }
 

@@ -71,10 +71,18 @@ std::shared_ptr<const ClusterTissueModel> make_cluster_model(const Scene& scene,
   refuse_effects(scene.config.tissue().effects(), kClusterModel, "TISSUE_CLUSTER");
   auto model = std::make_shared<ClusterTissueModel>();
   model->body = scene.tissue;
-  model->effects = make_effects(scene.config.tissue().effects(), 0, {});
+  model->effects = make_effects(scene.config.tissue().effects(), 0, model->body.particles);
   model->parameters = scene.config.tissue().cluster();
+  model->areal_density = scene.config.tissue().density_kg_per_m3() * model->body.thickness;
+  model->is_anchor.assign(model->body.particles.size(), 0);
   model->control_period = control_period;
   model->surroundings = make_surroundings(scene);
+  if (model->effects.adhesion > 0 && model->surroundings.bodies.empty())
+    throw_error("scene.tissue.effects.adhesion: nothing to stick to, needs a scene.rigid_body");
+  if (model->effects.adhesion > 0 && scene.config.tissue().has_volume()) {
+    throw_error(
+        "scene.tissue.effects.adhesion: TISSUE_CLUSTER with a volume, allowed with a sheet");
+  }
 
   model->clusters = cook_clusters(model->body.particles, model->parameters);
   require_no_orphans(model->clusters, model->parameters);

@@ -57,14 +57,20 @@ void ClusterTissue<Real>::add_links() {
   }
 }
 
+/// Between particles of a lane that do not overlap [m].
+template <typename Real>
+double ClusterTissue<Real>::self_distance(int lane) const {
+  return 2 * model_->body.particle_radius * this->thickness_scale(lane);
+}
+
 template <typename Real>
 void ClusterTissue<Real>::add_self_contacts() {
-  const auto rest = static_cast<Real>(2 * model_->body.particle_radius);
-  const auto scale_of = [rest](Real length, Real weights) -> std::optional<Real> {
-    if (!(length < rest)) return std::nullopt;
-    return (length - rest) / (weights * length);
-  };
   for (int lane = 0; lane < lanes(); ++lane) {
+    const auto rest = static_cast<Real>(self_distance(lane));
+    const auto scale_of = [rest](Real length, Real weights) -> std::optional<Real> {
+      if (!(length < rest)) return std::nullopt;
+      return (length - rest) / (weights * length);
+    };
     for (const auto& [i, j] : self_pairs_[lane]) add_pair(i, j, lane, Real{1}, scale_of);
   }
 }
@@ -74,8 +80,6 @@ void ClusterTissue<Real>::add_self_contacts() {
 // order of pairs is the same on every machine.
 template <typename Real>
 void ClusterTissue<Real>::find_self_contacts() {
-  const double rest = 2 * model_->body.particle_radius;
-  const double reach = 1.5 * rest;
   const auto& body = model_->body.particles;
   // Cell numbers of the three axes in one integer that sorts like (x, y, z): a cell and its two
   // neighbours along z are one range.
@@ -88,6 +92,8 @@ void ClusterTissue<Real>::find_self_contacts() {
   std::vector<Cell> cells;
   cells.reserve(body.size());
   for (int lane = 0; lane < lanes(); ++lane) {
+    const double rest = self_distance(lane);
+    const double reach = 1.5 * rest;
     auto& pairs = self_pairs_[lane];
     pairs.clear();
     cells.clear();
@@ -127,10 +133,11 @@ void ClusterTissue<Real>::find_self_contacts() {
   }
 }
 
-#define OMENTUM_INSTANTIATE(Real)                            \
-  template void ClusterTissue<Real>::add_pair_corrections(); \
-  template void ClusterTissue<Real>::add_links();            \
-  template void ClusterTissue<Real>::add_self_contacts();    \
+#define OMENTUM_INSTANTIATE(Real)                                \
+  template double ClusterTissue<Real>::self_distance(int) const; \
+  template void ClusterTissue<Real>::add_pair_corrections();     \
+  template void ClusterTissue<Real>::add_links();                \
+  template void ClusterTissue<Real>::add_self_contacts();        \
   template void ClusterTissue<Real>::find_self_contacts()
 OMENTUM_INSTANTIATE(float);
 OMENTUM_INSTANTIATE(double);

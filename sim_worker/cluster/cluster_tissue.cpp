@@ -9,12 +9,35 @@ namespace omentum {
 
 using Eigen::Vector3d;
 
+/// Squares about the particles, each of its share of the sheet.
+template <typename Real>
+std::vector<typename LaneEffects<Real>::NodePart> ClusterLaneEffects<Real>::node_parts(
+    const ClusterTissueModel& model) {
+  const double area = model.body.particle_mass / model.areal_density;
+  const Eigen::Vector2d half = Eigen::Vector2d::Constant(0.5 * std::sqrt(area));
+  std::vector<NodePart> parts;
+  for (const Vector3d& p : model.body.particles)
+    parts.push_back({area, Eigen::AlignedBox2d(p.head<2>() - half, p.head<2>() + half)});
+  return parts;
+}
+
+template <typename Real>
+ClusterLaneEffects<Real>::ClusterLaneEffects(std::shared_ptr<const ClusterTissueModel> model,
+                                             int lanes)
+    : LaneEffects<Real>(model->body, model->effects, model->is_anchor,
+                        {0, 0, 0, static_cast<int>(model->body.particles.size())},
+                        node_parts(*model), lanes),
+      model_(std::move(model)) {
+  for (int lane = 0; lane < lanes; ++lane) set(lane, model_->effects);
+}
+
 template <typename Real>
 ClusterTissue<Real>::ClusterTissue(std::shared_ptr<const ClusterTissueModel> model,
                                    const LaneKernel<Real>& kernel)
     : Base(*model, kernel),
       model_(std::move(model)),
-      clusters_(kernel_of<ClusterKernel<Real>>(kernel.lanes)) {
+      clusters_(kernel_of<ClusterKernel<Real>>(kernel.lanes)),
+      effects_(model_, kernel.lanes) {
   const int n = particles();
   const int clusters = model_->clusters.count();
   const int W = lanes();
@@ -45,6 +68,7 @@ ClusterTissue<Real>::ClusterTissue(std::shared_ptr<const ClusterTissueModel> mod
   args_.max_speed = static_cast<Real>(model_->parameters.max_speed_m_per_s());
   args_.plastic_threshold = static_cast<Real>(model_->parameters.plastic_threshold_m2());
   args_.plastic_creep = static_cast<Real>(model_->parameters.plastic_creep());
+  args_.bond_gain = bond_gain_.assign(1, 1, W);
 
   for (int lane = 0; lane < W; ++lane) {
     set_parameters(lane, {});
@@ -127,7 +151,12 @@ void ClusterTissue<Real>::order_memberships() {
 
 template <typename Real>
 void ClusterTissue<Real>::set_parameters(int lane, const LaneParameters& parameters) {
-  this->set_surroundings(lane, parameters, parameters.effects.value_or(model_->effects));
+  const EffectValues effects = parameters.effects.value_or(model_->effects);
+  this->set_surroundings(lane, parameters, effects);
+  effects_.set(lane, effects);
+  args_.effects = effects_.args();
+  bond_gain_[lane] = static_cast<Real>(model_->substep() * model_->substep() /
+                                       (model_->areal_density * parameters.thickness_scale));
   const double k =
       std::min(1.0, model_->parameters.cluster_stiffness() * parameters.stiffness_scale);
   const double damping = model_->parameters.damping_per_s() * parameters.damping_scale;
@@ -139,6 +168,7 @@ template <typename Real>
 void ClusterTissue<Real>::reset(int lane, const Vector3d& offset) {
   release(lane);
   this->place_at_rest(lane, offset);
+  effects_.reset(lane);
   const Eigen::Quaterniond q_WB(model_->body.X_WB.linear());
   const std::array<double, 4> q = {q_WB.x(), q_WB.y(), q_WB.z(), q_WB.w()};
   for (int c = 0; c < args_.clusters; ++c) {
@@ -185,6 +215,7 @@ void ClusterTissue<Real>::begin_substep(std::span<const ToolMotion> motion, int 
   last_ = substep + 1 == this->substeps_;
   if (last_) held_force_.fill(Real{0});
   args_.held_force = last_ ? held_force_.data() : nullptr;
+  if (args_.effects.bonds != 0) clusters_.pull_bonds(args_);
   if (model_->parameters.self_collision()) find_self_contacts();
 }
 
@@ -256,7 +287,7 @@ Vector3d ClusterTissue<Real>::held_force(int lane) const {
   const auto count = static_cast<double>(held(lane).size());
   if (count == 0) return Vector3d::Zero();
   const double h = model_->substep();
-  const double mass = model_->body.particle_mass;
+  const double mass = model_->body.particle_mass * this->thickness_scale(lane);
   return mass * held_force_.vector(0, lane) / (h * h) + mass * count * gravity_.vector(0, lane);
 }
 
@@ -285,7 +316,7 @@ std::vector<const LaneArray<Real>*> ClusterTissue<Real>::saved_arrays() const {
 
 template <typename Real>
 bool ClusterTissue<Real>::allows(const EffectValues& effects) const {
-  return usable(effects, 0, {});
+  return usable(effects, 0, {}) && effects == effects_of_model(effects, kClusterModel);
 }
 
 template <typename Real>
@@ -294,10 +325,12 @@ void ClusterTissue<Real>::save(int lane, Bytes& out) const {
   const Held& held = held_[lane];
   const bool has_grasp = !held.particles.empty();
   this->save_lane(lane, has_grasp, state);
-  if (!has_grasp) return;
-  state.add(static_cast<std::uint32_t>(held.particles.size()));
-  state.add_all(std::span<const std::int32_t>(held.particles));
-  state.add_all(std::span<const std::array<Real, 3>>(held.offsets));
+  if (has_grasp) {
+    state.add(static_cast<std::uint32_t>(held.particles.size()));
+    state.add_all(std::span<const std::int32_t>(held.particles));
+    state.add_all(std::span<const std::array<Real, 3>>(held.offsets));
+  }
+  effects_.save(lane, state);
 }
 
 template <typename Real>
@@ -333,10 +366,14 @@ Result<std::size_t> ClusterTissue<Real>::load(int lane, std::span<const std::byt
     if (!read) return Failure{read.error()};
     held = std::move(read).value();
   }
+  const LaneParameters& parameters = saved.value().parameters;
+  const Result<std::vector<Real>> memory = effects_.read(*parameters.effects, state);
+  if (!memory) return Failure{memory.error()};
   reset(lane, Vector3d::Zero());
-  set_parameters(lane, saved.value().parameters);
+  set_parameters(lane, parameters);
   this->load_lane(lane, saved.value());
   take(lane, std::move(held));
+  effects_.load(lane, memory.value());
   return state.used();
 }
 

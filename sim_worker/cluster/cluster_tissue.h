@@ -12,6 +12,7 @@
 #include "core/aligned.h"
 #include "sim_worker/cluster/cluster_kernel.h"
 #include "sim_worker/cluster/cooker.h"
+#include "sim_worker/tissue/lane_effects.h"
 #include "sim_worker/tissue/lane_tissue.h"
 
 namespace omentum {
@@ -29,6 +30,8 @@ struct ClusterTissueModel : TissueModel, std::enable_shared_from_this<ClusterTis
   std::vector<std::array<int, 2>> links;  ///< particle pairs, first < second
   std::vector<double> link_rest;          ///< [m]
   pb::ClusterModel parameters;
+  double areal_density = 0;             ///< of the sheet [kg/m^2]
+  std::vector<std::uint8_t> is_anchor;  ///< per particle: none hangs on a spring of the clamp
   // Skinning of a surface that is not made of particles: 4 clusters per vertex.
   std::vector<std::int32_t> skin_cluster;
   std::vector<double> skin_weight;
@@ -40,6 +43,26 @@ struct ClusterTissueModel : TissueModel, std::enable_shared_from_this<ClusterTis
 std::shared_ptr<const ClusterTissueModel> make_cluster_model(const Scene& scene,
                                                              double control_period,
                                                              std::vector<std::string>& warnings);
+
+/// Effects of the lanes of clusters that have a memory: adhesion. See LaneEffects.
+template <typename Real>
+class ClusterLaneEffects final : public LaneEffects<Real> {
+ public:
+  ClusterLaneEffects(std::shared_ptr<const ClusterTissueModel> model, int lanes);
+
+  /// For the kernel; valid until the next call of set().
+  const LaneEffectArgs<Real>& args() const { return this->common_; }
+  void set(int lane, const EffectValues& values) {
+    this->set_common(lane, values, model_->substep(), {});
+  }
+  void reset(int lane) { this->reset_common(lane, Eigen::Vector3d::Zero()); }
+
+ private:
+  using typename LaneEffects<Real>::NodePart;
+  static std::vector<NodePart> node_parts(const ClusterTissueModel& model);
+
+  std::shared_ptr<const ClusterTissueModel> model_;
+};
 
 /// The cluster model in lanes; see Tissue and, for the equations, cluster_kernel.inl.
 template <typename Real>
@@ -92,11 +115,13 @@ class ClusterTissue final : public LaneTissue<Real> {
   void add_pair_corrections();
   void add_links();
   void add_self_contacts();
+  double self_distance(int lane) const;
   template <typename Scale>
   void add_pair(int i, int j, int lane, Real count, Scale&& scale_of);
 
   std::shared_ptr<const ClusterTissueModel> model_;
   const ClusterKernel<Real>& clusters_;
+  ClusterLaneEffects<Real> effects_;
   ClusterArgs<Real> args_{};
 
   // Model in the kernel's precision.
@@ -107,6 +132,7 @@ class ClusterTissue final : public LaneTissue<Real> {
 
   // State and scratch, per lane.
   LaneArray<Real> xs_, q_, goal_, goal_sum_, plastic_rest_, pair_sum_;
+  LaneArray<Real> bond_gain_;  ///< of ClusterArgs
   std::vector<std::uint32_t> held_mask_;
   std::vector<Held> held_;
   std::vector<std::vector<std::array<std::int32_t, 2>>> self_pairs_;  ///< of this substep, per lane

@@ -25,11 +25,11 @@ struct LaneArgs {
   const Real* keep;       ///< part of the velocity that damping leaves per substep
   const Real* static_friction;
   const Real* dynamic_friction;
+  const Real* particle_radius;  ///< collision distance [m]
 
   // Contact.
   const std::uint32_t* candidates;     ///< [node][shape] lane masks
   const std::uint32_t* candidate_any;  ///< per node, bit per shape
-  Real particle_radius;
   std::int32_t shapes;
   const KernelShape<Real>* shape;
   const Real* capsule;  ///< [foot, direction][xyz][lane] of the tool's axis at the substep's end

@@ -39,7 +39,7 @@ struct CandidateArgs {
   const Real* v;                   ///< [m/s]
   const std::uint32_t* free_mask;  ///< per point: lanes in which it can collide
   const Real* gravity;             ///< [xyz][lane] [m/s^2]
-  Real radius;                     ///< collision distance of a point
+  const Real* radius;              ///< [lane]: collision distance of a point [m]
   Real step_s;                     ///< control step [s]
   Real margin;                     ///< displacement by elastic forces at most [m]
   std::int32_t shapes;

@@ -41,10 +41,11 @@ void find_candidates(const CandidateArgs<Real>& args) {
   const Lane3 g = load3(args.gravity);
   const Lane step = splat(args.step_s);
   const Lane fall = step * sqrt(dot(g, g));
+  const Lane margin = splat(args.margin) + load(args.radius);
   for (int i = 0; i < args.points; ++i) {
     const Lane3 x = load3(args.x + 3 * kLanes * i);
     const Lane3 v = load3(args.v + 3 * kLanes * i);
-    const Lane reach = fma(step, sqrt(dot(v, v)) + fall, splat(args.margin + args.radius));
+    const Lane reach = fma(step, sqrt(dot(v, v)) + fall, margin);
     Bits any = 0;
     for (int k = 0; k < args.shapes; ++k) {
       const Bits bits = to_bits(may_reach(args, args.shape[k], x, reach)) & args.free_mask[i];

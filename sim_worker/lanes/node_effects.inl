@@ -1,4 +1,4 @@
-// Effects on nodes that shell and solid share: cohesive springs to ground (adhesion, anchors) and
+// Effects on nodes that models share: cohesive springs to ground (adhesion, anchors) and
 // lubrication by the air between a node and a rigid body. `fx` are LaneEffectArgs.
 
 #include "sim_worker/lanes/rigid_contact.inl"
@@ -37,7 +37,8 @@ inline Lane stretch_bond(const Effects& fx, int i, Lane3 x) {
 /// Lanes in which a node without a spring touches a body, so that it bonds.
 template <typename Args>
 inline Mask touches_anew(const Args& args, Lane stretched, const Surface& surface) {
-  const Lane touch = splat(args.particle_radius + static_cast<Real>(1e-5));  // [m] beyond rounding
+  const Lane touch =
+      load(args.particle_radius) + splat(static_cast<Real>(1e-5));  // [m] beyond rounding
   const Mask alone = both(to_mask(args.effects.adhesion), stretched < splat(Real{0}));
   return both(alone, surface.phi < touch);
 }
@@ -56,7 +57,7 @@ template <typename Args>
 inline void start_lubrication_of(const Args& args, int i, const Surface& surface, Lane scale) {
   const auto& fx = args.effects;
   const Lane reach = load(fx.lubrication_reach);
-  const Lane gap = max(surface.phi - splat(args.particle_radius), splat(Real{0}));
+  const Lane gap = max(surface.phi - load(args.particle_radius), splat(Real{0}));
   const Lane part = reach / (reach + gap);
   const Lane now = scale * part * part * part;
   store(fx.lubrication_now + kLanes * i, select(to_mask(fx.lubrication), now, splat(Real{0})));

@@ -187,17 +187,17 @@ inline Lane3 leave_shape(const Args& args, const KernelShape<Real>& shape, Lane 
 /// distance_to() would find so too, whatever the rounding, hence nothing would happen. Lanes that
 /// are not clear may or may not touch. `inverse_size`: 1 / size.
 [[gnu::always_inline]] inline Mask is_clear(const KernelShape<Real>& s, const Lane3& inverse_size,
-                                            const Real* capsule, Lane3 p, Real radius) {
+                                            const Real* capsule, Lane3 p, Lane radius) {
   // Squared distances within 1e-5 of the limit are left to distance_to().
-  const Real limit = s.size[0] + radius;
-  const Lane limit2 = splat(limit * limit * static_cast<Real>(1.00001));
+  const Lane limit = splat(s.size[0]) + radius;
+  const Lane limit2 = limit * limit * splat(static_cast<Real>(1.00001));
   if (s.kind == ShapeKind::kCapsule) {
     const Lane3 radial = radial_of_capsule(s, capsule, p);
     return limit2 < dot(radial, radial);
   }
   const Lane3 d = p - splat3(s.origin);
   if (s.kind == ShapeKind::kSphere) return limit2 < dot(d, d);
-  if (s.kind == ShapeKind::kHalfSpace) return splat(radius) < dot(d, normal_of_half_space(s));
+  if (s.kind == ShapeKind::kHalfSpace) return radius < dot(d, normal_of_half_space(s));
   if (s.kind == ShapeKind::kEllipsoid) {
     // phi = k0 (k0 - 1) / k1 of distance_to() is at least (k0^2 - 1) / (2 k1) outside. 1e-4 of k0^2
     // are far above the rounding of both.
@@ -205,7 +205,7 @@ inline Lane3 leave_shape(const Args& args, const KernelShape<Real>& shape, Lane 
     const Lane3 u{inverse_size.x * local.x, inverse_size.y * local.y, inverse_size.z * local.z};
     const Lane3 w{inverse_size.x * u.x, inverse_size.y * u.y, inverse_size.z * u.z};
     const Lane above = fma(splat(static_cast<Real>(0.9999)), dot(u, u), splat(Real{-1}));
-    const Lane needed2 = splat(Real{4.001F} * radius * radius) * dot(w, w);
+    const Lane needed2 = splat(Real{4.001F}) * radius * radius * dot(w, w);
     return both(splat(Real{0}) < above, needed2 < above * above);
   }
   return to_mask(0);
@@ -220,7 +220,7 @@ void resolve_contacts_as(const Args& args, int k) {
   KernelShape<Real> shape = args.shape[k];  // a copy: no store can change it
   shape.kind = kKind;
   const Lane zero = splat(Real{0});
-  const Lane radius = splat(args.particle_radius);
+  const Lane radius = load(args.particle_radius);
   const Lane3 inverse_size{splat(Real{1} / shape.size[0]), splat(Real{1} / shape.size[1]),
                            splat(Real{1} / shape.size[2])};
   const std::int32_t* near = args.near + args.particles * k;
@@ -231,7 +231,7 @@ void resolve_contacts_as(const Args& args, int k) {
     for (int j = 0; j < (left < kBlock ? left : kBlock); ++j) {
       const std::int32_t i = near[j];
       const Lane3 p = load3(args.xs + 3 * kLanes * i);
-      const Mask clear = is_clear(shape, inverse_size, args.capsule, p, args.particle_radius);
+      const Mask clear = is_clear(shape, inverse_size, args.capsule, p, radius);
       found[count] = i;
       count += (candidates[i * omentum::kMaxShapes] & ~to_bits(clear)) != 0 ? 1 : 0;
     }

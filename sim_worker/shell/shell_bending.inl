@@ -92,7 +92,7 @@ inline Moments relaxed_moments(const Args& args, Moments m, int s) {
 inline Lane face_height(const Args& args, Lane3 normal, Lane3 force) {
   const Lane one = splat(Real{1});
   const Lane slope = splat(Real{4}) * inverse_length(force) * dot(normal, force);
-  return splat(args.particle_radius) * max(splat(Real{0}) - one, min(one, slope));
+  return load(args.particle_radius) * max(splat(Real{0}) - one, min(one, slope));
 }
 
 template <bool kAxes, bool kTwist>

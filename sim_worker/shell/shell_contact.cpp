@@ -1,4 +1,6 @@
 // Contact of the elastic shell: the host's part. The method is in shell_contact.inl.
+#include <algorithm>
+
 #include "core/check.h"
 #include "sim_worker/shell/shell_tissue.h"
 
@@ -28,14 +30,22 @@ void ShellTissue<Real>::prepare_contacts() {
   plane_begin_.assign(free_mask_.size() + 1, 0);
   for (const double v : model_->preconditioner) preconditioner_.push_back(static_cast<Real>(v));
   args_.plane_begin = plane_begin_.data();
-  args_.preconditioner_begin = model_->structure.bending.begin.data();
-  args_.preconditioner_node = model_->structure.bending.node.data();
+  const NodeMatrix& rows = model_->structure.bending;
+  for (int i = 0; i < n; ++i) {
+    const auto after = std::upper_bound(rows.node.begin() + rows.begin[i],
+                                        rows.node.begin() + rows.begin[i + 1], i);
+    preconditioner_middle_.push_back(static_cast<std::int32_t>(after - rows.node.begin()));
+  }
+  args_.preconditioner_begin = rows.begin.data();
+  args_.preconditioner_middle = preconditioner_middle_.data();
+  args_.preconditioner_node = rows.node.data();
   args_.preconditioner = preconditioner_.data();
   args_.key_stiffness = key_stiffness_.assign(1, 1, W, Real{1});
   args_.own_stiffness = own_stiffness_.assign(n, 1, W);
   args_.own_compliance = own_compliance_.assign(n, 1, W);
   args_.contact_lanes = contact_lanes_.data();
   args_.contact_motion = contact_motion_.assign(n, 3, W);
+  args_.contact_before_sum = contact_before_sum_.assign(n, 3, W);
   args_.contact_face = contact_face_.assign(n, 3, W);
   args_.contact_displacement = contact_displacement_.assign(n, 3, W);
   args_.contact_before = contact_before_.assign(n, 3, W);
@@ -99,14 +109,14 @@ void ShellTissue<Real>::resolve_contacts() {
   const auto take = surface_ != nullptr ? shell_.take_surface_change : shell_.take_contact_change;
   for (int pass = 0; pass < passes; ++pass) {
     if (surface_ != nullptr) surface_->place(x_, d_, unsettled);
+    args_.lanes = unsettled;
     shell_.place_contacts(args_);
     args_.surface.follows = pass > 0;
-    args_.lanes = unsettled;
     unsettled = shell_.unsettled_contacts(args_);
     if (unsettled == 0) return;
     args_.lanes = unsettled;
     for (int sweep = 0; sweep < sweeps && args_.lanes != 0; ++sweep) {
-      args_.lanes = shell_.sweep_contacts(args_, sweep % 2 != 0);
+      args_.lanes = shell_.sweep_contacts(args_, sweep);
     }
     shell_.load_contact_change(args_);
     if (surface_ != nullptr) surface_->response(unsettled);

@@ -47,7 +47,8 @@ inline Lane3 find_tilt(const Args& args, int node, Lane3& normal) {
   return normal - inverse_length(before) * before;
 }
 
-/// Planes of the shapes at the present place x + d of each node that may touch; e = 0.
+/// Planes of the shapes at the present place x + d of each node that may touch in the lanes
+/// args.lanes; e = 0.
 void place_contacts(const Args& args) {
   for (int i = 0; i < args.nodes; ++i) {
     const int k = 3 * kLanes * i;
@@ -57,6 +58,7 @@ void place_contacts(const Args& args) {
     if (args.plane_begin[i] == end) continue;
     if (may_touch_surface(args, i))
       store3(args.surface.force_before + k, load3(args.surface.force + k));
+    if ((args.contact_lanes[i] & args.lanes) == 0) continue;
     const Lane3 d = load3(args.d + k);
     const Lane3 p = load3(args.x + k) + d;
     Lane deepest = splat(static_cast<Real>(-1e30));
@@ -68,7 +70,7 @@ void place_contacts(const Args& args) {
       const Surface surface = shape == args.shapes
                                   ? Surface{load(found), load3(found + kLanes)}
                                   : distance_to(args.shape[shape], args.capsule, p);
-      const Lane depth = splat(args.particle_radius) - surface.phi;
+      const Lane depth = load(args.particle_radius) - surface.phi;
       store(args.plane + 4 * kLanes * n, depth);
       store3(args.plane + 4 * kLanes * n + kLanes, surface.normal);
       Lane3 slip = d;
@@ -150,9 +152,14 @@ inline Lane ground_stiffness(const Args& args, int i) {
   return k;
 }
 
-/// One sweep over all nodes in the lanes args.lanes. Returns the lanes in which a contact force is
-/// still changing.
-Bits sweep_contacts(const Args& args, bool backwards) {
+/// One sweep over all nodes in the lanes args.lanes, every other one backwards, from e = 0 in sweep
+/// 0. Returns the lanes in which a contact force is still changing.
+///
+/// Half of a node's neighbours need no summing but in even sweeps after the first: in sweep 0 those
+/// after it have not moved, and in a backward sweep those before it are where they were when the
+/// sweep before came by.
+Bits sweep_contacts(const Args& args, int sweep) {
+  const bool backwards = sweep % 2 != 0;
   const Lane stiffness = splat(Real{0}) - load(args.key_stiffness);
   const Bits springs = args.effects.springs;
   Bits moving = 0;
@@ -161,10 +168,21 @@ Bits sweep_contacts(const Args& args, bool backwards) {
     const Bits active = args.free_mask[i] & args.lanes;
     if (active == 0) continue;
     Lane3 sum = zero3();
-    for (int m = args.preconditioner_begin[i]; m < args.preconditioner_begin[i + 1]; ++m) {
-      const Lane3 e = load3(args.contact_motion + 3 * kLanes * args.preconditioner_node[m]);
-      sum = fma(splat(args.preconditioner[m]), e, sum);
+    const auto add_neighbours = [&](int begin, int end) {
+      for (int m = begin; m < end; ++m) {
+        const Lane3 e = load3(args.contact_motion + 3 * kLanes * args.preconditioner_node[m]);
+        sum = fma(splat(args.preconditioner[m]), e, sum);
+      }
+    };
+    const int middle = args.preconditioner_middle[i];
+    Real* const before_it = args.contact_before_sum + 3 * kLanes * i;
+    if (backwards) {
+      sum = load3(before_it);
+    } else {
+      add_neighbours(args.preconditioner_begin[i], middle);
+      store3(before_it, sum);
     }
+    if (sweep > 0) add_neighbours(middle, args.preconditioner_begin[i + 1]);
     Lane own = load(args.own_stiffness + kLanes * i);
     Lane compliance = load(args.own_compliance + kLanes * i);
     if (springs != 0) {

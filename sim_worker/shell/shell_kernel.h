@@ -97,14 +97,16 @@ struct ShellArgs : ImplicitArgs<Real> {
   const std::int32_t* plane_begin;  ///< per node, nodes + 1
   const std::int32_t* plane_shape;
   Real* plane;  ///< scratch [plane][depth of x + d, normal xyz][lane] [m]
-  const std::int32_t* preconditioner_begin;  ///< per node, nodes + 1: row of `preconditioner`
-  const std::int32_t* preconditioner_node;
-  const Real* preconditioner;    ///< off-diagonal of A at nominal E [N/m]
-  const Real* key_stiffness;     ///< per lane: E of its factor / nominal E
-  const Real* own_stiffness;     ///< diagonal of A [node][lane] [N/m]
-  const Real* own_compliance;    ///< 1 / own_stiffness [m/N]
+  const std::int32_t* preconditioner_begin;   ///< per node, nodes + 1: row of `preconditioner`
+  const std::int32_t* preconditioner_middle;  ///< per node: where nodes after it begin in its row
+  const std::int32_t* preconditioner_node;    ///< ascending
+  const Real* preconditioner;                 ///< off-diagonal of A at nominal E [N/m]
+  const Real* key_stiffness;                  ///< per lane: E of its factor / nominal E
+  const Real* own_stiffness;                  ///< diagonal of A [node][lane] [N/m]
+  const Real* own_compliance;                 ///< 1 / own_stiffness [m/N]
   std::uint32_t* contact_lanes;  ///< per node: lanes in which it may touch in this control step
   Real* contact_motion;          ///< scratch [node][xyz][lane]: e [m]
+  Real* contact_before_sum;      ///< scratch, of the same: what the nodes before it sum to
   Real* contact_face;  ///< scratch [node][xyz][lane]: displacement of the face relative to its node
                        ///< [m]
   Real* contact_displacement;  ///< scratch [node][xyz][lane]: onto the deepest plane, without slip
@@ -129,7 +131,7 @@ struct ShellKernel {
   void (*place_contacts)(const ShellArgs<Real>&);
   /// Parts of the contact solver for the lanes of args.lanes; they return lanes.
   std::uint32_t (*unsettled_contacts)(const ShellArgs<Real>&);
-  std::uint32_t (*sweep_contacts)(const ShellArgs<Real>&, bool backwards);
+  std::uint32_t (*sweep_contacts)(const ShellArgs<Real>&, int sweep);
   void (*load_contact_change)(const ShellArgs<Real>&);
   void (*take_contact_change)(const ShellArgs<Real>&);
   void (*take_surface_change)(const ShellArgs<Real>&);

@@ -139,10 +139,10 @@ class ShellTissue final : public ImplicitTissue<Real> {
 
   // Contact.
   std::vector<std::uint32_t> contact_lanes_, near_surface_;
-  std::vector<std::int32_t> plane_begin_, plane_shape_;
+  std::vector<std::int32_t> preconditioner_middle_, plane_begin_, plane_shape_;
   AlignedVector<Real> plane_;
-  LaneArray<Real> own_stiffness_, own_compliance_, key_stiffness_, contact_motion_, contact_face_,
-      contact_displacement_, contact_before_;
+  LaneArray<Real> own_stiffness_, own_compliance_, key_stiffness_, contact_motion_,
+      contact_before_sum_, contact_face_, contact_displacement_, contact_before_;
 };
 
 extern template class ShellTissue<float>;

@@ -314,7 +314,7 @@ inline Contact evaluate_contact(const Args& args, int i) {
     const Lane3 n = surface.normal;
     const Lane along = dot(before, n);
     const Lane pressed = max(along, zero);
-    const Lane force = fma(gain, splat(args.particle_radius) - surface.phi, pressed);
+    const Lane force = fma(gain, load(args.particle_radius) - surface.phi, pressed);
     const Mask touches = both(zero < force, to_mask(args.candidates[i * omentum::kMaxShapes + k]));
     if (to_bits(touches) == 0) continue;
     const Lane3 slip = shape.kind == ShapeKind::kCapsule ? d - load3(args.capsule_motion) : d;

@@ -31,6 +31,7 @@ double& at(V& values) {
 // Stiffness of clusters is no material constant (docs/tissue.md 5): they have what needs none.
 constexpr std::uint32_t kElasticModels = kShellModel | kSolidModel | kReferenceModel;
 constexpr std::uint32_t kSheetModels = kShellModel | kReferenceModel;
+constexpr std::uint32_t kStickingModels = kElasticModels | kClusterModel;
 constexpr std::uint32_t kEveryModel = kElasticModels | kClusterModel | kSoftBodyModel;
 
 const EffectRow kRows[] = {
@@ -86,16 +87,16 @@ const EffectRow kRows[] = {
     {"rest_shape.stretch", at<&V::stretch>, kShape, kSheetModels, kReferenceModel},
     {"thickness.x_per_m", at<&V::thickness_x>, kStructure, kSheetModels, kReferenceModel},
     {"thickness.y_per_m", at<&V::thickness_y>, kStructure, kSheetModels, kReferenceModel},
-    {"adhesion.stiffness_pa_per_m", at<&V::adhesion>, kContact, kElasticModels},
-    {"adhesion.break_m", at<&V::adhesion_break>, kContact, kElasticModels, 0,
+    {"adhesion.stiffness_pa_per_m", at<&V::adhesion>, kContact, kStickingModels},
+    {"adhesion.break_m", at<&V::adhesion_break>, kContact, kStickingModels, 0,
      "adhesion.stiffness_pa_per_m"},
-    {"adhesion.x_m", at<&V::adhesion_x>, kContact, kElasticModels, 0,
+    {"adhesion.x_m", at<&V::adhesion_x>, kContact, kStickingModels, 0,
      "adhesion.stiffness_pa_per_m"},
-    {"adhesion.y_m", at<&V::adhesion_y>, kContact, kElasticModels, 0,
+    {"adhesion.y_m", at<&V::adhesion_y>, kContact, kStickingModels, 0,
      "adhesion.stiffness_pa_per_m"},
-    {"adhesion.half_x_m", at<&V::adhesion_half_x>, kContact, kElasticModels, 0,
+    {"adhesion.half_x_m", at<&V::adhesion_half_x>, kContact, kStickingModels, 0,
      "adhesion.stiffness_pa_per_m"},
-    {"adhesion.half_y_m", at<&V::adhesion_half_y>, kContact, kElasticModels, 0,
+    {"adhesion.half_y_m", at<&V::adhesion_half_y>, kContact, kStickingModels, 0,
      "adhesion.stiffness_pa_per_m"},
     {"suction.drag_pa_s_per_m", at<&V::suction>, kContact, kElasticModels},
     {"suction.reach_m", at<&V::suction_reach>, kContact, kElasticModels, 0,

@@ -14,9 +14,9 @@
 
 namespace omentum {
 
-/// Effects of the lanes of a shell or a solid, as far as both have them: parameters and memory in
-/// the layout of the lane kernels. Memory is made when the first lane needs it. One thread at a
-/// time.
+/// Effects of the lanes of clusters, a shell or a solid, as far as they share them: parameters and
+/// memory in the layout of the lane kernels. Memory is made when the first lane needs it. One
+/// thread at a time.
 template <typename Real>
 class LaneEffects {
  public:

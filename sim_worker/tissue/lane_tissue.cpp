@@ -63,7 +63,8 @@ LaneTissue<Real>::LaneTissue(const TissueModel& model, const LaneKernel<Real>& k
   for (auto* v : {&held_force_, &gravity_, &tip_, &capsule_motion_}) v->assign(1, 3, W);
   capsule_.assign(2, 3, W);
   for (int lane = 0; lane < W; ++lane) capsule_.set_vector(1, lane, surroundings_.shaft_axis);
-  for (auto* v : {&stiffness_, &keep_, &static_friction_, &dynamic_friction_, &capsule_sweep_})
+  for (auto* v :
+       {&stiffness_, &keep_, &static_friction_, &dynamic_friction_, &radius_, &capsule_sweep_})
     v->assign(1, 1, W);
   parameters_.assign(W, LaneParameters{1, 1, 1, 1, EffectValues{}});
   slipped_.assign(W, 0);
@@ -98,9 +99,10 @@ void LaneTissue<Real>::place_at_rest(int lane, const Vector3d& offset) {
 template <typename Real>
 void LaneTissue<Real>::set_surroundings(int lane, const LaneParameters& parameters,
                                         const EffectValues& effects) {
-  OMENTUM_CHECK(usable(parameters), "stiffness {}, gravity {}, damping {}, friction {}",
+  OMENTUM_CHECK(usable(parameters),
+                "stiffness {}, gravity {}, damping {}, friction {}, thickness {}",
                 parameters.stiffness_scale, parameters.gravity_scale, parameters.damping_scale,
-                parameters.friction_scale);
+                parameters.friction_scale, parameters.thickness_scale);
   LaneParameters& mine = parameters_[lane];
   mine = parameters;
   mine.effects = effects;
@@ -110,6 +112,7 @@ void LaneTissue<Real>::set_surroundings(int lane, const LaneParameters& paramete
   const double friction = parameters.friction_scale * (1 + effects.friction_change);
   static_friction_[lane] = static_cast<Real>(surroundings_.static_friction * friction);
   dynamic_friction_[lane] = static_cast<Real>(surroundings_.dynamic_friction * friction);
+  radius_[lane] = static_cast<Real>(body_.particle_radius * parameters.thickness_scale);
 }
 
 template <typename Real>
@@ -122,9 +125,9 @@ LaneArgs<Real> LaneTissue<Real>::lane_args() {
           keep_.data(),
           static_friction_.data(),
           dynamic_friction_.data(),
+          radius_.data(),
           candidates_.data(),
           candidate_any_.data(),
-          static_cast<Real>(body_.particle_radius),
           shapes_.count,
           shapes_.shape.data(),
           capsule_.data(),
@@ -148,10 +151,10 @@ void LaneTissue<Real>::find_candidates(std::span<const ToolMotion> motion,
     capsule_sweep_[lane] = static_cast<Real>(sweep);
   }
   kernel_.find_candidates({particles(), x_.data(), v_.data(), free_mask.data(), gravity_.data(),
-                           static_cast<Real>(body_.particle_radius),
-                           static_cast<Real>(control_period_), static_cast<Real>(kElasticMotion),
-                           shapes_.count, shapes_.shape.data(), capsule_.data(),
-                           capsule_sweep_.data(), candidates_.data(), candidate_any_.data()});
+                           radius_.data(), static_cast<Real>(control_period_),
+                           static_cast<Real>(kElasticMotion), shapes_.count, shapes_.shape.data(),
+                           capsule_.data(), capsule_sweep_.data(), candidates_.data(),
+                           candidate_any_.data()});
 }
 
 template <typename Real>
@@ -225,7 +228,10 @@ void LaneTissue<Real>::save_lane(int lane, bool has_grasp, StateWriter& state) c
   for (const double scale : {p.stiffness_scale, p.gravity_scale, p.damping_scale, p.friction_scale})
     state.add(scale);
   const bool has_effects = !(effects_of(lane) == EffectValues{});
-  state.add((has_effects ? kEffectsFollow : 0U) | (has_grasp ? kGraspFollows : 0U));
+  const bool has_thickness = p.thickness_scale != 1;
+  state.add((has_effects ? kEffectsFollow : 0U) | (has_grasp ? kGraspFollows : 0U) |
+            (has_thickness ? kThicknessFollows : 0U));
+  if (has_thickness) state.add(p.thickness_scale);
   if (!has_effects) return;
   state.add(effects_of(lane));
   state.add(slipped_[lane]);
@@ -246,8 +252,13 @@ Result<typename LaneTissue<Real>::SavedLane> LaneTissue<Real>::read_lane(StateRe
   }
   if (!all_finite(std::span<const Real>(saved.numbers)))
     return Failure{"tissue state holds a non-finite number"};
-  if ((parts & ~(kEffectsFollow | kGraspFollows)) != 0)
-    return Failure{fmt::format("tissue state with parts {:#x}, allowed 0 ... 3", parts)};
+  if ((parts & ~(kEffectsFollow | kGraspFollows | kThicknessFollows)) != 0)
+    return Failure{fmt::format("tissue state with parts {:#x}, allowed 0 ... 7", parts)};
+  double thickness = 1;
+  if ((parts & kThicknessFollows) != 0) {
+    if (!state.read(thickness)) return Failure{"tissue state ends in its thickness"};
+    if (thickness == 1) return Failure{"tissue state holds a thickness that is the scene's"};
+  }
   EffectValues effects;
   if ((parts & kEffectsFollow) != 0) {
     if (!state.read(effects) || !state.read(saved.slipped))
@@ -256,7 +267,7 @@ Result<typename LaneTissue<Real>::SavedLane> LaneTissue<Real>::read_lane(StateRe
     if (!(saved.slipped >= 0 && saved.slipped <= 1))
       return Failure{"tissue state holds a bad slip"};
   }
-  saved.parameters = {scales[0], scales[1], scales[2], scales[3], effects};
+  saved.parameters = {scales[0], scales[1], scales[2], scales[3], effects, thickness};
   if (!usable(saved.parameters)) return Failure{"tissue state holds lane parameters out of range"};
   if (!allows(effects)) return Failure{"tissue state holds effects out of range"};
   saved.has_grasp = (parts & kGraspFollows) != 0;

@@ -28,6 +28,7 @@ class LaneTissue : public Tissue<Real> {
   void find_nearest(std::span<const Eigen::Vector3d> points,
                     std::span<Nearest> nearest) const final;
   Eigen::Vector3d held_force(int lane) const override;
+  double thickness_scale(int lane) const final { return parameters_[lane].thickness_scale; }
   const Real* surface_positions() override { return x_.data(); }
   int surface_vertices() const override { return particles(); }
   bool healthy(int lane) const final;
@@ -63,8 +64,8 @@ class LaneTissue : public Tissue<Real> {
   }
 
   // The saved state of a lane: these arrays, the scales of its parameters, a word of StateParts;
-  // then, where they follow, effects with the slip of the grasp so far, the grasp, and the memory
-  // of the effects. Model by model, what results from these is made again by load().
+  // then, where they follow, the thickness, effects with the slip of the grasp so far, the grasp,
+  // and the memory of the effects. Model by model, what results from these is made again by load().
   struct SavedLane {
     std::vector<Real> numbers;
     LaneParameters parameters;  ///< effects given
@@ -99,6 +100,7 @@ class LaneTissue : public Tissue<Real> {
   LaneArray<Real> keep_;     ///< part of the velocity that damping leaves per substep
   LaneArray<Real> gravity_;  ///< [xyz][lane] [m/s^2]
   LaneArray<Real> static_friction_, dynamic_friction_;
+  LaneArray<Real> radius_;  ///< collision distance [m]
 
   LaneArray<Real> tip_;             ///< of the tool at the end of the substep [xyz][lane] [m]
   LaneArray<Real> capsule_;         ///< foot [m] and direction of the shaft's axis [xyz][lane]

@@ -6,6 +6,7 @@
 
 #include "core/check.h"
 #include "sim_worker/instrument/arm.h"
+#include "sim_worker/instrument/jaw.h"
 
 namespace omentum {
 namespace {
@@ -47,6 +48,24 @@ void check_drawn_effect(const pb::Randomise& r, const Scene& scene) {
         effects.adhesion().stiffness_pa_per_m() > 0 || effects.suction().drag_pa_s_per_m() > 0;
     if (sticks && scene.bodies.empty())
       throw_error("randomise {}: nothing to stick to, needs a scene.rigid_body", r.parameter());
+    if (sticks && tissue.model() == pb::TISSUE_CLUSTER && tissue.has_volume())
+      throw_error("randomise {}: TISSUE_CLUSTER with a volume, allowed with a sheet",
+                  r.parameter());
+  }
+}
+
+/// Clusters alone have their thickness per lane; the jaw has to open around the thickest sheet.
+void check_drawn_thickness(const pb::Randomise& r, const pb::Config& config, const Scene& scene) {
+  const pb::Tissue& tissue = scene.config.tissue();
+  if (tissue.model() != pb::TISSUE_CLUSTER || tissue.has_volume()) {
+    throw_error("randomise {}: {}, allowed with a sheet of TISSUE_CLUSTER", r.parameter(),
+                pb::TissueModelKind_Name(tissue.model()));
+  }
+  const pb::Grasp& grasp = config.grasp();
+  const double needed_deg = jaw_contact_deg(grasp, r.max() * scene.tissue.thickness);
+  if (grasp.jaw_open_deg() > 0 && grasp.jaw_open_deg() < needed_deg) {
+    throw_error("randomise {}: {} ... {}: the jaw opens by {} deg and needs {:.4g}", r.parameter(),
+                r.min(), r.max(), grasp.jaw_open_deg(), needed_deg);
   }
 }
 
@@ -79,23 +98,25 @@ void check_randomise(const pb::Config& config, const Scene& scene) {
     }
     static const char* const names[] = {"tissue.stiffness_scale", "tissue.gravity_scale",
                                         "tissue.damping_scale",   "tissue.friction_scale",
-                                        "tissue.offset_x_m",      "tissue.offset_y_m",
-                                        "tissue.offset_z_m"};
+                                        "tissue.thickness_scale", "tissue.offset_x_m",
+                                        "tissue.offset_y_m",      "tissue.offset_z_m"};
     if (std::none_of(std::begin(names), std::end(names),
                      [&](const char* n) { return r.parameter() == n; })) {
       throw_error(
           "randomise.parameter: {}, allowed: tissue.stiffness_scale, tissue.gravity_scale, "
-          "tissue.damping_scale, tissue.friction_scale, tissue.offset_x_m, tissue.offset_y_m, "
-          "tissue.offset_z_m, tissue.effects.*, arm.*",
+          "tissue.damping_scale, tissue.friction_scale, tissue.thickness_scale, "
+          "tissue.offset_x_m, tissue.offset_y_m, tissue.offset_z_m, tissue.effects.*, arm.*",
           r.parameter());
     }
+    const bool is_thickness = r.parameter() == "tissue.thickness_scale";
     const bool is_scale = r.parameter().find("scale") != std::string::npos;
-    const double low = is_scale ? 0 : -0.02;
-    const double high = is_scale ? 10 : 0.02;
+    const double low = is_thickness ? 0.2 : is_scale ? 0 : -0.02;
+    const double high = is_thickness ? 5 : is_scale ? 10 : 0.02;
     if (!(r.min() >= low && r.max() <= high && r.min() <= r.max())) {
       throw_error("randomise {}: {} ... {}, allowed within {} ... {}", r.parameter(), r.min(),
                   r.max(), low, high);
     }
+    if (is_thickness) check_drawn_thickness(r, config, scene);
   }
   // Effects that are drawn together have to be possible together.
   for (const bool highest : {false, true}) {
@@ -128,6 +149,7 @@ DrawnParameters draw_randomised(const pb::Config& config, const Scene& scene, co
     if (r.parameter() == "tissue.gravity_scale") parameters.gravity_scale = value;
     if (r.parameter() == "tissue.damping_scale") parameters.damping_scale = value;
     if (r.parameter() == "tissue.friction_scale") parameters.friction_scale = value;
+    if (r.parameter() == "tissue.thickness_scale") parameters.thickness_scale = value;
     if (r.parameter() == "tissue.offset_x_m") drawn.offset.x() = value;
     if (r.parameter() == "tissue.offset_y_m") drawn.offset.y() = value;
     if (r.parameter() == "tissue.offset_z_m") drawn.offset.z() = value;

@@ -12,9 +12,9 @@
 
 namespace omentum {
 
-/// What follows the fixed part of a lane's saved state, in this order: one word of these. Reaches
-/// checkpoints: do not change.
-enum StateParts : std::uint32_t { kEffectsFollow = 1, kGraspFollows = 2 };
+/// What follows the fixed part of a lane's saved state: one word of these. Thickness comes first,
+/// then effects, then the grasp. Reaches checkpoints: do not change.
+enum StateParts : std::uint32_t { kEffectsFollow = 1, kGraspFollows = 2, kThicknessFollows = 4 };
 
 /// Appends plain values to the state of a lane, as they lie in memory (little-endian machines).
 class StateWriter {

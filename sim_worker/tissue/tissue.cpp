@@ -7,7 +7,8 @@ namespace omentum {
 bool usable(const LaneParameters& p) {
   const auto within = [](double v, double min, double max) { return v >= min && v <= max; };
   return within(p.stiffness_scale, 1e-3, 1e3) && within(p.gravity_scale, -100, 100) &&
-         within(p.damping_scale, 0, 1e3) && within(p.friction_scale, 0, 1e3);
+         within(p.damping_scale, 0, 1e3) && within(p.friction_scale, 0, 1e3) &&
+         within(p.thickness_scale, 0.1, 10);
 }
 
 template <typename Real>

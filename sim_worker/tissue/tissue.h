@@ -37,6 +37,7 @@ struct LaneParameters {
   double damping_scale = 1;
   double friction_scale = 1;
   std::optional<EffectValues> effects = std::nullopt;
+  double thickness_scale = 1;  ///< clusters only: mass, collision distance, and what a jaw takes
 };
 
 /// Limits of lane parameters: what a randomised scene may ask for, with room. Saved states are
@@ -113,6 +114,8 @@ class Tissue {
   virtual void turn_held(int /*lane*/, const Eigen::Matrix3d& /*R*/) {}
   /// Force of the tissue on the tool through the grasp at the end of the last step, in W [N].
   virtual Eigen::Vector3d held_force(int lane) const = 0;
+  /// Thickness of a lane over that of the scene.
+  virtual double thickness_scale(int /*lane*/) const { return 1; }
 
   virtual Eigen::Vector3d position(int lane, int particle) const = 0;
   virtual Eigen::Vector3d velocity(int lane, int particle) const = 0;

@@ -111,6 +111,31 @@ TEST(Randomise, EffectsAreDrawnPerSlotAndEpisodeReproducibly) {
   EXPECT_NE(hashes[1], hashes[2]);
 }
 
+TEST(Randomise, ThicknessAndAdhesionAreDrawnPerSlotAndEpisodeAndKeptInTheState) {
+  const auto setup =
+      setup_of("omentum", {drawn("tissue.thickness_scale", 0.5, 1.4),
+                           drawn("tissue.effects.adhesion.stiffness_pa_per_m", 1e4, 1e5)});
+  SimBackend a(setup, 1, 1);
+  SimBackend b(setup, 8, 8);
+  std::vector<double> thicknesses;
+  for (std::uint64_t episode = 0; episode < 3; ++episode) {
+    a.reset(0, training_start(3, episode));
+    b.reset(5, training_start(3, episode));
+    for (int k = 0; k < 3; ++k) move_about(a);
+    for (int k = 0; k < 3; ++k) move_about(b);
+    ASSERT_EQ(fnv1a64(a.save(0)), fnv1a64(b.save(5))) << episode;
+    ASSERT_TRUE(b.load(2, a.save(0)).has_value());
+    move_about(a);
+    move_about(b);
+    ASSERT_EQ(fnv1a64(a.save(0)), fnv1a64(b.save(2))) << episode;
+    thicknesses.push_back(a.tissue_of(0).thickness_scale(0));
+    EXPECT_GE(thicknesses.back(), 0.5);
+    EXPECT_LE(thicknesses.back(), 1.4);
+  }
+  EXPECT_NE(thicknesses[0], thicknesses[1]);
+  EXPECT_NE(thicknesses[1], thicknesses[2]);
+}
+
 const std::vector<std::string> kDrawnArm = {drawn("arm.transport_delay_s", 0.02, 0.08),
                                             drawn("arm.joint_offset.yaw", -0.01, 0.01),
                                             drawn("arm.droop_s", 0, 0.045)};
@@ -235,6 +260,32 @@ TEST(BadInput, AnArmThatCannotBeDrawnIsRefusedInOneLine) {
   EXPECT_THAT(message("arm.droop_s", -0.1, 0.1), HasSubstr("allowed 0 or more"));
   EXPECT_THAT(message("arm.droop_s", 0.1, 0), HasSubstr("min <= max"));
   EXPECT_EQ(message("arm.droop_s", 0, 0.1), "accepted");
+}
+
+TEST(BadInput, AThicknessOrAdhesionThatCannotBeDrawnIsRefusedInOneLine) {
+  const auto message = [](const std::string& preset, const std::string& parameter, double min,
+                          double max) -> std::string {
+    try {
+      setup_of(preset, {drawn(parameter, min, max)});
+    } catch (const Error& error) {
+      return error.what();
+    }
+    return "accepted";
+  };
+  using testing::AllOf;
+  using testing::HasSubstr;
+  EXPECT_THAT(message("omentum", "tissue.thickness_scale", 0.5, 2),
+              AllOf(HasSubstr("randomise tissue.thickness_scale: 0.5 ... 2"),
+                    HasSubstr("the jaw opens by 24 deg and needs")));
+  EXPECT_THAT(message("omentum", "tissue.thickness_scale", 0.1, 1),
+              HasSubstr("allowed within 0.2 ... 5"));
+  EXPECT_THAT(message("omentum_elastic", "tissue.thickness_scale", 0.8, 1.2),
+              HasSubstr("TISSUE_ELASTIC, allowed with a sheet of TISSUE_CLUSTER"));
+  const std::string adhesion = "tissue.effects.adhesion.stiffness_pa_per_m";
+  EXPECT_THAT(message("omentum", adhesion, -1, 1e5), HasSubstr("allowed 0 ... 1"));
+  EXPECT_THAT(message("derived", adhesion, 0, 1e5),
+              HasSubstr("with a volume, allowed with a sheet"));
+  EXPECT_EQ(message("omentum", adhesion, 0, 1e5), "accepted");
 }
 
 }  // namespace

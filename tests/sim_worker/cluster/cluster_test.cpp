@@ -6,6 +6,7 @@
 
 #include "core/rng.h"
 #include "support/cluster_scene.h"
+#include "support/effect_scene.h"
 
 namespace omentum {
 namespace {
@@ -297,6 +298,101 @@ TEST(Cluster, OrphansFallAtG) {
     if (scene.tissue.fixed[static_cast<std::size_t>(orphan)] != 0) continue;
     EXPECT_NEAR(tissue.velocity(0, orphan).z(), -9.80665 * 0.5, 1e-6) << orphan;
   }
+}
+
+/// Free sheet of 15 mm that touches a board.
+Scene tile_on_board() {
+  SheetCase c;
+  c.nx = c.ny = 6;
+  c.anchor_max_y = -1;
+  c.spacing = 0.0095;
+  c.radius = 0.0127;
+  c.substeps = 10;
+  c.iterations = 1;
+  Scene scene = test::make_sheet_scene(c);
+  scene.bodies = {test::make_board(0.0015)};
+  return scene;
+}
+
+double mean_height(const Tissue<double>& tissue) {
+  double sum = 0;
+  for (int i = 0; i < tissue.particles(); ++i) sum += tissue.position(0, i).z();
+  return sum / tissue.particles();
+}
+
+TEST(Cluster, AdhesionHoldsUpToHalfItsReach) {
+  const double stiffness = 1e5;
+  const double give = 1000 * 0.003 * 9.80665 / stiffness;  // under the weight of the sheet
+  for (const double thickness : {1.0, 0.6}) {
+    for (const bool holds : {true, false}) {
+      Scene scene = tile_on_board();
+      pb::Adhesion& adhesion =
+          *scene.config.mutable_tissue()->mutable_effects()->mutable_adhesion();
+      adhesion.set_stiffness_pa_per_m(stiffness);
+      adhesion.set_break_m((holds ? 8 : 1.2) * give * thickness);
+      std::vector<std::string> warnings;
+      ClusterTissue<double> tissue(make_cluster_model(scene, 0.02, warnings), f64x1());
+      LaneParameters parameters;
+      parameters.thickness_scale = thickness;
+      tissue.set_parameters(0, parameters);
+      tissue.reset(0, Vector3d::Zero());
+      run_free(tissue, 0.3);
+      const double start = mean_height(tissue);
+      parameters.effects = tissue.model().effects;
+      parameters.effects->tilt_x = kPi;  // the board turned over
+      tissue.set_parameters(0, parameters);
+      run_free(tissue, 1.5);
+      const double fall = mean_height(tissue) - start;
+      if (holds) {
+        EXPECT_NEAR(fall / (thickness * give), 1, 0.04) << thickness;
+      } else {
+        EXPECT_GT(fall, 0.01) << thickness;
+      }
+    }
+  }
+}
+
+TEST(Cluster, WhatSticksPullsOnTheJaws) {
+  Scene scene = tile_on_board();
+  const auto pull = [&](double stiffness) {
+    scene.config.mutable_tissue()->mutable_effects()->mutable_adhesion()->set_stiffness_pa_per_m(
+        stiffness);
+    std::vector<std::string> warnings;
+    ClusterTissue<double> tissue(make_cluster_model(scene, 0.02, warnings), f64x1());
+    run_free(tissue, 0.3);
+    tissue.hold(0, Vector3d::Zero(), 1, false);  // all of it
+    const double lift = 0.0005;
+    const ToolMotion up{Vector3d::Zero(), {0, 0, lift}};
+    const ToolMotion still{up.to, up.to};
+    tissue.step({&up, 1});
+    tissue.step({&still, 1});
+    return -tissue.held_force(0).z();
+  };
+  const double area = 36 * 0.003 * 0.003;
+  EXPECT_NEAR(pull(1e5) - pull(0), 1e5 * area * 0.0005, 0.02 * 1e5 * area * 0.0005);
+}
+
+TEST(Cluster, AThickerSheetIsHeavierAndLiesFurtherOff) {
+  std::vector<std::string> warnings;
+  ClusterTissue<double> tissue(make_cluster_model(tile_on_board(), 0.02, warnings), f64x1());
+  const auto height_and_force = [&](double thickness) {
+    LaneParameters parameters;
+    parameters.thickness_scale = thickness;
+    tissue.set_parameters(0, parameters);
+    tissue.reset(0, {0, 0, 0.002});
+    run_free(tissue, 0.5);
+    const double height = mean_height(tissue) + 0.0015;
+    tissue.reset(0, {0, 0, 0.02});
+    tissue.hold(0, {0, 0, 0.02}, 0.004, false);
+    const ToolMotion still{{0, 0, 0.02}, {0, 0, 0.02}};
+    for (int k = 0; k < 20; ++k) tissue.step({&still, 1});
+    return std::pair(height, tissue.held_force(0).z());
+  };
+  const auto [height, force] = height_and_force(1);
+  const auto [thick_height, thick_force] = height_and_force(1.4);
+  EXPECT_NEAR(height, 0.0015, 1e-6);
+  EXPECT_NEAR(thick_height, 1.4 * 0.0015, 1e-6);
+  EXPECT_NEAR(thick_force / force, 1.4, 1e-9);
 }
 
 TEST(Cluster, SelfCollisionKeepsParticlesApart) {

@@ -238,7 +238,7 @@ TEST(EffectInput, WhatAModelCannotDoIsRefusedInOneLine) {
                      testing::HasSubstr("TISSUE_CLUSTER"), testing::Not(testing::HasSubstr("\n"))));
   c.effects.Clear();
   c.effects.mutable_adhesion()->set_stiffness_pa_per_m(1e5);
-  for (const auto kind : {pb::TISSUE_ELASTIC, pb::TISSUE_REFERENCE})
+  for (const auto kind : {pb::TISSUE_CLUSTER, pb::TISSUE_ELASTIC, pb::TISSUE_REFERENCE})
     EXPECT_THAT(message(c, kind), testing::HasSubstr("needs a scene.rigid_body"));
   c.effects.Clear();
   c.effects.set_poisson_change(0.2);
