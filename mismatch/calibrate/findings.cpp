@@ -154,6 +154,8 @@ void add_numbers(const Findings& f, Calibration& result) {
                 : "s",
         f.state.shared[at], sd_of(f, at), f.fit.beliefs.shared_sd[at], "believed"));
   }
+  result.nuisances.back().low90 = f.clock.low;  // no normal distribution
+  result.nuisances.back().high90 = f.clock.high;
   constexpr std::array<const char*, 4> kOwn = {"pinch.x", "pinch.y", "stiffness.ln_factor",
                                                "clock"};
   constexpr std::array<const char*, 4> kUnits = {"m", "m", "1", "s"};
@@ -212,10 +214,9 @@ void add_groups(const Findings& f, Calibration& result) {
     NumberGroup group;
     group.name = "latency";
     group.unit.assign(1, 's');
-    const double x = f.state.shared[clock], sd = sd_of(f, clock);
-    group.value = x;
-    group.low90 = x - kNinety * sd;
-    group.high90 = x + kNinety * sd;
+    group.value = f.state.shared[clock];
+    group.low90 = f.clock.low;
+    group.high90 = f.clock.high;
     group.members = {"scene.depth_sensor.time_offset_s", "scene.arm.transport_delay_s"};
     group.text =
         "Clock of the camera and delay of the arm are seen as their sum alone. It stands in the "

@@ -3,6 +3,8 @@
 said of what is right. Lifts of a small sheet; those of another engine: warned_calibrations.py.
 
 usage: warned_program_test.py MISMATCH [CASE ...]
+
+thinner_by_a_fifth is not told yet (docs/results.md, calibration) and runs only where it is named.
 """
 import json
 import pathlib
@@ -29,7 +31,7 @@ CASES = {
 def main():
     program = pathlib.Path(sys.argv[1])
     failed = []
-    for name in sys.argv[2:] or CASES:
+    for name in sys.argv[2:] or [c for c in CASES if c != "thinner_by_a_fifth"]:
         other, mirrored, wanted, unwanted = CASES[name]
         with tempfile.TemporaryDirectory() as scratch:
             folder = pathlib.Path(scratch)
