@@ -382,5 +382,29 @@ TEST(Findings, AWeakWordAgainstAFirmBeliefIsToldWhereItSpeaksClearly) {
   }
 }
 
+TEST(Findings, ASurpriseNamesWhatItMayBeInstead) {
+  Fitted c;
+  FitState state = c.improved();
+  ArrowStep sure = c.fit->posterior(c.predictions, c.at, c.which, state);
+  const auto place_of = [&](const std::string& path) {
+    return std::ranges::find(c.fit->unknowns, path, &Unknown::path) - c.fit->unknowns.begin();
+  };
+  const std::string bending = "scene.tissue.effects.bending_change";
+  const auto b = place_of(bending), t = place_of(kThicknessPath);
+  const double sd_b = c.fit->unknowns[static_cast<std::size_t>(b)].sd;
+  const double sd_t = c.fit->unknowns[static_cast<std::size_t>(t)].sd;
+  state.shared[b] = -2 * sd_b;
+  sure.shared_covariance(b, b) = 0.5 * sd_b * sd_b;
+  sure.shared_covariance(b, t) = sure.shared_covariance(t, b) = -0.4 * sd_b * sd_t;
+  Calibration result;
+  const Findings findings{*c.fit, state, sure, c.which, {}, 0, 0, 0};
+  add_numbers(findings, result);
+  add_warnings(findings, result);
+  EXPECT_THAT(result.warnings,
+              testing::Contains(testing::AllOf(
+                  testing::StartsWith(bending),
+                  testing::EndsWith(std::string("measure it or ") + kThicknessPath))));
+}
+
 }  // namespace
 }  // namespace omentum
