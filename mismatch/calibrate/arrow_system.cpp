@@ -9,6 +9,14 @@ namespace omentum {
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
+namespace {
+
+double log_determinant(const Eigen::LLT<MatrixXd>& factor) {
+  return 2 * MatrixXd(factor.matrixL()).diagonal().array().log().sum();
+}
+
+}  // namespace
+
 ArrowStep solve_arrow(std::span<const Block* const> blocks, const Layout& layout,
                       const Beliefs& beliefs, const VectorXd& shared, std::span<const VectorXd> own,
                       double information, const std::vector<bool>& fixed) {
@@ -50,8 +58,11 @@ ArrowStep solve_arrow(std::span<const Block* const> blocks, const Layout& layout
   }
   ArrowStep step;
   step.shared = S.llt().solve(r);
-  step.shared_covariance = S_sure.llt().solve(MatrixXd::Identity(s, s));
+  const Eigen::LLT<MatrixXd> shared_sure = S_sure.llt();
+  step.shared_covariance = shared_sure.solve(MatrixXd::Identity(s, s));
+  step.log_determinant = log_determinant(shared_sure);
   for (const Part& part : parts) {
+    step.log_determinant += log_determinant(part.sure);
     step.own.push_back(part.own.solve(part.g - part.cross * step.shared));
     const MatrixXd gain = information * part.sure.solve(part.cross);
     const MatrixXd covariance = part.sure.solve(MatrixXd::Identity(o, o)) +

@@ -20,6 +20,7 @@ struct ArrowStep {
   std::vector<Eigen::VectorXd> own;  ///< of those of each block
   Eigen::MatrixXd shared_covariance;
   std::vector<Eigen::VectorXd> own_sd;  ///< standard deviations
+  double log_determinant = 0;           ///< of the inverse of the covariance of all numbers
 };
 
 /// Shared numbers and those of one recording meet in that recording alone: the matrix has the shape

@@ -9,10 +9,12 @@
 #include "core/check.h"
 #include "core/constants.h"
 #include "mismatch/calibrate/calibration.h"
+#include "mismatch/calibrate/clock_posterior.h"
 #include "mismatch/calibrate/descent.h"
 #include "mismatch/calibrate/findings.h"
 #include "mismatch/calibrate/law_choice.h"
 #include "mismatch/calibrate/reference_fit.h"
+#include "mismatch/calibrate/starts.h"
 #include "mismatch/simulation.h"
 
 namespace omentum {
@@ -53,11 +55,10 @@ class Stages {
 
  private:
   void say(const std::string& stage, double passes);
-  void scan();
-  void look_for_mirrors();
+  void begin();
   void warn_of_missing(std::size_t r, const Prediction& prediction, const std::string& where);
-  void drop_failing(const std::vector<Prediction>& predictions);
-  std::vector<Prediction> begin_descent(const SimulateState& simulate);
+  void drop_failing(const std::vector<Prediction>& predictions, bool told);
+  std::vector<Prediction> begin_descent(const SimulateState& simulate, bool told);
   void descend(const Numerics& numerics, int most, double work, const std::string& stage);
   void take(Descent d);
   LawFit keep() const;
@@ -65,25 +66,30 @@ class Stages {
   void fit_laws();
   void compare_laws();
   void judge_laws();
+  void integrate();
   void measure_mesh();
   void measure_step();
   void settle_beliefs();
+  void settle();
   void collect();
   void collect_fit();
   void leave_out();
   void show(std::size_t r, const Prediction& base, const FitState& plain);
   std::map<int, Which> conditions() const;
   Numerics fine() const { return {pb::TISSUE_REFERENCE, elements_, 1}; }
+  double numerics() const { return std::hypot(mesh_rms_, step_rms_); }
   Numerics coarse() const { return {pb::TISSUE_REFERENCE, coarse_elements_, 1}; }
 
   ReferenceFit fit_;
   CalibrationOptions options_;
-  Which fitted_;
+  Which usable_;  ///< recordings that may be fitted
+  Which fitted_;  ///< that can be simulated on the mesh
   Calibration result_;
   FitState state_, at_;  ///< `at_`: where predictions_ were simulated
   std::vector<Prediction> predictions_;
   std::vector<Prediction> base_;  ///< as believed
   ArrowStep sure_;
+  Range clock_;               ///< of 90 % of the camera's [s]
   bool settled_ = true;       ///< the last descend() came to rest
   std::vector<LawFit> laws_;  ///< the one chosen among them
   std::array<int, 3> elements_ = {}, coarse_elements_ = {};
@@ -110,69 +116,29 @@ double rms_of(const std::vector<std::vector<double>>& distances, double* mean = 
   return std::sqrt(squares / count);  // NaN: nothing was simulated
 }
 
-/// Stiffness and registration by the shell, from many starts.
-void Stages::scan() {
-  const Numerics shell{pb::TISSUE_ELASTIC, {}, 1};
-  const double range = 1.5 * fit_.unknowns.front().sd;
-  constexpr int kStarts = 9;
-  const NoiseModel common{2e-3, 5e-4, 0.025, 4};
-  double least = 0;
-  bool any = false;
-  for (int k = 0; k < kStarts; ++k) {
-    FitState start = fit_.believed();
-    start.shared[0] = range * (2.0 * k / (kStarts - 1) - 1);
-    const auto predictions = fit_.simulate(start, shell, Columns::kNone, fitted_);
-    FitState moved = start;
-    fit_.noise = NoiseModel{0.003, 5e-4, 0.025, 4};
-    fit_.improve(predictions, start, fitted_, 8, moved);
-    moved.shared.head(fit_.layout.unknowns) = start.shared.head(fit_.layout.unknowns);
-    const double cost = fit_.cost(predictions, start, fitted_, moved, common);
-    say("starts", 0.4 / kStarts * static_cast<double>(fitted_.size()));
-    if (any && !(cost < least)) continue;
-    any = true;
-    least = cost;
-    state_ = moved;
+/// Begins by the shell; recordings that are mirrored are named and left out.
+void Stages::begin() {
+  const Start start = find_start(fit_, fitted_, [&](double share) {
+    say("starts", 0.4 * share * static_cast<double>(fitted_.size()));
+  });
+  if (!start.failure.empty()) {
+    result_.warnings.push_back(
+        fmt::format("the shell cannot be simulated and the search begins at what is believed: {}",
+                    start.failure));
   }
-  fit_.noise = NoiseModel{0.003, 5e-4, 0.02, 4};
-}
-
-/// Whether a recording fits far better with its jaws on the other side of the sheet, or all of them
-/// with the picture mirrored.
-void Stages::look_for_mirrors() {
-  const Numerics shell{pb::TISSUE_ELASTIC, {}, 1};
-  const NoiseModel common{2e-3, 5e-4, 0.025, 4};
-  const Eigen::Isometry3d X_WB = fit_.made.tissue.X_WB;
-  Which wrong;
-  for (const std::size_t r : fitted_) {
-    if (!fit_.observations[r].pinched || std::fabs(fit_.observations[r].pinch.x()) < 0.01) continue;
-    const Which one = {r};
-    const auto as_it_is = fit_.simulate(state_, shell, Columns::kNone, one);
-    const double cost = fit_.cost(as_it_is, state_, one, state_, common);
-    Observation& seen = fit_.observations[r];
-    const ToolTrack track = seen.track;
-    for (Vector3d& p : seen.track.p_WT) {
-      Vector3d p_B = X_WB.inverse() * p;
-      p_B.x() = -p_B.x();
-      p = X_WB * p_B;
-    }
-    const auto mirrored = fit_.simulate(state_, shell, Columns::kNone, one);
-    const double other = fit_.cost(mirrored, state_, one, state_, common);
-    seen.track = track;
-    std::size_t points = 0;
-    for (const SeenFrame& frame : seen.frames) points += frame.points.size();
-    constexpr double kClear = 0.2;  // per point
-    if (!(other < cost - kClear * static_cast<double>(points))) continue;
+  for (const std::size_t r : start.mirrored) {
+    const Observation& seen = fit_.observations[r];
     result_.warnings.push_back(
         fmt::format("recording {}: the cloud shows the sheet held on the other side of its middle: "
                     "the jaws are "
                     "recorded at x_B = {:.1f} mm, seen at {:.1f} mm; it is left out of the fit",
                     seen.name, 1e3 * seen.pinch.x(), -1e3 * seen.pinch.x()));
-    wrong.push_back(r);
   }
-  if (wrong.size() == fitted_.size())
+  if (start.mirrored.size() == fitted_.size())
     throw_error("every recording shows the sheet held on the other side: is x mirrored?");
-  std::erase_if(fitted_, [&](std::size_t r) { return std::ranges::count(wrong, r) > 0; });
-  if (!wrong.empty()) scan();  // what they had spoilt
+  std::erase_if(fitted_, [&](std::size_t r) { return std::ranges::count(start.mirrored, r) > 0; });
+  usable_ = fitted_;
+  state_ = start.state;
 }
 
 /// Says once what of a recording could not be simulated.
@@ -185,13 +151,12 @@ void Stages::warn_of_missing(std::size_t r, const Prediction& p, const std::stri
   if (std::ranges::count(result_.warnings, line) == 0) result_.warnings.push_back(line);
 }
 
-/// Recordings whose simulation ends before their first frame tell nothing.
-void Stages::drop_failing(const std::vector<Prediction>& predictions) {
+/// Recordings whose simulation ends before their first frame tell nothing on that mesh.
+void Stages::drop_failing(const std::vector<Prediction>& predictions, bool told) {
   Which kept;
   for (const std::size_t r : fitted_) {
-    const Prediction& p = predictions[r];
-    warn_of_missing(r, p, "");
-    if (count_valid(p) > 0) kept.push_back(r);
+    if (told) warn_of_missing(r, predictions[r], "");
+    if (count_valid(predictions[r]) > 0) kept.push_back(r);
   }
   if (kept.empty())
     throw_error("no recording can be simulated: {}", predictions[fitted_.front()].failure);
@@ -200,7 +165,7 @@ void Stages::drop_failing(const std::vector<Prediction>& predictions) {
 
 /// The first simulation of a mesh, of a state that another led to: where it fails, it goes half the
 /// way to what is believed.
-std::vector<Prediction> Stages::begin_descent(const SimulateState& simulate) {
+std::vector<Prediction> Stages::begin_descent(const SimulateState& simulate, bool told) {
   const auto failing = [&](const std::vector<Prediction>& predictions) {
     return std::ranges::count_if(fitted_,
                                  [&](std::size_t r) { return count_valid(predictions[r]) == 0; });
@@ -215,7 +180,7 @@ std::vector<Prediction> Stages::begin_descent(const SimulateState& simulate) {
     predictions = std::move(again);
     state_ = nearer;
   }
-  drop_failing(predictions);
+  drop_failing(predictions, told);
   return predictions;
 }
 
@@ -229,7 +194,7 @@ void Stages::descend(const Numerics& numerics, int most, double work, const std:
     return predictions;
   };
   Descent d;
-  d.predictions = begin_descent(simulate);
+  d.predictions = begin_descent(simulate, numerics.elements == elements_);
   columns = Columns::kKept;
   d.at = state_;
   omentum::descend(fit_, simulate, fitted_, most - 1, d);
@@ -244,22 +209,6 @@ void Stages::take(Descent d) {
   settled_ = d.settled;
 }
 
-/// Rms distance between the surfaces of two predictions.
-double apart(const std::vector<Prediction>& a, const std::vector<Prediction>& b,
-             const Which& which) {
-  double squares = 0, count = 0;
-  for (const std::size_t r : which) {
-    for (std::size_t f = 0; f < a[r].frames.size() && f < b[r].frames.size(); ++f) {
-      if (!a[r].frames[f].valid || !b[r].frames[f].valid) continue;
-      for (std::size_t v = 0; v < a[r].frames[f].vertices.size(); ++v) {
-        squares += (a[r].frames[f].vertices[v] - b[r].frames[f].vertices[v]).squaredNorm();
-        ++count;
-      }
-    }
-  }
-  return count > 0 ? std::sqrt(squares / count) : 0;
-}
-
 /// The mesh as a nuisance, by a simulation with larger cells.
 void Stages::measure_mesh() {
   const std::array<int, 3> fewer = fewer_elements(elements_, kMeshRatio);
@@ -267,7 +216,7 @@ void Stages::measure_mesh() {
                                  (static_cast<double>(fewer[0]) * fewer[1]));
   const double fall = 1 / (std::pow(ratio, 2.5) - 1);  // docs/results.md: error ~ cell^2.5
   const auto mesh = fit_.simulate(at_, {pb::TISSUE_REFERENCE, fewer, 1}, Columns::kNone, fitted_);
-  mesh_rms_ = fall * apart(mesh, predictions_, fitted_);
+  mesh_rms_ = fall * surfaces_apart(mesh, predictions_);
   say("mesh", 0.5 * static_cast<double>(fitted_.size()));
   fit_.set_difference({"numerics.mesh", "1", "", Unknown::Scale::kShift, 0, 1.5,
                        "1.5 times its estimated error", false},
@@ -279,7 +228,7 @@ void Stages::measure_step() {
   constexpr double kFall = 4.0 / 3;
   const auto step =
       fit_.simulate(at_, {pb::TISSUE_REFERENCE, elements_, 2}, Columns::kNone, fitted_);
-  step_rms_ = kFall * apart(step, predictions_, fitted_);
+  step_rms_ = kFall * surfaces_apart(step, predictions_);
   say("step", 2.0 * static_cast<double>(fitted_.size()));
   fit_.set_difference({"numerics.step", "1", "", Unknown::Scale::kShift, 0, 1.5,
                        "1.5 times its estimated error", false},
@@ -337,7 +286,7 @@ void Stages::fit_laws() {
   restore(first);
   fit_.noise = noise;
   compare_laws();
-  restore(choose_law(laws_, first.law));
+  restore(choose_law(laws_, first.law, numerics()));
 }
 
 /// Costs of all laws at the noise and the beliefs found so far.
@@ -350,16 +299,14 @@ void Stages::compare_laws() {
   }
 }
 
-/// What the law is worth at the end: chosen against the others, or not told and intervals that hold
-/// for all that it may be.
+/// What the law is worth at the end: chosen against the others, or not told.
 void Stages::judge_laws() {
   const pb::ElasticLaw law = fit_.scene.tissue().material().law();
   LawFit& chosen = *std::ranges::find(laws_, law, &LawFit::law);
   chosen = keep();
   compare_laws();
   chosen.d.state = state_;
-  const auto alike = laws_alike(laws_, chosen);
-  widen_over_laws(chosen, alike, fitted_, sure_);
+  const auto alike = laws_alike(laws_, chosen, numerics());
   for (const LawFit& other : laws_)
     result_.laws.push_back({law_name(other.law), other.cost - chosen.cost});
   std::string names;
@@ -367,7 +314,7 @@ void Stages::judge_laws() {
   for (const LawFit* other : alike) {
     names += fmt::format("{}{} ({:.1f} behind)", names.empty() ? "" : ", ", law_name(other->law),
                          other->cost - chosen.cost);
-    const double rms = apart(other->d.predictions, predictions_, fitted_);
+    const double rms = surfaces_apart(other->d.predictions, predictions_);
     squares = std::max(squares, rms * rms);
   }
   law_rms_ = std::sqrt(squares);
@@ -376,6 +323,17 @@ void Stages::judge_laws() {
       fmt::format("law of elasticity: not told, {} stays; as likely by the recordings: {}. The "
                   "intervals hold for all of them; lift higher to tell them apart",
                   law_name(law), names));
+}
+
+/// Intervals over the clocks and the laws that may be.
+void Stages::integrate() {
+  ClockPosterior over = integrate_clock(fit_, predictions_, at_, fitted_, state_, sure_);
+  state_ = std::move(over.state);
+  sure_ = std::move(over.sure);
+  clock_ = over.clock;
+  const pb::ElasticLaw law = fit_.scene.tissue().material().law();
+  const LawFit& chosen = *std::ranges::find(laws_, law, &LawFit::law);
+  widen_over_laws(chosen, laws_alike(laws_, chosen, numerics()), fitted_, sure_);
 }
 
 /// The smooth discrepancy and the scales of what recordings have of their own, with the numbers.
@@ -390,6 +348,16 @@ void Stages::settle_beliefs() {
   }
   fit_.improve(predictions_, at_, fitted_, 8, state_);
   sure_ = fit_.posterior(predictions_, at_, fitted_, state_);
+}
+
+/// The scales move the numbers, and what is simulated follows them.
+void Stages::settle() {
+  constexpr int kRounds = 3;
+  for (int round = 0; round < kRounds; ++round) {
+    settle_beliefs();
+    if (settled_ && moved(fit_, fitted_, at_, state_, sure_) < kSmallMove) break;
+    descend(fine(), 3, kFineWork, "settling");
+  }
 }
 
 std::map<int, Which> Stages::conditions() const {
@@ -518,7 +486,7 @@ void Stages::leave_out() {
 
 void Stages::collect() {
   result_.scene = fit_.shared_scene(state_);
-  const Findings findings{fit_, state_, sure_, fitted_, mesh_rms_, step_rms_, law_rms_};
+  const Findings findings{fit_, state_, sure_, fitted_, clock_, mesh_rms_, step_rms_, law_rms_};
   add_numbers(findings, result_);
   add_groups(findings, result_);
   add_warnings(findings, result_);
@@ -526,31 +494,26 @@ void Stages::collect() {
 }
 
 Calibration Stages::run() {
-  const std::clock_t begin = std::clock();
-  scan();
-  look_for_mirrors();
+  const std::clock_t started = std::clock();
+  begin();
   descend(coarse(), 6, kCoarseWork, "coarse mesh");
   settle_beliefs();
   descend(coarse(), 6, kCoarseWork, "coarse mesh");
+  fitted_ = usable_;  // what fails on large cells may not on small ones
   descend(fine(), 4, kFineWork, "fine mesh");
   measure_mesh();
   measure_step();
-  settle_beliefs();
+  settle();  // else the other laws, which are simulated further, look better
   fit_laws();
-  // The scales move the numbers, and what is simulated follows them.
-  constexpr int kRounds = 3;
-  for (int round = 0; round < kRounds; ++round) {
-    settle_beliefs();
-    if (settled_ && moved(fit_, fitted_, at_, state_, sure_) < kSmallMove) break;
-    descend(fine(), 3, kFineWork, "settling");
-  }
+  settle();
   judge_laws();
+  integrate();
   base_ = fit_.simulate(fit_.believed(), fine(), Columns::kNone, fitted_);
   say("before", static_cast<double>(fitted_.size()));
   collect_fit();
   leave_out();
   collect();
-  result_.core_seconds = static_cast<double>(std::clock() - begin) / CLOCKS_PER_SEC;
+  result_.core_seconds = static_cast<double>(std::clock() - started) / CLOCKS_PER_SEC;
   return std::move(result_);
 }
 

@@ -69,6 +69,22 @@ CalibratedNumber plain_number(const std::string& name, const std::string& unit, 
   return number;
 }
 
+/// Numbers whose beliefs may be wrong instead of that of k: the recordings see them together, and
+/// they are held mostly by what is believed.
+std::string confused_with(const Findings& f, int k) {
+  constexpr double kAlike = 0.4;   // correlation
+  constexpr double kBelief = 0.3;  // of the prior's standard deviation is left
+  std::string names;
+  for (int j = 0; j < f.fit.layout.unknowns; ++j) {
+    const Unknown& other = f.fit.unknowns[static_cast<std::size_t>(j)];
+    const double sj = sd_of(f, j), sk = sd_of(f, k);
+    if (j == k || !other.in_scene || sj < kBelief * other.sd) continue;
+    if (std::fabs(f.sure.shared_covariance(j, k)) < kAlike * sj * sk) continue;
+    names += " or " + other.path;
+  }
+  return names;
+}
+
 bool recordings_move(const Findings& f) {
   const int k = f.fit.layout.clock();
   return sd_of(f, k) < kUnseen * f.fit.beliefs.shared_sd[k];
@@ -154,6 +170,8 @@ void add_numbers(const Findings& f, Calibration& result) {
                 : "s",
         f.state.shared[at], sd_of(f, at), f.fit.beliefs.shared_sd[at], "believed"));
   }
+  result.nuisances.back().low90 = f.clock.low;  // no normal distribution
+  result.nuisances.back().high90 = f.clock.high;
   constexpr std::array<const char*, 4> kOwn = {"pinch.x", "pinch.y", "stiffness.ln_factor",
                                                "clock"};
   constexpr std::array<const char*, 4> kUnits = {"m", "m", "1", "s"};
@@ -212,10 +230,9 @@ void add_groups(const Findings& f, Calibration& result) {
     NumberGroup group;
     group.name = "latency";
     group.unit.assign(1, 's');
-    const double x = f.state.shared[clock], sd = sd_of(f, clock);
-    group.value = x;
-    group.low90 = x - kNinety * sd;
-    group.high90 = x + kNinety * sd;
+    group.value = f.state.shared[clock];
+    group.low90 = f.clock.low;
+    group.high90 = f.clock.high;
     group.members = {"scene.depth_sensor.time_offset_s", "scene.arm.transport_delay_s"};
     group.text =
         "Clock of the camera and delay of the arm are seen as their sum alone. It stands in the "
@@ -277,14 +294,16 @@ void add_warnings(const Findings& f, Calibration& result) {
           number.name, number.value, number.unit, number.prior_source));
     }
   }
-  for (const CalibratedNumber& number : result.parameters) {
+  for (int k = 0; k < f.fit.layout.unknowns; ++k) {
+    if (!f.fit.unknowns[static_cast<std::size_t>(k)].in_scene) continue;
+    const CalibratedNumber number = shared_number(f, k);
     if (number.at_bound || std::fabs(number.surprise) < kSurprise) continue;
     warnings.push_back(fmt::format(
         "{}: {:.4g} {} ({:.4g} - {:.4g}) against the belief of {:.4g} ({:.4g} - {:.4g}): what the "
-        "recordings say alone is {:.1f} standard deviations {} it; measure it",
+        "recordings say alone is {:.1f} standard deviations {} it; measure it{}",
         number.name, number.value, number.unit, number.low90, number.high90, number.prior_value,
         number.prior_low90, number.prior_high90, std::fabs(number.surprise),
-        number.surprise < 0 ? "below" : "above"));
+        number.surprise < 0 ? "below" : "above", confused_with(f, k)));
   }
   const Vector3d shift = f.state.shared.segment<3>(layout.registration());
   const Vector3d turn = f.state.shared.segment<3>(layout.registration() + 3);

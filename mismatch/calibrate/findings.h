@@ -13,6 +13,7 @@ struct Findings {
   const FitState& state;
   const ArrowStep& sure;                     ///< covariances there
   const std::vector<std::size_t>& fitted;    ///< recordings
+  Range clock;                               ///< of 90 % of the camera's [s]
   double mesh_m = 0, step_m = 0, law_m = 0;  ///< rms of the surface
 };
 

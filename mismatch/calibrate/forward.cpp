@@ -99,6 +99,20 @@ std::ptrdiff_t count_valid(const Prediction& prediction) {
   return std::ranges::count_if(prediction.frames, &PredictedFrame::valid);
 }
 
+double surfaces_apart(const std::vector<Prediction>& a, const std::vector<Prediction>& b) {
+  double squares = 0, count = 0;
+  for (std::size_t r = 0; r < a.size() && r < b.size(); ++r) {
+    for (std::size_t f = 0; f < a[r].frames.size() && f < b[r].frames.size(); ++f) {
+      if (!a[r].frames[f].valid || !b[r].frames[f].valid) continue;
+      for (std::size_t v = 0; v < a[r].frames[f].vertices.size(); ++v) {
+        squares += (a[r].frames[f].vertices[v] - b[r].frames[f].vertices[v]).squaredNorm();
+        ++count;
+      }
+    }
+  }
+  return count > 0 ? std::sqrt(squares / count) : 0;
+}
+
 void move_in_time(const PredictedFrame& frame, double later, std::vector<Vector3d>& vertices,
                   std::vector<Vector3d>& velocity) {
   vertices = frame.vertices;
@@ -168,6 +182,8 @@ SimulationTask make_calibration_task(const Observation& observation, const pb::S
   task.grasp = observation.grasp;
   pb::Tissue& tissue = *task.scene.mutable_tissue();
   tissue.set_model(numerics.model);
+  // The shell has one law; all are the same at small strain.
+  if (numerics.model == pb::TISSUE_ELASTIC) tissue.mutable_material()->set_law(pb::LAW_COROTATED);
   // Where the shaft is no recording says; it must not push what the jaws hold.
   task.scene.mutable_tool()->set_contact(false);
   if (numerics.elements[0] > 0) {

@@ -49,6 +49,9 @@ struct Prediction {
 /// Frames that the simulation got to.
 std::ptrdiff_t count_valid(const Prediction& prediction);
 
+/// Rms distance between the surfaces of the same recordings, simulated in two ways [m].
+double surfaces_apart(const std::vector<Prediction>& a, const std::vector<Prediction>& b);
+
 /// How the model is solved.
 struct Numerics {
   pb::TissueModelKind model = pb::TISSUE_REFERENCE;
@@ -59,7 +62,7 @@ struct Numerics {
 };
 
 /// The way of a frame reaches so far before and after it [s].
-inline constexpr double kWayBeside = 0.15;
+inline constexpr double kWayBeside = 0.25;
 
 /// The simulation of a recording in a scene, whose clouds were taken `clock` before their time
 /// stamps [s]; with derivatives by those `unknowns` at x that have a column, and by the pinch, of

@@ -6,6 +6,14 @@
 #include "core/check.h"
 
 namespace omentum {
+namespace {
+
+bool is_told(const LawFit& better, const LawFit& other, double numerics_m) {
+  return other.cost > better.cost + kLawTold &&
+         surfaces_apart(better.d.predictions, other.d.predictions) > numerics_m;
+}
+
+}  // namespace
 
 std::string law_name(pb::ElasticLaw law) {
   switch (law) {
@@ -18,18 +26,20 @@ std::string law_name(pb::ElasticLaw law) {
   }
 }
 
-const LawFit& choose_law(const std::vector<LawFit>& fits, pb::ElasticLaw believed) {
+const LawFit& choose_law(const std::vector<LawFit>& fits, pb::ElasticLaw believed,
+                         double numerics_m) {
   OMENTUM_CHECK(!fits.empty(), "no law was fitted");
   const LawFit& best = *std::ranges::min_element(fits, {}, &LawFit::cost);
   const auto first = std::ranges::find(fits, believed, &LawFit::law);
-  if (first == fits.end() || best.cost < first->cost - kLawTold) return best;
+  if (first == fits.end() || is_told(best, *first, numerics_m)) return best;
   return *first;
 }
 
-std::vector<const LawFit*> laws_alike(const std::vector<LawFit>& fits, const LawFit& chosen) {
+std::vector<const LawFit*> laws_alike(const std::vector<LawFit>& fits, const LawFit& chosen,
+                                      double numerics_m) {
   std::vector<const LawFit*> alike;
   for (const LawFit& fit : fits) {
-    if (fit.law != chosen.law && fit.cost <= chosen.cost + kLawTold) alike.push_back(&fit);
+    if (fit.law != chosen.law && !is_told(chosen, fit, numerics_m)) alike.push_back(&fit);
   }
   return alike;
 }

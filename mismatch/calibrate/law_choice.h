@@ -25,14 +25,18 @@ struct LawFit {
   double cost = 0;
 };
 
-/// A law is told from another by so much of the log likelihood: odds of 20.
+/// A law is told from another by so much of the log likelihood, odds of 20; and only where their
+/// surfaces are farther apart than `numerics_m`, the errors of mesh and step: these can look like
+/// a law.
 inline constexpr double kLawTold = 3;
 
 /// The law of the least cost, if it is told from the believed one; else that.
-const LawFit& choose_law(const std::vector<LawFit>& fits, pb::ElasticLaw believed);
+const LawFit& choose_law(const std::vector<LawFit>& fits, pb::ElasticLaw believed,
+                         double numerics_m);
 
-/// Laws that are not told from `chosen`: no worse than it by more than kLawTold.
-std::vector<const LawFit*> laws_alike(const std::vector<LawFit>& fits, const LawFit& chosen);
+/// Laws that `chosen` is not told from.
+std::vector<const LawFit*> laws_alike(const std::vector<LawFit>& fits, const LawFit& chosen,
+                                      double numerics_m);
 
 /// Covariances of a fit of which the law is one of several as likely as each other: what the
 /// numbers of the other laws are apart from those of `chosen` widens them.

@@ -245,6 +245,7 @@ Ranges ReferenceFit::ranges(const FitState& at) const {
     if (unknown.in_scene) near(k, trust * std::min(0.5, 2 * unknown.sd));
   }
   near(layout.clock(), std::min(0.05 * trust, 0.5 * kWayBeside));
+  if (held_clock) range.low[layout.clock()] = range.high[layout.clock()] = *held_clock;
   return range;
 }
 
@@ -334,7 +335,10 @@ ArrowStep ReferenceFit::posterior(const std::vector<Prediction>& predictions, co
                                   const std::vector<std::size_t>& which, const FitState& state) {
   const std::vector<Block> blocks = compare(predictions, at, which, state, noise, true);
   const auto list = pointers(blocks);
-  return solve_arrow(list, layout, beliefs, state.shared, own_of(state, which),
+  constexpr double kKnown = 1e-6;  // [s]
+  Beliefs believed = beliefs;
+  if (held_clock) believed.shared_sd[layout.clock()] = kKnown;
+  return solve_arrow(list, layout, believed, state.shared, own_of(state, which),
                      row_information(list, noise));
 }
 

@@ -2,6 +2,7 @@
 
 #include <Eigen/Core>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -92,8 +93,9 @@ class ReferenceFit {
   Beliefs beliefs;
   Beliefs first_beliefs;  ///< before adapt_beliefs()
   NoiseModel noise;
-  double trust = 1;  ///< in the derivatives
-  Scene made;        ///< of `scene`
+  double trust = 1;                  ///< in the derivatives
+  std::optional<double> held_clock;  ///< the camera's is known to be this [s]; else looked for
+  Scene made;                        ///< of `scene`
 
   /// Column of a shared number that no simulation derives, of every frame of every recording.
   struct Difference {

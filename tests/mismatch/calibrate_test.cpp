@@ -222,6 +222,8 @@ TEST(ArrowSystem, IsTheDenseSystem) {
   const ArrowStep found = solve_arrow(list, layout, beliefs, shared, own, 1);
   EXPECT_LT((found.shared - step.head(s)).norm(), 1e-9);
   EXPECT_LT((found.shared_covariance - covariance.topLeftCorner(s, s)).norm(), 1e-9);
+  EXPECT_NEAR(found.log_determinant, 2 * MatrixXd(H.llt().matrixL()).diagonal().array().log().sum(),
+              1e-6);
   for (int k = 0; k < 3; ++k) {
     const int at = s + k * o;
     EXPECT_LT((found.own[k] - step.segment(at, o)).norm(), 1e-9);

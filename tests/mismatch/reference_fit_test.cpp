@@ -9,6 +9,7 @@
 
 #include "core/config.h"
 #include "core/constants.h"
+#include "mismatch/calibrate/clock_posterior.h"
 #include "mismatch/calibrate/descent.h"
 #include "mismatch/calibrate/findings.h"
 
@@ -270,6 +271,62 @@ TEST(Descend, TakesAStateThatCannotBeSimulatedForAWorseFit) {
   EXPECT_LT(c.fit->cost(d.predictions, d.at, c.which, d.at, noise), before);
 }
 
+TEST(KnownDensity, HasTheQuantilesOfANormalOne) {
+  KnownDensity density;
+  for (int k = -8; k <= 8; ++k) {
+    density.x.push_back(0.5 * k);
+    density.log_density.push_back(-0.5 * std::pow(0.5 * k, 2));
+  }
+  EXPECT_NEAR(density.quantile(0.05), -1.645, 0.04);
+  EXPECT_NEAR(density.quantile(0.95), 1.645, 0.04);
+  EXPECT_NEAR(density.shortest(0.9).high, 1.645, 0.1);
+  const std::vector<double> weights = density.weights();
+  double sum = 0, squares = 0;
+  for (std::size_t k = 0; k < weights.size(); ++k) {
+    sum += weights[k];
+    squares += weights[k] * density.x[k] * density.x[k];
+  }
+  EXPECT_NEAR(sum, 1, 1e-12);
+  EXPECT_NEAR(squares, 1, 0.1);
+}
+
+TEST(IntegrateClock, ACloudJustBeforeTheTissueMovesLeavesALateClockOpen) {
+  Fitted c;
+  c.fit->beliefs.shared_sd.segment<6>(c.fit->layout.registration()).setConstant(1e-7);
+  for (PredictedFrame& frame : c.predictions[0].frames) {
+    for (int k = -13; k <= 13; ++k) {
+      std::vector<Vector3d> vertices = frame.vertices;
+      for (Vector3d& p : vertices) p.z() += std::max(0, k) * 5e-4;  // 25 mm/s
+      frame.way.push_back({0.02 * k, std::make_shared<const std::vector<Vector3d>>(vertices)});
+    }
+    frame.velocity.assign(frame.vertices.size(), Vector3d(0, 0, 0.025));
+  }
+  const FitState state = c.improved();
+  const ArrowStep sure = c.fit->posterior(c.predictions, c.at, c.which, state);
+  const auto found = integrate_clock(*c.fit, c.predictions, c.at, c.which, state, sure);
+  const int k = c.fit->layout.clock();
+  const double belief = c.fit->beliefs.shared_sd[k];
+  // A later clock is as likely as it is believed: half of a normal distribution.
+  EXPECT_NEAR(found.clock.high, 1.645 * belief, 0.1 * belief);
+  EXPECT_NEAR(found.state.shared[k], 0.8 * belief, 0.1 * belief);
+  EXPECT_NEAR(found.clock.low, 0, 0.1 * belief);
+  EXPECT_NEAR(std::sqrt(found.sure.shared_covariance(k, k)), 0.6 * belief, 0.1 * belief);
+  EXPECT_LT(std::sqrt(sure.shared_covariance(k, k)), 0.2 * belief) << "by curvature";
+  EXPECT_FALSE(c.fit->held_clock);
+}
+
+TEST(IntegrateClock, WhatRestsSaysNothing) {
+  Fitted c;
+  const FitState state = c.improved();
+  const ArrowStep sure = c.fit->posterior(c.predictions, c.at, c.which, state);
+  const auto found = integrate_clock(*c.fit, c.predictions, c.at, c.which, state, sure);
+  const double belief = c.fit->beliefs.shared_sd[c.fit->layout.clock()];
+  EXPECT_NEAR(found.clock.high, 1.645 * belief, 0.15 * belief);
+  EXPECT_NEAR(found.clock.low, -1.645 * belief, 0.15 * belief);
+  for (int k = 0; k < c.fit->layout.unknowns; ++k)
+    EXPECT_NEAR(found.sure.shared_covariance(k, k), sure.shared_covariance(k, k), 1e-6);
+}
+
 TEST(Simulate, AnErrorIsAFailureOfThatState) {
   Fitted c;
   // Has no derivatives, which the simulation says before its first command.
@@ -293,7 +350,7 @@ TEST(Findings, AThicknessAtItsBoundIsWarnedOfByName) {
   state.shared[found - c.fit->unknowns.begin()] = range_of(*found).high;
   Calibration result;
   result.scene = c.fit->shared_scene(state);
-  const Findings findings{*c.fit, state, sure, c.which, 0, 0, 0};
+  const Findings findings{*c.fit, state, sure, c.which, {}, 0, 0, 0};
   add_numbers(findings, result);
   add_warnings(findings, result);
   EXPECT_THAT(result.warnings, testing::Contains(testing::AllOf(testing::HasSubstr(kThicknessPath),
@@ -314,7 +371,7 @@ TEST(Findings, AWeakWordAgainstAFirmBeliefIsToldWhereItSpeaksClearly) {
   for (const auto& [x, told] : {std::pair{-1.2, false}, {-1.6, true}}) {
     state.shared[k] = x * found->sd;
     Calibration result;
-    const Findings findings{*c.fit, state, sure, c.which, 0, 0, 0};
+    const Findings findings{*c.fit, state, sure, c.which, {}, 0, 0, 0};
     add_numbers(findings, result);
     add_warnings(findings, result);
     EXPECT_EQ(
@@ -323,6 +380,30 @@ TEST(Findings, AWeakWordAgainstAFirmBeliefIsToldWhereItSpeaksClearly) {
         told)
         << x;
   }
+}
+
+TEST(Findings, ASurpriseNamesWhatItMayBeInstead) {
+  Fitted c;
+  FitState state = c.improved();
+  ArrowStep sure = c.fit->posterior(c.predictions, c.at, c.which, state);
+  const auto place_of = [&](const std::string& path) {
+    return std::ranges::find(c.fit->unknowns, path, &Unknown::path) - c.fit->unknowns.begin();
+  };
+  const std::string bending = "scene.tissue.effects.bending_change";
+  const auto b = place_of(bending), t = place_of(kThicknessPath);
+  const double sd_b = c.fit->unknowns[static_cast<std::size_t>(b)].sd;
+  const double sd_t = c.fit->unknowns[static_cast<std::size_t>(t)].sd;
+  state.shared[b] = -2 * sd_b;
+  sure.shared_covariance(b, b) = 0.5 * sd_b * sd_b;
+  sure.shared_covariance(b, t) = sure.shared_covariance(t, b) = -0.4 * sd_b * sd_t;
+  Calibration result;
+  const Findings findings{*c.fit, state, sure, c.which, {}, 0, 0, 0};
+  add_numbers(findings, result);
+  add_warnings(findings, result);
+  EXPECT_THAT(result.warnings,
+              testing::Contains(testing::AllOf(
+                  testing::StartsWith(bending),
+                  testing::EndsWith(std::string("measure it or ") + kThicknessPath))));
 }
 
 }  // namespace

@@ -1,0 +1,185 @@
+#include "mismatch/calibrate/clock_posterior.h"
+
+#include <algorithm>
+#include <cmath>
+#include <functional>
+
+namespace omentum {
+namespace {
+
+constexpr double kUnlikely = 4.5;  // of a log density below the largest: three standard deviations
+
+/// All numbers but the clock fitted at one.
+struct Node {
+  double clock = 0, log_density = 0;
+  FitState state;
+  ArrowStep sure;
+};
+using FitAt = std::function<Node(double clock, const FitState& from)>;
+
+bool is_likely(const Node& node, const std::vector<Node>& nodes) {
+  return node.log_density >
+         std::ranges::max_element(nodes, {}, &Node::log_density)->log_density - kUnlikely;
+}
+
+/// Ever longer steps both ways until a clock is unlikely.
+std::vector<Node> walk(const FitAt& fit_at, const Node& middle, double step, const Range& range) {
+  constexpr double kLonger = 1.6;
+  std::vector<Node> nodes = {middle};
+  for (const double side : {-1.0, 1.0}) {
+    Node last = middle;
+    for (double by = step; is_likely(last, nodes); by *= kLonger) {
+      const double clock = std::clamp(last.clock + side * by, range.low, range.high);
+      if (clock == last.clock) break;
+      last = fit_at(clock, last.state);
+      nodes.push_back(last);
+    }
+  }
+  std::ranges::sort(nodes, {}, &Node::clock);
+  return nodes;
+}
+
+/// More places where the density falls steeply among likely ones.
+void refine(const FitAt& fit_at, std::vector<Node>& nodes) {
+  constexpr int kMost = 10;
+  constexpr double kSteep = 1.5;  // of a log density, between neighbours
+  for (int k = 0; k < kMost; ++k) {
+    std::size_t worst = 0;
+    double largest = kSteep;
+    for (std::size_t i = 1; i < nodes.size(); ++i) {
+      const double fall = std::fabs(nodes[i].log_density - nodes[i - 1].log_density);
+      if (fall < largest || !(is_likely(nodes[i], nodes) || is_likely(nodes[i - 1], nodes)))
+        continue;
+      largest = fall;
+      worst = i;
+    }
+    if (worst == 0) return;
+    const Node &left = nodes[worst - 1], &right = nodes[worst];
+    const FitState& from = (left.log_density > right.log_density ? left : right).state;
+    const double clock = 0.5 * (left.clock + right.clock);
+    nodes.insert(nodes.begin() + static_cast<std::ptrdiff_t>(worst), fit_at(clock, from));
+  }
+}
+
+/// Mean and covariances over the clocks.
+void mix(const std::vector<Node>& nodes, const std::vector<double>& weights,
+         const std::vector<std::size_t>& which, ClockPosterior& made) {
+  made.state = nodes.front().state;
+  made.sure = nodes.front().sure;
+  Eigen::VectorXd& shared = made.state.shared;
+  Eigen::MatrixXd& covariance = made.sure.shared_covariance;
+  shared.setZero();
+  covariance.setZero();
+  for (std::size_t k = 0; k < nodes.size(); ++k) shared += weights[k] * nodes[k].state.shared;
+  for (std::size_t k = 0; k < nodes.size(); ++k) {
+    const Eigen::VectorXd by = nodes[k].state.shared - shared;
+    covariance += weights[k] * (nodes[k].sure.shared_covariance + by * by.transpose());
+  }
+  for (std::size_t i = 0; i < which.size(); ++i) {
+    Eigen::VectorXd& own = made.state.own[which[i]];
+    own.setZero();
+    for (std::size_t k = 0; k < nodes.size(); ++k) own += weights[k] * nodes[k].state.own[which[i]];
+    Eigen::ArrayXd squares = Eigen::ArrayXd::Zero(own.size());
+    for (std::size_t k = 0; k < nodes.size(); ++k) {
+      squares += weights[k] * (nodes[k].sure.own_sd[i].array().square() +
+                               (nodes[k].state.own[which[i]] - own).array().square());
+    }
+    made.sure.own_sd[i] = squares.sqrt();
+  }
+}
+
+/// A short part of the line between two places, and how much of the whole is in it.
+struct Piece {
+  std::size_t left = 0;  ///< place before it
+  double share = 0;      ///< of the way to the next
+  double mass = 0;
+};
+
+std::vector<Piece> pieces_of(const KnownDensity& density) {
+  constexpr int kParts = 100;  // between two places
+  const double most = *std::ranges::max_element(density.log_density);
+  std::vector<Piece> pieces;
+  double whole = 0;
+  for (std::size_t i = 0; i + 1 < density.x.size(); ++i) {
+    const double a = density.log_density[i], b = density.log_density[i + 1];
+    for (int k = 0; k < kParts; ++k) {
+      const double share = (k + 0.5) / kParts;
+      const double mass =
+          std::exp(a + share * (b - a) - most) * (density.x[i + 1] - density.x[i]) / kParts;
+      pieces.push_back({i, share, mass});
+      whole += mass;
+    }
+  }
+  for (Piece& piece : pieces) piece.mass /= whole;
+  return pieces;
+}
+
+}  // namespace
+
+std::vector<double> KnownDensity::weights() const {
+  std::vector<double> list(x.size(), 0);
+  for (const Piece& piece : pieces_of(*this)) {
+    list[piece.left] += (1 - piece.share) * piece.mass;
+    list[piece.left + 1] += piece.share * piece.mass;
+  }
+  return list;
+}
+
+double KnownDensity::quantile(double share) const {
+  double sum = 0;
+  for (const Piece& piece : pieces_of(*this)) {
+    sum += piece.mass;
+    if (sum >= share) return x[piece.left] + piece.share * (x[piece.left + 1] - x[piece.left]);
+  }
+  return x.back();
+}
+
+Range KnownDensity::shortest(double share) const {
+  constexpr int kTried = 50;
+  Range best{x.front(), x.back()};
+  for (int k = 0; k <= kTried; ++k) {
+    const double below = (1 - share) * k / kTried;
+    const Range range{quantile(below), quantile(below + share)};
+    if (range.high - range.low < best.high - best.low) best = range;
+  }
+  return best;
+}
+
+ClockPosterior integrate_clock(ReferenceFit& fit, const std::vector<Prediction>& predictions,
+                               const FitState& at, const std::vector<std::size_t>& which,
+                               const FitState& state, const ArrowStep& sure) {
+  constexpr double kFarthest = 3;  // standard deviations of the belief
+  constexpr double kFirst = 0.6;   // of the standard deviation by curvature
+  constexpr int kSteps = 4;        // of Gauss and Newton, from a neighbour
+  const NoiseModel noise = fit.noise;
+  const FitAt fit_at = [&](double clock, const FitState& from) {
+    Node node{clock, 0, from, {}};
+    fit.held_clock = clock;
+    fit.improve(predictions, at, which, kSteps, node.state);
+    fit.noise = noise;
+    node.sure = fit.posterior(predictions, at, which, node.state);
+    node.log_density =
+        -fit.cost(predictions, at, which, node.state, noise) - 0.5 * node.sure.log_determinant;
+    fit.held_clock.reset();
+    return node;
+  };
+  const int k = fit.layout.clock();
+  const double belief = fit.beliefs.shared_sd[k];
+  const double reach = std::min(kFarthest * belief, kWayBeside);
+  const Range range{std::max(-kFarthest * belief, at.shared[k] - reach),
+                    std::min(kFarthest * belief, at.shared[k] + reach)};
+  const double sd = std::min(std::sqrt(std::max(sure.shared_covariance(k, k), 0.0)), belief);
+  std::vector<Node> nodes = walk(fit_at, fit_at(state.shared[k], state), kFirst * sd, range);
+  refine(fit_at, nodes);
+  KnownDensity density;
+  for (const Node& node : nodes) {
+    density.x.push_back(node.clock);
+    density.log_density.push_back(node.log_density);
+  }
+  ClockPosterior made;
+  mix(nodes, density.weights(), which, made);
+  made.clock = density.shortest(0.9);
+  return made;
+}
+
+}  // namespace omentum

@@ -1,0 +1,25 @@
+#pragma once
+
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "mismatch/calibrate/reference_fit.h"
+
+namespace omentum {
+
+/// Where a search begins.
+struct Start {
+  FitState state;
+  /// Recordings whose cloud fits clearly better with the jaws on the other side of the sheet.
+  std::vector<std::size_t> mirrored;
+  std::string failure;  ///< why the shell gets nowhere; then the state is as believed
+};
+
+/// By the shell at several stiffnesses, registration and clock fitted at each; without the
+/// recordings that are mirrored, which are looked for one by one before they can spoil the others.
+/// `simulated`: called for every stiffness with its share of the work.
+Start find_start(ReferenceFit& fit, const std::vector<std::size_t>& which,
+                 const std::function<void(double share)>& simulated);
+
+}  // namespace omentum
