@@ -26,7 +26,7 @@ containers_begin() {  # $1 = row, $2 = steps
 containers_wait_for() {
   local tries=$1 text=${*: -1}
   set -- "${@:2:$#-2}"
-  # `docker service logs` of a task that has ended sometimes never ends itself.
+  # `docker service logs` of a task that has ended may not return.
   until grep -q -- "$text" <(timeout 10 docker "$@" 2>&1); do
     ((tries-- > 0)) || return 1
     sleep 1
