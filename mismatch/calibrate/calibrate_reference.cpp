@@ -312,17 +312,18 @@ void Stages::judge_laws() {
   std::string names;
   double squares = 0;
   for (const LawFit* other : alike) {
-    names += fmt::format("{}{} ({:.1f} behind)", names.empty() ? "" : ", ", law_name(other->law),
-                         other->cost - chosen.cost);
+    const double behind = other->cost - chosen.cost;
+    names += fmt::format("{}{} ({:.1f} {})", names.empty() ? "" : ", ", law_name(other->law),
+                         std::fabs(behind), behind < 0 ? "ahead" : "behind");
     const double rms = surfaces_apart(other->d.predictions, predictions_);
     squares = std::max(squares, rms * rms);
   }
   law_rms_ = std::sqrt(squares);
   if (alike.empty()) return;
-  result_.warnings.push_back(
-      fmt::format("law of elasticity: not told, {} stays; as likely by the recordings: {}. The "
-                  "intervals hold for all of them; lift higher to tell them apart",
-                  law_name(law), names));
+  result_.warnings.push_back(fmt::format(
+      "law of elasticity: not told, {} stays; no farther from it than the errors are: {}. The "
+      "intervals hold for all of them; lift higher to tell them apart",
+      law_name(law), names));
 }
 
 /// Intervals over the clocks and the laws that may be.

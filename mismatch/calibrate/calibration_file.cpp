@@ -81,9 +81,9 @@ std::string summarise_calibration(const Calibration& c) {
                         g.value, g.unit, g.low90, g.high90);
   }
   for (const LawRow& row : c.laws) {
-    text += row.behind == 0
-                ? fmt::format("law of elasticity: {}\n", row.law)
-                : fmt::format("law of {}: log likelihood less by {:.1f}\n", row.law, row.behind);
+    text += row.behind == 0 ? fmt::format("law of elasticity: {}\n", row.law)
+                            : fmt::format("law of {}: log likelihood {} by {:.1f}\n", row.law,
+                                          row.behind > 0 ? "less" : "more", std::fabs(row.behind));
   }
   for (const std::string role : {"fitted", "left_out", "held_out"}) {
     double base = 0, model = 0, mean = 0, floor = 0, count = 0;
