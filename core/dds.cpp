@@ -316,12 +316,31 @@ bool Writer::wait_for_acknowledgments(std::int64_t timeout_ns) const {
 Reader::Reader(const Participant& participant, const Topic& topic, const EndpointUse& use)
     : subscriber_(make_group(participant, use, false)), name_(topic.spec().name) {
   const Qos qos = reader_qos(topic.spec(), use);
+  if (use.max_samples > 0 && topic.spec().history == History::kKeepAll) {
+    dds_topic_filter open_until_closing{};
+    open_until_closing.mode = DDS_TOPIC_FILTER_SAMPLEINFO_ARG;
+    open_until_closing.f.sampleinfo_arg = [](const dds_sample_info_t*, void* closing) {
+      return !static_cast<std::atomic<bool>*>(closing)->load();
+    };
+    open_until_closing.arg = &closing_;
+    const dds_return_t code = dds_set_topic_filter_extended(topic.handle(), &open_until_closing);
+    if (code < 0) throw_error("filter {}: {}", name_, dds_strretcode(code));
+  }
   entity_ = permitted(participant,
                       dds_create_reader(subscriber_.handle(), topic.handle(), qos.get(), nullptr),
                       false, name_, use);
   // Level-triggered, unlike the data-available status, which a partial take resets.
   condition_ = Entity(dds_create_readcondition(entity_.handle(), DDS_ANY_STATE),
                       fmt::format("create read condition of {}", name_));
+}
+
+Reader::~Reader() {
+  closing_ = true;
+  // What waits for room in a full cache is dropped as soon as there is some.
+  while (true) {
+    const Result<int> taken = take(64, [](const void*, const SampleInfo&) {});
+    if (!taken || taken.value() == 0) break;
+  }
 }
 
 std::uint64_t Reader::participant_of(std::uint64_t writer) {

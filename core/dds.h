@@ -1,5 +1,6 @@
 #pragma once
 
+#include <atomic>
 #include <cstddef>
 #include <cstdint>
 #include <functional>
@@ -148,7 +149,13 @@ class Writer {
 
 class Reader {
  public:
+  /// `topic` outlives it and has no other reader with a limit.
   Reader(const Participant& participant, const Topic& topic, const EndpointUse& use);
+  Reader(const Reader&) = delete;
+  Reader& operator=(const Reader&) = delete;
+  /// Drops what still arrives: one that is full when it goes would hold up the threads of the
+  /// library for as long as a flood lasts, and with them everything that goes after it.
+  ~Reader();
   /// Calls fn(sample, info) for up to `limit` samples and returns their number. Samples are on
   /// loan: they live until fn returns and go back even when it throws.
   [[nodiscard]] Result<int> take(
@@ -167,6 +174,7 @@ class Reader {
   Entity entity_;
   Entity condition_;
   std::string name_;
+  std::atomic<bool> closing_{false};                     ///< seen by the filter of its topic
   std::map<std::uint64_t, std::uint64_t> participants_;  ///< of the writers seen
 
   std::uint64_t participant_of(std::uint64_t writer);

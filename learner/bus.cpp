@@ -70,10 +70,7 @@ LearnerBus::~LearnerBus() {
   drain_thread_.request_stop();
   waitset_.wake();
   drain_thread_.join();
-  // First of all and empty: a reader that is full when it goes holds up the threads of the library,
-  // and with them everything that goes after it.
-  drain_segments();
-  segment_reader_.reset();
+  segment_reader_.reset();  // first: while it is full nothing else can go
 }
 
 // -------------------------------------------------------------------------------------- publishing

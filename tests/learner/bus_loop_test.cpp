@@ -1,5 +1,5 @@
 // The real learner side and the real worker side of the bus over loopback DDS, with an environment
-// that is only a counter. Run with `--worker <domain> <run> <lanes> <group_ms>` it is a worker
+// that is only a counter. Run with `--worker`, `--flood` or `--end-full` it is another
 // process of these tests.
 #include <gtest/gtest.h>
 
@@ -172,6 +172,17 @@ TEST(BusLoop, TwoWorkerThreadsFillBatchesInBothLeadModes) {
     EXPECT_EQ(statistics.worker_leaves, 2u);
     EXPECT_EQ(statistics.worker_crashes, 0u);
     EXPECT_EQ(statistics.lost, 0u);
+  }
+}
+
+// It held the threads of the library, and a learner that had trained to its end hung there.
+TEST(BusLoop, AProgramEndsAlthoughAFloodFillsItsReader) {
+  const PrivateDomain domain;
+  const std::string id = std::to_string(domain.id());
+  const Process flood({test::this_executable(), "--flood", id});
+  for (int i = 0; i < 5; ++i) {
+    Process program({test::this_executable(), "--end-full", id});
+    EXPECT_EQ(program.wait(std::chrono::seconds(60)), 0);
   }
 }
 
@@ -480,7 +491,39 @@ TEST(BusLoop, MeasuresTheTurnaroundOfASynchronousBatch) {
 }  // namespace
 }  // namespace omentum
 
+namespace omentum {
+namespace {
+
+// Writes segments of a worker that nobody knows, as fast as they are taken, for ever.
+void flood(std::uint32_t domain) {
+  const dds::Participant participant(domain, test::loopback_profile().uri, "flood");
+  BusWriter<RolloutSegment> writer(participant, run_partition("loop"), "flood");
+  RolloutSegment segment;
+  segment.worker_id = 9;
+  while (true) {
+    segment.slot = static_cast<std::uint32_t>(segment.segment % 64);
+    if (writer.write(segment)) ++segment.segment;
+  }
+}
+
+// A program whose reader is full at its end, and nobody takes from it.
+int end_full(std::uint32_t domain) {
+  const dds::Participant participant(domain, test::loopback_profile().uri, "full");
+  const BusReader<RolloutSegment> reader(participant, run_partition("loop"), "full", 4);
+  const std::int64_t give_up_ns = steady_now_ns() + 20 * kS;
+  while (reader.raw().rejected() == 0 && steady_now_ns() < give_up_ns)
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  return reader.raw().rejected() > 0 ? 0 : 3;
+}
+
+}  // namespace
+}  // namespace omentum
+
 int main(int argc, char** argv) {
+  if (argc == 3 && std::strcmp(argv[1], "--flood") == 0)
+    omentum::flood(static_cast<std::uint32_t>(std::stoul(argv[2])));
+  if (argc == 3 && std::strcmp(argv[1], "--end-full") == 0)
+    return omentum::end_full(static_cast<std::uint32_t>(std::stoul(argv[2])));
   if (argc >= 6 && std::strcmp(argv[1], "--worker") == 0) {
     omentum::test::FakeWorker fake;
     fake.domain = static_cast<std::uint32_t>(std::stoul(argv[2]));
