@@ -65,9 +65,10 @@ class McapWriter {
   std::string chunk_;                                ///< records of the open chunk
   std::map<ChannelId, std::string> index_;           ///< message index entries of the open chunk
   std::uint64_t chunk_start_ = 0, chunk_end_ = 0;
-  /// What the summary tells of each chunk, packed: the one thing that grows with the file, some
-  /// 100 bytes per chunk. A recording that is flushed every second for hours has many.
-  std::string chunk_entries_;
+  /// What the summary tells of each chunk: the one thing that grows with the file. A recording that
+  /// is flushed every second for hours has many chunks of 100 bytes here, so blocks are compressed.
+  std::vector<std::string> packed_entries_;
+  std::string chunk_entries_;  ///< of the last chunks
   std::uint32_t chunk_count_ = 0;
   std::uint64_t first_chunk_ = 0;  ///< its place in the file
   std::map<ChannelId, std::uint64_t> message_counts_;

@@ -89,6 +89,14 @@ std::string compress(McapCompression compression, const std::string& records) {
   return packed;
 }
 
+std::string uncompress_zstd(const std::string& packed) {
+  std::string unpacked;
+  const Result<void> done =
+      unpack_zstd(packed, ZSTD_getFrameContentSize(packed.data(), packed.size()), unpacked);
+  OMENTUM_CHECK(done, "zstd: {}", done.error());
+  return unpacked;
+}
+
 Result<std::string_view> unpack_chunk(std::string_view body, std::uint64_t most,
                                       std::string& unpacked) {
   ByteCursor cursor(body);

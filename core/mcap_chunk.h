@@ -16,6 +16,9 @@ std::string_view name_of(McapCompression compression);
 
 std::string compress(McapCompression compression, const std::string& records);
 
+/// What compress(kZstd, ...) was given, in this program.
+std::string uncompress_zstd(const std::string& packed);
+
 /// Records of the content of a chunk record, checked against its CRC; they lie in `body` or in
 /// `unpacked`. Total over any bytes; at most `most` bytes are unpacked.
 Result<std::string_view> unpack_chunk(std::string_view body, std::uint64_t most,

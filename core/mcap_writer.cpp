@@ -14,6 +14,8 @@
 namespace omentum {
 namespace {
 
+constexpr std::size_t kEntriesPacked = std::size_t{1} << 14;
+
 using namespace mcap;  // NOLINT(google-build-using-namespace): the byte level of this format
 
 std::uint32_t crc32_of(std::string_view bytes, std::uint32_t start = 0) {
@@ -124,6 +126,11 @@ void McapWriter::flush() {
     put(chunk_entries_, static_cast<std::uint32_t>(index_record.size()));
     emit(index_record);
   }
+  if (chunk_entries_.size() >= kEntriesPacked) {
+    packed_entries_.push_back(compress(McapCompression::kZstd, chunk_entries_));
+    packed_entries_.back().shrink_to_fit();
+    chunk_entries_.clear();
+  }
   chunk_.clear();
   index_.clear();
   chunk_start_ = chunk_end_ = 0;
@@ -173,8 +180,10 @@ std::string McapWriter::summary_groups(std::string& offsets) const {
 }
 
 std::string McapWriter::chunk_indexes() const {
-  std::string all;
-  ByteCursor entries(chunk_entries_);
+  std::string all, unpacked;
+  for (const std::string& packed : packed_entries_) unpacked += uncompress_zstd(packed);
+  unpacked += chunk_entries_;
+  ByteCursor entries(unpacked);
   std::uint64_t position = first_chunk_;  // chunks and their message indexes follow one another
   for (std::uint32_t i = 0; i < chunk_count_; ++i) {
     const std::uint64_t chunk = position;

@@ -34,9 +34,9 @@ TEST(McapWriter, TheSummaryPointsAtEveryChunkAndMessageIndex) {
   const auto a = writer.add_channel("/a", *pb::StepRecord::descriptor());
   const auto b = writer.add_channel("/b", *pb::StepRecord::descriptor());
   pb::StepRecord message;
-  constexpr std::uint64_t kChunks = 7;
+  constexpr std::uint64_t kChunks = 800;         // so many that what is kept of them is packed
   for (std::uint64_t k = 0; k < kChunks; ++k) {  // chunks with one and with two channels
-    for (std::uint64_t n = 0; n <= k; ++n) writer.write(b, 100 * k + n, 0, message);
+    for (std::uint64_t n = 0; n <= k % 7; ++n) writer.write(b, 100 * k + n, 0, message);
     if (k % 2 == 0) writer.write(a, 100 * k + 50, 0, message);
     writer.flush();
   }
@@ -55,7 +55,7 @@ TEST(McapWriter, TheSummaryPointsAtEveryChunkAndMessageIndex) {
     if (opcode != mcap::kChunkIndex) continue;
     mcap::ByteCursor entry(content);
     EXPECT_EQ(entry.get<std::uint64_t>(), 100 * chunks);
-    EXPECT_EQ(entry.get<std::uint64_t>(), 100 * chunks + (chunks % 2 == 0 ? 50 : chunks));
+    EXPECT_EQ(entry.get<std::uint64_t>(), 100 * chunks + (chunks % 2 == 0 ? 50 : chunks % 7));
     const auto offset = entry.get<std::uint64_t>(), length = entry.get<std::uint64_t>();
     const auto [chunk, data] = record_at(file, offset);
     EXPECT_EQ(chunk, mcap::kChunk);
@@ -69,7 +69,7 @@ TEST(McapWriter, TheSummaryPointsAtEveryChunkAndMessageIndex) {
       EXPECT_EQ(index, mcap::kMessageIndex);
       mcap::ByteCursor found(of);
       EXPECT_EQ(found.get<McapWriter::ChannelId>(), channel);
-      EXPECT_EQ(found.get_string().size(), 16 * (channel == a ? 1 : chunks + 1));
+      EXPECT_EQ(found.get_string().size(), 16 * (channel == a ? 1 : chunks % 7 + 1));
       bytes += 9 + of.size();
     }
     EXPECT_TRUE(indexes.ok() && indexes.rest().empty());
@@ -79,7 +79,7 @@ TEST(McapWriter, TheSummaryPointsAtEveryChunkAndMessageIndex) {
   EXPECT_EQ(chunks, kChunks);
 }
 
-// A gateway flushes every second for hours: 1.5 kB were kept for each before.
+// A gateway flushes every second for hours: 1.5 kB, then 114 bytes, were kept for each before.
 TEST(McapWriter, KeepsNextToNothingOfAChunkThatIsWritten) {
   NoBuffer nowhere;
   std::ostream out(&nowhere);
@@ -98,8 +98,7 @@ TEST(McapWriter, KeepsNextToNothingOfAChunkThatIsWritten) {
     for (McapWriter::ChannelId i = 1; i <= kChannels; ++i) writer.write(i, k, 0, message);
     writer.flush();
   }
-  // 42 bytes and 6 for each channel; the string that holds them doubles.
-  EXPECT_LT(in_use(), before + 2 * (42 + 6 * kChannels) * std::size_t{kChunks});
+  EXPECT_LT(in_use(), before + 20 * std::size_t{kChunks});
   EXPECT_TRUE(writer.finish());
 }
 
