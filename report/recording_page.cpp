@@ -251,6 +251,11 @@ Section section_of(const RobotRecording& r, std::size_t number) {
   for (const PlotSeries& series : {tracking, lag}) {
     if (!finite(series.y).empty()) errors.series.push_back(peaks(series));
   }
+  constexpr double kNothing_mm = 0.01;  // the arm itself knows no more
+  const bool nothing = std::all_of(errors.series.begin(), errors.series.end(), [](const auto& s) {
+    return std::all_of(s.y.begin(), s.y.end(), [](double y) { return !(y > kNothing_mm); });
+  });
+  if (nothing) errors.y_range = {0, kNothing_mm};
   if (!errors.series.empty()) plots += card(draw_line_chart(errors));
   section.content += row(plots + histogram(r)) + time_table(r);
   if (!r.events.empty()) section.content += event_table(r);
