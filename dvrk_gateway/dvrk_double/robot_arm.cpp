@@ -23,13 +23,8 @@ constexpr double kDiscTolerance = 0.6;
 /// Of moves, per joint [rad/s, m/s] and [rad/s^2, m/s^2].
 constexpr RobotArm::Joints kMaxVelocity = {1.571, 1.571, 0.2, 18.85, 18.85, 18.85, 18.85};
 constexpr RobotArm::Joints kMaxAcceleration = {1.571, 1.571, 0.2, 12.57, 12.57, 12.57, 12.57};
-/// Damping of the servo: yaw, pitch [N m s], insertion [N s/m], discs (docs/mismatch.md 2.2).
-constexpr std::array<double, 3> kDamping = {6, 5, 200};
-constexpr double kDiscDamping = 0.09;
 /// Reported velocities last two periods of the streamer.
 constexpr std::int64_t kVelocityTicks = 2 * RobotArm::kTicksPerSecond / 100;
-
-PsmJoints arm_of(const RobotArm::Joints& q) { return {q[0], q[1], q[2], q[3], q[4], q[5]}; }
 
 /// The robot takes the rotation that is meant; one within rounding stays as it is, one that is
 /// none, too, and has no inverse.
@@ -325,7 +320,7 @@ void RobotArm::feed_forward(const CartesianGoal& goal) {
   const double turn = sticky_cp_.angular_velocity.norm();
   if (turn == 0 && sticky_cp_.velocity.norm() == 0) return;
   constexpr double kStep_s = 1e-5;
-  const PsmPose here = psm_forward(arm_of(setpoint_), *mount_.instrument);
+  const PsmPose here = psm_forward(psm_joints(setpoint_), *mount_.instrument);
   PsmPose there = here;
   there.p += kStep_s * sticky_cp_.velocity;
   if (turn > 0) {
@@ -422,8 +417,8 @@ RobotArm::Joints RobotArm::delayed_target() {
 void RobotArm::rest_at(const Joints& q) {
   setpoint_ = q;
   feed_forward_ = {};
-  chain_.reset_joints(chain_state_, arm_of(q));
-  tip_joints_ = arm_of(q);
+  chain_.reset_joints(chain_state_, psm_joints(q));
+  tip_joints_ = psm_joints(q);
   history_.assign(history_.size(), q);
 }
 
@@ -436,7 +431,7 @@ void RobotArm::advance_servo() {
     measured_ = setpoint_;
   } else {
     const Joints target = delayed_target();
-    const ArmReport report = chain_.follow(chain_state_, arm_of(target), load_W_, tip_joints_);
+    const ArmReport report = chain_.follow(chain_state_, psm_joints(target), load_W_, tip_joints_);
     std::copy_n(report.measured.begin(), 6, measured_.begin());
     effort_ = report.effort;
     measured_[6] = target[6];
@@ -469,83 +464,5 @@ void RobotArm::tick() {
     setpoint_ = measured_;
   }
 }
-
-// ---- states ----------------------------------------------------------------------------------
-
-bool RobotArm::effects_active() const {
-  return engaged() && (chain_.active() || effects_.transport_delay_s() > 0);
-}
-
-JointState RobotArm::measured_js() const {
-  JointState joints;
-  if (stage_ == Stage::kStart) return joints;
-  joints.count = engaged() ? 6 : 7;  // three joints and four discs while homing
-  joints.velocity_count = joints.effort_count = joints.count;
-  for (std::size_t j = 0; j < 6; ++j) {
-    joints.position[j] = measured_[j];
-    joints.velocity[j] = velocity_[j];
-    if (effects_active()) joints.effort[j] = effort_[j];
-  }
-  joints.valid = true;
-  joints.timestamp_s = time_s();
-  return joints;
-}
-
-JointState RobotArm::setpoint_js() const {
-  JointState joints = measured_js();
-  if (joints.count == 0) return joints;
-  joints.automatic_timestamp = true;
-  const bool off = state_.state == State::kFault || state_.state == State::kDisabled;
-  Eigen::Vector4d wrist;
-  for (int j = 0; j < 3; ++j) wrist[j] = velocity_[3 + static_cast<std::size_t>(j)];
-  wrist[3] = velocity_[6];
-  const Eigen::Matrix4d from_discs = mount_.instrument->disc_coupling().inverse();
-  const Eigen::Vector4d damping = from_discs.transpose() * (kDiscDamping * (from_discs * wrist));
-  for (std::size_t j = 0; j < 6; ++j) {
-    joints.position[j] = setpoint_[j];
-    joints.velocity[j] = setpoint_velocity_[j];
-    // Output of the servo: of an ideal arm the damping alone (docs/mismatch.md 2.2).
-    const double d = j < 3 ? kDamping[j] * velocity_[j] : damping[static_cast<int>(j) - 3];
-    if (!effects_active()) joints.effort[j] = off || d == 0 ? 0 : -d;
-  }
-  return joints;
-}
-
-JointState RobotArm::jaw_measured_js() const {
-  JointState jaw;
-  if (!engaged()) return jaw;
-  jaw.count = jaw.velocity_count = jaw.effort_count = 1;
-  jaw.position[0] = measured_[6];
-  jaw.velocity[0] = velocity_[6];
-  jaw.valid = true;
-  jaw.timestamp_s = time_s();
-  return jaw;
-}
-
-JointState RobotArm::jaw_setpoint_js() const {
-  JointState jaw = jaw_measured_js();
-  jaw.position[0] = engaged() ? setpoint_[6] : 0;
-  jaw.velocity_count = 0;
-  jaw.velocity[0] = 0;
-  return jaw;
-}
-
-CartesianPose RobotArm::pose_of(const Joints& q) const {
-  CartesianPose pose;
-  if (!engaged()) return pose;
-  const PsmPose forward = psm_forward(arm_of(q), *mount_.instrument);
-  pose.rotation = forward.R;
-  pose.translation = forward.p;
-  pose.valid = true;
-  pose.timestamp_s = time_s();
-  return pose;
-}
-
-Eigen::Vector3d RobotArm::true_tip() const {
-  if (!effects_active()) return chain_.true_tip(arm_of(measured_), arm_of(measured_), load_W_);
-  return chain_.true_tip(tip_joints_, arm_of(setpoint_), load_W_);
-}
-
-std::vector<OperatingState> RobotArm::take_events() { return std::exchange(events_, {}); }
 
 }  // namespace omentum

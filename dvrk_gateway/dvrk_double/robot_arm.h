@@ -156,4 +156,9 @@ class RobotArm {
   std::array<std::uint64_t, static_cast<std::size_t>(Refusal::kCount)> refusals_{};
 };
 
+/// Without the jaw.
+inline PsmJoints psm_joints(const RobotArm::Joints& q) {
+  return {q[0], q[1], q[2], q[3], q[4], q[5]};
+}
+
 }  // namespace omentum
