@@ -6,6 +6,7 @@ import gateway_rig as rig
 
 STEP_M, JUMP_M, JAW_STEP = 0.0005, 0.003, 0.04
 PERIOD_S = 0.02
+UNDER_WAY_S = 2 * PERIOD_S  # a goal may have been made before what the robot said since
 ROUNDING = 1e-6
 LIMITS = ((-1.588, 1.588), (-0.925025, 0.925025), (0.0, 0.24), (-4.53786, 4.53786), (-1.39626, 1.39626), (-1.39626, 1.39626))
 CANNULA_M = 0.045
@@ -61,17 +62,23 @@ class CommandRules:
         self.forbidden_from = None  # something happened that must have stopped the arm by then
         self.holds = 0  # in a row
         self.goals = []  # (time, control, tip, jaw)
-        self.setpoint = None
+        self.setpoints = []  # (time, position)
         self.goal_count = 0
 
     def asked_to_arm(self, now):
         self.armed_at, self.forbidden_from = now, None
         self.holds = 0
 
-    def heard(self, payload_by_name):
+    def heard(self, payload_by_name, now):
         pose = payload_by_name.get("setpoint_cp")
         if pose and pose.get("Valid"):
-            self.setpoint = pose["Position"]
+            self.setpoints.append((now, pose["Position"]))
+
+    def setpoints_meant(self, now):
+        """Those that a goal of this moment may follow: the newest that it must know, and all since."""
+        known = [k for k, (heard, _) in enumerate(self.setpoints) if heard <= now - UNDER_WAY_S]
+        self.setpoints = self.setpoints[known[-1] if known else 0:]
+        return [position for _, position in self.setpoints]
 
     def judge(self, text, now):
         try:
@@ -109,12 +116,13 @@ class CommandRules:
             self.wrong.append(f"joint limit: {joints}")
         if joints[2] - SHAFT_M < CANNULA_M - 1e-5:
             self.wrong.append("cannula")
-        if self.setpoint:
-            there = [b + x for b, x in zip(rig.BASE_M, self.setpoint["Translation"])]
+        meant = self.setpoints_meant(now)
+        if meant:
+            there = [[b + x for b, x in zip(rig.BASE_M, setpoint["Translation"])] for setpoint in meant]
             if not self.goals:
-                turned = column(self.setpoint["Rotation"], 2)
-                self.goals.append((now, there, [c + rig.TIP_M * z for c, z in zip(there, turned)], None))
-            if max(abs(a - b) for a, b in zip(control, there)) > JUMP_M + 2 * STEP_M:  # a set-point may be on its way
+                turned = column(meant[-1]["Rotation"], 2)
+                self.goals.append((now, there[-1], [c + rig.TIP_M * z for c, z in zip(there[-1], turned)], None))
+            if min(max(abs(a - b) for a, b in zip(control, at)) for at in there) > JUMP_M + 2 * STEP_M:
                 self.wrong.append("jump from the set-point")
         if self.goals:
             _, control_before, tip_before, jaw_before = self.goals[-1]

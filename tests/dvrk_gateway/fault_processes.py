@@ -216,7 +216,7 @@ class Script:
             for name, payload in said.items():
                 self.change(name, payload)
             text = json.dumps(said).encode()
-        self.rules.heard(said)
+        self.rules.heard(said, time.time())
         if not self.silent:
             self.gateway_side.sendto(text, self.gateway_address)
 
