@@ -17,6 +17,7 @@ namespace {
 constexpr double kHold = 0.4;             // [s] shortest stretch that counts as still
 constexpr std::size_t kFewest = 8;        // rows of such a stretch
 constexpr std::size_t kMostColumns = 60;  // of markers some tell enough
+constexpr double kRounding = 1e-12;       // of numbers of order 1; no sensor is so quiet
 
 double seconds(std::int64_t time_ns) { return 1e-9 * static_cast<double>(time_ns); }
 
@@ -90,7 +91,7 @@ std::size_t outliers_in(const Series& series, std::size_t column) {
     spread.push_back(near[3] - near[0]);
   }
   const double scale = 1.4826 * median(off);  // of a normal distribution
-  if (!(scale > 0)) return 0;                 // steps of the sensor are all there is
+  if (!(scale > kRounding)) return 0;         // steps of the sensor are all there is
   std::size_t count = 0;
   for (std::size_t k = 0; k < off.size(); ++k) count += off[k] > std::max(8 * scale, spread[k]);
   return count;
@@ -139,8 +140,10 @@ NoiseFigures noise_of(const std::string& topic, const std::string& unit, const S
     squares += scatter.sd * scatter.sd;
     neighbours += scatter.neighbour_correlation * scatter.sd * scatter.sd;
   }
-  if (!(squares > 0)) return figures;
-  figures.sd = std::sqrt(squares / static_cast<double>(scatters.size()));
+  const double sd =
+      scatters.empty() ? 0 : std::sqrt(squares / static_cast<double>(scatters.size()));
+  if (!(sd > kRounding)) return figures;
+  figures.sd = sd;
   const double r = neighbours / squares;
   if (r > 0.05 && r < 1) figures.correlation_s = -period / std::log(r);
   return figures;

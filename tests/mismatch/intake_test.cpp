@@ -88,6 +88,20 @@ TEST(Intake, NoiseInHoldsHasItsSizeAndMemory) {
   }
 }
 
+TEST(Intake, RoundingIsNeitherNoiseNorOutliers) {
+  Recording recording;
+  recording.series["tool_commanded"] = track("tip_commanded_", 0.02, 20, 0, 0, 0);
+  Series still = track("tip_measured_", 0.01, 20, 0, 0, 0);
+  for (std::size_t k = 0; k < still.values.size(); ++k)
+    still.values[k] = 0.01 + 1e-16 * static_cast<double>(k * 7919 % 13);
+  still.values[300] += 1e-14;
+  recording.series["tool"] = still;
+  for (const NoiseFigures& noise : take_in(recording).noise) {
+    EXPECT_EQ(noise.sd, 0) << noise.topic;
+    EXPECT_EQ(noise.outliers, 0U) << noise.topic;
+  }
+}
+
 TEST(Intake, GapsAndOutliersAreCounted) {
   Recording recording;
   Series series = track("tip_optical_", 0.01, 20, 0, 0, 1e-5);
