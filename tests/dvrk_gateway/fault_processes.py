@@ -130,7 +130,7 @@ class Script:
         self.rules = CommandRules()
         self.silent, self.change, self.thaw_at = False, None, None
         self.old_sides = []
-        self.holds, self.caused_at = [], None
+        self.holds, self.caused_at, self.taken_at = [], None, None
         self.repeated, self.repeat_until = None, 0.0
         self.robot = None
 
@@ -197,7 +197,10 @@ class Script:
             if time.time() < self.repeat_until:
                 self.repeated()
             gateway_sides = [self.gateway_side, *self.old_sides]
-            ready = select.select([self.robot_side, *gateway_sides], [], [], 0.002)[0]
+            ready = select.select([self.robot_side, self.thief, *gateway_sides], [], [], 0.002)[0]
+            if self.thief in ready:
+                self.thief.recv(65536)
+                self.taken_at = self.taken_at or time.time()
             if self.robot_side in ready:
                 self.from_robot(*self.robot_side.recvfrom(65536))
             for side in gateway_sides:
@@ -301,7 +304,9 @@ class Script:
         stops = [line for line in text.splitlines() if line.startswith("stopped:")]
         reasons = [name for name, words in TEXTS.items() if any(re.search(words, line) for line in stops[:-1] or stops)]
         reasons += [name for name, words in WAITING.items() if re.search(words, text)]
-        held = self.holds[0] - self.caused_at if self.holds and self.caused_at else None
+        # A stream is taken once the robot sends to the thief: its goals and the gateway's compete for it until then.
+        begin = self.caused_at and (self.taken_at or self.caused_at)
+        held = self.holds[0] - begin if self.holds and begin else None
         return {"kind": self.kind, "armed": armed, "wrong": self.rules.wrong, "reasons": reasons, "held_s": held,
                 "goals": self.rules.goal_count}
 
