@@ -9,7 +9,7 @@ bin=${OMENTUM_BIN:-$root/build/release/bin}
 usage() {
   cat <<'TEXT'
 usage: benchmarks/run.sh [--steps N] [--save] [tissue] [elastic] [compare] [ppo] [workers] [train] [camera] [bus] [security]
-                         [monitor] [gateway] [columns] [solve] [recordings]
+                         [monitor] [gateway] [columns] [solve] [terms] [recordings]
 
 Figures of the groups named (default: tissue elastic ppo workers train):
   tissue    tissue.<scene>.env_steps_per_s: environment steps (20 ms simulated) per second of one core, all of a step
@@ -45,6 +45,7 @@ Figures of the groups named (default: tissue elastic ppo workers train):
             100 starts and exposes at least 95, and that the following two confirm; training alone, two workers; median of
             5 seeds (SOLVE_PRESETS, SOLVE_SEEDS: others than omentum, 5; SOLVE_SETS: knobs to override, "a.b=c d.e=f").
             SOLVE_DEMONSTRATIONS=N: solve.<preset>.demonstrations_N.*, which begins with N episodes of the scripted expert
+  terms     terms.<name>.steps_per_s: training of omentum_elastic with one term of a scene at a time, two workers
   recordings  recordings.import_mb_per_s, recordings.import_peak_mb: 300 raw depth images of 640 x 480 into an MCAP file;
             recordings.calibrate_s, recordings.calibrate_paper_s: `mismatch calibrate` by both methods on five lifts of
             another engine, mesh of 0.3 mm, two threads; recordings.held_out_mm, recordings.held_out_paper_mm: mean distance of the
@@ -70,7 +71,7 @@ while (($#)); do
     --steps) [[ ${2-} =~ ^[1-9][0-9]{3,10}$ ]] || wrong "--steps needs a number from 1000"; steps=$2; shift ;;
     --save) save=1 ;;
     -h | --help) usage; exit 0 ;;
-    tissue | elastic | compare | ppo | workers | train | camera | bus | security | monitor | gateway | columns | solve | recordings) groups+=("$1") ;;
+    tissue | elastic | compare | ppo | workers | train | camera | bus | security | monitor | gateway | columns | solve | terms | recordings) groups+=("$1") ;;
     *) wrong "unknown option or group $1" ;;
   esac
   shift
@@ -223,6 +224,13 @@ bench_solve() {
       --demonstrations "${SOLVE_DEMONSTRATIONS:-0}" ${SOLVE_SETS:+$(printf -- '--set %s ' $SOLVE_SETS)}
     exec {lock}>&-
   done
+}
+
+bench_terms() {
+  need learner && need sim_worker || return
+  choose_domain || return
+  figures_of python3 "$root/benchmarks/terms.py" "$bin" "$domain"
+  exec {lock}>&-
 }
 
 bench_recordings() {
