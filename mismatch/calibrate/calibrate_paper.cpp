@@ -308,8 +308,8 @@ Calibration PaperSearch::run() {
     constexpr double kBound = 0.01;
     number.at_bound = best.candidate.gene[g] < kBound || best.candidate.gene[g] > 1 - kBound;
     if (number.at_bound) {
-      result.warnings.push_back(fmt::format("{}: {:.4g} {} is at the bound of the search",
-                                            number.name, number.value, number.unit));
+      result.warnings.push_back(fmt::format("{}: {:.4g}{} is at the bound of the search",
+                                            number.name, number.value, behind_number(number.unit)));
     }
     result.parameters.push_back(number);
   }

@@ -14,16 +14,13 @@
 #include "mismatch/calibrate/findings.h"
 #include "mismatch/calibrate/law_choice.h"
 #include "mismatch/calibrate/reference_fit.h"
+#include "mismatch/calibrate/scores.h"
 #include "mismatch/calibrate/starts.h"
 #include "mismatch/simulation.h"
 
 namespace omentum {
 namespace {
 
-using Eigen::Vector3d;
-using Eigen::VectorXd;
-
-constexpr double kFarPoint = 0.03;  // [m] from the surface: no tissue, in figures of fit
 constexpr double kMeshRatio = 1.5;
 constexpr double kCoarseWork = 0.8, kFineWork = 2.6;  // of a simulation with its derivatives
 constexpr double kKeptWork = 0.6;  // of that with the derivative by thickness of another
@@ -73,8 +70,8 @@ class Stages {
   void settle();
   void collect();
   void collect_fit();
+  void predict_unseen(const Which& left, const FitState& without, const std::string& role);
   void leave_out();
-  void show(std::size_t r, const Prediction& base, const FitState& plain);
   std::map<int, Which> conditions() const;
   Numerics fine() const { return {pb::TISSUE_REFERENCE, elements_, 1}; }
   double numerics() const { return std::hypot(mesh_rms_, step_rms_); }
@@ -100,20 +97,6 @@ class Stages {
 void Stages::say(const std::string& stage, double passes) {
   done_ += passes;
   if (options_.progress) options_.progress(std::min(1.0, done_ / planned_), stage);
-}
-
-double rms_of(const std::vector<std::vector<double>>& distances, double* mean = nullptr) {
-  double squares = 0, sum = 0, count = 0;
-  for (const auto& frame : distances) {
-    for (const double d : frame) {
-      if (!std::isfinite(d)) continue;
-      squares += d * d;
-      sum += d;
-      ++count;
-    }
-  }
-  if (mean != nullptr) *mean = sum / count;
-  return std::sqrt(squares / count);  // NaN: nothing was simulated
 }
 
 /// Begins by the shell; recordings that are mirrored are named and left out.
@@ -367,99 +350,41 @@ std::map<int, Which> Stages::conditions() const {
   return groups;
 }
 
-/// White part of the distances along the rays, from neighbours in a cloud.
-double floor_of(const Block& block) {
-  std::vector<double> steps;
-  for (std::size_t k = 1; k < block.deviation.size(); ++k)
-    steps.push_back(std::fabs(block.deviation[k] - block.deviation[k - 1]));
-  if (steps.size() < 10) return 0;
-  const auto middle = steps.begin() + static_cast<std::ptrdiff_t>(steps.size() / 2);
-  std::nth_element(steps.begin(), middle, steps.end());
-  return 1.4826 * *middle / std::sqrt(2.0);
-}
-
-void Stages::show(std::size_t r, const Prediction& base, const FitState& plain) {
-  ShownRecording shown;
-  const Observation& seen = fit_.observations[r];
-  shown.name = seen.name;
-  FitState no_modes = state_;
-  no_modes.own[r].tail(kModes).setZero();
-  const auto before = fit_.distances(base, r, plain, plain, kFarPoint);
-  const auto after = fit_.distances(predictions_[r], r, at_, no_modes, kFarPoint);
-  for (std::size_t f = 0; f < seen.frames.size(); ++f) {
-    if (!base.frames[f].valid || !predictions_[r].frames[f].valid) continue;
-    shown.times.push_back(seen.frames[f].t);
-    shown.before.push_back(fit_.vertices(base, r, f, plain, plain));
-    shown.after.push_back(fit_.vertices(predictions_[r], r, f, at_, no_modes));
-    shown.tip.push_back(predictions_[r].frames[f].tip);
-    shown.rmse_before.push_back(rms_of({before[f]}));
-    shown.rmse_after.push_back(rms_of({after[f]}));
-    shown.seen.push_back(seen.frames[f].points);
-  }
-  result_.shown.push_back(std::move(shown));
-}
-
 void Stages::collect_fit() {
-  const FitState plain = fit_.believed();
   for (const std::size_t r : fitted_) {
-    FitRow row;
-    row.recording = fit_.observations[r].name;
-    row.role = "fitted";
     warn_of_missing(r, base_[r], " as believed");
-    row.rmse_base = rms_of(fit_.distances(base_[r], r, plain, plain, kFarPoint));
     FitState no_modes = state_;
     no_modes.own[r].tail(kModes).setZero();
-    row.rmse_model =
-        rms_of(fit_.distances(predictions_[r], r, at_, no_modes, kFarPoint), &row.mean_model);
-    const Which one = {r};
-    row.floor = floor_of(fit_.compare(predictions_, at_, one, state_, fit_.noise, false).front());
+    FitRow row = score(fit_, r, predictions_[r], at_, no_modes, base_[r]);
+    row.role = "fitted";
+    row.floor = floor_of(fit_.compare(predictions_, at_, {r}, state_, fit_.noise, false).front());
     result_.fit.push_back(row);
-    show(r, base_[r], plain);
+    result_.shown.push_back(show(fit_, r, predictions_[r], at_, state_, base_[r]));
   }
+}
+
+/// Recordings at numbers that were found without them, and with nothing of their own.
+void Stages::predict_unseen(const Which& left, const FitState& without, const std::string& role) {
+  FitState blind = without;
+  for (const std::size_t r : left) blind.own[r].setZero();
+  auto predicted = fit_.simulate(blind, fine(), Columns::kNone, left);
+  const auto base =
+      role == "held_out" ? fit_.simulate(fit_.believed(), fine(), Columns::kNone, left) : base_;
+  for (const std::size_t r : left) {
+    warn_of_missing(r, predicted[r], " where it is " + role);
+    if (r < predictions_.size()) add_nuisances(fit_, predictions_[r], blind, predicted[r]);
+    FitRow row = score(fit_, r, predicted[r], blind, blind, base[r]);
+    row.role = role;
+    row.floor = floor_of(fit_.compare(predicted, blind, {r}, blind, fit_.noise, false).front());
+    result_.fit.push_back(row);
+    result_.left_out.push_back({row.recording, fit_.shared_scene(blind)});
+  }
+  say("left out", 1.2 * static_cast<double>(left.size()));
 }
 
 /// Every pinch point by a fit that has not seen it, and the recordings that never were fitted.
 void Stages::leave_out() {
   const auto groups = conditions();
-  const FitState plain = fit_.believed();
-  const auto score = [&](const Which& left, const FitState& without, const std::string& role) {
-    FitState blind = without;
-    for (const std::size_t r : left) blind.own[r].setZero();
-    const auto predicted = fit_.simulate(blind, fine(), Columns::kNone, left);
-    const auto base =
-        role == "held_out" ? fit_.simulate(plain, fine(), Columns::kNone, left) : base_;
-    for (const std::size_t r : left) {
-      warn_of_missing(r, predicted[r], " where it is " + role);
-      FitRow row;
-      row.recording = fit_.observations[r].name;
-      row.role = role;
-      row.rmse_base = rms_of(fit_.distances(base[r], r, plain, plain, kFarPoint));
-      // What acts to first order only, from the derivatives beside the fit.
-      Prediction whole = predicted[r];
-      for (std::size_t f = 0; f < whole.frames.size(); ++f) {
-        const bool known = r < predictions_.size() && f < predictions_[r].frames.size() &&
-                           predictions_[r].frames[f].columns.size() > 0;
-        if (!known || !whole.frames[f].valid) continue;
-        const Eigen::MatrixXf& columns = predictions_[r].frames[f].columns;
-        VectorXd x = blind.shared.head(fit_.layout.unknowns);
-        for (int k = 0; k < fit_.layout.unknowns; ++k) {
-          if (fit_.unknowns[static_cast<std::size_t>(k)].in_scene) x[k] = 0;
-        }
-        const Eigen::VectorXf by = columns.leftCols(fit_.layout.unknowns) * x.cast<float>();
-        for (std::size_t v = 0; v < whole.frames[f].vertices.size(); ++v)
-          whole.frames[f].vertices[v] +=
-              by.segment<3>(3 * static_cast<Eigen::Index>(v)).cast<double>();
-      }
-      row.rmse_model = rms_of(fit_.distances(whole, r, blind, blind, kFarPoint), &row.mean_model);
-      const Which one = {r};
-      std::vector<Prediction> all(fit_.observations.size());
-      all[r] = whole;
-      row.floor = floor_of(fit_.compare(all, blind, one, blind, fit_.noise, false).front());
-      result_.fit.push_back(row);
-      result_.left_out.push_back({row.recording, fit_.shared_scene(blind)});
-    }
-    say("left out", 1.2 * static_cast<double>(left.size()));
-  };
   if (options_.leave_out && groups.size() > 1) {
     for (const auto& [condition, left] : groups) {
       Which others;
@@ -470,14 +395,14 @@ void Stages::leave_out() {
       const NoiseModel noise = fit_.noise;
       fit_.improve(predictions_, at_, others, 8, without);
       fit_.noise = noise;
-      score(left, without, "left_out");
+      predict_unseen(left, without, "left_out");
     }
   }
   Which held;
   for (std::size_t r = 0; r < fit_.observations.size(); ++r) {
     if (fit_.observations[r].held_out) held.push_back(r);
   }
-  if (!held.empty()) score(held, state_, "held_out");
+  if (!held.empty()) predict_unseen(held, state_, "held_out");
   if (groups.size() < 2 && held.empty()) {
     result_.warnings.push_back(
         "no recording is held out and all have one pinch point: how far the simulation is from "

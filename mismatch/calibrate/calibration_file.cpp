@@ -71,14 +71,14 @@ std::string print_calibration(const Calibration& c) {
 std::string summarise_calibration(const Calibration& c) {
   std::string text;
   for (const CalibratedNumber& n : c.parameters) {
-    text +=
-        fmt::format("{}: {:.5g} {} (90 %: {:.5g} ... {:.5g}){}\n", n.name, n.value, n.unit, n.low90,
-                    n.high90, n.unseen ? ", as believed: the recordings do not see it" : "");
+    text += fmt::format("{}: {:.5g}{} (90 %: {:.5g} ... {:.5g}){}\n", n.name, n.value,
+                        behind_number(n.unit), n.low90, n.high90,
+                        n.unseen ? ", as believed: the recordings do not see it" : "");
   }
   for (const NumberGroup& g : c.groups) {
     if (g.name == "unseen") continue;
-    text += fmt::format("seen together only: {} = {:.5g} {} (90 %: {:.5g} ... {:.5g})\n", g.name,
-                        g.value, g.unit, g.low90, g.high90);
+    text += fmt::format("seen together only: {} = {:.5g}{} (90 %: {:.5g} ... {:.5g})\n", g.name,
+                        g.value, behind_number(g.unit), g.low90, g.high90);
   }
   for (const LawRow& row : c.laws) {
     text += row.behind == 0 ? fmt::format("law of elasticity: {}\n", row.law)

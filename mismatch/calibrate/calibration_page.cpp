@@ -44,8 +44,7 @@ std::string tiles_of(const Calibration& c) {
   std::vector<Tile> tiles;
   for (const CalibratedNumber& n : c.parameters) {
     if (n.unseen || tiles.size() > 1) continue;
-    tiles.push_back({fmt::format("{} {}", figure(n.value), n.unit),
-                     n.name.substr(n.name.rfind('.') + 1),
+    tiles.push_back({figure(n.value) + behind_number(n.unit), n.name.substr(n.name.rfind('.') + 1),
                      fmt::format("90 %: {} - {}", figure(n.low90), figure(n.high90))});
   }
   for (const std::string role : {"left_out", "held_out", "fitted"}) {
@@ -64,8 +63,9 @@ std::string tiles_of(const Calibration& c) {
 std::string numbers_table(const std::vector<CalibratedNumber>& numbers) {
   Rows rows = {{"number", "unit", "value", "90 % from", "to", "believed", "90 % from", "to", ""}};
   for (const CalibratedNumber& n : numbers) {
-    rows.push_back({n.name, n.unit, figure(n.value), figure(n.low90), figure(n.high90),
-                    figure(n.prior_value), figure(n.prior_low90), figure(n.prior_high90),
+    rows.push_back({n.name, behind_number(n.unit), figure(n.value), figure(n.low90),
+                    figure(n.high90), figure(n.prior_value), figure(n.prior_low90),
+                    figure(n.prior_high90),
                     n.at_bound ? "at its bound"
                     : n.unseen ? "not seen"
                                : ""});
@@ -139,8 +139,8 @@ std::string groups_markup(const Calibration& c) {
   for (const NumberGroup& g : c.groups) {
     std::string members;
     for (const std::string& member : g.members) members += (members.empty() ? "" : ", ") + member;
-    rows.push_back(
-        {g.name, g.unit, figure(g.value), figure(g.low90), figure(g.high90), members, g.text});
+    rows.push_back({g.name, behind_number(g.unit), figure(g.value), figure(g.low90),
+                    figure(g.high90), members, g.text});
   }
   return make_table(rows, {2, 3, 4});
 }

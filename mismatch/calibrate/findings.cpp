@@ -161,17 +161,18 @@ void add_numbers(const Findings& f, Calibration& result) {
   constexpr std::array<const char*, 6> kNames = {"registration.x",      "registration.y",
                                                  "registration.z",      "registration.turn_x",
                                                  "registration.turn_y", "registration.turn_z"};
-  for (int k = 0; k < 7; ++k) {
+  for (int k = 0; k < 6; ++k) {
     const int at = layout.registration() + k;
-    result.nuisances.push_back(plain_number(
-        k < 6 ? kNames[static_cast<std::size_t>(k)] : "scene.depth_sensor.time_offset_s",
-        k < 3   ? "m"
-        : k < 6 ? "rad"
-                : "s",
-        f.state.shared[at], sd_of(f, at), f.fit.beliefs.shared_sd[at], "believed"));
+    result.nuisances.push_back(plain_number(kNames[static_cast<std::size_t>(k)],
+                                            k < 3 ? "m" : "rad", f.state.shared[at], sd_of(f, at),
+                                            f.fit.beliefs.shared_sd[at], "believed"));
   }
-  result.nuisances.back().low90 = f.clock.low;  // no normal distribution
-  result.nuisances.back().high90 = f.clock.high;
+  const int at = layout.clock();
+  CalibratedNumber clock = plain_number("scene.depth_sensor.time_offset_s", "s", f.state.shared[at],
+                                        sd_of(f, at), f.fit.beliefs.shared_sd[at], "believed");
+  clock.low90 = f.clock.low;  // no normal distribution
+  clock.high90 = f.clock.high;
+  result.nuisances.push_back(std::move(clock));
   constexpr std::array<const char*, 4> kOwn = {"pinch.x", "pinch.y", "stiffness.ln_factor",
                                                "clock"};
   constexpr std::array<const char*, 4> kUnits = {"m", "m", "1", "s"};
@@ -289,9 +290,9 @@ void add_warnings(const Findings& f, Calibration& result) {
     for (const CalibratedNumber& number : *numbers) {
       if (!number.at_bound) continue;
       warnings.push_back(fmt::format(
-          "{}: {:.6g} {} is at the bound of what can be believed ({}): a sign of physics that the "
+          "{}: {:.6g}{} is at the bound of what can be believed ({}): a sign of physics that the "
           "model leaves out, or of a wrong belief",
-          number.name, number.value, number.unit, number.prior_source));
+          number.name, number.value, behind_number(number.unit), number.prior_source));
     }
   }
   for (int k = 0; k < f.fit.layout.unknowns; ++k) {
@@ -299,10 +300,10 @@ void add_warnings(const Findings& f, Calibration& result) {
     const CalibratedNumber number = shared_number(f, k);
     if (number.at_bound || std::fabs(number.surprise) < kSurprise) continue;
     warnings.push_back(fmt::format(
-        "{}: {:.4g} {} ({:.4g} - {:.4g}) against the belief of {:.4g} ({:.4g} - {:.4g}): what the "
+        "{}: {:.4g}{} ({:.4g} - {:.4g}) against the belief of {:.4g} ({:.4g} - {:.4g}): what the "
         "recordings say alone is {:.1f} standard deviations {} it; measure it{}",
-        number.name, number.value, number.unit, number.low90, number.high90, number.prior_value,
-        number.prior_low90, number.prior_high90, std::fabs(number.surprise),
+        number.name, number.value, behind_number(number.unit), number.low90, number.high90,
+        number.prior_value, number.prior_low90, number.prior_high90, std::fabs(number.surprise),
         number.surprise < 0 ? "below" : "above", confused_with(f, k)));
   }
   const Vector3d shift = f.state.shared.segment<3>(layout.registration());
@@ -324,9 +325,9 @@ void add_warnings(const Findings& f, Calibration& result) {
       warnings.emplace_back(
           "numerics.mesh: the recordings ask for another mesh: give a smaller --tolerance-mm");
     } else if (own && std::fabs(number.pull) > kOddPull) {
-      warnings.push_back(
-          fmt::format("{}: {:.3g} {}, {:.1f} standard deviations from what was believed",
-                      number.name, number.value, number.unit, std::fabs(number.pull)));
+      warnings.push_back(fmt::format(
+          "{}: {:.3g}{}, {:.1f} standard deviations from what was believed", number.name,
+          number.value, behind_number(number.unit), std::fabs(number.pull)));
     }
   }
   double worst = 0, floor = 0;

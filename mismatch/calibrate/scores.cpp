@@ -1,0 +1,88 @@
+#include "mismatch/calibrate/scores.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace omentum {
+namespace {
+
+constexpr double kFarPoint = 0.03;  // [m] from the surface: no tissue, in figures of fit
+
+double rms_of(const std::vector<std::vector<double>>& distances, double* mean = nullptr) {
+  double squares = 0, sum = 0, count = 0;
+  for (const auto& frame : distances) {
+    for (const double d : frame) {
+      if (!std::isfinite(d)) continue;
+      squares += d * d;
+      sum += d;
+      ++count;
+    }
+  }
+  if (mean != nullptr) *mean = sum / count;
+  return std::sqrt(squares / count);  // NaN: nothing was simulated
+}
+
+}  // namespace
+
+double floor_of(const Block& block) {
+  std::vector<double> steps;
+  for (std::size_t k = 1; k < block.deviation.size(); ++k)
+    steps.push_back(std::fabs(block.deviation[k] - block.deviation[k - 1]));
+  if (steps.size() < 10) return 0;
+  const auto middle = steps.begin() + static_cast<std::ptrdiff_t>(steps.size() / 2);
+  std::nth_element(steps.begin(), middle, steps.end());
+  return 1.4826 * *middle / std::sqrt(2.0);
+}
+
+FitRow score(ReferenceFit& fit, std::size_t recording, const Prediction& prediction,
+             const FitState& at, const FitState& state, const Prediction& base) {
+  const FitState plain = fit.believed();
+  FitRow row;
+  row.recording = fit.observations[recording].name;
+  row.rmse_base = rms_of(fit.distances(base, recording, plain, plain, kFarPoint));
+  row.rmse_model =
+      rms_of(fit.distances(prediction, recording, at, state, kFarPoint), &row.mean_model);
+  return row;
+}
+
+void add_nuisances(const ReferenceFit& fit, const Prediction& with_columns, const FitState& state,
+                   Prediction& prediction) {
+  Eigen::VectorXd x = state.shared.head(fit.layout.unknowns);
+  for (int k = 0; k < fit.layout.unknowns; ++k) {
+    if (fit.unknowns[static_cast<std::size_t>(k)].in_scene) x[k] = 0;
+  }
+  const std::size_t frames = std::min(prediction.frames.size(), with_columns.frames.size());
+  for (std::size_t f = 0; f < frames; ++f) {
+    const Eigen::MatrixXf& columns = with_columns.frames[f].columns;
+    PredictedFrame& frame = prediction.frames[f];
+    if (columns.size() == 0 || !frame.valid) continue;
+    const Eigen::VectorXf by = columns.leftCols(fit.layout.unknowns) * x.cast<float>();
+    for (std::size_t v = 0; v < frame.vertices.size(); ++v)
+      frame.vertices[v] += by.segment<3>(3 * static_cast<Eigen::Index>(v)).cast<double>();
+  }
+}
+
+ShownRecording show(ReferenceFit& fit, std::size_t recording, const Prediction& prediction,
+                    const FitState& at, const FitState& state, const Prediction& base) {
+  ShownRecording shown;
+  const FitState plain = fit.believed();
+  const Observation& seen = fit.observations[recording];
+  shown.name = seen.name;
+  FitState no_modes = state;
+  no_modes.own[recording].tail(kModes).setZero();
+  const auto before = fit.distances(base, recording, plain, plain, kFarPoint);
+  const auto after = fit.distances(prediction, recording, at, no_modes, kFarPoint);
+  for (std::size_t f = 0; f < seen.frames.size(); ++f) {
+    if (!base.frames[f].valid || !prediction.frames[f].valid) continue;
+    shown.times.push_back(seen.frames[f].t);
+    shown.before.push_back(fit.vertices(base, recording, f, plain, plain));
+    shown.after.push_back(fit.vertices(prediction, recording, f, at, no_modes));
+    shown.tip.push_back(prediction.frames[f].tip);
+    shown.rmse_before.push_back(rms_of({before[f]}));
+    shown.rmse_after.push_back(rms_of({after[f]}));
+    shown.seen.push_back(seen.frames[f].points);
+  }
+  return shown;
+}
+
+}  // namespace omentum
