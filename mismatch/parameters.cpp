@@ -168,6 +168,20 @@ const std::vector<Row>& rows() {
       {"tool_offset.z", "m", Kind::kToolOffset, "", 1},
       {"inclusion.k", "1", Kind::kSite, "", 1, 1, {{"x", 0}, {"y", 0}, {"r", 0.01}}},
       {"density_site", "1", Kind::kSite, "", 1, 1, {{"x", 0}, {"y", 0}, {"r", 0.01}}},
+      {"obstacle.radius", "m", Kind::kScene, "tissue.effects.obstacle.radius_m=$v", 1e-9},
+      {"obstacle.centre_x", "m", Kind::kScene, "tissue.effects.obstacle.x_m=$v", 1e-9},
+      {"obstacle.centre_y", "m", Kind::kScene, "tissue.effects.obstacle.y_m=$v", 1e-9},
+      {"obstacle.centre_z", "m", Kind::kScene, "tissue.effects.obstacle.z_m=$v", 1e-9},
+      {"obstacle.stiffness",
+       "Pa/m",
+       Kind::kSite,
+       "",
+       1,
+       1,
+       {{"x", 0}, {"y", 0}, {"z", 0.02}, {"r", 0.008}}},
+      {"start_velocity.x", "m/s", Kind::kSite, "", 1},
+      {"start_velocity.y", "m/s", Kind::kSite, "", 1},
+      {"start_velocity.z", "m/s", Kind::kSite, "", 1},
       {"force_site.x", "N", Kind::kSite, "", 1, 1, {{"x", 0}, {"y", 0}, {"r", 0.01}}},
       {"force_site.y", "N", Kind::kSite, "", 1, 1, {{"x", 0}, {"y", 0}, {"r", 0.01}}},
       {"force_site.z", "N", Kind::kSite, "", 1, 1, {{"x", 0}, {"y", 0}, {"r", 0.01}}},
@@ -193,7 +207,6 @@ struct Without {
   const char* reason;
 };
 constexpr Without kWithout[] = {
-    {"obstacle", "where nothing touches it yet nothing changes"},
     {"numerics.mesh", "a difference of two runs: give --tolerance-mm"},
 };
 
@@ -322,6 +335,15 @@ std::optional<Parameter> parse_inclusion(const std::string& name, const pb::Scen
   return std::nullopt;
 }
 
+/// Numbers of a sphere that a scene may not have: where nothing touches it yet nothing changes.
+bool is_of_obstacle(const Row& row) {
+  return row.kind == Kind::kScene && std::string_view(row.name).starts_with("obstacle.");
+}
+
+bool has_obstacle(const pb::Scene& scene) {
+  return scene.tissue().effects().obstacle().radius_m() > 0;
+}
+
 /// "name@key=value:key=value"
 Parameter parse_one(const std::string& text, const pb::Scene& scene) {
   if (std::optional<Parameter> p = parse_inclusion(text, scene)) return *std::move(p);
@@ -331,6 +353,12 @@ Parameter parse_one(const std::string& text, const pb::Scene& scene) {
   }
   const auto row = std::ranges::find(rows(), name, &Row::name);
   if (row == rows().end()) throw_error("--columns: {}: no parameter of that name", name);
+  if (is_of_obstacle(*row) && !has_obstacle(scene)) {
+    throw_error(
+        "--columns: {} has no column: the scene has no obstacle; obstacle.stiffness@x=...:y=...:"
+        "z=...:r=... is that of one that begins to press",
+        name);
+  }
   std::vector<Setting> settings = row->settings;
   const std::vector<std::string> parts = split(text, '@');
   for (const std::string& pair : split(parts.size() > 1 ? parts[1] : "", ':')) {
@@ -367,6 +395,18 @@ Parameter parse_one(const std::string& text, const pb::Scene& scene) {
         const bool piece = name == "anchor_detachment.length";
         p.site.kind = piece ? ColumnKind::kClampFree : ColumnKind::kClampGive;
         if (piece) p.site.place.x() = settings[0].value;
+        break;
+      }
+      if (name.starts_with("start_velocity.")) {
+        p.site.kind = ColumnKind::kStartVelocity;
+        p.site.axis = name.back() - 'x';
+        break;
+      }
+      if (name == "obstacle.stiffness") {
+        p.site.kind = ColumnKind::kObstacle;
+        p.site.centre = {settings[0].value, settings[1].value, settings[2].value};
+        p.site.radius = settings[3].value;
+        if (!(p.site.radius > 0)) throw_error("--columns: {}: r must be above 0", text);
         break;
       }
       p.site.kind = name == "inclusion.k"    ? ColumnKind::kStiffnessSite
@@ -418,7 +458,9 @@ std::vector<Parameter> parse_parameters(const std::string& list, const pb::Scene
   for (const std::string& text : split(list, ',')) {
     if (text == "all") {
       for (const Row& row : rows()) {
-        if (is_own_law(row, scene)) continue;
+        if (is_own_law(row, scene) || (is_of_obstacle(row) && !has_obstacle(scene))) continue;
+        // Of a sphere somewhere, which may cut the resting tissue.
+        if (std::string_view(row.name) == "obstacle.stiffness") continue;
         add(row.name);
         parameters.back().from_all = true;
       }

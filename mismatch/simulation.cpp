@@ -32,6 +32,8 @@ std::vector<PreparedParameter> prepare_parameters(const SimulationTask& task,
           p.tissue.kind == ColumnKind::kClampGive || p.tissue.kind == ColumnKind::kClampFree;
       if (of_clamp && model.effects.moves_anchor())
         throw_error("the clamp gives way already: scene.tissue.effects.anchor, allowed none");
+      if (p.tissue.kind == ColumnKind::kStartVelocity && task.scene.has_held_start())
+        throw_error("it begins where jaws held it: scene.held_start, allowed none");
       if (parameter.kind == Parameter::Kind::kScene || parameter.kind == Parameter::Kind::kArm) {
         pb::Scene config = override_scene(task.scene, parameter.overrides);
         if (!parameter.effect.empty())
@@ -45,6 +47,7 @@ std::vector<PreparedParameter> prepare_parameters(const SimulationTask& task,
           p.tissue.step = parameter.step;
           p.tissue.changed = make_reference_model(make_scene(config, task.folder), task.period,
                                                   ignored, pinches, &model);
+          check_column(model, p.tissue);
         }
       }
     } catch (const Error& error) {

@@ -47,7 +47,11 @@ void ReferenceTissue::evaluate_along(const ReferenceTissue& base, Terms terms,
   }
   trial_mode_ = base.trial_mode_;
   trial_multiplier_ = base.trial_multiplier_;
-  if (grasp_) {
+  led_pose_.reset();
+  if (has_pad()) {
+    pad_centre_ = grasp_->offset.col(0) + terms.tip;
+    led_pose_ = base.pad_pose(base.trial_x_);
+  } else if (grasp_) {
     terms.target = grasp_->offset;
     terms.target.col(0) += terms.tip;
     trial_turn_ = base.trial_turn_;
@@ -81,7 +85,7 @@ void ReferenceTissue::column_loads(const Terms& terms, RightSides& nodes, RightS
     load = (same.force - changed.force) / step;
     miss = (same.miss - changed.miss) / step;
   };
-  for (int axis = 0; axis < 2 && grasp_; ++axis) {
+  for (int axis = 0; axis < 2 && grasp_ && !has_pad(); ++axis) {
     c.pinched_aside[axis]->evaluate_along(*this, terms, &same, changed);
     subtract(ReferenceColumns::kAside);
     nodes += load.head(model_->unknowns) * c.aside.row(axis);
@@ -89,7 +93,7 @@ void ReferenceTissue::column_loads(const Terms& terms, RightSides& nodes, RightS
   }
   for (Eigen::Index k = 0; k < c.count(); ++k) {
     const ColumnParameter& p = c.parameters[k];
-    if (p.kind == ColumnKind::kToolPath && grasp_) {
+    if (p.kind == ColumnKind::kToolPath && grasp_ && !has_pad()) {
       grasp.col(k).head<3>() += c.tip_from.col(k) + terms.end * (c.tip_to - c.tip_from).col(k);
     }
     if (p.kind != ColumnKind::kScene) continue;
@@ -155,7 +159,7 @@ void ReferenceTissue::clamp_loads(const Residual& same, RightSides& nodes, Right
     const VectorXd load = (same.elements - out.elements) / step;
     nodes.col(k) += load.head(model_->unknowns);
     modes.col(k) += load.tail(modes.rows());
-    for (int n = 0; grasp_ && n < grasp_->patch.weight.rows(); ++n) {
+    for (int n = 0; grasp_ && n < grasp_->patch.weight.rows(); ++n) {  // a pad is of free ones
       const int node = grasp_->patch.node[n];
       if (model_->unknown[node] >= 0) continue;
       for (int r = 0; r < GraspPatch::kRows; ++r)
@@ -206,6 +210,7 @@ void ReferenceTissue::site_loads(const Terms& terms, RightSides& nodes, RightSid
       }
       for (int m = 0; m < 9; ++m) modes(9L * element + m, k) -= sum[24 + m];
     }
+    if (p.kind == ColumnKind::kObstacle) add_obstacle_load(p, k, nodes);
     if (p.kind != ColumnKind::kDensitySite && p.kind != ColumnKind::kForceSite) continue;
     double whole = 0;
     for (std::size_t i = 0; i < model_->nodes.size(); ++i)

@@ -103,8 +103,6 @@ ReferenceColumns::ReferenceColumns(std::vector<ColumnParameter> list,
 ReferenceColumns::~ReferenceColumns() = default;
 
 void ReferenceTissue::carry_columns(std::vector<ColumnParameter> parameters) {
-  if (model_->surroundings.grip.pad)
-    throw_error("scene.tool.grip.hold: HOLD_PAD has no derivatives, allowed for them: HOLD_MEAN");
   const EffectValues& fx = effects_.values();
   if (fx.has_memory() || fx.suction > 0 || fx.adhesion > 0 || fx.air_drag > 0 ||
       fx.slip_speed > 0) {
@@ -118,6 +116,7 @@ void ReferenceTissue::carry_columns(std::vector<ColumnParameter> parameters) {
   for (const ColumnParameter& p : parameters) {
     OMENTUM_CHECK(p.kind != ColumnKind::kScene || p.changed->unknown == model_->unknown,
                   "a column's scene has another mesh");
+    check_column(*model_, p);
   }
   columns_ = std::make_unique<ReferenceColumns>(std::move(parameters), model_);
   for_each_follower([this](ReferenceTissue& follower) {
@@ -185,6 +184,7 @@ Eigen::Matrix2Xd ReferenceTissue::patch_shift() const {
 
 void ReferenceTissue::hold_columns(const Matrix3d& jaw, bool collapse) {
   ReferenceColumns& c = *columns_;
+  if (has_pad()) return hold_pad_columns(jaw, collapse);
   c.offset = patch_columns();
   c.offset.topRows<3>() -= c.tip_from;
   for (int r = 0; r < GraspPatch::kRows; ++r)
@@ -198,6 +198,7 @@ void ReferenceTissue::hold_columns(const Matrix3d& jaw, bool collapse) {
 /// them.
 MatrixXd ReferenceTissue::grasp_target_columns(const Terms& terms) const {
   MatrixXd grasp = columns_->offset;
+  if (has_pad()) grasp.setZero();
   if (!turns()) return grasp;
   const PatchTurn turn = patch_turn(trial_turn_, terms.target, trial_multiplier_);
   MatrixXd moment = MatrixXd::Zero(3, grasp.cols());
@@ -243,7 +244,12 @@ void ReferenceTissue::solve_columns(const MatrixXd& grasp, RightSides& nodes,
                                     MatrixXd& multiplier) const {
   const ReferenceColumns& c = *columns_;
   c.factor.solve_lower(nodes);
-  if (grasp_) {
+  if (has_pad()) {
+    const MatrixXd pose =
+        c.border_solver.solve(grasp.topRows<6>() - c.softness * (c.border.transpose() * nodes));
+    nodes.noalias() -= c.border * pose;
+    multiplier.topRows<6>() = pose;
+  } else if (grasp_) {
     // Rows of the grasp, then the springs that the factor has too much (brace).
     const Eigen::Index rows = 3L * GraspPatch::kRows;
     MatrixXd right = MatrixXd::Zero(c.border.cols(), nodes.cols());
@@ -262,12 +268,13 @@ void ReferenceTissue::solve_columns(const MatrixXd& grasp, RightSides& nodes,
 ///   (A + k E E^T) s + Z [p; q] = b,   C s - c p = targets,   q = k E^T s
 bool ReferenceTissue::factor_columns(const Terms& terms) {
   ReferenceColumns& c = *columns_;
-  const Tangent tangent{true, inertia(terms), trial_x_, trial_mode_, node_blocks(terms)};
+  Tangent tangent{true, inertia(terms), trial_x_, trial_mode_, node_blocks(terms)};
+  add_contact_curvature(terms, tangent.node_blocks);
   assemble(tangent, c.factor, c.inner, c.body_blocks);
   bool braced = false;
   double spring = 0;
   if (!c.factor.factor()) {
-    if (!grasp_) return false;
+    if (!grasp_ || has_pad()) return false;
     braced = true;
     for (const int node : grasp_->patch.node)
       spring = std::max(spring, c.body_blocks[node].diagonal().maxCoeff());
@@ -279,6 +286,10 @@ bool ReferenceTissue::factor_columns(const Terms& terms) {
     if (!c.factor.factor()) return false;
   }
   if (!grasp_) return true;
+  if (has_pad()) {
+    prepare_pad_columns();
+    return true;
+  }
   c.border = grasp_columns();
   const Eigen::Index rows = c.border.cols();
   if (braced) {
@@ -329,6 +340,7 @@ void ReferenceTissue::advance_columns(const Terms& terms) {
   c.mode_load.setZero(c.mode.rows(), c.count());
   MatrixXd grasp = grasp_target_columns(terms);
   column_loads(terms, loads, c.mode_load, grasp);
+  if (has_pad()) pad_column_loads(terms, loads, grasp);
   condense_columns(c.mode_load, loads);
 
   std::swap(c.x, c.x_before);
@@ -353,6 +365,7 @@ void ReferenceTissue::advance_columns(const Terms& terms) {
     std::erase_if(open, [&](Eigen::Index k) { return change[k] <= kFrictionChange * size[k]; });
   }
   c.v = (c.x - x_tilde) / terms.beta;
+  if (has_pad()) finish_pad_columns(terms);
   c.modes_recovered = false;
 }
 

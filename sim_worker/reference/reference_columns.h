@@ -24,6 +24,8 @@ enum class ColumnKind {
   kForceSite,      ///< force along `axis` of W spread over a place, unit N
   kClampGive,      ///< 1 / K of springs per length of the rigid clamp, unit m^2/N
   kClampFree,      ///< length of a detached piece of it around place.x(), unit m
+  kObstacle,       ///< contact stiffness of a sphere that is not there yet, unit Pa/m
+  kStartVelocity,  ///< of every free node along `axis` of W (start_moving), unit m/s
 };
 
 struct ColumnParameter {
@@ -32,10 +34,14 @@ struct ColumnParameter {
   /// away; small against what the simulation is linear over, large against rounding.
   std::shared_ptr<const ReferenceTissueModel> changed;
   double step = 1;
-  Eigen::Vector2d place = Eigen::Vector2d::Zero();  ///< of sites: x_B, y_B at rest [m]
-  double radius = 0.01;                             ///< of sites [m]
-  int axis = 2;                                     ///< of kForceSite
+  Eigen::Vector2d place = Eigen::Vector2d::Zero();   ///< of sites: x_B, y_B at rest [m]
+  double radius = 0.01;                              ///< of sites and kObstacle [m]
+  int axis = 2;                                      ///< of kForceSite, kStartVelocity
+  Eigen::Vector3d centre = Eigen::Vector3d::Zero();  ///< of kObstacle, in W [m]
 };
+
+/// Throws Error where a scene of this model has no column of a parameter.
+void check_column(const ReferenceTissueModel& model, const ColumnParameter& parameter);
 
 /// Weight of a site at a place of the rest sheet: 1 inside, falling smoothly from 3/4 to 5/4 of the
 /// radius, as the catalogue's inclusion.
@@ -65,7 +71,10 @@ struct ReferenceColumns {
   RightSides mode_load;  ///< -dR/dtheta of the modes in the last step
   bool modes_recovered = true;
   RightSides limit_load;  ///< of friction, whose limits follow the normal forces, in the last step
-  Eigen::MatrixXd multiplier, offset;  ///< of the grasp, [3 row + axis]
+  /// Of the grasp, [3 row + axis]; of a pad force and moment, and the way from the tip to its
+  /// centre.
+  Eigen::MatrixXd multiplier, offset;
+  Eigen::MatrixXd arm;  ///< of the nodes of a pad, [3 node + axis]
   /// Of all nodes at rest, [3 node]: what changes the mesh moves them. Of a clamp that gives way
   /// where its nodes are now.
   Eigen::MatrixXd rest;
@@ -95,6 +104,7 @@ struct ReferenceColumns {
   std::vector<Eigen::Matrix3d> body_blocks;
   Eigen::MatrixXd border;  ///< L^-1 of the columns that border the matrix
   Eigen::PartialPivLU<Eigen::MatrixXd> border_solver;
+  Eigen::Matrix<double, 6, 6> softness;  ///< of a pad (reference_pad_columns.cpp)
 };
 
 }  // namespace omentum

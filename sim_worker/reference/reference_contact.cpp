@@ -137,6 +137,46 @@ void ReferenceTissue::friction_stiffness(
   }
 }
 
+/// Takes off the blocks what the force of a curved body changes as its normal turns: Newton's
+/// method converges without, derivatives need it.
+void ReferenceTissue::add_contact_curvature(const Terms& terms,
+                                            std::vector<Matrix3d>& blocks) const {
+  constexpr double kStep = 1e-6;  // [m] far below a radius, far above rounding
+  const Vector3d shaft = model_->surroundings.capsule_at(terms.tip);
+  const Vector3d shaft_end =
+      shaft + model_->surroundings.tool_length * model_->surroundings.shaft_axis;
+  for (const Contact& c : find_contacts(terms, trial_x_)) {
+    const bool rigid = c.body < static_cast<int>(model_->surroundings.bodies.size());
+    const auto normal_at = [&](const Vector3d& p) {
+      return rigid ? rigid_gap(model_->surroundings.bodies[c.body], p).normal
+                   : capsule_gap(shaft, shaft_end, model_->surroundings.tool_radius, p).normal;
+    };
+    Matrix3d turn;
+    for (int axis = 0; axis < 3; ++axis) {
+      const Vector3d d = kStep * Vector3d::Unit(axis);
+      turn.col(axis) =
+          (normal_at(trial_x_[c.node] + d) - normal_at(trial_x_[c.node] - d)) / (2 * kStep);
+    }
+    blocks[c.node] -= 0.5 * c.force * (turn + turn.transpose());
+  }
+}
+
+/// Of a sphere that is not there yet: the faces' contact where the base enters it, of unit
+/// stiffness and without friction.
+void ReferenceTissue::add_obstacle_load(const ColumnParameter& sphere, Eigen::Index k,
+                                        RightSides& nodes) const {
+  RigidShape body;
+  body.X_WS.translation() = sphere.centre;
+  body.size.setConstant(sphere.radius);
+  for (const FaceNode& face : model_->face_nodes) {
+    if (has_pad() && grasp_->in_pad[face.node] != 0) continue;  // as in find_contacts()
+    const Gap gap = rigid_gap(body, trial_x_[face.node]);
+    const double depth = contact_pressure(gap.distance + model_->face_inset).force;
+    if (depth > 0)
+      nodes.col(k).segment<3>(model_->unknown[face.node]) += depth * face.area * gap.normal;
+  }
+}
+
 /// What the limits of friction do that follow the normal forces of columns s.
 void ReferenceTissue::add_limit_loads(const Terms& terms, const RightSides& s,
                                       RightSides& loads) const {

@@ -69,9 +69,9 @@ void ReferenceTissue::add_grasp_compliance(const PatchTurn& turn, Eigen::Ref<Mat
 }
 
 /// Force per displacement of the patch along a direction in the next step [N/m]: K = S^-1 of the
-/// mean position, see prepare_constraint(). That of the sheet where there is no factor.
+/// mean position, see prepare_constraint(). That of the sheet where there is no factor, or a pad.
 double ReferenceTissue::patch_stiffness(const Vector3d& along) {
-  if (!tangent_.usable || !carry_factor())
+  if (has_pad() || !tangent_.usable || !carry_factor())
     return model_->material.young_modulus_pa() * model_->body.thickness;
   VectorXd unit = VectorXd::Zero(3L * GraspPatch::kRows);
   unit.head<3>() = along;
@@ -123,7 +123,8 @@ void ReferenceTissue::prepare_constraint() {
     // Of the pose eliminated, A - C^T D^-1 C: the same with S = Y^T Y - D.
     const PadPose pose = pad_pose(trial_x_);
     Vector6 gradient;
-    constraint_response_ = pad_columns(pose);
+    constraint_response_ =
+        pad_columns(pose, effects_.values().grasp_compliance > 0, !pad_turn_stiffness().isZero(0));
     factor_.solve_lower(constraint_response_);
     constraint_solver_.compute(constraint_response_.transpose() * constraint_response_ -
                                pad_balance(pose, trial_x_, gradient));
@@ -227,16 +228,21 @@ void ReferenceTissue::hold(int lane, const Vector3d& tip, double nominal_radius,
   if (!(patch_radius > 1e-5)) return;  // [m]: the sphere only grazes the sheet
   grasp_ = make_grasp(nearest->X, patch_radius);
   constrained_ = false;
-  if (has_pad()) return take_pad(jaw, tip, collapse);
-  grasp_->offset = patch_rows(state_.x);
-  grasp_->offset.col(0) -= tip;
-  if (fx.turns_jaw()) grasp_->offset = jaw * Targets(grasp_->offset);
-  if (collapse) grasp_->offset.col(0).setZero();
-  if (columns_) hold_columns(jaw, collapse);
+  if (has_pad()) {
+    take_pad(jaw, tip, collapse);
+  } else {
+    grasp_->offset = patch_rows(state_.x);
+    grasp_->offset.col(0) -= tip;
+    if (fx.turns_jaw()) grasp_->offset = jaw * Targets(grasp_->offset);
+    if (collapse) grasp_->offset.col(0).setZero();
+  }
+  if (!columns_) return;
+  hold_columns(jaw, collapse);
   for_each_follower([&](ReferenceTissue& follower) {
     follower.follow(*this);
     follower.hold(lane, tip, nominal_radius, collapse);
   });
+  if (has_pad()) compare_pads();
 }
 
 void ReferenceTissue::release(int) {

@@ -72,8 +72,8 @@ Matrix3d ReferenceTissue::pad_turn_stiffness() const {
   return gyration / (sum * compliance);
 }
 
-/// Second derivative D of E by u and by a turn after theta, and the first.
-ReferenceTissue::Matrix6 ReferenceTissue::pad_balance(const PadPose& pose, const Nodes& x,
+/// Second derivative of the springs' part of E by u and by a turn after theta, and the first.
+ReferenceTissue::Matrix6 ReferenceTissue::pad_springs(const PadPose& pose, const Nodes& x,
                                                       Vector6& gradient) const {
   gradient.setZero();
   Matrix6 D = Matrix6::Zero();
@@ -89,6 +89,13 @@ ReferenceTissue::Matrix6 ReferenceTissue::pad_balance(const PadPose& pose, const
                                         0.5 * (s * a.transpose() + a * s.transpose()));
   }
   D.bottomLeftCorner<3, 3>() = D.topRightCorner<3, 3>().transpose();
+  return D;
+}
+
+/// The same of E.
+ReferenceTissue::Matrix6 ReferenceTissue::pad_balance(const PadPose& pose, const Nodes& x,
+                                                      Vector6& gradient) const {
+  Matrix6 D = pad_springs(pose, x, gradient);
   const auto fix = [&](int first) {
     gradient.segment<3>(first).setZero();
     D.middleRows<3>(first).setZero();
@@ -131,7 +138,7 @@ ReferenceTissue::PadPose ReferenceTissue::pad_pose(const Nodes& x) const {
 }
 
 void ReferenceTissue::add_pad(const Nodes& x, Residual& out) const {
-  const PadPose pose = pad_pose(x);
+  const PadPose pose = led_pose_ ? *led_pose_ : pad_pose(x);
   for (std::size_t i = 0; i < grasp_->arm.size(); ++i) {
     const int node = grasp_->pad_node[i];
     const double k = grasp_->pad_stiffness[i];
@@ -144,13 +151,12 @@ void ReferenceTissue::add_pad(const Nodes& x, Residual& out) const {
   out.count_energy(0.5 * pose.angle.dot(pad_turn_stiffness() * pose.angle));
   out.miss.setZero();
   out.miss_force.setZero();
+  if (led_pose_) out.miss.leftCols<2>() = pad_miss(pose, x);
 }
 
-/// Derivative of the forces on the nodes by the pose, [unknown][u, turn].
-MatrixXd ReferenceTissue::pad_columns(const PadPose& pose) const {
+/// Derivative of the forces on the nodes by the pose, [unknown][u, turn]: what it may do of it.
+MatrixXd ReferenceTissue::pad_columns(const PadPose& pose, bool shifts, bool turns) const {
   MatrixXd Y = MatrixXd::Zero(model_->unknowns, 6);
-  const bool shifts = effects_.values().grasp_compliance > 0;
-  const bool turns = !pad_turn_stiffness().isZero(0);
   for (std::size_t i = 0; i < grasp_->arm.size(); ++i) {
     const int row = model_->unknown[grasp_->pad_node[i]];
     const double k = grasp_->pad_stiffness[i];
@@ -161,20 +167,26 @@ MatrixXd ReferenceTissue::pad_columns(const PadPose& pose) const {
   return Y;
 }
 
-/// Force and moment about the tip, in the place of the multipliers.
-void ReferenceTissue::remember_pad(const Terms& terms) {
-  const PadPose pose = pad_pose(state_.x);
+/// Force of the tissue on a pad of this pose and its moment about `tip` [N], [N m].
+Eigen::Matrix<double, 3, 2> ReferenceTissue::pad_wrench(const PadPose& pose, const Nodes& x,
+                                                        const Vector3d& tip) const {
   Vector3d force = Vector3d::Zero();
   Vector3d moment = Vector3d::Zero();
   for (std::size_t i = 0; i < grasp_->arm.size(); ++i) {
     const Vector3d place = pad_centre_ + pose.shift + pose.turn * grasp_->arm[i];
-    const Vector3d f = grasp_->pad_stiffness[i] * (state_.x[grasp_->pad_node[i]] - place);
+    const Vector3d f = grasp_->pad_stiffness[i] * (x[grasp_->pad_node[i]] - place);
     force += f;
-    moment += (place - terms.tip).cross(f);
+    moment += (place - tip).cross(f);
   }
+  Eigen::Matrix<double, 3, 2> wrench;
+  wrench << force, moment;
+  return wrench;
+}
+
+/// In the place of the multipliers.
+void ReferenceTissue::remember_pad(const Terms& terms) {
   state_.multiplier.setZero();
-  state_.multiplier.col(0) = force;
-  state_.multiplier.col(1) = moment;
+  state_.multiplier.leftCols<2>() = pad_wrench(pad_pose(state_.x), state_.x, terms.tip);
 }
 
 Vector3d ReferenceTissue::held_moment() const {

@@ -186,6 +186,14 @@ void ReferenceTissue::start_moving(const Vector3d& velocity) {
     if (model_->unknown[i] >= 0) state_.v[i] = velocity;
   }
   state_.step_before = 0;
+  if (!columns_) return;
+  for (Eigen::Index k = 0; k < columns_->count(); ++k) {
+    const ColumnParameter& p = columns_->parameters[k];
+    if (p.kind != ColumnKind::kStartVelocity) continue;
+    for (const int row : model_->unknown) {
+      if (row >= 0) columns_->v(row + p.axis, k) = 1;
+    }
+  }
   for_each_follower([&](ReferenceTissue& follower) { follower.start_moving(velocity); });
 }
 

@@ -110,8 +110,8 @@ class ReferenceTissue : public Tissue<double> {
   /// that does not come to rest, or that fails on the way.
   double settle(const Eigen::Vector3d& tip);
 
-  /// From now on every free node moves at this velocity in W [m/s]. Columns stay: it depends on no
-  /// parameter.
+  /// From now on every free node moves at this velocity in W [m/s]; columns but those of
+  /// kStartVelocity stay.
   void start_moving(const Eigen::Vector3d& velocity);
 
   /// From the next step on derivatives by these parameters are carried along; now they are zero but
@@ -274,6 +274,7 @@ class ReferenceTissue : public Tissue<double> {
   void contact_stiffness(
       const Terms& terms,
       const std::function<void(int node, const Eigen::Matrix3d& block)>& add) const;
+  void add_contact_curvature(const Terms& terms, std::vector<Eigen::Matrix3d>& blocks) const;
   void friction_stiffness(
       const Terms& terms,
       const std::function<void(int node, const Eigen::Matrix3d& block)>& add) const;
@@ -294,10 +295,14 @@ class ReferenceTissue : public Tissue<double> {
   void make_pad(Grasp& grasp) const;
   void take_pad(const Eigen::Matrix3d& jaw, const Eigen::Vector3d& tip, bool collapse);
   Eigen::Matrix3d pad_turn_stiffness() const;
+  Eigen::Matrix3d pad_turn_compliance() const;
+  Matrix6 pad_springs(const PadPose& pose, const Nodes& x, Vector6& gradient) const;
   Matrix6 pad_balance(const PadPose& pose, const Nodes& x, Vector6& gradient) const;
   PadPose pad_pose(const Nodes& x) const;
   void add_pad(const Nodes& x, Residual& out) const;
-  Eigen::MatrixXd pad_columns(const PadPose& pose) const;
+  Eigen::MatrixXd pad_columns(const PadPose& pose, bool shifts, bool turns) const;
+  Eigen::Matrix<double, 3, 2> pad_wrench(const PadPose& pose, const Nodes& x,
+                                         const Eigen::Vector3d& tip) const;
   void remember_pad(const Terms& terms);
   void prepare_constraint();
   void constrain(const Targets& miss, Eigen::Ref<Eigen::VectorXd> direction);
@@ -310,6 +315,14 @@ class ReferenceTissue : public Tissue<double> {
   void advance_columns(const Terms& terms);
   bool factor_columns(const Terms& terms);
   void hold_columns(const Eigen::Matrix3d& jaw, bool collapse);
+  // Of a pad (reference_pad_columns.cpp).
+  Eigen::Matrix<double, 3, 2> pad_miss(const PadPose& pose, const Nodes& x) const;
+  void hold_pad_columns(const Eigen::Matrix3d& jaw, bool collapse);
+  void compare_pads();
+  void prepare_pad_columns();
+  Eigen::Matrix3Xd pad_place_columns(const Terms& terms, Eigen::Index k) const;
+  void pad_column_loads(const Terms& terms, RightSides& nodes, Eigen::MatrixXd& grasp) const;
+  void finish_pad_columns(const Terms& terms);
   Eigen::Matrix3Xd node_columns(int node) const;
   Eigen::MatrixXd patch_columns() const;
   Eigen::MatrixXd grasp_target_columns(const Terms& terms) const;
@@ -323,6 +336,7 @@ class ReferenceTissue : public Tissue<double> {
   void clamp_loads(const Residual& same, RightSides& nodes, RightSides& modes,
                    Eigen::MatrixXd& grasp);
   void site_loads(const Terms& terms, RightSides& nodes, RightSides& modes) const;
+  void add_obstacle_load(const ColumnParameter& sphere, Eigen::Index k, RightSides& nodes) const;
   void for_each_follower(const std::function<void(ReferenceTissue&)>& fn);
   void condense_columns(const RightSides& modes, RightSides& nodes) const;
   void solve_columns(const Eigen::MatrixXd& grasp, RightSides& nodes,
@@ -340,6 +354,7 @@ class ReferenceTissue : public Tissue<double> {
   double slipped_ = 0;                                 ///< slip of the patch, summed [m]
   std::optional<Grasp> grasp_;
   Eigen::Vector3d pad_centre_ = Eigen::Vector3d::Zero();  ///< if it did not give way, of this step
+  std::optional<PadPose> led_pose_;  ///< of the base's pad, of a tissue that follows it
   Eigen::Vector3d held_force_ = Eigen::Vector3d::Zero();
   std::vector<Eigen::Vector3d> contact_forces_;
   std::string failure_;

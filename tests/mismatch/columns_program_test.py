@@ -51,7 +51,8 @@ def check_differences(program, folder):
 def check_refusals(program, folder):
     for columns, said in (
         ("colour", "colour: no parameter of that name"),
-        ("obstacle.radius", "obstacle.radius has no column: where nothing touches it"),
+        ("obstacle.radius", "obstacle.radius has no column: the scene has no obstacle"),
+        ("obstacle.stiffness@r=0", "r must be above 0"),
         ("inclusion[0].x", "inclusion[0].x: no parameter of that name"),
         ("poisson.nu,poisson.nu", "poisson.nu is named twice"),
         ("viscoelastic.g@time=1", 'viscoelastic.g: "time=1", allowed key=value with a number and a key of: tau'),

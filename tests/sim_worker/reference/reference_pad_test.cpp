@@ -219,10 +219,6 @@ TEST(GripPad, SavedStateGoesOnAsIfNothingHadHappened) {
 }
 
 TEST(GripPad, IsRefusedInOneLineWhereItCannotBe) {
-  const auto model = make_pad_model({});
-  ReferenceTissue tissue(model);
-  EXPECT_THAT([&] { tissue.carry_columns({{}}); },
-              testing::ThrowsMessage<Error>(testing::HasSubstr("HOLD_PAD has no derivatives")));
   Scene scene = make_reference_scene({});
   scene.config.mutable_tool()->mutable_grip()->set_shape(pb::GRIP_RECTANGLE);
   EXPECT_THAT([&] { make_surroundings(scene); },
