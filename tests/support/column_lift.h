@@ -28,7 +28,6 @@ struct Lift {
   Vector3d way = Vector3d(-0.003, -0.006, 0.02);
   int rest = 0;  ///< steps before the grasp
   int steps = 28;
-  double damping = 5;  ///< [1/s]
   double damping = 5;                             ///< [1/s]
   void (*effects)(pb::TissueEffects&) = nullptr;  ///< of the base
   std::optional<pb::Grip> pad = std::nullopt;
