@@ -2,11 +2,9 @@
 // changes only the lanes in which its effect is on; the others keep their bits, so that a lane does
 // not depend on its neighbours.
 
-namespace {
+#include "sim_worker/shell/shell_laws.inl"
 
-struct Stress {
-  Lane xx, xy, yy;  // force on the legs per length: second Piola-Kirchhoff stress x t / 2 [N/m]
-};
+namespace {
 
 inline Stress load_stress(const Real* p) {
   return {load(p), load(p + kLanes), load(p + 2 * kLanes)};
@@ -49,19 +47,9 @@ inline Stress add_stiffening(const Args& args, Stress e, Lane shear, Stress s, L
   return fma(scale, Stress{fnma(n, through, e.xx), e.xy, fnma(n, through, e.yy)}, s);
 }
 
-/// Energy per volume / (2 mu) of the law, |U - I|^2 / 2 + lambda / (4 mu) tr(U - I)^2, and of
-/// stiffening. With C = F^T F, delta = det U and tau = tr U as in corotated_stress():
-/// U = (C + delta I) / tau.
+/// Energy per volume / (2 mu) of the law and of stiffening.
 inline Lane matrix_energy(const Args& args, Stress c, Lane invariant) {
-  const Lane one = splat(Real{1});
-  const Lane delta = sqrt(max(fnma(c.xy, c.xy, c.xx * c.yy), splat(static_cast<Real>(1e-20))));
-  const Lane tau = sqrt(fma(splat(Real{2}), delta, c.xx + c.yy));
-  const Lane scale = one / tau;
-  const Stress u{fma(scale, c.xx + delta, splat(Real{-1})), scale * c.xy,
-                 fma(scale, c.yy + delta, splat(Real{-1}))};
-  const Lane trace = u.xx + u.yy;
-  const Lane half = splat(static_cast<Real>(0.5));
-  const Lane law = half * fma(load(args.effects.lateral) * trace, trace, square(u));
+  const Lane law = law_energy(args, c);
   const Lane eighth = splat(static_cast<Real>(0.125)) * load(args.effects.stiffening_scale);
   const Lane yeoh = fma(eighth * invariant, invariant, law);
   if (args.effects.exponential == 0) return yeoh;
@@ -146,7 +134,7 @@ inline Stress add_effects(const Args& args, Stress c, Lane shear, Stress s, int 
   return s;
 }
 
-/// End of a substep: memories of a triangle. `s` = corotated stress there.
+/// End of a substep: memories of a triangle. `s` = stress of the law there.
 inline void remember_triangle(const Args& args, Stress c, Lane shear, Stress s, int triangle) {
   const auto& fx = args.effects;
   const Stress e = green_strain(c);
@@ -162,6 +150,7 @@ inline void remember_triangle(const Args& args, Stress c, Lane shear, Stress s, 
     const Lane more = tangent + fma(splat(Real{2}) * exponent, grown.slope, grown.minus_one);
     tangent = select(to_mask(fx.exponential), more, tangent);
   }
+  if (args.law != ShellLaw::kCorotated) tangent = tangent + (law_tangent(args, c) - splat(Real{1}));
   store(fx.peak, max(load(fx.peak), tangent));
   if (fx.softening != 0) {
     Real* const memory = fx.energy_peak + kLanes * triangle;

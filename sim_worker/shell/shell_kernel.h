@@ -15,6 +15,9 @@ namespace omentum {
 /// Rows of a grasp: mean position, mean slope along x_B, along y_B (SheetPatch).
 inline constexpr int kPatchRows = 3;
 
+/// Of elasticity, all in plane stress (shell_laws.inl).
+enum class ShellLaw : std::int32_t { kCorotated, kNeoHooke, kStVenant };
+
 /// A triangle of a mesh at rest: its edges 1 - 0 and 2 - 0 times `inverse` give the legs of a right
 /// triangle of legs one pitch long, in the frame of the material.
 template <typename Real>
@@ -75,6 +78,7 @@ struct ShellArgs : ImplicitArgs<Real> {
   const BendStencil<Real>* stencil;  ///< the first ones are those of the nodes
   std::int32_t stencils;
   const BendEntry<Real>* bend_entry;
+  ShellLaw law;
   bool at_start;  ///< d is still the inertial displacement
   bool has_contact;
 

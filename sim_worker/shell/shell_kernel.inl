@@ -21,7 +21,6 @@ using Args = omentum::ShellArgs<Real>;
 #include "sim_worker/lanes/rigid_contact.inl"
 #include "sim_worker/shell/shell_bending.inl"
 #include "sim_worker/shell/shell_effects.inl"
-
 namespace {
 
 void start_substep(const Args& args) {
@@ -62,29 +61,15 @@ struct EdgeForces {
   Lane3 x, y;
 };
 
-/// Stress of a right triangle from p, q, r. With F = [e_x e_y] / pitch and F = R S:
-///   [p q; q r] = F^T F,  delta = det S,  tau = tr S,  S^-1 = [r + delta, -q; -q, p + delta] /
-///   (delta tau) dPsi/dF = 2 mu (F - R) + lambda (tau - 2) R = F (2 mu - k S^-1),  k = 2 mu -
-///   lambda (tau - 2)
-inline Stress corotated_stress(Lane p, Lane q, Lane r, Lane shear, Lane area) {
-  // 1e-20: a triangle squeezed to a line stays finite.
-  const Lane delta = sqrt(max(fnma(q, q, p * r), splat(static_cast<Real>(1e-20))));
-  const Lane two = splat(Real{2});
-  const Lane tau = sqrt(fma(two, delta, p + r));
-  const Lane k = fnma(area, tau - two, shear);
-  const Lane s = k / (delta * tau);
-  return {fnma(s, r + delta, shear), s * q, fnma(s, p + delta, shear)};
-}
-
 /// Forces along the two legs of a right triangle, from the legs themselves.
-template <bool kEffects>
+template <bool kEffects, ShellLaw kLaw>
 inline EdgeForces membrane(const Args& args, Lane3 ex, Lane3 ey, Lane shear, Lane area,
                            int triangle) {
   const Lane scale = load(args.effects.inverse_pitch2);
   const Lane p = scale * dot(ex, ex);
   const Lane q = scale * dot(ex, ey);
   const Lane r = scale * dot(ey, ey);
-  Stress s = corotated_stress(p, q, r, shear, area);
+  Stress s = law_stress<kLaw>(args, p, q, r, shear, area);
   if (kEffects) s = add_effects(args, {p, q, r}, shear, s, triangle);
   return {fma(s.xx, ex, s.xy * ey), fma(s.xy, ex, s.yy * ey)};
 }
@@ -93,7 +78,7 @@ inline EdgeForces membrane(const Args& args, Lane3 ex, Lane3 ey, Lane shear, Lan
 ///   e --xe-- c
 ///   ya      yb      even cells: (xa, yb) and (xe, ya);   odd cells: (xa, ya) and (xe, yb)
 ///   a --xa-- b
-template <bool kEffects>
+template <bool kEffects, ShellLaw kLaw>
 void add_membrane_forces(const Args& args) {
   Lane shear = load(args.effects.shear);
   Lane area = load(args.effects.area);
@@ -119,9 +104,10 @@ void add_membrane_forces(const Args& args) {
       const Lane3 ya = e - a;
       const Lane3 yb = c - b;
       const bool even = (ix + iy) % 2 == 0;
-      const EdgeForces low = membrane<kEffects>(args, xa, even ? yb : ya, shear, area, 2 * cell);
+      const EdgeForces low =
+          membrane<kEffects, kLaw>(args, xa, even ? yb : ya, shear, area, 2 * cell);
       const EdgeForces high =
-          membrane<kEffects>(args, xe, even ? ya : yb, shear, area, 2 * cell + 1);
+          membrane<kEffects, kLaw>(args, xe, even ? ya : yb, shear, area, 2 * cell + 1);
       const Lane3 left = even ? high.y : low.y;
       const Lane3 right = even ? low.y : high.y;
       store3(args.b + kNode * (begin + iy), force_a - low.x - left);
@@ -149,12 +135,12 @@ inline void for_each_mesh_triangle(const Args& args, Function&& fn) {
   }
 }
 
-template <bool kEffects>
+template <bool kEffects, ShellLaw kLaw>
 void add_mesh_forces(const Args& args) {
   for_each_mesh_triangle(args, [&](Lane3 leg_x, Lane3 leg_y, int t) {
     const Lane shear = load(args.effects.cell + 2 * kLanes * t);
     const Lane area = load(args.effects.cell + 2 * kLanes * t + kLanes);
-    const EdgeForces on = membrane<kEffects>(args, leg_x, leg_y, shear, area, t);
+    const EdgeForces on = membrane<kEffects, kLaw>(args, leg_x, leg_y, shear, area, t);
     const Real* const b = args.mesh[t].inverse;
     const Lane3 one = fma(splat(b[1]), on.y, splat(b[0]) * on.x);
     const Lane3 two = fma(splat(b[3]), on.y, splat(b[2]) * on.x);
@@ -168,11 +154,24 @@ void add_mesh_forces(const Args& args) {
   });
 }
 
-void add_membrane(const Args& args) {
+template <ShellLaw kLaw>
+void add_membrane_of(const Args& args) {
   if (args.mesh != nullptr) {
-    args.effects.membrane ? add_mesh_forces<true>(args) : add_mesh_forces<false>(args);
+    args.effects.membrane ? add_mesh_forces<true, kLaw>(args) : add_mesh_forces<false, kLaw>(args);
   } else {
-    args.effects.membrane ? add_membrane_forces<true>(args) : add_membrane_forces<false>(args);
+    args.effects.membrane ? add_membrane_forces<true, kLaw>(args)
+                          : add_membrane_forces<false, kLaw>(args);
+  }
+}
+
+void add_membrane(const Args& args) {
+  switch (args.law) {
+    case ShellLaw::kCorotated:
+      return add_membrane_of<ShellLaw::kCorotated>(args);
+    case ShellLaw::kNeoHooke:
+      return add_membrane_of<ShellLaw::kNeoHooke>(args);
+    case ShellLaw::kStVenant:
+      return add_membrane_of<ShellLaw::kStVenant>(args);
   }
 }
 
@@ -197,7 +196,10 @@ void remember_membrane(const Args& args) {
     const Lane p = scale * dot(ex, ex);
     const Lane q = scale * dot(ex, ey);
     const Lane r = scale * dot(ey, ey);
-    remember_triangle(args, {p, q, r}, shear, corotated_stress(p, q, r, shear, area), triangle);
+    Stress s = corotated_stress(p, q, r, shear, area);
+    if (args.law == ShellLaw::kNeoHooke) s = neo_hooke_stress(args, p, q, r, shear);
+    if (args.law == ShellLaw::kStVenant) s = st_venant_stress(p, q, r, shear, area);
+    remember_triangle(args, {p, q, r}, shear, s, triangle);
   };
   if (args.mesh != nullptr) {
     for_each_mesh_triangle(args, [&](Lane3 leg_x, Lane3 leg_y, int t) {
@@ -235,7 +237,8 @@ void remember_effects(const Args& args) {
   }
   if (fx.bonds != 0) remember_bonds(args);
   fade_push(fx);
-  if ((fx.prony | fx.slider | fx.stiffening | fx.softening) == 0) return;
+  const bool law = args.law != ShellLaw::kCorotated;
+  if (!law && (fx.prony | fx.slider | fx.stiffening | fx.softening) == 0) return;
   remember_membrane(args);
   if (fx.prony != 0) remember_bending(args);
 }

@@ -188,7 +188,7 @@ std::uint32_t ShellLaneEffects<Real>::begin_substep() {
   }
   std::uint32_t changed = 0;
   for (int lane = 0; lane < lanes_; ++lane) {
-    if ((args_.stiffening >> lane & 1U) == 0) continue;
+    if (!follows_law() && (args_.stiffening >> lane & 1U) == 0) continue;
     const int before = factor_key(lane);
     const auto peak = static_cast<double>(peak_[lane]);
     peak_seen_[lane] = std::isfinite(peak) ? std::max(1.0, peak) : 1;
@@ -209,7 +209,7 @@ std::vector<typename ShellLaneEffects<Real>::Memory> ShellLaneEffects<Real>::mem
     memory.push_back({&moment_branch_, branches * moments});
     memory.push_back({&moment_bias_, moments});
   }
-  if (v.stiffens()) memory.push_back({&peak_, 1});
+  if (v.stiffens() || follows_law()) memory.push_back({&peak_, 1});
   return memory;
 }
 

@@ -40,6 +40,8 @@ class ShellLaneEffects final : public LaneEffects<Real> {
   bool has_stiff_pull(const EffectValues& values) const;
   std::vector<Memory> memory_of(const EffectValues& values) const override;
   bool is_curved(const EffectValues& values) const;
+  /// Whether the factor follows the tangent of the law, which is not that at rest.
+  bool follows_law() const { return model_->law() != ShellLaw::kCorotated; }
   const ShellStructure& structure_of(int lane) const;
   void make_memory();
   void set_maps();

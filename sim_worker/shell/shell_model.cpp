@@ -73,9 +73,10 @@ double anchor_spring(const EffectValues& values, double membrane_stiffness, doub
 std::shared_ptr<const ShellTissueModel> make_shell_model(const Scene& scene, double control_period,
                                                          std::vector<std::string>&) {
   const pb::Tissue& tissue = scene.config.tissue();
-  if (tissue.material().law() != pb::LAW_COROTATED) {
-    throw_error("scene.tissue.material.law: {}, allowed for the model elastic: LAW_COROTATED",
-                pb::ElasticLaw_Name(tissue.material().law()));
+  if (tissue.material().law() == pb::LAW_STABLE_NEO_HOOKE) {
+    throw_error(
+        "scene.tissue.material.law: LAW_STABLE_NEO_HOOKE, allowed for the shell of the model "
+        "elastic: LAW_COROTATED, LAW_NEO_HOOKE, LAW_ST_VENANT_KIRCHHOFF");
   }
   if (!tissue.has_grid() && scene.sheet.triangles.empty()) {
     throw_error("scene.tissue: no grid, allowed for the shell of the model elastic: grid, sheet");
@@ -294,6 +295,17 @@ ShellStructure ShellTissueModel::make_structure(const EffectValues& values) cons
   }
   made.bending = plate_matrix(nodes(), stencils, made.plate);
   return made;
+}
+
+ShellLaw ShellTissueModel::law() const {
+  switch (material.law()) {
+    case pb::LAW_NEO_HOOKE:
+      return ShellLaw::kNeoHooke;
+    case pb::LAW_ST_VENANT_KIRCHHOFF:
+      return ShellLaw::kStVenant;
+    default:
+      return ShellLaw::kCorotated;
+  }
 }
 
 bool ShellTissueModel::is_curved() const {

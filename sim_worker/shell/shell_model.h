@@ -46,10 +46,10 @@ struct SheetPatch {
   std::vector<std::int32_t> inside;  ///< free nodes in the disc, ascending; else the nearest one
 };
 
-/// Immutable half of the elastic shell: corotated triangles, those of the grid sheet with
-/// alternating diagonals or those of a mesh (scene.tissue.sheet), plate bending along the normal
-/// (plate_stencils.h), material in SI units that does not depend on the step (docs/tissue.md 6).
-/// Safe to share by threads.
+/// Immutable half of the elastic shell: triangles of a law in plane stress, those of the grid sheet
+/// with alternating diagonals or those of a mesh (scene.tissue.sheet), plate bending along the
+/// normal (plate_stencils.h), material in SI units that does not depend on the step (docs/tissue.md
+/// 6). Safe to share by threads.
 struct ShellTissueModel : TissueModel, std::enable_shared_from_this<ShellTissueModel> {
   std::unique_ptr<Tissue<float>> make_tissue(const LaneKernel<float>& kernel) const override;
   std::unique_ptr<Tissue<double>> make_tissue(const LaneKernel<double>& kernel) const override;
@@ -74,6 +74,7 @@ struct ShellTissueModel : TissueModel, std::enable_shared_from_this<ShellTissueM
   double second_edge = 0;     ///< of the second clamp, or the upper end [m]
   bool on_soft_body = false;  ///< scene.soft_body, which ShellTissue::lie_on() names
 
+  ShellLaw law() const;
   int nodes() const { return static_cast<int>(body.particles.size()); }
   bool is_mesh() const { return !mesh.triangles.empty(); }
   int triangles() const {
@@ -160,7 +161,7 @@ void for_each_triangle(const ShellTissueModel& model, Function&& fn) {
   }
 }
 
-/// Makes the shell of the scene's grid or mesh sheet. Throws Error for another law than corotated.
+/// Makes the shell of the scene's grid or mesh sheet. Throws Error for the law of solids.
 std::shared_ptr<const ShellTissueModel> make_shell_model(const Scene& scene, double control_period,
                                                          std::vector<std::string>& warnings);
 

@@ -36,6 +36,7 @@ ShellTissue<Real>::ShellTissue(std::shared_ptr<const ShellTissueModel> model,
   args_.count_x = model_->count_x;
   args_.count_y = model_->count_y;
   args_.triangles = model_->triangles();
+  args_.law = model_->law();
   if (model_->is_mesh()) load_mesh();
   load_stencils();
   args_.fixed = body_.fixed.data();

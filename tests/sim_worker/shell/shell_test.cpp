@@ -407,7 +407,7 @@ TEST(Elastic, SecondOrderFollowsFastMotionMoreClosely) {
 TEST(Elastic, SceneThatDoesNotFitIsRefusedInOneLine) {
   std::vector<std::string> warnings;
   Scene scene = test::make_shell_scene({});
-  scene.config.mutable_tissue()->mutable_material()->set_law(pb::LAW_NEO_HOOKE);
+  scene.config.mutable_tissue()->mutable_material()->set_law(pb::LAW_STABLE_NEO_HOOKE);
   EXPECT_THROW(make_shell_model(scene, 0.02, warnings), Error);
   scene = test::make_shell_scene({});
   scene.config.mutable_tissue()->mutable_volume();
