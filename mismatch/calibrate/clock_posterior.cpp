@@ -150,7 +150,7 @@ ClockPosterior integrate_clock(ReferenceFit& fit, const std::vector<Prediction>&
                                const FitState& state, const ArrowStep& sure) {
   constexpr double kFarthest = 3;  // standard deviations of the belief
   constexpr double kFirst = 0.6;   // of the standard deviation by curvature
-  constexpr int kSteps = 4;        // of Gauss and Newton, from a neighbour
+  constexpr int kSteps = 8;        // of Gauss and Newton, from a neighbour
   const NoiseModel noise = fit.noise;
   const FitAt fit_at = [&](double clock, const FitState& from) {
     Node node{clock, 0, from, {}};

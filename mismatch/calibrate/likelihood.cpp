@@ -225,36 +225,51 @@ void Likelihood::add_frame(const Observation& seen, const SeenFrame& frame,
       block.cost += cost_of(far * far, noise.freedom);
       continue;
     }
-    if (const std::optional<RayHit> hit = surface_.cast(p)) {
-      row.triangle = hit->triangle;
-      row.share = hit->share;
-      row.normal = surface_.normal(hit->triangle);
-      const double cosine = row.normal.dot(d);
-      const double flat = std::copysign(std::max(std::fabs(cosine), kEdgeOn), cosine);
-      row.e = (p - seen.p_WC).norm() - hit->range;
+    const std::optional<RayHit> hit = surface_.cast(p);
+    // A ray that passes the surface counts by its range against the face at the edge, continued, as
+    // one that just meets it does, and by how far it passes: a body too small must not look better.
+    RayHit met;
+    Vector3d off = Vector3d::Zero();
+    if (hit) {
+      met = *hit;
+    } else {
+      constexpr double kInside = 1e-5;  // [m] of the edge: which of its faces the camera sees
+      const TrianglePoint miss = surface_.nearest_to_ray(p, noise.reach);
+      const TrianglePoint& edge = miss.triangle < 0 ? near : miss;
+      met = {edge.triangle, edge.share, 0};
+      row.place = surface_.at(met);
+      off = p - row.place;
+      const Vector3d w = (off - off.dot(d) * d).normalized();
+      if (const auto face = surface_.cast(row.place - kInside * w)) met = *face;
+    }
+    row.triangle = met.triangle;
+    row.share = met.share;
+    row.normal = surface_.normal(row.triangle);
+    const double cosine = row.normal.dot(d);
+    const double flat = std::copysign(std::max(std::fabs(cosine), kEdgeOn), cosine);
+    const double slope = 1 / (flat * flat) - 1;  // tan^2
+    row.sd_factor =
+        std::sqrt(1 + slope * noise.lateral * noise.lateral / (noise.sigma * noise.sigma));
+    // In front of another part of the body: then it is that part's edge that was seen.
+    const double limit = noise.reach / std::max(std::fabs(cosine), kEdgeOn);
+    if (hit) {
+      row.e = std::clamp((p - seen.p_WC).norm() - hit->range, -limit, limit);
       row.along = row.normal / flat;
-      const double slope = 1 / (flat * flat) - 1;  // tan^2
-      row.sd_factor =
-          std::sqrt(1 + slope * noise.lateral * noise.lateral / (noise.sigma * noise.sigma));
-      // In front of another part of the body: then it is that part's edge that was seen.
-      const double limit = noise.reach / std::max(std::fabs(cosine), kEdgeOn);
-      row.e = std::clamp(row.e, -limit, limit);
+      row.place = surface_.at(met);
       block.deviation.push_back(row.e / row.sd_factor);
       ++block.hits;
-    } else {
-      const Vector3d c = surface_.at(near.triangle, near.share);
-      Vector3d w = p - c;
-      w -= w.dot(d) * d;
-      row.e = w.norm();
-      if (!(row.e > 1e-9)) continue;
-      row.triangle = near.triangle;
-      row.share = near.share;
-      row.normal = surface_.normal(near.triangle);
-      row.along = w / row.e;
-      row.sd_factor = std::hypot(1, noise.lateral / noise.sigma);
-      ++block.beside;
+      add_row(row, predicted, lift, layout, noise, block);
+      continue;
     }
-    row.place = surface_.at(row.triangle, row.share);
+    row.e = std::clamp(off.dot(row.normal) / flat, -limit, limit);
+    row.along = row.normal / flat;
+    ++block.beside;
+    add_row(row, predicted, lift, layout, noise, block);
+    const Vector3d w = off - off.dot(d) * d;
+    row.e = w.norm();
+    if (!(row.e > 1e-9)) continue;
+    row.along = w / row.e;
+    row.sd_factor = std::hypot(1, noise.lateral / noise.sigma);
     add_row(row, predicted, lift, layout, noise, block);
   }
   // Places that should be seen and were not.

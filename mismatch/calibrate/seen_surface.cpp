@@ -3,6 +3,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <map>
 
 namespace omentum {
@@ -134,6 +135,47 @@ bool SeenSurface::sees(int vertex) const {
 
 TrianglePoint SeenSurface::nearest(const Vector3d& q, double reach) const {
   return search_.find(q, vertices_, reach);
+}
+
+TrianglePoint SeenSurface::nearest_to_ray(const Vector3d& q, double reach) const {
+  TrianglePoint best;
+  const std::optional<Vector2d> place = project(q);
+  if (!place || nearest(q, reach).triangle < 0) return best;
+  const int x = cell_of(place->x(), 0), y = cell_of(place->y(), 1);
+  double least = std::numeric_limits<double>::infinity();  // in the picture
+  const auto look = [&](int column, int row) {
+    if (column < 0 || row < 0 || column >= kCells || row >= kCells) return;
+    for (const int t : cells_[static_cast<std::size_t>(row * kCells + column)]) {
+      const Vector3i& corner = triangles_[static_cast<std::size_t>(t)];
+      for (int k = 0; k < 3; ++k) {
+        const int from = k, to = (k + 1) % 3;
+        const Vector2d a = *project(vertices_[static_cast<std::size_t>(corner[from])]);
+        const Vector2d b = *project(vertices_[static_cast<std::size_t>(corner[to])]);
+        const Vector2d ab = b - a;
+        const double share =
+            std::clamp((*place - a).dot(ab) / std::max(ab.squaredNorm(), 1e-30), 0.0, 1.0);
+        const double distance = (*place - a - share * ab).norm();
+        if (!(distance < least)) continue;
+        least = distance;
+        best.triangle = t;
+        best.share = Vector3d::Zero();
+        best.share[from] = 1 - share;
+        best.share[to] = share;
+      }
+    }
+  };
+  // Rings of cells until no nearer edge can come.
+  for (int ring = 0; ring < kCells && least > (ring - 1) * step_.minCoeff(); ++ring) {
+    for (int i = -ring; i <= ring; ++i) {
+      look(x + i, y - ring);
+      if (ring > 0) look(x + i, y + ring);
+      if (std::abs(i) == ring) continue;
+      look(x - ring, y + i);
+      look(x + ring, y + i);
+    }
+  }
+  if (best.triangle >= 0) best.squared = (q - at(best.triangle, best.share)).squaredNorm();
+  return best;
 }
 
 Vector3d SeenSurface::at(int triangle, const Vector3d& share) const {

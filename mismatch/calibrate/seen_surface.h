@@ -38,6 +38,9 @@ class SeenSurface {
   std::optional<Eigen::Vector2d> project(const Eigen::Vector3d& p_W) const;
   /// Nearest point of the surface; triangle -1: none within `reach` [m].
   TrianglePoint nearest(const Eigen::Vector3d& q, double reach) const;
+  /// Of a ray through q that misses the surface, the point of the edge that it passes nearest in
+  /// the picture. Triangle -1: no surface within `reach` of q [m].
+  TrianglePoint nearest_to_ray(const Eigen::Vector3d& q, double reach) const;
 
   const std::vector<Eigen::Vector3i>& triangles() const { return triangles_; }
   const std::vector<Eigen::Vector3d>& vertices() const { return vertices_; }

@@ -191,6 +191,35 @@ TEST(Likelihood, ASheetThatIsSeenLargerThanSimulatedIsPulledOutwards) {
   EXPECT_GT(block.beside, 5U);
 }
 
+TEST(Likelihood, ARayThatSlipsOffTheEdgeChangesNothingAtOnce) {
+  Case c;
+  Likelihood likelihood(c.sheet.triangles, c.sheet.vertices, c.sheet.uv, Vector3d::Zero());
+  const VectorXd zero = VectorXd::Zero(c.layout.size());
+  constexpr double kStep = 1e-6;  // [m]
+  for (const double off : {-0.002, 0.002}) {
+    // Two standard deviations before or behind the face, near its edge at x = 40 mm.
+    const double x = 0.0397, y = 0.011;
+    Vector3d p(x, y, 4 * x * y + 3 * x * x + kThick / 2);
+    p += off * (p - c.seen.p_WC).normalized();
+    c.seen.frames[0].points = {p};
+    double before = 0, largest = 0;
+    std::size_t hits = 0, beside = 0;
+    for (int k = 0; k < 700; ++k) {  // the body slides away under the ray
+      Registration6 registration;
+      registration.shift.x() = -k * kStep;
+      const Block block =
+          likelihood.compare(c.seen, c.prediction, c.layout, registration, zero, c.noise, false);
+      if (k > 0) largest = std::max(largest, std::fabs(block.cost - before));
+      before = block.cost;
+      hits += block.hits;
+      beside += block.beside;
+    }
+    EXPECT_GT(hits, 100U);
+    EXPECT_GT(beside, 100U);
+    EXPECT_LT(largest, 0.02) << "the whole row counts 1.7";
+  }
+}
+
 TEST(ArrowSystem, IsTheDenseSystem) {
   Layout layout{1, 0};
   const int n = layout.size(), s = layout.shared(), o = layout.own();

@@ -6,6 +6,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <memory>
+#include <random>
 
 #include "core/config.h"
 #include "core/constants.h"
@@ -122,11 +124,13 @@ struct Fitted {
     frame.tip = seen.p_WC;
     const Registration6 registration{Vector3d::Zero(), turned};
     SeenFrame cloud;
+    std::mt19937 random(1);
     const std::size_t half = frame.vertices.size() / 2;
     for (std::size_t i = 0; i < half; ++i) {
-      // Along the ray, some way to and fro.
+      // Along the ray, some way to and fro; not the same way all along an edge.
       const Vector3d d = frame.vertices[i] - seen.p_WC;
-      const Vector3d p = d * (1 + 2e-3 * std::sin(7.3 * static_cast<double>(i)));
+      const double share = static_cast<double>(random()) / 0x1p32;
+      const Vector3d p = d * (1 + 4e-3 * (share - 0.5));
       cloud.points.push_back(seen.p_WC + registration.rotation() * p);
     }
     for (std::size_t k = 0; k < kFrames; ++k) {
