@@ -82,15 +82,27 @@ inline Scene make_second_order_scene(const SecondOrder& c) {
     inclusion.set_stiffness_change(disc[3]);
   }
   if (c.has("compliance")) effects.set_grasp_compliance_m_per_n(c.values.at("compliance")[0]);
+  if (c.has("pad")) {
+    const std::vector<double>& pad = c.values.at("pad");
+    pb::Grip& grip = *scene.config.mutable_tool()->mutable_grip();
+    grip.set_hold(pb::HOLD_PAD);
+    grip.set_shape(pb::GRIP_RECTANGLE);
+    grip.set_half_x_m(pad[2]);
+    grip.set_half_y_m(pad[3]);
+    if (c.has("turn_compliance"))
+      grip.set_turn_compliance_rad_per_n_m(c.values.at("turn_compliance")[0]);
+    scene.config.mutable_tool()->set_roll_deg(90);  // x_C along x_W
+  }
   if (c.has("anchor_compliance"))
     effects.mutable_anchor()->set_compliance_m2_per_n(c.values.at("anchor_compliance")[0]);
   return scene;
 }
 
+/// Of a pad the radius says nothing.
 inline std::vector<PinchCircle> pinches_of(const SecondOrder& c) {
-  if (!c.has("disc")) return {};
-  const std::vector<double>& disc = c.values.at("disc");
-  return {{{disc[0], disc[1]}, disc[2]}};
+  if (!c.has("disc") && !c.has("pad")) return {};
+  const std::vector<double>& grip = c.values.at(c.has("disc") ? "disc" : "pad");
+  return {{{grip[0], grip[1]}, grip[2]}};
 }
 
 struct StaticState {
@@ -105,11 +117,10 @@ StaticState settle(const SecondOrder& c, double period, Tissue<double>& tissue,
                    const PointOf& point) {
   Vector3d tip(0, 0, 1);
   Vector3d way = Vector3d::Zero();
-  if (c.has("disc")) {
-    const std::vector<double>& disc = c.values.at("disc");
-    tip = Vector3d(disc[0], disc[1], 0);
+  for (const PinchCircle& grip : pinches_of(c)) {
+    tip = Vector3d(grip.centre.x(), grip.centre.y(), 0);
     way = c.vector("lift");
-    tissue.hold(0, tip, disc[2], false);
+    tissue.hold(0, tip, grip.radius, false);
   }
   std::vector<Vector3d> last;
   const auto moves = [&] {
