@@ -117,11 +117,11 @@ TEST(Columns, OfForceAndMomentOnAPadAreTheirDifferences) {
 /// Of a wide sphere above, which the sheet meets as it rises; damped so that it does not bounce.
 Lift under_sphere() {
   Lift lift{"obstacle"};
-  lift.way = Vector3d(-0.003, -0.006, 0.012);
+  lift.way = Vector3d(-0.003, -0.006, 0.014);
   lift.damping = 40;
   lift.obstacle.emplace();
   lift.obstacle->size.setConstant(0.03);
-  lift.obstacle->X_WS.translation() = Vector3d(0, 0.004, 0.0335);
+  lift.obstacle->X_WS.translation() = Vector3d(0.012, 0.012, 0.0365);
   return lift;
 }
 
