@@ -138,6 +138,7 @@ class Learner {
 
   LearnerStatus status_;                                                   ///< as published last
   bool stop_wanted_ = false, paused_ = false, evaluation_wanted_ = false;  ///< by an operator
+  std::uint64_t drain_asked_ = 0;  ///< request for a worker that is not known
 
   std::uint64_t physics_ticks_ = 0;
   double log_prob_check_max_ = 0;

@@ -1,4 +1,6 @@
 // What operators ask of a running learner (topic control/command).
+#include <utility>
+
 #include "core/log.h"
 #include "learner/learner.h"
 
@@ -52,10 +54,12 @@ void Learner::obey(const ControlCommand& command) {
                                      on ? "on" : "off"));
     }
     case ControlAction::kDrain:
-      // The worker itself answers, if there is one.
+      // The worker itself answers, if there is one. One that has just begun need not be known here
+      // yet: that there is none is said when the command comes again.
       for (const WorkerStatus& worker : bus_->worker_statuses()) {
         if (worker.worker_id == command.worker_id) return;
       }
+      if (std::exchange(drain_asked_, command.request) != command.request) return;
       return bus_->reply(command, false, fmt::format("no worker {} is alive", command.worker_id));
   }
 }

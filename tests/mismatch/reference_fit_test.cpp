@@ -333,13 +333,13 @@ TEST(IntegrateClock, WhatRestsSaysNothing) {
 
 TEST(Simulate, AnErrorIsAFailureOfThatState) {
   Fitted c;
-  // Has no derivatives, which the simulation says before its first command.
+  // Its place has no derivative, which the simulation says before its first command.
   c.fit->scene.mutable_tool()->mutable_grip()->set_hold(pb::HOLD_PAD);
   const auto predictions =
       c.fit->simulate(c.at, {pb::TISSUE_REFERENCE, {4, 4, 1}, 1}, Columns::kFresh, c.which);
   EXPECT_EQ(predictions[0].frames.size(), Fitted::kFrames);
   EXPECT_EQ(count_valid(predictions[0]), 0);
-  EXPECT_THAT(predictions[0].failure, testing::HasSubstr("HOLD_PAD"));
+  EXPECT_THAT(predictions[0].failure, testing::HasSubstr("size of a pad"));
   const NoiseModel noise = c.fit->noise;
   EXPECT_GT(c.fit->cost(predictions, c.at, c.which, c.at, noise),
             c.fit->cost(c.predictions, c.at, c.which, c.at, noise));
