@@ -314,9 +314,11 @@ bool Writer::wait_for_acknowledgments(std::int64_t timeout_ns) const {
 }
 
 Reader::Reader(const Participant& participant, const Topic& topic, const EndpointUse& use)
-    : subscriber_(make_group(participant, use, false)), name_(topic.spec().name) {
+    : subscriber_(make_group(participant, use, false)),
+      name_(topic.spec().name),
+      limited_(use.max_samples > 0 && topic.spec().history == History::kKeepAll) {
   const Qos qos = reader_qos(topic.spec(), use);
-  if (use.max_samples > 0 && topic.spec().history == History::kKeepAll) {
+  if (limited_) {
     dds_topic_filter open_until_closing{};
     open_until_closing.mode = DDS_TOPIC_FILTER_SAMPLEINFO_ARG;
     open_until_closing.f.sampleinfo_arg = [](const dds_sample_info_t*, void* closing) {
@@ -335,6 +337,7 @@ Reader::Reader(const Participant& participant, const Topic& topic, const Endpoin
 }
 
 Reader::~Reader() {
+  if (!limited_) return;
   closing_ = true;
   // What waits for room in a full cache is dropped as soon as there is some.
   while (true) {

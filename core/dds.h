@@ -153,8 +153,8 @@ class Reader {
   Reader(const Participant& participant, const Topic& topic, const EndpointUse& use);
   Reader(const Reader&) = delete;
   Reader& operator=(const Reader&) = delete;
-  /// Drops what still arrives: one that is full when it goes would hold up the threads of the
-  /// library for as long as a flood lasts, and with them everything that goes after it.
+  /// One with a limit drops what still arrives: full when it goes, it would hold up the threads of
+  /// the library for as long as a flood lasts, and with them everything that goes after it.
   ~Reader();
   /// Calls fn(sample, info) for up to `limit` samples and returns their number. Samples are on
   /// loan: they live until fn returns and go back even when it throws.
@@ -174,6 +174,7 @@ class Reader {
   Entity entity_;
   Entity condition_;
   std::string name_;
+  bool limited_ = false;                                 ///< can be full
   std::atomic<bool> closing_{false};                     ///< seen by the filter of its topic
   std::map<std::uint64_t, std::uint64_t> participants_;  ///< of the writers seen
 
