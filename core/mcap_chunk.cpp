@@ -13,7 +13,7 @@
 namespace omentum::mcap {
 namespace {
 
-constexpr int kZstdLevel = 1;  // raw depth: as small as with 3, and 2.8 times as fast
+constexpr int kZstdLevel = 1;  // raw depth: 2.4 times as fast as 3, 6 % larger
 /// No block of LZ4 unpacks to more than this many times its size.
 constexpr std::uint64_t kMostLz4Ratio = 256;
 

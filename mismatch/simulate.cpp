@@ -203,7 +203,7 @@ SimulatedRecording simulate_recording(const TissueModel& model, const Arm& arm,
   bool held = start.held.has_value();
   if (held) hold_at_start(*tissue, *start.held);
   if (start.from_rest) result.start_speed = settle(*tissue, held ? start.held->position : tip);
-  // Columns of the velocity begin too where it is zero; tissue from rest has no other.
+  // With a velocity of zero, too: there its columns begin.
   if (!start.velocity.isZero(0) || (reference != nullptr && !held))
     start_moving(*tissue, start.velocity);
   if (!tissue->healthy(0)) {
