@@ -129,8 +129,8 @@ ReferenceTissue::Nodes ReferenceTissue::clamp_forces() const {
   return force;
 }
 
-/// The same of a clamp that is no longer rigid: its nodes hang on springs (release_anchors), so to
-/// first order they give way by what they carry over the spring, and the free ones follow.
+/// The same of a clamp that is no longer rigid: to first order its nodes give way on their bed, or
+/// their springs, by what they carry (release_anchors), and the free ones follow.
 void ReferenceTissue::clamp_loads(const Residual& same, RightSides& nodes, RightSides& modes,
                                   MatrixXd& grasp) {
   constexpr double kStep = 1e-7;  // [m] far below what the elements are linear over
@@ -140,12 +140,13 @@ void ReferenceTissue::clamp_loads(const Residual& same, RightSides& nodes, Right
     const ColumnParameter& p = c.parameters[k];
     if (p.kind != ColumnKind::kClampGive && p.kind != ColumnKind::kClampFree) continue;
     if (force.empty()) force = clamp_forces();
+    Nodes give = p.kind == ColumnKind::kClampGive ? model_->bed_give(force) : force;
     double most = 0;
     for (std::size_t i = 0; i < force.size(); ++i) {
       if (model_->unknown[i] >= 0) continue;
-      c.rest.col(k).segment<3>(3 * static_cast<Eigen::Index>(i)) =
-          -model_->clamp_compliance(i, p.kind == ColumnKind::kClampFree, p.place.x()) * force[i];
-      most = std::max(most, c.rest.col(k).segment<3>(3 * static_cast<Eigen::Index>(i)).norm());
+      if (p.kind == ColumnKind::kClampFree) give[i] *= model_->piece_compliance(i, p.place.x());
+      c.rest.col(k).segment<3>(3 * static_cast<Eigen::Index>(i)) = -give[i];
+      most = std::max(most, give[i].norm());
     }
     if (!(most > 0)) continue;
     const double step = kStep / most;

@@ -115,6 +115,13 @@ void ReferenceEffects::reset(const Vector3d& offset) {
     bond_place_[i] = model_->body.X_WB * model_->nodes[i] + offset;
     bond_longest_[i] = 0;
   }
+  bed_longest_.assign(model_->bed.size(), 0);
+  bed_place_.assign(model_->bed.size(), offset);
+  for (std::size_t k = 0; k < bed_place_.size(); ++k) {
+    const BedPoint& point = model_->bed[k];
+    for (int a = 0; a < 4; ++a)
+      bed_place_[k] += point.share[a] * (model_->body.X_WB * model_->nodes[point.node[a]]);
+  }
 }
 
 void ReferenceEffects::begin(double h, const Nodes& x, const Nodes& v, const Nodes& x_tilde,
@@ -176,13 +183,22 @@ void ReferenceEffects::begin(double h, const Nodes& x, const Nodes& v, const Nod
 
 double ReferenceEffects::bond_stiffness(std::size_t i) const {
   if (bond_longest_[i] < 0) return 0;
-  if (!model_->is_anchor.empty() && model_->is_anchor[i] != 0) {
-    const double limit = values_.anchor_break;
-    return model_->anchor[i] * (limit > 0 ? cohesive_share(bond_longest_[i], limit) : 1);
-  }
+  if (!model_->is_anchor.empty() && model_->is_anchor[i] != 0) return model_->anchor[i];
   const double part = sticking_.empty() ? 1 : sticking_[i];
   return values_.adhesion * part * model_->face_area[i] *
          cohesive_share(bond_longest_[i], values_.adhesion_break);
+}
+
+double ReferenceEffects::bed_stiffness(std::size_t k) const {
+  const double limit = values_.anchor_break;
+  return model_->bed[k].stiffness * (limit > 0 ? cohesive_share(bed_longest_[k], limit) : 1);
+}
+
+Vector3d ReferenceEffects::bed_stretch(std::size_t k, const Nodes& x) const {
+  const BedPoint& point = model_->bed[k];
+  Vector3d off = -bed_place_[k];
+  for (int a = 0; a < 4; ++a) off += point.share[a] * x[static_cast<std::size_t>(point.node[a])];
+  return off;
 }
 
 void ReferenceEffects::for_each_force(
@@ -198,6 +214,16 @@ void ReferenceEffects::for_each_force(
     if (!(k > 0)) continue;
     const Vector3d off = x[i] - bond_place_[i];
     fn(static_cast<int>(i), 0.5 * k * off.squaredNorm(), k * off, k * Matrix3d::Identity());
+  }
+  for (std::size_t p = 0; p < bed_place_.size(); ++p) {
+    const double k = bed_stiffness(p);
+    if (!(k > 0)) continue;
+    const BedPoint& point = model_->bed[p];
+    const Vector3d off = bed_stretch(p, x);
+    for (int a = 0; a < 4; ++a) {
+      const double share = point.share[a];
+      fn(point.node[a], 0.5 * k * share * off.squaredNorm(), k * share * off, Matrix3d::Zero());
+    }
   }
   const Vector3d push(values_.push_x, values_.push_y, values_.push_z);
   for (const Pulled& p : pulled_) {
@@ -240,6 +266,8 @@ void ReferenceEffects::remember(const Nodes& x,
     if (bond_longest_[i] < 0) continue;
     bond_longest_[i] = std::max(bond_longest_[i], (x[i] - bond_place_[i]).norm());
   }
+  for (std::size_t k = 0; k < bed_longest_.size(); ++k)
+    bed_longest_[k] = std::max(bed_longest_[k], bed_stretch(k, x).norm());
   if (!(values_.adhesion > 0)) return;
   for (const FaceNode& face : model_->face_nodes) {
     const int i = face.node;
@@ -254,7 +282,7 @@ void ReferenceEffects::remember(const Nodes& x,
 
 std::size_t ReferenceEffects::saved_size(const EffectValues& v) const {
   return (v.has_memory() ? model_->batches() * sizeof(HexMemory) / sizeof(double) : 0) +
-         (bonds(v) ? 4 * model_->nodes.size() : 0) + (v.pull > 0 ? 1 : 0);
+         (bonds(v) ? 4 * model_->nodes.size() : 0) + 4 * model_->bed.size() + (v.pull > 0 ? 1 : 0);
 }
 
 void ReferenceEffects::save(std::vector<double>& out) const {
@@ -263,6 +291,8 @@ void ReferenceEffects::save(std::vector<double>& out) const {
     out.insert(out.end(), first, first + memory_.size() * sizeof(HexMemory) / sizeof(double));
   }
   if (values_.pull > 0) out.push_back(push_left_);
+  for (const Vector3d& p : bed_place_) out.insert(out.end(), p.data(), p.data() + 3);
+  out.insert(out.end(), bed_longest_.begin(), bed_longest_.end());
   if (!bonds(values_)) return;
   for (const Vector3d& p : bond_place_) out.insert(out.end(), p.data(), p.data() + 3);
   out.insert(out.end(), bond_longest_.begin(), bond_longest_.end());
@@ -276,6 +306,12 @@ void ReferenceEffects::load(std::span<const double> in) {
     next += count;
   }
   if (values_.pull > 0) push_left_ = *next++;
+  for (Vector3d& p : bed_place_) {
+    std::copy(next, next + 3, p.data());
+    next += 3;
+  }
+  std::copy(next, next + bed_longest_.size(), bed_longest_.begin());
+  next += bed_longest_.size();
   if (!bonds(values_)) return;
   for (Vector3d& p : bond_place_) {
     std::copy(next, next + 3, p.data());

@@ -35,7 +35,10 @@ class ReferenceEffects {
   const HexEffects* of_batch(std::size_t batch) const {
     return material_.empty() ? nullptr : &material_[batch];
   }
-  /// Calls fn(node, energy, gradient, stiffness) for every force on a node at positions x.
+  /// Present stiffness of a point of the clamp's bed [N/m].
+  double bed_stiffness(std::size_t point) const;
+  /// Calls fn(node, energy, gradient, stiffness) for every force on a node at positions x; the
+  /// stiffness of the bed, which couples nodes, is none of a node's.
   void for_each_force(
       const Nodes& x,
       const std::function<void(int node, double energy, const Eigen::Vector3d& gradient,
@@ -63,6 +66,7 @@ class ReferenceEffects {
   bool bonds(const EffectValues& v) const;
   void place_pull();
   double bond_stiffness(std::size_t node) const;
+  Eigen::Vector3d bed_stretch(std::size_t point, const Nodes& x) const;
 
   std::shared_ptr<const ReferenceTissueModel> model_;
   EffectValues values_;
@@ -71,6 +75,8 @@ class ReferenceEffects {
   std::vector<HexMemory> memory_;
   Nodes bond_place_;                  ///< fixed end of the spring in W [m]
   std::vector<double> bond_longest_;  ///< longest stretch so far [m], -1 = no spring
+  Nodes bed_place_;                   ///< of each point of the bed at rest, in W [m]
+  std::vector<double> bed_longest_;   ///< longest stretch so far [m]
   Nodes start_;                       ///< positions at the start of the step
   std::vector<double> sticking_;      ///< per node: share of it that adheres; empty = all of all
   std::vector<Pulled> pulled_;

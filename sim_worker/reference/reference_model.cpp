@@ -10,6 +10,7 @@
 #include "core/constants.h"
 #include "core/machine_memory.h"
 #include "core/trig.h"
+#include "sim_worker/reference/reference_clamp.h"
 #include "sim_worker/reference/reference_tissue.h"
 #include "sim_worker/tissue/effect_laws.h"
 
@@ -88,55 +89,6 @@ std::vector<double> graded_lines(double from, double to, int count, double size,
   }
   lines.push_back(to);
   return lines;
-}
-
-/// What of the clamp's edge a clamped node carries, beside those above it and in the other row.
-struct ClampPart {
-  double middle = 0, half_width = 0;  ///< x_B [m]
-  double rows = 1, layers = 1;
-};
-ClampPart clamp_part(const ReferenceTissueModel& model, std::size_t node) {
-  const std::vector<double>& xs = model.lines[0];
-  const auto ix = (node / model.lines[2].size()) % xs.size();
-  const double y = model.lines[1][node / model.lines[2].size() / xs.size()];
-  const bool strip =
-      y > model.clamp_edge + kSameLine ? model.has_second_strip() : model.has_strip();
-  const double left = ix > 0 ? 0.5 * (xs[ix] - xs[ix - 1]) : 0;
-  const double right = ix + 1 < xs.size() ? 0.5 * (xs[ix + 1] - xs[ix]) : 0;
-  return {xs[ix] + 0.5 * (right - left), 0.5 * (left + right), strip ? 2.0 : 1.0,
-          static_cast<double>(model.lines[2].size())};
-}
-
-/// Clamped nodes that the effects of the anchor release get springs, as in the shell: a node that
-/// is detached in part that of a grasp that covers it in part.
-void release_anchors(ReferenceTissueModel& model) {
-  const EffectValues& effects = model.effects;
-  if (!effects.moves_anchor()) return;
-  model.is_anchor.assign(model.nodes.size(), 0);
-  model.anchor.assign(model.nodes.size(), 0);
-  bool held = false;
-  for (std::size_t i = 0; i < model.nodes.size(); ++i) {
-    if (model.unknown[i] >= 0) continue;
-    const ClampPart part = clamp_part(model, i);
-    const double detached = detached_share(effects, part.middle, part.half_width);
-    if (effects.anchor_compliance > 0) {
-      model.anchor[i] = (1 - detached) * 2 * part.half_width /
-                        (effects.anchor_compliance * part.rows * part.layers);
-    } else if (detached > 0) {
-      model.anchor[i] = model.material.young_modulus_pa() * model.body.thickness / part.layers *
-                        (1 - detached) / detached;
-    } else {
-      held = true;
-      continue;
-    }
-    held = held || model.anchor[i] > 0;
-    model.unknown[i] = 0;
-    model.is_anchor[i] = 1;
-  }
-  if (!held) {
-    throw_error("scene.tissue.effects.anchor: {} ... {} m detaches the whole clamp, allowed less",
-                effects.anchor_free_from, effects.anchor_free_to);
-  }
 }
 
 /// Map from the box to the stress-free shape at every Gauss point (HexRest): that of the thickness
@@ -388,16 +340,15 @@ void place_blocks(ReferenceTissueModel& model) {
       for (int b = 0; b <= a; ++b) *place++ = place_block(model, element.node[a], element.node[b]);
     }
   }
+  for (const BedPoint& point : model.bed) {
+    auto place = model.bed_blocks.emplace_back().begin();
+    for (int a = 0; a < 4; ++a) {
+      for (int b = 0; b <= a; ++b) *place++ = place_block(model, point.node[a], point.node[b]);
+    }
+  }
 }
 
 }  // namespace
-
-double ReferenceTissueModel::clamp_compliance(std::size_t node, bool piece, double x) const {
-  const ClampPart part = clamp_part(*this, node);
-  if (!piece) return part.rows * part.layers / (2 * part.half_width);
-  if (!(std::fabs(x - part.middle) <= part.half_width)) return 0;
-  return part.layers / (material.young_modulus_pa() * body.thickness * 2 * part.half_width);
-}
 
 std::unique_ptr<Tissue<float>> ReferenceTissueModel::make_tissue(const LaneKernel<float>&) const {
   throw_error(

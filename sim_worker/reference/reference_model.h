@@ -65,6 +65,16 @@ struct GraspPad {
   std::vector<std::int32_t> particles;  ///< grid particles under it, ascending, never empty
 };
 
+/// A Gauss point of the bed under a clamp that gives way: on one grid line across, between two rows
+/// and two layers of its nodes. Of a clamp without a strip the rows are one, the shares of the
+/// second zero.
+struct BedPoint {
+  std::array<int, 4> node{};
+  std::array<double, 4> share{};
+  double length = 0;     ///< of the clamp that it bears [m]
+  double stiffness = 0;  ///< [N/m]
+};
+
 /// Model of the converged solid (docs/tissue.md 13): a sheet of the grid maker as a box of bricks,
 /// thickness_m thick, its mid-surface through the particles; particle_radius_m does not apply. A
 /// grid line lies on the edge of each clamp, y_B = anchor_max_y_m and anchor_min_y_m; material
@@ -134,14 +144,20 @@ struct ReferenceTissueModel : TissueModel, std::enable_shared_from_this<Referenc
   std::vector<HexRest> rest;  ///< per batch; empty = boxes
   /// Per batch and Gauss point: how many times as stiff it is there; empty = 1.
   std::vector<std::array<Pack, kHexPoints>> stiffness;
-  std::vector<std::uint8_t> is_anchor;  ///< per node: clamped in the scene, on a spring here
-  std::vector<double> anchor;           ///< spring per node [N/m]
-  std::vector<double> node_area;        ///< sheet area of each node, through all layers [m^2]
-  std::vector<double> face_area;        ///< of each node of a face, else 0 [m^2]
-  std::vector<double> added_mass;       ///< part of `mass`, per node [kg]; empty = none
-  /// By how much a clamped node gives way per force [m/N] and per 1 / K of springs along the clamp
-  /// [m^2/N]; `piece`: per length [m] of a detached piece around x_B instead.
-  double clamp_compliance(std::size_t node, bool piece, double x) const;
+  std::vector<std::uint8_t> is_anchor;  ///< per node: clamped in the scene, free to give way here
+  std::vector<double> anchor;           ///< spring per node, of a clamp detached in part [N/m]
+  std::vector<BedPoint> bed;            ///< of a clamp with a compliance
+  /// Per point of the bed: node blocks (a, b), a >= b, at a (a + 1) / 2 + b.
+  std::vector<std::array<BlockPlace, 10>> bed_blocks;
+  std::vector<double> node_area;   ///< sheet area of each node, through all layers [m^2]
+  std::vector<double> face_area;   ///< of each node of a face, else 0 [m^2]
+  std::vector<double> added_mass;  ///< part of `mass`, per node [kg]; empty = none
+  /// By how much clamped nodes give way to forces on them [N] on an even bed, per 1 / K [m^2/N];
+  /// zero at others.
+  std::vector<Eigen::Vector3d> bed_give(std::span<const Eigen::Vector3d> force) const;
+  /// By how much a clamped node gives way per force, per length of a detached piece around x_B
+  /// [1/N].
+  double piece_compliance(std::size_t node, double x) const;
   /// Rectangle of the sheet that belongs to a node, x_B and y_B [m].
   Eigen::AlignedBox2d node_box(std::size_t node) const;
   /// At rest, p_B [m].

@@ -193,6 +193,17 @@ void ReferenceTissue::assemble(const Tangent& tangent, FrontalCholesky& factor,
       }
     }
   }
+  for (std::size_t p = 0; p < model_->bed.size(); ++p) {
+    const BedPoint& point = model_->bed[p];
+    const double k = effects_.bed_stiffness(p);
+    auto place = model_->bed_blocks[p].begin();
+    for (int a = 0; a < 4; ++a) {
+      for (int b = 0; b <= a; ++b, ++place) {
+        for (int axis = 0; axis < 3 && place->at >= 0; ++axis)
+          entries[place->entry(axis, axis)] += k * point.share[a] * point.share[b];
+      }
+    }
+  }
   body_blocks.resize(model_->nodes.size());
   for (std::size_t i = 0; i < model_->nodes.size(); ++i) {
     const BlockPlace& place = model_->node_blocks[i];
@@ -255,8 +266,9 @@ bool ReferenceTissue::make_factor(const Terms& terms, std::vector<Matrix3d> bloc
     }
     factored_ = factor_.factor();
     if (factored_) {
-      // Where the material has memory the elements' tangent changes with the step.
-      tangent_.usable = shift == 0 && !effects_.values().has_memory();
+      // Where the material has memory, or the bed gives way for good, they change with the step.
+      tangent_.usable = shift == 0 && !effects_.values().has_memory() &&
+                        !(effects_.values().anchor_break > 0 && !model_->bed.empty());
       if (grasp_) prepare_constraint();
       return true;
     }

@@ -5,8 +5,8 @@ results/second_order/calculix_CASE.txt, of a fine and a coarse mesh of 20-node b
 
 The law is that of St. Venant-Kirchhoff (run_calculix.py says why). A pad is a *RIGID BODY over both faces; its
 reference node hangs on a spring of each axis (SPRING2) from a node that is led along the lift, its rotation node on one to ground
-(SPRING1). Of a disc the node that leads its rows hangs on these springs. The bed of the clamp is
-springs to ground where the reference has them: at the nodes of the clamped strip's two edges, one row through each layer.
+(SPRING1). Of a disc the node that leads its rows hangs on these springs. The bed of the clamp is even over the clamped
+strip and the thickness.
 """
 import sys
 import tempfile
@@ -139,15 +139,23 @@ class Deck:
             self.add_spring((turn,), axis, 1 / TURN)
 
     def add_bed(self):
-        """Each line of nodes across the strip's two edges and its layers bears the same, along x by its width."""
-        xs, _, zs = self.mesh.lines
-        edges = np.concatenate([[xs[0]], (xs[1:] + xs[:-1]) / 2, [xs[-1]]])
-        for x, width in zip(xs, np.diff(edges)):
-            for y in (-SIDE, CLAMP):
-                for z in zs:
-                    node = int(np.argmin(np.linalg.norm(self.mesh.nodes - (x, y, z), axis=1)))
-                    for axis in (1, 2, 3):
-                        self.add_spring((node + 1,), axis, width / (self.case.bed * 2 * len(zs)))
+        """Springs to ground at the Gauss points of the clamped strip's bricks: nodes that its nodes lead."""
+        lines = self.mesh.lines
+        at = (1 - 3**-0.5) / 2
+        volume = (CLAMP + SIDE) * THICKNESS
+        for cell in np.ndindex(len(lines[0]) - 1, 1, len(lines[2]) - 1):
+            low, high = (np.array([lines[k][cell[k] + side] for k in range(3)]) for side in (0, 1))
+            stiffness = np.prod(high - low) / 8 / (self.case.bed * volume)
+            for corner in np.ndindex(2, 2, 2):
+                p = low + np.where(corner, 1 - at, at) * (high - low)
+                nodes, N = self.mesh.weights_at(p)
+                place = self.add_node(p, f"BED{self.nodes + 1}")
+                for axis in (1, 2, 3):
+                    terms = [(place, -1.0)] + [(node + 1, n) for node, n in zip(nodes, N)]
+                    self.out += ["*EQUATION", str(len(terms))]
+                    for k in range(0, len(terms), 4):
+                        self.out.append(", ".join(f"{node}, {axis}, {c:.12e}" for node, c in terms[k:k + 4]))
+                    self.add_spring((place,), axis, stiffness)
 
     def write(self, path):
         self.add_sheet()

@@ -398,6 +398,41 @@ TEST(Reference, CantileverIsTheHeavyElastica) {
   }
 }
 
+TEST(Reference, AClampOnABedTurnsByTheSecondMomentOfItsCrossSection) {
+  // A stiff level strip tilts as a rigid body on springs that are even over the clamped 3 mm and
+  // the thickness: W C down and M C / ((w^2 + t^2) / 12), about the middle of what is clamped.
+  const auto drop = [](double thickness, double compliance, unsigned layers) {
+    ReferenceCase c;
+    c.anchor = -0.042;
+    c.thickness = thickness;
+    c.young = 2e9;
+    c.ez = layers;
+    c.damping = 20;
+    c.period = 0.2;
+    c.integrator = pb::INTEGRATOR_BACKWARD_EULER;
+    Scene scene = make_reference_scene(c);
+    scene.config.mutable_tissue()->mutable_effects()->mutable_anchor()->set_compliance_m2_per_n(
+        compliance);
+    std::vector<std::string> warnings;
+    ReferenceTissue tissue(make_reference_model(scene, c.period, warnings));
+    run(tissue, 60);
+    return -edge_mean(c, [&](int i) { return tissue.position(0, i).z(); });
+  };
+  const double length = 0.09;
+  const double strip = 0.003;
+  const double compliance = 1e-7;
+  for (const double thickness : {0.003, 0.006}) {
+    for (const unsigned layers : {1U, 2U}) {
+      const double weight = 1000 * kGravity * thickness * length;
+      const double moment = weight * (length - strip) / 2;
+      const double turn = moment * compliance / ((strip * strip + thickness * thickness) / 12);
+      const double expected = weight * compliance + turn * (length - strip / 2);
+      const double found = drop(thickness, compliance, layers) - drop(thickness, 0, layers);
+      EXPECT_NEAR(found / expected, 1, 0.01) << thickness << " " << layers;
+    }
+  }
+}
+
 TEST(Reference, NearlyIncompressibleBeamDoesNotLock) {
   ReferenceCase c;
   c.nx = 3;  // 6 mm wide: a beam
