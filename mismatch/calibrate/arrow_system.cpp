@@ -72,10 +72,11 @@ ArrowStep solve_arrow(std::span<const Block* const> blocks, const Layout& layout
   return step;
 }
 
-double robust_scale(std::span<const Block* const> blocks, double least) {
+double robust_scale(std::span<const Block* const> blocks, std::vector<double> Block::*deviations,
+                    double least) {
   std::vector<double> all;
   for (const Block* block : blocks) {
-    for (const double e : block->deviation) all.push_back(std::fabs(e));
+    for (const double e : block->*deviations) all.push_back(std::fabs(e));
   }
   if (all.empty()) return least;
   const auto middle = all.begin() + static_cast<std::ptrdiff_t>(all.size() / 2);

@@ -32,8 +32,10 @@ ArrowStep solve_arrow(std::span<const Block* const> blocks, const Layout& layout
                       std::span<const Eigen::VectorXd> own, double information,
                       const std::vector<bool>& fixed = {});
 
-/// Scale of Student's t: 1.4826 times the median distance of the hits of all blocks.
-double robust_scale(std::span<const Block* const> blocks, double least);
+/// Scale of Student's t: 1.4826 times the median of the deviations of all blocks; `least` where
+/// there are none.
+double robust_scale(std::span<const Block* const> blocks, std::vector<double> Block::*deviations,
+                    double least);
 
 /// What a weighted row is worth as information, against its weight: E[psi']^2 / (E[psi^2] E[w]) of
 /// the deviations found [Huber81, chapter 3].

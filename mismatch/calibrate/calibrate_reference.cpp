@@ -216,6 +216,7 @@ void Stages::measure_step() {
   fit_.set_difference({"numerics.step", "1", "", Unknown::Scale::kShift, 0, 1.5,
                        "1.5 times its estimated error", false},
                       step, kFall, predictions_, at_, state_);
+  fit_.noise.along_motion = std::max(fit_.noise.along_motion, numerics());
 }
 
 LawFit Stages::keep() const {

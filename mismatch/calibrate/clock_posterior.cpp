@@ -61,6 +61,19 @@ void refine(const FitAt& fit_at, std::vector<Node>& nodes) {
   }
 }
 
+/// A fit that ended beside its best place is begun again where a neighbour's ended, both ways along
+/// the clocks.
+void even_out(const FitAt& fit_at, std::vector<Node>& nodes) {
+  constexpr double kNoise = 0.2;  // of a log density
+  const auto follow = [&](Node& node, const Node& neighbour) {
+    if (!(neighbour.log_density > node.log_density + kNoise)) return;
+    Node again = fit_at(node.clock, neighbour.state);
+    if (again.log_density > node.log_density) node = std::move(again);
+  };
+  for (std::size_t i = 1; i < nodes.size(); ++i) follow(nodes[i], nodes[i - 1]);
+  for (std::size_t i = nodes.size() - 1; i > 0; --i) follow(nodes[i - 1], nodes[i]);
+}
+
 /// Mean and covariances over the clocks.
 void mix(const std::vector<Node>& nodes, const std::vector<double>& weights,
          const std::vector<std::size_t>& which, ClockPosterior& made) {
@@ -170,7 +183,9 @@ ClockPosterior integrate_clock(ReferenceFit& fit, const std::vector<Prediction>&
                     std::min(kFarthest * belief, at.shared[k] + reach)};
   const double sd = std::min(std::sqrt(std::max(sure.shared_covariance(k, k), 0.0)), belief);
   std::vector<Node> nodes = walk(fit_at, fit_at(state.shared[k], state), kFirst * sd, range);
+  even_out(fit_at, nodes);
   refine(fit_at, nodes);
+  even_out(fit_at, nodes);
   KnownDensity density;
   for (const Node& node : nodes) {
     density.x.push_back(node.clock);

@@ -185,12 +185,24 @@ void add_numbers(const Findings& f, Calibration& result) {
           f.fit.beliefs.own_sd[k], "the other recordings and docs/calibrate.md 3"));
     }
   }
-  result.nuisances.push_back(plain_number("discrepancy.constant", "m", 0, f.fit.beliefs.own_sd[4],
-                                          f.fit.beliefs.own_sd[4],
-                                          "standard deviation of each smooth mode"));
-  result.nuisances.push_back(
-      plain_number("discrepancy.with_lift", "m", 0, f.fit.beliefs.own_sd[4 + kModes / 2],
-                   f.fit.beliefs.own_sd[4 + kModes / 2], "standard deviation of each smooth mode"));
+  for (std::size_t i = 0; i < f.fitted.size(); ++i) {
+    const Observation& seen = f.fit.observations[f.fitted[i]];
+    for (int k = 0; k < 4 && seen.has_force(); ++k) {
+      constexpr std::array<const char*, 4> kForce = {"force.zero_x", "force.zero_y", "force.zero_z",
+                                                     "force.ln_gain"};
+      result.nuisances.push_back(
+          plain_number(fmt::format("{}: {}", seen.name, kForce[static_cast<std::size_t>(k)]),
+                       k < 3 ? "N" : "1", f.state.own[f.fitted[i]][4 + k], f.sure.own_sd[i][4 + k],
+                       f.fit.beliefs.own_sd[4 + k], "docs/calibrate.md 2"));
+    }
+  }
+  const int modes = layout.modes() - layout.shared();
+  for (const auto& [name, k] : {std::pair("discrepancy.constant", modes),
+                                std::pair("discrepancy.with_lift", modes + kModes / 2)}) {
+    const double sd = f.fit.beliefs.own_sd[k];
+    result.nuisances.push_back(
+        plain_number(name, "m", 0, sd, sd, "standard deviation of each smooth mode"));
+  }
   result.numerics_m = std::sqrt(f.mesh_m * f.mesh_m + f.step_m * f.step_m + f.law_m * f.law_m);
   result.numerics = {fmt::format("mesh {:.3f} mm", 1e3 * f.mesh_m),
                      fmt::format("step {:.3f} mm", 1e3 * f.step_m),
@@ -206,7 +218,9 @@ void add_groups(const Findings& f, Calibration& result) {
   const auto stiffness =
       std::ranges::find(result.parameters, std::string("scene.tissue.material.young_modulus_pa"),
                         &CalibratedNumber::name);
-  if (stiffness != result.parameters.end() && weight > 0) {
+  const bool with_force = std::ranges::any_of(
+      f.fitted, [&](std::size_t r) { return f.fit.observations[r].has_force(); });
+  if (stiffness != result.parameters.end() && weight > 0 && !with_force) {
     NumberGroup group;
     group.name = "E/(rho g)";
     group.unit.assign(1, 'm');

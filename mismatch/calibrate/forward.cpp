@@ -58,13 +58,16 @@ void fill_columns(const Simulation& simulation, const Between& at,
     return;
   }
   const auto rows = static_cast<Eigen::Index>(first->second.surface.front().size());
-  frame.columns.setZero(rows, static_cast<Eigen::Index>(unknowns.size()) + kOwnColumns);
+  frame.columns.setZero(rows + 3, static_cast<Eigen::Index>(unknowns.size()) + kOwnColumns);
   std::size_t next = 0;
   const auto take = [&](Eigen::Index column, double factor) {
     const Eigen::Map<const Eigen::VectorXf> a(first->second.surface[next].data(), rows);
     const Eigen::Map<const Eigen::VectorXf> b(second->second.surface[next].data(), rows);
     const auto share = static_cast<float>(at.share);
-    frame.columns.col(column) = static_cast<float>(factor) * ((1 - share) * a + share * b);
+    const Vector3d force =
+        (1 - at.share) * first->second.force[next] + at.share * second->second.force[next];
+    frame.columns.col(column) << static_cast<float>(factor) * ((1 - share) * a + share * b),
+        (factor * force).cast<float>();
     ++next;
   };
   for (std::size_t k = 0; k < unknowns.size(); ++k) {
@@ -258,6 +261,8 @@ Prediction predict(const Observation& observation, const pb::Scene& scene,
     frame.way = way_of(place, observation.period, recording.points.size(), surface_at);
     frame.tip = recording.tip[place.step] +
                 place.share * (recording.tip[place.step + 1] - recording.tip[place.step]);
+    frame.force = recording.force[place.step] +
+                  place.share * (recording.force[place.step + 1] - recording.force[place.step]);
     if (with_columns) fill_columns(simulation, place, unknowns, x, frame);
   }
   return made;

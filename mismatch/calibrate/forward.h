@@ -30,7 +30,9 @@ struct PredictedFrame {
   std::vector<Eigen::Vector3d> velocity;  ///< [m/s]
   /// The way of the surface before and after it, ascending; empty: straight, at that velocity.
   std::vector<Moment> way;
-  /// [3 vertex + axis][unknown, then OwnColumn] per unit of x; empty where none were asked for.
+  Eigen::Vector3d force = Eigen::Vector3d::Zero();  ///< of the tissue on the tool [N]
+  /// [3 vertex + axis, then axis of the force][unknown, then OwnColumn] per unit of x; empty where
+  /// none were asked for.
   Eigen::MatrixXf columns;
   Eigen::Vector3d tip = Eigen::Vector3d::Zero();  ///< [m]
 };

@@ -78,6 +78,15 @@ double shaft_distance(const Vector3d& p, const Vector3d& tip, const Vector3d& p_
   return (w + s * d - height * Vector3d::UnitZ()).norm();
 }
 
+/// Step of what the columns of a frame are by.
+Eigen::VectorXf column_step(const Layout& layout, const Eigen::VectorXd& delta) {
+  Eigen::VectorXf step(layout.unknowns + kOwnColumns);
+  step.head(layout.unknowns) = delta.head(layout.unknowns).cast<float>();
+  step[layout.stiffness] += static_cast<float>(delta[layout.factor()]);
+  step.tail(kOwnColumns) = delta.segment(layout.pinch(), kOwnColumns).cast<float>();
+  return step;
+}
+
 }  // namespace
 
 Eigen::Matrix3d Registration6::rotation() const {
@@ -121,11 +130,7 @@ std::vector<Vector3d> Likelihood::moved(const PredictedFrame& frame, const Layou
   std::vector<Vector3d> vertices;
   move_in_time(frame, -(delta[layout.clock()] + delta[layout.own_clock()]), vertices, velocity_);
   if (frame.columns.size() > 0) {
-    Eigen::VectorXf step(frame.columns.cols());
-    step.head(layout.unknowns) = delta.head(layout.unknowns).cast<float>();
-    step[layout.stiffness] += static_cast<float>(delta[layout.factor()]);
-    step.tail(kOwnColumns) = delta.segment(layout.pinch(), kOwnColumns).cast<float>();
-    const Eigen::VectorXf by = frame.columns * step;
+    const Eigen::VectorXf by = frame.columns * column_step(layout, delta);
     for (std::size_t i = 0; i < vertices.size(); ++i)
       vertices[i] += by.segment<3>(3 * static_cast<Eigen::Index>(i)).cast<double>();
   }
@@ -163,18 +168,21 @@ void Likelihood::add_row(const Row& row, const PredictedFrame& predicted, double
   const double sd = noise.sigma * row.sd_factor;
   const double squared = row.e * row.e / (sd * sd);
   block.cost += cost_of(squared, noise.freedom);
-  if (block.A.size() == 0) return;
   const double weight = weight_of(squared, noise.freedom) / (sd * sd);
-  Eigen::VectorXd J = Eigen::VectorXd::Zero(layout.size());
   const Vector3d along = turned_.transpose() * row.along;  // before the registration
   const Eigen::Vector3i& corner = surface_.triangles()[static_cast<std::size_t>(row.triangle)];
-  const auto places = static_cast<int>(uv_.size());
   Vector3d velocity = Vector3d::Zero();
+  for (int k = 0; k < 3; ++k)
+    velocity += row.share[k] * velocity_[static_cast<std::size_t>(corner[k])];
+  const double late = -along.dot(velocity);
+  motion_.information += weight * late * late;
+  motion_.score += weight * late * row.e;
+  if (block.A.size() == 0) return;
+  Eigen::VectorXd J = Eigen::VectorXd::Zero(layout.size());
+  const auto places = static_cast<int>(uv_.size());
   Eigen::VectorXf columns = Eigen::VectorXf::Zero(predicted.columns.cols());
   Eigen::VectorXd modes = Eigen::VectorXd::Zero(kModes / 2);
   for (int k = 0; k < 3; ++k) {
-    const auto v = static_cast<std::size_t>(corner[k]);
-    velocity += row.share[k] * velocity_[v];
     if (predicted.columns.size() > 0) {
       columns += static_cast<float>(row.share[k]) *
                  (predicted.columns.middleRows<3>(3 * corner[k]).transpose() * along.cast<float>());
@@ -188,7 +196,6 @@ void Likelihood::add_row(const Row& row, const PredictedFrame& predicted, double
   }
   J.segment<3>(layout.registration()) = row.along;
   J.segment<3>(layout.registration() + 3) = (row.place - pivot_).cross(row.along);
-  const double late = -along.dot(velocity);
   J[layout.clock()] = late;
   J[layout.own_clock()] = late;
   const double side = corner[0] < places ? 1 : -1;
@@ -198,12 +205,62 @@ void Likelihood::add_row(const Row& row, const PredictedFrame& predicted, double
   const double root = std::sqrt(weight);
   for (Eigen::Index k = 0; k < J.size(); ++k) batch_.push_back(root * J[k]);
   block.b += weight * row.e * J;
+  motion_.shared_information += weight * late * J;
   constexpr std::size_t kBatch = 128;  // rows: a product of matrices is faster than one by one
   if (batch_.size() >= kBatch * static_cast<std::size_t>(J.size())) {
     const Eigen::Map<const Eigen::MatrixXd> rows(
         batch_.data(), J.size(), static_cast<Eigen::Index>(batch_.size()) / J.size());
     block.A.selfadjointView<Eigen::Lower>().rankUpdate(rows);
     batch_.clear();
+  }
+}
+
+/// A frame may be somewhat earlier or later on its way than its clock says, by as much as moves the
+/// surface by noise.along_motion: that time is eliminated, to first order.
+void Likelihood::eliminate_motion(const NoiseModel& noise, Block& block) const {
+  double squares = 0;
+  for (const Vector3d& v : velocity_) squares += v.squaredNorm();
+  const double speed = std::sqrt(squares / static_cast<double>(velocity_.size()));
+  const double belief = speed / noise.along_motion;  // 1 / standard deviation of the time [1/s]
+  const double information = motion_.information + belief * belief;
+  constexpr double kStill = 1e-12;  // [1/s^2]
+  if (!(information > kStill)) return;
+  block.cost -= 0.5 * motion_.score * motion_.score / information;
+  if (block.A.size() == 0) return;
+  const Eigen::VectorXd& J = motion_.shared_information;
+  block.A.selfadjointView<Eigen::Lower>().rankUpdate(J, -1 / information);
+  block.b -= motion_.score / information * J;
+}
+
+/// The force at a frame. Its clock is not the camera's, so it is as uncertain as it changes.
+void Likelihood::add_force(const SeenForce& seen, const PredictedFrame& predicted,
+                           const Layout& layout, const Eigen::VectorXd& delta,
+                           const NoiseModel& noise, Block& block) {
+  constexpr double kClock = 0.05;  // [s] between camera and sensor
+  const bool with_columns = predicted.columns.size() > 0;
+  Vector3d force = predicted.force;
+  if (with_columns)
+    force += (predicted.columns.bottomRows<3>() * column_step(layout, delta)).cast<double>();
+  const double sd = std::hypot(noise.force, kClock * seen.change);
+  for (int axis = 0; axis < 3; ++axis) {
+    const double e = seen.value[axis] - (1 + delta[layout.force_gain()]) * force[axis] -
+                     delta[layout.force_zero() + axis];
+    const double squared = e * e / (sd * sd);
+    block.cost += cost_of(squared, noise.freedom);
+    block.force_deviation.push_back(e * noise.force / sd);
+    if (block.A.size() == 0) continue;
+    Eigen::VectorXd J = Eigen::VectorXd::Zero(layout.size());
+    if (with_columns) {
+      const Eigen::RowVectorXf row = predicted.columns.row(predicted.columns.rows() - 3 + axis);
+      J.head(layout.unknowns) = row.head(layout.unknowns).cast<double>().transpose();
+      J.segment(layout.pinch(), kOwnColumns) = row.tail(kOwnColumns).cast<double>().transpose();
+      J[layout.factor()] = J[layout.stiffness];
+    }
+    J[layout.force_gain()] = force[axis];
+    J[layout.force_zero() + axis] = 1;
+    const double weight = weight_of(squared, noise.freedom) / (sd * sd);
+    block.A.selfadjointView<Eigen::Lower>().rankUpdate(J, weight);
+    block.b += weight * e * J;
   }
 }
 
@@ -353,7 +410,12 @@ Block Likelihood::compare(const Observation& seen, const Prediction& predicted,
             ? std::clamp((frame.tip.z() - seen.track.p_WT.front().z()) / predicted.lift, 0.0, 1.0)
             : 0;
     surface_.fit(moved(frame, layout, registration, delta, lift), seen.p_WC, seen.R_WC);
+    motion_.information = motion_.score = 0;
+    motion_.shared_information.setZero(layout.size());
     add_frame(seen, seen.frames[k], frame, lift, layout, registration, noise, block, with_columns);
+    eliminate_motion(noise, block);
+    if (const auto& force = seen.frames[k].force)
+      add_force(*force, frame, layout, delta, noise, block);
   }
   if (with_columns) {
     if (!batch_.empty()) {

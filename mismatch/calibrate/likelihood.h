@@ -24,7 +24,8 @@ inline constexpr int kModesPerSide = 4;
 inline constexpr int kModes = 2 * kModesPerSide * kModesPerSide;
 
 /// Columns of a block: the shared ones (unknowns, further columns, registration, common clock),
-/// then a recording's own (pinch, stiffness, clock, modes of the discrepancy).
+/// then a recording's own (pinch, stiffness, clock, zero and gain of the force sensor, modes of the
+/// discrepancy).
 struct Layout {
   int unknowns = 0;   ///< shared numbers the simulation depends on
   int stiffness = 0;  ///< which of them is E
@@ -34,8 +35,10 @@ struct Layout {
   int pinch() const { return shared(); }
   int factor() const { return shared() + 2; }
   int own_clock() const { return shared() + 3; }
-  int modes() const { return shared() + 4; }
-  int own() const { return 4 + kModes; }
+  int force_zero() const { return shared() + 4; }
+  int force_gain() const { return shared() + 7; }
+  int modes() const { return shared() + 8; }
+  int own() const { return 8 + kModes; }
   int size() const { return shared() + own(); }
 };
 
@@ -45,6 +48,10 @@ struct NoiseModel {
       5e-4;             ///< of where a ray goes [m]: what counts where the surface is seen edge-on
   double reach = 0.01;  ///< farther from the surface a point is no tissue [m]
   double freedom = 4;   ///< of Student's t; the weight of a point falls with its distance
+  /// How far, in the mean over the surface, model and tissue may be apart along the motion of a
+  /// frame [m]: where tissue hardly moves this hides what time it was.
+  double along_motion = 1e-4;
+  double force = 0.01;  ///< of a force sensor, each axis [N]
 };
 
 /// A recording against a prediction, to first order about it.
@@ -57,6 +64,7 @@ struct Block {
   std::size_t gaps = 0;           ///< places that should be seen and were not
   std::size_t no_tissue = 0;      ///< points farther than the reach
   std::vector<double> deviation;  ///< of hits: distance along the ray over its sd, at sigma 1 m
+  std::vector<double> force_deviation;  ///< the same of forces, at 1 N
 };
 
 /// Compares what was seen along the rays of the camera: the range of the point against that of the
@@ -92,6 +100,10 @@ class Likelihood {
                  const NoiseModel& noise, Block& block, bool with_columns);
   void add_row(const Row& row, const PredictedFrame& predicted, double lift, const Layout& layout,
                const NoiseModel& noise, Block& block);
+  void eliminate_motion(const NoiseModel& noise, Block& block) const;
+  static void add_force(const SeenForce& seen, const PredictedFrame& predicted,
+                        const Layout& layout, const Eigen::VectorXd& delta, const NoiseModel& noise,
+                        Block& block);
 
   SeenSurface surface_;
   std::vector<Eigen::Vector2d> uv_;
@@ -100,6 +112,11 @@ class Likelihood {
   Eigen::Matrix3d turned_ = Eigen::Matrix3d::Identity();
   std::vector<Eigen::Vector3d> velocity_;  ///< of the vertices of the last moved() [m/s]
   std::vector<double> batch_;              ///< rows that wait to be added
+  /// Of the rows of a frame, by its own time: sums of weight J J, weight J e and weight J (all J).
+  struct {
+    double information = 0, score = 0;
+    Eigen::VectorXd shared_information;
+  } motion_;
 };
 
 }  // namespace omentum

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 #include "core/check.h"
@@ -66,7 +67,59 @@ void cut_track(double until, ToolTrack& track) {
   track.jaw_rad.push_back(jaw);
 }
 
+/// Force on the tool around the frames, less its mean before the jaws close.
+void add_forces(const Recording& recording, const std::string& path, Observation& made,
+                std::vector<std::string>& warnings) {
+  constexpr double kBeside = 0.05;  // [s] to either side of a frame
+  const Series* series = recording.find("force");
+  if (series == nullptr) return;
+  const std::array<std::size_t, 3> columns = {series->find("fx_N"), series->find("fy_N"),
+                                              series->find("fz_N")};
+  if (std::ranges::find(columns, series->columns.size()) != columns.end()) {
+    warnings.push_back(fmt::format("{}: a force needs fx, fy and fz; it is not used", path));
+    return;
+  }
+  const auto mean = [&](const auto& wanted) -> std::optional<Vector3d> {
+    Vector3d sum = Vector3d::Zero();
+    double count = 0;
+    for (std::size_t row = 0; row < series->rows(); ++row) {
+      const Vector3d f(series->at(row, columns[0]), series->at(row, columns[1]),
+                       series->at(row, columns[2]));
+      if (!f.allFinite() || !wanted(static_cast<double>(series->time_ns[row]) / 1e9)) continue;
+      sum += f;
+      ++count;
+    }
+    return count > 0 ? std::optional<Vector3d>(sum / count) : std::nullopt;
+  };
+  const ToolTrack& track = made.track;
+  const auto closes =
+      std::ranges::find_if(track.jaw_rad, [&](double jaw) { return jaw <= made.grasp.closed_rad; });
+  const auto row = static_cast<std::size_t>(closes - track.jaw_rad.begin());
+  const double closed = row < track.jaw_rad.size() ? track.time[row] : track.begin();
+  const auto zero = mean([&](double t) { return t < closed; });
+  if (!zero) {
+    warnings.push_back(fmt::format(
+        "{}: no force before the jaws close, so that its zero is not known: it is not used", path));
+    return;
+  }
+  for (SeenFrame& frame : made.frames) {
+    const auto near = [&](double from, double to) {
+      return mean([&](double t) { return t >= frame.t + from && t <= frame.t + to; });
+    };
+    const auto value = near(-kBeside, kBeside);
+    if (!value || frame.t < closed) continue;
+    const auto before = near(-kBeside, 0), after = near(0, kBeside);
+    frame.force = SeenForce{*value - *zero, 0};
+    if (before && after) frame.force->change = (*after - *before).norm() / kBeside;
+  }
+}
+
 }  // namespace
+
+bool Observation::has_force() const {
+  return std::ranges::any_of(frames,
+                             [](const SeenFrame& frame) { return frame.force.has_value(); });
+}
 
 Observation observe(const std::string& name, const std::string& path, const Recording& recording,
                     const Scene& scene, std::vector<std::string>& warnings) {
@@ -111,6 +164,7 @@ Observation observe(const std::string& name, const std::string& path, const Reco
     throw_error("{}: no point of a cloud within {} m of the tissue at rest: in metres, in W?", path,
                 kFarthest);
   }
+  add_forces(recording, path, made, warnings);
   cut_track(made.frames.back().t + kMargin, made.track);
   const std::vector<PinchCircle> pinches = pinches_of(made.track, scene, made.grasp);
   made.pinched = !pinches.empty();

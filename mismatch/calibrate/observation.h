@@ -3,6 +3,7 @@
 #include <Eigen/Core>
 #include <Eigen/Geometry>
 #include <cstddef>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -13,10 +14,17 @@
 
 namespace omentum {
 
+/// What a force sensor showed around a frame.
+struct SeenForce {
+  Eigen::Vector3d value = Eigen::Vector3d::Zero();  ///< of the tissue on the tool, in W [N]
+  double change = 0;                                ///< how fast it changes there [N/s]
+};
+
 /// What a depth camera saw at one time, as far as it may be tissue.
 struct SeenFrame {
   double t = 0;                         ///< on the clock of the camera [s]
   std::vector<Eigen::Vector3d> points;  ///< p_W as the camera has them [m]
+  std::optional<SeenForce> force;       ///< less that before the jaws closed
 };
 
 /// A recording as a calibration looks at it.
@@ -35,6 +43,8 @@ struct Observation {
   bool held_out = false;  ///< scored, never fitted
   std::string repeat_of;
   double clock_sd = 0;  ///< stated uncertainty of the camera's clock [s]; 0: none stated
+
+  bool has_force() const;  ///< at some frame
 };
 
 /// At most so many frames of a recording and points of a frame are looked at, evenly chosen.

@@ -18,6 +18,7 @@ using Eigen::VectorXd;
 namespace {
 
 constexpr double kLeastNoise = 2e-4;  // [m] of a point along its ray
+constexpr double kLeastForce = 1e-3;  // [N]
 constexpr double kOff = 1e-7;         // sd of modes that are not looked for yet [m]
 
 /// Stated prior of a path, its standard deviation in the unit of the number; else `otherwise`.
@@ -28,13 +29,14 @@ double stated_sd(const pb::Priors& priors, const std::string& path, double other
   return otherwise;
 }
 
-/// slope times (other - base), [3 vertex + axis].
+/// slope times (other - base), as a column of a frame.
 Eigen::VectorXf difference(const PredictedFrame& other, const PredictedFrame& base, double slope) {
-  Eigen::VectorXf by(3 * static_cast<Eigen::Index>(base.vertices.size()));
+  Eigen::VectorXf by(3 * static_cast<Eigen::Index>(base.vertices.size()) + 3);
   for (std::size_t v = 0; v < base.vertices.size(); ++v) {
     by.segment<3>(3 * static_cast<Eigen::Index>(v)) =
         (slope * (other.vertices[v] - base.vertices[v])).cast<float>();
   }
+  by.tail<3>() = (slope * (other.force - base.force)).cast<float>();
   return by;
 }
 
@@ -66,7 +68,8 @@ ReferenceFit::ReferenceFit(const pb::Scene& given, std::vector<Observation> seen
   for (std::size_t k = 0; k < observations.size(); ++k)
     likelihoods_.push_back(
         std::make_unique<Likelihood>(triangles, rest, uv, observations.front().p_WC));
-  unknowns = unknowns_of(scene, options.priors);
+  const bool with_force = std::ranges::any_of(observations, &Observation::has_force);
+  unknowns = unknowns_of(scene, options.priors, with_force);
   set_beliefs();
   first_beliefs = beliefs;
   noise.reach = 0.025;
@@ -92,6 +95,8 @@ void ReferenceFit::set_beliefs() {
   beliefs.own_sd.head<2>().setConstant(1.5e-3);  // of the pinch: the paper's arm, 1.7 mm in space
   beliefs.own_sd[2] = 0.05;
   beliefs.own_sd[3] = 0.005;
+  beliefs.own_sd.segment<3>(4).setConstant(0.02);  // [N] of its zero before the jaws close
+  beliefs.own_sd[7] = 0.02;                        // of its gain
   beliefs.own_sd.tail(kModes).setConstant(kOff);
   if (before.size() == beliefs.own_sd.size()) beliefs.own_sd = before;
 }
@@ -117,6 +122,7 @@ VectorXd ReferenceFit::delta(const FitState& at, const FitState& state,
   }
   d[layout.clock()] = state.shared[layout.clock()] - at.shared[layout.clock()];
   d.segment(layout.pinch(), 4) = state.own[recording].head(4) - at.own[recording].head(4);
+  d.segment(layout.force_zero(), 4) = state.own[recording].segment(4, 4);
   d.segment(layout.modes(), kModes) = state.own[recording].tail(kModes);
   return d;
 }
@@ -312,7 +318,8 @@ void ReferenceFit::improve(const std::vector<Prediction>& predictions, const Fit
       better = cost(predictions, at, which, trial, noise) < before;
       if (better) state = trial;
     }
-    noise.sigma = robust_scale(list, kLeastNoise);
+    noise.sigma = robust_scale(list, &Block::deviation, kLeastNoise);
+    noise.force = robust_scale(list, &Block::force_deviation, kLeastForce);
     noise.reach = std::clamp(8 * noise.sigma, 0.008, 0.025);
     constexpr double kSmall = 0.05;
     if (!better || largest < kSmall) break;
@@ -363,8 +370,9 @@ void ReferenceFit::adapt_beliefs(const ArrowStep& sure, const std::vector<std::s
   adapt(0, 2, first_beliefs.own_sd[0], 0.01);
   adapt(2, 1, first_beliefs.own_sd[2], 0.5);
   adapt(3, 1, first_beliefs.own_sd[3], 0.1);
-  adapt(4, kModes / 2, kFirstMode, kMostMode);
-  adapt(4 + kModes / 2, kModes / 2, kFirstMode, kMostMode);
+  const int modes = layout.modes() - layout.shared();
+  adapt(modes, kModes / 2, kFirstMode, kMostMode);
+  adapt(modes + kModes / 2, kModes / 2, kFirstMode, kMostMode);
 }
 
 std::vector<std::vector<double>> ReferenceFit::distances(const Prediction& prediction,

@@ -146,7 +146,8 @@ Range range_of(const Unknown& unknown) {
   return range;
 }
 
-std::vector<Unknown> unknowns_of(const pb::Scene& scene, const pb::Priors& priors) {
+std::vector<Unknown> unknowns_of(const pb::Scene& scene, const pb::Priors& priors,
+                                 bool with_force) {
   using Scale = Unknown::Scale;
   const pb::Tissue& tissue = scene.tissue();
   std::vector<Unknown> list = {
@@ -168,6 +169,10 @@ std::vector<Unknown> unknowns_of(const pb::Scene& scene, const pb::Priors& prior
   if (!tissue.has_volume() && tissue.thickness_m() > 0) {
     list.push_back({kThicknessPath, "m", "", Scale::kFactor, tissue.thickness_m(), std::log(1.05),
                     "5 %, docs/calibrate.md 2"});
+  }
+  if (with_force) {
+    list.push_back({"scene.tissue.effects.density_change", "1", "density.factor", Scale::kChange,
+                    tissue.effects().density_change(), std::log(1.1), "10 %, docs/calibrate.md 2"});
   }
   for (Unknown& unknown : list) take_prior(priors, unknown);
   return list;

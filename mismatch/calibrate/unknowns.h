@@ -36,8 +36,8 @@ struct Unknown {
 inline constexpr const char* kThicknessPath = "scene.tissue.thickness_m";
 
 /// Stiffness, bending, damping, friction, Poisson's ratio and thickness, as far as the scene can
-/// have them. Stated priors go before those of docs/calibrate.md 2.
-std::vector<Unknown> unknowns_of(const pb::Scene& scene, const pb::Priors& priors);
+/// have them, and with a force the density. Stated priors go before those of docs/calibrate.md 2.
+std::vector<Unknown> unknowns_of(const pb::Scene& scene, const pb::Priors& priors, bool with_force);
 
 /// Numbers that a recording has of its own.
 struct OwnNumbers {

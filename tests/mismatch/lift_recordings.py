@@ -2,10 +2,10 @@
 would have made them: a case folder of docs/formats.md 3. Shares no code with the simulation.
 
 /usr/bin/python3 lift_recordings.py OUT [--moving] [--lifts 0 1 ...] [--wrong-side N ...] [--shift-mm X Y Z]
-    [--believed-thickness-mm T] [--seed K]
+    [--believed-thickness-mm T] [--force] [--believed-density D] [--seed K]
 
-At rest: a cloud at the end of each hold; --moving: ten a second. Unknown to whoever reads them: E, friction,
-registration of the camera, its clock, where the jaws closed.
+At rest: a cloud at the end of each hold; --moving: ten a second. --force: a sensor at 100 Hz with a zero and a gain of
+its own. Unknown to whoever reads them: E, friction, registration of the camera, its clock, where the jaws closed.
 """
 import argparse
 from pathlib import Path
@@ -20,6 +20,7 @@ PIXELS, HALF_WIDTH = (60, 52), 0.17  # of the picture, and of the picture plane 
 NOISE = 1e-3  # [m] along the ray
 CLOCK = 0.023  # [s]: clouds show what was so long before their time stamp
 TURN_DEG, SHIFT = np.array([0.4, -0.3, 0.5]), np.array([0.0012, -0.0009, 0.0008])
+FORCE_NOISE, FORCE_ZERO, FORCE_GAIN, FORCE_CLOCK = 3e-3, 0.01, 0.01, -0.012  # [N], [N], 1, [s]
 PINCH = 8e-4  # [m] standard deviation of where the jaws closed against what the robot says, along x and y
 
 BELIEF = """kind: sheet
@@ -29,7 +30,7 @@ sheet_thickness_m: {thickness}
 young_modulus_nominal_Pa: 30000
 young_modulus_uncertainty_factor: 3
 poisson_ratio_nominal: 0.45
-density_nominal_kg_per_m3: 1000
+density_nominal_kg_per_m3: {density}
 sheet_origin_x_m: 0.045
 sheet_origin_y_m: -0.045
 sheet_origin_z_m: 0
@@ -178,6 +179,17 @@ def write_ply(path, points):
     path.write_bytes(header.encode() + points.astype("<f4").tobytes())
 
 
+def write_force(path, lift, random):
+    """Of the tissue on the tool; nothing before the jaws close."""
+    step, force = float(lift["step_s"]), lift["force_N"]
+    times = np.arange(-5 * step, (len(force) - 1) * step, 0.01)
+    seen = np.stack([np.where(times < 0, 0, np.interp(times, step * np.arange(len(force)), f)) for f in force.T], 1)
+    seen = (1 + random.normal(0, FORCE_GAIN)) * seen + random.normal(0, FORCE_ZERO, 3)
+    seen += random.normal(0, FORCE_NOISE, seen.shape)
+    rows = np.column_stack([times + FORCE_CLOCK, seen])
+    np.savetxt(path, rows, fmt="%.6g", delimiter=",", header="t_s,fx_N,fy_N,fz_N", comments="")
+
+
 def main():
     parser = argparse.ArgumentParser()
     parser.add_argument("out", type=Path)
@@ -186,6 +198,8 @@ def main():
     parser.add_argument("--wrong-side", type=int, nargs="+", default=[])
     parser.add_argument("--shift-mm", type=float, nargs=3, default=[0, 0, 0])
     parser.add_argument("--believed-thickness-mm", type=float, default=3)
+    parser.add_argument("--force", action="store_true")
+    parser.add_argument("--believed-density", type=float, default=1000)
     parser.add_argument("--seed", type=int, default=1)
     args = parser.parse_args()
     rays, view = camera_rays()
@@ -193,7 +207,8 @@ def main():
     args.out.mkdir(parents=True)
     words = lambda v: " ".join(f"{x:.9g}" for x in v)
     (args.out / "scene_believed.txt").write_text(
-        BELIEF.format(camera=words(CAMERA), view=words(view), thickness=1e-3 * args.believed_thickness_mm))
+        BELIEF.format(camera=words(CAMERA), view=words(view), thickness=1e-3 * args.believed_thickness_mm,
+                      density=args.believed_density))
     for number in args.lifts:
         random = np.random.default_rng([args.seed, number])
         lift = np.load(LIFTS / f"lift{number}.npz")
@@ -209,6 +224,8 @@ def main():
         for k in range(-5, len(path)):
             rows.append(f"{k * step:.6g},{','.join(f'{x:.9g}' for x in path[max(k, 0)])},{0.4 if k < 0 else 0}")
         (folder / "tool.csv").write_text("\n".join(rows) + "\n")
+        if args.force:
+            write_force(folder / "force.csv", lift, np.random.default_rng([args.seed, number, 1]))
         (rest, frames), times = frames_of(lift), lift["times_s"]
         side = int(round(np.sqrt(len(rest) // 2)))
         triangles = faces_of(refined(rest, side))

@@ -52,7 +52,7 @@ TEST(MoveInTime, FollowsTheWayAndRestsAtItsEnds) {
 TEST(SceneAt, AThickerSheetLiesOnTheSameBoard) {
   const pb::Scene scene = load_scene(deploy_dir() + "/scenes/omentum.txtpb", {});
   ASSERT_GT(scene.rigid_body_size(), 0);
-  const std::vector<Unknown> unknowns = unknowns_of(scene, {});
+  const std::vector<Unknown> unknowns = unknowns_of(scene, {}, false);
   const auto thickness = std::ranges::find(unknowns, std::string(kThicknessPath), &Unknown::path);
   ASSERT_NE(thickness, unknowns.end());
   VectorXd x = VectorXd::Zero(static_cast<Eigen::Index>(unknowns.size()));
@@ -68,7 +68,7 @@ TEST(SceneAt, AThickerSheetLiesOnTheSameBoard) {
 
 TEST(RangeOf, EndsInsideTheKnob) {
   const pb::Scene scene = load_scene(deploy_dir() + "/scenes/omentum.txtpb", {});
-  for (const Unknown& unknown : unknowns_of(scene, {})) {
+  for (const Unknown& unknown : unknowns_of(scene, {}, false)) {
     const Range range = range_of(unknown);
     EXPECT_LT(range.low, 0) << unknown.path;
     EXPECT_GT(range.high, 0) << unknown.path;
@@ -138,7 +138,7 @@ struct Fitted {
       seen.frames.push_back(cloud);
     }
     fit = std::make_unique<ReferenceFit>(scene, std::vector<Observation>{seen}, options);
-    frame.columns.setZero(3 * static_cast<Eigen::Index>(frame.vertices.size()),
+    frame.columns.setZero(3 * static_cast<Eigen::Index>(frame.vertices.size()) + 3,
                           fit->layout.unknowns + kOwnColumns);
     predictions.emplace_back().frames.assign(kFrames, frame);
     at = fit->believed();
