@@ -71,7 +71,7 @@ std::vector<ReferenceTissue::Contact> ReferenceTissue::find_contacts(const Terms
 
 void ReferenceTissue::update_friction(const Terms& terms, const Nodes& x) {
   friction_.clear();
-  const double slip = model_->numerics.friction_slip_speed_m_per_s();
+  const double slip = terms.slip_speed;
   for (const Contact& c : find_contacts(terms, x)) {
     FrictionPoint point;
     point.node = c.node;
@@ -101,7 +101,7 @@ void ReferenceTissue::add_contact(const Terms& terms, const Nodes& x, Residual& 
     out.count_energy(c.energy);
     add_force(c.node, -c.force * c.normal, out);
   }
-  const double slip = model_->numerics.friction_slip_speed_m_per_s();
+  const double slip = terms.slip_speed;
   for (const FrictionPoint& f : friction_) {
     const Vector3d v = slip_velocity(terms, f, x[f.node]);
     const double speed = v.norm();
@@ -121,7 +121,7 @@ void ReferenceTissue::contact_stiffness(
 /// By the nodes; by x~ it is minus that.
 void ReferenceTissue::friction_stiffness(
     const Terms& terms, const std::function<void(int, const Matrix3d&)>& add) const {
-  const double slip = model_->numerics.friction_slip_speed_m_per_s();
+  const double slip = terms.slip_speed;
   for (const FrictionPoint& f : friction_) {
     const Matrix3d tangential = Matrix3d::Identity() - f.normal * f.normal.transpose();
     const Vector3d v = slip_velocity(terms, f, trial_x_[f.node]);
@@ -180,7 +180,7 @@ void ReferenceTissue::add_obstacle_load(const ColumnParameter& sphere, Eigen::In
 /// What the limits of friction do that follow the normal forces of columns s.
 void ReferenceTissue::add_limit_loads(const Terms& terms, const RightSides& s,
                                       RightSides& loads) const {
-  const double slip = model_->numerics.friction_slip_speed_m_per_s();
+  const double slip = terms.slip_speed;
   std::vector<Contact> contacts = find_contacts(terms, trial_x_);
   auto contact = contacts.begin();
   for (const FrictionPoint& f : friction_) {
@@ -203,7 +203,7 @@ void ReferenceTissue::collect_contact_forces(const Terms& terms) {
   std::fill(contact_forces_.begin(), contact_forces_.end(), Vector3d::Zero());
   for (const Contact& c : find_contacts(terms, state_.x))
     contact_forces_[c.body] += c.force * c.normal;
-  const double slip = model_->numerics.friction_slip_speed_m_per_s();
+  const double slip = terms.slip_speed;
   for (const FrictionPoint& f : friction_) {
     const Vector3d v = slip_velocity(terms, f, state_.x[f.node]);
     const double speed = v.norm();

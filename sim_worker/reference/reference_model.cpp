@@ -35,10 +35,12 @@ struct Kink {
 
 // Singular lines (docs/decisions/0013, 0030): at the clamp the stress grows without bound. Where
 // the law bears it, cells shrink with the distance; the other laws lose ellipticity in cells that
-// small. At a pinch the curvature jumps, which a few smaller cells resolve.
+// small. At a pinch the curvature jumps, which a few smaller cells resolve; at the rim of a pad the
+// stress is singular again.
 constexpr double kDenserAtSingularClamp = 60;
 constexpr double kDenserAtClamp = 4;
 constexpr double kDenserAtPinch = 2;
+constexpr double kDenserAtPad = 16;
 
 /// Relative number of lines per length at x.
 double line_density(const std::vector<Kink>& kinks, double x) {
@@ -181,15 +183,21 @@ void make_lines(const Scene& scene, std::span<const PinchCircle> pinches,
     kinks[1].push_back(bears_singularity ? Kink{edge, thickness / 15, kDenserAtSingularClamp, true}
                                          : Kink{edge, thickness, kDenserAtClamp});
   }
+  const bool bears_rims = model.surroundings.grip.pad && !pinches.empty() && n.elements_x() == 0 &&
+                          n.elements_y() == 0 && n.elements_z() == 0;
   for (const PinchCircle& pinch : pinches) {
     const Eigen::Vector2d half = model.surroundings.grip.box(pinch.radius);
     for (int axis = 0; axis < 2; ++axis) {
-      for (const double side : {-half[axis], half[axis]})
-        kinks[axis].push_back({pinch.centre[axis] + side, half[axis], kDenserAtPinch});
+      for (const double side : {-half[axis], half[axis]}) {
+        const double at = pinch.centre[axis] + side;
+        kinks[axis].push_back(bears_rims ? Kink{at, thickness / 6, kDenserAtPad}
+                                         : Kink{at, half[axis], kDenserAtPinch});
+      }
     }
   }
-  const MeshSize size = mesh_size(n.tolerance_m(), thickness, model.second_edge - model.clamp_edge,
-                                  bears_singularity ? 3 : 2);
+  const int layers_meant = bears_singularity ? (bears_rims ? 5 : 3) : 2;
+  const MeshSize size =
+      mesh_size(n.tolerance_m(), thickness, model.second_edge - model.clamp_edge, layers_meant);
   model.lines[0] =
       graded_lines(min.x(), max.x(), static_cast<int>(n.elements_x()), size.in_plane, kinks[0]);
   model.lines[1] = graded_lines(model.clamp_edge, model.second_edge,

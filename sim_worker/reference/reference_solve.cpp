@@ -380,7 +380,7 @@ void ReferenceTissue::move_trial(const Terms& terms, double length, const Nodes&
     for (int c = 0; c < 9; ++c)
       trial_mode_[e][c] = mode[e][c] + length * direction_[mode_unknown(e, c)];
   }
-  const double still = 1e-6 * model_->numerics.friction_slip_speed_m_per_s();
+  const double still = 1e-6 * terms.slip_speed;
   for (const FrictionPoint& f : friction_) {
     const Vector3d before = slip_velocity(terms, f, x[f.node]);
     const Vector3d after = slip_velocity(terms, f, trial_x_[f.node]);

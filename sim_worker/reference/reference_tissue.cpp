@@ -123,6 +123,7 @@ ReferenceTissue::Terms ReferenceTissue::make_terms(double from, double to) const
   const double before = r * r / (1 + 2 * r);
   terms.beta = terms.h * (1 + r) / (1 + 2 * r);
   terms.end = to;
+  terms.slip_speed = friction_smoothing_ * model_->numerics.friction_slip_speed_m_per_s();
   terms.now = now;
   terms.before = before;
   terms.x_tilde.resize(state_.x.size());
@@ -157,6 +158,7 @@ void ReferenceTissue::stop() {
 double ReferenceTissue::settle(const Vector3d& tip) {
   constexpr double kLongest = 1, kShortest = 1e-4;  // [s]
   constexpr double kSpeed = 1e-5;                   // [m/s] friction of slow tissue creeps
+  constexpr double kMostSmoothing = 1e4;
   constexpr int kMaxSteps = 1000;
   motion_ = {tip, tip};
   stop_clock(0, true);
@@ -168,6 +170,12 @@ double ReferenceTissue::settle(const Vector3d& tip) {
     const Nodes before = state_.x;
     if (!advance(0, h / model_->control_period, kMaxHalvings)) {
       h /= 4;
+      // Large cells may not come to rest under sharp friction. Where nothing moves there is none,
+      // however smooth it is, so the way there may be smoother.
+      if (h < kShortest && friction_smoothing_ < kMostSmoothing) {
+        friction_smoothing_ *= 10;
+        h = model_->substep();
+      }
       continue;
     }
     speed = 0;
@@ -176,6 +184,7 @@ double ReferenceTissue::settle(const Vector3d& tip) {
     if (speed <= kSpeed && h == kLongest) break;
     h = std::min(1.5 * h, kLongest);
   }
+  friction_smoothing_ = 1;
   stop();
   stop_clock(0, false);
   return speed;

@@ -184,6 +184,7 @@ class ReferenceTissue : public Tissue<double> {
     double h = 0, beta = 0;      ///< [s]
     double now = 1, before = 0;  ///< x~ = now x_n - before x_{n-1}
     double end = 1;              ///< fraction of the control step
+    double slip_speed = 0;       ///< below this friction is smooth [m/s]
     Nodes x_tilde, v_tilde;
     Targets target = Targets::Zero();
     Eigen::Vector3d tip = Eigen::Vector3d::Zero();
@@ -361,6 +362,7 @@ class ReferenceTissue : public Tissue<double> {
   std::unique_ptr<ReferenceColumns> columns_;
   Tangent tangent_;
   long newton_iterations_ = 0, factorisations_ = 0, implicit_steps_ = 0;
+  double friction_smoothing_ = 1;  ///< times the slip speed of the scene, while it settles
 
   // Scratch of one implicit step.
   FrontalCholesky factor_;

@@ -475,5 +475,30 @@ TEST(ReferenceMesh, GridLinesLieOnClampAndPatchEdges) {
   EXPECT_NEAR(mass, 1000 * 0.09 * 0.09 * 0.003, 1e-12);
 }
 
+TEST(ReferenceContact, ACoarseSheetComesToRestOnABoardUnderSharpFriction) {
+  // Large cells chatter between sticking and slipping: with sharp friction alone some of these
+  // fail before the first command.
+  for (const double young : {20e3, 60e3}) {
+    for (const unsigned cells : {3U, 4U, 5U, 6U}) {
+      for (const double friction : {0.1, 0.3, 0.6}) {
+        ReferenceCase c;
+        c.nx = c.ny = 16;
+        c.anchor = -0.0195;
+        c.ex = c.ey = cells;
+        c.young = young;
+        c.poisson = 0.45;
+        c.damping = 5;
+        c.law = pb::LAW_NEO_HOOKE;
+        c.static_friction = c.dynamic_friction = friction;
+        c.bodies = {make_board(0, Vector3d(0, 0, -c.thickness / 2))};
+        ReferenceTissue tissue(make_model(c));
+        EXPECT_LT(tissue.settle(Vector3d(0, 0, 1)), 1e-4);
+        EXPECT_TRUE(tissue.healthy(0))
+            << young << " " << cells << " " << friction << ": " << tissue.failure(0);
+      }
+    }
+  }
+}
+
 }  // namespace
 }  // namespace omentum
