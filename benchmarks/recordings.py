@@ -2,7 +2,7 @@
 """Figures of `mismatch` with recordings: prints lines "name value unit  # remark".
 
 /usr/bin/python3 recordings.py PROGRAM SCRATCH [--moving] [--skip-paper] [--skip-import] [--lifts N ...]
-    [--tolerance-mm T] [--predict-tolerance-mm T] [--threads N] [--import-frames N]
+    [--tolerance-mm T] [--predict-tolerance-mm T] [--threads N] [--import-frames N] [--only-import]
 
 Lifts off a board at three heights each, computed by DOLFINx (tests/reference/run_lifts.py), are calibrated on. The held-out
 error is that of the true surface, without noise, against what the scene fitted without a pinch point predicts for its
@@ -10,6 +10,7 @@ commands: mean distance from the nodes of the upper face to the predicted surfac
 """
 import argparse
 import json
+import os
 import resource
 import subprocess
 import sys
@@ -125,6 +126,79 @@ def bench_import(program, scratch, frames):
     print(f"recordings.import_peak_mb {peak:.0f} MB", flush=True)
 
 
+def write_bag(path, frames, size=(480, 640)):
+    """A bag of ROS 2 of so many raw depth images in chunks of four, uncompressed, as rosbag2 writes them by default."""
+    import struct
+
+    def text(words):
+        return struct.pack("<I", len(words)) + words
+
+    def record(kind, content):
+        return struct.pack("<BQ", kind, len(content)) + content
+
+    def cdr(*parts):
+        out = b"\0\1\0\0"
+        for part in parts:
+            if isinstance(part, str):
+                part = struct.pack("<I", len(part) + 1) + part.encode() + b"\0"
+                out += b"\0" * (-(len(out) - 4) % 4) + part
+            elif isinstance(part, int):
+                out += b"\0" * (-(len(out) - 4) % 4) + struct.pack("<I", part)
+            else:
+                out += part
+        return out
+
+    rule, header = "=" * 80 + "\nMSG: ", "std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n"
+    size_fields = "std_msgs/Header header\nuint32 height\nuint32 width\n"
+    image = f"{size_fields}string encoding\nuint8 is_bigendian\nuint32 step\nuint8[] data\n{rule}{header}"
+    info = f"{size_fields}string distortion_model\nfloat64[] d\nfloat64[9] k\n{rule}{header}"
+    begin = b""
+    for number, (name, kind, definition) in enumerate((("/depth/image_raw", "Image", image),
+                                                       ("/depth/camera_info", "CameraInfo", info)), 1):
+        begin += record(3, struct.pack("<H", number) + text(f"sensor_msgs/msg/{kind}".encode()) + text(b"ros2msg")
+                        + text(definition.encode()))
+        begin += record(4, struct.pack("<HH", number, number) + text(name.encode()) + text(b"cdr") + struct.pack("<I", 0))
+    start = 1_700_000_000 * 10**9
+
+    def message(channel, t, data):
+        return record(5, struct.pack("<HIQQ", channel, 0, t, t) + data)
+
+    K = np.array([600, 0, 320, 0, 600, 240, 0, 0, 1], "<f8")
+    data = cdr(1_700_000_000, 0, "camera", size[0], size[1], "plumb_bob", 0)
+    begin += message(2, start, data + b"\0" * (-(len(data) - 4) % 8) + K.tobytes())
+    random = np.random.default_rng(1)
+    base = (300 + random.integers(0, 5, size)).astype("<u2")
+    with open(path, "wb") as file:
+        file.write(b"\x89MCAP0\r\n" + record(1, text(b"ros2") + text(b"")))
+        chunk = begin
+        for k in range(frames):
+            t = start + k * 33_333_333
+            pixels = (base + k % 1000).astype("<u2")
+            chunk += message(1, t, cdr(t // 10**9, t % 10**9, "camera", size[0], size[1], "16UC1", b"\0", 2 * size[1],
+                                       pixels.size * 2, pixels.tobytes()))
+            if k % 4 == 3 or k + 1 == frames:
+                file.write(record(6, struct.pack("<QQQI", 0, 0, len(chunk), 0) + text(b"") + struct.pack("<Q", len(chunk))
+                                  + chunk))
+                chunk = b""
+        file.write(record(15, struct.pack("<I", 0)) + record(2, bytes(20)) + b"\x89MCAP0\r\n")
+
+
+def bench_bag(program, scratch, frames):
+    """A bag of so many raw depth images into a recording."""
+    bag = scratch / "depth_bag.mcap"
+    write_bag(bag, frames)
+    begin = time.monotonic()
+    child = subprocess.Popen([str(program), "import", str(bag), "-o", str(scratch / "from_bag.mcap")],
+                             stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    _, status, used = os.wait4(child.pid, 0)
+    if status:
+        raise SystemExit(f"mismatch import {bag} failed")
+    megabytes = bag.stat().st_size / 1e6
+    print(f"recordings.bag_mb_per_s {megabytes / (time.monotonic() - begin):.1f} MB/s  # {megabytes:.0f} MB of depth, "
+          f"{used.ru_utime + used.ru_stime:.2f} core-seconds")
+    print(f"recordings.bag_peak_mb {used.ru_maxrss / 1e3:.0f} MB", flush=True)
+
+
 def main():
     parser = argparse.ArgumentParser()
     parser.add_argument("program", type=Path)
@@ -137,9 +211,13 @@ def main():
     parser.add_argument("--predict-tolerance-mm", default="0.1", help="of the mesh that predicts what was left out")
     parser.add_argument("--threads", default="2")
     parser.add_argument("--import-frames", type=int, default=300, help="6500 are 4 GB")
+    parser.add_argument("--only-import", action="store_true")
     args = parser.parse_args()
     if not args.skip_import:
         bench_import(args.program, args.scratch, args.import_frames)
+        bench_bag(args.program, args.scratch, args.import_frames)
+    if args.only_import:
+        return
     case = args.scratch / "case"
     subprocess.run([sys.executable, lifts.__file__, str(case), "--lifts", *args.lifts,
                     *(["--moving"] if args.moving else [])], check=True)

@@ -47,6 +47,7 @@ Figures of the groups named (default: tissue elastic ppo workers train):
             SOLVE_DEMONSTRATIONS=N: solve.<preset>.demonstrations_N.*, which begins with N episodes of the scripted expert
   terms     terms.<name>.steps_per_s: training of omentum_elastic with one term of a scene at a time, two workers
   recordings  recordings.import_mb_per_s, recordings.import_peak_mb: 300 raw depth images of 640 x 480 into an MCAP file;
+            recordings.bag_mb_per_s, recordings.bag_peak_mb: the same from a bag of ROS 2;
             recordings.calibrate_s, recordings.calibrate_paper_s: `mismatch calibrate` by both methods on five lifts of
             another engine, mesh of 0.3 mm, two threads; recordings.held_out_mm, recordings.held_out_paper_mm: mean distance of the
             true surface from that predicted without the pinch point

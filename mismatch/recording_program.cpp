@@ -12,6 +12,7 @@
 #include "mismatch/recording/plain_folder.h"
 #include "mismatch/recording/read_recording.h"
 #include "mismatch/recording/recording_mcap.h"
+#include "mismatch/ros/bag.h"
 
 namespace omentum {
 namespace {
@@ -42,16 +43,27 @@ std::string summary(const Recording& recording) {
   return text;
 }
 
+/// A folder, an MCAP file of ours, or a bag of ROS.
+Recording read_any(const std::string& path) {
+  return is_bag(path) ? read_bag(path, {}, {}) : read_recording(path);
+}
+
 /// What a folder or file holds, one recording after the other.
 void for_each(const RecordingOptions& options, const TakeRecording& take) {
-  if (!options.map.empty()) return import_mapped(read_import_map(options.map), options.input, take);
-  for_each_recording(options.input, take);
+  if (options.map.empty()) {
+    is_bag(options.input);  // refuses what first must be converted
+    return for_each_recording(options.input, take, read_any);
+  }
+  const pb::ImportMap map = read_import_map(options.map);
+  if (map.has_ros()) return import_bags(map, options.input, take);
+  import_mapped(map, options.input, take);
 }
 
 int import_recordings(const RecordingOptions& options) {
   const auto report = [](const std::string& name, const Recording& recording) {
     warn(recording.warnings);
     std::printf("%s:%s\n", name.c_str(), summary(recording).c_str());
+    for (const std::string& note : recording.notes) std::printf("  %s\n", note.c_str());
   };
   if (!options.output.ends_with(".mcap")) {
     OutputFolder out(options.output);
@@ -93,7 +105,7 @@ int export_recording(const RecordingOptions& options) {
 int print_info(const RecordingOptions& options) {
   std::map<std::string, std::vector<Recording>> repeats;
   for (const std::string& path : options.inputs) {
-    Recording recording = read_recording_mcap(path);
+    Recording recording = is_bag(path) ? read_bag(path, {}, {}) : read_recording_mcap(path);
     warn(recording.warnings);
     const pb::RecordingInfo& info = recording.info;
     std::printf("%s: %s:%s\n", path.c_str(), info.name().c_str(), summary(recording).c_str());
@@ -122,8 +134,10 @@ std::function<int()> add_recording_commands(CLI::App& app) {
   const auto options = std::make_shared<RecordingOptions>();
   CLI::App& in = *app.add_subcommand(
       "import", "Recordings as MCAP files (docs/formats.md 13, docs/import.md)");
-  in.add_option("input", options->input,
-                "Recording folder, case folder with several, MCAP file, or with --map any folder")
+  in.add_option(
+        "input", options->input,
+        "Recording folder, case folder with several, MCAP file, bag of ROS in MCAP, or with "
+        "--map any folder")
       ->required();
   in.add_option("--map", options->map, "Mapping file that says how the recordings stand there");
   in.add_option("-o,--output", options->output,

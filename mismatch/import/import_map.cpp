@@ -40,19 +40,6 @@ T required(Result<T> result, const std::string& where) {
   return std::move(result).value();
 }
 
-/// Paths from the folder of every regular file in it, sorted.
-std::vector<std::string> files_below(const std::string& folder) {
-  constexpr std::size_t kMost = 1'000'000;
-  std::vector<std::string> paths;
-  for (const auto& entry : fs::recursive_directory_iterator(folder)) {
-    if (!entry.is_regular_file()) continue;
-    paths.push_back(fs::relative(entry.path(), folder).generic_string());
-    if (paths.size() > kMost) throw_error("{}: more than {} files", folder, kMost);
-  }
-  std::sort(paths.begin(), paths.end());
-  return paths;
-}
-
 bool is_array(const std::string& path) { return path.ends_with(".npy") || path.ends_with(".npz"); }
 
 /// Whether what both name is the same text.
@@ -173,23 +160,6 @@ void add_frame_files(const pb::SourceMap& source, const std::string& folder,
   images.fetch = image_files(paths, depth);
 }
 
-pb::RecordingInfo info_of(const pb::ImportMap& map, const Values& values, const std::string& name) {
-  pb::RecordingInfo info = map.info();
-  const auto apply = [&](const std::string& assignment) {
-    set_info_field(info, required(fill_in(assignment, values), "set"), "set");
-  };
-  for (const std::string& assignment : map.set()) apply(assignment);
-  for (const pb::CaseMap& one : map.when()) {
-    const std::string value = required(fill_in(one.value(), values), "when.value");
-    if (std::find(one.equals().begin(), one.equals().end(), value) == one.equals().end()) continue;
-    for (const std::string& assignment : one.set()) apply(assignment);
-  }
-  info.set_name(name);
-  if (!info.has_frame()) info.set_frame("W");
-  check_ranges(info, "set");
-  return info;
-}
-
 /// One recording: block `b` of the first source.
 class Builder {
  public:
@@ -218,7 +188,7 @@ class Builder {
     std::map<std::string, std::vector<std::int64_t>> times;
     for (int k = 0; k < map_.source_size(); ++k) add_source(k, values, times, recording);
     const std::string name = required(fill_in(map_.name(), values), "name");
-    recording.info = info_of(map_, values, name);
+    recording.info = mapped_info(map_, values, name);
     if (recording.depth.size() > 0 && !has_intrinsics(recording.info.camera()))
       throw_error("{}: depth without intrinsics, needed info.camera of the mapping file", name);
     if (recording.series.empty() && recording.clouds.size() == 0 && recording.depth.size() == 0)
@@ -272,6 +242,43 @@ class Builder {
 
 }  // namespace
 
+std::vector<std::string> files_below(const std::string& folder) {
+  constexpr std::size_t kMost = 1'000'000;
+  std::vector<std::string> paths;
+  for (const auto& entry : fs::recursive_directory_iterator(folder)) {
+    if (!entry.is_regular_file()) continue;
+    paths.push_back(fs::relative(entry.path(), folder).generic_string());
+    if (paths.size() > kMost) throw_error("{}: more than {} files", folder, kMost);
+  }
+  std::sort(paths.begin(), paths.end());
+  return paths;
+}
+
+pb::RecordingInfo mapped_info(const pb::ImportMap& map, const Values& values,
+                              const std::string& name) {
+  pb::RecordingInfo info = map.info();
+  const auto apply = [&](const std::string& assignment) {
+    set_info_field(info, required(fill_in(assignment, values), "set"), "set");
+  };
+  for (const std::string& assignment : map.set()) apply(assignment);
+  for (const pb::CaseMap& one : map.when()) {
+    const std::string value = required(fill_in(one.value(), values), "when.value");
+    if (std::find(one.equals().begin(), one.equals().end(), value) == one.equals().end()) continue;
+    for (const std::string& assignment : one.set()) apply(assignment);
+  }
+  info.set_name(name);
+  if (!info.has_frame()) info.set_frame("W");
+  check_ranges(info, "set");
+  return info;
+}
+
+void check_recording_name(const std::string& name, std::set<std::string>& names) {
+  if (name.empty() || name.find_first_of("/\\") != std::string::npos || name.front() == '.')
+    throw_error("name: \"{}\" is no name of a file", shown(name));
+  if (!names.insert(name).second)
+    throw_error("name: \"{}\" twice: {{values}} are missing in it", shown(name));
+}
+
 pb::ImportMap read_import_map(const std::string& path) {
   pb::ImportMap map;
   read_text_proto(path, map);
@@ -322,10 +329,7 @@ void import_mapped(const pb::ImportMap& map, const std::string& folder, const Ta
     const Builder builder(map, folder, group);
     for (std::size_t block = 0; block < builder.count(); ++block) {
       builder.make(block, [&](const std::string& name, const Recording& recording) {
-        if (name.empty() || name.find_first_of("/\\") != std::string::npos || name.front() == '.')
-          throw_error("name: \"{}\" is no name of a file", shown(name));
-        if (!names.insert(name).second)
-          throw_error("name: \"{}\" twice: {{values}} are missing in it", shown(name));
+        check_recording_name(name, names);
         take(name, recording);
       });
     }

@@ -1,7 +1,10 @@
 #pragma once
 
+#include <set>
 #include <string>
+#include <vector>
 
+#include "mismatch/import/file_pattern.h"
 #include "mismatch/recording/read_recording.h"
 #include "proto/import_map.pb.h"
 
@@ -18,5 +21,15 @@ void import_mapped(const pb::ImportMap& map, const std::string& folder, const Ta
 /// Sets one field, "a.b=value". Throws Error with what is wrong behind `where`.
 void set_info_field(pb::RecordingInfo& info, const std::string& assignment,
                     const std::string& where);
+
+/// Fields that a map gives a recording of that name. Throws Error.
+pb::RecordingInfo mapped_info(const pb::ImportMap& map, const Values& values,
+                              const std::string& name);
+
+/// Throws Error where it is no name of a file, or one of `names`, which it joins.
+void check_recording_name(const std::string& name, std::set<std::string>& names);
+
+/// Paths from the folder of every regular file in it, sorted. Throws Error.
+std::vector<std::string> files_below(const std::string& folder);
 
 }  // namespace omentum

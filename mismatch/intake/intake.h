@@ -8,7 +8,7 @@
 
 namespace omentum {
 
-// What can be known of a recording before anything is simulated (docs/import.md 8).
+// What can be known of a recording before anything is simulated (docs/import.md 9).
 
 /// Samples of a channel in time.
 struct SamplingFigures {

@@ -25,9 +25,10 @@ Recording read_recording(const std::string& path) {
   return fs::is_directory(path) ? read_recording_folder(path) : read_recording_mcap(path);
 }
 
-void for_each_recording(const std::string& path, const TakeRecording& take) {
+void for_each_recording(const std::string& path, const TakeRecording& take,
+                        const ReadRecording& read) {
   const fs::path input(path);
-  if (!fs::is_directory(input)) return take(input.stem().string(), read_recording_mcap(path));
+  if (!fs::is_directory(input)) return take(input.stem().string(), read(path));
   std::vector<fs::path> parts;
   if (!holds_recording(input)) {  // a case: a folder or a file a recording
     for (const auto& entry : fs::directory_iterator(input)) {
@@ -41,7 +42,7 @@ void for_each_recording(const std::string& path, const TakeRecording& take) {
   for (const fs::path& part : parts) {
     const fs::path named = fs::absolute(part).lexically_normal();
     take(fs::is_directory(part) ? named.filename().string() : named.stem().string(),
-         read_recording(part.string()));
+         read(part.string()));
   }
 }
 

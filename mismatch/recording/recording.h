@@ -53,12 +53,13 @@ struct Recording {
   Frames<Cloud> clouds;
   Frames<std::string> depth, color;   ///< PNG files
   std::vector<std::string> warnings;  ///< of its reading, one line each
+  std::vector<std::string> notes;     ///< what became of what in a bag, one line each
 
   const Series* find(const std::string& topic) const;
 };
 
-/// Same statements, numbers, clouds and pictures; warnings apart. Else one line that names the
-/// first difference; empty where there is none. Fetches every frame of both.
+/// Same statements, numbers, clouds and pictures; warnings and notes apart. Else one line that
+/// names the first difference; empty where there is none. Fetches every frame of both.
 std::string difference(const Recording& a, const Recording& b);
 
 /// "12.345" <-> ns, exact. A number with an exponent or more digits is rounded to the ns; nothing

@@ -167,6 +167,10 @@ Recording read_recording_mcap(const std::string& path) {
   for (const std::string& problem : reader.problems())
     recording.warnings.push_back(fmt::format("{}: {}", path, problem));
   if (!stated && !starts_as_recording(series, frames)) {
+    for (const auto& [id, channel] : reader.channels()) {
+      if (channel.encoding == "ros1" || channel.encoding == "cdr")
+        throw_error("{}: a bag of ROS, needed what `mismatch import` makes of it", path);
+    }
     throw_error(
         "{}: {}, needed an MCAP file with /recording", path,
         reader.problems().empty() ? "nothing of a recording in it" : reader.problems().front());

@@ -24,7 +24,7 @@ JOINED = {"coupled": {"shell", "solid"}}
 # Within dvrk_gateway the same; "" are the files of the program itself.
 DVRK_GATEWAY = ["protocol", "dvrk_double", "safety", "loop", "recording", "backend", "bus", ""]
 # Within mismatch the same: recordings know nothing of simulation, which is in files of the package itself (".").
-MISMATCH = ["recording", "import", "intake", "catalogue", ".", "scene", "calibrate", ""]
+MISMATCH = ["recording", "import", "ros", "intake", "catalogue", ".", "scene", "calibrate", ""]
 MISMATCH_PROGRAM = ("main.cpp", "_program.h", "_program.cpp")
 # Folders of the tests are named from the tests' own root as well.
 TESTS = {"tests", "support", "contract", "fuzz", "learner", "sim_worker", "report", "mismatch", "monitor", "dvrk_gateway", "core", "proto", "benchmarks"}
@@ -70,7 +70,7 @@ def mismatch_folder(path):
 def problem_within_mismatch(source, target):
     here, there = mismatch_folder(source), mismatch_folder(target)
     if there not in MISMATCH or here not in MISMATCH:
-        return f"mismatch has the folders {', '.join(MISMATCH[:3] + MISMATCH[4:-1])}"
+        return "mismatch has the folders " + ", ".join(name for name in MISMATCH[:-1] if name != ".")
     if MISMATCH.index(there) > MISMATCH.index(here):
         return f"{here or 'the program'} stands before {there or 'the program'}"
     return None

@@ -1,0 +1,290 @@
+#include "mismatch/ros/images.h"
+
+#include <fmt/format.h>
+#include <zlib.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstring>
+#include <limits>
+#include <optional>
+
+#include "core/check.h"
+#include "core/table.h"
+#include "mismatch/recording/depth_image.h"
+
+namespace omentum {
+namespace {
+
+constexpr double kMostPixels = 64e6;
+/// compressedDepth: kind, then two numbers of inverted depth.
+constexpr std::size_t kDepthHeader = 12;
+
+std::uint32_t whole(const RosValue& message, std::string_view path, double most) {
+  const double value = message.number_at(path);
+  if (!(value >= 0 && value <= most))
+    throw_error("{} of {}: {}, allowed 0 ... {}", path, message.message->name, value, most);
+  return static_cast<std::uint32_t>(value);
+}
+
+void put_big_endian(std::string& out, std::uint32_t value) {
+  for (const int shift : {24, 16, 8, 0}) out.push_back(static_cast<char>(value >> shift & 0xff));
+}
+
+void put_chunk(std::string& png, const char* kind, std::string_view content) {
+  put_big_endian(png, static_cast<std::uint32_t>(content.size()));
+  const std::size_t begin = png.size();
+  png.append(kind).append(content);
+  const auto* bytes = reinterpret_cast<const Bytef*>(png.data() + begin);
+  put_big_endian(png, static_cast<std::uint32_t>(crc32_z(0, bytes, png.size() - begin)));
+}
+
+/// A PNG whose rows are stored and not packed: chunks of the recording pack them together.
+/// `rows` has a byte of 0, "no filter", before each row.
+std::string stored_png(std::uint32_t width, std::uint32_t height, int bits, int colour,
+                       const std::string& rows) {
+  std::string png("\x89PNG\r\n\x1a\n", 8), head;
+  put_big_endian(head, width);
+  put_big_endian(head, height);
+  for (const int byte : {bits, colour, 0, 0, 0}) head.push_back(static_cast<char>(byte));
+  uLongf size = compressBound(rows.size());
+  std::string stored(size, '\0');
+  const int done = compress2(reinterpret_cast<Bytef*>(stored.data()), &size,
+                             reinterpret_cast<const Bytef*>(rows.data()), rows.size(), 0);
+  OMENTUM_CHECK(done == Z_OK, "zlib: {}", done);
+  stored.resize(size);
+  png.reserve(stored.size() + 60);
+  put_chunk(png, "IHDR", head);
+  put_chunk(png, "IDAT", stored);
+  put_chunk(png, "IEND", "");
+  return png;
+}
+
+std::size_t bytes_per_pixel(std::string_view encoding) {
+  if (encoding == "32FC1" || encoding == "rgba8" || encoding == "bgra8") return 4;
+  if (encoding == "rgb8" || encoding == "bgr8") return 3;
+  return encoding == "mono8" || encoding == "8UC1" ? 1 : 2;
+}
+
+std::uint16_t steps_of(double metres, double unit_m) {
+  const double steps = std::round(metres / unit_m);
+  return steps >= 1 && steps <= 65535 ? static_cast<std::uint16_t>(steps) : std::uint16_t{0};
+}
+
+float float_at(const char* bytes, bool big_endian) {
+  std::array<char, 4> raw;
+  std::memcpy(raw.data(), bytes, 4);
+  if (big_endian) std::reverse(raw.begin(), raw.end());
+  float value = 0;
+  std::memcpy(&value, raw.data(), 4);
+  return value;
+}
+
+std::string_view packed_bytes(const RosValue& message) { return message.numbers_at("data").bytes; }
+
+constexpr std::string_view kPngMagic{"\x89PNG\r\n\x1a\n", 8};
+
+}  // namespace
+
+bool is_depth_encoding(std::string_view encoding) {
+  return encoding == "16UC1" || encoding == "mono16" || encoding == "32FC1";
+}
+
+bool is_color_encoding(std::string_view encoding) {
+  return encoding == "rgb8" || encoding == "bgr8" || encoding == "rgba8" || encoding == "bgra8" ||
+         encoding == "mono8" || encoding == "8UC1";
+}
+
+RosImage ros_image(const RosValue& message) {
+  RosImage image;
+  image.width = whole(message, "width", kMostPixels);
+  image.height = whole(message, "height", kMostPixels);
+  image.step = whole(message, "step", 1e9);
+  image.encoding = message.text_at("encoding");
+  image.big_endian = message.number_at("is_bigendian") != 0;
+  image.data = message.numbers_at("data").bytes;
+  const std::uint64_t pixels = std::uint64_t{image.width} * image.height;
+  if (pixels == 0 || static_cast<double>(pixels) > kMostPixels)
+    throw_error("{} x {} pixels, allowed up to {} together", image.width, image.height,
+                kMostPixels);
+  if (!is_depth_encoding(image.encoding) && !is_color_encoding(image.encoding)) return image;
+  if (image.step < image.width * bytes_per_pixel(image.encoding) ||
+      image.data.size() < std::uint64_t{image.step} * image.height)
+    throw_error("{} x {} pixels {} in {} bytes, rows of {}", image.width, image.height,
+                image.encoding, image.data.size(), image.step);
+  return image;
+}
+
+std::string depth_png(const RosImage& image, double unit_m) {
+  if (!is_depth_encoding(image.encoding))
+    throw_error("encoding {}, needed 16UC1, mono16 or 32FC1 for depth", shown(image.encoding));
+  const bool metres = image.encoding == "32FC1";
+  const std::size_t line = 1 + 2 * std::size_t{image.width};
+  std::string rows(line * image.height, '\0');
+  for (std::uint32_t v = 0; v < image.height; ++v) {
+    const char* from = image.data.data() + v * image.step;
+    char* to = rows.data() + v * line + 1;
+    // Big-endian in the file.
+    if (metres) {
+      for (std::uint32_t u = 0; u < image.width; ++u) {
+        const std::uint16_t steps =
+            steps_of(double{float_at(from + 4 * std::size_t{u}, image.big_endian)}, unit_m);
+        to[2 * u] = static_cast<char>(steps >> 8);
+        to[2 * u + 1] = static_cast<char>(steps & 0xff);
+      }
+    } else if (image.big_endian) {
+      std::memcpy(to, from, 2 * std::size_t{image.width});
+    } else {
+      for (std::uint32_t u = 0; u < image.width; ++u) {
+        to[2 * u] = from[2 * u + 1];
+        to[2 * u + 1] = from[2 * u];
+      }
+    }
+  }
+  return stored_png(image.width, image.height, 16, 0, rows);
+}
+
+std::string color_png(const RosImage& image) {
+  if (!is_color_encoding(image.encoding))
+    throw_error("encoding {}, needed rgb8, bgr8, rgba8, bgra8 or mono8 for colour",
+                shown(image.encoding));
+  const std::size_t pixel = bytes_per_pixel(image.encoding), kept = pixel == 1 ? 1 : 3;
+  const bool turned = image.encoding.starts_with("bgr");
+  const std::size_t line = 1 + kept * image.width;
+  std::string rows(line * image.height, '\0');
+  for (std::uint32_t v = 0; v < image.height; ++v) {
+    const char* from = image.data.data() + v * image.step;
+    char* to = rows.data() + v * line + 1;
+    for (std::uint32_t u = 0; u < image.width; ++u) {
+      for (std::size_t k = 0; k < kept; ++k)
+        to[kept * u + k] = from[pixel * u + (turned ? kept - 1 - k : k)];
+    }
+  }
+  return stored_png(image.width, image.height, 8, kept == 1 ? 0 : 2, rows);
+}
+
+PackedImage packed_image(const RosValue& message) {
+  const std::string_view format = message.text_at("format"), data = packed_bytes(message);
+  if (format.find("compressedDepth") != std::string_view::npos) {
+    if (data.size() < kDepthHeader || !data.substr(kDepthHeader).starts_with(kPngMagic))
+      return PackedImage::kOther;
+    return format.starts_with("32FC1") ? PackedImage::kDepthInvertedPng : PackedImage::kDepthPng;
+  }
+  if (data.starts_with(kPngMagic)) {
+    const Result<PngSize> size = parse_png_size("picture", data);
+    if (!size) throw_error("{}", size.error());
+    const bool depth = size.value().bits == 16 && size.value().channels == 1;
+    return depth ? PackedImage::kDepthPng : PackedImage::kColorPng;
+  }
+  return data.starts_with("\xff\xd8") ? PackedImage::kJpeg : PackedImage::kOther;
+}
+
+std::string unpacked_depth_png(const RosValue& message, double unit_m) {
+  const PackedImage kind = packed_image(message);
+  const std::string_view data = packed_bytes(message);
+  if (kind != PackedImage::kDepthPng && kind != PackedImage::kDepthInvertedPng)
+    throw_error("format {}, needed png or compressedDepth png of 16 bits",
+                shown(message.text_at("format")));
+  const std::string_view png = data.starts_with(kPngMagic) ? data : data.substr(kDepthHeader);
+  Result<DepthImage> packed = parse_depth_png("compressedDepth", png);
+  if (!packed) throw_error("{}", packed.error());
+  if (kind == PackedImage::kDepthPng) return std::string(png);
+  // depth = a / (stored - b), in m.
+  const double a = double{float_at(data.data() + 4, false)};
+  const double b = double{float_at(data.data() + 8, false)};
+  const DepthImage& image = packed.value();
+  std::string bytes(image.depth.size() * 2, '\0');
+  for (std::size_t k = 0; k < image.depth.size(); ++k) {
+    const std::uint16_t steps =
+        image.depth[k] == 0 ? std::uint16_t{0} : steps_of(a / (image.depth[k] - b), unit_m);
+    std::memcpy(bytes.data() + 2 * k, &steps, 2);
+  }
+  return depth_png({image.width, image.height, 2 * std::size_t{image.width}, "16UC1", bytes}, 1);
+}
+
+std::string packed_color_png(const RosValue& message) {
+  if (packed_image(message) != PackedImage::kColorPng)
+    throw_error("format {}, needed png", shown(message.text_at("format")));
+  return std::string(packed_bytes(message));
+}
+
+Cloud ros_cloud(const RosValue& message, const Eigen::Isometry3d& X_WF) {
+  constexpr int kFloat32 = 7, kFloat64 = 8;  // of sensor_msgs/PointField
+  struct Axis {
+    std::size_t offset = 0;
+    bool wide = false;
+  };
+  std::array<std::optional<Axis>, 3> axes;
+  const std::size_t point = whole(message, "point_step", 1e6);
+  const std::size_t row = whole(message, "row_step", 4e9);
+  const std::size_t width = whole(message, "width", 4e9), height = whole(message, "height", 4e9);
+  const bool swapped = message.number_at("is_bigendian") != 0;
+  const std::string_view data = message.numbers_at("data").bytes;
+  for (const RosValue& field : message.get("fields").items) {
+    const std::string_view name = field.text_at("name");
+    const std::size_t axis = name.size() == 1 ? std::string_view("xyz").find(name) : 3;
+    if (axis > 2) continue;
+    const double type = field.number_at("datatype");
+    if (type != kFloat32 && type != kFloat64)
+      throw_error("{} of the cloud is no FLOAT32 or FLOAT64", name);
+    axes[axis] = {whole(field, "offset", 1e6), type == kFloat64};
+    if (axes[axis]->offset + (axes[axis]->wide ? 8 : 4) > point)
+      throw_error("{} of the cloud lies behind its point", name);
+  }
+  if (!axes[0] || !axes[1] || !axes[2]) throw_error("a cloud without x, y or z");
+  if (width == 0 || height == 0) return {};
+  if ((width > data.size() / point || (height > 1 && row < width * point) ||
+       (height - 1) > (data.size() - width * point) / std::max<std::size_t>(row, 1)))
+    throw_error("a cloud of {} x {} points of {} bytes in {}", width, height, point, data.size());
+  const bool moved = !X_WF.matrix().isIdentity(0);
+  Cloud cloud;
+  cloud.reserve(width * height);
+  RosValue number;
+  number.kind = RosValue::kNumbers;
+  number.swapped = swapped;
+  for (std::size_t v = 0; v < height; ++v) {
+    for (std::size_t u = 0; u < width; ++u) {
+      Eigen::Vector3d p;
+      for (Eigen::Index k = 0; k < 3; ++k) {
+        const Axis& axis = *axes[static_cast<std::size_t>(k)];
+        number.type = axis.wide ? RosNumber::kFloat64 : RosNumber::kFloat32;
+        number.bytes = data.substr(v * row + u * point + axis.offset, axis.wide ? 8 : 4);
+        p[k] = number.at(0);
+      }
+      if (moved) p = X_WF * p;
+      const Eigen::Vector3f seen = p.cast<float>();
+      if (seen.allFinite()) cloud.push_back(seen);
+    }
+  }
+  return cloud;
+}
+
+bool ros_camera(const RosValue& message, pb::RecordingCamera& camera) {
+  // Capitals in ROS 1.
+  const bool capitals = message.find("K") != nullptr;
+  const RosValue& K = message.numbers_at(capitals ? "K" : "k");
+  if (K.size() != 9) throw_error("{} numbers of K, needed 9", K.size());
+  camera.set_width(whole(message, "width", kMostPixels));
+  camera.set_height(whole(message, "height", kMostPixels));
+  for (const std::size_t k : {0, 4, 2, 5}) {
+    if (!std::isfinite(K.at(k))) throw_error("K of the camera is not finite");
+  }
+  camera.set_fx(K.at(0));
+  camera.set_fy(K.at(4));
+  camera.set_cx(K.at(2));
+  camera.set_cy(K.at(5));
+  for (const char* binning : {"binning_x", "binning_y"}) {
+    const RosValue* found = message.find(binning);
+    if (found != nullptr && found->number > 1)
+      throw_error("{} {}, allowed 1", binning, found->number);
+  }
+  if (!(camera.fx() > 0 && camera.fy() > 0)) throw_error("K of the camera is zero: not calibrated");
+  const RosValue* d = message.find(capitals ? "D" : "d");
+  for (std::size_t k = 0; d != nullptr && d->kind == RosValue::kNumbers && k < d->size(); ++k) {
+    if (d->at(k) != 0) return true;
+  }
+  return false;
+}
+
+}  // namespace omentum
