@@ -1,7 +1,7 @@
 # Writes the source of build_id() and git_revision(), and leaves it alone when nothing changed. Runs in every build:
 #   cmake -DROOT=<source tree> -DFLAGS=<compiler and flags> -DVERSION=<release> -DOUTPUT=<file.cpp> -P core/build_id.cmake
 set(text "${FLAGS}\n")
-foreach(folder core idl learner proto sim_worker)
+foreach(folder core granting idl learner proto sim_worker)
   file(GLOB_RECURSE files RELATIVE ${ROOT} ${ROOT}/${folder}/*)
   foreach(file ${files})
     if(file MATCHES "\\.(cpp|h|inl|idl|proto|cmake|txt)$")

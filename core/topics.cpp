@@ -9,7 +9,7 @@ namespace {
 
 constexpr std::int64_t kS = 1'000'000'000;
 
-constexpr std::array<TopicSpec, 11> kTopics{{
+constexpr std::array<TopicSpec, 13> kTopics{{
     {TopicId::kPolicyWeights, "omentum/policy/weights", true, History::kKeepLast, 2,
      Durability::kTransientLocal, 2, 1 * kS, 0},
     {TopicId::kRolloutTask, "omentum/rollout/task", true, History::kKeepLast, 1,
@@ -32,6 +32,10 @@ constexpr std::array<TopicSpec, 11> kTopics{{
      0, 1 * kS, 0},
     {TopicId::kRobotState, "omentum/robot/state", false, History::kKeepLast, 1,
      Durability::kVolatile, 0, 1 * kS, 0},
+    {TopicId::kSimulationTask, "omentum/simulation/task", true, History::kKeepLast, 1,
+     Durability::kVolatile, 0, 1 * kS, 0},
+    {TopicId::kSimulationResult, "omentum/simulation/result", true, History::kKeepAll, 0,
+     Durability::kVolatile, 0, kS / 5, 0},
 }};
 
 }  // namespace
@@ -54,6 +58,10 @@ std::vector<std::string> run_partition(const std::string& run) { return {run}; }
 
 std::vector<std::string> worker_partition(const std::string& run, std::uint32_t worker_id) {
   return {fmt::format("{}/w{}", run, worker_id)};
+}
+
+std::vector<std::string> asker_partition(const std::string& run, std::uint32_t asker_id) {
+  return {fmt::format("{}/a{}", run, asker_id)};
 }
 
 void check_run_name(const std::string& run) {

@@ -20,6 +20,8 @@ enum class TopicId : std::uint32_t {
   kControlReply,
   kSimFrame,
   kRobotState,
+  kSimulationTask,
+  kSimulationResult,
 };
 
 enum class History { kKeepLast, kKeepAll };
@@ -54,6 +56,8 @@ std::vector<std::string> tool_partitions(const std::string& run);
 std::vector<std::string> run_partition(const std::string& run);
 /// Tasks of one worker: "<run>/w<worker_id>".
 std::vector<std::string> worker_partition(const std::string& run, std::uint32_t worker_id);
+/// Results of simulations that one program asked for: "<run>/a<asker_id>".
+std::vector<std::string> asker_partition(const std::string& run, std::uint32_t asker_id);
 
 /// Throws Error unless the name of a run can be a partition and a folder: 1 to 100 letters, digits,
 /// '_', '-', '.', the first neither '-' (an option) nor '.' (hidden); DDS would read '*', '?' and

@@ -20,7 +20,9 @@ static_assert(kMaxStateBytes == omentum_v1_MAX_STATE_BYTES &&
               segment_limit::kObservation == omentum_v1_MAX_OBSERVATION &&
               segment_limit::kObservations == omentum_v1_MAX_OBSERVATIONS &&
               segment_limit::kEpisodes == omentum_v1_MAX_EPISODES &&
-              kMaxFrameValues == omentum_v1_MAX_FRAME_VALUES);
+              kMaxFrameValues == omentum_v1_MAX_FRAME_VALUES &&
+              kMaxTaskBytes == omentum_v1_MAX_TASK_BYTES &&
+              kPartBytes == omentum_v1_MAX_PART_BYTES && kMaxParts == omentum_v1_MAX_PARTS);
 
 namespace {
 
@@ -187,6 +189,24 @@ void check_relations(const SimFrame& frame, FirstFailure& result) {
     result.fail("particle_positions_in_world_m", "length is no multiple of 3");
 }
 
+void check_relations(const SimulationGrant& grant, FirstFailure& result) {
+  if (grant.payload.empty()) result.fail("payload", "is empty");
+  if (grant.steps < 1) result.fail("steps", "out of range");
+}
+
+void check_relations(const SimulationPart& part, FirstFailure& result) {
+  if (!part.declined.empty()) {
+    if (part.parts != 0 || !part.payload.empty()) result.fail("declined", "with a result");
+    return;
+  }
+  if (part.parts < 1 || part.parts > kMaxParts || part.part >= part.parts)
+    return result.fail("part", "out of range");
+  if (part.parts != count_parts(part.result_bytes))
+    return result.fail("parts", "do not fit result_bytes");
+  if (part.payload.size() != size_of_part(part.result_bytes, part.part))
+    result.fail("payload", "length is not that of its part");
+}
+
 }  // namespace
 
 template <typename Record>
@@ -322,5 +342,11 @@ template std::optional<std::string> read_sample(const void*, SimFrame&);
 template class BusWriter<RobotStatus>;
 template class BusReader<RobotStatus>;
 template std::optional<std::string> read_sample(const void*, RobotStatus&);
+template class BusWriter<SimulationGrant>;
+template class BusReader<SimulationGrant>;
+template std::optional<std::string> read_sample(const void*, SimulationGrant&);
+template class BusWriter<SimulationPart>;
+template class BusReader<SimulationPart>;
+template std::optional<std::string> read_sample(const void*, SimulationPart&);
 
 }  // namespace omentum

@@ -15,7 +15,8 @@
 
 /// The bus in terms of core/types.h. core/wire.cpp and wire_fields.h alone know the types idlc
 /// generates. Records: PolicyWeights, RolloutTask, RolloutSegment, WorkerStatus, LearnerStatus,
-/// EpisodeSummary, RunManifest, ControlCommand, ControlReply, SimFrame, RobotStatus.
+/// EpisodeSummary, RunManifest, ControlCommand, ControlReply, SimFrame, RobotStatus; of
+/// core/simulation_records.h SimulationGrant, SimulationPart.
 ///
 /// On the way out sequences borrow the memory of the record's vectors; nothing is copied before
 /// serialisation. On the way in every length, enumerator and relation between lengths is checked

@@ -5,6 +5,7 @@
 #include <type_traits>
 
 #include "core/segment_fields.h"
+#include "core/simulation_records.h"
 #include "core/topics.h"
 #include "core/types.h"
 #include "omentum.h"
@@ -180,6 +181,26 @@ void fields(G& g, C& c, V& v) {
   v.fixed(g.weights_hash, c.weights_hash, "weights_hash");
 }
 
+template <typename G, Is<SimulationGrant> C, typename V>
+void fields(G& g, C& c, V& v) {
+  v.values(g, c, [](auto& r) {
+    return std::tie(r.asker_id, r.task, r.grant, r.worker_id, r.format, r.build_id, r.task_hash,
+                    r.steps, r.granted_at_ns);
+  });
+  v.text(g.asker, c.asker, "asker");
+  v.array(g.payload, c.payload, {"payload", omentum_v1_MAX_TASK_BYTES});
+}
+
+template <typename G, Is<SimulationPart> C, typename V>
+void fields(G& g, C& c, V& v) {
+  v.values(g, c, [](auto& r) {
+    return std::tie(r.asker_id, r.task, r.grant, r.worker_id, r.task_hash, r.part, r.parts,
+                    r.result_bytes, r.result_crc32c, r.compute_time_ns);
+  });
+  v.array(g.payload, c.payload, {"payload", omentum_v1_MAX_PART_BYTES});
+  v.text(g.declined, c.declined, "declined");
+}
+
 /// What carries a record: its topic, generated type, and key(), the members that a sample without
 /// data has as well.
 template <TopicId kId, typename G, const dds_topic_descriptor_t& kDescription>
@@ -242,5 +263,14 @@ struct Wire<RobotStatus>
     : Carrier<TopicId::kRobotState, omentum_v1_RobotStatus, omentum_v1_RobotStatus_desc> {
   static auto key(auto& r) { return std::tie(r.gateway_id); }
 };
+
+template <>
+struct Wire<SimulationGrant> : Carrier<TopicId::kSimulationTask, omentum_v1_SimulationGrant,
+                                       omentum_v1_SimulationGrant_desc> {
+  static auto key(auto& r) { return std::tie(r.asker_id, r.task); }
+};
+template <>
+struct Wire<SimulationPart> : Carrier<TopicId::kSimulationResult, omentum_v1_SimulationPart,
+                                      omentum_v1_SimulationPart_desc> {};
 
 }  // namespace omentum

@@ -185,7 +185,7 @@ bool LearnerBus::wait(std::int64_t timeout_ns) {
   if (matching) timeout_ns = std::min(timeout_ns, kMatchPollNs);
   std::unique_lock lock(mutex_);
   return something_.wait_for(lock, std::chrono::nanoseconds(timeout_ns), [this] {
-    return !ring_.empty() || !overflown_.empty() || !commands_.empty() || workers_changed_ ||
+    return !ring_.empty() || !overflown_.empty() || !commands_.empty() || workers_.has_changed() ||
            superseded();
   });
 }
@@ -195,7 +195,7 @@ void LearnerBus::serve(TaskBook& book, std::int64_t now_ns) {
   if (expired()) return;
   std::deque<RolloutSegment> segments;
   std::vector<std::pair<std::uint32_t, std::uint64_t>> overflown;
-  std::vector<std::pair<std::uint32_t, Seen>> changed;
+  std::vector<std::pair<std::uint32_t, ListedWorker>> changed;
   std::uint64_t refused = 0;
   std::uint64_t foreign = 0, of_robots = 0;
   {
@@ -205,14 +205,7 @@ void LearnerBus::serve(TaskBook& book, std::int64_t now_ns) {
     refused = statistics_.refused;
     foreign = statistics_.foreign;
     of_robots = statistics_.of_robots;
-    if (std::exchange(workers_changed_, false)) {
-      for (auto& [id, seen] : seen_) {
-        if (!std::exchange(seen.changed, false)) continue;
-        changed.emplace_back(id, seen);
-      }
-      // Those gone are copied by now; an id never comes back.
-      std::erase_if(seen_, [](const auto& entry) { return !entry.second.alive; });
-    }
+    changed = workers_.take_changed();
   }
   std::string invalid;
   for (RolloutSegment& segment : segments) {
@@ -261,17 +254,17 @@ void LearnerBus::serve(TaskBook& book, std::int64_t now_ns) {
 void LearnerBus::follow_silence(TaskBook& book) {
   const std::lock_guard lock(mutex_);
   for (auto& [id, served] : served_) {
-    const auto seen = seen_.find(id);
+    const ListedWorker* seen = workers_.find(id);
     // One that makes its scene, before it joins, has nothing to say yet.
     const bool silent =
-        served.joined && seen != seen_.end() && steady_now_ns() - seen->second.at_ns > kSilentNs;
+        served.joined && seen != nullptr && steady_now_ns() - seen->at_ns > kSilentNs;
     if (std::exchange(served.silent, silent) == silent) continue;
     book.worker_silent(id, silent);
     log().warn("event=worker_{} worker={}", silent ? "silent" : "speaks_again", id);
   }
 }
 
-void LearnerBus::follow_worker(TaskBook& book, std::uint32_t id, const Seen& seen,
+void LearnerBus::follow_worker(TaskBook& book, std::uint32_t id, const ListedWorker& seen,
                                std::int64_t now_ns) {
   if (seen.status.learner_epoch < options_.learner_epoch)
     epoch_of_workers_ = std::max(epoch_of_workers_, seen.status.learner_epoch);
@@ -433,11 +426,7 @@ BusStatistics LearnerBus::statistics() const {
 
 std::vector<WorkerStatus> LearnerBus::worker_statuses() const {
   const std::lock_guard lock(mutex_);
-  std::vector<WorkerStatus> statuses;
-  for (const auto& [id, seen] : seen_) {
-    if (seen.alive) statuses.push_back(seen.status);
-  }
-  return statuses;
+  return workers_.alive();
 }
 
 std::uint32_t LearnerBus::workers_ready() const {

@@ -17,6 +17,7 @@
 #include "core/dds_options.h"
 #include "core/heartbeat.h"
 #include "core/wire.h"
+#include "granting/worker_list.h"
 #include "learner/hub_mirror.h"
 #include "learner/task_book.h"
 
@@ -109,15 +110,6 @@ class LearnerBus {
   std::uint32_t workers_ready() const;
 
  private:
-  // What the drain thread knows about a worker.
-  struct Seen {
-    WorkerStatus status;
-    std::uint64_t writer = 0;
-    std::int64_t at_ns = 0;
-    bool alive = false;
-    bool crashed = false;
-    bool changed = false;
-  };
   // What the learner thread holds of a worker.
   struct Served {
     std::unique_ptr<BusWriter<RolloutTask>> writer;
@@ -134,7 +126,8 @@ class LearnerBus {
   void drain_mirrored();
   void send_status(std::int64_t now_ns);
 
-  void follow_worker(TaskBook& book, std::uint32_t id, const Seen& seen, std::int64_t now_ns);
+  void follow_worker(TaskBook& book, std::uint32_t id, const ListedWorker& seen,
+                     std::int64_t now_ns);
   void follow_declines(TaskBook& book, std::uint32_t id, const WorkerStatus& before,
                        const WorkerStatus& after, std::int64_t now_ns);
   void follow_silence(TaskBook& book);
@@ -189,10 +182,7 @@ class LearnerBus {
   std::deque<RolloutSegment> ring_;  // guarded by mutex_
   // (slot, task_hash), guarded by mutex_
   std::vector<std::pair<std::uint32_t, std::uint64_t>> overflown_;
-  std::map<std::uint32_t, Seen> seen_;  // guarded by mutex_
-  // Of every worker seen, also after it left; guarded by mutex_.
-  std::map<std::uint32_t, std::uint64_t> participant_of_;
-  bool workers_changed_ = false;          // guarded by mutex_
+  WorkerList workers_;                    // guarded by mutex_
   std::vector<ControlCommand> commands_;  // guarded by mutex_
   std::size_t ring_peak_ = 0;             // since the last report; guarded by mutex_
   LearnerStatus status_;                  // guarded by mutex_

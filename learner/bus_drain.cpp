@@ -51,8 +51,7 @@ void LearnerBus::drain_segments() {
           return;
         }
         // A segment counts only from the process that announced its worker.
-        const auto own = participant_of_.find(arrival.record.worker_id);
-        if (own == participant_of_.end() || own->second != arrival.info.participant) {
+        if (!workers_.is_process_of(arrival.record.worker_id, arrival.info.participant)) {
           ++statistics_.foreign;
           return;
         }
@@ -91,32 +90,22 @@ void LearnerBus::drain_worker_status() {
   bool changed = false;
   const Result<int> taken =
       worker_reader_.take(1024, [this, &changed](Arrival<WorkerStatus>&& arrival) {
+        using Event = WorkerList::Event;
         const std::lock_guard lock(mutex_);
-        Seen& seen = seen_[arrival.record.worker_id];
-        const bool alive = arrival.info.valid && arrival.info.state == dds::InstanceState::kAlive;
-        if (alive) {
-          if (seen.alive && seen.writer != arrival.info.writer) {
-            ++statistics_.id_conflicts;
-            log().warn("event=worker_refused worker={} reason=\"id has a live writer\"",
-                       arrival.record.worker_id);
-            return;
-          }
-          if (!seen.alive) ++statistics_.workers_alive;
-          // One that rejoined, with a certificate renewed, is another participant.
-          if (!seen.alive) participant_of_[arrival.record.worker_id] = arrival.info.participant;
-          if (mirror_) mirror_->worker(arrival.record);
-          seen.status = std::move(arrival.record);
-          seen.writer = arrival.info.writer;
-          seen.at_ns = steady_now_ns();
-        } else if (seen.alive) {
-          --statistics_.workers_alive;
-          seen.crashed = arrival.info.state != dds::InstanceState::kDisposed;
-          if (mirror_) mirror_->gone(seen.status);
-          ++(seen.crashed ? statistics_.worker_crashes : statistics_.worker_leaves);
+        const std::uint32_t id = arrival.record.worker_id;
+        const Event event = workers_.note(std::move(arrival), steady_now_ns());
+        statistics_.workers_alive = workers_.count_alive();
+        if (event == Event::kRefused) {
+          ++statistics_.id_conflicts;
+          log().warn("event=worker_refused worker={} reason=\"id has a live writer\"", id);
+          return;
         }
-        seen.alive = alive;
-        seen.changed = true;
-        workers_changed_ = true;
+        const ListedWorker& worker = *workers_.find(id);
+        if (mirror_ && worker.alive) mirror_->worker(worker.status);
+        if (mirror_ && (event == Event::kLeft || event == Event::kCrashed))
+          mirror_->gone(worker.status);
+        statistics_.worker_leaves += event == Event::kLeft ? 1 : 0;
+        statistics_.worker_crashes += event == Event::kCrashed ? 1 : 0;
         changed = true;
       });
   if (!taken) log().error("event=take_failed reason=\"{}\"", taken.error());
@@ -197,11 +186,10 @@ void LearnerBus::send_status(std::int64_t now_ns) {
     status_.worker_ids.clear();
     status_.worker_phases.clear();
     status_.worker_steps_per_s.clear();
-    for (const auto& [id, seen] : seen_) {
-      if (!seen.alive) continue;
-      status_.worker_ids.push_back(id);
-      status_.worker_phases.push_back(static_cast<std::uint8_t>(seen.status.phase));
-      status_.worker_steps_per_s.push_back(seen.status.steps_per_s);
+    for (const WorkerStatus& worker : workers_.alive()) {
+      status_.worker_ids.push_back(worker.worker_id);
+      status_.worker_phases.push_back(static_cast<std::uint8_t>(worker.phase));
+      status_.worker_steps_per_s.push_back(worker.steps_per_s);
     }
     status = status_;
   }

@@ -1,7 +1,7 @@
 #include "learner/task_book.h"
 
 #include <algorithm>
-#include <cmath>
+#include <limits>
 #include <utility>
 
 #include "core/check.h"
@@ -12,14 +12,13 @@
 namespace omentum {
 namespace {
 
-constexpr std::size_t kWorkerHistory = 32;  // results per worker in the age rule
-constexpr std::size_t kBookHistory = 256;   // results in the straggler rule
 constexpr std::size_t kKnownVersions = 64;  // announced weights remembered
-constexpr std::uint64_t kInvalidToBar = 3;  // invalid results in a row
+constexpr double kStragglerShare = 0.9;     // of the batch admitted, docs/wire.md 4.1
+// Evaluation tasks are granted last.
+constexpr std::uint64_t kEvaluationRank = std::numeric_limits<std::uint64_t>::max();
 
-void remember(std::deque<double>& values, double value, std::size_t limit) {
-  values.push_back(value);
-  if (values.size() > limit) values.pop_front();
+GrantRules rules_of(const TaskBookConfig& config) {
+  return {config.slots, config.lead, config.min_task_age_ns, config.first_task_age_ns};
 }
 
 // Whole batches are audited, since a group of a worker costs the same with one task as with all its
@@ -33,7 +32,7 @@ bool chosen_for_audit(std::uint64_t batch, double rate) {
 
 // --- start, resume
 
-TaskBook::TaskBook(TaskBookConfig config) : config_(std::move(config)) {
+TaskBook::TaskBook(TaskBookConfig config) : config_(std::move(config)), grants_(rules_of(config_)) {
   check_config();
   slots_.resize(config_.slots);
   const std::uint64_t episode = config_.episode_decisions;
@@ -47,8 +46,9 @@ TaskBook::TaskBook(TaskBookConfig config) : config_(std::move(config)) {
 }
 
 TaskBook::TaskBook(TaskBookConfig config, const SlotTable& table)
-    : config_(std::move(config)), batch_(table.batch), ledger_(table.ledger) {
+    : config_(std::move(config)), grants_(rules_of(config_)), batch_(table.batch) {
   check_config();
+  grants_.counts() = table.ledger;
   if (table.slots.size() != config_.slots) {
     throw_error("checkpoint has {} slots, the configuration {}", table.slots.size(), config_.slots);
   }
@@ -70,21 +70,19 @@ void TaskBook::check_config() const {
 void TaskBook::announce_weights(std::uint64_t version, const Sha256& hash) {
   versions_[version] = hash;
   if (versions_.size() > kKnownVersions) versions_.erase(versions_.begin());
-  open_jobs();
+  open_tasks();
 }
 
-// --- jobs
+// --- tasks
 
-TaskBook::Job* TaskBook::find_job(std::uint32_t slot) {
-  if (slot < slots_.size()) return &slots_[slot].job;
-  if (slot >= kEvaluationSlot && slot - kEvaluationSlot < evaluations_.size())
-    return &evaluations_[slot - kEvaluationSlot].job;
-  return nullptr;
+const RolloutTask& TaskBook::task_of(std::uint32_t slot) const {
+  return slot < slots_.size() ? slots_[slot].task : evaluations_[slot - kEvaluationSlot].task;
 }
 
-TaskBook::Job* TaskBook::find_open_job(std::uint32_t slot, std::uint64_t task_hash) {
-  Job* job = find_job(slot);
-  return job != nullptr && job->open && job->task.task_hash == task_hash ? job : nullptr;
+const RolloutTask* TaskBook::find_open_task(std::uint32_t slot, std::uint64_t task_hash) const {
+  if (!grants_.is_open(slot)) return nullptr;
+  const RolloutTask& task = task_of(slot);
+  return task.task_hash == task_hash ? &task : nullptr;
 }
 
 const TaskBook::Admitted* TaskBook::find_admitted(std::uint32_t slot,
@@ -116,23 +114,20 @@ RolloutTask TaskBook::make_task(std::uint32_t slot, std::uint64_t segment,
   return task;
 }
 
-void TaskBook::open_jobs() {
+void TaskBook::open_tasks() {
   for (std::uint32_t s = 0; s < slots_.size(); ++s) {
-    if (!slots_[s].job.open) open_job(s);
+    if (!grants_.is_open(s)) open_task(s);
   }
 }
 
-void TaskBook::open_job(std::uint32_t slot) {
+void TaskBook::open_task(std::uint32_t slot) {
   const SlotStart& start = slots_[slot].starts.back();
   if (config_.batches > 0 && start.segment >= config_.batches) return;
   const std::uint64_t version =
       start.segment >= config_.lead ? start.segment - config_.lead : std::uint64_t{0};
   if (!versions_.contains(version)) return;
 
-  Job job;
-  job.open = true;
-  job.home = slots_[slot].job.home;
-  RolloutTask& task = job.task = make_task(slot, start.segment, version);
+  RolloutTask& task = slots_[slot].task = make_task(slot, start.segment, version);
   task.steps = config_.steps;
   task.episode = start.episode;
   task.episode_step = start.episode_step;
@@ -140,8 +135,28 @@ void TaskBook::open_job(std::uint32_t slot) {
   task.reset = start.reset;
   task.start_hash = start.hash;  // the state itself is added when the grant is written
   task.task_hash = hash_task(task);
-  job.audit = chosen_for_audit(start.segment, config_.audit_rate);
-  slots_[slot].job = std::move(job);
+  grants_.open(slot, {.rank = task.segment,
+                      .steps = task.steps,
+                      .audit = chosen_for_audit(start.segment, config_.audit_rate),
+                      .home = slots_[slot].home});
+}
+
+std::vector<RolloutTask> TaskBook::grant(std::int64_t now_ns) {
+  const bool late = admitted_in_batch_ >= kStragglerShare * config_.slots;
+  std::vector<RolloutTask> tasks;
+  for (const NewGrant& grant : grants_.grant(now_ns, late ? std::optional(batch_) : std::nullopt)) {
+    RolloutTask& task = tasks.emplace_back(task_of(grant.task));
+    task.worker_id = grant.worker_id;
+    task.grant = grant.number;
+    task.granted_at_ns = now_ns;
+    if (task.slot < slots_.size()) task.start_state = slots_[task.slot].starts.back().state;
+  }
+  return tasks;
+}
+
+void TaskBook::undelivered(const RolloutTask& task) {
+  if (find_open_task(task.slot, task.task_hash) != nullptr)
+    grants_.undelivered(task.slot, task.grant);
 }
 
 void TaskBook::advance(std::uint32_t slot, RolloutSegment segment) {
@@ -156,7 +171,7 @@ void TaskBook::advance(std::uint32_t slot, RolloutSegment segment) {
   next.state = std::move(segment.end_state);  // the batch has no use for it
   row.done.push_back(std::move(segment));
   if (row.done.size() == 1) ++admitted_in_batch_;
-  open_job(slot);
+  open_task(slot);
 }
 
 void TaskBook::skip_episode(std::uint32_t slot, const RolloutSegment& segment) {
@@ -165,36 +180,32 @@ void TaskBook::skip_episode(std::uint32_t slot, const RolloutSegment& segment) {
   fresh.segment = start.segment;
   fresh.episode = start.episode + segment.episode_end_step.size() + 1;
   start = std::move(fresh);
-  open_job(slot);
+  open_task(slot);
 }
 
 // --- admission
 
-Verdict TaskBook::refuse(Job& job, const RolloutSegment& segment, const std::string& reason,
+Verdict TaskBook::refuse(const RolloutSegment& segment, const std::string& reason,
                          std::int64_t now_ns) {
-  ++ledger_.invalid;
+  ++grants_.counts().invalid;
   last_refusal_ = fmt::format("slot={} segment={} worker={} build={:016x}: {}", segment.slot,
                               segment.segment, segment.worker_id, segment.build_id, reason);
-  lapse_if(job, [&](const Grant& grant) { return grant.worker_id == segment.worker_id; });
-  Worker* worker = find_worker(segment.worker_id);
-  if (worker != nullptr && ++worker->invalid_in_row >= kInvalidToBar) {
-    bar(*worker, "invalid results: " + reason, now_ns);
-  }
+  grants_.refuse(segment.slot, segment.worker_id, reason, now_ns);
   return Verdict::kInvalid;
 }
 
 Verdict TaskBook::repeat(const Admitted& first, const RolloutSegment& segment) {
   // Every duplicate is an audit, unless it was damaged on its way.
   if (segment_crc(segment) != segment.payload_crc32c) {
-    ++ledger_.invalid;
+    ++grants_.counts().invalid;
     last_refusal_ = fmt::format("slot={} segment={} worker={}: CRC of a duplicate", segment.slot,
                                 segment.segment, segment.worker_id);
     return Verdict::kInvalid;
   }
-  ++ledger_.duplicate;
+  ++grants_.counts().duplicate;
   const bool end_state = first.end_hash != segment.end_hash;
   if (end_state || first.crc != segment.payload_crc32c) {
-    ++ledger_.audit_mismatch;
+    ++grants_.counts().audit_mismatch;
     if (!difference_) {
       difference_ = {
           segment.slot, segment.segment, end_state, {first.worker_id, segment.worker_id}};
@@ -203,75 +214,45 @@ Verdict TaskBook::repeat(const Admitted& first, const RolloutSegment& segment) {
   return Verdict::kDuplicate;
 }
 
-void TaskBook::settle(Job& job, const RolloutSegment& segment, std::int64_t now_ns, bool admitted) {
-  auto own = std::find_if(job.grants.begin(), job.grants.end(), [&segment](const Grant& grant) {
-    return grant.worker_id == segment.worker_id && grant.number == segment.grant;
-  });
-  if (own != job.grants.end()) {
-    const auto turnaround = static_cast<double>(std::max<std::int64_t>(now_ns - own->at_ns, 1));
-    const double per_step = turnaround / job.task.steps;
-    remember(ns_per_step_, per_step, kBookHistory);
-    ns_per_step_median_ = quantile(ns_per_step_, 0.5);
-    if (Worker* worker = find_worker(segment.worker_id)) {
-      remember(worker->ns_per_step, per_step, kWorkerHistory);
-      worker->ns_per_step_p95 = quantile(worker->ns_per_step, 0.95);
-      worker->invalid_in_row = 0;
-    }
-  }
-  // A result of an earlier session or of a lapsed grant uses up any grant of the task.
-  ledger_.cancelled += job.grants.size();
-  if (admitted) {
-    ++ledger_.admitted;
-    if (job.grants.empty()) {
-      ++ledger_.granted;  // granted in an earlier session of the learner
-    } else {
-      --ledger_.cancelled;
-    }
-  }
-  lapse_if(job, [](const Grant& /*every*/) { return true; });
-  job.grants.clear();
-  job.home = segment.worker_id;
-  job.open = false;
-}
-
 Verdict TaskBook::receive(RolloutSegment segment, std::int64_t now_ns) {
-  ++ledger_.received;
+  ++grants_.counts().received;
   if (segment.source != Source::kSimulation || segment.slot >= kForeignSlot) {
-    ++ledger_.foreign;
+    ++grants_.counts().foreign;
     return Verdict::kForeign;
   }
-  if (Worker* worker = find_worker(segment.worker_id))
-    worker->suspect_until_ns = worker->suspect_span_ns = 0;
-  Job* job = find_open_job(segment.slot, segment.task_hash);
-  if (job == nullptr) {
+  grants_.worker_answered(segment.worker_id);
+  const RolloutTask* task = find_open_task(segment.slot, segment.task_hash);
+  if (task == nullptr) {
     if (const Admitted* first = find_admitted(segment.slot, segment.task_hash))
       return repeat(*first, segment);
-    ++ledger_.stale;
+    ++grants_.counts().stale;
     return Verdict::kStale;
   }
-  if (const Result<void> ok = check_segment(segment, config_.shape, job->task); !ok) {
-    return refuse(*job, segment, ok.error(), now_ns);
+  if (const Result<void> ok = check_segment(segment, config_.shape, *task); !ok) {
+    return refuse(segment, ok.error(), now_ns);
   }
 
   const Admitted record{segment.task_hash, segment.end_hash, segment.payload_crc32c,
                         segment.worker_id};
-  if (segment.slot >= kEvaluationSlot) {
-    settle(*job, segment, now_ns, true);
-    ++ledger_.evaluated;
-    Evaluation& evaluation = evaluations_[segment.slot - kEvaluationSlot];
-    evaluation.admitted = record;
+  const bool evaluation = segment.slot >= kEvaluationSlot;
+  grants_.settle(segment.slot, segment.worker_id, segment.grant, now_ns,
+                 evaluation || segment.failed == 0);
+  if (evaluation) {
+    ++grants_.counts().evaluated;
+    Evaluation& row = evaluations_[segment.slot - kEvaluationSlot];
+    row.admitted = record;
     // A recorded evaluation keeps its observations; of one that is only judged pictures would fill
     // the memory.
-    if (evaluation.job.task.frame_stride == 0) segment.observations = {};
-    evaluation.result = std::move(segment);
+    if (row.task.frame_stride == 0) segment.observations = {};
+    row.result = std::move(segment);
     return Verdict::kAdmitted;
   }
   Slot& slot = slots_[segment.slot];
   slot.recent[slot.recent_next++ % slot.recent.size()] = record;
-  settle(*job, segment, now_ns, segment.failed == 0);
+  slot.home = segment.worker_id;
   if (segment.failed != 0) {
-    ++ledger_.invalid;
-    ++ledger_.failed;
+    ++grants_.counts().invalid;
+    ++grants_.counts().failed;
     last_failure_ =
         fmt::format("slot={} segment={} episode={} worker={}: {}", segment.slot, segment.segment,
                     segment.end_episode, segment.worker_id, segment.failure);
@@ -284,20 +265,19 @@ Verdict TaskBook::receive(RolloutSegment segment, std::int64_t now_ns) {
 }
 
 void TaskBook::overflowed(std::uint32_t slot, std::uint64_t task_hash) {
-  ++ledger_.received;
-  ++ledger_.overflow;
-  if (Job* job = find_open_job(slot, task_hash))
-    lapse_if(*job, [](const Grant& /*every*/) { return true; });
+  ++grants_.counts().received;
+  ++grants_.counts().overflow;
+  if (find_open_task(slot, task_hash) != nullptr) grants_.lapse_all(slot);
 }
 
 void TaskBook::foreign(std::uint64_t count) {
-  ledger_.received += count;
-  ledger_.foreign += count;
+  grants_.counts().received += count;
+  grants_.counts().foreign += count;
 }
 
 void TaskBook::refused(std::uint64_t count) {
-  ledger_.received += count;
-  ledger_.invalid += count;
+  grants_.counts().received += count;
+  grants_.counts().invalid += count;
 }
 
 // --- batches
@@ -313,7 +293,7 @@ std::vector<RolloutSegment> TaskBook::take_batch() {
     if (slot.done.empty()) --admitted_in_batch_;
   }
   ++batch_;
-  open_jobs();
+  open_tasks();
   return segments;
 }
 
@@ -324,10 +304,7 @@ void TaskBook::evaluate(std::span<const EvaluationTask> tasks) {
     const EvaluationTask& from = tasks[i];
     OMENTUM_CHECK(versions_.contains(from.policy_version), "weights {} not announced",
                   from.policy_version);
-    Evaluation evaluation;
-    evaluation.job.open = true;
-    RolloutTask& task = evaluation.job.task =
-        make_task(kEvaluationSlot + i, evaluation_round_, from.policy_version);
+    RolloutTask task = make_task(kEvaluationSlot + i, evaluation_round_, from.policy_version);
     task.kind = TaskKind::kEvaluate;
     task.greedy = from.greedy;
     task.start_set = from.start_set;
@@ -339,7 +316,8 @@ void TaskBook::evaluate(std::span<const EvaluationTask> tasks) {
     task.reset = true;
     task.frame_stride = from.frame_stride;
     task.task_hash = hash_task(task);
-    evaluations_.push_back(std::move(evaluation));
+    grants_.open(task.slot, {.rank = kEvaluationRank, .steps = task.steps});
+    evaluations_.emplace_back().task = std::move(task);
   }
   ++evaluation_round_;
 }
@@ -352,7 +330,7 @@ bool TaskBook::evaluation_complete() const {
 
 std::vector<RolloutTask> TaskBook::granted_evaluation() const {
   std::vector<RolloutTask> tasks;
-  for (const Evaluation& evaluation : evaluations_) tasks.push_back(evaluation.job.task);
+  for (const Evaluation& evaluation : evaluations_) tasks.push_back(evaluation.task);
   return tasks;
 }
 
@@ -367,22 +345,11 @@ std::vector<RolloutSegment> TaskBook::take_evaluation() {
 
 // --- accounts
 
-Ledger TaskBook::ledger() const {
-  Ledger ledger = ledger_;
-  ledger.outstanding = 0;
-  for_each_job([&ledger](const Job& job) { ledger.outstanding += job.grants.size(); });
-  return ledger;
-}
-
 Result<void> TaskBook::check_balance() const {
   const Ledger l = ledger();
   std::uint64_t stored = 0;
   for (const Slot& slot : slots_) stored += slot.done.size();
-  const bool balanced =
-      l.received == l.admitted + l.duplicate + l.stale + l.invalid + l.foreign + l.overflow &&
-      l.granted == l.admitted + l.outstanding + l.cancelled + l.regranted &&
-      l.admitted == batch_ * config_.slots + stored + l.evaluated;
-  if (balanced) return {};
+  if (grants_.balanced() && l.admitted == batch_ * config_.slots + stored + l.evaluated) return {};
   std::string text = fmt::format("ledger of batch {} with {} of the next", batch_, stored);
   for (const auto& [name, value] : kLedgerCounters) text += fmt::format(" {}={}", name, l.*value);
   return Failure{text};

@@ -12,6 +12,7 @@
 #include "core/policy.h"
 #include "core/result.h"
 #include "core/types.h"
+#include "granting/grants.h"
 
 namespace omentum {
 
@@ -83,19 +84,12 @@ struct AuditDifference {
   std::array<std::uint32_t, 2> worker_ids{};
 };
 
-/// A worker that gets no task for a while.
-struct Barred {
-  std::uint32_t worker_id = 0;
-  std::string reason;
-  double for_s = 0;  ///< from now on
-};
-
 enum class Verdict { kAdmitted, kDuplicate, kStale, kInvalid, kForeign };
 
-/// Decides what is granted to whom and what counts (docs/learner.md 1, 2; docs/wire.md 2, 4.1,
-/// 4.3). No DDS, no clock, no thread; times are nanoseconds of any steady clock and never reach a
-/// result. The content of the batches depends on the configuration and the announced weights only,
-/// not on workers or on the order, loss or repetition of segments.
+/// Decides what is wanted and what counts (docs/learner.md 1, 2; docs/wire.md 2, 4.3); its Grants
+/// decide who gets it. No DDS, no clock, no thread; times are nanoseconds of any steady clock and
+/// never reach a result. The content of the batches depends on the configuration and the announced
+/// weights only, not on workers or on the order, loss or repetition of segments.
 ///
 /// Batch k is E segments with number k, one per slot. It is collected with weights v(k) = k with
 /// lead 0, max(k - 1, 0) with lead 1; a slot gets its segment k when its own segment k - 1 is
@@ -113,16 +107,18 @@ class TaskBook {
   /// Weights that workers can get now. After a resume with lead 1 announce batch - 1 and batch.
   void announce_weights(std::uint64_t version, const Sha256& hash);
 
-  // Workers. Ids are arbitrary; unknown ones are ignored.
-  void worker_joined(std::uint32_t worker_id, std::uint32_t lanes);
-  /// Gone, on purpose or not: its tasks are granted again at once.
-  void worker_left(std::uint32_t worker_id);
-  /// It declined tasks: they are granted again. With a reason it is barred, for longer each time,
-  /// and so it is after results that are invalid one after the other.
-  void worker_declined(std::uint32_t worker_id, const std::string& reason, std::int64_t now_ns);
-  std::vector<Barred> barred(std::int64_t now_ns) const;
-  /// Silent: it gets nothing new until it speaks again. Its tasks are left to the age rule.
-  void worker_silent(std::uint32_t worker_id, bool silent);
+  // Workers, as Grants has them.
+  void worker_joined(std::uint32_t worker_id, std::uint32_t lanes) {
+    grants_.worker_joined(worker_id, lanes);
+  }
+  void worker_left(std::uint32_t worker_id) { grants_.worker_left(worker_id); }
+  void worker_declined(std::uint32_t worker_id, const std::string& reason, std::int64_t now_ns) {
+    grants_.worker_declined(worker_id, reason, now_ns);
+  }
+  std::vector<Barred> barred(std::int64_t now_ns) const { return grants_.barred(now_ns); }
+  void worker_silent(std::uint32_t worker_id, bool silent) {
+    grants_.worker_silent(worker_id, silent);
+  }
 
   /// Tasks to write now, grouped by worker (RolloutTask::worker_id), oldest batch first. Counted as
   /// granted: a caller that cannot write one reports it with undelivered().
@@ -157,33 +153,17 @@ class TaskBook {
 
   /// For a checkpoint; call between an update and the next take_batch().
   SlotTable table() const;
-  Ledger ledger() const;
+  Ledger ledger() const { return grants_.ledger(); }
   /// The equations of docs/wire.md 4.3; the failure lists all counters.
   Result<void> check_balance() const;
-  double oldest_task_age_s(std::int64_t now_ns) const;
+  double oldest_task_age_s(std::int64_t now_ns) const { return grants_.oldest_task_age_s(now_ns); }
   /// Diverged lanes since the start or resume, and the last reason.
-  std::uint64_t failures() const { return ledger_.failed; }
+  std::uint64_t failures() const { return grants_.counts().failed; }
   const std::string& last_failure() const { return last_failure_; }
   /// The first one of this session.
   const std::optional<AuditDifference>& audit_difference() const { return difference_; }
 
  private:
-  struct Grant {
-    std::uint32_t worker_id = 0;
-    std::uint32_t number = 0;
-    std::int64_t at_ns = 0;
-    bool lapsed = false;   ///< not waited for; counted as regranted when the replacement is written
-    bool overdue = false;  ///< older than its limit
-  };
-  // One task until its result is admitted. At most two grants are not lapsed.
-  struct Job {
-    bool open = false;
-    RolloutTask task;
-    std::vector<Grant> grants;
-    std::uint32_t granted = 0;
-    std::uint32_t home = 0;  ///< worker of the slot's last result, if any
-    bool audit = false;
-  };
   struct Admitted {
     std::uint64_t task_hash = 0, end_hash = 0;
     std::uint32_t crc = 0, worker_id = 0;
@@ -194,96 +174,37 @@ class TaskBook {
     std::deque<RolloutSegment> done;   ///< of segments batch_, ...; one less than starts
     std::array<Admitted, 4> recent{};  ///< ring of results, to tell duplicates from strangers
     std::size_t recent_next = 0;
-    Job job;
+    RolloutTask task;        ///< wanted while grants_ has it open, by the number of the slot
+    std::uint32_t home = 0;  ///< worker of the last result, if any
   };
   struct Evaluation {
-    Job job;
+    RolloutTask task;  ///< as that of a slot
     std::optional<RolloutSegment> result;
     Admitted admitted;
   };
-  struct Worker {
-    std::uint32_t lanes = 0;
-    std::uint32_t live = 0;
-    std::deque<double> ns_per_step;  ///< grant to result by the steps asked for; newest last
-    double ns_per_step_p95 = 0;      ///< 0 = unknown
-    std::uint64_t invalid_in_row = 0;
-    std::int64_t suspect_until_ns = 0;
-    std::int64_t suspect_span_ns = 0;
-    bool silent = false;
-    std::string barred_for;  ///< reason of the last bar
-    std::int64_t barred_until_ns = 0;
-    std::int64_t barred_span_ns = 0;  ///< of the last bar; 0 = none yet
-  };
 
   void check_config() const;
-  void open_jobs();
-  void open_job(std::uint32_t slot);
+  void open_tasks();
+  void open_task(std::uint32_t slot);
   void advance(std::uint32_t slot, RolloutSegment segment);
   void skip_episode(std::uint32_t slot, const RolloutSegment& segment);
   RolloutTask make_task(std::uint32_t slot, std::uint64_t segment, std::uint64_t version) const;
-  Job* find_job(std::uint32_t slot);
-  Job* find_open_job(std::uint32_t slot, std::uint64_t task_hash);
+  const RolloutTask& task_of(std::uint32_t slot) const;
+  const RolloutTask* find_open_task(std::uint32_t slot, std::uint64_t task_hash) const;
   const Admitted* find_admitted(std::uint32_t slot, std::uint64_t task_hash) const;
-  Worker* find_worker(std::uint32_t worker_id);
-  static double quantile(const std::deque<double>& values, double p);
-  template <typename Fn>
-  void for_each_job(Fn&& fn);
-  template <typename Fn>
-  void for_each_job(Fn&& fn) const;
-
-  std::uint32_t credits(const Worker& worker) const { return worker.lanes * (1 + config_.lead); }
-  double age_limit_ns(const Job& job, const Grant& grant) const;
-  void mark_overdue(std::int64_t now_ns);
-  enum class Need { kNone, kFirst, kAudit, kOverdue, kStraggler };
-  Need need_of(const Job& job, std::int64_t now_ns) const;
-  std::optional<std::uint32_t> choose_worker(const Job& job, Need need, std::int64_t now_ns) const;
-  RolloutTask write_grant(Job& job, std::uint32_t worker_id, std::int64_t now_ns);
-  void lapse(Grant& grant);
-  template <typename Predicate>
-  void lapse_if(Job& job, Predicate&& predicate);
-  void drop_worker_grants(std::uint32_t worker_id);
-
-  static void bar(Worker& worker, const std::string& reason, std::int64_t now_ns);
-  Verdict refuse(Job& job, const RolloutSegment& segment, const std::string& reason,
-                 std::int64_t now_ns);
-  void settle(Job& job, const RolloutSegment& segment, std::int64_t now_ns, bool admitted);
+  Verdict refuse(const RolloutSegment& segment, const std::string& reason, std::int64_t now_ns);
   Verdict repeat(const Admitted& first, const RolloutSegment& segment);
 
   TaskBookConfig config_;
+  Grants grants_;
   std::uint64_t batch_ = 0;
   std::vector<Slot> slots_;
   std::uint32_t admitted_in_batch_ = 0;  ///< slots with a result for batch_
   std::vector<Evaluation> evaluations_;
   std::uint64_t evaluation_round_ = 0;
   std::map<std::uint64_t, Sha256> versions_;
-  std::map<std::uint32_t, Worker> workers_;
-  std::deque<double> ns_per_step_;  ///< of all workers, recent
-  double ns_per_step_median_ = 0;   ///< 0 = unknown
-  Ledger ledger_;                   ///< outstanding is derived
   std::string last_refusal_, last_failure_;
   std::optional<AuditDifference> difference_;
 };
-
-template <typename Predicate>
-void TaskBook::lapse_if(Job& job, Predicate&& predicate) {
-  for (Grant& grant : job.grants) {
-    if (predicate(grant)) lapse(grant);
-  }
-}
-
-template <typename Fn>
-void TaskBook::for_each_job(Fn&& fn) {
-  for (Slot& slot : slots_) {
-    if (slot.job.open) fn(slot.job);
-  }
-  for (Evaluation& evaluation : evaluations_) {
-    if (evaluation.job.open) fn(evaluation.job);
-  }
-}
-
-template <typename Fn>
-void TaskBook::for_each_job(Fn&& fn) const {
-  const_cast<TaskBook*>(this)->for_each_job([&fn](const Job& job) { fn(job); });
-}
 
 }  // namespace omentum

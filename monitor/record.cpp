@@ -144,6 +144,8 @@ std::unique_ptr<Tap> make_tap(TopicId topic, const dds::Participant& participant
     case TopicId::kRobotState:
       return std::make_unique<TapOf<RobotStatus>>(participant, run, topic);
     case TopicId::kRolloutTask:
+    case TopicId::kSimulationTask:
+    case TopicId::kSimulationResult:
       break;
   }
   OMENTUM_CHECK(false, "topic {} is not recorded", topic_spec(topic).name);

@@ -109,6 +109,8 @@ TEST(Topics, EffectiveQosIsTheTable) {
   check_endpoints<ControlReply>(TopicId::kControlReply);
   check_endpoints<SimFrame>(TopicId::kSimFrame);
   check_endpoints<RobotStatus>(TopicId::kRobotState);
+  check_endpoints<SimulationGrant>(TopicId::kSimulationTask);
+  check_endpoints<SimulationPart>(TopicId::kSimulationResult);
 }
 
 TEST(Topics, TheTableKeepsItsRules) {
@@ -120,9 +122,10 @@ TEST(Topics, TheTableKeepsItsRules) {
               std::string::npos)
         << spec.name;
     EXPECT_EQ(&topic_spec(spec.id), &spec);
-    // The learner writes KEEP_LAST only: a frozen worker cannot freeze it. Segments alone are
-    // KEEP_ALL.
-    EXPECT_EQ(spec.history == History::kKeepAll, spec.id == TopicId::kRolloutSegment);
+    // The learner and who asks for simulations write KEEP_LAST only: a frozen worker cannot freeze
+    // them. What workers give back alone is KEEP_ALL.
+    EXPECT_EQ(spec.history == History::kKeepAll,
+              spec.id == TopicId::kRolloutSegment || spec.id == TopicId::kSimulationResult);
     EXPECT_EQ(spec.service_depth >= 1, spec.durability == Durability::kTransientLocal);
   }
 }
@@ -164,6 +167,7 @@ TEST(Topics, PartitionsSeparateRunsAndWorkers) {
   EXPECT_EQ(public_partitions("r"), (std::vector<std::string>{"", "r"}));
   EXPECT_EQ(run_partition("r"), (std::vector<std::string>{"r"}));
   EXPECT_EQ(worker_partition("r", 7), (std::vector<std::string>{"r/w7"}));
+  EXPECT_EQ(asker_partition("r", 7), (std::vector<std::string>{"r/a7"}));
 }
 
 TEST(Topics, ARunNameThatIsAPatternAPathOrAnOptionIsRefused) {

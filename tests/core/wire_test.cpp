@@ -121,6 +121,32 @@ std::string text_of(const RobotStatus& r) {
       r.segments_published, r.write_failures, r.policy_version, r.weights_hash, r.sent_at_ns);
 }
 
+std::string text_of(const SimulationGrant& r) {
+  return texts(r.asker_id, r.task, r.asker, r.grant, r.worker_id, r.format, r.build_id, r.task_hash,
+               r.steps, r.payload, r.granted_at_ns);
+}
+std::string text_of(const SimulationPart& r) {
+  return texts(r.asker_id, r.task, r.grant, r.worker_id, r.task_hash, r.part, r.parts,
+               r.result_bytes, r.result_crc32c, r.payload, r.compute_time_ns, r.declined);
+}
+
+/// The least that a record of its kind may hold.
+template <typename Record>
+Record least() {
+  Record record;
+  if constexpr (std::is_same_v<Record, RolloutTask>) record.reset = true;
+  if constexpr (std::is_same_v<Record, SimulationGrant>) {
+    record.steps = 1;
+    record.payload.resize(1);
+  }
+  if constexpr (std::is_same_v<Record, SimulationPart>) {
+    record.parts = 1;
+    record.result_bytes = 1;
+    record.payload.resize(1);
+  }
+  return record;
+}
+
 // A writer and a reader of one topic in a domain of their own.
 template <typename Record>
 struct Pair {
@@ -154,9 +180,10 @@ struct Pair {
 
 template <typename Record>
 class Wire : public testing::Test {};
-using Records = testing::Types<PolicyWeights, RolloutTask, RolloutSegment, WorkerStatus,
-                               LearnerStatus, EpisodeSummary, RunManifest, ControlCommand,
-                               ControlReply, SimFrame, RobotStatus>;
+using Records =
+    testing::Types<PolicyWeights, RolloutTask, RolloutSegment, WorkerStatus, LearnerStatus,
+                   EpisodeSummary, RunManifest, ControlCommand, ControlReply, SimFrame, RobotStatus,
+                   SimulationGrant, SimulationPart>;
 TYPED_TEST_SUITE(Wire, Records);
 
 TYPED_TEST(Wire, EveryFieldMakesTheRoundTrip) {
@@ -171,8 +198,7 @@ TYPED_TEST(Wire, EveryFieldMakesTheRoundTrip) {
 
 TYPED_TEST(Wire, AnEmptyRecordMakesTheRoundTrip) {
   Pair<TypeParam> pair;
-  TypeParam sent;
-  if constexpr (std::is_same_v<TypeParam, RolloutTask>) sent.reset = true;
+  const TypeParam sent = least<TypeParam>();
   ASSERT_TRUE(pair.writer.write(sent));
   const std::vector<TypeParam> got = pair.take();
   ASSERT_EQ(got.size(), 1u) << pair.reader.last_refusal();
@@ -199,6 +225,33 @@ TEST(WireChecks, WhatTheTypesCannotCarryIsRefusedAtTheWriter) {
   EXPECT_TRUE(tasks.writer.write(task));
   task.kind = static_cast<TaskKind>(9);
   EXPECT_FALSE(tasks.writer.write(task));
+}
+
+TEST(WireChecks, PartsOfResultsHaveTheSizeThatFollowsFromTheWhole) {
+  Pair<SimulationPart> pair;
+  const auto arrives = [&pair](const SimulationPart& part) {
+    EXPECT_TRUE(pair.writer.write(part));
+    return pair.take().size() == 1;
+  };
+  SimulationPart part = some(SimulationPart{});
+  EXPECT_TRUE(arrives(part));
+  part.part = 2;
+  EXPECT_FALSE(arrives(part));
+  part = some(SimulationPart{});
+  part.payload.pop_back();
+  EXPECT_FALSE(arrives(part));
+  part = some(SimulationPart{});
+  part.parts = 3;
+  EXPECT_FALSE(arrives(part));
+  part = some(SimulationPart{});
+  part.result_bytes = std::uint64_t{1} << 62;
+  EXPECT_FALSE(arrives(part));
+  part = {};
+  EXPECT_FALSE(arrives(part)) << "neither a part nor a reason";
+  part.declined = "another build";
+  EXPECT_TRUE(arrives(part));
+  part.parts = 1;
+  EXPECT_FALSE(arrives(part));
 }
 
 TEST(WireChecks, TasksAndStatusAndWeightsWithBadLengthsAreRefused) {

@@ -134,7 +134,7 @@ void feed(Tool& tool, std::span<const std::uint8_t> bytes, bool swapped) {
   Arrival<Record> arrival{{}, {.valid = true}};
   if (const auto refusal = read_sample(sample.get(), arrival.record))
     return require(!refusal->empty());
-  if constexpr (!std::is_same_v<Record, RolloutTask>) {
+  if constexpr (requires { to_message(arrival.record); }) {
     const auto message = to_message(arrival.record);
     std::remove_const_t<decltype(message)> again;
     require(again.ParseFromString(message.SerializeAsString()));
@@ -149,10 +149,11 @@ void feed(Tool& tool, std::span<const std::uint8_t> bytes, bool swapped) {
 }
 
 using Feed = void (*)(Tool&, std::span<const std::uint8_t>, bool);
-constexpr std::array<Feed, 11> kFeeds = {
+constexpr std::array<Feed, 13> kFeeds = {
     feed<PolicyWeights>, feed<RolloutTask>,    feed<RolloutSegment>, feed<WorkerStatus>,
     feed<LearnerStatus>, feed<EpisodeSummary>, feed<RunManifest>,    feed<ControlCommand>,
-    feed<ControlReply>,  feed<SimFrame>,       feed<RobotStatus>};
+    feed<ControlReply>,  feed<SimFrame>,       feed<RobotStatus>,    feed<SimulationGrant>,
+    feed<SimulationPart>};
 
 }  // namespace
 

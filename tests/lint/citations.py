@@ -5,7 +5,7 @@ import pathlib
 import re
 import sys
 
-FOLDERS = ("core", "sim_worker", "learner", "report", "mismatch", "monitor", "dvrk_gateway", "proto", "idl", "benchmarks", "tests", "deploy", "docs")
+FOLDERS = ("core", "granting", "sim_worker", "learner", "report", "mismatch", "monitor", "dvrk_gateway", "proto", "idl", "benchmarks", "tests", "deploy", "docs")
 TEXT = {".h", ".cpp", ".inl", ".proto", ".idl", ".txtpb", ".txt", ".md", ".py", ".sh", ".xml", ".supp"}
 # A citation may go on in the next line of a comment.
 GAP = r"(?:[ ]|[ ]?\n[ \t]*(?:///<?|//|#)?[ ]?)"

@@ -8,8 +8,9 @@ import sys
 ALLOWED = {
     "core": {"core", "proto"},
     "sim_worker": {"sim_worker", "core", "proto"},
-    "learner": {"learner", "core", "proto"},
-    "mismatch": {"mismatch", "report", "sim_worker", "core", "proto"},
+    "granting": {"granting", "core", "proto"},
+    "learner": {"learner", "granting", "core", "proto"},
+    "mismatch": {"mismatch", "report", "sim_worker", "granting", "core", "proto"},
     "report": {"report", "sim_worker", "core", "proto"},
     "monitor": {"monitor", "report", "sim_worker", "core", "proto"},
     "dvrk_gateway": {"dvrk_gateway", "report", "sim_worker", "core", "proto"},
@@ -27,7 +28,7 @@ DVRK_GATEWAY = ["protocol", "dvrk_double", "safety", "loop", "recording", "backe
 MISMATCH = ["recording", "import", "ros", "intake", "catalogue", ".", "scene", "calibrate", ""]
 MISMATCH_PROGRAM = ("main.cpp", "_program.h", "_program.cpp")
 # Folders of the tests are named from the tests' own root as well.
-TESTS = {"tests", "support", "contract", "fuzz", "learner", "sim_worker", "report", "mismatch", "monitor", "dvrk_gateway", "core", "proto", "benchmarks"}
+TESTS = {"tests", "support", "contract", "fuzz", "granting", "learner", "sim_worker", "report", "mismatch", "monitor", "dvrk_gateway", "core", "proto", "benchmarks"}
 GENERATED_WIRE = ("core/wire.cpp", "core/wire_fields.h")
 INCLUDE = re.compile(r'^\s*#\s*include\s*([<"])([^>"]+)[>"]')
 

@@ -14,7 +14,7 @@ BY_FOLDER = {"corpus", "maps", "results"}
 def main():
     root = pathlib.Path(sys.argv[1])
     missing = []
-    for package in ("core", "sim_worker", "learner", "report", "mismatch", "monitor", "dvrk_gateway", "benchmarks"):
+    for package in ("core", "granting", "sim_worker", "learner", "report", "mismatch", "monitor", "dvrk_gateway", "benchmarks"):
         lists = (root / package / "CMakeLists.txt").read_text()
         missing += [f"{path.relative_to(root)} is not in {package}/CMakeLists.txt"
                     for path in sorted((root / package).rglob("*.cpp"))

@@ -13,7 +13,7 @@ def main():
     root = pathlib.Path(sys.argv[1])
     known = set(KEY.findall((root / "docs/references.md").read_text(encoding="utf-8")))
     found = []
-    for package in ("core", "sim_worker", "learner", "report", "mismatch", "monitor", "dvrk_gateway", "proto", "idl", "benchmarks", "tests", "deploy", "docs"):
+    for package in ("core", "granting", "sim_worker", "learner", "report", "mismatch", "monitor", "dvrk_gateway", "proto", "idl", "benchmarks", "tests", "deploy", "docs"):
         for path in sorted((root / package).rglob("*")):
             if path.suffix not in (".h", ".cpp", ".inl", ".proto", ".idl", ".txtpb", ".md"):
                 continue

@@ -83,6 +83,8 @@ int main(int argc, char** argv) {
   add("control_reply", test::some(ControlReply()));
   add("sim_frame", test::some(SimFrame()));
   add("robot_status", test::some(RobotStatus()));
+  add("simulation_grant", test::some(SimulationGrant()));
+  add("simulation_part", test::some(SimulationPart()));
   write("all", all);
   return 0;
 }

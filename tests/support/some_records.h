@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "core/simulation_records.h"
 #include "core/types.h"
 
 /// A record of every topic that passes the checks of core/wire.cpp, no two fields alike.
@@ -332,6 +333,41 @@ inline RobotStatus some(const RobotStatus&) {
   r.policy_version = c.next<std::uint64_t>();
   r.weights_hash = c.hash();
   r.sent_at_ns = c.next<std::int64_t>();
+  return r;
+}
+
+inline SimulationGrant some(const SimulationGrant&) {
+  Counter c;
+  SimulationGrant r;
+  r.asker_id = c.next<std::uint32_t>();
+  r.task = c.next<std::uint32_t>();
+  r.asker = c.text();
+  r.grant = c.next<std::uint32_t>();
+  r.worker_id = c.next<std::uint32_t>();
+  r.format = c.next<std::uint32_t>();
+  r.build_id = c.next<std::uint64_t>() + (std::uint64_t{1} << 40);
+  r.task_hash = c.next<std::uint64_t>();
+  r.steps = c.next<std::uint32_t>();
+  r.payload = Bytes(11, std::byte{9});
+  r.granted_at_ns = c.next<std::int64_t>();
+  return r;
+}
+
+/// The last of two.
+inline SimulationPart some(const SimulationPart&) {
+  Counter c;
+  SimulationPart r;
+  r.asker_id = c.next<std::uint32_t>();
+  r.task = c.next<std::uint32_t>();
+  r.grant = c.next<std::uint32_t>();
+  r.worker_id = c.next<std::uint32_t>();
+  r.task_hash = c.next<std::uint64_t>() + (std::uint64_t{1} << 40);
+  r.part = 1;
+  r.parts = 2;
+  r.payload = Bytes(7, std::byte{9});
+  r.result_bytes = kPartBytes + r.payload.size();
+  r.result_crc32c = c.next<std::uint32_t>();
+  r.compute_time_ns = c.next<std::int64_t>();
   return r;
 }
 

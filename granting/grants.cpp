@@ -1,28 +1,31 @@
-// Workers: who gets which task, and when it is granted again.
+#include "granting/grants.h"
 
 #include <algorithm>
 #include <cmath>
 #include <functional>
+#include <tuple>
 #include <utility>
-
-#include "core/check.h"
-#include "learner/task_book.h"
 
 namespace omentum {
 namespace {
 
 constexpr double kAgeFactor = 4;            // x p95 of the worker, docs/wire.md 4.1
-constexpr double kStragglerShare = 0.9;     // of the batch admitted, docs/wire.md 4.1
 constexpr double kStragglerFactor = 1.5;    // x median: younger tasks are not late
 constexpr double kStragglerFloorNs = 20e6;  // below this a second grant costs more than it saves
 constexpr double kMaxSuspectNs = 60e9;
 // A worker that declined or gave invalid results is tried again after this long, then twice it ...
 constexpr std::int64_t kFirstBarNs = 10'000'000'000;
 constexpr std::int64_t kMostBarNs = 320'000'000'000;
+constexpr std::size_t kWorkerHistory = 32;  // results per worker in the age rule
+constexpr std::size_t kAllHistory = 256;    // results in the straggler rule
+constexpr std::uint64_t kInvalidToBar = 3;  // invalid results in a row
 
-}  // namespace
+void remember(std::deque<double>& values, double value, std::size_t limit) {
+  values.push_back(value);
+  if (values.size() > limit) values.pop_front();
+}
 
-double TaskBook::quantile(const std::deque<double>& values, double p) {
+double quantile(const std::deque<double>& values, double p) {
   if (values.empty()) return 0;
   std::vector<double> sorted(values.begin(), values.end());
   const auto rank = static_cast<std::ptrdiff_t>(p * static_cast<double>(sorted.size() - 1));
@@ -30,37 +33,41 @@ double TaskBook::quantile(const std::deque<double>& values, double p) {
   return sorted[static_cast<std::size_t>(rank)];
 }
 
-TaskBook::Worker* TaskBook::find_worker(std::uint32_t worker_id) {
+}  // namespace
+
+// --- workers
+
+Grants::Worker* Grants::find_worker(std::uint32_t worker_id) {
   const auto found = workers_.find(worker_id);
   return found == workers_.end() ? nullptr : &found->second;
 }
 
-void TaskBook::worker_joined(std::uint32_t worker_id, std::uint32_t lanes) {
+void Grants::worker_joined(std::uint32_t worker_id, std::uint32_t lanes) {
   drop_worker_grants(worker_id);  // a restarted worker with the same id has none of them
   Worker worker;
   worker.lanes = std::max(lanes, std::uint32_t{1});
   workers_[worker_id] = std::move(worker);
 }
 
-void TaskBook::worker_left(std::uint32_t worker_id) {
+void Grants::worker_left(std::uint32_t worker_id) {
   drop_worker_grants(worker_id);
   workers_.erase(worker_id);
 }
 
-void TaskBook::worker_declined(std::uint32_t worker_id, const std::string& reason,
-                               std::int64_t now_ns) {
+void Grants::worker_declined(std::uint32_t worker_id, const std::string& reason,
+                             std::int64_t now_ns) {
   drop_worker_grants(worker_id);
   Worker* worker = find_worker(worker_id);
   if (worker != nullptr && !reason.empty()) bar(*worker, reason, now_ns);
 }
 
-void TaskBook::bar(Worker& worker, const std::string& reason, std::int64_t now_ns) {
+void Grants::bar(Worker& worker, const std::string& reason, std::int64_t now_ns) {
   worker.barred_for = reason;
   worker.barred_span_ns = std::clamp(2 * worker.barred_span_ns, kFirstBarNs, kMostBarNs);
   worker.barred_until_ns = now_ns + worker.barred_span_ns;
 }
 
-std::vector<Barred> TaskBook::barred(std::int64_t now_ns) const {
+std::vector<Barred> Grants::barred(std::int64_t now_ns) const {
   std::vector<Barred> all;
   for (const auto& [id, worker] : workers_) {
     if (worker.barred_until_ns <= now_ns) continue;
@@ -71,39 +78,80 @@ std::vector<Barred> TaskBook::barred(std::int64_t now_ns) const {
   return all;
 }
 
-void TaskBook::worker_silent(std::uint32_t worker_id, bool silent) {
+void Grants::worker_silent(std::uint32_t worker_id, bool silent) {
   if (Worker* worker = find_worker(worker_id)) worker->silent = silent;
 }
 
-void TaskBook::lapse(Grant& grant) {
+void Grants::worker_answered(std::uint32_t worker_id) {
+  if (Worker* worker = find_worker(worker_id))
+    worker->suspect_until_ns = worker->suspect_span_ns = 0;
+}
+
+// --- tasks
+
+Grants::Job* Grants::find_job(std::uint32_t task) {
+  const auto found = jobs_.find(task);
+  return found == jobs_.end() ? nullptr : &found->second;
+}
+
+void Grants::open(std::uint32_t task, const GrantTerms& terms) {
+  Job job;
+  job.task = task;
+  job.terms = terms;
+  jobs_.insert_or_assign(task, std::move(job));
+}
+
+bool Grants::all_granted() const {
+  return std::ranges::all_of(jobs_, [](const auto& entry) {
+    return std::ranges::any_of(entry.second.grants, [](const Grant& g) { return !g.lapsed; });
+  });
+}
+
+void Grants::lapse(Grant& grant) {
   if (std::exchange(grant.lapsed, true)) return;
   if (Worker* worker = find_worker(grant.worker_id); worker != nullptr && worker->live > 0)
     --worker->live;
 }
 
-void TaskBook::drop_worker_grants(std::uint32_t worker_id) {
-  for_each_job([this, worker_id](Job& job) {
-    lapse_if(job, [&](const Grant& grant) { return grant.worker_id == worker_id; });
-  });
+void Grants::lapse_all(std::uint32_t task) {
+  if (Job* job = find_job(task)) lapse_if(*job, [](const Grant& /*every*/) { return true; });
 }
 
-double TaskBook::age_limit_ns(const Job& job, const Grant& grant) const {
+void Grants::withdraw(std::uint32_t task) {
+  Job* job = find_job(task);
+  if (job == nullptr) return;
+  ledger_.cancelled += job->grants.size();
+  lapse_all(task);
+  jobs_.erase(task);
+}
+
+void Grants::undelivered(std::uint32_t task, std::uint32_t number) {
+  if (Job* job = find_job(task))
+    lapse_if(*job, [number](const Grant& grant) { return grant.number == number; });
+}
+
+void Grants::drop_worker_grants(std::uint32_t worker_id) {
+  for (auto& [task, job] : jobs_)
+    lapse_if(job, [&](const Grant& grant) { return grant.worker_id == worker_id; });
+}
+
+double Grants::age_limit_ns(const Job& job, const Grant& grant) const {
   const auto worker = workers_.find(grant.worker_id);
   double per_step = worker == workers_.end() ? 0 : worker->second.ns_per_step_p95;
   if (per_step == 0) per_step = quantile(ns_per_step_, 0.95);
-  const auto least = static_cast<double>(config_.min_task_age_ns);
-  double limit = per_step == 0 ? static_cast<double>(config_.first_task_age_ns)
-                               : std::max(least, kAgeFactor * per_step * job.task.steps);
+  const auto least = static_cast<double>(rules_.min_task_age_ns);
+  double limit = per_step == 0 ? static_cast<double>(rules_.first_task_age_ns)
+                               : std::max(least, kAgeFactor * per_step * job.terms.steps);
   // A task that was granted often is a slow one: the limit doubles every time.
   const int repeats = static_cast<int>(std::min(grant.number, std::uint32_t{6}));
   return std::ldexp(limit, repeats);
 }
 
-void TaskBook::mark_overdue(std::int64_t now_ns) {
-  for_each_job([this, now_ns](Job& job) {
+void Grants::mark_overdue(std::int64_t now_ns) {
+  for (auto& [task, job] : jobs_) {
     for (Grant& grant : job.grants) {
       const auto age = static_cast<double>(now_ns - grant.at_ns);
-      if (grant.lapsed || grant.overdue || age < static_cast<double>(config_.min_task_age_ns)) {
+      if (grant.lapsed || grant.overdue || age < static_cast<double>(rules_.min_task_age_ns)) {
         continue;
       }
       const double limit = age_limit_ns(job, grant);
@@ -116,10 +164,11 @@ void TaskBook::mark_overdue(std::int64_t now_ns) {
       worker->suspect_span_ns = static_cast<std::int64_t>(span);
       worker->suspect_until_ns = now_ns + worker->suspect_span_ns;
     }
-  });
+  }
 }
 
-TaskBook::Need TaskBook::need_of(const Job& job, std::int64_t now_ns) const {
+Grants::Need Grants::need_of(const Job& job, std::optional<std::uint64_t> late_rank,
+                             std::int64_t now_ns) const {
   std::size_t live = 0;
   bool all_overdue = true;
   double oldest = 0;
@@ -132,17 +181,15 @@ TaskBook::Need TaskBook::need_of(const Job& job, std::int64_t now_ns) const {
   if (live == 0) return Need::kFirst;
   if (all_overdue) return Need::kOverdue;
   if (live > 1) return Need::kNone;
-  if (job.audit && job.granted == 1) return Need::kAudit;
-  if (job.task.slot >= kEvaluationSlot || job.task.segment != batch_) return Need::kNone;
-  const bool late_phase = admitted_in_batch_ >= kStragglerShare * config_.slots;
+  if (job.terms.audit && job.granted == 1) return Need::kAudit;
+  if (late_rank != job.terms.rank) return Need::kNone;
   const double young =
-      std::max(kStragglerFloorNs, kStragglerFactor * ns_per_step_median_ * job.task.steps);
-  const bool straggles = late_phase && ns_per_step_median_ > 0 && oldest > young;
-  return straggles ? Need::kStraggler : Need::kNone;
+      std::max(kStragglerFloorNs, kStragglerFactor * ns_per_step_median_ * job.terms.steps);
+  return ns_per_step_median_ > 0 && oldest > young ? Need::kStraggler : Need::kNone;
 }
 
-std::optional<std::uint32_t> TaskBook::choose_worker(const Job& job, Need need,
-                                                     std::int64_t now_ns) const {
+std::optional<std::uint32_t> Grants::choose_worker(const Job& job, Need need,
+                                                   std::int64_t now_ns) const {
   const auto holds = [&job](std::uint32_t id) {
     return std::any_of(job.grants.begin(), job.grants.end(),
                        [id](const Grant& grant) { return !grant.lapsed && grant.worker_id == id; });
@@ -160,9 +207,9 @@ std::optional<std::uint32_t> TaskBook::choose_worker(const Job& job, Need need,
   const auto load = [&](std::uint32_t id) {
     const Worker& worker = workers_.at(id);
     const std::uint64_t slots =
-        (std::uint64_t{config_.slots} * worker.lanes + all_lanes - 1) / all_lanes;
+        (std::uint64_t{rules_.slots} * worker.lanes + all_lanes - 1) / all_lanes;
     const std::uint64_t group = std::min<std::uint64_t>(slots, worker.lanes);
-    return std::tuple(worker.live / group, id != job.home, group - worker.live % group);
+    return std::tuple(worker.live / group, id != job.terms.home, group - worker.live % group);
   };
   for (const auto& [id, worker] : workers_) {
     if (worker.barred_until_ns > now_ns || worker.silent || holds(id)) continue;
@@ -191,7 +238,7 @@ std::optional<std::uint32_t> TaskBook::choose_worker(const Job& job, Need need,
   return std::nullopt;
 }
 
-RolloutTask TaskBook::write_grant(Job& job, std::uint32_t worker_id, std::int64_t now_ns) {
+NewGrant Grants::add_grant(Job& job, std::uint32_t worker_id, std::int64_t now_ns) {
   // At most two live grants; a worker holds a task once (its reader keeps one sample per slot).
   const auto has_lapsed = [](const Grant& grant) { return grant.lapsed; };
   lapse_if(job, [&](const Grant& grant) {
@@ -206,58 +253,99 @@ RolloutTask TaskBook::write_grant(Job& job, std::uint32_t worker_id, std::int64_
   job.grants.push_back({.worker_id = worker_id, .number = job.granted, .at_ns = now_ns});
   ++workers_.at(worker_id).live;
   ++ledger_.granted;
-
-  RolloutTask task = job.task;
-  task.worker_id = worker_id;
-  task.grant = job.granted++;
-  task.granted_at_ns = now_ns;
-  if (task.slot < slots_.size()) task.start_state = slots_[task.slot].starts.back().state;
-  return task;
+  return {.task = job.task, .worker_id = worker_id, .number = job.granted++};
 }
 
-std::vector<RolloutTask> TaskBook::grant(std::int64_t now_ns) {
+std::vector<NewGrant> Grants::grant(std::int64_t now_ns, std::optional<std::uint64_t> late_rank) {
   mark_overdue(now_ns);
   std::vector<std::pair<Job*, Need>> wanted;
-  for_each_job([&](Job& job) {
-    const Need need = need_of(job, now_ns);
+  for (auto& [task, job] : jobs_) {
+    const Need need = need_of(job, late_rank, now_ns);
     if (need != Need::kNone) wanted.emplace_back(&job, need);
-  });
-  // Evaluation last, then by segment and slot; for_each_job already yields slots in order.
+  }
   std::stable_sort(wanted.begin(), wanted.end(), [](const auto& a, const auto& b) {
-    const auto key = [](const auto& entry) {
-      const RolloutTask& task = entry.first->task;
-      return std::pair(task.slot >= kEvaluationSlot, task.segment);
-    };
-    return key(a) < key(b);
+    return a.first->terms.rank < b.first->terms.rank;
   });
-  std::vector<RolloutTask> tasks;
+  std::vector<NewGrant> grants;
   const auto try_grant = [&](Job& job, Need need) {
     const std::optional<std::uint32_t> worker = choose_worker(job, need, now_ns);
-    if (worker) tasks.push_back(write_grant(job, *worker, now_ns));
+    if (worker) grants.push_back(add_grant(job, *worker, now_ns));
   };
   for (auto& [job, need] : wanted) try_grant(*job, need);
   // An audited task is granted a second time at once.
   for (auto& [job, need] : wanted) {
-    if (need == Need::kFirst && need_of(*job, now_ns) == Need::kAudit)
+    if (need == Need::kFirst && need_of(*job, late_rank, now_ns) == Need::kAudit)
       try_grant(*job, Need::kAudit);
   }
-  std::stable_sort(tasks.begin(), tasks.end(), [](const RolloutTask& a, const RolloutTask& b) {
-    return a.worker_id < b.worker_id;
-  });
-  return tasks;
+  std::stable_sort(grants.begin(), grants.end(),
+                   [](const NewGrant& a, const NewGrant& b) { return a.worker_id < b.worker_id; });
+  return grants;
 }
 
-double TaskBook::oldest_task_age_s(std::int64_t now_ns) const {
+// --- results
+
+void Grants::settle(std::uint32_t task, std::uint32_t worker_id, std::uint32_t number,
+                    std::int64_t now_ns, bool admitted) {
+  Job* job = find_job(task);
+  if (job == nullptr) return;
+  const auto own = std::find_if(job->grants.begin(), job->grants.end(), [&](const Grant& grant) {
+    return grant.worker_id == worker_id && grant.number == number;
+  });
+  if (own != job->grants.end()) {
+    const auto turnaround = static_cast<double>(std::max<std::int64_t>(now_ns - own->at_ns, 1));
+    const double per_step = turnaround / job->terms.steps;
+    remember(ns_per_step_, per_step, kAllHistory);
+    ns_per_step_median_ = quantile(ns_per_step_, 0.5);
+    if (Worker* worker = find_worker(worker_id)) {
+      remember(worker->ns_per_step, per_step, kWorkerHistory);
+      worker->ns_per_step_p95 = quantile(worker->ns_per_step, 0.95);
+      worker->invalid_in_row = 0;
+    }
+  }
+  // A result of an earlier session or of a lapsed grant uses up any grant of the task.
+  ledger_.cancelled += job->grants.size();
+  if (admitted) {
+    ++ledger_.admitted;
+    if (job->grants.empty()) {
+      ++ledger_.granted;  // granted in an earlier session of the learner
+    } else {
+      --ledger_.cancelled;
+    }
+  }
+  lapse_all(task);
+  jobs_.erase(task);
+}
+
+void Grants::refuse(std::uint32_t task, std::uint32_t worker_id, const std::string& reason,
+                    std::int64_t now_ns) {
+  if (Job* job = find_job(task))
+    lapse_if(*job, [&](const Grant& grant) { return grant.worker_id == worker_id; });
+  Worker* worker = find_worker(worker_id);
+  if (worker != nullptr && ++worker->invalid_in_row >= kInvalidToBar)
+    bar(*worker, "invalid results: " + reason, now_ns);
+}
+
+// --- accounts
+
+Ledger Grants::ledger() const {
+  Ledger ledger = ledger_;
+  ledger.outstanding = 0;
+  for (const auto& [task, job] : jobs_) ledger.outstanding += job.grants.size();
+  return ledger;
+}
+
+bool Grants::balanced() const {
+  const Ledger l = ledger();
+  return l.received == l.admitted + l.duplicate + l.stale + l.invalid + l.foreign + l.overflow &&
+         l.granted == l.admitted + l.outstanding + l.cancelled + l.regranted;
+}
+
+double Grants::oldest_task_age_s(std::int64_t now_ns) const {
   std::int64_t oldest = now_ns;
-  for_each_job([&oldest](const Job& job) {
+  for (const auto& [task, job] : jobs_) {
     for (const Grant& grant : job.grants) oldest = std::min(oldest, grant.at_ns);
-  });
+  }
   return static_cast<double>(now_ns - oldest) * 1e-9;
-}
-
-void TaskBook::undelivered(const RolloutTask& task) {
-  if (Job* job = find_open_job(task.slot, task.task_hash))
-    lapse_if(*job, [&task](const Grant& grant) { return grant.number == task.grant; });
 }
 
 }  // namespace omentum
