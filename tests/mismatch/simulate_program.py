@@ -40,9 +40,9 @@ def run(program, folder, out, more, code=0, commands=("commands",)):
     return done.stderr
 
 
-def markers(folder):
+def markers(folder, count=256):
     rows = np.loadtxt(folder / "markers.csv", delimiter=",", skiprows=1)
-    return rows[:, 0], rows[:, 1:].reshape(len(rows), -1, 3)[:, :256]  # of the upper face
+    return rows[:, 0], rows[:, 1:].reshape(len(rows), -1, 3)[:, :count]  # of the upper face
 
 
 def write_lift(folder, height, jump=0.0, start=(0.018, 0.018, 0.0015), rate=50):
