@@ -11,14 +11,10 @@ namespace {
 
 namespace protobuf = google::protobuf;
 
-void fill(protobuf::Message& message, const std::string& knob, const std::string& directory) {
-  if (auto* mesh = dynamic_cast<pb::MeshFile*>(&message)) {
-    if (mesh->path().empty()) return;  // told by who loads it
-    const Result<Bytes> content = read_whole(scene_file_path(mesh->path(), directory));
-    if (!content) throw_error("{}.path: {}", knob, content.error());
-    mesh->set_sha256(hex(sha256(content.value())));
-    return;
-  }
+using MeshFn = std::function<void(const std::string&, pb::MeshFile&)>;
+
+void visit(protobuf::Message& message, const std::string& knob, const MeshFn& fn) {
+  if (auto* mesh = dynamic_cast<pb::MeshFile*>(&message)) return fn(knob, *mesh);
   const protobuf::Reflection& reflection = *message.GetReflection();
   std::vector<const protobuf::FieldDescriptor*> fields;
   reflection.ListFields(message, &fields);
@@ -26,12 +22,12 @@ void fill(protobuf::Message& message, const std::string& knob, const std::string
     if (field->cpp_type() != protobuf::FieldDescriptor::CPPTYPE_MESSAGE) continue;
     const std::string name = knob + "." + field->name();
     if (!field->is_repeated()) {
-      fill(*reflection.MutableMessage(&message, field), name, directory);
+      visit(*reflection.MutableMessage(&message, field), name, fn);
       continue;
     }
     for (int i = 0; i < reflection.FieldSize(message, field); ++i) {
-      fill(*reflection.MutableRepeatedMessage(&message, field, i), fmt::format("{}[{}]", name, i),
-           directory);
+      visit(*reflection.MutableRepeatedMessage(&message, field, i), fmt::format("{}[{}]", name, i),
+            fn);
     }
   }
 }
@@ -42,8 +38,15 @@ std::string scene_file_path(const std::string& path, const std::string& director
   return path.starts_with('/') || directory.empty() ? path : directory + "/" + path;
 }
 
+void for_each_mesh(pb::Scene& scene, const MeshFn& fn) { visit(scene, "scene", fn); }
+
 void fill_mesh_contents(pb::Scene& scene, const std::string& directory) {
-  fill(scene, "scene", directory);
+  for_each_mesh(scene, [&directory](const std::string& knob, pb::MeshFile& mesh) {
+    if (mesh.path().empty()) return;  // told by who loads it
+    const Result<Bytes> content = read_whole(scene_file_path(mesh.path(), directory));
+    if (!content) throw_error("{}.path: {}", knob, content.error());
+    mesh.set_sha256(hex(sha256(content.value())));
+  });
 }
 
 }  // namespace omentum

@@ -11,6 +11,7 @@
 #include <mutex>
 #include <thread>
 
+#include "core/build_id.h"
 #include "core/check.h"
 #include "core/command_line.h"
 #include "core/config.h"
@@ -35,28 +36,36 @@ struct CalibrateOptions {
   bool no_leave_out = false;
   std::uint64_t seed = 1;
   std::size_t threads = std::max(1U, std::thread::hardware_concurrency());
+  SimulatorOptions simulator;
 };
 
 /// Share done and time left on standard error, where a person looks at it.
 class ProgressLine {
  public:
   ~ProgressLine() { end(); }
-  void show(double share, const std::string& stage) {
+  /// `work`: what has been done and by whom.
+  void show(double share, const std::string& stage, const std::string& work) {
     const std::lock_guard lock(mutex_);
     using Seconds = std::chrono::duration<double>;
     const double passed = Seconds(std::chrono::steady_clock::now() - begin_).count();
     std::string line =
-        fmt::format("calibrate: {:3.0f} %, {}, {:.0f} s", 100 * share, stage, passed);
+        fmt::format("calibrate: {:3.0f} %, {}, {}, {:.0f} s", 100 * share, stage, work, passed);
     constexpr double kEnough = 0.02;  // of the work, to say when it ends
     if (share > kEnough) line += fmt::format(", about {:.0f} s left", passed / share * (1 - share));
     if (terminal_) {
-      std::fprintf(stderr, "\r%-78s", line.c_str());
+      std::fprintf(stderr, "\r%-98s", line.c_str());
       shown_ = true;
     } else if (stage != stage_) {
       std::fprintf(stderr, "%s\n", line.c_str());
     }
     stage_ = stage;
     std::fflush(stderr);
+  }
+  /// A line of its own, between two states of it.
+  void tell(const std::string& text) {
+    const std::lock_guard lock(mutex_);
+    std::fprintf(stderr, "%smismatch: %s\n", shown_ ? "\n" : "", text.c_str());
+    shown_ = false;
   }
   void end() {
     if (shown_) std::fputc('\n', stderr);
@@ -141,7 +150,14 @@ int calibrate(const CalibrateOptions& options) {
             [](const Observation& a, const Observation& b) { return a.name < b.name; });
   number_conditions(observations);
   const auto line = std::make_shared<ProgressLine>();
-  chosen.progress = [line](double share, const std::string& stage) { line->show(share, stage); };
+  SimulatorOptions where = options.simulator;
+  where.build_id = build_id();
+  const auto simulator = std::make_shared<Simulator>(
+      options.threads, where, [line](const std::string& text) { line->tell(text); });
+  chosen.simulator = simulator;
+  chosen.progress = [line, simulator](double share, const std::string& stage) {
+    line->show(share, stage, simulator->describe());
+  };
   Calibration result = options.method == "paper"
                            ? calibrate_paper(scene, std::move(observations), chosen)
                            : calibrate_reference(scene, std::move(observations), chosen);
@@ -203,6 +219,7 @@ std::function<int()> add_calibrate_command(CLI::App& app) {
                  "Recordings simulated at a time; results do not depend on it")
       ->check(number_between(1, 1024))
       ->capture_default_str();
+  add_simulator_options(sub, options.simulator);
   return [made] { return calibrate(*made); };
 }
 

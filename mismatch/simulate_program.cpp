@@ -1,6 +1,7 @@
 #include "mismatch/simulate_program.h"
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <cstdio>
 #include <filesystem>
@@ -10,6 +11,7 @@
 #include <set>
 #include <thread>
 
+#include "core/build_id.h"
 #include "core/check.h"
 #include "core/command_line.h"
 #include "core/config.h"
@@ -17,8 +19,10 @@
 #include "mismatch/recording/read_recording.h"
 #include "mismatch/recording/recording_mcap.h"
 #include "mismatch/simulated_recording.h"
-#include "mismatch/simulation.h"
+#include "mismatch/simulator.h"
+#include "mismatch/tool_track.h"
 #include "sim_worker/camera/depth_sensor.h"
+#include "sim_worker/playback/simulation.h"
 
 namespace omentum {
 namespace {
@@ -39,6 +43,7 @@ struct SimulateOptions {
   bool no_settle = false;
   std::uint64_t seed = 1;
   std::size_t threads = std::max(1U, std::thread::hardware_concurrency());
+  SimulatorOptions simulator;
 };
 
 bool is_mcap(const std::string& path) { return fs::path(path).extension() == ".mcap"; }
@@ -62,9 +67,12 @@ class Reports {
       if (told_.insert(warning).second) std::fprintf(stderr, "warning: %s\n", warning.c_str());
     }
   }
-  void failed(const std::string& line) {
+  void tell(const std::string& line) {
     const std::lock_guard lock(mutex_);
     std::fprintf(stderr, "mismatch: %s\n", line.c_str());
+  }
+  void failed(const std::string& line) {
+    tell(line);
     any_failed_ = true;
   }
   bool any_failed() const { return any_failed_; }
@@ -72,7 +80,7 @@ class Reports {
  private:
   std::mutex mutex_;
   std::set<std::string> told_;
-  bool any_failed_ = false;
+  std::atomic<bool> any_failed_{false};
 };
 
 /// The scene of the options.
@@ -143,7 +151,9 @@ SimulationTask make_task(const SimulateOptions& options, const std::string& comm
   task.grasp.patch_radius_m = options.patch_radius_m.value_or(
       grip.shape() == pb::GRIP_RECTANGLE ? std::max(grip.half_x_m(), grip.half_y_m())
                                          : grip.half_x_m());
-  if (!options.columns.empty()) task.parameters = parse_parameters(options.columns, task.scene);
+  task.parameters = options.columns;
+  // What is wrong with them is told before anything is made.
+  if (!options.columns.empty()) parse_parameters(options.columns, task.scene);
   task.stride = std::max<std::size_t>(1, cloud_stride(options, task.period));
   task.from_rest = !options.no_settle;
   task.estimate_error = true;
@@ -184,7 +194,7 @@ std::vector<Eigen::Vector3f> cloud_at(std::size_t step, Camera& camera, const To
   tool.p_WT = seen.tip;
   tool.jaw_rad = commands.jaw_rad.empty() ? 0 : commands.jaw_at(t);
   CameraFrame frame{seen.surface, tool, {}};
-  if (dynamic_cast<const ReferenceTissueModel*>(simulation.model.get()) != nullptr) {  // two faces
+  if (simulation.reference) {  // two faces
     frame.lower_face_W = frame.tissue_vertices_W.last(seen.surface.size() / 2);
     frame.tissue_vertices_W = frame.tissue_vertices_W.first(seen.surface.size() / 2);
   }
@@ -200,18 +210,40 @@ void describe(const Simulation& simulation, const std::string& output, Reports& 
   if (simulation.column_frames > 0)
     reports.print(fmt::format("{}: columns.npz, {} frames", output, simulation.column_frames));
   if (const auto& error = simulation.mesh_error) {
-    const auto& mesh = dynamic_cast<const ReferenceTissueModel&>(*simulation.model);
     reports.print(fmt::format(
         "{}: mesh {} x {} x {}, discretisation error about {:.4f} mm rms, {:.4f} mm at the worst "
         "time, {:.2f} % of force",
-        output, mesh.cells(0), mesh.free_cells_y(), mesh.cells(2), 1e3 * error->rms_m,
+        output, simulation.cells[0], simulation.cells[1], simulation.cells[2], 1e3 * error->rms_m,
         1e3 * error->worst_rms_m, 100 * error->force));
+  }
+}
+
+/// Clouds and files of a simulation; into the folder, or into the file where there is none.
+void write_output(const SimulateOptions& options, const SimulationTask& task,
+                  const Simulation& simulation, OutputFolder* folder, const std::string& output) {
+  std::unique_ptr<Camera> camera;
+  const std::size_t stride = cloud_stride(options, task.period);
+  if (stride > 0) camera = std::make_unique<Camera>(simulation.scene, 64, 64);
+  pb::RecordingInfo info = info_of(simulation.scene, options, 1 / task.period, output);
+  if (const std::string& failure = simulation.recording.failure; !failure.empty())
+    info.set_incomplete(failure);
+  const Recording recording = make_recording(
+      info, task.commands, simulation.recording,
+      [&](std::size_t step) {
+        return cloud_at(step, *camera, task.commands, simulation, options.seed);
+      },
+      stride);
+  if (folder != nullptr) {
+    write_recording_files(recording, *folder);
+    folder->finish();
+  } else {
+    write_recording_mcap(recording, output);
   }
 }
 
 /// One recording, from commands to a finished folder or file.
 void simulate_one(const SimulateOptions& options, const std::string& commands,
-                  const std::string& output, Reports& reports) {
+                  const std::string& output, Simulator& simulator, Reports& reports) {
   SimulationTask task = make_task(options, commands, reports);
   std::optional<OutputFolder> folder;
   if (!is_mcap(output)) {
@@ -221,31 +253,16 @@ void simulate_one(const SimulateOptions& options, const std::string& commands,
   } else if (!task.parameters.empty()) {
     throw_error("--columns: they need a folder, not {}", output);
   }
-  Simulation simulation = simulate(task);
-  for (std::string& warning : simulation.scene.warnings)
-    warning = with_place(options.scene, warning);
-  reports.warn(simulation.scene.warnings);
-  reports.warn(simulation.warnings);
-  std::unique_ptr<Camera> camera;
-  const std::size_t stride = cloud_stride(options, task.period);
-  if (stride > 0) camera = std::make_unique<Camera>(simulation.scene, 64, 64);
-  const std::string& failure = simulation.recording.failure;
-  pb::RecordingInfo info = info_of(simulation.scene, options, 1 / task.period, output);
-  if (!failure.empty()) info.set_incomplete(failure);
-  const Recording recording = make_recording(
-      info, task.commands, simulation.recording,
-      [&](std::size_t step) {
-        return cloud_at(step, *camera, task.commands, simulation, options.seed);
-      },
-      stride);
-  if (folder) {
-    write_recording_files(recording, *folder);
-    folder->finish();
-  } else {
-    write_recording_mcap(recording, output);
+  Simulation simulation = simulator.simulate(task);
+  for (auto* warnings : {&simulation.scene.warnings, &simulation.model_warnings}) {
+    for (std::string& warning : *warnings) warning = with_place(options.scene, warning);
+    reports.warn(*warnings);
   }
+  reports.warn(simulation.warnings);
+  simulator.work_here(
+      [&] { write_output(options, task, simulation, folder ? &*folder : nullptr, output); });
   describe(simulation, output, reports);
-  if (!failure.empty())
+  if (const std::string& failure = simulation.recording.failure; !failure.empty())
     reports.failed(fmt::format("{}; what there is up to there is in {}", failure, output));
 }
 
@@ -271,9 +288,13 @@ std::vector<std::string> outputs_of(const SimulateOptions& options) {
 int simulate_folders(const SimulateOptions& options) {
   const std::vector<std::string> outputs = outputs_of(options);
   Reports reports;
-  run_parallel(outputs.size(), options.threads, [&](std::size_t k) {
+  SimulatorOptions where = options.simulator;
+  where.build_id = build_id();
+  Simulator simulator(options.threads, where,
+                      [&reports](const std::string& line) { reports.tell(line); });
+  run_parallel(outputs.size(), simulator.at_once(), [&](std::size_t k) {
     try {
-      simulate_one(options, options.commands[k], outputs[k], reports);
+      simulate_one(options, options.commands[k], outputs[k], simulator, reports);
     } catch (const Error& error) {
       throw_error("{}", with_place(options.scene, error.what()));
     }
@@ -332,6 +353,7 @@ std::function<int()> add_simulate_command(CLI::App& app) {
                  "Recordings simulated at a time; results do not depend on it")
       ->check(number_between(1, 1024))
       ->capture_default_str();
+  add_simulator_options(sub, options.simulator);
   return [made] { return simulate_folders(*made); };
 }
 

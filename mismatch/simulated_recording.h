@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "mismatch/recording/recording.h"
-#include "mismatch/simulate.h"
+#include "sim_worker/playback/simulate.h"
 
 namespace omentum {
 

@@ -11,25 +11,6 @@ namespace omentum {
 
 using Eigen::Vector3d;
 
-Vector3d ToolTrack::tip_at(double t) const {
-  const auto after = std::upper_bound(time.begin(), time.end(), t);
-  if (after == time.begin()) return p_WT.front();
-  if (after == time.end()) return p_WT.back();
-  const auto k = static_cast<std::size_t>(after - time.begin());
-  const double share = (t - time[k - 1]) / (time[k] - time[k - 1]);
-  return p_WT[k - 1] + share * (p_WT[k] - p_WT[k - 1]);
-}
-
-double ToolTrack::jaw_at(double t) const {
-  const auto after = std::upper_bound(time.begin(), time.end(), t);
-  return jaw_rad[after == time.begin() ? 0 : static_cast<std::size_t>(after - time.begin()) - 1];
-}
-
-std::string ToolTrack::place(std::size_t row) const {
-  if (row < lines.size()) return fmt::format("{}:{}", path, lines[row]);
-  return fmt::format("{}: at {:.6g} s", path, time[row]);
-}
-
 namespace {
 
 // Rows of commands are some 1 ms to 1 s apart; a longer pause is odd, an hour is another unit.

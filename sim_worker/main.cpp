@@ -25,6 +25,7 @@
 #include "sim_worker/backend/sim_backend.h"
 #include "sim_worker/bus/bus_worker.h"
 #include "sim_worker/models.h"
+#include "sim_worker/playback/simulation_bytes.h"
 
 namespace {
 
@@ -143,10 +144,9 @@ int run(int argc, char** argv) {
   setenv("RES_OPTIONS", "timeout:2 attempts:1", 0);  // NOLINT(concurrency-mt-unsafe)
   CLI::App app{
       "Omentum simulation worker: takes rollout tasks from the bus, runs one environment per SIMD "
-      "lane and "
-      "sends segments back. Waits for a learner of the same run name; may be started, stopped and "
-      "killed at "
-      "any time."};
+      "lane and sends segments back. Waits for a learner of the same run name; while there is none "
+      "it simulates recordings for mismatch --run, one at a time. May be started, stopped and "
+      "killed at any time."};
   std::string run_name = "omentum";  // as the learner's: the name of its default preset
   unsigned domain = 0;
   unsigned lanes = 0;
@@ -261,6 +261,7 @@ int run(int argc, char** argv) {
                        const std::function<bool()>& stop) {
     return run_rollout(backend, policy, tasks, stop);
   };
+  options.simulate = run_task_bytes;
   options.make_setup = [&](const RunManifest& manifest) {
     pb::Config config = parse_config("manifest of run " + manifest.run_id, manifest.config_text);
     WorkerSetup made;

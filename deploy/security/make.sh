@@ -11,8 +11,8 @@ Makes the files that --security-dir (OMENTUM_SECURITY_DIR) of every program want
 identity_ca.pem certificate.pem key.pem crl.pem permissions_ca.pem governance.p7s permissions.p7s
 What is there already is kept, the CAs always. Copy to a host only the folders of its roles, never DIR/ca.
   --out DIR         default: deploy/security/out
-  --role ROLE       learner, worker, gateway, tool (reads everything) or operator (a tool that also commands);
-                    may be repeated; default: all five
+  --role ROLE       learner, worker, gateway, mismatch, tool (reads everything) or operator (a tool that also
+                    commands); may be repeated; default: all six
   --host NAME       certificates of this host alone, in folders ROLE-NAME; may be repeated
   --run NAME        permissions for this run only; default: any run
   --days N          end of the certificates, days from now (default 365)
@@ -44,8 +44,8 @@ while (($#)); do
       [[ -n ${2-} ]] || wrong "$1 needs a value" ;;&
     --out) out=$2; shift ;;
     --role)
-      [[ $2 =~ ^(learner|worker|gateway|tool|operator)$ ]] ||
-        wrong "--role $2: learner, worker, gateway, tool or operator"
+      [[ $2 =~ ^(learner|worker|gateway|mismatch|tool|operator)$ ]] ||
+        wrong "--role $2: learner, worker, gateway, mismatch, tool or operator"
       roles+=("$2"); shift ;;
     --host) [[ $2 =~ $name_pattern ]] || wrong "--host $2: letters, digits, _ . -"; hosts+=("$2"); shift ;;
     --run) [[ $2 =~ $name_pattern ]] || wrong "--run $2: letters, digits, _ . -"; run=$2; shift ;;
@@ -63,7 +63,7 @@ done
 begin_s=$(date -d "$from" +%s 2>/dev/null) || wrong "--from $from: not a time that date -d knows"
 end_s=$(date -d "${until:-$days days}" +%s 2>/dev/null) || wrong "--until $until: not a time that date -d knows"
 ((begin_s < end_s)) || wrong "--until ${until:-$days days} is before --from $from"
-((${#roles[@]})) || roles=(learner worker gateway tool operator)
+((${#roles[@]})) || roles=(learner worker gateway mismatch tool operator)
 command -v openssl >/dev/null || fail "openssl is missing: apt-get install openssl"
 
 # The table of docs/cluster.md 5, without "omentum/". Only the learner speaks as one; in a hub it also passes on what
@@ -71,15 +71,17 @@ command -v openssl >/dev/null || fail "openssl is missing: apt-get install opens
 declare -A writes=(
   [learner]="policy/weights rollout/task rollout/segment learner/status worker/status episode/summary run/manifest
              sim/frame robot/state control/command control/reply"
-  [worker]="rollout/segment worker/status sim/frame control/reply"
+  [worker]="rollout/segment worker/status sim/frame control/reply simulation/result"
   [gateway]="robot/state rollout/segment episode/summary control/reply"
+  [mismatch]="simulation/task"
   [tool]=""
   [operator]="control/command"
 )
 declare -A reads=(
   [learner]="rollout/segment worker/status learner/status robot/state run/manifest sim/frame control/command control/reply"
-  [worker]="policy/weights rollout/task learner/status run/manifest control/command"
+  [worker]="policy/weights rollout/task learner/status run/manifest control/command simulation/task"
   [gateway]="policy/weights learner/status run/manifest control/command"
+  [mismatch]="worker/status simulation/result"
   [tool]="*"
   [operator]="*"
 )

@@ -10,7 +10,7 @@
 #include "mismatch/calibrate/calibration.h"
 #include "mismatch/calibrate/genetic_search.h"
 #include "mismatch/calibrate/reference_fit.h"
-#include "mismatch/simulation.h"
+#include "sim_worker/playback/simulation.h"
 
 namespace omentum {
 namespace {
@@ -123,7 +123,7 @@ class PaperSearch {
  private:
   Prediction simulate(const pb::Scene& scene, std::size_t r) const {
     return predict(fit_.observations[r], scene, options_.folder, {}, {}, 0,
-                   {pb::TISSUE_CLUSTER, 0, 1}, false);
+                   {pb::TISSUE_CLUSTER, 0, 1}, false, *fit_.options.simulator);
   }
   double cost_of(const Prediction& prediction, std::size_t r) const;
   void judge(std::vector<Candidate>& candidates);
@@ -164,7 +164,7 @@ void PaperSearch::judge(std::vector<Candidate>& candidates) {
   std::vector<std::vector<double>> costs(candidates.size(),
                                          std::vector<double>(fit_.observations.size(), 0));
   std::vector<std::uint8_t> orphans(candidates.size(), 0);
-  run_parallel(jobs, options_.threads, [&](std::size_t job) {
+  run_parallel(jobs, fit_.options.simulator->at_once(), [&](std::size_t job) {
     const std::size_t c = job / fitted_.size(), r = fitted_[job % fitted_.size()];
     try {
       costs[c][r] = cost_of(simulate(scene_of(scene_, candidates[c]), r), r);
@@ -332,7 +332,8 @@ Calibration PaperSearch::run() {
   result.scene.mutable_tissue()->set_model(pb::TISSUE_CLUSTER);
   result.triangles = close_sheet(fit_.made.tissue.surface_triangles,
                                  static_cast<int>(fit_.made.tissue.particles.size()));
-  result.core_seconds = static_cast<double>(std::clock() - begin) / CLOCKS_PER_SEC;
+  result.core_seconds = static_cast<double>(std::clock() - begin) / CLOCKS_PER_SEC +
+                        fit_.options.simulator->seconds_elsewhere();
   return result;
 }
 

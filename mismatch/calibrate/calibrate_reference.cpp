@@ -16,7 +16,7 @@
 #include "mismatch/calibrate/reference_fit.h"
 #include "mismatch/calibrate/scores.h"
 #include "mismatch/calibrate/starts.h"
-#include "mismatch/simulation.h"
+#include "sim_worker/playback/simulation.h"
 
 namespace omentum {
 namespace {
@@ -440,7 +440,8 @@ Calibration Stages::run() {
   collect_fit();
   leave_out();
   collect();
-  result_.core_seconds = static_cast<double>(std::clock() - started) / CLOCKS_PER_SEC;
+  result_.core_seconds = static_cast<double>(std::clock() - started) / CLOCKS_PER_SEC +
+                         fit_.options.simulator->seconds_elsewhere();
   return std::move(result_);
 }
 

@@ -2,6 +2,7 @@
 
 #include <Eigen/Core>
 #include <functional>
+#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
@@ -91,7 +92,8 @@ using ProgressOf = std::function<void(double share, const std::string& stage)>;
 
 struct CalibrationOptions {
   std::size_t threads = 1;
-  std::uint64_t seed = 1;     ///< of the genetic algorithm
+  std::shared_ptr<Simulator> simulator;  ///< none: so many threads here
+  std::uint64_t seed = 1;                ///< of the genetic algorithm
   double tolerance_m = 3e-4;  ///< of the mesh that the answer is from; rms error of the surface
   bool leave_out = true;      ///< every pinch point once
   pb::Priors priors;          ///< what is believed of numbers of the scene

@@ -211,7 +211,7 @@ SimulationTask make_calibration_task(const Observation& observation, const pb::S
 Prediction predict(const Observation& observation, const pb::Scene& scene,
                    const std::string& folder, const std::vector<Unknown>& unknowns,
                    const Eigen::VectorXd& x, double clock, const Numerics& numerics,
-                   bool with_columns) {
+                   bool with_columns, Simulator& simulator) {
   SimulationTask task = make_calibration_task(observation, scene, folder, numerics);
   std::vector<Between> places;
   for (const SeenFrame& frame : observation.frames)
@@ -221,7 +221,7 @@ Prediction predict(const Observation& observation, const pb::Scene& scene,
     for (const Unknown& unknown : unknowns) {
       if (!unknown.column.empty()) list += unknown.column + ",";
     }
-    task.parameters = parse_parameters(list + "grasp_offset.x,grasp_offset.y", task.scene);
+    task.parameters = list + "grasp_offset.x,grasp_offset.y";
     for (const Between& place : places) {
       task.column_steps.push_back(place.step);
       task.column_steps.push_back(place.step + 1);
@@ -230,9 +230,8 @@ Prediction predict(const Observation& observation, const pb::Scene& scene,
     task.column_steps.erase(std::unique(task.column_steps.begin(), task.column_steps.end()),
                             task.column_steps.end());
   }
-  const Simulation simulation = simulate(task);
+  const Simulation simulation = simulator.simulate(task);
   const SimulatedRecording& recording = simulation.recording;
-  const bool shell = dynamic_cast<const ReferenceTissueModel*>(simulation.model.get()) == nullptr;
   Prediction made;
   made.failure = recording.failure;
   for (const Vector3d& tip : recording.tip)
@@ -244,7 +243,7 @@ Prediction predict(const Observation& observation, const pb::Scene& scene,
     const std::vector<Vector3d>& points = recording.points[step];
     if (!surface) {
       surface = std::make_shared<const std::vector<Vector3d>>(
-          shell ? faces_of(points, body.surface_triangles, body.thickness) : points);
+          simulation.reference ? points : faces_of(points, body.surface_triangles, body.thickness));
     }
     return surface;
   };

@@ -9,7 +9,8 @@
 
 #include "mismatch/calibrate/observation.h"
 #include "mismatch/calibrate/unknowns.h"
-#include "mismatch/simulation.h"
+#include "mismatch/simulator.h"
+#include "sim_worker/playback/simulation.h"
 
 namespace omentum {
 
@@ -72,7 +73,7 @@ inline constexpr double kWayBeside = 0.25;
 Prediction predict(const Observation& observation, const pb::Scene& scene,
                    const std::string& folder, const std::vector<Unknown>& unknowns,
                    const Eigen::VectorXd& x, double clock, const Numerics& numerics,
-                   bool with_columns);
+                   bool with_columns, Simulator& simulator);
 
 /// Elements of a mesh of that tolerance, enough for every recording. All states of a fit have them:
 /// where the mesh follows thickness or law, differences of states are differences of meshes. Throws

@@ -8,8 +8,8 @@
 #include <vector>
 
 #include "mismatch/recording/recording.h"
-#include "mismatch/simulate.h"
 #include "mismatch/tool_track.h"
+#include "sim_worker/playback/simulate.h"
 #include "sim_worker/scene/scene.h"
 
 namespace omentum {

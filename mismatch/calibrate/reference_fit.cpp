@@ -8,7 +8,7 @@
 
 #include "core/check.h"
 #include "core/constants.h"
-#include "mismatch/simulation.h"
+#include "sim_worker/playback/simulation.h"
 
 namespace omentum {
 
@@ -51,6 +51,7 @@ std::vector<std::size_t> all_of(std::size_t count) {
 ReferenceFit::ReferenceFit(const pb::Scene& given, std::vector<Observation> seen,
                            const CalibrationOptions& chosen)
     : scene(given), observations(std::move(seen)), options(chosen) {
+  if (!options.simulator) options.simulator = std::make_shared<Simulator>(options.threads);
   made = make_scene(scene, options.folder);
   const TissueBody& body = made.tissue;
   Eigen::AlignedBox3d box;
@@ -154,7 +155,7 @@ std::vector<Prediction> ReferenceFit::simulate(const FitState& state, const Nume
     thin = predictions;
     Numerics with = numerics;
     with.slip_speed_m_per_s = slip_speed_;
-    run_parallel(which.size() * (two ? 2 : 1), options.threads, [&](std::size_t k) {
+    run_parallel(which.size() * (two ? 2 : 1), options.simulator->at_once(), [&](std::size_t k) {
       const std::size_t r = which[k % which.size()];
       const bool second = k >= which.size();
       const FitState& at = second ? thinner : state;
@@ -162,7 +163,8 @@ std::vector<Prediction> ReferenceFit::simulate(const FitState& state, const Nume
       Prediction& made_here = (second ? thin : predictions)[r];
       try {
         made_here = predict(observations[r], scene_of(at, r), options.folder, unknowns,
-                            at.shared.head(layout.unknowns), clock, with, with_columns && !second);
+                            at.shared.head(layout.unknowns), clock, with, with_columns && !second,
+                            *options.simulator);
       } catch (const Error& error) {
         made_here.frames.assign(observations[r].frames.size(), {});
         made_here.failure = error.what();

@@ -16,9 +16,10 @@ struct Unknown {
     kChange,  ///< a field that holds a relative change: 1 + value = (1 + believed) exp(x)
     kShift,   ///< value = believed + x
   };
-  std::string path;    ///< of the field, "scene.tissue.material.young_modulus_pa"
-  std::string unit;    ///< of the value
-  std::string column;  ///< name of its derivative (mismatch/parameters.h); empty: by difference
+  std::string path;  ///< of the field, "scene.tissue.material.young_modulus_pa"
+  std::string unit;  ///< of the value
+  std::string
+      column;  ///< name of its derivative (sim_worker/playback/parameters.h); empty: by difference
   Scale scale = Scale::kFactor;
   double believed = 0;
   double sd = 1;         ///< of x before anything is seen

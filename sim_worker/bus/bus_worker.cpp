@@ -29,11 +29,13 @@ BusWorkerOptions checked(BusWorkerOptions options) {
 BusWorker::BusWorker(BusWorkerOptions options)
     : options_(checked(std::move(options))),
       status_(first_worker_status(options_)),
-      heartbeat_(options_.heartbeat) {
+      heartbeat_(options_.heartbeat),
+      simulations_(status_.worker_id, options_.build_id, options_.simulate) {
   join(options_.profile);
 }
 
 void BusWorker::join(const DdsProfile& profile) {
+  simulations_.forget_writers();
   bus_.reset();  // the domain has one configuration per process
   options_.profile = profile;
   bus_ = std::make_unique<WorkerBus>(
@@ -46,7 +48,8 @@ int BusWorker::run(const std::function<bool()>& stop) {
   while (!stop() && !done_ && !drained_) {
     std::int64_t now = steady_now_ns();
     std::int64_t timeout = kPollNs;
-    if (!outbox_.empty()) timeout = kRetryNs;
+    if (!outbox_.empty() || simulations_.has_answers()) timeout = kRetryNs;
+    if (simulations_.can_begin()) timeout = 0;
     if (const std::int64_t hold = pending_.hold_until_ns(); hold > 0)
       timeout = std::clamp<std::int64_t>(hold - now, 0, timeout);
     bus_->wait(timeout);
@@ -66,10 +69,13 @@ int BusWorker::run(const std::function<bool()>& stop) {
       if (!group.empty()) run_group(std::move(group), stop);
     }
     flush(steady_now_ns());
+    serve_simulations(stop);
     // Ready only when the learner's segment reader is matched.
     const bool ready = setup_.backend != nullptr && bus_->segments().matched() > 0;
-    say(ready ? (running_ + pending_.size() > 0 ? WorkerPhase::kCollecting : WorkerPhase::kIdle)
-              : WorkerPhase::kStarting);
+    const WorkerPhase phase =
+        ready ? (running_ + pending_.size() > 0 ? WorkerPhase::kCollecting : WorkerPhase::kIdle)
+              : WorkerPhase::kStarting;
+    say(simulations_.in_progress() > 0 ? WorkerPhase::kCollecting : phase);
     if (steady_now_ns() - status_sent_ns_ >= kStatusPeriodNs) publish_status(steady_now_ns());
   }
   leave();
@@ -200,11 +206,52 @@ void BusWorker::run_group(std::vector<TaskQueue::Entry> group, const std::functi
 }
 
 // -----------------------------------------------------------------------------------------
+// simulations
+
+bool BusWorker::learner_speaks(std::int64_t now) const {
+  return !learner_gone_ && learner_at_ns_ > 0 && now - learner_at_ns_ < kLearnerFreshNs;
+}
+
+/// A learner goes first: nothing is simulated while one speaks, and what runs is given back.
+void BusWorker::serve_simulations(const std::function<bool()>& stop) {
+  const auto give_back = [this](std::int64_t now) {
+    if (learner_speaks(now))
+      simulations_.decline_all("it works for the learner of this run", *bus_);
+  };
+  const std::int64_t begin = steady_now_ns();
+  give_back(begin);
+  simulations_.flush(*bus_, begin);
+  if (simulations_.can_begin()) {
+    say(WorkerPhase::kCollecting);
+    simulations_.run_next([this, &stop] {
+      const std::int64_t now = steady_now_ns();
+      if (bus_->has_arrivals()) take_arrivals();
+      count_simulations();
+      if (now - status_sent_ns_ >= kStatusPeriodNs) publish_status(now);
+      return stop() || done_ || drained_ || learner_speaks(now);
+    });
+    const std::int64_t end = steady_now_ns();
+    busy_ns_ += end - begin;
+    give_back(end);
+    simulations_.flush(*bus_, end);
+  }
+  count_simulations();
+}
+
+void BusWorker::count_simulations() {
+  const SimulationServer::Counts counts = simulations_.take_counts();
+  status_.tasks_received += counts.received;
+  status_.segments_published += counts.published;
+  status_.tasks_abandoned += counts.abandoned;
+  status_.write_timeouts += counts.timeouts;
+  status_.steps += counts.steps;
+}
+
+// -----------------------------------------------------------------------------------------
 // delivery
 
 bool BusWorker::deliverable(std::int64_t now) const {
-  return !bus_->expired() && bus_->segments().matched() > 0 && !learner_gone_ &&
-         learner_at_ns_ > 0 && now - learner_at_ns_ < kLearnerFreshNs;
+  return !bus_->expired() && bus_->segments().matched() > 0 && learner_speaks(now);
 }
 
 void BusWorker::flush(std::int64_t now) {

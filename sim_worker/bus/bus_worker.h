@@ -17,6 +17,7 @@
 #include "core/policy.h"
 #include "core/wire.h"
 #include "sim_worker/bus/learner_choice.h"
+#include "sim_worker/bus/simulation_server.h"
 #include "sim_worker/bus/task_queue.h"
 #include "sim_worker/bus/worker_bus.h"
 
@@ -51,6 +52,7 @@ struct BusWorkerOptions {
   std::function<std::vector<RolloutSegment>(Backend&, Policy&, std::span<const RolloutTask>,
                                             const std::function<bool()>& stop)>
       rollout;
+  SimulateBytes simulate;  ///< empty: simulations are declined
 };
 
 /// A status is published at least so often [ns].
@@ -63,9 +65,10 @@ WorkerStatus first_worker_status(const BusWorkerOptions& options);
 
 /// The worker's end of the bus (docs/wire.md 1, 4.2, 5.2). It waits for a learner, follows the
 /// highest learner epoch of its run, groups tasks of one policy version, kind and length, runs
-/// them, publishes the segments, and declines what it must not run with a reason in its status. One
-/// thread; another one receives (WorkerBus). bus_worker.cpp runs tasks, bus_worker_learner.cpp
-/// follows the learner, bus_worker_status.cpp says what the worker does.
+/// them, publishes the segments, and declines what it must not run with a reason in its status.
+/// While no learner speaks it simulates recordings for others (SimulationServer), and stops when
+/// one does. One thread; another one receives (WorkerBus). bus_worker.cpp runs tasks,
+/// bus_worker_learner.cpp follows the learner, bus_worker_status.cpp says what the worker does.
 class BusWorker {
  public:
   /// Joins the domain. Throws Error.
@@ -107,6 +110,10 @@ class BusWorker {
   void run_group(std::vector<TaskQueue::Entry> group, const std::function<bool()>& stop);
   void publish_frames(std::span<const RolloutTask> tasks, std::int64_t now_ns);
   Policy& policy_of(const RolloutTask& task);
+
+  bool learner_speaks(std::int64_t now_ns) const;
+  void serve_simulations(const std::function<bool()>& stop);
+  void count_simulations();
 
   void flush(std::int64_t now_ns);
   bool deliverable(std::int64_t now_ns) const;
@@ -152,6 +159,7 @@ class BusWorker {
   std::unique_ptr<Policy> policy_;
   TaskQueue pending_;
   std::deque<Outgoing> outbox_;
+  SimulationServer simulations_;
   std::uint32_t running_ = 0;
   std::map<std::uint32_t, std::int64_t> frame_sent_ns_;  ///< by slot
 

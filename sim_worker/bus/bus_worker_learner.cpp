@@ -60,6 +60,8 @@ void BusWorker::take_arrivals() {
   for (Arrival<RolloutTask>& arrival : inbox.tasks)
     accept(arrival.info.participant, std::move(arrival.record));
   take_commands(inbox.commands);
+  for (Arrival<SimulationGrant>& arrival : inbox.simulations)
+    simulations_.take(std::move(arrival), *bus_, steady_now_ns());
   count_wrong(inbox.wrong_weights, inbox.dropped);
 }
 
@@ -134,7 +136,7 @@ void BusWorker::tell_if_barred(const LearnerStatus& learner) {
 void BusWorker::tell_while_alone(std::int64_t now_ns) {
   const bool served =
       manifest_ && setup_error_.empty() && now_ns - learner_at_ns_ < kLearnerFreshNs;
-  if (served) {
+  if (served || simulations_.in_progress() > 0) {
     alone_since_ns_ = 0;
     return;
   }

@@ -58,7 +58,8 @@ void BusWorker::publish_status(std::int64_t now) {
     busy_ns_ = 0;
   }
   if (now >= epoch_told_from_ns_) status_.learner_epoch = epoch_;
-  status_.tasks_in_progress = pending_.size() + running_ + outbox_.size();
+  status_.tasks_in_progress =
+      pending_.size() + running_ + outbox_.size() + simulations_.in_progress();
   const dds::WriterCounters counters = bus_->segments().counters();
   status_.rexmit_bytes = counters.rexmit_bytes;
   status_.throttle_count = counters.throttle_count;
@@ -83,7 +84,7 @@ void BusWorker::leave() {
   status_.tasks_abandoned += pending_.size();
   pending_.clear();
   flush(steady_now_ns());
-  status_.tasks_abandoned += outbox_.size();
+  status_.tasks_abandoned += outbox_.size() + simulations_.in_progress();
   outbox_.clear();
   say(WorkerPhase::kDraining);
   bus_->segments().wait_for_acknowledgments(kS);

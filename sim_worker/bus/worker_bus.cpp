@@ -2,6 +2,7 @@
 
 #include <pthread.h>
 
+#include <algorithm>
 #include <chrono>
 #include <utility>
 
@@ -21,6 +22,9 @@ constexpr std::int32_t kCommandDepth = 64;
 // Beyond these only a flood keeps a topic from being taken out in time.
 constexpr std::size_t kMostWeights = 64;
 constexpr std::size_t kMostOthers = 4096;
+constexpr std::size_t kMostSimulations = 64;
+constexpr std::ptrdiff_t kMostOfAsker =
+    8;  // it grants two at a time; a flood pushes out no other's
 
 template <typename Record>
 void keep(std::vector<Arrival<Record>>& kept, Arrival<Record>&& arrival, std::size_t most,
@@ -65,6 +69,14 @@ WorkerBus::WorkerBus(const WorkerBusOptions& options)
   waitset_.attach(weights_reader_.raw());
   waitset_.attach(task_reader_.raw());
   waitset_.attach(command_reader_.raw());
+  try {
+    simulation_reader_.emplace(participant_, worker_partition(run_, options.worker_id),
+                               "worker-simulations");
+    waitset_.attach(simulation_reader_->raw());
+  } catch (const Error& error) {
+    // Certificates older than these tasks: rollouts need none of it.
+    log().warn("event=no_simulations reason=\"{}\"", error.what());
+  }
   receive_ = std::jthread([this](const std::stop_token& stop) { receive(stop); });
 }
 
@@ -111,12 +123,35 @@ void WorkerBus::receive(const std::stop_token& stop) {
       if (arrival.info.valid && arrival.record.run_id == run_)
         put(&WorkerInbox::commands, std::move(arrival), kMostOthers);
     });
+    if (simulation_reader_) {
+      any |= take_all(*simulation_reader_, [&](Arrival<SimulationGrant>&& arrival) {
+        keep_simulation(std::move(arrival));
+      });
+    }
     if (!any) continue;
     arrived_.store(true, std::memory_order_release);
     // Under the mutex, or a wait() that is about to sleep would miss it.
     { const std::lock_guard lock(mutex_); }
     something_.notify_one();
   }
+}
+
+void WorkerBus::keep_simulation(Arrival<SimulationGrant>&& arrival) {
+  const std::lock_guard lock(mutex_);
+  const auto of_asker = std::ranges::count_if(inbox_.simulations, [&](const auto& other) {
+    return other.record.asker_id == arrival.record.asker_id;
+  });
+  if (arrival.info.valid && of_asker >= kMostOfAsker) {
+    ++inbox_.dropped;
+    return;
+  }
+  keep(inbox_.simulations, std::move(arrival), kMostSimulations, inbox_.dropped);
+}
+
+std::unique_ptr<BusWriter<SimulationPart>> WorkerBus::make_result_writer(
+    std::uint32_t asker_id) const {
+  return std::make_unique<BusWriter<SimulationPart>>(participant_, asker_partition(run_, asker_id),
+                                                     "worker-results");
 }
 
 void WorkerBus::wait(std::int64_t timeout_ns) {

@@ -4,12 +4,15 @@
 #include <condition_variable>
 #include <cstdint>
 #include <functional>
+#include <memory>
 #include <mutex>
+#include <optional>
 #include <string>
 #include <thread>
 #include <vector>
 
 #include "core/dds_options.h"
+#include "core/simulation_records.h"
 #include "core/wire.h"
 
 namespace omentum {
@@ -21,6 +24,8 @@ struct WorkerInbox {
   std::vector<Arrival<PolicyWeights>> weights;  ///< of this run, compared with their hash
   std::vector<Arrival<RolloutTask>> tasks;
   std::vector<Arrival<ControlCommand>> commands;
+  /// Without data: the task of this key is not wanted any more.
+  std::vector<Arrival<SimulationGrant>> simulations;
   std::uint64_t wrong_weights = 0;  ///< did not match their hash
   std::uint64_t dropped = 0;        ///< the oldest of a topic, beyond what is kept of it
 };
@@ -57,9 +62,12 @@ class WorkerBus {
   BusWriter<WorkerStatus>& status() { return status_writer_; }
   BusWriter<ControlReply>& replies() { return reply_writer_; }
   BusWriter<SimFrame>& frames() { return frame_writer_; }
+  /// For results of simulations to who asked. Throws Error.
+  std::unique_ptr<BusWriter<SimulationPart>> make_result_writer(std::uint32_t asker_id) const;
 
  private:
   void receive(const std::stop_token& stop);
+  void keep_simulation(Arrival<SimulationGrant>&& arrival);
 
   std::string run_;
   std::string uri_;
@@ -73,6 +81,7 @@ class WorkerBus {
   BusReader<PolicyWeights> weights_reader_;
   BusReader<RolloutTask> task_reader_;
   BusReader<ControlCommand> command_reader_;
+  std::optional<BusReader<SimulationGrant>> simulation_reader_;  ///< none where it may not
   // The worker's thread only.
   BusWriter<RolloutSegment> segment_writer_;
   BusWriter<WorkerStatus> status_writer_;

@@ -13,6 +13,7 @@
 #include <sstream>
 
 #include "core/check.h"
+#include "core/scratch_folder.h"
 
 namespace omentum {
 namespace {
@@ -22,22 +23,6 @@ using Eigen::Vector3i;
 namespace fs = std::filesystem;
 
 constexpr int kMaxNodes = 200'000;
-
-/// A temporary folder, removed with the object.
-struct ScratchFolder {
-  ScratchFolder() {
-    std::string name = (fs::temp_directory_path() / "omentum_mesh_XXXXXX").string();
-    if (mkdtemp(name.data()) == nullptr) throw_error("{}: cannot be made", name);
-    path = name;
-  }
-  ScratchFolder(const ScratchFolder&) = delete;
-  ScratchFolder& operator=(const ScratchFolder&) = delete;
-  ~ScratchFolder() {
-    std::error_code ignored;
-    fs::remove_all(path, ignored);
-  }
-  fs::path path;
-};
 
 void write_obj(const TriangleMesh& mesh, const fs::path& path) {
   std::ofstream out(path);
@@ -162,8 +147,8 @@ SolidMesh parse_solid_mesh(const std::string& name, const std::string& content) 
 
 SolidMesh fill_mesh(const TriangleMesh& surface, const std::string& name, double edge_length) {
   const ScratchFolder scratch;
-  const fs::path input = scratch.path / "surface.obj";
-  const fs::path output = scratch.path / "solid.txt";
+  const fs::path input = scratch.path() / "surface.obj";
+  const fs::path output = scratch.path() / "solid.txt";
   write_obj(surface, input);
   if (!run_mesher(input, output, edge_length)) {
     throw_error("{}: cannot be filled with tetrahedra of {} m", name, edge_length);

@@ -18,7 +18,7 @@ ALLOWED = {
 }
 # Within sim_worker: a folder includes itself and what stands before it. "models" is models.h, "" is main.cpp.
 SIM_WORKER = ["lanes", "geometry", "instrument", "scene", "tissue", "cluster", "shell", "solid", "coupled", "reference",
-              "models", "camera", "backend", "bus", ""]
+              "models", "camera", "backend", "playback", "bus", ""]
 # No model includes another model, except coupled, which joins two.
 MODELS = {"cluster", "shell", "solid", "coupled", "reference"}
 JOINED = {"coupled": {"shell", "solid"}}

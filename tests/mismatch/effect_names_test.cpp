@@ -11,7 +11,7 @@
 
 #include "core/check.h"
 #include "core/config.h"
-#include "mismatch/parameters.h"
+#include "sim_worker/playback/parameters.h"
 #include "sim_worker/tissue/effect_catalogue.h"
 
 namespace omentum {

@@ -15,7 +15,7 @@
 #include "mismatch/import/npy.h"
 #include "mismatch/import/rigid.h"
 #include "mismatch/import/units.h"
-#include "mismatch/npz.h"
+#include "sim_worker/playback/npz.h"
 #include "support/temp_dir.h"
 
 namespace omentum {

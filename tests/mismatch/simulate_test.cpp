@@ -1,6 +1,6 @@
 // Simulation of recorded commands and the folder it writes.
 
-#include "mismatch/simulate.h"
+#include "sim_worker/playback/simulate.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

@@ -9,7 +9,7 @@
 
 #include "core/check.h"
 #include "core/config.h"
-#include "mismatch/simulation.h"
+#include "sim_worker/playback/simulation.h"
 #include "support/temp_dir.h"
 
 namespace omentum {

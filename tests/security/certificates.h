@@ -10,7 +10,7 @@ namespace omentum::test {
 class Certificates {
  public:
   explicit Certificates(Programs& programs) : programs_(programs) {
-    make({"--role", "learner", "--role", "worker", "--role", "tool"});
+    make({"--role", "learner", "--role", "worker", "--role", "mismatch", "--role", "tool"});
   }
   /// What make.sh printed.
   std::string make(const Strings& arguments) {

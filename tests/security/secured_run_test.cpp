@@ -39,6 +39,34 @@ TEST_F(SecuredRun, EndsWithTheWeightsOfAnOpenOne) {
   EXPECT_EQ(programs_.hash("closed"), open);
 }
 
+TEST_F(SecuredRun, SimulationsOfRecordingsAreThoseOfAnOpenOne) {
+  const std::string& folder = programs_.folder().path();
+  std::ofstream(folder + "/sheet.txtpb")
+      << "tissue { grid { count_x: 6 count_y: 9 pitch_m: 0.003 } thickness_m: 0.003\n"
+         "anchor_max_y_m: -0.011 model: TISSUE_ELASTIC material { damping_per_s: 5 } }\n"
+         "tool { base { translation_m { x: 0.1427 z: 0.1584 } } contact: false }\n";
+  std::filesystem::create_directory(folder + "/lift");
+  std::ofstream(folder + "/lift/tool.csv")
+      << "t_s,tip_commanded_x_m,tip_commanded_y_m,tip_commanded_z_m,jaw_commanded_rad\n"
+         "0,0,0.011,0,0\n0.1,0,0.011,0.002,0\n";
+  const auto simulate = [&](const std::string& out, const Strings& more) {
+    const Finished done = programs_.finish(
+        Strings{OMENTUM_MISMATCH, "simulate", "--scene", folder + "/sheet.txtpb", "--commands",
+                folder + "/lift", "--cloud-rate", "0", "-o", folder + "/" + out} +
+        more);
+    EXPECT_EQ(done.code, 0) << done.err;
+    EXPECT_THAT(done.err, Not(HasSubstr("simulated here instead")));
+    return read_text(folder + "/" + out + "/markers.csv");
+  };
+  const std::string open = simulate("here", {});
+  EXPECT_THAT(open, HasSubstr("marker53_z_m"));
+  const Process worker = secured_worker("closed");
+  EXPECT_EQ(
+      simulate("there", Strings{"--run", "closed", "--domain", std::to_string(programs_.domain())} +
+                            certificates_.option("mismatch")),
+      open);
+}
+
 TEST_F(SecuredRun, AParticipantWithoutCertificateGetsNothing) {
   const Stranger stranger(programs_.domain(), "closed");
   Process worker = secured_worker("closed");

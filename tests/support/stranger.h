@@ -6,8 +6,10 @@
 #include <string>
 #include <thread>
 
+#include "core/hash.h"
 #include "core/policy.h"
 #include "core/segment_fields.h"
+#include "core/simulation_records.h"
 #include "core/wire.h"
 #include "tests/support/domain.h"
 
@@ -32,6 +34,10 @@ class Stranger {
     BusWriter<PolicyWeights> forged_weights(participant_, run_partition(run_), "f2");
     BusWriter<RunManifest> forged_manifest(participant_, run_partition(run_), "f3");
     std::map<std::uint32_t, std::unique_ptr<BusWriter<RolloutTask>>> tasks;
+    BusReader<SimulationGrant> grants(participant_, {run_ + "/*"}, "s5");
+    std::map<std::uint32_t, std::unique_ptr<BusWriter<SimulationGrant>>> simulations;
+    std::map<std::uint32_t, std::unique_ptr<BusWriter<SimulationPart>>> results;
+    std::uint64_t build = 0;
     std::uint32_t epoch = 1;
     while (!stop.stop_requested()) {
       (void)workers.take(100, [&](Arrival<WorkerStatus>&& arrival) {
@@ -39,6 +45,9 @@ class Stranger {
         if (arrival.info.valid && !tasks.contains(id)) {
           tasks[id] = std::make_unique<BusWriter<RolloutTask>>(participant_,
                                                                worker_partition(run_, id), "f4");
+          simulations[id] = std::make_unique<BusWriter<SimulationGrant>>(
+              participant_, worker_partition(run_, id), "f5");
+          build = arrival.record.build_id;
         }
       });
       (void)manifests.take(10, [&](Arrival<RunManifest>&& arrival) {
@@ -73,9 +82,44 @@ class Stranger {
         task.reset = true;
         if (writer->write(task)) ++sent_;
       }
+      for (auto& [id, writer] : simulations) {
+        SimulationGrant grant;
+        grant.asker_id = kAskerId;
+        grant.task = static_cast<std::uint32_t>(sent_);
+        grant.worker_id = id;
+        grant.build_id = build;
+        grant.steps = 1;
+        grant.payload.assign(100, std::byte{7});  // no task, and rightly told to be it
+        grant.task_hash = hash_state(grant.payload);
+        if (writer->write(grant)) ++sent_;
+      }
+      (void)grants.take(100, [&](Arrival<SimulationGrant>&& arrival) {
+        const SimulationGrant& grant = arrival.record;
+        if (!arrival.info.valid || grant.asker_id == kAskerId) return;
+        auto& writer = results[grant.asker_id];
+        if (!writer) {
+          writer = std::make_unique<BusWriter<SimulationPart>>(
+              participant_, asker_partition(run_, grant.asker_id), "f6");
+        }
+        SimulationPart part;  // the whole result
+        part.asker_id = grant.asker_id;
+        part.task = grant.task;
+        part.grant = grant.grant;
+        part.worker_id = grant.worker_id;
+        part.task_hash = grant.task_hash;
+        part.parts = 1;
+        part.payload.assign(64, std::byte{9});
+        part.result_bytes = part.payload.size();
+        part.result_crc32c = crc32c(part.payload);
+        for (int k = 0; k < 100 && writer->matched() == 0; ++k)
+          std::this_thread::sleep_for(std::chrono::milliseconds(1));
+        if (writer->write(part)) ++sent_;
+      });
       std::this_thread::sleep_for(std::chrono::milliseconds(5));
     }
   }
+
+  static constexpr std::uint32_t kAskerId = 4;
 
   std::string run_;
   dds::Participant participant_;

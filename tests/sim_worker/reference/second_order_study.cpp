@@ -13,7 +13,7 @@
 
 #include "core/check.h"
 #include "core/command_line.h"
-#include "mismatch/simulate.h"
+#include "sim_worker/playback/simulate.h"
 #include "sim_worker/shell/shell_tissue.h"
 #include "support/second_order.h"
 

@@ -7,9 +7,9 @@
 #include <string>
 #include <vector>
 
-#include "mismatch/npz.h"
-#include "mismatch/parameters.h"
 #include "sim_worker/instrument/arm.h"
+#include "sim_worker/playback/npz.h"
+#include "sim_worker/playback/parameters.h"
 #include "sim_worker/reference/reference_tissue.h"
 #include "sim_worker/scene/scene.h"
 

@@ -1,4 +1,4 @@
-#include "mismatch/npz.h"
+#include "sim_worker/playback/npz.h"
 
 #include <fmt/format.h>
 #include <zip.h>

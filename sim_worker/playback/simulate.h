@@ -2,14 +2,15 @@
 
 #include <Eigen/Core>
 #include <array>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <string>
 #include <vector>
 
-#include "mismatch/columns.h"
-#include "mismatch/tool_track.h"
 #include "sim_worker/instrument/arm.h"
+#include "sim_worker/playback/columns.h"
+#include "sim_worker/playback/tool_track.h"
 #include "sim_worker/reference/reference_model.h"
 #include "sim_worker/scene/scene.h"
 #include "sim_worker/tissue/tissue.h"
@@ -70,8 +71,9 @@ std::vector<PinchCircle> pinches_of(const ToolTrack& track, const Scene& scene,
 
 /// Lets tissue come to rest before its first command, with the tool at `tip`; the speed of its
 /// fastest particle then [m/s]. Others than the reference move for as long as they are faster than
-/// 0.1 mm/s, up to 30 s.
-double settle(Tissue<double>& tissue, const Eigen::Vector3d& tip);
+/// 0.1 mm/s, up to 30 s, and until stop().
+double settle(Tissue<double>& tissue, const Eigen::Vector3d& tip,
+              const std::function<bool()>& stop = {});
 
 /// Takes hold of a body and leads it to its place, 20 mm/s at most, where settle() may follow; the
 /// jaws are there then. Throws Error where there is nothing to hold.
@@ -84,11 +86,13 @@ std::size_t count_steps(const ToolTrack& track, double period);
 /// control step per control_period. What was commanded is what is done, but for the effects of the
 /// arm: no workspace box, no speed cap. Ends early where the tissue fails. `columns`: of a tissue
 /// of the reference. A pure function of its arguments; several at a time share nothing that
-/// changes. Throws Error where the result does not fit into memory.
+/// changes. Throws Error where the result does not fit into memory. `stop`, asked once per control
+/// step, ends it early with that as its failure.
 SimulatedRecording simulate_recording(const TissueModel& model, const Arm& arm,
                                       const ToolTrack& track, const GraspSettings& grasp,
                                       const RecordingStart& start = {},
-                                      ColumnCarrier* columns = nullptr);
+                                      ColumnCarrier* columns = nullptr,
+                                      const std::function<bool()>& stop = {});
 
 /// What a coarser mesh changes, scaled to an estimate of the error of the finer one.
 struct MeshError {

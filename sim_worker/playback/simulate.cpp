@@ -1,4 +1,4 @@
-#include "mismatch/simulate.h"
+#include "sim_worker/playback/simulate.h"
 
 #include <algorithm>
 #include <cmath>
@@ -81,7 +81,7 @@ void start_moving(Tissue<double>& tissue, const Vector3d& velocity) {
 
 }  // namespace
 
-double settle(Tissue<double>& tissue, const Vector3d& tip) {
+double settle(Tissue<double>& tissue, const Vector3d& tip, const std::function<bool()>& stop) {
   constexpr double kAtRest = 1e-4;  // [m/s]
   constexpr double kFor = 0.2;      // [s] a swing stands still at its ends
   constexpr double kMaxTime = 30;   // [s]
@@ -92,6 +92,7 @@ double settle(Tissue<double>& tissue, const Vector3d& tip) {
   double speed = 0;
   double resting = 0;
   for (double t = 0; t < kMaxTime && resting < kFor && tissue.healthy(0); t += period) {
+    if (stop && stop()) break;
     tissue.step({&standing, 1});
     speed = 0;
     for (int i = 0; i < tissue.particles(); ++i)
@@ -151,7 +152,7 @@ pb::ReferenceModel coarser_mesh(pb::ReferenceModel mesh, const std::array<int, 3
     return static_cast<std::uint32_t>(std::max(1.0, std::round(count / ratio)));
   };
   // The cell follows the root 3/8 of the tolerance (reference_model.cpp).
-  mesh.set_tolerance_m(mesh.tolerance_m() * std::pow(ratio, 8.0 / 3));
+  mesh.set_tolerance_m(mesh.tolerance_m() * ratio * ratio * std::cbrt(ratio * ratio));
   if (mesh.elements_x() > 0) mesh.set_elements_x(fewer(cells[0]));
   if (mesh.elements_y() > 0) mesh.set_elements_y(fewer(cells[1]));
   if (mesh.elements_z() > 0) mesh.set_elements_z(fewer(cells[2]));
@@ -160,7 +161,7 @@ pb::ReferenceModel coarser_mesh(pb::ReferenceModel mesh, const std::array<int, 3
 
 MeshError estimate_mesh_error(const SimulatedRecording& fine, const SimulatedRecording& coarse,
                               double ratio) {
-  const double fall = 1 / (std::pow(ratio, 2.5) - 1);
+  const double fall = 1 / (ratio * ratio * std::sqrt(ratio) - 1);
   MeshError error;
   double forces = 0;
   const std::size_t steps = fine.time.size();
@@ -182,7 +183,8 @@ MeshError estimate_mesh_error(const SimulatedRecording& fine, const SimulatedRec
 
 SimulatedRecording simulate_recording(const TissueModel& model, const Arm& arm,
                                       const ToolTrack& track, const GraspSettings& grasp,
-                                      const RecordingStart& start, ColumnCarrier* columns) {
+                                      const RecordingStart& start, ColumnCarrier* columns,
+                                      const std::function<bool()>& stop) {
   const std::unique_ptr<Tissue<double>> tissue = model.make_tissue(f64x1());
   tissue->reset(0, Vector3d::Zero());
   const double period = model.control_period;
@@ -202,7 +204,8 @@ SimulatedRecording simulate_recording(const TissueModel& model, const Arm& arm,
   if (reference != nullptr) columns->begin(*reference, track.tip_at(track.begin()));
   bool held = start.held.has_value();
   if (held) hold_at_start(*tissue, *start.held);
-  if (start.from_rest) result.start_speed = settle(*tissue, held ? start.held->position : tip);
+  if (start.from_rest)
+    result.start_speed = settle(*tissue, held ? start.held->position : tip, stop);
   // With a velocity of zero, too: there its columns begin.
   if (!start.velocity.isZero(0) || (reference != nullptr && !held))
     start_moving(*tissue, start.velocity);
@@ -238,6 +241,10 @@ SimulatedRecording simulate_recording(const TissueModel& model, const Arm& arm,
     result.force.push_back(tissue->held_force(0));
     add_surface(*tissue, result);
     if (step == steps) break;
+    if (stop && stop()) {
+      result.failure = fmt::format("{}: stopped at {:.6g} s", track.path, t);
+      break;
+    }
     std::vector<ToolMotion> motion = {{tip, track.tip_at(t + period)}};
     if (held) {  // by what is no tool of the commands
       const ToolMotion still{start.held->position, start.held->position};

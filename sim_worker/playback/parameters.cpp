@@ -1,4 +1,4 @@
-#include "mismatch/parameters.h"
+#include "sim_worker/playback/parameters.h"
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>

@@ -1,4 +1,4 @@
-#include "mismatch/simulation.h"
+#include "sim_worker/playback/simulation.h"
 
 #include <fmt/format.h>
 
@@ -22,7 +22,7 @@ std::vector<PreparedParameter> prepare_parameters(const SimulationTask& task,
                                                   const ReferenceTissueModel& model,
                                                   std::vector<std::string>& warnings) {
   std::vector<PreparedParameter> prepared;
-  for (const Parameter& parameter : task.parameters) {
+  for (const Parameter& parameter : parse_parameters(task.parameters, task.scene)) {
     PreparedParameter p;
     p.parameter = parameter;
     p.tissue.kind = ColumnKind::kToolPath;
@@ -63,26 +63,24 @@ std::vector<PreparedParameter> prepare_parameters(const SimulationTask& task,
   return prepared;
 }
 
-/// The model of a task whose columns are wanted.
-std::shared_ptr<const ReferenceTissueModel> differentiable(const Simulation& made) {
-  auto model = std::dynamic_pointer_cast<const ReferenceTissueModel>(made.model);
-  if (!model) throw_error("--columns: the tissue is not TISSUE_REFERENCE; give --model reference");
-  return model;
-}
+using Stop = std::function<bool()>;
 
 /// Runs the task with its columns, if it has any.
 void run_task(const SimulationTask& task, const RecordingStart& start,
-              const std::vector<PinchCircle>& pinches, const Arm& arm, Simulation& made) {
+              const std::vector<PinchCircle>& pinches, const Arm& arm,
+              const std::shared_ptr<const TissueModel>& tissue, const Stop& stop,
+              Simulation& made) {
   SimulatedRecording& recording = made.recording;
   const auto run = [&](ColumnCarrier* columns) {
-    recording = simulate_recording(*made.model, arm, task.commands, task.grasp, start, columns);
+    recording = simulate_recording(*tissue, arm, task.commands, task.grasp, start, columns, stop);
     if (columns == nullptr) return;
     if (recording.failure.empty()) recording.failure = columns->failure();
     made.warnings.insert(made.warnings.end(), columns->warnings().begin(),
                          columns->warnings().end());
   };
   if (task.parameters.empty()) return run(nullptr);
-  const auto model = differentiable(made);
+  const auto model = std::dynamic_pointer_cast<const ReferenceTissueModel>(tissue);
+  if (!model) throw_error("--columns: the tissue is not TISSUE_REFERENCE; give --model reference");
   std::vector<PreparedParameter> parameters =
       prepare_parameters(task, pinches, made.scene, *model, made.warnings);
   if (task.columns_folder.empty()) {
@@ -102,15 +100,16 @@ void run_task(const SimulationTask& task, const RecordingStart& start,
 /// From the same commands on a mesh with 1.5 times larger cells.
 std::optional<MeshError> find_mesh_error(const SimulationTask& task, const RecordingStart& start,
                                          const std::vector<PinchCircle>& pinches, const Arm& arm,
-                                         const ReferenceTissueModel& fine, Simulation& made) {
+                                         const ReferenceTissueModel& fine, const Stop& stop,
+                                         Simulation& made) {
   constexpr double kRatio = 1.5;
   Scene scene = made.scene;
   *scene.config.mutable_tissue()->mutable_reference() =
-      coarser_mesh(fine.numerics, {fine.cells(0), fine.free_cells_y(), fine.cells(2)}, kRatio);
+      coarser_mesh(fine.numerics, made.cells, kRatio);
   std::vector<std::string> ignored;
   const auto model = make_tissue_model(scene, task.period, ignored, pinches);
   const SimulatedRecording coarse =
-      simulate_recording(*model, arm, task.commands, task.grasp, start);
+      simulate_recording(*model, arm, task.commands, task.grasp, start, nullptr, stop);
   if (coarse.failure.empty()) return estimate_mesh_error(made.recording, coarse, kRatio);
   made.warnings.push_back("no estimate of the discretisation error: with larger cells " +
                           coarse.failure);
@@ -135,15 +134,20 @@ RecordingStart start_of(const SimulationTask& task, const Scene& scene) {
 
 }  // namespace
 
-Simulation simulate(const SimulationTask& task) {
+Simulation simulate(const SimulationTask& task, const std::function<bool()>& stop) {
   Simulation made;
   made.scene = make_scene(task.scene, task.folder);
   std::vector<PinchCircle> pinches = pinches_of(task.commands, made.scene, task.grasp);
   const RecordingStart start = start_of(task, made.scene);
   if (start.held) pinches.push_back({start.held->place, start.held->radius});
-  made.model = make_tissue_model(made.scene, task.period, made.scene.warnings, pinches);
+  const std::shared_ptr<const TissueModel> model =
+      make_tissue_model(made.scene, task.period, made.model_warnings, pinches);
+  const auto* reference = dynamic_cast<const ReferenceTissueModel*>(model.get());
+  made.reference = reference != nullptr;
+  if (made.reference)
+    made.cells = {reference->cells(0), reference->free_cells_y(), reference->cells(2)};
   const Arm arm(task.scene.arm(), scene_tool_mount(made.scene), task.period);
-  run_task(task, start, pinches, arm, made);
+  run_task(task, start, pinches, arm, model, stop, made);
   SimulatedRecording& recording = made.recording;
   recording.clocks = task.scene.clocks();
   constexpr double kAtRest = 1e-4;  // [m/s]
@@ -157,9 +161,8 @@ Simulation simulate(const SimulationTask& task) {
     made.warnings.push_back(fmt::format("{}: the jaw closed {} times and held nothing",
                                         task.commands.path, recording.missed_grasps));
   }
-  const auto* reference = dynamic_cast<const ReferenceTissueModel*>(made.model.get());
-  if (task.estimate_error && reference != nullptr && recording.failure.empty())
-    made.mesh_error = find_mesh_error(task, start, pinches, arm, *reference, made);
+  if (task.estimate_error && made.reference && recording.failure.empty())
+    made.mesh_error = find_mesh_error(task, start, pinches, arm, *reference, stop, made);
   return made;
 }
 

@@ -1,4 +1,4 @@
-#include "mismatch/columns.h"
+#include "sim_worker/playback/columns.h"
 
 #include <fmt/format.h>
 

@@ -1,0 +1,283 @@
+#include "granting/simulation_asker.h"
+
+#include <fmt/format.h>
+#include <pthread.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+
+#include "core/check.h"
+#include "core/clock.h"
+#include "core/hash.h"
+#include "core/scheduling.h"
+
+namespace omentum {
+namespace {
+
+constexpr std::int64_t kMs = 1'000'000;
+constexpr std::int64_t kS = 1'000 * kMs;
+constexpr std::int64_t kPeriodNs = 50 * kMs;     // ages, matches of new workers
+constexpr std::int64_t kMatchNs = 5 * kMs;       // while one is awaited
+constexpr std::int64_t kSilentNs = 2 * kS;       // deadline of worker status, docs/wire.md 3
+constexpr std::int64_t kRetireNs = 5 * kS;       // a dead worker's reader is gone after the lease
+constexpr std::int64_t kAloneNs = 5 * kS;        // without workers before it is told
+constexpr std::int64_t kTellNs = 60 * kS;        // told again
+constexpr std::int32_t kMostPartsWaiting = 256;  // a fuse: the thread never stops taking
+constexpr int kTakenAtOnce = 64;
+
+std::string who(const std::string& program) {
+  std::array<char, 256> host{};
+  if (gethostname(host.data(), host.size() - 1) != 0) host.front() = '\0';
+  return fmt::format("{} host={} pid={}", program, host.data(), getpid());
+}
+
+std::uint32_t make_asker_id(const std::string& asker) {
+  const std::uint64_t hash = fnv1a64(fmt::format("{} {}", asker, wall_now_ns()));
+  return std::max(std::uint32_t{1}, static_cast<std::uint32_t>(hash ^ (hash >> 32)));
+}
+
+SimulationAskerOptions checked(SimulationAskerOptions options) {
+  check_run_name(options.run);
+  OMENTUM_CHECK(options.tell != nullptr);
+  return options;
+}
+
+}  // namespace
+
+SimulationAsker::SimulationAsker(SimulationAskerOptions options)
+    : options_(checked(std::move(options))),
+      id_(make_asker_id(who(options_.program))),
+      participant_(options_.domain, options_.profile.uri, "omentum-asker"),
+      worker_reader_(participant_, run_partition(options_.run), "asker-workers"),
+      part_reader_(participant_, asker_partition(options_.run, id_), "asker-results",
+                   kMostPartsWaiting),
+      waitset_(participant_),
+      book_(id_, who(options_.program), options_.build_id) {
+  waitset_.attach(worker_reader_.raw());
+  waitset_.attach(part_reader_.raw());
+  thread_ = std::jthread([this](const std::stop_token& stop) { run(stop); });
+}
+
+SimulationAsker::~SimulationAsker() {
+  thread_.request_stop();
+  waitset_.wake();
+  thread_.join();
+  std::unique_lock lock(mutex_);
+  answered_.wait(lock, [this] { return asking_ == 0; });
+}
+
+// ------------------------------------------------------------------------------------- any thread
+
+Result<Bytes> SimulationAsker::ask(Bytes task, std::uint32_t steps) {
+  const auto question = std::make_shared<Question>();
+  question->task = std::move(task);
+  question->steps = steps;
+  std::unique_lock lock(mutex_);
+  if (over_) return question->answer;
+  ++asking_;
+  questions_.push_back(question);
+  waitset_.wake();
+  answered_.wait(lock, [&] { return question->answered; });
+  --asking_;
+  answered_.notify_all();
+  return std::move(question->answer);
+}
+
+AskerState SimulationAsker::state() const {
+  const std::lock_guard lock(mutex_);
+  return state_;
+}
+
+// ------------------------------------------------------------------------------------- its thread
+
+void SimulationAsker::run(const std::stop_token& stop) {
+  pthread_setname_np(pthread_self(), "asker");
+  const ShortSlices of_this_thread;
+  while (!stop.stop_requested() && !participant_.expired()) {
+    const bool matching =
+        std::ranges::any_of(served_, [](const auto& entry) { return !entry.second.joined; });
+    waitset_.wait(matching ? kMatchNs : kPeriodNs);
+    const std::int64_t now = steady_now_ns();
+    take_statuses(now);
+    take_parts(now);
+    take_questions();
+    follow_matches(now);
+    write_grants(now);
+    give_answers();
+    tell_waiting(now);
+    publish_state();
+  }
+  if (participant_.expired())
+    options_.tell("the certificate has ended: no worker hears this any more");
+  const std::lock_guard lock(mutex_);
+  over_ = true;
+  for (auto& [task, question] : asked_) questions_.push_back(std::move(question));
+  for (const std::shared_ptr<Question>& question : questions_) question->answered = true;
+  answered_.notify_all();
+}
+
+void SimulationAsker::take_statuses(std::int64_t now_ns) {
+  const Result<int> taken = worker_reader_.take(
+      1024, [&](Arrival<WorkerStatus>&& arrival) { workers_.note(std::move(arrival), now_ns); });
+  if (!taken) options_.tell(taken.error());
+  for (const auto& [id, worker] : workers_.take_changed()) follow(id, worker, now_ns);
+}
+
+void SimulationAsker::take_parts(std::int64_t now_ns) {
+  const Ledger before = book_.ledger();
+  // Never stops taking: a full reader would stall every topic of this process (docs/wire.md 5.1).
+  const Result<int> taken = part_reader_.take(kTakenAtOnce, [&](Arrival<SimulationPart>&& arrival) {
+    if (!arrival.info.valid) return;
+    if (!workers_.is_process_of(arrival.record.worker_id, arrival.info.participant))
+      return book_.foreign(1);
+    book_.receive(std::move(arrival.record), now_ns);
+  });
+  if (!taken) options_.tell(taken.error());
+  if (const std::uint64_t refused = part_reader_.refused(); refused > refused_told_) {
+    book_.refused(refused - std::exchange(refused_told_, refused));
+    options_.tell(fmt::format("a result was refused: {}", part_reader_.last_refusal()));
+  }
+  for (const auto& [id, reason] : book_.take_declined()) {
+    const ListedWorker* worker = workers_.find(id);
+    options_.tell(fmt::format("worker {} on {} declines: {}", id,
+                              worker != nullptr ? worker->status.host : "?", reason));
+  }
+  const Ledger after = book_.ledger();
+  if (after.invalid > before.invalid && !book_.last_refusal().empty())
+    options_.tell("a result was refused: " + book_.last_refusal());
+  if (after.audit_mismatch > before.audit_mismatch) {
+    options_.tell(
+        "two workers gave different results for one task: one of them computes wrongly "
+        "(docs/trust.md 3)");
+  }
+}
+
+void SimulationAsker::take_questions() {
+  std::deque<std::shared_ptr<Question>> questions;
+  {
+    const std::lock_guard lock(mutex_);
+    questions.swap(questions_);
+  }
+  for (std::shared_ptr<Question>& question : questions) {
+    const std::uint32_t task = book_.ask(std::move(question->task), question->steps);
+    asked_.emplace(task, std::move(question));
+  }
+}
+
+void SimulationAsker::follow(std::uint32_t id, const ListedWorker& worker, std::int64_t now_ns) {
+  const auto found = served_.find(id);
+  if (!worker.alive) {
+    if (found == served_.end()) return;
+    if (worker.crashed)
+      options_.tell(fmt::format("worker {} on {} is lost: what it did is given to another", id,
+                                found->second.last.host));
+    book_.worker_left(id);
+    retire(std::move(found->second), now_ns);
+    served_.erase(found);
+    return;
+  }
+  if (found == served_.end()) {
+    Served served;
+    served.writer = std::make_unique<BusWriter<SimulationGrant>>(
+        participant_, worker_partition(options_.run, id), fmt::format("asker-tasks-w{}", id));
+    served.last = worker.status;
+    served_.emplace(id, std::move(served));
+    return;
+  }
+  Served& served = found->second;
+  served.last = worker.status;
+  if (served.joined && worker.status.phase == WorkerPhase::kDraining) {
+    book_.worker_left(id);
+    served.joined = false;
+  }
+}
+
+/// A worker can be asked when its reader of tasks is found, and while it speaks.
+void SimulationAsker::follow_matches(std::int64_t now_ns) {
+  for (auto& [id, served] : served_) {
+    if (!served.joined && served.last.phase != WorkerPhase::kDraining &&
+        served.writer->matched() > 0) {
+      served.joined = true;
+      book_.grants().worker_joined(id, 1);
+    }
+    const ListedWorker* worker = workers_.find(id);
+    const bool silent = served.joined && worker != nullptr && now_ns - worker->at_ns > kSilentNs;
+    if (std::exchange(served.silent, silent) != silent) book_.grants().worker_silent(id, silent);
+  }
+  std::erase_if(retired_, [now_ns](const auto& entry) {
+    return entry.first->matched() == 0 || now_ns > entry.second;
+  });
+}
+
+void SimulationAsker::retire(Served served, std::int64_t now_ns) {
+  // Deleting a writer waits for readers that have not acknowledged; a dead one never will.
+  retired_.emplace_back(std::move(served.writer), now_ns + kRetireNs);
+}
+
+void SimulationAsker::write_grants(std::int64_t now_ns) {
+  for (const SimulationGrant& grant : book_.grant(now_ns)) {
+    const auto served = served_.find(grant.worker_id);
+    const Result<void> ok = served == served_.end() ? Result<void>(Failure{"worker is unknown"})
+                                                    : served->second.writer->write(grant);
+    if (ok) continue;
+    book_.undelivered(grant);
+    options_.tell(fmt::format("a task was not written: {}", ok.error()));
+  }
+}
+
+void SimulationAsker::give_answers() {
+  for (SimulationDone& done : book_.take_done()) {
+    // Over for everybody who holds it: whoever still simulates it stops.
+    SimulationGrant over;
+    over.asker_id = id_;
+    over.task = done.task;
+    for (const std::uint32_t worker : done.holders) {
+      if (const auto served = served_.find(worker); served != served_.end()) {
+        BusWriter<SimulationGrant>& writer = *served->second.writer;
+        const Result<void> told = writer.dispose(over);
+        const Result<void> left = writer.unregister(over);
+        if (!told || !left) options_.tell(told ? left.error() : told.error());
+      }
+    }
+    const auto asked = asked_.find(done.task);
+    if (asked == asked_.end()) continue;
+    const std::lock_guard lock(mutex_);
+    ++state_.done;
+    state_.steps += asked->second->steps;
+    state_.compute_s += 1e-9 * static_cast<double>(done.compute_time_ns);
+    asked->second->answer = std::move(done.result);
+    asked->second->answered = true;
+    asked_.erase(asked);
+    answered_.notify_all();
+  }
+}
+
+/// Without workers it says soon and every minute what to start.
+void SimulationAsker::tell_waiting(std::int64_t now_ns) {
+  const auto barred = book_.grants().barred(now_ns);
+  const auto joined = std::ranges::count_if(
+      served_, [](const auto& entry) { return entry.second.joined && !entry.second.silent; });
+  if (asked_.empty() || joined > static_cast<std::ptrdiff_t>(barred.size())) {
+    alone_since_ns_ = 0;
+    return;
+  }
+  if (alone_since_ns_ == 0) alone_since_ns_ = now_ns;
+  if (now_ns - alone_since_ns_ < kAloneNs) return;
+  if (alone_told_ns_ > alone_since_ns_ && now_ns - alone_told_ns_ < kTellNs) return;
+  alone_told_ns_ = now_ns;
+  options_.tell(fmt::format("waiting for workers: start sim_worker --run {} --domain {}{}",
+                            options_.run, options_.domain,
+                            barred.empty() ? "" : "; of those there are: " + barred[0].reason));
+}
+
+void SimulationAsker::publish_state() {
+  const auto joined = std::ranges::count_if(
+      served_, [](const auto& entry) { return entry.second.joined && !entry.second.silent; });
+  const Ledger ledger = book_.ledger();
+  const std::lock_guard lock(mutex_);
+  state_.workers = static_cast<std::uint32_t>(joined);
+  state_.ledger = ledger;
+}
+
+}  // namespace omentum
