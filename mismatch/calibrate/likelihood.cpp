@@ -266,9 +266,8 @@ void Likelihood::add_force(const SeenForce& seen, const PredictedFrame& predicte
 
 void Likelihood::add_frame(const Observation& seen, const SeenFrame& frame,
                            const PredictedFrame& predicted, double lift, const Layout& layout,
-                           const Registration6& registration, const NoiseModel& noise, Block& block,
-                           bool with_columns) {
-  (void)with_columns;
+                           const Registration6& registration, const NoiseModel& noise,
+                           Block& block) {
   constexpr double kEdgeOn = 0.15;  // cosine between ray and normal: flatter counts as this
   std::vector<Vector2d> picture;
   for (const Vector3d& p : frame.points) {
@@ -412,7 +411,7 @@ Block Likelihood::compare(const Observation& seen, const Prediction& predicted,
     surface_.fit(moved(frame, layout, registration, delta, lift), seen.p_WC, seen.R_WC);
     motion_.information = motion_.score = 0;
     motion_.shared_information.setZero(layout.size());
-    add_frame(seen, seen.frames[k], frame, lift, layout, registration, noise, block, with_columns);
+    add_frame(seen, seen.frames[k], frame, lift, layout, registration, noise, block);
     eliminate_motion(noise, block);
     if (const auto& force = seen.frames[k].force)
       add_force(*force, frame, layout, delta, noise, block);

@@ -97,7 +97,7 @@ class Likelihood {
   struct Row;
   void add_frame(const Observation& seen, const SeenFrame& frame, const PredictedFrame& predicted,
                  double lift, const Layout& layout, const Registration6& registration,
-                 const NoiseModel& noise, Block& block, bool with_columns);
+                 const NoiseModel& noise, Block& block);
   void add_row(const Row& row, const PredictedFrame& predicted, double lift, const Layout& layout,
                const NoiseModel& noise, Block& block);
   void eliminate_motion(const NoiseModel& noise, Block& block) const;

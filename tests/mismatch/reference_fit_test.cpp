@@ -49,6 +49,65 @@ TEST(MoveInTime, FollowsTheWayAndRestsAtItsEnds) {
   EXPECT_EQ(place[0].x(), 0);
 }
 
+/// A lift of 10 mm from 0.2 s to 0.6 s, jaws closed from 0.1 s on, a cloud at rest and one held;
+/// the sensor shows `zero` and, once the jaws hold, (0, 0, -0.1 N).
+Recording recording_with_force(const Scene& scene, double force_begins) {
+  const Vector3d zero(0.02, -0.01, 0.03);
+  Recording made;
+  Series& tool = made.series["tool_commanded"];
+  tool.columns = {"tip_commanded_x_m", "tip_commanded_y_m", "tip_commanded_z_m"};
+  Series& jaw = made.series["jaw"];
+  jaw.columns = {"jaw_commanded_rad"};
+  Series& force = made.series["force"];
+  force.columns = {"fx_N", "fy_N", "fz_N"};
+  const auto middle =
+      static_cast<std::ptrdiff_t>(scene.tissue.particles.size() / 2);  // an odd number of them
+  const Vector3d centre = scene.tissue.X_WB * *(scene.tissue.particles.begin() + middle);
+  for (int k = 0; k <= 100; ++k) {
+    const double t = 0.01 * k;
+    const double height = 0.01 * std::clamp((t - 0.2) / 0.4, 0.0, 1.0);
+    for (Series* series : {&tool, &jaw, &force}) {
+      if (series != &force || t >= force_begins) series->time_ns.push_back(10'000'000LL * k);
+    }
+    tool.values.insert(tool.values.end(), {centre.x(), centre.y(), centre.z() + height});
+    jaw.values.push_back(t < 0.095 ? 0.5 : 0);
+    if (t < force_begins) continue;
+    for (int axis = 0; axis < 3; ++axis)
+      force.values.push_back(zero[axis] - (axis == 2 && t > 0.095 ? 0.1 : 0));
+  }
+  made.clouds.time_ns = {50'000'000, 900'000'000};
+  made.clouds.number = {0, 1};
+  made.clouds.fetch = [centre](std::size_t) { return Cloud(30, centre.cast<float>()); };
+  return made;
+}
+
+TEST(Observe, AForceCountsFromWhereTheJawsHoldAboveItsZero) {
+  const Scene scene = make_scene(load_scene(deploy_dir() + "/scenes/omentum.txtpb", {}), "");
+  std::vector<std::string> warnings;
+  const Observation seen = observe("a", "a", recording_with_force(scene, 0), scene, warnings);
+  ASSERT_EQ(seen.frames.size(), 2U);
+  EXPECT_FALSE(seen.frames[0].force) << "nothing is held";
+  ASSERT_TRUE(seen.frames[1].force);
+  EXPECT_LT((seen.frames[1].force->value - Vector3d(0, 0, -0.1)).norm(), 1e-12);
+  EXPECT_NEAR(seen.frames[1].force->change, 0, 1e-12);
+  EXPECT_TRUE(seen.has_force());
+
+  const Observation late = observe("a", "a", recording_with_force(scene, 0.3), scene, warnings);
+  EXPECT_FALSE(late.has_force());
+  EXPECT_THAT(warnings, testing::Contains(testing::HasSubstr("its zero is not known")));
+}
+
+TEST(UnknownsOf, ADensityIsLookedForWithAForceAlone) {
+  const pb::Scene scene = load_scene(deploy_dir() + "/scenes/omentum.txtpb", {});
+  const auto has_density = [&](bool with_force) {
+    return std::ranges::any_of(unknowns_of(scene, {}, with_force), [](const Unknown& unknown) {
+      return unknown.path == "scene.tissue.effects.density_change";
+    });
+  };
+  EXPECT_TRUE(has_density(true));
+  EXPECT_FALSE(has_density(false));
+}
+
 TEST(SceneAt, AThickerSheetLiesOnTheSameBoard) {
   const pb::Scene scene = load_scene(deploy_dir() + "/scenes/omentum.txtpb", {});
   ASSERT_GT(scene.rigid_body_size(), 0);
