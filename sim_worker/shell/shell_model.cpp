@@ -289,9 +289,13 @@ ShellStructure ShellTissueModel::make_structure(const EffectValues& values) cons
     const double mass = is_mesh() ? density * thickness * mesh.triangles[t].area : of_cell;
     return mass * thick[cell_of(*this, t)];
   });
+  // Curvatures are taken per length before growth, g^2 times those of what has grown; energies
+  // count per area before it, as those of the membrane and of the reference.
+  const double growth = (1 + values.stretch) * (1 + values.stretch);
   for (const PlateStencil& stencil : stencils) {
     made.plate.push_back(plate_stiffness(stencil, stencil.fraction.cwiseProduct(stencil.clamp),
-                                         beam_at(*this, values, stencil.place), nu));
+                                         beam_at(*this, values, stencil.place) / (growth * growth),
+                                         nu));
   }
   made.bending = plate_matrix(nodes(), stencils, made.plate);
   return made;

@@ -84,7 +84,7 @@ const EffectRow kRows[] = {
     {"rest_shape.curvature_x_per_m", at<&V::curvature_x>, kShape, kSheetModels, kReferenceModel},
     {"rest_shape.curvature_y_per_m", at<&V::curvature_y>, kShape, kSheetModels, kReferenceModel},
     {"rest_shape.twist_per_m", at<&V::twist>, kShape, kSheetModels, kReferenceModel},
-    {"rest_shape.stretch", at<&V::stretch>, kShape, kSheetModels, kReferenceModel},
+    {"rest_shape.stretch", at<&V::stretch>, kStructure, kSheetModels, kReferenceModel},
     {"thickness.x_per_m", at<&V::thickness_x>, kStructure, kSheetModels, kReferenceModel},
     {"thickness.y_per_m", at<&V::thickness_y>, kStructure, kSheetModels, kReferenceModel},
     {"adhesion.stiffness_pa_per_m", at<&V::adhesion>, kContact, kStickingModels},

@@ -77,6 +77,23 @@ TEST_P(EffectLaw, BendingChangeScalesThePlateAlone) {
   EXPECT_NEAR(bent / extension(c), 1, 0.02);
 }
 
+TEST_P(EffectLaw, RestStretchLowersACantileverAsItsLengthToTheFourth) {
+  // Energy counts per volume before the growth g: drop of q L^4 / (8 D), D (w'' / g^2)^2 / 2.
+  EffectCase c = strip(1e6);
+  c.X_WB = Eigen::Isometry3d::Identity();
+  c.gravity = 0.1;
+  c.anchor_max_y = -0.042;
+  c.damping = 10;
+  const auto drop = [&] {
+    const auto tissue = make(c);
+    rest(*tissue, 3);
+    return -edge(c, *tissue).z();
+  };
+  const double plain = drop();
+  c.effects.mutable_rest_shape()->set_stretch(0.05);
+  EXPECT_NEAR(drop() / plain, std::pow(1.05, 4), 0.012);
+}
+
 TEST_P(EffectLaw, InclusionOverEverythingIsAnotherModulus) {
   EffectCase c = strip(30e3);
   test::inclusion_of(c.effects)->set_radius_m(0.5);
