@@ -70,16 +70,21 @@ void ColumnCarrier::add_state(std::size_t step, double t, const ReferenceTissue&
   if (columns.valid) take(step, t, tissue);
 }
 
-std::vector<std::vector<float>> ColumnCarrier::columns_at(const std::vector<BodyPoint>& points,
-                                                          const ReferenceTissue& tissue) const {
+std::vector<std::vector<float>> ColumnCarrier::columns_at(
+    std::vector<BodyPoint> ReferenceTissueModel::*face, const ReferenceTissue& tissue) const {
   std::vector<std::vector<float>> values(parameters_.size());
-  for (const BodyPoint& point : points) {
+  for (std::size_t i = 0; i < (*model_.*face).size(); ++i) {
+    const BodyPoint& point = (*model_.*face)[i];
     const SeenPoint seen{tissue.point(point), tissue.point_velocity(point), camera_};
     const Eigen::Matrix3Xd s = tissue.point_columns(point);
     for (std::size_t k = 0; k < parameters_.size(); ++k) {
       const auto sensor = parameters_[k].parameter.sensor;
-      const Vector3d change =
+      Vector3d change =
           sensor != nullptr ? sensor(seen) : Vector3d(s.col(static_cast<Eigen::Index>(k)));
+      // In a mesh of another thickness the face lies at other points of it.
+      const ColumnParameter& moved = parameters_[k].tissue;
+      if (moved.changed != nullptr && moved.changed->face_inset != model_->face_inset)
+        change += (tissue.point((*moved.changed.*face)[i]) - seen.p_W) / moved.step;
       for (int axis = 0; axis < 3; ++axis) values[k].push_back(static_cast<float>(change[axis]));
     }
   }
@@ -112,7 +117,8 @@ ColumnRecorder::ColumnRecorder(std::vector<PreparedParameter> parameters, const 
 void ColumnRecorder::take(std::size_t /*step*/, double t, const ReferenceTissue& tissue) {
   OMENTUM_CHECK(time_.size() < planned_, "frame {} of {}", time_.size(), planned_);
   const std::size_t frame = time_.size();
-  const std::vector<std::vector<float>> values = columns_at(model().upper_points, tissue);
+  const std::vector<std::vector<float>> values =
+      columns_at(&ReferenceTissueModel::upper_points, tissue);
   for (std::size_t k = 0; k < values.size(); ++k)
     upper_.write((k * planned_ + frame) * values[k].size(), values[k]);
   tell_ends(t, values);
@@ -162,8 +168,9 @@ bool ColumnKeeper::wants(std::size_t step) const {
 
 void ColumnKeeper::take(std::size_t step, double t, const ReferenceTissue& tissue) {
   StateColumns& state = kept[step];
-  state.surface = columns_at(model().upper_points, tissue);
-  const std::vector<std::vector<float>> lower = columns_at(model().lower_points, tissue);
+  state.surface = columns_at(&ReferenceTissueModel::upper_points, tissue);
+  const std::vector<std::vector<float>> lower =
+      columns_at(&ReferenceTissueModel::lower_points, tissue);
   for (std::size_t k = 0; k < lower.size(); ++k)
     state.surface[k].insert(state.surface[k].end(), lower[k].begin(), lower[k].end());
   tell_ends(t, state.surface);

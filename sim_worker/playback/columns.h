@@ -46,8 +46,9 @@ class ColumnCarrier {
   virtual bool wants(std::size_t step) const = 0;
   /// A state that is wanted and has columns.
   virtual void take(std::size_t step, double t, const ReferenceTissue& tissue) = 0;
-  /// Derivatives of points of the tissue, of each parameter [3 point + axis].
-  std::vector<std::vector<float>> columns_at(const std::vector<BodyPoint>& points,
+  /// Derivatives of a face of the tissue at the places of the grid, of each parameter
+  /// [3 point + axis].
+  std::vector<std::vector<float>> columns_at(std::vector<BodyPoint> ReferenceTissueModel::*face,
                                              const ReferenceTissue& tissue) const;
   /// Warns of parameters whose columns are no numbers any more.
   void tell_ends(double t, const std::vector<std::vector<float>>& values);

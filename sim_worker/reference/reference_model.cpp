@@ -356,6 +356,17 @@ void place_blocks(ReferenceTissueModel& model) {
   }
 }
 
+/// The point of a face above or below p, at the height z_B of the sheet's own thickness: a changed
+/// bending gives the mesh another one, so that it may lie inside the mesh or a little outside.
+BodyPoint face_point(const ReferenceTissueModel& model, const Vector3d& p, double z) {
+  const std::vector<double>& lines = model.lines[2];
+  const double inside = std::clamp(z, lines.front(), lines.back());
+  BodyPoint point = model.locate({p.x(), p.y(), inside});
+  const double cell = z > 0 ? lines.back() - lines[lines.size() - 2] : lines[1] - lines.front();
+  for (BodyPoint::Location& at : point.locations) at.xi.z() += 2 * (z - inside) / cell;
+  return point;
+}
+
 }  // namespace
 
 std::unique_ptr<Tissue<float>> ReferenceTissueModel::make_tissue(const LaneKernel<float>&) const {
@@ -409,9 +420,8 @@ std::shared_ptr<const ReferenceTissueModel> make_reference_model(
     model->particle_points.push_back(model->locate(model->body.particles[i]));
     model->particle_points.back().fixed = model->body.fixed[i] != 0;
     const Vector3d& p = model->body.particles[i];
-    const double face = std::min(0.5 * scene.tissue.thickness, model->lines[2].back());
-    model->upper_points.push_back(model->locate({p.x(), p.y(), face}));
-    model->lower_points.push_back(model->locate({p.x(), p.y(), -face}));
+    model->upper_points.push_back(face_point(*model, p, 0.5 * scene.tissue.thickness));
+    model->lower_points.push_back(face_point(*model, p, -0.5 * scene.tissue.thickness));
   }
   const double lift = model->body.particle_radius - 0.5 * scene.tissue.thickness;
   if (!model->surroundings.bodies.empty() && std::fabs(lift) > 1e-6) {  // [m]

@@ -17,6 +17,7 @@ DIFFERENCES = [
     ("young_modulus", "scene.tissue.material.young_modulus_pa={}", (59400, 60600), 1200, 0.01),
     ("poisson.nu", "scene.tissue.material.poisson_ratio={}", (0.447, 0.453), 0.006, 0.03),
     ("density.factor", "scene.tissue.effects.density_change={}", (-0.01, 0.01), 0.02, 0.01),
+    ("bending_stiffness.factor", "scene.tissue.effects.bending_change={}", (-0.01, 0.01), 0.02, 0.02),
     ("viscoelastic.g@tau=0.3", "scene.tissue.effects.viscoelastic={{ share: {} time_s: 0.3 }}", (0, 0.01), 0.01, 0.05),
     ("grasp_offset.x", "scene.tissue.effects.grasp_offset.x_m={}", (-2e-5, 2e-5), 4e-5, 0.01),
     ("actuation_delay.tau", "scene.arm.transport_delay_s={}", (0, 5e-4), 5e-4, 0.02),
