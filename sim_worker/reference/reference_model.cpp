@@ -40,7 +40,7 @@ struct Kink {
 constexpr double kDenserAtSingularClamp = 60;
 constexpr double kDenserAtClamp = 4;
 constexpr double kDenserAtPinch = 2;
-constexpr double kDenserAtPad = 16;
+constexpr double kDenserAtPad = 8;  // 16 on half the reach fails at 10 kPa
 
 /// Relative number of lines per length at x.
 double line_density(const std::vector<Kink>& kinks, double x) {
@@ -190,7 +190,7 @@ void make_lines(const Scene& scene, std::span<const PinchCircle> pinches,
     for (int axis = 0; axis < 2; ++axis) {
       for (const double side : {-half[axis], half[axis]}) {
         const double at = pinch.centre[axis] + side;
-        kinks[axis].push_back(bears_rims ? Kink{at, thickness / 6, kDenserAtPad}
+        kinks[axis].push_back(bears_rims ? Kink{at, thickness / 3, kDenserAtPad}
                                          : Kink{at, half[axis], kDenserAtPinch});
       }
     }
