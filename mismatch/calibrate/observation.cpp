@@ -72,7 +72,7 @@ Observation observe(const std::string& name, const std::string& path, const Reco
   made.repeat_of = recording.info.repeat_of();
   made.clock_sd = recording.info.clock_offset_uncertainty_s();
   set_camera(recording.info.camera(), scene, made);
-  const CloudMask mask(scene, made.track.travel());
+  const CloudMask mask(scene, made.track.travel(), recording.info.registration_uncertainty_m());
   const Frames<Cloud> clouds = seen_clouds(recording);
   if (clouds.size() == 0)
     throw_error("{}: no cloud, needed clouds.csv, depth.csv, /cloud or /depth", path);

@@ -39,10 +39,11 @@ std::string print_parts(std::size_t frames, const CloudParts& parts) {
       share(CloudPart::kBoard), share(CloudPart::kBackground));
 }
 
-CloudMask::CloudMask(const Scene& scene, double travel)
+CloudMask::CloudMask(const Scene& scene, double travel, double registration)
     : X_BW_(scene.tissue.X_WB.inverse()),
       noise_(scene.config.depth_sensor().noise_m() > 0 ? scene.config.depth_sensor().noise_m()
                                                        : kUsualNoise),
+      height_noise_(std::hypot(noise_, registration)),
       thickness_(scene.tissue.thickness),
       farthest_(std::min(travel + kBeside, kMostFar)),
       shaft_radius_(scene.config.tool().shaft_radius_m() + kSure * noise_),
@@ -92,7 +93,7 @@ bool CloudMask::on_board(const Vector3d& p_W) const {
   const Vector3d p_B = X_BW_ * p_W;
   const bool over_rest = (p_B.head<2>().array() >= rest_B_.min().head<2>().array() - kCell).all() &&
                          (p_B.head<2>().array() <= rest_B_.max().head<2>().array() + kCell).all();
-  const double most = over_rest ? thickness_ - kSure * noise_ : 0.5 * thickness_;
+  const double most = over_rest ? thickness_ - kSure * height_noise_ : 0.5 * thickness_;
   return std::any_of(boards_.begin(), boards_.end(),
                      [&](const auto& board) { return board.signedDistance(p_W) < most; });
 }
@@ -136,7 +137,7 @@ SeenFigures look_at_clouds(const Recording& recording, const std::string& path, 
     track = tool_track_of(recording, path, scene_tool_mount(scene), ignored);
     travel = track->travel();
   }
-  const CloudMask mask(scene, travel);
+  const CloudMask mask(scene, travel, recording.info.registration_uncertainty_m());
   figures.frames = std::min(clouds.size(), most_frames);
   for (std::size_t k = 0; k < figures.frames; ++k) {
     const std::size_t at = figures.frames > 1 ? k * (clouds.size() - 1) / (figures.frames - 1) : 0;

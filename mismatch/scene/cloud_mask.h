@@ -32,8 +32,9 @@ std::string print_parts(std::size_t frames, const CloudParts& parts);
 /// the upper face is board, beside the sheet at rest all in the lower half of its thickness.
 class CloudMask {
  public:
-  /// `travel`: how far the tip goes from where it began [m].
-  CloudMask(const Scene& scene, double travel);
+  /// `travel`: how far the tip goes from where it began; `registration`: how sure the place of the
+  /// camera is [m]. What it may have moved the tissue by is not taken for board.
+  CloudMask(const Scene& scene, double travel, double registration);
 
   /// `tip`: p_WT at the time of the cloud [m].
   CloudPart part_of(const Eigen::Vector3d& p_W, const Eigen::Vector3d& tip) const;
@@ -50,7 +51,7 @@ class CloudMask {
   Eigen::Isometry3d X_BW_;
   Eigen::AlignedBox3d rest_W_, rest_B_;
   Eigen::Vector3d up_the_shaft_ = Eigen::Vector3d::UnitZ();
-  double noise_, thickness_, farthest_, shaft_radius_, shaft_start_;
+  double noise_, height_noise_, thickness_, farthest_, shaft_radius_, shaft_start_;
   std::vector<Eigen::Hyperplane<double, 3>> boards_;  ///< upper side positive
   Eigen::Vector2i cells_;
   std::vector<std::uint8_t> in_body_;  ///< cells that hold a part of the body at rest

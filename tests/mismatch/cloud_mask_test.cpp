@@ -36,7 +36,7 @@ Scene sheet() {
 }
 
 TEST(CloudMask, KnowsToolBoardAndBackgroundFromTissue) {
-  const CloudMask mask(sheet(), 0.04);
+  const CloudMask mask(sheet(), 0.04, 0);
   const Vector3d tip(0.01, 0, 0.03);
   const auto part = [&](double x, double y, double z) { return mask.part_of({x, y, z}, tip); };
   EXPECT_EQ(part(0, 0, kThickness), CloudPart::kTissue);
@@ -49,6 +49,8 @@ TEST(CloudMask, KnowsToolBoardAndBackgroundFromTissue) {
   EXPECT_EQ(part(0.05, 0, 0.005), CloudPart::kTissue) << "moved sideways";
   EXPECT_EQ(part(0, 0, 0.001), CloudPart::kBoard) << "where the sheet was";
   EXPECT_EQ(part(0, 0, kThickness - 2.9 * kNoise), CloudPart::kTissue) << "noise";
+  EXPECT_EQ(CloudMask(sheet(), 0.04, 0.002).part_of({0, 0, 0.001}, tip), CloudPart::kTissue)
+      << "a camera that may stand 2 mm off";
   EXPECT_EQ(part(0.2, 0, 0.01), CloudPart::kBackground);
   EXPECT_EQ(part(0, 0, -0.2), CloudPart::kBackground);
 }
@@ -57,14 +59,14 @@ TEST(CloudMask, TheShaftLeansAsTheSceneSays) {
   Scene scene = sheet();
   scene.config.mutable_tool()->mutable_shaft_direction()->set_x(1);
   scene.config.mutable_tool()->mutable_shaft_direction()->set_z(-1);
-  const CloudMask mask(scene, 0.04);
+  const CloudMask mask(scene, 0.04, 0);
   const Vector3d tip(0, 0, 0.02), behind = tip + 0.03 * Vector3d(-1, 0, 1).normalized();
   EXPECT_EQ(mask.part_of(behind, tip), CloudPart::kTool);
   EXPECT_EQ(mask.part_of(tip + Vector3d(0, 0, 0.03), tip), CloudPart::kTissue);
 }
 
 TEST(CloudMask, TheShareSeenIsThatOfTheArea) {
-  const CloudMask mask(sheet(), 0.04);
+  const CloudMask mask(sheet(), 0.04, 0);
   std::vector<Vector3d> whole, left;
   for (double x = -0.0399; x < 0.04; x += 0.001) {
     for (double y = -0.0299; y < 0.03; y += 0.001) {
