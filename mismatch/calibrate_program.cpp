@@ -145,6 +145,10 @@ int calibrate(const CalibrateOptions& options) {
     warnings.insert(warnings.end(), recording.warnings.begin(), recording.warnings.end());
     observations.push_back(observe(name, name, recording, made, warnings));
   }
+  for (const Observation& o : observations) {
+    const SeenFigures figures{o.clouds, o.parts, o.share_seen};
+    std::printf("%s:\n%s", o.name.c_str(), print_seen(figures).c_str());
+  }
   // Equal in whatever order they were named.
   std::sort(observations.begin(), observations.end(),
             [](const Observation& a, const Observation& b) { return a.name < b.name; });

@@ -4,15 +4,22 @@
 #include <filesystem>
 #include <map>
 #include <memory>
+#include <optional>
 
 #include "core/check.h"
+#include "core/durable_file.h"
 #include "core/output_folder.h"
+#include "mismatch/calibrate/observation.h"
+#include "mismatch/calibrate/repeats.h"
 #include "mismatch/import/import_map.h"
+#include "mismatch/intake/contact_sheet.h"
 #include "mismatch/intake/intake.h"
 #include "mismatch/recording/plain_folder.h"
 #include "mismatch/recording/read_recording.h"
 #include "mismatch/recording/recording_mcap.h"
+#include "mismatch/recording/text_table.h"
 #include "mismatch/ros/bag.h"
+#include "mismatch/scene/cloud_mask.h"
 
 namespace omentum {
 namespace {
@@ -20,7 +27,7 @@ namespace {
 namespace fs = std::filesystem;
 
 struct RecordingOptions {
-  std::string input, map, output;
+  std::string input, map, output, contact_sheet, scene;
   std::vector<std::string> inputs;
 };
 
@@ -102,7 +109,65 @@ int export_recording(const RecordingOptions& options) {
   return 0;
 }
 
+/// The scene of --scene, else the one that the recording states of itself.
+std::optional<Scene> scene_of(const RecordingOptions& options, Recording& recording) {
+  if (!options.scene.empty()) {
+    const bool believed = options.scene.ends_with(".txt");
+    recording.info.clear_scene_text();
+    recording.info.clear_scene_believed_text();
+    (believed ? *recording.info.mutable_scene_believed_text()
+              : *recording.info.mutable_scene_text()) = read_whole_file(options.scene);
+  }
+  return stated_scene(recording, recording.warnings);
+}
+
+bool has_clouds(const Recording& recording) {
+  return recording.clouds.size() > 0 || recording.depth.size() > 0;
+}
+
+/// What the clouds show of the believed scene.
+void print_clouds(const RecordingOptions& options, const std::string& path,
+                  const Recording& recording) {
+  constexpr std::size_t kMostFrames = 80;
+  if (!has_clouds(recording)) return;
+  Recording stated = recording;
+  const std::optional<Scene> scene = scene_of(options, stated);
+  if (!scene) return;
+  std::printf("%s", print_seen(look_at_clouds(recording, path, *scene, kMostFrames)).c_str());
+}
+
+/// Clouds of repeats, each less what the scene's model makes of its own commands.
+std::string cloud_floor(const RecordingOptions& options, const std::vector<Recording>& repeats) {
+  std::vector<Series> residuals;
+  for (const Recording& recording : repeats) {
+    if (!has_clouds(recording)) return "";
+    Recording stated = recording;
+    const std::optional<Scene> scene = scene_of(options, stated);
+    if (!scene) return "";
+    std::vector<std::string> odd;
+    try {
+      const std::string& name = recording.info.name();
+      std::string why;
+      residuals.push_back(
+          residuals_of_model(observe(name, name, recording, *scene, odd), scene->config, "", why));
+      if (!why.empty()) odd.push_back(fmt::format("{}: the model ends early: {}", name, why));
+    } catch (const Error& error) {
+      return fmt::format("  floor of /cloud by the model: none: {}\n", error.what());
+    }
+    warn(odd);
+    if (residuals.back().rows() == 0) return "  floor of /cloud by the model: none: no frame\n";
+  }
+  std::vector<const Series*> all;
+  for (const Series& series : residuals) all.push_back(&series);
+  FloorFigures floor{"cloud", "m"};
+  floor.less = "what the model makes of its own commands";
+  if (!compare_repeats(all, floor)) return "";
+  return print_floor({floor});
+}
+
 int print_info(const RecordingOptions& options) {
+  if (!options.contact_sheet.empty() && options.inputs.size() != 1)
+    throw_error("--contact-sheet: {} recordings, allowed one", options.inputs.size());
   std::map<std::string, std::vector<Recording>> repeats;
   for (const std::string& path : options.inputs) {
     Recording recording = is_bag(path) ? read_bag(path, {}, {}) : read_recording_mcap(path);
@@ -116,12 +181,19 @@ int print_info(const RecordingOptions& options) {
       if (!text.empty()) std::printf("  %s: %s\n", what, text.c_str());
     }
     std::printf("%s", print_intake(take_in(recording)).c_str());
+    print_clouds(options, path, recording);
+    if (!options.contact_sheet.empty()) {
+      const Result<void> written =
+          write_durably(options.contact_sheet, make_contact_sheet(recording));
+      if (!written) throw_error("{}", written.error());
+    }
     if (!info.repeat_of().empty()) repeats[info.repeat_of()].push_back(std::move(recording));
   }
   for (const auto& [name, recordings] : repeats) {
     std::vector<const Recording*> all;
     for (const Recording& recording : recordings) all.push_back(&recording);
-    const std::string floor = print_floor(repeatability(all));
+    std::string floor = print_floor(repeatability(all));
+    if (recordings.size() > 1) floor += cloud_floor(options, recordings);
     if (!floor.empty()) std::printf("repeats of %s:\n%s", name.c_str(), floor.c_str());
   }
   if (std::fflush(stdout) != 0) throw_error("standard output: cannot be written");
@@ -149,6 +221,12 @@ std::function<int()> add_recording_commands(CLI::App& app) {
   CLI::App& info = *app.add_subcommand(
       "info", "What can be known of recordings without simulation: clocks, gaps, noise, repeats");
   info.add_option("inputs", options->inputs, "MCAP files; of repeats several")->required();
+  info.add_option(
+      "--scene", options->scene,
+      "Scene (.txtpb) or scene_believed.txt, by which tool, board and background are told "
+      "from tissue in clouds; default: what the recording says");
+  info.add_option("--contact-sheet", options->contact_sheet,
+                  "PNG to write: some clouds and pictures, and the curves of the channels");
   return [&in, &out, &info, options] {
     if (info.parsed()) return print_info(*options);
     if (in.parsed()) return import_recordings(*options);

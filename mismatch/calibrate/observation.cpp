@@ -14,11 +14,8 @@ namespace {
 
 using Eigen::Vector3d;
 
-constexpr double kMargin = 0.3;         // [s] behind the last frame: what the clock may be off
-constexpr double kShaftRadius = 0.007;  // [m] of what is cut out around the shaft
-constexpr double kShaftStart = 0.008;   // [m] above the tip
-constexpr double kFarthest = 0.15;      // [m] of tissue from the tissue at rest
-constexpr double kLargestCloud = 3;     // [m]
+constexpr double kMargin = 0.3;      // [s] behind the last frame: what the clock may be off
+constexpr double kLargestCloud = 3;  // [m]
 
 /// Every k-th, so that at most `most` are left.
 std::vector<std::size_t> chosen(std::size_t count, std::size_t most) {
@@ -42,12 +39,6 @@ void set_camera(const pb::RecordingCamera& camera, const Scene& scene, Observati
   made.R_WC.col(2) = -axis.normalized();
   made.R_WC.col(0) = axis.cross(up).normalized();
   made.R_WC.col(1) = made.R_WC.col(2).cross(made.R_WC.col(0));
-}
-
-/// Whether a point is on the shaft, which stands up along z_W from above the tip.
-bool on_shaft(const Vector3d& p, const Vector3d& tip) {
-  const Vector3d d = p - tip;
-  return d.z() > kShaftStart && d.head<2>().norm() < kShaftRadius;
 }
 
 /// Of the track what is done before `until`, and a row there.
@@ -134,8 +125,7 @@ Observation observe(const std::string& name, const std::string& path, const Reco
   made.repeat_of = recording.info.repeat_of();
   made.clock_sd = recording.info.clock_offset_uncertainty_s();
   set_camera(recording.info.camera(), scene, made);
-  Eigen::AlignedBox3d tissue;
-  for (const Vector3d& p : scene.tissue.particles) tissue.extend(scene.tissue.X_WB * p);
+  const CloudMask mask(scene, made.track.travel(), recording.info.registration_uncertainty_m());
   const Frames<Cloud> clouds = seen_clouds(recording);
   if (clouds.size() == 0)
     throw_error("{}: no cloud, needed clouds.csv, depth.csv, /cloud or /depth", path);
@@ -149,20 +139,23 @@ Observation observe(const std::string& name, const std::string& path, const Reco
     for (const Eigen::Vector3f& point : cloud) {
       const Vector3d p = point.cast<double>();
       all.extend(p);
-      if (on_shaft(p, tip) || !(tissue.exteriorDistance(p) < kFarthest)) continue;
-      near.push_back(p);
+      const CloudPart part = mask.part_of(p, tip);
+      ++made.parts.count[static_cast<std::size_t>(part)];
+      if (part == CloudPart::kTissue) near.push_back(p);
     }
     if (!(all.sizes().maxCoeff() <= kLargestCloud)) {
       throw_error("{}: the cloud at {:.6g} s is {:.3g} m across, allowed {} m: in metres?", path,
                   frame.t, all.sizes().maxCoeff(), kLargestCloud);
     }
-    made.left_out += cloud.size() - near.size();
+    ++made.clouds;
+    made.share_seen.push_back(mask.share_seen(near));
     for (const std::size_t i : chosen(near.size(), kMostPoints)) frame.points.push_back(near[i]);
     if (!frame.points.empty()) made.frames.push_back(std::move(frame));
   }
   if (made.frames.empty()) {
-    throw_error("{}: no point of a cloud within {} m of the tissue at rest: in metres, in W?", path,
-                kFarthest);
+    throw_error(
+        "{}: no point of a cloud that can be tissue at rest or moved ({}): in metres, in W?", path,
+        print_parts(made.clouds, made.parts));
   }
   add_forces(recording, path, made, warnings);
   cut_track(made.frames.back().t + kMargin, made.track);

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "mismatch/recording/recording.h"
+#include "mismatch/scene/cloud_mask.h"
 #include "mismatch/tool_track.h"
 #include "sim_worker/playback/simulate.h"
 #include "sim_worker/scene/scene.h"
@@ -36,7 +37,9 @@ struct Observation {
   Eigen::Vector3d p_WC = Eigen::Vector3d::Zero();      ///< the camera [m]
   Eigen::Matrix3d R_WC = Eigen::Matrix3d::Identity();  ///< x right, y up, looks along -z
   std::vector<SeenFrame> frames;
-  std::size_t left_out = 0;                         ///< points that are shaft or clearly no tissue
+  std::size_t clouds = 0;                           ///< looked at
+  CloudParts parts;                                 ///< of their points
+  std::vector<double> share_seen;                   ///< of the believed body, of each of them
   Eigen::Vector2d pinch = Eigen::Vector2d::Zero();  ///< where the jaws close, x_B, y_B at rest [m]
   bool pinched = false;
   int condition = 0;      ///< recordings of one pinch point share it

@@ -257,10 +257,11 @@ IntakeFigures take_in(const Recording& recording) {
   return figures;
 }
 
-namespace {
-
-/// Over the columns of the unit of `floor`; false where nothing can be compared.
-bool add_floor(const std::vector<const Series*>& all, double length, FloorFigures& floor) {
+bool compare_repeats(const std::vector<const Series*>& all, FloorFigures& floor) {
+  floor.repeats = all.size();
+  double length = std::numeric_limits<double>::infinity();
+  for (const Series* series : all)
+    length = std::min(length, seconds(series->time_ns.back() - series->time_ns.front()));
   const Series& first = *all.front();
   const double step = median_period(first);
   double squares = 0, count = 0;
@@ -288,26 +289,67 @@ bool add_floor(const std::vector<const Series*>& all, double length, FloorFigure
   return count > 0;
 }
 
+namespace {
+
+/// Columns of a channel less the same ones of its commands; none where these lack one.
+Series less_command(const Series& measured, const Series& commanded) {
+  Series made;
+  made.time_ns = measured.time_ns;
+  std::vector<std::size_t> columns;
+  std::vector<Interpolated> commands;
+  for (std::size_t k = 0; k < measured.columns.size(); ++k) {
+    std::string name = measured.columns[k];
+    const std::size_t at = name.find("_measured_");
+    // Of an orientation numbers have no difference.
+    if (at == std::string::npos || name.find("_q", at) != std::string::npos) continue;
+    name.replace(at, std::string("_measured_").size(), "_commanded_");
+    const std::size_t command = commanded.find(name);
+    if (command == commanded.columns.size()) continue;
+    made.columns.push_back(measured.columns[k]);
+    columns.push_back(k);
+    commands.emplace_back(commanded, command);
+  }
+  for (std::size_t row = 0; row < measured.rows(); ++row) {
+    for (std::size_t k = 0; k < columns.size(); ++k)
+      made.values.push_back(measured.at(row, columns[k]) -
+                            commands[k].at(seconds(measured.time_ns[row])));
+  }
+  return made;
+}
+
 }  // namespace
 
 std::vector<FloorFigures> repeatability(const std::vector<const Recording*>& repeats) {
   std::vector<FloorFigures> found;
   if (repeats.size() < 2) return found;
+  const auto compare = [&](const std::string& topic, const std::vector<const Series*>& all,
+                           const std::string& less) {
+    for (const std::string& unit : units_of(*all.front())) {
+      FloorFigures floor{topic, unit};
+      floor.less = less;
+      if (compare_repeats(all, floor)) found.push_back(floor);
+    }
+  };
   for (const auto& [topic, first] : repeats.front()->series) {
     if (is_command(topic)) continue;
     std::vector<const Series*> all;
-    double length = std::numeric_limits<double>::infinity();
+    std::vector<Series> less;
     for (const Recording* recording : repeats) {
       const Series* series = recording->find(topic);
       if (series == nullptr || series->columns != first.columns) continue;
       all.push_back(series);
-      length = std::min(length, seconds(series->time_ns.back() - series->time_ns.front()));
+      const Series* commands = recording->find(topic + "_commanded");
+      if (commands != nullptr) less.push_back(less_command(*series, *commands));
     }
     if (all.size() < repeats.size()) continue;
-    for (const std::string& unit : units_of(first)) {
-      FloorFigures floor{topic, unit, all.size()};
-      if (add_floor(all, length, floor)) found.push_back(floor);
-    }
+    compare(topic, all, "");
+    const bool same = std::all_of(less.begin(), less.end(), [&](const Series& one) {
+      return !one.columns.empty() && one.columns == less.front().columns;
+    });
+    if (less.size() < repeats.size() || !same) continue;
+    std::vector<const Series*> rests;
+    for (const Series& one : less) rests.push_back(&one);
+    compare(topic, rests, "its command");
   }
   return found;
 }

@@ -62,12 +62,19 @@ Series cloud_centres(const Recording& recording);
 struct FloorFigures {
   std::string topic, unit;
   std::size_t repeats = 0;
+  /// What was taken off before they were compared; empty: nothing, commands that differ are in it.
+  std::string less = {};
   double rms = 0;      ///< of one repeat about their mean, over time and columns
   double largest = 0;  ///< of a difference of two
 };
 /// Of recordings of one `repeat_of`, from the begin of each; channels that all have with the same
-/// columns. Commands are not corrected for: where these differ, that is in it.
+/// columns. Of tool and joints once more less what each was commanded: repeats whose commands
+/// differ are compared by what the robot made of them.
 std::vector<FloorFigures> repeatability(const std::vector<const Recording*>& repeats);
+
+/// The same of one channel with equal columns, those of `floor.unit`. False where nothing can be
+/// compared.
+bool compare_repeats(const std::vector<const Series*>& all, FloorFigures& floor);
 
 /// One line each, for people.
 std::string print_intake(const IntakeFigures& figures);

@@ -42,8 +42,9 @@ std::string print_floor(const std::vector<FloorFigures>& floor) {
   std::string text;
   for (const FloorFigures& f : floor)
     text +=
-        fmt::format("  floor of /{}: {:.3g} {} rms of {} repeats, largest difference {:.3g} {}\n",
-                    f.topic, f.rms, shown_unit(f.unit), f.repeats, f.largest, shown_unit(f.unit));
+        fmt::format("  floor of /{}{}: {:.3g} {} rms of {} repeats, largest difference {:.3g} {}\n",
+                    f.topic, f.less.empty() ? "" : " less " + f.less, f.rms, shown_unit(f.unit),
+                    f.repeats, f.largest, shown_unit(f.unit));
   return text;
 }
 

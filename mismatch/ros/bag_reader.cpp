@@ -26,6 +26,9 @@ Recording BagReader::read() {
   const Result<std::string> name = fill_in(map_.name(), values_);
   if (!name) throw_error("name: {}", name.error());
   recording_.info = mapped_info(map_, values_, name.value());
+  // measured_cp of the dVRK is the pose of its control point, behind the tip of the jaws.
+  if (!arm_.empty() && !recording_.info.has_tip_point())
+    recording_.info.set_tip_point(pb::control_point);
   depth_ = choose("depth", [](const BagTopic& topic) { return topic.is_depth; });
   color_ = choose("color", [](const BagTopic& topic) { return topic.is_color; });
   cloud_ = choose("cloud", [](const BagTopic& topic) { return topic.kind == RosKind::kCloud; });
@@ -102,6 +105,7 @@ void BagReader::keep_one_arm() {
   }
   if (arms.empty()) return;
   const std::string arm = choose_arm(arms, map_.ros());
+  arm_ = arm;
   // A channel that the map gives is not found by name as well.
   std::set<std::string> given;
   for (const auto& topic : topics_) {

@@ -48,6 +48,7 @@ class BagReader {
   bool stated_ = false;  ///< the map says what W is
   std::set<std::string> taken_for_W_;
   Topics topics_;
+  std::string arm_;                                  ///< whose names are known; empty: none
   std::shared_ptr<BagTopic> depth_, color_, cloud_;  ///< null: none
   std::shared_ptr<McapFetcher> fetcher_;
 };

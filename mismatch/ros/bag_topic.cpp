@@ -52,8 +52,12 @@ std::int64_t BagTopic::time_of(const RosValue& header, const McapView& message, 
   const auto logged = static_cast<std::int64_t>(message.log_time);
   if (log_time) return logged;
   constexpr std::int64_t kSecond = 1'000'000'000;
-  const auto seconds = static_cast<std::int64_t>(header.number_at("stamp.sec"));
-  const auto fraction = static_cast<std::int64_t>(header.number_at("stamp.nanosec"));
+  const double sec = header.number_at("stamp.sec"), nanosec = header.number_at("stamp.nanosec");
+  // Whatever type a definition gives them; 64 bits hold 292 years.
+  if (!(std::fabs(sec) <= 9e9 && std::fabs(nanosec) <= 4e9))
+    throw_error("header.stamp: {} s and {} ns", sec, nanosec);
+  const auto seconds = static_cast<std::int64_t>(sec);
+  const auto fraction = static_cast<std::int64_t>(nanosec);
   if (seconds != 0 || fraction != 0) return seconds * kSecond + fraction;
   ++unstamped;
   return logged;

@@ -1,7 +1,6 @@
 #include "mismatch/ros/images.h"
 
 #include <fmt/format.h>
-#include <zlib.h>
 
 #include <algorithm>
 #include <array>
@@ -13,6 +12,7 @@
 #include "core/check.h"
 #include "core/table.h"
 #include "mismatch/recording/depth_image.h"
+#include "mismatch/recording/png_image.h"
 
 namespace omentum {
 namespace {
@@ -26,39 +26,6 @@ std::uint32_t whole(const RosValue& message, std::string_view path, double most)
   if (!(value >= 0 && value <= most))
     throw_error("{} of {}: {}, allowed 0 ... {}", path, message.message->name, value, most);
   return static_cast<std::uint32_t>(value);
-}
-
-void put_big_endian(std::string& out, std::uint32_t value) {
-  for (const int shift : {24, 16, 8, 0}) out.push_back(static_cast<char>(value >> shift & 0xff));
-}
-
-void put_chunk(std::string& png, const char* kind, std::string_view content) {
-  put_big_endian(png, static_cast<std::uint32_t>(content.size()));
-  const std::size_t begin = png.size();
-  png.append(kind).append(content);
-  const auto* bytes = reinterpret_cast<const Bytef*>(png.data() + begin);
-  put_big_endian(png, static_cast<std::uint32_t>(crc32_z(0, bytes, png.size() - begin)));
-}
-
-/// A PNG whose rows are stored and not packed: chunks of the recording pack them together.
-/// `rows` has a byte of 0, "no filter", before each row.
-std::string stored_png(std::uint32_t width, std::uint32_t height, int bits, int colour,
-                       const std::string& rows) {
-  std::string png("\x89PNG\r\n\x1a\n", 8), head;
-  put_big_endian(head, width);
-  put_big_endian(head, height);
-  for (const int byte : {bits, colour, 0, 0, 0}) head.push_back(static_cast<char>(byte));
-  uLongf size = compressBound(rows.size());
-  std::string stored(size, '\0');
-  const int done = compress2(reinterpret_cast<Bytef*>(stored.data()), &size,
-                             reinterpret_cast<const Bytef*>(rows.data()), rows.size(), 0);
-  OMENTUM_CHECK(done == Z_OK, "zlib: {}", done);
-  stored.resize(size);
-  png.reserve(stored.size() + 60);
-  put_chunk(png, "IHDR", head);
-  put_chunk(png, "IDAT", stored);
-  put_chunk(png, "IEND", "");
-  return png;
 }
 
 std::size_t bytes_per_pixel(std::string_view encoding) {
@@ -142,7 +109,8 @@ std::string depth_png(const RosImage& image, double unit_m) {
       }
     }
   }
-  return stored_png(image.width, image.height, 16, 0, rows);
+  // Stored: chunks of the recording pack them together.
+  return encode_png(image.width, image.height, 16, 1, rows, 0);
 }
 
 std::string color_png(const RosImage& image) {
@@ -161,7 +129,7 @@ std::string color_png(const RosImage& image) {
         to[kept * u + k] = from[pixel * u + (turned ? kept - 1 - k : k)];
     }
   }
-  return stored_png(image.width, image.height, 8, kept == 1 ? 0 : 2, rows);
+  return encode_png(image.width, image.height, 8, static_cast<int>(kept), rows, 0);
 }
 
 PackedImage packed_image(const RosValue& message) {

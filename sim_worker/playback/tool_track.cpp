@@ -22,6 +22,12 @@ double ToolTrack::jaw_at(double t) const {
   return jaw_rad[after == time.begin() ? 0 : static_cast<std::size_t>(after - time.begin()) - 1];
 }
 
+double ToolTrack::travel() const {
+  double most = 0;
+  for (const Vector3d& p : p_WT) most = std::max(most, (p - p_WT.front()).norm());
+  return most;
+}
+
 std::string ToolTrack::place(std::size_t row) const {
   if (row < lines.size()) return fmt::format("{}:{}", path, lines[row]);
   return fmt::format("{}: at {:.6g} s", path, time[row]);

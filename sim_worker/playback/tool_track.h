@@ -21,6 +21,8 @@ struct ToolTrack {
   Eigen::Vector3d tip_at(double t) const;
   /// Of the last row at or before t (a jaw command is a step).
   double jaw_at(double t) const;
+  /// How far the tip goes from where it begins [m].
+  double travel() const;
   /// "path:line" of a row, or "path: at 1.2 s".
   std::string place(std::size_t row) const;
 };

@@ -10,6 +10,7 @@
 #include "mismatch/import/npy.h"
 #include "mismatch/recording/depth_image.h"
 #include "mismatch/recording/pcd.h"
+#include "mismatch/recording/png_image.h"
 #include "mismatch/recording/recording_mcap.h"
 #include "mismatch/recording/text_table.h"
 
@@ -102,6 +103,11 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   require_one_line(image);
   if (image)
     require(image.value().depth.size() == std::size_t{image.value().width} * image.value().height);
+  const auto picture = omentum::parse_picture("fuzz", bytes);
+  require_one_line(picture);
+  if (picture)
+    require(picture.value().rgb.size() ==
+            3 * std::size_t{picture.value().width} * picture.value().height);
   require_one_line(omentum::decode_cloud(bytes));
   return 0;
 }

@@ -239,6 +239,7 @@ TEST_F(Bags, NamesOfCrtkBecomeChannels) {
   ASSERT_NE(r.find("tool"), nullptr);
   EXPECT_EQ(r.find("tool")->time_ns[1], 20 * kMs) << "header.stamp, from the first one on";
   EXPECT_EQ(r.info.start_unix_ns(), static_cast<std::uint64_t>(kStart));
+  EXPECT_EQ(r.info.tip_point(), pb::control_point) << "what the dVRK tells of its tip";
   EXPECT_EQ(value(r, "tool", 1, "tip_measured_x_m"), 0.001);
   EXPECT_EQ(value(r, "tool", 1, "tip_measured_qw"), std::sqrt(0.5)) << "ROS has x y z w";
   EXPECT_EQ(value(r, "tool", 1, "tip_measured_qx"), 0);

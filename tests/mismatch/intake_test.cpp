@@ -1,6 +1,7 @@
 // Intake: figures that were put into a recording are found in it.
 #include "mismatch/intake/intake.h"
 
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -148,6 +149,32 @@ TEST(Intake, RepeatsGiveTheFloor) {
   EXPECT_NEAR(floor.front().rms, 1e-3, 1e-6);
   EXPECT_NEAR(floor.front().largest, 2e-3, 1e-6);
   EXPECT_TRUE(repeatability({&recordings[0]}).empty());
+}
+
+TEST(Intake, RepeatsWhoseCommandsDifferAreComparedByWhatTheyMakeOfThem) {
+  // A tool that lags by 1 mm and scatters by 0.1 mm from repeat to repeat, on ways 10 mm apart.
+  std::vector<Recording> recordings(2);
+  for (int r = 0; r < 2; ++r) {
+    for (const bool commanded : {true, false}) {
+      const std::string source = commanded ? "commanded" : "measured";
+      Series& tool =
+          recordings[static_cast<std::size_t>(r)].series[commanded ? "tool_commanded" : "tool"];
+      for (const char axis : {'x', 'y', 'z'})
+        tool.columns.push_back(fmt::format("tip_{}_{}_m", source, axis));
+      for (int k = 0; k <= 200; ++k) {
+        const double command = 0.01 * r + 0.02 * std::sin(0.05 * k);
+        tool.time_ns.push_back(k * std::int64_t{20'000'000});
+        const double off = commanded ? 0 : 1e-3 + (r == 0 ? 1e-4 : -1e-4);
+        tool.values.insert(tool.values.end(), {command + off, command + off, command + off});
+      }
+    }
+  }
+  const auto floor = repeatability({&recordings[0], &recordings[1]});
+  ASSERT_EQ(floor.size(), 2);
+  EXPECT_EQ(floor[0].less, "");
+  EXPECT_NEAR(floor[0].rms, (0.01 - 2e-4) / std::sqrt(2.0), 1e-9);
+  EXPECT_EQ(floor[1].less, "its command");
+  EXPECT_NEAR(floor[1].rms, std::sqrt(2.0) * 1e-4, 1e-9);
 }
 
 TEST(Intake, CloudsCountByTheirCentre) {

@@ -27,7 +27,8 @@ def stores():
         made[version] = get_typestore(store)
         made[version].register(get_types_from_msg(STATE, "crtk_msgs/msg/OperatingState"))
         if "tf2_msgs/msg/TFMessage" not in made[version].types:
-            made[version].register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms\n", "tf2_msgs/msg/TFMessage"))
+            text = "geometry_msgs/TransformStamped[] transforms\n"
+            made[version].register(get_types_from_msg(text, "tf2_msgs/msg/TFMessage"))
     return made
 
 
