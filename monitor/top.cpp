@@ -113,7 +113,11 @@ int run_top(const TopOptions& options) {
     watch.wait(100'000'000);
     watch.take_into(state);
     const std::int64_t now = steady_now_ns();
-    const bool heard = state.learner() || !state.robots().empty();
+    // Workers that simulate recordings have no learner.
+    const bool simulated = std::ranges::any_of(state.workers(), [](const auto& entry) {
+      return entry.second.status.phase == WorkerPhase::kCollecting;
+    });
+    const bool heard = state.learner() || !state.robots().empty() || simulated;
     if (heard && heard_at == 0) heard_at = now;
     if (once) {
       // Workers publish at least once a second: so long after the learner everybody has spoken.

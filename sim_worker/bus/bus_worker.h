@@ -160,6 +160,7 @@ class BusWorker {
   TaskQueue pending_;
   std::deque<Outgoing> outbox_;
   SimulationServer simulations_;
+  std::int64_t asked_ns_ = 0;  ///< for a simulation, last; 0 = never
   std::uint32_t running_ = 0;
   std::map<std::uint32_t, std::int64_t> frame_sent_ns_;  ///< by slot
 

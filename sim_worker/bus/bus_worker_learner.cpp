@@ -136,7 +136,9 @@ void BusWorker::tell_if_barred(const LearnerStatus& learner) {
 void BusWorker::tell_while_alone(std::int64_t now_ns) {
   const bool served =
       manifest_ && setup_error_.empty() && now_ns - learner_at_ns_ < kLearnerFreshNs;
-  if (served || simulations_.in_progress() > 0) {
+  if (simulations_.in_progress() > 0) asked_ns_ = now_ns;
+  const bool simulates = asked_ns_ > 0 && now_ns - asked_ns_ < kTellNs;
+  if (served || simulates) {
     alone_since_ns_ = 0;
     return;
   }

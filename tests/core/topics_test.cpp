@@ -11,6 +11,7 @@
 
 #include "core/check.h"
 #include "core/dds.h"
+#include "core/simulation_records.h"
 #include "core/wire.h"
 #include "tests/support/domain.h"
 

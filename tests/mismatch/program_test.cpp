@@ -80,6 +80,13 @@ TEST_F(MismatchProgram, NumbersOfOptionsAreRefusedOutsideTheirRange) {
     expect_refused(arguments({"--seed", value}), {"--seed", value, "allowed 0 ..."});
 }
 
+TEST_F(MismatchProgram, ARunThatCannotBeJoinedIsRefusedBeforeAnythingIsMade) {
+  expect_refused(arguments({"--run", "a b"}), {"run.name \"a b\""});
+  expect_refused(arguments({"--run", "r", "--discovery", "mesh"}), {"--discovery mesh", "--peers"});
+  expect_refused(arguments({"--run", "r", "--domain", "999"}), {"--domain", "999", "0 to 230"});
+  expect_refused(arguments({"--run", "r", "--security-dir", "none"}), {"none"});
+}
+
 TEST_F(MismatchProgram, ScenesThatCannotBeMeantAreRefusedWithTheirPlace) {
   const std::string file = folder_ / "scene.txtpb";
   expect_refused(arguments({}, scene_with("format_version: 1", "format_version: 99")),
