@@ -8,6 +8,7 @@
 
 #include "mismatch/calibrate/forward.h"
 #include "mismatch/calibrate/seen_surface.h"
+#include "mismatch/simulator.h"
 
 namespace omentum {
 
@@ -44,8 +45,9 @@ Series residuals_of_model(const Observation& seen, const pb::Scene& scene,
   };
   Numerics numerics;
   numerics.model = scene.tissue().model();
+  Simulator here(1);
   const Prediction predicted =
-      predict(seen, scene, folder, {}, Eigen::VectorXd(), 0, numerics, false);
+      predict(seen, scene, folder, {}, Eigen::VectorXd(), 0, numerics, false, here);
   why = predicted.failure;
   Series residuals;
   for (int k = 0; k < kSide * kSide; ++k) residuals.columns.push_back(fmt::format("cell{}_m", k));
