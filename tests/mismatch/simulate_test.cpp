@@ -15,6 +15,7 @@
 #include "core/table.h"
 #include "mismatch/recording/plain_folder.h"
 #include "mismatch/simulated_recording.h"
+#include "mismatch/tool_track.h"
 #include "sim_worker/models.h"
 #include "support/temp_dir.h"
 
