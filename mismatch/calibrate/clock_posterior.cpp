@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <functional>
+#include <limits>
 
 namespace omentum {
 namespace {
@@ -72,6 +73,36 @@ void even_out(const FitAt& fit_at, std::vector<Node>& nodes) {
   };
   for (std::size_t i = 1; i < nodes.size(); ++i) follow(nodes[i], nodes[i - 1]);
   for (std::size_t i = nodes.size() - 1; i > 0; --i) follow(nodes[i - 1], nodes[i]);
+}
+
+/// How well the frames tell a clock at most [1/s^2]: each by how long the tissue takes there for
+/// what it may be apart from the model (NoiseModel::along_motion).
+double motion_information(const std::vector<Prediction>& predictions,
+                          const std::vector<std::size_t>& which, double along_motion) {
+  double sum = 0;
+  for (const std::size_t r : which) {
+    for (const PredictedFrame& frame : predictions[r].frames) {
+      double squares = 0;
+      for (const Eigen::Vector3d& v : frame.velocity) squares += v.squaredNorm();
+      if (frame.valid)
+        sum += squares / static_cast<double>(frame.velocity.size()) / (along_motion * along_motion);
+    }
+  }
+  return sum;
+}
+
+/// Where the motion tells less than is believed, what likelihoods differ by is how fits at
+/// neighbouring clocks end apart, but for where tissue would move on.
+void flatten(double belief, std::vector<Node>& nodes) {
+  constexpr double kCliff = 4;  // of a log likelihood
+  const auto prior = [&](const Node& node) {
+    return 0.5 * (node.clock / belief) * (node.clock / belief);
+  };
+  double most = -std::numeric_limits<double>::infinity();
+  for (const Node& node : nodes) most = std::max(most, node.log_density + prior(node));
+  for (Node& node : nodes) {
+    if (node.log_density + prior(node) > most - kCliff) node.log_density = most - prior(node);
+  }
 }
 
 /// Mean and covariances over the clocks.
@@ -186,6 +217,8 @@ ClockPosterior integrate_clock(ReferenceFit& fit, const std::vector<Prediction>&
   even_out(fit_at, nodes);
   refine(fit_at, nodes);
   even_out(fit_at, nodes);
+  if (motion_information(predictions, which, noise.along_motion) * belief * belief < 1)
+    flatten(belief, nodes);
   KnownDensity density;
   for (const Node& node : nodes) {
     density.x.push_back(node.clock);

@@ -390,6 +390,27 @@ TEST(IntegrateClock, WhatRestsSaysNothing) {
     EXPECT_NEAR(found.sure.shared_covariance(k, k), sure.shared_covariance(k, k), 1e-6);
 }
 
+TEST(IntegrateClock, ASwayBelowWhatTheModelIsGoodForSaysNothing) {
+  // The surface is 0.05 mm too high, as it will be 0.25 s later.
+  Fitted c;
+  c.fit->beliefs.shared_sd.segment<6>(c.fit->layout.registration()).setConstant(1e-7);
+  for (PredictedFrame& frame : c.predictions[0].frames) {
+    for (Vector3d& p : frame.vertices) p.z() += 5e-5;
+    for (int k = -13; k <= 13; ++k) {
+      std::vector<Vector3d> vertices = frame.vertices;
+      for (Vector3d& p : vertices) p.z() += k * 4e-6;  // 0.2 mm/s
+      frame.way.push_back({0.02 * k, std::make_shared<const std::vector<Vector3d>>(vertices)});
+    }
+    frame.velocity.assign(frame.vertices.size(), Vector3d(0, 0, 2e-4));
+  }
+  const FitState state = c.improved();
+  const ArrowStep sure = c.fit->posterior(c.predictions, c.at, c.which, state);
+  const auto found = integrate_clock(*c.fit, c.predictions, c.at, c.which, state, sure);
+  const double belief = c.fit->beliefs.shared_sd[c.fit->layout.clock()];
+  EXPECT_NEAR(found.clock.high, 1.645 * belief, 0.15 * belief);
+  EXPECT_NEAR(found.clock.low, -1.645 * belief, 0.15 * belief);
+}
+
 TEST(Simulate, AnErrorIsAFailureOfThatState) {
   Fitted c;
   // Its place has no derivative, which the simulation says before its first command.
