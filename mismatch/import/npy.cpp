@@ -10,6 +10,7 @@
 
 #include "core/csv.h"
 #include "core/table.h"
+#include "mismatch/import/read_number.h"
 #include "mismatch/recording/text_table.h"
 
 namespace omentum {
@@ -25,16 +26,6 @@ std::optional<std::string_view> member(std::string_view header, std::string_view
   std::string_view rest = header.substr(at + key.size() + 3);
   rest.remove_prefix(std::min(rest.find_first_not_of(' '), rest.size()));
   return rest;
-}
-
-template <typename T>
-double read_as(const char* bytes, bool swapped) {
-  char raw[sizeof(T)];
-  std::memcpy(raw, bytes, sizeof(T));
-  if (swapped) std::reverse(raw, raw + sizeof(T));
-  T value;
-  std::memcpy(&value, raw, sizeof(T));
-  return static_cast<double>(value);
 }
 
 }  // namespace

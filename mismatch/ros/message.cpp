@@ -3,9 +3,9 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <cstring>
 
 #include "core/check.h"
+#include "mismatch/import/read_number.h"
 
 namespace omentum {
 namespace {
@@ -13,16 +13,6 @@ namespace {
 constexpr std::size_t kMostParts = 1'000'000;
 /// Some writers fill the last word of `cdr`, some round to 8.
 constexpr std::size_t kMostFill = 7;
-
-template <typename T>
-double read_as(const char* bytes, bool swapped) {
-  char raw[sizeof(T)];
-  std::memcpy(raw, bytes, sizeof(T));
-  if (swapped) std::reverse(raw, raw + sizeof(T));
-  T value;
-  std::memcpy(&value, raw, sizeof(T));
-  return static_cast<double>(value);
-}
 
 double read_number(RosNumber type, const char* bytes, bool swapped) {
   switch (type) {

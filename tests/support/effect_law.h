@@ -29,6 +29,15 @@ class EffectLaw : public testing::TestWithParam<Model> {
     c.ey = 30;
     return c;
   }
+  /// The same strip, level and stiff, in little gravity: it drops by little.
+  static EffectCase cantilever() {
+    EffectCase c = strip(1e6);
+    c.X_WB = Eigen::Isometry3d::Identity();
+    c.gravity = 0.1;
+    c.anchor_max_y = -0.042;
+    c.damping = 10;
+    return c;
+  }
   std::unique_ptr<Tissue<double>> make(const EffectCase& c) const {
     return make_effect_tissue(c, GetParam());
   }
@@ -38,6 +47,12 @@ class EffectLaw : public testing::TestWithParam<Model> {
     for (unsigned ix = 0; ix < c.nx; ++ix)
       sum += tissue.position(0, static_cast<int>(c.ny * ix + c.ny - 1)) / c.nx;
     return sum;
+  }
+  /// Of the free edge of a level strip at rest [m].
+  double drop(const EffectCase& c) const {
+    const auto tissue = make(c);
+    rest(*tissue, 3);
+    return -edge(c, *tissue).z();
   }
   /// Extension of a strip that hangs along -z.
   double extension(const EffectCase& c, double seconds = 2) const {

@@ -56,19 +56,10 @@ TEST_P(EffectLaw, PoissonContractsAcross) {
 
 TEST_P(EffectLaw, BendingChangeScalesThePlateAlone) {
   // Small drop of a cantilever: inversely as its bending stiffness.
-  EffectCase c = strip(1e6);
-  c.X_WB = Eigen::Isometry3d::Identity();
-  c.gravity = 0.1;
-  c.anchor_max_y = -0.042;
-  c.damping = 10;
-  const auto drop = [&] {
-    const auto tissue = make(c);
-    rest(*tissue, 3);
-    return -edge(c, *tissue).z();
-  };
-  const double plain = drop();
+  EffectCase c = cantilever();
+  const double plain = drop(c);
   c.effects.set_bending_change(2);
-  EXPECT_NEAR(plain / drop(), 3, 0.03);
+  EXPECT_NEAR(plain / drop(c), 3, 0.03);
   c.X_WB = upright();
   c.gravity = kGravity;
   c.young = 50e3;
@@ -79,19 +70,10 @@ TEST_P(EffectLaw, BendingChangeScalesThePlateAlone) {
 
 TEST_P(EffectLaw, RestStretchLowersACantileverAsItsLengthToTheFourth) {
   // Energy counts per volume before the growth g: drop of q L^4 / (8 D), D (w'' / g^2)^2 / 2.
-  EffectCase c = strip(1e6);
-  c.X_WB = Eigen::Isometry3d::Identity();
-  c.gravity = 0.1;
-  c.anchor_max_y = -0.042;
-  c.damping = 10;
-  const auto drop = [&] {
-    const auto tissue = make(c);
-    rest(*tissue, 3);
-    return -edge(c, *tissue).z();
-  };
-  const double plain = drop();
+  EffectCase c = cantilever();
+  const double plain = drop(c);
   c.effects.mutable_rest_shape()->set_stretch(0.05);
-  EXPECT_NEAR(drop() / plain, std::pow(1.05, 4), 0.012);
+  EXPECT_NEAR(drop(c) / plain, std::pow(1.05, 4), 0.012);
 }
 
 TEST_P(EffectLaw, InclusionOverEverythingIsAnotherModulus) {
