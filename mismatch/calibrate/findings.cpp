@@ -189,11 +189,12 @@ void add_numbers(const Findings& f, Calibration& result) {
     const Observation& seen = f.fit.observations[f.fitted[i]];
     for (int k = 0; k < 4 && seen.has_force(); ++k) {
       constexpr std::array<const char*, 4> kForce = {"force.zero_x", "force.zero_y", "force.zero_z",
-                                                     "force.ln_gain"};
+                                                     "force.gain_change"};
+      const int own = Layout::kOwnForce + k;
       result.nuisances.push_back(
           plain_number(fmt::format("{}: {}", seen.name, kForce[static_cast<std::size_t>(k)]),
-                       k < 3 ? "N" : "1", f.state.own[f.fitted[i]][4 + k], f.sure.own_sd[i][4 + k],
-                       f.fit.beliefs.own_sd[4 + k], "docs/calibrate.md 2"));
+                       k < 3 ? "N" : "1", f.state.own[f.fitted[i]][own], f.sure.own_sd[i][own],
+                       f.fit.beliefs.own_sd[own], "docs/calibrate.md 2"));
     }
   }
   const int modes = layout.modes() - layout.shared();

@@ -35,8 +35,9 @@ struct Layout {
   int pinch() const { return shared(); }
   int factor() const { return shared() + 2; }
   int own_clock() const { return shared() + 3; }
-  int force_zero() const { return shared() + 4; }
-  int force_gain() const { return shared() + 7; }
+  static constexpr int kOwnForce = 4;  ///< among the own ones: three of the zero, then the gain
+  int force_zero() const { return shared() + kOwnForce; }
+  int force_gain() const { return force_zero() + 3; }
   int modes() const { return shared() + 8; }
   int own() const { return 8 + kModes; }
   int size() const { return shared() + own(); }

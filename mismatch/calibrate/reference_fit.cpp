@@ -96,8 +96,8 @@ void ReferenceFit::set_beliefs() {
   beliefs.own_sd.head<2>().setConstant(1.5e-3);  // of the pinch: the paper's arm, 1.7 mm in space
   beliefs.own_sd[2] = 0.05;
   beliefs.own_sd[3] = 0.005;
-  beliefs.own_sd.segment<3>(4).setConstant(0.02);  // [N] of its zero before the jaws close
-  beliefs.own_sd[7] = 0.02;                        // of its gain
+  beliefs.own_sd.segment<3>(Layout::kOwnForce).setConstant(0.02);  // [N] zero before the jaws close
+  beliefs.own_sd[Layout::kOwnForce + 3] = 0.02;                    // gain
   beliefs.own_sd.tail(kModes).setConstant(kOff);
   if (before.size() == beliefs.own_sd.size()) beliefs.own_sd = before;
 }
@@ -123,7 +123,7 @@ VectorXd ReferenceFit::delta(const FitState& at, const FitState& state,
   }
   d[layout.clock()] = state.shared[layout.clock()] - at.shared[layout.clock()];
   d.segment(layout.pinch(), 4) = state.own[recording].head(4) - at.own[recording].head(4);
-  d.segment(layout.force_zero(), 4) = state.own[recording].segment(4, 4);
+  d.segment(layout.force_zero(), 4) = state.own[recording].segment(Layout::kOwnForce, 4);
   d.segment(layout.modes(), kModes) = state.own[recording].tail(kModes);
   return d;
 }
