@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <functional>
-#include <limits>
 
 namespace omentum {
 namespace {
@@ -91,18 +90,24 @@ double motion_information(const std::vector<Prediction>& predictions,
   return sum;
 }
 
-/// Where the motion tells less than is believed, what likelihoods differ by is how fits at
-/// neighbouring clocks end apart, but for where tissue would move on.
-void flatten(double belief, std::vector<Node>& nodes) {
-  constexpr double kCliff = 4;  // of a log likelihood
-  const auto prior = [&](const Node& node) {
-    return 0.5 * (node.clock / belief) * (node.clock / belief);
-  };
-  double most = -std::numeric_limits<double>::infinity();
-  for (const Node& node : nodes) most = std::max(most, node.log_density + prior(node));
-  for (Node& node : nodes) {
-    if (node.log_density + prior(node) > most - kCliff) node.log_density = most - prior(node);
+/// How far the surface of a frame, the one that moves most, is at one clock from where it is at
+/// another [m, rms].
+double moved_between(const std::vector<Prediction>& predictions,
+                     const std::vector<std::size_t>& which, double simulated_at, double clock,
+                     double other) {
+  double most = 0;
+  std::vector<Eigen::Vector3d> here, there, velocity;
+  for (const std::size_t r : which) {
+    for (const PredictedFrame& frame : predictions[r].frames) {
+      if (!frame.valid) continue;
+      move_in_time(frame, simulated_at - clock, here, velocity);
+      move_in_time(frame, simulated_at - other, there, velocity);
+      double squares = 0;
+      for (std::size_t i = 0; i < here.size(); ++i) squares += (here[i] - there[i]).squaredNorm();
+      most = std::max(most, squares / static_cast<double>(here.size()));
+    }
   }
+  return std::sqrt(most);
 }
 
 /// Mean and covariances over the clocks.
@@ -209,16 +214,28 @@ ClockPosterior integrate_clock(ReferenceFit& fit, const std::vector<Prediction>&
   };
   const int k = fit.layout.clock();
   const double belief = fit.beliefs.shared_sd[k];
+  const Node middle = fit_at(state.shared[k], state);
+  // Where the motion of all frames tells less than is believed, a clock at which no surface is
+  // visibly elsewhere is as likely as this one: what fits differ by is how well they ended.
+  const bool rests =
+      motion_information(predictions, which, noise.along_motion) * belief * belief < 1;
+  const FitAt node_at = [&](double clock, const FitState& from) {
+    if (!rests ||
+        moved_between(predictions, which, at.shared[k], middle.clock, clock) > noise.along_motion)
+      return fit_at(clock, from);
+    Node node = middle;
+    node.clock = node.state.shared[k] = clock;
+    node.log_density += 0.5 * (middle.clock * middle.clock - clock * clock) / (belief * belief);
+    return node;
+  };
   const double reach = std::min(kFarthest * belief, kWayBeside);
   const Range range{std::max(-kFarthest * belief, at.shared[k] - reach),
                     std::min(kFarthest * belief, at.shared[k] + reach)};
   const double sd = std::min(std::sqrt(std::max(sure.shared_covariance(k, k), 0.0)), belief);
-  std::vector<Node> nodes = walk(fit_at, fit_at(state.shared[k], state), kFirst * sd, range);
-  even_out(fit_at, nodes);
-  refine(fit_at, nodes);
-  even_out(fit_at, nodes);
-  if (motion_information(predictions, which, noise.along_motion) * belief * belief < 1)
-    flatten(belief, nodes);
+  std::vector<Node> nodes = walk(node_at, middle, kFirst * sd, range);
+  even_out(node_at, nodes);
+  refine(node_at, nodes);
+  even_out(node_at, nodes);
   KnownDensity density;
   for (const Node& node : nodes) {
     density.x.push_back(node.clock);
