@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "core/check.h"
+#include "sim_worker/shell/shell_jaws.h"
 #include "support/effect_scene.h"
 
 namespace omentum {
@@ -179,6 +180,24 @@ TEST(ShellPad, AgreesWithThatOfTheReference) {
   std::printf("# shell pad against the reference's: %.4f mm rms, force %.4f\n", 1e3 * rms, force);
   EXPECT_LT(rms, 8e-4);  // docs/results.md; the shell has cells of half the pad's size
   EXPECT_NEAR(force, 1, 0.12);
+}
+
+TEST(ShellJaws, ThatTurnFreelyHoldNothingThatIsOnlyTurned) {
+  ShellJaws::Rows rows;
+  rows.node = {0, 1, 2, 3};
+  rows.weight = Eigen::MatrixXd::Identity(4, 4);
+  rows.place = Eigen::VectorXd::Ones(4);
+  rows.compliance = Eigen::VectorXd::Zero(4);
+  rows.turn_stiffness = 1e-12 * Eigen::Matrix3d::Identity();
+  rows.arm.resize(3, 4);
+  rows.arm << -0.006, -0.006, 0.006, 0.006, -0.006, 0.006, -0.006, 0.006, 0, 0, 0, 0;
+  const Eigen::MatrixXd response = 0.1 * Eigen::MatrixXd::Identity(4, 4);  // [m/N]
+  const Vector3d axis = Vector3d(1, -2, 0.5).normalized();
+  for (const double angle : {0.3, 1.2, 2.0, 2.8}) {
+    ShellJaws jaws(rows, response);
+    jaws.hold(Eigen::AngleAxisd(angle, axis).toRotationMatrix() * rows.arm);
+    EXPECT_LT(jaws.force().cwiseAbs().maxCoeff(), 1e-8) << "turned by " << angle;
+  }
 }
 
 TEST(ShellPad, OfASolidIsRefused) {
