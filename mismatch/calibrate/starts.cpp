@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <utility>
+#include <vector>
 
 namespace omentum {
 namespace {
@@ -19,6 +21,32 @@ constexpr NoiseModel kCompared{2e-3, 5e-4, 0.025, 4};  ///< common to fits that 
 struct Simulated {
   FitState at;
   std::vector<Prediction> predictions;
+};
+
+/// Leaves few frames of every recording, the last among them, as long as it lives: where a search
+/// begins need not be exact.
+class FewFrames {
+ public:
+  explicit FewFrames(std::vector<Observation>& observations) : observations_(observations) {
+    constexpr std::size_t kMost = 8;
+    for (Observation& seen : observations_) {
+      frames_.push_back(seen.frames);
+      const std::size_t count = seen.frames.size();
+      if (count <= kMost) continue;
+      std::vector<SeenFrame> few;
+      for (std::size_t k = 1; k <= kMost; ++k) few.push_back(seen.frames[k * count / kMost - 1]);
+      seen.frames = std::move(few);
+    }
+  }
+  ~FewFrames() {
+    for (std::size_t r = 0; r < observations_.size(); ++r) observations_[r].frames = frames_[r];
+  }
+  FewFrames(const FewFrames&) = delete;
+  FewFrames& operator=(const FewFrames&) = delete;
+
+ private:
+  std::vector<Observation>& observations_;
+  std::vector<std::vector<SeenFrame>> frames_;
 };
 
 /// Registration, clock and what recordings have of their own, at a stiffness; and its cost.
@@ -90,6 +118,7 @@ Which find_mirrored(ReferenceFit& fit, const std::vector<Simulated>& all, const 
 
 Start find_start(ReferenceFit& fit, const Which& which,
                  const std::function<void(double share)>& simulated) {
+  const FewFrames few(fit.observations);
   const double range = 1.5 * fit.unknowns.front().sd;
   std::vector<Simulated> all;
   for (int k = 0; k < kStarts; ++k) {

@@ -18,6 +18,7 @@ struct Start {
 
 /// By the shell at several stiffnesses, registration and clock fitted at each; without the
 /// recordings that are mirrored, which are looked for one by one before they can spoil the others.
+/// Of every recording eight frames at most are looked at.
 /// `simulated`: called for every stiffness with its share of the work.
 Start find_start(ReferenceFit& fit, const std::vector<std::size_t>& which,
                  const std::function<void(double share)>& simulated);
