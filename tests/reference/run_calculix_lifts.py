@@ -4,7 +4,7 @@ friction, step by step at rest. What tests/mismatch/lift_recordings.py --calculi
 /usr/bin/python3 run_calculix_lifts.py [NUMBER ...] [--elements 16] [--layers 1] [--out FOLDER]    FOLDER/lift<NUMBER>.npz
 
 20-node bricks C3D20R and CalculiX's own neo-Hooke law, which is not that of the model (run_calculix.py). The board is one
-fixed brick; contact is between surfaces, its pressure 2e7 Pa/m of overclosure, friction sticks with 1e6 Pa/m up to Coulomb's limit.
+fixed brick; contact is between surfaces, its pressure 1e8 Pa/m of overclosure, friction sticks with 1e6 Pa/m up to Coulomb's limit.
 Files as those of run_lifts.py, of the states at the holds; places on the faces are those of the 20-node bricks.
 """
 import argparse
@@ -19,7 +19,7 @@ from cases import CLAMP, GRAVITY, HEIGHTS, PINCHES, SIDE, THICKNESS, graded_line
 from run_calculix_springs import Deck, Spring
 
 YOUNG, FRICTION, RADIUS, UNIT = 52e3, 0.35, 0.005, 5e-6
-PRESSURE, STICK = 2e7, 1e6  # [Pa/m]
+PRESSURE, STICK = 1e8, 1e6  # [Pa/m]
 LEVELS, HOLDS, STEP = (0.01, 0.02, 0.03), (0.8, 1.6, 2.6), 0.02  # [m], [s], [s]
 
 
