@@ -1,7 +1,7 @@
 """Lifts 0 - 4 of run_lifts.py up to their third hold, by CalculiX: five pinch points at three levels off a board with
 friction, step by step at rest. What tests/mismatch/lift_recordings.py --calculix makes recordings of.
 
-/usr/bin/python3 run_calculix_lifts.py [NUMBER ...] [--elements 16] [--layers 1] [--out FOLDER]    FOLDER/lift<NUMBER>.npz
+/usr/bin/python3 run_calculix_lifts.py [NUMBER ...] [--elements 12] [--layers 1] [--out FOLDER]    FOLDER/lift<NUMBER>.npz
 
 20-node bricks C3D20R and CalculiX's own neo-Hooke law, which is not that of the model (run_calculix.py). The board is one
 fixed brick; contact is between surfaces, its pressure 1e8 Pa/m of overclosure, friction sticks with 1e6 Pa/m up to Coulomb's limit.
@@ -20,7 +20,7 @@ from run_calculix_springs import Deck, Spring
 
 YOUNG, FRICTION, RADIUS, UNIT = 52e3, 0.35, 0.005, 5e-6
 PRESSURE, STICK = 1e8, 1e6  # [Pa/m]
-LEVELS, HOLDS, STEP = (0.01, 0.02, 0.03), (0.8, 1.6, 2.6), 0.02  # [m], [s], [s]
+LEVELS, RAISED, HOLDS, STEP = 3, 0.03, (0.8, 1.6, 2.6), 0.02  # highest [m], of run_lifts.py [s], [s]
 
 
 class OnBoard(Deck):
@@ -38,14 +38,14 @@ class OnBoard(Deck):
                      f"{PRESSURE:.6e}", "*FRICTION", f"{FRICTION}, {STICK:.6e}",
                      "*CONTACT PAIR, INTERACTION=SLIDE, TYPE=SURFACE TO SURFACE", "UNDER, TOP"]
 
-    def add_step(self, control, lift, increment):
-        self.out += ["*STEP, NLGEOM, INC=3000", "*STATIC", f"{increment}, 1., 1e-7, {increment}",
-                     "*CONTROLS, PARAMETERS=FIELD", "1e-4, 1e-3, , , 1e-4",
+    def add_step(self, control, lift, levels, increment):
+        """Of time 1 for each level; states are printed at each."""
+        self.out += ["*STEP, NLGEOM, INC=3000", "*STATIC", f"{increment}, {levels}., 1e-7, {increment}",
+                     "*CONTROLS, PARAMETERS=FIELD", "1e-3, 1e-2, , , 1e-3",
                      "*CONTROLS, PARAMETERS=TIME INCREMENTATION", "16, 32, 9, 64, 10, 4, , 20",
                      "*DLOAD", f"SHEET, GRAV, {GRAVITY}, 0., 0., -1.", "*BOUNDARY"]
         self.out += [f"{control}, {axis + 1}, {axis + 1}, {lift[axis]}" for axis in range(3)]
-        self.out += ["*NODE PRINT, NSET=ALL, FREQUENCY=100000", "U", "*NODE PRINT, NSET=CLAMP, FREQUENCY=100000", "RF",
-                     "*NODE PRINT, NSET=BOARDNODES, FREQUENCY=100000", "RF", "*END STEP"]
+        self.out += [f"*NODE PRINT, NSET=ALL, TIME POINTS=LEVELS{levels}", "U", "*END STEP"]
 
     def write(self, path):
         self.add_sheet()
@@ -55,14 +55,15 @@ class OnBoard(Deck):
         self.out.append("*NSET, NSET=CLAMP")
         calculix.write_list(self.out, [i + 1 for i in np.flatnonzero(self.mesh.nodes[:, 1] < CLAMP + 1e-9)])
         self.out += ["*BOUNDARY", "CLAMP, 1, 3", "BOARDNODES, 1, 3"]
-        self.add_step(control, (0, 0, 0), 1.0)
-        for height in LEVELS:
-            self.add_step(control, (0, -0.2 * height, height), 0.05)
+        self.out += ["*TIME POINTS, NAME=LEVELS1", "1.", f"*TIME POINTS, NAME=LEVELS{LEVELS}",
+                     ", ".join(f"{k + 1}." for k in range(LEVELS))]
+        self.add_step(control, (0, 0, 0), 1, 1.0)
+        self.add_step(control, (0, -0.2 * RAISED, RAISED), LEVELS, 0.1)
         path.write_text("\n".join(self.out) + "\n")
 
 
 def states_of(path, count):
-    """Displacements of the nodes at the end of every step [m]."""
+    """Displacements of the nodes, each time they are printed [m]."""
     states, quantity = [], ""
     for line in path.read_text().splitlines():
         words = line.split()
@@ -91,7 +92,7 @@ def lift(number, elements, layers, out):
         OnBoard(mesh, case).write(Path(folder) / "case.inp")
         calculix.ccx(folder, "case")
         states = states_of(Path(folder) / "case.dat", len(mesh.nodes))
-    assert len(states) == 1 + len(LEVELS)
+    assert len(states) == 1 + LEVELS
     rest, frames = [], [[] for _ in states]
     for z in (THICKNESS / 2, -THICKNESS / 2):
         points, weights = face_points(mesh, z)
@@ -113,7 +114,7 @@ def lift(number, elements, layers, out):
 if __name__ == "__main__":
     parser = argparse.ArgumentParser()
     parser.add_argument("numbers", type=int, nargs="*", default=range(len(PINCHES)))
-    parser.add_argument("--elements", type=int, default=16)  # along x and y
+    parser.add_argument("--elements", type=int, default=12)  # along x and y
     parser.add_argument("--layers", type=int, default=1)
     parser.add_argument("--out", type=Path, default=Path(__file__).parent / "results" / "lifts_calculix")
     args = parser.parse_args()
