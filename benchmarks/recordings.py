@@ -2,10 +2,10 @@
 """Figures of `mismatch` with recordings: prints lines "name value unit  # remark".
 
 /usr/bin/python3 recordings.py PROGRAM SCRATCH [--moving] [--skip-paper] [--skip-import] [--lifts N ...]
-    [--tolerance-mm T] [--predict-tolerance-mm T] [--threads N] [--import-frames N] [--only-import]
+    [--tolerance-mm T] [--predict-tolerance-mm T] [--threads N] [--import-frames N] [--only-import] [--folder FOLDER]
 
-Lifts off a board at three heights each, computed by DOLFINx (tests/reference/run_lifts.py), are calibrated on. The held-out
-error is that of the true surface, without noise, against what the scene fitted without a pinch point predicts for its
+Lifts off a board at three heights each, computed by DOLFINx (tests/reference/run_lifts.py) or, with --folder, by others,
+are calibrated on. The held-out error is that of the true surface, without noise, against what the scene fitted without a pinch point predicts for its
 commands: mean distance from the nodes of the upper face to the predicted surface.
 """
 import argparse
@@ -52,9 +52,9 @@ def grid_triangles(side):
     return np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
 
 
-def true_error(program, scene, recording, number, scratch, model, times, tolerance):
+def true_error(program, scene, recording, lift, scratch, model, times, tolerance):
     """Mean and rms distance of the true upper face from the simulated one, m."""
-    out = scratch / f"predicted_{model}_{number}"
+    out = scratch / f"predicted_{model}_{recording.name}"
     command = [program, "simulate", "--scene", scene, "--commands", recording, "-o", out, "--cloud-rate", 0,
                "--tolerance-mm", tolerance]
     command += [w for axis, at in ARM.items() for w in ("--set", f"scene.tool.base.translation_m.{axis}={at}")]
@@ -64,7 +64,6 @@ def true_error(program, scene, recording, number, scratch, model, times, toleran
     if done.returncode:
         raise SystemExit(done.stderr)
     rows = np.loadtxt(out / "markers.csv", delimiter=",", skiprows=1)
-    lift = np.load(lifts.LIFTS / f"lift{number}.npz")
     frames = lifts.frames_of(lift)[1] + UP
     half = frames.shape[1] // 2
     all_distances = []
@@ -212,6 +211,7 @@ def main():
     parser.add_argument("--threads", default="2")
     parser.add_argument("--import-frames", type=int, default=300, help="6500 are 4 GB")
     parser.add_argument("--only-import", action="store_true")
+    parser.add_argument("--folder", type=Path, default=lifts.LIFTS, help="of the lifts")
     args = parser.parse_args()
     if not args.skip_import:
         bench_import(args.program, args.scratch, args.import_frames)
@@ -219,7 +219,7 @@ def main():
     if args.only_import:
         return
     case = args.scratch / "case"
-    subprocess.run([sys.executable, lifts.__file__, str(case), "--lifts", *args.lifts,
+    subprocess.run([sys.executable, lifts.__file__, str(case), "--folder", str(args.folder), "--lifts", *args.lifts,
                     *(["--moving"] if args.moving else [])], check=True)
     def times_of(number):
         holds = lifts.holds_of(number)
@@ -233,7 +233,8 @@ def main():
         print(f"recordings.{name} {seconds:.1f} s")
         left = [r for r in found["fit"] if r["role"] == "left_out"]
         errors = [true_error(args.program, out / "left_out" / f"{r['recording']}.txtpb", case / r["recording"],
-                             int(r["recording"][4:]), args.scratch, "reference" if method == "reference" else "cluster",
+                             np.load(args.folder / f"{r['recording']}.npz"), args.scratch,
+                             "reference" if method == "reference" else "cluster",
                              times_of(int(r["recording"][4:])), args.predict_tolerance_mm) for r in left]
         name = "held_out_mm" if method == "reference" else "held_out_paper_mm"
         each = ", ".join(f"{r['recording']} {1e3 * e[0]:.3f}" for r, e in zip(left, errors))

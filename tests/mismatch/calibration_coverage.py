@@ -72,9 +72,14 @@ def compute(program, number, folder, args):
         index.write_text("\n".join([header, *moved]) + "\n")
     small.calibrate(program, folder, folder / "out", ["--threads", args.threads, "--tolerance-mm", args.tolerance_mm,
                                                      "--no-leave-out"])
-    found = json.loads((folder / "out" / "calibration.json").read_text())
+    return counted(folder / "out", expected(truth, offsets, factors, clocks))
+
+
+def counted(out, truth):
+    """What was found beside the truth, by the names of calibration.json."""
+    found = json.loads((out / "calibration.json").read_text())
     kept = {}
-    for name, value in expected(truth, offsets, factors, clocks).items():
+    for name, value in truth.items():
         n = small.number(found, name)
         kept[name] = {"true": float(value), "value": n["value"], "low": n["low90"], "high": n["high90"],
                       "prior": n["prior"]["high90"] - n["prior"]["low90"]}
@@ -107,16 +112,8 @@ def table(cases):
     print(f"{len(cases)} cases, {np.mean([c['core_seconds'] for c in cases]):.1f} core-seconds each")
 
 
-def main():
-    parser = argparse.ArgumentParser()
-    parser.add_argument("program", type=Path)
-    parser.add_argument("scratch", type=Path)
-    parser.add_argument("--cases", type=int, default=100)
-    parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--threads", default="1")
-    parser.add_argument("--tolerance-mm", default="6")
-    parser.add_argument("--moving", action="store_true")
-    args = parser.parse_args()
+def run(compute, args):
+    """compute(program, number, folder, args) of every case that is not there."""
     args.scratch.mkdir(parents=True, exist_ok=True)
     for number in range(args.first, args.first + args.cases):
         file = args.scratch / f"case{number}.json"
@@ -135,5 +132,17 @@ def main():
     table([json.loads(f.read_text()) for f in sorted(args.scratch.glob("case*.json"))])
 
 
+def arguments(cases, tolerance):
+    parser = argparse.ArgumentParser()
+    parser.add_argument("program", type=Path)
+    parser.add_argument("scratch", type=Path)
+    parser.add_argument("--cases", type=int, default=cases)
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--threads", default="1")
+    parser.add_argument("--tolerance-mm", default=tolerance)
+    parser.add_argument("--moving", action="store_true")
+    return parser.parse_args()
+
+
 if __name__ == "__main__":
-    main()
+    run(compute, arguments(100, "6"))

@@ -2,8 +2,9 @@
 would have made them: a case folder of docs/formats.md 3. Shares no code with the simulation.
 
 /usr/bin/python3 lift_recordings.py OUT [--moving] [--lifts 0 1 ...] [--wrong-side N ...] [--shift-mm X Y Z]
-    [--believed-thickness-mm T] [--force] [--believed-density D] [--seed K]
+    [--believed-thickness-mm T] [--force] [--believed-density D] [--seed K] [--folder FOLDER]
 
+--folder: of the lifts; results/lifts_calculix has those of CalculiX (run_calculix_lifts.py), at rest only.
 At rest: a cloud at the end of each hold; --moving: ten a second. --force: a sensor at 100 Hz with a zero and a gain of
 its own. Unknown to whoever reads them: E, friction, registration of the camera, its clock, where the jaws closed.
 """
@@ -24,15 +25,15 @@ FORCE_NOISE, FORCE_ZERO, FORCE_GAIN, FORCE_CLOCK = 3e-3, 0.01, 0.01, -0.012  # [
 PINCH = 8e-4  # [m] standard deviation of where the jaws closed against what the robot says, along x and y
 
 BELIEF = """kind: sheet
-sheet_size_x_m: 0.09
-sheet_size_y_m: 0.09
+sheet_size_x_m: {size}
+sheet_size_y_m: {size}
 sheet_thickness_m: {thickness}
-young_modulus_nominal_Pa: 30000
-young_modulus_uncertainty_factor: 3
+young_modulus_nominal_Pa: {young}
+young_modulus_uncertainty_factor: {factor}
 poisson_ratio_nominal: 0.45
 density_nominal_kg_per_m3: {density}
-sheet_origin_x_m: 0.045
-sheet_origin_y_m: -0.045
+sheet_origin_x_m: {half}
+sheet_origin_y_m: -{half}
 sheet_origin_z_m: 0
 sheet_axis_x_in_W: 0 1 0
 sheet_axis_y_in_W: -1 0 0
@@ -164,8 +165,8 @@ def hidden_by_shaft(rays, tip):
     return (gap < 0.005) & (s > 0)
 
 
-def turn():
-    x, y, z = np.radians(TURN_DEG)
+def turn(degrees):
+    x, y, z = np.radians(degrees)
     c, s = np.cos, np.sin
     rx = np.array([[1, 0, 0], [0, c(x), -s(x)], [0, s(x), c(x)]])
     ry = np.array([[c(y), 0, s(y)], [0, 1, 0], [-s(y), 0, c(y)]])
@@ -190,6 +191,48 @@ def write_force(path, lift, random):
     np.savetxt(path, rows, fmt="%.6g", delimiter=",", header="t_s,fx_N,fy_N,fz_N", comments="")
 
 
+def write_belief(folder, size, thickness, density, young, factor):
+    words = lambda v: " ".join(f"{x:.9g}" for x in v)
+    folder.mkdir(parents=True)
+    (folder / "scene_believed.txt").write_text(
+        BELIEF.format(size=size, half=size / 2, thickness=thickness, density=density, young=young, factor=factor,
+                      camera=words(CAMERA), view=words(camera_rays()[1])))
+
+
+def write_tool(path, tips, step):
+    rows = ["t_s,tip_commanded_x_m,tip_commanded_y_m,tip_commanded_z_m,jaw_commanded_rad"]
+    for k in range(-5, len(tips)):
+        rows.append(f"{k * step:.6g},{','.join(f'{x:.9g}' for x in tips[max(k, 0)])},{0.4 if k < 0 else 0}")
+    path.write_text("\n".join(rows) + "\n")
+
+
+def write_recording(folder, lift, tips, frames, clock, turned, shift, random):
+    """Of the file `lift`: `tips` is the way of the jaws as the robot tells it, `frames` are the numbers of those
+    the camera saw; its points are turned about the camera and shifted, and bear a time `clock` too late."""
+    (folder / "clouds").mkdir(parents=True)
+    step, times = float(lift["step_s"]), lift["times_s"]
+    write_tool(folder / "tool.csv", tips, step)
+    rays, _ = camera_rays()
+    rest, states = frames_of(lift)
+    up = np.array([0, 0, rest[:, 2].max()])  # W lies on the board, B in the middle of the sheet
+    side = int(round(np.sqrt(len(rest) // 2)))
+    triangles = faces_of(refined(rest, side))
+    index = ["t_s,file"]
+    for k in frames:
+        seen = first_hits(rays, refined(states[k], side) + up, triangles)
+        tip = lift["path_m"][int(round(times[k] / step))] + up
+        seen[hidden_by_shaft(rays, tip)] = np.inf
+        hit = np.isfinite(seen)
+        depth = seen[hit] + random.normal(0, NOISE, hit.sum())
+        cloud = CAMERA + depth[:, None] * rays[hit]
+        write_ply(folder / "clouds" / f"{k:06}.ply", CAMERA + (cloud - CAMERA) @ turned.T + shift)
+        index.append(f"{times[k] + clock:.6g},clouds/{k:06}.ply")
+    (folder / "clouds.csv").write_text("\n".join(index) + "\n")
+    (folder / "recording.txtpb").write_text(
+        f'name: "{folder.name}"\ntool_rate_hz: {1 / step:.0f}\ncloud_rate_hz: 10\ntip_point: jaw_tip\n'
+        "clock_offset_uncertainty_s: 0.05\nregistration_uncertainty_m: 0.002\nregistration_uncertainty_rad: 0.012\n")
+
+
 def main():
     parser = argparse.ArgumentParser()
     parser.add_argument("out", type=Path)
@@ -201,52 +244,21 @@ def main():
     parser.add_argument("--force", action="store_true")
     parser.add_argument("--believed-density", type=float, default=1000)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--folder", type=Path, default=LIFTS)
     args = parser.parse_args()
-    rays, view = camera_rays()
-    shift = SHIFT + 1e-3 * np.array(args.shift_mm)
-    args.out.mkdir(parents=True)
-    words = lambda v: " ".join(f"{x:.9g}" for x in v)
-    (args.out / "scene_believed.txt").write_text(
-        BELIEF.format(camera=words(CAMERA), view=words(view), thickness=1e-3 * args.believed_thickness_mm,
-                      density=args.believed_density))
+    write_belief(args.out, 0.09, 1e-3 * args.believed_thickness_mm, args.believed_density, 30000, 3)
     for number in args.lifts:
         random = np.random.default_rng([args.seed, number])
-        lift = np.load(LIFTS / f"lift{number}.npz")
+        lift = np.load(args.folder / f"lift{number}.npz")
         folder = args.out / f"lift{number}"
-        (folder / "clouds").mkdir(parents=True)
-        up = np.array([0, 0, 0.0015])  # W lies on the board, B in the middle of the sheet
-        offset = np.append(random.normal(0, PINCH, 2), 0)
-        path = lift["path_m"] + up - offset
+        path = lift["path_m"] + np.array([0, 0, 0.0015]) - np.append(random.normal(0, PINCH, 2), 0)
         if number in args.wrong_side:
             path[:, 0] *= -1
-        step = float(lift["step_s"])
-        rows = ["t_s,tip_commanded_x_m,tip_commanded_y_m,tip_commanded_z_m,jaw_commanded_rad"]
-        for k in range(-5, len(path)):
-            rows.append(f"{k * step:.6g},{','.join(f'{x:.9g}' for x in path[max(k, 0)])},{0.4 if k < 0 else 0}")
-        (folder / "tool.csv").write_text("\n".join(rows) + "\n")
+        far = np.abs(lift["times_s"][:, None] - holds_of(number)).min(axis=1)
+        seen = np.flatnonzero((far < 1e-6) | args.moving)
+        write_recording(folder, lift, path, seen, CLOCK, turn(TURN_DEG), SHIFT + 1e-3 * np.array(args.shift_mm), random)
         if args.force:
             write_force(folder / "force.csv", lift, np.random.default_rng([args.seed, number, 1]))
-        (rest, frames), times = frames_of(lift), lift["times_s"]
-        side = int(round(np.sqrt(len(rest) // 2)))
-        triangles = faces_of(refined(rest, side))
-        index = ["t_s,file"]
-        for k, t in enumerate(times):
-            if not args.moving and np.abs(np.array(holds_of(number)) - t).min() > 1e-6:
-                continue
-            points = refined(frames[k], side) + up
-            tip = lift["path_m"][int(round(t / step))] + up
-            seen = first_hits(rays, points, triangles)
-            seen[hidden_by_shaft(rays, tip)] = np.inf
-            hit = np.isfinite(seen)
-            depth = seen[hit] + random.normal(0, NOISE, hit.sum())
-            cloud = CAMERA + depth[:, None] * rays[hit]
-            cloud = CAMERA + (cloud - CAMERA) @ turn().T + shift
-            write_ply(folder / "clouds" / f"{k:06}.ply", cloud)
-            index.append(f"{t + CLOCK:.6g},clouds/{k:06}.ply")
-        (folder / "clouds.csv").write_text("\n".join(index) + "\n")
-        (folder / "recording.txtpb").write_text(
-            f'name: "lift{number}"\ntool_rate_hz: 50\ncloud_rate_hz: 10\ntip_point: jaw_tip\n'
-            "clock_offset_uncertainty_s: 0.05\nregistration_uncertainty_m: 0.002\nregistration_uncertainty_rad: 0.012\n")
 
 
 if __name__ == "__main__":

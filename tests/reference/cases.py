@@ -59,6 +59,14 @@ def dynamic_case():
 STEP, REST, LIFT, DAMPING, FRICTION, SLIP = 0.02, 5, 40, 5.0, 0.3, 1e-3
 FRAMES = (15, 25, 35, 45)  # steps after which the surface is stored
 
+# Of the lifts off a board, where the jaws close: x_B, y_B of the centre [m]; three on the free edge, one on each side.
+PINCHES = [(-0.0335, 0.0385), (0.0042, 0.0395), (0.0362, 0.0371), (-0.0393, 0.0048), (0.0387, 0.0151)]
+# Height of the jaws [m] at times [s], of each five lifts; they also move towards the clamp by a fifth of it.
+HEIGHTS = [[(0, 0), (0.1, 0), (0.5, 0.01), (0.9, 0.01), (1.3, 0.02), (1.7, 0.02), (2.1, 0.03), (2.7, 0.03),
+            (3.5, 0.01), (4.0, 0.01)],
+           [(0, 0), (0.1, 0), (0.5, 0.01), (1.3, 0.01), (1.6, 0.004), (2.0, 0.004)],
+           [(0, 0), (0.1, 0), (0.9, 0.02), (1.7, 0.02), (2.2, 0.008), (2.5, 0.008)]]
+
 
 def write_result(name, case, extra, points, remarks=()):
     RESULTS.mkdir(exist_ok=True)
