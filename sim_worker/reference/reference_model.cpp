@@ -12,6 +12,7 @@
 #include "core/trig.h"
 #include "sim_worker/reference/reference_clamp.h"
 #include "sim_worker/reference/reference_tissue.h"
+#include "sim_worker/scene/clamp_rows.h"
 #include "sim_worker/tissue/effect_laws.h"
 
 namespace omentum {
@@ -168,7 +169,7 @@ void make_lines(const Scene& scene, std::span<const PinchCircle> pinches,
   const Vector3d max = box.max();
   const pb::Tissue& tissue = scene.config.tissue();
   const pb::ReferenceModel& n = model.numerics;
-  const bool clamped = tissue.anchor_max_y_m() >= min.y() - 1e-9;  // as scene_tissue.cpp has it
+  const bool clamped = in_lower_clamp(tissue, min.y());
   model.clamp_edge = clamped ? std::max(tissue.anchor_max_y_m(), min.y()) : min.y();
   model.second_edge = model.body.two_clamps ? std::min(tissue.anchor_min_y_m(), max.y()) : max.y();
   std::vector<double> edges;

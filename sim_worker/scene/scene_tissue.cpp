@@ -4,6 +4,7 @@
 
 #include "core/check.h"
 #include "core/rng.h"
+#include "sim_worker/scene/clamp_rows.h"
 #include "sim_worker/scene/particles.h"
 #include "sim_worker/scene/scene_parts.h"
 
@@ -185,10 +186,8 @@ TissueBody make_tissue_body(const pb::Tissue& config, const std::string& directo
   }
   std::size_t fixed = 0;
   for (const Vector3d& p : body.particles) {
-    // 1e-9 m: a row that lies exactly on the bound is anchored whatever its rounding.
-    const bool first = p.y() <= config.anchor_max_y_m() + 1e-9;
-    const bool second = p.y() >= config.anchor_min_y_m() - 1e-9;
-    body.fixed.push_back(first || second ? 1 : 0);
+    const bool second = in_upper_clamp(config, p.y());
+    body.fixed.push_back(second || in_lower_clamp(config, p.y()) ? 1 : 0);
     body.two_clamps = body.two_clamps || second;
     fixed += body.fixed.back();
   }

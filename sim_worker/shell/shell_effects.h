@@ -28,6 +28,9 @@ struct ShellEffectArgs : LaneEffectArgs<Real> {
                             ///< [N m^2]; null = flat at rest in every lane
   const Real* node_area;    ///< per node [m^2]
   const Real* anchor;       ///< [node][lane] fresh spring of the anchor [N/m]
+  /// [node][lane]: how much more stiffly than by their springs a node and the next one are held
+  /// against being moved apart (ShellTissueModel::make_anchor_turn) [N/m]; null = nowhere.
+  const Real* anchor_turn;
 
   // Memory of bending.
   Real* moment;         ///< [stencil][xx, yy, xy][lane]: elastic, at the end of the last substep

@@ -221,6 +221,22 @@ inline Lane spring_stiffness(const Args& args, int i, bool only_new) {
   return bond_stiffness(fx, i, fresh);
 }
 
+/// Of the bed under a clamp against a turn of its strip: worn as the weaker one of two nodes is.
+void add_anchor_turn_forces(const Args& args) {
+  const auto& fx = args.effects;
+  const Lane one = splat(Real{1});
+  const auto off = [&args](int i) {
+    return load3(args.moved + 3 * kLanes * i) - load3(args.effects.bond_place + 3 * kLanes * i);
+  };
+  for (int i = 0; i + 1 < args.nodes; ++i) {
+    if (fx.is_anchor[i] == 0 || fx.is_anchor[i + 1] == 0) continue;
+    const Lane left = min(bond_stiffness(fx, i, one), bond_stiffness(fx, i + 1, one));
+    const Lane3 force = left * load(fx.anchor_turn + kLanes * i) * (off(i + 1) - off(i));
+    add_force(args, i, fx.bonds, force);
+    add_force(args, i + 1, fx.bonds, zero3() - force);
+  }
+}
+
 void add_bond_forces(const Args& args) {
   for (int i = 0; i < args.nodes; ++i) {
     if (args.fixed[i] != 0) continue;
@@ -228,6 +244,7 @@ void add_bond_forces(const Args& args) {
         load3(args.moved + 3 * kLanes * i) - load3(args.effects.bond_place + 3 * kLanes * i);
     add_force(args, i, args.effects.bonds, zero3() - spring_stiffness(args, i, false) * off);
   }
+  if (args.effects.anchor_turn != nullptr) add_anchor_turn_forces(args);
 }
 
 void add_lubrication_forces(const Args& args) {

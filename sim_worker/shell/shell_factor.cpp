@@ -76,6 +76,12 @@ SparseMatrix assemble(const ShellTissueModel& model, double stiffness, double de
       add(i, structure.bending.node[m], value);
       add(i, i, -value);
     }
+    if (model.anchor_turn[i] == 0) continue;
+    const double turn = stiffness * model.anchor_turn[i];
+    add(i, i, turn);
+    add(i + 1, i + 1, turn);
+    add(i, i + 1, -turn);
+    add(i + 1, i, -turn);
   }
   const auto add_leg = [&](int i, int j, double leg) {
     add(i, i, leg);

@@ -78,7 +78,11 @@ void ShellLaneEffects<Real>::set(int lane, const EffectValues& v, double stiffne
   set_rest_moments(lane);
   if (args_.bonds == 0) return;
   const std::vector<double> spring = model_->make_anchor(v);
-  for (int i = 0; i < model_->nodes(); ++i) anchor_(i, lane) = static_cast<Real>(spring[i]);
+  const std::vector<double> turn = model_->make_anchor_turn(v);
+  for (int i = 0; i < model_->nodes(); ++i) {
+    anchor_(i, lane) = static_cast<Real>(spring[i]);
+    anchor_turn_(i, lane) = static_cast<Real>(turn[i]);
+  }
 }
 
 template <typename Real>
@@ -90,7 +94,10 @@ void ShellLaneEffects<Real>::make_memory() {
     args_.moment_bias = moment_bias_.ensure(stencils, 3, lanes_);
     args_.moment_branch = moment_branch_.ensure(kMaxBranches * stencils, 3, lanes_);
   }
-  if (args_.bonds != 0) args_.anchor = anchor_.ensure(nodes, 1, lanes_);
+  if (args_.bonds != 0) {
+    args_.anchor = anchor_.ensure(nodes, 1, lanes_);
+    args_.anchor_turn = anchor_turn_.ensure(nodes, 1, lanes_);
+  }
   stiff_pull_ = this->lanes_where([this](const EffectValues& v) { return has_stiff_pull(v); });
   if ((args_.adhesion | args_.lubrication | stiff_pull_) != 0) {
     args_.rest = rest_.ensure(nodes, 3, lanes_);

@@ -54,7 +54,7 @@ class ShellLaneEffects final : public LaneEffects<Real> {
   std::vector<double> peak_seen_;           ///< that the factor key of each lane is made for
 
   LaneArray<Real> mass_, plate_, cell_, rest_moment_, shear_, area_, inverse_pitch2_, lateral_,
-      anchor_;
+      anchor_, anchor_turn_;
   AlignedVector<Real> node_area_, added_mass_;
   std::uint32_t stiff_pull_ = 0;  ///< lanes whose local force calls for the solve with springs
   LaneArray<Real> moment_, moment_branch_, moment_bias_, peak_;

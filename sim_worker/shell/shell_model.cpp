@@ -7,6 +7,7 @@
 
 #include "core/check.h"
 #include "core/constants.h"
+#include "sim_worker/scene/clamp_rows.h"
 #include "sim_worker/shell/shell_tissue.h"
 #include "sim_worker/tissue/effect_laws.h"
 #include "sim_worker/tissue/grasp_patch.h"
@@ -57,6 +58,18 @@ std::vector<double> lump(const ShellTissueModel& model, Function&& of_triangle) 
   });
   for (const SheetTriangle& t : model.mesh.triangles) add(t.node[0], t.node[1], t.node[2]);
   return sum;
+}
+
+/// Rows of the clamped strip of a grid at this column of nodes, those next to its edge y_B = min.
+int strip_rows(const ShellTissueModel& model, int ix) {
+  int rows = 0;
+  while (rows < model.count_y && is_clamped(model, model.count_y * ix + rows)) ++rows;
+  return rows;
+}
+
+/// Width of the clamp that a column of nodes of a grid carries [m].
+double carried_length(const ShellTissueModel& model, int ix) {
+  return ix == 0 || ix + 1 == model.count_x ? 0.5 * model.pitch : model.pitch;
 }
 
 /// Spring of a clamped node that carries `length` of the clamp [N/m]: its compliance, or, where a
@@ -121,7 +134,7 @@ std::shared_ptr<const ShellTissueModel> make_shell_model(const Scene& scene, dou
   for (std::size_t i = 0; i < model->body.particles.size(); ++i) {
     if (model->body.fixed[i] == 0) continue;
     const double y = model->body.particles[i].y();
-    if (y >= tissue.anchor_min_y_m() - 1e-9) {  // as scene_tissue.cpp has it
+    if (in_upper_clamp(tissue, y)) {
       model->second_edge = std::min(model->second_edge, y);
     } else {
       model->clamp_edge = std::max(model->clamp_edge, y);
@@ -135,6 +148,7 @@ std::shared_ptr<const ShellTissueModel> make_shell_model(const Scene& scene, dou
     for (double& m : model->added_mass) m *= v.added_mass;
   }
   model->anchor = model->make_anchor(model->effects);
+  model->anchor_turn = model->make_anchor_turn(model->effects);
   model->is_anchor.assign(model->anchor.size(), 0);
   for (int i = 0; model->effects.moves_anchor() && i < model->nodes(); ++i) {
     const bool rigid =
@@ -293,9 +307,9 @@ ShellStructure ShellTissueModel::make_structure(const EffectValues& values) cons
   // count per area before it, as those of the membrane and of the reference.
   const double growth = (1 + values.stretch) * (1 + values.stretch);
   for (const PlateStencil& stencil : stencils) {
-    made.plate.push_back(plate_stiffness(stencil, stencil.fraction.cwiseProduct(stencil.clamp),
-                                         beam_at(*this, values, stencil.place) / (growth * growth),
-                                         nu));
+    const Eigen::Vector4d fraction = stencil.fraction.cwiseProduct(clamp_factor(stencil, values));
+    made.plate.push_back(plate_stiffness(
+        stencil, fraction, beam_at(*this, values, stencil.place) / (growth * growth), nu));
   }
   made.bending = plate_matrix(nodes(), stencils, made.plate);
   return made;
@@ -334,8 +348,9 @@ std::vector<Vector3d> ShellTissueModel::make_rest_moments(const EffectValues& va
     const auto moment = [&](const Eigen::Vector4d& fraction, const Vector3d& of) {
       return plate_moments(plate_stiffness(stencil, fraction, beam, nu), of);
     };
-    moments.emplace_back(moment(stencil.fraction.cwiseProduct(stencil.clamp), stencil.rest) +
-                         moment(stencil.fraction, wanted));
+    moments.emplace_back(
+        moment(stencil.fraction.cwiseProduct(clamp_factor(stencil, values)), stencil.rest) +
+        moment(stencil.fraction, wanted));
   }
   return moments;
 }
@@ -363,18 +378,52 @@ std::vector<double> ShellTissueModel::make_anchor(const EffectValues& values) co
     return spring;
   }
   for (int ix = 0; ix < count_x; ++ix) {
-    int rows = 0;
-    const auto clamped = [&](int iy) { return is_clamped(*this, count_y * ix + iy); };
-    for (int iy = 0; iy < count_y; ++iy) rows += clamped(iy) ? 1 : 0;
-    for (int iy = 0; iy < count_y; ++iy) {
-      if (!clamped(iy)) continue;
+    const int rows = strip_rows(*this, ix);
+    const double length = carried_length(*this, ix) / std::max(1, rows - 1);
+    for (int iy = 0; iy < rows; ++iy) {
       const auto k = static_cast<std::size_t>(count_y * ix + iy);
-      const double length = ix == 0 || ix + 1 == count_x ? 0.5 * pitch : pitch;
+      const double share = rows > 1 && (iy == 0 || iy + 1 == rows) ? 0.5 : 1;
       spring[k] =
-          anchor_spring(values, membrane_stiffness(), body.particles[k].x(), pitch, length / rows);
+          anchor_spring(values, membrane_stiffness(), body.particles[k].x(), pitch, share * length);
     }
   }
   return spring;
+}
+
+std::vector<double> ShellTissueModel::make_anchor_turn(const EffectValues& values) const {
+  std::vector<double> turn(nodes(), 0.0);
+  if (!(values.anchor_compliance > 0) || is_mesh()) return turn;
+  const double thick = thickness / pitch;
+  for (int ix = 0; ix < count_x; ++ix) {
+    const int rows = strip_rows(*this, ix);
+    for (int iy = 0; iy + 1 < rows; ++iy) {
+      const auto k = static_cast<std::size_t>(count_y * ix + iy);
+      const double held = anchor_spring(values, membrane_stiffness(), body.particles[k].x(), pitch,
+                                        carried_length(*this, ix) / (rows - 1));
+      turn[k] = held * (thick * thick - 2) / 12;
+    }
+  }
+  return turn;
+}
+
+Eigen::Vector4d ShellTissueModel::clamp_factor(const PlateStencil& stencil,
+                                               const EffectValues& values) const {
+  if (!values.moves_anchor() || is_mesh() || (stencil.clamp.array() == 1).all())
+    return stencil.clamp;
+  // On a bed the sheet bends on the clamped side too: over half a cell where the bed is soft, and
+  // as a beam on it does, over the length 1 / k, where it is stiff.
+  const double left = 1 - detached_share(values, stencil.place.x(), 0.5 * pitch);
+  const double half = 0.5 * pitch;
+  double more = left;  // than once
+  if (values.anchor_compliance > 0) {
+    const int rows = strip_rows(*this, stencil.at.base / count_y);
+    const double bed = left / (values.anchor_compliance * pitch * (rows - 1));  // [N/m^3]
+    const double nu = material.poisson_ratio() + values.poisson_change;
+    const double plate = beam_at(*this, values, stencil.place) / (1 - nu * nu);
+    const double reach = half / (1 + half * std::sqrt(std::sqrt(bed / (4 * plate))));
+    more = (half - reach) / (half + reach);
+  }
+  return Eigen::Vector4d::Ones() + more * (stencil.clamp - Eigen::Vector4d::Ones());
 }
 
 std::unique_ptr<Tissue<float>> ShellTissueModel::make_tissue(

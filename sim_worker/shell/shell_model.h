@@ -63,6 +63,7 @@ struct ShellTissueModel : TissueModel, std::enable_shared_from_this<ShellTissueM
   double thickness = 0, density = 0;
   ShellStructure structure;             ///< with the scene's effects
   std::vector<double> anchor;           ///< spring per node at the scene's effects [N/m]; 0 = none
+  std::vector<double> anchor_turn;      ///< the same of make_anchor_turn() [N/m]
   std::vector<std::uint8_t> is_anchor;  ///< per node: clamped in the scene, held by springs here
   std::vector<double> node_area;        ///< [m^2]
   std::vector<double> added_mass;       ///< per node [kg]; empty = none
@@ -115,10 +116,19 @@ struct ShellTissueModel : TissueModel, std::enable_shared_from_this<ShellTissueM
   }
 
   ShellStructure make_structure(const EffectValues& effects) const;
+  /// Factor on the energy of a stencil on the edge of a clamp (PlateStencil::clamp) with effects.
+  Eigen::Vector4d clamp_factor(const PlateStencil& stencil, const EffectValues& effects) const;
   /// Moments xx, yy, xy of the rest curvature at each stencil, times its area [N m^2], nominal E.
   std::vector<Eigen::Vector3d> make_rest_moments(const EffectValues& effects) const;
   /// Springs of the clamp per node [N/m]; 0 where the effects do not touch it.
   std::vector<double> make_anchor(const EffectValues& effects) const;
+  /// Of a grid whose clamp lies on a bed, even over its strip and the thickness t: coupling of each
+  /// clamped node with the next one along y_B [N/m]. Between two rows, h apart, that a bed of Q per
+  /// area holds by Q h / 2 each, the bed's energy is Q h / 2 (|u|^2 + (h^2 + t^2) / 12 |u'|^2) per
+  /// length of the clamp, u the mean of both displacements and u' their difference over h, since
+  /// the normal of the sheet turns by u' with it. The two springs alone have h^2 / 4 there, so the
+  /// coupling is Q h (t^2 / h^2 - 2) / 12.
+  std::vector<double> make_anchor_turn(const EffectValues& effects) const;
 
   /// Makes `preconditioner` and `preconditioner_diagonal` from the rest of the model.
   void make_preconditioner();

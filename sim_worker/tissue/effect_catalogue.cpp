@@ -252,9 +252,13 @@ const pb::Knob& knob_of(const EffectRow& row) {
 
 bool EffectValues::same_structure(const EffectValues& other) const {
   const auto rows = value_rows();
-  return std::all_of(rows.begin(), rows.end(), [&](const EffectRow& row) {
-    return row.part != EffectPart::kStructure || row.get(*this) == row.get(other);
-  });
+  // The edge of a clamp that gives way bends as its bed lets it.
+  const bool same_clamp = anchor_compliance == other.anchor_compliance &&
+                          anchor_free_from == other.anchor_free_from &&
+                          anchor_free_to == other.anchor_free_to;
+  return same_clamp && std::all_of(rows.begin(), rows.end(), [&](const EffectRow& row) {
+           return row.part != EffectPart::kStructure || row.get(*this) == row.get(other);
+         });
 }
 
 bool EffectValues::has_inclusion() const {

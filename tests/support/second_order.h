@@ -14,6 +14,7 @@
 #include <string>
 #include <vector>
 
+#include "sim_worker/shell/shell_tissue.h"
 #include "support/reference_scene.h"
 
 namespace omentum::test {
@@ -155,6 +156,35 @@ inline StaticState settle_reference(const SecondOrder& c, const Scene& scene,
   ReferenceTissue tissue(model);
   return settle(c, kPeriod, tissue,
                 [&](const Vector3d& p) { return tissue.point(model->locate(p)); });
+}
+
+/// Of the shell, with `finer` cells per pitch of the scene, so that every point of a case stays a
+/// node.
+inline StaticState settle_shell(const SecondOrder& c, Scene scene, unsigned finer = 1) {
+  constexpr double kPeriod = 0.02;
+  pb::Tissue& tissue = *scene.config.mutable_tissue();
+  tissue.set_model(pb::TISSUE_ELASTIC);
+  auto& grid = *tissue.mutable_grid();
+  grid.set_pitch_m(grid.pitch_m() / finer);
+  grid.set_count_x((grid.count_x() - 1) * finer + 1);
+  grid.set_count_y((grid.count_y() - 1) * finer + 1);
+  scene.tissue.particles = make_grid_particles(grid);
+  scene.tissue.fixed.clear();
+  for (const Vector3d& p : scene.tissue.particles)
+    scene.tissue.fixed.push_back(p.y() <= tissue.anchor_max_y_m() + 1e-9 ? 1 : 0);
+  std::vector<std::string> warnings;
+  const auto model = make_shell_model(scene, kPeriod, warnings);
+  ShellTissue<double> sheet(model, f64x1());
+  const auto particle = [&](const Vector3d& p) {
+    int nearest = 0;
+    for (int k = 0; k < sheet.particles(); ++k) {
+      if ((model->body.particles[k] - p).norm() < (model->body.particles[nearest] - p).norm())
+        nearest = k;
+    }
+    return nearest;
+  };
+  return settle(c, kPeriod, sheet,
+                [&](const Vector3d& p) { return Vector3d(sheet.position(0, particle(p))); });
 }
 
 inline double rms_distance(std::span<const Vector3d> a, std::span<const Vector3d> b) {

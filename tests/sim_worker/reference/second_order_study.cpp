@@ -14,7 +14,6 @@
 #include "core/check.h"
 #include "core/command_line.h"
 #include "sim_worker/playback/simulate.h"
-#include "sim_worker/shell/shell_tissue.h"
 #include "support/second_order.h"
 
 namespace omentum {
@@ -39,31 +38,12 @@ MeshError estimate(const test::SecondOrder& c, const Scene& fine, const std::arr
                              kRatio);
 }
 
-test::StaticState settle_shell(const test::SecondOrder& c, Scene scene) {
-  scene.config.mutable_tissue()->set_model(pb::TISSUE_ELASTIC);
-  constexpr double kPeriod = 0.02;
-  std::vector<std::string> warnings;
-  const auto model = make_shell_model(scene, kPeriod, warnings);
-  ShellTissue<double> tissue(model, f64x1());
-  const auto particle = [&](const Eigen::Vector3d& p) {
-    int nearest = 0;
-    for (int k = 0; k < tissue.particles(); ++k) {
-      if ((model->body.particles[k] - p).norm() < (model->body.particles[nearest] - p).norm())
-        nearest = k;
-    }
-    return nearest;
-  };
-  return test::settle(c, kPeriod, tissue, [&](const Eigen::Vector3d& p) {
-    return Eigen::Vector3d(tissue.position(0, particle(p)));
-  });
-}
-
 double force_error(const test::SecondOrder& c, const test::StaticState& state) {
   if (!c.has("force")) return 0;
   return (state.force - c.vector("force")).norm() / c.vector("force").norm();
 }
 
-void print_row(const std::string& path, double tolerance, bool with_shell) {
+void print_row(const std::string& path, double tolerance, bool with_shell, unsigned finer) {
   const test::SecondOrder c = test::read_second_order(path);
   const std::string name = std::filesystem::path(path).stem().string();
   Scene scene = test::make_second_order_scene(c);
@@ -77,7 +57,7 @@ void print_row(const std::string& path, double tolerance, bool with_shell) {
               100 * force_error(c, state), 1e3 * error.rms_m, error.rms_m / rms);
   if (!state.failure.empty()) std::printf(" %s", state.failure.c_str());
   if (with_shell && c.body == "sheet") {
-    const test::StaticState shell = settle_shell(c, scene);
+    const test::StaticState shell = test::settle_shell(c, scene, finer);
     std::printf(" %.3f | %.2f |", 1e3 * test::rms_distance(shell.points, c.deformed),
                 100 * force_error(c, shell));
     if (!shell.failure.empty()) std::printf(" %s", shell.failure.c_str());
@@ -94,9 +74,11 @@ void print_row(const std::string& path, double tolerance, bool with_shell) {
 int main(int argc, char** argv) {
   double tolerance = 5e-5;
   bool with_shell = true;
+  unsigned finer = 1;
   std::vector<std::string> files;
   CLI::App app{"Reference solid and shell against second-order bricks."};
   app.add_option("--tolerance", tolerance, "Of the reference's mesh [m]");
+  app.add_option("--finer", finer, "Cells of the shell per pitch of 3 mm");
   app.add_flag("!--no-shell", with_shell, "The reference alone");
   app.add_option("files", files, "Results of tests/reference/run_second_order.py")->required();
   CLI11_PARSE(app, argc, argv);
@@ -105,7 +87,7 @@ int main(int argc, char** argv) {
       "/ true | shell, mm rms | force, % |\n|---|---|---|---|---|---|---|---|---|");
   for (const std::string& file : files) {
     try {
-      omentum::print_row(file, tolerance, with_shell);
+      omentum::print_row(file, tolerance, with_shell, finer);
     } catch (const omentum::Error& error) {
       std::printf("| %s | %s |\n", file.c_str(), error.what());
     }

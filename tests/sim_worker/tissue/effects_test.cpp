@@ -229,6 +229,41 @@ TEST_P(EffectLaw, AnchorSpringsCarryTheWeight) {
   EXPECT_GT(extension(c, 0.5), 0.05);
 }
 
+TEST_P(EffectLaw, ABedTurnsByItsWidthAndThickness) {
+  // A short strip, level, in little gravity: about the middle of the clamped strip, of width w, the
+  // bed has the stiffness K (w^2 + t^2) / 12, whatever the pitch. The rigid clamp's drop is
+  // subtracted. The shell's iteration turns a sheet slowly, so it takes its time.
+  constexpr double kStrip = 0.03;
+  constexpr double kWidth = 0.003;
+  constexpr double kBed = 100;  // K [N/m^2]
+  for (const unsigned finer : {1U, 2U}) {
+    for (const double thickness : {0.003, 0.006}) {
+      EffectCase c = cantilever();
+      c.pitch = kWidth / finer;
+      c.nx = 3 * finer + 1;
+      c.ny = 10 * finer + 1;
+      c.ey = 10;
+      c.thickness = thickness;
+      c.anchor_max_y = -0.012;
+      c.gravity = 0.001;
+      c.young = 1e5;
+      c.damping = 5;
+      const auto dropped = [&] {
+        const auto tissue = make(c);
+        rest(*tissue, 40);
+        return -edge(c, *tissue).z();
+      };
+      const double rigid = dropped();
+      c.effects.mutable_anchor()->set_compliance_m2_per_n(1 / kBed);
+      const double weight = kDensity * thickness * c.gravity * kStrip;  // [N/m]
+      const double turn = weight * 0.5 * (kStrip - kWidth) /
+                          (kBed * (kWidth * kWidth + thickness * thickness) / 12);
+      const double expected = weight / kBed + turn * (kStrip - 0.5 * kWidth);
+      EXPECT_NEAR((dropped() - rigid) / expected, 1, 0.01) << finer << " " << thickness;
+    }
+  }
+}
+
 TEST_P(EffectLaw, DetachedPieceHangsAndTheRestHolds) {
   EffectCase c = strip(50e3);
   const double whole = extension(c);
