@@ -102,10 +102,11 @@ const EffectRow kRows[] = {
     {"suction.reach_m", at<&V::suction_reach>, kContact, kElasticModels, 0,
      "suction.drag_pa_s_per_m"},
     {"friction_change", at<&V::friction_change>, kContact, kEveryModel},
-    {"anchor.compliance_m2_per_n", at<&V::anchor_compliance>, kAnchor, kElasticModels,
+    // The edge of a clamp that gives way bends as its bed lets it.
+    {"anchor.compliance_m2_per_n", at<&V::anchor_compliance>, kStructure, kElasticModels,
      kReferenceModel},
-    {"anchor.free_from_m", at<&V::anchor_free_from>, kAnchor, kElasticModels, kReferenceModel},
-    {"anchor.free_to_m", at<&V::anchor_free_to>, kAnchor, kElasticModels, kReferenceModel},
+    {"anchor.free_from_m", at<&V::anchor_free_from>, kStructure, kElasticModels, kReferenceModel},
+    {"anchor.free_to_m", at<&V::anchor_free_to>, kStructure, kElasticModels, kReferenceModel},
     {"anchor.break_m", at<&V::anchor_break>, kAnchor, kElasticModels, kReferenceModel},
     {"grasp_offset.x_m", at<&V::grasp_x>, kJaw, kElasticModels | kSoftBodyModel},
     {"grasp_offset.y_m", at<&V::grasp_y>, kJaw, kElasticModels | kSoftBodyModel},
@@ -252,13 +253,9 @@ const pb::Knob& knob_of(const EffectRow& row) {
 
 bool EffectValues::same_structure(const EffectValues& other) const {
   const auto rows = value_rows();
-  // The edge of a clamp that gives way bends as its bed lets it.
-  const bool same_clamp = anchor_compliance == other.anchor_compliance &&
-                          anchor_free_from == other.anchor_free_from &&
-                          anchor_free_to == other.anchor_free_to;
-  return same_clamp && std::all_of(rows.begin(), rows.end(), [&](const EffectRow& row) {
-           return row.part != EffectPart::kStructure || row.get(*this) == row.get(other);
-         });
+  return std::all_of(rows.begin(), rows.end(), [&](const EffectRow& row) {
+    return row.part != EffectPart::kStructure || row.get(*this) == row.get(other);
+  });
 }
 
 bool EffectValues::has_inclusion() const {
