@@ -3,7 +3,7 @@
 with those of the other. `mismatch calibrate` begins with tissue on a clamp; these lie free, so the fit stands here; what is
 imported and simulated is `mismatch`.
 
-OMENTUM_REAL_DATA=... /usr/bin/python3 cloth_calibration.py MISMATCH SCRATCH [--fabrics paper tan ...] [--evaluations 160]
+OMENTUM_REAL_DATA=... /usr/bin/python3 cloth_calibration.py MISMATCH SCRATCH [--fabrics paper tan ...] [--evaluations 160]    (Debian: python3-scipy)
 
 Fitted: side of the square, which way its diagonal points, stiffness, friction, time between frames, and where the fused clouds
 stand against the robot, whose registration its authors tuned by hand. The clouds begin as scraps of what the cameras told from
@@ -23,7 +23,7 @@ FIRST = 10  # frame: from here on most of the fabric is seen
 FAR = 0.03  # [m] a point farther from the surface is none of the fabric
 COUNT = 21  # places along a side
 DENSITY, THICKNESS = 300.0, 1e-3  # of a light fabric; only E t^2 / (rho g) and the way down count
-BELOW = 0.008  # [m] from the lowest points, the table, to the middle of the clouds of it: none below
+BELOW = 0.008  # [m] above the table: below it colour does not tell fabric from table
 SCENE = """format_version: 1
 gravity_m_per_s2: 9.80665
 tissue {{
@@ -119,7 +119,7 @@ class Cloth:
 
 def distances(clouds, sheets, shift, table):
     """Mean distance of the points of each frame from the sheet, of the sheet from the points, and the share of points that are
-    far from it [frame][3]. What lies on the table counts as unseen: colour tells it badly there."""
+    far from it [frame][3]. What lies on the table does not count."""
     rows = []
     for points, sheet in zip(clouds, sheets):
         model = dense(sheet) + shift
