@@ -11,6 +11,7 @@ the table, so only frames from FIRST on count. The sheet does not meet itself.
 """
 import argparse
 import os
+import shutil
 import subprocess
 from pathlib import Path
 
@@ -113,7 +114,7 @@ class Cloth:
         places = data[:, 1:].reshape(len(data), -1, 3)[:, : COUNT * COUNT]
         when = begin + wait * (np.arange(frames) - late)
         at = np.clip(np.searchsorted(data[:, 0], when), 0, len(data) - 1)
-        subprocess.run(["rm", "-rf", str(folder)], check=True)
+        shutil.rmtree(folder)
         return places[at].reshape(frames, COUNT, COUNT, 3)
 
 

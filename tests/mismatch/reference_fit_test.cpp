@@ -353,6 +353,15 @@ TEST(KnownDensity, HasTheQuantilesOfANormalOne) {
   EXPECT_NEAR(squares, 1, 0.1);
 }
 
+void expect_clock_as_believed(Fitted& c) {
+  const FitState state = c.improved();
+  const ArrowStep sure = c.fit->posterior(c.predictions, c.at, c.which, state);
+  const auto found = integrate_clock(*c.fit, c.predictions, c.at, c.which, state, sure);
+  const double belief = c.fit->beliefs.shared_sd[c.fit->layout.clock()];
+  EXPECT_NEAR(found.clock.high, 1.645 * belief, 0.15 * belief);
+  EXPECT_NEAR(found.clock.low, -1.645 * belief, 0.15 * belief);
+}
+
 TEST(IntegrateClock, ACloudJustBeforeTheTissueMovesLeavesALateClockOpen) {
   Fitted c;
   c.fit->beliefs.shared_sd.segment<6>(c.fit->layout.registration()).setConstant(1e-7);
@@ -403,12 +412,7 @@ TEST(IntegrateClock, ASwayBelowWhatTheModelIsGoodForSaysNothing) {
     }
     frame.velocity.assign(frame.vertices.size(), Vector3d(0, 0, 2e-4));
   }
-  const FitState state = c.improved();
-  const ArrowStep sure = c.fit->posterior(c.predictions, c.at, c.which, state);
-  const auto found = integrate_clock(*c.fit, c.predictions, c.at, c.which, state, sure);
-  const double belief = c.fit->beliefs.shared_sd[c.fit->layout.clock()];
-  EXPECT_NEAR(found.clock.high, 1.645 * belief, 0.15 * belief);
-  EXPECT_NEAR(found.clock.low, -1.645 * belief, 0.15 * belief);
+  expect_clock_as_believed(c);
 }
 
 TEST(IntegrateClock, WhatDiffersByLessThanTheModelIsGoodForSaysNothing) {
@@ -423,12 +427,7 @@ TEST(IntegrateClock, WhatDiffersByLessThanTheModelIsGoodForSaysNothing) {
     }
     frame.velocity.assign(frame.vertices.size(), Vector3d::Zero());
   }
-  const FitState state = c.improved();
-  const ArrowStep sure = c.fit->posterior(c.predictions, c.at, c.which, state);
-  const auto found = integrate_clock(*c.fit, c.predictions, c.at, c.which, state, sure);
-  const double belief = c.fit->beliefs.shared_sd[c.fit->layout.clock()];
-  EXPECT_NEAR(found.clock.high, 1.645 * belief, 0.15 * belief);
-  EXPECT_NEAR(found.clock.low, -1.645 * belief, 0.15 * belief);
+  expect_clock_as_believed(c);
 }
 
 TEST(Simulate, AnErrorIsAFailureOfThatState) {
