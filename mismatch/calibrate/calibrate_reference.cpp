@@ -22,8 +22,7 @@ namespace omentum {
 namespace {
 
 constexpr double kMeshRatio = 1.5;
-constexpr double kCoarseWork = 0.8, kFineWork = 2.6;  // of a simulation with its derivatives
-constexpr double kKeptWork = 0.6;  // of that with the derivative by thickness of another
+constexpr double kCoarseWork = 0.4, kFineWork = 1.6;  // of a simulation with its derivatives
 
 using Which = std::vector<std::size_t>;
 
@@ -169,16 +168,13 @@ std::vector<Prediction> Stages::begin_descent(const SimulateState& simulate, boo
 
 /// Simulates and improves until what is simulated moves no more, at most so many times.
 void Stages::descend(const Numerics& numerics, int most, double work, const std::string& stage) {
-  Columns columns = Columns::kFresh;
   const SimulateState simulate = [&](const FitState& state) {
-    auto predictions = fit_.simulate(state, numerics, columns, fitted_);
-    say(stage,
-        (columns == Columns::kFresh ? 1 : kKeptWork) * work * static_cast<double>(fitted_.size()));
+    auto predictions = fit_.simulate(state, numerics, true, fitted_);
+    say(stage, work * static_cast<double>(fitted_.size()));
     return predictions;
   };
   Descent d;
   d.predictions = begin_descent(simulate, numerics.elements == elements_);
-  columns = Columns::kKept;
   d.at = state_;
   omentum::descend(fit_, simulate, fitted_, most - 1, d);
   take(std::move(d));
@@ -198,7 +194,7 @@ void Stages::measure_mesh() {
   const double ratio = std::sqrt(static_cast<double>(elements_[0]) * elements_[1] /
                                  (static_cast<double>(fewer[0]) * fewer[1]));
   const double fall = 1 / (std::pow(ratio, 2.5) - 1);  // docs/results.md: error ~ cell^2.5
-  const auto mesh = fit_.simulate(at_, {pb::TISSUE_REFERENCE, fewer, 1}, Columns::kNone, fitted_);
+  const auto mesh = fit_.simulate(at_, {pb::TISSUE_REFERENCE, fewer, 1}, false, fitted_);
   mesh_rms_ = fall * surfaces_apart(mesh, predictions_);
   say("mesh", 0.5 * static_cast<double>(fitted_.size()));
   fit_.set_difference({"numerics.mesh", "1", "", Unknown::Scale::kShift, 0, 1.5,
@@ -209,8 +205,7 @@ void Stages::measure_mesh() {
 /// The step as a nuisance, by a simulation with half of it; its error falls with the square.
 void Stages::measure_step() {
   constexpr double kFall = 4.0 / 3;
-  const auto step =
-      fit_.simulate(at_, {pb::TISSUE_REFERENCE, elements_, 2}, Columns::kNone, fitted_);
+  const auto step = fit_.simulate(at_, {pb::TISSUE_REFERENCE, elements_, 2}, false, fitted_);
   step_rms_ = kFall * surfaces_apart(step, predictions_);
   say("step", 2.0 * static_cast<double>(fitted_.size()));
   fit_.set_difference({"numerics.step", "1", "", Unknown::Scale::kShift, 0, 1.5,
@@ -245,8 +240,8 @@ void Stages::fit_laws() {
     restore(first);
     fit_.change_law(law);
     const SimulateState simulate = [&](const FitState& state) {
-      auto predictions = fit_.simulate(state, fine(), Columns::kKept, fitted_);
-      say("laws of elasticity", kKeptWork * kFineWork * static_cast<double>(fitted_.size()));
+      auto predictions = fit_.simulate(state, fine(), true, fitted_);
+      say("laws of elasticity", kFineWork * static_cast<double>(fitted_.size()));
       return predictions;
     };
     Descent d;
@@ -270,7 +265,7 @@ void Stages::fit_laws() {
   restore(first);
   fit_.noise = noise;
   compare_laws();
-  restore(choose_law(laws_, first.law, numerics()));
+  restore(choose_law(laws_, first.law));
 }
 
 /// Costs of all laws at the noise and the beliefs found so far.
@@ -283,30 +278,33 @@ void Stages::compare_laws() {
   }
 }
 
-/// What the law is worth at the end: chosen against the others, or not told.
+/// What the law is worth at the end: told from the others, or not.
 void Stages::judge_laws() {
   const pb::ElasticLaw law = fit_.scene.tissue().material().law();
   LawFit& chosen = *std::ranges::find(laws_, law, &LawFit::law);
   chosen = keep();
   compare_laws();
   chosen.d.state = state_;
-  const auto alike = laws_alike(laws_, chosen, numerics());
-  for (const LawFit& other : laws_)
-    result_.laws.push_back({law_name(other.law), other.cost - chosen.cost});
+  for (const LawFit& fit : laws_) {
+    LawRow& row = result_.laws.emplace_back(LawRow{law_name(fit.law), fit.cost - chosen.cost, {}});
+    for (std::size_t k = 0; k < fit_.unknowns.size(); ++k) {
+      const Unknown& unknown = fit_.unknowns[k];
+      const double x = fit.d.state.shared[static_cast<Eigen::Index>(k)];
+      if (unknown.in_scene) row.parameters.emplace_back(unknown.path, unknown.value(x));
+    }
+  }
   std::string names;
-  double squares = 0;
-  for (const LawFit* other : alike) {
+  for (const LawFit* other : laws_alike(laws_, chosen, numerics())) {
     const double behind = other->cost - chosen.cost;
     names += fmt::format("{}{} ({:.1f} {})", names.empty() ? "" : ", ", law_name(other->law),
                          std::fabs(behind), behind < 0 ? "ahead" : "behind");
-    const double rms = surfaces_apart(other->d.predictions, predictions_);
-    squares = std::max(squares, rms * rms);
+    law_rms_ = std::max(law_rms_, surfaces_apart(other->d.predictions, predictions_));
   }
-  law_rms_ = std::sqrt(squares);
-  if (alike.empty()) return;
+  if (names.empty()) return;
   result_.warnings.push_back(fmt::format(
-      "law of elasticity: not told, {} stays; no farther from it than the errors are: {}. The "
-      "intervals hold for all of them; lift higher to tell them apart",
+      "law of elasticity: that of {} is not told from {}: no better, or no farther from "
+      "it than mesh and step may be off. Values are those of the first, intervals reach "
+      "over all of them; lift higher to tell them apart",
       law_name(law), names));
 }
 
@@ -368,9 +366,9 @@ void Stages::collect_fit() {
 void Stages::predict_unseen(const Which& left, const FitState& without, const std::string& role) {
   FitState blind = without;
   for (const std::size_t r : left) blind.own[r].setZero();
-  auto predicted = fit_.simulate(blind, fine(), Columns::kNone, left);
+  auto predicted = fit_.simulate(blind, fine(), false, left);
   const auto base =
-      role == "held_out" ? fit_.simulate(fit_.believed(), fine(), Columns::kNone, left) : base_;
+      role == "held_out" ? fit_.simulate(fit_.believed(), fine(), false, left) : base_;
   for (const std::size_t r : left) {
     warn_of_missing(r, predicted[r], " where it is " + role);
     if (r < predictions_.size()) add_nuisances(fit_, predictions_[r], blind, predicted[r]);
@@ -435,7 +433,7 @@ Calibration Stages::run() {
   settle();
   judge_laws();
   integrate();
-  base_ = fit_.simulate(fit_.believed(), fine(), Columns::kNone, fitted_);
+  base_ = fit_.simulate(fit_.believed(), fine(), false, fitted_);
   say("before", static_cast<double>(fitted_.size()));
   collect_fit();
   leave_out();

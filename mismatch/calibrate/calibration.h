@@ -5,6 +5,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "mismatch/calibrate/forward.h"
@@ -62,7 +63,8 @@ struct ShownRecording {
 /// A law of elasticity against the one that stands in the scene.
 struct LawRow {
   std::string law;
-  double behind = 0;  ///< how much less its log likelihood is
+  double behind = 0;                                       ///< how much less its log likelihood is
+  std::vector<std::pair<std::string, double>> parameters;  ///< path and value, with that law
 };
 
 struct Calibration {

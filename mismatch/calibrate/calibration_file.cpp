@@ -60,8 +60,13 @@ std::string print_calibration(const Calibration& c) {
     json["fit"].push_back(std::move(entry));
   }
   json["laws"] = Json::array();
-  for (const LawRow& row : c.laws)
-    json["laws"].push_back({{"law", row.law}, {"behind", number(row.behind)}});
+  for (const LawRow& row : c.laws) {
+    Json parameters = Json::array();
+    for (const auto& [path, value] : row.parameters)
+      parameters.push_back({{"name", path}, {"value", number(value)}});
+    json["laws"].push_back(
+        {{"law", row.law}, {"behind", number(row.behind)}, {"parameters", std::move(parameters)}});
+  }
   json["numerics_m"] = number(c.numerics_m);
   json["warnings"] = c.warnings;
   json["core_seconds"] = std::round(10 * c.core_seconds) / 10;

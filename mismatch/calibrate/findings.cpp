@@ -198,11 +198,13 @@ void add_numbers(const Findings& f, Calibration& result) {
     }
   }
   const int modes = layout.modes() - layout.shared();
-  for (const auto& [name, k] : {std::pair("discrepancy.constant", modes),
-                                std::pair("discrepancy.with_lift", modes + kModes / 2)}) {
-    const double sd = f.fit.beliefs.own_sd[k];
-    result.nuisances.push_back(
-        plain_number(name, "m", 0, sd, sd, "standard deviation of each smooth mode"));
+  constexpr std::array<const char*, kCourses> kCourseNames = {
+      "discrepancy.constant", "discrepancy.with_lift", "discrepancy.with_lift_squared",
+      "discrepancy.with_lift_early_against_late"};
+  for (int course = 0; course < kCourses; ++course) {
+    const double sd = f.fit.beliefs.own_sd[modes + course * kCosines];
+    result.nuisances.push_back(plain_number(kCourseNames[static_cast<std::size_t>(course)], "m", 0,
+                                            sd, sd, "standard deviation of each smooth mode"));
   }
   result.numerics_m = std::sqrt(f.mesh_m * f.mesh_m + f.step_m * f.step_m + f.law_m * f.law_m);
   result.numerics = {fmt::format("mesh {:.3f} mm", 1e3 * f.mesh_m),

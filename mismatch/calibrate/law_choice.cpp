@@ -26,13 +26,11 @@ std::string law_name(pb::ElasticLaw law) {
   }
 }
 
-const LawFit& choose_law(const std::vector<LawFit>& fits, pb::ElasticLaw believed,
-                         double numerics_m) {
+const LawFit& choose_law(const std::vector<LawFit>& fits, pb::ElasticLaw believed) {
   OMENTUM_CHECK(!fits.empty(), "no law was fitted");
   const LawFit& best = *std::ranges::min_element(fits, {}, &LawFit::cost);
   const auto first = std::ranges::find(fits, believed, &LawFit::law);
-  if (first == fits.end() || is_told(best, *first, numerics_m)) return best;
-  return *first;
+  return first == fits.end() || first->cost > best.cost + kLawTold ? best : *first;
 }
 
 std::vector<const LawFit*> laws_alike(const std::vector<LawFit>& fits, const LawFit& chosen,

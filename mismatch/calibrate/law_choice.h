@@ -25,16 +25,15 @@ struct LawFit {
   double cost = 0;
 };
 
-/// A law is told from another by so much of the log likelihood, odds of 20; and only where their
-/// surfaces are farther apart than `numerics_m`, the errors of mesh and step: these can look like
-/// a law.
+/// By so much of the log likelihood one law is better than another, odds of 20.
 inline constexpr double kLawTold = 3;
 
-/// The law of the least cost, if it is told from the believed one; else that.
-const LawFit& choose_law(const std::vector<LawFit>& fits, pb::ElasticLaw believed,
-                         double numerics_m);
+/// The law of the least cost, if it is better than the believed one; else that.
+const LawFit& choose_law(const std::vector<LawFit>& fits, pb::ElasticLaw believed);
 
-/// Laws that `chosen` is not told from.
+/// Laws that `chosen` is not told from: it is no better, or their surfaces are no farther apart
+/// than `numerics_m`, the errors of mesh and step. These can look like a law, whatever the log
+/// likelihood, in which 100,000 points know a pattern of 0.02 mm.
 std::vector<const LawFit*> laws_alike(const std::vector<LawFit>& fits, const LawFit& chosen,
                                       double numerics_m);
 

@@ -52,6 +52,18 @@ class PictureIndex {
     return best;
   }
   const Vector2d& at(std::size_t k) const { return points_[k]; }
+  /// Median distance from a point to the next one; 0 where none has one.
+  double spacing() const {
+    std::vector<double> spacing;
+    for (std::size_t k = 0; k < size(); k += 7) {
+      if (const auto other = nearest(points_[k], k))
+        spacing.push_back((points_[*other] - points_[k]).norm());
+    }
+    if (spacing.empty()) return 0;
+    const auto middle = spacing.begin() + static_cast<std::ptrdiff_t>(spacing.size() / 2);
+    std::nth_element(spacing.begin(), middle, spacing.end());
+    return *middle;
+  }
   std::size_t size() const { return points_.size(); }
 
  private:
@@ -76,6 +88,13 @@ double shaft_distance(const Vector3d& p, const Vector3d& tip, const Vector3d& p_
   const double s = height * b - d.dot(w);
   if (s > (p - p_WC).norm()) return std::numeric_limits<double>::infinity();
   return (w + s * d - height * Vector3d::UnitZ()).norm();
+}
+
+Eigen::Vector4d course_of(const Observation& seen, const Prediction& predicted, std::size_t k) {
+  const double height = predicted.frames[k].tip.z() - seen.track.p_WT.front().z();
+  const double lift = predicted.lift > 0 ? std::clamp(height / predicted.lift, 0.0, 1.0) : 0;
+  const double begin = seen.frames.front().t, all = seen.frames.back().t - begin;
+  return frame_course(lift, all > 0 ? (seen.frames[k].t - begin) / all : 0);
 }
 
 /// Step of what the columns of a frame are by.
@@ -112,7 +131,7 @@ Likelihood::Likelihood(std::vector<Eigen::Vector3i> triangles, std::span<const V
     : surface_(std::move(triangles), rest), uv_(std::move(uv)), pivot_(pivot) {
   middle_ = Vector3d::Zero();
   for (const Vector3d& p : rest) middle_ += p / static_cast<double>(rest.size());
-  mode_values_.resize(static_cast<Eigen::Index>(uv_.size()), kModesPerSide * kModesPerSide);
+  mode_values_.resize(static_cast<Eigen::Index>(uv_.size()), kCosines);
   for (std::size_t p = 0; p < uv_.size(); ++p) {
     for (int i = 0; i < kModesPerSide; ++i) {
       for (int j = 0; j < kModesPerSide; ++j) {
@@ -124,9 +143,14 @@ Likelihood::Likelihood(std::vector<Eigen::Vector3i> triangles, std::span<const V
   }
 }
 
+Eigen::Vector4d frame_course(double lift, double share) {
+  return {1, lift, lift * lift, lift * std::cos(std::numbers::pi * share)};
+}
+
 std::vector<Vector3d> Likelihood::moved(const PredictedFrame& frame, const Layout& layout,
                                         const Registration6& registration,
-                                        const Eigen::VectorXd& delta, double lift) {
+                                        const Eigen::VectorXd& delta,
+                                        const Eigen::Vector4d& course) {
   std::vector<Vector3d> vertices;
   move_in_time(frame, -(delta[layout.clock()] + delta[layout.own_clock()]), vertices, velocity_);
   if (frame.columns.size() > 0) {
@@ -139,8 +163,7 @@ std::vector<Vector3d> Likelihood::moved(const PredictedFrame& frame, const Layou
   Eigen::VectorXd bulge;
   std::vector<Vector3d> normal;
   if (!modes.isZero(0)) {
-    const int half = kModes / 2;
-    bulge = mode_values_ * (modes.head(half) + lift * modes.tail(half));
+    bulge = mode_values_ * (modes.reshaped(kCosines, kCourses) * course);
     normal.assign(vertices.size(), Vector3d::Zero());
     for (const Eigen::Vector3i& t : surface_.triangles()) {
       const Vector3d n =
@@ -163,8 +186,8 @@ std::vector<Vector3d> Likelihood::moved(const PredictedFrame& frame, const Layou
   return vertices;
 }
 
-void Likelihood::add_row(const Row& row, const PredictedFrame& predicted, double lift,
-                         const Layout& layout, const NoiseModel& noise, Block& block) {
+void Likelihood::add_row(const Row& row, const PredictedFrame& predicted, const Layout& layout,
+                         const NoiseModel& noise, Block& block) {
   const double sd = noise.sigma * row.sd_factor;
   const double squared = row.e * row.e / (sd * sd);
   block.cost += cost_of(squared, noise.freedom);
@@ -178,10 +201,10 @@ void Likelihood::add_row(const Row& row, const PredictedFrame& predicted, double
   motion_.information += weight * late * late;
   motion_.score += weight * late * row.e;
   if (block.A.size() == 0) return;
-  Eigen::VectorXd J = Eigen::VectorXd::Zero(layout.size());
+  Eigen::VectorXd J = Eigen::VectorXd::Zero(frame_.b.size());
   const auto places = static_cast<int>(uv_.size());
   Eigen::VectorXf columns = Eigen::VectorXf::Zero(predicted.columns.cols());
-  Eigen::VectorXd modes = Eigen::VectorXd::Zero(kModes / 2);
+  Eigen::VectorXd modes = Eigen::VectorXd::Zero(kCosines);
   for (int k = 0; k < 3; ++k) {
     if (predicted.columns.size() > 0) {
       columns += static_cast<float>(row.share[k]) *
@@ -199,25 +222,27 @@ void Likelihood::add_row(const Row& row, const PredictedFrame& predicted, double
   J[layout.clock()] = late;
   J[layout.own_clock()] = late;
   const double side = corner[0] < places ? 1 : -1;
-  const double bulge = side * row.along.dot(row.normal);
-  J.segment(layout.modes(), kModes / 2) = bulge * modes;
-  J.segment(layout.modes() + kModes / 2, kModes / 2) = lift * bulge * modes;
+  J.segment(layout.modes(), kCosines) = side * row.along.dot(row.normal) * modes;
   const double root = std::sqrt(weight);
-  for (Eigen::Index k = 0; k < J.size(); ++k) batch_.push_back(root * J[k]);
-  block.b += weight * row.e * J;
+  for (Eigen::Index k = 0; k < J.size(); ++k) frame_.batch.push_back(root * J[k]);
+  frame_.b += weight * row.e * J;
   motion_.shared_information += weight * late * J;
   constexpr std::size_t kBatch = 128;  // rows: a product of matrices is faster than one by one
-  if (batch_.size() >= kBatch * static_cast<std::size_t>(J.size())) {
-    const Eigen::Map<const Eigen::MatrixXd> rows(
-        batch_.data(), J.size(), static_cast<Eigen::Index>(batch_.size()) / J.size());
-    block.A.selfadjointView<Eigen::Lower>().rankUpdate(rows);
-    batch_.clear();
-  }
+  if (frame_.batch.size() >= kBatch * static_cast<std::size_t>(J.size())) add_batch();
+}
+
+void Likelihood::add_batch() {
+  if (frame_.batch.empty()) return;
+  const Eigen::Index size = frame_.b.size();
+  const Eigen::Map<const Eigen::MatrixXd> rows(
+      frame_.batch.data(), size, static_cast<Eigen::Index>(frame_.batch.size()) / size);
+  frame_.A.selfadjointView<Eigen::Lower>().rankUpdate(rows);
+  frame_.batch.clear();
 }
 
 /// A frame may be somewhat earlier or later on its way than its clock says, by as much as moves the
 /// surface by noise.along_motion: that time is eliminated, to first order.
-void Likelihood::eliminate_motion(const NoiseModel& noise, Block& block) const {
+void Likelihood::eliminate_motion(const NoiseModel& noise, Block& block) {
   double squares = 0;
   for (const Vector3d& v : velocity_) squares += v.squaredNorm();
   const double speed = std::sqrt(squares / static_cast<double>(velocity_.size()));
@@ -228,8 +253,25 @@ void Likelihood::eliminate_motion(const NoiseModel& noise, Block& block) const {
   block.cost -= 0.5 * motion_.score * motion_.score / information;
   if (block.A.size() == 0) return;
   const Eigen::VectorXd& J = motion_.shared_information;
-  block.A.selfadjointView<Eigen::Lower>().rankUpdate(J, -1 / information);
-  block.b -= motion_.score / information * J;
+  frame_.A.selfadjointView<Eigen::Lower>().rankUpdate(J, -1 / information);
+  frame_.b -= motion_.score / information * J;
+}
+
+/// The frame, each of its cosines as `course` says.
+void Likelihood::add_to(Block& block, const Layout& layout, const Eigen::Vector4d& course) const {
+  const int n = layout.modes();
+  block.A.topLeftCorner(n, n) += frame_.A.topLeftCorner(n, n);
+  block.b.head(n) += frame_.b.head(n);
+  for (int i = 0; i < kCourses; ++i) {
+    const int row = n + i * kCosines;
+    block.A.block(row, 0, kCosines, n) += course[i] * frame_.A.bottomLeftCorner(kCosines, n);
+    block.b.segment(row, kCosines) += course[i] * frame_.b.tail(kCosines);
+    const Eigen::MatrixXd among =
+        frame_.A.bottomRightCorner(kCosines, kCosines).selfadjointView<Eigen::Lower>();
+    for (int j = 0; j <= i; ++j) {
+      block.A.block(row, n + j * kCosines, kCosines, kCosines) += course[i] * course[j] * among;
+    }
+  }
 }
 
 /// The force at a frame. Its clock is not the camera's, so it is as uncertain as it changes.
@@ -265,15 +307,24 @@ void Likelihood::add_force(const SeenForce& seen, const PredictedFrame& predicte
 }
 
 void Likelihood::add_frame(const Observation& seen, const SeenFrame& frame,
-                           const PredictedFrame& predicted, double lift, const Layout& layout,
+                           const PredictedFrame& predicted, const Layout& layout,
                            const Registration6& registration, const NoiseModel& noise,
                            Block& block) {
   constexpr double kEdgeOn = 0.15;  // cosine between ray and normal: flatter counts as this
   std::vector<Vector2d> picture;
   for (const Vector3d& p : frame.points) {
+    if (const std::optional<Vector2d> place = surface_.project(p)) picture.push_back(*place);
+  }
+  const double depth = (middle_ - seen.p_WC).norm();
+  const PictureIndex index(std::move(picture), kMostGap / depth);
+  // Which rays met nothing no cloud says: an edge is known to a spacing only, and the body that was
+  // seen may lack points within 1.4 spacings of a corner. So much more, on either side, does not
+  // count: rows that pull one way where nothing is wrong would, in many frames, make another body.
+  const double spacing = index.spacing();
+  constexpr double kSlack = 1;  // [spacings]
+  for (const Vector3d& p : frame.points) {
     Row row;
     const Vector3d d = (p - seen.p_WC).normalized();
-    if (const std::optional<Vector2d> place = surface_.project(p)) picture.push_back(*place);
     const TrianglePoint near = surface_.nearest(p, noise.reach);
     if (near.triangle < 0) {
       ++block.no_tissue;
@@ -314,35 +365,25 @@ void Likelihood::add_frame(const Observation& seen, const SeenFrame& frame,
       row.place = surface_.at(met);
       block.deviation.push_back(row.e / row.sd_factor);
       ++block.hits;
-      add_row(row, predicted, lift, layout, noise, block);
+      add_row(row, predicted, layout, noise, block);
       continue;
     }
     row.e = std::clamp(off.dot(row.normal) / flat, -limit, limit);
     row.along = row.normal / flat;
     ++block.beside;
-    add_row(row, predicted, lift, layout, noise, block);
+    add_row(row, predicted, layout, noise, block);
     const Vector3d w = off - off.dot(d) * d;
-    row.e = w.norm();
+    row.e = w.norm() - kSlack * spacing * (p - seen.p_WC).norm();
     if (!(row.e > 1e-9)) continue;
-    row.along = w / row.e;
+    row.along = w.normalized();
     row.sd_factor = std::hypot(1, noise.lateral / noise.sigma);
-    add_row(row, predicted, lift, layout, noise, block);
+    add_row(row, predicted, layout, noise, block);
   }
   // Places that should be seen and were not.
-  if (picture.size() < 20) return;
+  constexpr std::size_t kLeast = 20;
+  if (index.size() < kLeast || !(spacing > 0)) return;
   const Vector3d tip = pivot_ + turned_ * (predicted.tip - pivot_) + registration.shift;
-  const double depth = (middle_ - seen.p_WC).norm();
-  const PictureIndex index(std::move(picture), kMostGap / depth);
-  std::vector<double> spacing;
-  for (std::size_t k = 0; k < index.size(); k += 7) {
-    if (const auto other = index.nearest(index.at(k), k))
-      spacing.push_back((index.at(*other) - index.at(k)).norm());
-  }
-  if (spacing.empty()) return;
-  std::nth_element(spacing.begin(),
-                   spacing.begin() + static_cast<std::ptrdiff_t>(spacing.size() / 2),
-                   spacing.end());
-  const double allowed = 1.2 * spacing[spacing.size() / 2];
+  const double allowed = (1 + kSlack) * spacing;
   struct Gap {
     int vertex;
     double distance;
@@ -380,7 +421,7 @@ void Likelihood::add_frame(const Observation& seen, const SeenFrame& frame,
     row.normal = surface_.normal(at.triangle);
     row.place = p;
     ++block.gaps;
-    add_row(row, predicted, lift, layout, noise, block);
+    add_row(row, predicted, layout, noise, block);
   }
 }
 
@@ -394,7 +435,6 @@ Block Likelihood::compare(const Observation& seen, const Prediction& predicted,
     block.b = Eigen::VectorXd::Zero(layout.size());
   }
   turned_ = registration.rotation();
-  batch_.clear();
   for (std::size_t k = 0; k < seen.frames.size(); ++k) {
     const PredictedFrame& frame = predicted.frames[k];
     if (!frame.valid) {
@@ -404,27 +444,21 @@ Block Likelihood::compare(const Observation& seen, const Prediction& predicted,
           static_cast<double>(seen.frames[k].points.size()) * cost_of(far * far, noise.freedom);
       continue;
     }
-    const double lift =
-        predicted.lift > 0
-            ? std::clamp((frame.tip.z() - seen.track.p_WT.front().z()) / predicted.lift, 0.0, 1.0)
-            : 0;
-    surface_.fit(moved(frame, layout, registration, delta, lift), seen.p_WC, seen.R_WC);
+    const Eigen::Vector4d course = course_of(seen, predicted, k);
+    surface_.fit(moved(frame, layout, registration, delta, course), seen.p_WC, seen.R_WC);
+    const int columns = layout.modes() + kCosines;
+    frame_.A.setZero(columns, columns);
+    frame_.b.setZero(columns);
     motion_.information = motion_.score = 0;
-    motion_.shared_information.setZero(layout.size());
-    add_frame(seen, seen.frames[k], frame, lift, layout, registration, noise, block);
+    motion_.shared_information.setZero(columns);
+    add_frame(seen, seen.frames[k], frame, layout, registration, noise, block);
+    add_batch();
     eliminate_motion(noise, block);
+    if (with_columns) add_to(block, layout, course);
     if (const auto& force = seen.frames[k].force)
       add_force(*force, frame, layout, delta, noise, block);
   }
-  if (with_columns) {
-    if (!batch_.empty()) {
-      const Eigen::Map<const Eigen::MatrixXd> rows(
-          batch_.data(), layout.size(), static_cast<Eigen::Index>(batch_.size()) / layout.size());
-      block.A.selfadjointView<Eigen::Lower>().rankUpdate(rows);
-      batch_.clear();
-    }
-    block.A = block.A.selfadjointView<Eigen::Lower>();
-  }
+  if (with_columns) block.A = block.A.selfadjointView<Eigen::Lower>();
   return block;
 }
 
@@ -437,12 +471,10 @@ std::vector<std::vector<double>> Likelihood::distances(const Observation& seen,
   for (std::size_t k = 0; k < seen.frames.size(); ++k) {
     std::vector<double>& list = all.emplace_back();
     const PredictedFrame& frame = predicted.frames[k];
-    const double lift =
-        predicted.lift > 0 && frame.valid
-            ? std::clamp((frame.tip.z() - seen.track.p_WT.front().z()) / predicted.lift, 0.0, 1.0)
-            : 0;
-    if (frame.valid)
-      surface_.fit(moved(frame, layout, registration, delta, lift), seen.p_WC, seen.R_WC);
+    if (frame.valid) {
+      const Eigen::Vector4d course = course_of(seen, predicted, k);
+      surface_.fit(moved(frame, layout, registration, delta, course), seen.p_WC, seen.R_WC);
+    }
     for (const Vector3d& p : seen.frames[k].points) {
       const TrianglePoint near = frame.valid ? surface_.nearest(p, reach) : TrianglePoint{};
       list.push_back(near.triangle < 0 ? std::numeric_limits<double>::quiet_NaN()

@@ -19,9 +19,16 @@ struct Registration6 {
 };
 
 /// Smooth difference between model and tissue, along the surface's normal: so many cosines along
-/// each side of the sheet, constant and growing with the lift.
+/// each side of the sheet, each times four functions of the frame (frame_course()).
 inline constexpr int kModesPerSide = 4;
-inline constexpr int kModes = 2 * kModesPerSide * kModesPerSide;
+inline constexpr int kCosines = kModesPerSide * kModesPerSide;
+inline constexpr int kCourses = 4;
+inline constexpr int kModes = kCourses * kCosines;
+
+/// How the smooth difference goes with the frames: constant, with the lift (0 - 1), with its
+/// square, and with the lift early against late (what the way back does differently). `share` of
+/// the time from the first frame to the last.
+Eigen::Vector4d frame_course(double lift, double share);
 
 /// Columns of a block: the shared ones (unknowns, further columns, registration, common clock),
 /// then a recording's own (pinch, stiffness, clock, zero and gain of the force sensor, modes of the
@@ -91,17 +98,19 @@ class Likelihood {
   /// Predicted vertices as the camera has them.
   std::vector<Eigen::Vector3d> moved(const PredictedFrame& frame, const Layout& layout,
                                      const Registration6& registration,
-                                     const Eigen::VectorXd& delta, double lift);
+                                     const Eigen::VectorXd& delta, const Eigen::Vector4d& course);
   const std::vector<Eigen::Vector3i>& triangles() const { return surface_.triangles(); }
 
  private:
   struct Row;
   void add_frame(const Observation& seen, const SeenFrame& frame, const PredictedFrame& predicted,
-                 double lift, const Layout& layout, const Registration6& registration,
-                 const NoiseModel& noise, Block& block);
-  void add_row(const Row& row, const PredictedFrame& predicted, double lift, const Layout& layout,
+                 const Layout& layout, const Registration6& registration, const NoiseModel& noise,
+                 Block& block);
+  void add_row(const Row& row, const PredictedFrame& predicted, const Layout& layout,
                const NoiseModel& noise, Block& block);
-  void eliminate_motion(const NoiseModel& noise, Block& block) const;
+  void add_batch();
+  void eliminate_motion(const NoiseModel& noise, Block& block);
+  void add_to(Block& block, const Layout& layout, const Eigen::Vector4d& course) const;
   static void add_force(const SeenForce& seen, const PredictedFrame& predicted,
                         const Layout& layout, const Eigen::VectorXd& delta, const NoiseModel& noise,
                         Block& block);
@@ -112,7 +121,12 @@ class Likelihood {
   Eigen::Vector3d pivot_, middle_;  ///< the latter of the body at rest
   Eigen::Matrix3d turned_ = Eigen::Matrix3d::Identity();
   std::vector<Eigen::Vector3d> velocity_;  ///< of the vertices of the last moved() [m/s]
-  std::vector<double> batch_;              ///< rows that wait to be added
+  /// A frame by itself: columns as in Layout, but of the modes each cosine once.
+  struct {
+    Eigen::MatrixXd A;
+    Eigen::VectorXd b;
+    std::vector<double> batch;  ///< rows that wait to be added to A
+  } frame_;
   /// Of the rows of a frame, by its own time: sums of weight J J, weight J e and weight J (all J).
   struct {
     double information = 0, score = 0;

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <numeric>
-#include <tuple>
 #include <utility>
 
 #include "core/check.h"
@@ -130,8 +129,11 @@ VectorXd ReferenceFit::delta(const FitState& at, const FitState& state,
 
 pb::Scene ReferenceFit::scene_of(const FitState& state, std::size_t recording) const {
   const VectorXd& own = state.own[recording];
-  return scene_at(scene, unknowns, state.shared.head(layout.unknowns),
-                  {own.head<2>(), own[2], own[3]});
+  pb::Scene at = scene_at(scene, unknowns, state.shared.head(layout.unknowns),
+                          {own.head<2>(), own[2], own[3]});
+  // One mesh: where lines follow the thickness they jump.
+  at.mutable_tissue()->mutable_reference()->set_graded_thickness_m(scene.tissue().thickness_m());
+  return at;
 }
 
 pb::Scene ReferenceFit::shared_scene(const FitState& state) const {
@@ -139,68 +141,48 @@ pb::Scene ReferenceFit::shared_scene(const FitState& state) const {
 }
 
 std::vector<Prediction> ReferenceFit::simulate(const FitState& state, const Numerics& numerics,
-                                               Columns columns,
+                                               bool with_columns,
                                                const std::vector<std::size_t>& which) {
-  // The column of the thickness is a one-sided difference to a body so much thinner.
-  constexpr double kThinner = 0.03;
-  const bool with_columns = columns != Columns::kNone;
-  const auto found = std::ranges::find(unknowns, std::string(kThicknessPath), &Unknown::path);
-  const auto thickness = static_cast<int>(found - unknowns.begin());
-  const bool two = columns == Columns::kFresh && found != unknowns.end();
-  FitState thinner = state;
-  if (two) thinner.shared[thickness] -= kThinner;
-  std::vector<Prediction> predictions, thin;
+  std::vector<Prediction> predictions;
   const auto simulate_all = [&] {
     predictions.assign(observations.size(), {});
-    thin = predictions;
     Numerics with = numerics;
     with.slip_speed_m_per_s = slip_speed_;
-    run_parallel(which.size() * (two ? 2 : 1), options.simulator->at_once(), [&](std::size_t k) {
-      const std::size_t r = which[k % which.size()];
-      const bool second = k >= which.size();
-      const FitState& at = second ? thinner : state;
-      const double clock = at.shared[layout.clock()] + at.own[r][3];
-      Prediction& made_here = (second ? thin : predictions)[r];
+    run_parallel(which.size(), options.simulator->at_once(), [&](std::size_t k) {
+      const std::size_t r = which[k];
+      const double clock = state.shared[layout.clock()] + state.own[r][3];
       try {
-        made_here = predict(observations[r], scene_of(at, r), options.folder, unknowns,
-                            at.shared.head(layout.unknowns), clock, with, with_columns && !second,
-                            *options.simulator);
+        predictions[r] = predict(observations[r], scene_of(state, r), options.folder, unknowns,
+                                 state.shared.head(layout.unknowns), clock, with, with_columns,
+                                 *options.simulator);
       } catch (const Error& error) {
-        made_here.frames.assign(observations[r].frames.size(), {});
-        made_here.failure = error.what();
+        predictions[r].frames.assign(observations[r].frames.size(), {});
+        predictions[r].failure = error.what();
       }
     });
     std::ptrdiff_t valid = 0;
-    for (const std::size_t r : which)
-      valid += count_valid(predictions[r]) + (two ? count_valid(thin[r]) : 0);
+    for (const std::size_t r : which) valid += count_valid(predictions[r]);
     return valid;
   };
   std::size_t wanted = 0;
-  for (const std::size_t r : which) wanted += (two ? 2 : 1) * observations[r].frames.size();
+  for (const std::size_t r : which) wanted += observations[r].frames.size();
   const std::ptrdiff_t valid = simulate_all();
   // Large cells that rub may not come to rest under sharp friction. What is smooth once stays so:
   // the difference of two simulations must not be one of friction.
   constexpr double kSmooth = 1e-4;  // [m/s]
   if (valid < static_cast<std::ptrdiff_t>(wanted) && slip_speed_ < kSmooth &&
       numerics.model == pb::TISSUE_REFERENCE) {
-    const auto sharp = std::pair(predictions, thin);
+    const std::vector<Prediction> sharp = std::move(predictions);
     slip_speed_ = kSmooth;
     if (simulate_all() <= valid) {
       slip_speed_ = 0;
-      std::tie(predictions, thin) = sharp;
+      predictions = sharp;
     }
   }
-  if (!with_columns) return predictions;
-  thickness_.resize(observations.size());
   for (const std::size_t r : which) {
-    thickness_[r].resize(predictions[r].frames.size());
     for (std::size_t f = 0; f < predictions[r].frames.size(); ++f) {
       PredictedFrame& frame = predictions[r].frames[f];
       if (frame.columns.size() == 0) continue;
-      Eigen::VectorXf& by_thickness = thickness_[r][f];
-      if (two && thin[r].frames[f].valid)
-        by_thickness = difference(thin[r].frames[f], frame, -1 / kThinner);
-      if (by_thickness.size() > 0) frame.columns.col(thickness) = by_thickness;
       for (const Difference& d : differences) {
         if (d.by[r][f].size() > 0) frame.columns.col(d.column) = d.by[r][f];
       }
@@ -373,8 +355,8 @@ void ReferenceFit::adapt_beliefs(const ArrowStep& sure, const std::vector<std::s
   adapt(2, 1, first_beliefs.own_sd[2], 0.5);
   adapt(3, 1, first_beliefs.own_sd[3], 0.1);
   const int modes = layout.modes() - layout.shared();
-  adapt(modes, kModes / 2, kFirstMode, kMostMode);
-  adapt(modes + kModes / 2, kModes / 2, kFirstMode, kMostMode);
+  for (int course = 0; course < kCourses; ++course)
+    adapt(modes + course * kCosines, kCosines, kFirstMode, kMostMode);
 }
 
 std::vector<std::vector<double>> ReferenceFit::distances(const Prediction& prediction,
@@ -389,7 +371,7 @@ std::vector<Vector3d> ReferenceFit::vertices(const Prediction& prediction, std::
                                              std::size_t frame, const FitState& at,
                                              const FitState& state) const {
   return likelihoods_[recording]->moved(prediction.frames[frame], layout, registration(state),
-                                        delta(at, state, recording), 0);
+                                        delta(at, state, recording), Eigen::Vector4d::Zero());
 }
 
 void ReferenceFit::change_law(pb::ElasticLaw law) {

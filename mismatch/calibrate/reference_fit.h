@@ -22,9 +22,6 @@ struct Ranges {
   Eigen::VectorXd low, high;  ///< [Layout::shared()]
 };
 
-/// Which derivatives come with a simulation.
-enum class Columns { kNone, kFresh, kKept };
-
 /// Recordings, a scene and what may differ between them: simulates at a state, and improves a state
 /// on the simulated surfaces and their derivatives without simulating again. Results do not depend
 /// on the number of threads.
@@ -35,14 +32,12 @@ class ReferenceFit {
 
   /// A state where everything is as believed.
   FitState believed() const;
-  /// Of the recordings in `which`; others stay empty. Columns: those of the simulation, that of the
-  /// thickness by a second one, and what set_difference() was given. A recording that cannot be
-  /// simulated at `state` has no valid frames, and the reason as its failure; before that all are
-  /// tried with smoother friction, which stays if it helps.
-  /// Columns::kKept: that of the thickness is the one of the last simulation with kFresh, for half
-  /// the work.
-  std::vector<Prediction> simulate(const FitState& state, const Numerics& numerics, Columns columns,
-                                   const std::vector<std::size_t>& which);
+  /// Of the recordings in `which`; others stay empty. Columns: those of the simulation, and what
+  /// set_difference() was given. A recording that cannot be simulated at `state` has no valid
+  /// frames, and the reason as its failure; before that all are tried with smoother friction, which
+  /// stays if it helps.
+  std::vector<Prediction> simulate(const FitState& state, const Numerics& numerics,
+                                   bool with_columns, const std::vector<std::size_t>& which);
   /// Steps of Gauss and Newton on surfaces simulated at `at`, until they are small against what
   /// the recordings tell. None makes the fit worse, and none leads farther from `at` than `trust`
   /// times what the derivatives hold for, nor out of the ranges of the numbers. Adapts the scale
@@ -107,7 +102,6 @@ class ReferenceFit {
  private:
   void set_beliefs();
   double slip_speed_ = 0;  ///< of friction, where the scene's is too sharp to be solved [m/s]
-  std::vector<std::vector<Eigen::VectorXf>> thickness_;  ///< column, of every recording's frames
   std::vector<std::unique_ptr<Likelihood>> likelihoods_;
 };
 

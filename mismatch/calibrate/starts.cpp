@@ -101,8 +101,7 @@ Which find_mirrored(ReferenceFit& fit, const std::vector<Simulated>& all, const 
   std::vector<ToolTrack> tracks;
   for (const Observation& seen : fit.observations) tracks.push_back(seen.track);
   mirror_tracks(fit, candidates);
-  for (Simulated& m : mirrored)
-    m.predictions = fit.simulate(m.at, kShell, Columns::kNone, candidates);
+  for (Simulated& m : mirrored) m.predictions = fit.simulate(m.at, kShell, false, candidates);
   for (const std::size_t r : candidates) fit.observations[r].track = tracks[r];
   Which found;
   for (const std::size_t r : candidates) {
@@ -124,7 +123,7 @@ Start find_start(ReferenceFit& fit, const Which& which,
   for (int k = 0; k < kStarts; ++k) {
     Simulated& s = all.emplace_back(Simulated{fit.believed(), {}});
     s.at.shared[0] = range * (2.0 * k / (kStarts - 1) - 1);
-    s.predictions = fit.simulate(s.at, kShell, Columns::kNone, which);
+    s.predictions = fit.simulate(s.at, kShell, false, which);
     simulated(1.0 / kStarts);
   }
   Start start{fit.believed(), {}, {}};

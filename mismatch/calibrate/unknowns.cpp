@@ -167,8 +167,8 @@ std::vector<Unknown> unknowns_of(const pb::Scene& scene, const pb::Priors& prior
   list.push_back({"scene.tissue.material.poisson_ratio", "1", "poisson.nu", Scale::kShift,
                   tissue.material().poisson_ratio(), 0.03, "0.03, docs/calibrate.md 2"});
   if (!tissue.has_volume() && tissue.thickness_m() > 0) {
-    list.push_back({kThicknessPath, "m", "", Scale::kFactor, tissue.thickness_m(), std::log(1.05),
-                    "5 %, docs/calibrate.md 2"});
+    list.push_back({kThicknessPath, "m", "thickness", Scale::kFactor, tissue.thickness_m(),
+                    std::log(1.05), "5 %, docs/calibrate.md 2"});
   }
   if (with_force) {
     list.push_back({"scene.tissue.effects.density_change", "1", "density.factor", Scale::kChange,

@@ -16,10 +16,9 @@ struct Unknown {
     kChange,  ///< a field that holds a relative change: 1 + value = (1 + believed) exp(x)
     kShift,   ///< value = believed + x
   };
-  std::string path;  ///< of the field, "scene.tissue.material.young_modulus_pa"
-  std::string unit;  ///< of the value
-  std::string
-      column;  ///< name of its derivative (sim_worker/playback/parameters.h); empty: by difference
+  std::string path;    ///< of the field, "scene.tissue.material.young_modulus_pa"
+  std::string unit;    ///< of the value
+  std::string column;  ///< name of its derivative (sim_worker/playback/parameters.h); none: empty
   Scale scale = Scale::kFactor;
   double believed = 0;
   double sd = 1;         ///< of x before anything is seen
@@ -33,7 +32,7 @@ struct Unknown {
   double at(double value) const;
 };
 
-/// Path of the thickness of a sheet. Its derivative is a difference of simulations.
+/// Path of the thickness of a sheet.
 inline constexpr const char* kThicknessPath = "scene.tissue.thickness_m";
 
 /// Stiffness, bending, damping, friction, Poisson's ratio and thickness, as far as the scene can

@@ -13,6 +13,7 @@
 #include <sstream>
 
 #include "core/check.h"
+#include "sim_worker/scene/scene_parts.h"
 
 namespace omentum {
 namespace {
@@ -53,6 +54,7 @@ const std::vector<Row>& rows() {
       {"gravity_tilt.tilt_y", "rad", Kind::kScene, "tissue.effects.gravity_tilt_y_deg=$v", 1e-6,
        kDegrees},
       {"bending_stiffness.factor", "1", Kind::kScene, "tissue.effects.bending_change=$v", 1e-6},
+      {"thickness", "m", Kind::kScene, "tissue.thickness_m=$v", 1e-8},
       {"thickness.a_x", "1/m", Kind::kScene, "tissue.effects.thickness.x_per_m=$v", 1e-5},
       {"thickness.a_y", "1/m", Kind::kScene, "tissue.effects.thickness.y_per_m=$v", 1e-5},
       {"rest_shape.kappa_x", "1/m", Kind::kScene, "tissue.effects.rest_shape.curvature_x_per_m=$v",
@@ -296,6 +298,17 @@ std::vector<std::string> overrides_of(const Row& row, const std::vector<Setting>
   return {"scene." + change};
 }
 
+/// A sheet that may lie on something thickens upwards: so much higher its middle is.
+void add_rise(const pb::Scene& scene, double thicker, std::vector<std::string>& overrides) {
+  if (scene.rigid_body_size() == 0) return;
+  const Eigen::Isometry3d X_WB = to_pose(scene.tissue().pose(), "scene.tissue.pose");
+  const Vector3d p_WB = X_WB.translation() + 0.5 * thicker * X_WB.linear().col(2);
+  for (int axis = 0; axis < 3; ++axis) {
+    overrides.push_back(
+        fmt::format("scene.tissue.pose.translation_m.{}={:.17g}", "xyz"[axis], p_WB[axis]));
+  }
+}
+
 /// Parts between separators; at least one.
 std::vector<std::string> split(const std::string& text, char separator) {
   std::vector<std::string> parts;
@@ -386,6 +399,7 @@ Parameter parse_one(const std::string& text, const pb::Scene& scene) {
     case Kind::kScene:
     case Kind::kArm:
       p.overrides = overrides_of(*row, settings, scene);
+      if (name == "thickness") add_rise(scene, row->step, p.overrides);
       break;
     case Kind::kToolOffset:
       p.axis = name.back() - 'x';

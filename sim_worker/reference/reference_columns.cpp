@@ -72,9 +72,10 @@ ReferenceColumns::ReferenceColumns(std::vector<ColumnParameter> list,
                             omentum::same_elements(*model, *p.changed));
     if (p.kind == ColumnKind::kScene) {
       changed.back() = std::make_unique<ReferenceTissue>(p.changed);
+      const Vector3d shift = p.changed->body.X_WB.translation() - model->body.X_WB.translation();
       for (Eigen::Index i = 0; i < nodes; ++i) {
         rest.col(k).segment<3>(3 * i) =
-            model->body.X_WB.linear() * (p.changed->nodes[i] - model->nodes[i]) / p.step;
+            (model->body.X_WB.linear() * (p.changed->nodes[i] - model->nodes[i]) + shift) / p.step;
         if (model->unknown[i] >= 0)
           x.col(k).segment<3>(model->unknown[i]) = rest.col(k).segment<3>(3 * i);
       }

@@ -176,7 +176,8 @@ void make_lines(const Scene& scene, std::span<const PinchCircle> pinches,
   if (clamped) edges.push_back(model.clamp_edge);
   if (model.body.two_clamps) edges.push_back(model.second_edge);
   std::array<std::vector<Kink>, 2> kinks;
-  const double thickness = scene.tissue.thickness;
+  const double thickness =
+      n.graded_thickness_m() > 0 ? n.graded_thickness_m() : scene.tissue.thickness;
   // A stated number of cells is spread more evenly: few of them would all lie at the clamp.
   const bool bears_singularity =
       model.material.law() == pb::LAW_NEO_HOOKE && n.elements_y() == 0 && n.elements_z() == 0;

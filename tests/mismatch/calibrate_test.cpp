@@ -174,6 +174,37 @@ TEST(Likelihood, ItsGradientIsTheDerivativeOfItsCost) {
   }
 }
 
+TEST(Likelihood, AFrameTellsOfTheSmoothDifferenceAsItsCourseGoes) {
+  Case c;
+  Likelihood likelihood(c.sheet.triangles, c.sheet.vertices, c.sheet.uv, Vector3d::Zero());
+  const VectorXd zero = VectorXd::Zero(c.layout.size());
+  const auto block = [&](double t) {
+    Case other = c;
+    other.seen.frames[0].t = t;
+    other.seen.frames.push_back(c.seen.frames[0]);  // at 0
+    other.prediction.frames.push_back(c.prediction.frames[0]);
+    other.prediction.frames[0].tip.z() += 0.002;
+    other.prediction.frames[1].valid = false;
+    std::swap(other.seen.frames[0], other.seen.frames[1]);
+    std::swap(other.prediction.frames[0], other.prediction.frames[1]);
+    return likelihood.compare(other.seen, other.prediction, c.layout, {}, zero, c.noise, true);
+  };
+  const Block late = block(1);  // a lift of 0.7 at the end
+  const Eigen::Vector4d course = frame_course(0.7, 1);
+  EXPECT_NEAR(course[2], 0.49, 1e-12);
+  EXPECT_NEAR(course[3], -0.7, 1e-12);
+  const int n = c.layout.modes();
+  const Eigen::MatrixXd one = late.A.block(n, n, kCosines, kCosines);
+  EXPECT_GT(one.norm(), 0);
+  for (int i = 0; i < kCourses; ++i) {
+    for (int j = 0; j < kCourses; ++j) {
+      const auto part = late.A.block(n + i * kCosines, n + j * kCosines, kCosines, kCosines);
+      EXPECT_LT((part - course[i] * course[j] * one).norm(), 1e-9 * one.norm()) << i << ", " << j;
+    }
+  }
+  EXPECT_LT((late.A - late.A.transpose()).norm(), 1e-12 * late.A.norm());
+}
+
 TEST(Likelihood, WhatHardlyMovesTellsNoTime) {
   // Where model and tissue may be 0.1 mm apart, no frame tells its time better than as long as the
   // tissue takes for that, however many points it has.
@@ -239,6 +270,46 @@ TEST(Likelihood, ARayThatSlipsOffTheEdgeChangesNothingAtOnce) {
     EXPECT_GT(hits, 100U);
     EXPECT_GT(beside, 100U);
     EXPECT_LT(largest, 0.02) << "the whole row counts 1.7";
+  }
+}
+
+/// What a camera of 2 mm per pixel sees of the body, its picture turned about its axis.
+std::vector<Vector3d> seen_by_pixels(const Case& c, double turn) {
+  constexpr double kPixel = 0.002 / 0.34;
+  SeenSurface surface(c.sheet.triangles, c.sheet.vertices);
+  surface.fit(c.sheet.vertices, c.seen.p_WC, c.seen.R_WC);
+  std::vector<Vector3d> points;
+  for (int i = -50; i <= 50; ++i) {
+    for (int j = -50; j <= 50; ++j) {
+      const Vector2d at = Eigen::Rotation2Dd(turn) * Vector2d(kPixel * i, kPixel * j);
+      const Vector3d d = c.seen.R_WC * Vector3d(at.x(), at.y(), -1).normalized();
+      if (const auto hit = surface.cast(c.seen.p_WC + d))
+        points.push_back(c.seen.p_WC + hit->range * d);
+    }
+  }
+  return points;
+}
+
+TEST(Likelihood, TheBodyThatWasSeenLacksNoPointAtItsEdges) {
+  for (const double turn : {0.0, 0.2, 0.4, 0.6, 0.8}) {
+    Case c;
+    c.seen.frames[0].points = seen_by_pixels(c, turn);
+    ASSERT_GT(c.seen.frames[0].points.size(), 1000U);
+    const auto block_of = [&](double growth) {
+      for (std::size_t i = 0; i < c.sheet.vertices.size(); ++i) {
+        Vector3d& p = c.prediction.frames[0].vertices[i];
+        p = c.sheet.vertices[i];
+        p.head<2>() *= 1 + growth / 0.04;
+      }
+      Likelihood likelihood(c.sheet.triangles, c.sheet.vertices, c.sheet.uv, Vector3d::Zero());
+      return likelihood.compare(c.seen, c.prediction, c.layout, {}, VectorXd::Zero(c.layout.size()),
+                                c.noise, false);
+    };
+    const Block exact = block_of(0);
+    EXPECT_EQ(exact.gaps, 0U) << turn;
+    EXPECT_EQ(exact.beside, 0U) << turn;
+    EXPECT_GT(block_of(0.006).gaps, 5U) << "three pixels larger";
+    EXPECT_GT(block_of(-0.006).beside, 50U) << "three pixels smaller";
   }
 }
 

@@ -18,6 +18,8 @@ DIFFERENCES = [
     ("poisson.nu", "scene.tissue.material.poisson_ratio={}", (0.447, 0.453), 0.006, 0.03),
     ("density.factor", "scene.tissue.effects.density_change={}", (-0.01, 0.01), 0.02, 0.01),
     ("bending_stiffness.factor", "scene.tissue.effects.bending_change={}", (-0.01, 0.01), 0.02, 0.02),
+    ("thickness", "scene.tissue.thickness_m={};scene.tissue.pose.translation_m.z={half};scene.tissue.reference.graded_thickness_m=0.003",
+     (0.00297, 0.00303), 6e-5, 0.01),
     ("viscoelastic.g@tau=0.3", "scene.tissue.effects.viscoelastic={{ share: {} time_s: 0.3 }}", (0, 0.01), 0.01, 0.05),
     ("grasp_offset.x", "scene.tissue.effects.grasp_offset.x_m={}", (-2e-5, 2e-5), 4e-5, 0.01),
     ("actuation_delay.tau", "scene.arm.transport_delay_s={}", (0, 5e-4), 5e-4, 0.02),
@@ -41,7 +43,8 @@ def check_differences(program, folder):
             if value == 0:
                 sides.append(base)
                 continue
-            run(program, folder, f"{k}_{side}", ["--set", change.format(value)])
+            sets = change.format(value, half=value / 2).split(";")
+            run(program, folder, f"{k}_{side}", [word for s in sets for word in ("--set", s)])
             sides.append(markers(folder / f"{k}_{side}")[1])
         difference = (sides[1] - sides[0])[frames] / step
         error = np.linalg.norm(data["upper"][k] - difference) / np.linalg.norm(difference)

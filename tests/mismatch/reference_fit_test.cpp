@@ -14,6 +14,8 @@
 #include "mismatch/calibrate/clock_posterior.h"
 #include "mismatch/calibrate/descent.h"
 #include "mismatch/calibrate/findings.h"
+#include "mismatch/calibrate/starts.h"
+#include "sim_worker/reference/reference_model.h"
 
 namespace omentum {
 namespace {
@@ -153,7 +155,11 @@ struct Fitted {
   FitState at;
   std::vector<std::size_t> which = {0};
 
-  explicit Fitted(const Vector3d& turned = Vector3d::Zero()) {
+  explicit Fitted(const Vector3d& turned = Vector3d::Zero(), std::uint32_t places = 31) {
+    pb::GridMaker& grid = *scene.mutable_tissue()->mutable_grid();
+    grid.set_pitch_m(grid.pitch_m() * (grid.count_x() - 1) / (places - 1));
+    grid.set_count_x(places);
+    grid.set_count_y(places);
     for (const auto& [path, sd] : {std::pair{"scene.depth_sensor.registration_m", 0.002},
                                    {"scene.depth_sensor.registration_deg", 0.7}}) {
       pb::Prior& prior = *options.priors.add_prior();
@@ -430,12 +436,61 @@ TEST(IntegrateClock, WhatDiffersByLessThanTheModelIsGoodForSaysNothing) {
   expect_clock_as_believed(c);
 }
 
+TEST(FindStart, LooksAtEightFramesOfEveryRecordingAndLeavesAll) {
+  constexpr std::size_t kMany = 20, kFew = 8;
+  const auto start_of = [](const std::vector<std::size_t>& frames) {
+    Fitted c(Vector3d::Zero(), 7);
+    Observation& seen = c.fit->observations[0];
+    seen.frames.resize(1);
+    std::vector<SeenFrame> all(kMany, seen.frames[0]);
+    for (std::size_t k = 0; k < kMany; ++k) {
+      all[k].t = 0.02 * static_cast<double>(k);
+      for (Vector3d& p : all[k].points) p.z() += 1e-4 * std::sin(static_cast<double>(k));
+    }
+    seen.frames.clear();
+    for (const std::size_t k : frames) seen.frames.push_back(all[k]);
+    const Start start = find_start(*c.fit, c.which, [](double) {});
+    EXPECT_EQ(seen.frames.size(), frames.size());
+    return start;
+  };
+  std::vector<std::size_t> many, few;
+  for (std::size_t k = 0; k < kMany; ++k) many.push_back(k);
+  for (std::size_t k = 1; k <= kFew; ++k) few.push_back(k * kMany / kFew - 1);
+  const Start a = start_of(many), b = start_of(few);
+  EXPECT_EQ(a.failure, "");
+  EXPECT_GT(a.state.shared.norm(), 0);
+  EXPECT_EQ(a.state.shared, b.state.shared);
+  EXPECT_EQ(a.state.own[0], b.state.own[0]);
+}
+
+TEST(ReferenceFit, StatesOfAllThicknessesHaveOneMesh) {
+  Fitted c;
+  FitState state = c.at;
+  const auto k = static_cast<Eigen::Index>(
+      std::ranges::find(c.fit->unknowns, std::string(kThicknessPath), &Unknown::path) -
+      c.fit->unknowns.begin());
+  std::vector<std::vector<double>> lines;
+  for (const double x : {-0.1, -0.003, 0.0, 0.003, 0.1}) {
+    state.shared[k] = x;
+    const SimulationTask task =
+        make_calibration_task(c.fit->observations[0], c.fit->scene_of(state, 0), {},
+                              {pb::TISSUE_REFERENCE, {16, 16, 1}, 1});
+    std::vector<std::string> ignored;
+    const auto model = make_reference_model(make_scene(task.scene, {}), 0.02, ignored,
+                                            std::vector<PinchCircle>{{{0.01, 0.02}, 0.005}});
+    lines.push_back(model->lines[0]);
+    lines.back().insert(lines.back().end(), model->lines[1].begin(), model->lines[1].end());
+    EXPECT_EQ(lines.back(), lines.front()) << x;
+    EXPECT_NEAR(2 * model->lines[2].back(), scene_number(task.scene, kThicknessPath), 1e-12);
+  }
+}
+
 TEST(Simulate, AnErrorIsAFailureOfThatState) {
   Fitted c;
   // Its place has no derivative, which the simulation says before its first command.
   c.fit->scene.mutable_tool()->mutable_grip()->set_hold(pb::HOLD_PAD);
   const auto predictions =
-      c.fit->simulate(c.at, {pb::TISSUE_REFERENCE, {4, 4, 1}, 1}, Columns::kFresh, c.which);
+      c.fit->simulate(c.at, {pb::TISSUE_REFERENCE, {4, 4, 1}, 1}, true, c.which);
   EXPECT_EQ(predictions[0].frames.size(), Fitted::kFrames);
   EXPECT_EQ(count_valid(predictions[0]), 0);
   EXPECT_THAT(predictions[0].failure, testing::HasSubstr("size of a pad"));
