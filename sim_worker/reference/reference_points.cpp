@@ -99,17 +99,17 @@ GraspPatch ReferenceTissueModel::make_patch(const Vector2d& centre, double radiu
   for (const PatchPoint& point : points) mean += point.weight * point.p;
 
   const double half = 0.5 * body.thickness;
-  const int layers = cells(2);
   std::map<int, Eigen::Vector4d> rows;  // by node
   for (const PatchPoint& point : points) {
     const int ix = cells_at(lines[0], point.p.x()).front();
     const int iy = cells_at(lines[1], point.p.y()).front();
-    for (int iz = 0; iz < layers; ++iz) {
+    for (int iz = 0; iz < cells(2); ++iz) {
+      const double share = (lines[2][iz + 1] - lines[2][iz]) / (lines[2].back() - lines[2].front());
       for (const double zeta : {-0.57735026918962576, 0.57735026918962576}) {  // Gauss
         const Vector3d xi(local_coordinate(lines[0], ix, point.p.x()),
                           local_coordinate(lines[1], iy, point.p.y()), zeta);
         const double z = 0.5 * (lines[2][iz] * (1 - zeta) + lines[2][iz + 1] * (1 + zeta));
-        const Eigen::Vector4d row = point.weight / (2 * layers) *
+        const Eigen::Vector4d row = 0.5 * share * point.weight *
                                     Eigen::Vector4d(1, (point.p.x() - mean.x()) / radius,
                                                     (point.p.y() - mean.y()) / radius, z / half);
         const std::array<double, 8> N = hex_functions(xi);

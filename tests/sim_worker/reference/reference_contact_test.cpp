@@ -318,6 +318,36 @@ TEST(ReferenceGrasp, JawsThatAStretchedSheetPullsOnNeitherTurnNorDeformThePatch)
   EXPECT_LT((rows() - expected).cwiseAbs().maxCoeff(), 1e-8);
 }
 
+TEST(ReferenceGrasp, HoldsTheSameMeansWhereLayersCrowdAtTheFaces) {
+  // Of a linear field the means are exact: of the position the centre, of the slopes the second
+  // moments of a disc and of the thickness.
+  ReferenceCase c;
+  c.nx = c.ny = 11;
+  c.anchor = -0.015;
+  c.law = pb::LAW_NEO_HOOKE;
+  const Eigen::Vector2d centre(0.004, 0.001);
+  const double radius = 0.004;
+  Eigen::Matrix<double, 3, GraspPatch::kRows> expected;
+  expected.setZero();
+  expected.col(0).head<2>() = centre;
+  expected(0, 1) = expected(1, 2) = radius / 4;
+  expected(2, 3) = c.thickness / 6;
+  for (const bool crowded : {false, true}) {
+    c.ex = c.ey = crowded ? 0 : 8;
+    c.ez = crowded ? 0 : 3;
+    const auto model = make_model(c);
+    const std::vector<double>& lines = model->lines[2];
+    ASSERT_EQ(lines[2] - lines[1] > 1.5 * (lines[1] - lines[0]), crowded);
+    const GraspPatch patch = model->make_patch(centre, radius);
+    Eigen::Matrix<double, 3, GraspPatch::kRows> rows;
+    rows.setZero();
+    for (std::size_t k = 0; k < patch.node.size(); ++k)
+      rows += model->nodes[static_cast<std::size_t>(patch.node[k])] *
+              patch.weight.row(static_cast<Eigen::Index>(k));
+    EXPECT_LT((rows - expected).cwiseAbs().maxCoeff(), 1e-9) << rows << "\n" << expected;
+  }
+}
+
 TEST(ReferenceGrasp, FixedTissueCannotBeHeld) {
   ReferenceCase c = free_sheet();
   c.anchor = -0.009;
