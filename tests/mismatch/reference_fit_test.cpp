@@ -359,10 +359,17 @@ TEST(KnownDensity, HasTheQuantilesOfANormalOne) {
   EXPECT_NEAR(squares, 1, 0.1);
 }
 
-void expect_clock_as_believed(Fitted& c) {
+struct Integrated {
+  ArrowStep sure;  ///< before
+  ClockPosterior found;
+};
+Integrated integrate(Fitted& c) {
   const FitState state = c.improved();
   const ArrowStep sure = c.fit->posterior(c.predictions, c.at, c.which, state);
-  const auto found = integrate_clock(*c.fit, c.predictions, c.at, c.which, state, sure);
+  return {sure, integrate_clock(*c.fit, c.predictions, c.at, c.which, state, sure)};
+}
+
+void expect_clock_as_believed(const Fitted& c, const ClockPosterior& found) {
   const double belief = c.fit->beliefs.shared_sd[c.fit->layout.clock()];
   EXPECT_NEAR(found.clock.high, 1.645 * belief, 0.15 * belief);
   EXPECT_NEAR(found.clock.low, -1.645 * belief, 0.15 * belief);
@@ -379,9 +386,7 @@ TEST(IntegrateClock, ACloudJustBeforeTheTissueMovesLeavesALateClockOpen) {
     }
     frame.velocity.assign(frame.vertices.size(), Vector3d(0, 0, 0.025));
   }
-  const FitState state = c.improved();
-  const ArrowStep sure = c.fit->posterior(c.predictions, c.at, c.which, state);
-  const auto found = integrate_clock(*c.fit, c.predictions, c.at, c.which, state, sure);
+  const auto [sure, found] = integrate(c);
   const int k = c.fit->layout.clock();
   const double belief = c.fit->beliefs.shared_sd[k];
   // A later clock is as likely as it is believed: half of a normal distribution.
@@ -395,12 +400,8 @@ TEST(IntegrateClock, ACloudJustBeforeTheTissueMovesLeavesALateClockOpen) {
 
 TEST(IntegrateClock, WhatRestsSaysNothing) {
   Fitted c;
-  const FitState state = c.improved();
-  const ArrowStep sure = c.fit->posterior(c.predictions, c.at, c.which, state);
-  const auto found = integrate_clock(*c.fit, c.predictions, c.at, c.which, state, sure);
-  const double belief = c.fit->beliefs.shared_sd[c.fit->layout.clock()];
-  EXPECT_NEAR(found.clock.high, 1.645 * belief, 0.15 * belief);
-  EXPECT_NEAR(found.clock.low, -1.645 * belief, 0.15 * belief);
+  const auto [sure, found] = integrate(c);
+  expect_clock_as_believed(c, found);
   for (int k = 0; k < c.fit->layout.unknowns; ++k)
     EXPECT_NEAR(found.sure.shared_covariance(k, k), sure.shared_covariance(k, k), 1e-6);
 }
@@ -418,7 +419,7 @@ TEST(IntegrateClock, ASwayBelowWhatTheModelIsGoodForSaysNothing) {
     }
     frame.velocity.assign(frame.vertices.size(), Vector3d(0, 0, 2e-4));
   }
-  expect_clock_as_believed(c);
+  expect_clock_as_believed(c, integrate(c).found);
 }
 
 TEST(IntegrateClock, WhatDiffersByLessThanTheModelIsGoodForSaysNothing) {
@@ -433,7 +434,7 @@ TEST(IntegrateClock, WhatDiffersByLessThanTheModelIsGoodForSaysNothing) {
     }
     frame.velocity.assign(frame.vertices.size(), Vector3d::Zero());
   }
-  expect_clock_as_believed(c);
+  expect_clock_as_believed(c, integrate(c).found);
 }
 
 TEST(FindStart, LooksAtEightFramesOfEveryRecordingAndLeavesAll) {
