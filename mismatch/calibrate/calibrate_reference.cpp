@@ -5,6 +5,7 @@
 #include <cmath>
 #include <ctime>
 #include <map>
+#include <numeric>
 
 #include "core/check.h"
 #include "core/constants.h"
@@ -22,7 +23,14 @@ namespace omentum {
 namespace {
 
 constexpr double kMeshRatio = 1.5;
-constexpr double kCoarseWork = 0.4, kFineWork = 1.6;  // of a simulation with its derivatives
+// Work in passes without derivatives on the fine mesh: of a simulation with its derivatives,
+constexpr double kCoarseWork = 0.4, kFineWork = 1.6, kMeshWork = 0.4;
+// and, as most calibrations go, of starts, coarse mesh, fine mesh, mesh and step, settling, laws,
+// settling again, before and left out.
+constexpr std::array<double, 8> kPlan = {3.5,           5 * kCoarseWork,
+                                         3 * kFineWork, kMeshWork + 2,
+                                         kFineWork,     2 * (3 * kFineWork + kMeshWork),
+                                         2 * kFineWork, 2.2};
 
 using Which = std::vector<std::size_t>;
 
@@ -42,20 +50,19 @@ class Stages {
     elements_ = count_elements(scene, options.folder, fit_.observations, options.tolerance_m);
     coarse_elements_ =
         count_elements(scene, options.folder, fit_.observations, 6 * options.tolerance_m);
-    // Work in passes of the fine mesh: starts, coarse, fine, laws, base, numerics, left out.
-    const auto all = static_cast<double>(fit_.observations.size());
-    planned_ = all * (0.4 + 5 * kCoarseWork + 7 * kFineWork + 1 + 3.5 + 1.2);
   }
 
   Calibration run();
 
  private:
+  void next_stage();
   void say(const std::string& stage, double passes);
   void begin();
   void warn_of_missing(std::size_t r, const Prediction& prediction, const std::string& where);
   void drop_failing(const std::vector<Prediction>& predictions, bool told);
   std::vector<Prediction> begin_descent(const SimulateState& simulate, bool told);
-  void descend(const Numerics& numerics, int most, double work, const std::string& stage);
+  void descend(const Numerics& numerics, int most, double small, double work,
+               const std::string& stage);
   void take(Descent d);
   LawFit keep() const;
   void restore(const LawFit& fit);
@@ -89,19 +96,28 @@ class Stages {
   bool settled_ = true;       ///< the last descend() came to rest
   std::vector<LawFit> laws_;  ///< the one chosen among them
   std::array<int, 3> elements_ = {}, coarse_elements_ = {};
-  double planned_ = 1, done_ = 0;
+  std::size_t stage_ = 0;            ///< of kPlan
+  double done_ = 0, stage_end_ = 0;  ///< passes
   double mesh_rms_ = 0, step_rms_ = 0, law_rms_ = 0;
 };
 
+void Stages::next_stage() {
+  done_ = stage_end_;
+  stage_end_ += kPlan.at(stage_++) * static_cast<double>(fit_.observations.size());
+}
+
+/// What takes longer than planned waits at the end of its stage.
 void Stages::say(const std::string& stage, double passes) {
-  done_ += passes;
-  if (options_.progress) options_.progress(std::min(1.0, done_ / planned_), stage);
+  const double all = std::accumulate(kPlan.begin(), kPlan.end(), 0.0) *
+                     static_cast<double>(fit_.observations.size());
+  done_ = std::min(done_ + passes, stage_end_);
+  if (options_.progress) options_.progress(done_ / all, stage);
 }
 
 /// Begins by the shell; recordings that are mirrored are named and left out.
 void Stages::begin() {
   const Start start = find_start(fit_, fitted_, [&](double share) {
-    say("starts", 0.4 * share * static_cast<double>(fitted_.size()));
+    say("starts", kPlan.front() * share * static_cast<double>(fitted_.size()));
   });
   if (!start.failure.empty()) {
     result_.warnings.push_back(
@@ -166,8 +182,10 @@ std::vector<Prediction> Stages::begin_descent(const SimulateState& simulate, boo
   return predictions;
 }
 
-/// Simulates and improves until what is simulated moves no more, at most so many times.
-void Stages::descend(const Numerics& numerics, int most, double work, const std::string& stage) {
+/// Simulates and improves, at most so many times, until nothing moves by more than `small` of its
+/// standard deviation.
+void Stages::descend(const Numerics& numerics, int most, double small, double work,
+                     const std::string& stage) {
   const SimulateState simulate = [&](const FitState& state) {
     auto predictions = fit_.simulate(state, numerics, true, fitted_);
     say(stage, work * static_cast<double>(fitted_.size()));
@@ -176,7 +194,7 @@ void Stages::descend(const Numerics& numerics, int most, double work, const std:
   Descent d;
   d.predictions = begin_descent(simulate, numerics.elements == elements_);
   d.at = state_;
-  omentum::descend(fit_, simulate, fitted_, most - 1, d);
+  omentum::descend(fit_, simulate, fitted_, most - 1, small, d);
   take(std::move(d));
 }
 
@@ -196,7 +214,7 @@ void Stages::measure_mesh() {
   const double fall = 1 / (std::pow(ratio, 2.5) - 1);  // docs/results.md: error ~ cell^2.5
   const auto mesh = fit_.simulate(at_, {pb::TISSUE_REFERENCE, fewer, 1}, false, fitted_);
   mesh_rms_ = fall * surfaces_apart(mesh, predictions_);
-  say("mesh", 0.5 * static_cast<double>(fitted_.size()));
+  say("mesh", kMeshWork * static_cast<double>(fitted_.size()));
   fit_.set_difference({"numerics.mesh", "1", "", Unknown::Scale::kShift, 0, 1.5,
                        "1.5 times its estimated error", false},
                       mesh, -fall, predictions_, at_, state_);
@@ -257,7 +275,7 @@ void Stages::fit_laws() {
                       law_name(law), law_name(first.law)));
       continue;
     }
-    omentum::descend(fit_, simulate, fitted_, 3, d);
+    omentum::descend(fit_, simulate, fitted_, 3, kSmallMove, d);
     take(std::move(d));
     measure_mesh();
     laws_.push_back(keep());
@@ -339,7 +357,7 @@ void Stages::settle() {
   for (int round = 0; round < kRounds; ++round) {
     settle_beliefs();
     if (settled_ && moved(fit_, fitted_, at_, state_, sure_) < kSmallMove) break;
-    descend(fine(), 3, kFineWork, "settling");
+    descend(fine(), 3, kSmallMove, kFineWork, "settling");
   }
 }
 
@@ -420,19 +438,28 @@ void Stages::collect() {
 
 Calibration Stages::run() {
   const std::clock_t started = std::clock();
+  next_stage();
   begin();
-  descend(coarse(), 6, kCoarseWork, "coarse mesh");
+  next_stage();
+  constexpr double kNear = 1;  // the coarse mesh itself moves the numbers as far
+  descend(coarse(), 6, kNear, kCoarseWork, "coarse mesh");
   settle_beliefs();
-  descend(coarse(), 6, kCoarseWork, "coarse mesh");
+  descend(coarse(), 6, kNear, kCoarseWork, "coarse mesh");
   fitted_ = usable_;  // what fails on large cells may not on small ones
-  descend(fine(), 4, kFineWork, "fine mesh");
+  next_stage();
+  descend(fine(), 4, kSmallMove, kFineWork, "fine mesh");
+  next_stage();
   measure_mesh();
   measure_step();
+  next_stage();
   settle();  // else the other laws, which are simulated further, look better
+  next_stage();
   fit_laws();
+  next_stage();
   settle();
   judge_laws();
   integrate();
+  next_stage();
   base_ = fit_.simulate(fit_.believed(), fine(), false, fitted_);
   say("before", static_cast<double>(fitted_.size()));
   collect_fit();

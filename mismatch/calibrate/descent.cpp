@@ -33,14 +33,14 @@ double moved(const ReferenceFit& fit, const std::vector<std::size_t>& which, con
 }
 
 void descend(ReferenceFit& fit, const SimulateState& simulate,
-             const std::vector<std::size_t>& which, int most, Descent& d) {
+             const std::vector<std::size_t>& which, int most, double small, Descent& d) {
   constexpr double kSlack = 0.5;  // of a log likelihood: what rounding does
   constexpr double kLeastTrust = 0.01;
   const auto improve = [&] {
     d.state = d.at;
     fit.improve(d.predictions, d.at, which, kSteps, d.state);
     d.sure = fit.posterior(d.predictions, d.at, which, d.state);
-    d.settled = moved(fit, which, d.at, d.state, d.sure) < kSmallMove;
+    d.settled = moved(fit, which, d.at, d.state, d.sure) < small;
   };
   fit.trust = 1;
   improve();

@@ -26,10 +26,11 @@ double moved(const ReferenceFit& fit, const std::vector<std::size_t>& which, con
 inline constexpr double kSmallMove = 0.25;  ///< needs no further simulation
 
 /// Begins with `d.predictions` at `d.at`: improves on the derivatives, simulates, and again, at
-/// most so many times. A step after which the simulation fits worse, or after which a recording
-/// cannot be simulated any more, is taken back, and the derivatives are trusted less. At the end
-/// `d.predictions` are those of the best state that was simulated.
+/// most so many times, until nothing has moved() by more than `small`. A step after which the
+/// simulation fits worse, or after which a recording cannot be simulated any more, is taken back,
+/// and the derivatives are trusted less. At the end `d.predictions` are those of the best state
+/// that was simulated.
 void descend(ReferenceFit& fit, const SimulateState& simulate,
-             const std::vector<std::size_t>& which, int most, Descent& d);
+             const std::vector<std::size_t>& which, int most, double small, Descent& d);
 
 }  // namespace omentum

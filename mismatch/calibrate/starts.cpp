@@ -12,7 +12,8 @@ namespace {
 using Eigen::Vector3d;
 using Which = std::vector<std::size_t>;
 
-constexpr int kStarts = 9;
+constexpr int kStarts = 5;
+constexpr int kMirrored = 3;  ///< of them simulated on the other side, too
 const Numerics kShell{pb::TISSUE_ELASTIC, {}, 1};
 constexpr NoiseModel kSearched{3e-3, 5e-4, 0.025, 4};  ///< where a fit begins
 constexpr NoiseModel kCompared{2e-3, 5e-4, 0.025, 4};  ///< common to fits that are compared
@@ -92,7 +93,8 @@ void mirror_tracks(ReferenceFit& fit, const Which& which) {
   }
 }
 
-Which find_mirrored(ReferenceFit& fit, const std::vector<Simulated>& all, const Which& which) {
+Which find_mirrored(ReferenceFit& fit, const std::vector<Simulated>& all, const Which& which,
+                    const std::function<void()>& simulated) {
   constexpr double kClear = 0.2;  // of a log likelihood, per point
   // A wrong side is no matter of stiffness: a soft, a believed and a stiff body tell it.
   const std::vector<Simulated> told = {all[1], all[kStarts / 2], all[kStarts - 2]};
@@ -101,7 +103,10 @@ Which find_mirrored(ReferenceFit& fit, const std::vector<Simulated>& all, const 
   std::vector<ToolTrack> tracks;
   for (const Observation& seen : fit.observations) tracks.push_back(seen.track);
   mirror_tracks(fit, candidates);
-  for (Simulated& m : mirrored) m.predictions = fit.simulate(m.at, kShell, false, candidates);
+  for (Simulated& m : mirrored) {
+    m.predictions = fit.simulate(m.at, kShell, false, candidates);
+    simulated();
+  }
   for (const std::size_t r : candidates) fit.observations[r].track = tracks[r];
   Which found;
   for (const std::size_t r : candidates) {
@@ -117,6 +122,7 @@ Which find_mirrored(ReferenceFit& fit, const std::vector<Simulated>& all, const 
 
 Start find_start(ReferenceFit& fit, const Which& which,
                  const std::function<void(double share)>& simulated) {
+  const auto one_more = [&] { simulated(1.0 / (kStarts + kMirrored)); };
   const FewFrames few(fit.observations);
   const double range = 1.5 * fit.unknowns.front().sd;
   std::vector<Simulated> all;
@@ -124,7 +130,7 @@ Start find_start(ReferenceFit& fit, const Which& which,
     Simulated& s = all.emplace_back(Simulated{fit.believed(), {}});
     s.at.shared[0] = range * (2.0 * k / (kStarts - 1) - 1);
     s.predictions = fit.simulate(s.at, kShell, false, which);
-    simulated(1.0 / kStarts);
+    one_more();
   }
   Start start{fit.believed(), {}, {}};
   const auto is_simulated = [&](const Simulated& s) {
@@ -135,7 +141,7 @@ Start find_start(ReferenceFit& fit, const Which& which,
     start.failure = all[kStarts / 2].predictions[which.front()].failure;
     return start;
   }
-  start.mirrored = find_mirrored(fit, all, which);
+  start.mirrored = find_mirrored(fit, all, which, one_more);
   Which kept = which;
   std::erase_if(kept, [&](std::size_t r) { return std::ranges::count(start.mirrored, r) > 0; });
   double least = std::numeric_limits<double>::infinity();

@@ -315,7 +315,7 @@ struct Descending : Fitted {
             here[0].frames.assign(kFrames, {});  // as ReferenceFit::simulate leaves an Error
           return here;
         },
-        which, 12, d);
+        which, 12, kSmallMove, d);
     return d;
   }
 };
