@@ -63,6 +63,7 @@ class Stages {
   std::vector<Prediction> begin_descent(const SimulateState& simulate, bool told);
   void descend(const Numerics& numerics, int most, double small, double work,
                const std::string& stage);
+  void descend_coarsely();
   void take(Descent d);
   LawFit keep() const;
   void restore(const LawFit& fit);
@@ -196,6 +197,18 @@ void Stages::descend(const Numerics& numerics, int most, double small, double wo
   d.at = state_;
   omentum::descend(fit_, simulate, fitted_, most - 1, small, d);
   take(std::move(d));
+}
+
+/// Large cells move the numbers as far as they are told: neither all frames are needed there nor
+/// rest.
+void Stages::descend_coarsely() {
+  constexpr double kNear = 1;
+  constexpr std::size_t kFrames = 12;
+  const FewFrames few(fit_.observations, kFrames);
+  descend(coarse(), 6, kNear, kCoarseWork, "coarse mesh");
+  settle_beliefs();
+  descend(coarse(), 6, kNear, kCoarseWork, "coarse mesh");
+  fitted_ = usable_;  // what fails on large cells may not on small ones
 }
 
 void Stages::take(Descent d) {
@@ -441,11 +454,7 @@ Calibration Stages::run() {
   next_stage();
   begin();
   next_stage();
-  constexpr double kNear = 1;  // the coarse mesh itself moves the numbers as far
-  descend(coarse(), 6, kNear, kCoarseWork, "coarse mesh");
-  settle_beliefs();
-  descend(coarse(), 6, kNear, kCoarseWork, "coarse mesh");
-  fitted_ = usable_;  // what fails on large cells may not on small ones
+  descend_coarsely();
   next_stage();
   descend(fine(), 4, kSmallMove, kFineWork, "fine mesh");
   next_stage();

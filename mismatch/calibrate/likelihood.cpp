@@ -3,8 +3,8 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <compare>
 #include <limits>
-#include <map>
 #include <numbers>
 
 #include "core/check.h"
@@ -25,29 +25,33 @@ double cost_of(double squared, double freedom) {
 }
 double weight_of(double squared, double freedom) { return (freedom + 1) / (freedom + squared); }
 
-/// Points of a picture in cells, to find the nearest one.
+/// Points of a picture in rows of cells, to find the nearest one.
 class PictureIndex {
  public:
-  PictureIndex(std::vector<Vector2d> points, double cell)
-      : points_(std::move(points)), cell_(cell) {
-    for (std::size_t k = 0; k < points_.size(); ++k) cells_[key(points_[k])].push_back(k);
+  PictureIndex(std::vector<Vector2d> points, double reach)
+      : points_(std::move(points)), reach_(reach) {
+    for (std::size_t k = 0; k < points_.size(); ++k)
+      entries_.push_back({cell_of(points_[k].y()), cell_of(points_[k].x()), k});
+    std::ranges::sort(entries_);
   }
-  /// Nearest within two cells; nothing beyond.
+  /// Nearest within the reach; nothing beyond.
   std::optional<std::size_t> nearest(const Vector2d& q, std::size_t skip) const {
     std::optional<std::size_t> best;
-    double least = 4 * cell_ * cell_;
-    const auto [x, y] = key(q);
-    for (int dy = -2; dy <= 2; ++dy) {
-      for (int dx = -2; dx <= 2; ++dx) {
-        const auto found = cells_.find({x + dx, y + dy});
-        if (found == cells_.end()) continue;
-        for (const std::size_t k : found->second) {
-          const double squared = (points_[k] - q).squaredNorm();
-          if (k == skip || !(squared < least)) continue;
+    double least = reach_ * reach_;
+    const int x = cell_of(q.x()), y = cell_of(q.y());
+    // In ever larger squares, until no cell outside can have a nearer one.
+    for (int around = 1; around <= kCells; around *= 2) {
+      for (int row = y - around; row <= y + around; ++row) {
+        auto entry = std::ranges::lower_bound(entries_, Entry{row, x - around, 0});
+        for (; entry != entries_.end() && entry->y == row && entry->x <= x + around; ++entry) {
+          const double squared = (points_[entry->point] - q).squaredNorm();
+          if (entry->point == skip || !(squared < least)) continue;
           least = squared;
-          best = k;
+          best = entry->point;
         }
       }
+      const double seen = around * reach_ / kCells;
+      if (best && least <= seen * seen) break;
     }
     return best;
   }
@@ -67,13 +71,19 @@ class PictureIndex {
   std::size_t size() const { return points_.size(); }
 
  private:
-  std::pair<int, int> key(const Vector2d& p) const {
-    return {static_cast<int>(std::floor(p.x() / cell_)),
-            static_cast<int>(std::floor(p.y() / cell_))};
+  static constexpr int kCells = 8;  ///< of the reach
+  struct Entry {
+    int y, x;
+    std::size_t point;
+    auto operator<=>(const Entry&) const = default;
+  };
+  int cell_of(double at) const {
+    constexpr double kFar = 1e9;  // beside the camera
+    return static_cast<int>(std::floor(std::clamp(kCells * at / reach_, -kFar, kFar)));
   }
   std::vector<Vector2d> points_;
-  double cell_;
-  std::map<std::pair<int, int>, std::vector<std::size_t>> cells_;
+  double reach_;
+  std::vector<Entry> entries_;
 };
 
 /// Distance of a point from the shaft, which stands up from the tip.
@@ -316,7 +326,7 @@ void Likelihood::add_frame(const Observation& seen, const SeenFrame& frame,
     if (const std::optional<Vector2d> place = surface_.project(p)) picture.push_back(*place);
   }
   const double depth = (middle_ - seen.p_WC).norm();
-  const PictureIndex index(std::move(picture), kMostGap / depth);
+  const PictureIndex index(std::move(picture), 2 * kMostGap / depth);
   // Which rays met nothing no cloud says: an edge is known to a spacing only, and the body that was
   // seen may lack points within 1.4 spacings of a corner. So much more, on either side, does not
   // count: rows that pull one way where nothing is wrong would, in many frames, make another body.
@@ -325,14 +335,19 @@ void Likelihood::add_frame(const Observation& seen, const SeenFrame& frame,
   for (const Vector3d& p : frame.points) {
     Row row;
     const Vector3d d = (p - seen.p_WC).normalized();
-    const TrianglePoint near = surface_.nearest(p, noise.reach);
-    if (near.triangle < 0) {
-      ++block.no_tissue;
-      const double far = noise.reach / noise.sigma;
-      block.cost += cost_of(far * far, noise.freedom);
-      continue;
-    }
     const std::optional<RayHit> hit = surface_.cast(p);
+    const double range = (p - seen.p_WC).norm();
+    // A ray that meets the surface within reach says where it is; else it is looked for.
+    TrianglePoint near;
+    if (!hit || !(std::fabs(range - hit->range) < noise.reach)) {
+      near = surface_.nearest(p, noise.reach);
+      if (near.triangle < 0) {
+        ++block.no_tissue;
+        const double far = noise.reach / noise.sigma;
+        block.cost += cost_of(far * far, noise.freedom);
+        continue;
+      }
+    }
     // A ray that passes the surface counts by its range against the face at the edge, continued, as
     // one that just meets it does, and by how far it passes: a body too small must not look better.
     RayHit met;
@@ -360,7 +375,7 @@ void Likelihood::add_frame(const Observation& seen, const SeenFrame& frame,
     // In front of another part of the body: then it is that part's edge that was seen.
     const double limit = noise.reach / std::max(std::fabs(cosine), kEdgeOn);
     if (hit) {
-      row.e = std::clamp((p - seen.p_WC).norm() - hit->range, -limit, limit);
+      row.e = std::clamp(range - hit->range, -limit, limit);
       row.along = row.normal / flat;
       row.place = surface_.at(met);
       block.deviation.push_back(row.e / row.sd_factor);
@@ -373,7 +388,7 @@ void Likelihood::add_frame(const Observation& seen, const SeenFrame& frame,
     ++block.beside;
     add_row(row, predicted, layout, noise, block);
     const Vector3d w = off - off.dot(d) * d;
-    row.e = w.norm() - kSlack * spacing * (p - seen.p_WC).norm();
+    row.e = w.norm() - kSlack * spacing * range;
     if (!(row.e > 1e-9)) continue;
     row.along = w.normalized();
     row.sd_factor = std::hypot(1, noise.lateral / noise.sigma);

@@ -170,6 +170,23 @@ Observation observe(const std::string& name, const std::string& path, const Reco
   return made;
 }
 
+FewFrames::FewFrames(std::vector<Observation>& observations, std::size_t most)
+    : observations_(observations) {
+  for (Observation& seen : observations_) {
+    frames_.push_back(seen.frames);
+    const std::size_t count = seen.frames.size();
+    if (count <= most) continue;
+    std::vector<SeenFrame> few;
+    for (std::size_t k = 1; k <= most; ++k) few.push_back(seen.frames[k * count / most - 1]);
+    seen.frames = std::move(few);
+  }
+}
+
+FewFrames::~FewFrames() {
+  for (std::size_t r = 0; r < observations_.size(); ++r)
+    observations_[r].frames = std::move(frames_[r]);
+}
+
 void number_conditions(std::vector<Observation>& observations) {
   constexpr double kOnePlace = 0.006;  // [m]
   std::vector<Eigen::Vector2d> places;

@@ -58,6 +58,20 @@ inline constexpr std::size_t kMostFrames = 80, kMostPoints = 1200;
 Observation observe(const std::string& name, const std::string& path, const Recording& recording,
                     const Scene& scene, std::vector<std::string>& warnings);
 
+/// Leaves at most so many frames of every recording, the last among them, as long as it lives:
+/// where a search begins need not be exact.
+class FewFrames {
+ public:
+  FewFrames(std::vector<Observation>& observations, std::size_t most);
+  ~FewFrames();
+  FewFrames(const FewFrames&) = delete;
+  FewFrames& operator=(const FewFrames&) = delete;
+
+ private:
+  std::vector<Observation>& observations_;
+  std::vector<std::vector<SeenFrame>> frames_;  ///< all of them
+};
+
 /// Numbers the conditions: recordings whose jaws close within 6 mm of each other are one.
 void number_conditions(std::vector<Observation>& observations);
 

@@ -105,11 +105,12 @@ std::optional<RayHit> SeenSurface::cast_along(const Vector3d& direction, const V
     const Vector3d h = direction.cross(e2);
     const double det = e1.dot(h);
     if (std::fabs(det) < 1e-18) continue;
+    constexpr double kEdge = 1e-9;
     const Vector3d s = p_WC_ - a;
     const double u = s.dot(h) / det;
+    if (u < -kEdge || u > 1 + 2 * kEdge) continue;
     const Vector3d q = s.cross(e1);
     const double v = direction.dot(q) / det;
-    constexpr double kEdge = 1e-9;
     if (u < -kEdge || v < -kEdge || u + v > 1 + kEdge) continue;
     const double range = e2.dot(q) / det;
     if (range > 0 && range < best.range) best = {t, {1 - u - v, u, v}, range};

@@ -24,32 +24,6 @@ struct Simulated {
   std::vector<Prediction> predictions;
 };
 
-/// Leaves few frames of every recording, the last among them, as long as it lives: where a search
-/// begins need not be exact.
-class FewFrames {
- public:
-  explicit FewFrames(std::vector<Observation>& observations) : observations_(observations) {
-    constexpr std::size_t kMost = 8;
-    for (Observation& seen : observations_) {
-      frames_.push_back(seen.frames);
-      const std::size_t count = seen.frames.size();
-      if (count <= kMost) continue;
-      std::vector<SeenFrame> few;
-      for (std::size_t k = 1; k <= kMost; ++k) few.push_back(seen.frames[k * count / kMost - 1]);
-      seen.frames = std::move(few);
-    }
-  }
-  ~FewFrames() {
-    for (std::size_t r = 0; r < observations_.size(); ++r) observations_[r].frames = frames_[r];
-  }
-  FewFrames(const FewFrames&) = delete;
-  FewFrames& operator=(const FewFrames&) = delete;
-
- private:
-  std::vector<Observation>& observations_;
-  std::vector<std::vector<SeenFrame>> frames_;
-};
-
 /// Registration, clock and what recordings have of their own, at a stiffness; and its cost.
 double fit_start(ReferenceFit& fit, const Simulated& simulated, const Which& which, int steps,
                  FitState& state) {
@@ -123,7 +97,8 @@ Which find_mirrored(ReferenceFit& fit, const std::vector<Simulated>& all, const 
 Start find_start(ReferenceFit& fit, const Which& which,
                  const std::function<void(double share)>& simulated) {
   const auto one_more = [&] { simulated(1.0 / (kStarts + kMirrored)); };
-  const FewFrames few(fit.observations);
+  constexpr std::size_t kFrames = 8;
+  const FewFrames few(fit.observations, kFrames);
   const double range = 1.5 * fit.unknowns.front().sd;
   std::vector<Simulated> all;
   for (int k = 0; k < kStarts; ++k) {
