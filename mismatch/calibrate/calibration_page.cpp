@@ -16,7 +16,10 @@ namespace {
 using Rows = std::vector<std::vector<std::string>>;
 
 std::string figure(double value) {
-  return std::isfinite(value) ? fmt::format("{:.4g}", value) : "-";
+  if (!std::isfinite(value)) return "-";
+  // A stiffness in pascals is read as digits.
+  const double size = std::fabs(value);
+  return size >= 1e4 && size < 1e7 ? fmt::format("{:.0f}", value) : fmt::format("{:.4g}", value);
 }
 std::string mm(double metres) { return metres > 0 ? fmt::format("{:.2f}", 1e3 * metres) : "-"; }
 
