@@ -386,6 +386,13 @@ void ReferenceTissue::move_trial(const Terms& terms, double length, const Nodes&
   }
 }
 
+/// Rounding of the elements' energies [J]: each is a small difference of terms as large as mu.
+double ReferenceTissue::energy_rounding() const {
+  double volume = 1;
+  for (const std::vector<double>& lines : model_->lines) volume *= lines.back() - lines.front();
+  return 0x1p-53 * model_->lame.mu * parameters_.stiffness_scale * volume;
+}
+
 /// Backtracking line search: halves the step until the potential, with the multipliers of the full
 /// step, falls enough (Armijo), or the residual shrinks where the fall is below rounding. False,
 /// and the trial unchanged, where no step does.
@@ -399,6 +406,7 @@ bool ReferenceTissue::search_line(const Terms& terms, Residual& residual) {
       residual.force.dot(direction_) - residual.miss.cwiseProduct(residual.miss_force).sum();
   if (turns()) slope += residual.moment.dot(turn_step_);
   const bool hidden = std::fabs(slope) < kRounding * residual.scale;
+  const double rounding = energy_rounding();
   const Nodes x = trial_x_;
   const Modes mode = trial_mode_;
   Residual trial;
@@ -409,8 +417,10 @@ bool ReferenceTissue::search_line(const Terms& terms, Residual& residual) {
     if (turns()) trial_turn_.add(length * turn_step_);
     evaluate(terms, trial_x_, trial_mode_, trial);
     if (!std::isfinite(trial.energy)) continue;
-    if (hidden ? trial.norm < residual.norm
-               : trial.energy <= residual.energy + 1e-4 * length * slope) {
+    const bool shrinks = trial.norm < residual.norm;
+    const double change = trial.energy - residual.energy;
+    if (hidden ? shrinks
+               : change <= 1e-4 * length * slope || (shrinks && std::fabs(change) <= rounding)) {
       std::swap(residual, trial);
       return true;
     }

@@ -248,6 +248,7 @@ class ReferenceTissue : public Tissue<double> {
   bool make_factor(const Terms& terms, std::vector<Eigen::Matrix3d> blocks);
   bool carry_factor();
   double rounding() const;
+  double energy_rounding() const;
   /// Elements of a batch of Pack::kLanes.
   int elements_in(std::size_t batch) const {
     const std::size_t left = model_->elements.size() - Pack::kLanes * batch;
