@@ -2,7 +2,9 @@
 
 #include <Eigen/Cholesky>
 #include <algorithm>
+#include <cmath>
 #include <map>
+#include <numeric>
 #include <utility>
 
 #include "core/check.h"
@@ -11,6 +13,7 @@ namespace omentum {
 namespace {
 
 using Eigen::MatrixXd;
+using Eigen::VectorXd;
 using Dense = Eigen::Map<MatrixXd>;
 using ConstDense = Eigen::Map<const MatrixXd>;
 
@@ -21,6 +24,9 @@ constexpr int kLeaf = 9;
 // Eigen splits by the size of the cache: the sums are the same on every machine.
 constexpr int kPanel = 32;
 constexpr int kDepth = 96;
+using Block = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, kPanel, kPanel>;
+// Share of a diagonal entry below which a pivot without a sign of its own is rounding.
+constexpr double kVanishes = 1e-10;
 // Update matrices of fronts down to this depth of the tree are kept, so that 16 parts of the sheet
 // can be factored again alone; more would not fit the cache.
 constexpr int kKeptDepth = 4;
@@ -168,32 +174,71 @@ void add_child(const Dissection::Front& child, const double* update, const Disse
   }
 }
 
-/// Cholesky factor of the own columns of a front, and its update matrix.
-bool eliminate(Dense& panel, Dense& border) {
+/// A = L S L^T of a block that is not positive definite; false where a pivot vanishes.
+bool factor_signed(Eigen::Ref<MatrixXd> block, Eigen::Ref<VectorXd> sign) {
+  for (Eigen::Index k = 0; k < block.rows(); ++k) {
+    const auto row = block.row(k).head(k);
+    const double diagonal = block(k, k);
+    const double pivot = diagonal - row.cwiseAbs2().dot(sign.head(k));
+    if (!(std::fabs(pivot) > kVanishes * std::fabs(diagonal))) return false;
+    sign[k] = pivot < 0 ? -1 : 1;
+    block(k, k) = std::sqrt(std::fabs(pivot));
+    const Eigen::Index under = block.rows() - k - 1;
+    const VectorXd signed_row = row.transpose().cwiseProduct(sign.head(k));
+    auto column = block.col(k).tail(under);
+    column -= block.bottomLeftCorner(under, k) * signed_row;
+    column /= sign[k] * block(k, k);
+  }
+  return true;
+}
+
+/// Lower triangle of to <- to - part S part^T.
+template <typename To, typename Part, typename Sign>
+void subtract_square(To&& to, const Part& part, const Sign& sign) {
+  if ((sign.array() > 0).all()) {
+    to.template selfadjointView<Eigen::Lower>().rankUpdate(part, -1.0);
+  } else {
+    to.template triangularView<Eigen::Lower>() -= part * (part * sign.asDiagonal()).transpose();
+  }
+}
+
+/// Factor of the own columns of a front, their signs, and its update matrix; false where a pivot
+/// vanishes.
+bool eliminate(Dense& panel, Dense& border, Eigen::Ref<VectorXd> sign) {
   const Eigen::Index own = panel.cols();
   const Eigen::Index rim = border.rows();
+  sign.setOnes();
   for (Eigen::Index start = 0; start < own; start += kPanel) {
     const Eigen::Index width = std::min<Eigen::Index>(kPanel, own - start);
     const Eigen::Index next = start + width;
     Eigen::Ref<MatrixXd> diagonal = panel.block(start, start, width, width);
+    auto signs = sign.segment(start, width);
+    const Block before = diagonal;
     const Eigen::LLT<Eigen::Ref<MatrixXd>> llt(diagonal);
-    if (llt.info() != Eigen::Success) return false;
+    const bool positive = llt.info() == Eigen::Success;
+    if (!positive) {
+      diagonal = before;
+      if (!factor_signed(diagonal, signs)) return false;
+    }
     auto under = panel.block(next, start, panel.rows() - next, width);
     if (under.rows() == 0) continue;
-    llt.matrixL().transpose().solveInPlace<Eigen::OnTheRight>(under);
+    diagonal.triangularView<Eigen::Lower>().transpose().solveInPlace<Eigen::OnTheRight>(under);
+    if (!positive) under *= signs.asDiagonal();
     const Eigen::Index more = own - next;
     if (more == 0) continue;
-    panel.block(next, next, more, more)
-        .selfadjointView<Eigen::Lower>()
-        .rankUpdate(under.topRows(more), -1.0);
-    if (rim > 0)
-      panel.block(own, next, rim, more).noalias() -=
-          under.bottomRows(rim) * under.topRows(more).transpose();
+    subtract_square(panel.block(next, next, more, more), under.topRows(more), signs);
+    if (rim == 0) continue;
+    auto rows = panel.block(own, next, rim, more);
+    if (positive) {
+      rows.noalias() -= under.bottomRows(rim) * under.topRows(more).transpose();
+    } else {
+      rows -= under.bottomRows(rim) * (under.topRows(more) * signs.asDiagonal()).transpose();
+    }
   }
   if (rim == 0) return true;
   for (Eigen::Index start = 0; start < own; start += kDepth) {
     const Eigen::Index width = std::min<Eigen::Index>(kDepth, own - start);
-    border.selfadjointView<Eigen::Lower>().rankUpdate(panel.block(own, start, rim, width), -1.0);
+    subtract_square(border, panel.block(own, start, rim, width), sign.segment(start, width));
   }
   return true;
 }
@@ -211,6 +256,8 @@ std::size_t Dissection::index(int row, int column) const {
 
 FrontalCholesky::FrontalCholesky(const Dissection& order) : order_(order) {
   stale_.assign(order_.fronts.size(), 1);
+  negative_.assign(order_.fronts.size(), 0);
+  sign_.setOnes(order_.size);
   // Below kKeptDepth one place for each depth and side suffices, since a front is done right after
   // its two children; it stays in the cache.
   std::map<std::pair<int, int>, std::size_t> shared;  // entries
@@ -284,9 +331,25 @@ bool FrontalCholesky::factor_fronts() {
     for (const int child : front.child) {
       if (child >= 0) add_child(order_.fronts[child], update_of(child), front, panel, border);
     }
-    if (!eliminate(panel, border)) return false;
+    auto sign = sign_.segment(front.first, front.own);
+    if (!eliminate(panel, border, sign)) return false;
+    negative_[f] = static_cast<int>((sign.array() < 0).count());
   }
   return true;
+}
+
+int FrontalCholesky::negative() const {
+  return std::accumulate(negative_.begin(), negative_.end(), 0);
+}
+
+template <typename Matrix>
+void FrontalCholesky::change_signs(Matrix& rhs) const {
+  for (std::size_t f = 0; f < negative_.size(); ++f) {
+    const Dissection::Front& front = order_.fronts[f];
+    for (int k = front.first; k < front.first + front.own && negative_[f] > 0; ++k) {
+      if (sign_[k] < 0) rhs.row(k) *= -1;
+    }
+  }
 }
 
 template <typename Matrix>
@@ -306,6 +369,7 @@ void FrontalCholesky::lower(Matrix& rhs) const {
 
 template <typename Matrix>
 void FrontalCholesky::upper(Matrix& rhs) const {
+  change_signs(rhs);
   typename Matrix::PlainObject border(widest_border_, rhs.cols());
   for (auto front = order_.fronts.rbegin(); front != order_.fronts.rend(); ++front) {
     const auto rim = static_cast<Eigen::Index>(front->border.size());
@@ -319,7 +383,26 @@ void FrontalCholesky::upper(Matrix& rhs) const {
 
 void FrontalCholesky::solve_lower(Eigen::Ref<MatrixXd> rhs) const { lower(rhs); }
 void FrontalCholesky::solve_lower(RightSides& rhs) const { lower(rhs); }
+void FrontalCholesky::apply_signs(Eigen::Ref<MatrixXd> rhs) const { change_signs(rhs); }
 void FrontalCholesky::solve_upper(Eigen::Ref<MatrixXd> rhs) const { upper(rhs); }
 void FrontalCholesky::solve_upper(RightSides& rhs) const { upper(rhs); }
+
+bool BorderSolver::compute(const MatrixXd& B, int negative) {
+  negative_ = negative;
+  if (negative == 0) {
+    definite_.compute(B);
+    return true;
+  }
+  indefinite_.compute(B);
+  const VectorXd& values = indefinite_.eigenvalues();
+  const bool regular = values.cwiseAbs().minCoeff() > kVanishes * values.cwiseAbs().maxCoeff();
+  return regular && (values.array() < 0).count() == negative;
+}
+
+MatrixXd BorderSolver::solve(const MatrixXd& rhs) const {
+  if (negative_ == 0) return definite_.solve(rhs);
+  const MatrixXd& axes = indefinite_.eigenvectors();
+  return axes * indefinite_.eigenvalues().asDiagonal().inverse() * (axes.transpose() * rhs);
+}
 
 }  // namespace omentum

@@ -1,6 +1,8 @@
 #pragma once
 
+#include <Eigen/Cholesky>
 #include <Eigen/Core>
+#include <Eigen/Eigenvalues>
 #include <array>
 #include <cstdint>
 #include <span>
@@ -53,9 +55,10 @@ Dissection dissect(int nx, int ny, std::span<const int> unknowns);
 /// scatter whole rows.
 using RightSides = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
-/// Multifrontal Cholesky factorisation of a symmetric positive definite matrix [Duff83]: each front
-/// is a dense matrix that adds its update matrix, the Schur complement on its border, to its
-/// parent. One thread at a time.
+/// Multifrontal Cholesky factorisation A = L S L^T of a symmetric matrix [Duff83], S = diag(+-1),
+/// which is I where A is positive definite: each front is a dense matrix that adds its update
+/// matrix, the Schur complement on its border, to its parent. A has as many negative eigenvalues as
+/// S. Pivots stay in their order, so one that vanishes ends it. One thread at a time.
 class FrontalCholesky {
  public:
   /// `order` must outlive this. Entries start at zero; their memory is taken at their first use.
@@ -64,7 +67,7 @@ class FrontalCholesky {
   void set_zero();
   /// Of A, by Dissection::index(); the upper triangle is never read.
   double* entries();
-  /// A = L L^T; false, and no factor, where A is not positive definite.
+  /// False, and no factor, where a pivot vanishes.
   bool factor();
   /// The same, to the last bit, where A changed since the last factor in the columns of these
   /// unknowns only; renews the fronts that depend on them.
@@ -72,7 +75,11 @@ class FrontalCholesky {
   /// rhs <- L^-1 rhs; skips fronts where rhs is zero.
   void solve_lower(Eigen::Ref<Eigen::MatrixXd> rhs) const;
   void solve_lower(RightSides& rhs) const;
-  /// rhs <- L^-T rhs.
+  /// Negative eigenvalues of A.
+  int negative() const;
+  /// rhs <- S rhs.
+  void apply_signs(Eigen::Ref<Eigen::MatrixXd> rhs) const;
+  /// rhs <- L^-T S rhs.
   void solve_upper(Eigen::Ref<Eigen::MatrixXd> rhs) const;
   void solve_upper(RightSides& rhs) const;
 
@@ -82,6 +89,8 @@ class FrontalCholesky {
   void lower(Matrix& rhs) const;
   template <typename Matrix>
   void upper(Matrix& rhs) const;
+  template <typename Matrix>
+  void change_signs(Matrix& rhs) const;
   double* update_of(std::size_t front) { return &update_[update_at_[front]]; }
 
   const Dissection& order_;
@@ -91,7 +100,23 @@ class FrontalCholesky {
   std::size_t update_size_ = 0;
   std::vector<std::size_t> update_at_;  ///< start of each front's in update_
   std::vector<std::uint8_t> stale_;     ///< per front: to be factored
+  std::vector<int> negative_;           ///< per front: negative entries of S
+  Eigen::VectorXd sign_;                ///< the diagonal of S
   Eigen::Index widest_border_ = 0;
+};
+
+/// Solver of the Schur complement B of rows that border a matrix with this factor.
+class BorderSolver {
+ public:
+  /// `negative` is that of the factor. Where it is not 0, false unless B has as many negative
+  /// eigenvalues: then the bordered matrix has one for each row.
+  bool compute(const Eigen::MatrixXd& B, int negative);
+  Eigen::MatrixXd solve(const Eigen::MatrixXd& rhs) const;
+
+ private:
+  int negative_ = 0;
+  Eigen::LDLT<Eigen::MatrixXd> definite_;
+  Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> indefinite_;
 };
 
 }  // namespace omentum

@@ -193,18 +193,17 @@ void add_mode_stiffness(const std::array<Pack, 81>& A, const PackTensor& stress,
   }
 }
 
-/// Cholesky factor of the 9 x 9 block of the modes. A pivot that vanishes at an instability is held
-/// at a small fraction of its diagonal, so that the step stays a descent direction.
+/// Cholesky factor of the 9 x 9 block of the modes. In a crushed element it may not be positive
+/// definite: pivots then count with their size, so that the step stays a descent direction.
+/// (Held at a small fraction of its diagonal, one makes the next ones larger still.)
 void factor_inner(const std::array<Pack, 45>& K, HexInner& inner) {
   for (int r = 0; r < 9; ++r) {
     for (int c = 0; c <= r; ++c) {
-      const Pack diagonal = K[packed(r, c)];
-      Pack sum = diagonal;
+      Pack sum = K[packed(r, c)];
       for (int m = 0; m < c; ++m)
         sum = sum - inner.factor[packed(r, m)] * inner.factor[packed(c, m)];
-      inner.factor[packed(r, c)] =
-          r == c ? Pack(1.0) / root(at_least(sum, at_least(Pack(1e-3) * diagonal, Pack(1e-300))))
-                 : sum * inner.factor[packed(c, c)];
+      inner.factor[packed(r, c)] = r == c ? Pack(1.0) / root(at_least(size(sum), Pack(1e-300)))
+                                          : sum * inner.factor[packed(c, c)];
     }
   }
 }

@@ -51,6 +51,9 @@ inline Pack at_least(Pack a, Pack b) {
 }
 inline double at_least(double a, double b) { return a < b ? b : a; }
 
+/// |a|; NaN where a is.
+inline Pack size(Pack a) { return at_least(a, -a); }
+
 /// a < b ? 1 : 0.
 inline Pack is_less(Pack a, Pack b) {
   return Pack(_mm256_and_pd(_mm256_cmp_pd(a.v, b.v, _CMP_LT_OQ), _mm256_set1_pd(1)));

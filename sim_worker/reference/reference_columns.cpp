@@ -246,70 +246,36 @@ void ReferenceTissue::solve_columns(const MatrixXd& grasp, RightSides& nodes,
   const ReferenceColumns& c = *columns_;
   c.factor.solve_lower(nodes);
   if (has_pad()) {
-    const MatrixXd pose =
-        c.border_solver.solve(grasp.topRows<6>() - c.softness * (c.border.transpose() * nodes));
+    const MatrixXd pose = c.border_solver.solve(grasp.topRows<6>() -
+                                                c.softness * (c.signed_border.transpose() * nodes));
     nodes.noalias() -= c.border * pose;
     multiplier.topRows<6>() = pose;
   } else if (grasp_) {
-    // Rows of the grasp, then the springs that the factor has too much (brace).
-    const Eigen::Index rows = 3L * GraspPatch::kRows;
-    MatrixXd right = MatrixXd::Zero(c.border.cols(), nodes.cols());
-    right.topRows(rows) = grasp;
-    const MatrixXd border = c.border_solver.solve(c.border.transpose() * nodes - right);
-    nodes.noalias() -= c.border * border;
-    multiplier = border.topRows(rows);
+    multiplier = c.border_solver.solve(c.signed_border.transpose() * nodes - grasp);
+    nodes.noalias() -= c.border * multiplier;
   }
   c.factor.solve_upper(nodes);
 }
 
-/// Factor at the converged trial. Held tissue under compression may be stable only because it is
-/// held: then springs on the nodes of the patch make the matrix positive definite, and the border
-/// takes them off again. With Z = [C^T, -E], E the unknowns of these nodes, k their spring,
-///
-///   (A + k E E^T) s + Z [p; q] = b,   C s - c p = targets,   q = k E^T s
+/// Factor at the converged trial: false where it is singular. Held tissue under compression may be
+/// stable only because it is held, so it need not be positive definite.
 bool ReferenceTissue::factor_columns(const Terms& terms) {
   ReferenceColumns& c = *columns_;
-  Tangent tangent{true, inertia(terms), trial_x_, trial_mode_, node_blocks(terms)};
-  add_contact_curvature(terms, tangent.node_blocks);
+  const Tangent tangent{true, inertia(terms), trial_x_, trial_mode_, node_blocks(terms)};
   assemble(tangent, c.factor, c.inner, c.body_blocks);
-  bool braced = false;
-  double spring = 0;
-  if (!c.factor.factor()) {
-    if (!grasp_ || has_pad()) return false;
-    braced = true;
-    for (const int node : grasp_->patch.node)
-      spring = std::max(spring, c.body_blocks[node].diagonal().maxCoeff());
-    for (const int node : grasp_->patch.node) {
-      set_block(node,
-                c.body_blocks[node] + tangent.node_blocks[node] + spring * Matrix3d::Identity(),
-                c.factor);
-    }
-    if (!c.factor.factor()) return false;
-  }
+  if (!c.factor.factor()) return false;
   if (!grasp_) return true;
   if (has_pad()) {
     prepare_pad_columns();
     return true;
   }
   c.border = grasp_columns();
-  const Eigen::Index rows = c.border.cols();
-  if (braced) {
-    std::vector<int> unknowns;
-    for (const int node : grasp_->patch.node) {
-      for (int axis = 0; axis < 3 && model_->unknown[node] >= 0; ++axis)
-        unknowns.push_back(model_->unknown[node] + axis);
-    }
-    c.border.conservativeResize(Eigen::NoChange, rows + static_cast<Eigen::Index>(unknowns.size()));
-    c.border.rightCols(static_cast<Eigen::Index>(unknowns.size())).setZero();
-    for (std::size_t k = 0; k < unknowns.size(); ++k)
-      c.border(unknowns[k], rows + static_cast<Eigen::Index>(k)) = -1;
-  }
   c.factor.solve_lower(c.border);
-  MatrixXd S = c.border.transpose() * c.border;
-  add_grasp_compliance(patch_turn(trial_turn_, terms.target, trial_multiplier_),
-                       S.topLeftCorner(rows, rows));
-  for (Eigen::Index r = rows; r < S.rows(); ++r) S(r, r) -= 1 / spring;
-  c.border_solver.compute(S);
+  c.signed_border = c.border;
+  c.factor.apply_signs(c.signed_border);
+  MatrixXd rows = c.border.transpose() * c.signed_border;
+  add_grasp_compliance(patch_turn(trial_turn_, terms.target, trial_multiplier_), rows);
+  c.border_solver.compute(rows);
   return true;
 }
 
@@ -318,7 +284,7 @@ void ReferenceTissue::advance_columns(const Terms& terms) {
   ReferenceColumns& c = *columns_;
   if (!c.valid) return;
   c.valid = factor_columns(terms);
-  if (!c.valid) c.reason = "the tangent of a converged step is not positive definite";
+  if (!c.valid) c.reason = "the tangent of a converged step is singular";
   if (!c.valid) return;
   RightSides& x_tilde = c.x_tilde;
   RightSides& loads = c.loads;

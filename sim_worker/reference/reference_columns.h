@@ -102,7 +102,8 @@ struct ReferenceColumns {
   FrontalCholesky factor;
   std::vector<HexInner> inner;
   std::vector<Eigen::Matrix3d> body_blocks;
-  Eigen::MatrixXd border;  ///< L^-1 of the columns that border the matrix
+  /// Y = L^-1 of the columns that border the matrix, and S Y.
+  Eigen::MatrixXd border, signed_border;
   Eigen::PartialPivLU<Eigen::MatrixXd> border_solver;
   Eigen::Matrix<double, 6, 6> softness;  ///< of a pad (reference_pad_columns.cpp)
 };

@@ -113,8 +113,10 @@ void ReferenceTissue::add_contact(const Terms& terms, const Nodes& x, Residual& 
 
 void ReferenceTissue::contact_stiffness(
     const Terms& terms, const std::function<void(int, const Matrix3d&)>& add) const {
-  for (const Contact& c : find_contacts(terms, trial_x_))
-    add(c.node, c.stiffness * c.normal * c.normal.transpose());
+  for (const Contact& c : find_contacts(terms, trial_x_)) {
+    const Matrix3d turning = c.force * normal_turn(terms, c.body, trial_x_[c.node]);
+    add(c.node, c.stiffness * c.normal * c.normal.transpose() - turning);
+  }
   friction_stiffness(terms, add);
 }
 
@@ -137,28 +139,24 @@ void ReferenceTissue::friction_stiffness(
   }
 }
 
-/// Takes off the blocks what the force of a curved body changes as its normal turns: Newton's
-/// method converges without, derivatives need it.
-void ReferenceTissue::add_contact_curvature(const Terms& terms,
-                                            std::vector<Matrix3d>& blocks) const {
+/// How the normal of a body turns with the node it touches [1/m]: zero where it is flat.
+Matrix3d ReferenceTissue::normal_turn(const Terms& terms, int body, const Vector3d& p) const {
   constexpr double kStep = 1e-6;  // [m] far below a radius, far above rounding
-  const Vector3d shaft = model_->surroundings.capsule_at(terms.tip);
-  const Vector3d shaft_end =
-      shaft + model_->surroundings.tool_length * model_->surroundings.shaft_axis;
-  for (const Contact& c : find_contacts(terms, trial_x_)) {
-    const bool rigid = c.body < static_cast<int>(model_->surroundings.bodies.size());
-    const auto normal_at = [&](const Vector3d& p) {
-      return rigid ? rigid_gap(model_->surroundings.bodies[c.body], p).normal
-                   : capsule_gap(shaft, shaft_end, model_->surroundings.tool_radius, p).normal;
-    };
-    Matrix3d turn;
-    for (int axis = 0; axis < 3; ++axis) {
-      const Vector3d d = kStep * Vector3d::Unit(axis);
-      turn.col(axis) =
-          (normal_at(trial_x_[c.node] + d) - normal_at(trial_x_[c.node] - d)) / (2 * kStep);
-    }
-    blocks[c.node] -= 0.5 * c.force * (turn + turn.transpose());
+  const Surroundings& around = model_->surroundings;
+  const bool rigid = body < static_cast<int>(around.bodies.size());
+  if (rigid && around.bodies[body].kind == RigidShape::Kind::kHalfSpace) return Matrix3d::Zero();
+  const Vector3d shaft = around.capsule_at(terms.tip);
+  const Vector3d shaft_end = shaft + around.tool_length * around.shaft_axis;
+  const auto normal_at = [&](const Vector3d& at) {
+    return rigid ? rigid_gap(around.bodies[body], at).normal
+                 : capsule_gap(shaft, shaft_end, around.tool_radius, at).normal;
+  };
+  Matrix3d turn;
+  for (int axis = 0; axis < 3; ++axis) {
+    const Vector3d d = kStep * Vector3d::Unit(axis);
+    turn.col(axis) = (normal_at(p + d) - normal_at(p - d)) / (2 * kStep);
   }
+  return 0.5 * (turn + turn.transpose());
 }
 
 /// Of a sphere that is not there yet: the faces' contact where the base enters it, of unit

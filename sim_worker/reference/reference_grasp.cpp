@@ -69,13 +69,15 @@ void ReferenceTissue::add_grasp_compliance(const PatchTurn& turn, Eigen::Ref<Mat
 }
 
 /// Force per displacement of the patch along a direction in the next step [N/m]: K = S^-1 of the
-/// mean position, see prepare_constraint(). That of the sheet where there is no factor, or a pad.
+/// mean position, see prepare_constraint(). That of the sheet where there is no factor, a pad, or
+/// tissue that is stable only because it is held.
 double ReferenceTissue::patch_stiffness(const Vector3d& along) {
-  if (has_pad() || !tangent_.usable || !carry_factor())
-    return model_->material.young_modulus_pa() * model_->body.thickness;
+  const double sheet = model_->material.young_modulus_pa() * model_->body.thickness;
+  if (has_pad() || !tangent_.usable || !carry_factor()) return sheet;
   VectorXd unit = VectorXd::Zero(3L * GraspPatch::kRows);
   unit.head<3>() = along;
-  return unit.dot(constraint_solver_.solve(unit));
+  const double stiffness = unit.dot(constraint_solver_.solve(unit).col(0));
+  return stiffness > 0 ? stiffness : sheet;
 }
 
 /// Slip of the patch in the jaws over a control step; may release it.
@@ -114,28 +116,34 @@ void ReferenceTissue::add_grasp(const Terms& terms, const Nodes& x, Residual& ou
     add_force(patch.node[k], trial_multiplier_ * patch.weight.row(k).transpose(), out);
 }
 
-/// Of a new factor A = L L^T, for constrain(): Y = L^-1 C^T and the factor of c I + Y^T Y. The step
-/// A dx + C^T dp = -force, C dx - c dp = -m with y = -L^-1 force is
-/// (c I + Y^T Y) dp = Y^T y + m, dx = L^-T (y - Y dp).
-void ReferenceTissue::prepare_constraint() {
+/// Of a new factor A = L S L^T, for constrain(): Y = L^-1 C^T and the factor of c I + Y^T S Y. The
+/// step A dx + C^T dp = -force, C dx - c dp = -m with y = -L^-1 force is
+/// (c I + Y^T S Y) dp = Y^T S y + m, dx = L^-T S (y - Y dp).
+///
+/// False where a motion that the grasp allows gains energy. Held tissue under compression may be
+/// stable only because it is held: A + C^T C / c is positive definite where the bordered matrix has
+/// as many negative eigenvalues as rows [Gould85], which are those of A and the positive ones of
+/// c I + Y^T S Y [Haynsworth68].
+bool ReferenceTissue::prepare_constraint() {
+  if (!grasp_) return factor_.negative() == 0;
   constrained_ = true;
+  MatrixXd& Y = constraint_response_;
   if (has_pad()) {
-    // Of the pose eliminated, A - C^T D^-1 C: the same with S = Y^T Y - D.
+    // Of the pose eliminated, A - C^T D^-1 C: the same with Y^T Y - D.
     const PadPose pose = pad_pose(trial_x_);
     Vector6 gradient;
-    constraint_response_ =
-        pad_columns(pose, effects_.values().grasp_compliance > 0, !pad_turn_stiffness().isZero(0));
-    factor_.solve_lower(constraint_response_);
-    constraint_solver_.compute(constraint_response_.transpose() * constraint_response_ -
-                               pad_balance(pose, trial_x_, gradient));
-    return;
+    Y = pad_columns(pose, effects_.values().grasp_compliance > 0, !pad_turn_stiffness().isZero(0));
+    factor_.solve_lower(Y);
+    constraint_solver_.compute(Y.transpose() * Y - pad_balance(pose, trial_x_, gradient), 0);
+    return factor_.negative() == 0;
   }
-  MatrixXd& Y = constraint_response_;
   Y = grasp_columns();
   factor_.solve_lower(Y);
-  MatrixXd S = Y.transpose() * Y;
-  add_grasp_compliance(patch_turn(trial_turn_, grasp_->offset, trial_multiplier_), S);
-  constraint_solver_.compute(S);
+  signed_response_ = Y;
+  factor_.apply_signs(signed_response_);
+  MatrixXd rows = Y.transpose() * signed_response_;
+  add_grasp_compliance(patch_turn(trial_turn_, grasp_->offset, trial_multiplier_), rows);
+  return constraint_solver_.compute(rows, factor_.negative());
 }
 
 /// C^T of the rows of the patch, [unknown][3 row + axis].
@@ -154,7 +162,7 @@ MatrixXd ReferenceTissue::grasp_columns() const {
 
 /// y <- y - Y dp, between the forward and the backward solve; next_multiplier_ = p + dp. Jaws that
 /// turn, with D their compliance and T_r = [t_r]x^T, turn by w = D (T^T dp - moment), which
-/// eliminated makes it (c I + Y^T Y + T D T^T) dp = Y^T y + m + T D moment.
+/// eliminated makes it (c I + Y^T S Y + T D T^T) dp = Y^T S y + m + T D moment.
 void ReferenceTissue::constrain(const Targets& miss, Eigen::Ref<VectorXd> direction) {
   if (has_pad()) {
     const VectorXd pose = constraint_solver_.solve(constraint_response_.transpose() * direction);
@@ -163,13 +171,13 @@ void ReferenceTissue::constrain(const Targets& miss, Eigen::Ref<VectorXd> direct
     return;
   }
   VectorXd load =
-      constraint_response_.transpose() * direction + VectorXd::Map(miss.data(), miss.size());
+      signed_response_.transpose() * direction + VectorXd::Map(miss.data(), miss.size());
   PatchTurn turn;
   if (turns()) {
     turn = patch_turn(trial_turn_, grasp_->offset, trial_multiplier_);
-    MatrixXd S = constraint_response_.transpose() * constraint_response_;
-    add_grasp_compliance(turn, S);
-    constraint_solver_.compute(S);
+    MatrixXd rows = constraint_response_.transpose() * signed_response_;
+    add_grasp_compliance(turn, rows);
+    constraint_solver_.compute(rows, factor_.negative());
     const Vector3d by_moment = turn.compliance * turn.moment;
     for (int r = 1; r < GraspPatch::kRows; ++r)
       load.segment<3>(3L * r) += by_moment.cross(turn.targets.col(r));
@@ -247,6 +255,7 @@ void ReferenceTissue::hold(int lane, const Vector3d& tip, double nominal_radius,
 
 void ReferenceTissue::release(int) {
   grasp_.reset();
+  constrained_ = false;
   slipped_ = 0;
   held_force_.setZero();
   state_.multiplier.setZero();

@@ -120,7 +120,9 @@ void ReferenceTissue::prepare_pad_columns() {
   D.bottomRightCorner<3, 3>() -= 0.5 * cross_matrix(G.tail<3>());
   c.border = pad_columns(pose, true, true);
   c.factor.solve_lower(c.border);
-  D -= c.border.transpose() * c.border;
+  c.signed_border = c.border;
+  c.factor.apply_signs(c.signed_border);
+  D -= c.border.transpose() * c.signed_border;
 
   const Matrix3d P = pad_turn_compliance();
   const Matrix3d J = turn_change(pose.angle);

@@ -32,14 +32,16 @@ using Values = std::array<double, Pack::kLanes>;
 
 }  // namespace
 
-bool ReferenceTissue::solve(const Terms& terms) {
+/// One implicit step by Newton's method, from where the tissue would go freely (`moving`) or from
+/// where it is.
+bool ReferenceTissue::solve(const Terms& terms, bool moving) {
   trial_x_ = state_.x;
   trial_mode_ = state_.mode;
   trial_multiplier_ = state_.multiplier;
   trial_turn_ = state_.turn;
   update_friction(terms, trial_x_);
   for (std::size_t i = 0; i < trial_x_.size(); ++i) {
-    if (model_->unknown[i] >= 0) trial_x_[i] += terms.h * state_.v[i];
+    if (model_->unknown[i] >= 0 && moving) trial_x_[i] += terms.h * state_.v[i];
   }
   const double weight = model_->total_mass * kStandardGravity;
   const double tolerance = model_->numerics.newton_tolerance() * weight;
@@ -237,16 +239,14 @@ bool ReferenceTissue::renew_factor(const Terms& terms, Renewal renewal, bool mus
       ++kept_;
       ++factorisations_;
       factored_ = factor_.factor_again(changed);
-      if (factored_) {
-        if (grasp_) prepare_constraint();
-        return true;
-      }
+      if (factored_ && prepare_constraint()) return true;
     }
   }
   return make_factor(terms, std::move(blocks));
 }
 
-/// Factor at the trial from the elements on; adds inertia until it is positive definite.
+/// Factor at the trial from the elements on; adds inertia until it is positive definite in the
+/// motions that the grasp allows.
 bool ReferenceTissue::make_factor(const Terms& terms, std::vector<Matrix3d> blocks) {
   ++factorisations_;
   kept_ = 0;
@@ -265,11 +265,10 @@ bool ReferenceTissue::make_factor(const Terms& terms, std::vector<Matrix3d> bloc
       set_block(static_cast<int>(i), body_blocks_[i] + block, factor_);
     }
     factored_ = factor_.factor();
-    if (factored_) {
+    if (factored_ && prepare_constraint()) {
       // Where the material has memory, or the bed gives way for good, they change with the step.
       tangent_.usable = shift == 0 && !effects_.values().has_memory() &&
                         !(effects_.values().anchor_break > 0 && !model_->bed.empty());
-      if (grasp_) prepare_constraint();
       return true;
     }
     shift = shift == 0 ? 1 : 10 * shift;
@@ -311,9 +310,8 @@ bool ReferenceTissue::carry_factor() {
     factored_ = factor_.factor();
     constrained_ = false;
   }
-  tangent_.usable = factored_;
-  if (factored_ && grasp_ && !constrained_) prepare_constraint();
-  return factored_;
+  tangent_.usable = factored_ && (constrained_ || prepare_constraint());
+  return tangent_.usable;
 }
 
 /// Newton step of nodes and parabolas with the factor there is.
@@ -388,6 +386,13 @@ void ReferenceTissue::move_trial(const Terms& terms, double length, const Nodes&
   }
 }
 
+/// Rounding of the elements' energies [J]: each is a small difference of terms as large as mu.
+double ReferenceTissue::energy_rounding() const {
+  double volume = 1;
+  for (const std::vector<double>& lines : model_->lines) volume *= lines.back() - lines.front();
+  return 0x1p-53 * model_->lame.mu * parameters_.stiffness_scale * volume;
+}
+
 /// Backtracking line search: halves the step until the potential, with the multipliers of the full
 /// step, falls enough (Armijo), or the residual shrinks where the fall is below rounding. False,
 /// and the trial unchanged, where no step does.
@@ -401,6 +406,7 @@ bool ReferenceTissue::search_line(const Terms& terms, Residual& residual) {
       residual.force.dot(direction_) - residual.miss.cwiseProduct(residual.miss_force).sum();
   if (turns()) slope += residual.moment.dot(turn_step_);
   const bool hidden = std::fabs(slope) < kRounding * residual.scale;
+  const double rounding = energy_rounding();
   const Nodes x = trial_x_;
   const Modes mode = trial_mode_;
   Residual trial;
@@ -411,8 +417,10 @@ bool ReferenceTissue::search_line(const Terms& terms, Residual& residual) {
     if (turns()) trial_turn_.add(length * turn_step_);
     evaluate(terms, trial_x_, trial_mode_, trial);
     if (!std::isfinite(trial.energy)) continue;
-    if (hidden ? trial.norm < residual.norm
-               : trial.energy <= residual.energy + 1e-4 * length * slope) {
+    const bool shrinks = trial.norm < residual.norm;
+    const double change = trial.energy - residual.energy;
+    if (hidden ? shrinks
+               : change <= 1e-4 * length * slope || (shrinks && std::fabs(change) <= rounding)) {
       std::swap(residual, trial);
       return true;
     }

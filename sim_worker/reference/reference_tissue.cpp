@@ -89,11 +89,10 @@ bool ReferenceTissue::advance(double from, double to, int depth) {
   if (has_pad() || effects_.values().grasp_turn > 0) constrained_ = false;
   ++implicit_steps_;
   effects_.begin(terms.h, state_.x, state_.v, terms.x_tilde, terms.beta);
-  const bool carried = tangent_.usable;
-  bool solved = solve(terms);
-  if (!solved && carried) {  // once more without the factor of the last step
+  bool solved = solve(terms, true);
+  if (!solved) {  // once more from where the tissue is, without the factor of the last step
     tangent_.usable = false;
-    solved = solve(terms);
+    solved = solve(terms, false);
   }
   if (solved) {
     finish(terms);

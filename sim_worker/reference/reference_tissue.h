@@ -35,8 +35,8 @@ namespace omentum {
 ///
 /// The grasp is a constraint on its rows C with compliance c and multipliers p, and the line search
 /// descends an augmented Lagrangian: a penalty as stiff as a rigid patch would lose the residual in
-/// rounding. A step begins with the factor of the last; if it does not converge it is repeated with
-/// a new factor, then in two halves, five times at most. Then the tissue is unhealthy, failure()
+/// rounding. A step begins with the factor of the last; if it does not converge it is repeated from
+/// where it began, then in two halves, five times at most. Then the tissue is unhealthy, failure()
 /// says why, and step() does nothing until reset() or load().
 ///
 /// Contact is a penalty per area at the nodes of the lower and upper face that starts smoothly 2 um
@@ -234,7 +234,7 @@ class ReferenceTissue : public Tissue<double> {
 
   bool advance(double from, double to, int depth);
   Terms make_terms(double from, double to) const;
-  bool solve(const Terms& terms);
+  bool solve(const Terms& terms, bool moving);
   void finish(const Terms& terms);
   std::array<Eigen::Vector3d, 8> nodes_of(int element) const;
   HexShape gather(std::size_t batch, const Nodes& x, const Modes& mode) const;
@@ -248,6 +248,7 @@ class ReferenceTissue : public Tissue<double> {
   bool make_factor(const Terms& terms, std::vector<Eigen::Matrix3d> blocks);
   bool carry_factor();
   double rounding() const;
+  double energy_rounding() const;
   /// Elements of a batch of Pack::kLanes.
   int elements_in(std::size_t batch) const {
     const std::size_t left = model_->elements.size() - Pack::kLanes * batch;
@@ -275,7 +276,7 @@ class ReferenceTissue : public Tissue<double> {
   void contact_stiffness(
       const Terms& terms,
       const std::function<void(int node, const Eigen::Matrix3d& block)>& add) const;
-  void add_contact_curvature(const Terms& terms, std::vector<Eigen::Matrix3d>& blocks) const;
+  Eigen::Matrix3d normal_turn(const Terms& terms, int body, const Eigen::Vector3d& p) const;
   void friction_stiffness(
       const Terms& terms,
       const std::function<void(int node, const Eigen::Matrix3d& block)>& add) const;
@@ -305,7 +306,7 @@ class ReferenceTissue : public Tissue<double> {
   Eigen::Matrix<double, 3, 2> pad_wrench(const PadPose& pose, const Nodes& x,
                                          const Eigen::Vector3d& tip) const;
   void remember_pad(const Terms& terms);
-  void prepare_constraint();
+  bool prepare_constraint();
   void constrain(const Targets& miss, Eigen::Ref<Eigen::VectorXd> direction);
   bool turns() const { return grasp_ && !has_pad() && effects_.values().grasp_turn > 0; }
   std::optional<SheetPoint> nearest_point(const Eigen::Vector3d& tip) const;
@@ -372,9 +373,9 @@ class ReferenceTissue : public Tissue<double> {
   std::vector<Eigen::Matrix3d> body_blocks_;  ///< diagonal blocks of the last assemble()
   int kept_ = 0;                              ///< factors since the last assemble()
   std::vector<HexInner> inner_;               ///< per four elements
-  /// L^-1 C^T of the grasp and c I + its square (see prepare_constraint).
-  Eigen::MatrixXd constraint_response_;
-  Eigen::LDLT<Eigen::MatrixXd> constraint_solver_;
+  /// Y = L^-1 C^T of the grasp, S Y, and c I + Y^T S Y (see prepare_constraint).
+  Eigen::MatrixXd constraint_response_, signed_response_;
+  BorderSolver constraint_solver_;
   std::vector<FrictionPoint> friction_;
   Nodes trial_x_;
   Modes trial_mode_;
