@@ -72,7 +72,7 @@ def check_refusals(program, folder):
 def check_several(program, folder):
     """Recordings side by side: the same bytes on any number of threads; one that fails leaves what there is of it."""
     write_lift(folder / "low", 0.01)
-    write_lift(folder / "torn", 0.02, jump=0.25)
+    write_lift(folder / "torn", 0.02, jump=1)
     every = ("commands", "low", "torn")
     columns = ["--columns", "young_modulus,density.factor"]
     for threads in (1, 3):
