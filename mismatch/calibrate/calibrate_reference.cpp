@@ -23,9 +23,10 @@ namespace omentum {
 namespace {
 
 constexpr double kMeshRatio = 1.5;
-// Work in passes without derivatives on the fine mesh: of a simulation with its derivatives,
+// Work of simulating all recordings once, against the fine mesh without derivatives: with them on
+// the coarse and the fine mesh, and without on the one that measures the error of the mesh.
 constexpr double kCoarseWork = 0.4, kFineWork = 1.6, kMeshWork = 0.4;
-// and, as most calibrations go, of starts, coarse mesh, fine mesh, mesh and step, settling, laws,
+// Work of most calibrations: starts, coarse mesh, fine mesh, mesh and step, settling, laws,
 // settling again, before and left out.
 constexpr std::array<double, 8> kPlan = {3.5,           5 * kCoarseWork,
                                          3 * kFineWork, kMeshWork + 2,

@@ -26,12 +26,12 @@ def main():
     parser = argparse.ArgumentParser()
     parser.add_argument("program", type=Path)
     parser.add_argument("scratch", type=Path)
-    parser.add_argument("cases", nargs="*", default=list(CASES), choices=list(CASES))
+    parser.add_argument("cases", nargs="*", metavar="CASE", help=f"of {', '.join(CASES)}; all where none is named")
     parser.add_argument("--threads", default="2")
     parser.add_argument("--tolerance-mm", default="0.6")
     args = parser.parse_args()
     failed = False
-    for name in args.cases:
+    for name in args.cases or CASES:
         options, wanted, unwanted = CASES[name]
         case, out = args.scratch / name, args.scratch / f"{name}_out"
         subprocess.run([sys.executable, Path(__file__).with_name("lift_recordings.py"), case, *options], check=True)
