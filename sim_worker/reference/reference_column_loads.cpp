@@ -58,6 +58,7 @@ void ReferenceTissue::evaluate_along(const ReferenceTissue& base, Terms terms,
     const PatchTurn turn = patch_turn(trial_turn_, terms.target, trial_multiplier_);
     if (turns()) trial_turn_.add(-turn.compliance * turn.moment);  // where it now leads the jaws
   }
+  terms.slip_speed = base.friction_smoothing_ * model_->numerics.friction_slip_speed_m_per_s();
   effects_.begin(terms.h, state_.x, state_.v, terms.x_tilde, terms.beta);
   update_friction(terms, trial_x_);
   out.miss.setZero();

@@ -21,8 +21,9 @@ TEST(Columns, AreTheDifferencesOfTheSimulation) {
     lifts.push_back({"air stiff", false, 1.5e5});
     lifts.push_back({"tug", true, 6e4, Vector3d(-0.006, -0.004, 0.002), 3, 18});
   }
-  const std::vector<std::string> on_board = {"young_modulus", "gravity_tilt", "adhesion", "suction",
-                                             "grasp_offset",  "delay",        "density"};
+  const std::vector<std::string> on_board = {"young_modulus", "gravity_tilt", "adhesion",
+                                             "suction",       "slip_speed",   "grasp_offset",
+                                             "delay",         "density"};
   for (const Lift& lift : lifts) {
     std::vector<Named> named;
     for (Named& n : all_parameters()) {
