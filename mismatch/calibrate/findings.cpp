@@ -117,7 +117,8 @@ void add_thickness_of_even_body(const Findings& f, std::vector<std::string>& war
   const double even = factor.solve(known(others))[at];
   const double variance = factor.solve(Eigen::VectorXd::Unit(n - 1, at))[at];
   const double deviations = even / std::sqrt(variance + unknown.sd * unknown.sd);
-  if (!(std::fabs(deviations) > kSurprise)) return;
+  // Recordings that know it less well than the belief are led astray by what the model leaves out.
+  if (!(variance < unknown.sd * unknown.sd && std::fabs(deviations) > kSurprise)) return;
   const double spread = kNinety * std::sqrt(variance);
   const CalibratedNumber change = shared_number(f, bending);
   warnings.push_back(fmt::format(
