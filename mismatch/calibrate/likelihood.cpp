@@ -184,8 +184,8 @@ std::vector<Vector3d> Likelihood::moved(const PredictedFrame& frame, const Layou
   const Eigen::VectorXd modes = delta.segment(layout.modes(), kModes);
   Eigen::VectorXd bulge;
   std::vector<Vector3d> normal;
-  if (!modes.isZero(0)) {
-    bulge = mode_values_ * (modes.reshaped(kCosines, kCourses) * course);
+  if (!modes.isZero(0)) bulge = mode_values_ * (modes.reshaped(kCosines, kCourses) * course);
+  if (bulge.size() > 0 || !markers_.empty()) {
     normal.assign(vertices.size(), Vector3d::Zero());
     for (const Eigen::Vector3i& t : surface_.triangles()) {
       const Vector3d n =
@@ -196,11 +196,13 @@ std::vector<Vector3d> Likelihood::moved(const PredictedFrame& frame, const Layou
     }
   }
   const std::size_t places = uv_.size();
+  bulge_along_.clear();
   for (std::size_t i = 0; i < vertices.size(); ++i) {
     Vector3d p = vertices[i];
-    if (!normal.empty()) {
-      // Both faces move the same way: that of the upper face.
-      const double side = i < places ? 1 : -1;
+    // Both faces move the same way: that of the upper face.
+    const double side = i < places ? 1 : -1;
+    if (!markers_.empty()) bulge_along_.push_back(side * (R * normal[i].normalized()));
+    if (bulge.size() > 0) {
       p += side * bulge[static_cast<Eigen::Index>(i % places)] * normal[i].normalized();
     }
     vertices[i] = pivot_ + R * (p - pivot_) + registration.shift;
@@ -306,8 +308,8 @@ void Likelihood::add_markers(const SeenFrame& frame, const PredictedFrame& predi
           columns += predicted.columns.middleRows<3>(3 * place.corner[k]).transpose() *
                      along.cast<float>();
         }
-        modes +=
-            slope.dot(placed.frame.col(2)) * mode_values_.row(place.corner[k] % places).transpose();
+        modes += slope.dot(bulge_along_[static_cast<std::size_t>(place.corner[k])]) *
+                 mode_values_.row(place.corner[k] % places).transpose();
       }
       if (columns.size() > 0) set_columns(layout, columns, J);
       J[layout.registration() + axis] = 1;
@@ -315,7 +317,7 @@ void Likelihood::add_markers(const SeenFrame& frame, const PredictedFrame& predi
       J[layout.clock()] = late;
       J[layout.own_clock()] = late;
       J.segment<3>(layout.marker(seen.marker)) = placed.frame.row(axis).transpose();
-      J.segment(layout.modes(), kCosines) = (place.corner[0] < places ? 1 : -1) * modes;
+      J.segment(layout.modes(), kCosines) = modes;
       add_weighted(J, weight, e[axis], late);
     }
   }

@@ -151,7 +151,8 @@ class Likelihood {
   Eigen::Matrix3d turned_ = Eigen::Matrix3d::Identity();
   std::vector<MarkerPlace> markers_;
   std::vector<std::optional<Eigen::Vector3d>> marker_before_;  ///< what was left a frame before [m]
-  std::vector<Eigen::Vector3d> velocity_;  ///< of the vertices of the last moved() [m/s]
+  std::vector<Eigen::Vector3d> bulge_along_;  ///< ways of the smooth difference at the vertices
+  std::vector<Eigen::Vector3d> velocity_;     ///< of the vertices of the last moved() [m/s]
   /// A frame by itself: columns as in Layout, but of the modes each cosine once.
   struct {
     Eigen::MatrixXd A;

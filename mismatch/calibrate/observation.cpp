@@ -230,11 +230,19 @@ FewFrames::FewFrames(std::vector<Observation>& observations, std::size_t most)
     : observations_(observations) {
   for (Observation& seen : observations_) {
     frames_.push_back(seen.frames);
-    const std::size_t count = seen.frames.size();
-    if (count <= most) continue;
-    std::vector<SeenFrame> few;
-    for (std::size_t k = 1; k <= most; ++k) few.push_back(seen.frames[k * count / most - 1]);
-    seen.frames = std::move(few);
+    // So many clouds, and so many frames of markers.
+    std::array<std::vector<std::size_t>, 2> kinds;
+    for (std::size_t k = 0; k < seen.frames.size(); ++k)
+      kinds[seen.frames[k].points.empty() ? 1 : 0].push_back(k);
+    std::vector<std::size_t> few;
+    for (const std::vector<std::size_t>& kind : kinds) {
+      for (std::size_t k = 1; k <= std::min(most, kind.size()); ++k)
+        few.push_back(kind[k * kind.size() / std::min(most, kind.size()) - 1]);
+    }
+    std::ranges::sort(few);
+    std::vector<SeenFrame> left;
+    for (const std::size_t k : few) left.push_back(seen.frames[k]);
+    seen.frames = std::move(left);
   }
 }
 

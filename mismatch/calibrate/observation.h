@@ -82,8 +82,8 @@ Observation observe(const std::string& name, const std::string& path, const Reco
                     const Scene& scene, const MarkerNotes& notes,
                     std::vector<std::string>& warnings);
 
-/// Leaves at most so many frames of every recording, the last among them, as long as it lives:
-/// where a search begins need not be exact.
+/// Leaves at most so many clouds and frames of markers of every recording, the last among them, as
+/// long as it lives: where a search begins need not be exact.
 class FewFrames {
  public:
   FewFrames(std::vector<Observation>& observations, std::size_t most);
