@@ -18,6 +18,7 @@ constexpr double kNinety = 1.6448536;  // standard deviations of a two-sided int
 constexpr double kUnseen = 0.9;        // of the prior's standard deviation is left
 constexpr double kOddPull = 4;         // standard deviations of a prior
 constexpr double kSurprise = 2.5;      // of a parameter: one in 80 by chance
+constexpr const char* kBendingPath = "scene.tissue.effects.bending_change";
 
 /// The mean of a posterior varies about the prior's by what the variance has become less.
 double surprise_of(double x, double sd, double prior_sd) {
@@ -83,6 +84,51 @@ std::string confused_with(const Findings& f, int k) {
     names += " or " + other.path;
   }
   return names;
+}
+
+int index_of(const Findings& f, const char* path) {
+  const auto& list = f.fit.unknowns;
+  const auto found = std::ranges::find(list, path, &Unknown::path);
+  return found == list.end() ? -1 : static_cast<int>(found - list.begin());
+}
+
+/// Lifts see thickness and bending together (bending times the thickness squared), so that a wide
+/// belief in the bending hides a wrong thickness. A body that is alike through its thickness has no
+/// other bending: how thick it would have to be is held against the thickness believed.
+void add_thickness_of_even_body(const Findings& f, std::vector<std::string>& warnings) {
+  const int thickness = index_of(f, kThicknessPath), bending = index_of(f, kBendingPath);
+  if (thickness < 0 || bending < 0) return;
+  const Unknown& unknown = f.fit.unknowns[static_cast<std::size_t>(thickness)];
+  const Unknown& bent = f.fit.unknowns[static_cast<std::size_t>(bending)];
+  const auto n = f.sure.shared_covariance.rows();
+  Eigen::MatrixXd precision =
+      f.sure.shared_covariance.ldlt().solve(Eigen::MatrixXd::Identity(n, n));
+  Eigen::VectorXd x = f.state.shared.head(n);
+  x[bending] -= bent.at(0);
+  const Eigen::VectorXd known = precision * x;
+  precision(thickness, thickness) -= 1 / (unknown.sd * unknown.sd);  // what is believed of it
+  std::vector<Eigen::Index> others;
+  for (Eigen::Index k = 0; k < n; ++k) {
+    if (k != bending) others.push_back(k);
+  }
+  const Eigen::LDLT<Eigen::MatrixXd> factor(precision(others, others));
+  if (!factor.isPositive()) return;
+  const Eigen::Index at = thickness - (bending < thickness ? 1 : 0);
+  const double even = factor.solve(known(others))[at];
+  const double variance = factor.solve(Eigen::VectorXd::Unit(n - 1, at))[at];
+  const double deviations = even / std::sqrt(variance + unknown.sd * unknown.sd);
+  // Recordings that know it less well than the belief are led astray by what the model leaves out.
+  if (!(variance < unknown.sd * unknown.sd && std::fabs(deviations) > kSurprise)) return;
+  const double spread = kNinety * std::sqrt(variance);
+  const CalibratedNumber change = shared_number(f, bending);
+  warnings.push_back(fmt::format(
+      "{}: alike through its thickness the body would be {:.4g} m thick ({:.4g} - {:.4g}) by the "
+      "recordings, {:.1f} standard deviations {} the belief of {:.4g} m ({:.4g} - {:.4g}); measure "
+      "it, for otherwise its bending is another by {:+.0f} % ({:.0f} - {:.0f})",
+      unknown.path, unknown.value(even), unknown.value(even - spread), unknown.value(even + spread),
+      std::fabs(deviations), deviations < 0 ? "below" : "above", unknown.value(0),
+      unknown.value(-kNinety * unknown.sd), unknown.value(kNinety * unknown.sd), 100 * change.value,
+      100 * change.low90, 100 * change.high90));
 }
 
 bool recordings_move(const Findings& f) {
@@ -323,6 +369,7 @@ void add_warnings(const Findings& f, Calibration& result) {
         number.prior_value, number.prior_low90, number.prior_high90, std::fabs(number.surprise),
         number.surprise < 0 ? "below" : "above", confused_with(f, k)));
   }
+  add_thickness_of_even_body(f, warnings);
   const Vector3d shift = f.state.shared.segment<3>(layout.registration());
   const Vector3d turn = f.state.shared.segment<3>(layout.registration() + 3);
   const double metres = f.fit.beliefs.shared_sd[layout.registration()];
@@ -369,15 +416,6 @@ void add_warnings(const Findings& f, Calibration& result) {
 void finish_scene(const Findings& f, Calibration& result) {
   pb::Scene& scene = result.scene;
   scene.mutable_tissue()->set_model(pb::TISSUE_ELASTIC);
-  // The shell has one law; all have the same stiffness at small strain.
-  pb::Material& material = *scene.mutable_tissue()->mutable_material();
-  if (material.law() != pb::LAW_COROTATED) {
-    result.warnings.push_back(fmt::format(
-        "scene.tissue.material.law: {} was fitted; scene.txtpb has the corotated one of "
-        "the shell that trains, the same at small strain",
-        law_name(material.law())));
-    material.set_law(pb::LAW_COROTATED);
-  }
   const Registration6 registration = f.fit.registration(f.state);
   pb::DepthSensor& sensor = *scene.mutable_depth_sensor();
   const auto set = [](pb::Vec3& to, const Vector3d& v) {

@@ -186,8 +186,6 @@ SimulationTask make_calibration_task(const Observation& observation, const pb::S
   if (observation.held) task.scene.mutable_held_start()->set_until_s(observation.released);
   pb::Tissue& tissue = *task.scene.mutable_tissue();
   tissue.set_model(numerics.model);
-  // The shell has one law; all are the same at small strain.
-  if (numerics.model == pb::TISSUE_ELASTIC) tissue.mutable_material()->set_law(pb::LAW_COROTATED);
   // Where the shaft is no recording says; it must not push what the jaws hold.
   task.scene.mutable_tool()->set_contact(false);
   if (numerics.elements[0] > 0) {

@@ -4,7 +4,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <ranges>
 
 #include "core/csv.h"
 #include "core/table.h"
@@ -131,8 +130,10 @@ Result<std::string> fill_in(std::string_view text, const Values& values) {
     const std::string name(text.substr(open + 1, close - open - 1));
     const auto found = values.find(name);
     if (found == values.end()) {
+      std::vector<std::string> names;
+      for (const auto& [known, value] : values) names.push_back(known);
       return Failure{fmt::format("\"{}\": no value {{{}}}, there are {}", shown(text), shown(name),
-                                 fmt::join(values | std::views::keys, ", "))};
+                                 fmt::join(names, ", "))};
     }
     filled += found->second;
     at = close + 1;

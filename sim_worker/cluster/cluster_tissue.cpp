@@ -11,8 +11,8 @@ using Eigen::Vector3d;
 
 /// Squares about the particles, each of its share of the sheet.
 template <typename Real>
-std::vector<typename LaneEffects<Real>::NodePart> ClusterLaneEffects<Real>::node_parts(
-    const ClusterTissueModel& model) {
+auto ClusterLaneEffects<Real>::node_parts(const ClusterTissueModel& model)
+    -> std::vector<NodePart> {
   const double area = model.body.particle_mass / model.areal_density;
   const Eigen::Vector2d half = Eigen::Vector2d::Constant(0.5 * std::sqrt(area));
   std::vector<NodePart> parts;

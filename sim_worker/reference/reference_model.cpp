@@ -144,20 +144,33 @@ void make_rest(ReferenceTissueModel& model) {
   }
 }
 
+/// Whether a sheet droops within about its thickness, sqrt(D / (w L)) with the bending stiffness of
+/// a plate, its weight per area and its free length. Strains are of order one at its clamp then.
+bool bends_within_its_thickness(const Scene& scene, double t, double length) {
+  const pb::Tissue& tissue = scene.config.tissue();
+  const double weight = tissue.density_kg_per_m3() * scene.gravity.norm() * t;
+  const double nu = tissue.material().poisson_ratio();
+  const double plate = tissue.material().young_modulus_pa() * t * t * t / (12 * (1 - nu * nu));
+  constexpr double kWithin = 1.5;  // sheets of 10 kPa need the layers, of 30 kPa not
+  return plate < kWithin * kWithin * t * t * weight * length;
+}
+
 /// Cells that meet a tolerance, measured on droops and lifts of sheets of 10 to 200 kPa
-/// (docs/results.md): about 0.05 mm with cells as long as the sheet is thick and three layers. The
-/// cell follows the root 3/8 of the error.
+/// (docs/results.md): about 0.05 mm with cells of 0.7 of the thickness and three layers, of the
+/// thickness and two where the clamp is not resolved. The cell follows the root 3/8 of the error.
 struct MeshSize {
-  double in_plane = 0;  ///< edge of the cells away from kinks [m]
+  double along = 0, across = 0;  ///< edges of the cells away from kinks, y and x [m]
   int layers = 0;
 };
-MeshSize mesh_size(double tolerance, double thickness, double length, int layers) {
+MeshSize mesh_size(double tolerance, double thickness, double length, double width, double cell,
+                   int layers) {
   const double fourth_root = std::sqrt(std::sqrt(tolerance / 5e-5));
   const double scale = fourth_root * std::sqrt(fourth_root);
   MeshSize size;
-  size.in_plane = scale * std::min(thickness, length / 24);
+  size.along = cell * scale * std::min(thickness, length / 24);
+  size.across = std::min(size.along, cell * scale * width / 4);
   size.layers = static_cast<int>(
-      std::ceil(std::max(std::round(layers / scale), thickness / size.in_plane - 1e-9)));
+      std::ceil(std::max(std::round(layers / scale), thickness / size.along - 1e-9)));
   return size;
 }
 
@@ -197,13 +210,15 @@ void make_lines(const Scene& scene, std::span<const PinchCircle> pinches,
       }
     }
   }
-  const int layers_meant = bears_singularity ? (bears_rims ? 5 : 3) : 2;
-  const MeshSize size =
-      mesh_size(n.tolerance_m(), thickness, model.second_edge - model.clamp_edge, layers_meant);
+  const double length = model.second_edge - model.clamp_edge;
+  const bool soft = bears_singularity && bends_within_its_thickness(scene, thickness, length);
+  const int layers_meant = !bears_singularity ? 2 : bears_rims || soft ? 5 : 3;
+  const MeshSize size = mesh_size(n.tolerance_m(), thickness, length, max.x() - min.x(),
+                                  bears_singularity ? 0.7 : 1, layers_meant);
   model.lines[0] =
-      graded_lines(min.x(), max.x(), static_cast<int>(n.elements_x()), size.in_plane, kinks[0]);
+      graded_lines(min.x(), max.x(), static_cast<int>(n.elements_x()), size.across, kinks[0]);
   model.lines[1] = graded_lines(model.clamp_edge, model.second_edge,
-                                static_cast<int>(n.elements_y()), size.in_plane, kinks[1]);
+                                static_cast<int>(n.elements_y()), size.along, kinks[1]);
   // A clamped strip is rigid: one row of elements, for the positions of its particles.
   if (model.clamp_edge > min.y() + kSameLine)
     model.lines[1].insert(model.lines[1].begin(), min.y());
@@ -216,8 +231,12 @@ void make_lines(const Scene& scene, std::span<const PinchCircle> pinches,
   const double half = 0.5 * model.body.thickness;
   model.lines[2] = even_lines(-half, half, layers);
   if (bears_singularity) {  // the clamp ends at the faces
-    for (int k = 1; k < layers; ++k)
-      model.lines[2][k] = half * trig::sin_cos(0.5 * kPi * model.lines[2][k] / half).sin;
+    for (int k = 1; k < layers; ++k) {
+      double& z = model.lines[2][k];
+      const double to_face = 1 - std::fabs(z) / half;
+      z = soft ? std::copysign(half * (1 - to_face * to_face * to_face * to_face), z)
+               : half * trig::sin_cos(0.5 * kPi * z / half).sin;
+    }
   }
   for (const double y : model.lines[1]) {
     for (const double x : model.lines[0]) {

@@ -8,8 +8,7 @@
 namespace omentum {
 
 template <typename Real>
-std::vector<typename LaneEffects<Real>::NodePart> ShellLaneEffects<Real>::node_parts(
-    const ShellTissueModel& model) {
+auto ShellLaneEffects<Real>::node_parts(const ShellTissueModel& model) -> std::vector<NodePart> {
   std::vector<NodePart> parts;
   for (int i = 0; i < model.nodes(); ++i) {
     const Eigen::Vector2d p = model.body.particles[i].head<2>();

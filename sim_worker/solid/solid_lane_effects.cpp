@@ -7,8 +7,7 @@
 namespace omentum {
 
 template <typename Real>
-std::vector<typename LaneEffects<Real>::NodePart> SolidLaneEffects<Real>::node_parts(
-    const SolidTissueModel& model) {
+auto SolidLaneEffects<Real>::node_parts(const SolidTissueModel& model) -> std::vector<NodePart> {
   std::vector<NodePart> parts;
   for (int i = 0; i < model.nodes(); ++i) {
     const Eigen::Vector2d p = model.body.particles[i].head<2>();

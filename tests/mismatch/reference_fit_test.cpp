@@ -13,15 +13,16 @@
 #include "core/constants.h"
 #include "mismatch/calibrate/clock_posterior.h"
 #include "mismatch/calibrate/descent.h"
-#include "mismatch/calibrate/findings.h"
 #include "mismatch/calibrate/starts.h"
 #include "sim_worker/reference/reference_model.h"
+#include "support/fitted_sheet.h"
 
 namespace omentum {
 namespace {
 
 using Eigen::Vector3d;
 using Eigen::VectorXd;
+using test::FittedSheet;
 
 constexpr double kTurnDeg = 0.6;
 
@@ -145,78 +146,8 @@ TEST(RangeOf, EndsInsideTheKnob) {
   }
 }
 
-/// A sheet in the scene omentum, bent, and clouds of it that are `turned` about the camera [rad].
-struct Fitted {
-  static constexpr std::size_t kFrames = 2;
-  pb::Scene scene = load_scene(deploy_dir() + "/scenes/omentum.txtpb", {});
-  CalibrationOptions options;
-  std::unique_ptr<ReferenceFit> fit;
-  std::vector<Prediction> predictions;
-  FitState at;
-  std::vector<std::size_t> which = {0};
-
-  explicit Fitted(const Vector3d& turned = Vector3d::Zero(), std::uint32_t places = 31) {
-    pb::GridMaker& grid = *scene.mutable_tissue()->mutable_grid();
-    grid.set_pitch_m(grid.pitch_m() * (grid.count_x() - 1) / (places - 1));
-    grid.set_count_x(places);
-    grid.set_count_y(places);
-    for (const auto& [path, sd] : {std::pair{"scene.depth_sensor.registration_m", 0.002},
-                                   {"scene.depth_sensor.registration_deg", 0.7}}) {
-      pb::Prior& prior = *options.priors.add_prior();
-      prior.set_path(path);
-      prior.set_sd(sd);
-    }
-    const Scene made = make_scene(scene, options.folder);
-    Observation seen;
-    seen.name = "a";
-    seen.p_WC = made.tissue.X_WB * Vector3d(0.03, 0.26, 0.32);
-    const Vector3d axis = (made.tissue.X_WB.translation() - seen.p_WC).normalized();
-    seen.R_WC.col(2) = -axis;
-    seen.R_WC.col(0) = axis.cross(Vector3d::UnitZ()).normalized();
-    seen.R_WC.col(1) = seen.R_WC.col(2).cross(seen.R_WC.col(0));
-    seen.track.time = {0, 1};
-    seen.track.p_WT.assign(2, seen.p_WC);
-    PredictedFrame frame;
-    frame.valid = true;
-    for (const double side : {0.5, -0.5}) {
-      for (const Vector3d& p : made.tissue.particles) {
-        const double bulge = 6 * p.x() * p.y() + 4 * p.x() * p.x();
-        frame.vertices.push_back(made.tissue.X_WB *
-                                 (p + Vector3d(0, 0, bulge + side * made.tissue.thickness)));
-      }
-    }
-    frame.velocity.assign(frame.vertices.size(), Vector3d::Zero());
-    frame.tip = seen.p_WC;
-    const Registration6 registration{Vector3d::Zero(), turned};
-    SeenFrame cloud;
-    std::mt19937 random(1);
-    const std::size_t half = frame.vertices.size() / 2;
-    for (std::size_t i = 0; i < half; ++i) {
-      // Along the ray, some way to and fro; not the same way all along an edge.
-      const Vector3d d = frame.vertices[i] - seen.p_WC;
-      const double share = static_cast<double>(random()) / 0x1p32;
-      const Vector3d p = d * (1 + 4e-3 * (share - 0.5));
-      cloud.points.push_back(seen.p_WC + registration.rotation() * p);
-    }
-    for (std::size_t k = 0; k < kFrames; ++k) {
-      cloud.t = 0.2 * static_cast<double>(k);
-      seen.frames.push_back(cloud);
-    }
-    fit = std::make_unique<ReferenceFit>(scene, std::vector<Observation>{seen}, options);
-    frame.columns.setZero(3 * static_cast<Eigen::Index>(frame.vertices.size()) + 3,
-                          fit->layout.unknowns + kOwnColumns);
-    predictions.emplace_back().frames.assign(kFrames, frame);
-    at = fit->believed();
-  }
-  FitState improved() {
-    FitState state = at;
-    fit->improve(predictions, at, which, 12, state);
-    return state;
-  }
-};
-
 TEST(ReferenceFit, ATurnOfTheCameraIsATurnAndNoShift) {
-  Fitted c(kDegree * kTurnDeg * Vector3d(1, -1, 1) / std::sqrt(3));
+  FittedSheet c(kDegree * kTurnDeg * Vector3d(1, -1, 1) / std::sqrt(3));
   const FitState state = c.improved();
   const Registration6 found = c.fit->registration(state);
   EXPECT_NEAR(found.turn.norm() / kDegree, kTurnDeg, 0.15);
@@ -225,7 +156,7 @@ TEST(ReferenceFit, ATurnOfTheCameraIsATurnAndNoShift) {
 }
 
 TEST(ReferenceFit, WhatRestsTellsNothingOfClockAndDamping) {
-  Fitted c;
+  FittedSheet c;
   const FitState state = c.improved();
   const ArrowStep sure = c.fit->posterior(c.predictions, c.at, c.which, state);
   const int clock = c.fit->layout.clock();
@@ -237,7 +168,7 @@ TEST(ReferenceFit, WhatRestsTellsNothingOfClockAndDamping) {
 }
 
 TEST(ReferenceFit, NeitherLeavesItsRangesNorFitsWorse) {
-  Fitted c;
+  FittedSheet c;
   // Clouds 3 mm above the surface; the column of the thickness says that a tenth is worth 1 um.
   for (SeenFrame& frame : c.fit->observations[0].frames) {
     for (Vector3d& p : frame.points) p.z() += 0.003;
@@ -262,7 +193,7 @@ TEST(ReferenceFit, NeitherLeavesItsRangesNorFitsWorse) {
 }
 
 TEST(ReferenceFit, ANumberAtTheEndOfItsRangeHoldsNoOtherBack) {
-  Fitted c;
+  FittedSheet c;
   for (SeenFrame& frame : c.fit->observations[0].frames) {
     for (Vector3d& p : frame.points) p.z() += 0.003;
   }
@@ -280,7 +211,7 @@ TEST(ReferenceFit, ANumberAtTheEndOfItsRangeHoldsNoOtherBack) {
 }
 
 /// Surfaces that are as much higher as the stiffness is, and clouds 2 mm above those believed.
-struct Descending : Fitted {
+struct Descending : FittedSheet {
   static constexpr double kHigher = 0.01;  // [m] per unit of x
   int simulated = 0;
 
@@ -336,7 +267,7 @@ TEST(Descend, TakesAStateThatCannotBeSimulatedForAWorseFit) {
   EXPECT_LE(c.simulated, 12);
   EXPECT_LE(d.at.shared[0], kMost);
   EXPECT_GT(d.at.shared[0], kMost / 2) << "as near as can be simulated";
-  EXPECT_EQ(count_valid(d.predictions[0]), std::ptrdiff_t{Fitted::kFrames});
+  EXPECT_EQ(count_valid(d.predictions[0]), std::ptrdiff_t{FittedSheet::kFrames});
   EXPECT_LT(c.fit->cost(d.predictions, d.at, c.which, d.at, noise), before);
 }
 
@@ -363,20 +294,20 @@ struct Integrated {
   ArrowStep sure;  ///< before
   ClockPosterior found;
 };
-Integrated integrate(Fitted& c) {
+Integrated integrate(FittedSheet& c) {
   const FitState state = c.improved();
   const ArrowStep sure = c.fit->posterior(c.predictions, c.at, c.which, state);
   return {sure, integrate_clock(*c.fit, c.predictions, c.at, c.which, state, sure)};
 }
 
-void expect_clock_as_believed(const Fitted& c, const ClockPosterior& found) {
+void expect_clock_as_believed(const FittedSheet& c, const ClockPosterior& found) {
   const double belief = c.fit->beliefs.shared_sd[c.fit->layout.clock()];
   EXPECT_NEAR(found.clock.high, 1.645 * belief, 0.15 * belief);
   EXPECT_NEAR(found.clock.low, -1.645 * belief, 0.15 * belief);
 }
 
 TEST(IntegrateClock, ACloudJustBeforeTheTissueMovesLeavesALateClockOpen) {
-  Fitted c;
+  FittedSheet c;
   c.fit->beliefs.shared_sd.segment<6>(c.fit->layout.registration()).setConstant(1e-7);
   for (PredictedFrame& frame : c.predictions[0].frames) {
     for (int k = -13; k <= 13; ++k) {
@@ -399,7 +330,7 @@ TEST(IntegrateClock, ACloudJustBeforeTheTissueMovesLeavesALateClockOpen) {
 }
 
 TEST(IntegrateClock, WhatRestsSaysNothing) {
-  Fitted c;
+  FittedSheet c;
   const auto [sure, found] = integrate(c);
   expect_clock_as_believed(c, found);
   for (int k = 0; k < c.fit->layout.unknowns; ++k)
@@ -408,7 +339,7 @@ TEST(IntegrateClock, WhatRestsSaysNothing) {
 
 TEST(IntegrateClock, ASwayBelowWhatTheModelIsGoodForSaysNothing) {
   // The surface is 0.05 mm too high, as it will be 0.25 s later.
-  Fitted c;
+  FittedSheet c;
   c.fit->beliefs.shared_sd.segment<6>(c.fit->layout.registration()).setConstant(1e-7);
   for (PredictedFrame& frame : c.predictions[0].frames) {
     for (Vector3d& p : frame.vertices) p.z() += 5e-5;
@@ -424,7 +355,7 @@ TEST(IntegrateClock, ASwayBelowWhatTheModelIsGoodForSaysNothing) {
 
 TEST(IntegrateClock, WhatDiffersByLessThanTheModelIsGoodForSaysNothing) {
   // The surface rests where it was seen; at every other time it is rough by 0.05 mm.
-  Fitted c;
+  FittedSheet c;
   for (PredictedFrame& frame : c.predictions[0].frames) {
     for (int k = -13; k <= 13; ++k) {
       std::vector<Vector3d> vertices = frame.vertices;
@@ -440,7 +371,7 @@ TEST(IntegrateClock, WhatDiffersByLessThanTheModelIsGoodForSaysNothing) {
 TEST(FindStart, LooksAtEightFramesOfEveryRecordingAndLeavesAll) {
   constexpr std::size_t kMany = 20, kFew = 8;
   const auto start_of = [](const std::vector<std::size_t>& frames) {
-    Fitted c(Vector3d::Zero(), 7);
+    FittedSheet c(Vector3d::Zero(), 7);
     Observation& seen = c.fit->observations[0];
     seen.frames.resize(1);
     std::vector<SeenFrame> all(kMany, seen.frames[0]);
@@ -465,7 +396,7 @@ TEST(FindStart, LooksAtEightFramesOfEveryRecordingAndLeavesAll) {
 }
 
 TEST(ReferenceFit, StatesOfAllThicknessesHaveOneMesh) {
-  Fitted c;
+  FittedSheet c;
   FitState state = c.at;
   const auto k = static_cast<Eigen::Index>(
       std::ranges::find(c.fit->unknowns, std::string(kThicknessPath), &Unknown::path) -
@@ -487,82 +418,17 @@ TEST(ReferenceFit, StatesOfAllThicknessesHaveOneMesh) {
 }
 
 TEST(Simulate, AnErrorIsAFailureOfThatState) {
-  Fitted c;
+  FittedSheet c;
   // Its place has no derivative, which the simulation says before its first command.
   c.fit->scene.mutable_tool()->mutable_grip()->set_hold(pb::HOLD_PAD);
   const auto predictions =
       c.fit->simulate(c.at, {pb::TISSUE_REFERENCE, {4, 4, 1}, 1}, true, c.which);
-  EXPECT_EQ(predictions[0].frames.size(), Fitted::kFrames);
+  EXPECT_EQ(predictions[0].frames.size(), FittedSheet::kFrames);
   EXPECT_EQ(count_valid(predictions[0]), 0);
   EXPECT_THAT(predictions[0].failure, testing::HasSubstr("size of a pad"));
   const NoiseModel noise = c.fit->noise;
   EXPECT_GT(c.fit->cost(predictions, c.at, c.which, c.at, noise),
             c.fit->cost(c.predictions, c.at, c.which, c.at, noise));
-}
-
-TEST(Findings, AThicknessAtItsBoundIsWarnedOfByName) {
-  Fitted c;
-  FitState state = c.improved();
-  const ArrowStep sure = c.fit->posterior(c.predictions, c.at, c.which, state);
-  const auto found =
-      std::ranges::find(c.fit->unknowns, std::string(kThicknessPath), &Unknown::path);
-  state.shared[found - c.fit->unknowns.begin()] = range_of(*found).high;
-  Calibration result;
-  result.scene = c.fit->shared_scene(state);
-  const Findings findings{*c.fit, state, sure, c.which, {}, 0, 0, 0};
-  add_numbers(findings, result);
-  add_warnings(findings, result);
-  EXPECT_THAT(result.warnings, testing::Contains(testing::AllOf(testing::HasSubstr(kThicknessPath),
-                                                                testing::HasSubstr("bound"))));
-  EXPECT_NEAR(result.scene.tissue().thickness_m(), found->value(range_of(*found).high), 1e-9)
-      << "and stands in the scene";
-}
-
-TEST(Findings, AWeakWordAgainstAFirmBeliefIsToldWhereItSpeaksClearly) {
-  Fitted c;
-  FitState state = c.improved();
-  ArrowStep sure = c.fit->posterior(c.predictions, c.at, c.which, state);
-  const auto found =
-      std::ranges::find(c.fit->unknowns, std::string(kThicknessPath), &Unknown::path);
-  const auto k = found - c.fit->unknowns.begin();
-  // The recordings leave 0.8 of the belief's standard deviation: alone they say x / 0.36 with 4/3.
-  sure.shared_covariance(k, k) = 0.64 * found->sd * found->sd;
-  for (const auto& [x, told] : {std::pair{-1.2, false}, {-1.6, true}}) {
-    state.shared[k] = x * found->sd;
-    Calibration result;
-    const Findings findings{*c.fit, state, sure, c.which, {}, 0, 0, 0};
-    add_numbers(findings, result);
-    add_warnings(findings, result);
-    EXPECT_EQ(
-        std::ranges::any_of(result.warnings,
-                            [](const std::string& w) { return w.starts_with(kThicknessPath); }),
-        told)
-        << x;
-  }
-}
-
-TEST(Findings, ASurpriseNamesWhatItMayBeInstead) {
-  Fitted c;
-  FitState state = c.improved();
-  ArrowStep sure = c.fit->posterior(c.predictions, c.at, c.which, state);
-  const auto place_of = [&](const std::string& path) {
-    return std::ranges::find(c.fit->unknowns, path, &Unknown::path) - c.fit->unknowns.begin();
-  };
-  const std::string bending = "scene.tissue.effects.bending_change";
-  const auto b = place_of(bending), t = place_of(kThicknessPath);
-  const double sd_b = c.fit->unknowns[static_cast<std::size_t>(b)].sd;
-  const double sd_t = c.fit->unknowns[static_cast<std::size_t>(t)].sd;
-  state.shared[b] = -2 * sd_b;
-  sure.shared_covariance(b, b) = 0.5 * sd_b * sd_b;
-  sure.shared_covariance(b, t) = sure.shared_covariance(t, b) = -0.4 * sd_b * sd_t;
-  Calibration result;
-  const Findings findings{*c.fit, state, sure, c.which, {}, 0, 0, 0};
-  add_numbers(findings, result);
-  add_warnings(findings, result);
-  EXPECT_THAT(result.warnings,
-              testing::Contains(testing::AllOf(
-                  testing::StartsWith(bending),
-                  testing::EndsWith(std::string("measure it or ") + kThicknessPath))));
 }
 
 }  // namespace

@@ -288,8 +288,12 @@ inline Difference difference(const Lift& lift, const Named& n, const VectorXd& b
   for (const double scale : scales) {
     const double step = scale * n.step;
     const VectorXd above = surface(lift, n.change(step));
-    const VectorXd below = n.one_sided ? base : surface(lift, n.change(-step));
-    const VectorXd value = (above - below) / (n.one_sided ? step : 2 * step);
+    VectorXd value;  // of second order in the step
+    if (n.one_sided) {
+      value = (4 * surface(lift, n.change(0.5 * step)) - above - 3 * base) / step;
+    } else {
+      value = (above - surface(lift, n.change(-step))) / (2 * step);
+    }
     const double change = last.size() == 0 ? 0 : (value - last).norm() / value.norm();
     if (best.value.size() == 0 || best.change == 0 || change < best.change) best = {value, change};
     last = value;

@@ -3,7 +3,7 @@
 // against the true one. Run by hand:
 //
 //   second_order_study [--tolerance M] FILE ...     of tests/reference/results/second_order
-//   second_order_study --no-reference [--map] FILE ...     the shell alone, and where it is off
+//   second_order_study --no-reference --map FILE ...     the shell alone, and where it is off
 
 #include <array>
 #include <cmath>
@@ -50,7 +50,16 @@ struct Options {
   unsigned finer = 1;
 };
 
-void print_reference(const test::SecondOrder& c, const Scene& scene) {
+/// The model less the bricks at every point [mm].
+void print_map(const test::SecondOrder& c, const test::StaticState& state) {
+  for (std::size_t i = 0; i < c.rest.size(); ++i) {
+    const Eigen::Vector3d off = 1e3 * (state.points[i] - c.deformed[i]);
+    std::printf("# %5.1f %5.1f  %7.3f %7.3f %7.3f\n", 1e3 * c.rest[i].x(), 1e3 * c.rest[i].y(),
+                off.x(), off.y(), off.z());
+  }
+}
+
+void print_reference(const test::SecondOrder& c, const Scene& scene, bool with_map) {
   std::array<int, 3> cells{};
   const test::StaticState state = test::settle_reference(c, scene, &cells);
   const double rms = test::rms_distance(state.points, c.deformed);
@@ -58,14 +67,9 @@ void print_reference(const test::SecondOrder& c, const Scene& scene) {
   std::printf(" %d x %d x %d | %.4f | %.2f | %.4f | %.2f |", cells[0], cells[1], cells[2],
               1e3 * rms, 100 * force_error(c, state), 1e3 * error.rms_m, error.rms_m / rms);
   if (!state.failure.empty()) std::printf(" %s", state.failure.c_str());
-}
-
-/// Shell less bricks at every point [mm].
-void print_map(const test::SecondOrder& c, const test::StaticState& shell) {
-  for (std::size_t i = 0; i < c.rest.size(); ++i) {
-    const Eigen::Vector3d off = 1e3 * (shell.points[i] - c.deformed[i]);
-    std::printf("# %5.1f %5.1f  %7.3f %7.3f %7.3f\n", 1e3 * c.rest[i].x(), 1e3 * c.rest[i].y(),
-                off.x(), off.y(), off.z());
+  if (with_map) {
+    std::puts("");
+    print_map(c, state);
   }
 }
 
@@ -75,7 +79,7 @@ void print_row(const std::string& path, const Options& options) {
   Scene scene = test::make_second_order_scene(c);
   scene.config.mutable_tissue()->mutable_reference()->set_tolerance_m(options.tolerance);
   std::printf("| %s | %.4f |", name.c_str(), 1e3 * c.values.at("own_error")[0]);
-  if (options.with_reference) print_reference(c, scene);
+  if (options.with_reference) print_reference(c, scene, options.map);
   if (!options.with_shell || c.body != "sheet") {
     std::puts(" - | - |");
     return;
@@ -98,7 +102,7 @@ int main(int argc, char** argv) {
   app.add_option("--finer", options.finer, "Cells of the shell per pitch of 3 mm");
   app.add_flag("!--no-shell", options.with_shell, "The reference alone");
   app.add_flag("!--no-reference", options.with_reference, "The shell alone");
-  app.add_flag("--map", options.map, "Shell less bricks at every point, x y at rest, x y z [mm]");
+  app.add_flag("--map", options.map, "Model less bricks at every point, x y at rest, x y z [mm]");
   app.add_option("files", files, "Results of tests/reference/run_second_order.py")->required();
   CLI11_PARSE(app, argc, argv);
   std::printf("| case | own error, mm |%s shell, mm rms | force, %% |\n",

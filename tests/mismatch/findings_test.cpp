@@ -1,0 +1,112 @@
+// What a finished fit is said to have found, in words.
+#include "mismatch/calibrate/findings.h"
+
+#include <fmt/format.h>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "support/fitted_sheet.h"
+
+namespace omentum {
+namespace {
+
+using test::FittedSheet;
+using testing::AllOf;
+using testing::Contains;
+using testing::HasSubstr;
+using testing::Not;
+using testing::StartsWith;
+
+const std::string kBending = "scene.tissue.effects.bending_change";
+
+struct FoundSheet : FittedSheet {
+  FitState state = improved();
+  ArrowStep sure = fit->posterior(predictions, at, which, state);
+  Calibration result;
+
+  Eigen::Index place_of(const std::string& path) const {
+    return std::ranges::find(fit->unknowns, path, &Unknown::path) - fit->unknowns.begin();
+  }
+  const Unknown& unknown(const std::string& path) const {
+    return fit->unknowns[static_cast<std::size_t>(place_of(path))];
+  }
+  const std::vector<std::string>& warnings() {
+    result = {};
+    result.scene = fit->shared_scene(state);
+    const Findings findings{*fit, state, sure, which, {}, 0, 0, 0};
+    add_numbers(findings, result);
+    add_warnings(findings, result);
+    return result.warnings;
+  }
+};
+
+TEST(Findings, AThicknessAtItsBoundIsWarnedOfByName) {
+  FoundSheet c;
+  const Unknown& thickness = c.unknown(kThicknessPath);
+  c.state.shared[c.place_of(kThicknessPath)] = range_of(thickness).high;
+  EXPECT_THAT(c.warnings(), Contains(AllOf(HasSubstr(kThicknessPath), HasSubstr("bound"))));
+  EXPECT_NEAR(c.result.scene.tissue().thickness_m(), thickness.value(range_of(thickness).high),
+              1e-9)
+      << "and stands in the scene";
+}
+
+TEST(Findings, AWeakWordAgainstAFirmBeliefIsToldWhereItSpeaksClearly) {
+  FoundSheet c;
+  const auto k = c.place_of(kThicknessPath);
+  const double sd = c.unknown(kThicknessPath).sd;
+  // The recordings leave 0.8 of the belief's standard deviation: alone they say x / 0.36 with 4/3.
+  c.sure.shared_covariance(k, k) = 0.64 * sd * sd;
+  c.state.shared[k] = -1.2 * sd;
+  EXPECT_THAT(c.warnings(), Not(Contains(StartsWith(kThicknessPath))));
+  c.state.shared[k] = -1.6 * sd;
+  EXPECT_THAT(c.warnings(), Contains(StartsWith(kThicknessPath)));
+}
+
+TEST(Findings, ASurpriseNamesWhatItMayBeInstead) {
+  FoundSheet c;
+  const auto b = c.place_of(kBending), t = c.place_of(kThicknessPath);
+  const double sd_b = c.unknown(kBending).sd, sd_t = c.unknown(kThicknessPath).sd;
+  c.state.shared[b] = -2 * sd_b;
+  c.sure.shared_covariance(b, b) = 0.5 * sd_b * sd_b;
+  c.sure.shared_covariance(b, t) = c.sure.shared_covariance(t, b) = -0.4 * sd_b * sd_t;
+  EXPECT_THAT(c.warnings(),
+              Contains(AllOf(StartsWith(kBending),
+                             testing::EndsWith(std::string("measure it or ") + kThicknessPath))));
+}
+
+TEST(Findings, AThinnerBodyIsToldThoughTheBeliefInItsBendingHidesIt) {
+  FoundSheet c;
+  const auto b = c.place_of(kBending), t = c.place_of(kThicknessPath);
+  // Recordings that see 2 thickness + bending, in logarithms, to 4 %, and nothing else of the two.
+  constexpr double kSeenTo = 0.04;
+  const Eigen::Vector2d seen(2, 1);
+  const Eigen::Vector2d sd(c.unknown(kThicknessPath).sd, c.unknown(kBending).sd);
+  Eigen::Matrix2d precision = sd.cwiseAbs2().cwiseInverse().asDiagonal();
+  precision += seen * seen.transpose() / (kSeenTo * kSeenTo);
+  c.sure.shared_covariance.setIdentity() *= 1e-4;
+  c.sure.shared_covariance({t, b}, {t, b}) = precision.inverse();
+  for (const double thinner : {0.8, 0.95}) {
+    const Eigen::Vector2d x =
+        precision.inverse() * seen * (2 * std::log(thinner) / (kSeenTo * kSeenTo));
+    c.state.shared[t] = x[0];
+    c.state.shared[b] = x[1];
+    EXPECT_LT(std::fabs(x[0]), sd[0] * 2.5) << "not by what is believed of the thickness alone";
+    const std::string told =
+        fmt::format("{:.4g} m thick", thinner * c.unknown(kThicknessPath).believed);
+    const auto is_told = Contains(AllOf(StartsWith(kThicknessPath), HasSubstr(told)));
+    if (thinner == 0.8) {
+      EXPECT_THAT(c.warnings(), is_told);
+    } else {
+      EXPECT_THAT(c.warnings(), Not(Contains(StartsWith(kThicknessPath))));
+    }
+  }
+}
+
+}  // namespace
+}  // namespace omentum
