@@ -187,10 +187,15 @@ int calibrate(const CalibrateOptions& options) {
   const Scene made = make_scene(scene, chosen.folder);
   warnings.insert(warnings.end(), made.warnings.begin(), made.warnings.end());
   if (!options.markers.empty()) chosen.markers = read_marker_notes(options.markers);
-  // Equal in whatever order they were named.
-  find_clamp(
-      std::ranges::min_element(recordings, {}, [](const auto& r) { return r.first; })->second,
-      chosen.markers);
+  // The first by name with markers: equal in whatever order they were named.
+  const Recording* first = nullptr;
+  std::string first_name;
+  for (const auto& [name, recording] : recordings) {
+    if (recording.find("markers") == nullptr || (first != nullptr && name > first_name)) continue;
+    first = &recording;
+    first_name = name;
+  }
+  if (first != nullptr) find_clamp(*first, chosen.markers);
   std::vector<Observation> observations;
   for (const auto& [name, recording] : recordings) {
     warnings.insert(warnings.end(), recording.warnings.begin(), recording.warnings.end());
