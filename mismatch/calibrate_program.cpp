@@ -1,10 +1,12 @@
 #include "mismatch/calibrate_program.h"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 #include <google/protobuf/text_format.h>
 #include <unistd.h>
 
 #include <chrono>
+#include <cmath>
 #include <cstdio>
 #include <filesystem>
 #include <memory>
@@ -30,8 +32,8 @@ namespace {
 namespace fs = std::filesystem;
 
 struct CalibrateOptions {
-  std::string scene, output, method = "reference";
-  std::vector<std::string> recordings, overrides;
+  std::string scene, output, markers, method = "reference";
+  std::vector<std::string> recordings, overrides, own_overrides;
   double tolerance_mm = 0.3;
   bool no_leave_out = false;
   std::uint64_t seed = 1;
@@ -119,6 +121,50 @@ pb::Scene scene_of(const CalibrateOptions& options, const Recording& first, pb::
   return override_scene(scene, options.overrides);
 }
 
+/// "NAME:a.b=c" to the overrides of recordings of that name, or that begin so with "*" at its end.
+void add_own_overrides(const std::vector<std::string>& stated,
+                       std::vector<Observation>& observations) {
+  for (const std::string& text : stated) {
+    const std::size_t colon = text.find(':');
+    if (colon == std::string::npos || text.find('=', colon) == std::string::npos)
+      throw_error("--set-for: {}, needed RECORDING:a.b=c", text);
+    const std::string name = text.substr(0, colon);
+    const bool begin = name.ends_with('*');
+    bool any = false;
+    for (Observation& o : observations) {
+      if (begin ? !o.name.starts_with(name.substr(0, name.size() - 1)) : o.name != name) continue;
+      o.overrides.push_back(text.substr(colon + 1));
+      any = true;
+    }
+    if (!any) throw_error("--set-for: {}: no recording is called so", name);
+  }
+}
+
+/// What was made of the markers of a recording, for people.
+std::string print_markers(const Observation& seen) {
+  if (seen.marker_rows == 0) return "";
+  const auto frames = std::ranges::count_if(
+      seen.frames, [](const SeenFrame& frame) { return !frame.markers.empty(); });
+  std::string line = fmt::format("  markers: {} of {} frames are looked at, noise {:.3f} mm",
+                                 frames, seen.marker_rows, 1e3 * seen.marker_noise);
+  if (seen.held) line += fmt::format(", let go at {:.3f} s", seen.released);
+  return fmt::format("{}\n", line);
+}
+
+/// As a table of a recording folder.
+std::string print_table(const Series& series) {
+  std::string text = fmt::format("t_s,{}\n", fmt::join(series.columns, ","));
+  for (std::size_t row = 0; row < series.rows(); ++row) {
+    text += print_seconds(series.time_ns[row]);
+    for (std::size_t k = 0; k < series.columns.size(); ++k) {
+      const double value = series.at(row, k);
+      text += std::isfinite(value) ? fmt::format(",{:.9g}", value) : ",";
+    }
+    text += '\n';
+  }
+  return text;
+}
+
 int calibrate(const CalibrateOptions& options) {
   OutputFolder folder(options.output);
   std::vector<std::pair<std::string, Recording>> recordings;
@@ -140,19 +186,31 @@ int calibrate(const CalibrateOptions& options) {
   chosen.folder = fs::path(options.scene).parent_path().string();
   const Scene made = make_scene(scene, chosen.folder);
   warnings.insert(warnings.end(), made.warnings.begin(), made.warnings.end());
+  if (!options.markers.empty()) chosen.markers = read_marker_notes(options.markers);
+  // The first by name with markers: equal in whatever order they were named.
+  const Recording* first = nullptr;
+  std::string first_name;
+  for (const auto& [name, recording] : recordings) {
+    if (recording.find("markers") == nullptr || (first != nullptr && name > first_name)) continue;
+    first = &recording;
+    first_name = name;
+  }
+  if (first != nullptr) find_clamp(*first, chosen.markers);
   std::vector<Observation> observations;
   for (const auto& [name, recording] : recordings) {
     warnings.insert(warnings.end(), recording.warnings.begin(), recording.warnings.end());
-    observations.push_back(observe(name, name, recording, made, warnings));
+    observations.push_back(observe(name, name, recording, made, chosen.markers, warnings));
   }
   for (const Observation& o : observations) {
     const SeenFigures figures{o.clouds, o.parts, o.share_seen};
-    std::printf("%s:\n%s", o.name.c_str(), print_seen(figures).c_str());
+    std::printf("%s:\n%s%s", o.name.c_str(), print_seen(figures).c_str(), print_markers(o).c_str());
   }
   // Equal in whatever order they were named.
   std::sort(observations.begin(), observations.end(),
             [](const Observation& a, const Observation& b) { return a.name < b.name; });
   number_conditions(observations);
+  number_markers(observations, warnings);
+  add_own_overrides(options.own_overrides, observations);
   const auto line = std::make_shared<ProgressLine>();
   SimulatorOptions where = options.simulator;
   where.build_id = build_id();
@@ -179,6 +237,10 @@ int calibrate(const CalibrateOptions& options) {
     OMENTUM_CHECK(google::protobuf::TextFormat::PrintToString(left.scene, &text));
     fs::create_directories(folder.path() / "left_out");
     folder.write("left_out/" + left.recording + ".txtpb", text);
+  }
+  for (const Calibration::MarkerTable& markers : result.markers) {
+    fs::create_directories(folder.path() / "markers");
+    folder.write("markers/" + markers.recording + ".csv", print_table(markers.table));
   }
   folder.finish();
   for (const std::string& warning : result.warnings)
@@ -210,6 +272,13 @@ std::function<int()> add_calibrate_command(CLI::App& app) {
       ->check(CLI::IsMember({"reference", "paper"}))
       ->capture_default_str();
   sub.add_option("--set", options.overrides, "Override of the scene, a.b=c (scene.tissue...)");
+  sub.add_option(
+      "--set-for", options.own_overrides,
+      "Override of the scene for one recording alone, RECORDING:a.b=c, or NAME*:a.b=c for "
+      "those whose names begin so");
+  sub.add_option(
+      "--markers", options.markers,
+      "Table of what is known of markers: name, on (tissue, clamp, other), x_m, y_m, z_m in B");
   sub.add_option("--tolerance-mm", options.tolerance_mm,
                  "Mesh of the reference for this rms error of the surface [mm]")
       ->check(number_between(1e-3, 10))

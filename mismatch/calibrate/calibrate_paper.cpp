@@ -110,6 +110,9 @@ class PaperSearch {
     for (std::size_t r = 0; r < fit_.observations.size(); ++r) {
       if (!fit_.observations[r].held_out) fitted_.push_back(r);
     }
+    if (!std::ranges::all_of(fit_.observations, &Observation::has_points))
+      throw_error(
+          "--method paper: a recording without clouds, which it compares; markers are none");
     if (fitted_.empty()) throw_error("every recording is held out: nothing can be fitted");
     for (const Observation& o : fit_.observations) {
       std::vector<PointGrid>& grids = grids_.emplace_back();

@@ -14,6 +14,7 @@
 #include "mismatch/calibrate/descent.h"
 #include "mismatch/calibrate/findings.h"
 #include "mismatch/calibrate/law_choice.h"
+#include "mismatch/calibrate/marker_findings.h"
 #include "mismatch/calibrate/reference_fit.h"
 #include "mismatch/calibrate/scores.h"
 #include "mismatch/calibrate/starts.h"
@@ -58,7 +59,10 @@ class Stages {
  private:
   void next_stage();
   void say(const std::string& stage, double passes);
+  void bind_markers();
   void begin();
+  void begin_held();
+  void place_held(const Which& left, FitState& state);
   void warn_of_missing(std::size_t r, const Prediction& prediction, const std::string& where);
   void drop_failing(const std::vector<Prediction>& predictions, bool told);
   std::vector<Prediction> begin_descent(const SimulateState& simulate, bool told);
@@ -77,6 +81,8 @@ class Stages {
   void settle_beliefs();
   void settle();
   void collect();
+  void add_marker_table(std::size_t r, const Prediction& prediction, const FitState& at,
+                        const FitState& state);
   void collect_fit();
   void predict_unseen(const Which& left, const FitState& without, const std::string& role);
   void leave_out();
@@ -116,8 +122,33 @@ void Stages::say(const std::string& stage, double passes) {
   if (options_.progress) options_.progress(done_ / all, stage);
 }
 
+/// Where the markers sit on the body, by the simulation as believed.
+void Stages::bind_markers() {
+  if (!fit_.needs_binding()) return;
+  fit_.bind_markers(fit_.simulate(fit_.believed(), coarse(), true, fitted_), result_.warnings);
+}
+
+/// Of bodies that are let go: a swing that is looked at for long has as many best fits as it has
+/// periods, so the search begins with what is seen at first and goes on with ever more of it.
+void Stages::begin_held() {
+  constexpr double kFirst = 0.05, kLonger = 2;  // [s]
+  constexpr double kNear = 1;                   // standard deviations
+  constexpr std::size_t kFrames = 60;
+  state_ = fit_.believed();
+  fit_.noise = NoiseModel{0.003, 5e-4, 0.02, 4};
+  bool all = false;
+  for (double seconds = kFirst; !all; seconds *= kLonger) {
+    const FirstFrames first(fit_.observations, seconds, kFrames);
+    descend(coarse(), 6, kNear, kCoarseWork, "starts");
+    all = first.all();
+  }
+  usable_ = fitted_;
+}
+
 /// Begins by the shell; recordings that are mirrored are named and left out.
 void Stages::begin() {
+  bind_markers();
+  if (fit_.layout.held > 0) return begin_held();
   const Start start = find_start(fit_, fitted_, [&](double share) {
     say("starts", kPlan.front() * share * static_cast<double>(fitted_.size()));
   });
@@ -204,7 +235,7 @@ void Stages::descend(const Numerics& numerics, int most, double small, double wo
 /// rest.
 void Stages::descend_coarsely() {
   constexpr double kNear = 1;
-  constexpr std::size_t kFrames = 12;
+  const std::size_t kFrames = fit_.layout.held > 0 ? kMostFrames : 12;  // a swing needs more
   const FewFrames few(fit_.observations, kFrames);
   descend(coarse(), 6, kNear, kCoarseWork, "coarse mesh");
   settle_beliefs();
@@ -381,6 +412,12 @@ std::map<int, Which> Stages::conditions() const {
   return groups;
 }
 
+void Stages::add_marker_table(std::size_t r, const Prediction& prediction, const FitState& at,
+                              const FitState& state) {
+  Series table = fit_.marker_table(prediction, r, at, state);
+  if (table.rows() > 0) result_.markers.push_back({fit_.observations[r].name, std::move(table)});
+}
+
 void Stages::collect_fit() {
   for (const std::size_t r : fitted_) {
     warn_of_missing(r, base_[r], " as believed");
@@ -388,16 +425,38 @@ void Stages::collect_fit() {
     no_modes.own[r].tail(kModes).setZero();
     FitRow row = score(fit_, r, predictions_[r], at_, no_modes, base_[r]);
     row.role = "fitted";
-    row.floor = floor_of(fit_.compare(predictions_, at_, {r}, state_, fit_.noise, false).front());
+    row.floor = floor_of(fit_.observations[r],
+                         fit_.compare(predictions_, at_, {r}, state_, fit_.noise, false).front());
     result_.fit.push_back(row);
     result_.shown.push_back(show(fit_, r, predictions_[r], at_, state_, base_[r]));
+    add_marker_table(r, predictions_[r], at_, no_modes);
   }
+}
+
+/// Where a hand held the body is no property of it: taken from what is seen before it is let go.
+void Stages::place_held(const Which& left, FitState& state) {
+  constexpr int kRounds = 2;
+  const FirstFrames first(fit_.observations, -1e-3, kMostFrames);
+  const NoiseModel noise = fit_.noise;
+  fit_.hold_shared = true;
+  for (int round = 0; round < kRounds; ++round) {
+    FitState at = state, found = state;
+    const auto held = fit_.simulate(at, fine(), true, left);
+    fit_.improve(held, at, left, 8, found);
+    for (const std::size_t r : left) {
+      state.own[r].segment(Layout::kOwnPlace, kHeldColumns) =
+          found.own[r].segment(Layout::kOwnPlace, kHeldColumns);
+    }
+  }
+  fit_.hold_shared = false;
+  fit_.noise = noise;
 }
 
 /// Recordings at numbers that were found without them, and with nothing of their own.
 void Stages::predict_unseen(const Which& left, const FitState& without, const std::string& role) {
   FitState blind = without;
   for (const std::size_t r : left) blind.own[r].setZero();
+  if (fit_.layout.held > 0) place_held(left, blind);
   auto predicted = fit_.simulate(blind, fine(), false, left);
   const auto base =
       role == "held_out" ? fit_.simulate(fit_.believed(), fine(), false, left) : base_;
@@ -406,9 +465,13 @@ void Stages::predict_unseen(const Which& left, const FitState& without, const st
     if (r < predictions_.size()) add_nuisances(fit_, predictions_[r], blind, predicted[r]);
     FitRow row = score(fit_, r, predicted[r], blind, blind, base[r]);
     row.role = role;
-    row.floor = floor_of(fit_.compare(predicted, blind, {r}, blind, fit_.noise, false).front());
+    row.floor = floor_of(fit_.observations[r],
+                         fit_.compare(predicted, blind, {r}, blind, fit_.noise, false).front());
     result_.fit.push_back(row);
-    result_.left_out.push_back({row.recording, fit_.shared_scene(blind)});
+    const bool own = fit_.layout.held > 0 || !fit_.observations[r].overrides.empty();
+    if (role == "held_out") add_marker_table(r, predicted[r], blind, blind);
+    result_.left_out.push_back(
+        {row.recording, own ? fit_.scene_of(blind, r) : fit_.shared_scene(blind)});
   }
   say("left out", 1.2 * static_cast<double>(left.size()));
 }
@@ -445,6 +508,7 @@ void Stages::collect() {
   result_.scene = fit_.shared_scene(state_);
   const Findings findings{fit_, state_, sure_, fitted_, clock_, mesh_rms_, step_rms_, law_rms_};
   add_numbers(findings, result_);
+  add_marker_numbers(findings, result_);
   add_groups(findings, result_);
   add_warnings(findings, result_);
   finish_scene(findings, result_);

@@ -11,6 +11,7 @@
 #include "mismatch/calibrate/forward.h"
 #include "mismatch/calibrate/likelihood.h"
 #include "mismatch/calibrate/observation.h"
+#include "mismatch/calibrate/seen_markers.h"
 
 namespace omentum {
 
@@ -81,6 +82,12 @@ struct Calibration {
   pb::Priors priors;  ///< of its parameters: what is known now
   std::vector<ShownRecording> shown;
   std::vector<Eigen::Vector3i> triangles;  ///< of the vertices of `shown`
+  /// Markers on tissue, seen and simulated (ReferenceFit::marker_table).
+  struct MarkerTable {
+    std::string recording;
+    Series table;
+  };
+  std::vector<MarkerTable> markers;
   /// Of recordings of a pinch point that was not fitted: what the scene without it says they hold.
   struct LeftOut {
     std::string recording;
@@ -99,6 +106,7 @@ struct CalibrationOptions {
   double tolerance_m = 3e-4;  ///< of the mesh that the answer is from; rms error of the surface
   bool leave_out = true;      ///< every pinch point once
   pb::Priors priors;          ///< what is believed of numbers of the scene
+  MarkerNotes markers;        ///< what is known of them
   std::string folder;         ///< meshes of the scene lie beside it
   ProgressOf progress;
 };

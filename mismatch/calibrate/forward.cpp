@@ -49,7 +49,7 @@ std::vector<Vector3d> faces_of(const std::vector<Vector3d>& middle,
 }
 
 void fill_columns(const Simulation& simulation, const Between& at,
-                  const std::vector<Unknown>& unknowns, const Eigen::VectorXd& x,
+                  const std::vector<Unknown>& unknowns, const Eigen::VectorXd& x, int own_columns,
                   PredictedFrame& frame) {
   const auto first = simulation.columns.find(at.step);
   const auto second = simulation.columns.find(at.step + 1);
@@ -58,7 +58,7 @@ void fill_columns(const Simulation& simulation, const Between& at,
     return;
   }
   const auto rows = static_cast<Eigen::Index>(first->second.surface.front().size());
-  frame.columns.setZero(rows + 3, static_cast<Eigen::Index>(unknowns.size()) + kOwnColumns);
+  frame.columns.setZero(rows + 3, static_cast<Eigen::Index>(unknowns.size()) + own_columns);
   std::size_t next = 0;
   const auto take = [&](Eigen::Index column, double factor) {
     const Eigen::Map<const Eigen::VectorXf> a(first->second.surface[next].data(), rows);
@@ -75,7 +75,7 @@ void fill_columns(const Simulation& simulation, const Between& at,
     const auto column = static_cast<Eigen::Index>(k);
     take(column, unknowns[k].slope(x[column]));
   }
-  for (int k = 0; k < kOwnColumns; ++k) take(static_cast<Eigen::Index>(unknowns.size()) + k, 1);
+  for (int k = 0; k < own_columns; ++k) take(static_cast<Eigen::Index>(unknowns.size()) + k, 1);
   frame.valid = frame.columns.allFinite();
 }
 
@@ -183,6 +183,7 @@ SimulationTask make_calibration_task(const Observation& observation, const pb::S
   task.commands = observation.track;
   task.period = observation.period;
   task.grasp = observation.grasp;
+  if (observation.held) task.scene.mutable_held_start()->set_until_s(observation.released);
   pb::Tissue& tissue = *task.scene.mutable_tissue();
   tissue.set_model(numerics.model);
   // Where the shaft is no recording says; it must not push what the jaws hold.
@@ -211,6 +212,7 @@ Prediction predict(const Observation& observation, const pb::Scene& scene,
                    const Eigen::VectorXd& x, double clock, const Numerics& numerics,
                    bool with_columns, Simulator& simulator) {
   SimulationTask task = make_calibration_task(observation, scene, folder, numerics);
+  const bool held = task.scene.has_held_start();
   std::vector<Between> places;
   for (const SeenFrame& frame : observation.frames)
     places.push_back(between(observation, frame.t - clock));
@@ -220,6 +222,7 @@ Prediction predict(const Observation& observation, const pb::Scene& scene,
       if (!unknown.column.empty()) list += unknown.column + ",";
     }
     task.parameters = list + "grasp_offset.x,grasp_offset.y";
+    if (held) task.parameters += ",held_start.x,held_start.y,held_start.z";
     for (const Between& place : places) {
       task.column_steps.push_back(place.step);
       task.column_steps.push_back(place.step + 1);
@@ -260,7 +263,11 @@ Prediction predict(const Observation& observation, const pb::Scene& scene,
                 place.share * (recording.tip[place.step + 1] - recording.tip[place.step]);
     frame.force = recording.force[place.step] +
                   place.share * (recording.force[place.step + 1] - recording.force[place.step]);
-    if (with_columns) fill_columns(simulation, place, unknowns, x, frame);
+    if (!with_columns) continue;
+    fill_columns(simulation, place, unknowns, x, kOwnColumns + (held ? kHeldColumns : 0), frame);
+    // Of what jaws never take the place in them is none.
+    if (held && !observation.pinched && frame.columns.size() > 0)
+      frame.columns.middleCols<kOwnColumns>(static_cast<Eigen::Index>(unknowns.size())).setZero();
   }
   return made;
 }

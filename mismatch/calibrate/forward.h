@@ -16,6 +16,8 @@ namespace omentum {
 
 /// Columns of a prediction beside those of the shared unknowns, in this order.
 enum OwnColumn { kPinchX, kPinchY, kOwnColumns };
+/// And those of the place where the body was held at the start, if it was.
+inline constexpr int kHeldColumns = 3;
 
 /// The surface at a control step near a frame.
 struct Moment {
@@ -32,7 +34,7 @@ struct PredictedFrame {
   /// The way of the surface before and after it, ascending; empty: straight, at that velocity.
   std::vector<Moment> way;
   Eigen::Vector3d force = Eigen::Vector3d::Zero();  ///< of the tissue on the tool [N]
-  /// [3 vertex + axis, then axis of the force][unknown, then OwnColumn] per unit of x; empty where
+  /// [3 vertex + axis, then axis of the force][unknown, then own ones] per unit of x; empty where
   /// none were asked for.
   Eigen::MatrixXf columns;
   Eigen::Vector3d tip = Eigen::Vector3d::Zero();  ///< [m]

@@ -2,6 +2,7 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <compare>
 #include <limits>
@@ -109,11 +110,22 @@ Eigen::Vector4d course_of(const Observation& seen, const Prediction& predicted, 
 
 /// Step of what the columns of a frame are by.
 Eigen::VectorXf column_step(const Layout& layout, const Eigen::VectorXd& delta) {
-  Eigen::VectorXf step(layout.unknowns + kOwnColumns);
+  Eigen::VectorXf step(layout.unknowns + kOwnColumns + layout.held);
   step.head(layout.unknowns) = delta.head(layout.unknowns).cast<float>();
   step[layout.stiffness] += static_cast<float>(delta[layout.factor()]);
-  step.tail(kOwnColumns) = delta.segment(layout.pinch(), kOwnColumns).cast<float>();
+  step.segment(layout.unknowns, kOwnColumns) =
+      delta.segment(layout.pinch(), kOwnColumns).cast<float>();
+  step.tail(layout.held) = delta.segment(layout.place(), layout.held).cast<float>();
   return step;
+}
+
+/// Derivatives by what the columns of a frame are by, into a row of a block.
+void set_columns(const Layout& layout, const Eigen::VectorXf& columns, Eigen::VectorXd& J) {
+  J.head(layout.unknowns) = columns.head(layout.unknowns).cast<double>();
+  J.segment(layout.pinch(), kOwnColumns) =
+      columns.segment(layout.unknowns, kOwnColumns).cast<double>();
+  J.segment(layout.place(), layout.held) = columns.tail(layout.held).cast<double>();
+  J[layout.factor()] = J[layout.stiffness];
 }
 
 }  // namespace
@@ -172,8 +184,8 @@ std::vector<Vector3d> Likelihood::moved(const PredictedFrame& frame, const Layou
   const Eigen::VectorXd modes = delta.segment(layout.modes(), kModes);
   Eigen::VectorXd bulge;
   std::vector<Vector3d> normal;
-  if (!modes.isZero(0)) {
-    bulge = mode_values_ * (modes.reshaped(kCosines, kCourses) * course);
+  if (!modes.isZero(0)) bulge = mode_values_ * (modes.reshaped(kCosines, kCourses) * course);
+  if (bulge.size() > 0 || !markers_.empty()) {
     normal.assign(vertices.size(), Vector3d::Zero());
     for (const Eigen::Vector3i& t : surface_.triangles()) {
       const Vector3d n =
@@ -184,11 +196,13 @@ std::vector<Vector3d> Likelihood::moved(const PredictedFrame& frame, const Layou
     }
   }
   const std::size_t places = uv_.size();
+  bulge_along_.clear();
   for (std::size_t i = 0; i < vertices.size(); ++i) {
     Vector3d p = vertices[i];
-    if (!normal.empty()) {
-      // Both faces move the same way: that of the upper face.
-      const double side = i < places ? 1 : -1;
+    // Both faces move the same way: that of the upper face.
+    const double side = i < places ? 1 : -1;
+    if (!markers_.empty()) bulge_along_.push_back(side * (R * normal[i].normalized()));
+    if (bulge.size() > 0) {
       p += side * bulge[static_cast<Eigen::Index>(i % places)] * normal[i].normalized();
     }
     vertices[i] = pivot_ + R * (p - pivot_) + registration.shift;
@@ -223,9 +237,7 @@ void Likelihood::add_row(const Row& row, const PredictedFrame& predicted, const 
     modes += row.share[k] * mode_values_.row(corner[k] % places).transpose();
   }
   if (columns.size() > 0) {
-    J.head(layout.unknowns) = columns.head(layout.unknowns).cast<double>();
-    J.segment(layout.pinch(), kOwnColumns) = columns.tail(kOwnColumns).cast<double>();
-    J[layout.factor()] = J[layout.stiffness];
+    set_columns(layout, columns, J);
   }
   J.segment<3>(layout.registration()) = row.along;
   J.segment<3>(layout.registration() + 3) = (row.place - pivot_).cross(row.along);
@@ -233,12 +245,82 @@ void Likelihood::add_row(const Row& row, const PredictedFrame& predicted, const 
   J[layout.own_clock()] = late;
   const double side = corner[0] < places ? 1 : -1;
   J.segment(layout.modes(), kCosines) = side * row.along.dot(row.normal) * modes;
+  add_weighted(J, weight, row.e, late);
+}
+
+/// A row of the frame: its derivatives and its number `e`, which `late` is by its time.
+void Likelihood::add_weighted(const Eigen::VectorXd& J, double weight, double e, double late) {
   const double root = std::sqrt(weight);
   for (Eigen::Index k = 0; k < J.size(); ++k) frame_.batch.push_back(root * J[k]);
-  frame_.b += weight * row.e * J;
+  frame_.b += weight * e * J;
   motion_.shared_information += weight * late * J;
   constexpr std::size_t kBatch = 128;  // rows: a product of matrices is faster than one by one
   if (frame_.batch.size() >= kBatch * static_cast<std::size_t>(J.size())) add_batch();
+}
+
+void Likelihood::add_markers(const SeenFrame& frame, const PredictedFrame& predicted,
+                             const Layout& layout, const Eigen::VectorXd& delta,
+                             const NoiseModel& noise, Block& block) {
+  constexpr double kAxes = 3;
+  constexpr double kOutlier = 5;  // standard deviations
+  const auto places = static_cast<int>(uv_.size());
+  for (const SeenMarker& seen : frame.markers) {
+    const MarkerPlace& place = markers_[static_cast<std::size_t>(seen.marker)];
+    if (!place.on_tissue()) continue;
+    const PlacedMarker placed =
+        place_marker(place, surface_.vertices(), delta.segment<3>(layout.marker(seen.marker)));
+    const Vector3d e = seen.p - placed.p;
+    // Of three axes at once: a marker that jumps does so along all.
+    const double squared = e.squaredNorm() / (noise.marker * noise.marker);
+    block.cost +=
+        noise.marker_share * 0.5 * (noise.freedom + kAxes) * std::log1p(squared / noise.freedom);
+    const double weight = noise.marker_share * (noise.freedom + kAxes) / (noise.freedom + squared) /
+                          (noise.marker * noise.marker);
+    ++block.hits;
+    for (const double x : e) block.marker_deviation.push_back(x);
+    const double longest = kOutlier * noise.marker;
+    const Vector3d shortened = e.norm() > longest ? Vector3d(longest * e.normalized()) : e;
+    std::optional<Vector3d>& before = marker_before_[static_cast<std::size_t>(seen.marker)];
+    if (before) {
+      block.marker_squares += 0.5 * (shortened.squaredNorm() + before->squaredNorm());
+      block.marker_products += shortened.dot(*before);
+    }
+    before = shortened;
+    for (int axis = 0; axis < 3; ++axis) {
+      const std::array<Vector3d, 3> slopes =
+          corner_slopes(place, placed, surface_.vertices(), Vector3d::Unit(axis));
+      double late = 0;
+      for (int k = 0; k < 3; ++k) {
+        // Velocities are those before the registration.
+        late -= (turned_.transpose() * slopes[static_cast<std::size_t>(k)])
+                    .dot(velocity_[static_cast<std::size_t>(place.corner[k])]);
+      }
+      motion_.information += weight * late * late;
+      motion_.score += weight * late * e[axis];
+      if (block.A.size() == 0) continue;
+      Eigen::VectorXd J = Eigen::VectorXd::Zero(frame_.b.size());
+      Eigen::VectorXf columns = Eigen::VectorXf::Zero(predicted.columns.cols());
+      Eigen::VectorXd modes = Eigen::VectorXd::Zero(kCosines);
+      for (int k = 0; k < 3; ++k) {
+        const Vector3d& slope = slopes[static_cast<std::size_t>(k)];
+        if (predicted.columns.size() > 0) {
+          const Vector3d along = turned_.transpose() * slope;
+          columns += predicted.columns.middleRows<3>(3 * place.corner[k]).transpose() *
+                     along.cast<float>();
+        }
+        modes += slope.dot(bulge_along_[static_cast<std::size_t>(place.corner[k])]) *
+                 mode_values_.row(place.corner[k] % places).transpose();
+      }
+      if (columns.size() > 0) set_columns(layout, columns, J);
+      J[layout.registration() + axis] = 1;
+      J.segment<3>(layout.registration() + 3) = (placed.p - pivot_).cross(Vector3d::Unit(axis));
+      J[layout.clock()] = late;
+      J[layout.own_clock()] = late;
+      J.segment<3>(layout.marker(seen.marker)) = placed.frame.row(axis).transpose();
+      J.segment(layout.modes(), kCosines) = modes;
+      add_weighted(J, weight, e[axis], late);
+    }
+  }
 }
 
 void Likelihood::add_batch() {
@@ -304,9 +386,7 @@ void Likelihood::add_force(const SeenForce& seen, const PredictedFrame& predicte
     Eigen::VectorXd J = Eigen::VectorXd::Zero(layout.size());
     if (with_columns) {
       const Eigen::RowVectorXf row = predicted.columns.row(predicted.columns.rows() - 3 + axis);
-      J.head(layout.unknowns) = row.head(layout.unknowns).cast<double>().transpose();
-      J.segment(layout.pinch(), kOwnColumns) = row.tail(kOwnColumns).cast<double>().transpose();
-      J[layout.factor()] = J[layout.stiffness];
+      set_columns(layout, row.transpose(), J);
     }
     J[layout.force_gain()] = force[axis];
     J[layout.force_zero() + axis] = 1;
@@ -440,6 +520,18 @@ void Likelihood::add_frame(const Observation& seen, const SeenFrame& frame,
   }
 }
 
+/// Markers of a frame that is not simulated are as far from it as can be.
+void Likelihood::miss_markers(const SeenFrame& frame, const NoiseModel& noise, Block& block) const {
+  constexpr double kFar = 0.03;  // [m]
+  for (const SeenMarker& seen : frame.markers) {
+    if (!markers_[static_cast<std::size_t>(seen.marker)].on_tissue()) continue;
+    const double far = kFar / noise.marker;
+    block.cost +=
+        noise.marker_share * 0.5 * (noise.freedom + 3) * std::log1p(far * far / noise.freedom);
+    ++block.no_tissue;
+  }
+}
+
 Block Likelihood::compare(const Observation& seen, const Prediction& predicted,
                           const Layout& layout, const Registration6& registration,
                           const Eigen::VectorXd& delta, const NoiseModel& noise,
@@ -450,9 +542,11 @@ Block Likelihood::compare(const Observation& seen, const Prediction& predicted,
     block.b = Eigen::VectorXd::Zero(layout.size());
   }
   turned_ = registration.rotation();
+  marker_before_.assign(markers_.size(), std::nullopt);
   for (std::size_t k = 0; k < seen.frames.size(); ++k) {
     const PredictedFrame& frame = predicted.frames[k];
     if (!frame.valid) {
+      if (!markers_.empty()) miss_markers(seen.frames[k], noise, block);
       const double far = noise.reach / noise.sigma;
       block.no_tissue += seen.frames[k].points.size();
       block.cost +=
@@ -466,7 +560,9 @@ Block Likelihood::compare(const Observation& seen, const Prediction& predicted,
     frame_.b.setZero(columns);
     motion_.information = motion_.score = 0;
     motion_.shared_information.setZero(columns);
-    add_frame(seen, seen.frames[k], frame, layout, registration, noise, block);
+    if (!seen.frames[k].points.empty())
+      add_frame(seen, seen.frames[k], frame, layout, registration, noise, block);
+    if (!markers_.empty()) add_markers(seen.frames[k], frame, layout, delta, noise, block);
     add_batch();
     eliminate_motion(noise, block);
     if (with_columns) add_to(block, layout, course);
@@ -475,6 +571,26 @@ Block Likelihood::compare(const Observation& seen, const Prediction& predicted,
   }
   if (with_columns) block.A = block.A.selfadjointView<Eigen::Lower>();
   return block;
+}
+
+std::vector<Vector3d> Likelihood::marker_places(const Observation& seen,
+                                                const Prediction& predicted, std::size_t k,
+                                                const Layout& layout,
+                                                const Registration6& registration,
+                                                const Eigen::VectorXd& delta) {
+  const PredictedFrame& frame = predicted.frames[k];
+  std::vector<Vector3d> places;
+  std::vector<Vector3d> vertices;
+  if (frame.valid && !markers_.empty())
+    vertices = moved(frame, layout, registration, delta, course_of(seen, predicted, k));
+  for (const SeenMarker& marker : seen.frames[k].markers) {
+    const auto m = static_cast<std::size_t>(marker.marker);
+    places.push_back(Vector3d::Constant(std::numeric_limits<double>::quiet_NaN()));
+    if (vertices.empty() || !markers_[m].on_tissue()) continue;
+    places.back() =
+        place_marker(markers_[m], vertices, delta.segment<3>(layout.marker(marker.marker))).p;
+  }
+  return places;
 }
 
 std::vector<std::vector<double>> Likelihood::distances(const Observation& seen,
@@ -494,6 +610,12 @@ std::vector<std::vector<double>> Likelihood::distances(const Observation& seen,
       const TrianglePoint near = frame.valid ? surface_.nearest(p, reach) : TrianglePoint{};
       list.push_back(near.triangle < 0 ? std::numeric_limits<double>::quiet_NaN()
                                        : std::sqrt(near.squared));
+    }
+    const std::vector<Vector3d> places =
+        marker_places(seen, predicted, k, layout, registration, delta);
+    for (std::size_t m = 0; m < places.size(); ++m) {
+      const double off = (seen.frames[k].markers[m].p - places[m]).norm();
+      list.push_back(off < reach ? off : std::numeric_limits<double>::quiet_NaN());
     }
   }
   return all;

@@ -5,8 +5,11 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 
 #include "core/check.h"
+#include "mismatch/calibrate/seen_markers.h"
+#include "mismatch/intake/signals.h"
 #include "mismatch/recording/depth_image.h"
 
 namespace omentum {
@@ -17,19 +20,15 @@ using Eigen::Vector3d;
 constexpr double kMargin = 0.3;      // [s] behind the last frame: what the clock may be off
 constexpr double kLargestCloud = 3;  // [m]
 
-/// Every k-th, so that at most `most` are left.
-std::vector<std::size_t> chosen(std::size_t count, std::size_t most) {
-  std::vector<std::size_t> list;
-  const std::size_t wanted = std::min(count, most);
-  for (std::size_t k = 0; k < wanted; ++k)
-    list.push_back(wanted > 1 ? k * (count - 1) / (wanted - 1) : 0);
-  return list;
-}
-
 /// Pose of the camera: that of the recording, else the scene's.
 void set_camera(const pb::RecordingCamera& camera, const Scene& scene, Observation& made) {
   made.p_WC = scene.camera.position;
   made.R_WC = scene.camera.R_WC;
+  if (camera.p_m_size() != 3 && !scene.config.has_camera()) {
+    constexpr double kAbove = 1;  // [m] of what no camera sees
+    made.p_WC = scene.tissue.X_WB.translation() + kAbove * Vector3d::UnitZ();
+    made.R_WC.setIdentity();
+  }
   if (camera.p_m_size() != 3) return;
   made.p_WC = Vector3d(camera.p_m(0), camera.p_m(1), camera.p_m(2));
   if (camera.view_direction_size() != 3 || camera.up_size() != 3) return;
@@ -56,6 +55,32 @@ void cut_track(double until, ToolTrack& track) {
   if (track.jaw_rad.empty()) return;
   track.jaw_rad.resize(keep);
   track.jaw_rad.push_back(jaw);
+}
+
+bool has_tool(const Recording& recording) {
+  return recording.find("tool") != nullptr || recording.find("tool_commanded") != nullptr;
+}
+
+/// Path of the tool; of a recording of markers without one, jaws that stand aside.
+void set_commands(const Recording& recording, const std::string& path, const Scene& scene,
+                  Observation& made, std::vector<std::string>& warnings) {
+  const pb::RecordingStart& start = recording.info.start();
+  made.held = scene.config.has_held_start();
+  made.released = scene.config.held_start().until_s();
+  if ((start.held_markers() || start.held_tip()) && !made.held) {
+    throw_error(
+        "{}: the body was held at the start, and scene.held_start, which says where, is "
+        "missing",
+        path);
+  }
+  const Series* markers = recording.find("markers");
+  if (markers == nullptr || has_tool(recording)) {
+    made.track = tool_track_of(recording, path, scene_tool_mount(scene), warnings);
+    return;
+  }
+  made.track = standing_track(*markers, path, scene);
+  constexpr double kShortest = 0.0025;  // [s]
+  made.period = std::clamp(0.5 * median_period(*markers), kShortest, made.period);
 }
 
 /// Force on the tool around the frames, less its mean before the jaws close.
@@ -93,7 +118,10 @@ void add_forces(const Recording& recording, const std::string& path, Observation
         "{}: no force before the jaws close, so that its zero is not known: it is not used", path));
     return;
   }
+  double last = -std::numeric_limits<double>::infinity();
   for (SeenFrame& frame : made.frames) {
+    // Of the many frames of markers each tells once.
+    if (frame.points.empty() && frame.t < last + 2 * kBeside) continue;
     const auto near = [&](double from, double to) {
       return mean([&](double t) { return t >= frame.t + from && t <= frame.t + to; });
     };
@@ -101,11 +129,24 @@ void add_forces(const Recording& recording, const std::string& path, Observation
     if (!value || frame.t < closed) continue;
     const auto before = near(-kBeside, 0), after = near(0, kBeside);
     frame.force = SeenForce{*value - *zero, 0};
+    last = frame.t;
     if (before && after) frame.force->change = (*after - *before).norm() / kBeside;
   }
 }
 
 }  // namespace
+
+std::vector<std::size_t> evenly_chosen(std::size_t count, std::size_t most) {
+  std::vector<std::size_t> list;
+  const std::size_t wanted = std::min(count, most);
+  for (std::size_t k = 0; k < wanted; ++k)
+    list.push_back(wanted > 1 ? k * (count - 1) / (wanted - 1) : 0);
+  return list;
+}
+
+bool Observation::has_points() const {
+  return std::ranges::any_of(frames, [](const SeenFrame& frame) { return !frame.points.empty(); });
+}
 
 bool Observation::has_force() const {
   return std::ranges::any_of(frames,
@@ -114,9 +155,15 @@ bool Observation::has_force() const {
 
 Observation observe(const std::string& name, const std::string& path, const Recording& recording,
                     const Scene& scene, std::vector<std::string>& warnings) {
+  return observe(name, path, recording, scene, {}, warnings);
+}
+
+Observation observe(const std::string& name, const std::string& path, const Recording& recording,
+                    const Scene& scene, const MarkerNotes& notes,
+                    std::vector<std::string>& warnings) {
   Observation made;
   made.name = name;
-  made.track = tool_track_of(recording, path, scene_tool_mount(scene), warnings);
+  set_commands(recording, path, scene, made, warnings);
   const pb::Grip& grip = scene.config.tool().grip();
   made.grasp.patch_radius_m = grip.shape() == pb::GRIP_RECTANGLE
                                   ? std::max(grip.half_x_m(), grip.half_y_m())
@@ -127,9 +174,7 @@ Observation observe(const std::string& name, const std::string& path, const Reco
   set_camera(recording.info.camera(), scene, made);
   const CloudMask mask(scene, made.track.travel(), recording.info.registration_uncertainty_m());
   const Frames<Cloud> clouds = seen_clouds(recording);
-  if (clouds.size() == 0)
-    throw_error("{}: no cloud, needed clouds.csv, depth.csv, /cloud or /depth", path);
-  for (const std::size_t k : chosen(clouds.size(), kMostFrames)) {
+  for (const std::size_t k : evenly_chosen(clouds.size(), kMostFrames)) {
     SeenFrame frame;
     frame.t = static_cast<double>(clouds.time_ns[k]) / 1e9;
     const Cloud cloud = clouds.fetch(k);
@@ -149,21 +194,32 @@ Observation observe(const std::string& name, const std::string& path, const Reco
     }
     ++made.clouds;
     made.share_seen.push_back(mask.share_seen(near));
-    for (const std::size_t i : chosen(near.size(), kMostPoints)) frame.points.push_back(near[i]);
+    for (const std::size_t i : evenly_chosen(near.size(), kMostPoints))
+      frame.points.push_back(near[i]);
     if (!frame.points.empty()) made.frames.push_back(std::move(frame));
   }
-  if (made.frames.empty()) {
+  const bool seen = !made.frames.empty();
+  add_markers(recording, path, notes, made, warnings);
+  if (clouds.size() == 0 && made.frames.empty()) {
+    throw_error(
+        "{}: no cloud, needed clouds.csv, depth.csv, /cloud or /depth, and no marker on "
+        "tissue, markers.csv or /markers",
+        path);
+  }
+  if (clouds.size() > 0 && !seen) {
     throw_error(
         "{}: no point of a cloud that can be tissue at rest or moved ({}): in metres, in W?", path,
         print_parts(made.clouds, made.parts));
   }
   add_forces(recording, path, made, warnings);
+  if (made.held && !has_tool(recording))  // it rests until then
+    made.track.time.front() = std::max(made.track.begin(), made.frames.front().t);
   cut_track(made.frames.back().t + kMargin, made.track);
   const std::vector<PinchCircle> pinches = pinches_of(made.track, scene, made.grasp);
   made.pinched = !pinches.empty();
   if (made.pinched) {
     made.pinch = pinches.front().centre;
-  } else {
+  } else if (has_tool(recording)) {
     warnings.push_back(
         fmt::format("{}: the jaws close nowhere near the tissue: it is held by nothing", path));
   }
@@ -174,17 +230,47 @@ FewFrames::FewFrames(std::vector<Observation>& observations, std::size_t most)
     : observations_(observations) {
   for (Observation& seen : observations_) {
     frames_.push_back(seen.frames);
-    const std::size_t count = seen.frames.size();
-    if (count <= most) continue;
-    std::vector<SeenFrame> few;
-    for (std::size_t k = 1; k <= most; ++k) few.push_back(seen.frames[k * count / most - 1]);
-    seen.frames = std::move(few);
+    // So many clouds, and so many frames of markers.
+    std::array<std::vector<std::size_t>, 2> kinds;
+    for (std::size_t k = 0; k < seen.frames.size(); ++k)
+      kinds[seen.frames[k].points.empty() ? 1 : 0].push_back(k);
+    std::vector<std::size_t> few;
+    for (const std::vector<std::size_t>& kind : kinds) {
+      for (std::size_t k = 1; k <= std::min(most, kind.size()); ++k)
+        few.push_back(kind[k * kind.size() / std::min(most, kind.size()) - 1]);
+    }
+    std::ranges::sort(few);
+    std::vector<SeenFrame> left;
+    for (const std::size_t k : few) left.push_back(seen.frames[k]);
+    seen.frames = std::move(left);
   }
 }
 
 FewFrames::~FewFrames() {
   for (std::size_t r = 0; r < observations_.size(); ++r)
     observations_[r].frames = std::move(frames_[r]);
+}
+
+FirstFrames::FirstFrames(std::vector<Observation>& observations, double seconds, std::size_t most)
+    : observations_(observations), whole_(observations) {
+  for (Observation& seen : observations_) {
+    std::vector<SeenFrame> first;
+    for (const SeenFrame& frame : seen.frames) {
+      if (frame.t <= seen.released + seconds) first.push_back(frame);
+    }
+    if (first.empty()) first.push_back(seen.frames.front());
+    all_ = all_ && first.size() == seen.frames.size();
+    seen.frames.clear();
+    for (const std::size_t k : evenly_chosen(first.size(), most)) seen.frames.push_back(first[k]);
+    cut_track(seen.frames.back().t + kMargin, seen.track);
+  }
+}
+
+FirstFrames::~FirstFrames() {
+  for (std::size_t r = 0; r < observations_.size(); ++r) {
+    observations_[r].frames = std::move(whole_[r].frames);
+    observations_[r].track = std::move(whole_[r].track);
+  }
 }
 
 void number_conditions(std::vector<Observation>& observations) {

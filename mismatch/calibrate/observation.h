@@ -21,11 +21,18 @@ struct SeenForce {
   double change = 0;                                ///< how fast it changes there [N/s]
 };
 
-/// What a depth camera saw at one time, as far as it may be tissue.
+/// A marker where motion capture saw it.
+struct SeenMarker {
+  int marker = 0;     ///< of Observation::markers
+  Eigen::Vector3d p;  ///< p_W as the cameras have it [m]
+};
+
+/// What was seen at one time, as far as it may be tissue: a cloud of a depth camera, or markers.
 struct SeenFrame {
   double t = 0;                         ///< on the clock of the camera [s]
   std::vector<Eigen::Vector3d> points;  ///< p_W as the camera has them [m]
   std::optional<SeenForce> force;       ///< less that before the jaws closed
+  std::vector<SeenMarker> markers = {};
 };
 
 /// A recording as a calibration looks at it.
@@ -46,20 +53,37 @@ struct Observation {
   bool held_out = false;  ///< scored, never fitted
   std::string repeat_of;
   double clock_sd = 0;  ///< stated uncertainty of the camera's clock [s]; 0: none stated
+  /// Names of what may be markers on tissue, the same of all recordings of a fit.
+  std::vector<std::string> markers = {};
+  std::size_t marker_rows = 0;  ///< in which some are seen
+  double marker_noise = 0;      ///< standard deviation of a number of theirs in holds [m]
+  bool held = false;            ///< the body is held at the start (pb::HeldStart) and let go
+  double released = 0;          ///< then, on the clock of the commands [s]
+  std::vector<std::string> overrides = {};  ///< of the scene, for this recording alone
 
   bool has_force() const;  ///< at some frame
+  bool has_points() const;
 };
 
 /// At most so many frames of a recording and points of a frame are looked at, evenly chosen.
 inline constexpr std::size_t kMostFrames = 80, kMostPoints = 1200;
 
-/// Throws Error: no path of the tool, no cloud, a cloud that is not in metres or nowhere near the
-/// tissue, jaws that never close near it. What is odd is appended to `warnings`.
+/// Indices evenly chosen of so many, at most `most`, the first and the last among them.
+std::vector<std::size_t> evenly_chosen(std::size_t count, std::size_t most);
+
+struct MarkerNotes;
+
+/// Throws Error: no path of the tool, neither cloud nor marker, a cloud that is not in metres or
+/// nowhere near the tissue, jaws that never close near it. What is odd is appended to `warnings`.
 Observation observe(const std::string& name, const std::string& path, const Recording& recording,
                     const Scene& scene, std::vector<std::string>& warnings);
+/// With what is known of its markers.
+Observation observe(const std::string& name, const std::string& path, const Recording& recording,
+                    const Scene& scene, const MarkerNotes& notes,
+                    std::vector<std::string>& warnings);
 
-/// Leaves at most so many frames of every recording, the last among them, as long as it lives:
-/// where a search begins need not be exact.
+/// Leaves at most so many clouds and frames of markers of every recording, the last among them, as
+/// long as it lives: where a search begins need not be exact.
 class FewFrames {
  public:
   FewFrames(std::vector<Observation>& observations, std::size_t most);
@@ -70,6 +94,22 @@ class FewFrames {
  private:
   std::vector<Observation>& observations_;
   std::vector<std::vector<SeenFrame>> frames_;  ///< all of them
+};
+
+/// Leaves of every recording what was seen up to so long after the body was let go, at most so many
+/// frames, and of its commands what is done until then; as long as it lives.
+class FirstFrames {
+ public:
+  FirstFrames(std::vector<Observation>& observations, double seconds, std::size_t most);
+  ~FirstFrames();
+  FirstFrames(const FirstFrames&) = delete;
+  FirstFrames& operator=(const FirstFrames&) = delete;
+  bool all() const { return all_; }  ///< nothing was cut
+
+ private:
+  std::vector<Observation>& observations_;
+  std::vector<Observation> whole_;
+  bool all_ = true;
 };
 
 /// Numbers the conditions: recordings whose jaws close within 6 mm of each other are one.

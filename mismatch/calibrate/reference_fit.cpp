@@ -1,12 +1,16 @@
 #include "mismatch/calibrate/reference_fit.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
 #include <numeric>
 #include <utility>
 
 #include "core/check.h"
+#include "core/config.h"
 #include "core/constants.h"
+#include "sim_worker/geometry/surface_search.h"
 #include "sim_worker/playback/simulation.h"
 
 namespace omentum {
@@ -52,6 +56,9 @@ ReferenceFit::ReferenceFit(const pb::Scene& given, std::vector<Observation> seen
     : scene(given), observations(std::move(seen)), options(chosen) {
   if (!options.simulator) options.simulator = std::make_shared<Simulator>(options.threads);
   made = make_scene(scene, options.folder);
+  layout.held = scene.has_held_start() ? kHeldColumns : 0;
+  layout.markers = static_cast<int>(observations.front().markers.size());
+  markers.resize(observations.front().markers.size());
   const TissueBody& body = made.tissue;
   Eigen::AlignedBox3d box;
   for (const Vector3d& p : body.particles) box.extend(p);
@@ -65,9 +72,15 @@ ReferenceFit::ReferenceFit(const pb::Scene& given, std::vector<Observation> seen
     uv.emplace_back((p - box.min()).head<2>().cwiseQuotient(box.sizes().head<2>()));
   const auto triangles =
       close_sheet(body.surface_triangles, static_cast<int>(body.particles.size()));
+  // Motion capture has no one place of a camera to be turned about.
+  const bool clouds =
+      markers.empty() || std::ranges::any_of(observations, &Observation::has_points);
+  const Vector3d pivot = clouds ? observations.front().p_WC : Vector3d(body.X_WB * box.center());
   for (std::size_t k = 0; k < observations.size(); ++k)
-    likelihoods_.push_back(
-        std::make_unique<Likelihood>(triangles, rest, uv, observations.front().p_WC));
+    likelihoods_.push_back(std::make_unique<Likelihood>(triangles, rest, uv, pivot));
+  for (const Observation& o : observations)
+    least_marker_noise_ = std::max(least_marker_noise_, o.marker_noise);
+  place_known_markers(triangles, rest);
   const bool with_force = std::ranges::any_of(observations, &Observation::has_force);
   unknowns = unknowns_of(scene, options.priors, with_force);
   set_beliefs();
@@ -90,6 +103,8 @@ void ReferenceFit::set_beliefs() {
   double clock = stated_sd(options.priors, "scene.depth_sensor.time_offset_s", 0);
   for (const Observation& o : observations) clock = std::max(clock, o.clock_sd);
   beliefs.shared_sd[layout.clock()] = clock > 0 ? clock : 0.05;
+  for (std::size_t k = 0; k < markers.size(); ++k)
+    beliefs.shared_sd.segment<3>(layout.marker(static_cast<int>(k))) = markers[k].sd;
   const VectorXd before = beliefs.own_sd;
   beliefs.own_sd.resize(layout.own());
   beliefs.own_sd.head<2>().setConstant(1.5e-3);  // of the pinch: the paper's arm, 1.7 mm in space
@@ -97,8 +112,112 @@ void ReferenceFit::set_beliefs() {
   beliefs.own_sd[3] = 0.005;
   beliefs.own_sd.segment<3>(Layout::kOwnForce).setConstant(0.02);  // [N] zero before the jaws close
   beliefs.own_sd[Layout::kOwnForce + 3] = 0.02;                    // gain
+  beliefs.own_sd.segment(Layout::kOwnPlace, layout.held).setConstant(0.005);  // [m]
   beliefs.own_sd.tail(kModes).setConstant(kOff);
   if (before.size() == beliefs.own_sd.size()) beliefs.own_sd = before;
+}
+
+double independent_share(const std::vector<Block>& blocks) {
+  constexpr double kLeast = 0.01;
+  double squares = 0, products = 0;
+  for (const Block& block : blocks) {
+    squares += block.marker_squares;
+    products += block.marker_products;
+  }
+  if (!(squares > 0)) return 1;
+  const double alike = std::clamp(products / squares, 0.0, 1.0);
+  return std::max(kLeast, (1 - alike) / (1 + alike));  // of a first-order process
+}
+
+/// Markers whose place on the body at rest is known sit on its surface at rest.
+void ReferenceFit::place_known_markers(const std::vector<Eigen::Vector3i>& triangles,
+                                       const std::vector<Vector3d>& rest) {
+  constexpr double kAnywhere = 1;   // [m]
+  constexpr double kKnown = 0.002;  // [m] of a place that is stated
+  SurfaceSearch search(triangles, rest);
+  search.fit(rest);
+  for (std::size_t k = 0; k < markers.size(); ++k) {
+    const auto note = options.markers.by_name.find(observations.front().markers[k]);
+    if (note == options.markers.by_name.end() || !note->second.p_B) continue;
+    const Vector3d p = made.tissue.X_WB * *note->second.p_B;
+    const TrianglePoint foot = search.find(p, rest, kAnywhere);
+    if (foot.triangle < 0) throw_error("--markers: {} is nowhere near the body", note->first);
+    markers[k] =
+        put_marker(triangles[static_cast<std::size_t>(foot.triangle)], foot.share, rest, p);
+    markers[k].sd.setConstant(kKnown);
+  }
+  tell_markers();
+}
+
+void ReferenceFit::tell_markers() {
+  for (const auto& likelihood : likelihoods_) likelihood->set_markers(markers);
+}
+
+bool ReferenceFit::needs_binding() const {
+  return !std::ranges::all_of(markers, &MarkerPlace::on_tissue);
+}
+
+void ReferenceFit::bind_markers(const std::vector<Prediction>& predictions,
+                                std::vector<std::string>& warnings) {
+  constexpr double kFar = 0.02;  // [m] from the surface: on no tissue
+  const std::vector<Eigen::Vector3i>& triangles = likelihoods_.front()->triangles();
+  std::vector<double> distance(markers.size(), -1);  // of those that are not placed
+  std::vector<bool> looked_at(markers.size());
+  for (std::size_t k = 0; k < markers.size(); ++k) looked_at[k] = markers[k].on_tissue();
+  for (std::size_t r = 0; r < predictions.size(); ++r) {
+    for (std::size_t f = 0; f < predictions[r].frames.size(); ++f) {
+      const PredictedFrame& frame = predictions[r].frames[f];
+      if (!frame.valid || observations[r].frames[f].markers.empty()) continue;
+      std::optional<SurfaceSearch> search;
+      for (const SeenMarker& seen : observations[r].frames[f].markers) {
+        const auto k = static_cast<std::size_t>(seen.marker);
+        if (looked_at[k]) continue;
+        looked_at[k] = true;
+        if (!search) {
+          search.emplace(triangles, frame.vertices);
+          search->fit(frame.vertices);
+        }
+        const TrianglePoint foot = search->find(seen.p, frame.vertices, 1);
+        distance[k] = foot.triangle < 0 ? 1 : std::sqrt(foot.squared);
+        if (!(distance[k] < kFar)) continue;
+        const Eigen::Vector3i& corner = triangles[static_cast<std::size_t>(foot.triangle)];
+        MarkerPlace& place = markers[k];
+        const Vector3d sd = place.sd;
+        place = put_marker(corner, foot.share, frame.vertices, seen.p);
+        // Where the surface is there is only believed.
+        Vector3d squares = sd.cwiseAbs2();
+        const auto add = [&](int column, double belief) {
+          Vector3d by = Vector3d::Zero();
+          for (int c = 0; c < 3; ++c) {
+            by += foot.share[c] *
+                  frame.columns.col(column).segment<3>(3 * corner[c]).cast<double>() * belief;
+          }
+          squares += (place_marker(place, frame.vertices, Vector3d::Zero()).frame.transpose() * by)
+                         .cwiseAbs2();
+        };
+        for (int c = 0; c < layout.unknowns; ++c) add(c, unknowns[static_cast<std::size_t>(c)].sd);
+        for (int c = 0; c < layout.held; ++c)
+          add(layout.unknowns + kOwnColumns + c, beliefs.own_sd[Layout::kOwnPlace + c]);
+        place.sd = squares.cwiseSqrt();
+      }
+    }
+  }
+  std::string far;
+  for (std::size_t k = 0; k < markers.size(); ++k) {
+    if (markers[k].on_tissue()) continue;
+    far += fmt::format("{}{} ({})", far.empty() ? "" : ", ", observations.front().markers[k],
+                       distance[k] < 0 ? "seen in no frame that is simulated"
+                                       : fmt::format("{:.0f} mm", 1e3 * distance[k]));
+  }
+  if (!far.empty()) {
+    warnings.push_back(
+        fmt::format("markers farther than {:.0f} mm from the simulated body are taken "
+                    "for none of tissue and left out: {}",
+                    1e3 * kFar, far));
+  }
+  tell_markers();
+  set_beliefs();
+  first_beliefs = beliefs;
 }
 
 FitState ReferenceFit::believed() const {
@@ -123,7 +242,12 @@ VectorXd ReferenceFit::delta(const FitState& at, const FitState& state,
   d[layout.clock()] = state.shared[layout.clock()] - at.shared[layout.clock()];
   d.segment(layout.pinch(), 4) = state.own[recording].head(4) - at.own[recording].head(4);
   d.segment(layout.force_zero(), 4) = state.own[recording].segment(Layout::kOwnForce, 4);
+  d.segment(layout.place(), layout.held) =
+      state.own[recording].segment(Layout::kOwnPlace, layout.held) -
+      at.own[recording].segment(Layout::kOwnPlace, layout.held);
   d.segment(layout.modes(), kModes) = state.own[recording].tail(kModes);
+  d.segment(layout.marker(0), 3 * layout.markers) =
+      state.shared.segment(layout.marker(0), 3 * layout.markers);
   return d;
 }
 
@@ -131,6 +255,16 @@ pb::Scene ReferenceFit::scene_of(const FitState& state, std::size_t recording) c
   const VectorXd& own = state.own[recording];
   pb::Scene at = scene_at(scene, unknowns, state.shared.head(layout.unknowns),
                           {own.head<2>(), own[2], own[3]});
+  if (layout.held > 0) {
+    pb::HeldStart& held = *at.mutable_held_start();
+    pb::Vec3& p = *held.mutable_position_m();
+    p.set_x(p.x() + own[Layout::kOwnPlace]);
+    p.set_y(p.y() + own[Layout::kOwnPlace + 1]);
+    p.set_z(p.z() + own[Layout::kOwnPlace + 2]);
+    held.set_until_s(observations[recording].released);
+  }
+  if (!observations[recording].overrides.empty())
+    at = override_scene(at, observations[recording].overrides);
   // One mesh: where lines follow the thickness they jump.
   at.mutable_tissue()->mutable_reference()->set_graded_thickness_m(scene.tissue().thickness_m());
   return at;
@@ -236,6 +370,7 @@ Ranges ReferenceFit::ranges(const FitState& at) const {
   }
   near(layout.clock(), std::min(0.05 * trust, 0.5 * kWayBeside));
   if (held_clock) range.low[layout.clock()] = range.high[layout.clock()] = *held_clock;
+  if (hold_shared) range.low = range.high = at.shared;
   return range;
 }
 
@@ -245,6 +380,7 @@ void ReferenceFit::improve(const std::vector<Prediction>& predictions, const Fit
   // How far one step may go, and how far from `at` a recording's own numbers.
   constexpr double kMostShift = 0.01, kMostTurn = 0.1;  // [m], [rad]
   const double pinch = 0.002 * trust, stiffness = 0.3 * trust, clock = 0.02 * trust;
+  const double place = 0.01 * trust;
   const auto inside = [&](FitState& s) {
     s.shared = s.shared.cwiseMax(range.low).cwiseMin(range.high);
     for (const std::size_t r : which) {
@@ -255,6 +391,7 @@ void ReferenceFit::improve(const std::vector<Prediction>& predictions, const Fit
       near(1, pinch);
       near(2, stiffness);
       near(3, clock);
+      for (int k = 0; k < layout.held; ++k) near(Layout::kOwnPlace + k, place);
     }
   };
   inside(state);
@@ -304,6 +441,10 @@ void ReferenceFit::improve(const std::vector<Prediction>& predictions, const Fit
     }
     noise.sigma = robust_scale(list, &Block::deviation, kLeastNoise);
     noise.force = robust_scale(list, &Block::force_deviation, kLeastForce);
+    if (!markers.empty()) {
+      noise.marker = robust_scale(list, &Block::marker_deviation, least_marker_noise_);
+      noise.marker_share = independent_share(blocks);
+    }
     noise.reach = std::clamp(8 * noise.sigma, 0.008, 0.025);
     constexpr double kSmall = 0.05;
     if (!better || largest < kSmall) break;
@@ -367,6 +508,38 @@ std::vector<std::vector<double>> ReferenceFit::distances(const Prediction& predi
                                             reach);
 }
 
+Series ReferenceFit::marker_table(const Prediction& prediction, std::size_t recording,
+                                  const FitState& at, const FitState& state) {
+  const Observation& seen = observations[recording];
+  Series table;
+  std::vector<std::size_t> first(markers.size());  // column of each
+  for (std::size_t m = 0; m < markers.size(); ++m) {
+    first[m] = table.columns.size();
+    for (const char* what : {"seen", "simulated"}) {
+      for (const char axis : {'x', 'y', 'z'}) {
+        if (markers[m].on_tissue())
+          table.columns.push_back(fmt::format("{}_{}_{}_m", seen.markers[m], what, axis));
+      }
+    }
+  }
+  for (std::size_t k = 0; k < seen.frames.size() && !table.columns.empty(); ++k) {
+    const SeenFrame& frame = seen.frames[k];
+    if (frame.markers.empty()) continue;
+    const std::vector<Vector3d> places = likelihoods_[recording]->marker_places(
+        seen, prediction, k, layout, registration(state), delta(at, state, recording));
+    table.time_ns.push_back(std::llround(1e9 * frame.t));
+    table.values.resize(table.rows() * table.columns.size(), std::nan(""));
+    double* row = &table.values[(table.rows() - 1) * table.columns.size()];
+    for (std::size_t i = 0; i < frame.markers.size(); ++i) {
+      const auto m = static_cast<std::size_t>(frame.markers[i].marker);
+      if (!markers[m].on_tissue()) continue;
+      Eigen::Map<Vector3d>(row + first[m]) = frame.markers[i].p;
+      Eigen::Map<Vector3d>(row + first[m] + 3) = places[i];
+    }
+  }
+  return table;
+}
+
 std::vector<Vector3d> ReferenceFit::vertices(const Prediction& prediction, std::size_t recording,
                                              std::size_t frame, const FitState& at,
                                              const FitState& state) const {
@@ -390,7 +563,8 @@ void ReferenceFit::set_difference(const Unknown& unknown, const std::vector<Pred
     const auto widen = [&](VectorXd& shared) {
       VectorXd wide = VectorXd::Zero(shared.size() + 1);
       wide.head(place) = shared.head(place);
-      wide.tail(7) = shared.tail(7);
+      const auto behind = shared.size() - place;
+      wide.tail(behind) = shared.tail(behind);
       shared = wide;
     };
     widen(at.shared);
@@ -407,7 +581,8 @@ void ReferenceFit::set_difference(const Unknown& unknown, const std::vector<Pred
         Eigen::MatrixXf wide =
             Eigen::MatrixXf::Zero(frame.columns.rows(), frame.columns.cols() + 1);
         wide.leftCols(place) = frame.columns.leftCols(place);
-        wide.rightCols(kOwnColumns) = frame.columns.rightCols(kOwnColumns);
+        const auto behind = frame.columns.cols() - place;
+        wide.rightCols(behind) = frame.columns.rightCols(behind);
         frame.columns = std::move(wide);
       }
       if (f < other[r].frames.size() && other[r].frames[f].valid) {

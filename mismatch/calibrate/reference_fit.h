@@ -8,6 +8,7 @@
 
 #include "mismatch/calibrate/arrow_system.h"
 #include "mismatch/calibrate/calibration.h"
+#include "mismatch/recording/recording.h"
 
 namespace omentum {
 
@@ -30,6 +31,12 @@ class ReferenceFit {
   ReferenceFit(const pb::Scene& scene, std::vector<Observation> observations,
                const CalibrationOptions& options);
 
+  /// Where the markers are on the body: at the places that are known of them; else over the nearest
+  /// point of the surface in the first frame that shows them, of `predictions` as believed with
+  /// columns. Those farther from it than 20 mm are on no tissue. Before any state is made.
+  void bind_markers(const std::vector<Prediction>& predictions, std::vector<std::string>& warnings);
+  /// Not all markers have a known place.
+  bool needs_binding() const;
   /// A state where everything is as believed.
   FitState believed() const;
   /// Of the recordings in `which`; others stay empty. Columns: those of the simulation, and what
@@ -61,6 +68,10 @@ class ReferenceFit {
   std::vector<std::vector<double>> distances(const Prediction& prediction, std::size_t recording,
                                              const FitState& at, const FitState& state,
                                              double reach);
+  /// Markers of a recording, a row a frame: where they were seen and where they are predicted,
+  /// NAME_seen_x_m ... and NAME_simulated_x_m ...; without columns where it has none on tissue.
+  Series marker_table(const Prediction& prediction, std::size_t recording, const FitState& at,
+                      const FitState& state);
   /// Predicted vertices as the camera has them.
   std::vector<Eigen::Vector3d> vertices(const Prediction& prediction, std::size_t recording,
                                         std::size_t frame, const FitState& at,
@@ -90,6 +101,8 @@ class ReferenceFit {
   NoiseModel noise;
   double trust = 1;                  ///< in the derivatives
   std::optional<double> held_clock;  ///< the camera's is known to be this [s]; else looked for
+  bool hold_shared = false;          ///< shared numbers stay where they are in improve()
+  std::vector<MarkerPlace> markers;  ///< of Observation::markers
   Scene made;                        ///< of `scene`
 
   /// Column of a shared number that no simulation derives, of every frame of every recording.
@@ -101,9 +114,17 @@ class ReferenceFit {
 
  private:
   void set_beliefs();
+  void place_known_markers(const std::vector<Eigen::Vector3i>& triangles,
+                           const std::vector<Eigen::Vector3d>& rest);
+  void tell_markers();
+  double least_marker_noise_ = 0;  ///< measured in holds [m]
   double slip_speed_ = 0;  ///< of friction, where the scene's is too sharp to be solved [m/s]
   std::vector<std::unique_ptr<Likelihood>> likelihoods_;
 };
+
+/// What of the frames of markers is worth as much as if they were independent: what is left of one
+/// is like that of the frame before.
+double independent_share(const std::vector<Block>& blocks);
 
 /// All numbers 0 ... count - 1.
 std::vector<std::size_t> all_of(std::size_t count);

@@ -24,7 +24,8 @@ double rms_of(const std::vector<std::vector<double>>& distances, double* mean = 
 
 }  // namespace
 
-double floor_of(const Block& block) {
+double floor_of(const Observation& seen, const Block& block) {
+  if (!seen.has_points()) return std::sqrt(3) * seen.marker_noise;
   std::vector<double> steps;
   for (std::size_t k = 1; k < block.deviation.size(); ++k)
     steps.push_back(std::fabs(block.deviation[k] - block.deviation[k - 1]));
@@ -81,6 +82,7 @@ ShownRecording show(ReferenceFit& fit, std::size_t recording, const Prediction& 
     shown.rmse_before.push_back(rms_of({before[f]}));
     shown.rmse_after.push_back(rms_of({after[f]}));
     shown.seen.push_back(seen.frames[f].points);
+    for (const SeenMarker& marker : seen.frames[f].markers) shown.seen.back().push_back(marker.p);
   }
   return shown;
 }

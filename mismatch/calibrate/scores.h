@@ -9,8 +9,9 @@ namespace omentum {
 FitRow score(ReferenceFit& fit, std::size_t recording, const Prediction& prediction,
              const FitState& at, const FitState& state, const Prediction& base);
 
-/// White part of the distances along the rays, from neighbours in a cloud [m].
-double floor_of(const Block& block);
+/// White part of the distances along the rays, from neighbours in a cloud [m]; where there is no
+/// cloud, that of the distances of markers, as measured in holds.
+double floor_of(const Observation& seen, const Block& block);
 
 /// Adds to surfaces simulated at `state`, to first order, what shared numbers do that are in no
 /// scene; its derivatives from another simulation of the recording that has some.

@@ -85,7 +85,8 @@ Which find_mirrored(ReferenceFit& fit, const std::vector<Simulated>& all, const 
   Which found;
   for (const std::size_t r : candidates) {
     std::size_t points = 0;
-    for (const SeenFrame& frame : fit.observations[r].frames) points += frame.points.size();
+    for (const SeenFrame& frame : fit.observations[r].frames)
+      points += frame.points.size() + frame.markers.size();
     const double worth = kClear * static_cast<double>(points);
     if (cost_alone(fit, mirrored, r) < cost_alone(fit, told, r) - worth) found.push_back(r);
   }

@@ -37,6 +37,8 @@ class ColumnCarrier {
   void add_state(std::size_t step, double t, const ReferenceTissue& tissue);
   /// Before the grasps of a control step, whose command ends at `tip`.
   void begin_step(ReferenceTissue& tissue, const Eigen::Vector3d& tip);
+  /// While tissue is held at the start (HeldBody), whose place alone moves it then.
+  void hold_at_start(ReferenceTissue& tissue) const;
   /// Why there are none from some time on; empty where there are.
   const std::string& failure() const { return failure_; }
   /// Parameters whose columns end before the others', a line each.

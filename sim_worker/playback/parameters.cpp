@@ -181,6 +181,9 @@ const std::vector<Row>& rows() {
        1,
        1,
        {{"x", 0}, {"y", 0}, {"z", 0.02}, {"r", 0.008}}},
+      {"held_start.x", "m", Kind::kHeldPlace, "", 1},
+      {"held_start.y", "m", Kind::kHeldPlace, "", 1},
+      {"held_start.z", "m", Kind::kHeldPlace, "", 1},
       {"start_velocity.x", "m/s", Kind::kSite, "", 1},
       {"start_velocity.y", "m/s", Kind::kSite, "", 1},
       {"start_velocity.z", "m/s", Kind::kSite, "", 1},
@@ -402,6 +405,7 @@ Parameter parse_one(const std::string& text, const pb::Scene& scene) {
       if (name == "thickness") add_rise(scene, row->step, p.overrides);
       break;
     case Kind::kToolOffset:
+    case Kind::kHeldPlace:
       p.axis = name.back() - 'x';
       break;
     case Kind::kSite:

@@ -22,6 +22,7 @@ struct Parameter {
     kScene,       ///< of the tissue, the grasp or the numerics
     kArm,         ///< of what lies between command and tip
     kToolOffset,  ///< constant offset of the tip along `axis` of W
+    kHeldPlace,   ///< of scene.held_start.position_m along `axis` of W
     kSite,        ///< `site`
     kSensor,      ///< `sensor`
   };

@@ -203,7 +203,10 @@ SimulatedRecording simulate_recording(const TissueModel& model, const Arm& arm,
   OMENTUM_CHECK(columns == nullptr || reference != nullptr, "columns of a tissue without");
   if (reference != nullptr) columns->begin(*reference, track.tip_at(track.begin()));
   bool held = start.held.has_value();
-  if (held) hold_at_start(*tissue, *start.held);
+  if (held) {
+    hold_at_start(*tissue, *start.held);
+    if (reference != nullptr) columns->hold_at_start(*reference);
+  }
   if (start.from_rest)
     result.start_speed = settle(*tissue, held ? start.held->position : tip, stop);
   // With a velocity of zero, too: there its columns begin.
@@ -219,7 +222,7 @@ SimulatedRecording simulate_recording(const TissueModel& model, const Arm& arm,
     if (reference != nullptr) {
       columns->add_state(step, t, *reference);
       columns->begin_step(*reference, track.tip_at(t + period));
-      if (held) reference->set_tip_columns({}, {});
+      if (held) columns->hold_at_start(*reference);
     }
     if (held && t >= start.held->until - 1e-9) {
       held = false;

@@ -32,6 +32,8 @@ std::vector<PreparedParameter> prepare_parameters(const SimulationTask& task,
           p.tissue.kind == ColumnKind::kClampGive || p.tissue.kind == ColumnKind::kClampFree;
       if (of_clamp && model.effects.moves_anchor())
         throw_error("the clamp gives way already: scene.tissue.effects.anchor, allowed none");
+      if (parameter.kind == Parameter::Kind::kHeldPlace && !task.scene.has_held_start())
+        throw_error("nothing is held at the start: scene.held_start is missing");
       if (p.tissue.kind == ColumnKind::kStartVelocity && task.scene.has_held_start())
         throw_error("it begins where jaws held it: scene.held_start, allowed none");
       if (parameter.kind == Parameter::Kind::kScene || parameter.kind == Parameter::Kind::kArm) {

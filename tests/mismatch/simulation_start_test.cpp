@@ -1,5 +1,6 @@
 // How a simulated recording begins and what holds the body: a second clamp, none, a start velocity.
 
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -104,6 +105,38 @@ TEST_P(SimulationStart, AVelocityMovesAClampedStripFromItsRest) {
 INSTANTIATE_TEST_SUITE_P(Models, SimulationStart,
                          testing::Values("TISSUE_REFERENCE", "TISSUE_ELASTIC"));
 
+TEST(SimulationStart, ThePlaceWhereABodyWasHeldHasItsDerivative) {
+  constexpr double kStep = 1e-5;   // [m]
+  constexpr double kUntil = 0.04;  // [s]
+  const auto held_at = [&](double z, const std::string& columns) {
+    SimulationTask task = strip_task(
+        "TISSUE_REFERENCE",
+        "anchor_max_y_m: -0.021 reference { elements_x: 1 elements_y: 12 elements_z: 1 }",
+        fmt::format("held_start {{ y_m: 0.0225 radius_m: 0.003 position_m {{ y: 0.0222 z: {} }} "
+                    "until_s: {} }}",
+                    z, kUntil),
+        5);
+    task.parameters = columns;
+    for (std::size_t step = 0; step <= 5; ++step) task.column_steps.push_back(step);
+    return simulate(task);
+  };
+  const Simulation base = held_at(0.003, "held_start.z,held_start.x");
+  const Simulation low = held_at(0.003 - kStep, ""), high = held_at(0.003 + kStep, "");
+  for (std::size_t step = 0; step <= 5; ++step) {
+    const std::vector<float>& column = base.columns.at(step).surface[0];
+    double squares = 0, errors = 0;
+    for (std::size_t i = 0; i < base.recording.points[step].size(); ++i) {
+      const Vector3d slope =
+          (high.recording.points[step][i] - low.recording.points[step][i]) / (2 * kStep);
+      squares += slope.squaredNorm();
+      errors += (slope - Eigen::Map<const Eigen::Vector3f>(column.data() + 3 * i).cast<double>())
+                    .squaredNorm();
+    }
+    EXPECT_LT(errors, 1e-4 * squares) << "step " << step;
+  }
+  EXPECT_GT(base.columns.at(0).surface[1][3 * 32], 0.3) << "the end follows sideways, too";
+}
+
 TEST(SimulationStart, WhatCannotBeMeantIsRefusedByName) {
   const auto refusal = [](const std::string& tissue, const std::string& scene = "") {
     try {
@@ -123,6 +156,9 @@ TEST(SimulationStart, WhatCannotBeMeantIsRefusedByName) {
   EXPECT_THAT(refusal("anchor_max_y_m: -0.021",
                       "held_start { y_m: 0.02 } start_velocity_m_per_s { z: 0.1 }"),
               testing::HasSubstr("allowed without scene.held_start"));
+  SimulationTask task = strip_task("TISSUE_REFERENCE", "anchor_max_y_m: -0.021");
+  task.parameters = "held_start.z";
+  EXPECT_THROW(simulate(task), Error);
 }
 
 }  // namespace
