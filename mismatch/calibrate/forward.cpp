@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <functional>
+#include <limits>
 
 #include "core/check.h"
 #include "sim_worker/reference/reference_model.h"
@@ -207,6 +208,41 @@ SimulationTask make_calibration_task(const Observation& observation, const pb::S
   return task;
 }
 
+namespace {
+
+/// From the tip to the simulated tissue where the jaws close, the farthest of all times [m].
+double missed_by(const SimulationTask& task, const SimulatedRecording& recording) {
+  double farthest = 0;
+  bool was_closed = false;
+  for (std::size_t k = 0; k < recording.time.size(); ++k) {
+    const bool closed = task.commands.jaw_rad.empty() ||
+                        task.commands.jaw_at(recording.time[k]) <= task.grasp.closed_rad;
+    if (closed && !was_closed) {
+      double nearest = std::numeric_limits<double>::infinity();
+      for (const Vector3d& p : recording.points[k])
+        nearest = std::min(nearest, (p - recording.tip[k]).norm());
+      farthest = std::max(farthest, nearest);
+    }
+    was_closed = closed;
+  }
+  return farthest;
+}
+
+/// With numbers far from the truth the tissue may hang beside where the jaws closed. They held it,
+/// so they reach as far as it is then, and hold a patch of the same size.
+Simulation simulate_held(SimulationTask task, Simulator& simulator) {
+  constexpr double kReach = 0.03;  // [m]
+  Simulation simulation = simulator.simulate(task);
+  if (simulation.recording.missed_grasps == 0) return simulation;
+  const double away = missed_by(task, simulation.recording);
+  if (away > kReach) return simulation;
+  const double to_middle = away + 0.5 * simulation.scene.tissue.thickness;
+  task.grasp.patch_radius_m = std::hypot(task.grasp.patch_radius_m, to_middle);
+  return simulator.simulate(task);
+}
+
+}  // namespace
+
 Prediction predict(const Observation& observation, const pb::Scene& scene,
                    const std::string& folder, const std::vector<Unknown>& unknowns,
                    const Eigen::VectorXd& x, double clock, const Numerics& numerics,
@@ -231,7 +267,7 @@ Prediction predict(const Observation& observation, const pb::Scene& scene,
     task.column_steps.erase(std::unique(task.column_steps.begin(), task.column_steps.end()),
                             task.column_steps.end());
   }
-  const Simulation simulation = simulator.simulate(task);
+  const Simulation simulation = simulate_held(task, simulator);
   const SimulatedRecording& recording = simulation.recording;
   Prediction made;
   made.failure = recording.failure;

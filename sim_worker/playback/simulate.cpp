@@ -130,9 +130,13 @@ std::size_t count_steps(const ToolTrack& track, double period) {
 
 std::vector<PinchCircle> pinches_of(const ToolTrack& track, const Scene& scene,
                                     const GraspSettings& grasp) {
-  constexpr double kNear = 0.02;  // [m] above or below the sheet at rest
+  constexpr double kNear = 0.02;  // [m] beside the sheet
   Eigen::AlignedBox3d sheet;
   for (const Vector3d& p : scene.tissue.particles) sheet.extend(p);
+  // It may hang as far below its flat shape as it is long.
+  const double hangs = sheet.sizes().head<2>().maxCoeff();
+  sheet.min().z() -= hangs;
+  sheet.max().z() += hangs;
   const Eigen::Isometry3d X_BW = scene.tissue.X_WB.inverse();
   std::vector<PinchCircle> pinches;
   bool was_closed = false;
