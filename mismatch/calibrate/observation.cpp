@@ -215,7 +215,11 @@ Observation observe(const std::string& name, const std::string& path, const Reco
   if (made.held && !has_tool(recording))  // it rests until then
     made.track.time.front() = std::max(made.track.begin(), made.frames.front().t);
   cut_track(made.frames.back().t + kMargin, made.track);
-  const std::vector<PinchCircle> pinches = pinches_of(made.track, scene, made.grasp);
+  // The tissue may hang as far from its flat shape as it is long.
+  Eigen::AlignedBox3d flat;
+  for (const Vector3d& p : scene.tissue.particles) flat.extend(p);
+  const std::vector<PinchCircle> pinches =
+      pinches_of(made.track, scene, made.grasp, flat.sizes().maxCoeff());
   made.pinched = !pinches.empty();
   if (made.pinched) {
     made.pinch = pinches.front().centre;

@@ -66,7 +66,8 @@ void ColumnCarrier::hold_at_start(ReferenceTissue& tissue) const {
   Eigen::Matrix3Xd place = Eigen::Matrix3Xd::Zero(3, static_cast<Eigen::Index>(parameters_.size()));
   for (std::size_t k = 0; k < parameters_.size(); ++k) {
     const Parameter& p = parameters_[k].parameter;
-    if (p.kind == Kind::kHeldPlace) place.col(static_cast<Eigen::Index>(k)) = Vector3d::Unit(p.axis);
+    if (p.kind == Kind::kHeldPlace)
+      place.col(static_cast<Eigen::Index>(k)) = Vector3d::Unit(p.axis);
   }
   tissue.set_tip_columns(place, place);
 }

@@ -129,21 +129,19 @@ std::size_t count_steps(const ToolTrack& track, double period) {
 }
 
 std::vector<PinchCircle> pinches_of(const ToolTrack& track, const Scene& scene,
-                                    const GraspSettings& grasp) {
-  constexpr double kNear = 0.02;  // [m] beside the sheet
+                                    const GraspSettings& grasp, double above) {
+  constexpr double kBeside = 0.02;  // [m]
   Eigen::AlignedBox3d sheet;
   for (const Vector3d& p : scene.tissue.particles) sheet.extend(p);
-  // It may hang as far below its flat shape as it is long.
-  const double hangs = sheet.sizes().head<2>().maxCoeff();
-  sheet.min().z() -= hangs;
-  sheet.max().z() += hangs;
+  sheet.min().z() -= above;
+  sheet.max().z() += above;
   const Eigen::Isometry3d X_BW = scene.tissue.X_WB.inverse();
   std::vector<PinchCircle> pinches;
   bool was_closed = false;
   for (const double t : track.time) {
     const bool closed = is_closed(track, grasp, t);
     const Vector3d p_BT = X_BW * track.tip_at(t);
-    if (closed && !was_closed && sheet.exteriorDistance(p_BT) < kNear)
+    if (closed && !was_closed && sheet.exteriorDistance(p_BT) < kBeside)
       pinches.push_back({p_BT.head<2>(), grasp.patch_radius_m});
     was_closed = closed;
   }

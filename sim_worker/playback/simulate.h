@@ -64,10 +64,11 @@ struct SeenState {
 };
 SeenState seen_at(const SimulatedRecording& recording, double t);
 
-/// Where the jaw closes, as circles on the rest sheet: a mesh is graded there. Closings away from
-/// the sheet are left out.
+/// Where the jaw closes, as circles on the rest sheet: a mesh is graded there. Closings more than
+/// 20 mm away from the sheet are left out, which may lie up to `above` above or below its flat
+/// shape [m].
 std::vector<PinchCircle> pinches_of(const ToolTrack& track, const Scene& scene,
-                                    const GraspSettings& grasp);
+                                    const GraspSettings& grasp, double above = 0);
 
 /// Lets tissue come to rest before its first command, with the tool at `tip`; the speed of its
 /// fastest particle then [m/s]. Others than the reference move for as long as they are faster than

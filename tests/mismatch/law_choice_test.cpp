@@ -1,13 +1,9 @@
-// Which law of elasticity a calibration takes, and that its states share a mesh.
+// Which law of elasticity a calibration takes.
 #include "mismatch/calibrate/law_choice.h"
 
 #include <gtest/gtest.h>
 
 #include <cmath>
-
-#include "core/config.h"
-#include "mismatch/calibrate/forward.h"
-#include "sim_worker/playback/simulation.h"
 
 namespace omentum {
 namespace {
@@ -62,55 +58,6 @@ TEST(WidenOverLaws, IntervalsHoldForTheLawsThatAreAlike) {
   // Told: nothing widens.
   fits[1].cost = 103.5;
   EXPECT_TRUE(laws_alike(fits, fits[0], kNumerics).empty());
-}
-
-Observation lifted(const Scene& scene, double x) {
-  Observation seen;
-  seen.track.time = {0, 0.1, 0.2};
-  seen.track.p_WT.assign(3, scene.tissue.X_WB * Eigen::Vector3d(x, 0.03, 0));
-  seen.track.jaw_rad = {1, 0, 0};
-  seen.grasp.patch_radius_m = 0.005;
-  return seen;
-}
-
-TEST(CountElements, AllStatesOfAFitHaveOneMesh) {
-  pb::Scene scene = load_scene(deploy_dir() + "/scenes/omentum.txtpb", {});
-  const Scene made = make_scene(scene, {});
-  const std::vector<Observation> seen = {lifted(made, -0.03), lifted(made, 0.01)};
-  const auto elements = count_elements(scene, {}, seen, 3e-4);
-  for (const int count : elements) EXPECT_GT(count, 0);
-  const auto fewer = fewer_elements(elements, 1.5);
-  EXPECT_NEAR(fewer[0], elements[0] / 1.5, 0.5);
-  EXPECT_EQ(fewer_elements({1, 1, 1}, 1.5), (std::array<int, 3>{1, 1, 1}));
-  // The mesh of a tolerance follows thickness and law; that of a state does not.
-  for (const double thickness : {0.0024, 0.003, 0.0036}) {
-    for (const pb::ElasticLaw law : kLaws) {
-      scene.mutable_tissue()->set_thickness_m(thickness);
-      scene.mutable_tissue()->mutable_material()->set_law(law);
-      for (const Observation& observation : seen) {
-        const SimulationTask task =
-            make_calibration_task(observation, scene, {}, {pb::TISSUE_REFERENCE, elements, 1});
-        const pb::ReferenceModel& mesh = task.scene.tissue().reference();
-        EXPECT_EQ(static_cast<int>(mesh.elements_x()), elements[0]);
-        EXPECT_EQ(static_cast<int>(mesh.elements_y()), elements[1]);
-        EXPECT_EQ(static_cast<int>(mesh.elements_z()), elements[2]);
-      }
-    }
-  }
-}
-
-// Every start of a search once failed without a word: the shell did not have the law believed.
-TEST(MakeCalibrationTask, TheShellOfASearchMovesByTheLawBelieved) {
-  pb::Scene scene = load_scene(deploy_dir() + "/scenes/omentum.txtpb", {});
-  const Observation seen = lifted(make_scene(scene, {}), 0.01);
-  for (const pb::ElasticLaw law : kLaws) {
-    scene.mutable_tissue()->mutable_material()->set_law(law);
-    const SimulationTask task = make_calibration_task(seen, scene, {}, {pb::TISSUE_ELASTIC});
-    EXPECT_EQ(task.scene.tissue().material().law(), law);
-    const Simulation made = simulate(task);
-    EXPECT_EQ(made.recording.failure, "") << law;
-    EXPECT_GT(made.recording.points.size(), 1U) << law;
-  }
 }
 
 }  // namespace
