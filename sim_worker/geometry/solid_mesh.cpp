@@ -136,7 +136,13 @@ SolidMesh parse_solid_mesh(const std::string& name, const std::string& content) 
     }
     const double volume = tetrahedron_volume(mesh, corners);
     if (volume < 0) std::swap(corners[2], corners[3]);
-    if (!(std::abs(volume) > 0))
+    double longest = 0;
+    for (const auto& edge : kSolidEdge) {
+      const Vector3d& a = mesh.nodes[corners[edge[0]]];
+      longest = std::max(longest, (mesh.nodes[corners[edge[1]]] - a).norm());
+    }
+    constexpr double kFlat = 1e-9;  // of the cube of its longest edge: rounding has either sign
+    if (!(std::abs(volume) > kFlat * longest * longest * longest))
       throw_error("{}:{}: a tetrahedron without volume", name, nodes + t + 2);
     mesh.tetrahedra.push_back(corners);
   }

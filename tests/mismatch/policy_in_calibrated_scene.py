@@ -54,6 +54,8 @@ def record(args, folder, scene, young):
             for w in ("--set", f"{path}={value:.9g}")]
     write_commands(folder / "still", (-0.0172, 0.0536, 0.1))
     mismatch = args.bin / "mismatch"
+    # The jaws begin in the tissue, which the shaft would push away before they close.
+    sets += ["--set", "scene.tool.contact=false"]
     for axis, count in zip("xyz", (ELEMENTS, ELEMENTS, 1)):
         sets += ["--set", f"scene.tissue.reference.elements_{axis}={count}"]
     common = (mismatch, "simulate", "--model", "reference", "--scene", scene, *sets)
