@@ -108,5 +108,19 @@ TEST(Findings, AThinnerBodyIsToldThoughTheBeliefInItsBendingHidesIt) {
   }
 }
 
+TEST(FinishScene, KeepsTheFittedLawUnlessNoPolicyCanBeTrainedInIt) {
+  FoundSheet c;
+  for (const auto& [fitted, written] : {std::pair{pb::LAW_COROTATED, pb::LAW_COROTATED},
+                                        {pb::LAW_NEO_HOOKE, pb::LAW_NEO_HOOKE},
+                                        {pb::LAW_ST_VENANT_KIRCHHOFF, pb::LAW_COROTATED}}) {
+    Calibration result;
+    result.scene = c.fit->shared_scene(c.state);
+    result.scene.mutable_tissue()->mutable_material()->set_law(fitted);
+    finish_scene({*c.fit, c.state, c.sure, c.which, {}, 0, 0, 0}, result);
+    EXPECT_EQ(result.scene.tissue().material().law(), written);
+    EXPECT_EQ(result.warnings.empty(), fitted == written);
+  }
+}
+
 }  // namespace
 }  // namespace omentum
