@@ -1,4 +1,4 @@
-// The reference solid at its default tolerance against second-order bricks of another engine
+// The reference solid to a stated tolerance against second-order bricks of another engine
 // (tests/reference/README.md). All cases, with the shell and the printed error: second_order_study.
 
 #include "support/second_order.h"
