@@ -53,23 +53,6 @@ CalibratedNumber shared_number(const Findings& f, int k) {
   return number;
 }
 
-/// Of a number whose value is its x.
-CalibratedNumber plain_number(const std::string& name, const std::string& unit, double x, double sd,
-                              double prior_sd, const std::string& source) {
-  CalibratedNumber number;
-  number.name = name;
-  number.unit = unit;
-  number.value = x;
-  number.low90 = x - kNinety * sd;
-  number.high90 = x + kNinety * sd;
-  number.prior_low90 = -kNinety * prior_sd;
-  number.prior_high90 = kNinety * prior_sd;
-  number.prior_source = source;
-  number.pull = x / prior_sd;
-  number.unseen = sd > kUnseen * prior_sd;
-  return number;
-}
-
 /// Numbers whose beliefs may be wrong instead of that of k: the recordings see them together, and
 /// they are held mostly by what is believed.
 std::string confused_with(const Findings& f, int k) {
@@ -197,6 +180,22 @@ void add_traded_stiffness(const Findings& f, Calibration& result) {
 }
 
 }  // namespace
+
+CalibratedNumber plain_number(const std::string& name, const std::string& unit, double x, double sd,
+                              double prior_sd, const std::string& source) {
+  CalibratedNumber number;
+  number.name = name;
+  number.unit = unit;
+  number.value = x;
+  number.low90 = x - kNinety * sd;
+  number.high90 = x + kNinety * sd;
+  number.prior_low90 = -kNinety * prior_sd;
+  number.prior_high90 = kNinety * prior_sd;
+  number.prior_source = source;
+  number.pull = x / prior_sd;
+  number.unseen = sd > kUnseen * prior_sd;
+  return number;
+}
 
 void add_numbers(const Findings& f, Calibration& result) {
   for (int k = 0; k < f.fit.layout.unknowns; ++k) {

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <string>
 #include <vector>
 
 #include "mismatch/calibrate/calibration.h"
@@ -17,6 +18,9 @@ struct Findings {
   double mesh_m = 0, step_m = 0, law_m = 0;  ///< rms of the surface
 };
 
+/// A nuisance whose value is its x, believed to be 0 with `prior_sd`, all in `unit`.
+CalibratedNumber plain_number(const std::string& name, const std::string& unit, double x, double sd,
+                              double prior_sd, const std::string& source);
 /// Parameters and nuisances with intervals.
 void add_numbers(const Findings& findings, Calibration& result);
 /// What recordings of this kind see only together, and what they do not see.

@@ -7,28 +7,6 @@
 #include <cmath>
 
 namespace omentum {
-namespace {
-
-CalibratedNumber length(const std::string& name, double x, double sd, double prior_sd,
-                        const std::string& source) {
-  constexpr double kNinety = 1.6448536;  // standard deviations of a two-sided interval of 90 %
-  constexpr double kUnseen = 0.9;        // of the prior's standard deviation is left
-  CalibratedNumber number;
-  number.name = name;
-  number.unit.assign(1, 'm');
-  number.value = x;
-  number.low90 = x - kNinety * sd;
-  number.high90 = x + kNinety * sd;
-  number.prior_low90 = -kNinety * prior_sd;
-  number.prior_high90 = kNinety * prior_sd;
-  number.prior_source = source;
-  number.pull = x / prior_sd;
-  number.unseen = sd > kUnseen * prior_sd;
-  return number;
-}
-
-}  // namespace
-
 void add_marker_numbers(const Findings& f, Calibration& result) {
   const Layout& layout = f.fit.layout;
   constexpr std::array<const char*, 3> kAxes = {"along", "across", "normal"};
@@ -37,10 +15,10 @@ void add_marker_numbers(const Findings& f, Calibration& result) {
     const std::string& name = f.fit.observations.front().markers[static_cast<std::size_t>(m)];
     for (int k = 0; k < 3; ++k) {
       const int at = layout.marker(m) + k;
-      result.nuisances.push_back(
-          length(fmt::format("marker.{}.{}", name, kAxes[static_cast<std::size_t>(k)]),
-                 f.state.shared[at], std::sqrt(std::max(f.sure.shared_covariance(at, at), 0.0)),
-                 f.fit.beliefs.shared_sd[at], "docs/calibrate.md 8"));
+      result.nuisances.push_back(plain_number(
+          fmt::format("marker.{}.{}", name, kAxes[static_cast<std::size_t>(k)]), "m",
+          f.state.shared[at], std::sqrt(std::max(f.sure.shared_covariance(at, at), 0.0)),
+          f.fit.beliefs.shared_sd[at], "docs/calibrate.md 8"));
     }
   }
   for (std::size_t i = 0; i < f.fitted.size(); ++i) {
@@ -48,9 +26,9 @@ void add_marker_numbers(const Findings& f, Calibration& result) {
     const Observation& seen = f.fit.observations[r];
     for (int k = 0; k < layout.held; ++k) {
       const int own = Layout::kOwnPlace + k;
-      result.nuisances.push_back(length(fmt::format("{}: held.{}", seen.name, "xyz"[k]),
-                                        f.state.own[r][own], f.sure.own_sd[i][own],
-                                        f.fit.beliefs.own_sd[own], "docs/calibrate.md 8"));
+      result.nuisances.push_back(plain_number(fmt::format("{}: held.{}", seen.name, "xyz"[k]), "m",
+                                              f.state.own[r][own], f.sure.own_sd[i][own],
+                                              f.fit.beliefs.own_sd[own], "docs/calibrate.md 8"));
     }
     if (layout.held == 0 || seen.pinched) continue;
     const std::string pinch = fmt::format("{}: pinch.", seen.name);
