@@ -415,8 +415,9 @@ void add_warnings(const Findings& f, Calibration& result) {
 void finish_scene(const Findings& f, Calibration& result) {
   pb::Scene& scene = result.scene;
   scene.mutable_tissue()->set_model(pb::TISSUE_ELASTIC);
-  // Policies reach nothing in a shell of this law (docs/results.md; why is not known). All laws are
-  // the same at small strain.
+  // The law stiffens with the square of a stretch that recordings do not reach and policies do: a
+  // sheet pulled to twice its length slips out of the jaws (docs/results.md). All laws are the same
+  // at small strain.
   pb::Material& material = *scene.mutable_tissue()->mutable_material();
   if (material.law() == pb::LAW_ST_VENANT_KIRCHHOFF) {
     result.warnings.push_back(fmt::format(

@@ -60,7 +60,7 @@ void ReferenceTissue::evaluate_along(const ReferenceTissue& base, Terms terms,
   }
   terms.slip_speed = base.friction_smoothing_ * model_->numerics.friction_slip_speed_m_per_s();
   effects_.begin(terms.h, state_.x, state_.v, terms.x_tilde, terms.beta);
-  update_friction(terms, trial_x_);
+  follow_friction(terms, base);
   out.miss.setZero();
   if (elements != nullptr) {
     out.elements = elements->elements;
@@ -80,6 +80,7 @@ void ReferenceTissue::column_loads(const Terms& terms, RightSides& nodes, RightS
   Residual same;
   Residual changed;
   c.same->evaluate_along(*this, terms, nullptr, same);
+  c.pressed.setZero(static_cast<Eigen::Index>(friction_.size()), c.count());
   VectorXd load;
   Targets miss;
   const auto subtract = [&](double step) {
@@ -104,6 +105,10 @@ void ReferenceTissue::column_loads(const Terms& terms, RightSides& nodes, RightS
     nodes.col(k) += load.head(model_->unknowns);
     if (!same_elements) modes.col(k) += load.tail(modes.rows());
     if (grasp_) grasp.col(k) += VectorXd::Map(miss.data(), miss.size());
+    for (std::size_t i = 0; i < friction_.size(); ++i) {
+      c.pressed(static_cast<Eigen::Index>(i), k) =
+          (c.changed[k]->friction_[i].pressed - c.same->friction_[i].pressed) / p.step;
+    }
   }
   site_loads(terms, nodes, modes);
   clamp_loads(same, nodes, modes, grasp);

@@ -71,6 +71,7 @@ struct ReferenceColumns {
   RightSides mode_load;  ///< -dR/dtheta of the modes in the last step
   bool modes_recovered = true;
   RightSides limit_load;  ///< of friction, whose limits follow the normal forces, in the last step
+  RightSides pressed;     ///< added to the normal forces of friction where nothing moves, per point
   /// Of the grasp, [3 row + axis]; of a pad force and moment, and the way from the tip to its
   /// centre.
   Eigen::MatrixXd multiplier, offset;

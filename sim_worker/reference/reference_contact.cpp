@@ -1,6 +1,7 @@
 // Contact and friction of the reference solid: see the class comment of ReferenceTissue.
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "sim_worker/geometry/rigid_gap.h"
 #include "sim_worker/reference/reference_tissue.h"
@@ -38,6 +39,17 @@ FrictionLaw friction_law(double y) {
   return {y * y - y * y * y / 3, 2 * y - y * y, 2 - 2 * y};
 }
 
+/// The contact of a node with a body in a list sorted by node and body, from `next` on, which goes
+/// there; null where they do not touch.
+template <typename Contact>
+const Contact* contact_of(int node, int body, const std::vector<Contact>& contacts,
+                          typename std::vector<Contact>::const_iterator& next) {
+  const auto wanted = std::pair(node, body);
+  while (next != contacts.end() && std::pair(next->node, next->body) < wanted) ++next;
+  const bool touches = next != contacts.end() && std::pair(next->node, next->body) == wanted;
+  return touches ? &*next : nullptr;
+}
+
 }  // namespace
 
 int ReferenceTissue::bodies() const {
@@ -69,23 +81,43 @@ std::vector<ReferenceTissue::Contact> ReferenceTissue::find_contacts(const Terms
   return contacts;
 }
 
+ReferenceTissue::FrictionPoint ReferenceTissue::friction_point(const Terms& terms,
+                                                               const Contact& contact) const {
+  FrictionPoint point;
+  point.node = contact.node;
+  point.body = contact.body;
+  point.normal = contact.normal;
+  const bool is_tool = contact.body == static_cast<int>(model_->surroundings.bodies.size());
+  point.body_velocity = is_tool ? terms.tool_velocity : Vector3d::Zero();
+  Vector3d v = state_.v[contact.node] - point.body_velocity;
+  v -= v.dot(contact.normal) * contact.normal;
+  const double mu = v.norm() > terms.slip_speed ? model_->surroundings.dynamic_friction
+                                                : model_->surroundings.static_friction;
+  point.coefficient = mu * parameters_.friction_scale * (1 + effects_.values().friction_change);
+  point.pressed = contact.force;
+  point.limit = point.coefficient * point.pressed;
+  return point;
+}
+
 void ReferenceTissue::update_friction(const Terms& terms, const Nodes& x) {
   friction_.clear();
-  const double slip = terms.slip_speed;
-  for (const Contact& c : find_contacts(terms, x)) {
-    FrictionPoint point;
-    point.node = c.node;
-    point.body = c.body;
-    point.normal = c.normal;
-    const bool is_tool = c.body == static_cast<int>(model_->surroundings.bodies.size());
-    point.body_velocity = is_tool ? terms.tool_velocity : Vector3d::Zero();
-    Vector3d v = state_.v[c.node] - point.body_velocity;
-    v -= v.dot(c.normal) * c.normal;
-    const double mu = v.norm() > slip ? model_->surroundings.dynamic_friction
-                                      : model_->surroundings.static_friction;
-    point.limit =
-        mu * parameters_.friction_scale * (1 + effects_.values().friction_change) * c.force;
-    if (point.limit > 0) friction_.push_back(point);
+  for (const Contact& contact : find_contacts(terms, x)) {
+    friction_.push_back(friction_point(terms, contact));
+    if (!(friction_.back().limit > 0)) friction_.pop_back();
+  }
+}
+
+/// Friction where the base has it, with this tissue's coefficient and the normal force of the base:
+/// what its own differs from that by is a load of the columns (add_limit_loads).
+void ReferenceTissue::follow_friction(const Terms& terms, const ReferenceTissue& base) {
+  friction_.clear();
+  const std::vector<Contact> contacts = find_contacts(terms, trial_x_);
+  auto next = contacts.begin();
+  for (const FrictionPoint& f : base.friction_) {
+    const Contact* own = contact_of(f.node, f.body, contacts, next);
+    friction_.push_back(
+        friction_point(terms, own != nullptr ? *own : Contact{f.node, f.body, f.normal}));
+    friction_.back().limit = friction_.back().coefficient * f.pressed;
   }
 }
 
@@ -175,25 +207,25 @@ void ReferenceTissue::add_obstacle_load(const ColumnParameter& sphere, Eigen::In
   }
 }
 
-/// What the limits of friction do that follow the normal forces of columns s.
+/// What the limits of friction do that follow the normal forces: those of columns s, and those that
+/// the parameters change where nothing moves.
 void ReferenceTissue::add_limit_loads(const Terms& terms, const RightSides& s,
                                       RightSides& loads) const {
   const double slip = terms.slip_speed;
-  std::vector<Contact> contacts = find_contacts(terms, trial_x_);
-  auto contact = contacts.begin();
-  for (const FrictionPoint& f : friction_) {
-    while (contact != contacts.end() && (contact->node != f.node || contact->body != f.body))
-      ++contact;
-    if (contact == contacts.end()) return;
+  const std::vector<Contact> contacts = find_contacts(terms, trial_x_);
+  auto next = contacts.begin();
+  for (std::size_t i = 0; i < friction_.size(); ++i) {
+    const FrictionPoint& f = friction_[i];
+    const Contact* contact = contact_of(f.node, f.body, contacts, next);
     const int row = model_->unknown[f.node];
     const Vector3d v = slip_velocity(terms, f, trial_x_[f.node]);
     const double speed = v.norm();
-    if (row < 0 || !(speed > 0) || !(contact->force > 0)) continue;
-    // limit = mu force, and the force grows by stiffness per depth.
-    const double per_depth = f.limit / contact->force * contact->stiffness;
+    if (contact == nullptr || row < 0 || !(speed > 0)) continue;
     const Vector3d along = friction_law(speed / slip).force / speed * v;
     loads.middleRows<3>(row) +=
-        along * (per_depth * contact->normal.transpose() * s.middleRows<3>(row));
+        f.coefficient * along *
+        (contact->stiffness * contact->normal.transpose() * s.middleRows<3>(row) -
+         columns_->pressed.row(static_cast<Eigen::Index>(i)));
   }
 }
 

@@ -194,7 +194,9 @@ class ReferenceTissue : public Tissue<double> {
     int node = 0;
     int body = 0;
     Eigen::Vector3d normal, body_velocity;
-    double limit = 0;  ///< Coulomb limit [N]
+    double coefficient = 0;
+    double pressed = 0;  ///< normal force [N]
+    double limit = 0;    ///< Coulomb limit [N]
   };
   struct Residual {
     double energy = 0;                     ///< augmented Lagrangian of the step [J]
@@ -282,7 +284,9 @@ class ReferenceTissue : public Tissue<double> {
       const std::function<void(int node, const Eigen::Matrix3d& block)>& add) const;
   void add_limit_loads(const Terms& terms, const RightSides& s, RightSides& loads) const;
   void collect_contact_forces(const Terms& terms);
+  FrictionPoint friction_point(const Terms& terms, const Contact& contact) const;
   void update_friction(const Terms& terms, const Nodes& x);
+  void follow_friction(const Terms& terms, const ReferenceTissue& base);
   static Eigen::Vector3d slip_velocity(const Terms& terms, const FrictionPoint& point,
                                        const Eigen::Vector3d& x);
   Targets patch_rows(const Nodes& x) const;
