@@ -422,7 +422,7 @@ void finish_scene(const Findings& f, Calibration& result) {
   if (material.law() == pb::LAW_ST_VENANT_KIRCHHOFF) {
     result.warnings.push_back(fmt::format(
         "scene.tissue.material.law: {} was fitted; scene.txtpb has the corotated law, the same at "
-        "small strain, in which policies can be trained",
+        "small strain: its force at the stretches that policies reach is a guess",
         law_name(material.law())));
     material.set_law(pb::LAW_COROTATED);
   }
