@@ -43,9 +43,11 @@ def truth_overrides(truth):
     return overrides + [SMOOTH, f"scene.tissue.pose.translation_m.z={thickness / 2:.12g}"]
 
 
-def write_case(program, folder, truth, offsets, seed, times=HOLDS, factors=None, mesh=(), pinches=PINCHES, mirrored=()):
+def write_case(program, folder, truth, offsets, seed, times=HOLDS, factors=None, mesh=(), pinches=PINCHES, mirrored=(),
+               keep=False):
     """Recordings folder/lifts/lift0 ..., the scene folder/believed.txtpb and its priors. `truth`: numbers of the true scene
-    by path; `offsets`: where the jaws closed against what is recorded, m; `factors`: on E, of every recording; `mirrored`: numbers of recordings whose tool.csv has x on the wrong side."""
+    by path; `offsets`: where the jaws closed against what is recorded, m; `factors`: on E, of every recording; `mirrored`: numbers of
+    recordings whose tool.csv has x on the wrong side; `keep` leaves what was simulated in folder/true."""
     scratch = folder / "true"
     scratch.mkdir(parents=True)
     (scratch / "scene.txtpb").write_text(BELIEVED + f"depth_sensor {{ width_px: 60 height_px: 48 noise_m: {NOISE} }}\n")
@@ -67,7 +69,8 @@ def write_case(program, folder, truth, offsets, seed, times=HOLDS, factors=None,
         assert done.returncode == 0, done.stderr
         told = (-pinch[0], pinch[1]) if k in mirrored else pinch
         write_recording(scratch / f"lift{k}", folder / "lifts" / f"lift{k}", tool_rows(told, (0, 0)), times)
-    shutil.rmtree(scratch)
+    if not keep:
+        shutil.rmtree(scratch)
 
 
 def write_recording(simulated, folder, tool, times):
