@@ -199,10 +199,12 @@ TEST(Columns, ComeToRestWithTheTissue) {
     EXPECT_LT((tissue.node_positions()[i] - rest[i]).norm(), 1e-5) << i;
 }
 
-TEST(Columns, OfContactMoveASheetAtRestByAboutItsDepth) {
-  // A step of the way to rest may end with limits of friction that are not those of its contacts.
-  // Softer contact, or a face elsewhere, changes normal forces by thousands of times what they are
-  // until the sheet gives way: the column of the contact was 4 mm, that of bending 2.8 m.
+TEST(Columns, OfASheetDrapedOverABodyAreNearItsDifferences) {
+  // A step that converged in its last iteration was taken with limits of friction that were not
+  // those of its contacts. So differences of shapes at rest were 4.2 mm per unit of bending, for
+  // 0.7, and columns meters: softer contact, or a face elsewhere, changes normal forces by
+  // thousands of times what they are until the sheet gives way. Rest under friction still depends a
+  // little on the steps that lead there.
   Lift lift;
   lift.young = 700;
   lift.obstacle = RigidShape{};
@@ -227,17 +229,24 @@ TEST(Columns, OfContactMoveASheetAtRestByAboutItsDepth) {
   bending.changed = make_sheet(lift, changed(0, 1e-6), model.get());
   ReferenceTissue tissue(model);
   tissue.carry_columns({contact, bending});
-  ASSERT_LE(tissue.settle(Vector3d::UnitZ()), 1e-4);
-  double moved = 0;
-  double bent = 0;
+  constexpr double kStep = 0.03;
+  ReferenceTissue more(make_sheet(lift, changed(0, kStep)));
+  ReferenceTissue less(make_sheet(lift, changed(0, -kStep)));
+  for (ReferenceTissue* each : {&tissue, &more, &less})
+    ASSERT_LE(each->settle(Vector3d::UnitZ()), 1e-4);
+  double by_contact = 0;
+  double size = 0;
+  double error = 0;
   for (const BodyPoint& point : model->particle_points) {
     const Eigen::Matrix3Xd columns = tissue.point_columns(point);
-    moved = std::max(moved, columns.col(0).norm());
-    bent = std::max(bent, columns.col(1).norm());
+    const Vector3d difference = (more.point(point) - less.point(point)) / (2 * kStep);
+    by_contact = std::max(by_contact, columns.col(0).norm());
+    size += difference.squaredNorm();
+    error += (columns.col(1) - difference).squaredNorm();
   }
-  EXPECT_GT(moved, 0);
-  EXPECT_LT(moved, 10 * tissue.penetration());
-  EXPECT_LT(bent, 0.005);
+  EXPECT_GT(by_contact, 0);
+  EXPECT_LT(by_contact, 10 * tissue.penetration());
+  EXPECT_LT(std::sqrt(error), 0.4 * std::sqrt(size));
 }
 
 TEST(Columns, OfAMaterialWithMemoryAreRefused) {
