@@ -82,7 +82,7 @@ struct Calibration {
   pb::Priors priors;  ///< of its parameters: what is known now
   std::vector<ShownRecording> shown;
   std::vector<Eigen::Vector3i> triangles;  ///< of the vertices of `shown`
-  /// Markers on tissue, seen and simulated (ReferenceFit::marker_table).
+  /// Markers on tissue, seen and simulated (marker_table()).
   struct MarkerTable {
     std::string recording;
     Series table;

@@ -194,7 +194,7 @@ Range KnownDensity::shortest(double share) const {
   return best;
 }
 
-ClockPosterior integrate_clock(ReferenceFit& fit, const std::vector<Prediction>& predictions,
+ClockPosterior integrate_clock(SurfaceFit& fit, const std::vector<Prediction>& predictions,
                                const FitState& at, const std::vector<std::size_t>& which,
                                const FitState& state, const ArrowStep& sure) {
   constexpr double kFarthest = 3;  // standard deviations of the belief

@@ -2,7 +2,7 @@
 
 #include <vector>
 
-#include "mismatch/calibrate/reference_fit.h"
+#include "mismatch/calibrate/surface_fit.h"
 
 namespace omentum {
 
@@ -29,7 +29,7 @@ struct ClockPosterior {
 /// leaves the other open; no curvature says so. All other numbers are fitted at several clocks and
 /// integrated there by their curvature, which says how likely each clock is [Rue09].
 /// `state`: where the search ended, `sure`: its covariances.
-ClockPosterior integrate_clock(ReferenceFit& fit, const std::vector<Prediction>& predictions,
+ClockPosterior integrate_clock(SurfaceFit& fit, const std::vector<Prediction>& predictions,
                                const FitState& at, const std::vector<std::size_t>& which,
                                const FitState& state, const ArrowStep& sure);
 

@@ -17,7 +17,7 @@ bool lost_frames(const std::vector<Prediction>& now, const std::vector<Predictio
 
 }  // namespace
 
-double moved(const ReferenceFit& fit, const std::vector<std::size_t>& which, const FitState& at,
+double moved(const SurfaceFit& fit, const std::vector<std::size_t>& which, const FitState& at,
              const FitState& state, const ArrowStep& sure) {
   double most = 0;
   for (int k = 0; k < fit.layout.unknowns; ++k) {
@@ -32,8 +32,8 @@ double moved(const ReferenceFit& fit, const std::vector<std::size_t>& which, con
   return most;
 }
 
-void descend(ReferenceFit& fit, const SimulateState& simulate,
-             const std::vector<std::size_t>& which, int most, double small, Descent& d) {
+void descend(SurfaceFit& fit, const SimulateState& simulate, const std::vector<std::size_t>& which,
+             int most, double small, Descent& d) {
   constexpr double kSlack = 0.5;  // of a log likelihood: what rounding does
   constexpr double kLeastTrust = 0.01;
   const auto improve = [&] {

@@ -3,7 +3,7 @@
 #include <functional>
 #include <vector>
 
-#include "mismatch/calibrate/reference_fit.h"
+#include "mismatch/calibrate/surface_fit.h"
 
 namespace omentum {
 
@@ -17,11 +17,11 @@ struct Descent {
 };
 
 /// Simulates a state with its columns, of every recording that counts. What cannot be simulated has
-/// no valid frames (ReferenceFit::simulate).
+/// no valid frames (SurfaceFit::simulate).
 using SimulateState = std::function<std::vector<Prediction>(const FitState&)>;
 
 /// How far a state is from where it was simulated: the farthest number against how sure it is.
-double moved(const ReferenceFit& fit, const std::vector<std::size_t>& which, const FitState& at,
+double moved(const SurfaceFit& fit, const std::vector<std::size_t>& which, const FitState& at,
              const FitState& state, const ArrowStep& sure);
 inline constexpr double kSmallMove = 0.25;  ///< needs no further simulation
 
@@ -30,7 +30,7 @@ inline constexpr double kSmallMove = 0.25;  ///< needs no further simulation
 /// simulation fits worse, or after which a recording cannot be simulated any more, is taken back,
 /// and the derivatives are trusted less. At the end `d.predictions` are those of the best state
 /// that was simulated.
-void descend(ReferenceFit& fit, const SimulateState& simulate,
-             const std::vector<std::size_t>& which, int most, double small, Descent& d);
+void descend(SurfaceFit& fit, const SimulateState& simulate, const std::vector<std::size_t>& which,
+             int most, double small, Descent& d);
 
 }  // namespace omentum

@@ -4,13 +4,13 @@
 #include <vector>
 
 #include "mismatch/calibrate/calibration.h"
-#include "mismatch/calibrate/reference_fit.h"
+#include "mismatch/calibrate/surface_fit.h"
 
 namespace omentum {
 
 /// A finished fit, to be put into words and numbers.
 struct Findings {
-  const ReferenceFit& fit;
+  const SurfaceFit& fit;
   const FitState& state;
   const ArrowStep& sure;                     ///< covariances there
   const std::vector<std::size_t>& fitted;    ///< recordings

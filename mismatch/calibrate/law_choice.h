@@ -18,8 +18,8 @@ std::string law_name(pb::ElasticLaw law);
 struct LawFit {
   pb::ElasticLaw law = pb::LAW_COROTATED;
   Descent d;
-  std::vector<ReferenceFit::Difference> differences;  ///< with that law
-  double mesh_rms = 0;                                ///< [m]
+  std::vector<SurfaceFit::Difference> differences;  ///< with that law
+  double mesh_rms = 0;                              ///< [m]
   /// - log of likelihood and beliefs, at a noise and beliefs that all laws share. What mesh and
   /// step are worth is in it: they are nuisances of the fit.
   double cost = 0;

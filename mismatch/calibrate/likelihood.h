@@ -128,9 +128,9 @@ class Likelihood {
 
  private:
   struct Row;
-  void add_frame(const Observation& seen, const SeenFrame& frame, const PredictedFrame& predicted,
-                 const Layout& layout, const Registration6& registration, const NoiseModel& noise,
-                 Block& block);
+  void add_rays(const Observation& seen, const SeenFrame& frame, const PredictedFrame& predicted,
+                const Layout& layout, const Registration6& registration, const NoiseModel& noise,
+                Block& block);
   void add_row(const Row& row, const PredictedFrame& predicted, const Layout& layout,
                const NoiseModel& noise, Block& block);
   void add_weighted(const Eigen::VectorXd& J, double weight, double e, double late);

@@ -35,7 +35,7 @@ double floor_of(const Observation& seen, const Block& block) {
   return 1.4826 * *middle / std::sqrt(2.0);
 }
 
-FitRow score(ReferenceFit& fit, std::size_t recording, const Prediction& prediction,
+FitRow score(SurfaceFit& fit, std::size_t recording, const Prediction& prediction,
              const FitState& at, const FitState& state, const Prediction& base) {
   const FitState plain = fit.believed();
   FitRow row;
@@ -46,7 +46,7 @@ FitRow score(ReferenceFit& fit, std::size_t recording, const Prediction& predict
   return row;
 }
 
-void add_nuisances(const ReferenceFit& fit, const Prediction& with_columns, const FitState& state,
+void add_nuisances(const SurfaceFit& fit, const Prediction& with_columns, const FitState& state,
                    Prediction& prediction) {
   Eigen::VectorXd x = state.shared.head(fit.layout.unknowns);
   for (int k = 0; k < fit.layout.unknowns; ++k) {
@@ -63,7 +63,7 @@ void add_nuisances(const ReferenceFit& fit, const Prediction& with_columns, cons
   }
 }
 
-ShownRecording show(ReferenceFit& fit, std::size_t recording, const Prediction& prediction,
+ShownRecording show(SurfaceFit& fit, std::size_t recording, const Prediction& prediction,
                     const FitState& at, const FitState& state, const Prediction& base) {
   ShownRecording shown;
   const FitState plain = fit.believed();

@@ -25,7 +25,7 @@ struct Simulated {
 };
 
 /// Registration, clock and what recordings have of their own, at a stiffness; and its cost.
-double fit_start(ReferenceFit& fit, const Simulated& simulated, const Which& which, int steps,
+double fit_start(SurfaceFit& fit, const Simulated& simulated, const Which& which, int steps,
                  FitState& state) {
   state = simulated.at;
   fit.noise = kSearched;
@@ -36,7 +36,7 @@ double fit_start(ReferenceFit& fit, const Simulated& simulated, const Which& whi
 }
 
 /// Least cost of a recording by itself.
-double cost_alone(ReferenceFit& fit, const std::vector<Simulated>& all, std::size_t recording) {
+double cost_alone(SurfaceFit& fit, const std::vector<Simulated>& all, std::size_t recording) {
   constexpr int kSteps = 4;
   double least = std::numeric_limits<double>::infinity();
   FitState state;
@@ -46,7 +46,7 @@ double cost_alone(ReferenceFit& fit, const std::vector<Simulated>& all, std::siz
 }
 
 /// Recordings that can be told from their mirror image: held some way from the middle.
-Which off_the_middle(const ReferenceFit& fit, const Which& which) {
+Which off_the_middle(const SurfaceFit& fit, const Which& which) {
   constexpr double kNear = 0.01;  // [m]
   Which list;
   for (const std::size_t r : which) {
@@ -56,7 +56,7 @@ Which off_the_middle(const ReferenceFit& fit, const Which& which) {
   return list;
 }
 
-void mirror_tracks(ReferenceFit& fit, const Which& which) {
+void mirror_tracks(SurfaceFit& fit, const Which& which) {
   const Eigen::Isometry3d& X_WB = fit.made.tissue.X_WB;
   for (const std::size_t r : which) {
     for (Vector3d& p : fit.observations[r].track.p_WT) {
@@ -67,7 +67,7 @@ void mirror_tracks(ReferenceFit& fit, const Which& which) {
   }
 }
 
-Which find_mirrored(ReferenceFit& fit, const std::vector<Simulated>& all, const Which& which,
+Which find_mirrored(SurfaceFit& fit, const std::vector<Simulated>& all, const Which& which,
                     const std::function<void()>& simulated) {
   constexpr double kClear = 0.2;  // of a log likelihood, per point
   // A wrong side is no matter of stiffness: a soft, a believed and a stiff body tell it.
@@ -95,7 +95,7 @@ Which find_mirrored(ReferenceFit& fit, const std::vector<Simulated>& all, const 
 
 }  // namespace
 
-Start find_start(ReferenceFit& fit, const Which& which,
+Start find_start(SurfaceFit& fit, const Which& which,
                  const std::function<void(double share)>& simulated) {
   const auto one_more = [&] { simulated(1.0 / (kStarts + kMirrored)); };
   constexpr std::size_t kFrames = 8;

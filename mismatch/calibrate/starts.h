@@ -4,7 +4,7 @@
 #include <string>
 #include <vector>
 
-#include "mismatch/calibrate/reference_fit.h"
+#include "mismatch/calibrate/surface_fit.h"
 
 namespace omentum {
 
@@ -20,7 +20,7 @@ struct Start {
 /// recordings that are mirrored, which are looked for one by one before they can spoil the others.
 /// Of every recording eight frames at most are looked at.
 /// `simulated`: called for every stiffness with its share of the work.
-Start find_start(ReferenceFit& fit, const std::vector<std::size_t>& which,
+Start find_start(SurfaceFit& fit, const std::vector<std::size_t>& which,
                  const std::function<void(double share)>& simulated);
 
 }  // namespace omentum

@@ -8,6 +8,7 @@
 #include <memory>
 
 #include "core/config.h"
+#include "mismatch/calibrate/marker_binding.h"
 #include "mismatch/calibrate/reference_fit.h"
 #include "mismatch/calibrate/seen_markers.h"
 
@@ -250,7 +251,7 @@ struct Rising {
       }
     }
     predictions.push_back(std::move(prediction));
-    fit->bind_markers(predictions, warnings);
+    fit->set_markers(bind_markers(*fit, predictions, warnings));
     at = fit->believed();
     fit->beliefs.shared_sd.segment<6>(fit->layout.registration()).setConstant(1e-7);
   }
@@ -304,7 +305,7 @@ TEST(Markers, AreBoundOverTheNearestPointAndThoseFarOffAreNamed) {
   for (SeenFrame& frame : far.frames) frame.markers[1].p.z() += 0.03;
   ReferenceFit fit(c.scene, {far}, {});
   std::vector<std::string> warnings;
-  fit.bind_markers(c.predictions, warnings);
+  fit.set_markers(bind_markers(fit, c.predictions, warnings));
   EXPECT_FALSE(fit.markers[1].on_tissue());
   EXPECT_TRUE(fit.markers[2].on_tissue());
   EXPECT_THAT(warnings, testing::ElementsAre(testing::HasSubstr("b (35 mm)")));
