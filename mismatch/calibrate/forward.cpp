@@ -213,17 +213,11 @@ namespace {
 /// From the tip to the simulated tissue where the jaws close, the farthest of all times [m].
 double missed_by(const SimulationTask& task, const SimulatedRecording& recording) {
   double farthest = 0;
-  bool was_closed = false;
-  for (std::size_t k = 0; k < recording.time.size(); ++k) {
-    const bool closed = task.commands.jaw_rad.empty() ||
-                        task.commands.jaw_at(recording.time[k]) <= task.grasp.closed_rad;
-    if (closed && !was_closed) {
-      double nearest = std::numeric_limits<double>::infinity();
-      for (const Vector3d& p : recording.points[k])
-        nearest = std::min(nearest, (p - recording.tip[k]).norm());
-      farthest = std::max(farthest, nearest);
-    }
-    was_closed = closed;
+  for (const std::size_t k : closings(task.commands, task.grasp, recording.time)) {
+    double nearest = std::numeric_limits<double>::infinity();
+    for (const Vector3d& p : recording.points[k])
+      nearest = std::min(nearest, (p - recording.tip[k]).norm());
+    farthest = std::max(farthest, nearest);
   }
   return farthest;
 }

@@ -128,6 +128,18 @@ std::size_t count_steps(const ToolTrack& track, double period) {
   return static_cast<std::size_t>(std::ceil((track.end() - track.begin()) / period - 1e-9));
 }
 
+std::vector<std::size_t> closings(const ToolTrack& track, const GraspSettings& grasp,
+                                  std::span<const double> times) {
+  std::vector<std::size_t> found;
+  bool was_closed = false;
+  for (std::size_t k = 0; k < times.size(); ++k) {
+    const bool closed = is_closed(track, grasp, times[k]);
+    if (closed && !was_closed) found.push_back(k);
+    was_closed = closed;
+  }
+  return found;
+}
+
 std::vector<PinchCircle> pinches_of(const ToolTrack& track, const Scene& scene,
                                     const GraspSettings& grasp, double above) {
   constexpr double kBeside = 0.02;  // [m]
@@ -137,13 +149,10 @@ std::vector<PinchCircle> pinches_of(const ToolTrack& track, const Scene& scene,
   sheet.max().z() += above;
   const Eigen::Isometry3d X_BW = scene.tissue.X_WB.inverse();
   std::vector<PinchCircle> pinches;
-  bool was_closed = false;
-  for (const double t : track.time) {
-    const bool closed = is_closed(track, grasp, t);
-    const Vector3d p_BT = X_BW * track.tip_at(t);
-    if (closed && !was_closed && sheet.exteriorDistance(p_BT) < kBeside)
+  for (const std::size_t k : closings(track, grasp, track.time)) {
+    const Vector3d p_BT = X_BW * track.tip_at(track.time[k]);
+    if (sheet.exteriorDistance(p_BT) < kBeside)
       pinches.push_back({p_BT.head<2>(), grasp.patch_radius_m});
-    was_closed = closed;
   }
   return pinches;
 }

@@ -5,6 +5,7 @@
 #include <functional>
 #include <memory>
 #include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -63,6 +64,10 @@ struct SeenState {
   Eigen::Vector3d tip = Eigen::Vector3d::Zero();
 };
 SeenState seen_at(const SimulatedRecording& recording, double t);
+
+/// Numbers of these times [s] at which the jaw closes; without a jaw the first.
+std::vector<std::size_t> closings(const ToolTrack& track, const GraspSettings& grasp,
+                                  std::span<const double> times);
 
 /// Where the jaw closes, as circles on the rest sheet: a mesh is graded there. Closings more than
 /// 20 mm away from the sheet are left out, which may lie up to `above` above or below its flat
