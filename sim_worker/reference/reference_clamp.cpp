@@ -1,6 +1,7 @@
 #include "sim_worker/reference/reference_clamp.h"
 
 #include <Eigen/Cholesky>
+#include <algorithm>
 #include <cmath>
 #include <map>
 
@@ -31,29 +32,33 @@ std::size_t line_across(const ReferenceTissueModel& model, std::size_t node) {
 std::vector<BedPoint> make_bed(const ReferenceTissueModel& model) {
   static const double kGauss = 0.5 / std::sqrt(3.0);
   std::vector<BedPoint> bed;
-  const auto add_strip = [&](int row, bool wide) {
-    const double thickness = model.lines[2].back() - model.lines[2].front();
+  const std::vector<double>& ys = model.lines[1];
+  const double thickness = model.lines[2].back() - model.lines[2].front();
+  // Cells `first` on; a clamp without a strip has one row of nodes instead.
+  const auto add_strip = [&](int first, int cells) {
     for (int ix = 0; ix <= model.cells(0); ++ix) {
       const double length = 2 * clamp_part(model, static_cast<std::size_t>(ix)).half_width;
-      for (int iz = 0; iz < model.cells(2); ++iz) {
-        const double layer = (model.lines[2][iz + 1] - model.lines[2][iz]) / thickness;
-        for (int point = 0; point < (wide ? 4 : 2); ++point) {
-          const double z = 0.5 + ((point & 1) != 0 ? kGauss : -kGauss);
-          const double y = !wide ? 0 : 0.5 + ((point & 2) != 0 ? kGauss : -kGauss);
-          const int next = row + (wide ? 1 : 0);
-          bed.push_back({{model.node_index(ix, row, iz), model.node_index(ix, row, iz + 1),
-                          model.node_index(ix, next, iz), model.node_index(ix, next, iz + 1)},
-                         {(1 - y) * (1 - z), (1 - y) * z, y * (1 - z), y * z},
-                         length * layer / (wide ? 4 : 2),
-                         0});
+      for (int row = first; row < first + std::max(1, cells); ++row) {
+        const int next = row + std::min(1, cells);
+        const double wide = cells > 0 ? (ys[next] - ys[row]) / (ys[first + cells] - ys[first]) : 1;
+        for (int iz = 0; iz < model.cells(2); ++iz) {
+          const double layer = (model.lines[2][iz + 1] - model.lines[2][iz]) / thickness;
+          for (int point = 0; point < (cells > 0 ? 4 : 2); ++point) {
+            const double z = 0.5 + ((point & 1) != 0 ? kGauss : -kGauss);
+            const double y = cells == 0 ? 0 : 0.5 + ((point & 2) != 0 ? kGauss : -kGauss);
+            bed.push_back({{model.node_index(ix, row, iz), model.node_index(ix, row, iz + 1),
+                            model.node_index(ix, next, iz), model.node_index(ix, next, iz + 1)},
+                           {(1 - y) * (1 - z), (1 - y) * z, y * (1 - z), y * z},
+                           length * wide * layer / (cells > 0 ? 4 : 2),
+                           0});
+          }
         }
       }
     }
   };
-  if (model.unknown.front() < 0) add_strip(0, model.has_strip());
+  if (model.unknown.front() < 0) add_strip(0, model.strip_cells());
   if (model.body.two_clamps)
-    add_strip(model.has_second_strip() ? model.cells(1) - 1 : model.cells(1),
-              model.has_second_strip());
+    add_strip(model.cells(1) - model.second_strip_cells(), model.second_strip_cells());
   return bed;
 }
 
@@ -104,7 +109,7 @@ std::vector<Vector3d> ReferenceTissueModel::bed_give(std::span<const Vector3d> f
   std::vector<Vector3d> give(nodes.size(), Vector3d::Zero());
   const std::vector<BedPoint> points = make_bed(*this);
   const auto line_of = [this](const BedPoint& point) {
-    return point.node[0] / static_cast<int>(lines[2].size());
+    return line_across(*this, static_cast<std::size_t>(point.node[0]));
   };
   for (std::size_t first = 0, last = 0; first < points.size(); first = last) {
     std::map<int, int> row;  // of the nodes of this line

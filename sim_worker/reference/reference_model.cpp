@@ -192,14 +192,13 @@ void make_lines(const Scene& scene, std::span<const PinchCircle> pinches,
   const double thickness =
       n.graded_thickness_m() > 0 ? n.graded_thickness_m() : scene.tissue.thickness;
   // A stated number of cells is spread more evenly: few of them would all lie at the clamp.
-  const bool bears_singularity =
-      model.material.law() == pb::LAW_NEO_HOOKE && n.elements_y() == 0 && n.elements_z() == 0;
+  const bool bears_singularity = model.material.law() == pb::LAW_NEO_HOOKE && n.elements_y() == 0;
   for (const double edge : edges) {
     kinks[1].push_back(bears_singularity ? Kink{edge, thickness / 15, kDenserAtSingularClamp, true}
                                          : Kink{edge, thickness, kDenserAtClamp});
   }
-  const bool bears_rims = model.surroundings.grip.pad && !pinches.empty() && n.elements_x() == 0 &&
-                          n.elements_y() == 0 && n.elements_z() == 0;
+  const bool bears_rims =
+      model.surroundings.grip.pad && !pinches.empty() && n.elements_x() == 0 && n.elements_y() == 0;
   for (const PinchCircle& pinch : pinches) {
     const Eigen::Vector2d half = model.surroundings.grip.box(pinch.radius);
     for (int axis = 0; axis < 2; ++axis) {
@@ -212,17 +211,31 @@ void make_lines(const Scene& scene, std::span<const PinchCircle> pinches,
   }
   const double length = model.second_edge - model.clamp_edge;
   const bool soft = bears_singularity && bends_within_its_thickness(scene, thickness, length);
-  const int layers_meant = !bears_singularity ? 2 : bears_rims || soft ? 5 : 3;
+  // St. Venant-Kirchhoff bears small cells, but not at a pad's rim besides.
+  const bool small =
+      bears_singularity || (model.material.law() == pb::LAW_ST_VENANT_KIRCHHOFF && !bears_rims);
+  const int layers_meant = !small ? 2 : bears_singularity && (bears_rims || soft) ? 5 : 3;
   const MeshSize size = mesh_size(n.tolerance_m(), thickness, length, max.x() - min.x(),
-                                  bears_singularity ? 0.7 : 1, layers_meant);
+                                  small ? 0.7 : 1, layers_meant);
   model.lines[0] =
       graded_lines(min.x(), max.x(), static_cast<int>(n.elements_x()), size.across, kinks[0]);
   model.lines[1] = graded_lines(model.clamp_edge, model.second_edge,
                                 static_cast<int>(n.elements_y()), size.along, kinks[1]);
-  // A clamped strip is rigid: one row of elements, for the positions of its particles.
-  if (model.clamp_edge > min.y() + kSameLine)
-    model.lines[1].insert(model.lines[1].begin(), min.y());
-  if (model.second_edge < max.y() - kSameLine) model.lines[1].push_back(max.y());
+  // A clamped strip is rigid: one row of elements, for the positions of its particles. On a bed it
+  // bends and shears.
+  const bool bends = model.effects.anchor_compliance > 0 && n.elements_y() == 0;
+  const auto strip = [&](double from, double to) {
+    return graded_lines(from, to, bends ? 0 : 1, size.along, kinks[1]);
+  };
+  std::vector<double>& ys = model.lines[1];
+  if (model.clamp_edge > min.y() + kSameLine) {
+    const std::vector<double> rows = strip(min.y(), model.clamp_edge);
+    ys.insert(ys.begin(), rows.begin(), rows.end() - 1);
+  }
+  if (model.second_edge < max.y() - kSameLine) {
+    const std::vector<double> rows = strip(model.second_edge, max.y());
+    ys.insert(ys.end(), rows.begin() + 1, rows.end());
+  }
   int layers = n.elements_z() > 0 ? static_cast<int>(n.elements_z()) : size.layers;
   if (mesh_of != nullptr) {
     model.lines = mesh_of->lines;

@@ -2,6 +2,7 @@
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <memory>
@@ -100,12 +101,16 @@ struct ReferenceTissueModel : TissueModel, std::enable_shared_from_this<Referenc
     return (iy * (cells(0) + 1) + ix) * (cells(2) + 1) + iz;
   }
   int element_index(int ix, int iy, int iz) const { return (iy * cells(0) + ix) * cells(2) + iz; }
-  /// Of them along y those that are not in the rigid strips beyond the clamps.
-  int free_cells_y() const {
-    return cells(1) - (has_strip() ? 1 : 0) - (has_second_strip() ? 1 : 0);
+  /// Of them along y those that are not in the strips beyond the clamp edges.
+  int free_cells_y() const { return cells(1) - strip_cells() - second_strip_cells(); }
+  int strip_cells() const {
+    return static_cast<int>(
+        std::ranges::count_if(lines[1], [this](double y) { return y < clamp_edge - kSameLine; }));
   }
-  bool has_strip() const { return lines[1].front() < clamp_edge - kSameLine; }
-  bool has_second_strip() const { return lines[1].back() > second_edge + kSameLine; }
+  int second_strip_cells() const {
+    return static_cast<int>(
+        std::ranges::count_if(lines[1], [this](double y) { return y > second_edge + kSameLine; }));
+  }
   /// Batches of Pack::kLanes elements.
   std::size_t batches() const { return (elements.size() + Pack::kLanes - 1) / Pack::kLanes; }
   /// The sheet without its clamps in x_B, y_B [m].

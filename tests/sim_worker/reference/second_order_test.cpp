@@ -14,13 +14,14 @@ namespace {
 struct Stated {
   const char* name;
   double tolerance = 5e-5;  ///< of the surface [m]; the default
+  double most = tolerance;  ///< what the case is held to [m]
 };
 
 class SecondOrderBricks : public testing::TestWithParam<Stated> {};
 
 TEST_P(SecondOrderBricks, AgreeToTheStatedTolerance) {
   constexpr double kForce = 0.01;  // relative
-  const auto [name, tolerance] = GetParam();
+  const auto [name, tolerance, most] = GetParam();
   const test::SecondOrder c = test::read_second_order(
       std::string(OMENTUM_SOURCE_DIR) + "/tests/reference/results/second_order/" + name + ".txt");
   // An engine whose own grids differ by more judges nothing.
@@ -33,7 +34,7 @@ TEST_P(SecondOrderBricks, AgreeToTheStatedTolerance) {
   const double force =
       c.has("force") ? (state.force - c.vector("force")).norm() / c.vector("force").norm() : 0;
   std::printf("# %s: %.4f mm rms, force %.3f %%\n", name, 1e3 * rms, 100 * force);
-  EXPECT_LT(rms, tolerance);
+  EXPECT_LT(rms, most);
   EXPECT_LT(force, kForce);
 }
 
@@ -41,10 +42,13 @@ const auto kName = [](const testing::TestParamInfo<Stated>& info) {
   return std::string(info.param.name);
 };
 
-// The lift takes four minutes at the default: docs/results.md.
+// The lift takes four minutes at the default: docs/results.md. The strip on a bed, as one row of
+// bricks, was 0.014 mm off; St. Venant-Kirchhoff on cells of the thickness 0.14.
 INSTANTIATE_TEST_SUITE_P(Reference, SecondOrderBricks,
                          testing::Values(Stated{"droop_60kPa"}, Stated{"droop_10kPa"},
-                                         Stated{"beam_60kPa"}, Stated{"edge_disc_60kPa", 1.5e-4}),
+                                         Stated{"beam_60kPa"}, Stated{"edge_disc_60kPa", 1.5e-4},
+                                         Stated{"calculix_bed_droop_60kPa", 1.5e-4, 1e-5},
+                                         Stated{"calculix_edge_disc_spring_60kPa", 1e-4}),
                          kName);
 
 }  // namespace
