@@ -166,13 +166,16 @@ pb::ReferenceModel coarser_mesh(pb::ReferenceModel mesh, const std::array<int, 3
   mesh.set_tolerance_m(mesh.tolerance_m() * ratio * ratio * std::cbrt(ratio * ratio));
   if (mesh.elements_x() > 0) mesh.set_elements_x(fewer(cells[0]));
   if (mesh.elements_y() > 0) mesh.set_elements_y(fewer(cells[1]));
-  if (mesh.elements_z() > 0) mesh.set_elements_z(fewer(cells[2]));
+  // A sheet keeps its few layers: from five to three or three to two is no step of one refinement.
+  constexpr int kFew = 5;
+  const auto layers = static_cast<std::uint32_t>(std::min(cells[2], kFew));
+  mesh.set_elements_z(mesh.elements_z() > 0 ? fewer(cells[2]) : std::max(layers, fewer(cells[2])));
   return mesh;
 }
 
 MeshError estimate_mesh_error(const SimulatedRecording& fine, const SimulatedRecording& coarse,
                               double ratio) {
-  const double fall = 1 / (ratio * ratio * std::sqrt(ratio) - 1);
+  const double fall = 1 / (ratio * ratio - 1);
   MeshError error;
   double forces = 0;
   const std::size_t steps = fine.time.size();

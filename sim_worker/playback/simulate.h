@@ -107,13 +107,14 @@ struct MeshError {
   double force = 0;  ///< rms over the times, relative to the rms of the force; 0 without force
 };
 
-/// A mesh whose cells are `ratio` times as long; `cells` along x, y, z of the given one.
+/// A mesh whose cells are `ratio` times as long, in as many layers where these are few and follow
+/// from the tolerance; `cells` along x, y, z of the given one.
 pb::ReferenceModel coarser_mesh(pb::ReferenceModel mesh, const std::array<int, 3>& cells,
                                 double ratio);
 
 /// Both of the same commands; `ratio` of the edges of their cells, above 1. The error is taken to
-/// fall with the power 2.5 of the cell (docs/results.md), so that of the fine one is the difference
-/// divided by ratio^2.5 - 1.
+/// fall with the square of the cell, as that of a bent element's chord does (docs/results.md), so
+/// that of the fine one is the difference divided by ratio^2 - 1.
 MeshError estimate_mesh_error(const SimulatedRecording& fine, const SimulatedRecording& coarse,
                               double ratio);
 

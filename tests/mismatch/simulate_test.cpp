@@ -181,6 +181,19 @@ TEST(Simulate, ClocksShiftTheTimeStampsOfTheirStreamOnly) {
   EXPECT_NEAR(read_table(folder + "/markers.csv").column("t_s")[3], r.time[3], 1e-9);
 }
 
+TEST(MeshError, TheCoarserMeshKeepsTheFewLayersOfASheet) {
+  // With fewer of them the estimate was 2.45 of a soft droop's error (docs/decisions/0030).
+  const pb::ReferenceModel mesh;
+  EXPECT_EQ(coarser_mesh(mesh, {43, 77, 5}, 1.5).elements_z(), 5U);
+  EXPECT_EQ(coarser_mesh(mesh, {12, 201, 11}, 1.5).elements_z(), 7U);  // a thick body's
+  EXPECT_EQ(coarser_mesh(mesh, {43, 77, 5}, 1.5).elements_y(), 0U);    // from the tolerance
+  pb::ReferenceModel stated;
+  stated.set_elements_y(24);
+  stated.set_elements_z(3);
+  EXPECT_EQ(coarser_mesh(stated, {24, 24, 3}, 1.5).elements_y(), 16U);
+  EXPECT_EQ(coarser_mesh(stated, {24, 24, 3}, 1.5).elements_z(), 2U);
+}
+
 TEST(RecordingInfo, UnknownFieldsAreNamedWithTheirPlace) {
   const std::string folder = testing::TempDir() + "omentum_unknown_field";
   fs::create_directories(folder);
