@@ -5,12 +5,14 @@
 #include <google/protobuf/text_format.h>
 #include <unistd.h>
 
+#include <charconv>
 #include <chrono>
 #include <cmath>
 #include <cstdio>
 #include <filesystem>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <thread>
 
 #include "core/build_id.h"
@@ -25,6 +27,7 @@
 #include "mismatch/recording/read_recording.h"
 #include "mismatch/recording/text_table.h"
 #include "mismatch/scene/believed_scene.h"
+#include "mismatch/scene/cloud_mask.h"
 
 namespace omentum {
 namespace {
@@ -32,10 +35,12 @@ namespace {
 namespace fs = std::filesystem;
 
 struct CalibrateOptions {
-  std::string scene, output, markers, method = "reference";
+  std::string scene, output, markers, method, frame_period;
   std::vector<std::string> recordings, overrides, own_overrides;
   double tolerance_mm = 0.3;
-  bool no_leave_out = false;
+  std::size_t skipped_clouds = 0;
+  std::optional<double> above_board_mm;
+  bool no_leave_out = false, fused = false;
   std::uint64_t seed = 1;
   std::size_t threads = std::max(1U, std::thread::hardware_concurrency());
   SimulatorOptions simulator;
@@ -121,6 +126,32 @@ pb::Scene scene_of(const CalibrateOptions& options, const Recording& first, pb::
   return override_scene(scene, options.overrides);
 }
 
+/// "0.3:0.1": a number and its standard deviation.
+BelievedNumber parse_frame_period(const std::string& text) {
+  const std::size_t colon = text.find(':');
+  const auto number = [&](std::string_view part) {
+    double value = 0;
+    const auto [end, error] = std::from_chars(part.data(), part.data() + part.size(), value);
+    const bool whole = error == std::errc() && end == part.data() + part.size();
+    if (!whole || !(value > 0) || !std::isfinite(value)) {
+      throw_error("--frame-period-s: {}, needed SECONDS:STANDARD_DEVIATION, both above 0", text);
+    }
+    return value;
+  };
+  const std::string_view all = text;
+  if (colon == std::string::npos) return {number(all), number("")};
+  return {number(all.substr(0, colon)), number(all.substr(colon + 1))};
+}
+
+/// The method that was stated; else that of the scene's body.
+std::string method_of(const CalibrateOptions& options, const Scene& made) {
+  if (!options.method.empty()) return options.method;
+  const bool sheet = !made.config.tissue().has_volume();
+  if (!sheet || made.config.has_held_start() || !lies_free(made)) return "reference";
+  std::printf("no clamp holds the body: the shell is fitted (--method shell)\n");
+  return "shell";
+}
+
 /// "NAME:a.b=c" to the overrides of recordings of that name, or that begin so with "*" at its end.
 void add_own_overrides(const std::vector<std::string>& stated,
                        std::vector<Observation>& observations) {
@@ -185,6 +216,21 @@ int calibrate(const CalibrateOptions& options) {
   chosen.leave_out = !options.no_leave_out;
   chosen.folder = fs::path(options.scene).parent_path().string();
   const Scene made = make_scene(scene, chosen.folder);
+  const std::string method = method_of(options, made);
+  if (!options.frame_period.empty()) {
+    if (method != "shell") {
+      throw_error(
+          "--frame-period-s: of --method shell alone, here it is {}: state times in seconds",
+          method);
+    }
+    chosen.frame_period = parse_frame_period(options.frame_period);
+    for (auto& [name, recording] : recordings)
+      set_frame_period(name, chosen.frame_period->value, recording);
+  }
+  CloudChoice clouds;
+  clouds.skipped = options.skipped_clouds;
+  clouds.fused = options.fused;
+  if (options.above_board_mm) clouds.above_board = 1e-3 * *options.above_board_mm;
   warnings.insert(warnings.end(), made.warnings.begin(), made.warnings.end());
   if (!options.markers.empty()) chosen.markers = read_marker_notes(options.markers);
   // The first by name with markers: equal in whatever order they were named.
@@ -199,7 +245,7 @@ int calibrate(const CalibrateOptions& options) {
   std::vector<Observation> observations;
   for (const auto& [name, recording] : recordings) {
     warnings.insert(warnings.end(), recording.warnings.begin(), recording.warnings.end());
-    observations.push_back(observe(name, name, recording, made, chosen.markers, warnings));
+    observations.push_back(observe(name, name, recording, made, chosen.markers, clouds, warnings));
   }
   for (const Observation& o : observations) {
     const SeenFigures figures{o.clouds, o.parts, o.share_seen};
@@ -220,9 +266,10 @@ int calibrate(const CalibrateOptions& options) {
   chosen.progress = [line, simulator](double share, const std::string& stage) {
     line->show(share, stage, simulator->describe());
   };
-  Calibration result = options.method == "paper"
-                           ? calibrate_paper(scene, std::move(observations), chosen)
-                           : calibrate_reference(scene, std::move(observations), chosen);
+  const auto calibrate_by = method == "paper"   ? calibrate_paper
+                            : method == "shell" ? calibrate_shell
+                                                : calibrate_reference;
+  Calibration result = calibrate_by(scene, std::move(observations), chosen);
   line->end();
   result.warnings.insert(result.warnings.begin(), warnings.begin(), warnings.end());
   folder.begin();
@@ -267,10 +314,10 @@ std::function<int()> add_calibrate_command(CLI::App& app) {
                  "Folder for scene.txtpb, calibration.json, report.html; new or empty")
       ->required();
   sub.add_option("--method", options.method,
-                 "reference: converged solid and its derivatives; paper: genetic algorithm on the "
-                 "clusters")
-      ->check(CLI::IsMember({"reference", "paper"}))
-      ->capture_default_str();
+                 "reference: converged solid and its derivatives; shell: differences of it; paper: "
+                 "genetic algorithm on the clusters; default: reference, and shell where no clamp "
+                 "holds the body")
+      ->check(CLI::IsMember({"reference", "shell", "paper"}));
   sub.add_option("--set", options.overrides, "Override of the scene, a.b=c (scene.tissue...)");
   sub.add_option(
       "--set-for", options.own_overrides,
@@ -279,6 +326,18 @@ std::function<int()> add_calibrate_command(CLI::App& app) {
   sub.add_option(
       "--markers", options.markers,
       "Table of what is known of markers: name, on (tissue, clamp, other), x_m, y_m, z_m in B");
+  sub.add_option(
+      "--frame-period-s", options.frame_period,
+      "Time between frames where recordings only count them, SECONDS:STANDARD_DEVIATION; "
+      "all times are stretched by it");
+  sub.add_option("--skip-clouds", options.skipped_clouds,
+                 "Clouds at the beginning of every recording that are not looked at")
+      ->check(whole_number());
+  sub.add_flag("--fused", options.fused,
+               "Clouds are of several cameras, whatever recordings and scene say of one");
+  sub.add_option("--above-board-mm", options.above_board_mm,
+                 "What is lower above the board is compared with nothing [mm]")
+      ->check(number_between(0, 1000));
   sub.add_option("--tolerance-mm", options.tolerance_mm,
                  "Mesh of the reference for this rms error of the surface [mm]")
       ->check(number_between(1e-3, 10))

@@ -125,7 +125,7 @@ void ReferenceStages::measure_mesh() {
   mesh_rms_ = fall * surfaces_apart(mesh, predictions_);
   say("mesh", kMeshWork * static_cast<double>(fitted_.size()));
   fit_.set_difference({"numerics.mesh", "1", "", Unknown::Scale::kShift, 0, 1.5,
-                       "1.5 times its estimated error", false},
+                       "1.5 times its estimated error", false, false},
                       mesh, -fall, predictions_, at_, state_);
 }
 

@@ -48,6 +48,7 @@ struct FitRow {
   std::string role;  ///< fitted, left_out (its pinch point was not fitted), held_out
   double rmse_base = 0, rmse_model = 0, floor = 0;  ///< from point to surface [m]
   double mean_model = 0;                            ///< mean distance [m]
+  double far = 0;    ///< share of points farther than 30 mm, which no figure counts
   double paper = 0;  ///< equation 3 of the paper per level and particle [m]; 0: not computed
 };
 
@@ -99,6 +100,11 @@ struct Calibration {
 /// Work done of all, 0 ... 1, and what is being done.
 using ProgressOf = std::function<void(double share, const std::string& stage)>;
 
+/// A number that is believed.
+struct BelievedNumber {
+  double value = 0, sd = 0;
+};
+
 struct CalibrationOptions {
   std::size_t threads = 1;
   std::shared_ptr<Simulator> simulator;  ///< none: so many threads here
@@ -107,15 +113,22 @@ struct CalibrationOptions {
   bool leave_out = true;      ///< every pinch point once
   pb::Priors priors;          ///< what is believed of numbers of the scene
   MarkerNotes markers;        ///< what is known of them
-  std::string folder;         ///< meshes of the scene lie beside it
+  /// Time between the frames of recordings whose clocks count them [s]; none: clocks are right.
+  std::optional<BelievedNumber> frame_period = {};
+  std::string folder;  ///< meshes of the scene lie beside it
   ProgressOf progress;
 };
 
-/// The default method (docs/calibrate.md): converged solid, its derivatives, Gauss and Newton.
-/// The same result for any number of threads, but for core_seconds. Throws Error where nothing can
-/// be fitted.
+/// The default method for a body on a clamp (docs/calibrate.md): converged solid, its derivatives,
+/// Gauss and Newton. The same result for any number of threads, but for core_seconds. Throws Error
+/// where nothing can be fitted.
 Calibration calibrate_reference(const pb::Scene& scene, std::vector<Observation> observations,
                                 const CalibrationOptions& options);
+
+/// The same of a shell, whose derivatives are differences: of bodies that lie free. Every number of
+/// the scene that a prior names is looked for.
+Calibration calibrate_shell(const pb::Scene& scene, std::vector<Observation> observations,
+                            const CalibrationOptions& options);
 
 /// The paper's: genetic algorithm on three numbers of the clusters, equation 3 (docs/calibrate.md).
 Calibration calibrate_paper(const pb::Scene& scene, std::vector<Observation> observations,

@@ -53,9 +53,13 @@ std::string print_calibration(const Calibration& c) {
   for (const CalibratedNumber& n : c.nuisances) json["nuisances"].push_back(json_of(n));
   json["fit"] = Json::array();
   for (const FitRow& row : c.fit) {
-    Json entry = {{"recording", row.recording},         {"role", row.role},
-                  {"rmse_base", number(row.rmse_base)}, {"rmse_model", number(row.rmse_model)},
-                  {"floor", number(row.floor)},         {"mean_model", number(row.mean_model)}};
+    Json entry = {{"recording", row.recording},
+                  {"role", row.role},
+                  {"rmse_base", number(row.rmse_base)},
+                  {"rmse_model", number(row.rmse_model)},
+                  {"floor", number(row.floor)},
+                  {"mean_model", number(row.mean_model)},
+                  {"far", number(row.far)}};
     if (row.paper > 0) entry["paper"] = number(row.paper);
     json["fit"].push_back(std::move(entry));
   }

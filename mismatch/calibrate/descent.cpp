@@ -21,7 +21,7 @@ double moved(const SurfaceFit& fit, const std::vector<std::size_t>& which, const
              const FitState& state, const ArrowStep& sure) {
   double most = 0;
   for (int k = 0; k < fit.layout.unknowns; ++k) {
-    if (!fit.unknowns[static_cast<std::size_t>(k)].in_scene) continue;
+    if (!fit.unknowns[static_cast<std::size_t>(k)].simulated) continue;
     const double sd = std::sqrt(std::max(sure.shared_covariance(k, k), 1e-12));
     most = std::max(most, std::fabs(state.shared[k] - at.shared[k]) / sd);
   }
@@ -34,7 +34,6 @@ double moved(const SurfaceFit& fit, const std::vector<std::size_t>& which, const
 
 void descend(SurfaceFit& fit, const SimulateState& simulate, const std::vector<std::size_t>& which,
              int most, double small, Descent& d) {
-  constexpr double kSlack = 0.5;  // of a log likelihood: what rounding does
   constexpr double kLeastTrust = 0.01;
   const auto improve = [&] {
     d.state = d.at;
@@ -48,7 +47,7 @@ void descend(SurfaceFit& fit, const SimulateState& simulate, const std::vector<s
     auto predictions = simulate(d.state);
     const double now = fit.cost(predictions, d.state, which, d.state, fit.noise);
     const double before = fit.cost(d.predictions, d.at, which, d.at, fit.noise);
-    if (lost_frames(predictions, d.predictions, which) || !(now < before + kSlack)) {
+    if (lost_frames(predictions, d.predictions, which) || !(now < before + fit.chance)) {
       fit.trust *= 0.3;
     } else {
       const double foretold = fit.cost(d.predictions, d.at, which, d.state, fit.noise);

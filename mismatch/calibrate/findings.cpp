@@ -62,7 +62,7 @@ std::string confused_with(const Findings& f, int k) {
   for (int j = 0; j < f.fit.layout.unknowns; ++j) {
     const Unknown& other = f.fit.unknowns[static_cast<std::size_t>(j)];
     const double sj = sd_of(f, j), sk = sd_of(f, k);
-    if (j == k || !other.in_scene || sj < kBelief * other.sd) continue;
+    if (j == k || !other.simulated || sj < kBelief * other.sd) continue;
     if (std::fabs(f.sure.shared_covariance(j, k)) < kAlike * sj * sk) continue;
     names += " or " + other.path;
   }
@@ -252,9 +252,6 @@ void add_numbers(const Findings& f, Calibration& result) {
                                             sd, sd, "standard deviation of each smooth mode"));
   }
   result.numerics_m = std::sqrt(f.mesh_m * f.mesh_m + f.step_m * f.step_m + f.law_m * f.law_m);
-  result.numerics = {fmt::format("mesh {:.3f} mm", 1e3 * f.mesh_m),
-                     fmt::format("step {:.3f} mm", 1e3 * f.step_m),
-                     fmt::format("law of elasticity {:.3f} mm", 1e3 * f.law_m)};
 }
 
 void add_groups(const Findings& f, Calibration& result) {
@@ -304,7 +301,7 @@ void add_groups(const Findings& f, Calibration& result) {
   }
   for (int i = 0; i < f.fit.layout.unknowns; ++i) {
     const Unknown& a = f.fit.unknowns[static_cast<std::size_t>(i)];
-    if (!a.in_scene) continue;
+    if (!a.simulated) continue;
     if (sd_of(f, i) > kUnseen * a.sd) {
       NumberGroup group;
       const CalibratedNumber number = shared_number(f, i);
@@ -358,7 +355,7 @@ void add_warnings(const Findings& f, Calibration& result) {
     }
   }
   for (int k = 0; k < f.fit.layout.unknowns; ++k) {
-    if (!f.fit.unknowns[static_cast<std::size_t>(k)].in_scene) continue;
+    if (!f.fit.unknowns[static_cast<std::size_t>(k)].simulated) continue;
     const CalibratedNumber number = shared_number(f, k);
     if (number.at_bound || std::fabs(number.surprise) < kSurprise) continue;
     warnings.push_back(fmt::format(

@@ -257,8 +257,10 @@ Block Likelihood::compare(const Observation& seen, const Prediction& predicted,
     frame_.b.setZero(columns);
     motion_.information = motion_.score = 0;
     motion_.shared_information.setZero(columns);
-    if (!seen.frames[k].points.empty())
+    if (!seen.frames[k].points.empty() && seen.rays)
       add_rays(seen, seen.frames[k], frame, layout, registration, noise, block);
+    if (!seen.frames[k].points.empty() && !seen.rays)
+      add_nearest(seen, seen.frames[k], frame, layout, noise, block);
     if (!markers_.empty()) add_markers(seen.frames[k], frame, layout, delta, noise, block);
     add_batch();
     eliminate_motion(noise, block);

@@ -91,8 +91,9 @@ struct Block {
 
 /// Compares what was seen along the rays of the camera: the range of the point against that of the
 /// predicted surface; a ray that passes the surface by its distance; a place that the camera should
-/// see and that has no point nearby by its distance from the nearest one. `uv`: places of the grid
-/// in 0 ... 1. Without columns A and b are left empty.
+/// see and that has no point nearby by its distance from the nearest one. Where no ray is known
+/// (Observation::rays) points and places of the surface count by their distances from what is
+/// nearest. `uv`: places of the grid in 0 ... 1. Without columns A and b are left empty.
 class Likelihood {
  public:
   Likelihood(std::vector<Eigen::Vector3i> triangles, std::span<const Eigen::Vector3d> rest,
@@ -131,6 +132,8 @@ class Likelihood {
   void add_rays(const Observation& seen, const SeenFrame& frame, const PredictedFrame& predicted,
                 const Layout& layout, const Registration6& registration, const NoiseModel& noise,
                 Block& block);
+  void add_nearest(const Observation& seen, const SeenFrame& frame, const PredictedFrame& predicted,
+                   const Layout& layout, const NoiseModel& noise, Block& block);
   void add_row(const Row& row, const PredictedFrame& predicted, const Layout& layout,
                const NoiseModel& noise, Block& block);
   void add_weighted(const Eigen::VectorXd& J, double weight, double e, double late);

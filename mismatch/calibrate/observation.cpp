@@ -24,7 +24,8 @@ constexpr double kLargestCloud = 3;  // [m]
 void set_camera(const pb::RecordingCamera& camera, const Scene& scene, Observation& made) {
   made.p_WC = scene.camera.position;
   made.R_WC = scene.camera.R_WC;
-  if (camera.p_m_size() != 3 && !scene.config.has_camera()) {
+  made.rays = camera.p_m_size() == 3 || scene.config.has_camera();
+  if (!made.rays) {
     constexpr double kAbove = 1;  // [m] of what no camera sees
     made.p_WC = scene.tissue.X_WB.translation() + kAbove * Vector3d::UnitZ();
     made.R_WC.setIdentity();
@@ -38,6 +39,16 @@ void set_camera(const pb::RecordingCamera& camera, const Scene& scene, Observati
   made.R_WC.col(2) = -axis.normalized();
   made.R_WC.col(0) = axis.cross(up).normalized();
   made.R_WC.col(1) = made.R_WC.col(2).cross(made.R_WC.col(0));
+}
+
+/// So high above the board of a scene [m].
+Eigen::Hyperplane<double, 3> plane_above_board(const Scene& scene, double height) {
+  for (const RigidShape& body : scene.bodies) {
+    if (body.role != pb::ROLE_BOARD || body.kind != RigidShape::Kind::kHalfSpace) continue;
+    const Vector3d up = body.X_WS.linear().col(2);
+    return {up, body.X_WS.translation() + height * up};
+  }
+  throw_error("--above-board-mm: the scene has no board (rigid_body with half_space, ROLE_BOARD)");
 }
 
 /// Of the track what is done before `until`, and a row there.
@@ -155,11 +166,11 @@ bool Observation::has_force() const {
 
 Observation observe(const std::string& name, const std::string& path, const Recording& recording,
                     const Scene& scene, std::vector<std::string>& warnings) {
-  return observe(name, path, recording, scene, {}, warnings);
+  return observe(name, path, recording, scene, {}, {}, warnings);
 }
 
 Observation observe(const std::string& name, const std::string& path, const Recording& recording,
-                    const Scene& scene, const MarkerNotes& notes,
+                    const Scene& scene, const MarkerNotes& notes, const CloudChoice& chosen,
                     std::vector<std::string>& warnings) {
   Observation made;
   made.name = name;
@@ -172,9 +183,17 @@ Observation observe(const std::string& name, const std::string& path, const Reco
   made.repeat_of = recording.info.repeat_of();
   made.clock_sd = recording.info.clock_offset_uncertainty_s();
   set_camera(recording.info.camera(), scene, made);
+  made.rays = made.rays && !chosen.fused;
   const CloudMask mask(scene, made.track.travel(), recording.info.registration_uncertainty_m());
   const Frames<Cloud> clouds = seen_clouds(recording);
-  for (const std::size_t k : evenly_chosen(clouds.size(), kMostFrames)) {
+  if (chosen.skipped > 0 && chosen.skipped >= clouds.size()) {
+    throw_error("{}: {} clouds, of which {} are skipped: none is left", path, clouds.size(),
+                chosen.skipped);
+  }
+  if (chosen.above_board) made.lowest = plane_above_board(scene, *chosen.above_board);
+  for (const std::size_t chosen_cloud :
+       evenly_chosen(clouds.size() - chosen.skipped, kMostFrames)) {
+    const std::size_t k = chosen.skipped + chosen_cloud;
     SeenFrame frame;
     frame.t = static_cast<double>(clouds.time_ns[k]) / 1e9;
     const Cloud cloud = clouds.fetch(k);
@@ -184,7 +203,8 @@ Observation observe(const std::string& name, const std::string& path, const Reco
     for (const Eigen::Vector3f& point : cloud) {
       const Vector3d p = point.cast<double>();
       all.extend(p);
-      const CloudPart part = mask.part_of(p, tip);
+      const bool low = made.lowest && made.lowest->signedDistance(p) < 0;
+      const CloudPart part = low ? CloudPart::kBoard : mask.part_of(p, tip);
       ++made.parts.count[static_cast<std::size_t>(part)];
       if (part == CloudPart::kTissue) near.push_back(p);
     }
@@ -228,6 +248,36 @@ Observation observe(const std::string& name, const std::string& path, const Reco
         fmt::format("{}: the jaws close nowhere near the tissue: it is held by nothing", path));
   }
   return made;
+}
+
+Observation stretched(const Observation& observation, double factor) {
+  Observation made = observation;
+  for (double& t : made.track.time) t *= factor;
+  for (SeenFrame& frame : made.frames) frame = {factor * frame.t, {}, {}, {}};
+  return made;
+}
+
+void set_frame_period(const std::string& path, double period, Recording& recording) {
+  const std::vector<std::int64_t>& frames =
+      recording.clouds.size() > 0 ? recording.clouds.time_ns : recording.depth.time_ns;
+  if (frames.size() < 2)
+    throw_error("--frame-period-s: {}: {} clouds, needed 2 or more", path, frames.size());
+  std::vector<std::int64_t> apart;
+  for (std::size_t k = 1; k < frames.size(); ++k) apart.push_back(frames[k] - frames[k - 1]);
+  const auto middle = apart.begin() + static_cast<std::ptrdiff_t>((apart.size() - 1) / 2);
+  std::nth_element(apart.begin(), middle, apart.end());
+  const double factor = 1e9 * period / static_cast<double>(*middle);
+  const auto stretch = [&](std::vector<std::int64_t>& times) {
+    for (std::int64_t& t : times) t = std::llround(factor * static_cast<double>(t));
+  };
+  for (auto& [topic, series] : recording.series) stretch(series.time_ns);
+  stretch(recording.clouds.time_ns);
+  stretch(recording.depth.time_ns);
+  stretch(recording.color.time_ns);
+  pb::RecordingInfo& info = recording.info;
+  if (info.has_tool_rate_hz()) info.set_tool_rate_hz(info.tool_rate_hz() / factor);
+  if (info.start().has_release_time_s())
+    info.mutable_start()->set_release_time_s(factor * info.start().release_time_s());
 }
 
 FewFrames::FewFrames(std::vector<Observation>& observations, std::size_t most)

@@ -60,6 +60,11 @@ struct Observation {
   bool held = false;            ///< the body is held at the start (pb::HeldStart) and let go
   double released = 0;          ///< then, on the clock of the commands [s]
   std::vector<std::string> overrides = {};  ///< of the scene, for this recording alone
+  /// Of clouds whose camera nobody states, fused ones among them, no ray is known.
+  bool rays = true;
+  /// What lies below is compared with nothing, as the camera has it: colour may not tell a sheet
+  /// from the table.
+  std::optional<Eigen::Hyperplane<double, 3>> lowest = {};
 
   bool has_force() const;  ///< at some frame
   bool has_points() const;
@@ -73,14 +78,27 @@ std::vector<std::size_t> evenly_chosen(std::size_t count, std::size_t most);
 
 struct MarkerNotes;
 
+/// What of the clouds is looked at.
+struct CloudChoice {
+  std::size_t skipped = 0;                 ///< clouds of the beginning that are not
+  bool fused = false;                      ///< of several cameras: no ray is known
+  std::optional<double> above_board = {};  ///< points nearer to the board are not [m]
+};
+
 /// Throws Error: no path of the tool, neither cloud nor marker, a cloud that is not in metres or
 /// nowhere near the tissue, jaws that never close near it. What is odd is appended to `warnings`.
 Observation observe(const std::string& name, const std::string& path, const Recording& recording,
                     const Scene& scene, std::vector<std::string>& warnings);
-/// With what is known of its markers.
+/// With what is known of its markers, and of chosen clouds.
 Observation observe(const std::string& name, const std::string& path, const Recording& recording,
-                    const Scene& scene, const MarkerNotes& notes,
+                    const Scene& scene, const MarkerNotes& notes, const CloudChoice& chosen,
                     std::vector<std::string>& warnings);
+
+/// Commands and frames `factor` times as long after time 0; without what was seen.
+Observation stretched(const Observation& observation, double factor);
+/// The same of a whole recording, whose frames, clouds or images, are `period` apart then (median)
+/// [s]. Throws Error where it has less than two. `path`: of the recording.
+void set_frame_period(const std::string& path, double period, Recording& recording);
 
 /// Leaves at most so many clouds and frames of markers of every recording, the last among them, as
 /// long as it lives: where a search begins need not be exact.

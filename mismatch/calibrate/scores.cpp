@@ -41,8 +41,16 @@ FitRow score(SurfaceFit& fit, std::size_t recording, const Prediction& predictio
   FitRow row;
   row.recording = fit.observations[recording].name;
   row.rmse_base = rms_of(fit.distances(base, recording, plain, plain, kFarPoint));
-  row.rmse_model =
-      rms_of(fit.distances(prediction, recording, at, state, kFarPoint), &row.mean_model);
+  const auto distances = fit.distances(prediction, recording, at, state, kFarPoint);
+  row.rmse_model = rms_of(distances, &row.mean_model);
+  double far = 0, all = 0;
+  for (const auto& frame : distances) {
+    for (const double d : frame) {
+      far += std::isfinite(d) ? 0 : 1;
+      ++all;
+    }
+  }
+  row.far = all > 0 ? far / all : 0;
   return row;
 }
 
@@ -50,7 +58,7 @@ void add_nuisances(const SurfaceFit& fit, const Prediction& with_columns, const 
                    Prediction& prediction) {
   Eigen::VectorXd x = state.shared.head(fit.layout.unknowns);
   for (int k = 0; k < fit.layout.unknowns; ++k) {
-    if (fit.unknowns[static_cast<std::size_t>(k)].in_scene) x[k] = 0;
+    if (fit.unknowns[static_cast<std::size_t>(k)].simulated) x[k] = 0;
   }
   const std::size_t frames = std::min(prediction.frames.size(), with_columns.frames.size());
   for (std::size_t f = 0; f < frames; ++f) {

@@ -125,7 +125,7 @@ void Stages::measure_step(double fall) {
   step_rms_ = fall * surfaces_apart(step, predictions_);
   say("step", 2.0 * static_cast<double>(fitted_.size()));
   fit_.set_difference({"numerics.step", "1", "", Unknown::Scale::kShift, 0, 1.5,
-                       "1.5 times its estimated error", false},
+                       "1.5 times its estimated error", false, false},
                       step, fall, predictions_, at_, state_);
   fit_.noise.along_motion = std::max(fit_.noise.along_motion, numerics());
 }
@@ -252,10 +252,17 @@ void Stages::leave_out() {
   }
 }
 
+void Stages::tell_numerics() {
+  result_.numerics = {fmt::format("mesh {:.3f} mm", 1e3 * mesh_rms_),
+                      fmt::format("step {:.3f} mm", 1e3 * step_rms_),
+                      fmt::format("law of elasticity {:.3f} mm", 1e3 * law_rms_)};
+}
+
 void Stages::collect() {
   result_.scene = fit_.shared_scene(state_);
   const Findings findings{fit_, state_, sure_, fitted_, clock_, mesh_rms_, step_rms_, law_rms_};
   add_numbers(findings, result_);
+  tell_numerics();
   add_marker_numbers(findings, result_);
   add_groups(findings, result_);
   add_warnings(findings, result_);

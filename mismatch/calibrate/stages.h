@@ -43,6 +43,8 @@ class Stages {
   void settle_beliefs();
   void settle(double work);
   double numerics() const;
+  /// What the numerics may be off by, part by part.
+  virtual void tell_numerics();
 
   const std::unique_ptr<SurfaceFit> owned_fit_;
   SurfaceFit& fit_;

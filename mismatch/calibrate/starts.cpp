@@ -18,23 +18,6 @@ const Numerics kShell{pb::TISSUE_ELASTIC, {}, 1};
 constexpr NoiseModel kSearched{3e-3, 5e-4, 0.025, 4};  ///< where a fit begins
 constexpr NoiseModel kCompared{2e-3, 5e-4, 0.025, 4};  ///< common to fits that are compared
 
-/// Surfaces of all recordings at one stiffness.
-struct Simulated {
-  FitState at;
-  std::vector<Prediction> predictions;
-};
-
-/// Registration, clock and what recordings have of their own, at a stiffness; and its cost.
-double fit_start(SurfaceFit& fit, const Simulated& simulated, const Which& which, int steps,
-                 FitState& state) {
-  state = simulated.at;
-  fit.noise = kSearched;
-  fit.improve(simulated.predictions, simulated.at, which, steps, state);
-  const auto n = fit.layout.unknowns;
-  state.shared.head(n) = simulated.at.shared.head(n);
-  return fit.cost(simulated.predictions, simulated.at, which, state, kCompared);
-}
-
 /// Least cost of a recording by itself.
 double cost_alone(SurfaceFit& fit, const std::vector<Simulated>& all, std::size_t recording) {
   constexpr int kSteps = 4;
@@ -94,6 +77,16 @@ Which find_mirrored(SurfaceFit& fit, const std::vector<Simulated>& all, const Wh
 }
 
 }  // namespace
+
+double fit_start(SurfaceFit& fit, const Simulated& simulated, const Which& which, int steps,
+                 FitState& state) {
+  state = simulated.at;
+  fit.noise = kSearched;
+  fit.improve(simulated.predictions, simulated.at, which, steps, state);
+  const auto n = fit.layout.unknowns;
+  state.shared.head(n) = simulated.at.shared.head(n);
+  return fit.cost(simulated.predictions, simulated.at, which, state, kCompared);
+}
 
 Start find_start(SurfaceFit& fit, const Which& which,
                  const std::function<void(double share)>& simulated) {

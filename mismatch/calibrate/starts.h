@@ -16,6 +16,17 @@ struct Start {
   std::string failure;  ///< why the shell gets nowhere; then the state is as believed
 };
 
+/// Surfaces of all recordings simulated at a state.
+struct Simulated {
+  FitState at;
+  std::vector<Prediction> predictions;
+};
+
+/// Registration, clock and what recordings have of their own, fitted where something was simulated;
+/// and the cost there, comparable with that of other states.
+double fit_start(SurfaceFit& fit, const Simulated& simulated, const std::vector<std::size_t>& which,
+                 int steps, FitState& state);
+
 /// By the shell at several stiffnesses, registration and clock fitted at each; without the
 /// recordings that are mirrored, which are looked for one by one before they can spoil the others.
 /// Of every recording eight frames at most are looked at.

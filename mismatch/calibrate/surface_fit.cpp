@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numeric>
+#include <optional>
 #include <utility>
 
 #include "core/check.h"
@@ -67,10 +68,11 @@ SurfaceFit::SurfaceFit(const pb::Scene& given, std::vector<Observation> seen,
     uv.emplace_back((p - box.min()).head<2>().cwiseQuotient(box.sizes().head<2>()));
   const auto triangles =
       close_sheet(body.surface_triangles, static_cast<int>(body.particles.size()));
-  // Motion capture has no one place of a camera to be turned about.
-  const bool clouds =
-      markers.empty() || std::ranges::any_of(observations, &Observation::has_points);
-  const Vector3d pivot = clouds ? observations.front().p_WC : Vector3d(body.X_WB * box.center());
+  // Motion capture has no one place of a camera to be turned about, nor have fused clouds.
+  const bool camera =
+      (markers.empty() || std::ranges::any_of(observations, &Observation::has_points)) &&
+      std::ranges::all_of(observations, &Observation::rays);
+  const Vector3d pivot = camera ? observations.front().p_WC : Vector3d(body.X_WB * box.center());
   for (std::size_t k = 0; k < observations.size(); ++k)
     likelihoods_.push_back(std::make_unique<Likelihood>(triangles, rest, uv, pivot));
   for (const Observation& o : observations)
@@ -140,7 +142,7 @@ Registration6 SurfaceFit::registration(const FitState& state) const {
 VectorXd SurfaceFit::delta(const FitState& at, const FitState& state, std::size_t recording) const {
   VectorXd d = VectorXd::Zero(layout.size());
   for (int k = 0; k < layout.unknowns; ++k) {
-    const bool simulated = unknowns[static_cast<std::size_t>(k)].in_scene;
+    const bool simulated = unknowns[static_cast<std::size_t>(k)].simulated;
     d[k] = state.shared[k] - (simulated ? at.shared[k] : 0);
   }
   d[layout.clock()] = state.shared[layout.clock()] - at.shared[layout.clock()];
@@ -158,7 +160,7 @@ VectorXd SurfaceFit::delta(const FitState& at, const FitState& state, std::size_
 pb::Scene SurfaceFit::scene_of(const FitState& state, std::size_t recording) const {
   const VectorXd& own = state.own[recording];
   pb::Scene at = scene_at(scene, unknowns, state.shared.head(layout.unknowns),
-                          {own.head<2>(), own[2], own[3]});
+                          {own.head<2>(), own[2], own[3]}, held_place());
   if (layout.held > 0) {
     pb::HeldStart& held = *at.mutable_held_start();
     pb::Vec3& p = *held.mutable_position_m();
@@ -175,15 +177,23 @@ pb::Scene SurfaceFit::scene_of(const FitState& state, std::size_t recording) con
 }
 
 pb::Scene SurfaceFit::shared_scene(const FitState& state) const {
-  return scene_at(scene, unknowns, state.shared.head(layout.unknowns), {});
+  return scene_at(scene, unknowns, state.shared.head(layout.unknowns), {}, held_place());
 }
+
+Eigen::Vector2d SurfaceFit::held_place() const { return observations.front().pinch; }
 
 Prediction SurfaceFit::predict_one(const FitState& state, std::size_t r, const Numerics& numerics,
                                    bool with_columns) const {
   const double clock = state.shared[layout.clock()] + state.own[r][3];
+  const auto period = std::ranges::find(unknowns, kFramePeriodPath, &Unknown::path);
+  std::optional<Observation> in_time;
+  if (period != unknowns.end()) {
+    const double x = state.shared[period - unknowns.begin()];
+    in_time = stretched(observations[r], period->value(x) / period->believed);
+  }
   try {
-    return predict(observations[r], scene_of(state, r), options.folder, unknowns,
-                   state.shared.head(layout.unknowns), clock, numerics, with_columns,
+    return predict(in_time ? *in_time : observations[r], scene_of(state, r), options.folder,
+                   unknowns, state.shared.head(layout.unknowns), clock, numerics, with_columns,
                    *options.simulator);
   } catch (const Error& error) {
     Prediction failed;

@@ -87,6 +87,8 @@ class SurfaceFit {
   pb::Scene scene_of(const FitState& state, std::size_t recording) const;
   /// With the shared numbers alone.
   pb::Scene shared_scene(const FitState& state) const;
+  /// What stays under the jaws, in B as believed, where size or turn of a sheet change [m].
+  Eigen::Vector2d held_place() const;
   Registration6 registration(const FitState& state) const;
   Eigen::VectorXd delta(const FitState& at, const FitState& state, std::size_t recording) const;
 
@@ -99,6 +101,8 @@ class SurfaceFit {
   Beliefs first_beliefs;  ///< before adapt_beliefs()
   NoiseModel noise;
   double trust = 1;                  ///< in the derivatives
+  double chance = 0.5;               ///< of a log likelihood: what equal simulations differ by
+  double hold_for = 2;               ///< standard deviations that they do, at most
   std::optional<double> held_clock;  ///< the camera's is known to be this [s]; else looked for
   bool hold_shared = false;          ///< shared numbers stay where they are in improve()
   std::vector<MarkerPlace> markers;  ///< of Observation::markers

@@ -64,7 +64,10 @@ Ranges SurfaceFit::ranges(const FitState& at) const {
     const Range whole = range_of(unknown);
     range.low[k] = whole.low;
     range.high[k] = whole.high;
-    if (unknown.in_scene) near(k, trust * std::min(0.5, 2 * unknown.sd));
+    constexpr double kMostLog = 0.5;  // of a factor
+    const double reach = hold_for * unknown.sd;
+    const bool factor = unknown.scale != Unknown::Scale::kShift;
+    if (unknown.simulated) near(k, trust * (factor ? std::min(kMostLog, reach) : reach));
   }
   near(layout.clock(), std::min(0.05 * trust, 0.5 * kWayBeside));
   if (held_clock) range.low[layout.clock()] = range.high[layout.clock()] = *held_clock;

@@ -63,6 +63,26 @@ void take_prior(const pb::Priors& priors, Unknown& unknown) {
   }
 }
 
+void set_vector(pb::Vec3& to, const Eigen::Vector3d& v) {
+  to.set_x(v.x());
+  to.set_y(v.y());
+  to.set_z(v.z());
+}
+
+/// Of a sheet that has become so many times as large and is turned about z_B [rad]: its part at
+/// `about` stays where it is.
+void set_size_and_turn(pb::Scene& scene, double factor, double turn, const Eigen::Vector2d& about) {
+  pb::Pose& pose = *scene.mutable_tissue()->mutable_pose();
+  const Eigen::Isometry3d before = to_pose(pose, "scene.tissue.pose");
+  const Eigen::Vector3d part(about.x(), about.y(), 0);
+  const Eigen::Matrix3d R = before.linear() * Eigen::AngleAxisd(turn, Eigen::Vector3d::UnitZ());
+  set_vector(*pose.mutable_translation_m(), before * part - R * (factor * part));
+  if (turn == 0) return;
+  set_vector(*pose.mutable_x_axis(), R.col(0));
+  set_vector(*pose.mutable_y_axis(), R.col(1));
+  pose.clear_z_axis();
+}
+
 /// The lower face stays where it is if it may lie on something.
 void set_thickness(pb::Scene& scene, double value) {
   pb::Tissue& tissue = *scene.mutable_tissue();
@@ -134,7 +154,7 @@ void set_scene_number(pb::Scene& scene, const std::string& path, double value) {
 Range range_of(const Unknown& unknown) {
   constexpr double kFarthest = 3;  // standard deviations
   Range range{-kFarthest * unknown.sd, kFarthest * unknown.sd};
-  if (!unknown.in_scene) return range;
+  if (!unknown.in_scene || unknown.path == kTurnPath) return range;
   pb::Scene scene;
   const pb::Knob& knob = find_field(scene, unknown.path).field->options().GetExtension(pb::knob);
   // Beyond the last value there must be room for the step of a derivative.
@@ -178,9 +198,34 @@ std::vector<Unknown> unknowns_of(const pb::Scene& scene, const pb::Priors& prior
   return list;
 }
 
+void add_named_unknowns(const pb::Scene& scene, const pb::Priors& priors,
+                        std::vector<Unknown>& unknowns) {
+  for (const pb::Prior& prior : priors.prior()) {
+    const std::string& path = prior.path();
+    // Of the camera: numbers of the registration, which are looked for anyway.
+    if (path.starts_with("scene.depth_sensor.")) continue;
+    if (std::ranges::find(unknowns, path, &Unknown::path) != unknowns.end()) continue;
+    Unknown unknown{path, "deg", "", Unknown::Scale::kShift, 0, 0, ""};
+    if (path != kTurnPath) {
+      pb::Scene copy = scene;
+      unknown.unit = find_field(copy, path).field->options().GetExtension(pb::knob).unit();
+      if (unknown.unit.empty()) unknown.unit.assign(1, '1');
+      unknown.believed = scene_number(scene, path);
+      if (prior.factor() > 1) unknown.scale = Unknown::Scale::kFactor;
+      if (prior.factor() > 1 && !(unknown.believed > 0)) {
+        throw_error("prior of {}: a factor of {:.6g}, which it is in the scene; needed sd", path,
+                    unknown.believed);
+      }
+    }
+    take_prior(priors, unknown);
+    if (unknown.sd > 0) unknowns.push_back(unknown);
+  }
+}
+
 pb::Scene scene_at(const pb::Scene& believed, const std::vector<Unknown>& unknowns,
-                   const Eigen::VectorXd& x, const OwnNumbers& own) {
+                   const Eigen::VectorXd& x, const OwnNumbers& own, const Eigen::Vector2d& about) {
   pb::Scene scene = believed;
+  double turn = 0;  // [rad]
   for (std::size_t k = 0; k < unknowns.size(); ++k) {
     const Unknown& unknown = unknowns[k];
     if (!unknown.in_scene) continue;
@@ -189,9 +234,15 @@ pb::Scene scene_at(const pb::Scene& believed, const std::vector<Unknown>& unknow
       set_thickness(scene, value);
       continue;
     }
+    if (unknown.path == kTurnPath) {
+      turn = kDegree * value;
+      continue;
+    }
     if (unknown.column == "young_modulus") value *= std::exp(own.stiffness);
     set_scene_number(scene, unknown.path, value);
   }
+  const double size = scene_number(scene, kPitchPath) / scene_number(believed, kPitchPath);
+  if (size != 1 || turn != 0) set_size_and_turn(scene, size, turn, about);
   const pb::GraspOffset& offset = believed.tissue().effects().grasp_offset();
   set_scene_number(scene, "scene.tissue.effects.grasp_offset.x_m", offset.x_m() + own.pinch.x());
   set_scene_number(scene, "scene.tissue.effects.grasp_offset.y_m", offset.y_m() + own.pinch.y());

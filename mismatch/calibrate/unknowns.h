@@ -21,9 +21,10 @@ struct Unknown {
   std::string column;  ///< name of its derivative (sim_worker/playback/parameters.h); none: empty
   Scale scale = Scale::kFactor;
   double believed = 0;
-  double sd = 1;         ///< of x before anything is seen
-  std::string prior;     ///< where sd is from, in words
-  bool in_scene = true;  ///< simulated; else a nuisance, which acts to first order alone
+  double sd = 1;          ///< of x before anything is seen
+  std::string prior;      ///< where sd is from, in words
+  bool in_scene = true;   ///< a number of the scene; else a nuisance
+  bool simulated = true;  ///< else it acts to first order alone
 
   double value(double x) const;
   /// dvalue/dx
@@ -32,12 +33,22 @@ struct Unknown {
   double at(double value) const;
 };
 
-/// Path of the thickness of a sheet.
+/// Path of the thickness of a sheet, and of the distance of its places.
 inline constexpr const char* kThicknessPath = "scene.tissue.thickness_m";
+inline constexpr const char* kPitchPath = "scene.tissue.grid.pitch_m";
+/// No field, but what the axes of scene.tissue.pose are turned by about z_B [deg].
+inline constexpr const char* kTurnPath = "scene.tissue.pose.turn_deg";
+/// No number of a scene: time between the frames of all recordings (stretched()).
+inline constexpr const char* kFramePeriodPath = "frame_period_s";
 
 /// Stiffness, bending, damping, friction, Poisson's ratio and thickness, as far as the scene can
 /// have them, and with a force the density. Stated priors go before those of docs/calibrate.md 2.
 std::vector<Unknown> unknowns_of(const pb::Scene& scene, const pb::Priors& priors, bool with_force);
+
+/// Appends every other number that a prior names. Throws Error where the scene has none of that
+/// path or a factor meets a value that is not positive.
+void add_named_unknowns(const pb::Scene& scene, const pb::Priors& priors,
+                        std::vector<Unknown>& unknowns);
 
 /// Numbers that a recording has of its own.
 struct OwnNumbers {
@@ -53,9 +64,11 @@ struct Range {
 Range range_of(const Unknown& unknown);
 
 /// A scene for one recording: parameters at x, its own numbers beside them. Values stay inside the
-/// range of their knobs. A sheet of another thickness lies on the same board.
+/// range of their knobs. A sheet of another thickness lies on the same board; one of another size
+/// or turn has the same part at `about`, in B as believed [m].
 pb::Scene scene_at(const pb::Scene& believed, const std::vector<Unknown>& unknowns,
-                   const Eigen::VectorXd& x, const OwnNumbers& own);
+                   const Eigen::VectorXd& x, const OwnNumbers& own,
+                   const Eigen::Vector2d& about = Eigen::Vector2d::Zero());
 
 /// The number of a field by its path below the scene; throws Error where there is none.
 double scene_number(const pb::Scene& scene, const std::string& path);

@@ -28,6 +28,8 @@ Vector3d vector_of(const pb::Vec3& v) { return {v.x(), v.y(), v.z()}; }
 
 }  // namespace
 
+bool lies_free(const Scene& scene) { return std::ranges::count(scene.tissue.fixed, 1) == 0; }
+
 std::string print_parts(std::size_t frames, const CloudParts& parts) {
   const auto share = [&](CloudPart part) {
     const auto count = static_cast<double>(parts.count[static_cast<std::size_t>(part)]);
@@ -45,7 +47,7 @@ CloudMask::CloudMask(const Scene& scene, double travel, double registration)
                                                        : kUsualNoise),
       height_noise_(std::hypot(noise_, registration)),
       thickness_(scene.tissue.thickness),
-      farthest_(std::min(travel + kBeside, kMostFar)),
+      farthest_(lies_free(scene) ? travel + kBeside : std::min(travel + kBeside, kMostFar)),
       shaft_radius_(scene.config.tool().shaft_radius_m() + kSure * noise_),
       shaft_start_(scene.config.tool().shaft_start_m() - kShaftMargin) {
   const pb::Tool& tool = scene.config.tool();

@@ -25,6 +25,9 @@ struct CloudParts {
 /// "30 frames, 36000 points: tissue 83.2 %, tool 2.1 %, board 9.0 %, background 5.7 %"
 std::string print_parts(std::size_t frames, const CloudParts& parts);
 
+/// Nothing holds the body: a clamp has none of its particles.
+bool lies_free(const Scene& scene);
+
 /// Takes out of a cloud what is no tissue, before anything is fitted to it: the tool around the
 /// recorded tip (shaft; jaws between tip and shaft, above the tissue that they hold), the board,
 /// and what is farther from the tissue at rest than it can have come. Of a point that may be either

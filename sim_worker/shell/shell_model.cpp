@@ -176,7 +176,9 @@ bool ShellTissueModel::can_hold(const Vector3d& centre, double radius) const {
   // 1e-5 m: with less the sphere of the jaws only grazes the sheet. 1 m: no sheet is larger.
   if (!(radius > 1e-5 && radius <= 1)) return false;
   if (is_mesh()) return radius > 0.05 * mesh.edge && (centre.cwiseAbs().array() <= 1).all();
-  const bool clamped = centre.y() <= clamp_edge || (body.two_clamps && centre.y() >= second_edge);
+  // Of a sheet that lies free the end is an edge like the others.
+  const bool lower = body.fixed.front() != 0 && centre.y() <= clamp_edge;
+  const bool clamped = lower || (body.two_clamps && centre.y() >= second_edge);
   return sheet().contains(centre.head<2>()) && !clamped && centre.z() == 0;
 }
 

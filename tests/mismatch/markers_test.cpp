@@ -103,7 +103,7 @@ Recording recording_of(const std::vector<std::string>& names, double later = 0,
 Observation observed(const Recording& recording, const MarkerNotes& notes = {}) {
   std::vector<std::string> warnings;
   const Scene scene = make_scene(held_scene(), "");
-  std::vector<Observation> all = {observe("a", "a", recording, scene, notes, warnings)};
+  std::vector<Observation> all = {observe("a", "a", recording, scene, notes, {}, warnings)};
   number_markers(all, warnings);
   EXPECT_TRUE(warnings.empty()) << warnings.front();
   return all.front();

@@ -114,6 +114,16 @@ TEST(Elastic, GraspCarriesTheWeightOfAHangingSheet) {
   }
 }
 
+TEST(Elastic, JawsTakeTheCornerOfASheetThatLiesFreeAndNothingOfAClamp) {
+  for (const bool free : {true, false}) {
+    ShellCase c;
+    if (free) c.anchor_max_y = -1;
+    ShellTissue<double> tissue(make_shell_sheet(c), f64x1());
+    tissue.hold(0, tissue.position(0, 0), 0.004, false);
+    EXPECT_EQ(tissue.held(0).empty(), !free);
+  }
+}
+
 TEST(Elastic, GraspMovesSmoothlyWithThePinchPoint) {
   // The sheet lifted by pinches 0.25 mm apart: were whole nodes taken, the shape would stand still
   // and then jump when a row of nodes comes or goes.
