@@ -244,10 +244,15 @@ void make_lines(const Scene& scene, std::span<const PinchCircle> pinches,
   const double half = 0.5 * model.body.thickness;
   model.lines[2] = even_lines(-half, half, layers);
   if (bears_singularity) {  // the clamp ends at the faces
+    // A soft sheet's outer layers grow with the cell: between powers of three and four.
+    const double outer = 0.0256 * size.along / (0.7 * thickness);
+    const double t = 2.0 / std::max(3, layers);  // fewer are not crowded
+    const double crowded = std::clamp((t * t * t - outer) / (t * t * t * (1 - t)), 0.0, 1.0);
     for (int k = 1; k < layers; ++k) {
       double& z = model.lines[2][k];
       const double to_face = 1 - std::fabs(z) / half;
-      z = soft ? std::copysign(half * (1 - to_face * to_face * to_face * to_face), z)
+      const double power = to_face * to_face * to_face * (1 - crowded + crowded * to_face);
+      z = soft ? std::copysign(half * (1 - power), z)
                : half * trig::sin_cos(0.5 * kPi * z / half).sin;
     }
   }
