@@ -174,6 +174,28 @@ MeshSize mesh_size(double tolerance, double thickness, double length, double wid
   return size;
 }
 
+/// Layers that are thin at the faces, where the clamp ends.
+std::vector<double> sine_layers(double half, int layers) {
+  std::vector<double> lines = even_lines(-half, half, layers);
+  for (int k = 1; k < layers; ++k) lines[k] = half * trig::sin_cos(0.5 * kPi * lines[k] / half).sin;
+  return lines;
+}
+
+/// Those of a soft sheet: the distance from a face goes with a power of the layer's number between
+/// three and four, the outer layer grows with the cell, `cell` thicknesses long.
+std::vector<double> crowded_layers(double half, int layers, double cell) {
+  const double outer = 0.0256 * cell / 0.7;  // of half the thickness, (2 / 5)^4 in the default mesh
+  const double t = 2.0 / std::max(3, layers);  // fewer are not crowded
+  const double fourth = std::clamp((t * t * t - outer) / (t * t * t * (1 - t)), 0.0, 1.0);
+  std::vector<double> lines = even_lines(-half, half, layers);
+  for (int k = 1; k < layers; ++k) {
+    const double to_face = 1 - std::fabs(lines[k]) / half;
+    const double power = to_face * to_face * to_face * (1 - fourth + fourth * to_face);
+    lines[k] = std::copysign(half * (1 - power), lines[k]);
+  }
+  return lines;
+}
+
 void make_lines(const Scene& scene, std::span<const PinchCircle> pinches,
                 const ReferenceTissueModel* mesh_of, ReferenceTissueModel& model) {
   Eigen::AlignedBox3d box;
@@ -242,20 +264,9 @@ void make_lines(const Scene& scene, std::span<const PinchCircle> pinches,
     layers = mesh_of->cells(2);
   }
   const double half = 0.5 * model.body.thickness;
-  model.lines[2] = even_lines(-half, half, layers);
-  if (bears_singularity) {  // the clamp ends at the faces
-    // A soft sheet's outer layers grow with the cell: between powers of three and four.
-    const double outer = 0.0256 * size.along / (0.7 * thickness);
-    const double t = 2.0 / std::max(3, layers);  // fewer are not crowded
-    const double crowded = std::clamp((t * t * t - outer) / (t * t * t * (1 - t)), 0.0, 1.0);
-    for (int k = 1; k < layers; ++k) {
-      double& z = model.lines[2][k];
-      const double to_face = 1 - std::fabs(z) / half;
-      const double power = to_face * to_face * to_face * (1 - crowded + crowded * to_face);
-      z = soft ? std::copysign(half * (1 - power), z)
-               : half * trig::sin_cos(0.5 * kPi * z / half).sin;
-    }
-  }
+  model.lines[2] = !bears_singularity ? even_lines(-half, half, layers)
+                   : soft             ? crowded_layers(half, layers, size.along / thickness)
+                                      : sine_layers(half, layers);
   for (const double y : model.lines[1]) {
     for (const double x : model.lines[0]) {
       const double h =
