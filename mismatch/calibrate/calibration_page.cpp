@@ -176,7 +176,9 @@ std::string make_calibration_page(const Calibration& c, const std::string& folde
     sections.push_back(
         {"nuisances", "Nuisances and numerics", numerics + ".", card(numbers_table(c.nuisances))});
   }
-  return make_page("Calibration", fmt::format("method {}, {} recordings", c.method, c.shown.size()),
+  const char* const plural = c.shown.size() == 1 ? "" : "s";
+  return make_page("Calibration",
+                   fmt::format("method {}, {} recording{}", c.method, c.shown.size(), plural),
                    tiles_of(c), sections, replay_script(),
                    fmt::format("mismatch calibrate, {:.0f} core-seconds", c.core_seconds));
 }

@@ -106,6 +106,7 @@ void Stages::descend(const Numerics& numerics, int most, double small, double wo
   omentum::descend(fit_, simulate, fitted_, most - 1, small, d);
   take(std::move(d));
 }
+
 void Stages::take(Descent d) {
   predictions_ = std::move(d.predictions);
   at_ = std::move(d.at);
