@@ -21,7 +21,7 @@ using Values = std::array<double, Pack::kLanes>;
 // Solves in which friction's limits follow the normal forces: at most, and while those of any
 // column change by more than this share.
 constexpr int kFrictionRounds = 5;
-constexpr double kFrictionChange = 1e-3;
+constexpr double kFrictionChange = 0.01;
 
 /// Whether elements have the same forces in both at the same nodes.
 bool same_elements(const ReferenceTissueModel& a, const ReferenceTissueModel& b) {

@@ -4,8 +4,8 @@
 
 /usr/bin/python3 lift_cases.py MISMATCH SCRATCH [--cases 12] [--first 0] [--threads 1] [--moving] [--tolerance-mm 0.6]
 
-At rest: a cloud at the end of each hold; --moving: ten a second. Registration, clocks and where the jaws closed against what
-the robot says are drawn here. SCRATCH/case<N>.json as of calibration_coverage.py.
+At rest: a cloud in the last quarter of a second of each hold; --moving: ten a second. Registration, clocks, the moments of the
+clouds and where the jaws closed against what the robot says are drawn here. SCRATCH/case<N>.json as of calibration_coverage.py.
 """
 import subprocess
 from pathlib import Path
@@ -29,11 +29,14 @@ def write_case(number, folder, moving):
     files = [np.load(f) for f in sorted((LIFTS / f"case{number}").glob("lift*.npz"))]
     offsets = coverage.PINCH * random.normal(size=(len(files), 2))
     clocks = coverage.OWN_CLOCK * random.normal(size=len(files))
+    moments = np.random.default_rng([48, number])
     recordings.write_belief(folder, float(np.ptp(files[0]["rest_m"][:, 0])), **BELIEVED)
     for k, lift in enumerate(files):
         # The robot knows the height over the board that it was told, not how thick the tissue is.
         told = lift["path_m"] - np.append(offsets[k], lift["path_m"][0, 2] - BELIEVED["thickness"] / 2)
-        far = np.abs(lift["times_s"][:, None] - HOLDS).min(axis=1)
+        # Not all at the end, which would tell the clock (calibration_coverage.moments).
+        taken = np.array(HOLDS) - 0.05 * moments.integers(1, 6, len(HOLDS))
+        far = np.abs(lift["times_s"][:, None] - taken).min(axis=1)
         frames = np.flatnonzero((far < 1e-6) | (moving & (lift["times_s"] > 0.15)))
         recordings.write_recording(folder / f"lift{k}", lift, told, frames, clock + clocks[k], recordings.turn(turn_deg),
                                    shift, np.random.default_rng([47, number, k]))

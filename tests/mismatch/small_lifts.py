@@ -43,11 +43,12 @@ def truth_overrides(truth):
     return overrides + [SMOOTH, f"scene.tissue.pose.translation_m.z={thickness / 2:.12g}"]
 
 
-def write_case(program, folder, truth, offsets, seed, times=HOLDS, factors=None, mesh=(), pinches=PINCHES, mirrored=(),
-               keep=False):
+def write_case(program, folder, truth, offsets, seed, times=None, factors=None, mesh=(), pinches=PINCHES, mirrored=(),
+               keep=False, cloud_rate=10):
     """Recordings folder/lifts/lift0 ..., the scene folder/believed.txtpb and its priors. `truth`: numbers of the true scene
     by path; `offsets`: where the jaws closed against what is recorded, m; `factors`: on E, of every recording; `mirrored`: numbers of
-    recordings whose tool.csv has x on the wrong side; `keep` leaves what was simulated in folder/true."""
+    recordings whose tool.csv has x on the wrong side; `times` [s]: of the clouds kept, of every recording, else the ends of the
+    holds; `keep` leaves what was simulated in folder/true."""
     scratch = folder / "true"
     scratch.mkdir(parents=True)
     (scratch / "scene.txtpb").write_text(BELIEVED + f"depth_sensor {{ width_px: 60 height_px: 48 noise_m: {NOISE} }}\n")
@@ -64,11 +65,12 @@ def write_case(program, folder, truth, offsets, seed, times=HOLDS, factors=None,
             here[young] = here[young] * factors[k]
         sets = [word for override in truth_overrides(here) for word in ("--set", override)]
         command = [program, "simulate", "--scene", scratch / "scene.txtpb", "--commands", commands, "-o", scratch / f"lift{k}",
-                   "--cloud-rate", "10", "--seed", 100 * seed + k, *mesh, *sets]
+                   "--cloud-rate", cloud_rate, "--seed", 100 * seed + k, *mesh, *sets]
         done = subprocess.run([str(c) for c in command], capture_output=True, text=True)
         assert done.returncode == 0, done.stderr
         told = (-pinch[0], pinch[1]) if k in mirrored else pinch
-        write_recording(scratch / f"lift{k}", folder / "lifts" / f"lift{k}", tool_rows(told, (0, 0)), times)
+        write_recording(scratch / f"lift{k}", folder / "lifts" / f"lift{k}", tool_rows(told, (0, 0)),
+                        times[k] if times else HOLDS)
     if not keep:
         shutil.rmtree(scratch)
 
