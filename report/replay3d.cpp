@@ -172,8 +172,11 @@ Json scene_json(const Scene& scene, const StillBodies& still, const Eigen::Align
                       {"data", quantiser.take()},
                       {"triangles", json_triangles(still.meshes[k].triangles)}});
   }
+  Eigen::AlignedBox3d rest;  // of the tissue, which the first view shows whole
+  for (const Eigen::Vector3d& p : scene.tissue.particles) rest.extend(p);
+  const double size = rest.diagonal().norm();
   const Eigen::Vector3d target =
-      scene.tissue.X_WB.translation() + Eigen::Vector3d(0.012, -0.012, 0.012);
+      scene.tissue.X_WB * rest.center() + 0.1 * size * Eigen::Vector3d(1, -1, 1);
   return {{"low", json_point(box.min())},
           {"high", json_point(box.max())},
           {"vertices", skin.vertices()},
@@ -182,7 +185,7 @@ Json scene_json(const Scene& scene, const StillBodies& still, const Eigen::Align
           {"target", json_point(target)},
           {"yaw", 1.05},
           {"pitch", 0.52},
-          {"distance", 0.36},
+          {"distance", 2.8 * size},
           {"roll", scene.config.tool().roll_deg() * kDegree},
           {"speed", 2}};
 }

@@ -139,7 +139,7 @@ constexpr const char* kScript = R"js("use strict";
     const up = [back[1] * right[2] - back[2] * right[1], back[2] * right[0] - back[0] * right[2],
                 back[0] * right[1] - back[1] * right[0]];
     const eye = back.map((v, k) => scene.target[k] + view.distance * v);
-    const f = 1 / Math.tan(0.5 * 0.6), near = 0.02, far = 2.5;
+    const f = 1 / Math.tan(0.5 * 0.6), near = 0.05 * scene.distance, far = 7 * scene.distance;
     const dot = (v) => v[0] * eye[0] + v[1] * eye[1] + v[2] * eye[2];
     const rows = [right, up, back];
     const m = new Float32Array(16);                           // column-major
@@ -393,7 +393,9 @@ constexpr const char* kScript = R"js("use strict";
     Object.assign(view, { yaw: scene.yaw, pitch: scene.pitch, distance: scene.distance });
     draw();
   }
-  function zoom(factor) { view.distance = Math.min(1.2, Math.max(0.08, view.distance * factor)); }
+  function zoom(factor) {
+    view.distance = Math.min(3.3 * scene.distance, Math.max(0.22 * scene.distance, view.distance * factor));
+  }
   slider.value = 0.8 * duration;  // something has happened by then
   draw();
   if (scene.live) {
