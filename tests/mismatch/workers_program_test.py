@@ -17,6 +17,7 @@ import tempfile
 import threading
 import time
 
+import free_sheet_program_test as free
 import small_lifts as small
 
 TRUTH = {"scene.tissue.material.young_modulus_pa": 42e3, "scene.depth_sensor.registration_m.z": 0.0015}
@@ -110,6 +111,13 @@ def simulate(program, folder, out, more):
     return sorted(done.stdout.replace(str(folder / out), "").splitlines())
 
 
+def calibrate_free_sheet(program, folder, out, more):
+    """By the shell (docs/calibrate.md 9)."""
+    command = [program, "calibrate", "--scene", folder / "believed.txtpb", "-r", folder / "recordings", "-o", folder / out,
+               "--frame-period-s", "0.15:0.03", "--skip-clouds", 1, "--no-leave-out", *more]
+    return subprocess.Popen([str(c) for c in command], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
 def main():
     program, worker = (pathlib.Path(a) for a in sys.argv[1:])
     with tempfile.TemporaryDirectory() as name, private_domain() as domain:
@@ -126,6 +134,14 @@ def main():
             for path in sorted((folder / "sheets").rglob("*.*")):
                 other = folder / "sheets_two" / path.relative_to(folder / "sheets")
                 assert path.read_bytes() == other.read_bytes(), path
+            sheet = folder / "sheet"
+            free.record(program, sheet, "lift", 1, False)
+            (sheet / "believed.txtpb").write_text(free.scene(**free.BELIEVED))
+            (sheet / "believed.prior.txtpb").write_text(free.PRIORS)
+            finish(calibrate_free_sheet(program, sheet, "alone", []))
+            told = finish(calibrate_free_sheet(program, sheet, "two", on_bus))
+            assert "2 workers," in told, told
+            assert_same(sheet, "alone", "two")
         assert first.did() > 0 and second.did() > 0, (first.did(), second.did())
         # One dies over its work, and nobody is left; then another one comes and does it all.
         with Worker(worker, domain) as doomed:
