@@ -2,8 +2,10 @@
 """How often the 90 % intervals of `mismatch calibrate` hold the truth: small cases of the own engine whose numbers are drawn
 from what is believed of them.
 
-/usr/bin/python3 calibration_coverage.py MISMATCH SCRATCH [--cases 100] [--first 0] [--threads 1] [--moving] [--tolerance-mm T]
+/usr/bin/python3 calibration_coverage.py MISMATCH SCRATCH [--cases 100] [--first 0] [--threads 1] [--moving]
+    [--recorded-mm 3] [--tolerance-mm 3]
 
+The meshes of recordings and fit are of those tolerances; their lines still follow other pinch points and other thicknesses.
 A case leaves SCRATCH/case<N>.json and is not computed again; at the end the table of all cases that are there.
 """
 import argparse
@@ -72,7 +74,8 @@ def compute(program, number, folder, args):
     truth, offsets, factors, clocks = draw(number)
     times = [np.arange(0.2, 1.5, 0.1)] * len(small.PINCHES) if args.moving else moments(number)
     small.PRIORS = ((MATERIAL + "young_modulus_pa", "factor", 2), *small.PRIORS[1:])
-    small.write_case(program, folder, truth, offsets, number, times, np.exp(factors), ("--tolerance-mm", "1.5"),
+    small.write_case(program, folder, truth, offsets, number, times, np.exp(factors),
+                     ("--tolerance-mm", args.recorded_mm),
                      cloud_rate=10 if args.moving else 50)
     for k, clock in enumerate(clocks):
         index = folder / "lifts" / f"lift{k}" / "clouds.csv"
@@ -149,9 +152,10 @@ def arguments(cases, tolerance):
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--threads", default="1")
     parser.add_argument("--tolerance-mm", default=tolerance)
+    parser.add_argument("--recorded-mm", default="3")
     parser.add_argument("--moving", action="store_true")
     return parser.parse_args()
 
 
 if __name__ == "__main__":
-    run(compute, arguments(100, "6"))
+    run(compute, arguments(100, "3"))

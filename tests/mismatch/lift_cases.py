@@ -4,7 +4,7 @@
 
 /usr/bin/python3 lift_cases.py MISMATCH SCRATCH [--cases 12] [--first 0] [--threads 1] [--moving] [--tolerance-mm 0.6]
 
-At rest: a cloud in the last quarter of a second of each hold; --moving: ten a second. Registration, clocks, the moments of the
+At rest: a cloud in the last 0.3 s of each hold, before its end; --moving: ten a second. Registration, clocks, the moments of the
 clouds and where the jaws closed against what the robot says are drawn here. SCRATCH/case<N>.json as of calibration_coverage.py.
 """
 import subprocess
@@ -35,7 +35,7 @@ def write_case(number, folder, moving):
         # The robot knows the height over the board that it was told, not how thick the tissue is.
         told = lift["path_m"] - np.append(offsets[k], lift["path_m"][0, 2] - BELIEVED["thickness"] / 2)
         # Not all at the end, which would tell the clock (calibration_coverage.moments).
-        taken = np.array(HOLDS) - 0.05 * moments.integers(1, 6, len(HOLDS))
+        taken = np.array(HOLDS) - 0.1 * moments.integers(1, 4, len(HOLDS))
         far = np.abs(lift["times_s"][:, None] - taken).min(axis=1)
         frames = np.flatnonzero((far < 1e-6) | (moving & (lift["times_s"] > 0.15)))
         recordings.write_recording(folder / f"lift{k}", lift, told, frames, clock + clocks[k], recordings.turn(turn_deg),
