@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 """Whether the derivatives of `reference` point where the shell goes: columns against central differences of runs of the
-model `elastic`, cosine and ratio of lengths over the surface, in a lift in the air and one off a board with friction.
+model `elastic`, cosine and ratio of lengths over the upper face, in a lift in the air and one off a board with friction.
 
 /usr/bin/python3 shell_columns.py MISMATCH SCRATCH [NAME ...] [--pitch-mm 3]
 """
@@ -54,7 +54,19 @@ ROWS = [
     ("tool_backlash.b_z", "scene.arm.tip_backlash.z={}", (0, 2e-3), 1e-3),
 ]
 NEEDS_BOARD = ("board_friction", "adhesion", "suction")
+SIDE, THICKNESS = 0.045, 0.003  # [m]
 BOARD = 'rigid_body { name: "board" role: ROLE_BOARD half_space: true }\n'
+
+
+def upper_face(middle, side, slope_x=0, slope_y=0):
+    """From the shell's middle surface [frame, place, xyz]: half the thickness along the normals of its grid, with the slopes of
+    its map [1/m]."""
+    grid = middle.reshape(len(middle), side, side, 3)
+    normal = np.cross(np.gradient(grid, axis=1), np.gradient(grid, axis=2))
+    normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+    place = SIDE * (np.arange(side) / (side - 1) - 0.5)
+    thickness = THICKNESS * (1 + slope_x * place[:, None] + slope_y * place[None, :])
+    return (grid + 0.5 * thickness[None, :, :, None] * normal).reshape(middle.shape)
 
 
 def main():
@@ -64,7 +76,7 @@ def main():
     parser.add_argument("names", nargs="*")
     parser.add_argument("--pitch-mm", type=float, default=3)
     args = parser.parse_args()
-    side = round(45 / args.pitch_mm) + 1
+    side = round(1e3 * SIDE / args.pitch_mm) + 1
     grid = f"grid {{ count_x: {side} count_y: {side} pitch_m: {1e-3 * args.pitch_mm} }}"
     scene = re.sub("grid {.*}", grid, SCENE, count=1)
     elements = [f"scene.tissue.reference.elements_{axis}={side}" for axis in "xy"]
@@ -88,10 +100,11 @@ def main():
             for k, value in enumerate(values):
                 out = f"{name.split('@')[0]}_{k}"
                 run(args.program, folder, out, ["--model", "elastic", "--set", change.format(value)])
-                sides.append(markers(folder / out, side**2))
-            times = sides[0][0]
+                times, middle = markers(folder / out, side**2)
+                slopes = {"slope_" + name[-1]: value} if name.startswith("thickness.a_") else {}
+                sides.append(upper_face(middle, side, **slopes))
             frames = [int(np.argmin(abs(times - t))) for t in data["t_s"]]
-            shell = (sides[1][1] - sides[0][1])[frames] / (2 * half)
+            shell = (sides[1] - sides[0])[frames] / (2 * half)
             column = data["upper"][names.index(name)]
             a, b = np.linalg.norm(shell), np.linalg.norm(column)
             rms = 1e3 * 2 * half * b / np.sqrt(column.size / 3)
