@@ -54,6 +54,18 @@ struct ReferenceCase {
   bool tool_contact = false;
 };
 
+/// Square of 30 mm, clamped nowhere.
+inline ReferenceCase free_sheet() {
+  ReferenceCase c;
+  c.nx = c.ny = 11;
+  c.anchor = -1;
+  c.ex = c.ey = 5;
+  c.young = 3e4;
+  c.poisson = 0.4;
+  c.damping = 20;
+  return c;
+}
+
 inline Scene make_reference_scene(const ReferenceCase& c) {
   Scene scene;
   pb::Tissue& tissue = *scene.config.mutable_tissue();

@@ -2,6 +2,7 @@
 
 // Elastic solids for physics tests: a box, nothing around it unless asked.
 
+#include <algorithm>
 #include <memory>
 #include <vector>
 
@@ -57,6 +58,44 @@ inline Scene make_solid_scene(const SolidCase& c) {
 
 inline std::shared_ptr<const SolidTissueModel> make_solid(const SolidCase& c) {
   return make_solid_model(make_solid_scene(c), 0.02);
+}
+
+/// Bar of 10 x 120 x 10 mm along y that is held nowhere.
+inline SolidCase free_bar() {
+  SolidCase c;
+  c.anchor_max_y = -1;
+  c.young = 20e3;
+  c.gravity.setZero();
+  return c;
+}
+
+/// The same, clamped at its lower end in y.
+inline SolidCase clamped_bar() {
+  SolidCase c = free_bar();
+  c.anchor_max_y = SolidCase{}.anchor_max_y;
+  c.damping = 20;
+  return c;
+}
+
+/// Mean of the nodes of the free end.
+inline Eigen::Vector3d tip_of(const SolidTissue<double>& tissue) {
+  double far = -1;
+  for (const Eigen::Vector3d& p : tissue.model().mesh.nodes) far = std::max(far, p.y());
+  Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+  int count = 0;
+  for (int i = 0; i < tissue.particles(); ++i) {
+    if (tissue.model().mesh.nodes[static_cast<std::size_t>(i)].y() < far - 1e-6) continue;
+    sum += tissue.position(0, i);
+    ++count;
+  }
+  return sum / count;
+}
+
+/// [N]
+inline double weight_of(const SolidTissue<double>& tissue) {
+  double mass = 0;
+  for (const double m : tissue.model().mass) mass += m;
+  return 9.81 * mass;
 }
 
 }  // namespace omentum::test

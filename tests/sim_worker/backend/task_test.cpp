@@ -1,114 +1,29 @@
 // The task to the letter (docs/task.md) on the shipped presets.
 
 #include <fmt/format.h>
-#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include <algorithm>
 #include <array>
-#include <cmath>
 #include <set>
+#include <string>
+#include <utility>
+#include <vector>
 
-#include "core/config.h"
+#include "core/hash.h"
 #include "core/reward.h"
-#include "core/rng.h"
-#include "sim_worker/backend/sim_backend.h"
-#include "sim_worker/cluster/cluster_tissue.h"
+#include "support/preset_task.h"
 
 namespace omentum {
 namespace {
 
 using Eigen::Vector3d;
-
-/// Preset omentum with decisions of one control period, by which these tests count.
-std::shared_ptr<const SimSetup> setup_of(const std::string& preset,
-                                         const std::vector<std::string>& overrides = {}) {
-  std::vector<std::string> all;
-  if (preset == "omentum") all.emplace_back("task.action_repeat=1");
-  all.insert(all.end(), overrides.begin(), overrides.end());
-  return make_sim_setup(load_config(preset, all), deploy_dir() + "/scenes");
-}
-
-EpisodeStart grid_start(std::uint32_t index) {
-  EpisodeStart start;
-  start.start_set = StartSet::kGrid;
-  start.start_index = index;
-  return start;
-}
-
-/// Steps one environment with branch indices x, y, z, gripper.
-StepOutcome step_one(SimBackend& backend, std::array<std::uint8_t, 4> branch) {
-  std::vector<Action> actions(static_cast<std::size_t>(backend.lanes()));
-  std::vector<StepOutcome> outcomes(actions.size());
-  for (Action& a : actions) std::ranges::copy(branch, a.branch.begin());
-  backend.step(actions, outcomes);
-  return outcomes[0];
-}
-
-Vector3d tip(const SimBackend& backend, int lane = 0) {
-  const EpisodeFacts f = backend.clock(lane);
-  return {f.tool_position[0], f.tool_position[1], f.tool_position[2]};
-}
-
-constexpr std::array<std::uint8_t, 4> kStay = {1, 1, 1, 0};
-constexpr std::array<std::uint8_t, 4> kDown = {1, 1, 0, 0};
-
-const Clusters& clusters_of(const SimSetup& setup) {
-  return dynamic_cast<const ClusterTissueModel&>(*setup.tissue).clusters;
-}
-
-TEST(Scene, PaperHas900Particles) {
-  const auto setup = setup_of("paper_literal");
-  const TissueBody& body = setup->scene.tissue;
-  EXPECT_EQ(body.particles.size(), 900U);
-  EXPECT_EQ(std::count(body.fixed.begin(), body.fixed.end(), 1), 60);
-  EXPECT_NEAR(body.particles.front().x(), -0.0435, 1e-12);
-  EXPECT_NEAR(body.particles.back().y(), 0.0435, 1e-12);
-  EXPECT_EQ(clusters_of(*setup).attached, 8);
-}
-
-TEST(Scene, OmentumHas961ParticlesAndNoOrphans) {
-  const auto setup = setup_of("omentum");
-  EXPECT_EQ(setup->scene.tissue.particles.size(), 961U);
-  EXPECT_EQ(std::count(setup->scene.tissue.fixed.begin(), setup->scene.tissue.fixed.end(), 1), 62);
-  EXPECT_TRUE(clusters_of(*setup).orphans.empty());
-}
-
-TEST(Scene, DerivedSampling) {
-  const auto setup = setup_of("derived");
-  const auto& particles = setup->scene.tissue.particles;
-  EXPECT_EQ(particles.size(), 2997U);
-  Vector3d extent = Vector3d::Zero();
-  for (const Vector3d& p : particles) extent = extent.cwiseMax(p.cwiseAbs());
-  EXPECT_NEAR(extent.x(), 0.0439, 1e-5);
-  EXPECT_NEAR(extent.z(), 0.00079, 1e-5);
-}
-
-TEST(Scene, OrphansOfPaperOptimumAreRefusedByNumber) {
-  try {
-    setup_of("paper_literal", {"scene.tissue.cluster.orphan_policy=ORPHANS_REJECT"});
-    FAIL() << "accepted";
-  } catch (const Error& error) {
-    EXPECT_THAT(error.what(), testing::HasSubstr("leaves 8 of the particles"));
-  }
-}
-
-TEST(Units, GravityGuard) {
-  EXPECT_THAT(setup_of("paper_literal")->warnings,
-              testing::Not(testing::Contains(testing::HasSubstr("gravity"))));
-  EXPECT_THAT(setup_of("paper_literal", {"scene.gravity_m_per_s2=0.981"})->warnings,
-              testing::Contains(testing::HasSubstr("gravity_m_per_s2: 0.981")));
-  const auto derived = setup_of("derived");
-  EXPECT_THAT(derived->warnings, testing::Not(testing::Contains(testing::HasSubstr("gravity"))));
-  EXPECT_NEAR(derived->scene.gravity.z(), -0.980665, 1e-12);
-}
-
-TEST(Units, SpeedGuardWarnsAboveFiftyMillimetresPerSecond) {
-  EXPECT_THAT(setup_of("derived")->warnings,
-              testing::Contains(testing::HasSubstr("0.1 m/s per axis")));
-  EXPECT_THAT(setup_of("paper_literal")->warnings,
-              testing::Not(testing::Contains(testing::HasSubstr("m/s per axis"))));
-}
+using test::grasp_below;
+using test::grid_start;
+using test::kDown;
+using test::kStay;
+using test::setup_of;
+using test::step_one;
+using test::tip;
 
 TEST(Reward, ReferenceValues) {  // docs/task.md 7
   constexpr double kDiagonal = 0.28098;
@@ -325,155 +240,6 @@ TEST(Episode, LengthsAndAccounting) {
   EXPECT_EQ(derived.clock(0).episode_limit, 500U);  // 2500 ticks
 }
 
-/// Brings the tool of lane 0 onto the sheet above a point and closes the jaw; true if it holds.
-bool grasp_below(SimBackend& backend, double dx = 0, double dy = 0) {
-  EpisodeStart start = grid_start(44);
-  start.episode_limit = 100000;
-  backend.reset(0, start);
-  for (int i = 0; i < 40; ++i)
-    step_one(backend, {static_cast<std::uint8_t>(dx > 0   ? 2
-                                                 : dx < 0 ? 0
-                                                          : 1),
-                       static_cast<std::uint8_t>(dy > 0   ? 2
-                                                 : dy < 0 ? 0
-                                                          : 1),
-                       1, 0});
-  const bool paced = backend.setup().config.grasp().jaw_open_deg() > 0;
-  for (int i = 0; i < 260; ++i) {
-    std::vector<Nearest> nearest(static_cast<std::size_t>(backend.tissue_of(0).lanes()));
-    std::vector<Vector3d> points(nearest.size(), tip(backend));
-    backend.tissue_of(0).find_nearest(points, nearest);
-    if (nearest[0].distance < (paced ? 0.0014 : 0.002)) break;
-    step_one(backend, kDown);
-  }
-  for (int i = 0; i < 8; ++i) step_one(backend, {1, 1, 1, 1});
-  return backend.clock(0).held;
-}
-
-TEST(Grasp, PatchKeepsItsShapeAndMovesRigidly) {
-  SimBackend backend(setup_of("paper_literal"), 1, 1);
-  ASSERT_TRUE(grasp_below(backend));
-  Tissue<float>& tissue = backend.tissue_of(0);
-  const auto held = tissue.held(0);
-  ASSERT_GE(held.size(), 3U);
-  std::vector<Vector3d> before;
-  for (const int i : held) before.push_back(tissue.position(0, i) - tip(backend));
-  for (int i = 0; i < 100; ++i) step_one(backend, {0, 1, 2, 1});
-  for (std::size_t k = 0; k < held.size(); ++k) {
-    EXPECT_LT((tissue.position(0, held[k]) - tip(backend) - before[k]).norm(), 1e-7);
-  }
-  // Held particles lie within the patch radius, and every free one within it is held.
-  for (const Vector3d& offset : before) EXPECT_LE(offset.norm(), 0.005 + 0.0005);
-}
-
-TEST(Grasp, APinchTakesTheSheetBetweenItsParticles) {
-  // 1 mm above the middle of a cell of the flat sheet: 2.3 mm from every particle.
-  const auto holds = [](const std::string& pinch) {
-    const auto base = load_config("omentum", {});
-    const Scene scene = make_scene(base.scene(), deploy_dir() + "/scenes");
-    const Vector3d p_W = scene.tissue.X_WB * Vector3d(0.0015, 0.0015, 0.001);
-    SimBackend backend(setup_of("omentum", {"task.random_start=false", "scene.gravity_m_per_s2=0",
-                                            fmt::format("scene.tool_start_m.x={}", p_W.x()),
-                                            fmt::format("scene.tool_start_m.y={}", p_W.y()),
-                                            fmt::format("scene.tool_start_m.z={}", p_W.z()),
-                                            "grasp.min_pinch_m=" + pinch}),
-                       1, 1);
-    backend.reset(0, {});
-    for (int i = 0; i < 3; ++i) step_one(backend, {1, 1, 1, 1});
-    return backend.clock(0).held;
-  };
-  EXPECT_TRUE(holds("0.0003"));
-  EXPECT_FALSE(holds("0.0015")) << "1 mm of tissue lies between the jaws";
-  EXPECT_FALSE(holds("0")) << "the plain grasp knows particles only";
-}
-
-TEST(Grasp, CollapsesOnlyByNamedDefect) {
-  SimBackend backend(setup_of("paper_literal", {"defects.grasp_collapse_to_point=true"}), 1, 1);
-  ASSERT_TRUE(grasp_below(backend));
-  step_one(backend, {1, 1, 1, 1});
-  for (const int i : backend.tissue_of(0).held(0)) {
-    EXPECT_LT((backend.tissue_of(0).position(0, i) - tip(backend)).norm(), 1e-7);
-  }
-}
-
-TEST(Grasp, OpeningReleases) {
-  SimBackend backend(setup_of("paper_literal"), 1, 1);
-  ASSERT_TRUE(grasp_below(backend));
-  step_one(backend, {1, 1, 2, 0});
-  EXPECT_FALSE(backend.clock(0).held);
-}
-
-// The reading of P III-B in which taking hold is an event and not a state of the jaw
-// (docs/decisions/0031).
-TEST(Grasp, AutomaticGraspOutlastsAnOpenJawAndStillNeedsAClosedOne) {
-  SimBackend backend(setup_of("paper_literal", {"grasp.automatic=true"}), 1, 1);
-  ASSERT_TRUE(grasp_below(backend));
-  for (int i = 0; i < 5; ++i) step_one(backend, {1, 1, 2, 0});
-  EXPECT_TRUE(backend.clock(0).held);
-  backend.reset(0, grid_start(44));
-  EXPECT_FALSE(backend.clock(0).held);
-  for (int i = 0; i < 300 && !backend.clock(0).held; ++i) step_one(backend, kDown);
-  EXPECT_FALSE(backend.clock(0).held) << "it went through the sheet with its jaw open";
-}
-
-TEST(Grasp, SheetOnlyUnlessTheDefectIsNamed) {
-  // The tip at the tumour's pole, sheet far away: nothing to hold for us, the organ for the seed.
-  const auto hold = [](const std::vector<std::string>& overrides) {
-    SimBackend backend(setup_of("paper_literal", overrides), 1, 1);
-    EpisodeStart start;
-    backend.reset(0, start);
-    Tissue<float>& tissue = backend.tissue_of(0);
-    for (int i = 0; i < tissue.particles(); ++i)
-      tissue.set_position(0, i, tissue.position(0, i) + Vector3d(0, 0, 0.3));
-    Bytes state = backend.save(0);
-    const double pole[3] = {0.0109, 0.0361, 0.0192 + 0.0137 + 0.001};
-    std::memcpy(state.data(), pole, sizeof pole);
-    EXPECT_TRUE(backend.load(0, state).has_value());
-    step_one(backend, {1, 1, 1, 1});
-    return backend.clock(0).held;
-  };
-  EXPECT_FALSE(hold({}));
-  EXPECT_TRUE(hold({"defects.grasp_any_body=true"}));
-}
-
-TEST(Contact, TipReachesTwoMillimetresFromTheSheetWithToolContactOn) {
-  SimBackend backend(setup_of("omentum"), 1, 1);
-  ASSERT_TRUE(backend.setup().config.scene().tool().contact());
-  EpisodeStart start = grid_start(44);
-  start.episode_limit = 100000;
-  backend.reset(0, start);
-  double nearest_ever = 1;
-  for (int i = 0; i < 200; ++i) {
-    step_one(backend, kDown);
-    std::vector<Nearest> nearest(1);
-    const std::vector<Vector3d> points = {tip(backend)};
-    backend.tissue_of(0).find_nearest(points, nearest);
-    nearest_ever = std::min(nearest_ever, nearest[0].distance);
-  }
-  EXPECT_LT(nearest_ever, 0.002);
-}
-
-TEST(Contact, SettledSheetDoesNotPenetrateTheOrgans) {
-  SimBackend backend(setup_of("omentum"), 1, 1);
-  backend.reset(0, grid_start(0));
-  for (int i = 0; i < 200; ++i) step_one(backend, kStay);
-  const Scene& scene = backend.setup().scene;
-  for (int i = 0; i < backend.tissue_of(0).particles(); ++i) {
-    const Vector3d p = backend.tissue_of(0).position(0, i);
-    if (scene.tissue.fixed[static_cast<std::size_t>(i)] != 0) continue;
-    EXPECT_GT(p.z(), 0.0015 - 2e-4) << i;
-    for (const RigidShape& body : scene.bodies) {
-      if (body.kind != RigidShape::Kind::kEllipsoid && body.kind != RigidShape::Kind::kSphere)
-        continue;
-      const Vector3d local = body.X_WS.inverse() * p;
-      const double k0 = local.cwiseQuotient(body.size).norm();
-      const double k1 = local.cwiseQuotient(body.size.cwiseProduct(body.size)).norm();
-      EXPECT_GT(k0 * (k0 - 1) / k1, 0.0015 - 3e-4)
-          << body.name << " particle " << i;  // one substep of fall
-    }
-  }
-}
-
 TEST(Reset, IsComplete) {
   const auto setup = setup_of("omentum");
   SimBackend fresh(setup, 1, 1);
@@ -548,86 +314,6 @@ TEST(Bonus, BelongsToItsEpisodeUnlessTheDefectIsNamed) {
   const auto seed = returns("true");
   EXPECT_NEAR(ours.first - seed.first, 1.0, 1e-5);
   EXPECT_NEAR(seed.second - ours.second, 1.0, 1e-5);
-}
-
-TEST(BadInput, EffectsAreRefusedWithTheirPlace) {
-  const auto message = [](const auto& make) -> std::string {
-    try {
-      make();
-    } catch (const Error& error) {
-      return error.what();
-    }
-    return "accepted";
-  };
-  using testing::AllOf;
-  using testing::HasSubstr;
-  using testing::StartsWith;
-  EXPECT_THAT(message([] {
-                parse_config("given.txtpb",
-                             "scene {\n  tissue {\n    effects { strain_stiffening: 400 }\n  }\n}");
-              }),
-              AllOf(StartsWith("given.txtpb:3:15: scene.tissue.effects.strain_stiffening: 400"),
-                    HasSubstr("allowed -0.5 ... 50")));
-  EXPECT_THAT(message([] {
-                parse_config("given.txtpb",
-                             "scene {\n  tissue {\n    effects { wobble: 1 }\n  }\n}");
-              }),
-              AllOf(StartsWith("given.txtpb:3:"), HasSubstr("wobble")));
-  const auto drawn = [&](const std::string& parameter, const std::string& model) {
-    return message([&] {
-      setup_of("omentum", {"scene.tissue.model=" + model,
-                           "randomise={ parameter: \"" + parameter + "\" min: 0.1 max: 0.4 }"});
-    });
-  };
-  EXPECT_THAT(drawn("tissue.effects.wobble", "TISSUE_ELASTIC"), HasSubstr("wobble"));
-  EXPECT_THAT(drawn("tissue.effects.poisson_change", "TISSUE_ELASTIC"), HasSubstr("0.49"));
-  EXPECT_THAT(drawn("tissue.effects.strain_stiffening", "TISSUE_CLUSTER"),
-              HasSubstr("not possible with TISSUE_CLUSTER"));
-  EXPECT_THAT(drawn("tissue.effects.obstacle.radius_m", "TISSUE_ELASTIC"),
-              HasSubstr("part of the scene"));
-  EXPECT_THAT(drawn("tissue.effects.anchor.compliance_m2_per_n", "TISSUE_ELASTIC"),
-              HasSubstr("above 0"));
-}
-
-TEST(Obstacle, IsOneMoreBodyOfTheScene) {
-  const auto plain = setup_of("omentum", {});
-  const auto with = setup_of("omentum", {"scene.tissue.effects.obstacle={ x_m: 0.01 z_m: 0.09 "
-                                         "radius_m: 0.008 }"});
-  ASSERT_EQ(with->scene.bodies.size(), plain->scene.bodies.size() + 1);
-  const RigidShape& body = with->scene.bodies.back();
-  EXPECT_EQ(body.role, pb::ROLE_OBSTACLE);
-  EXPECT_EQ(body.size.x(), 0.008);
-  EXPECT_EQ(body.X_WS.translation().z(), 0.09);
-}
-
-TEST(BadInput, OneLineNamesKnobValueAndRange) {
-  const auto message = [](const std::string& preset,
-                          const std::vector<std::string>& overrides) -> std::string {
-    try {
-      setup_of(preset, overrides);
-    } catch (const Error& error) {
-      return error.what();
-    }
-    return "accepted";
-  };
-  using testing::HasSubstr;
-  EXPECT_THAT(message("omentum", {"task.increment_m=5"}),
-              testing::AllOf(HasSubstr("task.increment_m: 5 m"), HasSubstr("0.01")));
-  EXPECT_THAT(message("omentum", {"task.increment_m=nan"}), HasSubstr("task.increment_m: nan"));
-  EXPECT_THAT(message("omentum", {"task.incremnt_m=0.001"}),
-              HasSubstr("no field named \"incremnt_m\""));
-  EXPECT_THAT(message("omentum", {"task.increment_m=fast"}),
-              HasSubstr("--set task.increment_m=fast"));
-  EXPECT_THAT(message("nothing", {}), HasSubstr("allowed: derived, derived_head, omentum"));
-  EXPECT_THAT(message("omentum", {"scene.target_m={ x: 3 y: 0 z: 0 }"}),
-              HasSubstr("scene.target_m"));
-  EXPECT_THAT(message("omentum", {"scene.target_m={ x: 300 y: 0 z: 0 }"}),
-              HasSubstr("-100 ... 100"));
-  EXPECT_THAT(message("omentum", {"scene.tissue.grid.pitch_m=0.09"}),
-              HasSubstr("are the lengths in metres"));
-  EXPECT_THAT(message("omentum", {"scene.rigid_body={ mesh { path: \"none.obj\" } }"}),
-              HasSubstr("none.obj"));
-  EXPECT_THAT(message("omentum", {"scene.tissue.anchor_max_y_m=-1"}), HasSubstr("anchor_max_y_m"));
 }
 
 }  // namespace
