@@ -260,7 +260,8 @@ void time_columns(unsigned elements) {
               1e6 * (forty.seconds - one.seconds) / (39.0 * kSteps));
   std::printf("columns.case10_60_columns_s %.1f s\n", 10 * sixty.seconds);
   std::printf("columns.case10_sites_s %.1f s\n", 10 * many.seconds);
-  std::printf("columns.overhead_ratio_60 %.3f ratio\n", (sixty.seconds - plain.seconds) / plain.seconds);
+  std::printf("columns.overhead_ratio_60 %.3f ratio\n",
+              (sixty.seconds - plain.seconds) / plain.seconds);
 }
 
 }  // namespace

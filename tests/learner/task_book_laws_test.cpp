@@ -18,8 +18,6 @@ using test::fake_rollout;
 using test::hash_of_version;
 using test::small_config;
 
-// A whole run of `batches` batches with one perfect worker; returns a hash per batch over its
-// content.
 std::uint64_t content_hash(const std::vector<RolloutSegment>& batch) {
   std::uint64_t hash = kFnvOffset;
   for (std::uint32_t s = 0; s < batch.size(); ++s) {
@@ -31,6 +29,7 @@ std::uint64_t content_hash(const std::vector<RolloutSegment>& batch) {
   return hash;
 }
 
+// A whole run of `batches` batches with one perfect worker; a hash of the content of each.
 std::vector<std::uint64_t> reference_run(const TaskBookConfig& config, int batches) {
   TaskBook book(config);
   book.worker_joined(1, 100);
