@@ -5,7 +5,7 @@ from what is believed of them.
 /usr/bin/python3 calibration_coverage.py MISMATCH SCRATCH [--cases 100] [--first 0] [--threads 1] [--moving]
     [--recorded-mm 3] [--tolerance-mm 3]
 
-The meshes of recordings and fit are of those tolerances; their lines still follow other pinch points and other thicknesses.
+The meshes of recordings and fit are of those tolerances; that of a fit is not graded for the clamp of neo-Hooke, and so stiffer.
 A case leaves SCRATCH/case<N>.json and is not computed again; at the end the table of all cases that are there.
 """
 import argparse
