@@ -74,8 +74,7 @@ def compute(program, number, folder, args):
     truth, offsets, factors, clocks = draw(number)
     times = [np.arange(0.2, 1.5, 0.1)] * len(small.PINCHES) if args.moving else moments(number)
     small.PRIORS = ((MATERIAL + "young_modulus_pa", "factor", 2), *small.PRIORS[1:])
-    small.write_case(program, folder, truth, offsets, number, times, np.exp(factors),
-                     ("--tolerance-mm", args.recorded_mm),
+    small.write_case(program, folder, truth, offsets, number, times, np.exp(factors), ("--tolerance-mm", args.recorded_mm),
                      cloud_rate=10 if args.moving else 50)
     for k, clock in enumerate(clocks):
         index = folder / "lifts" / f"lift{k}" / "clouds.csv"
@@ -145,6 +144,7 @@ def run(compute, args):
 
 
 def arguments(cases, tolerance):
+    """A parser of what run() takes."""
     parser = argparse.ArgumentParser()
     parser.add_argument("program", type=Path)
     parser.add_argument("scratch", type=Path)
@@ -152,10 +152,11 @@ def arguments(cases, tolerance):
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--threads", default="1")
     parser.add_argument("--tolerance-mm", default=tolerance)
-    parser.add_argument("--recorded-mm", default="3")
     parser.add_argument("--moving", action="store_true")
-    return parser.parse_args()
+    return parser
 
 
 if __name__ == "__main__":
-    run(compute, arguments(100, "3"))
+    options = arguments(100, "3")
+    options.add_argument("--recorded-mm", default="3")
+    run(compute, options.parse_args())

@@ -34,7 +34,7 @@ def write_case(number, folder, moving):
     for k, lift in enumerate(files):
         # The robot knows the height over the board that it was told, not how thick the tissue is.
         told = lift["path_m"] - np.append(offsets[k], lift["path_m"][0, 2] - BELIEVED["thickness"] / 2)
-        # Not all at the end, which would tell the clock (calibration_coverage.moments).
+        # Anywhere in a hold, as those of calibration_coverage.moments.
         taken = np.array(HOLDS) - 0.1 * moments.integers(1, 4, len(HOLDS))
         far = np.abs(lift["times_s"][:, None] - taken).min(axis=1)
         frames = np.flatnonzero((far < 1e-6) | (moving & (lift["times_s"] > 0.15)))
@@ -67,4 +67,4 @@ def compute(program, number, folder, args):
 
 
 if __name__ == "__main__":
-    coverage.run(compute, coverage.arguments(12, "0.6"))
+    coverage.run(compute, coverage.arguments(12, "0.6").parse_args())
