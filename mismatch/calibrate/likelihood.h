@@ -87,6 +87,7 @@ struct Block {
   std::vector<double> marker_deviation;  ///< of markers, each axis [m]
   /// Of a marker, outliers shortened: sums of squares and of products with the frame before [m^2].
   double marker_squares = 0, marker_products = 0;
+  std::size_t marker_pairs = 0;  ///< in those sums
 };
 
 /// Compares what was seen along the rays of the camera: the range of the point against that of the

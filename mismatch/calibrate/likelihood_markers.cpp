@@ -38,6 +38,7 @@ void Likelihood::add_markers(const SeenFrame& frame, const PredictedFrame& predi
     if (before) {
       block.marker_squares += 0.5 * (shortened.squaredNorm() + before->squaredNorm());
       block.marker_products += shortened.dot(*before);
+      ++block.marker_pairs;
     }
     before = shortened;
     for (int axis = 0; axis < 3; ++axis) {

@@ -25,7 +25,13 @@ double rms_of(const std::vector<std::vector<double>>& distances, double* mean = 
 }  // namespace
 
 double floor_of(const Observation& seen, const Block& block) {
-  if (!seen.has_points()) return std::sqrt(3) * seen.marker_noise;
+  if (!seen.has_points()) {
+    // Of markers that never rest, what is measured in holds is their motion.
+    const double in_holds = std::sqrt(3) * seen.marker_noise;
+    if (block.marker_pairs == 0) return in_holds;
+    const double changes = block.marker_squares - block.marker_products;
+    return std::min(in_holds, std::sqrt(changes / static_cast<double>(block.marker_pairs)));
+  }
   std::vector<double> steps;
   for (std::size_t k = 1; k < block.deviation.size(); ++k)
     steps.push_back(std::fabs(block.deviation[k] - block.deviation[k - 1]));

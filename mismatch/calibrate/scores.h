@@ -10,7 +10,7 @@ FitRow score(SurfaceFit& fit, std::size_t recording, const Prediction& predictio
              const FitState& at, const FitState& state, const Prediction& base);
 
 /// White part of the distances along the rays, from neighbours in a cloud [m]; where there is no
-/// cloud, that of the distances of markers, as measured in holds.
+/// cloud, that of the distances of markers, as measured in holds or from frame to frame, if less.
 double floor_of(const Observation& seen, const Block& block);
 
 /// Adds to surfaces simulated at `state`, to first order, what shared numbers do that are in no

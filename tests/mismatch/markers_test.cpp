@@ -10,6 +10,7 @@
 #include "core/config.h"
 #include "mismatch/calibrate/marker_binding.h"
 #include "mismatch/calibrate/reference_fit.h"
+#include "mismatch/calibrate/scores.h"
 #include "mismatch/calibrate/seen_markers.h"
 
 namespace omentum {
@@ -341,6 +342,17 @@ TEST(Markers, TellTheStiffnessAndOneThatJumpsDoesNot) {
   for (const std::size_t k : {7U, 15U, 22U})
     c.fit->observations[0].frames[k].markers[1].p += Vector3d(0.01, 0, 0.02);
   EXPECT_NEAR(stiffness(), clean, 0.01);
+}
+
+TEST(Markers, ThatNeverRestHaveTheFloorThatTheFitLeavesBetweenFrames) {
+  Rising c;
+  const Block block =
+      c.fit->compare(c.predictions, c.at, c.which, c.at, c.fit->noise, false).front();
+  Observation seen = c.fit->observations[0];
+  seen.marker_noise = 0.004;  // their motion, taken for noise
+  EXPECT_NEAR(floor_of(seen, block), 1.2e-5, 0.5e-5);
+  seen.marker_noise = 1e-6;
+  EXPECT_NEAR(floor_of(seen, block), std::sqrt(3) * 1e-6, 1e-12);
 }
 
 TEST(Markers, WhatIsLeftAlikeInAllFramesCountsOnce) {

@@ -10,7 +10,7 @@ values", then one line per point: x y z at rest, deformed on the finest, on the 
 import os
 import sys
 import time
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, replace
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
@@ -37,9 +37,12 @@ class Case:
     turn_compliance: float = 0.0  # of the pad [rad/(N m)]
     inclusion: tuple = ()  # x, y, radius, change of E by EffectValues::stiffness_at
     anchor_compliance: float = 0.0  # of the clamp, per length of its edge [m^2/N]
+    whole: bool = False  # not by half
 
     @property
     def mirrored(self):
+        if self.whole:
+            return False
         places = [p[0] for p in (self.disc, self.pad, self.inclusion) if p]
         return self.lift[0] == 0 and not any(places)
 
@@ -66,12 +69,13 @@ def cases():
     def kpa(young):
         return f"{round(young / 1e3)}kPa"
 
-    every = [Case(f"droop_{kpa(e)}", e) for e in (1e4, 3e4, 6e4, 2e5)]
+    every = [Case(f"droop_{kpa(e)}", e) for e in (5e3, 1e4, 3e4, 6e4, 2e5)]
     every += [Case(f"droop_{short}_{kpa(e)}", e, law) for short, law in
               (("svk", "st_venant_kirchhoff"), ("corotated", "corotated")) for e in (6e4, 2e5)]
     every += [Case(f"{body}_{kpa(e)}", e, body=body) for body in ("beam", "stubby")
               for e in (1e4, 6e4, 2e5)]
     for place, (at, lift) in PLACES.items():
+        every.append(Case(f"{place}_disc_5kPa", 5e3, disc=(*at, RADIUS), lift=lift))
         for e in (1e4, 6e4, 2e5):
             every.append(Case(f"{place}_disc_{kpa(e)}", e, disc=(*at, RADIUS), lift=lift))
             every.append(Case(f"{place}_pad_{kpa(e)}", e, pad=(*at, *HALF), lift=lift))
@@ -178,6 +182,32 @@ def reach(case, steps=6):
     return solid
 
 
+def leave_unstable(case, half):
+    """Case and coarse state that a half comes to which is not stable: pushed to a side on a whole
+    grid and let go. What it comes to may be symmetric again and is then computed by half."""
+    solid = make_solid(replace(case, whole=True), PATH)
+    solid.start_from(half)
+    solid.grip.aim(case.lift)
+    if case.pad:
+        solid.grip.move(solid, half.grip.state(), 0, None)
+    aside = 1e-3 * solid.nodes[:, 0] / SIDE * (solid.nodes[:, 1] - CLAMP) / (SIDE - CLAMP)
+    solid.displacement()[:, 2] += np.where(solid.fixed[2::3], 0, aside)
+    solid.relax(1e2, 4.0)
+    left, right = (np.array([solid.point((sign * x, y, z)) for x, y, z in points_of(case)])
+                   for sign in (-1, 1))
+    skew = np.abs(left * [-1, 1, 1] - right).max()
+    print(f"  left an unstable state; sides {1e3 * skew:.4f} mm apart", flush=True)
+    if skew > 1e-5:
+        return replace(case, whole=True), solid
+    back = make_solid(case, PATH)
+    back.start_from(solid)
+    back.grip.aim(case.lift)
+    if case.pad:
+        back.grip.move(back, solid.grip.state(), 0, None)
+    back.relax(1e2)
+    return case, back
+
+
 def refine(case, level, coarse, before, depth=0):
     """The state on the grid of `level` from that of `before`; where Newton's method does not get
     there, by grids between the two."""
@@ -225,6 +255,8 @@ def run(case):
     begin = time.time()
     solid = reach(case)
     print(f"{case.name}: path {solid.newton} iterations, {time.time() - begin:.0f} s", flush=True)
+    if case.mirrored and not solid.is_stable():
+        case, solid = leave_unstable(case, solid)
     rest = points_of(case)
     states = []
     before = PATH

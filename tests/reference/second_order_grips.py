@@ -37,20 +37,18 @@ class Disc:
                     slopes = [1, (p[0] - mean[0]) / radius, (p[1] - mean[1]) / radius, z / half]
                     rows[:, nodes] += weight * part * (b - a) / (2 * half) * np.outer(slopes, N)
         kinds = [(row, axis) for row in range(4) for axis in range(3)]
-        if solid.mirrored:  # by symmetry the others are zero
-            kinds = [k for k in kinds if (k[0] == 1) == (k[1] == 0)]
-        self.times = 2 if solid.mirrored else 1
-        self.C = np.zeros((len(kinds), solid.w.x.array.size))
-        self.compliance = np.zeros(len(kinds))
+        C = np.zeros((len(kinds), solid.w.x.array.size))
         for k, (row, axis) in enumerate(kinds):
-            self.C[k, axis::3] = rows[row]
-            if row == 0:
-                self.compliance[k] = self.times * compliance
-        self.kinds = kinds
-        self.C[:, solid.fixed] = 0
-        self.C = scipy.sparse.csr_matrix(self.C)
-        self.target = np.zeros(len(kinds))
-        self.p = np.zeros(len(kinds))
+            C[k, axis::3] = rows[row]
+        # Of a half the others are zero by symmetry; they hold it when it moves to a side.
+        here = np.array([not solid.mirrored or (row == 1) == (axis == 0) for row, axis in kinds])
+        self.aside = C[~here]
+        self.kinds = [kind for kind, kept in zip(kinds, here) if kept]
+        self.C = scipy.sparse.csr_matrix(np.where(solid.fixed, 0, C[here]))
+        self.times = 2 if solid.mirrored else 1
+        self.compliance = np.array([self.times * compliance * (row == 0) for row, _ in self.kinds])
+        self.target = np.zeros(len(self.kinds))
+        self.p = np.zeros(len(self.kinds))
 
     def aim(self, lift):
         for k, (row, axis) in enumerate(self.kinds):
@@ -107,6 +105,7 @@ class Pad:
             faces & (near[:, 0] < half[0] + 1e-9) & (near[:, 1] < half[1] + 1e-9))
         self.X = solid.nodes[self.nodes] - self.centre
         self.prescribed = (3 * self.nodes[:, None] + np.arange(3)).ravel()
+        self.C = self.aside = np.zeros((0, solid.w.x.array.size))  # what it holds is prescribed
         self.active = np.array([1, 2, 3] if solid.mirrored else range(6))
         self.times = 2 if solid.mirrored else 1
         self.compliance = np.repeat([compliance, turn_compliance], 3)

@@ -11,6 +11,7 @@ import logging
 
 import dolfinx
 import numpy as np
+import scipy.sparse
 import ufl
 from dolfinx import fem, mesh
 from mpi4py import MPI
@@ -88,9 +89,11 @@ class Solid:
         fixed = np.zeros((len(self.nodes), 3), bool)
         if not bed:
             fixed[self.nodes[:, 1] < clamp + 1e-9] = True
+        self.in_plane = np.zeros_like(fixed)  # what a plane of symmetry takes
         if mirrored:
-            fixed[self.nodes[:, 0] < self.lines[0][0] + 1e-9, 0] = True
-        self.fixed = fixed.ravel()
+            self.in_plane[self.nodes[:, 0] < self.lines[0][0] + 1e-9, 0] = True
+        self.in_plane = self.in_plane.ravel()
+        self.fixed = fixed.ravel() | self.in_plane
         self.A = fem.petsc.create_matrix(self.tangent_form)
         self.A.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
         self.A.setOption(PETSc.Mat.Option.SYMMETRIC, True)
@@ -141,8 +144,7 @@ class Solid:
     def start_from(self, other):
         """Displacement of a solid with another grid."""
         for k, p in enumerate(self.nodes):
-            nodes, N = other.weights_at(p)
-            self.displacement()[k] = N @ other.displacement()[nodes]
+            self.displacement()[k] = other.point(p) - p
 
     # ---- equilibrium -------------------------------------------------------------------------
 
@@ -241,7 +243,27 @@ class Solid:
                 raise RuntimeError("no equilibrium found")
 
     def is_stable(self):
-        """Whether the tangent is positive definite (pivots of the factor)."""
+        """Whether the tangent is positive definite on the motions that the grip leaves; of a half, on
+        the symmetric ones and on those to a side."""
+        if not self.definite(self.grip.C if self.grip else np.zeros((0, len(self.mass)))):
+            return False
+        if not self.mirrored:
+            return True
+        symmetric = self.fixed
+        plane = self.nodes[:, 0] < self.lines[0][0] + 1e-9
+        aside = (plane[:, None] & [False, True, True]).ravel()
+        self.fixed = (symmetric & ~self.in_plane) | aside
+        try:
+            return self.definite(self.grip.aside if self.grip else np.zeros((0, len(self.mass))))
+        finally:
+            self.fixed = symmetric
+
+    def definite(self, rows):
+        """Whether the tangent is positive definite where the motion times `rows` is zero: as many
+        pivots below zero as eigenvalues of rows tangent^-1 rows^T."""
         self.tangent(0.0)
         self.factor(self.grip.prescribed if self.grip else np.zeros(0, int))
-        return self.solver.getPC().getFactorMatrix().getMumpsInfog(12) == 0
+        pivots = self.solver.getPC().getFactorMatrix().getMumpsInfog(12)
+        rows = np.where(self.fixed, 0, scipy.sparse.csr_matrix(rows).toarray())
+        by_rows = rows @ np.array([self.solve_linear(row) for row in rows]).reshape(rows.shape).T
+        return pivots == np.count_nonzero(np.linalg.eigvalsh((by_rows + by_rows.T) / 2) < 0)
