@@ -173,9 +173,20 @@ pb::ReferenceModel coarser_mesh(pb::ReferenceModel mesh, const std::array<int, 3
   return mesh;
 }
 
+std::optional<int> fewer_layers(const pb::ReferenceModel& coarse, int layers) {
+  const int fewer = static_cast<int>(std::lround(layers / 1.5));
+  if (static_cast<int>(coarse.elements_z()) != layers || fewer < 2 || fewer == layers) return {};
+  return fewer;
+}
+
+MeshError combined(const MeshError& a, const MeshError& b) {
+  return {std::hypot(a.rms_m, b.rms_m), std::hypot(a.worst_rms_m, b.worst_rms_m),
+          std::hypot(a.force, b.force)};
+}
+
 MeshError estimate_mesh_error(const SimulatedRecording& fine, const SimulatedRecording& coarse,
-                              double ratio) {
-  const double fall = 1 / (ratio * ratio - 1);
+                              double growth) {
+  const double fall = 1 / (growth - 1);
   MeshError error;
   double forces = 0;
   const std::size_t steps = fine.time.size();

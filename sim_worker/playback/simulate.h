@@ -100,7 +100,7 @@ SimulatedRecording simulate_recording(const TissueModel& model, const Arm& arm,
                                       ColumnCarrier* columns = nullptr,
                                       const std::function<bool()>& stop = {});
 
-/// What a coarser mesh changes, scaled to an estimate of the error of the finer one.
+/// What coarser meshes change, scaled to an estimate of the error of the finest.
 struct MeshError {
   double rms_m = 0;        ///< over all points and times
   double worst_rms_m = 0;  ///< of the worst time
@@ -112,10 +112,16 @@ struct MeshError {
 pb::ReferenceModel coarser_mesh(pb::ReferenceModel mesh, const std::array<int, 3>& cells,
                                 double ratio);
 
-/// Both of the same commands; `ratio` of the edges of their cells, above 1. The error is taken to
-/// fall with the square of the cell, as that of a bent element's chord does (docs/results.md), so
-/// that of the fine one is the difference divided by ratio^2 - 1.
+/// Layers of a mesh beside `coarse`, that has `layers` as the finest one has, for what these leave;
+/// none where `coarse` has fewer than that already or there are no two fewer to compare with.
+std::optional<int> fewer_layers(const pb::ReferenceModel& coarse, int layers);
+
+/// Both of the same commands; `growth` of the error from the fine mesh to the coarse one, above 1:
+/// the error of the fine one is the difference divided by growth - 1.
 MeshError estimate_mesh_error(const SimulatedRecording& fine, const SimulatedRecording& coarse,
-                              double ratio);
+                              double growth);
+
+/// Of errors that know nothing of each other.
+MeshError combined(const MeshError& a, const MeshError& b);
 
 }  // namespace omentum

@@ -28,15 +28,21 @@ SimulatedRecording recording_of(const test::StaticState& state) {
   return recording;
 }
 
-/// As print_mesh_error of `mismatch simulate` does it.
+/// As find_mesh_error of `simulate` does it.
 MeshError estimate(const test::SecondOrder& c, const Scene& fine, const std::array<int, 3>& cells,
                    const test::StaticState& state) {
   constexpr double kRatio = 1.5;
-  Scene coarse = fine;
-  pb::ReferenceModel& mesh = *coarse.config.mutable_tissue()->mutable_reference();
+  Scene scene = fine;
+  pb::ReferenceModel& mesh = *scene.config.mutable_tissue()->mutable_reference();
   mesh = coarser_mesh(mesh, cells, kRatio);
-  return estimate_mesh_error(recording_of(state), recording_of(test::settle_reference(c, coarse)),
-                             kRatio);
+  const auto run = [&] { return recording_of(test::settle_reference(c, scene)); };
+  const SimulatedRecording coarse = run();
+  const MeshError in_plane = estimate_mesh_error(recording_of(state), coarse, kRatio * kRatio);
+  const std::optional<int> fewer = fewer_layers(mesh, cells[2]);
+  if (!fewer) return in_plane;
+  mesh.set_elements_z(static_cast<std::uint32_t>(*fewer));
+  const double ratio = static_cast<double>(cells[2]) / *fewer;
+  return combined(in_plane, estimate_mesh_error(coarse, run(), ratio * ratio * ratio));
 }
 
 double force_error(const test::SecondOrder& c, const test::StaticState& state) {
