@@ -29,7 +29,7 @@ double floor_of(const Observation& seen, const Block& block) {
     // Of markers that never rest, what is measured in holds is their motion.
     const double in_holds = std::sqrt(3) * seen.marker_noise;
     if (block.marker_pairs == 0) return in_holds;
-    const double changes = block.marker_squares - block.marker_products;
+    const double changes = std::max(0.0, block.marker_squares - block.marker_products);
     return std::min(in_holds, std::sqrt(changes / static_cast<double>(block.marker_pairs)));
   }
   std::vector<double> steps;

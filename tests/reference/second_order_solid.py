@@ -89,11 +89,10 @@ class Solid:
         fixed = np.zeros((len(self.nodes), 3), bool)
         if not bed:
             fixed[self.nodes[:, 1] < clamp + 1e-9] = True
-        self.in_plane = np.zeros_like(fixed)  # what a plane of symmetry takes
-        if mirrored:
-            self.in_plane[self.nodes[:, 0] < self.lines[0][0] + 1e-9, 0] = True
-        self.in_plane = self.in_plane.ravel()
-        self.fixed = fixed.ravel() | self.in_plane
+        clamped = fixed.ravel()
+        plane = mirrored & (self.nodes[:, 0] < self.lines[0][0] + 1e-9)
+        self.fixed = clamped | (plane[:, None] & [True, False, False]).ravel()
+        self.fixed_aside = clamped | (plane[:, None] & [False, True, True]).ravel()
         self.A = fem.petsc.create_matrix(self.tangent_form)
         self.A.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
         self.A.setOption(PETSc.Mat.Option.SYMMETRIC, True)
@@ -249,10 +248,7 @@ class Solid:
             return False
         if not self.mirrored:
             return True
-        symmetric = self.fixed
-        plane = self.nodes[:, 0] < self.lines[0][0] + 1e-9
-        aside = (plane[:, None] & [False, True, True]).ravel()
-        self.fixed = (symmetric & ~self.in_plane) | aside
+        symmetric, self.fixed = self.fixed, self.fixed_aside
         try:
             return self.definite(self.grip.aside if self.grip else np.zeros((0, len(self.mass))))
         finally:
