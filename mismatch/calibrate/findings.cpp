@@ -283,9 +283,8 @@ void add_groups(const Findings& f, Calibration& result) {
   const int clock = f.fit.layout.clock();
   if (!recordings_move(f)) {
     result.warnings.push_back(
-        "scene.depth_sensor.time_offset_s: what was recorded rests and says nothing of the "
-        "camera's "
-        "clock: it stays as believed; record while the tissue moves");
+        "scene.depth_sensor.time_offset_s: what was recorded rests and says nothing of the camera's"
+        " clock: it stays as believed; record while the tissue moves");
   } else {
     NumberGroup group;
     group.name = "latency";

@@ -129,8 +129,7 @@ std::optional<MeshError> find_mesh_error(const SimulationTask& task, const Recor
   const SimulatedRecording flat = run();
   if (!flat.failure.empty()) {
     made.warnings.push_back(
-        "the estimate of the discretisation error lacks what the layers leave: "
-        "with fewer " +
+        "the estimate of the discretisation error lacks what the layers leave: with fewer " +
         flat.failure);
     return in_plane;
   }
