@@ -157,55 +157,6 @@ std::vector<PinchCircle> pinches_of(const ToolTrack& track, const Scene& scene,
   return pinches;
 }
 
-pb::ReferenceModel coarser_mesh(pb::ReferenceModel mesh, const std::array<int, 3>& cells,
-                                double ratio) {
-  const auto fewer = [&](int count) {
-    return static_cast<std::uint32_t>(std::max(1.0, std::round(count / ratio)));
-  };
-  // The cell follows the root 3/8 of the tolerance (reference_model.cpp).
-  mesh.set_tolerance_m(mesh.tolerance_m() * ratio * ratio * std::cbrt(ratio * ratio));
-  if (mesh.elements_x() > 0) mesh.set_elements_x(fewer(cells[0]));
-  if (mesh.elements_y() > 0) mesh.set_elements_y(fewer(cells[1]));
-  // A sheet keeps its few layers: from five to three or three to two is no step of one refinement.
-  constexpr int kFew = 5;
-  const auto layers = static_cast<std::uint32_t>(std::min(cells[2], kFew));
-  mesh.set_elements_z(mesh.elements_z() > 0 ? fewer(cells[2]) : std::max(layers, fewer(cells[2])));
-  return mesh;
-}
-
-std::optional<int> fewer_layers(const pb::ReferenceModel& coarse, int layers) {
-  const int fewer = static_cast<int>(std::lround(layers / 1.5));
-  if (static_cast<int>(coarse.elements_z()) != layers || fewer < 2 || fewer == layers) return {};
-  return fewer;
-}
-
-MeshError combined(const MeshError& a, const MeshError& b) {
-  return {std::hypot(a.rms_m, b.rms_m), std::hypot(a.worst_rms_m, b.worst_rms_m),
-          std::hypot(a.force, b.force)};
-}
-
-MeshError estimate_mesh_error(const SimulatedRecording& fine, const SimulatedRecording& coarse,
-                              double growth) {
-  const double fall = 1 / (growth - 1);
-  MeshError error;
-  double forces = 0;
-  const std::size_t steps = fine.time.size();
-  for (std::size_t k = 0; k < steps; ++k) {
-    double squares = 0;
-    for (std::size_t i = 0; i < fine.points[k].size(); ++i)
-      squares += (fine.points[k][i] - coarse.points[k][i]).squaredNorm();
-    squares /= static_cast<double>(fine.points[k].size());
-    error.rms_m += squares / static_cast<double>(steps);
-    error.worst_rms_m = std::max(error.worst_rms_m, squares);
-    error.force += (fine.force[k] - coarse.force[k]).squaredNorm();
-    forces += fine.force[k].squaredNorm();
-  }
-  error.rms_m = fall * std::sqrt(error.rms_m);
-  error.worst_rms_m = fall * std::sqrt(error.worst_rms_m);
-  error.force = forces > 0 ? fall * std::sqrt(error.force / forces) : 0;
-  return error;
-}
-
 SimulatedRecording simulate_recording(const TissueModel& model, const Arm& arm,
                                       const ToolTrack& track, const GraspSettings& grasp,
                                       const RecordingStart& start, ColumnCarrier* columns,

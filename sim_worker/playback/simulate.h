@@ -1,7 +1,6 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <array>
 #include <functional>
 #include <memory>
 #include <optional>
@@ -99,29 +98,5 @@ SimulatedRecording simulate_recording(const TissueModel& model, const Arm& arm,
                                       const RecordingStart& start = {},
                                       ColumnCarrier* columns = nullptr,
                                       const std::function<bool()>& stop = {});
-
-/// What coarser meshes change, scaled to an estimate of the error of the finest.
-struct MeshError {
-  double rms_m = 0;        ///< over all points and times
-  double worst_rms_m = 0;  ///< of the worst time
-  double force = 0;  ///< rms over the times, relative to the rms of the force; 0 without force
-};
-
-/// A mesh whose cells are `ratio` times as long, in as many layers where these are few and follow
-/// from the tolerance; `cells` along x, y, z of the given one.
-pb::ReferenceModel coarser_mesh(pb::ReferenceModel mesh, const std::array<int, 3>& cells,
-                                double ratio);
-
-/// Layers of a mesh beside `coarse`, that has `layers` as the finest one has, for what these leave;
-/// none where `coarse` has fewer than that already or there are no two fewer to compare with.
-std::optional<int> fewer_layers(const pb::ReferenceModel& coarse, int layers);
-
-/// Both of the same commands; `growth` of the error from the fine mesh to the coarse one, above 1:
-/// the error of the fine one is the difference divided by growth - 1.
-MeshError estimate_mesh_error(const SimulatedRecording& fine, const SimulatedRecording& coarse,
-                              double growth);
-
-/// Of errors that know nothing of each other.
-MeshError combined(const MeshError& a, const MeshError& b);
 
 }  // namespace omentum

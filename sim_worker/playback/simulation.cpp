@@ -99,44 +99,6 @@ void run_task(const SimulationTask& task, const RecordingStart& start,
   made.column_frames = recorder.frames();
 }
 
-/// From the same commands on a mesh with 1.5 times larger cells, and on that one with fewer layers.
-/// The error grows with the square of the cell in the plane, as that of a bent element's chord, and
-/// with the cube of the layer (decision 0030).
-std::optional<MeshError> find_mesh_error(const SimulationTask& task, const RecordingStart& start,
-                                         const std::vector<PinchCircle>& pinches, const Arm& arm,
-                                         const ReferenceTissueModel& fine, const Stop& stop,
-                                         Simulation& made) {
-  constexpr double kRatio = 1.5;
-  Scene scene = made.scene;
-  pb::ReferenceModel& mesh = *scene.config.mutable_tissue()->mutable_reference();
-  mesh = coarser_mesh(fine.numerics, made.cells, kRatio);
-  const auto run = [&] {
-    std::vector<std::string> ignored;
-    const auto model = make_tissue_model(scene, task.period, ignored, pinches);
-    return simulate_recording(*model, arm, task.commands, task.grasp, start, nullptr, stop);
-  };
-  const SimulatedRecording coarse = run();
-  if (!coarse.failure.empty()) {
-    made.warnings.push_back("no estimate of the discretisation error: with larger cells " +
-                            coarse.failure);
-    return std::nullopt;
-  }
-  const MeshError in_plane = estimate_mesh_error(made.recording, coarse, kRatio * kRatio);
-  const int layers = made.cells[2];
-  const std::optional<int> fewer = fewer_layers(mesh, layers);
-  if (!fewer) return in_plane;
-  mesh.set_elements_z(static_cast<std::uint32_t>(*fewer));
-  const SimulatedRecording flat = run();
-  if (!flat.failure.empty()) {
-    made.warnings.push_back(
-        "the estimate of the discretisation error lacks what the layers leave: with fewer " +
-        flat.failure);
-    return in_plane;
-  }
-  const double ratio = static_cast<double>(layers) / *fewer;
-  return combined(in_plane, estimate_mesh_error(coarse, flat, ratio * ratio * ratio));
-}
-
 /// Tissue that nothing holds has no rest to begin from: it begins in the shape of the scene.
 RecordingStart start_of(const SimulationTask& task, const Scene& scene) {
   RecordingStart start;
@@ -182,8 +144,17 @@ Simulation simulate(const SimulationTask& task, const std::function<bool()>& sto
     made.warnings.push_back(fmt::format("{}: the jaw closed {} times and held nothing",
                                         task.commands.path, recording.missed_grasps));
   }
-  if (task.estimate_error && made.reference && recording.failure.empty())
-    made.mesh_error = find_mesh_error(task, start, pinches, arm, *reference, stop, made);
+  if (task.estimate_error && made.reference && recording.failure.empty()) {
+    const auto run = [&](const pb::ReferenceModel& mesh) {
+      Scene scene = made.scene;
+      *scene.config.mutable_tissue()->mutable_reference() = mesh;
+      std::vector<std::string> ignored;
+      const auto other = make_tissue_model(scene, task.period, ignored, pinches);
+      return simulate_recording(*other, arm, task.commands, task.grasp, start, nullptr, stop);
+    };
+    made.mesh_error =
+        find_mesh_error(recording, reference->numerics, made.cells, run, made.warnings);
+  }
   return made;
 }
 

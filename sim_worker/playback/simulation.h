@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "sim_worker/playback/mesh_error.h"
 #include "sim_worker/playback/simulate.h"
 
 namespace omentum {

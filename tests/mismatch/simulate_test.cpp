@@ -181,53 +181,6 @@ TEST(Simulate, ClocksShiftTheTimeStampsOfTheirStreamOnly) {
   EXPECT_NEAR(read_table(folder + "/markers.csv").column("t_s")[3], r.time[3], 1e-9);
 }
 
-TEST(MeshError, TheCoarserMeshKeepsTheFewLayersOfASheet) {
-  // With fewer of them the estimate was 2.45 of a soft droop's error (docs/decisions/0030).
-  const pb::ReferenceModel mesh;
-  EXPECT_EQ(coarser_mesh(mesh, {43, 77, 5}, 1.5).elements_z(), 5U);
-  EXPECT_EQ(coarser_mesh(mesh, {12, 201, 11}, 1.5).elements_z(), 7U);  // a thick body's
-  EXPECT_EQ(coarser_mesh(mesh, {43, 77, 5}, 1.5).elements_y(), 0U);    // from the tolerance
-  pb::ReferenceModel stated;
-  stated.set_elements_y(24);
-  stated.set_elements_z(3);
-  EXPECT_EQ(coarser_mesh(stated, {24, 24, 3}, 1.5).elements_y(), 16U);
-  EXPECT_EQ(coarser_mesh(stated, {24, 24, 3}, 1.5).elements_z(), 2U);
-}
-
-TEST(MeshError, WhatTheLayersLeaveIsFoundWithFewer) {
-  // By the cells alone the estimate was 0.38 of a droop's error whose layers were too few.
-  const auto of = [](unsigned coarse, int fine) {
-    pb::ReferenceModel mesh;
-    mesh.set_elements_z(coarse);
-    return fewer_layers(mesh, fine);
-  };
-  EXPECT_EQ(of(3, 3), 2);
-  EXPECT_EQ(of(5, 5), 3);
-  EXPECT_EQ(of(2, 2), std::nullopt) << "one layer is no mesh of a bent sheet";
-  EXPECT_EQ(of(1, 1), std::nullopt);
-  EXPECT_EQ(of(7, 11), std::nullopt) << "the coarse mesh has fewer";
-}
-
-TEST(MeshError, OfASquareAndACubicErrorIsThatOfTheFineMesh) {
-  SimulatedRecording truth, fine, coarse, flat;
-  const double cell = 0.002, layer = 0.001, in_plane = 7, layers = 4000;
-  const auto place = [&](SimulatedRecording& r, double a, double b) {
-    r.time = {0};
-    r.points = {{Vector3d(in_plane * a * a, layers * b * b * b, 0)}};
-    r.force = {Vector3d(0, 0, 1 + in_plane * a * a)};
-  };
-  place(truth, 0, 0);
-  place(fine, cell, layer);
-  place(coarse, 1.5 * cell, layer);
-  place(flat, 1.5 * cell, 1.5 * layer);
-  const MeshError error = combined(estimate_mesh_error(fine, coarse, 1.5 * 1.5),
-                                   estimate_mesh_error(coarse, flat, 1.5 * 1.5 * 1.5));
-  const double true_error = (fine.points[0][0] - truth.points[0][0]).norm();
-  EXPECT_NEAR(error.rms_m, true_error, 1e-12);
-  EXPECT_NEAR(error.worst_rms_m, true_error, 1e-12);
-  EXPECT_NEAR(error.force, in_plane * cell * cell / fine.force[0].norm(), 1e-12);
-}
-
 TEST(RecordingInfo, UnknownFieldsAreNamedWithTheirPlace) {
   const std::string folder = testing::TempDir() + "omentum_unknown_field";
   fs::create_directories(folder);

@@ -14,7 +14,7 @@
 
 #include "core/check.h"
 #include "core/command_line.h"
-#include "sim_worker/playback/simulate.h"
+#include "sim_worker/playback/mesh_error.h"
 #include "support/second_order.h"
 
 namespace omentum {
@@ -25,24 +25,8 @@ SimulatedRecording recording_of(const test::StaticState& state) {
   recording.time = {0};
   recording.points = {state.points};
   recording.force = {state.force};
+  recording.failure = state.failure;
   return recording;
-}
-
-/// As find_mesh_error of `simulate` does it.
-MeshError estimate(const test::SecondOrder& c, const Scene& fine, const std::array<int, 3>& cells,
-                   const test::StaticState& state) {
-  constexpr double kRatio = 1.5;
-  Scene scene = fine;
-  pb::ReferenceModel& mesh = *scene.config.mutable_tissue()->mutable_reference();
-  mesh = coarser_mesh(mesh, cells, kRatio);
-  const auto run = [&] { return recording_of(test::settle_reference(c, scene)); };
-  const SimulatedRecording coarse = run();
-  const MeshError in_plane = estimate_mesh_error(recording_of(state), coarse, kRatio * kRatio);
-  const std::optional<int> fewer = fewer_layers(mesh, cells[2]);
-  if (!fewer) return in_plane;
-  mesh.set_elements_z(static_cast<std::uint32_t>(*fewer));
-  const double ratio = static_cast<double>(cells[2]) / *fewer;
-  return combined(in_plane, estimate_mesh_error(coarse, run(), ratio * ratio * ratio));
 }
 
 double force_error(const test::SecondOrder& c, const test::StaticState& state) {
@@ -69,10 +53,20 @@ void print_reference(const test::SecondOrder& c, const Scene& scene, bool with_m
   std::array<int, 3> cells{};
   const test::StaticState state = test::settle_reference(c, scene, &cells);
   const double rms = test::rms_distance(state.points, c.deformed);
-  const MeshError error = estimate(c, scene, cells, state);
-  std::printf(" %d x %d x %d | %.4f | %.2f | %.4f | %.2f |", cells[0], cells[1], cells[2],
-              1e3 * rms, 100 * force_error(c, state), 1e3 * error.rms_m, error.rms_m / rms);
+  std::printf(" %d x %d x %d | %.4f | %.2f |", cells[0], cells[1], cells[2], 1e3 * rms,
+              100 * force_error(c, state));
   if (!state.failure.empty()) std::printf(" %s", state.failure.c_str());
+  std::fflush(stdout);
+  const auto run = [&](const pb::ReferenceModel& mesh) {
+    Scene other = scene;
+    *other.config.mutable_tissue()->mutable_reference() = mesh;
+    return recording_of(test::settle_reference(c, other));
+  };
+  std::vector<std::string> warnings;
+  const std::optional<MeshError> error =
+      find_mesh_error(recording_of(state), scene.config.tissue().reference(), cells, run, warnings);
+  if (error) std::printf(" %.4f | %.2f |", 1e3 * error->rms_m, error->rms_m / rms);
+  for (const std::string& warning : warnings) std::printf(" %s", warning.c_str());
   if (with_map) {
     std::puts("");
     print_map(c, state);
