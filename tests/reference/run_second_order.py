@@ -40,6 +40,11 @@ class Case:
     whole: bool = False  # not by half
 
     @property
+    def share(self):
+        """Of the weight, under which the body is like one that is found without steps of it."""
+        return min(1.0, self.young / 6e4) if self.young < 2e4 else 1.0
+
+    @property
     def mirrored(self):
         if self.whole:
             return False
@@ -173,6 +178,7 @@ def make_solid(case, level):
 def reach(case, steps=6):
     """The state on a coarse grid, along the way of the grip."""
     solid = make_solid(case, PATH)
+    solid.carry(case.share)
     if not solid.grip:
         solid.relax()
         return solid
@@ -209,9 +215,10 @@ def leave_unstable(case, half):
 
 
 def refine(case, level, coarse, before, depth=0):
-    """The state on the grid of `level` from that of `before`; where Newton's method does not get
-    there, by grids between the two."""
+    """The state on the grid of `level` from that of `before`, under the same share of the weight;
+    where Newton's method does not get there, by grids between the two."""
     solid = make_solid(case, level)
+    solid.carry(coarse.share)
     solid.start_from(coarse)
     if solid.grip:
         solid.grip.aim(case.lift)
@@ -254,15 +261,22 @@ def levels_of(case):
 def run(case):
     begin = time.time()
     solid = reach(case)
+    light = solid.state()
+    solid.take_weight()
     print(f"{case.name}: path {solid.newton} iterations, {time.time() - begin:.0f} s", flush=True)
     if case.mirrored and not solid.is_stable():
         case, solid = leave_unstable(case, solid)
+    else:
+        solid.return_to(light)
     rest = points_of(case)
     states = []
     before = PATH
-    for level in levels_of(case):
+    levels = levels_of(case)
+    for level in levels:
         solid = refine(case, level, solid, before)
         before = level
+        light = solid.state()
+        solid.take_weight()
         cells = [len(line) - 1 for line in solid.lines]
         points = np.array([solid.point(p) for p in rest])
         force = solid.grip.force() if solid.grip else np.zeros(3)
@@ -276,6 +290,8 @@ def run(case):
         print(f"  {cells} tip {1e3 * points[-1]} mm, force {1e3 * force} mN, moved "
               f"{1e3 * error[0]:.4f} rms {1e3 * error[1]:.4f} mm, {100 * error[2]:.3f} %, "
               f"{solid.newton} iterations, {time.time() - begin:.0f} s", flush=True)
+        if level is not levels[-1]:
+            solid.return_to(light)
     stable = solid.is_stable()
     print(f"  stable {stable}", flush=True)
     extra = {"cells": states[-1][0], "cells_coarse": states[-2][0], "own_error": error,

@@ -84,8 +84,9 @@ class Solid:
         self.tangent_form = fem.form(ufl.derivative(force, self.w), jit_params=JIT)
         ones = fem.Constant(self.mesh, PETSc.ScalarType((1.0, 1.0, 1.0)))
         self.mass = density * fem.petsc.assemble_vector(fem.form(ufl.dot(ones, v) * dx)).array
-        self.weight = np.zeros_like(self.mass)
-        self.weight[2::3] = -gravity * self.mass[2::3]
+        self.whole_weight = np.zeros_like(self.mass)
+        self.whole_weight[2::3] = -gravity * self.mass[2::3]
+        self.carry(1.0)
         fixed = np.zeros((len(self.nodes), 3), bool)
         if not bed:
             fixed[self.nodes[:, 1] < clamp + 1e-9] = True
@@ -147,6 +148,20 @@ class Solid:
 
     # ---- equilibrium -------------------------------------------------------------------------
 
+    def carry(self, share):
+        """Only so much of its weight, at most 1."""
+        self.share = share
+        self.weight = share * self.whole_weight
+
+    def state(self):
+        return self.w.x.array.copy(), self.grip.state() if self.grip else None, self.share
+
+    def return_to(self, state):
+        self.w.x.array[:] = state[0]
+        if self.grip:
+            self.grip.move(self, state[1], 0, None)
+        self.carry(state[2])
+
     def residual(self, pull, before):
         r = fem.petsc.assemble_vector(self.force_form).array.copy()
         r += self.mass * pull * (self.w.x.array - before) - self.weight
@@ -190,8 +205,8 @@ class Solid:
 
     def solve(self, pull=0.0, iterations=25):
         """Newton's method, with springs pull * mass to where the body is. False: w is as it was."""
-        before = self.w.x.array.copy()
-        saved = self.grip.state() if self.grip else None
+        start = self.state()
+        before = start[0]
         r, norm = self.residual(pull, before)
         done = False
         for _ in range(iterations):
@@ -219,10 +234,23 @@ class Solid:
             norm = trial
         if done or norm <= 30 * TOLERANCE:
             return True
-        self.w.x.array[:] = before
-        if self.grip:
-            self.grip.move(self, saved, 0, None)
+        self.return_to(start)
         return False
+
+    def take_weight(self):
+        """Equilibrium under the whole weight from that under a share of it, in steps. As stiffness
+        and weight count only by their quotient, these lead through the states of stiffer bodies."""
+        factor = 1.5
+        while self.share < 1:
+            before = self.share
+            self.carry(min(1.0, before * factor))
+            if self.solve(iterations=15):
+                factor = min(2.0, factor**1.5)
+                continue
+            self.carry(before)
+            factor = factor**0.35
+            if factor < 1.005:
+                raise RuntimeError(f"no equilibrium found above {before:.3f} of the weight")
 
     def relax(self, pull=1e3, growth=10.0):
         """Equilibrium by a viscous flow whose steps grow."""
