@@ -42,6 +42,7 @@ constexpr double kDenserAtSingularClamp = 60;
 constexpr double kDenserAtClamp = 4;
 constexpr double kDenserAtPinch = 2;
 constexpr double kDenserAtPad = 8;  // 16 on half the reach fails at 10 kPa
+constexpr double kSoft = 1.5;  // bending length over thickness; 10 kPa needs the layers, 30 not
 
 /// Relative number of lines per length at x.
 double line_density(const std::vector<Kink>& kinks, double x) {
@@ -144,20 +145,20 @@ void make_rest(ReferenceTissueModel& model) {
   }
 }
 
-/// Whether a sheet droops within about its thickness, sqrt(D / (w L)) with the bending stiffness of
-/// a plate, its weight per area and its free length. Strains are of order one at its clamp then.
-bool bends_within_its_thickness(const Scene& scene, double t, double length) {
+/// Length [m] within which a sheet that droops bends at its clamp: sqrt(D / (w L)) with the bending
+/// stiffness of a plate, its weight per area and its free length.
+double bending_length(const Scene& scene, double t, double length) {
   const pb::Tissue& tissue = scene.config.tissue();
   const double weight = tissue.density_kg_per_m3() * scene.gravity.norm() * t;
   const double nu = tissue.material().poisson_ratio();
   const double plate = tissue.material().young_modulus_pa() * t * t * t / (12 * (1 - nu * nu));
-  constexpr double kWithin = 1.5;  // sheets of 10 kPa need the layers, of 30 kPa not
-  return plate < kWithin * kWithin * t * t * weight * length;
+  return std::sqrt(plate / (weight * length));
 }
 
 /// Cells that meet a tolerance, measured on droops and lifts of sheets of 10 to 200 kPa
 /// (docs/results.md): about 0.05 mm with cells of 0.7 of the thickness and three layers, of the
-/// thickness and two where the clamp is not resolved. The cell follows the root 3/8 of the error.
+/// thickness and two where the clamp is not resolved. The cell follows the root 3/8 of the error,
+/// and, below a thickness, the length within which a soft sheet bends.
 struct MeshSize {
   double along = 0, across = 0;  ///< edges of the cells away from kinks, y and x [m]
   int layers = 0;
@@ -232,13 +233,15 @@ void make_lines(const Scene& scene, std::span<const PinchCircle> pinches,
     }
   }
   const double length = model.second_edge - model.clamp_edge;
-  const bool soft = bears_singularity && bends_within_its_thickness(scene, thickness, length);
+  const double bend = bending_length(scene, thickness, length);
+  const bool soft = bears_singularity && bend < kSoft * thickness;
   // St. Venant-Kirchhoff bears small cells, but not at a pad's rim besides.
   const bool small =
       bears_singularity || (model.material.law() == pb::LAW_ST_VENANT_KIRCHHOFF && !bears_rims);
   const int layers_meant = !small ? 2 : bears_singularity && (bears_rims || soft) ? 5 : 3;
-  const MeshSize size = mesh_size(n.tolerance_m(), thickness, length, max.x() - min.x(),
-                                  small ? 0.7 : 1, layers_meant);
+  const double cell = (small ? 0.7 : 1) * (bears_singularity ? std::min(1.0, bend / thickness) : 1);
+  const MeshSize size =
+      mesh_size(n.tolerance_m(), thickness, length, max.x() - min.x(), cell, layers_meant);
   model.lines[0] =
       graded_lines(min.x(), max.x(), static_cast<int>(n.elements_x()), size.across, kinks[0]);
   model.lines[1] = graded_lines(model.clamp_edge, model.second_edge,
