@@ -244,9 +244,11 @@ def levels_of(case):
     """From coarse to fine; the last two are stored."""
     if case.body != "sheet":
         t = BODIES[case.body][1]
+        finest = Level(t, t / 60, 1, t / 12, t / 30, 0.35, t / 3, t / 3)
+        if case.young < 2e4:  # smaller ones at the clamp do not bear the weight
+            finest = Level(0.8 * t, t / 40, 1, t / 8, t / 20, 0.42, t / 2.5, t / 2.5)
         return [Level(t, t / 15, 1, 1, t / 8, 0.6, t / 2, t / 2),
-                Level(t, t / 30, 1, t / 6, t / 15, 0.5, t / 2, t / 2),
-                Level(t, t / 60, 1, t / 12, t / 30, 0.35, t / 3, t / 3)]
+                Level(t, t / 30, 1, t / 6, t / 15, 0.5, t / 2, t / 2), finest]
     # Crease at the clamp where cells are smaller (decision 0028 for St. Venant-Kirchhoff).
     soft = case.young < 2e4 or case.law == "st_venant_kirchhoff"
     if not (case.disc or case.pad):
