@@ -31,7 +31,7 @@ void check_weights(const std::string& key, const std::string& preset, const test
   test::Process worker = programs.worker("golden");
   test::Process learner = programs.learner(
       "golden", test::operator+({"evaluation.enabled=false"}, sets), {"--preset", preset});
-  ASSERT_EQ(learner.wait(std::chrono::seconds(300)), 0) << test::read_text(programs.err("golden"));
+  ASSERT_EQ(learner.wait(std::chrono::seconds(580)), 0) << test::read_text(programs.err("golden"));
   const std::string hash = programs.hash("golden");
   if (std::getenv("OMENTUM_WRITE_GOLDEN") != nullptr) {  // NOLINT(concurrency-mt-unsafe)
     hashes[key] = hash;
