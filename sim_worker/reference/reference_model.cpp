@@ -158,7 +158,7 @@ double bending_length(const Scene& scene, double t, double length) {
 /// Cells that meet a tolerance, measured on droops and lifts of sheets of 10 to 200 kPa
 /// (docs/results.md): about 0.05 mm with cells of 0.7 of the thickness and three layers, of the
 /// thickness and two where the clamp is not resolved. The cell follows the root 3/8 of the error,
-/// and, below a thickness, the length within which a soft sheet bends.
+/// and, from one thickness down to a half, the length within which a soft sheet bends.
 struct MeshSize {
   double along = 0, across = 0;  ///< edges of the cells away from kinks, y and x [m]
   int layers = 0;
@@ -239,7 +239,8 @@ void make_lines(const Scene& scene, std::span<const PinchCircle> pinches,
   const bool small =
       bears_singularity || (model.material.law() == pb::LAW_ST_VENANT_KIRCHHOFF && !bears_rims);
   const int layers_meant = !small ? 2 : bears_singularity && (bears_rims || soft) ? 5 : 3;
-  const double cell = (small ? 0.7 : 1) * (bears_singularity ? std::min(1.0, bend / thickness) : 1);
+  const double cell =
+      (small ? 0.7 : 1) * (bears_singularity ? std::clamp(bend / thickness, 0.5, 1.0) : 1);
   const MeshSize size =
       mesh_size(n.tolerance_m(), thickness, length, max.x() - min.x(), cell, layers_meant);
   model.lines[0] =

@@ -5,6 +5,7 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <cstdio>
 #include <string>
 
@@ -67,7 +68,8 @@ TEST(DefaultMesh, CellsOfASoftSheetAreAsMuchShorterAsItBendsSharper) {
   EXPECT_DOUBLE_EQ(cell_at(1e4), cell_at(1e5));
   EXPECT_LT(cell_at(5e3), cell_at(1e4));
   // As sqrt(D / (w L)) does; whole cells in 90 mm.
-  EXPECT_NEAR(cell_at(1.25e3) / cell_at(5e3), 0.5, 0.01);
+  EXPECT_NEAR(cell_at(3e3) / cell_at(6e3), std::sqrt(0.5), 0.015);
+  EXPECT_DOUBLE_EQ(cell_at(1e2), cell_at(1e3)) << "half a thickness at least";
 }
 
 }  // namespace
