@@ -15,7 +15,7 @@ pb::ReferenceModel coarser_mesh(pb::ReferenceModel mesh, const std::array<int, 3
   const auto fewer = [](int count) {
     return static_cast<std::uint32_t>(std::max(1.0, std::round(count / kRatio)));
   };
-  // The cell follows the root 3/8 of the tolerance (reference_model.cpp).
+  // The cell follows the root 3/8 of the tolerance (reference_mesh.cpp).
   mesh.set_tolerance_m(mesh.tolerance_m() * kRatio * kRatio * std::cbrt(kRatio * kRatio));
   if (mesh.elements_x() > 0) mesh.set_elements_x(fewer(cells[0]));
   if (mesh.elements_y() > 0) mesh.set_elements_y(fewer(cells[1]));

@@ -255,9 +255,12 @@ def levels_of(case):
         return [Level(0.006, 5e-4, 1, 2e-3, 7e-4, 0.6, 0.009, 0.0015),
                 Level(0.004, 2e-4 if soft else 1e-4, 1, 1.5e-3, 3e-4 if soft else 2e-4, 0.5, 0.007, 0.001),
                 Level(0.0027, 1.4e-4 if soft else 5e-5, 1, 1e-3, 2e-4 if soft else 1e-4, 0.35, 0.006, 0.001)]
-    return [Level(0.007, 6e-4, 7e-4, 4e-3, 1e-3, 0.8, 0.007, 0.0015),
-            Level(0.006, 3e-4, 4e-4, 3e-3, 6e-4, 0.7, 0.006, 0.0015),
-            Level(0.0045, 2e-4, 2.5e-4, 2.5e-3, 4e-4, 0.6, 0.005, 0.0015)]
+    grids = [Level(0.007, 6e-4, 7e-4, 4e-3, 1e-3, 0.8, 0.007, 0.0015),
+             Level(0.006, 3e-4, 4e-4, 3e-3, 6e-4, 0.7, 0.006, 0.0015),
+             Level(0.0045, 2e-4, 2.5e-4, 2.5e-3, 4e-4, 0.6, 0.005, 0.0015)]
+    if case.disc[:2] == PLACES["middle"][0] and case.young < 2e4:  # the last two are 0.03 mm apart
+        grids.append(Level(0.0035, 1.5e-4, 1.8e-4, 2e-3, 3e-4, 0.5, 0.004, 0.0015))
+    return grids
 
 
 def run(case):
