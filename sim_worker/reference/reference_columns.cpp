@@ -384,6 +384,8 @@ Eigen::Matrix3Xd ReferenceTissue::point_columns(const BodyPoint& point) const {
     const std::array<Vector3d, 8> x = nodes_of(at.element);
     std::array<Eigen::Matrix3Xd, 8> nodes;
     for (int a = 0; a < kHexNodes; ++a) nodes[a] = node_columns(element.node[a]);
+    const std::array<double, 9>& base = state_.mode[at.element];
+    const HexBow bow(element.size, x, base, at.xi);
     for (Eigen::Index k = 0; k < c.count(); ++k) {
       std::array<Vector3d, 8> dx;
       for (int a = 0; a < kHexNodes; ++a) {
@@ -393,15 +395,12 @@ Eigen::Matrix3Xd ReferenceTissue::point_columns(const BodyPoint& point) const {
       if (point.fixed) continue;
       std::array<double, 9> mode{};
       for (int m = 0; m < 9; ++m) mode[m] = c.mode(9L * at.element + m, k);
-      const std::array<double, 9>& base = state_.mode[at.element];
-      sum.col(k) += hex_bow(element.size, x, mode, at.xi) + hex_bow(element.size, dx, base, at.xi);
+      sum.col(k) += bow.rate(dx, mode);
       const ColumnParameter& p = c.parameters[k];
       if (p.kind != ColumnKind::kScene) continue;
       const Vector3d& size = p.changed->elements[at.element].size;
-      if (size != element.size) {
-        sum.col(k) +=
-            (hex_bow(size, x, base, at.xi) - hex_bow(element.size, x, base, at.xi)) / p.step;
-      }
+      if (size != element.size)
+        sum.col(k) += (HexBow(size, x, base, at.xi).value() - bow.value()) / p.step;
     }
   }
   return sum / static_cast<double>(point.locations.size());

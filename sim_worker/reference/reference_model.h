@@ -186,9 +186,26 @@ std::shared_ptr<const ReferenceTissueModel> make_reference_model(
 std::array<double, 8> hex_functions(const Eigen::Vector3d& xi);
 
 /// Displacement of a point inside an element of edges `size` with nodes x against its nodes [m]:
-/// the parabolas that the modes are at small strain, F0 sum_k (1 - xi_k^2) v_k with v_kj = -m_kj
-/// size_k / (2 size_j). Linear in x and in the modes.
-Eigen::Vector3d hex_bow(const Eigen::Vector3d& size, const std::array<Eigen::Vector3d, 8>& x,
-                        const std::array<double, 9>& mode, const Eigen::Vector3d& xi);
+/// parabolas sum_k (1 - xi_k^2) u_k in place of the modes, whose strain in the deformed frame is
+/// nearest to that of the modes (docs/tissue.md 13). At small strain u_kj = -m_kj size_k / (2
+/// size_j).
+class HexBow {
+ public:
+  HexBow(const Eigen::Vector3d& size, const std::array<Eigen::Vector3d, 8>& x,
+         const std::array<double, 9>& mode, const Eigen::Vector3d& xi);
+  const Eigen::Vector3d& value() const { return value_; }
+  /// By how much it changes with the nodes and the modes.
+  Eigen::Vector3d rate(const std::array<Eigen::Vector3d, 8>& dx,
+                       const std::array<double, 9>& dmode) const;
+
+ private:
+  double parabola(int k) const;
+  Eigen::Vector3d direction(int k) const;
+
+  Eigen::Vector3d size_, xi_;
+  Eigen::Matrix3d F_, across_;  ///< in the middle, and its inverse transpose
+  Eigen::Matrix3d slopes_;      ///< of the modes, F0 xi_k e_k (x) column k
+  Eigen::Vector3d value_;
+};
 
 }  // namespace omentum

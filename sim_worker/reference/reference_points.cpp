@@ -9,6 +9,7 @@
 namespace omentum {
 namespace {
 
+using Eigen::Matrix3d;
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
@@ -27,6 +28,22 @@ double local_coordinate(const std::vector<double>& lines, int cell, double value
   return std::clamp(t, -1.0, 1.0);
 }
 
+/// Deformation gradient in the middle of an element.
+Matrix3d middle_gradient(const Vector3d& size, const std::array<Vector3d, 8>& x) {
+  Matrix3d F = Matrix3d::Zero();
+  for (int a = 0; a < kHexNodes; ++a) {
+    for (int axis = 0; axis < 3; ++axis)
+      F.col(axis) += (((a >> axis) & 1) != 0 ? 0.25 : -0.25) / size[axis] * x[a];
+  }
+  return F;
+}
+
+/// Column k: (2 / size_J) m_kJ, by xi_k the part of G in row k.
+Matrix3d mode_slopes(const Vector3d& size, const std::array<double, 9>& mode) {
+  const Eigen::Map<const Matrix3d> m(mode.data());
+  return (2 * size.cwiseInverse()).asDiagonal() * m;
+}
+
 }  // namespace
 
 std::array<double, 8> hex_functions(const Vector3d& xi) {
@@ -39,21 +56,45 @@ std::array<double, 8> hex_functions(const Vector3d& xi) {
   return N;
 }
 
-Vector3d hex_bow(const Vector3d& size, const std::array<Vector3d, 8>& x,
-                 const std::array<double, 9>& mode, const Vector3d& xi) {
-  Vector3d bow = Vector3d::Zero();  // in the rest frame
+HexBow::HexBow(const Vector3d& size, const std::array<Vector3d, 8>& x,
+               const std::array<double, 9>& mode, const Vector3d& xi)
+    : size_(size),
+      xi_(xi),
+      F_(middle_gradient(size, x)),
+      across_(F_.inverse().transpose()),
+      slopes_(mode_slopes(size, mode)),
+      value_(Vector3d::Zero()) {
+  for (int k = 0; k < 3; ++k) value_ += parabola(k) * direction(k);
+}
+
+double HexBow::parabola(int k) const { return -0.25 * size_[k] * (1 - xi_[k] * xi_[k]); }
+
+Vector3d HexBow::direction(int k) const {
+  const Vector3d a = F_.col(k);
+  const Vector3d b = across_.col(k);
+  const Vector3d n = across_ * slopes_.col(k);
+  const double square = b.squaredNorm();
+  return (n + n.dot(b) * (a - b / square)) / square;
+}
+
+Vector3d HexBow::rate(const std::array<Vector3d, 8>& dx, const std::array<double, 9>& dmode) const {
+  const Matrix3d dF = middle_gradient(size_, dx);
+  const Matrix3d dslopes = mode_slopes(size_, dmode);
+  const Matrix3d dacross = -across_ * dF.transpose() * across_;
+  Vector3d sum = Vector3d::Zero();
   for (int k = 0; k < 3; ++k) {
-    for (int j = 0; j < 3; ++j)
-      bow[j] -= (1 - xi[k] * xi[k]) * mode[3 * k + j] * size[k] / (2 * size[j]);
+    const Vector3d a = F_.col(k);
+    const Vector3d b = across_.col(k);
+    const Vector3d db = dacross.col(k);
+    const Vector3d n = across_ * slopes_.col(k);
+    const Vector3d dn = dacross * slopes_.col(k) + across_ * dslopes.col(k);
+    const double square = b.squaredNorm();
+    const double dsquare = 2 * b.dot(db);
+    const Vector3d part = dn + (dn.dot(b) + n.dot(db)) * (a - b / square) +
+                          n.dot(b) * (dF.col(k) - (db - b * (dsquare / square)) / square);
+    sum += parabola(k) * (part - dsquare * direction(k)) / square;
   }
-  Vector3d turned = Vector3d::Zero();
-  for (int a = 0; a < kHexNodes; ++a) {
-    double along = 0;  // gradient of the node's function in the middle, times bow
-    for (int axis = 0; axis < 3; ++axis)
-      along += (((a >> axis) & 1) != 0 ? 0.25 : -0.25) / size[axis] * bow[axis];
-    turned += along * x[a];
-  }
-  return turned;
+  return sum;
 }
 
 BodyPoint ReferenceTissueModel::locate(const Vector3d& p_B) const {

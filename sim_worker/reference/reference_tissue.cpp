@@ -270,7 +270,8 @@ Vector3d ReferenceTissue::point(const BodyPoint& point) const {
     const std::array<Vector3d, 8> x = nodes_of(at.element);
     for (int a = 0; a < 8; ++a) p += N[a] * x[a];
     if (point.fixed) continue;
-    p += hex_bow(model_->elements[at.element].size, x, state_.mode[at.element], at.xi);
+    const Vector3d& size = model_->elements[at.element].size;
+    p += HexBow(size, x, state_.mode[at.element], at.xi).value();
   }
   return p / static_cast<double>(point.locations.size());
 }

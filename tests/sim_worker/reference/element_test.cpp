@@ -8,6 +8,7 @@
 
 #include "sim_worker/reference/hexahedron.h"
 #include "sim_worker/reference/hyperelastic_law.h"
+#include "sim_worker/reference/reference_model.h"
 #include "support/reference_scene.h"
 
 namespace omentum {
@@ -240,6 +241,78 @@ TEST(Hexahedron, PureBendingNeedsNoShear) {
   const double exact =
       0.5 * 1e4 * size.x() * std::pow(size.z(), 3) / 12 * kCurvature * kCurvature * size.y();
   EXPECT_NEAR(force.energy.lane(0) / exact, 1, 1e-4);  // 1e-3 m^-1 over 24 mm turns by 2.4e-5
+}
+
+/// A box whose nodes F0 and modes differ from rest by `strain`.
+struct BowedBox {
+  BowedBox(Random& random, double strain) {
+    const std::array<double, 9> gradient = random_gradient(random, strain);
+    F = Eigen::Map<const Eigen::Matrix3d>(gradient.data()).transpose();
+    for (int a = 0; a < kHexNodes; ++a) {
+      const Vector3d sign((a & 1) != 0 ? 1 : -1, (a & 2) != 0 ? 1 : -1, (a & 4) != 0 ? 1 : -1);
+      x[a] = F * (0.5 * sign.cwiseProduct(size));
+    }
+    for (double& value : mode) value = strain * random.next();
+  }
+  Vector3d bow(const Vector3d& xi) const { return HexBow(size, x, mode, xi).value(); }
+
+  Vector3d size{0.002, 0.001, 0.003};
+  Eigen::Matrix3d F;
+  std::array<Vector3d, 8> x;
+  std::array<double, 9> mode{};
+};
+
+TEST(HexBow, AtSmallStrainItIsTheParabolaOfWilsonsModes) {
+  Random random;
+  const BowedBox box(random, 1e-6);
+  const Vector3d xi(0.3, -0.6, 0.8);
+  Vector3d wilson = Vector3d::Zero();
+  for (int k = 0; k < 3; ++k) {
+    for (int j = 0; j < 3; ++j) {
+      wilson[j] -= (1 - xi[k] * xi[k]) * box.mode[3 * k + j] * box.size[k] / (2 * box.size[j]);
+    }
+  }
+  EXPECT_LT((box.bow(xi) - wilson).norm(), 1e-5 * wilson.norm());
+}
+
+TEST(HexBow, ItsStrainIsTheNearestToThatOfTheModes) {
+  Random random;
+  for (int sample = 0; sample < 10; ++sample) {
+    const BowedBox box(random, 0.3);
+    const Eigen::Matrix3d inverse = box.F.inverse();
+    for (int k = 0; k < 3; ++k) {
+      // Alone along xi_k: the strain is linear in it, so that of the slope at xi_k = 1 will do.
+      Vector3d elsewhere = Vector3d::Ones();
+      elsewhere[k] = 0;
+      const Vector3d u = box.bow(elsewhere);
+      Eigen::Matrix3d parabola = Eigen::Matrix3d::Zero();
+      parabola.col(k) = -4 / box.size[k] * u;
+      Eigen::Matrix3d modes = Eigen::Matrix3d::Zero();
+      for (int j = 0; j < 3; ++j) modes(k, j) = 2 / box.size[j] * box.mode[3 * k + j];
+      const Eigen::Matrix3d apart = (parabola - box.F * modes) * inverse;
+      const Eigen::Matrix3d strain = 0.5 * (apart + apart.transpose());
+      // The strain of every other parabola w is sym(w b^T): none of them is left in the difference.
+      const Vector3d b = inverse.row(k);
+      EXPECT_LT((strain * b).norm(), 1e-12 * (box.F * modes).norm() * b.norm());
+    }
+  }
+}
+
+TEST(HexBow, ItsRateIsItsDifference) {
+  Random random;
+  const BowedBox box(random, 0.3);
+  BowedBox way(random, 0.3);
+  const Vector3d xi(0.3, -0.6, 0.8);
+  constexpr double kStep = 1e-6;
+  const auto moved = [&](double step) {
+    BowedBox at = box;
+    for (int a = 0; a < kHexNodes; ++a) at.x[a] += step * way.x[a];
+    for (int m = 0; m < 9; ++m) at.mode[m] += step * way.mode[m];
+    return at.bow(xi);
+  };
+  const Vector3d rate = HexBow(box.size, box.x, box.mode, xi).rate(way.x, way.mode);
+  const Vector3d difference = (moved(kStep) - moved(-kStep)) / (2 * kStep);
+  EXPECT_LT((rate - difference).norm(), 1e-8 * rate.norm());
 }
 
 }  // namespace
