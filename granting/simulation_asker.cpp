@@ -104,9 +104,9 @@ void SimulationAsker::run(const std::stop_token& stop) {
     take_questions();
     follow_matches(now);
     write_grants(now);
+    publish_state();  // who has an answer finds it counted
     give_answers();
     tell_waiting(now);
-    publish_state();
   }
   if (participant_.expired())
     options_.tell("the certificate has ended: no worker hears this any more");
