@@ -187,7 +187,7 @@ std::array<double, 8> hex_functions(const Eigen::Vector3d& xi);
 
 /// Displacement of a point inside an element of edges `size` with nodes x against its nodes [m]:
 /// parabolas sum_k (1 - xi_k^2) u_k in place of the modes, whose strain in the deformed frame is
-/// nearest to that of the modes (docs/tissue.md 13). At small strain u_kj = -m_kj size_k / (2
+/// nearest to that of the modes (docs/decisions/0028). At small strain u_kj = -m_kj size_k / (2
 /// size_j).
 class HexBow {
  public:
