@@ -243,7 +243,7 @@ TEST(Hexahedron, PureBendingNeedsNoShear) {
   EXPECT_NEAR(force.energy.lane(0) / exact, 1, 1e-4);  // 1e-3 m^-1 over 24 mm turns by 2.4e-5
 }
 
-/// A box whose nodes F0 and modes differ from rest by `strain`.
+/// A box with a uniform deformation gradient F and modes, both of the size `strain`.
 struct BowedBox {
   BowedBox(Random& random, double strain) {
     const std::array<double, 9> gradient = random_gradient(random, strain);
@@ -301,7 +301,7 @@ TEST(HexBow, ItsStrainIsTheNearestToThatOfTheModes) {
 TEST(HexBow, ItsRateIsItsDifference) {
   Random random;
   const BowedBox box(random, 0.3);
-  BowedBox way(random, 0.3);
+  const BowedBox way(random, 0.3);
   const Vector3d xi(0.3, -0.6, 0.8);
   constexpr double kStep = 1e-6;
   const auto moved = [&](double step) {
