@@ -7,10 +7,10 @@
 #include <optional>
 
 #include "core/command_line.h"
-#include "mismatch/calibrate_program.h"
-#include "mismatch/recording_program.h"
-#include "mismatch/scene_program.h"
-#include "mismatch/simulate_program.h"
+#include "mismatch/calibrate/calibrate_program.h"
+#include "mismatch/recording/recording_program.h"
+#include "mismatch/scene/scene_program.h"
+#include "mismatch/simulate/simulate_program.h"
 
 namespace {
 

@@ -9,7 +9,7 @@
 #include "core/check.h"
 #include "mismatch/calibrate/calibration.h"
 #include "mismatch/calibrate/genetic_search.h"
-#include "mismatch/calibrate/reference_fit.h"
+#include "mismatch/fit/search.h"
 #include "sim_worker/playback/simulation.h"
 
 namespace omentum {
@@ -104,20 +104,22 @@ class PaperSearch {
  public:
   PaperSearch(const pb::Scene& scene, std::vector<Observation> observations,
               const CalibrationOptions& options)
-      : fit_(scene, std::move(observations), options), scene_(scene), options_(options) {
+      : data_(make_fit_data(scene, std::move(observations), options)),
+        scene_(scene),
+        options_(options) {
     if (!scene.tissue().has_grid())
       throw_error("--method paper: scene.tissue has no grid: clusters of a sheet are looked for");
-    for (std::size_t r = 0; r < fit_.observations.size(); ++r) {
-      if (!fit_.observations[r].held_out) fitted_.push_back(r);
+    for (std::size_t r = 0; r < data_.observations.size(); ++r) {
+      if (!data_.observations[r].held_out) fitted_.push_back(r);
     }
-    if (!std::ranges::all_of(fit_.observations, &Observation::has_points))
+    if (!std::ranges::all_of(data_.observations, &Observation::has_points))
       throw_error(
           "--method paper: a recording without clouds, which it compares; markers are none");
     if (fitted_.empty()) throw_error("every recording is held out: nothing can be fitted");
-    for (const Observation& o : fit_.observations) {
+    for (const Observation& o : data_.observations) {
       std::vector<PointGrid>& grids = grids_.emplace_back();
       for (const SeenFrame& frame : o.frames)
-        grids.emplace_back(frame.points, fit_.made.tissue.particles.size());
+        grids.emplace_back(frame.points, data_.made.tissue.particles.size());
     }
   }
 
@@ -125,8 +127,20 @@ class PaperSearch {
 
  private:
   Prediction simulate(const pb::Scene& scene, std::size_t r) const {
-    return predict(fit_.observations[r], scene, options_.folder, {}, {}, 0,
-                   {pb::TISSUE_CLUSTER, 0, 1}, false, *fit_.options.simulator);
+    return predict(data_.observations[r], scene, options_.folder, {}, {}, 0,
+                   {pb::TISSUE_CLUSTER, 0, 1}, false, *data_.setup.simulator);
+  }
+  Prediction simulate_or_throw(const pb::Scene& scene, std::size_t r) const {
+    Prediction prediction = simulate(scene, r);
+    if (prediction.refused) throw_error("{}", prediction.failure);
+    return prediction;
+  }
+  /// From the points of every frame to the surface [m].
+  std::vector<std::vector<double>> distances_of(const Prediction& prediction, std::size_t r) const {
+    const FitState state = believed_state(data_);
+    Linearisation linear{state, std::vector<Prediction>(data_.observations.size())};
+    linear.predictions[r] = prediction;
+    return distances(data_, linear, state, r, kFarPoint);
   }
   double cost_of(const Prediction& prediction, std::size_t r) const;
   void judge(std::vector<Candidate>& candidates);
@@ -134,7 +148,7 @@ class PaperSearch {
   void score(const std::vector<std::size_t>& left, const Candidate& candidate,
              const std::string& role, Calibration& result);
 
-  ReferenceFit fit_;
+  FitData data_;
   pb::Scene scene_;
   CalibrationOptions options_;
   std::vector<std::size_t> fitted_;
@@ -147,7 +161,7 @@ class PaperSearch {
 /// Equation 3 of one pinch point, divided by the particles: sum over the levels [m].
 double PaperSearch::cost_of(const Prediction& prediction, std::size_t r) const {
   double sum = 0;
-  const std::size_t particles = fit_.made.tissue.particles.size();
+  const std::size_t particles = data_.made.tissue.particles.size();
   for (std::size_t f = 0; f < prediction.frames.size(); ++f) {
     const PredictedFrame& frame = prediction.frames[f];
     if (!frame.valid) {
@@ -165,16 +179,13 @@ double PaperSearch::cost_of(const Prediction& prediction, std::size_t r) const {
 void PaperSearch::judge(std::vector<Candidate>& candidates) {
   const std::size_t jobs = candidates.size() * fitted_.size();
   std::vector<std::vector<double>> costs(candidates.size(),
-                                         std::vector<double>(fit_.observations.size(), 0));
+                                         std::vector<double>(data_.observations.size(), 0));
   std::vector<std::uint8_t> orphans(candidates.size(), 0);
-  run_parallel(jobs, fit_.options.simulator->at_once(), [&](std::size_t job) {
+  run_parallel(jobs, data_.setup.simulator->at_once(), [&](std::size_t job) {
     const std::size_t c = job / fitted_.size(), r = fitted_[job % fitted_.size()];
-    try {
-      costs[c][r] = cost_of(simulate(scene_of(scene_, candidates[c]), r), r);
-    } catch (const Error&) {  // particles in no cluster
-      costs[c][r] = kNoShape * static_cast<double>(grids_[r].size());
-      orphans[c] = 1;
-    }
+    const Prediction prediction = simulate(scene_of(scene_, candidates[c]), r);
+    costs[c][r] = cost_of(prediction, r);
+    if (prediction.refused) orphans[c] = 1;  // particles in no cluster
   });
   for (std::size_t c = 0; c < candidates.size(); ++c) {
     candidates[c].cost = 0;
@@ -206,16 +217,15 @@ const Tried& PaperSearch::best_of(const std::vector<std::size_t>& which) const {
 
 void PaperSearch::score(const std::vector<std::size_t>& left, const Candidate& candidate,
                         const std::string& role, Calibration& result) {
-  const FitState plain = fit_.believed();
   for (const std::size_t r : left) {
-    const Prediction base = simulate(scene_, r);
-    const Prediction model = simulate(scene_of(scene_, candidate), r);
+    const Prediction base = simulate_or_throw(scene_, r);
+    const Prediction model = simulate_or_throw(scene_of(scene_, candidate), r);
     FitRow row;
-    row.recording = fit_.observations[r].name;
+    row.recording = data_.observations[r].name;
     row.role = role;
     const auto rms = [&](const Prediction& p, double* mean) {
       double squares = 0, sum = 0, count = 0;
-      for (const auto& frame : fit_.distances(p, r, plain, plain, kFarPoint)) {
+      for (const auto& frame : distances_of(p, r)) {
         for (const double d : frame) {
           if (!std::isfinite(d)) continue;
           squares += d * d;
@@ -240,14 +250,14 @@ void PaperSearch::score(const std::vector<std::size_t>& left, const Candidate& c
     shown.name = row.recording;
     for (std::size_t f = 0; f < base.frames.size(); ++f) {
       if (!base.frames[f].valid || !model.frames[f].valid) continue;
-      const Observation& seen = fit_.observations[r];
+      const Observation& seen = data_.observations[r];
       shown.times.push_back(seen.frames[f].t);
       shown.before.push_back(base.frames[f].vertices);
       shown.after.push_back(model.frames[f].vertices);
       shown.tip.push_back(model.frames[f].tip);
       shown.seen.push_back(seen.frames[f].points);
-      shown.rmse_before.push_back(rms_of(fit_.distances(base, r, plain, plain, kFarPoint)[f]));
-      shown.rmse_after.push_back(rms_of(fit_.distances(model, r, plain, plain, kFarPoint)[f]));
+      shown.rmse_before.push_back(rms_of(distances_of(base, r)[f]));
+      shown.rmse_after.push_back(rms_of(distances_of(model, r)[f]));
     }
     result.shown.push_back(std::move(shown));
   }
@@ -264,22 +274,22 @@ Calibration PaperSearch::run() {
     throw_error("--method paper: no candidate holds all particles and stays whole");
   // A fold's winner is the best of all candidates on the other pinch points: no search of its own.
   std::map<int, std::vector<std::size_t>> groups;
-  for (const std::size_t r : fitted_) groups[fit_.observations[r].condition].push_back(r);
+  for (const std::size_t r : fitted_) groups[data_.observations[r].condition].push_back(r);
   std::vector<const Tried*> winners = {&best};
   score(fitted_, best.candidate, "fitted", result);
   if (groups.size() > 1 && options_.leave_out) {
     for (const auto& [condition, left] : groups) {
       std::vector<std::size_t> others;
       for (const std::size_t r : fitted_) {
-        if (fit_.observations[r].condition != condition) others.push_back(r);
+        if (data_.observations[r].condition != condition) others.push_back(r);
       }
       winners.push_back(&best_of(others));
       score(left, winners.back()->candidate, "left_out", result);
     }
   }
   std::vector<std::size_t> held;
-  for (std::size_t r = 0; r < fit_.observations.size(); ++r) {
-    if (fit_.observations[r].held_out) held.push_back(r);
+  for (std::size_t r = 0; r < data_.observations.size(); ++r) {
+    if (data_.observations[r].held_out) held.push_back(r);
   }
   score(held, best.candidate, "held_out", result);
   const auto field = [](const pb::Scene& scene, std::size_t g) {
@@ -333,10 +343,9 @@ Calibration PaperSearch::run() {
   }
   result.scene = scene_of(scene_, best.candidate);
   result.scene.mutable_tissue()->set_model(pb::TISSUE_CLUSTER);
-  result.triangles = close_sheet(fit_.made.tissue.surface_triangles,
-                                 static_cast<int>(fit_.made.tissue.particles.size()));
-  result.core_seconds = static_cast<double>(std::clock() - begin) / CLOCKS_PER_SEC +
-                        fit_.options.simulator->seconds_elsewhere();
+  result.triangles = close_sheet(data_.made.tissue.surface_triangles,
+                                 static_cast<int>(data_.made.tissue.particles.size()));
+  result.core_seconds = core_seconds_since(begin, *data_.setup.simulator);
   return result;
 }
 

@@ -3,15 +3,16 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <ctime>
 #include <memory>
+#include <optional>
 #include <utility>
 
 #include "core/check.h"
-#include "mismatch/calibrate/clock_posterior.h"
 #include "mismatch/calibrate/law_choice.h"
-#include "mismatch/calibrate/reference_fit.h"
 #include "mismatch/calibrate/stages.h"
-#include "mismatch/calibrate/starts.h"
+#include "mismatch/fit/clock_posterior.h"
+#include "mismatch/fit/starts.h"
 
 namespace omentum {
 namespace {
@@ -27,238 +28,246 @@ constexpr std::array<double, 8> kPlan = {3.5,           5 * kCoarseWork,
                                          kFineWork,     2 * (3 * kFineWork + kMeshWork),
                                          2 * kFineWork, 2.2};
 
-/// By the converged solid.
-class ReferenceStages : public Stages {
- public:
-  ReferenceStages(const pb::Scene& scene, std::vector<Observation> observations,
-                  const CalibrationOptions& options)
-      : Stages(std::make_unique<ReferenceFit>(scene, std::move(observations), options), options,
-               "reference", {kPlan.begin(), kPlan.end()}),
-        elements_(count_elements(scene, options.folder, fit_.observations, options.tolerance_m)),
-        coarse_elements_(
-            count_elements(scene, options.folder, fit_.observations, 6 * options.tolerance_m)) {}
-
- private:
-  void fit_recordings() override;
-  Numerics fine() const override { return {pb::TISSUE_REFERENCE, elements_, 1}; }
-  Numerics coarse() const { return {pb::TISSUE_REFERENCE, coarse_elements_, 1}; }
-
-  void begin();
-  void begin_held();
-  void descend_coarsely();
-  LawFit keep() const;
-  void restore(const LawFit& fit);
-  void fit_laws();
-  void compare_laws();
-  void judge_laws();
-  void integrate();
-  void measure_mesh();
-
-  Which usable_;              ///< recordings that may be fitted
-  std::vector<LawFit> laws_;  ///< the one chosen among them
-  std::array<int, 3> elements_ = {}, coarse_elements_ = {};
-};
-
 /// Of bodies that are let go: a swing that is looked at for long has as many best fits as it has
 /// periods, so the search begins with what is seen at first and goes on with ever more of it.
-void ReferenceStages::begin_held() {
+void begin_held(const Numerics& coarse, CalibrationRun& run) {
   constexpr double kFirst = 0.05, kLonger = 2;  // [s]
   constexpr double kNear = 1;                   // standard deviations
   constexpr std::size_t kFrames = 60;
-  state_ = fit_.believed();
-  fit_.noise = NoiseModel{0.003, 5e-4, 0.02, 4};
+  run.found.state = believed_state(run.data);
+  run.found.scales.noise = NoiseModel{0.003, 5e-4, 0.02, 4};
   bool all = false;
   for (double seconds = kFirst; !all; seconds *= kLonger) {
-    const FirstFrames first(fit_.observations, seconds, kFrames);
-    descend(coarse(), 6, kNear, kCoarseWork, "starts");
-    all = first.all();
+    const FirstFrames first = first_frames(run.data.observations, seconds, kFrames);
+    descend({coarse, 6, kNear, kCoarseWork, "starts"}, run, &first.observations);
+    all = first.all;
   }
-  usable_ = fitted_;
 }
 
 /// Begins by the shell; recordings that are mirrored are named and left out.
-void ReferenceStages::begin() {
-  bind_markers(coarse());
-  if (fit_.layout.held > 0) return begin_held();
-  const Start start = find_start(fit_, fitted_, [&](double share) {
-    say("starts", kPlan.front() * share * static_cast<double>(fitted_.size()));
+void begin_by_shell(CalibrationRun& run) {
+  const Start start = find_start(run.data, run.model, run.fitted, [&](double share) {
+    run.work.add("starts", kPlan.front() * share * static_cast<double>(run.fitted.size()));
   });
+  std::vector<std::string>& warnings = run.result.warnings;
   if (!start.failure.empty()) {
-    result_.warnings.push_back(
+    warnings.push_back(
         fmt::format("the shell cannot be simulated and the search begins at what is believed: {}",
                     start.failure));
   }
   for (const std::size_t r : start.mirrored) {
-    const Observation& seen = fit_.observations[r];
-    result_.warnings.push_back(
+    const Observation& seen = run.data.observations[r];
+    warnings.push_back(
         fmt::format("recording {}: the cloud shows the sheet held on the other side of its middle: "
                     "the jaws are "
                     "recorded at x_B = {:.1f} mm, seen at {:.1f} mm; it is left out of the fit",
                     seen.name, 1e3 * seen.pinch.x(), -1e3 * seen.pinch.x()));
   }
-  if (start.mirrored.size() == fitted_.size())
+  if (start.mirrored.size() == run.fitted.size())
     throw_error("every recording shows the sheet held on the other side: is x mirrored?");
-  std::erase_if(fitted_, [&](std::size_t r) { return std::ranges::count(start.mirrored, r) > 0; });
-  usable_ = fitted_;
-  state_ = start.state;
+  std::erase_if(run.fitted,
+                [&](std::size_t r) { return std::ranges::count(start.mirrored, r) > 0; });
+  run.found.state = start.state;
+  run.found.scales.noise = NoiseModel{0.003, 5e-4, 0.02, 4};
 }
 
 /// Large cells move the numbers as far as they are told: neither all frames are needed there nor
 /// rest.
-void ReferenceStages::descend_coarsely() {
+void descend_coarsely(const Numerics& coarse, CalibrationRun& run) {
   constexpr double kNear = 1;
-  const std::size_t kFrames = fit_.layout.held > 0 ? kMostFrames : 12;  // a swing needs more
-  const FewFrames few(fit_.observations, kFrames);
-  descend(coarse(), 6, kNear, kCoarseWork, "coarse mesh");
-  settle_beliefs();
-  descend(coarse(), 6, kNear, kCoarseWork, "coarse mesh");
-  fitted_ = usable_;  // what fails on large cells may not on small ones
+  const bool held = run.data.layout.held_place.count > 0;
+  const std::size_t frames = held ? kMostFrames : 12;  // a swing needs more
+  const std::vector<Observation> few = few_frames(run.data.observations, frames);
+  const Which usable = run.fitted;
+  descend({coarse, 6, kNear, kCoarseWork, "coarse mesh"}, run, &few);
+  settle_scales(run, &few);
+  descend({coarse, 6, kNear, kCoarseWork, "coarse mesh"}, run, &few);
+  run.fitted = usable;  // what fails on large cells may not on small ones
 }
 
 /// The mesh as a nuisance, by a simulation with larger cells.
-void ReferenceStages::measure_mesh() {
-  const std::array<int, 3> fewer = fewer_elements(elements_, kMeshRatio);
-  const double ratio = std::sqrt(static_cast<double>(elements_[0]) * elements_[1] /
+void measure_mesh(CalibrationRun& run) {
+  const std::array<int, 3>& elements = run.fine.elements;
+  const std::array<int, 3> fewer = fewer_elements(elements, kMeshRatio);
+  const double ratio = std::sqrt(static_cast<double>(elements[0]) * elements[1] /
                                  (static_cast<double>(fewer[0]) * fewer[1]));
   const double fall = 1 / (std::pow(ratio, 2.5) - 1);  // docs/results.md: error ~ cell^2.5
-  const auto mesh = fit_.simulate(at_, {pb::TISSUE_REFERENCE, fewer, 1}, false, fitted_);
-  mesh_rms_ = fall * surfaces_apart(mesh, predictions_);
-  say("mesh", kMeshWork * static_cast<double>(fitted_.size()));
-  fit_.set_difference({"numerics.mesh", "1", "", Unknown::Scale::kShift, 0, 1.5,
-                       "1.5 times its estimated error", false, false},
-                      mesh, -fall, predictions_, at_, state_);
+  const auto mesh = run.model.simulate(run.data, run.linear.at, {pb::TISSUE_REFERENCE, fewer, 1},
+                                       false, run.fitted);
+  run.mesh_rms = fall * surfaces_apart(mesh, run.linear.predictions);
+  run.work.add("mesh", kMeshWork * static_cast<double>(run.fitted.size()));
+  set_difference({"numerics.mesh", "1", "", Unknown::Scale::kShift, 0, 1.5,
+                  "1.5 times its estimated error", Role::kNumerics},
+                 mesh, -fall, run.data, run.linear, run.found.state);
 }
 
-LawFit ReferenceStages::keep() const {
-  return {fit_.scene.tissue().material().law(),
-          {predictions_, at_, state_, sure_, settled_},
-          fit_.differences,
-          mesh_rms_,
+pb::ElasticLaw law_of(const CalibrationRun& run) {
+  return run.data.scene.tissue().material().law();
+}
+void set_law(pb::ElasticLaw law, CalibrationRun& run) {
+  run.data.scene.mutable_tissue()->mutable_material()->set_law(law);
+}
+
+LawFit keep_law(const CalibrationRun& run) {
+  return {law_of(run),
+          {run.linear, run.found, run.posterior, run.settled},
+          run.data.differences,
+          run.mesh_rms,
           0};
 }
 
-void ReferenceStages::restore(const LawFit& fit) {
-  fit_.change_law(fit.law);
-  fit_.differences = fit.differences;
-  mesh_rms_ = fit.mesh_rms;
-  take(fit.d);
-}
-
-/// The other laws, each fitted from where the believed one led, on the same mesh and with its own
-/// error of the mesh; goes on with the one that is chosen.
-void ReferenceStages::fit_laws() {
-  const LawFit first = keep();
-  const NoiseModel noise = fit_.noise;
-  laws_ = {first};
-  for (const pb::ElasticLaw law : kLaws) {
-    if (law == first.law) continue;
-    restore(first);
-    fit_.change_law(law);
-    const SimulateState simulate = [&](const FitState& state) {
-      auto predictions = fit_.simulate(state, fine(), true, fitted_);
-      say("laws of elasticity", kFineWork * static_cast<double>(fitted_.size()));
-      return predictions;
-    };
-    Descent d;
-    d.at = state_;
-    d.predictions = simulate(state_);
-    const bool fails = std::ranges::any_of(fitted_, [&](std::size_t r) {
-      return count_valid(d.predictions[r]) < count_valid(first.d.predictions[r]);
-    });
-    if (fails) {
-      result_.warnings.push_back(
-          fmt::format("law of elasticity: that of {} cannot be simulated where the recordings lead "
-                      "with that of {}; it is not compared",
-                      law_name(law), law_name(first.law)));
-      continue;
-    }
-    omentum::descend(fit_, simulate, fitted_, 3, kSmallMove, d);
-    take(std::move(d));
-    measure_mesh();
-    laws_.push_back(keep());
-  }
-  restore(first);
-  fit_.noise = noise;
-  compare_laws();
-  restore(choose_law(laws_, first.law));
+/// Goes on where a law ended, at the scales of now.
+void restore_law(const LawFit& fit, CalibrationRun& run) {
+  set_law(fit.law, run);
+  run.data.differences = fit.differences;
+  run.mesh_rms = fit.mesh_rms;
+  Descent d = fit.d;
+  d.found.scales = run.found.scales;
+  take(std::move(d), run);
 }
 
 /// Costs of all laws at the noise and the beliefs found so far.
-void ReferenceStages::compare_laws() {
-  const NoiseModel noise = fit_.noise;
-  for (LawFit& law : laws_) {
-    fit_.improve(law.d.predictions, law.d.at, fitted_, 8, law.d.state);
-    fit_.noise = noise;
-    law.cost = fit_.cost(law.d.predictions, law.d.at, fitted_, law.d.state, noise);
+void compare_laws(const CalibrationRun& run, std::vector<LawFit>& laws) {
+  const Scales& scales = run.found.scales;
+  for (LawFit& law : laws) {
+    law.d.found.state = improve(run.data, law.d.linear, run.fitted, 8, run.search.limits,
+                                {law.d.found.state, scales})
+                            .state;
+    law.cost = cost_of(run.data, law.d.linear, run.fitted, law.d.found.state, scales);
   }
+}
+
+/// Another law, fitted from where the first one led, on the same mesh and with its own error of the
+/// mesh. Nothing where it cannot be simulated as far as the first.
+std::optional<LawFit> fit_law(pb::ElasticLaw law, const LawFit& first, CalibrationRun& run) {
+  restore_law(first, run);
+  set_law(law, run);
+  const LineariseAt linearise = [&](const FitState& state) {
+    Linearisation linear = run.model.linearise(run.data, state, run.fine, run.fitted);
+    run.work.add("laws of elasticity", kFineWork * static_cast<double>(run.fitted.size()));
+    return linear;
+  };
+  Linearisation begin = linearise(run.found.state);
+  const bool fails = std::ranges::any_of(run.fitted, [&](std::size_t r) {
+    return count_valid(begin.predictions[r]) < count_valid(first.d.linear.predictions[r]);
+  });
+  if (fails) {
+    run.result.warnings.push_back(
+        fmt::format("law of elasticity: that of {} cannot be simulated where the recordings lead "
+                    "with that of {}; it is not compared",
+                    law_name(law), law_name(first.law)));
+    return std::nullopt;
+  }
+  take(omentum::descend(run.data, linearise, run.fitted, run.search, std::move(begin),
+                        run.found.scales),
+       run);
+  measure_mesh(run);
+  return keep_law(run);
+}
+
+/// Every law of elasticity; goes on with the one that is chosen.
+std::vector<LawFit> fit_laws(CalibrationRun& run) {
+  const LawFit first = keep_law(run);
+  const Scales scales = run.found.scales;
+  std::vector<LawFit> laws = {first};
+  for (const pb::ElasticLaw law : kLaws) {
+    if (law == first.law) continue;
+    if (std::optional<LawFit> fit = fit_law(law, first, run)) laws.push_back(*std::move(fit));
+  }
+  run.found.scales = scales;
+  restore_law(first, run);
+  compare_laws(run, laws);
+  restore_law(choose_law(laws, first.law), run);
+  return laws;
 }
 
 /// What the law is worth at the end: told from the others, or not.
-void ReferenceStages::judge_laws() {
-  const pb::ElasticLaw law = fit_.scene.tissue().material().law();
-  LawFit& chosen = *std::ranges::find(laws_, law, &LawFit::law);
-  chosen = keep();
-  compare_laws();
-  chosen.d.state = state_;
-  for (const LawFit& fit : laws_) {
-    LawRow& row = result_.laws.emplace_back(LawRow{law_name(fit.law), fit.cost - chosen.cost, {}});
-    for (std::size_t k = 0; k < fit_.unknowns.size(); ++k) {
-      const Unknown& unknown = fit_.unknowns[k];
-      const double x = fit.d.state.shared[static_cast<Eigen::Index>(k)];
-      if (unknown.in_scene) row.parameters.emplace_back(unknown.path, unknown.value(x));
+void judge_laws(CalibrationRun& run, std::vector<LawFit>& laws) {
+  LawFit& chosen = *std::ranges::find(laws, law_of(run), &LawFit::law);
+  chosen = keep_law(run);
+  compare_laws(run, laws);
+  chosen.d.found.state = run.found.state;
+  for (const LawFit& fit : laws) {
+    LawRow& row =
+        run.result.laws.emplace_back(LawRow{law_name(fit.law), fit.cost - chosen.cost, {}});
+    for (std::size_t k = 0; k < run.data.unknowns.size(); ++k) {
+      const Unknown& unknown = run.data.unknowns[k];
+      const double x = fit.d.found.state.shared[static_cast<Eigen::Index>(k)];
+      if (unknown.in_scene()) row.parameters.emplace_back(unknown.path, unknown.value(x));
     }
   }
   std::string names;
-  for (const LawFit* other : laws_alike(laws_, chosen, numerics())) {
+  for (const LawFit* other : laws_alike(laws, chosen, run.numerics_rms())) {
     const double behind = other->cost - chosen.cost;
     names += fmt::format("{}{} ({:.1f} {})", names.empty() ? "" : ", ", law_name(other->law),
                          std::fabs(behind), behind < 0 ? "ahead" : "behind");
-    law_rms_ = std::max(law_rms_, surfaces_apart(other->d.predictions, predictions_));
+    run.law_rms =
+        std::max(run.law_rms, surfaces_apart(other->d.linear.predictions, run.linear.predictions));
   }
   if (names.empty()) return;
-  result_.warnings.push_back(fmt::format(
+  run.result.warnings.push_back(fmt::format(
       "law of elasticity: that of {} is not told from {}: no better, or no farther from "
       "it than mesh and step may be off. Values are those of the first, intervals reach "
       "over all of them; lift higher to tell them apart",
-      law_name(law), names));
+      law_name(chosen.law), names));
 }
 
 /// Intervals over the clocks and the laws that may be.
-void ReferenceStages::integrate() {
-  ClockPosterior over = integrate_clock(fit_, predictions_, at_, fitted_, state_, sure_);
-  state_ = std::move(over.state);
-  sure_ = std::move(over.sure);
-  clock_ = over.clock;
-  const pb::ElasticLaw law = fit_.scene.tissue().material().law();
-  const LawFit& chosen = *std::ranges::find(laws_, law, &LawFit::law);
-  widen_over_laws(chosen, laws_alike(laws_, chosen, numerics()), fitted_, sure_);
-}
-
-void ReferenceStages::fit_recordings() {
-  next_stage();
-  begin();
-  next_stage();
-  descend_coarsely();
-  next_stage();
-  descend(fine(), 4, kSmallMove, kFineWork, "fine mesh");
-  next_stage();
-  measure_mesh();
-  measure_step(4.0 / 3);  // the error falls with its square
-  next_stage();
-  settle(kFineWork);  // else the other laws, which are simulated further, look better
-  next_stage();
-  fit_laws();
-  next_stage();
-  settle(kFineWork);
-  judge_laws();
-  integrate();
+void integrate(const std::vector<LawFit>& laws, CalibrationRun& run) {
+  ClockPosterior over = integrate_clock(run.data, run.linear, run.fitted, run.found, run.posterior);
+  run.found.state = std::move(over.state);
+  run.posterior = std::move(over.posterior);
+  run.clock = over.clock;
+  const LawFit& chosen = *std::ranges::find(laws, law_of(run), &LawFit::law);
+  widen_over_laws(chosen, laws_alike(laws, chosen, run.numerics_rms()), run.fitted, run.posterior);
 }
 
 }  // namespace
 
 Calibration calibrate_reference(const pb::Scene& scene, std::vector<Observation> observations,
                                 const CalibrationOptions& options) {
-  return ReferenceStages(scene, std::move(observations), options).run();
+  const std::clock_t started = std::clock();
+  ReferenceForward model;
+  CalibrationRun run = begin_calibration("reference", options,
+                                         make_fit_data(scene, std::move(observations), options),
+                                         model, {kPlan.begin(), kPlan.end()});
+  const auto mesh_of = [&](double tolerance_m) -> Numerics {
+    return {pb::TISSUE_REFERENCE,
+            count_elements(scene, options.folder, run.data.observations, tolerance_m), 1};
+  };
+  run.fine = mesh_of(options.tolerance_m);
+  const Numerics coarse = mesh_of(6 * options.tolerance_m);
+
+  run.work.begin_stage();
+  bind_markers(coarse, run);
+  if (run.data.layout.held_place.count > 0) {
+    begin_held(coarse, run);
+  } else {
+    begin_by_shell(run);
+  }
+  run.work.begin_stage();
+  descend_coarsely(coarse, run);
+  run.work.begin_stage();
+  descend({run.fine, 4, kSmallMove, kFineWork, "fine mesh"}, run);
+  run.work.begin_stage();
+  measure_mesh(run);
+  measure_step(4.0 / 3, run);  // the error falls with its square
+  run.work.begin_stage();
+  settle(kFineWork, run);  // else the other laws, which are simulated further, look better
+  run.work.begin_stage();
+  std::vector<LawFit> laws = fit_laws(run);
+  run.work.begin_stage();
+  settle(kFineWork, run);
+  judge_laws(run, laws);
+  integrate(laws, run);
+  const double mesh = run.mesh_rms, step = run.step_rms, law = run.law_rms;
+  const std::shared_ptr<const Simulator> simulator = run.data.setup.simulator;
+  Calibration result = finish(std::move(run));
+  result.numerics = {fmt::format("mesh {:.3f} mm", 1e3 * mesh),
+                     fmt::format("step {:.3f} mm", 1e3 * step),
+                     fmt::format("law of elasticity {:.3f} mm", 1e3 * law)};
+  result.core_seconds = core_seconds_since(started, *simulator);
+  return result;
 }
 
 }  // namespace omentum

@@ -3,14 +3,14 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <ctime>
 #include <limits>
 #include <memory>
 #include <utility>
 #include <vector>
 
-#include "mismatch/calibrate/shell_fit.h"
 #include "mismatch/calibrate/stages.h"
-#include "mismatch/calibrate/starts.h"
+#include "mismatch/fit/starts.h"
 #include "sim_worker/playback/simulation.h"
 
 namespace omentum {
@@ -24,100 +24,78 @@ constexpr double kDescentWork = kDescents * kAsColumns;
 // Starts, descents, step, before and left out.
 constexpr std::array<double, 4> kPlan = {30, kDescentWork, 2, 2.2};
 
-/// By the shell of the scene: bodies that lie free, on which the reference has no clamp.
-class ShellStages : public Stages {
- public:
-  ShellStages(const pb::Scene& scene, std::vector<Observation> observations,
-              const CalibrationOptions& options)
-      : Stages(std::make_unique<ShellFit>(scene, std::move(observations), options), options,
-               "shell", {kPlan.begin(), kPlan.end()}) {}
-
- private:
-  void fit_recordings() override;
-  Numerics fine() const override { return {pb::TISSUE_ELASTIC, {}, 1}; }
-  ShellFit& shell() { return static_cast<ShellFit&>(fit_); }
-
-  void tell_numerics() override {
-    result_.numerics = {fmt::format("step {:.3f} mm", 1e3 * step_rms_),
-                        "mesh and law of elasticity not measured"};
-  }
-  void begin();
-  Eigen::MatrixXd chance_covariance();
-  void widen();
-  void try_places(int number, const std::vector<double>& steps, double& least, FitState& best);
+/// The best of the states that a search began at.
+struct BestStart {
+  FitState state;
+  double cost = std::numeric_limits<double>::infinity();
 };
 
 /// Simulates at some values of a number beside the best state so far, fits registration and clock
 /// at each, and keeps the best of all.
-void ShellStages::try_places(int number, const std::vector<double>& steps, double& least,
-                             FitState& best) {
+void try_places(int number, const std::vector<double>& steps, const FitData& data,
+                CalibrationRun& run, BestStart& best) {
   constexpr int kSteps = 8;  // of Gauss and Newton
-  std::vector<Simulated> tried;
+  std::vector<Linearisation> tried;
   for (const double step : steps) {
-    Simulated& s = tried.emplace_back(Simulated{best, {}});
+    Linearisation& s = tried.emplace_back(Linearisation{best.state, {}});
     double& x = s.at.shared[number];
-    x += step * fit_.beliefs.shared_sd[number];
-    if (number < fit_.layout.unknowns) {
-      const Range range = range_of(fit_.unknowns[static_cast<std::size_t>(number)]);
+    x += step * data.beliefs.shared_sd[number];
+    if (number < data.layout.unknowns.count) {
+      const Range range = range_of(data.unknowns[static_cast<std::size_t>(number)]);
       x = std::clamp(x, range.low, range.high);
     }
   }
-  run_parallel(tried.size(), fit_.options.simulator->at_once(), [&](std::size_t k) {
-    tried[k].predictions = fit_.simulate(tried[k].at, fine(), false, fitted_);
+  run_parallel(tried.size(), data.setup.simulator->at_once(), [&](std::size_t k) {
+    tried[k].predictions = run.model.simulate(data, tried[k].at, run.fine, false, run.fitted);
   });
-  for (const Simulated& s : tried) {
-    say("starts", 1);
-    FitState state;
-    const double cost = fit_start(fit_, s, fitted_, kSteps, state);
-    if (!(cost < least)) continue;
-    least = cost;
-    best = state;
+  for (const Linearisation& s : tried) {
+    run.work.add("starts", 1);
+    FittedStart fitted = fit_start(data, s, run.fitted, kSteps, run.search.limits);
+    if (fitted.cost < best.cost) best = {std::move(fitted.state), fitted.cost};
   }
 }
 
 /// Derivatives hold nearby alone, so the search begins where the shell fits best: along one number
 /// after the other that is believed vaguely, and the clock.
-void ShellStages::begin() {
-  bind_markers(fine());
+void begin_along_numbers(CalibrationRun& run) {
   constexpr std::size_t kFrames = 12;
-  const FewFrames few(fit_.observations, kFrames);
-  state_ = fit_.believed();
-  double least = std::numeric_limits<double>::infinity();
-  try_places(0, {-1.5, -0.75, 0, 0.75, 1.5}, least, state_);
+  FitData data = run.data;
+  data.observations = few_frames(std::move(data.observations), kFrames);
+  BestStart best{believed_state(data)};
+  try_places(kStiffnessUnknown, {-1.5, -0.75, 0, 0.75, 1.5}, data, run, best);
   for (int sweep = 0; sweep < kSweeps; ++sweep) {
     const double by = sweep == 0 ? 1 : 0.5;
-    for (int k = 0; k < fit_.layout.unknowns; ++k) {
+    for (int k = 0; k < data.layout.unknowns.count; ++k) {
       // Those that are believed without being stated matter less than what the user names.
-      const Unknown& unknown = fit_.unknowns[static_cast<std::size_t>(k)];
-      const bool named = unknown.column.empty();
-      if (k == 0 || named) try_places(k, {-by, by}, least, state_);
+      const bool named = data.unknowns[static_cast<std::size_t>(k)].column.empty();
+      if (k == kStiffnessUnknown || named) try_places(k, {-by, by}, data, run, best);
     }
-    try_places(fit_.layout.clock(), {-by, by}, least, state_);
+    try_places(data.layout.clock.begin, {-by, by}, data, run, best);
   }
-  fit_.noise = NoiseModel{0.003, 5e-4, 0.025, 4};
+  run.found.state = best.state;
+  run.found.scales.noise = NoiseModel{0.003, 5e-4, 0.025, 4};
 }
 
 /// Whether a fold sticks or slides hangs on the last bit. How far the numbers are led by
 /// simulations that differ by nothing is part of how sure they are.
-Eigen::MatrixXd ShellStages::chance_covariance() {
+Eigen::MatrixXd rounding_covariance(CalibrationRun& run) {
   constexpr int kTimes = 4, kSteps = 8;
-  std::vector<std::vector<Prediction>> touched(kTimes);
-  run_parallel(touched.size(), fit_.options.simulator->at_once(), [&](std::size_t k) {
-    FitState at = at_;
-    at.shared[0] += kTouch * static_cast<double>(k + 1);
-    touched[k] = fit_.simulate(at, fine(), false, fitted_);
+  std::vector<Linearisation> rounded(kTimes, Linearisation{run.linear.at, {}});
+  run_parallel(rounded.size(), run.data.setup.simulator->at_once(), [&](std::size_t k) {
+    FitState at = run.linear.at;
+    at.shared[kStiffnessUnknown] += kRoundingStep * static_cast<double>(k + 1);
+    rounded[k].predictions = run.model.simulate(run.data, at, run.fine, false, run.fitted);
   });
-  const NoiseModel noise = fit_.noise;
-  Eigen::MatrixXd covariance = Eigen::MatrixXd::Zero(fit_.layout.shared(), fit_.layout.shared());
-  for (std::vector<Prediction>& predictions : touched) {
-    for (const std::size_t r : fitted_) {
-      for (std::size_t f = 0; f < predictions[r].frames.size(); ++f)
-        predictions[r].frames[f].columns = predictions_[r].frames[f].columns;
+  const int shared = run.data.layout.shared();
+  Eigen::MatrixXd covariance = Eigen::MatrixXd::Zero(shared, shared);
+  for (Linearisation& linear : rounded) {
+    for (const std::size_t r : run.fitted) {
+      for (std::size_t f = 0; f < linear.predictions[r].frames.size(); ++f)
+        linear.predictions[r].frames[f].columns = run.linear.predictions[r].frames[f].columns;
     }
-    FitState led = state_;
-    fit_.improve(predictions, at_, fitted_, kSteps, led);
-    fit_.noise = noise;
-    const Eigen::VectorXd by = led.shared - state_.shared;
+    const SearchState led =
+        improve(run.data, linear, run.fitted, kSteps, run.search.limits, run.found);
+    const Eigen::VectorXd by = led.state.shared - run.found.state.shared;
     covariance += by * by.transpose() / kTimes;
   }
   return covariance;
@@ -126,44 +104,58 @@ Eigen::MatrixXd ShellStages::chance_covariance() {
 /// What a shell leaves of free fabric is more than noise and smooth, and numbers that may lean on a
 /// smooth discrepancy foretell worse. So it is looked for with the numbers held, and widens their
 /// intervals alone.
-void ShellStages::widen() {
-  const Eigen::MatrixXd chance = chance_covariance();
-  const FitState found = state_;
-  const NoiseModel noise = fit_.noise;
-  fit_.hold_shared = true;
-  settle_beliefs();
-  fit_.hold_shared = false;
-  fit_.noise = noise;
-  state_ = found;
+void widen(CalibrationRun& run) {
+  const Eigen::MatrixXd rounding = rounding_covariance(run);
+  const FitState found = run.found.state;
+  const NoiseModel noise = run.found.scales.noise;
+  run.search.limits.hold_shared = true;
+  settle_scales(run);
+  run.search.limits.hold_shared = false;
+  run.found.state = found;
+  run.found.scales.noise = noise;
   // Where the search ends hangs on where it begins, too (docs/results.md, Calibration).
   constexpr double kWider = 2;
-  sure_.shared_covariance = kWider * kWider * (sure_.shared_covariance + chance);
-  for (Eigen::VectorXd& sd : sure_.own_sd) sd *= kWider;
-  const int k = fit_.layout.clock();
-  const double sd = std::sqrt(sure_.shared_covariance(k, k));
-  clock_ = {state_.shared[k] - kNinety * sd, state_.shared[k] + kNinety * sd};
-}
-
-void ShellStages::fit_recordings() {
-  next_stage();
-  begin();
-  next_stage();
-  descend(fine(), kDescents, kSmallMove, kAsColumns, "shell");
-  next_stage();
-  // Of numbers that are exchanged for each other chance is all that short steps tell.
-  constexpr double kClear = 20;
-  shell().clear = kClear;
-  at_ = state_;
-  predictions_ = fit_.simulate(at_, fine(), true, fitted_);
-  measure_step(2);  // the error falls with it
-  widen();
+  FitPosterior& posterior = run.posterior;
+  posterior.shared_covariance = kWider * kWider * (posterior.shared_covariance + rounding);
+  for (Eigen::VectorXd& sd : posterior.own_sd) sd *= kWider;
+  const int k = run.data.layout.clock.begin;
+  const double sd = std::sqrt(posterior.shared_covariance(k, k));
+  run.clock = {run.found.state.shared[k] - kNinety * sd, run.found.state.shared[k] + kNinety * sd};
 }
 
 }  // namespace
 
 Calibration calibrate_shell(const pb::Scene& scene, std::vector<Observation> observations,
                             const CalibrationOptions& options) {
-  return ShellStages(scene, std::move(observations), options).run();
+  const std::clock_t started = std::clock();
+  FitData data = make_fit_data(scene, std::move(observations), options);
+  set_unknowns(shell_unknowns(data), data);
+  ShellForward model;
+  CalibrationRun run =
+      begin_calibration("shell", options, std::move(data), model, {kPlan.begin(), kPlan.end()});
+  run.fine = {pb::TISSUE_ELASTIC, {}, 1};
+  run.search.limits.hold_for = 0.5;
+  run.search.cost_tolerance = 20;
+
+  run.work.begin_stage();
+  bind_markers(run.fine, run);
+  begin_along_numbers(run);
+  run.work.begin_stage();
+  descend({run.fine, kDescents, kSmallMove, kAsColumns, "shell"}, run);
+  run.work.begin_stage();
+  // Of numbers that are exchanged for each other rounding is all that short steps tell.
+  constexpr double kStepOverRounding = 20;
+  model.set_step_over_rounding(kStepOverRounding);
+  run.linear = model.linearise(run.data, run.found.state, run.fine, run.fitted);
+  measure_step(2, run);  // the error falls with it
+  widen(run);
+  const double step = run.step_rms;
+  const std::shared_ptr<const Simulator> simulator = run.data.setup.simulator;
+  Calibration result = finish(std::move(run));
+  result.numerics = {fmt::format("step {:.3f} mm", 1e3 * step),
+                     "mesh and law of elasticity not measured"};
+  result.core_seconds = core_seconds_since(started, *simulator);
+  return result;
 }
 
 }  // namespace omentum

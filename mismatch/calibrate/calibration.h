@@ -1,17 +1,14 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <cstdint>
+#include <ctime>
 #include <functional>
-#include <memory>
-#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
 
-#include "mismatch/calibrate/forward.h"
-#include "mismatch/calibrate/likelihood.h"
-#include "mismatch/calibrate/observation.h"
-#include "mismatch/calibrate/seen_markers.h"
+#include "mismatch/fit/fit_data.h"
 
 namespace omentum {
 
@@ -20,7 +17,8 @@ inline std::string behind_number(const std::string& unit) { return unit == "1" ?
 
 /// A number that was looked for.
 struct CalibratedNumber {
-  std::string name;  ///< path in the scene; of a nuisance of a recording "lift1: pinch_x"
+  std::string name;       ///< path in the scene; of a nuisance of a recording "lift1: pinch.x"
+  std::string recording;  ///< whose own it is; empty: of all
   std::string unit;
   double value = 0, low90 = 0, high90 = 0;
   double prior_value = 0, prior_low90 = 0, prior_high90 = 0;
@@ -100,24 +98,15 @@ struct Calibration {
 /// Work done of all, 0 ... 1, and what is being done.
 using ProgressOf = std::function<void(double share, const std::string& stage)>;
 
-/// A number that is believed.
-struct BelievedNumber {
-  double value = 0, sd = 0;
-};
-
-struct CalibrationOptions {
-  std::size_t threads = 1;
-  std::shared_ptr<Simulator> simulator;  ///< none: so many threads here
-  std::uint64_t seed = 1;                ///< of the genetic algorithm
+struct CalibrationOptions : FitSetup {
+  std::uint64_t seed = 1;     ///< of the genetic algorithm
   double tolerance_m = 3e-4;  ///< of the mesh that the answer is from; rms error of the surface
   bool leave_out = true;      ///< every pinch point once
-  pb::Priors priors;          ///< what is believed of numbers of the scene
-  MarkerNotes markers;        ///< what is known of them
-  /// Time between the frames of recordings whose clocks count them [s]; none: clocks are right.
-  std::optional<BelievedNumber> frame_period = {};
-  std::string folder;  ///< meshes of the scene lie beside it
   ProgressOf progress;
 };
+
+/// Processor time of this process since then, and of the workers that simulate for it [s].
+double core_seconds_since(std::clock_t started, const Simulator& simulator);
 
 /// The default method for a body on a clamp (docs/calibrate.md): converged solid, its derivatives,
 /// Gauss and Newton. The same result for any number of threads, but for core_seconds. Throws Error

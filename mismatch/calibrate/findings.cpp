@@ -8,6 +8,7 @@
 
 #include "core/constants.h"
 #include "mismatch/calibrate/law_choice.h"
+#include "mismatch/fit/fit_numbers.h"
 
 namespace omentum {
 namespace {
@@ -28,12 +29,12 @@ double surprise_of(double x, double sd, double prior_sd) {
 }
 
 double sd_of(const Findings& f, int k) {
-  return std::sqrt(std::max(f.sure.shared_covariance(k, k), 0.0));
+  return std::sqrt(std::max(f.posterior.shared_covariance(k, k), 0.0));
 }
 
 CalibratedNumber shared_number(const Findings& f, int k) {
-  const Unknown& unknown = f.fit.unknowns[static_cast<std::size_t>(k)];
-  const double x = f.state.shared[k], sd = sd_of(f, k);
+  const Unknown& unknown = f.data.unknowns[static_cast<std::size_t>(k)];
+  const double x = f.found.state.shared[k], sd = sd_of(f, k);
   CalibratedNumber number;
   number.name = unknown.path;
   number.unit = unknown.unit;
@@ -59,18 +60,18 @@ std::string confused_with(const Findings& f, int k) {
   constexpr double kAlike = 0.4;   // correlation
   constexpr double kBelief = 0.3;  // of the prior's standard deviation is left
   std::string names;
-  for (int j = 0; j < f.fit.layout.unknowns; ++j) {
-    const Unknown& other = f.fit.unknowns[static_cast<std::size_t>(j)];
+  for (int j = 0; j < f.data.layout.unknowns.count; ++j) {
+    const Unknown& other = f.data.unknowns[static_cast<std::size_t>(j)];
     const double sj = sd_of(f, j), sk = sd_of(f, k);
-    if (j == k || !other.simulated || sj < kBelief * other.sd) continue;
-    if (std::fabs(f.sure.shared_covariance(j, k)) < kAlike * sj * sk) continue;
+    if (j == k || !other.simulated() || sj < kBelief * other.sd) continue;
+    if (std::fabs(f.posterior.shared_covariance(j, k)) < kAlike * sj * sk) continue;
     names += " or " + other.path;
   }
   return names;
 }
 
 int index_of(const Findings& f, const char* path) {
-  const auto& list = f.fit.unknowns;
+  const auto& list = f.data.unknowns;
   const auto found = std::ranges::find(list, path, &Unknown::path);
   return found == list.end() ? -1 : static_cast<int>(found - list.begin());
 }
@@ -81,12 +82,12 @@ int index_of(const Findings& f, const char* path) {
 void add_thickness_of_even_body(const Findings& f, std::vector<std::string>& warnings) {
   const int thickness = index_of(f, kThicknessPath), bending = index_of(f, kBendingPath);
   if (thickness < 0 || bending < 0) return;
-  const Unknown& unknown = f.fit.unknowns[static_cast<std::size_t>(thickness)];
-  const Unknown& bent = f.fit.unknowns[static_cast<std::size_t>(bending)];
-  const auto n = f.sure.shared_covariance.rows();
+  const Unknown& unknown = f.data.unknowns[static_cast<std::size_t>(thickness)];
+  const Unknown& bent = f.data.unknowns[static_cast<std::size_t>(bending)];
+  const auto n = f.posterior.shared_covariance.rows();
   Eigen::MatrixXd precision =
-      f.sure.shared_covariance.ldlt().solve(Eigen::MatrixXd::Identity(n, n));
-  Eigen::VectorXd x = f.state.shared.head(n);
+      f.posterior.shared_covariance.ldlt().solve(Eigen::MatrixXd::Identity(n, n));
+  Eigen::VectorXd x = f.found.state.shared.head(n);
   x[bending] -= bent.at(0);
   const Eigen::VectorXd known = precision * x;
   precision(thickness, thickness) -= 1 / (unknown.sd * unknown.sd);  // what is believed of it
@@ -115,15 +116,15 @@ void add_thickness_of_even_body(const Findings& f, std::vector<std::string>& war
 }
 
 bool recordings_move(const Findings& f) {
-  const int k = f.fit.layout.clock();
-  return sd_of(f, k) < kUnseen * f.fit.beliefs.shared_sd[k];
+  const int k = f.data.layout.clock.begin;
+  return sd_of(f, k) < kUnseen * f.data.beliefs.shared_sd[k];
 }
 
 /// What of the stiffness is seen with others alone: its value where they are as believed.
 void add_traded_stiffness(const Findings& f, Calibration& result) {
-  const int stiffness = f.fit.layout.stiffness;
-  const auto n = f.fit.layout.unknowns;
-  const Eigen::MatrixXd C = f.sure.shared_covariance.topLeftCorner(n, n);
+  const int stiffness = kStiffnessUnknown;
+  const auto n = f.data.layout.unknowns.count;
+  const Eigen::MatrixXd C = f.posterior.shared_covariance.topLeftCorner(n, n);
   std::vector<int> others;
   Eigen::VectorXd slope;
   // Variance of the stiffness where the others are known.
@@ -155,14 +156,14 @@ void add_traded_stiffness(const Findings& f, Calibration& result) {
   constexpr double kTogether = 0.25;  // of the variance: half the interval
   if (others.empty() || variance > kTogether * C(stiffness, stiffness)) return;
   left(others);
-  double x = f.state.shared[stiffness];
-  const Unknown& unknown = f.fit.unknowns[static_cast<std::size_t>(stiffness)];
+  double x = f.found.state.shared[stiffness];
+  const Unknown& unknown = f.data.unknowns[static_cast<std::size_t>(stiffness)];
   NumberGroup group;
   group.members = {unknown.path};
   std::string names;
   for (std::size_t k = 0; k < others.size(); ++k) {
-    const Unknown& other = f.fit.unknowns[static_cast<std::size_t>(others[k])];
-    x -= slope[static_cast<Eigen::Index>(k)] * f.state.shared[others[k]];
+    const Unknown& other = f.data.unknowns[static_cast<std::size_t>(others[k])];
+    x -= slope[static_cast<Eigen::Index>(k)] * f.found.state.shared[others[k]];
     group.members.push_back(other.path);
     names += (k > 0 ? ", " : "") + other.path;
   }
@@ -197,59 +198,53 @@ CalibratedNumber plain_number(const std::string& name, const std::string& unit, 
   return number;
 }
 
+void add_own_numbers(const Findings& f, std::size_t fitted, const Layout::Columns& columns,
+                     const std::string& source, Calibration& result) {
+  const std::size_t r = f.fitted[fitted];
+  const std::vector<FitNumber> numbers = numbers_of(f.data);
+  for (int k = 0; k < columns.count; ++k) {
+    const FitNumber& named = numbers[static_cast<std::size_t>(columns.begin + k)];
+    const int own = f.data.layout.among_own(columns) + k;
+    CalibratedNumber number =
+        plain_number(named.name, named.unit, f.found.state.own[r][own],
+                     f.posterior.own_sd[fitted][own], f.found.scales.own_sd[own], source);
+    number.recording = f.data.observations[r].name;
+    number.name = fmt::format("{}: {}", number.recording, named.name);
+    result.nuisances.push_back(std::move(number));
+  }
+}
+
 void add_numbers(const Findings& f, Calibration& result) {
-  for (int k = 0; k < f.fit.layout.unknowns; ++k) {
-    const bool parameter = f.fit.unknowns[static_cast<std::size_t>(k)].in_scene;
+  for (int k = 0; k < f.data.layout.unknowns.count; ++k) {
+    const bool parameter = f.data.unknowns[static_cast<std::size_t>(k)].in_scene();
     (parameter ? result.parameters : result.nuisances).push_back(shared_number(f, k));
   }
-  const Layout& layout = f.fit.layout;
-  constexpr std::array<const char*, 6> kNames = {"registration.x",      "registration.y",
-                                                 "registration.z",      "registration.turn_x",
-                                                 "registration.turn_y", "registration.turn_z"};
-  for (int k = 0; k < 6; ++k) {
-    const int at = layout.registration() + k;
-    result.nuisances.push_back(plain_number(kNames[static_cast<std::size_t>(k)],
-                                            k < 3 ? "m" : "rad", f.state.shared[at], sd_of(f, at),
-                                            f.fit.beliefs.shared_sd[at], "believed"));
-  }
-  const int at = layout.clock();
-  CalibratedNumber clock = plain_number("scene.depth_sensor.time_offset_s", "s", f.state.shared[at],
-                                        sd_of(f, at), f.fit.beliefs.shared_sd[at], "believed");
-  clock.low90 = f.clock.low;  // no normal distribution
-  clock.high90 = f.clock.high;
-  result.nuisances.push_back(std::move(clock));
-  constexpr std::array<const char*, 4> kOwn = {"pinch.x", "pinch.y", "stiffness.ln_factor",
-                                               "clock"};
-  constexpr std::array<const char*, 4> kUnits = {"m", "m", "1", "s"};
+  const Layout& layout = f.data.layout;
+  const std::vector<FitNumber> numbers = numbers_of(f.data);
+  const auto number_at = [&](int column) { return numbers[static_cast<std::size_t>(column)]; };
+  const auto add_shared = [&](int column) {
+    const FitNumber& number = number_at(column);
+    result.nuisances.push_back(plain_number(number.name, number.unit, f.found.state.shared[column],
+                                            sd_of(f, column), f.data.beliefs.shared_sd[column],
+                                            "believed"));
+  };
+  for (int k = 0; k < layout.registration.count; ++k) add_shared(layout.registration.begin + k);
+  add_shared(layout.clock.begin);
+  result.nuisances.back().low90 = f.clock.low;  // no normal distribution
+  result.nuisances.back().high90 = f.clock.high;
   for (std::size_t i = 0; i < f.fitted.size(); ++i) {
-    const std::size_t r = f.fitted[i];
-    for (int k = 0; k < 4; ++k) {
-      result.nuisances.push_back(plain_number(
-          fmt::format("{}: {}", f.fit.observations[r].name, kOwn[static_cast<std::size_t>(k)]),
-          kUnits[static_cast<std::size_t>(k)], f.state.own[r][k], f.sure.own_sd[i][k],
-          f.fit.beliefs.own_sd[k], "the other recordings and docs/calibrate.md 3"));
-    }
+    for (const Layout::Columns& columns : {layout.pinch, layout.stiffness_factor, layout.own_clock})
+      add_own_numbers(f, i, columns, "the other recordings and docs/calibrate.md 3", result);
   }
   for (std::size_t i = 0; i < f.fitted.size(); ++i) {
-    const Observation& seen = f.fit.observations[f.fitted[i]];
-    for (int k = 0; k < 4 && seen.has_force(); ++k) {
-      constexpr std::array<const char*, 4> kForce = {"force.zero_x", "force.zero_y", "force.zero_z",
-                                                     "force.gain_change"};
-      const int own = Layout::kOwnForce + k;
-      result.nuisances.push_back(
-          plain_number(fmt::format("{}: {}", seen.name, kForce[static_cast<std::size_t>(k)]),
-                       k < 3 ? "N" : "1", f.state.own[f.fitted[i]][own], f.sure.own_sd[i][own],
-                       f.fit.beliefs.own_sd[own], "docs/calibrate.md 2"));
-    }
+    if (!f.data.observations[f.fitted[i]].has_force()) continue;
+    for (const Layout::Columns& columns : {layout.force_zero, layout.force_gain})
+      add_own_numbers(f, i, columns, "docs/calibrate.md 2", result);
   }
-  const int modes = layout.modes() - layout.shared();
-  constexpr std::array<const char*, kCourses> kCourseNames = {
-      "discrepancy.constant", "discrepancy.with_lift", "discrepancy.with_lift_squared",
-      "discrepancy.with_lift_early_against_late"};
-  for (int course = 0; course < kCourses; ++course) {
-    const double sd = f.fit.beliefs.own_sd[modes + course * kCosines];
-    result.nuisances.push_back(plain_number(kCourseNames[static_cast<std::size_t>(course)], "m", 0,
-                                            sd, sd, "standard deviation of each smooth mode"));
+  for (int k = 0; k < kTimeFunctions; ++k) {
+    const double sd = f.found.scales.own_sd[layout.among_own(layout.modes) + k * kCosines];
+    result.nuisances.push_back(plain_number(discrepancy_name(k), "m", 0, sd, sd,
+                                            "standard deviation of each smooth mode"));
   }
   result.numerics_m = std::sqrt(f.mesh_m * f.mesh_m + f.step_m * f.step_m + f.law_m * f.law_m);
 }
@@ -264,7 +259,7 @@ void add_groups(const Findings& f, Calibration& result) {
       std::ranges::find(result.parameters, std::string("scene.tissue.material.young_modulus_pa"),
                         &CalibratedNumber::name);
   const bool with_force = std::ranges::any_of(
-      f.fitted, [&](std::size_t r) { return f.fit.observations[r].has_force(); });
+      f.fitted, [&](std::size_t r) { return f.data.observations[r].has_force(); });
   if (stiffness != result.parameters.end() && weight > 0 && !with_force) {
     NumberGroup group;
     group.name = "E/(rho g)";
@@ -280,7 +275,7 @@ void add_groups(const Findings& f, Calibration& result) {
     result.groups.push_back(std::move(group));
   }
   add_traded_stiffness(f, result);
-  const int clock = f.fit.layout.clock();
+  const int clock = f.data.layout.clock.begin;
   if (!recordings_move(f)) {
     result.warnings.push_back(
         "scene.depth_sensor.time_offset_s: what was recorded rests and says nothing of the camera's"
@@ -289,7 +284,7 @@ void add_groups(const Findings& f, Calibration& result) {
     NumberGroup group;
     group.name = "latency";
     group.unit.assign(1, 's');
-    group.value = f.state.shared[clock];
+    group.value = f.found.state.shared[clock];
     group.low90 = f.clock.low;
     group.high90 = f.clock.high;
     group.members = {"scene.depth_sensor.time_offset_s", "scene.arm.transport_delay_s"};
@@ -298,9 +293,9 @@ void add_groups(const Findings& f, Calibration& result) {
         "scene as the camera's. A third channel on the robot's clock parts them.";
     result.groups.push_back(std::move(group));
   }
-  for (int i = 0; i < f.fit.layout.unknowns; ++i) {
-    const Unknown& a = f.fit.unknowns[static_cast<std::size_t>(i)];
-    if (!a.simulated) continue;
+  for (int i = 0; i < f.data.layout.unknowns.count; ++i) {
+    const Unknown& a = f.data.unknowns[static_cast<std::size_t>(i)];
+    if (!a.simulated()) continue;
     if (sd_of(f, i) > kUnseen * a.sd) {
       NumberGroup group;
       const CalibratedNumber number = shared_number(f, i);
@@ -314,18 +309,18 @@ void add_groups(const Findings& f, Calibration& result) {
           "The recordings say nothing of it: value and interval are those believed before.";
       result.groups.push_back(std::move(group));
     }
-    for (int j = i + 1; j < f.fit.layout.unknowns; ++j) {
-      const Unknown& b = f.fit.unknowns[static_cast<std::size_t>(j)];
+    for (int j = i + 1; j < f.data.layout.unknowns.count; ++j) {
+      const Unknown& b = f.data.unknowns[static_cast<std::size_t>(j)];
       const double si = sd_of(f, i), sj = sd_of(f, j);
       if (!(si > 0 && sj > 0)) continue;
-      const double correlation = f.sure.shared_covariance(i, j) / (si * sj);
+      const double correlation = f.posterior.shared_covariance(i, j) / (si * sj);
       constexpr double kAlike = 0.95;
       if (std::fabs(correlation) < kAlike || si > kUnseen * a.sd || sj > kUnseen * b.sd) continue;
       NumberGroup group;
       group.name = correlation < 0 ? "product" : "ratio";
       group.unit.assign(1, '1');
       const double sign = correlation < 0 ? 1 : -1;
-      const double x = f.state.shared[i] / si + sign * f.state.shared[j] / sj;
+      const double x = f.found.state.shared[i] / si + sign * f.found.state.shared[j] / sj;
       group.value = x;
       const double spread = kNinety * std::sqrt(2 * (1 - std::fabs(correlation)));
       group.low90 = x - spread;
@@ -343,7 +338,7 @@ void add_groups(const Findings& f, Calibration& result) {
 
 void add_warnings(const Findings& f, Calibration& result) {
   std::vector<std::string>& warnings = result.warnings;
-  const Layout& layout = f.fit.layout;
+  const Layout& layout = f.data.layout;
   for (const auto* numbers : {&result.parameters, &result.nuisances}) {
     for (const CalibratedNumber& number : *numbers) {
       if (!number.at_bound) continue;
@@ -353,8 +348,8 @@ void add_warnings(const Findings& f, Calibration& result) {
           number.name, number.value, behind_number(number.unit), number.prior_source));
     }
   }
-  for (int k = 0; k < f.fit.layout.unknowns; ++k) {
-    if (!f.fit.unknowns[static_cast<std::size_t>(k)].simulated) continue;
+  for (int k = 0; k < f.data.layout.unknowns.count; ++k) {
+    if (!f.data.unknowns[static_cast<std::size_t>(k)].simulated()) continue;
     const CalibratedNumber number = shared_number(f, k);
     if (number.at_bound || std::fabs(number.surprise) < kSurprise) continue;
     warnings.push_back(fmt::format(
@@ -365,10 +360,10 @@ void add_warnings(const Findings& f, Calibration& result) {
         number.surprise < 0 ? "below" : "above", confused_with(f, k)));
   }
   add_thickness_of_even_body(f, warnings);
-  const Vector3d shift = f.state.shared.segment<3>(layout.registration());
-  const Vector3d turn = f.state.shared.segment<3>(layout.registration() + 3);
-  const double metres = f.fit.beliefs.shared_sd[layout.registration()];
-  const double angle = f.fit.beliefs.shared_sd[layout.registration() + 3];
+  const Vector3d shift = f.found.state.shared.segment<3>(layout.registration.begin);
+  const Vector3d turn = f.found.state.shared.segment<3>(layout.registration.begin + 3);
+  const double metres = f.data.beliefs.shared_sd[layout.registration.begin];
+  const double angle = f.data.beliefs.shared_sd[layout.registration.begin + 3];
   if (shift.norm() > 3 * metres || turn.norm() > 3 * angle) {
     warnings.push_back(fmt::format(
         "registration: the clouds are moved by {:.1f} mm ({:.1f}, {:.1f}, {:.1f}) and turned by "
@@ -379,11 +374,10 @@ void add_warnings(const Findings& f, Calibration& result) {
         turn.norm() / kDegree, 1e3 * metres, angle / kDegree));
   }
   for (const CalibratedNumber& number : result.nuisances) {
-    const bool own = number.name.find(": ") != std::string::npos;
     if (number.name == "numerics.mesh" && std::fabs(number.pull) > 2.5) {
       warnings.emplace_back(
           "numerics.mesh: the recordings ask for another mesh: give a smaller --tolerance-mm");
-    } else if (own && std::fabs(number.pull) > kOddPull) {
+    } else if (!number.recording.empty() && std::fabs(number.pull) > kOddPull) {
       warnings.push_back(fmt::format(
           "{}: {:.3g}{}, {:.1f} standard deviations from what was believed", number.name,
           number.value, behind_number(number.unit), std::fabs(number.pull)));
@@ -422,7 +416,7 @@ void finish_scene(const Findings& f, Calibration& result) {
         law_name(material.law())));
     material.set_law(pb::LAW_COROTATED);
   }
-  const Registration6 registration = f.fit.registration(f.state);
+  const Registration6 registration = registration_of(f.data, f.found.state);
   pb::DepthSensor& sensor = *scene.mutable_depth_sensor();
   const auto set = [](pb::Vec3& to, const Vector3d& v) {
     to.set_x(v.x());
@@ -431,11 +425,12 @@ void finish_scene(const Findings& f, Calibration& result) {
   };
   set(*sensor.mutable_registration_m(), registration.shift);
   set(*sensor.mutable_registration_deg(), registration.turn / kDegree);
-  sensor.set_time_offset_s(std::clamp(f.state.shared[f.fit.layout.clock()], -0.25, 0.25));
+  sensor.set_time_offset_s(
+      std::clamp(f.found.state.shared[f.data.layout.clock.begin], -0.25, 0.25));
   // What is known now is the belief of whoever calibrates next.
-  for (int k = 0; k < f.fit.layout.unknowns; ++k) {
-    const Unknown& unknown = f.fit.unknowns[static_cast<std::size_t>(k)];
-    if (!unknown.in_scene) continue;
+  for (int k = 0; k < f.data.layout.unknowns.count; ++k) {
+    const Unknown& unknown = f.data.unknowns[static_cast<std::size_t>(k)];
+    if (!unknown.in_scene()) continue;
     pb::Prior& prior = *result.priors.add_prior();
     prior.set_path(unknown.path);
     if (unknown.scale == Unknown::Scale::kShift) {

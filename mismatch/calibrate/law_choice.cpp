@@ -10,7 +10,7 @@ namespace {
 
 bool is_told(const LawFit& better, const LawFit& other, double numerics_m) {
   return other.cost > better.cost + kLawTold &&
-         surfaces_apart(better.d.predictions, other.d.predictions) > numerics_m;
+         surfaces_apart(better.d.linear.predictions, other.d.linear.predictions) > numerics_m;
 }
 
 }  // namespace
@@ -43,14 +43,16 @@ std::vector<const LawFit*> laws_alike(const std::vector<LawFit>& fits, const Law
 }
 
 void widen_over_laws(const LawFit& chosen, const std::vector<const LawFit*>& alike,
-                     const std::vector<std::size_t>& which, ArrowStep& sure) {
+                     const Which& which, FitPosterior& posterior) {
   const double share = 1 / (1 + static_cast<double>(alike.size()));
   for (const LawFit* other : alike) {
-    const Eigen::VectorXd by = other->d.state.shared - chosen.d.state.shared;
-    sure.shared_covariance += share * by * by.transpose();
+    const Eigen::VectorXd by = other->d.found.state.shared - chosen.d.found.state.shared;
+    posterior.shared_covariance += share * by * by.transpose();
     for (std::size_t i = 0; i < which.size(); ++i) {
-      const Eigen::VectorXd own = other->d.state.own[which[i]] - chosen.d.state.own[which[i]];
-      sure.own_sd[i] = (sure.own_sd[i].array().square() + share * own.array().square()).sqrt();
+      const Eigen::VectorXd own =
+          other->d.found.state.own[which[i]] - chosen.d.found.state.own[which[i]];
+      posterior.own_sd[i] =
+          (posterior.own_sd[i].array().square() + share * own.array().square()).sqrt();
     }
   }
 }

@@ -4,7 +4,7 @@
 #include <string>
 #include <vector>
 
-#include "mismatch/calibrate/descent.h"
+#include "mismatch/fit/descent.h"
 
 namespace omentum {
 
@@ -18,8 +18,8 @@ std::string law_name(pb::ElasticLaw law);
 struct LawFit {
   pb::ElasticLaw law = pb::LAW_COROTATED;
   Descent d;
-  std::vector<SurfaceFit::Difference> differences;  ///< with that law
-  double mesh_rms = 0;                              ///< [m]
+  std::vector<DifferenceColumn> differences;  ///< with that law
+  double mesh_rms = 0;                        ///< [m]
   /// - log of likelihood and beliefs, at a noise and beliefs that all laws share. What mesh and
   /// step are worth is in it: they are nuisances of the fit.
   double cost = 0;
@@ -40,6 +40,6 @@ std::vector<const LawFit*> laws_alike(const std::vector<LawFit>& fits, const Law
 /// Covariances of a fit of which the law is one of several as likely as each other: what the
 /// numbers of the other laws are apart from those of `chosen` widens them.
 void widen_over_laws(const LawFit& chosen, const std::vector<const LawFit*>& alike,
-                     const std::vector<std::size_t>& which, ArrowStep& sure);
+                     const Which& which, FitPosterior& posterior);
 
 }  // namespace omentum

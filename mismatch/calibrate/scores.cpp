@@ -24,33 +24,32 @@ double rms_of(const std::vector<std::vector<double>>& distances, double* mean = 
 
 }  // namespace
 
-double floor_of(const Observation& seen, const Block& block) {
+double floor_of(const Observation& seen, const NormalEquations& compared) {
   if (!seen.has_points()) {
     // Of markers that never rest, what is measured in holds is their motion.
     const double in_holds = std::sqrt(3) * seen.marker_noise;
-    if (block.marker_pairs == 0) return in_holds;
-    const double changes = std::max(0.0, block.marker_squares - block.marker_products);
-    return std::min(in_holds, std::sqrt(changes / static_cast<double>(block.marker_pairs)));
+    if (compared.marker_pairs == 0) return in_holds;
+    const double changes = std::max(0.0, compared.marker_squares - compared.marker_products);
+    return std::min(in_holds, std::sqrt(changes / static_cast<double>(compared.marker_pairs)));
   }
   std::vector<double> steps;
-  for (std::size_t k = 1; k < block.deviation.size(); ++k)
-    steps.push_back(std::fabs(block.deviation[k] - block.deviation[k - 1]));
+  for (std::size_t k = 1; k < compared.deviation.size(); ++k)
+    steps.push_back(std::fabs(compared.deviation[k] - compared.deviation[k - 1]));
   if (steps.size() < 10) return 0;
   const auto middle = steps.begin() + static_cast<std::ptrdiff_t>(steps.size() / 2);
   std::nth_element(steps.begin(), middle, steps.end());
   return 1.4826 * *middle / std::sqrt(2.0);
 }
 
-FitRow score(SurfaceFit& fit, std::size_t recording, const Prediction& prediction,
-             const FitState& at, const FitState& state, const Prediction& base) {
-  const FitState plain = fit.believed();
+FitRow score(const FitData& data, const Linearisation& linear, const FitState& state,
+             std::size_t recording, const Linearisation& believed) {
   FitRow row;
-  row.recording = fit.observations[recording].name;
-  row.rmse_base = rms_of(fit.distances(base, recording, plain, plain, kFarPoint));
-  const auto distances = fit.distances(prediction, recording, at, state, kFarPoint);
-  row.rmse_model = rms_of(distances, &row.mean_model);
+  row.recording = data.observations[recording].name;
+  row.rmse_base = rms_of(distances(data, believed, believed.at, recording, kFarPoint));
+  const auto now = distances(data, linear, state, recording, kFarPoint);
+  row.rmse_model = rms_of(now, &row.mean_model);
   double far = 0, all = 0;
-  for (const auto& frame : distances) {
+  for (const auto& frame : now) {
     for (const double d : frame) {
       far += std::isfinite(d) ? 0 : 1;
       ++all;
@@ -60,39 +59,41 @@ FitRow score(SurfaceFit& fit, std::size_t recording, const Prediction& predictio
   return row;
 }
 
-void add_nuisances(const SurfaceFit& fit, const Prediction& with_columns, const FitState& state,
+void add_nuisances(const FitData& data, const Prediction& with_columns, const FitState& state,
                    Prediction& prediction) {
-  Eigen::VectorXd x = state.shared.head(fit.layout.unknowns);
-  for (int k = 0; k < fit.layout.unknowns; ++k) {
-    if (fit.unknowns[static_cast<std::size_t>(k)].simulated) x[k] = 0;
+  Eigen::VectorXd x = state.shared.head(data.layout.unknowns.count);
+  for (int k = 0; k < data.layout.unknowns.count; ++k) {
+    if (data.unknowns[static_cast<std::size_t>(k)].simulated()) x[k] = 0;
   }
   const std::size_t frames = std::min(prediction.frames.size(), with_columns.frames.size());
   for (std::size_t f = 0; f < frames; ++f) {
     const Eigen::MatrixXf& columns = with_columns.frames[f].columns;
     PredictedFrame& frame = prediction.frames[f];
     if (columns.size() == 0 || !frame.valid) continue;
-    const Eigen::VectorXf by = columns.leftCols(fit.layout.unknowns) * x.cast<float>();
+    const Eigen::VectorXf by = columns.leftCols(data.layout.unknowns.count) * x.cast<float>();
     for (std::size_t v = 0; v < frame.vertices.size(); ++v)
       frame.vertices[v] += by.segment<3>(3 * static_cast<Eigen::Index>(v)).cast<double>();
   }
 }
 
-ShownRecording show(SurfaceFit& fit, std::size_t recording, const Prediction& prediction,
-                    const FitState& at, const FitState& state, const Prediction& base) {
+ShownRecording show(const FitData& data, const Linearisation& linear, const FitState& state,
+                    std::size_t recording, const Linearisation& believed) {
   ShownRecording shown;
-  const FitState plain = fit.believed();
-  const Observation& seen = fit.observations[recording];
+  const Observation& seen = data.observations[recording];
   shown.name = seen.name;
   FitState no_modes = state;
   no_modes.own[recording].tail(kModes).setZero();
-  const auto before = fit.distances(base, recording, plain, plain, kFarPoint);
-  const auto after = fit.distances(prediction, recording, at, no_modes, kFarPoint);
+  const Comparison base = comparison(data, believed, believed.at, recording);
+  const Comparison now = comparison(data, linear, no_modes, recording);
+  const auto before = data.likelihood.distances(base, kFarPoint);
+  const auto after = data.likelihood.distances(now, kFarPoint);
   for (std::size_t f = 0; f < seen.frames.size(); ++f) {
-    if (!base.frames[f].valid || !prediction.frames[f].valid) continue;
+    const PredictedFrame& frame = now.predicted.frames[f];
+    if (!base.predicted.frames[f].valid || !frame.valid) continue;
     shown.times.push_back(seen.frames[f].t);
-    shown.before.push_back(fit.vertices(base, recording, f, plain, plain));
-    shown.after.push_back(fit.vertices(prediction, recording, f, at, no_modes));
-    shown.tip.push_back(prediction.frames[f].tip);
+    shown.before.push_back(data.likelihood.vertices(base, f));
+    shown.after.push_back(data.likelihood.vertices(now, f));
+    shown.tip.push_back(frame.tip);
     shown.rmse_before.push_back(rms_of({before[f]}));
     shown.rmse_after.push_back(rms_of({after[f]}));
     shown.seen.push_back(seen.frames[f].points);

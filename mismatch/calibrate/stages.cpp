@@ -5,283 +5,314 @@
 #include <algorithm>
 #include <cmath>
 #include <ctime>
+#include <map>
 #include <numeric>
+#include <optional>
 #include <utility>
 
 #include "core/check.h"
 #include "mismatch/calibrate/findings.h"
-#include "mismatch/calibrate/marker_binding.h"
 #include "mismatch/calibrate/marker_findings.h"
 #include "mismatch/calibrate/scores.h"
+#include "mismatch/fit/marker_binding.h"
 
 namespace omentum {
+namespace {
 
-Stages::Stages(std::unique_ptr<SurfaceFit> fit, const CalibrationOptions& options,
-               const std::string& method, std::vector<double> plan)
-    : owned_fit_(std::move(fit)), fit_(*owned_fit_), options_(options), plan_(std::move(plan)) {
-  result_.method = method;
-  result_.triangles = close_sheet(fit_.made.tissue.surface_triangles,
-                                  static_cast<int>(fit_.made.tissue.particles.size()));
-  for (std::size_t r = 0; r < fit_.observations.size(); ++r) {
-    if (!fit_.observations[r].held_out) fitted_.push_back(r);
-  }
-  if (fitted_.empty()) throw_error("every recording is held out: nothing can be fitted");
-}
+double count_of(const Which& which) { return static_cast<double>(which.size()); }
 
-void Stages::next_stage() {
-  done_ = stage_end_;
-  stage_end_ += plan_.at(stage_++) * static_cast<double>(fit_.observations.size());
-}
-
-/// What takes longer than planned waits at the end of its stage.
-void Stages::say(const std::string& stage, double passes) {
-  const double all = std::accumulate(plan_.begin(), plan_.end(), 0.0) *
-                     static_cast<double>(fit_.observations.size());
-  done_ = std::min(done_ + passes, stage_end_);
-  if (options_.progress) options_.progress(done_ / all, stage);
-}
-
-/// Where the markers sit on the body, by the simulation as believed.
-void Stages::bind_markers(const Numerics& numerics) {
-  if (!needs_binding(fit_)) return;
-  const auto believed = fit_.simulate(fit_.believed(), numerics, true, fitted_);
-  fit_.set_markers(omentum::bind_markers(fit_, believed, result_.warnings));
+/// The data of a run, or with other frames in it.
+const FitData& look_at(const CalibrationRun& run, const std::vector<Observation>* frames,
+                       std::optional<FitData>& made) {
+  if (frames == nullptr) return run.data;
+  made = run.data;
+  made->observations = *frames;
+  return *made;
 }
 
 /// Says once what of a recording could not be simulated.
-void Stages::warn_of_missing(std::size_t r, const Prediction& p, const std::string& where) {
+void warn_of_missing(std::size_t r, const Prediction& p, const std::string& where,
+                     CalibrationRun& run) {
   const std::ptrdiff_t valid = count_valid(p);
   if (valid == static_cast<std::ptrdiff_t>(p.frames.size())) return;
-  const std::string line =
-      fmt::format("recording {}: {} of {} frames are simulated{}{}{}", fit_.observations[r].name,
-                  valid, p.frames.size(), where, p.failure.empty() ? "" : ": ", p.failure);
-  if (std::ranges::count(result_.warnings, line) == 0) result_.warnings.push_back(line);
+  const std::string line = fmt::format("recording {}: {} of {} frames are simulated{}{}{}",
+                                       run.data.observations[r].name, valid, p.frames.size(), where,
+                                       p.failure.empty() ? "" : ": ", p.failure);
+  std::vector<std::string>& warnings = run.result.warnings;
+  if (std::ranges::count(warnings, line) == 0) warnings.push_back(line);
+}
+
+std::ptrdiff_t count_failing(const Linearisation& linear, const Which& which) {
+  return std::ranges::count_if(
+      which, [&](std::size_t r) { return count_valid(linear.predictions[r]) == 0; });
 }
 
 /// Recordings whose simulation ends before their first frame tell nothing on that mesh.
-void Stages::drop_failing(const std::vector<Prediction>& predictions, bool told) {
+void drop_failing(const Linearisation& linear, bool warned_of, CalibrationRun& run) {
   Which kept;
-  for (const std::size_t r : fitted_) {
-    if (told) warn_of_missing(r, predictions[r], "");
-    if (count_valid(predictions[r]) > 0) kept.push_back(r);
+  for (const std::size_t r : run.fitted) {
+    if (warned_of) warn_of_missing(r, linear.predictions[r], "", run);
+    if (count_valid(linear.predictions[r]) > 0) kept.push_back(r);
   }
   if (kept.empty())
-    throw_error("no recording can be simulated: {}", predictions[fitted_.front()].failure);
-  fitted_ = kept;
+    throw_error("no recording can be simulated: {}",
+                linear.predictions[run.fitted.front()].failure);
+  run.fitted = kept;
 }
 
 /// The first simulation of a mesh, of a state that another led to: where it fails, it goes half the
 /// way to what is believed.
-std::vector<Prediction> Stages::begin_descent(const SimulateState& simulate, bool told) {
-  const auto failing = [&](const std::vector<Prediction>& predictions) {
-    return std::ranges::count_if(fitted_,
-                                 [&](std::size_t r) { return count_valid(predictions[r]) == 0; });
-  };
-  auto predictions = simulate(state_);
-  FitState nearer = state_;
+Linearisation begin_descent(const LineariseAt& linearise, bool warned_of, CalibrationRun& run) {
+  Linearisation linear = linearise(run.found.state);
+  FitState nearer = run.found.state;
   constexpr int kHalvings = 3;
-  for (int k = 0; k < kHalvings && failing(predictions) > 0; ++k) {
-    nearer.shared.head(fit_.layout.unknowns) *= 0.5;
-    auto again = simulate(nearer);
-    if (failing(again) >= failing(predictions)) continue;
-    predictions = std::move(again);
-    state_ = nearer;
+  for (int k = 0; k < kHalvings && count_failing(linear, run.fitted) > 0; ++k) {
+    nearer.shared.head(run.data.layout.unknowns.count) *= 0.5;
+    Linearisation again = linearise(nearer);
+    if (count_failing(again, run.fitted) >= count_failing(linear, run.fitted)) continue;
+    linear = std::move(again);
+    run.found.state = nearer;
   }
-  drop_failing(predictions, told);
-  return predictions;
+  drop_failing(linear, warned_of, run);
+  return linear;
 }
 
-/// Simulates and improves, at most so many times, until nothing moves by more than `small` of its
-/// standard deviation.
-void Stages::descend(const Numerics& numerics, int most, double small, double work,
-                     const std::string& stage) {
-  const SimulateState simulate = [&](const FitState& state) {
-    auto predictions = fit_.simulate(state, numerics, true, fitted_);
-    say(stage, work * static_cast<double>(fitted_.size()));
-    return predictions;
-  };
-  Descent d;
-  d.predictions = begin_descent(simulate, numerics.elements == fine().elements);
-  d.at = state_;
-  omentum::descend(fit_, simulate, fitted_, most - 1, small, d);
-  take(std::move(d));
-}
-
-void Stages::take(Descent d) {
-  predictions_ = std::move(d.predictions);
-  at_ = std::move(d.at);
-  state_ = std::move(d.state);
-  sure_ = std::move(d.sure);
-  settled_ = d.settled;
-}
-
-double Stages::numerics() const { return std::hypot(mesh_rms_, step_rms_); }
-
-/// The step as a nuisance, by a simulation with half of it, whose difference is the error over
-/// `fall`.
-void Stages::measure_step(double fall) {
-  Numerics half = fine();
-  half.substeps *= 2;
-  const auto step = fit_.simulate(at_, half, false, fitted_);
-  step_rms_ = fall * surfaces_apart(step, predictions_);
-  say("step", 2.0 * static_cast<double>(fitted_.size()));
-  fit_.set_difference({"numerics.step", "1", "", Unknown::Scale::kShift, 0, 1.5,
-                       "1.5 times its estimated error", false, false},
-                      step, fall, predictions_, at_, state_);
-  fit_.noise.along_motion = std::max(fit_.noise.along_motion, numerics());
-}
-
-/// The smooth discrepancy and the scales of what recordings have of their own, with the numbers.
-void Stages::settle_beliefs() {
-  constexpr double kFirstMode = 3e-4;  // [m]
-  if (fit_.beliefs.own_sd[fit_.layout.own() - 1] < 1e-6)
-    fit_.beliefs.own_sd.tail(kModes).setConstant(kFirstMode);
-  for (int round = 0; round < 6; ++round) {
-    fit_.improve(predictions_, at_, fitted_, round == 0 ? 8 : 3, state_);
-    sure_ = fit_.posterior(predictions_, at_, fitted_, state_);
-    fit_.adapt_beliefs(sure_, fitted_, state_);
-  }
-  fit_.improve(predictions_, at_, fitted_, 8, state_);
-  sure_ = fit_.posterior(predictions_, at_, fitted_, state_);
-}
-
-/// The scales move the numbers, and what is simulated follows them.
-void Stages::settle(double work) {
-  constexpr int kRounds = 3;
-  for (int round = 0; round < kRounds; ++round) {
-    settle_beliefs();
-    if (settled_ && moved(fit_, fitted_, at_, state_, sure_) < kSmallMove) break;
-    descend(fine(), 3, kSmallMove, work, "settling");
-  }
-}
-
-std::map<int, Stages::Which> Stages::conditions() const {
+std::map<int, Which> conditions_of(const CalibrationRun& run) {
   std::map<int, Which> groups;
-  for (const std::size_t r : fitted_) groups[fit_.observations[r].condition].push_back(r);
+  for (const std::size_t r : run.fitted) groups[run.data.observations[r].condition].push_back(r);
   return groups;
 }
 
-void Stages::add_marker_table(std::size_t r, const Prediction& prediction, const FitState& at,
-                              const FitState& state) {
-  Series table = marker_table(fit_, prediction, r, at, state);
-  if (table.rows() > 0) result_.markers.push_back({fit_.observations[r].name, std::move(table)});
+void add_marker_table(std::size_t r, const Linearisation& linear, const FitState& state,
+                      CalibrationRun& run) {
+  Series table = marker_table(run.data, linear, state, r);
+  if (table.rows() > 0)
+    run.result.markers.push_back({run.data.observations[r].name, std::move(table)});
 }
 
-void Stages::collect_fit() {
-  for (const std::size_t r : fitted_) {
-    warn_of_missing(r, base_[r], " as believed");
-    FitState no_modes = state_;
+double floor_at(std::size_t r, const Linearisation& linear, const FitState& state,
+                const CalibrationRun& run) {
+  const auto compared = compare(run.data, linear, {r}, state, run.found.scales.noise, false);
+  return floor_of(run.data.observations[r], compared.front());
+}
+
+void collect_fit(CalibrationRun& run) {
+  const FitState& state = run.found.state;
+  for (const std::size_t r : run.fitted) {
+    warn_of_missing(r, run.believed.predictions[r], " as believed", run);
+    FitState no_modes = state;
     no_modes.own[r].tail(kModes).setZero();
-    FitRow row = score(fit_, r, predictions_[r], at_, no_modes, base_[r]);
+    FitRow row = score(run.data, run.linear, no_modes, r, run.believed);
     row.role = "fitted";
-    row.floor = floor_of(fit_.observations[r],
-                         fit_.compare(predictions_, at_, {r}, state_, fit_.noise, false).front());
-    result_.fit.push_back(row);
-    result_.shown.push_back(show(fit_, r, predictions_[r], at_, state_, base_[r]));
-    add_marker_table(r, predictions_[r], at_, no_modes);
+    row.floor = floor_at(r, run.linear, state, run);
+    run.result.fit.push_back(row);
+    run.result.shown.push_back(show(run.data, run.linear, state, r, run.believed));
+    add_marker_table(r, run.linear, no_modes, run);
   }
 }
 
 /// Where a hand held the body is no property of it: taken from what is seen before it is let go.
-void Stages::place_held(const Which& left, FitState& state) {
+void place_held(const Which& left, CalibrationRun& run, FitState& state) {
   constexpr int kRounds = 2;
-  const FirstFrames first(fit_.observations, -1e-3, kMostFrames);
-  const NoiseModel noise = fit_.noise;
-  fit_.hold_shared = true;
+  FitData before = run.data;
+  before.observations = first_frames(before.observations, -1e-3, kMostFrames).observations;
+  before.differences.clear();  // of all frames
+  SearchLimits limits = run.search.limits;
+  limits.hold_shared = true;
+  SearchState found{state, run.found.scales};
   for (int round = 0; round < kRounds; ++round) {
-    FitState at = state, found = state;
-    const auto held = fit_.simulate(at, fine(), true, left);
-    fit_.improve(held, at, left, 8, found);
+    const Linearisation held = run.model.linearise(before, state, run.fine, left);
+    found = improve(before, held, left, 8, limits, {state, found.scales});
+    const int place = before.layout.among_own(before.layout.held_place);
     for (const std::size_t r : left) {
-      state.own[r].segment(Layout::kOwnPlace, kHeldColumns) =
-          found.own[r].segment(Layout::kOwnPlace, kHeldColumns);
+      state.own[r].segment(place, kHeldColumns) = found.state.own[r].segment(place, kHeldColumns);
     }
   }
-  fit_.hold_shared = false;
-  fit_.noise = noise;
 }
 
 /// Recordings at numbers that were found without them, and with nothing of their own.
-void Stages::predict_unseen(const Which& left, const FitState& without, const std::string& role) {
+void predict_unseen(const Which& left, const FitState& without, const std::string& role,
+                    CalibrationRun& run) {
   FitState blind = without;
   for (const std::size_t r : left) blind.own[r].setZero();
-  if (fit_.layout.held > 0) place_held(left, blind);
-  auto predicted = fit_.simulate(blind, fine(), false, left);
-  const auto base =
-      role == "held_out" ? fit_.simulate(fit_.believed(), fine(), false, left) : base_;
+  const bool held = run.data.layout.held_place.count > 0;
+  if (held) place_held(left, run, blind);
+  Linearisation predicted{blind, run.model.simulate(run.data, blind, run.fine, false, left)};
+  Linearisation unfitted{run.believed.at, {}};
+  if (role == "held_out")
+    unfitted.predictions = run.model.simulate(run.data, unfitted.at, run.fine, false, left);
+  const Linearisation& believed = role == "held_out" ? unfitted : run.believed;
   for (const std::size_t r : left) {
-    warn_of_missing(r, predicted[r], " where it is " + role);
-    if (r < predictions_.size()) add_nuisances(fit_, predictions_[r], blind, predicted[r]);
-    FitRow row = score(fit_, r, predicted[r], blind, blind, base[r]);
+    warn_of_missing(r, predicted.predictions[r], " where it is " + role, run);
+    add_nuisances(run.data, run.linear.predictions[r], blind, predicted.predictions[r]);
+    FitRow row = score(run.data, predicted, blind, r, believed);
     row.role = role;
-    row.floor = floor_of(fit_.observations[r],
-                         fit_.compare(predicted, blind, {r}, blind, fit_.noise, false).front());
-    result_.fit.push_back(row);
-    const bool own = fit_.layout.held > 0 || !fit_.observations[r].overrides.empty();
-    if (role == "held_out") add_marker_table(r, predicted[r], blind, blind);
-    result_.left_out.push_back(
-        {row.recording, own ? fit_.scene_of(blind, r) : fit_.shared_scene(blind)});
+    row.floor = floor_at(r, predicted, blind, run);
+    run.result.fit.push_back(row);
+    const bool own = held || !run.data.observations[r].overrides.empty();
+    if (role == "held_out") add_marker_table(r, predicted, blind, run);
+    run.result.left_out.push_back(
+        {row.recording, own ? scene_of(run.data, blind, r) : shared_scene(run.data, blind)});
   }
-  say("left out", 1.2 * static_cast<double>(left.size()));
+  run.work.add("left out", 1.2 * count_of(left));
 }
 
 /// Every pinch point by a fit that has not seen it, and the recordings that never were fitted.
-void Stages::leave_out() {
-  const auto groups = conditions();
-  if (options_.leave_out && groups.size() > 1) {
+void leave_out(CalibrationRun& run) {
+  const auto groups = conditions_of(run);
+  if (run.options.leave_out && groups.size() > 1) {
     for (const auto& [condition, left] : groups) {
       Which others;
-      for (const std::size_t r : fitted_) {
-        if (fit_.observations[r].condition != condition) others.push_back(r);
+      for (const std::size_t r : run.fitted) {
+        if (run.data.observations[r].condition != condition) others.push_back(r);
       }
-      FitState without = state_;
-      const NoiseModel noise = fit_.noise;
-      fit_.improve(predictions_, at_, others, 8, without);
-      fit_.noise = noise;
-      predict_unseen(left, without, "left_out");
+      const SearchState without =
+          improve(run.data, run.linear, others, 8, run.search.limits, run.found);
+      predict_unseen(left, without.state, "left_out", run);
     }
   }
   Which held;
-  for (std::size_t r = 0; r < fit_.observations.size(); ++r) {
-    if (fit_.observations[r].held_out) held.push_back(r);
+  for (std::size_t r = 0; r < run.data.observations.size(); ++r) {
+    if (run.data.observations[r].held_out) held.push_back(r);
   }
-  if (!held.empty()) predict_unseen(held, state_, "held_out");
+  if (!held.empty()) predict_unseen(held, run.found.state, "held_out", run);
   if (groups.size() < 2 && held.empty()) {
-    result_.warnings.emplace_back(
+    run.result.warnings.emplace_back(
         "no recording is held out and all have one pinch point: how far the simulation is from "
         "what it has not seen is not known");
   }
 }
 
-void Stages::tell_numerics() {
-  result_.numerics = {fmt::format("mesh {:.3f} mm", 1e3 * mesh_rms_),
-                      fmt::format("step {:.3f} mm", 1e3 * step_rms_),
-                      fmt::format("law of elasticity {:.3f} mm", 1e3 * law_rms_)};
+void collect(CalibrationRun& run) {
+  run.result.scene = shared_scene(run.data, run.found.state);
+  const Findings findings{run.data,  run.found,    run.posterior, run.fitted,
+                          run.clock, run.mesh_rms, run.step_rms,  run.law_rms};
+  add_numbers(findings, run.result);
+  add_marker_numbers(findings, run.result);
+  add_groups(findings, run.result);
+  add_warnings(findings, run.result);
+  finish_scene(findings, run.result);
 }
 
-void Stages::collect() {
-  result_.scene = fit_.shared_scene(state_);
-  const Findings findings{fit_, state_, sure_, fitted_, clock_, mesh_rms_, step_rms_, law_rms_};
-  add_numbers(findings, result_);
-  tell_numerics();
-  add_marker_numbers(findings, result_);
-  add_groups(findings, result_);
-  add_warnings(findings, result_);
-  finish_scene(findings, result_);
+}  // namespace
+
+void WorkPlan::begin_stage() {
+  done_ = stage_end_;
+  stage_end_ += stages_.at(next_++) * static_cast<double>(recordings_);
 }
 
-Calibration Stages::run() {
-  const std::clock_t started = std::clock();
-  fit_recordings();
-  next_stage();
-  base_ = fit_.simulate(fit_.believed(), fine(), false, fitted_);
-  say("before", static_cast<double>(fitted_.size()));
-  collect_fit();
-  leave_out();
-  collect();
-  result_.core_seconds = static_cast<double>(std::clock() - started) / CLOCKS_PER_SEC +
-                         fit_.options.simulator->seconds_elsewhere();
-  return std::move(result_);
+void WorkPlan::add(const std::string& stage, double simulations) {
+  const double all =
+      std::accumulate(stages_.begin(), stages_.end(), 0.0) * static_cast<double>(recordings_);
+  done_ = std::min(done_ + simulations, stage_end_);
+  if (progress_) progress_(done_ / all, stage);
+}
+
+double core_seconds_since(std::clock_t started, const Simulator& simulator) {
+  return static_cast<double>(std::clock() - started) / CLOCKS_PER_SEC +
+         simulator.seconds_elsewhere();
+}
+
+double CalibrationRun::numerics_rms() const { return std::hypot(mesh_rms, step_rms); }
+
+CalibrationRun begin_calibration(const std::string& method, const CalibrationOptions& options,
+                                 FitData data, ForwardModel& model, std::vector<double> stages) {
+  const std::size_t count = data.observations.size();
+  CalibrationRun run(options, std::move(data), model,
+                     WorkPlan(options.progress, std::move(stages), count));
+  run.found = {believed_state(run.data), first_scales(run.data)};
+  for (std::size_t r = 0; r < count; ++r) {
+    if (!run.data.observations[r].held_out) run.fitted.push_back(r);
+  }
+  if (run.fitted.empty()) throw_error("every recording is held out: nothing can be fitted");
+  run.result.method = method;
+  run.result.triangles = run.data.likelihood.triangles();
+  return run;
+}
+
+void bind_markers(const Numerics& numerics, CalibrationRun& run) {
+  if (!needs_binding(run.data)) return;
+  const auto believed =
+      run.model.simulate(run.data, believed_state(run.data), numerics, true, run.fitted);
+  set_markers(bind_markers(run.data, believed, run.result.warnings), run.data);
+  run.found = {believed_state(run.data), first_scales(run.data)};
+}
+
+void descend(const DescentStage& stage, CalibrationRun& run,
+             const std::vector<Observation>* frames) {
+  std::optional<FitData> made;
+  const FitData& data = look_at(run, frames, made);
+  const LineariseAt linearise = [&](const FitState& state) {
+    Linearisation linear = run.model.linearise(data, state, stage.numerics, run.fitted);
+    run.work.add(stage.name, stage.work * count_of(run.fitted));
+    return linear;
+  };
+  Linearisation begin = begin_descent(linearise, stage.numerics.elements == run.fine.elements, run);
+  DescentOptions options = run.search;
+  options.most_simulations = stage.most_simulations - 1;
+  options.small_move = stage.small_move;
+  take(descend(data, linearise, run.fitted, options, std::move(begin), run.found.scales), run);
+}
+
+void take(Descent d, CalibrationRun& run) {
+  run.linear = std::move(d.linear);
+  run.found = std::move(d.found);
+  run.posterior = std::move(d.posterior);
+  run.settled = d.settled;
+}
+
+void measure_step(double fall, CalibrationRun& run) {
+  Numerics half = run.fine;
+  half.substeps *= 2;
+  const auto step = run.model.simulate(run.data, run.linear.at, half, false, run.fitted);
+  run.step_rms = fall * surfaces_apart(step, run.linear.predictions);
+  run.work.add("step", 2.0 * count_of(run.fitted));
+  set_difference({"numerics.step", "1", "", Unknown::Scale::kShift, 0, 1.5,
+                  "1.5 times its estimated error", Role::kNumerics},
+                 step, fall, run.data, run.linear, run.found.state);
+  NoiseModel& noise = run.found.scales.noise;
+  noise.along_motion = std::max(noise.along_motion, run.numerics_rms());
+}
+
+void settle_scales(CalibrationRun& run, const std::vector<Observation>* frames) {
+  constexpr double kFirstMode = 3e-4;  // [m]
+  std::optional<FitData> made;
+  const FitData& data = look_at(run, frames, made);
+  const SearchLimits& limits = run.search.limits;
+  Eigen::VectorXd& own_sd = run.found.scales.own_sd;
+  if (own_sd[data.layout.own() - 1] < 1e-6) own_sd.tail(kModes).setConstant(kFirstMode);
+  const auto improve_here = [&](int steps) {
+    run.found = improve(data, run.linear, run.fitted, steps, limits, std::move(run.found));
+    run.posterior = posterior_at(data, run.linear, run.fitted, limits, run.found);
+  };
+  for (int round = 0; round < 6; ++round) {
+    improve_here(round == 0 ? 8 : 3);
+    adapt_own_scales(data, run.posterior, run.fitted, run.found.state, run.found.scales);
+  }
+  improve_here(8);
+}
+
+void settle(double work, CalibrationRun& run) {
+  constexpr int kRounds = 3;
+  for (int round = 0; round < kRounds; ++round) {
+    settle_scales(run);
+    if (run.settled &&
+        moved(run.data, run.fitted, run.linear.at, run.found.state, run.posterior) < kSmallMove)
+      break;
+    descend({run.fine, 3, kSmallMove, work, "settling"}, run);
+  }
+}
+
+Calibration finish(CalibrationRun run) {
+  run.work.begin_stage();
+  run.believed = {believed_state(run.data), {}};
+  run.believed.predictions =
+      run.model.simulate(run.data, run.believed.at, run.fine, false, run.fitted);
+  run.work.add("before", count_of(run.fitted));
+  collect_fit(run);
+  leave_out(run);
+  collect(run);
+  return std::move(run.result);
 }
 
 }  // namespace omentum

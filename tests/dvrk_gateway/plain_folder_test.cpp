@@ -14,7 +14,7 @@
 #include "dvrk_gateway/recording/motion.h"
 #include "dvrk_gateway/recording/robot_recorder.h"
 #include "mismatch/recording/plain_folder.h"
-#include "mismatch/tool_track.h"
+#include "mismatch/simulate/tool_track.h"
 #include "tests/dvrk_gateway/recorded_session.h"
 #include "tests/support/temp_dir.h"
 

@@ -24,8 +24,9 @@ MODELS = {"cluster", "shell", "solid", "coupled", "reference"}
 JOINED = {"coupled": {"shell", "solid"}}
 # Within dvrk_gateway the same; "" are the files of the program itself.
 DVRK_GATEWAY = ["protocol", "dvrk_double", "safety", "loop", "recording", "backend", "bus", ""]
-# Within mismatch the same: recordings know nothing of simulation, which is in files of the package itself (".").
-MISMATCH = ["recording", "import", "ros", "intake", "catalogue", ".", "scene", "calibrate", ""]
+# Within mismatch the same: recordings know nothing of simulation. "" are the programs, which lie in the folders of what
+# they run, and may include all.
+MISMATCH = ["recording", "import", "ros", "intake", "catalogue", "simulate", "scene", "seen", "fit", "calibrate", ""]
 MISMATCH_PROGRAM = ("main.cpp", "_program.h", "_program.cpp")
 # Folders of the tests are named from the tests' own root as well.
 TESTS = {"tests", "support", "contract", "fuzz", "granting", "learner", "sim_worker", "report", "mismatch", "monitor", "dvrk_gateway", "core", "proto", "benchmarks"}
@@ -63,15 +64,13 @@ def problem_within_dvrk_gateway(source, target):
 
 def mismatch_folder(path):
     parts = path.split("/")[1:]
-    if len(parts) > 1:
-        return parts[0]
-    return "" if parts[0].endswith(MISMATCH_PROGRAM) else "."
+    return "" if len(parts) == 1 or parts[-1].endswith(MISMATCH_PROGRAM) else parts[0]
 
 
 def problem_within_mismatch(source, target):
     here, there = mismatch_folder(source), mismatch_folder(target)
     if there not in MISMATCH or here not in MISMATCH:
-        return "mismatch has the folders " + ", ".join(name for name in MISMATCH[:-1] if name != ".")
+        return "mismatch has the folders " + ", ".join(MISMATCH[:-1])
     if MISMATCH.index(there) > MISMATCH.index(here):
         return f"{here or 'the program'} stands before {there or 'the program'}"
     return None

@@ -1,4 +1,5 @@
-// Parts of a calibration: what a camera sees of a surface, likelihood, the arrow, the search.
+// Parts of a calibration: what a camera sees of a surface, likelihood, normal equations, the
+// search.
 #include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -8,12 +9,12 @@
 #include <map>
 
 #include "core/config.h"
-#include "mismatch/calibrate/arrow_system.h"
 #include "mismatch/calibrate/calibration_file.h"
 #include "mismatch/calibrate/genetic_search.h"
-#include "mismatch/calibrate/likelihood.h"
-#include "mismatch/calibrate/seen_surface.h"
-#include "mismatch/calibrate/unknowns.h"
+#include "mismatch/fit/likelihood.h"
+#include "mismatch/fit/normal_equations.h"
+#include "mismatch/fit/unknowns.h"
+#include "mismatch/seen/seen_surface.h"
 
 namespace omentum {
 namespace {
@@ -105,7 +106,7 @@ TEST(SeenSurface, ARayMeetsTheNearFaceAtItsRange) {
 /// A prediction with some columns, and points that do not lie on it.
 struct Case {
   Sheet sheet = make_sheet();
-  Layout layout{2, 0};
+  Layout layout{2, 0, 0};
   Prediction prediction;
   Observation seen;
   NoiseModel noise{1e-3, 5e-4, 0.02, 4, 1e-4, 0.01};
@@ -116,7 +117,7 @@ struct Case {
     frame.vertices = sheet.vertices;
     frame.tip = Vector3d(0, 0, 0.305);  // half of the lift
     frame.columns.setZero(3 * static_cast<Eigen::Index>(sheet.vertices.size()) + 3,
-                          layout.unknowns + kOwnColumns);
+                          layout.unknowns.count + kOwnColumns);
     for (std::size_t i = 0; i < sheet.vertices.size(); ++i) {
       const Vector3d& p = sheet.vertices[i];
       frame.velocity.emplace_back(0.02, -0.01, 0.3 * p.x());
@@ -137,35 +138,42 @@ struct Case {
     }
     seen = camera_over(points);
   }
+  /// At a step of one column, or of the registration.
+  Comparison at(const Registration6& registration = {}, int column = 0, double by = 0) const {
+    VectorXd delta = VectorXd::Zero(layout.size());
+    delta[column] = by;
+    return {seen, prediction, layout, registration, delta};
+  }
+  NormalEquations compared(const Likelihood& likelihood) const {
+    return likelihood.compare(at(), noise, true);
+  }
 };
 
 TEST(Likelihood, ItsGradientIsTheDerivativeOfItsCost) {
   Case c;
   Likelihood likelihood(c.sheet.triangles, c.sheet.vertices, c.sheet.uv, Vector3d::Zero());
-  const VectorXd zero = VectorXd::Zero(c.layout.size());
-  const Block block = likelihood.compare(c.seen, c.prediction, c.layout, {}, zero, c.noise, true);
+  const NormalEquations block = c.compared(likelihood);
   EXPECT_GT(block.hits, 350U);
   EXPECT_EQ(block.no_tissue, 0U);
   const auto cost = [&](int k, double by) {
-    VectorXd delta = zero;
     Registration6 registration;
-    const int place = k - c.layout.registration();
+    const int place = k - c.layout.registration.begin;
     if (place >= 0 && place < 3) {
       registration.shift[place] = by;
     } else if (place >= 3 && place < 6) {
       registration.turn[place - 3] = by;
     } else {
-      delta[k] = by;
+      return likelihood.compare(c.at({}, k, by), c.noise, false).cost;
     }
-    return likelihood.compare(c.seen, c.prediction, c.layout, registration, delta, c.noise, false)
-        .cost;
+    return likelihood.compare(c.at(registration), c.noise, false).cost;
   };
   for (int k = 0; k < c.layout.size(); ++k) {
     // A step that moves the surface by about 1 um.
-    const double step = k < c.layout.unknowns || k == c.layout.factor()            ? 1e-3
-                        : k == c.layout.clock() || k == c.layout.own_clock()       ? 1e-4
-                        : k >= c.layout.registration() + 3 && k < c.layout.clock() ? 3e-5
-                                                                                   : 1e-6;
+    const Layout& l = c.layout;
+    const double step = k < l.unknowns.count || k == l.stiffness_factor.begin ? 1e-3
+                        : k == l.clock.begin || k == l.own_clock.begin        ? 1e-4
+                        : k >= l.registration.begin + 3 && k < l.clock.begin  ? 3e-5
+                                                                              : 1e-6;
     const double slope = (cost(k, step) - cost(k, -step)) / (2 * step);
     const double scale = std::sqrt(block.A(k, k));
     EXPECT_NEAR(slope / scale, -block.b[k] / scale,
@@ -174,10 +182,9 @@ TEST(Likelihood, ItsGradientIsTheDerivativeOfItsCost) {
   }
 }
 
-TEST(Likelihood, AFrameTellsOfTheSmoothDifferenceAsItsCourseGoes) {
+TEST(Likelihood, AFrameTellsOfTheSmoothDifferenceByItsFunctionsOfTime) {
   Case c;
   Likelihood likelihood(c.sheet.triangles, c.sheet.vertices, c.sheet.uv, Vector3d::Zero());
-  const VectorXd zero = VectorXd::Zero(c.layout.size());
   const auto block = [&](double t) {
     Case other = c;
     other.seen.frames[0].t = t;
@@ -187,19 +194,19 @@ TEST(Likelihood, AFrameTellsOfTheSmoothDifferenceAsItsCourseGoes) {
     other.prediction.frames[1].valid = false;
     std::swap(other.seen.frames[0], other.seen.frames[1]);
     std::swap(other.prediction.frames[0], other.prediction.frames[1]);
-    return likelihood.compare(other.seen, other.prediction, c.layout, {}, zero, c.noise, true);
+    return other.compared(likelihood);
   };
-  const Block late = block(1);  // a lift of 0.7 at the end
-  const Eigen::Vector4d course = frame_course(0.7, 1);
-  EXPECT_NEAR(course[2], 0.49, 1e-12);
-  EXPECT_NEAR(course[3], -0.7, 1e-12);
-  const int n = c.layout.modes();
+  const NormalEquations late = block(1);  // a lift of 0.7 at the end
+  const Eigen::Vector4d time = discrepancy_in_time(0.7, 1);
+  EXPECT_NEAR(time[2], 0.49, 1e-12);
+  EXPECT_NEAR(time[3], -0.7, 1e-12);
+  const int n = c.layout.modes.begin;
   const Eigen::MatrixXd one = late.A.block(n, n, kCosines, kCosines);
   EXPECT_GT(one.norm(), 0);
-  for (int i = 0; i < kCourses; ++i) {
-    for (int j = 0; j < kCourses; ++j) {
+  for (int i = 0; i < kTimeFunctions; ++i) {
+    for (int j = 0; j < kTimeFunctions; ++j) {
       const auto part = late.A.block(n + i * kCosines, n + j * kCosines, kCosines, kCosines);
-      EXPECT_LT((part - course[i] * course[j] * one).norm(), 1e-9 * one.norm()) << i << ", " << j;
+      EXPECT_LT((part - time[i] * time[j] * one).norm(), 1e-9 * one.norm()) << i << ", " << j;
     }
   }
   EXPECT_LT((late.A - late.A.transpose()).norm(), 1e-12 * late.A.norm());
@@ -214,9 +221,8 @@ TEST(Likelihood, WhatHardlyMovesTellsNoTime) {
     for (PredictedFrame& frame : c.prediction.frames)
       frame.velocity.assign(frame.vertices.size(), Vector3d(0, 0, speed));
     Likelihood likelihood(c.sheet.triangles, c.sheet.vertices, c.sheet.uv, Vector3d::Zero());
-    const VectorXd zero = VectorXd::Zero(c.layout.size());
-    const Block block = likelihood.compare(c.seen, c.prediction, c.layout, {}, zero, c.noise, true);
-    const int k = c.layout.clock();
+    const NormalEquations block = c.compared(likelihood);
+    const int k = c.layout.clock.begin;
     const double sd = 1 / std::sqrt(block.A(k, k));
     const double frames = static_cast<double>(c.prediction.frames.size());
     const double least = 1e-4 / speed / std::sqrt(frames);
@@ -229,8 +235,7 @@ TEST(Likelihood, PointsFarFromTheBodyAreNoTissue) {
   Case c;
   for (int k = 0; k < 50; ++k) c.seen.frames[0].points.emplace_back(0.01 * k - 0.2, 0.1, 0);
   Likelihood likelihood(c.sheet.triangles, c.sheet.vertices, c.sheet.uv, Vector3d::Zero());
-  const VectorXd zero = VectorXd::Zero(c.layout.size());
-  const Block block = likelihood.compare(c.seen, c.prediction, c.layout, {}, zero, c.noise, true);
+  const NormalEquations block = c.compared(likelihood);
   EXPECT_EQ(block.no_tissue, 50U);
 }
 
@@ -239,15 +244,13 @@ TEST(Likelihood, ASheetThatIsSeenLargerThanSimulatedIsPulledOutwards) {
   // The simulated sheet shrinks by a tenth: its rim has rays beside it.
   for (Vector3d& p : c.prediction.frames[0].vertices) p.head<2>() *= 0.9;
   Likelihood likelihood(c.sheet.triangles, c.sheet.vertices, c.sheet.uv, Vector3d::Zero());
-  const VectorXd zero = VectorXd::Zero(c.layout.size());
-  const Block block = likelihood.compare(c.seen, c.prediction, c.layout, {}, zero, c.noise, true);
-  EXPECT_GT(block.beside, 5U);
+  const NormalEquations block = c.compared(likelihood);
+  EXPECT_GT(block.passing, 5U);
 }
 
 TEST(Likelihood, ARayThatSlipsOffTheEdgeChangesNothingAtOnce) {
   Case c;
   Likelihood likelihood(c.sheet.triangles, c.sheet.vertices, c.sheet.uv, Vector3d::Zero());
-  const VectorXd zero = VectorXd::Zero(c.layout.size());
   constexpr double kStep = 1e-6;  // [m]
   for (const double off : {-0.002, 0.002}) {
     // Two standard deviations before or behind the face, near its edge at x = 40 mm.
@@ -260,12 +263,11 @@ TEST(Likelihood, ARayThatSlipsOffTheEdgeChangesNothingAtOnce) {
     for (int k = 0; k < 700; ++k) {  // the body slides away under the ray
       Registration6 registration;
       registration.shift.x() = -k * kStep;
-      const Block block =
-          likelihood.compare(c.seen, c.prediction, c.layout, registration, zero, c.noise, false);
+      const NormalEquations block = likelihood.compare(c.at(registration), c.noise, false);
       if (k > 0) largest = std::max(largest, std::fabs(block.cost - before));
       before = block.cost;
       hits += block.hits;
-      beside += block.beside;
+      beside += block.passing;
     }
     EXPECT_GT(hits, 100U);
     EXPECT_GT(beside, 100U);
@@ -302,21 +304,20 @@ TEST(Likelihood, TheBodyThatWasSeenLacksNoPointAtItsEdges) {
         p.head<2>() *= 1 + growth / 0.04;
       }
       Likelihood likelihood(c.sheet.triangles, c.sheet.vertices, c.sheet.uv, Vector3d::Zero());
-      return likelihood.compare(c.seen, c.prediction, c.layout, {}, VectorXd::Zero(c.layout.size()),
-                                c.noise, false);
+      return likelihood.compare(c.at(), c.noise, false);
     };
-    const Block exact = block_of(0);
+    const NormalEquations exact = block_of(0);
     EXPECT_EQ(exact.gaps, 0U) << turn;
-    EXPECT_EQ(exact.beside, 0U) << turn;
+    EXPECT_EQ(exact.passing, 0U) << turn;
     EXPECT_GT(block_of(0.006).gaps, 5U) << "three pixels larger";
-    EXPECT_GT(block_of(-0.006).beside, 50U) << "three pixels smaller";
+    EXPECT_GT(block_of(-0.006).passing, 50U) << "three pixels smaller";
   }
 }
 
-TEST(ArrowSystem, IsTheDenseSystem) {
-  Layout layout{1, 0};
+TEST(SolveNormalEquations, IsTheDenseSystem) {
+  const Layout layout{1, 0, 0};
   const int n = layout.size(), s = layout.shared(), o = layout.own();
-  std::vector<Block> blocks(3);
+  std::vector<NormalEquations> blocks(3);
   std::vector<VectorXd> own(3, VectorXd::Constant(o, 0.01));
   const VectorXd shared = VectorXd::Constant(s, -0.02);
   Beliefs beliefs{VectorXd::Constant(s, 0.5), VectorXd::Constant(o, 0.2)};
@@ -340,15 +341,14 @@ TEST(ArrowSystem, IsTheDenseSystem) {
   }
   const MatrixXd covariance = H.inverse();
   const VectorXd step = covariance * g;
-  const std::vector<const Block*> list = {&blocks[0], &blocks[1], &blocks[2]};
-  const ArrowStep found = solve_arrow(list, layout, beliefs, shared, own, 1);
-  EXPECT_LT((found.shared - step.head(s)).norm(), 1e-9);
+  const FitPosterior found = solve_normal_equations(blocks, layout, beliefs, shared, own, 1);
+  EXPECT_LT((found.shared_step - step.head(s)).norm(), 1e-9);
   EXPECT_LT((found.shared_covariance - covariance.topLeftCorner(s, s)).norm(), 1e-9);
   EXPECT_NEAR(found.log_determinant, 2 * MatrixXd(H.llt().matrixL()).diagonal().array().log().sum(),
               1e-6);
   for (int k = 0; k < 3; ++k) {
     const int at = s + k * o;
-    EXPECT_LT((found.own[k] - step.segment(at, o)).norm(), 1e-9);
+    EXPECT_LT((found.own_step[k] - step.segment(at, o)).norm(), 1e-9);
     EXPECT_LT((found.own_sd[k] - covariance.diagonal().segment(at, o).cwiseSqrt()).norm(), 1e-9);
   }
 }

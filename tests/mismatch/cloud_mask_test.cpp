@@ -1,5 +1,5 @@
 // What is no tissue is taken out of clouds by what is believed of the set-up.
-#include "mismatch/scene/cloud_mask.h"
+#include "mismatch/seen/cloud_mask.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

@@ -26,20 +26,20 @@ using testing::StartsWith;
 const std::string kBending = "scene.tissue.effects.bending_change";
 
 struct FoundSheet : FittedSheet {
-  FitState state = improved();
-  ArrowStep sure = fit->posterior(predictions, at, which, state);
+  SearchState found = improved();
+  FitPosterior posterior = posterior_at(*data, linear, which, {}, found);
   Calibration result;
 
   Eigen::Index place_of(const std::string& path) const {
-    return std::ranges::find(fit->unknowns, path, &Unknown::path) - fit->unknowns.begin();
+    return std::ranges::find(data->unknowns, path, &Unknown::path) - data->unknowns.begin();
   }
   const Unknown& unknown(const std::string& path) const {
-    return fit->unknowns[static_cast<std::size_t>(place_of(path))];
+    return data->unknowns[static_cast<std::size_t>(place_of(path))];
   }
   const std::vector<std::string>& warnings() {
     result = {};
-    result.scene = fit->shared_scene(state);
-    const Findings findings{*fit, state, sure, which, {}, 0, 0, 0};
+    result.scene = shared_scene(*data, found.state);
+    const Findings findings{*data, found, posterior, which, {}, 0, 0, 0};
     add_numbers(findings, result);
     add_warnings(findings, result);
     return result.warnings;
@@ -49,7 +49,7 @@ struct FoundSheet : FittedSheet {
 TEST(Findings, AThicknessAtItsBoundIsWarnedOfByName) {
   FoundSheet c;
   const Unknown& thickness = c.unknown(kThicknessPath);
-  c.state.shared[c.place_of(kThicknessPath)] = range_of(thickness).high;
+  c.found.state.shared[c.place_of(kThicknessPath)] = range_of(thickness).high;
   EXPECT_THAT(c.warnings(), Contains(AllOf(HasSubstr(kThicknessPath), HasSubstr("bound"))));
   EXPECT_NEAR(c.result.scene.tissue().thickness_m(), thickness.value(range_of(thickness).high),
               1e-9)
@@ -61,10 +61,10 @@ TEST(Findings, AWeakWordAgainstAFirmBeliefIsToldWhereItSpeaksClearly) {
   const auto k = c.place_of(kThicknessPath);
   const double sd = c.unknown(kThicknessPath).sd;
   // The recordings leave 0.8 of the belief's standard deviation: alone they say x / 0.36 with 4/3.
-  c.sure.shared_covariance(k, k) = 0.64 * sd * sd;
-  c.state.shared[k] = -1.2 * sd;
+  c.posterior.shared_covariance(k, k) = 0.64 * sd * sd;
+  c.found.state.shared[k] = -1.2 * sd;
   EXPECT_THAT(c.warnings(), Not(Contains(StartsWith(kThicknessPath))));
-  c.state.shared[k] = -1.6 * sd;
+  c.found.state.shared[k] = -1.6 * sd;
   EXPECT_THAT(c.warnings(), Contains(StartsWith(kThicknessPath)));
 }
 
@@ -72,9 +72,9 @@ TEST(Findings, ASurpriseNamesWhatItMayBeInstead) {
   FoundSheet c;
   const auto b = c.place_of(kBending), t = c.place_of(kThicknessPath);
   const double sd_b = c.unknown(kBending).sd, sd_t = c.unknown(kThicknessPath).sd;
-  c.state.shared[b] = -2 * sd_b;
-  c.sure.shared_covariance(b, b) = 0.5 * sd_b * sd_b;
-  c.sure.shared_covariance(b, t) = c.sure.shared_covariance(t, b) = -0.4 * sd_b * sd_t;
+  c.found.state.shared[b] = -2 * sd_b;
+  c.posterior.shared_covariance(b, b) = 0.5 * sd_b * sd_b;
+  c.posterior.shared_covariance(b, t) = c.posterior.shared_covariance(t, b) = -0.4 * sd_b * sd_t;
   EXPECT_THAT(c.warnings(),
               Contains(AllOf(StartsWith(kBending),
                              testing::EndsWith(std::string("measure it or ") + kThicknessPath))));
@@ -89,13 +89,13 @@ TEST(Findings, AThinnerBodyIsToldThoughTheBeliefInItsBendingHidesIt) {
   const Eigen::Vector2d sd(c.unknown(kThicknessPath).sd, c.unknown(kBending).sd);
   Eigen::Matrix2d precision = sd.cwiseAbs2().cwiseInverse().asDiagonal();
   precision += seen * seen.transpose() / (kSeenTo * kSeenTo);
-  c.sure.shared_covariance.setIdentity() *= 1e-4;
-  c.sure.shared_covariance({t, b}, {t, b}) = precision.inverse();
+  c.posterior.shared_covariance.setIdentity() *= 1e-4;
+  c.posterior.shared_covariance({t, b}, {t, b}) = precision.inverse();
   for (const double thinner : {0.8, 0.95}) {
     const Eigen::Vector2d x =
         precision.inverse() * seen * (2 * std::log(thinner) / (kSeenTo * kSeenTo));
-    c.state.shared[t] = x[0];
-    c.state.shared[b] = x[1];
+    c.found.state.shared[t] = x[0];
+    c.found.state.shared[b] = x[1];
     EXPECT_LT(std::fabs(x[0]), sd[0] * 2.5) << "not by what is believed of the thickness alone";
     const std::string told =
         fmt::format("{:.4g} m thick", thinner * c.unknown(kThicknessPath).believed);
@@ -114,9 +114,9 @@ TEST(FinishScene, KeepsTheFittedLawUnlessNoPolicyCanBeTrainedInIt) {
                                         {pb::LAW_NEO_HOOKE, pb::LAW_NEO_HOOKE},
                                         {pb::LAW_ST_VENANT_KIRCHHOFF, pb::LAW_COROTATED}}) {
     Calibration result;
-    result.scene = c.fit->shared_scene(c.state);
+    result.scene = shared_scene(*c.data, c.found.state);
     result.scene.mutable_tissue()->mutable_material()->set_law(fitted);
-    finish_scene({*c.fit, c.state, c.sure, c.which, {}, 0, 0, 0}, result);
+    finish_scene({*c.data, c.found, c.posterior, c.which, {}, 0, 0, 0}, result);
     EXPECT_EQ(result.scene.tissue().material().law(), written);
     EXPECT_EQ(result.warnings.empty(), fitted == written);
   }

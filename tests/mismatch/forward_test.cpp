@@ -1,5 +1,5 @@
 // Simulations of a calibration: their mesh, their law, what the jaws hold.
-#include "mismatch/calibrate/forward.h"
+#include "mismatch/fit/forward.h"
 
 #include <gtest/gtest.h>
 

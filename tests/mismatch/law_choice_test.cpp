@@ -15,15 +15,15 @@ constexpr double kNumerics = 1e-4;  // [m]
 /// Its surface is as much higher as it is stiffer, 1 mm for 1.
 LawFit fit_of(pb::ElasticLaw law, double cost, double stiffness) {
   LawFit fit;
-  PredictedFrame& frame = fit.d.predictions.emplace_back().frames.emplace_back();
+  PredictedFrame& frame = fit.d.linear.predictions.emplace_back().frames.emplace_back();
   frame.valid = true;
   frame.vertices.emplace_back(0, 0, 1e-3 * stiffness);
   fit.law = law;
   fit.cost = cost;
-  fit.d.state.shared = VectorXd::Zero(8);
-  fit.d.state.shared[0] = stiffness;
-  fit.d.state.own.assign(1, VectorXd::Zero(3));
-  fit.d.state.own[0][1] = 0.5 * stiffness;
+  fit.d.found.state.shared = VectorXd::Zero(8);
+  fit.d.found.state.shared[0] = stiffness;
+  fit.d.found.state.own.assign(1, VectorXd::Zero(3));
+  fit.d.found.state.own[0][1] = 0.5 * stiffness;
   return fit;
 }
 
@@ -44,16 +44,16 @@ TEST(WidenOverLaws, IntervalsHoldForTheLawsThatAreAlike) {
   const auto alike = laws_alike(fits, fits[0], kNumerics);
   ASSERT_EQ(alike.size(), 1U);
   EXPECT_EQ(alike[0]->law, pb::LAW_NEO_HOOKE);
-  ArrowStep sure;
-  sure.shared_covariance = 0.0025 * Eigen::MatrixXd::Identity(8, 8);
-  sure.own_sd.assign(1, VectorXd::Constant(3, 0.01));
-  widen_over_laws(fits[0], alike, {0}, sure);
+  FitPosterior posterior;
+  posterior.shared_covariance = 0.0025 * Eigen::MatrixXd::Identity(8, 8);
+  posterior.own_sd.assign(1, VectorXd::Constant(3, 0.01));
+  widen_over_laws(fits[0], alike, {0}, posterior);
   // Two laws as likely, 0.2 apart: the interval of the one reaches over the other.
-  EXPECT_NEAR(sure.shared_covariance(0, 0), 0.0025 + 0.02, 1e-12);
-  EXPECT_GT(1.645 * std::sqrt(sure.shared_covariance(0, 0)), 0.2);
-  EXPECT_EQ(sure.shared_covariance(1, 1), 0.0025);
-  EXPECT_NEAR(sure.own_sd[0][1], std::sqrt(1e-4 + 0.005), 1e-12);
-  EXPECT_EQ(sure.own_sd[0][0], 0.01);
+  EXPECT_NEAR(posterior.shared_covariance(0, 0), 0.0025 + 0.02, 1e-12);
+  EXPECT_GT(1.645 * std::sqrt(posterior.shared_covariance(0, 0)), 0.2);
+  EXPECT_EQ(posterior.shared_covariance(1, 1), 0.0025);
+  EXPECT_NEAR(posterior.own_sd[0][1], std::sqrt(1e-4 + 0.005), 1e-12);
+  EXPECT_EQ(posterior.own_sd[0][0], 0.01);
   EXPECT_EQ(laws_alike(fits, fits[0], 5e-4).size(), 2U) << "apart by less than the mesh is off";
   // Told: nothing widens.
   fits[1].cost = 103.5;

@@ -8,10 +8,10 @@
 #include <memory>
 
 #include "core/config.h"
-#include "mismatch/calibrate/marker_binding.h"
-#include "mismatch/calibrate/reference_fit.h"
 #include "mismatch/calibrate/scores.h"
-#include "mismatch/calibrate/seen_markers.h"
+#include "mismatch/fit/marker_binding.h"
+#include "mismatch/fit/search.h"
+#include "mismatch/seen/seen_markers.h"
 
 namespace omentum {
 namespace {
@@ -171,10 +171,9 @@ TEST(Markers, ABodyThatWasHeldNeedsThePlaceInItsScene) {
 struct Rising {
   static constexpr int kFrames = 30;
   pb::Scene scene = held_scene();
-  std::unique_ptr<ReferenceFit> fit;
-  std::vector<Prediction> predictions;
-  FitState at;
-  std::vector<std::size_t> which = {0};
+  std::unique_ptr<FitData> data;
+  Linearisation linear;
+  Which which = {0};
   std::vector<std::string> warnings;
 
   static double height(double t) { return 0.004 * std::sin(9 * t) * std::exp(-t); }
@@ -236,56 +235,55 @@ struct Rising {
       for (std::size_t v = 0; v < next.size(); ++v)
         predicted.velocity.push_back((next[v] - predicted.vertices[v]) / 1e-4);
       for (int step = -50; step <= 50; ++step) {
-        predicted.way.push_back({0.005 * step, std::make_shared<const std::vector<Vector3d>>(
-                                                   surface(made, frame.t + 0.005 * step))});
+        predicted.trajectory.push_back({0.005 * step, std::make_shared<const std::vector<Vector3d>>(
+                                                          surface(made, frame.t + 0.005 * step))});
       }
     }
-    fit =
-        std::make_unique<ReferenceFit>(scene, std::vector<Observation>{seen}, CalibrationOptions{});
+    data = std::make_unique<FitData>(make_fit_data(scene, {seen}, {}));
     for (int k = 0; k < kFrames; ++k) {
       PredictedFrame& predicted = prediction.frames[static_cast<std::size_t>(k)];
       predicted.columns.setZero(3 * 2 * places + 3,
-                                fit->layout.unknowns + kOwnColumns + kHeldColumns);
+                                data->layout.unknowns.count + kOwnColumns + kHeldColumns);
       for (std::size_t v = 0; v < predicted.vertices.size(); ++v) {
         predicted.columns(3 * static_cast<Eigen::Index>(v) + 2, 0) =
             static_cast<float>(kSlope * height(0.04 * k) * first[v].y());
       }
     }
-    predictions.push_back(std::move(prediction));
-    fit->set_markers(bind_markers(*fit, predictions, warnings));
-    at = fit->believed();
-    fit->beliefs.shared_sd.segment<6>(fit->layout.registration()).setConstant(1e-7);
+    linear.predictions.push_back(std::move(prediction));
+    set_markers(bind_markers(*data, linear.predictions, warnings), *data);
+    linear.at = believed_state(*data);
+    data->beliefs.shared_sd.segment<6>(data->layout.registration.begin).setConstant(1e-7);
   }
   static constexpr double kSlope = 20;  // [1/m]
 
-  FitState improved() {
-    FitState state = at;
-    fit->improve(predictions, at, which, 20, state);
-    return state;
+  FitState improved() const {
+    return improve(*data, linear, which, 20, {}, {linear.at, first_scales(*data)}).state;
   }
 };
 
 TEST(Markers, TheLikelihoodsGradientIsTheDerivativeOfItsCost) {
   Rising c(0.003, 0.1);
-  ReferenceFit& fit = *c.fit;
-  fit.beliefs.shared_sd.setConstant(1e6);
-  fit.beliefs.own_sd.setConstant(1e6);
-  fit.noise.marker = 1e-4;
-  fit.noise.along_motion = 1e-7;  // no frame has a time of its own
-  FitState state = c.at;
-  state.shared.segment<3>(fit.layout.registration() + 3) = Vector3d(0.01, -0.02, 0.005);
-  const Block block = fit.compare(c.predictions, c.at, c.which, state, fit.noise, true).front();
+  FitData& data = *c.data;
+  const Layout& layout = data.layout;
+  data.beliefs.shared_sd.setConstant(1e6);
+  data.beliefs.own_sd.setConstant(1e6);
+  Scales scales = first_scales(data);
+  scales.noise.marker = 1e-4;
+  scales.noise.along_motion = 1e-7;  // no frame has a time of its own
+  FitState state = c.linear.at;
+  state.shared.segment<3>(layout.registration.begin + 3) = Vector3d(0.01, -0.02, 0.005);
+  const NormalEquations block = compare(data, c.linear, c.which, state, scales.noise, true).front();
   EXPECT_EQ(block.hits, 3U * Rising::kFrames);
   const auto cost = [&](int k, double by) {
     FitState other = state;
-    if (k < fit.layout.shared()) {
+    if (k < layout.shared()) {
       other.shared[k] += by;
     } else {
-      other.own[0][k - fit.layout.shared()] += by;
+      other.own[0][k - layout.shared()] += by;
     }
-    return fit.cost(c.predictions, c.at, c.which, other, fit.noise);
+    return cost_of(data, c.linear, c.which, other, scales);
   };
-  for (int k = 0; k < fit.layout.size(); ++k) {
+  for (int k = 0; k < layout.size(); ++k) {
     if (!(block.A(k, k) > 0)) continue;
     const double step = 1e-3 / std::sqrt(block.A(k, k));
     const double slope = (cost(k, step) - cost(k, -step)) / (2 * step);
@@ -298,35 +296,36 @@ TEST(Markers, TheLikelihoodsGradientIsTheDerivativeOfItsCost) {
 TEST(Markers, AreBoundOverTheNearestPointAndThoseFarOffAreNamed) {
   Rising c;
   EXPECT_TRUE(c.warnings.empty());
-  for (const MarkerPlace& place : c.fit->markers) {
+  for (const MarkerPlace& place : c.data->likelihood.markers()) {
     ASSERT_TRUE(place.on_tissue());
     EXPECT_NEAR(place.offset.z(), 0.005, 1e-3);
   }
-  Observation far = c.fit->observations[0];
+  Observation far = c.data->observations[0];
   for (SeenFrame& frame : far.frames) frame.markers[1].p.z() += 0.03;
-  ReferenceFit fit(c.scene, {far}, {});
+  const FitData data = make_fit_data(c.scene, {far}, {});
   std::vector<std::string> warnings;
-  fit.set_markers(bind_markers(fit, c.predictions, warnings));
-  EXPECT_FALSE(fit.markers[1].on_tissue());
-  EXPECT_TRUE(fit.markers[2].on_tissue());
+  const auto markers = bind_markers(data, c.linear.predictions, warnings);
+  EXPECT_FALSE(markers[1].on_tissue());
+  EXPECT_TRUE(markers[2].on_tissue());
   EXPECT_THAT(warnings, testing::ElementsAre(testing::HasSubstr("b (35 mm)")));
 }
 
 TEST(Markers, AStatedPlaceOnTheBodyIsTaken) {
   Rising c;
-  CalibrationOptions options;
-  options.markers.by_name["b"].p_B = Vector3d(0.004, 0.011, 0.006);
-  const ReferenceFit fit(c.scene, c.fit->observations, options);
-  ASSERT_TRUE(fit.markers[1].on_tissue());
-  EXPECT_NEAR(fit.markers[1].offset.z(), 0.004, 1e-9);
-  EXPECT_FALSE(fit.markers[0].on_tissue());
+  FitSetup setup;
+  setup.markers.by_name["b"].p_B = Vector3d(0.004, 0.011, 0.006);
+  const FitData data = make_fit_data(c.scene, c.data->observations, setup);
+  const std::vector<MarkerPlace>& markers = data.likelihood.markers();
+  ASSERT_TRUE(markers[1].on_tissue());
+  EXPECT_NEAR(markers[1].offset.z(), 0.004, 1e-9);
+  EXPECT_FALSE(markers[0].on_tissue());
 }
 
 TEST(Markers, ALaterClockIsFoundLater) {
   for (const double late : {-0.01, 0.0, 0.015}) {
     Rising c(late);
     const FitState state = c.improved();
-    EXPECT_NEAR(state.shared[c.fit->layout.clock()] + state.own[0][3], late, 2e-4) << late;
+    EXPECT_NEAR(state.shared[c.data->layout.clock.begin] + state.own[0][3], late, 2e-4) << late;
     EXPECT_NEAR(state.shared[0], 0, 0.01) << "the stiffness is as it was";
   }
 }
@@ -340,15 +339,16 @@ TEST(Markers, TellTheStiffnessAndOneThatJumpsDoesNot) {
   const double clean = stiffness();
   EXPECT_NEAR(clean, 0.2, 0.01);
   for (const std::size_t k : {7U, 15U, 22U})
-    c.fit->observations[0].frames[k].markers[1].p += Vector3d(0.01, 0, 0.02);
+    c.data->observations[0].frames[k].markers[1].p += Vector3d(0.01, 0, 0.02);
   EXPECT_NEAR(stiffness(), clean, 0.01);
 }
 
 TEST(Markers, ThatNeverRestHaveTheFloorThatTheFitLeavesBetweenFrames) {
   Rising c;
-  const Block block =
-      c.fit->compare(c.predictions, c.at, c.which, c.at, c.fit->noise, false).front();
-  Observation seen = c.fit->observations[0];
+  const NoiseModel noise = first_scales(*c.data).noise;
+  const NormalEquations block =
+      compare(*c.data, c.linear, c.which, c.linear.at, noise, false).front();
+  Observation seen = c.data->observations[0];
   seen.marker_noise = 0.004;  // their motion, taken for noise
   EXPECT_NEAR(floor_of(seen, block), 1.2e-5, 0.5e-5);
   seen.marker_noise = 1e-6;
@@ -356,7 +356,7 @@ TEST(Markers, ThatNeverRestHaveTheFloorThatTheFitLeavesBetweenFrames) {
 }
 
 TEST(Markers, WhatIsLeftAlikeInAllFramesCountsOnce) {
-  std::vector<Block> blocks(1);
+  std::vector<NormalEquations> blocks(1);
   EXPECT_EQ(independent_share(blocks), 1);
   blocks[0].marker_squares = 2;
   blocks[0].marker_products = 1;

@@ -1,6 +1,4 @@
 // The search of a calibration on surfaces that were made here, not simulated.
-#include "mismatch/calibrate/reference_fit.h"
-
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -11,9 +9,11 @@
 
 #include "core/config.h"
 #include "core/constants.h"
-#include "mismatch/calibrate/clock_posterior.h"
-#include "mismatch/calibrate/descent.h"
-#include "mismatch/calibrate/starts.h"
+#include "mismatch/fit/clock_posterior.h"
+#include "mismatch/fit/descent.h"
+#include "mismatch/fit/forward_model.h"
+#include "mismatch/fit/starts.h"
+#include "sim_worker/playback/simulation.h"
 #include "sim_worker/reference/reference_model.h"
 #include "support/fitted_sheet.h"
 
@@ -33,13 +33,14 @@ PredictedFrame frame_between(double later) {
   PredictedFrame frame;
   frame.valid = true;
   // It stands, then moves 2 mm in a step of 20 ms.
-  frame.way = {{later - 0.02, surface(0)}, {later, surface(0)}, {later + 0.02, surface(0.002)}};
+  frame.trajectory = {
+      {later - 0.02, surface(0)}, {later, surface(0)}, {later + 0.02, surface(0.002)}};
   frame.vertices = {Vector3d::Zero()};
   frame.velocity = {Vector3d::Zero()};
   return frame;
 }
 
-TEST(MoveInTime, FollowsTheWayAndRestsAtItsEnds) {
+TEST(MoveInTime, FollowsTheTrajectoryAndRestsAtItsEnds) {
   const PredictedFrame frame = frame_between(0.01);
   std::vector<Vector3d> place, velocity;
   move_in_time(frame, 0.02, place, velocity);
@@ -148,8 +149,7 @@ TEST(RangeOf, EndsInsideTheKnob) {
 
 TEST(ReferenceFit, ATurnOfTheCameraIsATurnAndNoShift) {
   FittedSheet c(kDegree * kTurnDeg * Vector3d(1, -1, 1) / std::sqrt(3));
-  const FitState state = c.improved();
-  const Registration6 found = c.fit->registration(state);
+  const Registration6 found = registration_of(*c.data, c.improved().state);
   EXPECT_NEAR(found.turn.norm() / kDegree, kTurnDeg, 0.15);
   // About the sheet the same turn would be a shift of some 3 mm, beyond what is believed of one.
   EXPECT_LT(found.shift.norm(), 0.001);
@@ -157,35 +157,34 @@ TEST(ReferenceFit, ATurnOfTheCameraIsATurnAndNoShift) {
 
 TEST(ReferenceFit, WhatRestsTellsNothingOfClockAndDamping) {
   FittedSheet c;
-  const FitState state = c.improved();
-  const ArrowStep sure = c.fit->posterior(c.predictions, c.at, c.which, state);
-  const int clock = c.fit->layout.clock();
-  EXPECT_NEAR(state.shared[clock], 0, 1e-6);
-  EXPECT_NEAR(std::sqrt(sure.shared_covariance(clock, clock)), c.fit->beliefs.shared_sd[clock],
-              1e-6);
-  for (int k = 0; k < c.fit->layout.unknowns; ++k)
-    EXPECT_NEAR(std::sqrt(sure.shared_covariance(k, k)), c.fit->beliefs.shared_sd[k], 1e-6);
+  const SearchState found = c.improved();
+  const FitPosterior posterior = posterior_at(*c.data, c.linear, c.which, {}, found);
+  const int clock = c.data->layout.clock.begin;
+  EXPECT_NEAR(found.state.shared[clock], 0, 1e-6);
+  EXPECT_NEAR(std::sqrt(posterior.shared_covariance(clock, clock)),
+              c.data->beliefs.shared_sd[clock], 1e-6);
+  for (int k = 0; k < c.data->layout.unknowns.count; ++k)
+    EXPECT_NEAR(std::sqrt(posterior.shared_covariance(k, k)), c.data->beliefs.shared_sd[k], 1e-6);
 }
 
 TEST(ReferenceFit, NeitherLeavesItsRangesNorFitsWorse) {
   FittedSheet c;
   // Clouds 3 mm above the surface; the column of the thickness says that a tenth is worth 1 um.
-  for (SeenFrame& frame : c.fit->observations[0].frames) {
+  for (SeenFrame& frame : c.data->observations[0].frames) {
     for (Vector3d& p : frame.points) p.z() += 0.003;
   }
   const auto found =
-      std::ranges::find(c.fit->unknowns, std::string(kThicknessPath), &Unknown::path);
-  const auto k = found - c.fit->unknowns.begin();
-  for (PredictedFrame& frame : c.predictions[0].frames) {
+      std::ranges::find(c.data->unknowns, std::string(kThicknessPath), &Unknown::path);
+  const auto k = found - c.data->unknowns.begin();
+  for (PredictedFrame& frame : c.frames()) {
     for (Eigen::Index row = 2; row < frame.columns.rows(); row += 3) frame.columns(row, k) = 1e-2F;
   }
-  c.fit->beliefs.shared_sd.segment<6>(c.fit->layout.registration()).setConstant(1e-7);
-  const NoiseModel noise = c.fit->noise;
-  const double before = c.fit->cost(c.predictions, c.at, c.which, c.at, noise);
-  const FitState state = c.improved();
-  EXPECT_LT(c.fit->cost(c.predictions, c.at, c.which, state, noise), before);
-  const Ranges range = c.fit->ranges(c.at);
-  for (int j = 0; j < c.fit->layout.shared(); ++j) {
+  c.data->beliefs.shared_sd.segment<6>(c.data->layout.registration.begin).setConstant(1e-7);
+  const Scales scales = first_scales(*c.data);
+  const FitState state = c.improved().state;
+  EXPECT_LT(c.cost_at(state, scales), c.cost_at(c.linear.at, scales));
+  const Ranges range = ranges_of(*c.data, c.linear.at, {});
+  for (int j = 0; j < c.data->layout.shared(); ++j) {
     EXPECT_GE(state.shared[j], range.low[j] - 1e-12);
     EXPECT_LE(state.shared[j], range.high[j] + 1e-12);
   }
@@ -194,20 +193,20 @@ TEST(ReferenceFit, NeitherLeavesItsRangesNorFitsWorse) {
 
 TEST(ReferenceFit, ANumberAtTheEndOfItsRangeHoldsNoOtherBack) {
   FittedSheet c;
-  for (SeenFrame& frame : c.fit->observations[0].frames) {
+  for (SeenFrame& frame : c.data->observations[0].frames) {
     for (Vector3d& p : frame.points) p.z() += 0.003;
   }
   const auto found =
-      std::ranges::find(c.fit->unknowns, std::string(kThicknessPath), &Unknown::path);
-  const auto k = found - c.fit->unknowns.begin();
-  for (PredictedFrame& frame : c.predictions[0].frames) {
+      std::ranges::find(c.data->unknowns, std::string(kThicknessPath), &Unknown::path);
+  const auto k = found - c.data->unknowns.begin();
+  for (PredictedFrame& frame : c.frames()) {
     for (Eigen::Index row = 2; row < frame.columns.rows(); row += 3) frame.columns(row, k) = 1e-2F;
   }
-  FitState state = c.at;
+  SearchState begin = c.begin();
   // A step that ended there left it a rounding away.
-  state.shared[k] = std::nextafter(c.fit->ranges(c.at).high[k], 0.0);
-  c.fit->improve(c.predictions, c.at, c.which, 12, state);
-  EXPECT_GT(c.fit->registration(state).shift.z(), 0.001);
+  begin.state.shared[k] = std::nextafter(ranges_of(*c.data, c.linear.at, {}).high[k], 0.0);
+  const SearchState found = improve(*c.data, c.linear, c.which, 12, {}, begin);
+  EXPECT_GT(registration_of(*c.data, found.state).shift.z(), 0.001);
 }
 
 /// Surfaces that are as much higher as the stiffness is, and clouds 2 mm above those believed.
@@ -216,59 +215,55 @@ struct Descending : FittedSheet {
   int simulated = 0;
 
   Descending() {
-    for (SeenFrame& frame : fit->observations[0].frames) {
+    for (SeenFrame& frame : data->observations[0].frames) {
       for (Vector3d& p : frame.points) p.z() += 0.002;
     }
-    fit->beliefs.shared_sd.segment<6>(fit->layout.registration()).setConstant(1e-7);
-    for (PredictedFrame& frame : predictions[0].frames) {
+    data->beliefs.shared_sd.segment<6>(data->layout.registration.begin).setConstant(1e-7);
+    for (PredictedFrame& frame : frames()) {
       for (Eigen::Index row = 2; row < frame.columns.rows(); row += 3)
         frame.columns(row, 0) = static_cast<float>(kHigher);
     }
   }
-  std::vector<Prediction> at_state(const FitState& state) {
+  Linearisation at_state(const FitState& state) {
     ++simulated;
-    std::vector<Prediction> here = predictions;
-    for (PredictedFrame& frame : here[0].frames) {
+    Linearisation here{state, linear.predictions};
+    for (PredictedFrame& frame : here.predictions[0].frames) {
       for (Vector3d& p : frame.vertices) p.z() += kHigher * state.shared[0];
     }
     return here;
   }
   /// Where the search ends if nothing stiffer than `most` can be simulated.
   Descent descended(double most) {
-    Descent d;
-    d.at = at;
-    d.predictions = predictions;
-    descend(
-        *fit,
-        [&](const FitState& state) {
-          auto here = at_state(state);
-          if (state.shared[0] > most)
-            here[0].frames.assign(kFrames, {});  // as ReferenceFit::simulate leaves an Error
-          return here;
-        },
-        which, 12, kSmallMove, d);
-    return d;
+    const auto linearise = [&](const FitState& state) {
+      Linearisation here = at_state(state);
+      if (state.shared[0] > most)
+        here.predictions[0] = failed_prediction(data->observations[0], "too stiff");
+      return here;
+    };
+    DescentOptions options;
+    options.most_simulations = 12;
+    return descend(*data, linearise, which, options, linear, first_scales(*data));
   }
 };
 
 TEST(Descend, EndsWhereTheSimulationFits) {
   Descending c;
   const Descent d = c.descended(1e9);
-  EXPECT_NEAR(d.at.shared[0], 0.2, 0.03);
+  EXPECT_NEAR(d.linear.at.shared[0], 0.2, 0.03);
   EXPECT_TRUE(d.settled);
 }
 
 TEST(Descend, TakesAStateThatCannotBeSimulatedForAWorseFit) {
   constexpr double kMost = 0.12;
   Descending c;
-  const NoiseModel noise = c.fit->noise;
-  const double before = c.fit->cost(c.predictions, c.at, c.which, c.at, noise);
+  const Scales scales = first_scales(*c.data);
   const Descent d = c.descended(kMost);
   EXPECT_LE(c.simulated, 12);
-  EXPECT_LE(d.at.shared[0], kMost);
-  EXPECT_GT(d.at.shared[0], kMost / 2) << "as near as can be simulated";
-  EXPECT_EQ(count_valid(d.predictions[0]), std::ptrdiff_t{FittedSheet::kFrames});
-  EXPECT_LT(c.fit->cost(d.predictions, d.at, c.which, d.at, noise), before);
+  EXPECT_LE(d.linear.at.shared[0], kMost);
+  EXPECT_GT(d.linear.at.shared[0], kMost / 2) << "as near as can be simulated";
+  EXPECT_EQ(count_valid(d.linear.predictions[0]), std::ptrdiff_t{FittedSheet::kFrames});
+  EXPECT_LT(cost_of(*c.data, d.linear, c.which, d.linear.at, scales),
+            c.cost_at(c.linear.at, scales));
 }
 
 TEST(KnownDensity, HasTheQuantilesOfANormalOne) {
@@ -291,62 +286,63 @@ TEST(KnownDensity, HasTheQuantilesOfANormalOne) {
 }
 
 struct Integrated {
-  ArrowStep sure;  ///< before
+  FitPosterior before;
   ClockPosterior found;
 };
-Integrated integrate(FittedSheet& c) {
-  const FitState state = c.improved();
-  const ArrowStep sure = c.fit->posterior(c.predictions, c.at, c.which, state);
-  return {sure, integrate_clock(*c.fit, c.predictions, c.at, c.which, state, sure)};
+Integrated integrate(const FittedSheet& c) {
+  const SearchState state = c.improved();
+  const FitPosterior before = posterior_at(*c.data, c.linear, c.which, {}, state);
+  return {before, integrate_clock(*c.data, c.linear, c.which, state, before)};
 }
 
 void expect_clock_as_believed(const FittedSheet& c, const ClockPosterior& found) {
-  const double belief = c.fit->beliefs.shared_sd[c.fit->layout.clock()];
+  const double belief = c.data->beliefs.shared_sd[c.data->layout.clock.begin];
   EXPECT_NEAR(found.clock.high, 1.645 * belief, 0.15 * belief);
   EXPECT_NEAR(found.clock.low, -1.645 * belief, 0.15 * belief);
 }
 
 TEST(IntegrateClock, ACloudJustBeforeTheTissueMovesLeavesALateClockOpen) {
   FittedSheet c;
-  c.fit->beliefs.shared_sd.segment<6>(c.fit->layout.registration()).setConstant(1e-7);
-  for (PredictedFrame& frame : c.predictions[0].frames) {
+  c.data->beliefs.shared_sd.segment<6>(c.data->layout.registration.begin).setConstant(1e-7);
+  for (PredictedFrame& frame : c.frames()) {
     for (int k = -13; k <= 13; ++k) {
       std::vector<Vector3d> vertices = frame.vertices;
       for (Vector3d& p : vertices) p.z() += std::max(0, k) * 5e-4;  // 25 mm/s
-      frame.way.push_back({0.02 * k, std::make_shared<const std::vector<Vector3d>>(vertices)});
+      frame.trajectory.push_back(
+          {0.02 * k, std::make_shared<const std::vector<Vector3d>>(vertices)});
     }
     frame.velocity.assign(frame.vertices.size(), Vector3d(0, 0, 0.025));
   }
-  const auto [sure, found] = integrate(c);
-  const int k = c.fit->layout.clock();
-  const double belief = c.fit->beliefs.shared_sd[k];
+  const auto [before, found] = integrate(c);
+  const int k = c.data->layout.clock.begin;
+  const double belief = c.data->beliefs.shared_sd[k];
   // A later clock is as likely as it is believed: half of a normal distribution.
   EXPECT_NEAR(found.clock.high, 1.645 * belief, 0.1 * belief);
   EXPECT_NEAR(found.state.shared[k], 0.8 * belief, 0.1 * belief);
   EXPECT_NEAR(found.clock.low, 0, 0.1 * belief);
-  EXPECT_NEAR(std::sqrt(found.sure.shared_covariance(k, k)), 0.6 * belief, 0.1 * belief);
-  EXPECT_LT(std::sqrt(sure.shared_covariance(k, k)), 0.2 * belief) << "by curvature";
-  EXPECT_FALSE(c.fit->held_clock);
+  EXPECT_NEAR(std::sqrt(found.posterior.shared_covariance(k, k)), 0.6 * belief, 0.1 * belief);
+  EXPECT_LT(std::sqrt(before.shared_covariance(k, k)), 0.2 * belief) << "by curvature";
 }
 
 TEST(IntegrateClock, WhatRestsSaysNothing) {
   FittedSheet c;
-  const auto [sure, found] = integrate(c);
+  const auto [before, found] = integrate(c);
   expect_clock_as_believed(c, found);
-  for (int k = 0; k < c.fit->layout.unknowns; ++k)
-    EXPECT_NEAR(found.sure.shared_covariance(k, k), sure.shared_covariance(k, k), 1e-6);
+  for (int k = 0; k < c.data->layout.unknowns.count; ++k)
+    EXPECT_NEAR(found.posterior.shared_covariance(k, k), before.shared_covariance(k, k), 1e-6);
 }
 
 TEST(IntegrateClock, ASwayBelowWhatTheModelIsGoodForSaysNothing) {
   // The surface is 0.05 mm too high, as it will be 0.25 s later.
   FittedSheet c;
-  c.fit->beliefs.shared_sd.segment<6>(c.fit->layout.registration()).setConstant(1e-7);
-  for (PredictedFrame& frame : c.predictions[0].frames) {
+  c.data->beliefs.shared_sd.segment<6>(c.data->layout.registration.begin).setConstant(1e-7);
+  for (PredictedFrame& frame : c.frames()) {
     for (Vector3d& p : frame.vertices) p.z() += 5e-5;
     for (int k = -13; k <= 13; ++k) {
       std::vector<Vector3d> vertices = frame.vertices;
       for (Vector3d& p : vertices) p.z() += k * 4e-6;  // 0.2 mm/s
-      frame.way.push_back({0.02 * k, std::make_shared<const std::vector<Vector3d>>(vertices)});
+      frame.trajectory.push_back(
+          {0.02 * k, std::make_shared<const std::vector<Vector3d>>(vertices)});
     }
     frame.velocity.assign(frame.vertices.size(), Vector3d(0, 0, 2e-4));
   }
@@ -356,23 +352,24 @@ TEST(IntegrateClock, ASwayBelowWhatTheModelIsGoodForSaysNothing) {
 TEST(IntegrateClock, WhatDiffersByLessThanTheModelIsGoodForSaysNothing) {
   // The surface rests where it was seen; at every other time it is rough by 0.05 mm.
   FittedSheet c;
-  for (PredictedFrame& frame : c.predictions[0].frames) {
+  for (PredictedFrame& frame : c.frames()) {
     for (int k = -13; k <= 13; ++k) {
       std::vector<Vector3d> vertices = frame.vertices;
       for (std::size_t i = 0; i < vertices.size(); ++i)
         vertices[i].z() += k == 0 ? 0 : 7e-5 * std::sin(7.0 * k + 5.0 * static_cast<double>(i));
-      frame.way.push_back({0.02 * k, std::make_shared<const std::vector<Vector3d>>(vertices)});
+      frame.trajectory.push_back(
+          {0.02 * k, std::make_shared<const std::vector<Vector3d>>(vertices)});
     }
     frame.velocity.assign(frame.vertices.size(), Vector3d::Zero());
   }
   expect_clock_as_believed(c, integrate(c).found);
 }
 
-TEST(FindStart, LooksAtEightFramesOfEveryRecordingAndLeavesAll) {
+TEST(FindStart, LooksAtEightFramesOfEveryRecording) {
   constexpr std::size_t kMany = 20, kFew = 8;
   const auto start_of = [](const std::vector<std::size_t>& frames) {
     FittedSheet c(Vector3d::Zero(), 7);
-    Observation& seen = c.fit->observations[0];
+    Observation& seen = c.data->observations[0];
     seen.frames.resize(1);
     std::vector<SeenFrame> all(kMany, seen.frames[0]);
     for (std::size_t k = 0; k < kMany; ++k) {
@@ -381,9 +378,8 @@ TEST(FindStart, LooksAtEightFramesOfEveryRecordingAndLeavesAll) {
     }
     seen.frames.clear();
     for (const std::size_t k : frames) seen.frames.push_back(all[k]);
-    const Start start = find_start(*c.fit, c.which, [](double) {});
-    EXPECT_EQ(seen.frames.size(), frames.size());
-    return start;
+    ReferenceForward model;
+    return find_start(*c.data, model, c.which, [](double) {});
   };
   std::vector<std::size_t> many, few;
   for (std::size_t k = 0; k < kMany; ++k) many.push_back(k);
@@ -397,15 +393,15 @@ TEST(FindStart, LooksAtEightFramesOfEveryRecordingAndLeavesAll) {
 
 TEST(ReferenceFit, StatesOfAllThicknessesHaveOneMesh) {
   FittedSheet c;
-  FitState state = c.at;
+  FitState state = c.linear.at;
   const auto k = static_cast<Eigen::Index>(
-      std::ranges::find(c.fit->unknowns, std::string(kThicknessPath), &Unknown::path) -
-      c.fit->unknowns.begin());
+      std::ranges::find(c.data->unknowns, std::string(kThicknessPath), &Unknown::path) -
+      c.data->unknowns.begin());
   std::vector<std::vector<double>> lines;
   for (const double x : {-0.1, -0.003, 0.0, 0.003, 0.1}) {
     state.shared[k] = x;
     const SimulationTask task =
-        make_calibration_task(c.fit->observations[0], c.fit->scene_of(state, 0), {},
+        make_calibration_task(c.data->observations[0], scene_of(*c.data, state, 0), {},
                               {pb::TISSUE_REFERENCE, {16, 16, 1}, 1});
     std::vector<std::string> ignored;
     const auto model = make_reference_model(make_scene(task.scene, {}), 0.02, ignored,
@@ -417,18 +413,56 @@ TEST(ReferenceFit, StatesOfAllThicknessesHaveOneMesh) {
   }
 }
 
-TEST(Simulate, AnErrorIsAFailureOfThatState) {
+TEST(Simulate, ASceneThatCannotBeSimulatedIsAFailureOfThatState) {
   FittedSheet c;
-  // Its place has no derivative, which the simulation says before its first command.
-  c.fit->scene.mutable_tool()->mutable_grip()->set_hold(pb::HOLD_PAD);
-  const auto predictions =
-      c.fit->simulate(c.at, {pb::TISSUE_REFERENCE, {4, 4, 1}, 1}, true, c.which);
-  EXPECT_EQ(predictions[0].frames.size(), FittedSheet::kFrames);
-  EXPECT_EQ(count_valid(predictions[0]), 0);
-  EXPECT_THAT(predictions[0].failure, testing::HasSubstr("size of a pad"));
-  const NoiseModel noise = c.fit->noise;
-  EXPECT_GT(c.fit->cost(predictions, c.at, c.which, c.at, noise),
-            c.fit->cost(c.predictions, c.at, c.which, c.at, noise));
+  c.data->unknowns.front().column = "no_such_number";
+  ReferenceForward model;
+  const Linearisation failed =
+      model.linearise(*c.data, c.linear.at, {pb::TISSUE_REFERENCE, {4, 4, 1}, 1}, c.which);
+  const Prediction& prediction = failed.predictions[0];
+  EXPECT_EQ(prediction.frames.size(), FittedSheet::kFrames);
+  EXPECT_EQ(count_valid(prediction), 0);
+  EXPECT_TRUE(prediction.refused);
+  EXPECT_THAT(prediction.failure, testing::HasSubstr("no_such_number"));
+  const Scales scales = first_scales(*c.data);
+  EXPECT_GT(cost_of(*c.data, failed, c.which, c.linear.at, scales), c.cost_at(c.linear.at, scales));
+}
+
+// Searches of one data set share nothing that changes.
+TEST(Improve, TwoAtATimeGiveTheBytesOfOneAfterTheOther) {
+  Descending c;
+  constexpr std::size_t kTimes = 4;
+  std::vector<SearchState> alone(kTimes), together(kTimes);
+  const auto search = [&](std::size_t k) {
+    SearchState begin = c.begin();
+    begin.state.shared[0] = 0.02 * static_cast<double>(k);
+    return improve(*c.data, c.linear, c.which, 12, {}, begin);
+  };
+  for (std::size_t k = 0; k < kTimes; ++k) alone[k] = search(k);
+  run_parallel(kTimes, kTimes, [&](std::size_t k) { together[k] = search(k); });
+  for (std::size_t k = 0; k < kTimes; ++k) {
+    EXPECT_EQ(alone[k].state.shared, together[k].state.shared);
+    EXPECT_EQ(alone[k].state.own[0], together[k].state.own[0]);
+    EXPECT_EQ(alone[k].scales.noise.sigma, together[k].scales.noise.sigma);
+  }
+}
+
+TEST(Compare, AFailedRecordingLeavesTheBytesOfTheOthers) {
+  FittedSheet one;
+  FitSetup setup = one.setup;
+  Observation other = one.data->observations[0];
+  other.name = "b";
+  const FitData both = make_fit_data(one.scene, {one.data->observations[0], other}, setup);
+  Linearisation linear{believed_state(both),
+                       {one.linear.predictions[0], one.linear.predictions[0]}};
+  const NoiseModel noise = first_scales(both).noise;
+  const auto whole = compare(both, linear, {0, 1}, linear.at, noise, true);
+  linear.predictions[1] = failed_prediction(other, "torn");
+  const auto torn = compare(both, linear, {0, 1}, linear.at, noise, true);
+  EXPECT_EQ(whole[0].A, torn[0].A);
+  EXPECT_EQ(whole[0].b, torn[0].b);
+  EXPECT_EQ(whole[0].cost, torn[0].cost);
+  EXPECT_GT(torn[1].cost, whole[1].cost);
 }
 
 }  // namespace

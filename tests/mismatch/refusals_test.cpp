@@ -11,7 +11,7 @@
 #include "core/output_folder.h"
 #include "core/table.h"
 #include "mismatch/recording/plain_folder.h"
-#include "mismatch/tool_track.h"
+#include "mismatch/simulate/tool_track.h"
 #include "support/temp_dir.h"
 
 namespace omentum {

@@ -14,8 +14,8 @@
 #include "core/recording_info.h"
 #include "core/table.h"
 #include "mismatch/recording/plain_folder.h"
-#include "mismatch/simulated_recording.h"
-#include "mismatch/tool_track.h"
+#include "mismatch/simulate/simulated_recording.h"
+#include "mismatch/simulate/tool_track.h"
 #include "sim_worker/models.h"
 #include "support/temp_dir.h"
 

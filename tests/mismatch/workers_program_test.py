@@ -90,6 +90,12 @@ def finish(process):
     return err
 
 
+def finish_plainly(command):
+    done = subprocess.run([str(c) for c in command], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
 def without_time(path):
     text = path.read_text()
     assert "core_seconds" in text or path.suffix != ".json"

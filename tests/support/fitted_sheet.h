@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "core/config.h"
-#include "mismatch/calibrate/reference_fit.h"
+#include "mismatch/fit/search.h"
 
 namespace omentum::test {
 
@@ -15,11 +15,10 @@ namespace omentum::test {
 struct FittedSheet {
   static constexpr std::size_t kFrames = 2;
   pb::Scene scene = load_scene(deploy_dir() + "/scenes/omentum.txtpb", {});
-  CalibrationOptions options;
-  std::unique_ptr<ReferenceFit> fit;
-  std::vector<Prediction> predictions;
-  FitState at;
-  std::vector<std::size_t> which = {0};
+  FitSetup setup;
+  std::unique_ptr<FitData> data;
+  Linearisation linear;
+  Which which = {0};
 
   explicit FittedSheet(const Eigen::Vector3d& turned = Eigen::Vector3d::Zero(),
                        std::uint32_t places = 31) {
@@ -29,11 +28,11 @@ struct FittedSheet {
     grid.set_count_y(places);
     for (const auto& [path, sd] : {std::pair{"scene.depth_sensor.registration_m", 0.002},
                                    {"scene.depth_sensor.registration_deg", 0.7}}) {
-      pb::Prior& prior = *options.priors.add_prior();
+      pb::Prior& prior = *setup.priors.add_prior();
       prior.set_path(path);
       prior.set_sd(sd);
     }
-    const Scene made = make_scene(scene, options.folder);
+    const Scene made = make_scene(scene, setup.folder);
     Observation seen;
     seen.name = "a";
     seen.p_WC = made.tissue.X_WB * Eigen::Vector3d(0.03, 0.26, 0.32);
@@ -69,16 +68,17 @@ struct FittedSheet {
       cloud.t = 0.2 * static_cast<double>(k);
       seen.frames.push_back(cloud);
     }
-    fit = std::make_unique<ReferenceFit>(scene, std::vector<Observation>{seen}, options);
+    data = std::make_unique<FitData>(make_fit_data(scene, {seen}, setup));
     frame.columns.setZero(3 * static_cast<Eigen::Index>(frame.vertices.size()) + 3,
-                          fit->layout.unknowns + kOwnColumns);
-    predictions.emplace_back().frames.assign(kFrames, frame);
-    at = fit->believed();
+                          data->layout.unknowns.count + kOwnColumns);
+    linear.predictions.emplace_back().frames.assign(kFrames, frame);
+    linear.at = believed_state(*data);
   }
-  FitState improved() {
-    FitState state = at;
-    fit->improve(predictions, at, which, 12, state);
-    return state;
+  std::vector<PredictedFrame>& frames() { return linear.predictions[0].frames; }
+  SearchState begin() const { return {linear.at, first_scales(*data)}; }
+  SearchState improved() const { return improve(*data, linear, which, 12, {}, begin()); }
+  double cost_at(const FitState& state, const Scales& scales) const {
+    return cost_of(*data, linear, which, state, scales);
   }
 };
 

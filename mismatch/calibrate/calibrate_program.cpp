@@ -1,0 +1,358 @@
+#include "mismatch/calibrate/calibrate_program.h"
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+#include <google/protobuf/text_format.h>
+#include <unistd.h>
+
+#include <charconv>
+#include <chrono>
+#include <cmath>
+#include <cstdio>
+#include <filesystem>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <thread>
+
+#include "core/build_id.h"
+#include "core/check.h"
+#include "core/command_line.h"
+#include "core/config.h"
+#include "core/output_folder.h"
+#include "mismatch/calibrate/calibration.h"
+#include "mismatch/calibrate/calibration_file.h"
+#include "mismatch/calibrate/calibration_page.h"
+#include "mismatch/recording/read_recording.h"
+#include "mismatch/recording/text_table.h"
+#include "mismatch/scene/believed_scene.h"
+#include "mismatch/seen/cloud_mask.h"
+#include "mismatch/seen/observation.h"
+
+namespace omentum {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct CalibrateOptions {
+  std::string scene, output, markers, method, frame_period;
+  std::vector<std::string> recordings, overrides, own_overrides;
+  double tolerance_mm = 0.3;
+  std::size_t skipped_clouds = 0;
+  std::optional<double> above_board_mm;
+  bool no_leave_out = false, fused = false;
+  std::uint64_t seed = 1;
+  std::size_t threads = std::max(1U, std::thread::hardware_concurrency());
+  SimulatorOptions simulator;
+};
+
+/// Share done and time left on standard error, where a person looks at it.
+class ProgressLine {
+ public:
+  ~ProgressLine() { end(); }
+  /// `work`: what has been done and by whom.
+  void show(double share, const std::string& stage, const std::string& work) {
+    const std::lock_guard lock(mutex_);
+    using Seconds = std::chrono::duration<double>;
+    const double passed = Seconds(std::chrono::steady_clock::now() - begin_).count();
+    std::string line =
+        fmt::format("calibrate: {:3.0f} %, {}, {}, {:.0f} s", 100 * share, stage, work, passed);
+    constexpr double kEnough = 0.02;  // of the work, to say when it ends
+    if (share > kEnough) line += fmt::format(", about {:.0f} s left", passed / share * (1 - share));
+    if (terminal_) {
+      std::fprintf(stderr, "\r%-98s", line.c_str());
+      shown_ = true;
+    } else if (stage != stage_) {
+      std::fprintf(stderr, "%s\n", line.c_str());
+    }
+    stage_ = stage;
+    std::fflush(stderr);
+  }
+  /// A line of its own, between two states of it.
+  void tell(const std::string& text) {
+    const std::lock_guard lock(mutex_);
+    std::fprintf(stderr, "%smismatch: %s\n", shown_ ? "\n" : "", text.c_str());
+    shown_ = false;
+  }
+  void end() {
+    if (shown_) std::fputc('\n', stderr);
+    shown_ = false;
+  }
+
+ private:
+  std::mutex mutex_;
+  const std::chrono::steady_clock::time_point begin_ = std::chrono::steady_clock::now();
+  const bool terminal_ = isatty(STDERR_FILENO) != 0;
+  bool shown_ = false;
+  std::string stage_;
+};
+
+/// "a.prior.txtpb" of the scene "a.txtpb".
+std::string prior_file(const std::string& scene) {
+  return fs::path(scene).replace_extension(".prior.txtpb").string();
+}
+
+/// The scene that was given, else what the recordings say of their set-up; with priors.
+pb::Scene scene_of(const CalibrateOptions& options, const Recording& first, pb::Priors& priors,
+                   std::vector<std::string>& warnings) {
+  pb::Scene scene;
+  if (!options.scene.empty()) {
+    if (!options.scene.ends_with(".txt")) {
+      const std::string file = prior_file(options.scene);
+      if (fs::exists(file)) read_text_proto(file, priors);
+      check_ranges(priors, file);
+      return load_scene(options.scene, options.overrides);
+    }
+    const std::string text = read_whole_file(options.scene);
+    Result<BelievedScene> believed = parse_believed_scene(options.scene, text);
+    if (!believed) throw_error("{}", believed.error());
+    warnings.insert(warnings.end(), believed.value().warnings.begin(),
+                    believed.value().warnings.end());
+    scene = believed.value().scene;
+    priors = believed.value().priors;
+  } else if (first.info.has_scene_believed_text()) {
+    Result<BelievedScene> believed =
+        parse_believed_scene("scene_believed.txt", first.info.scene_believed_text());
+    if (!believed) throw_error("{}", believed.error());
+    warnings.insert(warnings.end(), believed.value().warnings.begin(),
+                    believed.value().warnings.end());
+    scene = believed.value().scene;
+    priors = believed.value().priors;
+  } else if (first.info.has_scene_text()) {
+    parse_text_proto("scene of the recording", first.info.scene_text(), scene);
+  } else {
+    throw_error("--scene: none, and the recordings hold no believed scene");
+  }
+  return override_scene(scene, options.overrides);
+}
+
+/// "0.3:0.1": a number and its standard deviation.
+BelievedNumber parse_frame_period(const std::string& text) {
+  const std::size_t colon = text.find(':');
+  const auto number = [&](std::string_view part) {
+    double value = 0;
+    const auto [end, error] = std::from_chars(part.data(), part.data() + part.size(), value);
+    const bool whole = error == std::errc() && end == part.data() + part.size();
+    if (!whole || !(value > 0) || !std::isfinite(value)) {
+      throw_error("--frame-period-s: {}, needed SECONDS:STANDARD_DEVIATION, both above 0", text);
+    }
+    return value;
+  };
+  const std::string_view all = text;
+  if (colon == std::string::npos) return {number(all), number("")};
+  return {number(all.substr(0, colon)), number(all.substr(colon + 1))};
+}
+
+/// The method that was stated; else that of the scene's body.
+std::string method_of(const CalibrateOptions& options, const Scene& made) {
+  if (!options.method.empty()) return options.method;
+  const bool sheet = !made.config.tissue().has_volume();
+  if (!sheet || made.config.has_held_start() || !lies_free(made)) return "reference";
+  std::printf("no clamp holds the body: the shell is fitted (--method shell)\n");
+  return "shell";
+}
+
+/// "NAME:a.b=c" to the overrides of recordings of that name, or that begin so with "*" at its end.
+void add_own_overrides(const std::vector<std::string>& stated,
+                       std::vector<Observation>& observations) {
+  for (const std::string& text : stated) {
+    const std::size_t colon = text.find(':');
+    if (colon == std::string::npos || text.find('=', colon) == std::string::npos)
+      throw_error("--set-for: {}, needed RECORDING:a.b=c", text);
+    const std::string name = text.substr(0, colon);
+    const bool begin = name.ends_with('*');
+    bool any = false;
+    for (Observation& o : observations) {
+      if (begin ? !o.name.starts_with(name.substr(0, name.size() - 1)) : o.name != name) continue;
+      o.overrides.push_back(text.substr(colon + 1));
+      any = true;
+    }
+    if (!any) throw_error("--set-for: {}: no recording is called so", name);
+  }
+}
+
+/// What was made of the markers of a recording, for people.
+std::string print_markers(const Observation& seen) {
+  if (seen.marker_rows == 0) return "";
+  const auto frames = std::ranges::count_if(
+      seen.frames, [](const SeenFrame& frame) { return !frame.markers.empty(); });
+  std::string line = fmt::format("  markers: {} of {} frames are looked at, noise {:.3f} mm",
+                                 frames, seen.marker_rows, 1e3 * seen.marker_noise);
+  if (seen.held) line += fmt::format(", let go at {:.3f} s", seen.released);
+  return fmt::format("{}\n", line);
+}
+
+/// As a table of a recording folder.
+std::string print_table(const Series& series) {
+  std::string text = fmt::format("t_s,{}\n", fmt::join(series.columns, ","));
+  for (std::size_t row = 0; row < series.rows(); ++row) {
+    text += print_seconds(series.time_ns[row]);
+    for (std::size_t k = 0; k < series.columns.size(); ++k) {
+      const double value = series.at(row, k);
+      text += std::isfinite(value) ? fmt::format(",{:.9g}", value) : ",";
+    }
+    text += '\n';
+  }
+  return text;
+}
+
+int calibrate(const CalibrateOptions& options) {
+  OutputFolder folder(options.output);
+  std::vector<std::pair<std::string, Recording>> recordings;
+  for (const std::string& path : options.recordings) {
+    for_each_recording(path, [&](const std::string& name, const Recording& recording) {
+      for (const auto& [other, unused] : recordings) {
+        if (other == name) throw_error("--recordings: two are called {}", name);
+      }
+      recordings.emplace_back(name, recording);
+    });
+  }
+  std::vector<std::string> warnings;
+  CalibrationOptions chosen;
+  const pb::Scene scene = scene_of(options, recordings.front().second, chosen.priors, warnings);
+  chosen.threads = options.threads;
+  chosen.seed = options.seed;
+  chosen.tolerance_m = 1e-3 * options.tolerance_mm;
+  chosen.leave_out = !options.no_leave_out;
+  chosen.folder = fs::path(options.scene).parent_path().string();
+  const Scene made = make_scene(scene, chosen.folder);
+  const std::string method = method_of(options, made);
+  if (!options.frame_period.empty()) {
+    if (method != "shell") {
+      throw_error(
+          "--frame-period-s: of --method shell alone, here it is {}: state times in seconds",
+          method);
+    }
+    chosen.frame_period = parse_frame_period(options.frame_period);
+    for (auto& [name, recording] : recordings)
+      set_frame_period(name, chosen.frame_period->value, recording);
+  }
+  CloudChoice clouds;
+  clouds.skipped = options.skipped_clouds;
+  clouds.fused = options.fused;
+  if (options.above_board_mm) clouds.above_board = 1e-3 * *options.above_board_mm;
+  warnings.insert(warnings.end(), made.warnings.begin(), made.warnings.end());
+  if (!options.markers.empty()) chosen.markers = read_marker_notes(options.markers);
+  // The first by name with markers: equal in whatever order they were named.
+  const Recording* first = nullptr;
+  std::string first_name;
+  for (const auto& [name, recording] : recordings) {
+    if (recording.find("markers") == nullptr || (first != nullptr && name > first_name)) continue;
+    first = &recording;
+    first_name = name;
+  }
+  if (first != nullptr) find_clamp(*first, chosen.markers);
+  std::vector<Observation> observations;
+  for (const auto& [name, recording] : recordings) {
+    warnings.insert(warnings.end(), recording.warnings.begin(), recording.warnings.end());
+    observations.push_back(observe(name, name, recording, made, chosen.markers, clouds, warnings));
+  }
+  for (const Observation& o : observations) {
+    const SeenFigures figures{o.clouds, o.parts, o.share_seen};
+    std::printf("%s:\n%s%s", o.name.c_str(), print_seen(figures).c_str(), print_markers(o).c_str());
+  }
+  // Equal in whatever order they were named.
+  std::sort(observations.begin(), observations.end(),
+            [](const Observation& a, const Observation& b) { return a.name < b.name; });
+  number_conditions(observations);
+  number_markers(observations, warnings);
+  add_own_overrides(options.own_overrides, observations);
+  const auto line = std::make_shared<ProgressLine>();
+  SimulatorOptions where = options.simulator;
+  where.build_id = build_id();
+  const auto simulator = std::make_shared<Simulator>(
+      options.threads, where, [line](const std::string& text) { line->tell(text); });
+  chosen.simulator = simulator;
+  chosen.progress = [line, simulator](double share, const std::string& stage) {
+    line->show(share, stage, simulator->describe());
+  };
+  const auto calibrate_by = method == "paper"   ? calibrate_paper
+                            : method == "shell" ? calibrate_shell
+                                                : calibrate_reference;
+  Calibration result = calibrate_by(scene, std::move(observations), chosen);
+  line->end();
+  result.warnings.insert(result.warnings.begin(), warnings.begin(), warnings.end());
+  folder.begin();
+  std::string text;
+  OMENTUM_CHECK(google::protobuf::TextFormat::PrintToString(result.scene, &text));
+  folder.write("scene.txtpb", text);
+  OMENTUM_CHECK(google::protobuf::TextFormat::PrintToString(result.priors, &text));
+  if (result.priors.prior_size() > 0) folder.write("scene.prior.txtpb", text);
+  folder.write("calibration.json", print_calibration(result));
+  folder.write("report.html", make_calibration_page(result, chosen.folder));
+  for (const Calibration::LeftOut& left : result.left_out) {
+    OMENTUM_CHECK(google::protobuf::TextFormat::PrintToString(left.scene, &text));
+    fs::create_directories(folder.path() / "left_out");
+    folder.write("left_out/" + left.recording + ".txtpb", text);
+  }
+  for (const Calibration::MarkerTable& markers : result.markers) {
+    fs::create_directories(folder.path() / "markers");
+    folder.write("markers/" + markers.recording + ".csv", print_table(markers.table));
+  }
+  folder.finish();
+  for (const std::string& warning : result.warnings)
+    std::fprintf(stderr, "warning: %s\n", warning.c_str());
+  std::printf("%s%s: scene.txtpb, calibration.json, report.html; %.0f core-seconds\n",
+              summarise_calibration(result).c_str(), options.output.c_str(), result.core_seconds);
+  if (std::fflush(stdout) != 0) throw_error("standard output: cannot be written");
+  return 0;
+}
+
+}  // namespace
+
+std::function<int()> add_calibrate_command(CLI::App& app) {
+  const auto made = std::make_shared<CalibrateOptions>();
+  CalibrateOptions& options = *made;
+  CLI::App& sub = *app.add_subcommand(
+      "calibrate", "Recordings in, calibrated simulation out (docs/calibrate.md)");
+  sub.add_option("--scene", options.scene,
+                 "Scene (.txtpb) or scene_believed.txt; default: what the recordings say");
+  sub.add_option("-r,--recordings", options.recordings,
+                 "Recordings: folders, MCAP files, or folders of them")
+      ->required();
+  sub.add_option("-o,--output", options.output,
+                 "Folder for scene.txtpb, calibration.json, report.html; new or empty")
+      ->required();
+  sub.add_option("--method", options.method,
+                 "reference: converged solid and its derivatives; shell: differences of it; paper: "
+                 "genetic algorithm on the clusters; default: reference, and shell where no clamp "
+                 "holds the body")
+      ->check(CLI::IsMember({"reference", "shell", "paper"}));
+  sub.add_option("--set", options.overrides, "Override of the scene, a.b=c (scene.tissue...)");
+  sub.add_option(
+      "--set-for", options.own_overrides,
+      "Override of the scene for one recording alone, RECORDING:a.b=c, or NAME*:a.b=c for "
+      "those whose names begin so");
+  sub.add_option(
+      "--markers", options.markers,
+      "Table of what is known of markers: name, on (tissue, clamp, other), x_m, y_m, z_m in B");
+  sub.add_option(
+      "--frame-period-s", options.frame_period,
+      "Time between frames where recordings only count them, SECONDS:STANDARD_DEVIATION; "
+      "all times are stretched by it");
+  sub.add_option("--skip-clouds", options.skipped_clouds,
+                 "Clouds at the beginning of every recording that are not looked at")
+      ->check(whole_number());
+  sub.add_flag("--fused", options.fused,
+               "Clouds are of several cameras, whatever recordings and scene say of one");
+  sub.add_option("--above-board-mm", options.above_board_mm,
+                 "What is lower above the board is compared with nothing [mm]")
+      ->check(number_between(0, 1000));
+  sub.add_option("--tolerance-mm", options.tolerance_mm,
+                 "Mesh of the reference for this rms error of the surface [mm]")
+      ->check(number_between(1e-3, 10))
+      ->capture_default_str();
+  sub.add_flag("--no-leave-out", options.no_leave_out,
+               "Without the error on pinch points that were left out");
+  sub.add_option("--seed", options.seed, "Of the genetic algorithm")
+      ->check(whole_number())
+      ->capture_default_str();
+  sub.add_option("--threads", options.threads,
+                 "Recordings simulated at a time; results do not depend on it")
+      ->check(number_between(1, 1024))
+      ->capture_default_str();
+  add_simulator_options(sub, options.simulator);
+  return [made] { return calibrate(*made); };
+}
+
+}  // namespace omentum
