@@ -26,7 +26,7 @@ JOINED = {"coupled": {"shell", "solid"}}
 DVRK_GATEWAY = ["protocol", "dvrk_double", "safety", "loop", "recording", "backend", "bus", ""]
 # Within mismatch the same: recordings know nothing of simulation. "" are the programs, which lie in the folders of what
 # they run, and may include all.
-MISMATCH = ["recording", "import", "ros", "intake", "catalogue", "evidence", "simulate", "scene", "seen", "fit", "calibrate", ""]
+MISMATCH = ["recording", "import", "ros", "intake", "catalogue", "evidence", "simulate", "scene", "seen", "fit", "calibrate", "explain", ""]
 MISMATCH_PROGRAM = ("main.cpp", "_program.h", "_program.cpp")
 # Folders of the tests are named from the tests' own root as well.
 TESTS = {"tests", "support", "contract", "fuzz", "granting", "learner", "sim_worker", "report", "mismatch", "monitor", "dvrk_gateway", "core", "proto", "benchmarks"}
