@@ -1,5 +1,5 @@
-// mismatch: where simulation and recordings differ. So far: recordings in and out, simulation of
-// recorded commands, calibration.
+// mismatch: where simulation and recordings differ. Recordings in and out, simulation of recorded
+// commands, calibration, and what physics was left out.
 
 #include <cstdio>
 #include <exception>
@@ -8,6 +8,7 @@
 
 #include "core/command_line.h"
 #include "mismatch/calibrate/calibrate_program.h"
+#include "mismatch/explain/explain_program.h"
 #include "mismatch/recording/recording_program.h"
 #include "mismatch/scene/scene_program.h"
 #include "mismatch/simulate/simulate_program.h"
@@ -23,11 +24,13 @@ int run(int argc, char** argv) {
   const std::function<int()> recordings = add_recording_commands(app);
   const std::function<int()> scene = add_scene_command(app);
   const std::function<int()> calibrate = add_calibrate_command(app);
+  const std::function<int()> explain = add_explain_command(app);
   app.footer(
       "Exit codes: 0 done, 1 the tissue fails under the commands, 2 wrong input, or the output "
       "cannot be written.");
   if (const std::optional<int> code = parse_command_line(app, argc, argv)) return *code;
   if (app.got_subcommand("calibrate")) return calibrate();
+  if (app.got_subcommand("explain")) return explain();
   if (app.got_subcommand("scene")) return scene();
   return app.got_subcommand("simulate") ? simulate() : recordings();
 }

@@ -23,6 +23,7 @@
 #include "mismatch/calibrate/calibration.h"
 #include "mismatch/calibrate/calibration_file.h"
 #include "mismatch/calibrate/calibration_page.h"
+#include "mismatch/calibrate/case_input.h"
 #include "mismatch/recording/read_recording.h"
 #include "mismatch/recording/text_table.h"
 #include "mismatch/scene/believed_scene.h"
@@ -45,86 +46,6 @@ struct CalibrateOptions {
   std::size_t threads = std::max(1U, std::thread::hardware_concurrency());
   SimulatorOptions simulator;
 };
-
-/// Share done and time left on standard error, where a person looks at it.
-class ProgressLine {
- public:
-  ~ProgressLine() { end(); }
-  /// `work`: what has been done and by whom.
-  void show(double share, const std::string& stage, const std::string& work) {
-    const std::lock_guard lock(mutex_);
-    using Seconds = std::chrono::duration<double>;
-    const double passed = Seconds(std::chrono::steady_clock::now() - begin_).count();
-    std::string line =
-        fmt::format("calibrate: {:3.0f} %, {}, {}, {:.0f} s", 100 * share, stage, work, passed);
-    constexpr double kEnough = 0.02;  // of the work, to say when it ends
-    if (share > kEnough) line += fmt::format(", about {:.0f} s left", passed / share * (1 - share));
-    if (terminal_) {
-      std::fprintf(stderr, "\r%-98s", line.c_str());
-      shown_ = true;
-    } else if (stage != stage_) {
-      std::fprintf(stderr, "%s\n", line.c_str());
-    }
-    stage_ = stage;
-    std::fflush(stderr);
-  }
-  /// A line of its own, between two states of it.
-  void tell(const std::string& text) {
-    const std::lock_guard lock(mutex_);
-    std::fprintf(stderr, "%smismatch: %s\n", shown_ ? "\n" : "", text.c_str());
-    shown_ = false;
-  }
-  void end() {
-    if (shown_) std::fputc('\n', stderr);
-    shown_ = false;
-  }
-
- private:
-  std::mutex mutex_;
-  const std::chrono::steady_clock::time_point begin_ = std::chrono::steady_clock::now();
-  const bool terminal_ = isatty(STDERR_FILENO) != 0;
-  bool shown_ = false;
-  std::string stage_;
-};
-
-/// "a.prior.txtpb" of the scene "a.txtpb".
-std::string prior_file(const std::string& scene) {
-  return fs::path(scene).replace_extension(".prior.txtpb").string();
-}
-
-/// The scene that was given, else what the recordings say of their set-up; with priors.
-pb::Scene scene_of(const CalibrateOptions& options, const Recording& first, pb::Priors& priors,
-                   std::vector<std::string>& warnings) {
-  pb::Scene scene;
-  if (!options.scene.empty()) {
-    if (!options.scene.ends_with(".txt")) {
-      const std::string file = prior_file(options.scene);
-      if (fs::exists(file)) read_text_proto(file, priors);
-      check_ranges(priors, file);
-      return load_scene(options.scene, options.overrides);
-    }
-    const std::string text = read_whole_file(options.scene);
-    Result<BelievedScene> believed = parse_believed_scene(options.scene, text);
-    if (!believed) throw_error("{}", believed.error());
-    warnings.insert(warnings.end(), believed.value().warnings.begin(),
-                    believed.value().warnings.end());
-    scene = believed.value().scene;
-    priors = believed.value().priors;
-  } else if (first.info.has_scene_believed_text()) {
-    Result<BelievedScene> believed =
-        parse_believed_scene("scene_believed.txt", first.info.scene_believed_text());
-    if (!believed) throw_error("{}", believed.error());
-    warnings.insert(warnings.end(), believed.value().warnings.begin(),
-                    believed.value().warnings.end());
-    scene = believed.value().scene;
-    priors = believed.value().priors;
-  } else if (first.info.has_scene_text()) {
-    parse_text_proto("scene of the recording", first.info.scene_text(), scene);
-  } else {
-    throw_error("--scene: none, and the recordings hold no believed scene");
-  }
-  return override_scene(scene, options.overrides);
-}
 
 /// "0.3:0.1": a number and its standard deviation.
 BelievedNumber parse_frame_period(const std::string& text) {
@@ -198,23 +119,16 @@ std::string print_table(const Series& series) {
 
 int calibrate(const CalibrateOptions& options) {
   OutputFolder folder(options.output);
-  std::vector<std::pair<std::string, Recording>> recordings;
-  for (const std::string& path : options.recordings) {
-    for_each_recording(path, [&](const std::string& name, const Recording& recording) {
-      for (const auto& [other, unused] : recordings) {
-        if (other == name) throw_error("--recordings: two are called {}", name);
-      }
-      recordings.emplace_back(name, recording);
-    });
-  }
-  std::vector<std::string> warnings;
+  CaseInput input = read_case(options.recordings, options.scene, options.overrides);
   CalibrationOptions chosen;
-  const pb::Scene scene = scene_of(options, recordings.front().second, chosen.priors, warnings);
+  chosen.priors = input.priors;
   chosen.threads = options.threads;
   chosen.seed = options.seed;
   chosen.tolerance_m = 1e-3 * options.tolerance_mm;
   chosen.leave_out = !options.no_leave_out;
-  chosen.folder = fs::path(options.scene).parent_path().string();
+  chosen.folder = input.folder;
+  std::vector<std::string>& warnings = input.warnings;
+  const pb::Scene& scene = input.scene;
   const Scene made = make_scene(scene, chosen.folder);
   const std::string method = method_of(options, made);
   if (!options.frame_period.empty()) {
@@ -224,7 +138,7 @@ int calibrate(const CalibrateOptions& options) {
           method);
     }
     chosen.frame_period = parse_frame_period(options.frame_period);
-    for (auto& [name, recording] : recordings)
+    for (auto& [name, recording] : input.recordings)
       set_frame_period(name, chosen.frame_period->value, recording);
   }
   CloudChoice clouds;
@@ -233,31 +147,14 @@ int calibrate(const CalibrateOptions& options) {
   if (options.above_board_mm) clouds.above_board = 1e-3 * *options.above_board_mm;
   warnings.insert(warnings.end(), made.warnings.begin(), made.warnings.end());
   if (!options.markers.empty()) chosen.markers = read_marker_notes(options.markers);
-  // The first by name with markers: equal in whatever order they were named.
-  const Recording* first = nullptr;
-  std::string first_name;
-  for (const auto& [name, recording] : recordings) {
-    if (recording.find("markers") == nullptr || (first != nullptr && name > first_name)) continue;
-    first = &recording;
-    first_name = name;
-  }
-  if (first != nullptr) find_clamp(*first, chosen.markers);
-  std::vector<Observation> observations;
-  for (const auto& [name, recording] : recordings) {
-    warnings.insert(warnings.end(), recording.warnings.begin(), recording.warnings.end());
-    observations.push_back(observe(name, name, recording, made, chosen.markers, clouds, warnings));
-  }
+  std::vector<Observation> observations =
+      observe_case(input, made, clouds, chosen.markers, warnings);
   for (const Observation& o : observations) {
     const SeenFigures figures{o.clouds, o.parts, o.share_seen};
     std::printf("%s:\n%s%s", o.name.c_str(), print_seen(figures).c_str(), print_markers(o).c_str());
   }
-  // Equal in whatever order they were named.
-  std::sort(observations.begin(), observations.end(),
-            [](const Observation& a, const Observation& b) { return a.name < b.name; });
-  number_conditions(observations);
-  number_markers(observations, warnings);
   add_own_overrides(options.own_overrides, observations);
-  const auto line = std::make_shared<ProgressLine>();
+  const auto line = std::make_shared<ProgressLine>("calibrate");
   SimulatorOptions where = options.simulator;
   where.build_id = build_id();
   const auto simulator = std::make_shared<Simulator>(

@@ -97,7 +97,7 @@ void measure_mesh(CalibrationRun& run) {
   run.mesh_rms = fall * surfaces_apart(mesh, run.linear.predictions);
   run.work.add("mesh", kMeshWork * static_cast<double>(run.fitted.size()));
   set_difference({"numerics.mesh", "1", "", Unknown::Scale::kShift, 0, 1.5,
-                  "1.5 times its estimated error", Role::kNumerics},
+                  "1.5 times its estimated error", NumberRole::kNumerics},
                  mesh, -fall, run.data, run.linear, run.found.state);
 }
 

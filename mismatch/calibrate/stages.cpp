@@ -268,7 +268,7 @@ void measure_step(double fall, CalibrationRun& run) {
   run.step_rms = fall * surfaces_apart(step, run.linear.predictions);
   run.work.add("step", 2.0 * count_of(run.fitted));
   set_difference({"numerics.step", "1", "", Unknown::Scale::kShift, 0, 1.5,
-                  "1.5 times its estimated error", Role::kNumerics},
+                  "1.5 times its estimated error", NumberRole::kNumerics},
                  step, fall, run.data, run.linear, run.found.state);
   NoiseModel& noise = run.found.scales.noise;
   noise.along_motion = std::max(noise.along_motion, run.numerics_rms());

@@ -21,7 +21,7 @@ std::vector<FitNumber> numbers_of(const FitData& data) {
   for (const Unknown& unknown : data.unknowns)
     list.push_back({unknown.path, unknown.unit, unknown.role, false});
   const auto nuisance = [&](const std::string& name, const char* unit, bool own) {
-    list.push_back({name, unit, Role::kNuisance, own});
+    list.push_back({name, unit, NumberRole::kNuisance, own});
   };
   for (const char* what : {"registration.", "registration.turn_"}) {
     for (const char axis : {'x', 'y', 'z'})

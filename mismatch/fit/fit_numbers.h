@@ -11,7 +11,7 @@ namespace omentum {
 struct FitNumber {
   std::string name;  ///< path in the scene, or "registration.x", "pinch.y", "discrepancy.constant"
   std::string unit;
-  Role role = Role::kBase;
+  NumberRole role = NumberRole::kBase;
   bool own = false;  ///< every recording has one of its own
 };
 

@@ -54,7 +54,7 @@ std::vector<Unknown> shell_unknowns(const FitData& data) {
     const double period = data.setup.frame_period->value;
     unknowns.push_back({kFramePeriodPath, "s", "", Unknown::Scale::kFactor, period,
                         std::log1p(data.setup.frame_period->sd / period), "--frame-period-s",
-                        Role::kNuisance});
+                        NumberRole::kNuisance});
   }
   const std::string stiffness = unknowns.front().path;
   std::erase_if(unknowns, [&](const Unknown& unknown) {

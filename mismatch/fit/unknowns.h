@@ -4,20 +4,14 @@
 #include <string>
 #include <vector>
 
+#include "mismatch/evidence/evidence.h"
 #include "proto/prior.pb.h"
 #include "proto/scene.pb.h"
 
 namespace omentum {
 
-/// What a number of a fit is there for.
-enum class Role {
-  kBase,      ///< of the scene, looked for
-  kNuisance,  ///< simulated with, but no number of a scene
-  kNumerics,  ///< what two honest simulations may differ in: acts to first order alone
-  kAtom,      ///< of an effect that is off: held at zero, its score is wanted; never stepped
-};
-
 /// A number that all recordings share and the simulation depends on, as x: 0 where it is believed.
+/// Numerics act to first order alone; atoms are held at zero, and only their score is wanted.
 struct Unknown {
   enum class Scale {
     kFactor,  ///< value = believed exp(x)
@@ -31,10 +25,10 @@ struct Unknown {
   double believed = 0;
   double sd = 1;      ///< of x before anything is seen
   std::string prior;  ///< where sd is from, in words
-  Role role = Role::kBase;
+  NumberRole role = NumberRole::kBase;
 
-  bool in_scene() const { return role == Role::kBase; }
-  bool simulated() const { return role == Role::kBase || role == Role::kNuisance; }
+  bool in_scene() const { return role == NumberRole::kBase; }
+  bool simulated() const { return role == NumberRole::kBase || role == NumberRole::kNuisance; }
 
   double value(double x) const;
   /// dvalue/dx

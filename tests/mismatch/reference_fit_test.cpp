@@ -136,7 +136,7 @@ TEST(RangeOf, EndsInsideTheKnob) {
     EXPECT_LT(range.low, 0) << unknown.path;
     EXPECT_GT(range.high, 0) << unknown.path;
     EXPECT_LE(range.high, 3 * unknown.sd) << unknown.path;
-    if (!unknown.in_scene) continue;
+    if (!unknown.in_scene()) continue;
     for (const double x : {range.low, range.high}) {
       pb::Scene changed = scene;
       set_scene_number(changed, unknown.path, unknown.value(x));
@@ -205,8 +205,8 @@ TEST(ReferenceFit, ANumberAtTheEndOfItsRangeHoldsNoOtherBack) {
   SearchState begin = c.begin();
   // A step that ended there left it a rounding away.
   begin.state.shared[k] = std::nextafter(ranges_of(*c.data, c.linear.at, {}).high[k], 0.0);
-  const SearchState found = improve(*c.data, c.linear, c.which, 12, {}, begin);
-  EXPECT_GT(registration_of(*c.data, found.state).shift.z(), 0.001);
+  const SearchState ended = improve(*c.data, c.linear, c.which, 12, {}, begin);
+  EXPECT_GT(registration_of(*c.data, ended.state).shift.z(), 0.001);
 }
 
 /// Surfaces that are as much higher as the stiffness is, and clouds 2 mm above those believed.

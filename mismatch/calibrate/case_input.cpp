@@ -1,0 +1,133 @@
+#include "mismatch/calibrate/case_input.h"
+
+#include <fmt/format.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cstdio>
+#include <filesystem>
+
+#include "core/check.h"
+#include "core/config.h"
+#include "mismatch/recording/read_recording.h"
+#include "mismatch/recording/text_table.h"
+#include "mismatch/scene/believed_scene.h"
+
+namespace omentum {
+namespace {
+
+namespace fs = std::filesystem;
+
+/// "a.prior.txtpb" of the scene "a.txtpb".
+std::string prior_file(const std::string& scene) {
+  return fs::path(scene).replace_extension(".prior.txtpb").string();
+}
+
+/// The scene that was given, else what the recordings say of their set-up; with priors.
+pb::Scene scene_of(const std::string& path, const std::vector<std::string>& overrides,
+                   const Recording& first, pb::Priors& priors, std::vector<std::string>& warnings) {
+  pb::Scene scene;
+  if (!path.empty()) {
+    if (!path.ends_with(".txt")) {
+      const std::string file = prior_file(path);
+      if (fs::exists(file)) read_text_proto(file, priors);
+      check_ranges(priors, file);
+      return load_scene(path, overrides);
+    }
+    const std::string text = read_whole_file(path);
+    Result<BelievedScene> believed = parse_believed_scene(path, text);
+    if (!believed) throw_error("{}", believed.error());
+    warnings.insert(warnings.end(), believed.value().warnings.begin(),
+                    believed.value().warnings.end());
+    scene = believed.value().scene;
+    priors = believed.value().priors;
+  } else if (first.info.has_scene_believed_text()) {
+    Result<BelievedScene> believed =
+        parse_believed_scene("scene_believed.txt", first.info.scene_believed_text());
+    if (!believed) throw_error("{}", believed.error());
+    warnings.insert(warnings.end(), believed.value().warnings.begin(),
+                    believed.value().warnings.end());
+    scene = believed.value().scene;
+    priors = believed.value().priors;
+  } else if (first.info.has_scene_text()) {
+    parse_text_proto("scene of the recording", first.info.scene_text(), scene);
+  } else {
+    throw_error("--scene: none, and the recordings hold no believed scene");
+  }
+  return override_scene(scene, overrides);
+}
+
+}  // namespace
+
+CaseInput read_case(const std::vector<std::string>& paths, const std::string& scene,
+                    const std::vector<std::string>& overrides) {
+  CaseInput input;
+  for (const std::string& path : paths) {
+    for_each_recording(path, [&](const std::string& name, const Recording& recording) {
+      for (const auto& [other, unused] : input.recordings) {
+        if (other == name) throw_error("--recordings: two are called {}", name);
+      }
+      input.recordings.emplace_back(name, recording);
+    });
+  }
+  input.scene =
+      scene_of(scene, overrides, input.recordings.front().second, input.priors, input.warnings);
+  input.folder = fs::path(scene).parent_path().string();
+  return input;
+}
+
+std::vector<Observation> observe_case(const CaseInput& input, const Scene& made,
+                                      const CloudChoice& clouds, MarkerNotes& notes,
+                                      std::vector<std::string>& warnings) {
+  // The first by name with markers: equal in whatever order they were named.
+  const Recording* first = nullptr;
+  std::string first_name;
+  for (const auto& [name, recording] : input.recordings) {
+    if (recording.find("markers") == nullptr || (first != nullptr && name > first_name)) continue;
+    first = &recording;
+    first_name = name;
+  }
+  if (first != nullptr) find_clamp(*first, notes);
+  std::vector<Observation> observations;
+  for (const auto& [name, recording] : input.recordings) {
+    warnings.insert(warnings.end(), recording.warnings.begin(), recording.warnings.end());
+    observations.push_back(observe(name, name, recording, made, notes, clouds, warnings));
+  }
+  std::ranges::sort(observations, {}, &Observation::name);
+  number_conditions(observations);
+  number_markers(observations, warnings);
+  return observations;
+}
+
+bool ProgressLine::is_terminal() { return isatty(STDERR_FILENO) != 0; }
+
+void ProgressLine::show(double share, const std::string& stage, const std::string& work) {
+  const std::lock_guard lock(mutex_);
+  using Seconds = std::chrono::duration<double>;
+  const double passed = Seconds(std::chrono::steady_clock::now() - begin_).count();
+  std::string line =
+      fmt::format("{}: {:3.0f} %, {}, {}, {:.0f} s", program_, 100 * share, stage, work, passed);
+  constexpr double kEnough = 0.02;  // of the work, to say when it ends
+  if (share > kEnough) line += fmt::format(", about {:.0f} s left", passed / share * (1 - share));
+  if (terminal_) {
+    std::fprintf(stderr, "\r%-98s", line.c_str());
+    shown_ = true;
+  } else if (stage != stage_) {
+    std::fprintf(stderr, "%s\n", line.c_str());
+  }
+  stage_ = stage;
+  std::fflush(stderr);
+}
+
+void ProgressLine::tell(const std::string& text) {
+  const std::lock_guard lock(mutex_);
+  std::fprintf(stderr, "%smismatch: %s\n", shown_ ? "\n" : "", text.c_str());
+  shown_ = false;
+}
+
+void ProgressLine::end() {
+  if (shown_) std::fputc('\n', stderr);
+  shown_ = false;
+}
+
+}  // namespace omentum

@@ -1,0 +1,360 @@
+#include "mismatch/explain/base_fit.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "core/check.h"
+#include "mismatch/calibrate/scores.h"
+#include "mismatch/fit/descent.h"
+#include "mismatch/fit/recording_evidence.h"
+#include "mismatch/fit/starts.h"
+#include "sim_worker/playback/simulation.h"
+
+namespace omentum {
+namespace {
+
+constexpr std::size_t kSearchFrames = 12;  // of a recording, while numbers are far from the truth
+constexpr std::size_t kStartRecordings = 3;
+
+/// What two correct models may differ in, by columns (docs/mismatch.md 5.2).
+std::vector<Unknown> numerics_of(const pb::Scene& scene) {
+  std::vector<Unknown> list;
+  const auto add = [&](const std::string& column, const std::string& unit, double sd) {
+    Unknown unknown;
+    unknown.path = "numerics." + column;
+    unknown.unit = unit;
+    unknown.column = column;
+    unknown.scale = Unknown::Scale::kShift;
+    unknown.sd = sd;
+    unknown.prior = "docs/mismatch.md 5.2";
+    unknown.role = NumberRole::kNumerics;
+    list.push_back(unknown);
+  };
+  const pb::ElasticLaw law = scene.tissue().material().law();
+  constexpr double kLaw = 0.2;  // of the distance between two laws
+  if (law != pb::LAW_COROTATED) add("law.corotated", "1", kLaw);
+  if (law != pb::LAW_NEO_HOOKE) add("law.neo_hooke", "1", kLaw);
+  if (law != pb::LAW_ST_VENANT_KIRCHHOFF) add("law.st_venant_kirchhoff", "1", kLaw);
+  add("viscoelastic.g@tau=0.02", "1", 0.3);  // damping by rate
+  if (scene.rigid_body_size() > 0) add("slip_speed", "m/s", 1e-4);
+  if (holds_pad(scene)) {
+    constexpr double kGive = 3.3e-4;  // [m/N] a third of the stiff end of row 21
+    const pb::Grip& grip = scene.tool().grip();
+    const double square =
+        (grip.half_x_m() * grip.half_x_m() + grip.half_y_m() * grip.half_y_m()) / 6;
+    add("grasp_compliance.C", "m/N", kGive);
+    add("grasp_compliance.C_turn", "rad/(N m)", kGive / square);
+  }
+  add("camera_bias.quadratic", "1/m", 0.02);
+  return list;
+}
+
+std::vector<Unknown> atoms_of(const std::vector<Candidate>& candidates) {
+  std::vector<Unknown> list;
+  for (const Candidate& c : candidates) {
+    Unknown unknown;
+    unknown.path = c.key;
+    unknown.unit = c.unit;
+    unknown.column = c.column;
+    unknown.scale = Unknown::Scale::kShift;
+    unknown.sd = c.sd;
+    unknown.role = NumberRole::kAtom;
+    list.push_back(unknown);
+  }
+  return list;
+}
+
+/// A rigid pad has no derivative by its give: it begins to give way.
+pb::Scene with_soft_pad(pb::Scene scene) {
+  constexpr double kGive = 1e-4;  // [m/N]
+  pb::TissueEffects& effects = *scene.mutable_tissue()->mutable_effects();
+  const pb::Grip& grip = scene.tool().grip();
+  if (!holds_pad(scene) || effects.grasp_compliance_m_per_n() > 0) return scene;
+  const double square = (grip.half_x_m() * grip.half_x_m() + grip.half_y_m() * grip.half_y_m()) / 6;
+  effects.set_grasp_compliance_m_per_n(kGive);
+  effects.set_grasp_turn_rad_per_n_m(kGive / square);
+  return scene;
+}
+
+/// Shared numbers of a state that has other unknowns now; new ones are at 0.
+FitState carried(const FitState& state, const Layout& from, const Layout& to) {
+  FitState made = state;
+  made.shared = Eigen::VectorXd::Zero(to.shared());
+  const int common = std::min(from.unknowns.count, to.unknowns.count);
+  made.shared.head(common) = state.shared.head(common);
+  const int rest = from.shared() - from.unknowns.count;
+  made.shared.tail(rest) = state.shared.tail(rest);
+  return made;
+}
+
+/// Stated, never adapted to what the fit leaves: there an effect hides itself.
+Scales stated_scales(const FitData& data, const ExplainOptions& options) {
+  Scales scales = first_scales(data);
+  const int modes = data.layout.among_own(data.layout.modes);
+  const double each = options.discrepancy_m / std::sqrt((kTimeFunctions - 1.0) * kCosines);
+  scales.own_sd.segment(modes + kCosines, kModes - kCosines).setConstant(each);
+  return scales;
+}
+
+/// The white part of the sensor's noise along a ray, of all recordings [m].
+double sensor_noise(const FitData& data, const Linearisation& linear, const Which& which,
+                    const SearchState& found) {
+  constexpr double kLeast = 2e-4;
+  std::vector<double> levels;
+  const auto compared = compare(data, linear, which, found.state, found.scales.noise, false);
+  for (std::size_t k = 0; k < which.size(); ++k)
+    levels.push_back(floor_of(data.observations[which[k]], compared[k]));
+  const auto middle = levels.begin() + static_cast<std::ptrdiff_t>(levels.size() / 2);
+  std::nth_element(levels.begin(), middle, levels.end());
+  return std::max(kLeast, *middle);
+}
+
+/// Adds a column that is what `other`, simulated on the coarse mesh, differs by.
+void add_numerics(const std::string& name, double slope, double sd, const BaseFit& base,
+                  const std::vector<Prediction>& other, FitData& data, Linearisation& linear,
+                  FitState& state) {
+  Unknown unknown;
+  unknown.path = "numerics." + name;
+  unknown.unit = "1";
+  unknown.scale = Unknown::Scale::kShift;
+  unknown.sd = sd;
+  unknown.prior = "docs/mismatch.md 5.2";
+  unknown.role = NumberRole::kNumerics;
+  set_difference(unknown, changed_surfaces(base.surfaces, base.coarse_surfaces, other), slope, data,
+                 linear, state);
+}
+
+/// The frames of `fine` with the columns of `coarse`, in place of the latter.
+void put_columns_on(const Prediction& fine, Prediction& coarse) {
+  for (std::size_t f = 0; f < coarse.frames.size(); ++f) {
+    Eigen::MatrixXf columns = std::move(coarse.frames[f].columns);
+    coarse.frames[f] = fine.frames[f];
+    if (coarse.frames[f].valid) coarse.frames[f].columns = std::move(columns);
+  }
+}
+
+class BaseSearch {
+ public:
+  BaseSearch(const ExplainOptions& options, ReferenceForward& model, BaseFit& base)
+      : options_(options), model_(model), base_(base) {}
+
+  void run() {
+    say(0.02, "starts");
+    start();
+    say(0.1, "coarse mesh");
+    descend_coarsely();
+    say(0.25, "fine mesh");
+    settle_finely();
+    say(0.4, "held out");
+    simulate_held_out();
+  }
+
+ private:
+  void say(double share, const std::string& stage) const {
+    if (options_.progress) options_.progress(share, stage);
+  }
+
+  void start() {
+    Which few = base_.fitted;
+    few.resize(std::min(few.size(), kStartRecordings));
+    const Start start = find_start(base_.data, model_, few, [](double) {});
+    base_.found.state = start.failure.empty() ? start.state : believed_state(base_.data);
+  }
+
+  void descend_coarsely() {
+    FitData few = base_.data;
+    few.observations = few_frames(few.observations, kSearchFrames);
+    const LineariseAt linearise = [&](const FitState& state) {
+      return model_.linearise(few, state, base_.coarse, base_.fitted);
+    };
+    DescentOptions search;
+    search.most_simulations = 4;
+    search.small_move = 1;
+    Scales scales = stated_scales(base_.data, options_);
+    scales.noise = NoiseModel{0.003, 5e-4, 0.02, 4};
+    Linearisation begin = linearise(base_.found.state);
+    drop_failing(begin);
+    base_.found = descend(few, linearise, base_.fitted, search, std::move(begin), scales).found;
+  }
+
+  void drop_failing(const Linearisation& linear) {
+    std::erase_if(base_.fitted, [&](std::size_t r) {
+      const bool fails = count_valid(linear.predictions[r]) == 0;
+      if (fails) base_.failed.push_back(r);
+      return fails;
+    });
+    if (base_.fitted.empty())
+      throw_error("no recording can be simulated: {}", linear.predictions[base_.failed[0]].failure);
+  }
+
+  /// Surfaces of the fine mesh with columns of the coarse one; ends with surfaces at `found`.
+  void settle_finely() {
+    constexpr int kRounds = 2, kSteps = 8;
+    base_.found.scales.own_sd = stated_scales(base_.data, options_).own_sd;
+    for (int round = 0; round < kRounds; ++round) {
+      const Linearisation linear = linearise_finely();
+      if (round == 0) {
+        NoiseModel& noise = base_.found.scales.noise;
+        noise.sigma = sensor_noise(base_.data, linear, base_.fitted, base_.found);
+        noise.reach = 0.015;
+        base_.limits.hold_noise = true;
+      }
+      base_.found = improve(base_.data, linear, base_.fitted, kSteps, base_.limits, base_.found);
+    }
+    const FitState& at = base_.found.state;
+    base_.coarse_surfaces = model_.simulate(base_.data, at, base_.coarse, false, base_.fitted);
+    base_.surfaces = model_.simulate(base_.data, at, base_.fine, false, base_.fitted);
+  }
+
+  Linearisation linearise_finely() {
+    const FitState& at = base_.found.state;
+    Linearisation linear = model_.linearise(base_.data, at, base_.coarse, base_.fitted);
+    const auto fine = model_.simulate(base_.data, at, base_.fine, false, base_.fitted);
+    for (const std::size_t r : base_.fitted) put_columns_on(fine[r], linear.predictions[r]);
+    return linear;
+  }
+
+  void simulate_held_out() {
+    for (const std::size_t r : base_.held_out) base_.found.state.own[r].setZero();
+    if (base_.held_out.empty()) return;
+    const auto fine =
+        model_.simulate(base_.data, base_.found.state, base_.fine, false, base_.held_out);
+    const auto coarse =
+        model_.simulate(base_.data, base_.found.state, base_.coarse, false, base_.held_out);
+    for (const std::size_t r : base_.held_out) {
+      base_.surfaces[r] = fine[r];
+      base_.coarse_surfaces[r] = coarse[r];
+    }
+  }
+
+  const ExplainOptions& options_;
+  ReferenceForward& model_;
+  BaseFit& base_;
+};
+
+}  // namespace
+
+std::vector<Prediction> changed_surfaces(const std::vector<Prediction>& fine,
+                                         const std::vector<Prediction>& coarse,
+                                         const std::vector<Prediction>& other) {
+  std::vector<Prediction> made = other;
+  for (std::size_t r = 0; r < made.size(); ++r) {
+    for (std::size_t f = 0; f < made[r].frames.size(); ++f) {
+      PredictedFrame& frame = made[r].frames[f];
+      if (f >= fine[r].frames.size() || f >= coarse[r].frames.size()) continue;
+      frame.valid = frame.valid && fine[r].frames[f].valid && coarse[r].frames[f].valid;
+      if (!frame.valid) continue;
+      for (std::size_t v = 0; v < frame.vertices.size(); ++v)
+        frame.vertices[v] += fine[r].frames[f].vertices[v] - coarse[r].frames[f].vertices[v];
+    }
+  }
+  return made;
+}
+
+BaseFit fit_base(const pb::Scene& scene, std::vector<Observation> observations,
+                 const std::vector<Candidate>& candidates, const ExplainOptions& options,
+                 ReferenceForward& model) {
+  // The clouds alone decide; a force is for later.
+  for (Observation& o : observations) {
+    for (SeenFrame& frame : o.frames) frame.force.reset();
+  }
+  const pb::Scene believed = with_soft_pad(scene);
+  BaseFit base(make_fit_data(believed, std::move(observations), options));
+  const auto mesh_of = [&](double tolerance_m) -> Numerics {
+    return {pb::TISSUE_REFERENCE,
+            count_elements(believed, options.folder, base.data.observations, tolerance_m), 1};
+  };
+  base.fine = mesh_of(options.tolerance_m);
+  base.coarse = mesh_of(options.coarse_tolerance_m);
+  for (std::size_t r = 0; r < base.data.observations.size(); ++r)
+    (base.data.observations[r].held_out ? base.held_out : base.fitted).push_back(r);
+  if (base.fitted.empty()) throw_error("every recording is held out: nothing can be fitted");
+  base.found = {believed_state(base.data), stated_scales(base.data, options)};
+  BaseSearch(options, model, base).run();
+
+  // Numerics and candidates join, at zero.
+  const Layout before = base.data.layout;
+  std::vector<Unknown> unknowns = base.data.unknowns;
+  for (const auto& more : {numerics_of(believed), atoms_of(candidates)})
+    unknowns.insert(unknowns.end(), more.begin(), more.end());
+  set_unknowns(std::move(unknowns), base.data);
+  base.found.state = carried(base.found.state, before, base.data.layout);
+  for (const Candidate& c : candidates) {
+    const auto found = std::ranges::find(base.data.unknowns, c.key, &Unknown::path);
+    if (c.pinch_axis >= 0)
+      base.pinch_atoms.emplace_back(found - base.data.unknowns.begin(), c.pinch_axis);
+  }
+  if (options.progress) options.progress(0.45, "numerics");
+  Which all = base.fitted;
+  all.insert(all.end(), base.held_out.begin(), base.held_out.end());
+  std::ranges::sort(all);
+  const FitState at = base.found.state;
+  const auto simulate = [&](const FitData& data, const Numerics& numerics) {
+    return model.simulate(data, at, numerics, false, all);
+  };
+  Linearisation linear{at, base.surfaces};
+  Numerics half = base.coarse;
+  half.substeps *= 2;
+  FitData bedded = base.data;
+  constexpr double kBed = 3e-5;  // [m2/N] a third of the stiff end of row 17
+  bedded.scene.mutable_tissue()->mutable_effects()->mutable_anchor()->set_compliance_m2_per_n(kBed);
+  const auto stepped = simulate(base.data, half), on_bed = simulate(bedded, base.coarse);
+  // The error of the fine mesh, of what it differs from the coarse one by.
+  const double ratio =
+      std::sqrt(static_cast<double>(base.fine.elements[0]) * base.fine.elements[1] /
+                (static_cast<double>(base.coarse.elements[0]) * base.coarse.elements[1]));
+  const double fall = 1 / (std::pow(std::max(ratio, 1.1), 2.5) - 1);
+  FitState widened = at;
+  const auto add = [&](const std::string& name, double slope, double sd,
+                       const std::vector<Prediction>& other) {
+    add_numerics(name, slope, sd, base, other, base.data, linear, widened);
+  };
+  add("step", 4.0 / 3, 1.5, stepped);
+  add("clamp_on_a_bed", 1, 1, on_bed);
+  Unknown mesh;
+  mesh.path = "numerics.mesh";
+  mesh.unit = "1";
+  mesh.scale = Unknown::Scale::kShift;
+  mesh.sd = 1.5;
+  mesh.prior = "docs/mismatch.md 5.2";
+  mesh.role = NumberRole::kNumerics;
+  set_difference(mesh, base.coarse_surfaces, -fall, base.data, linear, widened);
+  base.found.state = widened;
+  return base;
+}
+
+std::vector<Evidence> gather_evidence(const BaseFit& base, ReferenceForward& model,
+                                      const ExplainOptions& options) {
+  Which all = base.fitted;
+  all.insert(all.end(), base.held_out.begin(), base.held_out.end());
+  std::ranges::sort(all);
+  std::vector<Evidence> evidence;
+  const std::size_t at_once = std::max<std::size_t>(1, base.data.setup.simulator->at_once());
+  for (std::size_t first = 0; first < all.size(); first += at_once) {
+    const Which some(
+        all.begin() + static_cast<std::ptrdiff_t>(first),
+        all.begin() + static_cast<std::ptrdiff_t>(std::min(all.size(), first + at_once)));
+    Linearisation linear = model.linearise(base.data, base.found.state, base.coarse, some);
+    for (const std::size_t r : some) {
+      put_columns_on(base.surfaces[r], linear.predictions[r]);
+      for (PredictedFrame& frame : linear.predictions[r].frames) {
+        if (frame.columns.size() == 0) continue;
+        for (const auto& [column, axis] : base.pinch_atoms)
+          frame.columns.col(column) = frame.columns.col(base.data.layout.unknowns.count + axis);
+      }
+    }
+    const NoiseModel& noise = base.found.scales.noise;
+    const auto equations = compare(base.data, linear, some, base.found.state, noise, true);
+    for (std::size_t k = 0; k < some.size(); ++k) {
+      evidence.push_back(evidence_of(base.data, equations[k], base.found, some[k],
+                                     row_information({&equations[k], 1}, noise)));
+    }
+    const double share = static_cast<double>(first + some.size()) / static_cast<double>(all.size());
+    if (options.progress) options.progress(0.5 + 0.2 * share, "columns of effects");
+  }
+  return evidence;
+}
+
+}  // namespace omentum

@@ -1,0 +1,57 @@
+#pragma once
+
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "mismatch/calibrate/calibration.h"
+#include "mismatch/explain/candidates.h"
+#include "mismatch/explain/left_out_gains.h"
+#include "mismatch/fit/forward_model.h"
+#include "mismatch/fit/search.h"
+
+namespace omentum {
+
+struct ExplainOptions : FitSetup {
+  double tolerance_m = 6e-4;         ///< of the mesh of surfaces; rms error
+  double coarse_tolerance_m = 2e-3;  ///< of the mesh of columns and of the search
+  double floor_factor = 1.25;        ///< f of docs/mismatch.md 5.2
+  double discrepancy_m = 3e-4;       ///< stated rms of the smooth discrepancy at full lift
+  Thresholds thresholds;
+  std::vector<std::string> ruled_out;  ///< effects that the user excludes
+  std::uint64_t seed = 1;
+  ProgressOf progress;
+};
+
+/// The believed scene refitted to recordings before anything is blamed (docs/mismatch.md 5.6).
+struct BaseFit {
+  explicit BaseFit(FitData fitted_data) : data(std::move(fitted_data)) {}
+  FitData data;  ///< with numerics and candidates among the unknowns
+  Numerics fine, coarse;
+  Which fitted, held_out;
+  SearchState found;
+  SearchLimits limits;
+  std::vector<Prediction> surfaces;         ///< of all recordings at `found`, on the fine mesh
+  std::vector<Prediction> coarse_surfaces;  ///< the same on the coarse one
+  Which failed;                             ///< recordings that cannot be simulated to their end
+  /// Unknowns whose column is that of the pinch along x_B or y_B: displaced alike in all recordings.
+  std::vector<std::pair<Eigen::Index, int>> pinch_atoms;
+};
+
+/// Looks at every recording; those that are held out are simulated at numbers that never saw them.
+/// Throws Error where nothing can be fitted.
+BaseFit fit_base(const pb::Scene& scene, std::vector<Observation> observations,
+                 const std::vector<Candidate>& candidates, const ExplainOptions& options,
+                 ReferenceForward& model);
+
+/// Evidence of every recording at `base.found`, with all candidates. `model` simulates columns on
+/// the coarse mesh; recordings one after the other, so that columns of few are held at a time.
+std::vector<Evidence> gather_evidence(const BaseFit& base, ReferenceForward& model,
+                                      const ExplainOptions& options);
+
+/// `other` as a change from `coarse`, put on top of `fine`: what a coarse mesh says of a change.
+std::vector<Prediction> changed_surfaces(const std::vector<Prediction>& fine,
+                                         const std::vector<Prediction>& coarse,
+                                         const std::vector<Prediction>& other);
+
+}  // namespace omentum

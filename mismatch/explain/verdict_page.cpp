@@ -1,0 +1,232 @@
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+
+#include "mismatch/explain/explain.h"
+#include "report/html.h"
+#include "report/plot.h"
+#include "report/replay3d.h"
+#include "report/section_parts.h"
+
+namespace omentum {
+namespace {
+
+using TableRows = std::vector<std::vector<std::string>>;
+
+std::string figure(double value) {
+  return std::isfinite(value) ? fmt::format("{:.4g}", value) : "-";
+}
+std::string mm(double metres) { return fmt::format("{:.2f}", 1e3 * metres); }
+std::string with_unit(double value, const std::string& unit) {
+  return unit == "m" ? mm(value) + " mm" : figure(value) + (unit == "1" ? "" : " " + unit);
+}
+
+std::string where_text(const pb::VerdictWhere& where) {
+  if (where.edge_interval_m_size() == 2) {
+    return fmt::format("on the clamped edge from x = {} to {} mm", mm(where.edge_interval_m(0)),
+                       mm(where.edge_interval_m(1)));
+  }
+  if (where.centre_m_size() < 2) return "";
+  std::string text = fmt::format("at x = {}, y = {} mm from the middle of the sheet",
+                                 mm(where.centre_m(0)), mm(where.centre_m(1)));
+  if (where.has_radius50_m())
+    text += fmt::format(" (half of it within {} mm)", mm(where.radius50_m()));
+  return text;
+}
+
+std::string names_of(const pb::VerdictEffect& effect) {
+  std::string names;
+  for (const pb::VerdictMember& member : effect.class_().members())
+    names += (names.empty() ? "" : " or ") + member.name();
+  return names;
+}
+
+/// Scores of an effect over its places; empty where it has none.
+std::string map_of(const pb::Verdict& verdict, const std::string& effect) {
+  PlaneMap map;
+  double most = 0;
+  for (const pb::VerdictScore& score : verdict.scores()) {
+    if (score.effect() != effect || score.place_m_size() != 2) continue;
+    map.x.push_back(1e3 * score.place_m(0));
+    map.y.push_back(1e3 * score.place_m(1));
+    map.value.push_back(std::fabs(score.z()));
+    if (map.value.back() > most) map.best = map.value.size() - 1;
+    most = std::max(most, map.value.back());
+  }
+  if (map.value.size() < 4) return "";
+  map.title = effect + ": where it would explain most";
+  map.x_label = "x_B, mm";
+  map.y_label = "y_B, mm";
+  map.scale_label = "|z|";
+  double cell = 1e9;
+  for (const double x : map.x) {
+    if (std::fabs(x - map.x.front()) > 1e-6) cell = std::min(cell, std::fabs(x - map.x.front()));
+  }
+  map.cell = cell < 1e9 ? cell : 5;
+  map.high = std::max(most, 1.0);
+  map.best_label = "best place";
+  return card(draw_plane_map(map));
+}
+
+std::string error_bars(const pb::Verdict& verdict) {
+  TableRows rows = {{"recording", "role", "before, mm rms", "after, mm rms", "noise, mm",
+                "left of what was wrong", "shell before", "shell after"}};
+  for (const pb::VerdictFit& row : verdict.fit()) {
+    rows.push_back({row.recording(), row.role(), mm(row.rmse_base()), mm(row.rmse_model()),
+                    mm(row.floor()), row.has_r() ? percent(row.r()) : "-",
+                    row.has_rmse_shell_base() ? mm(row.rmse_shell_base()) : "",
+                    row.has_rmse_shell_model() ? mm(row.rmse_shell_model()) : ""});
+  }
+  return card(make_table(rows, {2, 3, 4, 5, 6, 7}));
+}
+
+std::string limits_table(const pb::Verdict& verdict) {
+  TableRows rows = {{"effect", "unit", "would be seen from", "named from",
+                "two correct models differ by", "by", "looks most like"}};
+  for (const pb::VerdictLimit& row : verdict.detection_limits()) {
+    if (!row.testable()) {
+      rows.push_back({row.effect(), row.unit(), "never", "", "", row.why_not(), ""});
+      continue;
+    }
+    rows.push_back({row.effect(), row.unit(), figure(row.amplitude()),
+                    figure(row.amplitude_named()), figure(row.floor_amplitude()), row.floor_from(),
+                    row.look_alike()});
+  }
+  return card(make_table(rows, {2, 3, 4}));
+}
+
+std::string rivals_table(const pb::Verdict& verdict) {
+  TableRows rows = {{"effect", "gain, nats", "in the base it leaves to others", "alone it is enough"}};
+  for (const pb::VerdictRival& rival : verdict.rivals()) {
+    std::string left;
+    for (const pb::VerdictLeft& other : rival.left()) {
+      if (other.gain() < 1) continue;
+      left += fmt::format("{}{} {:.0f}", left.empty() ? "" : ", ", other.name(), other.gain());
+    }
+    rows.push_back({rival.name(), fmt::format("{:.0f}", rival.gain()),
+                    left.empty() ? "nothing" : left, rival.adequate() ? "yes" : "no"});
+  }
+  return card(make_table(rows, {1}));
+}
+
+std::string list_of(const google::protobuf::RepeatedPtrField<std::string>& lines) {
+  std::string html = "<ul>";
+  for (const std::string& line : lines) html += "<li>" + escape_html(line) + "</li>";
+  return html + "</ul>";
+}
+
+std::string viewer(const Explanation& found, const std::string& folder) {
+  std::vector<SurfaceReplay> replays;
+  for (const PredictedRecording& r : found.predictions) {
+    if (r.times.empty()) continue;
+    for (const bool after : {false, true}) {
+      SurfaceReplay replay;
+      replay.label = fmt::format("{}: {}", r.name, after ? "after" : "before");
+      replay.times = r.times;
+      replay.vertices = after ? r.model : r.base;
+      replay.clouds = r.seen;
+      replay.tips.assign(r.times.size(), Eigen::Vector3d::Zero());
+      replay.notes.assign(r.times.size(), "");
+      replays.push_back(std::move(replay));
+    }
+  }
+  return make_surface_markup(make_scene(found.scene, folder), found.triangles, replays);
+}
+
+std::string effect_table(const pb::VerdictEffect& effect) {
+  TableRows rows = {{"number", "value", "90 % from", "to"}};
+  for (const pb::VerdictParameter& p : effect.parameters()) {
+    rows.push_back({p.name(), with_unit(p.value(), p.unit()), with_unit(p.low90(), p.unit()),
+                    with_unit(p.high90(), p.unit())});
+  }
+  std::string html = make_table(rows, {1, 2, 3});
+  html += "<p>" +
+          escape_html(fmt::format("Gain {:.0f} nats. {}", effect.gain(),
+                                  effect.confirmed()
+                                      ? "Recordings that were held out confirm it."
+                                      : "Not confirmed: " + effect.why_not_confirmed() + ".")) +
+          "</p>";
+  for (const std::string& recording : effect.rests_on())
+    html += "<p>" + escape_html("It rests on " + recording + " alone.") + "</p>";
+  return card(html);
+}
+
+}  // namespace
+
+std::string verdict_sentence(const pb::Verdict& v) {
+  if (v.status() == "bad_recording")
+    return "A recording cannot be what it says: " + v.reason() + ".";
+  if (v.status() == "no_mismatch_detectable")
+    return "No mismatch is detectable: nothing that these recordings could show was left out.";
+  if (v.status() == "unexplained")
+    return "Something real is not in the catalogue: " + v.reason() + ".";
+  const pb::VerdictEffect& effect = v.effects(0);
+  std::string text = fmt::format("The simulation leaves out {}", names_of(effect));
+  const std::string where = where_text(effect.where());
+  if (!where.empty()) text += " " + where;
+  if (effect.parameters_size() > 0) {
+    const pb::VerdictParameter& p = effect.parameters(0);
+    text += fmt::format(", {} = {} ({} - {})", p.name(), with_unit(p.value(), p.unit()),
+                        with_unit(p.low90(), p.unit()), with_unit(p.high90(), p.unit()));
+  }
+  if (v.status() == "partly_explained") text += ", and that is not all: " + v.reason();
+  return text + ".";
+}
+
+std::string make_verdict_page(const Explanation& found, const std::string& folder) {
+  const pb::Verdict& v = found.verdict;
+  std::vector<Tile> tiles = {{v.status(), "status", v.reason()}};
+  double before = 0, after = 0, count = 0;
+  for (const pb::VerdictFit& row : v.fit()) {
+    if (row.role() != "held_out") continue;
+    before += row.rmse_base() * row.rmse_base();
+    after += row.rmse_model() * row.rmse_model();
+    ++count;
+  }
+  if (count > 0) {
+    tiles.push_back({mm(std::sqrt(after / count)) + " mm", "error of recordings held out",
+                     "rms; before " + mm(std::sqrt(before / count)) + " mm"});
+  }
+  std::vector<Section> sections;
+  std::string what;
+  for (const pb::VerdictEffect& effect : v.effects()) what += effect_table(effect);
+  std::string maps;
+  for (const char* effect : {"inclusion", "adhesion"}) maps += map_of(v, effect);
+  sections.push_back({"what", "What, where, how much", verdict_sentence(v), what + row(maps)});
+  sections.push_back({"fit", "Before and after",
+                      "Distance from the points to the simulated surface. What was held out was "
+                      "never fitted.",
+                      error_bars(v)});
+  sections.push_back({"surface", "Recordings and simulation",
+                      "Cloud over the simulated surface, before and after.",
+                      viewer(found, folder)});
+  if (v.rivals_size() > 0) {
+    sections.push_back(
+        {"rivals", "Rivals",
+         "What else would explain the recordings, and what each leaves to the others.",
+         rivals_table(v)});
+  }
+  sections.push_back({"limits", "What would have been seen",
+                      fmt::format("Smallest size of each effect that these recordings would show "
+                                  "({:.0f} nats).",
+                                  v.threshold()),
+                      limits_table(v)});
+  TableRows pull_rows = {{"nuisance", "standard deviations from its belief"}};
+  for (const pb::VerdictPull& pull : v.pulls())
+    pull_rows.push_back({pull.name(), fmt::format("{:.1f}", pull.pull())});
+  sections.push_back({"pulls", "Nuisances and numerics", "Above 4 is odd, above 5 a finding.",
+                      card(make_table(pull_rows, {1}))});
+  sections.push_back(
+      {"use", "Use it", "The repaired scene trains as it is.",
+       card("<pre>learner --preset omentum_elastic --set "
+            "scene_file=scene.repaired.txtpb\nmismatch calibrate --scene scene.repaired.txtpb -r "
+            "RECORDINGS -o OUT</pre>")});
+  sections.push_back({"warnings", "Warnings", "", card(list_of(v.warnings()))});
+  return make_page("What the simulation left out", verdict_sentence(v), make_tiles(tiles), sections,
+                   replay_script(),
+                   fmt::format("mismatch explain, {:.0f} core-seconds", v.core_seconds()));
+}
+
+}  // namespace omentum
