@@ -22,7 +22,7 @@ using testing::Not;
 
 pb::Config with(const std::string& set) { return load_config("omentum", std::vector{set}); }
 
-std::string refusal(const std::string& set) {
+std::string knob_refusal(const std::string& set) {
   try {
     with(set);
   } catch (const Error& error) {
@@ -34,11 +34,12 @@ std::string refusal(const std::string& set) {
 TEST(Set, GivesOneKnobItsValueAndNothingBesideIt) {
   for (const char* more : {" } ppo { hidden: 64", "\n} ppo { hidden: 64", " ppo.hidden: 64",
                            " } } ppo { hidden: 64 # "}) {
-    const std::string said = refusal(std::string("task.increment_m=0.001") + more);
+    const std::string said = knob_refusal(std::string("task.increment_m=0.001") + more);
     EXPECT_THAT(said, AllOf(HasSubstr("--set task.increment_m=0.001"), HasSubstr("more than one")));
     EXPECT_THAT(said, Not(HasSubstr("\n")));
   }
-  EXPECT_THAT(refusal("scene.target_m={ x: 0.01 } tool { roll_deg: 3 }"), HasSubstr("more than"));
+  EXPECT_THAT(knob_refusal("scene.target_m={ x: 0.01 } tool { roll_deg: 3 }"),
+              HasSubstr("more than"));
   EXPECT_EQ(with("report.task=a\" } ppo { hidden: 64\n").report().task(),
             "a\" } ppo { hidden: 64\n");
   EXPECT_EQ(with("scene.target_m={ x: 0.01 }").scene().target_m().x(), 0.01);
@@ -47,9 +48,9 @@ TEST(Set, GivesOneKnobItsValueAndNothingBesideIt) {
 TEST(Set, TakesWholeNumbersAs1e6) {
   EXPECT_EQ(with("rollout.max_steps=1e6").rollout().max_steps(), 1000000);
   EXPECT_EQ(with("rollout.max_steps=1.5E3").rollout().max_steps(), 1500);
-  EXPECT_THAT(refusal("rollout.max_steps=1.5"), HasSubstr("Expected integer, got: 1.5"));
-  EXPECT_THAT(refusal("rollout.max_steps=1e30"), HasSubstr("Expected integer"));
-  EXPECT_THAT(refusal("ppo.hidden=-1"), HasSubstr("Expected integer"));
+  EXPECT_THAT(knob_refusal("rollout.max_steps=1.5"), HasSubstr("Expected integer, got: 1.5"));
+  EXPECT_THAT(knob_refusal("rollout.max_steps=1e30"), HasSubstr("Expected integer"));
+  EXPECT_THAT(knob_refusal("ppo.hidden=-1"), HasSubstr("Expected integer"));
 }
 
 TEST(ConfigText, TakesWholeNumbersAs1e6AndKeepsItsLines) {
@@ -71,10 +72,10 @@ TEST(ConfigText, TakesWholeNumbersAs1e6AndKeepsItsLines) {
 
 TEST(EnumErrors, ListWhatIsAllowedThere) {
   const char* const rewards = "REWARD_PAPER, REWARD_DERIVED, REWARD_DERIVED_HEAD, REWARD_OMENTUM";
-  EXPECT_THAT(refusal("task.reward=REWARD_FREE"),
+  EXPECT_THAT(knob_refusal("task.reward=REWARD_FREE"),
               AllOf(HasSubstr("task.reward=REWARD_FREE"), EndsWith(rewards)));
-  EXPECT_THAT(refusal("task.reward=1.5"), EndsWith(rewards));
-  EXPECT_THAT(refusal("scene.tissue.model=SOFT"),
+  EXPECT_THAT(knob_refusal("task.reward=1.5"), EndsWith(rewards));
+  EXPECT_THAT(knob_refusal("scene.tissue.model=SOFT"),
               EndsWith("TISSUE_CLUSTER, TISSUE_ELASTIC, TISSUE_REFERENCE"));
   try {
     parse_config("mine", "task {\n  reward: NONE\n}");
@@ -133,8 +134,9 @@ TEST(Help, NamesEveryKnobVectorsAndPosesTooWithUnitAndDefault) {
 }
 
 TEST(FormatVersion, UnknownIsRefusedInEveryFileThatHasOne) {
-  EXPECT_THAT(refusal("format_version=2"), HasSubstr("format_version: 2, allowed 1"));
-  EXPECT_THAT(refusal("scene.format_version=2"), HasSubstr("scene.format_version: 2, allowed 1"));
+  EXPECT_THAT(knob_refusal("format_version=2"), HasSubstr("format_version: 2, allowed 1"));
+  EXPECT_THAT(knob_refusal("scene.format_version=2"),
+              HasSubstr("scene.format_version: 2, allowed 1"));
   const test::TempDir folder;
   for (const char* version : {"0", "99"}) {
     const std::string text = std::string("\n  format_version: ") + version;

@@ -9,7 +9,7 @@ namespace omentum {
 namespace {
 
 /// The one line with which a text is refused; empty = it was read.
-std::string refusal(const std::string& text) {
+std::string csv_refusal(const std::string& text) {
   const Result<CsvTable> read = parse_csv("f.csv", text);
   return read ? std::string() : read.error();
 }
@@ -29,13 +29,13 @@ TEST(Csv, QuotedCellsHoldCommasQuotesAndLineEnds) {
 }
 
 TEST(Csv, RefusalsNameFileLineAndCharacter) {
-  EXPECT_EQ(refusal(""), "f.csv:1: no header line");
-  EXPECT_EQ(refusal(" \n\t\n"), "f.csv:1: no header line");
-  EXPECT_EQ(refusal("a,b\n1\n"), "f.csv:2: row of 1 cells, needed 2");
-  EXPECT_EQ(refusal("a,b\n1,2\n1,2,3"), "f.csv:3: row of 3 cells, needed 2");
-  EXPECT_EQ(refusal("a,b\n1,2\"\n"), "f.csv:2:4: quote inside a cell");
-  EXPECT_EQ(refusal("a,b\n1,\"2\"3\n"), "f.csv:2:6: text behind a quote");
-  EXPECT_EQ(refusal("\"a\n"), "f.csv:1:1: quote is never closed");
+  EXPECT_EQ(csv_refusal(""), "f.csv:1: no header line");
+  EXPECT_EQ(csv_refusal(" \n\t\n"), "f.csv:1: no header line");
+  EXPECT_EQ(csv_refusal("a,b\n1\n"), "f.csv:2: row of 1 cells, needed 2");
+  EXPECT_EQ(csv_refusal("a,b\n1,2\n1,2,3"), "f.csv:3: row of 3 cells, needed 2");
+  EXPECT_EQ(csv_refusal("a,b\n1,2\"\n"), "f.csv:2:4: quote inside a cell");
+  EXPECT_EQ(csv_refusal("a,b\n1,\"2\"3\n"), "f.csv:2:6: text behind a quote");
+  EXPECT_EQ(csv_refusal("\"a\n"), "f.csv:1:1: quote is never closed");
 }
 
 TEST(Csv, ALastRowThatWasCutOffIsLeftOutAndNamed) {

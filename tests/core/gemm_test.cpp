@@ -11,7 +11,7 @@
 namespace omentum {
 namespace {
 
-std::vector<float> noise(std::size_t count, std::uint32_t stream) {
+std::vector<float> random_floats(std::size_t count, std::uint32_t stream) {
   std::vector<float> values(count);
   for (std::size_t i = 0; i < count; ++i) {
     values[i] =
@@ -50,9 +50,9 @@ using Kernel = void (*)(int, int, int, const GemmOperands&);
 void expect_exact(Kernel kernel) {
   for (const Size& s : kSizes) {
     const int leading = padded_columns(s.columns);
-    const std::vector<float> a = noise(static_cast<std::size_t>(s.rows * s.inner), 1);
-    const std::vector<float> b = noise(static_cast<std::size_t>(s.inner * leading), 2);
-    const std::vector<float> init = noise(static_cast<std::size_t>(leading), 3);
+    const std::vector<float> a = random_floats(static_cast<std::size_t>(s.rows * s.inner), 1);
+    const std::vector<float> b = random_floats(static_cast<std::size_t>(s.inner * leading), 2);
+    const std::vector<float> init = random_floats(static_cast<std::size_t>(leading), 3);
     std::vector<float> packed(b.size());
     pack_panels(b.data(), s.inner, leading, leading, packed.data());
     std::vector<float> at(a.size());  // the same matrix stored the other way round
@@ -96,7 +96,7 @@ TEST(Gemm, Avx512GivesTheSameBits) {
 
 TEST(Gemm, WritesNothingBesideItsOutputs) {
   for (const Kernel kernel : {Kernel{gemm_avx2}, Kernel{gemm}}) {
-    const std::vector<float> a = noise(3 * 4, 1), b = noise(4 * 16, 2);
+    const std::vector<float> a = random_floats(3 * 4, 1), b = random_floats(4 * 16, 2);
     std::vector<float> c(3 * 10, 7.0F);
     kernel(3, 8, 4, {a.data(), 4, 1, b.data(), 16, 64, c.data(), 10, nullptr});
     for (std::size_t i = 0; i < c.size(); ++i) EXPECT_EQ(c[i] == 7.0F, i % 10 >= 8) << i;

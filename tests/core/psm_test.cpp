@@ -7,6 +7,7 @@
 #include <fstream>
 #include <sstream>
 
+#include "core/constants.h"
 #include "core/rng.h"
 #include "core/trig.h"
 
@@ -15,8 +16,6 @@ namespace {
 
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
-
-constexpr double kPi = 3.14159265358979323846;
 
 double uniform(std::uint32_t word, double min, double max) {
   return min + (max - min) * static_cast<double>(word) * 0x1p-32;

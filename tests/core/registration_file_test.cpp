@@ -62,7 +62,7 @@ Registration example() {
   return register_from_tables(input_in(folder, touches())).value();
 }
 
-std::string refusal(const std::string& text) {
+std::string file_refusal(const std::string& text) {
   try {
     parse_registration("mine", text);
   } catch (const Error& error) {
@@ -169,28 +169,29 @@ TEST(RegistrationFile, WhatIsSavedIsLoadedToTheLastDigit) {
 
 TEST(RegistrationFile, TellsWhatIsWrongWithFileLineAndColumn) {
   const std::string text = print_registration(example());
-  EXPECT_EQ(refusal(text), "accepted");
-  EXPECT_THAT(refusal(replaced(text, "residual_rms_m", "residual_mm")),
+  EXPECT_EQ(file_refusal(text), "accepted");
+  EXPECT_THAT(file_refusal(replaced(text, "residual_rms_m", "residual_mm")),
               HasSubstr("mine:16:12: Message type \"omentum.pb.RegistrationFile\" has no field"));
-  EXPECT_THAT(refusal(replaced(text, "format_version: 1", "format_version: 2")),
+  EXPECT_THAT(file_refusal(replaced(text, "format_version: 1", "format_version: 2")),
               StartsWith("mine:1:1: format_version: 2, allowed: 1"));
-  EXPECT_THAT(refusal(replaced(text, "prograsp", "scissors")),
+  EXPECT_THAT(file_refusal(replaced(text, "prograsp", "scissors")),
               AllOf(StartsWith("mine:3:1: instrument: "), HasSubstr("cadiere")));
-  EXPECT_THAT(refusal(replaced(text, "date: \"2", "date: \"x2")), StartsWith("mine:2:1: date: "));
-  EXPECT_THAT(refusal(replaced(text, "q_wxyz: ", "q_wxyz: 2 # ")),
+  EXPECT_THAT(file_refusal(replaced(text, "date: \"2", "date: \"x2")),
+              StartsWith("mine:2:1: date: "));
+  EXPECT_THAT(file_refusal(replaced(text, "q_wxyz: ", "q_wxyz: 2 # ")),
               HasSubstr("quaternion of length"));
-  EXPECT_THAT(refusal(replaced(text, "q_wxyz: ", "p_m: 0 q_wxyz: ")), HasSubstr("4 numbers"));
-  EXPECT_THAT(refusal(replaced(text, "p_m: ", "p_m: nan # ")), HasSubstr("mine:4:1: p_m"));
-  EXPECT_THAT(refusal(""), StartsWith("mine: format_version: 0"));
+  EXPECT_THAT(file_refusal(replaced(text, "q_wxyz: ", "p_m: 0 q_wxyz: ")), HasSubstr("4 numbers"));
+  EXPECT_THAT(file_refusal(replaced(text, "p_m: ", "p_m: nan # ")), HasSubstr("mine:4:1: p_m"));
+  EXPECT_THAT(file_refusal(""), StartsWith("mine: format_version: 0"));
 }
 
 TEST(RegistrationFile, RefusesFiguresThatDoNotFollowFromItsPoints) {
   const std::string text = print_registration(example());
-  EXPECT_THAT(refusal(replaced(text, "world_m {\n    x: -0.08", "world_m {\n    x: -0.081")),
+  EXPECT_THAT(file_refusal(replaced(text, "world_m {\n    x: -0.08", "world_m {\n    x: -0.081")),
               HasSubstr("point[0].residual_m"));
-  EXPECT_THAT(refusal(replaced(text, "touch_error_m: 0.", "touch_error_m: 0.0")),
+  EXPECT_THAT(file_refusal(replaced(text, "touch_error_m: 0.", "touch_error_m: 0.0")),
               HasSubstr("touch_error_m"));
-  EXPECT_THAT(refusal(replaced(text, "residual_rms_m: 0.", "residual_rms_m: 0.0")),
+  EXPECT_THAT(file_refusal(replaced(text, "residual_rms_m: 0.", "residual_rms_m: 0.0")),
               HasSubstr("residual_rms_m"));
   Registration moved = example();
   moved.X_WR.translation().x() += 0.001;
@@ -201,7 +202,8 @@ TEST(RegistrationFile, RefusesFiguresThatDoNotFollowFromItsPoints) {
   }
   moved.residual_rms = std::sqrt(sum / 8);
   moved.touch_error = std::sqrt(sum / 6);
-  EXPECT_THAT(refusal(print_registration(moved)), HasSubstr("pose is not the fit of the points"));
+  EXPECT_THAT(file_refusal(print_registration(moved)),
+              HasSubstr("pose is not the fit of the points"));
 }
 
 }  // namespace

@@ -75,7 +75,7 @@ Result<Registration> registered(const std::vector<TouchedPoint>& points) {
   return register_points(points, pb::RegistrationRules::default_instance(), kBoxMin, kBoxMax);
 }
 
-std::string refusal(const std::vector<TouchedPoint>& points) {
+std::string points_refusal(const std::vector<TouchedPoint>& points) {
   const Result<Registration> result = registered(points);
   return result ? "accepted" : result.error();
 }
@@ -272,7 +272,7 @@ TEST(Registration, RefusesMoreThanAThirdWrongAndNamesThem) {
   auto points = touched(board(0.04), kTouchNoise, draws);
   for (const std::size_t i : {0U, 2U, 5U, 7U, 9U})
     points[i].p_RT += 0.03 * draws.normals().normalized();
-  EXPECT_THAT(refusal(points), AllOf(HasSubstr("do not fit"), HasSubstr("mm")));
+  EXPECT_THAT(points_refusal(points), AllOf(HasSubstr("do not fit"), HasSubstr("mm")));
 }
 
 TEST(Registration, RefusesSwappedPointsAndNamesThem) {
@@ -281,8 +281,9 @@ TEST(Registration, RefusesSwappedPointsAndNamesThem) {
     for (std::size_t j = i + 1; j < 12; ++j) {
       auto points = touched(board(0.04), kTouchNoise, draws);
       std::swap(points[i].p_RT, points[j].p_RT);
-      EXPECT_EQ(refusal(points), "points p" + std::to_string(i + 1) + " and p" +
-                                     std::to_string(j + 1) + " were touched in each other's place");
+      EXPECT_EQ(points_refusal(points), "points p" + std::to_string(i + 1) + " and p" +
+                                            std::to_string(j + 1) +
+                                            " were touched in each other's place");
     }
   }
 }
@@ -292,20 +293,20 @@ TEST(Registration, RefusesASwapThatNothingTellsFromTheTruth) {
   Draws draws(12);
   const auto points =
       touched({{-0.05, -0.05, 0}, {0.05, -0.05, 0}, {0.05, 0.05, 0}, {-0.05, 0.05, 0}}, 0, draws);
-  EXPECT_THAT(refusal(points), HasSubstr("could be exchanged"));
+  EXPECT_THAT(points_refusal(points), HasSubstr("could be exchanged"));
 }
 
 TEST(Registration, RefusesCollinearPointsInWAndInR) {
   Draws draws(13);
   std::vector<Vector3d> line;
   for (int k = 0; k < 12; ++k) line.emplace_back(0.012 * k - 0.07, 0.02, 0.0);
-  EXPECT_THAT(refusal(touched(line, kTouchNoise, draws)), HasSubstr("from one line in W"));
+  EXPECT_THAT(points_refusal(touched(line, kTouchNoise, draws)), HasSubstr("from one line in W"));
   line[3].y() += 0.003;  // near a line is as bad
-  EXPECT_THAT(refusal(touched(line, kTouchNoise, draws)), HasSubstr("from one line in W"));
+  EXPECT_THAT(points_refusal(touched(line, kTouchNoise, draws)), HasSubstr("from one line in W"));
   // One point touched over and over, although others were meant.
   auto points = touched(board(0.04), kTouchNoise, draws);
   for (TouchedPoint& point : points) point.p_RT = points[0].p_RT;
-  EXPECT_THAT(refusal(points), HasSubstr("from one line in R"));
+  EXPECT_THAT(points_refusal(points), HasSubstr("from one line in R"));
 }
 
 TEST(Registration, RefusesWhatIsLeftOnALineWithoutTheOutliers) {
@@ -317,18 +318,19 @@ TEST(Registration, RefusesWhatIsLeftOnALineWithoutTheOutliers) {
   auto points = touched(places, kTouchNoise, draws);
   points[8].p_RT.x() += 0.03;
   points[9].p_RT.y() -= 0.02;
-  EXPECT_NE(refusal(points), "accepted");
+  EXPECT_NE(points_refusal(points), "accepted");
 }
 
 TEST(Registration, RefusesTooFewDoubleAndInfinitePoints) {
   Draws draws(15);
   auto points = touched(board(0.04), 0, draws);
-  EXPECT_THAT(refusal({points.begin(), points.begin() + 3}), HasSubstr("3 points, allowed 4"));
+  EXPECT_THAT(points_refusal({points.begin(), points.begin() + 3}),
+              HasSubstr("3 points, allowed 4"));
   auto twice = points;
   twice[3].name = "p2";
-  EXPECT_THAT(refusal(twice), HasSubstr("two points are called p2"));
+  EXPECT_THAT(points_refusal(twice), HasSubstr("two points are called p2"));
   points[6].p_RT.y() = std::nan("");
-  EXPECT_THAT(refusal(points), HasSubstr("point p7 is not finite"));
+  EXPECT_THAT(points_refusal(points), HasSubstr("point p7 is not finite"));
 }
 
 TEST(Registration, WarnsOfFewPointsAndOfAPoorPrediction) {

@@ -14,7 +14,7 @@ namespace omentum {
 namespace {
 
 /// The one line with which a text is refused; empty = it was read.
-std::string refusal(const std::string& text) {
+std::string table_refusal(const std::string& text) {
   try {
     parse_table("tool.csv", text);
     return {};
@@ -35,17 +35,18 @@ TEST(Table, UnitsBecomeSiByTheNameOfTheColumn) {
 }
 
 TEST(Table, RefusalsNameFileLineAndColumn) {
-  EXPECT_EQ(refusal(""), "tool.csv:1: no header line");
-  EXPECT_EQ(refusal("t_s,x_m\n0,1\n1,nan\n"),
+  EXPECT_EQ(table_refusal(""), "tool.csv:1: no header line");
+  EXPECT_EQ(table_refusal("t_s,x_m\n0,1\n1,nan\n"),
             "tool.csv:3:3: \"nan\" in column x_m is no finite number");
-  EXPECT_EQ(refusal("t_s,x_m\n0,1e999\n"),
+  EXPECT_EQ(table_refusal("t_s,x_m\n0,1e999\n"),
             "tool.csv:2:3: \"1e999\" in column x_m is no finite number");
-  EXPECT_EQ(refusal("t_s,x_m\n0\n"), "tool.csv:2: row of 1 cells, needed 2");
-  EXPECT_EQ(refusal("t_s,x_m\n0,1,2\n"), "tool.csv:2: row of 3 cells, needed 2");
-  EXPECT_EQ(refusal("t_s,t_ms\n"), "tool.csv:1:5: column t_s appears twice");
-  EXPECT_THAT(refusal("t_s,x_furlong\n"),
+  EXPECT_EQ(table_refusal("t_s,x_m\n0\n"), "tool.csv:2: row of 1 cells, needed 2");
+  EXPECT_EQ(table_refusal("t_s,x_m\n0,1,2\n"), "tool.csv:2: row of 3 cells, needed 2");
+  EXPECT_EQ(table_refusal("t_s,t_ms\n"), "tool.csv:1:5: column t_s appears twice");
+  EXPECT_THAT(table_refusal("t_s,x_furlong\n"),
               testing::StartsWith("tool.csv:1:5: column \"x_furlong\""));
-  EXPECT_THAT(refusal("v_cm_per_s\n"), testing::StartsWith("tool.csv:1:1: column \"v_cm_per_s\""));
+  EXPECT_THAT(table_refusal("v_cm_per_s\n"),
+              testing::StartsWith("tool.csv:1:1: column \"v_cm_per_s\""));
 }
 
 TEST(Table, AMissingColumnIsNamed) {
@@ -73,12 +74,12 @@ TEST(Table, EveryPrefixAndEveryChangedByteIsReadOrRefused) {
   const std::string text = "t_s,x_mm\r\n0,1.5\r\n0.02,-2e-3\r\n";
   int refused = 0;
   for (std::size_t length = 0; length <= text.size(); ++length)
-    refused += refusal(text.substr(0, length)).empty() ? 0 : 1;
+    refused += table_refusal(text.substr(0, length)).empty() ? 0 : 1;
   for (std::size_t at = 0; at < text.size(); ++at) {
     for (int byte = 0; byte < 256; ++byte) {
       std::string changed = text;
       changed[at] = static_cast<char>(byte);
-      refused += refusal(changed).empty() ? 0 : 1;
+      refused += table_refusal(changed).empty() ? 0 : 1;
     }
   }
   EXPECT_GT(refused, 1000);

@@ -24,9 +24,9 @@ struct Sample {
 };
 
 /// A double with one effect, and the client that moves it.
-class Recording {
+class Recorded {
  public:
-  explicit Recording(const std::function<void(pb::ArmEffects&)>& set) {
+  explicit Recorded(const std::function<void(pb::ArmEffects&)>& set) {
     pb::ArmEffects effects;
     set(effects);
     session_ = std::make_unique<DoubleSession>(DoubleOptions{}, effects);
@@ -67,7 +67,7 @@ class Recording {
 
 // ---- what every estimator is made of -----------------------------------------------------------
 
-Vector3d tip_of(const PsmJoints& q) {
+Vector3d tip_place(const PsmJoints& q) {
   const PsmPose pose = psm_forward(q);
   return pose.p + 0.0102 * pose.R.col(2);
 }
@@ -75,12 +75,12 @@ Vector3d tip_by_joint(const PsmJoints& q, std::size_t j) {
   PsmJoints up = q, down = q;
   up[j] += 1e-5;
   down[j] -= 1e-5;
-  return (tip_of(up) - tip_of(down)) / 2e-5;
+  return (tip_place(up) - tip_place(down)) / 2e-5;
 }
 /// What a joint is beyond its encoder, if it alone moves the tip from where the encoders have it.
 double hidden(const Sample& sample, std::size_t j) {
   const Vector3d by_joint = tip_by_joint(sample.measured, j);
-  return (sample.tip - tip_of(sample.measured)).dot(by_joint) / by_joint.squaredNorm();
+  return (sample.tip - tip_place(sample.measured)).dot(by_joint) / by_joint.squaredNorm();
 }
 
 struct Cruise {
@@ -105,14 +105,14 @@ Cruise cruise_of(const std::vector<Sample>& move, std::size_t j) {
   return cruise;
 }
 /// Lag per speed, half the difference of both directions.
-double lag_time(Recording& arm, std::size_t j) {
+double lag_time(Recorded& arm, std::size_t j) {
   arm.move_to(kNear);
   const Cruise there = cruise_of(arm.move_to(kFar), j);
   const Cruise back = cruise_of(arm.move_to(kNear), j);
   return (there.lag - back.lag) / (there.speed - back.speed);
 }
 /// Half the width of the loop between encoder and joint.
-double half_loop(Recording& arm, std::size_t j) {
+double half_loop(Recorded& arm, std::size_t j) {
   arm.move_to(kNear);
   const double there = hidden(arm.move_to(kRest).back(), j);
   arm.move_to(kFar);
@@ -133,7 +133,7 @@ void expect_found(double found, double truth, const std::string& what) {
 
 TEST(EffectsAreRecovered, TransportDelay) {
   for (const double truth : {0.012, 0.0333, 0.15}) {
-    Recording arm([&](pb::ArmEffects& e) { e.set_transport_delay_s(truth); });
+    Recorded arm([&](pb::ArmEffects& e) { e.set_transport_delay_s(truth); });
     expect_found(lag_time(arm, 0), truth, "delay");
   }
 }
@@ -141,14 +141,14 @@ TEST(EffectsAreRecovered, TransportDelay) {
 TEST(EffectsAreRecovered, DroopOfEachJoint) {
   for (std::size_t j = 0; j < 6; ++j) {
     const double truth = 0.02 + 0.005 * static_cast<double>(j);
-    Recording arm([&](pb::ArmEffects& e) { (e.mutable_droop_s()->*kSet[j])(truth); });
+    Recorded arm([&](pb::ArmEffects& e) { (e.mutable_droop_s()->*kSet[j])(truth); });
     expect_found(lag_time(arm, j), truth, "droop " + std::to_string(j));
   }
 }
 
 TEST(EffectsAreRecovered, Bandwidth) {
   for (const double truth : {0.015, 0.04}) {
-    Recording arm([&](pb::ArmEffects& e) { e.set_bandwidth_s(truth); });
+    Recorded arm([&](pb::ArmEffects& e) { e.set_bandwidth_s(truth); });
     expect_found(0.5 * lag_time(arm, 2), truth, "bandwidth");
   }
 }
@@ -156,7 +156,7 @@ TEST(EffectsAreRecovered, Bandwidth) {
 TEST(EffectsAreRecovered, ViscousFrictionOfEachJoint) {
   for (std::size_t j = 0; j < 6; ++j) {
     const double truth = 0.02 * kGain[j];
-    Recording arm([&](pb::ArmEffects& e) { (e.mutable_viscous_friction()->*kSet[j])(truth); });
+    Recorded arm([&](pb::ArmEffects& e) { (e.mutable_viscous_friction()->*kSet[j])(truth); });
     expect_found(lag_time(arm, j) * kGain[j], truth, "viscous " + std::to_string(j));
   }
 }
@@ -164,7 +164,7 @@ TEST(EffectsAreRecovered, ViscousFrictionOfEachJoint) {
 TEST(EffectsAreRecovered, CoulombFrictionOfEachJoint) {
   for (std::size_t j = 0; j < 6; ++j) {
     const double truth = 0.002 * kGain[j];
-    Recording arm([&](pb::ArmEffects& e) { (e.mutable_coulomb_friction()->*kSet[j])(truth); });
+    Recorded arm([&](pb::ArmEffects& e) { (e.mutable_coulomb_friction()->*kSet[j])(truth); });
     arm.move_to(kNear);
     const double there = cruise_of(arm.move_to(kFar), j).lag;
     const double back = cruise_of(arm.move_to(kNear), j).lag;
@@ -174,7 +174,7 @@ TEST(EffectsAreRecovered, CoulombFrictionOfEachJoint) {
 
 TEST(EffectsAreRecovered, BothFrictionsTogetherByTwoSpeeds) {
   const double coulomb = 0.8, viscous = 20;
-  Recording arm([&](pb::ArmEffects& e) {
+  Recorded arm([&](pb::ArmEffects& e) {
     e.mutable_coulomb_friction()->set_insertion(coulomb);
     e.mutable_viscous_friction()->set_insertion(viscous);
   });
@@ -191,7 +191,7 @@ TEST(EffectsAreRecovered, BothFrictionsTogetherByTwoSpeeds) {
 
 TEST(EffectsAreRecovered, FrictionThatGrowsWithTheLoad) {
   const double truth = 0.3;
-  Recording arm([&](pb::ArmEffects& e) { e.set_load_friction(truth); });
+  Recorded arm([&](pb::ArmEffects& e) { e.set_load_friction(truth); });
   // Along the shaft of the middle of the way, so that the load of the insertion is known there.
   const PsmJoints low = {0, 0, 0.10, 0, 0, 0}, high = {0, 0, 0.20, 0, 0, 0};
   arm.move_to(low);
@@ -207,7 +207,7 @@ TEST(EffectsAreRecovered, FrictionThatGrowsWithTheLoad) {
 
 TEST(EffectsAreRecovered, GiveOfTheServo) {
   const double truth = 0.7;
-  Recording arm([&](pb::ArmEffects& e) { e.set_servo_compliance(truth); });
+  Recorded arm([&](pb::ArmEffects& e) { e.set_servo_compliance(truth); });
   for (const std::size_t j : {0U, 1U, 2U}) {
     arm.move_to(kRest);
     const Vector3d force = 5 * tip_by_joint(kRest, j).normalized();
@@ -220,7 +220,7 @@ TEST(EffectsAreRecovered, GiveOfTheServo) {
 
 TEST(EffectsAreRecovered, Payload) {
   const double truth = 0.15;
-  Recording arm([&](pb::ArmEffects& e) {
+  Recorded arm([&](pb::ArmEffects& e) {
     e.set_servo_compliance(1);
     e.set_payload_kg(truth);
   });
@@ -237,7 +237,7 @@ TEST(EffectsAreRecovered, Payload) {
 TEST(EffectsAreRecovered, PlayOfEachJoint) {
   for (std::size_t j = 0; j < 6; ++j) {
     const double truth = j == 2 ? 0.001 : 0.02;
-    Recording arm([&](pb::ArmEffects& e) { (e.mutable_backlash()->*kSet[j])(truth); });
+    Recorded arm([&](pb::ArmEffects& e) { (e.mutable_backlash()->*kSet[j])(truth); });
     expect_found(half_loop(arm, j), truth, "play " + std::to_string(j));
   }
 }
@@ -250,7 +250,7 @@ TEST(EffectsAreRecovered, PlayOfEachDisc) {
   for (int disc = 0; disc < 4; ++disc) {
     const double truth = 0.01;
     const auto number = static_cast<std::size_t>(disc);
-    Recording arm([&](pb::ArmEffects& e) { (e.mutable_disc_backlash()->*set[number])(truth); });
+    Recorded arm([&](pb::ArmEffects& e) { (e.mutable_disc_backlash()->*set[number])(truth); });
     arm.move_to(kNear);
     const Sample there = arm.move_to(kRest).back();
     arm.move_to(kFar);
@@ -269,7 +269,7 @@ TEST(EffectsAreRecovered, PlayOfEachDisc) {
 TEST(EffectsAreRecovered, ComplianceOfEachJoint) {
   for (std::size_t j = 0; j < 6; ++j) {
     const double truth = j == 2 ? 2e-4 : 0.01;
-    Recording arm([&](pb::ArmEffects& e) { (e.mutable_joint_compliance()->*kSet[j])(truth); });
+    Recorded arm([&](pb::ArmEffects& e) { (e.mutable_joint_compliance()->*kSet[j])(truth); });
     arm.move_to(kRest);
     const Vector3d by_joint = tip_by_joint(kRest, j);
     const Vector3d force = 2 * by_joint.normalized();
@@ -282,7 +282,7 @@ TEST(EffectsAreRecovered, ComplianceOfEachJoint) {
 TEST(EffectsAreRecovered, ComplianceOfTheTipAndItsGrowthWithDepth) {
   const Vector3d truth(0.0005, 0.001, 0.0002);
   const double growth = 8;
-  Recording arm([&](pb::ArmEffects& e) {
+  Recorded arm([&](pb::ArmEffects& e) {
     e.mutable_tip_compliance()->set_x(truth.x());
     e.mutable_tip_compliance()->set_y(truth.y());
     e.mutable_tip_compliance()->set_z(truth.z());
@@ -305,22 +305,22 @@ TEST(EffectsAreRecovered, ComplianceOfTheTipAndItsGrowthWithDepth) {
 TEST(EffectsAreRecovered, OffsetOfEachJoint) {
   for (std::size_t j = 0; j < 6; ++j) {
     const double truth = j == 2 ? 0.002 : 0.03;
-    Recording arm([&](pb::ArmEffects& e) { (e.mutable_joint_offset()->*kSet[j])(truth); });
+    Recorded arm([&](pb::ArmEffects& e) { (e.mutable_joint_offset()->*kSet[j])(truth); });
     expect_found(hidden(arm.move_to(kRest).back(), j), truth, "offset " + std::to_string(j));
   }
 }
 
 TEST(EffectsAreRecovered, LengthOfTheTool) {
   const double truth = 0.003;
-  Recording arm([&](pb::ArmEffects& e) { e.set_tool_length_offset_m(truth); });
+  Recorded arm([&](pb::ArmEffects& e) { e.set_tool_length_offset_m(truth); });
   const Sample rest = arm.move_to(kRest).back();
   const Vector3d along = psm_forward(rest.measured).R.col(2);
-  expect_found((rest.tip - tip_of(rest.measured)).dot(along), truth, "length");
+  expect_found((rest.tip - tip_place(rest.measured)).dot(along), truth, "length");
 }
 
 TEST(EffectsAreRecovered, CouplingOfTwoJoints) {
   const double truth = 0.05;
-  Recording arm([&](pb::ArmEffects& e) {
+  Recorded arm([&](pb::ArmEffects& e) {
     pb::JointCoupling& coupling = *e.add_coupling();
     coupling.set_driven(pb::JOINT_WRIST_PITCH);
     coupling.set_driving(pb::JOINT_ROLL);

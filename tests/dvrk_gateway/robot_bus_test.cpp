@@ -12,8 +12,8 @@
 namespace omentum {
 namespace {
 
-constexpr std::int64_t kMs = 1'000'000;
-constexpr std::int64_t kPeriodNs = 20 * kMs;
+constexpr std::int64_t kNsPerMs = 1'000'000;
+constexpr std::int64_t kPeriodNs = 20 * kNsPerMs;
 
 SafetySetup some_setup() {
   return make_safety_setup({}, test::paper_mount(), Eigen::Isometry3d::Identity(), true);
@@ -149,7 +149,7 @@ TEST(RobotAccount, DurationsAreThoseOfTheLastWholeSecond) {
   for (int k = 0; k < 100; ++k) {
     Period& period = periods.next();
     // The first second is slow, the second one fast; one of each is the slowest.
-    const std::int64_t latency = (k < 50 ? 8 : 1) * kMs + (k % 50 == 20 ? 3 * kMs : 0);
+    const std::int64_t latency = (k < 50 ? 8 : 1) * kNsPerMs + (k % 50 == 20 ? 3 * kNsPerMs : 0);
     period.sent_ns = period.began_ns + latency;
     period.state_ns = period.began_ns;
     period.late_ns = latency / 2;
@@ -193,7 +193,7 @@ class RobotOnBus : public testing::Test {
   std::vector<Arrival<Record>> take(BusReader<Record>& reader) {
     dds::Waitset waitset(participant_);
     waitset.attach(reader.raw());
-    EXPECT_TRUE(waitset.wait(10'000 * kMs));
+    EXPECT_TRUE(waitset.wait(10'000 * kNsPerMs));
     std::vector<Arrival<Record>> taken;
     EXPECT_TRUE(reader.take(64, [&](Arrival<Record>&& a) { taken.push_back(std::move(a)); }));
     return taken;
@@ -294,7 +294,7 @@ TEST(RobotBus, AGatewayThatLeavesIsDisposed) {
   std::vector<Arrival<RobotStatus>> arrivals;
   dds::Waitset waitset(participant);
   waitset.attach(reader.raw());
-  ASSERT_TRUE(waitset.wait(10'000 * kMs));
+  ASSERT_TRUE(waitset.wait(10'000 * kNsPerMs));
   ASSERT_TRUE(reader.take(64, [&](Arrival<RobotStatus>&& a) { arrivals.push_back(std::move(a)); }));
   ASSERT_FALSE(arrivals.empty());
   EXPECT_EQ(arrivals.back().info.state, dds::InstanceState::kDisposed);

@@ -14,7 +14,7 @@ namespace {
 using Eigen::Vector3d;
 using test::WireLine;
 
-constexpr UdpAddress kRobot{0x7f000001, 40000};
+constexpr UdpAddress kLoggedRobot{0x7f000001, 40000};
 
 /// A box that holds whatever the session does.
 SafetySetup wide_setup() {
@@ -60,7 +60,7 @@ Happened replay(const std::vector<WireLine>& lines, bool gaps, bool arms) {
       happened.sent += judged.send ? 1 : 0;
     }
     last_s = line.time_s;
-    take_datagram(robot, line.datagram, ns(line.time_s - shift_s), kRobot);
+    take_datagram(robot, line.datagram, ns(line.time_s - shift_s), kLoggedRobot);
   }
   return happened;
 }

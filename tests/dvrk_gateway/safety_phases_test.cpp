@@ -12,10 +12,10 @@ using test::dead_man_limits;
 using test::is_goal;
 using test::kPeriod;
 using test::kStart;
-using test::Script;
+using test::SafetyScript;
 using testing::HasSubstr;
 
-Eigen::Isometry3d turned_base() {
+Eigen::Isometry3d turned_robot() {
   Eigen::Isometry3d X_AR = Eigen::Isometry3d::Identity();
   X_AR.linear() = Eigen::AngleAxisd(0.8, Vector3d(1, 2, -1).normalized()).toRotationMatrix();
   X_AR.translation() = Vector3d(0.3, -0.2, 0.5);
@@ -26,7 +26,7 @@ Eigen::Isometry3d turned_base() {
 // Phases
 
 TEST(SafetyPhases, ListeningUntilSomethingIsReceived) {
-  Script script;
+  SafetyScript script;
   script.robot.state = {};
   script.reports = false;
   const Judgement judged = script.tick();
@@ -36,7 +36,7 @@ TEST(SafetyPhases, ListeningUntilSomethingIsReceived) {
 }
 
 TEST(SafetyPhases, ReadyAfterTenConsecutiveGoodPeriods) {
-  Script script;
+  SafetyScript script;
   for (int k = 0; k < 9; ++k) {
     script.tick();
     EXPECT_EQ(script.memory.phase, SafetyPhase::kWaiting) << k;
@@ -46,7 +46,7 @@ TEST(SafetyPhases, ReadyAfterTenConsecutiveGoodPeriods) {
 }
 
 TEST(SafetyPhases, OneBadPeriodCountsFromTheBeginning) {
-  Script script;
+  SafetyScript script;
   script.ticks(9);
   script.robot.state.operating_state.payload.is_busy = true;
   EXPECT_EQ(script.tick().finding.reason, StopReason::kBusy);
@@ -58,7 +58,7 @@ TEST(SafetyPhases, OneBadPeriodCountsFromTheBeginning) {
 }
 
 TEST(SafetyPhases, PeriodsWithoutANewTimestampDoNotCount) {
-  Script script;
+  SafetyScript script;
   script.tick();
   script.reports = false;
   for (int k = 0; k < 20; ++k) script.tick(1'000'000);
@@ -66,7 +66,7 @@ TEST(SafetyPhases, PeriodsWithoutANewTimestampDoNotCount) {
 }
 
 TEST(SafetyPhases, ReadyIsLostWithItsCondition) {
-  Script script;
+  SafetyScript script;
   script.ticks(12);
   script.robot.state.operating_state.payload.is_homed = false;
   EXPECT_EQ(script.tick().finding.reason, StopReason::kNotHomed);
@@ -77,14 +77,14 @@ TEST(SafetyPhases, ReadyIsLostWithItsCondition) {
 }
 
 TEST(SafetyPhases, NothingIsSentBeforeArming) {
-  Script script;
-  script.fault = [](Script& s) { s.request = {true, s.goal_of(kStart)}; };
+  SafetyScript script;
+  script.fault = [](SafetyScript& s) { s.request = {true, s.goal_of(kStart)}; };
   for (int k = 0; k < 50; ++k) EXPECT_FALSE(script.tick().send);
   EXPECT_EQ(script.memory.phase, SafetyPhase::kReady);
 }
 
 TEST(SafetyPhases, ArmedThereIsNothingToSendUntilThePolicyActs) {
-  Script script;
+  SafetyScript script;
   script.acts = false;
   script.go(0);
   for (int k = 0; k < 50; ++k) EXPECT_FALSE(script.tick().send);
@@ -92,8 +92,8 @@ TEST(SafetyPhases, ArmedThereIsNothingToSendUntilThePolicyActs) {
 }
 
 TEST(SafetyPhases, GoalsAreSentAsTheyAreAsked) {
-  for (const Eigen::Isometry3d& X_AR : {Eigen::Isometry3d::Identity(), turned_base()}) {
-    Script script({}, test::paper_mount(), X_AR);
+  for (const Eigen::Isometry3d& X_AR : {Eigen::Isometry3d::Identity(), turned_robot()}) {
+    SafetyScript script({}, test::paper_mount(), X_AR);
     script.go(0);
     for (int k = 0; k < 100; ++k) {
       if (k == 50) script.increment = Vector3d(-0.0005, 0.0005, -0.0005);
@@ -107,8 +107,8 @@ TEST(SafetyPhases, GoalsAreSentAsTheyAreAsked) {
 }
 
 TEST(SafetyPhases, JointGoalsAreJudgedLikeCartesianOnes) {
-  Script script;
-  script.fault = [](Script& s) {
+  SafetyScript script;
+  script.fault = [](SafetyScript& s) {
     if (!s.request.fresh) return;
     s.request.command.joints = joints_for_tip(s.setup.mount, s.tip).value();
     s.request.command.kind = RobotCommand::Kind::kServoJp;
@@ -119,10 +119,10 @@ TEST(SafetyPhases, JointGoalsAreJudgedLikeCartesianOnes) {
 }
 
 TEST(SafetyPhases, AnEpisodeEndsWithHoldAndTheNextOneStartsAtTheSetPoint) {
-  Script script;
+  SafetyScript script;
   script.go();
   script.acts = false;
-  script.fault = [](Script& s) { s.request = {true, RobotCommand{}}; };
+  script.fault = [](SafetyScript& s) { s.request = {true, RobotCommand{}}; };
   EXPECT_EQ(script.tick().command.kind, RobotCommand::Kind::kHold);
   script.fault = nullptr;
   int holds = 1;
@@ -139,7 +139,7 @@ TEST(SafetyPhases, AnEpisodeEndsWithHoldAndTheNextOneStartsAtTheSetPoint) {
   EXPECT_TRUE(is_goal(script.tick()));
   // Elsewhere it does not start.
   script.acts = false;
-  script.fault = [](Script& s) { s.request = {true, RobotCommand{}}; };
+  script.fault = [](SafetyScript& s) { s.request = {true, RobotCommand{}}; };
   script.tick();
   script.fault = nullptr;
   script.acts = true;
@@ -151,7 +151,7 @@ TEST(SafetyPhases, AnEpisodeEndsWithHoldAndTheNextOneStartsAtTheSetPoint) {
 // Latch
 
 TEST(SafetyLatch, AnEventBeforeReadyDoesNotArm) {
-  Script script;
+  SafetyScript script;
   script.ticks(5);
   script.press_arm();
   script.ticks(30);
@@ -159,7 +159,7 @@ TEST(SafetyLatch, AnEventBeforeReadyDoesNotArm) {
 }
 
 TEST(SafetyLatch, AnEventOfTheFutureOrLongAgoDoesNotArm) {
-  Script script;
+  SafetyScript script;
   script.ticks(12);
   script.events.arm_ns = script.now_ns + 10 * kPeriod;
   script.ticks(3);
@@ -171,12 +171,12 @@ TEST(SafetyLatch, AnEventOfTheFutureOrLongAgoDoesNotArm) {
 }
 
 TEST(SafetyLatch, DeadManModeNeedsTheKeyToArmAndToStayArmed) {
-  Script script(dead_man_limits());
+  SafetyScript script(dead_man_limits());
   script.ticks(12);
   script.press_arm();
   script.ticks(3);
   EXPECT_EQ(script.memory.phase, SafetyPhase::kReady);
-  script.fault = [](Script& s) { s.events.held_ns = s.now_ns; };
+  script.fault = [](SafetyScript& s) { s.events.held_ns = s.now_ns; };
   script.press_arm();
   script.ticks(20);
   EXPECT_EQ(script.memory.phase, SafetyPhase::kActive);
@@ -189,31 +189,31 @@ TEST(SafetyLatch, DeadManModeNeedsTheKeyToArmAndToStayArmed) {
 // Before arming
 
 TEST(SafetyObstacles, TellWhatIsMissing) {
-  Script old;
+  SafetyScript old;
   old.robot.state.old_shapes_only = true;
   EXPECT_EQ(old.tick().finding.reason, StopReason::kOldShapes);
 
-  Script stream;
-  stream.fault = [](Script& s) { s.robot.state.local_measured_cp.seen = false; };
+  SafetyScript stream;
+  stream.fault = [](SafetyScript& s) { s.robot.state.local_measured_cp.seen = false; };
   const Judgement judged = stream.tick();
   EXPECT_EQ(judged.finding.reason, StopReason::kStreamMissing);
   EXPECT_THAT(describe(judged.finding), HasSubstr("local/measured_cp"));
 
-  Script unregistered;
+  SafetyScript unregistered;
   unregistered.setup.registered = false;
   EXPECT_EQ(unregistered.tick().finding.reason, StopReason::kNoRegistration);
 
   // A tool that stands outside the box, or too near to a joint limit, is not driven in.
-  Script outside;
+  SafetyScript outside;
   outside.setup.mount.workspace_max.z() = 0.1;
   EXPECT_EQ(outside.tick().finding.reason, StopReason::kOutsideBox);
-  Script limit;
+  SafetyScript limit;
   limit.setup.joint_max[2] = 0.1;
   EXPECT_EQ(limit.tick().finding.reason, StopReason::kJointLimit);
 }
 
 TEST(SafetyObstacles, AWrongInstrumentIsNeverReady) {
-  Script script({}, test::paper_mount(find_instrument("prograsp")));
+  SafetyScript script({}, test::paper_mount(find_instrument("prograsp")));
   script.setup.mount.instrument = &large_needle_driver();
   script.ticks(30);
   EXPECT_EQ(script.tick().finding.reason, StopReason::kWrongInstrument);
@@ -221,8 +221,8 @@ TEST(SafetyObstacles, AWrongInstrumentIsNeverReady) {
 }
 
 TEST(SafetyObstacles, PayloadsOfTwoMomentsAreNotCompared) {
-  Script script;
-  script.fault = [](Script& s) {
+  SafetyScript script;
+  script.fault = [](SafetyScript& s) {
     s.robot.state.measured_js.payload.timestamp_s += 0.0007;
     s.robot.state.measured_js.payload.position[0] += 0.001;
   };

@@ -19,10 +19,10 @@ inline bool is_goal(const Judgement& judged) {
 
 /// The loop of the gateway in simulated time: an ideal robot, a policy that moves the tip in W, an
 /// operator. `fault` may change what judge() is about to be given.
-class Script {
+class SafetyScript {
  public:
-  explicit Script(const pb::SafetyLimits& limits = {}, const ToolMount& mount = paper_mount(),
-                  const Eigen::Isometry3d& X_AR = Eigen::Isometry3d::Identity())
+  explicit SafetyScript(const pb::SafetyLimits& limits = {}, const ToolMount& mount = paper_mount(),
+                        const Eigen::Isometry3d& X_AR = Eigen::Isometry3d::Identity())
       : setup(make_safety_setup(limits, mount, X_AR, true)),
         robot(*mount.instrument, X_AR, joints_for_tip(mount, kStart).value()),
         tip(kStart) {}
@@ -37,7 +37,7 @@ class Script {
   Eigen::Vector3d tip;                                        ///< goal of the policy, p_WT
   Eigen::Vector3d increment = Eigen::Vector3d(0.0003, 0, 0);  ///< of each action
   bool acts = true, reports = true;
-  std::function<void(Script&)> fault;
+  std::function<void(SafetyScript&)> fault;
 
   RobotCommand goal_of(const Eigen::Vector3d& p_WT) const {
     const Eigen::Isometry3d X_AW = setup.X_AR * setup.mount.X_WR.inverse();
@@ -96,8 +96,8 @@ inline pb::SafetyLimits dead_man_limits() {
 }
 
 /// Changes the command that the policy asks for.
-inline std::function<void(Script&)> asks(const std::function<void(RobotCommand&)>& change) {
-  return [change](Script& s) { change(s.request.command); };
+inline std::function<void(SafetyScript&)> asks(const std::function<void(RobotCommand&)>& change) {
+  return [change](SafetyScript& s) { change(s.request.command); };
 }
 
 }  // namespace omentum::test

@@ -19,27 +19,27 @@ using test::asks;
 using test::dead_man_limits;
 using test::kPeriod;
 using test::kStart;
-using test::Script;
+using test::SafetyScript;
 using testing::HasSubstr;
 using testing::Not;
 
 struct Row {
   StopReason reason;
   int within;  ///< periods
-  std::function<void(Script&)> fault;
+  std::function<void(SafetyScript&)> fault;
   pb::SafetyLimits limits = {};
 };
 
 void invalidate(RobotState& state) { state.measured_cp.payload.valid = false; }
 
 /// Goals through a point that the tip cannot reach, if nothing else were in the way.
-std::function<void(Script&)> asks_for_tip(const Vector3d& p_WT) {
-  return [p_WT](Script& s) { s.request = {true, s.goal_of(p_WT)}; };
+std::function<void(SafetyScript&)> asks_for_tip(const Vector3d& p_WT) {
+  return [p_WT](SafetyScript& s) { s.request = {true, s.goal_of(p_WT)}; };
 }
 
 /// Reported instead of the pose that goes with the goals.
-std::function<void(Script&)> stands_at(double insertion) {
-  return [insertion](Script& s) {
+std::function<void(SafetyScript&)> stands_at(double insertion) {
+  return [insertion](SafetyScript& s) {
     PsmJoints q = s.robot.joints();
     q[2] = insertion;
     s.robot.place(q);
@@ -51,67 +51,68 @@ std::vector<Row> rows() {
   const double nan = std::numeric_limits<double>::quiet_NaN();
   using State = OperatingState::State;
   std::vector<Row> rows = {
-      {StopReason::kOperatorStop, 1, [](Script& s) { s.events.stop_ns = s.now_ns; }},
-      {StopReason::kGatewayFault, 1, [](Script& s) { s.events.fault = true; }},
-      {StopReason::kClockBackward, 1, [](Script& s) { s.now_ns -= 5 * kPeriod; }},
+      {StopReason::kOperatorStop, 1, [](SafetyScript& s) { s.events.stop_ns = s.now_ns; }},
+      {StopReason::kGatewayFault, 1, [](SafetyScript& s) { s.events.fault = true; }},
+      {StopReason::kClockBackward, 1, [](SafetyScript& s) { s.now_ns -= 5 * kPeriod; }},
       {StopReason::kTickLate, 1,
-       [](Script& s) {
+       [](SafetyScript& s) {
          s.now_ns += 5 * kPeriod;
          s.robot.report(s.now_ns, s.robot_s);
        }},
-      {StopReason::kForeignSource, 1, [](Script& s) { ++s.robot.state.foreign; }},
-      {StopReason::kForeignSource, 1, [](Script& s) { s.robot.state.source.port = 7; }},
-      {StopReason::kTimestampBackward, 1, [](Script& s) { ++s.robot.state.restarts; }},
+      {StopReason::kForeignSource, 1, [](SafetyScript& s) { ++s.robot.state.foreign; }},
+      {StopReason::kForeignSource, 1, [](SafetyScript& s) { s.robot.state.source.port = 7; }},
+      {StopReason::kTimestampBackward, 1, [](SafetyScript& s) { ++s.robot.state.restarts; }},
       {StopReason::kTimestampBackward, 1,
-       [](Script& s) { s.robot.state.setpoint_cp.payload.timestamp_s = 1; }},
-      {StopReason::kStale, 3, [](Script& s) { s.reports = false; }},
-      {StopReason::kStale, 1, [](Script& s) { s.robot.state.gap_s = 0.02; }},
+       [](SafetyScript& s) { s.robot.state.setpoint_cp.payload.timestamp_s = 1; }},
+      {StopReason::kStale, 3, [](SafetyScript& s) { s.reports = false; }},
+      {StopReason::kStale, 1, [](SafetyScript& s) { s.robot.state.gap_s = 0.02; }},
       {StopReason::kStale, 3,
-       [](Script& s) { s.robot.state.measured_js.advanced_ns = 1'300'000'000; }},
+       [](SafetyScript& s) { s.robot.state.measured_js.advanced_ns = 1'300'000'000; }},
       {StopReason::kStale, 3,
-       [](Script& s) { s.robot.state.operating_state.arrival_ns = 1'300'000'000; }},
+       [](SafetyScript& s) { s.robot.state.operating_state.arrival_ns = 1'300'000'000; }},
       {StopReason::kFault, 1,
-       [](Script& s) { s.robot.state.operating_state.payload.state = State::kFault; }},
+       [](SafetyScript& s) { s.robot.state.operating_state.payload.state = State::kFault; }},
       {StopReason::kNotEnabled, 1,
-       [](Script& s) { s.robot.state.operating_state.payload.state = State::kPaused; }},
+       [](SafetyScript& s) { s.robot.state.operating_state.payload.state = State::kPaused; }},
       {StopReason::kNotEnabled, 1,
-       [](Script& s) { s.robot.state.operating_state.payload.state = State::kUnknown; }},
+       [](SafetyScript& s) { s.robot.state.operating_state.payload.state = State::kUnknown; }},
       {StopReason::kNotHomed, 1,
-       [](Script& s) { s.robot.state.operating_state.payload.is_homed = false; }},
+       [](SafetyScript& s) { s.robot.state.operating_state.payload.is_homed = false; }},
       {StopReason::kBusy, 1,
-       [](Script& s) { s.robot.state.operating_state.payload.is_busy = true; }},
-      {StopReason::kInvalid, 1, [](Script& s) { invalidate(s.robot.state); }},
+       [](SafetyScript& s) { s.robot.state.operating_state.payload.is_busy = true; }},
+      {StopReason::kInvalid, 1, [](SafetyScript& s) { invalidate(s.robot.state); }},
       {StopReason::kInvalid, 1,
-       [](Script& s) { s.robot.state.operating_state.payload.valid = false; }},
+       [](SafetyScript& s) { s.robot.state.operating_state.payload.valid = false; }},
       {StopReason::kInvalid, 1,
-       [nan](Script& s) { s.robot.state.setpoint_cp.payload.translation.y() = nan; }},
-      {StopReason::kJointCount, 1, [](Script& s) { s.robot.state.measured_js.payload.count = 7; }},
+       [nan](SafetyScript& s) { s.robot.state.setpoint_cp.payload.translation.y() = nan; }},
       {StopReason::kJointCount, 1,
-       [](Script& s) { s.robot.state.jaw_measured_js.payload.count = 0; }},
+       [](SafetyScript& s) { s.robot.state.measured_js.payload.count = 7; }},
+      {StopReason::kJointCount, 1,
+       [](SafetyScript& s) { s.robot.state.jaw_measured_js.payload.count = 0; }},
       {StopReason::kNotOrthonormal, 1,
-       [](Script& s) { s.robot.state.setpoint_cp.payload.rotation *= 1.00001; }},
+       [](SafetyScript& s) { s.robot.state.setpoint_cp.payload.rotation *= 1.00001; }},
       {StopReason::kNotOrthonormal, 1,
-       [nan](Script& s) { s.robot.state.measured_cp.payload.rotation(1, 1) = nan; }},
+       [nan](SafetyScript& s) { s.robot.state.measured_cp.payload.rotation(1, 1) = nan; }},
       {StopReason::kWrongInstrument, 1,
-       [](Script& s) { s.robot.state.local_measured_cp.payload.translation.z() -= 0.05; }},
+       [](SafetyScript& s) { s.robot.state.local_measured_cp.payload.translation.z() -= 0.05; }},
       {StopReason::kBaseFrame, 1,
-       [](Script& s) { s.robot.state.measured_cp.payload.translation.z() -= 0.0001; }},
+       [](SafetyScript& s) { s.robot.state.measured_cp.payload.translation.z() -= 0.0001; }},
       {StopReason::kInCannula, 1, stands_at(0.05)},
       {StopReason::kSetpointApart, 3,
-       [](Script& s) {
+       [](SafetyScript& s) {
          s.robot.state.setpoint_cp.payload.translation.y() -= 0.0015;
          s.robot.state.setpoint_cp.payload.timestamp_s += 1e-3;
        }},
       {StopReason::kTracking, 6,
-       [](Script& s) {
+       [](SafetyScript& s) {
          for (auto* pose : {&s.robot.state.measured_cp.payload}) pose->timestamp_s += 1e-3;
          s.robot.state.measured_cp.payload.translation.y() -= 0.006;
        }},
       {StopReason::kEffort, 6,
-       [](Script& s) { s.robot.state.measured_js.payload.effort[2] = -8.0; }},
+       [](SafetyScript& s) { s.robot.state.measured_js.payload.effort[2] = -8.0; }},
       {StopReason::kEffort, 6,
-       [](Script& s) { s.robot.state.measured_js.payload.effort[5] = 0.17; }},
-      {StopReason::kPolicyLate, 2, [](Script& s) { s.request = {}; }},
+       [](SafetyScript& s) { s.robot.state.measured_js.payload.effort[5] = 0.17; }},
+      {StopReason::kPolicyLate, 2, [](SafetyScript& s) { s.request = {}; }},
       {StopReason::kNotFinite, 1, asks([nan](RobotCommand& c) { c.translation.x() = nan; })},
       {StopReason::kNotFinite, 1, asks([nan](RobotCommand& c) { c.rotation(0, 2) = nan; })},
       {StopReason::kNotFinite, 1, asks([nan](RobotCommand& c) { c.jaw = nan; })},
@@ -121,38 +122,38 @@ std::vector<Row> rows() {
       {StopReason::kOutsideBox, 1, asks_for_tip(Vector3d(-0.0216, 0.058, 0.1195))},
       {StopReason::kJointLimit, 1, asks_for_tip(Vector3d(-0.0914, 0.11, 0.002))},
       {StopReason::kStep, 1,
-       [](Script& s) {
+       [](SafetyScript& s) {
          s.tip.y() += 0.00051;
          s.request.command = s.goal_of(s.tip);
        }},
       {StopReason::kJointStep, 1,
-       [](Script& s) {
+       [](SafetyScript& s) {
          const Eigen::AngleAxisd roll(0.08, Vector3d::UnitZ());
          s.request.command.rotation = s.request.command.rotation * roll;
        }},
       {StopReason::kTooFast, 8,
-       [](Script& s) {
+       [](SafetyScript& s) {
          s.now_ns -= kPeriod * 3 / 4;
          s.robot_s += 1e-4;
          s.robot.report(s.now_ns, s.robot_s);
        }},
   };
   // A robot that drops what it is told: the goal runs away from it.
-  Row jump{StopReason::kJump, 12, [](Script& s) {
+  Row jump{StopReason::kJump, 12, [](SafetyScript& s) {
              s.robot.place(joints_for_tip(s.setup.mount, kStart).value());
              s.robot.report(s.now_ns, s.robot_s);
            }};
   jump.limits.set_setpoint_error_periods(50);
   rows.push_back(jump);
-  rows.push_back({StopReason::kDeadManReleased, 7, [](Script&) {}, dead_man_limits()});
+  rows.push_back({StopReason::kDeadManReleased, 7, [](SafetyScript&) {}, dead_man_limits()});
   return rows;
 }
 
 TEST(SafetyStops, EachFiresOnceSendsHoldThreeTimesAndLatches) {
   for (const Row& row : rows()) {
     SCOPED_TRACE(stop_reason_name(row.reason));
-    Script script(row.limits);
-    if (row.limits.dead_man()) script.fault = [](Script& s) { s.events.held_ns = s.now_ns; };
+    SafetyScript script(row.limits);
+    if (row.limits.dead_man()) script.fault = [](SafetyScript& s) { s.events.held_ns = s.now_ns; };
     script.go();
     script.fault = row.fault;
     Judgement judged;
@@ -199,7 +200,7 @@ TEST(SafetyStops, EachFiresOnceSendsHoldThreeTimesAndLatches) {
     script.events.acknowledge_ns = script.now_ns + 1;
     script.ticks(11);
     EXPECT_EQ(script.memory.phase, SafetyPhase::kReady);
-    if (row.limits.dead_man()) script.fault = [](Script& s) { s.events.held_ns = s.now_ns; };
+    if (row.limits.dead_man()) script.fault = [](SafetyScript& s) { s.events.held_ns = s.now_ns; };
     script.tip = kStart;
     script.press_arm();
     script.ticks(3);
@@ -215,7 +216,7 @@ TEST(SafetyStops, TheWayIntoTheCannulaAndThroughTheCentreIsRefused) {
   for (const auto& [reason, p_WC] :
        {std::pair{StopReason::kCannula, Vector3d(p_WR - Vector3d(0, 0, 0.03))},
         {StopReason::kUnreachable, Vector3d(p_WR + Vector3d(0, 0, 1e-4))}}) {
-    Script script({}, mount);
+    SafetyScript script({}, mount);
     script.go();
     script.fault = asks_for_tip(mount.tip(p_WC));
     EXPECT_EQ(script.stops_within(1), reason);
@@ -227,8 +228,8 @@ TEST(SafetyStops, TheWayIntoTheCannulaAndThroughTheCentreIsRefused) {
 
 TEST(SafetyMemoryUse, JudgingAllocatesNothing) {
   for (const Row& row : rows()) {
-    Script script(row.limits);
-    if (row.limits.dead_man()) script.fault = [](Script& s) { s.events.held_ns = s.now_ns; };
+    SafetyScript script(row.limits);
+    if (row.limits.dead_man()) script.fault = [](SafetyScript& s) { s.events.held_ns = s.now_ns; };
     script.go();
     script.robot.report(script.now_ns + 1, script.robot_s + 0.01);
     const PolicyRequest request{true, script.goal_of(script.tip)};

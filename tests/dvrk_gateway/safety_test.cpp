@@ -18,14 +18,14 @@ using Eigen::Vector3d;
 using test::asks;
 using test::is_goal;
 using test::kPeriod;
-using test::Script;
+using test::SafetyScript;
 using testing::HasSubstr;
 
 // ---------------------------------------------------------------------------------------------
 // What must not stop it
 
 TEST(SafetyTolerance, OneLateActionRepeatsTheGoal) {
-  Script script;
+  SafetyScript script;
   script.go();
   for (int k = 0; k < 40; ++k) {
     script.acts = k % 2 == 0;
@@ -37,7 +37,7 @@ TEST(SafetyTolerance, OneLateActionRepeatsTheGoal) {
 
 TEST(SafetyTolerance, LostCommandsAndStatesWithinTheirLimitsDoNotStopIt) {
   // Commands are lost three in a row at full speed along every axis, states now and then.
-  Script script;
+  SafetyScript script;
   script.increment = Vector3d(0.0005, -0.0005, -0.0005);
   script.go(3);
   PsmJoints before = script.robot.joints();
@@ -51,7 +51,7 @@ TEST(SafetyTolerance, LostCommandsAndStatesWithinTheirLimitsDoNotStopIt) {
 }
 
 TEST(SafetyTolerance, JitterOfTheTickDoesNotStopIt) {
-  Script script;
+  SafetyScript script;
   script.go();
   for (int k = 0; k < 60; ++k) {
     const std::int64_t late = k % 3 == 0 ? 8'000'000 : k % 3 == 1 ? -8'000'000 : 0;
@@ -60,17 +60,17 @@ TEST(SafetyTolerance, JitterOfTheTickDoesNotStopIt) {
 }
 
 TEST(SafetyTolerance, TrackingAndEffortAreForgivenWhenTheyPassInTime) {
-  Script script;
+  SafetyScript script;
   script.go();
   for (int k = 0; k < 40; ++k) {
-    script.fault = k % 5 == 4 ? std::function<void(Script&)>() : [](Script& s) {
+    script.fault = k % 5 == 4 ? std::function<void(SafetyScript&)>() : [](SafetyScript& s) {
       s.robot.state.measured_js.payload.effort[0] = 3.3;
       s.robot.state.measured_cp.payload.timestamp_s += 1e-3;
       s.robot.state.measured_cp.payload.translation.x() += 0.006;
     };
     // The clean period is stamped like the others.
     if (!script.fault) {
-      script.fault = [](Script& s) { s.robot.state.measured_cp.payload.timestamp_s += 1e-3; };
+      script.fault = [](SafetyScript& s) { s.robot.state.measured_cp.payload.timestamp_s += 1e-3; };
     }
     ASSERT_TRUE(is_goal(script.tick()));
   }
@@ -80,7 +80,7 @@ TEST(SafetyTolerance, TrackingAndEffortAreForgivenWhenTheyPassInTime) {
 // Jaw
 
 TEST(SafetyJaw, IsClippedToItsRangeAndFollowsAtItsRate) {
-  Script script;
+  SafetyScript script;
   script.go();
   double before = 0.5;
   for (const double asked : {3.0, -2.0, 0.2}) {

@@ -75,7 +75,7 @@ Batch demonstrations(int episodes, bool continuous = false, float unit = 1) {
   return batch;
 }
 
-Batch collect(Ppo& ppo, toy::Slots<toy::Reach>& slots) {
+Batch collect_reach(Ppo& ppo, toy::Slots<toy::Reach>& slots) {
   Policy behaviour(ppo.shape(), ppo.weights());
   Batch batch = assemble(slots.collect(behaviour, 50), ppo.shape());
   complete_batch(behaviour, batch);
@@ -125,7 +125,7 @@ TEST(Cloning, ThreadsAndRepetitionNeverChangeABit) {
     Ppo ppo(config, reach_shape(), threads);
     ppo.clone(demonstrations(10));
     toy::Slots<toy::Reach> slots(1, 4, 40);
-    ppo.update(collect(ppo, slots));
+    ppo.update(collect_reach(ppo, slots));
     return hash_of(ppo);
   };
   const std::string one = weights(1);
@@ -231,14 +231,14 @@ TEST(CriticUpdates, LeaveTheActorAloneBitForBit) {
                         });
     };
     for (int update = 0; update < 2; ++update) {
-      const UpdateStats stats = ppo.update(collect(ppo, slots));
+      const UpdateStats stats = ppo.update(collect_reach(ppo, slots));
       const std::vector<float> after = ppo.weights().parameters;
       EXPECT_TRUE(actor_is_same(after)) << update;
       EXPECT_NE(after, before) << update;
       EXPECT_GT(stats.gradient_norm, 0);
       before = after;
     }
-    ppo.update(collect(ppo, slots));
+    ppo.update(collect_reach(ppo, slots));
     EXPECT_FALSE(actor_is_same(ppo.weights().parameters));
   }
 }
@@ -258,7 +258,7 @@ TEST(CriticUpdates, SavedAndLoadedContinuesBitForBit) {
         const Result<void> loaded = ppo->load(state);
         EXPECT_TRUE(loaded.has_value());
       }
-      ppo->update(collect(*ppo, slots));
+      ppo->update(collect_reach(*ppo, slots));
     }
     return hash_of(*ppo);
   };

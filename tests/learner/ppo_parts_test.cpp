@@ -313,8 +313,8 @@ struct Collected {
   PolicyWeights weights;
 };
 
-Collected collect(int slots = 3, std::uint32_t steps = 50, std::uint32_t limit = 20,
-                  int batches = 2) {
+Collected collect_walk(int slots = 3, std::uint32_t steps = 50, std::uint32_t limit = 20,
+                       int batches = 2) {
   Collected c;
   c.weights.parameters = initial_parameters(c.shape, pb::Ppo(), 1);
   Policy policy(c.shape, c.weights);
@@ -327,7 +327,7 @@ Collected collect(int slots = 3, std::uint32_t steps = 50, std::uint32_t limit =
 }
 
 TEST(Batch, OrderOfArrivalDoesNotMatter) {
-  Collected c = collect();
+  Collected c = collect_walk();
   const Batch forward = assemble(c.segments, c.shape);
   std::reverse(c.segments.begin(), c.segments.end());
   const Batch backward = assemble(c.segments, c.shape);
@@ -341,7 +341,7 @@ TEST(Batch, OrderOfArrivalDoesNotMatter) {
 }
 
 TEST(CompleteBatch, DifferenceIsExactlyZero) {
-  const Collected c = collect();
+  const Collected c = collect_walk();
   Batch batch = assemble(c.segments, c.shape);
   Policy policy(c.shape, c.weights);
   const LogProbCheck check = complete_batch(policy, batch);
@@ -351,7 +351,7 @@ TEST(CompleteBatch, DifferenceIsExactlyZero) {
 }
 
 TEST(CompleteBatch, OneFlippedBitIsFound) {
-  const Collected c = collect();
+  const Collected c = collect_walk();
   Batch batch = assemble(c.segments, c.shape);
   batch.observations[static_cast<std::size_t>(60 * 6)] += 1e-3F;  // slot 1, step 10
   Policy policy(c.shape, c.weights);

@@ -18,7 +18,7 @@ namespace {
 
 using Damage = std::pair<const char*, std::function<void(RolloutSegment&)>>;
 
-struct Collected {
+struct Checked {
   PolicyShape shape;
   std::vector<RolloutTask> tasks;
   std::vector<RolloutSegment> segments;
@@ -26,8 +26,8 @@ struct Collected {
 
 /// The second segments of three slots: 45 steps, episodes of 20 that the first segments began.
 template <typename Environment>
-Collected collect(bool continuous) {
-  Collected c;
+Checked collect_checked(bool continuous) {
+  Checked c;
   c.shape.observations = 6;
   c.shape.continuous = continuous;
   if (!continuous) c.shape.branches = {3, 3, 3, 2};
@@ -63,7 +63,8 @@ void expect_refused(const RolloutSegment& segment, const PolicyShape& shape,
 }
 
 TEST(CheckSegment, AcceptsWhatTheLoopMakes) {
-  for (const Collected& c : {collect<toy::Reach>(false), collect<toy::ContinuousReach>(true)}) {
+  for (const Checked& c :
+       {collect_checked<toy::Reach>(false), collect_checked<toy::ContinuousReach>(true)}) {
     for (std::size_t i = 0; i < c.tasks.size(); ++i) {
       const Result<void> result = check_segment(c.segments[i], c.shape, c.tasks[i]);
       EXPECT_TRUE(result) << result.error();
@@ -72,7 +73,7 @@ TEST(CheckSegment, AcceptsWhatTheLoopMakes) {
 }
 
 TEST(CheckSegment, RefusesEveryDamage) {
-  const Collected c = collect<toy::Reach>(false);
+  const Checked c = collect_checked<toy::Reach>(false);
   const std::vector<Damage> damages = {
       {"slot", [](RolloutSegment& s) { ++s.slot; }},
       {"segment", [](RolloutSegment& s) { ++s.segment; }},
@@ -137,7 +138,7 @@ TEST(CheckSegment, RefusesEveryDamage) {
 }
 
 TEST(CheckSegment, AGaussianHeadHasNumbersInPlaceOfBranches) {
-  const Collected c = collect<toy::ContinuousReach>(true);
+  const Checked c = collect_checked<toy::ContinuousReach>(true);
   expect_refused(c.segments[1], c.shape, c.tasks[1],
                  {{"none", [](RolloutSegment& s) { s.actions_continuous.clear(); }},
                   {"one less", [](RolloutSegment& s) { s.actions_continuous.pop_back(); }},
@@ -146,7 +147,7 @@ TEST(CheckSegment, AGaussianHeadHasNumbersInPlaceOfBranches) {
 }
 
 TEST(CheckSegment, AFlippedBitOfAnythingIsSeen) {
-  const Collected c = collect<toy::Reach>(false);
+  const Checked c = collect_checked<toy::Reach>(false);
   RolloutSegment segment = c.segments[1];
   segment.rewards[5] += 1;
   EXPECT_EQ(check_segment(segment, c.shape, c.tasks[1]).error(), "CRC");
@@ -157,7 +158,7 @@ TEST(CheckSegment, AFlippedBitOfAnythingIsSeen) {
 
 // The task book skips as many episodes as a failed segment says it began.
 TEST(CheckSegment, AFailedSegmentEndsEarlyAndCountsItsEpisodes) {
-  const Collected c = collect<toy::Reach>(false);
+  const Checked c = collect_checked<toy::Reach>(false);
   RolloutSegment failed = c.segments[1];
   failed.failed = 1;
   failed.steps = 18;  // one episode ended after 15

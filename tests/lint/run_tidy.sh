@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
 # clang-tidy 14 with the repository's .clang-tidy.
 # usage: tests/lint/run_tidy.sh [--all | --since COMMIT | FILE...] [--build DIR]
-# Default: sources changed since HEAD. DIR holds compile_commands.json (default build/release).
+# Default: sources changed since HEAD. DIR holds compile_commands.json (default build/release, in which sources of tests
+# have no command, since they are compiled together; build/asan has one for each).
 set -uo pipefail
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/../.." && pwd)
 cd "$root" || exit 1
@@ -14,7 +15,7 @@ while (($#)); do
       if [[ $1 == --since ]]; then since=$2; else build=$2; fi
       shift
       ;;
-    -h | --help) sed -n '2,4s/^# //p' "${BASH_SOURCE[0]}"; exit 0 ;;
+    -h | --help) sed -n '2,5s/^# //p' "${BASH_SOURCE[0]}"; exit 0 ;;
     -*) echo "run_tidy.sh: unknown option $1" >&2; exit 2 ;;
     *) files+=("$1") ;;
   esac

@@ -19,7 +19,7 @@ using test::some_learner;
 using test::some_worker;
 using testing::HasSubstr;
 
-constexpr std::int64_t kNow = 100'000'000'000;
+constexpr std::int64_t kDoctorNow = 100'000'000'000;
 
 TEST(Doctor, SmallBuffersAreWrongAndFourMebibytesAreNot) {
   const Finding small = check_receive_buffer(212'992);
@@ -62,17 +62,17 @@ TEST(Doctor, AFolderWithoutCertificatesIsWrong) {
 
 TEST(Doctor, AWorkerOfAnotherBuildIsWrong) {
   RunState state("fixture");
-  state.apply(arrived(some_learner()), kNow);
+  state.apply(arrived(some_learner()), kDoctorNow);
   RunManifest manifest;
   manifest.learner_epoch = 7;
   manifest.build_id = 0xabc;
-  state.apply(arrived(manifest), kNow);
+  state.apply(arrived(manifest), kDoctorNow);
   WorkerStatus same = some_worker(1), other = some_worker(2);
   same.build_id = 0xabc;
   other.build_id = 0xdef;
-  state.apply(arrived(same), kNow);
-  state.apply(arrived(other), kNow);
-  const auto findings = check_run(state, {}, kNow);
+  state.apply(arrived(same), kDoctorNow);
+  state.apply(arrived(other), kDoctorNow);
+  const auto findings = check_run(state, {}, kDoctorNow);
   ASSERT_EQ(findings.size(), 3u);
   EXPECT_TRUE(findings[1].ok);
   EXPECT_FALSE(findings[2].ok);

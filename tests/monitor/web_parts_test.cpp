@@ -24,24 +24,24 @@ using testing::HasSubstr;
 using testing::IsEmpty;
 using testing::Not;
 
-constexpr std::int64_t kNow = 100'000'000'000;
+constexpr std::int64_t kPageNow = 100'000'000'000;
 
 RunState busy_state() {
   RunState state("fixture");
-  state.apply(arrived(some_learner()), kNow);
+  state.apply(arrived(some_learner()), kPageNow);
   WorkerStatus worker = some_worker(3);
   worker.host = "a\"b\\c\nd<script>";
   worker.warnings = {"<b>hot</b>"};
-  state.apply(arrived(worker), kNow);
-  state.apply(arrived(some_worker(4)), kNow);
+  state.apply(arrived(worker), kPageNow);
+  state.apply(arrived(some_worker(4)), kPageNow);
   RobotStatus robot = test::some_robot();
   robot.reason_text = "<i>step</i>";
-  state.apply(arrived(robot), kNow);
+  state.apply(arrived(robot), kPageNow);
   return state;
 }
 
 TEST(Metrics, HoldTheFiguresWithEscapedLabels) {
-  const std::string text = make_metrics(busy_state(), kNow);
+  const std::string text = make_metrics(busy_state(), kPageNow);
   EXPECT_THAT(text, HasSubstr("omentum_learner_up{run=\"fixture\"} 1\n"));
   EXPECT_THAT(text, HasSubstr("omentum_learner_steps{run=\"fixture\"} 250000\n"));
   EXPECT_THAT(text, HasSubstr("omentum_ledger_granted_total{run=\"fixture\"} 110\n"));
@@ -55,7 +55,7 @@ TEST(Metrics, HoldTheFiguresWithEscapedLabels) {
 }
 
 TEST(Metrics, OfARunThatNobodyServesSayThatItIsDown) {
-  const std::string text = make_metrics(RunState("fixture"), kNow);
+  const std::string text = make_metrics(RunState("fixture"), kPageNow);
   EXPECT_THAT(text, HasSubstr("omentum_learner_up{run=\"fixture\"} 0\n"));
   EXPECT_THAT(text, Not(HasSubstr("omentum_learner_steps")));
 }
@@ -66,15 +66,15 @@ TEST(Metrics, PromtoolAcceptsThem) {
   LearnerStatus learner = some_learner();
   learner.mean_return = std::numeric_limits<double>::quiet_NaN();
   learner.entropy = -std::numeric_limits<double>::infinity();
-  state.apply(arrived(learner), kNow);
+  state.apply(arrived(learner), kPageNow);
   const test::TempDir folder;
-  std::ofstream(folder / "metrics") << make_metrics(state, kNow);
+  std::ofstream(folder / "metrics") << make_metrics(state, kPageNow);
   const std::string command = "promtool check metrics < '" + (folder / "metrics") + "'";
   EXPECT_EQ(std::system(command.c_str()), 0);
 }
 
 TEST(MonitorPage, TextOfOthersIsNoMarkup) {
-  const std::string json = make_state_json(busy_state(), {}, kNow);
+  const std::string json = make_state_json(busy_state(), {}, kPageNow);
   EXPECT_THAT(json, Not(HasSubstr("<script>")));
   EXPECT_THAT(json, Not(HasSubstr("<b>hot")));
   EXPECT_THAT(json, HasSubstr("&lt;b&gt;hot"));
@@ -116,13 +116,13 @@ SimFrame frame_of(std::uint32_t slot) {
 
 TEST(FrameDesk, AsksOnceWhileFramesComeAndAgainWhenTheyStop) {
   FrameDesk desk;
-  ASSERT_TRUE(desk.look(5, 10, kNow));
-  auto due = desk.due(kNow);
+  ASSERT_TRUE(desk.look(5, 10, kPageNow));
+  auto due = desk.due(kPageNow);
   ASSERT_EQ(due.size(), 1u);
   EXPECT_EQ(due[0].action, ControlAction::kFramesOn);
   EXPECT_EQ(due[0].slot, 5u);
   EXPECT_EQ(due[0].frames_hz, 10);
-  std::int64_t now = kNow;
+  std::int64_t now = kPageNow;
   for (int k = 0; k < 100; ++k) {
     now += 100'000'000;
     desk.put(frame_of(5), now);
@@ -137,12 +137,12 @@ TEST(FrameDesk, AsksOnceWhileFramesComeAndAgainWhenTheyStop) {
 
 TEST(FrameDesk, TurnsOffWhatNobodyLooksAt) {
   FrameDesk desk;
-  ASSERT_TRUE(desk.look(5, 10, kNow));
-  EXPECT_EQ(desk.due(kNow).size(), 1u);
-  const auto due = desk.due(kNow + FrameDesk::kIdleNs + 1);
+  ASSERT_TRUE(desk.look(5, 10, kPageNow));
+  EXPECT_EQ(desk.due(kPageNow).size(), 1u);
+  const auto due = desk.due(kPageNow + FrameDesk::kIdleNs + 1);
   ASSERT_EQ(due.size(), 1u);
   EXPECT_EQ(due[0].action, ControlAction::kFramesOff);
-  desk.put(frame_of(5), kNow);
+  desk.put(frame_of(5), kPageNow);
   EXPECT_EQ(desk.newest(5), nullptr);
   EXPECT_THAT(desk.all_off(), IsEmpty());
 }
@@ -150,10 +150,10 @@ TEST(FrameDesk, TurnsOffWhatNobodyLooksAt) {
 TEST(FrameDesk, RefusesTooManySlots) {
   FrameDesk desk;
   for (std::uint32_t slot = 0; slot < FrameDesk::kMaxSlots; ++slot)
-    EXPECT_TRUE(desk.look(slot, 10, kNow));
-  EXPECT_FALSE(desk.look(99, 10, kNow));
-  EXPECT_TRUE(desk.look(0, 20, kNow));
-  EXPECT_EQ(desk.due(kNow).size(), FrameDesk::kMaxSlots);
+    EXPECT_TRUE(desk.look(slot, 10, kPageNow));
+  EXPECT_FALSE(desk.look(99, 10, kPageNow));
+  EXPECT_TRUE(desk.look(0, 20, kPageNow));
+  EXPECT_EQ(desk.due(kPageNow).size(), FrameDesk::kMaxSlots);
   EXPECT_EQ(desk.all_off().size(), FrameDesk::kMaxSlots);
 }
 

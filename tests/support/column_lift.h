@@ -60,7 +60,7 @@ inline std::shared_ptr<const ReferenceTissueModel> make_sheet(
   c.law = pb::LAW_NEO_HOOKE;
   if (lift.board) {
     c.static_friction = c.dynamic_friction = 0.3;
-    c.bodies = {make_board(0, {0, 0, -0.0015})};
+    c.bodies = {make_slope(0, {0, 0, -0.0015})};
   }
   if (lift.obstacle) c.bodies.push_back(*lift.obstacle);
   if (change.of_case) change.of_case(c);

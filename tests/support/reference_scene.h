@@ -110,7 +110,7 @@ inline Eigen::Isometry3d turned(double degrees, const Vector3d& axis) {
 }
 
 /// Half-space below the plane through `at`, tilted about x_W.
-inline RigidShape make_board(double degrees, const Vector3d& at = Vector3d::Zero()) {
+inline RigidShape make_slope(double degrees, const Vector3d& at = Vector3d::Zero()) {
   RigidShape board;
   board.kind = RigidShape::Kind::kHalfSpace;
   board.role = pb::ROLE_BOARD;

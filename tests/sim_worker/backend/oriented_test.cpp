@@ -19,7 +19,7 @@ namespace {
 using Eigen::Vector3d;
 using Strings = std::vector<std::string>;
 
-constexpr std::uint8_t kStay = 1;
+constexpr std::uint8_t kKeep = 1;
 
 std::shared_ptr<const SimSetup> oriented(const Strings& sets = {}) {
   return make_sim_setup(load_config("omentum_oriented", sets));
@@ -51,7 +51,7 @@ TEST(OrientedTool, TurnsInStepsUpToItsLimitAndStandsAsTheArmCan) {
   start.start_set = StartSet::kGrid;
   backend.reset(0, start);
   std::vector<StepOutcome> outcomes(1);
-  const Action roll{{kStay, kStay, kStay, 0, 2, kStay, kStay}, {}};
+  const Action roll{{kKeep, kKeep, kKeep, 0, 2, kKeep, kKeep}, {}};
   for (const double expected : {2.0, 4.0, 6.0, 7.0, 7.0}) {
     backend.step(std::span(&roll, 1), outcomes);
     EXPECT_NEAR(backend.task_state(0).angles[0] / kDegree, expected, 1e-9);
@@ -79,11 +79,11 @@ TEST(OrientedTool, TurnsWhatItHolds) {
     return list;
   };
   std::vector<StepOutcome> outcomes(1);
-  const Action lift{{kStay, kStay, 2, 1, kStay, kStay, kStay}, {}};
+  const Action lift{{kKeep, kKeep, 2, 1, kKeep, kKeep, kKeep}, {}};
   for (int i = 0; i < 20; ++i) backend.step(std::span(&lift, 1), outcomes);
   const std::vector<Vector3d> before = offsets();
   const Eigen::Matrix3d R_before = rotation_of(backend.task_state(0).angles);
-  const Action turn{{kStay, kStay, kStay, 1, 2, 0, kStay}, {}};
+  const Action turn{{kKeep, kKeep, kKeep, 1, 2, 0, kKeep}, {}};
   for (int i = 0; i < 5; ++i) backend.step(std::span(&turn, 1), outcomes);
   const Eigen::Matrix3d R = rotation_of(backend.task_state(0).angles) * R_before.transpose();
   EXPECT_GT(std::acos(0.5 * (R.trace() - 1)) / kDegree, 5);
@@ -124,12 +124,12 @@ TEST(OrientedTool, PushesWithItsShaft) {
   std::vector<StepOutcome> outcomes(2);
   std::vector<Action> actions(2);
   for (int i = 0; i < 76; ++i) {  // down beside the sheet
-    for (Action& a : actions) a = {{kStay, kStay, 0, 0, kStay, kStay, kStay}, {}};
+    for (Action& a : actions) a = {{kKeep, kKeep, 0, 0, kKeep, kKeep, kKeep}, {}};
     backend.step(actions, outcomes);
   }
   for (int i = 0; i < 35; ++i) {  // one of them lies down
-    actions[1] = {{kStay, kStay, kStay, 0, 2, kStay, kStay}, {}};
-    actions[0] = {{kStay, kStay, kStay, 0, kStay, kStay, kStay}, {}};
+    actions[1] = {{kKeep, kKeep, kKeep, 0, 2, kKeep, kKeep}, {}};
+    actions[0] = {{kKeep, kKeep, kKeep, 0, kKeep, kKeep, kKeep}, {}};
     backend.step(actions, outcomes);
   }
   EXPECT_GT(backend.task_state(1).angles[0] / kDegree, 30);
@@ -141,7 +141,7 @@ TEST(OrientedTool, StatesCarryTheAnglesAndRefuseOthers) {
   const auto setup = oriented();
   SimBackend backend(setup, 1);
   std::vector<StepOutcome> outcomes(1);
-  const Action roll{{kStay, kStay, kStay, 0, 2, 0, kStay}, {}};
+  const Action roll{{kKeep, kKeep, kKeep, 0, 2, 0, kKeep}, {}};
   for (int i = 0; i < 3; ++i) backend.step(std::span(&roll, 1), outcomes);
   const TaskState before = backend.task_state(0);
   Bytes state = backend.save(0);

@@ -15,8 +15,8 @@ namespace {
 
 using Eigen::Vector3d;
 
-std::shared_ptr<const SimSetup> setup_of(const std::string& preset,
-                                         const std::vector<std::string>& overrides = {}) {
+std::shared_ptr<const SimSetup> drawn_setup(const std::string& preset,
+                                            const std::vector<std::string>& overrides = {}) {
   return make_sim_setup(load_config(preset, overrides), deploy_dir() + "/scenes");
 }
 
@@ -32,7 +32,7 @@ EpisodeStart training_start(std::uint32_t slot, std::uint64_t episode) {
   return start;
 }
 
-EpisodeStart grid_start(StartSet set, std::uint32_t index) {
+EpisodeStart drawn_start(StartSet set, std::uint32_t index) {
   EpisodeStart start;
   start.run_seed = 9;
   start.start_set = set;
@@ -54,13 +54,13 @@ void move_about(SimBackend& backend) {
   for (int i = 0; i < 4; ++i) step_all(backend, {1, 0, 2, 1});
 }
 
-Vector3d tip(const SimBackend& backend, int lane = 0) {
+Vector3d tip_at(const SimBackend& backend, int lane = 0) {
   const EpisodeFacts f = backend.clock(lane);
   return {f.tool_position[0], f.tool_position[1], f.tool_position[2]};
 }
 
 TEST(Randomise, DrawsAreReproducibleAndWithinRange) {
-  const auto setup = setup_of(
+  const auto setup = drawn_setup(
       "omentum", {"randomise={ parameter: \"tissue.offset_x_m\" min: -0.002 max: 0.002 }",
                   "randomise={ parameter: \"tissue.stiffness_scale\" min: 0.5 max: 1.5 }"});
   SimBackend a(setup, 1, 1);
@@ -83,12 +83,12 @@ TEST(Randomise, DrawsAreReproducibleAndWithinRange) {
   EXPECT_GE(low, -0.00201);
   EXPECT_LE(high, 0.00201);
   EXPECT_GT(high - low, 0.003);
-  EXPECT_THROW(setup_of("omentum", {"randomise={ parameter: \"tissue.colour\" min: 0 max: 1 }"}),
+  EXPECT_THROW(drawn_setup("omentum", {"randomise={ parameter: \"tissue.colour\" min: 0 max: 1 }"}),
                Error);
 }
 
 TEST(Randomise, EffectsAreDrawnPerSlotAndEpisodeReproducibly) {
-  const auto setup = setup_of(
+  const auto setup = drawn_setup(
       "omentum", {"scene.tissue.model=TISSUE_ELASTIC", "scene.tool.contact=false",
                   "randomise={ parameter: \"tissue.effects.gravity_tilt_x_deg\" min: -3 max: 3 }",
                   "randomise={ parameter: \"tissue.effects.strain_stiffening\" min: 0 max: 0.5 }"});
@@ -113,8 +113,8 @@ TEST(Randomise, EffectsAreDrawnPerSlotAndEpisodeReproducibly) {
 
 TEST(Randomise, ThicknessAndAdhesionAreDrawnPerSlotAndEpisodeAndKeptInTheState) {
   const auto setup =
-      setup_of("omentum", {drawn("tissue.thickness_scale", 0.5, 1.4),
-                           drawn("tissue.effects.adhesion.stiffness_pa_per_m", 1e4, 1e5)});
+      drawn_setup("omentum", {drawn("tissue.thickness_scale", 0.5, 1.4),
+                              drawn("tissue.effects.adhesion.stiffness_pa_per_m", 1e4, 1e5)});
   SimBackend a(setup, 1, 1);
   SimBackend b(setup, 8, 8);
   std::vector<double> thicknesses;
@@ -141,7 +141,7 @@ const std::vector<std::string> kDrawnArm = {drawn("arm.transport_delay_s", 0.02,
                                             drawn("arm.droop_s", 0, 0.045)};
 
 TEST(Randomise, TheArmIsDrawnPerSlotAndEpisodeReproducibly) {
-  const auto setup = setup_of("omentum", kDrawnArm);
+  const auto setup = drawn_setup("omentum", kDrawnArm);
   SimBackend a(setup, 1, 1);
   SimBackend b(setup, 8, 8);
   std::vector<std::uint64_t> hashes;
@@ -152,7 +152,7 @@ TEST(Randomise, TheArmIsDrawnPerSlotAndEpisodeReproducibly) {
     move_about(a);
     move_about(b);
     ASSERT_EQ(fnv1a64(a.save(0)), fnv1a64(b.save(5))) << episode;
-    EXPECT_NE(tip(b, 5), tip(b, 2)) << episode;
+    EXPECT_NE(tip_at(b, 5), tip_at(b, 2)) << episode;
     hashes.push_back(fnv1a64(a.save(0)));
   }
   EXPECT_NE(hashes[0], hashes[1]);
@@ -160,13 +160,14 @@ TEST(Randomise, TheArmIsDrawnPerSlotAndEpisodeReproducibly) {
 }
 
 TEST(Randomise, AnArmDrawnFromOneValueIsThatArmOfTheScene) {
-  SimBackend stated(setup_of("omentum", {"scene.arm.transport_delay_s=0.05",
-                                         "scene.arm.tip_backlash={ x: 0.0004 y: 0.0004 z: 0.0004 }",
-                                         "scene.arm.joint_offset.pitch=0.004"}),
-                    1, 1);
-  SimBackend one_value(setup_of("omentum", {drawn("arm.transport_delay_s", 0.05, 0.05),
-                                            drawn("arm.tip_backlash", 0.0004, 0.0004),
-                                            drawn("arm.joint_offset.pitch", 0.004, 0.004)}),
+  SimBackend stated(
+      drawn_setup("omentum", {"scene.arm.transport_delay_s=0.05",
+                              "scene.arm.tip_backlash={ x: 0.0004 y: 0.0004 z: 0.0004 }",
+                              "scene.arm.joint_offset.pitch=0.004"}),
+      1, 1);
+  SimBackend one_value(drawn_setup("omentum", {drawn("arm.transport_delay_s", 0.05, 0.05),
+                                               drawn("arm.tip_backlash", 0.0004, 0.0004),
+                                               drawn("arm.joint_offset.pitch", 0.004, 0.004)}),
                        1, 1);
   for (SimBackend* backend : {&stated, &one_value}) {
     backend->reset(0, training_start(1, 2));
@@ -176,7 +177,7 @@ TEST(Randomise, AnArmDrawnFromOneValueIsThatArmOfTheScene) {
 }
 
 TEST(Randomise, ALoadedStateGoesOnWithTheArmThatItWasDrawnWith) {
-  const auto setup = setup_of("omentum", kDrawnArm);
+  const auto setup = drawn_setup("omentum", kDrawnArm);
   SimBackend first(setup, 1, 1);
   SimBackend second(setup, 1, 1);
   first.reset(0, training_start(3, 7));
@@ -199,7 +200,7 @@ TEST(Randomise, TheEvaluationDrawsWhatTrainingNeverDid) {
   };
   std::vector<double> evaluated;
   for (std::uint32_t index = 0; index < 100; ++index) {
-    const EpisodeStart start = grid_start(StartSet::kGridDrawn, index);
+    const EpisodeStart start = drawn_start(StartSet::kGridDrawn, index);
     evaluated.push_back(stiffness(start));
     EXPECT_EQ(stiffness(start), evaluated.back());
     EXPECT_NE(stiffness(training_start(index, 0)), evaluated.back());
@@ -208,7 +209,7 @@ TEST(Randomise, TheEvaluationDrawsWhatTrainingNeverDid) {
   EXPECT_LT(evaluated.front(), 0.55);
   EXPECT_GT(evaluated.back(), 1.45);
   EXPECT_EQ(std::ranges::adjacent_find(evaluated), evaluated.end());
-  EXPECT_FALSE(draw_key(grid_start(StartSet::kGrid, 3), 100).has_value());
+  EXPECT_FALSE(draw_key(drawn_start(StartSet::kGrid, 3), 100).has_value());
 }
 
 TEST(Randomise, AParameterDrawnAloneHasTheValueThatItHasAmongAll) {
@@ -217,7 +218,7 @@ TEST(Randomise, AParameterDrawnAloneHasTheValueThatItHasAmongAll) {
   const auto config = load_config("omentum", knobs);
   const auto setup = make_sim_setup(config, deploy_dir() + "/scenes");
   const auto draw = [&](std::uint32_t index) {
-    const auto key = draw_key(grid_start(StartSet::kGridDrawn, index), 100);
+    const auto key = draw_key(drawn_start(StartSet::kGridDrawn, index), 100);
     return draw_randomised(config, setup->scene, key.value()).parameters;
   };
   const LaneParameters all = draw(37), stiffness = draw(137), gravity = draw(237);
@@ -230,13 +231,13 @@ TEST(Randomise, AParameterDrawnAloneHasTheValueThatItHasAmongAll) {
 }
 
 TEST(Randomise, DrawnStartsAreThoseOfTheGrid) {
-  const auto setup = setup_of("omentum", {drawn("tissue.offset_x_m", 0.001, 0.002)});
+  const auto setup = drawn_setup("omentum", {drawn("tissue.offset_x_m", 0.001, 0.002)});
   SimBackend plain(setup, 1, 1);
   SimBackend other(setup, 1, 1);
   for (const std::uint32_t index : {0U, 37U, 99U}) {
-    plain.reset(0, grid_start(StartSet::kGrid, index));
-    other.reset(0, grid_start(StartSet::kGridDrawn, index + 100 * (index % 2)));
-    EXPECT_EQ(tip(plain), tip(other));
+    plain.reset(0, drawn_start(StartSet::kGrid, index));
+    other.reset(0, drawn_start(StartSet::kGridDrawn, index + 100 * (index % 2)));
+    EXPECT_EQ(tip_at(plain), tip_at(other));
     EXPECT_GE((other.tissue_of(0).position(0, 5) - plain.tissue_of(0).position(0, 5)).x(), 0.00099);
   }
 }
@@ -244,7 +245,7 @@ TEST(Randomise, DrawnStartsAreThoseOfTheGrid) {
 TEST(BadInput, AnArmThatCannotBeDrawnIsRefusedInOneLine) {
   const auto message = [](const std::string& parameter, double min, double max) -> std::string {
     try {
-      setup_of("omentum", {drawn(parameter, min, max)});
+      drawn_setup("omentum", {drawn(parameter, min, max)});
     } catch (const Error& error) {
       return error.what();
     }
@@ -266,7 +267,7 @@ TEST(BadInput, AThicknessOrAdhesionThatCannotBeDrawnIsRefusedInOneLine) {
   const auto message = [](const std::string& preset, const std::string& parameter, double min,
                           double max) -> std::string {
     try {
-      setup_of(preset, {drawn(parameter, min, max)});
+      drawn_setup(preset, {drawn(parameter, min, max)});
     } catch (const Error& error) {
       return error.what();
     }

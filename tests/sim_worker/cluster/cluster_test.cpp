@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <numbers>
 
 #include "core/rng.h"
 #include "support/cluster_scene.h"
@@ -16,11 +17,10 @@ using test::make_sheet_model;
 using test::run_free;
 using test::SheetCase;
 
-constexpr double kPi = 3.14159265358979323846;
-
 Eigen::Isometry3d sloped(double degrees) {
   Eigen::Isometry3d X = Eigen::Isometry3d::Identity();
-  X.linear() = Eigen::AngleAxisd(-degrees * kPi / 180, Vector3d::UnitX()).toRotationMatrix();
+  X.linear() =
+      Eigen::AngleAxisd(-degrees * std::numbers::pi / 180, Vector3d::UnitX()).toRotationMatrix();
   return X;
 }
 
@@ -339,7 +339,7 @@ TEST(Cluster, AdhesionHoldsUpToHalfItsReach) {
       run_free(tissue, 0.3);
       const double start = mean_height(tissue);
       parameters.effects = tissue.model().effects;
-      parameters.effects->tilt_x = kPi;  // the board turned over
+      parameters.effects->tilt_x = std::numbers::pi;  // the board turned over
       tissue.set_parameters(0, parameters);
       run_free(tissue, 1.5);
       const double fall = mean_height(tissue) - start;

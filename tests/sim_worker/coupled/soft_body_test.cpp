@@ -27,7 +27,7 @@ using test::over_dome;
 constexpr double kGravity = 9.81;
 
 template <typename Real>
-void run(CoupledTissue<Real>& tissue, double seconds) {
+void run_for(CoupledTissue<Real>& tissue, double seconds) {
   const ToolMotion away{Vector3d(0, 0, 1), Vector3d(0, 0, 1)};
   const std::vector<ToolMotion> motion(static_cast<std::size_t>(tissue.lanes()), away);
   for (int k = 0; k < std::lround(seconds / 0.02); ++k) tissue.step(motion);
@@ -70,7 +70,7 @@ TEST(SoftBody, AtRestTheWeightOfTheSheetGoesThroughTheBodyIntoItsAnchor) {
     c.young = young;
     c.edge_length = 0.02;
     CoupledTissue<float> tissue(make_coupled(c), f32x1());
-    run(tissue, 2);
+    run_for(tissue, 2);
     const Sums sums = sums_of(tissue);
     EXPECT_NEAR(sums.force.z() / sums.sheet_weight, 1, 0.01) << young;
     EXPECT_LT(sums.force.head<2>().norm() / sums.sheet_weight, 0.01) << young;
@@ -99,9 +99,9 @@ TEST(SoftBody, ASheetPressesItDownAndItSpringsBack) {
   };
   CoupledTissue<double> bare(model, f64x1());
   bare.reset(0, Vector3d(0, 0, 5));  // the sheet is far above
-  run(bare, 0.8);
+  run_for(bare, 0.8);
   CoupledTissue<double> pressed(model, f64x1());
-  run(pressed, 2);
+  run_for(pressed, 2);
   const double down = top(bare) - top(pressed);
   // Column of 20 mm under 10 mm of the sheet's density: p L / M with the modulus of confined
   // compression M from above, E from below.
@@ -112,7 +112,7 @@ TEST(SoftBody, ASheetPressesItDownAndItSpringsBack) {
   EXPECT_LT(down, pressure * 0.02 / 1e3);
   for (int i = 0; i < pressed.sheet().particles(); ++i)
     pressed.sheet().set_position(0, i, pressed.sheet().position(0, i) + Vector3d(0, 0, 5));
-  run(pressed, 0.8);
+  run_for(pressed, 0.8);
   EXPECT_NEAR(top(pressed), top(bare), 0.02 * down);
 }
 
@@ -129,7 +129,7 @@ TEST(SoftBody, ACollisionKeepsTheMomentum) {
       tissue.sheet().set_velocity(0, i, Vector3d(0.05, 0, -0.2));
     const Vector3d before = sums_of(tissue).momentum;
     for (int step = 0; step < 15; ++step) {
-      run(tissue, 0.02);
+      run_for(tissue, 0.02);
       EXPECT_LT((sums_of(tissue).momentum - before).norm(), 1e-4 * before.norm())
           << young << " step " << step;
     }
@@ -143,7 +143,7 @@ TEST(SoftBody, ASheetThatBeginsInsideIsPushedOut) {
   c.sheet.gravity = 0;  // nothing but the contact moves it
   c.sheet.X_WB.translation().z() = 0.01 - 0.003;
   CoupledTissue<double> tissue(make_coupled(c), f64x1());
-  run(tissue, 1);
+  run_for(tissue, 1);
   for (int i = 0; i < tissue.sheet().particles(); ++i)
     EXPECT_GT(tissue.sheet().position(0, i).z(), 0.01) << i;
 }
@@ -258,7 +258,7 @@ TEST(SoftBody, AVeryStiffBodyIsTheRigidShapeOfTheSameMesh) {
   // From the rest on the rigid shape: what differs then is the contact, not the way there.
   for (int i = 0; i < other.particles(); ++i)
     tissue.sheet().set_position(0, i, other.position(0, i));
-  run(tissue, 1);
+  run_for(tissue, 1);
   EXPECT_GT(sums_of(tissue).contacts, 50);
   EXPECT_LT(test::rms_distance(tissue.sheet(), 0, other, 0), 0.05e-3);
 }
@@ -271,7 +271,7 @@ TEST(SoftBody, WhatIsSymmetricStaysSymmetric) {
   c.young = 3e3;
   c.edge_length = 0.01;
   CoupledTissue<double> tissue(make_coupled(c), f64x1());
-  run(tissue, 1);
+  run_for(tissue, 1);
   Vector3d middle = Vector3d::Zero();
   for (int i = 0; i < tissue.sheet().particles(); ++i) middle += tissue.sheet().position(0, i);
   middle /= tissue.sheet().particles();
@@ -310,7 +310,7 @@ TEST(SoftBody, WithoutDampingTheEnergyNeverGrows) {
   const double scale = sums_of(tissue).sheet_weight * 0.09 / 2;  // m g L / 2
   double least = energy_of(tissue);
   for (int k = 0; k < 100; ++k) {
-    run(tissue, 0.02);
+    run_for(tissue, 0.02);
     const double energy = energy_of(tissue);
     EXPECT_LT(energy - least, 0.01 * scale) << k;
     least = std::min(least, energy);
@@ -360,7 +360,7 @@ TEST(SoftBody, ALaneOfABatchEqualsARunAloneBitForBit) {
 TEST(SoftBody, ASavedStateContinuesBitForBitAndABrokenOneChangesNothing) {
   const auto model = make_coupled(over_dome());
   CoupledTissue<float> a(model, f32x1());
-  run(a, 0.4);
+  run_for(a, 0.4);
   ASSERT_GT(sums_of(a).contacts, 20);
   Bytes state;
   a.save(0, state);
@@ -368,8 +368,8 @@ TEST(SoftBody, ASavedStateContinuesBitForBitAndABrokenOneChangesNothing) {
   const auto loaded = b.load(0, state);
   ASSERT_TRUE(loaded.has_value());
   EXPECT_EQ(loaded.value(), state.size());
-  run(a, 0.2);
-  run(b, 0.2);
+  run_for(a, 0.2);
+  run_for(b, 0.2);
   EXPECT_EQ(a.hash(0), b.hash(0));
   const std::uint64_t before = b.hash(0);
   EXPECT_FALSE(b.load(0, std::span(state).first(state.size() - 1)));

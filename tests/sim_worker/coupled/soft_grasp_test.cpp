@@ -23,7 +23,7 @@ constexpr double kPatch = 0.005;             // radius of the grasp
 const Vector3d kTop(0.004, 0.006, -0.0055);  // in the lying sheet, 1.5 mm above the dome
 
 /// A sheet with one anchored edge over a dome.
-CoupledCase over_dome() {
+CoupledCase held_over_dome() {
   CoupledCase c = test::over_dome();
   c.edge_length = 0.014;
   return c;
@@ -93,7 +93,7 @@ TEST(SoftGrasp, TheDistanceToABodyIsThatToItsSurfaceAsItIs) {
 
 // The sheet is far away: no rounding between the two.
 TEST(SoftGrasp, PullingABodyBesideASheetIsPullingItAlone) {
-  const CoupledCase c = over_dome();
+  const CoupledCase c = held_over_dome();
   CoupledTissue<float> both(make_coupled(c), f32x1());
   SolidTissue<float> alone(make_soft_body_model(test::make_coupled_scene(c), 0.02), f32x1());
   both.reset(0, Vector3d(0, 0, 5));
@@ -111,7 +111,7 @@ TEST(SoftGrasp, PullingABodyBesideASheetIsPullingItAlone) {
 
 // What the tool bears is what is missing from clamp and anchor.
 TEST(SoftGrasp, TheForceOnTheToolIsTheChangeOfTheLoadsOfClampAndAnchor) {
-  CoupledTissue<double> tissue(make_coupled(over_dome()), f64x1());
+  CoupledTissue<double> tissue(make_coupled(held_over_dome()), f64x1());
   const Vector3d away(0, 0, 1);
   move_tool(tissue, away, away, 100);
   const Vector3d before = clamp_force(tissue) + tissue.solid().anchor_force(0);
@@ -133,7 +133,7 @@ TEST(SoftGrasp, TheForceOnTheToolIsTheChangeOfTheLoadsOfClampAndAnchor) {
 }
 
 TEST(SoftGrasp, WhatIsHeldGoesWithTheJawsAndTheRestFollows) {
-  CoupledTissue<double> tissue(make_coupled(over_dome()), f64x1());
+  CoupledTissue<double> tissue(make_coupled(held_over_dome()), f64x1());
   const Vector3d away(0, 0, 1);
   move_tool(tissue, away, away, 50);
   EXPECT_LT(tissue.distance_to_body(0, kTop), 0.002);
@@ -171,7 +171,7 @@ TEST(SoftGrasp, WhatIsHeldGoesWithTheJawsAndTheRestFollows) {
 }
 
 TEST(SoftGrasp, ReleaseGivesBackTheFreeMotion) {
-  const auto model = make_coupled(over_dome());
+  const auto model = make_coupled(held_over_dome());
   const Vector3d away(0, 0, 1);
   // Without a step in between nothing has happened.
   CoupledTissue<float> held(model, f32x1());
@@ -200,7 +200,7 @@ TEST(SoftGrasp, ReleaseGivesBackTheFreeMotion) {
 // The jaws slip on the load of both, whichever they hold, and lose both at once.
 TEST(SoftGrasp, SheetAndBodySlipAsOne) {
   constexpr double kLimit = 0.05;
-  CoupledTissue<float> tissue(make_coupled(over_dome()), f32x8());
+  CoupledTissue<float> tissue(make_coupled(held_over_dome()), f32x8());
   // Lanes: both, the body alone; then the same where tissue is lost after 1 mm.
   for (int lane = 0; lane < 4; ++lane) {
     LaneParameters parameters;
@@ -237,8 +237,8 @@ TEST(SoftGrasp, SheetAndBodySlipAsOne) {
 }
 
 /// Every lane takes something else at another time, and lets go of it.
-void play(CoupledTissue<float>& tissue, int lane, int role, int step,
-          std::vector<ToolMotion>& motion) {
+void play_role(CoupledTissue<float>& tissue, int lane, int role, int step,
+               std::vector<ToolMotion>& motion) {
   const Vector3d tip = kTop + Vector3d(0.001 * role, 0, 0.0005 * step);
   if (step == 4 + role % 3) {
     if (role % 3 != 1) tissue.hold(lane, tip, kPatch, false);
@@ -249,7 +249,7 @@ void play(CoupledTissue<float>& tissue, int lane, int role, int step,
 }
 
 TEST(SoftGrasp, ALaneOfABatchEqualsARunAloneBitForBit) {
-  const auto model = make_coupled(over_dome());
+  const auto model = make_coupled(held_over_dome());
   constexpr int kRoles = 6;
   std::vector<std::uint64_t> alone;
   for (int role = 0; role < kRoles; ++role) {
@@ -257,7 +257,7 @@ TEST(SoftGrasp, ALaneOfABatchEqualsARunAloneBitForBit) {
     std::vector<ToolMotion> motion(1);
     std::size_t most = 0;
     for (int step = 0; step < 15; ++step) {
-      play(tissue, 0, role, step, motion);
+      play_role(tissue, 0, role, step, motion);
       tissue.step(motion);
       most = std::max(most, tissue.held(0).size());
     }
@@ -271,7 +271,7 @@ TEST(SoftGrasp, ALaneOfABatchEqualsARunAloneBitForBit) {
     std::vector<ToolMotion> motion(width);
     for (int step = 0; step < 15; ++step) {
       for (int lane = 0; lane < tissue.lanes(); ++lane)
-        play(tissue, lane, lane % kRoles, step, motion);
+        play_role(tissue, lane, lane % kRoles, step, motion);
       tissue.step(motion);
     }
     for (int lane = 0; lane < tissue.lanes(); ++lane)
@@ -281,7 +281,7 @@ TEST(SoftGrasp, ALaneOfABatchEqualsARunAloneBitForBit) {
 }
 
 TEST(SoftGrasp, ASavedGraspContinuesBitForBitAndABrokenOneChangesNothing) {
-  const auto model = make_coupled(over_dome());
+  const auto model = make_coupled(held_over_dome());
   CoupledTissue<float> a(model, f32x1());
   const Vector3d to = kTop + Vector3d(0, 0, 0.005);
   move_tool(a, kTop, kTop, 20);

@@ -94,7 +94,7 @@ ReferenceCase on_board(double degrees, double friction) {
   c.young = 2e4;
   c.poisson = 0.45;
   c.static_friction = c.dynamic_friction = friction;
-  c.bodies = {make_board(degrees)};
+  c.bodies = {make_slope(degrees)};
   c.X_WB = turned(degrees, Vector3d::UnitX());
   c.X_WB.translation() = c.X_WB.linear() * Vector3d(0, 0, 0.0015);
   return c;
@@ -248,7 +248,7 @@ TEST(ReferenceContact, ACoarseSheetComesToRestOnABoardUnderSharpFriction) {
         c.damping = 5;
         c.law = pb::LAW_NEO_HOOKE;
         c.static_friction = c.dynamic_friction = friction;
-        c.bodies = {make_board(0, Vector3d(0, 0, -c.thickness / 2))};
+        c.bodies = {make_slope(0, Vector3d(0, 0, -c.thickness / 2))};
         ReferenceTissue tissue(make_model(c));
         EXPECT_LT(tissue.settle(Vector3d(0, 0, 1)), 1e-4);
         EXPECT_TRUE(tissue.healthy(0))

@@ -17,7 +17,7 @@ using namespace test;  // NOLINT(google-build-using-namespace)
 
 TEST(ReferenceState, RoundTripContinuesBitForBit) {
   ReferenceCase c = free_sheet();
-  c.bodies = {make_board(0)};
+  c.bodies = {make_slope(0)};
   c.static_friction = 0.3;
   c.dynamic_friction = 0.2;
   c.X_WB.translation().z() = 0.0015;

@@ -12,8 +12,8 @@ namespace {
 
 using namespace test;  // NOLINT(google-build-using-namespace)
 
-constexpr std::array<pb::ElasticLaw, 3> kLaws = {pb::LAW_COROTATED, pb::LAW_NEO_HOOKE,
-                                                 pb::LAW_ST_VENANT_KIRCHHOFF};
+constexpr std::array<pb::ElasticLaw, 3> kEveryLaw = {pb::LAW_COROTATED, pb::LAW_NEO_HOOKE,
+                                                     pb::LAW_ST_VENANT_KIRCHHOFF};
 
 TEST(Reference, PatchTestHoldsConstantStrain) {
   // A free sheet, no gravity: give it a constant small strain with traction-free sides. The
@@ -151,7 +151,7 @@ TEST(Reference, ADroopMovesLittleUnderRefinement) {
   // Bricks that turn unstable under the compression at the clamp let the tip fall by 5 to 30 mm
   // here (docs/decisions/0028). A slender beam in steps of 0.2 s, from level to rest. At 20 kPa the
   // law of St. Venant-Kirchhoff itself gives way under this compression.
-  for (const pb::ElasticLaw law : kLaws) {
+  for (const pb::ElasticLaw law : kEveryLaw) {
     for (const double young : {law == pb::LAW_ST_VENANT_KIRCHHOFF ? 5e4 : 2e4, 1e5}) {
       Vector3d last = Vector3d::Zero();
       for (const auto& [along, layers] : {std::pair(48u, 3u), {24u, 2u}, {24u, 1u}, {48u, 1u}}) {

@@ -21,12 +21,12 @@ namespace {
 using Eigen::Vector3d;
 using Strings = std::vector<std::string>;
 
-std::shared_ptr<const SimSetup> setup_of(const Strings& overrides) {
+std::shared_ptr<const SimSetup> soft_setup_of(const Strings& overrides) {
   return make_sim_setup(load_config("omentum_soft", overrides), deploy_dir() + "/scenes");
 }
 
 TEST(SoftScene, AWorkerStepsItAndTheOrganGivesWayUnderTheSheet) {
-  const auto setup = setup_of({});
+  const auto setup = soft_setup_of({});
   SimBackend backend(setup, 2, 0);
   std::vector<Action> actions(2);
   for (Action& action : actions) action.branch = {1, 1, 1, 0};  // stays where it is, jaw open
@@ -92,7 +92,7 @@ std::unique_ptr<SimBackend> over_the_organ(Strings overrides) {
   for (const char* start : {"task.random_start=false", "scene.tool_start_m.x=-0.036",
                             "scene.tool_start_m.y=0.052", "scene.tool_start_m.z=0.042"})
     overrides.emplace_back(start);
-  auto backend = std::make_unique<SimBackend>(setup_of(overrides), 1, 1);
+  auto backend = std::make_unique<SimBackend>(soft_setup_of(overrides), 1, 1);
   std::vector<StepOutcome> outcomes(1);
   Action stay;
   stay.branch = {1, 1, 1, 0};
@@ -163,7 +163,7 @@ TEST(SoftScene, ADeepPinchTakesTheOrganWithTheSheetAndAShallowOneTheSheetAlone) 
 
 // Pulled out to a spike under a sheet that lies on it: the first version threw the sheet off.
 TEST(SoftScene, AnOrganPulledFarOutStaysWhole) {
-  const auto setup = setup_of({});
+  const auto setup = soft_setup_of({});
   const auto tissue = setup->tissue->make_tissue(choose_kernel(8));
   auto& coupled = dynamic_cast<CoupledTissue<float>&>(*tissue);
   const Vector3d away(0, 0, 1);
@@ -196,7 +196,7 @@ TEST(SoftScene, AnOrganPulledFarOutStaysWhole) {
 
 // With four halvings of a Newton step instead of ten these snapped back at 130 - 190 m/s.
 TEST(SoftScene, AnOrganThatIsLetGoSnapsBackNoFasterThanItsEnergyLets) {
-  const auto setup = setup_of({});
+  const auto setup = soft_setup_of({});
   const auto model = make_soft_body_model(setup->scene, 0.02);
   for (const std::size_t place : {0U, 13U, 16U}) {
     SolidTissue<double> organ(model, f64x1());
@@ -253,7 +253,7 @@ TEST(SoftScene, TheOrganHeldAloneIsNoTissueHeld) {
 TEST(SoftScene, RefusesInOneLineWhatCannotBeSimulated) {
   const auto message = [](const Strings& overrides) -> std::string {
     try {
-      setup_of(overrides);
+      soft_setup_of(overrides);
     } catch (const Error& error) {
       return error.what();
     }

@@ -21,9 +21,9 @@ using test::run_free;
 using test::ShellCase;
 
 constexpr double kGravity = 9.81;
-constexpr double kRadius = 0.0015;  // contact distance of a node
+constexpr double kNodeRadius = 0.0015;  // contact distance of a node
 
-RigidShape make_board(double slope = 0) {
+RigidShape sloped_board(double slope = 0) {
   RigidShape board;
   board.kind = RigidShape::Kind::kHalfSpace;
   board.X_WS.linear() = Eigen::AngleAxisd(slope, Vector3d::UnitX()).toRotationMatrix();
@@ -37,9 +37,9 @@ ShellCase on_board(double height, double friction, double slope = 0) {
   c.poisson = 0.45;
   c.anchor_max_y = -1;
   c.static_friction = c.dynamic_friction = friction;
-  c.bodies = {make_board(slope)};
+  c.bodies = {sloped_board(slope)};
   c.X_WB.linear() = c.bodies[0].X_WS.linear();
-  c.X_WB.translation() = c.X_WB.linear() * Vector3d(0, 0, kRadius + height);
+  c.X_WB.translation() = c.X_WB.linear() * Vector3d(0, 0, kNodeRadius + height);
   return c;
 }
 
@@ -86,7 +86,7 @@ TEST(ShellContact, BoardCarriesTheWeightOfASheetAtRest) {
       EXPECT_LT(sums.fastest, 0.1e-3) << young << " " << friction;
       EXPECT_GT(sums.contacts, 500);
       for (int i = 0; i < tissue.particles(); ++i) {
-        ASSERT_NEAR(tissue.position(0, i).z(), kRadius, 0.02e-3) << i;
+        ASSERT_NEAR(tissue.position(0, i).z(), kNodeRadius, 0.02e-3) << i;
       }
     }
   }
@@ -216,7 +216,7 @@ TEST(ShellContact, FrictionHasTheLeverOfHalfTheThickness) {
     }
     const Sums sums = sums_of(tissue);
     EXPECT_NEAR(sums.force.x() / sums.force.z(), -0.3, 1e-3);
-    const Vector3d expected = Vector3d(0, 0, -kRadius).cross(sums.force);
+    const Vector3d expected = Vector3d(0, 0, -kNodeRadius).cross(sums.force);
     EXPECT_LT((couple - expected).norm(), 1e-2 * expected.norm()) << turned;
     EXPECT_LT(force.norm(), 1e-9 * sums.weight) << turned;
   }

@@ -111,7 +111,7 @@ TEST(ShellLaws, ForcesAreGradientsOfTheEnergyInPlaneStress) {
 
 /// Lifts a clamped sheet by 20 mm near its free edge.
 template <typename Real>
-std::unique_ptr<ShellTissue<Real>> lift(pb::ElasticLaw law, const LaneKernel<Real>& kernel) {
+std::unique_ptr<ShellTissue<Real>> lift_by_law(pb::ElasticLaw law, const LaneKernel<Real>& kernel) {
   ShellCase c;
   c.nx = c.ny = 16;
   c.anchor_max_y = -0.0224;  // the row at y_B = -22.5 mm
@@ -132,8 +132,8 @@ std::unique_ptr<ShellTissue<Real>> lift(pb::ElasticLaw law, const LaneKernel<Rea
 
 TEST(ShellLaws, EveryLaneHasTheSameBits) {
   for (const pb::ElasticLaw law : {pb::LAW_NEO_HOOKE, pb::LAW_ST_VENANT_KIRCHHOFF}) {
-    const auto one = lift<float>(law, f32x1());
-    const auto eight = lift<float>(law, f32x8());
+    const auto one = lift_by_law<float>(law, f32x1());
+    const auto eight = lift_by_law<float>(law, f32x8());
     ASSERT_TRUE(one->healthy(0));
     for (int lane = 0; lane < 8; ++lane) EXPECT_EQ(one->hash(0), eight->hash(lane));
   }
@@ -142,7 +142,7 @@ TEST(ShellLaws, EveryLaneHasTheSameBits) {
 /// Stretched by 12 % the laws part: neo-Hooke yields where St. Venant-Kirchhoff stiffens.
 TEST(ShellLaws, PartAsTheyStretch) {
   const auto force = [](pb::ElasticLaw law) {
-    const auto tissue = lift<double>(law, f64x1());
+    const auto tissue = lift_by_law<double>(law, f64x1());
     EXPECT_TRUE(tissue->healthy(0));
     return tissue->held_force(0).norm();
   };

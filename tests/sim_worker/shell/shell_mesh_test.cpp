@@ -6,6 +6,7 @@
 #include <cmath>
 #include <utility>
 
+#include "core/constants.h"
 #include "support/elastic_energy.h"
 #include "support/shell_scene.h"
 
@@ -19,7 +20,6 @@ using test::rms_distance;
 using test::run_free;
 using test::ShellCase;
 
-constexpr double kPi = 3.14159265358979323846;
 constexpr double kJitter = 0.25;  // of the pitch
 
 TEST(SheetMesh, CurvatureIsExactForQuadricsRimIncluded) {

@@ -52,8 +52,8 @@ std::shared_ptr<const TissueModel> make_model(const Pad& pad, Model model = Mode
 
 /// Taken at rest, moved in 20 steps and held until nothing moves.
 template <typename Real>
-std::unique_ptr<Tissue<Real>> lift(const TissueModel& model, const LaneKernel<Real>& kernel,
-                                   int steps = 120) {
+std::unique_ptr<Tissue<Real>> lift_pad(const TissueModel& model, const LaneKernel<Real>& kernel,
+                                       int steps = 120) {
   auto tissue = model.make_tissue(kernel);
   for (int lane = 0; lane < kernel.lanes; ++lane) {
     tissue->reset(lane, Vector3d::Zero());
@@ -69,13 +69,13 @@ std::unique_ptr<Tissue<Real>> lift(const TissueModel& model, const LaneKernel<Re
   return tissue;
 }
 
-std::unique_ptr<Tissue<double>> lift(const Pad& pad, Model model = Model::kElastic) {
-  return lift<double>(*make_model(pad, model), f64x1());
+std::unique_ptr<Tissue<double>> lift_pad(const Pad& pad, Model model = Model::kElastic) {
+  return lift_pad<double>(*make_model(pad, model), f64x1());
 }
 
 TEST(ShellPad, ARigidOneCarriesEveryPointUnderIt) {
   const auto model = make_model({});
-  const auto tissue = lift<double>(*model, f64x1());
+  const auto tissue = lift_pad<double>(*model, f64x1());
   int covered = 0;
   for (int i = 0; i < tissue->particles(); ++i) {
     const Vector3d p = model->body.particles[static_cast<std::size_t>(i)];
@@ -88,7 +88,7 @@ TEST(ShellPad, ARigidOneCarriesEveryPointUnderIt) {
 
 TEST(ShellPad, ALeanTurnsAllOfIt) {
   const auto model = make_model({.lean = 10});
-  const auto tissue = lift<double>(*model, f64x1());
+  const auto tissue = lift_pad<double>(*model, f64x1());
   std::vector<std::pair<Vector3d, Vector3d>> points;  // at rest, now
   for (int i = 0; i < tissue->particles(); ++i) {
     const Vector3d p = model->body.particles[static_cast<std::size_t>(i)];
@@ -128,7 +128,7 @@ TEST(ShellPad, ItsBedAndItsGiveAreSpringsInSeries) {
 TEST(ShellPad, ATurnFollowsTheMoment) {
   // Stiff jaws turn as rigid ones; the softer they are, the more the sheet turns them.
   const auto slope = [](double turn) {
-    const auto tissue = lift({.turn = turn, .lean = 5});
+    const auto tissue = lift_pad({.turn = turn, .lean = 5});
     const Vector3d across = tissue->position(0, 13 * 7 + 9) - tissue->position(0, 13 * 5 + 9);
     return std::atan2(-across.z(), across.x());
   };
@@ -143,7 +143,7 @@ TEST(ShellPad, MovesSmoothlyWithItsSize) {
   // A rim that passes a row of nodes: no jump of the force.
   std::vector<double> force;
   for (const double half : {0.0044, 0.0045, 0.0046, 0.0074, 0.0075, 0.0076})
-    force.push_back(lift({.half_x = half})->held_force(0).norm());
+    force.push_back(lift_pad({.half_x = half})->held_force(0).norm());
   for (const std::size_t k : {0U, 3U}) {
     const double bend = std::fabs(force[k] - 2 * force[k + 1] + force[k + 2]);
     EXPECT_LT(bend, 0.5 * std::fabs(force[k + 2] - force[k]) + 1e-3 * force[k]) << k;
@@ -152,8 +152,8 @@ TEST(ShellPad, MovesSmoothlyWithItsSize) {
 
 TEST(ShellPad, LanesAndWidthsAgreeToTheBitAndTheStateTravels) {
   const auto model = make_model({.give = 1e-3, .lean = 3});
-  const auto alone = lift<float>(*model, f32x1(), 30);
-  const auto eight = lift<float>(*model, f32x8(), 30);
+  const auto alone = lift_pad<float>(*model, f32x1(), 30);
+  const auto eight = lift_pad<float>(*model, f32x8(), 30);
   for (int lane = 0; lane < 8; ++lane) EXPECT_EQ(eight->hash(lane), alone->hash(0)) << lane;
   Bytes state;
   alone->save(0, state);
@@ -170,8 +170,8 @@ TEST(ShellPad, LanesAndWidthsAgreeToTheBitAndTheStateTravels) {
 }
 
 TEST(ShellPad, AgreesWithThatOfTheReference) {
-  const auto shell = lift({});
-  const auto reference = lift({}, Model::kReference);
+  const auto shell = lift_pad({});
+  const auto reference = lift_pad({}, Model::kReference);
   double squares = 0;
   for (int i = 0; i < shell->particles(); ++i)
     squares += (shell->position(0, i) - reference->position(0, i)).squaredNorm();

@@ -24,13 +24,13 @@ std::vector<ToolMotion> no_motion(const auto& tissue) {
   return std::vector<ToolMotion>(static_cast<std::size_t>(tissue.lanes()));
 }
 
-void run(auto& tissue, int steps) {
+void run_steps(auto& tissue, int steps) {
   const auto motion = no_motion(tissue);
   for (int k = 0; k < steps; ++k) tissue.step(motion);
 }
 
 /// Small reproducible displacements.
-Vector3d jitter(int i, double size) {
+Vector3d jitter_of(int i, double size) {
   const PhiloxWords words = philox({static_cast<std::uint32_t>(i), 7, 0, 0}, {1, 2});
   Vector3d d;
   for (int k = 0; k < 3; ++k) {
@@ -126,7 +126,7 @@ TEST(Solid, ForcesAreTheGradientOfTheEnergy) {
   for (int i = 0; i < tissue.particles(); ++i) {
     const auto k = static_cast<std::size_t>(i);
     Vector3d at = model->mesh.nodes[k];
-    if (model->body.fixed[k] == 0) at += jitter(i, 4e-4);
+    if (model->body.fixed[k] == 0) at += jitter_of(i, 4e-4);
     p.push_back(at);
     tissue.set_position(0, i, at);
   }
@@ -179,7 +179,7 @@ TEST(Solid, FallsFreelyAndKeepsItsMomentum) {
     tissue.set_position(0, i, Vector3d(1.1 * p.x(), p.y(), 0.95 * p.z()));
     tissue.set_velocity(0, i, Vector3d(0, 0, 3).cross(p));
   }
-  run(tissue, 10);
+  run_steps(tissue, 10);
   Vector3d momentum = Vector3d::Zero();
   for (int i = 0; i < tissue.particles(); ++i) {
     momentum += model->mass[static_cast<std::size_t>(i)] * tissue.velocity(0, i);
@@ -195,7 +195,7 @@ TEST(Solid, ASlenderBeamHangsAsBeamTheorySays) {
   const auto model = make_solid(c);
   Solid tissue(model, f64x1());
   const double before = tip(tissue).z();
-  run(tissue, 60);
+  run_steps(tissue, 60);
   const double L = c.size.y();
   const double h = c.size.z();
   const double shear_modulus = c.young / (2 * (1 + c.poisson));
@@ -221,7 +221,7 @@ TEST(Solid, ASlenderBeamSwingsAtItsFirstFrequency) {
   std::vector<double> crossings;
   double last = 0;
   for (int k = 1; k <= 30 && crossings.size() < 5; ++k) {
-    run(tissue, 1);
+    run_steps(tissue, 1);
     const double now = tip(tissue).z() - rest;
     // One sample per 20 ms step; the period is some 70 ms, so the crossing is found by a sine
     // through two samples.
@@ -247,7 +247,7 @@ TEST(Solid, AStubbyNearlyIncompressibleBeamSagsAsInAnotherEngine) {
     const auto model = make_solid(c);
     Solid tissue(model, f64x1());
     const double before = tip(tissue).z();
-    run(tissue, 40);
+    run_steps(tissue, 40);
     return before - tip(tissue).z();
   };
   // CalculiX, quadratic bricks 8 x 28 x 8: tests/reference/stubby_beam.py.
@@ -271,8 +271,8 @@ TEST(Solid, NearlyIncompressibleInSinglePrecisionItHangsAsInDouble) {
   Solid exact(model, f64x1());
   SolidTissue<float> single(model, f32x1());
   const double before = tip(exact).z();
-  run(exact, 60);
-  run(single, 60);
+  run_steps(exact, 60);
+  run_steps(single, 60);
   double squares = 0;
   for (int i = 0; i < exact.particles(); ++i)
     squares += (exact.position(0, i) - single.position(0, i)).squaredNorm();
@@ -299,7 +299,7 @@ TEST(Solid, LyingOnABoardItsContactForcesCarryItsWeight) {
   c.static_friction = c.dynamic_friction = 0.5;
   const auto model = make_solid(c);
   Solid tissue(model, f64x1());
-  run(tissue, 200);
+  run_steps(tissue, 200);
   Vector3d force = Vector3d::Zero();
   double deepest = 0;
   double fastest = 0;
@@ -338,9 +338,9 @@ TEST(Solid, OnASlopeItSticksBelowTheFrictionAngleAndSlidesAbove) {
       }
       return Vector3d(sum / total_mass(*model));
     };
-    run(tissue, 25);  // settles
+    run_steps(tissue, 25);  // settles
     const Vector3d before = middle();
-    run(tissue, 25);
+    run_steps(tissue, 25);
     return (middle() - before).x();
   };
   EXPECT_LT(std::fabs(slide(std::atan(0.4))), 2e-4);
@@ -368,7 +368,7 @@ TEST(Solid, HeldAtItsTopItHangsWithItsWeightOnTheTool) {
   EXPECT_NEAR(tissue.held_force(0).z(), -weight, 0.01 * weight);
   EXPECT_LT(tissue.held_force(0).head<2>().norm(), 0.01 * weight);
   tissue.release(0);
-  run(tissue, 1);
+  run_steps(tissue, 1);
   EXPECT_EQ(tissue.held_force(0), Vector3d::Zero());
 }
 

@@ -24,8 +24,6 @@ using Eigen::Vector3d;
 using test::EffectCase;
 using test::EffectLaw;
 
-constexpr double kPi = std::numbers::pi;
-
 /// E(s) / E of a linear material with these branches, s = i w for a lasting vibration.
 std::complex<double> modulus_of(const std::array<double, 3>& share, std::complex<double> s) {
   constexpr std::array<double, 3> kTimes = {0.5, 0.05, 0.005};
@@ -36,13 +34,14 @@ std::complex<double> modulus_of(const std::array<double, 3>& share, std::complex
 }
 
 double loss_factor_at(double eta, double frequency) {
-  const std::complex<double> E = modulus_of(loss_branches(eta), {0, 2 * kPi * frequency});
+  const std::complex<double> E =
+      modulus_of(loss_branches(eta), {0, 2 * std::numbers::pi * frequency});
   return E.imag() / E.real();
 }
 
 TEST(StructuralDamping, LossFactorIsFlatOverTwoDecadesUpToTheRippleOfThreeBranches) {
   // Of endless branches a decade apart it is 2 / cosh(pi^2 / ln 10) about the mean: 5.5 %.
-  const double ripple = 2 / std::cosh(kPi * kPi / std::log(10));
+  const double ripple = 2 / std::cosh(std::numbers::pi * std::numbers::pi / std::log(10));
   EXPECT_NEAR(ripple, 0.055, 1e-4);
   const auto range = [](double eta) {
     double least = 1e9;
@@ -62,7 +61,7 @@ TEST(StructuralDamping, LossFactorIsFlatOverTwoDecadesUpToTheRippleOfThreeBranch
     EXPECT_LT(range(eta).second, high) << eta;
   }
   for (const double frequency : {0.5, 0.05, 0.005}) {  // where it is made to fit
-    EXPECT_NEAR(loss_factor_at(0.3, 1 / (2 * kPi * frequency)) / 0.3, 1.055, 1e-12);
+    EXPECT_NEAR(loss_factor_at(0.3, 1 / (2 * std::numbers::pi * frequency)) / 0.3, 1.055, 1e-12);
   }
 }
 
@@ -78,7 +77,7 @@ TEST(StructuralDamping, StepsOfTheBranchesHaveTheLossFactorOfTheirClosedForm) {
     double before = 0;
     const int cycle = static_cast<int>(1 / (f * h));
     for (int n = 1; n <= 12 * cycle; ++n) {
-      const double phase = 2 * kPi * n / cycle;
+      const double phase = 2 * std::numbers::pi * n / cycle;
       const double s = std::sin(phase);
       double sum = s;
       for (std::size_t k = 0; k < static_cast<std::size_t>(prony.branches); ++k) {
@@ -108,7 +107,7 @@ double damping_ratio(const std::vector<double>& x) {
   if (extremes.size() < 9) return -1;
   const auto swing = [&](std::size_t k) { return std::fabs(extremes[k + 1] - extremes[k]); };
   const double half_cycle = std::log(swing(3) / swing(7)) / 4;
-  return half_cycle / std::hypot(half_cycle, kPi);
+  return half_cycle / std::hypot(half_cycle, std::numbers::pi);
 }
 
 TEST_P(EffectLaw, StructuralDampingRingsDownAlikeADecadeApart) {
@@ -132,19 +131,20 @@ TEST_P(EffectLaw, StructuralDampingRingsDownAlikeADecadeApart) {
     c.substeps = 2;
     c.iterations = 4;
     c.effects.set_structural_damping(kEta);
-    const double w0 = kPi / (2 * kLength) * std::sqrt(young / kDensity);
+    const double w0 = std::numbers::pi / (2 * kLength) * std::sqrt(young / kDensity);
     std::complex<double> s(0, w0);
     for (int k = 0; k < 50; ++k)
       s = std::complex<double>(0, w0) * std::sqrt(modulus_of(loss_branches(kEta), s));
     constexpr int kSamples = 64;
-    const double period = 2 * kPi / s.imag();
+    const double period = 2 * std::numbers::pi / s.imag();
     std::vector<std::string> warnings;
     const auto tissue =
         make_tissue_model(make_effect_scene(c, GetParam()), period / kSamples, warnings)
             ->make_tissue(f64x1());
     for (int i = 0; i < tissue->particles(); ++i) {
       const double along = (tissue->position(0, i).y() + 0.045) / kLength;
-      tissue->set_velocity(0, i, Vector3d(0, 1e-3 * w0 * kLength * std::sin(kPi / 2 * along), 0));
+      tissue->set_velocity(
+          0, i, Vector3d(0, 1e-3 * w0 * kLength * std::sin(std::numbers::pi / 2 * along), 0));
     }
     std::vector<double> x;
     const ToolMotion away{Vector3d(0, 0, 1), Vector3d(0, 0, 1)};
@@ -153,7 +153,7 @@ TEST_P(EffectLaw, StructuralDampingRingsDownAlikeADecadeApart) {
       x.push_back(edge(c, *tissue).y());
     }
     found.push_back(damping_ratio(x));
-    frequency.push_back(s.imag() / (2 * kPi));
+    frequency.push_back(s.imag() / (2 * std::numbers::pi));
     EXPECT_NEAR(found.back() / (-s.real() / std::abs(s)), 1, 0.02) << young;
     EXPECT_NEAR(found.back() / (kEta / 2), 1, 0.1) << young;  // ripple at this loss factor
   }
