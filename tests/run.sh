@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
-# The test command: sets the machine up, builds everything, runs every test. The last line is
+# The test command: sets the machine up, builds, runs the tests that guard a commit. The last line is
 # "N passed, N failed" (", N skipped" may follow). Arguments go to ctest: tests/run.sh -L unit, tests/run.sh -R Mcap.
+# --all: also what takes long and guards no commit (docs/tests.md): tests whose label ends in _long.
 # OMENTUM_REAL_DATA names the folder of the optional real recordings; tests that need it skip without.
 set -uo pipefail
 
@@ -8,9 +9,20 @@ root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 results=$root/build/release/tests.xml
 
 if [[ ${1-} == -h || ${1-} == --help ]]; then
-  sed -n '2,4s/^# //p' "${BASH_SOURCE[0]}"
+  sed -n '2,5s/^# //p' "${BASH_SOURCE[0]}"
   exit 0
 fi
+arguments=() excluded='' all=0
+while (($#)); do
+  case $1 in
+    --all) all=1 ;;
+    -LE | --label-exclude) excluded=${2-}; (($# < 2)) || shift ;;  # of two, ctest leaves out only what both match
+    *) arguments+=("$1") ;;
+  esac
+  shift
+done
+((all)) || excluded=${excluded:+$excluded|}'_long$'
+[[ -z $excluded ]] || arguments+=(--label-exclude "$excluded")
 
 give_up() {
   echo "run.sh: $1"
@@ -27,7 +39,7 @@ fi
 rm -f "$results"
 cd "$root" || give_up "no repository"
 # A test that hangs runs once more and the output says so. None is known to: the last one (the loop of the gateway) is mended.
-ctest --preset release --parallel "$(nproc)" --no-tests=error --repeat after-timeout:2 --output-junit "$results" "$@"
+ctest --preset release --parallel "$(nproc)" --no-tests=error --repeat after-timeout:2 --output-junit "$results" "${arguments[@]}"
 status=$?
 
 [[ -s $results ]] || give_up "ctest left no results"

@@ -93,7 +93,7 @@ class Domain:
     """A DDS domain that no other test uses (tests/support/domain.h)."""
 
     def __init__(self):
-        for number in range(1, 220):
+        for number in range(1, 91):
             self.lock = open(f"/tmp/omentum_test_domain_{number}", "w")
             try:
                 fcntl.flock(self.lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
