@@ -55,7 +55,7 @@ Figures of the groups named (default: tissue elastic ppo workers train):
 Options:
   --steps N   shorter or longer training runs; the figures are then named by N instead of 3M
   --save      also append to benchmarks/results/<cpu>-<n>core.csv with machine, commit and compiler
-Programs are those of build/release/bin (OMENTUM_BIN: another folder); deploy/setup.sh builds them.
+Programs are those of build/release/bin (OMENTUM_BIN: another folder); deploy/setup.sh builds them, this script its own.
 Exit codes: 0 done, 1 a figure could not be measured, 2 wrong option.
 TEXT
 }
@@ -132,6 +132,10 @@ broken() {
   failed=1
 }
 need() {
+  # Programs of benchmarks alone are not built by default.
+  if [[ $1 == bench_* || $1 == compare_* ]] && [[ $bin == "$root/build/release/bin" ]]; then
+    cmake --build "$root/build/release" --target "$1" >&2
+  fi
   [[ -x $bin/$1 ]] && return 0
   broken "$bin/$1 is missing: run deploy/setup.sh"
   return 1
