@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "mismatch/fit/recording_evidence.h"
 
@@ -61,86 +62,159 @@ bool is_simulated(const std::vector<Prediction>& now, const std::vector<Predicti
 
 std::string path_of(const Axis& axis) { return "entrant." + axis.name; }
 
+/// A search over numbers of an effect and of the base, each state of it simulated.
+class EntrantSearch {
+ public:
+  EntrantSearch(const BaseFit& base, const Candidate& candidate, ReferenceForward& model)
+      : base_(base),
+        candidate_(candidate),
+        model_(model),
+        all_(all_of(base)),
+        columns_(model.linearise(base.data, base.found.state, base.coarse, base.fitted)) {}
+
+  /// Simulates at a point and a state, by the coarse mesh as a change of the finer surfaces.
+  /// Nothing where too little is simulated.
+  std::optional<BaseFit> simulate(const Point& point, const FitState& state) {
+    BaseFit fit = base_;
+    fit.data.scene = scene_with(base_, candidate_, point);
+    fit.found.state = state;
+    fit.coarse_surfaces = model_.simulate(fit.data, state, fit.coarse, false, all_);
+    if (!is_simulated(fit.coarse_surfaces, base_.coarse_surfaces, all_)) return std::nullopt;
+    fit.surfaces = changed_surfaces(base_.surfaces, base_.coarse_surfaces, fit.coarse_surfaces);
+    return fit;
+  }
+
+  double cost(const BaseFit& fit) const {
+    return cost_of(fit.data, {fit.found.state, fit.surfaces}, base_.fitted, fit.found.state,
+                   base_.found.scales);
+  }
+
+  /// Surfaces of `fit` with the derivatives of the base and those by the numbers of the effect,
+  /// which become unknowns of `fit`, at zero.
+  Linearisation linearise(const Point& point, const std::vector<Axis>& axes, BaseFit& fit) {
+    Linearisation linear{fit.found.state, fit.surfaces};
+    for (const std::size_t r : base_.fitted) {
+      for (std::size_t f = 0; f < linear.predictions[r].frames.size(); ++f) {
+        PredictedFrame& frame = linear.predictions[r].frames[f];
+        if (frame.valid) frame.columns = columns_.predictions[r].frames[f].columns;
+      }
+    }
+    const FitState at = fit.found.state;
+    for (const Axis& axis : axes) {
+      Point there = point;
+      there.at(static_cast<std::size_t>(&axis - axes.data())) += axis.step;
+      FitData moved = base_.data;
+      moved.scene = scene_with(base_, candidate_, there);
+      const auto other = model_.simulate(moved, at, fit.coarse, false, all_);
+      Unknown unknown;
+      unknown.path = path_of(axis);
+      unknown.unit = axis.unit;
+      unknown.scale = Unknown::Scale::kShift;
+      unknown.sd = axis.sd;
+      unknown.role = NumberRole::kNuisance;  // no field of the scene that scene_at() could set
+      set_difference(unknown, changed_surfaces(base_.surfaces, base_.coarse_surfaces, other),
+                     1 / axis.step, fit.data, linear, fit.found.state);
+    }
+    return linear;
+  }
+
+ private:
+  const BaseFit& base_;
+  const Candidate& candidate_;
+  ReferenceForward& model_;
+  Which all_;
+  Linearisation columns_;
+};
+
+/// Of a state with numbers of the effect among the unknowns that of the base, without them.
+FitState without_entrant(const FitState& state, const Layout& with, const Layout& base) {
+  FitState made = state;
+  made.shared = Eigen::VectorXd::Zero(base.shared());
+  made.shared.head(base.unknowns.count) = state.shared.head(base.unknowns.count);
+  const int rest = base.shared() - base.unknowns.count;
+  made.shared.tail(rest) = state.shared.segment(with.unknowns.count, rest);
+  return made;
+}
+
 }  // namespace
 
 std::optional<EntrantFit> fit_entrant(const BaseFit& base, const Candidate& candidate,
                                       double amplitude, const std::optional<Vector2d>& place,
                                       ReferenceForward& model) {
-  constexpr int kRounds = 2, kSteps = 8;
-  const Which all = all_of(base);
-  // Derivatives of base and nuisances stay those of the base.
-  const Linearisation columns =
-      model.linearise(base.data, base.found.state, base.coarse, base.fitted);
-  EntrantFit entrant{candidate, {}, {}, base.data.scene, base};
-  Point point{amplitude, place};
+  constexpr int kRounds = 3, kSteps = 8;
+  EntrantSearch search(base, candidate, model);
+  struct Tried {
+    Point point;
+    FitState state;
+  };
+  Tried now{{amplitude, place}, base.found.state}, best = now;
+  const double without = search.cost(base);
+  double least = without;
+  std::optional<EntrantFit> entrant;
   for (int round = 0; round < kRounds; ++round) {
-    const std::vector<Axis> axes = axes_of(candidate, point.amplitude);
-    BaseFit& fit = entrant.fit;
-    fit.data = base.data;
-    fit.data.scene = scene_with(base, candidate, point);
-    FitState state = fit.found.state;
-    state.shared = base.found.state.shared;
-    if (round > 0)
-      state.shared.head(base.data.layout.unknowns.count) =
-          fit.found.state.shared.head(base.data.layout.unknowns.count);
-    state.shared.tail(base.data.layout.shared() - base.data.layout.unknowns.count) =
-        fit.found.state.shared.tail(base.data.layout.shared() - base.data.layout.unknowns.count);
-    const auto coarse = model.simulate(fit.data, state, fit.coarse, false, all);
-    if (!is_simulated(coarse, base.coarse_surfaces, all)) return std::nullopt;
-    Linearisation linear{state, changed_surfaces(base.surfaces, base.coarse_surfaces, coarse)};
-    for (const std::size_t r : base.fitted) {
-      for (std::size_t f = 0; f < linear.predictions[r].frames.size(); ++f) {
-        PredictedFrame& frame = linear.predictions[r].frames[f];
-        if (frame.valid) frame.columns = columns.predictions[r].frames[f].columns;
-      }
+    std::optional<BaseFit> fit = search.simulate(now.point, now.state);
+    const double cost = fit ? search.cost(*fit) : std::numeric_limits<double>::infinity();
+    if (round > 0 && !(cost < least)) {  // half the way back
+      for (std::size_t k = 0; k < axes_of(candidate, amplitude).size(); ++k)
+        now.point.at(k) = 0.5 * (now.point.at(k) + best.point.at(k));
+      now.state.shared = 0.5 * (now.state.shared + best.state.shared);
+      for (std::size_t r = 0; r < now.state.own.size(); ++r)
+        now.state.own[r] = 0.5 * (now.state.own[r] + best.state.own[r]);
+      continue;
     }
-    fit.surfaces = linear.predictions;
-    for (Prediction& prediction : fit.surfaces) {
-      for (PredictedFrame& frame : prediction.frames) frame.columns.resize(0, 0);
-    }
-    fit.coarse_surfaces = coarse;
-    FitState begin = state;
-    for (std::size_t k = 0; k < axes.size(); ++k) {
-      Point there = point;
-      there.at(k) += axes[k].step;
-      FitData moved = base.data;
-      moved.scene = scene_with(base, candidate, there);
-      const auto other = model.simulate(moved, state, fit.coarse, false, all);
-      Unknown unknown;
-      unknown.path = path_of(axes[k]);
-      unknown.unit = axes[k].unit;
-      unknown.scale = Unknown::Scale::kShift;
-      unknown.sd = axes[k].sd;
-      unknown.role = NumberRole::kNuisance;  // no field of the scene that scene_at() could set
-      set_difference(unknown, changed_surfaces(base.surfaces, base.coarse_surfaces, other),
-                     1 / axes[k].step, fit.data, linear, begin);
-    }
-    fit.found =
-        improve(fit.data, linear, base.fitted, kSteps, base.limits, {begin, base.found.scales});
+    if (!fit) return std::nullopt;
+    best = now;
+    least = cost;
+    const std::vector<Axis> axes = axes_of(candidate, now.point.amplitude);
+    const Linearisation linear = search.linearise(now.point, axes, *fit);
+    const SearchState begin = fit->found;
+    fit->found = improve(fit->data, linear, base.fitted, kSteps, base.limits, begin);
     const FitPosterior posterior =
-        posterior_at(fit.data, linear, base.fitted, base.limits, fit.found);
-    entrant.numbers.clear();
+        posterior_at(fit->data, linear, base.fitted, base.limits, fit->found);
+    entrant = EntrantFit{candidate, {}, {}, base.data.scene, std::move(*fit)};
+    // No farther than the differences may hold: the whole step is shortened.
+    const int first = entrant->fit.data.layout.unknowns.count - static_cast<int>(axes.size());
+    const FitState& found = entrant->fit.found.state;
+    double share = 1;
     for (std::size_t k = 0; k < axes.size(); ++k) {
-      const auto found = std::ranges::find(fit.data.unknowns, path_of(axes[k]), &Unknown::path);
-      const auto column = found - fit.data.unknowns.begin();
-      // No farther than the difference may hold.
-      const double most = k == 0 ? 0.7 * std::fabs(point.amplitude) : 2 * axes[k].step;
-      const double by = std::clamp(fit.found.state.shared[column], -most, most);
-      point.at(k) += by;
-      entrant.numbers.push_back(
-          {axes[k].name, axes[k].unit, point.at(k),
+      const double by = std::fabs(found.shared[first + static_cast<int>(k)]);
+      const double most = k == 0 ? 0.7 * std::fabs(now.point.amplitude) : 2 * axes[k].step;
+      if (by * share > most) share = most / by;
+    }
+    for (std::size_t k = 0; k < axes.size(); ++k) {
+      const int column = first + static_cast<int>(k);
+      now.point.at(k) += share * found.shared[column];
+      entrant->numbers.push_back(
+          {axes[k].name, axes[k].unit, now.point.at(k),
            std::sqrt(std::max(posterior.shared_covariance(column, column), 0.0))});
     }
+    const FitState led = without_entrant(found, entrant->fit.data.layout, base.data.layout);
+    now.state = best.state;
+    now.state.shared += share * (led.shared - best.state.shared);
+    for (const std::size_t r : base.fitted)
+      now.state.own[r] += share * (led.own[r] - best.state.own[r]);
   }
-  // The surface with what was found.
-  BaseFit& fit = entrant.fit;
-  fit.data.scene = scene_with(base, candidate, point);
-  for (const std::size_t r : fit.held_out) fit.found.state.own[r].setZero();
-  for (Unknown& unknown : fit.data.unknowns) {
-    const auto k = &unknown - fit.data.unknowns.data();
-    if (unknown.path.starts_with("entrant.")) fit.found.state.shared[k] = 0;
+  if (!entrant) return std::nullopt;
+  // The last step counts if it fits better.
+  const std::optional<BaseFit> last = search.simulate(now.point, now.state);
+  if (last && search.cost(*last) < least) {
+    best = now;
+    least = search.cost(*last);
   }
-  entrant.effect = effect_of(candidate, point.amplitude, point.place, base.data.made);
+  if (!(least < without)) return std::nullopt;
+  BaseFit& fit = entrant->fit;
+  fit.data.scene = scene_with(base, candidate, best.point);
+  const auto axes = axes_of(candidate, best.point.amplitude);
+  for (std::size_t k = 0; k < axes.size(); ++k) entrant->numbers[k].value = best.point.at(k);
+  const Layout& layout = fit.data.layout;
+  fit.found.state.own = best.state.own;
+  fit.found.state.shared.setZero();
+  fit.found.state.shared.head(base.data.layout.unknowns.count) =
+      best.state.shared.head(base.data.layout.unknowns.count);
+  const int rest = base.data.layout.shared() - base.data.layout.unknowns.count;
+  fit.found.state.shared.segment(layout.unknowns.count, rest) = best.state.shared.tail(rest);
+  entrant->effect = effect_of(candidate, best.point.amplitude, best.point.place, base.data.made);
+  const Which all = all_of(base);
   fit.surfaces = model.simulate(fit.data, fit.found.state, fit.fine, false, all);
   if (!is_simulated(fit.surfaces, base.surfaces, all)) return std::nullopt;
   return entrant;

@@ -24,8 +24,9 @@ struct EntrantFit {
   BaseFit fit;           ///< with the effect in the scene; its numbers are among the unknowns
 };
 
-/// Two steps from an amplitude and place that columns foretold, derivatives of base and nuisances
-/// as they were. Nothing where the recordings cannot be simulated with it.
+/// Steps of Gauss and Newton from an amplitude and place that columns foretold, each simulated;
+/// derivatives of base and nuisances as they were. Nothing where the recordings cannot be simulated
+/// with it, or fit no better.
 std::optional<EntrantFit> fit_entrant(const BaseFit& base, const Candidate& candidate,
                                       double amplitude, const std::optional<Eigen::Vector2d>& place,
                                       ReferenceForward& model);

@@ -468,7 +468,7 @@ Explanation explain(const pb::Scene& scene, std::vector<Observation> observation
     if (!entrant) {
       verdict.set_status("unexplained");
       verdict.set_reason(candidate.effect +
-                         " is claimed, and the recordings cannot be simulated with it");
+                         " is claimed by its columns, and no simulation with it fits better");
     } else {
       say(0.85, "everything again");
       double left_pull = 0;
