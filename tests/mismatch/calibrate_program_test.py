@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""`mismatch calibrate` on three small lifts of `mismatch simulate`: the stiffness is inside its interval, the answer is the
-same on any number of threads and in any order, and the learner takes the calibrated scene.
+"""`mismatch calibrate` on three small lifts of `mismatch simulate`: the stiffness is inside its interval, and the learner takes
+the calibrated scene. That threads and order change no byte calibration_bytes_test.py asks.
 
 usage: calibrate_program_test.py MISMATCH LEARNER
 """
@@ -18,11 +18,6 @@ TRUTH = {YOUNG: 42e3, FRICTION: 0.2, "scene.depth_sensor.registration_m.z": 0.00
          "scene.depth_sensor.registration_m.x": -0.001}
 OFFSETS = ((0.0006, -0.0004), (-0.0008, 0.0003), (0.0002, 0.0007))
 MESH = ("--tolerance-mm", "6")
-
-
-def same_but_time(a, b):
-    strip = lambda path: re.sub(r'"core_seconds": [^\n]*', "", path.read_text())
-    return strip(a) == strip(b) and "core_seconds" in a.read_text()
 
 
 def check_numbers(found):
@@ -44,12 +39,7 @@ def main():
     with tempfile.TemporaryDirectory() as name:
         folder = pathlib.Path(name)
         small.write_case(program, folder, TRUTH, OFFSETS, seed=1, mesh=("--tolerance-mm", "1.5"))
-        small.calibrate(program, folder, folder / "one", [*MESH, "--threads", 1])
-        lifts = sorted((folder / "lifts").iterdir(), reverse=True)
-        small.calibrate(program, folder, folder / "two", [*MESH, "--threads", 2], lifts)
-        assert same_but_time(folder / "one" / "calibration.json", folder / "two" / "calibration.json")
-        for file in ("scene.txtpb", "scene.prior.txtpb", "left_out/lift1.txtpb"):
-            assert (folder / "one" / file).read_bytes() == (folder / "two" / file).read_bytes(), file
+        small.calibrate(program, folder, folder / "one", [*MESH, "--threads", 2])
         check_numbers(json.loads((folder / "one" / "calibration.json").read_text()))
         page = (folder / "one" / "report.html").read_text()
         assert all(f"lift{k}" in page for k in range(3)) and not re.search(r"(src|href)=\"https?://", page)

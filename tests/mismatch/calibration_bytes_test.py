@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """What `mismatch calibrate` and `mismatch simulate --columns` write of three small lifts is byte for byte what is stored in
-tests/golden/calibration_bytes.txt: by the reference, the shell and the paper's method, on one thread and on four, and on
-a worker of a run.
+tests/golden/calibration_bytes.txt: by the reference, the shell and the paper's method, on one thread and on four (recordings
+named in reverse), and on a worker of a run.
 
 usage: calibration_bytes_test.py MISMATCH SIM_WORKER STORED [--methods reference,shell,paper] [--ways 1,4,worker]
 
@@ -40,7 +40,8 @@ def digests(folder, names):
 
 
 def calibrated(program, folder, out, method, more):
-    small.calibrate(program, folder, folder / out, ["--method", method, *METHODS[method], *more])
+    lifts = sorted((folder / "lifts").iterdir(), reverse="4" in more)  # in any order
+    small.calibrate(program, folder, folder / out, ["--method", method, *METHODS[method], *more], lifts)
     return digests(folder / out, ("calibration.json", "scene.txtpb", "scene.prior.txtpb", "left_out/*.txtpb"))
 
 

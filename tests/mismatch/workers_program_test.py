@@ -1,9 +1,8 @@
 #!/usr/bin/env python3
-"""`mismatch simulate` and `mismatch calibrate` on the workers of a run, over real DDS between real processes: with two
-workers, and with one after another one was killed over its work, every file is the one of a run without workers, but for
-the time it took.
+"""`mismatch simulate` and `mismatch calibrate` on the workers of a run, over real DDS between real processes: with one after
+another one was killed over its work every file is the one of a run without workers, but for the time it took.
 
-usage: workers_program_test.py MISMATCH SIM_WORKER
+usage: workers_program_test.py MISMATCH SIM_WORKER [--long]    --long: with two workers that live, simulations, and by the shell
 """
 import contextlib
 import fcntl
@@ -124,34 +123,38 @@ def calibrate_free_sheet(program, folder, out, more):
     return subprocess.Popen([str(c) for c in command], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
+def check_two_workers(program, worker, folder, domain):
+    """Calibrations by reference and shell and simulations, by workers that live."""
+    on_bus = ["--run", RUN, "--domain", domain]
+    with Worker(worker, domain) as first, Worker(worker, domain) as second:
+        told = finish(calibrate(program, folder, "two", on_bus))
+        assert "2 workers," in told, told
+        assert_same(folder, "alone", "two")
+        alone = simulate(program, folder, "sheets", [])
+        assert simulate(program, folder, "sheets_two", on_bus) == alone
+        for path in sorted((folder / "sheets").rglob("*.*")):
+            other = folder / "sheets_two" / path.relative_to(folder / "sheets")
+            assert path.read_bytes() == other.read_bytes(), path
+        sheet = folder / "sheet"
+        free.record(program, sheet, "lift", 1, False)
+        (sheet / "believed.txtpb").write_text(free.scene(**free.BELIEVED))
+        (sheet / "believed.prior.txtpb").write_text(free.PRIORS)
+        finish(calibrate_free_sheet(program, sheet, "alone", []))
+        told = finish(calibrate_free_sheet(program, sheet, "two", on_bus))
+        assert "2 workers," in told, told
+        assert_same(sheet, "alone", "two")
+    assert first.did() > 0 and second.did() > 0, (first.did(), second.did())
+
+
 def main():
-    program, worker = (pathlib.Path(a) for a in sys.argv[1:])
+    program, worker = (pathlib.Path(a) for a in sys.argv[1:3])
     with tempfile.TemporaryDirectory() as name, private_domain() as domain:
         folder = pathlib.Path(name)
         small.write_case(program, folder, TRUTH, OFFSETS, seed=1, mesh=("--tolerance-mm", "3"))
-        on_bus = ["--run", RUN, "--domain", domain]
         finish(calibrate(program, folder, "alone", []))
-        with Worker(worker, domain) as first, Worker(worker, domain) as second:
-            told = finish(calibrate(program, folder, "two", on_bus))
-            assert "2 workers," in told, told
-            assert_same(folder, "alone", "two")
-            alone = simulate(program, folder, "sheets", [])
-            assert simulate(program, folder, "sheets_two", on_bus) == alone
-            for path in sorted((folder / "sheets").rglob("*.*")):
-                other = folder / "sheets_two" / path.relative_to(folder / "sheets")
-                assert path.read_bytes() == other.read_bytes(), path
-            sheet = folder / "sheet"
-            free.record(program, sheet, "lift", 1, False)
-            (sheet / "believed.txtpb").write_text(free.scene(**free.BELIEVED))
-            (sheet / "believed.prior.txtpb").write_text(free.PRIORS)
-            finish(calibrate_free_sheet(program, sheet, "alone", []))
-            told = finish(calibrate_free_sheet(program, sheet, "two", on_bus))
-            assert "2 workers," in told, told
-            assert_same(sheet, "alone", "two")
-        assert first.did() > 0 and second.did() > 0, (first.did(), second.did())
         # One dies over its work, and nobody is left; then another one comes and does it all.
         with Worker(worker, domain) as doomed:
-            process = calibrate(program, folder, "killed", on_bus)
+            process = calibrate(program, folder, "killed", ["--run", RUN, "--domain", domain])
             assert doomed.asked.wait(60)
             doomed.process.kill()
             doomed.process.wait(60)
@@ -159,6 +162,8 @@ def main():
                 told = finish(process)
         assert "is lost" in told and "1 worker," in told, told
         assert_same(folder, "alone", "killed")
+        if "--long" in sys.argv[3:]:
+            check_two_workers(program, worker, folder, domain)
 
 
 if __name__ == "__main__":
