@@ -36,13 +36,14 @@ FoldGain fold_gain(const ProjectedAtoms& others, const ProjectedAtoms& all, cons
   const double s_all = all.score[k], S_all = all.information(k, k);
   if (!(S_others + prior > 0)) return result;  // nothing is known: there is no fit to foretell from
   result.amplitude = (s_others + prior_score) / (S_others + prior);
+  result.against_zero = log_free(s_all + prior_score, S_all + prior) -
+                        log_free(s_others + prior_score, S_others + prior);
   const double held = std::clamp(result.amplitude, -floor, floor);
   if (held == result.amplitude) return result;
   const double beyond = result.amplitude - held;
   result.foretold = beyond * beyond * std::max(0.0, S_all - S_others) / 2;
-  const double free = log_free(s_all + prior_score, S_all + prior) -
-                      log_free(s_others + prior_score, S_others + prior);
-  result.gain = free - (log_held(s_all, S_all, held) - log_held(s_others, S_others, held));
+  result.gain =
+      result.against_zero - (log_held(s_all, S_all, held) - log_held(s_others, S_others, held));
   return result;
 }
 
@@ -53,6 +54,7 @@ FoldGain in_sample_gain(const ProjectedAtoms& all, Index k, double floor) {
   result.amplitude = all.score[k] / S;
   const double beyond = result.amplitude - std::clamp(result.amplitude, -floor, floor);
   result.gain = result.foretold = S * beyond * beyond / 2;
+  result.against_zero = S * result.amplitude * result.amplitude / 2;
   return result;
 }
 

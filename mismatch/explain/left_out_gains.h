@@ -26,6 +26,8 @@ struct FoldGain {
   double gain = 0;       ///< G_kr [nats]
   double foretold = 0;   ///< the gain to be expected of the others' fit [nats]
   double amplitude = 0;  ///< of the others' fit [unit of the atom]
+  /// Log density of the fold with the amplitude free, against amplitude zero [nats]: no floor.
+  double against_zero = 0;
 };
 
 struct AtomGains {

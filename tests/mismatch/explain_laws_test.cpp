@@ -5,6 +5,7 @@
 #include <algorithm>
 
 #include "mismatch/explain/detection_limits.h"
+#include "mismatch/explain/shares.h"
 #include "mismatch/explain/verdict_class.h"
 #include "mismatch/linear_world.h"
 
@@ -304,6 +305,31 @@ TEST(ExplainLaws, HeldOutRecordingsGainWhatTheFitForetells) {
   }
   EXPECT_EQ(gains[0][1].fold, "recording5");
   EXPECT_LT(gains[1][0].gain, 1);
+}
+
+TEST(ExplainLaws, SharesAreTheMixtureThatForetellsBest) {
+  MatrixXd density(4, 3);
+  density << 0, 5, 5, 0, 6, 6, 0, 7, 7, 0, 4, 4;
+  const VectorXd twins = stacking_weights(density);
+  EXPECT_NEAR(twins.sum(), 1, 1e-12);
+  EXPECT_LT(twins[0], 1e-6);
+  EXPECT_NEAR(twins[1], 0.5, 1e-6) << "two that foretell the same share alike";
+  // Half of the folds are foretold by one, half by the other.
+  MatrixXd halves(2, 2);
+  halves << 0, 3, 3, 0;
+  EXPECT_NEAR(stacking_weights(halves)[0], 0.5, 1e-12);
+  halves << 0, 300, 0, 400;
+  EXPECT_NEAR(stacking_weights(halves)[1], 1, 1e-12);
+  // On drawn evidence the effect has nearly all of it, and a look-alike the rest.
+  const auto gains = gains_of(draw_world(39, {0, 1.5, 0}).recordings);
+  MatrixXd drawn = MatrixXd::Zero(7, 4);
+  for (Index k = 0; k < 3; ++k) {
+    for (Index r = 0; r < 7; ++r) {
+      drawn(r, k + 1) =
+          gains[static_cast<std::size_t>(k)].folds[static_cast<std::size_t>(r)].against_zero;
+    }
+  }
+  EXPECT_GT(stacking_weights(drawn)[2], 0.9);
 }
 
 TEST(ExplainLaws, AnOpenNumberIsToldWithTheFoldThatKnewIt) {
