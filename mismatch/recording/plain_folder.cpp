@@ -12,6 +12,7 @@
 #include <set>
 
 #include "core/check.h"
+#include "core/config.h"
 #include "core/output_folder.h"
 #include "core/ply.h"
 #include "core/recording_info.h"
@@ -153,17 +154,21 @@ std::vector<std::string> read_index(const std::string& folder, std::string_view 
 
 void read_scene(const std::string& folder, Recording& recording) {
   pb::RecordingInfo& info = recording.info;
+  const bool named = !info.scene().empty();
+  const std::string file = named ? info.scene() : "scene_believed.txt";
+  const fs::path own = folder, of_case = fs::absolute(own).lexically_normal() / "..";
   std::string path;
-  if (!info.scene().empty()) {
-    path = folder + "/" + info.scene();
-    if (!fs::is_regular_file(path))
-      throw_error("{}/recording.txtpb: scene: {} cannot be opened", folder, path);
-  } else {
-    for (const std::string place : {"/scene_believed.txt", "/../scene_believed.txt"}) {
-      if (path.empty() && fs::is_regular_file(folder + place)) path = folder + place;
-    }
+  for (const fs::path& place : {own, of_case}) {
+    const std::string candidate = (place / file).lexically_normal().string();
+    if (path.empty() && fs::is_regular_file(candidate)) path = candidate;
+  }
+  if (path.empty() && named) {
+    const std::string said = (own / "recording.txtpb").string();
+    throw_error("{}scene: {} is neither in the folder of the recording nor in that of the case",
+                place_of_field(said, info, "scene"), shown(file));
   }
   if (path.empty()) return;
+  recording.scene_path = path;
   (path.ends_with(".txtpb") ? *info.mutable_scene_text() : *info.mutable_scene_believed_text()) =
       read_whole_file(path);
   info.clear_scene();

@@ -52,6 +52,7 @@ struct Recording {
   std::map<std::string, Series> series;
   Frames<Cloud> clouds;
   Frames<std::string> depth, color;   ///< PNG files
+  std::string scene_path;             ///< file that the believed scene was read from; empty: none
   std::vector<std::string> warnings;  ///< of its reading, one line each
   std::vector<std::string> notes;     ///< what became of what in a bag, one line each
 

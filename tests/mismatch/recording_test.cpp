@@ -253,6 +253,21 @@ TEST_F(RecordingFiles, TheBelievedSceneOfTheCaseComesAlong) {
   EXPECT_EQ(r.info.scene_believed_text(), "kind: sheet\n");
 }
 
+TEST_F(RecordingFiles, ANamedSceneIsLookedForBesideTheRecordingThenInTheCase) {
+  write("one/force.csv", "t_s,fx_N,fy_N,fz_N\n0,1,2,3\n");
+  write("one/recording.txtpb", "name: \"one\"\nscene: \"scene_believed.txt\"\n");
+  const std::string said = refusal([&] { read_recording_folder(folder_ / "one"); });
+  EXPECT_THAT(said, HasSubstr("one/recording.txtpb:2:1: scene: scene_believed.txt is neither in"));
+  write("scene_believed.txt", "kind: sheet  # of the case\n");
+  for (const std::string ending : {"", "/"}) {
+    const Recording r = read_recording_folder(std::string(folder_ / "one") + ending);
+    EXPECT_EQ(r.info.scene_believed_text(), "kind: sheet  # of the case\n");
+    EXPECT_EQ(r.scene_path, std::string(folder_ / "scene_believed.txt"));
+  }
+  write("one/scene_believed.txt", "kind: solid\n");
+  EXPECT_EQ(read_recording_folder(folder_ / "one").info.scene_believed_text(), "kind: solid\n");
+}
+
 TEST_F(RecordingFiles, WhatIsWrongIsToldWithItsPlace) {
   EXPECT_THAT(refused(), HasSubstr("nothing of a recording"));
   const std::string header = "t_s,fx_N,fy_N,fz_N\n";
