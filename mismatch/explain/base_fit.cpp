@@ -325,6 +325,19 @@ BaseFit fit_base(const pb::Scene& scene, std::vector<Observation> observations,
   return base;
 }
 
+Linearisation with_columns(const BaseFit& base, ReferenceForward& model, const Which& which) {
+  Linearisation linear = model.linearise(base.data, base.found.state, base.coarse, which);
+  for (const std::size_t r : which) {
+    put_columns_on(base.surfaces[r], linear.predictions[r]);
+    for (PredictedFrame& frame : linear.predictions[r].frames) {
+      if (frame.columns.size() == 0) continue;
+      for (const auto& [column, axis] : base.pinch_atoms)
+        frame.columns.col(column) = frame.columns.col(base.data.layout.unknowns.count + axis);
+    }
+  }
+  return linear;
+}
+
 std::vector<Evidence> gather_evidence(const BaseFit& base, ReferenceForward& model,
                                       const ExplainOptions& options) {
   Which all = base.fitted;
@@ -336,15 +349,7 @@ std::vector<Evidence> gather_evidence(const BaseFit& base, ReferenceForward& mod
     const Which some(
         all.begin() + static_cast<std::ptrdiff_t>(first),
         all.begin() + static_cast<std::ptrdiff_t>(std::min(all.size(), first + at_once)));
-    Linearisation linear = model.linearise(base.data, base.found.state, base.coarse, some);
-    for (const std::size_t r : some) {
-      put_columns_on(base.surfaces[r], linear.predictions[r]);
-      for (PredictedFrame& frame : linear.predictions[r].frames) {
-        if (frame.columns.size() == 0) continue;
-        for (const auto& [column, axis] : base.pinch_atoms)
-          frame.columns.col(column) = frame.columns.col(base.data.layout.unknowns.count + axis);
-      }
-    }
+    const Linearisation linear = with_columns(base, model, some);
     const NoiseModel& noise = base.found.scales.noise;
     const auto equations = compare(base.data, linear, some, base.found.state, noise, true);
     for (std::size_t k = 0; k < some.size(); ++k) {

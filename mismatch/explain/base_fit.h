@@ -34,7 +34,8 @@ struct BaseFit {
   std::vector<Prediction> surfaces;         ///< of all recordings at `found`, on the fine mesh
   std::vector<Prediction> coarse_surfaces;  ///< the same on the coarse one
   Which failed;                             ///< recordings that cannot be simulated to their end
-  /// Unknowns whose column is that of the pinch along x_B or y_B: displaced alike in all recordings.
+  /// Unknowns whose column is that of the pinch along x_B or y_B: displaced alike in all
+  /// recordings.
   std::vector<std::pair<Eigen::Index, int>> pinch_atoms;
 };
 
@@ -43,6 +44,9 @@ struct BaseFit {
 BaseFit fit_base(const pb::Scene& scene, std::vector<Observation> observations,
                  const std::vector<Candidate>& candidates, const ExplainOptions& options,
                  ReferenceForward& model);
+
+/// Surfaces of the fine mesh with columns of the coarse one, of recordings in `which`.
+Linearisation with_columns(const BaseFit& base, ReferenceForward& model, const Which& which);
 
 /// Evidence of every recording at `base.found`, with all candidates. `model` simulates columns on
 /// the coarse mesh; recordings one after the other, so that columns of few are held at a time.

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <utility>
 
 #include "mismatch/fit/recording_evidence.h"
 
@@ -70,7 +71,20 @@ class EntrantSearch {
         candidate_(candidate),
         model_(model),
         all_(all_of(base)),
-        columns_(model.linearise(base.data, base.found.state, base.coarse, base.fitted)) {}
+        columns_(with_columns(base, model, base.fitted)) {}
+
+  /// Amplitude and base numbers together, as columns foretell them.
+  std::pair<double, FitState> foretold() const {
+    constexpr int kSteps = 8;
+    FitData joint = base_.data;
+    const auto atom = std::ranges::find(joint.unknowns, candidate_.key, &Unknown::path);
+    const auto k = atom - joint.unknowns.begin();
+    atom->role = NumberRole::kNuisance;  // it may move
+    FitState led = improve(joint, columns_, base_.fitted, kSteps, base_.limits, base_.found).state;
+    const double amplitude = led.shared[k];
+    led.shared[k] = 0;
+    return {amplitude, std::move(led)};
+  }
 
   /// Simulates at a point and a state, by the coarse mesh as a change of the finer surfaces.
   /// Nothing where too little is simulated.
@@ -139,15 +153,16 @@ FitState without_entrant(const FitState& state, const Layout& with, const Layout
 }  // namespace
 
 std::optional<EntrantFit> fit_entrant(const BaseFit& base, const Candidate& candidate,
-                                      double amplitude, const std::optional<Vector2d>& place,
+                                      const std::optional<Vector2d>& place,
                                       ReferenceForward& model) {
-  constexpr int kRounds = 3, kSteps = 8;
+  constexpr int kRounds = 4, kSteps = 8;
   EntrantSearch search(base, candidate, model);
   struct Tried {
     Point point;
     FitState state;
   };
-  Tried now{{amplitude, place}, base.found.state}, best = now;
+  auto [amplitude, led] = search.foretold();
+  Tried now{{amplitude, place}, std::move(led)}, best = now;
   const double without = search.cost(base);
   double least = without;
   std::optional<EntrantFit> entrant;
@@ -155,7 +170,7 @@ std::optional<EntrantFit> fit_entrant(const BaseFit& base, const Candidate& cand
     std::optional<BaseFit> fit = search.simulate(now.point, now.state);
     const double cost = fit ? search.cost(*fit) : std::numeric_limits<double>::infinity();
     if (round > 0 && !(cost < least)) {  // half the way back
-      for (std::size_t k = 0; k < axes_of(candidate, amplitude).size(); ++k)
+      for (std::size_t k = 0; k < axes_of(candidate, now.point.amplitude).size(); ++k)
         now.point.at(k) = 0.5 * (now.point.at(k) + best.point.at(k));
       now.state.shared = 0.5 * (now.state.shared + best.state.shared);
       for (std::size_t r = 0; r < now.state.own.size(); ++r)
@@ -188,11 +203,11 @@ std::optional<EntrantFit> fit_entrant(const BaseFit& base, const Candidate& cand
           {axes[k].name, axes[k].unit, now.point.at(k),
            std::sqrt(std::max(posterior.shared_covariance(column, column), 0.0))});
     }
-    const FitState led = without_entrant(found, entrant->fit.data.layout, base.data.layout);
+    const FitState ended = without_entrant(found, entrant->fit.data.layout, base.data.layout);
     now.state = best.state;
-    now.state.shared += share * (led.shared - best.state.shared);
+    now.state.shared += share * (ended.shared - best.state.shared);
     for (const std::size_t r : base.fitted)
-      now.state.own[r] += share * (led.own[r] - best.state.own[r]);
+      now.state.own[r] += share * (ended.own[r] - best.state.own[r]);
   }
   if (!entrant) return std::nullopt;
   // The last step counts if it fits better.

@@ -24,11 +24,11 @@ struct EntrantFit {
   BaseFit fit;           ///< with the effect in the scene; its numbers are among the unknowns
 };
 
-/// Steps of Gauss and Newton from an amplitude and place that columns foretold, each simulated;
+/// Steps of Gauss and Newton from what columns foretell, at `place`, each simulated;
 /// derivatives of base and nuisances as they were. Nothing where the recordings cannot be simulated
 /// with it, or fit no better.
 std::optional<EntrantFit> fit_entrant(const BaseFit& base, const Candidate& candidate,
-                                      double amplitude, const std::optional<Eigen::Vector2d>& place,
+                                      const std::optional<Eigen::Vector2d>& place,
                                       ReferenceForward& model);
 
 /// Evidence of the recordings with the effect in the base: that of `before`, moved to the surfaces

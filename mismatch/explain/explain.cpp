@@ -461,10 +461,8 @@ Explanation explain(const pb::Scene& scene, std::vector<Observation> observation
   }
   if (first != nullptr) {
     say(0.75, "refit with " + made.candidate(first->atom).effect);
-    const auto test = std::ranges::find(tests, first->atom, &ScoreTest::atom);
     const Candidate& candidate = made.candidate(first->atom);
-    entrant =
-        fit_entrant(made.base, candidate, test->amplitude, place_of(candidate, made, tests), model);
+    entrant = fit_entrant(made.base, candidate, place_of(candidate, made, tests), model);
     if (!entrant) {
       verdict.set_status("unexplained");
       verdict.set_reason(candidate.effect +

@@ -72,7 +72,7 @@ std::string map_of(const pb::Verdict& verdict, const std::string& effect) {
 
 std::string error_bars(const pb::Verdict& verdict) {
   TableRows rows = {{"recording", "role", "before, mm rms", "after, mm rms", "noise, mm",
-                "left of what was wrong", "shell before", "shell after"}};
+                     "left of what was wrong", "shell before", "shell after"}};
   for (const pb::VerdictFit& row : verdict.fit()) {
     rows.push_back({row.recording(), row.role(), mm(row.rmse_base()), mm(row.rmse_model()),
                     mm(row.floor()), row.has_r() ? percent(row.r()) : "-",
@@ -84,7 +84,7 @@ std::string error_bars(const pb::Verdict& verdict) {
 
 std::string limits_table(const pb::Verdict& verdict) {
   TableRows rows = {{"effect", "unit", "would be seen from", "named from",
-                "two correct models differ by", "by", "looks most like"}};
+                     "two correct models differ by", "by", "looks most like"}};
   for (const pb::VerdictLimit& row : verdict.detection_limits()) {
     if (!row.testable()) {
       rows.push_back({row.effect(), row.unit(), "never", "", "", row.why_not(), ""});
@@ -98,7 +98,8 @@ std::string limits_table(const pb::Verdict& verdict) {
 }
 
 std::string rivals_table(const pb::Verdict& verdict) {
-  TableRows rows = {{"effect", "gain, nats", "in the base it leaves to others", "alone it is enough"}};
+  TableRows rows = {
+      {"effect", "gain, nats", "in the base it leaves to others", "alone it is enough"}};
   for (const pb::VerdictRival& rival : verdict.rivals()) {
     std::string left;
     for (const pb::VerdictLeft& other : rival.left()) {

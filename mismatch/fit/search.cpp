@@ -20,8 +20,15 @@ std::vector<VectorXd> own_of(const FitState& state, const Which& which) {
   return list;
 }
 
+/// Atoms are held where they are.
 Beliefs beliefs_at(const FitData& data, const Scales& scales) {
-  return {data.beliefs.shared_sd, scales.own_sd};
+  constexpr double kHeld = 1e-6;  // of the belief
+  Beliefs beliefs{data.beliefs.shared_sd, scales.own_sd};
+  for (std::size_t k = 0; k < data.unknowns.size(); ++k) {
+    if (data.unknowns[k].role == NumberRole::kAtom)
+      beliefs.shared_sd[static_cast<Eigen::Index>(k)] *= kHeld;
+  }
+  return beliefs;
 }
 
 /// Into the ranges of the shared numbers, and not too far from where recordings were simulated.

@@ -123,7 +123,7 @@ TEST(Intake, CommandsThatAreCutOffAreSaid) {
   Recording recording;
   Series series = track("tip_commanded_", 0.02, 20, 0, 0, 0);
   EXPECT_TRUE(
-      take_in(Recording{{}, {{"tool_commanded", series}}, {}, {}, {}, {}, {}}).clipped.empty());
+      take_in(Recording{{}, {{"tool_commanded", series}}, {}, {}, {}, {}, {}, {}}).clipped.empty());
   for (std::size_t row = 0; row < series.rows(); ++row)
     series.values[3 * row] = std::min(series.values[3 * row], 0.006);
   recording.series["tool_commanded"] = series;
