@@ -5,6 +5,7 @@
 #include <map>
 #include <memory>
 #include <optional>
+#include <set>
 
 #include "core/check.h"
 #include "core/durable_file.h"
@@ -18,6 +19,7 @@
 #include "mismatch/recording/recording_mcap.h"
 #include "mismatch/recording/text_table.h"
 #include "mismatch/ros/bag.h"
+#include "mismatch/scene/believed_scene.h"
 #include "mismatch/seen/cloud_mask.h"
 #include "mismatch/seen/observation.h"
 #include "mismatch/seen/repeats.h"
@@ -67,8 +69,28 @@ void for_each(const RecordingOptions& options, const TakeRecording& take) {
   import_mapped(map, options.input, take);
 }
 
+/// What no scene can hold of a believed scene, once for all recordings that have it. Throws Error
+/// where it is none.
+class BeliefReport {
+ public:
+  void add(const Recording& recording) {
+    const std::string& text = recording.info.scene_believed_text();
+    if (text.empty() || !told_.insert(text).second) return;
+    const std::string& path = recording.scene_path;
+    const Result<BelievedScene> believed =
+        parse_believed_scene(path.empty() ? "scene_believed.txt" : path, text);
+    if (!believed) throw_error("{}", believed.error());
+    warn(believed.value().warnings);
+  }
+
+ private:
+  std::set<std::string> told_;
+};
+
 int import_recordings(const RecordingOptions& options) {
-  const auto report = [](const std::string& name, const Recording& recording) {
+  BeliefReport beliefs;
+  const auto report = [&](const std::string& name, const Recording& recording) {
+    beliefs.add(recording);
     warn(recording.warnings);
     std::printf("%s:%s\n", name.c_str(), summary(recording).c_str());
     for (const std::string& note : recording.notes) std::printf("  %s\n", note.c_str());
@@ -187,12 +209,15 @@ int print_info(const RecordingOptions& options) {
   if (!options.contact_sheet.empty() && options.inputs.size() != 1)
     throw_error("--contact-sheet: {} recordings, allowed one", options.inputs.size());
   std::map<std::string, std::vector<Recording>> repeats;
+  std::set<fs::path> files;  // a recording that is given twice is no repeat of itself
   for (const std::string& path : options.inputs) {
     Recording recording = is_bag(path) ? read_bag(path, {}, {}) : read_recording_mcap(path);
     warn(recording.warnings);
     const pb::RecordingInfo& info = recording.info;
     std::printf("%s: %s:%s\n", path.c_str(), info.name().c_str(), summary(recording).c_str());
-    for (const auto& [what, text] : {std::pair{"repeat of", info.repeat_of()},
+    // The first of repeats names itself.
+    const bool itself = info.repeat_of() == info.name();
+    for (const auto& [what, text] : {std::pair{"repeat of", itself ? "" : info.repeat_of()},
                                      {"specimen", info.specimen()},
                                      {"notes", info.notes()},
                                      {"held out", std::string(info.held_out() ? "yes" : "")}}) {
@@ -205,7 +230,8 @@ int print_info(const RecordingOptions& options) {
           write_durably(options.contact_sheet, make_contact_sheet(recording));
       if (!written) throw_error("{}", written.error());
     }
-    if (!info.repeat_of().empty()) repeats[info.repeat_of()].push_back(std::move(recording));
+    if (!info.repeat_of().empty() && files.insert(fs::canonical(path)).second)
+      repeats[info.repeat_of()].push_back(std::move(recording));
   }
   for (const auto& [name, recordings] : repeats) {
     std::vector<const Recording*> all;

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <array>
+#include <charconv>
 #include <cmath>
 
 #include "core/constants.h"
@@ -30,8 +31,12 @@ struct NumberKey {
   const char* name;
   int count;  ///< of numbers
   double min, max;
+  bool single = false;  ///< one number may stand for all of them
 };
 constexpr double kAny = 1e9;
+// Those of AddedMass in proto/tissue_effects.proto.
+constexpr double kHeaviest = 1;  // [kg]
+constexpr double kFarthest = 1;  // [m]
 constexpr std::array kNumberKeys = {
     NumberKey{"sheet_size_x_m", 1, 0.002, 1},
     NumberKey{"sheet_size_y_m", 1, 0.002, 1},
@@ -49,7 +54,7 @@ constexpr std::array kNumberKeys = {
     NumberKey{"board_plane_normal", 3, -kAny, kAny},
     NumberKey{"board_plane_z_m", 1, -10, 10},
     NumberKey{"board_friction_nominal", 1, 0, 5},
-    NumberKey{"gravity_m_per_s2", 1, 0, 20},
+    NumberKey{"gravity_m_per_s2", 3, -20, 20, true},
     NumberKey{"gripper_patch_x_m", 1, 2e-4, 0.1},
     NumberKey{"gripper_patch_y_m", 1, 2e-4, 0.1},
     NumberKey{"camera_position_W_m", 3, -10, 10},
@@ -109,6 +114,42 @@ Result<std::vector<double>> Belief::parse_numbers(std::size_t line, std::string_
   return numbers;
 }
 
+Result<bool> Belief::take_numbered(std::size_t line, const std::string& key,
+                                   std::string_view value) {
+  for (const auto& [end, points] : {std::pair{"_sheet_m", &pinch_sheet_}, {"_W_m", &pinch_W_}}) {
+    const std::optional<int> number = numbered(key, "pinch_point_", end);
+    if (!number) continue;
+    const auto numbers = parse_numbers(line, key, value, 2, 3);
+    if (!numbers) return Failure{numbers.error()};
+    const std::vector<double>& p = numbers.value();
+    (*points)[*number] = Vector3d(p[0], p[1], p.size() > 2 ? p[2] : 0);
+    return true;
+  }
+  const auto refuse = [&](double number, double min, double max) {
+    return Failure{fmt::format("{}:{}: {}: {:.6g}, allowed {:g} ... {:g}", name_, line, shown(key),
+                               number, min, max)};
+  };
+  if (const std::optional<int> number = numbered(key, "mass_", "_kg")) {
+    const auto kg = parse_numbers(line, key, value, 1, 1);
+    if (!kg) return Failure{kg.error()};
+    const double mass = kg.value().front();
+    if (!(mass >= 0 && mass <= kHeaviest)) return refuse(mass, 0, kHeaviest);
+    masses_[*number].kg = mass;
+    return true;
+  }
+  if (const std::optional<int> number = numbered(key, "mass_", "_B_m")) {
+    const auto place = parse_numbers(line, key, value, 2, 3);
+    if (!place) return Failure{place.error()};
+    const std::vector<double>& p = place.value();
+    for (const double x : p) {
+      if (!(std::fabs(x) <= kFarthest)) return refuse(x, -kFarthest, kFarthest);
+    }
+    masses_[*number].p_B = Vector3d(p[0], p[1], p.size() > 2 ? p[2] : 0);
+    return true;
+  }
+  return false;
+}
+
 Result<void> Belief::take(std::size_t line, const std::string& key, std::string_view value) {
   if (!lines_.emplace(key, line).second) {
     return Failure{fmt::format("{}:{}: {}: given a second time, first on line {}", name_, line,
@@ -118,15 +159,9 @@ Result<void> Belief::take(std::size_t line, const std::string& key, std::string_
     texts_[key] = std::string(value);
     return {};
   }
-  for (const auto& [end, points] : {std::pair{"_sheet_m", &pinch_sheet_}, {"_W_m", &pinch_W_}}) {
-    const std::optional<int> number = numbered(key, "pinch_point_", end);
-    if (!number) continue;
-    const auto numbers = parse_numbers(line, key, value, 2, 3);
-    if (!numbers) return Failure{numbers.error()};
-    const std::vector<double>& p = numbers.value();
-    (*points)[*number] = Vector3d(p[0], p[1], p.size() > 2 ? p[2] : 0);
-    return {};
-  }
+  const Result<bool> taken = take_numbered(line, key, value);
+  if (!taken) return Failure{taken.error()};
+  if (taken.value()) return {};
   double factor = 1;
   std::string name = key;
   auto known = std::find_if(kNumberKeys.begin(), kNumberKeys.end(),
@@ -143,9 +178,14 @@ Result<void> Belief::take(std::size_t line, const std::string& key, std::string_
     unknown_.push_back(key);
     return {};
   }
-  const auto parsed = parse_numbers(line, key, value, known->count, known->count);
+  const auto parsed =
+      parse_numbers(line, key, value, known->single ? 1 : known->count, known->count);
   if (!parsed) return Failure{parsed.error()};
   std::vector<double> numbers = parsed.value();
+  if (known->single && numbers.size() > 1 && static_cast<int>(numbers.size()) < known->count) {
+    return Failure{fmt::format("{}:{}: {}: {} numbers, needed 1 or {}", name_, line, shown(key),
+                               numbers.size(), known->count)};
+  }
   for (double& number : numbers) {
     number *= factor;
     if (number >= known->min && number <= known->max) continue;
@@ -189,31 +229,29 @@ Result<void> Belief::read(std::string_view text) {
 }
 
 StatedUncertainty uncertainty_in(std::string_view text) {
+  constexpr std::string_view kBetween = " \t,;()+-~";
   StatedUncertainty found;
   double number = -1;  // below zero: none
-  for (std::size_t at = 0; at < text.size();) {
-    at = std::min(text.find_first_not_of(" \t,;()+-~", at), text.size());
-    std::size_t end = std::min(text.find_first_of(" \t,;()+~", at), text.size());
-    std::string_view word = text.substr(at, end - at);
-    if (word.empty()) break;
-    std::size_t digits = 0;
-    while (digits < word.size() &&
-           std::string_view("0123456789.").find(word[digits]) != std::string_view::npos)
-      ++digits;
-    if (digits > 0) {
-      number = parse_number(word.substr(0, digits)).value_or(-1);
-      word.remove_prefix(digits);
+  while (true) {
+    text.remove_prefix(std::min(text.find_first_not_of(kBetween), text.size()));
+    if (text.empty()) return found;
+    if ((text.front() >= '0' && text.front() <= '9') || text.front() == '.') {
+      const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), number);
+      if (error != std::errc()) number = -1;
+      text.remove_prefix(std::max<std::size_t>(1, static_cast<std::size_t>(end - text.data())));
+      continue;
     }
+    const std::string_view word = text.substr(0, text.find_first_of(kBetween));
+    text.remove_prefix(word.size());
     if (number >= 0 && number < 1e6) {
-      if (word == "mm") found.metres = 1e-3 * number;
-      if (word == "m") found.metres = number;
-      if (word == "deg" || word == "degree" || word == "degrees") found.radians = kDegree * number;
-      if (word == "rad") found.radians = number;
+      const bool degrees = word == "deg" || word == "degree" || word == "degrees";
+      if (word == "mm" && found.metres == 0) found.metres = 1e-3 * number;
+      if (word == "m" && found.metres == 0) found.metres = number;
+      if (degrees && found.radians == 0) found.radians = kDegree * number;
+      if (word == "rad" && found.radians == 0) found.radians = number;
     }
-    if (!word.empty()) number = -1;
-    at = end;
+    number = -1;
   }
-  return found;
 }
 
 }  // namespace omentum

@@ -13,6 +13,7 @@
 #include "core/table.h"
 #include "core/trig.h"
 #include "mismatch/scene/belief.h"
+#include "mismatch/scene/believed_parts.h"
 
 namespace omentum {
 namespace {
@@ -159,16 +160,8 @@ void tell_unused(const Belief& belief, SetUp kind, std::vector<std::string>& war
        {"material", "clamped_edge", "tip_reference", "cloud_content", "force_sensor"}) {
     if (belief.has(key)) warnings.push_back(belief.place(key) + ": words, kept and not used");
   }
-  for (const std::string& key : belief.unknown()) {
-    const bool mass = key.starts_with("mass_");
-    warnings.push_back(fmt::format("{}: {}: not used", belief.place(key),
-                                   mass ? "no mass can be hung on a body yet" : "no such key"));
-  }
-  if (const auto shaft = belief.vector("shaft_direction_W")) {
-    if (shaft->norm() > 0 && shaft->normalized().z() > -0.99)
-      warnings.push_back(belief.place("shaft_direction_W") +
-                         ": the simulated shaft points along -z_W: not used");
-  }
+  for (const std::string& key : belief.unknown())
+    warnings.push_back(belief.place(key) + ": no such key: not used");
   if (kind == SetUp::kArm || kind == SetUp::kCoupon) return;
   for (const char* key :
        {"young_modulus_nominal_Pa", "density_nominal_kg_per_m3", "sheet_thickness_m"}) {
@@ -250,8 +243,8 @@ Result<BelievedScene> parse_believed_scene(const std::string& name, std::string_
   scene.set_format_version(1);
   scene.set_name(belief.has("name") ? belief.text("name") : "believed");
   scene.set_source("scene_believed.txt");
-  if (belief.has("gravity_m_per_s2"))
-    scene.set_gravity_m_per_s2(belief.number("gravity_m_per_s2", 0));
+  if (Result<void> gravity = set_believed_gravity(belief, made); !gravity)
+    return Failure{gravity.error()};
   made.rest_cloud_file = belief.text("rest_cloud_file");
   tell_unused(belief, made.kind, made.warnings);
   if (made.kind != SetUp::kArm) set_material(belief, made);
@@ -294,20 +287,10 @@ Result<BelievedScene> parse_believed_scene(const std::string& name, std::string_
   } else if (belief.has("mesh_file")) {
     tissue.mutable_sheet()->mutable_mesh()->set_path(belief.text("mesh_file"));
   }
+  set_believed_mass(belief, made);
   set_board(belief, scene);
   set_camera(belief, place.X_WB.translation(), scene);
-  pb::Tool& tool = *scene.mutable_tool();
-  tool.set_contact(false);  // where the shaft is no belief says
-  if (belief.has("gripper_patch_x_m") || belief.has("gripper_patch_y_m")) {
-    const double along = belief.number("gripper_patch_x_m", belief.number("gripper_patch_y_m", 0));
-    const double across = belief.number("gripper_patch_y_m", along);
-    // x_C of a tool that is not rolled is y_W: the rectangle turns with the sheet.
-    const Vector3d x_S = place.X_WB.linear().col(1);
-    tool.set_roll_deg(std::remainder(trig::atan2(x_S.y(), x_S.x()) / kDegree - 90, 360));
-    tool.mutable_grip()->set_shape(pb::GRIP_RECTANGLE);
-    tool.mutable_grip()->set_half_x_m(0.5 * along);
-    tool.mutable_grip()->set_half_y_m(0.5 * across);
-  }
+  set_believed_tool(belief, place.X_WB, made);
   for (const auto& [number, p] : belief.pinch_W()) made.pinch_W.push_back(p);
   for (const auto& [number, p] : belief.pinch_sheet()) {
     if (belief.pinch_W().count(number) > 0) continue;
