@@ -14,6 +14,7 @@
 #include "mismatch/explain/candidates.h"
 #include "mismatch/explain/detection_limits.h"
 #include "mismatch/explain/entrant.h"
+#include "mismatch/explain/shares.h"
 #include "mismatch/explain/verdict_class.h"
 
 namespace omentum {
@@ -58,8 +59,6 @@ void split_evidence(std::vector<Evidence> all, Case& made) {
     made.fitted.push_back(std::move(evidence));
   }
 }
-
-std::string effect_of_key(const std::string& key) { return key.substr(0, key.find('.')); }
 
 /// A stiffer place and a softer one are two names.
 std::string name_of(const Candidate& candidate, double amplitude) {
@@ -302,26 +301,32 @@ std::string patch_text(const EntrantFit& entrant) {
   return text;
 }
 
-/// Members of the class, one entry an effect, with shares by their gains.
+/// Members of the class, one entry an effect, with shares by what they foretell of recordings left
+/// out.
 void fill_class(const Case& made, const VerdictClass& judged, const std::string& winner,
                 const std::string& winner_name, pb::VerdictEffect& effect) {
-  std::vector<std::pair<std::string, double>> members = {{winner_name, 0}};
-  const auto gain_of = [&](const std::string& atom) {
-    return std::ranges::find(judged.entrants, atom, &Entrant::atom)->gain;
-  };
+  std::vector<std::string> names = {winner_name}, atoms = {winner};
   for (const std::string& atom : judged.members) {
-    if (atom == winner || made.candidate(atom).effect == made.candidate(winner).effect) continue;
-    if (std::ranges::find(members, effect_of_key(atom), &std::pair<std::string, double>::first) !=
-        members.end())
-      continue;
-    members.emplace_back(effect_of_key(atom), gain_of(atom) - gain_of(winner));
+    const std::string& name = made.candidate(atom).effect;
+    if (name == made.candidate(winner).effect || std::ranges::count(names, name) > 0) continue;
+    names.push_back(name);
+    atoms.push_back(atom);
   }
-  double sum = 0;
-  for (const auto& [name, behind] : members) sum += std::exp(std::min(behind, 0.0));
-  for (const auto& [name, behind] : members) {
+  const auto gains_of = [&](const std::string& atom) {
+    return *std::ranges::find(judged.gains, atom, &AtomGains::atom);
+  };
+  Eigen::MatrixXd density(static_cast<Eigen::Index>(gains_of(winner).folds.size()),
+                          static_cast<Eigen::Index>(atoms.size()));
+  for (Eigen::Index k = 0; k < density.cols(); ++k) {
+    const AtomGains gains = gains_of(atoms[static_cast<std::size_t>(k)]);
+    for (Eigen::Index r = 0; r < density.rows(); ++r)
+      density(r, k) = gains.folds[static_cast<std::size_t>(r)].against_zero;
+  }
+  const Eigen::VectorXd shares = stacking_weights(density);
+  for (Eigen::Index k = 0; k < density.cols(); ++k) {
     pb::VerdictMember& member = *effect.mutable_class_()->add_members();
-    member.set_name(name);
-    member.set_probability(std::exp(std::min(behind, 0.0)) / sum);
+    member.set_name(names[static_cast<std::size_t>(k)]);
+    member.set_probability(shares[k]);
   }
 }
 
