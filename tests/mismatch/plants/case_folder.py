@@ -2,6 +2,8 @@
 import hashlib
 import json
 import os
+import shutil
+import tempfile
 
 import numpy as np
 
@@ -160,21 +162,24 @@ def label_of(case, name, seed, place, numbers, young, with_force, recordings):
             "sensor": numbers, "recordings": recordings}
 
 
-def write_case(truth, seed, folder, labels=None, force=None):
-    """The same seed gives the same bytes. labels: None writes no label. -> the label."""
+def write_case(truth, seed, folder, force=None, label_only=False):
+    """The same seed gives the same bytes. label_only: the folder is there and is left alone. -> the label."""
     with open(os.path.join(truth, "truth.json")) as f:
         case = json.load(f)
     have = [k for k in range(9) if os.path.exists(os.path.join(truth, f"r{k:02d}.npz"))]
-    if not have or os.path.exists(folder):
-        raise SystemExit(f"{truth} holds no recording" if not have else f"{folder} is there already")
+    if not have:
+        raise SystemExit(f"{truth} holds no recording")
+    if os.path.exists(folder) != label_only:
+        raise SystemExit(f"{folder} is not there" if label_only else f"{folder} is there already")
     rng = np.random.default_rng([78, seed])
     place, numbers = Placement(case["base"], rng), sensor.draw(rng)
     with_force = bool(rng.random() < .5) if force is None else force
     b = case["base"]
     camera = camera_of(numbers, place.world([b["width_m"] / 2, b["length_m"] / 2, 0]), place.axis_x)
     text, young = believed(case, place, camera, numbers, with_force, rng)
-    part = folder.rstrip("/") + ".part"
-    os.makedirs(part)
+    # A label is drawn as its case was, into a folder that does not stay.
+    part = tempfile.mkdtemp() if label_only else folder.rstrip("/") + ".part"
+    os.makedirs(part, exist_ok=label_only)
     with open(os.path.join(part, "scene_believed.txt"), "w") as f:
         f.write(text)
     recordings = {}
@@ -187,11 +192,11 @@ def write_case(truth, seed, folder, labels=None, force=None):
         for name in files:
             os.utime(os.path.join(where, name), (DAY, DAY))
         os.utime(where, (DAY, DAY))
-    os.rename(part, folder)
-    label = label_of(case, os.path.basename(folder.rstrip("/")), seed, place, numbers, young, with_force, recordings)
-    if labels:
-        write_label(label, labels)
-    return label
+    if label_only:
+        shutil.rmtree(part)
+    else:
+        os.rename(part, folder)
+    return label_of(case, os.path.basename(folder.rstrip("/")), seed, place, numbers, young, with_force, recordings)
 
 
 def label_bytes(label):

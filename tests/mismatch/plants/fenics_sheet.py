@@ -1,8 +1,8 @@
 """A clamped soft sheet under gravity, moved by rigid pads: 27-node bricks in DOLFINx (Debian's 0.5.2).
 
 One step minimises an increment of potential over the nodes that the pad does not hold: elastic energy, rate damping
-eta / (2 h) |E - E_before|^2, inertia by Newmark (gamma 0.6, so that what the step cannot follow dies out), weight, and
-the faces' terms of fenics_surface.py. Newton with a line search on that potential; where the matrix is not positive
+eta / (2 h) |E - E_before|^2, inertia by BDF2 (backward Euler where the step has just changed: what strikes the board
+stays there, which Newmark's rule would throw back up), weight, and the faces' terms of fenics_surface.py. Newton with a line search on that potential; where the matrix is not positive
 the mass is added until it is. Box coordinates: x across from 0, y from the clamped edge, z up from the board.
 """
 import sys
@@ -21,8 +21,6 @@ from petsc4py import PETSc
 import fenics_surface as surface
 
 logging.disable(logging.INFO)
-GAMMA = 0.6
-BETA = (GAMMA + 0.5)**2 / 4
 JIT = {"cffi_extra_compile_args": ["-O3", "-march=native"], "cffi_libraries": ["m"]}
 
 
@@ -126,13 +124,15 @@ class Sheet:
         self.A.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
         self.A.setOption(PETSc.Mat.Option.SYMMETRIC, True)
         self.A.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
+        self._solver()
+
+    def _solver(self):
         self.ksp = PETSc.KSP().create(MPI.COMM_SELF)
         self.ksp.setOperators(self.A)
         self.ksp.setType("preonly")
         pc = self.ksp.getPC()
         pc.setType("cholesky")
         pc.setFactorSolverType("cholmod")  # a tenth of the time of PETSc's own
-        self.ksp.setErrorIfNotConverged(False)
 
     def _prony(self, E, mu, lam, number):
         """A Maxwell branch: its dashpot's strain at the Gauss points, condensed over a step by backward Euler."""
@@ -157,36 +157,43 @@ class Sheet:
         return self.rest + self.u.x.array.reshape(-1, 3)
 
     def start(self):
-        self.velocity = np.zeros_like(self.rest)
-        self.acceleration = np.zeros_like(self.rest)
+        self.halt()
         p = self.positions()
         for term in self.terms:
             term.start(term.s.points(p))
+
+    def halt(self):
+        """Takes all motion out."""
+        self.velocity = np.zeros_like(self.rest)
+        self.last = None  # h, positions' and velocities' arrays of the step before
 
     def potential(self):
         p = self.positions()
         faces = sum(term.evaluate(term.s.points(p), False)[0] for term in self.terms)
         return fem.assemble_scalar(self.energy_form) + faces
 
-    def gradient(self, matrix):
+    def gradient(self):
         r = fem.petsc.assemble_vector(self.force_form).array.reshape(-1, 3).copy()
-        if matrix:
-            self.A.zeroEntries()
-            fem.petsc.assemble_matrix(self.A, self.tangent_form)
-            self.A.assemble()
         p = self.positions()
         for term in self.terms:
-            _, force, K = term.evaluate(term.s.points(p), matrix)
-            term.s.scatter(force, r)
-            if matrix:
-                touched = np.flatnonzero(np.abs(K).sum(axis=(1, 2, 3)) > 0)
-                blocks = term.s.blocks(K[touched])
-                dofs = (3 * term.s.faces[touched][:, :, None] + np.arange(3)).reshape(-1, 27).astype(np.int32)
-                for d, b in zip(dofs, blocks):
-                    self.A.setValues(d, d, b.ravel(), addv=PETSc.InsertMode.ADD)
-        if matrix:
-            self.A.assemble()
+            term.s.scatter(term.evaluate(term.s.points(p), False)[1], r)
         return r.ravel()
+
+    def assemble(self):
+        """The second derivative into A."""
+        self.A.zeroEntries()
+        fem.petsc.assemble_matrix(self.A, self.tangent_form)
+        self.A.assemble()
+        p = self.positions()
+        for face in (self.lower, self.upper):
+            K = sum(term.evaluate(face.points(p), True)[2] for term in self.terms if term.s is face)
+            if np.isscalar(K):
+                continue
+            touched = np.flatnonzero(np.abs(K).sum(axis=(1, 2, 3)) > 0)
+            dofs = (3 * face.faces[touched][:, :, None] + np.arange(3)).reshape(-1, 27).astype(np.int32)
+            for d, block in zip(dofs, face.blocks(K[touched])):
+                self.A.setValues(d, d, block, addv=PETSc.InsertMode.ADD)
+        self.A.assemble()
 
     def direction(self, r, jump):
         """Newton's direction; the pad's nodes go by `jump`."""
@@ -216,10 +223,11 @@ class Sheet:
                     return d
             except PETSc.Error:
                 pass
+            self._solver()  # one that has failed does not factor again
             shift = max(4 * shift, 2e3)
         raise RuntimeError("no direction")
 
-    def minimise(self, target, tolerance=2e-6, iterations=40):
+    def minimise(self, target, tolerance=1e-5, iterations=40):
         """target: positions of the pad's nodes. False: it did not get there."""
         start = self.u.x.array.copy()
         free = np.ones(len(start), bool)
@@ -230,12 +238,13 @@ class Sheet:
         first = bool(np.abs(jump).max() > 0)
         energy = None
         for k in range(iterations):
-            r = self.gradient(True)
+            r = self.gradient()
             self.reaction = r.reshape(-1, 3)[self.pad].sum(0)
             norm = np.linalg.norm(r[free])
             if not first and norm < tolerance:
                 return True
             self.newton += 1
+            self.assemble()
             try:
                 d = self.direction(np.where(free, r, 0) if not first else r, jump if first else None)
             except RuntimeError:
@@ -266,25 +275,32 @@ class Sheet:
         self.u.x.array[:] = start
         return False
 
+    def minimise_from(self, x, target):
+        self.u.x.array[:] = x.ravel()
+        return self.minimise(target)
+
     def step(self, h, target, depth=0):
         """One step of h seconds; target(share) gives the pad's nodes at that share of it. Halves where needed."""
         m = self.material
         x = self.u.x.array.reshape(-1, 3).copy()
-        keep = x.copy(), self.velocity.copy(), self.acceleration.copy()
-        guess = x + h * self.velocity + h**2 * (0.5 - BETA) * self.acceleration
+        v = self.velocity
+        if self.last and abs(self.last[0] - h) < 1e-9:
+            reach, x_from, v_from = 2 * h / 3, (4 * x - self.last[1]) / 3, (4 * v - self.last[2]) / 3
+        else:
+            reach, x_from, v_from = h, x, v
         self.before.x.array[:] = x.ravel()
-        self.predicted.x.array[:] = guess.ravel()
-        self.inertia.value = 1 / (BETA * h**2)
+        self.predicted.x.array[:] = (x_from + reach * v_from).ravel()
+        self.inertia.value = 1 / reach**2
         self.drag.value = m.mass_rate / h
         self.rate.value = m.rate_time / h
         if self.branch:
             g, tau = m.prony
             self.share.value = g / (1 + h / tau)
-        if self.minimise(target(1.0)):
-            u = self.u.x.array.reshape(-1, 3)
-            a = (u - guess) / (BETA * h**2)
-            self.velocity = self.velocity + h * ((1 - GAMMA) * self.acceleration + GAMMA * a)
-            self.acceleration = a
+        # First from where it goes on at its velocity, which saves an iteration, then from where it is.
+        self.u.x.array[:] = (x + h * v).ravel()
+        if self.minimise(target(1.0)) or self.minimise_from(x, target(1.0)):
+            self.velocity = (self.u.x.array.reshape(-1, 3) - x_from) / reach
+            self.last = h, x, v
             self.force = -self.reaction  # of the tissue on the tool
             p = self.positions()
             for term in self.terms:
@@ -294,8 +310,8 @@ class Sheet:
             return
         if depth > 6:
             raise RuntimeError("a step of a hundredth does not converge")
-        self.u.x.array[:] = keep[0].ravel()
-        _, self.velocity, self.acceleration = keep
+        self.u.x.array[:] = x.ravel()
+        self.last = None
         self.step(h / 2, lambda s: target(s / 2), depth + 1)
         self.step(h / 2, lambda s: target(0.5 + s / 2), depth + 1)
 

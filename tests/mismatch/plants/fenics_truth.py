@@ -115,8 +115,10 @@ def settle(s):
         for share in np.linspace(-.9, 0, 19):
             s.ball.centre = final + [0, 0, share * (final[2] + s.ball.radius)]
             s.step(.05, nobody)
-    for h in (.02, .05, .1, .2, .5, 1, 1, 1):
+            s.halt()
+    for h in (.02, .1, .5, 2):
         s.step(h, nobody)
+        s.halt()
     s.terms, s.material.mass_rate, s.material.rate_time = terms, calm, branch
     s.start()
 
@@ -153,10 +155,10 @@ class Jaws:
                 self.slip = self.slip + force / size * min(p["v0"] * over * h, left)
 
 
-def run_recording(case, recording, cells=10, step=None, progress=lambda text: None):
+def run_recording(case, recording, cells=9, step=None, progress=lambda text: None):
     """-> dictionary of arrays."""
     motion = protocol.RECORDINGS[recording][1]
-    h = step or (.0125 if motion == protocol.FAST else .025)
+    h = step or .025
     s, held = build(case, recording, cells)
     settle(s)
     if s.branch:
@@ -164,27 +166,37 @@ def run_recording(case, recording, cells=10, step=None, progress=lambda text: No
     jaws = Jaws(case, recording, s, held)
     # Jaws that turn take hold as they begin to close, all others as they have closed.
     take = protocol.CLOSED - (.2 if case["effect"] == "jaw_orientation" else 0)
+    lowered = protocol.MOTIONS[motion][-1][0] + .3  # delays included
     count, every = int(round(DURATION / h)), int(round(FRAME / h))
-    frames, forces = [], [np.zeros(3)]
+    frames, forces, still = [], [np.zeros(3)], True
     keep = lambda: frames.append((s.positions() - s.rest)[s.grid[:, :, [0, 2]]].transpose(2, 0, 1, 3))
     keep()
     for k in range(count):
         t = k * h
-        if jaws.taken is None and t > take - 1e-9:
+        if t > take - 1e-9 and jaws.taken is None:
             jaws.take()
-        s.step(h, lambda share: jaws.at(t + share * h))
-        force = s.force if jaws.taken is not None else np.zeros(3)
-        jaws.after(h, force)
-        forces.append(force)
+            still = False
+        if not still:  # before it is taken and long after it is laid down nothing moves
+            parts = 2 if motion == protocol.FAST and .65 < t < 1.3 else 1
+            for part in range(parts):
+                s.step(h / parts, lambda share: jaws.at(t + (part + share) * h / parts))
+            jaws.after(h, s.force)
+            still = t > lowered and np.abs(s.velocity).max() < 2e-5
+        forces.append(np.zeros(3) if jaws.taken is None else s.force)
         if (k + 1) % every == 0:
             keep()
         if (k + 1) % (10 * every) == 0:
-            progress(f"{t + h:.2f} s, {s.newton} iterations, force {np.round(force, 3)}")
-    moved = np.rint(np.array(frames) / STEP_M).astype(np.int64)
+            progress(f"{t + h:.2f} s, {s.newton} iterations, force {np.round(forces[-1], 3)}")
+    move = encode(np.rint(np.array(frames) / STEP_M).astype(np.int64))
+    return {"xs": s.xs, "ys": s.ys, "move": move, "frame_s": FRAME * np.arange(len(frames)),
+            "force_N": np.array(forces, np.float32), "step_s": h * np.arange(count + 1)}
+
+
+def encode(moved):
+    """From displacements in steps."""
     coded = np.diff(moved, axis=0, prepend=0)
     coded[:, 1] -= coded[:, 0]
-    return {"xs": s.xs, "ys": s.ys, "move": coded.astype(np.int16), "frame_s": FRAME * np.arange(len(frames)),
-            "force_N": np.array(forces, np.float32), "step_s": h * np.arange(count + 1)}
+    return coded.astype(np.int16)
 
 
 def decode(stored):
@@ -194,7 +206,13 @@ def decode(stored):
     return np.cumsum(move, axis=0) * STEP_M
 
 
-def run_case(effect, seed, folder, cells=10, recordings=range(9), progress=print):
+def thinned(stored):
+    """The frames at .05, .15 ... s alone, which are those that the camera takes."""
+    moved = np.rint(decode(stored)[1::2] / STEP_M).astype(np.int64)
+    return dict(stored, move=encode(moved), frame_s=stored["frame_s"][1::2])
+
+
+def run_case(effect, seed, folder, cells=9, recordings=range(9), progress=print):
     """Runs what is not there yet; a recording is written under another name and renamed once it is whole."""
     os.makedirs(folder, exist_ok=True)
     case = protocol.draw_case(effect, seed)

@@ -1,27 +1,98 @@
 #!/usr/bin/python3
-"""Makes cases with concealed physics for `mismatch explain` to find: truths by simulation, folders by a drawn sensor."""
+"""Makes cases with concealed physics for `mismatch explain` to find.
+
+  truth   simulates the nine recordings of a case into TRUTHDIR; what is there is kept, so it can be resumed
+  thin    copies a truth with the frames that a camera of 10 Hz sees, half the size
+  case    draws sensor, clocks and registration over a truth and writes a case folder; it prints the
+          SHA-256 of every file and of the label, which without --labels only `label` writes
+  label   writes the label of a case that was made without one
+  plan    prints the cases of a batch, one a line: name, effect, seed of the truth, seed of the sensor
+"""
 import argparse
+import hashlib
 import os
+import shutil
 import sys
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 
+import numpy as np
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__)
+import case_folder
+import fenics_truth
+import protocol
+
+
+def thin(source, target):
+    os.makedirs(target)
+    shutil.copy(os.path.join(source, "truth.json"), target)
+    for name in sorted(os.listdir(source)):
+        if name.endswith(".npz"):
+            with np.load(os.path.join(source, name)) as stored:
+                out = fenics_truth.thinned({key: stored[key] for key in stored.files})
+            np.savez_compressed(os.path.join(target, name), **out)
+
+
+def truth_seed(effect, index):
+    return 101 + 40 * index + protocol.EFFECTS.index(effect)
+
+
+def plan(batch, seed):
+    """A batch in the order of its names, which tell nothing. The first truths of an effect serve every seed of a smoke
+    batch, so that what is kept is used again; the sensor is always drawn anew."""
+    rng = np.random.default_rng([80, seed])
+    if batch == "smoke":
+        chosen = [("null", 0), ("null", 1), ("inclusion", 0), (rng.choice(["adhesion", "obstacle_below"]), 0),
+                  (rng.choice(["grasp_offset", "anchor_detachment"]), 0), (rng.choice(["tool_backlash", "viscoelastic"]), 0)]
+    else:
+        chosen = [("null", k) for k in range(8)] + [(e, k) for e in protocol.EFFECTS[1:] for k in range(2)]
+    rows = [(f"{rng.integers(16**8):08x}", str(e), truth_seed(e, k), int(rng.integers(2**31))) for e, k in chosen]
+    return sorted(rows)
+
+
+def arguments():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     commands = parser.add_subparsers(dest="command", required=True)
-    truth = commands.add_parser("truth", help="simulate the nine recordings of a case; what is there is kept")
-    truth.add_argument("--effect", required=True)
+    truth = commands.add_parser("truth")
+    truth.add_argument("--effect", required=True, choices=protocol.EFFECTS)
     truth.add_argument("--seed", type=int, required=True)
     truth.add_argument("-o", dest="folder", required=True)
-    truth.add_argument("--cells", type=int, default=10, help="along each side of the sheet")
-    truth.add_argument("--recordings", type=int, nargs="*", default=range(9))
-    a = parser.parse_args()
+    truth.add_argument("--cells", type=int, default=9, help="along each side of the sheet")
+    truth.add_argument("--recordings", type=int, nargs="*", default=list(range(9)))
+    thinner = commands.add_parser("thin")
+    thinner.add_argument("truth")
+    thinner.add_argument("-o", dest="folder", required=True)
+    for name in ("case", "label"):
+        c = commands.add_parser(name)
+        c.add_argument("truth")
+        c.add_argument("--seed", type=int, required=True, help="of the sensor")
+        c.add_argument("-o", dest="folder", required=True, help="the case folder; its name is the name of the case")
+        c.add_argument("--labels", required=name == "label")
+        c.add_argument("--force", choices=["yes", "no"], help="with a force sensor or not; drawn if not said")
+    batch = commands.add_parser("plan")
+    batch.add_argument("--batch", choices=["smoke", "dev"], required=True)
+    batch.add_argument("--seed", type=int, required=True)
+    return parser.parse_args()
+
+
+def main():
+    a = arguments()
     if a.command == "truth":
-        import fenics_truth
-        fenics_truth.run_case(a.effect, a.seed, a.folder, a.cells, a.recordings)
+        fenics_truth.run_case(a.effect, a.seed, a.folder, a.cells, a.recordings, lambda text: print(text, flush=True))
+    elif a.command == "plan":
+        for row in plan(a.batch, a.seed):
+            print(*row)
+    elif a.command == "thin":
+        thin(a.truth, a.folder)
+    else:
+        label = case_folder.write_case(a.truth, a.seed, a.folder, {"yes": True, "no": False, None: None}[a.force], a.command == "label")
+        if a.labels:
+            case_folder.write_label(label, a.labels)
+        if a.command == "case":
+            print(*case_folder.digest(a.folder), sep="\n")
+        print(f"{hashlib.sha256(case_folder.label_bytes(label)).hexdigest()}  {label['case']}.json")
 
 
 if __name__ == "__main__":

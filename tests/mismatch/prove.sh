@@ -1,0 +1,53 @@
+#!/bin/bash
+# A batch of concealed cases from truth to table:
+#   tests/mismatch/prove.sh --plant fenics --batch smoke|dev --seed N -o OUT
+# Truths are kept in $OMENTUM_TRUTHS (else OUT/truths) and used again; a truth costs some 8 minutes of a core. No label
+# is on disk before the last verdict is; a manifest holds the hashes of recordings and labels before the first.
+# OMENTUM_MISMATCH names the program, else `mismatch` of the path. What is done is not done twice.
+set -euo pipefail
+here=$(cd "$(dirname "$0")" && pwd)
+plant= batch= seed= out=
+while [ $# -gt 0 ]; do
+  case "$1" in
+    --plant) plant=$2; shift 2;;
+    --batch) batch=$2; shift 2;;
+    --seed) seed=$2; shift 2;;
+    -o) out=$2; shift 2;;
+    *) sed -n 2,7p "$0"; exit 2;;
+  esac
+done
+if [ -z "$batch" ] || [ -z "$seed" ] || [ -z "$out" ]; then sed -n 2,7p "$0"; exit 2; fi
+if [ "$plant" != fenics ]; then echo "there is no plant '$plant', only fenics"; exit 2; fi
+mismatch=${OMENTUM_MISMATCH:-mismatch}
+plants=(/usr/bin/python3 "$here/plants/plants.py")
+truths=${OMENTUM_TRUTHS:-$out/truths}
+mkdir -p "$out/cases" "$out/verdicts" "$truths"
+rows=$("${plants[@]}" plan --batch "$batch" --seed "$seed")
+truth_of() { echo "$truths/${1}_$2"; }
+
+while read -r name effect truth sensor; do
+  [ -e "$(truth_of "$effect" "$truth")/r08.npz" ] ||
+    "${plants[@]}" truth --effect "$effect" --seed "$truth" -o "$(truth_of "$effect" "$truth")" > "$out/truth.log"
+done <<< "$rows"
+
+while read -r name effect truth sensor; do
+  [ -d "$out/cases/$name" ] ||
+    "${plants[@]}" case "$(truth_of "$effect" "$truth")" --seed "$sensor" -o "$out/cases/$name" >> "$out/manifest.sha256"
+done <<< "$rows"
+
+rm -rf "$out/labels"
+while read -r name effect truth sensor; do
+  [ -e "$out/verdicts/$name/verdict.json" ] && continue
+  # A case that cannot be explained has no verdict and is scored so.
+  "$mismatch" explain -r "$out/cases/$name" -o "$out/verdicts/$name" > "$out/verdicts/$name.log" 2>&1 ||
+    echo "$name: explain ended with $?, see $out/verdicts/$name.log"
+done <<< "$rows"
+(cd "$out/verdicts" && find . -name verdict.json -exec sha256sum {} + | sort -k2) > "$out/verdicts.sha256"
+
+while read -r name effect truth sensor; do
+  "${plants[@]}" label "$(truth_of "$effect" "$truth")" --seed "$sensor" -o "$out/cases/$name" --labels "$out/labels" > /dev/null
+done <<< "$rows"
+# The manifest still holds: neither recordings nor labels have changed.
+grep -v '\.json$' "$out/manifest.sha256" | (cd "$out/cases" && sha256sum --quiet -c -)
+grep '\.json$' "$out/manifest.sha256" | (cd "$out/labels" && sha256sum --quiet -c -)
+"$here/score.py" "$out/labels" "$out/verdicts" | tee "$out/score.txt"
