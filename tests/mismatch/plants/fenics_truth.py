@@ -186,7 +186,7 @@ def run_recording(case, recording, cells=9, step=None, progress=lambda text: Non
         if (k + 1) % every == 0:
             keep()
         if (k + 1) % (10 * every) == 0:
-            progress(f"{t + h:.2f} s, {s.newton} iterations, force {np.round(forces[-1], 3)}")
+            progress(f"{t + h:.2f} s, {s.newton} + {s.chords} iterations, force {np.round(forces[-1], 3)}")
     move = encode(np.rint(np.array(frames) / STEP_M).astype(np.int64))
     return {"xs": s.xs, "ys": s.ys, "move": move, "frame_s": FRAME * np.arange(len(frames)),
             "force_N": np.array(forces, np.float32), "step_s": h * np.arange(count + 1)}
