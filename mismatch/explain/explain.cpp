@@ -205,7 +205,8 @@ void add_fit(const Case& made, const EntrantFit* winner, ReferenceForward& model
       row.set_rmse_model(after);
       row.set_floor(floor);
       const double excess = before * before - floor * floor;
-      if (excess > 0) row.set_r((after * after - floor * floor) / excess);
+      constexpr double kAboveNoise = 0.5;  // of its square: below it there is nothing to explain
+      if (excess > kAboveNoise * floor * floor) row.set_r((after * after - floor * floor) / excess);
       if (shell_base.empty() || which == &base.fitted) continue;
       row.set_rmse_shell_base(misfit(base, shell_base, r).rms);
       row.set_rmse_shell_model(misfit(best, shell_model, r).rms);

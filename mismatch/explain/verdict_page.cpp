@@ -65,7 +65,7 @@ std::string map_of(const pb::Verdict& verdict, const std::string& effect) {
     if (std::fabs(x - map.x.front()) > 1e-6) cell = std::min(cell, std::fabs(x - map.x.front()));
   }
   map.cell = cell < 1e9 ? cell : 5;
-  map.high = std::max(most, 1.0);
+  map.high = std::ceil(std::max(most, 1.0));
   map.best_label = "best place";
   return card(draw_plane_map(map));
 }
@@ -75,7 +75,7 @@ std::string error_bars(const pb::Verdict& verdict) {
                      "left of what was wrong", "shell before", "shell after"}};
   for (const pb::VerdictFit& row : verdict.fit()) {
     rows.push_back({row.recording(), row.role(), mm(row.rmse_base()), mm(row.rmse_model()),
-                    mm(row.floor()), row.has_r() ? percent(row.r()) : "-",
+                    mm(row.floor()), row.has_r() ? percent(row.r()) : "nothing was",
                     row.has_rmse_shell_base() ? mm(row.rmse_shell_base()) : "",
                     row.has_rmse_shell_model() ? mm(row.rmse_shell_model()) : ""});
   }
