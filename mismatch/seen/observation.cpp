@@ -242,7 +242,7 @@ Observation observe(const std::string& name, const std::string& path, const Reco
       pinches_of(made.track, scene, made.grasp, flat.sizes().maxCoeff());
   made.pinched = !pinches.empty();
   if (made.pinched) {
-    made.pinch = pinches.front().centre;
+    made.pinch = pinches.front().centre - pinches.front().displaced;
   } else if (has_tool(recording)) {
     warnings.push_back(
         fmt::format("{}: the jaws close nowhere near the tissue: it is held by nothing", path));

@@ -148,11 +148,16 @@ std::vector<PinchCircle> pinches_of(const ToolTrack& track, const Scene& scene,
   sheet.min().z() -= above;
   sheet.max().z() += above;
   const Eigen::Isometry3d X_BW = scene.tissue.X_WB.inverse();
+  // The rim of a pad must stay on lines; a disc is held in the mean over whatever is under it.
+  const pb::GraspOffset& offset = scene.config.tissue().effects().grasp_offset();
+  const bool pad = scene.config.tool().grip().hold() == pb::HOLD_PAD;
+  const Eigen::Vector2d displaced =
+      pad ? Eigen::Vector2d(offset.x_m(), offset.y_m()) : Eigen::Vector2d(0, 0);
   std::vector<PinchCircle> pinches;
   for (const std::size_t k : closings(track, grasp, track.time)) {
     const Vector3d p_BT = X_BW * track.tip_at(track.time[k]);
     if (sheet.exteriorDistance(p_BT) < kBeside)
-      pinches.push_back({p_BT.head<2>(), grasp.patch_radius_m});
+      pinches.push_back({p_BT.head<2>() + displaced, grasp.patch_radius_m, displaced});
   }
   return pinches;
 }

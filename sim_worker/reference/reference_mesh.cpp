@@ -27,6 +27,7 @@ struct Kink {
   double reach = 0;       ///< over which cells grow to full size [m]
   double denser = 0;      ///< times as many lines there in addition
   bool singular = false;  ///< cells as long as they are far from it, down to the reach
+  double displaced = 0;   ///< from where its line is counted off (PinchCircle) [m]
 };
 
 // Singular lines (docs/decisions/0013, 0030): at the clamp the stress grows without bound. Where
@@ -55,16 +56,21 @@ double line_density(const std::vector<Kink>& kinks, double x) {
 std::vector<double> graded_lines(double from, double to, int count, double size,
                                  const std::vector<Kink>& kinks) {
   constexpr int kSamples = 4000;
-  std::vector<double> integral = {0};  // of the density, at even steps
   const double step = (to - from) / kSamples;
-  for (int k = 0; k < kSamples; ++k)
-    integral.push_back(integral.back() + step * line_density(kinks, from + (k + 0.5) * step));
+  const auto integrate = [&](const std::vector<Kink>& over) {  // the density, at even steps
+    std::vector<double> sums = {0};
+    for (int k = 0; k < kSamples; ++k)
+      sums.push_back(sums.back() + step * line_density(over, from + (k + 0.5) * step));
+    return sums;
+  };
+  const std::vector<double> integral = integrate(kinks);
   if (count == 0) count = static_cast<int>(std::ceil(integral.back() / size));
-  const auto line_number = [&](double x) {  // of `count` in all, fractional
+  const auto number_in = [&](const std::vector<double>& sums, double x) {  // of `count`, fractional
     const double t = (x - from) / step;
     const int k = std::min(static_cast<int>(t), kSamples - 1);
-    return count * (integral[k] + (t - k) * (integral[k + 1] - integral[k])) / integral.back();
+    return count * (sums[k] + (t - k) * (sums[k + 1] - sums[k])) / sums.back();
   };
+  const auto line_number = [&](double x) { return number_in(integral, x); };
   const auto place = [&](double number) {
     const double wanted = number / count * integral.back();
     const auto above = std::upper_bound(integral.begin() + 1, integral.end() - 1, wanted);
@@ -73,9 +79,22 @@ std::vector<double> graded_lines(double from, double to, int count, double size,
   };
   // Kinks inside take the line nearest to them; the others are spread evenly between these.
   std::map<int, double> fixed = {{0, from}, {count, to}};
-  for (const Kink& kink : kinks) {
-    if (kink.at > from + kSameLine && kink.at < to - kSameLine)
-      fixed.try_emplace(static_cast<int>(std::lround(line_number(kink.at))), kink.at);
+  const auto inside = [&](double x) { return x > from + kSameLine && x < to - kSameLine; };
+  std::vector<Kink> counted = kinks;
+  for (Kink& kink : counted) kink.at -= kink.displaced;
+  const bool moved = std::ranges::any_of(kinks, [](const Kink& k) { return k.displaced != 0; });
+  const std::vector<double> counted_integral = moved ? integrate(counted) : integral;
+  for (std::size_t k = 0; k < kinks.size(); ++k) {
+    if (!inside(kinks[k].at) || !inside(counted[k].at)) continue;
+    const double number = number_in(counted_integral, counted[k].at);
+    fixed.try_emplace(static_cast<int>(std::lround(number)), kinks[k].at);
+  }
+  const auto falls = [](const auto& one, const auto& next) { return next.second <= one.second; };
+  if (moved && std::ranges::adjacent_find(fixed, falls) != fixed.end()) {
+    // Displaced over another kink: its lines are counted off where it is.
+    std::vector<Kink> here = kinks;
+    for (Kink& kink : here) kink.displaced = 0;
+    return graded_lines(from, to, count, size, here);
   }
   std::vector<double> lines;
   for (auto next = std::next(fixed.begin()); next != fixed.end(); ++next) {
@@ -176,6 +195,7 @@ std::array<std::vector<Kink>, 2> mesh_kinks(const ReferenceTissueModel& model, b
         const double at = pinch.centre[axis] + side;
         kinks[axis].push_back(singular.rims ? Kink{at, thickness / 3, kDenserAtPad}
                                             : Kink{at, half[axis], kDenserAtPinch});
+        kinks[axis].back().displaced = pinch.displaced[axis];
       }
     }
   }

@@ -173,6 +173,9 @@ struct ReferenceTissueModel : TissueModel, std::enable_shared_from_this<Referenc
 struct PinchCircle {
   Eigen::Vector2d centre = Eigen::Vector2d::Zero();
   double radius = 0;
+  /// Of the centre from where grid lines are counted off: a pad that is displaced takes its lines
+  /// along, as many on each side as before, so that surfaces change smoothly with its place [m].
+  Eigen::Vector2d displaced = Eigen::Vector2d::Zero();
 };
 
 /// Meshes the scene's sheet; throws Error where the tissue is not a grid or an effect does not fit.

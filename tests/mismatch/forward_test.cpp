@@ -25,6 +25,20 @@ Observation lifted(const Scene& scene, double x) {
   return seen;
 }
 
+TEST(PinchesOf, ADisplacedPadTakesItsGridLinesAlongAndADiscDoesNot) {
+  pb::Scene config = load_scene(deploy_dir() + "/scenes/omentum.txtpb", {});
+  config.mutable_tissue()->mutable_effects()->mutable_grasp_offset()->set_x_m(0.003);
+  for (const bool pad : {false, true}) {
+    if (pad) config.mutable_tool()->mutable_grip()->set_hold(pb::HOLD_PAD);
+    const Scene scene = make_scene(config, {});
+    const Observation seen = lifted(scene, 0.01);
+    const std::vector<PinchCircle> pinches = pinches_of(seen.track, scene, seen.grasp);
+    ASSERT_EQ(pinches.size(), 1U);
+    EXPECT_NEAR(pinches[0].centre.x(), pad ? 0.013 : 0.01, 1e-12);
+    EXPECT_NEAR(pinches[0].displaced.x(), pad ? 0.003 : 0, 1e-12);
+  }
+}
+
 TEST(CountElements, AllStatesOfAFitHaveOneMesh) {
   pb::Scene scene = load_scene(deploy_dir() + "/scenes/omentum.txtpb", {});
   const Scene made = make_scene(scene, {});

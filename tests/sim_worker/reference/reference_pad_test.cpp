@@ -14,6 +14,7 @@ struct PadCase {
   bool rectangle = true;
   Vector3d tip = Vector3d(0, 0.012, 0);
   double half_x = 0.006, half_y = 0.003;
+  Eigen::Vector2d displaced = Eigen::Vector2d::Zero();
 };
 
 std::shared_ptr<const ReferenceTissueModel> make_pad_model(const PadCase& c) {
@@ -36,7 +37,7 @@ std::shared_ptr<const ReferenceTissueModel> make_pad_model(const PadCase& c) {
   scene.config.mutable_tool()->set_roll_deg(90);  // x_C along x_W
   scene.config.mutable_tissue()->mutable_effects()->set_grasp_compliance_m_per_n(c.compliance);
   std::vector<std::string> warnings;
-  const std::vector<PinchCircle> pinches = {{c.tip.head<2>(), 0.006}};
+  const std::vector<PinchCircle> pinches = {{c.tip.head<2>() + c.displaced, 0.006, c.displaced}};
   return make_reference_model(scene, 0.02, warnings, pinches);
 }
 
@@ -63,6 +64,34 @@ Lifted lift_pad(const PadCase& c, double radius = 0.006) {
   }
   EXPECT_TRUE(l.tissue->healthy(0)) << l.tissue->failure(0);
   return l;
+}
+
+TEST(ReferencePad, TakesItsGridLinesAlongWhereItIsDisplacedAsManyAsBeforeAndNoneJumps) {
+  PadCase inside;  // no side of it on the edge of the sheet
+  inside.tip.y() = 0.008;
+  const auto before = make_pad_model(inside);
+  for (const double by : {1e-5, 1e-4, 5e-4, 2e-3}) {
+    for (const Eigen::Vector2d& displaced : {Eigen::Vector2d(by, 0), Eigen::Vector2d(-by, -by)}) {
+      PadCase c = inside;
+      c.displaced = displaced;
+      const auto model = make_pad_model(c);
+      for (const int axis : {0, 1}) {
+        const std::vector<double>&lines = model->lines[axis], &was = before->lines[axis];
+        ASSERT_EQ(lines.size(), was.size());
+        for (std::size_t k = 0; k < lines.size(); ++k)
+          EXPECT_NEAR(lines[k], was[k], 2 * by) << axis << " " << k << " by " << by;
+        // What lay on a side of the pad still does.
+        const double half = axis == 0 ? c.half_x : c.half_y;
+        int on_sides = 0;
+        for (std::size_t k = 0; k < lines.size(); ++k) {
+          if (std::fabs(std::fabs(was[k] - c.tip[axis]) - half) > 1e-9) continue;
+          EXPECT_NEAR(lines[k], was[k] + displaced[axis], 1e-12) << axis << " " << k;
+          ++on_sides;
+        }
+        EXPECT_GE(on_sides, 1) << axis;
+      }
+    }
+  }
 }
 
 double largest_difference(const Lifted& a, const Lifted& b) {
