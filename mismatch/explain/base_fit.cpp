@@ -47,6 +47,7 @@ std::vector<Unknown> numerics_of(const pb::Scene& scene) {
     add("grasp_compliance.C", "m/N", kGive);
     add("grasp_compliance.C_turn", "rad/(N m)", kGive / square);
   }
+  add("camera_bias.scale", "1", 0.01);
   add("camera_bias.quadratic", "1/m", 0.02);
   return list;
 }
@@ -111,19 +112,38 @@ double sensor_noise(const FitData& data, const Linearisation& linear, const Whic
   return std::max(kLeast, *middle);
 }
 
-/// Adds a column that is what `other`, simulated on the coarse mesh, differs by.
-void add_numerics(const std::string& name, double slope, double sd, const BaseFit& base,
-                  const std::vector<Prediction>& other, FitData& data, Linearisation& linear,
-                  FitState& state) {
-  Unknown unknown;
-  unknown.path = "numerics." + name;
-  unknown.unit = "1";
-  unknown.scale = Unknown::Scale::kShift;
-  unknown.sd = sd;
-  unknown.prior = "docs/mismatch.md 5.2";
-  unknown.role = NumberRole::kNumerics;
-  set_difference(unknown, changed_surfaces(base.surfaces, base.coarse_surfaces, other), slope, data,
-                 linear, state);
+/// Numerics that no column tells: mesh, step, clamp.
+void add_numerics(const FitData& plain, const FitState& at, ReferenceForward& model, BaseFit& base,
+                  Linearisation& linear, FitState& state) {
+  const Which all = all_recordings(base);
+  const auto add = [&](const std::string& name, double slope, double sd,
+                       const std::vector<Prediction>& other) {
+    Unknown unknown;
+    unknown.path = "numerics." + name;
+    unknown.unit.assign(1, '1');
+    unknown.scale = Unknown::Scale::kShift;
+    unknown.sd = sd;
+    unknown.prior = "docs/mismatch.md 5.2";
+    unknown.role = NumberRole::kNumerics;
+    set_difference(unknown, other, slope, base.data, linear, state);
+  };
+  constexpr double kErrors = 1.5;  // of mesh and step
+  Numerics half = base.coarse;
+  half.substeps *= 2;
+  FitData bedded = plain;
+  constexpr double kBed = 3e-5;  // [m2/N] a third of the stiff end of row 17
+  bedded.scene.mutable_tissue()->mutable_effects()->mutable_anchor()->set_compliance_m2_per_n(kBed);
+  add("step", 4.0 / 3, kErrors,
+      changed_surfaces(base.surfaces, base.coarse_surfaces,
+                       model.simulate(plain, at, half, false, all)));
+  add("clamp_on_a_bed", 1, 1,
+      changed_surfaces(base.surfaces, base.coarse_surfaces,
+                       model.simulate(bedded, at, base.coarse, false, all)));
+  // The error of the fine mesh, of what it differs from the coarse one by.
+  const double ratio =
+      std::sqrt(static_cast<double>(base.fine.elements[0]) * base.fine.elements[1] /
+                (static_cast<double>(base.coarse.elements[0]) * base.coarse.elements[1]));
+  add("mesh", -1 / (std::pow(std::max(ratio, 1.1), 2.5) - 1), kErrors, base.coarse_surfaces);
 }
 
 /// The frames of `fine` with the columns of `coarse`, in place of the latter.
@@ -189,31 +209,63 @@ class BaseSearch {
       throw_error("no recording can be simulated: {}", linear.predictions[base_.failed[0]].failure);
   }
 
-  /// Surfaces of the fine mesh with columns of the coarse one; ends with surfaces at `found`.
+  /// On surfaces of the fine mesh with columns of the coarse one. The fine mesh is simulated once:
+  /// what it differs by changes little with the state, and a coarse one tells the rest.
   void settle_finely() {
-    constexpr int kRounds = 2, kSteps = 8;
+    constexpr int kSteps = 8;
+    const auto simulate = [&](const Numerics& numerics) {
+      return model_.simulate(base_.data, base_.found.state, numerics, false, base_.fitted);
+    };
     base_.found.scales.own_sd = stated_scales(base_.data, options_).own_sd;
-    for (int round = 0; round < kRounds; ++round) {
-      const Linearisation linear = linearise_finely();
-      if (round == 0) {
-        NoiseModel& noise = base_.found.scales.noise;
-        noise.sigma = sensor_noise(base_.data, linear, base_.fitted, base_.found);
-        noise.reach = 0.015;
-        base_.limits.hold_noise = true;
-      }
-      base_.found = improve(base_.data, linear, base_.fitted, kSteps, base_.limits, base_.found);
-    }
-    const FitState& at = base_.found.state;
-    base_.coarse_surfaces = model_.simulate(base_.data, at, base_.coarse, false, base_.fitted);
-    base_.surfaces = model_.simulate(base_.data, at, base_.fine, false, base_.fitted);
+    const std::vector<Prediction> fine = simulate(base_.fine);
+    Linearisation linear = linearise_coarsely();
+    const std::vector<Prediction> coarse = linear.predictions;
+    for (const std::size_t r : base_.fitted) put_columns_on(fine[r], linear.predictions[r]);
+    NoiseModel& noise = base_.found.scales.noise;
+    noise.sigma = sensor_noise(base_.data, linear, base_.fitted, base_.found);
+    noise.reach = 0.015;
+    base_.limits.hold_noise = true;
+    base_.found = improve(base_.data, linear, base_.fitted, kSteps, base_.limits, base_.found);
+    model_.forget_pads();  // derivatives by where the pad began are of another mesh now
+    linear = linearise_coarsely();
+    base_.coarse_surfaces = linear.predictions;
+    base_.surfaces = changed_surfaces(fine, coarse, base_.coarse_surfaces);
+    for (const std::size_t r : base_.fitted)
+      put_columns_on(base_.surfaces[r], linear.predictions[r]);
+    refine(fine, coarse, std::move(linear));
   }
 
-  Linearisation linearise_finely() {
-    const FitState& at = base_.found.state;
-    Linearisation linear = model_.linearise(base_.data, at, base_.coarse, base_.fitted);
-    const auto fine = model_.simulate(base_.data, at, base_.fine, false, base_.fitted);
-    for (const std::size_t r : base_.fitted) put_columns_on(fine[r], linear.predictions[r]);
-    return linear;
+  /// Derivatives stay, every step is simulated; what does not fit better is tried again, shorter.
+  void refine(const std::vector<Prediction>& fine, const std::vector<Prediction>& coarse,
+              Linearisation linear) {
+    constexpr int kRounds = 8, kSteps = 8;
+    const auto cost = [&](const FitState& at, const std::vector<Prediction>& surfaces) {
+      return cost_of(base_.data, {at, surfaces}, base_.fitted, at, base_.found.scales);
+    };
+    double least = cost(base_.found.state, base_.surfaces);
+    StepLength length;
+    FitState led;
+    for (int round = 0; round < kRounds && !length.settled(); ++round) {
+      if (!length.refused())
+        led = improve(base_.data, linear, base_.fitted, kSteps, base_.limits, base_.found).state;
+      const FitState next = between(base_.found.state, led, length.share());
+      const std::vector<Prediction> trial =
+          model_.simulate(base_.data, next, base_.coarse, false, base_.fitted);
+      std::vector<Prediction> surfaces = changed_surfaces(fine, coarse, trial);
+      const double gained = least - cost(next, surfaces);
+      if (!length.accept(gained)) continue;
+      base_.found.state = next;
+      least -= gained;
+      base_.coarse_surfaces = trial;
+      base_.surfaces = std::move(surfaces);
+      linear.at = next;
+      for (const std::size_t r : base_.fitted)
+        put_columns_on(base_.surfaces[r], linear.predictions[r]);
+    }
+  }
+
+  Linearisation linearise_coarsely() {
+    return model_.linearise(base_.data, base_.found.state, base_.coarse, base_.fitted);
   }
 
   void simulate_held_out() {
@@ -236,6 +288,38 @@ class BaseSearch {
 
 }  // namespace
 
+bool is_simulated(const std::vector<Prediction>& now, const std::vector<Prediction>& before,
+                  const Which& which) {
+  constexpr double kEnough = 0.9;  // of the frames
+  return std::ranges::all_of(which, [&](std::size_t r) {
+    return static_cast<double>(count_valid(now[r])) >=
+           kEnough * static_cast<double>(count_valid(before[r]));
+  });
+}
+
+bool StepLength::accept(double gained) {
+  constexpr double kShorter = 0.4, kLonger = 2;
+  constexpr int kMostRefused = 4;
+  refused_ = !(gained > 0);
+  if (refused_) {
+    share_ *= kShorter;
+    settled_ = gained > -kSettled || ++refusals_ >= kMostRefused;
+    return false;
+  }
+  settled_ = share_ == 1 && gained < kSettled;
+  share_ = std::min(1.0, kLonger * share_);
+  refusals_ = 0;
+  return true;
+}
+
+FitState between(const FitState& from, const FitState& to, double share) {
+  FitState made = from;
+  made.shared += share * (to.shared - from.shared);
+  for (std::size_t r = 0; r < from.own.size(); ++r)
+    made.own[r] += share * (to.own[r] - from.own[r]);
+  return made;
+}
+
 std::vector<Prediction> changed_surfaces(const std::vector<Prediction>& fine,
                                          const std::vector<Prediction>& coarse,
                                          const std::vector<Prediction>& other) {
@@ -246,16 +330,18 @@ std::vector<Prediction> changed_surfaces(const std::vector<Prediction>& fine,
       if (f >= fine[r].frames.size() || f >= coarse[r].frames.size()) continue;
       frame.valid = frame.valid && fine[r].frames[f].valid && coarse[r].frames[f].valid;
       if (!frame.valid) continue;
-      for (std::size_t v = 0; v < frame.vertices.size(); ++v)
-        frame.vertices[v] += fine[r].frames[f].vertices[v] - coarse[r].frames[f].vertices[v];
+      frame.correction.resize(frame.vertices.size());
+      for (std::size_t v = 0; v < frame.vertices.size(); ++v) {
+        frame.correction[v] = fine[r].frames[f].vertices[v] - coarse[r].frames[f].vertices[v];
+        frame.vertices[v] += frame.correction[v];
+      }
     }
   }
   return made;
 }
 
 BaseFit fit_base(const pb::Scene& scene, std::vector<Observation> observations,
-                 const std::vector<Candidate>& candidates, const ExplainOptions& options,
-                 ReferenceForward& model) {
+                 const ExplainOptions& options, ReferenceForward& model) {
   // The clouds alone decide; a force is for later.
   for (Observation& o : observations) {
     for (SeenFrame& frame : o.frames) frame.force.reset();
@@ -273,56 +359,57 @@ BaseFit fit_base(const pb::Scene& scene, std::vector<Observation> observations,
   if (base.fitted.empty()) throw_error("every recording is held out: nothing can be fitted");
   base.found = {believed_state(base.data), stated_scales(base.data, options)};
   BaseSearch(options, model, base).run();
+  return base;
+}
 
-  // Numerics and candidates join, at zero.
+Which all_recordings(const BaseFit& base) {
+  Which all = base.fitted;
+  all.insert(all.end(), base.held_out.begin(), base.held_out.end());
+  std::ranges::sort(all);
+  return all;
+}
+
+std::vector<Candidate> add_columns(std::vector<Candidate>& candidates,
+                                   const ExplainOptions& options, ReferenceForward& model,
+                                   BaseFit& base) {
   const Layout before = base.data.layout;
   std::vector<Unknown> unknowns = base.data.unknowns;
-  for (const auto& more : {numerics_of(believed), atoms_of(candidates)})
+  std::vector<Candidate> with_column = candidates, failed;
+  std::erase_if(with_column, [](const Candidate& c) { return c.secant != 0; });
+  for (const auto& more : {numerics_of(base.data.scene), atoms_of(with_column)})
     unknowns.insert(unknowns.end(), more.begin(), more.end());
   set_unknowns(std::move(unknowns), base.data);
   base.found.state = carried(base.found.state, before, base.data.layout);
-  for (const Candidate& c : candidates) {
+  for (const Candidate& c : with_column) {
     const auto found = std::ranges::find(base.data.unknowns, c.key, &Unknown::path);
     if (c.pinch_axis >= 0)
       base.pinch_atoms.emplace_back(found - base.data.unknowns.begin(), c.pinch_axis);
   }
-  if (options.progress) options.progress(0.45, "numerics");
-  Which all = base.fitted;
-  all.insert(all.end(), base.held_out.begin(), base.held_out.end());
-  std::ranges::sort(all);
+  const Which all = all_recordings(base);
   const FitState at = base.found.state;
-  const auto simulate = [&](const FitData& data, const Numerics& numerics) {
-    return model.simulate(data, at, numerics, false, all);
-  };
+  const FitData plain = base.data;
   Linearisation linear{at, base.surfaces};
-  Numerics half = base.coarse;
-  half.substeps *= 2;
-  FitData bedded = base.data;
-  constexpr double kBed = 3e-5;  // [m2/N] a third of the stiff end of row 17
-  bedded.scene.mutable_tissue()->mutable_effects()->mutable_anchor()->set_compliance_m2_per_n(kBed);
-  const auto stepped = simulate(base.data, half), on_bed = simulate(bedded, base.coarse);
-  // The error of the fine mesh, of what it differs from the coarse one by.
-  const double ratio =
-      std::sqrt(static_cast<double>(base.fine.elements[0]) * base.fine.elements[1] /
-                (static_cast<double>(base.coarse.elements[0]) * base.coarse.elements[1]));
-  const double fall = 1 / (std::pow(std::max(ratio, 1.1), 2.5) - 1);
   FitState widened = at;
-  const auto add = [&](const std::string& name, double slope, double sd,
-                       const std::vector<Prediction>& other) {
-    add_numerics(name, slope, sd, base, other, base.data, linear, widened);
-  };
-  add("step", 4.0 / 3, 1.5, stepped);
-  add("clamp_on_a_bed", 1, 1, on_bed);
-  Unknown mesh;
-  mesh.path = "numerics.mesh";
-  mesh.unit = "1";
-  mesh.scale = Unknown::Scale::kShift;
-  mesh.sd = 1.5;
-  mesh.prior = "docs/mismatch.md 5.2";
-  mesh.role = NumberRole::kNumerics;
-  set_difference(mesh, base.coarse_surfaces, -fall, base.data, linear, widened);
+  add_numerics(plain, at, model, base, linear, widened);
+  for (const Candidate& c : candidates) {
+    if (c.secant == 0) continue;
+    if (options.progress) options.progress(0.5, "simulated effects: " + c.effect);
+    FitData moved = plain;
+    apply_effects({secant_effect(c, moved.made)}, moved.scene);
+    const auto other = model.simulate(moved, at, base.coarse, false, all);
+    if (!is_simulated(other, base.coarse_surfaces, all)) {
+      failed.push_back(c);
+      continue;
+    }
+    set_difference(atoms_of({c}).front(),
+                   changed_surfaces(base.surfaces, base.coarse_surfaces, other), 1 / c.secant,
+                   base.data, linear, widened);
+  }
   base.found.state = widened;
-  return base;
+  std::erase_if(candidates, [&](const Candidate& c) {
+    return std::ranges::count(failed, c.key, &Candidate::key) > 0;
+  });
+  return failed;
 }
 
 Linearisation with_columns(const BaseFit& base, ReferenceForward& model, const Which& which) {
@@ -340,9 +427,7 @@ Linearisation with_columns(const BaseFit& base, ReferenceForward& model, const W
 
 std::vector<Evidence> gather_evidence(const BaseFit& base, ReferenceForward& model,
                                       const ExplainOptions& options) {
-  Which all = base.fitted;
-  all.insert(all.end(), base.held_out.begin(), base.held_out.end());
-  std::ranges::sort(all);
+  const Which all = all_recordings(base);
   std::vector<Evidence> evidence;
   const std::size_t at_once = std::max<std::size_t>(1, base.data.setup.simulator->at_once());
   for (std::size_t first = 0; first < all.size(); first += at_once) {
@@ -356,8 +441,11 @@ std::vector<Evidence> gather_evidence(const BaseFit& base, ReferenceForward& mod
       evidence.push_back(evidence_of(base.data, equations[k], base.found, some[k],
                                      row_information({&equations[k], 1}, noise)));
     }
-    const double share = static_cast<double>(first + some.size()) / static_cast<double>(all.size());
-    if (options.progress) options.progress(0.5 + 0.2 * share, "columns of effects");
+    if (options.progress) {
+      const double share =
+          static_cast<double>(first + some.size()) / static_cast<double>(all.size());
+      options.progress(0.55 + 0.1 * share, "columns of effects");
+    }
   }
   return evidence;
 }

@@ -26,7 +26,7 @@ struct ExplainOptions : FitSetup {
 /// The believed scene refitted to recordings before anything is blamed (docs/mismatch.md 5.6).
 struct BaseFit {
   explicit BaseFit(FitData fitted_data) : data(std::move(fitted_data)) {}
-  FitData data;  ///< with numerics and candidates among the unknowns
+  FitData data;  ///< after add_columns() with numerics and candidates among the unknowns
   Numerics fine, coarse;
   Which fitted, held_out;
   SearchState found;
@@ -42,8 +42,16 @@ struct BaseFit {
 /// Looks at every recording; those that are held out are simulated at numbers that never saw them.
 /// Throws Error where nothing can be fitted.
 BaseFit fit_base(const pb::Scene& scene, std::vector<Observation> observations,
-                 const std::vector<Candidate>& candidates, const ExplainOptions& options,
-                 ReferenceForward& model);
+                 const ExplainOptions& options, ReferenceForward& model);
+
+/// Numerics and candidates join the unknowns, at zero, with differences of simulations as columns
+/// where there is no other. Candidates that cannot be simulated are left out of both and returned.
+std::vector<Candidate> add_columns(std::vector<Candidate>& candidates,
+                                   const ExplainOptions& options, ReferenceForward& model,
+                                   BaseFit& base);
+
+/// All recordings, fitted and held out.
+Which all_recordings(const BaseFit& base);
 
 /// Surfaces of the fine mesh with columns of the coarse one, of recordings in `which`.
 Linearisation with_columns(const BaseFit& base, ReferenceForward& model, const Which& which);
@@ -52,6 +60,30 @@ Linearisation with_columns(const BaseFit& base, ReferenceForward& model, const W
 /// the coarse mesh; recordings one after the other, so that columns of few are held at a time.
 std::vector<Evidence> gather_evidence(const BaseFit& base, ReferenceForward& model,
                                       const ExplainOptions& options);
+
+/// How much of a step is taken whose end is simulated: shorter after one that fitted worse, longer
+/// again after one that fitted better.
+class StepLength {
+ public:
+  double share() const { return share_; }
+  /// Whether the step stands that gained so many nats.
+  bool accept(double gained);
+  bool refused() const { return refused_; }  ///< the last one
+  bool settled() const { return settled_; }  ///< nothing is left to gain
+
+ private:
+  static constexpr double kSettled = 2;  // [nats] a whole step that gains less is the last
+  double share_ = 1;
+  int refusals_ = 0;
+  bool refused_ = false, settled_ = false;
+};
+
+/// The way from one state to another, a share of it.
+FitState between(const FitState& from, const FitState& to, double share);
+
+/// Whether nearly all frames of the recordings in `which` are there that `before` has.
+bool is_simulated(const std::vector<Prediction>& now, const std::vector<Prediction>& before,
+                  const Which& which);
 
 /// `other` as a change from `coarse`, put on top of `fine`: what a coarse mesh says of a change.
 std::vector<Prediction> changed_surfaces(const std::vector<Prediction>& fine,

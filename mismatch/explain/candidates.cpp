@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "core/constants.h"
+#include "sim_worker/scene/scene_parts.h"
 
 namespace omentum {
 namespace {
@@ -41,8 +42,9 @@ class List {
   explicit List(const std::vector<std::string>& ruled_out) : ruled_out_(ruled_out) {}
   /// A number of the whole set-up, whose column has its name and these settings.
   void add(const std::string& number, const std::string& unit, double sd, bool one_sided = false,
-           const std::string& settings = "") {
+           const std::string& settings = "", double setting = 0) {
     Candidate c;
+    c.setting = setting;
     c.column = settings.empty() ? number : number + "@" + settings;
     c.key = c.column;
     c.effect = number.substr(0, number.find('.'));
@@ -106,6 +108,50 @@ void add_places(const Scene& scene, List& list) {
   }
 }
 
+/// "k" of "inclusion.k@x=...".
+std::string number_name(const Candidate& c) {
+  const std::string number = c.key.substr(0, c.key.find('@'));
+  return number.substr(number.find('.') + 1);
+}
+
+constexpr double kBreak = 0.002;          // [m] of the columns of adhesion
+constexpr double kObstacleRadius = 0.01;  // [m]
+
+EffectNumber factor(const std::string& name, const std::string& unit, double start, double step,
+                    double sd, double low, double high) {
+  return {name, unit, true, std::clamp(start, low, high), step, sd, low, high};
+}
+
+std::vector<EffectNumber> place_numbers(const Vector2d& place, const FreeSheet& sheet) {
+  constexpr double kStep = 0.002, kSd = 0.015;  // [m]
+  return {{"x", "m", false, place.x(), kStep, kSd, sheet.low.x(), sheet.high.x()},
+          {"y", "m", false, place.y(), kStep, kSd, sheet.low.y(), sheet.high.y()}};
+}
+
+/// Steps in which a difference of simulations is well above its rounding, and ranges.
+EffectNumber amplitude_number(const Candidate& c, double amplitude) {
+  struct Scale {
+    const char* effect;
+    double step, low, high;
+  };
+  static constexpr Scale kScales[] = {
+      {"grasp_offset", 5e-4, -0.01, 0.01}, {"jaw_orientation", 0.1, -1, 1},
+      {"tool_backlash", 3e-4, 0, 0.01},    {"tool_compliance", 1e-3, 0, 0.1},
+      {"rest_shape", 1, -20, 20},          {"thickness", 1, -10, 10},
+      {"actuation_delay", 0.02, 0, 0.25},  {"strain_stiffening", 0.5, -0.4, 50},
+  };
+  EffectNumber number{number_name(c), c.unit, false, 0, 0.2 * std::fabs(amplitude),
+                      c.sd,           -1e9,   1e9};
+  for (const Scale& scale : kScales) {
+    if (c.effect != scale.effect) continue;
+    number.step = std::max(scale.step, number.step);
+    number.low = scale.low;
+    number.high = scale.high;
+  }
+  number.start = std::clamp(amplitude, number.low, number.high);
+  return number;
+}
+
 }  // namespace
 
 std::vector<Candidate> candidates_of(const Scene& scene,
@@ -113,9 +159,10 @@ std::vector<Candidate> candidates_of(const Scene& scene,
   List list(ruled_out);
   list.add("strain_stiffening.c2_over_mu", "1", 5);
   for (const int angle : {0, 45, 90, 135})
-    list.add("anisotropy.Ef_over_E", "1", 10, false, fmt::format("angle_deg={}", angle));
+    list.add("anisotropy.Ef_over_E", "1", 10, false, fmt::format("angle_deg={}", angle),
+             angle * kDegree);
   for (const double tau : {0.3, 2.0})
-    list.add("viscoelastic.g", "1", 1, true, fmt::format("tau={}", tau));
+    list.add("viscoelastic.g", "1", 1, true, fmt::format("tau={}", tau), tau);
   list.add("anchor_compliance.inverse_K", "m2/N", 0.01, true);
   for (const char* axis : {"x", "y"}) {
     Candidate c;
@@ -136,45 +183,122 @@ std::vector<Candidate> candidates_of(const Scene& scene,
   for (const char* number : {"kappa_x", "kappa_y"})
     list.add(std::string("rest_shape.") + number, "1/m", 20);
   for (const char* number : {"a_x", "a_y"}) list.add(std::string("thickness.") + number, "1/m", 20);
-  list.add("camera_bias.scale", "1", 0.1);
   add_places(scene, list);
   return list.list;
 }
 
-NamedEffect effect_of(const Candidate& c, double amplitude, const std::optional<Vector2d>& place,
-                      const Scene& scene) {
-  NamedEffect effect{c.effect, {}, {}};
-  const std::string number = c.key.substr(0, c.key.find('@'));
-  const std::string name = number.substr(number.find('.') + 1);
-  const double a = c.one_sided ? std::max(amplitude, 0.0) : amplitude;
+std::vector<Candidate> with_companions(const Candidate& candidate,
+                                       const std::vector<Candidate>& candidates) {
+  if (candidate.place || candidate.setting != 0 || candidate.secant != 0) return {candidate};
+  std::vector<Candidate> all;
+  for (const Candidate& c : candidates) {
+    if (c.effect == candidate.effect && !c.place && c.setting == 0 && c.secant == 0)
+      all.push_back(c);
+  }
+  return all;
+}
+
+double EffectNumber::value(double searched) const {
+  return std::clamp(log ? std::exp(searched) : searched, low, high);
+}
+
+double EffectNumber::searched(double value) const {
+  const double inside = std::clamp(value, low, high);
+  return log ? std::log(inside) : inside;
+}
+
+std::vector<EffectNumber> effect_numbers(const Candidate& c,
+                                         const std::vector<Candidate>& candidates,
+                                         const std::vector<double>& amplitudes,
+                                         const std::optional<Vector2d>& place, const Scene& scene) {
+  const FreeSheet sheet = free_sheet(scene);
+  const double a = amplitudes.front();
+  std::vector<EffectNumber> numbers;
   if (c.effect == "inclusion") {
-    const double k = std::max(1 + a, 0.05);
-    effect.name = k < 1 ? "soft_spot" : "inclusion";
-    effect.parameters = {{"k", "1", k}, {"r", "m", c.size}};
-    effect.where = {{"centre_x", "m", place->x()}, {"centre_y", "m", place->y()}};
+    numbers.push_back(factor("k", "1", 1 + a, 0.25, 1.5, 0.06, 20));
   } else if (c.effect == "adhesion") {
-    constexpr double kBreak = 0.002;  // [m]
-    effect.parameters = {{"k", "N/m3", a}, {"delta_c", "m", kBreak / std::sqrt(2.0)}};
-    effect.where = {{"centre_x", "m", place->x()},
-                    {"centre_y", "m", place->y()},
-                    {"half_x", "m", c.size},
-                    {"half_y", "m", c.size}};
+    numbers.push_back(factor("k", "N/m3", a, 0.4, 3, 1e3, 1e8));
+    numbers.push_back(factor("delta_c", "m", kBreak / std::sqrt(2.0), 0.3, 1, 1e-4, 0.02));
   } else if (c.effect == "anchor_detachment") {
-    const FreeSheet sheet = free_sheet(scene);
-    effect.where = {{"from", "m", std::max(place->x() - 0.5 * a, sheet.low.x())},
-                    {"to", "m", std::min(place->x() + 0.5 * a, sheet.high.x())}};
+    const double width = sheet.high.x() - sheet.low.x();
+    numbers.push_back({"length", "m", false, std::clamp(a, 0.002, width), 0.002, 0.05, 0, width});
+    numbers.push_back(place_numbers(*place, sheet).front());
+    return numbers;
+  } else if (c.effect == "obstacle") {
+    const double height = c.setting == 0 ? a : c.setting - a;
+    numbers.push_back({"height", "m", false, height, 5e-4, 0.005, c.setting == 0 ? 0 : 1e-3, 0.1});
+    numbers.push_back(factor("radius", "m", kObstacleRadius, 0.2, 0.4, 0.002, 0.05));
   } else if (c.effect == "anchor_compliance") {
-    effect.parameters = {{"K_per_length", "N/m2", 1 / std::max(a, 1e-9)}};
+    numbers.push_back(factor("K_per_length", "N/m2", 1 / std::max(a, 1e-6), 0.3, 3, 10, 1e6));
   } else if (c.effect == "anisotropy") {
-    const double angle = std::stod(c.key.substr(c.key.find('=') + 1));
-    effect.parameters = {{"Ef_over_E", "1", a}, {"angle", "rad", angle * kDegree}};
+    numbers.push_back({"Ef_over_E", "1", false, std::clamp(a, 0.0, 10.0), 0.15, 3, 0, 10});
+    numbers.push_back({"angle", "rad", false, c.setting, 0.15, 0.8, -kPi, kPi});
   } else if (c.effect == "viscoelastic") {
-    const double tau = std::stod(c.key.substr(c.key.find('=') + 1));
-    effect.parameters = {{"g", "1", std::min(a, 0.95)}, {"tau", "s", tau}};
+    numbers.push_back({"g", "1", false, std::clamp(a, 0.02, 0.9), 0.05, 0.5, 0, 0.95});
+    numbers.push_back(factor("tau", "s", c.setting, 0.3, 1, 0.02, 100));
+  } else if (c.effect == "grasp_slip") {
+    numbers.push_back(factor("v0", "m/s", 0.005, 0.4, 1.5, 1e-4, 0.5));
+    numbers.push_back(factor("Fs", "N", c.setting, 0.15, 1, 1e-3, 10));
+    numbers.push_back({"total", "m", false, std::max(a, 5e-4), 3e-4, 0.005, 0, 0.03});
   } else {
-    effect.parameters = {{name, c.unit, a}};
+    const std::vector<Candidate> all = with_companions(c, candidates);
+    for (std::size_t k = 0; k < all.size(); ++k)
+      numbers.push_back(amplitude_number(all[k], amplitudes[k]));
+  }
+  if (!place) return numbers;
+  const std::vector<EffectNumber> where = place_numbers(*place, sheet);
+  numbers.insert(numbers.end(), where.begin(), where.end());
+  if (c.effect == "inclusion") numbers.push_back(factor("r", "m", c.size, 0.2, 0.4, 0.002, 0.05));
+  if (c.effect == "adhesion")
+    numbers.push_back(factor("half_size", "m", c.size, 0.2, 0.5, 0.002, 0.1));
+  return numbers;
+}
+
+NamedEffect effect_of(const Candidate& c, const std::vector<EffectNumber>& numbers,
+                      const std::vector<double>& values, const Scene& scene) {
+  NamedEffect effect{c.effect, {}, {}};
+  const auto value = [&](const std::string& name) {
+    return values[static_cast<std::size_t>(std::ranges::find(numbers, name, &EffectNumber::name) -
+                                           numbers.begin())];
+  };
+  if (c.effect == "anchor_detachment") {
+    const FreeSheet sheet = free_sheet(scene);
+    effect.where = {{"from", "m", std::max(value("x") - 0.5 * value("length"), sheet.low.x())},
+                    {"to", "m", std::min(value("x") + 0.5 * value("length"), sheet.high.x())}};
+    return effect;
+  }
+  if (c.effect == "obstacle") {
+    // Its nearest point is so far above what the sheet lies on.
+    const double lower = -0.5 * scene.config.tissue().thickness_m();
+    const double radius = value("radius");
+    const double middle = lower + value("height") + (c.setting == 0 ? -radius : radius);
+    const Eigen::Vector3d p_W = to_pose(scene.config.tissue().pose(), "scene.tissue.pose") *
+                                Eigen::Vector3d(value("x"), value("y"), middle);
+    effect.parameters = {{"radius", "m", radius}};
+    effect.where = {
+        {"centre_x", "m", p_W.x()}, {"centre_y", "m", p_W.y()}, {"centre_z", "m", p_W.z()}};
+    return effect;
+  }
+  if (c.effect == "inclusion" && value("k") < 1) effect.name = "soft_spot";
+  for (std::size_t k = 0; k < numbers.size(); ++k) {
+    const EffectNumber& number = numbers[k];
+    if (number.name == "half_size") {
+      effect.where.push_back({"half_x", "m", values[k]});
+      effect.where.push_back({"half_y", "m", values[k]});
+    } else if (c.place && (number.name == "x" || number.name == "y")) {
+      effect.where.push_back({"centre_" + number.name, "m", values[k]});
+    } else {
+      effect.parameters.push_back({number.name, number.unit, values[k]});
+    }
   }
   return effect;
+}
+
+NamedEffect secant_effect(const Candidate& c, const Scene& scene) {
+  const std::vector<EffectNumber> numbers = effect_numbers(c, {c}, {c.secant}, c.place, scene);
+  std::vector<double> values;
+  for (const EffectNumber& number : numbers) values.push_back(number.start);
+  return effect_of(c, numbers, values, scene);
 }
 
 }  // namespace omentum

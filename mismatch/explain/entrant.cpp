@@ -1,7 +1,5 @@
 #include "mismatch/explain/entrant.h"
 
-#include <fmt/format.h>
-
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -14,86 +12,94 @@ namespace {
 
 using Eigen::Vector2d;
 
-/// The numbers of an effect as they stand while it is refitted.
-struct Point {
-  double amplitude = 0;
-  std::optional<Vector2d> place;
-  double& at(std::size_t k) {
-    return k == 0 ? amplitude : (*place)[static_cast<Eigen::Index>(k - 1)];
+/// The effect as it stands while it is refitted, and base and nuisances beside it.
+struct Tried {
+  std::vector<double> searched;
+  FitState state;
+};
+
+std::string path_of(const EffectNumber& number) { return "entrant." + number.name; }
+
+/// Values of shared numbers for a fit that has others: by path, 0 where it is new.
+FitState carried(const FitState& state, const FitData& from, const FitData& to) {
+  FitState made = state;
+  made.shared = Eigen::VectorXd::Zero(to.layout.shared());
+  for (std::size_t k = 0; k < to.unknowns.size(); ++k) {
+    const auto found = std::ranges::find(from.unknowns, to.unknowns[k].path, &Unknown::path);
+    if (found != from.unknowns.end())
+      made.shared[static_cast<Eigen::Index>(k)] = state.shared[found - from.unknowns.begin()];
   }
-};
-
-struct Axis {
-  std::string name, unit;
-  double step = 0, sd = 0;
-};
-
-std::vector<Axis> axes_of(const Candidate& c, double amplitude) {
-  constexpr double kPlaceStep = 0.003, kPlaceSd = 0.01;  // [m]
-  const std::string number = c.key.substr(0, c.key.find('@'));
-  std::vector<Axis> axes = {{number.substr(number.find('.') + 1), c.unit,
-                             0.2 * std::fabs(amplitude), std::max(c.sd, std::fabs(amplitude))}};
-  if (!c.place) return axes;
-  axes.push_back({"x", "m", kPlaceStep, kPlaceSd});
-  if (c.effect != "anchor_detachment") axes.push_back({"y", "m", kPlaceStep, kPlaceSd});
-  return axes;
+  const int rest = to.layout.shared() - to.layout.unknowns.count;
+  made.shared.tail(rest) = state.shared.tail(rest);
+  return made;
 }
 
-pb::Scene scene_with(const BaseFit& base, const Candidate& c, const Point& point) {
-  pb::Scene scene = base.data.scene;
-  apply_effects({effect_of(c, point.amplitude, point.place, base.data.made)}, scene);
-  return scene;
+/// The base with no other candidate than these, and without numerics, which no simulation has: the
+/// fewer columns, the faster it is.
+BaseFit with_candidates(const BaseFit& base, const std::vector<Candidate>& kept) {
+  BaseFit made = base;
+  std::vector<Unknown> unknowns;
+  std::vector<int> place(base.data.unknowns.size(), -1);
+  for (std::size_t k = 0; k < base.data.unknowns.size(); ++k) {
+    const Unknown& u = base.data.unknowns[k];
+    const bool left_out =
+        u.role == NumberRole::kAtom && std::ranges::count(kept, u.path, &Candidate::key) == 0;
+    if (left_out || u.role == NumberRole::kNumerics) continue;
+    place[k] = static_cast<int>(unknowns.size());
+    unknowns.push_back(u);
+  }
+  made.data.differences.clear();
+  set_unknowns(std::move(unknowns), made.data);
+  made.found.state = carried(base.found.state, base.data, made.data);
+  for (const DifferenceColumn& d : base.data.differences) {
+    const int to = place[static_cast<std::size_t>(d.column)];
+    if (to >= 0) made.data.differences.push_back({to, d.by});
+  }
+  made.pinch_atoms.clear();
+  for (const auto& [column, axis] : base.pinch_atoms) {
+    const int to = place[static_cast<std::size_t>(column)];
+    if (to >= 0) made.pinch_atoms.emplace_back(to, axis);
+  }
+  return made;
 }
-
-Which all_of(const BaseFit& base) {
-  Which all = base.fitted;
-  all.insert(all.end(), base.held_out.begin(), base.held_out.end());
-  std::ranges::sort(all);
-  return all;
-}
-
-bool is_simulated(const std::vector<Prediction>& now, const std::vector<Prediction>& before,
-                  const Which& which) {
-  constexpr double kEnough = 0.9;  // of the frames
-  return std::ranges::all_of(which, [&](std::size_t r) {
-    return static_cast<double>(count_valid(now[r])) >=
-           kEnough * static_cast<double>(count_valid(before[r]));
-  });
-}
-
-std::string path_of(const Axis& axis) { return "entrant." + axis.name; }
 
 /// A search over numbers of an effect and of the base, each state of it simulated.
 class EntrantSearch {
  public:
-  EntrantSearch(const BaseFit& base, const Candidate& candidate, ReferenceForward& model)
-      : base_(base),
+  EntrantSearch(const BaseFit& base, const Candidate& candidate,
+                const std::vector<Candidate>& candidates, const std::optional<Vector2d>& place,
+                ReferenceForward& model)
+      : axes_(with_companions(candidate, candidates)),
+        base_(with_candidates(base, axes_)),
         candidate_(candidate),
         model_(model),
-        all_(all_of(base)),
-        columns_(with_columns(base, model, base.fitted)) {}
-
-  /// Amplitude and base numbers together, as columns foretell them.
-  std::pair<double, FitState> foretold() const {
-    constexpr int kSteps = 8;
-    FitData joint = base_.data;
-    const auto atom = std::ranges::find(joint.unknowns, candidate_.key, &Unknown::path);
-    const auto k = atom - joint.unknowns.begin();
-    atom->role = NumberRole::kNuisance;  // it may move
-    FitState led = improve(joint, columns_, base_.fitted, kSteps, base_.limits, base_.found).state;
-    const double amplitude = led.shared[k];
-    led.shared[k] = 0;
-    return {amplitude, std::move(led)};
+        columns_(with_columns(base_, model, base_.fitted)) {
+    auto [amplitudes, led] = foretold();
+    numbers_ = effect_numbers(candidate, candidates, amplitudes, place, base_.data.made);
+    for (const EffectNumber& number : numbers_)
+      begin_.searched.push_back(number.searched(number.start));
+    begin_.state = std::move(led);
   }
 
-  /// Simulates at a point and a state, by the coarse mesh as a change of the finer surfaces.
-  /// Nothing where too little is simulated.
-  std::optional<BaseFit> simulate(const Point& point, const FitState& state) {
+  const BaseFit& base() const { return base_; }
+  const std::vector<EffectNumber>& numbers() const { return numbers_; }
+  const Tried& begin() const { return begin_; }
+
+  NamedEffect effect(const std::vector<double>& searched) const {
+    std::vector<double> values;
+    for (std::size_t k = 0; k < numbers_.size(); ++k)
+      values.push_back(numbers_[k].value(searched[k]));
+    return effect_of(candidate_, numbers_, values, base_.data.made);
+  }
+
+  /// Simulates recordings, by the coarse mesh as a change of the finer surfaces. Nothing where too
+  /// little is simulated.
+  std::optional<BaseFit> simulate(const Tried& at, const Which& which) const {
     BaseFit fit = base_;
-    fit.data.scene = scene_with(base_, candidate_, point);
-    fit.found.state = state;
-    fit.coarse_surfaces = model_.simulate(fit.data, state, fit.coarse, false, all_);
-    if (!is_simulated(fit.coarse_surfaces, base_.coarse_surfaces, all_)) return std::nullopt;
+    fit.found.state = at.state;
+    fit.data.scene = scene_with(at.searched);
+    fit.coarse_surfaces = model_.simulate(fit.data, at.state, fit.coarse, false, which);
+    if (!is_simulated(fit.coarse_surfaces, base_.coarse_surfaces, which)) return std::nullopt;
     fit.surfaces = changed_surfaces(base_.surfaces, base_.coarse_surfaces, fit.coarse_surfaces);
     return fit;
   }
@@ -105,7 +111,7 @@ class EntrantSearch {
 
   /// Surfaces of `fit` with the derivatives of the base and those by the numbers of the effect,
   /// which become unknowns of `fit`, at zero.
-  Linearisation linearise(const Point& point, const std::vector<Axis>& axes, BaseFit& fit) {
+  Linearisation linearise(const Tried& at, BaseFit& fit) const {
     Linearisation linear{fit.found.state, fit.surfaces};
     for (const std::size_t r : base_.fitted) {
       for (std::size_t f = 0; f < linear.predictions[r].frames.size(); ++f) {
@@ -113,125 +119,152 @@ class EntrantSearch {
         if (frame.valid) frame.columns = columns_.predictions[r].frames[f].columns;
       }
     }
-    const FitState at = fit.found.state;
-    for (const Axis& axis : axes) {
-      Point there = point;
-      there.at(static_cast<std::size_t>(&axis - axes.data())) += axis.step;
+    for (std::size_t k = 0; k < numbers_.size(); ++k) {
+      const EffectNumber& number = numbers_[k];
+      std::vector<double> there = at.searched;
+      // Backwards where the range ends.
+      const bool ends = number.value(there[k] + number.step) >= number.high;
+      const double step = ends ? -number.step : number.step;
+      there[k] += step;
       FitData moved = base_.data;
-      moved.scene = scene_with(base_, candidate_, there);
-      const auto other = model_.simulate(moved, at, fit.coarse, false, all_);
+      moved.scene = scene_with(there);
+      const auto other = model_.simulate(moved, at.state, fit.coarse, false, base_.fitted);
       Unknown unknown;
-      unknown.path = path_of(axis);
-      unknown.unit = axis.unit;
+      unknown.path = path_of(number);
+      unknown.unit = number.unit;
       unknown.scale = Unknown::Scale::kShift;
-      unknown.sd = axis.sd;
+      unknown.sd = number.sd;
       unknown.role = NumberRole::kNuisance;  // no field of the scene that scene_at() could set
       set_difference(unknown, changed_surfaces(base_.surfaces, base_.coarse_surfaces, other),
-                     1 / axis.step, fit.data, linear, fit.found.state);
+                     1 / step, fit.data, linear, fit.found.state);
     }
     return linear;
   }
 
  private:
-  const BaseFit& base_;
+  /// Amplitudes and base numbers together, as columns foretell them.
+  std::pair<std::vector<double>, FitState> foretold() const {
+    constexpr int kSteps = 8;
+    FitData joint = base_.data;
+    for (Unknown& u : joint.unknowns) {
+      if (u.role == NumberRole::kAtom) u.role = NumberRole::kNuisance;  // it may move
+    }
+    FitState led = improve(joint, columns_, base_.fitted, kSteps, base_.limits, base_.found).state;
+    std::vector<double> amplitudes;
+    for (const Candidate& c : axes_) {
+      double& x = led.shared[std::ranges::find(joint.unknowns, c.key, &Unknown::path) -
+                             joint.unknowns.begin()];
+      amplitudes.push_back(c.one_sided ? std::max(x, 0.0) : x);
+      x = 0;
+    }
+    return {std::move(amplitudes), std::move(led)};
+  }
+
+  pb::Scene scene_with(const std::vector<double>& searched) const {
+    pb::Scene scene = base_.data.scene;
+    apply_effects({effect(searched)}, scene);
+    return scene;
+  }
+
+  std::vector<Candidate> axes_;
+  BaseFit base_;
   const Candidate& candidate_;
   ReferenceForward& model_;
-  Which all_;
   Linearisation columns_;
+  std::vector<EffectNumber> numbers_;
+  Tried begin_;
 };
 
-/// Of a state with numbers of the effect among the unknowns that of the base, without them.
-FitState without_entrant(const FitState& state, const Layout& with, const Layout& base) {
-  FitState made = state;
-  made.shared = Eigen::VectorXd::Zero(base.shared());
-  made.shared.head(base.unknowns.count) = state.shared.head(base.unknowns.count);
-  const int rest = base.shared() - base.unknowns.count;
-  made.shared.tail(rest) = state.shared.segment(with.unknowns.count, rest);
+Tried between(const Tried& from, const Tried& to, double share) {
+  Tried made{from.searched, between(from.state, to.state, share)};
+  for (std::size_t k = 0; k < from.searched.size(); ++k)
+    made.searched[k] += share * (to.searched[k] - from.searched[k]);
   return made;
+}
+
+struct Step {
+  Tried to;
+  std::vector<double> sd;  ///< of the numbers of the effect
+  BaseFit fit;             ///< with their derivatives, where the step begins
+};
+
+/// Where Gauss and Newton lead from `at`, no farther than differences may hold: the whole step is
+/// shortened.
+Step next_step(const EntrantSearch& search, const Tried& at, BaseFit fit) {
+  constexpr int kSteps = 8;
+  constexpr double kFarthest = 4;  // of the steps of the differences
+  const BaseFit& base = search.base();
+  const Linearisation linear = search.linearise(at, fit);
+  fit.found = improve(fit.data, linear, base.fitted, kSteps, base.limits, fit.found);
+  const FitPosterior posterior =
+      posterior_at(fit.data, linear, base.fitted, base.limits, fit.found);
+  Tried led{at.searched, carried(fit.found.state, fit.data, base.data)};
+  std::vector<double> sd;
+  double share = 1;
+  for (std::size_t k = 0; k < search.numbers().size(); ++k) {
+    const EffectNumber& number = search.numbers()[k];
+    const auto column = std::ranges::find(fit.data.unknowns, path_of(number), &Unknown::path) -
+                        fit.data.unknowns.begin();
+    led.searched[k] =
+        number.searched(number.value(at.searched[k] + fit.found.state.shared[column]));
+    const double by = std::fabs(led.searched[k] - at.searched[k]);
+    if (by * share > kFarthest * number.step) share = kFarthest * number.step / by;
+    sd.push_back(std::sqrt(std::max(posterior.shared_covariance(column, column), 0.0)));
+  }
+  return {between(at, led, share), std::move(sd), std::move(fit)};
 }
 
 }  // namespace
 
+std::vector<double> EntrantFit::values() const {
+  std::vector<double> values;
+  for (std::size_t k = 0; k < numbers.size(); ++k) values.push_back(numbers[k].value(searched[k]));
+  return values;
+}
+
 std::optional<EntrantFit> fit_entrant(const BaseFit& base, const Candidate& candidate,
+                                      const std::vector<Candidate>& candidates,
                                       const std::optional<Vector2d>& place,
                                       ReferenceForward& model) {
-  constexpr int kRounds = 4, kSteps = 8;
-  EntrantSearch search(base, candidate, model);
-  struct Tried {
-    Point point;
-    FitState state;
-  };
-  auto [amplitude, led] = search.foretold();
-  Tried now{{amplitude, place}, std::move(led)}, best = now;
-  const double without = search.cost(base);
-  double least = without;
-  std::optional<EntrantFit> entrant;
-  for (int round = 0; round < kRounds; ++round) {
-    std::optional<BaseFit> fit = search.simulate(now.point, now.state);
+  constexpr int kRounds = 8;
+  const EntrantSearch search(base, candidate, candidates, place, model);
+  const double without = search.cost(search.base());
+  double least = std::numeric_limits<double>::infinity();
+  Tried best = search.begin();
+  std::optional<Step> step;
+  StepLength length;
+  for (int round = 0; round < kRounds && !length.settled(); ++round) {
+    const Tried next = step ? between(best, step->to, length.share()) : best;
+    std::optional<BaseFit> fit = search.simulate(next, base.fitted);
     const double cost = fit ? search.cost(*fit) : std::numeric_limits<double>::infinity();
-    if (round > 0 && !(cost < least)) {  // half the way back
-      for (std::size_t k = 0; k < axes_of(candidate, now.point.amplitude).size(); ++k)
-        now.point.at(k) = 0.5 * (now.point.at(k) + best.point.at(k));
-      now.state.shared = 0.5 * (now.state.shared + best.state.shared);
-      for (std::size_t r = 0; r < now.state.own.size(); ++r)
-        now.state.own[r] = 0.5 * (now.state.own[r] + best.state.own[r]);
-      continue;
-    }
-    if (!fit) return std::nullopt;
-    best = now;
+    if (!step && !fit) return std::nullopt;
+    const bool better = step ? length.accept(least - cost) : true;
+    if (!better) continue;
+    best = next;
     least = cost;
-    const std::vector<Axis> axes = axes_of(candidate, now.point.amplitude);
-    const Linearisation linear = search.linearise(now.point, axes, *fit);
-    const SearchState begin = fit->found;
-    fit->found = improve(fit->data, linear, base.fitted, kSteps, base.limits, begin);
-    const FitPosterior posterior =
-        posterior_at(fit->data, linear, base.fitted, base.limits, fit->found);
-    entrant = EntrantFit{candidate, {}, {}, base.data.scene, std::move(*fit)};
-    // No farther than the differences may hold: the whole step is shortened.
-    const int first = entrant->fit.data.layout.unknowns.count - static_cast<int>(axes.size());
-    const FitState& found = entrant->fit.found.state;
-    double share = 1;
-    for (std::size_t k = 0; k < axes.size(); ++k) {
-      const double by = std::fabs(found.shared[first + static_cast<int>(k)]);
-      const double most = k == 0 ? 0.7 * std::fabs(now.point.amplitude) : 2 * axes[k].step;
-      if (by * share > most) share = most / by;
-    }
-    for (std::size_t k = 0; k < axes.size(); ++k) {
-      const int column = first + static_cast<int>(k);
-      now.point.at(k) += share * found.shared[column];
-      entrant->numbers.push_back(
-          {axes[k].name, axes[k].unit, now.point.at(k),
-           std::sqrt(std::max(posterior.shared_covariance(column, column), 0.0))});
-    }
-    const FitState ended = without_entrant(found, entrant->fit.data.layout, base.data.layout);
-    now.state = best.state;
-    now.state.shared += share * (ended.shared - best.state.shared);
-    for (const std::size_t r : base.fitted)
-      now.state.own[r] += share * (ended.own[r] - best.state.own[r]);
-  }
-  if (!entrant) return std::nullopt;
-  // The last step counts if it fits better.
-  const std::optional<BaseFit> last = search.simulate(now.point, now.state);
-  if (last && search.cost(*last) < least) {
-    best = now;
-    least = search.cost(*last);
+    step = next_step(search, best, std::move(*fit));
   }
   if (!(least < without)) return std::nullopt;
-  BaseFit& fit = entrant->fit;
-  fit.data.scene = scene_with(base, candidate, best.point);
-  const auto axes = axes_of(candidate, best.point.amplitude);
-  for (std::size_t k = 0; k < axes.size(); ++k) entrant->numbers[k].value = best.point.at(k);
-  const Layout& layout = fit.data.layout;
-  fit.found.state.own = best.state.own;
-  fit.found.state.shared.setZero();
-  fit.found.state.shared.head(base.data.layout.unknowns.count) =
-      best.state.shared.head(base.data.layout.unknowns.count);
-  const int rest = base.data.layout.shared() - base.data.layout.unknowns.count;
-  fit.found.state.shared.segment(layout.unknowns.count, rest) = best.state.shared.tail(rest);
-  entrant->effect = effect_of(candidate, best.point.amplitude, best.point.place, base.data.made);
-  const Which all = all_of(base);
-  fit.surfaces = model.simulate(fit.data, fit.found.state, fit.fine, false, all);
-  if (!is_simulated(fit.surfaces, base.surfaces, all)) return std::nullopt;
+  EntrantFit entrant{
+      candidate,       search.numbers(), best.searched, step->sd, search.effect(best.searched),
+      without - least, base.data.scene,  base};
+  // Simulated once more with all recordings; its numbers become unknowns.
+  BaseFit& fit = entrant.fit;
+  fit.found.state = carried(best.state, search.base().data, fit.data);
+  apply_effects({entrant.effect}, fit.data.scene);
+  Linearisation none{fit.found.state, base.surfaces};
+  for (const EffectNumber& number : entrant.numbers) {
+    const FitData& from = step->fit.data;
+    const auto unknown = std::ranges::find(from.unknowns, path_of(number), &Unknown::path);
+    const auto column = static_cast<int>(unknown - from.unknowns.begin());
+    set_difference(*unknown, base.surfaces, 0, fit.data, none, fit.found.state);
+    fit.data.differences.back().by =
+        std::ranges::find(from.differences, column, &DifferenceColumn::column)->by;
+  }
+  const Which all = all_recordings(base);
+  fit.coarse_surfaces = model.simulate(fit.data, fit.found.state, fit.coarse, false, all);
+  if (!is_simulated(fit.coarse_surfaces, base.coarse_surfaces, all)) return std::nullopt;
+  fit.surfaces = changed_surfaces(base.surfaces, base.coarse_surfaces, fit.coarse_surfaces);
   return entrant;
 }
 

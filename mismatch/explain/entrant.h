@@ -1,8 +1,6 @@
 #pragma once
 
-#include <functional>
 #include <optional>
-#include <string>
 #include <vector>
 
 #include "mismatch/explain/base_fit.h"
@@ -13,21 +11,21 @@ namespace omentum {
 /// (docs/mismatch.md 5.6).
 struct EntrantFit {
   Candidate candidate;
-  /// A number of the effect: its amplitude, then x_B and y_B of its place where it has one.
-  struct Parameter {
-    std::string name, unit;
-    double value = 0, sd = 0;
-  };
-  std::vector<Parameter> numbers;
+  std::vector<EffectNumber> numbers;
+  std::vector<double> searched;  ///< where these ended, as EffectNumber::searched()
+  std::vector<double> sd;        ///< of these
+  std::vector<double> values() const;
   NamedEffect effect;    ///< with these numbers
+  double gained = 0;     ///< cost that it takes off, in and beside the base [nats]
   pb::Scene base_scene;  ///< without it
   BaseFit fit;           ///< with the effect in the scene; its numbers are among the unknowns
 };
 
-/// Steps of Gauss and Newton from what columns foretell, at `place`, each simulated;
-/// derivatives of base and nuisances as they were. Nothing where the recordings cannot be simulated
-/// with it, or fit no better.
+/// Steps of Gauss and Newton on the numbers of the effect, each simulated, from what columns
+/// foretell, at `place` where it has one; derivatives of base and nuisances as they were. Nothing
+/// where the recordings cannot be simulated with it, or fit no better.
 std::optional<EntrantFit> fit_entrant(const BaseFit& base, const Candidate& candidate,
+                                      const std::vector<Candidate>& candidates,
                                       const std::optional<Eigen::Vector2d>& place,
                                       ReferenceForward& model);
 

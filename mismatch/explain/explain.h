@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "mismatch/explain/base_fit.h"
+#include "mismatch/explain/proposals.h"
 #include "proto/verdict.pb.h"
 
 namespace omentum {
@@ -26,6 +27,7 @@ struct Explanation {
   std::vector<Eigen::Vector2d> uv_B;  ///< places of the grid, x_B, y_B at rest [m]
   std::vector<PredictedRecording> predictions;
   std::vector<Eigen::Vector3i> triangles;  ///< of the upper face
+  ResidualMap residuals;                   ///< of the base
 };
 
 /// From recordings to a verdict (docs/mismatch.md 5): refits the believed scene, asks for every

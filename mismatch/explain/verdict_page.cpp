@@ -1,4 +1,5 @@
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <algorithm>
 #include <cmath>
@@ -43,6 +44,15 @@ std::string names_of(const pb::VerdictEffect& effect) {
   return names;
 }
 
+/// Distance of the places along x [mm].
+double cell_of(const std::vector<double>& x) {
+  double cell = 1e9;
+  for (const double other : x) {
+    if (std::fabs(other - x.front()) > 1e-6) cell = std::min(cell, std::fabs(other - x.front()));
+  }
+  return cell < 1e9 ? cell : 5;
+}
+
 /// Scores of an effect over its places; empty where it has none.
 std::string map_of(const pb::Verdict& verdict, const std::string& effect) {
   PlaneMap map;
@@ -60,11 +70,7 @@ std::string map_of(const pb::Verdict& verdict, const std::string& effect) {
   map.x_label = "x_B, mm";
   map.y_label = "y_B, mm";
   map.scale_label = "|z|";
-  double cell = 1e9;
-  for (const double x : map.x) {
-    if (std::fabs(x - map.x.front()) > 1e-6) cell = std::min(cell, std::fabs(x - map.x.front()));
-  }
-  map.cell = cell < 1e9 ? cell : 5;
+  map.cell = cell_of(map.x);
   map.high = std::ceil(std::max(most, 1.0));
   map.best_label = "best place";
   return card(draw_plane_map(map));
@@ -97,19 +103,60 @@ std::string limits_table(const pb::Verdict& verdict) {
   return card(make_table(rows, {2, 3, 4}));
 }
 
-std::string rivals_table(const pb::Verdict& verdict) {
-  TableRows rows = {
-      {"effect", "gain, nats", "in the base it leaves to others", "alone it is enough"}};
+/// Rivals that were refitted by simulations, then what columns alone claim.
+std::string rivals_tables(const pb::Verdict& verdict) {
+  TableRows refitted = {{"refitted by simulations", "gain, nats", "numbers"}};
+  TableRows claimed = {
+      {"by its columns", "gain, nats", "in the base it leaves to others", "alone it is enough"}};
   for (const pb::VerdictRival& rival : verdict.rivals()) {
+    const std::string gain = fmt::format("{:.0f}", rival.gain());
+    if (rival.simulated()) {
+      refitted.push_back({rival.name(), gain, fmt::format("{}", fmt::join(rival.numbers(), ", "))});
+      continue;
+    }
     std::string left;
     for (const pb::VerdictLeft& other : rival.left()) {
       if (other.gain() < 1) continue;
       left += fmt::format("{}{} {:.0f}", left.empty() ? "" : ", ", other.name(), other.gain());
     }
-    rows.push_back({rival.name(), fmt::format("{:.0f}", rival.gain()),
-                    left.empty() ? "nothing" : left, rival.adequate() ? "yes" : "no"});
+    claimed.push_back(
+        {rival.key(), gain, left.empty() ? "nothing" : left, rival.adequate() ? "yes" : "no"});
   }
-  return card(make_table(rows, {1}));
+  std::string html;
+  for (const TableRows& rows : {refitted, claimed}) {
+    if (rows.size() > 1) html += card(make_table(rows, {1}));
+  }
+  return html;
+}
+
+/// Where the error is, which is not where its cause is.
+std::string residual_maps(const ResidualMap& residuals) {
+  std::string html;
+  for (const auto& [values, when] :
+       {std::pair{&residuals.at_rest, "at rest"}, {&residuals.lifted, "lifted"}}) {
+    PlaneMap map;
+    double most = 0;
+    for (std::size_t p = 0; p < residuals.places.size(); ++p) {
+      if (!std::isfinite((*values)[p])) continue;
+      map.x.push_back(1e3 * residuals.places[p].x());
+      map.y.push_back(1e3 * residuals.places[p].y());
+      map.value.push_back(1e3 * std::fabs((*values)[p]));
+      if (map.value.back() > most) {
+        most = map.value.back();
+        map.best = map.value.size() - 1;
+      }
+    }
+    if (map.value.size() < 4) continue;
+    map.title = fmt::format("{}: where the error is, not its cause", when);
+    map.x_label = "x_B, mm";
+    map.y_label = "y_B, mm";
+    map.scale_label = "mm";
+    map.cell = cell_of(map.x);
+    map.high = std::max(most, 0.1);
+    map.best_label = "largest";
+    html += card(draw_plane_map(map));
+  }
+  return html;
 }
 
 std::string list_of(const google::protobuf::RepeatedPtrField<std::string>& lines) {
@@ -195,7 +242,8 @@ std::string make_verdict_page(const Explanation& found, const std::string& folde
   for (const pb::VerdictEffect& effect : v.effects()) what += effect_table(effect);
   std::string maps;
   for (const char* effect : {"inclusion", "adhesion"}) maps += map_of(v, effect);
-  sections.push_back({"what", "What, where, how much", verdict_sentence(v), what + row(maps)});
+  sections.push_back({"what", "What, where, how much", verdict_sentence(v),
+                      what + row(maps) + row(residual_maps(found.residuals))});
   sections.push_back({"fit", "Before and after",
                       "Distance from the points to the simulated surface. What was held out was "
                       "never fitted.",
@@ -207,7 +255,7 @@ std::string make_verdict_page(const Explanation& found, const std::string& folde
     sections.push_back(
         {"rivals", "Rivals",
          "What else would explain the recordings, and what each leaves to the others.",
-         rivals_table(v)});
+         rivals_tables(v)});
   }
   sections.push_back({"limits", "What would have been seen",
                       fmt::format("Smallest size of each effect that these recordings would show "

@@ -133,9 +133,13 @@ void move_in_time(const PredictedFrame& frame, double later, std::vector<Vector3
   // Zero leaves a frame where it is, bit for bit.
   if (later == 0) return;
   const std::vector<TrajectoryPoint>& points = frame.trajectory;
+  const auto correct = [&] {
+    for (std::size_t i = 0; i < frame.correction.size(); ++i) vertices[i] += frame.correction[i];
+  };
   if (later <= points.front().later || later >= points.back().later) {
     vertices = later <= points.front().later ? *points.front().vertices : *points.back().vertices;
     velocity.assign(vertices.size(), Vector3d::Zero());
+    correct();
     return;
   }
   std::size_t k = 1;
@@ -148,6 +152,7 @@ void move_in_time(const PredictedFrame& frame, double later, std::vector<Vector3
     vertices[i] = a[i] + share * (b[i] - a[i]);
     velocity[i] = (b[i] - a[i]) / length;
   }
+  correct();
 }
 
 std::array<int, 3> count_elements(const pb::Scene& scene, const std::string& folder,

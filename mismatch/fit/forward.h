@@ -33,6 +33,8 @@ struct PredictedFrame {
   std::vector<Eigen::Vector3d> velocity;  ///< [m/s]
   /// The surface before and after it, ascending; empty: straight on, at that velocity.
   std::vector<TrajectoryPoint> trajectory;
+  /// Added to every surface of `trajectory`: a finer mesh's correction of `vertices` [m]; empty: 0.
+  std::vector<Eigen::Vector3d> correction;
   Eigen::Vector3d force = Eigen::Vector3d::Zero();  ///< of the tissue on the tool [N]
   /// [3 vertex + axis, then axis of the force][unknown, then own ones] per unit of x; empty where
   /// none were asked for.

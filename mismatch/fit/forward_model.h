@@ -32,6 +32,11 @@ class ForwardModel {
 /// smoother friction, which stays if it helps. By the place of a pad the derivatives are
 /// differences of simulations, made once for a mesh and some frames.
 class ReferenceForward : public ForwardModel {
+ public:
+  /// Derivatives by the place of a pad are made anew, where it is now.
+  void forget_pads() { pad_columns_.clear(); }
+
+ private:
   std::vector<Prediction> predict_all(const FitData& data, const FitState& state,
                                       const Numerics& numerics, bool with_columns,
                                       const Which& which) override;

@@ -1,0 +1,354 @@
+#include "mismatch/explain/verdict_parts.h"
+
+#include <fmt/format.h>
+#include <google/protobuf/text_format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <set>
+
+#include "core/check.h"
+#include "mismatch/explain/detection_limits.h"
+#include "mismatch/explain/shares.h"
+
+namespace omentum {
+namespace {
+
+constexpr double kNinety = 1.6448536;  // standard deviations of a two-sided interval of 90 %
+
+template <typename T>
+T value_or_throw(Result<T> result) {
+  if (!result) throw_error("explain: {}", result.error());
+  return std::move(result).value();
+}
+
+constexpr double kFarPoint = 0.03;    // [m] from the surface: no tissue, wherever the surface errs
+constexpr double kNearPoint = 0.005;  // [m] from a surface that fits: tissue, no flying pixel
+
+/// Distances of the points of a recording from a surface, frame by frame [m].
+std::vector<std::vector<double>> distances_from(const BaseFit& fit,
+                                                const std::vector<Prediction>& surfaces,
+                                                std::size_t r) {
+  FitState plain = fit.found.state;
+  plain.own[r].tail(kModes).setZero();
+  return distances(fit.data, {fit.found.state, surfaces}, plain, r, kFarPoint);
+}
+
+/// Rms distances of the same points from two surfaces [m], of those that are near either.
+std::pair<double, double> misfits(const std::vector<std::vector<double>>& one,
+                                  const std::vector<std::vector<double>>& other,
+                                  double reach = kNearPoint) {
+  double squares_one = 0, squares_other = 0, count = 0;
+  for (std::size_t f = 0; f < one.size(); ++f) {
+    for (std::size_t k = 0; k < one[f].size(); ++k) {
+      const double a = std::fabs(one[f][k]), b = std::fabs(other[f][k]);
+      if (!std::isfinite(a) || !std::isfinite(b) || std::min(a, b) > reach) continue;
+      squares_one += a * a;
+      squares_other += b * b;
+      ++count;
+    }
+  }
+  if (count == 0) return {std::nan(""), std::nan("")};
+  return {std::sqrt(squares_one / count), std::sqrt(squares_other / count)};
+}
+
+/// Whether held-out recordings, which nothing has seen, say the same (docs/mismatch.md 5.6).
+void confirm(const Case& made, const std::string& atom, pb::VerdictEffect& effect) {
+  if (made.held_out.empty()) {
+    effect.set_confirmed(false);
+    effect.set_why_not_confirmed("no recording was held out");
+    return;
+  }
+  std::vector<Evidence> all = made.fitted;
+  std::vector<std::string> folds = made.folds;
+  std::vector<std::size_t> held;
+  for (const Evidence& evidence : made.held_out) {
+    all.push_back(evidence);
+    folds.push_back("held out: " + evidence.name);
+  }
+  const FoldEvidence joined = value_or_throw(make_folds(all, folds));
+  for (std::size_t k = 0; k < joined.folds.size(); ++k) {
+    if (joined.folds[k].name.starts_with("held out: ")) held.push_back(k);
+  }
+  const auto gains = value_or_throw(held_out_gains(joined, held, made.floors));
+  for (int k = 0; k < joined.atoms(); ++k) {
+    if (joined.atom(k).key != atom) continue;
+    bool any = false;
+    for (const FoldGain& gain : gains[static_cast<std::size_t>(k)]) {
+      if (gain.foretold < made.options.thresholds.foretold) continue;
+      any = true;
+      if (gain.gain > 0) continue;
+      effect.set_confirmed(false);
+      effect.set_why_not_confirmed(gain.fold + " does not gain by it");
+      return;
+    }
+    effect.set_confirmed(any);
+    if (!any) effect.set_why_not_confirmed("the recordings held out would not show it");
+  }
+}
+
+/// A number that was searched in its logarithm has an interval in it.
+void add_parameter(const EffectNumber& number, double searched, double sd, double floor,
+                   pb::VerdictEffect& effect) {
+  pb::VerdictParameter& row = *effect.add_parameters();
+  const double wide = kNinety * sd;
+  row.set_name(number.name);
+  row.set_unit(number.unit);
+  row.set_value(number.value(searched));
+  row.set_low90(number.value(searched - wide) - floor);
+  row.set_high90(number.value(searched + wide) + floor);
+  row.set_at_bound(row.value() <= number.low || row.value() >= number.high);
+}
+
+void add_where(const EntrantFit& entrant, pb::VerdictEffect& effect) {
+  if (!entrant.candidate.place) return;
+  const auto index = [&](const char* name) {
+    return static_cast<std::size_t>(std::ranges::find(entrant.numbers, name, &EffectNumber::name) -
+                                    entrant.numbers.begin());
+  };
+  const std::vector<double> values = entrant.values();
+  pb::VerdictWhere& where = *effect.mutable_where();
+  const std::size_t x = index("x"), y = index("y"), length = index("length");
+  if (y == values.size()) {  // on the clamped edge
+    where.add_edge_interval_m(values[x] - 0.5 * values[length]);
+    where.add_edge_interval_m(values[x] + 0.5 * values[length]);
+    where.add_centre_m(values[x]);
+    where.add_centre_m(entrant.candidate.place->y());
+    return;
+  }
+  where.add_centre_m(values[x]);
+  where.add_centre_m(values[y]);
+  constexpr double kHalf = 1.1774;  // of a normal distribution in the plane
+  const double sd_x = entrant.sd[x], sd_y = entrant.sd[y];
+  where.set_radius50_m(kHalf * std::sqrt(0.5 * (sd_x * sd_x + sd_y * sd_y)));
+}
+
+std::string patch_text(const EntrantFit& entrant) {
+  pb::Scene patch;
+  apply_effects({entrant.effect}, patch);
+  std::string text;
+  OMENTUM_CHECK(google::protobuf::TextFormat::PrintToString(patch, &text));
+  return text;
+}
+
+/// Shares of the class by what each foretells of the folds.
+void add_class(const std::vector<Contender>& members, pb::VerdictEffect& effect) {
+  Eigen::MatrixXd density(static_cast<Eigen::Index>(members.front().folds.size()),
+                          static_cast<Eigen::Index>(members.size()));
+  for (Eigen::Index k = 0; k < density.cols(); ++k) {
+    const Contender& member = members[static_cast<std::size_t>(k)];
+    for (Eigen::Index r = 0; r < density.rows(); ++r)
+      density(r, k) = member.folds[static_cast<std::size_t>(r)];
+  }
+  const Eigen::VectorXd shares = stacking_weights(density);
+  for (Eigen::Index k = 0; k < density.cols(); ++k) {
+    pb::VerdictMember& row = *effect.mutable_class_()->add_members();
+    row.set_name(members[static_cast<std::size_t>(k)].fit.effect.name);
+    row.set_probability(shares[k]);
+  }
+}
+
+}  // namespace
+
+const Candidate& Case::candidate(const std::string& key) const {
+  return *std::ranges::find(candidates, key, &Candidate::key);
+}
+
+void add_settings(const Case& made, pb::Verdict& verdict) {
+  verdict.set_format_version(1);
+  verdict.set_seed(made.options.seed);
+  verdict.set_threshold(made.options.thresholds.gain);
+  verdict.set_floor_factor(made.options.floor_factor);
+  pb::VerdictSolver& solver = *verdict.mutable_solver();
+  solver.set_model("reference");
+  for (const int count : made.base.fine.elements) solver.add_elements(count);
+  for (const int count : made.base.coarse.elements) solver.add_coarse_elements(count);
+  for (const Observation& seen : made.base.data.observations) {
+    pb::VerdictRecording& row = *verdict.add_recordings();
+    row.set_id(seen.name);
+    row.set_role(seen.held_out ? "held_out" : seen.repeat_of.empty() ? "fit" : "repeat");
+  }
+  for (const std::string& name : made.options.ruled_out) verdict.add_ruled_out(name);
+  const std::size_t folds = std::set<std::string>(made.folds.begin(), made.folds.end()).size();
+  if (folds < kLeastTrimmed) {
+    verdict.add_warnings(fmt::format("{} recordings that differ: nothing is trimmed below {}",
+                                     folds, kLeastTrimmed));
+  }
+}
+
+void add_limits(const Case& made, pb::Verdict& verdict) {
+  const FoldEvidence folds = value_or_throw(make_folds(made.fitted, made.folds));
+  const std::vector<DetectionLimit> limits =
+      value_or_throw(detection_limits(folds, made.floors, made.options.thresholds));
+  // Of an effect with several places or directions that which is seen best.
+  std::map<std::string, const DetectionLimit*> best;
+  for (const DetectionLimit& limit : limits) {
+    const Candidate& c = made.candidate(limit.atom);
+    const std::string number = c.key.substr(0, c.key.find('@'));
+    const DetectionLimit*& kept = best[number];
+    if (kept == nullptr || (limit.testable && limit.detected < kept->detected)) kept = &limit;
+  }
+  for (const auto& [number, limit] : best) {
+    pb::VerdictLimit& row = *verdict.add_detection_limits();
+    row.set_effect(number);
+    row.set_unit(made.candidate(limit->atom).unit);
+    row.set_testable(limit->testable);
+    if (!limit->testable) {
+      row.set_why_not("these recordings know nothing of it beside base and nuisances");
+      continue;
+    }
+    row.set_amplitude(limit->detected);
+    row.set_amplitude_named(limit->named);
+    row.set_floor_amplitude(limit->floor.amplitude);
+    row.set_floor_from(limit->floor.numerics);
+    row.set_look_alike(limit->look_alike);
+  }
+}
+
+void add_scores(const Case& made, pb::Verdict& verdict) {
+  for (const ScoreTest& test : made.tests) {
+    if (!test.testable) continue;
+    const Candidate& c = made.candidate(test.atom);
+    pb::VerdictScore& row = *verdict.add_scores();
+    row.set_key(test.atom);
+    row.set_effect(c.effect);
+    row.set_z(test.z);
+    const auto gain = std::ranges::find(made.judged.gains, test.atom, &AtomGains::atom);
+    if (gain != made.judged.gains.end()) row.set_gain(gain->trimmed);
+    if (!c.place) continue;
+    row.add_place_m(c.place->x());
+    row.add_place_m(c.place->y());
+  }
+}
+
+void add_pulls(const Case& made, pb::Verdict& verdict) {
+  constexpr double kWarned = 4;  // standard deviations
+  constexpr int kMost = 12;
+  const std::vector<Pull> all = value_or_throw(pulls(made.fitted));
+  for (const Pull& pull : all) {
+    if (verdict.pulls_size() >= kMost) break;
+    pb::VerdictPull& row = *verdict.add_pulls();
+    row.set_name(pull.owner.empty() ? pull.key : pull.owner + ": " + pull.key);
+    row.set_pull(pull.pull);
+    if (std::fabs(pull.pull) > kWarned) {
+      verdict.add_warnings(fmt::format("{} is pulled {:.1f} standard deviations from its belief",
+                                       row.name(), pull.pull));
+    }
+  }
+}
+
+void add_rivals(const Case& made, const std::vector<Contender>& contenders, pb::Verdict& verdict) {
+  constexpr std::size_t kMost = 10, kMostLeft = 5;
+  for (const Contender& contender : contenders) {
+    pb::VerdictRival& rival = *verdict.add_rivals();
+    rival.set_name(contender.fit.effect.name);
+    rival.set_key(contender.fit.candidate.key);
+    rival.set_gain(contender.gain);
+    rival.set_simulated(true);
+    for (const NamedValue& value : contender.fit.effect.parameters)
+      rival.add_numbers(fmt::format("{} = {:.4g} {}", value.name, value.value, value.unit));
+  }
+  for (const Entrant& entrant : made.judged.entrants) {
+    if (static_cast<std::size_t>(verdict.rivals_size()) >= kMost) break;
+    pb::VerdictRival& rival = *verdict.add_rivals();
+    rival.set_name(made.candidate(entrant.atom).effect);
+    rival.set_key(entrant.atom);
+    rival.set_gain(entrant.gain);
+    rival.set_simulated(false);
+    rival.set_adequate(entrant.adequate);
+    rival.set_largest_pull(entrant.largest_pull.pull);
+    for (const LeftGain& left : entrant.left) {
+      if (static_cast<std::size_t>(rival.left_size()) >= kMostLeft) break;
+      pb::VerdictLeft& row = *rival.add_left();
+      row.set_name(left.atom);
+      row.set_gain(left.gain);
+    }
+  }
+}
+
+void add_effect(const Case& made, const std::vector<Contender>& contenders, pb::Verdict& verdict) {
+  const Contender& winner = contenders.front();
+  std::vector<Contender> members = {winner};
+  for (const Contender& rival : std::span(contenders).subspan(1)) {
+    const bool named = std::ranges::any_of(
+        members, [&](const Contender& m) { return m.fit.effect.name == rival.fit.effect.name; });
+    if (!named && lead(winner, rival) <= made.options.thresholds.reject) members.push_back(rival);
+  }
+  pb::VerdictEffect& effect = *verdict.add_effects();
+  add_class(members, effect);
+  effect.set_gain(winner.gain);
+  const EntrantFit& fit = winner.fit;
+  const auto floor = made.floors.find(fit.candidate.key);
+  for (std::size_t k = 0; k < fit.numbers.size(); ++k) {
+    if (fit.candidate.place && (fit.numbers[k].name == "x" || fit.numbers[k].name == "y")) continue;
+    const bool amplitude = k == 0 && floor != made.floors.end() && !fit.numbers[k].log;
+    add_parameter(fit.numbers[k], fit.searched[k], fit.sd[k],
+                  amplitude ? floor->second.amplitude : 0, effect);
+  }
+  add_where(fit, effect);
+  confirm(made, fit.candidate.key, effect);
+  // Without the largest gain of a recording it would not be claimed.
+  const auto most = std::ranges::max_element(winner.folds);
+  double total = 0;
+  for (const double gain : winner.folds) total += gain;
+  if (winner.folds.size() > 1 && total - *most < made.options.thresholds.gain)
+    effect.add_rests_on(winner.fold_names[static_cast<std::size_t>(most - winner.folds.begin())]);
+  verdict.set_scene_patch(patch_text(fit));
+}
+
+void add_fit(const Case& made, const BaseFit& best, ReferenceForward& model, pb::Verdict& verdict) {
+  const Numerics shell{pb::TISSUE_ELASTIC, {}, 1};
+  const BaseFit& base = made.base;
+  std::vector<Prediction> shell_base, shell_model;
+  if (&best != &base && !base.held_out.empty()) {
+    shell_base = model.simulate(base.data, base.found.state, shell, false, base.held_out);
+    shell_model = model.simulate(best.data, best.found.state, shell, false, base.held_out);
+  }
+  for (const Which* which : {&base.fitted, &base.held_out}) {
+    for (const std::size_t r : *which) {
+      pb::VerdictFit& row = *verdict.add_fit();
+      const auto [before, after] =
+          misfits(distances_from(base, base.surfaces, r), distances_from(best, best.surfaces, r));
+      const double floor = base.found.scales.noise.sigma;
+      row.set_recording(base.data.observations[r].name);
+      row.set_role(which == &base.fitted ? "fit" : "held_out");
+      row.set_rmse_base(before);
+      row.set_rmse_model(after);
+      row.set_floor(floor);
+      const double excess = before * before - floor * floor;
+      constexpr double kAboveNoise = 0.5;  // of its square: below it there is nothing to explain
+      if (excess > kAboveNoise * floor * floor) row.set_r((after * after - floor * floor) / excess);
+      if (shell_base.empty() || which == &base.fitted) continue;
+      const auto [without, with] =
+          misfits(distances_from(base, shell_base, r), distances_from(best, shell_model, r));
+      row.set_rmse_shell_base(without);
+      row.set_rmse_shell_model(with);
+    }
+  }
+}
+
+void add_bad_recordings(const Case& made, pb::Verdict& verdict) {
+  constexpr double kTimes = 5;  // of the others' residual
+  std::vector<double> levels;
+  for (const std::size_t r : made.base.fitted) {
+    const auto from = distances_from(made.base, made.base.surfaces, r);
+    levels.push_back(misfits(from, from, kFarPoint).first);
+  }
+  std::vector<double> sorted = levels;
+  std::ranges::sort(sorted);
+  const double middle = sorted[sorted.size() / 2];
+  for (std::size_t k = 0; k < levels.size(); ++k) {
+    if (!(levels[k] > kTimes * middle)) continue;
+    verdict.set_status("bad_recording");
+    verdict.set_reason(fmt::format("{} is {:.2f} mm from its simulation, the others {:.2f} mm",
+                                   made.base.data.observations[made.base.fitted[k]].name,
+                                   1e3 * levels[k], 1e3 * middle));
+  }
+  for (const std::size_t r : made.base.failed) {
+    verdict.add_warnings(fmt::format("recording {} cannot be simulated and is left out",
+                                     made.base.data.observations[r].name));
+  }
+}
+
+}  // namespace omentum

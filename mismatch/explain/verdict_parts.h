@@ -1,0 +1,42 @@
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "mismatch/explain/contenders.h"
+#include "mismatch/explain/explain.h"
+#include "mismatch/explain/verdict_class.h"
+
+namespace omentum {
+
+/// A case on its way to a verdict.
+struct Case {
+  const ExplainOptions& options;
+  BaseFit base;
+  std::vector<Candidate> candidates;
+  std::vector<Evidence> fitted, held_out;
+  std::vector<std::string> folds;  ///< of `fitted`: a recording and its repeats are one
+  Floors floors;
+  std::vector<ScoreTest> tests;
+  VerdictClass judged;
+
+  const Candidate& candidate(const std::string& key) const;
+};
+
+// Parts of a verdict, each from what is known of a case.
+
+void add_settings(const Case& made, pb::Verdict& verdict);
+/// Of an effect with several places or directions that which is seen best.
+void add_limits(const Case& made, pb::Verdict& verdict);
+void add_scores(const Case& made, pb::Verdict& verdict);
+void add_pulls(const Case& made, pb::Verdict& verdict);
+/// What columns claim, and what each leaves; then what of it was simulated.
+void add_rivals(const Case& made, const std::vector<Contender>& contenders, pb::Verdict& verdict);
+/// The first of `contenders`, in a class with those that simulations do not tell from it.
+void add_effect(const Case& made, const std::vector<Contender>& contenders, pb::Verdict& verdict);
+/// Error of each recording without and with `best`, in the reference and in the shell.
+void add_fit(const Case& made, const BaseFit& best, ReferenceForward& model, pb::Verdict& verdict);
+/// A recording several times as far off as the others, or that cannot be simulated.
+void add_bad_recordings(const Case& made, pb::Verdict& verdict);
+
+}  // namespace omentum
