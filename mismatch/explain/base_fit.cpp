@@ -48,7 +48,7 @@ std::vector<Unknown> numerics_of(const pb::Scene& scene) {
     add("grasp_compliance.C_turn", "rad/(N m)", kGive / square);
   }
   add("camera_bias.scale", "1", 0.01);
-  add("camera_bias.quadratic", "1/m", 0.02);
+  add("camera_bias.quadratic", "1/m", 0.1);  // 0.1 mm at 30 mm from the middle of its range
   return list;
 }
 
@@ -352,6 +352,7 @@ BaseFit fit_base(const pb::Scene& scene, std::vector<Observation> observations,
     return {pb::TISSUE_REFERENCE,
             count_elements(believed, options.folder, base.data.observations, tolerance_m), 1};
   };
+  base.discrepancy_m = options.discrepancy_m;
   base.fine = mesh_of(options.tolerance_m);
   base.coarse = mesh_of(options.coarse_tolerance_m);
   for (std::size_t r = 0; r < base.data.observations.size(); ++r)

@@ -28,6 +28,7 @@ struct BaseFit {
   explicit BaseFit(FitData fitted_data) : data(std::move(fitted_data)) {}
   FitData data;  ///< after add_columns() with numerics and candidates among the unknowns
   Numerics fine, coarse;
+  double discrepancy_m = 0;  ///< stated
   Which fitted, held_out;
   SearchState found;
   SearchLimits limits;

@@ -81,7 +81,11 @@ std::vector<Contender> refit(const BaseFit& base, const std::vector<Candidate>& 
                              const ProgressOf& progress) {
   std::vector<Contender> contenders;
   const std::vector<double> before = costs_of(base);
+  double most = 0;
   for (const Candidate& candidate : first) {
+    // Columns foretell z^2 / 2 nats; what would not lead with twice of it is not simulated.
+    const double z = std::ranges::find(tests, candidate.key, &ScoreTest::atom)->z;
+    if (z * z < most) continue;
     if (progress)
       progress(0.7 + 0.15 * static_cast<double>(&candidate - first.data()) /
                          static_cast<double>(first.size()),
@@ -101,6 +105,7 @@ std::vector<Contender> refit(const BaseFit& base, const std::vector<Candidate>& 
       made.folds[fold] += before[k] - after[k];
     }
     made.gain = trimmed_sum(made.folds);
+    most = std::max(most, made.gain);
     contenders.push_back(std::move(made));
   }
   std::ranges::stable_sort(contenders, std::greater<>(), &Contender::gain);

@@ -63,6 +63,13 @@ BaseFit with_candidates(const BaseFit& base, const std::vector<Candidate>& kept)
   return made;
 }
 
+/// Differences of simulations by the numbers of an effect; they stay while steps along them hold.
+struct Derivatives {
+  std::vector<Prediction> at;                  ///< where they were taken
+  std::vector<std::vector<Prediction>> moved;  ///< by each number
+  std::vector<double> steps;                   ///< of each number
+};
+
 /// A search over numbers of an effect and of the base, each state of it simulated.
 class EntrantSearch {
  public:
@@ -109,9 +116,27 @@ class EntrantSearch {
                    base_.found.scales);
   }
 
+  /// Simulates a step of each number of the effect.
+  Derivatives differentiate(const Tried& at, const BaseFit& fit) const {
+    Derivatives made{fit.surfaces, {}, {}};
+    for (std::size_t k = 0; k < numbers_.size(); ++k) {
+      const EffectNumber& number = numbers_[k];
+      std::vector<double> there = at.searched;
+      // Backwards where the range ends.
+      const bool ends = number.value(there[k] + number.step) >= number.high;
+      made.steps.push_back(ends ? -number.step : number.step);
+      there[k] += made.steps.back();
+      FitData moved = base_.data;
+      moved.scene = scene_with(there);
+      const auto other = model_.simulate(moved, at.state, fit.coarse, false, base_.fitted);
+      made.moved.push_back(changed_surfaces(base_.surfaces, base_.coarse_surfaces, other));
+    }
+    return made;
+  }
+
   /// Surfaces of `fit` with the derivatives of the base and those by the numbers of the effect,
   /// which become unknowns of `fit`, at zero.
-  Linearisation linearise(const Tried& at, BaseFit& fit) const {
+  Linearisation linearise(const Derivatives& derivatives, BaseFit& fit) const {
     Linearisation linear{fit.found.state, fit.surfaces};
     for (const std::size_t r : base_.fitted) {
       for (std::size_t f = 0; f < linear.predictions[r].frames.size(); ++f) {
@@ -121,22 +146,14 @@ class EntrantSearch {
     }
     for (std::size_t k = 0; k < numbers_.size(); ++k) {
       const EffectNumber& number = numbers_[k];
-      std::vector<double> there = at.searched;
-      // Backwards where the range ends.
-      const bool ends = number.value(there[k] + number.step) >= number.high;
-      const double step = ends ? -number.step : number.step;
-      there[k] += step;
-      FitData moved = base_.data;
-      moved.scene = scene_with(there);
-      const auto other = model_.simulate(moved, at.state, fit.coarse, false, base_.fitted);
       Unknown unknown;
       unknown.path = path_of(number);
       unknown.unit = number.unit;
       unknown.scale = Unknown::Scale::kShift;
       unknown.sd = number.sd;
       unknown.role = NumberRole::kNuisance;  // no field of the scene that scene_at() could set
-      set_difference(unknown, changed_surfaces(base_.surfaces, base_.coarse_surfaces, other),
-                     1 / step, fit.data, linear, fit.found.state);
+      set_difference(unknown, changed_surfaces(fit.surfaces, derivatives.at, derivatives.moved[k]),
+                     1 / derivatives.steps[k], fit.data, linear, fit.found.state);
     }
     return linear;
   }
@@ -190,11 +207,12 @@ struct Step {
 
 /// Where Gauss and Newton lead from `at`, no farther than differences may hold: the whole step is
 /// shortened.
-Step next_step(const EntrantSearch& search, const Tried& at, BaseFit fit) {
+Step next_step(const EntrantSearch& search, const Tried& at, const Derivatives& derivatives,
+               BaseFit fit) {
   constexpr int kSteps = 8;
   constexpr double kFarthest = 4;  // of the steps of the differences
   const BaseFit& base = search.base();
-  const Linearisation linear = search.linearise(at, fit);
+  const Linearisation linear = search.linearise(derivatives, fit);
   fit.found = improve(fit.data, linear, base.fitted, kSteps, base.limits, fit.found);
   const FitPosterior posterior =
       posterior_at(fit.data, linear, base.fitted, base.limits, fit.found);
@@ -226,23 +244,32 @@ std::optional<EntrantFit> fit_entrant(const BaseFit& base, const Candidate& cand
                                       const std::vector<Candidate>& candidates,
                                       const std::optional<Vector2d>& place,
                                       ReferenceForward& model) {
-  constexpr int kRounds = 8;
+  constexpr int kSimulated = 14, kDifferentiated = 3;
   const EntrantSearch search(base, candidate, candidates, place, model);
   const double without = search.cost(search.base());
-  double least = std::numeric_limits<double>::infinity();
   Tried best = search.begin();
+  std::optional<BaseFit> reached = search.simulate(best, base.fitted);
+  if (!reached) return std::nullopt;
+  double least = search.cost(*reached);
   std::optional<Step> step;
-  StepLength length;
-  for (int round = 0; round < kRounds && !length.settled(); ++round) {
-    const Tried next = step ? between(best, step->to, length.share()) : best;
-    std::optional<BaseFit> fit = search.simulate(next, base.fitted);
-    const double cost = fit ? search.cost(*fit) : std::numeric_limits<double>::infinity();
-    if (!step && !fit) return std::nullopt;
-    const bool better = step ? length.accept(least - cost) : true;
-    if (!better) continue;
-    best = next;
-    least = cost;
-    step = next_step(search, best, std::move(*fit));
+  for (int fresh = 0, simulated = 1; fresh < kDifferentiated && simulated < kSimulated; ++fresh) {
+    const Derivatives derivatives = search.differentiate(best, *reached);
+    step = next_step(search, best, derivatives, *reached);
+    StepLength length;
+    const double before = least;
+    while (!length.settled() && simulated < kSimulated) {
+      const Tried next = between(best, step->to, length.share());
+      std::optional<BaseFit> fit = search.simulate(next, base.fitted);
+      ++simulated;
+      const double cost = fit ? search.cost(*fit) : std::numeric_limits<double>::infinity();
+      if (!length.accept(least - cost)) continue;
+      best = next;
+      least = cost;
+      reached = std::move(fit);
+      step = next_step(search, best, derivatives, *reached);
+    }
+    constexpr double kGained = 4;  // [nats] since derivatives were taken: less asks for no others
+    if (before - least < kGained) break;
   }
   if (!(least < without)) return std::nullopt;
   EntrantFit entrant{

@@ -89,13 +89,14 @@ void tell_claim(const Case& made, const std::vector<Contender>& contenders, Refe
   }
 }
 
-/// Share of the squared distance of all fitted recordings that is gone.
+/// Share of the squared error of all fitted recordings above their floor that is gone.
 void add_explained_share(pb::Verdict& verdict) {
   double before = 0, after = 0;
   for (const pb::VerdictFit& row : verdict.fit()) {
     if (row.role() != "fit") continue;
-    before += row.rmse_base() * row.rmse_base();
-    after += row.rmse_model() * row.rmse_model();
+    const double floor = row.floor() * row.floor();
+    before += row.rmse_base() * row.rmse_base() - floor;
+    after += row.rmse_model() * row.rmse_model() - floor;
   }
   verdict.set_explained_share(before > 0 ? 1 - after / before : 0);
   verdict.mutable_effects(0)->set_explained_share(verdict.explained_share());

@@ -6,11 +6,14 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <optional>
 #include <set>
 
 #include "core/check.h"
+#include "mismatch/explain/block_errors.h"
 #include "mismatch/explain/detection_limits.h"
 #include "mismatch/explain/shares.h"
+#include "mismatch/explain/when.h"
 
 namespace omentum {
 namespace {
@@ -23,34 +26,17 @@ T value_or_throw(Result<T> result) {
   return std::move(result).value();
 }
 
-constexpr double kFarPoint = 0.03;    // [m] from the surface: no tissue, wherever the surface errs
-constexpr double kNearPoint = 0.005;  // [m] from a surface that fits: tissue, no flying pixel
-
-/// Distances of the points of a recording from a surface, frame by frame [m].
-std::vector<std::vector<double>> distances_from(const BaseFit& fit,
-                                                const std::vector<Prediction>& surfaces,
-                                                std::size_t r) {
-  FitState plain = fit.found.state;
-  plain.own[r].tail(kModes).setZero();
-  return distances(fit.data, {fit.found.state, surfaces}, plain, r, kFarPoint);
-}
-
-/// Rms distances of the same points from two surfaces [m], of those that are near either.
-std::pair<double, double> misfits(const std::vector<std::vector<double>>& one,
-                                  const std::vector<std::vector<double>>& other,
-                                  double reach = kNearPoint) {
-  double squares_one = 0, squares_other = 0, count = 0;
-  for (std::size_t f = 0; f < one.size(); ++f) {
-    for (std::size_t k = 0; k < one[f].size(); ++k) {
-      const double a = std::fabs(one[f][k]), b = std::fabs(other[f][k]);
-      if (!std::isfinite(a) || !std::isfinite(b) || std::min(a, b) > reach) continue;
-      squares_one += a * a;
-      squares_other += b * b;
+/// Rms distance of the points of a recording from its surface [m].
+double rms_from_surface(const BaseFit& fit, std::size_t r) {
+  double squares = 0, count = 0;
+  for (const auto& frame : distances_from(fit, fit.surfaces, r)) {
+    for (const double d : frame) {
+      if (!std::isfinite(d)) continue;
+      squares += d * d;
       ++count;
     }
   }
-  if (count == 0) return {std::nan(""), std::nan("")};
-  return {std::sqrt(squares_one / count), std::sqrt(squares_other / count)};
+  return std::sqrt(squares / count);
 }
 
 /// Whether held-out recordings, which nothing has seen, say the same (docs/mismatch.md 5.6).
@@ -122,6 +108,23 @@ void add_where(const EntrantFit& entrant, pb::VerdictEffect& effect) {
   constexpr double kHalf = 1.1774;  // of a normal distribution in the plane
   const double sd_x = entrant.sd[x], sd_y = entrant.sd[y];
   where.set_radius50_m(kHalf * std::sqrt(0.5 * (sd_x * sd_x + sd_y * sd_y)));
+}
+
+void add_when(const BaseFit& base, const BaseFit& model, pb::VerdictEffect& effect) {
+  for (const When& when : when_of(base, model)) {
+    pb::VerdictWhen& row = *effect.add_when();
+    row.set_recording(when.recording);
+    row.set_clock("cloud");
+    for (const auto& [begin, end] : when.intervals) {
+      pb::VerdictInterval& interval = *row.add_intervals_s();
+      interval.set_begin(begin);
+      interval.set_end(end);
+    }
+    for (const std::string& phase : when.phases) row.add_phases(phase);
+    row.mutable_onset_s()->set_value(when.onset);
+    row.mutable_onset_s()->set_low90(when.onset_low);
+    row.mutable_onset_s()->set_high90(when.onset_high);
+  }
 }
 
 std::string patch_text(const EntrantFit& entrant) {
@@ -287,6 +290,7 @@ void add_effect(const Case& made, const std::vector<Contender>& contenders, pb::
                   amplitude ? floor->second.amplitude : 0, effect);
   }
   add_where(fit, effect);
+  add_when(made.base, fit.fit, effect);
   confirm(made, fit.candidate.key, effect);
   // Without the largest gain of a recording it would not be claimed.
   const auto most = std::ranges::max_element(winner.folds);
@@ -300,30 +304,35 @@ void add_effect(const Case& made, const std::vector<Contender>& contenders, pb::
 void add_fit(const Case& made, const BaseFit& best, ReferenceForward& model, pb::Verdict& verdict) {
   const Numerics shell{pb::TISSUE_ELASTIC, {}, 1};
   const BaseFit& base = made.base;
+  const bool compared = &best != &base && !base.held_out.empty();
   std::vector<Prediction> shell_base, shell_model;
-  if (&best != &base && !base.held_out.empty()) {
+  std::optional<Linearisation> own;
+  if (compared) {
     shell_base = model.simulate(base.data, base.found.state, shell, false, base.held_out);
     shell_model = model.simulate(best.data, best.found.state, shell, false, base.held_out);
+    own = with_columns(base, model, base.held_out);
   }
   for (const Which* which : {&base.fitted, &base.held_out}) {
     for (const std::size_t r : *which) {
+      const bool held_out = which == &base.held_out;
       pb::VerdictFit& row = *verdict.add_fit();
-      const auto [before, after] =
-          misfits(distances_from(base, base.surfaces, r), distances_from(best, best.surfaces, r));
-      const double floor = base.found.scales.noise.sigma;
+      const BlockErrors errors = block_errors(base, base.surfaces, best, best.surfaces, r,
+                                              held_out && own ? &*own : nullptr);
       row.set_recording(base.data.observations[r].name);
-      row.set_role(which == &base.fitted ? "fit" : "held_out");
-      row.set_rmse_base(before);
-      row.set_rmse_model(after);
-      row.set_floor(floor);
-      const double excess = before * before - floor * floor;
-      constexpr double kAboveNoise = 0.5;  // of its square: below it there is nothing to explain
-      if (excess > kAboveNoise * floor * floor) row.set_r((after * after - floor * floor) / excess);
-      if (shell_base.empty() || which == &base.fitted) continue;
-      const auto [without, with] =
-          misfits(distances_from(base, shell_base, r), distances_from(best, shell_model, r));
-      row.set_rmse_shell_base(without);
-      row.set_rmse_shell_model(with);
+      row.set_role(held_out ? "held_out" : "fit");
+      row.set_rmse_base(errors.base);
+      row.set_rmse_model(errors.model);
+      row.set_floor(errors.floor);
+      row.set_mse_base_se(errors.base_mse_se);
+      const double floor = errors.floor * errors.floor;
+      const double excess = errors.base * errors.base - floor;
+      // Where the base is not clearly off there is nothing to explain.
+      if (excess > 2 * errors.base_mse_se)
+        row.set_r((errors.model * errors.model - floor) / excess);
+      if (!compared || !held_out) continue;
+      const BlockErrors in_shell = block_errors(base, shell_base, best, shell_model, r, nullptr);
+      row.set_rmse_shell_base(in_shell.base);
+      row.set_rmse_shell_model(in_shell.model);
     }
   }
 }
@@ -332,8 +341,7 @@ void add_bad_recordings(const Case& made, pb::Verdict& verdict) {
   constexpr double kTimes = 5;  // of the others' residual
   std::vector<double> levels;
   for (const std::size_t r : made.base.fitted) {
-    const auto from = distances_from(made.base, made.base.surfaces, r);
-    levels.push_back(misfits(from, from, kFarPoint).first);
+    levels.push_back(rms_from_surface(made.base, r));
   }
   std::vector<double> sorted = levels;
   std::ranges::sort(sorted);

@@ -34,7 +34,8 @@ void add_pulls(const Case& made, pb::Verdict& verdict);
 void add_rivals(const Case& made, const std::vector<Contender>& contenders, pb::Verdict& verdict);
 /// The first of `contenders`, in a class with those that simulations do not tell from it.
 void add_effect(const Case& made, const std::vector<Contender>& contenders, pb::Verdict& verdict);
-/// Error of each recording without and with `best`, in the reference and in the shell.
+/// Errors of each recording without and with `best` (block_errors()), of those held out in the
+/// shell besides.
 void add_fit(const Case& made, const BaseFit& best, ReferenceForward& model, pb::Verdict& verdict);
 /// A recording several times as far off as the others, or that cannot be simulated.
 void add_bad_recordings(const Case& made, pb::Verdict& verdict);
