@@ -9,8 +9,10 @@ import sys
 
 REWRITTEN = ["docs/calibrate.md", "docs/import.md"]
 ROW = ["claim", "figure", "machine", "command"]
-# Of a command only what is a file here: programs are made by the build, capitals stand for what the reader has.
+# Of a command only what is here: files, programs that a CMake list makes, tests behind -R up to what a list composes.
 FILE = re.compile(r"^(?:\./)?((?:tests|benchmarks|deploy)/[\w./-]+)$")
+PROGRAM = re.compile(r"^build/release/bin/(\w+)$")
+MADE = re.compile(r"\b(?:add_executable|omentum_\w*test|omentum_\w*program)\(\s*(\w+)")
 
 
 def long_lines(path, limit):
@@ -19,7 +21,26 @@ def long_lines(path, limit):
             yield f"{number}: {len(line)} characters of {limit}"
 
 
-def rows(path):
+def made(root):
+    """Programs of the build, and the text in which names of tests stand."""
+    lists = "".join(path.read_text(encoding="utf-8") for path in root.rglob("CMakeLists.txt") if "build" not in path.relative_to(root).parts)
+    tests = lists + "".join(path.read_text(encoding="utf-8") for path in (root / "tests").rglob("*.cpp"))
+    return set(MADE.findall(lists)), tests
+
+
+def unknown(command, root, programs, tests):
+    """What a command names and nobody has."""
+    words = command.split()
+    for word, behind in zip(["", *words], words):
+        if (file := FILE.match(behind)) and not behind.endswith("/NAME") and not (root / file[1]).exists():
+            yield file[1]
+        if (program := PROGRAM.match(behind)) and program[1] not in programs:
+            yield behind
+        if word == "-R" and not re.search(rf"{re.escape(behind.split('_')[0])}", tests):
+            yield f"a test {behind}"
+
+
+def rows(path, programs, tests):
     head = None
     for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
         if not line.startswith("|"):
@@ -33,9 +54,9 @@ def rows(path):
         elif not set(line) <= set("|-"):
             if len(cells) != 4 or not all(cells):
                 yield f"{number}: a row has {len(cells)} of 4 cells, or an empty one"
-            for word in " ".join(re.findall(r"`([^`]*)`", cells[-1])).split():
-                if (file := FILE.match(word)) and not word.endswith("/NAME") and not (path.parents[2] / file[1]).exists():
-                    yield f"{number}: {file[1]} is not in the repository"
+            for command in re.findall(r"`([^`]*)`", cells[-1]):
+                for what in unknown(command, path.parents[2], programs, tests):
+                    yield f"{number}: {what} is not in the repository"
 
 
 def faults(root):
@@ -54,8 +75,9 @@ def faults(root):
     lines = sum(len(path.read_text(encoding="utf-8").splitlines()) for path in results)
     if lines > 300:
         yield f"docs/results: {lines} lines of 300 in all"
+    programs, tests = made(root)
     for path in results[1:]:
-        for fault in rows(path):
+        for fault in rows(path, programs, tests):
             yield f"{path.relative_to(root)}:{fault}"
     makers = (root / "docs/pictures/README.md").read_text(encoding="utf-8")
     for path in sorted((root / "docs/pictures").glob("*.*")):
