@@ -73,7 +73,7 @@ def check(root, binaries, options, knobs, words):
 
 
 def run(block, folder):
-    done = subprocess.run(["bash", "-euo", "pipefail", "-c", block], cwd=folder, capture_output=True, text=True, timeout=100)
+    done = subprocess.run(["bash", "-euo", "pipefail", "-c", block], cwd=folder, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, f"code {done.returncode}\n{done.stdout[-2000:]}{done.stderr[-2000:]}"
 
 
