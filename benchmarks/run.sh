@@ -54,7 +54,8 @@ Figures of the groups named (default: tissue elastic ppo workers train):
   camera    camera.* of bench_camera, where that program is built
 Options:
   --steps N   shorter or longer training runs; the figures are then named by N instead of 3M
-  --save      also append to benchmarks/results/<cpu>-<n>core.csv with machine, commit and compiler
+  --save      also append to benchmarks/results/<cpu>-<n>core.csv with commit, compiler, group, model of the processor and
+              load at the start; benchmarks/draw.py makes a page of these files
 Programs are those of build/release/bin (OMENTUM_BIN: another folder); deploy/setup.sh builds them, this script its own.
 Exit codes: 0 done, 1 a figure could not be measured, 2 wrong option.
 TEXT
@@ -99,6 +100,9 @@ trap 'exit 130' INT TERM
 
 cpu=$(sed -n 's/^model name[^:]*: *//p' /proc/cpuinfo | head -n 1)
 cores=$(nproc)
+# Processors of one name differ by half: the model tells them apart.
+machine=$(awk -F': *' '/^cpu family/ { f = $2 } /^model\t/ { print "family " f " model " $2; exit }' /proc/cpuinfo)
+load=$(cut -d' ' -f1 /proc/loadavg)
 commit=$(git -C "$root" rev-parse --short=12 HEAD 2>/dev/null || echo unknown)
 [[ -z $(git -C "$root" status --porcelain --untracked-files=no 2>/dev/null) ]] || commit+=+
 compiler=$(c++ --version 2>/dev/null | head -n 1 | tr ',' ';')
@@ -111,8 +115,8 @@ figure() {
   echo "$1 $2 $3"
   ((save)) || return 0
   mkdir -p "${results%/*}"
-  [[ -s $results ]] || echo "date,commit,compiler,name,value,unit" >"$results"
-  echo "$(date -u +%FT%TZ),$commit,$compiler,$1,$2,$3" >>"$results"
+  [[ -s $results ]] || echo "date,commit,compiler,name,value,unit,group,machine,load" >"$results"
+  echo "$(date -u +%FT%TZ),$commit,$compiler,$1,$2,$3,$group,$machine,$load" >>"$results"
 }
 # Passes the lines "name value unit" of a program on; what follows a # is a comment. $@ = command.
 figures_of() {

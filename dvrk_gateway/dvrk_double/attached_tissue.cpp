@@ -12,7 +12,7 @@ namespace {
 
 using Eigen::Vector3d;
 
-// The sheet has come to rest on what lies under it after this time (docs/results.md).
+// The sheet has come to rest on what lies under it after this time (decision 0020).
 constexpr double kSettleTime_s = 3;
 const Vector3d kFarAway_W(0, 0, 1);
 

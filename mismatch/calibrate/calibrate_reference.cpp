@@ -91,7 +91,7 @@ void measure_mesh(CalibrationRun& run) {
   const std::array<int, 3> fewer = fewer_elements(elements, kMeshRatio);
   const double ratio = std::sqrt(static_cast<double>(elements[0]) * elements[1] /
                                  (static_cast<double>(fewer[0]) * fewer[1]));
-  const double fall = 1 / (std::pow(ratio, 2.5) - 1);  // docs/results.md: error ~ cell^2.5
+  const double fall = 1 / (std::pow(ratio, 2.5) - 1);  // docs/results/tissue.md: error ~ cell^2.5
   const auto mesh = run.model.simulate(run.data, run.linear.at, {pb::TISSUE_REFERENCE, fewer, 1},
                                        false, run.fitted);
   run.mesh_rms = fall * surfaces_apart(mesh, run.linear.predictions);

@@ -113,7 +113,7 @@ void widen(CalibrationRun& run) {
   run.search.limits.hold_shared = false;
   run.found.state = found;
   run.found.scales.noise = noise;
-  // Where the search ends hangs on where it begins, too (docs/results.md, Calibration).
+  // Where the search ends hangs on where it begins, too (decision 0041).
   constexpr double kWider = 2;
   FitPosterior& posterior = run.posterior;
   posterior.shared_covariance = kWider * kWider * (posterior.shared_covariance + rounding);

@@ -406,7 +406,7 @@ void finish_scene(const Findings& f, Calibration& result) {
   pb::Scene& scene = result.scene;
   scene.mutable_tissue()->set_model(pb::TISSUE_ELASTIC);
   // The law stiffens with the square of a stretch that recordings do not reach and policies do: a
-  // sheet pulled to twice its length slips out of the jaws (docs/results.md). All laws are the same
+  // sheet pulled to twice its length slips out of the jaws (decision 0035). All laws are the same
   // at small strain.
   pb::Material& material = *scene.mutable_tissue()->mutable_material();
   if (material.law() == pb::LAW_ST_VENANT_KIRCHHOFF) {

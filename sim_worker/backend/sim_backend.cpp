@@ -13,7 +13,7 @@ namespace {
 
 using Eigen::Vector3d;
 
-// The sheet has come to rest on kidney and tumour after it [s] (docs/results.md).
+// The sheet has come to rest on kidney and tumour after it [s] (decision 0020).
 constexpr double kSettleTime = 3.0;
 
 Vector3d to_vector(const double* p) { return {p[0], p[1], p[2]}; }

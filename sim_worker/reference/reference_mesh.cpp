@@ -126,9 +126,9 @@ struct Singular {
 };
 
 /// Cells that meet a tolerance, measured on droops and lifts of sheets of 5 to 200 kPa
-/// (docs/results.md): about 0.05 mm with cells of 0.7 of the thickness and three layers, of the
-/// thickness and two where the clamp is not resolved. The cell follows the root 3/8 of the error,
-/// and, from one thickness down to a half, the length within which a soft sheet bends.
+/// (docs/results/tissue.md): about 0.05 mm with cells of 0.7 of the thickness and three layers, of
+/// the thickness and two where the clamp is not resolved. The cell follows the root 3/8 of the
+/// error, and, from one thickness down to a half, the length within which a soft sheet bends.
 struct MeshSize {
   double along = 0, across = 0;  ///< edges of the cells away from kinks, y and x [m]
   int layers = 0;

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 """The clamped silicone beam of the set `silicone_beam` by `mismatch import` and `mismatch calibrate` alone: fitted to its markers under
-its own weight, held out with 52 g at its tip. Prints the table of docs/results.md from what calibrate writes.
+its own weight, held out with 52 g at its tip. Prints the table of decision 0035 from what calibrate writes.
 
 OMENTUM_REAL_DATA=... /usr/bin/python3 beam_calibration.py MISMATCH SCRATCH [--tolerance-mm 1]
 """

@@ -57,4 +57,5 @@ if __name__ == "__main__":
     import pathlib
     import sys
 
-    write_case(sys.argv[1], pathlib.Path(sys.argv[2]), sys.argv[3])
+    # MISMATCH FOLDER EFFECT [mesh in mm]
+    write_case(sys.argv[1], pathlib.Path(sys.argv[2]), sys.argv[3], mesh_mm=float((sys.argv[4:] or [0.6])[0]))

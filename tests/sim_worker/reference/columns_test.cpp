@@ -11,7 +11,7 @@ namespace {
 
 using namespace test;  // NOLINT(google-build-using-namespace)
 
-/// OMENTUM_ALL_COLUMNS=1: every parameter on every lift, the table of docs/results.md (10 min).
+/// OMENTUM_ALL_COLUMNS=1: every parameter on every lift, the table of decision 0029 (10 min).
 TEST(Columns, AreTheDifferencesOfTheSimulation) {
   const bool all = std::getenv("OMENTUM_ALL_COLUMNS") != nullptr;  // NOLINT(concurrency-mt-unsafe)
   std::vector<Lift> lifts = {{"air", false, 6e4},

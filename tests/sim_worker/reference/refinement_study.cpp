@@ -1,6 +1,6 @@
 // Refinement of static states of the reference solid: a level sheet and slender and stubby beams
 // that droop, lifts, over laws, stiffness, elements and layers. Prints, per mesh, the tip, the
-// force and the distance to the finest mesh of its row; run by hand (docs/results.md).
+// force and the distance to the finest mesh of its row; run by hand (decision 0013).
 //
 //   refinement_study [--young PA ...] [--law NAME] [--layers N ...] [--elements N ...] [--body
 //   NAME]

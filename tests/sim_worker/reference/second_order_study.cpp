@@ -1,4 +1,4 @@
-// Tables of docs/results.md: reference solid at its default tolerance and shell against
+// Tables of decision 0030: reference solid at its default tolerance and shell against
 // second-order bricks (tests/reference/README.md), and the error that `mismatch simulate` prints
 // against the true one. Run by hand:
 //

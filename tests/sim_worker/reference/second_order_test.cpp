@@ -47,7 +47,7 @@ const auto kName = [](const testing::TestParamInfo<Stated>& info) {
   return std::string(info.param.name);
 };
 
-// The lift takes four minutes at the default: docs/results.md. The strip on a bed, as one row of
+// The lift takes four minutes at the default: decision 0030. The strip on a bed, as one row of
 // bricks, was 0.014 mm off; St. Venant-Kirchhoff on cells of the thickness 0.14.
 INSTANTIATE_TEST_SUITE_P(Reference, SecondOrderBricks,
                          testing::Values(Stated{"droop_60kPa"}, Stated{"droop_10kPa"},

@@ -178,7 +178,7 @@ TEST(ShellPad, AgreesWithThatOfTheReference) {
   const double rms = std::sqrt(squares / shell->particles());
   const double force = shell->held_force(0).norm() / reference->held_force(0).norm();
   std::printf("# shell pad against the reference's: %.4f mm rms, force %.4f\n", 1e3 * rms, force);
-  EXPECT_LT(rms, 8e-4);  // docs/results.md; the shell has cells of half the pad's size
+  EXPECT_LT(rms, 8e-4);  // docs/results/tissue.md; the shell has cells of half the pad's size
   EXPECT_NEAR(force, 1, 0.12);
 }
 

@@ -1,0 +1,106 @@
+#!/usr/bin/env python3
+"""Commands of docs/start stand as they are typed. A block ```sh run is run, block after block of a page in one folder; of every
+other ```sh block the programs must be there and know each option, knob and preset that the page gives them.
+
+usage: start_commands_test.py ROOT BIN
+"""
+import os
+import pathlib
+import re
+import shlex
+import subprocess
+import sys
+import tempfile
+
+BLOCK = re.compile(r"^```sh( run)?\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+# Of other people: their options are not ours to check.
+FOREIGN = {"sudo", "docker", "docker-compose", "sbatch", "cmake", "ctest", "head", "ls", "sed", "grep", "timedatectl", "sysctl"}
+
+
+class Options:
+    """What programs say of themselves, asked once."""
+
+    def __init__(self):
+        self.texts = {}
+
+    def help(self, program, *words):
+        key = (str(program), *words)
+        if key not in self.texts:
+            done = subprocess.run([*key, "--help"], capture_output=True, text=True, timeout=60)
+            assert done.returncode == 0, (key, done.returncode, done.stderr)
+            self.texts[key] = done.stdout
+        return self.texts[key]
+
+
+def commands(block):
+    """Words of each command: lines that go on are joined, of pipes each part counts, comments and files after > do not."""
+    for line in block.replace("\\\n", " ").splitlines():
+        for part in re.split(r"[|;&]+", re.sub(r">\s*\S+", "", line)):
+            words = shlex.split(part, comments=True)
+            while words and re.match(r"^[A-Z_]+=", words[0]):
+                words.pop(0)
+            if words:
+                yield words
+
+
+def check(root, binaries, options, knobs, words):
+    while words[0] in ("sudo", "python3", "/usr/bin/python3"):
+        words = words[1:]
+    name = words[0]
+    if name in FOREIGN or "/" not in name:
+        assert name in FOREIGN, f"{name} is no program that a reader has"
+        return
+    program = binaries / pathlib.Path(name).name if name.startswith("build/release/bin/") else root / name
+    assert program.is_file(), f"{name} is not there"
+    if name.startswith(("deploy/slurm", "tests/run.sh", "./tests/run.sh")):
+        return  # they pass their options on
+    if program.suffix == ".py" or name.startswith("build/"):
+        assert program.suffix == ".py" or os.access(program, os.X_OK), f"{name} cannot be run"
+    flags = [w.split("=")[0] for w in words[1:] if re.match(r"^--?[a-zA-Z]", w)]
+    if program.suffix == ".py":
+        text = program.read_text(encoding="utf-8")
+    else:
+        text = options.help(program)
+        subcommands = re.findall(r"^  (\S+)", text.partition("Subcommands:")[2], re.MULTILINE)
+        text += "".join(options.help(program, word) for word in words[1:] if word in subcommands)
+    for flag in flags:
+        assert re.search(rf"(?<![\w-]){re.escape(flag)}(?![\w-])", text), f"{name} has no option {flag}"
+    for flag, value in zip(words, words[1:]):
+        if flag == "--preset":
+            assert (root / "deploy/presets" / f"{value}.txtpb").is_file(), f"there is no preset {value}"
+        if flag == "--set" and not value.startswith("scene."):
+            assert re.search(rf"(?<![\w.]){re.escape(value.split('=')[0])}(?![\w.])", knobs()), f"there is no knob {value}"
+
+
+def run(block, folder):
+    done = subprocess.run(["bash", "-euo", "pipefail", "-c", block], cwd=folder, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, f"code {done.returncode}\n{done.stdout[-2000:]}{done.stderr[-2000:]}"
+
+
+def main():
+    root, binaries = (pathlib.Path(a).resolve() for a in sys.argv[1:])
+    options, faults, count = Options(), [], 0
+    for page in sorted((root / "docs/start").glob("*.md")):
+        with tempfile.TemporaryDirectory() as name:
+            folder = pathlib.Path(name)
+            (folder / "build/release").mkdir(parents=True)
+            (folder / "build/release/bin").symlink_to(binaries)
+            for part in ("deploy", "tests", "benchmarks"):
+                (folder / part).symlink_to(root / part)
+            text = page.read_text(encoding="utf-8")
+            for block in BLOCK.finditer(text):
+                count += 1
+                try:
+                    for words in commands(block[2]):
+                        check(root, binaries, options, lambda: options.help(binaries / "learner"), words)
+                    if block[1]:
+                        run(block[2], folder)
+                except AssertionError as fault:
+                    line = text.count("\n", 0, block.start()) + 1
+                    faults.append(f"docs/start/{page.name}:{line}: {fault}")
+    print("\n".join(faults) or f"{count} blocks stand")
+    return 1 if faults or count == 0 else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
