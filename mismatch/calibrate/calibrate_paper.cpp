@@ -229,7 +229,7 @@ void PaperSearch::score(const std::vector<std::size_t>& left, const Candidate& c
         for (const double d : frame) {
           if (!std::isfinite(d)) continue;
           squares += d * d;
-          sum += d;
+          sum += std::fabs(d);
           ++count;
         }
       }

@@ -14,7 +14,7 @@ double rms_of(const std::vector<std::vector<double>>& distances, double* mean = 
     for (const double d : frame) {
       if (!std::isfinite(d)) continue;
       squares += d * d;
-      sum += d;
+      sum += std::fabs(d);
       ++count;
     }
   }

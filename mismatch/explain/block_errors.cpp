@@ -1,9 +1,12 @@
 #include "mismatch/explain/block_errors.h"
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <limits>
 #include <map>
+
+#include "core/constants.h"
 
 namespace omentum {
 namespace {
@@ -52,24 +55,31 @@ Blocks blocks_of(const BaseFit& base, const std::vector<Prediction>& surfaces, s
   return blocks;
 }
 
-/// Means over a block of the distances from two surfaces, of points that are near either.
-struct BlockMeans {
+double median_of(std::vector<double>& values) {
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::ranges::nth_element(values, middle);
+  return *middle;
+}
+
+/// Medians over a block of the distances from two surfaces, of points that are near either: flying
+/// pixels do not move them.
+struct BlockMedians {
   double a = 0, b = 0, count = 0;
+  /// Variance of one of them, for points with this noise.
+  double variance(double noise) const { return 0.5 * kPi * noise * noise / count; }
 };
-BlockMeans means_of(const std::vector<std::pair<std::size_t, std::size_t>>& points,
-                    const Distances& before, const Distances& after) {
-  BlockMeans made;
+BlockMedians medians_of(const std::vector<std::pair<std::size_t, std::size_t>>& points,
+                        const Distances& before, const Distances& after) {
+  std::vector<double> one, other;
   for (const auto& [f, k] : points) {
     const double a = before[f][k], b = after[f][k];
     if (!std::isfinite(a) || !std::isfinite(b)) continue;
     if (std::min(std::fabs(a), std::fabs(b)) > kNear) continue;
-    made.a += a;
-    made.b += b;
-    ++made.count;
+    one.push_back(a);
+    other.push_back(b);
   }
-  made.a /= made.count;
-  made.b /= made.count;
-  return made;
+  if (one.empty()) return {};
+  return {median_of(one), median_of(other), static_cast<double>(one.size())};
 }
 
 /// How the own numbers, each moved by its standard deviation, move the distances.
@@ -105,16 +115,16 @@ BlockErrors block_errors(const BaseFit& base, const std::vector<Prediction>& bas
   BlockErrors made;
   double base_sum = 0, base_fourth = 0, model_sum = 0, floor_sum = 0;
   for (const auto& [key, points] : blocks_of(base, base_surfaces, r, kSeconds)) {
-    const BlockMeans means = means_of(points, before, after);
-    if (means.count < kLeast) continue;
-    const double square = means.a * means.a;
+    const BlockMedians medians = medians_of(points, before, after);
+    if (medians.count < kLeast) continue;
+    const double square = medians.a * medians.a;
     ++made.blocks;
     base_sum += square;
     base_fourth += square * square;
-    model_sum += means.b * means.b;
-    floor_sum += noise * noise / means.count;
+    model_sum += medians.b * medians.b;
+    floor_sum += medians.variance(noise);
     for (const Distances& by : moved) {
-      const BlockMeans there = means_of(points, before, by);
+      const BlockMedians there = medians_of(points, before, by);
       if (there.count > 0) floor_sum += (there.b - there.a) * (there.b - there.a);
     }
   }
@@ -135,11 +145,11 @@ std::vector<FrameGain> frame_gains(const BaseFit& base, const BaseFit& model, st
   std::vector<FrameGain> gains;
   for (const SeenFrame& frame : seen.frames) gains.push_back({frame.t, 0});
   for (const auto& [key, points] : blocks_of(base, base.surfaces, r, 0)) {
-    const BlockMeans means = means_of(points, before, after);
-    if (means.count < kLeast) continue;
-    const double variance = noise * noise / means.count + discrepancy * discrepancy;
+    const BlockMedians medians = medians_of(points, before, after);
+    if (medians.count < kLeast) continue;
+    const double variance = medians.variance(noise) + discrepancy * discrepancy;
     gains[static_cast<std::size_t>(key[2])].gain +=
-        (means.a * means.a - means.b * means.b) / (2 * variance);
+        (medians.a * medians.a - medians.b * medians.b) / (2 * variance);
   }
   return gains;
 }

@@ -6,8 +6,8 @@
 
 namespace omentum {
 
-/// Errors of two surfaces against a recording, averaged over blocks: what single points scatter by
-/// goes, what a model misses stays (docs/mismatch.md 5.6).
+/// Errors of two surfaces against a recording, as medians over blocks: what single points scatter
+/// by goes, what a model misses stays (docs/mismatch.md 5.6).
 struct BlockErrors {
   double base = 0, model = 0;  ///< rms over blocks [m]; NaN where there is none
   double base_mse_se = 0;      ///< standard error of the square of `base` [m2]
@@ -30,7 +30,7 @@ struct FrameGain {
 };
 std::vector<FrameGain> frame_gains(const BaseFit& base, const BaseFit& model, std::size_t r);
 
-/// Distances of the points of a recording from a surface without discrepancy, frame by frame [m];
+/// Signed distances of the points of a recording from a surface without discrepancy, by frame [m];
 /// NaN beyond 30 mm.
 std::vector<std::vector<double>> distances_from(const BaseFit& fit,
                                                 const std::vector<Prediction>& surfaces,

@@ -308,7 +308,14 @@ std::vector<std::vector<double>> Likelihood::distances(const Comparison& what, d
     if (valid) rows.place(k);
     for (const Vector3d& p : seen.points) {
       const TrianglePoint near = valid ? rows.surface().nearest(p, reach) : TrianglePoint{};
-      list.push_back(near.triangle < 0 ? kNone : std::sqrt(near.squared));
+      if (near.triangle < 0) {
+        list.push_back(kNone);
+        continue;
+      }
+      const SeenSurface& surface = rows.surface();
+      const double outside =
+          (p - surface.at(near.triangle, near.share)).dot(surface.normal(near.triangle));
+      list.push_back(std::copysign(std::sqrt(near.squared), outside));
     }
     const std::vector<Vector3d> places = marker_places(what, k);
     for (std::size_t m = 0; m < places.size(); ++m) {

@@ -86,8 +86,9 @@ class Likelihood {
 
   /// Without columns A and b are left empty.
   NormalEquations compare(const Comparison& what, const NoiseModel& noise, bool with_columns) const;
-  /// Distances of the points of every frame from the predicted surface, then of its markers from
-  /// where they are predicted [m], NaN beyond `reach` and of markers on no tissue.
+  /// Distances of the points of every frame from the predicted surface, above zero outside of it,
+  /// then of its markers from where they are predicted [m], NaN beyond `reach` and of markers on no
+  /// tissue.
   std::vector<std::vector<double>> distances(const Comparison& what, double reach) const;
   /// Where the markers of a frame are predicted, in the order of SeenFrame::markers [m]; NaN where
   /// they are not.

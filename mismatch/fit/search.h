@@ -65,7 +65,8 @@ FitPosterior posterior_at(const FitData& data, const Linearisation& linear, cons
 void adapt_own_scales(const FitData& data, const FitPosterior& posterior, const Which& which,
                       const FitState& state, Scales& scales);
 
-/// Distances of points from the surface, per frame [m]; own numbers and modes as given.
+/// Distances of points from the surface, above zero outside of it, per frame [m]; own numbers and
+/// modes as given.
 std::vector<std::vector<double>> distances(const FitData& data, const Linearisation& linear,
                                            const FitState& state, std::size_t recording,
                                            double reach);
