@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 
 #include "mismatch/explain/left_out_gains.h"
 
@@ -108,8 +109,14 @@ std::vector<Contender> refit(const BaseFit& base, const std::vector<Candidate>& 
     most = std::max(most, made.gain);
     contenders.push_back(std::move(made));
   }
-  std::ranges::stable_sort(contenders, std::greater<>(), &Contender::gain);
-  return contenders;
+  // By index: the buffer of std::stable_sort (GCC 12) is not aligned as states of Eigen must be.
+  std::vector<std::size_t> order(contenders.size());
+  std::iota(order.begin(), order.end(), std::size_t{0});
+  std::ranges::stable_sort(order, std::greater<>(),
+                           [&](std::size_t k) { return contenders[k].gain; });
+  std::vector<Contender> sorted;
+  for (const std::size_t k : order) sorted.push_back(std::move(contenders[k]));
+  return sorted;
 }
 
 }  // namespace omentum
