@@ -128,6 +128,7 @@ void add_predictions(const BaseFit& base, const BaseFit& best, Explanation& made
       out.base.push_back(upper(base, before));
       out.model.push_back(upper(best, after));
       out.seen.push_back(seen.frames[f].points);
+      out.tips.push_back(best.surfaces[r].frames[f].tip);
     }
   }
 }

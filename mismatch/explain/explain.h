@@ -18,6 +18,7 @@ struct PredictedRecording {
   std::vector<double> times;                              ///< [s]
   std::vector<std::vector<Eigen::Vector3d>> base, model;  ///< [frame][place] [m]
   std::vector<std::vector<Eigen::Vector3d>> seen;         ///< points of the cloud [m]
+  std::vector<Eigen::Vector3d> tips;                      ///< p_WT, as simulated [m]
 };
 
 /// What was found, and what belongs to it.

@@ -77,7 +77,7 @@ std::string map_of(const pb::Verdict& verdict, const std::string& effect) {
 }
 
 std::string error_bars(const pb::Verdict& verdict) {
-  TableRows rows = {{"recording", "role", "before, mm rms", "after, mm rms", "noise, mm",
+  TableRows rows = {{"recording", "role", "before, mm", "after, mm", "a right model, mm",
                      "left of what was wrong", "shell before", "shell after"}};
   for (const pb::VerdictFit& row : verdict.fit()) {
     rows.push_back({row.recording(), row.role(), mm(row.rmse_base()), mm(row.rmse_model()),
@@ -175,12 +175,24 @@ std::string viewer(const Explanation& found, const std::string& folder) {
       replay.times = r.times;
       replay.vertices = after ? r.model : r.base;
       replay.clouds = r.seen;
-      replay.tips.assign(r.times.size(), Eigen::Vector3d::Zero());
+      replay.tips = r.tips;
       replay.notes.assign(r.times.size(), "");
       replays.push_back(std::move(replay));
     }
   }
   return make_surface_markup(make_scene(found.scene, folder), found.triangles, replays);
+}
+
+std::string when_table(const pb::VerdictEffect& effect) {
+  if (effect.when_size() == 0) return "";
+  TableRows rows = {{"recording", "phases that gain by it", "from, s", "90 % from", "to"}};
+  for (const pb::VerdictWhen& when : effect.when()) {
+    const auto seconds = [](double t) { return fmt::format("{:.2f}", t); };
+    rows.push_back({when.recording(), fmt::format("{}", fmt::join(when.phases(), ", ")),
+                    seconds(when.onset_s().value()), seconds(when.onset_s().low90()),
+                    seconds(when.onset_s().high90())});
+  }
+  return card(make_table(rows, {2, 3, 4}));
 }
 
 std::string effect_table(const pb::VerdictEffect& effect) {
@@ -239,15 +251,17 @@ std::string make_verdict_page(const Explanation& found, const std::string& folde
   }
   std::vector<Section> sections;
   std::string what;
-  for (const pb::VerdictEffect& effect : v.effects()) what += effect_table(effect);
+  for (const pb::VerdictEffect& effect : v.effects())
+    what += effect_table(effect) + when_table(effect);
   std::string maps;
   for (const char* effect : {"inclusion", "adhesion"}) maps += map_of(v, effect);
   sections.push_back({"what", "What, where, how much", verdict_sentence(v),
                       what + row(maps) + row(residual_maps(found.residuals))});
-  sections.push_back({"fit", "Before and after",
-                      "Distance from the points to the simulated surface. What was held out was "
-                      "never fitted.",
-                      error_bars(v)});
+  sections.push_back(
+      {"fit", "Before and after",
+       "How far the cloud is from the simulated surface, in blocks of 20 mm and 0.2 s "
+       "(rms of their medians). What was held out was never fitted.",
+       error_bars(v)});
   sections.push_back({"surface", "Recordings and simulation",
                       "Cloud over the simulated surface, before and after.",
                       viewer(found, folder)});
