@@ -155,6 +155,14 @@ void put_columns_on(const Prediction& fine, Prediction& coarse) {
   }
 }
 
+/// Surfaces alone: columns are of the unknowns of their time.
+std::vector<Prediction> without_columns(std::vector<Prediction> predictions) {
+  for (Prediction& prediction : predictions) {
+    for (PredictedFrame& frame : prediction.frames) frame.columns.resize(0, 0);
+  }
+  return predictions;
+}
+
 class BaseSearch {
  public:
   BaseSearch(const ExplainOptions& options, ReferenceForward& model, BaseFit& base)
@@ -219,7 +227,7 @@ class BaseSearch {
     base_.found.scales.own_sd = stated_scales(base_.data, options_).own_sd;
     const std::vector<Prediction> fine = simulate(base_.fine);
     Linearisation linear = linearise_coarsely();
-    const std::vector<Prediction> coarse = linear.predictions;
+    const std::vector<Prediction> coarse = without_columns(linear.predictions);
     for (const std::size_t r : base_.fitted) put_columns_on(fine[r], linear.predictions[r]);
     NoiseModel& noise = base_.found.scales.noise;
     noise.sigma = sensor_noise(base_.data, linear, base_.fitted, base_.found);
@@ -228,7 +236,7 @@ class BaseSearch {
     base_.found = improve(base_.data, linear, base_.fitted, kSteps, base_.limits, base_.found);
     model_.forget_pads();  // derivatives by where the pad began are of another mesh now
     linear = linearise_coarsely();
-    base_.coarse_surfaces = linear.predictions;
+    base_.coarse_surfaces = without_columns(linear.predictions);
     base_.surfaces = changed_surfaces(fine, coarse, base_.coarse_surfaces);
     for (const std::size_t r : base_.fitted)
       put_columns_on(base_.surfaces[r], linear.predictions[r]);

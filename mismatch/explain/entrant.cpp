@@ -240,6 +240,12 @@ std::vector<double> EntrantFit::values() const {
   return values;
 }
 
+std::vector<std::string> EntrantFit::keys() const {
+  std::vector<std::string> keys;
+  for (const EffectNumber& number : numbers) keys.push_back(path_of(number));
+  return keys;
+}
+
 std::optional<EntrantFit> fit_entrant(const BaseFit& base, const Candidate& candidate,
                                       const std::vector<Candidate>& candidates,
                                       const std::optional<Vector2d>& place,

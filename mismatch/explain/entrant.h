@@ -1,6 +1,7 @@
 #pragma once
 
 #include <optional>
+#include <string>
 #include <vector>
 
 #include "mismatch/explain/base_fit.h"
@@ -15,10 +16,11 @@ struct EntrantFit {
   std::vector<double> searched;  ///< where these ended, as EffectNumber::searched()
   std::vector<double> sd;        ///< of these
   std::vector<double> values() const;
-  NamedEffect effect;    ///< with these numbers
-  double gained = 0;     ///< cost that it takes off, in and beside the base [nats]
-  pb::Scene base_scene;  ///< without it
-  BaseFit fit;           ///< with the effect in the scene; its numbers are among the unknowns
+  std::vector<std::string> keys() const;  ///< of these among the unknowns and in evidence
+  NamedEffect effect;                     ///< with these numbers
+  double gained = 0;                      ///< cost that it takes off, in and beside the base [nats]
+  pb::Scene base_scene;                   ///< without it
+  BaseFit fit;  ///< with the effect in the scene; its numbers are among the unknowns
 };
 
 /// Steps of Gauss and Newton on the numbers of the effect, each simulated, from what columns

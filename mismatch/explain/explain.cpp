@@ -9,6 +9,7 @@
 
 #include "core/check.h"
 #include "mismatch/explain/contenders.h"
+#include "mismatch/explain/spread.h"
 #include "mismatch/explain/verdict_parts.h"
 
 namespace omentum {
@@ -64,12 +65,13 @@ void tell_silence(const Case& made, pb::Verdict& verdict) {
 }
 
 /// What is claimed beside the winner in the base decides how much it explains.
-void tell_claim(const Case& made, const std::vector<Contender>& contenders, ReferenceForward& model,
+void tell_claim(const Case& made, std::vector<Contender>& contenders, ReferenceForward& model,
                 pb::Verdict& verdict) {
-  const Contender& winner = contenders.front();
-  add_effect(made, contenders, verdict);
+  Contender& winner = contenders.front();
   Case beside{made.options, winner.fit.fit, made.candidates, {}, {}, {}, made.floors, {}, {}};
   ask(gather_evidence(winner.fit, model, made.options), beside);
+  winner.fit.sd = value_or_throw(spread_of(winner.fit.keys(), beside.fitted, beside.folds));
+  add_effect(made, contenders, verdict);
   const double pull = largest_pull(beside.fitted);
   if (!beside.judged.entrants.empty()) {
     constexpr std::size_t kTold = 3;
@@ -156,7 +158,7 @@ Explanation explain(const pb::Scene& scene, std::vector<Observation> observation
   say(0.7, "refits");
   const std::vector<Candidate> first =
       first_candidates(made.candidates, made.tests, made.judged.gains, kContenders);
-  const std::vector<Contender> contenders =
+  std::vector<Contender> contenders =
       refit(made.base, first, made.candidates, made.tests, made.folds, model, options.progress);
 
   Explanation out;

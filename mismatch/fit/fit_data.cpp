@@ -252,6 +252,8 @@ void set_difference(const Unknown& unknown, const std::vector<Prediction>& other
     for (std::size_t f = 0; f < base.predictions[r].frames.size(); ++f) {
       PredictedFrame& frame = base.predictions[r].frames[f];
       if (added && frame.columns.size() > 0) {
+        OMENTUM_CHECK(frame.columns.cols() >= place, "columns of other unknowns: {} of {}",
+                      frame.columns.cols(), place);
         Eigen::MatrixXf wide =
             Eigen::MatrixXf::Zero(frame.columns.rows(), frame.columns.cols() + 1);
         wide.leftCols(place) = frame.columns.leftCols(place);

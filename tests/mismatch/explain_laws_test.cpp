@@ -6,6 +6,7 @@
 
 #include "mismatch/explain/detection_limits.h"
 #include "mismatch/explain/shares.h"
+#include "mismatch/explain/spread.h"
 #include "mismatch/explain/verdict_class.h"
 #include "mismatch/linear_world.h"
 
@@ -305,6 +306,32 @@ TEST(ExplainLaws, HeldOutRecordingsGainWhatTheFitForetells) {
   }
   EXPECT_EQ(gains[0][1].fold, "recording5");
   EXPECT_LT(gains[1][0].gain, 1);
+}
+
+/// A recording that says `estimate` of one free number, with this information.
+Evidence saying(const std::string& name, double estimate, double information) {
+  Evidence evidence;
+  evidence.name = name;
+  evidence.numbers = {{"number", "", NumberRole::kBase}};
+  evidence.A = MatrixXd::Constant(1, 1, information);
+  evidence.b = VectorXd::Constant(1, information * estimate);
+  return evidence;
+}
+
+TEST(ExplainLaws, IntervalsAreThePosteriorsWhereRecordingsAgreeAndWiderWhereTheyContradict) {
+  const std::vector<std::string> keys = {"number"}, folds = {"a", "b", "c"};
+  const std::vector<Evidence> agree = {saying("a", 0, 4), saying("b", 0, 4), saying("c", 0, 4)};
+  EXPECT_NEAR(spread_of(keys, agree, folds).value()[0], 1 / std::sqrt(12), 1e-12);
+  // Of equal recordings the jackknife is the standard error of the mean of what each says.
+  const std::vector<Evidence> apart = {saying("a", -3, 4), saying("b", 1, 4), saying("c", 2, 4)};
+  const double standard_error = std::sqrt((9.0 + 1 + 4) / (3 * 2));
+  EXPECT_NEAR(spread_of(keys, apart, folds).value()[0],
+              std::sqrt(1.0 / 12 + standard_error * standard_error), 1e-12);
+  // What all would move it by counts, too: it stands where none of them is.
+  const std::vector<Evidence> moved = {saying("a", 2, 4), saying("b", 2, 4), saying("c", 2, 4)};
+  EXPECT_NEAR(spread_of(keys, moved, folds).value()[0], std::sqrt(1.0 / 12 + 4), 1e-12);
+  EXPECT_THAT(spread_of(std::vector<std::string>{"other"}, agree, folds).error(),
+              HasSubstr("no number is called other"));
 }
 
 TEST(ExplainLaws, SharesAreTheMixtureThatForetellsBest) {
