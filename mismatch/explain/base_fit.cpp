@@ -90,12 +90,22 @@ FitState carried(const FitState& state, const Layout& from, const Layout& to) {
   return made;
 }
 
-/// Stated, never adapted to what the fit leaves: there an effect hides itself.
+/// Stated, never adapted to what the fit leaves: there an effect hides itself. Two correct models
+/// differ by something smooth: the variance of a cosine falls with the square of its wave number.
 Scales stated_scales(const FitData& data, const ExplainOptions& options) {
   Scales scales = first_scales(data);
   const int modes = data.layout.among_own(data.layout.modes);
-  const double each = options.discrepancy_m / std::sqrt((kTimeFunctions - 1.0) * kCosines);
-  scales.own_sd.segment(modes + kCosines, kModes - kCosines).setConstant(each);
+  Eigen::VectorXd variance(kCosines);
+  for (int k = 0; k < kCosines; ++k) {
+    const int along_x = k / kCosinesPerSide, along_y = k % kCosinesPerSide;
+    variance[k] = 1.0 / (1 + along_x * along_x + along_y * along_y);
+  }
+  // The first function of time is that at rest, where models agree.
+  const double all = (kTimeFunctions - 1) * variance.sum();
+  for (int time = 1; time < kTimeFunctions; ++time) {
+    scales.own_sd.segment(modes + time * kCosines, kCosines) =
+        options.discrepancy_m * (variance / all).cwiseSqrt();
+  }
   return scales;
 }
 
@@ -139,6 +149,17 @@ void add_numerics(const FitData& plain, const FitState& at, ReferenceForward& mo
   add("clamp_on_a_bed", 1, 1,
       changed_surfaces(base.surfaces, base.coarse_surfaces,
                        model.simulate(bedded, at, base.coarse, false, all)));
+  if (holds_pad(plain.scene)) {
+    constexpr double kWider = 5e-4, kSd = 1e-3;  // [m]
+    FitData wide = plain;
+    pb::Grip& grip = *wide.scene.mutable_tool()->mutable_grip();
+    grip.set_half_x_m(grip.half_x_m() + kWider);
+    grip.set_half_y_m(grip.half_y_m() + kWider);
+    for (Observation& seen : wide.observations) seen.grasp.patch_radius_m += kWider;
+    add("pad_size", kSd / kWider, 1,
+        changed_surfaces(base.surfaces, base.coarse_surfaces,
+                         model.simulate(wide, at, base.coarse, false, all)));
+  }
   // The error of the fine mesh, of what it differs from the coarse one by.
   const double ratio =
       std::sqrt(static_cast<double>(base.fine.elements[0]) * base.fine.elements[1] /
