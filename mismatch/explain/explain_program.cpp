@@ -2,7 +2,6 @@
 
 #include <fmt/format.h>
 #include <google/protobuf/text_format.h>
-#include <google/protobuf/util/json_util.h>
 
 #include <cstdio>
 #include <filesystem>
@@ -15,6 +14,7 @@
 #include "core/output_folder.h"
 #include "mismatch/calibrate/case_input.h"
 #include "mismatch/explain/explain.h"
+#include "mismatch/explain/verdict_file.h"
 #include "sim_worker/playback/npz.h"
 
 namespace omentum {
@@ -33,15 +33,6 @@ struct ProgramOptions {
 
 std::string sha256_hex(const std::string& bytes) {
   return hex(sha256(std::as_bytes(std::span(bytes))));
-}
-
-std::string print_verdict(const pb::Verdict& verdict) {
-  google::protobuf::util::JsonPrintOptions options;
-  options.add_whitespace = true;
-  options.preserve_proto_field_names = true;
-  std::string text;
-  OMENTUM_CHECK(google::protobuf::util::MessageToJsonString(verdict, &text, options).ok());
-  return text;
 }
 
 void write_predictions(const Explanation& found, const pb::Scene& scene, const fs::path& folder) {
