@@ -327,6 +327,8 @@ std::vector<Prediction> changed_surfaces(const std::vector<Prediction>& fine,
   for (std::size_t r = 0; r < made.size(); ++r) {
     for (std::size_t f = 0; f < made[r].frames.size(); ++f) {
       PredictedFrame& frame = made[r].frames[f];
+      // Surfaces alone: columns of the unknowns of now would not be those of later.
+      frame.columns.resize(0, 0);
       if (f >= fine[r].frames.size() || f >= coarse[r].frames.size()) continue;
       frame.valid = frame.valid && fine[r].frames[f].valid && coarse[r].frames[f].valid;
       if (!frame.valid) continue;
