@@ -10,6 +10,7 @@
 #include "core/check.h"
 #include "core/hash.h"
 #include "core/output_folder.h"
+#include "mismatch/explain/case_notes.h"
 #include "mismatch/explain/case_options.h"
 #include "mismatch/explain/explain.h"
 #include "mismatch/explain/predictions_file.h"
@@ -62,6 +63,11 @@ int run_explain(const ProgramOptions& options) {
       observe_case(input, made, {}, chosen.markers, input.warnings);
   for (const Observation& o : observations)
     std::printf("%s:\n%s", o.name.c_str(), print_seen({o.clouds, o.parts, o.share_seen}).c_str());
+  drop_frames_without_commands(observations, input.warnings);
+  if (observations.empty())
+    throw_error("explain: no recording has a frame that its commands lead to");
+  const std::vector<std::string> notes = case_notes(observations);
+  input.warnings.insert(input.warnings.end(), notes.begin(), notes.end());
   pb::Verdict visited;
   add_visited(observations, visited);
   Explanation found = explain(input.scene, std::move(observations), chosen);
