@@ -8,6 +8,7 @@
 
 #include "core/constants.h"
 #include "mismatch/calibrate/law_choice.h"
+#include "mismatch/fit/camera_errors.h"
 #include "mismatch/fit/fit_numbers.h"
 
 namespace omentum {
@@ -416,17 +417,7 @@ void finish_scene(const Findings& f, Calibration& result) {
         law_name(material.law())));
     material.set_law(pb::LAW_COROTATED);
   }
-  const Registration6 registration = registration_of(f.data, f.found.state);
-  pb::DepthSensor& sensor = *scene.mutable_depth_sensor();
-  const auto set = [](pb::Vec3& to, const Vector3d& v) {
-    to.set_x(v.x());
-    to.set_y(v.y());
-    to.set_z(v.z());
-  };
-  set(*sensor.mutable_registration_m(), registration.shift);
-  set(*sensor.mutable_registration_deg(), registration.turn / kDegree);
-  sensor.set_time_offset_s(
-      std::clamp(f.found.state.shared[f.data.layout.clock.begin], -0.25, 0.25));
+  set_camera_errors(f.data, f.found.state, scene);
   // What is known now is the belief of whoever calibrates next.
   for (int k = 0; k < f.data.layout.unknowns.count; ++k) {
     const Unknown& unknown = f.data.unknowns[static_cast<std::size_t>(k)];

@@ -7,6 +7,7 @@
 
 #include "core/check.h"
 #include "mismatch/calibrate/scores.h"
+#include "mismatch/explain/believed_base.h"
 #include "mismatch/fit/descent.h"
 #include "mismatch/fit/recording_evidence.h"
 #include "mismatch/fit/starts.h"
@@ -252,7 +253,7 @@ class BaseSearch {
     for (const std::size_t r : base_.fitted) put_columns_on(fine[r], linear.predictions[r]);
     NoiseModel& noise = base_.found.scales.noise;
     noise.sigma = sensor_noise(base_.data, linear, base_.fitted, base_.found);
-    noise.reach = 0.015;
+    noise.reach = kTissueReach;
     base_.limits.hold_noise = true;
     base_.found = improve(base_.data, linear, base_.fitted, kSteps, base_.limits, base_.found);
     model_.forget_pads();  // derivatives by where the pad began are of another mesh now
@@ -369,8 +370,8 @@ std::vector<Prediction> changed_surfaces(const std::vector<Prediction>& fine,
   return made;
 }
 
-BaseFit fit_base(const pb::Scene& scene, std::vector<Observation> observations,
-                 const ExplainOptions& options, ReferenceForward& model) {
+BaseFit believed_base(const pb::Scene& scene, std::vector<Observation> observations,
+                      const ExplainOptions& options) {
   // The clouds alone decide; a force is for later.
   for (Observation& o : observations) {
     for (SeenFrame& frame : o.frames) frame.force.reset();
@@ -388,6 +389,12 @@ BaseFit fit_base(const pb::Scene& scene, std::vector<Observation> observations,
     (base.data.observations[r].held_out ? base.held_out : base.fitted).push_back(r);
   if (base.fitted.empty()) throw_error("every recording is held out: nothing can be fitted");
   base.found = {believed_state(base.data), stated_scales(base.data, options)};
+  return base;
+}
+
+BaseFit fit_base(const pb::Scene& scene, std::vector<Observation> observations,
+                 const ExplainOptions& options, ReferenceForward& model) {
+  BaseFit base = believed_base(scene, std::move(observations), options);
   BaseSearch(options, model, base).run();
   return base;
 }

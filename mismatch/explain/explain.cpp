@@ -11,6 +11,7 @@
 #include "mismatch/explain/contenders.h"
 #include "mismatch/explain/spread.h"
 #include "mismatch/explain/verdict_parts.h"
+#include "mismatch/fit/camera_errors.h"
 
 namespace omentum {
 namespace {
@@ -135,6 +136,17 @@ void add_predictions(const BaseFit& base, const BaseFit& best, Explanation& made
   }
 }
 
+/// The scene of `fit` for others: with the numbers of the base, registration and clock of the
+/// camera, and a model that trains.
+pb::Scene fitted_scene(const BaseFit& base, const BaseFit& fit) {
+  pb::Scene scene = scene_at(fit.data.scene, base.data.unknowns,
+                             fit.found.state.shared.head(base.data.layout.unknowns.count), {},
+                             held_place(base.data));
+  set_camera_errors(fit.data, fit.found.state, scene);
+  scene.mutable_tissue()->set_model(pb::TISSUE_ELASTIC);
+  return scene;
+}
+
 }  // namespace
 
 Explanation explain(const pb::Scene& scene, std::vector<Observation> observations,
@@ -189,10 +201,8 @@ Explanation explain(const pb::Scene& scene, std::vector<Observation> observation
   add_bad_recordings(made, verdict);
   verdict.add_warnings("forces are not asked yet");
   add_predictions(made.base, best, out);
-  out.scene = scene_at(best.data.scene, made.base.data.unknowns,
-                       best.found.state.shared.head(made.base.data.layout.unknowns.count), {},
-                       held_place(made.base.data));
-  out.scene.mutable_tissue()->set_model(pb::TISSUE_ELASTIC);
+  out.scene = fitted_scene(made.base, best);
+  out.base_scene = fitted_scene(made.base, made.base);
   verdict.set_core_seconds(core_seconds_since(started, *made.base.data.setup.simulator));
   return out;
 }

@@ -25,6 +25,7 @@ struct PredictedRecording {
 struct Explanation {
   pb::Verdict verdict;
   pb::Scene scene;                    ///< repaired: base refitted, and what was named switched on
+  pb::Scene base_scene;               ///< the same without what was named
   std::vector<Eigen::Vector2d> uv_B;  ///< places of the grid, x_B, y_B at rest [m]
   std::vector<PredictedRecording> predictions;
   std::vector<Eigen::Vector3i> triangles;  ///< of the upper face

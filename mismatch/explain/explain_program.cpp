@@ -2,67 +2,36 @@
 
 #include <fmt/format.h>
 #include <google/protobuf/text_format.h>
-#include <google/protobuf/util/json_util.h>
 
 #include <cstdio>
-#include <filesystem>
 #include <memory>
-#include <thread>
 
 #include "core/build_id.h"
 #include "core/check.h"
 #include "core/hash.h"
 #include "core/output_folder.h"
-#include "mismatch/calibrate/case_input.h"
+#include "mismatch/explain/case_notes.h"
+#include "mismatch/explain/case_options.h"
 #include "mismatch/explain/explain.h"
-#include "sim_worker/playback/npz.h"
+#include "mismatch/explain/predictions_file.h"
+#include "mismatch/explain/verdict_file.h"
+#include "mismatch/explain/visited.h"
 
 namespace omentum {
 namespace {
 
-namespace fs = std::filesystem;
-
-struct ProgramOptions {
-  std::string scene, output;
-  std::vector<std::string> recordings, overrides, ruled_out;
-  double tolerance_mm = 0.6, coarse_mm = 2;
-  std::uint64_t seed = 1;
-  std::size_t threads = std::max(1U, std::thread::hardware_concurrency());
-  SimulatorOptions simulator;
+struct ProgramOptions : CaseOptions {
+  std::string output;
 };
 
 std::string sha256_hex(const std::string& bytes) {
   return hex(sha256(std::as_bytes(std::span(bytes))));
 }
 
-std::string print_verdict(const pb::Verdict& verdict) {
-  google::protobuf::util::JsonPrintOptions options;
-  options.add_whitespace = true;
-  options.preserve_proto_field_names = true;
+std::string print_scene(const pb::Scene& scene) {
   std::string text;
-  OMENTUM_CHECK(google::protobuf::util::MessageToJsonString(verdict, &text, options).ok());
+  OMENTUM_CHECK(google::protobuf::TextFormat::PrintToString(scene, &text));
   return text;
-}
-
-void write_predictions(const Explanation& found, const pb::Scene& scene, const fs::path& folder) {
-  fs::create_directories(folder);
-  const std::size_t n = scene.tissue().grid().count_x(), m = scene.tissue().grid().count_y();
-  std::vector<double> uv;
-  for (const Eigen::Vector2d& p : found.uv_B) uv.insert(uv.end(), {p.x(), p.y()});
-  for (const PredictedRecording& recording : found.predictions) {
-    NpzFile file;
-    file.add("t_s", {recording.times.size()}, recording.times);
-    file.add("uv_B", {n, m, 2}, uv);
-    for (const auto& [name, surfaces] :
-         {std::pair{"base", &recording.base}, {"model", &recording.model}}) {
-      std::vector<double> values;
-      for (const auto& surface : *surfaces) {
-        for (const Eigen::Vector3d& p : surface) values.insert(values.end(), {p.x(), p.y(), p.z()});
-      }
-      file.add(name, {surfaces->size(), n, m, 3}, values);
-    }
-    file.write((folder / (recording.name + ".npz")).string());
-  }
 }
 
 /// What of a recording was read, for the record: its channels and the times of its frames.
@@ -86,36 +55,25 @@ std::string fingerprint(const Recording& recording) {
 int run_explain(const ProgramOptions& options) {
   OutputFolder folder(options.output);
   CaseInput input = read_case(options.recordings, options.scene, options.overrides);
-  ExplainOptions chosen;
-  chosen.priors = input.priors;
-  chosen.folder = input.folder;
-  chosen.threads = options.threads;
-  chosen.seed = options.seed;
-  chosen.tolerance_m = 1e-3 * options.tolerance_mm;
-  chosen.coarse_tolerance_m = 1e-3 * options.coarse_mm;
-  chosen.ruled_out = options.ruled_out;
   const Scene made = make_scene(input.scene, input.folder);
-  if (!input.scene.tissue().has_grid())
-    throw_error(
-        "explain: the scene's tissue is no sheet (scene.tissue.grid); the only kind so far");
-  if (lies_free(made))
-    throw_error("explain: no clamp holds the sheet (scene.tissue.anchor_max_y_m): use calibrate");
+  check_is_clamped_sheet("explain", input, made);
+  const auto line = std::make_shared<ProgressLine>("explain");
+  ExplainOptions chosen = explain_options(options, input, line);
   std::vector<Observation> observations =
       observe_case(input, made, {}, chosen.markers, input.warnings);
   for (const Observation& o : observations)
     std::printf("%s:\n%s", o.name.c_str(), print_seen({o.clouds, o.parts, o.share_seen}).c_str());
-  const auto line = std::make_shared<ProgressLine>("explain");
-  SimulatorOptions where = options.simulator;
-  where.build_id = build_id();
-  const auto simulator = std::make_shared<Simulator>(
-      options.threads, where, [line](const std::string& text) { line->tell(text); });
-  chosen.simulator = simulator;
-  chosen.progress = [line, simulator](double share, const std::string& stage) {
-    line->show(share, stage, simulator->describe());
-  };
+  drop_frames_without_commands(observations, input.warnings);
+  if (observations.empty())
+    throw_error("explain: no recording has a frame that its commands lead to");
+  const std::vector<std::string> notes = case_notes(observations);
+  input.warnings.insert(input.warnings.end(), notes.begin(), notes.end());
+  pb::Verdict visited;
+  add_visited(observations, visited);
   Explanation found = explain(input.scene, std::move(observations), chosen);
   line->end();
   pb::Verdict& verdict = found.verdict;
+  verdict.mutable_visited()->Swap(visited.mutable_visited());
   verdict.set_tool_revision(fmt::format("{:016x}", build_id()));
   verdict.set_scene_hash(sha256_hex(input.scene.SerializeAsString()));
   for (pb::VerdictRecording& row : *verdict.mutable_recordings()) {
@@ -124,19 +82,22 @@ int run_explain(const ProgramOptions& options) {
     }
   }
   for (const std::string& warning : input.warnings) verdict.add_warnings(warning);
-  folder.begin();
-  folder.write("verdict.json", print_verdict(verdict));
-  std::string text;
-  OMENTUM_CHECK(google::protobuf::TextFormat::PrintToString(found.scene, &text));
-  folder.write("scene.repaired.txtpb", text);
-  folder.write("report.html", make_verdict_page(found, chosen.folder));
-  write_predictions(found, input.scene, folder.path() / "predictions");
-  folder.finish();
   for (const std::string& warning : verdict.warnings())
     std::fprintf(stderr, "warning: %s\n", warning.c_str());
+  // It is said before it is written: the disk may be full.
+  std::printf("%s\n", verdict_sentence(verdict).c_str());
+  std::fflush(stdout);
+  folder.begin();
+  folder.write("verdict.json", print_verdict(verdict));
+  folder.write("scene.repaired.txtpb", print_scene(found.scene));
+  folder.write("scene.base.txtpb", print_scene(found.base_scene));
+  folder.write("report.html", make_verdict_page(found, chosen.folder));
+  write_predictions(found.predictions, found.uv_B, input.scene, folder.path() / "predictions");
+  folder.finish();
   std::printf(
-      "%s\n%s: verdict.json, scene.repaired.txtpb, report.html, predictions; %.0f core-seconds\n",
-      verdict_sentence(verdict).c_str(), options.output.c_str(), verdict.core_seconds());
+      "%s: verdict.json, scene.repaired.txtpb, scene.base.txtpb, report.html, predictions; %.0f "
+      "core-seconds\n",
+      options.output.c_str(), verdict.core_seconds());
   if (std::fflush(stdout) != 0) throw_error("standard output: cannot be written");
   return 0;
 }
@@ -150,26 +111,11 @@ std::function<int()> add_explain_command(CLI::App& app) {
       *app.add_subcommand("explain",
                           "Where recordings and simulation differ, and what physics was left out "
                           "(docs/mismatch.md 5)");
-  sub.add_option("--scene", options.scene,
-                 "Scene (.txtpb) or scene_believed.txt; default: what the recordings say");
-  sub.add_option("-r,--recordings", options.recordings,
-                 "Recordings: folders, MCAP files, or folders of them")
-      ->required();
+  add_case_options(sub, options);
   sub.add_option("-o,--output", options.output,
-                 "Folder for verdict.json, scene.repaired.txtpb, report.html, predictions; new or "
-                 "empty")
+                 "Folder for verdict.json, scene.repaired.txtpb, scene.base.txtpb, report.html, "
+                 "predictions; new or empty")
       ->required();
-  sub.add_option("--set", options.overrides, "Override of the scene, a.b=c (scene.tissue...)");
-  sub.add_option("--rule-out", options.ruled_out, "Effect that is known not to be there, by name");
-  sub.add_option("--tolerance-mm", options.tolerance_mm,
-                 "Of the mesh of surfaces, rms error of the surface")
-      ->check(CLI::Range(0.05, 10.0));
-  sub.add_option("--coarse-mm", options.coarse_mm, "The same of the mesh of search and columns")
-      ->check(CLI::Range(0.1, 20.0));
-  sub.add_option("--seed", options.seed, "Recorded in the verdict");
-  sub.add_option("--threads", options.threads, "Threads; the verdict does not depend on them")
-      ->check(CLI::Range(std::size_t{1}, std::size_t{256}));
-  add_simulator_options(sub, options.simulator);
   return [made] { return run_explain(*made); };
 }
 

@@ -10,6 +10,7 @@
 #include "core/check.h"
 #include "mismatch/intake/signals.h"
 #include "mismatch/recording/depth_image.h"
+#include "mismatch/seen/commanded.h"
 #include "mismatch/seen/seen_markers.h"
 
 namespace omentum {
@@ -145,6 +146,41 @@ void add_forces(const Recording& recording, const std::string& path, Observation
   }
 }
 
+/// What is known of it before anything is looked at.
+Observation begin_observation(const std::string& name, const std::string& path,
+                              const Recording& recording, const Scene& scene,
+                              std::vector<std::string>& warnings) {
+  Observation made;
+  made.name = name;
+  set_commands(recording, path, scene, made, warnings);
+  const pb::Grip& grip = scene.config.tool().grip();
+  made.grasp.patch_radius_m = grip.shape() == pb::GRIP_RECTANGLE
+                                  ? std::max(grip.half_x_m(), grip.half_y_m())
+                                  : grip.half_x_m();
+  made.held_out = recording.info.held_out();
+  made.repeat_of = recording.info.repeat_of();
+  made.clock_sd = recording.info.clock_offset_uncertainty_s();
+  set_camera(recording.info.camera(), scene, made);
+  return made;
+}
+
+/// Where the jaws close on the tissue.
+void find_pinch(const Recording& recording, const std::string& path, const Scene& scene,
+                Observation& made, std::vector<std::string>& warnings) {
+  // The tissue may hang as far from its flat shape as it is long.
+  Eigen::AlignedBox3d flat;
+  for (const Vector3d& p : scene.tissue.particles) flat.extend(p);
+  const std::vector<PinchCircle> pinches =
+      pinches_of(made.track, scene, made.grasp, flat.sizes().maxCoeff());
+  made.pinched = !pinches.empty();
+  if (made.pinched) {
+    made.pinch = pinches.front().centre - pinches.front().displaced;
+  } else if (has_tool(recording)) {
+    warnings.push_back(
+        fmt::format("{}: the jaws close nowhere near the tissue: it is held by nothing", path));
+  }
+}
+
 }  // namespace
 
 std::vector<std::size_t> evenly_chosen(std::size_t count, std::size_t most) {
@@ -172,17 +208,7 @@ Observation observe(const std::string& name, const std::string& path, const Reco
 Observation observe(const std::string& name, const std::string& path, const Recording& recording,
                     const Scene& scene, const MarkerNotes& notes, const CloudChoice& chosen,
                     std::vector<std::string>& warnings) {
-  Observation made;
-  made.name = name;
-  set_commands(recording, path, scene, made, warnings);
-  const pb::Grip& grip = scene.config.tool().grip();
-  made.grasp.patch_radius_m = grip.shape() == pb::GRIP_RECTANGLE
-                                  ? std::max(grip.half_x_m(), grip.half_y_m())
-                                  : grip.half_x_m();
-  made.held_out = recording.info.held_out();
-  made.repeat_of = recording.info.repeat_of();
-  made.clock_sd = recording.info.clock_offset_uncertainty_s();
-  set_camera(recording.info.camera(), scene, made);
+  Observation made = begin_observation(name, path, recording, scene, warnings);
   made.rays = made.rays && !chosen.fused;
   const CloudMask mask(scene, made.track.travel(), recording.info.registration_uncertainty_m());
   const Frames<Cloud> clouds = seen_clouds(recording);
@@ -235,18 +261,17 @@ Observation observe(const std::string& name, const std::string& path, const Reco
   if (made.held && !has_tool(recording))  // it rests until then
     made.track.time.front() = std::max(made.track.begin(), made.frames.front().t);
   cut_track(made.frames.back().t + kMargin, made.track);
-  // The tissue may hang as far from its flat shape as it is long.
-  Eigen::AlignedBox3d flat;
-  for (const Vector3d& p : scene.tissue.particles) flat.extend(p);
-  const std::vector<PinchCircle> pinches =
-      pinches_of(made.track, scene, made.grasp, flat.sizes().maxCoeff());
-  made.pinched = !pinches.empty();
-  if (made.pinched) {
-    made.pinch = pinches.front().centre - pinches.front().displaced;
-  } else if (has_tool(recording)) {
-    warnings.push_back(
-        fmt::format("{}: the jaws close nowhere near the tissue: it is held by nothing", path));
-  }
+  find_pinch(recording, path, scene, made, warnings);
+  return made;
+}
+
+Observation observe_commands(const std::string& name, const std::string& path,
+                             const Recording& recording, const Scene& scene,
+                             std::span<const double> times, std::vector<std::string>& warnings) {
+  Observation made = begin_observation(name, path, recording, scene, warnings);
+  for (const double t : times) made.frames.push_back({t, {}, {}, {}});
+  if (!times.empty()) cut_track(times.back() + kMargin, made.track);
+  find_pinch(recording, path, scene, made, warnings);
   return made;
 }
 
