@@ -142,7 +142,7 @@ def main():
         text = gateway.text()
         late = late_periods(sorted(folder.glob("recordings-*/*.mcap")))
     figures = figures_of(text)
-    stops = rig.phases(text).count("stopped") - 1  # the last one is the end
+    stops = rig.phases(text).count("stopped")
     print(f"gateway.latency_p99_ms {figures['latency_p99']} ms # p50 {figures['latency_p50']} max {figures['latency_max']}")
     print(f"gateway.jitter_p99_ms {figures['jitter_p99']} ms # p50 {figures['jitter_p50']} max {figures['jitter_max']}")
     print(f"gateway.missed_ticks {figures['late'] + figures['missed']} ticks # of {figures['periods']}, "
