@@ -366,8 +366,14 @@ bench_monitor() {
 bench_gateway() {
   need dvrk_gateway && need dvrk_double && need learner && need sim_worker || return
   # Figures are printed whatever the verdict, which is that of tests/gateway_soak.sh.
-  python3 "$root/tests/dvrk_gateway/gateway_soak.py" "$bin" 60 >"$scratch/gateway"
-  note "verdict of tests/gateway_soak.sh: code $?"
+  local verdict
+  python3 "$root/tests/dvrk_gateway/gateway_soak.py" "$bin" 60 >"$scratch/gateway" &
+  children=($!)
+  wait "${children[0]}"
+  verdict=$?
+  children=()
+  note "verdict of tests/gateway_soak.sh: code $verdict"
+  [[ -s $scratch/gateway ]] || { broken "gateway.*: could not be measured"; return; }
   figures_of cat "$scratch/gateway"
 }
 

@@ -100,6 +100,7 @@ Gateway::Gateway(const GatewayOptions& options, std::unique_ptr<dds::Participant
 Gateway::~Gateway() { session_->end(); }
 
 bool Gateway::end() {
+  screen_.end_follows();
   session_->end();
   return recording_->finish();
 }
@@ -107,6 +108,7 @@ bool Gateway::end() {
 OperatorWishes Gateway::ask() {
   OperatorWishes wishes = desk_.ask();
   if (wishes.key != 0) key_ = wishes.key;
+  if (wishes.end) screen_.end_follows();
   if (options_.mode != GatewayMode::kTeach) return wishes;
   // Nothing is sent: the keys begin and end a demonstration.
   if (std::exchange(wishes.arm, false)) demonstration_begins_ = true;

@@ -38,6 +38,7 @@ struct GatewayOptions {
   std::uint32_t starts = 25;    ///< of `experiment`, the first ones of the grid
   bool ask_outcome = false;     ///< `experiment` asks for each outcome instead of reading the jaw
   std::string touches, pivots;  ///< tables of `register`; pivots may be empty
+  std::string points;           ///< of `touches`, which writes the table `touches`
 };
 
 }  // namespace omentum

@@ -66,6 +66,8 @@ int replay(const GatewayOptions& options) {
   const std::unique_ptr<Gateway> started = Gateway::start(options, {});
   if (!started) return 1;
   Gateway& gateway = *started;
+  if (const Result<void> can = check_goals(gateway.session().safety(), goals); !can)
+    throw_error("--motion {}: {}", options.motion, can.error());
   raise_deciding_thread();
   int ran = 0;
   while (ran < options.episodes && !gateway.session().ended()) {

@@ -1,6 +1,7 @@
 #include "dvrk_gateway/gateway_setup.h"
 
 #include <cmath>
+#include <filesystem>
 
 #include "core/clock.h"
 #include "core/config.h"
@@ -64,6 +65,12 @@ SafetySetup safety_of(const GatewayOptions& options, const ToolMount& scene_moun
   ToolMount mount = scene_mount;
   mount.instrument = &find_instrument(options.instrument);
   const bool registered = !options.registration.empty();
+  if (registered && !std::filesystem::exists(options.registration)) {
+    throw_error(
+        "--registration {}: cannot be opened; `dvrk_gateway register --touches FILE.csv` makes it, "
+        "with the touches of deploy/dvrk/double-touches.csv that of dvrk_double",
+        options.registration);
+  }
   if (registered) {
     const Registration found = load_registration(options.registration);
     if (found.instrument != mount.instrument->name) {

@@ -8,6 +8,7 @@
 #include "dvrk_gateway/experiment.h"
 #include "dvrk_gateway/gateway_program.h"
 #include "dvrk_gateway/recording/convert_program.h"
+#include "dvrk_gateway/touch_program.h"
 
 namespace {
 
@@ -88,6 +89,11 @@ int run(int argc, char** argv) {
       app.add_subcommand("register", "Find where the arm stands; writes --registration");
   touch->add_option("--touches", options.touches, "CSV, docs/formats.md 8")->required();
   touch->add_option("--pivots", options.pivots, "CSV of turning the tip about one point");
+  CLI::App* touches = app.add_subcommand(
+      "touches", "Write the table of `register` while the operator touches point after point");
+  touches->add_option("--points", options.points, "CSV of name, world_x_m, world_y_m, world_z_m")
+      ->required();
+  touches->add_option("--out", options.touches, "CSV, docs/formats.md 8")->required();
   CLI::App* experiment = app.add_subcommand(
       "experiment",
       "The policy once from each start of the robot's grid, beside what simulation says");
@@ -116,6 +122,7 @@ int run(int argc, char** argv) {
   options.robot_grid = starts == "robot_grid";
   options.ask_outcome = outcome == "ask";
   if (experiment->parsed()) return run_experiment(options);
+  if (touches->parsed()) return write_touches(options);
   return check->parsed() ? check_robot(options) : run_gateway(options);
 }
 

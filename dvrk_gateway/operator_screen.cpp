@@ -44,16 +44,29 @@ void OperatorScreen::on_period(const Period& period) {
     fmt::print("press a to begin a demonstration, space to end it, q to end\n");
   const SafetyMemory& memory = period.judgement.memory;
   // Of a stop the first reason counts: behind it there is none.
-  const bool changed = memory.phase != phase_ || (phase_ != SafetyPhase::kStopped &&
-                                                  period.judgement.finding.reason != reason_);
+  // Other senders are part of what describe() says.
+  const bool others = period.robot.foreign > 0, moved = moved_to_another_port(period.robot);
+  bool changed = memory.phase != phase_;
+  if (phase_ != SafetyPhase::kStopped)
+    changed |= period.judgement.finding.reason != reason_ || others != heard_others_;
+  changed |= moved && !moved_;
+  heard_others_ = others;
+  moved_ = moved;
   phase_ = memory.phase;
   reason_ = period.judgement.finding.reason;
   if (!changed) return;
-  const std::string why =
-      period.judgement.finding ? ": " + describe(period.judgement.finding, period.robot) : "";
+  if (ending_ && phase_ == SafetyPhase::kStopped && memory.stop.reason == StopReason::kOperatorStop)
+    return;
+  Finding finding = period.judgement.finding;
+  if (!finding && moved) finding.reason = StopReason::kForeignSource;
+  const std::string why = finding ? ": " + describe(finding, period.robot) : "";
   fmt::print("{}{}\n", safety_phase_name(phase_), why);
-  if (phase_ == SafetyPhase::kReady && !teaches_)
-    fmt::print("press a to arm, space to stop, q to end\n");
+  if (phase_ == SafetyPhase::kReady && !teaches_) {
+    fmt::print("{}press a to arm, space to stop, q to end\n",
+               period.dry_run ? "dry run, nothing is sent to the robot: " : "");
+  }
+  if (phase_ == SafetyPhase::kActive && period.dry_run)
+    fmt::print("dry run: a model of the arm moves, the robot does not\n");
   if (phase_ == SafetyPhase::kStopped) fmt::print("press k when you have seen why\n");
   std::fflush(stdout);
 }

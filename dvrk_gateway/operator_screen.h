@@ -1,5 +1,7 @@
 #pragma once
 
+#include <atomic>
+
 #include "dvrk_gateway/loop/session.h"
 #include "dvrk_gateway/operator_keys.h"
 
@@ -28,11 +30,15 @@ class OperatorScreen final : public GatewayObserver {
   explicit OperatorScreen(bool teaches) : teaches_(teaches) {}
 
   void on_period(const Period& period) override;
+  /// The session is about to end as it should: the stop that holds the arm is none to tell of.
+  void end_follows() { ending_ = true; }
 
  private:
   bool teaches_, told_keys_ = false;
   SafetyPhase phase_ = SafetyPhase::kListening;
   StopReason reason_ = StopReason::kNone;
+  bool heard_others_ = false, moved_ = false;
+  std::atomic<bool> ending_{false};
 };
 
 }  // namespace omentum

@@ -74,25 +74,28 @@ RobotReport::RobotReport(const SafetySetup& setup, const Registration* registrat
 
 /// Units show here: a robot that told mm or degrees would be far outside.
 std::string RobotReport::frames() const {
-  const RobotState& robot = last_.robot;
+  if (!is_together_) return {};
+  const RobotState& robot = together_;
   const CartesianPose& pose = robot.measured_cp.payload;
   const CartesianPose& local = robot.local_measured_cp.payload;
-  if (!pose.valid || !local.valid) return {};
   const Eigen::Isometry3d X_RA = setup_.X_AR.inverse();
   const double apart = (X_RA * pose.translation - local.translation).norm();
   const Eigen::Vector3d p_WC = setup_.mount.X_WR * local.translation;
+  const Eigen::Quaterniond q_AR(Eigen::Matrix3d(pose.rotation * local.rotation.transpose()));
+  const Eigen::Vector3d p_AR = pose.translation - q_AR * local.translation;
   return fmt::format(
       "frames             measured_cp in {}, {:.4f} mm from local/measured_cp in the base frame "
-      "given\n"
+      "given; --base-frame {:.9f},{:.9f},{:.9f},{:.9f},{:.9f},{:.9f},{:.9f} fits\n"
       "control point      at {:.1f}, {:.1f}, {:.1f} mm in W, {:.1f} mm from the remote centre\n",
       robot.reference_frame[0] != 0 ? robot.reference_frame.data() : "a frame without a name",
-      1e3 * apart, 1e3 * p_WC.x(), 1e3 * p_WC.y(), 1e3 * p_WC.z(), 1e3 * local.translation.norm());
+      1e3 * apart, p_AR.x(), p_AR.y(), p_AR.z(), q_AR.w(), q_AR.x(), q_AR.y(), q_AR.z(),
+      1e3 * p_WC.x(), 1e3 * p_WC.y(), 1e3 * p_WC.z(), 1e3 * local.translation.norm());
 }
 
 std::string RobotReport::instrument() const {
-  const JointState& joints = last_.robot.measured_js.payload;
-  const CartesianPose& pose = last_.robot.local_measured_cp.payload;
-  if (!joints.valid || joints.count != 6 || !pose.valid) return {};
+  const JointState& joints = together_.measured_js.payload;
+  const CartesianPose& pose = together_.local_measured_cp.payload;
+  if (!is_together_ || !joints.valid || joints.count != 6) return {};
   PsmJoints q{};
   std::copy_n(joints.position.begin(), q.size(), q.begin());
   const Result<void> fits =
@@ -105,6 +108,14 @@ std::string RobotReport::instrument() const {
 void RobotReport::on_period(const Period& period) {
   rates_.add(period);
   last_ = period;
+  const RobotState& robot = period.robot;
+  const double timestamp_s = robot.local_measured_cp.payload.timestamp_s;
+  if (!robot.local_measured_cp.payload.valid || !robot.measured_cp.payload.valid ||
+      robot.measured_cp.payload.timestamp_s != timestamp_s ||
+      robot.measured_js.payload.timestamp_s != timestamp_s)
+    return;
+  together_ = robot;
+  is_together_ = true;
 }
 
 std::string RobotReport::text() const {
@@ -112,7 +123,8 @@ std::string RobotReport::text() const {
   const std::string verdict =
       ready() ? "go\n" : "no go: " + describe(last_.judgement.finding, robot) + "\n";
   std::string text;
-  if (!robot.has_source) return "nothing was received\n" + verdict;
+  if (!robot.has_source && robot.foreign == 0) return "nothing was received\n" + verdict;
+  if (!robot.has_source) return "nothing was received of the robot\n" + verdict;
   text += fmt::format(
       "source             {}; {} datagrams, {} malformed, {} foreign, {} unknown keys\n",
       to_string(robot.source), robot.datagrams, robot.malformed, robot.foreign, robot.unknown_keys);

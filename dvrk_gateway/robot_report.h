@@ -46,6 +46,8 @@ class RobotReport final : public GatewayObserver {
   std::string registration_;
   StreamRates rates_;
   Period last_;
+  RobotState together_;  ///< the newest whose poses and joints are of one Timestamp
+  bool is_together_ = false;
 };
 
 }  // namespace omentum

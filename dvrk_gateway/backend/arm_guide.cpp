@@ -69,10 +69,32 @@ Result<void> ArmGuide::watch() {
 
 Result<void> ArmGuide::follow(const Vector3d& p_WT) { return follow(p_WT, jaw_rad_); }
 
-Result<void> ArmGuide::follow(const Vector3d& p_WT, double jaw_rad) {
-  goal_ = {setup_.mount.R_WC, p_WT};
-  jaw_rad_ = jaw_rad;
+/// So near that the step to it is no jump, nor a turn of more than two steps.
+bool ArmGuide::is_near_setpoint(const Goal& goal) const {
+  const Goal at = setpoint();
+  const Vector3d way = control_point_of(setup_.mount, goal.R_WC, goal.p_WT) -
+                       control_point_of(setup_.mount, at.R_WC, at.p_WT);
+  const double turn = AngleAxisd(at.R_WC.transpose() * goal.R_WC).angle();
+  constexpr double kRounding = 5e-10;  // half of what the safety function allows
+  return way.cwiseAbs().maxCoeff() <= setup_.limits.jump_m() + kRounding &&
+         std::abs(turn) <= 2.01 * options_.turn_step_rad;
+}
+
+/// A command that got lost leaves the robot where it is: the next goal waits for it.
+Result<void> ArmGuide::lead_to(const Goal& goal) {
+  // Of a set-point that stays away the safety function says why.
+  constexpr int kMostRepeats = 25;
+  for (int k = 0; k < kMostRepeats && !is_near_setpoint(goal); ++k) {
+    if (Result<void> went = request({.fresh = true, .command = command_of(goal_)}); !went)
+      return went;
+  }
+  goal_ = goal;
   return request({.fresh = true, .command = command_of(goal_)});
+}
+
+Result<void> ArmGuide::follow(const Vector3d& p_WT, double jaw_rad) {
+  jaw_rad_ = jaw_rad;
+  return lead_to({setup_.mount.R_WC, p_WT});
 }
 
 Result<void> ArmGuide::turn_jaw(bool closed) {
@@ -88,9 +110,24 @@ Result<void> ArmGuide::turn_jaw(bool closed) {
   return {};
 }
 
-Result<void> ArmGuide::wait_until_armed() {
+ArmGuide::Goal ArmGuide::setpoint() const {
+  return in_world(port_.period().robot.setpoint_cp.payload);
+}
+
+Result<void> ArmGuide::wait_until_armed(const Vector3d& p_WT) {
+  Goal looked_from;
+  PolicyRequest request;
   while (port_.period().judgement.memory.phase != SafetyPhase::kActive) {
-    const Period& period = port_.exchange({});
+    const Goal at = setpoint();
+    const bool moved = !request.looked || (at.p_WT - looked_from.p_WT).norm() > 1e-5 ||
+                       (at.R_WC - looked_from.R_WC).cwiseAbs().maxCoeff() > 1e-4;
+    if (port_.period().robot.setpoint_cp.payload.valid && moved) {
+      Way way;
+      request.looked = true;
+      request.obstacle = find_way(at, p_WT, way);
+      looked_from = at;
+    }
+    const Period& period = port_.exchange(request);
     if (port_.ended()) return Failure{"the program ends"};
     if (period.judgement.memory.phase != SafetyPhase::kActive && waits_) waits_(period);
   }
@@ -103,61 +140,109 @@ Result<void> ArmGuide::line_to(const Vector3d& p_WT) {
   while ((p_WT - goal_.p_WT).cwiseAbs().maxCoeff() > 0) {
     const Vector3d way = p_WT - goal_.p_WT;
     const double share = step / std::max(step, way.cwiseAbs().maxCoeff());
-    goal_.p_WT = share < 1 ? Vector3d(goal_.p_WT + share * way) : p_WT;
-    if (const Result<void> went = request({.fresh = true, .command = command_of(goal_)}); !went)
-      return went;
+    const Vector3d next = share < 1 ? Vector3d(goal_.p_WT + share * way) : p_WT;
+    if (Result<void> went = lead_to({goal_.R_WC, next}); !went) return went;
   }
   return {};
 }
 
-Result<void> ArmGuide::turn() {
+Result<void> ArmGuide::turn_to(const Matrix3d& R_WC) {
   const Matrix3d from = goal_.R_WC;
-  const AngleAxisd way(from.transpose() * setup_.mount.R_WC);
+  const AngleAxisd way(from.transpose() * R_WC);
   const int steps = static_cast<int>(std::ceil(std::abs(way.angle()) / options_.turn_step_rad));
   for (int k = 1; k <= steps; ++k) {
     // The last one exactly: products of rotations are off by a rounding.
-    goal_.R_WC = k == steps ? setup_.mount.R_WC
-                            : Matrix3d(from * AngleAxisd(way.angle() * k / steps, way.axis()));
-    if (const Result<void> went = request({.fresh = true, .command = command_of(goal_)}); !went)
-      return went;
+    const Matrix3d next =
+        k == steps ? R_WC : Matrix3d(from * AngleAxisd(way.angle() * k / steps, way.axis()));
+    if (Result<void> went = lead_to({next, goal_.p_WT}); !went) return went;
   }
   return {};
 }
 
-bool ArmGuide::reaches(const Vector3d& p_WT) const {
-  const Eigen::Isometry3d X_RW = setup_.mount.X_WR.inverse();
-  const InverseSolution solution =
-      psm_solve({X_RW.linear() * setup_.mount.R_WC, X_RW * setup_.mount.control_point(p_WT)},
-                port_.period().robot.measured_js.payload.position[3], *setup_.mount.instrument);
-  bool inside = solution.fault == InverseFault::kNone;
-  for (std::size_t k = 0; k < solution.q.size(); ++k) {
-    inside &= solution.q[k] >= setup_.joint_min[k] && solution.q[k] <= setup_.joint_max[k];
+bool ArmGuide::is_open(const Goal& from, const Goal& to, PsmJoints& joints) const {
+  constexpr double kStride_m = 0.002;  // of four steps
+  const AngleAxisd turn(from.R_WC.transpose() * to.R_WC);
+  const Vector3d way = to.p_WT - from.p_WT;
+  const double line = way.cwiseAbs().maxCoeff();
+  const int count = static_cast<int>(
+      std::ceil(std::max(line / kStride_m, turn.angle() / options_.turn_step_rad)));
+  const double steps = line > 0 ? kStride_m / setup_.limits.step_m() : 1;
+  for (int k = 1; k <= count; ++k) {
+    const double share = static_cast<double>(k) / count;
+    const Matrix3d R_WC(from.R_WC * AngleAxisd(share * turn.angle(), turn.axis()));
+    PsmJoints next{};
+    if (check_goal_pose(setup_, R_WC, from.p_WT + share * way, joints[3], next)) return false;
+    for (std::size_t j = 0; j < next.size(); ++j) {
+      if (std::abs(next[j] - joints[j]) > steps * setup_.joint_steps[j]) return false;
+    }
+    joints = next;
   }
-  return inside;
+  return true;
 }
 
-double ArmGuide::crossing_height(const Vector3d& p_WT) const {
-  // Far from the base the wrist reaches its limit a little above a start (docs/task.md 3).
-  const Vector3d& from = goal_.p_WT;
-  const double least = std::max(p_WT.z(), from.z());
-  const double most = std::min(least + options_.clearance_m, setup_.mount.workspace_max.z());
-  constexpr double kStep_m = 0.001;
-  for (double z = most; z > least; z -= kStep_m) {
-    if (reaches({p_WT.x(), p_WT.y(), z}) && reaches({from.x(), from.y(), z})) return z;
+/// The joint of the tool that the mount's orientation, here, wants most elsewhere.
+Finding ArmGuide::obstacle_at(const Goal& from, const PsmJoints& joints) const {
+  PsmJoints wanted{};
+  // A roll that is at its limit is turned back, not on.
+  (void)check_goal_pose(setup_, setup_.mount.R_WC, from.p_WT, 0, wanted);
+  std::size_t farthest = 3;
+  for (std::size_t j = 3; j < wanted.size(); ++j) {
+    wanted[j] = std::clamp(wanted[j], setup_.joint_min[j], setup_.joint_max[j]);
+    if (std::abs(wanted[j] - joints[j]) > std::abs(wanted[farthest] - joints[farthest]))
+      farthest = j;
   }
-  return least;
+  return {StopReason::kNoWay, joints[farthest], wanted[farthest], static_cast<int>(farthest)};
+}
+
+Finding ArmGuide::find_way(const Goal& from, const Vector3d& p_WT, Way& way) const {
+  PsmJoints at{};
+  const double roll = port_.period().robot.measured_js.payload.position[3];
+  // The safety function says where the set-point itself is in the way.
+  if (check_goal_pose(setup_, from.R_WC, from.p_WT, roll, at)) return {};
+  const Matrix3d& R_WC = setup_.mount.R_WC;
+  PsmJoints there{};
+  if (const Finding beyond = check_goal_pose(setup_, R_WC, p_WT, 0, there)) return beyond;
+  const double least = std::max(p_WT.z(), from.p_WT.z());
+  const double most = std::min(least + options_.clearance_m, setup_.mount.workspace_max.z());
+  // Far from the base the wrist reaches its limit a little above a start (docs/task.md 3).
+  constexpr double kLower_m = 0.001;
+  for (double z = std::max(least, most); true; z = std::max(least, z - kLower_m)) {
+    const Vector3d above(from.p_WT.x(), from.p_WT.y(), z);
+    const Vector3d across(p_WT.x(), p_WT.y(), z);
+    const Goal end{R_WC, p_WT};
+    for (const Way& tried : {Way{{from.R_WC, above}, {R_WC, above}, {R_WC, across}, end},
+                             Way{{R_WC, from.p_WT}, {R_WC, above}, {R_WC, across}, end},
+                             Way{{from.R_WC, above}, {from.R_WC, across}, {R_WC, across}, end}}) {
+      PsmJoints joints = at;
+      const Goal* last = &from;
+      bool open = true;
+      for (const Goal& next : tried) {
+        open = open && is_open(*last, next, joints);
+        last = &next;
+      }
+      if (!open) continue;
+      way = tried;
+      return {};
+    }
+    if (z <= least) break;
+  }
+  return obstacle_at(from, at);
 }
 
 Result<void> ArmGuide::go_to(const Vector3d& p_WT) {
-  if (const Result<void> armed = wait_until_armed(); !armed) return armed;
-  goal_ = in_world(port_.period().robot.setpoint_cp.payload);
+  if (const Result<void> armed = wait_until_armed(p_WT); !armed) return armed;
+  // Behind a hold the set-point is where the arm stays; else the last goal is in force.
+  if (port_.period().judgement.memory.holding) goal_ = setpoint();
   jaw_rad_ = port_.period().judgement.memory.jaw;
-  const Vector3d above(goal_.p_WT.x(), goal_.p_WT.y(), crossing_height(p_WT));
+  Way way;
+  // An arm that stayed armed behind an episode is stopped for it.
+  if (const Finding obstacle = find_way(goal_, p_WT, way))
+    return request({.looked = true, .obstacle = obstacle});
   Result<void> went = turn_jaw(false);
-  if (went) went = line_to(above);
-  if (went) went = turn();
-  if (went) went = line_to({p_WT.x(), p_WT.y(), above.z()});
-  if (went) went = line_to(p_WT);
+  for (const Goal& next : way) {
+    if (went) went = line_to(next.p_WT);
+    if (went) went = turn_to(next.R_WC);
+  }
   return went;
 }
 

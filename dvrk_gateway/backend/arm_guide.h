@@ -2,6 +2,7 @@
 
 #include <Eigen/Core>
 #include <functional>
+#include <vector>
 
 #include "core/result.h"
 #include "dvrk_gateway/loop/control_port.h"
@@ -28,11 +29,13 @@ class ArmGuide {
            std::function<void(const Period&)> waits = {});
 
   /// Waits for the operator to arm, then opens the jaw and leads from setpoint_cp up, turns to the
-  /// mount's orientation, across, and down to p_WT [m], in steps that the safety function allows.
-  /// Fails with the reason of a stop.
+  /// mount's orientation, across, and down to p_WT [m], in steps that the safety function allows;
+  /// it turns before or behind another piece where only that way is inside the limits. Where no way
+  /// is, the safety function is told before it arms. Fails with the reason of a stop.
   Result<void> go_to(const Eigen::Vector3d& p_WT);
-  /// The goal of the next period; the jaw stays as it is. Fails with the reason when the arm was
-  /// stopped, as all of these do.
+  /// The next goal; the jaw stays as it is. The goal in force is repeated until the robot's
+  /// set-point has come so near that the next one is no jump, also where commands got lost. Fails
+  /// with the reason when the arm was stopped, as all of these do.
   Result<void> follow(const Eigen::Vector3d& p_WT);
   /// The same with the jaw [rad], which turns at the rate of the safety limits.
   Result<void> follow(const Eigen::Vector3d& p_WT, double jaw_rad);
@@ -59,14 +62,21 @@ class ArmGuide {
   };
   Goal in_world(const CartesianPose& pose) const;
   RobotCommand command_of(const Goal& goal) const;
-  /// The orientation of the mount at p_WT is inside the safety function's joint limits.
-  bool reaches(const Eigen::Vector3d& p_WT) const;
-  /// Height at which the arm crosses from the goal in force to p_WT.
-  double crossing_height(const Eigen::Vector3d& p_WT) const;
-  Result<void> wait_until_armed();
+  /// Goals, between two of which the tip either moves along a line or stays and turns.
+  using Way = std::vector<Goal>;
+  /// Sets `way` to one from `from` to the mount's orientation at p_WT; what is in the way where
+  /// there is none.
+  Finding find_way(const Goal& from, const Eigen::Vector3d& p_WT, Way& way) const;
+  /// Every place between two goals may be one; moves the joints along.
+  bool is_open(const Goal& from, const Goal& to, PsmJoints& joints) const;
+  Finding obstacle_at(const Goal& from, const PsmJoints& joints) const;
+  Goal setpoint() const;
+  Result<void> wait_until_armed(const Eigen::Vector3d& p_WT);
   Result<void> request(const PolicyRequest& request);
+  Result<void> lead_to(const Goal& goal);
+  bool is_near_setpoint(const Goal& goal) const;
   Result<void> line_to(const Eigen::Vector3d& p_WT);
-  Result<void> turn();
+  Result<void> turn_to(const Eigen::Matrix3d& R_WC);
 
   ControlPort& port_;
   SafetySetup setup_;

@@ -47,6 +47,23 @@ Result<std::vector<MotionSample>> goals_of(const std::vector<MotionSample>& moti
   return goals;
 }
 
+Result<void> check_goals(const SafetySetup& setup, const std::vector<MotionSample>& goals) {
+  PsmJoints before{};
+  for (std::size_t k = 0; k < goals.size(); ++k) {
+    PsmJoints q{};
+    Finding found = check_goal_pose(setup, setup.mount.R_WC, goals[k].p_WT, before[3], q);
+    for (std::size_t j = 0; j < q.size() && k > 0 && !found; ++j) {
+      const double step = std::abs(q[j] - before[j]);
+      if (step > setup.joint_steps[j])
+        found = {StopReason::kJointStep, step, setup.joint_steps[j], static_cast<int>(j)};
+    }
+    if (found)
+      return Failure{fmt::format("the motion at {:.3f} s: {}", goals[k].t_s, describe(found))};
+    before = q;
+  }
+  return {};
+}
+
 Result<void> replay_goals(ArmGuide& guide, const std::vector<MotionSample>& goals) {
   if (Result<void> there = guide.go_to(goals.front().p_WT); !there) return there;
   for (const MotionSample& goal : goals) {

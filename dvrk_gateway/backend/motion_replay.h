@@ -13,6 +13,10 @@ namespace omentum {
 Result<std::vector<MotionSample>> goals_of(const std::vector<MotionSample>& motion, double period_s,
                                            double slow, double step_m);
 
+/// Fails, naming the first moment, where a goal is outside the workspace box, out of reach or
+/// beyond a joint limit at the orientation of the mount, or where joints would turn too fast.
+Result<void> check_goals(const SafetySetup& setup, const std::vector<MotionSample>& goals);
+
 /// Mode `replay`: waits until the operator has armed, leads the arm to the first goal, then along
 /// them, one per period. A jaw that was not recorded stays open. Fails with the reason of a stop.
 Result<void> replay_goals(ArmGuide& guide, const std::vector<MotionSample>& goals);

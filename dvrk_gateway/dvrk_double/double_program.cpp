@@ -8,9 +8,11 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <cmath>
 #include <cstdio>
 
 #include "core/check.h"
+#include "core/constants.h"
 #include "core/csv.h"
 #include "core/log.h"
 
@@ -58,6 +60,11 @@ Result<void> check_command(const std::string& command) {
     return Failure{
         fmt::format("{}: no such stream, allowed {}", command, fmt::join(kStreamNames, ", "))};
   }
+  if (word == "carry") {
+    const std::optional<double> roll_deg = stream.empty() ? 0 : parse_number(stream);
+    if (roll_deg && std::abs(*roll_deg) <= 260) return {};
+    return Failure{fmt::format("{}: roll of the tool in degrees, allowed -260 ... 260", command)};
+  }
   const bool known =
       is_word(command, "place", "lay", "restart", "steal", "foreign", "state", "quit") ||
       std::any_of(std::begin(kCommands), std::end(kCommands),
@@ -74,6 +81,7 @@ std::string DoubleProgram::commands_help() {
     help += fmt::format("  {:11}{}\n", command.name, command.help);
   return help +
          "  place      move the tip over the middle of the scene's workspace\n"
+         "  carry R    the same with the tool as it was homed: wrist straight, roll R degrees\n"
          "  lay        lay the tissue anew, as between two trials\n"
          "  restart    another robot process: other port, Timestamps from 0, not homed\n"
          "  steal      a second sender speaks to the robot and gets the stream\n"
@@ -126,6 +134,7 @@ Result<void> DoubleProgram::execute(const std::string& command) {
   if (word == "not-finite") robot_->options().not_finite_stream = stream;
   if (word == "restart") restart_asked_ = true;  // by the next period
   if (word == "place") place_arm();
+  if (word == "carry") carry_arm(kDegree * parse_number(stream).value_or(0));
   if (word == "lay" && tissue_) tissue_->lay();
   if (word == "steal") stranger_.send("{}", {INADDR_LOOPBACK, socket_->port()});
   if (word == "foreign") foreign_ = !foreign_;
@@ -139,11 +148,26 @@ void DoubleProgram::place_arm() {
       0.5 * (options_.mount.workspace_min + options_.mount.workspace_max);
   const Result<PsmJoints> q = joints_for_tip(options_.mount, middle);
   if (!q) return log().warn("the middle of the workspace is out of reach: {}", q.error());
+  move_by_hand(q.value());
+}
+
+/// Shoulder and insertion alone move: the shaft points from the remote centre at the place.
+void DoubleProgram::carry_arm(double roll_rad) {
+  const ToolMount& mount = options_.mount;
+  const Eigen::Vector3d middle = 0.5 * (mount.workspace_min + mount.workspace_max);
+  const Eigen::Vector3d p_RT = mount.X_WR.inverse() * middle;
+  const PsmInstrument& instrument = *mount.instrument;
+  const double wrist_m = p_RT.norm() - mount.tip_offset - instrument.pitch_to_yaw;
+  move_by_hand({std::atan2(p_RT.x(), -p_RT.z()), -std::asin(p_RT.y() / p_RT.norm()),
+                wrist_m - psm_wrist_distance(0, instrument), roll_rad, 0, 0});
+}
+
+void DoubleProgram::move_by_hand(const PsmJoints& q) {
   CommandDatagram by_hand;
   by_hand.known_keys = 1;
   by_hand.move_jp.emplace();
   by_hand.move_jp->goal_count = 6;
-  std::copy_n(q.value().begin(), 6, by_hand.move_jp->goal.begin());
+  std::copy_n(q.begin(), 6, by_hand.move_jp->goal.begin());
   robot_->arm().command(by_hand);
 }
 

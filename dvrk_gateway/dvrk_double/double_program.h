@@ -53,6 +53,8 @@ class DoubleProgram {
   void tell_changes();
   void tell_state();
   void place_arm();
+  void carry_arm(double roll_rad);
+  void move_by_hand(const PsmJoints& q);
   void read_operator(int input);
   void send_foreign();
 

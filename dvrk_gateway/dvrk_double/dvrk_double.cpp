@@ -30,6 +30,24 @@ void turn_to_R(const Eigen::Isometry3d& X_RA, std::optional<CartesianGoal>& goal
   goal->angular_velocity = X_RA.linear() * goal->angular_velocity;
 }
 
+void keep(std::optional<JointGoal>& said, JointGoal& kept) {
+  if (!said) return;
+  if (said->velocity_count > 0) {
+    kept.velocity_count = said->velocity_count;
+    kept.velocity = said->velocity;
+  }
+  said->velocity_count = kept.velocity_count;
+  said->velocity = kept.velocity;
+}
+
+void keep(std::optional<CartesianGoal>& said, CartesianGoal& kept) {
+  if (!said) return;
+  if (said->has_velocity) kept.velocity = said->velocity;
+  if (said->has_angular_velocity) kept.angular_velocity = said->angular_velocity;
+  said->velocity = kept.velocity;
+  said->angular_velocity = kept.angular_velocity;
+}
+
 void spoil(OperatingState& state) { state.timestamp_s = kNotFinite; }
 
 }  // namespace
@@ -116,6 +134,17 @@ void DvrkDouble::send_all(Link& link) {
   if (!burst_.empty()) send(burst_ + "}\n", link);
 }
 
+/// The streamer reads each command into one object that lasts: what a datagram leaves out keeps its
+/// value, also where the arm did not take the command (docs/dvrk.md 4.3).
+void DvrkDouble::fill_in(CommandDatagram& commands) {
+  keep(commands.jaw_move_jp, kept_fields_.jaw_move_jp);
+  keep(commands.jaw_servo_jp, kept_fields_.jaw_servo_jp);
+  keep(commands.move_cp, kept_fields_.move_cp);
+  keep(commands.move_jp, kept_fields_.move_jp);
+  keep(commands.servo_cp, kept_fields_.servo_cp);
+  keep(commands.servo_jp, kept_fields_.servo_jp);
+}
+
 /// Everything that waits. As the robot's own receiver: 1024 bytes, an empty datagram ends it for
 /// this period, and what cannot be parsed runs the commands before it again (docs/dvrk.md 4.3).
 void DvrkDouble::receive_all(Link& link) {
@@ -127,6 +156,7 @@ void DvrkDouble::receive_all(Link& link) {
     if (received->size == 0) return;
     if (received->cut) ++cut_;
     CommandDatagram commands = decode_commands({memory.data(), received->size});
+    fill_in(commands);
     if (has_base_frame_) {
       turn_to_R(options_.X_AR.inverse(), commands.move_cp);
       turn_to_R(options_.X_AR.inverse(), commands.servo_cp);

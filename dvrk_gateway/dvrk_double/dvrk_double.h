@@ -70,8 +70,16 @@ class DvrkDouble {
   void send_all(Link& link);
   void send(std::string_view datagram, Link& link);
   void receive_all(Link& link);
+  void fill_in(CommandDatagram& commands);
+
+  /// The newest value of each field that a command may leave out, by command: whoever said it.
+  struct KeptFields {
+    JointGoal jaw_move_jp, jaw_servo_jp, move_jp, servo_jp;
+    CartesianGoal move_cp, servo_cp;
+  };
 
   DoubleOptions options_;
+  KeptFields kept_fields_;
   bool has_base_frame_;  ///< X_AR is not the identity
   RobotArm arm_;
   UdpAddress destination_;

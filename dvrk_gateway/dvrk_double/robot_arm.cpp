@@ -234,10 +234,9 @@ void RobotArm::servo_jp(const JointGoal& goal) {
   if (goal.goal_count < 6) return refuse(Refusal::kGoal);
   end_move();
   space_ = Space::kJoint;
-  if (goal.velocity_count >= 6) sticky_jp_ = goal;
   for (std::size_t j = 0; j < 6; ++j) {
     setpoint_[j] = clip(goal.goal[j], j);
-    feed_forward_[j] = sticky_jp_.velocity[j];
+    feed_forward_[j] = goal.velocity_count == 6 ? goal.velocity[j] : 0;
   }
 }
 
@@ -311,20 +310,17 @@ bool RobotArm::inverse(const CartesianGoal& goal, Joints& q) {
   return true;
 }
 
-/// Joint velocities of the Cartesian ones, by the difference of two inverses. A velocity that a
-/// client gave once stays in force.
+/// Joint velocities of the Cartesian ones, by the difference of two inverses.
 void RobotArm::feed_forward(const CartesianGoal& goal) {
-  if (goal.has_velocity) sticky_cp_.velocity = goal.velocity;
-  if (goal.has_angular_velocity) sticky_cp_.angular_velocity = goal.angular_velocity;
   feed_forward_ = {};
-  const double turn = sticky_cp_.angular_velocity.norm();
-  if (turn == 0 && sticky_cp_.velocity.norm() == 0) return;
+  const double turn = goal.angular_velocity.norm();
+  if (turn == 0 && goal.velocity.norm() == 0) return;
   constexpr double kStep_s = 1e-5;
   const PsmPose here = psm_forward(psm_joints(setpoint_), *mount_.instrument);
   PsmPose there = here;
-  there.p += kStep_s * sticky_cp_.velocity;
+  there.p += kStep_s * goal.velocity;
   if (turn > 0) {
-    const Eigen::AngleAxisd rotated(turn * kStep_s, sticky_cp_.angular_velocity / turn);
+    const Eigen::AngleAxisd rotated(turn * kStep_s, goal.angular_velocity / turn);
     there.R = rotated.toRotationMatrix() * here.R;
   }
   const Result<PsmJoints> from = psm_inverse(here, setpoint_[3], *mount_.instrument);

@@ -147,9 +147,8 @@ class RobotArm {
   Move move_;
   Joints setpoint_{}, setpoint_velocity_{}, measured_{}, velocity_{};
   std::array<double, 6> effort_{};
-  std::array<double, 6> feed_forward_{};  ///< velocities that clients gave [rad/s, m/s]
-  CartesianGoal sticky_cp_;
-  JointGoal sticky_jp_;
+  /// Velocities of the goal in force [rad/s, m/s]: the set-point has them while it stands still.
+  std::array<double, 6> feed_forward_{};
   std::int64_t changed_ = 0;  ///< tick of the last change of measured_
   Eigen::Vector3d load_W_ = Eigen::Vector3d::Zero();
   std::vector<OperatingState> events_;

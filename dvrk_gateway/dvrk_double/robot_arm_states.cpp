@@ -45,7 +45,7 @@ JointState RobotArm::setpoint_js() const {
   const Eigen::Vector4d damping = from_discs.transpose() * (kDiscDamping * (from_discs * wrist));
   for (std::size_t j = 0; j < 6; ++j) {
     joints.position[j] = setpoint_[j];
-    joints.velocity[j] = setpoint_velocity_[j];
+    joints.velocity[j] = move_.active ? setpoint_velocity_[j] : off ? 0 : feed_forward_[j];
     // Output of the servo: of an ideal arm the damping alone (docs/mismatch.md 2.2).
     const double d = j < 3 ? kDamping[j] * velocity_[j] : damping[static_cast<int>(j) - 3];
     if (!effects_active()) joints.effort[j] = off || d == 0 ? 0 : -d;

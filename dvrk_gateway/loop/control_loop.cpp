@@ -15,7 +15,14 @@ constexpr int kMostDatagrams = 512;
 
 ControlLoop::ControlLoop(Link& link, Clock& clock, const SafetySetup& setup,
                          std::uint32_t robot_ipv4, bool dry_run)
-    : link_(link), clock_(clock), setup_(setup), robot_ipv4_(robot_ipv4), dry_run_(dry_run) {}
+    : link_(link),
+      clock_(clock),
+      setup_(setup),
+      robot_ipv4_(robot_ipv4),
+      dry_run_(dry_run),
+      rehearsed_(setup) {
+  period_.dry_run = dry_run;
+}
 
 void ControlLoop::begin() noexcept {
   ++period_.number;
@@ -31,7 +38,7 @@ const Period& ControlLoop::receive() noexcept {
 }
 
 void ControlLoop::take_in() noexcept {
-  if (std::exchange(judged_, false)) period_.robot.gap_s = 0;
+  if (std::exchange(judged_, false)) heard_.gap_s = 0;
   for (int i = 0; i < kMostDatagrams; ++i) {
     const std::optional<Link::Received> received = link_.receive(memory_);
     if (!received) break;
@@ -39,15 +46,25 @@ void ControlLoop::take_in() noexcept {
       ++period_.cut;
       continue;
     }
-    RobotState& robot = period_.robot;
-    if (!robot.has_source && robot_ipv4_ != 0 && received->source.ipv4 != robot_ipv4_) {
-      ++robot.foreign;
-      robot.foreign_source = received->source;
+    if (!heard_.has_source && robot_ipv4_ != 0 && received->source.ipv4 != robot_ipv4_) {
+      ++heard_.foreign;
+      heard_.foreign_source = received->source;
       continue;
     }
-    take_datagram(period_.robot, std::string_view(memory_.data(), received->size), clock_.now_ns(),
+    take_datagram(heard_, std::string_view(memory_.data(), received->size), clock_.now_ns(),
                   received->source);
   }
+  period_.robot = heard_;
+  if (dry_run_ && period_.judgement.memory.phase == SafetyPhase::kActive)
+    rehearsed_.show(period_.robot);
+}
+
+void ControlLoop::follow_restart(const GatewayEvents& events) noexcept {
+  if (std::exchange(acknowledged_ns_, events.acknowledge_ns) == events.acknowledge_ns) return;
+  if (period_.judgement.memory.phase == SafetyPhase::kActive || !moved_to_another_port(heard_))
+    return;
+  heard_.source = heard_.foreign_source;
+  heard_.source_ns = heard_.foreign_ns;
 }
 
 bool ControlLoop::is_alarmed(const GatewayEvents& events) noexcept {
@@ -66,12 +83,19 @@ bool ControlLoop::look(const GatewayEvents& events) noexcept {
 
 const Period& ControlLoop::send(const PolicyRequest& request,
                                 const GatewayEvents& events) noexcept {
+  const SafetyPhase before = period_.judgement.memory.phase;
   period_.judgement =
       judge(setup_, period_.judgement.memory, period_.robot, request, events, clock_.now_ns());
   judged_ = true;
   period_.sent_ns = 0;
   period_.sent_bytes = 0;
-  if (!period_.judgement.send || dry_run_) return period_;
+  follow_restart(events);
+  if (dry_run_ && before != SafetyPhase::kActive) rehearsed_.begin(period_.robot);
+  if (!period_.judgement.send) return period_;
+  if (dry_run_) {
+    rehearsed_.obey(period_.judgement.command);
+    return period_;
+  }
   std::array<char, kMaxCommandBytes> command{};
   const std::size_t size = encode_command(period_.judgement.command, command);
   const bool sent = size > 0 && link_.send(std::string_view(command.data(), size),

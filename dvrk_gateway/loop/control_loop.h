@@ -3,6 +3,7 @@
 #include <array>
 #include <cstdint>
 
+#include "dvrk_gateway/loop/rehearsed_arm.h"
 #include "dvrk_gateway/protocol/link.h"
 #include "dvrk_gateway/protocol/robot_state.h"
 #include "dvrk_gateway/safety/safety.h"
@@ -20,6 +21,7 @@ struct Period {
   std::size_t sent_bytes = 0;  ///< of judgement.command
   std::uint64_t cut = 0;       ///< datagrams longer than the memory so far; not taken
   std::uint64_t unsent = 0;    ///< commands so far that link or encoder refused
+  bool dry_run = false;        ///< nothing goes out; an armed arm is a rehearsed one
   // Of a loop that keeps time, as LoopTimes counts them; so far.
   std::int64_t late_ns = 0;     ///< began so long after its time; 0 where a stop began it
   std::uint64_t late = 0;       ///< periods that began more than 5 ms late
@@ -34,7 +36,9 @@ struct Period {
 class ControlLoop {
  public:
   /// `link` and `clock` must outlive it. The stream must begin from `robot_ipv4` (host byte order;
-  /// 0: anybody). With `dry_run` all is judged and nothing goes out.
+  /// 0: anybody). With `dry_run` all is judged, nothing goes out, and from arming on the robot is
+  /// seen to do what it would have been told. A robot that speaks from another port of its machine
+  /// is followed once the operator has acknowledged, unless the arm is armed.
   ControlLoop(Link& link, Clock& clock, const SafetySetup& setup, std::uint32_t robot_ipv4 = 0,
               bool dry_run = false);
 
@@ -56,14 +60,18 @@ class ControlLoop {
  private:
   void begin() noexcept;
   void take_in() noexcept;
+  void follow_restart(const GatewayEvents& events) noexcept;
 
   Link& link_;
   Clock& clock_;
   SafetySetup setup_;
   std::uint32_t robot_ipv4_;
   bool dry_run_;
+  RehearsedArm rehearsed_;
+  std::int64_t acknowledged_ns_ = 0;  ///< the newest that was looked at
+  RobotState heard_;                  ///< period_.robot but for what is rehearsed
   Period period_;
-  bool judged_ = false;               ///< what is in period_.robot
+  bool judged_ = false;               ///< what is in heard_
   std::array<char, 65536> memory_{};  // older robots put all streams into one datagram
 };
 

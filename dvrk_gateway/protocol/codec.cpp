@@ -220,6 +220,7 @@ void take_datagram(RobotState& state, std::string_view text, std::int64_t arriva
   if (state.has_source && source != state.source) {
     ++state.foreign;
     state.foreign_source = source;
+    state.foreign_ns = arrival_ns;
     return;
   }
   const std::optional<RobotDatagram> said = decode_robot(text);
@@ -234,6 +235,7 @@ void take_datagram(RobotState& state, std::string_view text, std::int64_t arriva
       (!state.has_source || state.old_shapes_only) && said->old_keys == said->known_keys;
   state.has_source = true;
   state.source = source;
+  state.source_ns = arrival_ns;
   ++state.datagrams;
   keep(state, state.measured_js, said->measured_js, arrival_ns);
   keep(state, state.setpoint_js, said->setpoint_js, arrival_ns);
@@ -253,24 +255,23 @@ std::size_t encode_command(const RobotCommand& command, std::span<char> memory) 
     writer.put(R"({"hold":""})");
     return writer.size();
   }
+  // Whatever the arm reads of a command is stated: an absent field keeps the value that any client
+  // gave it last (docs/dvrk.md 4.3).
   writer.put(R"({"jaw/servo_jp":{"Goal":)");
   writer.numbers({&command.jaw, 1});
+  writer.put(R"(,"Velocity":[0.0]},)");
   if (command.kind == RobotCommand::Kind::kServoCp) {
-    writer.put(R"(},"servo_cp":{"Goal":)");
+    writer.put(R"("servo_cp":{"Goal":)");
     write_pose(writer, command.rotation, command.translation);
-    if (command.has_velocity) {
-      writer.put(R"(,"Velocity":)");
-      writer.numbers({command.velocity.data(), 3});
-      writer.put(R"(,"VelocityAngular":)");
-      writer.numbers({command.angular_velocity.data(), 3});
-    }
+    writer.put(R"(,"Velocity":)");
+    writer.numbers({command.velocity.data(), 3});
+    writer.put(R"(,"VelocityAngular":)");
+    writer.numbers({command.angular_velocity.data(), 3});
   } else {
-    writer.put(R"(},"servo_jp":{"Goal":)");
+    writer.put(R"("servo_jp":{"Goal":)");
     writer.numbers(command.joints);
-    if (command.has_velocity) {
-      writer.put(R"(,"Velocity":)");
-      writer.numbers(command.joint_velocity);
-    }
+    writer.put(R"(,"Velocity":)");
+    writer.numbers(command.joint_velocity);
   }
   writer.put("}}");
   return writer.size();

@@ -85,6 +85,7 @@ struct RobotState {
   bool has_source = false;
   UdpAddress source;          ///< of the first datagram that was understood; others are not taken
   UdpAddress foreign_source;  ///< of the newest datagram from elsewhere, if foreign > 0
+  std::int64_t source_ns = 0, foreign_ns = 0;  ///< when the newest of each arrived
   bool old_shapes_only = false;  ///< everything so far came from GetState*: show, never arm
 
   double newest_s = 0;  ///< Timestamp of the robot, of whatever stream
@@ -101,6 +102,15 @@ struct RobotState {
   std::uint64_t restarts = 0;    ///< Timestamp fell by more than 0.1 s: another robot process
 };
 
+/// The robot fell silent and another port of its machine speaks: its process was started anew, or a
+/// stranger sits on that machine, which only the operator can tell.
+inline bool moved_to_another_port(const RobotState& robot) {
+  constexpr std::int64_t kSilent_ns = 500'000'000;
+  return robot.has_source && robot.foreign_source.ipv4 == robot.source.ipv4 &&
+         robot.foreign_source.port != robot.source.port &&
+         robot.foreign_ns - robot.source_ns >= kSilent_ns;
+}
+
 /// One command. Goals are absolute, so a command that is lost, repeated or run twice does no harm.
 struct RobotCommand {
   enum class Kind { kHold, kServoCp, kServoJp };
@@ -110,8 +120,7 @@ struct RobotCommand {
   Eigen::Vector3d translation = Eigen::Vector3d::Zero();  ///< [m]
   std::array<double, 6> joints{};                         ///< kServoJp [rad, insertion m]
   double jaw = 0;                                         ///< both servo kinds [rad]
-  /// Feed-forward. The robot keeps the newest velocity for ever: in every command or in none.
-  bool has_velocity = false;
+  /// Feed-forward, stated in every goal: the robot keeps what a goal leaves out, whoever said it.
   Eigen::Vector3d velocity = Eigen::Vector3d::Zero();          ///< kServoCp [m/s]
   Eigen::Vector3d angular_velocity = Eigen::Vector3d::Zero();  ///< kServoCp [rad/s]
   std::array<double, 6> joint_velocity{};                      ///< kServoJp [rad/s, m/s]

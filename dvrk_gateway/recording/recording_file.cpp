@@ -273,11 +273,9 @@ void RecordingFile::add_command(const RobotCommand& command, std::int64_t sent_n
     goal.rotation = X_AR_.linear() * pose.R;
     goal.translation = X_AR_ * pose.p;
     std::copy(q.begin(), q.end(), joints.position.begin());
-    if (command.has_velocity) {
-      joints.velocity_count = 6;
-      std::copy(command.joint_velocity.begin(), command.joint_velocity.end(),
-                joints.velocity.begin());
-    }
+    joints.velocity_count = 6;
+    std::copy(command.joint_velocity.begin(), command.joint_velocity.end(),
+              joints.velocity.begin());
   }
   write_pose(tool_commanded_, sent_ns, stamp_ns, goal);
   if (has_joints) {

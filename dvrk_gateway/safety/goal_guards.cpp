@@ -25,32 +25,17 @@ bool is_finite(const RobotCommand& command) {
          std::all_of(command.joint_velocity.begin(), command.joint_velocity.end(), finite);
 }
 
-/// The robot keeps a velocity that was sent once for ever, and runs ahead by it.
-Finding check_feed_forward(const SafetySetup& setup, const SafetyMemory& memory,
-                           const RobotCommand& command) {
-  if (memory.velocity_known && command.has_velocity != memory.has_velocity)
-    return {StopReason::kFeedForward, 0, 0, -1};
-  if (!command.has_velocity) return {};
-  const double per_s = 1 / setup.limits.period_s();
-  const auto beyond = [](double v, double most) { return !(std::abs(v) <= most * (1 + 1e-9)); };
-  if (command.kind == RobotCommand::Kind::kServoCp) {
-    const Vector3d v_W =
-        setup.mount.X_WR.linear() * setup.X_AR.linear().transpose() * command.velocity;
-    const double most = setup.limits.step_m() * per_s;
-    for (int k = 0; k < 3; ++k) {
-      if (beyond(v_W[k], most)) return {StopReason::kFeedForward, v_W[k], most, k};
-      if (beyond(command.angular_velocity[k], setup.limits.wrist_step_rad() * per_s)) {
-        return {StopReason::kFeedForward, command.angular_velocity[k],
-                setup.limits.wrist_step_rad() * per_s, k};
-      }
-    }
-    return {};
+/// Goals follow each other in steps, from rest to rest: a velocity beside them, which the robot
+/// keeps until another is stated, would run ahead of each.
+Finding check_feed_forward(const RobotCommand& command) {
+  for (int k = 0; k < 3; ++k) {
+    if (command.velocity[k] != 0) return {StopReason::kFeedForward, command.velocity[k], 0, k};
+    if (command.angular_velocity[k] != 0)
+      return {StopReason::kFeedForward, command.angular_velocity[k], 0, k};
   }
   for (int k = 0; k < 6; ++k) {
-    const auto joint = static_cast<std::size_t>(k);
-    const double most = setup.joint_steps[joint] * per_s;
-    if (beyond(command.joint_velocity[joint], most))
-      return {StopReason::kFeedForward, command.joint_velocity[joint], most, k};
+    const double velocity = command.joint_velocity[static_cast<std::size_t>(k)];
+    if (velocity != 0) return {StopReason::kFeedForward, velocity, 0, k};
   }
   return {};
 }
@@ -88,7 +73,7 @@ Finding check_place(const SafetySetup& setup, const Goal& goal) noexcept {
 Finding read_goal(const SafetySetup& setup, const SafetyMemory& memory, const RobotCommand& command,
                   Goal& goal) noexcept {
   if (!is_finite(command)) return {StopReason::kNotFinite, 0, 0, -1};
-  if (const Finding found = check_feed_forward(setup, memory, command)) return found;
+  if (const Finding found = check_feed_forward(command)) return found;
   if (command.kind == RobotCommand::Kind::kServoJp) {
     goal.joints = command.joints;
     goal.pose_RC = psm_forward(goal.joints, *setup.mount.instrument);
@@ -127,16 +112,36 @@ Finding check_steps(const SafetySetup& setup, const SafetyMemory& memory,
   return {};
 }
 
-Finding check_jump(const SafetySetup& setup, const PsmPose& goal_RC,
+Finding check_jump(const SafetySetup& setup, const SafetyMemory& memory,
                    const RobotState& robot) noexcept {
   const CartesianPose& setpoint = robot.setpoint_cp.payload;
   const Vector3d p_RC = pose_in_R(setup, setpoint.rotation, setpoint.translation).p;
-  const Vector3d apart = setup.mount.X_WR.linear() * (goal_RC.p - p_RC);
+  const Vector3d apart = setup.mount.X_WR.linear() * (memory.goal_RC.p - p_RC);
   const double most = setup.limits.jump_m();
   for (int k = 0; k < 3; ++k) {
-    if (!(std::abs(apart[k]) <= most)) return {StopReason::kJump, apart[k], most, k};
+    if (std::abs(apart[k]) <= most + kRounding) continue;
+    // A set-point at one of our goals did not jump: those behind it have not arrived.
+    if (memory.unanswered > 1)
+      return {StopReason::kCommandsLost, static_cast<double>(memory.unanswered), 0, -1};
+    return {StopReason::kJump, apart[k], most, k};
   }
   return {};
 }
 
 }  // namespace omentum::safety
+
+namespace omentum {
+
+Finding check_goal_pose(const SafetySetup& setup, const Eigen::Matrix3d& R_WC,
+                        const Eigen::Vector3d& p_WT, double roll_near, PsmJoints& joints) noexcept {
+  const Eigen::Isometry3d X_RW = setup.mount.X_WR.inverse();
+  safety::Goal goal;
+  goal.pose_RC = {X_RW.linear() * R_WC, X_RW * control_point_of(setup.mount, R_WC, p_WT)};
+  const InverseSolution solution = psm_solve(goal.pose_RC, roll_near, *setup.mount.instrument);
+  joints = goal.joints = solution.q;
+  if (solution.fault != InverseFault::kNone)
+    return {StopReason::kUnreachable, goal.pose_RC.p.norm(), 1e-3, -1};
+  return safety::check_place(setup, goal);
+}
+
+}  // namespace omentum

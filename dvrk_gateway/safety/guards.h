@@ -8,10 +8,16 @@ namespace omentum::safety {
 /// What must hold to become ready and to stay armed: robot_guards.cpp.
 Finding check_robot(const SafetySetup& setup, const SafetyMemory& memory, const RobotState& robot,
                     std::int64_t now_ns) noexcept;
+/// What instrument and base frame are, as far as the payloads are of one Timestamp; updates what
+/// was found. False where they are not.
+bool note_kinematics(const SafetySetup& setup, SafetyMemory& memory,
+                     const RobotState& robot) noexcept;
+/// Before arming: the set-point stands still.
+Finding check_rest(const RobotState& robot) noexcept;
 /// Errors that count only when they last; updates since when they do.
 Finding check_load(const SafetySetup& setup, SafetyMemory& memory, const RobotState& robot,
                    std::int64_t now_ns) noexcept;
-/// setpoint_cp follows the goals.
+/// setpoint_cp follows the goals; counts those that it has not met.
 Finding check_setpoint(const SafetySetup& setup, SafetyMemory& memory,
                        const RobotState& robot) noexcept;
 
@@ -33,7 +39,7 @@ Finding read_goal(const SafetySetup& setup, const SafetyMemory& memory, const Ro
 Finding check_steps(const SafetySetup& setup, const SafetyMemory& memory,
                     const Goal& goal) noexcept;
 /// Distance from setpoint_cp, before every send.
-Finding check_jump(const SafetySetup& setup, const PsmPose& goal_RC,
+Finding check_jump(const SafetySetup& setup, const SafetyMemory& memory,
                    const RobotState& robot) noexcept;
 
 }  // namespace omentum::safety

@@ -69,7 +69,7 @@ void put_in_force(const Goal& goal, SafetyMemory& memory) {
   memory.goal_RC = goal.pose_RC;
   memory.goal_joints = goal.joints;
   std::copy_backward(memory.goals.begin(), memory.goals.end() - 1, memory.goals.end());
-  memory.goals[0] = goal.pose_RC.p;
+  memory.goals[0] = goal.pose_RC;
   memory.goal_count = std::min(memory.goal_count + 1, SafetyMemory::kGoals);
 }
 
@@ -116,11 +116,12 @@ void arm(const RobotState& robot, const Goal& start, const SafetySetup& setup,
   memory.phase = SafetyPhase::kActive;
   memory.holding = true;
   memory.holds_left = 0;
-  memory.velocity_known = false;
   memory.missed = 0;
   memory.setpoint_apart = 0;
   memory.goal_count = 0;
+  memory.unanswered = 0;
   put_in_force(start, memory);
+  memory.answered_RC = start.pose_RC;
   const JointState& setpoint = robot.jaw_setpoint_js.payload;
   const bool has_setpoint = robot.jaw_setpoint_js.seen && setpoint.valid && setpoint.count == 1 &&
                             std::isfinite(setpoint.position[0]);
@@ -129,18 +130,25 @@ void arm(const RobotState& robot, const Goal& start, const SafetySetup& setup,
 }
 
 /// Before arming: ready after so many periods in which the robot reported anew.
-void get_ready(const SafetySetup& setup, const RobotState& robot, const GatewayEvents& events,
-               std::int64_t now_ns, Judgement& result) {
+void get_ready(const SafetySetup& setup, const RobotState& robot, const PolicyRequest& request,
+               const GatewayEvents& events, std::int64_t now_ns, Judgement& result) {
   SafetyMemory& memory = result.memory;
+  if (request.looked) memory.obstacle = request.obstacle;
+  const bool checkable = safety::note_kinematics(setup, memory, robot);
+  memory.checked |= checkable;
   Goal start;
   Finding found = check_gateway(setup, memory, events, now_ns);
   if (!found) found = safety::check_robot(setup, memory, robot, now_ns);
   if (!found) found = safety::check_load(setup, memory, robot, now_ns);
+  if (!found && !memory.checked) found = {StopReason::kNotChecked, 0, 0, -1};
+  if (!found) found = safety::check_rest(robot);
   if (!found && !setup.registered) found = {StopReason::kNoRegistration, 0, 0, -1};
   if (!found) found = goal_at_setpoint(setup, robot, start);
   if (!found) found = safety::check_place(setup, start);
+  if (!found) found = memory.obstacle;
   result.finding = found;
   if (found) {
+    memory.checked = false;
     memory.phase = found.reason == StopReason::kNothingReceived ? SafetyPhase::kListening
                                                                 : SafetyPhase::kWaiting;
     memory.ready_count = 0;
@@ -152,7 +160,7 @@ void get_ready(const SafetySetup& setup, const RobotState& robot, const GatewayE
   }
   memory.phase = SafetyPhase::kWaiting;
   const double timestamp_s = robot.measured_js.payload.timestamp_s;
-  if (memory.ready_count == 0 || timestamp_s > memory.counted_s) {
+  if (checkable && (memory.ready_count == 0 || timestamp_s > memory.counted_s)) {
     ++memory.ready_count;
     memory.counted_s = timestamp_s;
   }
@@ -193,14 +201,13 @@ Finding take_goal(const SafetySetup& setup, const RobotState& robot, const Robot
   memory.command = command;
   memory.holding = false;
   memory.holds_left = 0;
-  memory.velocity_known = true;
-  memory.has_velocity = command.has_velocity;
   return {};
 }
 
 Finding follow_policy(const SafetySetup& setup, const RobotState& robot,
                       const PolicyRequest& request, std::int64_t elapsed_ns, Judgement& result) {
   SafetyMemory& memory = result.memory;
+  if (request.looked && request.obstacle) return request.obstacle;
   memory.credit_ns = std::min(memory.credit_ns + elapsed_ns, 2 * setup.period_ns);
   if (request.fresh) {
     memory.missed = 0;
@@ -221,7 +228,7 @@ Finding follow_policy(const SafetySetup& setup, const RobotState& robot,
     result.command = hold();
     return {};
   }
-  if (const Finding found = safety::check_jump(setup, memory.goal_RC, robot)) return found;
+  if (const Finding found = safety::check_jump(setup, memory, robot)) return found;
   if (memory.credit_ns < setup.period_ns) {
     return {StopReason::kTooFast, 1e-9 * static_cast<double>(elapsed_ns), setup.limits.period_s(),
             -1};
@@ -235,6 +242,7 @@ void stay_armed(const SafetySetup& setup, const RobotState& robot, const PolicyR
                 const GatewayEvents& events, std::int64_t now_ns, Judgement& result) {
   SafetyMemory& memory = result.memory;
   Finding found = must_hold(setup, memory, robot, events, now_ns);
+  safety::note_kinematics(setup, memory, robot);
   if (!found) found = safety::check_load(setup, memory, robot, now_ns);
   if (!found) found = safety::check_setpoint(setup, memory, robot);
   if (!found) found = follow_policy(setup, robot, request, now_ns - memory.now_ns, result);
@@ -274,7 +282,16 @@ const char* safety_phase_name(SafetyPhase phase) {
 
 std::string describe(const Finding& finding, const RobotState& robot) {
   switch (finding.reason) {
+    case StopReason::kNothingReceived:
+      if (robot.foreign == 0) return describe(finding);
+      return "no datagram of the robot that --robot names, but " + to_string(robot.foreign_source) +
+             " sends to this port: is that the robot?";
     case StopReason::kForeignSource:
+      if (moved_to_another_port(robot)) {
+        return "the robot " + to_string(robot.source) + " fell silent and " +
+               to_string(robot.foreign_source) +
+               " speaks: if its process was started anew press k to follow it";
+      }
       return describe(finding) + ", the last one " + to_string(robot.foreign_source) +
              ", the robot is " + to_string(robot.source);
     case StopReason::kTimestampBackward:
@@ -306,7 +323,7 @@ Judgement judge(const SafetySetup& setup, const SafetyMemory& memory, const Robo
       stay_stopped(events, result);
       break;
     default:
-      get_ready(setup, robot, events, now_ns, result);
+      get_ready(setup, robot, request, events, now_ns, result);
   }
   remember(robot, events, now_ns, result.memory);
   return result;

@@ -102,25 +102,43 @@ PsmJoints joints_of(const JointState& state) {
 
 /// The pose of the joints is local/measured_cp, and measured_cp is that in the frame A. Payloads
 /// are read by the robot one by one: only those of one Timestamp belong together.
-Finding check_kinematics(const SafetySetup& setup, const RobotState& robot) {
-  const CartesianPose& local = robot.local_measured_cp.payload;
-  const CartesianPose& measured = robot.measured_cp.payload;
-  const PsmJoints q = joints_of(robot.measured_js.payload);
-  if (local.timestamp_s == robot.measured_js.payload.timestamp_s) {
-    const PsmMismatch mismatch =
-        psm_mismatch(q, {local.rotation, local.translation}, *setup.mount.instrument);
-    if (!mismatch.agrees()) return {StopReason::kWrongInstrument, mismatch.position, 2e-6, -1};
-  }
-  if (local.timestamp_s == measured.timestamp_s) {
-    const double apart = (setup.X_AR * local.translation - measured.translation).norm();
-    const double turned =
-        (setup.X_AR.linear() * local.rotation - measured.rotation).cwiseAbs().maxCoeff();
-    if (!(apart <= 2e-6) || !(turned <= 2e-5)) return {StopReason::kBaseFrame, apart, 2e-6, -1};
-  }
-  return {};
+bool is_checkable(const RobotState& robot) {
+  const double timestamp_s = robot.local_measured_cp.payload.timestamp_s;
+  return robot.measured_js.payload.timestamp_s == timestamp_s &&
+         robot.measured_cp.payload.timestamp_s == timestamp_s;
 }
 
-Finding check_poses(const SafetySetup& setup, const RobotState& robot) {
+Finding check_instrument(const SafetySetup& setup, const RobotState& robot) {
+  const CartesianPose& local = robot.local_measured_cp.payload;
+  const PsmMismatch mismatch =
+      psm_mismatch(joints_of(robot.measured_js.payload), {local.rotation, local.translation},
+                   *setup.mount.instrument);
+  if (mismatch.agrees()) return {};
+  return {StopReason::kWrongInstrument, mismatch.position, 2e-6, -1};
+}
+
+/// A base frame that the console computes from other arms drifts by micrometres while nothing
+/// moves.
+Finding check_base_frame(const SafetySetup& setup, const RobotState& robot) {
+  constexpr double kNoise_m = 5e-5;
+  constexpr double kTurn = 5e-4;  // of an entry of the rotation
+  const CartesianPose& local = robot.local_measured_cp.payload;
+  const CartesianPose& measured = robot.measured_cp.payload;
+  const double apart = (setup.X_AR * local.translation - measured.translation).norm();
+  const double turned =
+      (setup.X_AR.linear() * local.rotation - measured.rotation).cwiseAbs().maxCoeff();
+  if (apart <= kNoise_m && turned <= kTurn) return {};
+  return {StopReason::kBaseFrame, apart, kNoise_m, -1};
+}
+
+Finding check_kinematics(const SafetySetup& setup, const SafetyMemory& memory,
+                         const RobotState& robot) {
+  const bool now = is_checkable(robot);
+  if (const Finding found = now ? check_instrument(setup, robot) : memory.instrument) return found;
+  return now ? check_base_frame(setup, robot) : memory.base_frame;
+}
+
+Finding check_poses(const SafetySetup& setup, const SafetyMemory& memory, const RobotState& robot) {
   constexpr double kOrthonormal = 1e-6;
   for (const auto& [part, pose] : {std::pair{1, &robot.measured_cp.payload},
                                    {2, &robot.setpoint_cp.payload},
@@ -129,7 +147,7 @@ Finding check_poses(const SafetySetup& setup, const RobotState& robot) {
     if (!(off <= kOrthonormal)) return {StopReason::kNotOrthonormal, off, kOrthonormal, part};
     if (!pose->translation.allFinite()) return {StopReason::kInvalid, 0, 0, part};
   }
-  if (const Finding found = check_kinematics(setup, robot)) return found;
+  if (const Finding found = check_kinematics(setup, memory, robot)) return found;
   const double distance =
       psm_wrist_distance(robot.measured_js.payload.position[2], *setup.mount.instrument);
   if (!(distance >= kPsmCannula)) return {StopReason::kInCannula, distance, kPsmCannula, -1};
@@ -178,7 +196,28 @@ Finding check_robot(const SafetySetup& setup, const SafetyMemory& memory, const 
   if (!std::all_of(positions.begin(), positions.begin() + 6, finite))
     return {StopReason::kInvalid, 0, 0, 0};
   if (!finite(robot.jaw_measured_js.payload.position[0])) return {StopReason::kInvalid, 0, 0, 4};
-  return check_poses(setup, robot);
+  return check_poses(setup, memory, robot);
+}
+
+bool note_kinematics(const SafetySetup& setup, SafetyMemory& memory,
+                     const RobotState& robot) noexcept {
+  const bool valid = robot.measured_js.payload.valid && robot.measured_js.payload.count == 6 &&
+                     robot.measured_cp.payload.valid && robot.local_measured_cp.payload.valid;
+  if (!valid || !is_checkable(robot)) return false;
+  memory.instrument = check_instrument(setup, robot);
+  memory.base_frame = check_base_frame(setup, robot);
+  return true;
+}
+
+Finding check_rest(const RobotState& robot) noexcept {
+  const JointState& setpoint = robot.setpoint_js.payload;
+  if (!robot.setpoint_js.seen) return {StopReason::kStreamMissing, 0, 0, kSetpointStream};
+  if (!setpoint.valid) return {StopReason::kInvalid, 0, 0, kSetpointStream};
+  for (int k = 0; k < std::min(setpoint.velocity_count, 6); ++k) {
+    const double velocity = setpoint.velocity[static_cast<std::size_t>(k)];
+    if (velocity != 0) return {StopReason::kSetpointVelocity, velocity, 0, k};
+  }
+  return {};
 }
 
 Finding check_load(const SafetySetup& setup, SafetyMemory& memory, const RobotState& robot,
@@ -206,14 +245,41 @@ Finding check_load(const SafetySetup& setup, SafetyMemory& memory, const RobotSt
   return {};
 }
 
+namespace {
+
+/// Far below a step, far above what a robot rounds.
+bool is_at(const PsmPose& setpoint_RC, const PsmPose& goal_RC) {
+  return (setpoint_RC.p - goal_RC.p).norm() <= 1e-4 &&
+         (setpoint_RC.R - goal_RC.R).cwiseAbs().maxCoeff() <= 5e-3;
+}
+
+/// The newest goal at which the set-point is. Beyond those that are remembered it may still be at
+/// the one where it was seen last: then all since got lost.
+void count_unanswered(SafetyMemory& memory, const PsmPose& setpoint_RC) {
+  for (int k = 0; k < memory.goal_count; ++k) {
+    if (!is_at(setpoint_RC, memory.goals[static_cast<std::size_t>(k)])) continue;
+    memory.answered_RC = memory.goals[static_cast<std::size_t>(k)];
+    memory.unanswered = k;
+    return;
+  }
+  memory.unanswered = is_at(setpoint_RC, memory.answered_RC) ? SafetyMemory::kGoals : 0;
+}
+
+}  // namespace
+
 Finding check_setpoint(const SafetySetup& setup, SafetyMemory& memory,
                        const RobotState& robot) noexcept {
   if (memory.goal_count == 0) return {};
   const CartesianPose& setpoint = robot.setpoint_cp.payload;
-  const Vector3d p_RC = pose_in_R(setup, setpoint.rotation, setpoint.translation).p;
+  const PsmPose setpoint_RC = pose_in_R(setup, setpoint.rotation, setpoint.translation);
+  count_unanswered(memory, setpoint_RC);
+  if (!memory.holding && memory.unanswered == SafetyMemory::kGoals)
+    return {StopReason::kCommandsLost, static_cast<double>(memory.unanswered), 0, -1};
   double apart = std::numeric_limits<double>::infinity();
-  for (int k = 0; k < memory.goal_count; ++k)
-    apart = std::min(apart, (memory.goals[static_cast<std::size_t>(k)] - p_RC).norm());
+  for (int k = 0; k < memory.goal_count; ++k) {
+    const PsmPose& goal_RC = memory.goals[static_cast<std::size_t>(k)];
+    apart = std::min(apart, (goal_RC.p - setpoint_RC.p).norm());
+  }
   const double most = setup.limits.setpoint_error_m();
   memory.setpoint_apart = apart <= most ? 0 : memory.setpoint_apart + 1;
   if (memory.setpoint_apart < setup.limits.setpoint_error_periods()) return {};

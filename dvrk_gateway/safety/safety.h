@@ -53,7 +53,10 @@ struct GatewayEvents {
 struct PolicyRequest {
   bool fresh = false;  ///< an action arrived since the last period
   /// kServoCp or kServoJp: where to go. kHold: the episode is over; the arm holds and stays armed.
-  RobotCommand command;
+  RobotCommand command = {};
+  /// The way to where the arm is to go was looked for, and what is in it: nothing is armed then.
+  bool looked = false;
+  Finding obstacle = {};
 };
 
 enum class SafetyPhase : int {
@@ -86,12 +89,14 @@ struct SafetyMemory {
   std::uint64_t foreign = 0, restarts = 0;
   std::array<double, kStreams> timestamp_s{};  ///< newest, by stream
   double counted_s = 0;                        ///< Timestamp at the last of ready_count
+  // What the last payloads of one Timestamp said: of others nothing can be said.
+  Finding instrument, base_frame;
+  bool checked = false;  ///< there were such payloads since the last obstacle to arming
+  Finding obstacle;      ///< PolicyRequest::obstacle, the newest
   std::int64_t tracking_since_ns = -1, effort_since_ns = -1;  ///< -1: within the limit
 
   // While armed.
-  bool holding = false;       ///< no goal is in force
-  bool has_velocity = false;  ///< of every goal since arming, or of none
-  bool velocity_known = false;
+  bool holding = false;      ///< no goal is in force
   std::uint32_t missed = 0;  ///< periods since the last action
   RobotCommand command;      ///< of the goal in force, jaw as asked
   PsmPose goal_RC;           ///< goal in force
@@ -99,8 +104,10 @@ struct SafetyMemory {
   double jaw = 0;              ///< last goal of the jaw that was sent
   std::int64_t credit_ns = 0;  ///< each goal takes a period of it, and time gives it back
   /// Last goals in R, newest first, which setpoint_cp must follow.
-  std::array<Eigen::Vector3d, kGoals> goals{};
+  std::array<PsmPose, kGoals> goals{};
   int goal_count = 0;
+  PsmPose answered_RC;               ///< the newest of all goals at which setpoint_cp was seen
+  int unanswered = 0;                ///< goals since that one; kGoals stands for more
   std::uint32_t setpoint_apart = 0;  ///< consecutive periods
 };
 
@@ -113,6 +120,12 @@ struct Judgement {
   Finding finding;
   bool stopped_now = false;  ///< finding stopped the arm
 };
+
+/// Whether the tip may be at p_WT with this orientation of the control point: box, reach, joint
+/// limits and cannula, as of every goal. `joints` are those of the pose, roll nearest to
+/// `roll_near`.
+Finding check_goal_pose(const SafetySetup& setup, const Eigen::Matrix3d& R_WC,
+                        const Eigen::Vector3d& p_WT, double roll_near, PsmJoints& joints) noexcept;
 
 /// describe() with the addresses that the reason is about.
 std::string describe(const Finding& finding, const RobotState& robot);

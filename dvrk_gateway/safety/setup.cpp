@@ -18,6 +18,10 @@ SafetySetup make_safety_setup(const pb::SafetyLimits& limits, const ToolMount& m
     throw_error("safety.jaw_min_rad: {} rad, allowed below safety.jaw_max_rad, {} rad",
                 limits.jaw_min_rad(), limits.jaw_max_rad());
   }
+  if (!(limits.jump_m() >= limits.step_m())) {
+    throw_error("safety.jump_m: {} m, allowed from safety.step_m, {} m", limits.jump_m(),
+                limits.step_m());
+  }
   if (!(limits.tick_gap_s() > limits.period_s())) {
     throw_error("safety.tick_gap_s: {} s, allowed above safety.period_s, {} s", limits.tick_gap_s(),
                 limits.period_s());

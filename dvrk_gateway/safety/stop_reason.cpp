@@ -6,6 +6,7 @@
 
 #include "core/check.h"
 #include "core/psm_instrument.h"
+#include "dvrk_gateway/protocol/robot_state.h"
 
 namespace omentum {
 namespace {
@@ -40,7 +41,8 @@ constexpr std::array<Text, kStopReasons + 1> kTexts = {{
     {StopReason::kTimestampBackward, "TIMESTAMP_BACKWARD",
      "Timestamp went back: the robot's process was started anew"},
     {StopReason::kStale, "STALE",
-     "stream {stream} stands still for {value:.3g} s, allowed {allowed:.3g} s"},
+     "stream {stream} stands still for {value:.3g} s, allowed {allowed:.3g} s: its datagrams get "
+     "lost on the network, or the robot sends no new ones"},
     {StopReason::kFault, "FAULT", "the robot is in FAULT: clear it at its console"},
     {StopReason::kNotEnabled, "NOT_ENABLED", "the robot is not ENABLED: power it at its console"},
     {StopReason::kNotHomed, "NOT_HOMED", "the robot is not homed: home it at its console"},
@@ -71,7 +73,7 @@ constexpr std::array<Text, kStopReasons + 1> kTexts = {{
     {StopReason::kRotation, "ROTATION",
      "rotation of the goal is not orthonormal by {value:.3g}, allowed {allowed:.3g}"},
     {StopReason::kFeedForward, "FEED_FORWARD",
-     "velocity of the goal is {value:.3g}, allowed {allowed:.3g}, in every goal or in none"},
+     "velocity of the goal is {value:.3g}, allowed {allowed:.3g}: goals are places to rest at"},
     {StopReason::kOutsideBox, "OUTSIDE_BOX",
      "tip at {axis}_W = {value:.5g} m, the workspace ends at {allowed:.5g} m"},
     {StopReason::kUnreachable, "UNREACHABLE",
@@ -88,13 +90,28 @@ constexpr std::array<Text, kStopReasons + 1> kTexts = {{
      "goal {value:.3g} m from setpoint_cp along {axis}_W, allowed {allowed:.3g} m"},
     {StopReason::kTooFast, "TOO_FAST",
      "goals follow each other after {value:.3g} s, the period is {allowed:.3g} s"},
+    {StopReason::kSetpointVelocity, "SETPOINT_VELOCITY",
+     "the set-point of {joint} has a velocity of {value:.3g} rad/s (m/s): another client gave it "
+     "one, which stays until it is taken back; end that client, then hold the arm at its console"},
+    {StopReason::kCommandsLost, "COMMANDS_LOST",
+     "the set-point is still where it was {value:.0f} goals ago: commands get lost on the network, "
+     "or the robot no longer takes them"},
+    {StopReason::kNotChecked, "NOT_CHECKED",
+     "the instrument could not be checked yet: measured_js, measured_cp and local/measured_cp of "
+     "one Timestamp are needed"},
+    {StopReason::kNoWay, "NO_WAY",
+     "no way inside box and joint limits leads from here to the start: at the console turn "
+     "{joint} from {value:.3g} towards {allowed:.3g} rad (m), or bring the tip elsewhere"},
 }};
+
+/// NOT_ENABLED where the robot says PAUSED.
+constexpr const char* kPaused = "the robot is PAUSED: resume it at its console";
 
 /// STALE of no stream in particular.
 constexpr const char* kSilent =
     "nothing came from the robot for {value:.3g} s, allowed {allowed:.3g} s: it has ended, the "
     "network "
-    "is cut, or another client spoke to it and took the stream";
+    "is cut or loses most of its datagrams, or another client spoke to it and took the stream";
 
 const Text& text_of(StopReason reason) {
   const auto at = static_cast<std::size_t>(reason);
@@ -107,21 +124,23 @@ const Text& text_of(StopReason reason) {
 const char* stop_reason_name(StopReason reason) { return text_of(reason).name; }
 
 const char* stream_name(int part) {
-  constexpr std::array<const char*, kStreams> kNames = {"measured_js",     "measured_cp",
-                                                        "setpoint_cp",     "local/measured_cp",
-                                                        "jaw/measured_js", "operating_state"};
-  return part >= 0 && part < kStreams ? kNames[static_cast<std::size_t>(part)] : "";
+  constexpr std::array<const char*, kStreams + 1> kNames = {
+      "measured_js",     "measured_cp",     "setpoint_cp", "local/measured_cp",
+      "jaw/measured_js", "operating_state", "setpoint_js"};
+  return part >= 0 && part <= kStreams ? kNames[static_cast<std::size_t>(part)] : "";
 }
 
 std::string describe(const Finding& finding) {
   constexpr std::array<const char*, 3> kAxes = {"x", "y", "z"};
   const auto part = static_cast<std::size_t>(finding.part);
-  const bool silent = finding.reason == StopReason::kStale && finding.part < 0;
-  return fmt::format(fmt::runtime(silent ? kSilent : text_of(finding.reason).text),
-                     fmt::arg("value", finding.value), fmt::arg("allowed", finding.allowed),
-                     fmt::arg("stream", stream_name(finding.part)),
-                     fmt::arg("axis", part < 3 ? kAxes[part] : ""),
-                     fmt::arg("joint", part < 6 ? large_needle_driver().limits[part].name : ""));
+  const char* text = text_of(finding.reason).text;
+  if (finding.reason == StopReason::kStale && finding.part < 0) text = kSilent;
+  constexpr auto kPausedState = static_cast<int>(OperatingState::State::kPaused);
+  if (finding.reason == StopReason::kNotEnabled && finding.value == kPausedState) text = kPaused;
+  return fmt::format(
+      fmt::runtime(text), fmt::arg("value", finding.value), fmt::arg("allowed", finding.allowed),
+      fmt::arg("stream", stream_name(finding.part)), fmt::arg("axis", part < 3 ? kAxes[part] : ""),
+      fmt::arg("joint", part < 6 ? large_needle_driver().limits[part].name : ""));
 }
 
 }  // namespace omentum

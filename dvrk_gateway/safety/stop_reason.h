@@ -49,8 +49,19 @@ enum class StopReason : int {
   kJointStep = 35,
   kJump = 36,
   kTooFast = 37,
+  kSetpointVelocity = 38,  // before arming alone
+  kCommandsLost = 39,      // what becomes of the goals
+  kNotChecked = 40,        // before arming alone
+  kNoWay = 41,             // before arming alone
 };
-inline constexpr int kStopReasons = 37;  ///< without kNone: 1 ... 37
+inline constexpr int kStopReasons = 41;  ///< without kNone: 1 ... 41
+
+/// It stands in the way of arming, and no armed arm is stopped for it.
+constexpr bool is_before_arming_alone(StopReason reason) {
+  return (reason > StopReason::kNone && reason <= StopReason::kNoRegistration) ||
+         reason == StopReason::kSetpointVelocity || reason == StopReason::kNotChecked ||
+         reason == StopReason::kNoWay;
+}
 
 /// FAULT, STALE, OUTSIDE_BOX: for recordings and counters.
 const char* stop_reason_name(StopReason reason);
@@ -66,8 +77,10 @@ struct Finding {
   explicit operator bool() const { return reason != StopReason::kNone; }
 };
 
-/// Streams in the order of Finding::part.
+/// Streams in the order of Finding::part; setpoint_js, which is looked at before arming alone, is
+/// behind them.
 inline constexpr int kStreams = 6;
+inline constexpr int kSetpointStream = kStreams;
 const char* stream_name(int part);
 
 /// One line for the operator: what, with figures and unit, and what to do.

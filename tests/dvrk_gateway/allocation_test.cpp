@@ -17,7 +17,6 @@ TEST(Allocations, NoneFromSocketToStateAndBack) {
   RobotState state;
   RobotCommand command;
   command.kind = RobotCommand::Kind::kServoCp;
-  command.has_velocity = true;
   const std::string long_name(5000, 'x');
   const std::string texts[] = {
       R"({"measured_js":{"Name":["yaw"],"Position":[0.1],"Timestamp":1e-3,"Valid":true}})",

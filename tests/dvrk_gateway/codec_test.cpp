@@ -96,7 +96,6 @@ TEST(Codec, CommandsAreReadAsTheyWereWritten) {
   command.rotation << 0.1, -2.6984858791934131e-11, 3, 4, 5, 6, 7, 8, 1.0 / 3;
   command.translation << 0.1, -1e-300, 5e-324;
   command.jaw = -0.1;
-  command.has_velocity = true;
   command.velocity << 1, 2, 3;
   command.angular_velocity << 0.4, 0.5, 0.6;
   CommandDatagram said = decode_commands(text_of(command));
@@ -123,12 +122,19 @@ TEST(Codec, CommandsAreReadAsTheyWereWritten) {
   EXPECT_EQ(text_of(command), R"({"hold":""})");
 }
 
-TEST(Codec, WithoutVelocityNoVelocityIsWritten) {
+TEST(Codec, EveryGoalStatesItsVelocities) {
   RobotCommand command;
-  for (const Kind kind : {Kind::kServoCp, Kind::kServoJp}) {
-    command.kind = kind;
-    EXPECT_THAT(text_of(command), testing::Not(HasSubstr("Velocity")));
-  }
+  command.kind = Kind::kServoCp;
+  CommandDatagram said = decode_commands(text_of(command));
+  ASSERT_TRUE(said.servo_cp && said.servo_cp->has_velocity && said.servo_cp->has_angular_velocity);
+  EXPECT_EQ(said.servo_cp->velocity, Eigen::Vector3d::Zero());
+  EXPECT_EQ(said.servo_cp->angular_velocity, Eigen::Vector3d::Zero());
+  ASSERT_TRUE(said.jaw_servo_jp);
+  EXPECT_EQ(said.jaw_servo_jp->velocity_count, 1);
+  command.kind = Kind::kServoJp;
+  said = decode_commands(text_of(command));
+  ASSERT_TRUE(said.servo_jp);
+  EXPECT_EQ(said.servo_jp->velocity_count, 6);
 }
 
 TEST(Codec, LongestCommandFitsTheReceiver) {
@@ -141,7 +147,6 @@ TEST(Codec, LongestCommandFitsTheReceiver) {
   command.joints.fill(kLongest);
   command.joint_velocity.fill(kLongest);
   command.jaw = kLongest;
-  command.has_velocity = true;
   std::size_t longest = 0;
   for (const Kind kind : {Kind::kServoCp, Kind::kServoJp}) {
     command.kind = kind;

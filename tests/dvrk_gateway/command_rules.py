@@ -4,7 +4,7 @@ import math
 
 import gateway_rig as rig
 
-STEP_M, JUMP_M, JAW_STEP = 0.0005, 0.003, 0.04
+STEP_M, JUMP_M, JAW_STEP = 0.0005, 0.001, 0.04
 PERIOD_S = 0.02
 UNDER_WAY_S = 2 * PERIOD_S  # a goal may have been made before what the robot said since
 ROUNDING = 1e-6
@@ -96,6 +96,9 @@ class CommandRules:
         if set(said) != {"servo_cp", "jaw/servo_jp"}:
             return self.wrong.append(f"keys {sorted(said)}")
         self.goal_count += 1
+        if said["servo_cp"].get("Velocity") != [0.0] * 3 or said["servo_cp"].get("VelocityAngular") != [0.0] * 3 or \
+                said["jaw/servo_jp"].get("Velocity") != [0.0]:
+            self.wrong.append("a velocity that is not stated as zero")
         if self.armed_at is None or self.holds:
             self.wrong.append("goal while not armed")
         if self.forbidden_from is not None and now > self.forbidden_from:

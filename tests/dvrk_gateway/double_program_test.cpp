@@ -118,6 +118,7 @@ TEST(DoubleProgram, WrongInputIsOneLineAndCode2) {
       {{"--port", "48051", "--missing", "nothing"}, "measured_js"},
       {{"--port", "48051", "--at", "5"}, "SECONDS COMMAND"},
       {{"--port", "48051", "--at", "5 dance"}, "dance"},
+      {{"--port", "48051", "--at", "5 carry 400"}, "allowed -260 ... 260"},
       {{"--port", "48051", "--scene", "nowhere.txtpb"}, "nowhere.txtpb"},
       {{"--port", "48051", "--set", "scene.arm.payload_kg=7"}, "payload_kg"},
       {{"--port", "48051", "--to", "256.0.0.1"}, "256.0.0.1"},

@@ -114,7 +114,7 @@ FAULTS = {
     "strained": (lambda s: setattr(s, "change", strain), False),
     "lags": (lambda s: setattr(s, "change", lag), False),
     "set-point jumps": (lambda s: setattr(s, "change", shift("setpoint_cp", 0.006)), False),
-    "set-point apart": (lambda s: setattr(s, "change", shift("setpoint_cp", 0.0018)), False),
+    "set-point apart": (lambda s: setattr(s, "change", shift("setpoint_cp", 0.0008)), False),
     "garbage": (lambda s: s.send_garbage(), False),
 }
 NEVER_ARMED = ("old shapes", "stream missing", "no registration", "in the cannula")
@@ -302,7 +302,7 @@ class Script:
     def result(self, armed):
         text = self.gateway.text()
         stops = [line for line in text.splitlines() if line.startswith("stopped:")]
-        reasons = [name for name, words in TEXTS.items() if any(re.search(words, line) for line in stops[:-1] or stops)]
+        reasons = [name for name, words in TEXTS.items() if any(re.search(words, line) for line in stops)]
         reasons += [name for name, words in WAITING.items() if re.search(words, text)]
         # A stream is taken once the robot sends to the thief: its goals and the gateway's compete for it until then.
         begin = self.caused_at and (self.taken_at or self.caused_at)

@@ -67,6 +67,8 @@ enum class Fault : int {
   kKeyReleased,
   kGatewayFault,
   kArmAtRandom,
+  kLeftVelocity,
+  kNoWay,
   kCount
 };
 
@@ -283,6 +285,8 @@ class FaultScript {
     if (const Event* event = active(Fault::kOtherBase))
       state.measured_cp.payload.translation.x() += 0.02 * event->size;
     if (active(Fault::kCannula) != nullptr) stand_in_cannula(state);
+    if (const Event* event = active(Fault::kLeftVelocity))
+      state.setpoint_js.payload.velocity[static_cast<std::size_t>(event->part % 6)] = event->size;
   }
 
   void spoil_number(RobotState& state, int part) {
@@ -324,6 +328,8 @@ class FaultScript {
       if (active(Fault::kPolicyJaw) != nullptr) jaw_ = uniform(-3, 3);
     }
     request.fresh = true;
+    request.looked = true;
+    if (active(Fault::kNoWay) != nullptr) request.obstacle = {StopReason::kNoWay, 0.5, 1.5, 3};
     request.command = goal();
     spoil(request.command);
     return request;
@@ -348,7 +354,6 @@ class FaultScript {
     if (const Event* event = active(Fault::kPolicyScales))
       command.rotation *= 1 + 1e-6 * (event->size - 0.5);
     if (const Event* event = active(Fault::kPolicyVelocity)) {
-      command.has_velocity = true;
       command.velocity[event->part % 3] = 0.05 * event->size;
       command.joint_velocity[static_cast<std::size_t>(event->part % 6)] = event->size;
     }

@@ -29,6 +29,8 @@ enum class Fault : int {
   kCannula,
   kLoad,
   kDeaf,
+  kLeftVelocity,
+  kNoWay,
   kForeign,
   kGarbage,
   kOtherInstrument,
@@ -102,14 +104,16 @@ inline std::optional<RobotCommand> command_of(const std::string& text) {
     command.kind = RobotCommand::Kind::kServoCp;
     command.rotation = said.servo_cp->rotation;
     command.translation = said.servo_cp->translation;
-    command.has_velocity = said.servo_cp->has_velocity;
+    if (!said.servo_cp->has_velocity || !said.servo_cp->has_angular_velocity) return {};
     command.velocity = said.servo_cp->velocity;
+    command.angular_velocity = said.servo_cp->angular_velocity;
     return command;
   }
-  if (!said.servo_jp || said.servo_jp->goal_count != 6) return {};
+  if (!said.servo_jp || said.servo_jp->goal_count != 6 || said.servo_jp->velocity_count != 6)
+    return {};
   command.kind = RobotCommand::Kind::kServoJp;
   std::copy_n(said.servo_jp->goal.begin(), 6, command.joints.begin());
-  command.has_velocity = said.servo_jp->velocity_count > 0;
+  std::copy_n(said.servo_jp->velocity.begin(), 6, command.joint_velocity.begin());
   return command;
 }
 

@@ -167,6 +167,9 @@ class GatewayScript final : public ControlPort {
 
   /// One episode of the policy: to a start close by, then at random.
   void act(ArmGuide& guide) {
+    while (!guide.measures()) {
+      if (!guide.watch()) return;
+    }
     const Vector3d aside(uniform(-0.002, 0.002), uniform(-0.002, 0.002), uniform(-0.001, 0.001));
     tip_ = inside(guide.measured_tip() + aside);
     if (!guide.go_to(tip_)) return;
@@ -221,6 +224,8 @@ class GatewayScript final : public ControlPort {
   // ---- wrong: the policy -----------------------------------------------------------------------
 
   void spoil(PolicyRequest& request) {
+    if (request.looked && active(Fault::kNoWay) != nullptr)
+      request.obstacle = {StopReason::kNoWay, 4.4, -1.5, 3};
     if (!request.fresh) return;
     RobotCommand& command = request.command;
     if (active(Fault::kPolicyHolds) != nullptr) command.kind = RobotCommand::Kind::kHold;
@@ -251,7 +256,6 @@ class GatewayScript final : public ControlPort {
     if (const Event* event = active(Fault::kPolicyScales))
       command.rotation *= 1 + 1e-6 * (event->size - 0.5);
     if (const Event* event = active(Fault::kPolicyVelocity)) {
-      command.has_velocity = true;
       command.velocity = 0.05 * event->size * axis(*event);
       command.joint_velocity[event->part % 6] = event->size;
     }
@@ -347,6 +351,8 @@ class GatewayScript final : public ControlPort {
       case Fault::kDeaf:
         sides_.deaf = begins;
         return;
+      case Fault::kLeftVelocity:  // of a client that was here before, and is gone
+        return begins ? leave_velocity() : void();
       case Fault::kForeign:
         if (active(Fault::kForeign) != &event) return;
         return sides_.tell_gateway(R"({"measured_js":{"Position":[0],"Valid":true}})",
@@ -357,6 +363,16 @@ class GatewayScript final : public ControlPort {
         if (begins) sides_.tamper = test::tampering(event);
         if (ends) sides_.tamper = nullptr;
     }
+  }
+  void leave_velocity() {
+    CommandDatagram command;
+    command.known_keys = 1;
+    command.servo_jp = JointGoal{};
+    command.servo_jp->goal_count = command.servo_jp->velocity_count = 6;
+    const JointState at = sides_.robot().arm().setpoint_js();
+    std::copy_n(at.position.begin(), 6, command.servo_jp->goal.begin());
+    command.servo_jp->velocity.fill(0.05);
+    sides_.robot().arm().command(command);
   }
   void shift_joint(const Event& event) {
     CommandDatagram command;

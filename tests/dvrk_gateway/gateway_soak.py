@@ -10,6 +10,7 @@ each late period of the recording is held against those moments, and one that ha
 import os
 import pathlib
 import re
+import signal
 import subprocess
 import sys
 import tempfile
@@ -22,7 +23,7 @@ except ImportError:
     make_reader = None
 
 import gateway_rig as rig
-from machine_watch import MachineWatch
+from machine_watch import MachineWatch, can_watch
 
 ARMED_S = 60  # patience
 SETTLED_S = 20  # after which memory must stay as it is
@@ -103,7 +104,18 @@ def attend(gateway, seconds):
     return minutes, settled, last
 
 
+def end_by_signal(*_):
+    """So that what was started is ended, too."""
+    sys.exit(143)
+
+
 def main():
+    signal.signal(signal.SIGTERM, end_by_signal)
+    if not can_watch():
+        print("gateway_soak.py: SCHED_FIFO is refused here, as in a plain container: neither the gateway keeps its periods beside "
+              "busy cores nor can it be seen when the machine itself stands still; run as root with CAP_SYS_NICE, or raise "
+              "`ulimit -r` to 95", file=sys.stderr)
+        return 77
     programs, seconds = rig.programs_folder(pathlib.Path(sys.argv[1])), float(sys.argv[2])
     busy = []
     with tempfile.TemporaryDirectory() as scratch:
@@ -130,7 +142,7 @@ def main():
         text = gateway.text()
         late = late_periods(sorted(folder.glob("recordings-*/*.mcap")))
     figures = figures_of(text)
-    stops = rig.phases(text).count("stopped") - 1  # the last one is the end
+    stops = rig.phases(text).count("stopped")
     print(f"gateway.latency_p99_ms {figures['latency_p99']} ms # p50 {figures['latency_p50']} max {figures['latency_max']}")
     print(f"gateway.jitter_p99_ms {figures['jitter_p99']} ms # p50 {figures['jitter_p50']} max {figures['jitter_max']}")
     print(f"gateway.missed_ticks {figures['late'] + figures['missed']} ticks # of {figures['periods']}, "

@@ -6,9 +6,7 @@
 #include <functional>
 #include <memory>
 
-#include "dvrk_gateway/backend/arm_guide.h"
-#include "tests/dvrk_gateway/ideal_robot.h"
-#include "tests/dvrk_gateway/two_sides.h"
+#include "tests/dvrk_gateway/gateway_session.h"
 
 namespace omentum {
 namespace {
@@ -18,7 +16,8 @@ using test::TwoSides;
 using testing::HasSubstr;
 
 constexpr std::int64_t kMs = TwoSides::kMs;
-const Vector3d kStart(-0.02, 0.055, 0.09);  // p_WT
+using test::kStartTip;
+using test::Session;
 
 Eigen::Isometry3d turned_base() {
   Eigen::Isometry3d X_AR = Eigen::Isometry3d::Identity();
@@ -26,63 +25,6 @@ Eigen::Isometry3d turned_base() {
   X_AR.translation() = Vector3d(0.3, -0.2, 0.1);
   return X_AR;
 }
-
-/// A gateway whose arm is armed and follows goals.
-struct Session {
-  explicit Session(const Disturbance& network = {},
-                   const Eigen::Isometry3d& X_AR = Eigen::Isometry3d::Identity(),
-                   std::uint64_t seed = 1)
-      : setup(make_safety_setup({}, test::paper_mount(), X_AR, true)),
-        sides(robot_options(X_AR), {}, setup.mount, network, seed) {
-    sides.bring_to(joints_for_tip(setup.mount, kStart).value());
-    loop = std::make_unique<ControlLoop>(sides.gateway_link, sides, setup);
-    port = std::make_unique<SteppedPort>(*loop, sides, events);
-    guide = std::make_unique<ArmGuide>(*port, setup, ArmGuideOptions{}, [this](const Period& now) {
-      if (now.judgement.memory.phase == SafetyPhase::kReady) events.arm_ns = sides.now_ns();
-      if (sides.now_ns() > 20 * TwoSides::kS) throw_error("{}", describe(now.judgement.finding));
-    });
-  }
-  static DoubleOptions robot_options(const Eigen::Isometry3d& X_AR) {
-    DoubleOptions options;
-    options.X_AR = X_AR;
-    return options;
-  }
-
-  /// A circle of 10 mm radius in half a minute at most; why it ended before, where it did.
-  Result<void> follow_circle(int steps, const std::function<void()>& each = {}) {
-    for (int k = 0; k < steps; ++k) {
-      const double angle = 0.04 * ++step;
-      const Vector3d aside(0.01 * (1 - std::cos(angle)), 0.01 * std::sin(angle), 0);
-      if (const Result<void> went = guide->follow(kStart + aside); !went) return went;
-      if (each) each();
-    }
-    return {};
-  }
-  /// True tip of the robot [m].
-  Vector3d tip() const { return setup.mount.X_WR * local_tip(); }
-  Vector3d local_tip() const {
-    const JointState q = sides.robot().arm().measured_js();
-    PsmJoints joints{};
-    std::copy_n(q.position.begin(), 6, joints.begin());
-    const PsmPose pose = psm_forward(joints);
-    return pose.p + setup.mount.tip_offset * pose.R.col(2);
-  }
-  std::vector<std::int64_t> hold_times() const {
-    std::vector<std::int64_t> times;
-    for (const auto& datagram : sides.gateway_link.sent) {
-      if (datagram.text.find("hold") != std::string::npos) times.push_back(datagram.time_ns);
-    }
-    return times;
-  }
-
-  int step = 0;  ///< of the circle
-  SafetySetup setup;
-  mutable TwoSides sides;
-  GatewayEvents events;
-  std::unique_ptr<ControlLoop> loop;
-  std::unique_ptr<SteppedPort> port;
-  std::unique_ptr<ArmGuide> guide;
-};
 
 struct Stop {
   const char* name;
@@ -96,7 +38,7 @@ struct Stop {
 void expect_held_in_time(const Stop& stop, std::int64_t after_ns) {
   SCOPED_TRACE(std::string(stop.name) + ", ns into the period: " + std::to_string(after_ns));
   Session session;
-  ASSERT_TRUE(session.guide->go_to(kStart));
+  ASSERT_TRUE(session.guide->go_to(kStartTip));
   ASSERT_TRUE(session.follow_circle(20));
   session.sides.sleep_until(session.sides.now_ns() + after_ns);
   const std::int64_t caused_ns = session.sides.now_ns();
@@ -131,7 +73,7 @@ TEST(GatewayStops, ATheftARestartAndASecondRobotAreHeldWithin50MsAndNamed) {
 
 TEST(GatewayStops, TheOperatorIsNotMadeToWaitForThePeriod) {
   Session session;
-  ASSERT_TRUE(session.guide->go_to(kStart));
+  ASSERT_TRUE(session.guide->go_to(kStartTip));
   ASSERT_TRUE(session.follow_circle(20));
   std::int64_t stopped_ns = 0;
   session.sides.after_period = [&](DvrkDouble&) {  // in the middle of a period of the gateway
@@ -149,7 +91,7 @@ TEST(GatewayStops, TheOperatorIsNotMadeToWaitForThePeriod) {
 
 TEST(GatewayStops, AfterATheftTheHoldsTakeTheStreamBack) {
   Session session;
-  ASSERT_TRUE(session.guide->go_to(kStart));
+  ASSERT_TRUE(session.guide->go_to(kStartTip));
   session.sides.robot().steal(test::kStranger);
   ASSERT_FALSE(session.follow_circle(60));
   for (int k = 0; k < 10; ++k) session.port->exchange({});
@@ -159,7 +101,7 @@ TEST(GatewayStops, AfterATheftTheHoldsTakeTheStreamBack) {
 
 TEST(GatewayStops, APolicyThatStallsIsHeldWithin50Ms) {
   Session session;
-  ASSERT_TRUE(session.guide->go_to(kStart));
+  ASSERT_TRUE(session.guide->go_to(kStartTip));
   ASSERT_TRUE(session.follow_circle(20));
   const std::int64_t last_ns = session.sides.gateway_link.sent.back().time_ns;
   for (int k = 0; k < 20; ++k) session.port->exchange({});
@@ -177,12 +119,12 @@ TEST(GatewayNetwork, LossDuplicationReorderingAndJitterChangeThePathByLessThanOn
   bad.jitter_s = 0.005;
   std::vector<Vector3d> undisturbed;
   Session plain;
-  ASSERT_TRUE(plain.guide->go_to(kStart));
+  ASSERT_TRUE(plain.guide->go_to(kStartTip));
   ASSERT_TRUE(plain.follow_circle(500, [&] { undisturbed.push_back(plain.tip()); }));
   int ended = 0;
   for (std::uint64_t seed = 1; seed <= 10; ++seed) {
     Session session(bad, Eigen::Isometry3d::Identity(), seed);
-    ASSERT_TRUE(session.guide->go_to(kStart));
+    ASSERT_TRUE(session.guide->go_to(kStartTip));
     std::vector<Vector3d> path;
     const Result<void> went = session.follow_circle(500, [&] { path.push_back(session.tip()); });
     ended += went ? 0 : 1;
@@ -200,8 +142,8 @@ TEST(GatewayNetwork, LossDuplicationReorderingAndJitterChangeThePathByLessThanOn
 
 TEST(GatewayBaseFrame, ATurnedBaseOfTheConsoleGivesTheSamePath) {
   Session plain, turned({}, turned_base());
-  ASSERT_TRUE(plain.guide->go_to(kStart));
-  ASSERT_TRUE(turned.guide->go_to(kStart));
+  ASSERT_TRUE(plain.guide->go_to(kStartTip));
+  ASSERT_TRUE(turned.guide->go_to(kStartTip));
   ASSERT_TRUE(plain.follow_circle(100));
   ASSERT_TRUE(turned.follow_circle(100));
   EXPECT_LT((plain.tip() - turned.tip()).norm(), 1e-9);

@@ -74,6 +74,7 @@ class IdealRobot {
   static void set(JointState& to, const double* position, int count) {
     to.count = to.velocity_count = to.effort_count = count;
     to.position = {};
+    to.velocity = {};
     to.effort = {};
     std::copy_n(position, count, to.position.begin());
   }

@@ -1,10 +1,23 @@
 """Whether the machine itself stood still: a thread above all others on each core, which notes when it is late."""
 import multiprocessing
 import os
+import queue
 import time
 
 PERIOD_S, LATE_S = 0.001, 0.001
 PRIORITY = 95
+
+
+def can_watch():
+    """Whether the system grants SCHED_FIFO to this process. Asked in a process of its own: this one stays as it is."""
+    child = os.fork()
+    if child == 0:
+        try:
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
+        except OSError:
+            os._exit(1)
+        os._exit(0)
+    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
 
 
 def watch(core, ended, told):
@@ -36,7 +49,16 @@ class MachineWatch:
     def end(self):
         """When a core stood still for more than LATE_S: (begin, end) of each time [s since 1970], begin up to PERIOD_S late."""
         self.ended.set()
-        late = sorted(one for _ in self.processes for one in self.told.get())
+        late = sorted(one for process in self.processes for one in self.result_of(process))
         for process in self.processes:
             process.join()
         return late
+
+    def result_of(self, process):
+        """Of whichever is next; `process` is one of them, which must live as long as there is none."""
+        while True:
+            try:
+                return self.told.get(timeout=1)
+            except queue.Empty:
+                if process.exitcode:
+                    raise RuntimeError(f"a watcher of the machine died with code {process.exitcode}") from None

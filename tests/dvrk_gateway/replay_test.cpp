@@ -6,6 +6,7 @@
 
 #include "dvrk_gateway/backend/motion_replay.h"
 #include "dvrk_gateway/loop/jaw_watch.h"
+#include "tests/dvrk_gateway/ideal_robot.h"
 
 namespace omentum {
 namespace {
@@ -57,6 +58,22 @@ TEST(GoalsOf, AJawThatWasNotRecordedStaysUnknown) {
   const auto goals = goals_of(motion, kPeriod_s, 1, kStep_m);
   ASSERT_TRUE(goals) << goals.error();
   for (const MotionSample& goal : goals.value()) EXPECT_TRUE(std::isnan(goal.jaw_rad));
+}
+
+TEST(CheckGoals, WhatWillLeaveTheBoxOrALimitIsRefusedWithItsMomentBeforeAnythingMoves) {
+  const SafetySetup setup =
+      make_safety_setup({}, test::paper_mount(), Eigen::Isometry3d::Identity(), true);
+  const auto checked = [&](const Eigen::Vector3d& from, const Eigen::Vector3d& step) {
+    std::vector<MotionSample> goals;
+    for (int k = 0; k < 100; ++k) goals.push_back({0.02 * k, from + k * step, 0.5});
+    const Result<void> can = check_goals(setup, goals);
+    return can ? std::string("fine") : can.error();
+  };
+  EXPECT_EQ(checked({-0.02, 0.05, 0.09}, {0.0003, 0, 0}), "fine");
+  const std::string up = checked({-0.02, 0.05, 0.11}, {0, 0, 0.0003});
+  EXPECT_NE(up.find("the motion at 0.620 s: tip at z_W"), std::string::npos) << up;
+  const std::string far = checked({-0.07, 0.10, 0.01}, {-0.0002, 0.0001, 0});
+  EXPECT_NE(far.find("joint"), std::string::npos) << far;
 }
 
 Period jaw_period(double goal_rad, double measured_rad) {

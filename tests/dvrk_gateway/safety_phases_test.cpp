@@ -220,14 +220,74 @@ TEST(SafetyObstacles, AWrongInstrumentIsNeverReady) {
   EXPECT_EQ(script.memory.phase, SafetyPhase::kWaiting);
 }
 
-TEST(SafetyObstacles, PayloadsOfTwoMomentsAreNotCompared) {
-  SafetyScript script;
-  script.fault = [](SafetyScript& s) {
+/// Every second period, or every one: joints of another moment than the poses.
+std::function<void(SafetyScript&)> other_moment(int every) {
+  return [every, k = 0](SafetyScript& s) mutable {
+    if (++k % every != 0) return;
     s.robot.state.measured_js.payload.timestamp_s += 0.0007;
     s.robot.state.measured_js.payload.position[0] += 0.001;
   };
+}
+
+TEST(SafetyObstacles, PayloadsOfTwoMomentsAreNotComparedAndDoNotCount) {
+  SafetyScript script;
+  script.fault = other_moment(2);
   script.ticks(12);
+  EXPECT_EQ(script.memory.phase, SafetyPhase::kWaiting);
+  script.ticks(8);
   EXPECT_EQ(script.memory.phase, SafetyPhase::kReady);
+
+  SafetyScript never;
+  never.fault = other_moment(1);
+  never.ticks(100);
+  EXPECT_EQ(never.tick().finding.reason, StopReason::kNotChecked);
+  EXPECT_EQ(never.memory.phase, SafetyPhase::kWaiting);
+}
+
+TEST(SafetyObstacles, AWrongInstrumentIsOneSteadyLine) {
+  SafetyScript script({}, test::paper_mount(find_instrument("prograsp")));
+  script.setup.mount.instrument = &large_needle_driver();
+  script.tick();
+  script.fault = other_moment(2);
+  for (int k = 0; k < 20; ++k)
+    EXPECT_EQ(script.tick().finding.reason, StopReason::kWrongInstrument) << k;
+}
+
+TEST(SafetyObstacles, ASetpointWithAVelocityAtRestIsNeverArmed) {
+  SafetyScript script;
+  script.fault = [](SafetyScript& s) { s.robot.state.setpoint_js.payload.velocity[4] = 1e-9; };
+  script.ticks(20);
+  script.press_arm();
+  const Judgement judged = script.tick();
+  EXPECT_EQ(judged.finding.reason, StopReason::kSetpointVelocity);
+  EXPECT_THAT(describe(judged.finding), HasSubstr("wrist_pitch"));
+  EXPECT_EQ(script.memory.phase, SafetyPhase::kWaiting);
+
+  SafetyScript untold;
+  untold.fault = [](SafetyScript& s) { s.robot.state.setpoint_js.seen = false; };
+  EXPECT_THAT(describe(untold.tick().finding), HasSubstr("setpoint_js was never received"));
+}
+
+TEST(SafetyObstacles, ABaseFrameThatDriftsByMicrometresIsNoise) {
+  for (const auto& [drift_m, reason] :
+       {std::pair{2e-5, StopReason::kNone}, {1e-4, StopReason::kBaseFrame}}) {
+    SafetyScript script;
+    script.go();
+    script.fault = [by_m = drift_m](SafetyScript& s) {
+      s.robot.state.measured_cp.payload.translation.x() += by_m;
+    };
+    EXPECT_EQ(script.stops_within(20), reason) << drift_m;
+  }
+}
+
+TEST(SafetyObstacles, SayWhatToDoAndWhoIsHeard) {
+  const auto paused = static_cast<double>(OperatingState::State::kPaused);
+  EXPECT_THAT(describe({StopReason::kNotEnabled, paused, 0, -1}), HasSubstr("resume"));
+  EXPECT_THAT(describe({StopReason::kNotEnabled, 1, 0, -1}), HasSubstr("power"));
+  RobotState robot;
+  robot.foreign = 3;
+  robot.foreign_source = {0x0a000007, 9};
+  EXPECT_THAT(describe({StopReason::kNothingReceived, 0, 0, -1}, robot), HasSubstr("10.0.0.7:9"));
 }
 
 }  // namespace

@@ -4,6 +4,7 @@
 
 #include <cstdint>
 #include <functional>
+#include <optional>
 
 #include "dvrk_gateway/safety/safety.h"
 #include "tests/dvrk_gateway/ideal_robot.h"
@@ -38,6 +39,7 @@ class SafetyScript {
   Eigen::Vector3d increment = Eigen::Vector3d(0.0003, 0, 0);  ///< of each action
   bool acts = true, reports = true;
   std::function<void(SafetyScript&)> fault;
+  std::optional<PsmJoints> held_joints;  ///< for a fault to remember
 
   RobotCommand goal_of(const Eigen::Vector3d& p_WT) const {
     const Eigen::Isometry3d X_AW = setup.X_AR * setup.mount.X_WR.inverse();

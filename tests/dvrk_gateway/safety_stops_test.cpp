@@ -47,6 +47,12 @@ std::function<void(SafetyScript&)> stands_at(double insertion) {
   };
 }
 
+/// Joints of the robot when the fault began.
+PsmJoints stands_still_at(SafetyScript& s) {
+  if (!s.held_joints) s.held_joints = s.robot.joints();
+  return *s.held_joints;
+}
+
 std::vector<Row> rows() {
   const double nan = std::numeric_limits<double>::quiet_NaN();
   using State = OperatingState::State;
@@ -100,7 +106,7 @@ std::vector<Row> rows() {
       {StopReason::kInCannula, 1, stands_at(0.05)},
       {StopReason::kSetpointApart, 3,
        [](SafetyScript& s) {
-         s.robot.state.setpoint_cp.payload.translation.y() -= 0.0015;
+         s.robot.state.setpoint_cp.payload.translation.y() -= 0.0007;
          s.robot.state.setpoint_cp.payload.timestamp_s += 1e-3;
        }},
       {StopReason::kTracking, 6,
@@ -118,7 +124,8 @@ std::vector<Row> rows() {
       {StopReason::kNotFinite, 1, asks([nan](RobotCommand& c) { c.jaw = nan; })},
       {StopReason::kRotation, 1, asks([](RobotCommand& c) { c.rotation *= 1 + 1e-8; })},
       {StopReason::kRotation, 1, asks([](RobotCommand& c) { c.rotation.col(0) *= -1; })},
-      {StopReason::kFeedForward, 1, asks([](RobotCommand& c) { c.has_velocity = true; })},
+      {StopReason::kFeedForward, 1, asks([](RobotCommand& c) { c.velocity.x() = 1e-6; })},
+      {StopReason::kFeedForward, 1, asks([](RobotCommand& c) { c.angular_velocity.z() = 1e-6; })},
       {StopReason::kOutsideBox, 1, asks_for_tip(Vector3d(-0.0216, 0.058, 0.1195))},
       {StopReason::kJointLimit, 1, asks_for_tip(Vector3d(-0.0914, 0.11, 0.002))},
       {StopReason::kStep, 1,
@@ -138,13 +145,22 @@ std::vector<Row> rows() {
          s.robot.report(s.now_ns, s.robot_s);
        }},
   };
-  // A robot that drops what it is told: the goal runs away from it.
-  Row jump{StopReason::kJump, 12, [](SafetyScript& s) {
-             s.robot.place(joints_for_tip(s.setup.mount, kStart).value());
-             s.robot.report(s.now_ns, s.robot_s);
-           }};
-  jump.limits.set_setpoint_error_periods(50);
-  rows.push_back(jump);
+  rows.push_back({StopReason::kJump, 1, [](SafetyScript& s) {
+                    s.robot.state.setpoint_cp.payload.translation.y() -= 0.0011;
+                    s.robot.state.setpoint_cp.payload.timestamp_s += 1e-3;
+                  }});
+  // A robot that no longer takes what it is told: the goal runs away from it.
+  rows.push_back({StopReason::kCommandsLost, 5, [](SafetyScript& s) {
+                    s.robot.place(stands_still_at(s));
+                    s.robot.report(s.now_ns, s.robot_s);
+                  }});
+  // The same where the goals stay near it.
+  rows.push_back({StopReason::kCommandsLost, 12, [](SafetyScript& s) {
+                    s.robot.place(stands_still_at(s));
+                    s.robot.report(s.now_ns, s.robot_s);
+                    s.tip = s.tip - 0.8 * s.increment;
+                    s.request.command = s.goal_of(s.tip);
+                  }});
   rows.push_back({StopReason::kDeadManReleased, 7, [](SafetyScript&) {}, dead_man_limits()});
   return rows;
 }

@@ -89,8 +89,8 @@ int run_scripts(const char* name, int argc, char** argv) {
   int reasons = 0;
   for (std::size_t k = 1; k <= kStopReasons; ++k) {
     const auto reason = static_cast<StopReason>(k);
-    // The first of them are told before arming; all others must have stopped an armed arm.
-    const bool before = reason <= StopReason::kNoRegistration;
+    // Those are told before arming; all others must have stopped an armed arm.
+    const bool before = is_before_arming_alone(reason);
     reasons += (before ? tally.waited[k] : tally.stopped[k]) > 0 ? 1 : 0;
     std::printf("%-20s stopped %llu, not ready %llu\n", stop_reason_name(reason),
                 static_cast<unsigned long long>(tally.stopped[k]),

@@ -2,6 +2,7 @@
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdint>
@@ -38,7 +39,10 @@ class Witness {
     const std::int64_t age = now_ns - events.arm_ns;
     const bool asked = events.arm_ns != last_arm_ns_ && age >= 0 && age <= 500'000'000;
     // Asked again before the first goal: armed then at the latest.
-    if (good_ > 10 && !released && asked && (!armed_ || !moved_)) {
+    const JointState& rest = robot.setpoint_js.payload;
+    const bool still = std::all_of(rest.velocity.begin(), rest.velocity.begin() + 6,
+                                   [](double v) { return v == 0; });
+    if (good_ > 10 && still && !released && asked && (!armed_ || !moved_)) {
       armed_ = true;
       moved_ = false;
       sent_.clear();
@@ -171,7 +175,7 @@ class Witness {
     const Eigen::Isometry3d X_WA = setup_.mount.X_WR * setup_.X_AR.inverse();
     const CartesianPose& setpoint = robot.setpoint_cp.payload;
     const Eigen::Vector3d setpoint_W = X_WA * setpoint.translation;
-    if (!((now.control - setpoint_W).cwiseAbs().maxCoeff() <= 0.003 + kSlack))
+    if (!((now.control - setpoint_W).cwiseAbs().maxCoeff() <= 0.001 + kSlack))
       return "jump from setpoint_cp";
     if (sent_.empty()) {
       const Eigen::Isometry3d X_RA = setup_.X_AR.inverse();
@@ -199,8 +203,9 @@ class Witness {
     if (std::abs(sent.jaw - jaw_) > 0.04 + 1e-12) return "jaw rate";
     if (sent.jaw < low || sent.jaw > high) return "jaw range";
     jaw_ = sent.jaw;
-    if (sent.kind == RobotCommand::Kind::kServoCp && sent.has_velocity &&
-        !(sent.velocity.cwiseAbs().maxCoeff() <= 0.0434))
+    if (!sent.velocity.isZero(0) || !sent.angular_velocity.isZero(0) ||
+        std::any_of(sent.joint_velocity.begin(), sent.joint_velocity.end(),
+                    [](double v) { return v != 0; }))
       return "velocity";
     sent_.push_back(now);
     moved_ = true;

@@ -55,7 +55,6 @@ RobotCommand command_of(const std::uint8_t* data, std::size_t size) {
   command.kind = kind < 0   ? RobotCommand::Kind::kServoJp
                  : kind > 0 ? RobotCommand::Kind::kHold
                             : RobotCommand::Kind::kServoCp;
-  command.has_velocity = numbers[30] > 0;
   command.rotation = Eigen::Map<const Eigen::Matrix3d>(numbers.data());
   command.translation = Eigen::Map<const Eigen::Vector3d>(numbers.data() + 9);
   std::copy_n(numbers.begin() + 12, 6, command.joints.begin());
