@@ -312,7 +312,7 @@ TEST(ExplainLaws, HeldOutRecordingsGainWhatTheFitForetells) {
 Evidence saying(const std::string& name, double estimate, double information) {
   Evidence evidence;
   evidence.name = name;
-  evidence.numbers = {{"number", "", NumberRole::kBase}};
+  evidence.numbers.emplace_back().key = "number";
   evidence.A = MatrixXd::Constant(1, 1, information);
   evidence.b = VectorXd::Constant(1, information * estimate);
   return evidence;
