@@ -7,6 +7,7 @@
 #include "core/crash_report.h"
 #include "core/limits.h"
 #include "core/log.h"
+#include "core/product_blocks.h"
 #include "core/scheduling.h"
 #include "core/topics.h"
 #include "learner/check_scene.h"
@@ -100,6 +101,7 @@ int main(int argc, char** argv) {
   omentum::report_crashes("learner");
   omentum::name_log("learner");
   omentum::keep_freed_memory();
+  omentum::fix_product_blocks();
   try {
     return run(argc, argv);
   } catch (const std::exception& error) {

@@ -7,6 +7,7 @@
 #include <optional>
 
 #include "core/command_line.h"
+#include "core/product_blocks.h"
 #include "mismatch/calibrate/calibrate_program.h"
 #include "mismatch/explain/explain_program.h"
 #include "mismatch/explain/limits_program.h"
@@ -49,6 +50,7 @@ int run(int argc, char** argv) {
 }  // namespace
 
 int main(int argc, char** argv) {
+  omentum::fix_product_blocks();
   try {
     return run(argc, argv);
   } catch (const std::bad_alloc&) {

@@ -14,6 +14,7 @@
 #include "core/fp_mode.h"
 #include "core/limits.h"
 #include "core/log.h"
+#include "core/product_blocks.h"
 #include "core/read_file.h"
 #include "core/rollout.h"
 #include "core/scheduling.h"
@@ -283,6 +284,7 @@ int main(int argc, char** argv) {
   omentum::report_crashes("sim_worker");
   omentum::name_log("sim_worker");
   omentum::keep_freed_memory();
+  omentum::fix_product_blocks();
   try {
     return run(argc, argv);
   } catch (const std::exception& error) {
