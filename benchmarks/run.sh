@@ -9,7 +9,7 @@ bin=${OMENTUM_BIN:-$root/build/release/bin}
 usage() {
   cat <<'TEXT'
 usage: benchmarks/run.sh [--steps N] [--save] [tissue] [elastic] [compare] [ppo] [workers] [train] [camera] [bus] [security]
-                         [monitor] [gateway] [columns] [solve] [terms] [recordings]
+                         [monitor] [gateway] [columns] [solve] [terms] [recordings] [explain]
 
 Figures of the groups named (default: tissue elastic ppo workers train):
   tissue    tissue.<scene>.env_steps_per_s: environment steps (20 ms simulated) per second of one core, all of a step
@@ -51,6 +51,8 @@ Figures of the groups named (default: tissue elastic ppo workers train):
             recordings.calibrate_s, recordings.calibrate_paper_s: `mismatch calibrate` by both methods on five lifts of
             another engine, mesh of 0.3 mm, two threads; recordings.held_out_mm, recordings.held_out_paper_mm: mean distance of the
             true surface from that predicted without the pinch point
+  explain   explain.null_case_s, explain.case_s: `mismatch explain` on nine stored recordings of another engine, two threads,
+            with nothing and with a stiff place concealed; explain.columns_per_s: what one recording would do by one number
   camera    camera.* of bench_camera, where that program is built
 Options:
   --steps N   shorter or longer training runs; the figures are then named by N instead of 3M
@@ -73,7 +75,7 @@ while (($#)); do
     --steps) [[ ${2-} =~ ^[1-9][0-9]{3,10}$ ]] || wrong "--steps needs a number from 1000"; steps=$2; shift ;;
     --save) save=1 ;;
     -h | --help) usage; exit 0 ;;
-    tissue | elastic | compare | ppo | workers | train | camera | bus | security | monitor | gateway | columns | solve | terms | recordings) groups+=("$1") ;;
+    tissue | elastic | compare | ppo | workers | train | camera | bus | security | monitor | gateway | columns | solve | terms | recordings | explain) groups+=("$1") ;;
     *) wrong "unknown option or group $1" ;;
   esac
   shift
@@ -247,6 +249,12 @@ bench_recordings() {
   mkdir -p "$scratch/recordings"
   # Debian's python3-numpy belongs to /usr/bin/python3, whatever else is first on the path.
   figures_of /usr/bin/python3 "$root/benchmarks/recordings.py" "$bin/mismatch" "$scratch/recordings"
+}
+
+bench_explain() {
+  need mismatch || return
+  mkdir -p "$scratch/explain"
+  figures_of /usr/bin/python3 "$root/benchmarks/explain_cases.py" "$bin/mismatch" "$scratch/explain"
 }
 
 bench_camera() {

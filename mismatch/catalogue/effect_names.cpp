@@ -279,6 +279,10 @@ std::vector<NamedValue> derived_values(const NamedEffect& effect) {
     const double reach = std::sqrt(half * half + twist * twist);
     add("kappa", "1/m", mean < 0 ? mean - reach : mean + reach);
   }
+  if (effect.name == "tool_backlash") {
+    add("b", "m",
+        std::max({value_of(effect, "b_x"), value_of(effect, "b_y"), value_of(effect, "b_z")}));
+  }
   if (effect.name == "tool_compliance") {
     add("C", "m/N",
         std::max({value_of(effect, "C_x"), value_of(effect, "C_y"), value_of(effect, "C_z")}));

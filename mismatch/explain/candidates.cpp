@@ -220,9 +220,12 @@ std::vector<EffectNumber> effect_numbers(const Candidate& c,
     numbers.push_back(factor("k", "N/m3", a, 0.4, 3, 1e3, 1e8));
     numbers.push_back(factor("delta_c", "m", kBreak / std::sqrt(2.0), 0.3, 1, 1e-4, 0.02));
   } else if (c.effect == "anchor_detachment") {
-    const double width = sheet.high.x() - sheet.low.x();
-    numbers.push_back({"length", "m", false, std::clamp(a, 0.002, width), 0.002, 0.05, 0, width});
-    numbers.push_back(place_numbers(*place, sheet).front());
+    // By its ends: a piece at a corner stays there while it becomes shorter.
+    constexpr double kStep = 0.002, kSd = 0.03;  // [m]
+    const double left = sheet.low.x(), right = sheet.high.x();
+    const double half = 0.5 * std::clamp(a, 0.002, right - left);
+    for (const auto& [name, x] : {std::pair{"from", place->x() - half}, {"to", place->x() + half}})
+      numbers.push_back({name, "m", false, std::clamp(x, left, right), kStep, kSd, left, right});
     return numbers;
   } else if (c.effect == "obstacle") {
     const double height = c.setting == 0 ? a : c.setting - a;
@@ -262,9 +265,8 @@ NamedEffect effect_of(const Candidate& c, const std::vector<EffectNumber>& numbe
                                            numbers.begin())];
   };
   if (c.effect == "anchor_detachment") {
-    const FreeSheet sheet = free_sheet(scene);
-    effect.where = {{"from", "m", std::max(value("x") - 0.5 * value("length"), sheet.low.x())},
-                    {"to", "m", std::min(value("x") + 0.5 * value("length"), sheet.high.x())}};
+    const auto [from, to] = std::minmax({value("from"), value("to")});
+    effect.where = {{"from", "m", from}, {"to", "m", to}};
     return effect;
   }
   if (c.effect == "obstacle") {

@@ -80,17 +80,26 @@ class EntrantSearch {
         base_(with_candidates(base, axes_)),
         candidate_(candidate),
         model_(model),
-        columns_(with_columns(base_, model, base_.fitted)) {
+        columns_(with_columns(base_, model, base_.fitted)),
+        fine_(base_.surfaces),
+        coarse_(base_.coarse_surfaces) {
     auto [amplitudes, led] = foretold();
     numbers_ = effect_numbers(candidate, candidates, amplitudes, place, base_.data.made);
-    for (const EffectNumber& number : numbers_)
-      begin_.searched.push_back(number.searched(number.start));
-    begin_.state = std::move(led);
+    const auto begin_at = [&](const std::vector<EffectNumber>& numbers) {
+      Tried begin{{}, led};
+      for (const EffectNumber& number : numbers)
+        begin.searched.push_back(number.searched(number.start));
+      begins_.push_back(std::move(begin));
+    };
+    begin_at(numbers_);
+    // What was simulated is nearer to what it does than a line through it.
+    if (candidate.secant != 0)
+      begin_at(effect_numbers(candidate, candidates, {candidate.secant}, place, base_.data.made));
   }
 
   const BaseFit& base() const { return base_; }
   const std::vector<EffectNumber>& numbers() const { return numbers_; }
-  const Tried& begin() const { return begin_; }
+  const std::vector<Tried>& begins() const { return begins_; }
 
   NamedEffect effect(const std::vector<double>& searched) const {
     std::vector<double> values;
@@ -107,8 +116,32 @@ class EntrantSearch {
     fit.data.scene = scene_with(at.searched);
     fit.coarse_surfaces = model_.simulate(fit.data, at.state, fit.coarse, false, which);
     if (!is_simulated(fit.coarse_surfaces, base_.coarse_surfaces, which)) return std::nullopt;
-    fit.surfaces = changed_surfaces(base_.surfaces, base_.coarse_surfaces, fit.coarse_surfaces);
+    fit.surfaces = changed_surfaces(fit.coarse_surfaces);
     return fit;
+  }
+
+  /// Simulates all recordings on both meshes: what the finer one differs by is taken from there on.
+  /// Nothing, and no change, where too little is simulated.
+  std::optional<BaseFit> simulate_finely(const Tried& at) {
+    BaseFit fit = base_;
+    fit.found.state = at.state;
+    fit.data.scene = scene_with(at.searched);
+    const Which all = all_recordings(base_);
+    std::vector<Prediction> fine = model_.simulate(fit.data, at.state, fit.fine, false, all);
+    std::vector<Prediction> coarse = model_.simulate(fit.data, at.state, fit.coarse, false, all);
+    if (!is_simulated(fine, base_.surfaces, all) ||
+        !is_simulated(coarse, base_.coarse_surfaces, all))
+      return std::nullopt;
+    fine_ = std::move(fine);
+    coarse_ = std::move(coarse);
+    fit.coarse_surfaces = coarse_;
+    fit.surfaces = changed_surfaces(coarse_);
+    return fit;
+  }
+
+  /// Surfaces of the finer mesh by those of the coarse one.
+  std::vector<Prediction> changed_surfaces(const std::vector<Prediction>& coarse) const {
+    return omentum::changed_surfaces(fine_, coarse_, coarse);
   }
 
   double cost(const BaseFit& fit) const {
@@ -129,7 +162,7 @@ class EntrantSearch {
       FitData moved = base_.data;
       moved.scene = scene_with(there);
       const auto other = model_.simulate(moved, at.state, fit.coarse, false, base_.fitted);
-      made.moved.push_back(changed_surfaces(base_.surfaces, base_.coarse_surfaces, other));
+      made.moved.push_back(changed_surfaces(other));
     }
     return made;
   }
@@ -152,7 +185,8 @@ class EntrantSearch {
       unknown.scale = Unknown::Scale::kShift;
       unknown.sd = number.sd;
       unknown.role = NumberRole::kNuisance;  // no field of the scene that scene_at() could set
-      set_difference(unknown, changed_surfaces(fit.surfaces, derivatives.at, derivatives.moved[k]),
+      set_difference(unknown,
+                     omentum::changed_surfaces(fit.surfaces, derivatives.at, derivatives.moved[k]),
                      1 / derivatives.steps[k], fit.data, linear, fit.found.state);
     }
     return linear;
@@ -188,8 +222,9 @@ class EntrantSearch {
   const Candidate& candidate_;
   ReferenceForward& model_;
   Linearisation columns_;
+  std::vector<Prediction> fine_, coarse_;  // what the finer mesh differs by, where it was simulated
   std::vector<EffectNumber> numbers_;
-  Tried begin_;
+  std::vector<Tried> begins_;
 };
 
 Tried between(const Tried& from, const Tried& to, double share) {
@@ -232,6 +267,31 @@ Step next_step(const EntrantSearch& search, const Tried& at, const Derivatives& 
   return {between(at, led, share), std::move(sd), std::move(fit)};
 }
 
+/// How far a search is.
+struct Reached {
+  Tried at;
+  BaseFit fit;
+  double cost;
+};
+
+/// Steps along `derivatives`, each simulated, until they gain nothing or none is left. The step
+/// that would come next.
+Step follow(const EntrantSearch& search, const Derivatives& derivatives, int& left,
+            Reached& reached) {
+  Step step = next_step(search, reached.at, derivatives, reached.fit);
+  StepLength length;
+  while (!length.settled() && left > 0) {
+    const Tried next = between(reached.at, step.to, length.share());
+    std::optional<BaseFit> fit = search.simulate(next, search.base().fitted);
+    --left;
+    const double cost = fit ? search.cost(*fit) : std::numeric_limits<double>::infinity();
+    if (!length.accept(reached.cost - cost)) continue;
+    reached = {next, std::move(*fit), cost};
+    step = next_step(search, reached.at, derivatives, reached.fit);
+  }
+  return step;
+}
+
 }  // namespace
 
 std::vector<double> EntrantFit::values() const {
@@ -250,40 +310,47 @@ std::optional<EntrantFit> fit_entrant(const BaseFit& base, const Candidate& cand
                                       const std::vector<Candidate>& candidates,
                                       const std::optional<Vector2d>& place,
                                       ReferenceForward& model) {
-  constexpr int kSimulated = 14, kDifferentiated = 3;
-  const EntrantSearch search(base, candidate, candidates, place, model);
+  constexpr int kSimulated = 13, kDifferentiated = 3, kFinely = 4;
+  EntrantSearch search(base, candidate, candidates, place, model);
   const double without = search.cost(search.base());
-  Tried best = search.begin();
-  std::optional<BaseFit> reached = search.simulate(best, base.fitted);
-  if (!reached) return std::nullopt;
-  double least = search.cost(*reached);
-  std::optional<Step> step;
-  for (int fresh = 0, simulated = 1; fresh < kDifferentiated && simulated < kSimulated; ++fresh) {
-    const Derivatives derivatives = search.differentiate(best, *reached);
-    step = next_step(search, best, derivatives, *reached);
-    StepLength length;
-    const double before = least;
-    while (!length.settled() && simulated < kSimulated) {
-      const Tried next = between(best, step->to, length.share());
-      std::optional<BaseFit> fit = search.simulate(next, base.fitted);
-      ++simulated;
-      const double cost = fit ? search.cost(*fit) : std::numeric_limits<double>::infinity();
-      if (!length.accept(least - cost)) continue;
-      best = next;
-      least = cost;
-      reached = std::move(fit);
-      step = next_step(search, best, derivatives, *reached);
-    }
-    constexpr double kGained = 4;  // [nats] since derivatives were taken: less asks for no others
-    if (before - least < kGained) break;
+  std::optional<Reached> begun;
+  for (const Tried& begin : search.begins()) {
+    std::optional<BaseFit> fit = search.simulate(begin, base.fitted);
+    const double cost = fit ? search.cost(*fit) : std::numeric_limits<double>::infinity();
+    if (fit && (!begun || cost < begun->cost)) begun = Reached{begin, std::move(*fit), cost};
   }
-  if (!(least < without)) return std::nullopt;
-  EntrantFit entrant{
-      candidate,       search.numbers(), best.searched, step->sd, search.effect(best.searched),
-      without - least, base.data.scene,  base};
+  if (!begun) return std::nullopt;
+  Reached& reached = *begun;
+  Derivatives derivatives;
+  std::optional<Step> step;
+  for (int fresh = 0, left = kSimulated; fresh < kDifferentiated && left > 0; ++fresh) {
+    derivatives = search.differentiate(reached.at, reached.fit);
+    const double before = reached.cost;
+    step = follow(search, derivatives, left, reached);
+    constexpr double kGained = 4;  // [nats] since derivatives were taken: less asks for no others
+    if (before - reached.cost < kGained) break;
+  }
+  if (!(reached.cost < without)) return std::nullopt;
+  // What the finer mesh differs by depends on the effect: a stiff place of few coarse cells is
+  // stiffer than it should be.
+  if (std::optional<BaseFit> fine = search.simulate_finely(reached.at)) {
+    reached.cost = search.cost(*fine);
+    reached.fit = std::move(*fine);
+    int left = kFinely;
+    step = follow(search, derivatives, left, reached);
+    if (!(reached.cost < without)) return std::nullopt;
+  }
+  EntrantFit entrant{candidate,
+                     search.numbers(),
+                     reached.at.searched,
+                     step->sd,
+                     search.effect(reached.at.searched),
+                     without - reached.cost,
+                     base.data.scene,
+                     base};
   // Simulated once more with all recordings; its numbers become unknowns.
   BaseFit& fit = entrant.fit;
-  fit.found.state = carried(best.state, search.base().data, fit.data);
+  fit.found.state = carried(reached.at.state, search.base().data, fit.data);
   apply_effects({entrant.effect}, fit.data.scene);
   Linearisation none{fit.found.state, base.surfaces};
   for (const EffectNumber& number : entrant.numbers) {
@@ -297,7 +364,7 @@ std::optional<EntrantFit> fit_entrant(const BaseFit& base, const Candidate& cand
   const Which all = all_recordings(base);
   fit.coarse_surfaces = model.simulate(fit.data, fit.found.state, fit.coarse, false, all);
   if (!is_simulated(fit.coarse_surfaces, base.coarse_surfaces, all)) return std::nullopt;
-  fit.surfaces = changed_surfaces(base.surfaces, base.coarse_surfaces, fit.coarse_surfaces);
+  fit.surfaces = search.changed_surfaces(fit.coarse_surfaces);
   return entrant;
 }
 

@@ -213,14 +213,15 @@ std::string make_verdict_page(const Explanation& found, const std::string& folde
   std::vector<Tile> tiles = {{v.status(), "status", v.reason()}};
   double before = 0, after = 0, count = 0;
   for (const pb::VerdictFit& row : v.fit()) {
-    if (row.role() != "held_out") continue;
+    if (row.role() != "held_out" || !row.has_r()) continue;  // where there was something to explain
     before += row.rmse_base() * row.rmse_base();
     after += row.rmse_model() * row.rmse_model();
     ++count;
   }
   if (count > 0) {
     tiles.push_back({mm(std::sqrt(after / count)) + " mm", "error of recordings held out",
-                     "rms; before " + mm(std::sqrt(before / count)) + " mm"});
+                     "rms where something was to be explained; before " +
+                         mm(std::sqrt(before / count)) + " mm"});
   }
   std::vector<Section> sections;
   std::string what;

@@ -87,6 +87,35 @@ void add_parameter(const EffectNumber& number, double searched, double sd, doubl
   row.set_at_bound(row.value() <= number.low || row.value() >= number.high);
 }
 
+/// What follows from the numbers of an effect, with the spread that theirs give it.
+void add_derived(const EntrantFit& entrant, pb::VerdictEffect& effect) {
+  const auto derived_at = [&](const std::vector<double>& searched) {
+    std::vector<double> values;
+    for (std::size_t k = 0; k < searched.size(); ++k)
+      values.push_back(entrant.numbers[k].value(searched[k]));
+    return derived_values(
+        effect_of(entrant.candidate, entrant.numbers, values, entrant.fit.data.made));
+  };
+  const std::vector<NamedValue> derived = derived_at(entrant.searched);
+  std::vector<double> variance(derived.size(), 0);
+  for (std::size_t k = 0; k < entrant.searched.size(); ++k) {
+    std::vector<double> low = entrant.searched, high = low;
+    low[k] -= entrant.sd[k];
+    high[k] += entrant.sd[k];
+    const std::vector<NamedValue> below = derived_at(low), above = derived_at(high);
+    for (std::size_t d = 0; d < derived.size(); ++d)
+      variance[d] += 0.25 * std::pow(above[d].value - below[d].value, 2);
+  }
+  for (std::size_t d = 0; d < derived.size(); ++d) {
+    pb::VerdictParameter& row = *effect.add_parameters();
+    row.set_name(derived[d].name);
+    row.set_unit(derived[d].unit);
+    row.set_value(derived[d].value);
+    row.set_low90(derived[d].value - kNinety * std::sqrt(variance[d]));
+    row.set_high90(derived[d].value + kNinety * std::sqrt(variance[d]));
+  }
+}
+
 void add_where(const EntrantFit& entrant, pb::VerdictEffect& effect) {
   if (!entrant.candidate.place) return;
   const auto index = [&](const char* name) {
@@ -95,11 +124,12 @@ void add_where(const EntrantFit& entrant, pb::VerdictEffect& effect) {
   };
   const std::vector<double> values = entrant.values();
   pb::VerdictWhere& where = *effect.mutable_where();
-  const std::size_t x = index("x"), y = index("y"), length = index("length");
+  const std::size_t x = index("x"), y = index("y");
   if (y == values.size()) {  // on the clamped edge
-    where.add_edge_interval_m(values[x] - 0.5 * values[length]);
-    where.add_edge_interval_m(values[x] + 0.5 * values[length]);
-    where.add_centre_m(values[x]);
+    const auto [from, to] = std::minmax({values[index("from")], values[index("to")]});
+    where.add_edge_interval_m(from);
+    where.add_edge_interval_m(to);
+    where.add_centre_m(0.5 * (from + to));
     where.add_centre_m(entrant.candidate.place->y());
     return;
   }
@@ -289,6 +319,7 @@ void add_effect(const Case& made, const std::vector<Contender>& contenders, pb::
     add_parameter(fit.numbers[k], fit.searched[k], fit.sd[k],
                   amplitude ? floor->second.amplitude : 0, effect);
   }
+  add_derived(fit, effect);
   add_where(fit, effect);
   add_when(made.base, fit.fit, effect);
   confirm(made, fit.candidate.key, effect);

@@ -124,6 +124,17 @@ def another_scene(program, folder):
     refused(explain(program, folder, recordings), "lift0", "no point of a cloud that can be tissue")
 
 
+def slow_clock(program, folder):
+    """The camera's clock of one recording runs at half speed."""
+    recordings = write_lifts(program, folder, 3, (0, 0.8, 1.2))
+    clouds = recordings[1] / "clouds.csv"
+    head, *rows = clouds.read_text().splitlines()
+    half = [f"{0.5 * float(row.split(',', 1)[0]):.6f},{row.split(',', 1)[1]}" for row in rows]
+    clouds.write_text("\n".join([head, *half]) + "\n")
+    code, told, verdict, _ = explain(program, folder, recordings)
+    assert code == 0 and verdict["status"] == "bad_recording" and "lift1" in verdict["reason"], (verdict["status"], verdict.get("reason"))
+
+
 def main():
     with tempfile.TemporaryDirectory() as name:
         globals()[sys.argv[2]](pathlib.Path(sys.argv[1]), pathlib.Path(name))
