@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
-"""What conceals an effect shares nothing with what looks for it: the plants import the standard library, numpy, DOLFINx
-and each other, and nobody imports a plant. Argument: repository root."""
+"""What conceals an effect shares nothing with what looks for it: the plants import the standard library, numpy, DOLFINx,
+MuJoCo and each other, and nobody imports a plant. Argument: repository root."""
 import ast
 import pathlib
 import sys
 
-LIBRARIES = {"numpy", "basix", "dolfinx", "ufl", "mpi4py", "petsc4py"}
+LIBRARIES = {"numpy", "basix", "dolfinx", "ufl", "mpi4py", "petsc4py", "mujoco"}
 PLANTS = "tests/mismatch/plants"
 # Folders of the repository that a plant might reach into by a path.
 OTHERS = ("sim_worker", "learner", "granting", "report", "dvrk_gateway", "tests/reference", "calibrate")

@@ -1,9 +1,10 @@
 #!/bin/bash
 # A batch of concealed cases from truth to table:
-#   tests/mismatch/prove.sh --plant fenics --batch smoke|dev --seed N -o OUT
+#   tests/mismatch/prove.sh --plant fenics|mujoco --batch smoke|dev --seed N -o OUT
 # Truths are kept in $OMENTUM_TRUTHS (else OUT/truths) and used again; a truth costs some 8 minutes of a core. No label
 # is on disk before the last verdict is; a manifest holds the hashes of recordings and labels before the first.
-# OMENTUM_MISMATCH names the program, else `mismatch` of the path. What is done is not done twice.
+# OMENTUM_MISMATCH names the program, else `mismatch` of the path; OMENTUM_PLANT_PYTHON a Python that has the plant's
+# engine, else /usr/bin/python3. What is done is not done twice.
 set -euo pipefail
 here=$(cd "$(dirname "$0")" && pwd)
 plant= batch= seed= out=
@@ -13,21 +14,24 @@ while [ $# -gt 0 ]; do
     --batch) batch=$2; shift 2;;
     --seed) seed=$2; shift 2;;
     -o) out=$2; shift 2;;
-    *) sed -n 2,7p "$0"; exit 2;;
+    *) sed -n 2,8p "$0"; exit 2;;
   esac
 done
-if [ -z "$batch" ] || [ -z "$seed" ] || [ -z "$out" ]; then sed -n 2,7p "$0"; exit 2; fi
-if [ "$plant" != fenics ]; then echo "there is no plant '$plant', only fenics"; exit 2; fi
+if [ -z "$batch" ] || [ -z "$seed" ] || [ -z "$out" ]; then sed -n 2,8p "$0"; exit 2; fi
+case "$plant" in
+  fenics) truth_of() { echo "$truths/${1}_$2"; };;
+  mujoco) truth_of() { echo "$truths/mujoco_${1}_$2"; };;
+  *) echo "there is no plant '$plant', only fenics and mujoco"; exit 2;;
+esac
 mismatch=${OMENTUM_MISMATCH:-mismatch}
-plants=(/usr/bin/python3 "$here/plants/plants.py")
+plants=("${OMENTUM_PLANT_PYTHON:-/usr/bin/python3}" "$here/plants/plants.py")
 truths=${OMENTUM_TRUTHS:-$out/truths}
 mkdir -p "$out/cases" "$out/verdicts" "$truths"
-rows=$("${plants[@]}" plan --batch "$batch" --seed "$seed")
-truth_of() { echo "$truths/${1}_$2"; }
+rows=$("${plants[@]}" plan --plant "$plant" --batch "$batch" --seed "$seed")
 
 while read -r name effect truth sensor; do
   [ -e "$(truth_of "$effect" "$truth")/r08.npz" ] ||
-    "${plants[@]}" truth --effect "$effect" --seed "$truth" -o "$(truth_of "$effect" "$truth")" > "$out/truth.log"
+    "${plants[@]}" truth --plant "$plant" --effect "$effect" --seed "$truth" -o "$(truth_of "$effect" "$truth")" > "$out/truth.log"
 done <<< "$rows"
 
 while read -r name effect truth sensor; do

@@ -212,10 +212,9 @@ def thinned(stored):
     return dict(stored, move=encode(moved), frame_s=stored["frame_s"][1::2])
 
 
-def run_case(effect, seed, folder, cells=9, recordings=range(9), progress=print):
+def store(case, run, folder, recordings, progress):
     """Runs what is not there yet; a recording is written under another name and renamed once it is whole."""
     os.makedirs(folder, exist_ok=True)
-    case = protocol.draw_case(effect, seed)
     path = os.path.join(folder, "truth.json")
     if os.path.exists(path):
         with open(path) as f:
@@ -228,7 +227,12 @@ def run_case(effect, seed, folder, cells=9, recordings=range(9), progress=print)
         if os.path.exists(name):
             continue
         progress(f"{folder} r{k:02d}: {protocol.RECORDINGS[k][1]}")
-        out = run_recording(case, k, cells, progress=progress)
+        out = run(case, k)
         with open(name + ".part", "wb") as f:
             np.savez_compressed(f, **out)
         os.replace(name + ".part", name)
+
+
+def run_case(effect, seed, folder, cells=None, recordings=range(9), progress=print):
+    case = protocol.draw_case(effect, seed)
+    store(case, lambda case, k: run_recording(case, k, cells or 9, progress=progress), folder, recordings, progress)

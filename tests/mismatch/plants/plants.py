@@ -10,6 +10,7 @@
 """
 import argparse
 import hashlib
+import importlib
 import os
 import shutil
 import sys
@@ -35,19 +36,24 @@ def thin(source, target):
             np.savez_compressed(os.path.join(target, name), **out)
 
 
+# Of each pair a smoke batch has one.
+SMOKE = {
+    "fenics": [["adhesion", "obstacle_below"], ["grasp_offset", "anchor_detachment"], ["tool_backlash", "viscoelastic"]],
+    "mujoco": [["plastic_set", "obstacle_below"], ["grasp_offset", "anchor_detachment"], ["tool_backlash", "actuation_delay"]]}
+
+
 def truth_seed(effect, index):
     return 101 + 40 * index + protocol.EFFECTS.index(effect)
 
 
-def plan(batch, seed):
+def plan(batch, seed, plant="fenics"):
     """A batch in the order of its names, which tell nothing. The first truths of an effect serve every seed of a smoke
     batch, so that what is kept is used again; the sensor is always drawn anew."""
-    rng = np.random.default_rng([80, seed])
+    rng = np.random.default_rng([80, seed] if plant == "fenics" else [80, seed, 1])
     if batch == "smoke":
-        chosen = [("null", 0), ("null", 1), ("inclusion", 0), (rng.choice(["adhesion", "obstacle_below"]), 0),
-                  (rng.choice(["grasp_offset", "anchor_detachment"]), 0), (rng.choice(["tool_backlash", "viscoelastic"]), 0)]
+        chosen = [("null", 0), ("null", 1), ("inclusion", 0)] + [(rng.choice(pair), 0) for pair in SMOKE[plant]]
     else:
-        chosen = [("null", k) for k in range(8)] + [(e, k) for e in protocol.EFFECTS[1:] for k in range(2)]
+        chosen = [("null", k) for k in range(8)] + [(e, k) for e in protocol.PLANTS[plant][1:] for k in range(2)]
     rows = [(f"{rng.integers(16**8):08x}", str(e), truth_seed(e, k), int(rng.integers(2**31))) for e, k in chosen]
     return sorted(rows)
 
@@ -56,10 +62,11 @@ def arguments():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     commands = parser.add_subparsers(dest="command", required=True)
     truth = commands.add_parser("truth")
+    truth.add_argument("--plant", choices=protocol.PLANTS, default="fenics")
     truth.add_argument("--effect", required=True, choices=protocol.EFFECTS)
     truth.add_argument("--seed", type=int, required=True)
     truth.add_argument("-o", dest="folder", required=True)
-    truth.add_argument("--cells", type=int, default=9, help="along each side of the sheet")
+    truth.add_argument("--cells", type=int, help="along each side of the sheet; 9 of fenics, 6 of mujoco if not said")
     truth.add_argument("--recordings", type=int, nargs="*", default=list(range(9)))
     thinner = commands.add_parser("thin")
     thinner.add_argument("truth")
@@ -72,6 +79,7 @@ def arguments():
         c.add_argument("--labels", required=name == "label")
         c.add_argument("--force", choices=["yes", "no"], help="with a force sensor or not; drawn if not said")
     batch = commands.add_parser("plan")
+    batch.add_argument("--plant", choices=protocol.PLANTS, default="fenics")
     batch.add_argument("--batch", choices=["smoke", "dev"], required=True)
     batch.add_argument("--seed", type=int, required=True)
     return parser.parse_args()
@@ -80,9 +88,13 @@ def arguments():
 def main():
     a = arguments()
     if a.command == "truth":
-        fenics_truth.run_case(a.effect, a.seed, a.folder, a.cells, a.recordings, lambda text: print(text, flush=True))
+        try:
+            engine = importlib.import_module(f"{a.plant}_truth")
+        except ModuleNotFoundError as missing:
+            raise SystemExit(f"--plant {a.plant} needs the Python package {missing.name}, which {sys.executable} does not have") from None
+        engine.run_case(a.effect, a.seed, a.folder, a.cells, a.recordings, lambda text: print(text, flush=True))
     elif a.command == "plan":
-        for row in plan(a.batch, a.seed):
+        for row in plan(a.batch, a.seed, a.plant):
             print(*row)
     elif a.command == "thin":
         thin(a.truth, a.folder)

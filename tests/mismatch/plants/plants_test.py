@@ -125,6 +125,8 @@ def main():
     check("what is stored comes back", np.array_equal(np.rint(decoded / fenics_truth.STEP_M), moved))
     smoke = plants.plan("smoke", 1)
     check("a smoke batch is two nulls and four effects", [r[1] for r in smoke].count("null") == 2 and len({r[1] for r in smoke}) == 5)
+    smoke = plants.plan("smoke", 1, "mujoco")
+    check("so is one of another plant", [r[1] for r in smoke].count("null") == 2 and all(r[1] in protocol.PLANTS["mujoco"] for r in smoke))
     print("case folders are as they should be")
 
 

@@ -9,7 +9,12 @@ DURATION = 4.0  # [s] of every recording, so that no length tells anything
 CLOSED = 0.5  # [s] jaws close from 0.3 s on
 EFFECTS = ["null", "inclusion", "soft_spot", "anisotropy", "obstacle_below", "obstacle_above", "anchor_detachment",
            "anchor_compliance", "grasp_offset", "jaw_orientation", "adhesion", "viscoelastic", "strain_stiffening",
-           "tool_backlash", "actuation_delay", "grasp_slip"]
+           "tool_backlash", "actuation_delay", "grasp_slip", "plastic_set"]
+# What each plant can express of its own. The place of a name in EFFECTS is part of the seeds: names are added at the end.
+PLANTS = {
+    "fenics": EFFECTS[:16],
+    "mujoco": ["null", "inclusion", "soft_spot", "obstacle_below", "obstacle_above", "anchor_detachment", "anchor_compliance",
+               "grasp_offset", "jaw_orientation", "tool_backlash", "actuation_delay", "grasp_slip", "plastic_set"]}
 # Height over the full lift, tug over the full tug, by time; straight between, rounded over 80 ms.
 MOTIONS = {
     "slow lift in two levels, return, lower": [
@@ -81,11 +86,15 @@ def draw_effect(name, rng, base):
         return {"tau": u(.07, .14)}, {}
     if name == "grasp_slip":
         return {"v0": u(.003, .006), "Fs_share": u(.35, .6), "total": u(.002, .004)}, {}
+    if name == "plastic_set":  # ideal: beyond the strain ey the shape flows
+        return {"ey": log(.03, .06)}, {}
     return {}, {}
 
 
-def draw_case(effect, seed):
-    """The truth of a case as one dictionary that JSON keeps."""
+def draw_case(effect, seed, plant="fenics"):
+    """The truth of a case as one dictionary that JSON keeps. The same seed draws the same for every plant."""
+    if effect not in PLANTS[plant]:
+        raise SystemExit(f"--effect {effect}: the plant {plant} has {', '.join(PLANTS[plant])}")
     rng = np.random.default_rng([77, seed])
     u = rng.uniform
     base = {
@@ -108,7 +117,7 @@ def draw_case(effect, seed):
     lean = np.radians(u(5, 18))
     turn = u(0, 2 * np.pi)
     truth = {
-        "format": 1, "seed": seed, "engine": "fenics", "effect": effect, "base": base, "pinches_m": pinches, "lift_m": lifts,
+        "format": 1, "seed": seed, "engine": plant, "effect": effect, "base": base, "pinches_m": pinches, "lift_m": lifts,
         "tug_m": [tug * np.sin(angle), tug * np.cos(angle)],
         "shaft": [np.sin(lean) * np.cos(turn), np.sin(lean) * np.sin(turn), np.cos(lean)],
         "held_out": sorted([int(rng.integers(1, 5)), int(rng.choice([5, 6]))]),
