@@ -189,6 +189,8 @@ pb::Config load_config(const std::string& preset, std::span<const std::string> o
   read_text_proto(deploy_dir() + "/presets/" + preset + ".txtpb", config);
   config.set_preset(preset);
   for (const std::string& assignment : overrides) {
+    if (assignment.starts_with("preset="))
+      throw_error("{}: no knob of a run: --preset {}", assignment, assignment.substr(7));
     if (assignment.rfind("scene_file=", 0) == 0) config_parts::apply_override(config, assignment);
   }
   if (!config.scene_file().empty()) {

@@ -6,6 +6,7 @@
 
 #include <array>
 #include <charconv>
+#include <csignal>
 #include <cstdint>
 #include <string_view>
 
@@ -57,6 +58,8 @@ void report_crashes(const char* program) {
     action.sa_flags = SA_SIGINFO | SA_RESETHAND | SA_ONSTACK;
     sigaction(signal, &action, nullptr);
   }
+  // A file at its limit of size is as a full disk: the write fails and is told.
+  std::signal(SIGXFSZ, SIG_IGN);
 }
 
 }  // namespace omentum

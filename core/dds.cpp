@@ -6,6 +6,7 @@
 #include <fmt/ranges.h>
 
 #include <array>
+#include <cstring>
 #include <filesystem>
 #include <map>
 #include <mutex>
@@ -190,7 +191,15 @@ std::string certificate_path(const std::string& uri) {
   const std::size_t at = uri.find(kTag);
   if (at == std::string::npos) return "";
   const std::size_t begin = at + kTag.size();
-  return uri.substr(begin, uri.find('<', begin) - begin);
+  std::string path = uri.substr(begin, uri.find('<', begin) - begin);
+  // As dds_config_xml() writes it.
+  constexpr std::pair<std::string_view, char> kEntities[] = {
+      {"&lt;", '<'}, {"&gt;", '>'}, {"&quot;", '"'}, {"&amp;", '&'}};
+  for (const auto& [entity, character] : kEntities) {
+    for (std::size_t found = 0; (found = path.find(entity, found)) != std::string::npos; ++found)
+      path.replace(found, entity.size(), 1, character);
+  }
+  return path;
 }
 
 Failure failure_of(const std::string& operation, const std::string& topic, dds_return_t code) {
@@ -251,6 +260,32 @@ Participant::Participant(std::uint32_t domain, const std::string& uri, const std
 bool Participant::expired() const {
   constexpr std::int64_t kNsPerS = 1'000'000'000;
   return certificate_end_s_ > 0 && wall_now_ns() / kNsPerS >= certificate_end_s_ - 1;
+}
+
+bool Participant::sees(const std::string& name) const {
+  if (expired()) return false;
+  const Entity reader(
+      dds_create_reader(handle(), DDS_BUILTIN_TOPIC_DCPSPARTICIPANT, nullptr, nullptr),
+      "create reader of participants");
+  dds_guid_t own{};
+  dds_get_guid(handle(), &own);
+  constexpr std::uint32_t kMost = 512;  // of a flood
+  std::vector<void*> samples(kMost, nullptr);
+  std::vector<dds_sample_info_t> infos(kMost);
+  const dds_return_t count = dds_take(reader.handle(), samples.data(), infos.data(), kMost, kMost);
+  bool found = false;
+  for (dds_return_t i = 0; i < count; ++i) {
+    const auto k = static_cast<std::size_t>(i);
+    const auto& other = *static_cast<const dds_builtintopic_participant_t*>(samples[k]);
+    if (!infos[k].valid_data || infos[k].instance_state != DDS_IST_ALIVE) continue;
+    if (std::memcmp(own.v, other.key.v, sizeof own.v) == 0) continue;
+    char* told = nullptr;
+    const bool named = dds_qget_entity_name(other.qos, &told) && told != nullptr;
+    found = found || !named || name == told;
+    dds_free(told);
+  }
+  if (count > 0) dds_return_loan(reader.handle(), samples.data(), count);
+  return found;
 }
 
 Topic::Topic(const Participant& participant, const TopicSpec& spec,

@@ -76,6 +76,9 @@ class Participant {
   /// create a writer or reader would crash; here that throws Error from then on (docs/cluster.md
   /// 5). Destroy all that was made from it and join anew with renewed files, or end. Any thread.
   bool expired() const;
+  /// Another participant of this name is in the domain, or one whose name is not told (DDS
+  /// Security). Reads what discovery knows: not for a loop.
+  bool sees(const std::string& name) const;
 
  private:
   std::string certificate_name_;

@@ -13,9 +13,34 @@ constexpr std::string_view kLargeWatermarks =
 constexpr std::string_view kSmallWatermarks =
     "<WhcAdaptive>false</WhcAdaptive><WhcHighInit>32kB</WhcHighInit><WhcHigh>32kB</WhcHigh>";
 
+/// A text as the value of an attribute or an element.
+std::string escaped(const std::string& text) {
+  std::string xml;
+  for (const char c : text) {
+    switch (c) {
+      case '&':
+        xml += "&amp;";
+        break;
+      case '<':
+        xml += "&lt;";
+        break;
+      case '>':
+        xml += "&gt;";
+        break;
+      case '"':
+        xml += "&quot;";
+        break;
+      default:
+        xml += c;
+    }
+  }
+  return xml;
+}
+
 std::string discovery_xml(const DdsConfig& config) {
   std::string peers;
-  for (const std::string& peer : config.peers) peers += fmt::format("<Peer Address=\"{}\"/>", peer);
+  for (const std::string& peer : config.peers)
+    peers += fmt::format("<Peer Address=\"{}\"/>", escaped(peer));
   // Only one process of a hub has a port that others can know. Elsewhere the ports of a host are
   // tried one after the other; Cyclone's own limit of 9 stops the eleventh process.
   std::string index =
@@ -58,7 +83,7 @@ std::string security_xml(const std::string& dir) {
       </Cryptographic>
     </Security>
 )",
-                     dir);
+                     escaped(dir));
 }
 
 }  // namespace
@@ -89,7 +114,7 @@ std::string dds_config_xml(const DdsConfig& config) {
 )",
       // An address is no name of an interface to Cyclone.
       own.interface.find_first_not_of("0123456789.") == std::string::npos ? "address" : "name",
-      own.interface,
+      escaped(own.interface),
       // Over Ethernet a large datagram is lost with any of its 45 frames.
       own.discovery == Discovery::kLoopback ? "65500B" : "14720B", discovery_xml(own),
       own.large_buffers ? kLargeWatermarks : kSmallWatermarks, security_xml(own.security_dir));

@@ -40,7 +40,14 @@ Result<in_addr> resolve(const std::string& name) {
   hints.ai_socktype = SOCK_DGRAM;
   addrinfo* found = nullptr;
   const int code = getaddrinfo(name.c_str(), nullptr, &hints, &found);
-  if (code != 0) return Failure{fmt::format("host name {}: {}", name, gai_strerror(code))};
+  if (code != 0) {
+    hints.ai_family = AF_INET6;
+    const bool six = getaddrinfo(name.c_str(), nullptr, &hints, &found) == 0;
+    if (six) freeaddrinfo(found);
+    return Failure{fmt::format(
+        "host name {}: {}", name,
+        six ? "has an address of IPv6 only, and DDS goes over IPv4 here" : gai_strerror(code))};
+  }
   const std::unique_ptr<addrinfo, decltype(&freeaddrinfo)> list(found, &freeaddrinfo);
   sockaddr_in address{};
   std::memcpy(&address, list->ai_addr, sizeof address);
@@ -68,10 +75,17 @@ Result<std::string> first_interface() {
   ifaddrs* found = nullptr;
   if (getifaddrs(&found) != 0) return Failure{"no list of interfaces"};
   const std::unique_ptr<ifaddrs, decltype(&freeifaddrs)> list(found, &freeifaddrs);
+  std::string six;
   for (const ifaddrs* at = found; at != nullptr; at = at->ifa_next) {
-    if (at->ifa_addr == nullptr || at->ifa_addr->sa_family != AF_INET) continue;
+    if (at->ifa_addr == nullptr) continue;
     if ((at->ifa_flags & IFF_UP) == 0 || (at->ifa_flags & IFF_LOOPBACK) != 0) continue;
+    if (at->ifa_addr->sa_family == AF_INET6) six = at->ifa_name;
+    if (at->ifa_addr->sa_family != AF_INET) continue;
     return text_of(reinterpret_cast<const sockaddr_in*>(at->ifa_addr)->sin_addr);
+  }
+  if (!six.empty()) {
+    return Failure{fmt::format(
+        "interface {} has an address of IPv6 only: DDS goes over IPv4 here, give it one", six)};
   }
   return Failure{"no interface is up but the loopback"};
 }

@@ -6,9 +6,13 @@
 #include <unistd.h>
 
 #include <cerrno>
+#include <chrono>
 #include <filesystem>
 #include <fstream>
+#include <thread>
 #include <utility>
+
+#include "core/regular_file.h"
 
 namespace omentum {
 
@@ -46,7 +50,9 @@ bool write_all(int fd, std::span<const std::byte> bytes) {
 }
 
 Result<void> write_temporary(const std::string& path, std::span<const std::byte> bytes) {
-  Descriptor file(::open(path.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0644));
+  // Not waiting: in the place of the file may be a pipe that nobody reads.
+  Descriptor file(
+      ::open(path.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_NONBLOCK | O_CLOEXEC, 0644));
   if (file.get() < 0) return failed("cannot create", path);
   if (!write_all(file.get(), bytes)) return failed("cannot write", path);
   if (::fsync(file.get()) != 0) return failed("cannot fsync", path);
@@ -56,8 +62,18 @@ Result<void> write_temporary(const std::string& path, std::span<const std::byte>
 
 /// Into what is there already: a device, a pipe.
 Result<void> write_into(const std::string& path, std::span<const std::byte> bytes) {
-  Descriptor file(::open(path.c_str(), O_WRONLY | O_CLOEXEC));
-  if (file.get() < 0) return failed("cannot open", path);
+  // A pipe that nobody reads is a failure after a moment; one that is read is written as slowly as
+  // it is read.
+  constexpr int kTries = 100;
+  constexpr auto kAgain = std::chrono::milliseconds(20);
+  int opened = -1;
+  for (int i = 0; i < kTries && opened < 0; ++i) {
+    if (i > 0) std::this_thread::sleep_for(kAgain);
+    opened = ::open(path.c_str(), O_WRONLY | O_NONBLOCK | O_CLOEXEC);
+    if (opened < 0 && errno != ENXIO) break;
+  }
+  Descriptor file(opened);
+  if (opened < 0 || ::fcntl(opened, F_SETFL, 0) != 0) return failed("cannot open", path);
   if (!write_all(file.get(), bytes)) return failed("cannot write", path);
   if (!file.close()) return failed("cannot close", path);
   return {};
@@ -94,8 +110,9 @@ Result<void> write_durably(const std::string& path, std::string_view text) {
 }
 
 Result<Bytes> read_whole(const std::string& path) {
-  if (std::filesystem::exists(path) && !std::filesystem::is_regular_file(path))
-    return Failure{fmt::format("{} is not a file", path)};
+  if (const Result<void> regular = require_regular_file(path);
+      !regular && std::filesystem::exists(path))
+    return Failure{regular.error()};
   std::ifstream file(path, std::ios::binary | std::ios::ate);
   if (!file) return failed("cannot open", path);
   Bytes bytes(static_cast<std::size_t>(file.tellg()));
@@ -119,7 +136,7 @@ Result<void> AppendFile::open() {
   std::error_code ignored;  // shows as the failed open below
   if (!parent.empty()) std::filesystem::create_directories(parent, ignored);
   if (fd_ >= 0) ::close(fd_);
-  fd_ = ::open(path_.c_str(), O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC, 0644);
+  fd_ = ::open(path_.c_str(), O_WRONLY | O_CREAT | O_APPEND | O_NONBLOCK | O_CLOEXEC, 0644);
   if (fd_ < 0) return failed("cannot open", path_);
   return ::lseek(fd_, 0, SEEK_END) == 0 ? write(header_) : Result<void>();
 }

@@ -11,6 +11,8 @@
 #include <string>
 #include <utility>
 
+#include "core/printable.h"
+
 namespace omentum {
 namespace {
 
@@ -91,7 +93,7 @@ void Log::say(Level level, fmt::string_view text, fmt::format_args values) {
   using enum spdlog::level::level_enum;
   constexpr spdlog::level::level_enum kOfSpdlog[] = {debug, info, warn, err};
   const auto its = kOfSpdlog[static_cast<int>(level)];
-  if (logger().should_log(its)) logger().log(its, fmt::vformat(text, values));
+  if (logger().should_log(its)) logger().log(its, printable(fmt::vformat(text, values)));
 }
 
 void name_log(std::string_view program) {

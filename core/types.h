@@ -264,6 +264,8 @@ struct LearnerStatus : Ledger {
   std::vector<std::string> alarms;  ///< that hold now; at most 16
   std::uint64_t alarms_raised = 0;  ///< since the start
   std::uint64_t steps_wanted = 0;   ///< of the whole run
+  /// Shall join anew: the learner does not hear them, or they not it; at most 64 are told.
+  std::vector<std::uint32_t> unheard_worker_ids;
 };
 
 struct EpisodeSummary {

@@ -92,6 +92,8 @@ void fields(G& g, C& c, V& v) {
           {"worker_steps_per_s", omentum_v1_MAX_WORKERS});
   v.array(g.barred_worker_ids, c.barred_worker_ids, {"barred_worker_ids", omentum_v1_MAX_BARRED});
   v.texts(g.barred_reasons, c.barred_reasons, omentum_v1_MAX_BARRED, "barred_reasons");
+  v.array(g.unheard_worker_ids, c.unheard_worker_ids,
+          {"unheard_worker_ids", omentum_v1_MAX_BARRED});
   v.texts(g.alarms, c.alarms, omentum_v1_MAX_ALARMS, "alarms");
 }
 

@@ -67,6 +67,11 @@ void Grants::bar(Worker& worker, const std::string& reason, std::int64_t now_ns)
   worker.barred_until_ns = now_ns + worker.barred_span_ns;
 }
 
+std::uint32_t Grants::live_of(std::uint32_t worker_id) const {
+  const auto found = workers_.find(worker_id);
+  return found == workers_.end() ? 0 : found->second.live;
+}
+
 std::vector<Barred> Grants::barred(std::int64_t now_ns) const {
   std::vector<Barred> all;
   for (const auto& [id, worker] : workers_) {

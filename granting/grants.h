@@ -62,6 +62,8 @@ class Grants {
   /// It gave a result of whatever kind: it is not suspected any more.
   void worker_answered(std::uint32_t worker_id);
   std::vector<Barred> barred(std::int64_t now_ns) const;
+  /// Grants of it that are waited for.
+  std::uint32_t live_of(std::uint32_t worker_id) const;
 
   /// Wants a task. A task of the same number is forgotten, its grants too.
   void open(std::uint32_t task, const GrantTerms& terms);

@@ -167,21 +167,27 @@ void SimulationAsker::take_questions() {
 
 void SimulationAsker::follow(std::uint32_t id, const ListedWorker& worker, std::int64_t now_ns) {
   const auto found = served_.find(id);
-  if (!worker.alive) {
-    if (found == served_.end()) return;
-    if (worker.crashed)
+  const bool anew = found != served_.end() && found->second.speaks_as != worker.writer;
+  if (found != served_.end() && (!worker.alive || anew)) {
+    if (worker.crashed || anew)
       options_.tell(fmt::format("worker {} on {} is lost: what it did is given to another", id,
                                 found->second.last.host));
     book_.worker_left(id);
     retire(std::move(found->second), now_ns);
     served_.erase(found);
-    return;
   }
-  if (found == served_.end()) {
+  if (!worker.alive) return;
+  if (found == served_.end() || anew) {
     Served served;
-    served.writer = std::make_unique<BusWriter<SimulationGrant>>(
-        participant_, worker_partition(options_.run, id), fmt::format("asker-tasks-w{}", id));
+    try {
+      served.writer = std::make_unique<BusWriter<SimulationGrant>>(
+          participant_, worker_partition(options_.run, id), fmt::format("asker-tasks-w{}", id));
+    } catch (const Error& error) {  // with its next status it is tried again
+      options_.tell(fmt::format("worker {} is not asked: {}", id, error.what()));
+      return;
+    }
     served.last = worker.status;
+    served.speaks_as = worker.writer;
     served_.emplace(id, std::move(served));
     return;
   }

@@ -65,6 +65,7 @@ class SimulationAsker {
   struct Served {
     std::unique_ptr<BusWriter<SimulationGrant>> writer;
     WorkerStatus last;
+    std::uint64_t speaks_as = 0;  ///< writer of its status: another one is a worker that came anew
     bool joined = false;
     bool silent = false;
   };

@@ -21,6 +21,10 @@ constexpr std::int64_t kWarnPeriodNs = 10'000 * kMs;
 constexpr std::size_t kLeastRing = 64;
 constexpr std::size_t kMostBarredTold = 64;
 constexpr std::size_t kRepliesKept = 64;
+constexpr std::size_t kMostKnown = 4096;
+constexpr std::uint32_t kWritersPerS = 64;  // a flood of made-up workers must not take all the time
+constexpr std::int64_t kUnheardNs = 5'000 * kMs;  // longer than a lease and a second grant
+constexpr std::size_t kMostUnheardTold = 64;
 
 // Runs in the member initialisers: nothing may be created for a run that cannot have a partition.
 LearnerBusOptions checked(LearnerBusOptions options) {
@@ -80,7 +84,17 @@ Result<void> LearnerBus::publish_manifest(RunManifest manifest) {
   manifest.run_id = options_.run;
   manifest.learner_epoch = options_.learner_epoch;
   manifest_ = std::move(manifest);
-  return manifest_writer_.write(manifest_);
+  const Result<void> written = manifest_writer_.write(manifest_);
+  speaks_ = true;
+  waitset_.wake();
+  return written;
+}
+
+std::uint32_t LearnerBus::listen_for_older(std::int64_t timeout_ns) {
+  std::unique_lock lock(mutex_);
+  something_.wait_for(lock, std::chrono::nanoseconds(timeout_ns),
+                      [this] { return older_epoch() != 0 || superseded(); });
+  return older_epoch();
 }
 
 Result<void> LearnerBus::publish_weights(PolicyWeights weights) {
@@ -131,6 +145,7 @@ void LearnerBus::set_status(const LearnerStatus& status) {
   status_.bytes_down_per_s = old.bytes_down_per_s;
   status_.barred_worker_ids = old.barred_worker_ids;
   status_.barred_reasons = old.barred_reasons;
+  status_.unheard_worker_ids = old.unheard_worker_ids;
   status_.alarms = old.alarms;
   status_.alarms_raised = old.alarms_raised;
   if (old.phase != status_.phase) {
@@ -240,7 +255,11 @@ void LearnerBus::serve(TaskBook& book, std::int64_t now_ns) {
                  served.last.pid, served.last.lanes);
     }
   }
-  if (now_ns - reported_ns_ >= kReportPeriodNs) follow_silence(book);
+  if (now_ns - reported_ns_ >= kReportPeriodNs) {
+    serve_late_ones(now_ns);
+    follow_silence(book);
+    find_unheard(book, steady_now_ns());
+  }
   std::erase_if(retired_, [now = steady_now_ns()](const auto& entry) {
     return entry.first->matched() == 0 || now > entry.second;
   });
@@ -269,25 +288,15 @@ void LearnerBus::follow_worker(TaskBook& book, std::uint32_t id, const ListedWor
   if (seen.status.learner_epoch < options_.learner_epoch)
     epoch_of_workers_ = std::max(epoch_of_workers_, seen.status.learner_epoch);
   const auto found = served_.find(id);
-  if (!seen.alive) {
-    if (found == served_.end()) return;
-    log().info("event=worker_{} worker={} host={}", seen.crashed ? "lost" : "left", id,
+  const bool anew = found != served_.end() && found->second.speaks_as != seen.writer;
+  if (found != served_.end() && (!seen.alive || anew)) {
+    log().info("event=worker_{} worker={} host={}", seen.crashed || anew ? "lost" : "left", id,
                found->second.last.host);
     book.worker_left(id);
-    // Deleting a writer waits for readers that have not acknowledged; a dead one never will.
-    retired_.emplace_back(std::move(found->second.writer), steady_now_ns() + kRetireNs);
-    served_.erase(found);
-    return;
+    retire(found);
   }
-  if (found == served_.end()) {
-    Served served;
-    served.writer = std::make_unique<BusWriter<RolloutTask>>(
-        participant_, worker_partition(options_.run, id), fmt::format("learner-tasks-w{}", id));
-    served.last = seen.status;
-    known_[id] = seen.status;
-    served_.emplace(id, std::move(served));
-    return;
-  }
+  if (!seen.alive) return;
+  if (found == served_.end() || anew) return serve_worker(id, seen, now_ns);
   Served& served = found->second;
   const WorkerStatus before = std::exchange(served.last, seen.status);
   if (!seen.status.warnings.empty() && seen.status.warnings != before.warnings) {
@@ -301,6 +310,97 @@ void LearnerBus::follow_worker(TaskBook& book, std::uint32_t id, const ListedWor
     book.worker_left(id);
     served.joined = false;
   }
+}
+
+/// Makes its task writer. What cannot be made now is tried again (serve_late_ones()).
+void LearnerBus::serve_worker(std::uint32_t id, const ListedWorker& seen, std::int64_t now_ns) {
+  if (now_ns - writers_from_ns_ >= 1'000 * kMs) {
+    writers_from_ns_ = now_ns;
+    writers_made_ = 0;
+  }
+  if (writers_made_ >= kWritersPerS) return;
+  ++writers_made_;
+  Served served;
+  try {
+    served.writer = std::make_unique<BusWriter<RolloutTask>>(
+        participant_, worker_partition(options_.run, id), fmt::format("learner-tasks-w{}", id));
+  } catch (const Error& error) {  // entities have an end, and a certificate too
+    log().warn("event=worker_not_served reason=\"{}\" worker={}", error.what(), id);
+    return;
+  }
+  served.last = seen.status;
+  served.speaks_as = seen.writer;
+  served.since_ns = served.fine_ns = steady_now_ns();
+  {
+    const std::lock_guard lock(mutex_);
+    segments_of_[id] = 0;
+  }
+  if (known_.size() >= kMostKnown)
+    std::erase_if(known_, [this](const auto& entry) { return !served_.contains(entry.first); });
+  known_[id] = seen.status;
+  served_.insert_or_assign(id, std::move(served));
+}
+
+void LearnerBus::serve_late_ones(std::int64_t now_ns) {
+  std::vector<std::pair<std::uint32_t, ListedWorker>> late;
+  {
+    const std::lock_guard lock(mutex_);
+    if (workers_.count_alive() <= served_.size()) return;
+    for (const WorkerStatus& worker : workers_.alive()) {
+      if (late.size() < kWritersPerS && !served_.contains(worker.worker_id))
+        late.emplace_back(worker.worker_id, *workers_.find(worker.worker_id));
+    }
+  }
+  for (const auto& [id, seen] : late) serve_worker(id, seen, now_ns);
+}
+
+void LearnerBus::retire(std::map<std::uint32_t, Served>::iterator worker) {
+  {
+    const std::lock_guard lock(mutex_);
+    segments_of_.erase(worker->first);
+  }
+  // Deleting a writer waits for readers that have not acknowledged; a dead one never will.
+  retired_.emplace_back(std::move(worker->second.writer), steady_now_ns() + kRetireNs);
+  served_.erase(worker);
+}
+
+/// Reliable topics can be parted for good by datagrams that anybody can forge (docs/trust.md 2):
+/// workers that speak and are granted tasks of which nothing comes, or that fell silent although
+/// their process is there, are asked to join anew. Two participants that have just met are not
+/// parted.
+void LearnerBus::find_unheard(const TaskBook& book, std::int64_t now_ns) {
+  std::vector<std::uint32_t> unheard;
+  std::map<std::uint32_t, std::uint64_t> received;
+  std::map<std::uint32_t, std::int64_t> spoke_ns;
+  {
+    const std::lock_guard lock(mutex_);
+    received = segments_of_;
+    for (const auto& [id, served] : served_) {
+      const ListedWorker* seen = workers_.find(id);
+      spoke_ns[id] = seen != nullptr ? seen->at_ns : now_ns;
+    }
+  }
+  for (auto& [id, served] : served_) {
+    const WorkerStatus& last = served.last;
+    const bool computes =
+        last.tasks_in_progress > 0 && last.segments_published == served.fine_published;
+    const std::uint64_t count = received[id];
+    // One that makes its scene has nothing to say, and gets nothing.
+    const bool unmatched = !served.joined && last.lanes > 0 && served.writer->matched() == 0;
+    const bool waits = served.joined && book.grants_of(id) > 0 && !paused_ && !computes;
+    if ((!waits && !unmatched) || count != served.fine_received) {
+      served.fine_ns = now_ns;
+      served.fine_received = count;
+      served.fine_published = last.segments_published;
+    }
+    const bool silent = served.joined && now_ns - spoke_ns[id] > kUnheardNs;
+    if ((silent || now_ns - served.fine_ns > kUnheardNs) && unheard.size() < kMostUnheardTold)
+      unheard.push_back(id);
+  }
+  const std::lock_guard lock(mutex_);
+  if (!unheard.empty() && unheard != status_.unheard_worker_ids)
+    log().warn("event=workers_unheard workers={} they are asked to join anew", unheard.size());
+  status_.unheard_worker_ids = std::move(unheard);
 }
 
 void LearnerBus::follow_declines(TaskBook& book, std::uint32_t id, const WorkerStatus& before,

@@ -43,7 +43,7 @@ struct BusStatistics {
   std::uint64_t full = 0;  ///< times the segment reader was full: this process received nothing
   std::uint64_t worker_crashes = 0;
   std::uint64_t worker_leaves = 0;
-  std::uint64_t id_conflicts = 0;  ///< statuses of a worker id that already has a live writer
+  std::uint64_t id_conflicts = 0;  ///< statuses that WorkerList refused
   std::uint32_t workers_alive = 0;
 };
 
@@ -92,10 +92,16 @@ class LearnerBus {
   /// The certificate has ended (dds::Participant::expired): nobody hears this process any more.
   bool expired() const { return participant_.expired(); }
 
-  /// A learner with a higher epoch serves this run: stop and exit with an error. Nothing more is
-  /// published.
+  /// A learner with a higher epoch serves this run, and goes on to: stop and exit with an error.
+  /// Nothing more is published. Not at once: of two that do not know of each other the younger one
+  /// ends.
   bool superseded() const { return superseding_epoch() != 0; }
   std::uint32_t superseding_epoch() const { return superseding_epoch_.load(); }
+
+  /// Epoch of a learner of this run that is older than this one and speaks; 0 = none heard.
+  std::uint32_t older_epoch() const { return older_epoch_.load(); }
+  /// The same, before anything is published: waits so long for one to be heard.
+  std::uint32_t listen_for_older(std::int64_t timeout_ns);
 
   /// Tells the workers that the run is over (phase kDone) and waits until they left; true if all
   /// did in time.
@@ -114,8 +120,13 @@ class LearnerBus {
   struct Served {
     std::unique_ptr<BusWriter<RolloutTask>> writer;
     WorkerStatus last;
+    std::uint64_t speaks_as = 0;  ///< writer of its status: another one is a worker that came anew
+    std::int64_t since_ns = 0;
     bool joined = false;
     bool silent = false;
+    // When it gave the last sign of getting tasks and of being heard, and its counts then.
+    std::int64_t fine_ns = 0;
+    std::uint64_t fine_received = 0, fine_published = 0;
   };
 
   void drain(const std::stop_token& stop);
@@ -130,7 +141,11 @@ class LearnerBus {
                      std::int64_t now_ns);
   void follow_declines(TaskBook& book, std::uint32_t id, const WorkerStatus& before,
                        const WorkerStatus& after, std::int64_t now_ns);
+  void serve_worker(std::uint32_t id, const ListedWorker& seen, std::int64_t now_ns);
+  void serve_late_ones(std::int64_t now_ns);
+  void retire(std::map<std::uint32_t, Served>::iterator worker);
   void follow_silence(TaskBook& book);
+  void find_unheard(const TaskBook& book, std::int64_t now_ns);
   void write_grants(TaskBook& book, std::int64_t now_ns);
   void repeat_for_workers(std::int64_t now_ns);
   void report_book(const TaskBook& book, std::int64_t now_ns);
@@ -163,6 +178,8 @@ class LearnerBus {
   std::map<std::uint32_t, WorkerStatus> known_;  ///< first status of every worker of this session
   std::vector<std::uint32_t> barred_told_;
   std::vector<std::pair<std::unique_ptr<BusWriter<RolloutTask>>, std::int64_t>> retired_;
+  std::int64_t writers_from_ns_ = 0;  ///< when the present second of new writers began
+  std::uint32_t writers_made_ = 0;    ///< in it
   std::uint64_t refused_told_ = 0, foreign_told_ = 0, strangers_told_ = 0, robots_told_ = 0;
   std::int64_t foreign_warned_ns_ = 0;
   std::int64_t reported_ns_ = 0, repeated_ns_ = 0;
@@ -182,17 +199,23 @@ class LearnerBus {
   std::deque<RolloutSegment> ring_;  // guarded by mutex_
   // (slot, task_hash), guarded by mutex_
   std::vector<std::pair<std::uint32_t, std::uint64_t>> overflown_;
-  WorkerList workers_;                    // guarded by mutex_
-  std::vector<ControlCommand> commands_;  // guarded by mutex_
-  std::size_t ring_peak_ = 0;             // since the last report; guarded by mutex_
-  LearnerStatus status_;                  // guarded by mutex_
-  bool status_urgent_ = true;             // guarded by mutex_
-  BusStatistics statistics_;              // guarded by mutex_
+  WorkerList workers_;                                  // guarded by mutex_
+  std::map<std::uint32_t, std::uint64_t> segments_of_;  // of live workers; guarded by mutex_
+  std::vector<ControlCommand> commands_;                // guarded by mutex_
+  std::size_t ring_peak_ = 0;                           // since the last report; guarded by mutex_
+  LearnerStatus status_;                                // guarded by mutex_
+  bool status_urgent_ = true;                           // guarded by mutex_
+  BusStatistics statistics_;                            // guarded by mutex_
 
   // Drain thread only.
   std::int64_t status_sent_ns_ = 0, rate_from_ns_ = 0;
   std::uint64_t rate_bytes_up_ = 0, rate_bytes_down_ = 0;
 
+  std::uint32_t younger_epoch_ = 0;  ///< heard, and since when
+  std::int64_t younger_since_ns_ = 0;
+
+  std::atomic<bool> speaks_{false};                  ///< the manifest is out
+  std::atomic<std::uint32_t> older_epoch_{0};        ///< below ours, of who speaks
   std::atomic<std::uint32_t> superseding_epoch_{0};  ///< highest above ours
   std::jthread drain_thread_;                        // last: stops before anything it uses goes
 };

@@ -16,6 +16,8 @@ constexpr std::int64_t kMs = 1'000'000;
 constexpr std::int64_t kStatusPeriodNs = 500 * kMs;
 constexpr std::int64_t kRatePeriodNs = 1'000 * kMs;
 constexpr int kTakenAtOnce = 64;
+// Of two learners that do not know of each other the younger one ends within this time.
+constexpr std::int64_t kYoungerEndsNs = 3'000 * kMs;
 constexpr std::size_t kMostCommands = 64;  // of a flood; an operator sends one
 
 }  // namespace
@@ -56,6 +58,8 @@ void LearnerBus::drain_segments() {
           return;
         }
         if (mirror_) mirror_->segment(arrival.record);
+        if (const auto own = segments_of_.find(arrival.record.worker_id); own != segments_of_.end())
+          ++own->second;
         statistics_.bytes_up += bytes;
         if (ring_.size() >= ring_capacity_) {
           overflown_.emplace_back(arrival.record.slot, arrival.record.task_hash);
@@ -97,9 +101,13 @@ void LearnerBus::drain_worker_status() {
         statistics_.workers_alive = workers_.count_alive();
         if (event == Event::kRefused) {
           ++statistics_.id_conflicts;
-          log().warn("event=worker_refused worker={} reason=\"id has a live writer\"", id);
+          log().warn(
+              "event=worker_refused reason=\"its id or its process is a live worker, or {} speak\" "
+              "worker={} total={}",
+              WorkerList::kMostWorkers, id, workers_.refused());
           return;
         }
+        if (event == Event::kNothing) return;
         const ListedWorker& worker = *workers_.find(id);
         if (mirror_ && worker.alive) mirror_->worker(worker.status);
         if (mirror_ && (event == Event::kLeft || event == Event::kCrashed))
@@ -115,8 +123,21 @@ void LearnerBus::drain_worker_status() {
 void LearnerBus::drain_learner_status() {
   const Result<int> taken = learner_reader_.take(256, [this](Arrival<LearnerStatus>&& arrival) {
     if (!arrival.info.valid || arrival.record.run_id != options_.run) return;
+    if (arrival.info.state != dds::InstanceState::kAlive) return;
     const std::uint32_t epoch = arrival.record.learner_epoch;
+    const std::int64_t now = steady_now_ns();
+    if (epoch < options_.learner_epoch && arrival.record.phase != LearnerPhase::kDone) {
+      older_epoch_.store(epoch);
+      { const std::lock_guard lock(mutex_); }  // or a wait() that is about to sleep would miss it
+      something_.notify_all();
+    }
     if (epoch <= options_.learner_epoch || epoch <= superseding_epoch()) return;
+    if (std::exchange(younger_epoch_, epoch) != epoch) {
+      younger_since_ns_ = now;
+      log().warn("event=younger_learner run={} epoch={} its_epoch={}", options_.run,
+                 options_.learner_epoch, epoch);
+    }
+    if (now - younger_since_ns_ < kYoungerEndsNs) return;
     superseding_epoch_.store(epoch);
     log().error("event=superseded run={} epoch={} by_epoch={}", options_.run,
                 options_.learner_epoch, epoch);
@@ -164,7 +185,7 @@ void LearnerBus::drain_mirrored() {
 }
 
 void LearnerBus::send_status(std::int64_t now_ns) {
-  if (superseded()) {
+  if (superseded() || !speaks_) {
     status_sent_ns_ = now_ns;
     return;
   }

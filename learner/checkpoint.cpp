@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <charconv>
 #include <filesystem>
-#include <limits>
 #include <map>
 #include <sstream>
 #include <string_view>
@@ -152,7 +151,7 @@ Result<void> CheckpointStore::save(const pb::Checkpoint& checkpoint, const Save&
   OMENTUM_CHECK(checkpoint.format_version() == kCheckpointFormat);
   const Bytes bytes = encode_checkpoint(checkpoint);
   const std::uint64_t updates = checkpoint.ppo().updates();
-  if (Result<void> result = write_durably(path_of(updates), bytes); !result) return result;
+  // The numbered one last: what a run resumes from claims only what is there.
   if (what.best) {
     if (Result<void> result = write_durably(folder_ + "/best.pb", bytes); !result) return result;
   }
@@ -160,6 +159,7 @@ Result<void> CheckpointStore::save(const pb::Checkpoint& checkpoint, const Save&
     const std::string path = fmt::format("{}/milestone-{:010}.pb", folder_, *what.milestone);
     if (Result<void> result = write_durably(path, bytes); !result) return result;
   }
+  if (Result<void> result = write_durably(path_of(updates), bytes); !result) return result;
   std::vector<std::uint64_t> numbers = present();
   for (std::size_t i = 0; i + 2 < numbers.size(); ++i) {
     std::error_code ignored;  // a file that cannot be removed only costs space
@@ -169,11 +169,20 @@ Result<void> CheckpointStore::save(const pb::Checkpoint& checkpoint, const Save&
 }
 
 Result<std::optional<LoadedCheckpoint>> CheckpointStore::load_newest() const {
-  std::vector<std::uint64_t> numbers = present();
+  std::vector<std::string> names;  // the newest last
+  for (const std::uint64_t number : present()) names.push_back(path_of(number));
+  if (names.empty()) {
+    // best.pb and milestones are whole checkpoints, and written before the numbered one.
+    for (const std::string& name : others()) names.push_back(folder_ + "/" + name);
+    std::ranges::stable_sort(names, {}, [](const std::string& path) {
+      const Result<pb::Checkpoint> one = load_checkpoint(path);
+      return one ? one.value().ppo().updates() : 0;
+    });
+  }
   LoadedCheckpoint loaded;
-  while (!numbers.empty()) {
-    loaded.path = path_of(numbers.back());
-    numbers.pop_back();
+  while (!names.empty()) {
+    loaded.path = names.back();
+    names.pop_back();
     Result<pb::Checkpoint> checkpoint = load_checkpoint(loaded.path);
     if (checkpoint) {
       loaded.checkpoint = std::move(checkpoint).value();
@@ -184,6 +193,17 @@ Result<std::optional<LoadedCheckpoint>> CheckpointStore::load_newest() const {
   if (loaded.warnings.empty()) return std::optional<LoadedCheckpoint>();
   return Failure{fmt::format("no checkpoint of {} is readable: {}", folder_,
                              fmt::join(loaded.warnings, "; "))};
+}
+
+std::vector<std::string> CheckpointStore::others() const {
+  std::vector<std::string> names;
+  std::error_code error;
+  for (const fs::directory_entry& entry : fs::directory_iterator(folder_, error)) {
+    const std::string name = entry.path().filename().string();
+    if (name == "best.pb" || name.starts_with("milestone-")) names.push_back(name);
+  }
+  std::sort(names.begin(), names.end());
+  return names;
 }
 
 std::optional<std::uint64_t> CheckpointStore::crossed_milestone(std::uint64_t before,
@@ -214,8 +234,13 @@ Result<std::uint32_t> last_learner_epoch(const std::string& folder) {
   std::string_view text = read.value();
   if (text.ends_with('\n')) text.remove_suffix(1);
   const std::optional<std::uint64_t> number = parse_number(text);
-  if (!number || *number >= std::numeric_limits<std::uint32_t>::max())
+  if (!number)
     return Failure{fmt::format("{} does not hold a number: remove the file to go on", path)};
+  constexpr std::uint64_t kMost = 4'102'444'800;  // the year 2100; each start adds at least one
+  if (*number > kMost) {
+    return Failure{fmt::format("{} holds {}, allowed up to {}: remove the file to go on", path,
+                               *number, kMost)};
+  }
   return static_cast<std::uint32_t>(*number);
 }
 

@@ -39,9 +39,12 @@ class CheckpointStore {
   };
   Result<void> save(const pb::Checkpoint& checkpoint, const Save& what);
 
-  /// The newest good checkpoint; empty when the folder has none. Fails only when there are files
-  /// and all are bad.
+  /// The newest good checkpoint, without a numbered one of best.pb and the milestones; empty when
+  /// the folder has none. Fails only when there are files and all are bad.
   Result<std::optional<LoadedCheckpoint>> load_newest() const;
+
+  /// best.pb and milestones of the folder, by name.
+  std::vector<std::string> others() const;
 
   /// The milestone that lies in (before, after], if any.
   std::optional<std::uint64_t> crossed_milestone(std::uint64_t before, std::uint64_t after) const;

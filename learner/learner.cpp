@@ -23,6 +23,11 @@ namespace {
 // Diverged lanes of one session: single ones are skipped, an unstable scene ends the run.
 constexpr std::uint64_t kMaxFailures = 1000;
 
+// Before it speaks a learner listens so long for one that is there already; with DDS Security keys
+// are exchanged first.
+constexpr std::int64_t kListenNs = 500'000'000;
+constexpr std::int64_t kListenSecuredNs = 2'000'000'000;
+
 std::string one_line(std::string text) {
   for (std::size_t at = 0; (at = text.find('\n', at)) != std::string::npos;) {
     text.replace(at, 1, at + 1 == text.size() ? "" : "; ");
@@ -112,6 +117,7 @@ void Learner::restore() {
                   options_.run_dir, one_line(same.error()));
     }
   }
+  if (!found.value().has_value()) refuse_to_overwrite();
   const Result<std::uint32_t> last = last_learner_epoch(options_.run_dir);
   if (!last) throw_error("{}", last.error());
   folder_epoch_ = last.value();
@@ -157,6 +163,7 @@ void Learner::restore() {
   }
   demonstrations_.reset();
   steps_before_ = ppo_->steps_total();
+  admitted_before_ = book_->ledger().admitted;
   if (found.value().has_value()) saved_steps_ = steps_before_;
   current_ = ppo_->weights();
   current_.config_hash = config_hash_;
@@ -204,6 +211,8 @@ int Learner::run(const std::function<bool()>& stop_from_outside) {
   if (!profile) return stop_from_outside() ? 130 : 1;
   options.profile = std::move(*profile);
   bus_ = std::make_unique<LearnerBus>(options);
+  bus_->listen_for_older(options_.dds.security_dir.empty() ? kListenNs : kListenSecuredNs);
+  if (is_second()) throw_error("{}", second_learner());
 
   RunManifest manifest;
   manifest.run_id = config_.run().name();
@@ -238,6 +247,13 @@ int Learner::run(const std::function<bool()>& stop_from_outside) {
       if (bus_->superseded()) {
         log().error("a learner with epoch {} serves run {}: this one stops",
                     bus_->superseding_epoch(), options.run);
+        // Unless that one has taken over the folder.
+        const Result<std::uint32_t> last = last_learner_epoch(options_.run_dir);
+        if (last && last.value() == epoch_) stopped();
+        return 1;
+      }
+      if (is_second()) {
+        log().error("{}", second_learner());
         return 1;
       }
       if (book_->audit_difference()) return audit_failed();
@@ -318,6 +334,12 @@ int Learner::run(const std::function<bool()>& stop_from_outside) {
       until_written(export_policy, stop) && finish_run(results, stop) && until_written(write, stop);
   if (book_->audit_difference()) return audit_failed();
   say_ledger();
+  if (metrics_->incomplete() > 0) {
+    log().error(
+        "event=metrics_incomplete updates={} some of metrics.csv, metrics.jsonl and the "
+        "TensorBoard file lack their rows",
+        metrics_->incomplete());
+  }
   say_phase(LearnerPhase::kDone);
   bus_->finish(std::int64_t{5'000'000'000});
   // Exit code 0 means that the results are there, whatever happened to the folder meanwhile.
@@ -365,8 +387,10 @@ bool Learner::collect_batch(const std::function<bool()>& stop) {
   say_phase(paused_ ? LearnerPhase::kPaused : LearnerPhase::kWaiting);
   while (!book_->batch_complete()) {
     obey_commands();
-    if (stop() || folder_is_old() || bus_->superseded() || book_->failures() > kMaxFailures)
+    if (stop() || folder_is_old() || is_second() || bus_->superseded() ||
+        book_->failures() > kMaxFailures) {
       return false;
+    }
     if (book_->audit_difference()) return false;
     bus_->serve(*book_, steady_now_ns());
     if (book_->batch_complete()) break;

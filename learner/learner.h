@@ -68,6 +68,8 @@ class Learner {
 
   void open_run_folder();
   void restore();
+  /// Throws Error where the folder has no checkpoint and yet records of a run.
+  void refuse_to_overwrite() const;
   /// Fits the policy of a new run to options_.initialise_from_recordings.
   void clone_demonstrations();
   void publish_weights(const PolicyWeights& weights);
@@ -115,6 +117,10 @@ class Learner {
   void obey(const ControlCommand& command);
   /// Workers have followed a later learner than this folder knows of.
   bool folder_is_old() const;
+  /// Another learner of the run speaks that this folder does not know of; of the two this younger
+  /// one ends.
+  bool is_second() const;
+  std::string second_learner() const;
   double wall_s() const;
 
   pb::Config config_;
@@ -144,6 +150,7 @@ class Learner {
   double log_prob_check_max_ = 0;
   double best_score_ = -1e300;
   std::int64_t started_ns_ = 0, saved_ns_ = 0;
+  std::optional<std::uint64_t> milestone_due_;  ///< crossed and not on disk yet
   std::string unsaved_;  ///< why the last checkpoint could not be written; empty = it was
   std::int64_t unsaved_since_ns_ = 0, unsaved_told_ns_ = 0;
   std::optional<std::uint64_t> saved_steps_;             ///< of the newest checkpoint on disk
@@ -151,7 +158,8 @@ class Learner {
   bool waited_too_long_ = false;
   std::int64_t refused_since_ns_ = 0;  ///< every worker refuses the configuration; 0 = not so
   double wall_before_s_ = 0;
-  std::uint64_t steps_before_ = 0;  ///< of earlier sessions, for the rate
+  std::uint64_t admitted_before_ = 0;  ///< segments, in earlier sessions
+  std::uint64_t steps_before_ = 0;     ///< of earlier sessions, for the rate
   /// What this session spent its time on [s]; names of metrics.csv and summary.json.
   std::map<std::string, double> timings_{{"wait", 0},    {"check", 0}, {"update", 0},
                                          {"publish", 0}, {"save", 0},  {"evaluation", 0}};

@@ -69,4 +69,16 @@ bool Learner::folder_is_old() const {
          bus_->epoch_of_workers() > folder_epoch_;
 }
 
+bool Learner::is_second() const {
+  const std::uint32_t older = bus_->older_epoch();
+  return older != 0 && older != folder_epoch_ && book_->ledger().admitted == admitted_before_;
+}
+
+std::string Learner::second_learner() const {
+  return fmt::format(
+      "a learner of run {} trains already (epoch {}, domain {}, another folder than {}): name this "
+      "run otherwise (--run), or stop that one first",
+      config_.run().name(), bus_->older_epoch(), config_.run().domain(), options_.run_dir);
+}
+
 }  // namespace omentum

@@ -1,5 +1,6 @@
 // What the learner leaves on disk, and what it does while the disk refuses it.
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <filesystem>
 
@@ -46,14 +47,17 @@ bool Learner::save_checkpoint(std::optional<std::uint64_t> milestone) {
   const double score = episodes_.mean([](const auto& o) { return o.return_sum; });
   CheckpointStore::Save what;
   what.best = episodes_.recent.size() >= 100 && score > best_score_;
-  what.milestone = milestone;
-  if (what.best) best_score_ = score;
-  checkpoint.set_best_score(best_score_);
+  // One that the disk refused is due still; it then holds a later state.
+  if (milestone) milestone_due_ = milestone;
+  what.milestone = milestone_due_;
+  checkpoint.set_best_score(what.best ? score : best_score_);
   const Result<void> saved = checkpoints_->save(checkpoint, what);
   saved_ns_ = steady_now_ns();
   if (saved) {
     if (!unsaved_.empty()) log().info("event=saved_again steps={}", ppo_->steps_total());
     unsaved_.clear();
+    best_score_ = checkpoint.best_score();
+    milestone_due_.reset();
     saved_steps_ = ppo_->steps_total();
     // A folder that was removed is made again, for who resumes or reads the run.
     if (const std::string path = options_.run_dir + "/config.txtpb";
@@ -73,6 +77,21 @@ bool Learner::save_checkpoint(std::optional<std::uint64_t> milestone) {
   }
   unsaved_ = saved.error();
   return false;
+}
+
+// A run is begun anew in its folder only where nothing of it would be lost.
+void Learner::refuse_to_overwrite() const {
+  namespace fs = std::filesystem;
+  std::vector<std::string> left;
+  for (const char* name : {"summary.json", "policy.onnx"}) {
+    if (fs::exists(options_.run_dir + "/" + name)) left.emplace_back(name);
+  }
+  if (!left.empty()) {
+    throw_error(
+        "{}: holds {} of a run, and no checkpoint to go on from: put one back, or --restart, which "
+        "moves the folder aside",
+        options_.run_dir, fmt::join(left, ", "));
+  }
 }
 
 // What is computed while nothing can be saved would be lost with this process.

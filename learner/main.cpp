@@ -7,6 +7,7 @@
 #include "core/crash_report.h"
 #include "core/limits.h"
 #include "core/log.h"
+#include "core/printable.h"
 #include "core/product_blocks.h"
 #include "core/scheduling.h"
 #include "core/topics.h"
@@ -45,12 +46,12 @@ int run(int argc, char** argv) {
                  "policy of a new run is fitted to before PPO begins, with the knobs cloning.*");
   app.add_option("--max-wait", options.max_wait_s,
                  "Stop with code 1 after so long without a worker [s]; 0 = wait for ever")
-      ->check(CLI::Range(0.0, 1e9))
+      ->check(number_between(0, 1e9))
       ->capture_default_str();
   app.add_option("--unsaved-limit", options.unsaved_limit_s,
                  "Training goes on so long while no checkpoint can be written [s]; then it pauses "
                  "until one can")
-      ->check(CLI::Range(0.0, 1e9))
+      ->check(number_between(0, 1e9))
       ->capture_default_str();
   app.add_flag("--quiet", options.quiet, "No progress lines");
   app.add_flag("--dry-run", dry_run,
@@ -81,6 +82,8 @@ int run(int argc, char** argv) {
   if (width != 0 && width != 1 && width != 8 && width != 16) {
     throw_error("run.lane_width: {}, allowed: 0 (widest), 1, 8, 16", width);
   }
+  if (config.run().runs_dir().empty())
+    throw_error("run.runs_dir: empty, allowed: a folder, as runs or .");
   options.run_dir = config.run().runs_dir() + "/" + name;
   if (dry_run) {
     std::printf("%s# config_hash %016llx\n", print_config(config).c_str(),
@@ -105,7 +108,7 @@ int main(int argc, char** argv) {
   try {
     return run(argc, argv);
   } catch (const std::exception& error) {
-    std::fprintf(stderr, "learner: %s\n", error.what());
+    std::fprintf(stderr, "learner: %s\n", omentum::printable(error.what()).c_str());
   }
   return 2;
 }

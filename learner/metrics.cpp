@@ -12,6 +12,7 @@
 
 #include "core/check.h"
 #include "core/durable_file.h"
+#include "core/regular_file.h"
 #include "learner/json.h"
 
 namespace omentum {
@@ -61,6 +62,8 @@ void drop_rows_after(const std::string& path, std::uint64_t last_update,
                      std::uint64_t (*update_of)(std::string_view), const std::string& header) {
   std::string kept = header;
   if (last_update > 0 && std::filesystem::exists(path)) {
+    if (const Result<void> regular = require_regular_file(path); !regular)
+      throw_error("{}", regular.error());
     std::ifstream file(path);
     const std::string ours = header.substr(0, header.find('\n'));
     std::string theirs = ours;
@@ -195,9 +198,17 @@ Result<void> MetricsWriter::write(std::uint64_t update, double wall_time_s, cons
   const double steps = row.get("charts/steps_total");
   const auto position =
       static_cast<std::int64_t>(std::isfinite(steps) ? steps : static_cast<double>(update));
-  if (Result<void> result = csv_->append(line + "\n"); !result) return result;
-  if (Result<void> result = jsonl_->append(json_text(json, -1) + "\n"); !result) return result;
-  return tensorboard_.write(position, scalars);
+  // A file that cannot be written takes no other along.
+  const Result<void> results[] = {csv_->append(line + "\n"),
+                                  jsonl_->append(json_text(json, -1) + "\n"),
+                                  tensorboard_.write(position, scalars)};
+  std::string reasons;
+  for (const Result<void>& result : results) {
+    if (!result) reasons += (reasons.empty() ? "" : "; ") + result.error();
+  }
+  if (reasons.empty()) return {};
+  ++incomplete_;
+  return Failure{reasons};
 }
 
 }  // namespace omentum

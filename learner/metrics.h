@@ -49,14 +49,17 @@ class MetricsWriter {
   MetricsWriter(const std::string& folder, const std::vector<std::string>& branches,
                 std::uint64_t resume_update, bool mlagents_aliases);
 
-  /// A failure (full disk) is returned; training goes on.
+  /// A failure (full disk) is returned; training goes on, and the other files get their row.
   Result<void> write(std::uint64_t update, double wall_time_s, const MetricsRow& row);
 
+  /// Updates of this session whose row some file lacks.
+  std::uint64_t incomplete() const { return incomplete_; }
   const std::string& tensorboard_path() const { return tensorboard_.path(); }
 
  private:
   std::vector<std::string> names_;
   bool mlagents_aliases_ = false;
+  std::uint64_t incomplete_ = 0;
   std::optional<AppendFile> csv_, jsonl_;
   TensorboardWriter tensorboard_;
 };

@@ -116,6 +116,8 @@ class TaskBook {
     grants_.worker_declined(worker_id, reason, now_ns);
   }
   std::vector<Barred> barred(std::int64_t now_ns) const { return grants_.barred(now_ns); }
+  /// Tasks that it was granted and that are waited for.
+  std::uint32_t grants_of(std::uint32_t worker_id) const { return grants_.live_of(worker_id); }
   void worker_silent(std::uint32_t worker_id, bool silent) {
     grants_.worker_silent(worker_id, silent);
   }

@@ -144,6 +144,8 @@ pb::bus::LearnerStatus to_message(const LearnerStatus& from) {
                                           from.worker_steps_per_s.end());
   to.mutable_barred_worker_ids()->Assign(from.barred_worker_ids.begin(),
                                          from.barred_worker_ids.end());
+  to.mutable_unheard_worker_ids()->Assign(from.unheard_worker_ids.begin(),
+                                          from.unheard_worker_ids.end());
   to.mutable_barred_reasons()->Assign(from.barred_reasons.begin(), from.barred_reasons.end());
   to.mutable_alarms()->Assign(from.alarms.begin(), from.alarms.end());
   to.set_alarms_raised(from.alarms_raised);

@@ -40,6 +40,9 @@ void BusWorker::join(const DdsProfile& profile) {
   options_.profile = profile;
   bus_ = std::make_unique<WorkerBus>(
       WorkerBusOptions{options_.run, options_.domain, profile, status_.worker_id, {}});
+  joined_ns_ = listed_ns_ = matched_ns_ = steady_now_ns();
+  weights_missed_ns_ = 0;
+  unheard_ = false;
 }
 
 int BusWorker::run(const std::function<bool()>& stop) {
@@ -57,7 +60,7 @@ int BusWorker::run(const std::function<bool()>& stop) {
     prepare();
     now = steady_now_ns();
     tell_while_alone(now);
-    rejoin_if_moved(now);
+    rejoin_if_needed(now);
     if (waited_too_long_) break;
     decline_unfit(now);
     flush(now);
@@ -72,6 +75,7 @@ int BusWorker::run(const std::function<bool()>& stop) {
     serve_simulations(stop);
     // Ready only when the learner's segment reader is matched.
     const bool ready = setup_.backend != nullptr && bus_->segments().matched() > 0;
+    if (ready || setup_.backend == nullptr) matched_ns_ = now;
     const WorkerPhase phase =
         ready ? (running_ + pending_.size() > 0 ? WorkerPhase::kCollecting : WorkerPhase::kIdle)
               : WorkerPhase::kStarting;
@@ -111,6 +115,7 @@ BusWorker::Check BusWorker::check(const RolloutTask& task) const {
 void BusWorker::decline(const RolloutTask& task, Check reason) {
   std::string text;
   if (reason == Check::kNoWeights) {
+    if (weights_missed_ns_ == 0) weights_missed_ns_ = steady_now_ns();
     ++status_.tasks_declined_no_weights;
     text = fmt::format("no weights {} for slot {}", task.policy_version, task.slot);
   } else if (reason == Check::kState) {

@@ -1,5 +1,7 @@
 // Which learner a worker follows, its configuration, and its weights.
 #include <algorithm>
+#include <chrono>
+#include <thread>
 #include <utility>
 
 #include "core/check.h"
@@ -22,6 +24,18 @@ constexpr std::int64_t kAskNs = 1 * kS;  // for the address of a learner that is
 // was missing may be there.
 constexpr std::int64_t kFirstRetryNs = 10 * kS;
 constexpr std::int64_t kMostRetryNs = 320 * kS;
+// Deaf for so long: it joins anew, and again after a pause while that does not help.
+constexpr std::int64_t kDeafNs = 5 * kS;
+constexpr std::int64_t kWeightsLateNs = 4 * kS;  // the learner sends them again every 2 s
+constexpr std::int64_t kDeafPauseNs = 10 * kS;
+constexpr std::int64_t kDeafLongPauseNs = 60 * kS;
+constexpr std::int64_t kHeardLatelyNs = 300 * kS;
+constexpr int kJoinTries = 60;
+constexpr auto kJoinAgain = std::chrono::milliseconds(500);
+
+bool names(const std::vector<std::uint32_t>& ids, std::uint32_t id) {
+  return std::ranges::find(ids, id) != ids.end();
+}
 
 }  // namespace
 
@@ -42,6 +56,8 @@ void BusWorker::follow(const LearnerChoice::Learner& learner) {
   // see it (docs/wire.md 4.2), and may not have found our writer yet.
   epoch_told_from_ns_ = status_.learner_epoch == 0 ? 0 : steady_now_ns() + kTellEpochNs;
   learner_gone_ = false;
+  listed_ns_ = steady_now_ns();
+  unheard_ = false;
   status_.warnings.clear();  // they were meant for another learner
   // Tasks of the other learner go; its finished segments stay, this one may admit them.
   status_.tasks_abandoned += pending_.size();
@@ -73,8 +89,10 @@ void BusWorker::take_learners(const std::vector<Arrival<LearnerStatus>>& learner
     }
     choice_.spoke(info.participant, learner.learner_epoch, steady_now_ns());
     if (learner.learner_epoch != epoch_ || info.participant != learner_) continue;
-    learner_at_ns_ = steady_now_ns();
+    learner_at_ns_ = heard_ns_ = steady_now_ns();
     learner_gone_ = false;
+    if (names(learner.worker_ids, status_.worker_id)) listed_ns_ = learner_at_ns_;
+    unheard_ = names(learner.unheard_worker_ids, status_.worker_id);
     if (learner.phase == LearnerPhase::kDone) done_ = true;
     tell_if_barred(learner);
   }
@@ -100,21 +118,73 @@ void BusWorker::take_commands(const std::vector<Arrival<ControlCommand>>& comman
   }
 }
 
-/// While no learner is heard: its name may mean another address by now. After the end of the
-/// certificate: throws Error unless it was renewed.
-void BusWorker::rejoin_if_moved(std::int64_t now_ns) {
-  const bool expired = bus_->expired();
+/// Why this worker, or the learner, seems to be deaf; empty while neither does. Reliable topics can
+/// be parted for good by datagrams that anybody can forge (docs/trust.md 2); participants that have
+/// just met are not parted.
+std::string BusWorker::deafness(std::int64_t now_ns) {
   const bool alone = learner_gone_ || now_ns - learner_at_ns_ > kLearnerFreshNs;
-  if ((!alone && !expired) || !options_.find_profile || now_ns - profile_asked_ns_ < kAskNs) return;
+  const bool lately = heard_ns_ > 0 && now_ns - heard_ns_ < kHeardLatelyNs;
+  if (alone) listed_ns_ = matched_ns_ = now_ns;
+  const std::int64_t pause = rejoins_in_vain_ == 0 ? kDeafNs
+                             : lately              ? kDeafPauseNs
+                                                   : kDeafLongPauseNs;
+  if (now_ns - joined_ns_ < pause) return {};
+  if (alone) {
+    const bool simulates =
+        simulations_.in_progress() > 0 || (asked_ns_ > 0 && now_ns - asked_ns_ < kTellNs);
+    if (simulates || now_ns - heard_ns_ < kDeafNs || !bus_->sees_a_learner()) return {};
+    return "a learner is there and is not heard";
+  }
+  if (unheard_) return "the learner does not hear this worker, or is not heard";
+  if (now_ns - listed_ns_ > kDeafNs) return "the learner does not know this worker";
+  if (now_ns - matched_ns_ > kDeafNs) return "the learner's reader of segments is not found";
+  if (weights_missed_ns_ > 0 && now_ns - weights_missed_ns_ > kWeightsLateNs)
+    return "weights do not arrive";
+  return {};
+}
+
+/// A participant is made anew where this one is deaf, where the learner's name means another
+/// address by now, and after the end of the certificate: then throws Error unless it was renewed.
+void BusWorker::rejoin_if_needed(std::int64_t now_ns) {
+  const bool expired = bus_->expired();
+  const std::string deaf = expired ? "" : deafness(now_ns);
+  const bool alone = learner_gone_ || now_ns - learner_at_ns_ > kLearnerFreshNs;
+  if (deaf.empty()) {
+    if ((!alone && !expired) || !options_.find_profile || now_ns - profile_asked_ns_ < kAskNs)
+      return;
+  }
   profile_asked_ns_ = now_ns;
-  const Result<DdsProfile> profile = options_.find_profile();
-  if (!profile || (profile.value().uri == bus_->uri() && !expired)) return;
-  log().info("event=rejoin reason=\"{}\"",
-             expired ? "the certificate was renewed" : "the learner's host has another address");
-  join(profile.value());
+  Result<DdsProfile> profile = options_.profile;
+  if (options_.find_profile) profile = options_.find_profile();
+  if (!profile) return;
+  if (!deaf.empty()) {
+    ++rejoins_in_vain_;
+    return rejoin(profile.value(), deaf, now_ns);
+  }
+  if (profile.value().uri == bus_->uri() && !expired) return;
+  rejoin(profile.value(),
+         expired ? "the certificate was renewed" : "the learner's host has another address",
+         now_ns);
+}
+
+void BusWorker::rejoin(const DdsProfile& profile, const std::string& reason, std::int64_t now_ns) {
+  log().info("event=rejoin reason=\"{}\"", reason);
+  for (int tries = 1;; ++tries) {
+    try {
+      join(profile);
+      break;
+    } catch (const Error& error) {
+      // What was free a moment ago will be again; a certificate that has ended will not be valid.
+      if (tries >= kJoinTries || !profile.certificate_name.empty()) throw;
+      log().warn("event=rejoin_failed reason=\"{}\"", error.what());
+      std::this_thread::sleep_for(kJoinAgain);
+    }
+  }
   // Identities of participants are of the participant that saw them.
   choice_ = {};
   learner_ = 0;
+  weights_.clear();
+  early_.clear();
   publish_status(now_ns);
 }
 
@@ -204,6 +274,7 @@ void BusWorker::take_weights(std::vector<Arrival<PolicyWeights>> arrivals) {
     const std::uint64_t participant = arrival.info.participant;
     if (participant == learner_) {
       status_.policy_version = weights.policy_version;
+      weights_missed_ns_ = 0;
     } else if (learner_ != 0 && weights.learner_epoch <= epoch_) {
       count_stranger("weights");
       // Two learners started within a second have one epoch: the other may be followed next.
@@ -228,6 +299,7 @@ void BusWorker::accept(std::uint64_t participant, RolloutTask task) {
     return;
   }
   ++status_.tasks_received;
+  rejoins_in_vain_ = 0;
   if (task.learner_epoch != epoch_ || task.worker_id != status_.worker_id) {
     ++status_.tasks_declined_epoch;
     status_sent_ns_ = 0;

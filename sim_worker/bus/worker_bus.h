@@ -57,6 +57,8 @@ class WorkerBus {
   const std::string& uri() const { return uri_; }
   /// The certificate has ended: nobody hears this process any more.
   bool expired() const { return participant_.expired(); }
+  /// A learner's process is in the domain, of whatever run.
+  bool sees_a_learner() const { return participant_.sees("omentum-learner"); }
 
   BusWriter<RolloutSegment>& segments() { return segment_writer_; }
   BusWriter<WorkerStatus>& status() { return status_writer_; }

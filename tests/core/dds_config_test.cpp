@@ -68,6 +68,14 @@ TEST(DdsConfig, ShippedFilesAreItsOutput) {
   }
 }
 
+TEST(DdsConfig, APathIsWrittenAsXmlWantsIt) {
+  DdsConfig config;
+  config.security_dir = "/a&b/<c>\"";
+  const std::string xml = dds_config_xml(config);
+  EXPECT_NE(xml.find("file:/a&amp;b/&lt;c&gt;&quot;/key.pem<"), std::string::npos) << xml;
+  EXPECT_EQ(xml.find("a&b"), std::string::npos);
+}
+
 TEST(DdsConfig, EveryCombinationIsAcceptedByTheMiddleware) {
   for (const Discovery discovery : {Discovery::kLoopback, Discovery::kMesh, Discovery::kHub}) {
     for (const DdsRole role : {DdsRole::kHub, DdsRole::kOther}) {

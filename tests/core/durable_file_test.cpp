@@ -50,5 +50,15 @@ TEST(DurableFile, ADeviceOrPipeIsWrittenIntoAndStays) {
   EXPECT_TRUE(fs::is_fifo(pipe));
 }
 
+TEST(DurableFile, APipeThatNobodyReadsIsAFailureAndNoWait) {
+  const test::TempDir folder;
+  const std::string path = folder / "file";
+  ASSERT_EQ(::mkfifo((path + ".tmp").c_str(), 0600), 0);
+  EXPECT_FALSE(write_durably(path, "text"));
+  ASSERT_EQ(::mkfifo((folder / "pipe").c_str(), 0600), 0);
+  EXPECT_FALSE(write_durably(folder / "pipe", "text"));
+  EXPECT_THROW(AppendFile(folder / "pipe"), Error);
+}
+
 }  // namespace
 }  // namespace omentum

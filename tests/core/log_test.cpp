@@ -3,6 +3,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "core/printable.h"
+
 namespace omentum {
 namespace {
 
@@ -36,6 +38,15 @@ TEST(Log, WarningsThatRepeatAreToldFiveTimesAMinuteAndCounted) {
         std::exit(0);
       },
       testing::ExitedWithCode(0), "event=not_taken ... .* more like it kept back");
+}
+
+TEST(Log, NamesOfStrangersReachNoTerminalRaw) {
+  EXPECT_EQ(printable("a\x1b[2J\x07 b\xc2\x9b"
+                      "c\nd\xc3\xa4"),
+            "a?[2J? b??c\nd\xc3\xa4");
+  testing::internal::CaptureStderr();
+  log().info("event=joined host={}", "\x1b]0;title");
+  EXPECT_THAT(testing::internal::GetCapturedStderr(), HasSubstr("host=?]0;title"));
 }
 
 }  // namespace

@@ -82,7 +82,7 @@ std::string text_of(const LearnerStatus& r) {
                r.bytes_down_per_s, r.mean_return, r.mean_length, r.approx_kl, r.entropy,
                r.explained_variance, r.weights_hash, r.worker_ids, r.worker_phases,
                r.worker_steps_per_s, r.barred_worker_ids, r.barred_reasons, r.alarms,
-               r.alarms_raised, r.steps_wanted);
+               r.alarms_raised, r.steps_wanted, r.unheard_worker_ids);
 }
 std::string text_of(const EpisodeSummary& r) {
   return texts(r.source, r.slot, r.episode, r.first_version, r.last_version, r.length_steps,

@@ -117,7 +117,7 @@ def main():
               "`ulimit -r` to 95", file=sys.stderr)
         return 77
     programs, seconds = rig.programs_folder(pathlib.Path(sys.argv[1])), float(sys.argv[2])
-    busy = []
+    busy, gateway = [], None
     with tempfile.TemporaryDirectory() as scratch:
         folder = pathlib.Path(scratch)
         policy = pathlib.Path(sys.argv[3]) if len(sys.argv) > 3 else rig.make_policy(programs, folder, 1 + os.getpid() % 200)
@@ -129,7 +129,9 @@ def main():
                 rig.lead_to_start(link)
             gateway = rig.start_gateway(programs, folder, port, policy, registration)
             for _ in range(os.cpu_count() or 1):
-                busy.append(subprocess.Popen(["nice", "-n", "19", "sh", "-c", "while :; do :; done"]))
+                # Even where this program is killed they do not go on.
+                busy.append(subprocess.Popen(["setpriv", "--pdeathsig", "KILL", "nice", "-n", "19", "sh", "-c",
+                                              "while :; do :; done"]))
             machine = MachineWatch()
             minutes, settled, last = attend(gateway, seconds)
             gateway.end()
@@ -138,6 +140,8 @@ def main():
             for process in busy:
                 process.kill()
                 process.wait()
+            if gateway:
+                gateway.end()
             double.end()
         text = gateway.text()
         late = late_periods(sorted(folder.glob("recordings-*/*.mcap")))

@@ -1,6 +1,7 @@
 // Writers that fill the readers of the bus.
 #include <gtest/gtest.h>
 
+#include <atomic>
 #include <chrono>
 #include <string>
 #include <thread>
@@ -54,6 +55,33 @@ TEST(BusLoop, AFloodFromARogueWriterIsDroppedAndCounted) {
   EXPECT_GT(loop.book->ledger().overflow, 0u);
   WorkerThread worker(worker_in(domain, 4));
   EXPECT_EQ(loop.collect(2), expected(loop_config(4, 0), 2));
+}
+
+// A writer per announced worker once took the learner to the end of what there is.
+TEST(BusLoop, AFloodOfMadeUpWorkersIsBoundedAndTheTrainingGoesOn) {
+  const PrivateDomain domain;
+  Loop loop(domain.id(), loop_config(4, 0));
+  loop.start();
+  WorkerThread worker(worker_in(domain, 4));
+  std::vector<std::uint64_t> hashes = loop.collect(1);
+  std::atomic<std::uint32_t> announced = 0;
+  std::jthread flood([&](const std::stop_token& stop) {
+    const dds::Participant participant(domain.id(), test::loopback_profile().uri, "rogue");
+    BusWriter<WorkerStatus> writer(participant, run_partition("loop"), "rogue-status");
+    WorkerStatus status;
+    status.lanes = 4;
+    status.phase = WorkerPhase::kIdle;
+    while (!stop.stop_requested()) {
+      ++status.worker_id;
+      if (writer.write(status)) announced = status.worker_id;
+      if (status.worker_id % 100 == 0) std::this_thread::sleep_for(std::chrono::milliseconds(10));
+    }
+  });
+  ASSERT_TRUE(loop.serve_until([&] { return announced > 5000; }));
+  for (const std::uint64_t hash : loop.collect(4)) hashes.push_back(hash);
+  EXPECT_EQ(hashes, expected(loop_config(4, 0), 5));
+  EXPECT_GT(loop.bus().statistics().id_conflicts, 1000u);
+  EXPECT_LE(loop.bus().worker_statuses().size(), 2u);
 }
 
 TEST(BusLoop, ALearnerLeavesWhileSegmentsOfARogueWriterPourIn) {

@@ -42,6 +42,28 @@ TEST(BusLoop, WorkersFollowTheHigherEpochAndTheOlderLearnerSeesIt) {
   EXPECT_EQ(hashes, expected(loop_config(4, 0), 4));
 }
 
+// Both ended once: the older one at the first word of the younger.
+TEST(BusLoop, OfTwoLearnersTheYoungerHearsTheOlderBeforeItSpeaks) {
+  const PrivateDomain domain;
+  WorkerThread worker(worker_in(domain, 4));
+  Loop older(domain.id(), loop_config(4, 0), 7);
+  older.start();
+  std::vector<std::uint64_t> hashes = older.collect(2);
+  {
+    Loop younger(domain.id(), loop_config(4, 0), 8);
+    EXPECT_EQ(younger.bus().listen_for_older(5 * kS), 7u);
+  }
+  {
+    // One that did not listen, and ends when it hears of it.
+    Loop younger(domain.id(), loop_config(4, 0), 9);
+    younger.start();
+    EXPECT_TRUE(older.serve_until([&] { return younger.bus().older_epoch() == 7; }));
+  }
+  for (const std::uint64_t hash : older.collect(3)) hashes.push_back(hash);
+  EXPECT_FALSE(older.bus().superseded());
+  EXPECT_EQ(hashes, expected(loop_config(4, 0), 5));
+}
+
 TEST(BusLoop, AResumedLearnerContinuesWithTheSameContent) {
   const PrivateDomain domain;
   WorkerThread worker(worker_in(domain, 8));

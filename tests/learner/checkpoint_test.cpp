@@ -158,6 +158,30 @@ TEST_F(CheckpointTest, DamagedNewestFallsBackToThePrevious) {
   EXPECT_THAT(none.error(), testing::HasSubstr("checkpoint-00000001.pb"));
 }
 
+// Such a folder was begun anew, over what it held.
+TEST_F(CheckpointTest, WithoutANumberedOneTheBestOrALaterMilestoneIsTaken) {
+  CheckpointStore store(folder_, {100});
+  ASSERT_TRUE(store.save(small_checkpoint(3), {.best = true, .milestone = std::nullopt}));
+  ASSERT_TRUE(store.save(small_checkpoint(5), {.best = false, .milestone = 100}));
+  for (const char* name : {"checkpoint-00000003.pb", "checkpoint-00000005.pb"})
+    ASSERT_TRUE(fs::remove(folder_ + "/" + name));
+  auto newest = store.load_newest();
+  ASSERT_TRUE(newest) << newest.error();
+  EXPECT_EQ(newest.value()->checkpoint.ppo().updates(), 5u);
+  fs::remove(folder_ + "/milestone-0000000100.pb");
+  newest = store.load_newest();
+  ASSERT_TRUE(newest) << newest.error();
+  EXPECT_EQ(newest.value()->checkpoint.ppo().updates(), 3u);
+}
+
+// The numbered one says what the best score is: it must not be there before the best is.
+TEST_F(CheckpointTest, NoNumberedOneIsWrittenBeforeItsBestAndMilestone) {
+  CheckpointStore store(folder_, {100});
+  fs::create_directory(folder_ + "/best.pb");  // so it cannot be written
+  EXPECT_FALSE(store.save(small_checkpoint(3), {.best = true, .milestone = std::nullopt}));
+  EXPECT_FALSE(fs::exists(folder_ + "/checkpoint-00000003.pb"));
+}
+
 TEST_F(CheckpointTest, EmptyFolderHasNone) {
   const CheckpointStore store(folder_ + "/fresh", {});
   const auto loaded = store.load_newest();
@@ -220,6 +244,8 @@ TEST_F(CheckpointTest, LearnerEpochsGrowWhateverHappensToTheFolder) {
   EXPECT_EQ(next_learner_epoch(folder_, 5000).value(), 5000u);
   overwrite(folder_ + "/learner_epoch", std::as_bytes(std::span("x", 1)));
   EXPECT_FALSE(next_learner_epoch(folder_, 1).has_value());
+  std::ofstream(folder_ + "/learner_epoch") << "4294967294";  // two more starts and none was left
+  EXPECT_THAT(next_learner_epoch(folder_, 1).error(), testing::HasSubstr("allowed up to"));
 }
 
 }  // namespace

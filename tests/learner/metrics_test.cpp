@@ -74,6 +74,16 @@ TEST_F(MetricsTest, CsvAndJsonHoldOneRowPerUpdate) {
             "\"losses/entropy_gripper\":0.5}");
 }
 
+TEST_F(MetricsTest, AFileThatCannotBeWrittenTakesNoOtherAlong) {
+  MetricsWriter writer(folder_, branches_, 0, false);
+  ASSERT_TRUE(writer.write(1, 0.5, row_of(branches_, 100)));
+  std::filesystem::remove(folder_ + "/metrics.csv");
+  std::filesystem::create_directory(folder_ + "/metrics.csv");
+  EXPECT_FALSE(writer.write(2, 1.0, row_of(branches_, 200)));
+  EXPECT_EQ(lines("metrics.jsonl").size(), 2u);
+  EXPECT_EQ(writer.incomplete(), 1u);
+}
+
 TEST_F(MetricsTest, ResumeDropsRowsThatWillBeRepeated) {
   {
     MetricsWriter writer(folder_, branches_, 0, false);

@@ -192,6 +192,7 @@ inline LearnerStatus some(const LearnerStatus&) {
   r.alarms = {c.text(), c.text()};
   r.alarms_raised = c.next<std::uint64_t>();
   r.steps_wanted = c.next<std::uint64_t>();
+  r.unheard_worker_ids = c.list<std::uint32_t>(2);
   return r;
 }
 
