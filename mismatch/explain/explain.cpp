@@ -50,19 +50,21 @@ void ask(std::vector<Evidence> evidence, Case& made) {
   made.judged = value_or_throw(judge_atoms(made.fitted, made.folds, made.floors, thresholds));
 }
 
-double largest_pull(std::span<const Evidence> fitted) {
-  const std::vector<Pull> all = value_or_throw(pulls(fitted));
-  return all.empty() ? 0 : std::fabs(all.front().pull);
+/// Of a nuisance that is pulled farther than it can be; empty where none is.
+std::string told_pull(const Case& made) {
+  const std::vector<Pull> all = value_or_throw(pulls(made.fitted));
+  if (all.empty() || std::fabs(all.front().pull) <= made.options.thresholds.pull) return {};
+  return fmt::format("{} is pulled {:.1f} standard deviations", all.front().name(),
+                     std::fabs(all.front().pull));
 }
 
 /// Nothing is claimed: silent, unless a nuisance is pulled farther than it can be.
 void tell_silence(const Case& made, pb::Verdict& verdict) {
   verdict.set_status("no_mismatch_detectable");
-  if (largest_pull(made.fitted) <= made.options.thresholds.pull) return;
+  const std::string pulled = told_pull(made);
+  if (pulled.empty()) return;
   verdict.set_status("unexplained");
-  verdict.set_reason(
-      fmt::format("{} is pulled {:.1f} standard deviations, and no effect brings it down",
-                  verdict.pulls(0).name(), std::fabs(verdict.pulls(0).pull())));
+  verdict.set_reason(pulled + ", and no effect brings it down");
 }
 
 /// What is claimed beside the winner in the base decides how much it explains.
@@ -73,7 +75,7 @@ void tell_claim(const Case& made, std::vector<Contender>& contenders, ReferenceF
   ask(gather_evidence(winner.fit, model, made.options), beside);
   winner.fit.sd = value_or_throw(spread_of(winner.fit.keys(), beside.fitted, beside.folds));
   add_effect(made, contenders, verdict);
-  const double pull = largest_pull(beside.fitted);
+  const std::string pulled = told_pull(beside);
   if (!beside.judged.entrants.empty()) {
     constexpr std::size_t kTold = 3;
     std::vector<std::string> left;
@@ -82,10 +84,9 @@ void tell_claim(const Case& made, std::vector<Contender>& contenders, ReferenceF
     }
     verdict.set_status("partly_explained");
     verdict.set_reason(fmt::format("beside it {} is still claimed", fmt::join(left, ", ")));
-  } else if (pull > made.options.thresholds.pull) {
+  } else if (!pulled.empty()) {
     verdict.set_status("partly_explained");
-    verdict.set_reason(
-        fmt::format("beside it a nuisance is pulled {:.1f} standard deviations", pull));
+    verdict.set_reason("beside it " + pulled);
   } else {
     verdict.set_status(verdict.effects(0).class_().members_size() > 1 ? "explained_as_class"
                                                                       : "explained");

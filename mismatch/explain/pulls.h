@@ -15,6 +15,8 @@ struct Pull {
   NumberRole role = NumberRole::kNuisance;
   double value = 0;  ///< posterior mean [unit of the number]
   double pull = 0;   ///< from the prior's mean, in the prior's standard deviations
+
+  std::string name() const { return owner.empty() ? key : owner + ": " + key; }
 };
 
 /// Nuisances and numerics have pulls in the fit to all recordings, atoms at zero (docs/mismatch.md

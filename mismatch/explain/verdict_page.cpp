@@ -186,6 +186,14 @@ std::string effect_table(const pb::VerdictEffect& effect) {
   return card(html);
 }
 
+/// The number of an effect that is known best, as a share of itself.
+const pb::VerdictParameter& best_known(const pb::VerdictEffect& effect) {
+  const auto open = [](const pb::VerdictParameter& p) {
+    return (p.high90() - p.low90()) / std::max(std::fabs(p.value()), 1e-12);
+  };
+  return *std::ranges::min_element(effect.parameters(), {}, open);
+}
+
 }  // namespace
 
 std::string verdict_sentence(const pb::Verdict& v) {
@@ -200,7 +208,7 @@ std::string verdict_sentence(const pb::Verdict& v) {
   const std::string where = where_text(effect.where());
   if (!where.empty()) text += " " + where;
   if (effect.parameters_size() > 0) {
-    const pb::VerdictParameter& p = effect.parameters(0);
+    const pb::VerdictParameter& p = best_known(effect);
     text += fmt::format(", {} = {} ({} - {})", p.name(), with_unit(p.value(), p.unit()),
                         with_unit(p.low90(), p.unit()), with_unit(p.high90(), p.unit()));
   }
@@ -228,7 +236,15 @@ std::string make_verdict_page(const Explanation& found, const std::string& folde
   for (const pb::VerdictEffect& effect : v.effects())
     what += effect_table(effect) + when_table(effect);
   std::string maps;
-  for (const char* effect : {"inclusion", "adhesion"}) maps += map_of(v, effect);
+  for (const std::string effect : {"inclusion", "adhesion"}) {
+    // Beside a claim only its own map: another would be read as a second place.
+    const bool claimed =
+        v.effects_size() > 0 &&
+        std::ranges::any_of(v.effects(0).class_().members(), [&](const pb::VerdictMember& m) {
+          return m.name() == effect || (m.name() == "soft_spot" && effect == "inclusion");
+        });
+    if (v.effects_size() == 0 || claimed) maps += map_of(v, effect);
+  }
   sections.push_back({"what", "What, where, how much", verdict_sentence(v),
                       what + row(maps) + row(residual_maps(found.residuals))});
   sections.push_back(

@@ -82,8 +82,8 @@ void add_parameter(const EffectNumber& number, double searched, double sd, doubl
   row.set_name(number.name);
   row.set_unit(number.unit);
   row.set_value(number.value(searched));
-  row.set_low90(number.value(searched - wide) - floor);
-  row.set_high90(number.value(searched + wide) + floor);
+  row.set_low90(std::max(number.value(searched - wide) - floor, number.low));
+  row.set_high90(std::min(number.value(searched + wide) + floor, number.high));
   row.set_at_bound(row.value() <= number.low || row.value() >= number.high);
 }
 
@@ -262,7 +262,7 @@ void add_pulls(const Case& made, pb::Verdict& verdict) {
   for (const Pull& pull : all) {
     if (verdict.pulls_size() >= kMost) break;
     pb::VerdictPull& row = *verdict.add_pulls();
-    row.set_name(pull.owner.empty() ? pull.key : pull.owner + ": " + pull.key);
+    row.set_name(pull.name());
     row.set_pull(pull.pull);
     if (std::fabs(pull.pull) > kWarned) {
       verdict.add_warnings(fmt::format("{} is pulled {:.1f} standard deviations from its belief",
