@@ -108,7 +108,6 @@ def run_recording(case, recording, cells=CELLS, step=STEP, progress=lambda text:
             jaws.close()
             still = False
         if not still:
-            # MuJoCo sees a contact one step after it has come about: half steps in the fast lift.
             parts = 2 if protocol.RECORDINGS[recording][1] == protocol.FAST and .65 < t < 1.3 else 1
             for part in range(parts):
                 jaws.carry(t + (part + 1) * step / parts)
