@@ -3,7 +3,7 @@ turns with each cell, stepped by the integrator `discrete`, contact and elastici
 
 Each node of the grid is a body on three sliders. What holds a node, clamp or jaws, is a spring on its sliders; MuJoCo
 takes these springs implicitly, so a stiff one is as good as a rigid hold. Contact is at the nodes: a ball of RADIUS on
-each of the lower face meets the board, which lies that much lower. Box coordinates: x across from 0, y from the clamped
+each of the lower face meets the board, which lies about that much lower. Box coordinates: x across from 0, y from the clamped
 edge, z up from the board.
 """
 import mujoco
@@ -14,6 +14,7 @@ import numpy as np
 mujoco.set_mju_user_warning(lambda text: None)
 
 RADIUS = 2e-4  # [m] of the balls at the nodes
+SOFT = 5e-5  # [m] that a sheet sinks into the board by its weight
 DIVERGED = [mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC]
 RIGID = 1e5  # [N/m] on a node that jaws hold
 
@@ -87,14 +88,19 @@ class Sheet:
         if ball:
             centre, radius, _ = ball
             obstacle = (f'<body name="ball" mocap="true" pos="{centre[0]:.9g} {centre[1]:.9g} {centre[2]:.9g}">'
-                        f'<geom size="{radius - RADIUS:.9g}" contype="2" conaffinity="0" condim="1"/></body>')
+                        f'<geom size="{radius - RADIUS:.9g}" contype="2" conaffinity="0" condim="1" '
+                        f'priority="1" solref="{step} 1" solimp=".9 .9997 .0003"/></body>')
         text = lambda v: " ".join(f"{x:.9g}" for x in np.ravel(v))
-        # Contact as stiff as a step can bear: a stiffer one throws off in one step what has sunk in the step before.
-        return f"""<mujoco><option integrator="discrete" solver="Newton" timestep="{step}" tolerance="1e-5" iterations="30" gravity="0 0 {-gravity:.9g}"><flag island="disable"/></option>
+        # MuJoCo counts contacts where a step begins. Under a board that is stiff at once an edge would be thrown off and sink
+        # in turns, by millimetres; so the board stiffens over 0.3 mm, and lies SOFT higher than where the sheet shall rest.
+        # The body aside has a row of its own at all times, without which Newton would leave the first guess as it is.
+        return f"""<mujoco><option integrator="discrete" solver="Newton" timestep="{step}" tolerance="1e-5" iterations="30"
+gravity="0 0 {-gravity:.9g}"><flag island="disable"/></option>
 <size memory="200M"/>
-<default><geom type="sphere" condim="1" friction="0 0 0" solref="{step} 1" solimp=".999 .999 .0001"/></default>
-<worldbody><geom type="plane" size="1 1 .1" pos="0 0 {-RADIUS}" contype="1" conaffinity="0" condim="3" friction="{friction} 0 0"/>
-<body name="row" pos="0 0 1" gravcomp="1"><joint type="slide" frictionloss="1"/><geom size=".01" mass="1e-5" contype="0" conaffinity="0"/></body>
+<default><geom type="sphere" condim="1" friction="0 0 0" solref="{step} 1" solimp=".9 .9999 .0003"/></default>
+<worldbody><geom type="plane" size="1 1 .1" pos="0 0 {SOFT - RADIUS}" contype="1" conaffinity="0" condim="3" friction="{friction} 0 0"/>
+<body name="aside" pos="0 0 1" gravcomp="1"><joint type="slide" frictionloss="1"/>
+<geom size=".01" mass="1e-5" contype="0" conaffinity="0"/></body>
 {obstacle}{"".join(bodies)}</worldbody>
 <deformable><flex name="sheet" dim="3" radius="0.0001" dof="quadratic" cellcount="{len(self.xs) - 1} {len(self.ys) - 1} 1"
 body="{' '.join(['world'] * corner.size)}" vertex="{text(self.rest[corner.ravel()])}" element="{text(renumber[tets])}"

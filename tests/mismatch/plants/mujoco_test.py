@@ -62,7 +62,7 @@ def commands_are_followed(case, out, move):
     check("the patch goes where the commands say", np.abs(way - fenics_truth.tip_path(case, RECORDING)(t).T[:, None]).max() < 3e-5)
     lift = case["lift_m"][RECORDING]
     check("the sheet is lifted, the clamp is not", move[..., 2].max() > .98 * lift and np.abs(move[:, :, :, 0]).max() < .1 * lift)
-    check("nothing goes through the board, beyond what it sinks for a step in the fast lift", move[:, 0, :, :, 2].min() > -6e-4)
+    check("nothing goes through the board", move[:, 0, :, :, 2].min() > -3e-4)
     check("it lies still at the end", np.ptp(move[-4:], axis=0).max() < 5e-5 and np.abs(move[-1]).max() < 1e-3)
     check("the tissue pulls the tool down in the lift", out["force_N"][np.argmin(np.abs(out["step_s"] - 2)), 2] < -.02)
     check("a force for every step", len(out["force_N"]) == len(out["step_s"]) and abs(out["step_s"][-1] - protocol.DURATION) < 1e-9)

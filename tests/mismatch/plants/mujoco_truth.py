@@ -24,8 +24,10 @@ def build(case, recording, cells, step):
     centre = middle + case["where"].get("centre_m", [0, 0])
     at, pad = common.pad_place(case, recording), np.array(b["pad_m"])
     low, high = at - pad / 2, at + pad / 2
-    xs = mujoco_sheet.lines([0, low[0], high[0], b["width_m"]], cells)
-    ys = mujoco_sheet.lines([0, b["strip_m"], low[1], high[1], b["length_m"]], cells)
+    breaks = [0, low[0], high[0], b["width_m"]], [0, b["strip_m"], low[1], high[1], b["length_m"]]
+    if effect.startswith("obstacle"):  # which only nodes feel: one of them at its top
+        breaks = [sorted(v + [c]) if np.abs(np.array(v) - c).min() > .0015 else v for v, c in zip(breaks, centre)]
+    xs, ys = (mujoco_sheet.lines(v, cells) for v in breaks)
     ball = factor = None
     if effect in ("inclusion", "soft_spot"):
         factor = lambda x, y: np.where(np.hypot(x - centre[0], y - centre[1]) < p["r"], p["k"], 1.0)
@@ -108,7 +110,6 @@ def run_recording(case, recording, cells=CELLS, step=STEP, progress=lambda text:
             jaws.close()
             still = False
         if not still:
-            # MuJoCo sees a contact one step after it has come about: half steps in the fast lift.
             parts = 2 if protocol.RECORDINGS[recording][1] == protocol.FAST and .65 < t < 1.3 else 1
             for part in range(parts):
                 jaws.carry(t + (part + 1) * step / parts)

@@ -87,7 +87,7 @@ def draw_effect(name, rng, base):
     if name == "grasp_slip":
         return {"v0": u(.003, .006), "Fs_share": u(.35, .6), "total": u(.002, .004)}, {}
     if name == "plastic_set":  # ideal: beyond the strain ey the shape flows
-        return {"ey": log(.03, .06)}, {}
+        return {"ey": log(.008, .02)}, {}
     return {}, {}
 
 
