@@ -5,6 +5,7 @@
 #include "core/command_line.h"
 #include "core/crash_report.h"
 #include "core/log.h"
+#include "core/printable.h"
 #include "dvrk_gateway/experiment.h"
 #include "dvrk_gateway/gateway_program.h"
 #include "dvrk_gateway/recording/convert_program.h"
@@ -134,7 +135,7 @@ int main(int argc, char** argv) {
   try {
     return run(argc, argv);
   } catch (const std::exception& error) {
-    std::fprintf(stderr, "dvrk_gateway: %s\n", error.what());
+    std::fprintf(stderr, "dvrk_gateway: %s\n", omentum::printable(error.what()).c_str());
   }
   return 2;
 }

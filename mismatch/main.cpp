@@ -7,6 +7,7 @@
 #include <optional>
 
 #include "core/command_line.h"
+#include "core/printable.h"
 #include "core/product_blocks.h"
 #include "mismatch/calibrate/calibrate_program.h"
 #include "mismatch/explain/explain_program.h"
@@ -56,7 +57,7 @@ int main(int argc, char** argv) {
   } catch (const std::bad_alloc&) {
     std::fprintf(stderr, "mismatch: scene and commands need more memory than there is\n");
   } catch (const std::exception& error) {
-    std::fprintf(stderr, "mismatch: %s\n", error.what());
+    std::fprintf(stderr, "mismatch: %s\n", omentum::printable(error.what()).c_str());
   }
   return 2;
 }

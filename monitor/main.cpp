@@ -5,6 +5,7 @@
 #include "core/command_line.h"
 #include "core/crash_report.h"
 #include "core/log.h"
+#include "core/printable.h"
 #include "monitor/control.h"
 #include "monitor/doctor.h"
 #include "monitor/mirror.h"
@@ -139,6 +140,10 @@ int run(int argc, char** argv) {
   add_control(*control_app, control);
   app.footer("Exit codes: 0 done, 1 refused, nothing there or something wrong, 2 wrong input.");
   if (const std::optional<int> code = parse_command_line(app, argc, argv)) return *code;
+  for (ToolOptions* tool :
+       {&top.tool, &monitor.tool, &record.tool, &mirror.tool, &doctor.tool, &control.tool}) {
+    find_domain(*tool);  // of those that are not asked for there is no run
+  }
   if (top_app->parsed()) return run_top(top);
   if (monitor_app->parsed()) return run_monitor(monitor);
   if (record_app->parsed()) return run_record(record);
@@ -155,7 +160,7 @@ int main(int argc, char** argv) {
   try {
     return run(argc, argv);
   } catch (const std::exception& error) {
-    std::fprintf(stderr, "omentum: %s\n", error.what());
+    std::fprintf(stderr, "omentum: %s\n", omentum::printable(error.what()).c_str());
   }
   return 2;
 }

@@ -161,7 +161,9 @@ std::vector<TopicId> chosen_topics(const std::vector<std::string>& names) {
   return chosen;
 }
 
-void check_options(const RecordOptions& options) {
+/// Opens the file, before the bus is joined: what cannot be written is told at once, and no domain
+/// is taken down while it is still being made.
+std::ofstream open_out(const RecordOptions& options) {
   const std::vector<std::string> allowed = recordable_topics();
   for (const std::string& name : options.topics) {
     if (std::find(allowed.begin(), allowed.end(), name) == allowed.end())
@@ -169,14 +171,16 @@ void check_options(const RecordOptions& options) {
   }
   if (std::filesystem::exists(options.out))
     throw_error("--out {}: is there already; name another file or remove it", options.out);
+  std::ofstream file(options.out, std::ios::binary);
+  if (!file) throw_error("--out {}: cannot be written", options.out);
+  return file;
 }
 
 /// The file and its channels.
 class Recorder {
  public:
-  Recorder(const std::string& path, const std::map<TopicId, std::unique_ptr<Tap>>& taps)
-      : file_(path, std::ios::binary), writer_(file_) {
-    if (!file_) throw_error("--out {}: cannot be written", path);
+  Recorder(std::ofstream&& file, const std::map<TopicId, std::unique_ptr<Tap>>& taps)
+      : file_(std::move(file)), writer_(file_) {
     for (const auto& [topic, tap] : taps)
       channels_[topic] = {writer_.add_channel(topic_spec(topic).name, tap->type()), 0};
   }
@@ -215,7 +219,8 @@ std::vector<std::string> recordable_topics() {
 }
 
 int run_record(const RecordOptions& options) {
-  check_options(options);
+  check_run_name(options.tool.run);
+  std::ofstream file = open_out(options);
   catch_stop_signals();
   const std::unique_ptr<dds::Participant> participant = join_run(options.tool, "omentum-record");
   if (!participant) return 0;
@@ -225,7 +230,7 @@ int run_record(const RecordOptions& options) {
     taps[topic] = make_tap(topic, *participant, options.tool.run);
     waitset.attach(taps[topic]->raw());
   }
-  Recorder recorder(options.out, taps);
+  Recorder recorder(std::move(file), taps);
   Queue queue;
   std::jthread drain([&](const std::stop_token& stop) {
     while (!stop.stop_requested()) {
@@ -245,8 +250,16 @@ int run_record(const RecordOptions& options) {
                recorder.count(topic), tap->raw().lost(), tap->refused());
   }
   fmt::print("{}: {} samples dropped, as the disk was too slow\n", options.out, queue.dropped());
-  if (finished) return 0;
-  fmt::print(stderr, "--out {}: {}\n", options.out, finished.error());
+  if (!finished) {
+    fmt::print(stderr, "--out {}: {}\n", options.out, finished.error());
+    return 1;
+  }
+  const bool any = std::ranges::any_of(taps, [&](const auto& entry) {
+    return recorder.count(entry.first) > 0 || entry.second->raw().matched() > 0;
+  });
+  if (any) return 0;
+  fmt::print(stderr, "nothing came: nobody of run {} spoke on domain {}, so {} is empty\n",
+             options.tool.run, options.tool.domain, options.out);
   return 1;
 }
 

@@ -8,6 +8,7 @@
 namespace omentum {
 namespace {
 
+constexpr std::size_t kMaxRows = 1024;    // as many workers as a learner lists
 constexpr std::size_t kMaxPoints = 1000;  // of a curve: more than a page has pixels
 
 std::int64_t signed_of(std::uint64_t value) { return static_cast<std::int64_t>(value); }
@@ -22,7 +23,13 @@ const char* name_in(const std::array<const char*, N>& names, E value) {
 template <typename Row, typename Status>
 void hear(std::map<std::uint32_t, Row>& rows, std::uint32_t id, Arrival<Status>&& arrival,
           std::int64_t now_ns) {
-  if (arrival.info.valid) rows[id] = {std::move(arrival.record), now_ns, false};
+  if (arrival.info.valid) {
+    if (rows.size() >= kMaxRows && !rows.contains(id)) {
+      rows.erase(std::ranges::min_element(
+          rows, {}, [](const auto& entry) { return entry.second.heard_at_ns; }));
+    }
+    rows[id] = {std::move(arrival.record), now_ns, false};
+  }
   if (arrival.info.state == dds::InstanceState::kDisposed) {
     rows.erase(id);
   } else if (const auto found = rows.find(id);

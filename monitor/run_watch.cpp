@@ -53,4 +53,27 @@ std::uint64_t RunWatch::refused() const {
          robots_.refused() + (frames_ ? frames_->refused() : 0);
 }
 
+bool RunLink::join() {
+  participant_ = join_run(options_, name_);
+  if (!participant_) return false;
+  watch_ = std::make_unique<RunWatch>(*participant_, options_.run, with_frames_);
+  asked_ns_ = steady_now_ns();
+  return true;
+}
+
+bool RunLink::is_deaf(const RunState& state, std::int64_t now_ns) {
+  constexpr std::int64_t kAskNs = 10'000'000'000;
+  if (now_ns - asked_ns_ < kAskNs) return false;
+  asked_ns_ = now_ns;
+  if (!state.learner() || state.learner_presence(now_ns) == Presence::kAlive ||
+      state.learner()->phase == LearnerPhase::kDone)
+    return false;
+  return participant_->sees("omentum-learner");
+}
+
+void RunLink::leave() {
+  watch_.reset();
+  participant_.reset();
+}
+
 }  // namespace omentum

@@ -2,12 +2,14 @@
 
 #include <cstdint>
 #include <functional>
+#include <memory>
 #include <optional>
 #include <string>
 
 #include "core/dds.h"
 #include "core/wire.h"
 #include "monitor/run_state.h"
+#include "monitor/tool.h"
 
 namespace omentum {
 
@@ -33,6 +35,31 @@ class RunWatch {
   BusReader<RobotStatus> robots_;
   std::optional<BusReader<SimFrame>> frames_;
   dds::Waitset waitset_;
+};
+
+/// A tool's place in the domain of a run, made anew where it is deaf (docs/trust.md 2).
+class RunLink {
+ public:
+  RunLink(const ToolOptions& options, const std::string& name, bool with_frames)
+      : options_(options), name_(name), with_frames_(with_frames) {}
+
+  /// Joins. False when asked to stop meanwhile. Throws Error.
+  bool join();
+  /// A learner's process is there and of this run none speaks: all that was made from the
+  /// participant must go, and join() comes next. At most every ten seconds.
+  bool is_deaf(const RunState& state, std::int64_t now_ns);
+  void leave();
+
+  const dds::Participant& participant() const { return *participant_; }
+  RunWatch& watch() { return *watch_; }
+
+ private:
+  ToolOptions options_;
+  std::string name_;
+  bool with_frames_;
+  std::unique_ptr<dds::Participant> participant_;
+  std::unique_ptr<RunWatch> watch_;  // after it
+  std::int64_t asked_ns_ = 0;
 };
 
 }  // namespace omentum

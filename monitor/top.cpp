@@ -8,16 +8,18 @@
 #include <cstdio>
 
 #include "core/clock.h"
+#include "core/printable.h"
 #include "monitor/robot_figures.h"
 #include "monitor/run_watch.h"
 
 namespace omentum {
 namespace {
 
-std::string printable(std::string text) {
-  std::replace_if(
-      text.begin(), text.end(), [](unsigned char c) { return c < 32 || c == 127; }, '?');
-  return text;
+/// A word within a line.
+std::string shown(const std::string& text) {
+  std::string line = printable(text);
+  std::replace(line.begin(), line.end(), '\n', '?');
+  return line;
 }
 
 void add_learner(std::string& out, const RunState& state, std::int64_t now_ns) {
@@ -58,10 +60,10 @@ void add_workers(std::string& out, const RunState& state, std::int64_t now_ns) {
     const Presence presence = RunState::presence_of(row, now_ns);
     std::string warnings;
     for (const std::string& warning : w.warnings)
-      warnings += (warnings.empty() ? "" : "; ") + printable(warning);
+      warnings += (warnings.empty() ? "" : "; ") + shown(warning);
     out +=
         fmt::format("{:>10} {:<20} {:>8} {:<11} {:>9.0f} {:>5} {:>5} {:>5} {}\n", id,
-                    printable(w.host).substr(0, 20), w.pid,
+                    shown(w.host).substr(0, 20), w.pid,
                     presence == Presence::kAlive ? name_of(w.phase) : name_of(presence),
                     w.steps_per_s, version_lag(state, w), w.lanes, w.tasks_in_progress, warnings);
   }
@@ -70,9 +72,9 @@ void add_workers(std::string& out, const RunState& state, std::int64_t now_ns) {
 
 void add_robots(std::string& out, const RunState& state, std::int64_t now_ns) {
   for (const auto& [id, row] : state.robots()) {
-    out += fmt::format("\nrobot      {}\n", printable(describe_robot(row, now_ns)));
+    out += fmt::format("\nrobot      {}\n", shown(describe_robot(row, now_ns)));
     for (const RobotFigure& figure : robot_figures(row.status))
-      out += fmt::format("  {:<9}{}\n", figure.name, printable(figure.text));
+      out += fmt::format("  {:<9}{}\n", figure.name, shown(figure.text));
   }
 }
 
@@ -94,25 +96,31 @@ std::string make_top_table(const RunState& state, std::int64_t now_ns) {
   add_robots(out, state, now_ns);
   const std::vector<std::string> alarms = alarms_of(state, now_ns);
   out += alarms.empty() ? "\nalarms     none\n" : "\nalarms\n";
-  for (const std::string& alarm : alarms) out += "  " + printable(alarm) + "\n";
+  for (const std::string& alarm : alarms) out += "  " + shown(alarm) + "\n";
   return out;
 }
 
 int run_top(const TopOptions& options) {
   catch_stop_signals();
-  const std::unique_ptr<dds::Participant> participant = join_run(options.tool, "omentum-top");
-  if (!participant) return 0;
-  RunWatch watch(*participant, options.tool.run, false);
+  RunLink link(options.tool, "omentum-top", false);
+  if (!link.join()) return 0;
   RunState state(options.tool.run);
+  const std::string nobody =
+      fmt::format("\nnobody of run {} speaks on domain {}; another one: --domain N\n",
+                  options.tool.run, options.tool.domain);
   const bool once = options.once || isatty(STDOUT_FILENO) == 0;
   const auto interval = static_cast<std::int64_t>(1e9 * options.interval_s);
   const std::int64_t began = steady_now_ns();
   std::int64_t heard_at = 0, drawn_at = 0;
   while (!stop_requested()) {
     // Short, since a signal does not wake the wait set.
-    watch.wait(100'000'000);
-    watch.take_into(state);
+    link.watch().wait(100'000'000);
+    link.watch().take_into(state);
     const std::int64_t now = steady_now_ns();
+    if (link.is_deaf(state, now)) {
+      link.leave();
+      if (!link.join()) return 0;
+    }
     // Workers that simulate recordings have no learner.
     const bool simulated = std::ranges::any_of(state.workers(), [](const auto& entry) {
       return entry.second.status.phase == WorkerPhase::kCollecting;
@@ -123,13 +131,14 @@ int run_top(const TopOptions& options) {
       // Workers publish at least once a second: so long after the learner everybody has spoken.
       const bool complete = heard_at != 0 && now - heard_at > 1'500'000'000;
       if (!complete && seconds_since(began) < options.patience_s) continue;
-      std::fputs(make_top_table(state, now).c_str(), stdout);
+      std::fputs((make_top_table(state, now) + (heard ? "" : nobody)).c_str(), stdout);
       return heard ? 0 : 1;
     }
     if (now - drawn_at < interval) continue;
     drawn_at = now;
     // Home, the table, and nothing below it; lines are cleared first as they may have been longer.
-    fmt::print("\x1b[H\x1b[J{}\n(Ctrl-C ends)\n", make_top_table(state, now));
+    fmt::print("\x1b[H\x1b[J{}{}\n(Ctrl-C ends)\n", make_top_table(state, now),
+               heard ? "" : nobody);
     std::fflush(stdout);
   }
   return 0;

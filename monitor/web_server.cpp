@@ -18,12 +18,12 @@
 #include "monitor/frame_desk.h"
 #include "monitor/metrics.h"
 #include "monitor/run_watch.h"
+#include "monitor/web_connections.h"
 #include "monitor/web_page.h"
 
 namespace omentum {
 namespace {
 
-constexpr int kMaxConnections = 32;  // each has a thread while its browser keeps it open
 constexpr auto kFrameWait = std::chrono::milliseconds(1000);
 constexpr std::int64_t kLookNs = 100'000'000;  // a signal does not wake the wait set
 constexpr const char* kHtml = "text/html; charset=utf-8";
@@ -153,7 +153,6 @@ void serve_frame(Board& board, const httplib::Request& request, httplib::Respons
 }
 
 void add_routes(httplib::Server& server, Board& board) {
-  server.new_task_queue = [] { return new httplib::ThreadPool(kMaxConnections); };
   server.set_tcp_nodelay(true);
   // The library's own choice would let a second process listen on the same port.
   server.set_socket_options([](socket_t socket) {
@@ -161,8 +160,6 @@ void add_routes(httplib::Server& server, Board& board) {
     setsockopt(socket, SOL_SOCKET, SO_REUSEADDR, &yes, sizeof yes);
   });
   server.set_payload_max_length(1024);  // nothing that is sent here has a body
-  server.set_read_timeout(5, 0);
-  server.set_write_timeout(5, 0);
   server.set_default_headers(
       {{"X-Content-Type-Options", "nosniff"},
        {"Cache-Control", "no-store"},
@@ -245,29 +242,38 @@ Result<std::uint64_t> parse_parameter(const std::string& name, const std::string
 int run_monitor(const MonitorOptions& options) {
   catch_stop_signals();
   Board board(options.tool.run);
-  httplib::Server server;
+  BoundedServer server{BoundedServer::Limits()};
   add_routes(server, board);
+  const std::string address = plain_address(options.address);
   // Before the bus: a port that is taken is told at once.
-  const int port = options.port != 0 ? options.port : server.bind_to_any_port(options.address);
-  if (port <= 0 || (options.port != 0 && !server.bind_to_port(options.address, port))) {
+  const int port = options.port != 0 ? options.port : server.bind_to_any_port(address);
+  if (port <= 0 || (options.port != 0 && !server.bind_to_port(address, port))) {
     throw_error("--address {} --port {}: cannot listen there; choose another port, or 0 for any",
                 options.address, options.port);
   }
-  const std::unique_ptr<dds::Participant> participant = join_run(options.tool, "omentum-monitor");
-  if (!participant) return 0;
-  const std::unique_ptr<Operator> to_learner = make_operator(*participant, options.tool.run);
-  RunWatch watch(*participant, options.tool.run, true);
+  RunLink link(options.tool, "omentum-monitor", true);
+  if (!link.join()) return 0;
+  std::unique_ptr<Operator> to_learner = make_operator(link.participant(), options.tool.run);
   std::atomic<bool> listened = false;
   std::jthread listening([&server, &listened] {
     server.listen_after_bind();
     listened = true;
   });
-  fmt::print("http://{}:{}/ shows run {}\n", options.address, port, options.tool.run);
+  fmt::print("http://{}:{}/ shows run {} of domain {}\n", address_in_url(address), port,
+             options.tool.run, options.tool.domain);
   std::fflush(stdout);
   while (!stop_requested()) {
-    watch.wait(kLookNs);
+    const auto deaf = board.with(
+        [&](RunState& state, FrameDesk&) { return link.is_deaf(state, steady_now_ns()); });
+    if (deaf) {
+      to_learner.reset();
+      link.leave();
+      if (!link.join()) break;
+      to_learner = make_operator(link.participant(), options.tool.run);
+    }
+    link.watch().wait(kLookNs);
     send_all(to_learner.get(), board.with([&](RunState& state, FrameDesk& frames) {
-      watch.take_into(state, [&frames, &board](SimFrame&& frame) {
+      link.watch().take_into(state, [&frames, &board](SimFrame&& frame) {
         frames.put(std::move(frame), steady_now_ns());
         board.tell_of_frames();
       });

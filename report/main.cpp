@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cstdio>
 #include <filesystem>
+#include <map>
 #include <optional>
 #include <string>
 #include <vector>
@@ -14,6 +15,7 @@
 #include "core/command_line.h"
 #include "core/config.h"
 #include "core/durable_file.h"
+#include "core/printable.h"
 #include "core/read_file.h"
 #include "report/recording_page.h"
 #include "report/report.h"
@@ -54,6 +56,16 @@ void write_report(const std::vector<std::string>& folders, std::string output) {
     throw_error("{}", written.error());
   fmt::print("{}: {} run(s), {:.1f} MB\n", output, runs.size(),
              static_cast<double>(html.size()) / 1e6);
+}
+
+/// A run that is named twice would count twice.
+void check_paths(const std::vector<std::string>& paths) {
+  std::map<fs::path, std::string> seen;
+  for (const std::string& path : paths) {
+    std::error_code ignored;  // what is not there is told later
+    const auto [same, fresh] = seen.emplace(fs::weakly_canonical(path, ignored), path);
+    if (!fresh) throw_error("{}: named twice, as {} too", path, same->second);
+  }
 }
 
 /// Recordings of a robot that these paths name: files, or folders that hold files and no run.
@@ -114,6 +126,7 @@ int main(int count, char** arguments) {
                    "file to write (default: report.html in the folder, or beside the folders; of a "
                    "recording FILE.html beside it)");
     if (const std::optional<int> code = parse_command_line(app, count, arguments)) return *code;
+    check_paths(folders);
     const std::vector<std::string> recordings = recordings_in(folders);
     if (recordings.empty())
       write_report(folders, output);
@@ -121,7 +134,7 @@ int main(int count, char** arguments) {
       write_recording_page(recordings, output);
     return 0;
   } catch (const std::exception& error) {
-    std::fprintf(stderr, "report: %s\n", error.what());
+    std::fprintf(stderr, "report: %s\n", omentum::printable(error.what()).c_str());
     return 2;
   }
 }

@@ -14,6 +14,7 @@
 #include "core/fp_mode.h"
 #include "core/limits.h"
 #include "core/log.h"
+#include "core/printable.h"
 #include "core/product_blocks.h"
 #include "core/read_file.h"
 #include "core/rollout.h"
@@ -158,13 +159,13 @@ int run(int argc, char** argv) {
   std::string study;
   std::vector<std::string> replays;
   app.add_option("--run", run_name, "Name of the run to work for")->capture_default_str();
-  app.add_option("--domain", domain, "DDS domain, 0 ... 230")
-      ->check(CLI::Range(0, 230))
-      ->capture_default_str();
+  CLI::Option* domain_option = app.add_option("--domain", domain, "DDS domain, 0 ... 230")
+                                   ->check(CLI::Range(0, 230))
+                                   ->capture_default_str();
   double max_wait_s = 0;
   app.add_option("--max-wait", max_wait_s,
                  "Stop with code 1 after so long without a learner [s]; 0 = wait for ever")
-      ->check(CLI::Range(0.0, 1e9))
+      ->check(number_between(0, 1e9))
       ->capture_default_str();
   app.add_option("--lanes", lanes, "Environments of this worker; 0 = one kernel width")
       ->check(CLI::Range(0, 1024))
@@ -184,22 +185,30 @@ int run(int argc, char** argv) {
   demonstration.episodes = 0;
   std::string preset = "omentum";
   std::vector<std::string> overrides;
-  app.add_option("--demonstrate", demonstration.episodes,
-                 "Record so many episodes of a scripted expert into the folder of -o, for learner "
-                 "--initialise-from-recordings, and exit: 0, or 1 if none reached p_T")
-      ->check(CLI::Range(1, 100000));
-  app.add_option("--preset", preset, "Of --demonstrate")->capture_default_str();
+  CLI::Option* demonstrate =
+      app.add_option(
+             "--demonstrate", demonstration.episodes,
+             "Record so many episodes of a scripted expert into the folder of -o, for learner "
+             "--initialise-from-recordings, and exit: 0, or 1 if none reached p_T")
+          ->check(CLI::Range(1, 100000));
+  app.add_option("--preset", preset, "Of --demonstrate")->capture_default_str()->needs(demonstrate);
   app.add_option("--set", overrides,
                  "Of --demonstrate: override a knob, a.b=value; may be repeated")
-      ->allow_extra_args(false);
+      ->allow_extra_args(false)
+      ->needs(demonstrate);
   app.add_option(
          "--tremor", demonstration.tremor,
          "Of --demonstrate: share of the decisions in which an axis moves at random, so that "
          "what lies beside the expert's path is shown as well")
       ->check(number_between(0, 1))
-      ->capture_default_str();
+      ->capture_default_str()
+      ->needs(demonstrate);
   app.add_option("-o,--output", demonstration.folder,
-                 "Of --demonstrate: a folder that is not there yet");
+                 "Of --demonstrate: a folder that is not there yet")
+      ->needs(demonstrate);
+  // What joins no domain would ignore it.
+  for (const char* alone : {"--demonstrate", "--check-config", "--replay", "--grasp-study"})
+    domain_option->excludes(app.get_option(alone));
   app.add_flag("--print-dds-env", print_dds, "Print CYCLONEDDS_URI for other tools and exit");
   DdsOptions dds;
   add_dds_options(app, dds);
@@ -288,7 +297,7 @@ int main(int argc, char** argv) {
   try {
     return run(argc, argv);
   } catch (const std::exception& error) {
-    std::fprintf(stderr, "sim_worker: %s\n", error.what());
+    std::fprintf(stderr, "sim_worker: %s\n", omentum::printable(error.what()).c_str());
   }
   return 2;
 }

@@ -9,6 +9,7 @@
 #include "core/config.h"
 #include "core/crash_report.h"
 #include "core/log.h"
+#include "core/printable.h"
 #include "dvrk_gateway/dvrk_double/double_program.h"
 #include "dvrk_gateway/protocol/base_frame.h"
 #include "sim_worker/scene/scene.h"
@@ -136,7 +137,7 @@ int main(int argc, char** argv) {
   try {
     return run(argc, argv);
   } catch (const std::exception& error) {
-    std::fprintf(stderr, "dvrk_double: %s\n", error.what());
+    std::fprintf(stderr, "dvrk_double: %s\n", omentum::printable(error.what()).c_str());
   }
   return 2;
 }

@@ -10,6 +10,7 @@
 
 #include "core/command_line.h"
 #include "core/registration_file.h"
+#include "core/regular_file.h"
 #include "dvrk_gateway/recording/plain_folder.h"
 #include "dvrk_gateway/recording/wire_log.h"
 
@@ -51,8 +52,10 @@ void convert_log(const ConvertOptions& options) {
   if (fs::exists(options.output) && !fs::is_regular_file(options.output))
     throw_error("-o {}: is no file", options.output);
   const RecordingSetup setup = setup_of(options);
+  if (const Result<void> regular = require_regular_file(options.log); !regular)
+    throw_error("{}", regular.error());
   std::ifstream log(options.log, std::ios::binary);
-  if (!log || fs::is_directory(options.log)) throw_error("{}: cannot be opened", options.log);
+  if (!log) throw_error("{}: cannot be opened", options.log);
   const std::string unfinished = options.output + ".unfinished";
   errno = 0;
   std::ofstream out(unfinished, std::ios::binary | std::ios::trunc);

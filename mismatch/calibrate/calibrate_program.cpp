@@ -119,8 +119,11 @@ std::string print_table(const Series& series) {
 
 int calibrate(const CalibrateOptions& options) {
   OutputFolder folder(options.output);
-  CaseInput input = read_case(options.recordings, options.scene, options.overrides);
+  // What is wrong in itself is told before recordings are read, which takes its time.
   CalibrationOptions chosen;
+  if (!options.frame_period.empty()) chosen.frame_period = parse_frame_period(options.frame_period);
+  if (!options.markers.empty()) chosen.markers = read_marker_notes(options.markers);
+  CaseInput input = read_case(options.recordings, options.scene, options.overrides);
   chosen.priors = input.priors;
   chosen.threads = options.threads;
   chosen.seed = options.seed;
@@ -137,7 +140,6 @@ int calibrate(const CalibrateOptions& options) {
           "--frame-period-s: of --method shell alone, here it is {}: state times in seconds",
           method);
     }
-    chosen.frame_period = parse_frame_period(options.frame_period);
     for (auto& [name, recording] : input.recordings)
       set_frame_period(name, chosen.frame_period->value, recording);
   }
@@ -146,7 +148,6 @@ int calibrate(const CalibrateOptions& options) {
   clouds.fused = options.fused;
   if (options.above_board_mm) clouds.above_board = 1e-3 * *options.above_board_mm;
   warnings.insert(warnings.end(), made.warnings.begin(), made.warnings.end());
-  if (!options.markers.empty()) chosen.markers = read_marker_notes(options.markers);
   std::vector<Observation> observations =
       observe_case(input, made, clouds, chosen.markers, warnings);
   for (const Observation& o : observations) {

@@ -62,6 +62,9 @@ pb::Scene scene_of(const std::string& path, const std::vector<std::string>& over
 CaseInput read_case(const std::vector<std::string>& paths, const std::string& scene,
                     const std::vector<std::string>& overrides) {
   CaseInput input;
+  // A scene that was named is read first: recordings take their time.
+  if (!scene.empty())
+    input.scene = scene_of(scene, overrides, Recording(), input.priors, input.warnings);
   for (const std::string& path : paths) {
     for_each_recording(path, [&](const std::string& name, const Recording& recording) {
       for (const auto& [other, unused] : input.recordings) {
@@ -70,8 +73,10 @@ CaseInput read_case(const std::vector<std::string>& paths, const std::string& sc
       input.recordings.emplace_back(name, recording);
     });
   }
-  input.scene =
-      scene_of(scene, overrides, input.recordings.front().second, input.priors, input.warnings);
+  if (scene.empty()) {
+    input.scene =
+        scene_of(scene, overrides, input.recordings.front().second, input.priors, input.warnings);
+  }
   input.folder = fs::path(scene).parent_path().string();
   return input;
 }

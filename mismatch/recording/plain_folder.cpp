@@ -249,11 +249,16 @@ Recording read_recording_folder(const std::string& folder) {
   };
   read_images("depth.csv", recording.depth, true);
   read_images("color.csv", recording.color, false);
-  if (recording.series.empty() && clouds.size() == 0 && recording.depth.size() == 0)
+  if (recording.series.empty() && clouds.size() == 0 && recording.depth.size() == 0) {
+    for (const std::string_view file : kTableFiles) {
+      if (fs::exists(folder + "/" + std::string(file)))
+        throw_error("{}/{}: has a header and no row", folder, file);
+    }
     throw_error(
         "{}: nothing of a recording, needed tool.csv, coupon.csv, joints.csv, markers.csv, "
         "clouds.csv or others of docs/formats.md 3",
         folder);
+  }
   info.clear_transform();
   info.clear_frame();
   info.set_frame("W");

@@ -13,6 +13,7 @@
 
 #include "core/check.h"
 #include "core/hash.h"
+#include "core/log.h"
 #include "core/regular_file.h"
 
 namespace omentum {
@@ -21,6 +22,7 @@ namespace {
 constexpr std::int64_t kMaxFileBytes = 256 << 20;  // bounds memory for hostile input
 constexpr double kMaxExtent = 10;                  // [m]; beyond it the unit is wrong
 constexpr double kMinExtent = 1e-4;                // [m]; below it the unit is wrong
+constexpr std::size_t kManyTriangles = 500'000;    // told
 constexpr std::size_t kStlHeaderBytes = 84;
 constexpr std::size_t kStlTriangleBytes = 50;
 
@@ -319,7 +321,14 @@ TriangleMesh load_mesh(const std::string& path, double unit_m, const std::string
     throw_error("{}: not the file that the run was begun with, sha256 {:.16} instead of {:.16}",
                 path, found, wanted);
   }
-  return parse_mesh(path, content, unit_m);
+  TriangleMesh mesh = parse_mesh(path, content, unit_m);
+  if (mesh.triangles.size() > kManyTriangles) {
+    log().warn(
+        "event=large_mesh file={} triangles={} what is made of it takes long: tools for meshes "
+        "thin it out",
+        path, mesh.triangles.size());
+  }
+  return mesh;
 }
 
 TriangleMesh load_closed_mesh(const std::string& path, double unit_m) {

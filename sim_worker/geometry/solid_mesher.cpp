@@ -9,6 +9,7 @@
 #include <string>
 
 #include "core/command_line.h"
+#include "core/printable.h"
 #include "sim_worker/geometry/mesh.h"
 
 namespace nglib {
@@ -98,7 +99,7 @@ int main(int argc, char** argv) {
     if (const std::optional<int> code = parse_command_line(app, argc, argv)) return *code;
     fill(load_closed_mesh(input, unit), input, edge_length, output);
   } catch (const std::exception& error) {
-    std::fprintf(stderr, "solid_mesher: %s\n", error.what());
+    std::fprintf(stderr, "solid_mesher: %s\n", omentum::printable(error.what()).c_str());
     return 2;
   }
   return 0;

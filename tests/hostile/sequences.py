@@ -1,10 +1,11 @@
 #!/usr/bin/env python3
-"""Random sequences of start, stop, kill -9, restart, deleted folder, full disk, second start and foreign writer on real
-processes. usage: sequences.py BIN_DIR SEQUENCES FIRST_SEED
+"""Random sequences of start, stop, kill -9, restart, deleted folder, full disk, second start, foreign writer, flood of
+made-up workers, forged RTPS, second learner in another folder and a pipe in the place of a file on real processes. usage: sequences.py BIN_DIR SEQUENCES FIRST_SEED
 
 Promises that every sequence is held to:
   - nothing is silent for more than 30 s while there is work and somebody to do it;
-  - a learner beside another of the same run is refused (exit code 2);
+  - a learner beside another of the same run is refused (exit code 2), also one of another folder, and the first goes on;
+  - a pipe in the place of a file is refused at once;
   - exit code 0 means that the last checkpoint and policy.onnx are there, and that the run can be loaded;
   - no checkpoint of another configuration lies in the folder of a run;
   - the weights are those of an undisturbed training of the same configuration.
@@ -112,7 +113,7 @@ class Sequence:
         self.run_dir = self.disk.path / RUN
         self.seed = SEEDS[0]
         self.programs, self.told = [], []
-        self.learner = self.stranger = None
+        self.learner = self.stranger = self.flood = None
 
     # --- what is done
 
@@ -121,8 +122,8 @@ class Sequence:
         self.programs.append(program)
         return program
 
-    def learner_arguments(self, seed, more=()):
-        sets = TASK | {"rollout.run_seed": seed, "run.runs_dir": self.disk.path, "run.domain": self.domain}
+    def learner_arguments(self, seed, more=(), sets=None):
+        sets = TASK | {"rollout.run_seed": seed, "run.runs_dir": self.disk.path, "run.domain": self.domain} | (sets or {})
         arguments = [self.bin / "learner", "--run", RUN, *more]
         for knob, value in sets.items():
             arguments += ["--set", f"{knob}={value}"]
@@ -199,6 +200,52 @@ class Sequence:
         else:
             self.stranger = self.start("stranger", [self.bin / "dds_stranger", RUN, str(self.domain)])
 
+    def flood_of_workers(self):
+        if self.flood and self.flood.alive():
+            self.flood.end()
+        else:
+            self.flood = self.start("flood-stranger", [self.bin / "dds_stranger", RUN, str(self.domain), "workers"])
+
+    def forge_rtps(self):
+        forger = pathlib.Path(__file__).with_name("forger.py")
+        self.start("forger-stranger", [sys.executable, forger, str(self.domain), "2"])
+
+    def learner_elsewhere(self):
+        """Of the same run in another folder, beside one that trains."""
+        first = self.learner
+        if not first or not first.alive() or "update " not in first.text() or self.is_forged():
+            return
+        elsewhere = self.folder / f"elsewhere{len(self.programs)}"
+        sets = {"run.runs_dir": elsewhere}
+        second = self.start("elsewhere", self.learner_arguments(self.seed, sets=sets))
+        try:
+            code = second.process.wait(SILENCE_S)
+        except subprocess.TimeoutExpired:
+            code = None
+        if code == 2 and "trains already" in second.text():
+            if not first.alive() and "this one stops" in first.text():
+                raise Broken(f"{first.name} ended for {second.name}, which ended too")
+            return
+        second.end()
+        if first.alive():  # else there was none to hear any more
+            raise Broken(f"{second.name} beside another learner: exit code {code}")
+
+    def is_forged(self):
+        return any(p.name.endswith("forger-stranger") and p.alive() for p in self.programs)
+
+    def pipe(self):
+        path = self.folder / f"pipe{len(self.programs)}"
+        os.mkfifo(path)
+        for arguments in ([self.bin / "learner", "--run", "piped", "--set", f"run.runs_dir={self.folder}", "--initialise-from",
+                           path], [self.bin / "sim_worker", "--check-config", path]):
+            program = self.start("pipe", arguments)
+            try:
+                code = program.process.wait(SILENCE_S)
+            except subprocess.TimeoutExpired:
+                raise Broken(f"{program.name} waits for a pipe") from None
+            if code != 2 or "pipe" not in program.text():
+                raise Broken(f"{program.name}: exit code {code}: {program.text()[-200:]}")
+
     def pause(self):
         time.sleep(self.random.uniform(0, 1))
 
@@ -272,7 +319,8 @@ class Sequence:
     # --- the whole
 
     ACTIONS = ("start_learner start_learner start_learner start_worker start_worker stop_worker stop_learner kill_learner "
-               "restart second_start delete_folder fill_disk free_disk foreign_writer pause pause").split()
+               "restart second_start delete_folder fill_disk free_disk foreign_writer flood_of_workers forge_rtps "
+               "learner_elsewhere pipe pause pause").split()
 
     def play(self):
         try:

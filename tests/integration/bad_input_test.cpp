@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 #include <netinet/in.h>
 #include <sys/socket.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -106,6 +107,53 @@ TEST_F(BadInput, CommandLinesAreRefusedByOption) {
   expect_refused(worker({"--lanes", "100000"}), {"--lanes", "100000", "1024"});
   expect_refused(worker({"--lane-width", "3"}), {"lane_width", "3", "1, 8, 16"});
   expect_refused(worker({"--check-config", programs_.folder() / "none"}), {"none"});
+}
+
+TEST_F(BadInput, WhatWouldBeIgnoredIsRefused) {
+  const auto worker = [this](const Strings& more) {
+    return programs_.finish(Strings{OMENTUM_SIM_WORKER} + more);
+  };
+  expect_refused(worker({"--tremor", "0.5"}), {"--tremor", "--demonstrate"});
+  expect_refused(worker({"--preset", "paper"}), {"--preset", "--demonstrate"});
+  expect_refused(worker({"--domain", "3", "--replay", "x.mcap"}), {"--domain", "--replay"});
+  expect_refused(worker({"--max-wait", "nan"}), {"--max-wait", "nan"});
+  expect_learner_refuses({"preset=paper"}, {"preset=paper", "--preset"});
+  const Finished nowhere = programs_.finish({OMENTUM_LEARNER, "--set", "run.runs_dir="});
+  expect_refused(nowhere, {"run.runs_dir", "empty"});
+  for (const char* option : {"--max-wait", "--unsaved-limit"})
+    expect_learner_refuses({}, {option, "nan"}, {option, "nan"});
+  // A name that clears the screen.
+  const Finished raw = programs_.finish({OMENTUM_LEARNER, "--run", "\x1b[2Jx"});
+  expect_refused(raw, {"run.name", "?[2Jx"});
+  const std::string run = programs_.folder() / "twice";
+  expect_refused(programs_.finish({OMENTUM_REPORT, run, run + "/"}), {"named twice"});
+}
+
+// Each of these waited for a writer that never comes, a key even deaf to SIGTERM.
+TEST_F(BadInput, APipeInThePlaceOfAFileIsRefused) {
+  const std::string pipe = programs_.folder() / "pipe.mcap";
+  ASSERT_EQ(::mkfifo(pipe.c_str(), 0600), 0);
+  const std::string run = programs_.folder() / "piped", keys = programs_.folder() / "keys";
+  std::filesystem::create_directories(run);
+  std::filesystem::create_symlink(pipe, run + "/config.txtpb");
+  std::filesystem::create_directories(keys);
+  for (const char* file : {"identity_ca.pem", "certificate.pem", "key.pem", "crl.pem",
+                           "permissions_ca.pem", "governance.p7s", "permissions.p7s"})
+    std::filesystem::create_symlink(pipe, keys + "/" + file);
+  const std::string runs = "run.runs_dir=" + (programs_.folder() / "runs");
+  for (const Strings& arguments :
+       {Strings{OMENTUM_LEARNER, "--set", runs, "--initialise-from", pipe},
+        Strings{OMENTUM_LEARNER, "--set", runs, "--set", "scene_file=" + pipe},
+        Strings{OMENTUM_LEARNER, "--set", runs, "--security-dir", keys},
+        Strings{OMENTUM_SIM_WORKER, "--check-config", pipe},
+        Strings{OMENTUM_SIM_WORKER, "--grasp-study", run},
+        Strings{OMENTUM_SIM_WORKER, "--replay", pipe},
+        Strings{OMENTUM_SIM_WORKER, "--security-dir", keys}, Strings{OMENTUM_REPORT, pipe},
+        Strings{OMENTUM_DVRK_GATEWAY, "--policy", pipe, "--registration", pipe, "check"}}) {
+    Process program(arguments, programs_.folder() / "out", programs_.folder() / "err");
+    EXPECT_EQ(program.wait(std::chrono::seconds(30)), 2) << arguments[0] << " " << arguments[1];
+    EXPECT_THAT(test::read_text(programs_.folder() / "err"), HasSubstr("pipe"));
+  }
 }
 
 TEST_F(BadInput, AGraspStudyNeedsARunFolderAndAGraspThatCanFail) {

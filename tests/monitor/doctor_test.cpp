@@ -8,8 +8,12 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
+#include <filesystem>
+#include <fstream>
+
 #include "tests/monitor/run_fixture.h"
 #include "tests/support/domain.h"
+#include "tests/support/temp_dir.h"
 
 namespace omentum {
 namespace {
@@ -35,6 +39,31 @@ TEST(Doctor, AnInterfaceThatIsNotThereIsWrong) {
   const Finding none = check_interfaces("eth99");
   EXPECT_FALSE(none.ok);
   EXPECT_THAT(none.detail, HasSubstr("eth99 is not up"));
+}
+
+TEST(Domain, OfARunIsThatOfItsFolder) {
+  const test::TempDir folder;
+  std::filesystem::create_directories(folder / "mine");
+  std::ofstream(folder / "mine/config.txtpb") << "run { domain: 33 } of_another_version: 1\n";
+  ToolOptions options;
+  options.run = "mine";
+  options.runs_dir = folder.path();
+  find_domain(options);
+  EXPECT_EQ(options.domain, 33u);
+  options.domain = 7;
+  options.domain_named = true;
+  find_domain(options);
+  EXPECT_EQ(options.domain, 7u);
+}
+
+TEST(Domain, ThoseInUseAreReadFromTheirPorts) {
+  const std::string table =
+      "  sl  local_address rem_address   st tx_queue rx_queue tr tm->when\n"
+      "  1: 0100007F:1CF2 00000000:0000 07 00000000:00000000 00:00000000 00000000\n"   // 7410
+      "  2: 0100007F:3F2D 00000000:0000 07 00000000:00000000 00:00000000 00000000\n"   // 16173
+      "  3: 0100007F:0035 00000000:0000 07 00000000:00000000 00:00000000 00000000\n"   // 53
+      "  4: 0100007F:9C40 00000000:0000 07 00000000:00000000 00:00000000 00000000\n";  // 40000
+  EXPECT_EQ(domains_in_use(table), (std::vector<std::uint32_t>{0, 35}));
 }
 
 TEST(Doctor, ANameThatDoesNotExistIsWrong) {

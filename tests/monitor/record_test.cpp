@@ -80,5 +80,14 @@ TEST_F(Record, AFileThatIsThereOrATopicThatIsNotIsRefused) {
   }
 }
 
+TEST(RecordOfNobody, IsNoSuccess) {
+  Programs programs;
+  const test::Finished finished = programs.finish(tool(
+      programs, "record", "nobody", {"--out", programs.folder() / "none.mcap", "--seconds", "1"}));
+  EXPECT_EQ(finished.code, 1);
+  EXPECT_THAT(finished.err, HasSubstr("nobody of run nobody spoke on domain " +
+                                      std::to_string(programs.domain())));
+}
+
 }  // namespace
 }  // namespace omentum

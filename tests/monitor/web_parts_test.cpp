@@ -1,14 +1,22 @@
 // What the page and /metrics are made of, without a bus.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <netinet/in.h>
+#include <sys/socket.h>
+#include <unistd.h>
 
+#include <array>
+#include <chrono>
 #include <cstdio>
 #include <cstdlib>
 #include <fstream>
 #include <limits>
+#include <thread>
 
+#include "core/clock.h"
 #include "monitor/frame_desk.h"
 #include "monitor/metrics.h"
+#include "monitor/web_connections.h"
 #include "monitor/web_page.h"
 #include "monitor/web_server.h"
 #include "tests/monitor/run_fixture.h"
@@ -155,6 +163,76 @@ TEST(FrameDesk, RefusesTooManySlots) {
   EXPECT_TRUE(desk.look(0, 20, kPageNow));
   EXPECT_EQ(desk.due(kPageNow).size(), FrameDesk::kMaxSlots);
   EXPECT_EQ(desk.all_off().size(), FrameDesk::kMaxSlots);
+}
+
+/// A page of one word behind small limits.
+class SmallServer {
+ public:
+  SmallServer() : server_({.connections = 2, .request_ms = 300, .idle_ms = 300, .requests = 3}) {
+    server_.Get("/", [](const httplib::Request&, httplib::Response& response) {
+      response.set_content("word", "text/plain");
+    });
+    port_ = server_.bind_to_any_port("::1");
+    thread_ = std::jthread([this] { server_.listen_after_bind(); });
+    while (!server_.is_running()) std::this_thread::yield();
+  }
+  ~SmallServer() { server_.stop(); }
+
+  /// A connection that has sent so much; -1 where it was not accepted.
+  int connection(const std::string& text) const {
+    const int socket = ::socket(AF_INET6, SOCK_STREAM, 0);
+    sockaddr_in6 address{};
+    address.sin6_family = AF_INET6;
+    address.sin6_addr = in6addr_loopback;
+    address.sin6_port = htons(static_cast<std::uint16_t>(port_));
+    EXPECT_EQ(::connect(socket, reinterpret_cast<const sockaddr*>(&address), sizeof address), 0);
+    EXPECT_EQ(::send(socket, text.data(), text.size(), 0), static_cast<ssize_t>(text.size()));
+    return socket;
+  }
+  /// All that comes until the other side closes.
+  static std::string answer(int socket) {
+    std::string text;
+    std::array<char, 4096> bytes{};
+    for (ssize_t got = 0; (got = ::recv(socket, bytes.data(), bytes.size(), 0)) > 0;)
+      text.append(bytes.data(), static_cast<std::size_t>(got));
+    ::close(socket);
+    return text;
+  }
+
+ private:
+  BoundedServer server_;
+  int port_ = 0;
+  std::jthread thread_;
+};
+
+TEST(WebConnections, ARequestThatComesByteByByteIsCutOffInTime) {
+  const SmallServer server;
+  const int slow = server.connection("GET / HTTP/1.1\r\n");
+  const std::int64_t began = steady_now_ns();
+  // Each byte is in time for the next read, and the request has an end all the same.
+  while (::send(slow, "a", 1, MSG_NOSIGNAL) == 1 && steady_now_ns() - began < 10'000'000'000)
+    std::this_thread::sleep_for(std::chrono::milliseconds(50));
+  EXPECT_LT(steady_now_ns() - began, 5'000'000'000);
+  ::close(slow);
+}
+
+TEST(WebConnections, OneTooManyIsClosedAndTheNextIsServed) {
+  const SmallServer server;
+  const int first = server.connection(""), second = server.connection("");
+  std::this_thread::sleep_for(std::chrono::milliseconds(100));
+  EXPECT_EQ(SmallServer::answer(server.connection("GET / HTTP/1.1\r\n\r\n")), "");
+  EXPECT_EQ(SmallServer::answer(first), "");  // idle for too long
+  EXPECT_EQ(SmallServer::answer(second), "");
+  std::this_thread::sleep_for(std::chrono::milliseconds(100));
+  EXPECT_THAT(SmallServer::answer(server.connection("GET / HTTP/1.1\r\n\r\n")), HasSubstr("word"));
+}
+
+TEST(WebConnections, AnAddressOfVersionSixMayStandInBrackets) {
+  EXPECT_EQ(plain_address("[::1]"), "::1");
+  EXPECT_EQ(plain_address("127.0.0.1"), "127.0.0.1");
+  EXPECT_EQ(address_in_url("::1"), "[::1]");
+  EXPECT_EQ(address_in_url("[::1]"), "[::1]");
+  EXPECT_EQ(address_in_url("0.0.0.0"), "0.0.0.0");
 }
 
 }  // namespace
