@@ -10,6 +10,8 @@
 #include <fstream>
 #include <utility>
 
+#include "core/regular_file.h"
+
 namespace omentum {
 
 namespace {
@@ -94,8 +96,9 @@ Result<void> write_durably(const std::string& path, std::string_view text) {
 }
 
 Result<Bytes> read_whole(const std::string& path) {
-  if (std::filesystem::exists(path) && !std::filesystem::is_regular_file(path))
-    return Failure{fmt::format("{} is not a file", path)};
+  if (const Result<void> regular = require_regular_file(path);
+      !regular && std::filesystem::exists(path))
+    return Failure{regular.error()};
   std::ifstream file(path, std::ios::binary | std::ios::ate);
   if (!file) return failed("cannot open", path);
   Bytes bytes(static_cast<std::size_t>(file.tellg()));

@@ -10,6 +10,7 @@
 #include "core/mcap.h"
 #include "core/mcap_chunk.h"
 #include "core/mcap_format.h"
+#include "core/regular_file.h"
 
 namespace omentum {
 namespace {
@@ -258,8 +259,10 @@ void McapReader::footer(std::string_view head) {
   complete_ = ended_ = true;
 }
 
-McapFetcher::McapFetcher(const std::string& path)
-    : path_(path), in_(std::make_unique<std::ifstream>(path, std::ios::binary)) {
+McapFetcher::McapFetcher(const std::string& path) : path_(path) {
+  if (const Result<void> regular = require_regular_file(path); !regular)
+    throw_error("{}", regular.error());
+  in_ = std::make_unique<std::ifstream>(path, std::ios::binary);
   if (!*in_) throw_error("{}: cannot be opened", path);
 }
 

@@ -1,20 +1,22 @@
 #pragma once
 
-#include <filesystem>
+#include <cerrno>
+#include <cstring>
 #include <fstream>
 #include <sstream>
 #include <string>
 
-#include "core/result.h"
+#include "core/regular_file.h"
 
 namespace omentum {
 
 /// The whole content of a text file without its byte order mark. Fails, naming it, if it cannot be
-/// opened, is a folder or a device, which may never end.
+/// opened or is no regular file: a pipe or device may never end.
 inline Result<std::string> read_file(const std::string& path) {
+  if (const Result<void> regular = require_regular_file(path); !regular)
+    return Failure{regular.error()};
   std::ifstream file(path, std::ios::binary);
-  if (!file || std::filesystem::is_directory(path) || std::filesystem::is_character_file(path))
-    return Failure{fmt::format("{}: cannot be opened", path)};
+  if (!file) return Failure{fmt::format("{}: cannot be opened: {}", path, std::strerror(errno))};
   std::ostringstream text;
   text << file.rdbuf();
   std::string content = std::move(text).str();

@@ -11,6 +11,7 @@
 #include "core/check.h"
 #include "core/constants.h"
 #include "core/csv.h"
+#include "core/regular_file.h"
 
 namespace omentum {
 namespace {
@@ -127,6 +128,8 @@ Table parse_table(const std::string& path, std::string_view text) {
 
 Table read_table(const std::string& path) {
   constexpr std::uintmax_t kLargest = 1'000'000'000;  // [byte] days of commands
+  if (const Result<void> regular = require_regular_file(path); !regular)
+    throw_error("{}", regular.error());
   std::error_code failed;
   const std::uintmax_t size = std::filesystem::file_size(path, failed);
   if (failed) throw_error("{}: cannot be opened: {}", path, failed.message());

@@ -14,6 +14,7 @@
 
 #include "core/check.h"
 #include "core/cloud_message.h"
+#include "core/regular_file.h"
 #include "mismatch/recording/messages.h"
 #include "proto/foxglove.pb.h"
 
@@ -127,9 +128,11 @@ Result<Cloud> decode_cloud(std::string_view data) {
 }
 
 Recording read_recording_mcap(const std::string& path) {
-  std::ifstream in(path, std::ios::binary);
   if (fs::is_directory(path)) throw_error("{}: a folder, allowed: files .mcap", path);
-  if (!in || !fs::is_regular_file(path)) throw_error("{}: cannot be opened", path);
+  if (const Result<void> regular = require_regular_file(path); !regular)
+    throw_error("{}", regular.error());
+  std::ifstream in(path, std::ios::binary);
+  if (!in) throw_error("{}: cannot be opened: {}", path, std::strerror(errno));
   Recording recording;
   McapReader reader(in);
   std::map<std::string, SeriesCollector> series;

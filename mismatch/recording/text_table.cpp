@@ -10,6 +10,7 @@
 
 #include "core/check.h"
 #include "core/csv.h"
+#include "core/regular_file.h"
 #include "core/table.h"
 #include "mismatch/recording/recording.h"
 
@@ -30,6 +31,8 @@ std::string_view trim(std::string_view text) {
 
 std::string read_whole_file(const std::string& path) {
   constexpr std::uintmax_t kLargest = 1'000'000'000;  // [byte]
+  if (const Result<void> regular = require_regular_file(path); !regular)
+    throw_error("{}", regular.error());
   std::error_code failed;
   const std::uintmax_t size = std::filesystem::file_size(path, failed);
   if (failed) throw_error("{}: cannot be opened: {}", path, failed.message());

@@ -7,6 +7,7 @@
 #include <set>
 
 #include "core/check.h"
+#include "core/regular_file.h"
 #include "mismatch/import/import_map.h"
 #include "mismatch/ros/bag_reader.h"
 #include "mismatch/ros/topics.h"
@@ -30,6 +31,8 @@ bool is_bag(const std::string& path) {
   }
   if (file.extension() == ".bag") other("ROS 1", file);
   if (file.extension() == ".db3") other("ROS 2 in SQLite", file);
+  if (const Result<void> regular = require_regular_file(path); !regular)
+    throw_error("{}", regular.error());
   std::ifstream in(path, std::ios::binary);
   McapReader reader(in);
   constexpr int kEnough = 100;  // logs of other programs may come first

@@ -8,6 +8,7 @@
 #include <fstream>
 
 #include "core/check.h"
+#include "core/regular_file.h"
 #include "mismatch/import/import_map.h"
 #include "mismatch/import/rigid.h"
 #include "mismatch/recording/depth_image.h"
@@ -64,6 +65,8 @@ void BagReader::state_frames() {
 
 /// One message after the other; of pictures and clouds only their places are kept.
 void BagReader::scan() {
+  if (const Result<void> regular = require_regular_file(path_); !regular)
+    throw_error("{}", regular.error());
   std::ifstream in(path_, std::ios::binary);
   if (!in) throw_error("{}: cannot be opened", path_);
   McapReader reader(in);

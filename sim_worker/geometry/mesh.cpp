@@ -13,6 +13,7 @@
 
 #include "core/check.h"
 #include "core/hash.h"
+#include "core/regular_file.h"
 
 namespace omentum {
 namespace {
@@ -304,6 +305,8 @@ TriangleMesh parse_mesh(const std::string& name, const std::string& content, dou
 }
 
 TriangleMesh load_mesh(const std::string& path, double unit_m, const std::string& wanted) {
+  if (const Result<void> regular = require_regular_file(path); !regular)
+    throw_error("{}", regular.error());
   std::ifstream file(path, std::ios::binary | std::ios::ate);
   if (!file) throw_error("{}: cannot be opened", path);
   const auto size = static_cast<std::int64_t>(file.tellg());

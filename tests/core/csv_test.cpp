@@ -56,7 +56,7 @@ TEST(Csv, TextWhereNumbersAreNeededIsNamed) {
 }
 
 TEST(Csv, AFileThatIsNotThereIsNamed) {
-  EXPECT_EQ(load_csv("/nonexistent/f.csv").error(), "/nonexistent/f.csv: cannot be opened");
+  EXPECT_EQ(load_csv("/nonexistent/f.csv").error(), "/nonexistent/f.csv: cannot be opened: No such file or directory");
 }
 
 }  // namespace
