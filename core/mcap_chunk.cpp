@@ -97,6 +97,28 @@ std::string uncompress_zstd(const std::string& packed) {
   return unpacked;
 }
 
+namespace {
+
+constexpr std::string_view kZstdFrame = "\x28\xb5\x2f\xfd", kLz4Frame = "\x04\x22\x4d\x18";
+
+}  // namespace
+
+bool is_packed_frame(std::string_view bytes) {
+  return bytes.starts_with(kZstdFrame) || bytes.starts_with(kLz4Frame);
+}
+
+Result<std::string_view> unpack_frame(std::string_view packed, std::uint64_t most,
+                                      std::string& unpacked) {
+  if (!packed.starts_with(kZstdFrame)) return Failure{"lz4 is not unpacked message by message"};
+  const unsigned long long size = ZSTD_getFrameContentSize(packed.data(), packed.size());
+  if (size == ZSTD_CONTENTSIZE_ERROR || size == ZSTD_CONTENTSIZE_UNKNOWN)
+    return Failure{"a frame of zstd that does not say its size"};
+  if (size > most) return Failure{fmt::format("{} bytes decompressed, too many", size)};
+  if (const Result<void> done = unpack_zstd(packed, size, unpacked); !done)
+    return Failure{done.error()};
+  return std::string_view(unpacked);
+}
+
 Result<std::string_view> unpack_chunk(std::string_view body, std::uint64_t most,
                                       std::string& unpacked) {
   ByteCursor cursor(body);

@@ -7,6 +7,7 @@
 #include <cmath>
 #include <cstdint>
 #include <cstring>
+#include <limits>
 #include <optional>
 #include <sstream>
 
@@ -90,9 +91,9 @@ Result<Layout> read_header(std::string_view bytes) {
       if (++elements > 1) break;  // what stands behind the vertices does not matter
       words >> word >> layout.vertices;
       if (word != "vertex" || !words) return Failure{"its first element is not vertex"};
-      if (layout.vertices < 1 || layout.vertices > kMostVertices)
+      if (layout.vertices > kMostVertices)
         return Failure{
-            fmt::format("{} vertices, allowed 1 ... {}", layout.vertices, kMostVertices)};
+            fmt::format("{} vertices, allowed up to {}", layout.vertices, kMostVertices)};
     } else if (word == "property") {
       if (Result<void> added = add_property(words, layout); !added) return Failure{added.error()};
     }
@@ -111,9 +112,19 @@ std::string_view take_word(std::string_view& rest) {
   return word;
 }
 
+/// Of a word of text; not a number where a camera saw nothing ("nan", "-nan(ind)", "inf").
+std::optional<double> ascii_number(std::string_view word) {
+  std::string_view bare = word;
+  if (bare.starts_with('-') || bare.starts_with('+')) bare.remove_prefix(1);
+  for (const std::string_view none : {"nan", "NaN", "NAN", "inf", "Inf", "INF"}) {
+    if (bare.starts_with(none)) return std::numeric_limits<double>::quiet_NaN();
+  }
+  return parse_number(word);
+}
+
 bool read_ascii(std::string_view& rest, const Layout& layout, std::vector<double>& values) {
   for (std::size_t k = 0; k < layout.properties.size(); ++k) {
-    const std::optional<double> value = parse_number(take_word(rest));
+    const std::optional<double> value = ascii_number(take_word(rest));
     if (!value) return false;
     values[k] = *value;
   }
@@ -156,8 +167,7 @@ Result<std::vector<Eigen::Vector3f>> parse_ply(const std::string& name, std::str
     if (!read) return Failure{fmt::format("{}: ends in vertex {} of {}", name, k, layout.vertices)};
     const Eigen::Vector3d p(values[*layout.xyz[0]], values[*layout.xyz[1]], values[*layout.xyz[2]]);
     const Eigen::Vector3f point = p.cast<float>();
-    if (!point.allFinite()) return Failure{fmt::format("{}: vertex {} is not finite", name, k)};
-    points.push_back(point);
+    if (point.allFinite()) points.push_back(point);
   }
   return points;
 }

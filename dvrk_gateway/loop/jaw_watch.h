@@ -11,7 +11,8 @@ namespace omentum {
 class JawWatch final : public GatewayObserver {
  public:
   /// Holds when the jaw stays `gap_rad` or more above its goal for kPeriods with a goal that stands
-  /// still and is below `closed_below_rad`.
+  /// still and is below `closed_below_rad`. Where the robot tells a set-point of its own above the
+  /// goal, as software that keeps the jaw from closing further does, the jaw is measured by that.
   JawWatch(double closed_below_rad, double gap_rad)
       : closed_below_rad_(closed_below_rad), gap_rad_(gap_rad) {}
 

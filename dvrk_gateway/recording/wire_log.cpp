@@ -3,8 +3,10 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <map>
 
 #include "core/csv.h"
+#include "core/table.h"
 #include "dvrk_gateway/protocol/codec.h"
 #include "dvrk_gateway/protocol/robot_codec.h"
 
@@ -67,6 +69,18 @@ Goals goals_of(const CommandDatagram& said) {
   return goals;
 }
 
+/// The text of a field of a datagram, as it is written; empty without it.
+std::string_view text_of(std::string_view datagram, std::string_view field) {
+  const std::size_t at = datagram.find(fmt::format("\"{}\"", field));
+  if (at == std::string_view::npos) return {};
+  std::string_view rest = datagram.substr(at + field.size() + 2);
+  const std::size_t quote = rest.find_first_not_of(": \t");
+  if (quote == std::string_view::npos || rest[quote] != '"') return {};
+  rest.remove_prefix(quote + 1);
+  const std::size_t end = rest.find('"');
+  return end == std::string_view::npos ? std::string_view() : rest.substr(0, end);
+}
+
 /// Turns lines into messages of a recording.
 class Conversion {
  public:
@@ -89,6 +103,7 @@ class Conversion {
       counts_.problems.push_back(fmt::format("line {}: {}", number, why));
   }
   Result<WireLogCounts> finish() {
+    if (!two_arms_.empty()) return Failure{two_arms_};
     counts_.invalid_payloads = file_.invalid_payloads();
     if (const Result<void> finished = file_.finish(); !finished) return Failure{finished.error()};
     return counts_;
@@ -111,9 +126,29 @@ class Conversion {
     const std::uint64_t malformed = robot_.malformed;
     take_datagram(robot_, line.datagram, time_ns, kRobot);
     if (robot_.malformed != malformed) return Failure{"no JSON of the protocol"};
+    look_for_another_arm(line.datagram);
     ++counts_.robot;
     file_.add_robot(robot_, time_ns);
     return {};
+  }
+
+  /// Every arm has a port of its own. Where two send to one, their poses would take turns in one
+  /// channel, and joints and jaws do not say whose they are.
+  void look_for_another_arm(std::string_view datagram) {
+    const std::size_t from = datagram.find('"');
+    if (from == std::string_view::npos || !two_arms_.empty()) return;
+    const std::string_view rest = datagram.substr(from + 1);
+    const std::string key(rest.substr(0, rest.find('"')));
+    for (const char* field : {"MovingFrame", "ReferenceFrame"}) {
+      const std::string_view name = text_of(datagram, field);
+      if (name.empty()) continue;
+      const auto [known, added] = frames_.try_emplace(key + field, name);
+      if (added || known->second == name) continue;
+      two_arms_ = fmt::format(
+          "{} has {} \"{}\" and \"{}\": two arms in one log, and a recording has one; needed a "
+          "log of each, captured at its own port",
+          shown(key), field, shown(known->second), shown(name));
+    }
   }
 
   Result<void> take_client(const WireLogLine& line, std::int64_t time_ns) {
@@ -134,6 +169,8 @@ class Conversion {
   RecordingFile file_;
   RobotState robot_;
   WireLogCounts counts_;
+  std::map<std::string, std::string> frames_;  ///< by payload and field
+  std::string two_arms_;
   std::int64_t line_ns_ = 0, time_ns_ = -1;  ///< of the last good line, in the log and recorded
 };
 

@@ -24,6 +24,7 @@
 #include "mismatch/calibrate/calibration_file.h"
 #include "mismatch/calibrate/calibration_page.h"
 #include "mismatch/calibrate/case_input.h"
+#include "mismatch/fit/unknowns.h"
 #include "mismatch/recording/read_recording.h"
 #include "mismatch/recording/text_table.h"
 #include "mismatch/scene/believed_scene.h"
@@ -37,7 +38,7 @@ namespace fs = std::filesystem;
 
 struct CalibrateOptions {
   std::string scene, output, markers, method, frame_period;
-  std::vector<std::string> recordings, overrides, own_overrides;
+  std::vector<std::string> recordings, overrides, own_overrides, held_out;
   double tolerance_mm = 0.3;
   std::size_t skipped_clouds = 0;
   std::optional<double> above_board_mm;
@@ -124,6 +125,7 @@ int calibrate(const CalibrateOptions& options) {
   if (!options.frame_period.empty()) chosen.frame_period = parse_frame_period(options.frame_period);
   if (!options.markers.empty()) chosen.markers = read_marker_notes(options.markers);
   CaseInput input = read_case(options.recordings, options.scene, options.overrides);
+  hold_out(options.held_out, input);
   chosen.priors = input.priors;
   chosen.threads = options.threads;
   chosen.seed = options.seed;
@@ -132,6 +134,10 @@ int calibrate(const CalibrateOptions& options) {
   chosen.folder = input.folder;
   std::vector<std::string>& warnings = input.warnings;
   const pb::Scene& scene = input.scene;
+  const std::vector<std::string> not_looked_for = told_not_looked_for(scene, chosen.priors);
+  // Before anything is simulated: who meant it otherwise need not wait.
+  for (const std::string& told : not_looked_for)
+    std::fprintf(stderr, "warning: %s\n", told.c_str());
   const Scene made = make_scene(scene, chosen.folder);
   const std::string method = method_of(options, made);
   if (!options.frame_period.empty()) {
@@ -170,6 +176,8 @@ int calibrate(const CalibrateOptions& options) {
   Calibration result = calibrate_by(scene, std::move(observations), chosen);
   line->end();
   result.warnings.insert(result.warnings.begin(), warnings.begin(), warnings.end());
+  const std::vector<std::string> to_tell = result.warnings;
+  result.warnings.insert(result.warnings.begin(), not_looked_for.begin(), not_looked_for.end());
   folder.begin();
   std::string text;
   OMENTUM_CHECK(google::protobuf::TextFormat::PrintToString(result.scene, &text));
@@ -188,8 +196,7 @@ int calibrate(const CalibrateOptions& options) {
     folder.write("markers/" + markers.recording + ".csv", print_table(markers.table));
   }
   folder.finish();
-  for (const std::string& warning : result.warnings)
-    std::fprintf(stderr, "warning: %s\n", warning.c_str());
+  for (const std::string& warning : to_tell) std::fprintf(stderr, "warning: %s\n", warning.c_str());
   std::printf("%s%s: scene.txtpb, calibration.json, report.html; %.0f core-seconds\n",
               summarise_calibration(result).c_str(), options.output.c_str(), result.core_seconds);
   if (std::fflush(stdout) != 0) throw_error("standard output: cannot be written");
@@ -221,6 +228,9 @@ std::function<int()> add_calibrate_command(CLI::App& app) {
       "--set-for", options.own_overrides,
       "Override of the scene for one recording alone, RECORDING:a.b=c, or NAME*:a.b=c for "
       "those whose names begin so");
+  sub.add_option("--held-out", options.held_out,
+                 "Recording that is predicted and not fitted, by NAME, or NAME* for all that begin "
+                 "so; beside those that say so themselves");
   sub.add_option(
       "--markers", options.markers,
       "Table of what is known of markers: name, on (tissue, clamp, other), x_m, y_m, z_m in B");

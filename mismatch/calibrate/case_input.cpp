@@ -1,6 +1,6 @@
 #include "mismatch/calibrate/case_input.h"
 
-#include <fmt/format.h>
+#include <fmt/ranges.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -79,6 +79,23 @@ CaseInput read_case(const std::vector<std::string>& paths, const std::string& sc
   }
   input.folder = fs::path(scene).parent_path().string();
   return input;
+}
+
+void hold_out(const std::vector<std::string>& names, CaseInput& input) {
+  for (const std::string& name : names) {
+    bool any = false;
+    std::vector<std::string> known;
+    for (auto& [own, recording] : input.recordings) {
+      known.push_back(own);
+      const bool begin = name.ends_with('*');
+      if (begin ? !own.starts_with(name.substr(0, name.size() - 1)) : own != name) continue;
+      recording.info.set_held_out(true);
+      any = true;
+    }
+    if (!any)
+      throw_error("--held-out: no recording is called {}, there are {}", name,
+                  fmt::join(known, ", "));
+  }
 }
 
 std::vector<Observation> observe_case(const CaseInput& input, const Scene& made,

@@ -30,6 +30,10 @@ struct CaseInput {
 CaseInput read_case(const std::vector<std::string>& recordings, const std::string& scene,
                     const std::vector<std::string>& overrides);
 
+/// Recordings of these names, or that begin so with "*" at its end, are held out, whatever they say
+/// of themselves: predicted, not fitted. Throws Error for a name that none has.
+void hold_out(const std::vector<std::string>& names, CaseInput& input);
+
 /// Observations in the order of their names, conditions and markers numbered. What is known of the
 /// markers is in `notes`, which learns of the clamp. Throws Error.
 std::vector<Observation> observe_case(const CaseInput& input, const Scene& made,

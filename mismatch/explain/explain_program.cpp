@@ -22,6 +22,7 @@ namespace {
 
 struct ProgramOptions : CaseOptions {
   std::string output;
+  std::vector<std::string> held_out;
 };
 
 std::string sha256_hex(const std::string& bytes) {
@@ -55,6 +56,7 @@ std::string fingerprint(const Recording& recording) {
 int run_explain(const ProgramOptions& options) {
   OutputFolder folder(options.output);
   CaseInput input = read_case(options.recordings, options.scene, options.overrides);
+  hold_out(options.held_out, input);
   const Scene made = make_scene(input.scene, input.folder);
   check_is_clamped_sheet("explain", input, made);
   const auto line = std::make_shared<ProgressLine>("explain");
@@ -112,6 +114,9 @@ std::function<int()> add_explain_command(CLI::App& app) {
                           "Where recordings and simulation differ, and what physics was left out "
                           "(docs/mismatch.md 5)");
   add_case_options(sub, options);
+  sub.add_option("--held-out", options.held_out,
+                 "Recording that confirms and is not fitted, by NAME, or NAME* for all that begin "
+                 "so; beside those that say so themselves");
   sub.add_option("-o,--output", options.output,
                  "Folder for verdict.json, scene.repaired.txtpb, scene.base.txtpb, report.html, "
                  "predictions; new or empty")

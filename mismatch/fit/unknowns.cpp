@@ -166,6 +166,36 @@ Range range_of(const Unknown& unknown) {
   return range;
 }
 
+namespace {
+
+constexpr const char* kDampingPath = "scene.tissue.material.damping_per_s";
+
+bool has_sd(const pb::Priors& priors, const std::string& path) {
+  return std::ranges::any_of(priors.prior(), [&](const pb::Prior& prior) {
+    return prior.path() == path && prior.sd() > 0;
+  });
+}
+
+}  // namespace
+
+std::vector<std::string> told_not_looked_for(const pb::Scene& scene, const pb::Priors& priors) {
+  std::vector<std::string> told;
+  const pb::Tissue& tissue = scene.tissue();
+  if (!(tissue.material().damping_per_s() > 0) && !has_sd(priors, kDampingPath)) {
+    told.push_back(fmt::format(
+        "damping is not looked for: {} is 0, and a factor of 0 is 0; a prior with sd beside the "
+        "scene (NAME.prior.txtpb: prior {{ path: \"{}\" sd: 0.5 source: \"...\" }}) or a value "
+        "above 0 has it looked for",
+        kDampingPath, kDampingPath));
+  }
+  if (scene.rigid_body_size() > 0 && !(tissue.dynamic_friction() > 0)) {
+    told.emplace_back(
+        "friction is not looked for: scene.tissue.dynamic_friction is 0, and a factor of 0 is 0; "
+        "a value above 0 has it looked for (--set scene.tissue.dynamic_friction=0.1)");
+  }
+  return told;
+}
+
 std::vector<Unknown> unknowns_of(const pb::Scene& scene, const pb::Priors& priors,
                                  bool with_force) {
   using Scale = Unknown::Scale;
@@ -175,10 +205,16 @@ std::vector<Unknown> unknowns_of(const pb::Scene& scene, const pb::Priors& prior
        tissue.material().young_modulus_pa(), std::log(3.0), "a factor of 3, docs/calibrate.md 2"},
       {"scene.tissue.effects.bending_change", "1", "bending_stiffness.factor", Scale::kChange,
        tissue.effects().bending_change(), std::log(1.15), "15 %, docs/calibrate.md 2"},
-      {"scene.tissue.material.damping_per_s", "1/s", "damping", Scale::kFactor,
-       tissue.material().damping_per_s(), std::log(3.0), "a factor of 3, docs/calibrate.md 2"},
+      {kDampingPath, "1/s", "damping", Scale::kFactor, tissue.material().damping_per_s(),
+       std::log(3.0), "a factor of 3, docs/calibrate.md 2"},
   };
-  if (!(list.back().believed > 0)) list.pop_back();  // no factor makes it other than zero
+  if (!(list.back().believed > 0)) {  // no factor makes it other than zero
+    if (has_sd(priors, kDampingPath)) {
+      list.back().scale = Scale::kShift;
+    } else {
+      list.pop_back();
+    }
+  }
   if (scene.rigid_body_size() > 0 && tissue.dynamic_friction() > 0) {
     list.push_back({"scene.tissue.effects.friction_change", "1", "board_friction.factor",
                     Scale::kChange, tissue.effects().friction_change(), std::log(1.6),

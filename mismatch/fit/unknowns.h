@@ -52,6 +52,10 @@ inline constexpr const char* kFramePeriodPath = "frame_period_s";
 /// have them, and with a force the density. Stated priors go before those of docs/calibrate.md 2.
 std::vector<Unknown> unknowns_of(const pb::Scene& scene, const pb::Priors& priors, bool with_force);
 
+/// Of those the ones that are not looked for because they are believed to be zero, of which every
+/// factor is zero, and what to state instead; one line each.
+std::vector<std::string> told_not_looked_for(const pb::Scene& scene, const pb::Priors& priors);
+
 /// Appends every other number that a prior names. Throws Error where the scene has none of that
 /// path or a factor meets a value that is not positive.
 void add_named_unknowns(const pb::Scene& scene, const pb::Priors& priors,

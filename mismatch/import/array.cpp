@@ -8,9 +8,12 @@
 #include <iterator>
 #include <memory>
 #include <numeric>
+#include <optional>
 #include <sstream>
 
 #include "core/check.h"
+#include "core/csv.h"
+#include "core/file_name.h"
 #include "core/table.h"
 #include "mismatch/import/npy.h"
 #include "mismatch/import/source.h"
@@ -23,18 +26,47 @@ namespace {
 /// An array and what its axes are.
 struct NamedArray {
   NpyArray array;
+  /// time, column, point (once or more: rows and columns of a picture), xyz, or a whole number: of
+  /// that axis one part alone.
   std::vector<std::string> axes;
 
   std::size_t axis(const std::string& name) const {
     return static_cast<std::size_t>(std::find(axes.begin(), axes.end(), name) - axes.begin());
   }
-  std::size_t size(const std::string& name) const { return array.shape()[axis(name)]; }
+  /// Of all axes of that name together.
+  std::size_t size(const std::string& name) const {
+    std::size_t product = 1;
+    for (std::size_t k = 0; k < axes.size(); ++k) product *= axes[k] == name ? array.shape()[k] : 1;
+    return product;
+  }
+  /// The value at places by name; one of several axes counts over the last one first.
+  double at(std::vector<std::pair<std::string, std::size_t>> places) const {
+    std::vector<std::size_t> index(axes.size());
+    for (std::size_t k = axes.size(); k-- > 0;) {
+      if (const auto fixed = part_of(axes[k])) {
+        index[k] = *fixed;
+        continue;
+      }
+      for (auto& [name, place] : places) {
+        if (name != axes[k]) continue;
+        index[k] = place % array.shape()[k];
+        place /= array.shape()[k];
+      }
+    }
+    return array.at(index);
+  }
+  static std::optional<std::size_t> part_of(const std::string& axis) {
+    const auto number = parse_number(axis);
+    if (!number || !(*number >= 0 && *number < 1e9) || *number != std::floor(*number))
+      return std::nullopt;
+    return static_cast<std::size_t>(*number);
+  }
 };
 
 NamedArray load(const pb::SourceMap& source, const std::string& path) {
   std::string bytes = read_whole_file(path);
   std::string name = path;
-  if (path.ends_with(".npz")) {
+  if (has_ending(path, ".npz")) {
     if (source.array().name().empty()) throw_error("source.array.name: needed for {}", path);
     name += ": " + source.array().name();
     Result<std::string> entry = parse_npz_entry(path, bytes, source.array().name());
@@ -46,15 +78,34 @@ NamedArray load(const pb::SourceMap& source, const std::string& path) {
   std::istringstream words(source.array().axes());
   NamedArray made{std::move(array).value(), {std::istream_iterator<std::string>(words), {}}};
   std::vector<std::string> sorted = made.axes;
+  std::erase_if(sorted,
+                [](const std::string& axis) { return NamedArray::part_of(axis).has_value(); });
   std::sort(sorted.begin(), sorted.end());
+  sorted.erase(std::unique(sorted.begin(), sorted.end(),
+                           [](const auto& a, const auto& b) { return a == b && a == "point"; }),
+               sorted.end());
   const bool columns = sorted == std::vector<std::string>{"column", "time"};
   const bool points = sorted == std::vector<std::string>{"point", "time", "xyz"};
   if (!columns && !points)
-    throw_error("source.array.axes: \"{}\", allowed time and column, or time, point and xyz",
-                shown(source.array().axes()));
+    throw_error(
+        "source.array.axes: \"{}\", allowed time and column, or time, point and xyz; point may "
+        "stand "
+        "for several axes (\"time point point xyz\"), and a number for one part of an axis (\"0 "
+        "time "
+        "point xyz\")",
+        shown(source.array().axes()));
   if (made.array.shape().size() != made.axes.size())
-    throw_error("{}: an array of shape ({}), needed axes {}", name,
-                fmt::join(made.array.shape(), ", "), source.array().axes());
+    throw_error(
+        "{}: an array of shape ({}), needed one axis each of {}; point may stand for several, and "
+        "a "
+        "number for one part of an axis",
+        name, fmt::join(made.array.shape(), ", "), source.array().axes());
+  for (std::size_t k = 0; k < made.axes.size(); ++k) {
+    const auto part = NamedArray::part_of(made.axes[k]);
+    if (part && *part >= made.array.shape()[k])
+      throw_error("{}: an array of shape ({}): no part {} of axis {}", name,
+                  fmt::join(made.array.shape(), ", "), *part, k);
+  }
   if (points && made.size("xyz") != 3)
     throw_error("{}: an array of shape ({}): axis xyz has {}, needed 3", name,
                 fmt::join(made.array.shape(), ", "), made.size("xyz"));
@@ -63,11 +114,7 @@ NamedArray load(const pb::SourceMap& source, const std::string& path) {
 
 /// Values of the two last axes at one time, through a map of (time, a, b).
 double value_at(const NamedArray& a, std::size_t time, std::size_t point, std::size_t xyz) {
-  std::vector<std::size_t> index(3);
-  index[a.axis("time")] = time;
-  index[a.axis("point")] = point;
-  index[a.axis("xyz")] = xyz;
-  return a.array.at(index);
+  return a.at({{"time", time}, {"point", point}, {"xyz", xyz}});
 }
 
 /// A table of the text of an array, so that columns are mapped in one place.
@@ -78,10 +125,7 @@ TextTable as_table(const NamedArray& a, const std::string& path) {
   for (std::size_t row = 0; row < a.size("time"); ++row) {
     text += '\n';
     for (std::size_t k = 0; k < a.size("column"); ++k) {
-      std::vector<std::size_t> index(2);
-      index[a.axis("time")] = row;
-      index[a.axis("column")] = k;
-      const double value = a.array.at(index);
+      const double value = a.at({{"time", row}, {"column", k}});
       text += fmt::format("{}{}", k > 0 ? "," : "",
                           std::isnan(value) ? "nan" : fmt::format("{}", value));
     }
@@ -120,7 +164,7 @@ void add_array(const pb::SourceMap& source, const std::string& path,
                const std::vector<std::int64_t>& times, const Eigen::Isometry3d& X_WF,
                Recording& recording) {
   auto array = std::make_shared<NamedArray>(load(source, path));
-  if (array->axes.size() == 2) {
+  if (array->axis("column") < array->axes.size()) {
     const TextTable table = as_table(*array, path);
     std::vector<std::size_t> rows(times.size());
     std::iota(rows.begin(), rows.end(), std::size_t{0});

@@ -9,6 +9,7 @@
 
 #include "core/check.h"
 #include "core/config.h"
+#include "core/file_name.h"
 #include "core/table.h"
 #include "mismatch/import/array.h"
 #include "mismatch/import/rigid.h"
@@ -40,7 +41,9 @@ T required(Result<T> result, const std::string& where) {
   return std::move(result).value();
 }
 
-bool is_array(const std::string& path) { return path.ends_with(".npy") || path.ends_with(".npz"); }
+bool is_array(const std::string& path) {
+  return has_ending(path, ".npy") || has_ending(path, ".npz");
+}
 
 /// Whether what both name is the same text.
 bool agree(const Values& a, const Values& b) {
@@ -144,6 +147,8 @@ void add_frame_files(const pb::SourceMap& source, const std::string& folder,
   if (source.frames() == "clouds") {
     fill(recording.clouds);
     const bool moved = !X_WF.matrix().isIdentity(0);
+    if (!paths.empty() && has_ending(paths.front(), ".pcd"))
+      read_cloud_file(paths.front(), &recording.warnings);
     recording.clouds.fetch = [paths, X = Eigen::Isometry3f(X_WF.cast<float>()),
                               moved](std::size_t k) {
       Cloud cloud = read_cloud_file(paths[k]);
@@ -215,13 +220,18 @@ class Builder {
       rows_at = row_times(source, nullptr, std::vector<std::size_t>(shape.times), values, times);
       add_array(source, path, rows_at, X_WF, recording);
     } else {
-      const std::vector<std::size_t>& rows = rows_of(at, values).rows;
+      const std::vector<std::string>& passed = table->warnings();
+      recording.warnings.insert(recording.warnings.end(), passed.begin(), passed.end());
+      std::vector<std::size_t> rows = rows_of(at, values).rows;
       rows_at = row_times(source, table, rows, values, times);
+      if (source.has_name()) times[source.name()] = rows_at;
+      const std::string& timed = source.time().column();
+      keep_increasing(*table, table->find(timed).value_or(0), rows, rows_at, recording.warnings);
       std::map<std::string, Series> found;
       add_columns(source, *table, rows, rows_at, values, found);
       add_series(path, X_WF, std::move(found), recording);
     }
-    if (source.has_name()) times[source.name()] = rows_at;
+    if (source.has_name()) times.try_emplace(source.name(), rows_at);
   }
 
   /// The block of a source that agrees with the values of the recording.
@@ -245,8 +255,13 @@ class Builder {
 std::vector<std::string> files_below(const std::string& folder) {
   constexpr std::size_t kMost = 1'000'000;
   std::vector<std::string> paths;
-  for (const auto& entry : fs::recursive_directory_iterator(folder)) {
-    if (!entry.is_regular_file()) continue;
+  for (auto entries = fs::recursive_directory_iterator(folder); entries != fs::end(entries);
+       ++entries) {
+    const fs::directory_entry& entry = *entries;
+    // "._a.csv" of a Mac, ".git": nobody's recordings.
+    const bool hidden = is_hidden(entry.path().string());
+    if (hidden && entry.is_directory()) entries.disable_recursion_pending();
+    if (hidden || !entry.is_regular_file()) continue;
     paths.push_back(fs::relative(entry.path(), folder).generic_string());
     if (paths.size() > kMost) throw_error("{}: more than {} files", folder, kMost);
   }
@@ -254,9 +269,40 @@ std::vector<std::string> files_below(const std::string& folder) {
   return paths;
 }
 
+namespace {
+
+/// {values} in the texts of a message, but for whole scenes, which have braces of their own.
+void fill_in_texts(google::protobuf::Message& message, const Values& values) {
+  const google::protobuf::Reflection& fields = *message.GetReflection();
+  std::vector<const google::protobuf::FieldDescriptor*> set;
+  fields.ListFields(message, &set);
+  for (const auto* field : set) {
+    if (field->name() == "scene_text" || field->name() == "scene_believed_text") continue;
+    using Field = google::protobuf::FieldDescriptor;
+    const std::string where = "info." + field->name();
+    const bool text = field->cpp_type() == Field::CPPTYPE_STRING;
+    const bool part = field->cpp_type() == Field::CPPTYPE_MESSAGE;
+    if (text && !field->is_repeated())
+      fields.SetString(&message, field,
+                       required(fill_in(fields.GetString(message, field), values), where));
+    for (int k = 0; field->is_repeated() && k < fields.FieldSize(message, field); ++k) {
+      if (text)
+        fields.SetRepeatedString(
+            &message, field, k,
+            required(fill_in(fields.GetRepeatedString(message, field, k), values), where));
+      if (part) fill_in_texts(*fields.MutableRepeatedMessage(&message, field, k), values);
+    }
+    if (part && !field->is_repeated())
+      fill_in_texts(*fields.MutableMessage(&message, field), values);
+  }
+}
+
+}  // namespace
+
 pb::RecordingInfo mapped_info(const pb::ImportMap& map, const Values& values,
                               const std::string& name) {
   pb::RecordingInfo info = map.info();
+  fill_in_texts(info, values);
   const auto apply = [&](const std::string& assignment) {
     set_info_field(info, required(fill_in(assignment, values), "set"), "set");
   };

@@ -200,6 +200,39 @@ std::vector<RowBlock> split_rows(const pb::SourceMap& source, const TextTable& t
   return blocks;
 }
 
+namespace {
+
+/// Times of rows that are numbered: one number is a period of the rate, and what is missing between
+/// two rows leaves its time.
+std::vector<std::int64_t> frame_times(const pb::TimeMap& map, const TextTable* table,
+                                      const std::vector<std::size_t>& rows, std::int64_t offset) {
+  if (table == nullptr) throw_error("source.time.column: \"{}\" of no table", map.column());
+  if (!(map.rate_hz() > 1e-6 && map.rate_hz() < 1e9))
+    throw_error("source.time.rate_hz: {} Hz, allowed 1e-06 ... 1e+09", map.rate_hz());
+  const std::size_t column = table->column(map.column());
+  std::vector<std::int64_t> times;
+  double first = 0, last = 0;
+  for (const std::size_t row : rows) {
+    const double number = table->number(row, column);
+    if (number != std::round(number) || std::fabs(number) > 9e15)
+      throw_error(
+          "{}: \"{}\" is no number of a frame, of which rate_hz makes times: needed whole ones, or "
+          "column without rate_hz where it is a time",
+          table->place(row, column), shown(table->cell(row, column)));
+    if (times.empty()) first = number;
+    if (!times.empty() && number <= last)
+      throw_error("{}: frame {} after {}, needed increasing", table->place(row, column), number,
+                  last);
+    last = number;
+    const double since = (number - first) / map.rate_hz();
+    if (!(since < 9e9)) throw_error("{}: frame {} is no time", table->place(row, column), number);
+    times.push_back(std::llround(since * 1e9) + offset);
+  }
+  return times;
+}
+
+}  // namespace
+
 std::vector<std::int64_t> row_times(
     const pb::SourceMap& source, const TextTable* table, const std::vector<std::size_t>& rows,
     const Values& values, const std::map<std::string, std::vector<std::int64_t>>& earlier) {
@@ -217,6 +250,9 @@ std::vector<std::int64_t> row_times(
                   found->second.size());
     return found->second;
   }
+  if (map.has_column() && map.at_rest())
+    throw_error("source.time: column \"{}\" with at_rest, needed one of them", map.column());
+  if (map.has_rate_hz() && map.has_column()) return frame_times(map, table, rows, offset);
   if (map.has_rate_hz() || map.at_rest()) {
     if (map.has_rate_hz() && !(map.rate_hz() > 1e-6 && map.rate_hz() < 1e9))
       throw_error("source.time.rate_hz: {} Hz, allowed 1e-06 ... 1e+09", map.rate_hz());
@@ -241,9 +277,6 @@ std::vector<std::int64_t> row_times(
   const std::size_t column = table->column(name);
   for (const std::size_t row : rows) {
     times.push_back(table->time_ns(row, column, factor) + offset);
-    if (times.size() > 1 && times.back() <= times[times.size() - 2])
-      throw_error("{}: {} s after {} s, needed increasing", table->place(row, column),
-                  print_seconds(times.back()), print_seconds(times[times.size() - 2]));
   }
   return times;
 }
@@ -340,6 +373,8 @@ void add_series(const std::string& path, const Eigen::Isometry3d& X_WF,
       throw_error("{}: {}", path, whole.error());
     transform_series(X_WF, series);
     if (series.rows() == 0) continue;
+    if (const std::string told = told_never_known(series); !told.empty())
+      recording.warnings.push_back(fmt::format("{}: {}", path, told));
     if (!recording.series.emplace(topic, std::move(series)).second)
       throw_error("{}: channel {} comes from another source already", path, topic);
   }

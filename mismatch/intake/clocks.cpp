@@ -60,12 +60,21 @@ bool find_offset(const Series& a, const Series& b, double begin, double end,
   figures.offset_s = (static_cast<double>(best) + part) * step;
   figures.correlation = highest;
   // Likelihood of what is left over, of so many independent samples: offsets within two standard
-  // deviations of the best one. A ramp, or steps of one size, fit nearly as well anywhere.
-  constexpr double kIndependent = 100;
+  // deviations of the best one. A ramp, or steps of one size, fit nearly as well anywhere. What is
+  // left over is mostly what no linear function tells, and goes on from sample to sample.
+  const Eigen::MatrixXd moved = centred(y, lags + best);
+  const Eigen::MatrixXd rest = moved - still * solver.solve(still.transpose() * moved);
+  const double squares = rest.squaredNorm();
+  const double neighbours =
+      rest.topRows(within - 1).cwiseProduct(rest.bottomRows(within - 1)).sum();
+  const double memory = squares > 0 ? std::clamp(neighbours / squares, 0.0, 1 - 1e-6) : 0;
+  constexpr double kFewest = 4, kMostIndependent = 100;
+  const double independent = std::clamp(static_cast<double>(within) * (1 - memory) / (1 + memory),
+                                        kFewest, kMostIndependent);
   std::ptrdiff_t low = best - 1, high = best + 1;
   const double left = 1 - highest * highest;
   for (const auto& [lag, c] : looks) {
-    if (kIndependent * std::log((1 - c * c + 1e-12) / (left + 1e-12)) > 4) continue;
+    if (independent * std::log((1 - c * c + 1e-12) / (left + 1e-12)) > 4) continue;
     low = std::min(low, lag);
     high = std::max(high, lag);
   }

@@ -106,8 +106,14 @@ NoiseFigures noise_of(const std::string& topic, const std::string& unit, const S
   if (holds.empty()) {
     const double length = std::max(kHold, period * static_cast<double>(kFewest));
     for (double t = seconds(series.time_ns.front()); t + length <= seconds(series.time_ns.back());
-         t += length)
+         t += length) {
+      // Where nothing was recorded, be it for years, there is nothing to look at.
+      const auto next = std::lower_bound(series.time_ns.begin(), series.time_ns.end(),
+                                         static_cast<std::int64_t>(t * 1e9));
+      if (seconds(*next) >= t + length) t = seconds(*next);
+      if (t + length > seconds(series.time_ns.back())) break;
       stretches.emplace_back(t, t + length);
+    }
   }
   std::vector<Scatter> scatters;
   const std::size_t stride = std::max<std::size_t>(1, series.columns.size() / kMostColumns);
@@ -206,8 +212,11 @@ const Series* reference_of(const Recording& recording, std::string& topic) {
 
 void add_clock(const std::string& topic, const Series& series, const std::string& reference_topic,
                const Series& reference, IntakeFigures& figures) {
-  constexpr double kSure = 0.5;  // correlation
-  if (topic == reference_topic || series.rows() < 20) return;
+  constexpr double kSure = 0.9;  // correlation
+  // A jaw is another motion: when it closes says nothing of its clock.
+  if (topic == reference_topic || topic == "jaw" || series.rows() < 20) return;
+  // Samples of one row have one clock, however late one of them follows.
+  if (series.time_ns == reference.time_ns) return;
   const double begin = seconds(std::max(series.time_ns.front(), reference.time_ns.front()));
   const double end = seconds(std::min(series.time_ns.back(), reference.time_ns.back()));
   ClockFigures clock{topic, reference_topic};
@@ -219,6 +228,7 @@ void add_clock(const std::string& topic, const Series& series, const std::string
     const double apart = middle - begin;
     constexpr double kMostDrift = 1e4;  // [ppm] of clocks that are none
     if (std::fabs(second.offset_s - first.offset_s) > 1e-6 * kMostDrift * apart) return;
+    clock.sd_s = std::max(clock.sd_s, 0.5 * std::fabs(second.offset_s - first.offset_s));
     clock.drift_ppm = 1e6 * (second.offset_s - first.offset_s) / apart;
     clock.drift_sd_ppm = 1e6 * std::hypot(first.sd_s, second.sd_s) / apart;
   }
@@ -263,7 +273,8 @@ bool compare_repeats(const std::vector<const Series*>& all, FloorFigures& floor)
   for (const Series* series : all)
     length = std::min(length, seconds(series->time_ns.back() - series->time_ns.front()));
   const Series& first = *all.front();
-  const double step = median_period(first);
+  constexpr double kMostSteps = 1e6;  // of a record with a gap of years in it
+  const double step = std::max(median_period(first), length / kMostSteps);
   double squares = 0, count = 0;
   for (std::size_t k = 0; step > 0 && k < first.columns.size(); ++k) {
     if (unit_of(first.columns[k]) != floor.unit) continue;

@@ -31,9 +31,10 @@ struct Scatter {
 /// Needs 4 values or more, evenly spaced.
 Scatter scatter_about_line(const std::vector<double>& values);
 
-/// Main motions of a channel, a row a time of an even grid: of its columns, each scaled to unit
-/// scatter, the three combinations that move most. No columns where nothing moves or the channel
-/// does not cover the grid.
+/// Main motions of a channel, a row a time of an even grid: of its positions that move, in units of
+/// what moves most of each kind (m, rad), the three combinations that move most; of a channel
+/// without positions of its forces. No columns where nothing moves or the channel does not cover
+/// the grid.
 Eigen::MatrixXd main_motions(const Series& series, double begin_s, double step_s,
                              std::size_t count);
 

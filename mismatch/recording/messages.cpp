@@ -234,6 +234,17 @@ Result<void> SeriesCollector::add(std::int64_t time_ns, std::string_view data) {
 }
 
 Result<Series> SeriesCollector::finish(std::vector<std::string>& warnings) {
+  if (topic_ == "force") {  // a message lacks the axes that are not known
+    for (const char* group : {"f{}_N", "t{}_Nm"}) {
+      const std::string x = fmt::format(fmt::runtime(group), 'x'),
+                        y = fmt::format(fmt::runtime(group), 'y'),
+                        z = fmt::format(fmt::runtime(group), 'z');
+      if (!index_.contains(x) && !index_.contains(y) && !index_.contains(z)) continue;
+      for (const std::string& axis : {x, y, z}) {
+        if (index_.try_emplace(axis, columns_.size()).second) columns_.push_back(axis);
+      }
+    }
+  }
   Series series;
   series.columns = columns_;
   std::vector<std::size_t> order(time_ns_.size());
@@ -255,6 +266,8 @@ Result<Series> SeriesCollector::finish(std::vector<std::string>& warnings) {
     warnings.push_back(fmt::format("/{}: {} samples at the time of another one", topic_, dropped));
   if (Result<void> done = normalise(file_of(topic_), series); !done)
     return Failure{fmt::format("/{}: {}", topic_, done.error())};
+  if (const std::string told = told_never_known(series); topic_ == "force" && !told.empty())
+    warnings.push_back(fmt::format("/force: {}", told));
   return series;
 }
 

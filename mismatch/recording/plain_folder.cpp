@@ -13,14 +13,17 @@
 
 #include "core/check.h"
 #include "core/config.h"
+#include "core/file_name.h"
 #include "core/output_folder.h"
 #include "core/ply.h"
 #include "core/recording_info.h"
+#include "core/regular_file.h"
 #include "core/table.h"
 #include "mismatch/recording/depth_image.h"
 #include "mismatch/recording/pcd.h"
 #include "mismatch/recording/table_columns.h"
 #include "mismatch/recording/text_table.h"
+#include "proto/scene.pb.h"
 
 namespace omentum {
 namespace {
@@ -46,39 +49,51 @@ bool has_times(const TextTable& table) {
   });
 }
 
-/// Of every row; rows at the nominal rate where there is no time.
-std::vector<std::int64_t> times_of(const TextTable& table, double rate_hz) {
+/// Rows and their times; those of the nominal rate where there is no time.
+struct TimedRows {
+  std::vector<std::size_t> rows;
+  std::vector<std::int64_t> time_ns;
+};
+
+TimedRows times_of(const TextTable& table, double rate_hz, std::vector<std::string>& warnings) {
   std::optional<std::size_t> column;
   double factor = 1;
   for (std::size_t k = 0; k < table.names().size(); ++k) {
     const Result<SiColumn> si = si_column(table.names()[k]);
     if (!si || si.value().name != "t_s") continue;
+    if (column)
+      throw_error("{}: {} beside {}, needed one column of times", table.header_place(k),
+                  shown(table.names()[k]), shown(table.names()[*column]));
     column = k;
     factor = si.value().factor;
   }
-  std::vector<std::int64_t> times;
+  TimedRows timed;
   for (std::size_t row = 0; row < table.rows(); ++row) {
-    times.push_back(column ? table.time_ns(row, *column, factor)
-                           : std::llround(static_cast<double>(row) / rate_hz * 1e9));
-    if (row == 0 || times[row] > times[row - 1]) continue;
-    throw_error("{}: {} s after {} s, needed increasing", table.place(row, column.value_or(0)),
-                print_seconds(times[row]), print_seconds(times[row - 1]));
+    timed.rows.push_back(row);
+    timed.time_ns.push_back(column ? table.time_ns(row, *column, factor)
+                                   : std::llround(static_cast<double>(row) / rate_hz * 1e9));
   }
-  return times;
+  keep_increasing(table, column.value_or(0), timed.rows, timed.time_ns, warnings);
+  return timed;
 }
 
 void read_table_file(const std::string& folder, std::string_view file, Recording& recording) {
   const std::string path = folder + "/" + std::string(file);
   const TextTable table = TextTable::read(path, {});
   if (table.names().size() == 1 && table.names()[0].find_first_of(";\t") != std::string::npos)
-    throw_error("{}:1: separated by semicolons or tabs, needed commas", path);
-  const std::vector<std::int64_t> times = times_of(table, rate_of(recording.info, file));
+    throw_error(
+        "{}:1: separated by semicolons or tabs, needed commas, or --map with source {{ files: "
+        "\"{}\" delimiter: \"{}\" named: true }}",
+        path, file, table.names()[0].find(';') != std::string::npos ? ";" : "\\t");
+  const auto [rows, times] = times_of(table, rate_of(recording.info, file), recording.warnings);
   if (file == "tool.csv" && !has_times(table) && !recording.info.has_tool_rate_hz()) {
     recording.warnings.push_back(fmt::format(
         "{}:1: no column t_s and no tool_rate_hz in recording.txtpb: rows are taken to be {:g} s "
         "apart",
         path, 1 / recording.info.tool_rate_hz()));
   }
+  recording.warnings.insert(recording.warnings.end(), table.warnings().begin(),
+                            table.warnings().end());
   if (table.open_end() && table.rows() > 0) {
     recording.warnings.push_back(
         fmt::format("{}:{}: the last line has no end: is a part of its last number missing?", path,
@@ -107,15 +122,17 @@ void read_table_file(const std::string& folder, std::string_view file, Recording
   for (auto& [topic, series] : found) {
     series.time_ns = times;
     series.path = path;
-    series.lines = table.lines();
     series.values.reserve(times.size() * series.columns.size());
-    for (std::size_t row = 0; row < times.size(); ++row) {
+    for (const std::size_t row : rows) {
+      series.lines.push_back(table.lines()[row]);
       for (const auto& [column, factor] : taken[topic])
         series.values.push_back(table.number(row, column) * factor);
     }
     if (Result<void> whole = normalise(file, series); !whole)
       throw_error("{}:1: {}", path, whole.error());
     transform_series(transform_to_world(recording.info, std::string(file)), series);
+    if (const std::string told = told_never_known(series); series.rows() > 0 && !told.empty())
+      recording.warnings.push_back(fmt::format("{}: {}", path, told));
     if (series.rows() > 0) recording.series.emplace(topic, std::move(series));
   }
 }
@@ -132,43 +149,72 @@ std::optional<std::uint32_t> number_in(const std::string& file) {
 /// A table of times and files; empty where there is none.
 std::vector<std::string> read_index(const std::string& folder, std::string_view file, double rate,
                                     std::vector<std::int64_t>& time_ns,
-                                    std::vector<std::uint32_t>& number) {
+                                    std::vector<std::uint32_t>& number,
+                                    std::vector<std::string>& warnings) {
   const std::string path = folder + "/" + std::string(file);
   if (!fs::exists(path)) return {};
   const TextTable table = TextTable::read(path, {});
   const std::size_t column = table.column("file");
-  time_ns = times_of(table, rate);
+  TimedRows timed = times_of(table, rate, warnings);
+  time_ns = std::move(timed.time_ns);
   std::vector<std::string> files;
   bool numbered = true;
-  for (std::size_t row = 0; row < table.rows(); ++row) {
+  for (const std::size_t row : timed.rows) {
     files.emplace_back(folder + "/" + std::string(table.cell(row, column)));
     if (!fs::is_regular_file(files.back()))
       throw_error("{}: {}: cannot be opened", table.place(row, column), shown(files.back()));
     const auto in_name = number_in(files.back());
-    numbered = numbered && in_name && (row == 0 || *in_name > number.back());
+    numbered = numbered && in_name && (number.empty() || *in_name > number.back());
     number.push_back(in_name.value_or(0));
   }
   if (!numbered) std::iota(number.begin(), number.end(), 0U);
   return files;
 }
 
+/// Whether a file is in a folder or below it, links followed.
+bool lies_in(const fs::path& file, const fs::path& folder) {
+  std::error_code failed;
+  const fs::path inside = fs::canonical(file, failed), around = fs::canonical(folder, failed);
+  if (failed) return false;
+  return std::mismatch(around.begin(), around.end(), inside.begin(), inside.end()).first ==
+         around.end();
+}
+
 void read_scene(const std::string& folder, Recording& recording) {
   pb::RecordingInfo& info = recording.info;
   const bool named = !info.scene().empty();
   const std::string file = named ? info.scene() : "scene_believed.txt";
-  const fs::path own = folder, of_case = fs::absolute(own).lexically_normal() / "..";
+  const fs::path own = folder,
+                 of_case = (fs::absolute(own) / "").lexically_normal().parent_path().parent_path();
   std::string path;
+  bool outside = false;
   for (const fs::path& place : {own, of_case}) {
     const std::string candidate = (place / file).lexically_normal().string();
-    if (path.empty() && fs::is_regular_file(candidate)) path = candidate;
+    if (!path.empty() || !fs::exists(candidate)) continue;
+    if (const Result<void> regular = require_regular_file(candidate); !regular)
+      throw_error("{}", regular.error());
+    // What a recording embeds is carried on: nothing but files of the case, however they are named.
+    if (lies_in(candidate, own) || lies_in(candidate, of_case))
+      path = candidate;
+    else
+      outside = true;
   }
-  if (path.empty() && named) {
+  const auto refuse = [&](const std::string& why) {
     const std::string said = (own / "recording.txtpb").string();
-    throw_error("{}scene: {} is neither in the folder of the recording nor in that of the case",
-                place_of_field(said, info, "scene"), shown(file));
-  }
+    throw_error("{}scene: {} {}", named ? place_of_field(said, info, "scene") : said + ": ",
+                shown(file), why);
+  };
+  if (outside) refuse("lies outside of the folder of the case");
+  if (path.empty() && named)
+    refuse("is neither in the folder of the recording nor in that of the case");
   if (path.empty()) return;
+  if (!has_ending(path, ".txtpb") && !has_ending(path, ".txt"))
+    refuse("is no scene (.txtpb) and no scene_believed.txt");
   recording.scene_path = path;
+  if (path.ends_with(".txtpb")) {
+    pb::Scene scene;  // what is no scene is not embedded as one
+    read_text_proto(path, scene);
+  }
   (path.ends_with(".txtpb") ? *info.mutable_scene_text() : *info.mutable_scene_believed_text()) =
       read_whole_file(path);
   info.clear_scene();
@@ -200,9 +246,14 @@ void transform_series(const Eigen::Isometry3d& X_WF, Series& series) {
   }
 }
 
-Cloud read_cloud_file(const std::string& path) {
+Cloud read_cloud_file(const std::string& path, std::vector<std::string>* warnings) {
   const std::string bytes = read_whole_file(path);
-  Result<Cloud> cloud = path.ends_with(".pcd") ? parse_pcd(path, bytes) : parse_ply(path, bytes);
+  if (warnings != nullptr && has_ending(path, ".pcd") && has_viewpoint(bytes))
+    warnings->push_back(
+        fmt::format("{}: VIEWPOINT states a pose of the sensor, which is not applied: points are "
+                    "taken to be in the frame of the file",
+                    path));
+  Result<Cloud> cloud = has_ending(path, ".pcd") ? parse_pcd(path, bytes) : parse_ply(path, bytes);
   if (!cloud) throw_error("{}", cloud.error());
   return std::move(cloud).value();
 }
@@ -229,17 +280,20 @@ Recording read_recording_folder(const std::string& folder) {
     if (fs::exists(folder + "/" + std::string(file))) read_table_file(folder, file, recording);
   }
   Frames<Cloud>& clouds = recording.clouds;
-  const auto cloud_files =
-      read_index(folder, "clouds.csv", rate_of(info, "clouds.csv"), clouds.time_ns, clouds.number);
+  const auto cloud_files = read_index(folder, "clouds.csv", rate_of(info, "clouds.csv"),
+                                      clouds.time_ns, clouds.number, recording.warnings);
   const Eigen::Isometry3f X_WF = transform_to_world(info, "clouds.csv").cast<float>();
   const bool moved = !X_WF.matrix().isIdentity(0);
+  if (!cloud_files.empty() && has_ending(cloud_files.front(), ".pcd"))
+    read_cloud_file(cloud_files.front(), &recording.warnings);
   clouds.fetch = [cloud_files, X_WF, moved](std::size_t k) {
     Cloud cloud = read_cloud_file(cloud_files[k]);
     for (std::size_t i = 0; moved && i < cloud.size(); ++i) cloud[i] = X_WF * cloud[i];
     return cloud;
   };
   const auto read_images = [&](const char* file, Frames<std::string>& images, bool depth) {
-    const auto files = read_index(folder, file, rate_of(info, file), images.time_ns, images.number);
+    const auto files = read_index(folder, file, rate_of(info, file), images.time_ns, images.number,
+                                  recording.warnings);
     images.fetch = image_files(files, depth);
     if (depth && !files.empty() && !has_intrinsics(info.camera()))
       throw_error(

@@ -24,8 +24,8 @@ void write_recording_files(const Recording& recording, const OutputFolder& out);
 /// Turns positions, orientations and forces of a table into another frame.
 void transform_series(const Eigen::Isometry3d& X_WF, Series& series);
 
-/// Points of a file .ply or .pcd [m]. Throws Error.
-Cloud read_cloud_file(const std::string& path);
+/// Points of a file .ply or .pcd [m]; what of it is not applied goes to `warnings`. Throws Error.
+Cloud read_cloud_file(const std::string& path, std::vector<std::string>* warnings = nullptr);
 
 /// Fetches PNG files; of depth only those of one channel of 16 bits.
 std::function<std::string(std::size_t)> image_files(std::vector<std::string> paths, bool depth);

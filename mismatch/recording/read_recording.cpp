@@ -3,6 +3,9 @@
 #include <algorithm>
 #include <filesystem>
 
+#include "core/check.h"
+#include "core/file_name.h"
+#include "mismatch/recording/bag_parts.h"
 #include "mismatch/recording/plain_folder.h"
 #include "mismatch/recording/recording_mcap.h"
 #include "mismatch/recording/table_columns.h"
@@ -22,6 +25,8 @@ bool holds_recording(const fs::path& folder) {
 }  // namespace
 
 Recording read_recording(const std::string& path) {
+  if (!parts_of_bag(path).empty())
+    throw_error("{}: a bag of ROS, needed what `mismatch import` makes of it", path);
   return fs::is_directory(path) ? read_recording_folder(path) : read_recording_mcap(path);
 }
 
@@ -30,11 +35,14 @@ void for_each_recording(const std::string& path, const TakeRecording& take,
   const fs::path input(path);
   if (!fs::is_directory(input)) return take(input.stem().string(), read(path));
   std::vector<fs::path> parts;
-  if (!holds_recording(input)) {  // a case: a folder or a file a recording
+  if (!holds_recording(input) && parts_of_bag(path).size() < 2) {  // a case: one recording each
     for (const auto& entry : fs::directory_iterator(input)) {
-      const bool file = entry.is_regular_file() && entry.path().extension() == ".mcap";
-      if (file || (entry.is_directory() && holds_recording(entry.path())))
-        parts.push_back(entry.path());
+      const std::string name = entry.path().string();
+      if (is_hidden(name)) continue;  // of a Mac or an editor
+      const bool file = entry.is_regular_file() && has_ending(name, ".mcap");
+      const bool folder =
+          entry.is_directory() && (holds_recording(entry.path()) || !parts_of_bag(name).empty());
+      if (file || folder) parts.push_back(entry.path());
     }
     std::sort(parts.begin(), parts.end());
   }

@@ -14,6 +14,7 @@
 #include "mismatch/import/import_map.h"
 #include "mismatch/intake/contact_sheet.h"
 #include "mismatch/intake/intake.h"
+#include "mismatch/intake/intake_json.h"
 #include "mismatch/recording/plain_folder.h"
 #include "mismatch/recording/read_recording.h"
 #include "mismatch/recording/recording_mcap.h"
@@ -32,6 +33,7 @@ namespace fs = std::filesystem;
 struct RecordingOptions {
   std::string input, map, output, contact_sheet, scene;
   std::vector<std::string> inputs;
+  bool json = false;
 };
 
 void warn(const std::vector<std::string>& warnings) {
@@ -87,11 +89,31 @@ class BeliefReport {
   std::set<std::string> told_;
 };
 
+/// Rows that lie far from those before: a clock that was set while it was recorded.
+void warn_of_leaps(const std::string& name, const Recording& recording) {
+  constexpr double kFar = 3600;  // [s]
+  const auto look = [&](const std::string& topic, const std::vector<std::int64_t>& time_ns) {
+    for (std::size_t k = 1; k < time_ns.size(); ++k) {
+      const double apart = 1e-9 * static_cast<double>(time_ns[k] - time_ns[k - 1]);
+      if (apart <= kFar) continue;
+      return warn(
+          {fmt::format("{}: /{}: sample {} of {} is {:.6g} s after the one before it: was a "
+                       "clock set?",
+                       name, topic, k + 1, time_ns.size(), apart)});
+    }
+  };
+  for (const auto& [topic, series] : recording.series) look(topic, series.time_ns);
+  look("cloud", recording.clouds.time_ns);
+  look("depth", recording.depth.time_ns);
+  look("color", recording.color.time_ns);
+}
+
 int import_recordings(const RecordingOptions& options) {
   BeliefReport beliefs;
   const auto report = [&](const std::string& name, const Recording& recording) {
     beliefs.add(recording);
     warn(recording.warnings);
+    warn_of_leaps(name, recording);
     std::printf("%s:%s\n", name.c_str(), summary(recording).c_str());
     for (const std::string& note : recording.notes) std::printf("  %s\n", note.c_str());
   };
@@ -148,15 +170,15 @@ bool has_clouds(const Recording& recording) {
   return recording.clouds.size() > 0 || recording.depth.size() > 0;
 }
 
-/// What the clouds show of the believed scene.
-void print_clouds(const RecordingOptions& options, const std::string& path,
-                  const Recording& recording) {
+/// What the clouds show of the believed scene; empty without one.
+std::string told_clouds(const RecordingOptions& options, const std::string& path,
+                        const Recording& recording) {
   constexpr std::size_t kMostFrames = 80;
-  if (!has_clouds(recording)) return;
+  if (!has_clouds(recording)) return "";
   Recording stated = recording;
   const std::optional<Scene> scene = scene_of(options, stated);
-  if (!scene) return;
-  std::printf("%s", print_seen(look_at_clouds(recording, path, *scene, kMostFrames)).c_str());
+  if (!scene) return "";
+  return print_seen(look_at_clouds(recording, path, *scene, kMostFrames));
 }
 
 /// Clouds of a recording less what the scene's model makes of its commands; `why` says where the
@@ -210,21 +232,37 @@ int print_info(const RecordingOptions& options) {
     throw_error("--contact-sheet: {} recordings, allowed one", options.inputs.size());
   std::map<std::string, std::vector<Recording>> repeats;
   std::set<fs::path> files;  // a recording that is given twice is no repeat of itself
+  using Json = nlohmann::ordered_json;
+  Json all_told = {{"recordings", Json::array()}, {"repeats", Json::array()}};
+  const auto print = [&](const std::string& text) {
+    if (!options.json) std::printf("%s", text.c_str());
+  };
   for (const std::string& path : options.inputs) {
     Recording recording = is_bag(path) ? read_bag(path, {}, {}) : read_recording_mcap(path);
     warn(recording.warnings);
     const pb::RecordingInfo& info = recording.info;
-    std::printf("%s: %s:%s\n", path.c_str(), info.name().c_str(), summary(recording).c_str());
+    print(fmt::format("{}: {}:{}\n", path, info.name(), summary(recording)));
     // The first of repeats names itself.
     const bool itself = info.repeat_of() == info.name();
     for (const auto& [what, text] : {std::pair{"repeat of", itself ? "" : info.repeat_of()},
                                      {"specimen", info.specimen()},
                                      {"notes", info.notes()},
                                      {"held out", std::string(info.held_out() ? "yes" : "")}}) {
-      if (!text.empty()) std::printf("  %s: %s\n", what, text.c_str());
+      if (!text.empty()) print(fmt::format("  {}: {}\n", what, text));
     }
-    std::printf("%s", print_intake(take_in(recording)).c_str());
-    print_clouds(options, path, recording);
+    const IntakeFigures figures = take_in(recording);
+    const std::string clouds = told_clouds(options, path, recording);
+    print(print_intake(figures) + clouds);
+    Json told = {{"path", path},
+                 {"name", info.name()},
+                 {"repeat_of", info.repeat_of()},
+                 {"specimen", info.specimen()},
+                 {"notes", info.notes()},
+                 {"held_out", info.held_out()}};
+    told.update(intake_json(figures));
+    told["clouds"] = clouds;
+    told["warnings"] = recording.warnings;
+    all_told["recordings"].push_back(std::move(told));
     if (!options.contact_sheet.empty()) {
       const Result<void> written =
           write_durably(options.contact_sheet, make_contact_sheet(recording));
@@ -236,10 +274,16 @@ int print_info(const RecordingOptions& options) {
   for (const auto& [name, recordings] : repeats) {
     std::vector<const Recording*> all;
     for (const Recording& recording : recordings) all.push_back(&recording);
-    std::string floor = print_floor(repeatability(all));
-    if (recordings.size() > 1) floor += cloud_floor(options, recordings);
-    if (!floor.empty()) std::printf("repeats of %s:\n%s", name.c_str(), floor.c_str());
+    const std::vector<FloorFigures> figures = repeatability(all);
+    const std::string clouds = recordings.size() > 1 ? cloud_floor(options, recordings) : "";
+    const std::string floor = print_floor(figures) + clouds;
+    if (!floor.empty()) print(fmt::format("repeats of {}:\n{}", name, floor));
+    all_told["repeats"].push_back(
+        {{"repeat_of", name}, {"floor", floor_json(figures)}, {"clouds", clouds}});
   }
+  using Handler = nlohmann::ordered_json::error_handler_t;
+  if (options.json)  // bytes of names that are no UTF-8 are replaced
+    std::printf("%s\n", all_told.dump(2, ' ', false, Handler::replace).c_str());
   if (std::fflush(stdout) != 0) throw_error("standard output: cannot be written");
   return 0;
 }
@@ -264,11 +308,14 @@ std::function<int()> add_recording_commands(CLI::App& app) {
   out.add_option("-o,--output", options->output, "Folder to write; new or empty")->required();
   CLI::App& info = *app.add_subcommand(
       "info", "What can be known of recordings without simulation: clocks, gaps, noise, repeats");
-  info.add_option("inputs", options->inputs, "MCAP files; of repeats several")->required();
+  info.add_option("inputs", options->inputs,
+                  "MCAP files, or folders of a bag of ROS; of repeats several")
+      ->required();
   info.add_option(
       "--scene", options->scene,
       "Scene (.txtpb) or scene_believed.txt, by which tool, board and background are told "
       "from tissue in clouds; default: what the recording says");
+  info.add_flag("--json", options->json, "The same as JSON (docs/import.md 9)");
   info.add_option("--contact-sheet", options->contact_sheet,
                   "PNG to write: some clouds and pictures, and the curves of the channels");
   return [&in, &out, &info, options] {

@@ -1,6 +1,6 @@
 #include "mismatch/recording/table_columns.h"
 
-#include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <algorithm>
 #include <cmath>
@@ -179,7 +179,43 @@ Result<void> check_groups(std::string_view file, const std::vector<std::string>&
   return {};
 }
 
+/// Name without its axis, of columns that mean something only together: "tip_measured_" of
+/// tip_measured_x_m, "tip_measured_q" of tip_measured_qw, "f_N" of fx_N; empty of all others.
+std::string group_of(std::string_view file, std::string_view name) {
+  if (file == "tool.csv" || file == "tracker.csv") {
+    for (const std::string_view end : {"x_m", "y_m", "z_m"}) {
+      if (name.ends_with(end)) return std::string(name.substr(0, name.size() - end.size()));
+    }
+    for (const std::string_view end : {"_qw", "_qx", "_qy", "_qz"}) {
+      if (name.ends_with(end)) return std::string(name.substr(0, name.size() - 1));
+    }
+  }
+  if (file == "force.csv") return std::string(name.substr(0, 1)) + std::string(name.substr(2));
+  return "";
+}
+
 }  // namespace
+
+std::vector<std::string> never_known(const Series& series) {
+  std::vector<std::string> names;
+  for (std::size_t k = 0; k < series.columns.size(); ++k) {
+    bool known = false;
+    for (std::size_t row = 0; row < series.rows() && !known; ++row)
+      known = !std::isnan(series.at(row, k));
+    if (!known) names.push_back(series.columns[k]);
+  }
+  return names;
+}
+
+std::string told_never_known(const Series& series) {
+  constexpr std::size_t kEnough = 6;
+  std::vector<std::string> names = never_known(series);
+  if (names.empty()) return "";
+  const std::size_t more = names.size() - std::min(kEnough, names.size());
+  names.resize(names.size() - more);
+  return fmt::format("{}{} known in no row", fmt::join(names, ", "),
+                     more > 0 ? fmt::format(" and {} others", more) : "");
+}
 
 Result<void> normalise(std::string_view file, Series& series) {
   if (Result<void> whole = check_groups(file, series.columns); !whole) return whole;
@@ -195,10 +231,24 @@ Result<void> normalise(std::string_view file, Series& series) {
     }
     if (any) rows.push_back(row);
   }
+  // Of a position, an orientation or a force all numbers stay or none: messages hold all of them,
+  // and a neighbour would take the place of the one that is missing.
+  std::set<std::string> known_groups;
+  for (std::size_t k = 0; k < width; ++k) {
+    if (known[k]) known_groups.insert(group_of(file, series.columns[k]));
+  }
+  known_groups.erase("");
   std::vector<std::size_t> order;
   for (std::size_t k = 0; k < width; ++k) {
+    const bool together = known_groups.count(group_of(file, series.columns[k])) > 0;
+    // A force may be known along some axes; half a position or orientation is none.
+    if (!known[k] && together && file != "force.csv")
+      return Failure{fmt::format(
+          "column {} is empty in every row, and others of its {} are not: needed all of them, or "
+          "none",
+          series.columns[k], series.columns[k].ends_with("_m") ? "position" : "orientation")};
     // A marker keeps its place: the message holds all of them.
-    if (known[k] || file == "markers.csv") order.push_back(k);
+    if (known[k] || together || file == "markers.csv") order.push_back(k);
   }
   const auto rank = [&](std::size_t k) {
     const auto place = place_of_column(file, series.columns[k]);

@@ -26,6 +26,11 @@ struct ColumnPlace {
 /// Of a name with the unit of SI; nothing where the table has no such column.
 std::optional<ColumnPlace> place_of_column(std::string_view file, std::string_view name);
 
+/// Columns without a number in any row.
+std::vector<std::string> never_known(const Series& series);
+/// The same for people; empty where there are none.
+std::string told_never_known(const Series& series);
+
 /// Number of a joint or side of a bench ("1" ... "9", "in", "out") and quantity of a column of
 /// joints.csv.
 struct JointColumn {
@@ -41,9 +46,10 @@ std::string name_of(const JointColumn& column);
 /// The insertion of a PSM is its joint 3.
 inline bool is_usually_linear(std::string_view joint) { return joint == "3"; }
 
-/// Puts columns into their order, drops columns that no row knows and rows that know nothing. Fails
-/// with one line: a position without one of x y z, an orientation without one of w x y z, a column
-/// twice.
+/// Puts columns into their order, drops columns that no row knows and rows that know nothing. Of a
+/// force whose axes are known in part the others stay, not known. Fails with one line: a position
+/// without one of x y z, an orientation without one of w x y z, as a column or in every row, a
+/// column twice.
 Result<void> normalise(std::string_view file, Series& series);
 
 }  // namespace omentum

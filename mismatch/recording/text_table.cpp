@@ -56,7 +56,7 @@ TextTable::TextTable(std::string path, std::string text, const TextFormat& forma
   if (all.find('\0') != std::string_view::npos)
     throw_error("{}: bytes of zero, needed plain text (UTF-8)", path_);
   std::size_t begin = all.starts_with("\xef\xbb\xbf") ? 3 : 0, number = 0, units = 0;
-  bool headed = !format_.header;
+  bool headed = !format_.header, after_gap = false;
   for (; begin < all.size();) {
     const std::size_t end = std::min(all.find('\n', begin), all.size());
     const std::string_view line = all.substr(begin, end - begin);
@@ -64,7 +64,11 @@ TextTable::TextTable(std::string path, std::string text, const TextFormat& forma
     ++number;
     begin = end + 1;
     const bool comment = !format_.comment.empty() && line.starts_with(format_.comment);
-    if (trim(line).empty()) continue;
+    if (headed && number > format_.skip_lines && ends_at(line)) break;
+    if (trim(line).empty()) {
+      after_gap = true;
+      continue;
+    }
     const bool before =
         !headed && !format_.header_starts.empty() && !line.starts_with(format_.header_starts);
     if (comment || number <= format_.skip_lines || before) {
@@ -75,8 +79,11 @@ TextTable::TextTable(std::string path, std::string text, const TextFormat& forma
       headed = true;
       header_line_ = number;
       head_.emplace_back(trim(line));
-      split(at, end, header_cells_);
+      split(at, end, number, header_cells_);
+      while (header_cells_.size() > 1 && header_cells_.back().first == header_cells_.back().second)
+        header_cells_.pop_back();
       for (const auto& [from, to] : header_cells_) names_.emplace_back(all.substr(from, to - from));
+      after_gap = false;
       continue;
     }
     if (units < format_.unit_rows) {
@@ -84,17 +91,13 @@ TextTable::TextTable(std::string path, std::string text, const TextFormat& forma
       head_.emplace_back(trim(line));
       continue;
     }
-    const std::size_t had = cells_.size();
-    split(at, end, cells_);
-    const std::size_t width = cells_.size() - had;
-    if (names_.empty()) {
-      for (std::size_t k = 1; k <= width; ++k) names_.push_back(fmt::format("{}", k));
-    }
-    if (width != names_.size())
-      throw_error("{}:{}: row of {} cells, needed {}", path_, number, width, names_.size());
-    lines_.push_back(static_cast<std::uint32_t>(number));
-    line_begins_.push_back(static_cast<std::uint32_t>(at));
+    add_row(at, end, number, after_gap);
+    after_gap = false;
   }
+  if (ended_by_delimiter_ > 0)
+    warnings_.push_back(
+        fmt::format("{}: {} rows have empty cells behind the last of {} columns: passed over",
+                    path_, ended_by_delimiter_, names_.size()));
   if (names_.empty()) {
     throw_error("{}:1: no header line{}", path_,
                 format_.header_starts.empty()
@@ -103,7 +106,35 @@ TextTable::TextTable(std::string path, std::string text, const TextFormat& forma
   }
 }
 
-void TextTable::split(std::size_t begin, std::size_t end, std::vector<Span>& cells) const {
+bool TextTable::ends_at(std::string_view line) const {
+  if (!format_.ends_before || names_.empty()) return false;
+  if (!format_.ends_before->empty()) return line.starts_with(*format_.ends_before);
+  return line.find_first_not_of(std::string(kBlanks) + format_.delimiter) == std::string_view::npos;
+}
+
+void TextTable::add_row(std::size_t begin, std::size_t end, std::size_t number, bool after_gap) {
+  const std::size_t had = cells_.size();
+  split(begin, end, number, cells_);
+  if (names_.empty()) {
+    for (std::size_t k = had; k < cells_.size(); ++k)
+      names_.push_back(fmt::format("{}", k - had + 1));
+  }
+  const std::size_t width = cells_.size() - had, needed = names_.size();
+  while (cells_.size() - had > needed && cells_.back().first == cells_.back().second)
+    cells_.pop_back();
+  if (cells_.size() - had != needed) {
+    const bool later = !lines_.empty() && after_gap;
+    throw_error(
+        "{}:{}: row of {} cells, needed {}{}", path_, number, width, needed,
+        later ? ": another table? source.ends_before of a map says where this one ends" : "");
+  }
+  if (width > needed) ++ended_by_delimiter_;
+  lines_.push_back(static_cast<std::uint32_t>(number));
+  line_begins_.push_back(static_cast<std::uint32_t>(begin));
+}
+
+void TextTable::split(std::size_t begin, std::size_t end, std::size_t number,
+                      std::vector<Span>& cells) const {
   const std::string_view line = std::string_view(text_).substr(begin, end - begin);
   const auto add = [&](std::string_view cell) {
     cell = trim(cell);
@@ -114,13 +145,21 @@ void TextTable::split(std::size_t begin, std::size_t end, std::vector<Span>& cel
   };
   const bool blanks = format_.delimiter == " ";
   const std::string_view delimiters = blanks ? kBlanks : std::string_view(format_.delimiter);
+  // Blanks before a quote; a tab that delimits is none.
+  const std::string_view around = format_.delimiter == "\t" ? std::string_view(" \r") : kBlanks;
   for (std::size_t at = 0; at <= line.size();) {
     if (blanks) at = std::min(line.find_first_not_of(kBlanks, at), line.size());
     if (blanks && at == line.size()) break;
     std::size_t stop = at;
-    const std::size_t first = std::min(line.find_first_not_of(kBlanks, at), line.size());
-    if (first < line.size() && line[first] == '"')  // delimiters within quotes are text
-      stop = std::min(line.find('"', first + 1), line.size());
+    const std::size_t first = std::min(line.find_first_not_of(around, at), line.size());
+    if (first < line.size() && line[first] == '"') {  // delimiters within quotes are text
+      stop = line.find('"', first + 1);
+      while (stop != std::string_view::npos && line.substr(stop + 1).starts_with('"'))
+        stop = line.find('"', stop + 2);  // two of them are one in the text
+      if (stop == std::string_view::npos)
+        throw_error("{}:{}:{}: a quote without its other one in this line", path_, number,
+                    first + 1);
+    }
     stop = std::min(line.find_first_of(delimiters, stop), line.size());
     add(line.substr(at, stop - at));
     at = stop + 1;
@@ -134,7 +173,20 @@ std::optional<std::size_t> TextTable::find(std::string_view name) const {
 }
 
 std::size_t TextTable::column(const std::string& name) const {
-  const auto found = find(name);
+  auto found = find(name);
+  if (found && std::count(names_.begin(), names_.end(), name) > 1) {
+    std::vector<std::size_t> places;
+    for (std::size_t k = 0; k < names_.size(); ++k) {
+      if (names_[k] == name) places.push_back(k + 1);
+    }
+    throw_error("{}:{}: {} columns are called {}, those at {}: needed \"#{}\" for the first, ...",
+                path_, header_line_, places.size(), shown(name), fmt::join(places, ", "),
+                places.front());
+  }
+  if (const auto number =
+          name.starts_with('#') ? parse_number(std::string_view(name).substr(1)) : std::nullopt;
+      !found && number && *number >= 1 && *number <= static_cast<double>(names_.size()))
+    found = static_cast<std::size_t>(*number) - 1;
   if (!found) {
     const std::size_t few = std::min<std::size_t>(names_.size(), 12);
     const std::vector<std::string> some(names_.begin(), names_.begin() + static_cast<long>(few));
@@ -177,6 +229,35 @@ double TextTable::number(std::size_t row, std::size_t column) const {
   if (value && std::isfinite(*value)) return *value;
   throw_error("{}: \"{}\" in column {} is no finite number", place(row, column), shown(text),
               shown(names_[column]));
+}
+
+void keep_increasing(const TextTable& table, std::size_t column, std::vector<std::size_t>& rows,
+                     std::vector<std::int64_t>& times, std::vector<std::string>& warnings) {
+  constexpr std::int64_t kSmall = 1000;  // [ns]
+  constexpr std::size_t kFew = 100;      // one of so many
+  std::vector<std::size_t> kept_rows;
+  std::vector<std::int64_t> kept;
+  std::size_t first = 0, count = 0;
+  const auto place = [&](std::size_t k) { return table.place(rows[k], column); };
+  for (std::size_t k = 0; k < rows.size(); ++k) {
+    const bool back = !kept.empty() && times[k] <= kept.back();
+    if (back) {
+      if (count++ == 0) first = k;
+      if (kept.back() - times[k] > kSmall || count > rows.size() / kFew)
+        throw_error("{}: {} s after {} s, needed increasing", place(k), print_seconds(times[k]),
+                    print_seconds(kept.back()));
+      continue;
+    }
+    kept_rows.push_back(rows[k]);
+    kept.push_back(times[k]);
+  }
+  if (count == 0) return;
+  warnings.push_back(
+      fmt::format("{}: {} of {} rows no later than the row before, by up to 1 us: "
+                  "left out",
+                  place(first), count, rows.size()));
+  rows = std::move(kept_rows);
+  times = std::move(kept);
 }
 
 std::int64_t TextTable::time_ns(std::size_t row, std::size_t column, double factor) const {

@@ -2,11 +2,13 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <filesystem>
 #include <fstream>
 #include <set>
 
 #include "core/check.h"
+#include "core/file_name.h"
 #include "core/regular_file.h"
 #include "mismatch/import/import_map.h"
 #include "mismatch/ros/bag_reader.h"
@@ -18,19 +20,14 @@ namespace fs = std::filesystem;
 
 bool is_bag(const std::string& path) {
   const fs::path file(path);
-  const auto other = [&](const char* kind, const fs::path& found) {
-    throw_error("{}: a bag of {}, allowed MCAP: mcap convert {} {}", found.string(), kind,
-                found.string(), fs::path(found).replace_extension(".mcap").filename().string());
-  };
   if (fs::is_directory(file)) {
-    if (!fs::exists(file / "metadata.yaml")) return false;
-    for (const auto& entry : fs::directory_iterator(file)) {
-      if (entry.path().extension() == ".db3") other("ROS 2 in SQLite", entry.path());
-    }
-    return false;
+    const std::vector<std::string> parts = parts_of_bag(path);
+    return !parts.empty() && is_bag(parts.front());
   }
-  if (file.extension() == ".bag") other("ROS 1", file);
-  if (file.extension() == ".db3") other("ROS 2 in SQLite", file);
+  if (has_ending(path, ".bag")) refuse_bag_container("ROS 1", path);
+  if (has_ending(path, ".db3")) refuse_bag_container("ROS 2 in SQLite", path);
+  if (has_ending(path, ".mcap.zstd") || has_ending(path, ".mcap.zst"))
+    throw_error("{}: compressed as a whole file: zstd -d {}, then again", path, path);
   if (const Result<void> regular = require_regular_file(path); !regular)
     throw_error("{}", regular.error());
   std::ifstream in(path, std::ios::binary);
@@ -45,9 +42,42 @@ bool is_bag(const std::string& path) {
   return false;
 }
 
+namespace {
+
+/// What is to be said of a file that is one of the parts of a bag; else empty.
+std::string told_part(const fs::path& file) {
+  try {
+    const std::string folder = file.parent_path().string();
+    const std::vector<std::string> all = parts_of_bag(folder);
+    for (const std::string& part : all) {
+      if (all.size() > 1 && fs::path(part).filename() == file.filename())
+        return fmt::format(
+            "one of {} parts of a bag: `mismatch import {}` takes all of them as one recording",
+            all.size(), folder);
+    }
+  } catch (const Error&) {  // of the other parts, which nobody asked for
+  }
+  return "";
+}
+
+}  // namespace
+
 Recording read_bag(const std::string& path, const pb::ImportMap& map, Values values) {
-  values["file"] = fs::path(path).stem().string();
-  return BagReader(path, map, std::move(values)).read();
+  const fs::path named = fs::absolute(path).lexically_normal();
+  std::vector<std::string> parts = {path}, missing;
+  const bool folder = fs::is_directory(path);
+  if (folder) parts = parts_of_bag(path, &missing);
+  if (parts.empty()) throw_error("{}: no bag of ROS in MCAP", path);
+  values["file"] = parts.size() > 1
+                       ? (named.has_filename() ? named : named.parent_path()).filename().string()
+                       : fs::path(parts.front()).stem().string();
+  Recording recording = BagReader(parts, map, std::move(values)).read();
+  for (const std::string& part : missing)
+    recording.warnings.push_back(fmt::format(
+        "{}: metadata.yaml names this part, and it is not there: what it held is missing", part));
+  if (const std::string told = folder ? "" : told_part(named); !told.empty())
+    recording.warnings.push_back(fmt::format("{}: {}", path, told));
+  return recording;
 }
 
 void import_bags(const pb::ImportMap& map, const std::string& input, const TakeRecording& take) {
@@ -55,16 +85,31 @@ void import_bags(const pb::ImportMap& map, const std::string& input, const TakeR
   check_ros_map(map.ros());
   const Result<FilePattern> pattern = FilePattern::parse(map.ros().files());
   if (!pattern) throw_error("ros.files: {}", pattern.error());
+  const auto match = [&](std::string path) {
+    // What nobody stated fits capitals too.
+    if (!map.ros().has_files() && has_ending(path, ".mcap"))
+      path.replace(path.size() - 5, 5, ".mcap");
+    return pattern.value().match(path);
+  };
   std::vector<std::pair<std::string, Values>> bags;
   if (!fs::is_directory(input)) {
-    auto parts = pattern.value().match(fs::path(input).filename().string());
+    auto parts = match(fs::path(input).filename().string());
     if (!parts && map.ros().has_files())
       throw_error("{}: does not fit ros.files \"{}\"", input, map.ros().files());
     bags.emplace_back(input, parts.value_or(Values()));
   } else {
+    std::set<std::string> folders;  // bags in several parts
     for (const std::string& path : files_below(input)) {
-      if (auto parts = pattern.value().match(path))
-        bags.emplace_back((fs::path(input) / path).string(), std::move(*parts));
+      const fs::path file = fs::path(input) / path;
+      auto values = match(path);
+      // What nobody stated fits the parts in the folders of bags, too.
+      if (!values && !map.ros().has_files() && has_ending(path, ".mcap") &&
+          !parts_of_bag(file.parent_path().string()).empty())
+        values = match(file.filename().string());
+      if (!values) continue;
+      const bool of_several = !told_part(fs::absolute(file)).empty();
+      const std::string bag = of_several ? file.parent_path().string() : file.string();
+      if (!of_several || folders.insert(bag).second) bags.emplace_back(bag, std::move(*values));
     }
     if (bags.empty()) throw_error("{}: no file fits ros.files \"{}\"", input, map.ros().files());
   }

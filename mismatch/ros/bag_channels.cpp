@@ -28,15 +28,27 @@ void BagReader::add_series() {
     if (!topic->left_out.empty()) continue;
     for (std::size_t k = 0; k < topic->rows.size(); ++k) {
       const std::string& to = topic->roles[k].to;
-      for (auto& [frame, rows] : topic->rows[k]) {
-        Series part = rows.take();
+      for (auto& [said, rows] : topic->rows[k]) {
+        Series part = topic->rows_of(k, rows);
+        if (part.rows() == 0) continue;
+        // Goals are told to an arm in its own frame, and many programs leave its name out.
+        const bool of_arm = said.empty() && !topic->roles[k].arm.empty() && to != "force_body";
+        const std::string& frame = of_arm ? arm_frame_ : said;
+        if (of_arm && !frame.empty() && topic->kind != RosKind::kJoints)
+          recording_.notes.push_back(
+              fmt::format("{}: no frame_id: that of the arm, {}", topic->name, frame));
+        std::string why;
+        const bool placed = topic->kind != RosKind::kJoints && to != "force_body";
+        if (placed && stands_apart(frame, why)) {
+          warn(fmt::format("{}: {}: left out: {}", topic->name, messages(part.rows()), why));
+          continue;
+        }
         if (to == "force_body") {
           at_tip.emplace_back(std::move(part), std::nullopt);
         } else if (to == "force_spatial") {
           at_tip.emplace_back(std::move(part), pose_of(frame, topic->name));
         } else {
-          const bool framed = topic->kind != RosKind::kJoints && part.rows() > 0;
-          if (framed) transform_series(pose_of(frame, topic->name), part);
+          if (placed) transform_series(pose_of(frame, topic->name), part);
           parts[to].push_back(std::move(part));
         }
       }
@@ -78,13 +90,15 @@ void BagReader::set_frames(const std::shared_ptr<BagTopic>& topic, const char* t
   for (const BagTopic::Found& frame : found) frames.time_ns.push_back(frame.time_ns);
   frames.number.resize(found.size());
   std::iota(frames.number.begin(), frames.number.end(), 0U);
-  if (fetcher_ == nullptr) fetcher_ = std::make_shared<McapFetcher>(path_);
-  frames.fetch = [topic, decode, fetcher = fetcher_, path = path_](std::size_t k) {
-    const McapPlace& place = topic->frames[k].place;
+  for (std::size_t part = fetchers_.size(); part < parts_.size(); ++part)
+    fetchers_.push_back(std::make_shared<McapFetcher>(parts_[part]));
+  frames.fetch = [topic, decode, fetchers = fetchers_, parts = parts_](std::size_t k) {
+    const BagTopic::Found& frame = topic->frames[k];
     try {
-      return decode(topic->decode(fetcher->fetch(place)));
+      return decode(topic->decode(fetchers[frame.part]->fetch(frame.place)));
     } catch (const Error& error) {
-      throw_error("{}: byte {}: {}: {}", path, place.record, topic->name, error.what());
+      throw_error("{}: byte {}: {}: {}", parts[frame.part], frame.place.record, topic->name,
+                  error.what());
     }
   };
 }
@@ -155,6 +169,10 @@ void BagReader::tell() {
 void BagReader::tell(const BagTopic& topic) {
   const std::string what =
       fmt::format("{} ({}): {}", topic.name, topic.type, messages(topic.messages));
+  if (topic.left_out.empty() && topic.damaged > 0 && topic.damaged == topic.messages) {
+    warn(fmt::format("{} left out: {}", what, topic.first_damage));
+    return;
+  }
   if (!topic.left_out.empty()) {
     warn(fmt::format("{} left out: {}", what, topic.left_out));
     return;
@@ -175,14 +193,29 @@ void BagReader::tell(const BagTopic& topic) {
     return;
   }
   const bool timed = topic.kind != RosKind::kCamera && !topic.roles.empty();
-  const bool logged = topic.unstamped > 0 || (timed && topic.roles.front().log_time);
   std::string line = fmt::format("{} -> {}", what, fmt::join(to, ", "));
   if (timed || is_picture(topic.kind))
-    line += logged ? ", times of the log" : ", times of header.stamp";
+    line += topic.of_log ? ", times of the log" : ", times of header.stamp";
   recording_.notes.push_back(line);
-  if (topic.unstamped > 0 && topic.unstamped < topic.messages)
-    warn(fmt::format("{}: {} of {} without header.stamp: at the time of the log", topic.name,
-                     topic.unstamped, messages(topic.messages)));
+  tell_odd(topic);
+}
+
+void BagReader::tell_odd(const BagTopic& topic) {
+  for (const std::string& odd : topic.told) warn(fmt::format("{}: {}", topic.name, odd));
+  if (topic.damaged > 0)
+    warn(fmt::format("{}: {} that cannot be read: left out; the first at {}", topic.name,
+                     messages(topic.damaged), topic.first_damage));
+  for (std::size_t k = 0; k < topic.joint_names.size(); ++k) {
+    const RosJointNames& names = topic.joint_names[k];
+    if (names.reordered() > 0)
+      warn(fmt::format("{}: {} with the joints in another order: taken by their names, {}",
+                       topic.name, messages(names.reordered()), names.told()));
+    else if (const std::string told = names.told(); !told.empty())
+      recording_.notes.push_back(fmt::format("{}: joints by their names, {}", topic.name, told));
+  }
+  if (topic.other_kind > 0)
+    warn(fmt::format("{}: {} of another size or encoding than the first: left out", topic.name,
+                     messages(topic.other_kind)));
   if (topic.not_finite > 0)
     warn(fmt::format("{}: {} without finite numbers: left out", topic.name,
                      messages(topic.not_finite)));

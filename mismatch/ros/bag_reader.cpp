@@ -9,6 +9,7 @@
 
 #include "core/check.h"
 #include "core/regular_file.h"
+#include "core/table.h"
 #include "mismatch/import/import_map.h"
 #include "mismatch/import/rigid.h"
 #include "mismatch/recording/depth_image.h"
@@ -17,8 +18,11 @@ namespace omentum {
 
 namespace fs = std::filesystem;
 
-BagReader::BagReader(const std::string& path, const pb::ImportMap& map, Values values)
-    : path_(path), map_(map), values_(std::move(values)) {}
+BagReader::BagReader(std::vector<std::string> parts, const pb::ImportMap& map, Values values)
+    : parts_(std::move(parts)),
+      path_(parts_.size() == 1 ? parts_.front() : fs::path(parts_.front()).parent_path().string()),
+      map_(map),
+      values_(std::move(values)) {}
 
 Recording BagReader::read() {
   state_frames();
@@ -33,6 +37,9 @@ Recording BagReader::read() {
   depth_ = choose("depth", [](const BagTopic& topic) { return topic.is_depth; });
   color_ = choose("color", [](const BagTopic& topic) { return topic.is_color; });
   cloud_ = choose("cloud", [](const BagTopic& topic) { return topic.kind == RosKind::kCloud; });
+  set_reference();
+  leave_out_apart(depth_);
+  leave_out_apart(cloud_);
   set_camera();
   add_series();
   add_frames();
@@ -55,7 +62,7 @@ std::string BagReader::topic_names() const {
 
 void BagReader::state_frames() {
   if (map_.ros().has_world()) tree_.set_world(map_.ros().world());
-  const std::string folder = fs::path(path_).parent_path().string();
+  const std::string folder = fs::path(parts_.front()).parent_path().string();
   for (const pb::RosFrameMap& frame : map_.ros().frame()) {
     tree_.state(frame.name(), make_transform(frame.transform(), folder.empty() ? "." : folder,
                                              values_, recording_.notes));
@@ -64,23 +71,26 @@ void BagReader::state_frames() {
 }
 
 /// One message after the other; of pictures and clouds only their places are kept.
-void BagReader::scan() {
-  if (const Result<void> regular = require_regular_file(path_); !regular)
+void BagReader::scan(std::size_t part) {
+  const std::string& path = parts_[part];
+  if (const Result<void> regular = require_regular_file(path); !regular)
     throw_error("{}", regular.error());
-  std::ifstream in(path_, std::ios::binary);
-  if (!in) throw_error("{}: cannot be opened", path_);
+  std::ifstream in(path, std::ios::binary);
+  if (!in) throw_error("{}: cannot be opened", path);
   McapReader reader(in);
   std::map<std::uint16_t, std::shared_ptr<BagTopic>> by_channel;
   for (McapView message; reader.next(message);) {
     auto& topic = by_channel[message.channel];
     if (topic == nullptr) topic = topic_of(reader.channels().at(message.channel));
-    try {
-      topic->take(message, tree_);
-    } catch (const Error& error) {
-      throw_error("{}: byte {}: {}", path_, message.place.record, error.what());
-    }
+    topic->take(message, part, tree_);
   }
-  for (const std::string& problem : reader.problems()) warn(problem);
+  for (const std::string& problem : reader.problems())
+    recording_.warnings.push_back(fmt::format("{}: {}", path, problem));
+}
+
+void BagReader::scan() {
+  for (std::size_t part = 0; part < parts_.size(); ++part) scan(part);
+  for (const auto& topic : topics_) topic->settle();
   for (const pb::RosTopicMap& stated : map_.ros().topic()) {
     if (std::none_of(topics_.begin(), topics_.end(),
                      [&](const auto& topic) { return topic->name == stated.name(); }))
@@ -168,11 +178,65 @@ Eigen::Isometry3d BagReader::pose_of(const std::string& frame, const std::string
   return in_root ? in_root.value() : Eigen::Isometry3d::Identity();
 }
 
+/// Where the chain of its transforms ends, without what moves.
+std::string BagReader::anchor_of(const std::string& frame) const {
+  return tree_.to_world(frame) ? "W" : tree_.root(frame);
+}
+
+/// The tool says in which frame a recording stands; without one, what else has a place.
+void BagReader::set_reference() {
+  const auto take = [&](const std::string& frame, const std::string& topic) {
+    if (frame.empty() || !reference_.empty()) return;
+    reference_ = anchor_of(frame);
+    reference_topic_ = topic;
+  };
+  for (const char* to :
+       {"tool", "tool_commanded", "tool_setpoint", "force_spatial", "tracker", "markers"}) {
+    for (const auto& topic : topics_) {
+      if (!topic->left_out.empty()) continue;
+      for (std::size_t k = 0; k < topic->roles.size(); ++k) {
+        if (topic->roles[k].to != to) continue;
+        for (const auto& [frame, rows] : topic->rows[k]) {
+          if (rows.rows() == 0) continue;
+          take(frame, topic->name);
+          const bool of_arm = !topic->roles[k].arm.empty() && std::string_view(to) != "tracker";
+          if (of_arm && arm_frame_.empty()) arm_frame_ = frame;
+        }
+      }
+    }
+  }
+  if (cloud_ != nullptr) take(cloud_->frame, cloud_->name);
+  if (depth_ != nullptr) take(depth_->frame, depth_->name);
+}
+
+/// Whether no transform joins a frame to that of the tool: both would be called W, and be apart.
+bool BagReader::stands_apart(const std::string& frame, std::string& why) const {
+  if (stated_ || frame.empty() || reference_.empty()) return false;
+  const std::string anchor = anchor_of(frame);
+  if (anchor == reference_) return false;
+  why = fmt::format(
+      "it stands in {}, {} in {}, and no transform that does not move joins them; needed --map "
+      "with ros {{ frame {{ name: \"{}\" transform {{ ... }} }} ... }}",
+      anchor, reference_topic_, reference_, shown(frame));
+  return true;
+}
+
+bool BagReader::leave_out_apart(std::shared_ptr<BagTopic>& topic) {
+  if (topic == nullptr) return false;
+  // A camera whose pose is stated needs no frame.
+  const bool posed = map_.info().camera().p_m_size() > 0 && topic->kind != RosKind::kCloud;
+  if (posed || !stands_apart(topic->frame, topic->left_out)) return false;
+  topic = nullptr;
+  return true;
+}
+
 void BagReader::set_camera() {
   pb::RecordingCamera& camera = *recording_.info.mutable_camera();
-  const std::shared_ptr<BagTopic> topic = camera_topic();
+  std::shared_ptr<BagTopic> topic = camera_topic();
+  if (depth_ == nullptr) leave_out_apart(topic);
   for (const auto& other : topics_) {
-    if (other->kind == RosKind::kCamera && other != topic && other->left_out.empty())
+    if (other->kind == RosKind::kCamera && other != topic && other->left_out.empty() &&
+        other->camera)
       other->left_out = "no depth image is of this camera";
   }
   if (topic == nullptr && depth_ == nullptr) {
@@ -180,15 +244,29 @@ void BagReader::set_camera() {
     return;
   }
   if (topic != nullptr && !has_intrinsics(camera)) {
-    camera.MergeFrom(topic->camera);
-    if (topic->distorted)
+    std::string told;
+    const auto& pictures = depth_ != nullptr ? depth_ : color_;
+    const pb::RecordingCamera& pinhole =
+        pinhole_for(*topic->camera, pictures == nullptr ? "" : pictures->name, told);
+    camera.MergeFrom(pinhole);
+    if (!told.empty()) warn(fmt::format("{}: {}", topic->name, told));
+    if (!topic->camera->told.empty())
+      warn(fmt::format("{}: {}: cx, cy, fx, fy are those of what is left of the picture",
+                       topic->name, topic->camera->told));
+    if (topic->camera->distorted && &pinhole == &topic->camera->raw)
       warn(fmt::format("{}: lens distortion is stated and not taken out", topic->name));
   }
-  if (!has_intrinsics(camera))
+  if (!has_intrinsics(camera)) {
+    std::string trouble;
+    for (const auto& other : topics_) {
+      if (other->kind == RosKind::kCamera && !other->first_damage.empty())
+        trouble = fmt::format(" ({}: {})", other->name, other->first_damage);
+    }
     throw_error(
-        "{}: {}: depth without intrinsics, needed sensor_msgs/CameraInfo in the bag, or --map "
+        "{}: {}: depth without intrinsics{}, needed sensor_msgs/CameraInfo in the bag, or --map "
         "with info {{ camera ... }}, or with ros {{ topic {{ name: \"{}\" to: \"none\" }} }}",
-        path_, depth_->name, depth_->name);
+        path_, depth_->name, trouble, depth_->name);
+  }
   if (depth_ != nullptr && depth_->width > 0 &&
       (depth_->width != camera.width() || depth_->height != camera.height()))
     throw_error("{}: {}: {} x {} pixels, the camera has {} x {}", path_, depth_->name,
@@ -209,7 +287,7 @@ std::shared_ptr<BagTopic> BagReader::camera_topic() const {
   std::size_t longest = 0;
   Topics all;
   for (const auto& topic : topics_) {
-    if (topic->kind != RosKind::kCamera || topic->camera.width() == 0) continue;
+    if (topic->kind != RosKind::kCamera || !topic->camera) continue;
     if (!topic->roles.empty()) return topic;
     if (!topic->left_out.empty()) continue;
     all.push_back(topic);
@@ -219,7 +297,7 @@ std::shared_ptr<BagTopic> BagReader::camera_topic() const {
     longest = std::max(longest, folder.size());
   }
   if (best != nullptr || all.size() != 1) return best;
-  const pb::RecordingCamera& camera = all.front()->camera;
+  const pb::RecordingCamera& camera = all.front()->camera->raw;
   const bool fits = depth_ == nullptr || depth_->width == 0 ||
                     (depth_->width == camera.width() && depth_->height == camera.height());
   return fits ? all.front() : nullptr;

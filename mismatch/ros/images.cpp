@@ -143,9 +143,18 @@ PackedImage packed_image(const RosValue& message) {
     const Result<PngSize> size = parse_png_size("picture", data);
     if (!size) throw_error("{}", size.error());
     const bool depth = size.value().bits == 16 && size.value().channels == 1;
-    return depth ? PackedImage::kDepthPng : PackedImage::kColorPng;
+    if (depth) return PackedImage::kDepthPng;
+    // "16UC1; png compressed " as image_transport writes it: what was packed, then how.
+    const std::string_view packed_from = format.substr(0, format.find(';'));
+    const bool cut = is_depth_encoding(packed_from) && packed_from != format;
+    return cut ? PackedImage::kDepthCut : PackedImage::kColorPng;
   }
   return data.starts_with("\xff\xd8") ? PackedImage::kJpeg : PackedImage::kOther;
+}
+
+std::string_view packed_png(const RosValue& message) {
+  const std::string_view data = packed_bytes(message);
+  return data.starts_with(kPngMagic) ? data : data.substr(std::min(kDepthHeader, data.size()));
 }
 
 std::string unpacked_depth_png(const RosValue& message, double unit_m) {
@@ -154,7 +163,7 @@ std::string unpacked_depth_png(const RosValue& message, double unit_m) {
   if (kind != PackedImage::kDepthPng && kind != PackedImage::kDepthInvertedPng)
     throw_error("format {}, needed png or compressedDepth png of 16 bits",
                 shown(message.text_at("format")));
-  const std::string_view png = data.starts_with(kPngMagic) ? data : data.substr(kDepthHeader);
+  const std::string_view png = packed_png(message);
   Result<DepthImage> packed = parse_depth_png("compressedDepth", png);
   if (!packed) throw_error("{}", packed.error());
   if (kind == PackedImage::kDepthPng) return std::string(png);
@@ -177,18 +186,30 @@ std::string packed_color_png(const RosValue& message) {
   return std::string(packed_bytes(message));
 }
 
-Cloud ros_cloud(const RosValue& message, const Eigen::Isometry3d& X_WF) {
-  constexpr int kFloat32 = 7, kFloat64 = 8;  // of sensor_msgs/PointField
+namespace {
+
+/// Where the numbers of a cloud lie.
+struct CloudLayout {
   struct Axis {
     std::size_t offset = 0;
     bool wide = false;
   };
+  std::array<Axis, 3> axes;
+  std::size_t width = 0, height = 0, point = 0, row = 0;
+  bool swapped = false;
+  std::string_view data;
+  std::string told;  ///< what is taken other than it is stated
+};
+
+CloudLayout cloud_layout(const RosValue& message) {
+  constexpr int kFloat32 = 7, kFloat64 = 8;  // of sensor_msgs/PointField
+  using Axis = CloudLayout::Axis;
   std::array<std::optional<Axis>, 3> axes;
   const std::size_t point = whole(message, "point_step", 1e6);
-  const std::size_t row = whole(message, "row_step", 4e9);
+  std::size_t row = whole(message, "row_step", 4e9);
   const std::size_t width = whole(message, "width", 4e9), height = whole(message, "height", 4e9);
-  const bool swapped = message.number_at("is_bigendian") != 0;
   const std::string_view data = message.numbers_at("data").bytes;
+  CloudLayout layout;
   for (const RosValue& field : message.get("fields").items) {
     const std::string_view name = field.text_at("name");
     const std::size_t axis = name.size() == 1 ? std::string_view("xyz").find(name) : 3;
@@ -201,23 +222,58 @@ Cloud ros_cloud(const RosValue& message, const Eigen::Isometry3d& X_WF) {
       throw_error("{} of the cloud lies behind its point", name);
   }
   if (!axes[0] || !axes[1] || !axes[2]) throw_error("a cloud without x, y or z");
+  layout.axes = {*axes[0], *axes[1], *axes[2]};
+  layout.swapped = message.number_at("is_bigendian") != 0;
+  layout.point = point;
+  layout.data = data;
+  if (width == 0 || height == 0) return layout;
+  const bool fits = width <= data.size() / point && (height == 1 || row >= width * point) &&
+                    (height - 1) <= (data.size() - width * point) / std::max<std::size_t>(row, 1);
+  if (!fits) {
+    // Some drivers state the bytes of all rows as those of one: the points still lie one behind the
+    // other.
+    const bool dense = width <= data.size() / point && height == data.size() / (width * point) &&
+                       data.size() % (width * point) == 0;
+    if (!dense)
+      throw_error("a cloud of {} x {} points of {} bytes in {}, row_step {}", width, height, point,
+                  data.size(), row);
+    layout.told = fmt::format(
+        "row_step {} is not that of {} points of {} bytes: rows are taken to lie one behind the "
+        "other",
+        row, width, point);
+    row = width * point;
+  }
+  layout.width = width;
+  layout.height = height;
+  layout.row = row;
+  return layout;
+}
+
+}  // namespace
+
+void check_ros_cloud(const RosValue& message, std::string& told) {
+  told = cloud_layout(message).told;
+}
+
+Cloud ros_cloud(const RosValue& message, const Eigen::Isometry3d& X_WF) {
+  const CloudLayout layout = cloud_layout(message);
+  const std::size_t width = layout.width, height = layout.height;
   if (width == 0 || height == 0) return {};
-  if ((width > data.size() / point || (height > 1 && row < width * point) ||
-       (height - 1) > (data.size() - width * point) / std::max<std::size_t>(row, 1)))
-    throw_error("a cloud of {} x {} points of {} bytes in {}", width, height, point, data.size());
+  const std::string_view data = layout.data;
   const bool moved = !X_WF.matrix().isIdentity(0);
   Cloud cloud;
   cloud.reserve(width * height);
   RosValue number;
   number.kind = RosValue::kNumbers;
-  number.swapped = swapped;
+  number.swapped = layout.swapped;
   for (std::size_t v = 0; v < height; ++v) {
     for (std::size_t u = 0; u < width; ++u) {
       Eigen::Vector3d p;
       for (Eigen::Index k = 0; k < 3; ++k) {
-        const Axis& axis = *axes[static_cast<std::size_t>(k)];
+        const CloudLayout::Axis& axis = layout.axes[static_cast<std::size_t>(k)];
         number.type = axis.wide ? RosNumber::kFloat64 : RosNumber::kFloat32;
-        number.bytes = data.substr(v * row + u * point + axis.offset, axis.wide ? 8 : 4);
+        number.bytes =
+            data.substr(v * layout.row + u * layout.point + axis.offset, axis.wide ? 8 : 4);
         p[k] = number.at(0);
       }
       if (moved) p = X_WF * p;
@@ -228,31 +284,104 @@ Cloud ros_cloud(const RosValue& message, const Eigen::Isometry3d& X_WF) {
   return cloud;
 }
 
-bool ros_camera(const RosValue& message, pb::RecordingCamera& camera) {
+namespace {
+
+/// fx, fy, cx, cy at these places of a row of numbers; false where they are no pinhole.
+bool set_pinhole(const RosValue& numbers, const std::array<std::size_t, 4>& at,
+                 pb::RecordingCamera& camera) {
+  std::array<double, 4> found{};
+  for (std::size_t k = 0; k < 4; ++k) {
+    if (at[k] >= numbers.size() || !std::isfinite(numbers.at(at[k]))) return false;
+    found[k] = numbers.at(at[k]);
+  }
+  if (!(found[0] > 0 && found[1] > 0)) return false;
+  camera.set_fx(found[0]);
+  camera.set_fy(found[1]);
+  camera.set_cx(found[2]);
+  camera.set_cy(found[3]);
+  return true;
+}
+
+/// A whole number that a definition may lack; 0 without it.
+double field_of(const RosValue& message, std::string_view name) {
+  const RosValue* found = message.find(name);
+  return found != nullptr && found->kind == RosValue::kNumber && std::isfinite(found->number)
+             ? found->number
+             : 0;
+}
+
+bool differ(const pb::RecordingCamera& a, const pb::RecordingCamera& b) {
+  const double most = 1e-6 * std::max(a.fx(), b.fx());
+  return std::fabs(a.fx() - b.fx()) > most || std::fabs(a.fy() - b.fy()) > most ||
+         std::fabs(a.cx() - b.cx()) > most || std::fabs(a.cy() - b.cy()) > most;
+}
+
+}  // namespace
+
+RosCamera ros_camera(const RosValue& message) {
   // Capitals in ROS 1.
   const bool capitals = message.find("K") != nullptr;
+  RosCamera camera;
   const RosValue& K = message.numbers_at(capitals ? "K" : "k");
   if (K.size() != 9) throw_error("{} numbers of K, needed 9", K.size());
-  camera.set_width(whole(message, "width", kMostPixels));
-  camera.set_height(whole(message, "height", kMostPixels));
-  for (const std::size_t k : {0, 4, 2, 5}) {
-    if (!std::isfinite(K.at(k))) throw_error("K of the camera is not finite");
+  set_pinhole(K, {0, 4, 2, 5}, camera.raw);
+  const RosValue* P = message.find(capitals ? "P" : "p");
+  if (P != nullptr && P->kind == RosValue::kNumbers && P->size() == 12)
+    set_pinhole(*P, {0, 5, 2, 6}, camera.rectified);
+  if (!camera.calibrated()) throw_error("K and P of the camera are zero: it was not calibrated");
+  std::uint32_t width = whole(message, "width", kMostPixels);
+  std::uint32_t height = whole(message, "height", kMostPixels);
+  // The numbers are those of the whole sensor: first the crop, then the binning.
+  double left = 0, top = 0;
+  if (const RosValue* roi = message.find("roi"); roi != nullptr) {
+    const double wide = field_of(*roi, "width"), high = field_of(*roi, "height");
+    if (wide > 0 && high > 0) {
+      left = field_of(*roi, "x_offset");
+      top = field_of(*roi, "y_offset");
+      if (left + wide > width || top + high > height)
+        throw_error("a crop of {} x {} at {}, {} of {} x {} pixels", wide, high, left, top, width,
+                    height);
+      if (wide < width || high < height)
+        camera.told = fmt::format("a crop of {} x {} at {}, {}", wide, high, left, top);
+      width = static_cast<std::uint32_t>(wide);
+      height = static_cast<std::uint32_t>(high);
+    }
   }
-  camera.set_fx(K.at(0));
-  camera.set_fy(K.at(4));
-  camera.set_cx(K.at(2));
-  camera.set_cy(K.at(5));
-  for (const char* binning : {"binning_x", "binning_y"}) {
-    const RosValue* found = message.find(binning);
-    if (found != nullptr && found->number > 1)
-      throw_error("{} {}, allowed 1", binning, found->number);
+  const double across = std::clamp(field_of(message, "binning_x"), 1.0, 1e6);
+  const double down = std::clamp(field_of(message, "binning_y"), 1.0, 1e6);
+  if (across > 1 || down > 1)
+    camera.told += fmt::format("{}binning {} x {}", camera.told.empty() ? "" : ", ", across, down);
+  for (pb::RecordingCamera* pinhole : {&camera.raw, &camera.rectified}) {
+    pinhole->set_width(static_cast<std::uint32_t>(width / across));
+    pinhole->set_height(static_cast<std::uint32_t>(height / down));
+    if (!(pinhole->fx() > 0)) continue;
+    pinhole->set_fx(pinhole->fx() / across);
+    pinhole->set_fy(pinhole->fy() / down);
+    pinhole->set_cx((pinhole->cx() - left) / across);
+    pinhole->set_cy((pinhole->cy() - top) / down);
   }
-  if (!(camera.fx() > 0 && camera.fy() > 0)) throw_error("K of the camera is zero: not calibrated");
   const RosValue* d = message.find(capitals ? "D" : "d");
-  for (std::size_t k = 0; d != nullptr && d->kind == RosValue::kNumbers && k < d->size(); ++k) {
-    if (d->at(k) != 0) return true;
+  for (std::size_t k = 0; d != nullptr && d->kind == RosValue::kNumbers && k < d->size(); ++k)
+    camera.distorted = camera.distorted || d->at(k) != 0;
+  return camera;
+}
+
+const pb::RecordingCamera& pinhole_for(const RosCamera& camera, const std::string& topic,
+                                       std::string& told) {
+  if (!(camera.rectified.fx() > 0)) return camera.raw;
+  if (!(camera.raw.fx() > 0)) {
+    told = "K is zero: the numbers of P are taken";
+    return camera.rectified;
   }
-  return false;
+  if (!differ(camera.raw, camera.rectified)) return camera.raw;
+  if (topic.find("rect") != std::string::npos) {
+    told = "the numbers of P are taken, since the pictures are rectified";
+    return camera.rectified;
+  }
+  told =
+      "K and P differ: the numbers of K are taken, since no name says that the pictures are "
+      "rectified (image_rect)";
+  return camera.raw;
 }
 
 }  // namespace omentum

@@ -6,8 +6,10 @@
 #include <cmath>
 #include <limits>
 #include <numeric>
+#include <set>
 
 #include "core/check.h"
+#include "core/table.h"
 #include "mismatch/recording/table_columns.h"
 
 namespace omentum {
@@ -107,18 +109,96 @@ RowTaken add_wrench_row(const RosValue& wrench, std::int64_t time_ns, double fac
   return RowTaken::kAll;
 }
 
+namespace {
+
+/// Number of a joint by a name that tells it; 0 by any other.
+std::uint32_t number_told(std::string_view name) {
+  std::string text(name);
+  for (char& c : text) c = c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c;
+  std::string_view rest = text;
+  if (rest.ends_with("_joint")) rest.remove_suffix(6);
+  for (const auto& [known, number] : {std::pair{std::string_view("wrist_pitch"), 5U},
+                                      {"wrist_yaw", 6U},
+                                      {"insertion", 3U},
+                                      {"roll", 4U},
+                                      {"pitch", 2U},
+                                      {"yaw", 1U},
+                                      {"jaw", 7U}}) {
+    if (!rest.ends_with(known)) continue;
+    const std::size_t before = rest.size() - known.size();
+    if (before == 0 || rest[before - 1] == '_' || rest[before - 1] == '/') return number;
+  }
+  for (const std::string_view begin : {"joint_", "joint", "q"}) {
+    if (rest.size() == begin.size() + 1 && rest.starts_with(begin) && rest.back() >= '1' &&
+        rest.back() <= '9')
+      return static_cast<std::uint32_t>(rest.back() - '0');
+  }
+  return 0;
+}
+
+}  // namespace
+
+std::vector<std::uint32_t> RosJointNames::numbers(const std::vector<RosValue>& names,
+                                                  std::size_t count) {
+  std::vector<std::uint32_t> found(count);
+  std::iota(found.begin(), found.end(), 1U);
+  std::set<std::string_view> distinct;
+  for (const RosValue& name : names) distinct.insert(name.bytes);
+  if (names.empty() || names.size() != count || distinct.size() != names.size() ||
+      distinct.contains("") || count > 100)
+    return found;
+  const bool first = by_number_.empty();
+  std::set<std::uint32_t> told;
+  for (const RosValue& name : names) told.insert(number_told(name.bytes));
+  if (first) of_robot_ = told.size() == names.size() && !told.contains(0);
+  for (std::size_t k = 0; k < count; ++k) {
+    const std::string_view name = names[k].bytes;
+    const auto known = std::find(by_number_.begin(), by_number_.end(), name);
+    std::size_t at = static_cast<std::size_t>(known - by_number_.begin());
+    const std::uint32_t own = of_robot_ ? number_told(name) : 0;
+    if (known == by_number_.end() && own > 0 &&
+        (by_number_.size() < own || by_number_[own - 1].empty()))
+      at = own - 1;
+    constexpr std::size_t kMost = 200;  // beyond it they are no joints of one robot
+    at = std::min(at, kMost);
+    if (at >= by_number_.size()) by_number_.resize(at + 1);
+    by_number_[at] = name;
+    found[k] = static_cast<std::uint32_t>(at + 1);
+  }
+  if (first) first_numbers_ = found;
+  if (found != first_numbers_ &&
+      std::is_permutation(found.begin(), found.end(), first_numbers_.begin(), first_numbers_.end()))
+    ++reordered_;
+  return found;
+}
+
+std::string RosJointNames::told() const {
+  if (reordered_ == 0 && std::is_sorted(first_numbers_.begin(), first_numbers_.end())) return "";
+  std::string text;
+  for (std::size_t k = 0; k < by_number_.size(); ++k) {
+    if (!by_number_[k].empty())
+      text += fmt::format("{}q{} {}", text.empty() ? "" : ", ", k + 1, shown(by_number_[k]));
+  }
+  return text;
+}
+
 RowTaken add_joint_row(const RosValue& state, std::int64_t time_ns, const RosColumns& columns,
-                       RosRows& rows) {
+                       RosJointNames& known, RosRows& rows) {
   const std::vector<RosValue>& names = state.get("name").items;
   std::size_t count = names.size();
   for (const char* field : {"position", "velocity", "effort"})
     count = std::max(count, state.numbers_at(field).size());
+  const std::vector<std::uint32_t> numbers = known.numbers(names, count);
   rows.begin_row(time_ns);
-  bool any = false;
-  for (std::uint32_t k = 0; k < std::min<std::size_t>(count, kMostJoints); ++k) {
+  bool any = false, all = true;
+  for (std::size_t k = 0; k < count; ++k) {
+    if (numbers[k] > kMostJoints) {
+      all = false;
+      continue;
+    }
     JointColumn column;
-    column.joint = fmt::format("{}", k + 1);
-    column.linear = is_linear(columns, k + 1, k < names.size() ? names[k].bytes : "");
+    column.joint = fmt::format("{}", numbers[k]);
+    column.linear = is_linear(columns, numbers[k], k < names.size() ? names[k].bytes : "");
     column.source = columns.source == "commanded"  ? JointColumn::kCommanded
                     : columns.source == "setpoint" ? JointColumn::kSetpoint
                                                    : JointColumn::kMeasured;
@@ -134,7 +214,7 @@ RowTaken add_joint_row(const RosValue& state, std::int64_t time_ns, const RosCol
     put(JointColumn::kEffort, "effort");
   }
   if (!any) return RowTaken::kNothing;
-  return count > kMostJoints ? RowTaken::kPart : RowTaken::kAll;
+  return all ? RowTaken::kAll : RowTaken::kPart;
 }
 
 RowTaken add_jaw_row(const RosValue& state, std::int64_t time_ns, const std::string& source,

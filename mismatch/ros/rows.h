@@ -33,6 +33,25 @@ struct RosColumns {
   std::vector<std::uint32_t> linear;  ///< joints in m, from 1
 };
 
+/// Numbers of joints by their names. Those of the dVRK (yaw, pitch, insertion, roll, wrist_pitch,
+/// wrist_yaw, jaw, with anything before an underscore) and q1, joint_2, ... have theirs; other
+/// names are numbered by their places in the first message that has them, and keep their numbers.
+class RosJointNames {
+ public:
+  /// Of each joint of a message, from 1; by place where names are missing or stand twice.
+  std::vector<std::uint32_t> numbers(const std::vector<RosValue>& names, std::size_t count);
+  /// Messages whose joints stood in another order than those of the first.
+  std::size_t reordered() const { return reordered_; }
+  /// "q1 outer_yaw, q2 ..." where names and places are not the same; else empty.
+  std::string told() const;
+
+ private:
+  std::vector<std::string> by_number_;  ///< from 1; empty: none
+  std::vector<std::uint32_t> first_numbers_;
+  bool of_robot_ = false;
+  std::size_t reordered_ = 0;
+};
+
 /// What became of a message; kNothing: no number in it that is needed is finite, there is no row.
 enum class RowTaken { kNothing, kPart, kAll };
 
@@ -48,11 +67,11 @@ RowTaken add_marker_row(const RosValue& pose, std::int64_t time_ns, const std::s
 /// geometry_msgs Wrench times a factor: force and torque.
 RowTaken add_wrench_row(const RosValue& wrench, std::int64_t time_ns, double factor, RosRows& rows);
 
-/// sensor_msgs/JointState by the place of each joint. A joint is in m where `linear` says so; else
+/// sensor_msgs/JointState by the names of the joints. A joint is in m where `linear` says so; else
 /// where its name has "insertion" in it; without names, and of q1, q2, ..., joint 3. Joints from
 /// the tenth on are left out (kPart).
 RowTaken add_joint_row(const RosValue& state, std::int64_t time_ns, const RosColumns& columns,
-                       RosRows& rows);
+                       RosJointNames& names, RosRows& rows);
 
 /// The first joint of a sensor_msgs/JointState as jaw_measured_rad ...; velocity and effort only of
 /// the measured one.

@@ -122,7 +122,7 @@ RosRole stated_role(const pb::RosTopicMap& stated, const std::string& type) {
   role.to = stated.to();
   role.marker = stated.marker();
   role.child = stated.child();
-  role.log_time = stated.log_time();
+  if (stated.has_log_time()) role.clock = stated.log_time() ? RosClock::kLog : RosClock::kStamps;
   // A robot states what its motors press with, the recording what presses on the tool.
   role.factor = stated.has_factor() ? stated.factor() : role.to.starts_with("force_") ? -1 : 1;
   role.columns.linear_known = stated.linear_size() > 0;

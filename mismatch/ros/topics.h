@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "mismatch/ros/rows.h"
+#include "mismatch/ros/stamps.h"
 #include "proto/import_map.pb.h"
 
 namespace omentum {
@@ -38,7 +39,7 @@ struct RosRole {
   std::string child;   ///< frame of a TFMessage
   std::string arm;     ///< by whose name it was found; empty: by the map
   double factor = 1;   ///< of a force
-  bool log_time = false;
+  RosClock clock = RosClock::kEither;
   bool planned = false;  ///< goals of motions that the robot plans, not a path
 };
 

@@ -10,6 +10,7 @@
 #include "core/command_line.h"
 #include "core/config.h"
 #include "core/durable_file.h"
+#include "core/file_name.h"
 #include "mismatch/recording/depth_image.h"
 #include "mismatch/recording/plain_folder.h"
 #include "mismatch/recording/read_recording.h"
@@ -36,8 +37,12 @@ void write_text(const std::string& path, const google::protobuf::Message& messag
     throw_error("{}", written.error());
 }
 
-Cloud rest_cloud(const std::string& path) {
-  if (path.ends_with(".ply") || path.ends_with(".pcd")) return read_cloud_file(path);
+Cloud rest_cloud(const std::string& path, std::vector<std::string>& warnings) {
+  if (has_ending(path, ".ply") || has_ending(path, ".pcd")) {
+    Cloud cloud = read_cloud_file(path, &warnings);
+    if (cloud.empty()) throw_error("{}: no point that is finite", path);
+    return cloud;
+  }
   const Recording recording = read_recording(path);
   const Frames<Cloud> clouds = seen_clouds(recording);
   if (clouds.size() == 0) throw_error("{}: no cloud, needed one of the body at rest", path);
@@ -67,10 +72,10 @@ int make(const SceneOptions& options) {
     settings.fixed = {options.fixed[0], options.fixed[1]};
     if (!(settings.fixed.norm() > 0)) throw_error("--fixed: 0 0, allowed a direction");
     RestScene made = scene_of_cloud(fs::path(options.input).stem().string(),
-                                    rest_cloud(options.input), settings);
+                                    rest_cloud(options.input, warnings), settings);
     scene = made.scene;
     priors = made.priors;
-    warnings = made.warnings;
+    warnings.insert(warnings.end(), made.warnings.begin(), made.warnings.end());
   }
   if (sheet) {  // what is written can be simulated
     const Scene whole =

@@ -10,6 +10,7 @@
 #include "core/check.h"
 #include "mismatch/intake/signals.h"
 #include "mismatch/recording/depth_image.h"
+#include "mismatch/recording/table_columns.h"
 #include "mismatch/seen/commanded.h"
 #include "mismatch/seen/seen_markers.h"
 
@@ -103,7 +104,10 @@ void add_forces(const Recording& recording, const std::string& path, Observation
   if (series == nullptr) return;
   const std::array<std::size_t, 3> columns = {series->find("fx_N"), series->find("fy_N"),
                                               series->find("fz_N")};
-  if (std::ranges::find(columns, series->columns.size()) != columns.end()) {
+  const std::vector<std::string> unknown = never_known(*series);
+  const bool whole =
+      std::ranges::none_of(unknown, [](const std::string& name) { return name.starts_with('f'); });
+  if (!whole || std::ranges::find(columns, series->columns.size()) != columns.end()) {
     warnings.push_back(fmt::format("{}: a force needs fx, fy and fz; it is not used", path));
     return;
   }

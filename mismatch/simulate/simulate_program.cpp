@@ -13,6 +13,7 @@
 
 #include "core/build_id.h"
 #include "core/check.h"
+#include "core/file_name.h"
 #include "core/command_line.h"
 #include "core/config.h"
 #include "mismatch/recording/plain_folder.h"
@@ -46,7 +47,7 @@ struct SimulateOptions {
   SimulatorOptions simulator;
 };
 
-bool is_mcap(const std::string& path) { return fs::path(path).extension() == ".mcap"; }
+bool is_mcap(const std::string& path) { return has_ending(path, ".mcap"); }
 
 /// Control steps from one cloud to the next; 0 = no clouds.
 std::size_t cloud_stride(const SimulateOptions& options, double period) {

@@ -12,6 +12,7 @@
 #include <unordered_map>
 
 #include "core/check.h"
+#include "core/file_name.h"
 #include "core/hash.h"
 #include "core/log.h"
 #include "core/regular_file.h"
@@ -94,11 +95,46 @@ int parse_corner(const std::string& name, std::size_t line, std::string_view wor
   return static_cast<int>(absolute);
 }
 
-/// Keywords of the format that carry nothing we use.
-bool is_ignored_keyword(std::string_view word) {
-  constexpr std::array<std::string_view, 12> kIgnored = {
-      "vn", "vt", "vp", "o", "g", "s", "usemtl", "mtllib", "l", "p", "usemap", "maplib"};
-  return std::find(kIgnored.begin(), kIgnored.end(), word) != kIgnored.end();
+std::string in_small_letters(std::string_view word) {
+  std::string small(word);
+  for (char& c : small) c = c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c;
+  return small;
+}
+
+/// Statements that hold surfaces of other kinds, or name a file that does: without them the mesh
+/// would be another one.
+bool is_other_surface(std::string_view word) {
+  constexpr std::array<std::string_view, 6> kSurfaces = {"surf", "curv", "curv2",
+                                                         "bmat", "call", "csh"};
+  return std::find(kSurfaces.begin(), kSurfaces.end(), word) != kSurfaces.end();
+}
+
+/// What may begin a line of an OBJ file of any program.
+bool may_be_keyword(std::string_view word) {
+  return word.size() <= 32 && std::all_of(word.begin(), word.end(), [](char c) {
+           return (c >= 'a' && c <= 'z') || (c >= '0' && c <= '9') || c == '_' || c == '.';
+         });
+}
+
+/// Calls function(number from 1 of its first part, line) for every line; one whose last character
+/// is a backslash goes on in the next.
+template <typename Function>
+void for_each_joined_line(std::string_view content, Function function) {
+  std::string joined;
+  std::size_t first = 0;
+  for_each_line(content, [&](std::size_t line, std::string_view rest) {
+    while (!rest.empty() && is_space(rest.back())) rest.remove_suffix(1);
+    const bool goes_on = rest.ends_with('\\');
+    if (goes_on) rest.remove_suffix(1);
+    if (first == 0 && !goes_on) return function(line, rest);
+    if (first == 0) first = line;
+    joined.append(rest).push_back(' ');
+    if (goes_on) return;
+    function(first, std::string_view(joined));
+    joined.clear();
+    first = 0;
+  });
+  if (first > 0) function(first, std::string_view(joined));
 }
 
 void require_size(const std::string& name, std::int64_t bytes) {
@@ -108,12 +144,14 @@ void require_size(const std::string& name, std::int64_t bytes) {
 
 TriangleMesh parse_obj(const std::string& name, std::string_view content) {
   TriangleMesh mesh;
-  for_each_line(content, [&](std::size_t line, std::string_view rest) {
-    const std::string_view keyword = next_word(rest);
-    if (keyword.empty() || keyword.front() == '#' || is_ignored_keyword(keyword)) return;
+  std::string odd;  // the first line of a kind that is not known
+  for_each_joined_line(content, [&](std::size_t line, std::string_view rest) {
+    const std::string_view written = next_word(rest);
+    if (written.empty() || written.front() == '#') return;
+    const std::string keyword = in_small_letters(written);
     if (keyword == "v") {
       mesh.vertices.push_back(parse_point(name, line, rest));
-    } else if (keyword == "f") {
+    } else if (keyword == "f" || keyword == "fo") {
       std::vector<int> corners;
       for (std::string_view word = next_word(rest); !word.empty() && word.front() != '#';
            word = next_word(rest)) {
@@ -123,10 +161,20 @@ TriangleMesh parse_obj(const std::string& name, std::string_view content) {
       for (std::size_t k = 2; k < corners.size(); ++k) {
         mesh.triangles.emplace_back(corners[0], corners[k - 1], corners[k]);
       }
-    } else {
-      throw_error("{}:{}: {} is not a line of an OBJ file", name, line, quote(keyword));
+    } else if (is_other_surface(keyword)) {
+      throw_error("{}:{}: {}: surfaces that are no polygons are not read: export triangles", name,
+                  line, quote(written));
+    } else if (!may_be_keyword(keyword)) {
+      throw_error("{}:{}: {} is not a line of an OBJ file", name, line, quote(written));
+    } else if (constexpr std::array<std::string_view, 10> kCommon = {"vn", "vt", "vp", "o", "g",
+                                                                     "s", "usemtl", "mtllib", "l",
+                                                                     "p"};
+               odd.empty() && std::find(kCommon.begin(), kCommon.end(), keyword) == kCommon.end()) {
+      odd = fmt::format("{}:{}: {} is not a line of an OBJ file", name, line, quote(written));
     }
   });
+  // Programs write statements of their own between the polygons; without polygons it is no OBJ.
+  if (mesh.triangles.empty() && !odd.empty()) throw_error("{}", odd);
   return mesh;
 }
 
@@ -167,7 +215,10 @@ TriangleMesh parse_ascii_stl(const std::string& name, std::string_view content) 
   bool ended = false;
   for_each_line(content, [&](std::size_t line, std::string_view rest) {
     last_line = line;
-    const std::string_view keyword = next_word(rest);
+    const std::string_view written = next_word(rest);
+    std::string keyword = in_small_letters(written);
+    // "end loop" of some programs.
+    if (keyword == "end") keyword += in_small_letters(next_word(rest));
     if (keyword == "vertex") {
       if (!in_loop || ++corners > 3) {
         throw_error("{}:{}: vertex outside a loop of three", name, line);
@@ -186,7 +237,7 @@ TriangleMesh parse_ascii_stl(const std::string& name, std::string_view content) 
       ended = true;
     } else if (!keyword.empty() && keyword != "solid" && keyword != "facet" &&
                keyword != "endfacet") {
-      throw_error("{}:{}: {} is not a line of an STL file", name, line, quote(keyword));
+      throw_error("{}:{}: {} is not a line of an STL file", name, line, quote(written));
     }
   });
   if (in_loop || !ended) throw_error("{}:{}: file ends before endsolid", name, last_line);
@@ -227,14 +278,6 @@ TriangleMesh parse_binary_stl(const std::string& name, std::string_view content)
   return mesh;
 }
 
-bool ends_with_ignoring_case(const std::string& name, std::string_view ending) {
-  if (name.size() < ending.size()) return false;
-  const std::string_view tail = std::string_view(name).substr(name.size() - ending.size());
-  return std::equal(tail.begin(), tail.end(), ending.begin(), [](char a, char b) {
-    return (a >= 'A' && a <= 'Z' ? static_cast<char>(a - 'A' + 'a') : a) == b;
-  });
-}
-
 /// The ending decides; a file without one of the two is judged by its first bytes.
 TriangleMesh parse_any(const std::string& name, std::string_view content) {
   if (content.starts_with("\xef\xbb\xbf")) content.remove_prefix(3);  // a byte order mark
@@ -244,11 +287,18 @@ TriangleMesh parse_any(const std::string& name, std::string_view content) {
   // Many programs write "solid" into the header of a binary file as well; text has no zeros.
   const bool text =
       content.substr(0, kStlHeaderBytes + kStlTriangleBytes).find('\0') == std::string_view::npos;
-  const bool solid = text && content.starts_with("solid");
-  if (ends_with_ignoring_case(name, ".obj")) return parse_obj(name, content);
+  std::string_view begin = content.substr(0, 1000);
+  while (!begin.empty() && (is_space(begin.front()) || begin.front() == '\n'))
+    begin.remove_prefix(1);
+  const std::string first = in_small_letters(next_word(begin).substr(0, 5));
+  const bool solid = text && (first == "solid" || first == "facet");
+  if (has_ending(name, ".obj")) return parse_obj(name, content);
   if (binary_size) return parse_binary_stl(name, content);
   if (solid) return parse_ascii_stl(name, content);
-  if (ends_with_ignoring_case(name, ".stl")) return parse_binary_stl(name, content);
+  if (has_ending(name, ".stl") && text && content.size() >= kStlHeaderBytes)
+    throw_error("{}:1: text that begins with {}, needed \"solid\", or a binary STL", name,
+                quote(first));
+  if (has_ending(name, ".stl")) return parse_binary_stl(name, content);
   return parse_obj(name, content);
 }
 

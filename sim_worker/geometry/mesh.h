@@ -20,11 +20,12 @@ struct TriangleMesh {
   std::vector<Eigen::Vector3i> triangles;
 };
 
-/// Reads OBJ (v and f lines; polygons are fanned) or STL (ASCII or binary; equal vertices are
-/// merged), scaled by unit_m to metres. Triangles with a repeated corner and unused vertices are
-/// dropped. Throws Error naming file and line (or byte) for a missing, malformed, empty, huge or
-/// non-finite file, and for an extent outside [0.1 mm, 10 m], which is how a wrong unit shows; for
-/// a content of another SHA-256 (hexadecimal) than the one given, empty: any.
+/// Reads OBJ (v and f lines, which a backslash continues; polygons are fanned, other statements
+/// passed over but for surfaces of other kinds) or STL (ASCII in any letters, or binary; equal
+/// vertices are merged), scaled by unit_m to metres. Triangles with a repeated corner and unused
+/// vertices are dropped. Throws Error naming file and line (or byte) for a missing, malformed,
+/// empty, huge or non-finite file, and for an extent outside [0.1 mm, 10 m], which is how a wrong
+/// unit shows; for a content of another SHA-256 (hexadecimal) than the one given, empty: any.
 TriangleMesh load_mesh(const std::string& path, double unit_m, const std::string& sha256 = {});
 
 /// load_mesh and require_closed.
@@ -35,14 +36,16 @@ TriangleMesh load_closed_mesh(const std::string& path, double unit_m);
 TriangleMesh parse_mesh(const std::string& name, const std::string& content, double unit_m);
 
 /// Throws Error naming one offending edge unless the surface is closed and consistently oriented:
-/// each directed edge exactly once, its reverse exactly once. Turns an inside-out mesh right side
-/// out. After it the winding number is 0 or 1 off a surface that does not intersect itself.
+/// each directed edge exactly once, its reverse exactly once. Vertices that stand at one place, as
+/// programs write them for each face or seam, become one where the surface is closed so and not
+/// without. Turns an inside-out mesh right side out. After it the winding number is 0 or 1 off a
+/// surface that does not intersect itself.
 void require_closed(const std::string& name, TriangleMesh& mesh);
 
 /// Throws Error naming place and reason unless the surface, open or closed, is one piece that can
 /// be a shell: consistently oriented, two triangles at an edge at most, not folded there by more
 /// than 90 deg, no parts that meet in a single vertex, no slivers.
-void require_sheet(const std::string& name, const TriangleMesh& mesh);
+void require_sheet(const std::string& name, TriangleMesh& mesh);
 
 /// Volume enclosed by a closed mesh [m^3], positive when triangles face outside.
 double signed_volume(const TriangleMesh& mesh);

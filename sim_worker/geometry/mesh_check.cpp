@@ -1,6 +1,8 @@
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <map>
 #include <numeric>
 
 #include "core/check.h"
@@ -62,7 +64,48 @@ std::vector<DirectedEdge> sort_edges(const std::string& name, const TriangleMesh
 
 }  // namespace
 
-void require_closed(const std::string& name, TriangleMesh& mesh) {
+namespace {
+
+/// Vertices of equal coordinates become one; false where there are none. Triangles that shrink to
+/// an edge go.
+bool merge_equal_vertices(TriangleMesh& mesh) {
+  std::map<std::array<double, 3>, int> places;
+  std::vector<int> renamed;
+  std::vector<Eigen::Vector3d> kept;
+  for (const Eigen::Vector3d& p : mesh.vertices) {
+    const std::array<double, 3> key = {p.x() + 0.0, p.y() + 0.0, p.z() + 0.0};  // -0 becomes +0
+    const auto [found, added] = places.try_emplace(key, static_cast<int>(kept.size()));
+    if (added) kept.push_back(p);
+    renamed.push_back(found->second);
+  }
+  if (kept.size() == mesh.vertices.size()) return false;
+  for (Eigen::Vector3i& t : mesh.triangles) t = {renamed[t[0]], renamed[t[1]], renamed[t[2]]};
+  std::erase_if(mesh.triangles, [](const Eigen::Vector3i& t) {
+    return t[0] == t[1] || t[1] == t[2] || t[2] == t[0];
+  });
+  mesh.vertices = std::move(kept);
+  return true;
+}
+
+/// Checks a mesh as it is, and where that fails once more with equal vertices merged. A cut whose
+/// sides touch stays a cut where the mesh is good with it.
+template <typename Check>
+void check_also_merged(TriangleMesh& mesh, Check check) {
+  try {
+    return check(mesh);
+  } catch (const Error&) {
+    TriangleMesh merged = mesh;
+    if (!merge_equal_vertices(merged) || merged.triangles.empty()) throw;
+    try {
+      check(merged);
+    } catch (const Error& error) {
+      throw_error("{} (vertices that stand several times at one place count as one)", error.what());
+    }
+    mesh = std::move(merged);
+  }
+}
+
+void check_closed(const std::string& name, const TriangleMesh& mesh) {
   const std::vector<DirectedEdge> edges = sort_edges(name, mesh);
   for (const DirectedEdge& edge : edges) {
     if (find_edge(edges, edge.to, edge.from) == nullptr) {
@@ -70,14 +113,10 @@ void require_closed(const std::string& name, TriangleMesh& mesh) {
                   edge.triangle, place(mesh, edge.from), place(mesh, edge.to));
     }
   }
-  const double volume = signed_volume(mesh);
-  if (!(std::abs(volume) > 0)) throw_error("{}: encloses no volume", name);
-  if (volume < 0) {
-    for (Eigen::Vector3i& triangle : mesh.triangles) std::swap(triangle[1], triangle[2]);
-  }
+  if (!(std::abs(signed_volume(mesh)) > 0)) throw_error("{}: encloses no volume", name);
 }
 
-void require_sheet(const std::string& name, const TriangleMesh& mesh) {
+void check_sheet(const std::string& name, const TriangleMesh& mesh) {
   const std::vector<DirectedEdge> edges = sort_edges(name, mesh);
   for (std::size_t t = 0; t < mesh.triangles.size(); ++t) {
     const Eigen::Vector3i& c = mesh.triangles[t];
@@ -120,6 +159,18 @@ void require_sheet(const std::string& name, const TriangleMesh& mesh) {
     throw_error("{}: {} does not hang together with {}, allowed one piece", name, place(mesh, i),
                 place(mesh, first));
   }
+}
+
+}  // namespace
+
+void require_closed(const std::string& name, TriangleMesh& mesh) {
+  check_also_merged(mesh, [&name](const TriangleMesh& m) { check_closed(name, m); });
+  if (signed_volume(mesh) > 0) return;
+  for (Eigen::Vector3i& triangle : mesh.triangles) std::swap(triangle[1], triangle[2]);
+}
+
+void require_sheet(const std::string& name, TriangleMesh& mesh) {
+  check_also_merged(mesh, [&name](const TriangleMesh& m) { check_sheet(name, m); });
 }
 
 double signed_volume(const TriangleMesh& mesh) {

@@ -76,7 +76,7 @@ void make_grid_tissue(const pb::GridMaker& grid, const pb::Tissue& config, Tissu
 void make_sheet_tissue(const pb::SheetMaker& maker, const std::string& directory,
                        const pb::Tissue& config, TissueBody& body, SheetGeometry& sheet) {
   const std::string path = mesh_path(maker.mesh(), directory, "scene.tissue.sheet.mesh");
-  const TriangleMesh mesh = load_mesh(path, maker.mesh().unit_m(), maker.mesh().sha256());
+  TriangleMesh mesh = load_mesh(path, maker.mesh().unit_m(), maker.mesh().sha256());
   require_sheet(path, mesh);
   body.particles = mesh.vertices;
   body.surface_triangles = mesh.triangles;

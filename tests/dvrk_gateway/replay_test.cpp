@@ -98,6 +98,21 @@ TEST(JawWatch, AJawThatStopsShortOfItsGoalHoldsAndOneThatArrivesDoesNot) {
   }
 }
 
+TEST(JawWatch, AJawThatStandsAtTheRobotsOwnSetPointHoldsNothing) {
+  // Software that stops the jaw above its goal tells so in its set-point.
+  for (const double measured : {-0.08, 0.15}) {
+    JawWatch watch(0.05, 0.1);
+    for (int k = 0; k < 12; ++k) {
+      Period period = jaw_period(-0.3, measured);
+      period.robot.jaw_setpoint_js.payload.valid = true;
+      period.robot.jaw_setpoint_js.payload.count = 1;
+      period.robot.jaw_setpoint_js.payload.position[0] = -0.08;
+      watch.on_period(period);
+    }
+    EXPECT_EQ(watch.held_ever(), measured > 0) << measured;
+  }
+}
+
 TEST(JawWatch, TissueThatSlipsOutWasHeldAndIsNoLonger) {
   JawWatch watch(0.05, 0.1);
   for (int k = 0; k < 12; ++k) watch.on_period(jaw_period(-0.2, 0.22));

@@ -103,6 +103,19 @@ TEST(WireLog, LinesOfOneTimeStayApart) {
   EXPECT_EQ(motion.value().size(), 2U);
 }
 
+TEST(WireLog, TwoArmsInOneLogAreRefusedByTheirNames) {
+  const auto pose = [](const std::string& time, const std::string& arm) {
+    return time + "\t{\"local/measured_cp\":{\"AutomaticTimestamp\":false,\"MovingFrame\":\"" +
+           arm +
+           "\",\"Position\":{\"Rotation\":[[0,1,0],[1,0,0],[0,0,-1]],\"Translation\":[0,0,-0.11]},"
+           "\"ReferenceFrame\":\"" +
+           arm + "_base\",\"Timestamp\":0.0,\"Valid\":true}}\n";
+  };
+  EXPECT_TRUE(convert(pose("0", "PSM1") + pose("1", "PSM1")).counts);
+  EXPECT_THAT(convert(pose("0", "PSM1") + pose("1", "PSM2")).counts.error(),
+              testing::AllOf(HasSubstr("\"PSM1\" and \"PSM2\""), HasSubstr("two arms in one log")));
+}
+
 TEST(WireLog, WithoutARobotIsRefusedWithTheFirstLine) {
   EXPECT_THAT(convert("").counts.error(), HasSubstr("no datagram of a robot"));
   EXPECT_THAT(convert("PK\x03\x04\n").counts.error(), HasSubstr("line 1: no tab"));

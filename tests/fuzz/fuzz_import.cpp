@@ -97,7 +97,9 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   read_map(bytes);
   const auto points = omentum::parse_pcd("fuzz", bytes);
   require_one_line(points);
-  require(!points || !points.value().empty());
+  if (points) {
+    for (const Eigen::Vector3f& p : points.value()) require(p.allFinite());
+  }
   require_one_line(omentum::parse_npz_entry("fuzz", bytes, "a"));
   const auto image = omentum::parse_depth_png("fuzz", bytes);
   require_one_line(image);

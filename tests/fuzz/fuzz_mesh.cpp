@@ -15,7 +15,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   const std::string content(reinterpret_cast<const char*>(data), size);
   for (const char* name : {"fuzz", "fuzz.obj", "fuzz.stl"}) {
     try {
-      const omentum::TriangleMesh mesh = omentum::parse_mesh(name, content, 1);
+      omentum::TriangleMesh mesh = omentum::parse_mesh(name, content, 1);
       omentum::require_sheet(name, mesh);
       omentum::measure_sheet(name, mesh.vertices, mesh.triangles);
     } catch (const omentum::Error&) {

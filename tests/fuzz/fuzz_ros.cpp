@@ -101,16 +101,18 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   message.log_time = 1;
   message.data = std::string_view(bytes).substr(std::min(zero + 1, bytes.size()));
   try {
-    topic.take(message, tree);
-    for (auto& by_frame : topic.rows) {
-      for (auto& [frame, rows] : by_frame) {
-        const omentum::Series series = rows.take();
+    topic.take(message, 0, tree);
+    require(topic.first_damage.find('\n') == std::string::npos);
+    topic.settle();
+    for (std::size_t role = 0; role < topic.rows.size(); ++role) {
+      for (auto& [frame, rows] : topic.rows[role]) {
+        const omentum::Series series = topic.rows_of(role, rows);
         require(series.values.size() == series.rows() * series.columns.size());
         const auto X = tree.to_world(frame);
         require(X.has_value() || X.error().find('\n') == std::string::npos);
       }
     }
-    if (!topic.frames.empty()) make_picture(topic, message.data);
+    if (!topic.frames.empty() && topic.left_out.empty()) make_picture(topic, message.data);
   } catch (const omentum::Error& error) {
     const std::string said = error.what();
     require(!said.empty() && said.find('\n') == std::string::npos);

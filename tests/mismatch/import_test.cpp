@@ -15,6 +15,7 @@
 #include "mismatch/import/npy.h"
 #include "mismatch/import/rigid.h"
 #include "mismatch/import/units.h"
+#include "mismatch/recording/text_table.h"
 #include "sim_worker/playback/npz.h"
 #include "support/temp_dir.h"
 
@@ -242,7 +243,120 @@ TEST_F(Import, ArraysBecomeCloudsMarkersAndColumns) {
   EXPECT_THAT(refused("source { files: \"b.npz\" array { name: \"vel\" } time { at_rest: true } }"),
               HasSubstr("no array vel.npy, there are pos.npy"));
   EXPECT_THAT(refused("source { files: \"a.npy\" array { } time { rate_hz: 1 } }"),
-              HasSubstr("shape (3, 2, 4), needed axes time column"));
+              HasSubstr("shape (3, 2, 4), needed one axis each of time column"));
+}
+
+TEST_F(Import, ArraysOfFourDimensionsHavePicturesOrPartsOfAnAxis) {
+  std::string npy = npy_header("<i2", {2, 2, 2, 3});
+  for (std::int16_t k = 0; k < 24; ++k) npy.append(reinterpret_cast<const char*>(&k), 2);
+  write("a.npy", npy);
+  const std::string source = "source { files: \"a.npy\" time { rate_hz: 2 } array { axes: ";
+  const auto pictures = run(source + "\"time point point xyz\" } }");
+  const Cloud cloud = pictures.at("a").clouds.fetch(1);
+  ASSERT_EQ(cloud.size(), 4U);
+  EXPECT_EQ(cloud[1], Eigen::Vector3f(15, 16, 17)) << "row by row";
+  const auto second = run(source + "\"1 time point xyz\" } }");
+  EXPECT_EQ(second.at("a").clouds.fetch(0)[1], Eigen::Vector3f(15, 16, 17));
+  EXPECT_THAT(refused(source + "\"2 time point xyz\" } }"), HasSubstr("no part 2 of axis 0"));
+  EXPECT_THAT(refused(source + "\"time point xyz\" } }"), HasSubstr("point may stand for several"));
+}
+
+TEST_F(Import, ANameThatStandsInSeveralColumnsIsRefusedWithItsPlaces) {
+  write("a.csv", "t_s,X,Y,Z,X,Y,Z\n0,1,2,3,4,5,6\n1,1,2,3,4,5,6\n");
+  const auto column = [](const std::string& from, const std::string& to) {
+    return "column { from: \"" + from + "\" to: \"" + to + "\" } ";
+  };
+  EXPECT_THAT(refused("source { files: \"a.csv\" " + column("X", "m_x_m") + "}"),
+              HasSubstr("a.csv:1: 2 columns are called X, those at 2, 5: needed \"#2\""));
+  const auto made = run("source { files: \"a.csv\" " + column("#5", "m_x_m") +
+                        column("#6", "m_y_m") + column("#7", "m_z_m") + "}");
+  EXPECT_EQ(made.at("a").find("markers")->at(1, 0), 4);
+  EXPECT_THAT(refused("source { files: \"a.csv\" " + column("#8", "m_x_m") + "}"),
+              HasSubstr("column #8 is missing"));
+}
+
+TEST_F(Import, CellsBehindTheLastColumnAndBetweenTabsAreWhereTheyStand) {
+  const std::string force =
+      "time { column: \"t\" } column { from: \"x\" to: \"fx_N\" } column { from: \"y\" to: "
+      "\"fy_N\" } column { from: \"z\" to: \"fz_N\" }";
+  write("a.tsv",
+        "\"t\"\t\"x\"\t\"y\"\t\"z\"\t\"a \"\"b\"\"\tc\"\n\"0\"\t\t\"2\"\t\"3\"\t\"\"\n"
+        "\"1\"\t\"1\"\t\"2\"\t\"3\"\t\"d\"\n");
+  const auto tabs = run("source { files: \"a.tsv\" delimiter: \"\\t\" " + force + "}");
+  EXPECT_TRUE(std::isnan(tabs.at("a").find("force")->at(0, 0)));
+  EXPECT_EQ(tabs.at("a").find("force")->at(0, 1), 2);
+  write("b.csv", "t,x,y,z\n0,1,2,3,\n1,1,2,3,,\n");
+  const auto ended = run("source { files: \"b.csv\" " + force + "}");
+  EXPECT_EQ(ended.at("b").find("force")->at(1, 2), 3);
+  EXPECT_THAT(ended.at("b").warnings, ElementsAre(HasSubstr("2 rows have empty cells behind")));
+  write("c.csv", "t,x,y,z\n0,1,2,3,4\n");
+  EXPECT_THAT(refused("source { files: \"c.csv\" " + force + "}"),
+              HasSubstr("c.csv:2: row of 5 cells, needed 4"));
+  write("d.csv", "t,x,y,z\n0,\"1,2,3\n");
+  EXPECT_THAT(refused("source { files: \"d.csv\" " + force + "}"),
+              HasSubstr("d.csv:2:3: a quote without its other one"));
+}
+
+TEST(TextTables, OneOfSeveralInAFileEndsWhereItIsSaid) {
+  const std::string text = "t,x\n0,1\n1,2\n,\nDevices\nf,g,h\n1,2,3\n";
+  TextFormat format;
+  const auto rows = [&] { return TextTable("a.csv", text, format).rows(); };
+  try {
+    rows();
+    ADD_FAILURE();
+  } catch (const Error& error) {
+    EXPECT_THAT(error.what(), HasSubstr("a.csv:5: row of 1 cells, needed 2"));
+  }
+  format.ends_before = "";
+  EXPECT_EQ(rows(), 2U);
+  format.ends_before = "Dev";
+  EXPECT_EQ(rows(), 3U);
+  try {
+    TextTable("b.csv", "t,x\n0,1\n\nf,g,h\n", {});
+    ADD_FAILURE();
+  } catch (const Error& error) {
+    EXPECT_THAT(error.what(), HasSubstr("b.csv:4: row of 3 cells, needed 2: another table?"));
+  }
+}
+
+TEST_F(Import, NumbersOfFramesAndARateMakeTimesWithTheirGaps) {
+  write("a.csv", "Frame,f\n7,1\n8,2\n32,3\n");
+  const std::string column = "column { from: \"f\" to: \"load_N\" } ";
+  const auto made =
+      run("source { files: \"a.csv\" time { column: \"Frame\" rate_hz: 100 } " + column + "}");
+  EXPECT_THAT(made.at("a").find("coupon")->time_ns, ElementsAre(0, 10'000'000, 250'000'000));
+  write("b.csv", "Frame,f\n0.5,1\n");
+  EXPECT_THAT(
+      refused("source { files: \"b.csv\" time { column: \"Frame\" rate_hz: 100 } " + column + "}"),
+      HasSubstr("b.csv:2:1: \"0.5\" is no number of a frame"));
+}
+
+TEST_F(Import, AStampThatStepsBackByAMillionthIsLeftOut) {
+  std::string table = "t_s,f\n";
+  for (int k = 0; k < 300; ++k) table += fmt::format("{:.7f},1\n", k == 150 ? 1.4899997 : 0.01 * k);
+  write("a.csv", table);
+  const std::string column = "column { from: \"f\" to: \"load_N\" } ";
+  const auto made = run("source { files: \"a.csv\" " + column + "}");
+  EXPECT_EQ(made.at("a").find("coupon")->rows(), 299U);
+  EXPECT_THAT(made.at("a").warnings, ElementsAre(HasSubstr("1 of 300 rows no later")));
+  write("a.csv", table + "1,1\n");
+  EXPECT_THAT(refused("source { files: \"a.csv\" " + column + "}"), HasSubstr("needed increasing"));
+}
+
+TEST_F(Import, TextsOfInfoHaveValuesToo) {
+  write("run_b.csv", "t_s,f\n0,1\n1,1\n");
+  const auto made =
+      run("info { notes: \"of {x}\" } source { files: \"run_{x}.csv\" column { from: \"f\" to: "
+          "\"load_N\" } }");
+  EXPECT_EQ(made.at("run_b").info.notes(), "of b");
+}
+
+TEST_F(Import, HiddenFilesAreNobodys) {
+  write("a.csv", "t_s,f\n0,1\n1,1\n");
+  write("._a.csv", "Mac");
+  write(".git/b.csv", "x");
+  EXPECT_EQ(run("source { files: \"{x}.csv\" column { from: \"f\" to: \"load_N\" } }").size(), 1U);
+  EXPECT_THAT(files_below(folder_.path()), ElementsAre("a.csv"));
 }
 
 TEST_F(Import, WhatIsWrongIsToldWithItsPlace) {

@@ -59,11 +59,62 @@ TEST(Intake, AClockOffsetIsFoundWithItsSign) {
 TEST(Intake, ADriftIsFound) {
   Recording recording;
   recording.series["tool"] = track("tip_measured_", 0.01, 40, 0, 0, 0);
-  recording.series["tracker"] = track("tip_optical_", 0.01, 40, 0.02, 2e-3, 0);
+  recording.series["tracker"] = track("tip_optical_", 0.011, 40, 0.02, 2e-3, 0);
   const IntakeFigures figures = take_in(recording);
   const ClockFigures* clock = clock_of(figures, "tracker");
   ASSERT_NE(clock, nullptr);
   EXPECT_NEAR(clock->drift_ppm, 2000, 300);
+}
+
+/// A tool that moves along x and rests along y and z but for noise, with joints that shake.
+Recording arm(double late) {
+  Recording recording;
+  std::mt19937 generator(3);
+  std::normal_distribution<double> normal;
+  Series& goals = recording.series["tool_commanded"];
+  Series& joints = recording.series["joints"];
+  goals.columns = {"tip_commanded_x_m", "tip_commanded_y_m", "tip_commanded_z_m"};
+  joints.columns = {"q1_measured_rad", "dq1_measured_rad_per_s", "effort1_Nm",
+                    "q2_measured_rad", "dq2_measured_rad_per_s", "effort2_Nm"};
+  for (double t = 0; t <= 20; t += 0.01) {
+    goals.time_ns.push_back(std::llround(1e9 * t));
+    goals.values.insert(goals.values.end(), {path(t, 0), 0.02, 0.03});
+    joints.time_ns.push_back(std::llround(1e9 * (t + 0.004)));
+    joints.values.insert(
+        joints.values.end(),
+        {5 * path(t + 0.004 - late, 0) + 1e-5 * normal(generator), normal(generator),
+         0.1 * normal(generator), 1e-5 * normal(generator), normal(generator), std::sin(0.7 * t)});
+  }
+  return recording;
+}
+
+TEST(Intake, AnOffsetComesFromWhatMovesAndItsIntervalHolds) {
+  for (const double late : {0.03, 0.12}) {
+    const IntakeFigures figures = take_in(arm(late));
+    const ClockFigures* clock = clock_of(figures, "joints");
+    ASSERT_NE(clock, nullptr) << late;
+    EXPECT_NEAR(clock->offset_s, late, std::max(2 * clock->sd_s, 1e-3)) << print_intake(figures);
+    EXPECT_LT(clock->sd_s, 0.02);
+  }
+}
+
+TEST(Intake, ChannelsOfOneRowHaveNoClocksOfTheirOwn) {
+  Recording recording = arm(0.12);
+  recording.series["joints"].time_ns = recording.series["tool_commanded"].time_ns;
+  EXPECT_TRUE(take_in(recording).clocks.empty());
+}
+
+TEST(Intake, AGapOfYearsTakesNoLongerThanTheSamples) {
+  Recording recording;
+  Series series = track("tip_optical_", 0.01, 20, 0, 0, 1e-5);
+  for (std::size_t row = 1500; row < series.rows(); ++row)
+    series.time_ns[row] += 1'700'000'000'000'000'000;
+  recording.series["tracker"] = series;
+  recording.series["tool"] = track("tip_measured_", 0.01, 20, 0, 0, 1e-5);
+  const IntakeFigures figures = take_in(recording);
+  ASSERT_FALSE(figures.noise.empty());
+  EXPECT_LT(figures.noise.front().windows, 200U);
+  EXPECT_FALSE(repeatability({&recording, &recording}).empty());
 }
 
 TEST(Intake, AChannelThatShowsSomethingElseGetsNoClock) {

@@ -95,6 +95,11 @@ TEST_F(RealData, DavinciJaw) {
   // A sine of 30 deg about the place where the record began.
   EXPECT_GT(largest, 0.4);
   EXPECT_LT(largest, 1.2);
+  const Series& goals = *r.find("joints_commanded");
+  double goal = 0;
+  for (std::size_t row = 0; row < goals.rows(); ++row)
+    goal = std::max(goal, std::fabs(goals.at(row, goals.find("q_in_commanded_rad"))));
+  EXPECT_NEAR(goal, largest, 0.2) << "target_cnt is in radians";
 }
 
 TEST_F(RealData, PsmTipPush) {

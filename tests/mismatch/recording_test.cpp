@@ -268,6 +268,55 @@ TEST_F(RecordingFiles, ANamedSceneIsLookedForBesideTheRecordingThenInTheCase) {
   EXPECT_EQ(read_recording_folder(folder_ / "one").info.scene_believed_text(), "kind: solid\n");
 }
 
+TEST_F(RecordingFiles, ASceneIsAFileOfTheCaseAndNothingElse) {
+  write("secret.txt", "root:x:0:0\n");
+  write("case/one/force.csv", "t_s,fx_N,fy_N,fz_N\n0,1,2,3\n");
+  for (const std::string& scene :
+       std::vector<std::string>{"../../secret.txt", folder_ / "secret.txt", "link.txt"}) {
+    if (scene == "link.txt")
+      fs::create_symlink(folder_ / "secret.txt", folder_ / "case/one/link.txt");
+    write("case/one/recording.txtpb", "scene: \"" + scene + "\"\n");
+    EXPECT_THAT(refusal([&] { read_recording_folder(folder_ / "case/one"); }),
+                HasSubstr("lies outside of the folder of the case"))
+        << scene;
+  }
+  write("case/one/recording.txtpb", "scene: \"a.txtpb\"\n");
+  write("case/one/a.txtpb", "root:x:0:0\n");
+  EXPECT_THAT(refusal([&] { read_recording_folder(folder_ / "case/one"); }),
+              HasSubstr("a.txtpb:1:"));
+}
+
+TEST_F(RecordingFiles, AnAxisThatIsEmptyInEveryRowTakesNoNeighboursNumber) {
+  write("tool.csv",
+        "t_s,tip_commanded_x_m,tip_commanded_y_m,tip_commanded_z_m,jaw_commanded_rad\n"
+        "0,0.01,0.02,,0.4\n1,0.01,0.02,,0.4\n");
+  EXPECT_THAT(refused(), HasSubstr("tool.csv:1: column tip_commanded_z_m is empty in every row"));
+  fs::remove(folder_ / "tool.csv");
+  write("force.csv", "t_s,fx_N,fy_N,fz_N\n0,,,1\n1,,,2\n");
+  const Recording r = read_recording_folder(folder_.path());
+  EXPECT_THAT(r.warnings, testing::ElementsAre(HasSubstr("fx_N, fy_N known in no row")));
+  EXPECT_EQ(r.find("force")->at(1, 2), 2);
+  write_recording_mcap(r, folder_ / "r.mcap");
+  const Recording again = read_recording_mcap(folder_ / "r.mcap");
+  EXPECT_EQ(difference(r, again), "");
+  write_recording_folder(again, folder_ / "r");
+  EXPECT_EQ(difference(r, read_recording_folder(folder_ / "r")), "");
+}
+
+TEST_F(RecordingFiles, AFrameWithoutPointsGoesInAndOut) {
+  const std::string head =
+      "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\n"
+      "property float z\nend_header\n";
+  write("clouds.csv", "t_s,file\n0,clouds/0.ply\n1,clouds/1.ply\n");
+  write("clouds/0.ply", head + "nan nan nan\n");
+  write("clouds/1.ply", head + "1 2 3\n");
+  const Recording r = read_recording_folder(folder_.path());
+  EXPECT_EQ(r.clouds.fetch(0).size(), 0U);
+  write_recording_mcap(r, folder_ / "r.mcap");
+  write_recording_folder(read_recording_mcap(folder_ / "r.mcap"), folder_ / "r");
+  EXPECT_EQ(difference(r, read_recording_folder(folder_ / "r")), "");
+}
+
 TEST_F(RecordingFiles, WhatIsWrongIsToldWithItsPlace) {
   EXPECT_THAT(refused(), HasSubstr("nothing of a recording"));
   const std::string header = "t_s,fx_N,fy_N,fz_N\n";
@@ -344,6 +393,38 @@ TEST(Pcd, BinaryAndFieldsOfAnyTypeAreRead) {
                          "VERSION .7\nFIELDS x y\nSIZE 4 4\nTYPE F F\nCOUNT 1 1\nPOINTS 1\n"
                          "DATA ascii\n1 2\n")
                    .has_value());
+}
+
+TEST(Pcd, PackedFieldsAreUnpacked) {
+  const std::string head =
+      "VERSION .7\nFIELDS x y z i\nSIZE 4 4 4 1\nTYPE F F F U\nCOUNT 1 1 1 1\nPOINTS 3\n"
+      "VIEWPOINT 0 0 0 1 0 0 0\nDATA binary_compressed\n";
+  const std::vector<float> fields = {1, 1, 1, 2, 2, NAN, 3, 3, 3};
+  std::string body(reinterpret_cast<const char*>(fields.data()), 36);
+  body += "abc";
+  // 4 bytes as they are, 8 by a reference that repeats itself, then the rest as it is.
+  std::string packed;
+  packed += '\3';
+  packed += body.substr(0, 4);
+  packed += static_cast<char>((8 - 2) << 5);
+  packed += '\3';
+  packed += static_cast<char>(27 - 1);
+  packed += body.substr(12);
+  const auto file = [&](std::uint32_t unpacked) {
+    const std::uint32_t sizes[2] = {static_cast<std::uint32_t>(packed.size()), unpacked};
+    return head + std::string(reinterpret_cast<const char*>(sizes), 8) + packed;
+  };
+  const auto points = parse_pcd("a.pcd", file(39));
+  ASSERT_TRUE(points.has_value()) << points.error();
+  EXPECT_EQ(points.value(), (std::vector<Eigen::Vector3f>{{1, 2, 3}, {1, 2, 3}}));
+  EXPECT_THAT(parse_pcd("a.pcd", file(40)).error(), HasSubstr("packed data are damaged"));
+  const std::string whole = file(39);
+  for (std::size_t size = head.size(); size < whole.size(); ++size)
+    EXPECT_FALSE(parse_pcd("a.pcd", whole.substr(0, size)).has_value()) << size;
+  EXPECT_FALSE(has_viewpoint(whole));
+  std::string posed = whole;
+  posed.replace(posed.find("VIEWPOINT 0"), 11, "VIEWPOINT 1");
+  EXPECT_TRUE(has_viewpoint(posed));
 }
 
 }  // namespace

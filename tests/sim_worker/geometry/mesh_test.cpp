@@ -156,6 +156,45 @@ TEST(Mesh, ErrorsNameFileAndLine) {
               HasSubstr("file ends before endsolid"));
 }
 
+TEST(Mesh, VerticesOfEachFaceAreOneWhereTheyStandAtOnePlace) {
+  const TriangleMesh box = make_box_mesh({1, 1, 1});
+  std::string obj;
+  for (const Eigen::Vector3i& t : box.triangles) {
+    for (const int corner : t) {
+      const Eigen::Vector3d& p = box.vertices[static_cast<std::size_t>(corner)];
+      obj += fmt::format("v {} {} {}\n", p.x(), p.y(), p.z());
+    }
+    obj += "f -3 -2 -1\n";
+  }
+  EXPECT_EQ(error_of("a.obj", obj), "");
+  obj.resize(obj.size() - 11);  // the last face
+  EXPECT_THAT(error_of("a.obj", obj),
+              AllOf(HasSubstr("not closed"), HasSubstr("stand several times at one place")));
+}
+
+TEST(Mesh, LinesGoOnBehindABackslashAndOthersStatementsArePassedOver) {
+  const std::string box = test::print_obj(make_box_mesh({1, 1, 1}), "");
+  std::string continued;
+  for (const char c : box) continued += c == ' ' ? std::string(" \\\r\n") : std::string(1, c);
+  EXPECT_EQ(error_of("a.obj", continued), "");
+  EXPECT_EQ(error_of("a.obj", "lod 3\nx_my_program 1 2\n" + box), "");
+  EXPECT_THAT(error_of("a.obj", box + "surf 0 1 0 1 1 2\n"), HasSubstr("no polygons"));
+  EXPECT_THAT(error_of("a.obj", box + "\x01\x02\n"), HasSubstr("is not a line of an OBJ file"));
+}
+
+TEST(Mesh, StlOfOtherDialectsIsRead) {
+  std::string ascii = test::print_ascii_stl(make_box_mesh({1, 1, 1}));
+  std::string upper, parted = "\n \n";
+  for (const char c : ascii) upper += c >= 'a' && c <= 'z' ? static_cast<char>(c - 'a' + 'A') : c;
+  EXPECT_EQ(error_of("a.stl", upper), "");
+  parted += ascii;
+  for (std::size_t at = 0; (at = parted.find("endloop", at)) != std::string::npos; at += 8)
+    parted.replace(at, 7, "end loop");
+  EXPECT_EQ(error_of("a.stl", parted), "");
+  EXPECT_THAT(error_of("a.stl", "not a mesh but a long text " + ascii),
+              HasSubstr("text that begins with \"not\""));
+}
+
 TEST(Mesh, AByteOrderMarkIsNoPartOfATextFile) {
   const std::string mark = "\xef\xbb\xbf";
   EXPECT_EQ(error_of("a.obj", mark + test::print_obj(make_box_mesh({1, 1, 1}), "")), "");
