@@ -63,6 +63,8 @@ BaseFit with_candidates(const BaseFit& base, const std::vector<Candidate>& kept)
   return made;
 }
 
+constexpr int kSteps = 8;  // of Gauss and Newton on one linearisation
+
 /// Differences of simulations by the numbers of an effect; they stay while steps along them hold.
 struct Derivatives {
   std::vector<Prediction> at;                  ///< where they were taken
@@ -167,16 +169,20 @@ class EntrantSearch {
     return made;
   }
 
+  /// Where base and nuisances are led beside the surfaces of `fit`, the effect as it is, and the
+  /// cost there as their columns foretell it.
+  std::pair<Tried, double> led_beside(const Tried& at, const BaseFit& fit) const {
+    const Linearisation linear = with_base_columns(fit);
+    Tried led{at.searched,
+              improve(fit.data, linear, base_.fitted, kSteps, base_.limits, fit.found).state};
+    const double cost = cost_of(fit.data, linear, base_.fitted, led.state, base_.found.scales);
+    return {std::move(led), cost};
+  }
+
   /// Surfaces of `fit` with the derivatives of the base and those by the numbers of the effect,
   /// which become unknowns of `fit`, at zero.
   Linearisation linearise(const Derivatives& derivatives, BaseFit& fit) const {
-    Linearisation linear{fit.found.state, fit.surfaces};
-    for (const std::size_t r : base_.fitted) {
-      for (std::size_t f = 0; f < linear.predictions[r].frames.size(); ++f) {
-        PredictedFrame& frame = linear.predictions[r].frames[f];
-        if (frame.valid) frame.columns = columns_.predictions[r].frames[f].columns;
-      }
-    }
+    Linearisation linear = with_base_columns(fit);
     for (std::size_t k = 0; k < numbers_.size(); ++k) {
       const EffectNumber& number = numbers_[k];
       Unknown unknown;
@@ -193,9 +199,19 @@ class EntrantSearch {
   }
 
  private:
+  Linearisation with_base_columns(const BaseFit& fit) const {
+    Linearisation linear{fit.found.state, fit.surfaces};
+    for (const std::size_t r : base_.fitted) {
+      for (std::size_t f = 0; f < linear.predictions[r].frames.size(); ++f) {
+        PredictedFrame& frame = linear.predictions[r].frames[f];
+        if (frame.valid) frame.columns = columns_.predictions[r].frames[f].columns;
+      }
+    }
+    return linear;
+  }
+
   /// Amplitudes and base numbers together, as columns foretell them.
   std::pair<std::vector<double>, FitState> foretold() const {
-    constexpr int kSteps = 8;
     FitData joint = base_.data;
     for (Unknown& u : joint.unknowns) {
       if (u.role == NumberRole::kAtom) u.role = NumberRole::kNuisance;  // it may move
@@ -244,7 +260,6 @@ struct Step {
 /// shortened.
 Step next_step(const EntrantSearch& search, const Tried& at, const Derivatives& derivatives,
                BaseFit fit) {
-  constexpr int kSteps = 8;
   constexpr double kFarthest = 4;  // of the steps of the differences
   const BaseFit& base = search.base();
   const Linearisation linear = search.linearise(derivatives, fit);
@@ -273,6 +288,29 @@ struct Reached {
   BaseFit fit;
   double cost;
 };
+
+/// The start that fits best once base and nuisances follow it. Nothing where none can be simulated.
+std::optional<Reached> begin(const EntrantSearch& search) {
+  std::optional<Reached> begun;
+  Tried led;
+  double least = std::numeric_limits<double>::infinity();
+  for (const Tried& at : search.begins()) {
+    std::optional<BaseFit> fit = search.simulate(at, search.base().fitted);
+    if (!fit) continue;
+    auto [beside, cost] = search.led_beside(at, *fit);
+    if (!(cost < least)) continue;
+    least = cost;
+    led = std::move(beside);
+    const double here = search.cost(*fit);
+    begun = Reached{at, std::move(*fit), here};
+  }
+  if (!begun) return std::nullopt;
+  std::optional<BaseFit> fit = search.simulate(led, search.base().fitted);
+  if (!fit) return begun;
+  const double cost = search.cost(*fit);
+  if (cost < begun->cost) begun = Reached{std::move(led), std::move(*fit), cost};
+  return begun;
+}
 
 /// Steps along `derivatives`, each simulated, until they gain nothing or none is left. The step
 /// that would come next.
@@ -313,12 +351,7 @@ std::optional<EntrantFit> fit_entrant(const BaseFit& base, const Candidate& cand
   constexpr int kSimulated = 13, kDifferentiated = 3, kFinely = 4;
   EntrantSearch search(base, candidate, candidates, place, model);
   const double without = search.cost(search.base());
-  std::optional<Reached> begun;
-  for (const Tried& begin : search.begins()) {
-    std::optional<BaseFit> fit = search.simulate(begin, base.fitted);
-    const double cost = fit ? search.cost(*fit) : std::numeric_limits<double>::infinity();
-    if (fit && (!begun || cost < begun->cost)) begun = Reached{begin, std::move(*fit), cost};
-  }
+  std::optional<Reached> begun = begin(search);
   if (!begun) return std::nullopt;
   Reached& reached = *begun;
   Derivatives derivatives;

@@ -13,9 +13,9 @@
 
 #include "core/build_id.h"
 #include "core/check.h"
-#include "core/file_name.h"
 #include "core/command_line.h"
 #include "core/config.h"
+#include "core/file_name.h"
 #include "mismatch/recording/plain_folder.h"
 #include "mismatch/recording/read_recording.h"
 #include "mismatch/recording/recording_mcap.h"
