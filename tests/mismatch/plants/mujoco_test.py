@@ -75,11 +75,19 @@ def effects_of_no_size_are_the_null(null):
         check(f"{effect} of no size changes nothing", all(np.array_equal(out[key], null[key][:len(out[key])]) for key in null))
 
 
-def effects_are_seen(move):
-    for effect, parameters, where in (("inclusion", {"k": 8.0, "r": .012}, {"centre_m": [0, 0]}), ("grasp_slip", None, None),
-                                      ("obstacle_above", {"radius": .01, "gap": .002}, {"centre_m": [0, 0]})):
+def middle_rises(out, move):
+    """By how much the upper face's node nearest to the middle has risen, in the hold [m]."""
+    i, j = (np.abs(mujoco_sheet.halves(v) - v[-1] / 2).argmin() for v in (out["xs"], out["ys"]))
+    return move[int(round(UNTIL / fenics_truth.FRAME)), 1, i, j, 2]
+
+
+def effects_are_seen(null, move):
+    for effect, parameters, where in (("inclusion", {"k": 8.0, "r": .012}, {"centre_m": [0, 0]}), ("grasp_slip", None, None)):
         _, other = run(case_of(effect, parameters, where), UNTIL)
         check(f"{effect} moves the surface in the lift", np.abs(other[-1] - move[len(other) - 1])[1].max() > 2e-4)
+    gap = .003
+    under = middle_rises(*run(case_of("obstacle_above", {"radius": .01, "gap": gap}, {"centre_m": [0, 0]}), UNTIL))
+    check("a ball above keeps the middle down", under < gap + 5e-4 and middle_rises(null, move) > under + .001)
 
 
 def a_case_says_what_it_is(out, case):
@@ -103,7 +111,7 @@ def main():
     out, move = run(case)
     commands_are_followed(case, out, move)
     effects_of_no_size_are_the_null(out)
-    effects_are_seen(move)
+    effects_are_seen(out, move)
     a_case_says_what_it_is(out, case)
     print("recordings are as they should be")
 
