@@ -1,5 +1,6 @@
-// A foreign writer on the domain of a run until it is killed: dds_stranger RUN DOMAIN forges what learner and worker send;
-// dds_stranger RUN DOMAIN workers [PER_S=2000] announces made-up workers, one more each time.
+// A foreign writer on the domain of a run until it is killed: dds_stranger RUN DOMAIN forges what
+// learner and worker send; dds_stranger RUN DOMAIN workers [PER_S=2000] announces made-up workers,
+// one more each time.
 #include <unistd.h>
 
 #include <cstdlib>
