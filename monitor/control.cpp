@@ -10,6 +10,7 @@
 #include <thread>
 
 #include "core/clock.h"
+#include "core/printable.h"
 
 namespace omentum {
 namespace {
@@ -104,7 +105,8 @@ int run_control(const ControlOptions& options) {
   const std::string who = reply->worker_id == 0
                               ? reply->program
                               : fmt::format("{} {}", reply->program, reply->worker_id);
-  fmt::print("{}: {}: {}\n", reply->done ? "done" : "refused", who, reply->text);
+  fmt::print("{}: {}\n", reply->done ? "done" : "refused",
+             printable(fmt::format("{}: {}", who, reply->text)));
   return reply->done ? 0 : 1;
 }
 

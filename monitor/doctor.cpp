@@ -9,6 +9,7 @@
 
 #include "core/check.h"
 #include "core/clock.h"
+#include "core/printable.h"
 #include "monitor/run_watch.h"
 
 namespace omentum {
@@ -54,7 +55,7 @@ std::string print_finding(const Finding& finding) {
   std::string line =
       fmt::format("{:<6} {:<16} {}\n", finding.ok ? "ok" : "WRONG", finding.about, finding.detail);
   if (!finding.remedy.empty()) line += fmt::format("{:<23} -> {}\n", "", finding.remedy);
-  return line;
+  return printable(line);
 }
 
 std::vector<Finding> check_run(const RunState& state, const ToolOptions& options,
