@@ -148,6 +148,7 @@ class Conversion {
           "{} has {} \"{}\" and \"{}\": two arms in one log, and a recording has one; needed a "
           "log of each, captured at its own port",
           shown(key), field, shown(known->second), shown(name));
+      return;
     }
   }
 

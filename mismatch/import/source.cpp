@@ -105,6 +105,7 @@ TextTable read_source_table(const pb::SourceMap& source, const std::string& path
   format.header = source.header();
   format.unit_rows = source.unit_rows();
   format.unknown.assign(source.unknown().begin(), source.unknown().end());
+  if (source.has_ends_before()) format.ends_before = source.ends_before();
   return TextTable::read(path, format);
 }
 

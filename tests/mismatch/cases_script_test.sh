@@ -11,7 +11,7 @@ mkfifo "$folder/cases/pipe/force.csv"
 said=$(OMENTUM_BIN=$1 "$script" "$folder/cases") || true
 grep -q '^good: import the folder: exit 0: ok: ' <<<"$said"
 grep -q '^good: export ' <<<"$said"
-grep -q '^refused: import the folder: exit 2: ok: mismatch: .*without fz_N' <<<"$said"
+grep -q '^refused: import the folder: exit 2: ok: mismatch: .*without fy_N' <<<"$said"
 grep -q '^pipe: import the folder: exit 2: ok: mismatch: .*force.csv: cannot be opened: a pipe' <<<"$said"
 grep -q '^0 wrong$' <<<"$said"
 # Programs that hang, crash, or refuse in two lines.

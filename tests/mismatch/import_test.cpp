@@ -319,6 +319,14 @@ TEST(TextTables, OneOfSeveralInAFileEndsWhereItIsSaid) {
   }
 }
 
+TEST_F(Import, TheFirstOfTwoTablesIsTakenAlone) {
+  write("a.csv", "t_s,f\n0,1\n1,2\n\nDevices\nt_s,g,h\n0,1,2\n");
+  const std::string rest = "column { from: \"f\" to: \"load_N\" } }";
+  EXPECT_THAT(refused("source { files: \"a.csv\" " + rest), HasSubstr("source.ends_before"));
+  const auto made = run("source { files: \"a.csv\" ends_before: \"Devices\" " + rest);
+  EXPECT_EQ(made.at("a").find("coupon")->rows(), 2U);
+}
+
 TEST_F(Import, NumbersOfFramesAndARateMakeTimesWithTheirGaps) {
   write("a.csv", "Frame,f\n7,1\n8,2\n32,3\n");
   const std::string column = "column { from: \"f\" to: \"load_N\" } ";
