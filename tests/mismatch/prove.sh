@@ -1,7 +1,7 @@
 #!/bin/bash
 # A batch of concealed cases from truth to table:
 #   tests/mismatch/prove.sh --plant fenics|mujoco --batch smoke|dev --seed N -o OUT
-# Truths are kept in $OMENTUM_TRUTHS (else OUT/truths) and used again; a truth costs some 8 minutes of a core. No label
+# Truths are kept in $OMENTUM_TRUTHS (else OUT/truths) and used again; a truth costs some 8 minutes of a core, by mujoco one. No label
 # is on disk before the last verdict is; a manifest holds the hashes of recordings and labels before the first.
 # OMENTUM_MISMATCH names the program, else `mismatch` of the path; OMENTUM_PLANT_PYTHON a Python that has the plant's
 # engine, else /usr/bin/python3. What is done is not done twice.
