@@ -9,6 +9,7 @@
 
 #include "core/check.h"
 #include "core/durable_file.h"
+#include "core/file_name.h"
 #include "core/output_folder.h"
 #include "mismatch/fit/forward.h"
 #include "mismatch/import/import_map.h"
@@ -117,7 +118,7 @@ int import_recordings(const RecordingOptions& options) {
     std::printf("%s:%s\n", name.c_str(), summary(recording).c_str());
     for (const std::string& note : recording.notes) std::printf("  %s\n", note.c_str());
   };
-  if (!options.output.ends_with(".mcap")) {
+  if (!has_ending(options.output, ".mcap")) {
     OutputFolder out(options.output);
     out.begin();
     for_each(options, [&](const std::string& name, const Recording& recording) {
@@ -296,7 +297,8 @@ std::function<int()> add_recording_commands(CLI::App& app) {
       "import", "Recordings as MCAP files (docs/formats.md 13, docs/import.md)");
   in.add_option(
         "input", options->input,
-        "Recording folder, case folder with several, MCAP file, bag of ROS in MCAP, or with "
+        "Recording folder, case folder with several, MCAP file, bag of ROS in MCAP (a file, or the "
+        "folder of its parts), or with "
         "--map any folder")
       ->required();
   in.add_option("--map", options->map, "Mapping file that says how the recordings stand there");

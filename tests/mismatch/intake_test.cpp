@@ -67,7 +67,7 @@ TEST(Intake, ADriftIsFound) {
 }
 
 /// A tool that moves along x and rests along y and z but for noise, with joints that shake.
-Recording arm(double late) {
+Recording moving_arm(double late) {
   Recording recording;
   std::mt19937 generator(3);
   std::normal_distribution<double> normal;
@@ -90,7 +90,7 @@ Recording arm(double late) {
 
 TEST(Intake, AnOffsetComesFromWhatMovesAndItsIntervalHolds) {
   for (const double late : {0.03, 0.12}) {
-    const IntakeFigures figures = take_in(arm(late));
+    const IntakeFigures figures = take_in(moving_arm(late));
     const ClockFigures* clock = clock_of(figures, "joints");
     ASSERT_NE(clock, nullptr) << late;
     EXPECT_NEAR(clock->offset_s, late, std::max(2 * clock->sd_s, 1e-3)) << print_intake(figures);
@@ -99,7 +99,7 @@ TEST(Intake, AnOffsetComesFromWhatMovesAndItsIntervalHolds) {
 }
 
 TEST(Intake, ChannelsOfOneRowHaveNoClocksOfTheirOwn) {
-  Recording recording = arm(0.12);
+  Recording recording = moving_arm(0.12);
   recording.series["joints"].time_ns = recording.series["tool_commanded"].time_ns;
   EXPECT_TRUE(take_in(recording).clocks.empty());
 }
