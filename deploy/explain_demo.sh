@@ -10,7 +10,7 @@ usage: deploy/explain_demo.sh [--case NAME] [-o OUT] [--no-setup]
 
 Makes camera recordings from a stored simulation of another engine, lets `mismatch explain` say what the believed scene leaves out,
 and only then tells what was concealed.
-  --case NAME    inclusion_102 (default), or null_101, in which nothing is concealed
+  --case NAME    inclusion_102 (default), null_101, in which nothing is concealed, or another of tests/mismatch/plants/truths
   -o OUT         new folder for the case and the verdict (default: runs/explain_demo)
   --no-setup     take build/release as it is
 Exit codes: 0 done, 1 failed, 2 wrong input.
