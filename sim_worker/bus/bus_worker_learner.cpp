@@ -169,13 +169,14 @@ void BusWorker::rejoin_if_needed(std::int64_t now_ns) {
 
 void BusWorker::rejoin(const DdsProfile& profile, const std::string& reason, std::int64_t now_ns) {
   log().info("event=rejoin reason=\"{}\"", reason);
+  const bool expired = bus_->expired();
   for (int tries = 1;; ++tries) {
     try {
       join(profile);
       break;
     } catch (const Error& error) {
       // What was free a moment ago will be again; a certificate that has ended will not be valid.
-      if (tries >= kJoinTries || !profile.certificate_name.empty()) throw;
+      if (tries >= kJoinTries || expired) throw;
       log().warn("event=rejoin_failed reason=\"{}\"", error.what());
       std::this_thread::sleep_for(kJoinAgain);
     }
