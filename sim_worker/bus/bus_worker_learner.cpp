@@ -28,6 +28,7 @@ constexpr std::int64_t kMostRetryNs = 320 * kS;
 constexpr std::int64_t kDeafNs = 5 * kS;
 constexpr std::int64_t kWeightsLateNs = 4 * kS;  // the learner sends them again every 2 s
 constexpr std::int64_t kDeafPauseNs = 10 * kS;
+constexpr std::int64_t kDeafAskedNs = 20 * kS;  // while it simulates for others
 constexpr std::int64_t kDeafLongPauseNs = 60 * kS;
 constexpr std::int64_t kHeardLatelyNs = 300 * kS;
 constexpr int kJoinTries = 60;
@@ -132,7 +133,9 @@ std::string BusWorker::deafness(std::int64_t now_ns) {
   if (alone) {
     const bool simulates =
         simulations_.in_progress() > 0 || (asked_ns_ > 0 && now_ns - asked_ns_ < kTellNs);
-    if (simulates || now_ns - heard_ns_ < kDeafNs || !bus_->sees_a_learner()) return {};
+    // Who asks for simulations, which anybody may, must not keep it deaf.
+    if (simulates && now_ns - joined_ns_ < kDeafAskedNs) return {};
+    if (now_ns - heard_ns_ < kDeafNs || !bus_->sees_a_learner()) return {};
     return "a learner is there and is not heard";
   }
   if (unheard_) return "the learner does not hear this worker, or is not heard";
@@ -169,13 +172,14 @@ void BusWorker::rejoin_if_needed(std::int64_t now_ns) {
 
 void BusWorker::rejoin(const DdsProfile& profile, const std::string& reason, std::int64_t now_ns) {
   log().info("event=rejoin reason=\"{}\"", reason);
+  const bool expired = bus_->expired();
   for (int tries = 1;; ++tries) {
     try {
       join(profile);
       break;
     } catch (const Error& error) {
       // What was free a moment ago will be again; a certificate that has ended will not be valid.
-      if (tries >= kJoinTries || !profile.certificate_name.empty()) throw;
+      if (tries >= kJoinTries || expired) throw;
       log().warn("event=rejoin_failed reason=\"{}\"", error.what());
       std::this_thread::sleep_for(kJoinAgain);
     }
