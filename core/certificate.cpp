@@ -47,7 +47,8 @@ Bio memory_bio(const std::string& text) {
 }
 
 Result<std::string> read_security_file(const std::string& path) {
-  const int fd = open(path.c_str(), O_RDONLY | O_CLOEXEC);
+  // A pipe in its place must not be waited for; read_file() refuses it.
+  const int fd = open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK);
   const int error = errno;
   if (fd >= 0) close(fd);
   if (fd < 0 && error == EACCES) {

@@ -126,6 +126,7 @@ TEST_F(BadInput, WhatWouldBeIgnoredIsRefused) {
   const Finished raw = programs_.finish({OMENTUM_LEARNER, "--run", "\x1b[2Jx"});
   expect_refused(raw, {"run.name", "?[2Jx"});
   const std::string run = programs_.folder() / "twice";
+  std::filesystem::create_directories(run);
   expect_refused(programs_.finish({OMENTUM_REPORT, run, run + "/"}), {"named twice"});
 }
 
