@@ -150,7 +150,7 @@ TEST_F(BadInput, APipeInThePlaceOfAFileIsRefused) {
         Strings{OMENTUM_SIM_WORKER, "--grasp-study", run},
         Strings{OMENTUM_SIM_WORKER, "--replay", pipe},
         Strings{OMENTUM_SIM_WORKER, "--security-dir", keys}, Strings{OMENTUM_REPORT, pipe},
-        Strings{OMENTUM_DVRK_GATEWAY, "--policy", pipe, "--registration", pipe, "check"}}) {
+        Strings{OMENTUM_DVRK_GATEWAY, "--policy", pipe, "--robot", "127.0.0.1:48051", "check"}}) {
     Process program(arguments, programs_.folder() / "out", programs_.folder() / "err");
     EXPECT_EQ(program.wait(std::chrono::seconds(30)), 2) << arguments[0] << " " << arguments[1];
     EXPECT_THAT(test::read_text(programs_.folder() / "err"), HasSubstr("pipe"));
