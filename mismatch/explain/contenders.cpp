@@ -82,7 +82,7 @@ std::vector<Contender> refit(const BaseFit& base, const std::vector<Candidate>& 
                              const ProgressOf& progress) {
   std::vector<Contender> contenders;
   const std::vector<double> before = costs_of(base);
-  double most = 0;
+  double most = 0, most_gained = 0;
   for (const Candidate& candidate : first) {
     // Columns foretell z^2 / 2 nats; what would not lead with twice of it is not simulated.
     const double z = std::ranges::find(tests, candidate.key, &ScoreTest::atom)->z;
@@ -91,9 +91,10 @@ std::vector<Contender> refit(const BaseFit& base, const std::vector<Candidate>& 
       progress(0.7 + 0.15 * static_cast<double>(&candidate - first.data()) /
                          static_cast<double>(first.size()),
                "refit with " + candidate.effect);
-    std::optional<EntrantFit> fit =
-        fit_entrant(base, candidate, candidates, place_of(candidate, candidates, tests), model);
+    std::optional<EntrantFit> fit = fit_entrant(
+        base, candidate, candidates, place_of(candidate, candidates, tests), most_gained, model);
     if (!fit) continue;
+    most_gained = std::max(most_gained, fit->gained);
     Contender made{std::move(*fit), {}, {}, 0};
     const std::vector<double> after = costs_of(made.fit.fit);
     for (std::size_t k = 0; k < folds.size(); ++k) {

@@ -65,9 +65,11 @@ BaseFit with_candidates(const BaseFit& base, const std::vector<Candidate>& kept)
 
 constexpr int kSteps = 8;  // of Gauss and Newton on one linearisation
 
-/// Differences of simulations by the numbers of an effect; they stay while steps along them hold.
+/// Derivatives of a scene with the effect in it: columns of the base, and differences of
+/// simulations by the numbers of the effect. They stay while steps along them hold.
 struct Derivatives {
-  std::vector<Prediction> at;                  ///< where they were taken
+  std::vector<Prediction> base;                ///< with columns
+  std::vector<Prediction> at;                  ///< where differences were taken
   std::vector<std::vector<Prediction>> moved;  ///< by each number
   std::vector<double> steps;                   ///< of each number
 };
@@ -87,6 +89,12 @@ class EntrantSearch {
         coarse_(base_.coarse_surfaces) {
     auto [amplitudes, led] = foretold();
     numbers_ = effect_numbers(candidate, candidates, amplitudes, place, base_.data.made);
+    // Lines of the mesh let go of the clamp one after the other: a step passes one.
+    for (EffectNumber& number : numbers_) {
+      if (candidate.effect != "anchor_detachment") continue;
+      const double line_m = (number.high - number.low) / base_.coarse.elements[0];
+      number.step = std::max(number.step, line_m);
+    }
     const auto begin_at = [&](const std::vector<EffectNumber>& numbers) {
       Tried begin{{}, led};
       for (const EffectNumber& number : numbers)
@@ -151,9 +159,9 @@ class EntrantSearch {
                    base_.found.scales);
   }
 
-  /// Simulates a step of each number of the effect.
+  /// Columns of the base beside the effect, and a step of each of its numbers, simulated.
   Derivatives differentiate(const Tried& at, const BaseFit& fit) const {
-    Derivatives made{fit.surfaces, {}, {}};
+    Derivatives made{columns_beside(at, fit), fit.surfaces, {}, {}};
     for (std::size_t k = 0; k < numbers_.size(); ++k) {
       const EffectNumber& number = numbers_[k];
       std::vector<double> there = at.searched;
@@ -172,7 +180,7 @@ class EntrantSearch {
   /// Where base and nuisances are led beside the surfaces of `fit`, the effect as it is, and the
   /// cost there as their columns foretell it.
   std::pair<Tried, double> led_beside(const Tried& at, const BaseFit& fit) const {
-    const Linearisation linear = with_base_columns(fit);
+    const Linearisation linear = with_columns_of(columns_.predictions, fit);
     Tried led{at.searched,
               improve(fit.data, linear, base_.fitted, kSteps, base_.limits, fit.found).state};
     const double cost = cost_of(fit.data, linear, base_.fitted, led.state, base_.found.scales);
@@ -182,7 +190,7 @@ class EntrantSearch {
   /// Surfaces of `fit` with the derivatives of the base and those by the numbers of the effect,
   /// which become unknowns of `fit`, at zero.
   Linearisation linearise(const Derivatives& derivatives, BaseFit& fit) const {
-    Linearisation linear = with_base_columns(fit);
+    Linearisation linear = with_columns_of(derivatives.base, fit);
     for (std::size_t k = 0; k < numbers_.size(); ++k) {
       const EffectNumber& number = numbers_[k];
       Unknown unknown;
@@ -199,12 +207,26 @@ class EntrantSearch {
   }
 
  private:
-  Linearisation with_base_columns(const BaseFit& fit) const {
+  /// Of a scene without the effect where it has none with it (memory, slip).
+  std::vector<Prediction> columns_beside(const Tried& at, const BaseFit& fit) const {
+    FitData data = base_.data;
+    data.scene = scene_with(at.searched);
+    for (Unknown& u : data.unknowns) {
+      if (u.role == NumberRole::kAtom) u.column.clear();
+    }
+    auto made = model_.simulate(data, at.state, fit.coarse, true, base_.fitted);
+    return is_simulated(made, base_.coarse_surfaces, base_.fitted) ? made : columns_.predictions;
+  }
+
+  Linearisation with_columns_of(const std::vector<Prediction>& columns, const BaseFit& fit) const {
     Linearisation linear{fit.found.state, fit.surfaces};
     for (const std::size_t r : base_.fitted) {
       for (std::size_t f = 0; f < linear.predictions[r].frames.size(); ++f) {
         PredictedFrame& frame = linear.predictions[r].frames[f];
-        if (frame.valid) frame.columns = columns_.predictions[r].frames[f].columns;
+        const Eigen::MatrixXf& of_frame = columns[r].frames[f].columns;
+        if (frame.valid)
+          frame.columns =
+              of_frame.size() > 0 ? of_frame : columns_.predictions[r].frames[f].columns;
       }
     }
     return linear;
@@ -289,7 +311,8 @@ struct Reached {
   double cost;
 };
 
-/// The start that fits best once base and nuisances follow it. Nothing where none can be simulated.
+/// The start that fits best once base and nuisances follow it, as far as they lead to where it
+/// does. Nothing where none can be simulated.
 std::optional<Reached> begin(const EntrantSearch& search) {
   std::optional<Reached> begun;
   Tried led;
@@ -305,10 +328,13 @@ std::optional<Reached> begin(const EntrantSearch& search) {
     begun = Reached{at, std::move(*fit), here};
   }
   if (!begun) return std::nullopt;
-  std::optional<BaseFit> fit = search.simulate(led, search.base().fitted);
-  if (!fit) return begun;
-  const double cost = search.cost(*fit);
-  if (cost < begun->cost) begun = Reached{std::move(led), std::move(*fit), cost};
+  StepLength length;
+  while (!length.settled()) {
+    Tried next = between(begun->at, led, length.share());
+    std::optional<BaseFit> fit = search.simulate(next, search.base().fitted);
+    const double cost = fit ? search.cost(*fit) : std::numeric_limits<double>::infinity();
+    if (length.accept(begun->cost - cost)) return Reached{std::move(next), std::move(*fit), cost};
+  }
   return begun;
 }
 
@@ -346,9 +372,10 @@ std::vector<std::string> EntrantFit::keys() const {
 
 std::optional<EntrantFit> fit_entrant(const BaseFit& base, const Candidate& candidate,
                                       const std::vector<Candidate>& candidates,
-                                      const std::optional<Vector2d>& place,
+                                      const std::optional<Vector2d>& place, double most_gained,
                                       ReferenceForward& model) {
   constexpr int kSimulated = 13, kDifferentiated = 3, kFinely = 4;
+  constexpr double kInTheRace = 0.5;  // of what the best one gained
   EntrantSearch search(base, candidate, candidates, place, model);
   const double without = search.cost(search.base());
   std::optional<Reached> begun = begin(search);
@@ -356,17 +383,20 @@ std::optional<EntrantFit> fit_entrant(const BaseFit& base, const Candidate& cand
   Reached& reached = *begun;
   Derivatives derivatives;
   std::optional<Step> step;
-  for (int fresh = 0, left = kSimulated; fresh < kDifferentiated && left > 0; ++fresh) {
+  bool outrun = false;
+  for (int fresh = 0, left = kSimulated; !outrun && fresh < kDifferentiated && left > 0; ++fresh) {
     derivatives = search.differentiate(reached.at, reached.fit);
     const double before = reached.cost;
     step = follow(search, derivatives, left, reached);
     constexpr double kGained = 4;  // [nats] since derivatives were taken: less asks for no others
+    outrun = without - reached.cost < kInTheRace * most_gained;
     if (before - reached.cost < kGained) break;
   }
   if (!(reached.cost < without)) return std::nullopt;
   // What the finer mesh differs by depends on the effect: a stiff place of few coarse cells is
   // stiffer than it should be.
-  if (std::optional<BaseFit> fine = search.simulate_finely(reached.at)) {
+  if (std::optional<BaseFit> fine;
+      !outrun && (fine = search.simulate_finely(reached.at)).has_value()) {
     reached.cost = search.cost(*fine);
     reached.fit = std::move(*fine);
     int left = kFinely;

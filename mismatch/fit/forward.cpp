@@ -22,9 +22,9 @@ struct Between {
   std::size_t step = 0;
   double share = 0;  ///< of the step behind
 };
-Between between(const Observation& observation, double t) {
-  const std::size_t steps = count_steps(observation.track, observation.period);
-  const double place = (t - observation.track.begin()) / observation.period;
+Between between(const ToolTrack& track, double period, double t) {
+  const std::size_t steps = count_steps(track, period);
+  const double place = (t - track.begin()) / period;
   if (!(place > 0)) return {0, 0};
   const auto step = static_cast<std::size_t>(place);
   if (step >= steps) return {steps - 1, 1};
@@ -192,7 +192,7 @@ SimulationTask make_calibration_task(const Observation& observation, const pb::S
   task.scene = scene;
   task.folder = folder;
   task.commands = observation.track;
-  task.period = observation.period;
+  task.period = numerics.period * observation.period;
   task.grasp = observation.grasp;
   if (observation.held) task.scene.mutable_held_start()->set_until_s(observation.released);
   pb::Tissue& tissue = *task.scene.mutable_tissue();
@@ -253,7 +253,7 @@ Prediction predict_or_throw(const Observation& observation, const pb::Scene& sce
   const bool held = task.scene.has_held_start();
   std::vector<Between> places;
   for (const SeenFrame& frame : observation.frames)
-    places.push_back(between(observation, frame.t - clock));
+    places.push_back(between(task.commands, task.period, frame.t - clock));
   if (with_columns) {
     std::string list;
     for (const Unknown& unknown : unknowns) {
@@ -295,10 +295,9 @@ Prediction predict_or_throw(const Observation& observation, const pb::Scene& sce
     const std::vector<Vector3d>& b = *surface_at(place.step + 1);
     for (std::size_t i = 0; i < a.size(); ++i) {
       frame.vertices.push_back(a[i] + place.share * (b[i] - a[i]));
-      frame.velocity.push_back((b[i] - a[i]) / observation.period);
+      frame.velocity.push_back((b[i] - a[i]) / task.period);
     }
-    frame.trajectory =
-        trajectory_of(place, observation.period, recording.points.size(), surface_at);
+    frame.trajectory = trajectory_of(place, task.period, recording.points.size(), surface_at);
     frame.tip = recording.tip[place.step] +
                 place.share * (recording.tip[place.step + 1] - recording.tip[place.step]);
     frame.force = recording.force[place.step] +

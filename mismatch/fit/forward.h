@@ -74,6 +74,7 @@ struct Numerics {
   std::array<int, 3> elements = {0, 0, 0};
   double substeps = 1;            ///< times as many as the scene has
   double slip_speed_m_per_s = 0;  ///< friction is smooth below this or what the scene says
+  double period = 1;              ///< control steps are so many times as long, with their substeps
 };
 
 /// The trajectory of a frame reaches so far before and after it [s].

@@ -101,6 +101,17 @@ double largest_of(const FitPosterior& found) {
   return largest;
 }
 
+/// - log of likelihood and beliefs.
+double cost_of(std::span<const NormalEquations> recordings, const FitData& data, const Which& which,
+               const FitState& state, const Scales& scales) {
+  double sum = 0.5 * state.shared.cwiseQuotient(data.beliefs.shared_sd).squaredNorm();
+  for (std::size_t k = 0; k < which.size(); ++k) {
+    sum += recordings[k].cost;
+    sum += 0.5 * state.own[which[k]].cwiseQuotient(scales.own_sd).squaredNorm();
+  }
+  return sum;
+}
+
 void adapt_noise(const FitData& data, std::span<const NormalEquations> recordings,
                  NoiseModel& noise) {
   noise.sigma = robust_scale(recordings, &NormalEquations::deviation, kLeastNoise);
@@ -165,7 +176,7 @@ SearchState improve(const FitData& data, const Linearisation& linear, const Whic
     const auto recordings = compare(data, linear, which, at.state, at.scales.noise, true);
     const FitPosterior found = step_inside(data, recordings, which, range, at);
     double share = allowed_share(data, found, range, at.state);
-    const double before = cost_of(data, linear, which, at.state, at.scales);
+    const double before = cost_of(recordings, data, which, at.state, at.scales);
     bool better = false;
     constexpr int kHalvings = 5;
     for (int k = 0; k < kHalvings && !better; ++k, share *= 0.5) {
@@ -187,12 +198,7 @@ SearchState improve(const FitData& data, const Linearisation& linear, const Whic
 double cost_of(const FitData& data, const Linearisation& linear, const Which& which,
                const FitState& state, const Scales& scales) {
   const auto recordings = compare(data, linear, which, state, scales.noise, false);
-  double sum = 0.5 * state.shared.cwiseQuotient(data.beliefs.shared_sd).squaredNorm();
-  for (std::size_t k = 0; k < which.size(); ++k) {
-    sum += recordings[k].cost;
-    sum += 0.5 * state.own[which[k]].cwiseQuotient(scales.own_sd).squaredNorm();
-  }
-  return sum;
+  return cost_of(recordings, data, which, state, scales);
 }
 
 FitPosterior posterior_at(const FitData& data, const Linearisation& linear, const Which& which,
