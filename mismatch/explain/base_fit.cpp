@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "core/check.h"
 #include "mismatch/calibrate/scores.h"
@@ -374,12 +375,15 @@ std::vector<Prediction> changed_surfaces(const std::vector<Prediction>& fine,
 
 BaseFit believed_base(const pb::Scene& scene, std::vector<Observation> observations,
                       const ExplainOptions& options) {
-  // The clouds alone decide; a force is for later.
+  // The clouds alone decide; forces are compared with what they find (compare_forces()).
+  std::vector<std::vector<std::optional<SeenForce>>> forces;
   for (Observation& o : observations) {
-    for (SeenFrame& frame : o.frames) frame.force.reset();
+    std::vector<std::optional<SeenForce>>& of_frames = forces.emplace_back();
+    for (SeenFrame& frame : o.frames) of_frames.push_back(std::exchange(frame.force, {}));
   }
   const pb::Scene believed = with_soft_pad(scene);
   BaseFit base(make_fit_data(believed, std::move(observations), options));
+  base.forces = std::move(forces);
   const auto mesh_of = [&](double tolerance_m) -> Numerics {
     return {pb::TISSUE_REFERENCE,
             count_elements(believed, options.folder, base.data.observations, tolerance_m), 1};

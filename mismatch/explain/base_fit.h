@@ -1,5 +1,6 @@
 #pragma once
 
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -35,6 +36,8 @@ struct BaseFit {
   std::vector<Prediction> surfaces;         ///< of all recordings at `found`, on the fine mesh
   std::vector<Prediction> coarse_surfaces;  ///< the same on the coarse one
   Which failed;                             ///< recordings that cannot be simulated to their end
+  /// Of every frame of every recording; the fit does not see them.
+  std::vector<std::vector<std::optional<SeenForce>>> forces;
   /// Unknowns whose column is that of the pinch along x_B or y_B: displaced alike in all
   /// recordings.
   std::vector<std::pair<Eigen::Index, int>> pinch_atoms;

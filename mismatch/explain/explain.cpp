@@ -6,6 +6,8 @@
 #include <algorithm>
 #include <cmath>
 #include <ctime>
+#include <map>
+#include <optional>
 
 #include "core/check.h"
 #include "mismatch/explain/contenders.h"
@@ -50,12 +52,15 @@ void ask(std::vector<Evidence> evidence, Case& made) {
   made.judged = value_or_throw(judge_atoms(made.fitted, made.folds, made.floors, thresholds));
 }
 
-/// Of a nuisance that is pulled farther than it can be; empty where none is.
+/// Of a nuisance that is pulled farther than it can be, and not in one recording alone, as nothing
+/// is claimed by one alone; empty where none is.
 std::string told_pull(const Case& made) {
-  const std::vector<Pull> all = value_or_throw(pulls(made.fitted));
-  if (all.empty() || std::fabs(all.front().pull) <= made.options.thresholds.pull) return {};
-  return fmt::format("{} is pulled {:.1f} standard deviations", all.front().name(),
-                     std::fabs(all.front().pull));
+  std::map<std::string, std::string> folds;
+  for (std::size_t k = 0; k < made.fitted.size(); ++k) folds[made.fitted[k].name] = made.folds[k];
+  const std::optional<Pull> pull = repeated_pull(value_or_throw(pulls(made.fitted)), folds);
+  if (!pull || std::fabs(pull->pull) <= made.options.thresholds.pull) return {};
+  return fmt::format("{} is pulled {:.1f} standard deviations", pull->name(),
+                     std::fabs(pull->pull));
 }
 
 /// Nothing is claimed: silent, unless a nuisance is pulled farther than it can be.
@@ -199,8 +204,8 @@ Explanation explain(const pb::Scene& scene, std::vector<Observation> observation
   const BaseFit& best = claimed ? contenders.front().fit.fit : made.base;
   add_fit(made, best, model, verdict);
   if (claimed) add_explained_share(verdict);
+  add_channels(made, best, verdict);
   add_bad_recordings(made, verdict);
-  verdict.add_warnings("forces are not asked yet");
   add_predictions(made.base, best, out);
   out.scene = fitted_scene(made.base, best);
   out.base_scene = fitted_scene(made.base, made.base);

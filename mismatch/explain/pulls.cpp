@@ -3,7 +3,10 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <set>
 #include <tuple>
+
+#include "mismatch/explain/left_out_gains.h"
 
 namespace omentum {
 
@@ -43,6 +46,20 @@ Evidence own_part(const Evidence& recording, const std::map<std::string, double>
 }
 
 }  // namespace
+
+std::optional<Pull> repeated_pull(std::span<const Pull> pulls,
+                                  const std::map<std::string, std::string>& folds) {
+  std::set<std::string> names;
+  for (const auto& [recording, fold] : folds) names.insert(fold);
+  const bool enough = names.size() >= kLeastTrimmed;
+  std::map<std::string, std::string> first;  // fold, by number
+  for (const Pull& pull : pulls) {
+    if (!enough || pull.owner.empty()) return pull;
+    const std::string& fold = folds.at(pull.owner);
+    if (first.try_emplace(pull.key, fold).first->second != fold) return pull;
+  }
+  return std::nullopt;
+}
 
 Result<std::vector<Pull>> pulls(std::span<const Evidence> recordings) {
   std::vector<Evidence> integrated;

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <map>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -18,6 +20,12 @@ struct Pull {
 
   std::string name() const { return owner.empty() ? key : owner + ": " + key; }
 };
+
+/// The farthest pull that no fold is alone with, of `pulls` in their order: of a shared number, or
+/// of one that recordings have of their own the farthest of a second fold. With fewer than five
+/// folds simply the first. Nothing where there is none. `folds` of recordings, by their names.
+std::optional<Pull> repeated_pull(std::span<const Pull> pulls,
+                                  const std::map<std::string, std::string>& folds);
 
 /// Nuisances and numerics have pulls in the fit to all recordings, atoms at zero (docs/mismatch.md
 /// 5.4); free numbers have none. The largest stands first, equal ones by key and owner.

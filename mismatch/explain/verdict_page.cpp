@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <utility>
 
 #include "mismatch/explain/explain.h"
 #include "mismatch/explain/verdict_words.h"
@@ -186,10 +187,19 @@ std::string effect_table(const pb::VerdictEffect& effect) {
   return card(html);
 }
 
-/// The number of an effect that is known best, as a share of itself.
+std::string channels_of(const pb::Verdict& v) {
+  std::string html;
+  for (const pb::VerdictChannel& channel : v.channels())
+    html += "<p>" + escape_html(channel_text(channel)) + "</p>";
+  return html.empty() ? "" : card(html);
+}
+
+/// The number of an effect that is known best, as a share of itself; of one at the end of its range
+/// half of the interval is cut off.
 const pb::VerdictParameter& best_known(const pb::VerdictEffect& effect) {
   const auto open = [](const pb::VerdictParameter& p) {
-    return (p.high90() - p.low90()) / std::max(std::fabs(p.value()), 1e-12);
+    const double share = (p.high90() - p.low90()) / std::max(std::fabs(p.value()), 1e-12);
+    return std::pair(p.at_bound(), share);
   };
   return *std::ranges::min_element(effect.parameters(), {}, open);
 }
@@ -251,7 +261,7 @@ std::string make_verdict_page(const Explanation& found, const std::string& folde
       {"fit", "Before and after",
        "How far the cloud is from the simulated surface, in blocks of 20 mm and 0.2 s "
        "(rms of their medians). What was held out was never fitted.",
-       error_bars(v)});
+       error_bars(v) + channels_of(v)});
   sections.push_back({"surface", "Recordings and simulation",
                       "Cloud over the simulated surface, before and after.",
                       viewer(found, folder)});

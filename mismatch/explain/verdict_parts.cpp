@@ -12,6 +12,7 @@
 #include "core/check.h"
 #include "mismatch/explain/block_errors.h"
 #include "mismatch/explain/detection_limits.h"
+#include "mismatch/explain/force_channel.h"
 #include "mismatch/explain/shares.h"
 #include "mismatch/explain/when.h"
 
@@ -366,6 +367,25 @@ void add_fit(const Case& made, const BaseFit& best, ReferenceForward& model, pb:
       row.set_rmse_shell_model(in_shell.model);
     }
   }
+}
+
+void add_channels(const Case& made, const BaseFit& best, pb::Verdict& verdict) {
+  const std::optional<ForceChannel> force = compare_forces(made.base, best);
+  if (!force) {
+    verdict.add_warnings("no force on the tool: stiffness is known against the weight alone");
+    return;
+  }
+  pb::VerdictChannel& row = *verdict.add_channels();
+  row.set_name("force");
+  row.set_unit("N");
+  row.set_rows(static_cast<int>(force->rows));
+  row.set_rms_base(force->base);
+  row.set_rms_model(force->model);
+  row.set_gain(force->gain);
+  row.set_contradicts(force->contradicts);
+  if (!force->contradicts || verdict.effects_size() == 0) return;
+  verdict.set_status("partly_explained");
+  if (verdict.reason().empty()) verdict.set_reason("the force on the tool contradicts it");
 }
 
 void add_bad_recordings(const Case& made, pb::Verdict& verdict) {

@@ -37,6 +37,8 @@ void add_effect(const Case& made, const std::vector<Contender>& contenders, pb::
 /// Errors of each recording without and with `best` (block_errors()), of those held out in the
 /// shell besides.
 void add_fit(const Case& made, const BaseFit& best, ReferenceForward& model, pb::Verdict& verdict);
+/// Forces on the tool without and with `best`. A claim that they contradict does not explain all.
+void add_channels(const Case& made, const BaseFit& best, pb::Verdict& verdict);
 /// A recording several times as far off as the others, or that cannot be simulated.
 void add_bad_recordings(const Case& made, pb::Verdict& verdict);
 

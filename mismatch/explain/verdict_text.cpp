@@ -176,7 +176,9 @@ std::string fit_text(const pb::Verdict& v) {
                mm(row.floor()), row.has_rmse_shell_base() ? mm(row.rmse_shell_base()) : "",
                row.has_rmse_shell_model() ? mm(row.rmse_shell_model()) : ""});
   }
-  return table.empty() ? "" : table.text();
+  std::string text = table.empty() ? "" : table.text();
+  for (const pb::VerdictChannel& channel : v.channels()) text += channel_text(channel) + "\n";
+  return text;
 }
 
 }  // namespace

@@ -29,6 +29,14 @@ std::string where_text(const pb::VerdictWhere& where) {
   return text;
 }
 
+std::string channel_text(const pb::VerdictChannel& channel) {
+  return fmt::format("{}: {} {} before, {} {} after, rms of {} frames that no fit saw; {}",
+                     channel.name(), figure(channel.rms_base()), channel.unit(),
+                     figure(channel.rms_model()), channel.unit(), channel.rows(),
+                     channel.contradicts() ? "it contradicts the claim"
+                                           : "it does not contradict what is claimed");
+}
+
 std::string names_of(const pb::VerdictEffect& effect) {
   std::string names;
   for (const pb::VerdictMember& member : effect.class_().members())

@@ -13,6 +13,8 @@ std::string mm(double metres);
 std::string with_unit(double value, const std::string& unit);
 /// "at x = 2.00, y = 4.00 mm from the middle of the sheet"; empty where it says no place.
 std::string where_text(const pb::VerdictWhere& where);
+/// What a channel that no fit saw says of the claim.
+std::string channel_text(const pb::VerdictChannel& channel);
 /// "inclusion or soft_spot".
 std::string names_of(const pb::VerdictEffect& effect);
 

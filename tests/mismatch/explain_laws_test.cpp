@@ -283,6 +283,23 @@ TEST(ExplainLaws, PullsAreThoseOfTheFitOfAllNumbersAtOnce) {
   }
 }
 
+TEST(ExplainLaws, APullOfOneFoldOfFiveAloneDoesNotCount) {
+  std::map<std::string, std::string> folds;
+  for (const char* name : {"a", "b", "c", "d", "e"}) folds[name] = name;
+  folds["again"] = "a";  // a repeat of a
+  const auto own = [](const char* recording, double pull) {
+    return Pull{"own", recording, NumberRole::kNuisance, 0, pull};
+  };
+  const std::vector<Pull> alone = {own("a", 9), own("again", 8), own("c", -2)};
+  EXPECT_EQ(repeated_pull(alone, folds)->owner, "c");
+  const std::vector<Pull> shared = {
+      own("a", 9), {"clock", "", NumberRole::kNuisance, 0, 6}, own("b", 5)};
+  EXPECT_EQ(repeated_pull(shared, folds)->key, "clock");
+  folds.erase("e");
+  EXPECT_EQ(repeated_pull(alone, folds)->owner, "a") << "as gains of fewer folds, not trimmed";
+  EXPECT_FALSE(repeated_pull({}, folds).has_value());
+}
+
 TEST(ExplainLaws, ANuisancePulledTooFarLeavesNoAtomAdequate) {
   LinearWorld world = draw_world(36, {2, 0, 0});
   // Recording 3 moved by ten times what is believed of its own number 0.
