@@ -164,15 +164,6 @@ void add_dds_options(CLI::App& app, DdsOptions& options) {
       ->group(kGroup);
 }
 
-std::size_t learner_receive_bytes(std::size_t slots, std::size_t segment_bytes) {
-  return slots * segment_bytes;
-}
-
-std::size_t worker_receive_bytes(std::size_t lanes, std::size_t state_bytes,
-                                 std::size_t weights_bytes) {
-  return 2 * (lanes * state_bytes + weights_bytes);
-}
-
 std::size_t probe_receive_buffer(std::size_t wanted) {
   const int fd = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
   if (fd < 0) return 0;

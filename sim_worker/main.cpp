@@ -235,13 +235,8 @@ int run(int argc, char** argv) {
   }
   const LaneKernel<float>& kernel = choose_kernel(width);
   if (lanes == 0) lanes = static_cast<unsigned>(kernel.lanes);
-  // State of a large scene (4,353 particles, docs/wire.md 2.1) and the weights of the largest
-  // preset.
-  constexpr std::size_t kStateBytes = 105000;
-  constexpr std::size_t kWeightBytes = 400000;
-  const std::size_t needed_bytes = worker_receive_bytes(lanes, kStateBytes, kWeightBytes);
   const auto find_profile = [&] {
-    return find_dds_profile(dds, DdsRole::kOther, domain, needed_bytes);
+    return find_dds_profile(dds, DdsRole::kOther, domain, kReceiveBufferBytes);
   };
   if (print_dds) {
     const Result<DdsProfile> profile = find_profile();
@@ -255,7 +250,7 @@ int run(int argc, char** argv) {
   const auto stopped = [] { return stop_requested != 0; };
   const auto max_wait_ns = static_cast<std::int64_t>(1e9 * max_wait_s);
   const std::optional<DdsProfile> profile =
-      wait_for_dds_profile(dds, DdsRole::kOther, domain, needed_bytes, max_wait_ns, stopped);
+      wait_for_dds_profile(dds, DdsRole::kOther, domain, kReceiveBufferBytes, max_wait_ns, stopped);
   if (!profile) return stopped() ? 0 : 1;
 
   BusWorkerOptions options;
