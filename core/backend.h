@@ -82,7 +82,8 @@ class Snapshots {
   /// Restores a state written by save(). Fails, changing nothing, on a state of another format or
   /// size.
   virtual Result<void> load(int lane, std::span<const std::byte> state) = 0;
-  /// Particle positions in W [m], x y z interleaved; for frames of recordings.
+  /// Particle positions in W [m], x y z interleaved, in the place of what `out` held; for frames of
+  /// recordings.
   virtual void positions(int lane, std::vector<float>& out) const = 0;
 };
 
@@ -98,9 +99,11 @@ class Backend {
   /// Entries of an action in its segments: action_columns() of its task.
   virtual std::size_t columns() const { return action_columns(0); }
 
+  // Everywhere 0 <= lane < lanes(), which is not checked.
+
   /// Begins an episode, independent of what the lane held before.
   virtual void reset(int lane, const EpisodeStart& start) = 0;
-  /// Writes observation_size() raw values.
+  /// Writes observation_size() raw values; a span of another size aborts in a simulation.
   virtual void observe(int lane, std::span<float> observation) const = 0;
   /// Advances every lane by one decision. Spans have lanes() entries.
   virtual void step(std::span<const Action> actions, std::span<StepOutcome> outcomes) = 0;

@@ -9,7 +9,8 @@
 
 namespace omentum {
 
-/// Folder with presets/ and scenes/: $OMENTUM_DEPLOY_DIR, else ../../../deploy of the executable.
+/// Folder with presets/ and scenes/: $OMENTUM_DEPLOY_DIR, else deploy/ of the nearest folder above
+/// the executable that has deploy/presets. Throws Error where there is none.
 std::string deploy_dir();
 
 /// Names of the presets in deploy_dir().
@@ -21,10 +22,12 @@ std::vector<std::string> preset_names();
 /// knob, its value and the allowed range.
 pb::Config load_config(const std::string& preset, std::span<const std::string> overrides);
 
-/// As above from a resolved configuration text (a checkpoint, a manifest).
+/// As above from a resolved configuration text (a checkpoint, a manifest); `name` stands for the
+/// file in errors, and the hashes of mesh files stay as the text has them.
 pb::Config parse_config(const std::string& name, const std::string& text);
 
-/// A scene file by itself, with overrides "scene.a.b=c"; checked and filled in as in load_config.
+/// A scene file by itself, with overrides "scene.a.b=c". Knobs are checked and defaults filled in
+/// as in load_config, the hashes of mesh files are not. Throws Error as load_config does.
 pb::Scene load_scene(const std::string& path, std::span<const std::string> overrides);
 /// The same of a scene in memory.
 pb::Scene override_scene(const pb::Scene& scene, std::span<const std::string> overrides);

@@ -29,6 +29,8 @@ inline constexpr int kConvolutionStep = 4;
 inline constexpr int kConvolutionMinSize = 12;
 bool can_convolve(const PictureShape& picture);
 
+// Precondition of these three: can_convolve(picture).
+
 /// 16 filters of 4 x 4 pixels, side by side.
 Convolution first_convolution(const PictureShape& picture);
 /// 32 filters over 3 x 3 outputs of the first, every second one.
@@ -39,7 +41,8 @@ Convolution second_convolution(const PictureShape& picture);
 /// numbers does, whatever the size of the picture.
 float feature_scale(const PictureShape& picture);
 
-/// The inputs of first_convolution(): from the pixels of a picture, as observed.
+/// The inputs of first_convolution(): from the pixels of a picture, as observed. `pixels` has
+/// values() numbers, `planes` inputs() of first_convolution().
 void make_planes(const PictureShape& picture, const float* pixels, float* planes);
 
 /// positions x patch: the inputs of every output.

@@ -30,7 +30,7 @@ struct CsvTable {
   std::string cut_off;
 
   std::optional<std::size_t> column(std::string_view name) const;
-  /// "path:line:character" of a cell.
+  /// "path:line:character" of a cell that there is.
   std::string place(std::size_t row, std::size_t column) const;
   /// Fails on the first cell that is neither empty nor a number (`nan` and `inf` are numbers), but
   /// in the columns that `text` names.

@@ -87,7 +87,8 @@ class Participant {
   Entity entity_;
 };
 
-/// Registered type and name. The descriptor is static data made by idlc.
+/// Registered type and name. The descriptor is static data made by idlc; `spec` must outlive the
+/// topic, as those of topics() do.
 class Topic {
  public:
   Topic(const Participant& participant, const TopicSpec& spec,

@@ -27,12 +27,13 @@ struct DdsConfig {
   /// Names are not resolved here: Cyclone would do it once, take the first address and stay deaf
   /// without a word where it fails.
   std::vector<std::string> peers;
-  std::string interface;      ///< name or address; of no meaning with kLoopback
+  std::string interface;      ///< name or address, never empty; of no meaning with kLoopback
   bool large_buffers = true;  ///< the kernel gives 4 MiB to a socket
   std::string security_dir;   ///< files of deploy/security/make.sh; empty: no security
 };
 
-/// XML for dds::Participant. deploy/dds/*.xml are what it makes (tests/core/dds_config_test.cpp).
+/// XML for dds::Participant. Aborts without an interface where one is needed. deploy/dds/*.xml are
+/// what it makes (tests/core/dds_config_test.cpp).
 std::string dds_config_xml(const DdsConfig& config);
 
 }  // namespace omentum

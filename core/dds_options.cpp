@@ -144,33 +144,26 @@ void add_dds_options(CLI::App& app, DdsOptions& options) {
       ->envname("OMENTUM_DISCOVERY")
       ->capture_default_str()
       ->group(kGroup);
-  app.add_option("--peers", options.peers, "mesh: names or addresses of the hosts, A,B,...")
+  app.add_option("--peers", options.peers,
+                 "Hosts for --discovery mesh, names or addresses: A,B,...")
       ->delimiter(',')
       ->allow_extra_args(false)
       ->envname("OMENTUM_PEERS")
       ->group(kGroup);
-  app.add_option("--hub", options.hub, "hub: name or address of the learner's host")
+  app.add_option("--hub", options.hub,
+                 "Host of the learner for --discovery hub, a name or an address")
       ->envname("OMENTUM_HUB")
       ->group(kGroup);
   app.add_option("--interface", options.interface,
-                 "Name or address of the interface; default: the one that routes to the hub or to "
-                 "the first peer")
+                 "Network interface, a name or an address; default: the one that routes to the hub "
+                 "or to the first peer")
       ->envname("OMENTUM_INTERFACE")
       ->group(kGroup);
   app.add_option("--security-dir", options.security_dir,
-                 "Certificate, key and permissions of this program's role, from "
+                 "Folder with certificate, key and permissions of this program's role, from "
                  "deploy/security/make.sh; default: no DDS Security")
       ->envname("OMENTUM_SECURITY_DIR")
       ->group(kGroup);
-}
-
-std::size_t learner_receive_bytes(std::size_t slots, std::size_t segment_bytes) {
-  return slots * segment_bytes;
-}
-
-std::size_t worker_receive_bytes(std::size_t lanes, std::size_t state_bytes,
-                                 std::size_t weights_bytes) {
-  return 2 * (lanes * state_bytes + weights_bytes);
 }
 
 std::size_t probe_receive_buffer(std::size_t wanted) {

@@ -31,7 +31,8 @@ struct DdsOptions {
 /// set as well.
 void add_dds_options(CLI::App& app, DdsOptions& options);
 
-/// Receive buffer that a socket asks for.
+/// Receive buffer that a socket asks for. A learner and a worker need all of it: they join before
+/// anybody knows the size of a state, and a burst is as many of them as there are slots or lanes.
 inline constexpr std::size_t kReceiveBufferBytes = std::size_t{4} << 20;
 
 /// The Cyclone configuration of a process, and what the program itself must do on this machine
@@ -49,17 +50,11 @@ struct DdsProfile {
   std::int64_t task_spacing_ns = 0;      ///< between two task writes; 0 with large buffers
 };
 
-/// Usable bytes of a learner that gets E segments at once, and of a worker that gets its tasks and
-/// weights at once (docs/wire.md 5.3).
-std::size_t learner_receive_bytes(std::size_t slots, std::size_t segment_bytes);
-std::size_t worker_receive_bytes(std::size_t lanes, std::size_t state_bytes,
-                                 std::size_t weights_bytes);
-
 /// Profile of a program. Fails while a name does not exist or nothing routes to it: try again, as
 /// names of a cluster come and go. Throws Error for options that are wrong in themselves.
 /// CYCLONEDDS_URI, when set and not empty, is taken as it is. Where a socket has less than
-/// `needed_bytes` it is the configuration for small buffers: Cyclone itself would not warn, and
-/// stall for 100 ms at a time.
+/// `needed_bytes`, of which more than kReceiveBufferBytes do not count, it is the configuration for
+/// small buffers: Cyclone itself would not warn, and stall for 100 ms at a time.
 Result<DdsProfile> find_dds_profile(const DdsOptions& options, DdsRole role, std::uint32_t domain,
                                     std::size_t needed_bytes);
 

@@ -3,7 +3,8 @@
 #include <Eigen/Core>
 
 // Eigen's decompositions that several folders need, each compiled once: one of them takes a
-// compiler five to ten seconds in every source that names it. Pure functions.
+// compiler five to ten seconds in every source that names it. Pure functions. Numbers must be
+// finite.
 
 namespace omentum {
 

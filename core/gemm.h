@@ -23,8 +23,9 @@ constexpr int padded_columns(int columns) { return (columns + kPanel - 1) / kPan
 ///             row-major: b_panel = 16, b_inner = leading dimension
 ///   C[i][j] at c[i * c_row + j]
 ///
-/// `columns` is a multiple of 8; a last panel of 8 columns is allowed (B must still be readable as
-/// described). No allocation, no alignment requirement.
+/// `columns` must be a multiple of 8, which only debug builds check; a last panel of 8 columns is
+/// allowed (B must still be readable as described). `init` has `columns` entries. C must not
+/// overlap A, B or init. No allocation, no alignment requirement.
 struct GemmOperands {
   const float* a = nullptr;
   std::ptrdiff_t a_row = 0;

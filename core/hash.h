@@ -9,7 +9,7 @@
 
 namespace omentum {
 
-/// FNV-1a 64. Continues from `seed`, so that pieces can be chained.
+/// FNV-1a 64. Continues from `seed`, the hash of what came before, so that pieces can be chained.
 /// Source: draft-eastlake-fnv; offset basis cbf29ce484222325, prime 100000001b3.
 inline constexpr std::uint64_t kFnvOffset = 0xcbf29ce484222325ULL;
 std::uint64_t fnv1a64(std::span<const std::byte> bytes, std::uint64_t seed = kFnvOffset);
@@ -21,8 +21,8 @@ std::uint64_t fnv1a64(std::string_view text, std::uint64_t seed = kFnvOffset);
 /// integrity, not against an adversary. Reaches wire and recordings: do not change.
 std::uint64_t hash_state(std::span<const std::byte> bytes);
 
-/// CRC-32C (Castagnoli), as used by TensorBoard records, checkpoints and segments. Hardware
-/// instruction of SSE4.2.
+/// CRC-32C (Castagnoli), as used by TensorBoard records, checkpoints and segments; `seed` is the
+/// CRC of what came before. Hardware instruction of SSE4.2.
 std::uint32_t crc32c(std::span<const std::byte> bytes, std::uint32_t seed = 0);
 
 /// SHA-256 through OpenSSL.
@@ -32,6 +32,8 @@ Sha256 sha256(std::span<const std::byte> bytes);
 /// Lower-case hexadecimal of the bytes.
 std::string hex(std::span<const std::uint8_t> bytes);
 
+/// The values as they lie in memory: T must be trivially copyable and have no padding, whose bytes
+/// are undefined.
 template <typename T>
 std::span<const std::byte> bytes_of(std::span<const T> values) {
   return std::as_bytes(values);

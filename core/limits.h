@@ -17,7 +17,7 @@ inline constexpr std::size_t kMaxParameters = std::size_t{1} << 22;
 void check_limits(const pb::Config& config);
 
 /// The same for what only the scene tells. `state_bytes`: of one environment; `frame_numbers`: of
-/// one recorded frame of the tissue.
+/// one recorded frame of the tissue, above 0. Throws Error likewise.
 void check_scene_limits(const pb::Config& config, std::size_t state_bytes,
                         std::size_t frame_numbers);
 

@@ -39,14 +39,16 @@ class McapWriter {
   /// its imports.
   ChannelId add_channel(const std::string& topic, const google::protobuf::Descriptor& type);
 
+  /// Appends a message, which must be of the type of its channel. Aborts for a channel that
+  /// add_channel() did not give. Times may come in any order.
   void write(ChannelId channel, std::uint64_t time_ns, std::uint32_t sequence,
              const google::protobuf::Message& message);
 
   /// Closes the open chunk and writes it to the stream; a crash later does not lose it.
   void flush();
 
-  /// Writes the summary and the footer. Nothing may be written afterwards. Fails if the stream did
-  /// at any time.
+  /// Writes the summary and the footer. Nothing may be written afterwards; a second call aborts.
+  /// Fails if the stream did at any time.
   Result<void> finish();
 
  private:

@@ -16,7 +16,8 @@ std::string_view name_of(McapCompression compression);
 
 std::string compress(McapCompression compression, const std::string& records);
 
-/// What compress(kZstd, ...) was given, in this program.
+/// What compress(kZstd, ...) was given, in this program. Aborts on any other bytes: those of a file
+/// are for unpack_frame().
 std::string uncompress_zstd(const std::string& packed);
 
 /// What one frame of zstd holds; it lies in `unpacked`. At most `most` bytes are unpacked. Total

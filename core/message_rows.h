@@ -15,13 +15,15 @@ namespace omentum::message_rows {
 using google::protobuf::FieldDescriptor;
 using google::protobuf::Message;
 
+/// The field of that name; aborts where the message has none.
 inline const FieldDescriptor& field_of(const Message& message, const char* name) {
   const FieldDescriptor* field = message.GetDescriptor()->FindFieldByName(name);
   OMENTUM_CHECK(field != nullptr, "{} is no field of the recording", name);
   return *field;
 }
 
-/// Calls use(getter, setter) with what accesses a number field of its type.
+/// Calls use(getter, setter) with what accesses a number field of its type: float, double, uint32,
+/// uint64 or bool, else it aborts.
 template <typename Use>
 auto with_access(const FieldDescriptor& field, Use&& use) {
   using Access = google::protobuf::Reflection;

@@ -11,9 +11,10 @@ namespace omentum {
 /// A file written from begin to end; what does not reach the disk is an Error that names it.
 class OutputFile {
  public:
+  /// Replaces a file of that name. All members throw Error.
   explicit OutputFile(const std::filesystem::path& path);
   void add(std::string_view text);
-  /// Everything is on the disk.
+  /// Everything is on the disk. Nothing may be added afterwards.
   void close();
 
  private:
@@ -37,7 +38,8 @@ class OutputFolder {
   OutputFolder(const OutputFolder&) = delete;
   OutputFolder& operator=(const OutputFolder&) = delete;
 
-  // All throw Error. Precondition of the last two: begin().
+  // All throw Error. Precondition of the last two: begin(). `file` is below path(); a folder of it
+  // that is named there must have been made.
   void begin();
   void write(const std::string& file, std::string_view content) const;
   void finish();

@@ -99,29 +99,34 @@ struct Decision {
 /// make one per thread. Copies are independent.
 class Policy {
  public:
-  /// Aborts if the sizes of `weights` do not fit `shape`; callers check layout_hash first.
+  /// Aborts if the sizes of `weights` do not fit `shape`, for which callers check layout_hash
+  /// first, if the head has more than kMaxLogits outputs, or if this thread rounds otherwise than
+  /// IEEE's default (core/fp_mode.h).
   Policy(const PolicyShape& shape, PolicyWeights weights);
 
   const PolicyShape& shape() const { return shape_; }
   const PolicyWeights& weights() const { return weights_; }
 
-  /// Decides for n environments: observations n x O raw, one counter each. `greedy` takes the arg
-  /// max (lowest index wins a tie) or the mean. Sampling: one random_words() call gives one word
-  /// per branch, a second one (draw 1) those of the branches behind the fourth; u =
-  /// uniform_24(word); the first action whose cumulative probability exceeds u, the
-  /// last one takes the remainder. Gaussian: mean + std times the normal quantile of (u + 2^-25).
+  /// Decides for n = decisions.size() environments: observations n x O raw, one counter each, also
+  /// when greedy; other sizes abort. `greedy` takes the arg max (lowest index wins a tie) or the
+  /// mean. Sampling: one random_words() call gives one word per branch, a second one (draw 1) those
+  /// of the branches behind the fourth; u = uniform_24(word); the first action whose cumulative
+  /// probability exceeds u, the last one takes the remainder. Gaussian: mean + std times the normal
+  /// quantile of (u + 2^-25).
   void act(std::span<const float> observations, std::span<const ActionCounter> counters,
            bool greedy, std::span<Decision> decisions);
 
   /// Joint log-probability of given actions and the value, for the learner's integrity check and
   /// for replay: the same bits that act() returned. branches_taken: n x columns() (discrete head);
   /// continuous_taken: n x 4 (Gaussian). `branch_log_probs`, n x columns(), may be empty; unused
-  /// branches get 0; their ascending sum is the joint value.
+  /// branches get 0; their ascending sum is the joint value. n = log_probs.size(); other sizes
+  /// abort. An index at or beyond the size of its branch counts as 0.
   void evaluate(std::span<const float> observations, std::span<const std::uint8_t> branches_taken,
                 std::span<const float> continuous_taken, std::span<float> log_probs,
                 std::span<float> values, std::span<float> branch_log_probs = {});
 
-  /// Values alone, for bootstrapping: the same bits that act() and evaluate() return.
+  /// Values alone, for bootstrapping: the same bits that act() and evaluate() return. Aborts unless
+  /// there are values.size() x O observations.
   void estimate(std::span<const float> observations, std::span<float> values);
 
  private:

@@ -27,6 +27,7 @@ struct PsmPose {
 /// The theta offset of the robot's files; M_PI/2 is the textbook variant (1.2 um apart).
 inline constexpr double kPsmThetaOffset = 1.5708;
 
+/// Pose of the control point, X_RC. Joints may lie outside their limits; they must be finite.
 PsmPose psm_forward(const PsmJoints& q, const PsmInstrument& instrument = large_needle_driver(),
                     double theta_offset = kPsmThetaOffset);
 
@@ -89,7 +90,7 @@ struct ToolMount {
   double tip_offset = 0.0102;                               ///< |p_CT| along the jaw [m]
   Eigen::Vector3d workspace_min = Eigen::Vector3d::Zero();  ///< box for the tip in W [m]
   Eigen::Vector3d workspace_max = Eigen::Vector3d::Zero();
-  const PsmInstrument* instrument = &large_needle_driver();
+  const PsmInstrument* instrument = &large_needle_driver();  ///< must outlive the mount; never null
 
   /// Direction of the jaw in W: from C to T.
   Eigen::Vector3d jaw_direction() const;
@@ -110,7 +111,7 @@ ToolMount make_tool_mount(const Eigen::Isometry3d& X_WR, double roll, double tip
 /// mount of the scene holds it.
 using RollPitchYaw = Eigen::Vector3d;
 
-/// Rz(yaw) Ry(pitch) Rx(roll).
+/// Rz(yaw) Ry(pitch) Rx(roll); angles must be finite.
 Eigen::Matrix3d rotation_of(const RollPitchYaw& angles);
 
 /// The mount with the tool turned about its tip: R_WC = rotation_of(angles) mount.R_WC.
@@ -128,7 +129,7 @@ struct LimitedCommand {
 
 /// The limits of every command (docs/task.md 3): an axis of the increment that would leave the
 /// workspace box keeps its value; with a goal without an inverse inside joint limits and the 45 mm
-/// rule the previous goal stays in force.
+/// rule the previous goal stays in force. `increment` is in W [m].
 LimitedCommand limit_command(const ToolMount& mount, const Eigen::Vector3d& previous_p_WT,
                              const Eigen::Vector3d& increment);
 

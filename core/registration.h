@@ -43,8 +43,8 @@ struct Registration {
   std::vector<std::string> warnings;  ///< one line each, as it was made; a file has none
 };
 
-/// Least squares X with to = X from [Umeyama91], without scale. Precondition: as many of each, 3
-/// and more.
+/// Least squares X with to = X from [Umeyama91], without scale. Aborts unless there are as many of
+/// each, 3 and more.
 Eigen::Isometry3d fit_rigid(std::span<const Eigen::Vector3d> from,
                             std::span<const Eigen::Vector3d> to);
 

@@ -14,7 +14,8 @@ struct Failure {
 };
 
 /// Value or failure of an operation that may fail at run time (short datagram, IK unreachable,
-/// corrupt chunk). Member names follow std::expected. value() on a failure is a bug and aborts.
+/// corrupt chunk). Member names follow std::expected. value() on a failure is a bug and aborts;
+/// error() of a value throws std::bad_variant_access.
 template <typename T>
 class [[nodiscard]] Result {
  public:

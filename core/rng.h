@@ -36,7 +36,8 @@ enum class Purpose : std::uint32_t {
 };
 
 /// Counter layout of docs/learner.md 3.2: key = run seed, counter = (slot, purpose 2^24 + draw,
-/// episode, step).
+/// episode, step). `draw` must be below 2^24, else it is a draw of another purpose; of `episode`
+/// the lower 32 bits count.
 constexpr PhiloxWords random_words(std::uint64_t run_seed, std::uint32_t slot, Purpose purpose,
                                    std::uint32_t draw, std::uint64_t episode, std::uint32_t step) {
   return philox({slot, (static_cast<std::uint32_t>(purpose) << 24) + draw,
@@ -74,7 +75,8 @@ class RandomStream {
   std::size_t position_ = words_.size();
 };
 
-/// Uniform integer in [0, bound) from 32 random bits, multiply-shift (bias < bound / 2^32).
+/// Uniform integer in [0, bound) from 32 random bits, multiply-shift (bias < bound / 2^32); 0 where
+/// the bound is 0.
 constexpr std::uint32_t bounded(std::uint32_t word, std::uint32_t bound) {
   return static_cast<std::uint32_t>((std::uint64_t{word} * bound) >> 32);
 }

@@ -11,7 +11,7 @@
 namespace omentum {
 
 /// Chooses the actions of one decision, of lane k in actions[k]. May read the back end, which is in
-/// the state before the step, but not change it.
+/// the state before the step, but not change it. There are as many actions as tasks.
 using Script = std::function<void(std::uint32_t step, std::span<Action> actions)>;
 
 /// Who acts in a rollout: a policy, or a script (a replay of recorded actions, a study). Under a
@@ -41,13 +41,15 @@ class Actor {
   bool continuous_ = false;
 };
 
-/// The one rollout loop. Runs `tasks` (at most backend.lanes(), all of the same policy version,
-/// kind and length) to their end and returns one segment per task in the same order. segment =
-/// run_task(policy, task): the result of a task does not depend on the other tasks, the backend's
-/// lane count, or anything outside the arguments (a robot's does: a lane that it stops ends its
-/// task there, failed, with the steps that were done). `stop` is polled once per step; when it
-/// turns true the loop returns an empty vector (nothing half-done). A back end without Snapshots
-/// runs tasks that begin with a reset; its segments have no states, hashes or frames.
+/// The one rollout loop. Runs `tasks` (1 ... backend.lanes(), else it aborts; all of the same
+/// policy version, kind and length, and greedy or not alike) to their end and returns one segment
+/// per task in the same order. segment = run_task(policy, task): the result of a task does not
+/// depend on the other tasks, the backend's lane count, or anything outside the arguments (a
+/// robot's does: a lane that it stops ends its task there, failed, with the steps that were done).
+/// `stop` is polled once per step; when it turns true the loop returns an empty vector (nothing
+/// half-done). A back end without Snapshots runs tasks that begin with a reset; its segments have
+/// no states, hashes or frames. Aborts unless actor.takes() what the back end observes. One thread
+/// at a time for back end and policy.
 std::vector<RolloutSegment> run_rollout(Backend& backend, const Actor& actor,
                                         std::span<const RolloutTask> tasks,
                                         const std::function<bool()>& stop);

@@ -24,12 +24,13 @@ struct DrawKey {
 /// The key of an episode; none where its scene is that of the configuration. Training draws by slot
 /// and episode. StartSet::kGridDrawn draws by the start of the grid, with draws of its own: of
 /// `grid_starts` = n starts, start_index below n draws everything, n (1 + k) + start draws
-/// parameter k alone, with the value that it has in the first.
+/// parameter k alone, with the value that it has in the first. Aborts for such a start without a
+/// grid.
 std::optional<DrawKey> draw_key(const EpisodeStart& start, std::size_t grid_starts);
 
 bool is_drawn(const DrawKey& key, int parameter);
 
-/// The value of config.randomise(parameter), in its unit.
+/// The value of config.randomise(parameter), in its unit. Precondition: there is such a parameter.
 double drawn_value(const pb::Config& config, int parameter, const DrawKey& key);
 
 }  // namespace omentum

@@ -5,7 +5,8 @@ namespace omentum {
 /// While it lives, the calling thread and the threads it makes get short slices of the CPU
 /// (0.1 ms), and with them the CPU soon after they wake: for those that receive and pass on, beside
 /// threads that compute. Linux 6.12 and later; without effect before, and where a thread has
-/// another policy than SCHED_OTHER (`man sched_setattr`). Costs two system calls.
+/// another policy than SCHED_OTHER (`man sched_setattr`). Costs two system calls. The thread that
+/// made it must destroy it.
 class ShortSlices {
  public:
   ShortSlices();

@@ -47,6 +47,7 @@ Table read_table(const std::string& path);
 
 /// Seconds of each row: the column `t_s`, strictly increasing, or rows at the nominal rate where
 /// there is no such column. Throws Error with file:line for time that does not increase.
+/// Precondition: nominal_rate_hz > 0.
 std::vector<double> table_times(const Table& table, double nominal_rate_hz);
 
 /// Text of a file as it may stand in a message of one line: without control characters, cut.

@@ -86,11 +86,14 @@ std::vector<int> action_branches(const pb::Task& task);
 /// Immutable; any thread.
 class Task {
  public:
+  /// `config` must be resolved and checked (core/config.h): its ranges are not looked at again.
   Task(const pb::Config& config, TaskPlaces places);
 
   const TaskPlaces& places() const { return places_; }
   double workspace_diagonal() const { return workspace_diagonal_; }  ///< L_ws [m]
 
+  /// Precondition: every branch that the task has is below its size, action_branches(); only debug
+  /// builds check it.
   ToolCommand decode(const Action& action) const;
   /// The hold script: jaw closed, straight towards p_T, then stay within half a step of it.
   /// `commanded_tip`: goal of the last command, p_WT [m].
@@ -101,7 +104,7 @@ class Task {
   bool at_target(const Eigen::Vector3d& commanded_tip) const;
 
   /// Where the tool starts, p_WT [m]: the grid point that `start` names, or for training a point
-  /// drawn from (run seed, slot, episode). Precondition: the grid has start.start_index.
+  /// drawn from (run seed, slot, episode). Aborts where the grid does not have start.start_index.
   Eigen::Vector3d start_position(const EpisodeStart& start) const;
   /// The place of q, drawn: for training as the start is, of the starts of a grid by their number.
   /// Null where the scene names none.

@@ -45,6 +45,8 @@ struct TopicSpec {
 std::span<const TopicSpec> topics();
 const TopicSpec& topic_spec(TopicId id);
 
+// Names of partitions. `run` must have passed check_run_name(), else DDS may read it as a pattern.
+
 /// Partitions a public topic is written into: "" for generic tools, which have no partition option,
 /// and the run.
 std::vector<std::string> public_partitions(const std::string& run);

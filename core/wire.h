@@ -69,7 +69,7 @@ class BusReader {
   /// Throws Error. `max_samples`: limit of a KEEP_ALL reader, beyond which the whole process
   /// receives nothing (docs/wire.md 5.1), 0 = none; depth of a KEEP_LAST reader, 0 = the topic's.
   /// `best_effort`: no writer waits for this reader; every tool's but a recorder's (docs/wire.md
-  /// 5.2 B7).
+  /// 5.2).
   BusReader(const dds::Participant& participant, std::vector<std::string> partitions,
             const std::string& name, std::int32_t max_samples = 0, bool best_effort = false);
 

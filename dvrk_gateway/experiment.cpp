@@ -46,8 +46,7 @@ class Run {
  public:
   Run(const GatewayOptions& options, Gateway& gateway, JawWatch& jaw)
       : options_(options), folder_(options.folder), jaw_(jaw), gateway_(gateway) {
-    const pb::StartGrid& grid = gateway_.config().scene().robot_grid();
-    starts_ = std::min(options.starts, grid.rows() * grid.columns());
+    starts_ = std::min(options.starts, robot_starts(gateway_.config().scene()));
     if (starts_ == 0) throw_error("--starts: the scene of the policy has no robot_grid");
     fs::create_directories(folder_);
     robot_ = rows_so_far(folder_ / "robot.csv");

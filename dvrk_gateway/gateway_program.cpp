@@ -86,6 +86,12 @@ int run_gateway(const GatewayOptions& options) {
   const std::unique_ptr<Gateway> started = Gateway::start(options, {});
   if (!started) return 1;
   Gateway& gateway = *started;
+  const auto grid_starts = static_cast<int>(robot_starts(gateway.config().scene()));
+  if (options.robot_grid && options.episodes > grid_starts) {
+    throw_error(
+        "--episodes: {}, allowed with --starts robot_grid: up to {}, the starts of the scene",
+        options.episodes, grid_starts);
+  }
   const auto starts = options.robot_grid ? StartSet::kRobotGrid : StartSet::kTraining;
   int ran = 0;
   while (ran < options.episodes && !gateway.session().ended()) {

@@ -93,4 +93,8 @@ SafetySetup safety_of(const GatewayOptions& options, const ToolMount& scene_moun
   return safety;
 }
 
+std::uint32_t robot_starts(const pb::Scene& scene) {
+  return scene.has_robot_grid() ? scene.robot_grid().rows() * scene.robot_grid().columns() : 0;
+}
+
 }  // namespace omentum

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstdint>
 #include <functional>
 #include <memory>
 
@@ -31,5 +32,8 @@ std::unique_ptr<PolicySource> policy_source_of(const GatewayOptions& options,
 /// the registration found; limits of the options. Throws Error: one line with the option or knob.
 SafetySetup safety_of(const GatewayOptions& options, const ToolMount& scene_mount,
                       const pb::Config& config);
+
+/// Starts of the scene's robot_grid; 0 without one.
+std::uint32_t robot_starts(const pb::Scene& scene);
 
 }  // namespace omentum

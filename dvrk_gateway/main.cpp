@@ -40,9 +40,12 @@ int run(int argc, char** argv) {
   GatewayOptions options;
   std::string robot, starts = "training", outcome = "jaw";
   app.fallthrough();
-  app.add_option("--robot", robot, "HOST:PORT: HOST sends, PORT is of this machine");
+  app.add_option("--robot", robot,
+                 "HOST:PORT, where HOST sends the state of the arm (sawSocketStreamer) and PORT is "
+                 "the UDP port of this machine that it sends to");
   app.add_option("--policy", options.policy,
-                 "Run folder, checkpoint file, or bus: what the learner of --run publishes")
+                 "Policy to run: a run folder, a checkpoint file, or bus: the newest that the "
+                 "learner of --run publishes")
       ->required();
   const std::map<std::string, GatewayMode> modes = {{"twin", GatewayMode::kTwin},
                                                     {"measured", GatewayMode::kMeasured},
@@ -50,68 +53,93 @@ int run(int argc, char** argv) {
                                                     {"teach", GatewayMode::kTeach}};
   app.add_option(
          "--mode", options.mode,
-         "twin (default): the policy acts in the simulated scene, the robot follows; "
-         "measured: it observes the robot, the scene follows; replay: of --motion; teach: an "
-         "operator moves the robot, nothing is sent")
+         "twin: the policy acts in the simulated scene and the robot follows; measured: the policy "
+         "observes where the robot is and the scene follows; replay: the robot follows --motion; "
+         "teach: an operator moves the robot and nothing is sent. Default: twin")
       ->transform(CLI::CheckedTransformer(modes));
-  app.add_option("--motion", options.motion, "Of mode replay: a recording (.mcap) or a tool.csv");
-  app.add_option("--slow", options.slow, "The motion takes so many times as long")
+  app.add_option("--motion", options.motion,
+                 "Motion for mode replay: FILE.mcap, a tool.csv, or the folder that holds one");
+  app.add_option("--slow", options.slow,
+                 "Factor by which mode replay stretches the time of the motion")
       ->check(number_between(0.1, 1000))
       ->capture_default_str();
   app.add_option("--registration", options.registration,
-                 "registration.txtpb: where the arm stands");
-  app.add_option("--instrument", options.instrument, "On the arm now")->capture_default_str();
-  app.add_option("--base-frame", options.base_frame,
-                 "As set on the robot's console: x,y,z,qw,qx,qy,qz [m]")
+                 "File registration.txtpb, which says where the base of the arm stands; `register` "
+                 "writes it, and without it nothing is armed");
+  app.add_option("--instrument", options.instrument, "Name or number of the instrument on the arm")
       ->capture_default_str();
-  app.add_option("--limits", options.limits, "File with SafetyLimits; default: built in");
-  app.add_option("--episodes", options.episodes, "How many")
+  app.add_option(
+         "--base-frame", options.base_frame,
+         "Base frame as set on the robot's console: x,y,z,qw,qx,qy,qz, position [m] and quaternion")
+      ->capture_default_str();
+  app.add_option("--limits", options.limits,
+                 "Text file with limits of the safety function (SafetyLimits, docs/dvrk.md 7.2); "
+                 "default: those built in");
+  app.add_option("--episodes", options.episodes, "Number of episodes")
       ->check(CLI::Range(1, 1'000'000))
       ->capture_default_str();
-  app.add_option("--starts", starts, "training: drawn by --seed; robot_grid: that of the scene")
+  app.add_option("--starts", starts,
+                 "Where episodes start: training: at points drawn by --seed, as in training; "
+                 "robot_grid: at the points of the scene's robot_grid, one after the other")
       ->check(CLI::IsMember({"training", "robot_grid"}))
       ->capture_default_str();
-  app.add_option("--seed", options.run_seed, "Of drawn starts")
+  app.add_option("--seed", options.run_seed, "Seed of drawn starts")
       ->check(whole_number())
       ->capture_default_str();
   const std::map<std::string, bool> actions = {{"probable", false}, {"drawn", true}};
   app.add_option("--actions", options.drawn_actions,
-                 "probable: the most probable ones; drawn: as in training. Default: drawn where "
-                 "training drew scenes, as in preset omentum_robust, else probable")
+                 "probable: the policy's most probable action; drawn: drawn by its probabilities, "
+                 "as in training. Default: drawn where training drew scenes, as in preset "
+                 "omentum_robust, else probable")
       ->transform(CLI::CheckedTransformer(actions));
-  app.add_flag("--dry-run", options.dry_run, "Judge everything, send nothing");
+  app.add_flag("--dry-run", options.dry_run, "Judge every command and send nothing to the robot");
   add_recording_options(app, options.recording);
   add_bus_options(app, options.bus);
   CLI::App* check = app.add_subcommand("check", "List what the robot sends and what is missing");
   check->add_option("--seconds", options.seconds, "Time to listen [s]")
       ->check(number_between(0.5, 3600))
       ->capture_default_str();
-  CLI::App* touch =
-      app.add_subcommand("register", "Find where the arm stands; writes --registration");
-  touch->add_option("--touches", options.touches, "CSV, docs/formats.md 8")->required();
-  touch->add_option("--pivots", options.pivots, "CSV of turning the tip about one point");
+  CLI::App* touch = app.add_subcommand("register",
+                                       "Find where the arm stands from points that its tip has "
+                                       "touched; writes the file of --registration");
+  touch
+      ->add_option("--touches", options.touches,
+                   "CSV file of the touched points (docs/formats.md 8)")
+      ->required();
+  touch->add_option("--pivots", options.pivots,
+                    "CSV file of poses that turn the tip about one point, to find where the tip is "
+                    "(docs/formats.md 8)");
   CLI::App* touches = app.add_subcommand(
-      "touches", "Write the table of `register` while the operator touches point after point");
-  touches->add_option("--points", options.points, "CSV of name, world_x_m, world_y_m, world_z_m")
+      "touches",
+      "Write the table that `register` reads while the operator touches point after point");
+  touches
+      ->add_option("--points", options.points,
+                   "CSV file with the columns name, world_x_m, world_y_m, world_z_m and a row for "
+                   "each point")
       ->required();
-  touches->add_option("--out", options.touches, "CSV, docs/formats.md 8")->required();
-  CLI::App* experiment = app.add_subcommand(
-      "experiment",
-      "The policy once from each start of the robot's grid, beside what simulation says");
+  touches
+      ->add_option("--out", options.touches,
+                   "CSV file to write, which must not exist (docs/formats.md 8)")
+      ->required();
+  CLI::App* experiment = app.add_subcommand("experiment",
+                                            "Run the policy once from each start of the scene's "
+                                            "robot_grid and compare with the simulation");
   experiment
-      ->add_option("--out", options.folder, "Folder of the table and the report; gone on with")
+      ->add_option(
+          "--out", options.folder,
+          "Folder for the table and the report; an experiment that was stopped goes on there")
       ->required();
-  experiment->add_option("--starts", options.starts, "The first so many of the grid")
+  experiment->add_option("--starts", options.starts, "Number of starts: the first ones of the grid")
       ->check(CLI::Range(1, 1'000'000))
       ->capture_default_str();
   experiment
-      ->add_option(
-          "--outcome", outcome,
-          "jaw: read from the jaw, which stops short on tissue; ask: by a key after each start")
+      ->add_option("--outcome", outcome,
+                   "How it is judged whether tissue is held: jaw: by the jaw, which stops short of "
+                   "closing on tissue; ask: by a key that you press after each start")
       ->check(CLI::IsMember({"jaw", "ask"}))
       ->capture_default_str();
-  const CLI::App* convert =
-      app.add_subcommand("convert", "Make a recording of a captured wire log; the first word");
+  const CLI::App* convert = app.add_subcommand(
+      "convert", "Make a recording of a captured wire log; must be the first word");
   if (const std::optional<int> code = parse_command_line(app, argc, argv)) return *code;
   if (convert->parsed()) throw_error("convert: is the first word: dvrk_gateway convert LOG ...");
   if (touch->parsed()) {

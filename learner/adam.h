@@ -16,12 +16,14 @@ namespace omentum {
 /// the same bits.
 class Adam {
  public:
+  /// `count` parameters, padding included: a multiple of 8, else it aborts.
   Adam(const pb::Ppo& settings, std::size_t count);
 
   /// Once per step, before apply(): t + 1 and the step sizes at this learning rate.
   void begin_step(double learning_rate);
-  /// Updates parameters [first, last); the gradient is multiplied by `scale` first. Multiples of 8
-  /// or the end.
+  /// Updates parameters [first, last), which must be multiples of 8 and at most `count`; the
+  /// gradient is multiplied by `scale` first. Both spans have `count` entries. Nothing of it is
+  /// checked.
   void apply(std::size_t first, std::size_t last, float scale, std::span<const float> gradient,
              std::span<float> parameters);
 
@@ -30,7 +32,7 @@ class Adam {
   double beta2_power() const { return beta2_power_; }
   const AlignedFloats& first() const { return first_; }
   const AlignedFloats& second() const { return second_; }
-  /// For loading: moments in the layout of the parameters.
+  /// For loading: moments in the layout of the parameters, `count` each, else it aborts.
   void restore(std::uint64_t steps, double beta1_power, double beta2_power, AlignedFloats first,
                AlignedFloats second);
   /// Largest entry of v.

@@ -16,7 +16,7 @@ struct AdvantageSettings {
 
 /// Generalised advantage estimation [Schulman16] over a completed batch. `rewards` (n) may be the
 /// scaled ones. Writes advantages and returns = advantage + value, n each; sums in double,
-/// backwards in time.
+/// backwards in time. Other sizes abort, as does a batch that complete_batch() has not seen.
 ///
 ///   last step of the segment   next value = V(bootstrap observation)
 ///   terminated                 next value = 0, nothing flows back over the end
@@ -28,7 +28,8 @@ void estimate_advantages(const Batch& batch, std::span<const float> rewards,
 
 /// Discounted sum of `rewards` (n) from every step to the end of its episode, for whole episodes
 /// one after the other in one slot. Nothing follows a terminated one; a truncated one is taken to
-/// go on for ever as it ended, with its last reward (with gamma 1: nothing follows).
+/// go on for ever as it ended, with its last reward (with gamma 1: nothing follows). Aborts unless
+/// there are as many flags as rewards.
 std::vector<float> discounted_returns(std::span<const std::uint8_t> flags,
                                       std::span<const float> rewards, double gamma);
 
@@ -38,7 +39,8 @@ struct MeanDeviation {
   double mean = 0;
   double deviation = 0;
 };
-/// `population` divides by n, otherwise by n - 1.
+/// `population` divides by n, otherwise by n - 1: of one value the deviation is then 0. Of none the
+/// mean is NaN.
 MeanDeviation mean_deviation(std::span<const float> values, std::span<const std::uint32_t> indices,
                              bool population);
 

@@ -39,8 +39,8 @@ struct Batch {
   }
 };
 
-/// Joins rollouts that passed check_segment() and did not fail, all of the same number of steps,
-/// one per slot, in any order.
+/// Joins rollouts that passed check_segment() and did not fail, in any order. Aborts where there
+/// are none, where their numbers of steps differ, and for two of one slot.
 Batch assemble(std::span<const RolloutSegment> segments, const PolicyShape& shape);
 
 /// Permutation of 0 ... count-1 for one epoch of one batch: Fisher-Yates with unbiased bounded
@@ -59,7 +59,8 @@ struct LogProbCheck {
 
 /// Recomputes log-probabilities and values with the behaviour weights, compares them bit for bit
 /// with those received, and fills in what is not sent: log-probabilities per branch, values of
-/// bootstrap and final observations. NaN counts as an infinite difference.
+/// bootstrap and final observations. NaN counts as an infinite difference. Aborts where the batch
+/// has other sizes than the shape of `behaviour`.
 LogProbCheck complete_batch(Policy& behaviour, Batch& batch);
 
 }  // namespace omentum

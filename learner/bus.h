@@ -55,14 +55,16 @@ struct BusStatistics {
 /// minibatches.
 class LearnerBus {
  public:
-  /// Joins the domain. Throws Error.
+  /// Joins the domain. Throws Error, also for the name of a run that cannot be a partition; aborts
+  /// without a slot.
   explicit LearnerBus(const LearnerBusOptions& options);
   /// Leaves as a crash would; call finish() first at the end of a run.
   ~LearnerBus();
   LearnerBus(const LearnerBus&) = delete;
   LearnerBus& operator=(const LearnerBus&) = delete;
 
-  /// Before the first weights. The epoch is the bus's own.
+  /// Before the first weights. The epoch is the bus's own. Once superseded(), these three succeed
+  /// and publish nothing.
   [[nodiscard]] Result<void> publish_manifest(RunManifest manifest);
   /// Never blocks: KEEP_LAST. policy_id, epoch and time are filled in. Announce the same version to
   /// the book.

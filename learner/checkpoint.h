@@ -32,7 +32,8 @@ class CheckpointStore {
 
   /// Durable write of checkpoint-<updates>.pb, then of best.pb and the milestone where asked for,
   /// then removal of all but the newest two. A failure (full disk) leaves every older file in
-  /// place: warn, count, retry at the next update.
+  /// place: warn, count, retry at the next update. Aborts for another format_version than
+  /// kCheckpointFormat.
   struct Save {
     bool best = false;
     std::optional<std::uint64_t> milestone;

@@ -13,7 +13,7 @@ namespace omentum {
 /// that order, so a chunk's gradient depends on its samples and the weights alone. Not thread-safe.
 class ConvolutionGradient {
  public:
-  /// Of a shape with PolicyShape::convolution.
+  /// Of a shape with PolicyShape::convolution; `layout` must outlive it.
   ConvolutionGradient(const PolicyShape& shape, const TrainingLayout& layout);
 
   /// What one network reads and writes between forward and backward.

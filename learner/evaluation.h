@@ -31,7 +31,7 @@ struct EvaluationSet {
 /// starts, see fill_lattice), whose best exposure is the reference of all, then the others.
 std::vector<EvaluationSet> evaluation_sets(const pb::Config& config);
 
-/// One start per lattice_stride-th particle.
+/// Appends one start per lattice_stride-th particle to a set that has none.
 void fill_lattice(const pb::Config& config, std::uint32_t particles, EvaluationSet& set);
 
 /// Tissue particles, from the frames of recorded segments; 0 if there are none.
@@ -43,7 +43,7 @@ std::vector<EvaluationTask> evaluation_tasks(const pb::Config& config, const Eva
                                              std::uint64_t version);
 
 /// Reads the rows of a set's table off its segments, in its order; `best_exposure` <= 0 judges
-/// nothing exposed.
+/// nothing exposed. Segments have passed check_segment(); aborts unless there is one per start.
 std::vector<EvaluationRow> judge(const pb::Config& config, const EvaluationSet& set,
                                  std::span<const RolloutSegment> segments, double best_exposure);
 

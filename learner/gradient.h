@@ -15,9 +15,10 @@ namespace omentum {
 /// Weights of one minibatch step in the forms the products want; shared read-only by all threads.
 class PackedWeights {
  public:
+  /// `layout` must outlive it.
   PackedWeights(const PolicyShape& shape, const TrainingLayout& layout);
 
-  /// Repacks from `parameters` (training layout), which must outlive the next use.
+  /// Repacks from `parameters` (training layout, else it aborts), which must outlive the next use.
   void pack(std::span<const float> parameters);
 
   struct Network {
@@ -62,10 +63,11 @@ struct MinibatchView {
 /// thread.
 class ChunkGradient {
  public:
+  /// `layout` must outlive it.
   ChunkGradient(const PolicyShape& shape, const TrainingLayout& layout);
 
   /// Overwrites `gradient` (training layout) with the gradient of samples [first, first + count) of
-  /// the minibatch.
+  /// the minibatch. Aborts unless 1 <= count <= kChunk and `gradient` has the size of the layout.
   LossSums operator()(const PackedWeights& weights, const LossSettings& settings,
                       const MinibatchView& minibatch, int first, int count,
                       std::span<float> gradient);

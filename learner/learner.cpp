@@ -202,11 +202,8 @@ int Learner::run(const std::function<bool()>& stop_from_outside) {
   options.slots = config_.rollout().slots();
   options.heartbeat = options_.heartbeat;
   options.learner_epoch = epoch_;
-  const std::size_t step_bytes = 20 + sizeof(float) * static_cast<std::size_t>(shape_.observations);
-  const std::size_t segment_bytes = 40000 + step_bytes * config_.rollout().steps_per_segment();
   std::optional<DdsProfile> profile =
-      wait_for_dds_profile(options_.dds, DdsRole::kHub, options.domain,
-                           learner_receive_bytes(options.slots, segment_bytes),
+      wait_for_dds_profile(options_.dds, DdsRole::kHub, options.domain, kReceiveBufferBytes,
                            static_cast<std::int64_t>(1e9 * options_.max_wait_s), stop_from_outside);
   if (!profile) return stop_from_outside() ? 130 : 1;
   options.profile = std::move(*profile);

@@ -75,7 +75,7 @@ struct GaussianHead {
 ///
 /// logits: count x padded_columns(logits) raw head outputs; values: count x 8, column 0. Writes
 /// d loss / d logits (as wide, other columns zero), d loss / d value (count x 8, other columns
-/// zero) and, with the Gaussian head, adds to log_std_gradient.
+/// zero) and, with the Gaussian head, adds to log_std_gradient. Precondition: 1 <= count <= kChunk.
 class Loss {
  public:
   explicit Loss(const PolicyShape& shape) : shape_(shape) {}

@@ -22,21 +22,23 @@ void on_signal(int) { stop_requested = 1; }
 int run(int argc, char** argv) {
   using namespace omentum;  // NOLINT(google-build-using-namespace)
   CLI::App app{
-      "Omentum learner: grants rollout tasks to simulation workers over DDS, learns with PPO, "
-      "evaluates and "
-      "writes runs/<name>/. Start any number of sim_worker --run <name> beside it."};
+      "Omentum learner: hands tasks to simulation workers over DDS, trains a policy with PPO, "
+      "evaluates it and writes the run folder runs/<name>/. Start any number of "
+      "`sim_worker --run <name>` beside it."};
   std::string preset = "omentum";
   std::string name;
   std::vector<std::string> overrides;
   LearnerOptions options;
   bool dry_run = false;
   bool print_dds = false;
-  app.add_option("--preset", preset, "One of deploy/presets")->capture_default_str();
+  app.add_option("--preset", preset, "Name of the configuration in deploy/presets")
+      ->capture_default_str();
+  app.add_option("--run", name,
+                 "Name of the run and of its folder below run.runs_dir; a run that has a "
+                 "checkpoint is resumed; default: knob run.name, else the preset's name");
   app.add_option(
-      "--run", name,
-      "Name of the run and of its folder under run.runs_dir; a run with a checkpoint is resumed; "
-      "default: run.name, without it the preset's name");
-  app.add_option("--set", overrides, "Override a knob, a.b=value; may be repeated")
+         "--set", overrides,
+         "Override a knob of the list below, a.b=value, as ppo.learning_rate=1e-4; may be repeated")
       ->allow_extra_args(false);
   app.add_flag("--restart", options.restart, "Move an existing run folder aside and start anew");
   app.add_option("--initialise-from", options.initialise_from,
@@ -45,15 +47,15 @@ int run(int argc, char** argv) {
                  "Folder of recordings (sim_worker --demonstrate makes one) whose actions the "
                  "policy of a new run is fitted to before PPO begins, with the knobs cloning.*");
   app.add_option("--max-wait", options.max_wait_s,
-                 "Stop with code 1 after so long without a worker [s]; 0 = wait for ever")
+                 "Stop with code 1 after so long without a worker [s]; 0: wait for ever")
       ->check(number_between(0, 1e9))
       ->capture_default_str();
   app.add_option("--unsaved-limit", options.unsaved_limit_s,
-                 "Training goes on so long while no checkpoint can be written [s]; then it pauses "
-                 "until one can")
+                 "Time for which training goes on while no checkpoint can be written [s]; then it "
+                 "pauses until one can")
       ->check(number_between(0, 1e9))
       ->capture_default_str();
-  app.add_flag("--quiet", options.quiet, "No progress lines");
+  app.add_flag("--quiet", options.quiet, "Print no progress lines");
   app.add_flag("--dry-run", dry_run,
                "Print the resolved configuration and its hash, have the sim_worker beside this "
                "program check its scene, and exit: 0, or 2 with the reason");

@@ -14,9 +14,11 @@ namespace omentum {
 /// bits, so callers pass slot/step order.
 class RunningMoments {
  public:
+  /// Aborts at the first merge() where there are no dimensions.
   explicit RunningMoments(int dimensions);
 
-  /// Merges rows of `width` values, of which the first `dimensions` count.
+  /// Merges rows of `width` values, of which the first `dimensions` count. Aborts for rows that are
+  /// narrower or not whole.
   void merge(std::span<const float> values, std::size_t width);
   /// Merges rows x dimensions values.
   void merge(std::span<const double> values);
@@ -27,7 +29,7 @@ class RunningMoments {
   const std::vector<double>& squares() const { return squares_; }
   /// Population variance; 1 while nothing was seen.
   double variance(std::size_t dimension) const;
-  /// For loading: sizes must match.
+  /// For loading: other sizes than those of the present moments abort.
   void restore(double count, std::vector<double> mean, std::vector<double> squares);
 
  private:
@@ -53,12 +55,12 @@ class RewardScaler {
   RewardScaler(int slots, double gamma);
 
   /// Continues each slot's discounted return through the batch, merges all of them in slot/step
-  /// order, then writes the scaled rewards (n).
+  /// order, then writes the scaled rewards (n). Aborts for another number of slots or rewards.
   void scale(const Batch& batch, std::span<float> scaled);
 
   const RunningMoments& moments() const { return moments_; }
   const std::vector<double>& discounted() const { return discounted_; }
-  /// For loading: `discounted` has one entry per slot.
+  /// For loading. Aborts unless `discounted` has one entry per slot and `moments` one dimension.
   void restore(RunningMoments moments, std::vector<double> discounted);
 
  private:

@@ -38,6 +38,7 @@ OnnxMetadata onnx_metadata(const pb::Task& task, const std::string& git_revision
 ///           Sigmoid + Mul, twice, Gemm; Split, ArgMax, Concat
 ///
 /// Sums run in another order than core/policy.h, so values agree to f32 rounding, not to the bit.
+/// Aborts where parameters or observed entries are not as many as the shape has.
 std::string onnx_model(const PolicyShape& shape, const PolicyWeights& weights,
                        const OnnxMetadata& metadata);
 

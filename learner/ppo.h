@@ -59,6 +59,8 @@ struct CloningStats {
 ///   loop: complete_batch(behaviour, batch); ppo.update(batch, serve); publish(ppo.weights());
 class Ppo {
  public:
+  /// `shape` is that of the configuration. Aborts below 1 thread, and on a thread that does not
+  /// round by the default (core/fp_mode.h).
   Ppo(const pb::Config& config, const PolicyShape& shape, int threads);
   ~Ppo();
   Ppo(const Ppo&) = delete;
@@ -72,7 +74,8 @@ class Ppo {
   /// policy_id, learner_epoch, config_hash and published_at_ns.
   PolicyWeights weights() const;
 
-  /// Learns from a batch that went through complete_batch(). `between_minibatches` is called on the
+  /// Learns from a batch of rollout.slots slots; aborts for one that complete_batch() has not seen.
+  /// `between_minibatches` is called on the
   /// calling thread after every minibatch (serve_workers); it must not touch this object. May be
   /// empty.
   UpdateStats update(const Batch& batch, const std::function<void()>& between_minibatches = {});

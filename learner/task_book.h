@@ -99,12 +99,14 @@ enum class Verdict { kAdmitted, kDuplicate, kStale, kInvalid, kForeign };
 /// drops that episode and runs the same segment number again from a fresh one. See failures().
 class TaskBook {
  public:
-  /// A new run.
+  /// A new run. Aborts unless 1 <= slots < kEvaluationSlot, steps >= 1, lead <= 1 and
+  /// episode_decisions >= 1.
   explicit TaskBook(TaskBookConfig config);
   /// Continues from a checkpoint. Throws Error when the table does not fit the configuration.
   TaskBook(TaskBookConfig config, const SlotTable& table);
 
-  /// Weights that workers can get now. After a resume with lead 1 announce batch - 1 and batch.
+  /// Weights that workers can get now; the 64 highest versions are remembered. After a resume with
+  /// lead 1 announce batch - 1 and batch.
   void announce_weights(std::uint64_t version, const Sha256& hash);
 
   // Workers, as Grants has them.
@@ -145,7 +147,8 @@ class TaskBook {
   /// E segments in slot order; the next batch begins. Precondition: batch_complete().
   std::vector<RolloutSegment> take_batch();
 
-  /// Adds tasks outside the batches; at most one list at a time.
+  /// Adds tasks outside the batches. Aborts for an empty list, for weights that are not announced,
+  /// and before the list of the last call was taken by take_evaluation().
   void evaluate(std::span<const EvaluationTask> tasks);
   bool evaluation_complete() const;
   /// The list as granted, in its order, without grant and worker; empty when nothing is evaluated.

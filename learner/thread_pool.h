@@ -12,6 +12,7 @@ namespace omentum {
 /// entry. run() is for one caller at a time.
 class ThreadPool {
  public:
+  /// Aborts below size 1.
   explicit ThreadPool(int size);
   ~ThreadPool();
   ThreadPool(const ThreadPool&) = delete;
@@ -20,7 +21,7 @@ class ThreadPool {
   int size() const { return size_; }
 
   /// Calls work(thread) for thread = 0 ... size - 1, one per thread, and returns when all are done.
-  /// `work` must not throw.
+  /// `work` must not throw, nor call run().
   void run(const std::function<void(int)>& work);
 
  private:

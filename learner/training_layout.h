@@ -20,7 +20,8 @@ class TrainingLayout {
   std::size_t count() const { return padded_.count; }
   int hidden() const { return hidden_; }
 
-  /// Canonical -> padded and back. Spans have PolicyShape::parameter_count() and count() entries.
+  /// Canonical -> padded and back. Spans have PolicyShape::parameter_count(), which is not checked,
+  /// and count() entries, else it aborts.
   void spread(std::span<const float> canonical, std::span<float> padded) const;
   void collect(std::span<const float> padded, std::span<float> canonical) const;
 

@@ -119,12 +119,12 @@ int main(int count, char** arguments) {
     std::vector<std::string> folders;
     std::string output;
     app.add_option("runs", folders,
-                   "run folders, seeds of one experiment; or one folder that holds them; or "
-                   "recordings of a robot, FILE.mcap or a folder of them")
+                   "Run folders, the seeds of one experiment; or one folder that holds them; or "
+                   "recordings of a robot: FILE.mcap or a folder of them")
         ->required();
     app.add_option("-o,--output", output,
-                   "file to write (default: report.html in the folder, or beside the folders; of a "
-                   "recording FILE.html beside it)");
+                   "File to write; default: report.html in the folder, or beside the folders; of a "
+                   "recording FILE.html beside it");
     if (const std::optional<int> code = parse_command_line(app, count, arguments)) return *code;
     check_paths(folders);
     const std::vector<std::string> recordings = recordings_in(folders);

@@ -6,12 +6,39 @@
 #include <cmath>
 #include <set>
 
+#include "core/constants.h"
 #include "report/html.h"
 
 namespace omentum {
 
 std::string percent(double share, int digits) {
   return std::isfinite(share) ? fmt::format("{:.{}f} %", 100 * share, digits) : "-";
+}
+
+ShownNumber show_number(double value, double low, double high, const std::string& unit) {
+  struct Unit {
+    const char *si, *shown;
+    double factor;
+  };
+  static constexpr Unit kUnits[] = {{"Pa", " kPa", 1e-3},
+                                    {"m", " mm", 1e3},
+                                    {"kg", " g", 1e3},
+                                    {"rad", " deg", 1 / kDegree},
+                                    {"1", "", 1}};
+  const auto* found = std::ranges::find(kUnits, unit, &Unit::si);
+  const double factor = found == std::end(kUnits) ? 1 : found->factor;
+  const double width = factor * (high - low);
+  const auto text = [&](double si) -> std::string {
+    const double number = factor * si;
+    if (!std::isfinite(number)) return "-";
+    if (!(width > 0) || !std::isfinite(width)) return fmt::format("{:.3g}", number);
+    const int last = static_cast<int>(std::floor(std::log10(width))) - 1;  // of the digits, 10^last
+    const double step = std::pow(10.0, last);
+    if (last < -4) return fmt::format("{:.4g}", std::round(number / step) * step);
+    return fmt::format("{:.{}f}", std::round(number / step) * step, std::max(0, -last));
+  };
+  return {text(value), text(low), text(high),
+          found == std::end(kUnits) ? " " + unit : found->shown};
 }
 
 std::string interval(const Proportion& p) {

@@ -145,10 +145,10 @@ int run(int argc, char** argv) {
   // A name server that does not answer must not keep a worker from leaving.
   setenv("RES_OPTIONS", "timeout:2 attempts:1", 0);  // NOLINT(concurrency-mt-unsafe)
   CLI::App app{
-      "Omentum simulation worker: takes rollout tasks from the bus, runs one environment per SIMD "
-      "lane and sends segments back. Waits for a learner of the same run name; while there is none "
-      "it simulates recordings for mismatch --run, one at a time. May be started, stopped and "
-      "killed at any time."};
+      "Omentum simulation worker: takes tasks from a learner over DDS, simulates one environment "
+      "per SIMD lane and sends the steps back. It waits for a learner of the same run name; while "
+      "there is none it simulates recordings for mismatch --run, one at a time. It may be started, "
+      "stopped and killed at any time."};
   std::string run_name = "omentum";  // as the learner's: the name of its default preset
   unsigned domain = 0;
   unsigned lanes = 0;
@@ -164,22 +164,26 @@ int run(int argc, char** argv) {
                                    ->capture_default_str();
   double max_wait_s = 0;
   app.add_option("--max-wait", max_wait_s,
-                 "Stop with code 1 after so long without a learner [s]; 0 = wait for ever")
+                 "Stop with code 1 after so long without a learner [s]; 0: wait for ever")
       ->check(number_between(0, 1e9))
       ->capture_default_str();
-  app.add_option("--lanes", lanes, "Environments of this worker; 0 = one kernel width")
+  app.add_option("--lanes", lanes,
+                 "Number of environments that are simulated side by side; 0: as many as the SIMD "
+                 "kernel is wide")
       ->check(CLI::Range(0, 1024))
       ->capture_default_str();
-  app.add_option("--lane-width", width, "Kernel width 1, 8 or 16; 0 = the widest this CPU runs")
+  app.add_option("--lane-width", width,
+                 "Environments per SIMD instruction: 1, 8 or 16; 0: the most that this CPU has")
       ->capture_default_str();
   app.add_option("--check-config", check_config,
-                 "Resolve this configuration (learner --dry-run prints one) as a worker would, and "
-                 "exit: 0, or 2 with the reason");
-  app.add_option("--replay", replays,
-                 "Run recordings (runs/<name>/recordings/*.mcap, or a folder of them, or a run) "
-                 "again, compare every step, and exit: 0 identical, 1 different, 2 a bad file");
+                 "File of a resolved configuration (learner --dry-run prints one): make its scene "
+                 "as a worker would, and exit: 0, or 2 with the reason");
+  app.add_option(
+      "--replay", replays,
+      "Recordings (runs/<name>/recordings/*.mcap, a folder of them, or a run folder) to simulate "
+      "again and compare at every step; exit: 0 identical, 1 different, 2 a bad file");
   app.add_option("--grasp-study", study,
-                 "Vary each parameter of the grasp of this run folder alone, write its "
+                 "Run folder: vary each parameter of its grasp alone, write its "
                  "evaluation/grasp_study.csv for the report, and exit: 0, or 2 with the reason");
   DemonstrationOptions demonstration;
   demonstration.episodes = 0;
@@ -189,22 +193,24 @@ int run(int argc, char** argv) {
       app.add_option(
              "--demonstrate", demonstration.episodes,
              "Record so many episodes of a scripted expert into the folder of -o, for learner "
-             "--initialise-from-recordings, and exit: 0, or 1 if none reached p_T")
+             "--initialise-from-recordings, and exit: 0, or 1 if none reached the target")
           ->check(CLI::Range(1, 100000));
-  app.add_option("--preset", preset, "Of --demonstrate")->capture_default_str()->needs(demonstrate);
+  app.add_option("--preset", preset,
+                 "Name of the configuration in deploy/presets, for --demonstrate")
+      ->capture_default_str()
+      ->needs(demonstrate);
   app.add_option("--set", overrides,
-                 "Of --demonstrate: override a knob, a.b=value; may be repeated")
+                 "Override a knob, a.b=value, for --demonstrate; may be repeated")
       ->allow_extra_args(false)
       ->needs(demonstrate);
-  app.add_option(
-         "--tremor", demonstration.tremor,
-         "Of --demonstrate: share of the decisions in which an axis moves at random, so that "
-         "what lies beside the expert's path is shown as well")
+  app.add_option("--tremor", demonstration.tremor,
+                 "Share of the decisions of --demonstrate in which an axis moves at random, so "
+                 "that what lies beside the expert's path is shown as well")
       ->check(number_between(0, 1))
       ->capture_default_str()
       ->needs(demonstrate);
   app.add_option("-o,--output", demonstration.folder,
-                 "Of --demonstrate: a folder that is not there yet")
+                 "Folder for the recordings of --demonstrate; it must not exist yet")
       ->needs(demonstrate);
   // What joins no domain would ignore it.
   for (const char* alone : {"--demonstrate", "--check-config", "--replay", "--grasp-study"})
@@ -221,8 +227,8 @@ int run(int argc, char** argv) {
                "Print every knob of a run with unit, range, default and source, and exit");
   app.footer(
       "The learner decides the configuration; see learner --help. Exit codes: 0 stopped or run "
-      "finished, 1 a replay differs, no demonstration reached p_T or --max-wait has passed, 2 "
-      "wrong input, 130 --demonstrate was stopped.");
+      "finished, 1 a replay differs, no demonstration reached the target or --max-wait has passed, "
+      "2 wrong input, 130 --demonstrate was stopped.");
   if (const std::optional<int> code = parse_command_line(app, argc, argv)) return *code;
   if (demonstration.episodes > 0) return record_demonstrations(preset, overrides, demonstration);
   if (!check_config.empty()) return check(check_config);
@@ -235,13 +241,8 @@ int run(int argc, char** argv) {
   }
   const LaneKernel<float>& kernel = choose_kernel(width);
   if (lanes == 0) lanes = static_cast<unsigned>(kernel.lanes);
-  // State of a large scene (4,353 particles, docs/wire.md 2.1) and the weights of the largest
-  // preset.
-  constexpr std::size_t kStateBytes = 105000;
-  constexpr std::size_t kWeightBytes = 400000;
-  const std::size_t needed_bytes = worker_receive_bytes(lanes, kStateBytes, kWeightBytes);
   const auto find_profile = [&] {
-    return find_dds_profile(dds, DdsRole::kOther, domain, needed_bytes);
+    return find_dds_profile(dds, DdsRole::kOther, domain, kReceiveBufferBytes);
   };
   if (print_dds) {
     const Result<DdsProfile> profile = find_profile();
@@ -255,7 +256,7 @@ int run(int argc, char** argv) {
   const auto stopped = [] { return stop_requested != 0; };
   const auto max_wait_ns = static_cast<std::int64_t>(1e9 * max_wait_s);
   const std::optional<DdsProfile> profile =
-      wait_for_dds_profile(dds, DdsRole::kOther, domain, needed_bytes, max_wait_ns, stopped);
+      wait_for_dds_profile(dds, DdsRole::kOther, domain, kReceiveBufferBytes, max_wait_ns, stopped);
   if (!profile) return stopped() ? 0 : 1;
 
   BusWorkerOptions options;

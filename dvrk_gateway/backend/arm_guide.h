@@ -23,8 +23,9 @@ struct ArmGuideOptions {
 /// the safety function has stopped the arm. One thread; exchange() of the port paces it.
 class ArmGuide {
  public:
-  /// `port` must outlive it. `waits` is called in every period that passes without the arm being
-  /// armed, with the reason why not.
+  /// `port` must outlive it. go_to() comes first: before it there is no goal that follow(),
+  /// turn_jaw() could start from. `waits` is called in every period that passes without the arm
+  /// being armed, with the reason why not.
   ArmGuide(ControlPort& port, const SafetySetup& setup, const ArmGuideOptions& options,
            std::function<void(const Period&)> waits = {});
 

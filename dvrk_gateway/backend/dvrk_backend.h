@@ -29,7 +29,7 @@ class DvrkBackend : public Backend {
   Source source() const override { return Source::kDvrk; }
 
  protected:
-  /// `scene` has one lane and outlives this object.
+  /// Aborts unless `scene` has one lane; it must outlive this object.
   explicit DvrkBackend(SimBackend& scene);
 
   /// False, with the reason kept, when the arm was stopped.

@@ -10,12 +10,14 @@
 namespace omentum {
 
 void add_bus_options(CLI::App& app, BusOptions& options) {
-  app.add_option("--run", options.run,
-                 "Name of the run whose bus is told what the robot does; default: no bus");
+  app.add_option(
+      "--run", options.run,
+      "Name of the run on whose DDS topics the robot's state is published; default: none is");
   app.add_option("--domain", options.domain, "DDS domain of the run, 0 ... 230")
       ->check(CLI::Range(0, 230))
       ->capture_default_str();
-  app.add_option("--arm", options.arm, "Name of the arm on the bus")->capture_default_str();
+  app.add_option("--arm", options.arm, "Name of the arm in topics and messages")
+      ->capture_default_str();
   app.add_flag("--ros", options.ros,
                "Also publish rt/ARM/measured_cp and rt/ARM/operating_state, as ROS 2 reads them");
   add_dds_options(app, options.dds);

@@ -31,13 +31,14 @@ struct SceneOptions {
 };
 
 void add_robot(CLI::App& app, DoubleProgramOptions& options) {
-  app.add_option("--port", options.port, "UDP port the stream is sent to")
+  app.add_option("--port", options.port, "UDP port that the state of the arm is sent to")
       ->check(CLI::Range(1, 65535))
       ->required();
-  app.add_option("--to", options.host, "Machine the stream is sent to")->capture_default_str();
+  app.add_option("--to", options.host, "Host that it is sent to")->capture_default_str();
   options.robot.home_at_s = 0.9;
-  app.add_option("--home-at", options.robot.home_at_s,
-                 "The operator powers and homes the arm then [s]; -1: not before `home` is typed")
+  app.add_option(
+         "--home-at", options.robot.home_at_s,
+         "Time at which the operator powers and homes the arm [s]; -1: not before `home` is typed")
       ->check(number_between(-1, 1e6))
       ->capture_default_str();
   app.add_flag("--hardware-like", options.robot.hardware_like,
@@ -46,12 +47,17 @@ void add_robot(CLI::App& app, DoubleProgramOptions& options) {
       {"today", DoubleOptions::Shape::kToday},
       {"all-in-one", DoubleOptions::Shape::kAllInOne},
       {"2019", DoubleOptions::Shape::k2019}};
-  app.add_option("--shape", options.robot.shape, "Shape of the messages, docs/dvrk.md 4.6")
+  app.add_option("--shape", options.robot.shape, "Form of the messages (docs/dvrk.md 4.6)")
       ->transform(CLI::CheckedTransformer(shapes));
-  app.add_option("--missing", options.robot.missing_stream, "Stream that is not sent");
-  app.add_option("--invalid", options.robot.invalid_stream, "Stream whose Valid is false");
-  app.add_option("--not-finite", options.robot.not_finite_stream, "Stream whose numbers are null");
-  app.add_option("--at", options.at, "\"SECONDS COMMAND\": as typed then; may be repeated")
+  app.add_option("--missing", options.robot.missing_stream,
+                 "Name of a stream that is not sent, as measured_cp");
+  app.add_option("--invalid", options.robot.invalid_stream,
+                 "Name of a stream whose Valid is false");
+  app.add_option("--not-finite", options.robot.not_finite_stream,
+                 "Name of a stream whose numbers are null");
+  app.add_option("--at", options.at,
+                 "\"SECONDS COMMAND\": run the command at that time, as if it were typed then; may "
+                 "be repeated")
       ->allow_extra_args(false);
   app.add_option("--seconds", options.seconds, "End after so long [s]; 0: until Ctrl-C or `quit`")
       ->check(number_between(0, 1e9))
@@ -60,38 +66,44 @@ void add_robot(CLI::App& app, DoubleProgramOptions& options) {
 
 void add_network(CLI::App& app, DoubleProgramOptions& options) {
   Disturbance& network = options.network;
-  app.add_option("--loss", network.loss, "Share of datagrams lost, each way")
+  app.add_option("--loss", network.loss, "Share of datagrams that get lost, each way")
       ->check(number_between(0, 1));
-  app.add_option("--duplication", network.duplication, "Share that arrives twice")
+  app.add_option("--duplication", network.duplication, "Share of datagrams that arrive twice")
       ->check(number_between(0, 1));
-  app.add_option("--reordering", network.reordering, "Share that is held back by 15 ms")
+  app.add_option("--reordering", network.reordering,
+                 "Share of datagrams that are held back by 15 ms")
       ->check(number_between(0, 1));
-  app.add_option("--delay", network.delay_s, "Of every datagram [s]")->check(number_between(0, 10));
-  app.add_option("--jitter", network.jitter_s, "Beside the delay, uniform from 0 [s]")
+  app.add_option("--delay", network.delay_s, "Delay of every datagram [s]")
       ->check(number_between(0, 10));
-  app.add_option("--period-jitter", options.period_jitter_s, "Periods begin late by up to this [s]")
+  app.add_option("--jitter", network.jitter_s,
+                 "Random delay of a datagram beside --delay, uniform between 0 and this [s]")
+      ->check(number_between(0, 10));
+  app.add_option("--period-jitter", options.period_jitter_s,
+                 "Time by which periods begin late, uniform between 0 and this [s]")
       ->check(number_between(0, 0.01));
-  app.add_option("--seed", options.seed, "Of all chance")
+  app.add_option("--seed", options.seed, "Seed of all random numbers")
       ->check(whole_number())
       ->capture_default_str();
 }
 
 void add_scene(CLI::App& app, SceneOptions& scene) {
-  app.add_option("--preset", scene.preset, "Configuration that the scene belongs to")
+  app.add_option("--preset", scene.preset,
+                 "Name of the configuration in deploy/presets whose scene is used")
       ->capture_default_str();
-  app.add_option("--scene", scene.file, "Scene file: effects of the arm, its base, the tissue");
+  app.add_option("--scene", scene.file,
+                 "Scene file instead of the preset's: effects of the arm, its base, the tissue");
   app.add_option("--set", scene.overrides,
                  "Override a knob, a.b=value, as scene.arm.droop_s.yaw=0.05; may be repeated")
       ->allow_extra_args(false);
-  app.add_option(
-         "--base-frame", scene.base_frame,
-         "As set on the console, x,y,z,qw,qx,qy,qz: where the arm stands in the frame of its "
-         "poses and goals [m]")
+  app.add_option("--base-frame", scene.base_frame,
+                 "Base frame as set on the robot's console, where the arm stands in the frame of "
+                 "its poses and goals: x,y,z,qw,qx,qy,qz, position [m] and quaternion")
       ->capture_default_str();
-  app.add_option("--instrument", scene.instrument, "What the arm holds, docs/dvrk.md 1.1")
+  app.add_option("--instrument", scene.instrument,
+                 "Name or number of the instrument on the arm (docs/dvrk.md 1.1)")
       ->capture_default_str();
   app.add_flag("--tissue", scene.tissue,
-               "Simulate the scene's tissue under the jaw: it pulls at the arm");
+               "Simulate the scene's tissue under the jaw, which pulls at the arm");
 }
 
 void read_scene(const SceneOptions& chosen, DoubleProgramOptions& options) {
@@ -111,8 +123,8 @@ void read_scene(const SceneOptions& chosen, DoubleProgramOptions& options) {
 
 int run(int argc, char** argv) {
   CLI::App app{
-      "A UDP robot: a da Vinci PSM that speaks sawSocketStreamer's JSON and answers as one does, "
-      "in real time. Its operator types commands:\n" +
+      "Double of a robot in software: a da Vinci PSM that speaks the JSON of sawSocketStreamer "
+      "over UDP and moves as one does, in real time. Type commands as its operator would:\n" +
       DoubleProgram::commands_help()};
   DoubleProgramOptions options;
   SceneOptions scene;

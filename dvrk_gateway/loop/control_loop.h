@@ -42,7 +42,8 @@ class ControlLoop {
   ControlLoop(Link& link, Clock& clock, const SafetySetup& setup, std::uint32_t robot_ipv4 = 0,
               bool dry_run = false);
 
-  /// Begins a period: takes in all that has arrived.
+  /// Begins a period: takes in what has arrived, 512 datagrams at most; the rest waits. send() must
+  /// follow before the next one.
   const Period& receive() noexcept;
   /// Ends it: judges the request and sends what may be sent.
   const Period& send(const PolicyRequest& request, const GatewayEvents& events) noexcept;

@@ -26,7 +26,7 @@ class ControlPort {
 /// and looks between them.
 class SteppedPort final : public ControlPort {
  public:
-  /// `events` is read in every period.
+  /// `events` is read in every period. All three must outlive it.
   SteppedPort(ControlLoop& loop, Clock& clock, const GatewayEvents& events)
       : loop_(loop), clock_(clock), events_(events), next_ns_(clock.now_ns()) {
     loop_.receive();

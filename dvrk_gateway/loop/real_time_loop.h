@@ -59,7 +59,7 @@ class RealTimeLoop final : public ControlPort {
   RealTimeLoop(ControlLoop& loop, Clock& clock, const OperatorEvents& events);
   ~RealTimeLoop() override;
 
-  /// One line for each thing the system did not grant.
+  /// Begins the periods; once. One line for each thing the system did not grant.
   std::vector<std::string> start();
   /// No period follows; the thread has ended when it returns. Wakes who waits in exchange().
   void stop();

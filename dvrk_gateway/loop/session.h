@@ -41,12 +41,13 @@ class GatewaySession {
                  bool dry_run);
   ~GatewaySession();
 
-  /// From here on. `wishes` is asked every 20 ms at most and may wait so long; observers must
-  /// outlive the session.
+  /// From here on; once. `wishes` is asked on a thread of its own, again and again, and may wait
+  /// for 20 ms; observers must outlive the session.
   void attend(std::function<OperatorWishes()> wishes, std::vector<GatewayObserver*> observers);
   /// Holds the arm and ends the periods; the observers have seen all of them when it returns.
   void end();
 
+  /// For one thread.
   ControlPort& port() { return real_time_; }
   OperatorEvents& events() { return events_; }
   Clock& clock() { return clock_; }

@@ -30,7 +30,8 @@ class UdpSocket final : public Link {
   std::uint64_t failed_ = 0;
 };
 
-/// "192.168.1.7" or a host name that is one in IPv4, and a port. Throws Error naming `what`.
+/// "192.168.1.7" or a host name that is one in IPv4, and a port. Throws Error naming `what`. It may
+/// wait for a name server: only at the start.
 UdpAddress resolve_address(const std::string& what, const std::string& host, std::uint16_t port);
 
 /// "192.168.1.7:48051"

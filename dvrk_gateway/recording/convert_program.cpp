@@ -89,18 +89,22 @@ void convert_log(const ConvertOptions& options) {
 
 int convert_program(int argc, char** argv) {
   CLI::App app{
-      "Makes the recording (MCAP) of a captured wire log: time in s, a tab and a datagram a line; "
-      "\">> \" before a datagram of the client (docs/formats.md 11). Of a recording, its plain "
-      "folder.",
+      "Makes a recording (MCAP) from a captured wire log, whose lines hold a time in s, a tab and "
+      "a datagram, with \">> \" before a datagram of the client (docs/formats.md 11). From a "
+      "recording it makes the plain folder.",
       "dvrk_gateway convert"};
   ConvertOptions options;
   app.add_option("log", options.log, "Wire log, or a recording FILE.mcap")->required();
-  app.add_option("-o,--output", options.output, "FILE.mcap to write; replaced");
-  app.add_option("--record-folder", options.plain_folder,
-                 "Write the plain folder too, for `mismatch` (docs/formats.md 3)");
+  app.add_option("-o,--output", options.output, "FILE.mcap to write; an existing one is replaced");
+  app.add_option(
+      "--record-folder", options.plain_folder,
+      "Folder to write as well, in the plain form that `mismatch` reads (docs/formats.md 3)");
   app.add_option("--registration", options.registration,
-                 "registration.txtpb: where the arm stood; without it W is R");
-  app.add_option("--instrument", options.instrument, "That was on the arm")->capture_default_str();
+                 "File registration.txtpb, which says where the base of the arm stood; without it "
+                 "the world frame is that of the arm's remote centre of motion");
+  app.add_option("--instrument", options.instrument,
+                 "Name or number of the instrument that was on the arm")
+      ->capture_default_str();
   if (const std::optional<int> code = parse_command_line(app, argc, argv)) return *code;
   const bool is_recording = options.log.ends_with(".mcap");
   if (!is_recording && options.output.empty()) throw_error("-o: names the file to write");

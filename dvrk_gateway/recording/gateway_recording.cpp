@@ -72,10 +72,12 @@ RobotRecorderOptions recorder_options(const std::string& path, const RecordedSes
 
 void add_recording_options(CLI::App& app, RecordingOptions& options) {
   app.add_option("--record", options.record,
-                 "FILE.mcap, or a folder for files named by time; none: no recording")
+                 "FILE.mcap to record into, or a folder for files named by their time; none: "
+                 "nothing is recorded")
       ->capture_default_str();
   app.add_option("--record-folder", options.plain_folder,
-                 "The recording as a plain folder too, for `mismatch` (docs/formats.md 3)");
+                 "Folder to write the recording into as well, in the plain form that `mismatch` "
+                 "reads (docs/formats.md 3)");
   app.add_option(
          "--source", options.sources,
          "Record a sensor beside the robot: NAME=udp:PORT (JSON lines) or NAME=file:PATH (a "

@@ -28,7 +28,8 @@ struct RecordingSetup {
 /// on; payloads that are not valid are counted. One thread.
 class RecordingFile {
  public:
-  /// Writes /recording and /frames. The stream must outlive it and start at byte 0.
+  /// Writes /recording and /frames. The stream must outlive it and start at byte 0. What happened
+  /// before setup.start_ns gets log time 0.
   RecordingFile(std::ostream& out, const RecordingSetup& setup);
 
   /// What is new in it: poses, joints, jaw; operating state and counters on change of the state and

@@ -19,7 +19,7 @@ namespace omentum {
 /// no clock. Frames: W, R, C, T of docs/conventions.md; A is the arm's reference frame on the
 /// robot's console, in which measured_cp, setpoint_cp and goals are.
 
-/// What does not change while the gateway runs.
+/// What does not change while the gateway runs. Only make_safety_setup() checks it.
 struct SafetySetup {
   pb::SafetyLimits limits;
   ToolMount mount;  ///< X_WR, tip offset, workspace box in W, instrument
@@ -136,7 +136,8 @@ std::string describe(const Finding& finding, const RobotState& robot);
 Finding must_hold(const SafetySetup& setup, const SafetyMemory& memory, const RobotState& robot,
                   const GatewayEvents& events, std::int64_t now_ns) noexcept;
 
-/// One period of the control loop.
+/// One period of the control loop. `now_ns` must be of one clock that never goes back, that of the
+/// events and of the arrivals in `robot`; `memory` is that of the last call.
 Judgement judge(const SafetySetup& setup, const SafetyMemory& memory, const RobotState& robot,
                 const PolicyRequest& request, const GatewayEvents& events,
                 std::int64_t now_ns) noexcept;

@@ -63,7 +63,8 @@ constexpr bool is_before_arming_alone(StopReason reason) {
          reason == StopReason::kNoWay;
 }
 
-/// FAULT, STALE, OUTSIDE_BOX: for recordings and counters.
+/// FAULT, STALE, OUTSIDE_BOX: for recordings and counters. Aborts for a number that is no reason,
+/// as a stranger may send: compare with kStopReasons first.
 const char* stop_reason_name(StopReason reason);
 
 /// A reason with its figures.

@@ -208,10 +208,11 @@ int calibrate(const CalibrateOptions& options) {
 std::function<int()> add_calibrate_command(CLI::App& app) {
   const auto made = std::make_shared<CalibrateOptions>();
   CalibrateOptions& options = *made;
-  CLI::App& sub = *app.add_subcommand(
-      "calibrate", "Recordings in, calibrated simulation out (docs/calibrate.md)");
+  CLI::App& sub =
+      *app.add_subcommand("calibrate", "Fit the simulation to recordings (docs/calibrate.md)");
   sub.add_option("--scene", options.scene,
-                 "Scene (.txtpb) or scene_believed.txt; default: what the recordings say");
+                 "Scene (.txtpb) or scene_believed.txt that the fit begins from; default: what the "
+                 "recordings say");
   sub.add_option("-r,--recordings", options.recordings,
                  "Recordings: folders, MCAP files, or folders of them")
       ->required();
@@ -219,44 +220,47 @@ std::function<int()> add_calibrate_command(CLI::App& app) {
                  "Folder for scene.txtpb, calibration.json, report.html; new or empty")
       ->required();
   sub.add_option("--method", options.method,
-                 "reference: converged solid and its derivatives; shell: differences of it; paper: "
-                 "genetic algorithm on the clusters; default: reference, and shell where no clamp "
-                 "holds the body")
+                 "reference: fit with the derivatives of the converged finite-element solid; "
+                 "shell: fit with differences of the shell; paper: genetic algorithm on the "
+                 "cluster model. Default: reference, but shell where no clamp holds the body")
       ->check(CLI::IsMember({"reference", "shell", "paper"}));
-  sub.add_option("--set", options.overrides, "Override of the scene, a.b=c (scene.tissue...)");
   sub.add_option(
-      "--set-for", options.own_overrides,
-      "Override of the scene for one recording alone, RECORDING:a.b=c, or NAME*:a.b=c for "
-      "those whose names begin so");
+      "--set", options.overrides,
+      "Override a knob of the scene, a.b=c, as scene.tissue.material.young_modulus_pa=5000");
+  sub.add_option("--set-for", options.own_overrides,
+                 "Override a knob of the scene for one recording, RECORDING:a.b=c, or NAME*:a.b=c "
+                 "for those whose names begin with NAME");
   sub.add_option("--held-out", options.held_out,
-                 "Recording that is predicted and not fitted, by NAME, or NAME* for all that begin "
-                 "so; beside those that say so themselves");
-  sub.add_option(
-      "--markers", options.markers,
-      "Table of what is known of markers: name, on (tissue, clamp, other), x_m, y_m, z_m in B");
+                 "Name of a recording that is predicted and not fitted, or NAME* for those whose "
+                 "names begin with NAME; recordings that say so themselves are held out as well");
+  sub.add_option("--markers", options.markers,
+                 "Table of markers with the columns name, on (tissue, clamp, other), x_m, y_m, "
+                 "z_m: their places in the body frame B, as far as they are known");
   sub.add_option(
       "--frame-period-s", options.frame_period,
       "Time between frames where recordings only count them, SECONDS:STANDARD_DEVIATION; "
       "all times are stretched by it");
   sub.add_option("--skip-clouds", options.skipped_clouds,
-                 "Clouds at the beginning of every recording that are not looked at")
+                 "Number of clouds at the beginning of every recording that are left out")
       ->check(whole_number());
-  sub.add_flag("--fused", options.fused,
-               "Clouds are of several cameras, whatever recordings and scene say of one");
+  sub.add_flag(
+      "--fused", options.fused,
+      "Take clouds as merged from several cameras, whatever recordings and scene say of one");
   sub.add_option("--above-board-mm", options.above_board_mm,
-                 "What is lower above the board is compared with nothing [mm]")
+                 "Height above the board below which points are not compared [mm]")
       ->check(number_between(0, 1000));
-  sub.add_option("--tolerance-mm", options.tolerance_mm,
-                 "Mesh of the reference for this rms error of the surface [mm]")
+  sub.add_option(
+         "--tolerance-mm", options.tolerance_mm,
+         "Root mean square error of the surface that the mesh of the reference is made for [mm]")
       ->check(number_between(1e-3, 10))
       ->capture_default_str();
   sub.add_flag("--no-leave-out", options.no_leave_out,
-               "Without the error on pinch points that were left out");
-  sub.add_option("--seed", options.seed, "Of the genetic algorithm")
+               "Do not fit again without each pinch point to find the error there");
+  sub.add_option("--seed", options.seed, "Seed of the genetic algorithm")
       ->check(whole_number())
       ->capture_default_str();
   sub.add_option("--threads", options.threads,
-                 "Recordings simulated at a time; results do not depend on it")
+                 "Number of recordings that are simulated at a time; results do not depend on it")
       ->check(number_between(1, 1024))
       ->capture_default_str();
   add_simulator_options(sub, options.simulator);

@@ -15,11 +15,10 @@ namespace {
 
 using Rows = std::vector<std::vector<std::string>>;
 
-std::string figure(double value) {
-  if (!std::isfinite(value)) return "-";
-  // A stiffness in pascals is read as digits.
-  const double size = std::fabs(value);
-  return size >= 1e4 && size < 1e7 ? fmt::format("{:.0f}", value) : fmt::format("{:.4g}", value);
+/// A path in the scene without the SI unit at its end: numbers are shown in other ones.
+std::string name_of(const CalibratedNumber& n) {
+  const std::string end = n.unit == "Pa" ? "_pa" : "_" + n.unit;
+  return n.name.ends_with(end) ? n.name.substr(0, n.name.size() - end.size()) : n.name;
 }
 std::string mm(double metres) { return metres > 0 ? fmt::format("{:.2f}", 1e3 * metres) : "-"; }
 
@@ -47,8 +46,10 @@ std::string tiles_of(const Calibration& c) {
   std::vector<Tile> tiles;
   for (const CalibratedNumber& n : c.parameters) {
     if (n.unseen || tiles.size() > 1) continue;
-    tiles.push_back({figure(n.value) + behind_number(n.unit), n.name.substr(n.name.rfind('.') + 1),
-                     fmt::format("90 %: {} - {}", figure(n.low90), figure(n.high90))});
+    const ShownNumber shown = show_number(n.value, n.low90, n.high90, n.unit);
+    const std::string name = name_of(n);
+    tiles.push_back({shown.value + shown.unit, name.substr(name.rfind('.') + 1),
+                     fmt::format("90 %: {} - {}", shown.low, shown.high)});
   }
   for (const std::string role : {"left_out", "held_out", "fitted"}) {
     const Mean m = mean_of(c, role);
@@ -66,9 +67,10 @@ std::string tiles_of(const Calibration& c) {
 std::string numbers_table(const std::vector<CalibratedNumber>& numbers) {
   Rows rows = {{"number", "unit", "value", "90 % from", "to", "believed", "90 % from", "to", ""}};
   for (const CalibratedNumber& n : numbers) {
-    rows.push_back({n.name, behind_number(n.unit), figure(n.value), figure(n.low90),
-                    figure(n.high90), figure(n.prior_value), figure(n.prior_low90),
-                    figure(n.prior_high90),
+    const ShownNumber shown = show_number(n.value, n.low90, n.high90, n.unit);
+    const ShownNumber prior = show_number(n.prior_value, n.prior_low90, n.prior_high90, n.unit);
+    rows.push_back({name_of(n), shown.unit, shown.value, shown.low, shown.high, prior.value,
+                    prior.low, prior.high,
                     n.at_bound ? "at its bound"
                     : n.unseen ? "not seen"
                                : ""});
@@ -142,8 +144,8 @@ std::string groups_markup(const Calibration& c) {
   for (const NumberGroup& g : c.groups) {
     std::string members;
     for (const std::string& member : g.members) members += (members.empty() ? "" : ", ") + member;
-    rows.push_back({g.name, behind_number(g.unit), figure(g.value), figure(g.low90),
-                    figure(g.high90), members, g.text});
+    const ShownNumber shown = show_number(g.value, g.low90, g.high90, g.unit);
+    rows.push_back({g.name, shown.unit, shown.value, shown.low, shown.high, members, g.text});
   }
   return make_table(rows, {2, 3, 4});
 }

@@ -14,20 +14,28 @@ void add_case_options(CLI::App& command, CaseOptions& options) {
       .add_option("-r,--recordings", options.recordings,
                   "Recordings: folders, MCAP files, or folders of them")
       ->required();
-  command.add_option("--set", options.overrides, "Override of the scene, a.b=c (scene.tissue...)");
+  command.add_option(
+      "--set", options.overrides,
+      "Override a knob of the scene, a.b=c, as scene.tissue.material.young_modulus_pa=5000");
   command.add_option("--rule-out", options.ruled_out,
-                     "Effect that is known not to be there, by name");
+                     "Name of an effect that is known to be absent");
   command
       .add_option("--tolerance-mm", options.tolerance_mm,
-                  "Of the mesh of surfaces, rms error of the surface")
-      ->check(number_between(0.05, 10));
+                  "Root mean square error of the surface that the fine mesh is made for [mm]")
+      ->check(number_between(0.05, 10))
+      ->capture_default_str();
   command
-      .add_option("--coarse-mm", options.coarse_mm, "The same of the mesh of search and columns")
-      ->check(number_between(0.1, 20));
-  command.add_option("--seed", options.seed, "Of what is drawn; recorded")->check(whole_number());
+      .add_option("--coarse-mm", options.coarse_mm,
+                  "The same for the coarse mesh, that of the search and of derivatives [mm]")
+      ->check(number_between(0.1, 20))
+      ->capture_default_str();
+  command.add_option("--seed", options.seed, "Seed of random numbers")
+      ->check(whole_number())
+      ->capture_default_str();
   command
-      .add_option("--threads", options.threads, "Threads; nothing that is found depends on them")
-      ->check(number_between(1, 256));
+      .add_option("--threads", options.threads, "Number of threads; results do not depend on it")
+      ->check(number_between(1, 256))
+      ->capture_default_str();
   add_simulator_options(command, options.simulator);
 }
 

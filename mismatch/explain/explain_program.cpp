@@ -109,14 +109,13 @@ int run_explain(const ProgramOptions& options) {
 std::function<int()> add_explain_command(CLI::App& app) {
   const auto made = std::make_shared<ProgramOptions>();
   ProgramOptions& options = *made;
-  CLI::App& sub =
-      *app.add_subcommand("explain",
-                          "Where recordings and simulation differ, and what physics was left out "
-                          "(docs/mismatch.md 5)");
+  CLI::App& sub = *app.add_subcommand("explain",
+                                      "Say where recordings and simulation differ and which "
+                                      "physics the simulation leaves out (docs/mismatch.md 5)");
   add_case_options(sub, options);
   sub.add_option("--held-out", options.held_out,
-                 "Recording that confirms and is not fitted, by NAME, or NAME* for all that begin "
-                 "so; beside those that say so themselves");
+                 "Name of a recording that confirms and is not fitted, or NAME* for those whose "
+                 "names begin with NAME; recordings that say so themselves are held out as well");
   sub.add_option("-o,--output", options.output,
                  "Folder for verdict.json, scene.repaired.txtpb, scene.base.txtpb, report.html, "
                  "predictions; new or empty")

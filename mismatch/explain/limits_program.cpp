@@ -93,18 +93,18 @@ std::function<int()> add_limits_command(CLI::App& app) {
   LimitsOptions& options = *made;
   CLI::App& sub = *app.add_subcommand(
       "limits",
-      "How large each effect must be to be seen by commands that were not run yet "
-      "(docs/mismatch.md 5.9); what recordings of them observed is not looked at");
+      "Say how large each effect must be to be detected with commands that were not run yet "
+      "(docs/mismatch.md 5.9); of recordings the commands are read alone");
   add_case_options(sub, options);
   sub.add_option("-o,--output", options.output, "Folder for limits.json, new or empty");
-  sub.add_option("--rate", options.rate_hz, "Clouds per second [Hz]")
+  sub.add_option("--rate", options.rate_hz, "Point clouds per second [Hz]")
       ->check(number_between(0.1, 1000))
       ->capture_default_str();
   sub.add_option("--noise-mm", options.noise_mm,
-                 "Of a point along its ray, one standard deviation [mm]")
+                 "Standard deviation of a point along its camera ray [mm]")
       ->check(number_between(0.01, 20))
       ->capture_default_str();
-  sub.add_option("--points", options.points, "Points of a cloud on the sheet, about")
+  sub.add_option("--points", options.points, "Number of points of a cloud on the sheet, about")
       ->check(number_between(50, 1200))
       ->capture_default_str();
   return [made] { return run_limits(*made); };

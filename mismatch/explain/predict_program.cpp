@@ -117,21 +117,23 @@ int run_predict(const PredictOptions& options) {
 std::function<int()> add_predict_command(CLI::App& app) {
   const auto made = std::make_shared<PredictOptions>();
   PredictOptions& options = *made;
-  CLI::App& sub = *app.add_subcommand(
-      "predict",
-      "What a verdict foretells of other commands, of which nothing that was observed "
-      "is looked at (docs/mismatch.md 5.8)");
+  CLI::App& sub =
+      *app.add_subcommand("predict",
+                          "Predict with a stored verdict what other commands would do "
+                          "(docs/mismatch.md 5.8); of recordings the commands are read alone");
   sub.add_option("OUT", options.verdict, "Folder that mismatch explain wrote")->required();
   sub.add_option("-r,--recordings", options.recordings,
-                 "Recordings, whose commands count: folders, MCAP files, or folders of them")
+                 "Recordings whose commands are simulated: folders, MCAP files, or folders of them")
       ->required();
   sub.add_option("-o,--output", options.output,
-                 "Folder for predictions/NAME.npz, without and with what was named; new or empty")
+                 "Folder for predictions/NAME.npz, new or empty: without and with the effect that "
+                 "the verdict names")
       ->required();
-  sub.add_option("--tolerance-mm", options.tolerance_mm, "Of the mesh, rms error of the surface")
+  sub.add_option("--tolerance-mm", options.tolerance_mm,
+                 "Root mean square error of the surface that the mesh is made for [mm]")
       ->check(number_between(0.05, 10))
       ->capture_default_str();
-  sub.add_option("--threads", options.threads, "Threads; what is foretold does not depend on them")
+  sub.add_option("--threads", options.threads, "Number of threads; results do not depend on it")
       ->check(number_between(1, 256))
       ->capture_default_str();
   add_simulator_options(sub, options.simulator);

@@ -70,9 +70,11 @@ std::string limits_table(const pb::Verdict& verdict) {
       rows.push_back({row.effect(), row.unit(), "never", "", "", row.why_not(), ""});
       continue;
     }
-    rows.push_back({row.effect(), row.unit(), figure(row.amplitude()),
-                    figure(row.amplitude_named()), figure(row.floor_amplitude()), row.floor_from(),
-                    row.look_alike()});
+    const double none = std::nan("");
+    const auto least = [&](double size) { return show_number(size, none, none, row.unit()); };
+    const ShownNumber seen = least(row.amplitude());
+    rows.push_back({row.effect(), seen.unit, seen.value, least(row.amplitude_named()).value,
+                    least(row.floor_amplitude()).value, row.floor_from(), row.look_alike()});
   }
   return card(make_table(rows, {2, 3, 4}));
 }
@@ -172,8 +174,9 @@ std::string when_table(const pb::VerdictEffect& effect) {
 std::string effect_table(const pb::VerdictEffect& effect) {
   TableRows rows = {{"number", "value", "90 % from", "to"}};
   for (const pb::VerdictParameter& p : effect.parameters()) {
-    rows.push_back({p.name(), with_unit(p.value(), p.unit()), with_unit(p.low90(), p.unit()),
-                    with_unit(p.high90(), p.unit())});
+    const ShownNumber number = shown(p);
+    rows.push_back({p.name(), number.value + number.unit, number.low + number.unit,
+                    number.high + number.unit});
   }
   std::string html = make_table(rows, {1, 2, 3});
   html += "<p>" +
@@ -219,8 +222,9 @@ std::string verdict_sentence(const pb::Verdict& v) {
   if (!where.empty()) text += " " + where;
   if (effect.parameters_size() > 0) {
     const pb::VerdictParameter& p = best_known(effect);
-    text += fmt::format(", {} = {} ({} - {})", p.name(), with_unit(p.value(), p.unit()),
-                        with_unit(p.low90(), p.unit()), with_unit(p.high90(), p.unit()));
+    const ShownNumber number = shown(p);
+    text += fmt::format(", {} = {}{} (90 %: {} - {}{})", p.name(), number.value, number.unit,
+                        number.low, number.high, number.unit);
   }
   if (v.status() == "partly_explained") text += ", and that is not all: " + v.reason();
   return text + ".";

@@ -38,10 +38,15 @@ std::function<int()> add_verdict_commands(CLI::App& app) {
         ->required();
     sub.callback([part, name] { *part = name; });
   };
-  add("locate", "Of a stored verdict: where, with scores by place");
-  add("name", "Of a stored verdict: what was left out, rivals and what each leaves");
-  add("model", "Of a stored verdict: numbers with intervals, and what switches the effect on");
-  add("show", "Of a stored verdict: everything on a screen, limits included");
+  add("locate",
+      "Print from a stored verdict where simulation and recordings differ, with scores by place");
+  add("name",
+      "Print from a stored verdict which physics was left out, its rivals, and the misfit that "
+      "each leaves");
+  add("model",
+      "Print from a stored verdict the numbers of the effect with intervals, and the knobs that "
+      "switch it on");
+  add("show", "Print from a stored verdict all of it on one screen, detection limits included");
   return [part, folder] { return print_part(*part, *folder); };
 }
 

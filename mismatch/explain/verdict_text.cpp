@@ -156,8 +156,9 @@ std::string numbers_text(const pb::Verdict& v) {
     Columns table;
     table.add({effect.class_().members(0).name(), "value", "90 % from", "to", ""});
     for (const pb::VerdictParameter& p : effect.parameters()) {
-      table.add({p.name(), with_unit(p.value(), p.unit()), with_unit(p.low90(), p.unit()),
-                 with_unit(p.high90(), p.unit()), p.at_bound() ? "at the end of its range" : ""});
+      const ShownNumber number = shown(p);
+      table.add({p.name(), number.value + number.unit, number.low + number.unit,
+                 number.high + number.unit, p.at_bound() ? "at the end of its range" : ""});
     }
     text += table.text();
     if (effect.has_explained_share())

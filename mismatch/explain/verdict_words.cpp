@@ -7,25 +7,26 @@
 namespace omentum {
 
 std::string figure(double value) {
-  return std::isfinite(value) ? fmt::format("{:.4g}", value) : "-";
+  return std::isfinite(value) ? fmt::format("{:.3g}", value) : "-";
 }
 
 std::string mm(double metres) { return fmt::format("{:.2f}", 1e3 * metres); }
 
-std::string with_unit(double value, const std::string& unit) {
-  return unit == "m" ? mm(value) + " mm" : figure(value) + (unit == "1" ? "" : " " + unit);
+ShownNumber shown(const pb::VerdictParameter& p) {
+  return show_number(p.value(), p.low90(), p.high90(), p.unit());
 }
 
+// No place is known better than to a tenth of a millimetre.
 std::string where_text(const pb::VerdictWhere& where) {
   if (where.edge_interval_m_size() == 2) {
-    return fmt::format("on the clamped edge from x = {} to {} mm", mm(where.edge_interval_m(0)),
-                       mm(where.edge_interval_m(1)));
+    return fmt::format("on the clamped edge from x = {:.1f} to {:.1f} mm",
+                       1e3 * where.edge_interval_m(0), 1e3 * where.edge_interval_m(1));
   }
   if (where.centre_m_size() < 2) return "";
-  std::string text = fmt::format("at x = {}, y = {} mm from the middle of the sheet",
-                                 mm(where.centre_m(0)), mm(where.centre_m(1)));
+  std::string text = fmt::format("at x = {:.1f}, y = {:.1f} mm from the middle of the sheet",
+                                 1e3 * where.centre_m(0), 1e3 * where.centre_m(1));
   if (where.has_radius50_m())
-    text += fmt::format(" (half of it within {} mm)", mm(where.radius50_m()));
+    text += fmt::format(" (half of it within {:.1f} mm)", 1e3 * where.radius50_m());
   return text;
 }
 

@@ -3,15 +3,16 @@
 #include <string>
 
 #include "proto/verdict.pb.h"
+#include "report/section_parts.h"
 
 // Numbers and places of a verdict in words, the same on its page and on a terminal.
 namespace omentum {
 
-std::string figure(double value);  ///< four digits; "-" where there is none
+std::string figure(double value);  ///< three digits; "-" where there is none
 std::string mm(double metres);
-/// Metres as mm, other units as they are.
-std::string with_unit(double value, const std::string& unit);
-/// "at x = 2.00, y = 4.00 mm from the middle of the sheet"; empty where it says no place.
+/// A number of an effect with the digits that its interval justifies (report/section_parts.h).
+ShownNumber shown(const pb::VerdictParameter& parameter);
+/// "at x = 2.0, y = 4.0 mm from the middle of the sheet"; empty where it says no place.
 std::string where_text(const pb::VerdictWhere& where);
 /// What a channel that no fit saw says of the claim.
 std::string channel_text(const pb::VerdictChannel& channel);

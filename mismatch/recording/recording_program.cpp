@@ -294,24 +294,25 @@ int print_info(const RecordingOptions& options) {
 std::function<int()> add_recording_commands(CLI::App& app) {
   const auto options = std::make_shared<RecordingOptions>();
   CLI::App& in = *app.add_subcommand(
-      "import", "Recordings as MCAP files (docs/formats.md 13, docs/import.md)");
-  in.add_option(
-        "input", options->input,
-        "Recording folder, case folder with several, MCAP file, bag of ROS in MCAP (a file, or the "
-        "folder of its parts), or with "
-        "--map any folder")
+      "import", "Convert recordings to MCAP files (docs/formats.md 13, docs/import.md)");
+  in.add_option("input", options->input,
+                "Recording folder, case folder with several, MCAP file, bag of ROS in MCAP (a "
+                "file, or the folder of its parts); with --map any folder")
       ->required();
-  in.add_option("--map", options->map, "Mapping file that says how the recordings stand there");
+  in.add_option("--map", options->map,
+                "Mapping file that says how the recordings are stored there (docs/import.md)");
   in.add_option("-o,--output", options->output,
-                "NAME.mcap of one recording, or a folder for several; new")
+                "NAME.mcap for one recording, or a folder for several, new or empty")
       ->required();
-  CLI::App& out = *app.add_subcommand("export", "A recording as a folder (docs/formats.md 3)");
+  CLI::App& out =
+      *app.add_subcommand("export", "Write a recording as a plain folder (docs/formats.md 3)");
   out.add_option("input", options->input, "MCAP file")->required();
   out.add_option("-o,--output", options->output, "Folder to write; new or empty")->required();
   CLI::App& info = *app.add_subcommand(
-      "info", "What can be known of recordings without simulation: clocks, gaps, noise, repeats");
+      "info",
+      "Say what can be known of recordings without simulation: clocks, gaps, noise, repeats");
   info.add_option("inputs", options->inputs,
-                  "MCAP files, or folders of a bag of ROS; of repeats several")
+                  "MCAP files, or folders of a bag of ROS; several to compare repeats")
       ->required();
   info.add_option(
       "--scene", options->scene,
@@ -319,7 +320,7 @@ std::function<int()> add_recording_commands(CLI::App& app) {
       "from tissue in clouds; default: what the recording says");
   info.add_flag("--json", options->json, "The same as JSON (docs/import.md 9)");
   info.add_option("--contact-sheet", options->contact_sheet,
-                  "PNG to write: some clouds and pictures, and the curves of the channels");
+                  "PNG file to write: some clouds and pictures, and the curves of the channels");
   return [&in, &out, &info, options] {
     if (info.parsed()) return print_info(*options);
     if (in.parsed()) return import_recordings(*options);

@@ -102,27 +102,31 @@ int make(const SceneOptions& options) {
 std::function<int()> add_scene_command(CLI::App& app) {
   const auto made = std::make_shared<SceneOptions>();
   SceneOptions& options = *made;
-  CLI::App& sub = *app.add_subcommand(
-      "scene",
-      "A scene from a cloud of the body at rest, or from scene_believed.txt (docs/calibrate.md 7)");
+  CLI::App& sub = *app.add_subcommand("scene",
+                                      "Make a scene from a point cloud of the body at rest, or "
+                                      "from scene_believed.txt (docs/calibrate.md 7)");
+  sub.add_option("input", options.input,
+                 "Point cloud (.ply, .pcd), recording whose first cloud shows the body at rest, or "
+                 "scene_believed.txt")
+      ->required();
   sub.add_option(
-         "input", options.input,
-         "Cloud (.ply, .pcd), recording whose first cloud is at rest, or scene_believed.txt")
+         "-o,--output", options.output,
+         "NAME.txtpb to write; NAME.prior.txtpb beside it gets the uncertainty of its numbers")
       ->required();
-  sub.add_option("-o,--output", options.output,
-                 "NAME.txtpb to write; NAME.prior.txtpb says how sure it is")
-      ->required();
-  sub.add_option("--board-mm", options.board_mm, "Height of the board in W [mm]")
+  sub.add_option("--board-mm", options.board_mm, "Height of the board in the world frame W [mm]")
       ->check(number_between(-1e4, 1e4))
       ->capture_default_str();
   sub.add_option("--thickness-mm", options.thickness_mm,
-                 "Of the body; 0: the height of the cloud above the board [mm]")
+                 "Thickness of the body [mm]; 0: the height of the cloud above the board")
       ->check(number_between(0, 500))
       ->capture_default_str();
-  sub.add_option("--clamp-mm", options.clamp_mm, "Width of the strip that is fixed [mm]")
+  sub.add_option("--clamp-mm", options.clamp_mm,
+                 "Width of the strip of the body that is clamped [mm]")
       ->check(number_between(0, 500))
       ->capture_default_str();
-  sub.add_option("--fixed", options.fixed, "Direction from the middle to the fixed edge, x y in W")
+  sub.add_option(
+         "--fixed", options.fixed,
+         "Direction from the middle of the body to its clamped edge: x and y in the world frame W")
       ->expected(2)
       ->check(number_between(-1e3, 1e3));
   return [made] { return make(*made); };

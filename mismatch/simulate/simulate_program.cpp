@@ -309,49 +309,53 @@ int simulate_folders(const SimulateOptions& options) {
 std::function<int()> add_simulate_command(CLI::App& app) {
   const auto made = std::make_shared<SimulateOptions>();
   SimulateOptions& options = *made;
-  CLI::App& sub = *app.add_subcommand(
-      "simulate",
-      "Run a scene under the tool commands of recordings and write what recordings of it "
-      "would hold (docs/formats.md 3)");
+  CLI::App& sub = *app.add_subcommand("simulate",
+                                      "Simulate a scene under the tool commands of recordings and "
+                                      "write what recordings of it would hold (docs/formats.md 3)");
   sub.add_option("--scene", options.scene, "Scene file (deploy/scenes/*.txtpb)")->required();
   sub.add_option("--commands", options.commands,
-                 "Recording, a folder or an MCAP file; several are simulated side by side")
+                 "Recordings whose tool commands are simulated: folders or MCAP files")
       ->required();
   sub.add_option("-o,--output", options.output,
-                 "Folder to write, new or empty, or X.mcap; of several recordings a folder of "
-                 "folders named as they are")
+                 "Folder to write, new or empty, or X.mcap; for several recordings a folder that "
+                 "gets a folder of the name of each")
       ->required();
   sub.add_option("--model", options.model, "Tissue model instead of the scene's")
       ->check(CLI::IsMember({"cluster", "elastic", "reference"}));
-  sub.add_option("--set", options.overrides, "Override of the scene, a.b=c (scene.tissue...)");
-  sub.add_option("--patch-radius", options.patch_radius_m,
-                 "Tissue this near the tip is held, instead of scene.tool.grip.half_x_m [m]")
+  sub.add_option(
+      "--set", options.overrides,
+      "Override a knob of the scene, a.b=c, as scene.tissue.material.young_modulus_pa=5000");
+  sub.add_option(
+         "--patch-radius", options.patch_radius_m,
+         "Distance from the tip within which tissue is held [m]; default: scene.tool.grip.half_x_m")
       ->check(number_between(1e-4, 0.05));
   sub.add_option("--tolerance-mm", options.tolerance_mm,
-                 "Mesh of the reference for this rms error of the surface, instead of the "
-                 "scene's [mm]")
+                 "Root mean square error of the surface that the mesh of model reference is made "
+                 "for [mm]; default: the scene's")
       ->check(number_between(1e-3, 10));
-  sub.add_option("--columns", options.columns,
-                 "Derivatives by these parameters too, to columns.npz: all, sites, or names of the "
-                 "list below with commas");
+  sub.add_option(
+      "--columns", options.columns,
+      "Write derivatives by these parameters to columns.npz as well: all, sites (stiffness, "
+      "density and force on a grid of places), or names of the list below, separated by commas");
   sub.footer("Parameters of --columns, their units and settings (name@key=value:key=value):\n" +
              describe_parameters());
-  sub.add_option("--closed", options.grasp.closed_rad, "The jaw holds at or below this angle [rad]")
+  sub.add_option("--closed", options.grasp.closed_rad,
+                 "Angle of the jaw at or below which it holds tissue [rad]")
       ->check(number_between(0, 3.2))
       ->capture_default_str();
   sub.add_option("--rate", options.rate_hz,
-                 "Control steps per second; default: tool_rate_hz of recording.txtpb, else 50 [Hz]")
+                 "Control steps per second [Hz]; default: tool_rate_hz of recording.txtpb, else 50")
       ->check(number_between(10, 1000));
-  sub.add_option("--cloud-rate", options.cloud_rate_hz, "Clouds per second; 0 = none [Hz]")
+  sub.add_option("--cloud-rate", options.cloud_rate_hz, "Point clouds per second [Hz]; 0: none")
       ->check(number_between(0, 1000))
       ->capture_default_str();
   sub.add_flag("--no-settle", options.no_settle,
-               "Begin from the shape of the scene instead of at rest under gravity");
-  sub.add_option("--seed", options.seed, "Seed of the depth sensor")
+               "Begin with the shape that the scene states instead of at rest under gravity");
+  sub.add_option("--seed", options.seed, "Seed of the noise of the simulated depth camera")
       ->check(whole_number())
       ->capture_default_str();
   sub.add_option("--threads", options.threads,
-                 "Recordings simulated at a time; results do not depend on it")
+                 "Number of recordings that are simulated at a time; results do not depend on it")
       ->check(number_between(1, 1024))
       ->capture_default_str();
   add_simulator_options(sub, options.simulator);

@@ -16,7 +16,7 @@ void add_simulator_options(CLI::App& app, SimulatorOptions& options) {
   app.add_option("--run", options.run,
                  "Simulate on the workers of this run (sim_worker --run NAME) instead of here; "
                  "results do not depend on it");
-  app.add_option("--domain", options.domain, "Of --run: DDS domain, 0 ... 230")
+  app.add_option("--domain", options.domain, "DDS domain of --run, 0 ... 230")
       ->check(CLI::Range(0, 230))
       ->capture_default_str();
   add_dds_options(app, options.dds);

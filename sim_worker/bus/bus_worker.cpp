@@ -14,9 +14,11 @@ namespace {
 constexpr std::int64_t kMs = 1'000'000;
 constexpr std::int64_t kS = 1'000 * kMs;
 constexpr std::int64_t kParkNs = 5 * kS;  // docs/wire.md 1: then a task without weights is declined
-constexpr std::int64_t kKeepSegmentNs = 30 * kS;  // B5
-constexpr std::int64_t kPollNs = 50 * kMs;        // stop flag
-constexpr std::int64_t kRetryNs = 10 * kMs;       // delivery
+// So long a segment waits for a reader and a learner that speaks, then it is dropped and counted
+// (docs/wire.md 5.2).
+constexpr std::int64_t kKeepSegmentNs = 30 * kS;
+constexpr std::int64_t kPollNs = 50 * kMs;   // stop flag
+constexpr std::int64_t kRetryNs = 10 * kMs;  // delivery
 
 BusWorkerOptions checked(BusWorkerOptions options) {
   check_run_name(options.run);

@@ -13,7 +13,7 @@ namespace omentum {
 namespace {
 
 constexpr std::int64_t kS = 1'000'000'000;
-constexpr std::int64_t kKeepResultNs = 30 * kS;  // as B5 of docs/wire.md 5.2
+constexpr std::int64_t kKeepResultNs = 30 * kS;  // for an asker, as a segment for a learner
 constexpr std::size_t kMostWaiting = 64;
 constexpr std::size_t kMostOfAsker =
     8;  // an asker grants two, and those that lapsed may be here yet

@@ -1,6 +1,6 @@
-// The lane kernel of the elastic shell: included by elastic_*.cpp after lanes.h, one translation
-// unit per width. Everything except the exported table is in an unnamed namespace (lanes.h says
-// why).
+// The lane kernel of the elastic shell: included by shell_kernel.cpp after lanes.h, one translation
+// unit per width; shell_contact.inl has the contact. Everything except the exported table is in an
+// unnamed namespace (lanes.h says why).
 //
 // Per substep (docs/tissue.md 7), with d = x - x_n:
 //   start      d = h v, without gravity (the start rule)

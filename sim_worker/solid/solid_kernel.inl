@@ -1,4 +1,4 @@
-// The lane kernel of the elastic solid: included by solid_f*.cpp after lanes.h, one translation
+// The lane kernel of the elastic solid: included by solid_kernel.cpp after lanes.h, one translation
 // unit per width. Everything except the exported table is in an unnamed namespace (lanes.h says
 // why).
 //

@@ -88,7 +88,7 @@ enum EffectModel : std::uint32_t {
 /// proto/tissue_effects.proto.
 struct EffectRow {
   const char* path;  ///< below TissueEffects: "inclusion.x_m", "viscoelastic[0].share"
-  /// Null: no value of a lane but a rigid body of the scene (obstacle).
+  /// Null: no value of a lane but a rigid body of the scene (obstacle); get() must not be called.
   double& (*member)(EffectValues&);
   EffectPart part;
   std::uint32_t models;      ///< that have it
@@ -109,13 +109,16 @@ const pb::Knob& knob_of(const EffectRow& row);
 /// outside the knob's range.
 void set_effect(pb::TissueEffects& effects, const std::string& path, double value);
 
-/// Scales of an effect that is off do not count: they get their neutral values.
-/// Throws Error, one line with knob, value and what is allowed, for what the knobs alone cannot
-/// exclude: too many branches, Poisson's ratio or thickness out of range.
+/// Scales of an effect that is off do not count: they get their neutral values. `particles`: p_B at
+/// rest [m]; without them places and thickness are not checked. Throws Error, one line with knob,
+/// value and what is allowed, for what the knobs alone cannot exclude: too many branches or
+/// inclusions, Poisson's ratio or thickness out of range, a place off the tissue, an anchor whose
+/// parts contradict each other.
 EffectValues make_effects(const pb::TissueEffects& effects, double poisson_ratio,
                           std::span<const Eigen::Vector3d> particles);
 
-/// What the knobs and make_effects() promise, for values from elsewhere (a saved state).
+/// What the knobs and make_effects() promise of ranges, for values from elsewhere (a saved state);
+/// of places it says nothing.
 bool usable(const EffectValues& effects, double poisson_ratio,
             std::span<const Eigen::Vector3d> particles);
 

@@ -24,6 +24,7 @@ Eigen::Matrix3d jaw_rotation(const EffectValues& effects, const Eigen::Vector3d&
 /// Way that a held patch slips along the force F on the tool within dt [m], for tissue whose force
 /// falls by `stiffness` per metre of slip [N/m]: it does not overshoot the force at which slip
 /// ends, nor the whole way that the patch may slip, of which it has gone `slipped` [m].
+/// Precondition: stiffness > 0.
 Eigen::Vector3d slip_of(const EffectValues& effects, const Eigen::Vector3d& force, double stiffness,
                         double slipped, double dt);
 
@@ -33,11 +34,12 @@ double place_weight(double distance_over_radius);
 
 /// Shares, sum 1, of the nodes p_B in what lies on a disc of the sheet, by place_weight() and the
 /// `measure` of each node (area or mass); a disc between nodes is all of the nearest one's.
+/// Precondition: as many of both, one and more, and radius > 0.
 std::vector<double> disc_shares(std::span<const Eigen::Vector3d> nodes,
                                 std::span<const double> measure, const Eigen::Vector2d& centre,
                                 double radius);
 
-/// Share of a rectangle of the sheet (x_B, y_B) that sticks.
+/// Share of a rectangle of the sheet (x_B, y_B) that sticks; it must have an area.
 double sticking_share(const EffectValues& effects, const Eigen::AlignedBox2d& part);
 
 /// Shares of three branches with times 0.5, 0.05 and 0.005 s whose loss factor, that is loss over
@@ -45,8 +47,8 @@ double sticking_share(const EffectValues& effects, const Eigen::AlignedBox2d& pa
 /// ... 1.22 up to 0.4. The storage modulus grows with the frequency, as it must (Kramers, Kronig).
 std::array<double, 3> loss_branches(double loss_factor);
 
-/// The Prony branches over a step h:  H <- keep H + gain (S_new - S_old). Exact for S linear in
-/// time.
+/// The Prony branches over a step h > 0 [s]:  H <- keep H + gain (S_new - S_old). Exact for S
+/// linear in time.
 struct PronyStep {
   int branches = 0;
   std::array<double, kMaxBranches> keep{}, gain{};
@@ -59,7 +61,7 @@ int prony_branches(const EffectValues& effects);
 /// `longest`: 1 up to half of `limit`, 0 from `limit`.
 double cohesive_share(double longest, double limit);
 
-/// Part of a length of clamp edge around x_B that is detached, [0, 1].
+/// Part of a length of clamp edge, x_B +- half_width [m] > 0, that is detached, [0, 1].
 double detached_share(const EffectValues& effects, double x, double half_width);
 
 }  // namespace omentum

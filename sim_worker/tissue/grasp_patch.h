@@ -33,8 +33,9 @@ struct PatchPoint {
   double weight = 0;
 };
 
-/// Quadrature of the disc inside `free`, which holds its centre; weights sum to 1. Points and
-/// weights are continuous in centre and radius.
+/// Quadrature of the disc inside `free`, which must hold its centre; weights sum to 1. Points and
+/// weights are continuous in centre and radius. Precondition: radius > 0 and `free` has an area,
+/// else the weights are NaN.
 std::vector<PatchPoint> patch_points(const Eigen::AlignedBox2d& free, const Eigen::Vector2d& centre,
                                      double radius);
 
@@ -44,7 +45,8 @@ struct SheetPoint {
 };
 
 /// Point of a sheet nearest to the tip: Gauss-Newton from `start`. `at` gives the place in W of a
-/// rest point in `sheet`.
+/// rest point in `sheet` and is not asked outside. `sheet` must have an area and
+/// hold `start`.
 SheetPoint nearest_on_sheet(const std::function<Eigen::Vector3d(const Eigen::Vector2d&)>& at,
                             const Eigen::AlignedBox2d& sheet, const Eigen::Vector2d& start,
                             const Eigen::Vector3d& tip);

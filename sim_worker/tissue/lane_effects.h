@@ -25,7 +25,8 @@ class LaneEffects {
   void stop_clock(int lane, bool stopped);
 
   /// The memory of a lane's effects in its saved state. Two halves, so that nothing changes before
-  /// all is known to be sound: read() checks, load() takes over after set().
+  /// all is known to be sound: read() checks, load() takes over after the lane was given the values
+  /// that read() was.
   void save(int lane, StateWriter& state) const;
   Result<std::vector<Real>> read(const EffectValues& values, StateReader& state) const;
   void load(int lane, std::span<const Real> memory);

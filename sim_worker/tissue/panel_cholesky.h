@@ -18,8 +18,8 @@ struct PanelFactor {
   std::vector<std::int32_t> row;  ///< of PanelArgs
   std::vector<double> values;
 
-  /// Replaces every row of b (any x nodes) by the solution; nodes without a row of the matrix are
-  /// left alone.
+  /// Replaces every row of b (any number x nodes, the highest of node_of_row included) by the
+  /// solution; nodes without a row of the matrix are left alone.
   void solve(Eigen::MatrixXd& b) const;
 };
 
@@ -39,7 +39,9 @@ class LaneFactor {
 extern template class LaneFactor<float>;
 extern template class LaneFactor<double>;
 
-/// Factor of `matrix`, whose row k belongs to node node_of_row[k]. Minimum degree ordering.
+/// Factor of `matrix`, whose row k belongs to node node_of_row[k]. Minimum degree ordering. Reads
+/// the lower triangle; aborts where the matrix is not positive definite or has another number of
+/// rows.
 PanelFactor factorize(const Eigen::SparseMatrix<double>& matrix, std::span<const int> node_of_row);
 
 }  // namespace omentum

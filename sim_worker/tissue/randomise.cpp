@@ -110,7 +110,9 @@ void check_randomise(const pb::Config& config, const Scene& scene) {
     }
     const bool is_thickness = r.parameter() == "tissue.thickness_scale";
     const bool is_scale = r.parameter().find("scale") != std::string::npos;
-    const double low = is_thickness ? 0.2 : is_scale ? 0 : -0.02;
+    const bool is_stiffness = r.parameter() == "tissue.stiffness_scale";
+    // As usable() has it: tissue without stiffness has no shape.
+    const double low = is_thickness ? 0.2 : is_stiffness ? 1e-3 : is_scale ? 0 : -0.02;
     const double high = is_thickness ? 5 : is_scale ? 10 : 0.02;
     if (!(r.min() >= low && r.max() <= high && r.min() <= r.max())) {
       throw_error("randomise {}: {} ... {}, allowed within {} ... {}", r.parameter(), r.min(),

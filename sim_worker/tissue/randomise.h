@@ -26,7 +26,8 @@ struct DrawnParameters {
 /// What the configuration says without a draw.
 DrawnParameters not_drawn(const Scene& scene);
 
-/// A pure function of its arguments: every worker draws the same.
+/// A pure function of its arguments: every worker draws the same. Precondition: check_randomise()
+/// did not throw.
 DrawnParameters draw_randomised(const pb::Config& config, const Scene& scene, const DrawKey& key);
 
 /// Whether effects of the arm are among what is drawn.

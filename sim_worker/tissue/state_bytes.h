@@ -16,7 +16,8 @@ namespace omentum {
 /// then effects, then the grasp. Reaches checkpoints: do not change.
 enum StateParts : std::uint32_t { kEffectsFollow = 1, kGraspFollows = 2, kThicknessFollows = 4 };
 
-/// Appends plain values to the state of a lane, as they lie in memory (little-endian machines).
+/// Appends plain values to the state of a lane, as they lie in memory (little-endian machines). A
+/// type with padding would make two saves of one state differ.
 class StateWriter {
  public:
   explicit StateWriter(Bytes& out) : out_(out) {}

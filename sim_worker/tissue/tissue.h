@@ -56,7 +56,8 @@ struct TissueModel;
 /// models and everything that uses them. Lane k of a batch equals a batch of one, bit for bit, at
 /// every width. "Particles" are the points that a grasp can take and that recordings show:
 /// particles of the cluster model, nodes of the elastic one. Real is float in the product and
-/// double as oracle. One thread at a time. Contract test: tests/sim_worker/lanes/lanes_test.cpp.
+/// double as oracle. One thread at a time. Everywhere 0 <= lane < lanes() and 0 <= particle <
+/// particles(), which is not checked. Contract test: tests/sim_worker/lanes/lanes_test.cpp.
 template <typename Real>
 class Tissue {
  public:
@@ -73,12 +74,14 @@ class Tissue {
 
   /// Rest shape moved by `offset` in W [m], velocity zero, nothing held.
   virtual void reset(int lane, const Eigen::Vector3d& offset) = 0;
+  /// Precondition: usable(parameters), and effects with the added mass of the scene and an anchor
+  /// that fits it, anchors_fit(); the models in lanes abort otherwise.
   virtual void set_parameters(int lane, const LaneParameters& parameters) = 0;
 
-  /// Advances every lane by one control step. `motion` has lanes() entries.
+  /// Advances every lane by one control step. Aborts unless `motion` has lanes() entries.
   void step(std::span<const ToolMotion> motion);
 
-  // The stages of step(); CoupledTissue calls those of its two bodies.
+  // The stages of step(), in this order; CoupledTissue calls those of its two bodies.
 
   /// Once per control step: slip of the grasp, what may touch what.
   virtual void begin_step(std::span<const ToolMotion> motion) = 0;
@@ -122,7 +125,8 @@ class Tissue {
   virtual void set_position(int lane, int particle, const Eigen::Vector3d& p) = 0;
   virtual void set_velocity(int lane, int particle, const Eigen::Vector3d& v) = 0;
 
-  /// Nearest particle to a point of each lane; ties go to the lower index.
+  /// Nearest particle to a point of each lane, p_W [m]; ties go to the lower index. Aborts unless
+  /// both have lanes() entries.
   virtual void find_nearest(std::span<const Eigen::Vector3d> points,
                             std::span<Nearest> nearest) const = 0;
 
@@ -138,9 +142,9 @@ class Tissue {
     return healthy(lane) ? "" : "the state is not finite";
   }
 
-  /// Whole state of a lane, canonical: particle order, independent of lane and width. load()
-  /// refuses, changing nothing, bytes of another size or with a non-finite number or an index out
-  /// of range; it returns the number of bytes used.
+  /// Whole state of a lane, canonical: particle order, independent of lane and width; save()
+  /// appends it to `out`. load() refuses, changing nothing, bytes of another size or with a
+  /// non-finite number or an index out of range; it returns the number of bytes used.
   virtual void save(int lane, Bytes& out) const = 0;
   virtual Result<std::size_t> load(int lane, std::span<const std::byte> state) = 0;
   virtual std::uint64_t hash(int lane) const = 0;

@@ -28,14 +28,14 @@ def expect(text, *parts):
 def check_parts(program, out):
     (out / "verdict.json").write_text((CORPUS / "class.json").read_text())
     said = {part: run(program, part, out) for part in PARTS}
-    sentence = "The simulation leaves out inclusion or bending_stiffness at x = 2.00, y = 4.00 mm from the middle of the sheet"
-    expect(said["locate"], "at x = 2.00, y = 4.00 mm", "(half of it within 1.50 mm)", "inclusion.k, z by place:", "12.6")
+    sentence = "The simulation leaves out inclusion or bending_stiffness at x = 2.0, y = 4.0 mm from the middle of the sheet"
+    expect(said["locate"], "at x = 2.0, y = 4.0 mm", "(half of it within 1.5 mm)", "inclusion.k, z by place:", "12.6")
     rows = [line.split() for line in said["locate"].splitlines()]
     assert ["4.0", "-0.5", "12.6"] in rows and ["-5.0", "1.2", "3.4"] in rows and ["obstacle.height", "4.2", "1.00", "2.00"] in rows, rows
     expect(said["name"], sentence, "status: explained_as_class", "bending_stiffness", "0.20", "not confirmed: no recording was held out",
            "it rests on lift0 alone", "inclusion.k@x=0.002:y=0.004:r=0.009 64, rest_shape.twist 10")
-    expect(said["model"], "4.5", "3.1", "6.2", "8.50 mm", "at the end of its range", "stiffness_change: 3.5", str(out / "scene.repaired.txtpb"))
-    expect(said["show"], sentence, "8.50 mm", "lift5", "0.55", "0.33", "inclusion.k", "1.4", "never", "nothing is trimmed below 5")
+    expect(said["model"], "4.5", "3.1", "6.2", "8.5 mm", "at the end of its range", "stiffness_change: 3.5", str(out / "scene.repaired.txtpb"))
+    expect(said["show"], sentence, "8.5 mm", "lift5", "0.55", "0.33", "inclusion.k", "1.4", "never", "nothing is trimmed below 5")
     assert run(program, "show", out / "verdict.json") == said["show"]
     steered = json.loads((CORPUS / "class.json").read_text()) | {"warnings": ["\x1b[2Jgone"]}
     (out / "verdict.json").write_text(json.dumps(steered))

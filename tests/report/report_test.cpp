@@ -7,6 +7,7 @@
 #include <cmath>
 #include <filesystem>
 #include <fstream>
+#include <limits>
 #include <regex>
 
 #include "core/check.h"
@@ -45,6 +46,19 @@ class ReportTest : public testing::Test {
   static std::string folder_;
 };
 std::string ReportTest::folder_;
+
+TEST(ShownNumber, HasUnitsOfPeopleAndTheDigitsThatItsIntervalJustifies) {
+  const auto text = [](double value, double low, double high, const char* unit) {
+    const ShownNumber shown = show_number(value, low, high, unit);
+    return shown.value + shown.unit + " " + shown.low + " " + shown.high;
+  };
+  EXPECT_EQ(text(5234, 4900, 5600, "Pa"), "5.23 kPa 4.90 5.60");
+  EXPECT_EQ(text(0.0085, 0.007, 0.0103, "m"), "8.5 mm 7.0 10.3");
+  EXPECT_EQ(text(431234, 298765, 520000, "Pa/m"), "430000 Pa/m 300000 520000");
+  EXPECT_EQ(text(2.04e-9, 1.5e-9, 2.6e-9, "m^2/N"), "2e-09 m^2/N 1.5e-09 2.6e-09");
+  const double none = std::numeric_limits<double>::quiet_NaN();
+  EXPECT_EQ(text(0.04567, none, none, "1"), "0.0457 - -");
+}
 
 TEST(EpisodeRecording, FrameStateIsWhatTheFrameShows) {
   EpisodeRecording episode = test::make_episode(10, 4, 5);

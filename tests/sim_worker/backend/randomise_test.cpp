@@ -263,6 +263,16 @@ TEST(BadInput, AnArmThatCannotBeDrawnIsRefusedInOneLine) {
   EXPECT_EQ(message("arm.droop_s", 0, 0.1), "accepted");
 }
 
+TEST(BadInput, AStiffnessOfNothingIsRefusedInOneLine) {
+  try {
+    drawn_setup("omentum", {drawn("tissue.stiffness_scale", 0, 1)});
+    ADD_FAILURE() << "accepted";
+  } catch (const Error& error) {
+    EXPECT_STREQ(error.what(),
+                 "randomise tissue.stiffness_scale: 0 ... 1, allowed within 0.001 ... 10");
+  }
+}
+
 TEST(BadInput, AThicknessOrAdhesionThatCannotBeDrawnIsRefusedInOneLine) {
   const auto message = [](const std::string& preset, const std::string& parameter, double min,
                           double max) -> std::string {
