@@ -19,7 +19,10 @@ namespace {
 
 constexpr std::size_t kSearchFrames = 12;  // of a recording, while numbers are far from the truth
 constexpr std::size_t kStartRecordings = 3;
-constexpr double kCoarsePeriod = 2;  // control steps of the coarse mesh, which tells changes alone
+// Of the coarse mesh, which tells changes alone.
+constexpr double kCoarsePeriod = 2;  // control steps are so many times as long
+constexpr double kCoarseTolerance =
+    1e-6;  // of the weight: 1e-6 of a sag is nothing beside a change
 
 /// What two correct models may differ in, by columns (docs/mismatch.md 5.2).
 std::vector<Unknown> numerics_of(const pb::Scene& scene) {
@@ -392,6 +395,7 @@ BaseFit believed_base(const pb::Scene& scene, std::vector<Observation> observati
   base.fine = mesh_of(options.tolerance_m);
   base.coarse = mesh_of(options.coarse_tolerance_m);
   base.coarse.period = kCoarsePeriod;
+  base.coarse.newton_tolerance = kCoarseTolerance;
   for (std::size_t r = 0; r < base.data.observations.size(); ++r)
     (base.data.observations[r].held_out ? base.held_out : base.fitted).push_back(r);
   if (base.fitted.empty()) throw_error("every recording is held out: nothing can be fitted");

@@ -79,7 +79,7 @@ void tell_claim(const Case& made, std::vector<Contender>& contenders, ReferenceF
   Case beside{made.options, winner.fit.fit, made.candidates, {}, {}, {}, made.floors, {}, {}};
   ask(gather_evidence(winner.fit, model, made.options), beside);
   winner.fit.sd = value_or_throw(spread_of(winner.fit.keys(), beside.fitted, beside.folds));
-  add_effect(made, contenders, verdict);
+  add_effect(made, beside, contenders, verdict);
   const std::string pulled = told_pull(beside);
   if (!beside.judged.entrants.empty()) {
     constexpr std::size_t kTold = 3;

@@ -11,42 +11,28 @@ namespace {
 
 using Eigen::Vector3d;
 
-struct ForceRow {
-  Vector3d seen, base, model;  ///< [N]
-  double sd = 0;
-};
-
-/// Of a recording, those without which the force is that of jaws on what lies below.
-std::vector<ForceRow> rows_of(const BaseFit& base, const BaseFit& model, std::size_t r) {
-  constexpr double kAway = 1e-3;    // [m] from where the tool began
+/// Standard deviation of each row [N].
+std::vector<double> spreads_of(const std::vector<ForceRow>& rows) {
   constexpr double kSensor = 2e-3;  // [N]
   constexpr double kClock = 0.05;   // [s] between camera and sensor
   constexpr double kModels = 0.05;  // of the largest: what two correct models differ by
-  const std::vector<std::optional<SeenForce>>& forces = base.forces[r];
-  std::vector<ForceRow> rows;
   double largest = 0;
-  for (std::size_t f = 0; f < forces.size(); ++f) {
-    if (f >= base.surfaces[r].frames.size() || f >= model.surfaces[r].frames.size()) break;
-    const PredictedFrame& before = base.surfaces[r].frames[f];
-    const PredictedFrame& after = model.surfaces[r].frames[f];
-    const PredictedFrame& first = base.surfaces[r].frames.front();
-    if (!forces[f] || !before.valid || !after.valid || !first.valid) continue;
-    if ((before.tip - first.tip).norm() < kAway) continue;
-    rows.push_back({forces[f]->value, before.force, after.force, kClock * forces[f]->change});
-    largest = std::max(largest, forces[f]->value.norm());
-  }
-  for (ForceRow& row : rows) row.sd = std::hypot(row.sd, kSensor, kModels * largest);
-  return rows;
+  for (const ForceRow& row : rows) largest = std::max(largest, row.seen.norm());
+  std::vector<double> sd;
+  for (const ForceRow& row : rows)
+    sd.push_back(std::hypot(kClock * row.change, kSensor, kModels * largest));
+  return sd;
 }
 
 /// - log density of the rows with forces times `factor`.
 double cost_of_rows(const std::vector<ForceRow>& rows, Vector3d ForceRow::*foretold,
                     double factor) {
   constexpr double kFreedom = 4;
+  const std::vector<double> sd = spreads_of(rows);
   double cost = 0;
-  for (const ForceRow& row : rows) {
-    for (int axis = 0; axis < 3; ++axis)
-      cost += cost_of(std::pow((row.seen - factor * row.*foretold)[axis] / row.sd, 2), kFreedom);
+  for (std::size_t k = 0; k < rows.size(); ++k) {
+    const Vector3d e = (rows[k].seen - factor * rows[k].*foretold) / sd[k];
+    for (int axis = 0; axis < 3; ++axis) cost += cost_of(e[axis] * e[axis], kFreedom);
   }
   return cost;
 }
@@ -60,13 +46,14 @@ double factor_of(const std::vector<std::vector<ForceRow>>& recordings,
   for (int step = 0; step < kSteps; ++step) {
     double information = 1 / (kBelieved * kBelieved), score = information;
     for (const std::vector<ForceRow>& rows : recordings) {
-      for (const ForceRow& row : rows) {
+      const std::vector<double> sd = spreads_of(rows);
+      for (std::size_t k = 0; k < rows.size(); ++k) {
+        const Vector3d seen = rows[k].seen / sd[k], foretells = rows[k].*foretold / sd[k];
         for (int axis = 0; axis < 3; ++axis) {
-          const double foretells = (row.*foretold)[axis] / row.sd;
-          const double e = row.seen[axis] / row.sd - factor * foretells;
+          const double e = seen[axis] - factor * foretells[axis];
           const double weight = weight_of(e * e, kFreedom);
-          information += weight * foretells * foretells;
-          score += weight * foretells * row.seen[axis] / row.sd;
+          information += weight * foretells[axis] * foretells[axis];
+          score += weight * foretells[axis] * seen[axis];
         }
       }
     }
@@ -77,12 +64,25 @@ double factor_of(const std::vector<std::vector<ForceRow>>& recordings,
 
 }  // namespace
 
-std::optional<ForceChannel> compare_forces(const BaseFit& base, const BaseFit& model) {
+std::vector<std::vector<ForceRow>> force_rows(const BaseFit& base, const BaseFit& model) {
+  constexpr double kAway = 1e-3;  // [m]
   std::vector<std::vector<ForceRow>> recordings;
   for (const std::size_t r : base.fitted) {
-    std::vector<ForceRow> rows = rows_of(base, model, r);
+    std::vector<ForceRow> rows;
+    const std::vector<PredictedFrame>& before = base.surfaces[r].frames;
+    const std::vector<PredictedFrame>& after = model.surfaces[r].frames;
+    for (std::size_t f = 0; f < std::min(before.size(), after.size()); ++f) {
+      const std::optional<SeenForce>& seen = base.forces[r][f];
+      if (!seen || !before.front().valid || !before[f].valid || !after[f].valid) continue;
+      if ((before[f].tip - before.front().tip).norm() < kAway) continue;
+      rows.push_back({seen->value, before[f].force, after[f].force, seen->change});
+    }
     if (!rows.empty()) recordings.push_back(std::move(rows));
   }
+  return recordings;
+}
+
+std::optional<ForceChannel> compare_forces(const std::vector<std::vector<ForceRow>>& recordings) {
   if (recordings.size() < 2) return std::nullopt;
   const double before = factor_of(recordings, &ForceRow::base);
   const double after = factor_of(recordings, &ForceRow::model);

@@ -32,8 +32,10 @@ void add_scores(const Case& made, pb::Verdict& verdict);
 void add_pulls(const Case& made, pb::Verdict& verdict);
 /// What columns claim, and what each leaves; then what of it was simulated.
 void add_rivals(const Case& made, const std::vector<Contender>& contenders, pb::Verdict& verdict);
-/// The first of `contenders`, in a class with those that simulations do not tell from it.
-void add_effect(const Case& made, const std::vector<Contender>& contenders, pb::Verdict& verdict);
+/// The first of `contenders`, in a class with those that simulations do not tell from it; `beside`
+/// is the case with it in the base.
+void add_effect(const Case& made, const Case& beside, const std::vector<Contender>& contenders,
+                pb::Verdict& verdict);
 /// Errors of each recording without and with `best` (block_errors()), of those held out in the
 /// shell besides.
 void add_fit(const Case& made, const BaseFit& best, ReferenceForward& model, pb::Verdict& verdict);

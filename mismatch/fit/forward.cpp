@@ -208,6 +208,7 @@ SimulationTask make_calibration_task(const Observation& observation, const pb::S
   pb::ReferenceModel& solver = *tissue.mutable_reference();
   solver.set_friction_slip_speed_m_per_s(
       std::max(solver.friction_slip_speed_m_per_s(), numerics.slip_speed_m_per_s));
+  solver.set_newton_tolerance(std::max(solver.newton_tolerance(), numerics.newton_tolerance));
   const double share = numerics.substeps * observation.period / kScenePeriod;
   const auto scaled = [&](std::uint32_t substeps) {
     return static_cast<std::uint32_t>(std::max(1.0, std::round(share * substeps)));

@@ -75,6 +75,7 @@ struct Numerics {
   double substeps = 1;            ///< times as many as the scene has
   double slip_speed_m_per_s = 0;  ///< friction is smooth below this or what the scene says
   double period = 1;              ///< control steps are so many times as long, with their substeps
+  double newton_tolerance = 0;    ///< of the reference: this or what the scene says, the larger
 };
 
 /// The trajectory of a frame reaches so far before and after it [s].
