@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <array>
 #include <bit>
 #include <cmath>
@@ -16,7 +17,8 @@
 namespace omentum {
 namespace {
 
-static_assert(std::endian::native == std::endian::little, "PLY is read as it lies in memory");
+static_assert(std::endian::native == std::endian::little,
+              "bytes of a PLY are those of the memory, or reversed");
 
 constexpr std::size_t kMostVertices = 10'000'000;
 constexpr std::size_t kLongestHeader = 100'000;
@@ -43,7 +45,7 @@ constexpr std::array<Scalar, 8> kScalars = {{{"char", "int8", 1, as_double<std::
                                              {"double", "float64", 8, as_double<double>}}};
 
 struct Layout {
-  bool ascii = false;
+  bool ascii = false, big_endian = false;
   std::size_t vertices = 0;
   std::vector<const Scalar*> properties;          ///< of a vertex, in order
   std::array<std::optional<std::size_t>, 3> xyz;  ///< which of them
@@ -84,8 +86,9 @@ Result<Layout> read_header(std::string_view bytes) {
     if (word == "format") {
       words >> word;
       layout.ascii = word == "ascii";
-      if (!layout.ascii && word != "binary_little_endian")
-        return Failure{"its format is neither ascii nor binary_little_endian"};
+      layout.big_endian = word == "binary_big_endian";
+      if (!layout.ascii && !layout.big_endian && word != "binary_little_endian")
+        return Failure{"its format is none of ascii, binary_little_endian and binary_big_endian"};
       format = true;
     } else if (word == "element") {
       if (++elements > 1) break;  // what stands behind the vertices does not matter
@@ -135,7 +138,10 @@ bool read_binary(std::string_view& rest, const Layout& layout, std::vector<doubl
   for (std::size_t k = 0; k < layout.properties.size(); ++k) {
     const Scalar& scalar = *layout.properties[k];
     if (rest.size() < scalar.size) return false;
-    values[k] = scalar.read(rest.data());
+    std::array<char, sizeof(double)> raw{};
+    for (std::size_t i = 0; i < scalar.size; ++i)
+      raw[i] = rest[layout.big_endian ? scalar.size - 1 - i : i];
+    values[k] = scalar.read(raw.data());
     rest.remove_prefix(scalar.size);
   }
   return true;

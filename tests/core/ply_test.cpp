@@ -48,12 +48,24 @@ TEST(Ply, WhatCannotBeMeantIsRefused) {
                                              "\nend_header\n1 2 nan\n");
     return read ? "taken" : read.error();
   };
-  EXPECT_THAT(refusal("binary_big_endian", "vertex 1", "property float z"), HasSubstr("neither"));
+  EXPECT_THAT(refusal("binary", "vertex 1", "property float z"), HasSubstr("none of"));
   EXPECT_THAT(refusal("ascii", "face 1", "property float z"), HasSubstr("first element"));
   EXPECT_THAT(refusal("ascii", "vertex 99999999999", "property float z"),
               HasSubstr("allowed up to"));
   EXPECT_THAT(refusal("ascii", "vertex 1", "property float w"), HasSubstr("no x, y or z"));
   EXPECT_THAT(refusal("ascii", "vertex 1", "property list uchar int z"), HasSubstr("no scalar"));
+}
+
+TEST(Ply, TheSamePointsStandInTheOtherOrderOfBytes) {
+  const std::string head =
+      " 1.0\nelement vertex 1\nproperty uchar red\nproperty float x\nproperty double y\n"
+      "property short z\nend_header\n";
+  // 7; 1.5F; -2.0; 258.
+  const std::string values("\x07\x3f\xc0\x00\x00\xc0\x00\x00\x00\x00\x00\x00\x00\x01\x02", 15);
+  const auto read = parse_ply("a.ply", "ply\nformat binary_big_endian" + head + values);
+  ASSERT_TRUE(read) << read.error();
+  EXPECT_EQ(read.value(), (std::vector<Vector3f>{{1.5F, -2, 258}}));
+  EXPECT_FALSE(parse_ply("a.ply", "ply\nformat binary_big_endian" + head + values.substr(0, 14)));
 }
 
 TEST(Ply, PointsThatACameraDidNotSeeAreLeftOut) {
