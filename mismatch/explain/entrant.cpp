@@ -177,6 +177,14 @@ class EntrantSearch {
     return made;
   }
 
+  /// Whether a number of the effect goes farther than a difference of simulations.
+  bool leaves(const std::vector<double>& from, const std::vector<double>& to) const {
+    for (std::size_t k = 0; k < numbers_.size(); ++k) {
+      if (std::fabs(to[k] - from[k]) > numbers_[k].step) return true;
+    }
+    return false;
+  }
+
   /// Where base and nuisances are led beside the surfaces of `fit`, the effect as it is, and the
   /// cost there as their columns foretell it.
   std::pair<Tried, double> led_beside(const Tried& at, const BaseFit& fit) const {
@@ -374,7 +382,7 @@ std::optional<EntrantFit> fit_entrant(const BaseFit& base, const Candidate& cand
                                       const std::vector<Candidate>& candidates,
                                       const std::optional<Vector2d>& place, double most_gained,
                                       ReferenceForward& model) {
-  constexpr int kSimulated = 13, kDifferentiated = 3, kFinely = 4;
+  constexpr int kSimulated = 13, kDifferentiated = 3, kFineRounds = 3, kFinely = 4;
   constexpr double kInTheRace = 0.5;  // of what the best one gained
   EntrantSearch search(base, candidate, candidates, place, model);
   const double without = search.cost(search.base());
@@ -394,14 +402,17 @@ std::optional<EntrantFit> fit_entrant(const BaseFit& base, const Candidate& cand
   }
   if (!(reached.cost < without)) return std::nullopt;
   // What the finer mesh differs by depends on the effect: a stiff place of few coarse cells is
-  // stiffer than it should be.
-  if (std::optional<BaseFit> fine;
-      !outrun && (fine = search.simulate_finely(reached.at)).has_value()) {
+  // stiffer than it should be. It is asked again where the steps lead away from there.
+  for (int round = 0; round < kFineRounds && !outrun; ++round) {
+    std::optional<BaseFit> fine = search.simulate_finely(reached.at);
+    if (!fine) break;
+    const std::vector<double> before = reached.at.searched;
     reached.cost = search.cost(*fine);
     reached.fit = std::move(*fine);
     int left = kFinely;
     step = follow(search, derivatives, left, reached);
     if (!(reached.cost < without)) return std::nullopt;
+    if (!search.leaves(before, reached.at.searched)) break;
   }
   EntrantFit entrant{candidate,
                      search.numbers(),

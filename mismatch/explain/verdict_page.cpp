@@ -30,22 +30,24 @@ double cell_of(const std::vector<double>& x) {
 /// Scores of an effect over its places; empty where it has none.
 std::string map_of(const pb::Verdict& verdict, const std::string& effect) {
   PlaneMap map;
-  double most = 0;
+  double most = 0;  // with its sign: what is softer at one place is stiffer beside it
   for (const pb::VerdictScore& score : verdict.scores()) {
     if (score.effect() != effect || score.place_m_size() != 2) continue;
     map.x.push_back(1e3 * score.place_m(0));
     map.y.push_back(1e3 * score.place_m(1));
-    map.value.push_back(std::fabs(score.z()));
-    if (map.value.back() > most) map.best = map.value.size() - 1;
-    most = std::max(most, map.value.back());
+    map.value.push_back(score.z());
+    if (std::fabs(score.z()) <= std::fabs(most)) continue;
+    map.best = map.value.size() - 1;
+    most = score.z();
   }
   if (map.value.size() < 4) return "";
+  for (double& z : map.value) z = std::max(0.0, most < 0 ? -z : z);
   map.title = effect + ": where it would explain most";
   map.x_label = "x_B, mm";
   map.y_label = "y_B, mm";
-  map.scale_label = "|z|";
+  map.scale_label = most < 0 ? "-z" : "z";
   map.cell = cell_of(map.x);
-  map.high = std::ceil(std::max(most, 1.0));
+  map.high = std::ceil(std::max(std::fabs(most), 1.0));
   map.best_label = "best place";
   return card(draw_plane_map(map));
 }
@@ -259,7 +261,11 @@ std::string make_verdict_page(const Explanation& found, const std::string& folde
         });
     if (v.effects_size() == 0 || claimed) maps += map_of(v, effect);
   }
-  sections.push_back({"what", "What, where, how much", verdict_sentence(v),
+  sections.push_back({"what", "What, where, how much",
+                      v.effects_size() > 0
+                          ? "Numbers with intervals of 90 %, the frames in which it shows, and how "
+                            "well it would explain the recordings at each place."
+                          : "How well a stiff or a sticking place would explain the recordings.",
                       what + row(maps) + row(residual_maps(found.residuals))});
   sections.push_back(
       {"fit", "Before and after",
