@@ -13,8 +13,8 @@ namespace omentum {
 /// Replaces `path` so that a crash at any moment leaves the old or the new content: temporary file
 /// beside it, fsync, rename, fsync of the folder. On failure (full disk) the old file is untouched
 /// and the temporary one removed. Two writers of one path at a time spoil each other's temporary
-/// file, PATH.tmp. A missing folder is made. A device or pipe is written into: root would put a file
-/// in the place of /dev/null.
+/// file, PATH.tmp. A missing folder is made. A device or pipe is written into: root would put a
+/// file in the place of /dev/null.
 Result<void> write_durably(const std::string& path, std::span<const std::byte> bytes);
 Result<void> write_durably(const std::string& path, std::string_view text);
 

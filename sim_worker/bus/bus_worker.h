@@ -94,6 +94,7 @@ class BusWorker {
   void take_weights(std::vector<Arrival<PolicyWeights>> weights);
   void take_learners(const std::vector<Arrival<LearnerStatus>>& learners);
   void take_commands(const std::vector<Arrival<ControlCommand>>& commands);
+  std::int64_t deaf_pause_ns(bool lately) const;
   void rejoin_if_needed(std::int64_t now_ns);
   std::string deafness(std::int64_t now_ns);
   void rejoin(const DdsProfile& profile, const std::string& reason, std::int64_t now_ns);

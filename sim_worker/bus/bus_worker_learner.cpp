@@ -24,11 +24,10 @@ constexpr std::int64_t kAskNs = 1 * kS;  // for the address of a learner that is
 // was missing may be there.
 constexpr std::int64_t kFirstRetryNs = 10 * kS;
 constexpr std::int64_t kMostRetryNs = 320 * kS;
-// Deaf for so long: it joins anew, and again after a pause while that does not help.
-constexpr std::int64_t kDeafNs = 5 * kS;
+// Deaf for so long: it joins anew, and again after twice as long ... while that does not help.
+constexpr std::int64_t kDeafNs = 12 * kS;
 constexpr std::int64_t kWeightsLateNs = 4 * kS;  // the learner sends them again every 2 s
-constexpr std::int64_t kDeafPauseNs = 10 * kS;
-constexpr std::int64_t kDeafAskedNs = 20 * kS;  // while it simulates for others
+constexpr std::int64_t kDeafAskedNs = 20 * kS;   // while it simulates for others
 constexpr std::int64_t kDeafLongPauseNs = 60 * kS;
 constexpr std::int64_t kHeardLatelyNs = 300 * kS;
 constexpr int kJoinTries = 60;
@@ -119,6 +118,17 @@ void BusWorker::take_commands(const std::vector<Arrival<ControlCommand>>& comman
   }
 }
 
+/// How long it takes part before it joins anew. Many workers that start on few cores find each
+/// other slowly, and each that joins anew costs all others time: so each next time is twice as
+/// late, and not at the same moment for all.
+std::int64_t BusWorker::deaf_pause_ns(bool lately) const {
+  constexpr std::uint32_t kMostDoublings = 4, kMoments = 64;
+  if (rejoins_in_vain_ == 0) return kDeafNs;
+  const std::int64_t spread = kDeafNs * (status_.worker_id % kMoments) / kMoments;
+  const std::int64_t doubled = kDeafNs << std::min(rejoins_in_vain_, kMostDoublings);
+  return spread + (lately ? std::min(doubled, kDeafLongPauseNs) : kDeafLongPauseNs);
+}
+
 /// Why this worker, or the learner, seems to be deaf; empty while neither does. Reliable topics can
 /// be parted for good by datagrams that anybody can forge (docs/trust.md 2); participants that have
 /// just met are not parted.
@@ -126,10 +136,7 @@ std::string BusWorker::deafness(std::int64_t now_ns) {
   const bool alone = learner_gone_ || now_ns - learner_at_ns_ > kLearnerFreshNs;
   const bool lately = heard_ns_ > 0 && now_ns - heard_ns_ < kHeardLatelyNs;
   if (alone) listed_ns_ = matched_ns_ = now_ns;
-  const std::int64_t pause = rejoins_in_vain_ == 0 ? kDeafNs
-                             : lately              ? kDeafPauseNs
-                                                   : kDeafLongPauseNs;
-  if (now_ns - joined_ns_ < pause) return {};
+  if (now_ns - joined_ns_ < deaf_pause_ns(lately)) return {};
   if (alone) {
     const bool simulates =
         simulations_.in_progress() > 0 || (asked_ns_ > 0 && now_ns - asked_ns_ < kTellNs);
