@@ -382,7 +382,7 @@ std::optional<EntrantFit> fit_entrant(const BaseFit& base, const Candidate& cand
                                       const std::vector<Candidate>& candidates,
                                       const std::optional<Vector2d>& place, double most_gained,
                                       ReferenceForward& model) {
-  constexpr int kSimulated = 13, kDifferentiated = 3, kFineRounds = 3, kFinely = 4;
+  constexpr int kSimulated = 13, kDifferentiated = 3, kFineRounds = 2, kFinely = 4;
   constexpr double kInTheRace = 0.5;  // of what the best one gained
   EntrantSearch search(base, candidate, candidates, place, model);
   const double without = search.cost(search.base());
