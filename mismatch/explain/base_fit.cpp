@@ -128,7 +128,20 @@ double sensor_noise(const FitData& data, const Linearisation& linear, const Whic
   return std::max(kLeast, *middle);
 }
 
-/// Numerics that no column tells: mesh, step, clamp.
+/// The error of the fine mesh, of what the coarse one differs from it by: both fall with the same
+/// power of the cells.
+double mesh_error(const BaseFit& base) {
+  constexpr double kOrder = 2.5;
+  const double ratio =
+      std::sqrt(static_cast<double>(base.fine.elements[0]) * base.fine.elements[1] /
+                (static_cast<double>(base.coarse.elements[0]) * base.coarse.elements[1]));
+  return 1 / (std::pow(std::max(ratio, 1.1), kOrder) - 1);
+}
+
+/// Meshes that hardly differ do not tell their error.
+double extrapolated_share(const BaseFit& base) { return std::min(1.0, mesh_error(base)); }
+
+/// Numerics that no column tells: mesh, step, clamp and pad.
 void add_numerics(const FitData& plain, const FitState& at, ReferenceForward& model, BaseFit& base,
                   Linearisation& linear, FitState& state) {
   const Which all = all_recordings(base);
@@ -146,13 +159,13 @@ void add_numerics(const FitData& plain, const FitState& at, ReferenceForward& mo
   constexpr double kErrors = 1.5;  // of mesh and step
   Numerics half = base.coarse;
   half.substeps *= 2;
-  FitData bedded = plain;
-  constexpr double kBed = 3e-5;  // [m2/N] a third of the stiff end of row 17
-  bedded.scene.mutable_tissue()->mutable_effects()->mutable_anchor()->set_compliance_m2_per_n(kBed);
   // Of second order (BDF2), and the fine mesh has the shorter steps.
   add("step", 4.0 / 3 / (kCoarsePeriod * kCoarsePeriod), kErrors,
       changed_surfaces(base.surfaces, base.coarse_surfaces,
                        model.simulate(plain, at, half, false, all)));
+  FitData bedded = plain;
+  constexpr double kBed = 3e-5;  // [m2/N] a third of the stiff end of row 17
+  bedded.scene.mutable_tissue()->mutable_effects()->mutable_anchor()->set_compliance_m2_per_n(kBed);
   add("clamp_on_a_bed", 1, 1,
       changed_surfaces(base.surfaces, base.coarse_surfaces,
                        model.simulate(bedded, at, base.coarse, false, all)));
@@ -167,11 +180,9 @@ void add_numerics(const FitData& plain, const FitState& at, ReferenceForward& mo
         changed_surfaces(base.surfaces, base.coarse_surfaces,
                          model.simulate(wide, at, base.coarse, false, all)));
   }
-  // The error of the fine mesh, of what it differs from the coarse one by.
-  const double ratio =
-      std::sqrt(static_cast<double>(base.fine.elements[0]) * base.fine.elements[1] /
-                (static_cast<double>(base.coarse.elements[0]) * base.coarse.elements[1]));
-  add("mesh", -1 / (std::pow(std::max(ratio, 1.1), 2.5) - 1), kErrors, base.coarse_surfaces);
+  // The fine mesh is extrapolated; that of another solver, which floors are to stand for, is not.
+  const double error = mesh_error(base) / (1 + extrapolated_share(base));
+  add("mesh", -error, kErrors, base.coarse_surfaces);
 }
 
 /// The frames of `fine` with the columns of `coarse`, in place of the latter.
@@ -253,9 +264,9 @@ class BaseSearch {
       return model_.simulate(base_.data, base_.found.state, numerics, false, base_.fitted);
     };
     base_.found.scales.own_sd = stated_scales(base_.data, options_).own_sd;
-    const std::vector<Prediction> fine = simulate(base_.fine);
     Linearisation linear = linearise_coarsely();
     const std::vector<Prediction> coarse = without_columns(linear.predictions);
+    const std::vector<Prediction> fine = extrapolated(base_, simulate(base_.fine), coarse);
     for (const std::size_t r : base_.fitted) put_columns_on(fine[r], linear.predictions[r]);
     NoiseModel& noise = base_.found.scales.noise;
     noise.sigma = sensor_noise(base_.data, linear, base_.fitted, base_.found);
@@ -311,8 +322,9 @@ class BaseSearch {
         model_.simulate(base_.data, base_.found.state, base_.fine, false, base_.held_out);
     const auto coarse =
         model_.simulate(base_.data, base_.found.state, base_.coarse, false, base_.held_out);
+    const auto better = extrapolated(base_, fine, coarse);
     for (const std::size_t r : base_.held_out) {
-      base_.surfaces[r] = fine[r];
+      base_.surfaces[r] = better[r];
       base_.coarse_surfaces[r] = coarse[r];
     }
   }
@@ -374,6 +386,25 @@ std::vector<Prediction> changed_surfaces(const std::vector<Prediction>& fine,
     }
   }
   return made;
+}
+
+std::vector<Prediction> extrapolated(const BaseFit& base, std::vector<Prediction> fine,
+                                     const std::vector<Prediction>& coarse) {
+  const double share = extrapolated_share(base);
+  for (std::size_t r = 0; r < fine.size(); ++r) {
+    for (std::size_t f = 0; f < fine[r].frames.size(); ++f) {
+      PredictedFrame& frame = fine[r].frames[f];
+      if (f >= coarse[r].frames.size()) continue;
+      frame.valid = frame.valid && coarse[r].frames[f].valid;
+      if (!frame.valid) continue;
+      frame.correction.resize(frame.vertices.size());
+      for (std::size_t v = 0; v < frame.vertices.size(); ++v) {
+        frame.correction[v] = share * (frame.vertices[v] - coarse[r].frames[f].vertices[v]);
+        frame.vertices[v] += frame.correction[v];
+      }
+    }
+  }
+  return fine;
 }
 
 BaseFit believed_base(const pb::Scene& scene, std::vector<Observation> observations,

@@ -142,7 +142,7 @@ class EntrantSearch {
     if (!is_simulated(fine, base_.surfaces, all) ||
         !is_simulated(coarse, base_.coarse_surfaces, all))
       return std::nullopt;
-    fine_ = std::move(fine);
+    fine_ = extrapolated(base_, std::move(fine), coarse);
     coarse_ = std::move(coarse);
     fit.coarse_surfaces = coarse_;
     fit.surfaces = changed_surfaces(coarse_);
@@ -163,18 +163,25 @@ class EntrantSearch {
   Derivatives differentiate(const Tried& at, const BaseFit& fit) const {
     Derivatives made{columns_beside(at, fit), fit.surfaces, {}, {}};
     for (std::size_t k = 0; k < numbers_.size(); ++k) {
-      const EffectNumber& number = numbers_[k];
-      std::vector<double> there = at.searched;
-      // Backwards where the range ends.
-      const bool ends = number.value(there[k] + number.step) >= number.high;
-      made.steps.push_back(ends ? -number.step : number.step);
-      there[k] += made.steps.back();
-      FitData moved = base_.data;
-      moved.scene = scene_with(there);
-      const auto other = model_.simulate(moved, at.state, fit.coarse, false, base_.fitted);
-      made.moved.push_back(changed_surfaces(other));
+      auto [surfaces, by] = moved(at, k, base_.fitted);
+      made.moved.push_back(std::move(surfaces));
+      made.steps.push_back(by);
     }
     return made;
+  }
+
+  /// Surfaces with a number of the effect moved by a step, and the step.
+  std::pair<std::vector<Prediction>, double> moved(const Tried& at, std::size_t k,
+                                                   const Which& which) const {
+    const EffectNumber& number = numbers_[k];
+    std::vector<double> there = at.searched;
+    // Backwards where the range ends.
+    const bool ends = number.value(there[k] + number.step) >= number.high;
+    const double by = ends ? -number.step : number.step;
+    there[k] += by;
+    FitData data = base_.data;
+    data.scene = scene_with(there);
+    return {changed_surfaces(model_.simulate(data, at.state, base_.coarse, false, which)), by};
   }
 
   /// Whether a number of the effect goes farther than a difference of simulations.
@@ -426,19 +433,22 @@ std::optional<EntrantFit> fit_entrant(const BaseFit& base, const Candidate& cand
   BaseFit& fit = entrant.fit;
   fit.found.state = carried(reached.at.state, search.base().data, fit.data);
   apply_effects({entrant.effect}, fit.data.scene);
-  Linearisation none{fit.found.state, base.surfaces};
-  for (const EffectNumber& number : entrant.numbers) {
-    const FitData& from = step->fit.data;
-    const auto unknown = std::ranges::find(from.unknowns, path_of(number), &Unknown::path);
-    const auto column = static_cast<int>(unknown - from.unknowns.begin());
-    set_difference(*unknown, base.surfaces, 0, fit.data, none, fit.found.state);
-    fit.data.differences.back().by =
-        std::ranges::find(from.differences, column, &DifferenceColumn::column)->by;
-  }
   const Which all = all_recordings(base);
   fit.coarse_surfaces = model.simulate(fit.data, fit.found.state, fit.coarse, false, all);
   if (!is_simulated(fit.coarse_surfaces, base.coarse_surfaces, all)) return std::nullopt;
   fit.surfaces = search.changed_surfaces(fit.coarse_surfaces);
+  Linearisation at{fit.found.state, fit.surfaces};
+  for (std::size_t k = 0; k < entrant.numbers.size(); ++k) {
+    const FitData& from = step->fit.data;
+    const auto unknown =
+        std::ranges::find(from.unknowns, path_of(entrant.numbers[k]), &Unknown::path);
+    const auto column = static_cast<int>(unknown - from.unknowns.begin());
+    // No step looked at those held out: their derivatives are taken here.
+    const auto [moved, by] = search.moved(reached.at, k, base.held_out);
+    set_difference(*unknown, moved, 1 / by, fit.data, at, fit.found.state);
+    const auto followed = std::ranges::find(from.differences, column, &DifferenceColumn::column);
+    for (const std::size_t r : base.fitted) fit.data.differences.back().by[r] = followed->by[r];
+  }
   return entrant;
 }
 

@@ -40,15 +40,25 @@ double rms_from_surface(const BaseFit& fit, std::size_t r) {
   return std::sqrt(squares / count);
 }
 
-/// Log density of a recording at the shared numbers of a fit, its own numbers integrated [nats].
-double log_density(const Evidence& recording) {
+/// Log density of a recording at the shared numbers of a fit, its own numbers integrated, and
+/// those of an effect by their spread [nats].
+double log_density(Evidence recording, const std::vector<std::string>& keys = {},
+                   const std::vector<double>& sd = {}) {
+  for (Number& number : recording.numbers) {
+    const auto found = std::ranges::find(keys, number.key);
+    if (found == keys.end()) continue;
+    number.owner = recording.name;
+    number.sd = sd[static_cast<std::size_t>(found - keys.begin())];
+    number.mean = 0;
+  }
   return value_or_throw(integrate_own(recording)).log_constant;
 }
 
 /// Whether held-out recordings, which nothing has seen, say the same (docs/mismatch.md 5.6): those
 /// of which columns foretell it must gain by what was simulated.
-void confirm(const Case& made, const Case& beside, const std::string& atom,
+void confirm(const Case& made, const Case& beside, const EntrantFit& entrant,
              pb::VerdictEffect& effect) {
+  const std::string& atom = entrant.candidate.key;
   if (made.held_out.empty()) {
     effect.set_confirmed(false);
     effect.set_why_not_confirmed("no recording was held out");
@@ -61,7 +71,8 @@ void confirm(const Case& made, const Case& beside, const std::string& atom,
   for (std::size_t k = 0; k < made.held_out.size(); ++k) {
     all.push_back(made.held_out[k]);
     folds.push_back("held out: " + made.held_out[k].name);
-    simulated[folds.back()] = log_density(beside.held_out[k]) - log_density(made.held_out[k]);
+    simulated[folds.back()] =
+        log_density(beside.held_out[k], entrant.keys(), entrant.sd) - log_density(made.held_out[k]);
   }
   const FoldEvidence joined = value_or_throw(make_folds(all, folds));
   for (std::size_t k = 0; k < joined.folds.size(); ++k) {
@@ -336,7 +347,7 @@ void add_effect(const Case& made, const Case& beside, const std::vector<Contende
   add_derived(fit, effect);
   add_where(fit, effect);
   add_when(made.base, fit.fit, effect);
-  confirm(made, beside, fit.candidate.key, effect);
+  confirm(made, beside, fit, effect);
   // Without the largest gain of a recording it would not be claimed.
   const auto most = std::ranges::max_element(winner.folds);
   double total = 0;
