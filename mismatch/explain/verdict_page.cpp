@@ -65,40 +65,41 @@ std::string error_bars(const pb::Verdict& verdict) {
 }
 
 std::string limits_table(const pb::Verdict& verdict) {
-  TableRows rows = {{"effect", "unit", "would be seen from", "named from",
-                     "two correct models differ by", "by", "looks most like"}};
+  TableRows rows = {{"effect", "would be seen from", "named from", "two correct models differ by",
+                     "by", "looks most like"}};
   for (const pb::VerdictLimit& row : verdict.detection_limits()) {
     if (!row.testable()) {
-      rows.push_back({row.effect(), row.unit(), "never", "", "", row.why_not(), ""});
+      rows.push_back({name, "never", "", "", row.why_not(), ""});
       continue;
     }
-    const double none = std::nan("");
-    const auto least = [&](double size) { return show_number(size, none, none, row.unit()); };
-    const ShownNumber seen = least(row.amplitude());
-    rows.push_back({row.effect(), seen.unit, seen.value, least(row.amplitude_named()).value,
-                    least(row.floor_amplitude()).value, row.floor_from(), row.look_alike()});
+    const std::string words = limit_words(row);
+    const std::string name = row.effect() + (words.empty() ? "" : ", " + words);
+    rows.push_back({name, least_size(row.amplitude(), row), least_size(row.amplitude_named(), row),
+                    least_size(row.floor_amplitude(), row), key_text(row.floor_from()),
+                    key_text(row.look_alike())});
   }
-  return card(make_table(rows, {2, 3, 4}));
+  return card(make_table(rows, {1, 2, 3}));
 }
 
 /// Rivals that were refitted by simulations, then what columns alone claim.
 std::string rivals_tables(const pb::Verdict& verdict) {
   TableRows refitted = {{"refitted by simulations", "gain, nats", "numbers"}};
   TableRows claimed = {
-      {"by its columns", "gain, nats", "in the base it leaves to others", "alone it is enough"}};
+      {"by its columns", "gain, nats", "leaves to others, nats", "alone it is enough"}};
   for (const pb::VerdictRival& rival : verdict.rivals()) {
     const std::string gain = fmt::format("{:.0f}", rival.gain());
     if (rival.simulated()) {
-      refitted.push_back({rival.name(), gain, fmt::format("{}", fmt::join(rival.numbers(), ", "))});
+      refitted.push_back({rival.name(), gain, numbers_of(rival)});
       continue;
     }
     std::string left;
     for (const pb::VerdictLeft& other : rival.left()) {
       if (other.gain() < 1) continue;
-      left += fmt::format("{}{} {:.0f}", left.empty() ? "" : ", ", other.name(), other.gain());
+      left += fmt::format("{}{}: {:.0f}", left.empty() ? "" : "; ", key_text(other.name()),
+                          other.gain());
     }
-    claimed.push_back(
-        {rival.key(), gain, left.empty() ? "nothing" : left, rival.adequate() ? "yes" : "no"});
+    claimed.push_back({key_text(rival.key()), gain, left.empty() ? "nothing" : left,
+                       rival.adequate() ? "yes" : "no"});
   }
   std::string html;
   for (const TableRows& rows : {refitted, claimed}) {
@@ -177,8 +178,8 @@ std::string effect_table(const pb::VerdictEffect& effect) {
   TableRows rows = {{"number", "value", "90 % from", "to"}};
   for (const pb::VerdictParameter& p : effect.parameters()) {
     const ShownNumber number = shown(p);
-    rows.push_back({p.name(), number.value + number.unit, number.low + number.unit,
-                    number.high + number.unit});
+    rows.push_back({named(effect.class_().members(0).name(), p.name()), number.value + number.unit,
+                    number.low + number.unit, number.high + number.unit});
   }
   std::string html = make_table(rows, {1, 2, 3});
   html += "<p>" +
@@ -217,7 +218,7 @@ std::string verdict_sentence(const pb::Verdict& v) {
   if (v.status() == "no_mismatch_detectable")
     return "No mismatch is detectable: nothing that these recordings could show was left out.";
   if (v.status() == "unexplained")
-    return "Something real is not in the catalogue: " + v.reason() + ".";
+    return "Something real is not in the catalogue: " + with_keys_read(v.reason()) + ".";
   const pb::VerdictEffect& effect = v.effects(0);
   std::string text = fmt::format("The simulation leaves out {}", names_of(effect));
   const std::string where = where_text(effect.where());
@@ -225,16 +226,19 @@ std::string verdict_sentence(const pb::Verdict& v) {
   if (effect.parameters_size() > 0) {
     const pb::VerdictParameter& p = best_known(effect);
     const ShownNumber number = shown(p);
-    text += fmt::format(", {} = {}{} (90 %: {} - {}{})", p.name(), number.value, number.unit,
+    const std::string words = words_of(effect.class_().members(0).name(), p.name());
+    text += fmt::format(", {}{} = {}{} (90 %: {} - {}{})", p.name(),
+                        words.empty() ? "" : " (" + words + ")", number.value, number.unit,
                         number.low, number.high, number.unit);
   }
-  if (v.status() == "partly_explained") text += ", and that is not all: " + v.reason();
+  if (v.status() == "partly_explained")
+    text += ", and that is not all: " + with_keys_read(v.reason());
   return text + ".";
 }
 
 std::string make_verdict_page(const Explanation& found, const std::string& folder) {
   const pb::Verdict& v = found.verdict;
-  std::vector<Tile> tiles = {{v.status(), "status", v.reason()}};
+  std::vector<Tile> tiles = {{v.status(), "status", with_keys_read(v.reason())}};
   double before = 0, after = 0, count = 0;
   for (const pb::VerdictFit& row : v.fit()) {
     if (row.role() != "held_out" || !row.has_r()) continue;  // where there was something to explain
