@@ -18,11 +18,14 @@ namespace {
 
 using TableRows = std::vector<std::vector<std::string>>;
 
-/// Distance of the places along x [mm].
-double cell_of(const std::vector<double>& x) {
+/// Distance of the places along x or y, whichever is less [mm]: no square covers another.
+double cell_of(const PlaneMap& map) {
   double cell = 1e9;
-  for (const double other : x) {
-    if (std::fabs(other - x.front()) > 1e-6) cell = std::min(cell, std::fabs(other - x.front()));
+  for (const std::vector<double>* along : {&map.x, &map.y}) {
+    for (const double other : *along) {
+      const double apart = std::fabs(other - along->front());
+      if (apart > 1e-6) cell = std::min(cell, apart);
+    }
   }
   return cell < 1e9 ? cell : 5;
 }
@@ -46,7 +49,7 @@ std::string map_of(const pb::Verdict& verdict, const std::string& effect) {
   map.x_label = "x_B, mm";
   map.y_label = "y_B, mm";
   map.scale_label = most < 0 ? "-z" : "z";
-  map.cell = cell_of(map.x);
+  map.cell = cell_of(map);
   map.high = std::ceil(std::max(std::fabs(most), 1.0));
   map.best_label = "best place";
   return card(draw_plane_map(map));
@@ -56,8 +59,9 @@ std::string error_bars(const pb::Verdict& verdict) {
   TableRows rows = {{"recording", "role", "before, mm", "after, mm", "a right model, mm",
                      "left of what was wrong", "shell before", "shell after"}};
   for (const pb::VerdictFit& row : verdict.fit()) {
-    rows.push_back({row.recording(), row.role(), mm(row.rmse_base()), mm(row.rmse_model()),
-                    mm(row.floor()), row.has_r() ? percent(row.r()) : "nothing was",
+    rows.push_back({row.recording(), row.role() == "held_out" ? "held out" : row.role(),
+                    mm(row.rmse_base()), mm(row.rmse_model()), mm(row.floor()),
+                    row.has_r() ? percent(row.r()) : "nothing was",
                     row.has_rmse_shell_base() ? mm(row.rmse_shell_base()) : "",
                     row.has_rmse_shell_model() ? mm(row.rmse_shell_model()) : ""});
   }
@@ -68,12 +72,12 @@ std::string limits_table(const pb::Verdict& verdict) {
   TableRows rows = {{"effect", "would be seen from", "named from", "two correct models differ by",
                      "by", "looks most like"}};
   for (const pb::VerdictLimit& row : verdict.detection_limits()) {
+    const std::string words = limit_words(row);
+    const std::string name = row.effect() + (words.empty() ? "" : ", " + words);
     if (!row.testable()) {
       rows.push_back({name, "never", "", "", row.why_not(), ""});
       continue;
     }
-    const std::string words = limit_words(row);
-    const std::string name = row.effect() + (words.empty() ? "" : ", " + words);
     rows.push_back({name, least_size(row.amplitude(), row), least_size(row.amplitude_named(), row),
                     least_size(row.floor_amplitude(), row), key_text(row.floor_from()),
                     key_text(row.look_alike())});
@@ -110,6 +114,7 @@ std::string rivals_tables(const pb::Verdict& verdict) {
 
 /// Where the error is, which is not where its cause is.
 std::string residual_maps(const ResidualMap& residuals) {
+  constexpr double kRound = 0.1;  // [mm] so that the numbers beside the scale are short
   std::string html;
   for (const auto& [values, when] :
        {std::pair{&residuals.at_rest, "at rest"}, {&residuals.lifted, "lifted"}}) {
@@ -130,8 +135,8 @@ std::string residual_maps(const ResidualMap& residuals) {
     map.x_label = "x_B, mm";
     map.y_label = "y_B, mm";
     map.scale_label = "mm";
-    map.cell = cell_of(map.x);
-    map.high = std::max(most, 0.1);
+    map.cell = cell_of(map);
+    map.high = std::max(std::ceil(most / kRound) * kRound, kRound);
     map.best_label = "largest";
     html += card(draw_plane_map(map));
   }
@@ -270,7 +275,7 @@ std::string make_verdict_page(const Explanation& found, const std::string& folde
                           ? "Numbers with intervals of 90 %, the frames in which it shows, and how "
                             "well it would explain the recordings at each place."
                           : "How well a stiff or a sticking place would explain the recordings.",
-                      what + row(maps) + row(residual_maps(found.residuals))});
+                      what + row(maps + residual_maps(found.residuals))});
   sections.push_back(
       {"fit", "Before and after",
        "How far the cloud is from the simulated surface, in blocks of 20 mm and 0.2 s "
@@ -295,12 +300,14 @@ std::string make_verdict_page(const Explanation& found, const std::string& folde
     pull_rows.push_back({pull.name(), fmt::format("{:.1f}", pull.pull())});
   sections.push_back({"pulls", "Nuisances and numerics", "Above 4 is odd, above 5 a finding.",
                       card(make_table(pull_rows, {1}))});
-  sections.push_back(
-      {"use", "Use it", "The repaired scene trains as it is.",
-       card("<pre>learner --preset omentum_elastic --set "
-            "scene_file=scene.repaired.txtpb\nmismatch calibrate --scene scene.repaired.txtpb -r "
-            "RECORDINGS -o OUT</pre>")});
-  sections.push_back({"warnings", "Warnings", "", card(list_of(v.warnings()))});
+  sections.push_back({"use", "Use it",
+                      "In the folder of this page: a policy trains in the repaired scene; it "
+                      "foretells what other commands would do (RECORDINGS), in a new folder (OUT).",
+                      card("<pre>learner --preset omentum_elastic --set "
+                           "scene_file=\"$PWD/scene.repaired.txtpb\"\n"
+                           "mismatch predict . -r RECORDINGS -o OUT</pre>")});
+  if (v.warnings_size() > 0)
+    sections.push_back({"warnings", "Warnings", "", card(list_of(v.warnings()))});
   return make_page("What the simulation left out", verdict_sentence(v), make_tiles(tiles), sections,
                    replay_script(),
                    fmt::format("mismatch explain, {:.0f} core-seconds", v.core_seconds()));
