@@ -85,7 +85,8 @@ table { border-collapse: collapse; width: 100%; font-size: 14.5px; }
 .scrolls { margin: 0 0 6px; font-size: 13px; color: var(--muted); }
 th { text-align: left; font-weight: 600; color: var(--muted); font-size: 13px; }
 th, td { padding: 7px 14px 7px 0; border-bottom: 1px solid var(--rule); vertical-align: top; }
-td.number, th.number { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
+td.number, th.number { text-align: right; font-variant-numeric: tabular-nums; }
+td.number { white-space: nowrap; }
 details { background: var(--card); border: 1px solid var(--rule); border-radius: 10px; padding: 12px 18px; }
 summary { cursor: pointer; font-weight: 600; }
 pre { white-space: pre-wrap; overflow-wrap: anywhere; font: 12.5px/1.5 ui-monospace, "JetBrains Mono", "DejaVu Sans Mono", Menlo, monospace; margin: 12px 0 4px; }

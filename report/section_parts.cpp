@@ -20,12 +20,14 @@ ShownNumber show_number(double value, double low, double high, const std::string
     const char *si, *shown;
     double factor;
   };
-  static constexpr Unit kUnits[] = {{"Pa", " kPa", 1e-3},
-                                    {"m", " mm", 1e3},
-                                    {"kg", " g", 1e3},
-                                    {"rad", " deg", 1 / kDegree},
-                                    {"1", "", 1}};
-  const auto* found = std::ranges::find(kUnits, unit, &Unit::si);
+  static constexpr Unit kUnits[] = {
+      {"Pa", " kPa", 1e-3},         {"m", " mm", 1e3},       {"kg", " g", 1e3},
+      {"rad", " deg", 1 / kDegree}, {"m/s", " mm/s", 1e3},   {"m/N", " mm/N", 1e3},
+      {"m2", " mm2", 1e6},          {"m2/N", " mm2/N", 1e6}, {"N/m2", " N/mm2", 1e-6},
+      {"N/m3", " kPa/mm", 1e-6},    {"s", " ms", 1e3},       {"1", "", 1}};
+  const auto is_long = [](double time) { return std::isfinite(time) && std::fabs(time) >= 1; };
+  const bool seconds = unit == "s" && (is_long(value) || is_long(low) || is_long(high));
+  const auto* found = seconds ? std::end(kUnits) : std::ranges::find(kUnits, unit, &Unit::si);
   const double factor = found == std::end(kUnits) ? 1 : found->factor;
   const double width = factor * (high - low);
   const auto text = [&](double si) -> std::string {
@@ -39,6 +41,12 @@ ShownNumber show_number(double value, double low, double high, const std::string
   };
   return {text(value), text(low), text(high),
           found == std::end(kUnits) ? " " + unit : found->shown};
+}
+
+std::string number_in_line(double value, double low, double high, const std::string& unit) {
+  const ShownNumber shown = show_number(value, low, high, unit);
+  if (!std::isfinite(low) || !std::isfinite(high)) return shown.value + shown.unit;
+  return fmt::format("{}{} ({} - {})", shown.value, shown.unit, shown.low, shown.high);
 }
 
 std::string interval(const Proportion& p) {

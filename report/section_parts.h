@@ -15,14 +15,17 @@ namespace omentum {
 /// 0.523 -> "52 %"; "-" for NaN.
 std::string percent(double share, int digits = 0);
 
-/// A number and its interval as people read them: kPa, mm, g and degrees instead of SI, and the
-/// digits that the interval justifies, two of its width; three without one. "-" for what is not
-/// finite. `unit` is SI, "1" for none.
+/// A number and its interval as people read them: kPa, mm, g, degrees and, below a second, ms
+/// instead of SI, and the digits that the interval justifies, two of its width; three without one.
+/// "-" for what is not finite. `unit` is SI, "1" for none.
 struct ShownNumber {
   std::string value, low, high;
   std::string unit;  ///< with a blank before it; empty for none
 };
 ShownNumber show_number(double value, double low, double high, const std::string& unit);
+
+/// The same in a line: "52.0 kPa (49.3 - 54.8)"; without the brackets where there is no interval.
+std::string number_in_line(double value, double low, double high, const std::string& unit);
 
 /// "96.3 % to 100.0 %"
 std::string interval(const Proportion& p);

@@ -9,13 +9,16 @@
 
 namespace omentum {
 
-/// All that publishes what the gateway does: nothing without a bus.
+/// All that publishes what the gateway does: nothing without a bus. One thread makes it, appends
+/// and pins; what it appends is called on the threads that GatewayObserver names.
 class BusObservers {
  public:
-  /// `bus` may be null, else it must outlive this. Throws Error.
+  /// `bus` may be null, else it must outlive this. `options` are checked (check_bus_options()).
+  /// Throws Error: one line, for entities that cannot be made.
   BusObservers(const dds::Participant* bus, const BusOptions& options, const SafetySetup& setup,
                bool dry_run);
 
+  /// Adds its observers at the end; this must outlive who calls them.
   void append_to(std::vector<GatewayObserver*>& observers);
   /// The policy of the episodes from now on; another one than before is printed.
   void pin(const PolicyWeights& weights);

@@ -16,12 +16,12 @@ namespace omentum {
 /// The policy that the learner of a run publishes: configuration by run/manifest, weights by
 /// policy/weights, from the learner that workers would follow (docs/wire.md 4.2). What does not fit
 /// the configuration of the first manifest is refused, counted and told; the version before goes
-/// on.
+/// on. One thread.
 class BusPolicySource final : public PolicySource {
  public:
   /// Waits until a learner has offered a manifest and weights, and says so every minute; null when
-  /// `stop` became true before. `participant` must outlive it. Throws Error: one line, where the
-  /// learner's first policy does not fit its own configuration.
+  /// `stop`, which is asked every 50 ms, became true before. `participant` must outlive it. Throws
+  /// Error: one line, where the learner's first policy does not fit its own configuration.
   static std::unique_ptr<BusPolicySource> wait(const dds::Participant& participant,
                                                const std::string& run,
                                                const std::function<bool()>& stop);

@@ -12,6 +12,7 @@ namespace omentum {
 /// part of RobotStatus that comes from periods. One thread.
 class RobotAccount {
  public:
+  /// The setup is copied: limits and frames by which periods are told.
   explicit RobotAccount(const SafetySetup& setup);
 
   /// Every period, in order.

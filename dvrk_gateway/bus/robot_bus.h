@@ -11,8 +11,8 @@
 namespace omentum {
 
 struct RobotBusOptions {
-  std::string run;
-  std::string arm = "PSM1";
+  std::string run;           ///< name of the run, not empty
+  std::string arm = "PSM1";  ///< as `robot` of robot/state tells it
   bool dry_run = false;
   std::uint64_t build_id = 0;
   std::string program_version;
@@ -24,7 +24,7 @@ struct RobotBusOptions {
 /// the certificate the robot goes on and nobody hears of it: counted and logged.
 class RobotBus final : public GatewayObserver {
  public:
-  /// `participant` must outlive it. Throws Error.
+  /// `participant` must outlive it. Throws Error: one line, for writers that cannot be made.
   RobotBus(const dds::Participant& participant, const RobotBusOptions& options,
            const SafetySetup& setup);
   /// Readers see that the gateway left on purpose.

@@ -14,11 +14,13 @@ namespace omentum {
 /// one; no write waits.
 class RosTopics final : public GatewayObserver {
  public:
-  /// `participant` must outlive it. Throws Error.
+  /// `participant` must outlive it. `arm` is a token of a ROS name (check_bus_options()). Throws
+  /// Error: one line, for topics or writers that cannot be made.
   RosTopics(const dds::Participant& participant, const std::string& arm);
 
   void on_period(const Period& period) override;
 
+  /// Samples that were not written. The thread of on_period().
   std::uint64_t write_failures() const { return write_failures_; }
 
  private:

@@ -13,15 +13,18 @@ namespace omentum {
 /// (docs/grasp.md). One environment; one thread.
 class AttachedTissue {
  public:
+  /// Lays the tissue. Precondition: `setup` has a scene, a tissue and a grasp that go together.
   explicit AttachedTissue(std::shared_ptr<const SimSetup> setup);
 
   /// Lays the tissue anew: at rest, out of the jaw, as an operator does between two trials.
   void lay();
 
   /// One control period: the tip moves in a straight line to `p_WT` [m], the jaw to `jaw_rad`.
+  /// The first call after the construction places the tip.
   /// Returns the force on the tool through the grasp, in W [N].
   Eigen::Vector3d step(const Eigen::Vector3d& p_WT, double jaw_rad);
 
+  /// Time that a step() lasts [s].
   double control_period_s() const { return setup_->config.task().control_period_s(); }
   /// How far held tissue lets the jaw close [rad]: it is pressed by a fifth of its thickness. Below
   /// every jaw's range while nothing is held.

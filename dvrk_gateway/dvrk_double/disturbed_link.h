@@ -9,15 +9,17 @@
 
 namespace omentum {
 
-/// What a network does to datagrams of one direction; all off by default.
+/// What a network does to datagrams of one direction; all off by default. Shares are 0 ... 1, times
+/// not below 0 [s].
 struct Disturbance {
-  double loss = 0;         ///< share that never arrives, 0 ... 1
+  double loss = 0;         ///< share that never arrives
   double duplication = 0;  ///< share that arrives twice
   double delay_s = 0;      ///< of every one
   double jitter_s = 0;     ///< uniform from 0, beside the delay
   double reordering = 0;   ///< share that is held back by `reordering_s`
   double reordering_s = 0.015;
 
+  /// Whether it changes anything.
   bool any() const {
     return loss > 0 || duplication > 0 || delay_s > 0 || jitter_s > 0 || reordering > 0;
   }
@@ -31,6 +33,8 @@ class DisturbedLink final : public Link {
   DisturbedLink(Link& under, Clock& clock, const Disturbance& out, const Disturbance& in,
                 std::uint64_t seed);
 
+  /// The next datagram that is due; nothing while none is. Of one that is longer than `memory` the
+  /// beginning, with `cut`.
   std::optional<Received> receive(std::span<char> memory) noexcept override;
   /// Says kSent of what is lost as well, as a network does.
   SendOutcome send(std::string_view datagram, const UdpAddress& to) noexcept override;
@@ -38,6 +42,7 @@ class DisturbedLink final : public Link {
   /// Sends what is due; call it at least as often as datagrams are to leave on time.
   void flush() noexcept;
 
+  // Counts of both directions together.
   std::uint64_t lost() const { return lost_; }
   std::uint64_t repeated() const { return repeated_; }
   std::uint64_t failed() const { return failed_; }  ///< not taken by `under` when due

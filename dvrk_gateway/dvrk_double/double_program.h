@@ -14,14 +14,14 @@
 namespace omentum {
 
 struct DoubleProgramOptions {
-  std::string host = "127.0.0.1";  ///< the stream goes there
+  std::string host = "127.0.0.1";  ///< the stream goes there, until somebody else sends
   std::uint16_t port = 0;
   DoubleOptions robot;
-  Disturbance network;  ///< of both directions
-  double period_jitter_s = 0;
+  Disturbance network;         ///< of both directions
+  double period_jitter_s = 0;  ///< periods begin so much later, uniform from 0
   std::uint64_t seed = 1;
   double seconds = 0;           ///< 0: until told to end
-  std::vector<std::string> at;  ///< "SECONDS COMMAND"
+  std::vector<std::string> at;  ///< "SECONDS COMMAND", since run() began
   pb::ArmEffects effects;
   ToolMount mount;
   std::shared_ptr<const SimSetup> tissue;  ///< none: nothing to touch
@@ -38,8 +38,9 @@ class DoubleProgram {
   /// descriptor `operator_input` until it ends.
   void run(const volatile std::sig_atomic_t& stop, int operator_input);
 
-  /// One command of the operator; why not, where it is none.
+  /// One command of the operator; why not, where it is none. The thread of run().
   Result<void> execute(const std::string& command);
+  /// What the operator can type, a line each.
   static std::string commands_help();
 
  private:

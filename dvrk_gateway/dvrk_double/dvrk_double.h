@@ -19,9 +19,9 @@ inline constexpr std::array<std::string_view, 8> kStreamNames = {
 struct DoubleOptions {
   enum class Shape { kToday, kAllInOne, k2019 };
 
-  double home_at_s = -1;  ///< the operator powers and homes then; negative: not by itself
-  bool hardware_like = false;
-  Shape shape = Shape::kToday;
+  double home_at_s = -1;        ///< the operator powers and homes then; negative: not by itself
+  bool hardware_like = false;   ///< as RobotArm has it
+  Shape shape = Shape::kToday;  ///< of the stream's datagrams (docs/dvrk.md 4)
   /// Base frame of the console: measured_cp, setpoint_cp and Cartesian goals are in A, local ones
   /// in R.
   Eigen::Isometry3d X_AR = Eigen::Isometry3d::Identity();
@@ -47,17 +47,22 @@ class DvrkDouble {
   /// received.
   void period(std::int64_t now_ns, Link& link);
 
+  /// What the operator does goes through it; valid as long as this.
   RobotArm& arm() { return arm_; }
   const RobotArm& arm() const { return arm_; }
 
+  /// A silent robot sends nothing and counts nothing as sent; it receives all the same.
   void set_silent(bool silent) { silent_ = silent; }
   /// As if somebody at this address had sent: the stream goes there from now on.
   void steal(const UdpAddress& thief) { destination_ = thief; }
   /// Timestamps begin anew at zero, as those of another process.
   void restart_timestamps() { timestamp_origin_s_ = arm_.time_s(); }
+  /// Where the stream goes: to whoever sent last.
   const UdpAddress& destination() const { return destination_; }
+  /// May be changed between two periods; names of streams are not checked again.
   DoubleOptions& options() { return options_; }
 
+  // Counts of datagrams since the construction.
   std::uint64_t sent() const { return sent_; }
   std::uint64_t not_sent() const { return not_sent_; }  ///< refused or failed on the link
   std::uint64_t received() const { return received_; }

@@ -22,6 +22,7 @@ enum class Refusal {
   kNoInverse,   ///< no joints for this pose
   kCount,
 };
+/// "not_json"; empty for kCount.
 std::string_view name_of(Refusal refusal);
 
 /// The arm of the double: one PSM with its controller, stepped by ticks of 1/1500 s, without wire
@@ -56,9 +57,15 @@ class RobotArm {
   /// Something between the jaw's faces keeps them so far open from the next tick on [rad].
   void set_jaw_stop(double jaw_rad) { jaw_stop_ = jaw_rad; }
 
+  /// 1/1500 s goes by: what was asked of the operator's buttons and commands since the last one is
+  /// done.
   void tick();
+  /// Ticks as a time [s], 0 at the construction.
   double time_s() const { return static_cast<double>(ticks_) / kTicksPerSecond; }
 
+  // As the streams tell it, as of the last tick: joints [rad, insertion m] and poses of the control
+  // point in R [m]. Before homing there are no joints, while it lasts seven (three joints, four
+  // discs), then six; jaw and poses are valid with the tool engaged alone.
   JointState measured_js() const;
   JointState setpoint_js() const;
   JointState jaw_measured_js() const;
@@ -70,10 +77,12 @@ class RobotArm {
   bool engaged() const { return stage_ == Stage::kEngaged; }
   /// True tip p_WT [m], which no encoder sees.
   Eigen::Vector3d true_tip() const;
+  /// Measured angle of the jaw [rad].
   double jaw() const { return measured_[6]; }
 
   /// Changes of the operating state since the last call, in order.
   std::vector<OperatingState> take_events();
+  /// How many commands were passed over for this reason. Precondition: not kCount.
   std::uint64_t refusals(Refusal refusal) const {
     return refusals_[static_cast<std::size_t>(refusal)];
   }

@@ -20,7 +20,8 @@ struct SensorSourceOptions {
   std::string path;        ///< of a table that grows while the session runs
 };
 
-/// Throws Error, one line with the option and what is allowed.
+/// KIND=udp:PORT, a port of 1 to 65535, or KIND=file:PATH. Throws Error, one line with the option
+/// and what is allowed.
 SensorSourceOptions parse_sensor_source(const std::string& text);
 
 /// Where samples come from: a port or a table. One thread.
@@ -34,14 +35,17 @@ class SensorSource {
   SensorSource(const SensorSource&) = delete;
   SensorSource& operator=(const SensorSource&) = delete;
 
-  /// Takes in all that has arrived since the last call; does not wait.
+  /// Takes in what has arrived since the last call, of a flood a part; does not wait. `take` is
+  /// called on this thread before poll() returns. Never throws for what a sensor says.
   virtual void poll(const Take& take) = 0;
 };
 
-/// Throws Error, one line with the option: a port in use.
+/// Of a table only rows that are appended from now on; one that is not there yet is waited for.
+/// Throws Error, one line with the option: a port in use, a path that is no file.
 std::unique_ptr<SensorSource> open_sensor_source(const SensorSourceOptions& options);
 
-/// Reads all sources on a thread of its own, every 5 ms, into a recording.
+/// Reads all sources on a thread of its own, every 5 ms, into a recording. Made and ended by one
+/// thread.
 class SensorSources {
  public:
   /// `recorder` must outlive it. Throws Error as open_sensor_source() does.
@@ -50,7 +54,7 @@ class SensorSources {
   SensorSources(const SensorSources&) = delete;
   SensorSources& operator=(const SensorSources&) = delete;
 
-  /// What has arrived until now is handed over; the thread has ended.
+  /// What has arrived until now is handed over; the thread has ended. Called again it does nothing.
   void end();
 
  private:

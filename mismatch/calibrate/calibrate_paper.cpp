@@ -9,6 +9,7 @@
 #include "core/check.h"
 #include "mismatch/calibrate/calibration.h"
 #include "mismatch/calibrate/genetic_search.h"
+#include "mismatch/calibrate/number_words.h"
 #include "mismatch/fit/search.h"
 #include "sim_worker/playback/simulation.h"
 
@@ -321,8 +322,8 @@ Calibration PaperSearch::run() {
     constexpr double kBound = 0.01;
     number.at_bound = best.candidate.gene[g] < kBound || best.candidate.gene[g] > 1 - kBound;
     if (number.at_bound) {
-      result.warnings.push_back(fmt::format("{}: {:.4g}{} is at the bound of the search",
-                                            number.name, number.value, behind_number(number.unit)));
+      result.warnings.push_back(
+          fmt::format("{}: {} is at the bound of the search", number.name, told(number)));
     }
     result.parameters.push_back(number);
   }

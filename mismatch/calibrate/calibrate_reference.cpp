@@ -198,9 +198,9 @@ void judge_laws(CalibrationRun& run, std::vector<LawFit>& laws) {
   }
   std::string names;
   for (const LawFit* other : laws_alike(laws, chosen, run.numerics_rms())) {
-    const double behind = other->cost - chosen.cost;
-    names += fmt::format("{}{} ({:.1f} {})", names.empty() ? "" : ", ", law_name(other->law),
-                         std::fabs(behind), behind < 0 ? "ahead" : "behind");
+    const double less = other->cost - chosen.cost;
+    names += fmt::format("{}{} (log likelihood {} by {:.1f})", names.empty() ? "" : ", ",
+                         law_name(other->law), less < 0 ? "more" : "less", std::fabs(less));
     run.law_rms =
         std::max(run.law_rms, surfaces_apart(other->d.linear.predictions, run.linear.predictions));
   }

@@ -12,9 +12,6 @@
 
 namespace omentum {
 
-/// A unit behind its number in a line, " Pa"; nothing for numbers without one, whose unit is "1".
-inline std::string behind_number(const std::string& unit) { return unit == "1" ? "" : " " + unit; }
-
 /// A number that was looked for.
 struct CalibratedNumber {
   std::string name;       ///< path in the scene; of a nuisance of a recording "lift1: pinch.x"

@@ -6,6 +6,9 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
+#include "mismatch/calibrate/number_words.h"
+#include "report/section_parts.h"
+
 namespace omentum {
 namespace {
 
@@ -78,16 +81,15 @@ std::string print_calibration(const Calibration& c) {
 }
 
 std::string summarise_calibration(const Calibration& c) {
-  std::string text;
+  std::string text = c.parameters.empty() ? "" : "with intervals of 90 %:\n";
   for (const CalibratedNumber& n : c.parameters) {
-    text += fmt::format("{}: {:.5g}{} (90 %: {:.5g} ... {:.5g}){}\n", n.name, n.value,
-                        behind_number(n.unit), n.low90, n.high90,
+    text += fmt::format("{}: {}{}\n", with_words(n.name), told(n),
                         n.unseen ? ", as believed: the recordings do not see it" : "");
   }
   for (const NumberGroup& g : c.groups) {
     if (g.name == "unseen") continue;
-    text += fmt::format("seen together only: {} = {:.5g}{} (90 %: {:.5g} ... {:.5g})\n", g.name,
-                        g.value, behind_number(g.unit), g.low90, g.high90);
+    text += fmt::format("seen together only: {} = {}\n", g.name,
+                        number_in_line(g.value, g.low90, g.high90, g.unit));
   }
   for (const LawRow& row : c.laws) {
     text += row.behind == 0 ? fmt::format("law of elasticity: {}\n", row.law)

@@ -8,8 +8,10 @@
 
 #include "core/constants.h"
 #include "mismatch/calibrate/law_choice.h"
+#include "mismatch/calibrate/number_words.h"
 #include "mismatch/fit/camera_errors.h"
 #include "mismatch/fit/fit_numbers.h"
+#include "report/section_parts.h"
 
 namespace omentum {
 namespace {
@@ -106,14 +108,15 @@ void add_thickness_of_even_body(const Findings& f, std::vector<std::string>& war
   if (!(variance < unknown.sd * unknown.sd && std::fabs(deviations) > kSurprise)) return;
   const double spread = kNinety * std::sqrt(variance);
   const CalibratedNumber change = shared_number(f, bending);
+  const std::string thick = number_in_line(unknown.value(even), unknown.value(even - spread),
+                                           unknown.value(even + spread), unknown.unit);
   warnings.push_back(fmt::format(
-      "{}: alike through its thickness the body would be {:.4g} m thick ({:.4g} - {:.4g}) by the "
-      "recordings, {:.1f} standard deviations {} the belief of {:.4g} m ({:.4g} - {:.4g}); measure "
-      "it, for otherwise its bending is another by {:+.0f} % ({:.0f} - {:.0f})",
-      unknown.path, unknown.value(even), unknown.value(even - spread), unknown.value(even + spread),
-      std::fabs(deviations), deviations < 0 ? "below" : "above", unknown.value(0),
-      unknown.value(-kNinety * unknown.sd), unknown.value(kNinety * unknown.sd), 100 * change.value,
-      100 * change.low90, 100 * change.high90));
+      "{}: alike through its thickness the body would be {} thick by the recordings, {:.1f} "
+      "standard deviations {} the belief of {}; measure it, for otherwise its bending is another "
+      "by {:+.0f} % ({:.0f} - {:.0f})",
+      unknown.path, thick, std::fabs(deviations), deviations < 0 ? "below" : "above",
+      told_belief(shared_number(f, thickness)), 100 * change.value, 100 * change.low90,
+      100 * change.high90));
 }
 
 bool recordings_move(const Findings& f) {
@@ -344,9 +347,9 @@ void add_warnings(const Findings& f, Calibration& result) {
     for (const CalibratedNumber& number : *numbers) {
       if (!number.at_bound) continue;
       warnings.push_back(fmt::format(
-          "{}: {:.6g}{} is at the bound of what can be believed ({}): a sign of physics that the "
-          "model leaves out, or of a wrong belief",
-          number.name, number.value, behind_number(number.unit), number.prior_source));
+          "{}: {} is at the bound of what can be believed ({}): a sign of physics that the model "
+          "leaves out, or of a wrong belief",
+          with_words(number.name), told(number), number.prior_source));
     }
   }
   for (int k = 0; k < f.data.layout.unknowns.count; ++k) {
@@ -354,10 +357,9 @@ void add_warnings(const Findings& f, Calibration& result) {
     const CalibratedNumber number = shared_number(f, k);
     if (number.at_bound || std::fabs(number.surprise) < kSurprise) continue;
     warnings.push_back(fmt::format(
-        "{}: {:.4g}{} ({:.4g} - {:.4g}) against the belief of {:.4g} ({:.4g} - {:.4g}): what the "
-        "recordings say alone is {:.1f} standard deviations {} it; measure it{}",
-        number.name, number.value, behind_number(number.unit), number.low90, number.high90,
-        number.prior_value, number.prior_low90, number.prior_high90, std::fabs(number.surprise),
+        "{}: {} against the belief of {}: what the recordings say alone is {:.1f} standard "
+        "deviations {} it; measure it{}",
+        with_words(number.name), told(number), told_belief(number), std::fabs(number.surprise),
         number.surprise < 0 ? "below" : "above", confused_with(f, k)));
   }
   add_thickness_of_even_body(f, warnings);
@@ -379,9 +381,8 @@ void add_warnings(const Findings& f, Calibration& result) {
       warnings.emplace_back(
           "numerics.mesh: the recordings ask for another mesh: give a smaller --tolerance-mm");
     } else if (!number.recording.empty() && std::fabs(number.pull) > kOddPull) {
-      warnings.push_back(fmt::format(
-          "{}: {:.3g}{}, {:.1f} standard deviations from what was believed", number.name,
-          number.value, behind_number(number.unit), std::fabs(number.pull)));
+      warnings.push_back(fmt::format("{}: {}, {:.1f} standard deviations from what was believed",
+                                     number.name, told(number), std::fabs(number.pull)));
     }
   }
   double worst = 0, floor = 0;

@@ -18,11 +18,14 @@ namespace {
 
 using TableRows = std::vector<std::vector<std::string>>;
 
-/// Distance of the places along x [mm].
-double cell_of(const std::vector<double>& x) {
+/// Distance of the places along x or y, whichever is less [mm]: no square covers another.
+double cell_of(const PlaneMap& map) {
   double cell = 1e9;
-  for (const double other : x) {
-    if (std::fabs(other - x.front()) > 1e-6) cell = std::min(cell, std::fabs(other - x.front()));
+  for (const std::vector<double>* along : {&map.x, &map.y}) {
+    for (const double other : *along) {
+      const double apart = std::fabs(other - along->front());
+      if (apart > 1e-6) cell = std::min(cell, apart);
+    }
   }
   return cell < 1e9 ? cell : 5;
 }
@@ -46,7 +49,7 @@ std::string map_of(const pb::Verdict& verdict, const std::string& effect) {
   map.x_label = "x_B, mm";
   map.y_label = "y_B, mm";
   map.scale_label = most < 0 ? "-z" : "z";
-  map.cell = cell_of(map.x);
+  map.cell = cell_of(map);
   map.high = std::ceil(std::max(std::fabs(most), 1.0));
   map.best_label = "best place";
   return card(draw_plane_map(map));
@@ -56,8 +59,9 @@ std::string error_bars(const pb::Verdict& verdict) {
   TableRows rows = {{"recording", "role", "before, mm", "after, mm", "a right model, mm",
                      "left of what was wrong", "shell before", "shell after"}};
   for (const pb::VerdictFit& row : verdict.fit()) {
-    rows.push_back({row.recording(), row.role(), mm(row.rmse_base()), mm(row.rmse_model()),
-                    mm(row.floor()), row.has_r() ? percent(row.r()) : "nothing was",
+    rows.push_back({row.recording(), row.role() == "held_out" ? "held out" : row.role(),
+                    mm(row.rmse_base()), mm(row.rmse_model()), mm(row.floor()),
+                    row.has_r() ? percent(row.r()) : "nothing was",
                     row.has_rmse_shell_base() ? mm(row.rmse_shell_base()) : "",
                     row.has_rmse_shell_model() ? mm(row.rmse_shell_model()) : ""});
   }
@@ -65,40 +69,41 @@ std::string error_bars(const pb::Verdict& verdict) {
 }
 
 std::string limits_table(const pb::Verdict& verdict) {
-  TableRows rows = {{"effect", "unit", "would be seen from", "named from",
-                     "two correct models differ by", "by", "looks most like"}};
+  TableRows rows = {{"effect", "would be seen from", "named from", "two correct models differ by",
+                     "by", "looks most like"}};
   for (const pb::VerdictLimit& row : verdict.detection_limits()) {
+    const std::string words = limit_words(row);
+    const std::string name = row.effect() + (words.empty() ? "" : ", " + words);
     if (!row.testable()) {
-      rows.push_back({row.effect(), row.unit(), "never", "", "", row.why_not(), ""});
+      rows.push_back({name, "never", "", "", row.why_not(), ""});
       continue;
     }
-    const double none = std::nan("");
-    const auto least = [&](double size) { return show_number(size, none, none, row.unit()); };
-    const ShownNumber seen = least(row.amplitude());
-    rows.push_back({row.effect(), seen.unit, seen.value, least(row.amplitude_named()).value,
-                    least(row.floor_amplitude()).value, row.floor_from(), row.look_alike()});
+    rows.push_back({name, least_size(row.amplitude(), row), least_size(row.amplitude_named(), row),
+                    least_size(row.floor_amplitude(), row), key_text(row.floor_from()),
+                    key_text(row.look_alike())});
   }
-  return card(make_table(rows, {2, 3, 4}));
+  return card(make_table(rows, {1, 2, 3}));
 }
 
 /// Rivals that were refitted by simulations, then what columns alone claim.
 std::string rivals_tables(const pb::Verdict& verdict) {
   TableRows refitted = {{"refitted by simulations", "gain, nats", "numbers"}};
   TableRows claimed = {
-      {"by its columns", "gain, nats", "in the base it leaves to others", "alone it is enough"}};
+      {"by its columns", "gain, nats", "leaves to others, nats", "alone it is enough"}};
   for (const pb::VerdictRival& rival : verdict.rivals()) {
     const std::string gain = fmt::format("{:.0f}", rival.gain());
     if (rival.simulated()) {
-      refitted.push_back({rival.name(), gain, fmt::format("{}", fmt::join(rival.numbers(), ", "))});
+      refitted.push_back({rival.name(), gain, numbers_of(rival)});
       continue;
     }
     std::string left;
     for (const pb::VerdictLeft& other : rival.left()) {
       if (other.gain() < 1) continue;
-      left += fmt::format("{}{} {:.0f}", left.empty() ? "" : ", ", other.name(), other.gain());
+      left += fmt::format("{}{}: {:.0f}", left.empty() ? "" : "; ", key_text(other.name()),
+                          other.gain());
     }
-    claimed.push_back(
-        {rival.key(), gain, left.empty() ? "nothing" : left, rival.adequate() ? "yes" : "no"});
+    claimed.push_back({key_text(rival.key()), gain, left.empty() ? "nothing" : left,
+                       rival.adequate() ? "yes" : "no"});
   }
   std::string html;
   for (const TableRows& rows : {refitted, claimed}) {
@@ -109,6 +114,7 @@ std::string rivals_tables(const pb::Verdict& verdict) {
 
 /// Where the error is, which is not where its cause is.
 std::string residual_maps(const ResidualMap& residuals) {
+  constexpr double kRound = 0.1;  // [mm] so that the numbers beside the scale are short
   std::string html;
   for (const auto& [values, when] :
        {std::pair{&residuals.at_rest, "at rest"}, {&residuals.lifted, "lifted"}}) {
@@ -129,8 +135,8 @@ std::string residual_maps(const ResidualMap& residuals) {
     map.x_label = "x_B, mm";
     map.y_label = "y_B, mm";
     map.scale_label = "mm";
-    map.cell = cell_of(map.x);
-    map.high = std::max(most, 0.1);
+    map.cell = cell_of(map);
+    map.high = std::max(std::ceil(most / kRound) * kRound, kRound);
     map.best_label = "largest";
     html += card(draw_plane_map(map));
   }
@@ -177,8 +183,8 @@ std::string effect_table(const pb::VerdictEffect& effect) {
   TableRows rows = {{"number", "value", "90 % from", "to"}};
   for (const pb::VerdictParameter& p : effect.parameters()) {
     const ShownNumber number = shown(p);
-    rows.push_back({p.name(), number.value + number.unit, number.low + number.unit,
-                    number.high + number.unit});
+    rows.push_back({named(effect.class_().members(0).name(), p.name()), number.value + number.unit,
+                    number.low + number.unit, number.high + number.unit});
   }
   std::string html = make_table(rows, {1, 2, 3});
   html += "<p>" +
@@ -217,7 +223,7 @@ std::string verdict_sentence(const pb::Verdict& v) {
   if (v.status() == "no_mismatch_detectable")
     return "No mismatch is detectable: nothing that these recordings could show was left out.";
   if (v.status() == "unexplained")
-    return "Something real is not in the catalogue: " + v.reason() + ".";
+    return "Something real is not in the catalogue: " + with_keys_read(v.reason()) + ".";
   const pb::VerdictEffect& effect = v.effects(0);
   std::string text = fmt::format("The simulation leaves out {}", names_of(effect));
   const std::string where = where_text(effect.where());
@@ -225,16 +231,19 @@ std::string verdict_sentence(const pb::Verdict& v) {
   if (effect.parameters_size() > 0) {
     const pb::VerdictParameter& p = best_known(effect);
     const ShownNumber number = shown(p);
-    text += fmt::format(", {} = {}{} (90 %: {} - {}{})", p.name(), number.value, number.unit,
+    const std::string words = words_of(effect.class_().members(0).name(), p.name());
+    text += fmt::format(", {}{} = {}{} (90 %: {} - {}{})", p.name(),
+                        words.empty() ? "" : " (" + words + ")", number.value, number.unit,
                         number.low, number.high, number.unit);
   }
-  if (v.status() == "partly_explained") text += ", and that is not all: " + v.reason();
+  if (v.status() == "partly_explained")
+    text += ", and that is not all: " + with_keys_read(v.reason());
   return text + ".";
 }
 
 std::string make_verdict_page(const Explanation& found, const std::string& folder) {
   const pb::Verdict& v = found.verdict;
-  std::vector<Tile> tiles = {{v.status(), "status", v.reason()}};
+  std::vector<Tile> tiles = {{v.status(), "status", with_keys_read(v.reason())}};
   double before = 0, after = 0, count = 0;
   for (const pb::VerdictFit& row : v.fit()) {
     if (row.role() != "held_out" || !row.has_r()) continue;  // where there was something to explain
@@ -266,7 +275,7 @@ std::string make_verdict_page(const Explanation& found, const std::string& folde
                           ? "Numbers with intervals of 90 %, the frames in which it shows, and how "
                             "well it would explain the recordings at each place."
                           : "How well a stiff or a sticking place would explain the recordings.",
-                      what + row(maps) + row(residual_maps(found.residuals))});
+                      what + row(maps + residual_maps(found.residuals))});
   sections.push_back(
       {"fit", "Before and after",
        "How far the cloud is from the simulated surface, in blocks of 20 mm and 0.2 s "
@@ -291,12 +300,14 @@ std::string make_verdict_page(const Explanation& found, const std::string& folde
     pull_rows.push_back({pull.name(), fmt::format("{:.1f}", pull.pull())});
   sections.push_back({"pulls", "Nuisances and numerics", "Above 4 is odd, above 5 a finding.",
                       card(make_table(pull_rows, {1}))});
-  sections.push_back(
-      {"use", "Use it", "The repaired scene trains as it is.",
-       card("<pre>learner --preset omentum_elastic --set "
-            "scene_file=scene.repaired.txtpb\nmismatch calibrate --scene scene.repaired.txtpb -r "
-            "RECORDINGS -o OUT</pre>")});
-  sections.push_back({"warnings", "Warnings", "", card(list_of(v.warnings()))});
+  sections.push_back({"use", "Use it",
+                      "In the folder of this page: a policy trains in the repaired scene; it "
+                      "foretells what other commands would do (RECORDINGS), in a new folder (OUT).",
+                      card("<pre>learner --preset omentum_elastic --set "
+                           "scene_file=\"$PWD/scene.repaired.txtpb\"\n"
+                           "mismatch predict . -r RECORDINGS -o OUT</pre>")});
+  if (v.warnings_size() > 0)
+    sections.push_back({"warnings", "Warnings", "", card(list_of(v.warnings()))});
   return make_page("What the simulation left out", verdict_sentence(v), make_tiles(tiles), sections,
                    replay_script(),
                    fmt::format("mismatch explain, {:.0f} core-seconds", v.core_seconds()));

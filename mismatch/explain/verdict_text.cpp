@@ -15,12 +15,13 @@
 namespace omentum {
 namespace {
 
-/// Rows of cells in columns as wide as they need; the first is left aligned, others as `left` says.
+/// Rows of cells in columns as wide as they need; numbers are right aligned, which are the columns
+/// behind the first up to the one that `last_number` counts.
 class Columns {
  public:
   void add(std::vector<std::string> row) { rows_.push_back(std::move(row)); }
   bool empty() const { return rows_.size() < 2; }  ///< but for its head
-  std::string text(bool left = false) const {
+  std::string text(std::size_t last_number = 100) const {
     std::vector<std::size_t> width;
     for (const auto& row : rows_) {
       width.resize(std::max(width.size(), row.size()));
@@ -30,8 +31,8 @@ class Columns {
     for (const auto& row : rows_) {
       std::string line;
       for (std::size_t k = 0; k < row.size(); ++k) {
-        line += k == 0 || left ? fmt::format("  {:<{}}", row[k], width[k])
-                               : fmt::format("  {:>{}}", row[k], width[k]);
+        line += k == 0 || k > last_number ? fmt::format("  {:<{}}", row[k], width[k])
+                                          : fmt::format("  {:>{}}", row[k], width[k]);
       }
       line.erase(line.find_last_not_of(' ') + 1);
       all += line + "\n";
@@ -125,10 +126,10 @@ std::string left_by(const pb::VerdictRival& rival, int most) {
   std::vector<std::string> left;
   for (const pb::VerdictLeft& other : rival.left()) {
     if (other.gain() < 1 || static_cast<int>(left.size()) >= most) continue;
-    left.push_back(fmt::format("{} {:.0f}", other.name(), other.gain()));
+    left.push_back(fmt::format("{}: {:.0f}", key_text(other.name()), other.gain()));
   }
   if (left.empty()) return "nothing";
-  return fmt::format("{}", fmt::join(left, ", "));
+  return fmt::format("{}", fmt::join(left, "; "));
 }
 
 std::string rivals_text(const pb::Verdict& v, int most, int most_left) {
@@ -138,14 +139,14 @@ std::string rivals_text(const pb::Verdict& v, int most, int most_left) {
   for (const pb::VerdictRival& rival : v.rivals()) {
     const std::string gain = fmt::format("{:.0f}", rival.gain());
     if (rival.simulated()) {
-      refitted.add({rival.name(), gain, fmt::format("{}", fmt::join(rival.numbers(), ", "))});
+      refitted.add({rival.name(), gain, numbers_of(rival)});
     } else if (most-- > 0) {
-      claimed.add({rival.key(), gain, left_by(rival, most_left)});
+      claimed.add({key_text(rival.key()), gain, left_by(rival, most_left)});
     }
   }
   std::string text;
   for (const Columns* table : {&refitted, &claimed}) {
-    if (!table->empty()) text += table->text(true);
+    if (!table->empty()) text += table->text(1);
   }
   return text;
 }
@@ -154,13 +155,15 @@ std::string numbers_text(const pb::Verdict& v) {
   std::string text;
   for (const pb::VerdictEffect& effect : v.effects()) {
     Columns table;
-    table.add({effect.class_().members(0).name(), "value", "90 % from", "to", ""});
+    const std::string& name = effect.class_().members(0).name();
+    table.add({name, "value", "90 % from", "to", "", ""});
     for (const pb::VerdictParameter& p : effect.parameters()) {
       const ShownNumber number = shown(p);
       table.add({p.name(), number.value + number.unit, number.low + number.unit,
-                 number.high + number.unit, p.at_bound() ? "at the end of its range" : ""});
+                 number.high + number.unit, words_of(name, p.name()),
+                 p.at_bound() ? "at the end of its range" : ""});
     }
-    text += table.text();
+    text += table.text(3);
     if (effect.has_explained_share())
       text +=
           fmt::format("  of the squared error {:.0f} % is gone\n", 100 * effect.explained_share());
@@ -186,16 +189,18 @@ std::string fit_text(const pb::Verdict& v) {
 
 std::string limits_text(const pb::Verdict& v) {
   Columns table;
-  table.add({"would be seen", "from", "named from", "models differ by", "unit"});
+  table.add({"would be seen", "from", "named from", "models differ by", "of"});
   for (const pb::VerdictLimit& row : v.detection_limits()) {
+    const std::string words = limit_words(row);
     if (!row.testable()) {
-      table.add({row.effect(), "never", "", "", row.unit()});
+      table.add({row.effect(), "never", "", "", words});
       continue;
     }
-    table.add({row.effect(), figure(row.amplitude()), figure(row.amplitude_named()),
-               figure(row.floor_amplitude()), row.unit()});
+    table.add({row.effect(), least_size(row.amplitude(), row),
+               least_size(row.amplitude_named(), row), least_size(row.floor_amplitude(), row),
+               words});
   }
-  return table.empty() ? "" : printable(table.text());
+  return table.empty() ? "" : printable(table.text(3));
 }
 
 std::string locate_text(const pb::Verdict& v) {
@@ -225,7 +230,7 @@ std::string locate_text(const pb::Verdict& v) {
 std::string name_text(const pb::Verdict& v) {
   constexpr int kAll = 1000;
   std::string text = sentence(v) + "status: " + v.status() + "\n";
-  if (!v.reason().empty()) text += "reason: " + v.reason() + "\n";
+  if (!v.reason().empty()) text += "reason: " + with_keys_read(v.reason()) + "\n";
   return printable(text + class_text(v) + rivals_text(v, kAll, kAll));
 }
 
@@ -239,7 +244,7 @@ std::string model_text(const pb::Verdict& v, const std::string& scene) {
 std::string show_text(const pb::Verdict& v, const std::string& scene) {
   constexpr int kRivals = 4, kLeft = 3;
   std::string text = sentence(v) + "status: " + v.status() + "\n";
-  if (!v.reason().empty()) text += "reason: " + v.reason() + "\n";
+  if (!v.reason().empty()) text += "reason: " + with_keys_read(v.reason()) + "\n";
   if (v.effects_size() > 0) text += place_text(v) + class_text(v) + numbers_text(v);
   text += rivals_text(v, kRivals, kLeft) + fit_text(v) + limits_text(v);
   for (const std::string& warning : v.warnings()) text += "warning: " + warning + "\n";

@@ -12,6 +12,24 @@ std::string figure(double value);  ///< three digits; "-" where there is none
 std::string mm(double metres);
 /// A number of an effect with the digits that its interval justifies (report/section_parts.h).
 ShownNumber shown(const pb::VerdictParameter& parameter);
+/// Words for a number of an effect, "play of the tool along z" for tool_backlash and b_z; empty
+/// where there are none.
+std::string words_of(const std::string& effect, const std::string& number);
+/// Name and words, "b_z, play of the tool along z".
+std::string named(const std::string& effect, const std::string& number);
+/// A key of columns as it is read: "inclusion.k@x=0.002:y=0.004:r=0.009" becomes "inclusion.k at
+/// x = 2.0, y = 4.0 mm"; what says no place stays, behind a comma.
+std::string key_text(const std::string& key);
+/// A text with its keys as key_text() has them.
+std::string with_keys_read(const std::string& text);
+/// "total = 0.00357 m" of a rival as "total = 3.57 mm"; other texts as they are.
+std::string rival_number(const std::string& text);
+/// Numbers of a rival in a line, as rival_number() has each.
+std::string numbers_of(const pb::VerdictRival& rival);
+/// A size of a limit in the unit that people use, "0.2 mm".
+std::string least_size(double size, const pb::VerdictLimit& limit);
+/// words_of() the number of a limit.
+std::string limit_words(const pb::VerdictLimit& limit);
 /// "at x = 2.0, y = 4.0 mm from the middle of the sheet"; empty where it says no place.
 std::string where_text(const pb::VerdictWhere& where);
 /// What a channel that no fit saw says of the claim.

@@ -28,27 +28,28 @@ namespace omentum {
 
 /// What a worker makes from a manifest.
 struct WorkerSetup {
-  std::unique_ptr<Backend> backend;
-  PolicyShape shape;
-  std::uint64_t config_hash = 0;  ///< of the backend's configuration, computed by this build
-  double decision_s = 0;          ///< simulated time of one decision
+  std::unique_ptr<Backend> backend;  ///< never null in what make_setup returns
+  PolicyShape shape;                 ///< of the observations and actions of `backend`
+  std::uint64_t config_hash = 0;     ///< of the backend's configuration, computed by this build
+  double decision_s = 0;             ///< simulated time of one decision [s], above 0
 };
 
 struct BusWorkerOptions {
-  std::string run;
-  std::uint32_t domain = 0;
-  DdsProfile profile;  ///< of find_dds_profile()
+  std::string run;           ///< name of the run, not empty
+  std::uint32_t domain = 0;  ///< 0 ... 230
+  DdsProfile profile;        ///< of find_dds_profile()
   /// The profile as of now, asked for while no learner is heard: one that comes back at another
   /// address, or a name that did not exist. Empty: the profile never changes.
   std::function<Result<DdsProfile>()> find_profile;
   std::string heartbeat;       ///< file that the loop touches; empty: none
   std::uint64_t build_id = 0;  ///< tasks of a run made by another build are declined
   std::string program_version;
-  std::int64_t max_wait_ns = 0;  ///< without a learner; then run() ends with 1. 0 = for ever
+  std::int64_t max_wait_ns = 0;  ///< without a learner [ns]; then run() ends with 1. 0 = for ever
   /// Makes the environments of a run. May throw Error: the worker then declines and shows the
   /// reason in its status.
   std::function<WorkerSetup(const RunManifest&)> make_setup;
-  /// run_rollout() of core/rollout.h; tests put something of their own here.
+  /// run_rollout() of core/rollout.h; tests put something of their own here. As find_profile and
+  /// make_setup it is called on the thread of run().
   std::function<std::vector<RolloutSegment>(Backend&, Policy&, std::span<const RolloutTask>,
                                             const std::function<bool()>& stop)>
       rollout;
@@ -67,11 +68,12 @@ WorkerStatus first_worker_status(const BusWorkerOptions& options);
 /// highest learner epoch of its run, groups tasks of one policy version, kind and length, runs
 /// them, publishes the segments, and declines what it must not run with a reason in its status.
 /// While no learner speaks it simulates recordings for others (SimulationServer), and stops when
-/// one does. One thread; another one receives (WorkerBus). bus_worker.cpp runs tasks,
+/// one does. All of its functions are for one thread; another one receives (WorkerBus).
+/// bus_worker.cpp runs tasks,
 /// bus_worker_learner.cpp follows the learner, bus_worker_status.cpp says what the worker does.
 class BusWorker {
  public:
-  /// Joins the domain. Throws Error.
+  /// Joins the domain. Throws Error as WorkerBus does.
   explicit BusWorker(BusWorkerOptions options);
 
   /// Serves until stop() is true, the operator drains it or the learner's phase is kDone; then
@@ -80,7 +82,9 @@ class BusWorker {
   /// the program, 0.
   int run(const std::function<bool()>& stop);
 
+  /// Of make_worker_id(); the same over rejoins.
   std::uint32_t worker_id() const { return status_.worker_id; }
+  /// As it is published next.
   const WorkerStatus& status() const { return status_; }
 
  private:

@@ -22,7 +22,7 @@ class TaskQueue {
     std::int64_t at_ns = 0;  ///< arrival
   };
 
-  /// True when it replaced an older grant of its slot.
+  /// A task that was granted at `now_ns`. True when it replaced an older grant of its slot.
   bool push(RolloutTask task, std::int64_t now_ns);
   std::size_t size() const { return entries_.size(); }
   void clear() { entries_.clear(); }
@@ -31,11 +31,11 @@ class TaskQueue {
 
   /// The next group, at most `lanes` tasks, of those that are `ready`: of the oldest batch first,
   /// because that batch holds up the others. Empty: none is ready, or it is better to wait until
-  /// hold_until_ns().
+  /// hold_until_ns(). Its tasks are taken out. Precondition: `lanes` > 0.
   std::vector<Entry> next_group(std::size_t lanes,
                                 const std::function<bool(const RolloutTask&)>& ready,
                                 std::int64_t now_ns);
-  /// 0: nothing is held back.
+  /// Until when next_group() held tasks back when it was called last [ns]; 0: it held none.
   std::int64_t hold_until_ns() const { return hold_until_ns_; }
 
   /// The group taken last ran from begin to end [ns]: new tasks of its slots are expected.

@@ -31,11 +31,12 @@ struct WorkerInbox {
 };
 
 struct WorkerBusOptions {
-  std::string run;
-  std::uint32_t domain = 0;
+  std::string run;           ///< name of the run, not empty
+  std::uint32_t domain = 0;  ///< 0 ... 230
   DdsProfile profile;
-  std::uint32_t worker_id = 0;
-  /// Called by the receiving thread when weights are there and have the hash they name.
+  std::uint32_t worker_id = 0;  ///< of make_worker_id(); tasks for another one do not come here
+  /// Called by the receiving thread when weights are there and have the hash they name; it must not
+  /// throw. May be empty.
   std::function<void(const PolicyWeights&)> on_weights;
 };
 
@@ -43,28 +44,33 @@ struct WorkerBusOptions {
 /// public functions are for the worker's thread.
 class WorkerBus {
  public:
-  /// Joins the domain. Throws Error.
+  /// Joins the domain and begins to receive. Throws Error: one line, for a domain outside 0 to 230,
+  /// a profile that DDS refuses, entities that a certificate does not allow.
   explicit WorkerBus(const WorkerBusOptions& options);
   ~WorkerBus();
   WorkerBus(const WorkerBus&) = delete;
   WorkerBus& operator=(const WorkerBus&) = delete;
 
-  /// Sleeps until something has arrived, at most so long.
+  /// Sleeps until something has arrived, at most so long [ns].
   void wait(std::int64_t timeout_ns);
   bool has_arrivals() const { return arrived_.load(std::memory_order_acquire); }
+  /// What has arrived since the last call. Does not wait.
   WorkerInbox take();
 
+  /// The configuration of DDS with which the domain was joined.
   const std::string& uri() const { return uri_; }
   /// The certificate has ended: nobody hears this process any more.
   bool expired() const { return participant_.expired(); }
   /// A learner's process is in the domain, of whatever run.
   bool sees_a_learner() const { return participant_.sees("omentum-learner"); }
 
+  // Writers of this process, in all public partitions of the run. They live as long as this.
   BusWriter<RolloutSegment>& segments() { return segment_writer_; }
   BusWriter<WorkerStatus>& status() { return status_writer_; }
   BusWriter<ControlReply>& replies() { return reply_writer_; }
   BusWriter<SimFrame>& frames() { return frame_writer_; }
-  /// For results of simulations to who asked. Throws Error.
+  /// For results of simulations to who asked; it must go before this does. Throws Error, for a role
+  /// that may not write there.
   std::unique_ptr<BusWriter<SimulationPart>> make_result_writer(std::uint32_t asker_id) const;
 
  private:

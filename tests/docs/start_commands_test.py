@@ -68,6 +68,9 @@ def check(root, binaries, options, knobs, words):
     for flag, value in zip(words, words[1:]):
         if flag == "--preset":
             assert (root / "deploy/presets" / f"{value}.txtpb").is_file(), f"there is no preset {value}"
+        if flag == "--set" and value.startswith("scene_file="):  # else it would be looked for among deploy/scenes
+            scene = value.split("=", 1)[1]
+            assert scene.startswith(("/", "$PWD/")) or (root / "deploy/scenes" / scene).is_file(), f"there is no scene {scene}"
         if flag == "--set" and not value.startswith("scene."):
             assert re.search(rf"(?<![\w.]){re.escape(value.split('=')[0])}(?![\w.])", knobs()), f"there is no knob {value}"
 

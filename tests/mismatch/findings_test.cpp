@@ -11,6 +11,7 @@
 #include <utility>
 #include <vector>
 
+#include "report/section_parts.h"
 #include "support/fitted_sheet.h"
 
 namespace omentum {
@@ -68,6 +69,23 @@ TEST(Findings, AWeakWordAgainstAFirmBeliefIsToldWhereItSpeaksClearly) {
   EXPECT_THAT(c.warnings(), Contains(StartsWith(kThicknessPath)));
 }
 
+TEST(Findings, AStiffnessIsToldInKilopascalWithTheDigitsOfItsInterval) {
+  FoundSheet c;
+  const std::string path = "scene.tissue.material.young_modulus_pa";
+  const auto k = c.place_of(path);
+  const Unknown& stiffness = c.unknown(path);
+  constexpr double kSeenTo = 0.03;  // in the logarithm
+  c.posterior.shared_covariance(k, k) = kSeenTo * kSeenTo;
+  c.found.state.shared[k] = 2.6 * stiffness.sd;
+  const double pascal = stiffness.value(c.found.state.shared[k]);
+  const double spread = std::exp(1.6448536 * kSeenTo);
+  const auto told =
+      AllOf(StartsWith(path + " (stiffness): "),
+            HasSubstr(number_in_line(pascal, pascal / spread, pascal * spread, "Pa")),
+            HasSubstr(" kPa ("), HasSubstr("against the belief of"), Not(HasSubstr(" Pa")));
+  EXPECT_THAT(c.warnings(), Contains(told));
+}
+
 TEST(Findings, ASurpriseNamesWhatItMayBeInstead) {
   FoundSheet c;
   const auto b = c.place_of(kBending), t = c.place_of(kThicknessPath);
@@ -98,8 +116,9 @@ TEST(Findings, AThinnerBodyIsToldThoughTheBeliefInItsBendingHidesIt) {
     c.found.state.shared[b] = x[1];
     EXPECT_LT(std::fabs(x[0]), sd[0] * 2.5) << "not by what is believed of the thickness alone";
     const std::string told =
-        fmt::format("{:.4g} m thick", thinner * c.unknown(kThicknessPath).believed);
-    const auto is_told = Contains(AllOf(StartsWith(kThicknessPath), HasSubstr(told)));
+        fmt::format("would be {:.1f}", 1e3 * thinner * c.unknown(kThicknessPath).believed);
+    const auto is_told =
+        Contains(AllOf(StartsWith(kThicknessPath), HasSubstr(told), HasSubstr(") thick by")));
     if (thinner == 0.8) {
       EXPECT_THAT(c.warnings(), is_told);
     } else {

@@ -58,6 +58,17 @@ TEST(ShownNumber, HasUnitsOfPeopleAndTheDigitsThatItsIntervalJustifies) {
   EXPECT_EQ(text(2.04e-9, 1.5e-9, 2.6e-9, "m^2/N"), "2e-09 m^2/N 1.5e-09 2.6e-09");
   const double none = std::numeric_limits<double>::quiet_NaN();
   EXPECT_EQ(text(0.04567, none, none, "1"), "0.0457 - -");
+  EXPECT_EQ(text(0.0823, 0.071, 0.094, "s"), "82 ms 71 94");
+  EXPECT_EQ(text(0.9, 0.5, 1.6, "s"), "0.9 s 0.5 1.6") << "one unit for all three";
+  EXPECT_EQ(text(0.0012, none, none, "m/N"), "1.2 mm/N - -");
+  EXPECT_EQ(text(431234, 298765, 520000, "N/m3"), "0.43 kPa/mm 0.30 0.52");
+}
+
+TEST(ShownNumber, StandsInALineWithItsInterval) {
+  const double none = std::numeric_limits<double>::quiet_NaN();
+  EXPECT_EQ(number_in_line(52013, 49310, 54790, "Pa"), "52.0 kPa (49.3 - 54.8)");
+  EXPECT_EQ(number_in_line(0.45, 0.41, 0.49, "1"), "0.450 (0.410 - 0.490)");
+  EXPECT_EQ(number_in_line(0.003, none, none, "m"), "3 mm");
 }
 
 TEST(EpisodeRecording, FrameStateIsWhatTheFrameShows) {
