@@ -15,7 +15,7 @@ from protocol import DURATION
 
 PITCH = 0.001  # [m] of the places whose motion the program writes; sheets are whole millimetres wide and long
 CELLS = 10  # along each side of the truth that is stored; the program's mesh is its own
-MESH = "tolerance_m: 3e-4"  # of the program, which makes it by itself
+MESH = "tolerance_m: 1e-3"  # of the program, which makes it by itself
 
 
 def program():
