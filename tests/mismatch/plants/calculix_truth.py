@@ -120,9 +120,9 @@ def run_recording(case, recording, cells=CELLS, progress=lambda text: None, unti
 
 
 def run_case(effect, seed, folder, cells=None, recordings=range(9), progress=print):
+    case = draw_case(effect, seed)
     if not calculix_sheet.program():
         raise SystemExit("--plant calculix needs the program ccx, Debian's package calculix-ccx")
-    case = draw_case(effect, seed)
     try:
         common.store(case, lambda case, k: run_recording(case, k, cells or CELLS, progress=progress), folder, recordings, progress)
     except RuntimeError as stopped:

@@ -19,7 +19,8 @@ MESH = "tolerance_m: 1e-3"  # of the program, which makes it by itself
 
 
 def program():
-    return shutil.which(os.environ.get("OMENTUM_MISMATCH", "mismatch"))
+    found = shutil.which(os.environ.get("OMENTUM_MISMATCH", "mismatch"))
+    return found and os.path.abspath(found)
 
 
 def draw_case(effect, seed):
@@ -161,9 +162,9 @@ def run_recording(case, recording, mesh=MESH, cells=CELLS, progress=lambda text:
 
 
 def run_case(effect, seed, folder, cells=None, recordings=range(9), progress=print):
+    case = draw_case(effect, seed)
     if not program():
         raise SystemExit("--plant own needs the program mismatch, in $OMENTUM_MISMATCH or on the path")
-    case = draw_case(effect, seed)
     try:
         common.store(case, lambda case, k: run_recording(case, k, cells=cells or CELLS, progress=progress), folder, recordings, progress)
     except RuntimeError as stopped:
