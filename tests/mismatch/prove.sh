@@ -1,6 +1,6 @@
 #!/bin/bash
 # A batch of concealed cases from truth to table:
-#   tests/mismatch/prove.sh --plant fenics|mujoco --batch smoke|dev --seed N -o OUT
+#   tests/mismatch/prove.sh --plant fenics|calculix|mujoco|own --batch smoke|dev --seed N -o OUT
 # Truths are kept in $OMENTUM_TRUTHS (else OUT/truths) and used again; a truth costs some 8 minutes of a core, by mujoco one. No label
 # is on disk before the last verdict is; a manifest holds the hashes of recordings and labels before the first.
 # OMENTUM_MISMATCH names the program, else `mismatch` of the path; OMENTUM_PLANT_PYTHON a Python that has the plant's
@@ -21,7 +21,8 @@ if [ -z "$batch" ] || [ -z "$seed" ] || [ -z "$out" ]; then sed -n 2,8p "$0"; ex
 case "$plant" in
   fenics) truth_of() { echo "$truths/${1}_$2"; };;
   mujoco) truth_of() { echo "$truths/mujoco_${1}_$2"; };;
-  *) echo "there is no plant '$plant', only fenics and mujoco"; exit 2;;
+  calculix|own) truth_of() { echo "$truths/${plant}_${1}_$2"; };;
+  *) echo "there is no plant '$plant', only fenics, calculix, mujoco and own"; exit 2;;
 esac
 mismatch=${OMENTUM_MISMATCH:-mismatch}
 plants=("${OMENTUM_PLANT_PYTHON:-/usr/bin/python3}" "$here/plants/plants.py")

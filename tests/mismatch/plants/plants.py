@@ -6,6 +6,8 @@
   case    draws sensor, clocks and registration over a truth and writes a case folder; it prints the
           SHA-256 of every file and of the label, which without --labels only `label` writes
   label   writes the label of a case that was made without one
+  differ  prints how far two truths of one seed are apart, in height of the upper face where the jaws are highest, and
+          how hard they pull there
   plan    prints the cases of a batch, one a line: name, effect, seed of the truth, seed of the sensor
 """
 import argparse
@@ -36,10 +38,42 @@ def thin(source, target):
             np.savez_compressed(os.path.join(target, name), **out)
 
 
+def upper_face(stored, frame, count=60):
+    """Height over that at rest [m] at count x count places that cover the sheet evenly."""
+    def between(lines):
+        """Matrix from nodes on and half way between the lines to the places."""
+        at = (np.arange(count) + .5) / count * lines[-1]
+        cell = np.clip(np.searchsorted(lines, at) - 1, 0, len(lines) - 2)
+        s = (at - lines[cell]) / np.diff(lines)[cell]
+        out = np.zeros((count, 2 * len(lines) - 1))
+        for k, weight in enumerate(((1 - s) * (1 - 2 * s), 4 * s * (1 - s), s * (2 * s - 1))):
+            out[np.arange(count), 2 * cell + k] = weight
+        return out
+    return between(stored["xs"]) @ fenics_truth.decode(stored)[frame, 1, :, :, 2] @ between(stored["ys"]).T
+
+
+def differ(first, second):
+    for name in sorted(set(os.listdir(first)) & set(os.listdir(second))):
+        if name.endswith(".npz"):
+            a, b = (np.load(os.path.join(folder, name)) for folder in (first, second))
+            times = np.intersect1d(np.round(a["frame_s"], 6), np.round(b["frame_s"], 6))
+            at = lambda v, t: int(np.argmin(np.abs(v - t)))
+            # The middle of the time in which they are as high as they get.
+            high = np.array([fenics_truth.decode(a)[at(a["frame_s"], t), 1, :, :, 2].max() for t in times])
+            t = np.median(times[high > high.max() - 2e-5])
+            t = times[at(times, t)]
+            off = upper_face(a, at(a["frame_s"], t)) - upper_face(b, at(b["frame_s"], t))
+            pull = [np.linalg.norm(v["force_N"][at(v["step_s"], t)]) for v in (a, b)]
+            print(f"{name[:3]} at {t:.2f} s: {1e3 * np.sqrt((off**2).mean()):.3f} mm rms, {1e3 * np.abs(off).max():.3f} mm at most; pull "
+                  f"{pull[0]:.3f} and {pull[1]:.3f} N")
+
+
 # Of each pair a smoke batch has one.
 SMOKE = {
     "fenics": [["adhesion", "obstacle_below"], ["grasp_offset", "anchor_detachment"], ["tool_backlash", "viscoelastic"]],
-    "mujoco": [["plastic_set", "obstacle_below"], ["grasp_offset", "anchor_detachment"], ["tool_backlash", "actuation_delay"]]}
+    "mujoco": [["plastic_set", "obstacle_below"], ["grasp_offset", "anchor_detachment"], ["tool_backlash", "actuation_delay"]],
+    "calculix": [["strain_stiffening", "obstacle_below"], ["grasp_offset", "anchor_detachment"], ["tool_backlash", "actuation_delay"]],
+    "own": [["adhesion", "obstacle_below"], ["grasp_offset", "anchor_detachment"], ["tool_backlash", "viscoelastic"]]}
 
 
 def truth_seed(effect, index):
@@ -49,7 +83,8 @@ def truth_seed(effect, index):
 def plan(batch, seed, plant="fenics"):
     """A batch in the order of its names, which tell nothing. The first truths of an effect serve every seed of a smoke
     batch, so that what is kept is used again; the sensor is always drawn anew."""
-    rng = np.random.default_rng([80, seed] if plant == "fenics" else [80, seed, 1])
+    place = list(protocol.PLANTS).index(plant)
+    rng = np.random.default_rng([80, seed, place] if place else [80, seed])
     if batch == "smoke":
         chosen = [("null", 0), ("null", 1), ("inclusion", 0)] + [(rng.choice(pair), 0) for pair in SMOKE[plant]]
     else:
@@ -66,11 +101,14 @@ def arguments():
     truth.add_argument("--effect", required=True, choices=protocol.EFFECTS)
     truth.add_argument("--seed", type=int, required=True)
     truth.add_argument("-o", dest="folder", required=True)
-    truth.add_argument("--cells", type=int, help="along each side of the sheet; 9 of fenics, 6 of mujoco if not said")
+    truth.add_argument("--cells", type=int, help="along each side of the sheet; 9 of fenics, 7 of calculix, 6 of mujoco if not said")
     truth.add_argument("--recordings", type=int, nargs="*", default=list(range(9)))
     thinner = commands.add_parser("thin")
     thinner.add_argument("truth")
     thinner.add_argument("-o", dest="folder", required=True)
+    difference = commands.add_parser("differ")
+    difference.add_argument("truth")
+    difference.add_argument("other")
     for name in ("case", "label"):
         c = commands.add_parser(name)
         c.add_argument("truth")
@@ -96,6 +134,8 @@ def main():
     elif a.command == "plan":
         for row in plan(a.batch, a.seed, a.plant):
             print(*row)
+    elif a.command == "differ":
+        differ(a.truth, a.other)
     elif a.command == "thin":
         thin(a.truth, a.folder)
     else:

@@ -98,6 +98,18 @@ def a_bump(effect, seed, recordings, folder):
     return folder
 
 
+def a_plant_says_what_it_needs():
+    """Where its program is missing, and what it cannot express."""
+    nowhere = dict(os.environ, PATH="/nonexistent", OMENTUM_MISMATCH="/nonexistent/mismatch")
+    for plant, effect, told in (("calculix", "null", "calculix-ccx"), ("own", "null", "OMENTUM_MISMATCH"),
+                                ("calculix", "adhesion", "the plant calculix has null")):
+        with tempfile.TemporaryDirectory() as folder:
+            out = subprocess.run([sys.executable, "-B", HERE / "plants.py", "truth", "--plant", plant, "--effect", effect, "--seed", "1", "-o",
+                                  f"{folder}/truth"], env=nowhere, capture_output=True, text=True, check=False)
+            check(f"{plant} says what it needs: {out.stderr}", out.returncode == 1 and told in out.stderr and out.stderr.count("\n") == 1)
+            check("and leaves nothing", not os.listdir(folder))
+
+
 def main():
     with tempfile.TemporaryDirectory() as folder:
         root = pathlib.Path(folder)
@@ -125,8 +137,16 @@ def main():
     check("what is stored comes back", np.array_equal(np.rint(decoded / fenics_truth.STEP_M), moved))
     smoke = plants.plan("smoke", 1)
     check("a smoke batch is two nulls and four effects", [r[1] for r in smoke].count("null") == 2 and len({r[1] for r in smoke}) == 5)
-    smoke = plants.plan("smoke", 1, "mujoco")
-    check("so is one of another plant", [r[1] for r in smoke].count("null") == 2 and all(r[1] in protocol.PLANTS["mujoco"] for r in smoke))
+    check("the two plants of before keep their batches", plants.plan("smoke", 1)[0][0] == "099e5316" and
+          plants.plan("smoke", 1, "mujoco")[0][0] == "27b15e57")
+    for plant, effects in protocol.PLANTS.items():
+        smoke = plants.plan("smoke", 1, plant)
+        check(f"so is one of {plant}", [r[1] for r in smoke].count("null") == 2 and all(r[1] in effects for r in smoke))
+        rows = plants.plan("dev", 1, plant)
+        check(f"a batch of {plant} has its every effect twice", sorted(r[1] for r in rows if r[1] != "null") == sorted(2 * effects[1:]))
+        check("nor has it a name in common with another's", all(
+            not {r[0] for r in rows} & {r[0] for r in plants.plan("dev", 1, other)} for other in protocol.PLANTS if other != plant))
+    a_plant_says_what_it_needs()
     print("case folders are as they should be")
 
 

@@ -14,7 +14,10 @@ EFFECTS = ["null", "inclusion", "soft_spot", "anisotropy", "obstacle_below", "ob
 PLANTS = {
     "fenics": EFFECTS[:16],
     "mujoco": ["null", "inclusion", "soft_spot", "obstacle_below", "obstacle_above", "anchor_detachment", "anchor_compliance",
-               "grasp_offset", "jaw_orientation", "tool_backlash", "actuation_delay", "grasp_slip", "plastic_set"]}
+               "grasp_offset", "jaw_orientation", "tool_backlash", "actuation_delay", "grasp_slip", "plastic_set"],
+    "calculix": ["null", "inclusion", "soft_spot", "obstacle_below", "anchor_detachment", "anchor_compliance", "grasp_offset",
+                 "jaw_orientation", "strain_stiffening", "tool_backlash", "actuation_delay"],
+    "own": EFFECTS[:16]}
 # Height over the full lift, tug over the full tug, by time; straight between, rounded over 80 ms.
 MOTIONS = {
     "slow lift in two levels, return, lower": [
