@@ -186,6 +186,7 @@ Explanation explain(const pb::Scene& scene, std::vector<Observation> observation
   add_limits(made, verdict);
   add_scores(made, verdict);
   add_pulls(made, verdict);
+  add_bounds(made.base, verdict);
   add_rivals(made, contenders, verdict);
   for (const Candidate& c : failed)
     verdict.add_warnings(c.key + " cannot be simulated and was not asked");

@@ -10,6 +10,7 @@
 #include <set>
 
 #include "core/check.h"
+#include "mismatch/calibrate/number_words.h"
 #include "mismatch/explain/block_errors.h"
 #include "mismatch/explain/detection_limits.h"
 #include "mismatch/explain/force_channel.h"
@@ -292,6 +293,20 @@ void add_pulls(const Case& made, pb::Verdict& verdict) {
       verdict.add_warnings(fmt::format("{} is pulled {:.1f} standard deviations from its belief",
                                        row.name(), pull.pull));
     }
+  }
+}
+
+void add_bounds(const BaseFit& base, pb::Verdict& verdict) {
+  for (int k = 0; k < base.data.layout.unknowns.count; ++k) {
+    const Unknown& unknown = base.data.unknowns[static_cast<std::size_t>(k)];
+    if (!unknown.in_scene()) continue;
+    const Range range = range_of(unknown);
+    const double x = base.found.state.shared[k], near = 1e-3 * unknown.sd;
+    if (x > range.low + near && x < range.high - near) continue;
+    verdict.add_warnings(
+        fmt::format("{} is at the bound of what can be believed, {:.4g} {} ({}): the base takes up "
+                    "what no candidate describes; its numbers are no measurement",
+                    with_words(unknown.path), unknown.value(x), unknown.unit, unknown.prior));
   }
 }
 

@@ -30,6 +30,8 @@ void add_settings(const Case& made, pb::Verdict& verdict);
 void add_limits(const Case& made, pb::Verdict& verdict);
 void add_scores(const Case& made, pb::Verdict& verdict);
 void add_pulls(const Case& made, pb::Verdict& verdict);
+/// A line for every number of the base that would leave the range of its belief.
+void add_bounds(const BaseFit& base, pb::Verdict& verdict);
 /// What columns claim, and what each leaves; then what of it was simulated.
 void add_rivals(const Case& made, const std::vector<Contender>& contenders, pb::Verdict& verdict);
 /// The first of `contenders`, in a class with those that simulations do not tell from it; `beside`
