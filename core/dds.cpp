@@ -15,6 +15,7 @@
 #include "core/certificate.h"
 #include "core/check.h"
 #include "core/clock.h"
+#include "core/dds_discovery.h"
 #include "core/log.h"
 #include "core/loopback_sockets.h"
 #include "core/scheduling.h"
@@ -286,6 +287,64 @@ bool Participant::sees(const std::string& name) const {
   }
   if (count > 0) dds_return_loan(reader.handle(), samples.data(), count);
   return found;
+}
+
+std::size_t other_writers(const Participant& participant, const std::string& topic) {
+  if (participant.expired()) return 0;
+  const Entity reader(
+      dds_create_reader(participant.handle(), DDS_BUILTIN_TOPIC_DCPSPUBLICATION, nullptr, nullptr),
+      "create reader of writers");
+  dds_guid_t own{};
+  dds_get_guid(participant.handle(), &own);
+  std::size_t others = 0;
+  std::array<void*, 1> sample{};
+  dds_sample_info_t info{};
+  while (dds_take(reader.handle(), sample.data(), &info, 1, 1) == 1) {
+    const auto& writer = *static_cast<const dds_builtintopic_endpoint_t*>(sample[0]);
+    others += info.valid_data && info.instance_state == DDS_IST_ALIVE &&
+                      std::memcmp(own.v, writer.participant_key.v, sizeof own.v) != 0 &&
+                      topic == writer.topic_name
+                  ? 1
+                  : 0;
+    dds_return_loan(reader.handle(), sample.data(), 1);
+  }
+  return others;
+}
+
+Discovery::Discovery(const Participant& participant) {
+  constexpr std::array<dds_entity_t, 3> kTopics = {DDS_BUILTIN_TOPIC_DCPSPARTICIPANT,
+                                                   DDS_BUILTIN_TOPIC_DCPSPUBLICATION,
+                                                   DDS_BUILTIN_TOPIC_DCPSSUBSCRIPTION};
+  for (std::size_t i = 0; i < kTopics.size(); ++i) {
+    readers_[i] = Entity(dds_create_reader(participant.handle(), kTopics[i], nullptr, nullptr),
+                         "create reader of discovery");
+  }
+}
+
+Discovery::Count Discovery::count() {
+  constexpr std::uint32_t kBatch = 64;
+  constexpr int kBatches = 64;  // of a flood the rest comes next time
+  for (const Entity& reader : readers_) {
+    for (int batch = 0; batch < kBatches; ++batch) {
+      std::array<void*, kBatch> samples{};
+      std::array<dds_sample_info_t, kBatch> infos{};
+      const dds_return_t count =
+          dds_take(reader.handle(), samples.data(), infos.data(), kBatch, kBatch);
+      if (count <= 0) break;
+      for (dds_return_t i = 0; i < count; ++i) {
+        const dds_sample_info_t& info = infos[static_cast<std::size_t>(i)];
+        const bool alive = info.instance_state == DDS_IST_ALIVE;
+        const bool is_new = info.view_state == DDS_VST_NEW;
+        if (alive && is_new) {
+          ++count_.found;
+          ++count_.known;
+        }
+        if (!alive && !is_new) --count_.known;
+      }
+      dds_return_loan(reader.handle(), samples.data(), count);
+    }
+  }
+  return count_;
 }
 
 Topic::Topic(const Participant& participant, const TopicSpec& spec,

@@ -24,6 +24,18 @@ void for_each_stream(const RobotState& robot, Fn&& fn) {
   fn(7, "operating_state", robot.operating_state);
 }
 
+constexpr std::size_t kOperatingState = 7;  // its stamp is of the last change
+
+/// Who was late in a gap: by both clocks, where it is long.
+std::string cause(double gap_s, double gap_stamp_s, bool stamp_says_nothing) {
+  constexpr double kLong_s = 0.05;  // of streams that come every 20 ms or more often
+  if (gap_s < kLong_s || stamp_says_nothing) return "";
+  const bool robot = gap_stamp_s > 0.5 * gap_s;
+  return fmt::format(
+      " ({:.1f} ms on the robot's clock: {})", 1e3 * gap_stamp_s,
+      robot ? "the robot's computer was busy" : "late on the network, or this computer was busy");
+}
+
 }  // namespace
 
 void StreamRates::add(const Period& period) {
@@ -32,10 +44,12 @@ void StreamRates::add(const Period& period) {
     if (!stream.seen || stream.arrival_ns == row.last_ns) return;
     if (row.renewals++ == 0) {
       row.first_ns = stream.arrival_ns;
-    } else {
-      row.longest_gap_ns = std::max(row.longest_gap_ns, stream.arrival_ns - row.last_ns);
+    } else if (stream.arrival_ns - row.last_ns > row.longest_gap_ns) {
+      row.longest_gap_ns = stream.arrival_ns - row.last_ns;
+      row.gap_stamp_s = stream.payload.timestamp_s - row.stamp_s;
     }
     row.last_ns = stream.arrival_ns;
+    row.stamp_s = stream.payload.timestamp_s;
   });
 }
 
@@ -49,9 +63,12 @@ std::string StreamRates::table(const RobotState& robot) const {
     }
     const double span_s = 1e-9 * static_cast<double>(row.last_ns - row.first_ns);
     const double hz = span_s > 0 ? static_cast<double>(row.renewals - 1) / span_s : 0;
-    text += fmt::format("{:<18} {:5.1f} Hz seen at the control period, longest gap {:.1f} ms, {}\n",
-                        name, hz, 1e-6 * static_cast<double>(row.longest_gap_ns),
-                        stream.payload.valid ? "valid" : "not valid");
+    text +=
+        fmt::format("{:<18} {:5.1f} Hz seen at the control period, longest gap {:.1f} ms{}, {}\n",
+                    name, hz, 1e-6 * static_cast<double>(row.longest_gap_ns),
+                    cause(1e-9 * static_cast<double>(row.longest_gap_ns), row.gap_stamp_s,
+                          index == kOperatingState),
+                    stream.payload.valid ? "valid" : "not valid");
   });
   return text;
 }

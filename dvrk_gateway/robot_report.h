@@ -15,12 +15,16 @@ class StreamRates {
   static constexpr std::size_t kStreams = 8;
 
   void add(const Period& period);
-  /// A line per stream: rate [Hz], longest gap [ms], valid or not; "missing" for one never seen.
+  /// A line per stream: rate [Hz], longest gap [ms], valid or not; "missing" for one never seen. A
+  /// gap that is long is one of the robot's clock, too, where its computer was busy; else messages
+  /// were late on their way, or this computer was.
   std::string table(const RobotState& robot) const;
 
  private:
   struct Row {
     std::int64_t first_ns = 0, last_ns = 0, longest_gap_ns = 0;
+    double stamp_s = 0;      ///< of the newest payload, by the robot's clock
+    double gap_stamp_s = 0;  ///< how far it went in the longest gap
     std::uint64_t renewals = 0;
   };
   std::array<Row, kStreams> rows_{};

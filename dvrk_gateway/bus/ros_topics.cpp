@@ -3,6 +3,7 @@
 #include <Eigen/Geometry>
 
 #include "core/clock.h"
+#include "core/dds_discovery.h"
 #include "core/log.h"
 #include "dvrk_gateway/bus/robot_account.h"
 #include "ros.h"
@@ -11,6 +12,7 @@ namespace omentum {
 namespace {
 
 constexpr std::int64_t kStatePeriodNs = 100'000'000;
+constexpr std::int64_t kLookNs = 2'000'000'000;
 
 /// As rmw_cyclonedds_cpp offers a topic with ROS 2's default profile, but for the depth.
 TopicSpec spec_of(const std::string& name) {
@@ -32,7 +34,8 @@ std_msgs_msg_dds__Header_ header_of(std::int64_t arrival_ns, const char* frame) 
 }  // namespace
 
 RosTopics::RosTopics(const dds::Participant& participant, const std::string& arm)
-    : pose_name_("rt/" + arm + "/measured_cp"),
+    : participant_(&participant),
+      pose_name_("rt/" + arm + "/measured_cp"),
       state_name_("rt/" + arm + "/operating_state"),
       pose_spec_(spec_of(pose_name_)),
       state_spec_(spec_of(state_name_)),
@@ -43,7 +46,23 @@ RosTopics::RosTopics(const dds::Participant& participant, const std::string& arm
       state_writer_(participant, state_topic_,
                     {.partitions = {""}, .entity_name = "ros-operating_state"}) {}
 
+void RosTopics::look_for_others() {
+  const std::int64_t now_ns = steady_now_ns();
+  if (now_ns - looked_ns_ < kLookNs) return;
+  looked_ns_ = now_ns;
+  const std::size_t poses = dds::other_writers(*participant_, pose_name_);
+  const std::size_t others = poses + dds::other_writers(*participant_, state_name_);
+  if (others > others_) {
+    log().warn(
+        "event=ros_publishers_meet topic={} others={} readers get both: one of them ends, or takes "
+        "another --arm",
+        poses > 0 ? pose_name_ : state_name_, others);
+  }
+  others_ = others;
+}
+
 void RosTopics::on_period(const Period& period) {
+  look_for_others();
   publish_pose(period.robot);
   publish_state(period.robot);
 }

@@ -11,7 +11,8 @@ namespace omentum {
 /// What ROS 2 reads of the arm by CRTK's names (docs/dvrk.md 10): rt/ARM/measured_cp, the pose of
 /// the control point in the arm's reference frame, when it is new and valid; and
 /// rt/ARM/operating_state, when it changes and ten times a second. Reliable, volatile, the last
-/// one; no write waits.
+/// one; no write waits. Another publisher of one of these names, as a second gateway of the arm or
+/// the robot's own bridge, is a line in the log: readers get both.
 class RosTopics final : public GatewayObserver {
  public:
   /// `participant` must outlive it. `arm` is a token of a ROS name (check_bus_options()). Throws
@@ -24,10 +25,12 @@ class RosTopics final : public GatewayObserver {
   std::uint64_t write_failures() const { return write_failures_; }
 
  private:
+  void look_for_others();
   void publish_pose(const RobotState& robot);
   void publish_state(const RobotState& robot);
   void write(dds::Writer& writer, const void* sample);
 
+  const dds::Participant* participant_;
   std::string pose_name_, state_name_;  // the specs point at them
   TopicSpec pose_spec_, state_spec_;
   dds::Topic pose_topic_, state_topic_;
@@ -36,6 +39,8 @@ class RosTopics final : public GatewayObserver {
   std::int64_t state_told_ns_ = 0;  ///< when the state was published last
   OperatingState state_;            ///< as published last
   std::uint64_t write_failures_ = 0;
+  std::int64_t looked_ns_ = 0;  ///< for other publishers
+  std::size_t others_ = 0;      ///< as told last
 };
 
 }  // namespace omentum

@@ -7,6 +7,7 @@
 #include <limits>
 #include <utility>
 
+#include "core/log.h"
 #include "core/mcap.h"
 #include "core/read_file.h"
 #include "core/recording_info.h"
@@ -22,6 +23,10 @@ using Eigen::Vector3d;
 
 constexpr double kNotRecorded = std::numeric_limits<double>::quiet_NaN();
 constexpr std::string_view kMcapMagic = "\x89MCAP";
+// Loggers of several threads write a stamp a little back now and then (`mismatch import` allows the
+// same): such rows are left out, one of so many at most.
+constexpr double kSmallBack_s = 1e-6;
+constexpr std::size_t kFew = 100;
 
 /// Messages of a topic in the order of their time; a file of several streams need not be in it.
 std::vector<const McapMessage*> in_time(const McapContent& content, const char* topic) {
@@ -77,6 +82,32 @@ Result<void> add_jaw(const std::string& name, const McapContent& content, bool c
   return {};
 }
 
+/// Seconds of the rows of a table that are later than the row before; `rows` takes their numbers.
+std::vector<double> increasing_times(const Table& table, double nominal_rate_hz,
+                                     std::vector<std::size_t>& rows) {
+  const std::vector<double>* stamps = table.find("t_s");
+  std::vector<double> times;
+  std::string first;
+  std::size_t left_out = 0;
+  for (std::size_t i = 0; i < table.rows(); ++i) {
+    const double t_s = stamps != nullptr ? (*stamps)[i] : static_cast<double>(i) / nominal_rate_hz;
+    if (times.empty() || t_s > times.back()) {
+      times.push_back(t_s);
+      rows.push_back(i);
+      continue;
+    }
+    if (left_out++ == 0) first = table.place(i, "t_s");
+    if (times.back() - t_s > kSmallBack_s || left_out > table.rows() / kFew)
+      throw_error("{}: t_s {} after {}, needed increasing", table.place(i, "t_s"), t_s,
+                  times.back());
+  }
+  if (left_out > 0) {
+    log().warn("event=motion_left_out first=\"{}\" {} of {} rows no later than the row before",
+               first, left_out, table.rows());
+  }
+  return times;
+}
+
 Motion motion_of_table(const std::string& path) {
   const std::string folder = std::filesystem::path(path).parent_path().string();
   const pb::RecordingInfo info = read_recording_info(folder.empty() ? "." : folder);
@@ -87,7 +118,8 @@ Motion motion_of_table(const std::string& path) {
         path);
   }
   const Table table = read_table(path);
-  const std::vector<double> times = table_times(table, info.tool_rate_hz());
+  std::vector<std::size_t> rows;
+  const std::vector<double> times = increasing_times(table, info.tool_rate_hz(), rows);
   const bool commanded = table.find("tip_commanded_x_m") != nullptr ||
                          table.find("tip_measured_x_m") == nullptr;  // then it is what is missing
   const std::string tip = commanded ? "tip_commanded_" : "tip_measured_";
@@ -97,9 +129,11 @@ Motion motion_of_table(const std::string& path) {
   const auto* jaw = table.find(commanded ? "jaw_commanded_rad" : "jaw_measured_rad");
   const Eigen::Isometry3d X_WF = transform_to_world(info, "tool.csv");
   Motion motion;
-  for (std::size_t i = 0; i < table.rows(); ++i)
+  for (std::size_t k = 0; k < rows.size(); ++k) {
+    const std::size_t i = rows[k];
     motion.push_back(
-        {times[i], X_WF * Vector3d(x[i], y[i], z[i]), jaw == nullptr ? kNotRecorded : (*jaw)[i]});
+        {times[k], X_WF * Vector3d(x[i], y[i], z[i]), jaw == nullptr ? kNotRecorded : (*jaw)[i]});
+  }
   return motion;
 }
 

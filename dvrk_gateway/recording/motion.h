@@ -19,7 +19,8 @@ struct MotionSample {
 /// more. From an MCAP file: the goals of /tool_commanded, where there are none the poses of /tool;
 /// the jaw of /jaw alike, held from one of its samples to the next. From tool.csv or the folder
 /// that holds it (docs/formats.md 3): the columns tip_commanded, else tip_measured; moved to W as
-/// recording.txtpb beside it says. Fails with one line: file, line or topic, and what was expected.
+/// recording.txtpb beside it says; rows up to 1 us back in time are left out with a warning, one of
+/// 100 at most. Fails with one line: file, line or topic, and what was expected.
 Result<std::vector<MotionSample>> load_motion(const std::string& path);
 
 /// The same of the bytes of an MCAP file; the entry of the fuzz target. Total over any bytes.

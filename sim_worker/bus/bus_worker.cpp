@@ -42,7 +42,8 @@ void BusWorker::join(const DdsProfile& profile) {
   options_.profile = profile;
   bus_ = std::make_unique<WorkerBus>(
       WorkerBusOptions{options_.run, options_.domain, profile, status_.worker_id, {}});
-  joined_ns_ = listed_ns_ = matched_ns_ = steady_now_ns();
+  joined_ns_ = listed_ns_ = matched_ns_ = disturbed_ns_ = unsettled_from_ns_ = steady_now_ns();
+  discovered_ = {};
   weights_missed_ns_ = 0;
   unheard_ = false;
 }
@@ -58,6 +59,7 @@ int BusWorker::run(const std::function<bool()>& stop) {
     if (const std::int64_t hold = pending_.hold_until_ns(); hold > 0)
       timeout = std::clamp<std::int64_t>(hold - now, 0, timeout);
     bus_->wait(timeout);
+    watch_discovery(steady_now_ns(), steady_now_ns() - now - timeout);
     take_arrivals();
     prepare();
     now = steady_now_ns();
@@ -75,8 +77,10 @@ int BusWorker::run(const std::function<bool()>& stop) {
     }
     flush(steady_now_ns());
     serve_simulations(stop);
-    // Ready only when the learner's segment reader is matched.
-    const bool ready = setup_.backend != nullptr && bus_->segments().matched() > 0;
+    // Ready only when both ways to the learner are there: a task that is written before its reader
+    // has found its writer is lost, and is the credit of a lane.
+    const bool ready =
+        setup_.backend != nullptr && bus_->segments().matched() > 0 && bus_->hears_tasks();
     if (ready || setup_.backend == nullptr) matched_ns_ = now;
     const WorkerPhase phase =
         ready ? (running_ + pending_.size() > 0 ? WorkerPhase::kCollecting : WorkerPhase::kIdle)

@@ -53,6 +53,7 @@ WorkerBus::WorkerBus(const WorkerBusOptions& options)
       policy_id_(static_cast<std::uint32_t>(fnv1a64(options.run))),
       on_weights_(options.on_weights),
       participant_(options.domain, uri_, "omentum-worker"),
+      discovery_(participant_),
       learner_reader_(participant_, run_partition(run_), "worker-learner"),
       manifest_reader_(participant_, run_partition(run_), "worker-manifest"),
       weights_reader_(participant_, run_partition(run_), "worker-weights", kWeightsDepth),

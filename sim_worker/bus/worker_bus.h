@@ -11,6 +11,7 @@
 #include <thread>
 #include <vector>
 
+#include "core/dds_discovery.h"
 #include "core/dds_options.h"
 #include "core/simulation_records.h"
 #include "core/wire.h"
@@ -64,6 +65,11 @@ class WorkerBus {
   /// A learner's process is in the domain, of whatever run.
   bool sees_a_learner() const { return participant_.sees("omentum-learner"); }
 
+  /// Participants, writers and readers that discovery has found.
+  dds::Discovery::Count discovered() { return discovery_.count(); }
+  /// The learner's writer of tasks for this worker is found: what it writes from now on arrives.
+  bool hears_tasks() const { return task_reader_.raw().matched() > 0; }
+
   // Writers of this process, in all public partitions of the run. They live as long as this.
   BusWriter<RolloutSegment>& segments() { return segment_writer_; }
   BusWriter<WorkerStatus>& status() { return status_writer_; }
@@ -83,6 +89,7 @@ class WorkerBus {
   std::function<void(const PolicyWeights&)> on_weights_;
 
   dds::Participant participant_;
+  dds::Discovery discovery_;
   // Receiving thread only.
   BusReader<LearnerStatus> learner_reader_;
   BusReader<RunManifest> manifest_reader_;

@@ -2,15 +2,22 @@
 """Commands of docs/start stand as they are typed. A block ```sh run is run, block after block of a page in one folder; of every
 other ```sh block the programs must be there and know each option, knob and preset that the page gives them.
 
+A page that runs programs with runs/omentum finds a policy of a few updates there.
+
 usage: start_commands_test.py ROOT BIN
 """
+import contextlib
 import os
 import pathlib
 import re
 import shlex
+import signal
 import subprocess
 import sys
 import tempfile
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "dvrk_gateway"))
+import gateway_rig
 
 BLOCK = re.compile(r"^```sh( run)?\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 # Of other people: their options are not ours to check.
@@ -76,8 +83,17 @@ def check(root, binaries, options, knobs, words):
 
 
 def run(block, folder):
-    done = subprocess.run(["bash", "-euo", "pipefail", "-c", block], cwd=folder, capture_output=True, text=True, timeout=300)
-    assert done.returncode == 0, f"code {done.returncode}\n{done.stdout[-2000:]}{done.stderr[-2000:]}"
+    # What a block leaves in the background ends with it; files, for it would hold pipes open.
+    with tempfile.TemporaryFile("w+") as said:
+        shell = subprocess.Popen(["bash", "-euo", "pipefail", "-c", block], cwd=folder, stdout=said, stderr=said,
+                                 start_new_session=True)
+        try:
+            code = shell.wait(timeout=300)
+        finally:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(shell.pid, signal.SIGKILL)
+        said.seek(0)
+        assert code == 0, f"code {code}\n{said.read()[-4000:]}"
 
 
 def main():
@@ -91,6 +107,9 @@ def main():
             for part in ("deploy", "tests", "benchmarks"):
                 (folder / part).symlink_to(root / part)
             text = page.read_text(encoding="utf-8")
+            if any(block[1] and "runs/omentum" in block[2] for block in BLOCK.finditer(text)):
+                policy = gateway_rig.make_policy(binaries, folder, 1 + os.getpid() % 90)
+                policy.rename(folder / "runs/omentum")
             for block in BLOCK.finditer(text):
                 count += 1
                 try:

@@ -303,6 +303,29 @@ TEST(OperatorScreenLines, ARestartOnAnotherPortIsToldOnceWithTheKey) {
   EXPECT_EQ(shown(screen, {moved}), "");
 }
 
+TEST(CheckReport, TellsABusyComputerOfTheRobotFromALateNetwork) {
+  RobotState robot;
+  StreamRates rates;
+  robot.measured_js.seen = robot.measured_cp.seen = true;
+  const auto arrive = [&](std::int64_t joints_ms, std::int64_t pose_ms, double pose_stamp_s) {
+    Period period;
+    robot.measured_js.arrival_ns = joints_ms * 1'000'000;
+    robot.measured_js.payload.timestamp_s = 1e-3 * static_cast<double>(joints_ms);
+    robot.measured_cp.arrival_ns = pose_ms * 1'000'000;
+    robot.measured_cp.payload.timestamp_s = pose_stamp_s;
+    period.robot = robot;
+    rates.add(period);
+  };
+  arrive(1000, 1000, 1.0);
+  arrive(1010, 1010, 1.01);
+  arrive(1110, 1110, 1.02);  // joints stamped late, too; the pose was only late on its way
+  const std::string table = rates.table(robot);
+  EXPECT_THAT(table, HasSubstr("longest gap 100.0 ms (100.0 ms on the robot's clock: the robot's "
+                               "computer was busy)"));
+  EXPECT_THAT(table, HasSubstr("longest gap 100.0 ms (10.0 ms on the robot's clock: late on the "
+                               "network, or this computer was busy)"));
+}
+
 TEST(CheckReport, NamesTheBaseFrameThatFitsAndOneInstrumentWhateverTheTimestamps) {
   Eigen::Isometry3d X_AR = Eigen::Isometry3d::Identity();
   X_AR.linear() = Eigen::AngleAxisd(0.8, Vector3d(1, 2, -1).normalized()).toRotationMatrix();

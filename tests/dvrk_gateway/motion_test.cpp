@@ -162,6 +162,23 @@ TEST_F(MotionOfATable, FallsBackToWhatWasMeasured) {
   EXPECT_TRUE(std::isnan(motion.value()[1].jaw_rad));
 }
 
+TEST_F(MotionOfATable, ARowThatIsALittleBackInTimeIsLeftOutAndCounted) {
+  std::string text = "t_s,tip_commanded_x_m,tip_commanded_y_m,tip_commanded_z_m\n";
+  for (int k = 0; k < 200; ++k) text += fmt::format("{:.7f},{},0,0\n", 0.02 * k, k);
+  write("tool.csv", text + "3.9799997,200,0,0\n4,201,0,0\n");
+  testing::internal::CaptureStderr();
+  const auto motion = load_motion(folder_.path());
+  const std::string said = testing::internal::GetCapturedStderr();
+  ASSERT_TRUE(motion) << motion.error();
+  ASSERT_EQ(motion.value().size(), 201U);
+  EXPECT_EQ(motion.value().back().p_WT.x(), 201);
+  EXPECT_THAT(said, HasSubstr("tool.csv:202:1\" 1 of 202 rows"));
+  write("tool.csv", text + "3.97999,200,0,0\n");
+  EXPECT_THAT(refusal(folder_.path()), HasSubstr("tool.csv:202:1: t_s 3.97999 after 3.98"));
+  write("tool.csv", text + "3.98,0,0,0\n3.98,0,0,0\n3.98,0,0,0\n");
+  EXPECT_THAT(refusal(folder_.path()), HasSubstr("tool.csv:204:1"));
+}
+
 TEST_F(MotionOfATable, WhatIsWrongIsOneLineWithItsPlace) {
   EXPECT_THAT(refusal(folder_.path()), HasSubstr("tool.csv: cannot be opened"));
   write("tool.csv", "t_s,tip_commanded_x_m,tip_commanded_y_m\n0,0,0\n1,0,0\n");

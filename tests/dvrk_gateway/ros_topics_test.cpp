@@ -182,6 +182,22 @@ TEST(RosTopics, NamesTypesAndPoliciesAreThoseOfRos2) {
                        {"rt/PSM1/operating_state", "crtk_msgs::msg::dds_::OperatingState_"}}));
 }
 
+TEST(RosTopics, ASecondPublisherOfTheNamesIsToldInALine) {
+  const test::PrivateDomain domain;
+  const dds::Participant participant(domain.id(), test::loopback_profile().uri, "ros");
+  const dds::Participant other(domain.id(), test::loopback_profile().uri, "other");
+  testing::internal::CaptureStderr();
+  const RosTopics second(other, "PSM1"), elsewhere(other, "PSM2");
+  RosTopics ros(participant, "PSM1"), alone(participant, "PSM3");
+  ros.on_period(some_period());
+  alone.on_period(some_period());
+  const std::string said = testing::internal::GetCapturedStderr();
+  EXPECT_NE(said.find("event=ros_publishers_meet topic=rt/PSM1/measured_cp others=2"),
+            std::string::npos)
+      << said;
+  EXPECT_EQ(said.find("PSM3"), std::string::npos) << said;
+}
+
 TEST(RosTopics, APoseThatIsInvalidOrTheSameIsNotPublishedAgain) {
   const test::PrivateDomain domain;
   const dds::Participant participant(domain.id(), test::loopback_profile().uri, "ros");

@@ -201,7 +201,7 @@ TEST(BusLoop, ThirtyThreeWorkersFindTheirPlaceOnOneHost) {
   std::vector<Process> workers;
   for (int i = 0; i < 33; ++i) workers.push_back(worker_process(domain, 2, 5));
   loop.start();
-  ASSERT_TRUE(loop.serve_until([&] { return loop.bus().workers_ready() == 33; }, 200 * kS))
+  ASSERT_TRUE(loop.serve_until([&] { return loop.bus().workers_ready() == 33; }, 60 * kS))
       << loop.bus().workers_ready();
   EXPECT_EQ(loop.collect(3), expected(loop_config(66, 0), 3));
   EXPECT_TRUE(loop.bus().finish(30 * kS));
