@@ -1,10 +1,15 @@
 #include "mismatch/recording/bag_parts.h"
 
+#include <algorithm>
+#include <cstdint>
 #include <filesystem>
+#include <fstream>
 #include <sstream>
+#include <utility>
 
 #include "core/check.h"
 #include "core/file_name.h"
+#include "core/mcap.h"
 #include "mismatch/recording/text_table.h"
 
 namespace omentum {
@@ -39,6 +44,29 @@ std::vector<std::string> listed_parts(const std::string& yaml) {
   return names;
 }
 
+/// FOLDER_0.mcap, FOLDER_1.mcap ... of a folder whose recorder was killed before it wrote
+/// metadata.yaml, in the order of their first stamps; none where there are other files .mcap too.
+std::vector<std::string> unlisted_parts(const fs::path& folder) {
+  const std::string stem = fs::absolute(folder / "").lexically_normal().parent_path().filename();
+  std::vector<std::pair<std::uint64_t, std::string>> parts;
+  for (const auto& entry : fs::directory_iterator(folder)) {
+    const fs::path& path = entry.path();
+    if (is_hidden(path.string()) || !has_ending(path.string(), ".mcap")) continue;
+    const std::string name = path.stem().string();
+    const std::string number = name.starts_with(stem + "_") ? name.substr(stem.size() + 1) : "";
+    if (number.empty() || number.find_first_not_of("0123456789") != std::string::npos) return {};
+    std::ifstream in(path, std::ios::binary);
+    McapReader reader(in);
+    McapView message;
+    if (!entry.is_regular_file() || !reader.next(message)) continue;  // nothing was written
+    parts.emplace_back(message.log_time, path.string());
+  }
+  std::ranges::sort(parts);
+  std::vector<std::string> paths;
+  for (auto& [first_ns, path] : parts) paths.push_back(std::move(path));
+  return paths.size() > 1 ? paths : std::vector<std::string>();
+}
+
 }  // namespace
 
 void refuse_bag_container(const char* kind, const std::string& path) {
@@ -49,7 +77,8 @@ void refuse_bag_container(const char* kind, const std::string& path) {
 std::vector<std::string> parts_of_bag(const std::string& folder,
                                       std::vector<std::string>* missing) {
   const fs::path in(folder);
-  if (!fs::is_directory(in) || !fs::is_regular_file(in / "metadata.yaml")) return {};
+  if (!fs::is_directory(in)) return {};
+  if (!fs::is_regular_file(in / "metadata.yaml")) return unlisted_parts(in);
   std::vector<std::string> parts;
   for (const std::string& name : listed_parts(read_whole_file((in / "metadata.yaml").string()))) {
     fs::path part = in / name;

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <filesystem>
+#include <optional>
 
 #include "core/check.h"
 #include "core/file_name.h"
@@ -31,7 +32,7 @@ Recording read_recording(const std::string& path) {
 }
 
 void for_each_recording(const std::string& path, const TakeRecording& take,
-                        const ReadRecording& read) {
+                        const ReadRecording& read, const TellLeftOut& left_out) {
   const fs::path input(path);
   if (!fs::is_directory(input)) return take(input.stem().string(), read(path));
   std::vector<fs::path> parts;
@@ -47,11 +48,33 @@ void for_each_recording(const std::string& path, const TakeRecording& take,
     std::sort(parts.begin(), parts.end());
   }
   if (parts.empty()) parts.push_back(input);
-  for (const fs::path& part : parts) {
+  std::vector<std::string> paths;
+  for (const fs::path& part : parts) paths.push_back(part.string());
+  const auto take_named = [&](const std::string& part, const Recording& recording) {
     const fs::path named = fs::absolute(part).lexically_normal();
-    take(fs::is_directory(part) ? named.filename().string() : named.stem().string(),
-         read(part.string()));
+    take(fs::is_directory(part) ? named.filename().string() : named.stem().string(), recording);
+  };
+  take_readable(paths, read, take_named, left_out);
+}
+
+void take_readable(const std::vector<std::string>& paths, const ReadRecording& read,
+                   const std::function<void(const std::string& path, const Recording&)>& take,
+                   const TellLeftOut& left_out) {
+  std::vector<std::string> refused;
+  for (const std::string& path : paths) {
+    std::optional<Recording> recording;
+    try {
+      recording = read(path);
+    } catch (const Error& error) {
+      if (left_out == nullptr || paths.size() == 1) throw;
+      refused.emplace_back(error.what());
+      left_out(refused.back());
+      continue;
+    }
+    take(path, *recording);
   }
+  if (refused.size() == paths.size())
+    throw_error("none of {} recordings can be read; the first: {}", paths.size(), refused.front());
 }
 
 }  // namespace omentum

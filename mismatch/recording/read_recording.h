@@ -2,6 +2,7 @@
 
 #include <functional>
 #include <string>
+#include <vector>
 
 #include "mismatch/recording/recording.h"
 
@@ -15,9 +16,19 @@ using TakeRecording = std::function<void(const std::string& name, const Recordin
 
 using ReadRecording = std::function<Recording(const std::string& path)>;
 
+/// Told, in one line, of one of several recordings that cannot be read and is left out.
+using TellLeftOut = std::function<void(const std::string& why)>;
+
 /// The recording of a file or folder, or those of the folders and files .mcap in a case folder, in
-/// the order of their names; `read` reads one of them. Throws Error.
+/// the order of their names; `read` reads one of them. Throws Error, also for one of several that
+/// cannot be read unless there is `left_out`, and where none can.
 void for_each_recording(const std::string& path, const TakeRecording& take,
-                        const ReadRecording& read = read_recording);
+                        const ReadRecording& read = read_recording,
+                        const TellLeftOut& left_out = nullptr);
+
+/// The same for `paths`: read(path), then take of what was read. `read` throws Error.
+void take_readable(const std::vector<std::string>& paths, const ReadRecording& read,
+                   const std::function<void(const std::string& path, const Recording&)>& take,
+                   const TellLeftOut& left_out);
 
 }  // namespace omentum

@@ -61,14 +61,16 @@ Recording read_any(const std::string& path) {
   return is_bag(path) ? read_bag(path, {}, {}) : read_recording(path);
 }
 
-/// What a folder or file holds, one recording after the other.
+/// What a folder or file holds, one recording after the other. Of several bags and files one that
+/// cannot be read is left out with a line.
 void for_each(const RecordingOptions& options, const TakeRecording& take) {
+  const TellLeftOut left_out = [](const std::string& why) { warn({why + ": left out"}); };
   if (options.map.empty()) {
     is_bag(options.input);  // refuses what first must be converted
-    return for_each_recording(options.input, take, read_any);
+    return for_each_recording(options.input, take, read_any, left_out);
   }
   const pb::ImportMap map = read_import_map(options.map);
-  if (map.has_ros()) return import_bags(map, options.input, take);
+  if (map.has_ros()) return import_bags(map, options.input, take, left_out);
   import_mapped(map, options.input, take);
 }
 

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <filesystem>
 #include <fstream>
+#include <map>
 #include <set>
 
 #include "core/check.h"
@@ -80,7 +81,8 @@ Recording read_bag(const std::string& path, const pb::ImportMap& map, Values val
   return recording;
 }
 
-void import_bags(const pb::ImportMap& map, const std::string& input, const TakeRecording& take) {
+void import_bags(const pb::ImportMap& map, const std::string& input, const TakeRecording& take,
+                 const TellLeftOut& left_out) {
   if (map.source_size() > 0) throw_error("ros: with source, allowed one of them");
   check_ros_map(map.ros());
   const Result<FilePattern> pattern = FilePattern::parse(map.ros().files());
@@ -91,12 +93,14 @@ void import_bags(const pb::ImportMap& map, const std::string& input, const TakeR
       path.replace(path.size() - 5, 5, ".mcap");
     return pattern.value().match(path);
   };
-  std::vector<std::pair<std::string, Values>> bags;
+  std::vector<std::string> bags;
+  std::map<std::string, Values> values_of;
   if (!fs::is_directory(input)) {
     auto parts = match(fs::path(input).filename().string());
     if (!parts && map.ros().has_files())
       throw_error("{}: does not fit ros.files \"{}\"", input, map.ros().files());
-    bags.emplace_back(input, parts.value_or(Values()));
+    bags.push_back(input);
+    values_of[input] = parts.value_or(Values());
   } else {
     std::set<std::string> folders;  // bags in several parts
     for (const std::string& path : files_below(input)) {
@@ -109,17 +113,22 @@ void import_bags(const pb::ImportMap& map, const std::string& input, const TakeR
       if (!values) continue;
       const bool of_several = !told_part(fs::absolute(file)).empty();
       const std::string bag = of_several ? file.parent_path().string() : file.string();
-      if (!of_several || folders.insert(bag).second) bags.emplace_back(bag, std::move(*values));
+      if (of_several && !folders.insert(bag).second) continue;
+      bags.push_back(bag);
+      values_of[bag] = std::move(*values);
     }
     if (bags.empty()) throw_error("{}: no file fits ros.files \"{}\"", input, map.ros().files());
   }
   std::set<std::string> names;
-  for (auto& [path, parts] : bags) {
+  const auto read = [&](const std::string& path) {
     if (!is_bag(path)) throw_error("{}: no bag of ROS in MCAP", path);
-    const Recording recording = read_bag(path, map, std::move(parts));
+    return read_bag(path, map, values_of[path]);
+  };
+  const auto take_named = [&](const std::string&, const Recording& recording) {
     check_recording_name(recording.info.name(), names);
     take(recording.info.name(), recording);
-  }
+  };
+  take_readable(bags, read, take_named, left_out);
 }
 
 }  // namespace omentum

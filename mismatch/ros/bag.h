@@ -26,6 +26,7 @@ Recording read_bag(const std::string& path, const pb::ImportMap& map, Values val
 
 /// The bag of a file, or those of a folder that fit `ros.files`, in the order of their names.
 /// Throws Error.
-void import_bags(const pb::ImportMap& map, const std::string& input, const TakeRecording& take);
+void import_bags(const pb::ImportMap& map, const std::string& input, const TakeRecording& take,
+                 const TellLeftOut& left_out = nullptr);
 
 }  // namespace omentum

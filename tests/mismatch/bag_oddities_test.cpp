@@ -13,6 +13,7 @@
 #include "mismatch/bag_builder.h"
 #include "mismatch/recording/depth_image.h"
 #include "mismatch/recording/png_image.h"
+#include "mismatch/recording/read_recording.h"
 #include "mismatch/ros/bag.h"
 #include "mismatch/ros/stamps.h"
 #include "support/temp_dir.h"
@@ -357,6 +358,43 @@ TEST_F(OddBags, PartsOfOneBagAreOneRecording) {
               Contains(HasSubstr("one of 2 parts of a bag")));
   fs::remove(bag + "/lift_1.MCAP");
   EXPECT_THAT(read_bag(bag, {}, {}).warnings, Contains(HasSubstr("names this part")));
+}
+
+TEST_F(OddBags, PartsWithoutMetadataAreInTheOrderOfTheirFirstStamps) {
+  const std::string bag = folder_ / "lift";
+  fs::create_directory(bag);
+  for (const int part : {2, 10, 9}) {  // by their names 10 would come first
+    Bag file(false);
+    for (int k = 0; k < 10; ++k)
+      file.pose("/PSM1/measured_cp", kStart + (10 * part + k) * kMs, "W", {0.1 * part, 0, 0});
+    file.file().save(fmt::format("{}/lift_{}.mcap", bag, part));
+  }
+  std::ofstream(bag + "/lift_11.mcap") << "";  // the recorder was killed as it began
+  const Recording r = read_bag(bag, {}, {});
+  ASSERT_EQ(r.find("tool")->rows(), 30U);
+  for (const auto& [row, x] : {std::pair{5, 0.2}, {15, 0.9}, {25, 1.0}})
+    EXPECT_NEAR(r.find("tool")->at(row, 0), x, 1e-12);
+  fs::rename(bag + "/lift_9.mcap", bag + "/other.mcap");
+  EXPECT_THAT(parts_of_bag(bag), IsEmpty()) << "recordings of their own";
+}
+
+TEST_F(OddBags, OneBadFileOfAFolderIsLeftOutWithALine) {
+  Bag bag(false);
+  add_arm(bag);
+  for (const char* name : {"a", "c"}) bag.file().save(folder_ / (std::string(name) + ".mcap"));
+  std::ofstream(folder_ / "b.mcap") << "no bag";
+  std::vector<std::string> names, told;
+  const auto take = [&](const std::string& name, const Recording&) { names.push_back(name); };
+  const auto left_out = [&](const std::string& why) { told.push_back(why); };
+  import_bags({}, folder_.path(), take, left_out);
+  for_each_recording(
+      folder_.path(), take, [](const std::string& path) { return read_bag(path, {}, {}); },
+      left_out);
+  EXPECT_THAT(names, testing::ElementsAre("a", "c", "a", "c"));
+  EXPECT_THAT(told, testing::ElementsAre(HasSubstr("b.mcap: "), HasSubstr("b.mcap: ")));
+  EXPECT_THROW(import_bags({}, folder_.path(), take), Error) << "where nobody is told";
+  for (const char* name : {"a.mcap", "c.mcap"}) std::ofstream(folder_ / name) << "none";
+  EXPECT_THROW(import_bags({}, folder_.path(), take, left_out), Error) << "none of them is good";
 }
 
 TEST_F(OddBags, MessagesThatAreCompressedOneByOneAreUnpacked) {
