@@ -190,8 +190,11 @@ Explanation explain(const pb::Scene& scene, std::vector<Observation> observation
   add_rivals(made, contenders, verdict);
   for (const Candidate& c : failed)
     verdict.add_warnings(c.key + " cannot be simulated and was not asked");
-  say(0.85, "everything again");
   const bool claimed = !contenders.empty() && contenders.front().gain > options.thresholds.gain;
+  const BaseFit& best = claimed ? contenders.front().fit.fit : made.base;
+  say(0.85, "held-out recordings");
+  add_fit(made, best, model, verdict);
+  say(0.9, "everything again");
   if (claimed) {
     tell_claim(made, contenders, model, verdict);
   } else if (!first.empty()) {
@@ -201,9 +204,6 @@ Explanation explain(const pb::Scene& scene, std::vector<Observation> observation
   } else {
     tell_silence(made, verdict);
   }
-  say(0.92, "held-out recordings");
-  const BaseFit& best = claimed ? contenders.front().fit.fit : made.base;
-  add_fit(made, best, model, verdict);
   if (claimed) add_explained_share(verdict);
   add_channels(made, best, verdict);
   add_bad_recordings(made, verdict);

@@ -55,10 +55,18 @@ double log_density(Evidence recording, const std::vector<std::string>& keys = {}
   return value_or_throw(integrate_own(recording)).log_constant;
 }
 
+/// Whether the base is farther from a recording than what is not known of it allows.
+bool something_to_explain(const pb::Verdict& verdict, const std::string& recording) {
+  return std::ranges::any_of(verdict.fit(), [&](const pb::VerdictFit& row) {
+    return row.recording() == recording && row.has_r();
+  });
+}
+
 /// Whether held-out recordings, which nothing has seen, say the same (docs/mismatch.md 5.6): those
-/// of which columns foretell it must gain by what was simulated.
+/// of which columns foretell it must gain by what was simulated. One that the base fits as well as
+/// pinch, stiffness and clock are known says nothing against it.
 void confirm(const Case& made, const Case& beside, const EntrantFit& entrant,
-             pb::VerdictEffect& effect) {
+             const pb::Verdict& verdict, pb::VerdictEffect& effect) {
   const std::string& atom = entrant.candidate.key;
   if (made.held_out.empty()) {
     effect.set_confirmed(false);
@@ -87,8 +95,9 @@ void confirm(const Case& made, const Case& beside, const EntrantFit& entrant,
       const FoldGain& fold = gains[static_cast<std::size_t>(k)][h];
       const double gain = simulated.at(fold.fold);
       if (std::max(fold.foretold, gain) < made.options.thresholds.foretold) continue;
-      any = true;
-      if (gain > 0) continue;
+      const std::string& name = made.held_out[h].name;
+      if (gain > 0) any = true;
+      if (gain > 0 || !something_to_explain(verdict, name)) continue;
       effect.set_confirmed(false);
       effect.set_why_not_confirmed(
           fmt::format("{} fits worse with it by {:.0f} nats", fold.fold, -gain));
@@ -362,7 +371,7 @@ void add_effect(const Case& made, const Case& beside, const std::vector<Contende
   add_derived(fit, effect);
   add_where(fit, effect);
   add_when(made.base, fit.fit, effect);
-  confirm(made, beside, fit, effect);
+  confirm(made, beside, fit, verdict, effect);
   // Without the largest gain of a recording it would not be claimed.
   const auto most = std::ranges::max_element(winner.folds);
   double total = 0;
