@@ -34,8 +34,8 @@ void add_pulls(const Case& made, pb::Verdict& verdict);
 void add_bounds(const BaseFit& base, pb::Verdict& verdict);
 /// What columns claim, and what each leaves; then what of it was simulated.
 void add_rivals(const Case& made, const std::vector<Contender>& contenders, pb::Verdict& verdict);
-/// After add_fit(): the first of `contenders`, in a class with those that simulations do not tell from it; `beside`
-/// is the case with it in the base.
+/// After add_fit(): the first of `contenders`, in a class with those that simulations do not tell
+/// from it; `beside` is the case with it in the base.
 void add_effect(const Case& made, const Case& beside, const std::vector<Contender>& contenders,
                 pb::Verdict& verdict);
 /// Errors of each recording without and with `best` (block_errors()), of those held out in the

@@ -68,13 +68,13 @@ void take_readable(const std::vector<std::string>& paths, const ReadRecording& r
     } catch (const Error& error) {
       if (left_out == nullptr || paths.size() == 1) throw;
       refused.emplace_back(error.what());
-      left_out(refused.back());
       continue;
     }
     take(path, *recording);
   }
   if (refused.size() == paths.size())
     throw_error("none of {} recordings can be read; the first: {}", paths.size(), refused.front());
+  for (const std::string& why : refused) left_out(why);
 }
 
 }  // namespace omentum
