@@ -35,7 +35,7 @@ def main():
         folder = pathlib.Path(name)
         run(sys.executable, PLANTS, "case", args.truth, "--seed", 7, "-o", folder / "3f2a91c0", "--force", "no")
         recordings = [folder / "3f2a91c0" / r for r in SHORT]
-        fit = ["--tolerance-mm", 1.5, "--coarse-mm", 4]
+        fit = ["--tolerance-mm", 2, "--coarse-mm", 5]
         for effect in ("obstacle", "grasp_slip", "jaw_orientation", "anchor_detachment"):
             fit += ["--rule-out", effect]
         if args.long:
