@@ -246,7 +246,7 @@ void add_numbers(const Findings& f, Calibration& result) {
       add_own_numbers(f, i, columns, "docs/calibrate.md 2", result);
   }
   for (int k = 0; k < kTimeFunctions; ++k) {
-    const double sd = f.found.scales.own_sd[layout.among_own(layout.modes) + k * kCosines];
+    const double sd = f.found.scales.own_sd[layout.among_own(layout.modes) + k * layout.cosines()];
     result.nuisances.push_back(plain_number(discrepancy_name(k), "m", 0, sd, sd,
                                             "standard deviation of each smooth mode"));
   }

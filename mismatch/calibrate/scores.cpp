@@ -81,8 +81,7 @@ ShownRecording show(const FitData& data, const Linearisation& linear, const FitS
   ShownRecording shown;
   const Observation& seen = data.observations[recording];
   shown.name = seen.name;
-  FitState no_modes = state;
-  no_modes.own[recording].tail(kModes).setZero();
+  const FitState no_modes = without_difference(data, state, recording);
   const Comparison base = comparison(data, believed, believed.at, recording);
   const Comparison now = comparison(data, linear, no_modes, recording);
   const auto before = data.likelihood.distances(base, kFarPoint);

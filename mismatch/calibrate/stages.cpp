@@ -100,8 +100,7 @@ void collect_fit(CalibrationRun& run) {
   const FitState& state = run.found.state;
   for (const std::size_t r : run.fitted) {
     warn_of_missing(r, run.believed.predictions[r], " as believed", run);
-    FitState no_modes = state;
-    no_modes.own[r].tail(kModes).setZero();
+    const FitState no_modes = without_difference(run.data, state, r);
     FitRow row = score(run.data, run.linear, no_modes, r, run.believed);
     row.role = "fitted";
     row.floor = floor_at(r, run.linear, state, run);
@@ -280,7 +279,8 @@ void settle_scales(CalibrationRun& run, const std::vector<Observation>* frames) 
   const FitData& data = look_at(run, frames, made);
   const SearchLimits& limits = run.search.limits;
   Eigen::VectorXd& own_sd = run.found.scales.own_sd;
-  if (own_sd[data.layout.own() - 1] < 1e-6) own_sd.tail(kModes).setConstant(kFirstMode);
+  if (own_sd[data.layout.own() - 1] < 1e-6)
+    own_sd.tail(data.layout.modes.count).setConstant(kFirstMode);
   const auto improve_here = [&](int steps) {
     run.found = improve(data, run.linear, run.fitted, steps, limits, std::move(run.found));
     run.posterior = posterior_at(data, run.linear, run.fitted, limits, run.found);

@@ -19,6 +19,9 @@ namespace {
 
 constexpr std::size_t kSearchFrames = 12;  // of a recording, while numbers are far from the truth
 constexpr std::size_t kStartRecordings = 3;
+// Of the smooth difference: what is left of two engines' falls steeply up to here
+// (docs/decisions/0044-how-fine-a-difference.md).
+constexpr int kDifferenceCosines = 6;
 // Of the coarse mesh, which tells changes alone.
 constexpr double kCoarsePeriod = 2;  // control steps are so many times as long
 constexpr double kCoarseTolerance =
@@ -101,15 +104,16 @@ FitState carried(const FitState& state, const Layout& from, const Layout& to) {
 Scales stated_scales(const FitData& data, const ExplainOptions& options) {
   Scales scales = first_scales(data);
   const int modes = data.layout.among_own(data.layout.modes);
-  Eigen::VectorXd variance(kCosines);
-  for (int k = 0; k < kCosines; ++k) {
-    const int along_x = k / kCosinesPerSide, along_y = k % kCosinesPerSide;
+  const int cosines = data.layout.cosines(), per_side = data.setup.cosines_per_side;
+  Eigen::VectorXd variance(cosines);
+  for (int k = 0; k < cosines; ++k) {
+    const int along_x = k / per_side, along_y = k % per_side;
     variance[k] = 1.0 / (1 + along_x * along_x + along_y * along_y);
   }
   // The first function of time is that at rest, where models agree.
   const double all = (kTimeFunctions - 1) * variance.sum();
   for (int time = 1; time < kTimeFunctions; ++time) {
-    scales.own_sd.segment(modes + time * kCosines, kCosines) =
+    scales.own_sd.segment(modes + time * cosines, cosines) =
         options.discrepancy_m * (variance / all).cwiseSqrt();
   }
   return scales;
@@ -416,7 +420,9 @@ BaseFit believed_base(const pb::Scene& scene, std::vector<Observation> observati
     for (SeenFrame& frame : o.frames) of_frames.push_back(std::exchange(frame.force, {}));
   }
   const pb::Scene believed = with_soft_pad(scene);
-  BaseFit base(make_fit_data(believed, std::move(observations), options));
+  FitSetup setup = options;
+  setup.cosines_per_side = kDifferenceCosines;
+  BaseFit base(make_fit_data(believed, std::move(observations), setup));
   base.forces = std::move(forces);
   const auto mesh_of = [&](double tolerance_m) -> Numerics {
     return {pb::TISSUE_REFERENCE,

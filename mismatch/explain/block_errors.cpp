@@ -87,8 +87,7 @@ std::vector<Distances> own_moves(const BaseFit& base, const Linearisation& own, 
   const Layout& layout = base.data.layout;
   std::vector<Distances> moved;
   for (int k = 0; k < layout.among_own(layout.modes); ++k) {
-    FitState state = base.found.state;
-    state.own[r].tail(kModes).setZero();
+    FitState state = without_difference(base.data, base.found.state, r);
     state.own[r][k] += base.found.scales.own_sd[k];
     moved.push_back(distances(base.data, own, state, r, kFar));
   }
@@ -99,8 +98,7 @@ std::vector<Distances> own_moves(const BaseFit& base, const Linearisation& own, 
 
 Distances distances_from(const BaseFit& fit, const std::vector<Prediction>& surfaces,
                          std::size_t r) {
-  FitState plain = fit.found.state;
-  plain.own[r].tail(kModes).setZero();
+  const FitState plain = without_difference(fit.data, fit.found.state, r);
   return distances(fit.data, {fit.found.state, surfaces}, plain, r, kFar);
 }
 

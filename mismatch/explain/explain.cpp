@@ -127,8 +127,7 @@ void add_predictions(const BaseFit& base, const BaseFit& best, Explanation& made
           !best.surfaces[r].frames[f].valid)
         continue;
       const auto upper = [&](const BaseFit& fit, const Linearisation& linear) {
-        FitState plain = fit.found.state;
-        plain.own[r].tail(kModes).setZero();
+        const FitState plain = without_difference(fit.data, fit.found.state, r);
         auto vertices = fit.data.likelihood.vertices(comparison(fit.data, linear, plain, r), f);
         vertices.resize(places);
         return vertices;

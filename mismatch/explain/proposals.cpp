@@ -130,8 +130,7 @@ ResidualMap residual_map(const BaseFit& base) {
   Means rest(count), lifted(count);
   for (const std::size_t r : base.fitted) {
     const Observation& seen = base.data.observations[r];
-    FitState plain = base.found.state;
-    plain.own[r].tail(kModes).setZero();
+    const FitState plain = without_difference(base.data, base.found.state, r);
     const Comparison compared = comparison(base.data, linear, plain, r);
     std::vector<Vector3d> first;
     bool moved = false;

@@ -64,7 +64,7 @@ VectorXd shared_beliefs(const FitData& data) {
 
 /// The body at rest as cameras and discrepancies know it.
 Likelihood make_likelihood(const Scene& made, const std::vector<Observation>& observations,
-                           const MarkerNotes& notes) {
+                           const FitSetup& setup) {
   const TissueBody& body = made.tissue;
   Eigen::AlignedBox3d box;
   for (const Vector3d& p : body.particles) box.extend(p);
@@ -84,8 +84,9 @@ Likelihood make_likelihood(const Scene& made, const std::vector<Observation>& ob
       (markers.empty() || std::ranges::any_of(observations, &Observation::has_points)) &&
       std::ranges::all_of(observations, &Observation::rays);
   const Vector3d pivot = camera ? observations.front().p_WC : Vector3d(body.X_WB * box.center());
-  place_known_markers(notes, observations.front().markers, body.X_WB, triangles, rest, markers);
-  Likelihood likelihood(triangles, rest, std::move(uv), pivot);
+  place_known_markers(setup.markers, observations.front().markers, body.X_WB, triangles, rest,
+                      markers);
+  Likelihood likelihood(triangles, rest, std::move(uv), pivot, setup.cosines_per_side);
   likelihood.set_markers(std::move(markers));
   return likelihood;
 }
@@ -95,7 +96,7 @@ Likelihood make_likelihood(const Scene& made, const std::vector<Observation>& ob
 FitData make_fit_data(const pb::Scene& scene, std::vector<Observation> observations,
                       const FitSetup& setup) {
   Scene made = make_scene(scene, setup.folder);
-  Likelihood likelihood = make_likelihood(made, observations, setup.markers);
+  Likelihood likelihood = make_likelihood(made, observations, setup);
   FitData data{
       scene, std::move(made), setup, std::move(observations), {}, {}, {}, std::move(likelihood), 0,
       {}};
@@ -112,7 +113,8 @@ void set_unknowns(std::vector<Unknown> unknowns, FitData& data) {
   data.unknowns = std::move(unknowns);
   data.layout = Layout(static_cast<int>(data.unknowns.size()),
                        static_cast<int>(data.likelihood.markers().size()),
-                       data.scene.has_held_start() ? kHeldColumns : 0);
+                       data.scene.has_held_start() ? kHeldColumns : 0,
+                       data.setup.cosines_per_side * data.setup.cosines_per_side);
   data.beliefs = {shared_beliefs(data), own_beliefs(data.layout)};
 }
 
@@ -131,6 +133,11 @@ FitState believed_state(const FitData& data) {
 Registration6 registration_of(const FitData& data, const FitState& state) {
   const int begin = data.layout.registration.begin;
   return {state.shared.segment<3>(begin), state.shared.segment<3>(begin + 3)};
+}
+
+FitState without_difference(const FitData& data, FitState state, std::size_t recording) {
+  state.own[recording].tail(data.layout.modes.count).setZero();
+  return state;
 }
 
 Comparison comparison(const FitData& data, const Linearisation& linear, const FitState& state,

@@ -35,6 +35,8 @@ struct FitSetup {
   MarkerNotes markers;
   /// Time between the frames of recordings whose clocks count them [s]; none: clocks are right.
   std::optional<BelievedNumber> frame_period = {};
+  /// Along each side of the sheet, of the smooth difference between model and tissue.
+  int cosines_per_side = 4;
   std::shared_ptr<Simulator> simulator;
   std::size_t threads = 1;
 };
@@ -84,6 +86,8 @@ struct Linearisation {
   std::vector<Prediction> predictions;
 };
 
+/// The state without the smooth difference of a recording.
+FitState without_difference(const FitData& data, FitState state, std::size_t recording);
 /// A recording against its surfaces, carried from where they were simulated to `state`.
 Comparison comparison(const FitData& data, const Linearisation& linear, const FitState& state,
                       std::size_t recording);

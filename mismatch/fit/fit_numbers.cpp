@@ -40,8 +40,10 @@ std::vector<FitNumber> numbers_of(const FitData& data) {
   nuisance("force.gain_change", "1", true);
   for (int k = 0; k < layout.held_place.count; ++k)
     nuisance(fmt::format("held.{}", "xyz"[k]), "m", true);
-  for (int k = 0; k < kModes; ++k)
-    nuisance(fmt::format("{}[{}]", discrepancy_name(k / kCosines), k % kCosines), "m", true);
+  for (int k = 0; k < layout.modes.count; ++k) {
+    const int cosines = layout.cosines();
+    nuisance(fmt::format("{}[{}]", discrepancy_name(k / cosines), k % cosines), "m", true);
+  }
   OMENTUM_CHECK(list.size() == static_cast<std::size_t>(layout.size()), "{} names of {} columns",
                 list.size(), layout.size());
   return list;

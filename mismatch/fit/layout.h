@@ -2,12 +2,9 @@
 
 namespace omentum {
 
-/// Smooth difference between model and tissue, along the surface's normal: so many cosines along
-/// each side of the sheet, each times four functions of time (discrepancy_in_time()).
-inline constexpr int kCosinesPerSide = 4;
-inline constexpr int kCosines = kCosinesPerSide * kCosinesPerSide;
+/// Smooth difference between model and tissue, along the surface's normal: cosines along the sides
+/// of the sheet, each times four functions of time (discrepancy_in_time()).
 inline constexpr int kTimeFunctions = 4;
-inline constexpr int kModes = kTimeFunctions * kCosines;
 
 /// Columns of the normal equations of a recording, by name: the numbers that all recordings share,
 /// then those that this one has of its own. Offsets of markers are three numbers each.
@@ -26,21 +23,23 @@ struct Layout {
   Columns own_clock;         ///< beside the common one
   Columns force_zero, force_gain;
   Columns held_place;  ///< where the body was held at the start; none unless it was
-  Columns modes;       ///< of the smooth difference
+  Columns modes;       ///< of the smooth difference: all cosines for each function of time
 
-  Layout() : Layout(0, 0, 0) {}
-  Layout(int unknown_count, int marker_count, int held_count);
+  Layout() : Layout(0, 0, 0, 0) {}
+  Layout(int unknown_count, int marker_count, int held_count, int cosine_count);
 
   int shared() const { return markers.end(); }
   int size() const { return modes.end(); }
   int own() const { return size() - shared(); }
   /// Of a marker, the first of its three.
   int marker(int k) const { return markers.begin + 3 * k; }
+  /// Of the smooth difference, times one function of time.
+  int cosines() const { return modes.count / kTimeFunctions; }
   /// Place of an own column among the own ones.
   int among_own(const Columns& columns) const { return columns.begin - shared(); }
 };
 
-inline Layout::Layout(int unknown_count, int marker_count, int held_count) {
+inline Layout::Layout(int unknown_count, int marker_count, int held_count, int cosine_count) {
   int next = 0;
   const auto place = [&](Columns& columns, int count) {
     columns = {next, count};
@@ -56,7 +55,7 @@ inline Layout::Layout(int unknown_count, int marker_count, int held_count) {
   place(force_zero, 3);
   place(force_gain, 1);
   place(held_place, held_count);
-  place(modes, kModes);
+  place(modes, kTimeFunctions * cosine_count);
 }
 
 }  // namespace omentum

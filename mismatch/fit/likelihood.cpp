@@ -61,15 +61,15 @@ Eigen::Matrix3d Registration6::rotation() const {
 }
 
 Likelihood::Likelihood(std::vector<Eigen::Vector3i> triangles, std::span<const Vector3d> rest,
-                       std::vector<Vector2d> uv, const Vector3d& pivot)
+                       std::vector<Vector2d> uv, const Vector3d& pivot, int cosines_per_side)
     : surface_(std::move(triangles), rest), uv_(std::move(uv)), pivot_(pivot) {
   middle_ = Vector3d::Zero();
   for (const Vector3d& p : rest) middle_ += p / static_cast<double>(rest.size());
-  cosines_.resize(static_cast<Eigen::Index>(uv_.size()), kCosines);
+  cosines_.resize(static_cast<Eigen::Index>(uv_.size()), cosines_per_side * cosines_per_side);
   for (std::size_t p = 0; p < uv_.size(); ++p) {
-    for (int i = 0; i < kCosinesPerSide; ++i) {
-      for (int j = 0; j < kCosinesPerSide; ++j) {
-        cosines_(static_cast<Eigen::Index>(p), i * kCosinesPerSide + j) =
+    for (int i = 0; i < cosines_per_side; ++i) {
+      for (int j = 0; j < cosines_per_side; ++j) {
+        cosines_(static_cast<Eigen::Index>(p), i * cosines_per_side + j) =
             std::cos(std::numbers::pi * i * uv_[p].x()) *
             std::cos(std::numbers::pi * j * uv_[p].y());
       }
@@ -92,10 +92,11 @@ std::vector<Vector3d> FrameRows::vertices(std::size_t k, const Eigen::Vector4d& 
     for (std::size_t i = 0; i < vertices.size(); ++i)
       vertices[i] += by.segment<3>(3 * static_cast<Eigen::Index>(i)).cast<double>();
   }
-  const Eigen::VectorXd modes = delta.segment(layout_.modes.begin, kModes);
+  const Eigen::VectorXd modes = delta.segment(layout_.modes.begin, layout_.modes.count);
   Eigen::VectorXd height;
   std::vector<Vector3d> normal;
-  if (!modes.isZero(0)) height = of_.cosines_ * (modes.reshaped(kCosines, kTimeFunctions) * time);
+  if (!modes.isZero(0))
+    height = of_.cosines_ * (modes.reshaped(layout_.cosines(), kTimeFunctions) * time);
   if (height.size() > 0 || !of_.markers_.empty()) {
     normal.assign(vertices.size(), Vector3d::Zero());
     for (const Eigen::Vector3i& t : surface_.triangles()) {
@@ -143,7 +144,7 @@ void FrameRows::add_row(const SeenRow& row, const PredictedFrame& predicted,
   Eigen::VectorXd J = Eigen::VectorXd::Zero(b_.size());
   const auto places = static_cast<int>(of_.uv_.size());
   Eigen::VectorXf columns = Eigen::VectorXf::Zero(predicted.columns.cols());
-  Eigen::VectorXd modes = Eigen::VectorXd::Zero(kCosines);
+  Eigen::VectorXd modes = Eigen::VectorXd::Zero(layout_.cosines());
   for (int k = 0; k < 3; ++k) {
     if (predicted.columns.size() > 0) {
       columns += static_cast<float>(row.share[k]) *
@@ -159,7 +160,7 @@ void FrameRows::add_row(const SeenRow& row, const PredictedFrame& predicted,
   J[layout_.clock.begin] = late;
   J[layout_.own_clock.begin] = late;
   const double side = corner[0] < places ? 1 : -1;
-  J.segment(layout_.modes.begin, kCosines) = side * row.along.dot(row.normal) * modes;
+  J.segment(layout_.modes.begin, layout_.cosines()) = side * row.along.dot(row.normal) * modes;
   add_weighted(J, weight, row.e, late);
 }
 
@@ -201,17 +202,17 @@ void FrameRows::eliminate_motion(const NoiseModel& noise, NormalEquations& made)
 
 /// The frame, each of its cosines times the functions of time.
 void FrameRows::add_to(NormalEquations& made, const Eigen::Vector4d& time) const {
-  const int n = layout_.modes.begin;
+  const int n = layout_.modes.begin, cosines = layout_.cosines();
   made.A.topLeftCorner(n, n) += A_.topLeftCorner(n, n);
   made.b.head(n) += b_.head(n);
   for (int i = 0; i < kTimeFunctions; ++i) {
-    const int row = n + i * kCosines;
-    made.A.block(row, 0, kCosines, n) += time[i] * A_.bottomLeftCorner(kCosines, n);
-    made.b.segment(row, kCosines) += time[i] * b_.tail(kCosines);
+    const int row = n + i * cosines;
+    made.A.block(row, 0, cosines, n) += time[i] * A_.bottomLeftCorner(cosines, n);
+    made.b.segment(row, cosines) += time[i] * b_.tail(cosines);
     const Eigen::MatrixXd among =
-        A_.bottomRightCorner(kCosines, kCosines).selfadjointView<Eigen::Lower>();
+        A_.bottomRightCorner(cosines, cosines).selfadjointView<Eigen::Lower>();
     for (int j = 0; j <= i; ++j) {
-      made.A.block(row, n + j * kCosines, kCosines, kCosines) += time[i] * time[j] * among;
+      made.A.block(row, n + j * cosines, cosines, cosines) += time[i] * time[j] * among;
     }
   }
 }
@@ -248,7 +249,7 @@ void FrameRows::add_force(const SeenForce& seen, const PredictedFrame& predicted
 void FrameRows::add_frame(std::size_t k, const NoiseModel& noise, NormalEquations& made) {
   const SeenFrame& seen = what_.seen.frames[k];
   const PredictedFrame& frame = what_.predicted.frames[k];
-  const int columns = layout_.modes.begin + kCosines;
+  const int columns = layout_.modes.begin + layout_.cosines();
   A_.setZero(columns, columns);
   b_.setZero(columns);
   motion_.information = motion_.score = 0;

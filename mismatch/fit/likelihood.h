@@ -76,9 +76,10 @@ struct Comparison {
 /// nearest. Any number of threads at a time.
 class Likelihood {
  public:
-  /// `rest`: vertices of the body at rest; `uv`: places of the grid in 0 ... 1.
+  /// `rest`: vertices of the body at rest; `uv`: places of the grid in 0 ... 1. Cosines of the
+  /// smooth difference: so many along each side, of which the first is constant.
   Likelihood(std::vector<Eigen::Vector3i> triangles, std::span<const Eigen::Vector3d> rest,
-             std::vector<Eigen::Vector2d> uv, const Eigen::Vector3d& pivot);
+             std::vector<Eigen::Vector2d> uv, const Eigen::Vector3d& pivot, int cosines_per_side);
 
   /// Where those of Observation::markers are; none: they are not compared.
   void set_markers(std::vector<MarkerPlace> markers) { markers_ = std::move(markers); }

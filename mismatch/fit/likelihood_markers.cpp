@@ -55,7 +55,7 @@ void FrameRows::add_markers(const SeenFrame& frame, const PredictedFrame& predic
       if (made.A.size() == 0) continue;
       Eigen::VectorXd J = Eigen::VectorXd::Zero(b_.size());
       Eigen::VectorXf columns = Eigen::VectorXf::Zero(predicted.columns.cols());
-      Eigen::VectorXd modes = Eigen::VectorXd::Zero(kCosines);
+      Eigen::VectorXd modes = Eigen::VectorXd::Zero(layout_.cosines());
       for (int k = 0; k < 3; ++k) {
         const Vector3d& slope = slopes[static_cast<std::size_t>(k)];
         if (predicted.columns.size() > 0) {
@@ -73,7 +73,7 @@ void FrameRows::add_markers(const SeenFrame& frame, const PredictedFrame& predic
       J[layout_.clock.begin] = late;
       J[layout_.own_clock.begin] = late;
       J.segment<3>(layout_.marker(seen.marker)) = placed.frame.row(axis).transpose();
-      J.segment(layout_.modes.begin, kCosines) = modes;
+      J.segment(layout_.modes.begin, layout_.cosines()) = modes;
       add_weighted(J, weight, e[axis], late);
     }
   }

@@ -238,8 +238,9 @@ void adapt_own_scales(const FitData& data, const FitPosterior& posterior, const 
   adapt_to_belief(layout.pinch, 0.01);
   adapt_to_belief(layout.stiffness_factor, 0.5);
   adapt_to_belief(layout.own_clock, 0.1);
+  const int cosines = layout.cosines();
   for (int k = 0; k < kTimeFunctions; ++k)
-    adapt(layout.among_own(layout.modes) + k * kCosines, kCosines, kFirstMode, kMostMode);
+    adapt(layout.among_own(layout.modes) + k * cosines, cosines, kFirstMode, kMostMode);
 }
 
 std::vector<std::vector<double>> distances(const FitData& data, const Linearisation& linear,

@@ -1,8 +1,9 @@
 #!/usr/bin/env python3
 """A training while somebody forges the protocol below DDS (forger.py): it goes on, and ends with the weights of an
-undisturbed one. usage: forged_run.py BIN_DIR [--secured MAKE_SH] [--replay] [--seconds S] [--updates N]
+undisturbed one. usage: forged_run.py BIN_DIR [--secured MAKE_SH] [--replay] [--seconds S]
 
-Prints how long after the last forged datagram the next update came. Exit code 1: later than 15 s, or other weights.
+The undisturbed training tells how many updates outlast the forgery on this machine. Prints how long after the last
+forged datagram the next update came. Exit code 1: later than 15 s, or other weights.
 """
 import argparse
 import json
@@ -18,6 +19,7 @@ from sequences import TASK, Domain, Program
 
 HERE = pathlib.Path(__file__).resolve().parent
 AGAIN_S = 15
+FEWEST_UPDATES = 60
 PATIENCE_S = 240
 
 
@@ -62,13 +64,27 @@ class Run:
             program.end()
 
 
+def calm_run(options, domain, folder, runs):
+    """The weights of an undisturbed training that lasts twice as long as the forgery, and its number of updates."""
+    updates = FEWEST_UPDATES
+    while True:
+        runs.append(run := Run(options, folder, domain, f"calm{updates}", updates))
+        run.wait(lambda: run.updates() >= 2, "the calm run begins")
+        began = time.monotonic()
+        weights = run.finish()
+        lasted_s = time.monotonic() - began
+        run.end()
+        if lasted_s > 2 * options.seconds:
+            return weights, updates
+        updates *= 4
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("bin", type=pathlib.Path)
     parser.add_argument("--secured", type=pathlib.Path)
     parser.add_argument("--replay", action="store_true")
     parser.add_argument("--seconds", type=float, default=3)
-    parser.add_argument("--updates", type=int, default=60)
     options = parser.parse_args()
     domain = Domain()
     folder = pathlib.Path(tempfile.mkdtemp(prefix="omentum-forged-"))
@@ -77,10 +93,8 @@ def main():
                        stdout=subprocess.DEVNULL)
     runs = []
     try:
-        runs.append(Run(options, folder, domain.number, "calm", options.updates))
-        calm = runs[0].finish()
-        runs[0].end()
-        runs.append(run := Run(options, folder, domain.number, "forged", options.updates))
+        calm, updates = calm_run(options, domain.number, folder, runs)
+        runs.append(run := Run(options, folder, domain.number, "forged", updates))
         run.wait(lambda: run.updates() >= 2, "it begins")
         forger = subprocess.run([sys.executable, HERE / "forger.py", str(domain.number), str(options.seconds)]
                                 + (["--replay"] if options.replay else []), check=False, stdout=subprocess.PIPE, text=True)

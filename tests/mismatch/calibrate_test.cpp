@@ -103,10 +103,12 @@ TEST(SeenSurface, ARayMeetsTheNearFaceAtItsRange) {
   EXPECT_FALSE(surface.sees(kSide * kSide + kSide * kSide / 2)) << "the lower face";
 }
 
+constexpr int kCosinesPerSide = 3, kCosines = kCosinesPerSide * kCosinesPerSide;
+
 /// A prediction with some columns, and points that do not lie on it.
 struct Case {
   Sheet sheet = make_sheet();
-  Layout layout{2, 0, 0};
+  Layout layout{2, 0, 0, kCosines};
   Prediction prediction;
   Observation seen;
   NoiseModel noise{1e-3, 5e-4, 0.02, 4, 1e-4, 0.01};
@@ -151,7 +153,8 @@ struct Case {
 
 TEST(Likelihood, ItsGradientIsTheDerivativeOfItsCost) {
   Case c;
-  Likelihood likelihood(c.sheet.triangles, c.sheet.vertices, c.sheet.uv, Vector3d::Zero());
+  Likelihood likelihood(c.sheet.triangles, c.sheet.vertices, c.sheet.uv, Vector3d::Zero(),
+                        kCosinesPerSide);
   const NormalEquations block = c.compared(likelihood);
   EXPECT_GT(block.hits, 350U);
   EXPECT_EQ(block.no_tissue, 0U);
@@ -184,7 +187,8 @@ TEST(Likelihood, ItsGradientIsTheDerivativeOfItsCost) {
 
 TEST(Likelihood, AFrameTellsOfTheSmoothDifferenceByItsFunctionsOfTime) {
   Case c;
-  Likelihood likelihood(c.sheet.triangles, c.sheet.vertices, c.sheet.uv, Vector3d::Zero());
+  Likelihood likelihood(c.sheet.triangles, c.sheet.vertices, c.sheet.uv, Vector3d::Zero(),
+                        kCosinesPerSide);
   const auto block = [&](double t) {
     Case other = c;
     other.seen.frames[0].t = t;
@@ -220,7 +224,8 @@ TEST(Likelihood, WhatHardlyMovesTellsNoTime) {
   for (const double speed : {1e-4, 1e-2, 1.0}) {
     for (PredictedFrame& frame : c.prediction.frames)
       frame.velocity.assign(frame.vertices.size(), Vector3d(0, 0, speed));
-    Likelihood likelihood(c.sheet.triangles, c.sheet.vertices, c.sheet.uv, Vector3d::Zero());
+    Likelihood likelihood(c.sheet.triangles, c.sheet.vertices, c.sheet.uv, Vector3d::Zero(),
+                          kCosinesPerSide);
     const NormalEquations block = c.compared(likelihood);
     const int k = c.layout.clock.begin;
     const double sd = 1 / std::sqrt(block.A(k, k));
@@ -234,7 +239,8 @@ TEST(Likelihood, WhatHardlyMovesTellsNoTime) {
 TEST(Likelihood, PointsFarFromTheBodyAreNoTissue) {
   Case c;
   for (int k = 0; k < 50; ++k) c.seen.frames[0].points.emplace_back(0.01 * k - 0.2, 0.1, 0);
-  Likelihood likelihood(c.sheet.triangles, c.sheet.vertices, c.sheet.uv, Vector3d::Zero());
+  Likelihood likelihood(c.sheet.triangles, c.sheet.vertices, c.sheet.uv, Vector3d::Zero(),
+                        kCosinesPerSide);
   const NormalEquations block = c.compared(likelihood);
   EXPECT_EQ(block.no_tissue, 50U);
 }
@@ -243,14 +249,16 @@ TEST(Likelihood, ASheetThatIsSeenLargerThanSimulatedIsPulledOutwards) {
   Case c;
   // The simulated sheet shrinks by a tenth: its rim has rays beside it.
   for (Vector3d& p : c.prediction.frames[0].vertices) p.head<2>() *= 0.9;
-  Likelihood likelihood(c.sheet.triangles, c.sheet.vertices, c.sheet.uv, Vector3d::Zero());
+  Likelihood likelihood(c.sheet.triangles, c.sheet.vertices, c.sheet.uv, Vector3d::Zero(),
+                        kCosinesPerSide);
   const NormalEquations block = c.compared(likelihood);
   EXPECT_GT(block.passing, 5U);
 }
 
 TEST(Likelihood, ARayThatSlipsOffTheEdgeChangesNothingAtOnce) {
   Case c;
-  Likelihood likelihood(c.sheet.triangles, c.sheet.vertices, c.sheet.uv, Vector3d::Zero());
+  Likelihood likelihood(c.sheet.triangles, c.sheet.vertices, c.sheet.uv, Vector3d::Zero(),
+                        kCosinesPerSide);
   constexpr double kStep = 1e-6;  // [m]
   for (const double off : {-0.002, 0.002}) {
     // Two standard deviations before or behind the face, near its edge at x = 40 mm.
@@ -303,7 +311,8 @@ TEST(Likelihood, TheBodyThatWasSeenLacksNoPointAtItsEdges) {
         p = c.sheet.vertices[i];
         p.head<2>() *= 1 + growth / 0.04;
       }
-      Likelihood likelihood(c.sheet.triangles, c.sheet.vertices, c.sheet.uv, Vector3d::Zero());
+      Likelihood likelihood(c.sheet.triangles, c.sheet.vertices, c.sheet.uv, Vector3d::Zero(),
+                            kCosinesPerSide);
       return likelihood.compare(c.at(), c.noise, false);
     };
     const NormalEquations exact = block_of(0);
@@ -315,7 +324,7 @@ TEST(Likelihood, TheBodyThatWasSeenLacksNoPointAtItsEdges) {
 }
 
 TEST(SolveNormalEquations, IsTheDenseSystem) {
-  const Layout layout{1, 0, 0};
+  const Layout layout{1, 0, 0, kCosines};
   const int n = layout.size(), s = layout.shared(), o = layout.own();
   std::vector<NormalEquations> blocks(3);
   std::vector<VectorXd> own(3, VectorXd::Constant(o, 0.01));
