@@ -346,28 +346,28 @@ std::string draw_plane_map(const PlaneMap& map) {
   constexpr double kHeight = 338, kTop = 24, kLeft = 52, kSide = 258;
   auto [x_low, x_high] = range_of({&map.x});
   auto [y_low, y_high] = range_of({&map.y});
-  const double half = map.cell / 2;
+  const double half_x = map.cell_x / 2, half_y = map.cell_y / 2;
   // One scale for both axes.
-  const double span = std::max(x_high - x_low, y_high - y_low) + map.cell;
-  const Axis x{x_low - half, x_low - half + span, kLeft, kLeft + kSide};
-  const Axis y = map.y_down ? Axis{y_low - half, y_low - half + span, kTop, kTop + kSide}
-                            : Axis{y_low - half, y_low - half + span, kTop + kSide, kTop};
+  const double span = std::max(x_high - x_low + map.cell_x, y_high - y_low + map.cell_y);
+  const Axis x{x_low - half_x, x_low - half_x + span, kLeft, kLeft + kSide};
+  const Axis y = map.y_down ? Axis{y_low - half_y, y_low - half_y + span, kTop, kTop + kSide}
+                            : Axis{y_low - half_y, y_low - half_y + span, kTop + kSide, kTop};
   std::string svg;
-  const double edge = map.cell / span * kSide;
+  const double width = map.cell_x / span * kSide, height = map.cell_y / span * kSide;
   for (std::size_t k = 0; k < map.value.size(); ++k) {
     const double share = (map.value[k] - map.low) / std::max(1e-12, map.high - map.low);
     svg += fmt::format(
         "<rect x=\"{:.1f}\" y=\"{:.1f}\" width=\"{:.2f}\" height=\"{:.2f}\" "
         "fill=\"{}\"><title>{}</title></rect>\n",
-        x.at(map.x[k]) - edge / 2, y.at(map.y[k]) - edge / 2, edge - 0.4, edge - 0.4,
+        x.at(map.x[k]) - width / 2, y.at(map.y[k]) - height / 2, width - 0.4, height - 0.4,
         std::isfinite(map.value[k]) ? scale_colour(share) : "var(--empty)",
         fmt::format("x {:.1f}, y {:.1f}: {:.1f} {}", map.x[k], map.y[k], map.value[k],
                     map.scale_label));
   }
-  for (const double tick : make_ticks(x.low, x_high + half, 6)) {
+  for (const double tick : make_ticks(x.low, x_high + half_x, 6)) {
     svg += text_at(x.at(tick), kTop + kSide + 16, "tick", short_number(tick), "middle");
   }
-  for (const double tick : make_ticks(y.low, y_high + half, 6)) {
+  for (const double tick : make_ticks(y.low, y_high + half_y, 6)) {
     svg += text_at(kLeft - 6, y.at(tick) + 4, "tick", short_number(tick), "end");
   }
   if (map.best && *map.best < map.x.size()) {

@@ -67,7 +67,7 @@ std::string draw_category_map(const CategoryMap& map);
 struct PlaneMap {
   std::string title, x_label, y_label, scale_label;
   std::vector<double> x, y, value;
-  double cell = 1;  ///< edge of a square in the unit of x and y
+  double cell_x = 1, cell_y = 1;  ///< edges of a cell in the unit of x and y
   double low = 0, high = 1;
   std::optional<std::size_t> best;
   std::string best_label;

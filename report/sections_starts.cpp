@@ -245,7 +245,7 @@ Section make_lattice_section(const std::vector<RunFolder>& runs) {
                    : 0;
   }
   map.high = 100;
-  map.cell = std::isfinite(nearest) ? 1000 * nearest : 3;
+  map.cell_x = map.cell_y = std::isfinite(nearest) ? 1000 * nearest : 3;
   const EvaluationFigures f = figures_of(run->lattice);
   std::vector<std::vector<std::string>> rows = {
       {"", "value"},

@@ -125,6 +125,9 @@ int calibrate(const CalibrateOptions& options) {
   if (!options.frame_period.empty()) chosen.frame_period = parse_frame_period(options.frame_period);
   if (!options.markers.empty()) chosen.markers = read_marker_notes(options.markers);
   CaseInput input = read_case(options.recordings, options.scene, options.overrides);
+  std::vector<std::string>& warnings = input.warnings;
+  std::size_t told_count = 0;
+  tell_warnings(warnings, told_count);
   hold_out(options.held_out, input);
   chosen.priors = input.priors;
   chosen.threads = options.threads;
@@ -132,7 +135,6 @@ int calibrate(const CalibrateOptions& options) {
   chosen.tolerance_m = 1e-3 * options.tolerance_mm;
   chosen.leave_out = !options.no_leave_out;
   chosen.folder = input.folder;
-  std::vector<std::string>& warnings = input.warnings;
   const pb::Scene& scene = input.scene;
   const std::vector<std::string> not_looked_for = told_not_looked_for(scene, chosen.priors);
   // Before anything is simulated: who meant it otherwise need not wait.
@@ -156,6 +158,7 @@ int calibrate(const CalibrateOptions& options) {
   warnings.insert(warnings.end(), made.warnings.begin(), made.warnings.end());
   std::vector<Observation> observations =
       observe_case(input, made, clouds, chosen.markers, warnings);
+  tell_warnings(warnings, told_count);
   for (const Observation& o : observations) {
     const SeenFigures figures{o.clouds, o.parts, o.share_seen};
     std::printf("%s:\n%s%s", o.name.c_str(), print_seen(figures).c_str(), print_markers(o).c_str());
@@ -175,8 +178,8 @@ int calibrate(const CalibrateOptions& options) {
                                                 : calibrate_reference;
   Calibration result = calibrate_by(scene, std::move(observations), chosen);
   line->end();
-  result.warnings.insert(result.warnings.begin(), warnings.begin(), warnings.end());
   const std::vector<std::string> to_tell = result.warnings;
+  result.warnings.insert(result.warnings.begin(), warnings.begin(), warnings.end());
   result.warnings.insert(result.warnings.begin(), not_looked_for.begin(), not_looked_for.end());
   folder.begin();
   std::string text;

@@ -12,6 +12,7 @@
 #include "mismatch/recording/read_recording.h"
 #include "mismatch/recording/text_table.h"
 #include "mismatch/scene/believed_scene.h"
+#include "mismatch/seen/unreadable_frame.h"
 
 namespace omentum {
 namespace {
@@ -57,6 +58,11 @@ pb::Scene scene_of(const std::string& path, const std::vector<std::string>& over
   return override_scene(scene, overrides);
 }
 
+/// What is told of one of several recordings.
+std::string told_left_out(const std::string& why) {
+  return why + ": this recording is left out; once its file is mended or copied anew it comes in";
+}
+
 }  // namespace
 
 CaseInput read_case(const std::vector<std::string>& paths, const std::string& scene,
@@ -66,12 +72,20 @@ CaseInput read_case(const std::vector<std::string>& paths, const std::string& sc
   if (!scene.empty())
     input.scene = scene_of(scene, overrides, Recording(), input.priors, input.warnings);
   for (const std::string& path : paths) {
-    for_each_recording(path, [&](const std::string& name, const Recording& recording) {
+    std::size_t count = 0;
+    const auto take = [&](const std::string& name, const Recording& recording) {
       for (const auto& [other, unused] : input.recordings) {
         if (other == name) throw_error("--recordings: two are called {}", name);
       }
       input.recordings.emplace_back(name, recording);
-    });
+      ++count;
+    };
+    const auto left_out = [&](const std::string& why) {
+      input.warnings.push_back(told_left_out(why));
+      ++count;
+    };
+    for_each_recording(path, take, read_recording, left_out);
+    if (count == 1) input.named_alone.insert(input.recordings.back().first);
   }
   if (scene.empty()) {
     input.scene =
@@ -111,14 +125,28 @@ std::vector<Observation> observe_case(const CaseInput& input, const Scene& made,
   }
   if (first != nullptr) find_clamp(*first, notes);
   std::vector<Observation> observations;
+  std::vector<std::string> refused;
   for (const auto& [name, recording] : input.recordings) {
-    warnings.insert(warnings.end(), recording.warnings.begin(), recording.warnings.end());
-    observations.push_back(observe(name, name, recording, made, notes, clouds, warnings));
+    std::vector<std::string> own = recording.warnings;
+    try {
+      observations.push_back(observe(name, name, recording, made, notes, clouds, own));
+    } catch (const UnreadableFrame& error) {
+      if (input.named_alone.contains(name)) throw;
+      refused.emplace_back(error.what());
+      own = {told_left_out(refused.back())};
+    }
+    warnings.insert(warnings.end(), own.begin(), own.end());
   }
+  if (observations.empty() && !refused.empty()) throw_error("{}", refused.front());
   std::ranges::sort(observations, {}, &Observation::name);
   number_conditions(observations);
   number_markers(observations, warnings);
   return observations;
+}
+
+void tell_warnings(const std::vector<std::string>& warnings, std::size_t& told) {
+  for (; told < warnings.size(); ++told)
+    std::fprintf(stderr, "warning: %s\n", warnings[told].c_str());
 }
 
 bool ProgressLine::is_terminal() { return isatty(STDERR_FILENO) != 0; }

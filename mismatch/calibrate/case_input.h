@@ -2,6 +2,7 @@
 
 #include <chrono>
 #include <mutex>
+#include <set>
 #include <string>
 #include <utility>
 #include <vector>
@@ -20,13 +21,14 @@ struct CaseInput {
   std::vector<std::pair<std::string, Recording>> recordings;  ///< by name
   pb::Scene scene;
   pb::Priors priors;
-  std::string folder;  ///< meshes of the scene lie beside it
+  std::string folder;                 ///< meshes of the scene lie beside it
+  std::set<std::string> named_alone;  ///< recordings that are all that is at a path
   std::vector<std::string> warnings;
 };
 
 /// Recordings from folders, MCAP files or folders of them; the scene of that path (.txtpb, with
 /// NAME.prior.txtpb beside it, or scene_believed.txt), else what the recordings say of their
-/// set-up. Throws Error.
+/// set-up. One of several in a folder that cannot be read is left out with a warning. Throws Error.
 CaseInput read_case(const std::vector<std::string>& recordings, const std::string& scene,
                     const std::vector<std::string>& overrides);
 
@@ -35,10 +37,15 @@ CaseInput read_case(const std::vector<std::string>& recordings, const std::strin
 void hold_out(const std::vector<std::string>& names, CaseInput& input);
 
 /// Observations in the order of their names, conditions and markers numbered. What is known of the
-/// markers is in `notes`, which learns of the clamp. Throws Error.
+/// markers is in `notes`, which learns of the clamp. One of several recordings in a folder whose
+/// clouds cannot be read is left out with a warning. Throws Error.
 std::vector<Observation> observe_case(const CaseInput& input, const Scene& made,
                                       const CloudChoice& clouds, MarkerNotes& notes,
                                       std::vector<std::string>& warnings);
+
+/// Warnings behind the first `told` go to standard error, and `told` counts them: what is known
+/// before anything is simulated is told before, as who meant it otherwise need not wait.
+void tell_warnings(const std::vector<std::string>& warnings, std::size_t& told);
 
 /// Share done and time left on standard error, where a person looks at it.
 class ProgressLine {

@@ -13,6 +13,7 @@
 #include "mismatch/explain/contenders.h"
 #include "mismatch/explain/spread.h"
 #include "mismatch/explain/verdict_parts.h"
+#include "mismatch/explain/verdict_words.h"
 #include "mismatch/fit/camera_errors.h"
 
 namespace omentum {
@@ -59,8 +60,7 @@ std::string told_pull(const Case& made) {
   for (std::size_t k = 0; k < made.fitted.size(); ++k) folds[made.fitted[k].name] = made.folds[k];
   const std::optional<Pull> pull = repeated_pull(value_or_throw(pulls(made.fitted)), folds);
   if (!pull || std::fabs(pull->pull) <= made.options.thresholds.pull) return {};
-  return fmt::format("{} is pulled {:.1f} standard deviations", pull->name(),
-                     std::fabs(pull->pull));
+  return pull_text(*pull);
 }
 
 /// Nothing is claimed: silent, unless a nuisance is pulled farther than it can be.

@@ -35,8 +35,9 @@ std::string print_scene(const pb::Scene& scene) {
   return text;
 }
 
-/// What of a recording was read, for the record: its channels and the times of its frames.
-std::string fingerprint(const Recording& recording) {
+/// What of a recording can be read, for the record: its channels and the points of its frames. A
+/// frame that cannot is none that was looked at, and told.
+std::string fingerprint(const Recording& recording, pb::Verdict& verdict) {
   std::string bytes;
   const auto add = [&](const void* data, std::size_t size) {
     bytes.append(static_cast<const char*>(data), size);
@@ -47,8 +48,12 @@ std::string fingerprint(const Recording& recording) {
     add(series.values.data(), series.values.size() * sizeof(double));
   }
   for (std::size_t k = 0; k < recording.clouds.size(); ++k) {
-    const Cloud cloud = recording.clouds.fetch(k);
-    for (const Eigen::Vector3f& p : cloud) add(p.data(), 3 * sizeof(float));
+    try {
+      const Cloud cloud = recording.clouds.fetch(k);
+      for (const Eigen::Vector3f& p : cloud) add(p.data(), 3 * sizeof(float));
+    } catch (const Error& error) {
+      verdict.add_warnings(fmt::format("{}: nothing looked at this cloud", error.what()));
+    }
   }
   return sha256_hex(bytes);
 }
@@ -56,6 +61,8 @@ std::string fingerprint(const Recording& recording) {
 int run_explain(const ProgramOptions& options) {
   OutputFolder folder(options.output);
   CaseInput input = read_case(options.recordings, options.scene, options.overrides);
+  std::size_t told = 0;
+  tell_warnings(input.warnings, told);
   hold_out(options.held_out, input);
   const Scene made = make_scene(input.scene, input.folder);
   check_is_clamped_sheet("explain", input, made);
@@ -70,6 +77,7 @@ int run_explain(const ProgramOptions& options) {
     throw_error("explain: no recording has a frame that its commands lead to");
   const std::vector<std::string> notes = case_notes(observations);
   input.warnings.insert(input.warnings.end(), notes.begin(), notes.end());
+  tell_warnings(input.warnings, told);
   pb::Verdict visited;
   add_visited(observations, visited);
   Explanation found = explain(input.scene, std::move(observations), chosen);
@@ -80,12 +88,12 @@ int run_explain(const ProgramOptions& options) {
   verdict.set_scene_hash(sha256_hex(input.scene.SerializeAsString()));
   for (pb::VerdictRecording& row : *verdict.mutable_recordings()) {
     for (const auto& [name, recording] : input.recordings) {
-      if (name == row.id()) row.set_sha256(fingerprint(recording));
+      if (name == row.id()) row.set_sha256(fingerprint(recording, verdict));
     }
   }
-  for (const std::string& warning : input.warnings) verdict.add_warnings(warning);
   for (const std::string& warning : verdict.warnings())
     std::fprintf(stderr, "warning: %s\n", warning.c_str());
+  for (const std::string& warning : input.warnings) verdict.add_warnings(warning);
   // It is said before it is written: the disk may be full.
   std::printf("%s\n", verdict_sentence(verdict).c_str());
   std::fflush(stdout);

@@ -3,7 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
-#include <map>
+#include <optional>
 #include <utility>
 
 #include "mismatch/explain/explain.h"
@@ -18,16 +18,24 @@ namespace {
 
 using TableRows = std::vector<std::vector<std::string>>;
 
-/// Distance of the places along x or y, whichever is less [mm]: no square covers another.
-double cell_of(const PlaneMap& map) {
-  double cell = 1e9;
-  for (const std::vector<double>* along : {&map.x, &map.y}) {
-    for (const double other : *along) {
-      const double apart = std::fabs(other - along->front());
-      if (apart > 1e-6) cell = std::min(cell, apart);
-    }
+/// Distance of neighbouring places along an axis; none where all are at one.
+std::optional<double> distance_along(std::vector<double> places) {
+  constexpr double kSame = 1e-6;  // [mm]
+  std::ranges::sort(places);
+  std::optional<double> least;
+  for (std::size_t k = 1; k < places.size(); ++k) {
+    const double apart = places[k] - places[k - 1];
+    if (apart > kSame && (!least || apart < *least)) least = apart;
   }
-  return cell < 1e9 ? cell : 5;
+  return least;
+}
+
+/// Cells as wide and as high as places are apart, so that none covers another and no gap is left.
+void set_cells(PlaneMap& map) {
+  constexpr double kAlone = 5;  // [mm]
+  const std::optional<double> x = distance_along(map.x), y = distance_along(map.y);
+  map.cell_x = x.value_or(y.value_or(kAlone));
+  map.cell_y = y.value_or(map.cell_x);
 }
 
 /// Scores of an effect over its places; empty where it has none.
@@ -49,7 +57,7 @@ std::string map_of(const pb::Verdict& verdict, const std::string& effect) {
   map.x_label = "x_B, mm";
   map.y_label = "y_B, mm";
   map.scale_label = most < 0 ? "-z" : "z";
-  map.cell = cell_of(map);
+  set_cells(map);
   map.high = std::ceil(std::max(std::fabs(most), 1.0));
   map.best_label = "best place";
   return card(draw_plane_map(map));
@@ -135,7 +143,7 @@ std::string residual_maps(const ResidualMap& residuals) {
     map.x_label = "x_B, mm";
     map.y_label = "y_B, mm";
     map.scale_label = "mm";
-    map.cell = cell_of(map);
+    set_cells(map);
     map.high = std::max(std::ceil(most / kRound) * kRound, kRound);
     map.best_label = "largest";
     html += card(draw_plane_map(map));
@@ -297,7 +305,7 @@ std::string make_verdict_page(const Explanation& found, const std::string& folde
                       limits_table(v)});
   TableRows pull_rows = {{"nuisance", "standard deviations from its belief"}};
   for (const pb::VerdictPull& pull : v.pulls())
-    pull_rows.push_back({pull.name(), fmt::format("{:.1f}", pull.pull())});
+    pull_rows.push_back({named_pull(pull.name()), fmt::format("{:.1f}", pull.pull())});
   sections.push_back({"pulls", "Nuisances and numerics", "Above 4 is odd, above 5 a finding.",
                       card(make_table(pull_rows, {1}))});
   sections.push_back({"use", "Use it",

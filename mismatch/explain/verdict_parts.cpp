@@ -15,6 +15,7 @@
 #include "mismatch/explain/detection_limits.h"
 #include "mismatch/explain/force_channel.h"
 #include "mismatch/explain/shares.h"
+#include "mismatch/explain/verdict_words.h"
 #include "mismatch/explain/when.h"
 
 namespace omentum {
@@ -298,11 +299,8 @@ void add_pulls(const Case& made, pb::Verdict& verdict) {
     pb::VerdictPull& row = *verdict.add_pulls();
     row.set_name(pull.name());
     row.set_pull(pull.pull);
-    if (std::fabs(pull.pull) > kWarned) {
-      verdict.add_warnings(fmt::format("{} is pulled {:.1f} standard deviations from its belief",
-                                       row.name(), pull.pull));
-    }
   }
+  for (const std::string& line : pull_lines(all, kWarned)) verdict.add_warnings(line);
 }
 
 void add_bounds(const BaseFit& base, pb::Verdict& verdict) {

@@ -13,6 +13,7 @@
 #include "mismatch/recording/table_columns.h"
 #include "mismatch/seen/commanded.h"
 #include "mismatch/seen/seen_markers.h"
+#include "mismatch/seen/unreadable_frame.h"
 
 namespace omentum {
 namespace {
@@ -168,6 +169,15 @@ Observation begin_observation(const std::string& name, const std::string& path,
   return made;
 }
 
+/// Throws UnreadableFrame.
+Cloud fetch_cloud(const std::string& path, const Frames<Cloud>& clouds, std::size_t k) {
+  try {
+    return clouds.fetch(k);
+  } catch (const Error& error) {
+    throw UnreadableFrame(fmt::format("{}: {}", path, error.what()));
+  }
+}
+
 /// Where the jaws close on the tissue.
 void find_pinch(const Recording& recording, const std::string& path, const Scene& scene,
                 Observation& made, std::vector<std::string>& warnings) {
@@ -226,7 +236,7 @@ Observation observe(const std::string& name, const std::string& path, const Reco
     const std::size_t k = chosen.skipped + chosen_cloud;
     SeenFrame frame;
     frame.t = static_cast<double>(clouds.time_ns[k]) / 1e9;
-    const Cloud cloud = clouds.fetch(k);
+    const Cloud cloud = fetch_cloud(path, clouds, k);
     Eigen::AlignedBox3d all;
     const Vector3d tip = made.track.tip_at(frame.t);
     std::vector<Vector3d> near;

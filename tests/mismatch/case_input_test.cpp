@@ -1,21 +1,129 @@
-// What goes into a fit: recordings that are held out by name, numbers that are not looked for.
+// What goes into a fit: recordings of which some cannot be read, that are held out by name, numbers
+// that are not looked for.
 #include "mismatch/calibrate/case_input.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <filesystem>
+#include <fstream>
 
 #include "core/check.h"
 #include "core/config.h"
+#include "core/ply.h"
 #include "mismatch/fit/unknowns.h"
+#include "support/temp_dir.h"
 
 namespace omentum {
 namespace {
 
+using testing::AllOf;
+using testing::Contains;
 using testing::ElementsAre;
 using testing::HasSubstr;
 using testing::IsEmpty;
+
+namespace fs = std::filesystem;
+
+/// A folder of recordings a, b and c that look at a sheet at rest.
+class ThreeRecordings : public testing::Test {
+ protected:
+  ThreeRecordings() {
+    Cloud cloud;
+    for (const Eigen::Vector3d& p : made_.tissue.particles)
+      cloud.push_back((made_.tissue.X_WB * p).cast<float>());
+    for (const char* name : {"a", "b", "c"}) {
+      fs::create_directories(folder_ / name + "/clouds");
+      write(std::string(name) + "/tool.csv", kRows);
+      write(std::string(name) + "/clouds/0.ply", encode_ply(cloud));
+      write(std::string(name) + "/clouds.csv", "t_s,file\n0.5,clouds/0.ply\n");
+    }
+  }
+  void write(const std::string& file, const std::string& bytes) const {
+    std::ofstream(folder_ / file, std::ios::binary) << bytes;
+  }
+  void cut_cloud(const std::string& recording) const {
+    const std::string file = folder_ / recording + "/clouds/0.ply";
+    fs::resize_file(file, fs::file_size(file) - 5);
+  }
+  CaseInput read(const std::vector<std::string>& names) const {
+    std::vector<std::string> paths;
+    for (const std::string& name : names) paths.push_back(folder_ / name);
+    return read_case(paths, kScene, {});
+  }
+  /// Names of the observations; their warnings are in `input`.
+  std::vector<std::string> observe(CaseInput& input) const {
+    MarkerNotes notes;
+    std::vector<std::string> names;
+    for (const Observation& seen : observe_case(input, made_, {}, notes, input.warnings))
+      names.push_back(seen.name);
+    return names;
+  }
+  template <typename Call>
+  static std::string refusal(Call call) {
+    try {
+      call();
+    } catch (const Error& error) {
+      return error.what();
+    }
+    return "none";
+  }
+
+  static constexpr const char* kRows =
+      "t_s,tip_commanded_x_m,tip_commanded_y_m,tip_commanded_z_m,jaw_commanded_rad\n"
+      "0,0,0,0.1,0.4\n1,0,0,0.1,0.4\n";
+  static constexpr const char* kCut =
+      "t_s,tip_commanded_x_m,tip_commanded_y_m,tip_commanded_z_m,jaw_commanded_rad\n"
+      "0,0,0,0.1,0.4\n1,0,0";
+  const std::string kScene = deploy_dir() + "/scenes/omentum.txtpb";
+  const Scene made_ = make_scene(load_scene(kScene, {}), "");
+  test::TempDir folder_;
+};
+
+TEST_F(ThreeRecordings, OneOfAFolderThatCannotBeReadIsLeftOutWithItsFileAndLine) {
+  write("b/tool.csv", kCut);
+  CaseInput input = read({""});
+  EXPECT_THAT(observe(input), ElementsAre("a", "c"));
+  EXPECT_THAT(input.warnings,
+              Contains(AllOf(HasSubstr("b/tool.csv:3"), HasSubstr("left out"))).Times(1));
+  write("b/tool.csv", kRows);
+  write("a/clouds.csv", "t_s,file\n0.5,clouds/1.ply\n");
+  input = read({""});
+  EXPECT_THAT(observe(input), ElementsAre("b", "c"));
+  EXPECT_THAT(input.warnings, Contains(HasSubstr("a/clouds.csv:2")));
+}
+
+TEST_F(ThreeRecordings, OneOfAFolderWithACloudThatCannotBeReadIsLeftOutWithItsFile) {
+  cut_cloud("b");
+  CaseInput input = read({""});
+  EXPECT_THAT(observe(input), ElementsAre("a", "c"));
+  EXPECT_THAT(input.warnings,
+              Contains(AllOf(HasSubstr("b/clouds/0.ply"), HasSubstr("left out"))).Times(1));
+}
+
+TEST_F(ThreeRecordings, WhereNoneCanBeReadTheFirstFaultIsTheRefusal) {
+  for (const char* name : {"a", "b", "c"}) cut_cloud(name);
+  EXPECT_THAT(refusal([&] {
+                CaseInput input = read({""});
+                observe(input);
+              }),
+              HasSubstr("a/clouds/0.ply"));
+  for (const char* name : {"a", "b", "c"}) write(std::string(name) + "/tool.csv", kCut);
+  EXPECT_THAT(refusal([&] { read({""}); }), HasSubstr("a/tool.csv:3"));
+}
+
+TEST_F(ThreeRecordings, OneThatWasNamedItselfIsRefusedBesideOthersToo) {
+  cut_cloud("b");
+  EXPECT_THAT(refusal([&] {
+                CaseInput input = read({"a", "b"});
+                observe(input);
+              }),
+              HasSubstr("b/clouds/0.ply"));
+  write("b/tool.csv", kCut);
+  for (const std::vector<std::string>& named : {std::vector<std::string>{"b"}, {"a", "b"}})
+    EXPECT_THAT(refusal([&] { read(named); }), HasSubstr("b/tool.csv:3"));
+}
 
 TEST(HoldOut, NamesAndBeginsOfNamesAreHeldOutAndOthersAreRefused) {
   CaseInput input;

@@ -109,6 +109,20 @@ def cut_off(program, folder):
     said(explain(program, folder, recordings), "its commands end at 0.90 s: 1 of its 4 frames", "record next")
 
 
+def one_unreadable(program, folder):
+    """Of three recordings in a folder one has a table that was cut off; of one alone that is a refusal."""
+    lift = write_lifts(program, folder, 3, (0, 0.8))[1]
+    rows = (lift / "tool.csv").read_text().splitlines()
+    (lift / "tool.csv").write_text("\n".join(rows[:47]) + "\n" + rows[47][:9])
+    told = f"{lift}/tool.csv:48"
+    verdict = said(explain(program, folder, [folder / "lifts"]), told)
+    assert [row["id"] for row in verdict["recordings"]] == ["lift0", "lift2"], verdict["recordings"]
+    refused(explain(program, folder, [lift]), told)
+    small.calibrate(program, folder, folder / "fitted", ("--no-leave-out", "--tolerance-mm", 4))
+    warnings = json.loads((folder / "fitted" / "calibration.json").read_text())["warnings"]
+    assert any(told in line and "left out" in line for line in warnings), warnings
+
+
 def full_disk(program, folder):
     result = explain(program, folder, write_lifts(program, folder, 1, (0, 0.8)), limit=1)
     refused(result, "verdict.json", "cannot be written")

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 """report.html of `mismatch explain`: every section that its head leads to is there and says something, rows are as long as the heads
-of their tables, and the commands under "Use it" run as they are printed in the folder of the page: RECORDINGS and OUT are folders of
+of their tables, cells of maps touch, and the commands under "Use it" run as they are printed in the folder of the page: RECORDINGS and OUT are folders of
 the reader.
 
 usage: verdict_page_test.py MISMATCH LEARNER
@@ -39,6 +39,18 @@ def check_sections(page, verdict):
     return sections
 
 
+def check_maps(section):
+    """Cells are as wide and as high as places are apart, but for the hairline between them."""
+    maps = [figure for figure in re.findall(r"<figure.*?</figure>", section, re.DOTALL) if "x_B, mm" in figure]
+    assert maps
+    for figure in maps:
+        cells = re.findall(r'<rect x="([-\d.]+)" y="([-\d.]+)" width="([\d.]+)" height="([\d.]+)" fill="[^"]*"><title>x ', figure)
+        for at, size in ((0, 2), (1, 3)):
+            places = sorted({float(cell[at]) for cell in cells})
+            apart = min(b - a for a, b in zip(places, places[1:]) if b - a > 0.2)  # a tenth is the digit written
+            assert abs(apart - float(cells[0][size]) - 0.4) < 0.2, (figure[:200], apart, cells[0])
+
+
 def check_commands(section, programs, folder):
     commands = plain(re.search(r"<pre>(.*?)</pre>", section, re.DOTALL)[1]).splitlines()
     assert [command.split()[0] for command in commands] == list(SHORTER), commands
@@ -59,6 +71,7 @@ def main():
         assert code == 0, told
         page = (folder / "out" / "report.html").read_text()
         sections = check_sections(page, json.loads((folder / "out" / "verdict.json").read_text()))
+        check_maps(sections["what"])
         check_commands(sections["use"], programs, folder)
 
 

@@ -1,0 +1,61 @@
+// What a verdict says of nuisances and numerics: words, and one line for what is alike.
+#include "mismatch/explain/verdict_words.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "mismatch/fit/fit_numbers.h"
+#include "support/fitted_sheet.h"
+
+namespace omentum {
+namespace {
+
+using testing::ElementsAre;
+using testing::HasSubstr;
+using testing::IsEmpty;
+using testing::Not;
+
+Pull pull_of(const std::string& owner, const std::string& key, double size) {
+  return {key, owner, NumberRole::kNuisance, 0, size};
+}
+
+TEST(VerdictWords, EveryNuisanceOfAFitHasWords) {
+  const test::FittedSheet sheet;
+  for (const FitNumber& number : numbers_of(*sheet.data)) {
+    if (number.role == NumberRole::kNuisance && !number.name.starts_with("scene.")) {
+      EXPECT_THAT(nuisance_words(number.name), Not(HasSubstr("."))) << number.name;
+    }
+  }
+  EXPECT_EQ(nuisance_words("scene.tissue.thickness_m"), "scene.tissue.thickness_m");
+}
+
+TEST(VerdictWords, PullsOfOneKindInARecordingAreOneLineWithTheLargest) {
+  const std::vector<Pull> pulls = {pull_of("r08", "discrepancy.with_lift[25]", 7.62),
+                                   pull_of("r00", "discrepancy.with_lift[25]", 6.7),
+                                   pull_of("r08", "discrepancy.with_lift[24]", -5.9),
+                                   pull_of("r08", "discrepancy.with_lift[1]", -5.1),
+                                   pull_of("", "registration.turn_x", -4.5),
+                                   pull_of("r08", "discrepancy.with_lift_squared[1]", 4.4),
+                                   pull_of("r08", "discrepancy.with_lift[2]", 3.9)};
+  EXPECT_THAT(
+      pull_lines(pulls, 4),
+      ElementsAre(
+          "r08: the smooth difference that grows with the lift is 7.6 standard deviations "
+          "from what was believed, and 2 more like it",
+          "r00: the smooth difference that grows with the lift is 6.7 standard deviations "
+          "from what was believed",
+          "the turn of the camera about x is 4.5 standard deviations from what was believed",
+          HasSubstr("with the square of the lift")));
+  EXPECT_THAT(pull_lines(pulls, 8), IsEmpty());
+}
+
+TEST(VerdictWords, AKeyInATableStandsBesideItsWords) {
+  EXPECT_EQ(named_pull("r08: discrepancy.with_lift[25]"),
+            "r08: discrepancy.with_lift[25], the smooth difference that grows with the lift");
+  EXPECT_EQ(named_pull("scene.tissue.material.young_modulus_pa"),
+            "scene.tissue.material.young_modulus_pa (stiffness)");
+  EXPECT_EQ(named_pull("r1: nobodys"), "r1: nobodys");
+}
+
+}  // namespace
+}  // namespace omentum
