@@ -251,7 +251,9 @@ std::string verdict_sentence(const pb::Verdict& v) {
 
 std::string make_verdict_page(const Explanation& found, const std::string& folder) {
   const pb::Verdict& v = found.verdict;
-  std::vector<Tile> tiles = {{v.status(), "status", with_keys_read(v.reason())}};
+  std::string status = v.status();
+  std::ranges::replace(status, '_', ' ');  // a line breaks there on a narrow page
+  std::vector<Tile> tiles = {{status, "status", with_keys_read(v.reason())}};
   double before = 0, after = 0, count = 0;
   for (const pb::VerdictFit& row : v.fit()) {
     if (row.role() != "held_out" || !row.has_r()) continue;  // where there was something to explain

@@ -3,13 +3,15 @@
 undisturbed one. usage: forged_run.py BIN_DIR [--secured MAKE_SH] [--replay] [--seconds S]
 
 The undisturbed training tells how many updates outlast the forgery on this machine. Prints how long after the last
-forged datagram the next update came. Exit code 1: later than 15 s, or other weights.
+forged datagram the next update came. Exit code 1: later than 15 s, or other weights; 77: --replay
+without the right to hear the loopback interface (CAP_NET_RAW).
 """
 import argparse
 import json
 import pathlib
 import re
 import shutil
+import socket
 import subprocess
 import sys
 import tempfile
@@ -21,6 +23,7 @@ HERE = pathlib.Path(__file__).resolve().parent
 AGAIN_S = 15
 FEWEST_UPDATES = 60
 PATIENCE_S = 240
+SKIPPED = 77
 
 
 class Run:
@@ -79,6 +82,14 @@ def calm_run(options, domain, folder, runs):
         updates *= 4
 
 
+def may_listen():
+    try:
+        socket.socket(socket.AF_PACKET, socket.SOCK_RAW).close()
+    except PermissionError:
+        return False
+    return True
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("bin", type=pathlib.Path)
@@ -86,6 +97,9 @@ def main():
     parser.add_argument("--replay", action="store_true")
     parser.add_argument("--seconds", type=float, default=3)
     options = parser.parse_args()
+    if options.replay and not may_listen():
+        print("skipped: raw sockets are not allowed to this user")
+        sys.exit(SKIPPED)
     domain = Domain()
     folder = pathlib.Path(tempfile.mkdtemp(prefix="omentum-forged-"))
     if options.secured:
