@@ -126,8 +126,6 @@ int calibrate(const CalibrateOptions& options) {
   if (!options.markers.empty()) chosen.markers = read_marker_notes(options.markers);
   CaseInput input = read_case(options.recordings, options.scene, options.overrides);
   std::vector<std::string>& warnings = input.warnings;
-  std::size_t told_count = 0;
-  tell_warnings(warnings, told_count);
   hold_out(options.held_out, input);
   chosen.priors = input.priors;
   chosen.threads = options.threads;
@@ -136,6 +134,7 @@ int calibrate(const CalibrateOptions& options) {
   chosen.leave_out = !options.no_leave_out;
   chosen.folder = input.folder;
   const pb::Scene& scene = input.scene;
+  unknowns_of(scene, chosen.priors, false);  // a wrong name of a belief is told alone
   const std::vector<std::string> not_looked_for = told_not_looked_for(scene, chosen.priors);
   // Before anything is simulated: who meant it otherwise need not wait.
   for (const std::string& told : not_looked_for)
@@ -155,6 +154,8 @@ int calibrate(const CalibrateOptions& options) {
   clouds.skipped = options.skipped_clouds;
   clouds.fused = options.fused;
   if (options.above_board_mm) clouds.above_board = 1e-3 * *options.above_board_mm;
+  std::size_t told_count = 0;
+  tell_warnings(warnings, told_count);
   warnings.insert(warnings.end(), made.warnings.begin(), made.warnings.end());
   std::vector<Observation> observations =
       observe_case(input, made, clouds, chosen.markers, warnings);

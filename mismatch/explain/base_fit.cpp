@@ -422,6 +422,7 @@ BaseFit believed_base(const pb::Scene& scene, std::vector<Observation> observati
   const pb::Scene believed = with_soft_pad(scene);
   FitSetup setup = options;
   setup.cosines_per_side = kDifferenceCosines;
+  setup.independent_clocks = true;
   BaseFit base(make_fit_data(believed, std::move(observations), setup));
   base.forces = std::move(forces);
   const auto mesh_of = [&](double tolerance_m) -> Numerics {

@@ -13,6 +13,8 @@ namespace {
 
 using Eigen::Vector2d;
 
+constexpr double kBreak = 0.002;  // [m] of the columns of adhesion
+
 /// The sheet in frame B: what is free of the clamp [m].
 struct FreeSheet {
   Vector2d low, high;
@@ -62,6 +64,21 @@ class List {
   const std::vector<std::string>& ruled_out_;
 };
 
+/// On a square of that half side.
+void add_adhesion(const Vector2d& place, double half_side, List& list) {
+  Candidate c;
+  c.effect = "adhesion";
+  c.size = half_side;
+  c.place = place;
+  c.column = fmt::format("adhesion.k@break_m={:g}:x={:.6g}:y={:.6g}:half_x={:.6g}:half_y={:.6g}",
+                         kBreak, place.x(), place.y(), half_side, half_side);
+  c.key = c.column;
+  c.unit = "N/m3";
+  c.sd = 1e7;
+  c.one_sided = true;
+  list.add(c);
+}
+
 void add_places(const Scene& scene, List& list) {
   constexpr int kStiffness = 5, kAdhesion = 4, kPieces = 8;  // places along a side
   const FreeSheet sheet = free_sheet(scene);
@@ -79,20 +96,9 @@ void add_places(const Scene& scene, List& list) {
     list.add(c);
   }
   if (!scene.bodies.empty()) {
-    for (const Vector2d& p : places_on(sheet, kAdhesion)) {
-      Candidate c;
-      c.effect = "adhesion";
-      c.size = 0.5 * size.minCoeff() / kAdhesion;
-      c.place = p;
-      c.column =
-          fmt::format("adhesion.k@break_m=0.002:x={:.6g}:y={:.6g}:half_x={:.6g}:half_y={:.6g}",
-                      p.x(), p.y(), c.size, c.size);
-      c.key = c.column;
-      c.unit = "N/m3";
-      c.sd = 1e7;
-      c.one_sided = true;
-      list.add(c);
-    }
+    for (const Vector2d& p : places_on(sheet, kAdhesion))
+      add_adhesion(p, 0.5 * size.minCoeff() / kAdhesion, list);
+    add_adhesion(0.5 * (sheet.low + sheet.high), 0.5 * size.maxCoeff(), list);  // everywhere
   }
   for (int k = 0; k < kPieces; ++k) {
     Candidate c;
@@ -114,7 +120,6 @@ std::string number_name(const Candidate& c) {
   return number.substr(number.find('.') + 1);
 }
 
-constexpr double kBreak = 0.002;          // [m] of the columns of adhesion
 constexpr double kObstacleRadius = 0.01;  // [m]
 
 EffectNumber factor(const std::string& name, const std::string& unit, double start, double step,

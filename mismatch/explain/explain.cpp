@@ -11,6 +11,7 @@
 
 #include "core/check.h"
 #include "mismatch/explain/contenders.h"
+#include "mismatch/explain/scatter.h"
 #include "mismatch/explain/spread.h"
 #include "mismatch/explain/verdict_parts.h"
 #include "mismatch/explain/verdict_words.h"
@@ -51,6 +52,24 @@ void ask(std::vector<Evidence> evidence, Case& made) {
     made.floors = value_or_throw(amplitude_floors(made.fitted, made.options.floor_factor));
   made.tests = value_or_throw(score_tests(value_or_throw(make_folds(made.fitted, made.folds))));
   made.judged = value_or_throw(judge_atoms(made.fitted, made.folds, made.floors, thresholds));
+}
+
+/// Pinches and clocks scatter as the fitted recordings say: what all of them have is no scatter.
+void learn_scatters(std::vector<Evidence>& evidence, BaseFit& base) {
+  const Layout& layout = base.data.layout;
+  std::vector<Evidence> fitted;
+  for (const Evidence& e : evidence) {
+    if (!std::ranges::find(base.data.observations, e.name, &Observation::name)->held_out)
+      fitted.push_back(e);
+  }
+  const auto learn = [&](const Scatter& scatter, const Layout::Columns& columns) {
+    auto own = base.found.scales.own_sd.segment(layout.among_own(columns), columns.count);
+    const double sd = value_or_throw(learned_scatter(fitted, scatter, own[0]));
+    own.setConstant(sd);
+    set_scatter(scatter, sd, evidence);
+  };
+  learn({"pinch.", "grasp_offset", 2e-4}, layout.pinch);
+  learn({"clock", "actuation_delay", 1e-3}, layout.own_clock);
 }
 
 /// Of a nuisance that is pulled farther than it can be, and not in one recording alone, as nothing
@@ -147,7 +166,13 @@ pb::Scene fitted_scene(const BaseFit& base, const BaseFit& fit) {
   pb::Scene scene = scene_at(fit.data.scene, base.data.unknowns,
                              fit.found.state.shared.head(base.data.layout.unknowns.count), {},
                              held_place(base.data));
-  set_camera_errors(fit.data, fit.found.state, scene);
+  FitState camera = fit.found.state;
+  const Layout& layout = fit.data.layout;
+  for (const std::size_t r : fit.fitted) {  // what all clocks are off by is the camera's
+    camera.shared[layout.clock.begin] +=
+        camera.own[r][layout.among_own(layout.own_clock)] / static_cast<double>(fit.fitted.size());
+  }
+  set_camera_errors(fit.data, camera, scene);
   scene.mutable_tissue()->set_model(pb::TISSUE_ELASTIC);
   return scene;
 }
@@ -171,7 +196,9 @@ Explanation explain(const pb::Scene& scene, std::vector<Observation> observation
   made.candidates.insert(made.candidates.end(), simulated.begin(), simulated.end());
   say(0.45, "numerics");
   const std::vector<Candidate> failed = add_columns(made.candidates, options, model, made.base);
-  ask(gather_evidence(made.base, model, options), made);
+  std::vector<Evidence> evidence = gather_evidence(made.base, model, options);
+  learn_scatters(evidence, made.base);
+  ask(std::move(evidence), made);
   say(0.7, "refits");
   const std::vector<Candidate> first =
       first_candidates(made.candidates, made.tests, made.judged.gains, kContenders);

@@ -16,6 +16,7 @@
 #include "mismatch/explain/predictions_file.h"
 #include "mismatch/explain/verdict_file.h"
 #include "mismatch/explain/visited.h"
+#include "mismatch/fit/unknowns.h"
 
 namespace omentum {
 namespace {
@@ -61,11 +62,12 @@ std::string fingerprint(const Recording& recording, pb::Verdict& verdict) {
 int run_explain(const ProgramOptions& options) {
   OutputFolder folder(options.output);
   CaseInput input = read_case(options.recordings, options.scene, options.overrides);
-  std::size_t told = 0;
-  tell_warnings(input.warnings, told);
   hold_out(options.held_out, input);
   const Scene made = make_scene(input.scene, input.folder);
   check_is_clamped_sheet("explain", input, made);
+  unknowns_of(input.scene, input.priors, false);  // a wrong name of a belief is told alone
+  std::size_t told = 0;
+  tell_warnings(input.warnings, told);
   const auto line = std::make_shared<ProgressLine>("explain");
   ExplainOptions chosen = explain_options(options, input, line);
   std::vector<Observation> observations =

@@ -28,14 +28,24 @@ double stated_sd(const pb::Priors& priors, const std::string& path, double other
   return otherwise;
 }
 
-VectorXd own_beliefs(const Layout& layout) {
+/// What recordings state of their clocks [s]; 0: nothing.
+double stated_clock_sd(const FitData& data) {
+  double stated = 0;
+  for (const Observation& o : data.observations) stated = std::max(stated, o.clock_sd);
+  return stated;
+}
+
+VectorXd own_beliefs(const FitData& data) {
+  const Layout& layout = data.layout;
   VectorXd sd(layout.own());
   const auto set = [&](const Layout::Columns& columns, double value) {
     sd.segment(layout.among_own(columns), columns.count).setConstant(value);
   };
   set(layout.pinch, 1.5e-3);  // [m] the paper's arm, 1.7 mm in space
   set(layout.stiffness_factor, 0.05);
-  set(layout.own_clock, 0.005);  // [s]
+  constexpr double kClock = 0.005;  // [s]
+  set(layout.own_clock,
+      data.setup.independent_clocks ? std::max(kClock, stated_clock_sd(data)) : kClock);
   set(layout.force_zero, 0.02);  // [N] before the jaws close
   set(layout.force_gain, 0.02);
   set(layout.held_place, 0.005);  // [m]
@@ -53,9 +63,12 @@ VectorXd shared_beliefs(const FitData& data) {
   const double turn = kDegree * stated_sd(priors, "scene.depth_sensor.registration_deg", 1);
   sd.segment<3>(layout.registration.begin).setConstant(metres);
   sd.segment<3>(layout.registration.begin + 3).setConstant(turn);
-  double clock = stated_sd(priors, "scene.depth_sensor.time_offset_s", 0);
-  for (const Observation& o : data.observations) clock = std::max(clock, o.clock_sd);
-  sd[layout.clock.begin] = clock > 0 ? clock : 0.05;
+  constexpr double kNone = 1e-3, kUnstated = 0.05;  // [s]
+  const double common = stated_sd(priors, "scene.depth_sensor.time_offset_s", 0);
+  const double each = stated_clock_sd(data);
+  const bool apart = data.setup.independent_clocks && common == 0 && each > 0;
+  const double clock = apart ? kNone : std::max(common, each);
+  sd[layout.clock.begin] = clock > 0 ? clock : kUnstated;
   const std::vector<MarkerPlace>& markers = data.likelihood.markers();
   for (std::size_t k = 0; k < markers.size(); ++k)
     sd.segment<3>(layout.marker(static_cast<int>(k))) = markers[k].sd;
@@ -115,7 +128,7 @@ void set_unknowns(std::vector<Unknown> unknowns, FitData& data) {
                        static_cast<int>(data.likelihood.markers().size()),
                        data.scene.has_held_start() ? kHeldColumns : 0,
                        data.setup.cosines_per_side * data.setup.cosines_per_side);
-  data.beliefs = {shared_beliefs(data), own_beliefs(data.layout)};
+  data.beliefs = {shared_beliefs(data), own_beliefs(data)};
 }
 
 void set_markers(std::vector<MarkerPlace> places, FitData& data) {
