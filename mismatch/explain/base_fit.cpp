@@ -470,6 +470,7 @@ std::vector<Candidate> add_columns(std::vector<Candidate>& candidates,
     const auto found = std::ranges::find(base.data.unknowns, c.key, &Unknown::path);
     if (c.pinch_axis >= 0)
       base.pinch_atoms.emplace_back(found - base.data.unknowns.begin(), c.pinch_axis);
+    if (c.effect == "actuation_delay") base.delay_atom = found - base.data.unknowns.begin();
   }
   const Which all = all_recordings(base);
   const FitState at = base.found.state;
@@ -506,6 +507,10 @@ Linearisation with_columns(const BaseFit& base, ReferenceForward& model, const W
       if (frame.columns.size() == 0) continue;
       for (const auto& [column, axis] : base.pinch_atoms)
         frame.columns.col(column) = frame.columns.col(base.data.layout.unknowns.count + axis);
+      if (!base.delay_atom) continue;
+      auto late = frame.columns.col(*base.delay_atom);
+      for (std::size_t v = 0; v < frame.velocity.size(); ++v)
+        late.segment<3>(3 * static_cast<Eigen::Index>(v)) = -frame.velocity[v].cast<float>();
     }
   }
   return linear;

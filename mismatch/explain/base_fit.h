@@ -41,6 +41,8 @@ struct BaseFit {
   /// Unknowns whose column is that of the pinch along x_B or y_B: displaced alike in all
   /// recordings.
   std::vector<std::pair<Eigen::Index, int>> pinch_atoms;
+  /// Unknown whose column is that of the clocks: an arm that is late shows everything late.
+  std::optional<Eigen::Index> delay_atom;
 };
 
 /// Looks at every recording; those that are held out are simulated at numbers that never saw them.

@@ -60,6 +60,11 @@ BaseFit with_candidates(const BaseFit& base, const std::vector<Candidate>& kept)
     const int to = place[static_cast<std::size_t>(column)];
     if (to >= 0) made.pinch_atoms.emplace_back(to, axis);
   }
+  made.delay_atom.reset();
+  if (base.delay_atom) {
+    const int to = place[static_cast<std::size_t>(*base.delay_atom)];
+    if (to >= 0) made.delay_atom = to;
+  }
   return made;
 }
 

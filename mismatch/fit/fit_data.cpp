@@ -28,9 +28,9 @@ double stated_sd(const pb::Priors& priors, const std::string& path, double other
   return otherwise;
 }
 
-/// What recordings state of their clocks [s]; 0: nothing.
+/// What is stated of the camera's clock, of the set-up or by recordings [s]; 0: nothing.
 double stated_clock_sd(const FitData& data) {
-  double stated = 0;
+  double stated = stated_sd(data.setup.priors, "scene.depth_sensor.time_offset_s", 0);
   for (const Observation& o : data.observations) stated = std::max(stated, o.clock_sd);
   return stated;
 }
@@ -64,11 +64,8 @@ VectorXd shared_beliefs(const FitData& data) {
   sd.segment<3>(layout.registration.begin).setConstant(metres);
   sd.segment<3>(layout.registration.begin + 3).setConstant(turn);
   constexpr double kNone = 1e-3, kUnstated = 0.05;  // [s]
-  const double common = stated_sd(priors, "scene.depth_sensor.time_offset_s", 0);
-  const double each = stated_clock_sd(data);
-  const bool apart = data.setup.independent_clocks && common == 0 && each > 0;
-  const double clock = apart ? kNone : std::max(common, each);
-  sd[layout.clock.begin] = clock > 0 ? clock : kUnstated;
+  const double clock = stated_clock_sd(data);
+  sd[layout.clock.begin] = clock == 0 ? kUnstated : data.setup.independent_clocks ? kNone : clock;
   const std::vector<MarkerPlace>& markers = data.likelihood.markers();
   for (std::size_t k = 0; k < markers.size(); ++k)
     sd.segment<3>(layout.marker(static_cast<int>(k))) = markers[k].sd;

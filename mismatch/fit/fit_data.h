@@ -37,7 +37,7 @@ struct FitSetup {
   std::optional<BelievedNumber> frame_period = {};
   /// Along each side of the sheet, of the smooth difference between model and tissue.
   int cosines_per_side = 4;
-  /// Where recordings state how far clocks may be off, each is off by itself, and not all alike.
+  /// What is stated of the camera's clock holds for each recording by itself, not for all alike.
   bool independent_clocks = false;
   std::shared_ptr<Simulator> simulator;
   std::size_t threads = 1;
