@@ -18,8 +18,8 @@ struct ExplainOptions : FitSetup {
   double coarse_tolerance_m = 2e-3;  ///< of the mesh of columns and of the search
   double floor_factor = 1.25;        ///< f of docs/mismatch.md 5.2
   double discrepancy_m = 3e-4;       ///< stated rms of the smooth discrepancy at full lift
-  Thresholds thresholds;
-  std::vector<std::string> ruled_out;  ///< effects that the user excludes
+  Thresholds thresholds = {6, 2, 1, 5, true};  ///< docs/decisions/0046-dispersion.md
+  std::vector<std::string> ruled_out;          ///< effects that the user excludes
   std::uint64_t seed = 1;
   ProgressOf progress;
 };

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <numeric>
 
+#include "mismatch/explain/dispersion.h"
 #include "mismatch/explain/left_out_gains.h"
 
 namespace omentum {
@@ -104,7 +105,7 @@ std::vector<Contender> refit(const BaseFit& base, const std::vector<Candidate>& 
         made.fold_names.push_back(folds[k]);
         made.folds.push_back(0);
       }
-      made.folds[fold] += before[k] - after[k];
+      made.folds[fold] += (before[k] - after[k]) / kDispersion;
     }
     made.gain = trimmed_sum(made.folds);
     most = std::max(most, made.gain);

@@ -12,8 +12,9 @@ namespace omentum {
 struct Contender {
   EntrantFit fit;
   std::vector<std::string> fold_names;
-  std::vector<double> folds;  ///< log density that it adds to each fold, simulated [nats]
-  double gain = 0;            ///< their trimmed sum
+  /// Log density that it adds to each fold, simulated, by kDispersion [nats].
+  std::vector<double> folds;
+  double gain = 0;  ///< their trimmed sum
 };
 
 /// What `one` adds beyond `other`, trimmed [nats].

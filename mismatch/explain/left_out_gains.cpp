@@ -64,11 +64,21 @@ double median_of(std::vector<double> values) {
   return values.size() % 2 == 1 ? values[half] : (values[half - 1] + values[half]) / 2;
 }
 
-void judge(AtomGains& atom, const Thresholds& thresholds) {
+/// Jackknife variance of the amplitude over the variance that its information says.
+double dispersion_of(const std::vector<FoldGain>& folds, double information) {
+  const auto count = static_cast<double>(folds.size());
+  double sum = 0, squares = 0;
+  for (const FoldGain& fold : folds) sum += fold.amplitude;
+  for (const FoldGain& fold : folds) squares += std::pow(fold.amplitude - sum / count, 2);
+  return std::max(1.0, (count - 1) / count * squares * information);
+}
+
+void judge(AtomGains& atom, double information, const Thresholds& thresholds) {
   std::vector<double> gains;
   for (const FoldGain& fold : atom.folds) gains.push_back(fold.gain);
   atom.total = std::accumulate(gains.begin(), gains.end(), 0.0);
-  atom.trimmed = trimmed_sum(gains);
+  atom.dispersion = dispersion_of(atom.folds, information);
+  atom.trimmed = trimmed_sum(gains) / (thresholds.by_dispersion ? atom.dispersion : 1);
   atom.without_worst = gains.size() < 2 ? atom.total : atom.total - std::ranges::min(gains);
   atom.median = median_of(gains);
   atom.in_sample = gains.size() == 1;
@@ -110,7 +120,10 @@ Result<std::vector<AtomGains>> left_out_gains(const FoldEvidence& evidence, cons
       atoms[k].folds.push_back(gain);
     }
   }
-  for (AtomGains& atom : atoms) judge(atom, thresholds);
+  for (std::size_t k = 0; k < atoms.size(); ++k) {
+    const auto at = static_cast<Index>(k);
+    judge(atoms[k], all.value().information(at, at), thresholds);
+  }
   return atoms;
 }
 

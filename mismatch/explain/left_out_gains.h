@@ -15,6 +15,8 @@ struct Thresholds {
   double reject = 8;    ///< [nats]: what an adequate effect may leave to another
   double foretold = 4;  ///< [nats]: from here on an effect acts in a recording
   double pull = 5;      ///< [sd]: of a nuisance, what an adequate effect may leave
+  /// Gains are divided by the dispersion of their amplitude.
+  bool by_dispersion = false;
 };
 
 /// Fewest folds of which the largest and the smallest gain are trimmed.
@@ -34,7 +36,10 @@ struct AtomGains {
   std::string atom;
   double floor = 0;  ///< a0 [unit of the atom]
   std::vector<FoldGain> folds;
-  double trimmed = 0;        ///< S_k [nats]
+  /// The amplitude scatters over folds so many times as much as its information says, in variance,
+  /// at least 1: by leaving out one fold each (jackknife).
+  double dispersion = 1;
+  double trimmed = 0;        ///< S_k [nats], by `dispersion` where thresholds say so
   double total = 0;          ///< sum over all folds
   double without_worst = 0;  ///< sum without the smallest
   double median = 0;         ///< of a fold

@@ -8,6 +8,7 @@
 #include "core/check.h"
 #include "mismatch/calibrate/scores.h"
 #include "mismatch/explain/believed_base.h"
+#include "mismatch/explain/dispersion.h"
 #include "mismatch/explain/proposals.h"
 #include "mismatch/explain/verdict_parts.h"
 
@@ -53,8 +54,9 @@ pb::Verdict planned_limits(const pb::Scene& scene, std::vector<Observation> obse
     if (options.progress) options.progress(share, stage);
   };
   ReferenceForward model;
-  Case made{options, believed_base(scene, std::move(observations), options), {}, {}, {}, {}, {}, {},
-            {}};
+  Case made{
+      options, believed_base(scene, std::move(observations), options), {}, {}, {}, {}, 1, {}, {},
+      {}};
   say(0.02, "commands");
   simulate_commands(model, made.base);
   draw_all(clouds, made.base);
@@ -72,6 +74,7 @@ pb::Verdict planned_limits(const pb::Scene& scene, std::vector<Observation> obse
     made.folds.push_back(seen.repeat_of.empty() ? seen.name : seen.repeat_of);
     made.fitted.push_back(std::move(evidence));
   }
+  disperse(kDispersion, made.fitted);
   Result<Floors> floors = amplitude_floors(made.fitted, options.floor_factor);
   if (!floors) throw_error("limits: {}", floors.error());
   made.floors = std::move(floors).value();

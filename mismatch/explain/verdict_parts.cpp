@@ -228,6 +228,7 @@ void add_settings(const Case& made, pb::Verdict& verdict) {
   verdict.set_seed(made.options.seed);
   verdict.set_threshold(made.options.thresholds.gain);
   verdict.set_floor_factor(made.options.floor_factor);
+  verdict.set_dispersion(made.dispersion);
   pb::VerdictSolver& solver = *verdict.mutable_solver();
   solver.set_model("reference");
   for (const int count : made.base.fine.elements) solver.add_elements(count);

@@ -16,6 +16,8 @@ struct Case {
   std::vector<Candidate> candidates;
   std::vector<Evidence> fitted, held_out;
   std::vector<std::string> folds;  ///< of `fitted`: a recording and its repeats are one
+  /// Folds scatter so many times as much as what is stated (learned_dispersion()).
+  double dispersion = 1;
   Floors floors;
   std::vector<ScoreTest> tests;
   VerdictClass judged;
