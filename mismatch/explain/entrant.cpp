@@ -254,6 +254,7 @@ class EntrantSearch {
 
   /// Amplitudes and base numbers together, as columns foretell them.
   std::pair<std::vector<double>, FitState> foretold() const {
+    if (candidate_.pinch_axis >= 0 || candidate_.effect == "actuation_delay") return taken_over();
     FitData joint = base_.data;
     for (Unknown& u : joint.unknowns) {
       if (u.role == NumberRole::kAtom) u.role = NumberRole::kNuisance;  // it may move
@@ -265,6 +266,24 @@ class EntrantSearch {
                              joint.unknowns.begin()];
       amplitudes.push_back(c.one_sided ? std::max(x, 0.0) : x);
       x = 0;
+    }
+    return {std::move(amplitudes), std::move(led)};
+  }
+
+  /// An effect that is the mean of what recordings have of their own takes it over: nothing moves.
+  std::pair<std::vector<double>, FitState> taken_over() const {
+    const Layout& layout = base_.data.layout;
+    FitState led = base_.found.state;
+    std::vector<double> amplitudes;
+    for (const Candidate& c : axes_) {
+      const Eigen::Index own = c.pinch_axis >= 0 ? layout.among_own(layout.pinch) + c.pinch_axis
+                                                 : layout.among_own(layout.own_clock);
+      double mean = 0;
+      for (const std::size_t r : base_.fitted)
+        mean += led.own[r][own] / static_cast<double>(base_.fitted.size());
+      if (c.one_sided) mean = std::max(mean, 0.0);
+      for (const std::size_t r : base_.fitted) led.own[r][own] -= mean;
+      amplitudes.push_back(mean);
     }
     return {std::move(amplitudes), std::move(led)};
   }

@@ -78,7 +78,8 @@ void judge(AtomGains& atom, double information, const Thresholds& thresholds) {
   for (const FoldGain& fold : atom.folds) gains.push_back(fold.gain);
   atom.total = std::accumulate(gains.begin(), gains.end(), 0.0);
   atom.dispersion = dispersion_of(atom.folds, information);
-  atom.trimmed = trimmed_sum(gains) / (thresholds.by_dispersion ? atom.dispersion : 1);
+  atom.trimmed = trimmed_sum(gains);
+  atom.agreed = atom.trimmed / (thresholds.by_dispersion ? atom.dispersion : 1);
   atom.without_worst = gains.size() < 2 ? atom.total : atom.total - std::ranges::min(gains);
   atom.median = median_of(gains);
   atom.in_sample = gains.size() == 1;
@@ -87,7 +88,7 @@ void judge(AtomGains& atom, double information, const Thresholds& thresholds) {
       if (fold.foretold >= thresholds.foretold && !(fold.gain > 0)) atom.against = fold.fold;
     }
   }
-  atom.claimed = atom.trimmed > thresholds.gain && atom.against.empty();
+  atom.claimed = atom.agreed > thresholds.gain && atom.against.empty();
 }
 
 }  // namespace

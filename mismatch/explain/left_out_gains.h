@@ -39,7 +39,8 @@ struct AtomGains {
   /// The amplitude scatters over folds so many times as much as its information says, in variance,
   /// at least 1: by leaving out one fold each (jackknife).
   double dispersion = 1;
-  double trimmed = 0;        ///< S_k [nats], by `dispersion` where thresholds say so
+  double trimmed = 0;        ///< S_k [nats]
+  double agreed = 0;         ///< the same, by `dispersion` where thresholds say so
   double total = 0;          ///< sum over all folds
   double without_worst = 0;  ///< sum without the smallest
   double median = 0;         ///< of a fold

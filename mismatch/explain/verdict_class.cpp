@@ -26,7 +26,7 @@ Result<Entrant> try_in_base(std::span<const Evidence> recordings, const FoldEvid
   if (!folds) return Failure{folds.error()};
   auto beside = left_out_gains(folds.value(), floors, thresholds);
   if (!beside) return Failure{beside.error()};
-  for (const AtomGains& other : beside.value()) entrant.left.push_back({other.atom, other.trimmed});
+  for (const AtomGains& other : beside.value()) entrant.left.push_back({other.atom, other.agreed});
   sort_by_gain(entrant.left);
   auto pulled = pulls(with_in_base(recordings, base));
   if (!pulled) return Failure{pulled.error()};

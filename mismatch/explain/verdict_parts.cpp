@@ -284,7 +284,7 @@ void add_scores(const Case& made, pb::Verdict& verdict) {
     row.set_effect(c.effect);
     row.set_z(test.z);
     const auto gain = std::ranges::find(made.judged.gains, test.atom, &AtomGains::atom);
-    if (gain != made.judged.gains.end()) row.set_gain(gain->trimmed);
+    if (gain != made.judged.gains.end()) row.set_gain(gain->agreed);
     if (!c.place) continue;
     row.add_place_m(c.place->x());
     row.add_place_m(c.place->y());
