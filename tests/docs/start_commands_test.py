@@ -171,7 +171,7 @@ def check_rows(page, root, binaries, options):
             for words in commands(f"{short.get(name, name)} {arguments}"):
                 words = words[1:] if words[0].endswith("python3") else words
                 script, program = root / words[0], binaries / pathlib.Path(words[0]).name
-                if script.suffix not in (".sh", ".py") and not program.is_file():
+                if not script.is_file() and not program.is_file():
                     continue  # a path in a sentence, a preset, what is made by hand
                 try:
                     known = script.read_text(encoding="utf-8") if script.is_file() else options.of_command(program, words)
