@@ -49,7 +49,7 @@ Figures of the groups named (default: tissue elastic ppo workers train):
   recordings  recordings.import_mb_per_s, recordings.import_peak_mb: 300 raw depth images of 640 x 480 into an MCAP file;
             recordings.bag_mb_per_s, recordings.bag_peak_mb: the same from a bag of ROS 2;
             recordings.calibrate_s, recordings.calibrate_paper_s: `mismatch calibrate` by both methods on five lifts of
-            another engine, mesh of 0.3 mm, two threads; recordings.held_out_mm, recordings.held_out_paper_mm: mean distance of the
+            another engine, mesh of 0.6 mm, two threads; recordings.held_out_mm, recordings.held_out_paper_mm: mean distance of the
             true surface from that predicted without the pinch point
   explain   explain.null_case_s, explain.case_s: `mismatch explain` on nine stored recordings of another engine, two threads,
             with nothing and with a stiff place concealed; explain.columns_per_s: what one recording would do by one number

@@ -42,7 +42,7 @@ struct AskerState {
 /// worker, a reader of results, and a thread that takes, grants and gives out what has come.
 class SimulationAsker {
  public:
-  /// Joins the domain. Throws Error.
+  /// Joins the domain. Throws Error; aborts where `options` have nobody to tell.
   explicit SimulationAsker(SimulationAskerOptions options);
   /// What is still asked for fails.
   ~SimulationAsker();

@@ -27,8 +27,8 @@ class SimulationBook {
  public:
   SimulationBook(std::uint32_t asker_id, std::string asker, std::uint64_t build_id);
 
-  /// Wants the result of a task; its number. `steps`: how much work it is. Of at most
-  /// kMaxTaskBytes.
+  /// Wants the result of a task; its number. `steps`: how much work it is, at least 1. Aborts for a
+  /// task that is empty or longer than kMaxTaskBytes.
   std::uint32_t ask(Bytes task, std::uint32_t steps);
   /// Workers, as Grants has them; each simulates one task at a time.
   Grants& grants() { return grants_; }

@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "mismatch/calibrate/calibration_file.h"
+#include "mismatch/calibrate/number_words.h"
 #include "report/html.h"
 #include "report/plot.h"
 #include "report/replay3d.h"
@@ -19,6 +20,10 @@ using Rows = std::vector<std::vector<std::string>>;
 std::string name_of(const CalibratedNumber& n) {
   const std::string end = n.unit == "Pa" ? "_pa" : "_" + n.unit;
   return n.name.ends_with(end) ? n.name.substr(0, n.name.size() - end.size()) : n.name;
+}
+/// The same with words behind it, where it does not speak for itself.
+std::string name_and_words(const CalibratedNumber& n) {
+  return name_of(n) + named_nuisance(n.name).substr(n.name.size());
 }
 std::string mm(double metres) { return metres > 0 ? fmt::format("{:.2f}", 1e3 * metres) : "-"; }
 
@@ -69,7 +74,7 @@ std::string numbers_table(const std::vector<CalibratedNumber>& numbers) {
   for (const CalibratedNumber& n : numbers) {
     const ShownNumber shown = show_number(n.value, n.low90, n.high90, n.unit);
     const ShownNumber prior = show_number(n.prior_value, n.prior_low90, n.prior_high90, n.unit);
-    rows.push_back({name_of(n), shown.unit, shown.value, shown.low, shown.high, prior.value,
+    rows.push_back({name_and_words(n), shown.unit, shown.value, shown.low, shown.high, prior.value,
                     prior.low, prior.high,
                     n.at_bound ? "at its bound"
                     : n.unseen ? "not seen"

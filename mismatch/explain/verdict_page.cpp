@@ -6,6 +6,7 @@
 #include <optional>
 #include <utility>
 
+#include "mismatch/calibrate/number_words.h"
 #include "mismatch/explain/explain.h"
 #include "mismatch/explain/verdict_words.h"
 #include "report/html.h"
@@ -87,7 +88,7 @@ std::string limits_table(const pb::Verdict& verdict) {
       continue;
     }
     rows.push_back({name, least_size(row.amplitude(), row), least_size(row.amplitude_named(), row),
-                    least_size(row.floor_amplitude(), row), key_text(row.floor_from()),
+                    least_size(row.floor_amplitude(), row), nuisance_words(row.floor_from()),
                     key_text(row.look_alike())});
   }
   return card(make_table(rows, {1, 2, 3}));
@@ -307,7 +308,7 @@ std::string make_verdict_page(const Explanation& found, const std::string& folde
                       limits_table(v)});
   TableRows pull_rows = {{"nuisance", "standard deviations from its belief"}};
   for (const pb::VerdictPull& pull : v.pulls())
-    pull_rows.push_back({named_pull(pull.name()), fmt::format("{:.1f}", pull.pull())});
+    pull_rows.push_back({named_nuisance(pull.name()), fmt::format("{:.1f}", pull.pull())});
   sections.push_back({"pulls", "Nuisances and numerics", "Above 4 is odd, above 5 a finding.",
                       card(make_table(pull_rows, {1}))});
   sections.push_back({"use", "Use it",

@@ -37,11 +37,6 @@ std::string limit_words(const pb::VerdictLimit& limit);
 std::string where_text(const pb::VerdictWhere& where);
 /// What a channel that no fit saw says of the claim.
 std::string channel_text(const pb::VerdictChannel& channel);
-/// A nuisance or numerics number: "the smooth difference that grows with the lift" for
-/// "discrepancy.with_lift[25]"; one without words as with_words() has it.
-std::string nuisance_words(const std::string& key);
-/// Name of a pull and words, "r08: clock, the camera's clock".
-std::string named_pull(const std::string& name);
 /// "r08: the camera's clock is 7.6 standard deviations from what was believed".
 std::string pull_text(const Pull& pull);
 /// Of `pulls` in their order those beyond so many standard deviations, one line for all numbers of

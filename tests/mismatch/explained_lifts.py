@@ -54,8 +54,13 @@ def write_case(program, folder, effect, seed=1, mesh_mm=0.6, rate=10):
 
 
 if __name__ == "__main__":
+    import argparse
     import pathlib
-    import sys
 
-    # MISMATCH FOLDER EFFECT [mesh in mm]
-    write_case(sys.argv[1], pathlib.Path(sys.argv[2]), sys.argv[3], mesh_mm=float((sys.argv[4:] or [0.6])[0]))
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("mismatch", help="the program")
+    parser.add_argument("folder", type=pathlib.Path, help="new folder for lifts, scene and priors")
+    parser.add_argument("effect", choices=EFFECTS)
+    parser.add_argument("mesh_mm", type=float, nargs="?", default=0.6, help="of the simulation (0.6)")
+    args = parser.parse_args()
+    write_case(args.mismatch, args.folder, args.effect, mesh_mm=args.mesh_mm)

@@ -14,10 +14,11 @@ while [ $# -gt 0 ]; do
     --batch) batch=$2; shift 2;;
     --seed) seed=$2; shift 2;;
     -o) out=$2; shift 2;;
-    *) sed -n 2,8p "$0"; exit 2;;
+    -h|--help) sed -n '2,8s/^# //p' "$0"; exit 0;;
+    *) sed -n '2,8s/^# //p' "$0"; exit 2;;
   esac
 done
-if [ -z "$batch" ] || [ -z "$seed" ] || [ -z "$out" ]; then sed -n 2,8p "$0"; exit 2; fi
+if [ -z "$batch" ] || [ -z "$seed" ] || [ -z "$out" ]; then sed -n '2,8s/^# //p' "$0"; exit 2; fi
 case "$plant" in
   fenics) truth_of() { echo "$truths/${1}_$2"; };;
   mujoco) truth_of() { echo "$truths/mujoco_${1}_$2"; };;

@@ -4,6 +4,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "mismatch/calibrate/number_words.h"
 #include "mismatch/fit/fit_numbers.h"
 #include "support/fitted_sheet.h"
 
@@ -50,11 +51,11 @@ TEST(VerdictWords, PullsOfOneKindInARecordingAreOneLineWithTheLargest) {
 }
 
 TEST(VerdictWords, AKeyInATableStandsBesideItsWords) {
-  EXPECT_EQ(named_pull("r08: discrepancy.with_lift[25]"),
+  EXPECT_EQ(named_nuisance("r08: discrepancy.with_lift[25]"),
             "r08: discrepancy.with_lift[25], the smooth difference that grows with the lift");
-  EXPECT_EQ(named_pull("scene.tissue.material.young_modulus_pa"),
+  EXPECT_EQ(named_nuisance("scene.tissue.material.young_modulus_pa"),
             "scene.tissue.material.young_modulus_pa (stiffness)");
-  EXPECT_EQ(named_pull("r1: nobodys"), "r1: nobodys");
+  EXPECT_EQ(named_nuisance("r1: nobodys"), "r1: nobodys");
 }
 
 }  // namespace
