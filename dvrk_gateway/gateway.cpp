@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "core/build_id.h"
+#include "core/clock.h"
 #include "core/config.h"
 #include "core/constants.h"
 #include "core/limits.h"
@@ -39,18 +40,19 @@ ArmGuideOptions guide_options(const pb::Grasp& grasp) {
 std::unique_ptr<Gateway> Gateway::start(const GatewayOptions& options,
                                         std::vector<GatewayObserver*> more) {
   catch_operator_signals();
-  std::unique_ptr<dds::Participant> bus = join_bus(options.bus, end_was_signalled);
+  std::unique_ptr<GatewayBus> bus = join_bus(options.bus, end_was_signalled);
   std::unique_ptr<PolicySource> policies = policy_source_of(options, bus.get(), end_was_signalled);
   if (!policies) return nullptr;
   return std::unique_ptr<Gateway>(
       new Gateway(options, std::move(bus), std::move(policies), std::move(more)));
 }
 
-Gateway::Gateway(const GatewayOptions& options, std::unique_ptr<dds::Participant> bus,
+Gateway::Gateway(const GatewayOptions& options, std::unique_ptr<GatewayBus> bus,
                  std::unique_ptr<PolicySource> policies, std::vector<GatewayObserver*> more)
     : options_(options),
       bus_(std::move(bus)),
       policies_(std::move(policies)),
+      policies_of_bus_(dynamic_cast<BusPolicySource*>(policies_.get())),
       policy_(&policies_->for_next_episode()),
       setup_(make_sim_setup(config())),
       scene_(std::make_unique<SimBackend>(setup_, 1, 0, make_image_source(*setup_))),
@@ -126,9 +128,24 @@ std::optional<char> Gateway::ask_key(std::string_view keys) {
   return std::nullopt;
 }
 
+/// Between two episodes, where nothing is asked of the arm, and never while it is armed: one that
+/// the operator arms meanwhile holds until it is led, and stops at once as ever.
+void Gateway::stay_on_bus() {
+  if (policies_of_bus_ == nullptr) return;
+  // As this thread saw it at the end of the episode, and as it is now.
+  const SafetyPhase seen = session_->port().period().judgement.memory.phase;
+  if (seen == SafetyPhase::kActive || told_->sees_armed()) return;
+  if (!bus_->is_deaf(policies_of_bus_->heard_ns(), false, steady_now_ns())) return;
+  std::vector<BusMember*> members = told_->members();
+  members.push_back(policies_of_bus_);
+  if (const Result<void> joined = bus_->join_anew(members); !joined)
+    log().warn("event=rejoin_failed reason=\"{}\"", joined.error());
+}
+
 RolloutTask Gateway::next_task(StartSet start_set, std::uint32_t start_index,
                                std::uint64_t episode) {
-  policy_ = &policies_->for_next_episode();
+  policy_ = &policies_->for_next_episode();  // first: it takes what has arrived
+  stay_on_bus();
   told_->pin(weights());
   const pb::Task& task = config().task();
   RolloutTask t;

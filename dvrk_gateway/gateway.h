@@ -9,6 +9,7 @@
 #include "core/policy.h"
 #include "dvrk_gateway/backend/dvrk_backend.h"
 #include "dvrk_gateway/bus/bus_observers.h"
+#include "dvrk_gateway/bus/bus_policy_source.h"
 #include "dvrk_gateway/gateway_options.h"
 #include "dvrk_gateway/gateway_setup.h"
 #include "dvrk_gateway/loop/session.h"
@@ -50,14 +51,16 @@ class Gateway {
   const TaughtBackend* taught() const { return taught_; }
 
  private:
-  Gateway(const GatewayOptions& options, std::unique_ptr<dds::Participant> bus,
+  Gateway(const GatewayOptions& options, std::unique_ptr<GatewayBus> bus,
           std::unique_ptr<PolicySource> policies, std::vector<GatewayObserver*> more);
   OperatorWishes ask();
+  void stay_on_bus();
 
   GatewayOptions options_;
-  std::unique_ptr<dds::Participant> bus_;
+  std::unique_ptr<GatewayBus> bus_;
   std::unique_ptr<PolicySource> policies_;
-  Policy* policy_;  ///< pinned
+  BusPolicySource* policies_of_bus_;  ///< policies_ with --policy bus, else null
+  Policy* policy_;                    ///< pinned
   std::shared_ptr<const SimSetup> setup_;
   std::unique_ptr<SimBackend> scene_;
   OperatorDesk desk_;

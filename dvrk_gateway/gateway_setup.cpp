@@ -50,8 +50,7 @@ SavedPolicy policy_of(const GatewayOptions& options) {
   return std::move(saved).value();
 }
 
-std::unique_ptr<PolicySource> policy_source_of(const GatewayOptions& options,
-                                               const dds::Participant* bus,
+std::unique_ptr<PolicySource> policy_source_of(const GatewayOptions& options, GatewayBus* bus,
                                                const std::function<bool()>& stop) {
   if (options.policy != kPolicyOfBus) return std::make_unique<FilePolicySource>(policy_of(options));
   if (options.bus.run.empty())

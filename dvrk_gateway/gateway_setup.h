@@ -24,8 +24,7 @@ pb::SafetyLimits limits_of(const GatewayOptions& options);
 SavedPolicy policy_of(const GatewayOptions& options);
 /// The same, or the bus; `bus` is null without one. Null when `stop` became true while the policy
 /// was waited for. Throws Error: one line with the option.
-std::unique_ptr<PolicySource> policy_source_of(const GatewayOptions& options,
-                                               const dds::Participant* bus,
+std::unique_ptr<PolicySource> policy_source_of(const GatewayOptions& options, GatewayBus* bus,
                                                const std::function<bool()>& stop);
 
 /// The arm as it stands: the mount of the scene with the instrument that is on it, at the base that

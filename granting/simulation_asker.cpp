@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <array>
+#include <chrono>
 
 #include "core/check.h"
 #include "core/clock.h"
@@ -25,6 +26,9 @@ constexpr std::int64_t kAloneNs = 5 * kS;        // without workers before it is
 constexpr std::int64_t kTellNs = 60 * kS;        // told again
 constexpr std::int32_t kMostPartsWaiting = 256;  // a fuse: the thread never stops taking
 constexpr int kTakenAtOnce = 64;
+constexpr std::int64_t kLookNs = 1 * kS;  // whether workers are there
+constexpr int kJoinTries = 60;
+constexpr auto kJoinAgain = std::chrono::milliseconds(500);
 
 std::string who(const std::string& program) {
   std::array<char, 256> host{};
@@ -45,23 +49,31 @@ SimulationAskerOptions checked(SimulationAskerOptions options) {
 
 }  // namespace
 
+SimulationAsker::Link::Link(const SimulationAskerOptions& options, std::uint32_t id)
+    : participant(options.domain, options.profile.uri, "omentum-asker"),
+      discovery(participant),
+      worker_reader(participant, run_partition(options.run), "asker-workers"),
+      part_reader(participant, asker_partition(options.run, id), "asker-results",
+                  kMostPartsWaiting),
+      waitset(participant) {
+  waitset.attach(worker_reader.raw());
+  waitset.attach(part_reader.raw());
+}
+
 SimulationAsker::SimulationAsker(SimulationAskerOptions options)
     : options_(checked(std::move(options))),
       id_(make_asker_id(who(options_.program))),
-      participant_(options_.domain, options_.profile.uri, "omentum-asker"),
-      worker_reader_(participant_, run_partition(options_.run), "asker-workers"),
-      part_reader_(participant_, asker_partition(options_.run, id_), "asker-results",
-                   kMostPartsWaiting),
-      waitset_(participant_),
-      book_(id_, who(options_.program), options_.build_id) {
-  waitset_.attach(worker_reader_.raw());
-  waitset_.attach(part_reader_.raw());
+      link_(std::make_unique<Link>(options_, id_)),
+      book_(id_, who(options_.program), options_.build_id),
+      deaf_(id_) {
+  fine_ns_ = steady_now_ns();
+  deaf_.joined(fine_ns_);
   thread_ = std::jthread([this](const std::stop_token& stop) { run(stop); });
 }
 
 SimulationAsker::~SimulationAsker() {
   thread_.request_stop();
-  waitset_.wake();
+  wake();
   thread_.join();
   std::unique_lock lock(mutex_);
   answered_.wait(lock, [this] { return asking_ == 0; });
@@ -77,11 +89,16 @@ Result<Bytes> SimulationAsker::ask(Bytes task, std::uint32_t steps) {
   if (over_) return question->answer;
   ++asking_;
   questions_.push_back(question);
-  waitset_.wake();
+  if (link_) link_->waitset.wake();
   answered_.wait(lock, [&] { return question->answered; });
   --asking_;
   answered_.notify_all();
   return std::move(question->answer);
+}
+
+void SimulationAsker::wake() {
+  const std::lock_guard lock(mutex_);
+  if (link_) link_->waitset.wake();
 }
 
 AskerState SimulationAsker::state() const {
@@ -94,10 +111,10 @@ AskerState SimulationAsker::state() const {
 void SimulationAsker::run(const std::stop_token& stop) {
   pthread_setname_np(pthread_self(), "asker");
   const ShortSlices of_this_thread;
-  while (!stop.stop_requested() && !participant_.expired()) {
+  while (!stop.stop_requested() && link_ && !link_->participant.expired()) {
     const bool matching =
         std::ranges::any_of(served_, [](const auto& entry) { return !entry.second.joined; });
-    waitset_.wait(matching ? kMatchNs : kPeriodNs);
+    wait(matching ? kMatchNs : kPeriodNs);
     const std::int64_t now = steady_now_ns();
     take_statuses(now);
     take_parts(now);
@@ -107,8 +124,9 @@ void SimulationAsker::run(const std::stop_token& stop) {
     publish_state();  // who has an answer finds it counted
     give_answers();
     tell_waiting(now);
+    if (is_deaf(now)) join_anew(stop);
   }
-  if (participant_.expired())
+  if (link_ && link_->participant.expired())
     options_.tell("the certificate has ended: no worker hears this any more");
   const std::lock_guard lock(mutex_);
   over_ = true;
@@ -117,9 +135,69 @@ void SimulationAsker::run(const std::stop_token& stop) {
   answered_.notify_all();
 }
 
+void SimulationAsker::wait(std::int64_t timeout_ns) {
+  const std::int64_t began_ns = steady_now_ns();
+  link_->waitset.wait(timeout_ns);
+  const std::int64_t now_ns = steady_now_ns();
+  deaf_.watch(now_ns, now_ns - began_ns - timeout_ns, [this] {
+    const dds::Discovery::Count count = link_->discovery.count();
+    return Deafness::Around{count.found, count.known, waited_for_core_ns()};
+  });
+}
+
+/// Somebody simulates, can be asked, or leaves: then all is well.
+bool SimulationAsker::somebody_is_busy_or_free(std::int64_t now_ns) {
+  return std::ranges::any_of(served_, [&](const auto& entry) {
+    const auto& [id, served] = entry;
+    const ListedWorker* worker = workers_.find(id);
+    if (worker == nullptr || now_ns - worker->at_ns > kSilentNs) return false;
+    if (served.last.phase == WorkerPhase::kDraining) return true;
+    return served.joined && (served.last.tasks_in_progress > 0 || book_.grants().live_of(id) == 0);
+  });
+}
+
+/// Workers are there, and for long enough nothing came of what is asked, and nobody works on it.
+bool SimulationAsker::is_deaf(std::int64_t now_ns) {
+  if (asked_.empty() || somebody_is_busy_or_free(now_ns)) fine_ns_ = now_ns;
+  if (!deaf_.is_too_long(fine_ns_, now_ns) || !deaf_.may_join_anew(now_ns)) return false;
+  if (now_ns - looked_ns_ < kLookNs) return false;
+  looked_ns_ = now_ns;
+  return !link_->participant.expired() && link_->participant.sees("omentum-worker");
+}
+
+void SimulationAsker::join_anew(const std::stop_token& stop) {
+  options_.tell("workers are there and nothing is heard of them: this joins the domain anew");
+  deaf_.gives_up();
+  for (const auto& [id, served] : served_) book_.worker_left(id);
+  served_.clear();
+  retired_.clear();
+  workers_ = {};  // whom it knows by identities of the participant that goes
+  refused_told_ = 0;
+  std::unique_ptr<Link> made;
+  {
+    const std::lock_guard lock(mutex_);
+    made.swap(link_);
+  }
+  made.reset();  // first: the participants of a process share what they know of others
+  for (int tries = 0; !made && tries < kJoinTries && !stop.stop_requested(); ++tries) {
+    try {
+      made = std::make_unique<Link>(options_, id_);
+    } catch (const Error& error) {  // what was free a moment ago will be again
+      options_.tell(error.what());
+      std::this_thread::sleep_for(kJoinAgain);
+    }
+  }
+  fine_ns_ = steady_now_ns();
+  deaf_.joined(fine_ns_);
+  const std::lock_guard lock(mutex_);
+  link_ = std::move(made);
+}
+
 void SimulationAsker::take_statuses(std::int64_t now_ns) {
-  const Result<int> taken = worker_reader_.take(
-      1024, [&](Arrival<WorkerStatus>&& arrival) { workers_.note(std::move(arrival), now_ns); });
+  const Result<int> taken = link_->worker_reader.take(1024, [&](Arrival<WorkerStatus>&& arrival) {
+    workers_.note(std::move(arrival), now_ns);
+    deaf_.heard(now_ns);
+  });
   if (!taken) options_.tell(taken.error());
   for (const auto& [id, worker] : workers_.take_changed()) follow(id, worker, now_ns);
 }
@@ -127,16 +205,19 @@ void SimulationAsker::take_statuses(std::int64_t now_ns) {
 void SimulationAsker::take_parts(std::int64_t now_ns) {
   const Ledger before = book_.ledger();
   // Never stops taking: a full reader would stall every topic of this process (docs/wire.md 5.1).
-  const Result<int> taken = part_reader_.take(kTakenAtOnce, [&](Arrival<SimulationPart>&& arrival) {
+  const auto take = [&](Arrival<SimulationPart>&& arrival) {
     if (!arrival.info.valid) return;
     if (!workers_.is_process_of(arrival.record.worker_id, arrival.info.participant))
       return book_.foreign(1);
+    fine_ns_ = now_ns;
+    deaf_.helped();
     book_.receive(std::move(arrival.record), now_ns);
-  });
+  };
+  const Result<int> taken = link_->part_reader.take(kTakenAtOnce, take);
   if (!taken) options_.tell(taken.error());
-  if (const std::uint64_t refused = part_reader_.refused(); refused > refused_told_) {
+  if (const std::uint64_t refused = link_->part_reader.refused(); refused > refused_told_) {
     book_.refused(refused - std::exchange(refused_told_, refused));
-    options_.tell(fmt::format("a result was refused: {}", part_reader_.last_refusal()));
+    options_.tell(fmt::format("a result was refused: {}", link_->part_reader.last_refusal()));
   }
   for (const auto& [id, reason] : book_.take_declined()) {
     const ListedWorker* worker = workers_.find(id);
@@ -181,7 +262,8 @@ void SimulationAsker::follow(std::uint32_t id, const ListedWorker& worker, std::
     Served served;
     try {
       served.writer = std::make_unique<BusWriter<SimulationGrant>>(
-          participant_, worker_partition(options_.run, id), fmt::format("asker-tasks-w{}", id));
+          link_->participant, worker_partition(options_.run, id),
+          fmt::format("asker-tasks-w{}", id));
     } catch (const Error& error) {  // with its next status it is tried again
       options_.tell(fmt::format("worker {} is not asked: {}", id, error.what()));
       return;

@@ -12,7 +12,9 @@
 #include <utility>
 #include <vector>
 
+#include "core/dds_discovery.h"
 #include "core/dds_options.h"
+#include "core/deafness.h"
 #include "core/wire.h"
 #include "granting/simulation_book.h"
 #include "granting/worker_list.h"
@@ -39,7 +41,9 @@ struct AskerState {
 };
 
 /// Has the workers of a run do simulations (docs/wire.md 10): one participant; one task writer per
-/// worker, a reader of results, and a thread that takes, grants and gives out what has come.
+/// worker, a reader of results, and a thread that takes, grants and gives out what has come. Where
+/// workers are there and nothing is heard of what they were asked, the participant is made anew
+/// (docs/trust.md 2), and all that is open is asked again.
 class SimulationAsker {
  public:
   /// Joins the domain. Throws Error; aborts where `options` have nobody to tell.
@@ -70,7 +74,22 @@ class SimulationAsker {
     bool silent = false;
   };
 
+  /// A place in the domain. All that is made from its participant goes before it does.
+  struct Link {
+    Link(const SimulationAskerOptions& options, std::uint32_t id);
+    dds::Participant participant;
+    dds::Discovery discovery;
+    BusReader<WorkerStatus> worker_reader;
+    BusReader<SimulationPart> part_reader;
+    dds::Waitset waitset;
+  };
+
+  void wake();
   void run(const std::stop_token& stop);
+  void wait(std::int64_t timeout_ns);
+  bool is_deaf(std::int64_t now_ns);
+  bool somebody_is_busy_or_free(std::int64_t now_ns);
+  void join_anew(const std::stop_token& stop);
   void take_statuses(std::int64_t now_ns);
   void take_parts(std::int64_t now_ns);
   void take_questions();
@@ -85,10 +104,8 @@ class SimulationAsker {
   SimulationAskerOptions options_;
   std::uint32_t id_;
 
-  dds::Participant participant_;
-  BusReader<WorkerStatus> worker_reader_;
-  BusReader<SimulationPart> part_reader_;
-  dds::Waitset waitset_;
+  /// Null while it is made anew. The thread alone replaces it, and uses it without the lock.
+  std::unique_ptr<Link> link_;  // guarded by mutex_
 
   // The thread's own.
   SimulationBook book_;
@@ -98,6 +115,9 @@ class SimulationAsker {
   std::map<std::uint32_t, std::shared_ptr<Question>> asked_;  ///< by task
   std::uint64_t refused_told_ = 0;
   std::int64_t alone_since_ns_ = 0, alone_told_ns_ = 0;  ///< without workers; 0 = not so
+  Deafness deaf_;
+  std::int64_t fine_ns_ = 0;    ///< a result came, none was waited for, or somebody works on one
+  std::int64_t looked_ns_ = 0;  ///< for workers that are there
 
   mutable std::mutex mutex_;
   std::condition_variable answered_;

@@ -9,22 +9,29 @@
 
 namespace omentum {
 
-BusObservers::BusObservers(const dds::Participant* bus, const BusOptions& options,
-                           const SafetySetup& setup, bool dry_run) {
+BusObservers::BusObservers(GatewayBus* bus, const BusOptions& options, const SafetySetup& setup,
+                           bool dry_run) {
   if (bus == nullptr) return;
-  robot_.emplace(*bus,
+  robot_.emplace(bus->participant(),
                  RobotBusOptions{.run = options.run,
                                  .arm = options.arm,
                                  .dry_run = dry_run,
                                  .build_id = build_id(),
                                  .program_version = git_revision()},
                  setup);
-  if (options.ros) ros_.emplace(*bus, options.arm);
+  if (options.ros) ros_.emplace(bus->participant(), options.arm);
 }
 
 void BusObservers::append_to(std::vector<GatewayObserver*>& observers) {
   if (robot_) observers.push_back(&*robot_);
   if (ros_) observers.push_back(&*ros_);
+}
+
+std::vector<BusMember*> BusObservers::members() {
+  std::vector<BusMember*> members;
+  if (robot_) members.push_back(&*robot_);
+  if (ros_) members.push_back(&*ros_);
+  return members;
 }
 
 void BusObservers::pin(const PolicyWeights& weights) {

@@ -2,6 +2,8 @@
 
 #include <fmt/core.h>
 
+#include <chrono>
+#include <thread>
 #include <utility>
 
 #include "core/check.h"
@@ -28,45 +30,76 @@ void take_all(BusReader<Record>& reader, Fn&& fn) {
 
 }  // namespace
 
-BusPolicySource::BusPolicySource(const dds::Participant& participant, const std::string& run)
-    : run_(run),
-      policy_id_(static_cast<std::uint32_t>(fnv1a64(run))),
-      manifest_reader_(participant, run_partition(run), "gateway-manifest"),
-      learner_reader_(participant, run_partition(run), "gateway-learner"),
-      weights_reader_(participant, run_partition(run), "gateway-weights", kWeightsDepth),
-      waitset_(participant) {
-  waitset_.attach(manifest_reader_.raw());
-  waitset_.attach(learner_reader_.raw());
-  waitset_.attach(weights_reader_.raw());
+BusPolicySource::Readers::Readers(const dds::Participant& participant, const std::string& run)
+    : manifests(participant, run_partition(run), "gateway-manifest"),
+      learners(participant, run_partition(run), "gateway-learner"),
+      weights(participant, run_partition(run), "gateway-weights", kWeightsDepth),
+      waitset(participant) {
+  waitset.attach(manifests.raw());
+  waitset.attach(learners.raw());
+  waitset.attach(weights.raw());
 }
 
-std::unique_ptr<BusPolicySource> BusPolicySource::wait(const dds::Participant& participant,
-                                                       const std::string& run,
+BusPolicySource::BusPolicySource(const dds::Participant& participant, const std::string& run)
+    : run_(run), policy_id_(static_cast<std::uint32_t>(fnv1a64(run))) {
+  BusPolicySource::join(participant);
+}
+
+void BusPolicySource::leave() {
+  // Identities of participants are of the participant that saw them.
+  choice_ = {};
+  newest_.clear();
+  readers_.reset();
+}
+
+void BusPolicySource::join(const dds::Participant& participant) {
+  readers_.emplace(participant, run_);
+}
+
+void BusPolicySource::wait_for_arrivals() {
+  if (readers_) {
+    readers_->waitset.wait(kLookNs);
+  } else {
+    std::this_thread::sleep_for(std::chrono::nanoseconds(kLookNs));
+  }
+  take_arrivals();
+}
+
+std::unique_ptr<BusPolicySource> BusPolicySource::wait(GatewayBus& bus, const std::string& run,
                                                        const std::function<bool()>& stop) {
-  std::unique_ptr<BusPolicySource> source(new BusPolicySource(participant, run));
+  std::unique_ptr<BusPolicySource> source(new BusPolicySource(bus.participant(), run));
   std::int64_t tell_ns = steady_now_ns() + kFirstTellNs;
   while (!stop()) {
-    source->waitset_.wait(kLookNs);
-    source->take_arrivals();
+    const std::int64_t began_ns = steady_now_ns();
+    source->wait_for_arrivals();
     if (source->begin()) return source;
-    if (steady_now_ns() < tell_ns) continue;
-    tell_ns = steady_now_ns() + kTellNs;
+    const std::int64_t now_ns = steady_now_ns();
+    bus.watch(now_ns, now_ns - began_ns - kLookNs);
+    if (bus.is_deaf(source->heard_ns_, true, now_ns)) {
+      BusMember* const member = source.get();
+      if (const Result<void> joined = bus.join_anew({&member, 1}); !joined)
+        log().warn("event=rejoin_failed reason=\"{}\"", joined.error());
+    }
+    if (now_ns < tell_ns) continue;
+    tell_ns = now_ns + kTellNs;
     log().warn("--policy bus: waiting for the policy of a learner: start learner --run {}", run);
   }
   return nullptr;
 }
 
 void BusPolicySource::take_arrivals() {
-  take_all(manifest_reader_, [this](Arrival<RunManifest>&& arrival) {
+  if (!readers_) return;
+  take_all(readers_->manifests, [this](Arrival<RunManifest>&& arrival) {
     if (arrival.info.valid && arrival.record.run_id == run_)
       choice_.offered(arrival.info.participant, std::move(arrival.record));
   });
-  take_all(learner_reader_, [this](Arrival<LearnerStatus>&& arrival) {
+  take_all(readers_->learners, [this](Arrival<LearnerStatus>&& arrival) {
     const bool alive = arrival.info.valid && arrival.info.state == dds::InstanceState::kAlive;
-    if (alive && arrival.record.run_id == run_)
-      choice_.spoke(arrival.info.participant, arrival.record.learner_epoch, steady_now_ns());
+    if (!alive || arrival.record.run_id != run_) return;
+    heard_ns_ = steady_now_ns();
+    choice_.spoke(arrival.info.participant, arrival.record.learner_epoch, heard_ns_);
   });
-  take_all(weights_reader_, [this](Arrival<PolicyWeights>&& arrival) {
+  take_all(readers_->weights, [this](Arrival<PolicyWeights>&& arrival) {
     const PolicyWeights& weights = arrival.record;
     if (!arrival.info.valid || weights.policy_id != policy_id_) return;
     if (hash_weights(weights.parameters, weights.obs_mean, weights.obs_inv_std) !=

@@ -23,16 +23,18 @@ std::string host_name() {
 
 }  // namespace
 
+RobotBus::Writers::Writers(const dds::Participant& joined, const std::string& run)
+    : participant(joined),
+      status(joined, public_partitions(run), "gateway-robot"),
+      segments(joined, public_partitions(run), "gateway-segments", kSegmentsKept),
+      summaries(joined, public_partitions(run), "gateway-summary") {}
+
 RobotBus::RobotBus(const dds::Participant& participant, const RobotBusOptions& options,
                    const SafetySetup& setup)
-    : participant_(participant),
+    : run_(options.run),
       gateway_id_(make_worker_id()),
       build_id_(options.build_id),
-      account_(setup),
-      status_writer_(participant, public_partitions(options.run), "gateway-robot"),
-      segment_writer_(participant, public_partitions(options.run), "gateway-segments",
-                      kSegmentsKept),
-      summary_writer_(participant, public_partitions(options.run), "gateway-summary") {
+      account_(setup) {
   shared_.gateway_id = gateway_id_;
   shared_.run_id = options.run;
   shared_.robot = options.arm;
@@ -40,11 +42,22 @@ RobotBus::RobotBus(const dds::Participant& participant, const RobotBusOptions& o
   shared_.pid = static_cast<std::uint32_t>(getpid());
   shared_.program_version = options.program_version;
   shared_.dry_run = options.dry_run;
+  RobotBus::join(participant);
 }
 
-RobotBus::~RobotBus() {
-  if (const Result<void> left = status_writer_.dispose(shared_); !left)
+RobotBus::~RobotBus() { RobotBus::leave(); }
+
+void RobotBus::leave() {
+  const std::lock_guard alone(joining_);
+  if (!writers_) return;
+  if (const Result<void> left = writers_->status.dispose(shared_); !left)
     log().debug("robot/state: {}", left.error());
+  writers_.reset();
+}
+
+void RobotBus::join(const dds::Participant& participant) {
+  const std::lock_guard alone(joining_);
+  writers_.emplace(participant, run_);
 }
 
 void RobotBus::pin(const PolicyWeights& weights) {
@@ -55,15 +68,19 @@ void RobotBus::pin(const PolicyWeights& weights) {
 
 void RobotBus::on_period(const Period& period) {
   account_.add(period);
+  armed_ = period.judgement.memory.phase == SafetyPhase::kActive;
   const bool changed = account_.status().phase != published_phase_;
   if (!changed && period.began_ns - published_ns_ < kPeriodNs) return;
+  // This thread hears the operator, too: it waits for nobody.
+  const std::shared_lock joined(joining_, std::try_to_lock);
+  if (!joined || !writers_) return;
   published_ns_ = period.began_ns;
   published_phase_ = account_.status().phase;
   publish();
 }
 
 void RobotBus::publish() {
-  if (participant_.expired())
+  if (writers_->participant.expired())
     return count_failure("the certificate has ended, nobody hears this gateway: start it anew");
   RobotStatus status = account_.status();
   {
@@ -82,7 +99,7 @@ void RobotBus::publish() {
     status.write_failures = shared_.write_failures;
   }
   status.sent_at_ns = wall_now_ns();
-  if (const Result<void> sent = status_writer_.write(status); !sent) count_failure(sent.error());
+  if (const Result<void> sent = writers_->status.write(status); !sent) count_failure(sent.error());
 }
 
 void RobotBus::on_episode(const RolloutTask& task, const RolloutSegment& segment) {
@@ -91,12 +108,14 @@ void RobotBus::on_episode(const RolloutTask& task, const RolloutSegment& segment
   tagged.worker_id = gateway_id_;
   tagged.build_id = build_id_;
   tagged.payload_crc32c = segment_crc(tagged);
-  const Result<void> sent = segment_writer_.write(tagged);
+  const std::shared_lock joined(joining_);
+  if (!writers_) return count_failure("an episode ended while this gateway is not on the bus");
+  const Result<void> sent = writers_->segments.write(tagged);
   if (!sent) count_failure(sent.error());
   for (std::size_t i = 0; i < tagged.episode_end_step.size(); ++i) {
     EpisodeSummary summary = summary_of(tagged, i);
     summary.episode = task.episode + i;
-    if (const Result<void> told = summary_writer_.write(summary); !told)
+    if (const Result<void> told = writers_->summaries.write(summary); !told)
       count_failure(told.error());
   }
   const std::lock_guard lock(mutex_);

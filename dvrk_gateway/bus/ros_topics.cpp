@@ -1,6 +1,7 @@
 #include "dvrk_gateway/bus/ros_topics.h"
 
 #include <Eigen/Geometry>
+#include <mutex>
 
 #include "core/clock.h"
 #include "core/dds_discovery.h"
@@ -33,25 +34,38 @@ std_msgs_msg_dds__Header_ header_of(std::int64_t arrival_ns, const char* frame) 
 
 }  // namespace
 
+RosTopics::Entities::Entities(const dds::Participant& joined, const TopicSpec& pose_spec,
+                              const TopicSpec& state_spec)
+    : participant(joined),
+      pose_topic(joined, pose_spec, geometry_msgs_msg_dds__PoseStamped__desc),
+      state_topic(joined, state_spec, crtk_msgs_msg_dds__OperatingState__desc),
+      pose(joined, pose_topic, {.partitions = {""}, .entity_name = "ros-measured_cp"}),
+      state(joined, state_topic, {.partitions = {""}, .entity_name = "ros-operating_state"}) {}
+
 RosTopics::RosTopics(const dds::Participant& participant, const std::string& arm)
-    : participant_(&participant),
-      pose_name_("rt/" + arm + "/measured_cp"),
+    : pose_name_("rt/" + arm + "/measured_cp"),
       state_name_("rt/" + arm + "/operating_state"),
       pose_spec_(spec_of(pose_name_)),
-      state_spec_(spec_of(state_name_)),
-      pose_topic_(participant, pose_spec_, geometry_msgs_msg_dds__PoseStamped__desc),
-      state_topic_(participant, state_spec_, crtk_msgs_msg_dds__OperatingState__desc),
-      pose_writer_(participant, pose_topic_,
-                   {.partitions = {""}, .entity_name = "ros-measured_cp"}),
-      state_writer_(participant, state_topic_,
-                    {.partitions = {""}, .entity_name = "ros-operating_state"}) {}
+      state_spec_(spec_of(state_name_)) {
+  RosTopics::join(participant);
+}
+
+void RosTopics::leave() {
+  const std::lock_guard alone(joining_);
+  entities_.reset();
+}
+
+void RosTopics::join(const dds::Participant& participant) {
+  const std::lock_guard alone(joining_);
+  entities_.emplace(participant, pose_spec_, state_spec_);
+}
 
 void RosTopics::look_for_others() {
   const std::int64_t now_ns = steady_now_ns();
   if (now_ns - looked_ns_ < kLookNs) return;
   looked_ns_ = now_ns;
-  const std::size_t poses = dds::other_writers(*participant_, pose_name_);
-  const std::size_t others = poses + dds::other_writers(*participant_, state_name_);
+  const std::size_t poses = dds::other_writers(entities_->participant, pose_name_);
+  const std::size_t others = poses + dds::other_writers(entities_->participant, state_name_);
   if (others > others_) {
     log().warn(
         "event=ros_publishers_meet topic={} others={} readers get both: one of them ends, or takes "
@@ -62,6 +76,9 @@ void RosTopics::look_for_others() {
 }
 
 void RosTopics::on_period(const Period& period) {
+  // This thread hears the operator, too: it waits for nobody.
+  const std::shared_lock joined(joining_, std::try_to_lock);
+  if (!joined || !entities_) return;
   look_for_others();
   publish_pose(period.robot);
   publish_state(period.robot);
@@ -77,7 +94,7 @@ void RosTopics::publish_pose(const RobotState& robot) {
   pose.header = header_of(stream.advanced_ns, robot.reference_frame.data());
   pose.pose.position = {p.x(), p.y(), p.z()};
   pose.pose.orientation = {q.x(), q.y(), q.z(), q.w()};
-  write(pose_writer_, &pose);
+  write(entities_->pose, &pose);
 }
 
 void RosTopics::publish_state(const RobotState& robot) {
@@ -91,7 +108,7 @@ void RosTopics::publish_state(const RobotState& robot) {
   state.state = const_cast<char*>(operating_state_word(state_.state));
   state.is_homed = state_.is_homed;
   state.is_busy = state_.is_busy;
-  write(state_writer_, &state);
+  write(entities_->state, &state);
 }
 
 void RosTopics::write(dds::Writer& writer, const void* sample) {

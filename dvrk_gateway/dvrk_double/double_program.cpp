@@ -80,7 +80,10 @@ std::string DoubleProgram::commands_help() {
   for (const OperatorCommand& command : kCommands)
     help += fmt::format("  {:11}{}\n", command.name, command.help);
   return help +
-         "  place      move the tip over the middle of the scene's workspace\n"
+         "  place      move the tip over the middle of the scene's workspace, turned as the "
+         "scene's\n"
+         "  carry      the same with the tool in its own orientation: roll and wrist as they "
+         "stand\n"
          "  carry R    the same with the tool as it was homed: wrist straight, roll R degrees\n"
          "  lay        lay the tissue anew, as between two trials\n"
          "  restart    another robot process: other port, Timestamps from 0, not homed\n"
@@ -134,7 +137,10 @@ Result<void> DoubleProgram::execute(const std::string& command) {
   if (word == "not-finite") robot_->options().not_finite_stream = stream;
   if (word == "restart") restart_asked_ = true;  // by the next period
   if (word == "place") place_arm();
-  if (word == "carry") carry_arm(kDegree * parse_number(stream).value_or(0));
+  if (word == "carry") {
+    const std::optional<double> roll_deg = parse_number(stream);
+    carry_arm(roll_deg ? std::optional(kDegree * *roll_deg) : std::nullopt);
+  }
   if (word == "lay" && tissue_) tissue_->lay();
   if (word == "steal") stranger_.send("{}", {INADDR_LOOPBACK, socket_->port()});
   if (word == "foreign") foreign_ = !foreign_;
@@ -151,15 +157,33 @@ void DoubleProgram::place_arm() {
   move_by_hand(q.value());
 }
 
-/// Shoulder and insertion alone move: the shaft points from the remote centre at the place.
-void DoubleProgram::carry_arm(double roll_rad) {
+/// Shoulder and insertion alone lead the tip; roll and wrist stay, or the wrist is straight and the
+/// tool rolled so far.
+void DoubleProgram::carry_arm(std::optional<double> roll_rad) {
   const ToolMount& mount = options_.mount;
+  const PsmInstrument& instrument = *mount.instrument;
   const Eigen::Vector3d middle = 0.5 * (mount.workspace_min + mount.workspace_max);
   const Eigen::Vector3d p_RT = mount.X_WR.inverse() * middle;
-  const PsmInstrument& instrument = *mount.instrument;
-  const double wrist_m = p_RT.norm() - mount.tip_offset - instrument.pitch_to_yaw;
-  move_by_hand({std::atan2(p_RT.x(), -p_RT.z()), -std::asin(p_RT.y() / p_RT.norm()),
-                wrist_m - psm_wrist_distance(0, instrument), roll_rad, 0, 0});
+  PsmJoints q{0, 0, 0, roll_rad.value_or(0), 0, 0};
+  const JointState stands = robot_->arm().setpoint_js();
+  if (!roll_rad) std::copy_n(stands.position.begin() + 3, 3, q.begin() + 3);
+  // The shaft points from the remote centre at `aim`. A bent wrist holds the tip beside the shaft:
+  // the aim goes as far to the other side, which changes where beside a little.
+  constexpr int kTimes = 100;
+  Eigen::Vector3d aim = p_RT, miss;
+  for (int k = 0; k < kTimes; ++k) {
+    const double wrist_m = aim.norm() - mount.tip_offset - instrument.pitch_to_yaw;
+    q[0] = std::atan2(aim.x(), -aim.z());
+    q[1] = -std::asin(aim.y() / aim.norm());
+    q[2] = wrist_m - psm_wrist_distance(0, instrument);
+    const PsmPose pose = psm_forward(q, instrument);
+    miss = p_RT - pose.p - mount.tip_offset * pose.R.col(2);
+    aim += miss;
+  }
+  constexpr double kThere_m = 1e-6;
+  if (!(miss.norm() < kThere_m))
+    return log().warn("the middle of the workspace is out of reach with the tool as it stands");
+  move_by_hand(q);
 }
 
 void DoubleProgram::move_by_hand(const PsmJoints& q) {

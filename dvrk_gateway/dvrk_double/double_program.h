@@ -54,7 +54,7 @@ class DoubleProgram {
   void tell_changes();
   void tell_state();
   void place_arm();
-  void carry_arm(double roll_rad);
+  void carry_arm(std::optional<double> roll_rad);
   void move_by_hand(const PsmJoints& q);
   void read_operator(int input);
   void send_foreign();

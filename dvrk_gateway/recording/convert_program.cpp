@@ -78,6 +78,11 @@ void convert_log(const ConvertOptions& options) {
   const WireLogCounts& counts = converted.value();
   for (const std::string& problem : counts.problems)
     fmt::print(stderr, "warning: {}: {}\n", options.log, problem);
+  if (counts.stepped_back > 0) {
+    fmt::print(stderr,
+               "warning: {}: {} lines up to 1 us earlier than a line before, recorded behind it\n",
+               options.log, counts.stepped_back);
+  }
   fmt::print(
       "{}: {} datagrams of the robot, {} of the client ({} without a whole goal), {} comments, {} "
       "bad lines, {} payloads not valid\n",

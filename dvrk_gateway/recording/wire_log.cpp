@@ -16,6 +16,8 @@ namespace {
 constexpr std::size_t kLongestLine = 70'000;  // a datagram has at most 65507 bytes
 constexpr double kLatest_s = 9e9;             // ns of it fit into 64 bits
 constexpr std::size_t kToldProblems = 5;
+// Who logs with several threads writes a time a little back now and then.
+constexpr std::int64_t kSmallBack_ns = 1000;
 constexpr UdpAddress kRobot{0x7f000001, 1};  // a log says nothing of addresses
 
 /// What the robot does last of a datagram, which is what counts (docs/dvrk.md 4.3); nothing where
@@ -111,13 +113,15 @@ class Conversion {
 
  private:
   Result<void> take(const WireLogLine& line) {
-    if (line.time_ns < line_ns_) return Failure{"its time is before that of the line before"};
+    if (line.time_ns < line_ns_ - kSmallBack_ns)
+      return Failure{"its time is before that of the line before"};
     // Samples of one time cannot be told apart; a log writes times with a microsecond.
     const std::int64_t time_ns = std::max(line.time_ns, time_ns_ + 1);
     const Result<void> taken =
         line.from_client ? take_client(line, time_ns) : take_robot(line, time_ns);
     if (!taken) return taken;
-    line_ns_ = line.time_ns;
+    if (line.time_ns < line_ns_) ++counts_.stepped_back;
+    line_ns_ = std::max(line_ns_, line.time_ns);
     time_ns_ = time_ns;
     return {};
   }
@@ -172,7 +176,7 @@ class Conversion {
   WireLogCounts counts_;
   std::map<std::string, std::string> frames_;  ///< by payload and field
   std::string two_arms_;
-  std::int64_t line_ns_ = 0, time_ns_ = -1;  ///< of the last good line, in the log and recorded
+  std::int64_t line_ns_ = 0, time_ns_ = -1;  ///< the latest so far, in the log and recorded
 };
 
 }  // namespace

@@ -30,7 +30,9 @@ struct WireLogCounts {
   std::uint64_t robot = 0;     ///< datagrams of the robot
   std::uint64_t client = 0;    ///< datagrams of the client
   std::uint64_t comments = 0;  ///< and blank lines
-  std::uint64_t bad = 0;       ///< not of this form, not JSON, or earlier than the line before
+  std::uint64_t bad = 0;       ///< not of this form, not JSON, or of before the line before
+  /// Of the datagrams, those with a time up to 1 us before that of a line before: recorded then.
+  std::uint64_t stepped_back = 0;
   /// Of the client's datagrams, those with a goal that a robot does not take: too few numbers.
   std::uint64_t without_goal = 0;
   std::uint64_t invalid_payloads = 0;  ///< of the robot's: not recorded

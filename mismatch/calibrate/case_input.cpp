@@ -80,7 +80,8 @@ CaseInput read_case(const std::vector<std::string>& paths, const std::string& sc
       input.recordings.emplace_back(name, recording);
       ++count;
     };
-    const auto left_out = [&](const std::string& why) {
+    const auto left_out = [&](const std::string& part, const std::string& why) {
+      input.left_out.emplace_back(recording_name(part), why);
       input.warnings.push_back(told_left_out(why));
       ++count;
     };
@@ -97,18 +98,25 @@ CaseInput read_case(const std::vector<std::string>& paths, const std::string& sc
 
 void hold_out(const std::vector<std::string>& names, CaseInput& input) {
   for (const std::string& name : names) {
+    const auto is_meant = [&name](const std::string& own) {
+      return name.ends_with('*') ? own.starts_with(name.substr(0, name.size() - 1)) : own == name;
+    };
     bool any = false;
     std::vector<std::string> known;
     for (auto& [own, recording] : input.recordings) {
       known.push_back(own);
-      const bool begin = name.ends_with('*');
-      if (begin ? !own.starts_with(name.substr(0, name.size() - 1)) : own != name) continue;
+      if (!is_meant(own)) continue;
       recording.info.set_held_out(true);
       any = true;
     }
-    if (!any)
-      throw_error("--held-out: no recording is called {}, there are {}", name,
-                  fmt::join(known, ", "));
+    if (any) continue;
+    for (const auto& [own, why] : input.left_out) {
+      if (is_meant(own))
+        throw_error("--held-out {}: the recording {} cannot be read and is left out: {}", name, own,
+                    why);
+    }
+    throw_error("--held-out: no recording is called {}, there are {}", name,
+                fmt::join(known, ", "));
   }
 }
 

@@ -23,6 +23,7 @@ struct CaseInput {
   pb::Priors priors;
   std::string folder;                 ///< meshes of the scene lie beside it
   std::set<std::string> named_alone;  ///< recordings that are all that is at a path
+  std::vector<std::pair<std::string, std::string>> left_out;  ///< by name, and why
   std::vector<std::string> warnings;
 };
 
@@ -33,7 +34,8 @@ CaseInput read_case(const std::vector<std::string>& recordings, const std::strin
                     const std::vector<std::string>& overrides);
 
 /// Recordings of these names, or that begin so with "*" at its end, are held out, whatever they say
-/// of themselves: predicted, not fitted. Throws Error for a name that none has.
+/// of themselves: predicted, not fitted. Throws Error for a name that none has, with the reason
+/// where the recording of that name was left out.
 void hold_out(const std::vector<std::string>& names, CaseInput& input);
 
 /// Observations in the order of their names, conditions and markers numbered. What is known of the

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <filesystem>
 #include <optional>
+#include <utility>
 
 #include "core/check.h"
 #include "core/file_name.h"
@@ -31,6 +32,11 @@ Recording read_recording(const std::string& path) {
   return fs::is_directory(path) ? read_recording_folder(path) : read_recording_mcap(path);
 }
 
+std::string recording_name(const std::string& path) {
+  const fs::path named = fs::absolute(path).lexically_normal();
+  return fs::is_directory(named) ? named.filename().string() : named.stem().string();
+}
+
 void for_each_recording(const std::string& path, const TakeRecording& take,
                         const ReadRecording& read, const TellLeftOut& left_out) {
   const fs::path input(path);
@@ -51,8 +57,7 @@ void for_each_recording(const std::string& path, const TakeRecording& take,
   std::vector<std::string> paths;
   for (const fs::path& part : parts) paths.push_back(part.string());
   const auto take_named = [&](const std::string& part, const Recording& recording) {
-    const fs::path named = fs::absolute(part).lexically_normal();
-    take(fs::is_directory(part) ? named.filename().string() : named.stem().string(), recording);
+    take(recording_name(part), recording);
   };
   take_readable(paths, read, take_named, left_out);
 }
@@ -60,21 +65,22 @@ void for_each_recording(const std::string& path, const TakeRecording& take,
 void take_readable(const std::vector<std::string>& paths, const ReadRecording& read,
                    const std::function<void(const std::string& path, const Recording&)>& take,
                    const TellLeftOut& left_out) {
-  std::vector<std::string> refused;
+  std::vector<std::pair<std::string, std::string>> refused;  // path and why
   for (const std::string& path : paths) {
     std::optional<Recording> recording;
     try {
       recording = read(path);
     } catch (const Error& error) {
       if (left_out == nullptr || paths.size() == 1) throw;
-      refused.emplace_back(error.what());
+      refused.emplace_back(path, error.what());
       continue;
     }
     take(path, *recording);
   }
   if (refused.size() == paths.size())
-    throw_error("none of {} recordings can be read; the first: {}", paths.size(), refused.front());
-  for (const std::string& why : refused) left_out(why);
+    throw_error("none of {} recordings can be read; the first: {}", paths.size(),
+                refused.front().second);
+  for (const auto& [path, why] : refused) left_out(path, why);
 }
 
 }  // namespace omentum

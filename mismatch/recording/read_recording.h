@@ -16,8 +16,11 @@ using TakeRecording = std::function<void(const std::string& name, const Recordin
 
 using ReadRecording = std::function<Recording(const std::string& path)>;
 
-/// Told, in one line, of one of several recordings that cannot be read and is left out.
-using TellLeftOut = std::function<void(const std::string& why)>;
+/// Told of one of several recordings that cannot be read and is left out: why, in one line.
+using TellLeftOut = std::function<void(const std::string& path, const std::string& why)>;
+
+/// What the recording of a file or folder is called.
+std::string recording_name(const std::string& path);
 
 /// The recording of a file or folder, or those of the folders and files .mcap in a case folder, in
 /// the order of their names; `read` reads one of them. Throws Error, also for one of several that

@@ -64,7 +64,9 @@ Recording read_any(const std::string& path) {
 /// What a folder or file holds, one recording after the other. Of several bags and files one that
 /// cannot be read is left out with a line.
 void for_each(const RecordingOptions& options, const TakeRecording& take) {
-  const TellLeftOut left_out = [](const std::string& why) { warn({why + ": left out"}); };
+  const TellLeftOut left_out = [](const std::string&, const std::string& why) {
+    warn({why + ": left out"});
+  };
   if (options.map.empty()) {
     is_bag(options.input);  // refuses what first must be converted
     return for_each_recording(options.input, take, read_any, left_out);

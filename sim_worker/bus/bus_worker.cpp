@@ -32,6 +32,7 @@ BusWorker::BusWorker(BusWorkerOptions options)
     : options_(checked(std::move(options))),
       status_(first_worker_status(options_)),
       heartbeat_(options_.heartbeat),
+      deaf_(status_.worker_id),
       simulations_(status_.worker_id, options_.build_id, options_.simulate) {
   join(options_.profile);
 }
@@ -42,8 +43,8 @@ void BusWorker::join(const DdsProfile& profile) {
   options_.profile = profile;
   bus_ = std::make_unique<WorkerBus>(
       WorkerBusOptions{options_.run, options_.domain, profile, status_.worker_id, {}});
-  joined_ns_ = listed_ns_ = matched_ns_ = disturbed_ns_ = unsettled_from_ns_ = steady_now_ns();
-  discovered_ = {};
+  listed_ns_ = matched_ns_ = steady_now_ns();
+  deaf_.joined(listed_ns_);
   weights_missed_ns_ = 0;
   unheard_ = false;
 }
@@ -59,7 +60,10 @@ int BusWorker::run(const std::function<bool()>& stop) {
     if (const std::int64_t hold = pending_.hold_until_ns(); hold > 0)
       timeout = std::clamp<std::int64_t>(hold - now, 0, timeout);
     bus_->wait(timeout);
-    watch_discovery(steady_now_ns(), steady_now_ns() - now - timeout);
+    deaf_.watch(steady_now_ns(), steady_now_ns() - now - timeout, [this] {
+      const dds::Discovery::Count count = bus_->discovered();
+      return Deafness::Around{count.found, count.known, waited_for_core_ns()};
+    });
     take_arrivals();
     prepare();
     now = steady_now_ns();

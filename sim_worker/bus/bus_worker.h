@@ -13,6 +13,7 @@
 #include "core/alarms.h"
 #include "core/backend.h"
 #include "core/dds_options.h"
+#include "core/deafness.h"
 #include "core/heartbeat.h"
 #include "core/policy.h"
 #include "core/wire.h"
@@ -98,10 +99,6 @@ class BusWorker {
   void take_weights(std::vector<Arrival<PolicyWeights>> weights);
   void take_learners(const std::vector<Arrival<LearnerStatus>>& learners);
   void take_commands(const std::vector<Arrival<ControlCommand>>& commands);
-  std::int64_t spread_ns(std::int64_t per_known_ns) const;
-  std::int64_t deaf_pause_ns(bool lately) const;
-  void watch_discovery(std::int64_t now_ns, std::int64_t late_ns);
-  bool is_quiet(std::int64_t now_ns) const;
   void rejoin_if_needed(std::int64_t now_ns);
   std::string deafness(std::int64_t now_ns);
   void rejoin(const DdsProfile& profile, const std::string& reason, std::int64_t now_ns);
@@ -166,18 +163,11 @@ class BusWorker {
   std::int64_t alone_since_ns_ = 0, alone_told_ns_ = 0;  ///< without a learner; 0 = not so
   bool waited_too_long_ = false;
   std::int64_t profile_asked_ns_ = 0;
-  std::int64_t joined_ns_ = 0;   ///< when the present participant was made
-  std::int64_t heard_ns_ = 0;    ///< a learner of this run, last; 0 = never
-  std::int64_t listed_ns_ = 0;   ///< the learner has named this worker, or was not heard
-  std::int64_t matched_ns_ = 0;  ///< its endpoints were found, or are not looked for
-  dds::Discovery::Count discovered_;
-  std::int64_t disturbed_ns_ = 0;       ///< discovery found more, or this process was kept waiting
-  std::int64_t unsettled_from_ns_ = 0;  ///< since then it was never quiet
-  std::int64_t discovery_asked_ns_ = 0;
-  std::int64_t waited_for_core_ns_ = 0;  ///< by the threads of this process
-  std::int64_t weights_missed_ns_ = 0;   ///< a task was declined for lack of them; 0 = none since
-  bool unheard_ = false;                 ///< the learner says so
-  std::uint32_t rejoins_in_vain_ = 0;    ///< since a task was received
+  Deafness deaf_;                       ///< to a learner of this run
+  std::int64_t listed_ns_ = 0;          ///< the learner has named this worker, or was not heard
+  std::int64_t matched_ns_ = 0;         ///< its endpoints were found, or are not looked for
+  std::int64_t weights_missed_ns_ = 0;  ///< a task was declined for lack of them; 0 = none since
+  bool unheard_ = false;                ///< the learner says so
   std::unique_ptr<Policy> policy_;
   TaskQueue pending_;
   std::deque<Outgoing> outbox_;

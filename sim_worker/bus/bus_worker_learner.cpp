@@ -1,8 +1,6 @@
 // Which learner a worker follows, its configuration, and its weights.
 #include <algorithm>
 #include <chrono>
-#include <filesystem>
-#include <fstream>
 #include <thread>
 #include <utility>
 
@@ -26,38 +24,13 @@ constexpr std::int64_t kAskNs = 1 * kS;  // for the address of a learner that is
 // was missing may be there.
 constexpr std::int64_t kFirstRetryNs = 10 * kS;
 constexpr std::int64_t kMostRetryNs = 320 * kS;
-// Deaf for so long: it joins anew, and again after twice as long ... while that does not help.
-constexpr std::int64_t kDeafNs = 12 * kS;
 constexpr std::int64_t kWeightsLateNs = 4 * kS;  // the learner sends them again every 2 s
 constexpr std::int64_t kDeafAskedNs = 20 * kS;   // while it simulates for others
-constexpr std::int64_t kDeafLongPauseNs = 60 * kS;
-constexpr std::int64_t kHeardLatelyNs = 300 * kS;
-// Of discovery in progress, which looks like deafness.
-constexpr std::int64_t kLookNs = kS / 2;
-constexpr std::int64_t kStarvedPart = 3;  // of the time some thread waits for a core
-constexpr std::int64_t kQuietNs = 2 * kS;
-constexpr std::int64_t kQuietPerKnownNs = kS / 100;
-constexpr std::int64_t kSpreadPerKnownNs = kS / 25;  // a worker is about 11
-constexpr std::int64_t kKeptWaitingNs = kS / 5;
-constexpr std::int64_t kMostUnsettledNs = 90 * kS;  // somebody may forge announcements for ever
 constexpr int kJoinTries = 60;
 constexpr auto kJoinAgain = std::chrono::milliseconds(500);
 
 bool names(const std::vector<std::uint32_t>& ids, std::uint32_t id) {
   return std::ranges::find(ids, id) != ids.end();
-}
-
-/// How long the threads of this process have waited for a core, all together; 0 where the kernel
-/// does not tell.
-std::int64_t waited_for_core_ns() {
-  std::error_code failed;
-  std::int64_t all_ns = 0;
-  for (const auto& thread : std::filesystem::directory_iterator("/proc/self/task", failed)) {
-    std::int64_t ran_ns = 0, waited_ns = 0;
-    std::ifstream(thread.path() / "schedstat") >> ran_ns >> waited_ns;
-    all_ns += waited_ns;
-  }
-  return all_ns;
 }
 
 }  // namespace
@@ -112,7 +85,8 @@ void BusWorker::take_learners(const std::vector<Arrival<LearnerStatus>>& learner
     }
     choice_.spoke(info.participant, learner.learner_epoch, steady_now_ns());
     if (learner.learner_epoch != epoch_ || info.participant != learner_) continue;
-    learner_at_ns_ = heard_ns_ = steady_now_ns();
+    learner_at_ns_ = steady_now_ns();
+    deaf_.heard(learner_at_ns_);
     learner_gone_ = false;
     if (names(learner.worker_ids, status_.worker_id)) listed_ns_ = learner_at_ns_;
     unheard_ = names(learner.unheard_worker_ids, status_.worker_id);
@@ -141,69 +115,22 @@ void BusWorker::take_commands(const std::vector<Arrival<ControlCommand>>& comman
   }
 }
 
-/// A part of so long for each participant and endpoint that is known: another part for each worker,
-/// so that they do not all join anew at one moment.
-std::int64_t BusWorker::spread_ns(std::int64_t per_known_ns) const {
-  constexpr std::uint64_t kMostKnown = 500;  // somebody may make up any number
-  constexpr std::uint32_t kMoments = 64;
-  const auto known = static_cast<std::int64_t>(std::min(discovered_.known, kMostKnown));
-  return per_known_ns * known * (status_.worker_id % kMoments) / kMoments;
-}
-
-/// How long it takes part before it joins anew. Many workers that start on few cores find each
-/// other slowly, and each that joins anew costs all others time: so each next time is twice as
-/// late.
-std::int64_t BusWorker::deaf_pause_ns(bool lately) const {
-  constexpr std::uint32_t kMostDoublings = 4;
-  if (rejoins_in_vain_ == 0) return kDeafNs + spread_ns(kSpreadPerKnownNs);
-  const std::int64_t doubled = kDeafNs << std::min(rejoins_in_vain_, kMostDoublings);
-  return spread_ns(kSpreadPerKnownNs) +
-         (lately ? std::min(doubled, kDeafLongPauseNs) : kDeafLongPauseNs);
-}
-
-/// `late_ns`: this thread was woken so much later than it wanted.
-void BusWorker::watch_discovery(std::int64_t now_ns, std::int64_t late_ns) {
-  bool disturbed = late_ns > kKeptWaitingNs;
-  if (const std::int64_t past_ns = now_ns - discovery_asked_ns_; past_ns >= kLookNs) {
-    discovery_asked_ns_ = now_ns;
-    // Threads that only listen hardly ever wait.
-    const std::int64_t waited_ns = waited_for_core_ns();
-    disturbed |= waited_ns - std::exchange(waited_for_core_ns_, waited_ns) > past_ns / kStarvedPart;
-    const dds::Discovery::Count now = bus_->discovered();
-    disturbed |= now.found > std::exchange(discovered_, now).found;
-  }
-  if (!disturbed) return;
-  if (is_quiet(now_ns)) unsettled_from_ns_ = now_ns;
-  disturbed_ns_ = now_ns;
-}
-
-/// Discovery has found nothing new for a while, and this process gets its share of the cores. All
-/// find who joins anew, so the others wait for it.
-bool BusWorker::is_quiet(std::int64_t now_ns) const {
-  return now_ns - disturbed_ns_ > kQuietNs + spread_ns(kQuietPerKnownNs);
-}
-
-/// Why this worker, or the learner, seems to be deaf; empty while neither does. Reliable topics can
-/// be parted for good by datagrams that anybody can forge (docs/trust.md 2); participants that have
-/// just met are not parted.
+/// Why this worker, or the learner, seems to be deaf; empty while neither does.
 std::string BusWorker::deafness(std::int64_t now_ns) {
   const bool alone = learner_gone_ || now_ns - learner_at_ns_ > kLearnerFreshNs;
-  const bool lately = heard_ns_ > 0 && now_ns - heard_ns_ < kHeardLatelyNs;
-  const std::int64_t patience_ns = kDeafNs + spread_ns(kSpreadPerKnownNs);
   if (alone) listed_ns_ = matched_ns_ = now_ns;
-  if (now_ns - joined_ns_ < deaf_pause_ns(lately)) return {};
-  if (!is_quiet(now_ns) && now_ns - unsettled_from_ns_ < kMostUnsettledNs) return {};
+  if (!deaf_.may_join_anew(now_ns)) return {};
   if (alone) {
     const bool simulates =
         simulations_.in_progress() > 0 || (asked_ns_ > 0 && now_ns - asked_ns_ < kTellNs);
     // Who asks for simulations, which anybody may, must not keep it deaf.
-    if (simulates && now_ns - joined_ns_ < kDeafAskedNs) return {};
-    if (now_ns - heard_ns_ < patience_ns || !bus_->sees_a_learner()) return {};
+    if (simulates && now_ns - deaf_.joined_ns() < kDeafAskedNs) return {};
+    if (!deaf_.is_too_long(deaf_.heard_ns(), now_ns) || !bus_->sees_a_learner()) return {};
     return "a learner is there and is not heard";
   }
   if (unheard_) return "the learner does not hear this worker, or is not heard";
-  if (now_ns - listed_ns_ > patience_ns) return "the learner does not know this worker";
-  if (now_ns - matched_ns_ > patience_ns)
+  if (deaf_.is_too_long(listed_ns_, now_ns)) return "the learner does not know this worker";
+  if (deaf_.is_too_long(matched_ns_, now_ns))
     return "the learner's reader of segments or writer of tasks is not found";
   if (weights_missed_ns_ > 0 && now_ns - weights_missed_ns_ > kWeightsLateNs)
     return "weights do not arrive";
@@ -225,7 +152,7 @@ void BusWorker::rejoin_if_needed(std::int64_t now_ns) {
   if (options_.find_profile) profile = options_.find_profile();
   if (!profile) return;
   if (!deaf.empty()) {
-    ++rejoins_in_vain_;
+    deaf_.gives_up();
     return rejoin(profile.value(), deaf, now_ns);
   }
   if (profile.value().uri == bus_->uri() && !expired) return;
@@ -367,7 +294,7 @@ void BusWorker::accept(std::uint64_t participant, RolloutTask task) {
     return;
   }
   ++status_.tasks_received;
-  rejoins_in_vain_ = 0;
+  deaf_.helped();
   if (task.learner_epoch != epoch_ || task.worker_id != status_.worker_id) {
     ++status_.tasks_declined_epoch;
     status_sent_ns_ = 0;

@@ -3,63 +3,14 @@
 
 #include "core/check.h"
 #include "core/config.h"
-#include "core/hash.h"
 #include "dvrk_gateway/bus/bus_policy_source.h"
+#include "tests/dvrk_gateway/small_learner.h"
 #include "tests/support/domain.h"
 
 namespace omentum {
 namespace {
 
-/// Publishes what a learner does.
-class SmallLearner {
- public:
-  SmallLearner(std::uint32_t domain, std::uint32_t epoch = 7)
-      : participant(domain, test::loopback_profile().uri, "learner"),
-        config(load_config("omentum", std::vector<std::string>{"ppo.hidden=16"})),
-        epoch_(epoch),
-        manifests_(participant, public_partitions("r"), "manifest"),
-        statuses_(participant, public_partitions("r"), "status"),
-        weights_(participant, public_partitions("r"), "weights") {}
-
-  void offer() {
-    RunManifest manifest;
-    manifest.run_id = "r";
-    manifest.learner_epoch = epoch_;
-    manifest.config_text = print_config(config);
-    manifest.config_hash = config_hash(config);
-    manifest.layout_hash = policy_shape(config).layout_hash();
-    ASSERT_TRUE(manifests_.write(manifest));
-    speak();
-  }
-  void speak() {
-    LearnerStatus status;
-    status.run_id = "r";
-    status.learner_epoch = epoch_;
-    ASSERT_TRUE(statuses_.write(status));
-  }
-  PolicyWeights weights(std::uint64_t version) const {
-    PolicyWeights w;
-    w.policy_id = static_cast<std::uint32_t>(fnv1a64(std::string("r")));
-    w.learner_epoch = epoch_;
-    w.policy_version = version;
-    w.layout_hash = policy_shape(config).layout_hash();
-    w.config_hash = config_hash(config);
-    w.parameters.assign(policy_shape(config).parameter_count(),
-                        0.01F * static_cast<float>(version));
-    w.weights_hash = hash_weights(w.parameters, w.obs_mean, w.obs_inv_std);
-    return w;
-  }
-  void publish(const PolicyWeights& w) { ASSERT_TRUE(weights_.write(w)); }
-
-  dds::Participant participant;
-  pb::Config config;
-
- private:
-  std::uint32_t epoch_;
-  BusWriter<RunManifest> manifests_;
-  BusWriter<LearnerStatus> statuses_;
-  BusWriter<PolicyWeights> weights_;
-};
+using test::SmallLearner;
 
 bool never() { return false; }
 
@@ -68,7 +19,8 @@ TEST(BusPolicySource, OneVersionIsPinnedAndTheNextIsTakenBetweenEpisodes) {
   SmallLearner learner(domain.id());
   learner.offer();
   learner.publish(learner.weights(3));
-  const auto source = BusPolicySource::wait(learner.participant, "r", never);
+  GatewayBus bus(domain.id(), test::loopback_profile());
+  const auto source = BusPolicySource::wait(bus, "r", never);
   ASSERT_TRUE(source);
   EXPECT_EQ(config_hash(source->config()), config_hash(learner.config));
   const Policy& pinned = source->for_next_episode();
@@ -86,7 +38,8 @@ TEST(BusPolicySource, WeightsThatDoNotFitOrAreDamagedAreRefusedAndTheOldOnesGoOn
   SmallLearner learner(domain.id());
   learner.offer();
   learner.publish(learner.weights(3));
-  const auto source = BusPolicySource::wait(learner.participant, "r", never);
+  GatewayBus bus(domain.id(), test::loopback_profile());
+  const auto source = BusPolicySource::wait(bus, "r", never);
   ASSERT_TRUE(source);
   PolicyWeights damaged = learner.weights(4);
   damaged.parameters[7] += 1;
@@ -115,7 +68,8 @@ TEST(BusPolicySource, AStrangerWithoutAManifestIsNotBelieved) {
   SmallLearner learner(domain.id());
   learner.offer();
   learner.publish(learner.weights(3));
-  const auto source = BusPolicySource::wait(learner.participant, "r", never);
+  GatewayBus bus(domain.id(), test::loopback_profile());
+  const auto source = BusPolicySource::wait(bus, "r", never);
   ASSERT_TRUE(source);
   SmallLearner stranger(domain.id(), 99);
   stranger.publish(stranger.weights(1000));
@@ -130,8 +84,9 @@ TEST(BusPolicySource, APolicyOfOtherObservationsIsRefusedWithOneLine) {
   PolicyWeights other = learner.weights(3);
   other.layout_hash ^= 1;
   learner.publish(other);
+  GatewayBus bus(domain.id(), test::loopback_profile());
   try {
-    (void)BusPolicySource::wait(learner.participant, "r", never);
+    (void)BusPolicySource::wait(bus, "r", never);
     FAIL() << "taken";
   } catch (const Error& error) {
     const std::string text = error.what();
@@ -158,7 +113,8 @@ TEST(BusPolicySource, APolicyThatTurnsTheToolIsRefusedWithOneLine) {
   const std::string why =
       ": turns the tool (task.action ACTION_ORIENTED), allowed: the other actions; the arm is led "
       "with the orientation of the scene";
-  EXPECT_EQ(refused([&] { (void)BusPolicySource::wait(learner.participant, "r", never); }),
+  GatewayBus bus(domain.id(), test::loopback_profile());
+  EXPECT_EQ(refused([&] { (void)BusPolicySource::wait(bus, "r", never); }),
             "--policy bus, version 3" + why);
   SavedPolicy saved;
   saved.path = "runs/x";
@@ -169,9 +125,9 @@ TEST(BusPolicySource, APolicyThatTurnsTheToolIsRefusedWithOneLine) {
 
 TEST(BusPolicySource, WaitingEndsWhenTheOperatorDoes) {
   const test::PrivateDomain domain;
-  const dds::Participant participant(domain.id(), test::loopback_profile().uri, "alone");
+  GatewayBus bus(domain.id(), test::loopback_profile());
   int asked = 0;
-  EXPECT_FALSE(BusPolicySource::wait(participant, "r", [&] { return ++asked > 3; }));
+  EXPECT_FALSE(BusPolicySource::wait(bus, "r", [&] { return ++asked > 3; }));
 }
 
 }  // namespace

@@ -1,14 +1,20 @@
 // The program dvrk_double as a process, and the tissue under its jaw.
+#include "dvrk_gateway/dvrk_double/double_program.h"
+
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <poll.h>
+#include <unistd.h>
 
+#include <array>
+#include <csignal>
 #include <fstream>
 #include <sstream>
+#include <thread>
 
 #include "core/clock.h"
 #include "core/config.h"
-#include "dvrk_gateway/dvrk_double/attached_tissue.h"
+#include "core/constants.h"
 #include "dvrk_gateway/protocol/udp_socket.h"
 #include "tests/dvrk_gateway/double_session.h"
 #include "tests/support/process.h"
@@ -104,6 +110,42 @@ TEST(DoubleProgram, RestartIsAnotherProcess) {
       {OMENTUM_DVRK_DOUBLE, "--port", client.port(), "--home-at", "0.1", "--at", "2 restart"});
   ASSERT_TRUE(client.listen_until_homed());
   EXPECT_TRUE(client.listen_until([&] { return client.state.foreign > 0; }));
+}
+
+TEST(DoubleProgram, AToolIsCarriedInItsOwnOrientation) {
+  Client client;
+  DoubleProgramOptions options;
+  options.port = client.socket.port();
+  options.robot.home_at_s = 0.1;
+  options.mount = make_sim_setup(load_config("omentum", {}))->mount;
+  std::array<int, 2> typed{};
+  ASSERT_EQ(pipe(typed.data()), 0);
+  const volatile std::sig_atomic_t stop = 0;
+  DoubleProgram program(options);
+  std::thread robot([&] { program.run(stop, typed[0]); });
+  const Eigen::Vector3d middle = 0.5 * (options.mount.workspace_min + options.mount.workspace_max);
+  const Eigen::Vector3d p_RT = options.mount.X_WR.inverse() * middle;
+  const auto stands = [&](const std::array<double, 3>& tool) {
+    const auto& q = client.state.setpoint_js.payload.position;
+    return std::abs(q[3] - tool[0]) + std::abs(q[4] - tool[1]) + std::abs(q[5] - tool[2]) < 1e-5;
+  };
+  const auto is_there = [&] {
+    const CartesianPose& pose = client.state.local_measured_cp.payload;
+    const Eigen::Vector3d tip = pose.translation + options.mount.tip_offset * pose.rotation.col(2);
+    return pose.valid && (tip - p_RT).norm() < 1e-5;
+  };
+  EXPECT_TRUE(client.listen_until_homed());
+  client.say(R"({"move_jp":{"Goal":[0.3,0.1,0.1,0.8,0.5,-0.4]}})");
+  EXPECT_TRUE(client.listen_until([&] { return stands({0.8, 0.5, -0.4}); }));
+  EXPECT_FALSE(is_there());
+  EXPECT_EQ(write(typed[1], "carry\n", 6), 6);
+  EXPECT_TRUE(client.listen_until(is_there));
+  EXPECT_TRUE(stands({0.8, 0.5, -0.4})) << "roll and wrist are as they were";
+  EXPECT_EQ(write(typed[1], "carry 90\n", 9), 9);
+  EXPECT_TRUE(client.listen_until([&] { return stands({kDegree * 90, 0, 0}) && is_there(); }));
+  EXPECT_EQ(write(typed[1], "quit\n", 5), 5);
+  robot.join();
+  for (const int end : typed) close(end);
 }
 
 TEST(DoubleProgram, WrongInputIsOneLineAndCode2) {

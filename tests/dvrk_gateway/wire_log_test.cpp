@@ -103,6 +103,24 @@ TEST(WireLog, LinesOfOneTimeStayApart) {
   EXPECT_EQ(motion.value().size(), 2U);
 }
 
+TEST(WireLog, ATimeThatStepsALittleBackLosesNoDatagram) {
+  const auto goal = [](const char* time, const char* z) {
+    return std::string(time) + "\t>> {\"servo_jp\":{\"Goal\":[0,0," + z + ",0,0,0]}}\n";
+  };
+  const Converted log =
+      convert("1\t" + kJoints + "\n" + goal("2.0000003", "0.12") + goal("2.0000000", "0.13") +
+              goal("1.9999997", "0.14") + goal("1.9999990", "0.15") + goal("2.0000003", "0.16"));
+  ASSERT_TRUE(log.counts) << log.counts.error();
+  EXPECT_EQ(log.counts.value().client, 4U);
+  EXPECT_EQ(log.counts.value().stepped_back, 2U);
+  EXPECT_THAT(log.counts.value().problems, ElementsAre(HasSubstr("line 5: its time is before")))
+      << "by more than 1 us";
+  const auto goals = log.content.of_topic("/joints_commanded");
+  ASSERT_EQ(goals.size(), 4U);
+  for (std::size_t k = 0; k < goals.size(); ++k)
+    EXPECT_EQ(goals[k]->log_time, 2'000'000'300U + k) << "in the order of the log";
+}
+
 TEST(WireLog, TwoArmsInOneLogAreRefusedByTheirNames) {
   const auto pose = [](const std::string& time, const std::string& arm) {
     return time + "\t{\"local/measured_cp\":{\"AutomaticTimestamp\":false,\"MovingFrame\":\"" +

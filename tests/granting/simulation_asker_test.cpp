@@ -1,15 +1,17 @@
 // Simulations over loopback DDS between the real asker and real workers, whose simulation is only a
-// function of bytes.
+// function of bytes. Run with `--worker DOMAIN` it is a worker of these tests.
 #include "granting/simulation_asker.h"
 
 #include <gtest/gtest.h>
 
 #include <atomic>
 #include <chrono>
+#include <cstdlib>
 #include <cstring>
 #include <future>
 #include <memory>
 #include <mutex>
+#include <string>
 #include <thread>
 
 #include "core/clock.h"
@@ -19,7 +21,9 @@
 #include "tests/learner/fake_rollout.h"
 #include "tests/learner/fake_worker.h"
 #include "tests/support/domain.h"
+#include "tests/support/process.h"
 #include "tests/support/stranger.h"
+#include "tests/support/temp_dir.h"
 
 namespace omentum {
 namespace {
@@ -216,6 +220,30 @@ TEST_F(Asker, ForgedTasksAndResultsChangeNothing) {
   EXPECT_GT(stranger.sent(), 10);
 }
 
+// The protocol below DDS is forged by somebody on the machine (tests/hostile/forger.py).
+TEST_F(Asker, FindsWorkersAgainFromWhomItWasParted) {
+  if (std::system("python3 -c pass") != 0) GTEST_SKIP() << "python3 is not installed";
+  const test::TempDir folder;
+  auto asker = make_asker();
+  const std::string domain = std::to_string(domain_.id());
+  const test::Process one({test::this_executable(), "--worker", domain});
+  const test::Process two({test::this_executable(), "--worker", domain});
+  ASSERT_TRUE(eventually([&] { return asker->state().workers == 2; }));
+  expect_right(*asker, 0, 10);
+  test::Process forger(
+      {"/usr/bin/env", "python3", OMENTUM_TESTS_DIR "/hostile/forger.py", domain, "3"},
+      folder / "forger");
+  ASSERT_EQ(forger.wait(std::chrono::seconds(60)), 0) << "it found nobody";
+  const std::int64_t ended_ns = steady_now_ns();
+  auto answers = std::async(std::launch::async, [&] { Asker::expect_right(*asker, 10, 30); });
+  EXPECT_TRUE(eventually([&] { return asker->state().done == 30; })) << told();
+  const std::int64_t again_ms = (steady_now_ns() - ended_ns) / 1'000'000;
+  RecordProperty("again_ms", static_cast<int>(again_ms));
+  EXPECT_LT(again_ms, 30'000);
+  asker.reset();  // who waits still has no answer
+  answers.get();
+}
+
 TEST_F(Asker, SaysWhatToStartWhileThereIsNoWorkerAndEndsWithoutOne) {
   auto asker = make_asker();
   auto answer =
@@ -226,5 +254,22 @@ TEST_F(Asker, SaysWhatToStartWhileThereIsNoWorkerAndEndsWithoutOne) {
   EXPECT_FALSE(answer.get());
 }
 
+/// For ever.
+int work(std::uint32_t domain) {
+  test::FakeWorker fake;
+  fake.run = "recordings";
+  fake.domain = domain;
+  BusWorkerOptions options = test::fake_options(fake);
+  options.simulate = [](std::span<const std::byte> task, const auto&) { return result_of(task); };
+  return BusWorker(std::move(options)).run([] { return false; });
+}
+
 }  // namespace
 }  // namespace omentum
+
+int main(int argc, char** argv) {
+  if (argc == 3 && std::strcmp(argv[1], "--worker") == 0)
+    return omentum::work(static_cast<std::uint32_t>(std::stoul(argv[2])));
+  testing::InitGoogleTest(&argc, argv);
+  return RUN_ALL_TESTS();
+}

@@ -125,6 +125,18 @@ TEST_F(ThreeRecordings, OneThatWasNamedItselfIsRefusedBesideOthersToo) {
     EXPECT_THAT(refusal([&] { read(named); }), HasSubstr("b/tool.csv:3"));
 }
 
+TEST_F(ThreeRecordings, OneToBeHeldOutThatWasLeftOutIsRefusedWithTheReason) {
+  write("b/tool.csv", kCut);
+  CaseInput input = read({""});
+  for (const char* name : {"b", "b*"}) {
+    EXPECT_THAT(refusal([&] { hold_out({name}, input); }),
+                AllOf(HasSubstr(std::string("--held-out ") + name + ": the recording b cannot be"),
+                      HasSubstr("left out: "), HasSubstr("b/tool.csv:3")));
+  }
+  hold_out({"*"}, input);  // others of the kind are there
+  EXPECT_TRUE(input.recordings[0].second.info.held_out());
+}
+
 TEST(HoldOut, NamesAndBeginsOfNamesAreHeldOutAndOthersAreRefused) {
   CaseInput input;
   for (const char* name : {"lift1", "lift2", "push"})
