@@ -9,7 +9,7 @@ namespace omentum {
 
 /// Two correct models differ by more than white noise and a smooth difference, in each recording
 /// otherwise, and many points make a fit sure of it: what recordings say is worth so many times
-/// less. Stated, by what those of other engines scatter where nothing was left out
+/// less [Miller19]. Stated, by what those of other engines scatter where nothing was left out
 /// (docs/decisions/0046-dispersion.md), never by what a fit leaves, where an effect hides itself.
 inline constexpr double kDispersion = 10;
 
