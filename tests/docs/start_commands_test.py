@@ -171,10 +171,11 @@ def check_rows(page, root, binaries, options):
             for words in commands(f"{short.get(name, name)} {arguments}"):
                 words = words[1:] if words[0].endswith("python3") else words
                 script, program = root / words[0], binaries / pathlib.Path(words[0]).name
-                if not script.is_file() and not program.is_file():
+                is_script = script.suffix in (".sh", ".py") and script.is_file()
+                if not is_script and not program.is_file():
                     continue  # a path in a sentence, a preset, what is made by hand
                 try:
-                    known = script.read_text(encoding="utf-8") if script.is_file() else options.of_command(program, words)
+                    known = script.read_text(encoding="utf-8") if is_script else options.of_command(program, words)
                     check_words(root, words[0], known, lambda: options.help(binaries / "learner"), words)
                 except AssertionError as fault:
                     yield f"{page.relative_to(root)}:{number}: {fault}"
