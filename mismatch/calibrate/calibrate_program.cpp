@@ -134,7 +134,6 @@ int calibrate(const CalibrateOptions& options) {
   chosen.leave_out = !options.no_leave_out;
   chosen.folder = input.folder;
   const pb::Scene& scene = input.scene;
-  unknowns_of(scene, chosen.priors, false);  // a wrong name of a belief is told alone
   const std::vector<std::string> not_looked_for = told_not_looked_for(scene, chosen.priors);
   // Before anything is simulated: who meant it otherwise need not wait.
   for (const std::string& told : not_looked_for)

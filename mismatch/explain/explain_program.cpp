@@ -16,7 +16,6 @@
 #include "mismatch/explain/predictions_file.h"
 #include "mismatch/explain/verdict_file.h"
 #include "mismatch/explain/visited.h"
-#include "mismatch/fit/unknowns.h"
 
 namespace omentum {
 namespace {
@@ -65,7 +64,6 @@ int run_explain(const ProgramOptions& options) {
   hold_out(options.held_out, input);
   const Scene made = make_scene(input.scene, input.folder);
   check_is_clamped_sheet("explain", input, made);
-  unknowns_of(input.scene, input.priors, false);  // a wrong name of a belief is told alone
   std::size_t told = 0;
   tell_warnings(input.warnings, told);
   const auto line = std::make_shared<ProgressLine>("explain");

@@ -43,7 +43,7 @@ def main():
         check_numbers(json.loads((folder / "one" / "calibration.json").read_text()))
         page = (folder / "one" / "report.html").read_text()
         assert all(f"lift{k}" in page for k in range(3)) and not re.search(r"(src|href)=\"https?://", page)
-        for words in ("young_modulus (stiffness)", "numerics.mesh, the error of the mesh", "lift0: pinch.x, the place of the pinch along x"):
+        for words in ("scene.tissue.material.young_modulus (stiffness)", "numerics.mesh, the error of the mesh", "lift0: pinch.x, the place of the pinch along x"):
             assert f"<td>{words}</td>" in page, words
         scene = folder / "one" / "scene.txtpb"
         done = subprocess.run([learner, "--preset", "omentum_elastic", "--set", f"scene_file={scene}", "--dry-run"],

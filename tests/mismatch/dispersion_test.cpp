@@ -44,7 +44,8 @@ TEST(LearnedDispersion, DividesWhatAnAtomGainsWhereThresholdsSaySo) {
   Thresholds thresholds;
   for (const bool by_dispersion : {false, true}) {
     thresholds.by_dispersion = by_dispersion;
-    for (const AtomGains& atom : left_out_gains(folds, {}, thresholds).value()) {
+    const std::vector<AtomGains> gains = left_out_gains(folds, {}, thresholds).value();
+    for (const AtomGains& atom : gains) {
       EXPECT_GE(atom.dispersion, 1);
       EXPECT_EQ(atom.agreed, by_dispersion ? atom.trimmed / atom.dispersion : atom.trimmed);
       EXPECT_EQ(atom.claimed, atom.agreed > thresholds.gain) << atom.atom;

@@ -175,7 +175,11 @@ def main():
         scene_out = (folder / "one" / "scene.txtpb").read_text()
         assert f"pitch_m: {small.number(found, 'scene.tissue.grid.pitch_m')['value']:.6g}"[:16] in scene_out, scene_out
 
-        refused = lambda *words: run(*command[:-2], *words, "-o", folder / "refused", code=2)[1]
+        def refused(*words):
+            """The refusal, behind what is warned of: that is told before anything is simulated."""
+            _, error = run(*command[:-2], *words, "-o", folder / "refused", code=2)
+            return "".join(line for line in error.splitlines(keepends=True) if not line.startswith("warning: "))
+
         for period in ("0:0.1", "-1:0.1", "0.3", "0.3:0", "a:b"):
             error = refused(f"--frame-period-s={period}")
             assert f"--frame-period-s: {period}, needed SECONDS:STANDARD_DEVIATION" in error and error.count("\n") == 1, error
