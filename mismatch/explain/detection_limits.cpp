@@ -53,13 +53,18 @@ bool one_effect(const Number& one, const Number& other) {
 
 Result<std::vector<DetectionLimit>> detection_limits(const FoldEvidence& evidence,
                                                      const Floors& floors,
-                                                     const Thresholds& thresholds) {
+                                                     const Thresholds& thresholds,
+                                                     double dispersion) {
   auto sd = trimmed_sd(evidence);
   if (!sd) return Failure{sd.error()};
   auto cosine = cosines(evidence);
   if (!cosine) return Failure{cosine.error()};
+  // Few folds scatter by chance, so that a gain is divided by more than `dispersion`: for seven
+  // that agree by 1.2 in the mean.
+  constexpr double kByChance = 1.2;
+  const double gain = thresholds.gain * (thresholds.by_dispersion ? kByChance * dispersion : 1);
   // sqrt(2 G*) sd are as likely claimed as not, one more is claimed with 84 %.
-  const double deviations = std::sqrt(2 * thresholds.gain) + 1;
+  const double deviations = std::sqrt(2 * gain) + std::sqrt(dispersion);
   std::vector<DetectionLimit> limits;
   for (int k = 0; k < evidence.atoms(); ++k) {
     DetectionLimit limit;

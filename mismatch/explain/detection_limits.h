@@ -19,9 +19,11 @@ struct DetectionLimit {
 };
 
 /// There is one for each atom, in the order of `evidence`. With five or more folds the sd is that
-/// without the folds whose own evidence knows most and least of the atom.
+/// without the folds whose own evidence knows most and least of the atom. Amplitudes scatter by so
+/// many times the variance that is stated (`dispersion`, at least 1).
 Result<std::vector<DetectionLimit>> detection_limits(const FoldEvidence& evidence,
                                                      const Floors& floors,
-                                                     const Thresholds& thresholds = {});
+                                                     const Thresholds& thresholds = {},
+                                                     double dispersion = 1);
 
 }  // namespace omentum

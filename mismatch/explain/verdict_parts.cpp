@@ -248,8 +248,8 @@ void add_settings(const Case& made, pb::Verdict& verdict) {
 
 void add_limits(const Case& made, pb::Verdict& verdict) {
   const FoldEvidence folds = value_or_throw(make_folds(made.fitted, made.folds));
-  const std::vector<DetectionLimit> limits =
-      value_or_throw(detection_limits(folds, made.floors, made.options.thresholds));
+  const std::vector<DetectionLimit> limits = value_or_throw(
+      detection_limits(folds, made.floors, made.options.thresholds, made.dispersion));
   // Of an effect with several places or directions that which is seen best.
   std::map<std::string, const DetectionLimit*> best;
   for (const DetectionLimit& limit : limits) {

@@ -21,6 +21,7 @@ using testing::HasSubstr;
 using testing::IsEmpty;
 
 const Floors kFloors = {{"atom0", {0.2, ""}}, {"atom1", {0.2, ""}}, {"atom2", {0.2, ""}}};
+const Thresholds kByDispersion = {6, 2, 1, 5, true};  // those of explain
 
 std::vector<AtomGains> gains_of(std::span<const Evidence> recordings,
                                 std::span<const std::string> fold_of = {}) {
@@ -201,6 +202,27 @@ TEST(ExplainLaws, AnEffectAtItsLimitIsClaimedInFourOfFiveDraws) {
   }
   EXPECT_GT(claimed, 150) << "of 200; 84 % are foretold";
   EXPECT_EQ(silent, 200) << "at 5 sd beyond the floor";
+}
+
+TEST(ExplainLaws, AnEffectAtItsLimitIsClaimedInFourOfFiveDrawsByItsDispersionToo) {
+  int claimed = 0;
+  for (unsigned seed = 300; seed < 500; ++seed) {
+    const FoldEvidence planned = make_folds(draw_world(seed, {0, 0, 0}).recordings).value();
+    const double amplitude = detection_limits(planned, kFloors, kByDispersion).value()[0].detected;
+    const LinearWorld world = draw_world(seed, {amplitude, 0, 0});
+    const FoldEvidence folds = make_folds(world.recordings).value();
+    claimed += left_out_gains(folds, kFloors, kByDispersion).value()[0].claimed ? 1 : 0;
+  }
+  EXPECT_NEAR(claimed, 168, 18) << "of 200; 84 % are foretold";
+}
+
+TEST(ExplainLaws, WhatScattersMoreMustBeLargerToBeClaimed) {
+  const FoldEvidence folds = make_folds(draw_world(36, {0, 0, 0}).recordings).value();
+  const auto limit = [&](double dispersion) {
+    const auto found = detection_limits(folds, kFloors, kByDispersion, dispersion).value()[0];
+    return found.detected - found.floor.amplitude;
+  };
+  EXPECT_NEAR(limit(9), 3 * limit(1), 1e-12);
 }
 
 TEST(ExplainLaws, AFloorIsWhatOneNumericsColumnLeftOutDoesToTheAmplitude) {
