@@ -55,10 +55,11 @@ double lead(const Contender& one, const Contender& other) {
 
 std::vector<Candidate> first_candidates(const std::vector<Candidate>& candidates,
                                         const std::vector<ScoreTest>& tests,
-                                        const std::vector<AtomGains>& gains, std::size_t most) {
+                                        const std::vector<AtomGains>& gains, double least,
+                                        std::size_t most) {
   std::vector<const AtomGains*> order;
   for (const AtomGains& gain : gains) {
-    if (gain.claimed) order.push_back(&gain);
+    if (gain.trimmed > least && gain.against.empty()) order.push_back(&gain);
   }
   std::ranges::stable_sort(order, std::greater<>(),
                            [](const AtomGains* gain) { return gain->trimmed; });
@@ -111,14 +112,18 @@ std::vector<Contender> refit(const BaseFit& base, const std::vector<Candidate>& 
     most = std::max(most, made.gain);
     contenders.push_back(std::move(made));
   }
+  return contenders;
+}
+
+void sort_by_agreed(std::vector<Contender>& contenders) {
   // By index: the buffer of std::stable_sort (GCC 12) is not aligned as states of Eigen must be.
   std::vector<std::size_t> order(contenders.size());
   std::iota(order.begin(), order.end(), std::size_t{0});
   std::ranges::stable_sort(order, std::greater<>(),
-                           [&](std::size_t k) { return contenders[k].gain; });
+                           [&](std::size_t k) { return contenders[k].agreed; });
   std::vector<Contender> sorted;
   for (const std::size_t k : order) sorted.push_back(std::move(contenders[k]));
-  return sorted;
+  contenders = std::move(sorted);
 }
 
 }  // namespace omentum

@@ -6,16 +6,14 @@
 
 namespace omentum {
 
-Result<std::vector<double>> spread_of(std::span<const std::string> keys,
-                                      std::span<const Evidence> recordings,
-                                      std::span<const std::string> folds) {
+Result<Spread> spread_of(std::span<const std::string> keys, std::span<const Evidence> recordings,
+                         std::span<const std::string> folds) {
   std::vector<Evidence> parts;
   for (const Evidence& recording : recordings) {
     auto part = integrate_own(recording);
     if (!part) return Failure{part.error()};
     parts.push_back(std::move(part).value());
   }
-  const std::set<std::string> names(folds.begin(), folds.end());
   // Of all folds, or without one of them.
   const auto solve_without = [&](const std::string& fold) -> Result<Posterior> {
     std::vector<Evidence> kept;
@@ -26,37 +24,37 @@ Result<std::vector<double>> spread_of(std::span<const std::string> keys,
     if (!sum) return Failure{sum.error()};
     return solve(sum.value());
   };
-  const auto mean_of = [](const Posterior& posterior, const std::string& key) {
-    const auto found = std::ranges::find(posterior.numbers, key, &Number::key);
-    return posterior.mean[found - posterior.numbers.begin()];
-  };
   const auto all = solve_without("");
   if (!all) return Failure{all.error()};
-  std::vector<Posterior> without;
+  std::vector<Eigen::Index> places;
+  for (const std::string& key : keys) {
+    const auto found = std::ranges::find(all.value().numbers, key, &Number::key);
+    if (found == all.value().numbers.end()) return Failure{"no number is called " + key};
+    places.push_back(found - all.value().numbers.begin());
+  }
+  const Eigen::VectorXd mean = all.value().mean(places);
+  const Eigen::MatrixXd posterior = all.value().covariance(places, places);
+  Eigen::MatrixXd jackknife = Eigen::MatrixXd::Zero(posterior.rows(), posterior.cols());
+  const std::set<std::string> names(folds.begin(), folds.end());
   constexpr std::size_t kLeastFolds = 3;
   if (names.size() >= kLeastFolds) {
+    const auto count = static_cast<Eigen::Index>(names.size());
+    Eigen::MatrixXd without(mean.size(), count);
+    Eigen::Index column = 0;
     for (const std::string& name : names) {
-      auto left = solve_without(name);
+      const auto left = solve_without(name);
       if (!left) return Failure{left.error()};
-      without.push_back(std::move(left).value());
+      without.col(column++) = left.value().mean(places);
     }
+    without.colwise() -= without.rowwise().mean().eval();
+    jackknife =
+        static_cast<double>(count - 1) / static_cast<double>(count) * without * without.transpose();
   }
-  std::vector<double> spread;
-  for (const std::string& key : keys) {
-    const auto at =
-        std::ranges::find(all.value().numbers, key, &Number::key) - all.value().numbers.begin();
-    if (at == static_cast<std::ptrdiff_t>(all.value().numbers.size()))
-      return Failure{"no number is called " + key};
-    const double mean = all.value().mean[at];
-    double variance = all.value().covariance(at, at) + mean * mean;
-    const auto count = static_cast<double>(without.size());
-    double centre = 0, squares = 0;
-    for (const Posterior& left : without) centre += mean_of(left, key) / count;
-    for (const Posterior& left : without)
-      squares += (mean_of(left, key) - centre) * (mean_of(left, key) - centre);
-    if (count > 0) variance += (count - 1) / count * squares;
-    spread.push_back(std::sqrt(variance));
-  }
+  Spread spread;
+  const Eigen::VectorXd variance = posterior.diagonal() + mean.cwiseAbs2() + jackknife.diagonal();
+  for (const double v : variance) spread.sd.push_back(std::sqrt(v));
+  const double ratio = posterior.ldlt().solve(jackknife).trace() / static_cast<double>(keys.size());
+  spread.dispersion = std::max(1.0, ratio);
   return spread;
 }
 

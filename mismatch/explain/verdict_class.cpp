@@ -20,7 +20,7 @@ Result<Entrant> try_in_base(std::span<const Evidence> recordings, const FoldEvid
                             const Thresholds& thresholds) {
   Entrant entrant;
   entrant.atom = claim.atom;
-  entrant.gain = claim.trimmed;
+  entrant.gain = claim.agreed;
   const std::string base[] = {claim.atom};
   auto folds = with_in_base(evidence, base);
   if (!folds) return Failure{folds.error()};

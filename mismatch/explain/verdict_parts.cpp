@@ -324,7 +324,7 @@ void add_rivals(const Case& made, const std::vector<Contender>& contenders, pb::
     pb::VerdictRival& rival = *verdict.add_rivals();
     rival.set_name(contender.fit.effect.name);
     rival.set_key(contender.fit.candidate.key);
-    rival.set_gain(contender.gain);
+    rival.set_gain(contender.agreed);
     rival.set_simulated(true);
     for (const NamedValue& value : contender.fit.effect.parameters)
       rival.add_numbers(fmt::format("{} = {:.4g} {}", value.name, value.value, value.unit));
@@ -358,7 +358,7 @@ void add_effect(const Case& made, const Case& beside, const std::vector<Contende
   }
   pb::VerdictEffect& effect = *verdict.add_effects();
   add_class(members, effect);
-  effect.set_gain(winner.gain);
+  effect.set_gain(winner.agreed);
   const EntrantFit& fit = winner.fit;
   const auto floor = made.floors.find(fit.candidate.key);
   for (std::size_t k = 0; k < fit.numbers.size(); ++k) {

@@ -360,15 +360,19 @@ Evidence saying(const std::string& name, double estimate, double information) {
 TEST(ExplainLaws, IntervalsAreThePosteriorsWhereRecordingsAgreeAndWiderWhereTheyContradict) {
   const std::vector<std::string> keys = {"number"}, folds = {"a", "b", "c"};
   const std::vector<Evidence> agree = {saying("a", 0, 4), saying("b", 0, 4), saying("c", 0, 4)};
-  EXPECT_NEAR(spread_of(keys, agree, folds).value()[0], 1 / std::sqrt(12), 1e-12);
+  EXPECT_NEAR(spread_of(keys, agree, folds).value().sd[0], 1 / std::sqrt(12), 1e-12);
   // Of equal recordings the jackknife is the standard error of the mean of what each says.
   const std::vector<Evidence> apart = {saying("a", -3, 4), saying("b", 1, 4), saying("c", 2, 4)};
   const double standard_error = std::sqrt((9.0 + 1 + 4) / (3 * 2));
-  EXPECT_NEAR(spread_of(keys, apart, folds).value()[0],
+  EXPECT_NEAR(spread_of(keys, apart, folds).value().sd[0],
               std::sqrt(1.0 / 12 + standard_error * standard_error), 1e-12);
   // What all would move it by counts, too: it stands where none of them is.
   const std::vector<Evidence> moved = {saying("a", 2, 4), saying("b", 2, 4), saying("c", 2, 4)};
-  EXPECT_NEAR(spread_of(keys, moved, folds).value()[0], std::sqrt(1.0 / 12 + 4), 1e-12);
+  EXPECT_NEAR(spread_of(keys, moved, folds).value().sd[0], std::sqrt(1.0 / 12 + 4), 1e-12);
+  // Variances that a jackknife finds against those that the posterior states.
+  EXPECT_EQ(spread_of(keys, agree, folds).value().dispersion, 1);
+  EXPECT_NEAR(spread_of(keys, apart, folds).value().dispersion,
+              standard_error * standard_error * 12, 1e-9);
   EXPECT_THAT(spread_of(std::vector<std::string>{"other"}, agree, folds).error(),
               HasSubstr("no number is called other"));
 }
