@@ -19,9 +19,6 @@ namespace {
 
 constexpr std::size_t kSearchFrames = 12;  // of a recording, while numbers are far from the truth
 constexpr std::size_t kStartRecordings = 3;
-// Of the smooth difference: what is left of two engines' falls steeply up to here
-// (docs/decisions/0044-how-fine-a-difference.md).
-constexpr int kDifferenceCosines = 6;
 // Of the coarse mesh, which tells changes alone.
 constexpr double kCoarsePeriod = 2;  // control steps are so many times as long
 constexpr double kCoarseTolerance =
@@ -421,7 +418,6 @@ BaseFit believed_base(const pb::Scene& scene, std::vector<Observation> observati
   }
   const pb::Scene believed = with_soft_pad(scene);
   FitSetup setup = options;
-  setup.cosines_per_side = kDifferenceCosines;
   setup.independent_clocks = true;
   BaseFit base(make_fit_data(believed, std::move(observations), setup));
   base.forces = std::move(forces);

@@ -164,7 +164,7 @@ std::vector<Candidate> candidates_of(const Scene& scene,
   List list(ruled_out);
   list.add("strain_stiffening.c2_over_mu", "1", 5);
   for (const int angle : {0, 45, 90, 135})
-    list.add("anisotropy.Ef_over_E", "1", 10, false, fmt::format("angle_deg={}", angle),
+    list.add("anisotropy.Ef_over_E", "1", 10, true, fmt::format("angle_deg={}", angle),
              angle * kDegree);
   for (const double tau : {0.3, 2.0})
     list.add("viscoelastic.g", "1", 1, true, fmt::format("tau={}", tau), tau);

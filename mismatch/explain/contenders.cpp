@@ -4,25 +4,9 @@
 #include <cmath>
 #include <numeric>
 
-#include "mismatch/explain/dispersion.h"
 #include "mismatch/explain/left_out_gains.h"
 
 namespace omentum {
-namespace {
-
-/// - log density of each fitted recording at a state, its own numbers beside it [nats].
-std::vector<double> costs_of(const BaseFit& fit) {
-  const Linearisation linear{fit.found.state, fit.surfaces};
-  const auto cost = [&](const Which& which) {
-    return cost_of(fit.data, linear, which, fit.found.state, fit.found.scales);
-  };
-  const double beliefs = cost({});
-  std::vector<double> costs;
-  for (const std::size_t r : fit.fitted) costs.push_back(cost({r}) - beliefs);
-  return costs;
-}
-
-/// Where its columns say an effect is: weighted centroid of z^2 over the places near the best.
 std::optional<Eigen::Vector2d> place_of(const Candidate& best,
                                         const std::vector<Candidate>& candidates,
                                         const std::vector<ScoreTest>& tests) {
@@ -45,8 +29,6 @@ std::optional<Eigen::Vector2d> place_of(const Candidate& best,
   return weights > 0 ? Eigen::Vector2d(sum / weights) : *best.place;
 }
 
-}  // namespace
-
 double lead(const Contender& one, const Contender& other) {
   std::vector<double> more;
   for (std::size_t k = 0; k < one.folds.size(); ++k) more.push_back(one.folds[k] - other.folds[k]);
@@ -54,7 +36,6 @@ double lead(const Contender& one, const Contender& other) {
 }
 
 std::vector<Candidate> first_candidates(const std::vector<Candidate>& candidates,
-                                        const std::vector<ScoreTest>& tests,
                                         const std::vector<AtomGains>& gains, double least,
                                         std::size_t most) {
   std::vector<const AtomGains*> order;
@@ -66,8 +47,6 @@ std::vector<Candidate> first_candidates(const std::vector<Candidate>& candidates
   std::vector<Candidate> first;
   for (const AtomGains* gain : order) {
     const Candidate& c = *std::ranges::find(candidates, gain->atom, &Candidate::key);
-    const auto test = std::ranges::find(tests, gain->atom, &ScoreTest::atom);
-    if (c.one_sided && test->amplitude <= 0) continue;
     const bool there = std::ranges::any_of(first, [&](const Candidate& other) {
       return other.effect == c.effect && other.setting * c.setting >= 0 &&
              (other.effect != "obstacle" || other.setting == c.setting);
@@ -75,44 +54,6 @@ std::vector<Candidate> first_candidates(const std::vector<Candidate>& candidates
     if (!there && first.size() < most) first.push_back(c);
   }
   return first;
-}
-
-std::vector<Contender> refit(const BaseFit& base, const std::vector<Candidate>& first,
-                             const std::vector<Candidate>& candidates,
-                             const std::vector<ScoreTest>& tests,
-                             const std::vector<std::string>& folds, ReferenceForward& model,
-                             const ProgressOf& progress) {
-  std::vector<Contender> contenders;
-  const std::vector<double> before = costs_of(base);
-  double most = 0, most_gained = 0;
-  for (const Candidate& candidate : first) {
-    // Columns foretell z^2 / 2 nats; what would not lead with twice of it is not simulated.
-    const double z = std::ranges::find(tests, candidate.key, &ScoreTest::atom)->z;
-    if (z * z < most) continue;
-    if (progress)
-      progress(0.7 + 0.15 * static_cast<double>(&candidate - first.data()) /
-                         static_cast<double>(first.size()),
-               "refit with " + candidate.effect);
-    std::optional<EntrantFit> fit = fit_entrant(
-        base, candidate, candidates, place_of(candidate, candidates, tests), most_gained, model);
-    if (!fit) continue;
-    most_gained = std::max(most_gained, fit->gained);
-    Contender made{std::move(*fit), {}, {}, 0};
-    const std::vector<double> after = costs_of(made.fit.fit);
-    for (std::size_t k = 0; k < folds.size(); ++k) {
-      const auto found = std::ranges::find(made.fold_names, folds[k]);
-      const auto fold = static_cast<std::size_t>(found - made.fold_names.begin());
-      if (found == made.fold_names.end()) {
-        made.fold_names.push_back(folds[k]);
-        made.folds.push_back(0);
-      }
-      made.folds[fold] += (before[k] - after[k]) / kDispersion;
-    }
-    made.gain = trimmed_sum(made.folds);
-    most = std::max(most, made.gain);
-    contenders.push_back(std::move(made));
-  }
-  return contenders;
 }
 
 void sort_by_agreed(std::vector<Contender>& contenders) {

@@ -154,6 +154,11 @@ class EntrantSearch {
     return fit;
   }
 
+  /// Whether the effect is the mean of what recordings have of their own: no surface changes.
+  bool takes_over() const {
+    return candidate_.pinch_axis >= 0 || candidate_.effect == "actuation_delay";
+  }
+
   /// Surfaces of the finer mesh by those of the coarse one.
   std::vector<Prediction> changed_surfaces(const std::vector<Prediction>& coarse) const {
     return omentum::changed_surfaces(fine_, coarse_, coarse);
@@ -254,7 +259,7 @@ class EntrantSearch {
 
   /// Amplitudes and base numbers together, as columns foretell them.
   std::pair<std::vector<double>, FitState> foretold() const {
-    if (candidate_.pinch_axis >= 0 || candidate_.effect == "actuation_delay") return taken_over();
+    if (takes_over()) return taken_over();
     FitData joint = base_.data;
     for (Unknown& u : joint.unknowns) {
       if (u.role == NumberRole::kAtom) u.role = NumberRole::kNuisance;  // it may move
@@ -270,7 +275,7 @@ class EntrantSearch {
     return {std::move(amplitudes), std::move(led)};
   }
 
-  /// An effect that is the mean of what recordings have of their own takes it over: nothing moves.
+  /// An effect that takes over the mean of what recordings have of their own.
   std::pair<std::vector<double>, FitState> taken_over() const {
     const Layout& layout = base_.data.layout;
     FitState led = base_.found.state;
@@ -434,7 +439,8 @@ std::optional<EntrantFit> fit_entrant(const BaseFit& base, const Candidate& cand
   if (!(reached.cost < without)) return std::nullopt;
   // What the finer mesh differs by depends on the effect: a stiff place of few coarse cells is
   // stiffer than it should be. It is asked again where the steps lead away from there.
-  for (int round = 0; round < kFineRounds && !outrun; ++round) {
+  const int rounds = outrun || search.takes_over() ? 0 : kFineRounds;
+  for (int round = 0; round < rounds; ++round) {
     std::optional<BaseFit> fine = search.simulate_finely(reached.at);
     if (!fine) break;
     const std::vector<double> before = reached.at.searched;

@@ -59,6 +59,11 @@ void learn_scatters(Case& made) {
   learn({"clock", "actuation_delay", 1e-3}, layout.own_clock);
 }
 
+/// Whether an effect that acts on one side alone would have to act on the other.
+bool is_impossible(const Case& made, const ScoreTest& test) {
+  return made.candidate(test.atom).one_sided && !(test.amplitude > 0);
+}
+
 /// Evidence of the base, and what it says of every candidate.
 void ask(std::vector<Evidence> evidence, Case& made) {
   split_evidence(std::move(evidence), made);
@@ -71,6 +76,9 @@ void ask(std::vector<Evidence> evidence, Case& made) {
     made.floors = value_or_throw(amplitude_floors(made.fitted, made.options.floor_factor));
   made.tests = value_or_throw(score_tests(value_or_throw(make_folds(made.fitted, made.folds))));
   made.judged = value_or_throw(judge_atoms(made.fitted, made.folds, made.floors, thresholds));
+  for (const ScoreTest& test : made.tests) {
+    if (is_impossible(made, test)) withdraw(test.atom, made.judged);
+  }
 }
 
 /// Of a nuisance that is pulled farther than it can be, and not in one recording alone, as nothing
@@ -93,8 +101,9 @@ std::string told_disagreement(const Case& made) {
 
 /// What shows most, and the fold that it shows in: one alone proves nothing.
 std::string told_suspect(const Case& made) {
-  const auto most = std::ranges::max_element(
-      made.tests, {}, [](const ScoreTest& test) { return test.testable ? std::fabs(test.z) : 0; });
+  const auto most = std::ranges::max_element(made.tests, {}, [&](const ScoreTest& test) {
+    return test.testable && !is_impossible(made, test) ? std::fabs(test.z) : 0;
+  });
   if (most == made.tests.end()) return {};
   const auto gains = std::ranges::find(made.judged.gains, most->atom, &AtomGains::atom);
   const auto fold = std::ranges::max_element(gains->folds, {}, &FoldGain::gain);
@@ -123,32 +132,64 @@ void tell_no_claim(const Case& made, const std::vector<Candidate>& first, pb::Ve
   }
 }
 
-/// Asks everything again with one contender after the other in the base, and puts that of which
-/// recordings agree most on top: the case with it in the base. Nothing where none gains enough.
-std::optional<Case> ask_beside(const Case& made, ReferenceForward& model,
-                               std::vector<Contender>& contenders) {
-  const double least = made.options.thresholds.gain;
+/// Of what was simulated: what it adds to each fold, and how far folds agree about its numbers.
+void judge(const Case& made, const Case& beside, Contender& contender) {
+  const auto log_density = [](const Evidence& recording) {
+    return value_or_throw(integrate_own(recording)).log_constant;
+  };
+  for (std::size_t k = 0; k < made.fitted.size(); ++k) {
+    const auto found = std::ranges::find(contender.fold_names, made.folds[k]);
+    const auto fold = static_cast<std::size_t>(found - contender.fold_names.begin());
+    if (found == contender.fold_names.end()) {
+      contender.fold_names.push_back(made.folds[k]);
+      contender.folds.push_back(0);
+    }
+    contender.folds[fold] += log_density(beside.fitted[k]) - log_density(made.fitted[k]);
+  }
+  Spread spread = value_or_throw(spread_of(contender.fit.keys(), beside.fitted, beside.folds));
+  contender.fit.sd = std::move(spread.sd);
+  contender.gain = trimmed_sum(contender.folds);
+  contender.agreed = contender.gain / spread.dispersion;
+}
+
+/// Refits one candidate after the other, and asks everything again with it in the base. The
+/// contenders, that of which recordings agree most on top, and the case with this one in the base;
+/// no case where none is claimed.
+std::pair<std::vector<Contender>, std::optional<Case>> refit(const Case& made,
+                                                             const std::vector<Candidate>& first,
+                                                             ReferenceForward& model) {
+  std::pair<std::vector<Contender>, std::optional<Case>> refitted;
+  auto& [contenders, best] = refitted;
   ExplainOptions quiet = made.options;  // shares done are those of the whole
   quiet.progress = nullptr;
-  std::optional<Case> best;
-  double most = least;
-  for (Contender& contender : contenders) {
-    contender.agreed = contender.gain;
-    if (!(contender.gain > least)) continue;
+  double most = made.options.thresholds.gain, most_simulated = 0, most_gained = 0;
+  for (const Candidate& candidate : first) {
+    // Columns foretell z^2 / 2 nats; what would not lead with twice of it is not simulated.
+    const double z = std::ranges::find(made.tests, candidate.key, &ScoreTest::atom)->z;
+    if (z * z < most_simulated) continue;
     if (made.options.progress)
-      made.options.progress(0.86, "everything again with " + contender.fit.effect.name);
+      made.options.progress(0.7 + 0.2 * static_cast<double>(&candidate - first.data()) /
+                                      static_cast<double>(first.size()),
+                            "refit with " + candidate.effect);
+    std::optional<EntrantFit> fit =
+        fit_entrant(made.base, candidate, made.candidates,
+                    place_of(candidate, made.candidates, made.tests), most_gained, model);
+    if (!fit) continue;
+    most_gained = std::max(most_gained, fit->gained);
+    Contender contender{std::move(*fit), {}, {}};
     Case beside{
         made.options, contender.fit.fit, made.candidates, {}, {}, {}, 1, made.floors, {}, {}};
     ask(gather_evidence(contender.fit, model, quiet), beside);
-    Spread spread = value_or_throw(spread_of(contender.fit.keys(), beside.fitted, beside.folds));
-    contender.fit.sd = std::move(spread.sd);
-    contender.agreed = contender.gain / spread.dispersion;
-    if (!(contender.agreed > most)) continue;
-    most = contender.agreed;
-    best.emplace(std::move(beside));
+    judge(made, beside, contender);
+    most_simulated = std::max(most_simulated, contender.gain);
+    if (contender.agreed > most) {
+      most = contender.agreed;
+      best.emplace(std::move(beside));
+    }
+    contenders.push_back(std::move(contender));
   }
   sort_by_agreed(contenders);
-  return best;
+  return refitted;
 }
 
 /// What is claimed beside the winner in the base decides how much it explains.
@@ -258,12 +299,9 @@ Explanation explain(const pb::Scene& scene, std::vector<Observation> observation
   const std::vector<Candidate> failed = add_columns(made.candidates, options, model, made.base);
   ask(gather_evidence(made.base, model, options), made);
   say(0.7, "refits");
-  const std::vector<Candidate> first = first_candidates(
-      made.candidates, made.tests, made.judged.gains, options.thresholds.gain, kContenders);
-  std::vector<Contender> contenders =
-      refit(made.base, first, made.candidates, made.tests, made.folds, model, options.progress);
-
-  const std::optional<Case> beside = ask_beside(made, model, contenders);
+  const std::vector<Candidate> first =
+      first_candidates(made.candidates, made.judged.gains, options.thresholds.gain, kContenders);
+  const auto [contenders, beside] = refit(made, first, model);
 
   Explanation out;
   out.residuals = std::move(residuals);

@@ -72,4 +72,11 @@ Result<VerdictClass> judge_atoms(std::span<const Evidence> recordings,
   return verdict;
 }
 
+void withdraw(const std::string& atom, VerdictClass& judged) {
+  AtomGains& gains = *std::ranges::find(judged.gains, atom, &AtomGains::atom);
+  gains.trimmed = gains.agreed = 0;
+  gains.claimed = false;
+  std::erase_if(judged.entrants, [&](const Entrant& entrant) { return entrant.atom == atom; });
+}
+
 }  // namespace omentum

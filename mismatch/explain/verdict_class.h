@@ -40,4 +40,8 @@ Result<VerdictClass> judge_atoms(std::span<const Evidence> recordings,
                                  std::span<const std::string> fold_of, const Floors& floors,
                                  const Thresholds& thresholds = {});
 
+/// An atom that could not act as it was found gains nothing and is not claimed. Class and winner
+/// stay as they are.
+void withdraw(const std::string& atom, VerdictClass& judged);
+
 }  // namespace omentum

@@ -117,6 +117,22 @@ TEST(ExplainLaws, AnEffectInTheBaseVanishesFromTheClaimsAndComesBackTakenOut) {
   EXPECT_EQ(judge_atoms(world.recordings, {}, kFloors).value().winner, "atom0");
 }
 
+TEST(ExplainLaws, WhatCouldNotActAsItWasFoundIsNotClaimed) {
+  VerdictClass judged = judge_atoms(draw_world(24, {1.5, 0, 1.5}).recordings, {}, kFloors).value();
+  const auto names = [&] {
+    std::vector<std::string> claimed;
+    for (const Entrant& entrant : judged.entrants) claimed.push_back(entrant.atom);
+    return claimed;
+  };
+  ASSERT_THAT(names(), testing::IsSupersetOf({"atom0", "atom2"}));
+  withdraw("atom0", judged);
+  EXPECT_THAT(names(), testing::Not(testing::Contains("atom0")));
+  EXPECT_THAT(names(), testing::Contains("atom2"));
+  EXPECT_FALSE(judged.gains[0].claimed);
+  EXPECT_EQ(judged.gains[0].agreed, 0);
+  EXPECT_TRUE(judged.gains[2].claimed);
+}
+
 TEST(ExplainLaws, TrimmingLeavesOutTheLargestAndTheSmallestOfFiveOrMore) {
   EXPECT_EQ(trimmed_sum({1, 100, 3, -50, 4}), 8);
   EXPECT_EQ(trimmed_sum({1, 100, 3, -50}), 54);
