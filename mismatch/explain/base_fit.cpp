@@ -203,6 +203,33 @@ std::vector<Prediction> without_columns(std::vector<Prediction> predictions) {
   return predictions;
 }
 
+/// Moves valid frames of `moved` by `share` of what `fine` and `coarse` differ by.
+void move_apart(const std::vector<Prediction>& fine, const std::vector<Prediction>& coarse,
+                double share, std::vector<Prediction>& moved) {
+  for (std::size_t r = 0; r < moved.size(); ++r) {
+    for (std::size_t f = 0; f < moved[r].frames.size(); ++f) {
+      PredictedFrame& frame = moved[r].frames[f];
+      if (f >= fine[r].frames.size() || f >= coarse[r].frames.size()) continue;
+      frame.valid = frame.valid && fine[r].frames[f].valid && coarse[r].frames[f].valid;
+      if (!frame.valid) continue;
+      frame.correction.resize(frame.vertices.size());
+      for (std::size_t v = 0; v < frame.vertices.size(); ++v) {
+        frame.correction[v] =
+            share * (fine[r].frames[f].vertices[v] - coarse[r].frames[f].vertices[v]);
+        frame.vertices[v] += frame.correction[v];
+      }
+    }
+  }
+}
+
+/// Surfaces for cells of no size (Richardson), from those of the fine and of the coarse mesh.
+std::vector<Prediction> extrapolated(const BaseFit& base, const std::vector<Prediction>& fine,
+                                     const std::vector<Prediction>& coarse) {
+  std::vector<Prediction> made = fine;
+  move_apart(fine, coarse, extrapolated_share(base), made);
+  return made;
+}
+
 class BaseSearch {
  public:
   BaseSearch(const ExplainOptions& options, ReferenceForward& model, BaseFit& base)
@@ -373,38 +400,13 @@ std::vector<Prediction> changed_surfaces(const std::vector<Prediction>& fine,
                                          const std::vector<Prediction>& coarse,
                                          const std::vector<Prediction>& other) {
   std::vector<Prediction> made = other;
-  for (std::size_t r = 0; r < made.size(); ++r) {
-    for (std::size_t f = 0; f < made[r].frames.size(); ++f) {
-      PredictedFrame& frame = made[r].frames[f];
-      if (f >= fine[r].frames.size() || f >= coarse[r].frames.size()) continue;
-      frame.valid = frame.valid && fine[r].frames[f].valid && coarse[r].frames[f].valid;
-      if (!frame.valid) continue;
-      frame.correction.resize(frame.vertices.size());
-      for (std::size_t v = 0; v < frame.vertices.size(); ++v) {
-        frame.correction[v] = fine[r].frames[f].vertices[v] - coarse[r].frames[f].vertices[v];
-        frame.vertices[v] += frame.correction[v];
-      }
-    }
-  }
+  move_apart(fine, coarse, 1, made);
   return made;
 }
 
-std::vector<Prediction> extrapolated(const BaseFit& base, std::vector<Prediction> fine,
-                                     const std::vector<Prediction>& coarse) {
-  const double share = extrapolated_share(base);
-  for (std::size_t r = 0; r < fine.size(); ++r) {
-    for (std::size_t f = 0; f < fine[r].frames.size(); ++f) {
-      PredictedFrame& frame = fine[r].frames[f];
-      if (f >= coarse[r].frames.size()) continue;
-      frame.valid = frame.valid && coarse[r].frames[f].valid;
-      if (!frame.valid) continue;
-      frame.correction.resize(frame.vertices.size());
-      for (std::size_t v = 0; v < frame.vertices.size(); ++v) {
-        frame.correction[v] = share * (frame.vertices[v] - coarse[r].frames[f].vertices[v]);
-        frame.vertices[v] += frame.correction[v];
-      }
-    }
-  }
+std::vector<Prediction> extrapolated_as_base(const BaseFit& base, std::vector<Prediction> fine) {
+  const double share = extrapolated_share(base) / (1 + extrapolated_share(base));
+  move_apart(base.surfaces, base.coarse_surfaces, share, fine);
   return fine;
 }
 

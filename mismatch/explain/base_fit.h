@@ -91,9 +91,9 @@ FitState between(const FitState& from, const FitState& to, double share);
 bool is_simulated(const std::vector<Prediction>& now, const std::vector<Prediction>& before,
                   const Which& which);
 
-/// Surfaces for cells of no size (Richardson), from those of the fine and of the coarse mesh.
-std::vector<Prediction> extrapolated(const BaseFit& base, std::vector<Prediction> fine,
-                                     const std::vector<Prediction>& coarse);
+/// Surfaces of the fine mesh with an effect, moved by what those of `base` are extrapolated by:
+/// what an effect changes is less smooth, and its errors do not fall as fast with the cells.
+std::vector<Prediction> extrapolated_as_base(const BaseFit& base, std::vector<Prediction> fine);
 
 /// `other` as a change from `coarse`, put on top of `fine`: what a coarse mesh says of a change.
 std::vector<Prediction> changed_surfaces(const std::vector<Prediction>& fine,

@@ -168,7 +168,6 @@ std::vector<Candidate> candidates_of(const Scene& scene,
              angle * kDegree);
   for (const double tau : {0.3, 2.0})
     list.add("viscoelastic.g", "1", 1, true, fmt::format("tau={}", tau), tau);
-  list.add("anchor_compliance.inverse_K", "m2/N", 0.01, true);
   for (const char* axis : {"x", "y"}) {
     Candidate c;
     c.effect = "grasp_offset";

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 #include <numeric>
+#include <set>
+#include <tuple>
 
 #include "mismatch/explain/left_out_gains.h"
 
@@ -36,22 +38,23 @@ double lead(const Contender& one, const Contender& other) {
 }
 
 std::vector<Candidate> first_candidates(const std::vector<Candidate>& candidates,
+                                        const std::vector<ScoreTest>& tests,
                                         const std::vector<AtomGains>& gains, double least,
                                         std::size_t most) {
   std::vector<const AtomGains*> order;
   for (const AtomGains& gain : gains) {
     if (gain.trimmed > least && gain.against.empty()) order.push_back(&gain);
   }
-  std::ranges::stable_sort(order, std::greater<>(),
-                           [](const AtomGains* gain) { return gain->trimmed; });
+  std::ranges::stable_sort(order, std::greater<>(), [](const AtomGains* gain) {
+    return gain->trimmed / std::sqrt(gain->dispersion);
+  });
   std::vector<Candidate> first;
+  std::set<std::tuple<std::string, double, bool>> there;
   for (const AtomGains* gain : order) {
     const Candidate& c = *std::ranges::find(candidates, gain->atom, &Candidate::key);
-    const bool there = std::ranges::any_of(first, [&](const Candidate& other) {
-      return other.effect == c.effect && other.setting * c.setting >= 0 &&
-             (other.effect != "obstacle" || other.setting == c.setting);
-    });
-    if (!there && first.size() < most) first.push_back(c);
+    const bool more = std::ranges::find(tests, gain->atom, &ScoreTest::atom)->amplitude > 0;
+    const double setting = c.effect == "obstacle" ? c.setting : 0;
+    if (first.size() < most && there.emplace(c.effect, setting, more).second) first.push_back(c);
   }
   return first;
 }

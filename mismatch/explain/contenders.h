@@ -21,10 +21,12 @@ struct Contender {
 /// What `one` adds beyond `other`, trimmed [nats].
 double lead(const Contender& one, const Contender& other);
 
-/// Candidates to be simulated, those whose trimmed gain by columns exceeds `least`: of every
-/// effect, and of every amplitude that was simulated, the one of the largest gain, most of all
-/// first.
+/// Candidates to be simulated, those whose trimmed gain by columns exceeds `least`: of every effect
+/// on either side of zero one, of obstacles one below and one above. First comes the largest
+/// geometric mean of the gain as it is, which a strong effect has, and divided by its dispersion,
+/// which a look-alike has not.
 std::vector<Candidate> first_candidates(const std::vector<Candidate>& candidates,
+                                        const std::vector<ScoreTest>& tests,
                                         const std::vector<AtomGains>& gains, double least,
                                         std::size_t most);
 

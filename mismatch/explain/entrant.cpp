@@ -147,7 +147,7 @@ class EntrantSearch {
     if (!is_simulated(fine, base_.surfaces, all) ||
         !is_simulated(coarse, base_.coarse_surfaces, all))
       return std::nullopt;
-    fine_ = extrapolated(base_, std::move(fine), coarse);
+    fine_ = extrapolated_as_base(base_, std::move(fine));
     coarse_ = std::move(coarse);
     fit.coarse_surfaces = coarse_;
     fit.surfaces = changed_surfaces(coarse_);

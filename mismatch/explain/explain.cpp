@@ -299,8 +299,8 @@ Explanation explain(const pb::Scene& scene, std::vector<Observation> observation
   const std::vector<Candidate> failed = add_columns(made.candidates, options, model, made.base);
   ask(gather_evidence(made.base, model, options), made);
   say(0.7, "refits");
-  const std::vector<Candidate> first =
-      first_candidates(made.candidates, made.judged.gains, options.thresholds.gain, kContenders);
+  const std::vector<Candidate> first = first_candidates(
+      made.candidates, made.tests, made.judged.gains, options.thresholds.gain, kContenders);
   const auto [contenders, beside] = refit(made, first, model);
 
   Explanation out;

@@ -188,6 +188,11 @@ std::vector<Candidate> simulated_candidates(const BaseFit& base, const ResidualM
                              fmt::format("jaw_orientation.roll@from={:.0f}deg", degrees), "rad",
                              degrees * kDegree, 1, false));
   }
+  // A rigid clamp has a derivative, which holds up to 1e-6 m2/N alone (docs/mismatch.md 5.6).
+  constexpr double kGive = 1e-3;  // [m2/N]
+  list.push_back(simulated("anchor_compliance",
+                           fmt::format("anchor_compliance.inverse_K@of={:g}", kGive), "m2/N", kGive,
+                           0.01, true));
   double low = std::numeric_limits<double>::infinity(), high = -low, edge = low;
   for (const Vector2d& p : map.places) {
     low = std::min(low, p.x());

@@ -38,5 +38,16 @@ TEST(ExplainCandidates, ADetachedCornerStaysAtTheCornerAsItBecomesShorter) {
               1e-12);
 }
 
+TEST(ExplainCandidates, OneSidedEffectsAreKnownAsThat) {
+  const Scene scene =
+      make_scene(load_scene(deploy_dir() + "/scenes/omentum_elastic.txtpb", {}), {});
+  for (const Candidate& c : candidates_of(scene, {})) {
+    const bool signed_effect = c.effect == "inclusion" || c.effect == "strain_stiffening" ||
+                               c.effect == "grasp_offset" || c.effect == "jaw_orientation" ||
+                               c.effect == "rest_shape" || c.effect == "thickness";
+    EXPECT_EQ(c.one_sided, !signed_effect) << c.key;
+  }
+}
+
 }  // namespace
 }  // namespace omentum
