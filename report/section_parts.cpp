@@ -23,7 +23,7 @@ ShownNumber show_number(double value, double low, double high, const std::string
   static constexpr Unit kUnits[] = {
       {"Pa", " kPa", 1e-3},         {"m", " mm", 1e3},       {"kg", " g", 1e3},
       {"rad", " deg", 1 / kDegree}, {"m/s", " mm/s", 1e3},   {"m/N", " mm/N", 1e3},
-      {"m2", " mm2", 1e6},          {"m2/N", " mm2/N", 1e6}, {"N/m2", " N/mm2", 1e-6},
+      {"m2", " mm2", 1e6},          {"m2/N", " mm2/N", 1e6}, {"N/m2", " N/m per m", 1},
       {"N/m3", " kPa/mm", 1e-6},    {"s", " ms", 1e3},       {"1", "", 1}};
   const auto is_long = [](double time) { return std::isfinite(time) && std::fabs(time) >= 1; };
   const bool seconds = unit == "s" && (is_long(value) || is_long(low) || is_long(high));
