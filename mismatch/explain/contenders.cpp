@@ -59,12 +59,12 @@ std::vector<Candidate> first_candidates(const std::vector<Candidate>& candidates
   return first;
 }
 
-void sort_by_agreed(std::vector<Contender>& contenders) {
+void sort_by_gain(std::vector<Contender>& contenders) {
   // By index: the buffer of std::stable_sort (GCC 12) is not aligned as states of Eigen must be.
   std::vector<std::size_t> order(contenders.size());
   std::iota(order.begin(), order.end(), std::size_t{0});
   std::ranges::stable_sort(order, std::greater<>(),
-                           [&](std::size_t k) { return contenders[k].agreed; });
+                           [&](std::size_t k) { return contenders[k].gain; });
   std::vector<Contender> sorted;
   for (const std::size_t k : order) sorted.push_back(std::move(contenders[k]));
   contenders = std::move(sorted);

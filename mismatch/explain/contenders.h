@@ -35,7 +35,7 @@ std::optional<Eigen::Vector2d> place_of(const Candidate& best,
                                         const std::vector<Candidate>& candidates,
                                         const std::vector<ScoreTest>& tests);
 
-/// The largest of what counts first.
-void sort_by_agreed(std::vector<Contender>& contenders);
+/// The largest gain first.
+void sort_by_gain(std::vector<Contender>& contenders);
 
 }  // namespace omentum

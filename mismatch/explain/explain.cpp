@@ -112,15 +112,22 @@ std::string told_suspect(const Case& made) {
       key_text(most->atom), fold->fold);
 }
 
-/// Nothing that was simulated is claimed: silent, unless columns claim one of `first`, a nuisance
-/// is pulled farther than it can be, or recordings disagree.
-void tell_no_claim(const Case& made, const std::vector<Candidate>& first, pb::Verdict& verdict) {
+/// Nothing that was simulated is claimed: silent, unless something was, columns claim one of
+/// `first`, a nuisance is pulled farther than it can be, or recordings disagree.
+void tell_no_claim(const Case& made, const std::vector<Candidate>& first,
+                   const std::vector<Contender>& contenders, pb::Verdict& verdict) {
   const auto by_columns = std::ranges::find_if(first, [&](const Candidate& c) {
     return std::ranges::find(made.judged.gains, c.key, &AtomGains::atom)->claimed;
   });
   const std::string pulled = told_pull(made), disagreement = told_disagreement(made);
   verdict.set_status("unexplained");
-  if (by_columns != first.end()) {
+  if (!contenders.empty() && contenders.front().gain > made.options.thresholds.gain) {
+    const Contender& best = contenders.front();
+    verdict.set_reason(fmt::format(
+        "{} fits best of what was simulated, but recordings disagree {:.0f} times as much as they "
+        "should about its numbers: record more lifts of other pinches near it",
+        best.fit.effect.name, best.gain / best.agreed));
+  } else if (by_columns != first.end()) {
     verdict.set_reason(by_columns->effect +
                        " is claimed by its columns, and no simulation with it fits better");
   } else if (!pulled.empty()) {
@@ -153,8 +160,8 @@ void judge(const Case& made, const Case& beside, Contender& contender) {
 }
 
 /// Refits one candidate after the other, and asks everything again with it in the base. The
-/// contenders, that of which recordings agree most on top, and the case with this one in the base;
-/// no case where none is claimed.
+/// contenders, that of the largest gain on top, and the case with this one in the base; no case
+/// where recordings do not agree about it enough: what fits worse is not claimed instead.
 std::pair<std::vector<Contender>, std::optional<Case>> refit(const Case& made,
                                                              const std::vector<Candidate>& first,
                                                              ReferenceForward& model) {
@@ -162,11 +169,12 @@ std::pair<std::vector<Contender>, std::optional<Case>> refit(const Case& made,
   auto& [contenders, best] = refitted;
   ExplainOptions quiet = made.options;  // shares done are those of the whole
   quiet.progress = nullptr;
-  double most = made.options.thresholds.gain, most_simulated = 0, most_gained = 0;
+  const double least = made.options.thresholds.gain;
+  double most = 0, most_gained = 0;
   for (const Candidate& candidate : first) {
     // Columns foretell z^2 / 2 nats; what would not lead with twice of it is not simulated.
     const double z = std::ranges::find(made.tests, candidate.key, &ScoreTest::atom)->z;
-    if (z * z < most_simulated) continue;
+    if (z * z < most) continue;
     if (made.options.progress)
       made.options.progress(0.7 + 0.2 * static_cast<double>(&candidate - first.data()) /
                                       static_cast<double>(first.size()),
@@ -181,14 +189,14 @@ std::pair<std::vector<Contender>, std::optional<Case>> refit(const Case& made,
         made.options, contender.fit.fit, made.candidates, {}, {}, {}, 1, made.floors, {}, {}};
     ask(gather_evidence(contender.fit, model, quiet), beside);
     judge(made, beside, contender);
-    most_simulated = std::max(most_simulated, contender.gain);
-    if (contender.agreed > most) {
-      most = contender.agreed;
+    if (contender.gain > most) {
+      most = contender.gain;
       best.emplace(std::move(beside));
     }
     contenders.push_back(std::move(contender));
   }
-  sort_by_agreed(contenders);
+  sort_by_gain(contenders);
+  if (best && !(contenders.front().agreed > least)) best.reset();
   return refitted;
 }
 
@@ -321,7 +329,7 @@ Explanation explain(const pb::Scene& scene, std::vector<Observation> observation
     tell_claim(made, *beside, contenders, verdict);
     add_explained_share(verdict);
   } else {
-    tell_no_claim(made, first, verdict);
+    tell_no_claim(made, first, contenders, verdict);
   }
   add_channels(made, best, verdict);
   add_bad_recordings(made, verdict);
