@@ -232,7 +232,8 @@ std::string verdict_sentence(const pb::Verdict& v) {
   if (v.status() == "no_mismatch_detectable")
     return "No mismatch is detectable: nothing that these recordings could show was left out.";
   if (v.status() == "unexplained")
-    return "Something real is not in the catalogue: " + with_keys_read(v.reason()) + ".";
+    return "Something is left out, and what it is cannot be told: " + with_keys_read(v.reason()) +
+           ".";
   const pb::VerdictEffect& effect = v.effects(0);
   std::string text = fmt::format("The simulation leaves out {}", names_of(effect));
   const std::string where = where_text(effect.where());
