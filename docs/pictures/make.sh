@@ -1,33 +1,156 @@
 #!/usr/bin/env bash
-# A picture of two lifts out of a report, side by side: docs/pictures/make.sh REPORT.html OUT.png [ENTRIES] [SHARE] [SIZE] [WHEEL]
-# ENTRIES counts those of its list of lifts from 0 ("0, 1"), SHARE is of their duration (0.8), SIZE in pixels ("1000,385"),
-# WHEEL the turn of the wheel that brings them nearer (-450).
-# Needs chromium. docs/pictures/README.md says which pictures were made how.
+# Makes the pictures of the pages anew. See --help.
 set -euo pipefail
-report=$(realpath "$1") out=$(realpath -m "$2") entries=${3:-0, 1} share=${4:-0.8} size=${5:-1000,385} wheel=${6:--450}
-scratch=$(mktemp -d)
-trap 'rm -rf "$scratch"' EXIT
-cp "$report" "$scratch/page.html"
-cat >>"$scratch/page.html" <<HTML
+
+pictures=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
+root=$(cd "$pictures/../.." && pwd)
+bin=${OMENTUM_BIN:-$root/build/release/bin}
+
+usage() {
+  cat <<'TEXT'
+usage: docs/pictures/make.sh [-o FOLDER] NAME...
+
+Makes these pictures as FOLDER/NAME.png (default: docs/pictures):
+  lift           a lift by the policy of a training, out of its report (two minutes, with report)
+  report         the head of the same report
+  monitor        the page of `omentum monitor` beside a run (a minute)
+  robot          the report of five starts on the arm's double (three minutes)
+  contact_sheet  a recording as `mismatch info --contact-sheet` draws it (seconds)
+  calibrated     a lift before and after a calibration, out of its report (two minutes)
+  verdict        the report of `mismatch explain` on a case of another engine (ten minutes and more)
+  results        the page of benchmarks/draw.py (seconds)
+Programs are those of build/release/bin (OMENTUM_BIN: another folder). OMENTUM_RUN names the run folder of a training that is
+there already, with its report. Needs chromium, for recordings python3-numpy as well.
+TEXT
+}
+
+wrong() {
+  echo "make.sh: $1 (see --help)" >&2
+  exit 2
+}
+
+out=$pictures names=()
+while (($#)); do
+  case $1 in
+    -o) (($# > 1)) || wrong "-o needs a folder"; out=$(realpath "$2"); shift ;;
+    -h | --help) usage; exit 0 ;;
+    lift | report | monitor | robot | contact_sheet | calibrated | verdict | results) names+=("$1") ;;
+    *) wrong "unknown picture $1" ;;
+  esac
+  shift
+done
+((${#names[@]})) || { usage >&2; exit 2; }
+
+scratch=$(mktemp -d) children=()
+trap '((${#children[@]} == 0)) || kill "${children[@]}" 2>/dev/null || true; wait; rm -rf "$scratch"' EXIT
+
+# Writes $out/$1.png of the page $2, $3 pixels ("1000,400"), when so many ms of its time are over: $4.
+shoot() {
+  timeout 120 chromium --headless=new --no-sandbox --hide-scrollbars --user-data-dir="$scratch/profile" --use-angle=swiftshader \
+    --enable-unsafe-swiftshader --virtual-time-budget="${4:-8000}" --window-size="$3" --screenshot="$out/$1.png" "$2" 2>/dev/null
+  ls -l "$out/$1.png"
+}
+
+# $1 = picture, $2 = report, $3 = entries of its list of lifts for the two views ("0, 1"), $4 = share of their duration, $5 = turn of
+# the wheel that brings them nearer.
+shoot_lifts() {
+  cp "$2" "$scratch/lifts.html"
+  cat >>"$scratch/lifts.html" <<HTML
 <script>
 addEventListener("load", () => {
-  const panes = Array.from(document.querySelectorAll(".pane")), box = panes[0].parentElement;
+  const panes = Array.from(document.querySelectorAll(".pane")), box = panes[0].parentElement, slider = document.getElementById("replay-time");
   panes.forEach((pane, k) => {
     const choice = pane.querySelector("select");
-    choice.value = [$entries][k];
+    choice.value = [$3][k];
     choice.dispatchEvent(new Event("change"));
   });
-  document.body.replaceChildren(box, document.getElementById("replay-time"));
+  document.body.replaceChildren(box, slider);
   Object.assign(document.body.style, { margin: "0", padding: "8px", maxWidth: "none" });
-  const slider = document.getElementById("replay-time");
-  slider.value = $share * slider.max;
+  slider.value = $4 * slider.max;
   slider.style.display = "none";
   dispatchEvent(new Event("resize"));
   slider.dispatchEvent(new Event("input"));
-  panes[0].querySelector("canvas").dispatchEvent(new WheelEvent("wheel", { deltaY: $wheel, bubbles: true, cancelable: true }));
+  panes[0].querySelector("canvas").dispatchEvent(new WheelEvent("wheel", { deltaY: $5, bubbles: true, cancelable: true }));
 });
 </script>
 HTML
-chromium --headless=new --no-sandbox --hide-scrollbars --user-data-dir="$scratch/profile" --use-angle=swiftshader --enable-unsafe-swiftshader \
-  --virtual-time-budget=8000 --window-size="$size" --screenshot="$out" "file://$scratch/page.html" 2>/dev/null
-ls -l "$out"
+  shoot "$1" "file://$scratch/lifts.html" 1000,385
+}
+
+# A trained run of preset omentum with its report; sets `run`.
+run=${OMENTUM_RUN:-}
+train() {
+  [[ -z $run ]] || return 0
+  OMENTUM_BIN=$bin "$root/deploy/train.sh" --no-setup --set "run.runs_dir=$scratch/runs" >"$scratch/train.log"
+  run=$scratch/runs/omentum
+}
+
+make_lift() {
+  train
+  shoot_lifts lift "$run/report.html" "0, 0" 0.98 -450
+}
+
+make_report() {
+  train
+  shoot report "file://$(realpath "$run")/report.html" 1180,1000
+}
+
+make_monitor() {
+  local domain=$((1 + $$ % 90)) port=$((20000 + $$ % 10000)) worker
+  "$bin/learner" --preset omentum --run mine --quiet --set run.domain=$domain --set "run.runs_dir=$scratch/mine" \
+    --set rollout.max_steps=100000000 2>"$scratch/learner.log" &
+  children+=($!)
+  for worker in 1 2; do
+    "$bin/sim_worker" --run mine --domain $domain 2>"$scratch/worker$worker.log" &
+    children+=($!)
+  done
+  "$bin/omentum" monitor --run mine --domain $domain --port $port >"$scratch/monitor.log" &
+  children+=($!)
+  sleep 45  # until there are curves
+  "$bin/omentum" top --run mine --domain $domain --once
+  shoot monitor "http://127.0.0.1:$port/#slot=3" 1180,1150 12000
+  kill "${children[@]}"
+  wait "${children[@]}" || true
+  children=()
+}
+
+make_robot() {
+  train
+  # A machine that others use stands still now and then: limits for a double alone.
+  printf 'state_age_s: 0.4\nsilence_s: 0.3\ngap_s: 0.3\ntick_gap_s: 0.4\nmissed_actions: 10\n' >"$scratch/limits.txtpb"
+  OMENTUM_BIN=$bin "$root/tests/dvrk_gateway/experiment_on_double.py" --policy "$run" --out "$scratch/experiment" --starts 5 \
+    --limits "$scratch/limits.txtpb"
+  shoot robot "file://$scratch/experiment/report.html" 1000,900
+}
+
+# Six lifts of a small sheet with a stiff place; the scene of them lacks it.
+make_example() {
+  [[ -e $scratch/example ]] || /usr/bin/python3 "$root/tests/mismatch/explained_lifts.py" "$bin/mismatch" "$scratch/example" inclusion 6
+}
+
+make_contact_sheet() {
+  make_example
+  "$bin/mismatch" import "$scratch/example/lifts/lift0" -o "$scratch/lift0.mcap"
+  "$bin/mismatch" info "$scratch/lift0.mcap" --scene "$scratch/example/believed.txtpb" --contact-sheet "$out/contact_sheet.png"
+}
+
+make_calibrated() {
+  make_example
+  "$bin/mismatch" calibrate --scene "$scratch/example/believed.txtpb" -r "$scratch/example/lifts" -o "$scratch/calibrated" --tolerance-mm 6
+  shoot_lifts calibrated "$scratch/calibrated/report.html" "2, 3" 0.98 -450
+}
+
+make_verdict() {
+  /usr/bin/python3 "$root/tests/mismatch/plants/plants.py" case "$root/tests/mismatch/plants/truths/inclusion_102" --seed 1 --force yes \
+    -o "$scratch/case"
+  "$bin/mismatch" explain -r "$scratch/case" -o "$scratch/verdict"
+  shoot verdict "file://$scratch/verdict/report.html" 1000,1400
+}
+
+make_results() {
+  python3 "$root/benchmarks/draw.py" "$scratch/drawn"
+  grep -v 'run.sh elastic' "$scratch/drawn/results.html" >"$scratch/drawn/page.html"
+  shoot results "file://$scratch/drawn/page.html" 1250,400
+}
+
+for name in "${names[@]}"; do "make_$name"; done
