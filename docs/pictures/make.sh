@@ -149,8 +149,9 @@ make_verdict() {
 
 make_results() {
   python3 "$root/benchmarks/draw.py" "$scratch/drawn"
-  grep -v 'run.sh elastic' "$scratch/drawn/results.html" >"$scratch/drawn/page.html"
-  shoot results "file://$scratch/drawn/page.html" 1250,400
+  grep -e '<!doctype' -e 'run.sh tissue' -e 'run.sh train' "$scratch/drawn/results.html" >"$scratch/drawn/page.html"
+  echo '<style>td { white-space: nowrap }</style>' >>"$scratch/drawn/page.html"
+  shoot results "file://$scratch/drawn/page.html" 1180,495
 }
 
 for name in "${names[@]}"; do "make_$name"; done
