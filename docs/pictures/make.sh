@@ -11,16 +11,16 @@ usage() {
 usage: docs/pictures/make.sh [-o FOLDER] NAME...
 
 Makes these pictures as FOLDER/NAME.png (default: docs/pictures):
-  lift           a lift by the policy of a training, out of its report (two minutes, with report)
-  report         the head of the same report
-  monitor        the page of `omentum monitor` beside a run (a minute)
-  robot          the report of five starts on the arm's double (three minutes)
+  lift           the live view of `omentum monitor` beside a run (a minute)
+  monitor        the head of its page
+  workers        its view and its table of workers
+  robot          the report of five starts on the arm's double (a minute, after a training)
   contact_sheet  a recording as `mismatch info --contact-sheet` draws it (seconds)
   calibrated     a lift before and after a calibration, out of its report (two minutes)
   verdict        the report of `mismatch explain` on a case of another engine (ten minutes and more)
   results        the page of benchmarks/draw.py (seconds)
-Programs are those of build/release/bin (OMENTUM_BIN: another folder). OMENTUM_RUN names the run folder of a training that is
-there already, with its report. Needs chromium, for recordings python3-numpy as well.
+Programs are those of build/release/bin (OMENTUM_BIN: another folder). TRAINED_RUN names the run folder of a training that is
+there already. Needs chromium, for recordings python3-numpy as well.
 TEXT
 }
 
@@ -34,7 +34,7 @@ while (($#)); do
   case $1 in
     -o) (($# > 1)) || wrong "-o needs a folder"; out=$(realpath "$2"); shift ;;
     -h | --help) usage; exit 0 ;;
-    lift | report | monitor | robot | contact_sheet | calibrated | verdict | results) names+=("$1") ;;
+    lift | monitor | workers | robot | contact_sheet | calibrated | verdict | results) names+=("$1") ;;
     *) wrong "unknown picture $1" ;;
   esac
   shift
@@ -46,7 +46,7 @@ trap '((${#children[@]} == 0)) || kill "${children[@]}" 2>/dev/null || true; wai
 
 # Writes $out/$1.png of the page $2, $3 pixels ("1000,400"), when so many ms of its time are over: $4.
 shoot() {
-  timeout 120 chromium --headless=new --no-sandbox --hide-scrollbars --user-data-dir="$scratch/profile" --use-angle=swiftshader \
+  timeout 400 chromium --headless=new --no-sandbox --hide-scrollbars --user-data-dir="$scratch/profile" --use-angle=swiftshader \
     --enable-unsafe-swiftshader --virtual-time-budget="${4:-8000}" --window-size="$3" --screenshot="$out/$1.png" "$2" 2>/dev/null
   ls -l "$out/$1.png"
 }
@@ -77,28 +77,26 @@ HTML
   shoot "$1" "file://$scratch/lifts.html" 1000,385
 }
 
-# A trained run of preset omentum with its report; sets `run`.
-run=${OMENTUM_RUN:-}
+# A trained run of preset omentum; sets `run`.
+run=${TRAINED_RUN:-}
 train() {
   [[ -z $run ]] || return 0
   OMENTUM_BIN=$bin "$root/deploy/train.sh" --no-setup --set "run.runs_dir=$scratch/runs" >"$scratch/train.log"
   run=$scratch/runs/omentum
 }
 
-make_lift() {
-  train
-  shoot_lifts lift "$run/report.html" "0, 0" 0.98 -450
-}
-
-make_report() {
-  train
-  shoot report "file://$(realpath "$run")/report.html" 1180,1000
-}
-
-make_monitor() {
-  local domain=$((1 + $$ % 90)) port=$((20000 + $$ % 10000)) worker
-  "$bin/learner" --preset omentum --run mine --quiet --set run.domain=$domain --set "run.runs_dir=$scratch/mine" \
-    --set rollout.max_steps=100000000 2>"$scratch/learner.log" &
+# A run with its monitor, whose page is $page: learner and two workers, from the policy of a training.
+start_monitor() {
+  local domain port=$((20000 + $$ % 10000)) worker trained=()
+  [[ -z ${page:-} ]] || return 0
+  for ((domain = 1 + $$ % 90; ; domain = 1 + domain % 90)); do  # that no test has, as in deploy/train.sh
+    exec {lock}>>"/tmp/omentum_test_domain_$domain"
+    ! flock -n "$lock" || break
+    exec {lock}>&-
+  done
+  [[ -z $run ]] || trained=(--initialise-from "$run/checkpoints/best.pb")  # so that it lifts at once
+  "$bin/learner" --preset omentum --run mine --quiet --set run.domain=$domain --set "run.runs_dir=$scratch/runs" \
+    --set rollout.max_steps=100000000 "${trained[@]}" 2>"$scratch/learner.log" &
   children+=($!)
   for worker in 1 2; do
     "$bin/sim_worker" --run mine --domain $domain 2>"$scratch/worker$worker.log" &
@@ -106,21 +104,39 @@ make_monitor() {
   done
   "$bin/omentum" monitor --run mine --domain $domain --port $port >"$scratch/monitor.log" &
   children+=($!)
-  sleep 45  # until there are curves
+  # Until there are curves, ten minutes at most.
+  timeout 600 bash -c 'until (($(wc -l <"$1") > 40)); do sleep 1; done 2>/dev/null' - "$scratch/runs/mine/metrics.csv"
   "$bin/omentum" top --run mine --domain $domain --once
-  shoot monitor "http://127.0.0.1:$port/#slot=3" 1180,1150 12000
-  kill "${children[@]}"
-  wait "${children[@]}" || true
-  children=()
+  page=http://127.0.0.1:$port/
 }
+
+# $1 = picture, $2 = its width and height, $3 = its left and $4 its upper edge in the page of the monitor, $5 = slot.
+shoot_monitor() {
+  start_monitor
+  local wanted=$out
+  out=$scratch
+  shoot "whole_$1" "$page#slot=$5" 1180,2900 6000
+  out=$wanted
+  echo "<body style='margin: 0; overflow: hidden'><img style='margin: -$4px 0 0 -$3px' src='whole_$1.png'>" >"$scratch/part.html"
+  shoot "$1" "file://$scratch/part.html" "$2"
+}
+
+# The tissue is where the episode is at that moment: again, or another slot, where it is not held.
+make_lift() { shoot_monitor lift 820,560 28 1945 3; }
+
+make_monitor() { shoot_monitor monitor 1180,1010 0 0 3; }
+
+make_workers() { shoot_monitor workers 1180,1010 0 1800 9; }
 
 make_robot() {
   train
+  mkdir -p "$scratch/robot/runs"
+  ln -sfn "$(realpath "$run")" "$scratch/robot/runs/omentum"  # the page names the folder
   # A machine that others use stands still now and then: limits for a double alone.
-  printf 'state_age_s: 0.4\nsilence_s: 0.3\ngap_s: 0.3\ntick_gap_s: 0.4\nmissed_actions: 10\n' >"$scratch/limits.txtpb"
-  OMENTUM_BIN=$bin "$root/tests/dvrk_gateway/experiment_on_double.py" --policy "$run" --out "$scratch/experiment" --starts 5 \
-    --limits "$scratch/limits.txtpb"
-  shoot robot "file://$scratch/experiment/report.html" 1000,900
+  printf 'state_age_s: 0.4\nsilence_s: 0.3\ngap_s: 0.3\ntick_gap_s: 0.4\nmissed_actions: 10\n' >"$scratch/robot/limits.txtpb"
+  (cd "$scratch/robot" && OMENTUM_BIN=$bin "$root/tests/dvrk_gateway/experiment_on_double.py" --policy runs/omentum --out experiment \
+    --starts 5 --limits limits.txtpb)
+  shoot robot "file://$scratch/robot/experiment/report.html" 1000,900
 }
 
 # Six lifts of a small sheet with a stiff place; the scene of them lacks it.
