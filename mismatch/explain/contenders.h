@@ -12,7 +12,7 @@ namespace omentum {
 struct Contender {
   EntrantFit fit;
   std::vector<std::string> fold_names;
-  /// Log density that it adds to each fold, simulated, own numbers integrated [nats].
+  /// Log density that it adds to each fold, simulated, as the others foretell the fold [nats].
   std::vector<double> folds;
   double gain = 0;    ///< their trimmed sum
   double agreed = 0;  ///< the same by how far folds disagree about its numbers (Spread)

@@ -73,11 +73,16 @@ constexpr int kSteps = 8;  // of Gauss and Newton on one linearisation
 /// Derivatives of a scene with the effect in it: columns of the base, and differences of
 /// simulations by the numbers of the effect. They stay while steps along them hold.
 struct Derivatives {
+  std::vector<double> searched;                ///< of the effect, where they were taken
   std::vector<Prediction> base;                ///< with columns
-  std::vector<Prediction> at;                  ///< where differences were taken
-  std::vector<std::vector<Prediction>> moved;  ///< by each number
+  std::vector<Prediction> at;                  ///< surfaces there, of the mesh of `moved`
+  std::vector<std::vector<Prediction>> moved;  ///< by a step of each number
   std::vector<double> steps;                   ///< of each number
 };
+
+/// What simulates an effect: the coarse mesh, whose change from the base is put on surfaces of the
+/// finer one, or the finer one itself.
+enum class Mesh { kCoarse, kFine };
 
 /// A search over numbers of an effect and of the base, each state of it simulated.
 class EntrantSearch {
@@ -89,9 +94,7 @@ class EntrantSearch {
         base_(with_candidates(base, axes_)),
         candidate_(candidate),
         model_(model),
-        columns_(with_columns(base_, model, base_.fitted)),
-        fine_(base_.surfaces),
-        coarse_(base_.coarse_surfaces) {
+        columns_(with_columns(base_, model, base_.fitted)) {
     auto [amplitudes, led] = foretold();
     numbers_ = effect_numbers(candidate, candidates, amplitudes, place, base_.data.made);
     // Lines of the mesh let go of the clamp one after the other: a step passes one.
@@ -123,34 +126,13 @@ class EntrantSearch {
     return effect_of(candidate_, numbers_, values, base_.data.made);
   }
 
-  /// Simulates recordings, by the coarse mesh as a change of the finer surfaces. Nothing where too
-  /// little is simulated.
-  std::optional<BaseFit> simulate(const Tried& at, const Which& which) const {
+  /// Simulates recordings on a mesh. Nothing where too little is simulated.
+  std::optional<BaseFit> simulate(const Tried& at, Mesh mesh, const Which& which) const {
     BaseFit fit = base_;
     fit.found.state = at.state;
     fit.data.scene = scene_with(at.searched);
-    fit.coarse_surfaces = model_.simulate(fit.data, at.state, fit.coarse, false, which);
-    if (!is_simulated(fit.coarse_surfaces, base_.coarse_surfaces, which)) return std::nullopt;
-    fit.surfaces = changed_surfaces(fit.coarse_surfaces);
-    return fit;
-  }
-
-  /// Simulates all recordings on both meshes: what the finer one differs by is taken from there on.
-  /// Nothing, and no change, where too little is simulated.
-  std::optional<BaseFit> simulate_finely(const Tried& at) {
-    BaseFit fit = base_;
-    fit.found.state = at.state;
-    fit.data.scene = scene_with(at.searched);
-    const Which all = all_recordings(base_);
-    std::vector<Prediction> fine = model_.simulate(fit.data, at.state, fit.fine, false, all);
-    std::vector<Prediction> coarse = model_.simulate(fit.data, at.state, fit.coarse, false, all);
-    if (!is_simulated(fine, base_.surfaces, all) ||
-        !is_simulated(coarse, base_.coarse_surfaces, all))
-      return std::nullopt;
-    fine_ = extrapolated_as_base(base_, std::move(fine));
-    coarse_ = std::move(coarse);
-    fit.coarse_surfaces = coarse_;
-    fit.surfaces = changed_surfaces(coarse_);
+    fit.surfaces = surfaces_of(at, mesh, which);
+    if (!is_simulated(fit.surfaces, base_.surfaces, which)) return std::nullopt;
     return fit;
   }
 
@@ -159,21 +141,17 @@ class EntrantSearch {
     return candidate_.pinch_axis >= 0 || candidate_.effect == "actuation_delay";
   }
 
-  /// Surfaces of the finer mesh by those of the coarse one.
-  std::vector<Prediction> changed_surfaces(const std::vector<Prediction>& coarse) const {
-    return omentum::changed_surfaces(fine_, coarse_, coarse);
-  }
-
   double cost(const BaseFit& fit) const {
     return cost_of(fit.data, {fit.found.state, fit.surfaces}, base_.fitted, fit.found.state,
                    base_.found.scales);
   }
 
-  /// Columns of the base beside the effect, and a step of each of its numbers, simulated.
-  Derivatives differentiate(const Tried& at, const BaseFit& fit) const {
-    Derivatives made{columns_beside(at, fit), fit.surfaces, {}, {}};
+  /// Columns of the base beside the effect, and a step of each of its numbers, simulated on the
+  /// mesh that `fit` was.
+  Derivatives differentiate(const Tried& at, const BaseFit& fit, Mesh mesh) const {
+    Derivatives made{at.searched, columns_beside(at, fit), fit.surfaces, {}, {}};
     for (std::size_t k = 0; k < numbers_.size(); ++k) {
-      auto [surfaces, by] = moved(at, k, base_.fitted);
+      auto [surfaces, by] = moved(at, k, mesh, base_.fitted);
       made.moved.push_back(std::move(surfaces));
       made.steps.push_back(by);
     }
@@ -181,17 +159,15 @@ class EntrantSearch {
   }
 
   /// Surfaces with a number of the effect moved by a step, and the step.
-  std::pair<std::vector<Prediction>, double> moved(const Tried& at, std::size_t k,
+  std::pair<std::vector<Prediction>, double> moved(const Tried& at, std::size_t k, Mesh mesh,
                                                    const Which& which) const {
     const EffectNumber& number = numbers_[k];
-    std::vector<double> there = at.searched;
+    Tried there = at;
     // Backwards where the range ends.
-    const bool ends = number.value(there[k] + number.step) >= number.high;
+    const bool ends = number.value(at.searched[k] + number.step) >= number.high;
     const double by = ends ? -number.step : number.step;
-    there[k] += by;
-    FitData data = base_.data;
-    data.scene = scene_with(there);
-    return {changed_surfaces(model_.simulate(data, at.state, base_.coarse, false, which)), by};
+    there.searched[k] += by;
+    return {surfaces_of(there, mesh, which), by};
   }
 
   /// Whether a number of the effect goes farther than a difference of simulations.
@@ -224,14 +200,23 @@ class EntrantSearch {
       unknown.scale = Unknown::Scale::kShift;
       unknown.sd = number.sd;
       unknown.role = NumberRole::kNuisance;  // no field of the scene that scene_at() could set
-      set_difference(unknown,
-                     omentum::changed_surfaces(fit.surfaces, derivatives.at, derivatives.moved[k]),
+      set_difference(unknown, changed_surfaces(fit.surfaces, derivatives.at, derivatives.moved[k]),
                      1 / derivatives.steps[k], fit.data, linear, fit.found.state);
     }
     return linear;
   }
 
  private:
+  std::vector<Prediction> surfaces_of(const Tried& at, Mesh mesh, const Which& which) const {
+    FitData data = base_.data;
+    data.scene = scene_with(at.searched);
+    const bool finely = mesh == Mesh::kFine;
+    std::vector<Prediction> made =
+        model_.simulate(data, at.state, finely ? base_.fine : base_.coarse, false, which);
+    return finely ? extrapolated_as_base(base_, std::move(made))
+                  : changed_surfaces(base_.surfaces, base_.coarse_surfaces, made);
+  }
+
   /// Of a scene without the effect where it has none with it (memory, slip).
   std::vector<Prediction> columns_beside(const Tried& at, const BaseFit& fit) const {
     FitData data = base_.data;
@@ -304,7 +289,6 @@ class EntrantSearch {
   const Candidate& candidate_;
   ReferenceForward& model_;
   Linearisation columns_;
-  std::vector<Prediction> fine_, coarse_;  // what the finer mesh differs by, where it was simulated
   std::vector<EffectNumber> numbers_;
   std::vector<Tried> begins_;
 };
@@ -362,7 +346,7 @@ std::optional<Reached> begin(const EntrantSearch& search) {
   Tried led;
   double least = std::numeric_limits<double>::infinity();
   for (const Tried& at : search.begins()) {
-    std::optional<BaseFit> fit = search.simulate(at, search.base().fitted);
+    std::optional<BaseFit> fit = search.simulate(at, Mesh::kCoarse, search.base().fitted);
     if (!fit) continue;
     auto [beside, cost] = search.led_beside(at, *fit);
     if (!(cost < least)) continue;
@@ -375,29 +359,43 @@ std::optional<Reached> begin(const EntrantSearch& search) {
   StepLength length;
   while (!length.settled()) {
     Tried next = between(begun->at, led, length.share());
-    std::optional<BaseFit> fit = search.simulate(next, search.base().fitted);
+    std::optional<BaseFit> fit = search.simulate(next, Mesh::kCoarse, search.base().fitted);
     const double cost = fit ? search.cost(*fit) : std::numeric_limits<double>::infinity();
     if (length.accept(begun->cost - cost)) return Reached{std::move(next), std::move(*fit), cost};
   }
   return begun;
 }
 
-/// Steps along `derivatives`, each simulated, until they gain nothing or none is left. The step
-/// that would come next.
-Step follow(const EntrantSearch& search, const Derivatives& derivatives, int& left,
+/// Steps along `derivatives`, each simulated, until they gain nothing. The step that would come
+/// next.
+Step follow(const EntrantSearch& search, const Derivatives& derivatives, Mesh mesh,
             Reached& reached) {
+  constexpr int kMost = 6;
   Step step = next_step(search, reached.at, derivatives, reached.fit);
   StepLength length;
-  while (!length.settled() && left > 0) {
+  for (int tried = 0; tried < kMost && !length.settled(); ++tried) {
     const Tried next = between(reached.at, step.to, length.share());
-    std::optional<BaseFit> fit = search.simulate(next, search.base().fitted);
-    --left;
+    std::optional<BaseFit> fit = search.simulate(next, mesh, search.base().fitted);
     const double cost = fit ? search.cost(*fit) : std::numeric_limits<double>::infinity();
     if (!length.accept(reached.cost - cost)) continue;
     reached = {next, std::move(*fit), cost};
     step = next_step(search, reached.at, derivatives, reached.fit);
   }
   return step;
+}
+
+/// Steps along derivatives, made anew where a number of the effect went farther than a difference.
+/// The step that would come next.
+Step descend(const EntrantSearch& search, int most_rounds, Mesh mesh, Reached& reached) {
+  constexpr double kGained = 20;  // [nats] a round that gains less is the last
+  for (int round = 1;; ++round) {
+    const Derivatives derivatives = search.differentiate(reached.at, reached.fit, mesh);
+    const Reached before = reached;
+    Step step = follow(search, derivatives, mesh, reached);
+    if (round == most_rounds || before.cost - reached.cost < kGained ||
+        !search.leaves(before.at.searched, reached.at.searched))
+      return step;
+  }
 }
 
 }  // namespace
@@ -418,63 +416,53 @@ std::optional<EntrantFit> fit_entrant(const BaseFit& base, const Candidate& cand
                                       const std::vector<Candidate>& candidates,
                                       const std::optional<Vector2d>& place, double most_gained,
                                       ReferenceForward& model) {
-  constexpr int kSimulated = 13, kDifferentiated = 3, kFineRounds = 2, kFinely = 4;
   constexpr double kInTheRace = 0.5;  // of what the best one gained
   EntrantSearch search(base, candidate, candidates, place, model);
   const double without = search.cost(search.base());
   std::optional<Reached> begun = begin(search);
   if (!begun) return std::nullopt;
   Reached& reached = *begun;
-  Derivatives derivatives;
-  std::optional<Step> step;
-  bool outrun = false;
-  for (int fresh = 0, left = kSimulated; !outrun && fresh < kDifferentiated && left > 0; ++fresh) {
-    derivatives = search.differentiate(reached.at, reached.fit);
-    const double before = reached.cost;
-    step = follow(search, derivatives, left, reached);
-    constexpr double kGained = 4;  // [nats] since derivatives were taken: less asks for no others
-    outrun = without - reached.cost < kInTheRace * most_gained;
-    if (before - reached.cost < kGained) break;
+  const bool finely = !search.takes_over();
+  Step step = descend(search, finely ? 1 : 3, Mesh::kCoarse, reached);
+  if (finely) {
+    // A coarse mesh makes a stiff place of few cells stiffer than it is, and what it says of a
+    // place or a radius leads away from both (docs/decisions/0048-fine-derivatives.md).
+    std::optional<BaseFit> fine = search.simulate(reached.at, Mesh::kFine, base.fitted);
+    if (!fine) return std::nullopt;
+    const double gained_coarsely = without - reached.cost;
+    reached = {reached.at, std::move(*fine), 0};
+    reached.cost = search.cost(reached.fit);
+    const double gained = std::max(gained_coarsely, without - reached.cost);
+    const bool outrun = gained < kInTheRace * most_gained;
+    if (!outrun) step = descend(search, 2, Mesh::kFine, reached);
   }
   if (!(reached.cost < without)) return std::nullopt;
-  // What the finer mesh differs by depends on the effect: a stiff place of few coarse cells is
-  // stiffer than it should be. It is asked again where the steps lead away from there.
-  const int rounds = outrun || search.takes_over() ? 0 : kFineRounds;
-  for (int round = 0; round < rounds; ++round) {
-    std::optional<BaseFit> fine = search.simulate_finely(reached.at);
-    if (!fine) break;
-    const std::vector<double> before = reached.at.searched;
-    reached.cost = search.cost(*fine);
-    reached.fit = std::move(*fine);
-    int left = kFinely;
-    step = follow(search, derivatives, left, reached);
-    if (!(reached.cost < without)) return std::nullopt;
-    if (!search.leaves(before, reached.at.searched)) break;
-  }
   EntrantFit entrant{candidate,
                      search.numbers(),
                      reached.at.searched,
-                     step->sd,
+                     step.sd,
                      search.effect(reached.at.searched),
                      without - reached.cost,
                      base.data.scene,
                      base};
-  // Simulated once more with all recordings; its numbers become unknowns.
+  // Recordings that are held out follow; its numbers become unknowns.
+  const Mesh mesh = finely ? Mesh::kFine : Mesh::kCoarse;
+  const std::optional<BaseFit> others = search.simulate(reached.at, mesh, base.held_out);
+  if (!others) return std::nullopt;
   BaseFit& fit = entrant.fit;
   fit.found.state = carried(reached.at.state, search.base().data, fit.data);
   apply_effects({entrant.effect}, fit.data.scene);
-  const Which all = all_recordings(base);
-  fit.coarse_surfaces = model.simulate(fit.data, fit.found.state, fit.coarse, false, all);
-  if (!is_simulated(fit.coarse_surfaces, base.coarse_surfaces, all)) return std::nullopt;
-  fit.surfaces = search.changed_surfaces(fit.coarse_surfaces);
+  fit.surfaces = reached.fit.surfaces;
+  for (const std::size_t r : base.held_out) fit.surfaces[r] = others->surfaces[r];
+  fit.coarse_surfaces.clear();  // of the base alone
   Linearisation at{fit.found.state, fit.surfaces};
   for (std::size_t k = 0; k < entrant.numbers.size(); ++k) {
-    const FitData& from = step->fit.data;
+    const FitData& from = step.fit.data;
     const auto unknown =
         std::ranges::find(from.unknowns, path_of(entrant.numbers[k]), &Unknown::path);
     const auto column = static_cast<int>(unknown - from.unknowns.begin());
     // No step looked at those held out: their derivatives are taken here.
-    const auto [moved, by] = search.moved(reached.at, k, base.held_out);
+    const auto [moved, by] = search.moved(reached.at, k, mesh, base.held_out);
     set_difference(*unknown, moved, 1 / by, fit.data, at, fit.found.state);
     const auto followed = std::ranges::find(from.differences, column, &DifferenceColumn::column);
     for (const std::size_t r : base.fitted) fit.data.differences.back().by[r] = followed->by[r];

@@ -139,19 +139,14 @@ void tell_no_claim(const Case& made, const std::vector<Candidate>& first,
   }
 }
 
-/// Of what was simulated: what it adds to each fold, and how far folds agree about its numbers.
+/// Of what was simulated: what it adds to each fold as the others foretell it, and how far folds
+/// agree about its numbers.
 void judge(const Case& made, const Case& beside, Contender& contender) {
-  const auto log_density = [](const Evidence& recording) {
-    return value_or_throw(integrate_own(recording)).log_constant;
-  };
-  for (std::size_t k = 0; k < made.fitted.size(); ++k) {
-    const auto found = std::ranges::find(contender.fold_names, made.folds[k]);
-    const auto fold = static_cast<std::size_t>(found - contender.fold_names.begin());
-    if (found == contender.fold_names.end()) {
-      contender.fold_names.push_back(made.folds[k]);
-      contender.folds.push_back(0);
-    }
-    contender.folds[fold] += log_density(beside.fitted[k]) - log_density(made.fitted[k]);
+  const auto before = value_or_throw(foretold_densities(made.fitted, made.folds));
+  const auto with = value_or_throw(foretold_densities(beside.fitted, beside.folds));
+  for (std::size_t k = 0; k < with.size(); ++k) {
+    contender.fold_names.push_back(with[k].fold);
+    contender.folds.push_back(with[k].log_density - before[k].log_density);
   }
   Spread spread = value_or_throw(spread_of(contender.fit.keys(), beside.fitted, beside.folds));
   contender.fit.sd = std::move(spread.sd);

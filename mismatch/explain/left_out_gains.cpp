@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numeric>
+#include <optional>
 
 namespace omentum {
 
@@ -126,6 +127,39 @@ Result<std::vector<AtomGains>> left_out_gains(const FoldEvidence& evidence, cons
     judge(atoms[k], all.value().information(at, at), thresholds);
   }
   return atoms;
+}
+
+Result<std::vector<FoldDensity>> foretold_densities(std::span<const Evidence> recordings,
+                                                    std::span<const std::string> fold_of) {
+  std::vector<Evidence> parts;
+  std::vector<FoldDensity> densities;
+  for (std::size_t r = 0; r < recordings.size(); ++r) {
+    auto part = integrate_own(recordings[r]);
+    if (!part) return Failure{part.error()};
+    parts.push_back(std::move(part).value());
+    if (std::ranges::count(densities, fold_of[r], &FoldDensity::fold) == 0)
+      densities.push_back({fold_of[r], 0});
+  }
+  const auto log_evidence = [&](std::optional<std::string> without) -> Result<double> {
+    std::vector<Evidence> kept;
+    for (std::size_t r = 0; r < parts.size(); ++r) {
+      if (fold_of[r] != without) kept.push_back(parts[r]);
+    }
+    if (kept.empty()) return 0.0;
+    auto sum = sum_evidence(kept);
+    if (!sum) return Failure{sum.error()};
+    auto posterior = solve(sum.value());
+    if (!posterior) return Failure{posterior.error()};
+    return posterior.value().log_evidence;
+  };
+  auto all = log_evidence(std::nullopt);
+  if (!all) return Failure{all.error()};
+  for (FoldDensity& density : densities) {
+    auto others = log_evidence(density.fold);
+    if (!others) return Failure{others.error()};
+    density.log_density = all.value() - others.value();
+  }
+  return densities;
 }
 
 Result<std::vector<std::vector<FoldGain>>> held_out_gains(const FoldEvidence& evidence,

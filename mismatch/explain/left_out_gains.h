@@ -59,6 +59,17 @@ double trimmed_sum(std::vector<double> gains);
 Result<std::vector<AtomGains>> left_out_gains(const FoldEvidence& evidence, const Floors& floors,
                                               const Thresholds& thresholds = {});
 
+struct FoldDensity {
+  std::string fold;
+  double log_density = 0;  ///< of its rows [nats]
+};
+
+/// Density of each fold as the others foretell it, all numbers but atoms integrated; folds in the
+/// order of their first recordings. Of one fold alone priors foretell it. It fails where the other
+/// folds leave a number open.
+Result<std::vector<FoldDensity>> foretold_densities(std::span<const Evidence> recordings,
+                                                    std::span<const std::string> fold_of);
+
 /// Folds that no fit has seen gain by a fit to all others: `held_out` are their indices in
 /// `evidence`, which holds both. There is one list per atom, in their order.
 Result<std::vector<std::vector<FoldGain>>> held_out_gains(const FoldEvidence& evidence,

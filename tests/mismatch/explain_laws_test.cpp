@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <numbers>
 
 #include "mismatch/explain/detection_limits.h"
 #include "mismatch/explain/shares.h"
@@ -391,6 +392,39 @@ TEST(ExplainLaws, IntervalsAreThePosteriorsWhereRecordingsAgreeAndWiderWhereThey
               standard_error * standard_error * 12, 1e-9);
   EXPECT_THAT(spread_of(std::vector<std::string>{"other"}, agree, folds).error(),
               HasSubstr("no number is called other"));
+}
+
+TEST(ExplainLaws, AFoldIsForetoldByTheOthersAlone) {
+  // One row that is the number, with noise: a normal density about what the others say of it.
+  const auto normal = [](const std::string& name, double seen, double information) {
+    Evidence evidence = saying(name, seen, information);
+    evidence.log_constant =
+        (std::log(information / (2 * std::numbers::pi)) - information * seen * seen) / 2;
+    return evidence;
+  };
+  const std::vector<Evidence> seen = {normal("r0", 1.5, 4), normal("r1", 1, 2), normal("r2", 3, 1)};
+  const std::vector<std::string> each = {"a", "b", "c"};
+  const auto densities = foretold_densities(seen, each).value();
+  ASSERT_EQ(densities.size(), 3U);
+  EXPECT_EQ(densities[0].fold, "a");
+  const double others = (2 * 1 + 1 * 3) / 3.0, variance = 1 / 3.0 + 1 / 4.0;
+  EXPECT_NEAR(
+      densities[0].log_density,
+      -std::log(2 * std::numbers::pi * variance) / 2 - std::pow(1.5 - others, 2) / (2 * variance),
+      1e-12);
+  // A repeat is foretold together with what it repeats.
+  const std::vector<std::string> repeated = {"a", "b", "a"};
+  const auto together = foretold_densities(seen, repeated).value();
+  ASSERT_EQ(together.size(), 2U);
+  const std::vector<Evidence> swapped = {seen[1], seen[2], seen[0]};
+  EXPECT_NEAR(
+      together[0].log_density,
+      foretold_densities(swapped, std::vector<std::string>{"b", "a", "a"}).value()[1].log_density,
+      1e-12);
+  // What no other fold says is open, unless something is believed of it.
+  const std::vector<Evidence> alone = {seen[0]};
+  EXPECT_NEAR(foretold_densities(alone, std::vector<std::string>{"a"}).value()[0].log_density, 0,
+              1e-12);
 }
 
 TEST(ExplainLaws, SharesAreTheMixtureThatForetellsBest) {
