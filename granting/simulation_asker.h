@@ -69,7 +69,8 @@ class SimulationAsker {
   struct Served {
     std::unique_ptr<BusWriter<SimulationGrant>> writer;
     WorkerStatus last;
-    std::uint64_t speaks_as = 0;  ///< writer of its status: another one is a worker that came anew
+    /// Writer of its status: a different writer means that the worker has joined anew.
+    std::uint64_t speaks_as = 0;
     bool joined = false;
     bool silent = false;
   };

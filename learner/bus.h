@@ -122,7 +122,8 @@ class LearnerBus {
   struct Served {
     std::unique_ptr<BusWriter<RolloutTask>> writer;
     WorkerStatus last;
-    std::uint64_t speaks_as = 0;  ///< writer of its status: another one is a worker that came anew
+    /// Writer of its status: a different writer means that the worker has joined anew.
+    std::uint64_t speaks_as = 0;
     std::int64_t since_ns = 0;
     bool joined = false;
     bool silent = false;

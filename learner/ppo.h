@@ -44,7 +44,8 @@ struct UpdateStats {
 
 /// What cloning did: means over the samples of the first and of the last pass.
 struct CloningStats {
-  double first_surprise = 0, surprise = 0;  ///< -log pi(action), summed over branches
+  /// Negative log likelihood of the shown actions, summed over branches.
+  double first_surprise = 0, surprise = 0;
   double first_value_error = 0,
          value_error = 0;  ///< rms of value - return, rewards as PPO has them
   std::uint32_t minibatches = 0;

@@ -68,10 +68,12 @@ std::string tiles_of(const RunState& state, std::int64_t now_ns) {
             ? fmt::format("{} of {} steps", short_number(static_cast<double>(l.steps_total)),
                           short_number(static_cast<double>(l.steps_wanted)))
             : ""},
-       {left ? tile_duration(*left) : "-", "left", "at the present rate"},
-       {short_number(std::round(l.steps_per_s)), "steps/s", "taken in by the learner"},
+       {left ? tile_duration(*left) : "-", "left", "at the mean rate of the learner"},
+       {short_number(std::round(l.steps_per_s)), "steps/s",
+        "taken in, mean since the learner began"},
        {std::to_string(alive), "workers",
-        fmt::format("{} steps/s together", short_number(std::round(worker_steps)))},
+        fmt::format("{} steps/s together in the last half second",
+                    short_number(std::round(worker_steps)))},
        {std::isfinite(l.mean_return) ? fmt::format("{:.3g}", l.mean_return) : "-", "mean return",
         fmt::format("length {} steps", text_of(l.mean_length, 0))},
        {balance_of(l).balanced() ? "ok" : "WRONG", "ledger",
@@ -87,7 +89,7 @@ std::string alarms_markup(const std::vector<std::string>& alarms) {
 
 std::string workers_markup(const RunState& state, std::int64_t now_ns) {
   std::vector<std::vector<std::string>> rows = {{"worker", "host", "pid", "phase", "steps/s",
-                                                 "behind", "lanes", "tasks", "segments",
+                                                 "versions behind", "lanes", "tasks", "segments",
                                                  "warnings"}};
   for (const auto& [id, row] : state.workers()) {
     const WorkerStatus& w = row.status;

@@ -65,8 +65,8 @@ class ArmGuide {
   RobotCommand command_of(const Goal& goal) const;
   /// Goals, between two of which the tip either moves along a line or stays and turns.
   using Way = std::vector<Goal>;
-  /// Sets `way` to one from `from` to the mount's orientation at p_WT; what is in the way where
-  /// there is none.
+  /// Sets `way` to one from `from` to the mount's orientation at p_WT; returns the obstacle where
+  /// no way exists.
   Finding find_way(const Goal& from, const Eigen::Vector3d& p_WT, Way& way) const;
   /// Every place between two goals may be one; moves the joints along.
   bool is_open(const Goal& from, const Goal& to, PsmJoints& joints) const;

@@ -54,8 +54,10 @@ struct PolicyRequest {
   bool fresh = false;  ///< an action arrived since the last period
   /// kServoCp or kServoJp: where to go. kHold: the episode is over; the arm holds and stays armed.
   RobotCommand command = {};
-  /// The way to where the arm is to go was looked for, and what is in it: nothing is armed then.
+  /// A way to the start was searched for: `obstacle` holds what came of it.
   bool looked = false;
+  /// Reason why no way to the start exists; while it is set, nothing is armed, and what is armed
+  /// stops.
   Finding obstacle = {};
 };
 
@@ -89,7 +91,8 @@ struct SafetyMemory {
   std::uint64_t foreign = 0, restarts = 0;
   std::array<double, kStreams> timestamp_s{};  ///< newest, by stream
   double counted_s = 0;                        ///< Timestamp at the last of ready_count
-  // What the last payloads of one Timestamp said: of others nothing can be said.
+  // What the last payloads of one Timestamp said: payloads of different Timestamps are not
+  // compared.
   Finding instrument, base_frame;
   bool checked = false;  ///< there were such payloads since the last obstacle to arming
   Finding obstacle;      ///< PolicyRequest::obstacle, the newest

@@ -80,7 +80,7 @@ int index_of(const Findings& f, const char* path) {
 }
 
 /// Lifts see thickness and bending together (bending times the thickness squared), so that a wide
-/// belief in the bending hides a wrong thickness. A body that is alike through its thickness has no
+/// belief in the bending hides a wrong thickness. A body that is homogeneous through it has no
 /// other bending: how thick it would have to be is held against the thickness believed.
 void add_thickness_of_even_body(const Findings& f, std::vector<std::string>& warnings) {
   const int thickness = index_of(f, kThicknessPath), bending = index_of(f, kBendingPath);
@@ -111,8 +111,8 @@ void add_thickness_of_even_body(const Findings& f, std::vector<std::string>& war
   const std::string thick = number_in_line(unknown.value(even), unknown.value(even - spread),
                                            unknown.value(even + spread), unknown.unit);
   warnings.push_back(fmt::format(
-      "{}: alike through its thickness the body would be {} thick by the recordings, {:.1f} "
-      "standard deviations {} the belief of {}; measure it, for otherwise its bending is another "
+      "{}: if the body is homogeneous through its thickness, the recordings make it {} thick, "
+      "{:.1f} standard deviations {} the belief of {}; measure it, or its bending differs "
       "by {:+.0f} % ({:.0f} - {:.0f})",
       unknown.path, thick, std::fabs(deviations), deviations < 0 ? "below" : "above",
       told_belief(shared_number(f, thickness)), 100 * change.value, 100 * change.low90,
@@ -172,13 +172,13 @@ void add_traded_stiffness(const Findings& f, Calibration& result) {
     names += (k > 0 ? ", " : "") + other.path;
   }
   const double spread = kNinety * std::sqrt(std::max(variance, 0.0));
-  group.name = "stiffness with the others as believed";
+  group.name = "stiffness for the believed values of the others";
   group.unit = unknown.unit;
   group.value = unknown.value(x);
   group.low90 = unknown.value(x - spread);
   group.high90 = unknown.value(x + spread);
   group.text = fmt::format(
-      "Can be exchanged for {}, whose own intervals are mostly those of the belief: measure them, "
+      "Can be exchanged for {}, whose own intervals are mostly those of the prior: measure them, "
       "or take this value with what was believed of them.",
       names);
   result.groups.push_back(std::move(group));
@@ -282,8 +282,8 @@ void add_groups(const Findings& f, Calibration& result) {
   const int clock = f.data.layout.clock.begin;
   if (!recordings_move(f)) {
     result.warnings.push_back(
-        "scene.depth_sensor.time_offset_s: what was recorded rests and says nothing of the camera's"
-        " clock: it stays as believed; record while the tissue moves");
+        "scene.depth_sensor.time_offset_s: the recordings show tissue at rest, which tells nothing "
+        "of the camera's clock; it stays at its prior; record while the tissue moves");
   } else {
     NumberGroup group;
     group.name = "latency";
@@ -357,8 +357,8 @@ void add_warnings(const Findings& f, Calibration& result) {
     const CalibratedNumber number = shared_number(f, k);
     if (number.at_bound || std::fabs(number.surprise) < kSurprise) continue;
     warnings.push_back(fmt::format(
-        "{}: {} against the belief of {}: what the recordings say alone is {:.1f} standard "
-        "deviations {} it; measure it{}",
+        "{}: {} against the belief of {}: the recordings alone, without its prior, put it "
+        "at {:.1f} standard deviations {} that belief; measure it{}",
         with_words(number.name), told(number), told_belief(number), std::fabs(number.surprise),
         number.surprise < 0 ? "below" : "above", confused_with(f, k)));
   }

@@ -94,7 +94,7 @@ std::function<int()> add_limits_command(CLI::App& app) {
   CLI::App& sub = *app.add_subcommand(
       "limits",
       "Say how large each effect must be to be detected with commands that were not run yet "
-      "(docs/mismatch.md 5.9); of recordings the commands are read alone");
+      "(docs/mismatch.md 5.9); only the tool commands of the recordings are read");
   add_case_options(sub, options);
   sub.add_option("-o,--output", options.output, "Folder for limits.json, new or empty");
   sub.add_option("--rate", options.rate_hz, "Point clouds per second [Hz]")

@@ -120,7 +120,8 @@ std::function<int()> add_predict_command(CLI::App& app) {
   CLI::App& sub =
       *app.add_subcommand("predict",
                           "Predict with a stored verdict what other commands would do "
-                          "(docs/mismatch.md 5.8); of recordings the commands are read alone");
+                          "(docs/mismatch.md 5.8); of the recordings only the tool commands "
+                          "and the times of clouds are read");
   sub.add_option("OUT", options.verdict, "Folder that mismatch explain wrote")->required();
   sub.add_option("-r,--recordings", options.recordings,
                  "Recordings whose commands are simulated: folders, MCAP files, or folders of them")

@@ -65,12 +65,12 @@ std::string map_of(const pb::Verdict& verdict, const std::string& effect) {
 }
 
 std::string error_bars(const pb::Verdict& verdict) {
-  TableRows rows = {{"recording", "role", "before, mm", "after, mm", "a right model, mm",
-                     "left of what was wrong", "shell before", "shell after"}};
+  TableRows rows = {{"recording", "role", "before, mm", "after, mm", "noise floor, mm",
+                     "share of the misfit left", "shell before", "shell after"}};
   for (const pb::VerdictFit& row : verdict.fit()) {
     rows.push_back({row.recording(), row.role() == "held_out" ? "held out" : row.role(),
                     mm(row.rmse_base()), mm(row.rmse_model()), mm(row.floor()),
-                    row.has_r() ? percent(row.r()) : "nothing was",
+                    row.has_r() ? percent(row.r()) : "no misfit",
                     row.has_rmse_shell_base() ? mm(row.rmse_shell_base()) : "",
                     row.has_rmse_shell_model() ? mm(row.rmse_shell_model()) : ""});
   }
@@ -79,7 +79,7 @@ std::string error_bars(const pb::Verdict& verdict) {
 
 std::string limits_table(const pb::Verdict& verdict) {
   TableRows rows = {{"effect", "would be seen from", "named from", "two correct models differ by",
-                     "by", "looks most like"}};
+                     "by", "most similar effect"}};
   for (const pb::VerdictLimit& row : verdict.detection_limits()) {
     const std::string words = limit_words(row);
     const std::string name = row.effect() + (words.empty() ? "" : ", " + words);
@@ -100,7 +100,7 @@ std::string rivals_tables(const pb::Verdict& verdict) {
   TableRows claimed = {
       {"by its columns", "gain, nats", "leaves to others, nats", "alone it is enough"}};
   for (const pb::VerdictRival& rival : verdict.rivals()) {
-    const std::string gain = fmt::format("{:.0f}", rival.gain());
+    const std::string gain = nats(rival.gain());
     if (rival.simulated()) {
       refitted.push_back({rival.name(), gain, numbers_of(rival)});
       continue;
@@ -108,8 +108,8 @@ std::string rivals_tables(const pb::Verdict& verdict) {
     std::string left;
     for (const pb::VerdictLeft& other : rival.left()) {
       if (other.gain() < 1) continue;
-      left += fmt::format("{}{}: {:.0f}", left.empty() ? "" : "; ", key_text(other.name()),
-                          other.gain());
+      left += fmt::format("{}{}: {}", left.empty() ? "" : "; ", key_text(other.name()),
+                          nats(other.gain()));
     }
     claimed.push_back({key_text(rival.key()), gain, left.empty() ? "nothing" : left,
                        rival.adequate() ? "yes" : "no"});
@@ -197,7 +197,7 @@ std::string effect_table(const pb::VerdictEffect& effect) {
   }
   std::string html = make_table(rows, {1, 2, 3});
   html += "<p>" +
-          escape_html(fmt::format("Gain {:.0f} nats. {}", effect.gain(),
+          escape_html(fmt::format("Gain {} nats. {}", nats(effect.gain()),
                                   effect.confirmed()
                                       ? "Recordings that were held out confirm it."
                                       : "Not confirmed: " + effect.why_not_confirmed() + ".")) +
@@ -286,12 +286,14 @@ std::string make_verdict_page(const Explanation& found, const std::string& folde
                       v.effects_size() > 0
                           ? "Numbers with intervals of 90 %, the frames in which it shows, and how "
                             "well it would explain the recordings at each place."
-                          : "How well a stiff or a sticking place would explain the recordings.",
+                          : "How well an inclusion or an adhesion would explain the recordings.",
                       what + row(maps + residual_maps(found.residuals))});
   sections.push_back(
       {"fit", "Before and after",
        "How far the cloud is from the simulated surface, in blocks of 20 mm and 0.2 s "
-       "(rms of their medians). What was held out was never fitted.",
+       "(rms of their medians). What was held out was never fitted. The noise floor is what the "
+       "noise of the sensor alone leaves, of what was held out also what is not known of its own "
+       "numbers.",
        error_bars(v) + channels_of(v)});
   sections.push_back({"surface", "Recordings and simulation",
                       "Cloud over the simulated surface, before and after.",
@@ -304,8 +306,8 @@ std::string make_verdict_page(const Explanation& found, const std::string& folde
   }
   sections.push_back({"limits", "What would have been seen",
                       fmt::format("Smallest size of each effect that these recordings would show "
-                                  "({:.0f} nats).",
-                                  v.threshold()),
+                                  "({} nats).",
+                                  nats(v.threshold())),
                       limits_table(v)});
   TableRows pull_rows = {{"nuisance", "standard deviations from its belief"}};
   for (const pb::VerdictPull& pull : v.pulls())

@@ -17,6 +17,7 @@
 #include "mismatch/explain/shares.h"
 #include "mismatch/explain/verdict_words.h"
 #include "mismatch/explain/when.h"
+#include "report/section_parts.h"
 
 namespace omentum {
 namespace {
@@ -101,7 +102,7 @@ void confirm(const Case& made, const Case& beside, const EntrantFit& entrant,
       if (gain > 0 || !something_to_explain(verdict, name)) continue;
       effect.set_confirmed(false);
       effect.set_why_not_confirmed(
-          fmt::format("{} fits worse with it by {:.0f} nats", fold.fold, -gain));
+          fmt::format("{} fits worse with it by {} nats", fold.fold, nats(-gain)));
       return;
     }
     effect.set_confirmed(any);
@@ -311,10 +312,12 @@ void add_bounds(const BaseFit& base, pb::Verdict& verdict) {
     const Range range = range_of(unknown);
     const double x = base.found.state.shared[k], near = 1e-3 * unknown.sd;
     if (x > range.low + near && x < range.high - near) continue;
+    const double none = std::nan("");
     verdict.add_warnings(
-        fmt::format("{} is at the bound of what can be believed, {:.4g} {} ({}): the base takes up "
-                    "what no candidate describes; its numbers are no measurement",
-                    with_words(unknown.path), unknown.value(x), unknown.unit, unknown.prior));
+        fmt::format("{} is at the bound of what can be believed, {} ({}): the base takes up what "
+                    "no candidate describes; its numbers are no measurement",
+                    with_words(unknown.path),
+                    number_in_line(unknown.value(x), none, none, unknown.unit), unknown.prior));
   }
 }
 

@@ -112,10 +112,10 @@ std::string class_text(const pb::Verdict& v) {
   if (table.empty()) return "";
   std::string text = table.text();
   for (const pb::VerdictEffect& effect : v.effects()) {
-    text +=
-        fmt::format("  gain {:.0f} nats, claimed above {:.0f}; {}\n", effect.gain(), v.threshold(),
-                    effect.confirmed() ? "recordings that were held out confirm it"
-                                       : "not confirmed: " + effect.why_not_confirmed());
+    text += fmt::format("  gain {} nats, claimed above {}; {}\n", nats(effect.gain()),
+                        nats(v.threshold()),
+                        effect.confirmed() ? "recordings that were held out confirm it"
+                                           : "not confirmed: " + effect.why_not_confirmed());
     for (const std::string& recording : effect.rests_on())
       text += fmt::format("  it rests on {} alone\n", recording);
   }
@@ -126,7 +126,7 @@ std::string left_by(const pb::VerdictRival& rival, int most) {
   std::vector<std::string> left;
   for (const pb::VerdictLeft& other : rival.left()) {
     if (other.gain() < 1 || static_cast<int>(left.size()) >= most) continue;
-    left.push_back(fmt::format("{}: {:.0f}", key_text(other.name()), other.gain()));
+    left.push_back(fmt::format("{}: {}", key_text(other.name()), nats(other.gain())));
   }
   if (left.empty()) return "nothing";
   return fmt::format("{}", fmt::join(left, "; "));
@@ -137,7 +137,7 @@ std::string rivals_text(const pb::Verdict& v, int most, int most_left) {
   refitted.add({"refitted by simulations", "gain, nats", "numbers"});
   claimed.add({"claimed by columns", "gain, nats", "leaves to others, nats"});
   for (const pb::VerdictRival& rival : v.rivals()) {
-    const std::string gain = fmt::format("{:.0f}", rival.gain());
+    const std::string gain = nats(rival.gain());
     if (rival.simulated()) {
       refitted.add({rival.name(), gain, numbers_of(rival)});
     } else if (most-- > 0) {
@@ -174,7 +174,8 @@ std::string numbers_text(const pb::Verdict& v) {
 
 std::string fit_text(const pb::Verdict& v) {
   Columns table;
-  table.add({"recording", "role", "before, mm", "after", "noise", "in the shell before", "after"});
+  table.add({"recording", "role", "before, mm", "after", "noise floor, mm", "in the shell before",
+             "after"});
   for (const pb::VerdictFit& row : v.fit()) {
     table.add({row.recording(), row.role(), mm(row.rmse_base()), mm(row.rmse_model()),
                mm(row.floor()), row.has_rmse_shell_base() ? mm(row.rmse_shell_base()) : "",
@@ -223,7 +224,8 @@ std::string locate_text(const pb::Verdict& v) {
     }
   }
   if (!single.empty()) text += single.text();
-  if (!maps.empty()) text += "Scores rank; what is claimed is decided by what is foretold.\n";
+  if (!maps.empty())
+    text += "Scores rank; claims are decided by how well left-out recordings are predicted.\n";
   return printable(text);
 }
 

@@ -161,6 +161,11 @@ std::string figure(double value) {
 
 std::string mm(double metres) { return fmt::format("{:.2f}", 1e3 * metres); }
 
+std::string nats(double gain) {
+  constexpr double kLarge = 9.95;  // is written as 10.0 with a decimal
+  return fmt::format("{:.{}f}", gain, std::fabs(gain) < kLarge ? 1 : 0);
+}
+
 ShownNumber shown(const pb::VerdictParameter& p) {
   return show_number(p.value(), p.low90(), p.high90(), p.unit());
 }

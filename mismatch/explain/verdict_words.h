@@ -13,6 +13,8 @@ namespace omentum {
 
 std::string figure(double value);  ///< three digits; "-" where there is none
 std::string mm(double metres);
+/// A gain or the threshold of one: below 10 with a decimal, so that it is told from its threshold.
+std::string nats(double gain);
 /// A number of an effect with the digits that its interval justifies (report/section_parts.h).
 ShownNumber shown(const pb::VerdictParameter& parameter);
 /// Words for a number of an effect, "play of the tool along z" for tool_backlash and b_z; empty

@@ -61,18 +61,19 @@ Recording read_any(const std::string& path) {
   return is_bag(path) ? read_bag(path, {}, {}) : read_recording(path);
 }
 
+void warn_left_out(const std::string& /*path*/, const std::string& why) {
+  warn({why + ": left out"});
+}
+
 /// What a folder or file holds, one recording after the other. Of several bags and files one that
 /// cannot be read is left out with a line.
 void for_each(const RecordingOptions& options, const TakeRecording& take) {
-  const TellLeftOut left_out = [](const std::string&, const std::string& why) {
-    warn({why + ": left out"});
-  };
   if (options.map.empty()) {
     is_bag(options.input);  // refuses what first must be converted
-    return for_each_recording(options.input, take, read_any, left_out);
+    return for_each_recording(options.input, take, read_any, warn_left_out);
   }
   const pb::ImportMap map = read_import_map(options.map);
-  if (map.has_ros()) return import_bags(map, options.input, take, left_out);
+  if (map.has_ros()) return import_bags(map, options.input, take, warn_left_out);
   import_mapped(map, options.input, take);
 }
 
@@ -232,9 +233,31 @@ std::string cloud_floor(const RecordingOptions& options, const std::vector<Recor
   return print_floor({floor});
 }
 
+/// The recordings of files and folders with the path of each, as for_each() has them.
+void for_each_with_path(
+    const std::vector<std::string>& inputs,
+    const std::function<void(const std::string& path, const Recording& recording)>& take) {
+  std::string at;
+  const auto read = [&at](const std::string& path) {
+    at = path;
+    return read_any(path);
+  };
+  const auto take_there = [&](const std::string&, const Recording& recording) {
+    take(at, recording);
+  };
+  for (const std::string& input : inputs) {
+    if (is_bag(input)) {
+      take(input, read_bag(input, {}, {}));
+    } else {
+      for_each_recording(input, take_there, read, warn_left_out);
+    }
+  }
+}
+
 int print_info(const RecordingOptions& options) {
   if (!options.contact_sheet.empty() && options.inputs.size() != 1)
     throw_error("--contact-sheet: {} recordings, allowed one", options.inputs.size());
+  std::string sheet;
   std::map<std::string, std::vector<Recording>> repeats;
   std::set<fs::path> files;  // a recording that is given twice is no repeat of itself
   using Json = nlohmann::ordered_json;
@@ -242,8 +265,9 @@ int print_info(const RecordingOptions& options) {
   const auto print = [&](const std::string& text) {
     if (!options.json) std::printf("%s", text.c_str());
   };
-  for (const std::string& path : options.inputs) {
-    Recording recording = is_bag(path) ? read_bag(path, {}, {}) : read_recording_mcap(path);
+  const auto tell = [&](const std::string& path, const Recording& recording) {
+    if (!sheet.empty())
+      throw_error("--contact-sheet: several recordings in {}, allowed one", options.inputs.front());
     warn(recording.warnings);
     const pb::RecordingInfo& info = recording.info;
     print(fmt::format("{}: {}:{}\n", path, info.name(), summary(recording)));
@@ -268,13 +292,14 @@ int print_info(const RecordingOptions& options) {
     told["clouds"] = clouds;
     told["warnings"] = recording.warnings;
     all_told["recordings"].push_back(std::move(told));
-    if (!options.contact_sheet.empty()) {
-      const Result<void> written =
-          write_durably(options.contact_sheet, make_contact_sheet(recording));
-      if (!written) throw_error("{}", written.error());
-    }
+    if (!options.contact_sheet.empty()) sheet = make_contact_sheet(recording);
     if (!info.repeat_of().empty() && files.insert(fs::canonical(path)).second)
-      repeats[info.repeat_of()].push_back(std::move(recording));
+      repeats[info.repeat_of()].push_back(recording);
+  };
+  for_each_with_path(options.inputs, tell);
+  if (!sheet.empty()) {
+    const Result<void> written = write_durably(options.contact_sheet, sheet);
+    if (!written) throw_error("{}", written.error());
   }
   for (const auto& [name, recordings] : repeats) {
     std::vector<const Recording*> all;
@@ -316,7 +341,8 @@ std::function<int()> add_recording_commands(CLI::App& app) {
       "info",
       "Say what can be known of recordings without simulation: clocks, gaps, noise, repeats");
   info.add_option("inputs", options->inputs,
-                  "MCAP files, or folders of a bag of ROS; several to compare repeats")
+                  "Recording folders, folders of several, MCAP files, or bags of ROS in MCAP; "
+                  "several to compare repeats")
       ->required();
   info.add_option(
       "--scene", options->scene,

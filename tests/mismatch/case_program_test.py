@@ -90,7 +90,16 @@ def main():
         out, _ = run(program, "info", *files)
         assert out.count("repeat of: r00") == 1 and out.count("repeats of r00:") == 1, out
         assert out.count("held out: yes") == 1, out
-        for once in ([files[0]], [files[0], files[0]]):
+        of_files = out
+        out, _ = run(program, "info", case)
+        for file in files:
+            of_files = of_files.replace(str(file), str(case / file.stem))
+        assert out == of_files, (out, of_files)
+        _, told = run(program, "info", case, "--contact-sheet", folder / "sheet.png", code=2)
+        assert "allowed one" in told and not (folder / "sheet.png").exists(), told
+        run(program, "info", case / "r00", "--contact-sheet", folder / "sheet.png")
+        assert (folder / "sheet.png").read_bytes().startswith(b"\x89PNG")
+        for once in ([files[0]], [files[0], files[0]], [case / "r00", case / "r00"]):
             out, _ = run(program, "info", *once)
             assert "repeat" not in out, out
 

@@ -116,9 +116,9 @@ TEST(Findings, AThinnerBodyIsToldThoughTheBeliefInItsBendingHidesIt) {
     c.found.state.shared[b] = x[1];
     EXPECT_LT(std::fabs(x[0]), sd[0] * 2.5) << "not by what is believed of the thickness alone";
     const std::string told =
-        fmt::format("would be {:.1f}", 1e3 * thinner * c.unknown(kThicknessPath).believed);
+        fmt::format("make it {:.1f}", 1e3 * thinner * c.unknown(kThicknessPath).believed);
     const auto is_told =
-        Contains(AllOf(StartsWith(kThicknessPath), HasSubstr(told), HasSubstr(") thick by")));
+        Contains(AllOf(StartsWith(kThicknessPath), HasSubstr(told), HasSubstr(") thick, ")));
     if (thinner == 0.8) {
       EXPECT_THAT(c.warnings(), is_told);
     } else {

@@ -34,10 +34,10 @@ def check_parts(program, out):
     rows = [line.split() for line in said["locate"].splitlines()]
     assert ["4.0", "-0.5", "12.6"] in rows and ["-5.0", "1.2", "3.4"] in rows and ["obstacle.height", "4.2", "1.00", "2.00"] in rows, rows
     expect(said["name"], sentence, "status: explained_as_class", "bending_stiffness", "0.20", "not confirmed: no recording was held out",
-           "it rests on lift0 alone", "inclusion.k at x = 2.0, y = 4.0 mm: 64; rest_shape.twist: 10", "k = 4.5, r = 8.5 mm")
+           "it rests on lift0 alone", "inclusion.k at x = 2.0, y = 4.0 mm: 64; rest_shape.twist: 9.5", "gain 132 nats, claimed above 50", "k = 4.5, r = 8.5 mm")
     expect(said["model"], "4.5", "3.1", "6.2", "8.5 mm", "stiffness there over that of the rest",
            "at the end of its range", "stiffness_change: 3.5", str(out / "scene.repaired.txtpb"))
-    expect(said["show"], sentence, "8.5 mm", "lift5", "0.55", "0.33", "inclusion.k", "1.4", "never", "nothing is trimmed below 5")
+    expect(said["show"], sentence, "noise floor, mm", "8.5 mm", "lift5", "0.55", "0.33", "inclusion.k", "1.4", "never", "nothing is trimmed below 5")
     assert run(program, "show", out / "verdict.json") == said["show"]
     steered = json.loads((CORPUS / "class.json").read_text()) | {"warnings": ["\x1b[2Jgone"]}
     (out / "verdict.json").write_text(json.dumps(steered))

@@ -50,6 +50,15 @@ TEST(VerdictWords, PullsOfOneKindInARecordingAreOneLineWithTheLargest) {
   EXPECT_THAT(pull_lines(pulls, 8), IsEmpty());
 }
 
+TEST(VerdictWords, AGainIsToldFromTheThresholdThatItMisses) {
+  EXPECT_EQ(nats(5.3), "5.3");
+  EXPECT_EQ(nats(6), "6.0");
+  EXPECT_EQ(nats(6.3), "6.3");
+  EXPECT_EQ(nats(9.97), "10");
+  EXPECT_EQ(nats(131.5), "132");
+  EXPECT_EQ(nats(-0.3), "-0.3");
+}
+
 TEST(VerdictWords, AKeyInATableStandsBesideItsWords) {
   EXPECT_EQ(named_nuisance("r08: discrepancy.with_lift[25]"),
             "r08: discrepancy.with_lift[25], the smooth difference that grows with the lift");
