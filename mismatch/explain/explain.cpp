@@ -201,7 +201,11 @@ void tell_claim(const Case& made, const Case& beside, const std::vector<Contende
   add_effect(made, beside, contenders, verdict);
   verdict.set_dispersion_left(beside.dispersion);
   const std::string pulled = told_pull(beside), disagreement = told_disagreement(beside);
-  if (!beside.judged.entrants.empty()) {
+  const std::string contradiction = contradiction_text(verdict);
+  if (!contradiction.empty()) {
+    verdict.set_status("partly_explained");
+    verdict.set_reason(contradiction);
+  } else if (!beside.judged.entrants.empty()) {
     constexpr std::size_t kTold = 3;
     std::vector<std::string> left;
     for (const Entrant& entrant : beside.judged.entrants) {

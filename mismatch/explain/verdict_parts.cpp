@@ -75,6 +75,11 @@ void confirm(const Case& made, const Case& beside, const EntrantFit& entrant,
     effect.set_why_not_confirmed("no recording was held out");
     return;
   }
+  if (const std::string against = contradiction_text(verdict); !against.empty()) {
+    effect.set_confirmed(false);
+    effect.set_why_not_confirmed(against);
+    return;
+  }
   std::vector<Evidence> all = made.fitted;
   std::vector<std::string> folds = made.folds;
   std::vector<std::size_t> held;

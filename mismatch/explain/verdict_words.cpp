@@ -224,6 +224,16 @@ std::vector<std::string> pull_lines(std::span<const Pull> pulls, double beyond) 
   return texts;
 }
 
+std::string contradiction_text(const pb::Verdict& verdict) {
+  constexpr double kMost = 1.1;  // of the squared error that the base has
+  for (const pb::VerdictFit& row : verdict.fit()) {
+    if (row.role() == "held_out" && row.has_r() && row.r() > kMost)
+      return fmt::format("{}, which was held out, is farther off with it, by {} mm instead of {}",
+                         row.recording(), mm(row.rmse_model()), mm(row.rmse_base()));
+  }
+  return {};
+}
+
 std::string names_of(const pb::VerdictEffect& effect) {
   std::string names;
   for (const pb::VerdictMember& member : effect.class_().members())

@@ -44,6 +44,9 @@ std::string pull_text(const Pull& pull);
 /// Of `pulls` in their order those beyond so many standard deviations, one line for all numbers of
 /// a recording that have the same words.
 std::vector<std::string> pull_lines(std::span<const Pull> pulls, double beyond);
+/// Of a held-out recording whose squared error above its floor grows by more than a tenth with what
+/// is claimed; empty where there is none.
+std::string contradiction_text(const pb::Verdict& verdict);
 /// "inclusion or soft_spot".
 std::string names_of(const pb::VerdictEffect& effect);
 

@@ -59,6 +59,25 @@ TEST(VerdictWords, AGainIsToldFromTheThresholdThatItMisses) {
   EXPECT_EQ(nats(-0.3), "-0.3");
 }
 
+TEST(VerdictWords, AHeldOutRecordingThatIsFartherOffSpeaksAgainstAClaim) {
+  pb::Verdict verdict;
+  const auto add = [&](const char* recording, const char* role, double r) {
+    pb::VerdictFit& row = *verdict.add_fit();
+    row.set_recording(recording);
+    row.set_role(role);
+    row.set_rmse_base(0.0004);
+    row.set_rmse_model(0.0005);
+    row.set_r(r);
+  };
+  add("r00", "fit", 2);                     // was fitted
+  add("r01", "held_out", 1.05);             // within a tenth
+  verdict.add_fit()->set_role("held_out");  // as near as is known before: nothing to explain
+  EXPECT_THAT(contradiction_text(verdict), IsEmpty());
+  add("r02", "held_out", 1.6);
+  EXPECT_EQ(contradiction_text(verdict),
+            "r02, which was held out, is farther off with it, by 0.50 mm instead of 0.40");
+}
+
 TEST(VerdictWords, AKeyInATableStandsBesideItsWords) {
   EXPECT_EQ(named_nuisance("r08: discrepancy.with_lift[25]"),
             "r08: discrepancy.with_lift[25], the smooth difference that grows with the lift");
