@@ -9,6 +9,7 @@
 #include "core/check.h"
 #include "mismatch/calibrate/scores.h"
 #include "mismatch/explain/believed_base.h"
+#include "mismatch/explain/dispersion.h"
 #include "mismatch/fit/descent.h"
 #include "mismatch/fit/recording_evidence.h"
 #include "mismatch/fit/starts.h"
@@ -421,6 +422,7 @@ BaseFit believed_base(const pb::Scene& scene, std::vector<Observation> observati
   const pb::Scene believed = with_soft_pad(scene);
   FitSetup setup = options;
   setup.independent_clocks = true;
+  setup.row_worth = 1 / kDispersion;
   BaseFit base(make_fit_data(believed, std::move(observations), setup));
   base.forces = std::move(forces);
   const auto mesh_of = [&](double tolerance_m) -> Numerics {

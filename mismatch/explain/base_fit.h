@@ -78,7 +78,7 @@ class StepLength {
   bool settled() const { return settled_; }  ///< nothing is left to gain
 
  private:
-  static constexpr double kSettled = 2;  // [nats] a whole step that gains less is the last
+  static constexpr double kSettled = 0.2;  // [nats] a whole step that gains less is the last
   double share_ = 1;
   int refusals_ = 0;
   bool refused_ = false, settled_ = false;

@@ -387,7 +387,7 @@ Step follow(const EntrantSearch& search, const Derivatives& derivatives, Mesh me
 /// Steps along derivatives, made anew where a number of the effect went farther than a difference.
 /// The step that would come next.
 Step descend(const EntrantSearch& search, int most_rounds, Mesh mesh, Reached& reached) {
-  constexpr double kGained = 20;  // [nats] a round that gains less is the last
+  constexpr double kGained = 2;  // [nats] a round that gains less is the last
   for (int round = 1;; ++round) {
     const Derivatives derivatives = search.differentiate(reached.at, reached.fit, mesh);
     const Reached before = reached;

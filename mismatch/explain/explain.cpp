@@ -67,8 +67,6 @@ bool is_impossible(const Case& made, const ScoreTest& test) {
 /// Evidence of the base, and what it says of every candidate.
 void ask(std::vector<Evidence> evidence, Case& made) {
   split_evidence(std::move(evidence), made);
-  disperse(kDispersion, made.fitted);
-  disperse(kDispersion, made.held_out);
   learn_scatters(made);
   made.dispersion = value_or_throw(learned_dispersion(made.fitted, made.folds));
   const Thresholds& thresholds = made.options.thresholds;

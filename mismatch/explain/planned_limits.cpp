@@ -8,7 +8,6 @@
 #include "core/check.h"
 #include "mismatch/calibrate/scores.h"
 #include "mismatch/explain/believed_base.h"
-#include "mismatch/explain/dispersion.h"
 #include "mismatch/explain/proposals.h"
 #include "mismatch/explain/verdict_parts.h"
 
@@ -74,7 +73,6 @@ pb::Verdict planned_limits(const pb::Scene& scene, std::vector<Observation> obse
     made.folds.push_back(seen.repeat_of.empty() ? seen.name : seen.repeat_of);
     made.fitted.push_back(std::move(evidence));
   }
-  disperse(kDispersion, made.fitted);
   Result<Floors> floors = amplitude_floors(made.fitted, options.floor_factor);
   if (!floors) throw_error("limits: {}", floors.error());
   made.floors = std::move(floors).value();

@@ -10,6 +10,7 @@
 #include "core/config.h"
 #include "core/constants.h"
 #include "mismatch/fit/marker_binding.h"
+#include "sim_worker/scene/clamp_rows.h"
 
 namespace omentum {
 
@@ -98,6 +99,14 @@ Likelihood make_likelihood(const Scene& made, const std::vector<Observation>& ob
                       markers);
   Likelihood likelihood(triangles, rest, std::move(uv), pivot, setup.cosines_per_side);
   likelihood.set_markers(std::move(markers));
+  // The bar of a clamp lies on what it holds.
+  const pb::Tissue& tissue = made.config.tissue();
+  std::vector<bool> covered(rest.size(), false);
+  for (std::size_t p = 0; p < body.particles.size(); ++p) {
+    const double y = body.particles[p].y();
+    covered[p] = in_lower_clamp(tissue, y) || in_upper_clamp(tissue, y);
+  }
+  likelihood.set_covered(std::move(covered));
   return likelihood;
 }
 

@@ -39,6 +39,8 @@ struct FitSetup {
   int cosines_per_side = 4;
   /// What is stated of the camera's clock holds for each recording by itself, not for all alike.
   bool independent_clocks = false;
+  /// What a row says, against beliefs: less than 1 where models differ by more than noise.
+  double row_worth = 1;
   std::shared_ptr<Simulator> simulator;
   std::size_t threads = 1;
 };

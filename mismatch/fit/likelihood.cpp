@@ -5,7 +5,9 @@
 #include <cmath>
 #include <limits>
 #include <numbers>
+#include <utility>
 
+#include "core/check.h"
 #include "mismatch/fit/frame_rows.h"
 
 namespace omentum {
@@ -62,7 +64,10 @@ Eigen::Matrix3d Registration6::rotation() const {
 
 Likelihood::Likelihood(std::vector<Eigen::Vector3i> triangles, std::span<const Vector3d> rest,
                        std::vector<Vector2d> uv, const Vector3d& pivot, int cosines_per_side)
-    : surface_(std::move(triangles), rest), uv_(std::move(uv)), pivot_(pivot) {
+    : surface_(std::move(triangles), rest),
+      uv_(std::move(uv)),
+      pivot_(pivot),
+      covered_(rest.size(), false) {
   middle_ = Vector3d::Zero();
   for (const Vector3d& p : rest) middle_ += p / static_cast<double>(rest.size());
   cosines_.resize(static_cast<Eigen::Index>(uv_.size()), cosines_per_side * cosines_per_side);
@@ -75,6 +80,11 @@ Likelihood::Likelihood(std::vector<Eigen::Vector3i> triangles, std::span<const V
       }
     }
   }
+}
+
+void Likelihood::set_covered(std::vector<bool> covered) {
+  OMENTUM_CHECK(covered.size() == covered_.size(), "{} of {}", covered.size(), covered_.size());
+  covered_ = std::move(covered);
 }
 
 Eigen::Vector4d discrepancy_in_time(double lift, double share) {

@@ -70,16 +70,20 @@ struct Comparison {
 };
 
 /// Compares what was seen along the rays of the camera: the range of the point against that of the
-/// predicted surface; a ray that passes the surface by its distance; a place that the camera should
-/// see and that has no point nearby by its distance from the nearest one. Where no ray is known
-/// (Observation::rays) points and places of the surface count by their distances from what is
-/// nearest. Any number of threads at a time.
+/// predicted surface; a ray that passes the surface by its distance; a place of the upper face that
+/// the camera should see and that has no point nearby by its distance from the nearest one. Where
+/// no ray is known (Observation::rays) points and places of the surface count by their distances
+/// from what is nearest. Any number of threads at a time.
 class Likelihood {
  public:
   /// `rest`: vertices of the body at rest; `uv`: places of the grid in 0 ... 1. Cosines of the
   /// smooth difference: so many along each side, of which the first is constant.
   Likelihood(std::vector<Eigen::Vector3i> triangles, std::span<const Eigen::Vector3d> rest,
              std::vector<Eigen::Vector2d> uv, const Eigen::Vector3d& pivot, int cosines_per_side);
+
+  /// Vertices that a camera which could see them need not have seen, as under the bar of a clamp;
+  /// none at first.
+  void set_covered(std::vector<bool> covered);
 
   /// Where those of Observation::markers are; none: they are not compared.
   void set_markers(std::vector<MarkerPlace> markers) { markers_ = std::move(markers); }
@@ -106,6 +110,7 @@ class Likelihood {
   Eigen::MatrixXd cosines_;         ///< [place of the grid][cosine]
   Eigen::Vector3d pivot_, middle_;  ///< the latter of the body at rest
   std::vector<MarkerPlace> markers_;
+  std::vector<bool> covered_;  ///< [vertex]
 };
 
 }  // namespace omentum

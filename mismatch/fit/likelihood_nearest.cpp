@@ -94,6 +94,7 @@ void FrameRows::add_nearest(const SeenFrame& frame, const PredictedFrame& predic
   // nothing is wrong would make a smaller body.
   const double allowed = 3 * spacing;
   for (int v = 0; v < places; ++v) {
+    if (of_.covered_[static_cast<std::size_t>(v)]) continue;
     const Vector3d& place = surface_.vertices()[static_cast<std::size_t>(v)];
     if (seen.lowest && seen.lowest->signedDistance(place) < allowed) continue;
     const auto [point, distance] = nearest_of(frame.points, place, frame.points.size());

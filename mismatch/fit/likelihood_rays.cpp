@@ -118,7 +118,8 @@ void FrameRows::add_rays(const SeenFrame& frame, const PredictedFrame& predicted
   add_gaps(predicted, index, spacing, noise, made);
 }
 
-/// Places that should be seen and were not.
+/// Places that should be seen and were not. Clouds often hold the upper face alone: its rim and the
+/// lower face say nothing where they have no points.
 void FrameRows::add_gaps(const PredictedFrame& predicted, const PictureIndex& index, double spacing,
                          const NoiseModel& noise, NormalEquations& made) {
   const Observation& seen = what_.seen;
@@ -135,7 +136,8 @@ void FrameRows::add_gaps(const PredictedFrame& predicted, const PictureIndex& in
   };
   std::vector<Gap> gaps;
   std::size_t looked_at = 0, nothing_near = 0;
-  for (int v = 0; v < static_cast<int>(surface_.vertices().size()); ++v) {
+  for (int v = 0; v < static_cast<int>(of_.uv_.size()); ++v) {
+    if (of_.covered_[static_cast<std::size_t>(v)]) continue;
     const Vector3d& p = surface_.vertices()[static_cast<std::size_t>(v)];
     if (shaft_distance(p, tip, seen.p_WC) < kShaftShadow || !surface_.sees(v)) continue;
     ++looked_at;

@@ -140,6 +140,9 @@ std::vector<NormalEquations> compare(const FitData& data, const Linearisation& l
   run_parallel(which.size(), data.setup.threads, [&](std::size_t k) {
     made[k] =
         data.likelihood.compare(comparison(data, linear, state, which[k]), noise, with_columns);
+    made[k].A *= data.setup.row_worth;
+    made[k].b *= data.setup.row_worth;
+    made[k].cost *= data.setup.row_worth;
   });
   return made;
 }

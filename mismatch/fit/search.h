@@ -40,8 +40,8 @@ struct Ranges {
 /// Where shared numbers may go from derivatives at `at`.
 Ranges ranges_of(const FitData& data, const FitState& at, const SearchLimits& limits);
 
-/// The normal equations of the recordings in `which`, in its order. All functions below give the
-/// same result on any number of threads.
+/// The normal equations of the recordings in `which`, in its order, by what rows are worth. All
+/// functions below give the same result on any number of threads.
 std::vector<NormalEquations> compare(const FitData& data, const Linearisation& linear,
                                      const Which& which, const FitState& state,
                                      const NoiseModel& noise, bool with_columns);

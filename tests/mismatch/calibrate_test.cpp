@@ -323,6 +323,38 @@ TEST(Likelihood, TheBodyThatWasSeenLacksNoPointAtItsEdges) {
   }
 }
 
+TEST(Likelihood, PlacesUnderTheBarOfAClampNeedNotBeSeen) {
+  constexpr double kBar = -0.025;  // [m] it covers what lies below, along y
+  Case c;
+  c.seen.frames[0].points = seen_by_pixels(c, 0.2);
+  std::erase_if(c.seen.frames[0].points, [](const Vector3d& p) { return p.y() < kBar; });
+  Likelihood likelihood(c.sheet.triangles, c.sheet.vertices, c.sheet.uv, Vector3d::Zero(),
+                        kCosinesPerSide);
+  EXPECT_GT(likelihood.compare(c.at(), c.noise, false).gaps, 5U);
+  std::vector<bool> covered;
+  for (const Vector3d& p : c.sheet.vertices) covered.push_back(p.y() < kBar);
+  likelihood.set_covered(covered);
+  EXPECT_EQ(likelihood.compare(c.at(), c.noise, false).gaps, 0U);
+}
+
+TEST(Likelihood, ACloudOfTheUpperFaceAlonePullsNothing) {
+  Case c;
+  // Ten millimetres more: the camera would see of the rim what is far from every point.
+  for (std::size_t i = c.sheet.uv.size(); i < c.sheet.vertices.size(); ++i)
+    c.sheet.vertices[i].z() -= 0.01;
+  c.prediction.frames[0].vertices = c.sheet.vertices;
+  std::vector<Vector3d>& points = c.seen.frames[0].points;
+  points = seen_by_pixels(c, 0.2);
+  const std::size_t all = points.size();
+  std::erase_if(points, [](const Vector3d& p) {
+    return p.z() < 4 * p.x() * p.y() + 3 * p.x() * p.x() + kThick / 2 - 1e-3;
+  });
+  ASSERT_LT(points.size(), all) << "the rim was seen";
+  Likelihood likelihood(c.sheet.triangles, c.sheet.vertices, c.sheet.uv, Vector3d::Zero(),
+                        kCosinesPerSide);
+  EXPECT_EQ(likelihood.compare(c.at(), c.noise, false).gaps, 0U);
+}
+
 TEST(SolveNormalEquations, IsTheDenseSystem) {
   const Layout layout{1, 0, 0, kCosines};
   const int n = layout.size(), s = layout.shared(), o = layout.own();

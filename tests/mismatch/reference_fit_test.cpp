@@ -447,6 +447,27 @@ TEST(Improve, TwoAtATimeGiveTheBytesOfOneAfterTheOther) {
   }
 }
 
+TEST(Compare, RowsThatAreWorthATenthSayATenth) {
+  FittedSheet one;
+  FitData data = *one.data;
+  const NoiseModel noise = first_scales(data).noise;
+  const auto compared = [&](double worth) {
+    data.setup.row_worth = worth;
+    return compare(data, one.linear, {0}, one.linear.at, noise, true).front();
+  };
+  const NormalEquations whole = compared(1), tenth = compared(0.1);
+  ASSERT_GT(whole.A.norm(), 0);
+  EXPECT_LT((0.1 * whole.A - tenth.A).norm(), 1e-12 * whole.A.norm());
+  EXPECT_LT((0.1 * whole.b - tenth.b).norm(), 1e-12 * whole.b.norm());
+  EXPECT_NEAR(tenth.cost, 0.1 * whole.cost, 1e-12 * whole.cost);
+  // Beliefs are worth what they were.
+  Scales scales = first_scales(data);
+  FitState off = one.linear.at;
+  off.shared[0] += data.beliefs.shared_sd[0];
+  const double rows = compare(data, one.linear, {0}, off, scales.noise, false).front().cost;
+  EXPECT_NEAR(cost_of(data, one.linear, {0}, off, scales) - rows, 0.5, 0.01);
+}
+
 TEST(Compare, AFailedRecordingLeavesTheBytesOfTheOthers) {
   FittedSheet one;
   FitSetup setup = one.setup;
