@@ -11,7 +11,7 @@ namespace omentum {
 /// otherwise, and many points make a fit sure of it: what recordings say is worth so many times
 /// less [Miller19]. Stated, by what those of other engines scatter where nothing was left out
 /// (docs/decisions/0046-dispersion.md), never by what a fit leaves, where an effect hides itself.
-inline constexpr double kDispersion = 10;
+inline constexpr double kDispersion = 6;
 
 /// What rows say is worth so much less.
 void disperse(double dispersion, std::span<Evidence> recordings);

@@ -57,6 +57,7 @@ void draw_clouds(const DrawnClouds& drawn, std::size_t r, BaseFit& base) {
     for (const Vector3d& p : body.particles)
       rest.push_back(body.X_WB * (p + side * body.thickness * Vector3d::UnitZ()));
   }
+  constexpr double kFlattest = 0.15;  // cosine between ray and normal: flatter counts as this
   SeenSurface surface(base.data.likelihood.triangles(), rest);
   Observation& seen = base.data.observations[r];
   std::optional<Picture> picture;
@@ -78,7 +79,9 @@ void draw_clouds(const DrawnClouds& drawn, std::size_t r, BaseFit& base) {
                                                Purpose::kObservationNoise, 0, f, number);
         const double normal =
             std::sqrt(-2 * std::log(unit(words[0]))) * std::cos(2 * kPi * unit(words[1]));
-        seen.frames[f].points.push_back(seen.p_WC + (hit->range + drawn.noise_m * normal) * ray);
+        const double cosine = surface.normal(hit->triangle).dot(ray);
+        const double range = hit->range + hit->bulge / std::min(cosine, -kFlattest);
+        seen.frames[f].points.push_back(seen.p_WC + (range + drawn.noise_m * normal) * ray);
       }
     }
   }

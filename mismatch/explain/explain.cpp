@@ -91,7 +91,7 @@ std::string told_pull(const Case& made) {
 
 /// Where recordings disagree about every effect, which two correct models do not; else empty.
 std::string told_disagreement(const Case& made) {
-  constexpr double kMost = 5;  // of what is stated; nulls of other engines have 1.5 at most
+  constexpr double kMost = 5;  // of what is stated; nulls of other engines have 1
   if (made.dispersion <= kMost) return {};
   return fmt::format("recordings disagree about every effect {:.0f} times as much as models do",
                      made.dispersion);

@@ -79,7 +79,7 @@ void FrameRows::add_rays(const SeenFrame& frame, const PredictedFrame& predicted
       constexpr double kInside = 1e-5;  // [m] of the edge: which of its faces the camera sees
       const TrianglePoint miss = surface_.nearest_to_ray(p, noise.reach);
       const TrianglePoint& edge = miss.triangle < 0 ? near : miss;
-      met = {edge.triangle, edge.share, 0};
+      met = {edge.triangle, edge.share};
       row.place = surface_.at(met);
       off = p - row.place;
       const Vector3d w = (off - off.dot(d) * d).normalized();
@@ -96,7 +96,7 @@ void FrameRows::add_rays(const SeenFrame& frame, const PredictedFrame& predicted
     // In front of another part of the body: then it is that part's edge that was seen.
     const double limit = noise.reach / std::max(std::fabs(cosine), kEdgeOn);
     if (hit) {
-      row.e = std::clamp(range - hit->range, -limit, limit);
+      row.e = std::clamp(range - hit->range - hit->bulge / flat, -limit, limit);
       row.along = row.normal / flat;
       row.place = surface_.at(met);
       made.deviation.push_back(row.e / row.sd_factor);
@@ -104,7 +104,7 @@ void FrameRows::add_rays(const SeenFrame& frame, const PredictedFrame& predicted
       add_row(row, predicted, noise, made);
       continue;
     }
-    row.e = std::clamp(off.dot(row.normal) / flat, -limit, limit);
+    row.e = std::clamp((off.dot(row.normal) - met.bulge) / flat, -limit, limit);
     row.along = row.normal / flat;
     ++made.passing;
     add_row(row, predicted, noise, made);

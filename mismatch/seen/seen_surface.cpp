@@ -52,10 +52,44 @@ int SeenSurface::cell_of(double x, int axis) const {
   return static_cast<int>(std::clamp(cell, 0.0, kCells - 1.0));
 }
 
+namespace {
+
+/// Triangles of the rim join both faces.
+bool on_rim(const Vector3i& corners, int places) {
+  return corners.minCoeff() < places && corners.maxCoeff() >= places;
+}
+
+}  // namespace
+
+/// The middle of a chord between two places of a curve lies below it by an eighth of the chord
+/// times how far the normals at its ends part along it; a quadratic face through the middles so
+/// found.
+double SeenSurface::bulge(int triangle, const Vector3d& share) const {
+  const Vector3i& corner = triangles_[static_cast<std::size_t>(triangle)];
+  if (on_rim(corner, static_cast<int>(vertices_.size() / 2))) return 0;
+  double height = 0;
+  for (int k = 0; k < 3; ++k) {
+    const auto a = static_cast<std::size_t>(corner[k]);
+    const auto b = static_cast<std::size_t>(corner[(k + 1) % 3]);
+    height += 0.5 * share[k] * share[(k + 1) % 3] *
+              (normals_[b] - normals_[a]).dot(vertices_[b] - vertices_[a]);
+  }
+  return height;
+}
+
 void SeenSurface::fit(std::span<const Vector3d> vertices, const Vector3d& p_WC,
                       const Eigen::Matrix3d& R_WC) {
   vertices_.assign(vertices.begin(), vertices.end());
   search_.fit(vertices_);
+  normals_.assign(vertices_.size(), Vector3d::Zero());
+  for (const Vector3i& t : triangles_) {
+    if (on_rim(t, static_cast<int>(vertices_.size() / 2))) continue;
+    const Vector3d& a = vertices_[static_cast<std::size_t>(t[0])];
+    const Vector3d n = (vertices_[static_cast<std::size_t>(t[1])] - a)
+                           .cross(vertices_[static_cast<std::size_t>(t[2])] - a);
+    for (const int v : t) normals_[static_cast<std::size_t>(v)] += n;
+  }
+  for (Vector3d& n : normals_) n.normalize();
   p_WC_ = p_WC;
   R_WC_ = R_WC;
   std::vector<std::optional<Vector2d>> places;
@@ -122,7 +156,9 @@ std::optional<RayHit> SeenSurface::cast_along(const Vector3d& direction, const V
 std::optional<RayHit> SeenSurface::cast(const Vector3d& p_W) const {
   const std::optional<Vector2d> place = project(p_W);
   if (!place) return std::nullopt;
-  return cast_along((p_W - p_WC_).normalized(), *place, 1e9);
+  std::optional<RayHit> hit = cast_along((p_W - p_WC_).normalized(), *place, 1e9);
+  if (hit) hit->bulge = bulge(hit->triangle, hit->share);
+  return hit;
 }
 
 bool SeenSurface::sees(int vertex) const {

@@ -17,7 +17,10 @@ std::vector<Eigen::Vector3i> close_sheet(std::span<const Eigen::Vector3i> upper,
 struct RayHit {
   int triangle = -1;
   Eigen::Vector3d share = Eigen::Vector3d::Zero();  ///< barycentric coordinates
-  double range = 0;                                 ///< from the camera [m]
+  double range = 0;                                 ///< from the camera to the triangle [m]
+  /// Along the triangle's normal, of the smooth face through its corners, to second order in the
+  /// size of triangles [m]; 0 on the rim.
+  double bulge = 0;
 };
 
 /// A surface as a camera sees it: rays of a pinhole find their first triangle through a grid over
@@ -53,9 +56,11 @@ class SeenSurface {
   std::optional<RayHit> cast_along(const Eigen::Vector3d& direction, const Eigen::Vector2d& place,
                                    double nearer_than) const;
   int cell_of(double x, int axis) const;
+  double bulge(int triangle, const Eigen::Vector3d& share) const;
 
   std::vector<Eigen::Vector3i> triangles_;
   std::vector<Eigen::Vector3d> vertices_;
+  std::vector<Eigen::Vector3d> normals_;  ///< of the upper and the lower face, at their vertices
   SurfaceSearch search_;
   Eigen::Vector3d p_WC_ = Eigen::Vector3d::Zero();
   Eigen::Matrix3d R_WC_ = Eigen::Matrix3d::Identity();

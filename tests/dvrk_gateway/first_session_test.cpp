@@ -203,6 +203,7 @@ TEST(FirstSession, AToolThatWasCarriedInAsItWasHomedReachesTheStartOrIsToldBefor
     }
   }
   EXPECT_EQ(reached + told, 18);
+  RecordProperty("reached_of_18", reached);
   EXPECT_GE(reached, 12);
 }
 

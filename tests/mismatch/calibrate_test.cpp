@@ -103,6 +103,28 @@ TEST(SeenSurface, ARayMeetsTheNearFaceAtItsRange) {
   EXPECT_FALSE(surface.sees(kSide * kSide + kSide * kSide / 2)) << "the lower face";
 }
 
+TEST(SeenSurface, BetweenItsPlacesASmoothFaceIsNoChord) {
+  const Sheet sheet = make_sheet();
+  SeenSurface surface(sheet.triangles, sheet.vertices);
+  const Observation camera = camera_over({});
+  surface.fit(sheet.vertices, camera.p_WC, camera.R_WC);
+  double chord = 0, smooth = 0;
+  for (int k = 0; k < 200; ++k) {  // normals of the rim are one-sided: places inside of it
+    const Vector3d target(0.028 * std::sin(7.0 * k), 0.028 * std::cos(3.0 * k), 0.002);
+    const auto hit = surface.cast(target);
+    ASSERT_TRUE(hit);
+    const Vector3d d = (target - camera.p_WC).normalized();
+    const auto off = [&](double range) {
+      const Vector3d p = camera.p_WC + range * d;
+      return std::fabs(p.z() - 4 * p.x() * p.y() - 3 * p.x() * p.x() - kThick / 2);
+    };
+    chord = std::max(chord, off(hit->range));
+    smooth = std::max(smooth, off(hit->range + hit->bulge / surface.normal(hit->triangle).dot(d)));
+  }
+  EXPECT_GT(chord, 7e-5);
+  EXPECT_LT(smooth, 0.1 * chord);
+}
+
 constexpr int kCosinesPerSide = 3, kCosines = kCosinesPerSide * kCosinesPerSide;
 
 /// A prediction with some columns, and points that do not lie on it.
