@@ -16,7 +16,7 @@ namespace omentum {
 struct ExplainOptions : FitSetup {
   double tolerance_m = 6e-4;         ///< of the mesh of surfaces; rms error
   double coarse_tolerance_m = 2e-3;  ///< of the mesh of columns and of the search
-  double floor_factor = 1.25;        ///< f of docs/mismatch.md 5.2
+  double floor_factor = 0.5;         ///< f of docs/mismatch.md 5.2
   double discrepancy_m = 3e-4;       ///< stated rms of the smooth discrepancy at full lift
   Thresholds thresholds = {6, 2, 1, 5, true};  ///< docs/decisions/0046-dispersion.md
   std::vector<std::string> ruled_out;          ///< effects that the user excludes

@@ -22,6 +22,9 @@ namespace omentum {
 namespace {
 
 constexpr std::size_t kContenders = 4;  // effects that are refitted by simulations
+// Columns that gain so much are worth a refit: a strong effect is not linear, and gains more by
+// itself. Nulls of other engines reach 1.2 (docs/decisions/0049-what-a-base-fit-rests-on.md).
+constexpr double kWorthRefitting = 3;  // [nats]
 
 template <typename T>
 T value_or_throw(Result<T> result) {
@@ -305,7 +308,7 @@ Explanation explain(const pb::Scene& scene, std::vector<Observation> observation
   ask(gather_evidence(made.base, model, options), made);
   say(0.7, "refits");
   const std::vector<Candidate> first = first_candidates(
-      made.candidates, made.tests, made.judged.gains, options.thresholds.gain, kContenders);
+      made.candidates, made.tests, made.judged.gains, kWorthRefitting, kContenders);
   const auto [contenders, beside] = refit(made, first, model);
 
   Explanation out;

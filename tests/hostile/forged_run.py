@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 """A training while somebody forges the protocol below DDS (forger.py): it goes on, and ends with the weights of an
-undisturbed one. usage: forged_run.py BIN_DIR [--secured MAKE_SH] [--replay] [--seconds S]
+undisturbed one. usage: forged_run.py BIN_DIR [--secured MAKE_SH] [--replay] [--seconds S] [--seed N]
 
 The undisturbed training tells how many updates outlast the forgery on this machine. Prints how long after the last
 forged datagram the next update came. Exit code 1: later than 15 s, or other weights; 77: --replay
@@ -30,7 +30,7 @@ class Run:
     """A learner and two workers."""
 
     def __init__(self, options, folder, domain, name, updates):
-        sets = TASK | {"rollout.run_seed": 11, "run.runs_dir": folder, "run.domain": domain, "rollout.max_steps": updates * 192}
+        sets = TASK | {"rollout.run_seed": options.seed, "run.runs_dir": folder, "run.domain": domain, "rollout.max_steps": updates * 192}
         secured = lambda role: ["--security-dir", folder / "keys" / role] if options.secured else []
         arguments = [options.bin / "learner", "--run", name, *secured("learner")]
         for knob, value in sets.items():
@@ -96,6 +96,7 @@ def main():
     parser.add_argument("--secured", type=pathlib.Path)
     parser.add_argument("--replay", action="store_true")
     parser.add_argument("--seconds", type=float, default=3)
+    parser.add_argument("--seed", type=int, default=11, help="of the training and of what is forged")
     options = parser.parse_args()
     if options.replay and not may_listen():
         print("skipped: raw sockets are not allowed to this user")
@@ -110,7 +111,7 @@ def main():
         calm, updates = calm_run(options, domain.number, folder, runs)
         runs.append(run := Run(options, folder, domain.number, "forged", updates))
         run.wait(lambda: run.updates() >= 2, "it begins")
-        forger = subprocess.run([sys.executable, HERE / "forger.py", str(domain.number), str(options.seconds)]
+        forger = subprocess.run([sys.executable, HERE / "forger.py", str(domain.number), str(options.seconds), str(options.seed)]
                                 + (["--replay"] if options.replay else []), check=False, stdout=subprocess.PIPE, text=True)
         before = run.updates()
         again = run.wait(lambda: run.updates() > before or run.summary.exists(), "it goes on")

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Forges the protocol below DDS on this machine, without being a participant and without any certificate.
 
-usage: forger.py DOMAIN SECONDS [--replay]
+usage: forger.py DOMAIN SECONDS [SEED] [--replay]
 
 Listens where participants of the loopback profile announce themselves (docs/wire.md 6), and tells each of them in the
 name of every other one that all samples up to a number far ahead are there and gone (HEARTBEAT, GAP) or have arrived
@@ -156,7 +156,9 @@ class Replayer:
 
 
 def main():
-    domain, seconds = int(sys.argv[1]), float(sys.argv[2])
+    numbers = [argument for argument in sys.argv[1:] if argument != "--replay"]
+    domain, seconds = int(numbers[0]), float(numbers[1])
+    random.seed(int(numbers[2]) if len(numbers) > 2 else 1)
     forger = Forger(domain)
     replayer = None
     if "--replay" in sys.argv:
