@@ -23,7 +23,8 @@ namespace {
 
 constexpr std::size_t kContenders = 4;  // effects that are refitted by simulations
 // Columns that gain so much are worth a refit: a strong effect is not linear, and gains more by
-// itself. Nulls of other engines reach 1.2 (docs/decisions/0049-what-a-base-fit-rests-on.md).
+// itself. Nulls of three engines reach 3.3, and gain nothing by what is simulated then
+// (docs/decisions/0049-what-a-base-fit-rests-on.md).
 constexpr double kWorthRefitting = 3;  // [nats]
 
 template <typename T>
