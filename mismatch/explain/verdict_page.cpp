@@ -78,20 +78,20 @@ std::string error_bars(const pb::Verdict& verdict) {
 }
 
 std::string limits_table(const pb::Verdict& verdict) {
-  TableRows rows = {{"effect", "would be seen from", "named from", "two correct models differ by",
-                     "by", "most similar effect"}};
+  TableRows rows = {{"effect", "would be seen from", "at any place from", "named from",
+                     "two correct models differ by", "by", "most similar effect"}};
   for (const pb::VerdictLimit& row : verdict.detection_limits()) {
     const std::string words = limit_words(row);
     const std::string name = row.effect() + (words.empty() ? "" : ", " + words);
     if (!row.testable()) {
-      rows.push_back({name, "never", "", "", row.why_not(), ""});
+      rows.push_back({name, "never", "", "", "", row.why_not(), ""});
       continue;
     }
-    rows.push_back({name, least_size(row.amplitude(), row), least_size(row.amplitude_named(), row),
-                    least_size(row.floor_amplitude(), row), nuisance_words(row.floor_from()),
-                    key_text(row.look_alike())});
+    rows.push_back({name, least_size(row.amplitude(), row), anywhere_text(row),
+                    least_size(row.amplitude_named(), row), least_size(row.floor_amplitude(), row),
+                    nuisance_words(row.floor_from()), key_text(row.look_alike())});
   }
-  return card(make_table(rows, {1, 2, 3}));
+  return card(make_table(rows, {1, 2, 3, 4}));
 }
 
 /// Rivals that were refitted by simulations, then what columns alone claim.
@@ -214,14 +214,20 @@ std::string channels_of(const pb::Verdict& v) {
   return html.empty() ? "" : card(html);
 }
 
-/// The number of an effect that is known best, as a share of itself; of one at the end of its range
-/// half of the interval is cut off.
-const pb::VerdictParameter& best_known(const pb::VerdictEffect& effect) {
+/// Its first number, which says how strong it is, and the one that is known best as a share of
+/// itself; of a number at the end of its range half of the interval is cut off.
+std::vector<const pb::VerdictParameter*> told_numbers(const pb::VerdictEffect& effect) {
   const auto open = [](const pb::VerdictParameter& p) {
     const double share = (p.high90() - p.low90()) / std::max(std::fabs(p.value()), 1e-12);
     return std::pair(p.at_bound(), share);
   };
-  return *std::ranges::min_element(effect.parameters(), {}, open);
+  std::vector<const pb::VerdictParameter*> told;
+  if (effect.parameters_size() == 0) return told;
+  const pb::VerdictParameter& first = effect.parameters(0);
+  if (!first.at_bound()) told.push_back(&first);
+  const auto best = std::ranges::min_element(effect.parameters(), {}, open);
+  if (told.empty() || &*best != &first) told.push_back(&*best);
+  return told;
 }
 
 }  // namespace
@@ -235,14 +241,13 @@ std::string verdict_sentence(const pb::Verdict& v) {
     return "Something is left out, and what it is cannot be told: " + with_keys_read(v.reason()) +
            ".";
   const pb::VerdictEffect& effect = v.effects(0);
-  std::string text = fmt::format("The simulation leaves out {}", names_of(effect));
+  std::string text = fmt::format("The simulation leaves out {}", told_names(effect));
   const std::string where = where_text(effect.where());
   if (!where.empty()) text += " " + where;
-  if (effect.parameters_size() > 0) {
-    const pb::VerdictParameter& p = best_known(effect);
-    const ShownNumber number = shown(p);
-    const std::string words = words_of(effect.class_().members(0).name(), p.name());
-    text += fmt::format(", {}{} = {}{} (90 %: {} - {}{})", p.name(),
+  for (const pb::VerdictParameter* p : told_numbers(effect)) {
+    const ShownNumber number = shown(*p);
+    const std::string words = words_of(effect.class_().members(0).name(), p->name());
+    text += fmt::format(", {}{} = {}{} (90 %: {} - {}{})", p->name(),
                         words.empty() ? "" : " (" + words + ")", number.value, number.unit,
                         number.low, number.high, number.unit);
   }

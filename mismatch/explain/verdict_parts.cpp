@@ -256,13 +256,18 @@ void add_limits(const Case& made, pb::Verdict& verdict) {
   const FoldEvidence folds = value_or_throw(make_folds(made.fitted, made.folds));
   const std::vector<DetectionLimit> limits = value_or_throw(
       detection_limits(folds, made.floors, made.options.thresholds, made.dispersion));
-  // Of an effect with several places or directions that which is seen best.
+  // Of an effect with several places or directions that which is seen best, and the place that is
+  // seen worst.
   std::map<std::string, const DetectionLimit*> best;
+  std::map<std::string, double> anywhere;
   for (const DetectionLimit& limit : limits) {
     const Candidate& c = made.candidate(limit.atom);
     const std::string number = c.key.substr(0, c.key.find('@'));
     const DetectionLimit*& kept = best[number];
     if (kept == nullptr || (limit.testable && limit.detected < kept->detected)) kept = &limit;
+    if (!c.place || c.secant != 0) continue;  // one place alone was simulated
+    double& most = anywhere[number];
+    most = std::max(most, limit.testable ? limit.detected : HUGE_VAL);
   }
   for (const auto& [number, limit] : best) {
     pb::VerdictLimit& row = *verdict.add_detection_limits();
@@ -278,6 +283,9 @@ void add_limits(const Case& made, pb::Verdict& verdict) {
     row.set_floor_amplitude(limit->floor.amplitude);
     row.set_floor_from(limit->floor.numerics);
     row.set_look_alike(limit->look_alike);
+    const auto most = anywhere.find(number);
+    if (most != anywhere.end() && std::isfinite(most->second))
+      row.set_amplitude_anywhere(most->second);
   }
 }
 

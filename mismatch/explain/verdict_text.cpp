@@ -190,18 +190,18 @@ std::string fit_text(const pb::Verdict& v) {
 
 std::string limits_text(const pb::Verdict& v) {
   Columns table;
-  table.add({"would be seen", "from", "named from", "models differ by", "of"});
+  table.add({"would be seen", "from", "at any place", "named from", "models differ by", "of"});
   for (const pb::VerdictLimit& row : v.detection_limits()) {
     const std::string words = limit_words(row);
     if (!row.testable()) {
-      table.add({row.effect(), "never", "", "", words});
+      table.add({row.effect(), "never", "", "", "", words});
       continue;
     }
-    table.add({row.effect(), least_size(row.amplitude(), row),
+    table.add({row.effect(), least_size(row.amplitude(), row), anywhere_text(row),
                least_size(row.amplitude_named(), row), least_size(row.floor_amplitude(), row),
                words});
   }
-  return table.empty() ? "" : printable(table.text(3));
+  return table.empty() ? "" : printable(table.text(4));
 }
 
 std::string locate_text(const pb::Verdict& v) {

@@ -65,6 +65,30 @@ const std::map<std::string, std::string>& words() {
   return table;
 }
 
+/// Effects as a sentence names them.
+const std::map<std::string, std::string>& effect_words() {
+  static const std::map<std::string, std::string> table = {
+      {"actuation_delay", "a late arm"},
+      {"adhesion", "a place that sticks"},
+      {"anchor_compliance", "a clamped edge that gives way"},
+      {"anchor_detachment", "a piece of the clamped edge that is free"},
+      {"anisotropy", "fibres"},
+      {"grasp_offset", "a displaced grasp"},
+      {"grasp_slip", "slip in the jaws"},
+      {"inclusion", "a stiffer place"},
+      {"jaw_orientation", "turned jaws"},
+      {"obstacle", "an obstacle"},
+      {"rest_shape", "curvature at rest"},
+      {"soft_spot", "a softer place"},
+      {"strain_stiffening", "stiffening with strain"},
+      {"thickness", "a sloping thickness"},
+      {"tool_backlash", "play of the tool"},
+      {"tool_compliance", "give of the tool"},
+      {"viscoelastic", "stiffness that relaxes"},
+  };
+  return table;
+}
+
 /// The number of which a text consists.
 std::optional<double> number_in(const std::string& text) {
   double value = 0;
@@ -147,6 +171,10 @@ std::string numbers_of(const pb::VerdictRival& rival) {
 std::string least_size(double size, const pb::VerdictLimit& limit) {
   const double none = std::nan("");
   return number_in_line(size, none, none, limit.unit());
+}
+
+std::string anywhere_text(const pb::VerdictLimit& limit) {
+  return limit.has_amplitude_anywhere() ? least_size(limit.amplitude_anywhere(), limit) : "";
 }
 
 std::string limit_words(const pb::VerdictLimit& limit) {
@@ -239,6 +267,17 @@ std::string names_of(const pb::VerdictEffect& effect) {
   for (const pb::VerdictMember& member : effect.class_().members())
     names += (names.empty() ? "" : " or ") + member.name();
   return names;
+}
+
+std::string told_names(const pb::VerdictEffect& effect) {
+  std::string told;
+  for (const pb::VerdictMember& member : effect.class_().members()) {
+    const auto words = effect_words().find(member.name());
+    told += told.empty() ? "" : " or ";
+    told += words == effect_words().end() ? member.name()
+                                          : fmt::format("{} ({})", words->second, member.name());
+  }
+  return told;
 }
 
 }  // namespace omentum

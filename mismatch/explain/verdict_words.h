@@ -33,6 +33,8 @@ std::string rival_number(const std::string& text);
 std::string numbers_of(const pb::VerdictRival& rival);
 /// A size of a limit in the unit that people use, "0.2 mm".
 std::string least_size(double size, const pb::VerdictLimit& limit);
+/// The size that is seen at any place, empty where there is none.
+std::string anywhere_text(const pb::VerdictLimit& limit);
 /// words_of() the number of a limit.
 std::string limit_words(const pb::VerdictLimit& limit);
 /// "at x = 2.0, y = 4.0 mm from the middle of the sheet"; empty where it says no place.
@@ -49,5 +51,7 @@ std::vector<std::string> pull_lines(std::span<const Pull> pulls, double beyond);
 std::string contradiction_text(const pb::Verdict& verdict);
 /// "inclusion or soft_spot".
 std::string names_of(const pb::VerdictEffect& effect);
+/// The same as a sentence says them: "a stiffer place (inclusion)".
+std::string told_names(const pb::VerdictEffect& effect);
 
 }  // namespace omentum

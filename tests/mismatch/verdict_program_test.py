@@ -29,7 +29,7 @@ def expect(text, *parts):
 def check_parts(program, out):
     (out / "verdict.json").write_text((CORPUS / "class.json").read_text())
     said = {part: run(program, part, out) for part in PARTS}
-    sentence = "The simulation leaves out inclusion or bending_stiffness at x = 2.0, y = 4.0 mm from the middle of the sheet"
+    sentence = "The simulation leaves out a stiffer place (inclusion) or bending_stiffness at x = 2.0, y = 4.0 mm from the middle of the sheet"
     expect(said["locate"], "at x = 2.0, y = 4.0 mm", "(half of it within 1.5 mm)", "inclusion.k, z by place:", "12.6")
     rows = [line.split() for line in said["locate"].splitlines()]
     assert ["4.0", "-0.5", "12.6"] in rows and ["-5.0", "1.2", "3.4"] in rows and ["obstacle.height", "4.2", "1.00", "2.00"] in rows, rows
@@ -52,6 +52,7 @@ def check_parts(program, out):
     expect(said["show"], "would be seen")
     rows = [re.split("  +", line.strip()) for line in said["show"].splitlines()]
     assert ["actuation_delay.tau", "10.2 ms", "10.3 ms", "0.448 ms", "delay of the arm"] in rows, rows
+    assert any(row[:4] == ["adhesion.k", "0.0554 kPa/mm", "0.08 kPa/mm", "0.0576 kPa/mm"] for row in rows), rows
 
 
 def check_refusals(program, out):
