@@ -321,9 +321,13 @@ class BaseSearch {
     double least = cost(base_.found.state, base_.surfaces);
     StepLength length;
     FitState led;
-    for (int round = 0; round < kRounds && !length.settled(); ++round) {
-      if (!length.refused())
+    for (int round = 0; round < kRounds; ++round) {
+      if (!length.refused()) {
         led = improve(base_.data, linear, base_.fitted, kSteps, base_.limits, base_.found).state;
+        const SearchState& found = base_.found;
+        length.aim(least - cost_of(base_.data, linear, base_.fitted, led, found.scales));
+      }
+      if (length.settled()) break;
       const FitState next = between(base_.found.state, led, length.share());
       const std::vector<Prediction> trial =
           model_.simulate(base_.data, next, base_.coarse, false, base_.fitted);
@@ -374,19 +378,30 @@ bool is_simulated(const std::vector<Prediction>& now, const std::vector<Predicti
   });
 }
 
+void StepLength::aim(double foretold) {
+  foretold_ = foretold;
+  settled_ = !(foretold > kSettled);
+}
+
 bool StepLength::accept(double gained) {
-  constexpr double kShorter = 0.4, kLonger = 2;
+  constexpr double kShorter = 0.4, kLeast = 0.1, kLonger = 2;
   constexpr int kMostRefused = 4;
   refused_ = !(gained > 0);
-  if (refused_) {
+  if (!refused_) {
+    share_ = std::min(1.0, kLonger * share_);
+    refusals_ = 0;
+    return true;
+  }
+  settled_ = ++refusals_ >= kMostRefused;
+  if (!std::isfinite(gained)) {
     share_ *= kShorter;
-    settled_ = gained > -kSettled || ++refusals_ >= kMostRefused;
     return false;
   }
-  settled_ = share_ == 1 && gained < kSettled;
-  share_ = std::min(1.0, kLonger * share_);
-  refusals_ = 0;
-  return true;
+  // The parabola that begins as foretold, by twice of it per share, and ends where the trial did.
+  const double bend = (2 * foretold_ * share_ - gained) / (share_ * share_);
+  settled_ = settled_ || foretold_ * foretold_ / bend < kSettled;
+  share_ = std::max(foretold_ / bend, kLeast * share_);
+  return false;
 }
 
 FitState between(const FitState& from, const FitState& to, double share) {

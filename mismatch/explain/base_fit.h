@@ -67,19 +67,22 @@ Linearisation with_columns(const BaseFit& base, ReferenceForward& model, const W
 std::vector<Evidence> gather_evidence(const BaseFit& base, ReferenceForward& model,
                                       const ExplainOptions& options);
 
-/// How much of a step is taken whose end is simulated: shorter after one that fitted worse, longer
-/// again after one that fitted better.
+/// How much of a step is taken whose end is simulated: after one that fitted worse as much as
+/// gains most by the parabola through what was foretold and what was found, twice as much again
+/// after one that fitted better.
 class StepLength {
  public:
+  /// A new step, which gains so many nats as a whole where surfaces are linear.
+  void aim(double foretold);
   double share() const { return share_; }
-  /// Whether the step stands that gained so many nats.
+  /// Whether the step stands that gained so many nats; not finite: it could not be simulated.
   bool accept(double gained);
   bool refused() const { return refused_; }  ///< the last one
   bool settled() const { return settled_; }  ///< nothing is left to gain
 
  private:
-  static constexpr double kSettled = 0.2;  // [nats] a whole step that gains less is the last
-  double share_ = 1;
+  static constexpr double kSettled = 0.2;  // [nats] what can gain no more is not simulated
+  double share_ = 1, foretold_ = 0;
   int refusals_ = 0;
   bool refused_ = false, settled_ = false;
 };

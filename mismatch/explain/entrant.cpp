@@ -304,6 +304,7 @@ struct Step {
   Tried to;
   std::vector<double> sd;  ///< of the numbers of the effect
   BaseFit fit;             ///< with their derivatives, where the step begins
+  double foretold;         ///< what it would gain on linear surfaces [nats]
 };
 
 /// Where Gauss and Newton lead from `at`, no farther than differences may hold: the whole step is
@@ -313,7 +314,12 @@ Step next_step(const EntrantSearch& search, const Tried& at, const Derivatives& 
   constexpr double kFarthest = 4;  // of the steps of the differences
   const BaseFit& base = search.base();
   const Linearisation linear = search.linearise(derivatives, fit);
+  const auto cost = [&] {
+    return cost_of(fit.data, linear, base.fitted, fit.found.state, fit.found.scales);
+  };
+  const double before = cost();
   fit.found = improve(fit.data, linear, base.fitted, kSteps, base.limits, fit.found);
+  const double whole = before - cost();
   const FitPosterior posterior =
       posterior_at(fit.data, linear, base.fitted, base.limits, fit.found);
   Tried led{at.searched, carried(fit.found.state, fit.data, base.data)};
@@ -329,7 +335,7 @@ Step next_step(const EntrantSearch& search, const Tried& at, const Derivatives& 
     if (by * share > kFarthest * number.step) share = kFarthest * number.step / by;
     sd.push_back(std::sqrt(std::max(posterior.shared_covariance(column, column), 0.0)));
   }
-  return {between(at, led, share), std::move(sd), std::move(fit)};
+  return {between(at, led, share), std::move(sd), std::move(fit), whole * share * (2 - share)};
 }
 
 /// How far a search is.
@@ -357,6 +363,7 @@ std::optional<Reached> begin(const EntrantSearch& search) {
   }
   if (!begun) return std::nullopt;
   StepLength length;
+  length.aim(begun->cost - least);
   while (!length.settled()) {
     Tried next = between(begun->at, led, length.share());
     std::optional<BaseFit> fit = search.simulate(next, Mesh::kCoarse, search.base().fitted);
@@ -373,6 +380,7 @@ Step follow(const EntrantSearch& search, const Derivatives& derivatives, Mesh me
   constexpr int kMost = 6;
   Step step = next_step(search, reached.at, derivatives, reached.fit);
   StepLength length;
+  length.aim(step.foretold);
   for (int tried = 0; tried < kMost && !length.settled(); ++tried) {
     const Tried next = between(reached.at, step.to, length.share());
     std::optional<BaseFit> fit = search.simulate(next, mesh, search.base().fitted);
@@ -380,6 +388,7 @@ Step follow(const EntrantSearch& search, const Derivatives& derivatives, Mesh me
     if (!length.accept(reached.cost - cost)) continue;
     reached = {next, std::move(*fit), cost};
     step = next_step(search, reached.at, derivatives, reached.fit);
+    length.aim(step.foretold);
   }
   return step;
 }
@@ -414,9 +423,8 @@ std::vector<std::string> EntrantFit::keys() const {
 
 std::optional<EntrantFit> fit_entrant(const BaseFit& base, const Candidate& candidate,
                                       const std::vector<Candidate>& candidates,
-                                      const std::optional<Vector2d>& place, double most_gained,
+                                      const std::optional<Vector2d>& place, double worth,
                                       ReferenceForward& model) {
-  constexpr double kInTheRace = 0.5;  // of what the best one gained
   EntrantSearch search(base, candidate, candidates, place, model);
   const double without = search.cost(search.base());
   std::optional<Reached> begun = begin(search);
@@ -433,8 +441,7 @@ std::optional<EntrantFit> fit_entrant(const BaseFit& base, const Candidate& cand
     reached = {reached.at, std::move(*fine), 0};
     reached.cost = search.cost(reached.fit);
     const double gained = std::max(gained_coarsely, without - reached.cost);
-    const bool outrun = gained < kInTheRace * most_gained;
-    if (!outrun) step = descend(search, 2, Mesh::kFine, reached);
+    if (gained > worth) step = descend(search, 2, Mesh::kFine, reached);
   }
   if (!(reached.cost < without)) return std::nullopt;
   EntrantFit entrant{candidate,

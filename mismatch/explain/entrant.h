@@ -24,13 +24,13 @@ struct EntrantFit {
 };
 
 /// Steps of Gauss and Newton on the numbers of the effect, each simulated, from what columns
-/// foretell, at `place` where it has one. One that gains less than half of `most_gained`, which
-/// another one did, on its first derivatives goes no farther [nats]. Nothing where the recordings
-/// cannot be simulated with it, or fit no better.
+/// foretell, at `place` where it has one. One that gains no more than `worth` [nats] along the
+/// first of them, on the coarse mesh and on the finer one, goes no farther. Nothing where the
+/// recordings cannot be simulated with it, or fit no better.
 std::optional<EntrantFit> fit_entrant(const BaseFit& base, const Candidate& candidate,
                                       const std::vector<Candidate>& candidates,
-                                      const std::optional<Eigen::Vector2d>& place,
-                                      double most_gained, ReferenceForward& model);
+                                      const std::optional<Eigen::Vector2d>& place, double worth,
+                                      ReferenceForward& model);
 
 /// Evidence of the recordings with the effect in the base: that of `before`, moved to the surfaces
 /// of the entrant, its own numbers in the base and candidates of its effect gone.

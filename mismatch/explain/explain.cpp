@@ -166,6 +166,7 @@ std::pair<std::vector<Contender>, std::optional<Case>> refit(const Case& made,
   auto& [contenders, best] = refitted;
   ExplainOptions quiet = made.options;  // shares done are those of the whole
   quiet.progress = nullptr;
+  constexpr double kInTheRace = 0.5;  // of what the best one gained
   const double least = made.options.thresholds.gain;
   double most = 0, most_gained = 0;
   for (const Candidate& candidate : first) {
@@ -176,9 +177,10 @@ std::pair<std::vector<Contender>, std::optional<Case>> refit(const Case& made,
       made.options.progress(0.7 + 0.2 * static_cast<double>(&candidate - first.data()) /
                                       static_cast<double>(first.size()),
                             "refit with " + candidate.effect);
+    const double worth = std::max(kInTheRace * most_gained, least);
     std::optional<EntrantFit> fit =
         fit_entrant(made.base, candidate, made.candidates,
-                    place_of(candidate, made.candidates, made.tests), most_gained, model);
+                    place_of(candidate, made.candidates, made.tests), worth, model);
     if (!fit) continue;
     most_gained = std::max(most_gained, fit->gained);
     Contender contender{std::move(*fit), {}, {}};

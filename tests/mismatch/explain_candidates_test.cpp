@@ -1,9 +1,11 @@
-// Effects that explain asks for: the numbers with which each is refitted.
+// Effects that explain asks for: the numbers with which each is refitted, and the steps of that.
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <limits>
 
 #include "core/config.h"
+#include "mismatch/explain/base_fit.h"
 #include "mismatch/explain/candidates.h"
 
 namespace omentum {
@@ -47,6 +49,44 @@ TEST(ExplainCandidates, OneSidedEffectsAreKnownAsThat) {
                                c.effect == "rest_shape" || c.effect == "thickness";
     EXPECT_EQ(c.one_sided, !signed_effect) << c.key;
   }
+}
+
+// What a step gains by its share: the slope that linear surfaces foretell, and a bend.
+double gain_at(double share, double foretold, double bend) {
+  return 2 * foretold * share - bend * share * share;
+}
+
+TEST(ExplainStepLength, AfterOneRefusalTheTopOfAParabolaIsMet) {
+  constexpr double kForetold = 10, kBend = 50;
+  StepLength length;
+  length.aim(kForetold);
+  EXPECT_EQ(length.share(), 1);
+  EXPECT_FALSE(length.accept(gain_at(1, kForetold, kBend)));
+  EXPECT_NEAR(length.share(), kForetold / kBend, 1e-12);
+  EXPECT_TRUE(length.accept(gain_at(length.share(), kForetold, kBend)));
+  EXPECT_FALSE(length.settled());
+}
+
+TEST(ExplainStepLength, WhatCanGainNothingIsNotSimulated) {
+  StepLength length;
+  length.aim(0.1);
+  EXPECT_TRUE(length.settled());
+  length.aim(10);
+  EXPECT_FALSE(length.settled());
+  length.accept(-1e6);  // its parabola gains 1e-4 at most
+  EXPECT_TRUE(length.settled());
+}
+
+TEST(ExplainStepLength, AStepThatCannotBeSimulatedIsShortenedFourTimes) {
+  StepLength length;
+  length.aim(10);
+  for (int k = 0; k < 4; ++k) {
+    EXPECT_FALSE(length.settled());
+    const double before = length.share();
+    EXPECT_FALSE(length.accept(-std::numeric_limits<double>::infinity()));
+    EXPECT_LT(length.share(), before);
+  }
+  EXPECT_TRUE(length.settled());
 }
 
 }  // namespace
