@@ -384,23 +384,21 @@ void StepLength::aim(double foretold) {
 }
 
 bool StepLength::accept(double gained) {
-  constexpr double kShorter = 0.4, kLeast = 0.1, kLonger = 2;
-  constexpr int kMostRefused = 4;
+  constexpr double kLeast = 0.1, kLonger = 2;
+  constexpr int kMostRefused = 3;
   refused_ = !(gained > 0);
   if (!refused_) {
     share_ = std::min(1.0, kLonger * share_);
     refusals_ = 0;
     return true;
   }
-  settled_ = ++refusals_ >= kMostRefused;
-  if (!std::isfinite(gained)) {
-    share_ *= kShorter;
-    return false;
-  }
   // The parabola that begins as foretold, by twice of it per share, and ends where the trial did.
   const double bend = (2 * foretold_ * share_ - gained) / (share_ * share_);
-  settled_ = settled_ || foretold_ * foretold_ / bend < kSettled;
-  share_ = std::max(foretold_ / bend, kLeast * share_);
+  const double top = foretold_ / bend, most = foretold_ * top;
+  // One that fell off a cliff says little of where the top is.
+  const bool known = top > kLeast * share_;
+  settled_ = ++refusals_ >= kMostRefused || (known && most < kSettled);
+  share_ = known ? top : kLeast * share_;
   return false;
 }
 

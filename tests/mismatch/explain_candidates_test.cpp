@@ -73,14 +73,23 @@ TEST(ExplainStepLength, WhatCanGainNothingIsNotSimulated) {
   EXPECT_TRUE(length.settled());
   length.aim(10);
   EXPECT_FALSE(length.settled());
-  length.accept(-1e6);  // its parabola gains 1e-4 at most
+  length.aim(1);
+  length.accept(-7);  // its parabola gains 0.11 at most
   EXPECT_TRUE(length.settled());
 }
 
-TEST(ExplainStepLength, AStepThatCannotBeSimulatedIsShortenedFourTimes) {
+TEST(ExplainStepLength, ACliffIsNoParabola) {
   StepLength length;
   length.aim(10);
-  for (int k = 0; k < 4; ++k) {
+  EXPECT_FALSE(length.accept(-1e6));
+  EXPECT_FALSE(length.settled());
+  EXPECT_NEAR(length.share(), 0.1, 1e-12);
+}
+
+TEST(ExplainStepLength, AStepThatCannotBeSimulatedIsShortenedTwice) {
+  StepLength length;
+  length.aim(10);
+  for (int k = 0; k < 3; ++k) {
     EXPECT_FALSE(length.settled());
     const double before = length.share();
     EXPECT_FALSE(length.accept(-std::numeric_limits<double>::infinity()));
