@@ -199,6 +199,13 @@ std::pair<std::vector<Contender>, std::optional<Case>> refit(const Case& made,
   return refitted;
 }
 
+/// What fits best, and foretells what was held out worse than the base does, explains nothing.
+void tell_withdrawn(const Contender& best, pb::Verdict& verdict) {
+  verdict.set_status("unexplained");
+  verdict.set_reason(fmt::format("{} fits best of what was simulated, but {}", best.fit.effect.name,
+                                 contradiction_text(verdict)));
+}
+
 /// What is claimed beside the winner in the base decides how much it explains.
 void tell_claim(const Case& made, const Case& beside, const std::vector<Contender>& contenders,
                 pb::Verdict& verdict) {
@@ -325,12 +332,16 @@ Explanation explain(const pb::Scene& scene, std::vector<Observation> observation
   add_rivals(made, contenders, verdict);
   for (const Candidate& c : failed)
     verdict.add_warnings(c.key + " cannot be simulated and was not asked");
-  const BaseFit& best = beside ? contenders.front().fit.fit : made.base;
+  const BaseFit& fits_best = beside ? contenders.front().fit.fit : made.base;
   say(0.95, "held-out recordings");
-  add_fit(made, best, model, verdict);
-  if (beside) {
+  add_fit(made, fits_best, model, verdict);
+  const bool claimed = beside && !foretells_worse(verdict);
+  const BaseFit& best = claimed ? fits_best : made.base;
+  if (claimed) {
     tell_claim(made, *beside, contenders, verdict);
     add_explained_share(verdict);
+  } else if (beside) {
+    tell_withdrawn(contenders.front(), verdict);
   } else {
     tell_no_claim(made, first, contenders, verdict);
   }

@@ -13,6 +13,8 @@
 namespace omentum {
 namespace {
 
+constexpr double kWorse = 1.1;  // of the squared error that the base has
+
 /// Numbers by which effects are claimed and limits told, docs/mismatch.md 4.
 const std::map<std::string, std::string>& words() {
   static const std::map<std::string, std::string> table = {
@@ -252,10 +254,20 @@ std::vector<std::string> pull_lines(std::span<const Pull> pulls, double beyond) 
   return texts;
 }
 
-std::string contradiction_text(const pb::Verdict& verdict) {
-  constexpr double kMost = 1.1;  // of the squared error that the base has
+bool foretells_worse(const pb::Verdict& verdict) {
+  double before = 0, after = 0;
   for (const pb::VerdictFit& row : verdict.fit()) {
-    if (row.role() == "held_out" && row.has_r() && row.r() > kMost)
+    if (row.role() != "held_out" || !row.has_r()) continue;
+    const double floor = row.floor() * row.floor();
+    before += row.rmse_base() * row.rmse_base() - floor;
+    after += row.rmse_model() * row.rmse_model() - floor;
+  }
+  return after > kWorse * before;
+}
+
+std::string contradiction_text(const pb::Verdict& verdict) {
+  for (const pb::VerdictFit& row : verdict.fit()) {
+    if (row.role() == "held_out" && row.has_r() && row.r() > kWorse)
       return fmt::format("{}, which was held out, is farther off with it, by {} mm instead of {}",
                          row.recording(), mm(row.rmse_model()), mm(row.rmse_base()));
   }

@@ -49,6 +49,8 @@ std::vector<std::string> pull_lines(std::span<const Pull> pulls, double beyond);
 /// Of a held-out recording whose squared error above its floor grows by more than a tenth with what
 /// is claimed; empty where there is none.
 std::string contradiction_text(const pb::Verdict& verdict);
+/// Whether that is so of all held-out recordings together.
+bool foretells_worse(const pb::Verdict& verdict);
 /// "inclusion or soft_spot".
 std::string names_of(const pb::VerdictEffect& effect);
 /// The same as a sentence says them: "a stiffer place (inclusion)".

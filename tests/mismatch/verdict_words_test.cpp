@@ -78,6 +78,24 @@ TEST(VerdictWords, AHeldOutRecordingThatIsFartherOffSpeaksAgainstAClaim) {
             "r02, which was held out, is farther off with it, by 0.50 mm instead of 0.40");
 }
 
+TEST(VerdictWords, AClaimThatForetellsHeldOutRecordingsWorseTogetherIsNone) {
+  pb::Verdict verdict;
+  const auto add = [&](const char* role, double before, double after) {
+    pb::VerdictFit& row = *verdict.add_fit();
+    row.set_role(role);
+    row.set_rmse_base(before);
+    row.set_rmse_model(after);
+    row.set_floor(1e-4);
+    row.set_r((after * after - 1e-8) / (before * before - 1e-8));
+  };
+  EXPECT_FALSE(foretells_worse(verdict));  // nothing was held out
+  add("fit", 2e-4, 9e-4);
+  add("held_out", 3e-4, 4e-4);
+  EXPECT_TRUE(foretells_worse(verdict));
+  add("held_out", 6e-4, 3e-4);  // explains more than the other loses
+  EXPECT_FALSE(foretells_worse(verdict));
+}
+
 TEST(VerdictWords, AKeyInATableStandsBesideItsWords) {
   EXPECT_EQ(named_nuisance("r08: discrepancy.with_lift[25]"),
             "r08: discrepancy.with_lift[25], the smooth difference that grows with the lift");
